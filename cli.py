@@ -1,4 +1,6 @@
-"""The command line from a clone: ``python cli.py ...`` is ``flexgen ...`` without an installation."""
+"""The command line from a clone: ``python cli.py ...`` is ``flexgen ...`` without an
+installation.
+"""
 
 import os
 import sys

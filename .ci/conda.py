@@ -1,7 +1,8 @@
 """Write the recipe of a conda package of the sdist: python .ci/conda.py [FOLDER], default dist.
 
-Name, texts, requirements and commands are those of pyproject.toml; the packages have the same names on conda-forge. The
-recipe is JSON, which is YAML. Build with `rattler-build build --recipe FOLDER/recipe.yaml --channel conda-forge`.
+Name, texts, requirements and commands are those of pyproject.toml; the packages have the same
+names on conda-forge. The recipe is JSON, which is YAML. Build with `rattler-build build --recipe
+FOLDER/recipe.yaml --channel conda-forge`.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
-"""Build sdist and wheel with the same bytes for the same sources: python .ci/dist.py [FOLDER], default dist.
+"""Build sdist and wheel with the same bytes for the same sources: python .ci/dist.py [FOLDER],
+default dist.
 
-Times in the archives are SOURCE_DATE_EPOCH, by default the time of the last commit, so that neither clock nor user nor
-the order of a directory changes a byte.
+Times in the archives are SOURCE_DATE_EPOCH, by default the time of the last commit, so that
+neither clock nor user nor the order of a directory changes a byte.
 """
 
 from __future__ import annotations
@@ -42,7 +43,9 @@ def normalized(archive: Path, time: int) -> None:
     with tarfile.open(fileobj=raw, mode="w", format=tarfile.PAX_FORMAT) as new:
         for member, data in sorted(members, key=lambda pair: pair[0].name):
             info = tarfile.TarInfo(member.name)
-            info.size, info.mtime, info.mode = len(data), time, 0o644
+            info.size = len(data)
+            info.mtime = time
+            info.mode = 0o644
             new.addfile(info, io.BytesIO(data))
     with archive.open("wb") as stream, gzip.GzipFile("", "wb", 9, stream, mtime=time) as packed:
         packed.write(raw.getvalue())

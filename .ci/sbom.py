@@ -1,7 +1,9 @@
-"""Bill of materials of flexgen and of what it needs to run: python .ci/sbom.py [FILE], default dist/sbom.cdx.json.
+"""Bill of materials of flexgen and of what it needs to run: python .ci/sbom.py [FILE], default
+dist/sbom.cdx.json.
 
-CycloneDX 1.5, JSON. Versions and licenses are those of the installed packages, read with importlib.metadata; the
-required packages are those of pyproject.toml without extras. The same installation gives the same bytes.
+CycloneDX 1.5, JSON. Versions and licenses are those of the installed packages, read with
+importlib.metadata; the required packages are those of pyproject.toml without extras. The same
+installation gives the same bytes.
 """
 
 from __future__ import annotations
@@ -59,7 +61,9 @@ def closure(names: list[str]) -> dict[str, list[str]]:
 
 
 def license_of(package: PackageMetadata) -> str:
-    """License of a package: its expression, else its classifiers, else the first line of its text."""
+    """License of a package: its expression, else its classifiers, else the first line of its
+    text.
+    """
     if expression := package.get("License-Expression"):
         return expression
     classifiers = (

@@ -1,11 +1,13 @@
-"""Ten thousand joint moves of manutec_r3 in closed form on one core: time, accuracy and bits of the results.
+"""Ten thousand joint moves of manutec_r3 in closed form on one core: time, accuracy and bits of
+the results.
 
     python benchmarks/closed_form_sweep.py [COUNT]
 
-prints the table and, for 10,000 moves, writes it to benchmarks/closed_form_sweep.md. The torques are sampled at 1 kHz,
-as in a controller. The target is 10,000 moves in 20 s of processor time on one core. Included: generating the moves,
-their motion, the inverse dynamics and its derivatives, gears, motors, the results of every move and the table. Not
-included: writing and compiling the C library, once.
+prints the table and, for 10,000 moves, writes it to benchmarks/closed_form_sweep.md. The torques
+are sampled at 1 kHz, as in a controller. The target is 10,000 moves in 20 s of processor time on
+one core. Included: generating the moves, their motion, the inverse dynamics and its derivatives,
+gears, motors, the results of every move and the table. Not included: writing and compiling the C
+library, once.
 """
 
 from __future__ import annotations
@@ -32,17 +34,21 @@ SHARDS = (1, 2, 7)
 
 
 def agreement(count: int) -> tuple[float, float, float]:
-    """Largest relative difference of the torques from those of `flexgen.solve`; seconds a move of both."""
+    """Largest relative difference of the torques from those of `flexgen.solve`; seconds a move of
+    both.
+    """
     equations = flexgen.derive(MODEL)
     moves = [move.of(equations.model) for move in random_moves(count)]
-    starts, ends = np.array([move.start for move in moves]), np.array([move.end for move in moves])
+    starts = np.array([move.start for move in moves])
+    ends = np.array([move.end for move in moves])
     with tempfile.TemporaryDirectory() as folder:
         made = flexgen.generate(MODEL, Path(folder) / "library", functions=["inverse_dynamics"])
         mover = JointMoves(
             equations, TimeLaw(1.0, 5), flexgen.load(made.directory).inverse_dynamics
         )
     found = mover.torques(starts, ends)
-    worst, began = 0.0, time.process_time()
+    worst = 0.0
+    began = time.process_time()
     for move, torque in zip(moves, found, strict=True):
         one = flexgen.solve(equations, move, "closed-form", verify=False).trajectory["tau_m"]
         worst = max(
@@ -62,37 +68,44 @@ def main() -> None:
     prepared = time.perf_counter() - began
     worst, alone, samples = agreement(COMPARED)
     lines = [
-        "| shards | moves | processor s (target: at most 20) | processor us a move | wall s (shared computer) | "
-        "digest of the results |",
+        "| shards | moves | processor s (target: at most 20) | processor us a move | wall s "
+        "(shared computer) | digest of the results |",
         "| --- | --- | --- | --- | --- | --- |",
     ]
-    digests, times, walls = set(), [], []
+    digests = set()
+    times = []
+    walls = []
     for shards in SHARDS:
         grid = Grid([MODEL], random_moves(count), ["closed-form"], options=options)
-        wall, cpu = time.perf_counter(), time.process_time()
+        wall = time.perf_counter()
+        cpu = time.process_time()
         swept = sweep(grid, workers=0, shard_size=-(-count // shards))
-        wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
+        wall = time.perf_counter() - wall
+        cpu = time.process_time() - cpu
         assert (swept.results["status"] == "solved").all(), swept.results["error"]
         digests.add(swept.results.digest)
         times.append(cpu)
         walls.append(wall)
         lines.append(
-            f"| {shards} | {count} | {cpu:.2f} | {1e6 * cpu / count:.0f} | {wall:.2f} | `{swept.results.digest[:16]}` |"
+            f"| {shards} | {count} | {cpu:.2f} | {1e6 * cpu / count:.0f} | {wall:.2f} | "
+            f"`{swept.results.digest[:16]}` |"
         )
     torque = swept.results["torque_max"]
     warned = int((swept.results["warnings"] != "").sum())
     lines += [
         "",
-        f"The target is 10,000 moves in {LIMIT:.0f} s of processor time on one core; the largest time is "
-        f"{max(times):.2f} s. The wall time of this run was {min(walls):.2f} to {max(walls):.2f} s, as other programs "
-        f"used the computer: {sum(wall > LIMIT for wall in walls)} of {len(walls)} rows above {LIMIT:.0f} s.",
-        f"Each move takes one second and has {samples:.0f} samples. Preparation, not included: equations and C library "
-        f"in {prepared:.1f} s.",
-        f"The bits of the results are {'the same' if len(digests) == 1 else 'NOT the same'} for all rows. "
-        f"Difference from `flexgen.solve` on {COMPARED} of the moves: {worst:.1e} of the largest torque of the motor, "
-        f"at every sample; `flexgen.solve` takes {alone:.2f} s per move.",
-        f"Largest motor torque of a move: {torque.min():.3g} to {torque.max():.3g} N m; {warned} moves exceed a "
-        "limit of the model.",
+        f"The target is 10,000 moves in {LIMIT:.0f} s of processor time on one core; the "
+        f"largest time is {max(times):.2f} s. The wall time of this run was {min(walls):.2f} to "
+        f"{max(walls):.2f} s, as other programs used the computer: "
+        f"{sum(wall > LIMIT for wall in walls)} of {len(walls)} rows above {LIMIT:.0f} s.",
+        f"Each move takes one second and has {samples:.0f} samples. Preparation, not included: "
+        f"equations and C library in {prepared:.1f} s.",
+        f"The bits of the results are {'the same' if len(digests) == 1 else 'NOT the same'} for "
+        f"all rows. Difference from `flexgen.solve` on {COMPARED} of the moves: {worst:.1e} of "
+        f"the largest torque of the motor, at every sample; `flexgen.solve` takes {alone:.2f} s "
+        "per move.",
+        f"Largest motor torque of a move: {torque.min():.3g} to {torque.max():.3g} N m; "
+        f"{warned} moves exceed a limit of the model.",
     ]
     text = "\n".join(lines) + "\n"
     print(text, end="")

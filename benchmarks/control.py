@@ -1,4 +1,5 @@
-"""Closed loops, benchmarks, learning and minimum time: writes benchmarks/control.md (about six minutes).
+"""Closed loops, benchmarks, learning and minimum time: writes benchmarks/control.md (about six
+minutes).
 
 Speeds are the best of several runs in this process; everything else is deterministic.
 """
@@ -20,7 +21,10 @@ from flexgen.benchmarks.leaderboard import find_shipped_controllers
 
 TARGET = Path(__file__).with_suffix(".md")
 ROBOTS = ("planar5_nmp", "manutec_r3_18", "manutec_r3_24")
-LOOPS = "One robot, P-PI in C at 0.5 ms, no noise; for comparison a proportional controller as an object of Python."
+LOOPS = (
+    "One robot, P-PI in C at 0.5 ms, no noise; for comparison a proportional controller as an "
+    "object of Python."
+)
 
 
 def scores() -> str:
@@ -38,7 +42,11 @@ def scores() -> str:
             rows.append((s.controller, *parts, *[""] * (4 + len(s.scenario.sets) - len(parts))))
         head = ("controller", "V", "worst draw", "spread", "nominal", *found[0].scenario.sets)
         out.append(
-            f"### {found[0].scenario.title_line}\n\nOne score: {seconds:.2f} s.\n\n{table(head, rows)}"
+            f"### {found[0].scenario.title_line}\n"
+            "\n"
+            f"One score: {seconds:.2f} s.\n"
+            "\n"
+            f"{table(head, rows)}"
         )
     return "\n".join(out)
 
@@ -65,15 +73,23 @@ def observers(names: Iterable[str]) -> list[str]:
     )
     names = list(names)
     return [
-        "## Observers\n\nC for this processor, one core, the least of 400 rounds of 20 steps; in the last column over "
-        "one call of the emitted forward dynamics in the same rounds. Measured on a busy machine, where the ratio says "
-        "more than the time.\n\n" + table(head, observer_times(names)),
-        "## What observers see\n\nLargest error [mm] of the tool's place: of the reference, and as estimated from "
-        "motor angles (noise 1e-4 rad) without and with an accelerometer at the tool (0.05 m/s^2). P-PI 10/40/0.5 Hz, "
-        "1 ms; 300 N on the tool for 20 ms.\n\n" + table(errors, observer_errors(names)),
-        "## Learning from accelerometers\n\nStiffness -20 %, P-PI at 1 ms, the same noises; errors in mm. The "
-        "accelerometer does not show the error at rest, and its estimates are noisy.\n\n"
-        + table(learned, learned_errors(names)),
+        "## Observers\n"
+        "\n"
+        "C for this processor, one core, the least of 400 rounds of 20 steps; in the last "
+        "column over one call of the emitted forward dynamics in the same rounds. Measured on a "
+        "busy machine, where the ratio says more than the time.\n"
+        "\n" + table(head, observer_times(names)),
+        "## What observers see\n"
+        "\n"
+        "Largest error [mm] of the tool's place: of the reference, and as estimated from motor "
+        "angles (noise 1e-4 rad) without and with an accelerometer at the tool (0.05 m/s^2). "
+        "P-PI 10/40/0.5 Hz, 1 ms; 300 N on the tool for 20 ms.\n"
+        "\n" + table(errors, observer_errors(names)),
+        "## Learning from accelerometers\n"
+        "\n"
+        "Stiffness -20 %, P-PI at 1 ms, the same noises; errors in mm. The accelerometer does "
+        "not show the error at rest, and its estimates are noisy.\n"
+        "\n" + table(learned, learned_errors(names)),
     ]
 
 
@@ -81,8 +97,11 @@ def differing(quick: bool) -> list[str]:
     """The sections about settings of learning and of minimum time, collisions and loads."""
     names = list(SIZES)[:2] if quick else list(SIZES)
     sections = [
-        "## Halving the steps\n\nStiffness -10 %, P-PI, 1 ms; largest change of an arm coordinate, rad or m, from 2 to "
-        "4, 4 to 8 and 8 to 16 steps a sample.\n\n"
+        "## Halving the steps\n"
+        "\n"
+        "Stiffness -10 %, P-PI, 1 ms; largest change of an arm coordinate, rad or m, from 2 to "
+        "4, 4 to 8 and 8 to 16 steps a sample.\n"
+        "\n"
         + table(
             ("model", "largest eigenvalue, 1/s", "2 to 4", "4 to 8", "8 to 16", "order"),
             halved_steps(names),
@@ -101,15 +120,23 @@ def differing(quick: bool) -> list[str]:
     )
     return [
         *sections,
-        "## Settings of learning\n\nP-PI at 1 ms. Learning ends where the error grows, and the best iteration is kept."
-        "\n\n"
+        "## Settings of learning\n"
+        "\n"
+        "P-PI at 1 ms. Learning ends where the error grows, and the best iteration is kept.\n"
+        "\n"
         + table(
             ("model", "robot", "Q, Hz", "gain", "largest error, mm", "best"), learning_settings()
         ),
-        "## Settings of minimum time\n\nThe first move within the largest torques of its given law; vibration after "
-        "the end with stiffness -10 %.\n\n" + table(settings, time_settings("planar5_nmp")),
-        "## Collisions\n\nmanutec_r3_18, thresholds from 60 robots with stiffness +-10 % and load +-1 kg; 30 pushes on "
-        "the tool for each force, 100 runs without.\n\n"
+        "## Settings of minimum time\n"
+        "\n"
+        "The first move within the largest torques of its given law; vibration after the end "
+        "with stiffness -10 %.\n"
+        "\n" + table(settings, time_settings("planar5_nmp")),
+        "## Collisions\n"
+        "\n"
+        "manutec_r3_18, thresholds from 60 robots with stiffness +-10 % and load +-1 kg; 30 "
+        "pushes on the tool for each force, 100 runs without.\n"
+        "\n"
         + table(
             (
                 "force, N",
@@ -121,7 +148,12 @@ def differing(quick: bool) -> list[str]:
             ),
             collisions(),
         ),
-        "## Loads\n\nmanutec_r3_18 with 20 kg, the first move, noise of the motor angles 1e-4 rad.\n\n"
+        (
+            "## Loads\n"
+            "\n"
+            "manutec_r3_18 with 20 kg, the first move, noise of the motor angles 1e-4 rad.\n"
+            "\n"
+        )
         + table(
             (
                 "stiffness",
@@ -156,10 +188,13 @@ def main() -> None:
             return
     quick = "--quick" in sys.argv
     robots = ROBOTS[:1] if quick else ROBOTS
-    machine = f"{platform.machine()}, Python {platform.python_version()}, one core, shared machine."
+    machine = (
+        f"{platform.machine()}, Python {platform.python_version()}, one core, shared machine."
+    )
     disturbed = (
-        "Largest dynamic error [mm] of six robots at 1 ms, noise of the motor angles 1e-4 rad. Disturbed: 0.5 N m on "
-        "every motor from 0.3 s on, 300 N on the tool for 20 ms. The load is at the tool."
+        "Largest dynamic error [mm] of six robots at 1 ms, noise of the motor angles 1e-4 rad. "
+        "Disturbed: 0.5 N m on every motor from 0.3 s on, 300 N on the tool for 20 ms. The load "
+        "is at the tool."
     )
     learned = "P-PI at 1 ms, noise of the motor angles 1e-4 rad; largest error, at rest included."
     names = list(SIZES)[:2] if quick else list(SIZES)
@@ -174,7 +209,12 @@ def main() -> None:
         f"## Feedback around the feedforward\n\n{disturbed}\n\n{feedback(robots)}",
         f"## Benchmarks\n\n{scores()}",
         f"## Learning\n\n{learned}\n\n{learning(robots)}",
-        "## Minimum time\n\nThe first move of each model within the largest torques of its given law.\n\n"
+        (
+            "## Minimum time\n"
+            "\n"
+            "The first move of each model within the largest torques of its given law.\n"
+            "\n"
+        )
         + fastest(robots),
         *([] if quick else [programs()]),
         *differing(quick),

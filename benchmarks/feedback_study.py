@@ -1,4 +1,5 @@
-"""Feedforward or feedback linearization: writes benchmarks/feedback_study.md and a picture of docs (three minutes).
+"""Feedforward or feedback linearization: writes benchmarks/feedback_study.md and a picture of docs
+(three minutes).
 
 The times of a step are the best of several runs in this process; everything else is deterministic.
 """
@@ -48,7 +49,8 @@ def bounds() -> str:
     for form in ("continuous", "discrete"):
         for delay in (0.0, 1.0):
             found = [
-                2 * np.pi * largest_frequency(4, form, Timing(1.0, delay, p)) for p in (False, True)
+                2 * np.pi * largest_frequency(4, form, Timing(1.0, delay, p))
+                for p in (False, True)
             ]
             cells = " | ".join(f"{x:.4f}" if x < np.pi else "all" for x in found)
             lines.append(f"| {form}, {'one sample' if delay else 'none'} | {cells} |")
@@ -60,9 +62,13 @@ def steps() -> str:
     solution = flexgen.solve(ARM, progress=False)
     case = control_case(ARM, sample_time=1e-3, delay=1e-3, solution=solution)
     laws = (
-        flexgen.FeedbackLinearisation(16.0), flexgen.FeedbackLinearisation(16.0, predict=True),
-        flexgen.ComputedTorque(2.0), flexgen.JointTorqueFeedback(), flexgen.TomeiPD(), flexgen.LQ(),
-    )  # fmt: skip
+        flexgen.FeedbackLinearisation(16.0),
+        flexgen.FeedbackLinearisation(16.0, predict=True),
+        flexgen.ComputedTorque(2.0),
+        flexgen.JointTorqueFeedback(),
+        flexgen.TomeiPD(),
+        flexgen.LQ(),
+    )
     made = [case_controller(case, law) for law in ("none", *laws)]
     seconds = [min(run_case(case, *one).wall_s for _ in range(ROUNDS)) for one in made]
     lines = ["| law | us a step |", "|---|---|"]
@@ -85,14 +91,26 @@ def main() -> None:
     ratios = ", ".join(f"{study.ratio(s):.2f} ({s})" for s in study.settings if not s.exact)
     parts = [
         "# Feedforward or feedback linearization\n",
-        f"Written by `python benchmarks/feedback_study.py`. {platform.machine()}, Python {platform.python_version()}, "
-        "one core, shared machine.\n",
-        "Worst error [mm] of six robots at the best tuning of each feedback; static errors included.\n",
+        f"Written by `python benchmarks/feedback_study.py`. {platform.machine()}, Python "
+        f"{platform.python_version()}, one core, shared machine.\n",
+        (
+            "Worst error [mm] of six robots at the best tuning of each feedback; static errors "
+            "included.\n"
+        ),
         study.table,
-        f"Worst error of feedback linearization over that of LQ about the feedforward, measured angles: {ratios}.\n",
+        (
+            "Worst error of feedback linearization over that of LQ about the feedforward, "
+            f"measured angles: {ratios}.\n"
+        ),
         f"## Errors of the robots, mm\n\n{robots(study)}",
         f"## Largest w h of the chain of four integrators\n\n{bounds()}",
-        f"## Time of a step in C\n\nThree axes, measured angles, 1 ms and a delay of one sample.\n\n{steps()}",
+        (
+            "## Time of a step in C\n"
+            "\n"
+            "Three axes, measured angles, 1 ms and a delay of one sample.\n"
+            "\n"
+            f"{steps()}"
+        ),
     ]
     TARGET.write_text("\n".join(parts))
     print(f"wrote {TARGET} and {PICTURE}")

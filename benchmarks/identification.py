@@ -1,12 +1,13 @@
-"""Identification, measured: times, accuracy of fits, of refinements, and of the torques that follow from them.
+"""Identification, measured: times, accuracy of fits, of refinements, and of the torques that
+follow from them.
 
     python benchmarks/identification.py [--quick]
 
 prints tables and writes them to benchmarks/identification.md.
 
-Robots are simulated, with encoder noise of 1e-4 rad and torque noise of 0.02 N m on the motor side; their springs and
-dampers differ from the model's by random factors. The experiments are planned, simulated and fitted by the verbs of
-flexgen. Times are of one core of this machine.
+Robots are simulated, with encoder noise of 1e-4 rad and torque noise of 0.02 N m on the motor
+side; their springs and dampers differ from the model's by random factors. The experiments are
+planned, simulated and fitted by the verbs of flexgen. Times are of one core of this machine.
 """
 
 from __future__ import annotations
@@ -33,7 +34,9 @@ from flexgen.model.elements import RobotModel
 
 ROOT = Path(__file__).resolve().parent.parent
 NOISE = flexgen.DriveHardware(encoder_noise_rad=1e-4, torque_noise_Nm=0.02)
-ROBOT, POSES, BAND = "manutec_r3_18", 8, {"f_min": 1.25, "f_max": 110.0}
+ROBOT = "manutec_r3_18"
+POSES = 8
+BAND = {"f_min": 1.25, "f_max": 110.0}
 
 
 def without_coulomb(name: str) -> RobotModel:
@@ -86,7 +89,7 @@ def rms(x: np.ndarray) -> float:
     return float(np.sqrt(np.mean(x**2))) if len(x) else float("nan")
 
 
-# --- tables -----------------------------------------------------------------------------------------------------------
+# --- tables --------------------------------------------------------------------------------------
 def times(quick: bool) -> str:
     """Linear models and their derivatives."""
     rows = []
@@ -165,7 +168,8 @@ def poses(quick: bool) -> str:
             np.diag(operating_points.covariance(F[chosen].sum(axis=0), vector.prior_sd))[target]
         )
 
-    rng, rows = np.random.default_rng(1), []
+    rng = np.random.default_rng(1)
+    rows = []
     for count in (1, 4, 8):
         random = [
             rms(accuracy(rng.choice(len(F), count, replace=False).tolist())) for _ in range(100)
@@ -188,7 +192,8 @@ def poses(quick: bool) -> str:
 
 def fits(quick: bool) -> str:
     """Fits without Coulomb friction: errors, claimed deviations, starts."""
-    model, rows = without_coulomb(ROBOT), []
+    model = without_coulomb(ROBOT)
+    rows = []
     truth = another(model, 3, 0.3)
     plan = flexgen.excite(
         model, poses=POSES, speed_rms=0.02, hardware=NOISE, progress=False, **BAND
@@ -211,8 +216,16 @@ def fits(quick: bool) -> str:
         away = np.array([[100 * np.log(f.values[n]) for n in names] for f in found])
         true = {p.name: p.value for p in select(truth, names)}
         ratio = np.abs(away - 100 * np.log([true[n] for n in names])) / sd
-        rows.append([label, rms(k.ravel()), rms(d.ravel()), float(np.median(ratio)) / 0.674,
-                     float(np.mean([f.cost for f in found])), float(np.median([f.wall_s for f in found]))])  # fmt: skip
+        rows.append(
+            [
+                label,
+                rms(k.ravel()),
+                rms(d.ravel()),
+                float(np.median(ratio)) / 0.674,
+                float(np.mean([f.cost for f in found])),
+                float(np.median([f.wall_s for f in found])),
+            ]
+        )
     head = [
         "weights",
         "stiffness, % rms",
@@ -226,9 +239,11 @@ def fits(quick: bool) -> str:
     many = flexgen.identify(
         model, data[0], starts=starts, spread=3.0, structured=False, progress=False
     )
-    return (
-        text
-        + f"\n\nStarts off by up to a factor of 3 that reach the best cost: {many.agreed} of {starts}."
+    return text + (
+        "\n"
+        "\n"
+        f"Starts off by up to a factor of 3 that reach the best cost: {many.agreed} of "
+        f"{starts}."
     )
 
 
@@ -321,7 +336,10 @@ def worth_with_friction(quick: bool) -> str:
                 ]
             )
     head = ["excitation, rad/s rms", "fit", "model file, um", "identified, um"]
-    title = f"## The same on `{ROBOT}` with other Coulomb friction than in the file (up to 40 %), friction identified too"
+    title = (
+        f"## The same on `{ROBOT}` with other Coulomb friction than in the file (up to 40 %), "
+        "friction identified too"
+    )
     return f"{title}\n\n{table(head, rows)}"
 
 
@@ -369,7 +387,13 @@ def traps(quick: bool) -> str:
     )
     head = ["mistake", "stiffness, % rms (largest)", "damping, % rms", "cost", "status"]
     note = "Wrong masses are invisible in the cost: a fit hides them in the springs."
-    return f"## Mistakes: exact responses of `{ROBOT}`, weights of an experiment\n\n{table(head, rows)}\n\n{note}"
+    return (
+        f"## Mistakes: exact responses of `{ROBOT}`, weights of an experiment\n"
+        "\n"
+        f"{table(head, rows)}\n"
+        "\n"
+        f"{note}"
+    )
 
 
 def main(words: list[str]) -> None:

@@ -1,4 +1,6 @@
-"""Choices of an identification, measured: spectra, sensors, springs that are not linear, and traps."""
+"""Choices of an identification, measured: spectra, sensors, springs that are not linear, and
+traps.
+"""
 
 from __future__ import annotations
 
@@ -73,14 +75,20 @@ def sensors(model: RobotModel, name: str, options: dict[str, Any]) -> list[list[
         rows.append(
             [
                 label,
-                *(_accuracy(plan.predicted, x) for plan in plans for x in ("stiffness", "damping")),
+                *(
+                    _accuracy(plan.predicted, x)
+                    for plan in plans
+                    for x in ("stiffness", "damping")
+                ),
             ]
         )
     return rows
 
 
 def smooth_gears(hardware: flexgen.DriveHardware) -> list[list[Any]]:
-    """Errors of low and high stiffness and of the break: averaged springs; time domain with Coulomb friction."""
+    """Errors of low and high stiffness and of the break: averaged springs; time domain with
+    Coulomb friction.
+    """
     model = flexgen.read(SMOOTH)
     kinds = ("low", "high", "break_at")
     names = [f"{joint}.{kind}" for joint in ("q1", "q2") for kind in kinds]
@@ -101,14 +109,25 @@ def smooth_gears(hardware: flexgen.DriveHardware) -> list[list[Any]]:
             robot, {name: value * np.exp(rng.uniform(-0.4, 0.4)) for name, value in true.items()}
         )
         plan = flexgen.excite(
-            robot, poses=12, free=names, speed_rms=speed, periods=4, f_min=1.0, f_max=60.0, hardware=hardware,
-            transients=2, realizations=3, progress=False,
-        )  # fmt: skip
+            robot,
+            poses=12,
+            free=names,
+            speed_rms=speed,
+            periods=4,
+            f_min=1.0,
+            f_max=60.0,
+            hardware=hardware,
+            transients=2,
+            realizations=3,
+            progress=False,
+        )
         experiment = flexgen.measure(plan, robot, progress=False)
         found = flexgen.identify(start, flexgen.frf(experiment), progress=False)
         if refine:
             found = flexgen.refine(found, experiment, progress=False)
-        away = {name: abs(100 * np.log(found.values[name] / value)) for name, value in true.items()}
+        away = {
+            name: abs(100 * np.log(found.values[name] / value)) for name, value in true.items()
+        }
         rows.append(
             [label, *(max(away[f"{joint}.{kind}"] for joint in ("q1", "q2")) for kind in kinds)]
         )
@@ -116,7 +135,9 @@ def smooth_gears(hardware: flexgen.DriveHardware) -> list[list[Any]]:
 
 
 def traps(model: RobotModel, data: Frf, find: Callable[..., Any]) -> list[list[Any]]:
-    """Errors that mistakes about the robot or the drives cause; exact responses with the weights of an experiment."""
+    """Errors that mistakes about the robot or the drives cause; exact responses with the weights
+    of an experiment.
+    """
     true = {p.name: p.value for p in select(model, ["stiffness", "damping"])}
     bodies = select(model, [f"{e.name}.mass" for e in model.elements])
     inertias = [
@@ -130,14 +151,42 @@ def traps(model: RobotModel, data: Frf, find: Callable[..., Any]) -> list[list[A
     cases: list[tuple[str, RobotModel, Drive, RobotModel, float]] = [
         ("none", model, Drive(data.sample_s), model, data.sample_s),
         ("hold left out of the model", model, Drive(data.sample_s), model, 0.0),
-        ("delay of a sample that the model lacks", model, Drive(data.sample_s, data.sample_s), model, data.sample_s),
-        ("one spring missing in the model (t5y)", model, Drive(data.sample_s), without(model, "t5y"), data.sample_s),
-        ("masses and inertias 2 % larger", with_values(model, heavy), Drive(data.sample_s), model, data.sample_s),
-        ("rotor inertias 2 % larger", with_values(model, {p.name: 1.02 * p.value for p in rotors}),
-         Drive(data.sample_s), model, data.sample_s),
-        ("torque constants 1 % larger", model, Drive(data.sample_s, 0.0, tuple(1.01 * x for x in one)), model,
-         data.sample_s),
-    ]  # fmt: skip
+        (
+            "delay of a sample that the model lacks",
+            model,
+            Drive(data.sample_s, data.sample_s),
+            model,
+            data.sample_s,
+        ),
+        (
+            "one spring missing in the model (t5y)",
+            model,
+            Drive(data.sample_s),
+            without(model, "t5y"),
+            data.sample_s,
+        ),
+        (
+            "masses and inertias 2 % larger",
+            with_values(model, heavy),
+            Drive(data.sample_s),
+            model,
+            data.sample_s,
+        ),
+        (
+            "rotor inertias 2 % larger",
+            with_values(model, {p.name: 1.02 * p.value for p in rotors}),
+            Drive(data.sample_s),
+            model,
+            data.sample_s,
+        ),
+        (
+            "torque constants 1 % larger",
+            model,
+            Drive(data.sample_s, 0.0, tuple(1.01 * x for x in one)),
+            model,
+            data.sample_s,
+        ),
+    ]
     rows = []
     for label, robot, drive, used, sample_s in cases:
         local = LocalModel(robot, ())

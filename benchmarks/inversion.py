@@ -1,8 +1,10 @@
-"""Inverse dynamics along paths and on a moving horizon: times, tool errors, and other programs for the same torques.
+"""Inverse dynamics along paths and on a moving horizon: times, tool errors, and other programs for
+the same torques.
 
     python benchmarks/inversion.py [--quick] [--docs] [--robots NAME ...] [--opty PYTHON]
 
-One core, processor time of the thread. The tables go to benchmarks/inversion.md (not with --quick or --robots).
+One core, processor time of the thread. The tables go to benchmarks/inversion.md (not with --quick
+or --robots).
 """
 
 from __future__ import annotations

@@ -1,9 +1,11 @@
-"""The reduced problem of inverse dynamics for `scipy.integrate.solve_bvp`, with the fastest setup known to us.
+"""The reduced problem of inverse dynamics for `scipy.integrate.solve_bvp`, with the fastest setup
+known to us.
 
-    y = (q_e, v_e),   y' = (v_e, a_e) with R(q_e, v_e, a_e, t) = 0,   P_s (y - y_rest) = 0 (start), P_u (...) = 0 (end)
+    y = (q_e, v_e),   y' = (v_e, a_e) with R(q_e, v_e, a_e, t) = 0,
+    P_s (y - y_rest) = 0 (start), P_u (...) = 0 (end)
 
-The right-hand side and its Jacobian are evaluated for all mesh points at once by the generated C; only the solver is
-scipy's.
+The right-hand side and its Jacobian are evaluated for all mesh points at once by the generated C;
+only the solver is scipy's.
 """
 
 from __future__ import annotations
@@ -40,16 +42,21 @@ class Setting:
 
 
 class ReducedProblem:
-    """Right-hand side, Jacobians and boundary rows; all that does not depend on the setting is made here."""
+    """Right-hand side, Jacobians and boundary rows; all that does not depend on the setting is
+    made here.
+    """
 
     def __init__(self, equations: Equations, move: str, library: Library) -> None:
-        self.equations, self.library = equations, library
+        self.equations = equations
+        self.library = library
         self.path = Path(equations, equations.model.move(move))
         self.problem = InversionProblem(equations, self.path)
         self.reduction = Reduction(equations)
-        self.g, self.e = list(equations.model.i_g), list(equations.model.i_e)
+        self.g = list(equations.model.i_g)
+        self.e = list(equations.model.i_e)
         n_pre, settle = self.problem.windows
-        self.begin, self.end = -n_pre, self.path.duration + settle
+        self.begin = -n_pre
+        self.end = self.path.duration + settle
         t = np.linspace(self.begin, self.end, 401)
         slow = self.reduction.follow(self.path, t, self.reduction.start(self.path).q_a)
         self.slow = CubicSpline(t, slow)
@@ -72,11 +79,17 @@ class ReducedProblem:
     def arm(
         self, t: np.ndarray, y: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Coordinates and speeds (m, n_a) on the path, the output's maps W_g, W_e, and its bias W' v."""
-        sample, n_e = self.path.sample(t), len(self.e)
-        target, dy = self.reduction.targets(sample), sample.derivative(1)
-        q, v = self.slow(t), np.zeros((len(t), self.equations.model.n_a))
-        q[:, self.e], v[:, self.e] = y[:n_e].T, y[n_e:].T
+        """Coordinates and speeds (m, n_a) on the path, the output's maps W_g, W_e, and its bias W'
+        v.
+        """
+        sample = self.path.sample(t)
+        n_e = len(self.e)
+        target = self.reduction.targets(sample)
+        dy = sample.derivative(1)
+        q = self.slow(t)
+        v = np.zeros((len(t), self.equations.model.n_a))
+        q[:, self.e] = y[:n_e].T
+        v[:, self.e] = y[n_e:].T
         for _ in range(NEWTON):
             error, W, _ = self.library.output_constraint(q, v, target)
             step = np.linalg.solve(W[:, :, self.g], error[:, :, None])[:, :, 0]
@@ -84,7 +97,8 @@ class ReducedProblem:
             if np.abs(step).max() < NEAR:
                 break
         W = self.library.output_constraint(q, v, target)[1]
-        W_g, W_e = W[:, :, self.g], W[:, :, self.e]
+        W_g = W[:, :, self.g]
+        W_e = W[:, :, self.e]
         moved = dy - (W_e @ v[:, self.e, None])[:, :, 0]
         v[:, self.g] = np.linalg.solve(W_g, moved[:, :, None])[:, :, 0]
         return q, v, W_g, W_e, self.library.output_constraint(q, v, target)[2]
@@ -94,7 +108,8 @@ class ReducedProblem:
     ) -> tuple[np.ndarray, np.ndarray | None]:
         """Accelerations a_e (m, n_e), and their derivatives in y (m, n_e, 2 n_e)."""
         q, v, W_g, W_e, bias = self.arm(t, y)
-        n, n_e = len(t), len(self.e)
+        n = len(t)
+        n_e = len(self.e)
         a = np.zeros_like(q)
         wanted = self.path.sample(t).derivative(2) - bias
         a[:, self.g] = np.linalg.solve(W_g, wanted[:, :, None])[:, :, 0]
@@ -108,12 +123,14 @@ class ReducedProblem:
             return found, None
         a += (S @ found[:, :, None])[:, :, 0]
         dy1, dy2, dy2_v, _, row_q, row_v, row_a = self.library.inversion_jacobians(q, v, a)
-        by_q, by_v = row_q @ S, row_v @ S
+        by_q = row_q @ S
+        by_v = row_v @ S
         V, B, C = (np.zeros_like(S) for _ in range(3))
         V[:, self.g] = -np.linalg.solve(W_g, dy1 @ S)
         B[:, self.g] = -np.linalg.solve(W_g, dy2 @ S + dy2_v @ V)
         C[:, self.g] = -np.linalg.solve(W_g, dy2_v @ S)
-        by_q, by_v = by_q + row_v @ V + row_a @ B, by_v + row_a @ C
+        by_q = by_q + row_v @ V + row_a @ B
+        by_v = by_v + row_a @ C
         return found, -np.linalg.solve(A, np.concatenate([by_q, by_v], axis=2))
 
     def call(self, setting: Setting) -> Callable[[], object]:
@@ -146,7 +163,9 @@ class ReducedProblem:
         )
 
     def answer(self, found: object) -> MethodResult | None:
-        """Motion and torques from the solution's own interpolant; None where there is no solution."""
+        """Motion and torques from the solution's own interpolant; None where there is no
+        solution.
+        """
         if not found.success:  # type: ignore[attr-defined]
             return None
         t = (

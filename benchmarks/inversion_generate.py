@@ -11,7 +11,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-ROBOT, QUICK_ROBOT = "manutec_r3_24", "planar5_nmp"
+ROBOT = "manutec_r3_24"
+QUICK_ROBOT = "planar5_nmp"
 WANTED_S = 60.0  # on two cores
 
 
@@ -31,11 +32,16 @@ def generate_rows(quick: bool, say: Callable[[str], None]) -> list[GenerateRow]:
     robot = QUICK_ROBOT if quick else ROBOT
     for native in (False, True):
         with tempfile.TemporaryDirectory() as folder:
-            text = f"import flexgen; flexgen.generate({robot!r}, {str(Path(folder) / 'library')!r}, native={native})"
+            text = (
+                f"import flexgen; flexgen.generate({robot!r}, "
+                f"{str(Path(folder) / 'library')!r}, native={native})"
+            )
             environment = {**os.environ, "FLEXGEN_CACHE": str(Path(folder) / "cache")}
-            before, began = os.times(), time.perf_counter()
+            before = os.times()
+            began = time.perf_counter()
             subprocess.run([sys.executable, "-c", text], env=environment, check=True)
-            wall, after = time.perf_counter() - began, os.times()
+            wall = time.perf_counter() - began
+            after = os.times()
         # what the children's children needed is counted, as they were waited for
         spent = (
             after.children_user

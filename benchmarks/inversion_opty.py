@@ -1,6 +1,8 @@
-"""Solve the problem of a file with opty: ``python inversion_opty.py JOB``; the last line printed is the result as JSON.
+"""Solve the problem of a file with opty: ``python inversion_opty.py JOB``; the last line printed
+is the result as JSON.
 
-Run by an interpreter that has opty (which needs cyipopt, and that IPOPT); it needs nothing of flexgen.
+Run by an interpreter that has opty (which needs cyipopt, and that IPOPT); it needs nothing of
+flexgen.
 """
 
 from __future__ import annotations
@@ -27,8 +29,10 @@ def tracking_cost(
     job: dict, output: Callable, jacobian: Callable, reference: np.ndarray
 ) -> tuple[Callable, Callable]:
     """Cost and gradient that draw the tool to its path and smooth the torques."""
-    n, n_x = job["nodes"], len(job["states"])
-    weight, smooth = job["step"] * job["tracking"], job["smooth"] / job["step"]
+    n = job["nodes"]
+    n_x = len(job["states"])
+    weight = job["step"] * job["tracking"]
+    smooth = job["smooth"] / job["step"]
 
     def cost(free: np.ndarray) -> float:
         parts = free.reshape(-1, n)
@@ -84,7 +88,9 @@ def answer(job: dict) -> dict:
     put = {symbols[name]: value for name, value in (*rates.items(), *signals.items())}
     rows = [sp.sympify(row, locals=symbols) for row in job["rows"]]
     tool = [sp.sympify(row, locals=symbols) for row in job["output"]]
-    n, n_x, h = job["nodes"], len(job["states"]), job["step"]
+    n = job["nodes"]
+    n_x = len(job["states"])
+    h = job["step"]
     states = [symbols[name] for name in job["states"]]
     reference = np.array(list(job["reference"].values()))
     rest = np.array(job["rest"])
@@ -141,7 +147,9 @@ def main() -> None:
         told = answer(job)
     except ImportError as error:
         told = {
-            "missing": f"{type(error).__name__}: {error}; pip install opty (needs IPOPT and cyipopt)"
+            "missing": (
+                f"{type(error).__name__}: {error}; pip install opty (needs IPOPT and cyipopt)"
+            )
         }
     print(json.dumps(told))
 

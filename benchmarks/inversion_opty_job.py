@@ -1,4 +1,6 @@
-"""The problem for opty: the original equations of a planar arm as text, for another interpreter."""
+"""The problem for opty: the original equations of a planar arm as text, for another
+interpreter.
+"""
 
 from __future__ import annotations
 
@@ -15,17 +17,22 @@ from flexgen.spec.ports import Port
 from flexgen.trajectory import Trajectory
 
 # weights and bound that served opty best, of those tried
-TRACKING, SMOOTH, ITERATIONS = 1e6, 1e-8, 1000
+TRACKING = 1e6
+SMOOTH = 1e-8
+ITERATIONS = 1000
 
 
 def job(problem: InversionProblem, nodes: int, tracking: bool) -> dict[str, Any]:
-    """The equations in states, rates and torques, with path, equilibrium and initial guess at the nodes.
+    """The equations in states, rates and torques, with path, equilibrium and initial guess at the
+    nodes.
 
-    The rows are ``q' - v`` and the equations of motion of arm and motors; the output is on its path by algebraic rows,
-    or drawn to it (``tracking``). States and rates are symbols here; those of the rates end in ``_rate``.
+    The rows are ``q' - v`` and the equations of motion of arm and motors; the output is on its
+    path by algebraic rows, or drawn to it (``tracking``). States and rates are symbols here; those
+    of the rates end in ``_rate``.
     """
     s = symbolic(problem.equations.model)
-    q, v = [*s.q_a, *s.q_m], [*s.v_a, *s.v_m]
+    q = [*s.q_a, *s.q_m]
+    v = [*s.v_a, *s.v_m]
     rate = {x: sp.Symbol(f"{x}_rate") for x in (*q, *v)}
     forces = dict(zip(s.tau, s.torques, strict=True))
     acceleration = dict(zip((*s.a_a, *s.a_m), (rate[x] for x in v), strict=True))
@@ -55,10 +62,8 @@ def job(problem: InversionProblem, nodes: int, tracking: bool) -> dict[str, Any]
     motor = slow[:, list(problem.equations.model.i_g)] @ problem.equations.model.eta.T
     states = np.hstack([slow, motor])
     guess = np.hstack([states, np.gradient(states, t, axis=0), np.zeros((nodes, len(s.tau_m)))])
-    start, end = (
-        problem.equilibrium,
-        reduction.equilibrium(problem.path, problem.path.duration, slow[-1]),
-    )
+    start = problem.equilibrium
+    end = reduction.equilibrium(problem.path, problem.path.duration, slow[-1])
     still = np.zeros(len(q))
     return {
         "rows": [str(row) for row in rows],
@@ -80,10 +85,13 @@ def job(problem: InversionProblem, nodes: int, tracking: bool) -> dict[str, Any]
 def torque_of(problem: InversionProblem, told: dict[str, Any]) -> Trajectory:
     """opty's torques as a trajectory to simulate."""
     model = problem.equations.model
-    tau, states = np.array(told["inputs"]).T, np.array(told["states"]).T
+    tau = np.array(told["inputs"]).T
+    states = np.array(told["states"]).T
     t = told["begin"] + told["step"] * np.arange(len(tau))
-    arm, motors = tuple(c.name for c in model.coordinates), tuple(m.name for m in model.motors)
-    q_a, q_m = states[:, : model.n_a], states[:, model.n_a : model.n_a + model.n_m]
+    arm = tuple(c.name for c in model.coordinates)
+    motors = tuple(m.name for m in model.motors)
+    q_a = states[:, : model.n_a]
+    q_m = states[:, model.n_a : model.n_a + model.n_m]
     channels = {"tau_m": tau, "q_a": q_a, "q_m": q_m, "y_ref": problem.path.sample(t).y[:, :, 0]}
     units = {"tau_m": "N m", "q_a": "rad or m", "q_m": "rad", "y_ref": "m"}
     ports = {name: Port(name, (x.shape[1],), units[name], name) for name, x in channels.items()}

@@ -1,4 +1,6 @@
-"""Whole paths: processor time of one inversion per second of path, on the coarsest mesh that is accurate enough."""
+"""Whole paths: processor time of one inversion per second of path, on the coarsest mesh that is
+accurate enough.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +37,8 @@ ROBOTS = {  # and the target, ms per second of path
 }
 QUICK = ("planar5_nmp", "manutec_r3_18")
 METHODS = ("lq", *(("bvp",) if find_spec("flexgen.inversion.methods.bvp") else ()))
-# s: of processor time that a figure is the least of, at least; others on the machine come in bursts
+# s: of processor time that a figure is the least of, at least; others on the machine come in
+# bursts
 SPAN = 1.0
 TIMES = 7  # calls, at least
 # of the largest torque: the tolerance of lq is 1e-6, and the motion may end at another time
@@ -46,8 +49,8 @@ SAME = 1e-5
 class PathRow:
     """One robot, move and method: mesh, verdict, and times; ``refused``: why there are none.
 
-    ``native_ms`` and ``default_ms``: for each second of path, by build. ``native_differs``: largest difference of the
-    torque between the builds, relative to the largest torque.
+    ``native_ms`` and ``default_ms``: for each second of path, by build. ``native_differs``:
+    largest difference of the torque between the builds, relative to the largest torque.
     """
 
     robot: str
@@ -56,7 +59,8 @@ class PathRow:
     wanted_ms: float
     dof: int = 0
     duration: float = 0.0
-    motion_s: float = 0.0  # with what is before the path and after it, until the motion has settled
+    # with what is before the path and after it, until the motion has settled
+    motion_s: float = 0.0
     mesh_ms: float = 0.0
     intervals: int = 0
     iterations: int = 0
@@ -77,7 +81,9 @@ def moves_of(equations: Equations, quick: bool) -> list[str]:
 
 @cache
 def verified(robot: str, move: str, method: str) -> tuple[float, Solution] | str:
-    """The coarsest mesh [s] whose solution is accurate in simulation, and this solution; or the reason for none."""
+    """The coarsest mesh [s] whose solution is accurate in simulation, and this solution; or the
+    reason for none.
+    """
     equations = derive(robot)
     reason = "no mesh was accurate enough"
     for mesh in MESHES:
@@ -118,7 +124,9 @@ def arguments(equations: Equations, move: str, mesh: float) -> dict:
 
 def least_ms(call: Callable[[], object]) -> float:
     """Minimum processor time of a call in this thread [ms]."""
-    best, began, count = np.inf, time.thread_time(), 0
+    best = np.inf
+    began = time.thread_time()
+    count = 0
     while count < TIMES or time.thread_time() - began < SPAN:
         start = time.thread_time_ns()
         call()
@@ -149,7 +157,8 @@ def path_row(robot: str, move: str, method: str, wanted: float) -> PathRow:
         return row
     mesh, solution = checked
     assert solution.simulation is not None
-    row.mesh_ms, row.error_m = 1e3 * mesh, solution.simulation.tool_error_max_m or 0.0
+    row.mesh_ms = 1e3 * mesh
+    row.error_m = solution.simulation.tool_error_max_m or 0.0
     row.error_rad = solution.simulation.tool_error_max_rad
     given = arguments(equations, move, mesh)
     default, call = inverted(robot, method, given, False)
@@ -161,11 +170,9 @@ def path_row(robot: str, move: str, method: str, wanted: float) -> PathRow:
     assert difference < SAME, f"timed is not what was verified: torques differ by {difference:.1e}"
     row.duration = Path(equations, equations.model.move(move)).duration
     row.motion_s = float(default.t[-1] - default.t[0])
-    row.intervals, row.iterations, row.is_ok = (
-        default.intervals,
-        default.iterations,
-        default.converged,
-    )
+    row.intervals = default.intervals
+    row.iterations = default.iterations
+    row.is_ok = default.converged
     row.default_ms, row.native_ms = (least_ms(each) / row.duration for each in (call, native_call))
     row.native_differs = float(
         np.abs(native.tau_m - default.tau_m).max() / np.abs(default.tau_m).max()
@@ -181,8 +188,9 @@ def path_rows(robots: list[str], quick: bool, say: Callable[[str], None]) -> lis
             for method in METHODS:
                 row = path_row(robot, move, method, ROBOTS[robot])
                 reason = row.refused or (
-                    f"{row.native_ms:.2f} ms native, {row.default_ms:.2f} ms default per s of path, "
-                    f"{1e6 * row.error_m:.2g} um, mesh {row.mesh_ms:.3g} ms, {row.iterations} iterations"
+                    f"{row.native_ms:.2f} ms native, {row.default_ms:.2f} ms default per s of "
+                    f"path, {1e6 * row.error_m:.2g} um, mesh {row.mesh_ms:.3g} ms, "
+                    f"{row.iterations} iterations"
                 )
                 say(f"  {robot} {move} {method}: {reason}")
                 rows.append(row)

@@ -1,4 +1,6 @@
-"""Other programs for the same torques, in the same run: collocation with IPOPT, solve_bvp of scipy, opty."""
+"""Other programs for the same torques, in the same run: collocation with IPOPT, solve_bvp of
+scipy, opty.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +39,9 @@ PATIENCE = 600  # s
 
 @dataclass
 class PeerRow:
-    """One program: time per second of path [ms], what it contains, verified error [m, rad], ratio to lq."""
+    """One program: time per second of path [ms], what it contains, verified error [m, rad], ratio
+    to lq.
+    """
 
     what: str
     robot: str
@@ -80,7 +84,9 @@ def _timed(*given: object) -> _Timed:
 def collocation_rows(
     ours: dict[str, PathRow], quick: bool, say: Callable[[str], None]
 ) -> list[PeerRow]:
-    """IPOPT on the same reduced problem: the coarsest accurate mesh, IPOPT alone and everything."""
+    """IPOPT on the same reduced problem: the coarsest accurate mesh, IPOPT alone and
+    everything.
+    """
     rows = []
     for robot in COLLOCATED[:1] if quick else COLLOCATED:
         if robot not in ours:
@@ -122,7 +128,8 @@ def collocation_rows(
                     )
                 )
                 say(
-                    f"  collocation, {robot}: {rows[-1].ms:.0f} ms, {contains}, {what}, {1e6 * error[0]:.2g} um"
+                    f"  collocation, {robot}: {rows[-1].ms:.0f} ms, {contains}, {what}, "
+                    f"{1e6 * error[0]:.2g} um"
                 )
             break
         else:
@@ -141,7 +148,9 @@ def collocation_rows(
 
 
 def scipy_row(ours: dict[str, PathRow], quick: bool, say: Callable[[str], None]) -> list[PeerRow]:
-    """The fastest accurate setting of solve_bvp, of all tolerances and first meshes, with and without Jacobian."""
+    """The fastest accurate setting of solve_bvp, of all tolerances and first meshes, with and
+    without Jacobian.
+    """
     if PLANAR not in ours:
         return []
     equations = derive(PLANAR)
@@ -162,7 +171,8 @@ def scipy_row(ours: dict[str, PathRow], quick: bool, say: Callable[[str], None])
         error = simulation.tool_error_max_m or 0.0
         say(f"  solve_bvp, {setting}: {ms:.2f} ms, {1e6 * error:.2g} um")
         if error <= EXACT:
-            row.ms, row.error_m = ms / problem.path.duration, error
+            row.ms = ms / problem.path.duration
+            row.error_m = error
             row.setting = f"tol {setting.tolerance:g}, {setting.nodes} nodes at first" + (
                 ", Jacobian given" if setting.jacobian else ""
             )

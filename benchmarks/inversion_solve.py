@@ -1,4 +1,6 @@
-"""`flexgen solve` with a warm cache: the torques of a move and their verification, everything included."""
+"""`flexgen solve` with a warm cache: the torques of a move and their verification, everything
+included.
+"""
 
 from __future__ import annotations
 
@@ -7,10 +9,8 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 
-ROBOTS, QUICK_ROBOTS = (
-    ("planar5_nmp", "manutec_r3_18", "manutec_r3_24", "manutec_r3_efjm"),
-    ("planar5_nmp",),
-)
+ROBOTS = ("planar5_nmp", "manutec_r3_18", "manutec_r3_24", "manutec_r3_efjm")
+QUICK_ROBOTS = ("planar5_nmp",)
 TIMES = 5
 _CODE = """
 import json, sys, time, flexgen
@@ -21,14 +21,17 @@ for _ in range(int(sys.argv[2])):
     equations = flexgen.derive(robot)
     solution = flexgen.solve(equations, progress=False)
     if best is None or solution.wall_s < best[0]:
-        best = (solution.wall_s, solution.simulation.wall_s, solution.simulation.evaluations, solution.tool_error_max_m)
+        best = (solution.wall_s, solution.simulation.wall_s, solution.simulation.evaluations, \
+solution.tool_error_max_m)
 print(json.dumps(best))
 """
 
 
 @dataclass(frozen=True)
 class SolveRow:
-    """Shortest wall time [s] of `solve`, of its simulation, evaluations in it, and the verified tool error [m]."""
+    """Shortest wall time [s] of `solve`, of its simulation, evaluations in it, and the verified
+    tool error [m].
+    """
 
     robot: str
     wall_s: float

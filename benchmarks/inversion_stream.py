@@ -1,4 +1,6 @@
-"""Streaming: thread time of samples_per_interval update in C while a robot moves back and forth, and the tool error."""
+"""Streaming: thread time of samples_per_interval update in C while a robot moves back and forth,
+and the tool error.
+"""
 
 from __future__ import annotations
 
@@ -20,15 +22,21 @@ from flexgen.simulation.simulate import Simulation, simulate
 from flexgen.spec.ports import Port
 from flexgen.trajectory import Trajectory
 
-ROBOT, MOVE = "manutec_r3_24", "line"
-PERIOD, INTERVALS, PARTS = 5e-3, 20, 5  # s; 100 ms ahead
+ROBOT = "manutec_r3_24"
+MOVE = "line"
+# s; 100 ms ahead
+PERIOD = 5e-3
+INTERVALS = 20
+PARTS = 5
 TOLERANCE = 1e-4
 PAUSE = 20  # updates at rest at either end
-UPDATES, FEW = 10_000, 1_000
+UPDATES = 10_000
+FEW = 1_000
 # of the same updates, each counts with its least time: what it takes, not what others on the
 # machine do
 RUNS = 3
-WANTED_US, WANTED_M = {"native": 160.0, "default": 190.0}, 5e-6  # 99.9th percentile, tool error
+WANTED_US = {"native": 160.0, "default": 190.0}  # 99.9th percentile
+WANTED_M = 5e-6  # tool error
 
 
 @dataclass
@@ -61,8 +69,11 @@ class There:
         self.round = 2 * (self.way + PAUSE)
 
     def _folded(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Instants on the path and directions at instants of the motion; it is at rest at its end for one pause."""
-        half, length = (self.way + PAUSE) * PERIOD, self.round * PERIOD
+        """Instants on the path and directions at instants of the motion; it is at rest at its end
+        for one pause.
+        """
+        half = (self.way + PAUSE) * PERIOD
+        length = self.round * PERIOD
         t = np.where(t < 0, 0.0, np.mod(t, length))
         return np.where(t < half, t, self.way * PERIOD - (t - half)), np.where(t < half, 1.0, -1.0)
 
@@ -80,14 +91,18 @@ class There:
         self, t: np.ndarray, tau_m: np.ndarray, q_m: np.ndarray, q_a: np.ndarray
     ) -> Simulation:
         """What the full model does under a torque, from rest."""
-        model, sample = self.equations.model, self.path.sample(self._folded(t)[0])
-        arm, motors = tuple(c.name for c in model.coordinates), tuple(m.name for m in model.motors)
+        model = self.equations.model
+        sample = self.path.sample(self._folded(t)[0])
+        arm = tuple(c.name for c in model.coordinates)
+        motors = tuple(m.name for m in model.motors)
         labels = {"tau_m": motors, "q_m": motors, "q_a": arm, **output_labels(model)}
         channels = {"tau_m": tau_m, "q_m": q_m, "q_a": q_a, "y_ref": sample.y[:, :, 0]}
         if sample.R is not None:
             channels["R_ref"] = sample.R.reshape(len(t), 9)
         units = {"tau_m": "N m", "q_m": "rad", "q_a": "rad or m", "y_ref": "m", "R_ref": "-"}
-        ports = {name: Port(name, (x.shape[1],), units[name], name) for name, x in channels.items()}
+        ports = {
+            name: Port(name, (x.shape[1],), units[name], name) for name, x in channels.items()
+        }
         return simulate(
             self.equations, Trajectory(t, channels, ports, labels, {"model": model.name})
         )
@@ -99,7 +114,9 @@ def library_file(library: Library) -> FilePath:
 
 
 def stream_rows(builds: Builds, quick: bool, say: Callable[[str], None]) -> list[StreamRow]:
-    """Both builds, the same samples; the second one's torque is compared with the first one's, which is simulated."""
+    """Both builds, the same samples; the second one's torque is compared with the first one's,
+    which is simulated.
+    """
     equations = derive(ROBOT)
     there = There(equations, MOVE)
     updates = FEW if quick else UPDATES
@@ -130,14 +147,13 @@ def stream_rows(builds: Builds, quick: bool, say: Callable[[str], None]) -> list
             subprocess.run(command, input=given, capture_output=True, check=True).stdout
             for _ in range(RUNS)
         ]
-        n_a, n_m = library.sizes["n_a"], library.sizes["n_m"]
+        n_a = library.sizes["n_a"]
+        n_m = library.sizes["n_m"]
         tables = [np.frombuffer(answer).reshape(updates, -1) for answer in answers]
         table = tables[0]
-        us, status, residual = (
-            1e-3 * np.min([x[:, 0] for x in tables], axis=0),
-            table[:, 1],
-            table[:, 2],
-        )
+        us = 1e-3 * np.min([x[:, 0] for x in tables], axis=0)
+        status = table[:, 1]
+        residual = table[:, 2]
         assert (status >= 0).all(), f"status {status.min()}"
         samples_per_interval = np.split(table[:, 3:], [PARTS * n_m, 2 * PARTS * n_m], axis=1)
         q_m, tau_m, q_a = (x.reshape(updates * PARTS, -1) for x in samples_per_interval)
@@ -170,7 +186,8 @@ def stream_rows(builds: Builds, quick: bool, say: Callable[[str], None]) -> list
         )
         row = rows[-1]
         say(
-            f"  {row.build}: median {row.median_us:.0f}, 99 % {row.p99_us:.0f}, 99.9 % {row.p999_us:.0f} us, "
-            f"tool {1e6 * row.error_m:.2g} um, rounds differ by {row.repeats:.1e}"
+            f"  {row.build}: median {row.median_us:.0f}, 99 % {row.p99_us:.0f}, 99.9 % "
+            f"{row.p999_us:.0f} us, tool {1e6 * row.error_m:.2g} um, rounds differ by "
+            f"{row.repeats:.1e}"
         )
     return rows

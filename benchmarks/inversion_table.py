@@ -1,4 +1,6 @@
-"""Tables of inverse dynamics as markdown: all for benchmarks/inversion.md, the short table for docs/benchmarks.md."""
+"""Tables of inverse dynamics as markdown: all for benchmarks/inversion.md, the short table for
+docs/benchmarks.md.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,8 @@ from inversion_stream import INTERVALS, PARTS, PERIOD, WANTED_M, WANTED_US, Stre
 from peers_builds import NATIVE, REPRODUCIBLE, Builds, package_version
 from peers_table import _cpu, _table
 
-BEGIN, END = "<!-- inversion:begin -->", "<!-- inversion:end -->"
+BEGIN = "<!-- inversion:begin -->"
+END = "<!-- inversion:end -->"
 
 
 def machine(builds: Builds) -> list[str]:
@@ -23,7 +26,10 @@ def machine(builds: Builds) -> list[str]:
     cpu = _cpu()
     load = ", ".join(f"{x:.1f}" for x in os.getloadavg())
     return [
-        f"machine: {cpu.get('model name', 'processor unknown')}, {os.cpu_count()} cores; one used; load {load}",
+        (
+            f"machine: {cpu.get('model name', 'processor unknown')}, {os.cpu_count()} cores; "
+            f"one used; load {load}"
+        ),
         f"compiler: {builds.version(builds.cc)}",
         f"native build: `{' '.join(NATIVE[:-2])}`; default build: `{' '.join(REPRODUCIBLE[:-2])}`",
         f"packages: casadi {package_version('casadi')}, scipy {package_version('scipy')}",
@@ -184,7 +190,13 @@ def generated(rows: Sequence[GenerateRow]) -> str:
 
 def solved(rows: Sequence[SolveRow]) -> str:
     """Solving with verification."""
-    head = ["robot", "solve and verify, s", "of it simulation, s", "right-hand sides", "tool error"]
+    head = [
+        "robot",
+        "solve and verify, s",
+        "of it simulation, s",
+        "right-hand sides",
+        "tool error",
+    ]
     return _table(
         head,
         [
@@ -213,28 +225,38 @@ def full(
     return f"""\
 # Inverse dynamics along paths
 
-`make bench` writes this file. Times are of one machine and one run. Bold: above the target time, or less accurate
+`make bench` writes this file. Times are of one machine and one run. Bold: above the target time, \
+or less accurate
 than the target. Ratios are more portable than times.
 
 {chr(10).join(f"- {line}" for line in machine_lines)}
 
 ## Whole paths
 
-Processor time of one thread for one call of the library from Python, divided by the duration of the path; the minimum
-of several calls. It contains the equilibrium at the start, inverse kinematics, inversion with the motion before and
-after the path, gears and motors. Samples of the path are given. The mesh is the coarsest of {meshes} ms whose
-torques, of the default build, move the tool of the full model within 1 um and 1 urad of its path. The status is that
-of the C at its default tolerance. The last column is the largest difference of the torques of the native build from
-them, relative to the largest torque. The motion begins before the path where zeros are unstable. That of lq ends as in
-`solve`, once the remaining motion moves the tool by less than 10 nm; that of bvp after fifteen time constants of the
+Processor time of one thread for one call of the library from Python, divided by the duration of \
+the path; the minimum
+of several calls. It contains the equilibrium at the start, inverse kinematics, inversion with \
+the motion before and
+after the path, gears and motors. Samples of the path are given. The mesh is the coarsest of \
+{meshes} ms whose
+torques, of the default build, move the tool of the full model within 1 um and 1 urad of its \
+path. The status is that
+of the C at its default tolerance. The last column is the largest difference of the torques of \
+the native build from
+them, relative to the largest torque. The motion begins before the path where zeros are unstable. \
+That of lq ends as in
+`solve`, once the remaining motion moves the tool by less than 10 nm; that of bvp after fifteen \
+time constants of the
 slowest stable zero: slow vibrations of six axes take
 seconds, which are inverted too. The targets were set for motions of about 1.5 s per s of path.
 
 {paths(path_rows)}
 ## Streaming
 
-The line in both directions, repeated, with pauses: {INTERVALS} intervals of {1e3 * PERIOD:g} ms ahead, {PARTS} samples
-each; processor time of the thread for each update, in C, the minimum of three runs of the same updates. Target: at most
+The line in both directions, repeated, with pauses: {INTERVALS} intervals of {1e3 * PERIOD:g} ms \
+ahead, {PARTS} samples
+each; processor time of the thread for each update, in C, the minimum of three runs of the same \
+updates. Target: at most
 {WANTED_US["native"]:g} us (default build: {WANTED_US["default"]:g} us) for 99.9 % of the updates,
 tool error at most {1e6 * WANTED_M:g} um.
 The tool error is that of the first round in simulation of the full model.
@@ -242,25 +264,34 @@ The tool error is that of the first round in simulation of the full model.
 {streams(stream_rows)}
 ## Other programs for the same torques
 
-Each program with the coarsest setting that is accurate to 1 um, or with the best accuracy that was reached.
-`collocation` is part of flexgen and solves the same reduced problem. `solve_bvp` solves the reduced problem too: with
-right-hand side and Jacobian for all points at once from the generated C, boundary conditions from the stable and
-unstable subspaces, and the fastest accurate one of many settings; its initial guess and the motors are not in its
-time. opty (midpoint rule) solves the original equations, with the output as algebraic constraints (index 4) or as a
-tracking term of the cost, with the weight that gave the best result; only IPOPT is timed. lq is the native build with
+Each program with the coarsest setting that is accurate to 1 um, or with the best accuracy that \
+was reached.
+`collocation` is part of flexgen and solves the same reduced problem. `solve_bvp` solves the \
+reduced problem too: with
+right-hand side and Jacobian for all points at once from the generated C, boundary conditions \
+from the stable and
+unstable subspaces, and the fastest accurate one of many settings; its initial guess and the \
+motors are not in its
+time. opty (midpoint rule) solves the original equations, with the output as algebraic \
+constraints (index 4) or as a
+tracking term of the cost, with the weight that gave the best result; only IPOPT is timed. lq is \
+the native build with
 everything.
 
 {peers(peer_rows)}
 ## Generating
 
-`flexgen.generate` with all functions, inversion and streaming, with an empty cache, in a separate process; target: at
+`flexgen.generate` with all functions, inversion and streaming, with an empty cache, in a \
+separate process; target: at
 most {WANTED_S:g} s on two cores. Processor time is that of all processes.
 
 {generated(generate_rows)}
 ## Solving and verifying
 
-`flexgen.solve` of the first move with a warm cache: derivation excluded, inversion by lq and verification by
-simulation of the full model (the Lagrange equations in C, Runge-Kutta of order 8, relative tolerance 1e-11) included.
+`flexgen.solve` of the first move with a warm cache: derivation excluded, inversion by lq and \
+verification by
+simulation of the full model (the Lagrange equations in C, Runge-Kutta of order 8, relative \
+tolerance 1e-11) included.
 Wall time, the shortest of several calls.
 
 {solved(solve_rows)}"""
@@ -305,13 +336,12 @@ def short(
     for row in stream_rows:
         if row.build == "native":
             lines.append(
-                f"Moving horizon, `{row.robot}`, {INTERVALS * PERIOD * 1e3:g} ms ahead, every {1e3 * PERIOD:g} ms: "
-                f"{row.median_us:.0f} us an update, 99.9 % below {row.p999_us:.0f} us, tool error "
-                f"{_error(row.error_m, row.error_rad)}.\n"
+                f"Moving horizon, `{row.robot}`, {INTERVALS * PERIOD * 1e3:g} ms ahead, every "
+                f"{1e3 * PERIOD:g} ms: {row.median_us:.0f} us an update, 99.9 % below "
+                f"{row.p999_us:.0f} us, tool error {_error(row.error_m, row.error_rad)}.\n"
             )
-    return (
-        "\n".join(lines)
-        + f"\n{machine_lines[0].removeprefix('machine: ').split(';')[0]}; one core, native build.\n"
+    return "\n".join(lines) + (
+        f"\n{machine_lines[0].removeprefix('machine: ').split(';')[0]}; one core, native build.\n"
     )
 
 

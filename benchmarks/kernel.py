@@ -2,9 +2,9 @@
 
     python benchmarks/kernel.py [COMPILER ...]
 
-prints ns per call and how many times faster than the library the kernel is. A latency is a chain of calls, each of
-which needs the result of the one before, as one evaluation of a robot does; the rest is what follows without waiting.
-Compare the ratios, not the times.
+prints ns per call and how many times faster than the library the kernel is. A latency is a chain
+of calls, each of which needs the result of the one before, as one evaluation of a robot does; the
+rest is what follows without waiting. Compare the ratios, not the times.
 """
 
 from __future__ import annotations
@@ -70,13 +70,17 @@ SEPARATE void own_exp_lanes(const double *q, double *y) { store_v(y, exp_v(-load
 
 
 def sines(n: int) -> str:
-    """Two functions of n angles that are sums, as a robot's are; results that need all sines and cosines."""
+    """Two functions of n angles that are sums, as a robot's are; results that need all sines and
+    cosines.
+    """
     angles = " ".join(f"x[{i}] = q[{(5 * i + 2) % n}] + {0.1 * i + 0.05:.2f};" for i in range(n))
     uses = " ".join(f"y[{i}] = 0.5 * s[{i}] + 0.25 * c[{n - 1 - i}];" for i in range(n))
     calls = " ".join(f"sincos(x[{i}], s + {i}, c + {i});" for i in range(n))
     arrays = f"double x[PADDED({n})], s[PADDED({n})], c[PADDED({n})];"
     zeros = f"for (int i = {n}; i < (int)PADDED({n}); ++i) {{ x[i] = 0.0; }}"
-    heads = [f"SEPARATE void {name}_{n}(const double *q, double *y)" for name in ("own", "library")]
+    heads = [
+        f"SEPARATE void {name}_{n}(const double *q, double *y)" for name in ("own", "library")
+    ]
     own = f"{heads[0]} {{ {arrays} {angles} {zeros} sincos_1(x, s, c, {n}); {uses} }}\n"
     return own + f"{heads[1]} {{ {arrays} {angles} {calls} {uses} }}\n"
 
@@ -114,7 +118,9 @@ def main() -> None:
                 ]
                 subprocess.run(command, cwd=folder, check=True)
                 print(
-                    f"\n{compiler} {flags}   ns: latency own, library, ratio; without waiting own, library, ratio"
+                    "\n"
+                    f"{compiler} {flags}   ns: latency own, library, ratio; without waiting "
+                    "own, library, ratio"
                 )
                 print(
                     subprocess.run(

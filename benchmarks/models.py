@@ -1,9 +1,10 @@
-"""All models: time to derive, to generate and compile, to solve, to verify, and the verified tool error.
+"""All models: time to derive, to generate and compile, to solve, to verify, and the verified tool
+error.
 
     python benchmarks/models.py [MODEL ...]
 
-prints the table and, for all models, writes it to benchmarks/models.md. The times are of the machine at hand; compare
-rows with each other, not with another machine's.
+prints the table and, for all models, writes it to benchmarks/models.md. The times are of the
+machine at hand; compare rows with each other, not with another machine's.
 """
 
 from __future__ import annotations

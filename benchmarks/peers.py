@@ -1,9 +1,11 @@
-"""The emitted functions compared with Pinocchio, MuJoCo and the C of CasADi: nanoseconds per call, and ratios.
+"""The emitted functions compared with Pinocchio, MuJoCo and the C of CasADi: nanoseconds per call,
+and ratios.
 
     python benchmarks/peers.py [--quick] [--clang] [--docs] [--robots NAME ...]
 
-All candidates of a row run in one process on one core, block by block in turn, after they were found to agree. The
-table goes to benchmarks/peers.md (not with --quick or --robots). Compare ratios of one run; times are of one machine.
+All candidates of a row run in one process on one core, block by block in turn, after they were
+found to agree. The table goes to benchmarks/peers.md (not with --quick or --robots). Compare
+ratios of one run; times are of one machine.
 """
 
 from __future__ import annotations
@@ -42,7 +44,8 @@ from flexgen.expressions.routine import Expressions
 from flexgen.mechanics.equations import Equations
 from flexgen.model.elements import RobotModel
 
-# What is compared, by its name in the library, and what Pinocchio's side calls it: the faster of several counts.
+# What is compared, by its name in the library, and what Pinocchio's side calls it: the faster of
+# several counts.
 QUANTITIES = {
     "inverse_dynamics": ("inverse_dynamics",),
     "mass_matrix": ("mass_matrix:local", "mass_matrix:world"),
@@ -65,7 +68,9 @@ DERIVED = ("ur5", "panda", "ur5_elastic", "chain12")  # with derivatives
 
 @dataclass
 class Row:
-    """One function of one robot: its operations and longest chain [cycles], and by candidate ``ns`` per evaluation."""
+    """One function of one robot: its operations and longest chain [cycles], and by candidate
+    ``ns`` per evaluation.
+    """
 
     robot: str
     quantity: str
@@ -79,7 +84,9 @@ class Row:
 
 @dataclass
 class Prepared:
-    """A row that is being compiled: its function and its candidates (label, kind, file, symbol, extra)."""
+    """A row that is being compiled: its function and its candidates (label, kind, file, symbol,
+    extra).
+    """
 
     row: Row
     model: RobotModel
@@ -122,7 +129,8 @@ def prepare(  # noqa: C901
         target = builds.folder / f"{robot}_native" if native else folder
         made = flexgen.generate(model, target, functions=names, native=native)
         libraries[native] = next(file for file in made.files if file.suffix in (".so", ".dylib"))
-    default, native = libraries[False], libraries[True]
+    default = libraries[False]
+    native = libraries[True]
     layout = "soa" if ABI_VERSION >= 2 else "aos"
     many, odd, few = (f"{layout}/{count}" for count in (POINTS, ODD_POINTS, FEW_POINTS))
     header = (folder / f"{spec.name}.h").read_text()
@@ -187,7 +195,9 @@ def pinocchio_side(builds: Builds, pinocchio: Pinocchio, compiler: str, quantity
 
 
 def add_casadi(row: Prepared, equations: Equations, builds: Builds, quick: bool) -> None:
-    """CasADi's own C: of the Lagrangian's expression, and of the expression that our C is written from."""
+    """CasADi's own C: of the Lagrangian's expression, and of the expression that our C is written
+    from.
+    """
     name = row.spec.name
     same = same_expression(row.spec)
     try:
@@ -229,7 +239,9 @@ def codegen_side(builds: Builds, pinocchio: Pinocchio) -> Path:
 
 
 def add_generated(row: Prepared, builds: Builds, codegen: Path, text: Path) -> None:
-    """Pinocchio's algorithm on CasADi's symbols, as CasADi's C: the shorter one of its conventions."""
+    """Pinocchio's algorithm on CasADi's symbols, as CasADi's C: the shorter one of its
+    conventions.
+    """
     found: list[ca.Function] = []
     try:
         library = ctypes.CDLL(str(codegen))
@@ -253,7 +265,9 @@ def _renamed(function: ca.Function, name: str) -> ca.Function:
 
 
 def drop_failed(rows: list[Prepared], failed: dict[Path, str]) -> None:
-    """Take out the candidates that could not be compiled, if they are of a peer; RuntimeError for any other file."""
+    """Take out the candidates that could not be compiled, if they are of a peer; RuntimeError for
+    any other file.
+    """
     for path, told in failed.items():
         if not path.name.startswith(("pinocchio", "mujoco")):
             raise RuntimeError(told)
@@ -266,7 +280,9 @@ def drop_failed(rows: list[Prepared], failed: dict[Path, str]) -> None:
 
 
 def states_of(spec: FunctionSpec, model: RobotModel, seed: int = 7) -> np.ndarray:
-    """Random states, one per row: the inputs one after the other; what only a spring holds stays near its rest."""
+    """Random states, one per row: the inputs one after the other; what only a spring holds stays
+    near its rest.
+    """
     rng = np.random.default_rng(seed)
     reach = np.full(model.n_a, np.pi)
     reach[list(model.i_e)] = 0.05
@@ -293,7 +309,9 @@ def measure(row: Prepared, builds: Builds, timer: Path, args: argparse.Namespace
         )
     job = builds.text(f"{name}.job", "\n".join(lines) + "\n")
     command = [f"./{timer.name}", f"./{job.name}"]
-    answer = subprocess.run(command, cwd=builds.folder, capture_output=True, text=True, check=False)
+    answer = subprocess.run(
+        command, cwd=builds.folder, capture_output=True, text=True, check=False
+    )
     if answer.returncode not in (0, 2):
         raise RuntimeError(f"{job}: {answer.stderr.strip() or answer.returncode}")
     for line in answer.stdout.splitlines():
@@ -315,7 +333,9 @@ def measure(row: Prepared, builds: Builds, timer: Path, args: argparse.Namespace
 
 @dataclass(frozen=True)
 class Wrapper:
-    """Python's cost: microseconds of a scalar call and of the same in C, ns per point of a batch call and in C."""
+    """Python's cost: microseconds of a scalar call and of the same in C, ns per point of a batch
+    call and in C.
+    """
 
     robot: str
     quantity: str
@@ -350,7 +370,8 @@ def python_cost(row: Prepared, folder: Path) -> Wrapper:
             for _ in range(10):
                 function(*inputs)
 
-    call, batch = least(calls, 10 * STATES, 15), least(lambda: function(*many, out=out), POINTS, 15)
+    call = least(calls, 10 * STATES, 15)
+    batch = least(lambda: function(*many, out=out), POINTS, 15)
     ns = row.row.ns
     return Wrapper(
         row.row.robot,

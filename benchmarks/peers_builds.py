@@ -1,4 +1,6 @@
-"""Compilers, Pinocchio's headers, and a cache of what was compiled: everything the comparison loads but ours."""
+"""Compilers, Pinocchio's headers, and a cache of what was compiled: everything the comparison
+loads but ours.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +33,9 @@ HERE = Path(__file__).resolve().parent
 
 @dataclass
 class Builds:
-    """Compiles what was not compiled before, two at a time, into a folder of files named by their content."""
+    """Compiles what was not compiled before, two at a time, into a folder of files named by their
+    content.
+    """
 
     folder: Path
     pool: ThreadPoolExecutor = field(default_factory=lambda: ThreadPoolExecutor(WORKERS))
@@ -58,9 +62,16 @@ class Builds:
         return path
 
     def submit(
-        self, name: str, compiler: str, flags: tuple[str, ...], sources: list[Path], after: str = ""
+        self,
+        name: str,
+        compiler: str,
+        flags: tuple[str, ...],
+        sources: list[Path],
+        after: str = "",
     ) -> Path:
-        """Where the compiled file will be once `wait` has returned; ``after``: words behind the sources."""
+        """Where the compiled file will be once `wait` has returned; ``after``: words behind the
+        sources.
+        """
         content = hashlib.sha256(repr((self.version(compiler), flags, after)).encode())
         for path in _with_headers(sources):
             content.update(path.read_bytes())
@@ -71,7 +82,9 @@ class Builds:
         return path
 
     def wait(self) -> dict[Path, str]:
-        """Until all that was submitted is compiled; what the compiler said, by the file that is missing for it."""
+        """Until all that was submitted is compiled; what the compiler said, by the file that is
+        missing for it.
+        """
         failed = {}
         for path, job in self.jobs.items():
             error = job.exception()
@@ -118,7 +131,9 @@ class Pinocchio:
 
 
 def find_pinocchio() -> Pinocchio:
-    """Headers of Pinocchio (package pin) and Eigen (package cmeel-eigen, libeigen3-dev, or $EIGEN_INCLUDE)."""
+    """Headers of Pinocchio (package pin) and Eigen (package cmeel-eigen, libeigen3-dev, or
+    $EIGEN_INCLUDE).
+    """
     prefix = Path(sysconfig.get_paths()["purelib"]) / "cmeel.prefix" / "include"
     missing = []
     if not (prefix / "pinocchio" / "algorithm" / "rnea.hpp").exists():
@@ -129,7 +144,8 @@ def find_pinocchio() -> Pinocchio:
     eigen = next((place for place in places if (place / "Eigen" / "Core").exists()), None)
     if eigen is None:
         missing.append(
-            "Eigen's headers: pip install cmeel-eigen, or apt-get install libeigen3-dev, or set EIGEN_INCLUDE"
+            "Eigen's headers: pip install cmeel-eigen, or apt-get install libeigen3-dev, or set "
+            "EIGEN_INCLUDE"
         )
     if shutil.which("g++") is None:
         missing.append("a C++ compiler: apt-get install g++")

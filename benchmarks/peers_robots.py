@@ -17,9 +17,12 @@ Pose = tuple[np.ndarray, np.ndarray]
 
 
 def chain(n: int, seed: int = 1) -> RobotModel:
-    """A chain of n revolute joints with random placements and inertias: no zero anywhere that could save work."""
+    """A chain of n revolute joints with random placements and inertias: no zero anywhere that
+    could save work.
+    """
     rng = np.random.default_rng([seed, n])
-    elements, motors = [], []
+    elements = []
+    motors = []
     for k in range(n):
         spread = rng.normal(size=(3, 3)) * 0.1
         second = spread @ spread.T  # of the mass about its centre
@@ -71,12 +74,13 @@ def write_mujoco(model: RobotModel, path: Path) -> None:
 
 
 def pinocchio_text(model: RobotModel) -> str:
-    """Write a model in the format that peers_pinocchio.cpp reads: gravity, number of joints, one line per joint.
+    """Write a model in the format that peers_pinocchio.cpp reads: gravity, number of joints, one
+    line per joint.
 
-    A line has kind, position and rotation (rows) of the joint in the previous one, then mass, center of mass and
-    inertia (rows) of the body fixed to it. An axis along x, y or z becomes Pinocchio's joint for that axis, as in its
-    URDF reader. Any other axis is rotated to z by the placements around it, so that the slower joint with a free axis
-    is not used.
+    A line has kind, position and rotation (rows) of the joint in the previous one, then mass,
+    center of mass and inertia (rows) of the body fixed to it. An axis along x, y or z becomes
+    Pinocchio's joint for that axis, as in its URDF reader. Any other axis is rotated to z by the
+    placements around it, so that the slower joint with a free axis is not used.
     """
     lines: list[tuple[str, Pose]] = []
     bodies: list[list[tuple[Pose, Body]]] = []
@@ -110,7 +114,9 @@ def pinocchio_text(model: RobotModel) -> str:
 
 
 def _axis(axis: np.ndarray) -> tuple[str, np.ndarray]:
-    """The letter of the joint, and the rotation R with ``R e = axis`` for that letter's unit vector e."""
+    """The letter of the joint, and the rotation R with ``R e = axis`` for that letter's unit
+    vector e.
+    """
     for letter, unit in zip("XYZ", np.eye(3), strict=True):
         if np.array_equal(axis, unit):
             return letter, np.eye(3)

@@ -1,4 +1,6 @@
-"""The comparison as markdown: the full table for benchmarks/peers.md, the short one for docs/benchmarks.md."""
+"""The comparison as markdown: the full table for benchmarks/peers.md, the short one for
+docs/benchmarks.md.
+"""
 
 from __future__ import annotations
 
@@ -47,7 +49,8 @@ SHORT = (
     *((robot, "arm_forward_dynamics") for robot in ("ur5", "ur5_elastic")),
     *((robot, "inverse_dynamics_derivatives") for robot in ("ur5", "ur5_elastic")),
 )
-BEGIN, END = "<!-- bench:begin -->", "<!-- bench:end -->"
+BEGIN = "<!-- bench:begin -->"
+END = "<!-- bench:end -->"
 
 
 def cpu_has(flag: str) -> bool:
@@ -138,27 +141,38 @@ def full(
     clang = any("ours_clang" in row.ns for row in rows)
     if clang:
         labels |= {"ours_clang": "flexgen, clang", "pinocchio_clang": "Pinocchio, clang"}
-    notes = [f"- {row.robot}, {TITLES[row.quantity]}: {note}" for row in rows for note in row.notes]
+    notes = [
+        f"- {row.robot}, {TITLES[row.quantity]}: {note}" for row in rows for note in row.notes
+    ]
     notes += [f"- {name}: not in the library, left out" for name in left_out]
     furthest = max((x for row in rows for x in row.deviation.values()), default=0.0)
     return f"""\
 # flexgen, Pinocchio, MuJoCo and CasADi in one run
 
-`make bench` writes this file. Times are of one machine and one run. Ratios are more portable than times.
+`make bench` writes this file. Times are of one machine and one run. Ratios are more portable \
+than times.
 
 {chr(10).join(f"- {line}" for line in machine_lines)}
 
-Each row is one process on one core. The programs are first compared at 64 random states (largest deviation of
-all rows: {furthest:.1e} of the largest result), then timed alternately in blocks of about 1.5 ms, with
-cycling states. The functions of flexgen are called as by a user, with their checks of pointers and of finite numbers;
-Pinocchio and CasADi check nothing. MuJoCo is the library of its package; mj_inverse and mj_forward do more than a user
-of these functions may need (contacts, energy, sensors, the factors of the mass matrix), and the mass matrix is its
-mj_kinematics, mj_comPos and mj_makeM. Batches are structures of arrays: of 4096 points, a power of two, where all
+Each row is one process on one core. The programs are first compared at 64 random states (largest \
+deviation of
+all rows: {furthest:.1e} of the largest result), then timed alternately in blocks of about 1.5 \
+ms, with
+cycling states. The functions of flexgen are called as by a user, with their checks of pointers \
+and of finite numbers;
+Pinocchio and CasADi check nothing. MuJoCo is the library of its package; mj_inverse and \
+mj_forward do more than a user
+of these functions may need (contacts, energy, sensors, the factors of the mass matrix), and the \
+mass matrix is its
+mj_kinematics, mj_comPos and mj_makeM. Batches are structures of arrays: of 4096 points, a power \
+of two, where all
 arrays use the same cache sets; of 4000; of 200, which fit into the cache. Single calls write all
 results to one place, which stays in the cache; batches/batches.md compares batches with loops that
 keep the results of all points. Pinocchio fills half of a symmetric
-matrix, flexgen all of it. Pinocchio uses its special joints for axes along x, y and z, and the faster of its
-two conventions. "Pinocchio, generated" is its code generation: its algorithms on CasADi's symbols, written as C by
+matrix, flexgen all of it. Pinocchio uses its special joints for axes along x, y and z, and the \
+faster of its
+two conventions. "Pinocchio, generated" is its code generation: its algorithms on CasADi's \
+symbols, written as C by
 CasADi and compiled like flexgen's. The loop around the calls takes about 1.5 ns.
 
 ## Ratios
@@ -174,7 +188,8 @@ Minimum times. Bold: below the target.
 {_times(rows, labels, "median")}
 ## From Python
 
-`flexgen.load` and the default build: a call of one point; a call of 4096 in columns (order "F"), with `out`.
+`flexgen.load` and the default build: a call of one point; a call of 4096 in columns (order "F"), \
+with `out`.
 
 {_python(wrappers)}
 ## Notes

@@ -1,7 +1,7 @@
 """Planned motions compared with other programs: writes benchmarks/planning.md (ten minutes).
 
-``python benchmarks/planning.py [INTERPRETER]``: an interpreter with opty for the rows of opty. Processor times of one
-thread, the least of several runs in this process.
+``python benchmarks/planning.py [INTERPRETER]``: an interpreter with opty for the rows of opty.
+Processor times of one thread, the least of several runs in this process.
 """
 
 from __future__ import annotations
@@ -47,7 +47,8 @@ def table(head: Iterable[str], rows: Iterable[Iterable[object]]) -> str:
 
 def lines_of(path: Path, *names: str) -> int:
     """Lines of code of functions of a file, without blank lines and docstrings."""
-    text, count = path.read_text(encoding="utf-8"), 0
+    text = path.read_text(encoding="utf-8")
+    count = 0
     for node in ast.parse(text).body:
         if isinstance(node, ast.FunctionDef) and node.name in names:
             body = node.body[1:] if isinstance(node.body[0], ast.Expr) else node.body
@@ -58,7 +59,8 @@ def lines_of(path: Path, *names: str) -> int:
 
 def timed(call: Callable[[], Any], repeat: int) -> tuple[Any, float]:
     """The result and the least processor time of several calls [s]."""
-    best, found = np.inf, None
+    best = np.inf
+    found = None
     for _ in range(repeat):
         began = time.process_time()
         found = call()
@@ -75,7 +77,8 @@ def comparison(python: str | None, most: int | None) -> str:
         what = f"{model}, {move}, {cost}"
         plan, seconds = timed(lambda a=(model, move, mesh, cost): with_flexgen(*a), repeat)
         own = lines_of(file, "with_flexgen")
-        error, value = f"{1e6 * plan.plan_error_max_m:.2g}", f"{plan.details['cost']:.6e}"
+        error = f"{1e6 * plan.plan_error_max_m:.2g}"
+        value = f"{plan.details['cost']:.6e}"
         rows.append(
             (what, "flexgen", own, f"{mesh}", f"{seconds:.2f}", plan.iterations, value, error)
         )
@@ -98,7 +101,8 @@ def comparison(python: str | None, most: int | None) -> str:
             print(rows[-1], flush=True)
             continue
         off = check_by_hand(*made)
-        count, value = made[1].stats()["iter_count"], f"{float(made[1].value(made[1].f)):.6e}"
+        count = made[1].stats()["iter_count"]
+        value = f"{float(made[1].value(made[1].f)):.6e}"
         lines = f"{hand[0]} + {hand[1]}"
         rows.append(
             (
@@ -138,7 +142,8 @@ def opty_row(python: str, what: str, nodes: int) -> tuple[object, ...]:
     h = path.duration / (nodes - 1)
     found = problem._start(Layout((problem,), ()), "rest")
     y, dy, _, tau = problem.mesh.unpack(found[: problem.mesh.size])
-    t, t_tau = path.duration * problem.mesh.nodes, path.duration * problem.mesh.times
+    t = path.duration * problem.mesh.nodes
+    t_tau = path.duration * problem.mesh.times
     grid = h * np.arange(nodes)
     guess = [np.interp(grid, t, column) for column in np.hstack([y, dy / path.duration]).T]
     guess += [np.interp(grid, t_tau, column) for column in tau.reshape(-1, equations.model.n_m).T]
@@ -171,7 +176,8 @@ def opty_row(python: str, what: str, nodes: int) -> tuple[object, ...]:
     if "missing" in answer:
         return what, "opty", lines, nodes - 1, "-", "-", answer["missing"], "-"
     off = opty_error(equations, answer, grid)
-    value, seconds = f"{answer['cost']:.6e}", f"{answer['build_s']:.1f} + {answer['solve_s']:.2f}"
+    value = f"{answer['cost']:.6e}"
+    seconds = f"{answer['build_s']:.1f} + {answer['solve_s']:.2f}"
     row = (
         what,
         "opty",
@@ -187,10 +193,14 @@ def opty_row(python: str, what: str, nodes: int) -> tuple[object, ...]:
 
 
 def opty_error(equations: Any, answer: dict, t: np.ndarray) -> float:
-    """Simulated distance of the output from the plan of opty; its torques interpolated by a spline [m]."""
+    """Simulated distance of the output from the plan of opty; its torques interpolated by a spline
+    [m].
+    """
     model = equations.model
-    states, tau = np.array(answer["states"]).T, np.array(answer["inputs"]).T
-    q_a, q_m = states[:, : model.n_a], states[:, model.n_a : model.n_a + model.n_m]
+    states = np.array(answer["states"]).T
+    tau = np.array(answer["inputs"]).T
+    q_a = states[:, : model.n_a]
+    q_m = states[:, model.n_a : model.n_a + model.n_m]
     plan = (
         flexgen.plan_problem(equations, "line", mesh=10)
         .solve(accuracy=1.0, progress=False)
@@ -221,12 +231,14 @@ def evaluation(most: int | None) -> str:
         layout = Layout((problem,), ())
         start = problem._start(layout, None)
         size = scales(layout, [], start)
-        times, builds = [], []
+        times = []
+        builds = []
         for compiled in (False, True):
             began = time.perf_counter()
             made = problem._program(layout, size, start, exact, compiled)
             builds.append(time.perf_counter() - began)
-            lam, sigma = ca.MX.sym("lam", made.g.numel()), ca.MX.sym("sigma")
+            lam = ca.MX.sym("lam", made.g.numel())
+            sigma = ca.MX.sym("sigma")
             point = [start / size, np.ones(made.g.numel()), 1.0]
             one = []
             for value in (made.g, made.jacobian, made.hessian(sigma, lam)):
@@ -307,21 +319,25 @@ def main() -> None:
         return
     parts = [
         "# Planned motions\n",
-        "Written by `python benchmarks/planning.py INTERPRETER` (an interpreter with opty). Processor times of one "
-        "thread of a shared machine, the least of several runs; they include building the problem and, for "
-        "flexgen, the verification by simulation. Lines: code of the functions in `planning_peers` without blank "
-        "lines and docstrings; for Opti those of the problem and those of the check by simulation.\n",
+        "Written by `python benchmarks/planning.py INTERPRETER` (an interpreter with opty). "
+        "Processor times of one thread of a shared machine, the least of several runs; they "
+        "include building the problem and, for flexgen, the verification by simulation. Lines: "
+        "code of the functions in `planning_peers` without blank lines and docstrings; for Opti "
+        "those of the problem and those of the check by simulation.\n",
         "## The same problem by three programs\n",
-        "Rest to rest with the least integral of squared torques (planar arm) or motor accelerations (six axes, 18 "
-        "degrees of freedom), on the full elastic robot. flexgen and Opti use Gauss collocation with three points, "
-        "opty the midpoint rule; opty gets the equations as text, and its time is that of building and solving. Its "
-        "cost and its error are those of the midpoint rule on these intervals; the six axes were not tried with it. "
-        "The error of flexgen is the largest of the whole motion, that of Opti the largest at the nodes.\n",
+        "Rest to rest with the least integral of squared torques (planar arm) or motor "
+        "accelerations (six axes, 18 degrees of freedom), on the full elastic robot. flexgen "
+        "and Opti use Gauss collocation with three points, opty the midpoint rule; opty gets "
+        "the equations as text, and its time is that of building and solving. Its cost and its "
+        "error are those of the midpoint rule on these intervals; the six axes were not tried "
+        "with it. The error of flexgen is the largest of the whole motion, that of Opti the "
+        "largest at the nodes.\n",
         measured[2],
         "\n## Compiled C inside IPOPT\n",
-        "One evaluation by CasADi's virtual machine / by compiled C = ratio. The C is compiled once for a model and "
-        "its constraints and kept in the user's cache; the last column is the time to build the program, with the "
-        "compiler where the cache is empty. `solve` compiles functions of more than 1e6 operations times instants.\n",
+        "One evaluation by CasADi's virtual machine / by compiled C = ratio. The C is compiled "
+        "once for a model and its constraints and kept in the user's cache; the last column is "
+        "the time to build the program, with the compiler where the cache is empty. `solve` "
+        "compiles functions of more than 1e6 operations times instants.\n",
         measured[0],
         "\n## The shortest time along a line\n",
         "Same path, same torque limits (the largest torques of the move as given).\n",

@@ -1,11 +1,13 @@
-"""Code size, stack and instructions of the emitted functions on small processors, and the effect of compiler flags.
+"""Code size, stack and instructions of the emitted functions on small processors, and the effect
+of compiler flags.
 
     python benchmarks/sizes.py [MODEL ...]
 
-prints the tables and, for its own choice of models, writes them to benchmarks/sizes.md. Code and stack are the
-compiler's figures at the reproducible flags, instructions are counted by an emulator (QEMU, one instruction at a time)
-over one call for one point; those three do not depend on the machine at hand. The times of the last table do: compare
-them with each other only. A compiler or an emulator that is missing leaves its columns empty.
+prints the tables and, for its own choice of models, writes them to benchmarks/sizes.md. Code and
+stack are the compiler's figures at the reproducible flags, instructions are counted by an emulator
+(QEMU, one instruction at a time) over one call for one point; those three do not depend on the
+machine at hand. The times of the last table do: compare them with each other only. A compiler or
+an emulator that is missing leaves its columns empty.
 """
 
 from __future__ import annotations
@@ -38,7 +40,9 @@ POINTS = 500  # of a batch
 
 @dataclass(frozen=True)
 class Target:
-    """A machine: its compiler, its precision, and how a program runs on it one instruction at a time."""
+    """A machine: its compiler, its precision, and how a program runs on it one instruction at a
+    time.
+    """
 
     name: str
     precision: str
@@ -57,7 +61,10 @@ TARGETS = (
         ("arm-none-eabi-gcc", *M7),
         ("--specs=rdimon.specs", "-T", str(BOARD / "memory.ld"), str(BOARD / "start.c")),
         tuple(
-            "qemu-system-arm -M mps2-an500 -nographic -semihosting-config enable=on,target=native -kernel".split()
+            (
+                "qemu-system-arm -M mps2-an500 -nographic -semihosting-config "
+                "enable=on,target=native -kernel"
+            ).split()
         ),
     ),
 )
@@ -98,7 +105,8 @@ def entries(port: dict[str, Any]) -> int:
 def table(head: list[str], rows: list[list[str]]) -> str:
     """Rows as a table in Markdown."""
     lines = [
-        "| " + " | ".join(row) + " |" for row in (head, ["---"] + ["---:"] * (len(head) - 1), *rows)
+        "| " + " | ".join(row) + " |"
+        for row in (head, ["---"] + ["---:"] * (len(head) - 1), *rows)
     ]
     return "\n".join(lines) + "\n"
 
@@ -106,13 +114,16 @@ def table(head: list[str], rows: list[list[str]]) -> str:
 INTRODUCTION = """\
 # Size and cost of the emitted functions
 
-Written by `python benchmarks/sizes.py`. Code: the whole file of a function, that is the entries for one point and for
-many with the mathematics of both. Stack and instructions: of the entry for one point, its callees included;
-instructions are counted by an emulator over one call. All at the reproducible flags. A dash: no compiler or emulator
+Written by `python benchmarks/sizes.py`. Code: the whole file of a function, that is the entries \
+for one point and for
+many with the mathematics of both. Stack and instructions: of the entry for one point, its \
+callees included;
+instructions are counted by an emulator over one call. All at the reproducible flags. A dash: no \
+compiler or emulator
 was available. The last table is about streams in single precision on the same emulated Cortex-M7.
 """
 
-# --- code, stack, instructions ----------------------------------------------------------------------------------------
+# --- code, stack, instructions -------------------------------------------------------------------
 
 
 def costs(folder: Path, target: Target) -> dict[str, tuple[str, str, str]]:
@@ -227,9 +238,10 @@ def _sum(texts: list[str]) -> str:
     return "-" if "-" in texts else str(sum(map(int, texts)))
 
 
-# --- streams ----------------------------------------------------------------------------------------------------------
+# --- streams -------------------------------------------------------------------------------------
 STREAM_TEXT = """\
-A horizon of 20 intervals of 5 ms, a move of 0.3 s and the rest after it. Code: the stream and what it calls.
+A horizon of 20 intervals of 5 ms, a move of 0.3 s and the rest after it. Code: the stream and \
+what it calls.
 Memory: of the stream. Instructions: of one update, on average and at most.
 """
 STREAMS = ("planar5_nmp", "manutec_r3", "tests/support/robots/ur5_elastic.toml")
@@ -241,7 +253,8 @@ STREAM_PROGRAM = """\
 #include <stdio.h>
 #include <stdlib.h>
 
-/* The system timer counts down at 25 MHz; the emulator needs a nanosecond for each instruction: 40 per count. */
+/* The system timer counts down at 25 MHz; the emulator needs a nanosecond for each instruction: \
+40 per count. */
 static volatile uint32_t *const timer = (volatile uint32_t *)0xE000E010u;
 
 enum { MOVE = 60 };
@@ -250,7 +263,8 @@ int main(void)
 {
     @_real y[$_NT], next[$_NT], dy[$_NY] = {0}, ddy[$_NY] = {0};
     const @_stream_options options = {
-        .intervals = %INTERVALS, .samples_per_interval = %SAMPLES, .period = 0.005f, .tolerance = 1e-3f};
+        .intervals = %INTERVALS, .samples_per_interval = %SAMPLES, .period = 0.005f, .tolerance = \
+1e-3f};
     @_motion motion = {NULL};
     @_stream_info info;
     const int64_t size = @_stream_work(&options);
@@ -261,7 +275,8 @@ int main(void)
     timer[2] = 0;
     timer[0] = 5u;
     status = status == 0 ? @_stream_start(&stream, &options, y, @_home_q_a) : status;
-    for (int k = 1; k <= 2 * MOVE && status >= 0; ++k) { /* a move of 0.02 m along the first output */
+    for (int k = 1; k <= 2 * MOVE && status >= 0; ++k) { /* a move of 0.02 m along the first \
+output */
         const float s = k < MOVE ? (float)k / MOVE : 1.0f, T = 0.005f * MOVE;
         uint32_t before, count;
         for (int i = 0; i < $_NT; ++i) {
@@ -276,7 +291,8 @@ int main(void)
         sum += count / (2 * MOVE);
         most = count > most ? count : most;
     }
-    printf("%d %lu %lu %lu\\n", status, 40ul * sum, 40ul * most, (unsigned long)size * sizeof(@_real));
+    printf("%d %lu %lu %lu\\n", status, 40ul * sum, 40ul * most, (unsigned long)size * \
+sizeof(@_real));
     _Exit(0);
 }
 """
@@ -340,7 +356,7 @@ def stream_costs(folder: Path, name: str, samples: int, target: Target) -> list[
     return [f"{code / 1000:.0f}", f"{int(memory) / 1000:.0f}", f"{int(mean):,}", f"{int(most):,}"]
 
 
-# --- flags ------------------------------------------------------------------------------------------------------------
+# --- flags ---------------------------------------------------------------------------------------
 
 TIMER = """\
 #define _POSIX_C_SOURCE 199309L
@@ -371,7 +387,9 @@ int main(void)
 
 
 def timer(manifest: dict[str, Any]) -> str:
-    """A program that prints the nanoseconds per point of the functions in `TIMED`, one by one and in a batch."""
+    """A program that prints the nanoseconds per point of the functions in `TIMED`, one by one and
+    in a batch.
+    """
     name = manifest["name"]
     text = TIMER.replace("@", name)
     for f in manifest["functions"]:
@@ -479,11 +497,19 @@ def main(models: list[str]) -> None:
             )
         last = (models or MODELS)[-1]
         parts.append(
-            f"## Flags, {Path(last).stem}\n\nRun times relative to those of the flags that `flexgen generate` uses.\n\n"
+            (
+                f"## Flags, {Path(last).stem}\n"
+                "\n"
+                "Run times relative to those of the flags that `flexgen generate` uses.\n"
+                "\n"
+            )
             + flags(last, Path(base))
         )
         parts.append(
-            f"## Streams on a Cortex-M7 in single precision\n\n{STREAM_TEXT}\n{streams(Path(base))}"
+            "## Streams on a Cortex-M7 in single precision\n"
+            "\n"
+            f"{STREAM_TEXT}\n"
+            f"{streams(Path(base))}"
         )
     text = "\n".join(parts)
     print(text)

@@ -1,9 +1,10 @@
 """Build the site: python docs/build_site.py [FOLDER], default build/docs.
 
-The pages are those of the repository: docs/*.md, the README, the keys of model files, the benchmarks. They stay
-readable on a Git host; here they are copied to one folder, and their links are changed to it. The references of Python
-and of C are written from the docstrings, from the table of functions and from the headers in generated/elbow. Warnings
-of Sphinx are errors. Nothing is read from a network, and the pages load nothing from one.
+The pages are those of the repository: docs/*.md, the README, the keys of model files, the
+benchmarks. They stay readable on a Git host; here they are copied to one folder, and their links
+are changed to it. The references of Python and of C are written from the docstrings, from the
+table of functions and from the headers in generated/elbow. Warnings of Sphinx are errors. Nothing
+is read from a network, and the pages load nothing from one.
 """
 
 from __future__ import annotations
@@ -52,7 +53,9 @@ def sources() -> dict[Path, str]:
 
 
 def with_links(page: Path, folder: Path, names: dict[Path, str]) -> str:
-    """The text of a page whose relative links lead to the pages and to copies of the files of the site's folder."""
+    """The text of a page whose relative links lead to the pages and to copies of the files of the
+    site's folder.
+    """
 
     def changed(found: re.Match[str]) -> str:
         file, _, anchor = found[1].partition("#")
@@ -67,7 +70,9 @@ def with_links(page: Path, folder: Path, names: dict[Path, str]) -> str:
         return f"]({copy.relative_to(folder).as_posix()})"
 
     text = re.sub(r"\]\(([^)\s]+)\)", changed, page.read_text(encoding="utf-8"))
-    return text if text.startswith("#") else f"# Benchmark: {page.stem.replace('_', ' ')}\n\n{text}"
+    return (
+        text if text.startswith("#") else f"# Benchmark: {page.stem.replace('_', ' ')}\n\n{text}"
+    )
 
 
 def gallery(folder: Path, made: Path) -> str:

@@ -1,4 +1,6 @@
-"""Settings of the site, for Sphinx; `docs/build_site.py` writes the folder of sources and starts Sphinx."""
+"""Settings of the site, for Sphinx; `docs/build_site.py` writes the folder of sources and starts
+Sphinx.
+"""
 
 from __future__ import annotations
 
@@ -40,7 +42,9 @@ nitpick_ignore_regex = [("py:.*", ".*")]
 def files_are_pathlib(
     app: Any, what: str, name: str, thing: Any, options: Any, lines: list[str]
 ) -> None:
-    """Parameters of the type Path are files: without the module they would lead to `flexgen.Path`."""
+    """Parameters of the type Path are files: without the module they would lead to
+    `flexgen.Path`.
+    """
     lines[:] = [
         re.sub(r"^(\s*[\w, ]+ : .*(?:str|name)(?: or|,) )Path\b", r"\1pathlib.Path", line)
         for line in lines

@@ -1,4 +1,6 @@
-"""The references of Python and of C, written from docstrings, from the table of functions and from emitted headers."""
+"""The references of Python and of C, written from docstrings, from the table of functions and from
+emitted headers.
+"""
 
 from __future__ import annotations
 
@@ -58,7 +60,7 @@ def python_reference() -> str:
     return "\n".join(lines)
 
 
-# --- C ----------------------------------------------------------------------------------------------------------------
+# --- C -------------------------------------------------------------------------------------------
 def declarations(header: str) -> dict[str, tuple[str, str]]:
     """The functions of an emitted header: name without prefix -> comment, declaration."""
     found = {}
@@ -81,7 +83,9 @@ def wrapped(declaration: str) -> str:
 def any_model(text: str) -> str:
     """Emitted text in which the name of the model is a placeholder."""
     return (
-        text.replace("elbow_", "<model>_").replace("ELBOW_", "<MODEL>_").replace("elbow", "<model>")
+        text.replace("elbow_", "<model>_")
+        .replace("ELBOW_", "<MODEL>_")
+        .replace("elbow", "<model>")
     )
 
 
@@ -114,11 +118,23 @@ def c_reference(folder: Path) -> str:
     point = declarations(header)
     lines = ["# Reference of the C library", ""]
     lines += [
-        "`<model>` is the name of the model file, `<MODEL>` the same in capitals. The header of a library has the same",
-        "text with the sizes, units and names of its robot. Declarations are those of the model `elbow`, which has no",
-        "coordinates without motor and no sensors; a function without a declaration here is in the libraries of models",
+        (
+            "`<model>` is the name of the model file, `<MODEL>` the same in capitals. The "
+            "header of a library has the same"
+        ),
+        (
+            "text with the sizes, units and names of its robot. Declarations are those of the "
+            "model `elbow`, which has no"
+        ),
+        (
+            "coordinates without motor and no sensors; a function without a declaration here is "
+            "in the libraries of models"
+        ),
         "that have them, or where `--functions` names it. Matrices are",
-        "stored by columns. Pages: [C library](c_library.md), [limits and streams](limits_and_streams.md).",
+        (
+            "stored by columns. Pages: [C library](c_library.md), [limits and "
+            "streams](limits_and_streams.md)."
+        ),
         "",
         "## Functions of one point",
         "",
@@ -168,7 +184,9 @@ def c_reference(folder: Path) -> str:
 
 
 def _inverse_kinematics() -> str:
-    """The header of inverse kinematics, which elbow with its two joints does not have, under the name elbow."""
+    """The header of inverse kinematics, which elbow with its two joints does not have, under the
+    name elbow.
+    """
     spec = library_spec(flexgen.derive("manutec_r3"), USED)
     return kinematics_header(replace(spec, name="elbow"))
 

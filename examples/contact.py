@@ -1,4 +1,5 @@
-"""Force of a tool that runs into a wall, under a stiff and under compliant laws: docs/pictures/contact.svg.
+"""Force of a tool that runs into a wall, under a stiff and under compliant laws:
+docs/pictures/contact.svg.
 
 python examples/contact.py
 """
@@ -24,8 +25,11 @@ SAMPLE_S = 1e-3
 def runs() -> dict[str, flexgen.ControlRun]:
     """The line of planar5_nmp, with a wall 10 mm before its end."""
     solution = flexgen.solve("planar5_nmp", "line")
-    begin, end = solution.trajectory["y_ref"][0], solution.trajectory["y_ref"][-1]
-    wall = flexgen.Wall((*end, 0.0), (*(begin - end), 0.0), stiffness=1e5, damping=500.0, gap=-0.01)
+    begin = solution.trajectory["y_ref"][0]
+    end = solution.trajectory["y_ref"][-1]
+    wall = flexgen.Wall(
+        (*end, 0.0), (*(begin - end), 0.0), stiffness=1e5, damping=500.0, gap=-0.01
+    )
     return {
         name: flexgen.control(
             "planar5_nmp", solution=solution, controller=law, wall=wall, sample_time=SAMPLE_S
@@ -63,7 +67,8 @@ def main() -> None:
         size = np.linalg.norm(force, axis=1)
         margin = flexgen.check_passivity(run).margin
         print(
-            f"{name}: largest {size.max():.0f} N, at the end {size[-1]:.0f} N, damping at the tool {margin:.3g} N s/m"
+            f"{name}: largest {size.max():.0f} N, at the end {size[-1]:.0f} N, damping at the "
+            f"tool {margin:.3g} N s/m"
         )
     cv.save(draw(found), PICTURE)
 

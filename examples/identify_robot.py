@@ -1,11 +1,12 @@
-"""From an unknown robot to its model: plan, experiment, frequency responses, parameters, and what they are worth.
+"""From an unknown robot to its model: plan, experiment, frequency responses, parameters, and what
+they are worth.
 
     python examples/identify_robot.py [FOLDER]
 
-The robot is a Manutec r3 with 18 degrees of freedom whose springs and dampers differ from those of the model file by up
-to 20 %. It is simulated: position and speed control at 2 kHz, encoder and torque noise. The fit takes seconds, the
-verdict on the torques of a move about a minute. Report and new model file are written to FOLDER, default
-reports/identified.
+The robot is a Manutec r3 with 18 degrees of freedom whose springs and dampers differ from those of
+the model file by up to 20 %. It is simulated: position and speed control at 2 kHz, encoder and
+torque noise. The fit takes seconds, the verdict on the torques of a move about a minute. Report
+and new model file are written to FOLDER, default reports/identified.
 """
 
 from __future__ import annotations
@@ -48,24 +49,29 @@ def main(folder: Path) -> None:
     experiment = flexgen.measure(plan, robot)
     found = flexgen.identify(model, flexgen.frf(experiment), source="examples/identify_robot.py")
     print(
-        f"{found.status}: cost {found.cost:.2f}, {found.agreed} of {found.starts} starts, {found.wall_s:.1f} s"
+        f"{found.status}: cost {found.cost:.2f}, {found.agreed} of {found.starts} starts, "
+        f"{found.wall_s:.1f} s"
     )
     print(
-        f"{'parameter':16} {'found':>12} {'true':>12} {'error, %':>9} {'sd, %':>7} {'planned, %':>10}"
+        f"{'parameter':16} {'found':>12} {'true':>12} {'error, %':>9} {'sd, %':>7} "
+        f"{'planned, %':>10}"
     )
     for true in select(robot, found.vector.names):
-        value, sd = found.values[true.name], 100 * found.sd[true.name]
+        value = found.values[true.name]
+        sd = 100 * found.sd[true.name]
         error = 100 * (value / true.value - 1)
         planned = 100 * plan.predicted[true.name]
         print(
-            f"{true.name:16} {value:12.6g} {true.value:12.6g} {error:9.3f} {sd:7.3f} {planned:10.3f}"
+            f"{true.name:16} {value:12.6g} {true.value:12.6g} {error:9.3f} {sd:7.3f} "
+            f"{planned:10.3f}"
         )
     print(f"new model file: {found.write(folder / 'manutec_r3_18_identified.toml')}")
     print(f"report: {found.report(folder)}")
     verdict = found.verdict("line", truth=robot)
     for row in verdict.rows:
         print(
-            f"tool error of the move line, torques of the model {row.model}: {1e6 * (row.quantile(0.5) or 0.0):.1f} um"
+            f"tool error of the move line, torques of the model {row.model}: "
+            f"{1e6 * (row.quantile(0.5) or 0.0):.1f} um"
         )
 
 

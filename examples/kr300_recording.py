@@ -1,15 +1,17 @@
-"""Motor torques of a KUKA KR300 along a recorded motion: those of the model compared with the measured ones.
+"""Motor torques of a KUKA KR300 along a recorded motion: those of the model compared with the
+measured ones.
 
     python examples/kr300_recording.py RECORDING.npz [PICTURE.svg]
 
-The rigid-body torque is computed from the encoder angles and the model file. Friction is fitted by least squares: for
-each axis a viscous coefficient, a Coulomb coefficient and one constant,
+The rigid-body torque is computed from the encoder angles and the model file. Friction is fitted by
+least squares: for each axis a viscous coefficient, a Coulomb coefficient and one constant,
 
     tau_m = J_m eta a + eta^-T (M a + c + g) + F_v v + F_c tanh(v / v_0) + F_0.
 
-The recorded angles are relative to the first pose, which is assumed to be the usual home of the robot. Payload and
-counterbalance are unknown and not modeled, so axes 2 and 3 cannot fit perfectly. This is a plausibility check: friction
-and constant alone, without the rigid-body torque, are fitted too, to show how much of the torque they explain.
+The recorded angles are relative to the first pose, which is assumed to be the usual home of the
+robot. Payload and counterbalance are unknown and not modeled, so axes 2 and 3 cannot fit
+perfectly. This is a plausibility check: friction and constant alone, without the rigid-body
+torque, are fitted too, to show how much of the torque they explain.
 """
 
 from __future__ import annotations
@@ -29,7 +31,8 @@ from flexgen.numerics.evaluate import evaluate
 
 HOME_DEG = (0.0, -90.0, 90.0, 0.0, 0.0, 0.0)
 # samples and degree of the smoothing polynomial: 0.12 s, below the lowest resonance of the arm
-WINDOW, ORDER = 31, 5
+WINDOW = 31
+ORDER = 5
 V_0 = 0.01  # rad/s, arm side: width of the Coulomb step
 
 
@@ -37,8 +40,9 @@ V_0 = 0.01  # rad/s, arm side: width of the Coulomb step
 class Comparison:
     """Measured and computed motor torques of a recording.
 
-    ``t`` (n,) [s]; ``measured``, ``model`` (n, 6) [N m, motor side]; ``r2``, ``r2_friction`` (6,): coefficients of
-    determination of the model, and of friction and constant alone; ``coefficients`` (6, 3): F_v, F_c, F_0 of each axis.
+    ``t`` (n,) [s]; ``measured``, ``model`` (n, 6) [N m, motor side]; ``r2``, ``r2_friction`` (6,):
+    coefficients of determination of the model, and of friction and constant alone;
+    ``coefficients`` (6, 3): F_v, F_c, F_0 of each axis.
     """
 
     t: np.ndarray
@@ -52,7 +56,8 @@ class Comparison:
 def compare(recording: str | Path, robot: str | RobotModel = "kr300") -> Comparison:
     """Compute the torques of the model along a recording and fit the friction coefficients."""
     data = np.load(recording, allow_pickle=False)
-    t, measured = data["t"], data["tau_motor_Nm"].T
+    t = data["t"]
+    measured = data["tau_motor_Nm"].T
     equations = flexgen.derive(robot)
     model = equations.model
     angle = np.deg2rad(data["q_mot_deg"] + np.array(HOME_DEG)[:, None])
@@ -62,7 +67,10 @@ def compare(recording: str | Path, robot: str | RobotModel = "kr300") -> Compari
     arm = evaluate(equations.function("inverse_dynamics"), q, v, a)[0]
     inertia = np.array([motor.inertia for motor in model.motors])
     body = np.linalg.solve(model.eta.T, arm.T).T + inertia * (a @ model.eta.T)
-    found, coefficients, r2, alone = np.empty_like(body), np.empty((6, 3)), np.empty(6), np.empty(6)
+    found = np.empty_like(body)
+    coefficients = np.empty((6, 3))
+    r2 = np.empty(6)
+    alone = np.empty(6)
     for i in range(6):
         friction = np.column_stack([v[:, i], np.tanh(v[:, i] / V_0), np.ones(len(t))])
         coefficients[i] = np.linalg.lstsq(friction, measured[:, i] - body[:, i], rcond=None)[0]
@@ -99,7 +107,8 @@ def main() -> int:
     """Compare, print the table, plot."""
     if len(sys.argv) not in (2, 3):
         print(
-            "usage: python examples/kr300_recording.py RECORDING.npz [PICTURE.svg]", file=sys.stderr
+            "usage: python examples/kr300_recording.py RECORDING.npz [PICTURE.svg]",
+            file=sys.stderr,
         )
         return 2
     comparison = compare(sys.argv[1])
@@ -107,7 +116,8 @@ def main() -> int:
     print("F_v: arm-side speed; torques: motor side")
     print("axis   R2 model   R2 friction alone   F_v in N m s/rad   F_c in N m   F_0 in N m")
     for i, (f_v, f_c, f_0) in enumerate(comparison.coefficients):
-        r2, alone = comparison.r2[i], comparison.r2_friction[i]
+        r2 = comparison.r2[i]
+        alone = comparison.r2_friction[i]
         print(f"{i + 1:4d}   {r2:8.3f}   {alone:17.3f}   {f_v:16.3f}   {f_c:10.3f}   {f_0:10.3f}")
     if len(sys.argv) == 3:
         draw(comparison, sys.argv[2])

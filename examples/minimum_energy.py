@@ -1,4 +1,5 @@
-"""The move of an elastic arm between two poses with the least energy lost in its motors, in a given time.
+"""The move of an elastic arm between two poses with the least energy lost in its motors, in a
+given time.
 
 Run: python examples/minimum_energy.py
 """
@@ -15,7 +16,8 @@ line = flexgen.solve("planar5_nmp", "line")
 
 def losses(trajectory) -> float:
     """Integral of the squared torques [N^2 m^2 s]."""
-    tau, t = trajectory["tau_m"], trajectory.time
+    tau = trajectory["tau_m"]
+    t = trajectory.time
     return float((((tau[1:] ** 2 + tau[:-1] ** 2) / 2).sum(axis=1) * (t[1:] - t[:-1])).sum())
 
 
@@ -25,6 +27,8 @@ for name, found, error in (
     ("least losses", solution, solution.plan_error_max_m),
 ):
     largest = abs(found.trajectory["tau_m"]).max()
-    print(f"{name:15s} {losses(found.trajectory):18.2f} {largest:16.2f} N m {1e6 * error:14.3f} um")
+    print(
+        f"{name:15s} {losses(found.trajectory):18.2f} {largest:16.2f} N m {1e6 * error:14.3f} um"
+    )
 print(solution.status)
 solution.plot().savefig("minimum_energy.png")

@@ -20,7 +20,7 @@ for share in (1.0, 0.9, 0.8):
     problem.add_cost(1e-6 * ca.sumsqr(ca.diff(problem.nodes("tau_m").T)))
     solution = problem.solve(guess="lq")
     print(
-        f"{share:13.0%} {1e3 * solution.tool_error_max_m:21.3f} mm {1e3 * solution.path_distance_max_m:17.3f} mm"
-        f"   {solution.status}"
+        f"{share:13.0%} {1e3 * solution.tool_error_max_m:21.3f} mm "
+        f"{1e3 * solution.path_distance_max_m:17.3f} mm   {solution.status}"
     )
 solution.plot().savefig("soft_tracking.png")

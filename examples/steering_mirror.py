@@ -1,10 +1,12 @@
-"""Frequency responses of a fine steering mirror with three inputs and outputs, with their noise and their distortion.
+"""Frequency responses of a fine steering mirror with three inputs and outputs, with their noise
+and their distortion.
 
     python examples/steering_mirror.py U.npy Y.npy [PICTURE.svg]
 
-The public records (M. Floren et al.; 300 mV, training) have 8192 samples of three channels, six realizations of random
-phases and two periods. Three realizations at a time are orthogonal experiments; the two blocks of three show how much
-the responses change with the realization, which noise does not explain.
+The public records (M. Floren et al.; 300 mV, training) have 8192 samples of three channels, six
+realizations of random phases and two periods. Three realizations at a time are orthogonal
+experiments; the two blocks of three show how much the responses change with the realization, which
+noise does not explain.
 """
 
 from __future__ import annotations
@@ -22,7 +24,9 @@ EXCITED = 0.1  # of the largest amplitude
 
 
 def responses(u: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, Estimate]:
-    """Excited lines, and the estimate at them, of records (samples, channels, realizations, periods)."""
+    """Excited lines, and the estimate at them, of records (samples, channels, realizations,
+    periods).
+    """
     U, Y = (2 / len(x) * np.fft.rfft(x, axis=0) for x in (u, y))
     size = np.abs(U).max(axis=(1, 2, 3))
     lines = np.flatnonzero(size > EXCITED * size.max())
@@ -68,7 +72,9 @@ def main(words: list[str]) -> None:
     size = np.abs(found.G)
     print(f"{len(lines)} lines, {found.G.shape[-2]} x {found.G.shape[-1]} channels")
     print(f"median deviation by noise: {100 * np.median(np.sqrt(found.variance) / size):.3g} %")
-    print(f"median deviation with distortion: {100 * np.median(np.sqrt(found.total) / size):.3g} %")
+    print(
+        f"median deviation with distortion: {100 * np.median(np.sqrt(found.total) / size):.3g} %"
+    )
     if len(words) > 2:
         draw(lines, found, Path(words[2]))
         print(f"wrote {words[2]}")

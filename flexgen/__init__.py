@@ -1,6 +1,7 @@
 """flexgen: inverse dynamics of elastic robots, from a model file to C that runs in a controller.
 
-The public verbs, the nouns they take and the errors they raise are resolved on first use: ``import flexgen`` is quick.
+The public verbs, the nouns they take and the errors they raise are resolved on first use:
+``import flexgen`` is quick.
 """
 
 from __future__ import annotations
@@ -55,7 +56,8 @@ _VERBS = {
     "schema": "flexgen.model_files.json_schema",
     "view": "flexgen.reports.view",
 }
-# Functions whose command needs no row in verbs.py: their parameters and docstrings give its options.
+# Functions whose command needs no row in verbs.py: their parameters and docstrings give its
+# options.
 _COMMANDS = ("identify_load", "identify_gears")
 # Exports, by the name of the command; each is the function ``export_NAME`` of its module.
 registry.EXPORTS |= {
@@ -65,11 +67,13 @@ registry.EXPORTS |= {
         "Write a Functional Mock-up Unit (FMI 2.0 or 3.0) for simulation programs.",
         """
     content
-        block NAME in=plant/feedforward/controller: plant (default): the elastic robot; feedforward: inverse dynamics on
+        block NAME in=plant/feedforward/controller: plant (default): the elastic robot; \
+feedforward: inverse dynamics on
             a moving horizon; controller: a P-PI cascade
         version VERSION in=2.0/3.0 --fmi: version of FMI: 2.0 (default) or 3.0
     options of a block
-        method NAME in=rk4/sdirk4: plant in Co-Simulation: rk4 (default), explicit, or sdirk4, implicit and L-stable,
+        method NAME in=rk4/sdirk4: plant in Co-Simulation: rk4 (default), explicit, or sdirk4, \
+implicit and L-stable,
             for stiff springs
         step S positive: its largest step [s]; default: from the fastest pole at home
         controller FILE text: of type ppi or cascade (.toml); default: PPI for the model
@@ -77,7 +81,8 @@ registry.EXPORTS |= {
         look_ahead S positive: horizon of the feedforward [s]; default: from the unstable zeros
     files
         out FILE: write to this file (.fmu); default: generated/MODEL.fmu
-        platforms NAME,NAME,... names: compile binaries for these platforms with the package ziglang: all, or names of
+        platforms NAME,NAME,... names: compile binaries for these platforms with the package \
+ziglang: all, or names of
             FMI such as win64, linux64, darwin64, aarch64-linux; default: this platform
         no_binary old=--sources-only: without a binary
 """,
@@ -88,8 +93,10 @@ registry.EXPORTS |= {
         "Write the elastic robot as an MJCF file for MuJoCo, with the same accelerations.",
         """
     content
-        friction NAME in=exact/viscous/dry: exact (the default): a model with Coulomb or Stribeck friction is refused;
-            viscous: these are left out; dry: Coulomb friction as MuJoCo has it, with other accelerations
+        friction NAME in=exact/viscous/dry: exact (the default): a model with Coulomb or Stribeck \
+friction is refused;
+            viscous: these are left out; dry: Coulomb friction as MuJoCo has it, with other \
+accelerations
     files
         out FILE required: write the MJCF file, FILE.xml
 """,
@@ -97,7 +104,8 @@ registry.EXPORTS |= {
     "urdf": registry.Export(
         "flexgen.exports.urdf",
         "[exchange](exchange.md)",
-        "Write the rigid robot as a URDF file, and an overlay of flexgen with all that URDF cannot contain.",
+        "Write the rigid robot as a URDF file, and an overlay of flexgen with all that URDF "
+        "cannot contain.",
         """
     files
         out FILE required: write the URDF file, FILE.urdf, and next to it the overlay, FILE.toml
@@ -106,7 +114,8 @@ registry.EXPORTS |= {
     "selftest": registry.Export(
         "flexgen.exports.selftest.export",
         "[PLC](plc.md)",
-        "Write a C program that tests the library on its target, with results of Lagrange's equations: PASS or FAIL.",
+        "Write a C program that tests the library on its target, with results of Lagrange's "
+        "equations: PASS or FAIL.",
         """
     content
         precision NAME in=double/single old=--single=single: of the library; default: {default}
@@ -120,14 +129,17 @@ registry.EXPORTS |= {
     "ros2": registry.Export(
         "flexgen.exports.ros2.export",
         "[ROS 2](ros2.md)",
-        "Write a ROS 2 package: a plugin of inverse dynamics, and a controller with a stream and P-PI control.",
+        "Write a ROS 2 package: a plugin of inverse dynamics, and a controller with a stream "
+        "and P-PI control.",
         """
     content
         package NAME: of the package; default: flexgen_<model>
         no_controller: the plugin of inverse dynamics only
         no_gains: leave the gains of the controller open
-        parts NAME,NAME,... names: force: the controller takes a known force on the tool, with the samples and from a
-            topic; limits: its stream keeps limits; position: it sends positions to servos, table [servo]
+        parts NAME,NAME,... names: force: the controller takes a known force on the tool, with \
+the samples and from a
+            topic; limits: its stream keeps limits; position: it sends positions to servos, table \
+[servo]
     package.xml
         maintainer TEXT: name for package.xml; default: {default}
         email TEXT: address for package.xml; default: {default}
@@ -140,7 +152,8 @@ registry.EXPORTS |= {
     "mex": registry.Export(
         "flexgen.exports.mex.export",
         "[MATLAB](matlab.md)",
-        "Write functions for MATLAB and GNU Octave: functions of a point, inversion of a path, and a stream.",
+        "Write functions for MATLAB and GNU Octave: functions of a point, inversion of a path, "
+        "and a stream.",
         """
     files
         out DIR once old=--directory: where to write; default: exports/<model>_mex
@@ -150,7 +163,8 @@ registry.EXPORTS |= {
     "simulink": registry.Export(
         "flexgen.exports.simulink.export",
         "[MATLAB](matlab.md)",
-        "Write blocks for Simulink: functions for C Caller, and S-functions of a stream and of inverse dynamics.",
+        "Write blocks for Simulink: functions for C Caller, and S-functions of a stream and of "
+        "inverse dynamics.",
         """
     content
         @no_stream
@@ -288,7 +302,8 @@ _FORMER = {  # names of version 0.2
     "Learned": "LearningResult",
     "Tuned": "TuningResult",
 }
-# What objects of lower rooms call in upper ones: pictures, reports, searches; imported when they are called.
+# What objects of lower rooms call in upper ones: pictures, reports, searches; imported when they
+# are called.
 _RESULTS = {
     "Result.picture": "flexgen.plots.canvas:save",
     "Result.report": "flexgen.reports.result_page:write_result",

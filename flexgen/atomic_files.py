@@ -1,10 +1,12 @@
 """Files that are written completely or not at all, and temporary files of killed processes.
 
-A file is written next to its target under a temporary name, forced to the disk (fsync) and then renamed: at any instant
-the target is the old file or the new one. A full disk or a killed process leaves the old file as it was.
+A file is written next to its target under a temporary name, forced to the disk (fsync) and then
+renamed: at any instant the target is the old file or the new one. A full disk or a killed process
+leaves the old file as it was.
 
-The process that owns a temporary file or folder holds a lock on it (flock), which the system releases when the process
-ends in whatever way. A later process removes those whose lock is free: never one that is in use.
+The process that owns a temporary file or folder holds a lock on it (flock), which the system
+releases when the process ends in whatever way. A later process removes those whose lock is free:
+never one that is in use.
 """
 
 from __future__ import annotations
@@ -30,7 +32,9 @@ try:
 except ImportError:  # not a POSIX system
     fcntl = None
 
-FILE, FOLDER = ".flexgen-", ".staging-"  # how the names of temporary files and folders begin
+# how the names of temporary files and folders begin
+FILE = ".flexgen-"
+FOLDER = ".staging-"
 GRACE = 60.0  # s: what changed later than that is left alone
 PARTS = 256  # of a path that is written
 _LINKS = 40  # symbolic links on the way of a path that are followed, as in Linux
@@ -39,7 +43,10 @@ OLD = 86400.0  # s: what is older is abandoned where files cannot be locked
 _ADVICE = {
     errno.ENOSPC: "free space on this disk or choose a path on another one",
     errno.EDQUOT: "your quota is used up: remove files or choose a path on another disk",
-    errno.EFBIG: "the file is larger than the system allows (ulimit -f): raise that limit or choose another disk",
+    errno.EFBIG: (
+        "the file is larger than the system allows (ulimit -f): raise that limit or choose "
+        "another disk"
+    ),
     errno.EACCES: "choose a folder that you may write",
     errno.EPERM: "choose a folder that you may write",
     errno.EROFS: "choose a path on a disk that can be written",
@@ -50,8 +57,8 @@ def unwritable(path: str | Path, error: OSError) -> ArgumentError:
     """The error for a path that cannot be written: the reason and what to do."""
     advice = _ADVICE.get(error.errno or 0, "choose another path")
     return ArgumentError(
-        f"output: given {str(path)!r}, which cannot be written ({error.strerror or error}); {advice}; "
-        "a file that was there is unchanged"
+        f"output: given {str(path)!r}, which cannot be written ({error.strerror or error}); "
+        f"{advice}; a file that was there is unchanged"
     )
 
 
@@ -59,8 +66,9 @@ def unwritable(path: str | Path, error: OSError) -> ArgumentError:
 def atomic_file(path: str | Path) -> Iterator[BinaryIO]:
     """A binary stream whose content becomes the file when the block ends without an error.
 
-    Missing folders are made. The new file has the mode of the old one, where that is the user's. A symbolic link stays:
-    the file that it leads to is replaced, unless `follow_links` refuses it. A device or a pipe is written directly.
+    Missing folders are made. The new file has the mode of the old one, where that is the user's. A
+    symbolic link stays: the file that it leads to is replaced, unless `follow_links` refuses it. A
+    device or a pipe is written directly.
 
     Parameters
     ----------
@@ -143,22 +151,25 @@ def check_writable(path: Path | None, *, folder: bool = False) -> None:
 def follow_links(path: str | Path) -> Path:
     """What a path to be written leads to, without symbolic links.
 
-    A link in a folder that every user may write (such as /tmp) is followed only where it belongs to the user or to
-    root: another user could have it lead to any file of this user.
+    A link in a folder that every user may write (such as /tmp) is followed only where it belongs
+    to the user or to root: another user could have it lead to any file of this user.
 
     Raises
     ------
     ArgumentError
-        A link on the way is that of another user in such a folder, the links lead nowhere, or the path has more than
-        `PARTS` parts or a name that is too long.
+        A link on the way is that of another user in such a folder, the links lead nowhere, or the
+        path has more than `PARTS` parts or a name that is too long.
     """
     if os.name != "posix":
         return Path(os.path.realpath(path))
     if len(Path(path).parts) > PARTS:
         raise ArgumentError(
-            f"output: given a path of {len(Path(path).parts)} parts, expected at most {PARTS}: {str(path)[:80]!r}..."
+            f"output: given a path of {len(Path(path).parts)} parts, expected at most {PARTS}: "
+            f"{str(path)[:80]!r}..."
         )
-    todo, reached, links = list(reversed(Path(path).absolute().parts)), Path(), 0
+    todo = list(reversed(Path(path).absolute().parts))
+    reached = Path()
+    links = 0
     while todo:
         part = todo.pop()
         here = reached.parent if part == ".." else reached / part
@@ -167,8 +178,9 @@ def follow_links(path: str | Path) -> Path:
         except OSError as error:  # it is to be made
             if error.errno == errno.ENAMETOOLONG:
                 raise ArgumentError(
-                    f"output: given a path of {len(str(path))} characters, {str(path)[:80]!r}..., expected names and a "
-                    "path that the file system can hold; choose a shorter one"
+                    f"output: given a path of {len(str(path))} characters, "
+                    f"{str(path)[:80]!r}..., expected names and a path that the file system can "
+                    "hold; choose a shorter one"
                 ) from None
             reached = here
             continue
@@ -178,14 +190,15 @@ def follow_links(path: str | Path) -> Path:
         folder = here.parent.stat()
         if folder.st_mode & stat.S_IWOTH and found.st_uid not in (0, os.geteuid()):
             raise ArgumentError(
-                f"output: given {str(path)!r}, on whose way {str(here)!r} is a symbolic link of the user "
-                f"{found.st_uid} in a folder that every user may write, expected no link or one of your own; "
-                "choose another path"
+                f"output: given {str(path)!r}, on whose way {str(here)!r} is a symbolic link of "
+                f"the user {found.st_uid} in a folder that every user may write, expected no "
+                "link or one of your own; choose another path"
             )
         links += 1
         if links > _LINKS:
             raise ArgumentError(
-                f"output: given {str(path)!r}, whose symbolic links lead in a circle; choose another path"
+                f"output: given {str(path)!r}, whose symbolic links lead in a circle; choose "
+                "another path"
             )
         todo.extend(reversed(Path(os.readlink(here)).parts))
     return reached
@@ -204,7 +217,9 @@ def write_text(path: str | Path, text: str) -> Path:
 
 @contextmanager
 def staging_folder(parent: Path) -> Iterator[Path]:
-    """A temporary folder in ``parent``, locked while the block runs and removed after it; OSError where it fails."""
+    """A temporary folder in ``parent``, locked while the block runs and removed after it; OSError
+    where it fails.
+    """
     folder = parent / f"{FOLDER}{secrets.token_hex(8)}"
     folder.mkdir(mode=0o700)
     descriptor = -1
@@ -221,7 +236,9 @@ def staging_folder(parent: Path) -> Iterator[Path]:
 
 @contextmanager
 def temporary_folder() -> Iterator[Path]:
-    """A `staging_folder` among the temporary files of the system; those of killed processes are removed first."""
+    """A `staging_folder` among the temporary files of the system; those of killed processes are
+    removed first.
+    """
     parent = Path(tempfile.gettempdir())
     remove_leftovers(parent)
     with staging_folder(parent) as folder:
@@ -231,8 +248,8 @@ def temporary_folder() -> Iterator[Path]:
 def remove_leftovers(folder: Path) -> None:
     """Remove temporary files and folders that processes which ended left in a folder.
 
-    One is removed where it belongs to the user, did not change for `GRACE` seconds and its lock is free; where files
-    cannot be locked, where it is older than a day.
+    One is removed where it belongs to the user, did not change for `GRACE` seconds and its lock is
+    free; where files cannot be locked, where it is older than a day.
     """
     with suppress(OSError):
         for path in folder.iterdir():
@@ -307,7 +324,9 @@ def _found(path: Path, folder: int | None) -> os.stat_result | None:
 
 
 def _lock(descriptor: int) -> bool:
-    """Lock an open file or folder; False where the file system has no locks, BlockingIOError where another has it."""
+    """Lock an open file or folder; False where the file system has no locks, BlockingIOError where
+    another has it.
+    """
     if fcntl is None:
         return False
     try:

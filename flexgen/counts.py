@@ -1,4 +1,6 @@
-"""Largest counts and times of calls, so that a mistake ends with a message and not in hours of work."""
+"""Largest counts and times of calls, so that a mistake ends with a message and not in hours of
+work.
+"""
 
 from __future__ import annotations
 

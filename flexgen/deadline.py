@@ -1,15 +1,15 @@
 """Time limit of a long call, and its interruption by Ctrl-C: the loops of the solvers check both.
 
-`running` begins a time limit; `check_time` within it raises `OutOfTime` when the time is over, and KeyboardInterrupt
-after Ctrl-C, also where a library in C++ has caught that exception and reported a failure. Outside of `running` there
-is no limit.
+`running` begins a time limit; `check_time` within it raises `OutOfTime` when the time is over, and
+KeyboardInterrupt after Ctrl-C, also where a library in C++ has caught that exception and reported
+a failure. Outside of `running` there is no limit.
 
 `limit_fit` is `running` for a fit, whose best step so far is its result. Until a first step is
-known (`best_known`) the end of the time and Ctrl-C end the call. From then on they end the searches
-(`keep_best`) only, and what computes the result from the best step runs to its end; a second Ctrl-C
-ends the call. `is_over` says that what is left can be left out, `reason_of_end` why the result is
-not the end of the search. A call whose result has parts, such as the rows of a sweep, is limited
-in the same way: `part_known` states that one more is done.
+known (`best_known`) the end of the time and Ctrl-C end the call. From then on they end the
+searches (`keep_best`) only, and what computes the result from the best step runs to its end; a
+second Ctrl-C ends the call. `is_over` says that what is left can be left out, `reason_of_end` why
+the result is not the end of the search. A call whose result has parts, such as the rows of a
+sweep, is limited in the same way: `part_known` states that one more is done.
 """
 
 from __future__ import annotations
@@ -30,7 +30,8 @@ T = TypeVar("T")
 UNLIMITED = 1e10  # s
 
 # Steps that searches of fits usually take, for an estimate of their time.
-FEW_STEPS, MOST_STEPS = 5, 20
+FEW_STEPS = 5
+MOST_STEPS = 20
 # Time [s] of a search from which on an estimate is told.
 LONG = 3.0
 
@@ -53,7 +54,8 @@ class Deadline:
     """
 
     def __init__(self, seconds: float) -> None:
-        self.seconds, self.interrupted = seconds, False
+        self.seconds = seconds
+        self.interrupted = False
         # Of a fit: whether it has a step that can be its result, how many searches are under way,
         # and why they ended.
         self.is_of_fit = False
@@ -94,7 +96,9 @@ _current: ContextVar[Deadline | None] = ContextVar("deadline", default=None)
 
 @contextmanager
 def running(seconds: float | None) -> Iterator[Deadline]:
-    """Within: a time limit [s]; None: unlimited. A limit within another one ends with the outer one at the latest."""
+    """Within: a time limit [s]; None: unlimited. A limit within another one ends with the outer
+    one at the latest.
+    """
     outer = _current.get()
     deadline = Deadline(
         min(math.inf if seconds is None else seconds, math.inf if outer is None else outer.left)
@@ -120,7 +124,8 @@ def check_limit(seconds: float | None) -> None:
 
 @contextmanager
 def limit_call(name: str, seconds: float | None) -> Iterator[Deadline]:
-    """Within: the time limit [s] of a call that has no result before its end; None or 0: unlimited.
+    """Within: the time limit [s] of a call that has no result before its end; None or 0:
+    unlimited.
 
     Raises
     ------
@@ -183,8 +188,8 @@ def limit_fit(
             raise
         stage = "solving the move" if isinstance(error, SolverError) else str(error)
         raise OutOfTime(
-            f"{name}: the time limit of {seconds:g} s was over before the first {first} ({stage}); "
-            "allow more with --time-limit SECONDS (time_limit=)"
+            f"{name}: the time limit of {seconds:g} s was over before the first {first} "
+            f"({stage}); allow more with --time-limit SECONDS (time_limit=)"
         ) from None
 
 
@@ -198,7 +203,8 @@ def best_known(step_s: float = 0.0) -> None:
     if deadline is None or not deadline.is_of_fit:
         return
     if not deadline.best_known and deadline.tell is not None and step_s * MOST_STEPS > LONG:
-        low, high = FEW_STEPS * step_s, MOST_STEPS * step_s
+        low = FEW_STEPS * step_s
+        high = MOST_STEPS * step_s
         limit = f"; limit {deadline.seconds:g} s" if deadline.seconds < UNLIMITED else ""
         deadline.tell(
             f"a step takes {step_s:.2g} s, a search of {FEW_STEPS} to {MOST_STEPS} steps about "
@@ -285,7 +291,9 @@ def pause() -> Iterator[None]:
 
 
 def check_time(stage: str) -> None:
-    """Raise OutOfTime if the time limit is over, KeyboardInterrupt after Ctrl-C; cheap enough for inner loops."""
+    """Raise OutOfTime if the time limit is over, KeyboardInterrupt after Ctrl-C; cheap enough for
+    inner loops.
+    """
     deadline = _current.get()
     if deadline is not None:
         deadline.check(stage)
@@ -299,7 +307,9 @@ def each_in_time(items: Iterable[T], stage: str) -> Iterator[T]:
 
 
 def is_late(stage: str) -> bool:
-    """Whether `check_time` raises now: for callbacks of libraries, through which no error passes."""
+    """Whether `check_time` raises now: for callbacks of libraries, through which no error
+    passes.
+    """
     try:
         check_time(stage)
     except (OutOfTime, KeyboardInterrupt):
@@ -315,7 +325,9 @@ def time_left() -> float:
 
 @contextmanager
 def interrupts_recorded(deadline: Deadline) -> Iterator[None]:
-    """Within: Ctrl-C is recorded in the deadline, and its handler is called: C++ may catch what that raises."""
+    """Within: Ctrl-C is recorded in the deadline, and its handler is called: C++ may catch what
+    that raises.
+    """
     handler = signal.getsignal(signal.SIGINT)
     if not callable(handler) or threading.current_thread() is not threading.main_thread():
         yield

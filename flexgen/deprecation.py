@@ -1,4 +1,6 @@
-"""Old names of arguments: they work, with a `DeprecationWarning` that says what to write instead."""
+"""Old names of arguments: they work, with a `DeprecationWarning` that says what to write
+instead.
+"""
 
 from __future__ import annotations
 
@@ -19,19 +21,24 @@ def warn_of_old(text: str) -> None:
         frame.f_back is not None
         and frame.f_globals.get("__name__", "").partition(".")[0] == "flexgen"
     ):
-        frame, level = frame.f_back, level + 1
+        frame = frame.f_back
+        level = level + 1
     warnings.warn(text, DeprecationWarning, stacklevel=level)
 
 
 def renamed(**names: str) -> Callable[[Call], Call]:
-    """A function whose parameters had other names, ``old="new"``, which work with a `DeprecationWarning`."""
+    """A function whose parameters had other names, ``old="new"``, which work with a
+    `DeprecationWarning`.
+    """
 
     def decorate(function: Call) -> Call:
         @wraps(function)
         def call(*arguments: Any, **keywords: Any) -> Any:
             for old, new in names.items():
                 if old in keywords and new not in keywords:
-                    warn_of_old(f"{function.__name__}: given {old}=, expected its new name, {new}=")
+                    warn_of_old(
+                        f"{function.__name__}: given {old}=, expected its new name, {new}="
+                    )
                     keywords[new] = keywords.pop(old)
             return function(*arguments, **keywords)
 

@@ -29,7 +29,9 @@ class _Short(Repr):
         return " ".join(repr(value).split())
 
     def repr_instance(self, x: Any, level: int) -> str:
-        """Data classes get their own short text; what has none is named by its class, without an address."""
+        """Data classes get their own short text; what has none is named by its class, without an
+        address.
+        """
         text = (
             type(x).__name__ if type(x).__repr__ is object.__repr__ else " ".join(repr(x).split())
         )
@@ -53,7 +55,9 @@ SPEED = "speed_"
 
 
 class Figure(NamedTuple):
-    """A figure of a result: its name, its value (None where there is none), its unit, and its key in JSON."""
+    """A figure of a result: its name, its value (None where there is none), its unit, and its key
+    in JSON.
+    """
 
     label: str
     value: str | float | None
@@ -158,10 +162,11 @@ def both_measured(in_m: float | None, in_rad: float | None, scales: Scales | Non
 
 
 def plain(value: Any) -> Any:
-    """Convert to JSON types: a number that is not finite becomes None, a complex one ``[re, im]``, a path its text.
+    """Convert to JSON types: a number that is not finite becomes None, a complex one ``[re, im]``,
+    a path its text.
 
-    A result becomes what its `to_dict` returns, a model or another object with a title its title, another data class
-    its fields.
+    A result becomes what its `to_dict` returns, a model or another object with a title its title,
+    another data class its fields.
     """
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
@@ -192,7 +197,9 @@ def as_json(data: Mapping[str, Any]) -> str:
 
 
 def short_text(value: Any) -> str:
-    """A value in few words: the beginning of a sequence, the size of a long array; empty for None."""
+    """A value in few words: the beginning of a sequence, the size of a long array; empty for
+    None.
+    """
     if isinstance(value, tuple | list):
         return ", ".join([short_text(item) for item in value[:4]] + ["..."] * (len(value) > 4))
     if isinstance(value, Mapping):
@@ -203,7 +210,9 @@ def short_text(value: Any) -> str:
 
 
 def short_repr(instance: Any) -> str:
-    """One line for an instance of a data class: the fields that differ from their defaults, long values shortened."""
+    """One line for an instance of a data class: the fields that differ from their defaults, long
+    values shortened.
+    """
     given = (
         (field, getattr(instance, field.name))
         for field in dataclasses.fields(instance)

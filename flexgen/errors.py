@@ -1,4 +1,6 @@
-"""The errors of flexgen: each text has what was given, what was expected, where, and what to do."""
+"""The errors of flexgen: each text has what was given, what was expected, where, and what to
+do.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +8,9 @@ import re
 from collections.abc import Iterable
 from typing import Any
 
-GIVEN, MESSAGE = 600, 4000  # characters of what was given, and of a message, that are shown
+# characters of what was given, and of a message, that are shown
+GIVEN = 600
+MESSAGE = 4000
 
 _LONG = re.compile(rf"(?s)(given )((?:(?!, expected ).){{{GIVEN},}})(?=, expected )")
 
@@ -43,13 +47,17 @@ def suggestion(word: str, known: Iterable[str]) -> str:
 
 
 class FlexgenError(Exception):
-    """Base of all errors of flexgen; the text is for the user: control characters are escaped, long texts shortened."""
+    """Base of all errors of flexgen; the text is for the user: control characters are escaped,
+    long texts shortened.
+    """
 
     def __init__(self, *args: object) -> None:
         super().__init__(*(message_of(x) if isinstance(x, str) else x for x in args))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickled with its text and fields: errors of worker processes reach the user, whatever `__init__` takes."""
+        """Pickled with its text and fields: errors of worker processes reach the user, whatever
+        `__init__` takes.
+        """
         return _restore, (type(self), self.args, self.__dict__)
 
 
@@ -64,7 +72,8 @@ def _restore(
 class ModelError(FlexgenError):
     """A model file is wrong.
 
-    The text reads ``file:line:key: given ..., expected ...``, or ``file: key: ...`` without a line; fields: attributes.
+    The text reads ``file:line:key: given ..., expected ...``, or ``file: key: ...`` without a
+    line; fields: attributes.
 
     Parameters
     ----------
@@ -79,7 +88,11 @@ class ModelError(FlexgenError):
     """
 
     def __init__(self, file: str, line: int, key: str, given: str, expected: str) -> None:
-        self.file, self.line, self.key, self.given, self.expected = file, line, key, given, expected
+        self.file = file
+        self.line = line
+        self.key = key
+        self.given = given
+        self.expected = expected
         place = f"{file}:{line}:{key}" if line else f"{file}: {key}"
         super().__init__(f"{place}: given {given}, expected {expected}")
 
@@ -89,7 +102,9 @@ class ArgumentError(FlexgenError, ValueError):
 
 
 class FileError(ModelError, ArgumentError):
-    """A file of a controller, a scenario or a grid is wrong: an ArgumentError with the fields of a ModelError."""
+    """A file of a controller, a scenario or a grid is wrong: an ArgumentError with the fields of a
+    ModelError.
+    """
 
 
 class ChannelError(ArgumentError, KeyError):
@@ -107,7 +122,9 @@ class BuildError(FlexgenError):
 
 
 def is_numerical(error: BaseException) -> bool:
-    """Whether an error is numerical: overflow, division by zero, a singular matrix, numbers that are not finite."""
+    """Whether an error is numerical: overflow, division by zero, a singular matrix, numbers that
+    are not finite.
+    """
     if isinstance(error, FlexgenError):
         return False
     if isinstance(error, ArithmeticError) or any(
@@ -121,6 +138,7 @@ def is_numerical(error: BaseException) -> bool:
 def computation_failed(what: str, error: BaseException) -> str:
     """The message for a numerical error of a function or command."""
     return (
-        f"{what}: the computation failed ({str(error) or type(error).__name__}); check the numbers of the model with "
-        "flexgen.check or 'flexgen check': masses, inertias, lengths, stiffnesses, dampings, frictions and gravity"
+        f"{what}: the computation failed ({str(error) or type(error).__name__}); check the "
+        "numbers of the model with flexgen.check or 'flexgen check': masses, inertias, "
+        "lengths, stiffnesses, dampings, frictions and gravity"
     )

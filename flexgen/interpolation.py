@@ -1,4 +1,6 @@
-"""Interpolation of trajectories: the curves that the simulation and the verification use between samples."""
+"""Interpolation of trajectories: the curves that the simulation and the verification use between
+samples.
+"""
 
 from __future__ import annotations
 
@@ -82,7 +84,8 @@ def interpolate(
 
 
 def _integrate(t: np.ndarray, x: list[np.ndarray], degree: int) -> PPoly:
-    """The motion whose acceleration is a polynomial on each interval, from samples of angle, speed and acceleration.
+    """The motion whose acceleration is a polynomial on each interval, from samples of angle, speed
+    and acceleration.
 
     Each interval begins with its own sample of angle and speed.
     """
@@ -94,7 +97,8 @@ def _integrate(t: np.ndarray, x: list[np.ndarray], degree: int) -> PPoly:
 
 
 def _hermite(t: np.ndarray, x: list[np.ndarray]) -> PPoly:
-    """Polynomials of least degree through samples of a motion: values, and where given first and second derivatives.
+    """Polynomials of least degree through samples of a motion: values, and where given first and
+    second derivatives.
 
     Degree 1, 3 or 5 in the time since the left sample.
     """

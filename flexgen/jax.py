@@ -1,4 +1,6 @@
-"""The functions of a library in JAX: `functions`. On the CPU, under jit, vmap, scan, grad, jacfwd and jacrev."""
+"""The functions of a library in JAX: `functions`. On the CPU, under jit, vmap, scan, grad, jacfwd
+and jacrev.
+"""
 
 from __future__ import annotations
 
@@ -16,10 +18,11 @@ if TYPE_CHECKING:
 def functions(library: Library) -> Functions:
     """The functions of a loaded library for JAX.
 
-    Arrays have the shapes of the library's functions on numpy arrays, after any axes of a batch; an array without these
-    axes is the same for all points. ``parameters``, where the library has any, are those of the model by default.
-    Gradients are those of ``NAME_jvp`` and ``NAME_vjp``, which ``parts=["derivatives"]`` of `flexgen.generate` adds.
-    Where an input or result is not finite, the results of the point are NaN.
+    Arrays have the shapes of the library's functions on numpy arrays, after any axes of a batch;
+    an array without these axes is the same for all points. ``parameters``, where the library has
+    any, are those of the model by default. Gradients are those of ``NAME_jvp`` and ``NAME_vjp``,
+    which ``parts=["derivatives"]`` of `flexgen.generate` adds. Where an input or result is not
+    finite, the results of the point are NaN.
 
     Parameters
     ----------
@@ -29,7 +32,8 @@ def functions(library: Library) -> Functions:
     Returns
     -------
     Functions
-        With the library's functions as attributes, such as ``functions(library).inverse_dynamics(q_a, v_a, a_a)``.
+        With the library's functions as attributes, such as
+        ``functions(library).inverse_dynamics(q_a, v_a, a_a)``.
 
     Raises
     ------

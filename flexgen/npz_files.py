@@ -1,8 +1,8 @@
 """Arrays of ``.npz`` files, whose sizes are checked before memory is taken for them.
 
-An npz file is a zip archive of npy files. Neither the sizes in the archive nor the shapes in the headers of the arrays
-are trusted: an array is read only where its header, its size in the archive and the limits of the caller agree, and
-nothing is unpickled.
+An npz file is a zip archive of npy files. Neither the sizes in the archive nor the shapes in the
+headers of the arrays are trusted: an array is read only where its header, its size in the archive
+and the limits of the caller agree, and nothing is unpickled.
 """
 
 from __future__ import annotations
@@ -27,18 +27,24 @@ DIRECTORY = 1_000_000  # bytes of the table of contents, at most
 _PART = 2**20  # bytes of an array that are unpacked at once
 HEADER = 10_000  # bytes of the header of an array, at most
 
-_END, _END_64 = b"PK\x05\x06", b"PK\x06\x07"  # of the table of contents
-_END_SIZE, _COMMENT = 22, 2**16
+# of the table of contents
+_END = b"PK\x05\x06"
+_END_64 = b"PK\x06\x07"
+_END_SIZE = 22
+_COMMENT = 2**16
 _TYPE = re.compile(r"[<>|=]?(b1|[iu][1248]|f(2|4|8|16)|U[1-9]\d{0,8})")
 # those of numpy; others unpack without a bound
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 
 
 class NpzError(ValueError):
-    """The file is not an npz file, or larger than allowed: what was given and what was expected."""
+    """The file is not an npz file, or larger than allowed: what was given and what was
+    expected.
+    """
 
     def __init__(self, given: str, expected: str) -> None:
-        self.given, self.expected = given, expected
+        self.given = given
+        self.expected = expected
         super().__init__(f"given {given}, expected {expected}")
 
 
@@ -55,7 +61,8 @@ def read_npz(
     size_max : int
         Bytes that the file, and that all its arrays together, may have.
     check : callable, optional
-        Called with name, shape and type of each array before any of them is read; it raises where one is not wanted.
+        Called with name, shape and type of each array before any of them is read; it raises where
+        one is not wanted.
 
     Returns
     -------
@@ -138,12 +145,15 @@ def _check_directory(path: Path, size_max: int) -> None:
 
 
 def _check_sizes(archive: zipfile.ZipFile, size: int) -> None:
-    """Refuse an archive that states more packed bytes than the file has: room for all of them would be taken."""
+    """Refuse an archive that states more packed bytes than the file has: room for all of them
+    would be taken.
+    """
     for member in archive.infolist():
         stored = member.compress_type == zipfile.ZIP_STORED
         if member.compress_size > size or (stored and member.compress_size != member.file_size):
             raise NpzError(
-                f"the member {member.filename[:80]!r} of {member.compress_size} packed bytes in a file of {size}",
+                f"the member {member.filename[:80]!r} of {member.compress_size} packed bytes in "
+                f"a file of {size}",
                 "sizes that agree",
             )
 
@@ -151,7 +161,9 @@ def _check_sizes(archive: zipfile.ZipFile, size: int) -> None:
 def _headers(
     archive: zipfile.ZipFile, size_max: int
 ) -> dict[str, tuple[tuple[int, ...], bool, np.dtype[Any], int]]:
-    """Shape, order, type and start of the numbers of each array by name, consistent with its size in the archive."""
+    """Shape, order, type and start of the numbers of each array by name, consistent with its size
+    in the archive.
+    """
     members = archive.infolist()
     if len(members) > MEMBERS:
         raise NpzError(f"{len(members)} arrays", f"at most {MEMBERS}")
@@ -173,7 +185,8 @@ def _headers(
         size = math.prod(shape) * dtype.itemsize
         if size != member.file_size - start:
             raise NpzError(
-                f"the array {name[:80]!r} of shape {_shorten(shape)} and {member.file_size - start} bytes",
+                f"the array {name[:80]!r} of shape {_shorten(shape)} and "
+                f"{member.file_size - start} bytes",
                 f"{_shorten(size)} bytes",
             )
         out[name] = shape, by_columns, dtype, start
@@ -193,8 +206,12 @@ def _header(stream: IO[bytes], name: str) -> tuple[tuple[int, ...], bool, np.dty
         except (ValueError, SyntaxError, TypeError, RecursionError, MemoryError, Warning):
             head = None
     if not isinstance(head, dict) or head.keys() != {"descr", "fortran_order", "shape"}:
-        raise NpzError(f"the array {name[:80]!r} without a header that can be read", "one of numpy")
-    descr, shape, by_columns = head["descr"], head["shape"], head["fortran_order"]
+        raise NpzError(
+            f"the array {name[:80]!r} without a header that can be read", "one of numpy"
+        )
+    descr = head["descr"]
+    shape = head["shape"]
+    by_columns = head["fortran_order"]
     if not (isinstance(descr, str) and _TYPE.fullmatch(descr)):
         raise NpzError(f"the array {name[:80]!r} of type {_shorten(descr)}", "numbers or text")
     if not (

@@ -1,4 +1,6 @@
-"""Progress of long calls: one line that is rewritten, on a terminal and in a notebook; nothing elsewhere."""
+"""Progress of long calls: one line that is rewritten, on a terminal and in a notebook; nothing
+elsewhere.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,10 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 _inside: ContextVar[bool] = ContextVar("inside", default=False)  # a call that reports is under way
-_lock, _limits, _blocks = Lock(), ExitStack(), 0  # of `_one_blas_thread`
+# of `_one_blas_thread`
+_lock = Lock()
+_limits = ExitStack()
+_blocks = 0
 
 
 def silent(line: str) -> None:
@@ -32,7 +37,9 @@ def silent(line: str) -> None:
 
 
 def tell_every(seconds: float, tell: Progress) -> Progress:
-    """A progress function that passes a line where the last one, or this call, is ``seconds`` [s] ago."""
+    """A progress function that passes a line where the last one, or this call, is ``seconds`` [s]
+    ago.
+    """
     last = time.perf_counter()
 
     def tell_late(line: str) -> None:
@@ -62,7 +69,9 @@ def _in_notebook() -> bool:
 
 
 def reported(name: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """Decorate a function with the keyword ``progress``: it gets a function, or None where nothing is shown."""
+    """Decorate a function with the keyword ``progress``: it gets a function, or None where nothing
+    is shown.
+    """
 
     def decorate(function: Callable[P, R]) -> Callable[P, R]:
         @functools.wraps(function)
@@ -78,13 +87,14 @@ def reported(name: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
 
 @contextmanager
 def reporting(progress: Any, name: str) -> Iterator[Progress | None]:
-    """The function that takes the progress messages of a call; None where nothing is shown. BLAS has one thread.
+    """The function that takes the progress messages of a call; None where nothing is shown. BLAS
+    has one thread.
 
     Parameters
     ----------
     progress : callable, bool or None
-        A function gets every message. True: show messages; False: none; None: show them on a terminal and in a
-        notebook, except within another call that reports.
+        A function gets every message. True: show messages; False: none; None: show them on a
+        terminal and in a notebook, except within another call that reports.
     name : str
         Name of the call, written before each message.
 
@@ -111,9 +121,11 @@ def reporting(progress: Any, name: str) -> Iterator[Progress | None]:
 
 @contextmanager
 def _one_blas_thread() -> Iterator[None]:
-    """Numpy and scipy multiply and factorize on one thread until the last of such blocks, in any thread, ends.
+    """Numpy and scipy multiply and factorize on one thread until the last of such blocks, in any
+    thread, ends.
 
-    The matrices are small: a second thread saves no time, and doubles it where another program works too.
+    The matrices are small: a second thread saves no time, and doubles it where another program
+    works too.
     """
     global _blocks
     with _lock:
@@ -143,7 +155,9 @@ class _Line:
     """One line that each message replaces, with the time since the start; removed at the end."""
 
     def __init__(self, name: str) -> None:
-        self._name, self._began, self._shown = name, time.perf_counter(), 0
+        self._name = name
+        self._began = time.perf_counter()
+        self._shown = 0
         self._stream = sys.stdout if _in_notebook() else sys.stderr
 
     def show(self, line: str) -> None:

@@ -1,19 +1,25 @@
-"""What upper rooms and other packages add to the rooms below them, by group and name; imported when it is first used.
+"""What upper rooms and other packages add to the rooms below them, by group and name; imported
+when it is first used.
 
-=============  ===================================================  ===================================================
+=============  ===================================================  ===============================
 group          what a name refers to                                used by
-=============  ===================================================  ===================================================
-``results``    a function: pictures, reports, searches              methods of results, such as ``Solution.plot``
+=============  ===================================================  ===============================
+``results``    a function: pictures, reports, searches              methods of results, such as
+                                                                    ``Solution.plot``
 ``methods``    a `flexgen.inversion.method_table.Method`            `flexgen.solve`
-``laws``       a class of feedback laws, `flexgen.loop.model_law`   `flexgen.control`, controller files
-``frictions``  a class, see `flexgen.model.friction`                the key ``type`` of friction in model files
-``hysteresis`` a class, see `flexgen.spec.memory`                   the key ``type`` of hysteresis in model files
-``exports``    a function, see `flexgen.exports.added`              `flexgen.export`, ``flexgen export``
+``laws``       a class of feedback laws, `flexgen.loop.model_law`   `flexgen.control`, controller
+                                                                    files
+``frictions``  a class, see `flexgen.model.friction`                the key ``type`` of friction in
+                                                                    model files
+``hysteresis`` a class, see `flexgen.spec.memory`                   the key ``type`` of hysteresis
+                                                                    in model files
+``exports``    a function, see `flexgen.exports.added`              `flexgen.export`,
+                                                                    ``flexgen export``
 ``devices``    a class, see `flexgen.runtime.library.Library`       `flexgen.load`
-=============  ===================================================  ===================================================
+=============  ===================================================  ===============================
 
-The front room, `flexgen`, hands down the tables of flexgen itself; no room below names a room above. Another package
-declares an entry point of such a group:
+The front room, `flexgen`, hands down the tables of flexgen itself; no room below names a room
+above. Another package declares an entry point of such a group:
 
     [project.entry-points."flexgen.methods"]
     my_method = "my_package.method:METHOD"
@@ -30,7 +36,8 @@ from flexgen.errors import ArgumentError
 
 
 class Export(NamedTuple):
-    """An export of flexgen: the module of its function, its page in docs/, what its command does, and its options.
+    """An export of flexgen: the module of its function, its page in docs/, what its command does,
+    and its options.
 
     The options are rows of `flexgen.verb_rows`.
     """
@@ -97,6 +104,6 @@ def extension(group: str, name: str) -> Any:
         return found.load()
     except Exception as error:  # code of others
         raise ArgumentError(
-            f"entry point {name} = {found.value!r} of flexgen.{group}: {type(error).__name__}: {error}; repair or "
-            "uninstall that package"
+            f"entry point {name} = {found.value!r} of flexgen.{group}: {type(error).__name__}: "
+            f"{error}; repair or uninstall that package"
         ) from error

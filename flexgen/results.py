@@ -1,7 +1,9 @@
-"""The protocol of public results: `to_dict`, `to_text`, `save`, `plot`, `report`, and a table in notebooks.
+"""The protocol of public results: `to_dict`, `to_text`, `save`, `plot`, `report`, and a table in
+notebooks.
 
-What an upper room draws or writes for a class in its own way is a viewer: the function ``CLASS.plot``,
-``CLASS.report``, ``CLASS.to_text`` or ``CLASS._repr_html_`` of the group ``results`` of `flexgen.registry`.
+What an upper room draws or writes for a class in its own way is a viewer: the function
+``CLASS.plot``, ``CLASS.report``, ``CLASS.to_text`` or ``CLASS._repr_html_`` of the group
+``results`` of `flexgen.registry`.
 """
 
 from __future__ import annotations
@@ -33,8 +35,8 @@ class Result:
     def save(self, path: str | Path) -> Path:
         """Write the result to a file, completely or not at all.
 
-        ``.json``: what `to_dict` returns. ``.npz``: the arrays, with the other entries as JSON text ``meta``. A result
-        with a trajectory writes that to ``.npz``, ``.csv`` and ``.mat``.
+        ``.json``: what `to_dict` returns. ``.npz``: the arrays, with the other entries as JSON
+        text ``meta``. A result with a trajectory writes that to ``.npz``, ``.csv`` and ``.mat``.
 
         Returns
         -------
@@ -46,7 +48,8 @@ class Result:
         ArgumentError
             The name ends otherwise, or the file cannot be written.
         """
-        target, trajectory = Path(path), getattr(self, "trajectory", None)
+        target = Path(path)
+        trajectory = getattr(self, "trajectory", None)
         if target.suffix == ".json":
             from flexgen.atomic_files import write_text
 
@@ -63,7 +66,9 @@ class Result:
             )
         from flexgen import array_files
 
-        rest = {name: plain(value) for name, value in self._entries().items() if name not in arrays}
+        rest = {
+            name: plain(value) for name, value in self._entries().items() if name not in arrays
+        }
         return array_files.save(target, type(self).__name__, arrays, rest)
 
     def plot(self, path: str | Path | None = None) -> Any:
@@ -87,8 +92,8 @@ class Result:
         draw = _viewer(type(self), "plot")
         if draw is None:
             raise ArgumentError(
-                f"plot: given {type(self).__name__}, which has no picture, expected a result with one; its method "
-                "report writes a page with its table"
+                f"plot: given {type(self).__name__}, which has no picture, expected a result "
+                "with one; its method report writes a page with its table"
             )
         figure = draw(self)
         if path is not None:
@@ -134,7 +139,8 @@ class Result:
 
     def _title(self) -> str:
         """The beginning of the short text without the name of the class."""
-        kind, text = type(self).__name__, repr(self)
+        kind = type(self).__name__
+        text = repr(self)
         return (
             text[len(kind) + 2 :].rstrip(">").partition(": ")[0]
             if text.startswith(f"<{kind} ")
@@ -161,7 +167,9 @@ class ArrayResult(Result):
     ARRAYS: ClassVar[str]
 
     def save(self, path: str | Path) -> Path:
-        """Write an npz file with all data, which `load` reads; ``.json``: what `to_dict` returns."""
+        """Write an npz file with all data, which `load` reads; ``.json``: what `to_dict`
+        returns.
+        """
         if Path(path).suffix == ".json":
             return super().save(path)
         from flexgen import array_files
@@ -177,7 +185,9 @@ class ArrayResult(Result):
 
 
 def _viewer(of: type, member: str) -> Any:
-    """The function that is registered for a class or the nearest of its bases; None where there is none."""
+    """The function that is registered for a class or the nearest of its bases; None where there is
+    none.
+    """
     names = [f"{base.__name__}.{member}" for base in of.__mro__]
     found = next((name for name in names if name in registry.own_names("results")), None)
     return None if found is None else registry.find_function(found)

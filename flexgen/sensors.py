@@ -1,9 +1,10 @@
 """Sensors of a robot in addition to the motor encoders.
 
-An accelerometer measures the specific force, acceleration minus gravity. A link encoder measures one arm coordinate
-(``coordinate = "q1"``), a tracker the position of a point of the tool in the world. A joint torque sensor measures what
-gear or spring transmit to the arm, a force-torque sensor (``wrench``) what holds the body that carries it and the parts
-behind, a strain gauge the deflection of a coordinate without motor: ``gauge q + offset``.
+An accelerometer measures the specific force, acceleration minus gravity. A link encoder measures
+one arm coordinate (``coordinate = "q1"``), a tracker the position of a point of the tool in the
+world. A joint torque sensor measures what gear or spring transmit to the arm, a force-torque
+sensor (``wrench``) what holds the body that carries it and the parts behind, a strain gauge the
+deflection of a coordinate without motor: ``gauge q + offset``.
 """
 
 from __future__ import annotations
@@ -42,7 +43,8 @@ class Sensor:
     type : str
         A key of `UNITS`.
     place : str
-        Name of an element or ``"tool"``; of a link encoder, joint torque sensor or strain gauge that of its coordinate.
+        Name of an element or ``"tool"``; of a link encoder, joint torque sensor or strain gauge
+        that of its coordinate.
     position : tuple (3,) [m]
         In the frame of the place.
     axes : tuple of tuples (3,)

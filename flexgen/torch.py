@@ -16,11 +16,11 @@ if TYPE_CHECKING:
 def functions(library: Library) -> Functions:
     """The functions of a loaded library for PyTorch.
 
-    Tensors have the shapes of the library's functions on numpy arrays, after any axes of a batch; a tensor without
-    these axes is the same for all points. ``parameters``, where the library has any, are those of the model by default.
-    Results have the library's precision. Gradients are those of ``NAME_jvp`` and ``NAME_vjp``, which
-    ``parts=["derivatives"]`` of `flexgen.generate` adds. Where an input or result is not finite, the results of the
-    point are NaN.
+    Tensors have the shapes of the library's functions on numpy arrays, after any axes of a batch;
+    a tensor without these axes is the same for all points. ``parameters``, where the library has
+    any, are those of the model by default. Results have the library's precision. Gradients are
+    those of ``NAME_jvp`` and ``NAME_vjp``, which ``parts=["derivatives"]`` of `flexgen.generate`
+    adds. Where an input or result is not finite, the results of the point are NaN.
 
     Parameters
     ----------
@@ -30,7 +30,8 @@ def functions(library: Library) -> Functions:
     Returns
     -------
     Functions
-        With the library's functions as attributes, such as ``functions(library).inverse_dynamics(q_a, v_a, a_a)``.
+        With the library's functions as attributes, such as
+        ``functions(library).inverse_dynamics(q_a, v_a, a_a)``.
 
     Raises
     ------

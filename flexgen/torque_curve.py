@@ -13,17 +13,20 @@ from flexgen.errors import ArgumentError
 
 # key of meta data: a polynomial of this degree on each `SAMPLES` samples, with jumps
 POLYNOMIALS = "torque_degree"
-DEGREE, SAMPLES = 5, 10  # of the polynomials of a limited torque, and samples of each
+DEGREE = 5  # of the polynomials of a limited torque
+SAMPLES = 10  # and samples of each
 ON_GRID = 1e-7  # relative distance up to which samples are on a grid
 
 
 def torque_curve(
     t: np.ndarray, torque: np.ndarray, *, limited: bool, degree: int | None = None
 ) -> PPoly:
-    """Motor torque (n_m) at an instant, or (k, n_m) at k of them, from samples (n, n_m) at the instants ``t`` (n,) [s].
+    """Motor torque (n_m) at an instant, or (k, n_m) at k of them, from samples (n, n_m) at the
+    instants ``t`` (n,) [s].
 
-    A quintic spline; ``limited``: the polynomials that were sampled, or a monotone cubic, since a spline overshoots
-    where the torque reaches its limit; ``degree``: polynomials that may jump, see `interval_polynomials`.
+    A quintic spline; ``limited``: the polynomials that were sampled, or a monotone cubic, since a
+    spline overshoots where the torque reaches its limit; ``degree``: polynomials that may jump,
+    see `interval_polynomials`.
     """
     if degree is not None:
         return interval_polynomials(t, torque, degree)
@@ -55,7 +58,8 @@ def then_constant(curve: PPoly, last: np.ndarray) -> PPoly:
 
 
 def interval_polynomials(t: np.ndarray, samples: np.ndarray, degree: int) -> PPoly:
-    """Polynomials (n_m,) on intervals of `SAMPLES` samples each, which may jump between the intervals.
+    """Polynomials (n_m,) on intervals of `SAMPLES` samples each, which may jump between the
+    intervals.
 
     The sample where two intervals meet is that of the later one.
 
@@ -71,25 +75,31 @@ def interval_polynomials(t: np.ndarray, samples: np.ndarray, degree: int) -> PPo
     miss = np.abs(np.einsum("pd,dnm->npm", powers, coefficients) - own).max()
     if not miss <= ON_GRID * max(np.abs(samples).max(), 1e-300):
         raise ArgumentError(
-            f"trajectory: given samples that are up to {miss:.3g} from the polynomials of degree {degree} that its "
-            f"meta data state ({POLYNOMIALS}), expected samples of them; remove {POLYNOMIALS} where you edit torques"
+            f"trajectory: given samples that are up to {miss:.3g} from the polynomials of "
+            f"degree {degree} that its meta data state ({POLYNOMIALS}), expected samples of "
+            f"them; remove {POLYNOMIALS} where you edit torques"
         )
     scaled = coefficients / width[None, :, None] ** np.arange(degree, -1, -1)[:, None, None]
     return PPoly(scaled, t[::SAMPLES])
 
 
 def read_degree(meta: Mapping[str, Any]) -> int | None:
-    """The degree of the polynomials of the motor torque, where meta data of a trajectory state one."""
+    """The degree of the polynomials of the motor torque, where meta data of a trajectory state
+    one.
+    """
     degree = meta.get(POLYNOMIALS)
     if degree is None or (type(degree) is int and 0 <= degree <= DEGREE):
         return degree
     raise ArgumentError(
-        f"trajectory: given {POLYNOMIALS} = {str(degree)[:40]}, expected an integer from 0 to {DEGREE}"
+        f"trajectory: given {POLYNOMIALS} = {str(degree)[:40]}, expected an integer from 0 to "
+        f"{DEGREE}"
     )
 
 
 def _intervals(t: np.ndarray, what: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Samples (N, SAMPLES + 1) of each interval, widths (N,), and relative places of the samples; ArgumentError."""
+    """Samples (N, SAMPLES + 1) of each interval, widths (N,), and relative places of the samples;
+    ArgumentError.
+    """
     n, left = divmod(len(t) - 1, SAMPLES)
     theta = np.linspace(0.0, 1.0, SAMPLES + 1)
     at = SAMPLES * np.arange(n)[:, None] + np.arange(SAMPLES + 1)
@@ -99,7 +109,8 @@ def _intervals(t: np.ndarray, what: str) -> tuple[np.ndarray, np.ndarray, np.nda
         or np.abs((t[at] - t[at[:, :1]]) / np.diff(t[::SAMPLES])[:, None] - theta).max() > ON_GRID
     ):
         raise ArgumentError(
-            f"trajectory: given {len(t)} instants, expected intervals of {SAMPLES} equal steps for {what}"
+            f"trajectory: given {len(t)} instants, expected intervals of {SAMPLES} equal steps "
+            f"for {what}"
         )
     return at, np.diff(t[::SAMPLES]), theta
 
@@ -122,8 +133,8 @@ def side_by_side(curves: Sequence[PPoly], begin: float, end: float) -> PPoly:
 def _sampled_polynomials(t: np.ndarray, torque: np.ndarray) -> PPoly | None:
     """The piecewise polynomial that was sampled, if all samples lie on one; else None.
 
-    The torques of optimal control are polynomials of degree ``DEGREE`` on each interval of the mesh, with ``SAMPLES``
-    samples each, and kinks between intervals where a bound becomes active.
+    The torques of optimal control are polynomials of degree ``DEGREE`` on each interval of the
+    mesh, with ``SAMPLES`` samples each, and kinks between intervals where a bound becomes active.
     """
     try:
         at, width, theta = _intervals(t, "polynomials")

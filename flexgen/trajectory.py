@@ -25,8 +25,8 @@ OF_JOINTS = ("q_a", "v_a", "a_a")
 class Trajectory(Result):
     """Channels sampled on one time grid.
 
-    ``trajectory["tau_m"]`` is a channel, ``trajectory.keys()`` are the names of all channels. Another name raises
-    ChannelError, a KeyError.
+    ``trajectory["tau_m"]`` is a channel, ``trajectory.keys()`` are the names of all channels.
+    Another name raises ChannelError, a KeyError.
 
     Parameters
     ----------
@@ -38,11 +38,12 @@ class Trajectory(Result):
     labels : mapping from name to tuple of str
         One label for each column (the name of the coordinate or motor).
     meta : dict
-        JSON types only: ``model``, ``variant``, ``move``, ``kind``; ``torque`` is ``"limited"`` where limits may be
-        active and an interpolation must not exceed them; ``torque_degree``: the torque is a polynomial of this degree
-        on each ten samples and may jump between them.
+        JSON types only: ``model``, ``variant``, ``move``, ``kind``; ``torque`` is ``"limited"``
+        where limits may be active and an interpolation must not exceed them; ``torque_degree``:
+        the torque is a polynomial of this degree on each ten samples and may jump between them.
     units : mapping from name to tuple of str, optional
-        Unit of each column where the columns of a channel differ; the unit of the port is then ``"rad or m"``.
+        Unit of each column where the columns of a channel differ; the unit of the port is then
+        ``"rad or m"``.
 
     Examples
     --------
@@ -65,16 +66,19 @@ class Trajectory(Result):
         n = len(self.time) if np.ndim(self.time) == 1 else 0
         if n < 2 or not np.isfinite(self.time).all() or not np.all(np.diff(self.time) > 0):
             raise ArgumentError(
-                "trajectory: given a time grid that does not increase, expected at least 2 increasing instants"
+                "trajectory: given a time grid that does not increase, expected at least 2 "
+                "increasing instants"
             )
         if not self.ports.keys() == self.channels.keys() == self.labels.keys():
             raise ArgumentError(
-                "trajectory: given channels, ports and labels with different names, expected the same names"
+                "trajectory: given channels, ports and labels with different names, expected "
+                "the same names"
             )
         for name, port in self.ports.items():
             if len(self.labels[name]) != port.size:
                 raise ArgumentError(
-                    f"trajectory channel {name}: given {len(self.labels[name])} labels, expected {port.size}"
+                    f"trajectory channel {name}: given {len(self.labels[name])} labels, "
+                    f"expected {port.size}"
                 )
             shape = np.shape(self.channels[name])
             if shape != (n, *port.shape):
@@ -95,7 +99,10 @@ class Trajectory(Result):
     def __repr__(self) -> str:
         t = self.time
         of = f" {self.meta['model']}" if self.meta.get("model") else ""
-        return f"<Trajectory{of}: {len(t)} samples from {t[0]:.4g} to {t[-1]:.4g} s, {' '.join(self.channels)}>"
+        return (
+            f"<Trajectory{of}: {len(t)} samples from {t[0]:.4g} to {t[-1]:.4g} s, "
+            f"{' '.join(self.channels)}>"
+        )
 
     def keys(self) -> KeysView[str]:
         """Names of the channels."""
@@ -129,12 +136,13 @@ class Trajectory(Result):
         return trajectory_files.column_names(self.labels, self.units)
 
     def at(self, t: Any) -> dict[str, np.ndarray]:
-        """All channels at other instants, by the curves that `flexgen.simulate` and the verification use.
+        """All channels at other instants, by the curves that `flexgen.simulate` and the
+        verification use.
 
-        Motor torques: the quintic spline through the samples; where limits may be active, the polynomials that were
-        sampled. Coordinates and motor angles: the quintic Hermite polynomials through the samples of angle, speed and
-        acceleration; their speeds and accelerations are the derivatives of these polynomials. Other channels: quintic
-        splines.
+        Motor torques: the quintic spline through the samples; where limits may be active, the
+        polynomials that were sampled. Coordinates and motor angles: the quintic Hermite
+        polynomials through the samples of angle, speed and acceleration; their speeds and
+        accelerations are the derivatives of these polynomials. Other channels: quintic splines.
 
         Parameters
         ----------
@@ -185,9 +193,9 @@ class Trajectory(Result):
         Returns
         -------
         xarray.Dataset
-            A variable for each channel over ``time`` [s] and the labels of its columns, whose dimension is
-            ``NAME_column``. ``attrs`` of a variable: ``units`` (one text, or a list where the columns differ) and
-            ``long_name``; of the dataset: the meta data.
+            A variable for each channel over ``time`` [s] and the labels of its columns, whose
+            dimension is ``NAME_column``. ``attrs`` of a variable: ``units`` (one text, or a list
+            where the columns differ) and ``long_name``; of the dataset: the meta data.
 
         Raises
         ------
@@ -200,7 +208,8 @@ class Trajectory(Result):
             raise ArgumentError(
                 "to_xarray: the package xarray is not installed; run: pip install xarray"
             ) from None
-        variables, columns = {}, {}
+        variables = {}
+        columns = {}
         for name, port in self.ports.items():
             units = self.units[name]
             unit = units[0] if len(set(units)) == 1 else list(units)
@@ -214,13 +223,15 @@ class Trajectory(Result):
         return xarray.Dataset(variables, coords={"time": time, **columns}, attrs=dict(self.meta))
 
     def save(self, path: str | Path) -> Path:
-        """Write to ``path``: ``.npz`` with all data, ``.csv`` with a column for each scalar, ``name[label] unit``.
+        """Write to ``path``: ``.npz`` with all data, ``.csv`` with a column for each scalar,
+        ``name[label] unit``.
 
-        ``.mat``: for MATLAB and Octave, which `load` does not read: ``time`` (n, 1), the channels (n, width), the
-        structures ``labels`` and ``units`` with the names and units of their columns, and ``meta`` in JSON.
+        ``.mat``: for MATLAB and Octave, which `load` does not read: ``time`` (n, 1), the channels
+        (n, width), the structures ``labels`` and ``units`` with the names and units of their
+        columns, and ``meta`` in JSON.
 
-        The file is complete or as it was before, whatever happens (a full disk, a killed process). ArgumentError where
-        it cannot be written.
+        The file is complete or as it was before, whatever happens (a full disk, a killed process).
+        ArgumentError where it cannot be written.
         """
         path = Path(path)
         trajectory_files.write(
@@ -230,7 +241,9 @@ class Trajectory(Result):
 
     @staticmethod
     def load(path: str | Path) -> Trajectory:
-        """Read a file that `save` wrote; ArgumentError where the file is not a trajectory or was cut."""
+        """Read a file that `save` wrote; ArgumentError where the file is not a trajectory or was
+        cut.
+        """
         path = Path(path)
         content = trajectory_files.read(path)
         try:
@@ -239,7 +252,9 @@ class Trajectory(Result):
             raise ArgumentError(f"{path}: {error}") from None
 
 
-def channel_values(where: str, data: Trajectory, name: str, units: Mapping[str, str]) -> np.ndarray:
+def channel_values(
+    where: str, data: Trajectory, name: str, units: Mapping[str, str]
+) -> np.ndarray:
     """A channel of a trajectory in SI units, its columns in the order of their labels.
 
     Parameters
@@ -316,8 +331,10 @@ def convert_to_si(
     ArgumentError
         A unit is not known or of another kind.
     """
-    channels, labels = dict(data.channels), dict(data.labels)
-    ports, units = dict(data.ports), dict(data.units)
+    channels = dict(data.channels)
+    labels = dict(data.labels)
+    ports = dict(data.ports)
+    units = dict(data.units)
     for name, own in wanted.items():
         if name not in data or sorted(data.labels[name]) != sorted(own):
             continue
@@ -325,7 +342,8 @@ def convert_to_si(
         if all(unit == own[label] or " or " in unit for label, unit in stated):
             continue
         channels[name] = channel_values(where, data, name, own)
-        labels[name], units[name] = tuple(own), tuple(own.values())
+        labels[name] = tuple(own)
+        units[name] = tuple(own.values())
         unit = trajectory_files.common_unit(units[name])
         ports[name] = Port(name, (len(own),), unit, data.ports[name].doc)
     if all(channels[name] is data.channels[name] for name in channels):

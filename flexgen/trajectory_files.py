@@ -1,9 +1,11 @@
-"""Trajectories in files: ``.npz`` with all data, ``.csv`` with one column for each scalar, ``.mat`` for MATLAB.
+"""Trajectories in files: ``.npz`` with all data, ``.csv`` with one column for each scalar,
+``.mat`` for MATLAB.
 
-A csv file has four parts: a comment with the meta data in JSON, the names of the columns (``name[label] unit``, first
-``time s``), a row of numbers for each instant, and a comment with the number of rows, by which a file that was cut is
-recognized. ``pandas.read_csv(file, comment="#")`` and ``numpy.genfromtxt(file, delimiter=",", skip_header=2)`` read it.
-A table that is not from flexgen has the names and the rows alone.
+A csv file has four parts: a comment with the meta data in JSON, the names of the columns
+(``name[label] unit``, first ``time s``), a row of numbers for each instant, and a comment with the
+number of rows, by which a file that was cut is recognized. ``pandas.read_csv(file, comment="#")``
+and ``numpy.genfromtxt(file, delimiter=",", skip_header=2)`` read it. A table that is not from
+flexgen has the names and the rows alone.
 """
 
 from __future__ import annotations
@@ -38,7 +40,9 @@ _WRITE = "write one with 'flexgen solve MODEL --out FILE'"
 
 @dataclass(frozen=True)
 class Content:
-    """What the file of a trajectory holds; the fields are those of `flexgen.trajectory.Trajectory`."""
+    """What the file of a trajectory holds; the fields are those of
+    `flexgen.trajectory.Trajectory`.
+    """
 
     time: np.ndarray
     channels: dict[str, np.ndarray]
@@ -49,7 +53,9 @@ class Content:
 
 
 def common_unit(units: Iterable[str]) -> str:
-    """The unit of a channel from those of its columns: ``"rad"``, or ``"rad or m"`` where they differ."""
+    """The unit of a channel from those of its columns: ``"rad"``, or ``"rad or m"`` where they
+    differ.
+    """
     return " or ".join(dict.fromkeys(units)) or "-"
 
 
@@ -84,7 +90,8 @@ def write(
 
     if path.suffix not in (".npz", ".csv", ".mat"):
         raise ArgumentError(
-            f"trajectory file: given {path.name!r}, expected a name that ends in .npz, .csv or .mat"
+            f"trajectory file: given {path.name!r}, expected a name that ends in .npz, .csv or "
+            ".mat"
         )
     if os.path.exists(path) and not path.is_file():
         raise ArgumentError(
@@ -124,8 +131,8 @@ def _write_mat(
 ) -> None:
     """Write a MAT file (version 5) for MATLAB and Octave.
 
-    ``time`` (n, 1) [s], each channel (n, width) under its name, ``labels`` and ``units``: structures of cell arrays of
-    the columns by channel, ``meta``: the meta data in JSON.
+    ``time`` (n, 1) [s], each channel (n, width) under its name, ``labels`` and ``units``:
+    structures of cell arrays of the columns by channel, ``meta``: the meta data in JSON.
     """
     from scipy.io import savemat
 
@@ -143,7 +150,10 @@ def _write_mat(
         "units": cells(units),
     }
     savemat(
-        stream, {**data, "meta": json.dumps(dict(meta))}, do_compression=True, long_field_names=True
+        stream,
+        {**data, "meta": json.dumps(dict(meta))},
+        do_compression=True,
+        long_field_names=True,
     )
 
 
@@ -153,7 +163,8 @@ def read(path: Path) -> Content:
     Raises
     ------
     ArgumentError
-        There is no such file, or it is not a trajectory, damaged, or too large; the text names the file.
+        There is no such file, or it is not a trajectory, damaged, or too large; the text names the
+        file.
     """
     from flexgen.npz_files import NpzError
 
@@ -165,7 +176,8 @@ def read(path: Path) -> Content:
         )
     if path.stat().st_size > LARGEST:
         raise ArgumentError(
-            f"trajectory: given {str(path)!r} of {path.stat().st_size} bytes, expected at most {LARGEST}"
+            f"trajectory: given {str(path)!r} of {path.stat().st_size} bytes, expected at most "
+            f"{LARGEST}"
         )
     try:
         return _read_csv(path) if path.suffix == ".csv" else _read_npz(path)
@@ -173,7 +185,8 @@ def read(path: Path) -> Content:
         raise ArgumentError(f"{path}: {error}") from None
     except NpzError as error:
         raise ArgumentError(
-            f"{path}: given a file that is not a trajectory of flexgen ({error.given}), expected {error.expected}"
+            f"{path}: given a file that is not a trajectory of flexgen ({error.given}), "
+            f"expected {error.expected}"
         ) from None
     except OSError as error:
         raise ArgumentError(
@@ -186,7 +199,7 @@ def read(path: Path) -> Content:
         ) from error
 
 
-# --- npz --------------------------------------------------------------------------------------------------------------
+# --- npz -----------------------------------------------------------------------------------------
 
 
 def _read_npz(path: Path) -> Content:  # noqa: C901
@@ -241,7 +254,7 @@ def _object(name: str, value: Any) -> dict[str, Any]:
     return value
 
 
-# --- csv --------------------------------------------------------------------------------------------------------------
+# --- csv -----------------------------------------------------------------------------------------
 
 
 def _line(stream: IO[str], number: int) -> str:
@@ -264,15 +277,18 @@ def _read_csv(path: Path) -> Content:
         plain = not first.startswith("#")
         if plain and not first.startswith("time"):
             raise ArgumentError(
-                "line 1: given a file that is not a trajectory of flexgen (no comment), expected '# {...}' with meta "
-                "data in JSON, or the names of the columns, the first of them 'time s'"
+                "line 1: given a file that is not a trajectory of flexgen (no comment), "
+                "expected '# {...}' with meta data in JSON, or the names of the columns, the "
+                "first of them 'time s'"
             )
         meta = {} if plain else _object("line 1", json.loads(first.removeprefix("#")))
         top = 1 if plain else 2
         header = _cells(first if plain else _line(stream, 2))
         second = _time_factor(header, top)
         numbers = array("d")
-        count, stated, number = 0, None, top
+        count = 0
+        stated = None
+        number = top
         while line := _line(stream, number + 1):
             number += 1
             if stated is not None:
@@ -303,7 +319,8 @@ def _read_csv(path: Path) -> Content:
             else f"{count} rows, where the last line states {stated}"
         )
         raise ArgumentError(
-            f"given {last}, expected a complete file: it was cut or changed; write or copy it again"
+            f"given {last}, expected a complete file: it was cut or changed; write or copy it "
+            "again"
         )
     table = np.frombuffer(numbers, dtype=float).reshape(count, len(header)).copy()
     if second != 1.0:
@@ -312,7 +329,9 @@ def _read_csv(path: Path) -> Content:
 
 
 def _time_factor(header: list[str], number: int) -> float:
-    """Factor to seconds of the first column; ArgumentError where it is not a time with its unit."""
+    """Factor to seconds of the first column; ArgumentError where it is not a time with its
+    unit.
+    """
     from flexgen.units import FACTORS, factor_of
 
     if not header:
@@ -321,8 +340,8 @@ def _time_factor(header: list[str], number: int) -> float:
     factor = factor_of(unit, "s") if name == "time" and unit else None
     if factor is None:
         raise ArgumentError(
-            f"line {number}: given the first column {header[0][:60]!r}, expected 'time s', or time "
-            f"in {', '.join(list(FACTORS['s'])[1:])}"
+            f"line {number}: given the first column {header[0][:60]!r}, expected 'time s', or "
+            f"time in {', '.join(list(FACTORS['s'])[1:])}"
         )
     return factor
 

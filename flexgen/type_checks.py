@@ -1,9 +1,11 @@
-"""Types of arguments, checked against the annotations at every public function, constructor and method.
+"""Types of arguments, checked against the annotations at every public function, constructor and
+method.
 
-The order of checks: a constructor first checks itself, since its own messages are more specific; then its arguments, as
-a data class stored them, are compared with the annotations. A function or a method compares first, so that nothing is
-written or computed for an argument of a wrong type, except of the parameters that it checks itself as its first step,
-with a more specific message: ``own`` of `checked_types` names them.
+The order of checks: a constructor first checks itself, since its own messages are more specific;
+then its arguments, as a data class stored them, are compared with the annotations. A function or a
+method compares first, so that nothing is written or computed for an argument of a wrong type,
+except of the parameters that it checks itself as its first step, with a more specific message:
+``own`` of `checked_types` names them.
 """
 
 from __future__ import annotations
@@ -54,11 +56,13 @@ def checked_types(*, own: tuple[str, ...]) -> Callable[[T], T]: ...
 
 
 def checked_types(function: Any = None, /, *, own: tuple[str, ...] = ()) -> Any:
-    """Decorate a public function or method: ArgumentError where an argument is not what its annotation says.
+    """Decorate a public function or method: ArgumentError where an argument is not what its
+    annotation says.
 
-    Numbers are finite and neither true, false nor a text; those of a sequence or an array may be infinite, as bounds
-    are. Whole numbers have at most 63 bits; texts have no character that no file name can have. Sequences may be lists,
-    tuples or arrays. Annotations are resolved at the first call.
+    Numbers are finite and neither true, false nor a text; those of a sequence or an array may be
+    infinite, as bounds are. Whole numbers have at most 63 bits; texts have no character that no
+    file name can have. Sequences may be lists, tuples or arrays. Annotations are resolved at the
+    first call.
 
     Parameters
     ----------
@@ -71,19 +75,25 @@ def checked_types(function: Any = None, /, *, own: tuple[str, ...] = ()) -> Any:
 
 
 def checked_class(cls: C) -> C:
-    """Decorate a public class: its constructor and its public methods are checked as by `checked_types`."""
+    """Decorate a public class: its constructor and its public methods are checked as by
+    `checked_types`.
+    """
     cls.__init__ = _wrap(cls.__init__, cls=cls)  # type: ignore[misc]
     return checked_methods(cls)
 
 
 def checked_result(cls: C) -> C:
-    """Decorate a public data class of results: as `checked_class`, but its numbers may be infinite or nan."""
+    """Decorate a public data class of results: as `checked_class`, but its numbers may be infinite
+    or nan.
+    """
     cls.__init__ = _wrap(cls.__init__, cls=cls, result=True)  # type: ignore[misc]
     return checked_methods(cls)
 
 
 def checked_methods(cls: C) -> C:
-    """Decorate a public class that only flexgen makes objects of: its public methods are checked by `checked_types`."""
+    """Decorate a public class that only flexgen makes objects of: its public methods are checked
+    by `checked_types`.
+    """
     for name, member in list(vars(cls).items()):
         if name.startswith("_") or name == FROM_FILES or hasattr(member, "__checks__"):
             continue
@@ -97,14 +107,18 @@ def checked_methods(cls: C) -> C:
 
 
 def checks_of(function: Callable[..., Any]) -> dict[str, Check]:
-    """What the annotations of a function, method or class demand of its parameters, by name, decorated or not."""
+    """What the annotations of a function, method or class demand of its parameters, by name,
+    decorated or not.
+    """
     constructor: Any = function.__init__ if isinstance(function, type) else function  # type: ignore[misc]
     entrance = getattr(constructor, "__checks__", None) or _Entrance(constructor)
     return replace(entrance, own=(), made=None).plan().by_name
 
 
 class _Plan(NamedTuple):
-    """Checks of the positional parameters, of all by name, of further positional ones; names of the positional ones."""
+    """Checks of the positional parameters, of all by name, of further positional ones; names of
+    the positional ones.
+    """
 
     positional: list[Check | None]
     by_name: dict[str, Check]
@@ -114,7 +128,9 @@ class _Plan(NamedTuple):
 
 @dataclass(eq=False)
 class _Entrance:
-    """A decorated function; ``head`` is the beginning of its messages. Its plan is made at the first call."""
+    """A decorated function; ``head`` is the beginning of its messages. Its plan is made at the
+    first call.
+    """
 
     function: Callable[..., Any]
     head: str = ""
@@ -144,7 +160,9 @@ class _Entrance:
     def collect_stored(
         self, args: tuple[Any, ...], kwargs: dict[str, Any]
     ) -> tuple[tuple[()], dict[str, Any]]:
-        """The arguments of a data class as it stored them: its `__post_init__` may have made a tuple of an array."""
+        """The arguments of a data class as it stored them: its `__post_init__` may have made a
+        tuple of an array.
+        """
         given = dict(zip(self.plan().names[1:], args[1:], strict=False)) | kwargs
         return (), {name: getattr(args[0], name, value) for name, value in given.items()}
 
@@ -161,7 +179,9 @@ class _Entrance:
 
 
 def _naming_numbers(function: Any) -> Any:
-    """A function of a model whose numerical errors are a SolverError that names the likely cause."""
+    """A function of a model whose numerical errors are a SolverError that names the likely
+    cause.
+    """
 
     @functools.wraps(function)
     def call(*args: Any, **kwargs: Any) -> Any:
@@ -189,11 +209,9 @@ def _wrap(
     ):
         function = _naming_numbers(function)
     entrance = _Entrance(function, head, cls, result, own)
-    check, check_all, stored = (
-        entrance.check,
-        replace(entrance, own=()).check,
-        entrance.collect_stored,
-    )
+    check = entrance.check
+    check_all = replace(entrance, own=()).check
+    stored = entrance.collect_stored
 
     @functools.wraps(function)
     def call(*args: Any, **kwargs: Any) -> Any:
@@ -228,7 +246,9 @@ def _wrap(
 
 
 def _parameters(function: Any) -> int:
-    """How many parameters a function has, ``self`` included; several where their number is free."""
+    """How many parameters a function has, ``self`` included; several where their number is
+    free.
+    """
     code = function.__code__
     free = code.co_flags & (inspect.CO_VARARGS | inspect.CO_VARKEYWORDS)
     return int(code.co_argcount + code.co_kwonlyargcount + free)
@@ -240,7 +260,8 @@ def _plan(
     inner = inspect.unwrap(function)
     positional: list[Check | None] = []
     by_name: dict[str, Check] = {}
-    others, labels = None, []
+    others = None
+    labels = []
     for name, parameter in inspect.signature(inner).parameters.items():
         annotation = parameter.annotation
         if isinstance(annotation, str):
@@ -261,7 +282,9 @@ def _plan(
 
 
 def _namespace(function: Callable[..., Any], cls: type | None, name: str) -> dict[str, Any]:
-    """The names of the module in which a parameter is annotated: that of a field is the module of its class."""
+    """The names of the module in which a parameter is annotated: that of a field is the module of
+    its class.
+    """
     for base in cls.__mro__ if cls is not None and is_dataclass(cls) else ():
         if name in vars(base).get("__annotations__", {}):
             return vars(sys.modules[base.__module__])

@@ -31,11 +31,14 @@ class Check:
     __slots__ = ("passes", "words")
 
     def __init__(self, passes: Callable[[Any], bool], words: str) -> None:
-        self.passes, self.words = passes, words
+        self.passes = passes
+        self.words = words
 
 
 class LateClass(type):
-    """A class that is imported for type checkers only, known by its name: an object of it comes from elsewhere."""
+    """A class that is imported for type checkers only, known by its name: an object of it comes
+    from elsewhere.
+    """
 
     def __instancecheck__(cls, value: object) -> bool:
         return any(base.__name__ == cls.__name__ for base in type(value).__mro__)
@@ -62,7 +65,8 @@ def check_of(annotation: Any, *, infinite: bool = False, result: bool = False) -
     infinite : bool
         Numbers may be infinite.
     result : bool
-        Numbers may be infinite or nan, arrays and sequences may hold anything: what flexgen itself computed.
+        Numbers may be infinite or nan, arrays and sequences may hold anything: what flexgen itself
+        computed.
     """
 
     def part_of(part: Any, entry: bool = True) -> Check | None:
@@ -74,7 +78,8 @@ def check_of(annotation: Any, *, infinite: bool = False, result: bool = False) -
         return Check(lambda value: isinstance(value, str), "a text")
     if annotation in (float, int, bool, str):
         return _scalar(annotation, infinite, result)
-    origin, parts = typing.get_origin(annotation), typing.get_args(annotation)
+    origin = typing.get_origin(annotation)
+    parts = typing.get_args(annotation)
     if origin in (Union, types.UnionType):
         return _union([part_of(part, False) for part in parts])
     if origin is typing.Literal:
@@ -98,7 +103,7 @@ def check_of(annotation: Any, *, infinite: bool = False, result: bool = False) -
     return _of_class(origin, result)
 
 
-# --- checks of one type -----------------------------------------------------------------------------------------------
+# --- checks of one type --------------------------------------------------------------------------
 def _scalar(kind: type, infinite: bool, result: bool) -> Check:
     if kind is float and result:
         return Check(_is_real, "a number")
@@ -172,9 +177,11 @@ def _union(parts: Sequence[Check | None]) -> Check | None:
     return Check(lambda value: any(found(value) for found in passes), " or ".join(words))
 
 
-# --- arrays and collections -------------------------------------------------------------------------------------------
+# --- arrays and collections ----------------------------------------------------------------------
 def _is_array(value: Any) -> bool:
-    """Whether a value is an array of numbers, or becomes one; infinite values are not accepted as bounds."""
+    """Whether a value is an array of numbers, or becomes one; infinite values are not accepted as
+    bounds.
+    """
     import numpy as np
 
     if isinstance(value, str | bytes | bytearray | Mapping):

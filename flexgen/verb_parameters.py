@@ -1,4 +1,6 @@
-"""Parameters of public functions, read from the text of their modules: help appears without importing them."""
+"""Parameters of public functions, read from the text of their modules: help appears without
+importing them.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +35,9 @@ FILES = [
 
 @cache
 def defaults_of(function: str) -> dict[str, Any]:
-    """Parameters of a public function that have a default which is a number, a text or None, with that default."""
+    """Parameters of a public function that have a default which is a number, a text or None, with
+    that default.
+    """
     module = _public()[function]
     return {
         arg.arg: _value(module, value)
@@ -45,8 +49,8 @@ def defaults_of(function: str) -> dict[str, Any]:
 def command_of(function: str) -> Verb:
     """The verb of a public function, from its parameters, their annotations and its docstring.
 
-    A parameter with a default is an option, one without an argument; a first parameter ``model`` is MODEL. A class of
-    results as the return type gives ``--out`` and ``--report``.
+    A parameter with a default is an option, one without an argument; a first parameter ``model``
+    is MODEL. A class of results as the return type gives ``--out`` and ``--report``.
 
     Raises
     ------
@@ -54,7 +58,8 @@ def command_of(function: str) -> Verb:
         A parameter without default has an annotation that is not in `KINDS`.
     """
     node = _node(function)
-    docstring, defaults = ast.get_docstring(node) or "", defaults_of(function)
+    docstring = ast.get_docstring(node) or ""
+    defaults = defaults_of(function)
     names = [arg.arg for arg, _ in _parameters(node)]
     model = "none" if names[:1] != ["model"] else "optional" if "model" in defaults else "required"
     verb = Verb(
@@ -63,10 +68,13 @@ def command_of(function: str) -> Verb:
     for arg, value in _parameters(node):
         option = _option(arg, defaults.get(arg.arg), docstring, required=value is None)
         if arg.arg not in LEFT_OUT and option is not None:
-            verb.sections.setdefault("arguments" if option.place else "settings", []).append(option)
+            verb.sections.setdefault("arguments" if option.place else "settings", []).append(
+                option
+            )
         elif arg.arg not in LEFT_OUT and value is None:
             raise ValueError(
-                f"{function}: parameter {arg.arg} cannot be given as a text, expected a row in verbs.py"
+                f"{function}: parameter {arg.arg} cannot be given as a text, expected a row in "
+                "verbs.py"
             )
     if ast.unparse(node.returns or ast.Constant(None)) in _public() and "out" not in names:
         verb.sections["files"] = FILES
@@ -122,7 +130,9 @@ def _parameters(node: ast.FunctionDef) -> list[tuple[ast.arg, ast.expr | None]]:
 def _tree(module: str) -> ast.Module:
     base = Path(flexgen.__file__).parent.joinpath(*module.split(".")[1:])
     file = base.with_suffix(".py")
-    return ast.parse((file if file.is_file() else base / "__init__.py").read_text(encoding="utf-8"))
+    return ast.parse(
+        (file if file.is_file() else base / "__init__.py").read_text(encoding="utf-8")
+    )
 
 
 def _value(module: str, node: ast.expr) -> Any:  # noqa: C901

@@ -4,11 +4,12 @@
         TITLE OF A SECTION OF THE HELP (arguments: positional arguments)
             NAME [PLACEHOLDER] [words]: help, of several lines where needed
 
-Words: a type of `flexgen.cli.argument_types` (``whole_1``: an integer that is at least 1), ``in=a/b`` or ``in=LIST``,
-``several``, ``once``, ``required``, ``group=G`` (options that exclude each other), ``--WORD`` (another name than that
-of the parameter), ``old=--WORD`` (a former name, which works with a warning) or, of a switch that selected a value,
-``old=--WORD=VALUE``. ``<NAME>`` is a positional argument. In a help, ``{default}`` is the default of the function;
-lists and phrases of `flexgen.verbs` are inserted by name.
+Words: a type of `flexgen.cli.argument_types` (``whole_1``: an integer that is at least 1),
+``in=a/b`` or ``in=LIST``, ``several``, ``once``, ``required``, ``group=G`` (options that exclude
+each other), ``--WORD`` (another name than that of the parameter), ``old=--WORD`` (a former name,
+which works with a warning) or, of a switch that selected a value, ``old=--WORD=VALUE``. ``<NAME>``
+is a positional argument. In a help, ``{default}`` is the default of the function; lists and
+phrases of `flexgen.verbs` are inserted by name.
 """
 
 from __future__ import annotations
@@ -58,7 +59,8 @@ class Option:
 class Verb:
     """A verb, or a kind of ``export``; ``model``: "required", "optional" or "none".
 
-    ``summary``: what it does; empty: the first line of the docstring of its function in `flexgen.cli.verbs`.
+    ``summary``: what it does; empty: the first line of the docstring of its function in
+    `flexgen.cli.verbs`.
     """
 
     name: str
@@ -76,7 +78,8 @@ class Verb:
 
 
 def verbs_of(rows: str, shared: str) -> dict[str, Verb]:
-    """The verbs of a text by name; ``shared``: options of several verbs, lines ``@NAME``, then their rows.
+    """The verbs of a text by name; ``shared``: options of several verbs, lines ``@NAME``, then
+    their rows.
 
     Raises
     ------
@@ -142,8 +145,10 @@ def _option(line: str) -> Option:
             found["kind"] = word.replace("_", " ") if word.startswith("whole") else word
         else:
             raise ValueError(
-                f"row of an option: given the word {word!r} in {line.strip()!r}, which means nothing"
+                f"row of an option: given the word {word!r} in {line.strip()!r}, which means "
+                "nothing"
             )
     if name.startswith("<"):
-        name, found["place"] = name.strip("<>"), True
+        name = name.strip("<>")
+        found["place"] = True
     return Option(name, help_text, old=tuple(old), **found)  # type: ignore[arg-type]

@@ -24,7 +24,10 @@ LISTS: dict[str, Callable[[], tuple[str, ...]]] = {  # called when a help or an 
 }
 PHRASES = {
     "CONTROLLERS": "a file .toml, .py (or file.py:Class) or a shared library",
-    "FACTORS": "factors of stiffness, damping, friction, lost_motion or a single number, payload in kg more",
+    "FACTORS": (
+        "factors of stiffness, damping, friction, lost_motion or a single number, payload in kg "
+        "more"
+    ),
 }
 
 
@@ -35,7 +38,9 @@ def choices_of(option: Option) -> tuple[str, ...]:
 
 
 def help_of(option: Option, default: Any) -> str:
-    """The help of an option with the default of the public function, the lists and the phrases in it."""
+    """The help of an option with the default of the public function, the lists and the phrases in
+    it.
+    """
     text = option.help.replace(
         "{default}", f"{default:g}" if isinstance(default, float) else str(default)
     )

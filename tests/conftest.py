@@ -55,10 +55,11 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:
-    """Compile the n-th part of the test files in the n-th worker, not each file in each worker, where none is compiled.
+    """Compile the n-th part of the test files in the n-th worker, not each file in each worker,
+    where none is compiled.
 
-    pytest compiles a file when it is imported; an import without builtins stops after that, at the first statement.
-    Searches for garbage find nothing while tests are collected.
+    pytest compiles a file when it is imported; an import without builtins stops after that, at the
+    first statement. Searches for garbage find nothing while tests are collected.
     """
     gc.disable()
     worker = os.environ.get("PYTEST_XDIST_WORKER", "")
@@ -84,7 +85,9 @@ def pytest_sessionstart(session: pytest.Session) -> None:
 
 
 def pytest_configure() -> None:
-    """Forget equations where something is changed: those with a planted error are for no other test."""
+    """Forget equations where something is changed: those with a planted error are for no other
+    test.
+    """
 
     def forgetting(method: Callable[..., Any]) -> Callable[..., Any]:
         @functools.wraps(method)
@@ -132,7 +135,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 def pytest_runtest_setup(item: pytest.Item) -> None:
     """Choose the compiler of the test, see `unoptimized`; each of the two has its own cache.
 
-    A test that plants an error after it has derived equations gets new ones: nothing is built from them before.
+    A test that plants an error after it has derived equations gets new ones: nothing is built from
+    them before.
     """
     if "monkeypatch" in item.fixturenames and plants_errors(item.function):
         equations._KEPT.clear()
@@ -140,10 +144,13 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
         return
     folder = Path(os.environ["FLEXGEN_CACHE"])
     before = folder.name == "unoptimized"
-    path, case = item.path.relative_to(ROOT / "tests").as_posix(), getattr(item, "callspec", None)
+    path = item.path.relative_to(ROOT / "tests").as_posix()
+    case = getattr(item, "callspec", None)
     quick = all(item.get_closest_marker(mark) is None for mark in ("slow", "full", "robots"))
     if (
-        unoptimized(path, getattr(item, "originalname", ""), "" if case is None else case.id, quick)
+        unoptimized(
+            path, getattr(item, "originalname", ""), "" if case is None else case.id, quick
+        )
         == before
     ):
         return
@@ -161,7 +168,9 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 
 
 def pytest_collection_finish() -> None:
-    """Leave what lives until the end, such as modules, out of the searches for garbage: a tenth of the time."""
+    """Leave what lives until the end, such as modules, out of the searches for garbage: a tenth of
+    the time.
+    """
     gc.enable()
     gc.collect()
     gc.freeze()
@@ -171,13 +180,17 @@ def pytest_collection_finish() -> None:
 
 @pytest.fixture
 def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Pictures in files are empty frames: a test of the texts of a report takes a fifth of the time."""
+    """Pictures in files are empty frames: a test of the texts of a report takes a fifth of the
+    time.
+    """
     draw_nothing(monkeypatch.setattr)
 
 
 @pytest.fixture(scope="session", autouse=True)
 def cache_of_this_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of compiled C: ``FLEXGEN_TEST_CACHE``, or one for this run; never the user's cache."""
+    """The folder of compiled C: ``FLEXGEN_TEST_CACHE``, or one for this run; never the user's
+    cache.
+    """
     base = tmp_path_factory.getbasetemp()
     own = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "objects"
     for folder in (os.environ.get("FLEXGEN_TEST_CACHE"), str(own)):

@@ -1,9 +1,11 @@
-"""Throughput of a GPU: functions of points, and whole inversions, against one call for all on the cores of the CPU.
+"""Throughput of a GPU: functions of points, and whole inversions, against one call for all on the
+cores of the CPU.
 
     cd benchmarks && python -m array_parts.gpu
 
-prints a table with the name of the card and writes it to benchmarks/arrays_gpu.md; without a card it states that and
-writes nothing. Results of both are compared bit for bit; the shortest times of ROUNDS are in the table.
+prints a table with the name of the card and writes it to benchmarks/arrays_gpu.md; without a card
+it states that and writes nothing. Results of both are compared bit for bit; the shortest times of
+ROUNDS are in the table.
 """
 
 from __future__ import annotations
@@ -20,14 +22,21 @@ from array_parts.problems import AFTER, BEFORE, EACH, problems_of
 
 import flexgen
 
-ROBOT, FUNCTIONS = "planar5_nmp", ("mass_matrix", "inverse_dynamics", "arm_forward_dynamics")
-POINTS, PROBLEMS, ROUNDS = 2_000_000, 20_000, 20
-HEADER = "| what | number | CPU, all cores, per second | {card}, per second | same bits |\n|---|---|---|---|---|\n"
+ROBOT = "planar5_nmp"
+FUNCTIONS = ("mass_matrix", "inverse_dynamics", "arm_forward_dynamics")
+POINTS = 2_000_000
+PROBLEMS = 20_000
+ROUNDS = 20
+HEADER = (
+    "| what | number | CPU, all cores, per second | {card}, per second | same bits |\n"
+    "|---|---|---|---|---|\n"
+)
 
 
 def shortest(way: Callable[[], Any]) -> tuple[float, Any]:
     """The shortest time of a call [s], and its result."""
-    best, result = np.inf, None
+    best = np.inf
+    result = None
     for _ in range(ROUNDS):
         began = time.perf_counter()
         result = way()
@@ -49,14 +58,16 @@ def measure(folder: Path) -> str:
     """The table; BuildError where there is no card."""
     library = flexgen.load(flexgen.generate(ROBOT, folder / "functions", openmp=True).directory)
     robot: Any = flexgen.load(library.directory, device="cuda")
-    rows, random = "", np.random.default_rng(0)
+    rows = ""
+    random = np.random.default_rng(0)
     for name in FUNCTIONS:
         given = [
             np.asfortranarray(random.normal(size=(POINTS, *x.shape)))
             for x in library.functions[name].inputs
         ]
         arrays = [robot.array(x) for x in given]
-        cpu, card = library.functions[name], robot.functions[name]
+        cpu = library.functions[name]
+        card = robot.functions[name]
         rows += row_of(
             f"`{name}`", POINTS, lambda f=cpu, x=given: f(*x), lambda f=card, x=arrays: f(*x)
         )
@@ -71,7 +82,10 @@ def measure(folder: Path) -> str:
         lambda: p.library.invert_many(**p.path, parameters=p.parameters, options=options).tau_m,
         lambda: many.invert_many(**path, parameters=values, options=options).tau_m,
     )
-    note = f"Robot `{ROBOT}`, double precision, arrays on the device; each call waits for its results.\n"
+    note = (
+        f"Robot `{ROBOT}`, double precision, arrays on the device; each call waits for its "
+        "results.\n"
+    )
     return HEADER.format(card=robot.card.name) + rows + "\n" + note
 
 

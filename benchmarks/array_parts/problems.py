@@ -15,8 +15,12 @@ from flexgen.inversion.reduced_problem import Reduction
 from flexgen.inversion.sampling import samples
 from flexgen.mechanics.signatures import INVERSION
 
-SAMPLES, BEFORE, AFTER, EACH = 501, 20, 50, 20
-SECONDS, ROUNDS = 0.2, 60  # of the single calls in a round; rounds
+SAMPLES = 501
+BEFORE = 20
+AFTER = 50
+EACH = 20
+SECONDS = 0.2  # of the single calls in a round
+ROUNDS = 60  # rounds
 SPREAD = 0.1  # of each parameter, relative
 
 
@@ -82,7 +86,9 @@ def largest(chunk: Any) -> np.ndarray:
 
 
 def shortest(ways: list[Callable[[], np.ndarray]]) -> np.ndarray:
-    """The shortest time and processor time [s] of each of these ways, in turns; all must give the same bits."""
+    """The shortest time and processor time [s] of each of these ways, in turns; all must give the
+    same bits.
+    """
     best = np.full((len(ways), 2), np.inf)
     for _ in range(ROUNDS):
         results = []

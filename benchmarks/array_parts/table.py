@@ -41,7 +41,9 @@ HEADER = (
 
 @dataclass(frozen=True)
 class Row:
-    """Problems per second of the single calls, and of ways to solve many, on one device; ratios of both."""
+    """Problems per second of the single calls, and of ways to solve many, on one device; ratios of
+    both.
+    """
 
     robot: str
     device: str
@@ -67,10 +69,12 @@ class Row:
 
 def cpu_row(p: Problems) -> Row:
     """Single calls, one thread and all of them."""
-    few, began = p.first(10), time.perf_counter()
+    few = p.first(10)
+    began = time.perf_counter()
     call_one_by_one(few)
     count = int(np.clip(10 * SECONDS / (time.perf_counter() - began), 16, len(p.parameters)))
-    part, threads = p.first(count), count_cores()
+    part = p.first(count)
+    threads = count_cores()
     best = shortest(
         [lambda: call_one_by_one(part), lambda: call_many(part, 1), lambda: call_many(part)]
     )
@@ -92,13 +96,17 @@ def table(rows: list[Row]) -> str:
     lines = [HEADER, ["---"] * len(HEADER), *(row.cells() for row in rows)]
     load = ", ".join(f"{x:.1f}" for x in os.getloadavg())
     notes = (
-        f"Problems per second: the line of each robot, {SAMPLES} samples, {BEFORE} before and {AFTER} after them, "
-        f"{EACH} for each interval of the mesh; stiffness and payload of each problem differ. The shortest of {ROUNDS} "
-        "rounds, in which all ways solve the same problems one after the other, with the same bits. Default build; "
-        "from Python, the reduction of the torques to their largest values included.\n\n"
-        "The processor time of all threads together is that of the single calls where the ratio is 1: on idle cores "
-        "that do not slow each other down, the throughput is then the number of threads times that of single calls. "
-        "The ratio of throughputs next to it was measured while other programs used the cores too.\n\n"
+        f"Problems per second: the line of each robot, {SAMPLES} samples, {BEFORE} before and "
+        f"{AFTER} after them, {EACH} for each interval of the mesh; stiffness and payload of "
+        f"each problem differ. The shortest of {ROUNDS} rounds, in which all ways solve the "
+        "same problems one after the other, with the same bits. Default build; from Python, "
+        "the reduction of the torques to their largest values included.\n"
+        "\n"
+        "The processor time of all threads together is that of the single calls where the "
+        "ratio is 1: on idle cores that do not slow each other down, the throughput is then "
+        "the number of threads times that of single calls. The ratio of throughputs next to it "
+        "was measured while other programs used the cores too.\n"
+        "\n"
         f"{_cpu().get('model name', 'processor unknown')}, {os.cpu_count()} cores; load {load}."
     )
     return "\n".join(f"| {' | '.join(line)} |" for line in lines) + f"\n\n{notes}\n"

@@ -1,8 +1,10 @@
-"""Times of a library in JAX and PyTorch next to its functions on numpy arrays: benchmarks/autodiff.md.
+"""Times of a library in JAX and PyTorch next to its functions on numpy arrays:
+benchmarks/autodiff.md.
 
     python benchmarks/autodiff/measure.py [--quick]
 
-All rows of a robot are timed in turn, in many rounds of one process; a time is the median of the rounds. One core.
+All rows of a robot are timed in turn, in many rounds of one process; a time is the median of the
+rounds. One core.
 """
 
 from __future__ import annotations
@@ -23,14 +25,18 @@ import flexgen.jax
 import flexgen.torch
 
 PAGE = Path(__file__).resolve().parents[1] / "autodiff.md"
-ROBOTS, BATCH, STEPS = ("planar5_nmp", "manutec_r3_24"), 10_000, 1000
+ROBOTS = ("planar5_nmp", "manutec_r3_24")
+BATCH = 10_000
+STEPS = 1000
 NAMES = ["inverse_dynamics", "mass_matrix"]
 
 
 def calls_of(robot: flexgen.Library) -> dict[str, tuple[Callable[[], object], int]]:
     """What is timed, with how many calls of the function it has inside."""
-    made, torched = flexgen.jax.functions(robot), flexgen.torch.functions(robot)
-    rng, n = np.random.default_rng(0), robot.sizes["n_a"]
+    made = flexgen.jax.functions(robot)
+    torched = flexgen.torch.functions(robot)
+    rng = np.random.default_rng(0)
+    n = robot.sizes["n_a"]
     one = [rng.uniform(-1.0, 1.0, n) for _ in range(3)]
     many = [rng.uniform(-1.0, 1.0, (BATCH, n)) for _ in range(3)]
     columns = [np.asfortranarray(x) for x in many]
@@ -107,11 +113,16 @@ def main() -> None:
         [f"| us a point | {' | '.join(ROBOTS)} |", "|---|" + "---|" * len(ROBOTS), *rows]
     )
     text = (
-        "# A library in JAX and PyTorch\n\n"
+        "# A library in JAX and PyTorch\n"
+        "\n"
         "Time of `inverse_dynamics` [us a point], written by `benchmarks/autodiff/measure.py`: "
-        f"medians of {rounds} rounds,\nthe rows in turn, one process on a shared machine. The gradient is that in all "
-        f"inputs,\nby `inverse_dynamics_vjp`. A batch has {BATCH} points, the loop {STEPS} steps.\n"
-        f"JAX {jax.__version__}, PyTorch {torch.__version__}, numpy {np.__version__}.\n\n{table}\n"
+        f"medians of {rounds} rounds,\n"
+        "the rows in turn, one process on a shared machine. The gradient is that in all "
+        "inputs,\n"
+        f"by `inverse_dynamics_vjp`. A batch has {BATCH} points, the loop {STEPS} steps.\n"
+        f"JAX {jax.__version__}, PyTorch {torch.__version__}, numpy {np.__version__}.\n"
+        "\n"
+        f"{table}\n"
     )
     print(text)
     PAGE.write_text(text, encoding="utf-8")

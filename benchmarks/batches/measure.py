@@ -6,8 +6,9 @@ For each function and number of points one program calls all in turn on one core
 keeps results does what the batch does: it copies the inputs of a point, calls the function and
 copies its results to the structure of arrays, point by point, or 16 points at a time, whichever is
 faster. The other loop reads 64 points in turn and writes all results to one place, so that both
-stay in the cache: a controller that needs a result once. The table of minimum times, processor time
-of the thread, goes to benchmarks/batches/batches.md, unless models are named. Compare the ratios.
+stay in the cache: a controller that needs a result once. The table of minimum times, processor
+time of the thread, goes to benchmarks/batches/batches.md, unless models are named. Compare the
+ratios.
 """
 
 from __future__ import annotations
@@ -95,7 +96,8 @@ def sizes(ports: list[dict[str, Any]]) -> list[tuple[str, int]]:
 def body(name: str, function: dict[str, Any]) -> str:
     """The loop, and the function that times both for a number of points."""
     f = function["name"]
-    inputs, outputs = sizes(function["inputs"]), sizes(function["outputs"])
+    inputs = sizes(function["inputs"])
+    outputs = sizes(function["outputs"])
     arrays = [*inputs, *outputs]
     arguments = (
         ", ".join(f"const double *{x}" for x, _ in inputs)
@@ -118,7 +120,8 @@ def body(name: str, function: dict[str, Any]) -> str:
         ", one" if function["work"] else ""
     )
     rows = "for (int i = 0; i < {s}; ++i) {{ for (int k = 0; k < count; ++k) {{ {copy} }} }}"
-    there, here = "{x}[(size_t)i * n + first + k]", "tile_{x}[k * {s} + i]"
+    there = "{x}[(size_t)i * n + first + k]"
+    here = "tile_{x}[k * {s} + i]"
     gather_tile, scatter_tile = (
         " ".join(rows.format(s=s, copy=f"{to} = {of};".format(x=x, s=s)) for x, s in ports)
         for ports, to, of in ((inputs, here, there), (outputs, there, here))
@@ -214,7 +217,8 @@ def measure(model: str, folder: Path, quick: bool, isa: str) -> list[Row]:
     """All functions of a model, built for an instruction set."""
     made = flexgen.generate(model, folder / Path(model).stem, isa=isa)
     manifest = json.loads((made.directory / "manifest.json").read_text())
-    name, functions = manifest["name"], manifest["functions"]
+    name = manifest["name"]
+    functions = manifest["functions"]
     text = PROGRAM.replace("NAME", name) % {"blocks": 7 if quick else 21, "seconds": 5e-4}
     calls = ""
     for function in functions:
@@ -222,7 +226,13 @@ def measure(model: str, folder: Path, quick: bool, isa: str) -> list[Row]:
         results = sum(size for _, size in sizes(function["outputs"]))
         counts = COUNTS if results * 4000 * 8 > BIG else (*COUNTS, MEMORY)
         calls += "".join(f"    time_{function['name']}({n});\n" for n in counts)
-    text += f"\nint main(void)\n{{\n    work = memory({name}_batch_work());\n    one = memory({name}_work() + 1);\n"
+    text += (
+        "\n"
+        "int main(void)\n"
+        "{\n"
+        f"    work = memory({name}_batch_work());\n"
+        f"    one = memory({name}_work() + 1);\n"
+    )
     text += f"{calls}    return 0;\n}}\n"
     source = made.directory / "batches.c"
     source.write_text(text)
@@ -282,8 +292,10 @@ def page(rows: list[Row]) -> str:
     return f"""# Batches against loops of single calls
 
 `python benchmarks/batches/measure.py` writes this file. Time of a loop of single calls, divided by
-the time of the batch: the smallest ratio over all point functions of the library, and its function.
-Minimum processor times of one run in which all alternate; above 1 the batch is faster. Up to half a
+the time of the batch: the smallest ratio over all point functions of the library, and its \
+function.
+Minimum processor times of one run in which all alternate; above 1 the batch is faster. Up to \
+half a
 vector of points, a batch calls the function for one point; its checks cost some nanoseconds more.
 
 - machine: {machine}; default flags, instruction set as named
@@ -301,7 +313,8 @@ many points. Slower as a batch, of {len(rows)} functions and numbers of points: 
 The loop reads 64 points in turn and writes all results to one place, so that both stay in the
 cache, while the batch reads and writes the arrays of all points. Where a point has hundreds of
 results (derivatives), or few operations, moving them through memory can take longer than computing
-them, and the ratio is below 1: it says what the arrays cost, not that a loop would fill them faster.
+them, and the ratio is below 1: it says what the arrays cost, not that a loop would fill them \
+faster.
 benchmarks/peers.md compares in this way.
 
 {table(rows, lambda row: row.not_kept)}

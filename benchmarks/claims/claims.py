@@ -1,10 +1,12 @@
-"""Errors that `flexgen.solve` states, against a simulation that shares no code with it; the status of `invert` in C.
+"""Errors that `flexgen.solve` states, against a simulation that shares no code with it; the status
+of `invert` in C.
 
     python benchmarks/claims/claims.py RESULTS.json
 
-solves the moves of generated robots (the package example-robot-data, see tests/support/generated_robots.py), some with
-gravity turned over, and writes benchmarks/claims/claims.md. Moves in the file are not computed again; all take about
-two hours on one core.
+solves the moves of generated robots (the package example-robot-data, see
+tests/support/generated_robots.py), some with gravity turned over, and writes
+benchmarks/claims/claims.md. Moves in the file are not computed again; all take about two hours on
+one core.
 """
 
 from __future__ import annotations
@@ -77,9 +79,12 @@ def table(rows: Sequence[dict[str, Any]]) -> str:
     ]
     return f"""{text}
 
-Every error that a solution states is compared: in open loop or with motor feedback, until 0.5 s and until 2 s after the
-end, and the error in open loop of moves with feedback where it is stated. It is false where the simulation
-(tests/support/whole_move.c) finds more than 1.2 times it and 1 nm or 1 nrad. Moves that are not compared have sharp
+Every error that a solution states is compared: in open loop or with motor feedback, until 0.5 s \
+and until 2 s after the
+end, and the error in open loop of moves with feedback where it is stated. It is false where the \
+simulation
+(tests/support/whole_move.c) finds more than 1.2 times it and 1 nm or 1 nrad. Moves that are not \
+compared have sharp
 friction: their simulation takes more than a minute. Not solved: {", ".join(missed) or "none"}.
 """
 

@@ -2,9 +2,10 @@
 
     python benchmarks/compilers/compilers.py [MODEL ...]
 
-Builds the library of each model with each compiler that is installed, with both kinds of flags, and calls all builds
-in turn in one process on one core: inverse dynamics of 4000 points, and the inversion of the first second of a move.
-The table of minimum times goes to benchmarks/compilers/compilers.md, unless models are named. Compare the ratios.
+Builds the library of each model with each compiler that is installed, with both kinds of flags,
+and calls all builds in turn in one process on one core: inverse dynamics of 4000 points, and the
+inversion of the first second of a move. The table of minimum times goes to
+benchmarks/compilers/compilers.md, unless models are named. Compare the ratios.
 """
 
 from __future__ import annotations
@@ -32,8 +33,12 @@ HERE = Path(__file__).resolve().parent
 MODELS = ("manutec_r3_18", "manutec_r3_24", "manutec_r3_30")
 NAMES = ("gcc-11", "gcc-12", "gcc-13", "gcc-14", "gcc-15", "clang")
 PACKAGED = "ziglang"
-POINTS, ROUNDS = 4000, 25
-GENERATE = "import sys, flexgen; flexgen.generate(sys.argv[1], sys.argv[2], native=sys.argv[3] == 'native')"
+POINTS = 4000
+ROUNDS = 25
+GENERATE = (
+    "import sys, flexgen; flexgen.generate(sys.argv[1], sys.argv[2], native=sys.argv[3] == "
+    "'native')"
+)
 
 
 @dataclass(frozen=True)
@@ -79,7 +84,9 @@ def builds(model: str, folder: Path) -> list[Build]:
     return out
 
 
-def calls(model: str, robot: flexgen.Library) -> dict[str, tuple[Callable[[], object], float, str]]:
+def calls(
+    model: str, robot: flexgen.Library
+) -> dict[str, tuple[Callable[[], object], float, str]]:
     """What is timed: the call, the divisor of its time in s, and the unit."""
     rng = np.random.default_rng(0)
     data = flexgen.read(model)
@@ -117,10 +124,11 @@ def rows(model: str, folder: Path) -> list[str]:
         }
         fastest = min(values.values())
         for compiler in dict.fromkeys(build.compiler for build in found):
-            default, native = values[compiler, "default"], values[compiler, "native"]
+            default = values[compiler, "default"]
+            native = values[compiler, "native"]
             out.append(
-                f"| {model} | {what} | {compiler} | {default:.3g} | {native:.3g} | {unit} | {default / native:.2f} | "
-                f"{default / fastest:.2f} |"
+                f"| {model} | {what} | {compiler} | {default:.3g} | {native:.3g} | {unit} | "
+                f"{default / native:.2f} | {default / fastest:.2f} |"
             )
             print(out[-1], flush=True)
     return out
@@ -160,8 +168,10 @@ def main() -> None:
 
 `python benchmarks/compilers/compilers.py` makes this table. Processor: {processor()}. {versions}.
 
-Minimum of {ROUNDS} calls on one core, all builds in turn in one process. "native" contracts products and sums and uses
-all instructions of the processor at -O3; "default" has the same bits on every processor. The last column is the default
+Minimum of {ROUNDS} calls on one core, all builds in turn in one process. "native" contracts \
+products and sums and uses
+all instructions of the processor at -O3; "default" has the same bits on every processor. The \
+last column is the default
 build over the fastest of all builds.
 
 | robot | what | compiler | default | native | unit | default / native | default / fastest |

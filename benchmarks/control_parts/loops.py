@@ -1,4 +1,6 @@
-"""Sections of benchmarks/control.md: the loop, feedback around the feedforward, learning, minimum time."""
+"""Sections of benchmarks/control.md: the loop, feedback around the feedforward, learning, minimum
+time.
+"""
 
 from __future__ import annotations
 
@@ -47,9 +49,14 @@ def loops(names: Iterable[str]) -> str:
         times = f"{simulated / seconds:.0f}", f"{simulated / python:.0f}"
         rows.append((name, SIZES[name], f"{case.rate:.0f}", runs[0].steps, *times, f"{error:.2g}"))
     head = (
-        "model", "degrees of freedom", "largest eigenvalue, 1/s", "steps a sample", "times real time",
-        "with a controller in Python", "nominal error, um",
-    )  # fmt: skip
+        "model",
+        "degrees of freedom",
+        "largest eigenvalue, 1/s",
+        "steps a sample",
+        "times real time",
+        "with a controller in Python",
+        "nominal error, um",
+    )
     return table(head, rows)
 
 
@@ -93,9 +100,16 @@ def feedback(names: Iterable[str]) -> str:
         rows = []
         for model, title, law in laws:
             run = flexgen.control(
-                model, controller=law, sample_time=1e-3, plants=plants, disturbances=pushes, encoder_noise=1e-4,
-                exact_state=isinstance(law, flexgen.LQ), solution=solution, progress=False,
-            )  # fmt: skip
+                model,
+                controller=law,
+                sample_time=1e-3,
+                plants=plants,
+                disturbances=pushes,
+                encoder_noise=1e-4,
+                exact_state=isinstance(law, flexgen.LQ),
+                solution=solution,
+                progress=False,
+            )
             values = [1e3 * run.figures(r)["dynamic_error_max_m"] for r in run.runs]
             rows.append((title, *(f"{x:.3f}" if np.isfinite(x) else "unstable" for x in values)))
         out.append(f"### {name}\n\n" + table(("controller", "nominal", *plants), rows))
@@ -139,13 +153,16 @@ def learning(names: Iterable[str]) -> str:
 
 
 PROGRAM = (
-    "Ten motions with limits of torque, its rate, root mean square and curve over the speed, of gears, bearings and "
-    "the tool; a tenth of the torques is left for feedback. The whole includes the verification by simulation."
+    "Ten motions with limits of torque, its rate, root mean square and curve over the speed, of "
+    "gears, bearings and the tool; a tenth of the torques is left for feedback. The whole "
+    "includes the verification by simulation."
 )
 
 
 def programs() -> str:
-    """The fastest time laws of a program of ten motions with limits of every kind and a tenth of the torques left."""
+    """The fastest time laws of a program of ten motions with limits of every kind and a tenth of
+    the torques left.
+    """
     sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tests" / "support"))
     from programs_of_moves import ten_motions
 
@@ -188,7 +205,14 @@ def fastest(names: Iterable[str]) -> str:
         effort = [f"{found.excess:.0e}", found.inversions, f"{found.cpu_s:.2f}"]
         rows.append((name, *times, *effort, *(f"{x:.3g}" for x in swings)))
     head = (
-        "model", "given, s", "fastest, s", "rigid bound, s", "excess", "inversions", "processor, s",
-        "vibration at K -10 % as given, um", "fastest, um",
-    )  # fmt: skip
+        "model",
+        "given, s",
+        "fastest, s",
+        "rigid bound, s",
+        "excess",
+        "inversions",
+        "processor, s",
+        "vibration at K -10 % as given, um",
+        "fastest, um",
+    )
     return table(head, rows)

@@ -1,4 +1,6 @@
-"""Observers for benchmarks/control.py: times in C, and what they see of robots that differ from the model."""
+"""Observers for benchmarks/control.py: times in C, and what they see of robots that differ from
+the model.
+"""
 
 from __future__ import annotations
 
@@ -23,14 +25,16 @@ ACCELEROMETER = {
     "noise": 0.05,
 }
 OUTPUTS = ("motors", ("motors", "tool_accelerometer"))
-ROUNDS, CALLS = 400, 20
+ROUNDS = 400
+CALLS = 20
 TIMER = """
 #define _POSIX_C_SOURCE 199309L
 #include <stdint.h>
 #include <time.h>
 typedef int (*kalman)(void *, const double *, const double *);
 typedef int (*gain)(void *, int64_t, const double *, const double *, double *);
-typedef int (*plant)(const double *, const double *, const double *, const double *, const double *, double *, double *,
+typedef int (*plant)(const double *, const double *, const double *, const double *, const double \
+*, double *, double *,
     double *);
 static double now(void)
 {
@@ -38,7 +42,8 @@ static double now(void)
     clock_gettime(CLOCK_MONOTONIC, &t);
     return 1e6 * (double)t.tv_sec + 1e-3 * (double)t.tv_nsec;
 }
-__attribute__((visibility("default"))) void times(int rounds, int calls, void (*f)(void), int kind, void *self,
+__attribute__((visibility("default"))) void times(int rounds, int calls, void (*f)(void), int \
+kind, void *self,
     void (*model)(void), double **x, double *best)
 {
     best[0] = best[1] = 1e30;
@@ -62,10 +67,13 @@ __attribute__((visibility("default"))) void times(int rounds, int calls, void (*
 def _times(
     function: Any, kind: int, memory: np.ndarray, y: np.ndarray, u: np.ndarray, model: Any
 ) -> list[float]:
-    """Least microseconds of a step of an observer, and of one call of the forward dynamics, in turns."""
+    """Least microseconds of a step of an observer, and of one call of the forward dynamics, in
+    turns.
+    """
     library = library_with(model, ["forward_dynamics", "linearize"], native=True)
     address, work = library.forward_dynamics.single_address()
-    n_a, n_m = model.n_a, model.n_m
+    n_a = model.n_a
+    n_m = model.n_m
     rest = np.zeros(n_a), np.zeros(n_a), model.eta @ np.array(model.home), np.zeros(n_m)
     arrays = [
         y,
@@ -80,14 +88,22 @@ def _times(
     best = np.zeros(2)
     timer = ctypes.CDLL(str(compile_module("observer_times", TIMER)))
     timer.times(
-        ROUNDS, CALLS, ctypes.cast(function, ctypes.c_void_p), kind, ctypes.c_void_p(memory.ctypes.data),
-        ctypes.c_void_p(address), pointers, ctypes.c_void_p(best.ctypes.data),
-    )  # fmt: skip
+        ROUNDS,
+        CALLS,
+        ctypes.cast(function, ctypes.c_void_p),
+        kind,
+        ctypes.c_void_p(memory.ctypes.data),
+        ctypes.c_void_p(address),
+        pointers,
+        ctypes.c_void_p(best.ctypes.data),
+    )
     return best.tolist()
 
 
 def observer_times(names: Iterable[str]) -> list[tuple[object, ...]]:
-    """Rows: model, states, outputs, observer, microseconds, and these over one call of the forward dynamics."""
+    """Rows: model, states, outputs, observer, microseconds, and these over one call of the forward
+    dynamics.
+    """
     rows: list[tuple[object, ...]] = []
     for name in names:
         solution = flexgen.solve(name, progress=False)
@@ -120,7 +136,8 @@ def observer_times(names: Iterable[str]) -> list[tuple[object, ...]]:
                     )
                 )
             observer = flexgen.ConstantGainObserver(solution, outputs, native=True, parts=2)
-            y, u = observer._tables["y_ref"][0].copy(), observer._tables["u_ref"][0].copy()
+            y = observer._tables["y_ref"][0].copy()
+            u = observer._tables["u_ref"][0].copy()
             step = observer._module.flexgen_constant_gain_step
             best = _times(step, 1, observer._memory, y, u, observer.model)
             title = "constant gain, with disturbances"
@@ -144,10 +161,17 @@ def observer_errors(names: Iterable[str]) -> list[tuple[object, ...]]:
         model = flexgen.read(name, overrides={"sensor": [ACCELEROMETER]})
         solution = flexgen.solve(model, progress=False)
         run = flexgen.control(
-            model, controller=flexgen.PPI(10, 40, 0.5), sample_time=1e-3, encoder_noise=1e-4, solution=solution,
-            plants={"K -20 %": {"stiffness": 0.8}, "tool pulse": {}}, progress=False,
-            disturbances={"tool pulse": [flexgen.Disturbance("pulse", "tool.x", 300.0, 0.4, 0.02)]},
-        )  # fmt: skip
+            model,
+            controller=flexgen.PPI(10, 40, 0.5),
+            sample_time=1e-3,
+            encoder_noise=1e-4,
+            solution=solution,
+            plants={"K -20 %": {"stiffness": 0.8}, "tool pulse": {}},
+            progress=False,
+            disturbances={
+                "tool pulse": [flexgen.Disturbance("pulse", "tool.x", 300.0, 0.4, 0.02)]
+            },
+        )
         place = derive(model).function("forward_kinematics")
         moving = run.reference.time >= run.reference.begin
 
@@ -158,7 +182,8 @@ def observer_errors(names: Iterable[str]) -> list[tuple[object, ...]]:
             return f"{1e3 * np.linalg.norm(found, axis=1)[moving].max():.3f}"
 
         for robot in run.runs:
-            u, row = acting(robot.tau_m, 0, 0.0), [largest(run.reference.motion["q_a"], robot.q_a)]
+            u = acting(robot.tau_m, 0, 0.0)
+            row = [largest(run.reference.motion["q_a"], robot.q_a)]
             for outputs in ("motors", ("motors", "acc")):
                 y = (
                     robot.measured
@@ -175,15 +200,23 @@ def observer_errors(names: Iterable[str]) -> list[tuple[object, ...]]:
 
 
 def learned_errors(names: Iterable[str]) -> list[tuple[object, ...]]:
-    """Rows: errors of learning at stiffness -20 % by tracker and by accelerometers [mm], without and after learning."""
+    """Rows: errors of learning at stiffness -20 % by tracker and by accelerometers [mm], without
+    and after learning.
+    """
     rows: list[tuple[object, ...]] = []
     for name in names:
         solution = flexgen.solve(name, progress=False)
         for measured_by in ("tracker", "accelerometer"):
             found = flexgen.learn(
-                name, plant={"stiffness": 0.8}, solution=solution, iterations=6, sample_time=1e-3, encoder_noise=1e-4,
-                measured_by=measured_by, progress=False,
-            )  # fmt: skip
+                name,
+                plant={"stiffness": 0.8},
+                solution=solution,
+                iterations=6,
+                sample_time=1e-3,
+                encoder_noise=1e-4,
+                measured_by=measured_by,
+                progress=False,
+            )
             texts = [
                 ", ".join(f"{1e3 * e:.3f}" for e in errors)
                 for errors in (found.errors_m, found.dynamic_errors_m, found.measured_m)

@@ -1,4 +1,6 @@
-"""Rows of benchmarks/control.md about differing robots: learning, minimum time, collisions and loads."""
+"""Rows of benchmarks/control.md about differing robots: learning, minimum time, collisions and
+loads.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +34,9 @@ class PythonCascade:
 
 
 def halved_steps(names: Iterable[str]) -> Iterator[Row]:
-    """Largest change of an arm coordinate when the steps of a sample are halved, and the order of it."""
+    """Largest change of an arm coordinate when the steps of a sample are halved, and the order of
+    it.
+    """
     for name in names:
         case = control_case(name, sample_time=SAMPLE_S, plants={"soft": {"stiffness": 0.9}})
         law, _ = controller_of(
@@ -45,7 +49,9 @@ def halved_steps(names: Iterable[str]) -> Iterator[Row]:
 
 
 def learning_settings() -> Iterator[Row]:
-    """Other cut-off frequencies and gains of learning than the default; also those that diverge."""
+    """Other cut-off frequencies and gains of learning than the default; also those that
+    diverge.
+    """
     name = "manutec_r3_18"
     solution = flexgen.solve(name, progress=False)
     loaded = {"stiffness": 0.8, "payload": 5.0}
@@ -56,9 +62,16 @@ def learning_settings() -> Iterator[Row]:
         ({"stiffness": 1.2}, 40.0, 1.0),
     ):
         found = flexgen.learn(
-            name, plant=plant, solution=solution, iterations=10, sample_time=SAMPLE_S, encoder_noise=1e-4,
-            frequency_hz=f, gain=gain, progress=False,
-        )  # fmt: skip
+            name,
+            plant=plant,
+            solution=solution,
+            iterations=10,
+            sample_time=SAMPLE_S,
+            encoder_noise=1e-4,
+            frequency_hz=f,
+            gain=gain,
+            progress=False,
+        )
         errors = ", ".join(f"{1e3 * e:.4f}" for e in found.errors_m)
         yield (
             name,
@@ -71,7 +84,9 @@ def learning_settings() -> Iterator[Row]:
 
 
 def time_settings(name: str) -> Iterator[Row]:
-    """Minimum time with other numbers of coefficients, bounds of the torque rate, and of the vibration."""
+    """Minimum time with other numbers of coefficients, bounds of the torque rate, and of the
+    vibration.
+    """
     default = flexgen.solve(name, progress=False)
     limits = Limits(torque=tuple(np.abs(default.trajectory["tau_m"]).max(axis=0)))
     settings: list[tuple[str, dict[str, float]]] = [
@@ -85,15 +100,24 @@ def time_settings(name: str) -> Iterator[Row]:
     for told, options in settings:
         found = flexgen.fastest(name, limits=limits, progress=False, **options)
         yield (
-            name, told, f"{found.duration_s:.4f}", f"{100 * (found.duration_s / found.default_s - 1):.0f} %",
-            f"{1e6 * found.vibration_m['soft']:.3g}", found.inversions, f"{found.cpu_s:.2f}",
-        )  # fmt: skip
+            name,
+            told,
+            f"{found.duration_s:.4f}",
+            f"{100 * (found.duration_s / found.default_s - 1):.0f} %",
+            f"{1e6 * found.vibration_m['soft']:.3g}",
+            found.inversions,
+            f"{found.cpu_s:.2f}",
+        )
 
 
 def collisions() -> Iterator[Row]:
-    """Time until a push at the tool is found [ms], thresholds from 60 other robots; noise 1e-5 rad."""
-    name, rng = "manutec_r3_18", np.random.default_rng(5)
-    model, solution = flexgen.read(name), flexgen.solve(name, progress=False)
+    """Time until a push at the tool is found [ms], thresholds from 60 other robots; noise 1e-5
+    rad.
+    """
+    name = "manutec_r3_18"
+    rng = np.random.default_rng(5)
+    model = flexgen.read(name)
+    solution = flexgen.solve(name, progress=False)
 
     def runs(
         count: int, seed: int, pushes: dict[str, list[flexgen.Disturbance]]
@@ -107,12 +131,19 @@ def collisions() -> Iterator[Row]:
             for k in range(count)
         }
         return flexgen.control(
-            name, plants=plants, disturbances=pushes, sample_time=SAMPLE_S, encoder_noise=1e-5, seed=seed,
-            solution=solution, progress=False,
-        )  # fmt: skip
+            name,
+            plants=plants,
+            disturbances=pushes,
+            sample_time=SAMPLE_S,
+            encoder_noise=1e-5,
+            seed=seed,
+            solution=solution,
+            progress=False,
+        )
 
     count = 30
-    free, quiet = runs(60, 1, {}), runs(100, 2, {})
+    free = runs(60, 1, {})
+    quiet = runs(100, 2, {})
     starts = np.round(rng.uniform(0.1, 0.9, count) * free.reference.path_end / SAMPLE_S) * SAMPLE_S
     axes = rng.choice(["tool.x", "tool.y", "tool.z"], count)
     for force in (50.0, 100.0, 200.0):
@@ -124,8 +155,11 @@ def collisions() -> Iterator[Row]:
         for bandwidth in (5.0, 15.0, 40.0):
             detector = flexgen.CollisionDetector(model, SAMPLE_S, bandwidth)
             detector.calibrate([(r.measured, r.tau_m) for r in free.runs])
-            false = sum(detector.detect(r.measured, r.tau_m).sample is not None for r in quiet.runs)
-            late, missed = [], 0
+            false = sum(
+                detector.detect(r.measured, r.tau_m).sample is not None for r in quiet.runs
+            )
+            late = []
+            missed = 0
             for run, start in zip(hit.runs[1:], starts, strict=True):
                 sample = detector.detect(run.measured, run.tau_m).sample
                 missed += sample is None
@@ -140,11 +174,22 @@ def loads() -> Iterator[Row]:
     model = flexgen.read(name)
     for stiffness in (0.8, 1.0, 1.2):
         run = flexgen.control(
-            name, plants={"robot": {"payload": 20.0, "stiffness": stiffness}}, sample_time=SAMPLE_S, encoder_noise=1e-4,
-            torque_limits=False, progress=False,
-        )  # fmt: skip
+            name,
+            plants={"robot": {"payload": 20.0, "stiffness": stiffness}},
+            sample_time=SAMPLE_S,
+            encoder_noise=1e-4,
+            torque_limits=False,
+            progress=False,
+        )
         data = run.trajectory("robot")
         found, rigid = (flexgen.identify_load(name, data, rigid=x) for x in (False, True))
         masses = [f"{x.mass:.3f} ({100 * (x.mass / 20 - 1):+.2f} %)" for x in (found, rigid)]
         centers = [f"{1e3 * np.abs(x.com - model.payload.com).max():.1f}" for x in (found, rigid)]
-        yield f"{stiffness:g}", masses[0], centers[0], masses[1], centers[1], f"{found.mass_sd:.3f}"
+        yield (
+            f"{stiffness:g}",
+            masses[0],
+            centers[0],
+            masses[1],
+            centers[1],
+            f"{found.mass_sd:.3f}",
+        )

@@ -1,10 +1,11 @@
-"""Gears with hysteresis and frictions with a state in C: tool errors, agreement with Python, and what it costs.
+"""Gears with hysteresis and frictions with a state in C: tool errors, agreement with Python, and
+what it costs.
 
     python benchmarks/forces/hysteresis.py [--write]
 
-All gears have 1 arcmin of lost motion and K_h = K, or all motors the LuGre friction of `bristled`. The C inverts the
-samples that `flexgen.solve` gives it; errors are those of simulations of the full model with its states and motor
-feedback. ``--write`` writes ``hysteresis.md``.
+All gears have 1 arcmin of lost motion and K_h = K, or all motors the LuGre friction of `bristled`.
+The C inverts the samples that `flexgen.solve` gives it; errors are those of simulations of the
+full model with its states and motor feedback. ``--write`` writes ``hysteresis.md``.
 """
 
 from __future__ import annotations
@@ -25,23 +26,30 @@ from flexgen.memory.hysteresis import without_hysteresis
 from flexgen.memory.lugre import without_lugre
 from flexgen.runtime.path_inversion import Inverter
 
-ROBOTS, ARCMIN, ROUNDS = ("planar5_nmp", "manutec_r3_18"), np.pi / 180 / 60, 300
+ROBOTS = ("planar5_nmp", "manutec_r3_18")
+ARCMIN = np.pi / 180 / 60
+ROUNDS = 300
 THREE = ((0.2, 0.5), (0.3, 0.3), (0.5, 0.2))
 BENT = ((1.0, 1.0, 4.0, 0.2),)
 FILE = Path(__file__).parents[1] / "hysteresis.md"
 HEAD = """# Gears with hysteresis in C
 
-Written by `python benchmarks/forces/hysteresis.py --write`: 1 arcmin of lost motion in all gears, K_h = K. Largest tool
-errors [um] of simulations of the robot with hysteresis and motor feedback, under the torques of the emitted `invert`:
-of a library without hysteresis, with it, and with one that is 20 % too wide. Difference: largest one of the motor
-torques to those of `flexgen.solve`, over the largest torque, but for the last samples at rest. Cost: time of `invert`
+Written by `python benchmarks/forces/hysteresis.py --write`: 1 arcmin of lost motion in all \
+gears, K_h = K. Largest tool
+errors [um] of simulations of the robot with hysteresis and motor feedback, under the torques of \
+the emitted `invert`:
+of a library without hysteresis, with it, and with one that is 20 % too wide. Difference: largest \
+one of the motor
+torques to those of `flexgen.solve`, over the largest torque, but for the last samples at rest. \
+Cost: time of `invert`
 over that of the library without hysteresis, same samples, in turns, least of 300.
 
 | robot | not known | known | 20 % too wide | difference to Python | ms without | ms with | cost |
 |---|---|---|---|---|---|---|---|
 """
 SEVERAL = """
-The same of three elements by Dahl's law in each gear, with 0.2, 0.3 and 0.5 of the lost motion and 0.5, 0.3 and 0.2 of
+The same of three elements by Dahl's law in each gear, with 0.2, 0.3 and 0.5 of the lost motion \
+and 0.5, 0.3 and 0.2 of
 K_h.
 
 | robot | not known | known | 20 % too wide | difference to Python | ms without | ms with | cost |
@@ -52,7 +60,8 @@ The same of one element in each gear by the law of Bouc and Wen with exponent = 
 | robot | not known | known | 20 % too wide | difference to Python | ms without | ms with | cost |
 |---|---|---|---|---|---|---|---|"""
 FRICTION = """
-The same of frictions with a state, the LuGre law in all motors: F_c is 10 % of the standard deviation of the motor
+The same of frictions with a state, the LuGre law in all motors: F_c is 10 % of the standard \
+deviation of the motor
 torque, F_s = 1.5 F_c, v_s = 4 rad/s, F_s/s0 = 1 mrad; 20 % too large: F_c and F_s.
 
 | robot | not known | known | 20 % too large | difference to Python | ms without | ms with | cost |
@@ -62,7 +71,8 @@ torque, F_s = 1.5 F_c, v_s = 4 rad/s, F_s/s0 = 1 mrad; 20 % too large: F_c and F
 def hysteretic(
     name: str, lost_motion: float, parts: Sequence[tuple[float, ...]] = ((1.0, 1.0),)
 ) -> flexgen.RobotModel:
-    """The model with this lost motion [rad] in all elastic gears, in elements with these parts of it and of K_h.
+    """The model with this lost motion [rad] in all elastic gears, in elements with these parts of
+    it and of K_h.
 
     A part may have an exponent and gamma too.
     """
@@ -82,11 +92,15 @@ def hysteretic(
 
 
 def bristled(name: str, factor: float) -> flexgen.RobotModel:
-    """The model with LuGre friction: F_c a tenth of the standard deviation of each motor torque times a factor."""
-    model, found = flexgen.read(name), {}
+    """The model with LuGre friction: F_c a tenth of the standard deviation of each motor torque
+    times a factor.
+    """
+    model = flexgen.read(name)
+    found = {}
     typical = flexgen.solve(model, verify=False, progress=False).trajectory["tau_m"].std(axis=0)
     for motor, torque in zip(model.motors, typical, strict=True):
-        static, stiffness = 0.15 * float(torque), 150.0 * float(torque)
+        static = 0.15 * float(torque)
+        stiffness = 150.0 * float(torque)
         found[f"motor.{motor.name}.lugre"] = {
             "coulomb": factor * static / 1.5,
             "static": factor * static,
@@ -99,7 +113,8 @@ def bristled(name: str, factor: float) -> flexgen.RobotModel:
 
 def asked(model: flexgen.RobotModel) -> tuple[flexgen.Solution, Any, dict[str, Any]]:
     """The solution, and the samples and options that `solve` gives to the C."""
-    calls, own = [], Inverter.__call__
+    calls = []
+    own = Inverter.__call__
 
     def noted(self: Inverter, *samples: Any, **options: Any) -> Any:
         calls.append((samples, options))
@@ -114,7 +129,9 @@ def asked(model: flexgen.RobotModel) -> tuple[flexgen.Solution, Any, dict[str, A
 
 
 def row_of(name: str, folder: str, models: Sequence[flexgen.RobotModel]) -> str:
-    """A row of the table of a robot: without the state, with it, with numbers that are 20 % too large."""
+    """A row of the table of a robot: without the state, with it, with numbers that are 20 % too
+    large.
+    """
     true = models[1]
     made = [
         flexgen.generate(model, f"{folder}/{name}{k}", progress=False)
@@ -122,7 +139,8 @@ def row_of(name: str, folder: str, models: Sequence[flexgen.RobotModel]) -> str:
     ]
     plain, known, wide = (flexgen.load(each.directory) for each in made)
     solution, samples, options = asked(true)
-    path, errors = solution.trajectory, []
+    path = solution.trajectory
+    errors = []
     for library in (plain, known, wide):
         found = library.invert(*samples, **options)
         channels = {key: getattr(found, key)[: len(path.time)] for key in ("q_m", "v_m", "tau_m")}

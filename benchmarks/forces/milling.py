@@ -1,10 +1,12 @@
-"""A known force on the tool along a path: tool errors with and without it in the torque, and what it costs.
+"""A known force on the tool along a path: tool errors with and without it in the torque, and what
+it costs.
 
     python benchmarks/forces/milling.py [--write]
 
-300 N at 40 Hz, a cutter with four flutes at 600 1/min, on the tool of each robot along its first move. Errors are
-those of simulations of the full model with the true force, with the torques of the file: in open loop, and with the
-motor feedback of `flexgen.simulate`. ``--write`` writes ``process_force.md``.
+300 N at 40 Hz, a cutter with four flutes at 600 1/min, on the tool of each robot along its first
+move. Errors are those of simulations of the full model with the true force, with the torques of
+the file: in open loop, and with the motor feedback of `flexgen.simulate`. ``--write`` writes
+``process_force.md``.
 """
 
 from __future__ import annotations
@@ -25,23 +27,37 @@ from flexgen.paths.process_force import ProcessForce, make_force
 from flexgen.trajectory import Trajectory
 
 ROBOTS = {"planar5_nmp": (0.6, 0.8), "manutec_r3_24": (0.6, 0.48, 0.64)}
-HZ, SIZE, RAMP = 40.0, 300.0, 0.05  # Hz, N, s
-# of the measurement of the cost: rounds, and for each robot time of a sample [s] and samples of an interval
-ROUNDS, MESHES = 150, {"planar5_nmp": (1e-3, 2), "manutec_r3_24": (5e-4, 1)}
-BEFORE, AFTER = 0.1, 0.2  # s of motion before and after the path
+HZ = 40.0  # Hz
+SIZE = 300.0  # N
+RAMP = 0.05  # s
+# of the measurement of the cost: rounds, and for each robot time of a sample [s] and samples of an
+# interval
+ROUNDS = 150
+MESHES = {"planar5_nmp": (1e-3, 2), "manutec_r3_24": (5e-4, 1)}
+# s of motion before and after the path
+BEFORE = 0.1
+AFTER = 0.2
 FILE = Path(__file__).parents[1] / "process_force.md"
 HEAD = """# A known force on the tool
 
-Written by `python benchmarks/forces/milling.py --write`: 300 N at 40 Hz (four flutes at 600 1/min) on the tool along
-the first move. Largest tool errors [um] of simulations with the true force: with torques that do not know it, that know
-it, and that assume one that is 20 % too small; in open loop, and with motor feedback. Cost: time of `invert` with the
-force over that without it, same library, same mesh (2 ms for planar5_nmp, 0.5 ms for manutec_r3_24: longer intervals do
-not resolve the torques of this force, and `invert` has the status TOLERANCE_NOT_MET), in turns, least of 150; and over
-that of a library without the part `force`. With the force the six-axis robot needs three steps of Gauss and Newton
-instead of two. In open loop the Coulomb friction of motors that reverse at other instants makes it drift: a wrong force
+Written by `python benchmarks/forces/milling.py --write`: 300 N at 40 Hz (four flutes at 600 \
+1/min) on the tool along
+the first move. Largest tool errors [um] of simulations with the true force: with torques that do \
+not know it, that know
+it, and that assume one that is 20 % too small; in open loop, and with motor feedback. Cost: time \
+of `invert` with the
+force over that without it, same library, same mesh (2 ms for planar5_nmp, 0.5 ms for \
+manutec_r3_24: longer intervals do
+not resolve the torques of this force, and `invert` has the status TOLERANCE_NOT_MET), in turns, \
+least of 150; and over
+that of a library without the part `force`. With the force the six-axis robot needs three steps \
+of Gauss and Newton
+instead of two. In open loop the Coulomb friction of motors that reverse at other instants makes \
+it drift: a wrong force
 leaves more there.
 
-| robot | loop | not known | known | 20 % wrong | wrong / not known | cost, same library | cost, plain library |
+| robot | loop | not known | known | 20 % wrong | wrong / not known | cost, same library | cost, \
+plain library |
 |---|---|---|---|---|---|---|---|
 """
 
@@ -74,7 +90,9 @@ def errors(
 
 
 def cost(equations: Equations, force: ProcessForce) -> tuple[float, float]:
-    """Time of an inversion with the force over that without, and over that of a library that takes none."""
+    """Time of an inversion with the force over that without, and over that of a library that takes
+    none.
+    """
     path = flexgen.plan(equations, ignore_limits=True)
     period, each = MESHES[equations.model.name]
     t = np.arange(round(path.duration / period) + 1) * period
@@ -96,7 +114,8 @@ def cost(equations: Equations, force: ProcessForce) -> tuple[float, float]:
             lambda: pushed.invert(*given, **options),
         ]
         calls.append(lambda: plain.invert(*given, **options))
-        least, first = [np.inf] * 3, [call() for call in calls]
+        least = [np.inf] * 3
+        first = [call() for call in calls]
         assert all(found.converged for found in first)
         for _ in range(ROUNDS):
             for k, call in enumerate(calls):

@@ -1,6 +1,8 @@
-"""Faults of experiments: robots that differ from their model, and records that are not what their file says.
+"""Faults of experiments: robots that differ from their model, and records that are not what their
+file says.
 
-Each fault has a robot (the model that is fitted), a true robot, and a change of the recorded samples or spectra.
+Each fault has a robot (the model that is fitted), a true robot, and a change of the recorded
+samples or spectra.
 """
 
 from __future__ import annotations
@@ -20,7 +22,10 @@ from flexgen.model.friction import Friction
 
 NOISE = flexgen.DriveHardware(encoder_noise_rad=1e-5, torque_noise_Nm=0.02)
 SPREAD = 0.2  # of the true springs and dampers
-POSES, LINES, PERIOD_S, SPEED = 4, 40, 2.0, 0.03
+POSES = 4
+LINES = 40
+PERIOD_S = 2.0
+SPEED = 0.03
 
 Robot = Callable[[RobotModel], RobotModel]
 Samples = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
@@ -28,10 +33,11 @@ Samples = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 @dataclass(frozen=True)
 class Fault:
-    """``name``; ``cause``: how an explanation begins that names it; ``robot``: the model that is fitted.
+    """``name``; ``cause``: how an explanation begins that names it; ``robot``: the model that is
+    fitted.
 
-    ``model``: the model that is fitted, from the robot; ``truth``: the true robot; ``spectra``, ``samples``: changes of
-    the record; ``plan``: arguments of `excite`.
+    ``model``: the model that is fitted, from the robot; ``truth``: the true robot; ``spectra``,
+    ``samples``: changes of the record; ``plan``: arguments of `excite`.
     """
 
     name: str
@@ -56,7 +62,8 @@ def plain(name: str) -> RobotModel:
 
 def another(model: RobotModel, seed: int) -> RobotModel:
     """The robot with other springs and dampers."""
-    rng, names = np.random.default_rng(seed), ["stiffness", "damping"]
+    rng = np.random.default_rng(seed)
+    names = ["stiffness", "damping"]
     limit = np.log1p(SPREAD)
     values = {
         p.name: p.value * float(np.exp(rng.uniform(-limit, limit))) for p in select(model, names)
@@ -134,7 +141,9 @@ def friction_of_joint(joint: str, coulomb: float, beta: float) -> Robot:
 
 
 def of_spectra(torques: Any = None, angles: Any = None) -> Callable[[Experiment], Experiment]:
-    """Functions of the spectra (..., lines, n_m) of torques and angles, and of the frequencies (lines, 1) [Hz]."""
+    """Functions of the spectra (..., lines, n_m) of torques and angles, and of the frequencies
+    (lines, 1) [Hz].
+    """
 
     def change(x: Experiment) -> Experiment:
         hz = x.plan.frequencies[:, None]
@@ -187,7 +196,8 @@ def held(part: float) -> Samples:
     """A part of the recorded angles, in bursts of five, repeats the sample before."""
 
     def change(q_m: np.ndarray, tau_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        rng, kept = np.random.default_rng(7), np.arange(len(q_m))
+        rng = np.random.default_rng(7)
+        kept = np.arange(len(q_m))
         for first in rng.integers(1, len(q_m) - 5, int(part * len(q_m) / 5)):
             kept[first : first + 5] = first - 1
         return q_m[kept], tau_m
@@ -209,31 +219,94 @@ FAULTS = (
     Fault("none, planar5_nmp", ""),
     Fault("none, elbow", "", "elbow"),
     Fault("none, manutec_r3_18", "", "manutec_r3_18"),
-    Fault("mass of the last body 20 % larger, elbow", "mass of fore", "elbow", times(1.2, "fore.mass")),
-    Fault("payload 20 % heavier, manutec_r3_18", "payload", "manutec_r3_18", times(1.2, "payload.mass")),
+    Fault(
+        "mass of the last body 20 % larger, elbow",
+        "mass of fore",
+        "elbow",
+        times(1.2, "fore.mass"),
+    ),
+    Fault(
+        "payload 20 % heavier, manutec_r3_18",
+        "payload",
+        "manutec_r3_18",
+        times(1.2, "payload.mass"),
+    ),
     Fault("mass of the last body 20 % larger", "mass of arm3", truth=times(1.2, "arm3.mass")),
     Fault("all masses 5 % larger, planar5_nmp", "all masses", truth=masses(1.05)),
     Fault("all masses 5 % larger, elbow", "all masses", "elbow", masses(1.05)),
     Fault("rotor inertia 1 10 % larger", "rotor inertia of m1", truth=times(1.1, "m1.inertia")),
     Fault("torques 1 sample late", "torques that act", spectra=of_spectra(torques=later(5e-4))),
-    Fault("torques not held, as the file says", "torques that act", spectra=lambda x: replace(x, hold="none")),
+    Fault(
+        "torques not held, as the file says",
+        "torques that act",
+        spectra=lambda x: replace(x, hold="none"),
+    ),
     Fault("sample time 1 % wrong", "sample time", spectra=stretched(1.01)),
-    Fault("sign of torque 1", "the sign of the torque of m1", spectra=of_spectra(torques=scaled(-1, 1))),
-    Fault("sign of angle 2, elbow", "the sign of the angle of m2", "elbow", spectra=of_spectra(angles=scaled(1, -1))),
-    Fault("torque 1 5 % too large", "torque of m1 5 % too large", spectra=of_spectra(torques=scaled(1.05, 1))),
-    Fault("angle 2 5 % too large", "angle of m2 5 % too large", spectra=of_spectra(angles=scaled(1, 1.05))),
-    Fault("degrees for radians", "angles in degrees", spectra=of_spectra(angles=scaled(180 / np.pi, 180 / np.pi))),
-    Fault("torques exchanged", "exchanged torques of m1 and m2", spectra=of_spectra(torques=exchanged)),
-    Fault("angles exchanged, elbow", "exchanged angles of m1 and m2", "elbow", spectra=of_spectra(angles=exchanged)),
+    Fault(
+        "sign of torque 1",
+        "the sign of the torque of m1",
+        spectra=of_spectra(torques=scaled(-1, 1)),
+    ),
+    Fault(
+        "sign of angle 2, elbow",
+        "the sign of the angle of m2",
+        "elbow",
+        spectra=of_spectra(angles=scaled(1, -1)),
+    ),
+    Fault(
+        "torque 1 5 % too large",
+        "torque of m1 5 % too large",
+        spectra=of_spectra(torques=scaled(1.05, 1)),
+    ),
+    Fault(
+        "angle 2 5 % too large",
+        "angle of m2 5 % too large",
+        spectra=of_spectra(angles=scaled(1, 1.05)),
+    ),
+    Fault(
+        "degrees for radians",
+        "angles in degrees",
+        spectra=of_spectra(angles=scaled(180 / np.pi, 180 / np.pi)),
+    ),
+    Fault(
+        "torques exchanged",
+        "exchanged torques of m1 and m2",
+        spectra=of_spectra(torques=exchanged),
+    ),
+    Fault(
+        "angles exchanged, elbow",
+        "exchanged angles of m1 and m2",
+        "elbow",
+        spectra=of_spectra(angles=exchanged),
+    ),
     Fault("torques clipped at half", "at its limit", samples=clipped(0.5)),
     Fault("5 % of the angles lost", "samples", samples=held(0.05)),
-    Fault("spring q3 missing", "a missing spring", model=lambda robot: without(robot, "q3"), truth=lambda robot: robot),
-    Fault("spring t5y missing", "a missing spring", "manutec_r3_18", model=lambda robot: without(robot, "t5y")),
+    Fault(
+        "spring q3 missing",
+        "a missing spring",
+        model=lambda robot: without(robot, "q3"),
+        truth=lambda robot: robot,
+    ),
+    Fault(
+        "spring t5y missing",
+        "a missing spring",
+        "manutec_r3_18",
+        model=lambda robot: without(robot, "t5y"),
+    ),
     Fault("hysteresis of q3", "hysteresis", truth=friction_of_joint("q3", 20.0, 100.0)),
     Fault("backlash of gear 1", "backlash", truth=gear("q1", backlash), gravity=False),
     Fault("Coulomb friction of the motors", "Coulomb", truth=coulomb_of_motors(0.3, 0.2)),
     Fault("gear 1 soft at small torques", "softer", truth=gear("q1", progressive), gravity=False),
-    Fault("one transient period of 1 s", "transient", "elbow", plan=(("period_s", 1.0), ("transients", 1))),
-    Fault("drive of m2 gives 90 % of its torque", "torque of m2", "manutec_r3_18",
-          spectra=of_spectra(torques=scaled(1, 1 / 0.9, 1, 1, 1, 1))),
-)  # fmt: skip
+    Fault(
+        "one transient period of 1 s",
+        "transient",
+        "elbow",
+        plan=(("period_s", 1.0), ("transients", 1)),
+    ),
+    Fault(
+        "drive of m2 gives 90 % of its torque",
+        "torque of m2",
+        "manutec_r3_18",
+        spectra=of_spectra(torques=scaled(1, 1 / 0.9, 1, 1, 1, 1)),
+    ),
+)

@@ -28,8 +28,13 @@ from flexgen.mechanics.parameters import select
 
 FOLDER = Path(__file__).resolve().parent
 HEAD = (
-    "fault", "status", "largest error, %", "the same in formal sd", "inside 95 % of those stated", "first cause named",
-)  # fmt: skip
+    "fault",
+    "status",
+    "largest error, %",
+    "the same in formal sd",
+    "inside 95 % of those stated",
+    "first cause named",
+)
 
 
 def robots(fault: Fault) -> tuple[Any, Any]:
@@ -41,10 +46,16 @@ def robots(fault: Fault) -> tuple[Any, Any]:
 
 
 def experiment(fault: Fault, model: Any, truth: Any) -> Experiment:
-    """The simulated experiment, with its fault; samples are changed in recordings, which are read."""
+    """The simulated experiment, with its fault; samples are changed in recordings, which are
+    read.
+    """
     settings = {
-        "poses": POSES, "lines": LINES, "period_s": PERIOD_S, "speed_rms": SPEED, "hardware": NOISE,
-    } | dict(fault.plan)  # fmt: skip
+        "poses": POSES,
+        "lines": LINES,
+        "period_s": PERIOD_S,
+        "speed_rms": SPEED,
+        "hardware": NOISE,
+    } | dict(fault.plan)
     plan = flexgen.excite(model, progress=False, **settings)
     change = fault.samples
     if change is None:
@@ -106,10 +117,14 @@ def table(rows: dict[str, dict[str, Any]]) -> str:
         lines.append("| " + " | ".join(cells) + " |")
     return f"""# Identification of robots with a fault
 
-`python benchmarks/identification_faults/identification_faults.py RESULTS.json` makes this table. Simulated experiments
-at {POSES} poses, {LINES} lines, noise of encoders {NOISE.encoder_noise_rad:g} rad, of torques {NOISE.torque_noise_Nm:g}
-N m on the motor side; springs and dampers of the robot differ from the model by up to 20 %, and one thing is wrong. Of
-{faults} faults {named} are named by the first cause, and {wrong} end as `fitted` with fewer than 90 % of the true
+`python benchmarks/identification_faults/identification_faults.py RESULTS.json` makes this table. \
+Simulated experiments
+at {POSES} poses, {LINES} lines, noise of encoders {NOISE.encoder_noise_rad:g} rad, of torques \
+{NOISE.torque_noise_Nm:g}
+N m on the motor side; springs and dampers of the robot differ from the model by up to 20 %, and \
+one thing is wrong. Of
+{faults} faults {named} are named by the first cause, and {wrong} end as `fitted` with fewer than \
+90 % of the true
 values inside the stated 95 % intervals.
 
 {chr(10).join(lines)}
@@ -118,7 +133,8 @@ values inside the stated 95 % intervals.
 
 def main(arguments: list[str]) -> None:
     """Compute the rows that are missing, and write the page."""
-    file, names = Path(arguments[0]), arguments[1:]
+    file = Path(arguments[0])
+    names = arguments[1:]
     rows = json.loads(file.read_text()) if file.is_file() else {}
     for fault in FAULTS:
         if fault.name in rows or (names and not any(name in fault.name for name in names)):

@@ -1,7 +1,9 @@
-"""The same problem twice for `benchmarks/planning.py`: with flexgen, and by hand with CasADi's Opti.
+"""The same problem twice for `benchmarks/planning.py`: with flexgen, and by hand with CasADi's
+Opti.
 
-Least integral of squared motor torques or accelerations between two poses at rest, Gauss collocation with three
-points on the full elastic robot. Each function is what a user writes; its lines are counted.
+Least integral of squared motor torques or accelerations between two poses at rest, Gauss
+collocation with three points on the full elastic robot. Each function is what a user writes; its
+lines are counted.
 """
 
 from __future__ import annotations
@@ -24,26 +26,34 @@ def by_hand(model, move, mesh, cost):
     """The same with Opti: the user writes equilibria, collocation, guess and scales."""
     equations = flexgen.derive(model)
     robot = equations.model
-    n_a, n_m, T = robot.n_a, robot.n_m, robot.move(move).duration
+    n_a = robot.n_a
+    n_m = robot.n_m
+    T = robot.move(move).duration
     n = n_a + n_m
     path = flexgen.plan(equations, move)
-    start, end = rest(equations, path, 0.0), rest(equations, path, T)
+    start = rest(equations, path, 0.0)
+    end = rest(equations, path, T)
     points = (np.polynomial.legendre.leggauss(3)[0] + 1) / 2
     basis = [
         np.poly1d(np.poly(np.delete(points, j)) / np.prod(points[j] - np.delete(points, j)))
         for j in range(3)
     ]
-    once, twice = [p.integ() for p in basis], [p.integ(2) for p in basis]
-    weights, h = [p(1.0) for p in once], T / mesh
+    once = [p.integ() for p in basis]
+    twice = [p.integ(2) for p in basis]
+    weights = [p(1.0) for p in once]
+    h = T / mesh
     y, a, u = (ca.SX.sym(name, size) for name, size in (("y", 2 * n), ("a", n), ("u", n_m)))
     motion = [y[:n_a], y[n : n + n_a], a[:n_a], y[n_a:n], y[n + n_a :], a[n_a:]]
-    rows = ca.Function("rows", [y, a, u], [ca.vertcat(*equations.function("residual")(*motion, u))])
+    rows = ca.Function(
+        "rows", [y, a, u], [ca.vertcat(*equations.function("residual")(*motion, u))]
+    )
     side = np.r_[np.ones(n_a), np.abs(robot.eta).max(axis=1)]
     opti = ca.Opti()
     Y = opti.variable(2 * n, mesh + 1)
     A = [opti.variable(n, 3) for _ in range(mesh)]
     U = [opti.variable(n_m, 3) for _ in range(mesh)]
-    size, total = np.r_[side, side], 0
+    size = np.r_[side, side]
+    total = 0
     opti.subject_to(Y[:, 0] == np.r_[start, np.zeros(n)] / size)
     opti.subject_to(Y[:, -1] == np.r_[end, np.zeros(n)] / size)
     share = np.linspace(0, 1, mesh + 1)
@@ -52,7 +62,9 @@ def by_hand(model, move, mesh, cost):
     guess = np.vstack([np.outer(start, 1 - law) + np.outer(end, law), np.outer(end - start, rate)])
     opti.set_initial(Y, guess / size[:, None])
     for k in range(mesh):
-        q, v, acceleration = Y[:n, k], Y[n:, k], [100 * A[k][:, j] for j in range(3)]
+        q = Y[:n, k]
+        v = Y[n:, k]
+        acceleration = [100 * A[k][:, j] for j in range(3)]
         for i, c in enumerate(points):
             at = q + h * c * v + h**2 * sum(float(twice[j](c)) * acceleration[j] for j in range(3))
             speed = v + h * sum(float(once[j](c)) * acceleration[j] for j in range(3))
@@ -64,7 +76,9 @@ def by_hand(model, move, mesh, cost):
             Y[:n, k + 1]
             == q + h * v + h**2 * sum(float(twice[j](1)) * acceleration[j] for j in range(3))
         )
-        opti.subject_to(Y[n:, k + 1] == v + h * sum(weights[j] * acceleration[j] for j in range(3)))
+        opti.subject_to(
+            Y[n:, k + 1] == v + h * sum(weights[j] * acceleration[j] for j in range(3))
+        )
     opti.minimize(total)
     quiet = {
         "ipopt.print_level": 0,
@@ -79,15 +93,24 @@ def by_hand(model, move, mesh, cost):
 
 
 def check_by_hand(equations, opti, found, Y, U, start, size, basis, T):
-    """The simulation of what `by_hand` found: largest distance of the output at the nodes from the planned one."""
-    robot, mesh = equations.model, len(U)
-    n_a, n_m, h = robot.n_a, robot.n_m, T / len(U)
+    """The simulation of what `by_hand` found: largest distance of the output at the nodes from the
+    planned one.
+    """
+    robot = equations.model
+    mesh = len(U)
+    n_a = robot.n_a
+    n_m = robot.n_m
+    h = T / len(U)
     torque = np.array([found.value(one).reshape(n_m, 3) for one in U])
-    nodes, state = np.linspace(0, T, mesh + 1), found.value(Y) * size[:, None]
-    x, worst, rate_of = np.r_[start, 0 * start], 0.0, equations.function("state_rate")
+    nodes = np.linspace(0, T, mesh + 1)
+    state = found.value(Y) * size[:, None]
+    x = np.r_[start, 0 * start]
+    worst = 0.0
+    rate_of = equations.function("state_rate")
     output = equations.function("output")
     for k in range(mesh):
-        t0, now = nodes[k], torque[k]
+        t0 = nodes[k]
+        now = torque[k]
 
         def held(t, t0=t0, now=now):
             return sum(p((t - t0) / h) * now[:, j] for j, p in enumerate(basis))
@@ -107,10 +130,13 @@ def check_by_hand(equations, opti, found, Y, U, start, size, basis, T):
 
 
 def rest(equations, path, t):
-    """Coordinates of the equilibrium on the path at an instant: the user solves statics by Newton's method."""
+    """Coordinates of the equilibrium on the path at an instant: the user solves statics by
+    Newton's method.
+    """
     robot = equations.model
     q = ca.SX.sym("q", robot.n_a)
-    i_g, i_e = list(robot.i_g), list(robot.i_e)
+    i_g = list(robot.i_g)
+    i_e = list(robot.i_e)
     sample = path.sample(np.array([t]))
     p, R = equations.function("forward_kinematics")(q)
     error = equations.function("output")(q) - sample.y[0, :, 0]

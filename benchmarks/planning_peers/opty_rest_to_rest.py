@@ -1,7 +1,8 @@
-"""Solve the problem of a file with opty: ``python opty_rest_to_rest.py JOB``; the last line printed is the result.
+"""Solve the problem of a file with opty: ``python opty_rest_to_rest.py JOB``; the last line
+printed is the result.
 
-Least integral of squared torques from rest to rest. Run by a Python that has opty (which needs cyipopt and IPOPT):
-it needs nothing of flexgen.
+Least integral of squared torques from rest to rest. Run by a Python that has opty (which needs
+cyipopt and IPOPT): it needs nothing of flexgen.
 """
 
 from __future__ import annotations
@@ -28,7 +29,9 @@ def answer(job: dict) -> dict:
     put = rates | {symbols[name]: signal for name, signal in signals.items()}
     local = symbols | {str(rate): rate for rate in rates}
     rows = [sp.sympify(row, locals=local).xreplace(put) for row in job["rows"]]
-    n, n_x, h = job["nodes"], len(job["states"]), job["step"]
+    n = job["nodes"]
+    n_x = len(job["states"])
+    h = job["step"]
     ends = [
         sp.Function(name)(at) - x
         for at, rest in zip((0.0, h * (n - 1)), job["rest"], strict=True)
@@ -45,9 +48,16 @@ def answer(job: dict) -> dict:
 
     began = time.process_time()
     problem = Problem(
-        cost, gradient, sp.Matrix(rows), [signals[name] for name in job["states"]], n, h, time_symbol=t,
-        integration_method="midpoint", instance_constraints=tuple(ends),
-    )  # fmt: skip
+        cost,
+        gradient,
+        sp.Matrix(rows),
+        [signals[name] for name in job["states"]],
+        n,
+        h,
+        time_symbol=t,
+        integration_method="midpoint",
+        instance_constraints=tuple(ends),
+    )
     for key, value in {"print_level": 0, "max_iter": 1000, "tol": 1e-8}.items():
         problem.add_option(key, value)
     built = time.process_time()
@@ -70,7 +80,9 @@ def main() -> None:
         found = answer(job)
     except ImportError as error:
         found = {
-            "missing": f"{type(error).__name__}: {error}; pip install opty (needs IPOPT and cyipopt)"
+            "missing": (
+                f"{type(error).__name__}: {error}; pip install opty (needs IPOPT and cyipopt)"
+            )
         }
     print(json.dumps(found))
 

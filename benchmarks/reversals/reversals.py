@@ -1,11 +1,12 @@
-"""Six-axis arms with steep friction: ten moves each with motors that reverse, solved, and their errors confirmed.
+"""Six-axis arms with steep friction: ten moves each with motors that reverse, solved, and their
+errors confirmed.
 
     python benchmarks/reversals/reversals.py RESULTS.json [--quick]
 
-solves the moves of the arms of tests/support/arms_with_friction.py by the default method, compares every stated error
-with a simulation that shares no code with flexgen (tests/support/whole_move.py), and writes
-benchmarks/reversals/reversals.md from all results in the file. Arms in the file are not computed
-again. With --quick: one move of one arm, printed.
+solves the moves of the arms of tests/support/arms_with_friction.py by the default method, compares
+every stated error with a simulation that shares no code with flexgen
+(tests/support/whole_move.py), and writes benchmarks/reversals/reversals.md from all results in the
+file. Arms in the file are not computed again. With --quick: one move of one arm, printed.
 """
 
 from __future__ import annotations
@@ -91,11 +92,12 @@ def table(rows: list[dict[str, Any]]) -> str:
     text = [
         "# Motors that reverse under steep friction",
         "",
-        "Arms with six axes and elastic gears, of the template (even numbers) and of tables of Denavit and Hartenberg, "
-        "with a Coulomb friction of 2 to 10 % of the largest torque in each motor and `beta` from 1 to 50 s/rad; ten "
-        "moves each: polylines, circles, lines there and back, joint moves. Written by "
-        "[reversals.py](reversals.py); the errors are in m and rad, and a statement is false where a simulation that "
-        "shares no code with flexgen finds 1.2 times the stated error plus 1 nm.",
+        "Arms with six axes and elastic gears, of the template (even numbers) and of tables of "
+        "Denavit and Hartenberg, with a Coulomb friction of 2 to 10 % of the largest torque in "
+        "each motor and `beta` from 1 to 50 s/rad; ten moves each: polylines, circles, lines "
+        "there and back, joint moves. Written by [reversals.py](reversals.py); the errors are "
+        "in m and rad, and a statement is false where a simulation that shares no code with "
+        "flexgen finds 1.2 times the stated error plus 1 nm.",
         "",
         *lines,
         "",
@@ -104,7 +106,9 @@ def table(rows: list[dict[str, Any]]) -> str:
 
 
 def main(file: Path, quick: bool) -> None:
-    """Solve the arms that are not in the file, and write it and the page; ``quick``: one move, printed."""
+    """Solve the arms that are not in the file, and write it and the page; ``quick``: one move,
+    printed.
+    """
     with tempfile.TemporaryDirectory() as folder:
         if quick:
             print(table(solve_arm(0, folder, 1)))

@@ -2,8 +2,8 @@
 
     python benchmarks/trees/trees.py [--write]
 
-All joints of a tree move at the same time; a branch is the chain from the base to its tip, with the same samples of its
-joints. ``--write`` writes ``trees.md``.
+All joints of a tree move at the same time; a branch is the chain from the base to its tip, with
+the same samples of its joints. ``--write`` writes ``trees.md``.
 """
 
 from __future__ import annotations
@@ -22,17 +22,26 @@ import numpy as np
 import flexgen
 from flexgen.spec.toml_text import toml
 
-ROUNDS, UPDATES, PERIOD, MOVED, PRE, POST = 60, 100, 2e-3, 0.2, 50, 100
+ROUNDS = 60
+UPDATES = 100
+PERIOD = 2e-3
+MOVED = 0.2
+PRE = 50
+POST = 100
 MODELS = Path(__file__).parents[2] / "models"
 FILE = Path(__file__).with_name("trees.md")
 HEAD = f"""# Robots with branches
 
-Written by `python benchmarks/trees/trees.py --write`: all joints move by {MOVED} rad in 0.6 s, samples each 2 ms, mesh
-of 4 ms, horizon of 40 intervals. Time of `invert`, and of an update of a stream, of the tree over the sum of those of
-its branches alone, by calls from Python; in turns, least of {ROUNDS}. A branch is the chain from the base to its tip:
+Written by `python benchmarks/trees/trees.py --write`: all joints move by {MOVED} rad in 0.6 s, \
+samples each 2 ms, mesh
+of 4 ms, horizon of 40 intervals. Time of `invert`, and of an update of a stream, of the tree \
+over the sum of those of
+its branches alone, by calls from Python; in turns, least of {ROUNDS}. A branch is the chain from \
+the base to its tip:
 what branches share counts in each. n_g, n_e: joints with a motor, and without.
 
-| tree | n_g | n_e | of the branches | invert, ms | sum of the branches | ratio | update, us | sum | ratio |
+| tree | n_g | n_e | of the branches | invert, ms | sum of the branches | ratio | update, us | \
+sum | ratio |
 |---|---|---|---|---|---|---|---|---|---|
 """
 BASE: dict[str, Any] = {
@@ -66,7 +75,9 @@ def arm(data: dict[str, Any], prefix: str, parent: str) -> dict[str, Any]:
 def together(
     name: str, data: dict[str, Any], count: int, base: bool
 ) -> tuple[dict[str, Any], list[str]]:
-    """So many arms of a model on one base, which is elastic or fixed, and the tips of the branches."""
+    """So many arms of a model on one base, which is elastic or fixed, and the tips of the
+    branches.
+    """
     arms = [arm(data, "abc"[k], BASE["name"] if base else "base") for k in range(count)]
     elements = [BASE] * base + [element for each in arms for element in each["element"]]
     motors = [motor for each in arms for motor in each["motor"]]
@@ -85,7 +96,8 @@ def together(
 
 def cut(data: dict[str, Any], tips: Iterable[str], name: str) -> dict[str, Any]:
     """The model of the chains to these tips, whose output is all its joints with a motor."""
-    parents, before = {}, "base"
+    parents = {}
+    before = "base"
     for element in data["element"]:
         parents[element["name"]] = element.get("parent", before)
         before = element["name"]
@@ -115,20 +127,28 @@ def cut(data: dict[str, Any], tips: Iterable[str], name: str) -> dict[str, Any]:
 def timers_of(
     data: dict[str, Any], folder: Path
 ) -> tuple[flexgen.RobotModel, list[Callable[[], float]]]:
-    """A model, and functions that give the time [s] of an inversion of the path and of an update of a stream."""
+    """A model, and functions that give the time [s] of an inversion of the path and of an update
+    of a stream.
+    """
     file = folder / f"{data['name']}.toml"
     text = "".join(
-        f"{key} = {toml(value)}\n" for key, value in data.items() if key not in ("element", "motor")
+        f"{key} = {toml(value)}\n"
+        for key, value in data.items()
+        if key not in ("element", "motor")
     )
     for key in ("element", "motor"):  # a table on each line: longer lines are refused
         text += f"{key} = [\n" + "".join(f"{toml(each)},\n" for each in data[key]) + "]\n"
     file.write_text(text, encoding="utf-8")
     model = flexgen.read(file)
-    library = flexgen.load(flexgen.generate(model, folder / data["name"], progress=False).directory)
-    t, T = np.linspace(0.0, 1.0, 301), 300 * PERIOD
+    library = flexgen.load(
+        flexgen.generate(model, folder / data["name"], progress=False).directory
+    )
+    t = np.linspace(0.0, 1.0, 301)
+    T = 300 * PERIOD
     shape = np.polynomial.Polynomial([0, 0, 0, 0, 35, -84, 70, -20])
     y, dy, ddy = (np.outer(shape.deriv(k)(t) / T**k, np.full(model.n_g, MOVED)) for k in range(3))
-    y, q_start = y + np.array(data["home_rad"]), np.zeros(model.n_a)
+    y = y + np.array(data["home_rad"])
+    q_start = np.zeros(model.n_a)
     q_start[list(model.i_g)] = y[0]
 
     def invert() -> float:

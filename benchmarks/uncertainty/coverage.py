@@ -1,8 +1,9 @@
 """Do 95 % of robots keep the error that `flexgen.predict` states?
 
-The robots are drawn here, from normal and log-normal distributions of the numbers, and simulated by `flexgen.control`:
-the whole nonlinear model in C with a sampled P-PI controller, integrated by the Runge-Kutta method. Nothing of that is
-used by the prediction, which linearizes; draws, simulation and error are computed apart. Run from the repository:
+The robots are drawn here, from normal and log-normal distributions of the numbers, and simulated
+by `flexgen.control`: the whole nonlinear model in C with a sampled P-PI controller, integrated by
+the Runge-Kutta method. Nothing of that is used by the prediction, which linearizes; draws,
+simulation and error are computed apart. Run from the repository:
 
     .venv/bin/python benchmarks/uncertainty/coverage.py [MODEL ...]
 
@@ -23,7 +24,10 @@ import flexgen
 from flexgen.mechanics.equations import derive
 from flexgen.mechanics.parameters import select
 
-ROBOTS, SEED, SAMPLE_S, REPEATS = 600, 4711, 2.5e-4, 3
+ROBOTS = 600
+SEED = 4711
+SAMPLE_S = 2.5e-4
+REPEATS = 3
 TOLERANCES = {
     "stiffness": 0.1,
     "damping": 0.3,
@@ -38,7 +42,9 @@ INERTIA = [f"inertia_{axes}" for axes in ("xx", "yy", "zz", "xy", "yz", "xz")]
 def draw_factors(rng: np.random.Generator, sd: float) -> float:
     """A factor of mean or median 1: log-normal where it is weakly known."""
     return float(
-        np.exp(rng.normal(0.0, np.sqrt(np.log(1 + sd**2)))) if sd > 0.2 else 1 + rng.normal(0.0, sd)
+        np.exp(rng.normal(0.0, np.sqrt(np.log(1 + sd**2))))
+        if sd > 0.2
+        else 1 + rng.normal(0.0, sd)
     )
 
 
@@ -50,7 +56,8 @@ def draw_plants(
     robots: int = ROBOTS,
 ) -> dict[str, dict[str, float]]:
     """Robots as `flexgen.control` takes them: factors of numbers by name, payload in kg more."""
-    rng, common = np.random.default_rng(seed), given.get("common", ())
+    rng = np.random.default_rng(seed)
+    common = given.get("common", ())
     springs = [p.name for p in select(model, ["stiffness"]) if p.unit in ("N m/rad", "N/m")]
     frictions = [
         p.name
@@ -82,12 +89,19 @@ def simulated_errors(
     found: flexgen.Prediction, plants: dict[str, dict[str, float]], sample_time: float = SAMPLE_S
 ) -> dict[str, np.ndarray]:
     """Largest errors of the robots over the motion by unit."""
-    solution, gains = found.solution, found.feedback
+    solution = found.solution
+    gains = found.feedback
     controller = flexgen.Cascade(gains.position_gain, gains.speed_gain, gains.integral_gain)
     run = flexgen.control(
-        solution.model, solution.move, controller=controller, plants=plants, solution=solution, torque_limits=False,
-        sample_time=sample_time, progress=False,
-    )  # fmt: skip
+        solution.model,
+        solution.move,
+        controller=controller,
+        plants=plants,
+        solution=solution,
+        torque_limits=False,
+        sample_time=sample_time,
+        progress=False,
+    )
     inside = (run.reference.time >= found.time[0]) & (run.reference.time <= found.time[-1])
     robots = [run[name] for name in plants]
     assert not any(robot.failure for robot in robots)
@@ -99,10 +113,13 @@ def simulated_errors(
 def measure(name: str, payload: float) -> list[list[Any]]:
     """Rows of the table for a model."""
     model = flexgen.read(name, overrides={"uncertainty": {**TOLERANCES, "payload": payload}})
-    equations, rows = derive(model), []
+    equations = derive(model)
+    rows = []
     for move in [move.name for move in model.moves][:2]:
         solution = flexgen.solve(equations, move, progress=False)  # libraries are made
-        solve_s = min(flexgen.solve(equations, move, progress=False).wall_s for _ in range(REPEATS))
+        solve_s = min(
+            flexgen.solve(equations, move, progress=False).wall_s for _ in range(REPEATS)
+        )
         times = []
         for _ in range(REPEATS):
             began = time.perf_counter()
@@ -112,10 +129,8 @@ def measure(name: str, payload: float) -> list[list[Any]]:
         errors = simulated_errors(found, draw_plants(model, TOLERANCES, payload))
         for unit, stated in (("m", found.error_m), ("rad", found.error_rad)):
             if stated is not None:
-                inside, true = (
-                    float(np.mean(errors[unit] <= stated)),
-                    float(np.quantile(errors[unit], 0.95)),
-                )
+                inside = float(np.mean(errors[unit] <= stated))
+                true = float(np.quantile(errors[unit], 0.95))
                 ratio = f"{seconds / solve_s:.2f}"
                 rows.append(
                     [
@@ -138,7 +153,10 @@ def measure(name: str, payload: float) -> list[list[Any]]:
 def main() -> None:
     """Write the table; print it where models are named."""
     names = sys.argv[1:] or list(CASES)
-    head = "model move unit sources stated_95 simulated_95 inside_percent solve_s predict_s times_solve".split()
+    head = (
+        "model move unit sources stated_95 simulated_95 inside_percent solve_s predict_s "
+        "times_solve"
+    ).split()
     rows = [row for name in names for row in measure(name, CASES[name])]
     if sys.argv[1:]:
         csv.writer(sys.stdout, lineterminator="\n").writerows([head, *rows])

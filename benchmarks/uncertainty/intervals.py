@@ -1,14 +1,16 @@
 """Do 95 % of the true values lie inside the intervals that `flexgen.identify` states?
 
-Random arms of three to six axes, with elastic gears and elastic axes without motor. The true robot has other springs,
-dampers and frictions than the model file. It is measured as a user does: plan, simulated experiment, frequency
-responses, fit. The plant is the nonlinear robot in emitted C, with sampled drives and noise; the fit has a linear model
-from other equations, and takes noise from the record. Run from the repository:
+Random arms of three to six axes, with elastic gears and elastic axes without motor. The true robot
+has other springs, dampers and frictions than the model file. It is measured as a user does: plan,
+simulated experiment, frequency responses, fit. The plant is the nonlinear robot in emitted C, with
+sampled drives and noise; the fit has a linear model from other equations, and takes noise from the
+record. Run from the repository:
 
     .venv/bin/python benchmarks/uncertainty/intervals.py [--write] [--draws N] [ARM ...]
 
-It prints a row for each fit; `--write` writes the tables intervals.md to the folder of this file: one with little
-motion and much noise, one with the default of the motion and little noise, where large motions show.
+It prints a row for each fit; `--write` writes the tables intervals.md to the folder of this file:
+one with little motion and much noise, one with the default of the motion and little noise, where
+large motions show.
 """
 
 from __future__ import annotations
@@ -36,7 +38,10 @@ from flexgen.model.elements import (
     RobotModel,
 )
 
-SEED, DRAWS, NORMAL, OFF = 4711, 3, 1.96, 0.2
+SEED = 4711
+DRAWS = 3
+NORMAL = 1.96
+OFF = 0.2
 SPEEDS = 0.02, 0.05  # rms, rad/s, of the tables; the second is the default of `excite`
 LITTLE = 3e-5, 1e-3  # noise in the second, rad and N m
 AXES = (3, 3, 4, 4, 5, 5, 6, 6)  # of the arms
@@ -59,12 +64,16 @@ def between(rng: np.random.Generator, low: float, high: float) -> float:
 
 
 def random_arm(rng: np.random.Generator, axes: int) -> RobotModel:
-    """An arm along x whose neighboring axes are perpendicular; about 40 % of its links bend, one at least."""
+    """An arm along x whose neighboring axes are perpendicular; about 40 % of its links bend, one
+    at least.
+    """
     length, mass = [[between(rng, *of) for _ in range(axes)] for of in ((0.25, 0.7), (20.0, 60.0))]
     mass = [m * 0.7**k for k, m in enumerate(mass)]
     bends = rng.uniform(size=axes) < 0.4
     bends[rng.integers(axes)] |= not bends.any()
-    elements, motors, axis = [], [], -1
+    elements = []
+    motors = []
+    axis = -1
     for k in range(axes):
         reach = np.cumsum(length[k:]) - np.array(length[k:]) / 2
         # kg m^2, roughly
@@ -91,11 +100,20 @@ def random_arm(rng: np.random.Generator, axes: int) -> RobotModel:
         viscous = Friction(viscous=inertia * between(rng, 0.5, 5.0))
         motors.append(Motor(f"m{k + 1}", inertia, (f"q{k + 1}",), (ratio,), friction=viscous))
     return RobotModel(
-        name=f"arm{axes}", description="random", source="random numbers", gravity=(0.0, 0.0, -9.81), base=Placement(),
-        elements=tuple(elements), motors=tuple(motors), tool=Placement(), payload=Body(),
-        output=Output("tool_position"), home=tuple(rng.uniform(-1, 1, axes).tolist()), moves=(),
+        name=f"arm{axes}",
+        description="random",
+        source="random numbers",
+        gravity=(0.0, 0.0, -9.81),
+        base=Placement(),
+        elements=tuple(elements),
+        motors=tuple(motors),
+        tool=Placement(),
+        payload=Body(),
+        output=Output("tool_position"),
+        home=tuple(rng.uniform(-1, 1, axes).tolist()),
+        moves=(),
         motor_coupling="simplified",
-    )  # fmt: skip
+    )
 
 
 def another(model: RobotModel, rng: np.random.Generator) -> RobotModel:
@@ -107,7 +125,9 @@ def another(model: RobotModel, rng: np.random.Generator) -> RobotModel:
 
 
 def errors_in_sd(found: Any, truth: RobotModel) -> np.ndarray:
-    """Errors of the logarithms over the stated standard deviations, without what is not determined by the data."""
+    """Errors of the logarithms over the stated standard deviations, without what is not determined
+    by the data.
+    """
     true = {p.name: p.value for p in select(truth, list(found.vector.names))}
     stated = {
         name: sd for name, sd in found.sd.items() if sd is not None and not found.is_weak(name)
@@ -123,16 +143,19 @@ def measure_arm(arm: int, draws: int, speed: float) -> dict[str, Any]:
     noise = noise if speed == SPEEDS[0] else LITTLE
     drives = flexgen.DriveHardware(encoder_noise_rad=noise[0], torque_noise_Nm=noise[1])
     plan = flexgen.excite(model, speed_rms=speed, hardware=drives, progress=False)
-    fits, free = [], 0
+    fits = []
+    free = 0
     for draw in range(draws):
-        truth, began = another(model, rng), time.perf_counter()
+        truth = another(model, rng)
+        began = time.perf_counter()
         responses = flexgen.frf(flexgen.measure(plan, truth, seed=draw, progress=False))
         found = flexgen.identify(model, responses, progress=False)
         fits.append(errors_in_sd(found, truth))
         free = len(found.vector)
         print(
-            f"arm {arm + 1}, {AXES[arm]} axes, draw {draw + 1}: {found.status}, weights {found.weights}, "
-            f"{np.sum(np.abs(fits[-1]) < NORMAL)} of {len(fits[-1])} inside, {time.perf_counter() - began:.1f} s",
+            f"arm {arm + 1}, {AXES[arm]} axes, draw {draw + 1}: {found.status}, weights "
+            f"{found.weights}, {np.sum(np.abs(fits[-1]) < NORMAL)} of {len(fits[-1])} inside, "
+            f"{time.perf_counter() - began:.1f} s",
             flush=True,
         )
     return {"axes": AXES[arm], "free": free, "noise": noise, "fits": fits}
@@ -141,7 +164,8 @@ def measure_arm(arm: int, draws: int, speed: float) -> dict[str, Any]:
 def cells(name: str, axes: str, rows: list[dict[str, Any]]) -> list[str]:
     """The cells of a line of the table, for one arm or for several together."""
     fits = [fit for row in rows for fit in row["fits"]]
-    z, free = np.concatenate(fits), sum(row["free"] * len(row["fits"]) for row in rows)
+    z = np.concatenate(fits)
+    free = sum(row["free"] * len(row["fits"]) for row in rows)
     noise = [f"{x:.2g}" for x in rows[0]["noise"]] if len(rows) == 1 else ["", ""]
     inside = (
         [f"{100 * np.mean(np.abs(z) < NORMAL):.1f}", f"{np.sqrt(np.mean(z**2)):.2f}"]
@@ -174,11 +198,15 @@ def page(tables: list[str], draws: int) -> str:
     """The page."""
     return f"""# True values inside the 95 % intervals of an identification
 
-`intervals.py --write` makes these tables. Random arms with elastic gears and links that bend; all springs, dampers and
-viscous frictions are fitted (*free*). The true ones differ from the model file by up to {100 * OFF:.0f} %, nothing else
-is wrong. Plan, experiment, responses and fit are those of `excite`, `measure`, `frf` and `identify`, with their
+`intervals.py --write` makes these tables. Random arms with elastic gears and links that bend; \
+all springs, dampers and
+viscous frictions are fitted (*free*). The true ones differ from the model file by up to \
+{100 * OFF:.0f} %, nothing else
+is wrong. Plan, experiment, responses and fit are those of `excite`, `measure`, `frf` and \
+`identify`, with their
 defaults; {draws} experiments for each arm, each with another robot and other noise.
-*Stated*: intervals, of the parameters of all fits; a fit that is not `fitted` states none, nor does one of a
+*Stated*: intervals, of the parameters of all fits; a fit that is not `fitted` states none, nor \
+does one of a
 parameter that it calls not determined. The plant is the nonlinear robot in C.
 
 ## Speed {SPEEDS[0]} rad/s rms
@@ -187,7 +215,8 @@ parameter that it calls not determined. The plant is the nonlinear robot in C.
 
 ## Speed {SPEEDS[1]} rad/s rms, the default, with little noise
 
-The noise is so low that the difference of a robot in motion from a linear one is larger; `identify` corrects for it.
+The noise is so low that the difference of a robot in motion from a linear one is larger; \
+`identify` corrects for it.
 
 {tables[1]}
 """

@@ -7,17 +7,23 @@ import flexgen
 
 QUESTION = "How well can one motor regulate four masses behind a nonlinear gear?"
 LITERATURE = """
-S. Moberg, J. Oehr, S. Gunnarsson, A benchmark problem for robust feedback control of a flexible manipulator, IEEE
-Trans. Control Systems Technology 17(6), 2009: the model. Windows, sets of robots and weights are of this project
-(version 1, frozen by its hash), so that scores are not those of the paper. Smaller is better; the reference has about
-1. No controller is accepted that is unstable on one of 17 robots, with a longer delay, or with a larger gain.
+S. Moberg, J. Oehr, S. Gunnarsson, A benchmark problem for robust feedback control of a flexible \
+manipulator, IEEE
+Trans. Control Systems Technology 17(6), 2009: the model. Windows, sets of robots and weights are \
+of this project
+(version 1, frozen by its hash), so that scores are not those of the paper. Smaller is better; \
+the reference has about
+1. No controller is accepted that is unstable on one of 17 robots, with a longer delay, or with a \
+larger gain.
 """
 CONTROLLERS = ("reference", "ppi", "ppi_notch", "ppi_two_notches")
 SHOWN = ("reference", "ppi_two_notches")
 
 
 def show(page: Page) -> None:
-    """Scores of the controllers that come with flexgen; the arm's position under the disturbances."""
+    """Scores of the controllers that come with flexgen; the arm's position under the
+    disturbances.
+    """
     found = {name: flexgen.score("four_mass", name, progress=False) for name in CONTROLLERS}
     parts = list(found["reference"].parts)
     page.table(

@@ -7,8 +7,10 @@ import flexgen
 
 QUESTION = "How well do two motors regulate a two-link arm with friction and nonlinear gears?"
 LITERATURE = """
-S. Moberg, Modeling and Control of Flexible Manipulators, 2010, names a multivariable benchmark as the next step after
-that for one axis. All numbers of the scenario two_link are of this project (version 1, frozen by its hash). Smaller
+S. Moberg, Modeling and Control of Flexible Manipulators, 2010, names a multivariable benchmark \
+as the next step after
+that for one axis. All numbers of the scenario two_link are of this project (version 1, frozen by \
+its hash). Smaller
 is better; the reference controller has about 1.
 """
 

@@ -1,4 +1,5 @@
-"""Run all scripts of the gallery: python examples/gallery/build.py [FOLDER], default build/gallery.
+"""Run all scripts of the gallery: python examples/gallery/build.py [FOLDER], default
+build/gallery.
 
 The folder gets the picture and the output of each script, and the page index.html.
 """
@@ -14,7 +15,8 @@ from pathlib import Path
 HERE = Path(__file__).resolve().parent
 PAGE = """<!doctype html><html lang="en"><head><meta charset="utf-8"><title>Gallery</title>
 <style>
-body{{max-width:62em;margin:2em auto;font-family:sans-serif}}img{{width:100%}}pre{{overflow-x:auto}}</style></head>
+body{{max-width:62em;margin:2em \
+auto;font-family:sans-serif}}img{{width:100%}}pre{{overflow-x:auto}}</style></head>
 <body><h1>Gallery</h1>
 {entries}
 </body></html>
@@ -44,13 +46,16 @@ def title(script: Path) -> str:
 def build(folder: Path) -> int:
     """Run the scripts one after the other; the number of those that failed."""
     folder.mkdir(parents=True, exist_ok=True)
-    entries, failed = [], 0
+    entries = []
+    failed = 0
     environment = os.environ | {
         "PYTHONPATH": os.pathsep.join([str(HERE.parents[1]), os.environ.get("PYTHONPATH", "")])
     }
     for script in scripts():
         command = [sys.executable, script, folder]
-        done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+        done = subprocess.run(
+            command, env=environment, capture_output=True, text=True, check=False
+        )
         if done.returncode:
             failed += 1
             print(f"{script.stem}: failed\n{done.stderr}", file=sys.stderr)

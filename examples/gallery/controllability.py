@@ -1,4 +1,6 @@
-"""Controllability: can the motors move every coordinate of an elastic arm, also those without a motor?"""
+"""Controllability: can the motors move every coordinate of an elastic arm, also those without a
+motor?
+"""
 
 import numpy as np
 from exhibit import Page, exhibit
@@ -7,10 +9,14 @@ import flexgen
 
 QUESTION = "Do the motors reach every vibration of the arm, in every pose?"
 LITERATURE = """
-M. Hautus, Indag. Math. 31, 1969: a linear system is controllable where [s - A, B] has full rank at every eigenvalue
-s. The table has the smallest singular value of this matrix, scaled, and the rank of Kalman's matrix,
-another route: it is the number of states where the robot is controllable. Regular: the inverse dynamics exists at the
-pose. The picture shows that the two differ: where the arm is stretched or folded it is controllable, but no torque
+M. Hautus, Indag. Math. 31, 1969: a linear system is controllable where [s - A, B] has full rank \
+at every eigenvalue
+s. The table has the smallest singular value of this matrix, scaled, and the rank of Kalman's \
+matrix,
+another route: it is the number of states where the robot is controllable. Regular: the inverse \
+dynamics exists at the
+pose. The picture shows that the two differ: where the arm is stretched or folded it is \
+controllable, but no torque
 gives the tool every acceleration.
 """
 MODELS = ("elbow", "four_mass", "planar5_mp", "planar5_nmp", "beam_arm", "manutec_r3")
@@ -21,7 +27,8 @@ def kalman(linear: object) -> int:
     A, B = linear.state_space()
     n = len(A)
     scale = np.concatenate([np.ones(n // 2), np.full(n // 2, linear.rate)])
-    A, X = (A * scale) / scale[:, None] / linear.rate, B / scale[:, None]
+    A = (A * scale) / scale[:, None] / linear.rate
+    X = B / scale[:, None]
     basis = np.zeros((n, 0))
     for _ in range(n):
         X = X / np.maximum(np.linalg.norm(X, axis=0), 1e-300)
@@ -31,12 +38,15 @@ def kalman(linear: object) -> int:
         X = U[:, values > 1e-9]
         if not X.shape[1]:
             break
-        basis, X = np.hstack([basis, X]), A @ X
+        basis = np.hstack([basis, X])
+        X = A @ X
     return basis.shape[1]
 
 
 def show(page: Page) -> None:
-    """Hautus' number and Kalman's rank of models; over the angle of the second joint of the planar arm."""
+    """Hautus' number and Kalman's rank of models; over the angle of the second joint of the planar
+    arm.
+    """
     rows = []
     for name in MODELS:
         analysis = flexgen.analyze(name)
@@ -51,7 +61,8 @@ def show(page: Page) -> None:
         rows[-1].append("yes" if analysis.solvability.regular else "no")
     page.table(["model", "states", "rank", "Hautus", "regular"], rows)
 
-    equations, angle = flexgen.derive("planar5_nmp"), np.radians(np.linspace(-180, 180, 49))
+    equations = flexgen.derive("planar5_nmp")
+    angle = np.radians(np.linspace(-180, 180, 49))
     found = [flexgen.analyze(equations, (0.3, q2)).solvability for q2 in angle]
     axes = page.figure(3.0).subplots()
     axes.plot(

@@ -7,11 +7,16 @@ import flexgen
 
 QUESTION = "How does the error of each solver of the inverse dynamics fall with its step?"
 LITERATURE = """
-BDF of index up to 3, and what is lost beyond it: K. Brenan, S. Campbell, L. Petzold, Numerical Solution of Initial-
-Value Problems in Differential-Algebraic Equations, 1996. Regularization by the derivative array: P. Kunkel, V.
-Mehrmann, Differential-Algebraic Equations, 2006. Dummy derivatives, solved here by an explicit method with error
-control: S. Mattsson, G. Söderlind, SIAM J. Sci. Comput. 14, 1993. The reference is the same method with a tolerance
-of 1e-11. A DAE of index 4 differentiates rounding three times: with short steps BDF of higher order becomes worse.
+BDF of index up to 3, and what is lost beyond it: K. Brenan, S. Campbell, L. Petzold, Numerical \
+Solution of Initial-
+Value Problems in Differential-Algebraic Equations, 1996. Regularization by the derivative array: \
+P. Kunkel, V.
+Mehrmann, Differential-Algebraic Equations, 2006. Dummy derivatives, solved here by an explicit \
+method with error
+control: S. Mattsson, G. Söderlind, SIAM J. Sci. Comput. 14, 1993. The reference is the same \
+method with a tolerance
+of 1e-11. A DAE of index 4 differentiates rounding three times: with short steps BDF of higher \
+order becomes worse.
 """
 STEPS = (4e-3, 2e-3, 1e-3)
 METHODS = {
@@ -24,7 +29,9 @@ TOLERANCES = (1e-6, 1e-8)
 
 
 def show(page: Page) -> None:
-    """Largest torque error on a line of planar5_mp, away from the ends, and the order between two steps."""
+    """Largest torque error on a line of planar5_mp, away from the ends, and the order between two
+    steps.
+    """
     t = np.linspace(0.1, 0.4, 301)  # the beginning differs: BDF starts with a lower order
 
     def torques(

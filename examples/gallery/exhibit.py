@@ -1,4 +1,6 @@
-"""What all scripts of the gallery share: they print question, table, literature and run time, and save one picture."""
+"""What all scripts of the gallery share: they print question, table, literature and run time, and
+save one picture.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +29,8 @@ class Page:
     def table(self, header: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
         """Print a table; numbers with four digits."""
         cells = [
-            [f"{x:.4g}" if isinstance(x, float) else str(x) for x in row] for row in (header, *rows)
+            [f"{x:.4g}" if isinstance(x, float) else str(x) for x in row]
+            for row in (header, *rows)
         ]
         widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
         for line in (cells[0], ["-" * width for width in widths], *cells[1:]):

@@ -6,12 +6,19 @@ from exhibit import Page, exhibit
 import flexgen
 from flexgen.laws.study import FAMILIES, Setting
 
-QUESTION = "Is it better to linearize an elastic arm by feedback, or to put feedback around its feedforward?"
+QUESTION = (
+    "Is it better to linearize an elastic arm by feedback, or to put feedback around its "
+    "feedforward?"
+)
 LITERATURE = """
-The question is that of S. Moberg and S. Hanssen, On feedback linearization for robust tracking control of flexible
-joint robots, IFAC World Congress 2008. Linearizing feedback of elastic joints needs the arm's state up to its third
-derivative: M. Spong, J. Dyn. Sys. Meas. Control 109, 1987. Six robots (other stiffness, other load, disturbances),
-measured angles with noise, and the best of eight tunings of each law; docs/control.md has the table of twenty tunings
+The question is that of S. Moberg and S. Hanssen, On feedback linearization for robust tracking \
+control of flexible
+joint robots, IFAC World Congress 2008. Linearizing feedback of elastic joints needs the arm's \
+state up to its third
+derivative: M. Spong, J. Dyn. Sys. Meas. Control 109, 1987. Six robots (other stiffness, other \
+load, disturbances),
+measured angles with noise, and the best of eight tunings of each law; docs/control.md has the \
+table of twenty tunings
 and with delay.
 """
 SETTING = Setting(sample_s=5e-4, delay_s=0.0, exact=False)
@@ -19,7 +26,9 @@ NOISE_NM = 4.0  # peak to peak at rest; tunings with more do not count
 
 
 def show(page: Page) -> None:
-    """Worst error of the six robots at the best tuning of each law; all tunings over their torque noise."""
+    """Worst error of the six robots at the best tuning of each law; all tunings over their torque
+    noise.
+    """
     study = flexgen.feedback_study(
         settings=(SETTING,), tunings=8, torque_noise=NOISE_NM, progress=False
     )
@@ -43,7 +52,8 @@ def show(page: Page) -> None:
     axes = page.figure().subplots()
     for family in FAMILIES:
         good = [t for t in study.of(SETTING, family) if np.isfinite(t.worst_m) and t.worst_m < 0.1]
-        noise, error = [t.torque_noise_Nm for t in good], [1e3 * t.worst_m for t in good]
+        noise = [t.torque_noise_Nm for t in good]
+        error = [1e3 * t.worst_m for t in good]
         axes.loglog(noise, error, "o", ms=5, label=family)
     axes.axvline(NOISE_NM, color="k", lw=0.7, ls="--")
     axes.set_xlabel("torque noise at rest, peak to peak, N m (dashed: limit of the table)")

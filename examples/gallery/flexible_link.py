@@ -7,11 +7,16 @@ import flexgen
 from flexgen.mechanics.equations import Equations
 from flexgen.numerics.evaluate import evaluate
 
-QUESTION = "How many modes does an elastic link need, and why does its tip begin to move backwards?"
+QUESTION = (
+    "How many modes does an elastic link need, and why does its tip begin to move backwards?"
+)
 LITERATURE = """
-A uniform cantilever has w_k = (b_k/l)^2 sqrt(EI/m) with b = 1.8751, 4.6941, 7.8548, roots of cos b cosh b = -1 (e.g.
-L. Meirovitch, Fundamentals of Vibrations, 2001, ch. 8). The tip of a link that a motor turns at its hub is
-non-minimum phase (R. Cannon and E. Schmitz, Int. J. Robotics Research 3(3), 1984): zeros on both sides.
+A uniform cantilever has w_k = (b_k/l)^2 sqrt(EI/m) with b = 1.8751, 4.6941, 7.8548, roots of cos \
+b cosh b = -1 (e.g.
+L. Meirovitch, Fundamentals of Vibrations, 2001, ch. 8). The tip of a link that a motor turns at \
+its hub is
+non-minimum phase (R. Cannon and E. Schmitz, Int. J. Robotics Research 3(3), 1984): zeros on both \
+sides.
 """
 EXACT = np.array([1.8751040687, 4.6940911330, 7.8547574382, 10.9955407349])
 MODES = (1, 2, 3, 4)
@@ -29,8 +34,11 @@ def beam(modes: int) -> Equations:
 
 
 def show(page: Page) -> None:
-    """Frequencies with a clamped hub compared with the exact ones; zeros from the hub's motor to the tip."""
-    rows, zeros = [], []
+    """Frequencies with a clamped hub compared with the exact ones; zeros from the hub's motor to
+    the tip.
+    """
+    rows = []
+    zeros = []
     # length 0.8 m, EI 200 N m^2, 1 kg/m
     exact = EXACT**2 / 0.8**2 * np.sqrt(200.0 / 1.0) / (2 * np.pi)
     for n in MODES:
@@ -40,9 +48,9 @@ def show(page: Page) -> None:
         M = evaluate(equations.function("mass_matrix"), rest)[0][0][np.ix_(e, e)]
         steps = np.zeros((n, 2 + n))
         steps[:, e] = np.eye(n)
-        K = -evaluate(equations.function("elastic_torque"), steps, np.zeros((n, 2 + n)))[0].reshape(
-            n, n
-        )
+        K = -evaluate(equations.function("elastic_torque"), steps, np.zeros((n, 2 + n)))[
+            0
+        ].reshape(n, n)
         hz = np.sqrt(np.sort(np.linalg.eigvals(np.linalg.solve(M, K)).real)) / (2 * np.pi)
         zeros.append(flexgen.analyze(equations).zeros.zeros)
         slowest = min(z for z in zeros[-1].real if z > 0)

@@ -8,16 +8,21 @@ from flexgen.numerics.evaluate import evaluate
 
 QUESTION = "How do a gear that stiffens with its load, and friction, look in the model?"
 LITERATURE = """
-Natural frequencies of the benchmark of S. Moberg, J. Oehr and S. Gunnarsson (IEEE Trans. Control Systems Technology
-17, 2009), linear gears: 8.82, 14.44, 41.61 Hz (low) and 12.40, 19.12, 54.66 Hz (high). Friction law and values of the
-robot axis: E. Wernholt and S. Gunnarsson, SYSID 2006; the Stribeck effect makes it fall before it rises.
+Natural frequencies of the benchmark of S. Moberg, J. Oehr and S. Gunnarsson (IEEE Trans. Control \
+Systems Technology
+17, 2009), linear gears: 8.82, 14.44, 41.61 Hz (low) and 12.40, 19.12, 54.66 Hz (high). Friction \
+law and values of the
+robot axis: E. Wernholt and S. Gunnarsson, SYSID 2006; the Stribeck effect makes it fall before \
+it rises.
 """
 PUBLISHED = {"four_mass@low": (8.82, 14.44, 41.61), "four_mass@high": (12.40, 19.12, 54.66)}
 RATIO = 220.0  # of the gear of four_mass: the law is given on the motor side
 
 
 def show(page: Page) -> None:
-    """Modes of the linear variants compared with the published ones; gear torque and friction torque as curves."""
+    """Modes of the linear variants compared with the published ones; gear torque and friction
+    torque as curves.
+    """
     rows = []
     for name in ("four_mass@low", "four_mass@high", "four_mass"):
         modes = [f for f, _ in flexgen.analyze(name).modes]

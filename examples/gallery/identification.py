@@ -8,16 +8,22 @@ from flexgen.analysis.linear import linearize
 from flexgen.loop.robustness import hold_motors
 from flexgen.mechanics.parameters import select, with_values
 
-QUESTION = "Are the springs and dampers of a robot found from its motors alone, and how accurately?"
+QUESTION = (
+    "Are the springs and dampers of a robot found from its motors alone, and how accurately?"
+)
 LITERATURE = """
-E. Wernholt and S. Moberg, Nonlinear gray-box identification using local models applied to industrial robots,
-Automatica 47(6), 2011: multisines at several poses, frequency responses, one fit over all of them. About two of three
+E. Wernholt and S. Moberg, Nonlinear gray-box identification using local models applied to \
+industrial robots,
+Automatica 47(6), 2011: multisines at several poses, frequency responses, one fit over all of \
+them. About two of three
 errors should be below one standard deviation, and nearly all below two.
 """
 
 
 def show(page: Page) -> None:
-    """Parameters of a robot that differs from its file; responses of file, robot and identified model."""
+    """Parameters of a robot that differs from its file; responses of file, robot and identified
+    model.
+    """
     model = flexgen.read("planar5_nmp")
     rng = np.random.default_rng(4)
     changes = {
@@ -32,11 +38,9 @@ def show(page: Page) -> None:
     found = flexgen.identify(model, data, progress=False)
     rows = []
     for true in select(robot, found.vector.names):
-        start, value, sd = (
-            select(model, [true.name])[0].value,
-            found.values[true.name],
-            found.sd[true.name],
-        )
+        start = select(model, [true.name])[0].value
+        value = found.values[true.name]
+        sd = found.sd[true.name]
         error = value / true.value - 1
         rows.append([true.name, start, true.value, value, 100 * error, 100 * sd, error / sd])
     page.table(["parameter", "file", "robot", "found", "error, %", "sd, %", "error / sd"], rows)

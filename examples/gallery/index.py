@@ -6,10 +6,14 @@ import flexgen
 
 QUESTION = "How often must the equations be differentiated before the torques can be computed?"
 LITERATURE = """
-The hypothesis of P. Kunkel and V. Mehrmann, Differential-Algebraic Equations, 2006, sec. 4.3: a algebraic and d
-differential equations after mu differentiations; the differential index is mu + 1. J. Pryce's structural analysis
-(BIT 41, 2001) finds it from the pattern. With n_m motors, n_g gears, n_e coordinates without motor: a = 4 n_m and d =
-n_g + 2 n_e with damped gears, a = 5 n_m and d = 2 n_e without damping. A continuous torque needs index - 1 continuous
+The hypothesis of P. Kunkel and V. Mehrmann, Differential-Algebraic Equations, 2006, sec. 4.3: a \
+algebraic and d
+differential equations after mu differentiations; the differential index is mu + 1. J. Pryce's \
+structural analysis
+(BIT 41, 2001) finds it from the pattern. With n_m motors, n_g gears, n_e coordinates without \
+motor: a = 4 n_m and d =
+n_g + 2 n_e with damped gears, a = 5 n_m and d = 2 n_e without damping. A continuous torque needs \
+index - 1 continuous
 derivatives of the path.
 """
 MODELS = (
@@ -25,10 +29,14 @@ SHOWN = ("planar5_nmp", "planar5_nmp@undamped")
 
 
 def show(page: Page) -> None:
-    """Table of all models; the signature matrices of two: orders of derivatives in each equation."""
-    rows, found = [], {name: flexgen.analyze(name) for name in MODELS}
+    """Table of all models; the signature matrices of two: orders of derivatives in each
+    equation.
+    """
+    rows = []
+    found = {name: flexgen.analyze(name) for name in MODELS}
     for name, analysis in found.items():
-        k, model = analysis.kunkel_mehrmann, analysis.model
+        k = analysis.kunkel_mehrmann
+        model = analysis.model
         rows.append(
             [name, f"{model.n_m}/{model.n_g}/{model.n_e}", k.mu, k.a, k.d, k.differential_index]
         )

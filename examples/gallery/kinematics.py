@@ -9,9 +9,12 @@ from flexgen.numerics.evaluate import evaluate
 
 QUESTION = "In how many ways does a six-axis arm reach a pose, and where is it singular?"
 LITERATURE = """
-An arm with a spherical wrist has at most eight configurations at a pose: two of the shoulder, two of the elbow, two
-of the wrist (D. Pieper, Stanford 1968). Its Jacobian's determinant is the product of three factors, one for each (B.
-Siciliano et al., Robotics, 2009, sec. 3.3): it is singular with the wrist's axes 4 and 6 aligned, with the arm
+An arm with a spherical wrist has at most eight configurations at a pose: two of the shoulder, \
+two of the elbow, two
+of the wrist (D. Pieper, Stanford 1968). Its Jacobian's determinant is the product of three \
+factors, one for each (B.
+Siciliano et al., Robotics, 2009, sec. 3.3): it is singular with the wrist's axes 4 and 6 \
+aligned, with the arm
 stretched, and with the wrist over axis 1.
 """
 POSE = (0.4, -0.5, 0.9, 0.5, 0.8, -0.3)  # rad
@@ -21,7 +24,8 @@ AXES = {"q3": 2, "q5": 4}
 def show(page: Page) -> None:
     """All configurations of a pose; Jacobian and its parts while one axis turns."""
     equations = flexgen.derive("manutec_r3")
-    pose, jacobian = equations.function("forward_kinematics"), equations.function("jacobian")
+    pose = equations.function("forward_kinematics")
+    jacobian = equations.function("jacobian")
     p, R = (values[0] for values in evaluate(pose, np.array(POSE)))
     rows = []
     for c in flexgen.kinematics(equations.model, p.ravel(), R):

@@ -8,8 +8,10 @@ QUESTION = (
     "How fast does a robot learn a path from its own tool error, and where does learning stop?"
 )
 LITERATURE = """
-Iterative learning control: S. Arimoto et al., J. Robotic Systems 1(2), 1984; D. Bristow, M. Tharayil, A. Alleyne,
-IEEE Control Systems Magazine 26(3), 2006. The low pass Q bounds the frequencies that are learned, and with it what
+Iterative learning control: S. Arimoto et al., J. Robotic Systems 1(2), 1984; D. Bristow, M. \
+Tharayil, A. Alleyne,
+IEEE Control Systems Magazine 26(3), 2006. The low pass Q bounds the frequencies that are \
+learned, and with it what
 remains: errors above it are not corrected.
 """
 PLANTS = {

@@ -9,10 +9,14 @@ import flexgen
 
 QUESTION = "Where all zeros are stable: do different solvers find the same torques?"
 LITERATURE = """
-Index reduction by dummy derivatives: S. Mattsson and G. Söderlind, SIAM J. Sci. Comput. 14, 1993. Regularization: P.
-Kunkel and V. Mehrmann, 2006. BDF of high index with constant steps, with a torque that is late by a step: K. Brenan,
-S. Campbell, L. Petzold, 1996. Stable inversion solves the whole path at once and needs no stability: S. Devasia, D.
-Chen, B. Paden, IEEE Trans. Automatic Control 41, 1996. lq and bvp have intervals of 9 ms here, the others steps of 1
+Index reduction by dummy derivatives: S. Mattsson and G. Söderlind, SIAM J. Sci. Comput. 14, \
+1993. Regularization: P.
+Kunkel and V. Mehrmann, 2006. BDF of high index with constant steps, with a torque that is late \
+by a step: K. Brenan,
+S. Campbell, L. Petzold, 1996. Stable inversion solves the whole path at once and needs no \
+stability: S. Devasia, D.
+Chen, B. Paden, IEEE Trans. Automatic Control 41, 1996. lq and bvp have intervals of 9 ms here, \
+the others steps of 1
 ms and less.
 """
 METHODS = {
@@ -26,8 +30,11 @@ METHODS = {
 
 
 def show(page: Page) -> None:
-    """Torques of all methods for a line of planar5_mp, compared with those of bvp, and their tool errors."""
-    found, t = {}, np.linspace(0.0, 0.5, 501)
+    """Torques of all methods for a line of planar5_mp, compared with those of bvp, and their tool
+    errors.
+    """
+    found = {}
+    t = np.linspace(0.0, 0.5, 501)
     for name, (method, options) in METHODS.items():
         begin = time.perf_counter()
         solution = flexgen.solve("planar5_mp", "line", method, options=options, progress=False)

@@ -8,10 +8,14 @@ import flexgen
 
 QUESTION = "How far off the path is an elastic arm under the torques of a simpler model?"
 LITERATURE = """
-The flexible joint model has springs in the joints about the motors' axes only (M. Spong, J. Dyn. Sys. Meas. Control
-109, 1987). Real arms also bend across these axes; the extended model adds springs without motor, and its inverse
-dynamics is a differential-algebraic equation (S. Moberg and S. Hanssen, ICRA 2007). There is no feedback here: an arm
-that nothing holds drifts, so that a static deflection that a simple model does not know costs more in a slow move.
+The flexible joint model has springs in the joints about the motors' axes only (M. Spong, J. Dyn. \
+Sys. Meas. Control
+109, 1987). Real arms also bend across these axes; the extended model adds springs without motor, \
+and its inverse
+dynamics is a differential-algebraic equation (S. Moberg and S. Hanssen, ICRA 2007). There is no \
+feedback here: an arm
+that nothing holds drifts, so that a static deflection that a simple model does not know costs \
+more in a slow move.
 """
 METHODS = {
     "rigid": "rigid",

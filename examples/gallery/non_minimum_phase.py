@@ -6,23 +6,31 @@ from exhibit import Page, exhibit
 import flexgen
 from flexgen.errors import FlexgenError
 
-QUESTION = "Why must the torque of an elastic arm begin before its tool moves, and how long before?"
+QUESTION = (
+    "Why must the torque of an elastic arm begin before its tool moves, and how long before?"
+)
 LITERATURE = """
-The zero dynamics has an unstable part, which only decays backwards in time: the bounded solution begins before the
-path (S. Devasia, D. Chen, B. Paden, IEEE Trans. Automatic Control 41, 1996). Before the path it decays by a factor of
-e in each time constant of the unstable zero, until it reaches the accuracy of the solver; flexgen previews ln(10^6),
+The zero dynamics has an unstable part, which only decays backwards in time: the bounded solution \
+begins before the
+path (S. Devasia, D. Chen, B. Paden, IEEE Trans. Automatic Control 41, 1996). Before the path it \
+decays by a factor of
+e in each time constant of the unstable zero, until it reaches the accuracy of the solver; \
+flexgen previews ln(10^6),
 about 14 of them.
 """
 CONSTANTS = (2.0, 4.0, 6.0, 8.0)  # time constants before the path
 
 
 def show(page: Page) -> None:
-    """The torque before the path, compared with the exponential that the unstable zero predicts."""
+    """The torque before the path, compared with the exponential that the unstable zero
+    predicts.
+    """
     model = flexgen.read("planar5_nmp@soft")
     report = flexgen.analyze(model, model.move("line").start).zeros
     constant = report.unstable_time_constant_s
     print(
-        f"  {report.phase}: zero at +{1 / constant:.1f} 1/s, preview {1e3 * report.preview_s:.0f} ms"
+        f"  {report.phase}: zero at +{1 / constant:.1f} 1/s, preview "
+        f"{1e3 * report.preview_s:.0f} ms"
     )
     try:
         flexgen.solve(model, "line", "reduced")
@@ -30,7 +38,8 @@ def show(page: Page) -> None:
         print(f"  an initial value method refuses: {error}\n")
     solution = flexgen.solve(model, "line", progress=False)
     trajectory = solution.trajectory
-    t, tau = trajectory.time, trajectory["tau_m"]
+    t = trajectory.time
+    tau = trajectory["tau_m"]
     change = np.abs(tau - tau[0])
     early = [np.abs(trajectory.at(-n * constant)["tau_m"] - tau[0]) for n in (1.0, *CONSTANTS)]
     rows = [

@@ -1,4 +1,6 @@
-"""Many robots with other springs and loads than their model: python uncertain_robots.py [FOLDER] [ROBOTS]."""
+"""Many robots with other springs and loads than their model: python uncertain_robots.py [FOLDER]
+[ROBOTS].
+"""
 
 import sys
 from typing import Any
@@ -11,17 +13,25 @@ import flexgen
 
 QUESTION = "How large is the tool error of robots whose springs and load differ from their model?"
 LITERATURE = """
-Each robot gets the torques of the model and a P-PI feedback of its motors. invert_many finds exactly what it would need
-instead; the difference disturbs the closed loop. Approximated: this loop is that of the model, linearized along its
-motion, and continuous. The table compares with simulations of the full equations and a feedback at 2 kHz.
+Each robot gets the torques of the model and a P-PI feedback of its motors. invert_many finds \
+exactly what it would need
+instead; the difference disturbs the closed loop. Approximated: this loop is that of the model, \
+linearized along its
+motion, and continuous. The table compares with simulations of the full equations and a feedback \
+at 2 kHz.
 """
 # springs +- 10 %, load up to 3 kg
-MODEL, STEP, SOFTER, LOAD, CHECKED = "planar5_nmp", 2e-3, 0.1, 3.0, 24
+MODEL = "planar5_nmp"
+STEP = 2e-3
+SOFTER = 0.1
+LOAD = 3.0
+CHECKED = 24
 
 
 def show(page: Page) -> None:
     """Largest errors over the load, and their distribution."""
-    count, rng = int(sys.argv[2]) if len(sys.argv) > 2 else 10_000, np.random.default_rng(0)
+    count = int(sys.argv[2]) if len(sys.argv) > 2 else 10_000
+    rng = np.random.default_rng(0)
     robot = flexgen.load(
         flexgen.generate(
             MODEL, "generated/many", parameters=["stiffness", "payload.mass"]
@@ -32,20 +42,16 @@ def show(page: Page) -> None:
     factors = values[:CHECKED] / np.where(robot.parameters > 0, robot.parameters, 1.0)
     names = [*robot.parameter_names[:-1], "payload"]
     plants = {str(k): dict(zip(names, x, strict=True)) for k, x in enumerate(factors.tolist())}
-    path, counts = (
-        flexgen.plan(MODEL, "line"),
-        {"n_pre": 10, "n_post": 250, "samples_per_interval": 10},
-    )
+    path = flexgen.plan(MODEL, "line")
+    counts = {"n_pre": 10, "n_post": 250, "samples_per_interval": 10}
     y, dy, ddy = (
         path.sample(np.arange(round(path.duration / STEP) + 1) * STEP).y[:, :, k] for k in range(3)
     )
     given = {"y": y, "dy": dy, "ddy": ddy, "period": STEP, "q_start": path.q_start}
     model = robot.invert(**given, **counts)
     run = flexgen.control(MODEL, plants=plants, progress=False)
-    loop, W = (
-        linearize_loop(robot, model, run.law, STEP),
-        robot.jacobian(model.q_a)[:, : dy.shape[1]],
-    )
+    loop = linearize_loop(robot, model, run.law, STEP)
+    W = robot.jacobian(model.q_a)[:, : dy.shape[1]]
 
     def largest_error(chunk: Any) -> np.ndarray:
         d = np.concatenate(
@@ -57,7 +63,8 @@ def show(page: Page) -> None:
     many = robot.invert_many(
         **given, parameters=values, outputs=("tau_m", "q_m", "v_m"), options=options
     )
-    errors, moving = 1e6 * many.reduced, run.reference.time >= run.reference.begin
+    errors = 1e6 * many.reduced
+    moving = run.reference.time >= run.reference.begin
     simulated = 1e6 * np.array([run.distance(run[name])[moving].max() for name in plants])
     off = np.abs(errors[:CHECKED] - simulated) / simulated
     rows = [[f"{q} %", float(np.nanpercentile(errors, q))] for q in (50, 90, 99, 100)]

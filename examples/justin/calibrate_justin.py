@@ -2,12 +2,14 @@
 
     python examples/justin/calibrate_justin.py poses.csv
 
-poses.csv: commanded joints q0_rad to q16_rad, and the positions m0_x_m to m1_z_m of a marker on each hand in the frame
-of the camera, one line for each pose, such as those that DLR offers with J. Tenhumberg and B. Baeuml, IEEE Humanoids
-2021. Prints the errors of seven models from rigid to all numbers, on poses that were not fitted; then calibrates with
-four fifths of the poses, writes the model file, and compares where `flexgen.tracker_positions` puts the hands of the
-new model at the remaining commands with what was measured. Writes calibration.svg next to the new model file, in
-reports/justin.
+poses.csv: commanded joints q0_rad to q16_rad, and the positions m0_x_m to m1_z_m of a marker on
+each hand in the frame of the camera, one line for each pose, such as those that DLR offers with J.
+Tenhumberg and B. Baeuml, IEEE Humanoids
+2021. Prints the errors of seven models from rigid to all numbers, on poses that were not fitted;
+      then calibrates with
+four fifths of the poses, writes the model file, and compares where `flexgen.tracker_positions`
+puts the hands of the new model at the remaining commands with what was measured. Writes
+calibration.svg next to the new model file, in reports/justin.
 """
 
 from __future__ import annotations
@@ -58,7 +60,8 @@ def main(file: Path) -> None:
     """Print the stages; calibrate, write, compare."""
     poses = flexgen.StaticPoses.read(file, flexgen.read(MODEL))
     print(
-        "errors of the hands, mm                       numbers    fit   on poses not fitted   other hand seen   time, s"
+        "errors of the hands, mm                       numbers    fit   on poses not fitted   "
+        "other hand seen   time, s"
     )
     for name, springs, free in STAGES:
         began = time.perf_counter()
@@ -75,7 +78,8 @@ def main(file: Path) -> None:
         print(f"warning: {warning}")
 
     order = np.random.default_rng(1).permutation(len(poses))
-    fitted, left_out = np.sort(order[: len(order) * 4 // 5]), np.sort(order[len(order) * 4 // 5 :])
+    fitted = np.sort(order[: len(order) * 4 // 5])
+    left_out = np.sort(order[len(order) * 4 // 5 :])
     part = flexgen.StaticPoses(
         poses.commands[fitted], poses.positions[fitted], f"{len(fitted)} poses of {file.name}"
     )
@@ -90,7 +94,9 @@ def main(file: Path) -> None:
     for name, sag in (("with sag", True), ("without", False)):
         there = flexgen.tracker_positions(robot, poses.commands[left_out], sag=sag)
         error = np.linalg.norm(there - poses.positions[left_out], axis=2)
-        print(f"model file {new}, {len(left_out)} other poses, {name}: {1e3 * error.mean():.2f} mm")
+        print(
+            f"model file {new}, {len(left_out)} other poses, {name}: {1e3 * error.mean():.2f} mm"
+        )
 
 
 if __name__ == "__main__":

@@ -2,11 +2,12 @@
 
     python examples/kr300/identify_kr300.py FOLDER
 
-FOLDER has kr300_run_A.npz and kr300_run_B.npz, public recordings (J. Weigand et al., TU Kaiserslautern); the
-descriptions run_a.toml and run_b.toml are copied to it. Both runs are fitted, since a counterbalance that is fitted to
-one run alone fails on the other. The errors on both are 3 to 11 % below 2.5 Hz, 5 to 10 % on quarters that were left
-out of the fit. The gears found, 9.3e6 and 5.5e6 N m/rad, exclude those of the model file, 7.5e6 and 4.1e6, with their
-90 % intervals. The picture torques.svg is written there.
+FOLDER has kr300_run_A.npz and kr300_run_B.npz, public recordings (J. Weigand et al., TU
+Kaiserslautern); the descriptions run_a.toml and run_b.toml are copied to it. Both runs are fitted,
+since a counterbalance that is fitted to one run alone fails on the other. The errors on both are 3
+to 11 % below 2.5 Hz, 5 to 10 % on quarters that were left out of the fit. The gears found, 9.3e6
+and 5.5e6 N m/rad, exclude those of the model file, 7.5e6 and 4.1e6, with their 90 % intervals. The
+picture torques.svg is written there.
 """
 
 from __future__ import annotations
@@ -55,7 +56,9 @@ def main(folder: Path) -> None:
     print(f"{found.base_parameters} base parameters of {len(found.pi)} numbers")
     print("error over the standard deviation of the torque, %, of samples that move")
     for run, motion in zip("AB", motions, strict=True):
-        print(f"  run {run}: " + " ".join(f"{100 * x:5.1f}" for x in found.relative_errors(motion)))
+        print(
+            f"  run {run}: " + " ".join(f"{100 * x:5.1f}" for x in found.relative_errors(motion))
+        )
     torques = np.vstack([found.gear_torques(motion) for motion in motions])
     q = np.vstack([motion.q for motion in motions])
     links = np.vstack([run.signals for one in data for _, run in one.recordings])
@@ -63,7 +66,8 @@ def main(folder: Path) -> None:
     print("stiffness of the gears, N m/rad, arm side, 90 % interval")
     for j in range(links.shape[1]):
         print(
-            f"  {model.coordinates[j].name}: {gear_deflection(t, q[:, j], links[:, j], torques[:, j]).sentence}"
+            f"  {model.coordinates[j].name}: "
+            f"{gear_deflection(t, q[:, j], links[:, j], torques[:, j]).sentence}"
         )
     draw(found, motions[1], folder / "torques.svg")
     print(f"wrote {folder / 'torques.svg'}")

@@ -1,9 +1,11 @@
-"""Parameters of a motor bench from a recording, by frequency responses (two kinds of residuals) and in time.
+"""Parameters of a motor bench from a recording, by frequency responses (two kinds of residuals)
+and in time.
 
     python examples/motor_bench/identify_bench.py FOLDER
 
-FOLDER has MultisineTypeA.mat, a public recording of the two-mass drive of the Hori-Fujimoto laboratory; bench.toml and
-recordings.toml are copied to it. The picture responses.svg is written there.
+FOLDER has MultisineTypeA.mat, a public recording of the two-mass drive of the Hori-Fujimoto
+laboratory; bench.toml and recordings.toml are copied to it. The picture responses.svg is written
+there.
 """
 
 from __future__ import annotations
@@ -44,7 +46,8 @@ def main(folder: Path) -> None:
             + " ".join(f"{value:10.4g}" for value in values)
         )
     print(
-        f"fit of the motor angle in the time domain: {in_time.fit_percent[0]:.1f} %, {in_time.segments} segments"
+        f"fit of the motor angle in the time domain: {in_time.fit_percent[0]:.1f} %, "
+        f"{in_time.segments} segments"
     )
     picture = folder / "responses.svg"
     response_grid(data, routes["nls"]).savefig(picture)

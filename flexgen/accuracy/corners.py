@@ -1,12 +1,14 @@
-"""Corners of a path between straight lines of the tool, and how robots pass them, in the sense of ISO 9283.
+"""Corners of a path between straight lines of the tool, and how robots pass them, in the sense of
+ISO 9283.
 
-With the programmed corner point c, the unit vectors u and w of the lines before and after it, and the positions p_j of
-robot j from the middle of the first line to the middle of the second
+With the programmed corner point c, the unit vectors u and w of the lines before and after it, and
+the positions p_j of robot j from the middle of the first line to the middle of the second
 
-    CR = max_j min_t |p_j - c|,      CO = max_j max_t |d - (d.w) w|,  d = p_j - c,  where d.n > 0,  n = u - (u.w) w
+    CR = max_j min_t |p_j - c|,
+    CO = max_j max_t |d - (d.w) w|,  d = p_j - c,  where d.n > 0,  n = u - (u.w) w
 
-Source: ISO 9283:1998, Manipulating industrial robots - Performance criteria and related test methods, cornering
-deviations.
+Source: ISO 9283:1998, Manipulating industrial robots - Performance criteria and related test
+methods, cornering deviations.
 """
 
 from __future__ import annotations
@@ -34,7 +36,8 @@ STRAIGHT = float(np.cos(np.deg2rad(1.0)))
 
 @dataclass(frozen=True)
 class Corner:
-    """A programmed corner: its ``point`` (k,) [m], unit vectors of the lines before and after it, and times [s].
+    """A programmed corner: its ``point`` (k,) [m], unit vectors of the lines before and after it,
+    and times [s].
 
     ``begin``, ``end``: when the command is in the middle of the line before and after it.
     """
@@ -47,7 +50,9 @@ class Corner:
 
 
 def find_corners(model: RobotModel, move: Move) -> tuple[Corner, ...]:
-    """Corners between two consecutive straight lines of the tool in a move or program, rounded or with a stop."""
+    """Corners between two consecutive straight lines of the tool in a move or program, rounded or
+    with a stop.
+    """
     if move.type not in ("tool_polyline", "program"):
         return ()
     path = Path(derive(model), move)
@@ -57,17 +62,21 @@ def find_corners(model: RobotModel, move: Move) -> tuple[Corner, ...]:
     lines = [line for segment in path.segments for line in _lines(segment)]
     out = []
     for (start, total, begin), (corner, following, end) in pairwise(lines):
-        u, w = total[axes], following[axes]
+        u = total[axes]
+        w = following[axes]
         sizes = float(np.linalg.norm(u)), float(np.linalg.norm(w))
         if min(sizes) > 0.0 and np.allclose(start + total, corner, rtol=0.0, atol=1e-9):
-            u, w = u / sizes[0], w / sizes[1]
+            u = u / sizes[0]
+            w = w / sizes[1]
             if abs(u @ w) < STRAIGHT:
                 out.append(Corner(corner[axes], u, w, begin, end))
     return tuple(out)
 
 
 def _lines(segment: TimedSegment) -> list[tuple[np.ndarray, np.ndarray, float]]:
-    """Start, displacement, and time in the middle, of the parts of a motion of the tool; zero displacement of arcs."""
+    """Start, displacement, and time in the middle, of the parts of a motion of the tool; zero
+    displacement of arcs.
+    """
     curve = segment.curve
     if segment.space != "tool" or not isinstance(curve, BlendedCurve):
         return [(np.zeros(3), np.zeros(3), segment.start)]
@@ -93,12 +102,15 @@ def _lines(segment: TimedSegment) -> list[tuple[np.ndarray, np.ndarray, float]]:
 def corner_figures(
     corners: Sequence[Corner], time: np.ndarray, reference: np.ndarray, attained: np.ndarray
 ) -> dict[str, Any]:
-    """Round-off error, that of the command, and overshoot [m]: the largest of all corners and robots.
+    """Round-off error, that of the command, and overshoot [m]: the largest of all corners and
+    robots.
 
-    ``time`` (n,), ``reference`` (n, k), ``attained`` (robots, n, k) as of `flexgen.accuracy.figures.path_accuracy`.
-    Empty without corners.
+    ``time`` (n,), ``reference`` (n, k), ``attained`` (robots, n, k) as of
+    `flexgen.accuracy.figures.path_accuracy`. Empty without corners.
     """
-    round_off, commanded, overshoot = [], [], []
+    round_off = []
+    commanded = []
+    overshoot = []
     for corner in corners:
         here = (time >= corner.begin) & (time <= corner.end)
         outward = corner.before - (corner.before @ corner.after) * corner.after

@@ -1,20 +1,26 @@
 """Accuracy and repeatability of a path and its end, in the sense of ISO 9283.
 
-The standard measures n cycles of one robot; here the cycles are robots under the same command. With d_jk, the offset of
-robot j where it passes the plane normal to the path at its point k, and |.| over the axes of the output:
+The standard measures n cycles of one robot; here the cycles are robots under the same command.
+With d_jk, the offset of robot j where it passes the plane normal to the path at its point k, and
+|.| over the axes of the output:
 
-    AT = max_k |mean_j d_jk|,    RT = max_k (mean_j l_jk + 3 s_k),    l_jk = |d_jk - mean_j d_jk|, s_k its deviation
-    AP = |mean_j e_j|,           RP = mean_j l_j + 3 s        of the last positions, e_j from the end of the path
-    AV = mean_j v_j/v_c - 1,     RV = 3 s_v/v_c,     FV = max_j (max (v - v_c) - min (v - v_c))    of the speeds
+    AT = max_k |mean_j d_jk|,    RT = max_k (mean_j l_jk + 3 s_k),
+    l_jk = |d_jk - mean_j d_jk|, s_k its deviation
+    AP = |mean_j e_j|,           RP = mean_j l_j + 3 s
+    of the last positions, e_j from the end of the path
+    AV = mean_j v_j/v_c - 1,     RV = 3 s_v/v_c,     FV = max_j (max (v - v_c) - min (v - v_c))
+    of the speeds
 
-Orientations: with the rotation vector a_jk from the command at point k to robot j there, world axes, whose components
-are the angles a, b, c about x, y, z, and S_k the deviation of each
+Orientations: with the rotation vector a_jk from the command at point k to robot j there, world
+axes, whose components are the angles a, b, c about x, y, z, and S_k the deviation of each
 
-    AT_abc = max_k |mean_j a_jk|,   RT_abc = max_k 3 S_k,       AP_abc = mean_j a_j,   RP_abc = 3 S     at the end
+    AT_abc = max_k |mean_j a_jk|,   RT_abc = max_k 3 S_k,       AP_abc = mean_j a_j,   RP_abc = 3 S
+    at the end
 
-Source: ISO 9283:1998, Manipulating industrial robots - Performance criteria and related test methods: AP in 7.2.1, RP,
-with deviations over n - 1, in 7.2.2, stabilization in 7.4, overshoot in 7.5, figures of the path in section 8. Those of
-section 7 were compared with texts that cite it (GB/T 12642-2013, GOST R 60.3.3.1-2016), those of section 8 were not.
+Source: ISO 9283:1998, Manipulating industrial robots - Performance criteria and related test
+methods: AP in 7.2.1, RP, with deviations over n - 1, in 7.2.2, stabilization in 7.4, overshoot in
+7.5, figures of the path in section 8. Those of section 7 were compared with texts that cite it
+(GB/T 12642-2013, GOST R 60.3.3.1-2016), those of section 8 were not.
 """
 
 from __future__ import annotations
@@ -33,7 +39,9 @@ from flexgen.spec.arguments import is_number
 from flexgen.type_checks import checked_result
 
 BAND = 1e-4  # m or rad
-MOVING, CRUISING = 0.05, 0.95  # of the largest commanded speed
+# of the largest commanded speed
+MOVING = 0.05
+CRUISING = 0.95
 TURN = np.pi / 3  # rad, of the path within which a robot passes a plane
 ITERATIONS = 8
 Angles = tuple[float, float, float]  # about the world axes x, y, z [rad]
@@ -44,9 +52,10 @@ Angles = tuple[float, float, float]  # about the world axes x, y, z [rad]
 class PathAccuracy(Result):
     """Figures of robots that follow one path, as data sheets state them.
 
-    A figure is None where it is not defined: repeatabilities of one robot, figures of the path where the reference does
-    not move, offsets from the path of an output with one axis, which no plane crosses, and a settling time where a
-    robot leaves the band in the later half of the time after the path.
+    A figure is None where it is not defined: repeatabilities of one robot, figures of the path
+    where the reference does not move, offsets from the path of an output with one axis, which no
+    plane crosses, and a settling time where a robot leaves the band in the later half of the time
+    after the path.
 
     Attributes
     ----------
@@ -68,16 +77,18 @@ class PathAccuracy(Result):
     settling_s : tuple of (float or None) [s]
         From the end of the path until each robot stays within the band about its last position.
     overshoots : tuple of float [unit]
-        Largest distance of each robot from its last position after the path, once it has entered the band; zero where
-        it stays there.
+        Largest distance of each robot from its last position after the path, once it has entered
+        the band; zero where it stays there.
     stabilizations_s : tuple of (float or None) [s]
-        From the first instant in the band after the path until each robot stays within it; None without settling time.
+        From the first instant in the band after the path until each robot stays within it; None
+        without settling time.
     drifts : tuple of (float or None) [unit]
-        Largest distance of each robot from its last position in the later half of the time after the path.
+        Largest distance of each robot from its last position in the later half of the time after
+        the path.
     corner_round_off, corner_round_off_commanded, corner_overshoot : float or None [m]
-        Where straight lines of the tool meet, the largest of all corners and robots: CR, the distance at which the
-        robots pass the programmed corner; that of the command, which rounds it; CO, how far a robot gets beyond the
-        second line.
+        Where straight lines of the tool meet, the largest of all corners and robots: CR, the
+        distance at which the robots pass the programmed corner; that of the command, which rounds
+        it; CO, how far a robot gets beyond the second line.
     orientation_path_accuracy, orientation_path_repeatability : tuple (3) of float, or None [rad]
         AT and RT of the angles about the world axes x, y, z, where the output is a pose.
     orientation_accuracy, orientation_repeatability : tuple (3) of float, or None [rad]
@@ -85,9 +96,14 @@ class PathAccuracy(Result):
 
     Examples
     --------
-    >>> run = flexgen.control("elbow", plants={"soft": {"stiffness": 0.8}, "stiff": {"stiffness": 1.25}})
+    >>> run = flexgen.control(
+    ...     "elbow", plants={"soft": {"stiffness": 0.8}, "stiff": {"stiffness": 1.25}}
+    ... )
     >>> found = run.accuracy()
-    >>> f"AT {1e6 * found.path_accuracy:.0f} um, AP {1e6 * found.pose_accuracy:.0f} um", found.settling_s[0] < 0.1
+    >>> (
+    ...     f"AT {1e6 * found.path_accuracy:.0f} um, AP {1e6 * found.pose_accuracy:.0f} um",
+    ...     found.settling_s[0] < 0.1,
+    ... )
     ('AT 14 um, AP 10 um', True)
     """
 
@@ -142,7 +158,10 @@ class PathAccuracy(Result):
                 "speed_repeatability",
             ),
             Figure(
-                "speed fluctuation FV", self.speed_fluctuation, f"{u}/s", f"speed_fluctuation_{u}_s"
+                "speed fluctuation FV",
+                self.speed_fluctuation,
+                f"{u}/s",
+                f"speed_fluctuation_{u}_s",
             ),
             Figure(
                 f"settling time into {1e3 * self.band:g} m{u}, longest",
@@ -257,7 +276,9 @@ class PathAccuracy(Result):
         return list(zip(self.robots, *rows, strict=True))
 
     def to_dict(self) -> dict[str, Any]:
-        """The figures as JSON types, SI units, the angles about x, y, z, and the figures of each robot."""
+        """The figures as JSON types, SI units, the angles about x, y, z, and the figures of each
+        robot.
+        """
         u = self.unit
         keys = (
             "robot",
@@ -310,7 +331,8 @@ def path_accuracy(
     band : float [unit]
         Half width of the band of the settling times.
     orientations : tuple of array (n, 3, 3), array (robots, n, 3, 3), optional
-        Commanded ones, and those of the robots: matrices from the axes of the tool to those of the world.
+        Commanded ones, and those of the robots: matrices from the axes of the tool to those of the
+        world.
 
     Raises
     ------
@@ -321,7 +343,9 @@ def path_accuracy(
         raise ArgumentError(f"band: given {show_value(band)}, expected a number > 0 [{unit}]")
     commanded = np.gradient(reference, time, axis=0)
     speed = np.linalg.norm(commanded, axis=1)
-    moving = speed >= MOVING * speed.max() if speed.max() > 0.0 else np.zeros(len(time), dtype=bool)
+    moving = (
+        speed >= MOVING * speed.max() if speed.max() > 0.0 else np.zeros(len(time), dtype=bool)
+    )
     at: float | None = None
     rt: float | None = None
     errors: tuple[float | None, ...] = (None,) * len(robots)
@@ -368,13 +392,16 @@ def _passing(
     moving: np.ndarray,
     p: np.ndarray,
 ) -> np.ndarray:
-    """Times (points,) [s] at which a robot passes the planes normal to the path at the samples that move.
+    """Times (points,) [s] at which a robot passes the planes normal to the path at the samples
+    that move.
 
-    Found by Newton's method with the commanded speed as slope, before the path has turned by `TURN`: a robot that stops
-    short of a corner does not pass the planes there, and is measured where it is nearest to them.
+    Found by Newton's method with the commanded speed as slope, before the path has turned by
+    `TURN`: a robot that stops short of a corner does not pass the planes there, and is measured
+    where it is nearest to them.
     """
     speed = np.linalg.norm(commanded[moving], axis=1)
-    tangent, t = commanded[moving] / speed[:, None], time[moving].copy()
+    tangent = commanded[moving] / speed[:, None]
+    t = time[moving].copy()
     turns = np.arccos(np.clip((tangent[1:] * tangent[:-1]).sum(axis=1), -1.0, 1.0))
     # of the last sample that moves; of the first before it
     at = np.clip(np.cumsum(moving) - 1, 0, None)
@@ -414,7 +441,9 @@ def _orientation_figures(
     moving: np.ndarray,
     passing: list[np.ndarray],
 ) -> dict[str, Angles | None]:
-    """Figures of the angles about the world axes, on the planes that robots pass, and at the end."""
+    """Figures of the angles about the world axes, on the planes that robots pass, and at the
+    end.
+    """
 
     def angles(R: np.ndarray, R_ref: np.ndarray) -> np.ndarray:
         return np.asarray(Rotation.from_matrix(R @ R_ref.transpose(0, 2, 1)).as_rotvec())
@@ -422,7 +451,8 @@ def _orientation_figures(
     def of(x: np.ndarray) -> Angles:
         return float(x[0]), float(x[1]), float(x[2])
 
-    last, several = angles(R[:, -1], R_ref[-1:]), len(R) > 1
+    last = angles(R[:, -1], R_ref[-1:])
+    several = len(R) > 1
     found: dict[str, Angles | None] = {"orientation_accuracy": of(last.mean(axis=0))}
     found["orientation_repeatability"] = of(3.0 * last.std(axis=0, ddof=1)) if several else None
     if passing:
@@ -440,7 +470,9 @@ def _orientation_figures(
 
 
 def _accuracy_and_repeatability(d: np.ndarray) -> tuple[float, float | None]:
-    """The largest of the points: distance of the mean of the robots, and the radius that contains them by 3 sigma."""
+    """The largest of the points: distance of the mean of the robots, and the radius that contains
+    them by 3 sigma.
+    """
     mean = d.mean(axis=0)
     accuracy = float(np.linalg.norm(mean, axis=1).max())
     if len(d) < 2:
@@ -456,7 +488,8 @@ def _speed_figures(
     if not cruise.any():
         return None, None, None
     v = np.linalg.norm(np.gradient(attained, time, axis=1), axis=2)[:, cruise]
-    v_c, of_each = float(commanded[cruise].mean()), v.mean(axis=1)
+    v_c = float(commanded[cruise].mean())
+    of_each = v.mean(axis=1)
     spread = 3.0 * float(of_each.std(ddof=1)) / v_c if len(v) > 1 else None
     return (
         float(of_each.mean()) / v_c - 1.0,
@@ -470,14 +503,17 @@ def _settle(
 ) -> tuple[float | None, float, float | None, float | None]:
     """Settling time, overshoot, stabilization time and drift of a robot after the path."""
     after = time >= path_end - 1e-9
-    t, away = time[after], np.linalg.norm(p[after] - p[-1], axis=1)
+    t = time[after]
+    away = np.linalg.norm(p[after] - p[-1], axis=1)
     if not len(t):
         return None, 0.0, None, None
     inside = away <= band
     last_outside = int(np.flatnonzero(~inside)[-1]) if not inside.all() else -1
-    middle, first = 0.5 * (t[0] + t[-1]), int(np.argmax(inside))
+    middle = 0.5 * (t[0] + t[-1])
+    first = int(np.argmax(inside))
     late = last_outside >= 0 and t[last_outside] > middle
     settled = 0.0 if last_outside < 0 else float(t[last_outside + 1] - path_end)
     stable = None if late else float(t[last_outside + 1] - t[first])
-    largest, drift = float(away[first:].max()), float(away[t >= middle].max())
+    largest = float(away[first:].max())
+    drift = float(away[t >= middle].max())
     return None if late else settled, largest if largest > band else 0.0, stable, drift

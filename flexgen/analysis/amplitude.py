@@ -1,9 +1,11 @@
-"""The amplitude test: which nonlinearity makes frequency responses differ between levels of the excitation.
+"""The amplitude test: which nonlinearity makes frequency responses differ between levels of the
+excitation.
 
-A linear robot has the same responses at all levels. Where they differ, the changes of stiffness, loss, damping and
-friction of each gear are fitted at each pose and level (`flexgen.analysis.gear_changes`), and their differences between
-the levels are compared with those of describing functions. So is the distortion, which no linear element describes: at
-a smaller amplitude it is larger for a dead band, and smaller for a cubic spring.
+A linear robot has the same responses at all levels. Where they differ, the changes of stiffness,
+loss, damping and friction of each gear are fitted at each pose and level
+(`flexgen.analysis.gear_changes`), and their differences between the levels are compared with those
+of describing functions. So is the distortion, which no linear element describes: at a smaller
+amplitude it is larger for a dead band, and smaller for a cubic spring.
 """
 
 from __future__ import annotations
@@ -62,8 +64,8 @@ class Level:
 class Motion:
     """What a law depends on at the poses of a level, in units of the first level.
 
-    ``deflection`` (k, g) and ``speed`` (k, n_m): standard deviations; ``torque`` (k, g): mean torque of the gears over
-    stiffness and deflection.
+    ``deflection`` (k, g) and ``speed`` (k, n_m): standard deviations; ``torque`` (k, g): mean
+    torque of the gears over stiffness and deflection.
     """
 
     deflection: np.ndarray
@@ -75,8 +77,8 @@ class Motion:
 class Effect:
     """What a law does at the poses of one level.
 
-    ``stiffness``, ``loss`` (k, g), ``friction`` (k, n_m): in the units of `Linearization`; ``distortion`` (k, g): of
-    the torque over its linear part, None where it is not known.
+    ``stiffness``, ``loss`` (k, g), ``friction`` (k, n_m): in the units of `Linearization`;
+    ``distortion`` (k, g): of the torque over its linear part, None where it is not known.
     """
 
     stiffness: np.ndarray
@@ -91,7 +93,9 @@ class Effect:
 
 @dataclass(frozen=True)
 class Law:
-    """A nonlinearity with numbers (count, g or n_m) for each gear or motor, in units of the first level."""
+    """A nonlinearity with numbers (count, g or n_m) for each gear or motor, in units of the first
+    level.
+    """
 
     name: str
     effects: Callable[[np.ndarray, Sequence[Motion]], list[Effect]]
@@ -102,11 +106,13 @@ class Law:
 
 @dataclass(frozen=True)
 class Nonlinearity:
-    """A possible cause: its law, the ``share`` of the differences that it explains, and its numbers by gear or motor.
+    """A possible cause: its law, the ``share`` of the differences that it explains, and its
+    numbers by gear or motor.
 
-    Numbers in units of the first level: ``backlash``: half width over the standard deviation of the deflection;
-    ``cubic``: part of the stiffness that it adds; ``hysteresis``: stiffness that slips over the whole one, deflection
-    at which it slips over the standard deviation; ``Coulomb``: part of the friction in the units of `Linearization`.
+    Numbers in units of the first level: ``backlash``: half width over the standard deviation of
+    the deflection; ``cubic``: part of the stiffness that it adds; ``hysteresis``: stiffness that
+    slips over the whole one, deflection at which it slips over the standard deviation;
+    ``Coulomb``: part of the friction in the units of `Linearization`.
     """
 
     law: str
@@ -126,7 +132,8 @@ class Comparison:
     changes : float
         Mean square of the changes of gears and motors over their accuracy.
     causes : tuple of Nonlinearity
-        Those that the data do not distinguish, the most probable first; empty where none explains the changes.
+        Those that the data do not distinguish, the most probable first; empty where none explains
+        the changes.
     deflection : array (g,)
         Mean of the standard deviations over the poses at the first level.
     friction : array (n_m,) [N m]
@@ -153,9 +160,11 @@ class Comparison:
 
 @dataclass(frozen=True)
 class Differences:
-    """The changes of gears and motors from the first level to the others, all poses of the second level first.
+    """The changes of gears and motors from the first level to the others, all poses of the second
+    level first.
 
-    ``x`` (n, 3 g + n_m), ``whiten`` (n, ..., ...): L^-1, covariance ``L L^T``; ``distortion``: logarithm at each level.
+    ``x`` (n, 3 g + n_m), ``whiten`` (n, ..., ...): L^-1, covariance ``L L^T``; ``distortion``:
+    logarithm at each level.
     """
 
     x: np.ndarray
@@ -168,9 +177,12 @@ class Differences:
 
 
 def compare(levels: Sequence[Level]) -> Comparison:
-    """Whether responses differ between levels of the excitation, and which nonlinearity explains it."""
+    """Whether responses differ between levels of the excitation, and which nonlinearity explains
+    it.
+    """
     ratio, size = difference(levels)
-    first, g = levels[0], len(levels[0].model.stiffness)
+    first = levels[0]
+    g = len(levels[0].model.stiffness)
     none = Comparison(ratio, size, 0.0, (), np.zeros(g), np.zeros(first.G.shape[-1]))
     if not none.differs or g == 0:
         return none
@@ -190,7 +202,8 @@ def compare(levels: Sequence[Level]) -> Comparison:
 
 
 def _contradicted(law: str, distortion: np.ndarray, size: np.ndarray) -> bool:
-    """Whether the distortion of the levels changes with their ``size`` as that of the other of `SPRINGS` does.
+    """Whether the distortion of the levels changes with their ``size`` as that of the other of
+    `SPRINGS` does.
 
     Both have a smaller stiffness at a smaller amplitude.
     """
@@ -199,11 +212,13 @@ def _contradicted(law: str, distortion: np.ndarray, size: np.ndarray) -> bool:
 
 
 def difference(levels: Sequence[Level]) -> tuple[float, float]:
-    """Mean square of the differences from the first level over their noise, and their median over the responses.
+    """Mean square of the differences from the first level over their noise, and their median over
+    the responses.
 
     Differences that the model itself has are subtracted.
     """
-    first, others = levels[0], levels[1:]
+    first = levels[0]
+    others = levels[1:]
     away = [np.abs(x.G - first.G - (x.model.G - first.model.G)) for x in others]
     own = [INEXACT * np.abs(x.model.G - first.model.G) for x in others]
     noise = first.variance + (SMALL * np.abs(first.G)) ** 2
@@ -224,7 +239,9 @@ def _fit_all(levels: Sequence[Level]) -> list[list[Changes]]:
 def _motions(
     levels: Sequence[Level], fits: Sequence[Sequence[Changes]]
 ) -> tuple[list[Motion], np.ndarray, np.ndarray]:
-    """The motions at all levels, and the units of deflections and speeds: their means at the first level."""
+    """The motions at all levels, and the units of deflections and speeds: their means at the first
+    level.
+    """
     g = len(levels[0].model.stiffness)
     sizes = []
     for level, changes in zip(levels, fits, strict=True):
@@ -241,7 +258,8 @@ def _motions(
 
 def _differences(fits: Sequence[Sequence[Changes]]) -> Differences:
     """The differences of fits, with the errors of describing functions in their covariances."""
-    x, whiten = [], []
+    x = []
+    whiten = []
     for level in fits[1:]:
         for a, b in zip(fits[0], level, strict=True):
             x.append(b.x - a.x)
@@ -253,8 +271,11 @@ def _differences(fits: Sequence[Sequence[Changes]]) -> Differences:
 
 
 def _rate(law: Law, moved: Differences, motions: Sequence[Motion]) -> Nonlinearity:
-    """The best numbers of a law, with its cost and the share of the differences that it explains."""
-    g, n_m = motions[0].deflection.shape[1], motions[0].speed.shape[1]
+    """The best numbers of a law, with its cost and the share of the differences that it
+    explains.
+    """
+    g = motions[0].deflection.shape[1]
+    n_m = motions[0].speed.shape[1]
     shape = len(law.bounds), n_m if law.of_motors else g
 
     def residual(z: np.ndarray) -> np.ndarray:
@@ -286,7 +307,8 @@ def _rate(law: Law, moved: Differences, motions: Sequence[Motion]) -> Nonlineari
 def _spring_effects(
     torque: Callable[[np.ndarray, np.ndarray], np.ndarray],
 ) -> Callable[[np.ndarray, Sequence[Motion]], list[Effect]]:
-    """The effects of a spring in place of the linear one, whose mean stiffness at the first level is 1.
+    """The effects of a spring in place of the linear one, whose mean stiffness at the first level
+    is 1.
 
     ``torque``: of the numbers and of the deflection, for a stiffness of 1 in its linear part.
     """
@@ -326,7 +348,9 @@ LAWS = (
         ((1e-4, 3.0),),
         ((0.05,), (0.2,), (0.8,)),
     ),
-    Law("cubic", _spring_effects(lambda c, d: d + c / 3 * d**3), ((0.0, 30.0),), ((0.05,), (0.5,))),
+    Law(
+        "cubic", _spring_effects(lambda c, d: d + c / 3 * d**3), ((0.0, 30.0),), ((0.05,), (0.5,))
+    ),
     Law(
         "hysteresis",
         _hysteresis_effects,

@@ -1,4 +1,6 @@
-"""Analysis of a robot in a static equilibrium: modes, zeros, index and solvability in one object."""
+"""Analysis of a robot in a static equilibrium: modes, zeros, index and solvability in one
+object.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,12 @@ import numpy as np
 
 from flexgen.analysis.compliance import ToolCompliance, tool_compliance
 from flexgen.analysis.linear import LinearModel, linearize, modes, poles
-from flexgen.analysis.solvability import Solvability, SolvabilityPath, solvability, solvability_path
+from flexgen.analysis.solvability import (
+    Solvability,
+    SolvabilityPath,
+    solvability,
+    solvability_path,
+)
 from flexgen.analysis.zeros import ZeroReport, motor_zeros, zero_report
 from flexgen.analysis.zeros_along_path import ZeroPath, zero_path
 from flexgen.dae.strangeness_index import KunkelMehrmann, kunkel_mehrmann_at_rest
@@ -31,13 +38,14 @@ from flexgen.type_checks import checked_result, checked_types
 class Analysis(Result):
     """Analysis of a robot in a static equilibrium.
 
-    ``equilibrium``: the pose; ``poles`` [1/s]; ``modes``: (Hz, damping ratio) rising; ``zeros``: report on the
-    declared output; ``zeros_motor`` [1/s]: from motor torques to motor angles; ``structural_index`` of the inverse
-    dynamics (None where outputs and motors differ in number); ``structure`` and ``structure_check``: what it follows
-    from, and whether it holds at the pose; ``kunkel_mehrmann``: strangeness index, a, d, v there; ``solvability``:
-    whether and how well the inverse dynamics can be solved there, with warnings; ``compliance``: of the tool with held
-    motors, None where they do not hold the arm. Where a path was given also
-    ``zero_path`` and ``solvability_path``, the latter None for complete motor coupling.
+    ``equilibrium``: the pose; ``poles`` [1/s]; ``modes``: (Hz, damping ratio) rising; ``zeros``:
+    report on the declared output; ``zeros_motor`` [1/s]: from motor torques to motor angles;
+    ``structural_index`` of the inverse dynamics (None where outputs and motors differ in number);
+    ``structure`` and ``structure_check``: what it follows from, and whether it holds at the pose;
+    ``kunkel_mehrmann``: strangeness index, a, d, v there; ``solvability``: whether and how well
+    the inverse dynamics can be solved there, with warnings; ``compliance``: of the tool with held
+    motors, None where they do not hold the arm. Where a path was given also ``zero_path`` and
+    ``solvability_path``, the latter None for complete motor coupling.
 
     Examples
     --------
@@ -75,9 +83,10 @@ class Analysis(Result):
     def to_control(self, *, units: bool = False) -> Any:
         """The robot linearized about this equilibrium, for the package python-control.
 
-        Inputs are the motor torques ``tau_m[...]`` [N m], outputs the declared output ``y[...]`` and the motor angles
-        ``q_m[...]``, states the coordinates and their speeds; all are deviations from the equilibrium. With ``units``
-        each name ends in its unit, as the columns of a trajectory: ``tau_m[m1] N m``.
+        Inputs are the motor torques ``tau_m[...]`` [N m], outputs the declared output ``y[...]``
+        and the motor angles ``q_m[...]``, states the coordinates and their speeds; all are
+        deviations from the equilibrium. With ``units`` each name ends in its unit, as the columns
+        of a trajectory: ``tau_m[m1] N m``.
 
         Returns
         -------
@@ -138,8 +147,8 @@ def analyze(
     ----------
     model : name, path, RobotModel or Equations
     pose : sequence of n_a or n_g numbers [rad or m], optional
-        Arm coordinates, or only the actuated ones; default: the model's home pose. The actuated coordinates are held
-        there, the others follow from the equilibrium.
+        Arm coordinates, or only the actuated ones; default: the model's home pose. The actuated
+        coordinates are held there, the others follow from the equilibrium.
     path : OutputPath, optional
         Such as `flexgen.paths.path.Path`: zeros and solvability are computed along it, too.
     poses : int
@@ -152,7 +161,8 @@ def analyze(
     Raises
     ------
     ArgumentError
-        The pose has the wrong length or is not finite; a path for another number of outputs than of motors.
+        The pose has the wrong length or is not finite; a path for another number of outputs than
+        of motors.
     SolverError
         There is no static equilibrium nearby, or none along the path.
 
@@ -163,7 +173,8 @@ def analyze(
     """
     if path is not None and not callable(getattr(path, "sample", None)):
         raise ArgumentError(
-            f"path: given {path!r}, expected a flexgen.Path, such as flexgen.plan(model, move) returns"
+            f"path: given {path!r}, expected a flexgen.Path, such as flexgen.plan(model, move) "
+            "returns"
         )
     equations = model if isinstance(model, Equations) else derive(model)
     robot = equations.model

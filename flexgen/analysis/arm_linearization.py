@@ -1,8 +1,10 @@
-"""The arm linearized about static equilibria: inertia, damping, stiffness and output rates, at many poses at once.
+"""The arm linearized about static equilibria: inertia, damping, stiffness and output rates, at
+many poses at once.
 
     M a + D v + K q = tau_a,    y' = W v,    q_g = S_g q_e where the output is fixed
 
-Gears are left out, except for the stiffness of their springs; rotors behind rigid gears are part of M.
+Gears are left out, except for the stiffness of their springs; rotors behind rigid gears are part
+of M.
 """
 
 from __future__ import annotations
@@ -24,8 +26,8 @@ from flexgen.numerics.evaluate import evaluate
 class ArmLinearization:
     """Linearization of the arm at k static equilibria.
 
-    ``M D K`` (k, n_a, n_a); ``W`` (k, n_y, n_a): output rates; ``stiffness`` (k, n_g): of the gear springs on the
-    arm side at the deflection that holds the pose, zero for rigid gears [SI units].
+    ``M D K`` (k, n_a, n_a); ``W`` (k, n_y, n_a): output rates; ``stiffness`` (k, n_g): of the gear
+    springs on the arm side at the deflection that holds the pose, zero for rigid gears [SI units].
     """
 
     model: RobotModel
@@ -41,7 +43,8 @@ class ArmLinearization:
         return self.W[:, :, list(self.model.i_g)]
 
     def inner(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """``A, D, K`` (k, n_e, n_e): the non-actuated rows with the output fixed, in the coordinates q_e.
+        """``A, D, K`` (k, n_e, n_e): the non-actuated rows with the output fixed, in the
+        coordinates q_e.
 
         SolverError where the output does not determine the actuated coordinates.
         """
@@ -55,7 +58,9 @@ class ArmLinearization:
         return A, D, K
 
     def relative_inertia(self) -> np.ndarray:
-        """A (k, n_e, n_e) over the non-actuated coordinates' own inertia, ``L^-1 A L^-T`` with ``M_ee = L L'``."""
+        """A (k, n_e, n_e) over the non-actuated coordinates' own inertia, ``L^-1 A L^-T`` with
+        ``M_ee = L L'``.
+        """
         i_e = list(self.model.i_e)
         L = np.linalg.cholesky(self.M[:, i_e][:, :, i_e])
         half = np.linalg.solve(L, self.inner()[0])
@@ -63,11 +68,13 @@ class ArmLinearization:
 
 
 def held_motions(model: RobotModel, W: np.ndarray) -> np.ndarray:
-    """Motions (..., n_a, n_e) of the arm with each of q_e that hold the output: ``q_e = 1, q_g = -W_g^-1 W_e q_e``.
+    """Motions (..., n_a, n_e) of the arm with each of q_e that hold the output:
+    ``q_e = 1, q_g = -W_g^-1 W_e q_e``.
 
     ``W`` (..., n_y, n_a): rates of the output. LinAlgError where ``W_g`` is singular.
     """
-    i_g, i_e = list(model.i_g), list(model.i_e)
+    i_g = list(model.i_g)
+    i_e = list(model.i_e)
     S = np.zeros((*W.shape[:-2], model.n_a, model.n_e))
     S[..., i_e, np.arange(model.n_e)] = 1.0
     S[..., i_g, :] = -np.linalg.solve(W[..., i_g], W[..., i_e])
@@ -75,9 +82,13 @@ def held_motions(model: RobotModel, W: np.ndarray) -> np.ndarray:
 
 
 def arm_linearization(equations: Equations, q: np.ndarray) -> ArmLinearization:
-    """The `ArmLinearization` at the poses ``q`` (k, n_a), whose non-actuated rows are in balance."""
-    model, lag = equations.model, equations.lagrangian
-    symbol, v = lag.chain.q_a, lag.chain.v_a
+    """The `ArmLinearization` at the poses ``q`` (k, n_a), whose non-actuated rows are in
+    balance.
+    """
+    model = equations.model
+    lag = equations.lagrangian
+    symbol = lag.chain.q_a
+    v = lag.chain.v_a
     static = ca.gradient(lag.gravity, symbol) - lag.arm_forces
     rows = ca.SX(static)
     for k, i in enumerate(model.i_e):

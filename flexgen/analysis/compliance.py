@@ -2,10 +2,12 @@
 
     static  C = J K^-1 J'        dynamic  C(f) = J (K + j w D - w^2 M)^-1 J',    w = 2 pi f
 
-``J`` (6, n): linear, then angular velocity of the tool [m, rad] from the n coordinates that move with held motors;
-``M D K``: the linear robot in these coordinates, with the stiffness of gravity in ``K``. By reciprocity C is symmetric.
+``J`` (6, n): linear, then angular velocity of the tool [m, rad] from the n coordinates that move
+with held motors; ``M D K``: the linear robot in these coordinates, with the stiffness of gravity
+in ``K``. By reciprocity C is symmetric.
 
-Source: A. Albu-Schaeffer, C. Ott and G. Hirzinger, Int. J. Robotics Research 26 (2007), eq. 15, for gears alone.
+Source: A. Albu-Schaeffer, C. Ott and G. Hirzinger, Int. J. Robotics Research 26 (2007), eq. 15,
+for gears alone.
 """
 
 from __future__ import annotations
@@ -31,7 +33,8 @@ RANGE = (0.05, 3.0)
 class ToolCompliance:
     """Compliance of the tool at a pose with held motors, in the axes of the world.
 
-    ``M D K`` (n, n) and ``J`` (6, n): see the module. Forces and displacements are those of the tool's point.
+    ``M D K`` (n, n) and ``J`` (6, n): see the module. Forces and displacements are those of the
+    tool's point.
     """
 
     M: np.ndarray
@@ -48,7 +51,8 @@ class ToolCompliance:
     def principal(self, rotation: bool = False) -> tuple[np.ndarray, np.ndarray]:
         """Principal values (3,), falling, and their directions (3, 3), one a row.
 
-        Displacement along the force [m/N], or with ``rotation`` rotation about the moment [rad/(N m)].
+        Displacement along the force [m/N], or with ``rotation`` rotation about the moment [rad/(N
+        m)].
         """
         part = slice(3, 6) if rotation else slice(0, 3)
         values, directions = np.linalg.eigh(self.matrix[part, part])
@@ -72,7 +76,9 @@ class ToolCompliance:
 
     @cached_property
     def frequencies(self) -> np.ndarray:
-        """Frequencies [Hz] that show every resonance with held motors; empty: nothing is elastic."""
+        """Frequencies [Hz] that show every resonance with held motors; empty: nothing is
+        elastic.
+        """
         roots = self._roots
         if not len(roots):
             return np.zeros(0)
@@ -98,11 +104,9 @@ class ToolCompliance:
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON types, SI units."""
-        (moved, along), (turned, about), peak = (
-            self.principal(),
-            self.principal(rotation=True),
-            self.resonance(),
-        )
+        (moved, along) = self.principal()
+        (turned, about) = self.principal(rotation=True)
+        peak = self.resonance()
         return {
             "matrix": self.matrix.tolist(),
             "principal_m_per_N": moved.tolist(),
@@ -117,7 +121,9 @@ class ToolCompliance:
 def tool_compliance(
     equations: Equations, rest: Equilibrium, linear: LinearModel
 ) -> ToolCompliance | None:
-    """The compliance of the tool at rest; None where held motors do not hold the arm, as within a backlash."""
+    """The compliance of the tool at rest; None where held motors do not hold the arm, as within a
+    backlash.
+    """
     model = equations.model
     free = with_motors_locked(model)
     J = np.zeros((6, model.dof))

@@ -12,15 +12,16 @@ from flexgen.mechanics.output_columns import output_labels, output_units
 
 
 def control_system(analysis: Analysis, units: bool = False) -> Any:
-    """The linearization of an analysis as a ``control.StateSpace``; see `flexgen.analysis.analyze.Analysis.to_control`.
+    """The linearization of an analysis as a ``control.StateSpace``; see
+    `flexgen.analysis.analyze.Analysis.to_control`.
 
-    States x = (q_a, q_m of the motors behind elastic gears, and their derivatives), inputs tau_m, outputs (y, q_m), as
-    deviations from the equilibrium:
+    States x = (q_a, q_m of the motors behind elastic gears, and their derivatives), inputs tau_m,
+    outputs (y, q_m), as deviations from the equilibrium:
 
         x' = A x + B u,    y = C x
 
-    Of an output that is a pose, y has the position and the small rotation of the tool (world axes). With ``units`` the
-    names of the signals end in their units.
+    Of an output that is a pose, y has the position and the small rotation of the tool (world
+    axes). With ``units`` the names of the signals end in their units.
 
     Raises
     ------
@@ -31,9 +32,11 @@ def control_system(analysis: Analysis, units: bool = False) -> Any:
         import control
     except ImportError:
         raise ArgumentError(
-            "to_control: the package control is not installed; run: pip install 'flexgen-robotics[control]'"
+            "to_control: the package control is not installed; run: pip install "
+            "'flexgen-robotics[control]'"
         ) from None
-    model, linear = analysis.model, analysis.linear
+    model = analysis.model
+    linear = analysis.linear
     A, B = linear.state_space()
     C = np.vstack([linear.W, linear.C_m])
     motors = [motor.name for motor in model.motors]

@@ -1,4 +1,6 @@
-"""Counterbalances of a rigid fit: the harmonics of the model file that stay, and those that were fitted."""
+"""Counterbalances of a rigid fit: the harmonics of the model file that stay, and those that were
+fitted.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,9 @@ from flexgen.model.elements import RobotModel
 def held_balances(
     model: RobotModel, fitted: Mapping[str, int]
 ) -> dict[str, tuple[tuple[float, float], ...]]:
-    """The counterbalances of the file without the harmonics that are fitted, by the names of the joints."""
+    """The counterbalances of the file without the harmonics that are fitted, by the names of the
+    joints.
+    """
     return {
         dof.name: tuple(
             (0.0, 0.0) if 2 <= k < fitted.get(dof.name, 0) + 2 else pair
@@ -26,7 +30,9 @@ def held_balances(
 def fitted_balances(
     model: RobotModel, fitted: Mapping[str, int], friction: np.ndarray
 ) -> dict[str, tuple[tuple[float, float], ...]]:
-    """The counterbalances of all joints, arm side: those of the file, and the harmonics that were fitted."""
+    """The counterbalances of all joints, arm side: those of the file, and the harmonics that were
+    fitted.
+    """
     out = held_balances(model, fitted)
     names = [model.coordinates[i].name for i in model.i_g]
     for name, count in fitted.items():

@@ -1,15 +1,19 @@
 """Describing functions: the linear elements that replace nonlinear ones in a Gaussian motion.
 
-    spring       N = E[tau(m + s e) e] / s,   E[tau(m + s e)] = T     m, s: mean and deviation of the deflection,
+    spring       N = E[tau(m + s e) e] / s,   E[tau(m + s e)] = T
+    m, s: mean and deviation of the deflection,
                                                                       T: mean torque, e: standard Gaussian
-    Coulomb      N = j w F sqrt(2/pi) / v           torque F sgn, v: standard deviation of the speed
+    Coulomb      N = j w F sqrt(2/pi) / v
+    torque F sgn, v: standard deviation of the speed
     hysteresis   N = k E[A^2 H(A/x)] / E[A^2]       A of Rayleigh's distribution with the scale s
                  H(a) = (t - sin(2 t)/2 + j sin(t)^2) / pi,  cos(t) = 1 - 2/a;  H = 1 for a < 1
 
-Those of springs and friction have the least mean square error of the torque. Hysteresis is a spring k in series with a
-friction that slips at the deflection x; the mean over the amplitudes A holds for a narrow band of frequencies.
+Those of springs and friction have the least mean square error of the torque. Hysteresis is a
+spring k in series with a friction that slips at the deflection x; the mean over the amplitudes A
+holds for a narrow band of frequencies.
 
-Source: A. Gelb and W. Vander Velde, Multiple-Input Describing Functions, 1968, ch. 5; W. Iwan, J. Appl. Mech. 33, 1966.
+Source: A. Gelb and W. Vander Velde, Multiple-Input Describing Functions, 1968, ch. 5; W. Iwan, J.
+Appl. Mech. 33, 1966.
 """
 
 from __future__ import annotations
@@ -27,7 +31,8 @@ _WEIGHTS = np.exp(-(_E**2) / 2) / np.exp(-(_E**2) / 2).sum()
 def average_spring(
     torque: Callable[[np.ndarray], np.ndarray], mean_torque: np.ndarray, sd: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Stiffness N of a spring, and the standard deviation of what it leaves over that of ``N s e``.
+    """Stiffness N of a spring, and the standard deviation of what it leaves over that of
+    ``N s e``.
 
     Parameters
     ----------
@@ -36,14 +41,17 @@ def average_spring(
     mean_torque, sd : arrays
         Mean torque, and standard deviation of the deflection.
     """
-    s, largest = sd[..., None], np.abs(mean_torque) + sd
+    s = sd[..., None]
+    largest = np.abs(mean_torque) + sd
     while np.any(small := torque(largest[..., None])[..., 0] < np.abs(mean_torque)):
         largest = np.where(small, 2 * largest, largest)
-    low, high = -largest - _E[-1] * sd, largest + _E[-1] * sd
+    low = -largest - _E[-1] * sd
+    high = largest + _E[-1] * sd
     for _ in range(HALVINGS):
         middle = (low + high) / 2
         below = torque(middle[..., None] + s * _E) @ _WEIGHTS < mean_torque
-        low, high = np.where(below, middle, low), np.where(below, high, middle)
+        low = np.where(below, middle, low)
+        high = np.where(below, high, middle)
     values = torque(low[..., None] + s * _E)
     stiffness = values @ (_WEIGHTS * _E) / sd
     left = values - (values @ _WEIGHTS)[..., None] - stiffness[..., None] * s * _E
@@ -56,7 +64,9 @@ def average_coulomb(speed_sd: np.ndarray) -> np.ndarray:
 
 
 def average_hysteresis(slip: np.ndarray, sd: np.ndarray) -> np.ndarray:
-    """Complex stiffness of a spring of 1 in series with a friction that slips at the deflection ``slip``."""
+    """Complex stiffness of a spring of 1 in series with a friction that slips at the deflection
+    ``slip``.
+    """
     x, weight = np.polynomial.laguerre.laggauss(NODES)  # x = A^2 / (2 s^2) has the density exp(-x)
     weight = weight * x
     ratio = np.sqrt(2 * x) * (sd / slip)[..., None]

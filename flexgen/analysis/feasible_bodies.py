@@ -1,6 +1,8 @@
-"""Physically consistent bodies: their ten numbers, their pseudo-inertia, and parameters under which it is positive.
+"""Physically consistent bodies: their ten numbers, their pseudo-inertia, and parameters under
+which it is positive.
 
-The ten numbers of a body are mass, mass x center of mass, and inertia about the origin of its frame.
+The ten numbers of a body are mass, mass x center of mass, and inertia about the origin of its
+frame.
 
 Source: C. Rucker and P. Wensing, IEEE RA-L 7(2), 2022 (log-Cholesky parameters).
 """
@@ -13,11 +15,13 @@ import numpy as np
 from flexgen.model.elements import Body
 from flexgen.numerics.evaluate import evaluate
 
-LEAST_LENGTH, LEAST = 0.01, 1e-8  # of a body, over all bodies
+LEAST_LENGTH = 0.01  # of a body
+LEAST = 1e-8  # over all bodies
 
 
 class Feasible:
-    """Bodies with a positive definite pseudo-inertia: logarithms of the diagonal of L, and its lower entries.
+    """Bodies with a positive definite pseudo-inertia: logarithms of the diagonal of L, and its
+    lower entries.
 
     ``unit``: of the ten numbers in L, see `units`.
     """
@@ -35,10 +39,19 @@ class Feasible:
         S = P[:3, :3]
         inertia = ca.trace(S) * ca.SX.eye(3) - S
         pi = ca.vertcat(
-            P[3, 3], P[0, 3], P[1, 3], P[2, 3], inertia[0, 0], inertia[1, 1], inertia[2, 2], inertia[0, 1],
-            inertia[1, 2], inertia[0, 2],
-        )  # fmt: skip
-        self.bodies, self._unit = bodies, np.broadcast_to(unit, 10)
+            P[3, 3],
+            P[0, 3],
+            P[1, 3],
+            P[2, 3],
+            inertia[0, 0],
+            inertia[1, 1],
+            inertia[2, 2],
+            inertia[0, 1],
+            inertia[1, 2],
+            inertia[0, 2],
+        )
+        self.bodies = bodies
+        self._unit = np.broadcast_to(unit, 10)
         self._function = ca.Function("feasible", [x], [pi, ca.densify(ca.jacobian(pi, x))])
 
     def pi(self, x: np.ndarray) -> np.ndarray:
@@ -48,7 +61,8 @@ class Feasible:
     def jacobian(self, x: np.ndarray) -> np.ndarray:
         """Derivatives of `pi`, block diagonal."""
         blocks = (
-            evaluate(self._function, x.reshape(-1, 10))[1].reshape(-1, 10, 10) * self._unit[:, None]
+            evaluate(self._function, x.reshape(-1, 10))[1].reshape(-1, 10, 10)
+            * self._unit[:, None]
         )
         out = np.zeros((10 * self.bodies, 10 * self.bodies))
         for k, block in enumerate(blocks):
@@ -56,7 +70,9 @@ class Feasible:
         return out
 
     def x(self, pi: np.ndarray) -> np.ndarray:
-        """Parameters of bodies; one that is not physically consistent is made a little larger first."""
+        """Parameters of bodies; one that is not physically consistent is made a little larger
+        first.
+        """
         out = []
         for row in pi.reshape(-1, 10) / self._unit:
             P = pseudo_inertia(row)
@@ -88,7 +104,8 @@ def numbers_of(body: Body) -> np.ndarray:
 
 def body_of(row: np.ndarray) -> Body:
     """The body with these ten numbers."""
-    m, h = row[0], row[1:4]
+    m = row[0]
+    h = row[1:4]
     c = h / m
     xx, yy, zz, xy, yz, xz = row[4:]
     about_frame = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
@@ -97,16 +114,21 @@ def body_of(row: np.ndarray) -> Body:
 
 
 def units(pi: np.ndarray) -> np.ndarray:
-    """Mass, mass x length, mass x length^2 of all bodies together, of the ten numbers; ones where there is no mass."""
-    mass, square = pi[::10].sum(), pi.reshape(-1, 10)[:, 4:7].sum() / 2
+    """Mass, mass x length, mass x length^2 of all bodies together, of the ten numbers; ones where
+    there is no mass.
+    """
+    mass = pi[::10].sum()
+    square = pi.reshape(-1, 10)[:, 4:7].sum() / 2
     length = np.sqrt(square / mass) if mass > 0 < square else 1.0
     return np.asarray((mass or 1.0) * length ** np.repeat([0, 1, 2], [1, 3, 6]))
 
 
 def scales(pi: np.ndarray) -> np.ndarray:
     """Typical sizes of the ten numbers of each body: mass, mass x length, mass x length^2."""
-    unit, rows = units(pi), pi.reshape(-1, 10)
-    mass, least = rows[:, 0], (LEAST_LENGTH * unit[1] / unit[0]) ** 2
+    unit = units(pi)
+    rows = pi.reshape(-1, 10)
+    mass = rows[:, 0]
+    least = (LEAST_LENGTH * unit[1] / unit[0]) ** 2
     length = np.sqrt(
         np.maximum(rows[:, 4:7].sum(axis=1) / np.where(mass > 0, 2 * mass, np.inf), least)
     )

@@ -1,4 +1,6 @@
-"""Motors that no model file has: a friction or a rotor below zero, by more than its doubt and a part of the torque."""
+"""Motors that no model file has: a friction or a rotor below zero, by more than its doubt and a
+part of the torque.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +27,8 @@ def is_possible(
     model : RobotModel
         Its rotors have the inertia that the numbers add to.
     columns : array (n, n_m, k)
-        What is multiplied by the numbers: speed over its largest ratio, direction, 1, acceleration over the ratio, ...
+        What is multiplied by the numbers: speed over its largest ratio, direction, 1, acceleration
+        over the ratio, ...
     numbers, covariance : arrays (n_m, k), (n_m k, n_m k)
     torque : array (n_m,) [N m]
         Deviation of the torques.
@@ -36,7 +39,8 @@ def is_possible(
     for j, motor in enumerate(model.motors):
         rotor = motor.inertia * np.abs(model.eta[j]).max() * (np.arange(count) == 3)
         for k in (0, 1, 3, *[count - 2] * bool(fades[j])):
-            here, sd = (numbers[j] + rotor)[k], np.sqrt(covariance[j * count + k, j * count + k])
+            here = (numbers[j] + rotor)[k]
+            sd = np.sqrt(covariance[j * count + k, j * count + k])
             if (
                 here < -DOUBT * sd
                 and -here * np.sqrt(np.mean(columns[:, j, k] ** 2)) > SMALL * torque[j]

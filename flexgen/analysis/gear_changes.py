@@ -1,12 +1,12 @@
 """Changes of gears and motors by which a linear model meets measured responses, pose by pose.
 
-A complex stiffness D_r at each row r of displacements ``rho y`` (a deflection, or the angle of a motor) changes the
-responses from torques to accelerations of the motors by
+A complex stiffness D_r at each row r of displacements ``rho y`` (a deflection, or the angle of a
+motor) changes the responses from torques to accelerations of the motors by
 
     dG = -L D (1 + S D)^-1 P,   L = C Z^-1 rho^T,   S = rho Z^-1 rho^T,   P = rho Z^-1 B
 
-with C the rows of the accelerations and Z, B those of the linear model. Each gear gets a change of stiffness k, of loss
-h and of damping d, each motor one of viscous friction v:
+with C the rows of the accelerations and Z, B those of the linear model. Each gear gets a change of
+stiffness k, of loss h and of damping d, each motor one of viscous friction v:
 
     D = k + j h + j w d  at the deflection of the gear,    D = j w v  at the angle of the motor
 """
@@ -27,7 +27,8 @@ SMOOTHED = 9  # lines over which the error that is left is averaged
 
 @dataclass(frozen=True)
 class Linearization:
-    """The linear model at k poses, for one level of the excitation; g elastic gears, n_m motors, r = g + n_m.
+    """The linear model at k poses, for one level of the excitation; g elastic gears, n_m motors,
+    r = g + n_m.
 
     Parameters
     ----------
@@ -39,7 +40,8 @@ class Linearization:
     S : complex array (k, lines, r, r)
     P : complex array (k, lines, r, n_m)
     stiffness : array (g,)
-        Of the gears: the unit of their changes of stiffness and loss, and over the mean frequency of that of damping.
+        Of the gears: the unit of their changes of stiffness and loss, and over the mean frequency
+        of that of damping.
     inertia : array (n_m,)
         Of the motors: times the mean frequency the unit of their friction.
     """
@@ -74,7 +76,8 @@ class Linearization:
 
     def response(self, pose: int, x: np.ndarray) -> np.ndarray:
         """Responses (lines, n_m, n_m) at a pose with changes x (3 g + n_m,), in their units."""
-        S, D = self.S[pose], self._stiffness_of(x)
+        S = self.S[pose]
+        D = self._stiffness_of(x)
         moved = np.linalg.solve(np.eye(S.shape[-1]) + S * D[:, None, :], self.P[pose])
         return np.asarray(self.G[pose] - self.L[pose] @ (D[..., None] * moved))
 
@@ -83,14 +86,20 @@ class Linearization:
 
         ``dG/dD_r = -(L (1 + D S)^-1)_r ((1 + S D)^-1 P)_r``: a column and a row.
         """
-        S, D, g = self.S[pose], self._stiffness_of(x), len(self.stiffness)
-        one, s = np.eye(S.shape[-1]), 1j * self.w[:, None]
+        S = self.S[pose]
+        D = self._stiffness_of(x)
+        g = len(self.stiffness)
+        one = np.eye(S.shape[-1])
+        s = 1j * self.w[:, None]
         left = self.L[pose] @ np.linalg.inv(one + D[..., None] * S)
         right = np.linalg.solve(one + S * D[:, None, :], self.P[pose])
         by = -left[:, :, None, :] * right.swapaxes(1, 2)[:, None]
         k, h, d, v = self.units
-        gear, s = by[..., :g], s[..., None, None]
-        return np.concatenate([k * gear, 1j * h * gear, s * d * gear, s * v * by[..., g:]], axis=-1)
+        gear = by[..., :g]
+        s = s[..., None, None]
+        return np.concatenate(
+            [k * gear, 1j * h * gear, s * d * gear, s * v * by[..., g:]], axis=-1
+        )
 
     def _stiffness_of(self, x: np.ndarray) -> np.ndarray:
         """The complex stiffnesses D (lines, r)."""
@@ -104,8 +113,8 @@ class Linearization:
 class Changes:
     """Changes of gears and motors at one pose.
 
-    ``x`` (3 g + n_m,): k, h, d, v in their units; ``covariance`` of x; ``distortion``: error of the responses that is
-    left above the noise, as a part of their size.
+    ``x`` (3 g + n_m,): k, h, d, v in their units; ``covariance`` of x; ``distortion``: error of
+    the responses that is left above the noise, as a part of their size.
     """
 
     x: np.ndarray
@@ -127,8 +136,11 @@ def fit_changes(
         Of the elements of G by noise. What the fit leaves is added to it.
     start : array (3 g + n_m,)
     """
-    prior, x, size = model.prior, start, np.abs(G) ** 2
-    extra, information = FLOOR**2 * size, np.eye(len(start))
+    prior = model.prior
+    x = start
+    size = np.abs(G) ** 2
+    extra = FLOOR**2 * size
+    information = np.eye(len(start))
     for _ in range(3):
         weight = 1 / np.sqrt(variance + extra)
 
@@ -142,7 +154,8 @@ def fit_changes(
 
         found = least_squares(residual, x, derivative, x_scale=prior)
         # the parts of a complex residual have the variance 1/2
-        x, information = found.x, 2 * found.jac.T @ found.jac
+        x = found.x
+        information = 2 * found.jac.T @ found.jac
         left = np.abs(model.response(pose, x) - G) ** 2 - variance
         extra = np.maximum(_smooth(left), LEAST**2 * size)
     distortion = float(np.sqrt(max(np.median(_smooth(left) / size), 0.0)))

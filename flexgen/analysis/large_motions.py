@@ -1,13 +1,17 @@
-"""What the size of a periodic motion about rest adds to the responses of the linear robot: terms of third order.
+"""What the size of a periodic motion about rest adds to the responses of the linear robot: terms
+of third order.
 
-    Z(w) Y(w) = B U(w) - N(w),    N: spectrum of  l(y, y', y'') less its linear part,    Z = -w^2 M + j w D + K
+    Z(w) Y(w) = B U(w) - N(w),    N: spectrum of  l(y, y', y'') less its linear part,
+    Z = -w^2 M + j w D + K
 
-l: left side of Lagrange's equations, of inertia and gravity. The torques U are known at the excited lines of a
-multisine; at other lines the drives answer, ``U = -F Q_m``, so that Z has ``B F C_m`` more. The first of two steps
-finds the motion of second order, mostly between the lines, the second what it causes at the lines with that of first
-order. What is left is of fifth order.
+l: left side of Lagrange's equations, of inertia and gravity. The torques U are known at the
+excited lines of a multisine; at other lines the drives answer, ``U = -F Q_m``, so that Z has
+``B F C_m`` more. The first of two steps finds the motion of second order, mostly between the
+lines, the second what it causes at the lines with that of first order. What is left is of fifth
+order.
 
-Source: T. Cameron and J. Griffin, Journal of Applied Mechanics 56(1), 1989 (alternating between frequency and time).
+Source: T. Cameron and J. Griffin, Journal of Applied Mechanics 56(1), 1989 (alternating between
+frequency and time).
 """
 
 from __future__ import annotations
@@ -29,7 +33,8 @@ STEPS = 2
 
 
 class LargeMotions:
-    """The nonlinear parts of a robot and of its outputs, motor angles and chosen channels of sensors.
+    """The nonlinear parts of a robot and of its outputs, motor angles and chosen channels of
+    sensors.
 
     Parameters
     ----------
@@ -49,7 +54,8 @@ class LargeMotions:
         channels: list[int],
         compiled: Callable[..., ca.Function],
     ) -> None:
-        y, n = equations.y, equations.model.dof
+        y = equations.y
+        n = equations.model.dof
         signals = sensor_signals(equations)[channels] if channels else ca.SX(0, 1)
         left, signals = ca.substitute(
             [equations.left, signals], [equations.symbols], [ca.SX(ca.DM(values))]
@@ -61,13 +67,16 @@ class LargeMotions:
             for x in y[::2]
         ]
         self._at_rest = ca.Function("at_rest", [y[0]], still)  # derivatives in y and y''
-        self._motor_rows, self._sensed = motor_rows(equations.model), bool(channels)
+        self._motor_rows = motor_rows(equations.model)
+        self._sensed = bool(channels)
         self._many: dict[tuple[ca.Function, int], Evaluator] = {}
 
     def _along(
         self, function: ca.Function, rest: np.ndarray, motion: list[np.ndarray]
     ) -> np.ndarray:
-        """A function along the motion y, y', y'' (points, n) less its value at rest, (points, rows)."""
+        """A function along the motion y, y', y'' (points, n) less its value at rest, (points,
+        rows).
+        """
         key = function, len(motion[0])
         if key not in self._many:
             self._many[key] = Evaluator(function.map(len(motion[0])))

@@ -37,7 +37,8 @@ NEIGHBOR = 0.1
 class LinearModel:
     """The equations of motion linearized about a static equilibrium.
 
-    ``M D K`` (n, n), ``B`` (n, n_m) in y = (q_a, q_me); ``W`` (n_y, n): output rates; ``C_m`` (n_m, n): motor angles.
+    ``M D K`` (n, n), ``B`` (n, n_m) in y = (q_a, q_me); ``W`` (n_y, n): output rates; ``C_m``
+    (n_m, n): motor angles.
     """
 
     M: np.ndarray
@@ -61,7 +62,9 @@ class LinearModel:
         return float(np.sqrt(size)) if size > 0 else 1.0
 
     def response(self, w: np.ndarray, C: np.ndarray) -> np.ndarray:
-        """``C (K + j w D - w^2 M)^-1 B`` at the angular frequencies ``w`` [rad/s], shape (len(w), rows of C, n_m)."""
+        """``C (K + j w D - w^2 M)^-1 B`` at the angular frequencies ``w`` [rad/s], shape (len(w),
+        rows of C, n_m).
+        """
         s = 1j * w[:, None, None]
         return C @ np.linalg.solve(
             s**2 * self.M + s * self.D + self.K, np.broadcast_to(self.B, (len(w), *self.B.shape))
@@ -71,7 +74,8 @@ class LinearModel:
 def linearize(equations: Equations, rest: Equilibrium) -> LinearModel:
     """The `LinearModel` of a robot in a static equilibrium."""
     model = equations.model
-    zero_a, zero_m = np.zeros(model.n_a), np.zeros(model.n_m)
+    zero_a = np.zeros(model.n_a)
+    zero_m = np.zeros(model.n_m)
     arguments = (rest.q_a, zero_a, zero_a, rest.q_m, zero_m, zero_m, rest.tau_m)
     M, R = evaluate(equations.function("residual_jacobians"), *arguments)
     M, D, K, B = second_order_matrices(M[0], R[0])
@@ -107,9 +111,11 @@ def poles(linear: LinearModel) -> np.ndarray:
 
 
 def _slow_poles(linear: LinearModel, rate: float) -> np.ndarray:
-    """Eigenvalues [1/s], sorted, of which those up to ``rate`` are exact: of the matrices without the inverse of M.
+    """Eigenvalues [1/s], sorted, of which those up to ``rate`` are exact: of the matrices without
+    the inverse of M.
 
-    In the state matrix the fast ones, of a light body on a stiff spring, leave rounding errors as large as the others.
+    In the state matrix the fast ones, of a light body on a stiff spring, leave rounding errors as
+    large as the others.
     """
     size = np.sqrt(np.abs(np.diag(linear.K)) + np.diag(linear.M) * rate**2)
     M, D, K = (x / np.outer(size, size) for x in (linear.M * rate**2, linear.D * rate, linear.K))
@@ -129,11 +135,11 @@ def refine_roots(
 
         s - (u^H P(s) v) / (u^H P'(s) v).
 
-    Its error is that of the numbers in M, D and K (relative to s, half the rounding of the stiffest
-    spring over the stiffness that the mode feels), however far the other roots are: an eigenvalue
-    solver for all of them has the error of the largest one. A root keeps its value where the step
-    is not small relative to the distance to its neighbor (a multiple root, to be had up to the root
-    of rounding only). Conjugates stay conjugates, real roots stay real.
+    Its error is that of the numbers in M, D and K (relative to s, half the rounding of the
+    stiffest spring over the stiffness that the mode feels), however far the other roots are: an
+    eigenvalue solver for all of them has the error of the largest one. A root keeps its value
+    where the step is not small relative to the distance to its neighbor (a multiple root, to be
+    had up to the root of rounding only). Conjugates stay conjugates, real roots stay real.
 
     Parameters
     ----------
@@ -161,7 +167,9 @@ def refine_roots(
 def _refine_root(
     M: np.ndarray, D: np.ndarray, K: np.ndarray, root: complex, reach: float
 ) -> complex:
-    """One root after Newton's steps; as given where they lead further away than ``reach`` [1/s]."""
+    """One root after Newton's steps; as given where they lead further away than ``reach``
+    [1/s].
+    """
     size = np.sqrt(np.abs(np.diag(K)) + np.abs(np.diag(M)) * abs(root) ** 2)
     if not np.all(size > 0.0):
         return root
@@ -189,7 +197,9 @@ def _refine_root(
 
 def sort_roots(values: np.ndarray) -> np.ndarray:
     """Roots sorted by distance from the origin, conjugates together."""
-    return np.array(sorted(values, key=lambda z: (round(abs(z), 6), z.real, z.imag)), dtype=complex)
+    return np.array(
+        sorted(values, key=lambda z: (round(abs(z), 6), z.real, z.imag)), dtype=complex
+    )
 
 
 def modes(values: np.ndarray) -> list[tuple[float, float]]:

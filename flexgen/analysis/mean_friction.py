@@ -1,4 +1,6 @@
-"""Mean slope of a friction law over a speed that is Gaussian, and the nodes of means over Gaussian numbers."""
+"""Mean slope of a friction law over a speed that is Gaussian, and the nodes of means over Gaussian
+numbers.
+"""
 
 from __future__ import annotations
 
@@ -11,8 +13,10 @@ from flexgen.mechanics.force_laws import friction_torque
 from flexgen.model.elements import Friction
 from flexgen.spec.parts import GearFriction
 
-# Panels of the integral over a Gaussian speed in units of its deviation, fine near zero where friction has its step.
-_PANELS, _NODES = (0.0, 1e-4, 1e-3, 1e-2, 0.1, 0.5, 1.0, 2.0, 4.0, 8.0), 6
+# Panels of the integral over a Gaussian speed in units of its deviation, fine near zero where
+# friction has its step.
+_PANELS = (0.0, 1e-4, 1e-3, 1e-2, 0.1, 0.5, 1.0, 2.0, 4.0, 8.0)
+_NODES = 6
 
 
 def mean_viscous_change(
@@ -24,10 +28,12 @@ def mean_viscous_change(
 ) -> ca.SX:
     """``E[f(w) w]/sd^2 - f'(0)`` for a Gaussian speed w with deviation ``sd``; zero at ``sd`` = 0.
 
-    Of a friction that depends on the ``load`` [N m]: the mean also over a Gaussian load with deviation ``load_sd``,
-    without correlation with the speed: they are a quarter of a period apart where inertia is the load.
+    Of a friction that depends on the ``load`` [N m]: the mean also over a Gaussian load with
+    deviation ``load_sd``, without correlation with the speed: they are a quarter of a period apart
+    where inertia is the load.
     """
-    w, x = ca.SX.sym("w"), ca.SX.sym("load")
+    w = ca.SX.sym("w")
+    x = ca.SX.sym("load")
     torque = friction_torque(friction, w, x, temperature)
     others = [
         each for each in ca.symvar(torque) if not (ca.is_equal(each, w) or ca.is_equal(each, x))
@@ -40,17 +46,21 @@ def mean_viscous_change(
     nodes, weights = _half_normal()
     mean = ca.SX(0)
     for node, weight in zip(nodes, weights, strict=True):
-        up, down = law(node * sd, rest, *others)[0], law(-node * sd, rest, *others)[0]
+        up = law(node * sd, rest, *others)[0]
+        down = law(-node * sd, rest, *others)[0]
         mean += weight * node * (up - down) / 2
     safe = ca.if_else(sd > 0, sd, 1.0)
     return ca.if_else(sd > 0, mean / safe - still, 0.0)
 
 
 def _mean_load(friction: Friction, load: ca.SX, sd: ca.SX) -> ca.SX:
-    """The load at which the friction is its mean over a Gaussian load, of whose rounded magnitude it is a multiple."""
+    """The load at which the friction is its mean over a Gaussian load, of whose rounded magnitude
+    it is a multiple.
+    """
     if not (isinstance(friction, GearFriction) and friction.loaded):
         return load
-    s, size = friction.load_smoothing, ca.SX(0)
+    s = friction.load_smoothing
+    size = ca.SX(0)
     for node, weight in zip(*_half_normal(), strict=True):
         size += weight * (ca.hypot(load + sd * node, s) + ca.hypot(load - sd * node, s)) / 2
     # (the root has no derivative at 0)
@@ -64,7 +74,9 @@ def normal_nodes() -> tuple[np.ndarray, np.ndarray]:
 
 
 def _half_normal() -> tuple[np.ndarray, np.ndarray]:
-    """Nodes and weights for the mean of an even function of a standard Gaussian: Gauss-Legendre on panels."""
+    """Nodes and weights for the mean of an even function of a standard Gaussian: Gauss-Legendre on
+    panels.
+    """
     t, a = np.polynomial.legendre.leggauss(_NODES)
     x = np.concatenate([(lo + hi) / 2 + (hi - lo) / 2 * t for lo, hi in pairwise(_PANELS)])
     weights = np.concatenate([(hi - lo) / 2 * a for lo, hi in pairwise(_PANELS)])

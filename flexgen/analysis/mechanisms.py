@@ -17,7 +17,10 @@ REGULAR = 1e-9
 def mechanisms(model: RobotModel) -> dict[str, dict[str, float]]:
     """Axes that a mechanism moves: the factors of the coordinates that they follow."""
     return {
-        dof.name: dict(dof.mimic) for element in model.elements for dof in element.dofs if dof.mimic
+        dof.name: dict(dof.mimic)
+        for element in model.elements
+        for dof in element.dofs
+        if dof.mimic
     }
 
 
@@ -32,8 +35,9 @@ def lengths_of_mechanisms(model: RobotModel) -> dict[str, dict[str, float]]:
 def held_axes(model: RobotModel) -> tuple[dict[str, float], str]:
     """Inertia at home of each axis that a mechanism moves, as if this were free [kg m^2 or kg].
 
-    A program that holds the axis by a constraint may add ``I L'^2/2`` to the kinetic energy, with the sum L of the
-    mechanism: L is constant, so that no motion changes, and the inertia matrix of the free robot becomes regular.
+    A program that holds the axis by a constraint may add ``I L'^2/2`` to the kinetic energy, with
+    the sum L of the mechanism: L is constant, so that no motion changes, and the inertia matrix of
+    the free robot becomes regular.
 
     Returns
     -------
@@ -80,14 +84,17 @@ def held_axes(model: RobotModel) -> tuple[dict[str, float], str]:
 
 
 def on_one_chain(model: RobotModel, joints: Iterable[str]) -> bool:
-    """Whether one chain of elements has all the joints: MuJoCo ignores the armature of a tendon across branches."""
+    """Whether one chain of elements has all the joints: MuJoCo ignores the armature of a tendon
+    across branches.
+    """
     wanted = set(joints)
     holders = {e.name: {dof.name for dof in e.dofs} for e in model.elements}
     for name in holders:
         found: set[str] = set()
         above = name
         while above in holders:
-            found, above = found | holders[above], model.parents[above]
+            found = found | holders[above]
+            above = model.parents[above]
         if wanted <= found:
             return True
     return False

@@ -10,7 +10,8 @@ from flexgen.model.elements import Dof, LinearSpring, RobotModel
 
 
 def additions(model: RobotModel) -> list[tuple[Dof, RobotModel]]:
-    """Models with one more spring: rotations about the axes perpendicular to each joint that are not there yet.
+    """Models with one more spring: rotations about the axes perpendicular to each joint that are
+    not there yet.
 
     And about all three axes of a body that slides, or whose element has no motor.
     """
@@ -42,7 +43,9 @@ def additions(model: RobotModel) -> list[tuple[Dof, RobotModel]]:
 
 
 def perpendicular(axis: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Two unit vectors perpendicular to an axis and to each other; coordinate axes where the axis is one."""
+    """Two unit vectors perpendicular to an axis and to each other; coordinate axes where the axis
+    is one.
+    """
     first = np.eye(3)[int(np.argmin(np.abs(axis)))]
     first = first - axis * (axis @ first)
     first = first / np.linalg.norm(first)
@@ -63,7 +66,9 @@ def with_spring(model: RobotModel, name: str, stiffness: float, damping: float) 
         replace(
             e,
             dofs=tuple(
-                replace(d, spring=LinearSpring(stiffness), damping=damping) if d.name == name else d
+                replace(d, spring=LinearSpring(stiffness), damping=damping)
+                if d.name == name
+                else d
                 for d in e.dofs
             ),
         )

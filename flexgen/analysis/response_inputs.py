@@ -2,12 +2,13 @@
 
     h(w) exp(-j w t_d) k_t,        h = sinc(w T/2) exp(-j w T/2)
 
-Sample time T, delay t_d, and torque constants k_t (1 where the drive is right). Samples cannot tell the motion at w
-from that at its *images*, which a held torque moves too. They add up,
+Sample time T, delay t_d, and torque constants k_t (1 where the drive is right). Samples cannot
+tell the motion at w from that at its *images*, which a held torque moves too. They add up,
 
     Y(w) = sum_i G(w_i) h(w_i) exp(-j w_i t_d) k_t U(w),        w_i = w + 2 pi i/T
 
-What i != 0 adds to the response of an inertia is about 6 (w T/(2 pi))^4 of it, 1 % at a fifth of the sample rate.
+What i != 0 adds to the response of an inertia is about 6 (w T/(2 pi))^4 of it, 1 % at a fifth of
+the sample rate.
 
 Source: K. Astrom, B. Wittenmark, Computer-Controlled Systems, 3rd ed. 1997, sec. 7.2 (aliasing).
 """
@@ -24,7 +25,8 @@ IMAGES = 8  # on each side; later ones have less than a thousandth of all
 
 @dataclass(frozen=True)
 class Drive:
-    """Delays and filters between the commanded torque and the motor, and between motion and samples of sensors.
+    """Delays and filters between the commanded torque and the motor, and between motion and
+    samples of sensors.
 
     Parameters
     ----------
@@ -61,7 +63,9 @@ class Drive:
 
 
 def with_drive(drive: Drive, changes: Mapping[str, float], motors: Sequence[str]) -> Drive:
-    """The drive with other delays (``delay``, ``<sensor>.delay``) or torque constants (``<motor>.torque_constant``)."""
+    """The drive with other delays (``delay``, ``<sensor>.delay``) or torque constants
+    (``<motor>.torque_constant``).
+    """
     constants = list(drive.torque_constants or (1.0,) * len(motors))
     for j, name in enumerate(motors):
         constants[j] = changes.get(f"{name}.torque_constant", constants[j])

@@ -1,14 +1,16 @@
-"""Outputs of frequency responses: motor angles, and the sensors of the model, as accelerations, torques and forces.
+"""Outputs of frequency responses: motor angles, and the sensors of the model, as accelerations,
+torques and forces.
 
     Y_o(w) = (j w)^m exp(-j w t_o) S_o(w)
     S_o = (s^2 C2 + s C1 + C0) X,    s = j w
 
-S_o: spectrum of the signal, t_o its delay, m = 2 for angles and positions, 1 for rates, 0 for accelerations, torques
-and forces; X: spectrum of the coordinates y about rest.
+S_o: spectrum of the signal, t_o its delay, m = 2 for angles and positions, 1 for rates, 0 for
+accelerations, torques and forces; X: spectrum of the coordinates y about rest.
 
-``C2, C1, C0``: derivatives of the signal in the accelerations, velocities and coordinates at rest. The last one has the
-tilt of an accelerometer in the gravity field. Those of torques and forces depend on masses and frictions; a friction of
-a joint has there the mean slope that it has in the matrices of the linear model.
+``C2, C1, C0``: derivatives of the signal in the accelerations, velocities and coordinates at rest.
+The last one has the tilt of an accelerometer in the gravity field. Those of torques and forces
+depend on masses and frictions; a friction of a joint has there the mean slope that it has in the
+matrices of the linear model.
 """
 
 from __future__ import annotations
@@ -73,9 +75,12 @@ class OutputRows:
         Names of channels.
     """
 
-    def __init__(self, equations: Equations, motor_rows: np.ndarray, chosen: Sequence[str]) -> None:
+    def __init__(
+        self, equations: Equations, motor_rows: np.ndarray, chosen: Sequence[str]
+    ) -> None:
         model = equations.model
-        self.motor_rows, self.names = motor_rows, check_channels(model, chosen)
+        self.motor_rows = motor_rows
+        self.names = check_channels(model, chosen)
         self._index = [channels(model).index(name) for name in self.names]
         self.orders = output_orders(model, self.names)
         late = {name: sensor for sensor in model.sensors for name in sensor.channels}
@@ -88,7 +93,9 @@ class OutputRows:
         return len(self.orders)
 
     def transfer(self, w: np.ndarray, delays: Mapping[str, float]) -> np.ndarray:
-        """``(j w)^m exp(-j w t_o)`` (lines, outputs); ``delays``: name of a sensor -> t_o instead of its own."""
+        """``(j w)^m exp(-j w t_o)`` (lines, outputs); ``delays``: name of a sensor -> t_o instead
+        of its own.
+        """
         s = 1j * w[:, None]
         late = [delays.get(name, own) for name, own in zip(self.sensors, self.delays, strict=True)]
         return np.asarray(s**self.orders * np.exp(-s * np.array(late)))
@@ -99,8 +106,11 @@ class OutputRows:
 
     @cached_property
     def _function(self) -> ca.Function:
-        """y, p, speeds -> C2, C1, C0 (channels, n), and their derivatives in y and p, (3 * channels * n, n or n_p)."""
-        e, model = self._equations, self._equations.model
+        """y, p, speeds -> C2, C1, C0 (channels, n), and their derivatives in y and p, (3 *
+        channels * n, n or n_p).
+        """
+        e = self._equations
+        model = self._equations.model
         y, dy, ddy = e.y
         speed_sd = ca.SX.sym("speed_sd", model.n_a)
         signals = sensor_signals(e)[self._index]
@@ -147,7 +157,8 @@ class OutputRows:
             Zero rows for the motors.
         """
         k, n = y.shape
-        rows, drows = np.zeros((k, 3, len(self), n)), np.zeros((k, 3, len(self), n, dy.shape[2]))
+        rows = np.zeros((k, 3, len(self), n))
+        drows = np.zeros((k, 3, len(self), n, dy.shape[2]))
         n_m = len(self.motor_rows)
         rows[:, 2, :n_m] = self.motor_rows
         if self.names:

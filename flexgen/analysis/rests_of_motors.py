@@ -1,19 +1,23 @@
-"""Standstill of motors: friction is any torque there, up to that at which they move, and is taken out of equations.
+"""Standstill of motors: friction is any torque there, up to that at which they move, and is taken
+out of equations.
 
-Where a motor stands still, the torque s of its friction is not known. Unknown are the values of piecewise linear
-functions of time over each standstill; B is what they are in the samples y = X theta + B s + e behind the filter. With
+Where a motor stands still, the torque s of its friction is not known. Unknown are the values of
+piecewise linear functions of time over each standstill; B is what they are in the samples y = X
+theta + B s + e behind the filter. With
 
     R = 1 - B (B' B + r)^-1 B',      R y = R X theta + R e
 
-the numbers theta are found without s: the ridge r is small, and R is the same for all terms. To leave out the samples
-at standstill would not do: the filter carries the jump of the friction into samples that move.
+the numbers theta are found without s: the ridge r is small, and R is the same for all terms. To
+leave out the samples at standstill would not do: the filter carries the jump of the friction into
+samples that move.
 
-Where a motor reverses, its friction turns from -F to F within a distance d (pre-sliding): after a travel x,
-2 F exp(-x/d) is missing, which is an impulse 2 F (pi d / (2 |a|))^(1/2) for the acceleration a. One unknown more has
-those of all reversals.
+Where a motor reverses, its friction turns from -F to F within a distance d (pre-sliding): after a
+travel x,
+2 F exp(-x/d) is missing, which is an impulse 2 F (pi d / (2 |a|))^(1/2) for the acceleration a.
+One unknown more has those of all reversals.
 
-Source: R. Frisch and F. Waugh, Econometrica 1(4), 1933 (least squares with some of the unknowns eliminated); C. Canudas
-de Wit et al., IEEE TAC 40(3), 1995 (pre-sliding).
+Source: R. Frisch and F. Waugh, Econometrica 1(4), 1933 (least squares with some of the unknowns
+eliminated); C. Canudas de Wit et al., IEEE TAC 40(3), 1995 (pre-sliding).
 """
 
 from __future__ import annotations
@@ -36,7 +40,9 @@ Filter = Callable[[np.ndarray], np.ndarray]
 
 
 def largest_of_unit(model: RobotModel, speed: np.ndarray) -> np.ndarray:
-    """Largest speed (n_m,) of motors whose joint has the same unit; ``speed`` (n, n_m) [rad/s or m/s, of joints]."""
+    """Largest speed (n_m,) of motors whose joint has the same unit; ``speed`` (n, n_m) [rad/s or
+    m/s, of joints].
+    """
     units = np.array(
         [model.coordinates[model.i_g[i]].unit for i in np.abs(model.eta).argmax(axis=1)]
     )
@@ -45,7 +51,8 @@ def largest_of_unit(model: RobotModel, speed: np.ndarray) -> np.ndarray:
 
 
 class Rests:
-    """What the friction of one motor may do while it stands still, and how late it turns where the motor reverses.
+    """What the friction of one motor may do while it stands still, and how late it turns where the
+    motor reverses.
 
     Parameters
     ----------
@@ -55,8 +62,8 @@ class Rests:
     limit : float
         Of the filter, times the step of the samples.
     slow : callable
-        The filter: samples (n, ...) -> those that are kept. A cut of the samples that begins at a multiple of ``every``
-        has the same ones.
+        The filter: samples (n, ...) -> those that are kept. A cut of the samples that begins at a
+        multiple of ``every`` has the same ones.
     every, reach : int
         Samples of one that is kept, and samples on both sides that act on it.
     spoiled : int
@@ -73,7 +80,10 @@ class Rests:
         reach: int,
         spoiled: int = 0,
     ) -> None:
-        rows, columns, values, count = [], [], [], 0
+        rows = []
+        columns = []
+        values = []
+        count = 0
         late = np.zeros((len(speed), 1))
         still = np.abs(speed) <= least
         edges = np.flatnonzero(np.diff(still.astype(int), prepend=0, append=0)).reshape(-1, 2)
@@ -109,7 +119,9 @@ class Rests:
             row, column, value = (np.concatenate(x) for x in (rows, columns, values))
             kept = len(slow(np.zeros(len(speed)))) - 2 * spoiled
             used = (row >= 0) & (row < kept) & (value != 0.0)
-            self._rests = sparse.csc_matrix((value[used], (row[used], column[used])), (kept, count))
+            self._rests = sparse.csc_matrix(
+                (value[used], (row[used], column[used])), (kept, count)
+            )
             square = (self._rests.T @ self._rests).tocsc()
             ridge = max(FAINT**2 * float(square.diagonal().max()), 1e-300)
             self._solve = splu(square + ridge * sparse.identity(count, format="csc")).solve

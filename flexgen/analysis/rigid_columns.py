@@ -1,16 +1,20 @@
-"""Torques of the motors of a rigid arm along recorded motions, term by term, and what gears and delays change.
+"""Torques of the motors of a rigid arm along recorded motions, term by term, and what gears and
+delays change.
 
-    tau_m(t) = eta^-T Y(q, v, a) pi + J_m eta a + F phi,      q(t) = eta^-1 q_m(t) - d(t),      d = law(tau_g) + c tau_g
+    tau_m(t) = eta^-T Y(q, v, a) pi + J_m eta a + F phi,      q(t) = eta^-1 q_m(t) - d(t),
+    d = law(tau_g) + c tau_g
 
-F: viscous friction, Coulomb friction, a constant and a change of the rotor's inertia for each motor, functions of
-chosen joints for a counterbalance, and friction that falls with speed, sigma / cosh(alpha v). The links follow the
-motors less the deflections d of the gears, those of the model file and more in proportion to the torque: without them,
-a hundredth of the torque is wrong, and no block of the errors shows it. The torques tau_g that bend them are those
-recorded, less rotors and friction: from the bodies, they would grow from round to round above the lowest natural
-frequency. Torques are recorded a delay later than the angles; the delay and the compliances c are numbers of a fit.
+F: viscous friction, Coulomb friction, a constant and a change of the rotor's inertia for each
+motor, functions of chosen joints for a counterbalance, and friction that falls with speed, sigma /
+cosh(alpha v). The links follow the motors less the deflections d of the gears, those of the model
+file and more in proportion to the torque: without them, a hundredth of the torque is wrong, and no
+block of the errors shows it. The torques tau_g that bend them are those recorded, less rotors and
+friction: from the bodies, they would grow from round to round above the lowest natural frequency.
+Torques are recorded a delay later than the angles; the delay and the compliances c are numbers of
+a fit.
 
-All terms are filtered alike, and so the equation holds for what is kept: what is slower than the limit, and what
-friction at standstill cannot do (see `flexgen.analysis.rests_of_motors`).
+All terms are filtered alike, and so the equation holds for what is kept: what is slower than the
+limit, and what friction at standstill cannot do (see `flexgen.analysis.rests_of_motors`).
 
 Source: M. Gautier, ICRA 1997 (the same filter for all terms).
 """
@@ -39,7 +43,8 @@ CORRELATED = 50
 # limit of the filter times the step, from which on the polynomials are the filter
 WIDEST = 2.0 / WINDOW
 BLOCK = 0.75  # periods of the band of the motion: blocks whose errors are taken as independent
-WIDER = 4.0  # limit of the torques that bend gears over that of the filter, which would count twice
+# limit of the torques that bend gears over that of the filter, which would count twice
+WIDER = 4.0
 # of the splines whose derivatives are taken: finite differences bend gears up to a percent too
 # little
 DEGREE = 5
@@ -50,8 +55,11 @@ TERMS = ("Y", "F", "Z", "known", "held", "measured")
 
 
 def band_of(regressor: Regressor, motions: Sequence[Motion]) -> float:
-    """Limit of the filter [Hz]: a multiple of the band of the powers of the joints; infinite: none is of use."""
-    step, file = motions[0].step, regressor.of_model()
+    """Limit of the filter [Hz]: a multiple of the band of the powers of the joints; infinite: none
+    is of use.
+    """
+    step = motions[0].step
+    file = regressor.of_model()
     some = [tuple(x[:: max(1, len(x) // SOME)] for x in motion.derivatives) for motion in motions]
     size = np.sqrt(np.mean(np.vstack([regressor(*state) @ file for state in some]) ** 2, axis=0))
     limit = BAND * bandwidth(
@@ -64,10 +72,11 @@ def band_of(regressor: Regressor, motions: Sequence[Motion]) -> float:
 class Columns:
     """Terms of the torques of motions, motor side.
 
-    Of the bodies Y (n, n_m, 10 bodies), of the motors F (n, n_m, columns), of changes of the compliances and of the
-    delay Z (n, n_m, n_g + 1); known rotors, held counterbalances, and measured torques (n, n_m). Only so many samples
-    are kept as have what is slower than ``limit`` [Hz]. ``speed`` (n_m,) [rad/s or m/s, of the joint]: the largest one
-    of the joints of this unit, in the motions of the fit; ``period`` [s]: of the band of the motion.
+    Of the bodies Y (n, n_m, 10 bodies), of the motors F (n, n_m, columns), of changes of the
+    compliances and of the delay Z (n, n_m, n_g + 1); known rotors, held counterbalances, and
+    measured torques (n, n_m). Only so many samples are kept as have what is slower than ``limit``
+    [Hz]. ``speed`` (n_m,) [rad/s or m/s, of the joint]: the largest one of the joints of this
+    unit, in the motions of the fit; ``period`` [s]: of the band of the motion.
     """
 
     def __init__(
@@ -78,13 +87,15 @@ class Columns:
         limit: float = np.inf,
         speed: np.ndarray | None = None,
     ) -> None:
-        model, step = regressor.model, motions[0].step
+        model = regressor.model
+        step = motions[0].step
         every = (
             1
             if np.isinf(limit)
             else max(1, int(1 / (step * max(2 * WIDEST / step + limit, RATE * limit))))
         )
-        self.regressor, self.step = regressor, every * step
+        self.regressor = regressor
+        self.step = every * step
         self.t = [motion.t[::every] - motion.t[0] for motion in motions]
         self.states = [tuple(x[::every] for x in motion.derivatives) for motion in motions]
         self.links = self.states
@@ -101,7 +112,11 @@ class Columns:
         self.speed = np.maximum(top, 1e-12) if speed is None else speed
         self.period = BAND / min(limit, WIDEST / step)
         self._every = every
-        self.Y, self.F, self.Z, self.known, self.held = [], [], [], [], []
+        self.Y = []
+        self.F = []
+        self.Z = []
+        self.known = []
+        self.held = []
         self.measured = self.recorded
         moving = [np.abs(v) > MOVING * self.speed for v in self._speeds]
         self.moving = [x[::every] for x in moving]
@@ -140,7 +155,8 @@ class Columns:
 
     def _harmonics(self, q: np.ndarray) -> np.ndarray:
         """Sines and cosines of multiples of the angles, from the second one (n, n_m, columns)."""
-        eta, columns = self.regressor.model.eta, []
+        eta = self.regressor.model.eta
+        columns = []
         for k in range(2, max(self._counterbalance.values(), default=0) + 2):
             for function in (np.sin, np.cos):
                 column = np.zeros((len(q), len(eta)))
@@ -152,15 +168,18 @@ class Columns:
         return np.stack(columns, axis=2) if columns else np.zeros((len(q), len(eta), 0))
 
     def with_fades(self, fades: np.ndarray, sizes: np.ndarray) -> Columns:
-        """All samples, with two more columns for friction that falls with speed: its size, and changes of its fade.
+        """All samples, with two more columns for friction that falls with speed: its size, and
+        changes of its fade.
 
         Parameters
         ----------
         fades, sizes : arrays (n_m,) [s/rad or s/m, of the joint; N m]
             Where a fade is zero, the motor has no such friction, and the columns are zero.
         """
-        out, base = copy(self), self.F[0].shape[2] - 2 * bool(self.fades.any())
-        out.fades, out.F = fades, [F[:, :, :base] for F in self.F]
+        out = copy(self)
+        base = self.F[0].shape[2] - 2 * bool(self.fades.any())
+        out.fades = fades
+        out.F = [F[:, :, :base] for F in self.F]
         if fades.any():
             more = self.fade_columns(fades)
             there = (fades > 0) * np.stack([np.ones_like(sizes), sizes])
@@ -171,7 +190,9 @@ class Columns:
         return out
 
     def fade_columns(self, fades: np.ndarray) -> list[np.ndarray]:
-        """Friction of size one that falls with speed, and its derivative by the fade, of each motion (2, n, n_m)."""
+        """Friction of size one that falls with speed, and its derivative by the fade, of each
+        motion (2, n, n_m).
+        """
         out = []
         for v in self._speeds:
             level = np.tanh(v / (COULOMB_SPEED * self.speed)) / np.cosh(
@@ -193,8 +214,11 @@ class Columns:
             at.remove(2)
         return np.asarray(np.einsum("njc,jc->nj", self.F[k][:, :, at], friction[:, at]))
 
-    def bent(self, pi: np.ndarray, friction: np.ndarray, lags: np.ndarray, limit: float) -> Columns:
-        """All samples, where the gears bend under the torques of these numbers and torques are late.
+    def bent(
+        self, pi: np.ndarray, friction: np.ndarray, lags: np.ndarray, limit: float
+    ) -> Columns:
+        """All samples, where the gears bend under the torques of these numbers and torques are
+        late.
 
         Parameters
         ----------
@@ -204,8 +228,15 @@ class Columns:
         limit : float [Hz]
             Of the filter; torques that are more than `WIDER` times as fast bend nothing.
         """
-        out, model, n_g = copy(self), self.regressor.model, self.regressor.model.n_g
-        out.links, out.Y, out.F, out.Z, out.held, out.measured = [], [], [], [], [], []
+        out = copy(self)
+        model = self.regressor.model
+        n_g = self.regressor.model.n_g
+        out.links = []
+        out.Y = []
+        out.F = []
+        out.Z = []
+        out.held = []
+        out.measured = []
         damping = gear_damping(self.regressor.equations)
         low = LowPass(self.step, WIDEST / self.step if np.isinf(limit) else WIDER * limit)
         for k, state in enumerate(self.states):
@@ -237,7 +268,9 @@ class Columns:
         return out
 
     def below(self, limit: float) -> Columns:
-        """The samples through a filter with this limit [Hz], without what friction at standstill can do."""
+        """The samples through a filter with this limit [Hz], without what friction at standstill
+        can do.
+        """
         out = copy(self)
         for name in TERMS:
             setattr(out, name, [self.slow(k, x, limit) for k, x in enumerate(getattr(self, name))])
@@ -250,14 +283,18 @@ class Columns:
         return out
 
     def slow(self, k: int, x: np.ndarray, limit: float) -> np.ndarray:
-        """Torques (n, n_m, ...) in motion k below the limit [Hz], without what friction at standstill can do."""
+        """Torques (n, n_m, ...) in motion k below the limit [Hz], without what friction at
+        standstill can do.
+        """
         low = None if np.isinf(limit) else LowPass(self.step, limit)
         out = x if low is None else low(x)
         rests = [rest.project(out[:, j]) for j, rest in enumerate(self._rests_of(limit, low)[k])]
         return np.stack(rests, axis=1)
 
     def _rests_of(self, limit: float, low: LowPass | None) -> list[list[Rests]]:
-        """What standstill of each motor does in each motion, behind the filter; the same for all numbers of a fit."""
+        """What standstill of each motor does in each motion, behind the filter; the same for all
+        numbers of a fit.
+        """
         if limit not in self._rests:
 
             def slow(x: np.ndarray) -> np.ndarray:
@@ -299,8 +336,11 @@ class Columns:
         return moving | ~moving.any(axis=0)
 
     def errors(self, pi: np.ndarray, friction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Rms of the errors, and deviations of the torques, of samples that move (n_m,); nan: none does."""
-        moving, torque = np.vstack(self.moving), np.vstack(self.measured)
+        """Rms of the errors, and deviations of the torques, of samples that move (n_m,); nan: none
+        does.
+        """
+        moving = np.vstack(self.moving)
+        torque = np.vstack(self.measured)
         count = moving.sum(axis=0)
         mean = (torque * moving).sum(axis=0) / np.where(count > 0, count, np.nan)
         error = torque - np.vstack(self.torques(pi, friction))

@@ -1,13 +1,16 @@
-"""What a recording of a rigid arm may have wrong: the torques of one motor, a gear ratio, the zero of an angle.
+"""What a recording of a rigid arm may have wrong: the torques of one motor, a gear ratio, the zero
+of an angle.
 
 Friction that falls with speed is found in the same way.
 
-Each changes the torques by a column z times a number x, to first order. With the residuals e of the fit, its terms X,
-the weights W and the information P of its priors,
+Each changes the torques by a column z times a number x, to first order. With the residuals e of
+the fit, its terms X, the weights W and the information P of its priors,
 
-    z_p = z - X (X' W X + P)^-1 X' W z,      x = z_p' W e / z_p' W z_p,      share_j = 1 - |e_j - x z_pj|^2 / |e_j|^2
+    z_p = z - X (X' W X + P)^-1 X' W z,      x = z_p' W e / z_p' W z_p,
+    share_j = 1 - |e_j - x z_pj|^2 / |e_j|^2
 
-and a mistake is named where it explains half of the residuals of a motor j, by far more than their blocks let doubt.
+and a mistake is named where it explains half of the residuals of a motor j, by far more than their
+blocks let doubt.
 
 Source: C. R. Rao, Proceedings of the Cambridge Philosophical Society 44, 1948 (score test).
 """
@@ -31,7 +34,9 @@ NOTHING = 1e-9  # of a column that is left where the fit has others for it
 
 @dataclass(frozen=True)
 class Mistake:
-    """A mistake that explains the residuals: ``what``, its ``value`` to first order, and the largest ``share``."""
+    """A mistake that explains the residuals: ``what``, its ``value`` to first order, and the
+    largest ``share``.
+    """
 
     what: str
     value: float
@@ -40,12 +45,17 @@ class Mistake:
     @property
     def sentence(self) -> str:
         """The mistake in words."""
-        return f"{self.what} about {self.value:.2g} explains {100 * self.share:.0f} % of the errors of a motor."
+        return (
+            f"{self.what} about {self.value:.2g} explains {100 * self.share:.0f} % of the "
+            "errors of a motor."
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class _Scores:
-    """Of columns (n_m n, candidates), by motors: what the fit leaves of them, their numbers, and what they explain."""
+    """Of columns (n_m n, candidates), by motors: what the fit leaves of them, their numbers, and
+    what they explain.
+    """
 
     left: np.ndarray
     size: np.ndarray
@@ -72,7 +82,8 @@ def find_causes(
     weight: np.ndarray,
     prior: np.ndarray,
 ) -> tuple[Mistake | None, np.ndarray]:
-    """The mistake that explains most of the residuals, or fades of frictions that fall with speed and explain more.
+    """The mistake that explains most of the residuals, or fades of frictions that fall with speed
+    and explain more.
 
     None and zeros (n_m,) [s/rad or s/m, of the joint]: nothing explains a large part of them.
 
@@ -100,7 +111,8 @@ def find_causes(
         prior,
         round(BLOCK * whole.period / step),
     )
-    motors, found = len(weight), np.zeros(len(weight))
+    motors = len(weight)
+    found = np.zeros(len(weight))
     scores.gain[len(names) :][scores.value[len(names) :] <= 0] = 0.0  # it falls
     best = int(np.argmax(scores.gain))
     if best < len(names):
@@ -133,11 +145,13 @@ def _scores(
     X = np.vstack([x * w for x, w in zip(terms, weight, strict=True)])
     scale = np.sqrt((X**2).sum(axis=0) + prior)
     scale = np.where(scale > 0, scale, 1.0)
-    X, e = X / scale, (error * weight).T.ravel()
+    X = X / scale
+    e = (error * weight).T.ravel()
     Z = (columns * weight[:, None]).transpose(1, 0, 2).reshape(len(e), -1)
     A = X.T @ X + np.diag(prior / scale**2)
     left = Z - X @ np.linalg.lstsq(A, X.T @ Z, rcond=1e-14)[0]
-    size, score = (left**2).sum(axis=0), left.T @ e
+    size = (left**2).sum(axis=0)
+    score = left.T @ e
     known = size > NOTHING * (Z**2).sum(axis=0)
     value = np.where(known, score / np.where(known, size, 1.0), 0.0)
     better = (e**2)[:, None] - (e[:, None] - left * value) ** 2
@@ -150,7 +164,9 @@ def _scores(
 
 
 def _fade_columns(whole: Columns, limit: float) -> tuple[np.ndarray, np.ndarray]:
-    """Fades and columns (n, n_m, candidates) of friction that falls with speed, of each motor at several speeds."""
+    """Fades and columns (n, n_m, candidates) of friction that falls with speed, of each motor at
+    several speeds.
+    """
     speed = np.maximum(whole.largest_speeds(), 1e-12)
     fades = np.concatenate([1.0 / (part * speed) for part in SPEEDS])
     rows = []
@@ -166,8 +182,11 @@ def _fade_columns(whole: Columns, limit: float) -> tuple[np.ndarray, np.ndarray]
 def _candidates(
     whole: Columns, limit: float, pi: np.ndarray, friction: np.ndarray
 ) -> tuple[list[tuple[str, float]], np.ndarray, float]:
-    """Names with the value where nothing is wrong, columns (n, n_m, candidates) of changes from it, and the step."""
-    model, found = whole.regressor.model, []
+    """Names with the value where nothing is wrong, columns (n, n_m, candidates) of changes from
+    it, and the step.
+    """
+    model = whole.regressor.model
+    found = []
     joints = [model.coordinates[i] for i in model.i_g]
     names = [(f"torques of {motor.name} times", 1.0) for motor in model.motors]
     names += [(f"a zero of {c.name} [{c.unit}] off by", 0.0) for c in joints]
@@ -179,7 +198,8 @@ def _candidates(
     for k, (Y, total, links) in enumerate(
         zip(whole.Y, whole.torques(pi, friction), whole.links, strict=True)
     ):
-        one, load = np.ones_like(links[0]), Y @ pi
+        one = np.ones_like(links[0])
+        load = Y @ pi
         zeros = whole.regressor.changes(links, pi, [-one, 0 * one, 0 * one])
         gravity = np.stack(
             [weight(links[0], 0 * one, 0 * one) @ pi for weight in gravities], axis=2

@@ -48,7 +48,9 @@ def rigid_model(
 def _motors(
     model: RobotModel, friction: np.ndarray, fades: np.ndarray, speed: np.ndarray
 ) -> tuple[Motor, ...]:
-    """The motors with the friction and the inertia that were found; a number below zero is not a valid result."""
+    """The motors with the friction and the inertia that were found; a number below zero is not a
+    valid result.
+    """
     out = []
     for j, motor in enumerate(model.motors):
         ratio = float(np.abs(model.eta[j]).max())

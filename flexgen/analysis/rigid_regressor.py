@@ -1,6 +1,7 @@
 """Torques of a chain of rigid bodies along recorded motions, linear in the numbers of its bodies.
 
-    tau = Y(q, v, a) pi,      pi: mass, mass x center of mass, inertia about the origin of each body (10 numbers)
+    tau = Y(q, v, a) pi,
+    pi: mass, mass x center of mass, inertia about the origin of each body (10 numbers)
 
 Source: M. Gautier and W. Khalil, IEEE TRA 6(3), 1990 (regressor, base parameters).
 """
@@ -32,7 +33,9 @@ BODY = (
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """A recorded motion: ``t`` (n,) [s], ``q`` (n, n_g) [rad or m, joints], ``tau_m`` (n, n_m) [N m, motor side]."""
+    """A recorded motion: ``t`` (n,) [s], ``q`` (n, n_g) [rad or m, joints], ``tau_m`` (n, n_m) [N
+    m, motor side].
+    """
 
     t: np.ndarray
     q: np.ndarray
@@ -48,8 +51,8 @@ class Motion:
             or n <= WINDOW
         ):
             raise ArgumentError(
-                f"motion: given t {self.t.shape}, q {self.q.shape}, tau_m {self.tau_m.shape}, expected (n,), (n, n_g), "
-                f"(n, n_m) with n > {WINDOW}"
+                f"motion: given t {self.t.shape}, q {self.q.shape}, tau_m {self.tau_m.shape}, "
+                f"expected (n,), (n, n_g), (n, n_m) with n > {WINDOW}"
             )
         for name in ("t", "q", "tau_m"):
             bad = np.argwhere(~np.isfinite(getattr(self, name)))
@@ -59,12 +62,15 @@ class Motion:
         if not np.all(np.abs(steps - np.median(steps)) < 0.05 * np.median(steps)):
             k = int(np.argmax(np.abs(steps - np.median(steps))))
             raise ArgumentError(
-                f"motion: the time goes from {self.t[k]:.6g} to {self.t[k + 1]:.6g} s, expected equal steps"
+                f"motion: the time goes from {self.t[k]:.6g} to {self.t[k + 1]:.6g} s, expected "
+                "equal steps"
             )
 
     @cached_property
     def step(self) -> float:
-        """Sample time [s], of all: a clock in whole microseconds can change the median of the steps by a thousandth."""
+        """Sample time [s], of all: a clock in whole microseconds can change the median of the
+        steps by a thousandth.
+        """
         return float((self.t[-1] - self.t[0]) / (len(self.t) - 1))
 
     @cached_property
@@ -74,12 +80,15 @@ class Motion:
 
     @cached_property
     def torques(self) -> np.ndarray:
-        """Torques (n, n_m) through the filter of the accelerations: faster torques are not those of a rigid body."""
+        """Torques (n, n_m) through the filter of the accelerations: faster torques are not those
+        of a rigid body.
+        """
         return smooth_forces(self.tau_m)
 
 
 class Regressor:
-    """``Y(q, v, a)`` of a chain of rigid bodies: torques of the arm for each of the 10 numbers of each body.
+    """``Y(q, v, a)`` of a chain of rigid bodies: torques of the arm for each of the 10 numbers of
+    each body.
 
     Parameters
     ----------
@@ -90,7 +99,8 @@ class Regressor:
     def __init__(self, model: RobotModel) -> None:
         if model.n_e:
             raise ArgumentError(
-                f"model {model.name}: given {model.n_e} coordinates without motor, expected a rigid arm"
+                f"model {model.name}: given {model.n_e} coordinates without motor, expected a "
+                "rigid arm"
             )
         refuse_harmonics(model, "identify_rigid")
         self.model = model
@@ -98,8 +108,9 @@ class Regressor:
         empty = replace(model, payload=Body())
         equations = Equations(empty, names)
         lag = equations.lagrangian
-        # The torques are linear in mass, mass x center and inertia about the origin: their derivatives in these at a
-        # body of mass 1 at its origin are those in mass, center and inertia about the center.
+        # The torques are linear in mass, mass x center and inertia about the origin: their
+        # derivatives in these at a body of mass 1 at its origin are those in mass, center and
+        # inertia about the center.
         at = [1.0 if p.name.endswith(".mass") else 0.0 for p in equations.parameters]
         Y = ca.substitute(
             ca.jacobian(equations.arm_left, equations.symbols), equations.symbols, ca.DM(at)
@@ -126,7 +137,9 @@ class Regressor:
     def changes(
         self, state: Sequence[np.ndarray], pi: np.ndarray, steps: Sequence[np.ndarray]
     ) -> np.ndarray:
-        """Changes of the torques (n, n_a, n_a) with the steps of q, v and a of each joint alone, to first order."""
+        """Changes of the torques (n, n_a, n_a) with the steps of q, v and a of each joint alone,
+        to first order.
+        """
         numbers = np.broadcast_to(pi, (len(state[0]), len(pi)))
         n_a = self.model.n_a
         return evaluate(self._change, *state, numbers, *steps)[0].reshape(-1, n_a, n_a)
@@ -152,10 +165,13 @@ class Regressor:
 
 
 def _in_model(pi: ca.SX) -> ca.SX:
-    """The numbers of a model file in the order of `BODY` from those of the bodies, see `feasible_bodies.body_of`."""
+    """The numbers of a model file in the order of `BODY` from those of the bodies, see
+    `feasible_bodies.body_of`.
+    """
     out = []
     for k in range(0, pi.numel(), 10):
-        m, h = pi[k], pi[k + 1 : k + 4]
+        m = pi[k]
+        h = pi[k + 1 : k + 4]
         x, y, z = ca.vertsplit(h / m)
         xx, yy, zz, xy, yz, xz = ca.vertsplit(pi[k + 4 : k + 10])
         moments = [xx - m * (y * y + z * z), yy - m * (x * x + z * z), zz - m * (x * x + y * y)]

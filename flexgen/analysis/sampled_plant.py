@@ -1,9 +1,11 @@
-"""Linear systems that are sampled, with the hold and the delay of a controller, and the delays of its sensors.
+"""Linear systems that are sampled, with the hold and the delay of a controller, and the delays of
+its sensors.
 
 dx' = A dx + B u,    y = C dx + D u
 x_(k+1) = F x_k + G u_k,    x_k = (dx, torques under way, the oldest first)
 
-What the torques do to outputs at once, D, is that of the torque which acts when the sample is taken: the one before.
+What the torques do to outputs at once, D, is that of the torque which acts when the sample is
+taken: the one before.
 """
 
 from __future__ import annotations
@@ -15,7 +17,9 @@ from scipy.linalg import expm
 def hold_effects(
     A: np.ndarray, B: np.ndarray, sample_s: float, rest_s: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Effect on the next sample of an input that acts until ``rest_s``, and of one that acts from there on."""
+    """Effect on the next sample of an input that acts until ``rest_s``, and of one that acts from
+    there on.
+    """
     n, m = B.shape
 
     def constant(h: float) -> tuple[np.ndarray, np.ndarray]:
@@ -37,7 +41,8 @@ def sample_model(
     before, after = hold_effects(A, B, sample_s, rest)
     late = whole + (1 if rest > 0 else 0)
     size = n + late * n_m
-    F, G = np.zeros((size, size)), np.zeros((size, n_m))
+    F = np.zeros((size, size))
+    G = np.zeros((size, n_m))
     F[:n, :n] = expm(A * sample_s)
     if late == 0:
         G[:n] = after
@@ -65,9 +70,12 @@ def sampled_plant(
     delay_s: float,
     late: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """``F, G, Y``: x_(k+1) = F x_k + G u_k, y_k = Y x_k, where output i is shown ``late[i]`` samples later."""
+    """``F, G, Y``: x_(k+1) = F x_k + G u_k, y_k = Y x_k, where output i is shown ``late[i]``
+    samples later.
+    """
     F, G = sample_model(A, B, sample_s, delay_s)
-    (n, n_m), n_y = B.shape, len(C)
+    (n, n_m) = B.shape
+    n_y = len(C)
     Y = np.hstack([C, np.zeros((n_y, len(F) - n))])
     if D.any():
         on_time = abs(delay_s / sample_s - round(delay_s / sample_s)) < 1e-9
@@ -78,13 +86,12 @@ def sampled_plant(
             F = np.block(
                 [[F, np.zeros((len(F), n_m))], [np.zeros((n_m, n)), before, np.zeros((n_m, n_m))]]
             )
-            G, Y = (
-                np.vstack([G, np.zeros((n_m, n_m)) if before.size else np.eye(n_m)]),
-                np.hstack([Y, D]),
-            )
+            G = np.vstack([G, np.zeros((n_m, n_m)) if before.size else np.eye(n_m)])
+            Y = np.hstack([Y, D])
     for i, count in enumerate(np.zeros(n_y, int) if late is None else late):
         for _ in range(count):  # the output as it was a sample before
             F = np.block([[F, np.zeros((len(F), 1))], [Y[i], 0.0]])
-            G, Y = np.vstack([G, np.zeros((1, n_m))]), np.hstack([Y, np.zeros((n_y, 1))])
+            G = np.vstack([G, np.zeros((1, n_m))])
+            Y = np.hstack([Y, np.zeros((n_y, 1))])
             Y[i] = np.eye(1, len(F), len(F) - 1)
     return F, G, Y

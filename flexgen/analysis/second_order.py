@@ -1,4 +1,5 @@
-"""Figures of a linear robot ``M y'' + D y' + K y = B tau``: fastest eigenvalue, inertias of the motors, locked motors.
+"""Figures of a linear robot ``M y'' + D y' + K y = B tau``: fastest eigenvalue, inertias of the
+motors, locked motors.
 
 Coordinates ``y = (q_a, q_m of the motors behind elastic gears)``.
 """
@@ -34,7 +35,9 @@ def motor_inertias(
 
 
 def motor_rows(model: RobotModel) -> np.ndarray:
-    """``C_m`` (n_m, n): motor angles from the coordinates ``y = (q_a, q_m of the motors behind elastic gears)``."""
+    """``C_m`` (n_m, n): motor angles from the coordinates
+    ``y = (q_a, q_m of the motors behind elastic gears)``.
+    """
     C = np.zeros((model.n_m, model.dof))
     C[:, list(model.i_g)] = model.eta
     for k, j in enumerate(model.i_m):
@@ -52,7 +55,9 @@ def with_motors_locked(model: RobotModel) -> list[int]:
 
 
 def lowest_locked_hz(model: RobotModel, M: np.ndarray, K: np.ndarray) -> float:
-    """Lowest natural frequency with the motors locked [Hz]; 0 where nothing is elastic then. ``M, K`` (n, n)."""
+    """Lowest natural frequency with the motors locked [Hz]; 0 where nothing is elastic then.
+    ``M, K`` (n, n).
+    """
     free = with_motors_locked(model)
     if not free:
         return 0.0

@@ -1,6 +1,7 @@
 """Gains of a P-PI cascade by frequencies, from the inertias of a robot at rest.
 
-position_gain = 2 pi f_p,   speed_gain = 2 pi f_v J,   integral_gain = 2 pi f_i,    J = J_m + M_jj / eta^2
+position_gain = 2 pi f_p,   speed_gain = 2 pi f_v J,   integral_gain = 2 pi f_i,
+J = J_m + M_jj / eta^2
 """
 
 from __future__ import annotations
@@ -18,7 +19,8 @@ from flexgen.model.elements import RobotModel
 from flexgen.numerics.evaluate import evaluate
 from flexgen.position_servo.keys import FREQUENCIES, GAINS, ServoTable
 
-# Frequencies over the lowest natural one with locked motors, and what takes its place where nothing is elastic [Hz].
+# Frequencies over the lowest natural one with locked motors, and what takes its place where
+# nothing is elastic [Hz].
 MULTIPLES = {"position_hz": 0.5, "speed_hz": 3.0, "integral_hz": 0.1}
 RIGID_HZ = 10.0
 # largest speed gain times sample time and delay, over the inertia with all springs soft
@@ -26,7 +28,9 @@ SAMPLED_GAIN = 0.3
 
 
 def chosen_frequencies(given: Mapping[str, float | None], lowest: float) -> dict[str, float]:
-    """The frequencies [Hz], where not given by the lowest natural one with locked motors; 0: nothing is elastic."""
+    """The frequencies [Hz], where not given by the lowest natural one with locked motors; 0:
+    nothing is elastic.
+    """
     own = lowest or RIGID_HZ
     return {
         name: MULTIPLES[name] * own if value is None else value for name, value in given.items()
@@ -58,23 +62,28 @@ def cascade_gains(
 def inertias_at_rest(
     equations: Equations, q_a: np.ndarray, q_m: np.ndarray, tau_m: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, float]:
-    """Inertias that the motors move with all springs stiff, and soft, and the lowest frequency with locked motors [Hz].
+    """Inertias that the motors move with all springs stiff, and soft, and the lowest frequency
+    with locked motors [Hz].
 
     ``q_a`` (n_a,), ``q_m`` (n_m,), ``tau_m`` (n_m,); inertias (n_m,) [kg m^2].
     """
     model = equations.model
-    arm, motors = np.zeros((1, model.n_a)), np.zeros((1, model.n_m))
+    arm = np.zeros((1, model.n_a))
+    motors = np.zeros((1, model.n_m))
     motion = (q_a[None], arm, arm, q_m[None], motors, motors, tau_m[None])
     M, _, K, B = (
         x[0]
-        for x in second_order_matrices(*evaluate(equations.function("residual_jacobians"), *motion))
+        for x in second_order_matrices(
+            *evaluate(equations.function("residual_jacobians"), *motion)
+        )
     )
     stiff, soft = second_order.motor_inertias(model, M, B, second_order.motor_rows(model))
     return stiff, soft, second_order.lowest_locked_hz(model, M, K)
 
 
 def servo_with_gains(model: RobotModel) -> ServoTable | None:
-    """The servo of a model by gains of each motor; those by frequencies with the inertias at rest at home.
+    """The servo of a model by gains of each motor; those by frequencies with the inertias at rest
+    at home.
 
     SolverError where the home pose has no equilibrium.
     """

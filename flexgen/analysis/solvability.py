@@ -1,15 +1,19 @@
-"""Whether and how well the inverse dynamics of a robot can be solved at a pose, with the reason if not.
+"""Whether and how well the inverse dynamics of a robot can be solved at a pose, with the reason if
+not.
 
 The torque follows from the path where the matrix
 
-    P = W M^-1 S_g G,    G = D_g (damped gears), K_g (undamped ones) or eta' (motors behind rigid gears)
+    P = W M^-1 S_g G,
+    G = D_g (damped gears), K_g (undamped ones) or eta' (motors behind rigid gears)
 
-is nonsingular: it maps the inputs of the gears to the third, fourth or second derivative of the output. M is the arm's
-inertia with the rotors behind rigid gears, which move with their joints; S_g picks the actuated rows. As ``det(W M^-1
-S_g) = +-det(W_g) det(A) / det(M)``, P fails where the tool is in a singular pose (W_g), where the inertia A of the zero
-dynamics is singular (a zero at infinity), and where a gear transmits no torque.
+is nonsingular: it maps the inputs of the gears to the third, fourth or second derivative of the
+output. M is the arm's inertia with the rotors behind rigid gears, which move with their joints;
+S_g picks the actuated rows. As ``det(W M^-1 S_g) = +-det(W_g) det(A) / det(M)``, P fails where the
+tool is in a singular pose (W_g), where the inertia A of the zero dynamics is singular (a zero at
+infinity), and where a gear transmits no torque.
 
-Source: cf. A. De Luca, ICRA 1988 (decoupling matrix of elastic-joint robots); M. L. J. Hautus, 1969 (controllability).
+Source: cf. A. De Luca, ICRA 1988 (decoupling matrix of elastic-joint robots); M. L. J. Hautus,
+1969 (controllability).
 """
 
 from __future__ import annotations
@@ -39,19 +43,22 @@ ALONE = 0.3  # share of a null vector above which a coordinate is named
 
 @dataclass(frozen=True)
 class Solvability:
-    """Regularity of the inverse dynamics, and controllability of the linearization, in a static equilibrium.
+    """Regularity of the inverse dynamics, and controllability of the linearization, in a static
+    equilibrium.
 
     Parameters
     ----------
     regular : bool or None
-        Whether P is nonsingular; None where outputs and motors differ in number, or rotors turn with their carriers.
+        Whether P is nonsingular; None where outputs and motors differ in number, or rotors turn
+        with their carriers.
     matrix : array (n_y, n_g) or None
         P, in SI units.
     singular_values : array (n_y,)
-        Those of ``W M^-1 S_g`` with rows and columns of length one in the metric of M^-1: free of units, at most
-        sqrt(n_g).
+        Those of ``W M^-1 S_g`` with rows and columns of length one in the metric of M^-1: free of
+        units, at most sqrt(n_g).
     relative_degree : tuple of int
-        For each gear: the order of the derivative of the output that its input appears in, 2 (rigid), 3 (damped) or 4.
+        For each gear: the order of the derivative of the output that its input appears in, 2
+        (rigid), 3 (damped) or 4.
     tool_singular_values : array
         Those of W_g, lengths in units of the arm's reach.
     inertia_sigma_min : float or None
@@ -59,7 +66,8 @@ class Solvability:
     distal : tuple of str
         Non-actuated coordinates beyond the last actuated one.
     controllability : float
-        Smallest singular value of ``[s^2 M + s D + K, B]`` over the poles s, scaled; 0: not controllable.
+        Smallest singular value of ``[s^2 M + s D + K, B]`` over the poles s, scaled; 0: not
+        controllable.
     warnings : tuple of str
     """
 
@@ -90,10 +98,12 @@ class Solvability:
 
 @dataclass(frozen=True)
 class SolvabilityPath:
-    """Solvability at n static equilibria along a path: ``t`` (n,) [s] and, at each, the smallest singular values.
+    """Solvability at n static equilibria along a path: ``t`` (n,) [s] and, at each, the smallest
+    singular values.
 
-    ``regular`` (n,): of P without G, scaled as in `Solvability`; ``tool`` (n,): of W_g over its largest; ``inertia``
-    (n,): of A, NaN without non-actuated coordinates; ``warnings``: sentences with the time of the worst pose.
+    ``regular`` (n,): of P without G, scaled as in `Solvability`; ``tool`` (n,): of W_g over its
+    largest; ``inertia`` (n,): of A, NaN without non-actuated coordinates; ``warnings``: sentences
+    with the time of the worst pose.
     """
 
     t: np.ndarray
@@ -138,7 +148,8 @@ def solvability(equations: Equations, rest: Equilibrium, linear: LinearModel) ->
     dead = [model.coordinates[i].name for k, i in enumerate(i_g) if degree[k] == 4 and loose[k]]
     if dead:
         warnings.append(
-            f"gear of {', '.join(dead)}: no damping and no spring stiffness in this equilibrium: it transmits no torque"
+            f"gear of {', '.join(dead)}: no damping and no spring stiffness in this "
+            "equilibrium: it transmits no torque"
         )
     regular = bool(values[-1] > SINGULAR) and not dead if square and simple else None
     reached = controllability(linear)
@@ -185,9 +196,11 @@ def solvability_path(equations: Equations, path: OutputPath, n: int = 41) -> Sol
 
 
 def controllability(linear: LinearModel) -> float:
-    """Smallest singular value of ``[s^2 M + s D + K, B]`` over the poles s: by Hautus' test, zero if not controllable.
+    """Smallest singular value of ``[s^2 M + s D + K, B]`` over the poles s: by Hautus' test, zero
+    if not controllable.
 
-    In coordinates of unit inertia, columns of B of length one, the other block in units of ``s^2``.
+    In coordinates of unit inertia, columns of B of length one, the other block in units of
+    ``s^2``.
     """
     half = np.linalg.cholesky(linear.M)
     D, K = (np.linalg.solve(half, np.linalg.solve(half, X).T).T for X in (linear.D, linear.K))
@@ -205,12 +218,15 @@ def controllability(linear: LinearModel) -> float:
 
 
 def _drive(equations: Equations, stiffness: np.ndarray) -> tuple[np.ndarray, tuple[int, ...]]:
-    """G (n_g, n_g) and the relative degree of each gear; ``stiffness`` (n_g,): of the gear springs.
+    """G (n_g, n_g) and the relative degree of each gear; ``stiffness`` (n_g,): of the gear
+    springs.
 
     The columns of rigid gears are those of the motors behind them, in their order.
     """
-    model, damping = equations.model, gear_damping(equations)
-    G, degree = np.zeros((model.n_g, model.n_g)), []
+    model = equations.model
+    damping = gear_damping(equations)
+    G = np.zeros((model.n_g, model.n_g))
+    degree = []
     for k, (gear, _) in enumerate(gears(model)):
         if not gear.rigid:
             G[k, k] = damping[k] if damping[k] > 0 else stiffness[k]
@@ -237,7 +253,8 @@ def _scale_rows_and_columns(arm: ArmLinearization) -> np.ndarray:
 
 def _tool(equations: Equations, arm: ArmLinearization) -> np.ndarray:
     """W_g (k, n_y, n_g), rows and columns that are lengths in units of the reach."""
-    model, length = equations.model, reach(equations)
+    model = equations.model
+    length = reach(equations)
     rows = np.ones(model.output.size)
     if model.output.type != "combination":
         rows[: len(model.output.axes)] = 1 / length
@@ -251,16 +268,22 @@ def _tool_warnings(equations: Equations, arm: ArmLinearization) -> list[str]:
     if len(values) < arm.model.output.size or values[-1] > TOOL * values[0]:
         return []
     names = _name_largest(left[:, -1], output_names(arm.model))
-    kind = "in a singular pose" if values[-1] < SINGULAR * values[0] else "close to a singular pose"
+    kind = (
+        "in a singular pose" if values[-1] < SINGULAR * values[0] else "close to a singular pose"
+    )
     ratio = values[-1] / values[0]
     return [
-        f"tool {kind}: the actuated joints hardly move {names} (ratio of singular values {ratio:.1e})"
+        (
+            f"tool {kind}: the actuated joints hardly move {names} (ratio of singular values "
+            f"{ratio:.1e})"
+        )
     ]
 
 
 def _inertia_warnings(arm: ArmLinearization, smallest: float) -> list[str]:
     """Warnings from the inertia A of the zero dynamics at the first pose."""
-    model, distal = arm.model, _distal(arm.model)
+    model = arm.model
+    distal = _distal(arm.model)
     if smallest > (DISTAL if distal else INERTIA):
         return []
     i_e = list(model.i_e)
@@ -271,13 +294,20 @@ def _inertia_warnings(arm: ArmLinearization, smallest: float) -> list[str]:
     names = _name_largest(motion * np.sqrt(np.diag(own)), [model.coordinates[i].name for i in i_e])
     how = f"({smallest:.1e} of the coordinates' own)"
     if smallest < SINGULAR:
-        text = f"flat point: the inertia of the zero dynamics is singular {how} in {names}, a zero lies at infinity, and "
+        text = (
+            f"flat point: the inertia of the zero dynamics is singular {how} in {names}, a zero "
+            "lies at infinity, and "
+        )
         text += "the torque needs a smoother path than the gears alone require"
     else:
-        text = f"near a flat point: the inertia of the zero dynamics is nearly singular {how} in {names}, "
+        text = (
+            f"near a flat point: the inertia of the zero dynamics is nearly singular {how} in "
+            f"{names}, "
+        )
         text += "a zero is near infinity"
     tool = np.linalg.svd(arm.W_g[0], compute_uv=False)
-    if distal and tool[-1] > TOOL * tool[0]:  # else the singular pose of the tool may be the reason
+    # else the singular pose of the tool may be the reason
+    if distal and tool[-1] > TOOL * tool[0]:
         text += f"; elasticity beyond the last actuator ({', '.join(distal)}) is the cause"
     return [f"{text}; leave the method at auto, which tries lq and then spline"]
 

@@ -1,10 +1,12 @@
-"""Transmission zeros: what the robot does inside while its output stands still, and what that means for inversion.
+"""Transmission zeros: what the robot does inside while its output stands still, and what that
+means for inversion.
 
 Two independent methods:
 
-* `transmission_zeros`: from any linear system, by removing the infinite zeros step by step with orthogonal
-  transformations (A. Emami-Naeini, P. Van Dooren, Automatica 18(4), 1982);
-* `inner_zeros`: from the structure of the reduction. With the output held, the non-actuated rows give a quadratic
+* `transmission_zeros`: from any linear system, by removing the infinite zeros step by step with
+  orthogonal transformations (A. Emami-Naeini, P. Van Dooren, Automatica 18(4), 1982);
+* `inner_zeros`: from the structure of the reduction. With the output held, the non-actuated rows
+  give a quadratic
 pencil
   ``A s^2 + D s + K`` in the non-actuated coordinates; each damped gear adds ``-K_g/D_g``.
 """
@@ -33,11 +35,12 @@ RANK = 1e-9  # relative size below which a singular value counts as zero
 class ZeroReport:
     """Zeros of the declared output [1/s] and the verdict.
 
-    ``phase``: ``"flat"`` (no zeros: the torque follows from the reference and its derivatives alone), ``"minimum
-    phase"``, ``"non-minimum phase"`` (a torque that tracks the path exactly begins before it), or ``"none"``
-    (not as many outputs as motors, or a degenerate system: no verdict). Zeros on the imaginary axis, of undamped
-    elements, do not make an output non-minimum phase. ``unstable_time_constant_s``: of the slowest unstable zero, 0
-    where there is none; ``preview_s``: see `preview`.
+    ``phase``: ``"flat"`` (no zeros: the torque follows from the reference and its derivatives
+    alone), ``"minimum phase"``, ``"non-minimum phase"`` (a torque that tracks the path exactly
+    begins before it), or ``"none"`` (not as many outputs as motors, or a degenerate system: no
+    verdict). Zeros on the imaginary axis, of undamped elements, do not make an output non-minimum
+    phase. ``unstable_time_constant_s``: of the slowest unstable zero, 0 where there is none;
+    ``preview_s``: see `preview`.
     """
 
     zeros: np.ndarray
@@ -49,7 +52,8 @@ class ZeroReport:
 def transmission_zeros(
     A: np.ndarray, B: np.ndarray, C: np.ndarray, rate: float = 1.0
 ) -> np.ndarray | None:
-    """Finite transmission zeros [1/s] of a square system without feed-through; None where it is degenerate.
+    """Finite transmission zeros [1/s] of a square system without feed-through; None where it is
+    degenerate.
 
     ``rate`` [1/s]: a typical rate of the system, for scaling.
     """
@@ -74,8 +78,11 @@ def _invariant_zeros(
         rank = int(np.sum(values > RANK * size))
         if rank == D.shape[0]:
             break
-        C, D = U.T @ C, U.T @ D
-        upper_C, upper_D, lower = C[:rank], D[:rank], C[rank:]
+        C = U.T @ C
+        D = U.T @ D
+        upper_C = C[:rank]
+        upper_D = D[:rank]
+        lower = C[rank:]
         norms = np.linalg.norm(lower, axis=1)
         lower = lower / np.where(norms > 0, norms, 1.0)[:, None]
         _, values, Vh = np.linalg.svd(lower)
@@ -84,16 +91,17 @@ def _invariant_zeros(
             return None  # outputs that depend on each other
         Z = np.vstack([Vh[depth:], Vh[:depth]]).T
         keep = len(A) - depth
-        A, B, upper_C = Z.T @ A @ Z, Z.T @ B, upper_C @ Z
+        A = Z.T @ A @ Z
+        B = Z.T @ B
+        upper_C = upper_C @ Z
         C = np.vstack([upper_C[:, :keep], A[keep:, :keep]])
         D = np.vstack([upper_D, B[keep:]])
-        A, B = A[:keep, :keep], B[:keep]
+        A = A[:keep, :keep]
+        B = B[:keep]
         # rows may differ by many orders of magnitude; constraints may be scaled freely
         norms = np.linalg.norm(np.hstack([C, D]), axis=1)
-        C, D = (
-            C / np.where(norms > 0, norms, 1.0)[:, None],
-            D / np.where(norms > 0, norms, 1.0)[:, None],
-        )
+        C = C / np.where(norms > 0, norms, 1.0)[:, None]
+        D = D / np.where(norms > 0, norms, 1.0)[:, None]
         if not len(A) and np.linalg.matrix_rank(D, tol=RANK) < D.shape[1]:
             return None
     if D.shape[0] != D.shape[1]:
@@ -104,7 +112,9 @@ def _invariant_zeros(
 def inner_pencil(
     equations: Equations, linear: LinearModel
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """``A, D, K`` (n_e, n_e) of the non-actuated rows with the output fixed: the zero dynamics at a pose."""
+    """``A, D, K`` (n_e, n_e) of the non-actuated rows with the output fixed: the zero dynamics at
+    a pose.
+    """
     model = equations.model
     S = held_motions(model, linear.W)
     A, D, K = (X[list(model.i_e)][:, : model.n_a] @ S for X in (linear.M, linear.D, linear.K))
@@ -112,7 +122,9 @@ def inner_pencil(
 
 
 def inner_zeros(equations: Equations, linear: LinearModel, rest: Equilibrium) -> np.ndarray:
-    """Zeros [1/s] by the structure; simplified motor coupling, as many outputs of the arm as motors."""
+    """Zeros [1/s] by the structure; simplified motor coupling, as many outputs of the arm as
+    motors.
+    """
     model = equations.model
     deflection = gear_angles_along(model, rest.q_m[None])[0] - rest.q_a[list(model.i_g)]
     stiffness = evaluate(equations.function("gear_law"), deflection)[1][0]
@@ -129,7 +141,9 @@ def inner_zeros(equations: Equations, linear: LinearModel, rest: Equilibrium) ->
 
 
 def pencil_zeros(A: np.ndarray, D: np.ndarray, K: np.ndarray) -> np.ndarray | None:
-    """Finite roots [1/s] of ``det(A s^2 + D s + K)``, A singular or not; None where that is zero for all s."""
+    """Finite roots [1/s] of ``det(A s^2 + D s + K)``, A singular or not; None where that is zero
+    for all s.
+    """
     n = len(A)
     size = float(np.linalg.norm(K)) or float(np.linalg.norm(D)) or float(np.linalg.norm(A))
     if size == 0.0:
@@ -140,7 +154,9 @@ def pencil_zeros(A: np.ndarray, D: np.ndarray, K: np.ndarray) -> np.ndarray | No
     )
     rate = rate if np.isfinite(rate) and rate > 0 else 1.0
     # A s^2 + D s + K is the transfer function from a = w'' to A a + D w' + K w, up to a factor
-    A, D, K = A * rate**2 / size, D * rate / size, K / size
+    A = A * rate**2 / size
+    D = D * rate / size
+    K = K / size
     upper = np.hstack([np.zeros((n, n)), np.eye(n)])
     chain = np.vstack([upper, np.zeros((n, 2 * n))])
     rows = np.linalg.norm(np.hstack([K, D, A]), axis=1)[:, None]
@@ -188,13 +204,15 @@ def time_constants(zeros: np.ndarray) -> tuple[float, float]:
 
 
 def preview(time_constant: float, share: float = PREVIEW_SHARE) -> float:
-    """Preview of the path that is needed [s], which is also how early a motion must begin before it.
+    """Preview of the path that is needed [s], which is also how early a motion must begin before
+    it.
 
     Backwards in time the response to a change of the path decays like the slowest unstable zero,
 
         exp(-T / tau) = share,    T = tau ln(1 / share),
 
-    so that the effect of inputs beyond T is reduced by the factor ``share``: 14 time constants for 1e-6.
+    so that the effect of inputs beyond T is reduced by the factor ``share``: 14 time constants for
+    1e-6.
 
     Parameters
     ----------
@@ -208,4 +226,6 @@ def preview(time_constant: float, share: float = PREVIEW_SHARE) -> float:
 def motor_zeros(linear: LinearModel) -> np.ndarray | None:
     """Zeros [1/s] from the motor torques to the motor angles: the robot with locked motors."""
     A, B = linear.state_space()
-    return transmission_zeros(A, B, np.hstack([linear.C_m, np.zeros_like(linear.C_m)]), linear.rate)
+    return transmission_zeros(
+        A, B, np.hstack([linear.C_m, np.zeros_like(linear.C_m)]), linear.rate
+    )

@@ -1,8 +1,10 @@
-"""Zero dynamics along a path: number and speed of the unstable zeros, changes of that number, suitable methods.
+"""Zero dynamics along a path: number and speed of the unstable zeros, changes of that number,
+suitable methods.
 
-At each of n static equilibria (or instants of a motion) with the output on the path the zeros are the roots of
-``det(A s^2 + D s + K)`` and ``-K_g/D_g`` for each damped gear. Where ``det A`` changes its sign between two poses, a
-real zero passes through infinity, from one half plane to the other.
+At each of n static equilibria (or instants of a motion) with the output on the path the zeros are
+the roots of ``det(A s^2 + D s + K)`` and ``-K_g/D_g`` for each damped gear. Where ``det A``
+changes its sign between two poses, a real zero passes through infinity, from one half plane to the
+other.
 """
 
 from __future__ import annotations
@@ -14,7 +16,13 @@ import numpy as np
 
 from flexgen.analysis.arm_linearization import ArmLinearization, arm_linearization
 from flexgen.analysis.linear import linearize, sort_roots
-from flexgen.analysis.zeros import ON_AXIS, is_structured, pencil_zeros, preview, transmission_zeros
+from flexgen.analysis.zeros import (
+    ON_AXIS,
+    is_structured,
+    pencil_zeros,
+    preview,
+    transmission_zeros,
+)
 from flexgen.analysis.zeros_in_motion import moving_pencil, quasistatic_motion
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.mechanics.equations import Equations
@@ -24,12 +32,15 @@ from flexgen.mechanics.statics import gear_damping
 FLAT = 1e-9  # of its size: an inertia A that is more singular has a zero at infinity
 NEAR = 1e-5  # the same: a zero near infinity
 POSES = 41
-INFINITY, AXIS = "infinity", "the imaginary axis"
+INFINITY = "infinity"
+AXIS = "the imaginary axis"
 
 
 @dataclass(frozen=True)
 class Change:
-    """A change of the number of unstable zeros at ``t`` [s], ``through`` "infinity" or "the imaginary axis"."""
+    """A change of the number of unstable zeros at ``t`` [s], ``through`` "infinity" or "the
+    imaginary axis".
+    """
 
     t: float
     before: int
@@ -51,8 +62,8 @@ class ZeroPath:
     unstable : array (n,) of int
         Number of zeros in the right half plane.
     sigma_min : array (n,)
-        Smallest singular value of A in units of the non-actuated coordinates' own inertia; NaN without any, and where
-        the equations do not reduce. Small: a zero near infinity.
+        Smallest singular value of A in units of the non-actuated coordinates' own inertia; NaN
+        without any, and where the equations do not reduce. Small: a zero near infinity.
     phase : str
         ``"flat"``, ``"minimum phase"`` or ``"non-minimum phase"`` (at one pose or more).
     changes : tuple of Change
@@ -61,8 +72,8 @@ class ZeroPath:
     slowest_stable : float or None [1/s]
         Absolute real part of the slowest stable zero.
     preview_s : float
-        `flexgen.analysis.zeros.preview` of the slowest unstable zero; 0 without any. The length of the path, if that is
-        less and a zero crosses the imaginary axis on it.
+        `flexgen.analysis.zeros.preview` of the slowest unstable zero; 0 without any. The length of
+        the path, if that is less and a zero crosses the imaginary axis on it.
     methods : tuple of str
         Methods of `flexgen.solve` that suit, the best first.
     verdict : str
@@ -119,12 +130,14 @@ def zero_path(
     n : int
         Number of poses, at least 2.
     moving : bool
-        At the speeds and accelerations of the quasi-static motion, their coefficients frozen; else at rest.
+        At the speeds and accelerations of the quasi-static motion, their coefficients frozen; else
+        at rest.
 
     Raises
     ------
     ArgumentError
-        Another number of outputs than of motors, n below 2, or ``moving`` with complete motor coupling.
+        Another number of outputs than of motors, n below 2, or ``moving`` with complete motor
+        coupling.
     SolverError
         The path leaves the workspace, or passes a singular pose.
     """
@@ -140,14 +153,17 @@ def zero_path(
             q, v, a = quasistatic_motion(equations, path, t)
             pencil = moving_pencil(equations, q, v, a)
         else:
-            q, pencil = poses_along(equations, path, t), None
+            q = poses_along(equations, path, t)
+            pencil = None
         roots, sigma, sign = zeros_at(equations, arm_linearization(equations, q), t, pencil)
     elif moving:
         raise ArgumentError(f"zeros along a path of a moving robot: {model.inversion_obstacle()}")
     else:
         rests = equilibria_along(equations, path, t)
         q = np.array([rest.q_a for rest in rests])
-        roots, sigma, sign = [], np.full(n, np.nan), np.ones(n)
+        roots = []
+        sigma = np.full(n, np.nan)
+        sign = np.ones(n)
         for k, rest in enumerate(rests):
             linear = linearize(equations, rest)
             A, B = linear.state_space()
@@ -168,10 +184,11 @@ def zeros_at(
     t: np.ndarray,
     pencil: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None,
 ) -> tuple[list[np.ndarray], np.ndarray, np.ndarray]:
-    """At k poses: finite zeros [1/s], and of the relative inertia the smallest singular value and the determinant's
-    sign.
+    """At k poses: finite zeros [1/s], and of the relative inertia the smallest singular value and
+    the determinant's sign.
 
-    ``t`` (k,) [s]: the instants, to name them in errors; ``pencil``: A, D, K where they are not those at rest.
+    ``t`` (k,) [s]: the instants, to name them in errors; ``pencil``: A, D, K where they are not
+    those at rest.
     """
     D_g = gear_damping(equations)
     damped = D_g > 0
@@ -188,13 +205,17 @@ def zeros_at(
     for i in range(k):
         inner = pencil_zeros(A[i], D[i], K[i])
         if inner is None:
-            raise SolverError(f"zeros: the output leaves a motion undetermined at t = {t[i]:.4g} s")
+            raise SolverError(
+                f"zeros: the output leaves a motion undetermined at t = {t[i]:.4g} s"
+            )
         roots.append(sort_roots(np.concatenate([inner, gears[i]]).astype(complex)))
     return roots, sigma, sign
 
 
 def is_unstable(zeros: np.ndarray) -> np.ndarray:
-    """Which zeros lie in the right half plane; those on the imaginary axis up to rounding do not."""
+    """Which zeros lie in the right half plane; those on the imaginary axis up to rounding do
+    not.
+    """
     finite = np.isfinite(zeros)
     return finite & (
         np.where(finite, zeros.real, 0.0) > ON_AXIS * np.where(finite, np.abs(zeros), 1.0)
@@ -202,7 +223,9 @@ def is_unstable(zeros: np.ndarray) -> np.ndarray:
 
 
 def is_stable(zeros: np.ndarray) -> np.ndarray:
-    """Which zeros lie in the left half plane; those on the imaginary axis up to rounding do not."""
+    """Which zeros lie in the left half plane; those on the imaginary axis up to rounding do
+    not.
+    """
     finite = np.isfinite(zeros)
     return finite & (
         np.where(finite, zeros.real, 0.0) < -ON_AXIS * np.where(finite, np.abs(zeros), 1.0)
@@ -252,11 +275,13 @@ def _changes(
 ) -> tuple[Change, ...]:
     """Where the number of unstable zeros changes.
 
-    ``sigma`` (n,): smallest singular value of A with the sign of its determinant; ``finite`` (n,): numbers of zeros.
+    ``sigma`` (n,): smallest singular value of A with the sign of its determinant; ``finite`` (n,):
+    numbers of zeros.
     """
     out = []
     for k in range(len(t) - 1):
-        before, after = int(unstable[k]), int(unstable[k + 1])
+        before = int(unstable[k])
+        after = int(unstable[k + 1])
         # the zero's inverse passes through zero, in proportion to A
         if sigma[k] * sigma[k + 1] < 0:
             share = abs(sigma[k]) / (abs(sigma[k]) + abs(sigma[k + 1]))
@@ -272,7 +297,10 @@ def _changes(
 def _sentence(path: ZeroPath, finite: np.ndarray, sign: np.ndarray) -> str:
     """The verdict as a sentence."""
     if path.phase == "flat":
-        return "flat: no zeros; the torque follows from the path and its derivatives alone; use closed-form"
+        return (
+            "flat: no zeros; the torque follows from the path and its derivatives alone; use "
+            "closed-form"
+        )
     parts = []
     total = _range(finite)
     if path.phase == "minimum phase":
@@ -295,7 +323,8 @@ def _sentence(path: ZeroPath, finite: np.ndarray, sign: np.ndarray) -> str:
         parts.append(f"preview required for exact tracking {1e3 * path.preview_s:.3g} ms")
     for change in path.changes[:3]:
         parts.append(
-            f"{change.before} to {change.after} unstable at t = {change.t:.3g} s, through {change.through}"
+            f"{change.before} to {change.after} unstable at t = {change.t:.3g} s, through "
+            f"{change.through}"
         )
     if len(path.changes) > 3:
         parts.append(f"{len(path.changes) - 3} more changes")
@@ -308,5 +337,6 @@ def _sentence(path: ZeroPath, finite: np.ndarray, sign: np.ndarray) -> str:
 
 
 def _range(numbers: np.ndarray) -> str:
-    low, high = int(numbers.min()), int(numbers.max())
+    low = int(numbers.min())
+    high = int(numbers.max())
     return f"{low}" if low == high else f"{low} to {high}"

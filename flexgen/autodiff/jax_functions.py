@@ -1,7 +1,8 @@
-"""A library in JAX, on the CPU: two primitives, the function and its linear part, and one handler for both.
+"""A library in JAX, on the CPU: two primitives, the function and its linear part, and one handler
+for both.
 
-The rules of the primitives: ``jvp`` of a function is its linear part, ``NAME_jvp``; the transpose of the linear part is
-``NAME_vjp``; a batch is an axis in front of all arrays that have it.
+The rules of the primitives: ``jvp`` of a function is its linear part, ``NAME_jvp``; the transpose
+of the linear part is ``NAME_vjp``; a batch is an axis in front of all arrays that have it.
 """
 
 from __future__ import annotations
@@ -44,7 +45,9 @@ def functions_of(library: Any) -> Functions:
 @cache
 def _handler() -> ctypes.CDLL:
     """The module with the handler, which XLA knows then."""
-    made = module(str(Path(jax.ffi.include_dir(), "xla", "ffi", "api", "c_api.h")), jax.__version__)
+    made = module(
+        str(Path(jax.ffi.include_dir(), "xla", "ffi", "api", "c_api.h")), jax.__version__
+    )
     jax.ffi.register_ffi_target(
         TARGET, jax.ffi.pycapsule(made.flexgen_points_handler), platform="cpu"
     )
@@ -55,8 +58,9 @@ def check_type(points: Points) -> None:
     """ArgumentError where JAX has no numbers of the library's type."""
     if points.real == np.float64 and not jax.config.jax_enable_x64:
         raise ArgumentError(
-            f"{points}: given JAX with numbers of single precision, expected double as in the library: call "
-            "jax.config.update('jax_enable_x64', True) first, or generate the library with precision='single'"
+            f"{points}: given JAX with numbers of single precision, expected double as in the "
+            "library: call jax.config.update('jax_enable_x64', True) first, or generate the "
+            "library with precision='single'"
         )
 
 
@@ -93,7 +97,7 @@ def _array(name: str, port: Port, x: Any, real: np.dtype) -> jax.Array:
     return array.astype(real)
 
 
-# --- the rules --------------------------------------------------------------------------------------------------------
+# --- the rules -----------------------------------------------------------------------------------
 
 
 def _inputs(primitive: Primitive, points: Points, name: str) -> tuple[Port, ...]:
@@ -150,9 +154,12 @@ def _jvp_of_linear(
 
 
 def _transpose(cotangents: Sequence[Any], *operands: Any, points: Points, name: str) -> list[Any]:
-    """Cotangents of the changes by the function ``NAME_vjp``; those of arrays that a batch shares are summed."""
+    """Cotangents of the changes by the function ``NAME_vjp``; those of arrays that a batch shares
+    are summed.
+    """
     function = points.functions[name]
-    count, product = len(function.inputs), points.product(name, "vjp")
+    count = len(function.inputs)
+    product = points.product(name, "vjp")
     values = {port.name: x for port, x in zip(function.inputs, operands[:count], strict=True)}
     for port, weight in zip(function.outputs, cotangents, strict=True):
         values[port.name + COTANGENT] = ad.instantiate_zeros(weight)
@@ -175,7 +182,12 @@ def _transpose(cotangents: Sequence[Any], *operands: Any, points: Points, name: 
 
 
 def _batch(
-    primitive: Primitive, operands: Sequence[Any], axes: Sequence[Any], *, points: Points, name: str
+    primitive: Primitive,
+    operands: Sequence[Any],
+    axes: Sequence[Any],
+    *,
+    points: Points,
+    name: str,
 ) -> tuple[Any, list[int]]:
     """A new axis in front; arrays without any axis of a batch stay as they are."""
     ports = _inputs(primitive, points, name)

@@ -1,4 +1,6 @@
-"""The functions of a library for arrays whose last axes are one point, as JAX and PyTorch have them."""
+"""The functions of a library for arrays whose last axes are one point, as JAX and PyTorch have
+them.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,8 @@ from flexgen.spec.ports import Port
 
 MOST_PORTS = 24  # as in points.c
 # ends of the names of arrays of NAME_jvp and NAME_vjp
-TANGENT, COTANGENT = "_tangent", "_cotangent"
+TANGENT = "_tangent"
+COTANGENT = "_cotangent"
 
 
 class _Port(ctypes.Structure):
@@ -70,7 +73,9 @@ def module(header: str = "", version: str = "") -> ctypes.CDLL:
 
 
 def _call(name: str, more: int) -> str:
-    """A C function that calls a pointer with an array of arguments, for a batch behind the number of points."""
+    """A C function that calls a pointer with an array of arguments, for a batch behind the number
+    of points.
+    """
     cases = []
     for count in range(1, MOST_PORTS + 2):
         types = ", ".join(["int"] * more + ["void *"] * count)
@@ -83,7 +88,8 @@ def _call(name: str, more: int) -> str:
 
 
 class Points:
-    """The functions of a library with their C entry points; equal where the compiled libraries are.
+    """The functions of a library with their C entry points; equal where the compiled libraries
+    are.
 
     Parameters
     ----------
@@ -96,7 +102,9 @@ class Points:
         self.real = np.dtype(np.float64 if library.precision == "double" else np.float32)
         if library.closed:
             raise closed_error(library.name)
-        self.entries = {name: self._entry(function) for name, function in library.functions.items()}
+        self.entries = {
+            name: self._entry(function) for name, function in library.functions.items()
+        }
         self._identity = (library.name, *(entry.key for entry in self.entries.values()))
 
     def __eq__(self, other: object) -> bool:
@@ -134,13 +142,15 @@ class Points:
         return int(np.uint64(self.entries[name].key).astype(np.int64))
 
     def product(self, name: str, kind: str) -> Function:
-        """``NAME_jvp`` or ``NAME_vjp``; ArgumentError that names what to generate where the library lacks it."""
+        """``NAME_jvp`` or ``NAME_vjp``; ArgumentError that names what to generate where the
+        library lacks it.
+        """
         found = self.functions.get(f"{name}_{kind}")
         if found is None:
             raise ArgumentError(
-                f"{name}: given the library {self.library.name} without {name}_{kind}, expected one with derivatives: "
-                "flexgen.generate(model, parts=['derivatives']) (--with derivatives), or "
-                f"functions=[..., '{name}_jvp', '{name}_vjp']"
+                f"{name}: given the library {self.library.name} without {name}_{kind}, expected "
+                "one with derivatives: flexgen.generate(model, parts=['derivatives']) (--with "
+                f"derivatives), or functions=[..., '{name}_jvp', '{name}_vjp']"
             )
         return found
 
@@ -148,14 +158,16 @@ class Points:
         """ArgumentError where a gradient of this function is none that a library can have."""
         if name.endswith(("_jvp", "_vjp", "_derivatives", "_jacobians")) or name == "linearize":
             raise ArgumentError(
-                f"{name}: given a function that is a derivative itself, expected one that is not: flexgen has no "
-                "second derivatives"
+                f"{name}: given a function that is a derivative itself, expected one that is "
+                "not: flexgen has no second derivatives"
             )
         if f"{name}_vjp" not in self.functions:
             self.product(name, "jvp")
 
     def arguments(self, name: str, args: tuple[Any, ...], named: dict[str, Any]) -> list[Any]:
-        """The arguments of a call in the order of the inputs; ArgumentError where the library was closed."""
+        """The arguments of a call in the order of the inputs; ArgumentError where the library was
+        closed.
+        """
         if self.library.closed:
             raise closed_error(self.library.name)
         default = self.library.parameters if self.library.parameters.size else None
@@ -181,8 +193,12 @@ class Points:
         return [name for name in self.functions if not name.endswith(("_jvp", "_vjp"))]
 
 
-def lead_of(name: str, ports: Sequence[Port], shapes: Sequence[tuple[int, ...]]) -> tuple[int, ...]:
-    """Axes of a batch: each array has none, or the same ones before its own; ArgumentError where one differs."""
+def lead_of(
+    name: str, ports: Sequence[Port], shapes: Sequence[tuple[int, ...]]
+) -> tuple[int, ...]:
+    """Axes of a batch: each array has none, or the same ones before its own; ArgumentError where
+    one differs.
+    """
     lead: tuple[int, ...] = ()
     for port, shape in zip(ports, shapes, strict=True):
         shape = tuple(shape)
@@ -198,10 +214,13 @@ def lead_of(name: str, ports: Sequence[Port], shapes: Sequence[tuple[int, ...]])
 
 
 class Functions:
-    """The functions of a library by name, as attributes; the products with derivatives are used by gradients."""
+    """The functions of a library by name, as attributes; the products with derivatives are used by
+    gradients.
+    """
 
     def __init__(self, points: Points, functions: Mapping[str, Any]) -> None:
-        self._points, self._functions = points, dict(functions)
+        self._points = points
+        self._functions = dict(functions)
 
     def __getattr__(self, name: str) -> Any:
         functions = self.__dict__.get("_functions", {})

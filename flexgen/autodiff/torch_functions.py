@@ -1,4 +1,6 @@
-"""A library in PyTorch, on the CPU: one ``autograd.Function`` for functions and their products with derivatives."""
+"""A library in PyTorch, on the CPU: one ``autograd.Function`` for functions and their products
+with derivatives.
+"""
 
 from __future__ import annotations
 
@@ -45,7 +47,9 @@ def _real(points: Points) -> torch.dtype:
 
 
 def _tensor(name: str, port: Port, x: Any, real: torch.dtype) -> torch.Tensor:
-    """The argument as a tensor of the library's type on the CPU; a tensor that is one is not copied."""
+    """The argument as a tensor of the library's type on the CPU; a tensor that is one is not
+    copied.
+    """
     if not isinstance(x, torch.Tensor):
         return torch.as_tensor(np.array(x, dtype=float), dtype=real)
     if x.is_complex() or x.dtype == torch.bool:
@@ -63,7 +67,8 @@ def _evaluate(
     points: Points, name: str, arrays: Sequence[torch.Tensor]
 ) -> tuple[torch.Tensor, ...]:
     """The results by C, which reads and writes the tensors where they are."""
-    function, real = points.functions[name], _real(points)
+    function = points.functions[name]
+    real = _real(points)
     lead = points.lead(name, [tuple(x.shape) for x in arrays])
     held = [x.contiguous() for x in arrays]
     made = [torch.empty((*lead, *port.shape), dtype=real) for port in function.outputs]
@@ -94,9 +99,11 @@ class _Call(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx: Any, *weights: torch.Tensor) -> tuple[Any, ...]:
-        points, name = ctx.points, ctx.name
+        points = ctx.points
+        name = ctx.name
         points.check_order(name)
-        function, product = points.functions[name], points.product(name, "vjp")
+        function = points.functions[name]
+        product = points.product(name, "vjp")
         values = {port.name: x for port, x in zip(function.inputs, ctx.saved_tensors, strict=True)}
         values |= {
             port.name + COTANGENT: w for port, w in zip(function.outputs, weights, strict=True)
@@ -111,9 +118,11 @@ class _Call(torch.autograd.Function):
 
     @staticmethod
     def jvp(ctx: Any, *changes: Any) -> tuple[torch.Tensor, ...]:
-        points, name = ctx.points, ctx.name
+        points = ctx.points
+        name = ctx.name
         points.check_order(name)
-        inputs, product = points.functions[name].inputs, points.product(name, "jvp")
+        inputs = points.functions[name].inputs
+        product = points.product(name, "jvp")
         values = {port.name: x for port, x in zip(inputs, ctx.saved_tensors, strict=True)}
         for port, dx in zip(inputs, changes[2:], strict=True):
             values[port.name + TANGENT] = torch.zeros_like(values[port.name]) if dx is None else dx

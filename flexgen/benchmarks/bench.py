@@ -32,8 +32,8 @@ class Trial:
     """Results of the robots of a scenario under a controller.
 
     With fewer draws where the time limit or Ctrl-C has ended it.
-    ``values`` (draws, robots, measures); ``refused``: why the controller is refused; ``traces``: outputs ``z``
-    (n, outputs) and torques ``u`` (n, n_m) of the nominal robot in the first draw.
+    ``values`` (draws, robots, measures); ``refused``: why the controller is refused; ``traces``:
+    outputs ``z`` (n, outputs) and torques ``u`` (n, n_m) of the nominal robot in the first draw.
     """
 
     values: np.ndarray
@@ -42,33 +42,42 @@ class Trial:
 
 
 class Bench:
-    """The robots of a scenario, ready for any controller; ``seed`` of the draws, ``steps`` of the integrator."""
+    """The robots of a scenario, ready for any controller; ``seed`` of the draws, ``steps`` of the
+    integrator.
+    """
 
-    def __init__(self, chosen: Scenario, seed: int | None = None, steps: int | None = None) -> None:
-        self.scenario, self.seed, self.steps = (
-            chosen,
-            chosen.seed if seed is None else seed,
-            steps or chosen.steps,
-        )
+    def __init__(
+        self, chosen: Scenario, seed: int | None = None, steps: int | None = None
+    ) -> None:
+        self.scenario = chosen
+        self.seed = chosen.seed if seed is None else seed
+        self.steps = steps or chosen.steps
         self.draws = draws_of(chosen, self.seed)
         self._parts = _prepare(chosen)
 
     @property
     def motion(self) -> tuple[np.ndarray, ...]:
         """The nominal robot at rest: ``q_a v_a a_a q_m v_m a_m tau_m`` (1, ...)."""
-        p, model = self._parts, self.scenario.model
-        arm, motors = np.zeros((1, model.n_a)), np.zeros((1, model.n_m))
+        p = self._parts
+        model = self.scenario.model
+        arm = np.zeros((1, model.n_a))
+        motors = np.zeros((1, model.n_m))
         return p.q_a[:1], arm, arm, p.q_m[None], motors, motors, p.tau[:1]
 
     def run(self, controller: Controller, tell: Tell = None) -> Trial:
         """All robots in all draws."""
-        s, accept = self.scenario, self.scenario.accept
+        s = self.scenario
+        accept = self.scenario.accept
         robots = len(s.plants.names)
-        gains, delays = np.ones(robots + 2), np.full(robots + 2, s.delay_s)
-        gains[robots], delays[robots + 1] = accept.gain, accept.delay_s
+        gains = np.ones(robots + 2)
+        delays = np.full(robots + 2, s.delay_s)
+        gains[robots] = accept.gain
+        delays[robots + 1] = accept.delay_s
         names = [*s.plants.names, f"{NOMINAL}, gain {accept.gain:g} times as large"]
         names.append(f"{NOMINAL}, delay {1e3 * accept.delay_s:g} ms")
-        values, refused, traces = [], dict[str, None](), dict[str, np.ndarray]()
+        values = []
+        refused = dict[str, None]()
+        traces = dict[str, np.ndarray]()
         for number, draw in enumerate(self.draws):
             began = perf_counter()
             label = f"draw {number + 1} of {len(self.draws)}, " if len(self.draws) > 1 else ""
@@ -105,7 +114,9 @@ class Bench:
         failures: Sequence[str],
     ) -> list[str]:
         """Why a controller is refused in a draw."""
-        s, accept, refused = self.scenario, self.scenario.accept, []
+        s = self.scenario
+        accept = self.scenario.accept
+        refused = []
         for k, (name, failure) in enumerate(zip(names, failures, strict=True)):
             if failure:
                 refused.append(f"{name}: {failure}")
@@ -116,18 +127,22 @@ class Bench:
                 unit = s.outputs[worst].unit
                 of = f"{s.outputs[worst].name} " if len(s.outputs) > 1 else ""
                 refused.append(
-                    f"{name}: {of}not at rest in the end: {rest[worst]:.3g} {unit} peak to peak, expected "
-                    f"{accept.rest:g} {unit}"
+                    f"{name}: {of}not at rest in the end: {rest[worst]:.3g} {unit} peak to "
+                    f"peak, expected {accept.rest:g} {unit}"
                 )
-        noisy = [k for k, m in enumerate(measures_of(s)) if m.name.endswith("torque, peak to peak")]
+        noisy = [
+            k for k, m in enumerate(measures_of(s)) if m.name.endswith("torque, peak to peak")
+        ]
         if noisy and not failures[0] and values[0, noisy[-1]] > accept.torque_noise_Nm:
             refused.append(
-                f"{NOMINAL}: torque noise of {values[0, noisy[-1]]:.3g} N m peak to peak, expected at most "
-                f"{accept.torque_noise_Nm:g} N m"
+                f"{NOMINAL}: torque noise of {values[0, noisy[-1]]:.3g} N m peak to peak, "
+                f"expected at most {accept.torque_noise_Nm:g} N m"
             )
         for k, m in enumerate(measures_of(s)):
             broken = [
-                name for name, own in zip(names, values[:, k], strict=False) if not np.isfinite(own)
+                name
+                for name, own in zip(names, values[:, k], strict=False)
+                if not np.isfinite(own)
             ]
             if broken and not any(failures):
                 refused.append(f"{broken[0]}: {m.name} is not a finite number")
@@ -142,23 +157,37 @@ class Bench:
         draw: Draw,
         tell: Tell = None,
     ) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
-        """Outputs (n, lanes, outputs) less those at the start, torques (n, lanes, n_m) less those at rest; failures."""
-        s, p = self.scenario, self._parts
+        """Outputs (n, lanes, outputs) less those at the start, torques (n, lanes, n_m) less those
+        at rest; failures.
+        """
+        s = self.scenario
+        p = self._parts
         n = round(s.duration_s / s.sample_s)
         order = draw.order(len(lanes))
         at = np.array(lanes)[order]
         hardware = DriveHardware(s.sample_s, 0.0, 0.0, s.encoder_noise_rad, 0.0, s.torque_max_Nm)
-        q_a, tau = p.q_a[at], p.tau[at]
+        q_a = p.q_a[at]
+        tau = p.tau[at]
         q_m = np.tile(p.q_m, (len(at), 1))
         loop = ClosedLoop(
-            s.model, p.library, hardware, controller, q_a, q_m, p.rate, seed=draw.seed, steps=self.steps,
+            s.model,
+            p.library,
+            hardware,
+            controller,
+            q_a,
+            q_m,
+            p.rate,
+            seed=draw.seed,
+            steps=self.steps,
             parameters=s.plants.values[at] if s.plants.parameters else None,
-            delay_samples=np.round(delays[order] / s.sample_s).astype(int), gain=gains[order],
-        )  # fmt: skip
+            delay_samples=np.round(delays[order] / s.sample_s).astype(int),
+            gain=gains[order],
+        )
         loop.hold(tau)
         loop.sample = draw.first
         reference = np.concatenate([q_m, tau], axis=1)[None]
-        z, u = np.empty((n, len(at), len(s.outputs))), np.empty((n, len(at), s.model.n_m))
+        z = np.empty((n, len(at), len(s.outputs)))
+        u = np.empty((n, len(at), s.model.n_m))
         for first in range(0, n, CHUNK):
             check_time("score")
             count = min(CHUNK, n - first)
@@ -179,8 +208,12 @@ def _add_prefix(tell: Callable[[str], None], label: str) -> Callable[[str], None
 
 
 @lru_cache(maxsize=256)
-def _disturbances(s: Scenario, draw: Draw, steps: int, first: int, count: int) -> np.ndarray | None:
-    """Disturbances of samples, in each step of the integrator; noise is slow to compute, so that they are kept."""
+def _disturbances(
+    s: Scenario, draw: Draw, steps: int, first: int, count: int
+) -> np.ndarray | None:
+    """Disturbances of samples, in each step of the integrator; noise is slow to compute, so that
+    they are kept.
+    """
     step = s.sample_s / steps
     instants = s.sample_s * first + step * (np.arange(count * steps) + 0.5)
     return disturbance_table(
@@ -190,7 +223,9 @@ def _disturbances(s: Scenario, draw: Draw, steps: int, first: int, count: int) -
 
 @dataclass(frozen=True)
 class _Prepared:
-    """Library and rests (robots, ...) of a scenario, its largest eigenvalue [1/s], and the map to the outputs."""
+    """Library and rests (robots, ...) of a scenario, its largest eigenvalue [1/s], and the map to
+    the outputs.
+    """
 
     library: Any
     q_a: np.ndarray
@@ -211,7 +246,8 @@ def _prepare(s: Scenario) -> _Prepared:
     begin[list(s.model.i_g)] = s.start
     rests = [local.rest(q_m, values, begin) for values in s.plants.values]
     q_a, tau = (np.array(x) for x in zip(*rests, strict=True))
-    still_a, still_m = np.zeros((1, s.model.n_a)), np.zeros((1, s.model.n_m))
+    still_a = np.zeros((1, s.model.n_a))
+    still_m = np.zeros((1, s.model.n_m))
     rate = max(
         local.largest_rate(
             (a[None], still_a, still_a, q_m[None], still_m, still_m, t[None]), values

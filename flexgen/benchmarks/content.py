@@ -1,7 +1,9 @@
-"""The hash of a scenario's content: of every number and word that enters a score, wherever it was read from.
+"""The hash of a scenario's content: of every number and word that enters a score, wherever it was
+read from.
 
-Numbers count with twelve digits, so that the last bits of another processor do not matter. Fields with their default
-value are left out, so that a new option of a model does not change the hashes of those that do not use it.
+Numbers count with twelve digits, so that the last bits of another processor do not matter. Fields
+with their default value are left out, so that a new option of a model does not change the hashes
+of those that do not use it.
 """
 
 from __future__ import annotations
@@ -21,7 +23,8 @@ from flexgen.mechanics.parameters import Parameter
 from flexgen.model.elements import RobotModel
 
 DIGITS = 12
-# What enters a score, where not all fields do: of a model the data of the equations of motion, no texts.
+# What enters a score, where not all fields do: of a model the data of the equations of motion, no
+# texts.
 KEPT = {
     RobotModel: (
         "name",
@@ -77,13 +80,16 @@ def _to_plain(value: Any, where: str) -> Any:
 
 
 def _of_fields(value: Any, where: str) -> dict[str, Any]:
-    out, every = {}, tuple(field.name for field in fields(value))
+    out = {}
+    every = tuple(field.name for field in fields(value))
     kept = KEPT.get(type(value), every)
     for field in fields(value):
         if not field.compare or field.name not in kept:
             continue
         own = getattr(value, field.name)
-        default = field.default_factory() if field.default_factory is not MISSING else field.default
+        default = (
+            field.default_factory() if field.default_factory is not MISSING else field.default
+        )
         plain = _to_plain(own, f"{where}, {field.name}")
         if default is MISSING or plain != _to_plain(default, where):
             out[field.name] = plain

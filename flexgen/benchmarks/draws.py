@@ -1,7 +1,8 @@
-"""Draws of a scenario: in which order, when, with which sign and size the disturbances come, by a seed.
+"""Draws of a scenario: in which order, when, with which sign and size the disturbances come, by a
+seed.
 
-Every random number is uniform, from the SHA-256 of benchmark, version, seed, draw and its purpose: the same on every
-computer. Version 1 has one draw, the times of its file.
+Every random number is uniform, from the SHA-256 of benchmark, version, seed, draw and its purpose:
+the same on every computer. Version 1 has one draw, the times of its file.
 """
 
 from __future__ import annotations
@@ -23,8 +24,9 @@ FIRST_K = 2**20
 class Draw:
     """One run of a scenario.
 
-    ``seed`` of the noise; ``disturbances`` with their times; ``windows`` of the measures; ``first``: number of
-    the first sample; ``secret``: what the draw is computed from, empty for stated times.
+    ``seed`` of the noise; ``disturbances`` with their times; ``windows`` of the measures;
+    ``first``: number of the first sample; ``secret``: what the draw is computed from, empty for
+    stated times.
     """
 
     seed: int

@@ -1,11 +1,14 @@
-"""Controllers that are code of others, in a separate process: Python files, objects of Python, shared libraries.
+"""Controllers that are code of others, in a separate process: Python files, objects of Python,
+shared libraries.
 
-The process knows neither the scorer's memory nor the draws: it gets the measurements of all robots of a sample over a
-pipe and returns their torques. What it returns is checked here: its length, and that the numbers are finite. A process
-that does not answer in time is ended. It guards the score, not the computer: code of others can do what its user may.
+The process knows neither the scorer's memory nor the draws: it gets the measurements of all robots
+of a sample over a pipe and returns their torques. What it returns is checked here: its length, and
+that the numbers are finite. A process that does not answer in time is ended. It guards the score,
+not the computer: code of others can do what its user may.
 
-Messages, in the order of bytes of this computer: int64 k, then y (lanes, n_y) and ref (lanes, n_ref); the answer is
-int64 n, then u (lanes, n_m), then n bytes of JSON with the robots that failed. k = BEGIN: int64 n and n bytes of JSON.
+Messages, in the order of bytes of this computer: int64 k, then y (lanes, n_y) and ref (lanes,
+n_ref); the answer is int64 n, then u (lanes, n_m), then n bytes of JSON with the robots that
+failed. k = BEGIN: int64 n and n bytes of JSON.
 """
 
 from __future__ import annotations
@@ -35,7 +38,9 @@ from flexgen.loop.interface import INTERRUPTED, Compiled, PlugIn, PythonControll
 
 INSIDE = "FLEXGEN_CONTROLLER_PROCESS"  # set in the environment of the process
 # longest answer for a sample, longest begin, all answers together
-STEP_S, BEGIN_S, TOTAL_S = 5.0, 60.0, 1800.0
+STEP_S = 5.0
+BEGIN_S = 60.0
+TOTAL_S = 1800.0
 _TOGETHER = ctypes.CFUNCTYPE(
     None, ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p
 )
@@ -47,13 +52,15 @@ class ForeignController:
     Parameters
     ----------
     given : str, Path or object
-        ``file.py``, ``file.py:Class``, a shared library, or an object with ``reset()`` and ``step(k, y, ref)``.
+        ``file.py``, ``file.py:Class``, a shared library, or an object with ``reset()`` and
+        ``step(k, y, ref)``.
     step_s, total_s : float [s]
         Longest time for a sample of all robots, and for all samples together.
     """
 
     def __init__(self, given: Any, step_s: float = STEP_S, total_s: float = TOTAL_S) -> None:
-        self.step_s, self.total_s = step_s, total_s
+        self.step_s = step_s
+        self.total_s = total_s
         self.is_object = not isinstance(given, (str, Path, PlugIn))
         if isinstance(given, PlugIn):
             given = str(given.path.resolve())
@@ -68,7 +75,8 @@ class ForeignController:
         self.used_s = 0.0
         self._process: subprocess.Popen[bytes] | None = None
         self._failure = ""
-        self._limit, self._deadline = step_s, float("inf")
+        self._limit = step_s
+        self._deadline = float("inf")
 
     def compiled(self, setup: Setup) -> Compiled:
         """Begin with all robots at rest; the function that takes their samples together."""
@@ -87,7 +95,8 @@ class ForeignController:
                 )
                 answer = self._ask(sent, sizes[2], errors)
             except KeyboardInterrupt:  # C cannot pass it on
-                errors[0], answer = INTERRUPTED, None
+                errors[0] = INTERRUPTED
+                answer = None
             if answer is None:
                 for lane in range(lanes):
                     errors.setdefault(lane, self._failure)
@@ -97,11 +106,14 @@ class ForeignController:
         entry = _TOGETHER(together)
         address = ctypes.cast(entry, ctypes.c_void_p).value
         assert address is not None
-        return Compiled(address, np.zeros((lanes, 8), np.uint8), 8, errors, entry, together=address)
+        return Compiled(
+            address, np.zeros((lanes, 8), np.uint8), 8, errors, entry, together=address
+        )
 
     def close(self) -> None:
         """End the process."""
-        process, self._process = self._process, None
+        process = self._process
+        self._process = None
         if process is not None:
             process.kill()
             for stream in (process.stdin, process.stdout):
@@ -114,7 +126,8 @@ class ForeignController:
         if self._failure:
             return None
         began = time.monotonic()
-        self._limit, self._deadline = self.step_s, began + self.step_s
+        self._limit = self.step_s
+        self._deadline = began + self.step_s
         answer = self._exchange(sent, 8 + size)
         if answer is not None:
             more = struct.unpack_from("=q", answer)[0]
@@ -130,7 +143,9 @@ class ForeignController:
         return None if answer is None else answer[8:]
 
     def _store_errors(self, found: bytes | None, errors: dict[int, str], size: int) -> bool:
-        """Store the reports of the process on robots that failed; False where they cannot be read."""
+        """Store the reports of the process on robots that failed; False where they cannot be
+        read.
+        """
         try:
             told = {int(lane): str(text)[:500] for lane, text in json.loads(found or b"").items()}
         except (ValueError, AttributeError, RecursionError):
@@ -143,7 +158,8 @@ class ForeignController:
         """Tell the process the robots; start it before, where it does not run."""
         if self._failure:
             return
-        self._limit, self._deadline = BEGIN_S, time.monotonic() + BEGIN_S
+        self._limit = BEGIN_S
+        self._deadline = time.monotonic() + BEGIN_S
         if self._process is None:
             self._start()
         numbers = {
@@ -205,36 +221,45 @@ class ForeignController:
             if self._process is not None and self._process.poll() is not None
             else None
         )
-        return "the controller's process ended" + (f" with code {code}" if code is not None else "")
+        return "the controller's process ended" + (
+            f" with code {code}" if code is not None else ""
+        )
 
 
 def _watch(controller: ForeignController, process: subprocess.Popen[bytes]) -> None:
     """End a process that does not answer in time."""
     while process.poll() is None:
         if time.monotonic() > controller._deadline:
-            controller._failure = f"the controller did not answer within {controller._limit:g} s; its process was ended"
+            controller._failure = (
+                f"the controller did not answer within {controller._limit:g} s; its process was "
+                "ended"
+            )
             process.kill()
             return
         time.sleep(0.1)
 
 
 def _pickle(given: Any) -> str:
-    """An object as text, its class by name; by cloudpickle, where that is installed, without a file that has it."""
+    """An object as text, its class by name; by cloudpickle, where that is installed, without a
+    file that has it.
+    """
     kind = type(given)
     dumps: Callable[[Any], bytes] = pickle.dumps
     if kind.__module__ == "__main__" and not _main_file(given):
         if importlib.util.find_spec("cloudpickle") is None:
             raise ArgumentError(
-                f"controller: given an object of {kind.__name__}, which no file has, expected a class in a file: "
-                f"controllers run in a separate process; give 'file.py:{kind.__name__}'"
+                f"controller: given an object of {kind.__name__}, which no file has, expected a "
+                "class in a file: controllers run in a separate process; give "
+                f"'file.py:{kind.__name__}'"
             )
         dumps = importlib.import_module("cloudpickle").dumps
     try:
         return base64.b64encode(dumps(given)).decode("ascii")
     except Exception as error:
         raise ArgumentError(
-            f"controller: given an object of {kind.__name__} that cannot be sent to a separate process "
-            f"({type(error).__name__}: {error}), expected one that pickle takes, or 'file.py:{kind.__name__}'"
+            f"controller: given an object of {kind.__name__} that cannot be sent to a separate "
+            f"process ({type(error).__name__}: {error}), expected one that pickle takes, or "
+            f"'file.py:{kind.__name__}'"
         ) from error
 
 

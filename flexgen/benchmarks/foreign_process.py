@@ -35,7 +35,8 @@ Steps = Callable[[int], dict[int, str]]
 
 def main() -> None:
     """Answer until the pipe is closed. What the controller prints goes to the standard error."""
-    take, give = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb", buffering=0)
+    take = os.fdopen(os.dup(0), "rb")
+    give = os.fdopen(os.dup(1), "wb", buffering=0)
     os.dup2(2, 1)
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
     sys.argv = sys.argv[:1]
@@ -47,7 +48,8 @@ def main() -> None:
             told = json.loads(take.read(struct.unpack("=q", take.read(8))[0]))
             try:
                 loaded = loaded or _load_controller(told)
-                robots, text = _Robots(loaded, told), b""
+                robots = _Robots(loaded, told)
+                text = b""
             except (FlexgenError, OSError, ValueError, TypeError) as error:
                 text = str(error).encode() or type(error).__name__.encode()
             give.write(struct.pack("=q", len(text)) + text)
@@ -67,8 +69,8 @@ def _load_controller(told: dict[str, Any]) -> PlugIn | PythonController:
         return PythonController(pickle.loads(base64.b64decode(told["object"])))
     except Exception as error:
         raise ValueError(
-            f"its class cannot be found in a separate process ({type(error).__name__}: {error}): put it into a file "
-            "and give 'file.py:Class'"
+            f"its class cannot be found in a separate process ({type(error).__name__}: "
+            f"{error}): put it into a file and give 'file.py:Class'"
         ) from error
 
 
@@ -79,9 +81,11 @@ class _Robots:
         q_m = np.array(told["q_m"], dtype=float)
         setup = Setup(q_m, told["sample_s"], told["n_a"], told["n_y"], told["n_ref"])
         lanes = len(q_m)
-        self.y, self.ref = np.zeros((lanes, setup.n_y)), np.zeros((lanes, setup.n_ref))
+        self.y = np.zeros((lanes, setup.n_y))
+        self.ref = np.zeros((lanes, setup.n_ref))
         self.u = np.zeros((lanes, setup.n_m))
-        self.count, self.failed = 0, set[int]()
+        self.count = 0
+        self.failed = set[int]()
         of_kind = self._of_library if isinstance(loaded, PlugIn) else self._of_python
         self.step: Steps = of_kind(loaded, setup)  # type: ignore[arg-type]
 

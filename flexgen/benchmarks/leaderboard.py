@@ -25,7 +25,9 @@ OURS = (PPI, PID, Cascade, Linear, FeedforwardOnly, ModelLaw)
 
 
 def find_shipped_controllers(scenario: str, version: int = 2) -> dict[str, Path]:
-    """The files of the controllers that come with a benchmark, by name; those for later versions replace the first."""
+    """The files of the controllers that come with a benchmark, by name; those for later versions
+    replace the first.
+    """
     found: dict[str, Path] = {}
     for path in sorted((FOLDER / "controllers").glob(f"{scenario}-*.toml")):
         name = path.stem.removeprefix(f"{scenario}-")
@@ -37,7 +39,9 @@ def find_shipped_controllers(scenario: str, version: int = 2) -> dict[str, Path]
 
 
 def controller_names(chosen: Scenario, given: Sequence[str]) -> list[str]:
-    """The controllers of a scenario that are given; ``"all"`` is the reference and those that come with it."""
+    """The controllers of a scenario that are given; ``"all"`` is the reference and those that come
+    with it.
+    """
     shipped = ["reference", *find_shipped_controllers(chosen.name, chosen.version)]
     return [one for name in given for one in (shipped if name == "all" else [name])]
 
@@ -45,7 +49,9 @@ def controller_names(chosen: Scenario, given: Sequence[str]) -> list[str]:
 def scenario_controller(
     given: Any, chosen: Scenario, motion: Sequence[np.ndarray]
 ) -> tuple[Controller, str]:
-    """A controller for a scenario, and its name; see `flexgen.score`. Code of others comes as a `ForeignController`."""
+    """A controller for a scenario, and its name; see `flexgen.score`. Code of others comes as a
+    `ForeignController`.
+    """
     title = ""
     if isinstance(given, str) and given == "reference":
         given, title = chosen.reference, given
@@ -56,8 +62,8 @@ def scenario_controller(
         elif "." not in given:
             known = ", ".join(["reference", *files])
             raise ArgumentError(
-                f"controller: given {given!r}, expected one of {known}, a file .toml, .py (file.py:Class) or a "
-                "shared library"
+                f"controller: given {given!r}, expected one of {known}, a file .toml, .py "
+                "(file.py:Class) or a shared library"
             )
     if is_foreign(given):
         made = ForeignController(given)
@@ -65,14 +71,17 @@ def scenario_controller(
     built, name = controller_of(given, chosen.model, chosen.sample_s, chosen.delay_s, motion)
     if type(built) not in (Cascade, Linear, FeedforwardOnly):
         raise ArgumentError(
-            f"controller: given {name}, expected one that regulates without the planned motion: PPI, PID, LQG, "
-            "LoopShaping, Cascade, Linear, a file or an object with reset() and step(k, y, ref)"
+            f"controller: given {name}, expected one that regulates without the planned motion: "
+            "PPI, PID, LQG, LoopShaping, Cascade, Linear, a file or an object with reset() and "
+            "step(k, y, ref)"
         )
     return built, title or name
 
 
 def is_foreign(given: Any) -> bool:
-    """Whether a controller is code of others: a file of Python, a shared library, an object with a step of its own."""
+    """Whether a controller is code of others: a file of Python, a shared library, an object with a
+    step of its own.
+    """
     if isinstance(given, (str, Path)):
         return is_python(str(given)) or str(given).endswith(LIBRARIES)
     if isinstance(given, LinearDesign):

@@ -1,8 +1,10 @@
-"""Measures of a run: peak to peak, RMS and settling of an output in a window, peak, largest and RMS torque.
+"""Measures of a run: peak to peak, RMS and settling of an output in a window, peak, largest and
+RMS torque.
 
-Settling of version 1 is the last instant outside a band about the value that the output settles to; it jumps by half
-a period where a peak just touches the band. Version 2 is the mean of this time over all bands from 0.5 to 1.5 times the
-tolerance: with the envelope E(t) = max |z - rest| from t on,
+Settling of version 1 is the last instant outside a band about the value that the output settles
+to; it jumps by half a period where a peak just touches the band. Version 2 is the mean of this
+time over all bands from 0.5 to 1.5 times the tolerance: with the envelope E(t) = max |z - rest|
+from t on,
 
     T = int clip(E(t)/tolerance - 0.5, 0, 1) dt
 
@@ -19,7 +21,8 @@ import numpy as np
 from flexgen.benchmarks.scenario import Scenario, Window
 
 # the mean of this end of a window is what an output settles to; rest in the end of a run
-LAST_S, REST_S = 0.1, 1.0
+LAST_S = 0.1
+REST_S = 1.0
 
 
 @dataclass(frozen=True)
@@ -43,7 +46,9 @@ def measures_of(scenario: Scenario) -> tuple[Measure, ...]:
                 continue
             for output in scenario.outputs:
                 unit = "s" if kind == "settling" else output.unit
-                out.append(Measure(f"{label} of {output.name}" if several else label, unit, weight))
+                out.append(
+                    Measure(f"{label} of {output.name}" if several else label, unit, weight)
+                )
     total = sum(measure.weight for measure in out)
     return tuple(Measure(m.name, m.unit, m.weight / total) for m in out)
 
@@ -61,15 +66,17 @@ _WORDS = {
 def compute_measures(
     scenario: Scenario, windows: Sequence[Window], z: np.ndarray, u: np.ndarray
 ) -> np.ndarray:
-    """Values of the measures (k,) from outputs z (n, outputs) and commanded torques u (n, n_m) less those at rest.
+    """Values of the measures (k,) from outputs z (n, outputs) and commanded torques u (n, n_m)
+    less those at rest.
 
-    ``windows``: those of the draw. Torques of several motors count in their largest one, and in the root of the sum
-    of squares.
+    ``windows``: those of the draw. Torques of several motors count in their largest one, and in
+    the root of the sum of squares.
     """
     values: list[float] = []
     for window in windows:
         inside = _samples(scenario, window.begin, window.end)
-        own, torque = z[inside], u[inside]
+        own = z[inside]
+        torque = u[inside]
         for kind in window.weights:
             if kind == "torque_peak":
                 values.append(float(np.ptp(torque, axis=0).max()))
@@ -106,10 +113,12 @@ def _of_output(kind: str, z: np.ndarray, scenario: Scenario) -> float:
 def at_rest(scenario: Scenario, windows: Sequence[Window], z: np.ndarray) -> np.ndarray:
     """Peak to peak of each output (outputs,), in its unit, where it should rest.
 
-    With draws the last second of the run; else the last window of torque noise, or the last twentieth of the run.
+    With draws the last second of the run; else the last window of torque noise, or the last
+    twentieth of the run.
     """
     if scenario.plan is not None:
-        begin, end = scenario.duration_s - REST_S, scenario.duration_s
+        begin = scenario.duration_s - REST_S
+        end = scenario.duration_s
     else:
         spans = [(w.begin, w.end) for w in windows if "torque_peak" in w.weights]
         begin, end = spans[-1] if spans else (0.95 * scenario.duration_s, scenario.duration_s)

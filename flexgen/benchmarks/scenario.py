@@ -1,8 +1,9 @@
 """Scenarios of the benchmarks: one TOML file for each version, frozen by the hash of its content.
 
-A scenario names the model and its changes, the sampled loop, the disturbances, the sets of robots, the measures with
-their weights, what a controller is refused for, and the reference controller, whose measures are the units of score.
-Version 1 states the times of the disturbances; from version 2 on they are drawn (`draws.py`).
+A scenario names the model and its changes, the sampled loop, the disturbances, the sets of robots,
+the measures with their weights, what a controller is refused for, and the reference controller,
+whose measures are the units of score. Version 1 states the times of the disturbances; from version
+2 on they are drawn (`draws.py`).
 """
 
 from __future__ import annotations
@@ -19,8 +20,8 @@ from flexgen.loop.plants import Plants
 from flexgen.model.elements import RobotModel
 from flexgen.type_checks import checked_class
 
-# What was published never changes: the hash of the content of each version, and the hash that it is known by where it
-# is another one (of version 1 that of the file).
+# What was published never changes: the hash of the content of each version, and the hash that it
+# is known by where it is another one (of version 1 that of the file).
 FROZEN = {
     ("four_mass", 1): (
         "d649b0d775fd47d157557e2a651fe50ef573dbbd5623676e6b7936edebf47054",
@@ -39,7 +40,9 @@ TEXTS = ("title", "published", "ours", "rule")  # they do not enter a score
 
 @dataclass(frozen=True)
 class Output:
-    """A regulated number: ``weights`` of the arm coordinates, or ``axis`` of the tool's position, times ``scale``."""
+    """A regulated number: ``weights`` of the arm coordinates, or ``axis`` of the tool's position,
+    times ``scale``.
+    """
 
     name: str
     unit: str
@@ -70,7 +73,8 @@ class Window:
 @checked_class
 @dataclass(frozen=True)
 class Segment:
-    """A part of a run with its disturbances, whose times count from its begin, and the weights of its measures.
+    """A part of a run with its disturbances, whose times count from its begin, and the weights of
+    its measures.
 
     Examples
     --------
@@ -88,8 +92,8 @@ class Segment:
 
 @dataclass(frozen=True)
 class Plan:
-    """Random numbers: ``draws`` runs; spans of the time before the first segment, of the waits between, of the factor
-    of the sizes; rest in the end of the run [s].
+    """Random numbers: ``draws`` runs; spans of the time before the first segment, of the waits
+    between, of the factor of the sizes; rest in the end of the run [s].
     """
 
     draws: int
@@ -102,7 +106,9 @@ class Plan:
 
 @dataclass(frozen=True)
 class Accept:
-    """Reasons to refuse a controller: motion at rest above ``rest``, also with this delay and gain; torque noise."""
+    """Reasons to refuse a controller: motion at rest above ``rest``, also with this delay and
+    gain; torque noise.
+    """
 
     delay_s: float
     gain: float
@@ -113,10 +119,12 @@ class Accept:
 @checked_class
 @dataclass(frozen=True, eq=False)
 class Scenario:
-    """A benchmark; see the module. Its hash is that of what it holds, also after `dataclasses.replace`.
+    """A benchmark; see the module. Its hash is that of what it holds, also after
+    `dataclasses.replace`.
 
-    ``sets``: for each set the numbers of its robots among all; robot 0 is nominal. ``plan``: None where the times of
-    ``disturbances`` and ``windows`` are stated; else ``windows`` are those of the whole run.
+    ``sets``: for each set the numbers of its robots among all; robot 0 is nominal. ``plan``: None
+    where the times of ``disturbances`` and ``windows`` are stated; else ``windows`` are those of
+    the whole run.
 
     Raises
     ------
@@ -127,7 +135,11 @@ class Scenario:
     --------
     >>> from flexgen.benchmarks.scenario_file import scenario
     >>> found = scenario("four_mass", version=1)
-    >>> found.sample_s, found.torque_max_Nm, {name: len(robots) for name, robots in found.sets.items()}
+    >>> (
+    ...     found.sample_s,
+    ...     found.torque_max_Nm,
+    ...     {name: len(robots) for name, robots in found.sets.items()},
+    ... )
     (0.0005, (20.0,), {'set 1': 8, 'set 2': 8})
     """
 
@@ -182,7 +194,9 @@ class Scenario:
 
     @property
     def digest(self) -> str:
-        """The hash by which the scenario is known: of its content, or for version 1 the published one."""
+        """The hash by which the scenario is known: of its content, or for version 1 the published
+        one.
+        """
         content, known = FROZEN.get((self.name, self.version), ("", ""))
         own = self.content
         return known if known and content == own else own

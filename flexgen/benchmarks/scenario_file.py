@@ -48,7 +48,9 @@ from flexgen.spec.tables import Table, file_bytes, file_table
 
 FOLDER = Path(__file__).resolve().parent
 KINDS = ("peak", "rms", "settling", "torque_peak", "torque_max", "torque_rms")
-MOST_DRAWS, MOST_STEPS, LARGEST = 1000, 10_000, 10**9
+MOST_DRAWS = 1000
+MOST_STEPS = 10_000
+LARGEST = 10**9
 # units of the tool's position, and how many of each are a meter
 LENGTHS = {"m": 1.0, "mm": 1e3, "um": 1e6}
 LONGEST_S = 3600.0  # run
@@ -77,11 +79,13 @@ def scenario(name: str | Path, version: int | None = None) -> Scenario:
     if text not in NAMES:
         if Path(text).suffix != ".toml":
             raise ArgumentError(
-                f"scenario: given {text!r}, expected {', '.join(NAMES)} or the path of a .toml file"
+                f"scenario: given {text!r}, expected {', '.join(NAMES)} or the path of a .toml "
+                "file"
             )
         if version is not None:
             raise ArgumentError(
-                f"version: given {version!r} with the file {text}, expected none: the file states it"
+                f"version: given {version!r} with the file {text}, expected none: the file "
+                "states it"
             )
         return _parse_table(Path(text), file_bytes(Path(text), "scenario"), None)
     known = [number for key, number in FROZEN if key == text]
@@ -102,14 +106,16 @@ def _parse_table(path: Path, data: bytes, known: tuple[str, int] | None) -> Scen
     found: Scenario = keys.read(table, FORMATS[FORMAT.read(table, Context())], Context())
     if known is not None and found.content != FROZEN[known][0]:
         raise ArgumentError(
-            f"{path}: given the content {found.content[:12]}, expected {FROZEN[known][0][:12]}: the benchmark's file "
-            "or its model was changed; scores with it cannot be compared. Copy it under another name to change it"
+            f"{path}: given the content {found.content[:12]}, expected {FROZEN[known][0][:12]}: "
+            "the benchmark's file or its model was changed; scores with it cannot be compared. "
+            "Copy it under another name to change it"
         )
     return found
 
 
 def _read_delay(table: Table, key: Key, here: Context) -> float:
-    value, sample = table.number(key.name, least=0.0), here.of_file("sample_s")
+    value = table.number(key.name, least=0.0)
+    sample = here.of_file("sample_s")
     if abs(value / sample - round(value / sample)) > 1e-6:
         raise table.fail(key.name, f"a multiple of the sample time {sample:g} s")
     return value
@@ -123,7 +129,8 @@ def _read_span(table: Table, key: Key, here: Context) -> tuple[float, ...]:
 
 
 def _check_window(table: Table, here: Context) -> None:
-    span, duration = here.values["window_s"], here.of_file("duration_s")
+    span = here.values["window_s"]
+    duration = here.of_file("duration_s")
     if not span[0] < span[1] <= duration:
         raise table.fail("window_s", f"two increasing times within {duration:g} s")
 
@@ -133,8 +140,10 @@ def _check_weights(table: Table, here: Context) -> None:
         raise table.fail("weights", f"some of {', '.join(KINDS)}")
 
 
-NUMBER, TIME = keys.number(least=0.0, most=LARGEST), keys.number(least=1e-3, most=LONGEST_S)
-DELAY, SPAN = Type(_read_delay, NUMBER.schema), Type(_read_span, vector(2).schema)
+NUMBER = keys.number(least=0.0, most=LARGEST)
+TIME = keys.number(least=1e-3, most=LONGEST_S)
+DELAY = Type(_read_delay, NUMBER.schema)
+SPAN = Type(_read_span, vector(2).schema)
 TEXT = Type(lambda table, key, here: table.text(key.name).strip(), text().schema)
 NAME = Key("name", text(), "name")
 WEIGHTS = Key(
@@ -145,7 +154,7 @@ WEIGHTS = Key(
 )
 
 
-# --- disturbances and parts of a run ----------------------------------------------------------------------------------
+# --- disturbances and parts of a run -------------------------------------------------------------
 
 
 def _check_times(table: Table, here: Context) -> None:
@@ -215,7 +224,7 @@ WINDOW = Format(
 )
 
 
-# --- outputs and robots -----------------------------------------------------------------------------------------------
+# --- outputs and robots --------------------------------------------------------------------------
 
 
 def _check_scale(table: Table, here: Context) -> None:
@@ -255,7 +264,9 @@ OUTPUT = Format(
 
 
 def _read_model(table: Table, key: Key, here: Context) -> RobotModel:
-    """The model and its changes; of a published benchmark that which comes with flexgen, whatever the folder has."""
+    """The model and its changes; of a published benchmark that which comes with flexgen, whatever
+    the folder has.
+    """
     found = sub(MODEL).read(table, key, here)
     name = (
         packaged_models() / f"{found['name']}.toml"
@@ -266,7 +277,9 @@ def _read_model(table: Table, key: Key, here: Context) -> RobotModel:
 
 
 _SET = Key("set", keys.any_table(), "changes by dotted path", default=None)
-MODEL = Format("model of the robots", (NAME, Key("variant", text(), "variant", default=None), _SET))
+MODEL = Format(
+    "model of the robots", (NAME, Key("variant", text(), "variant", default=None), _SET)
+)
 FACTOR = required("parameters that change together", names=keys.words(), change=NUMBER)
 SET = required(
     "robots: a column of a Hadamard matrix for each factor",
@@ -279,7 +292,8 @@ def _plants(
     model: RobotModel, rows: Sequence[dict[str, Any]]
 ) -> tuple[Plants, dict[str, tuple[int, ...]]]:
     """The nominal robot and those of all sets."""
-    names, numbers = [NOMINAL], [dict[str, float]()]
+    names = [NOMINAL]
+    numbers = [dict[str, float]()]
     sets: dict[str, tuple[int, ...]] = {}
     for row in rows:
         order = 2
@@ -302,7 +316,7 @@ def _plants(
     return Plants(tuple(names), parameters, table, ("",) * len(names)), sets
 
 
-# --- the file ---------------------------------------------------------------------------------------------------------
+# --- the file ------------------------------------------------------------------------------------
 
 
 def _scenario(
@@ -339,7 +353,8 @@ _ANY = keys.any_table()
 _REFERENCE = Type(
     lambda table, key, here: table_controller(_ANY.read(table, key, here)), {}, form=CONTROLLER
 )
-_VERSION, _WINDOWS = keys.among(1, 2), listed(WINDOW, 0, plural=False)
+_VERSION = keys.among(1, 2)
+_WINDOWS = listed(WINDOW, 0, plural=False)
 MEASURES = required("what is measured", version=_VERSION, tolerance=NUMBER, windows=_WINDOWS)
 SCORE = required(
     "weights of the nominal robot, and of the worst one of each set", nominal=NUMBER, sets=_WEIGHTS

@@ -1,11 +1,14 @@
-"""The score of a controller in a scenario: all robots in one closed loop, the measures, and their weighted sum.
+"""The score of a controller in a scenario: all robots in one closed loop, the measures, and their
+weighted sum.
 
-    V_d = w_nominal V_d0 + sum over sets w_s max over its robots V_di,    V_di = sum_k w_k m_dik / m_dk(reference)
+    V_d = w_nominal V_d0 + sum over sets w_s max over its robots V_di,
+    V_di = sum_k w_k m_dik / m_dk(reference)
     V = mean over the draws d of V_d
 
-m(reference): of the reference controller on the nominal robot in the same draw. Two more robots are nominal: one with a
-larger gain of the feedback, one with a longer delay. A controller is refused where a robot does not come to rest, or
-where the torque is too noisy, in any draw. The draws of controllers that are code of others are new in every score.
+m(reference): of the reference controller on the nominal robot in the same draw. Two more robots
+are nominal: one with a larger gain of the feedback, one with a longer delay. A controller is
+refused where a robot does not come to rest, or where the torque is too noisy, in any draw. The
+draws of controllers that are code of others are new in every score.
 """
 
 from __future__ import annotations
@@ -40,7 +43,9 @@ from flexgen.type_checks import checked_result, checked_types
 def robot_scores(
     measures: Sequence[Measure], values: np.ndarray, reference: np.ndarray
 ) -> np.ndarray:
-    """Scores of the robots (draws, robots) by measures (draws, robots, k) and those of the reference (draws, k)."""
+    """Scores of the robots (draws, robots) by measures (draws, robots, k) and those of the
+    reference (draws, k).
+    """
     return np.asarray(
         (values / reference[:, None]) @ np.array([measure.weight for measure in measures])
     )
@@ -131,7 +136,9 @@ class Score(Result):
 
     @property
     def total(self) -> float:
-        """The score V; NaN where the controller is refused. Smaller is better; the reference controller has about 1."""
+        """The score V; NaN where the controller is refused. Smaller is better; the reference
+        controller has about 1.
+        """
         return float(self._totals.mean()) if self.accepted else float("nan")
 
     @property
@@ -141,7 +148,9 @@ class Score(Result):
 
     @property
     def spread(self) -> float:
-        """Standard deviation of the scores of the draws; NaN with one draw, or where the controller is refused."""
+        """Standard deviation of the scores of the draws; NaN with one draw, or where the
+        controller is refused.
+        """
         return (
             float(self._totals.std(ddof=1))
             if self.accepted and len(self._totals) > 1
@@ -159,7 +168,9 @@ class Score(Result):
 
     @property
     def parts(self) -> dict[str, float]:
-        """Score of the nominal robot and the worst of each set, means over the draws; empty where it is refused."""
+        """Score of the nominal robot and the worst of each set, means over the draws; empty where
+        it is refused.
+        """
         if not self.accepted:
             return {}
         each = self.per_draw
@@ -178,7 +189,9 @@ class Score(Result):
         )
 
     def __str__(self) -> str:
-        """The scenario, the score and its parts; for a controller that is refused the reasons only."""
+        """The scenario, the score and its parts; for a controller that is refused the reasons
+        only.
+        """
         head = f"{self.scenario.title_line}\ncontroller {self.controller}"
         note = [f"  {self.rule}"] if self.rule else []
         note += [f"  {self.status}"] if self.ended else []
@@ -192,8 +205,8 @@ class Score(Result):
 
     @property
     def table(self) -> list[dict[str, Any]]:
-        """A row for each measure: name, unit, weight, reference, nominal robot, worst robot of each set; means over the
-        draws.
+        """A row for each measure: name, unit, weight, reference, nominal robot, worst robot of
+        each set; means over the draws.
         """
         rows = []
         for k, measure in enumerate(self.measures):
@@ -210,7 +223,9 @@ class Score(Result):
         return rows
 
     def to_dict(self) -> dict[str, Any]:
-        """The score as JSON types; without numbers of the score where the controller is refused."""
+        """The score as JSON types; without numbers of the score where the controller is
+        refused.
+        """
         s = self.scenario
         head = {
             "scenario": s.name,
@@ -262,14 +277,14 @@ def score(
     name : str, Path or Scenario
         ``"four_mass"`` (benchmark F), ``"two_link"`` (benchmark G) or the path of a scenario.
     controller : str or object
-        ``"reference"``, the name of a controller of the benchmark (see `leaderboard`), a path of a ``.toml`` or ``.py``
-        file (``file.py:Class``) or of a shared library, or an object as `flexgen.control` takes. Python and shared
-        libraries run in a separate process.
+        ``"reference"``, the name of a controller of the benchmark (see `leaderboard`), a path of a
+        ``.toml`` or ``.py`` file (``file.py:Class``) or of a shared library, or an object as
+        `flexgen.control` takes. Python and shared libraries run in a separate process.
     version : int, optional
         Of the benchmark; default: the newest. ``"four_mass@1"`` is version 1 too.
     seed, steps : int, optional
-        Other draws and noise, other integration steps in a sample. Default of the seed: that of the scenario; for
-        Python and shared libraries a new one.
+        Other draws and noise, other integration steps in a sample. Default of the seed: that of
+        the scenario; for Python and shared libraries a new one.
     time_limit : float, optional [s]
         Then, or after Ctrl-C, the score is that of the draws that were simulated, and ``ended``
         says so. None or 0: unlimited.
@@ -302,8 +317,8 @@ def score(
         )
     if os.environ.get(INSIDE):
         raise ArgumentError(
-            "score: called in the process of a controller, expected only in a program: put the call under "
-            "if __name__ == '__main__':"
+            "score: called in the process of a controller, expected only in a program: put the "
+            "call under if __name__ == '__main__':"
         )
     chosen = name if isinstance(name, Scenario) else scenario(name, version)
     made, title = scenario_controller(controller, chosen, Bench(chosen).motion)
@@ -377,8 +392,9 @@ def reference_measures(chosen: Scenario, seed: int, steps: int | None = None) ->
         for measure, value in zip(measures_of(chosen), out[-1], strict=True):
             if not (np.isfinite(value) and value > 0):
                 raise ArgumentError(
-                    f"{chosen.name}, {measure.name}: the reference controller has {value} {measure.unit}, expected a "
-                    "number > 0: measures are counted in those of the reference"
+                    f"{chosen.name}, {measure.name}: the reference controller has {value} "
+                    f"{measure.unit}, expected a number > 0: measures are counted in those of "
+                    "the reference"
                 )
     units = np.array(out)
     units.setflags(write=False)

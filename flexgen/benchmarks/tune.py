@@ -1,7 +1,8 @@
 """Tuning of a controller on the score of a benchmark, without derivatives.
 
-The numbers of a cascade and its filters are changed in logarithms by the simplex method of Nelder and Mead, from
-several starts, which other processes can take; a refused controller counts as worse the more robots fail.
+The numbers of a cascade and its filters are changed in logarithms by the simplex method of Nelder
+and Mead, from several starts, which other processes can take; a refused controller counts as worse
+the more robots fail.
 """
 
 from __future__ import annotations
@@ -47,14 +48,16 @@ from flexgen.spec.toml_text import toml
 from flexgen.type_checks import checked_result, checked_types
 
 REFUSED = 10.0  # value of a refused controller, and more for every reason
-SPREAD, FIRST = 0.6, 0.25  # of the logarithms: distance of other starts, size of the first simplex
+SPREAD = 0.6  # of the logarithms: distance of other starts
+FIRST = 0.25  # size of the first simplex
 MOST = 20_000  # evaluations
 
 
 @checked_result
 @dataclass(frozen=True, repr=False)
 class TuningResult(Result):
-    """A tuned controller: ``controller``, its ``score``, and that of the start; ``history``: best value so far.
+    """A tuned controller: ``controller``, its ``score``, and that of the start; ``history``: best
+    value so far.
 
     ``evaluations``: how often the score was computed; ``ended``: "time limit" or "interrupted"
     where the search was ended from outside, else empty.
@@ -74,7 +77,10 @@ class TuningResult(Result):
     ended: str = ""
 
     def __repr__(self) -> str:
-        return f"<TuningResult {self.score.scenario.name}: {self.evaluations} evaluations, score {self.score.total:.4f}>"
+        return (
+            f"<TuningResult {self.score.scenario.name}: {self.evaluations} evaluations, score "
+            f"{self.score.total:.4f}>"
+        )
 
     def __str__(self) -> str:
         before = "refused" if not self.start.accepted else f"{self.start.total:.4f}"
@@ -121,8 +127,8 @@ def tune(
     workers : int
         Processes.
     executor : optional
-        Computes the starts in place of own processes, as in `flexgen.sweep`: one of concurrent.futures, or a Client of
-        dask.distributed.
+        Computes the starts in place of own processes, as in `flexgen.sweep`: one of
+        concurrent.futures, or a Client of dask.distributed.
     seed : int
         Of the other starts.
     time_limit : float, optional [s]
@@ -137,7 +143,8 @@ def tune(
     Raises
     ------
     ArgumentError
-        The controller is not a cascade, a number is out of range, or the executor has no ``submit``.
+        The controller is not a cascade, a number is out of range, or the executor has no
+        ``submit``.
 
     Examples
     --------
@@ -166,16 +173,20 @@ def tune(
     made, _ = scenario_controller(controller, chosen, bench.motion)
     if not isinstance(made, Cascade):
         raise ArgumentError(
-            f"controller: given {type(made).__name__}, expected a P-PI cascade with its filters to tune"
+            f"controller: given {type(made).__name__}, expected a P-PI cascade with its filters "
+            "to tune"
         )
     x = numbers_of(made)
     if not len(x):
         raise ArgumentError(
-            "controller: given a cascade whose gains are all zero and that has no filter, expected one to tune"
+            "controller: given a cascade whose gains are all zero and that has no filter, "
+            "expected one to tune"
         )
     rng = np.random.default_rng(seed_of(seed))
     begins = [x, *(x + SPREAD * rng.standard_normal(len(x)) for _ in range(starts - 1))]
-    jobs = [_Job(k, chosen, made, begin, evaluations, time_limit) for k, begin in enumerate(begins)]
+    jobs = [
+        _Job(k, chosen, made, begin, evaluations, time_limit) for k, begin in enumerate(begins)
+    ]
     with limit_fit("tune", time_limit, tell):
         if executor is None and min(workers, starts) == 1:
             found = [jobs[0].search(tell)]
@@ -225,11 +236,14 @@ def _in_parallel(
             executor = stack.enter_context(
                 ProcessPoolExecutor(workers, mp_context=get_context("spawn"))
             )
-        for job, result in stack.enter_context(closing(with_executor(jobs, executor, None, _work))):
+        for job, result in stack.enter_context(
+            closing(with_executor(jobs, executor, None, _work))
+        ):
             found[job.number] = result
             if tell is not None:
                 tell(
-                    f"{len(found)} of {len(jobs)} starts, best {min(f[1] for f in found.values()):.4f}"
+                    f"{len(found)} of {len(jobs)} starts, best "
+                    f"{min(f[1] for f in found.values()):.4f}"
                 )
     return [found[job.number] for job in jobs]
 
@@ -242,13 +256,12 @@ def _search(
     tell: Callable[[str], None] | None,
 ) -> Found:
     """The best of a simplex from a start."""
-    bench, units, measures = (
-        Bench(chosen),
-        reference_measures(chosen, chosen.seed),
-        measures_of(chosen),
-    )
+    bench = Bench(chosen)
+    units = reference_measures(chosen, chosen.seed)
+    measures = measures_of(chosen)
     history: list[float] = []
-    best, least = begin, math.inf
+    best = begin
+    least = math.inf
 
     def value(x: np.ndarray) -> float:
         nonlocal best, least
@@ -265,7 +278,8 @@ def _search(
             )
             result += (REFUSED + len(trial.refused) / len(bench.draws)) if trial.refused else 0.0
         if result < least:
-            best, least = x.copy(), result
+            best = x.copy()
+            least = result
         history.append(least)
         best_known((time.perf_counter() - began) * evaluations / MOST_STEPS)
         if tell is not None:
@@ -290,7 +304,9 @@ def _search(
 
 
 def numbers_of(cascade: Cascade) -> np.ndarray:
-    """Logarithms of the numbers that are tuned: gains above zero of all motors, then those of the filters."""
+    """Logarithms of the numbers that are tuned: gains above zero of all motors, then those of the
+    filters.
+    """
     gains = [x for part in _gains(cascade) for x in part if x > 0]
     return np.log(np.array([*gains, *(x for f in cascade.filters for x in _fields(f))]))
 

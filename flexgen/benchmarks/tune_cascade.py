@@ -1,9 +1,9 @@
 """Tuning of the P-PI cascade of a robot on a set of robots, with required stability margins.
 
-The numbers of the cascade are changed in logarithms by the simplex method of Nelder and Mead: first
-a common factor for all position, speed and integral gains, then every number. The value is the root
-mean square over the robots of their largest dynamic errors. A controller without the margins, at
-any pose of any robot, is refused before it is simulated.
+The numbers of the cascade are changed in logarithms by the simplex method of Nelder and Mead:
+first a common factor for all position, speed and integral gains, then every number. The value is
+the root mean square over the robots of their largest dynamic errors. A controller without the
+margins, at any pose of any robot, is refused before it is simulated.
 """
 
 from __future__ import annotations
@@ -54,7 +54,9 @@ COMMON = 0.4
 """Part of the evaluations for the three common factors."""
 
 MOST = 20_000
-TUNED, OVER, INTERRUPTED = "tuned", "time limit", "interrupted"
+TUNED = "tuned"
+OVER = "time limit"
+INTERRUPTED = "interrupted"
 
 
 @checked_result

@@ -1,1 +1,3 @@
-"""Calibration: from tracked positions at rest to lengths, zeros, springs and masses of a tree of bodies."""
+"""Calibration: from tracked positions at rest to lengths, zeros, springs and masses of a tree of
+bodies.
+"""

@@ -1,15 +1,20 @@
-"""Standard deviations of a calibration: from the scatter of the poses, and from the curvature of the positions.
+"""Standard deviations of a calibration: from the scatter of the poses, and from the curvature of
+the positions.
 
     C = H^-1 (sum g g' + P) H^-1
-    x_true - x = v + w(v),      v ~ N(0, C),      w = -1/2 H^-1 J' W y''[v, v],      covariance = C + E[w w']
+    x_true - x = v + w(v),      v ~ N(0, C),      w = -1/2 H^-1 J' W y''[v, v],
+    covariance = C + E[w w']
 
-``g``: the slope of a pose, with its errors in a fit without it, since the fit makes them small where one pose
-determines a number. The errors of one pose may depend on each other: its trackers share what deflects below them.
+``g``: the slope of a pose, with its errors in a fit without it, since the fit makes them small
+where one pose determines a number. The errors of one pose may depend on each other: its trackers
+share what deflects below them.
 
-Joint zeros and placements that the poses do not separate keep the width of their priors, and move together along an
-arc: a length across it changes with the square of their angle, by far more than the noise of the measurement tells.
+Joint zeros and placements that the poses do not separate keep the width of their priors, and move
+together along an arc: a length across it changes with the square of their angle, by far more than
+the noise of the measurement tells.
 
-Source: D. M. Bates and D. G. Watts, Nonlinear Regression Analysis and Its Applications, 1988, ch. 7.
+Source: D. M. Bates and D. G. Watts, Nonlinear Regression Analysis and Its Applications, 1988,
+ch. 7.
 """
 
 from __future__ import annotations
@@ -29,8 +34,8 @@ ROUNDING = 1e-4  # of the variances of normalized numbers, far above that of the
 class Accuracy:
     """Of the numbers of a minimum.
 
-    ``covariance`` (p, p), zero for numbers at a bound; ``pull`` (p,): where these would be without it, in standard
-    deviations from it.
+    ``covariance`` (p, p), zero for numbers at a bound; ``pull`` (p,): where these would be without
+    it, in standard deviations from it.
     """
 
     covariance: np.ndarray
@@ -61,7 +66,9 @@ def _of_bends(
     inverse: np.ndarray,
     covariance: np.ndarray,
 ) -> np.ndarray:
-    """``E[w w']`` of the free numbers, from draws with their covariance to first order; ``inverse``: H^-1."""
+    """``E[w w']`` of the free numbers, from draws with their covariance to first order;
+    ``inverse``: H^-1.
+    """
     sd = np.sqrt(np.diag(covariance))
     variances, axes = np.linalg.eigh(covariance / np.outer(sd, sd))
     # roots; smooth at zero, where rounding has any sign

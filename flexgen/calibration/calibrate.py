@@ -1,9 +1,12 @@
-"""Calibration of an elastic robot from static poses: kinematics, compliances, mechanisms, masses, in one least squares.
+"""Calibration of an elastic robot from static poses: kinematics, compliances, mechanisms, masses,
+in one least squares.
 
-    q = command + zero + compliance * load of gravity,      y = pose of the world in the measurement * kinematics(q)
+    q = command + zero + compliance * load of gravity,
+    y = pose of the world in the measurement * kinematics(q)
 
-Sources: S. Moberg, Linkoeping 2010 (extended flexible joint model); J. Tenhumberg and B. Baeuml, Calibration of an
-elastic humanoid upper body and efficient compensation for motion planning, IEEE Humanoids 2021 (lateral compliances).
+Sources: S. Moberg, Linkoeping 2010 (extended flexible joint model); J. Tenhumberg and B. Baeuml,
+Calibration of an elastic humanoid upper body and efficient compensation for motion planning, IEEE
+Humanoids 2021 (lateral compliances).
 """
 
 from __future__ import annotations
@@ -68,9 +71,9 @@ def calibrate(
 ) -> Calibration:
     """Calibrate a model with static poses: where trackers were measured at commanded joints.
 
-    Minimizes ``sum rho(|y - y_measured|) + sum ((x - x_0)/sd)^2`` over the frame of the measurement, the positions of
-    the trackers and the free numbers; compliances stay above 0. Only products of compliance and mass can be seen at
-    rest: the priors fix what remains.
+    Minimizes ``sum rho(|y - y_measured|) + sum ((x - x_0)/sd)^2`` over the frame of the
+    measurement, the positions of the trackers and the free numbers; compliances stay above 0. Only
+    products of compliance and mass can be seen at rest: the priors fix what remains.
 
     Parameters
     ----------
@@ -82,22 +85,24 @@ def calibrate(
         zero of a joint about which all points turn, and no length scale: with ``placements`` one
         length is held.
     free : sequence of str
-        Groups of numbers: ``zeros`` of the joints, ``placements`` of the elements, ``compliances``, ``mechanisms``
-        (factors of ``mimic``), ``masses`` (with centers of mass). Default: all.
+        Groups of numbers: ``zeros`` of the joints, ``placements`` of the elements,
+        ``compliances``, ``mechanisms`` (factors of ``mimic``), ``masses`` (with centers of mass).
+        Default: all.
     place : sequence of str
         Elements whose place at their parent is not known at all; found in closed form first.
     priors : Priors, optional
         Standard deviations about the numbers of the model.
     folds : int
-        Parts of the poses that are left out in turn to measure the error on poses that were not fitted; 0: none.
+        Parts of the poses that are left out in turn to measure the error on poses that were not
+        fitted; 0: none.
     robust : bool
         Huber's loss, which limits the weight of gross errors; False: plain least squares.
     columns : sequence of str, optional
         Names of the columns of a file without a header, such as ``q1 deg,q2 deg,-,p_x,p_y,p_z``;
         without unit in SI units.
     time_limit : float, optional [s]
-        Then, or after Ctrl-C, the result is the best step so far; its ``ended`` says so. None or 0:
-        unlimited.
+        Then, or after Ctrl-C, the result is the best step so far; its ``ended`` says so. None or
+        0: unlimited.
     progress : callable or bool, optional
 
     Returns
@@ -107,7 +112,8 @@ def calibrate(
     Raises
     ------
     ArgumentError
-        The poses do not belong to the model, for instance with wrong units or signs; or a name is unknown.
+        The poses do not belong to the model, for instance with wrong units or signs; or a name is
+        unknown.
     ModelError
         The model has a beam, or a spring that is not linear.
     SolverError
@@ -118,7 +124,8 @@ def calibrate(
     >>> import numpy as np
     >>> tracker = {"name": "p", "type": "tracker", "unit": "m", "element": "tool"}
     >>> robot = flexgen.read("elbow", overrides={"sensor": [tracker]})
-    >>> softer = {"sensor": [tracker], "element.upper.dof.q1.gear.spring.stiffness": 4e6}  # file: 7.5e6 N m/rad
+    >>> # file: 7.5e6 N m/rad
+    >>> softer = {"sensor": [tracker], "element.upper.dof.q1.gear.spring.stiffness": 4e6}
     >>> q = np.random.default_rng(0).uniform(-1.5, 1.5, (40, 2))
     >>> seen = flexgen.tracker_positions(flexgen.read("elbow", overrides=softer), q)
     >>> found = flexgen.calibrate(robot, flexgen.StaticPoses(q, seen), free=["compliances"])
@@ -128,7 +135,8 @@ def calibrate(
     tell = progress if callable(progress) else None
     robot = model if isinstance(model, RobotModel) else read(model)
     refuse_harmonics(robot, "calibrate")
-    tree, trackers = Tree(robot), trackers_of(robot)
+    tree = Tree(robot)
+    trackers = trackers_of(robot)
     if columns is not None and isinstance(poses, StaticPoses):
         raise ArgumentError("columns: given with poses in memory, expected a .csv file")
     data = poses if isinstance(poses, StaticPoses) else StaticPoses.read(poses, robot, columns)
@@ -159,7 +167,8 @@ def calibrate(
         )
         reason = reason_of_end()
         checked = folds > 0 and not reason
-        held_out, seen = None, None
+        held_out = None
+        seen = None
         if checked:
             with keep_best():
                 held_out, seen = study.cross_validate(result, tilt, folds, tell)
@@ -196,12 +205,10 @@ class _Study:
         weights: np.ndarray | None = None,
     ) -> None:
         self.weights = weights
-        self.statics, self.measured, self.unknowns, self.robust = (
-            statics,
-            measured,
-            unknowns,
-            robust,
-        )
+        self.statics = statics
+        self.measured = measured
+        self.unknowns = unknowns
+        self.robust = robust
         self.valid = np.isfinite(measured).all(axis=2)
 
     def problem(self, unknowns: Sequence[Unknown], whitening: np.ndarray | None = None) -> Problem:
@@ -212,7 +219,9 @@ class _Study:
     def fit(
         self, start: np.ndarray, tell: Callable[[str], None] | None
     ) -> tuple[Minimum, Accuracy, Tilt | None]:
-        """Each point by itself first; then, where trackers share a tilt, with the covariance of each pose."""
+        """Each point by itself first; then, where trackers share a tilt, with the covariance of
+        each pose.
+        """
         problem = self.problem(self.unknowns)
         found = fit(problem, start, progress=tell)
         tilt = self._tilt(found)
@@ -247,7 +256,9 @@ class _Study:
         order = np.random.default_rng(0).permutation(len(self.measured))
         errors = np.full(self.measured.shape[:2], np.nan)
         seen = None if tilt is None else errors.copy()
-        whitening = None if tilt is None else self._whitening(self.statics, whole, tilt, self.valid)
+        whitening = (
+            None if tilt is None else self._whitening(self.statics, whole, tilt, self.valid)
+        )
         for k in range(folds):
             if tell:
                 tell(f"cross-validation {k + 1} of {folds}")
@@ -260,7 +271,8 @@ class _Study:
             if is_over():
                 return None, None
             one = fit(problem, whole.x, whole.rest.near.among(kept), whole.damping)
-            numbers, others = problem.numbers(one.x), self.statics.among(left_out)
+            numbers = problem.numbers(one.x)
+            others = self.statics.among(left_out)
             rest = others.rest(numbers, whole.rest.near.among(left_out))
             errors[left_out] = np.linalg.norm(rest.measured - self.measured[left_out], axis=2)
             if self.statics.groups is not None:
@@ -281,8 +293,8 @@ def _check(robot: RobotModel, data: StaticPoses, count: int, folds: int) -> None
     given = (data.commands.shape[1], data.positions.shape[1])
     if given != expected:
         raise ArgumentError(
-            f"poses: given {given[0]} joints and {given[1]} trackers, expected {expected[0]} and {expected[1]}, "
-            f"those of model {robot.name}"
+            f"poses: given {given[0]} joints and {given[1]} trackers, expected {expected[0]} "
+            f"and {expected[1]}, those of model {robot.name}"
         )
     if len(data) < FEWEST:
         raise ArgumentError(f"poses: given {len(data)}, expected at least {FEWEST}")
@@ -298,7 +310,8 @@ def _check(robot: RobotModel, data: StaticPoses, count: int, folds: int) -> None
         )
     if not np.isfinite(data.targets).all(axis=2).any(axis=0).all():
         raise ArgumentError(
-            "poses: given a tracker that was seen in no pose, expected at least one position of each"
+            "poses: given a tracker that was seen in no pose, expected at least one position of "
+            "each"
         )
 
 
@@ -352,7 +365,9 @@ def _warn_scale(held: str) -> tuple[str, ...]:
 
 
 def _start(unknowns: Sequence[Unknown], found: Numbers) -> np.ndarray:
-    """Values of the frame of the measurement, the trackers and the places, from the search in closed form."""
+    """Values of the frame of the measurement, the trackers and the places, from the search in
+    closed form.
+    """
     arrays = {
         "frame": found.frame,
         "tracker": found.trackers,
@@ -364,7 +379,9 @@ def _start(unknowns: Sequence[Unknown], found: Numbers) -> np.ndarray:
 
 
 def _warn_unexplained(found: Minimum, measured: np.ndarray) -> tuple[str, ...]:
-    """The part of the motion that the calibrated model does not explain, where that is more than a tenth."""
+    """The part of the motion that the calibrated model does not explain, where that is more than a
+    tenth.
+    """
     seen = np.isfinite(measured).all(axis=2)
     if not seen.any():
         return ()
@@ -373,8 +390,9 @@ def _warn_unexplained(found: Minimum, measured: np.ndarray) -> tuple[str, ...]:
     if part <= DOUBTFUL:
         return ()
     return (
-        f"the calibrated model leaves {100 * part:.0f} % of the motion of the trackers unexplained: check units, "
-        "signs and the order of the columns, and the joints and mechanisms of the model",
+        f"the calibrated model leaves {100 * part:.0f} % of the motion of the trackers "
+        "unexplained: check units, signs and the order of the columns, and the joints and "
+        "mechanisms of the model",
     )
 
 
@@ -390,8 +408,8 @@ def _warnings(
     ]
     if wrong:
         out.append(
-            f"the measurements ask for a negative compliance of {', '.join(wrong)}: a mechanism, a spring below it or "
-            "a mass of the model is wrong or missing"
+            f"the measurements ask for a negative compliance of {', '.join(wrong)}: a "
+            "mechanism, a spring below it or a mass of the model is wrong or missing"
         )
     ratio = (
         1.0
@@ -400,14 +418,15 @@ def _warnings(
     )
     if ratio > MANY:
         out.append(
-            f"the mean error on poses that were not fitted is {ratio:.2g} times that of the fit: measure more poses "
-            "or free fewer groups"
+            f"the mean error on poses that were not fitted is {ratio:.2g} times that of the "
+            "fit: measure more poses or free fewer groups"
         )
     gross = np.flatnonzero((np.nan_to_num(found.sizes) > GROSS).any(axis=1))
     if len(gross):
         shown = ", ".join(str(k + 1) for k in gross[:10]) + (", ..." if len(gross) > 10 else "")
         out.append(
-            f"{len(gross)} poses have an error above {1e3 * GROSS * found.scale:.3g} mm: rows {shown} of the poses"
+            f"{len(gross)} poses have an error above {1e3 * GROSS * found.scale:.3g} mm: rows "
+            f"{shown} of the poses"
         )
     if not found.converged:
         out.append("the search did not end at a minimum")

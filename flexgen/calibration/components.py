@@ -1,10 +1,12 @@
-"""What a calibration leaves unexplained: noise of each point, and a tilt of one element that changes from pose to pose.
+"""What a calibration leaves unexplained: noise of each point, and a tilt of one element that
+changes from pose to pose.
 
-    r = noise + B tilt,      noise ~ N(0, s^2 I),   tilt ~ N(0, diag(d)),      Sigma = s^2 I + B diag(d) B'
+    r = noise + B tilt,      noise ~ N(0, s^2 I),   tilt ~ N(0, diag(d)),
+    Sigma = s^2 I + B diag(d) B'
 
-``r`` (3 k): errors of all trackers of a pose; ``B``: their derivatives in three rotations of the element. ``s``, ``d``:
-those of the largest likelihood. Trackers that a tilt moves together tell about each other: with one seen, the error
-of another is ``Sigma_ba Sigma_aa^-1 r_a``.
+``r`` (3 k): errors of all trackers of a pose; ``B``: their derivatives in three rotations of the
+element. ``s``, ``d``: those of the largest likelihood. Trackers that a tilt moves together tell
+about each other: with one seen, the error of another is ``Sigma_ba Sigma_aa^-1 r_a``.
 
 Source: S. R. Searle, G. Casella, C. E. McCulloch, Variance Components, 1992, ch. 6-7.
 """
@@ -74,7 +76,9 @@ def tilt_slopes(
 
 
 def whitening_of(tilt: Tilt, B: np.ndarray, valid: np.ndarray) -> np.ndarray:
-    """``W`` (N, 3 k, 3 k) with ``W Sigma W' = 1``; points that were not seen, ``valid`` (N, k) False, do not count."""
+    """``W`` (N, 3 k, 3 k) with ``W Sigma W' = 1``; points that were not seen, ``valid`` (N, k)
+    False, do not count.
+    """
     sigma = (B * tilt.tilt_rad**2) @ np.swapaxes(B, 1, 2) + tilt.noise_m**2 * np.eye(B.shape[1])
     unseen = np.repeat(np.where(valid, 0.0, UNSEEN**2), 3, axis=1)
     return np.linalg.inv(np.linalg.cholesky(sigma + unseen[:, :, None] * np.eye(B.shape[1])))
@@ -85,10 +89,11 @@ def find_tilt(
 ) -> Tilt | None:
     """The tilt of the largest likelihood among the elements that move at least two trackers.
 
-    ``usable`` (N,): False for poses with gross errors. None: fewer than two trackers share an element, too few poses
-    see them all, there are no errors, or noise alone is as likely: with independent errors twice the logarithm of the
-    ratio of the likelihoods is at most as large as a chi-squared number of three degrees of freedom, and the largest of
-    all elements exceeds the bound once in ``1 / CHANCE`` calibrations at most.
+    ``usable`` (N,): False for poses with gross errors. None: fewer than two trackers share an
+    element, too few poses see them all, there are no errors, or noise alone is as likely: with
+    independent errors twice the logarithm of the ratio of the likelihoods is at most as large as a
+    chi-squared number of three degrees of freedom, and the largest of all elements exceeds the
+    bound once in ``1 / CHANCE`` calibrations at most.
     """
     tree = statics.tree
     moved = {
@@ -114,7 +119,9 @@ def find_tilt(
 
 
 def predict_others(tilt: Tilt, B: np.ndarray, gap: np.ndarray) -> np.ndarray:
-    """Errors (N, k, 3) that remain at each tracker when all others of its pose are seen; ``gap`` (N, k, 3) [m]."""
+    """Errors (N, k, 3) that remain at each tracker when all others of its pose are seen; ``gap``
+    (N, k, 3) [m].
+    """
     out = np.array(gap)
     k = gap.shape[1]
     for b in range(k):
@@ -131,10 +138,13 @@ def predict_others(tilt: Tilt, B: np.ndarray, gap: np.ndarray) -> np.ndarray:
 
 
 def _likelihood(r: np.ndarray, B: np.ndarray) -> tuple[float, np.ndarray]:
-    """Least negative logarithm of the likelihood, and the logarithms of the variances ``s^2, d``."""
+    """Least negative logarithm of the likelihood, and the logarithms of the variances
+    ``s^2, d``.
+    """
 
     def value(x: np.ndarray) -> tuple[float, np.ndarray]:
-        s2, d = np.exp(x[0]), np.exp(x[1:])
+        s2 = np.exp(x[0])
+        d = np.exp(x[1:])
         sigma = s2 * np.eye(r.shape[1]) + (B * d) @ np.swapaxes(B, 1, 2)
         inverse = np.linalg.inv(sigma)
         z = (inverse @ r[..., None])[..., 0]
@@ -169,7 +179,9 @@ def _likelihood(r: np.ndarray, B: np.ndarray) -> tuple[float, np.ndarray]:
 def seen_others(
     statics: Statics, numbers: Numbers, rest: Rest, measured: np.ndarray, tilt: Tilt
 ) -> np.ndarray:
-    """Lengths (N, k) [m] of the errors that remain at each tracker when the others are seen; nan where one is not."""
+    """Lengths (N, k) [m] of the errors that remain at each tracker when the others are seen; nan
+    where one is not.
+    """
     gap = rest.measured - measured
     lengths = np.full(gap.shape[:2], np.nan)
     complete = np.isfinite(gap).all(axis=(1, 2))

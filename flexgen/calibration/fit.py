@@ -1,13 +1,15 @@
 """Robust least squares with Gaussian priors: Gauss-Newton steps with damping, weights of Huber.
 
-    min  sum rho(|y - y_measured| / s) + sum ((x - x_0)/sd)^2,     rho(u) = u^2 for u <= k, 2 k u - k^2 beyond
+    min  sum rho(|y - y_measured| / s) + sum ((x - x_0)/sd)^2,
+    rho(u) = u^2 for u <= k, 2 k u - k^2 beyond
 
-One length per point and not one per axis, so that the fit does not depend on the axes. The scale ``s`` is the median of
-the errors over 1.54, the median of the length of a vector of three unit Gaussians; of touches and
-readings of one number over 0.674. Errors with a stated standard deviation are divided by it, over
-the median of those that are stated.
+One length per point and not one per axis, so that the fit does not depend on the axes. The scale
+``s`` is the median of the errors over 1.54, the median of the length of a vector of three unit
+Gaussians; of touches and readings of one number over 0.674. Errors with a stated standard
+deviation are divided by it, over the median of those that are stated.
 
-Source: P. J. Huber, Robust Statistics, 1981, ch. 7; J. Nocedal and S. Wright, Numerical Optimization, 2006, ch. 10.
+Source: P. J. Huber, Robust Statistics, 1981, ch. 7; J. Nocedal and S. Wright, Numerical
+Optimization, 2006, ch. 10.
 """
 
 from __future__ import annotations
@@ -31,7 +33,9 @@ LEAST_LEFT = 1e-6
 STEPS = 40
 SMALL_GAIN = 2e-5  # of the objective, as a part: where the search ends
 LEAST_GAIN = 1e-6  # in squares of standard deviations, where the errors are zero but for rounding
-DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-9, 1e8
+DAMPING = 1e-3
+LEAST_DAMPING = 1e-9
+MOST_DAMPING = 1e8
 # of the range of the points, at most of 1 m: least scale, also of poses without noise
 SHARPEST = 1e-6
 FLAT = 1e-12  # part of the curvature along a number that directions without any information get
@@ -43,7 +47,8 @@ LEAST = 1e-3  # least compliance, as a part of that of the model: a stiffness of
 
 @dataclass(frozen=True)
 class Minimum:
-    """``x`` (p,), ``rest``, ``gap`` (N, k, 3), ``errors`` (N, k) [m], ``scale`` [m]; ``converged``: it is one.
+    """``x`` (p,), ``rest``, ``gap`` (N, k, 3), ``errors`` (N, k) [m], ``scale`` [m];
+    ``converged``: it is one.
 
     ``damping``: of the last steps, where a search nearby starts; ``sizes`` (N, k): errors over the
     scale.
@@ -62,8 +67,9 @@ class Minimum:
 class Problem:
     """Measured positions, unknowns with their priors and bounds; see `fit`.
 
-    ``whitening`` (N, 3 k, 3 k): with it the errors of a pose are ``W r`` with unit covariance, and count as one length;
-    without it each point counts, over the scale. ``weights`` (N, k): factors of the errors.
+    ``whitening`` (N, 3 k, 3 k): with it the errors of a pose are ``W r`` with unit covariance, and
+    count as one length; without it each point counts, over the scale. ``weights`` (N, k): factors
+    of the errors.
     """
 
     def __init__(
@@ -75,12 +81,10 @@ class Problem:
         whitening: np.ndarray | None = None,
         weights: np.ndarray | None = None,
     ) -> None:
-        self.statics, self.unknowns, self.robust, self.whitening = (
-            statics,
-            unknowns,
-            robust,
-            whitening,
-        )
+        self.statics = statics
+        self.unknowns = unknowns
+        self.robust = robust
+        self.whitening = whitening
         self.weights = weights
         self.medians: np.ndarray | None = None
         if statics.touches is not None:
@@ -124,7 +128,9 @@ class Problem:
         return float(count * loss.sum() + (self.precision * (x - self.center) ** 2).sum())
 
     def _sizes(self, gap: np.ndarray, scale: float) -> tuple[np.ndarray, int]:
-        """Sizes of the errors for the loss, (N, k), or with a whitening (N, 1) for k points; and this k, else 1."""
+        """Sizes of the errors for the loss, (N, k), or with a whitening (N, 1) for k points; and
+        this k, else 1.
+        """
         if self.whitening is None:
             return np.linalg.norm(gap, axis=2) / scale, 1
         k = gap.shape[1]
@@ -141,24 +147,31 @@ class Problem:
         J = np.where(self.valid[:, :, None, None], J, 0.0)
         if self.weights is not None:
             J = J * self.weights[:, :, None, None]
-        N, p = len(J), len(x)
-        rows, r = J.reshape(N, -1, p), gap.reshape(N, -1)
+        N = len(J)
+        p = len(x)
+        rows = J.reshape(N, -1, p)
+        r = gap.reshape(N, -1)
         if self.whitening is None:
             w = np.repeat(weights, 3, axis=1) / scale**2
         else:
-            rows, r = self.whitening @ rows, (self.whitening @ r[..., None])[..., 0]
+            rows = self.whitening @ rows
+            r = (self.whitening @ r[..., None])[..., 0]
             w = np.broadcast_to(weights, r.shape)
-        rows, r = np.sqrt(w)[..., None] * rows, np.sqrt(w) * r
+        rows = np.sqrt(w)[..., None] * rows
+        r = np.sqrt(w) * r
         flat = rows.reshape(-1, p)
         return Slopes(flat.T @ flat, rows, r, self.precision * (x - self.center), np.sqrt(w), near)
 
     def curvature(self, slopes: Slopes) -> np.ndarray:
-        """Half the curvature (p, p) of the objective, also along numbers without any information."""
+        """Half the curvature (p, p) of the objective, also along numbers without any
+        information.
+        """
         matrix = slopes.A + np.diag(self.precision)
         return np.asarray(matrix + FLAT * np.diag(np.diag(matrix)))
 
     def bend(self, x: np.ndarray, slopes: Slopes, step: np.ndarray) -> np.ndarray:
-        """J' W y'' (p,), y'': second derivative of the positions along a step, from a small part of it.
+        """J' W y'' (p,), y'': second derivative of the positions along a step, from a small part
+        of it.
 
         Raises
         ------
@@ -176,9 +189,11 @@ class Problem:
 
 @dataclass(frozen=True)
 class Slopes:
-    """``A`` (p, p): J' W J; ``rows`` (N, 3 k, p): W^1/2 J of each pose; ``gaps`` (N, 3 k): W^1/2 r; ``prior`` (p,).
+    """``A`` (p, p): J' W J; ``rows`` (N, 3 k, p): W^1/2 J of each pose; ``gaps`` (N, 3 k): W^1/2
+    r; ``prior`` (p,).
 
-    ``roots`` (N, 3 k): of the weights; ``near``: where equilibria of numbers nearby are searched from.
+    ``roots`` (N, 3 k): of the weights; ``near``: where equilibria of numbers nearby are searched
+    from.
     """
 
     A: np.ndarray
@@ -218,14 +233,17 @@ def fit(
     damping: float = DAMPING,
     progress: Callable[[str], None] | None = None,
 ) -> Minimum:
-    """Minimize the objective from the values ``start`` (p,); ``near``: where the search for equilibria starts.
+    """Minimize the objective from the values ``start`` (p,); ``near``: where the search for
+    equilibria starts.
 
     Raises
     ------
     SolverError
         There is no equilibrium at the start.
     """
-    x, converged, straight = np.maximum(start.astype(float), problem.lower), False, True
+    x = np.maximum(start.astype(float), problem.lower)
+    converged = False
+    straight = True
     rest, gap, lengths = problem.evaluate(x, near)
     best_known()
     with keep_best():
@@ -245,7 +263,9 @@ def fit(
                 damped = matrix + damping * np.diag(np.diag(matrix))
                 try:
                     step = _bounded_step(damped, slopes.whole, problem.lower - x)
-                    there = x + (step if straight else _bent_step(problem, x, slopes, damped, step))
+                    there = x + (
+                        step if straight else _bent_step(problem, x, slopes, damped, step)
+                    )
                     trial = problem.evaluate(there, slopes.near)
                     after = problem.objective(there, trial[1], scale)
                 except SolverError:
@@ -288,7 +308,9 @@ def _bent_step(
 
 
 def _bounded_step(matrix: np.ndarray, slope: np.ndarray, least: np.ndarray) -> np.ndarray:
-    """The step with ``step >= least`` that minimizes ``2 slope' step + step' matrix step``: an active set."""
+    """The step with ``step >= least`` that minimizes ``2 slope' step + step' matrix step``: an
+    active set.
+    """
     held = np.zeros(len(slope), bool)
     step = np.zeros(len(slope))
     for _ in range(2 * len(slope)):

@@ -1,10 +1,13 @@
-"""Start values of poses that are not known, in closed form: the robot as a rigid one, a pose after the other.
+"""Start values of poses that are not known, in closed form: the robot as a rigid one, a pose after
+the other.
 
-The rotation and shift that bring points ``a`` to points ``b`` best, ``min sum |b - t - R a|^2``, follow from a singular
-value decomposition of ``sum (a - mean a)(b - mean b)'``; a tracker's position on its body is linear. Repeated in turn
-for the frame of the measurement, each element without a known place, and the trackers, the error falls each time.
+The rotation and shift that bring points ``a`` to points ``b`` best, ``min sum |b - t - R a|^2``,
+follow from a singular value decomposition of ``sum (a - mean a)(b - mean b)'``; a tracker's
+position on its body is linear. Repeated in turn for the frame of the measurement, each element
+without a known place, and the trackers, the error falls each time.
 
-Source: K. S. Arun, T. S. Huang and S. D. Blostein, Least-squares fitting of two 3-D point sets, IEEE PAMI 9 (1987).
+Source: K. S. Arun, T. S. Huang and S. D. Blostein, Least-squares fitting of two 3-D point sets,
+IEEE PAMI 9 (1987).
 """
 
 from __future__ import annotations
@@ -28,7 +31,8 @@ TRIED = 8  # attitudes of the elements without a known place that the search sta
 
 def best_pose(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Rotation (3, 3) and shift (3,) that bring the points ``a`` (N, 3) to ``b`` (N, 3) best."""
-    mean_a, mean_b = a.mean(axis=0), b.mean(axis=0)
+    mean_a = a.mean(axis=0)
+    mean_b = b.mean(axis=0)
     U, _, Vt = np.linalg.svd((a - mean_a).T @ (b - mean_b))
     R = Vt.T @ np.diag([1.0, 1.0, np.linalg.det(Vt.T @ U.T)]) @ U.T
     return R, mean_b - R @ mean_a
@@ -37,15 +41,18 @@ def best_pose(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def angles_of(R: np.ndarray) -> np.ndarray:
     """Angles (3,) [rad] of rotations about x, then the new y, then the new z."""
     sine = float(np.clip(R[0, 2], -1.0, 1.0))
-    return np.array([np.arctan2(-R[1, 2], R[2, 2]), np.arcsin(sine), np.arctan2(-R[0, 1], R[0, 0])])
+    return np.array(
+        [np.arctan2(-R[1, 2], R[2, 2]), np.arcsin(sine), np.arctan2(-R[0, 1], R[0, 0])]
+    )
 
 
 def start_frames(statics: Statics, measured: np.ndarray, placed: Sequence[str]) -> Numbers:
-    """Numbers with the frame of the measurement, the trackers and the places of the elements ``placed`` found.
+    """Numbers with the frame of the measurement, the trackers and the places of the elements
+    ``placed`` found.
 
-    ``measured`` (N, k, 3) [m]; entries that are missing are nan. Without elements to place one search is enough, or
-    another one from the frame that the trackers of the model file give; with them the best of several, from other
-    attitudes of these elements.
+    ``measured`` (N, k, 3) [m]; entries that are missing are nan. Without elements to place one
+    search is enough, or another one from the frame that the trackers of the model file give; with
+    them the best of several, from other attitudes of these elements.
     """
     tree = statics.tree
     first = replace(Numbers.of(tree), compliances=np.zeros(len(tree.elastic)))
@@ -54,7 +61,8 @@ def start_frames(statics: Statics, measured: np.ndarray, placed: Sequence[str]) 
         valid = np.isfinite(measured).all(axis=2)
         if (
             error
-            <= WRONG * np.linalg.norm(measured[valid] - measured[valid].mean(axis=0), axis=1).mean()
+            <= WRONG
+            * np.linalg.norm(measured[valid] - measured[valid].mean(axis=0), axis=1).mean()
         ):
             return numbers
         R, t = best_pose(statics.rest(first, rigid=True).points[valid], measured[valid])
@@ -73,15 +81,21 @@ def start_frames(statics: Statics, measured: np.ndarray, placed: Sequence[str]) 
             at = [tree.index[f"{name}.{s}"] for s in SHIFTS[3:]]
             shifts[at] = random.uniform(-np.pi, np.pi, 3)
         found.append(
-            _search(part, measured[rows], placed, replace(first, shifts=shifts), rounds=ROUNDS // 6)
+            _search(
+                part, measured[rows], placed, replace(first, shifts=shifts), rounds=ROUNDS // 6
+            )
         )
     best = min(found, key=lambda one: one[0])
     return _search(statics, measured, placed, best[1])[1]
 
 
 def rigid_errors(statics: Statics, measured: np.ndarray, numbers: Numbers) -> np.ndarray:
-    """Distances (N, k) [m] of the trackers of a rigid robot from where they were measured; nan where they were not."""
-    return np.asarray(np.linalg.norm(statics.rest(numbers, rigid=True).measured - measured, axis=2))
+    """Distances (N, k) [m] of the trackers of a rigid robot from where they were measured; nan
+    where they were not.
+    """
+    return np.asarray(
+        np.linalg.norm(statics.rest(numbers, rigid=True).measured - measured, axis=2)
+    )
 
 
 def _search(
@@ -94,7 +108,8 @@ def _search(
     """The rounds of the search from given numbers: mean error [m] and the numbers at its end."""
     valid = np.isfinite(measured).all(axis=2)
     y = np.where(valid[..., None], measured, 0.0)
-    last, rest = np.inf, statics.rest(numbers, rigid=True)
+    last = np.inf
+    rest = statics.rest(numbers, rigid=True)
     for _ in range(rounds):
         for name in placed:
             numbers = _place_element(statics, rest, numbers, name, y, valid)
@@ -116,10 +131,12 @@ def _place_element(
     """The pose of an element at its parent, from the trackers that it carries."""
     tree = statics.tree
     nodes = np.array([tree.index[f"{name}.{s}"] for s in SHIFTS])
-    R_before, p_before = rest.posture.frame(nodes[0])[0], rest.posture.axes(nodes[:1])[1][0]
+    R_before = rest.posture.frame(nodes[0])[0]
+    p_before = rest.posture.axes(nodes[:1])[1][0]
     R_after, p_after = rest.posture.frame(nodes[-1])
     world = (y - numbers.frame[:3]) @ frame_rotation(numbers.frame)
-    inner, outer = [], []
+    inner = []
+    outer = []
     for k, mount in enumerate(statics.places):
         if not tree.carries[nodes[0], mount.node]:
             continue
@@ -128,7 +145,8 @@ def _place_element(
         outer.append(_in_frame(R_before, p_before, world[:, k])[rows])
     if not inner:
         return numbers
-    a, b = np.concatenate(inner), np.concatenate(outer)
+    a = np.concatenate(inner)
+    b = np.concatenate(outer)
     R, t = best_pose(a, b)
     shifts = numbers.shifts.copy()
     shifts[nodes] = np.concatenate([t, angles_of(R)])
@@ -138,9 +156,12 @@ def _place_element(
 def _place_trackers(
     statics: Statics, rest: Rest, numbers: Numbers, y: np.ndarray, valid: np.ndarray
 ) -> tuple[Numbers, np.ndarray]:
-    """The position of each tracker on its body: the mean of what is seen; and the points (N, k, 3) in the world."""
+    """The position of each tracker on its body: the mean of what is seen; and the points (N, k, 3)
+    in the world.
+    """
     world = (y - numbers.frame[:3]) @ frame_rotation(numbers.frame)
-    found, points = numbers.trackers.copy(), rest.points.copy()
+    found = numbers.trackers.copy()
+    points = rest.points.copy()
     for k, mount in enumerate(statics.places):
         R = rest.posture.frame(mount.node)[0] @ mount.rotation
         origin = statics.tree.point(rest.posture, mount, np.zeros(3))

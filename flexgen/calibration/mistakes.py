@@ -1,8 +1,10 @@
-"""Mistakes in a file of poses: units, signs, columns. Such poses are refused, with the mistake that explains them.
+"""Mistakes in a file of poses: units, signs, columns. Such poses are refused, with the mistake
+that explains them.
 
-A rigid robot, with the frame and the trackers fitted in closed form, explains most of the motion of its trackers: the
-median error of each is a small part of the median distance from its mean. Where it is not, each single mistake is
-undone in turn. Poses are refused where this leaves much less of the error, or most of the motion is not explained.
+A rigid robot, with the frame and the trackers fitted in closed form, explains most of the motion
+of its trackers: the median error of each is a small part of the median distance from its mean.
+Where it is not, each single mistake is undone in turn. Poses are refused where this leaves much
+less of the error, or most of the motion is not explained.
 """
 
 from __future__ import annotations
@@ -22,7 +24,8 @@ from flexgen.errors import ArgumentError
 from flexgen.model.elements import RobotModel
 
 # parts of the scatter from which on mistakes are tried, and poses refused
-DOUBTFUL, UNEXPLAINED = 0.1, 0.5
+DOUBTFUL = 0.1
+UNEXPLAINED = 0.5
 SHUFFLES = (
     8  # of the commands, for the scatter of the trackers of poses that have nothing in common
 )
@@ -42,7 +45,8 @@ def find_start(
     Raises
     ------
     ArgumentError
-        A single mistake explains the errors, which the text names; or most of the motion is not explained.
+        A single mistake explains the errors, which the text names; or most of the motion is not
+        explained.
     """
     if progress is not None:
         progress("frame of the measurement, trackers and unknown places")
@@ -58,7 +62,8 @@ def find_start(
         )
     if progress is not None:
         progress(
-            f"{100 * error / scatter:.0f} % of the motion is not explained: searching for a mistake in the poses"
+            f"{100 * error / scatter:.0f} % of the motion is not explained: searching for a "
+            "mistake in the poses"
         )
     left = []
     for words, wrong in _mistakes(statics.model, data):
@@ -71,8 +76,9 @@ def find_start(
         return start
     advice = f"probably {words}" if named else "check units, signs and the order of the columns"
     raise ArgumentError(
-        f"{data.source or 'poses'}: given positions that scatter by {scatter:.3g} m, of which the model leaves "
-        f"{error:.3g} m unexplained, expected poses of {statics.model.name}: {advice}"
+        f"{data.source or 'poses'}: given positions that scatter by {scatter:.3g} m, of which "
+        f"the model leaves {error:.3g} m unexplained, expected poses of {statics.model.name}: "
+        f"{advice}"
     )
 
 
@@ -136,16 +142,20 @@ def _scatter_at_points(statics: Statics, numbers: Numbers, data: StaticPoses) ->
 
 
 def _agreement(statics: Statics, measured: np.ndarray, numbers: Numbers) -> tuple[float, float]:
-    """Medians [m] of the errors of a rigid robot, and of the distances from their mean, of the worst tracker.
+    """Medians [m] of the errors of a rigid robot, and of the distances from their mean, of the
+    worst tracker.
 
-    Trackers that only springs move, as on a base, do not count: a rigid robot explains nothing of their motion.
+    Trackers that only springs move, as on a base, do not count: a rigid robot explains nothing of
+    their motion.
     """
     error = np.where(
         _moves(statics, numbers),
         np.nanmedian(rigid_errors(statics, measured, numbers), axis=0),
         0.0,
     )
-    distance = np.nanmedian(np.linalg.norm(measured - np.nanmean(measured, axis=0), axis=2), axis=0)
+    distance = np.nanmedian(
+        np.linalg.norm(measured - np.nanmean(measured, axis=0), axis=2), axis=0
+    )
     worst = np.argmax(error / np.maximum(distance, 1e-300))
     return float(error[worst]), float(distance[worst])
 
@@ -215,5 +225,6 @@ def _mistakes(model: RobotModel, data: StaticPoses) -> Iterator[tuple[str, Stati
 def _exchange(count: int, i: int, j: int) -> list[int]:
     """The numbers below ``count`` with two of them exchanged."""
     order = list(range(count))
-    order[i], order[j] = j, i
+    order[i] = j
+    order[j] = i
     return order

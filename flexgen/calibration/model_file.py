@@ -1,7 +1,7 @@
 """The calibrated numbers as keys of a model file.
 
-The zero of an axis is part of ``origin`` where the axis is the first one of its element; else it turns the axes
-behind it, and ``link``.
+The zero of an axis is part of ``origin`` where the axis is the first one of its element; else it
+turns the axes behind it, and ``link``.
 """
 
 from __future__ import annotations
@@ -29,19 +29,22 @@ def changes_of(
 ) -> dict[str, Any]:
     """Dotted keys of the model file and their values; only those that differ from the model.
 
-    ``frame``: pose (6,) of the world in the frame of the measurement, which then becomes the world.
+    ``frame``: pose (6,) of the world in the frame of the measurement, which then becomes the
+    world.
 
     Raises
     ------
     ArgumentError
-        The zero of a translation behind other axes of one element changed: no key of a model file has it.
+        The zero of a translation behind other axes of one element changed: no key of a model file
+        has it.
     """
     tree = Tree(model)
     out: dict[str, Any] = {}
     for element in model.elements:
         origin, link, axes = _placements(tree, element, numbers)
         out |= {
-            f"element.{element.name}.dof.{name}.axis": _numbers(axis) for name, axis in axes.items()
+            f"element.{element.name}.dof.{name}.axis": _numbers(axis)
+            for name, axis in axes.items()
         }
         for key, new, old in (("origin", origin, element.origin), ("link", link, element.link)):
             if new is not old:
@@ -66,8 +69,8 @@ def changes_of(
 def _trackers(model: RobotModel, numbers: Numbers) -> dict[str, Any]:
     """Positions of the trackers that moved; all sensors where those of the model file are others.
 
-    Trackers may be given as overrides of `flexgen.read`: the file has no table whose position could
-    be set.
+    Trackers may be given as overrides of `flexgen.read`: the file has no table whose position
+    could be set.
     """
     moved = {
         sensor.name: _numbers(position)
@@ -96,18 +99,23 @@ def _sensors_of_file(model: RobotModel) -> tuple[Sensor, ...]:
 def _placements(
     tree: Tree, element: Element, numbers: Numbers
 ) -> tuple[Placement, Placement, dict[str, np.ndarray]]:
-    """``origin`` and ``link`` with the shifts of the element's place and the zeros of its axes; axes that they turn.
+    """``origin`` and ``link`` with the shifts of the element's place and the zeros of its axes;
+    axes that they turn.
 
-    A mechanism turns with the zeros of the coordinates that it names. ``exp(z a) exp(d b) = exp(d b') exp(z a)`` with
-    ``b' = exp(z a) b``: a zero between two axes turns the later ones, and ``link``.
+    A mechanism turns with the zeros of the coordinates that it names.
+    ``exp(z a) exp(d b) = exp(d b') exp(z a)`` with ``b' = exp(z a) b``: a zero between two axes
+    turns the later ones, and ``link``.
     """
-    origin, shifts = element.origin, numbers.shifts
+    origin = element.origin
+    shifts = numbers.shifts
     moved = shifts[[tree.index[f"{element.name}.{s}"] for s in SHIFTS]]
     if moved.any():
         origin = _join(origin, _placement(moved[:3], frame_rotation(moved)))
-    turned, axes = np.eye(3), {}
+    turned = np.eye(3)
+    axes = {}
     for k, dof in enumerate(element.dofs):
-        index, axis = tree.index[dof.name], np.array(dof.axis)
+        index = tree.index[dof.name]
+        axis = np.array(dof.axis)
         zero = shifts[index] + sum(
             numbers.factors[index, tree.index[on]] * shifts[tree.index[on]] for on, _ in dof.mimic
         )
@@ -126,8 +134,8 @@ def _placements(
             turned = turned @ turn
         else:
             raise ArgumentError(
-                f"element {element.name}: given the zero of the translation {dof.name} behind other axes, expected the "
-                "first axis of its element"
+                f"element {element.name}: given the zero of the translation {dof.name} behind "
+                "other axes, expected the first axis of its element"
             )
     link = (
         element.link
@@ -152,7 +160,8 @@ def _springs(tree: Tree, element: Element, dof: Dof, numbers: Numbers) -> dict[s
         return {} if new == dict(dof.mimic) else {f"{place}.mimic": new}
     if dof.name not in tree.elastic:
         return {}
-    old, new_value = tree.elastic[dof.name], numbers.compliances[list(tree.elastic).index(dof.name)]
+    old = tree.elastic[dof.name]
+    new_value = numbers.compliances[list(tree.elastic).index(dof.name)]
     if new_value == old:
         return {}
     spring = dof.gear.spring if dof.gear is not None else dof.spring
@@ -171,7 +180,9 @@ def _pose(placement: Placement) -> dict[str, Any]:
 def _join(first: Placement, second: Placement) -> Placement:
     """The placement of the second in the first."""
     R = np.array(first.rotation)
-    return _placement(np.array(first.position) + R @ second.position, R @ np.array(second.rotation))
+    return _placement(
+        np.array(first.position) + R @ second.position, R @ np.array(second.rotation)
+    )
 
 
 def _number(x: float) -> float:

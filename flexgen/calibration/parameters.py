@@ -80,10 +80,12 @@ UNKNOWN = Priors(position=10.0, rotation=10.0)
 
 @dataclass(frozen=True)
 class Unknown:
-    """One number: ``kind`` and ``at`` say where it belongs, ``start`` and ``sd`` are mean and width of its prior.
+    """One number: ``kind`` and ``at`` say where it belongs, ``start`` and ``sd`` are mean and
+    width of its prior.
 
-    Kinds: ``node`` (index of the node), ``frame`` (0 to 5), ``tracker`` (index, axis), ``compliance`` (index),
-    ``factor`` (mechanism, coordinate), ``mass`` (index of the body), ``center`` (body, axis),
+    Kinds: ``node`` (index of the node), ``frame`` (0 to 5), ``tracker`` (index, axis),
+    ``compliance`` (index), ``factor`` (mechanism, coordinate), ``mass`` (index of the body),
+    ``center`` (body, axis),
     ``point`` (index of the fixed point, axis), ``surface`` (index of the surface, number).
     """
 
@@ -100,7 +102,8 @@ def trackers_of(model: RobotModel) -> tuple[Sensor, ...]:
     found = tuple(sensor for sensor in model.sensors if sensor.type == "tracker")
     if not found:
         raise ArgumentError(
-            f'model {model.name}: given no tracker, expected a [[sensor]] with type = "tracker" for each point that '
+            f'model {model.name}: given no tracker, expected a [[sensor]] with type = "tracker" '
+            f"for each point that "
             "is measured, with name, element, position and unit"
         )
     return found
@@ -122,7 +125,9 @@ def unknowns_of(  # noqa: C901
             raise ArgumentError(f"free: given {group!r}, expected {closest(group, list(GROUPS))}")
     for name in placed:
         if name not in tree.tips:
-            raise ArgumentError(f"place: given {name!r}, expected {closest(name, list(tree.tips))}")
+            raise ArgumentError(
+                f"place: given {name!r}, expected {closest(name, list(tree.tips))}"
+            )
     out = [
         Unknown(f"{FRAME}.{s}", _unit(s), "frame", (k,), 0.0, _sd(s, UNKNOWN))
         for k, s in enumerate(SHIFTS)
@@ -254,7 +259,9 @@ def _masses(tree: Tree, priors: Priors) -> list[Unknown]:
 
 
 def _moving_nodes(tree: Tree) -> set[int]:
-    """Nodes that move a tracker, also by a mechanism; the others have no effect, except through their weight."""
+    """Nodes that move a tracker, also by a mechanism; the others have no effect, except through
+    their weight.
+    """
     nodes = [tree.tip(sensor.place).node for sensor in trackers_of(tree.model)]
     moving = set(np.flatnonzero(tree.carries[:, nodes].any(axis=1)).tolist())
     named = {
@@ -267,7 +274,9 @@ def _moving_nodes(tree: Tree) -> set[int]:
 
 
 def _same_as_zero(element: Element) -> str:
-    """The shift of a placement that does what the zero of the element's first, actuated coordinate does; or empty."""
+    """The shift of a placement that does what the zero of the element's first, actuated coordinate
+    does; or empty.
+    """
     first = element.dofs[0] if element.dofs else None
     if first is None or not first.actuated or max(map(abs, first.axis)) < 1.0 - 1e-9:
         return ""

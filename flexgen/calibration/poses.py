@@ -60,8 +60,8 @@ class StaticPoses:
     source : str
         Where they come from.
     points : array (N, k) of str, optional
-        Names of the fixed points that the trackers touch; empty where they touch none. The place of
-        a fixed point is not known, but one name is one place.
+        Names of the fixed points that the trackers touch; empty where they touch none. The place
+        of a fixed point is not known, but one name is one place.
     touches : array (N, k) of str, optional
         What they touch otherwise, as in a file: ``"plane table"``; empty where nothing.
     readings : array (N, k) [m], optional
@@ -105,11 +105,13 @@ class StaticPoses:
             or len(commands) != len(positions)
         ):
             raise ArgumentError(
-                f"poses: given arrays of shapes {commands.shape} and {positions.shape}, expected (N, n_g) and (N, k, 3)"
+                f"poses: given arrays of shapes {commands.shape} and {positions.shape}, "
+                "expected (N, n_g) and (N, k, 3)"
             )
         if not np.isfinite(commands).all() or np.isinf(positions).any():
             raise ArgumentError(
-                "poses: given commands or positions that are not finite; nan marks a position not seen"
+                "poses: given commands or positions that are not finite; nan marks a position "
+                "not seen"
             )
         self._set_points(positions)
         self._set_touches(positions)
@@ -133,8 +135,8 @@ class StaticPoses:
         for name, count in zip(*np.unique(points[points != ""], return_counts=True), strict=True):
             if count < FEWEST_TOUCHES:
                 raise ArgumentError(
-                    f"poses: given {count} pose at the fixed point {str(name)[:40]!r}, expected at "
-                    f"least {FEWEST_TOUCHES}: one alone tells nothing"
+                    f"poses: given {count} pose at the fixed point {str(name)[:40]!r}, expected "
+                    f"at least {FEWEST_TOUCHES}: one alone tells nothing"
                 )
 
     def _set_touches(self, positions: np.ndarray) -> None:

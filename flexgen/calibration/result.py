@@ -1,4 +1,6 @@
-"""What a calibration found: numbers with their accuracy, errors before, after and on poses that were not fitted."""
+"""What a calibration found: numbers with their accuracy, errors before, after and on poses that
+were not fitted.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,8 @@ from flexgen.spec.variants import with_variant
 from flexgen.type_checks import checked_result
 
 CANDIDATES = 300  # random poses from which new ones are chosen
-DETERMINED = 0.3  # of the prior's standard deviation: below it, the measurements determine a number
+# of the prior's standard deviation: below it, the measurements determine a number
+DETERMINED = 0.3
 
 
 def write_calibrated(
@@ -46,7 +49,9 @@ def write_calibrated(
 
 
 def check_file(path: str | Path, model: RobotModel) -> None:
-    """Check before a fit that `Calibration.write` can write the new model file; errors as there."""
+    """Check before a fit that `Calibration.write` can write the new model file; errors as
+    there.
+    """
     write_calibrated(path, model, {}, "check", dry=True)
 
 
@@ -65,12 +70,14 @@ class Calibration(Result):
     x, covariance : array (p,), (p, p)
         Their values, and the covariance; zero for a compliance that is held at its lower bound.
     errors_before, errors : array (N, k) [m]
-        Distances of the trackers from the model's points: of the nominal model, where only the frame of the
-        measurement, the trackers and the elements without a known place are fitted, and of the calibrated one.
+        Distances of the trackers from the model's points: of the nominal model, where only the
+        frame of the measurement, the trackers and the elements without a known place are fitted,
+        and of the calibrated one.
     errors_held_out : array (N, k) [m] or None
         The same of fits without the pose, in turn for each fold.
     errors_seen : array (N, k) [m] or None
-        The same as `errors_held_out` where the other trackers of the pose are seen; None: nothing is shared.
+        The same as `errors_held_out` where the other trackers of the pose are seen; None: nothing
+        is shared.
     sag : array (N, k) [m]
         Distances of the trackers from where they were without deflections.
     tilt : Tilt or None
@@ -84,7 +91,9 @@ class Calibration(Result):
     Examples
     --------
     >>> import numpy as np
-    >>> robot = flexgen.read("elbow", overrides={"sensor": [{"name": "p", "type": "tracker", "unit": "m"}]})
+    >>> robot = flexgen.read(
+    ...     "elbow", overrides={"sensor": [{"name": "p", "type": "tracker", "unit": "m"}]}
+    ... )
     >>> q = np.random.default_rng(0).uniform(-1.5, 1.5, (30, 2))
     >>> points = flexgen.tracker_positions(robot, q)
     >>> found = flexgen.calibrate(robot, flexgen.StaticPoses(q, points), free=["zeros"])
@@ -154,7 +163,9 @@ class Calibration(Result):
 
     @property
     def determined(self) -> dict[str, bool]:
-        """Whether the measurements determine a number: its standard deviation is below 0.3 of that of the prior."""
+        """Whether the measurements determine a number: its standard deviation is below 0.3 of that
+        of the prior.
+        """
         return {u.name: 0.0 < self.sd[u.name] < DETERMINED * u.sd for u in self.unknowns}
 
     @property
@@ -169,7 +180,8 @@ class Calibration(Result):
 
     @property
     def model(self) -> RobotModel:
-        """The calibrated model, in the world of the nominal one; `frame` says where the measurement sees it.
+        """The calibrated model, in the world of the nominal one; `frame` says where the
+        measurement sees it.
 
         Raises
         ------
@@ -178,14 +190,17 @@ class Calibration(Result):
         """
         if not self.nominal.file:
             raise ArgumentError(
-                "calibration: given a model without a file, expected one that was read from a .toml file"
+                "calibration: given a model without a file, expected one that was read from a "
+                ".toml file"
             )
         changes = with_overrides(self.nominal, self.changes)
         return read(self.nominal.file, self.nominal.variant or None, overrides=changes)
 
     @property
     def frame(self) -> np.ndarray:
-        """Pose (6,) of the world in the frame of the measurement: shift [m], angles about x, new y, new z [rad]."""
+        """Pose (6,) of the world in the frame of the measurement: shift [m], angles about x, new
+        y, new z [rad].
+        """
         if not self.poses.is_measured:
             return np.zeros(6)  # fixed points are in the world of the robot
         return np.array(
@@ -193,7 +208,9 @@ class Calibration(Result):
         )
 
     def predict(self, commands: np.ndarray) -> np.ndarray:
-        """Positions (N, k, 3) [m] of the trackers in the frame of the measurement, at commands (N, n_g) [rad or m]."""
+        """Positions (N, k, 3) [m] of the trackers in the frame of the measurement, at commands (N,
+        n_g) [rad or m].
+        """
         return (
             Statics(Tree(self.nominal), np.asarray(commands, dtype=float))
             .rest(self._numbers)
@@ -203,10 +220,11 @@ class Calibration(Result):
     def propose_poses(
         self, count: int, candidates: np.ndarray | None = None, seed: int = 0
     ) -> np.ndarray:
-        """Commands (count, n_g) of the poses whose measurement tells most: the least determinant of the covariance.
+        """Commands (count, n_g) of the poses whose measurement tells most: the least determinant
+        of the covariance.
 
-        Chosen one after the other among ``candidates`` (m, n_g), default: random ones within the range of the measured
-        commands; check them for collisions and for what the sensor can see.
+        Chosen one after the other among ``candidates`` (m, n_g), default: random ones within the
+        range of the measured commands; check them for collisions and for what the sensor can see.
 
         Raises
         ------
@@ -221,10 +239,11 @@ class Calibration(Result):
         """
         if not self.poses.is_measured:
             raise ArgumentError(
-                "poses: given fixed points only, expected measured positions: new poses are chosen "
-                "for positions that will be measured"
+                "poses: given fixed points only, expected measured positions: new poses are "
+                "chosen for positions that will be measured"
             )
-        low, high = self.poses.commands.min(axis=0), self.poses.commands.max(axis=0)
+        low = self.poses.commands.min(axis=0)
+        high = self.poses.commands.max(axis=0)
         count_of("count", count, LARGEST)
         if candidates is None:
             candidates = np.random.default_rng(seed_of(seed)).uniform(
@@ -238,10 +257,8 @@ class Calibration(Result):
             raise ArgumentError(
                 f"count: given {count}, expected 1 to {len(candidates)}, the number of candidates"
             )
-        statics, numbers = (
-            Statics(Tree(self.nominal), np.asarray(candidates, dtype=float)),
-            self._numbers,
-        )
+        statics = Statics(Tree(self.nominal), np.asarray(candidates, dtype=float))
+        numbers = self._numbers
         J = statics.slopes(numbers, statics.rest(numbers), self.unknowns)[0].reshape(
             len(candidates), -1, len(self.x)
         )
@@ -259,15 +276,16 @@ class Calibration(Result):
         return np.asarray(candidates, dtype=float)[chosen]
 
     def write(self, path: str | Path, world: str = "robot") -> Path:
-        """Write the model file with a further variant ``calibrated`` that sets the new numbers; the rest stays.
+        """Write the model file with a further variant ``calibrated`` that sets the new numbers;
+        the rest stays.
 
         Parameters
         ----------
         path : str or Path
             Read it as ``FILE@calibrated``.
         world : str
-            ``"robot"``: the world of the model stays; ``"measurement"``: base and gravity are turned such that
-            positions are those of the measurement.
+            ``"robot"``: the world of the model stays; ``"measurement"``: base and gravity are
+            turned such that positions are those of the measurement.
 
         Returns
         -------

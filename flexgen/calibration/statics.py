@@ -1,12 +1,15 @@
 """Measured points of an elastic tree at rest, and their exact derivatives in all parameters.
 
-    q_k = command_k + shift_k + deflection_k,   deflection = c tau(q),   q_mechanism = sum factor_k q_k
-    y = f + F p                                 f, F: pose of the world in the frame of the measurement
+    q_k = command_k + shift_k + deflection_k,   deflection = c tau(q),
+    q_mechanism = sum factor_k q_k
+    y = f + F p
+    f, F: pose of the world in the frame of the measurement
 
-``c``: compliances; ``tau``: load of gravity on each elastic coordinate, where that of a mechanism acts on the
-coordinates that it names, and the torques of counterbalance and friction at rest, by the angle command + deflection.
-With ``T`` the nodes that an elastic coordinate moves, ``H = dtau/dq`` and ``J = dp/dq``, the implicit function theorem
-gives, for a number with direct effects ``q'``, ``c'``, ``tau'``,
+``c``: compliances; ``tau``: load of gravity on each elastic coordinate, where that of a mechanism
+acts on the coordinates that it names, and the torques of counterbalance and friction at rest, by
+the angle command + deflection. With ``T`` the nodes that an elastic coordinate moves,
+``H = dtau/dq`` and ``J = dp/dq``, the implicit function theorem gives, for a number with direct
+effects ``q'``, ``c'``, ``tau'``,
 
     L = J T (1 - c T' H T)^-1,      dp = (J + L c T' H) q' + L (c' tau + c tau')
 """
@@ -35,8 +38,9 @@ NO_EQUILIBRIUM = "calibration: a pose has no static equilibrium, the springs do 
 class Numbers:
     """The numbers of a tree that are free, each set as a whole.
 
-    ``shifts`` (n): of the nodes; ``frame`` (6); ``trackers`` (k, 3); ``compliances`` (n_E); ``factors``: (node of a
-    mechanism, node of a coordinate) -> factor; ``masses`` (b); ``centers`` (b, 3);
+    ``shifts`` (n): of the nodes; ``frame`` (6); ``trackers`` (k, 3); ``compliances`` (n_E);
+    ``factors``: (node of a mechanism, node of a coordinate) -> factor; ``masses`` (b); ``centers``
+    (b, 3);
     ``points`` (m, 3): fixed points in the frame of the measurement; ``surfaces`` (m, 3): numbers
     of `flexgen.calibration.touches`.
     """
@@ -56,7 +60,8 @@ class Numbers:
         cls, tree: Tree, unknowns: Sequence[Unknown] = (), x: Sequence[float] | np.ndarray = ()
     ) -> Numbers:
         """Those of the model, with the values ``x`` of the unknowns."""
-        index, sensors = tree.index, trackers_of(tree.model)
+        index = tree.index
+        sensors = trackers_of(tree.model)
         new = cls(
             np.zeros(len(tree.nodes)),
             np.zeros(6),
@@ -94,7 +99,9 @@ def _count(unknowns: Sequence[Unknown], kind: str) -> int:
 
 @dataclass(frozen=True)
 class Near:
-    """Where Newton's method starts: ``deflection`` (N, n_E); ``inverse`` (N, n_E, n_E): of ``1 - c T' H T`` nearby."""
+    """Where Newton's method starts: ``deflection`` (N, n_E); ``inverse`` (N, n_E, n_E): of
+    ``1 - c T' H T`` nearby.
+    """
 
     deflection: np.ndarray
     inverse: np.ndarray | None = None
@@ -108,10 +115,11 @@ class Near:
 class Rest:
     """The robot at rest at N poses.
 
-    ``q`` (N, n): values of the nodes; ``near``: deflections, and what found them; ``load`` (N, n_E): ``tau`` [N m or
-    N]; ``points`` (N, k, 3): the trackers in the world; ``measured`` (N, k, 3): in the frame of the
-    measurement [m], from the fixed point where one is touched; of a surface, the difference from
-    its reading and two zeros. ``tips`` (N, t, 3): ends of the axes of `Touches.tips` in the world.
+    ``q`` (N, n): values of the nodes; ``near``: deflections, and what found them; ``load`` (N,
+    n_E): ``tau`` [N m or N]; ``points`` (N, k, 3): the trackers in the world; ``measured`` (N, k,
+    3): in the frame of the measurement [m], from the fixed point where one is touched; of a
+    surface, the difference from its reading and two zeros. ``tips`` (N, t, 3): ends of the axes of
+    `Touches.tips` in the world.
     """
 
     q: np.ndarray
@@ -127,8 +135,9 @@ class Rest:
 class Loads:
     """Loads of gravity on all nodes.
 
-    ``tau`` (n, N) [N m or N]; ``crossed`` (n, N, 3): ``g x z``, zero of translations; ``shift`` (n, N, 3): change of
-    the first moment of all bodies [kg m] in a node; ``centers`` (b, N, 3): of mass, in the world [m].
+    ``tau`` (n, N) [N m or N]; ``crossed`` (n, N, 3): ``g x z``, zero of translations; ``shift``
+    (n, N, 3): change of the first moment of all bodies [kg m] in a node; ``centers`` (b, N, 3): of
+    mass, in the world [m].
     """
 
     tau: np.ndarray
@@ -159,7 +168,9 @@ class Statics:
         groups: np.ndarray | None = None,
         touches: Touches | None = None,
     ) -> None:
-        self.tree, self.model, self.commands = tree, tree.model, commands
+        self.tree = tree
+        self.model = tree.model
+        self.commands = commands
         self.groups = groups
         self.touches = touches
         self.actuated = [tree.index[c.name] for c in tree.model.coordinates if c.actuated]
@@ -186,7 +197,8 @@ class Statics:
         return Statics(self.tree, commands)
 
     def rest(self, numbers: Numbers, near: Near | None = None, *, rigid: bool = False) -> Rest:
-        """The robot at rest under gravity, by Newton's method from ``near``, whose matrix is kept while it converges.
+        """The robot at rest under gravity, by Newton's method from ``near``, whose matrix is kept
+        while it converges.
 
         ``rigid``: without deflections, and without their slopes.
 
@@ -201,7 +213,10 @@ class Statics:
         moving = self.actuated + ([] if rigid else list(self.elastic)) + self.mechanisms
         places = self.tree.places(numbers.shifts, np.unique(moving))
         near = near or Near(np.zeros((len(direct), len(self.elastic))))
-        deflection, inverse, largest, last = near.deflection, near.inverse, np.inf, None
+        deflection = near.deflection
+        inverse = near.inverse
+        largest = np.inf
+        last = None
         for _ in range(NEWTON_STEPS):
             q = self._values(numbers, direct, deflection)
             posture = self.tree.posture(q, places)
@@ -211,15 +226,18 @@ class Statics:
             tau = self._loads(numbers, posture, self.rows).tau
             load = (T[self.rows].T @ tau).T + self._joint_torques(numbers, q)[0]
             gap = numbers.compliances * load - deflection
-            before, largest = largest, np.abs(gap).max(initial=0.0)
+            before = largest
+            largest = np.abs(gap).max(initial=0.0)
             if largest < SETTLED:
                 break
             if inverse is None or largest > SLOW * before:
-                inverse, last = self._inverse(numbers, posture, q, T), None
+                inverse = self._inverse(numbers, posture, q, T)
+                last = None
             step = _broyden_step((inverse @ gap[..., None])[..., 0], last)
             if not np.abs(step).max() < 1.0:
                 raise SolverError(NO_EQUILIBRIUM)
-            deflection, last = deflection + step, step
+            deflection = deflection + step
+            last = step
         else:
             raise SolverError(f"calibration: no static equilibrium in {NEWTON_STEPS} steps")
         trackers = zip(self.places, numbers.trackers, strict=True)
@@ -254,7 +272,8 @@ class Statics:
         self, numbers: Numbers, posture: Posture, q: np.ndarray, T: np.ndarray
     ) -> np.ndarray:
         """That of ``1 - c T' H T`` (N, n_E, n_E)."""
-        loads, rising = self._loads(numbers, posture), self._joint_torques(numbers, q)[1]
+        loads = self._loads(numbers, posture)
+        rising = self._joint_torques(numbers, q)[1]
         try:
             parts = (
                 self._matrix(numbers, self._load_slopes(loads, T, p), T, rising[p])
@@ -274,11 +293,14 @@ class Statics:
     def slopes(
         self, numbers: Numbers, rest: Rest, unknowns: Sequence[Unknown]
     ) -> tuple[np.ndarray, Near]:
-        """Derivatives (N, k, 3, p) of the measured positions in the unknowns, at a rest of the same numbers.
+        """Derivatives (N, k, 3, p) of the measured positions in the unknowns, at a rest of the
+        same numbers.
 
         And where a search for equilibria of numbers nearby starts.
         """
-        loads, T, c = self._loads(numbers, rest.posture), self._moves(numbers), numbers.compliances
+        loads = self._loads(numbers, rest.posture)
+        T = self._moves(numbers)
+        c = numbers.compliances
         at = np.array([unknown.at[0] for unknown in unknowns], int)
         nodes, springs, mechanisms, frame, masses, centers = (
             [i for i, unknown in enumerate(unknowns) if unknown.kind == kind]
@@ -365,16 +387,21 @@ class Statics:
         q = direct.copy()
         q[:, self.elastic] += deflection
         for m in self.mechanisms:
-            q[:, m] += sum(f * q[:, on] for (which, on), f in numbers.factors.items() if which == m)
+            q[:, m] += sum(
+                f * q[:, on] for (which, on), f in numbers.factors.items() if which == m
+            )
         return q
 
     def _joint_torques(self, numbers: Numbers, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Torques (N, n_E) of counterbalance and friction at rest on the elastic coordinates; slopes (N, n_E, n_E).
+        """Torques (N, n_E) of counterbalance and friction at rest on the elastic coordinates;
+        slopes (N, n_E, n_E).
 
-        A zero turns the body in front of the counterbalance, as in the model file: the angle does not contain it.
+        A zero turns the body in front of the counterbalance, as in the model file: the angle does
+        not contain it.
         """
         angle = q[:, self.elastic] - numbers.shifts[self.elastic]
-        torque, slope = np.zeros_like(angle), np.zeros((*angle.shape, angle.shape[1]))
+        torque = np.zeros_like(angle)
+        slope = np.zeros((*angle.shape, angle.shape[1]))
         for k, dof in self.springs:
             torque[:, k] -= dof.friction.offset
             for n, (sine, cosine) in enumerate(dof.counterbalance, 1):
@@ -384,8 +411,11 @@ class Statics:
         return torque, slope
 
     def _loads(self, numbers: Numbers, posture: Posture, on: np.ndarray | None = None) -> Loads:
-        """Loads and their slopes, of all nodes or only those on some; see `flexgen.calibration.tree`."""
-        tree, g = self.tree, self.gravity
+        """Loads and their slopes, of all nodes or only those on some; see
+        `flexgen.calibration.tree`.
+        """
+        tree = self.tree
+        g = self.gravity
         z, o = posture.every if on is None else posture.axes(on)
         on = np.arange(len(z)) if on is None else on
         bodies = zip(tree.bodies, numbers.centers, strict=True)
@@ -398,8 +428,12 @@ class Statics:
         return Loads(shift @ g, np.where(sliding, 0.0, np.cross(g, z)), shift, centers)
 
     def _load_slopes(self, loads: Loads, T: np.ndarray, some: slice) -> np.ndarray:
-        """``T' H`` (poses, n_E, n): slopes of the loads of the elastic coordinates in the values of all nodes."""
-        carries, rows, n = self.tree.carries, self.rows, len(self.elastic)
+        """``T' H`` (poses, n_E, n): slopes of the loads of the elastic coordinates in the values
+        of all nodes.
+        """
+        carries = self.tree.carries
+        rows = self.rows
+        n = len(self.elastic)
         a = np.swapaxes(loads.crossed[:, some], 0, 1)  # (., n, 3)
         b = np.moveaxis(loads.shift[:, some], 0, 2)  # (., 3, n)
         H = a[:, rows] @ b
@@ -414,7 +448,9 @@ class Statics:
     def _of_moves(
         self, H: np.ndarray, T: np.ndarray, elastic: Iterable[int], mechanisms: Iterable[int]
     ) -> np.ndarray:
-        """``H T`` (N, n_E, n_E), H in some nodes; ``elastic``, ``mechanisms``: their columns of H."""
+        """``H T`` (N, n_E, n_E), H in some nodes; ``elastic``, ``mechanisms``: their columns of
+        H.
+        """
         out = H[:, :, list(elastic)]
         for k, m in zip(mechanisms, self.mechanisms, strict=True):
             for e in np.flatnonzero(T[m]):
@@ -424,8 +460,11 @@ class Statics:
     def _weight_slopes(
         self, numbers: Numbers, at: Posture, loads: Loads, unknowns: Sequence[Unknown]
     ) -> np.ndarray:
-        """Derivatives (N, rows, p) of loads in masses and coordinates of centers of mass; rows: elastic, mechanisms."""
-        rows, held = self.rows, self.held[[unknown.at[0] for unknown in unknowns]]
+        """Derivatives (N, rows, p) of loads in masses and coordinates of centers of mass; rows:
+        elastic, mechanisms.
+        """
+        rows = self.rows
+        held = self.held[[unknown.at[0] for unknown in unknowns]]
         arms = np.empty((loads.tau.shape[1], 3, len(unknowns)))
         for i, unknown in enumerate(unknowns):
             body = unknown.at[0]
@@ -445,9 +484,11 @@ class Statics:
 
 
 def _broyden_step(step: np.ndarray, last: np.ndarray | None) -> np.ndarray:
-    """A step (N, n_E) of Newton's method with a matrix kept, corrected by what the last step left of the difference.
+    """A step (N, n_E) of Newton's method with a matrix kept, corrected by what the last step left
+    of the difference.
 
-    Source: C. G. Broyden, A class of methods for solving nonlinear simultaneous equations, Math. Comp. 19, 1965.
+    Source: C. G. Broyden, A class of methods for solving nonlinear simultaneous equations, Math.
+    Comp. 19, 1965.
     """
     if last is None:
         return step
@@ -461,7 +502,9 @@ def _parts(count: int) -> list[slice]:
 
 
 def frame_rotation(frame: np.ndarray) -> np.ndarray:
-    """Rotation matrix of ``frame[3:]``: rotations about x, then the new y, then the new z [rad]."""
+    """Rotation matrix of ``frame[3:]``: rotations about x, then the new y, then the new z
+    [rad].
+    """
     parts = [rotations(axis, frame[3 + k : 4 + k])[0] for k, axis in enumerate(IDENTITY)]
     return parts[0] @ parts[1] @ parts[2]
 

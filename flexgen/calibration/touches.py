@@ -267,7 +267,8 @@ class Touches:
         surfaces = list(self.surfaces)
         for m, surface in enumerate(self.surfaces):
             at = np.nonzero(self.which == m)
-            p, g = points[at], self.readings[at]
+            p = points[at]
+            g = self.readings[at]
             if surface.kind == "plane":
                 surfaces[m], numbers[m] = _place_plane(surface, p, g)
             elif surface.kind == "sphere":

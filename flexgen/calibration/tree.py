@@ -1,12 +1,16 @@
-"""Static kinematics of elastic trees at many poses at once, with exact derivatives in all geometric parameters.
+"""Static kinematics of elastic trees at many poses at once, with exact derivatives in all
+geometric parameters.
 
-Each joint, each elastic axis and each error of a placement is a *node*: a rotation about, or a translation along, a
-fixed axis of the node before it. One formula then gives the derivatives in all of them. With the axis ``z_a`` and
-origin ``o_a`` of node a in the world, mass ``m_a`` and first moment ``M_a = sum m (c - o_a)`` of all that it carries:
+Each joint, each elastic axis and each error of a placement is a *node*: a rotation about, or a
+translation along, a fixed axis of the node before it. One formula then gives the derivatives in
+all of them. With the axis ``z_a`` and origin ``o_a`` of node a in the world, mass ``m_a`` and
+first moment ``M_a = sum m (c - o_a)`` of all that it carries:
 
-    point p:           dp/dq_a     = z_a x (p - o_a)                  or z_a          (rotation or translation)
+    point p:           dp/dq_a     = z_a x (p - o_a)                  or z_a
+    (rotation or translation)
     load of gravity:   tau_a       = g . (z_a x M_a)                  or m_a g . z_a
-    its slope:         dtau_a/dq_b = g . (z_a x (z_b x M_b))          or g . (z_a x m_b z_b), b carried by a; symmetric
+    its slope:         dtau_a/dq_b = g . (z_a x (z_b x M_b))
+    or g . (z_a x m_b z_b), b carried by a; symmetric
 
 This code does not share a line with `flexgen.mechanics`; tests compare the two.
 
@@ -31,7 +35,9 @@ IDENTITY = np.eye(3)
 
 @dataclass(frozen=True)
 class Node:
-    """A rotation about, or translation along, ``axis``, at a constant placement from the node ``parent`` (-1: base)."""
+    """A rotation about, or translation along, ``axis``, at a constant placement from the node
+    ``parent`` (-1: base).
+    """
 
     name: str
     parent: int
@@ -52,11 +58,13 @@ class Mount:
 
 @dataclass(frozen=True)
 class Places:
-    """Where nodes are in the frame after the last node before them that moves, ``stem`` (n,); -1: the base.
+    """Where nodes are in the frame after the last node before them that moves, ``stem`` (n,); -1:
+    the base.
 
-    ``before``, ``at`` (n, 3, 3), (n, 3): the frame in front of the motion of a node; ``R``, ``p``: that after it, of a
-    node that does not move; ``axes`` (n, 3); ``moving``: nodes that move; ``turns`` (., 9, 3): parts of the columns of
-    ``before`` times the rotations of these, to be multiplied by 1, cos and sin of their angles.
+    ``before``, ``at`` (n, 3, 3), (n, 3): the frame in front of the motion of a node; ``R``, ``p``:
+    that after it, of a node that does not move; ``axes`` (n, 3); ``moving``: nodes that move;
+    ``turns`` (., 9, 3): parts of the columns of ``before`` times the rotations of these, to be
+    multiplied by 1, cos and sin of their angles.
     """
 
     stem: np.ndarray
@@ -88,10 +96,12 @@ class Posture:
 
     def axes(self, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Axes and origins (n, N, 3) of some nodes."""
-        stem, N = self.places.stem[nodes], self.moving[-1][1].shape[1]
+        stem = self.places.stem[nodes]
+        N = self.moving[-1][1].shape[1]
         z, o = np.empty((2, len(nodes), 3, N))
         for k in np.unique(stem):
-            on, (frame, p) = stem == k, self.moving[k]
+            on = stem == k
+            (frame, p) = self.moving[k]
             z[on] = _in_world(frame, self.places.axes[nodes[on]])
             o[on] = p + _in_world(frame, self.places.at[nodes[on]])
         return np.swapaxes(z, 1, 2), np.swapaxes(o, 1, 2)
@@ -105,10 +115,11 @@ class Posture:
 class Tree:
     """Nodes, bodies and coordinates of a model.
 
-    ``nodes``; ``index``: node of each name, ``ELEMENT.x`` to ``ELEMENT.rz`` for placements, the names of degrees of
-    freedom otherwise; ``elastic``: compliance [rad/(N m) or m/N] of each elastic coordinate; ``mimics``: factors
-    of each mechanism; ``bodies``: (name, mount, body); ``tips``: the frame of each element's body; ``carries`` (n, n):
-    [a, b] whether node a moves node b, or is it.
+    ``nodes``; ``index``: node of each name, ``ELEMENT.x`` to ``ELEMENT.rz`` for placements, the
+    names of degrees of freedom otherwise; ``elastic``: compliance [rad/(N m) or m/N] of each
+    elastic coordinate; ``mimics``: factors of each mechanism; ``bodies``: (name, mount, body);
+    ``tips``: the frame of each element's body; ``carries`` (n, n): [a, b] whether node a moves
+    node b, or is it.
     """
 
     def __init__(self, model: RobotModel) -> None:
@@ -160,26 +171,27 @@ class Tree:
         return Mount(len(self.nodes) - 1, np.zeros(3), IDENTITY)
 
     def places(self, q: np.ndarray, moving: np.ndarray) -> Places:
-        """The constant places, where only the nodes ``moving`` have other values than ``q`` (n,) [rad or m]."""
+        """The constant places, where only the nodes ``moving`` have other values than ``q`` (n,)
+        [rad or m].
+        """
         n = len(self.nodes)
-        stem, moves = np.empty(n, int), np.isin(np.arange(n), moving)
-        before, R, at, p = (
-            np.empty((n, 3, 3)),
-            np.empty((n, 3, 3)),
-            np.empty((n, 3)),
-            np.empty((n, 3)),
-        )
-        slides, axes = (
-            np.array([node.slides for node in self.nodes]),
-            np.array([node.axis for node in self.nodes]),
-        )
+        stem = np.empty(n, int)
+        moves = np.isin(np.arange(n), moving)
+        before = np.empty((n, 3, 3))
+        R = np.empty((n, 3, 3))
+        at = np.empty((n, 3))
+        p = np.empty((n, 3))
+        slides = np.array([node.slides for node in self.nodes])
+        axes = np.array([node.axis for node in self.nodes])
         turned = rotations(axes, np.where(slides, 0.0, q))
         shifted = np.where(slides, q, 0.0)[:, None] * axes
         for k, node in enumerate(self.nodes):
             m = node.parent
             stem[k], R_m, p_m = (m, IDENTITY, 0.0) if m < 0 or moves[m] else (stem[m], R[m], p[m])
-            before[k], at[k] = R_m @ node.rotation, p_m + R_m @ node.position
-            R[k], p[k] = before[k] @ turned[k], at[k] + before[k] @ shifted[k]
+            before[k] = R_m @ node.rotation
+            at[k] = p_m + R_m @ node.position
+            R[k] = before[k] @ turned[k]
+            p[k] = at[k] + before[k] @ shifted[k]
         # (., row, column, part)
         parts = np.stack([before @ part for part in _rotation_parts(axes)], axis=-1)[moving]
         turns = np.swapaxes(parts, 1, 2).reshape(len(moving), 9, 3)
@@ -188,12 +200,15 @@ class Tree:
     def posture(self, q: np.ndarray, places: Places | None = None) -> Posture:
         """Axes and frames at the values ``q`` (N, n) of the nodes [rad or m].
 
-        ``places``: those of the nodes that have the same value at all poses, as most errors of placements have.
+        ``places``: those of the nodes that have the same value at all poses, as most errors of
+        placements have.
         """
         places = places or self.places(q[0], np.flatnonzero((q != q[0]).any(axis=0)))
         value = q[:, places.moving].T
         # (., 9, N)
-        turns = places.turns @ np.stack([np.ones_like(value), np.cos(value), np.sin(value)], axis=1)
+        turns = places.turns @ np.stack(
+            [np.ones_like(value), np.cos(value), np.sin(value)], axis=1
+        )
         moving = {-1: (np.repeat(IDENTITY[..., None], len(q), axis=2), np.zeros((3, len(q))))}
         for k, x, turn in zip(
             places.moving, value, turns.reshape(len(value), 3, 3, -1), strict=True
@@ -221,7 +236,8 @@ class Tree:
         if mount.node >= 0:
             on = np.flatnonzero(self.carries[:, mount.node])
             sliding = np.array([self.nodes[a].slides for a in on])[:, None, None]
-            z, o = at.every[0][on], at.every[1][on]
+            z = at.every[0][on]
+            o = at.every[1][on]
             slopes[:, :, on] = np.moveaxis(np.where(sliding, z, np.cross(z, point - o)), 0, 2)
         return slopes
 
@@ -232,7 +248,9 @@ def _in_world(frame: np.ndarray, vectors: np.ndarray) -> np.ndarray:
 
 
 def rotations(axes: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """Rotation matrices (N, 3, 3) about unit axes, (N, 3) or one, by the angles ``q`` (N,) [rad] (Rodrigues)."""
+    """Rotation matrices (N, 3, 3) about unit axes, (N, 3) or one, by the angles ``q`` (N,) [rad]
+    (Rodrigues).
+    """
     constant, cosine, sine = _rotation_parts(axes)
     return np.asarray(
         constant + np.cos(q)[:, None, None] * cosine + np.sin(q)[:, None, None] * sine
@@ -240,7 +258,9 @@ def rotations(axes: np.ndarray, q: np.ndarray) -> np.ndarray:
 
 
 def _rotation_parts(axes: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The parts (..., 3, 3) of rotation matrices that are constant, times the cosine, and times the sine."""
+    """The parts (..., 3, 3) of rotation matrices that are constant, times the cosine, and times
+    the sine.
+    """
     along = axes[..., :, None] * axes[..., None, :]
     return along, IDENTITY - along, np.cross(IDENTITY, axes[..., None, :])
 
@@ -256,7 +276,9 @@ def _place(mount: Mount, placement: Placement) -> Mount:
 
 
 def _compliance(model: RobotModel, dof: Dof, ratios: dict[str, float]) -> float:
-    """Compliance of an elastic coordinate on the arm side [rad/(N m) or m/N]; 0 for a spring of stiffness 0."""
+    """Compliance of an elastic coordinate on the arm side [rad/(N m) or m/N]; 0 for a spring of
+    stiffness 0.
+    """
     spring = dof.gear.spring if dof.gear is not None else dof.spring
     if not isinstance(spring, LinearSpring):
         given = f"a {type(spring).__name__.removesuffix('Spring').lower()} spring"

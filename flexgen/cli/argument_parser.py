@@ -1,4 +1,6 @@
-"""The argument parser of the command line: numbers, options that were renamed, sections of the help, suggestions."""
+"""The argument parser of the command line: numbers, options that were renamed, sections of the
+help, suggestions.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,8 @@ from flexgen.errors import suggestion
 
 _NEGATIVE = re.compile(r"-(\.?\d|inf|nan)", re.IGNORECASE)  # no option begins like a number
 _NUMBERS = re.compile(r"[-+]?\.?\d[-+.,\deE]*\Z")  # one number, or several with commas
-FILES, MESSAGES = "files", "messages"
+FILES = "files"
+MESSAGES = "messages"
 
 
 class UsageError(Exception):
@@ -38,7 +41,9 @@ class Once(argparse.Action):
 
 
 class OldName(Once):
-    """Store a value given by the old name of an option, and note the new one, ``metavar``, as a warning."""
+    """Store a value given by the old name of an option, and note the new one, ``metavar``, as a
+    warning.
+    """
 
     def __call__(
         self, parser: Any, namespace: Any, values: Any, option_string: str | None = None
@@ -52,10 +57,11 @@ class OldName(Once):
 
 
 class Parser(argparse.ArgumentParser):
-    """An argument parser that raises `UsageError`, suggests similar words, and takes each number for a value.
+    """An argument parser that raises `UsageError`, suggests similar words, and takes each number
+    for a value.
 
-    ``argparse`` takes ``-1e-3`` for an option. Here whatever begins like a negative number is a value, and an option
-    whose type is `numbers` or `integers` takes all numbers that follow it.
+    ``argparse`` takes ``-1e-3`` for an option. Here whatever begins like a negative number is a
+    value, and an option whose type is `numbers` or `integers` takes all numbers that follow it.
     """
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
@@ -78,9 +84,12 @@ class Parser(argparse.ArgumentParser):
         return super()._parse_known_args(self._join_numbers(arg_strings), *rest)
 
     def _join_numbers(self, words: Sequence[str]) -> list[str]:
-        """``--pose -0.3 1`` as ``--pose=-0.3,1``, for each option of type `numbers` or `integers`."""
+        """``--pose -0.3 1`` as ``--pose=-0.3,1``, for each option of type `numbers` or
+        `integers`.
+        """
         out: list[str] = []
-        words, k = list(words), 0
+        words = list(words)
+        k = 0
         while k < len(words):
             option, equals, first = words[k].partition("=")
             k += 1
@@ -99,7 +108,9 @@ class Parser(argparse.ArgumentParser):
         return out
 
     def section(self, title: str) -> argparse._ArgumentGroup:
-        """A section of the help, made where there is none of this title; files and messages are the last ones."""
+        """A section of the help, made where there is none of this title; files and messages are
+        the last ones.
+        """
         found = [group for group in self._action_groups if group.title == title]
         section = found[0] if found else self.add_argument_group(title)
         self._action_groups.sort(key=lambda group: (group.title == MESSAGES, group.title == FILES))

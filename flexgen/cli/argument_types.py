@@ -1,4 +1,6 @@
-"""Types of arguments of the command line: each turns a text into a value, or says what was expected."""
+"""Types of arguments of the command line: each turns a text into a value, or says what was
+expected.
+"""
 
 from __future__ import annotations
 
@@ -92,7 +94,9 @@ def whole(least: int) -> Callable[[str], int]:
 
     def parse(text: str) -> int:
         if not re.fullmatch(r"[0-9]{1,18}", text) or int(text) < least:
-            raise argparse.ArgumentTypeError(f"given {text[:40]!r}, expected an integer >= {least}")
+            raise argparse.ArgumentTypeError(
+                f"given {text[:40]!r}, expected an integer >= {least}"
+            )
         return int(text)
 
     return parse
@@ -202,7 +206,9 @@ def changes(text: str) -> dict[str, float]:
 
 
 def disturbance(text: str) -> dict[str, Any]:
-    """``KIND:WHERE=SIZE@START+LENGTH,LOW-HIGH``; length and frequencies where the kind has them."""
+    """``KIND:WHERE=SIZE@START+LENGTH,LOW-HIGH``; length and frequencies where the kind has
+    them.
+    """
     found = _DISTURBANCE.match(text)
     try:
         if found is None:
@@ -218,7 +224,8 @@ def disturbance(text: str) -> dict[str, Any]:
         }
     except ValueError:
         raise argparse.ArgumentTypeError(
-            f"given {text!r}, expected such as step:m1=2@0.5, pulse:tool.x=300@0.4+0.02 or chirp:m1=1@0+2,0.5-30"
+            f"given {text!r}, expected such as step:m1=2@0.5, pulse:tool.x=300@0.4+0.02 or "
+            "chirp:m1=1@0+2,0.5-30"
         ) from None
 
 
@@ -226,10 +233,8 @@ def wall(text: str) -> dict[str, Any]:
     """``X,Y,Z:NX,NY,NZ:K[:C[:GAP]]``: the numbers of a `flexgen.Wall` by name."""
     parts = text.split(":")
     try:
-        vectors, scalars = (
-            [tuple(map(float, part.split(","))) for part in parts[:2]],
-            list(map(float, parts[2:])),
-        )
+        vectors = [tuple(map(float, part.split(","))) for part in parts[:2]]
+        scalars = list(map(float, parts[2:]))
         if not (1 <= len(scalars) <= 3 and all(len(vector) == 3 for vector in vectors)):
             raise ValueError
     except ValueError:

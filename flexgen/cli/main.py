@@ -1,7 +1,7 @@
 """The command line: parse the arguments, run one verb, print its result, set the exit status.
 
-Exit status: 0 success, 1 failure (the reason is on standard error), 2 wrong usage, 3 limits of the model file exceeded,
-130 interrupted, 141 the reader of the output has closed it. With ``--json``,
+Exit status: 0 success, 1 failure (the reason is on standard error), 2 wrong usage, 3 limits of the
+model file exceeded, 130 interrupted, 141 the reader of the output has closed it. With ``--json``,
 standard output has exactly one JSON object; after a failure it has the key ``error``.
 """
 
@@ -34,11 +34,17 @@ from flexgen.version import __version__
 
 PACKAGES = ("casadi", "numpy", "scipy", "sympy", "matplotlib")
 
-SUCCESS, FAILURE, USAGE, INTERRUPTED, PIPE_CLOSED = 0, 1, 2, 130, 141
+SUCCESS = 0
+FAILURE = 1
+USAGE = 2
+INTERRUPTED = 130
+PIPE_CLOSED = 141
 
 
 def _print(text: str) -> None:
-    """Print and flush, so that a full disk or a closed pipe raises here; names of files may have control characters."""
+    """Print and flush, so that a full disk or a closed pipe raises here; names of files may have
+    control characters.
+    """
     print(printable(text))
     if sys.stdout is not None:
         sys.stdout.flush()
@@ -50,13 +56,16 @@ class _Messages:
     Parameters
     ----------
     args : Namespace
-        With ``quiet`` (no progress), ``verbose`` (with the time since the start) and ``log`` (a path or None).
+        With ``quiet`` (no progress), ``verbose`` (with the time since the start) and ``log`` (a
+        path or None).
     words : list of str
         The command line.
     """
 
     def __init__(self, args: argparse.Namespace, words: list[str]) -> None:
-        self._began, self._quiet, self._verbose = time.perf_counter(), args.quiet, args.verbose
+        self._began = time.perf_counter()
+        self._quiet = args.quiet
+        self._verbose = args.verbose
         self._path = args.log
         self._file = (
             None
@@ -87,7 +96,8 @@ class _Messages:
         except OSError as error:
             self._file = None
             _log(
-                f"flexgen: warning: cannot write to {self._path} ({error.strerror or error}); the log ends here"
+                f"flexgen: warning: cannot write to {self._path} ({error.strerror or error}); "
+                "the log ends here"
             )
 
     def close(self) -> None:
@@ -105,7 +115,9 @@ def _log(text: str) -> None:
 
 
 def _discard_output() -> None:
-    """Redirect standard output to nowhere, so that the interpreter prints no error when it closes the stream."""
+    """Redirect standard output to nowhere, so that the interpreter prints no error when it closes
+    the stream.
+    """
     with contextlib.suppress(OSError, AttributeError, ValueError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
@@ -202,7 +214,9 @@ def _run(args: argparse.Namespace, messages: _Messages) -> int:
     from flexgen.display import as_json
     from flexgen.reports.text_tables import fit_tables, terminal_width
 
-    result, problem, status = None, "", SUCCESS
+    result = None
+    problem = ""
+    status = SUCCESS
     unlimited = Deadline(math.inf)
     try:
         with (
@@ -221,7 +235,8 @@ def _run(args: argparse.Namespace, messages: _Messages) -> int:
         unlimited.interrupted |= isinstance(error, KeyboardInterrupt)
         if os.environ.get("FLEXGEN_DEBUG"):
             raise
-        problem, status = _reason(error, args), FAILURE
+        problem = _reason(error, args)
+        status = FAILURE
         problem += (
             implausible(args, problem)
             if isinstance(error, SolverError) or is_numerical(error)
@@ -252,7 +267,8 @@ def _run(args: argparse.Namespace, messages: _Messages) -> int:
 
 @contextlib.contextmanager
 def _ended_like_interrupted() -> Iterator[None]:
-    """Within: SIGTERM does what Ctrl-C does: compilers end, temporary files go, the best result stays.
+    """Within: SIGTERM does what Ctrl-C does: compilers end, temporary files go, the best result
+    stays.
 
     Where Ctrl-C is ignored, as in a background job of a shell, SIGTERM ends the process as always.
     """
@@ -260,7 +276,9 @@ def _ended_like_interrupted() -> Iterator[None]:
     if not is_main or not callable(signal.getsignal(signal.SIGINT)):
         yield
         return
-    before = signal.signal(signal.SIGTERM, lambda number, frame: signal.raise_signal(signal.SIGINT))
+    before = signal.signal(
+        signal.SIGTERM, lambda number, frame: signal.raise_signal(signal.SIGINT)
+    )
     try:
         yield
     finally:
@@ -273,8 +291,8 @@ def _reason(error: BaseException, args: argparse.Namespace) -> str:
         return str(error)
     if isinstance(error, ModuleNotFoundError) and (error.name or "").partition(".")[0] in PACKAGES:
         return (
-            f"the Python package {error.name} is not installed for {sys.executable or 'this Python'}; "
-            "run 'make setup' and use .venv/bin/flexgen"
+            f"the Python package {error.name} is not installed for "
+            f"{sys.executable or 'this Python'}; run 'make setup' and use .venv/bin/flexgen"
         )
     if isinstance(error, OSError):
         where = f"{error.filename}: " if error.filename else ""
@@ -284,7 +302,10 @@ def _reason(error: BaseException, args: argparse.Namespace) -> str:
     if is_numerical(error):
         what = f" {args.model}" if getattr(args, "model", None) else ""
         return computation_failed(f"{args.verb}{what}", error)
-    return f"internal error, please report it with the output of FLEXGEN_DEBUG=1: {type(error).__name__}: {error}"
+    return (
+        "internal error, please report it with the output of FLEXGEN_DEBUG=1: "
+        f"{type(error).__name__}: {error}"
+    )
 
 
 if __name__ == "__main__":

@@ -1,7 +1,8 @@
-"""The parser of the command line, from the rows of `flexgen.verbs`: arguments, help texts and usage errors.
+"""The parser of the command line, from the rows of `flexgen.verbs`: arguments, help texts and
+usage errors.
 
-Only the standard library and light modules are imported, and only the module of the verb that is run, so that help and
-usage errors appear at once.
+Only the standard library and light modules are imported, and only the module of the verb that is
+run, so that help and usage errors appear at once.
 """
 
 from __future__ import annotations
@@ -28,7 +29,8 @@ MODEL = "name in models/ or path of a .toml file, optionally with @variant; or F
 EXPORT = (
     "Write the robot for another tool: a simulation program, a controller, a robot description."
 )
-# The verbs of the help, in five groups in the order of the work; those of other packages come last.
+# The verbs of the help, in five groups in the order of the work; those of other packages come
+# last.
 GROUPS = {
     "a robot and its equations": "models new describe check derive analyze view schema",
     "inverse dynamics, and the C of it": "run solve generate plan fastest kinematics simulate",
@@ -58,8 +60,10 @@ examples:
   flexgen run                                         all steps for planar5_nmp
 
 'flexgen VERB --help' describes the options of a verb.
-MODEL is a name in models/ or the path of a .toml file, optionally with @variant; or FILE.urdf#BASE:TIP.
-Exit status: 0 success, 1 failure, 2 wrong usage, 3 limits of the model exceeded, 130 interrupted."""
+MODEL is a name in models/ or the path of a .toml file, optionally with @variant; or \
+FILE.urdf#BASE:TIP.
+Exit status: 0 success, 1 failure, 2 wrong usage, 3 limits of the model exceeded, 130 \
+interrupted."""
 
 
 class _GroupedHelp(argparse.RawDescriptionHelpFormatter):
@@ -86,10 +90,13 @@ class _GroupedHelp(argparse.RawDescriptionHelpFormatter):
 
 
 def build_parser(only: str | None = None) -> Parser:
-    """The parser of the command line; ``only``: with the arguments of this verb alone; empty: of none."""
+    """The parser of the command line; ``only``: with the arguments of this verb alone; empty: of
+    none.
+    """
     parser = Parser(
         prog="flexgen",
-        description="Inverse dynamics of elastic robots, from a model file to C that runs in a controller.",
+        description="Inverse dynamics of elastic robots, from a model file to C that runs in a "
+        "controller.",
         epilog=EXAMPLES,
         formatter_class=_GroupedHelp,
     )
@@ -116,8 +123,8 @@ def build_parser(only: str | None = None) -> Parser:
 def parse(words: Sequence[str]) -> argparse.Namespace:
     """Parse a command line.
 
-    ``given`` of the result has the names of the arguments that were given; the others have the defaults of the public
-    function of the verb.
+    ``given`` of the result has the names of the arguments that were given; the others have the
+    defaults of the public function of the verb.
 
     Raises
     ------
@@ -139,7 +146,10 @@ def parse(words: Sequence[str]) -> argparse.Namespace:
         here.error(f"unknown arguments {' '.join(unknown)}, see '{here.prog} --help'{hint}")
     row: Verb | None = getattr(args, "row", None)
     if new:
-        note = f"{next(old for old in former if former[old] == new)} is the old name of {new}, please use the new one"
+        note = (
+            f"{next(old for old in former if former[old] == new)} is the old name of {new}, "
+            "please use the new one"
+        )
         args.notes = [*getattr(args, "notes", ()), note]
     if row is not None:
         defaults = defaults_of(row.function) if row.function else {}
@@ -173,7 +183,8 @@ def _summary(verb: Verb) -> str:
 
 def _add_verb(group: Any, name: str, verb: Verb, root: Parser) -> None:
     """Add a verb; the first line of the docstring of its function is its help."""
-    action, summary = _action(verb), _summary(verb)
+    action = _action(verb)
+    summary = _summary(verb)
     parser: Parser = group.add_parser(name, help=summary, description=summary)
     parser.set_defaults(action=action, parser=parser, row=verb, root=root)
     if verb.model != "none":
@@ -187,7 +198,8 @@ def _add_verb(group: Any, name: str, verb: Verb, root: Parser) -> None:
             metavar="KEY=VALUE",
             type=argument_types.setting,
             action="append",
-            help="change a value of the model: dotted path of the key, TOML value; may be repeated",
+            help="change a value of the model: dotted path of the key, TOML value; may be "
+            "repeated",
         )
     if name == "generate":
         parser.formatter_class = argparse.RawDescriptionHelpFormatter

@@ -28,7 +28,8 @@ if TYPE_CHECKING:
 Progress = Callable[[str], None]  # prints a progress message
 Writer = Callable[[], Path]  # writes a file of a result and returns its path
 # By the public function of a verb that fits: the endings of the files that its result can be
-# written to, and the class of it that checks before the fit that a model file can have its numbers.
+# written to, and the class of it that checks before the fit that a model file can have its
+# numbers.
 WRITERS = {
     "identify_load": ((".json", ".npz"), ""),
     "identify_servo": ((".toml", ".json"), ""),
@@ -42,9 +43,10 @@ WRITERS = {
 class VerbResult:
     """The result of a verb.
 
-    ``data``: the object for ``--json``; ``text``: the same as text; ``problem``: reason of a failure, else empty;
-    ``warnings``: messages for standard error; ``details``: more text, for ``--verbose``; ``interrupted``: Ctrl-C ended
-    the computation, and the result is what was reached; ``unwritten``: a file could not be written;
+    ``data``: the object for ``--json``; ``text``: the same as text; ``problem``: reason of a
+    failure, else empty; ``warnings``: messages for standard error; ``details``: more text, for
+    ``--verbose``; ``interrupted``: Ctrl-C ended the computation, and the result is what was
+    reached; ``unwritten``: a file could not be written;
     ``failure``: the exit status with a problem.
     """
 
@@ -59,7 +61,9 @@ class VerbResult:
 
 
 def keywords(args: Namespace, *without: str) -> dict[str, Any]:
-    """The given arguments that are parameters of the public function of the verb, by name, but ``model`` and these."""
+    """The given arguments that are parameters of the public function of the verb, by name, but
+    ``model`` and these.
+    """
     known = defaults_of(args.row.function)
     found = {
         name: getattr(args, name)
@@ -75,8 +79,11 @@ def keywords(args: Namespace, *without: str) -> dict[str, Any]:
 
 
 def call(args: Namespace, log: Progress, *first: Any) -> Any:
-    """Call the public function of the verb: with these arguments, the positional ones, and the options given."""
-    function, known = args.row.function, defaults_of(args.row.function)
+    """Call the public function of the verb: with these arguments, the positional ones, and the
+    options given.
+    """
+    function = args.row.function
+    known = defaults_of(args.row.function)
     places = [getattr(args, x.name) for x in args.row.options() if x.place and x.name not in known]
     told = {"progress": log} if "progress" in known else {}
     return getattr(flexgen, function)(*first, *places, **keywords(args), **told)
@@ -146,15 +153,17 @@ def check_model_file(args: Namespace, *given: Any) -> None:
 
 
 def check_own(path: Path | None, mark: bytes) -> None:
-    """Refuse to replace a text file that flexgen did not write; ``mark``: what its own have in their first lines."""
+    """Refuse to replace a text file that flexgen did not write; ``mark``: what its own have in
+    their first lines.
+    """
     if path is None or not path.is_file():
         return
     with path.open("rb") as stream:
         head = stream.read(4096)
     if mark not in head:
         raise ArgumentError(
-            f"output: given {str(path)!r}, a file that flexgen did not write, expected a new one or one of its own; "
-            "choose another name, or move that file away"
+            f"output: given {str(path)!r}, a file that flexgen did not write, expected a new "
+            "one or one of its own; choose another name, or move that file away"
         )
 
 
@@ -193,7 +202,8 @@ def with_files(
     after: Mapping[str, str] | None = None,
     **more: Any,
 ) -> VerbResult:
-    """The result of a verb with files: their paths are in the data, and a line each below the text.
+    """The result of a verb with files: their paths are in the data, and a line each below the
+    text.
 
     ``files``: paths, or functions that write a file and return its path. Where one cannot be
     written, the result has the reason as a problem, and everything else is printed. ``after``:
@@ -220,7 +230,9 @@ def with_files(
 
 
 def check_report(directory: Path | None) -> None:
-    """Refuse a folder of a report that cannot be written, or that has the page of another program."""
+    """Refuse a folder of a report that cannot be written, or that has the page of another
+    program.
+    """
     from flexgen.reports.folder import check_folder
 
     check_folder(directory)

@@ -23,15 +23,20 @@ def merge_files(name: str, files: Mapping[str, str]) -> dict[str, str]:
     Returns
     -------
     dict of str to str
-        ``<name>.h``, ``<name>.c`` and ``example.c``. The C is the same, so that the results have the same bits.
+        ``<name>.h``, ``<name>.c`` and ``example.c``. The C is the same, so that the results have
+        the same bits.
     """
     public = [file for file in files if file.endswith(".h") and "/" not in file]
     sources = [file for file in files if "/" in file and file.endswith(".c")]
     by_name = {PurePosixPath(file).name: text for file, text in files.items()}
     header = "\n".join(_without(files[file], set(public)) for file in public)
-    merged = _Merged({key: text for key, text in by_name.items() if key not in public}, set(public))
+    merged = _Merged(
+        {key: text for key, text in by_name.items() if key not in public}, set(public)
+    )
     # the fixed files first: the functions define macros with short names
-    order = sorted(sources, key=lambda file: (f'#include "{name}_undefine.h"' in files[file], file))
+    order = sorted(
+        sources, key=lambda file: (f'#include "{name}_undefine.h"' in files[file], file)
+    )
     body = "\n".join(merged.text(PurePosixPath(file).name) for file in order)
     note = (
         f"/* {name}: the sources of the library in one file. Written by flexgen; see {name}.h. */"
@@ -51,7 +56,9 @@ def merge_text(file: str, texts: Mapping[str, str]) -> str:
 
 
 def _find_include(line: str) -> str | None:
-    """Name of the file that a line includes in quotes, without its folder; None for every other line."""
+    """Name of the file that a line includes in quotes, without its folder; None for every other
+    line.
+    """
     return (
         PurePosixPath(line[len(_INCLUDE) :].rstrip().rstrip('"')).name
         if line.startswith(_INCLUDE)
@@ -78,11 +85,14 @@ class _Merged:
     """
 
     def __init__(self, texts: Mapping[str, str], public: set[str]) -> None:
-        self._texts, self._public = dict(texts), public
+        self._texts = dict(texts)
+        self._public = public
         self._seen: set[str] = set()
 
     def text(self, file: str) -> str:
-        """The text of a file and of all that it includes; empty for a guarded file that is there already."""
+        """The text of a file and of all that it includes; empty for a guarded file that is there
+        already.
+        """
         text = self._texts[file]
         if file in self._seen:
             return ""

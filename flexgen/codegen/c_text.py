@@ -1,4 +1,6 @@
-"""Pieces of C text that the emitted files share: comments, texts, macros, prototypes; safe whatever they are given."""
+"""Pieces of C text that the emitted files share: comments, texts, macros, prototypes; safe
+whatever they are given.
+"""
 
 from __future__ import annotations
 
@@ -56,7 +58,9 @@ def declaration(text: str) -> str:
 
 
 def prototype(spec: LibrarySpec, f: FunctionSpec, work: int) -> str:
-    """The head of the function that evaluates one point; the last argument is a workspace where it needs any."""
+    """The head of the function that evaluates one point; the last argument is a workspace where it
+    needs any.
+    """
     real = f"{spec.name}_real"
     arguments = [f"const {real} {p.name}[{count_of(spec, f, p)}]" for p in f.inputs]
     arguments += [f"{real} {p.name}[{count_of(spec, f, p)}]" for p in f.outputs]
@@ -65,7 +69,9 @@ def prototype(spec: LibrarySpec, f: FunctionSpec, work: int) -> str:
 
 
 def batch_prototype(spec: LibrarySpec, f: FunctionSpec, strided: bool = False) -> str:
-    """The head of the function that evaluates many points; ``strided``: whose entries may be further apart."""
+    """The head of the function that evaluates many points; ``strided``: whose entries may be
+    further apart.
+    """
     name = f"{spec.name}_{f.name}_batch{'_strided' * strided}"
     real = f"{spec.name}_real"
     arguments = [f"const {real} *{p.name}" for p in f.inputs] + [
@@ -81,7 +87,9 @@ def port_table(f: FunctionSpec) -> str:
     """The column of shapes and units of a function's arrays, as comment lines."""
     rows = []
     for kind, ports in (("in", f.inputs), ("out", f.outputs)):
-        rows += [(kind, p.name, " x ".join(f.extents[p.name]), f"[{p.unit}]", p.doc) for p in ports]
+        rows += [
+            (kind, p.name, " x ".join(f.extents[p.name]), f"[{p.unit}]", p.doc) for p in ports
+        ]
     width = [max(len(row[i]) for row in rows) for i in range(4)]
     return "".join(
         comment(" ".join(x.ljust(w) for x, w in zip(row, [*width, 0], strict=True)), " *   ")

@@ -1,7 +1,8 @@
-"""The fixed C of the library: files of ``flexgen/clib/`` with the library's name put in, and its inversion header.
+"""The fixed C of the library: files of ``flexgen/clib/`` with the library's name put in, and its
+inversion header.
 
-In these files ``model_`` and ``MODEL_`` are replaced by the library's name; `render` is the only place that replaces
-them.
+In these files ``model_`` and ``MODEL_`` are replaced by the library's name; `render` is the only
+place that replaces them.
 """
 
 from __future__ import annotations
@@ -71,7 +72,8 @@ def read_clib() -> dict[str, str]:
     folder = files(FOLDER)
     if not folder.is_dir():
         raise BuildError(
-            f"{folder}: given no such folder, expected the C files of flexgen; install flexgen again"
+            f"{folder}: given no such folder, expected the C files of flexgen; install flexgen "
+            "again"
         )
     found = (path for path in folder.iterdir() if path.name.endswith((".c", ".h")))
     return {
@@ -81,13 +83,15 @@ def read_clib() -> dict[str, str]:
 
 
 def resolve(text: str, values: Mapping[str, int]) -> str:
-    """A fixed text without the lines of conditions that these values decide, and without what they exclude.
+    """A fixed text without the lines of conditions that these values decide, and without what they
+    exclude.
 
     Parameters
     ----------
     text : str
     values : mapping of str to int
-        By name of a macro without ``MODEL_``. Decided is ``#if`` of such a macro, or of one compared with a number.
+        By name of a macro without ``MODEL_``. Decided is ``#if`` of such a macro, or of one
+        compared with a number.
     """
     lines: list[str] = []
     cut = False
@@ -117,7 +121,9 @@ def resolve(text: str, values: Mapping[str, int]) -> str:
 
 
 def keep_parts(text: str, parts: Collection[str]) -> str:
-    """A fixed text with the sections ``#if MODEL_PART`` of these parts, and what is there instead of the others."""
+    """A fixed text with the sections ``#if MODEL_PART`` of these parts, and what is there instead
+    of the others.
+    """
     return resolve(text, {part: part in parts for part in _PARTS})
 
 
@@ -128,10 +134,11 @@ def render(
     parts: Collection[str] = (),
     values: Mapping[str, int] = MappingProxyType({}),
 ) -> str:
-    """A fixed text with the library's name instead of ``model``, and its literals in this precision.
+    """A fixed text with the library's name instead of ``model``, and its literals in this
+    precision.
 
-    ``parts``: which of the parts of ``flexgen/clib/README.md`` it has; in files of exports also ``MEMORY``: torques
-    with states. ``values``: of further macros, see `resolve`.
+    ``parts``: which of the parts of ``flexgen/clib/README.md`` it has; in files of exports also
+    ``MEMORY``: torques with states. ``values``: of further macros, see `resolve`.
     """
     text = resolve(keep_parts(text, parts), values)
     text = re.sub(r"\bmodel(?=[_:.])", name, text)
@@ -197,10 +204,8 @@ def inversion_files(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> d
         "GROWS": has_growth(spec),
         "BYTES": 8 if spec.precision == "double" else 4,
     }
-    parts, files = (
-        [part for part in has if has[part]],
-        {"hysteresis.h": "HYSTERESIS", "lugre.h": "LUGRE", "servo.h": "POSITION"},
-    )
+    parts = [part for part in has if has[part]]
+    files = {"hysteresis.h": "HYSTERESIS", "lugre.h": "LUGRE", "servo.h": "POSITION"}
     names = [name for name in names if files.get(name) in (None, *parts)]
     texts = {
         name: render(read_clib()[name], spec.name, spec.precision, parts, values) for name in names
@@ -217,9 +222,9 @@ def _together(spec: LibrarySpec, solvers: Mapping[str, str]) -> str:
         macro(spec, f"WITHOUT_{name.removesuffix('.c')}"): text for name, text in solvers.items()
     }
     head = comment(
-        f"{spec.name}: the solvers of inverse dynamics along paths, in one source, so that they share their functions. "
-        f"With {' or '.join(f'-D{flag}' for flag in parts)} it is compiled without this part. Written by flexgen; see "
-        f"{spec.name}_inversion.h."
+        f"{spec.name}: the solvers of inverse dynamics along paths, in one source, so that they "
+        f"share their functions. With {' or '.join(f'-D{flag}' for flag in parts)} it is "
+        f"compiled without this part. Written by flexgen; see {spec.name}_inversion.h."
     )
     body = "".join(f"\n#ifndef {flag}\n{text}#endif\n" for flag, text in parts.items())
     return f"/*\n{head} */\n{body}"
@@ -237,7 +242,8 @@ def _follow_includes(names: set[str]) -> set[str]:
 
 def inversion_header(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> str:
     """Text of ``<name>_inversion.h``."""
-    name, guard = spec.name, macro(spec, "INVERSION_H")
+    name = spec.name
+    guard = macro(spec, "INVERSION_H")
     limits = "".join(
         f"#define {macro(spec, row.name)} {row.value} /* {row.doc} */\n" for row in LIMITS
     )
@@ -281,7 +287,9 @@ extern "C" {{
 
 
 def _stream_macros(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> str:
-    """Macros of the public header: recommended options of a stream, its memory, the operations of an update."""
+    """Macros of the public header: recommended options of a stream, its memory, the operations of
+    an update.
+    """
     used = [f for f in spec.functions if f.name in INVERTING]
     block = BLOCK[spec.precision]
     n_y, n_a, n_t = (spec.sizes[key] for key in ("n_y", "n_a", "n_t"))
@@ -292,7 +300,8 @@ def _stream_macros(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> st
     size = stream_size(sizes, space_of(spec, written) + len(spec.parameters) + more, block, has)
     arithmetic = {}
     for f in used:
-        text, entries = written[f.name], sum(port.size for port in (*f.inputs, *f.outputs))
+        text = written[f.name]
+        entries = sum(port.size for port in (*f.inputs, *f.outputs))
         arithmetic[f.name] = text.operations + (CALL - 1) * text.calls + 2 * entries + more * n_a
     most = stream_operations(sizes, arithmetic, block, has)
 
@@ -312,8 +321,9 @@ def _stream_macros(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> st
         linear("STREAM_SIZE", size),
         "/*\n",
         comment(
-            "Operations of one stream_update, at most: additions, multiplications, divisions and comparisons of reals, "
-            "with every iteration at its limit. A usual update needs a small part of them."
+            "Operations of one stream_update, at most: additions, multiplications, divisions "
+            "and comparisons of reals, with every iteration at its limit. A usual update needs "
+            "a small part of them."
         ),
         " */\n",
         linear("STREAM_OPERATIONS", most),
@@ -338,14 +348,19 @@ def _stream_macros(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> st
                 str(d.samples_per_interval),
                 "samples of the results per update",
             ),
-            ("STREAM_TOLERANCE", literal(d.tolerance, spec.precision), "largest relative residual"),
+            (
+                "STREAM_TOLERANCE",
+                literal(d.tolerance, spec.precision),
+                "largest relative residual",
+            ),
         )
         lines += [
             "\n/*\n",
             comment(
-                f"Recommended options of a stream. The look-ahead is ln(1 / {d.share:g}) time constants of the slowest "
-                "unstable zero at the home pose, and at least 10 intervals. For limits of the motors take "
-                "twice as many intervals, and the time to brake."
+                f"Recommended options of a stream. The look-ahead is ln(1 / {d.share:g}) time "
+                "constants of the slowest unstable zero at the home pose, and at least 10 "
+                "intervals. For limits of the motors take twice as many intervals, and the "
+                "time to brake."
             ),
             " */\n",
             *(f"#define {macro(spec, name)} {value} /* {doc} */\n" for name, value, doc in values),
@@ -368,13 +383,16 @@ def _struct(spec: LibrarySpec, struct: Struct) -> str:
     for field in struct.fields:
         shape = f"{' x '.join(map(_in_brackets, field.extents))} " if field.extents else ""
         unit = f"[{field.unit}] " if field.unit not in ("", "1") else ""
-        text, member = f"{shape}{unit}{field.doc}".strip(), f"    {_declare_field(spec, field)};"
+        text = f"{shape}{unit}{field.doc}".strip()
+        member = f"    {_declare_field(spec, field)};"
         if len(member) + len(text) < 110:
             lines.append(f"{member} /* {text} */\n")
         else:
             wrapped = comment(text, "     * ")
             lines.append(f"    /*{wrapped[6:].rstrip()} */\n{member}\n")
-    return f"/* {struct.doc} */\ntypedef struct {{\n{''.join(lines)}}} {spec.name}_{struct.name};\n"
+    return (
+        f"/* {struct.doc} */\ntypedef struct {{\n{''.join(lines)}}} {spec.name}_{struct.name};\n"
+    )
 
 
 def declare(spec: LibrarySpec, function: CFunction) -> str:
@@ -397,11 +415,15 @@ def declare(spec: LibrarySpec, function: CFunction) -> str:
     if function.returns == "status":
         words += f"{' ' * bool(words)}Stack: at most {stack_bytes(spec)} bytes."
     notes = f" *\n{comment(words)}" if words else ""
-    arguments = ", ".join(_declare_field(spec, a, sized=True) for a in function.arguments) or "void"
+    arguments = (
+        ", ".join(_declare_field(spec, a, sized=True) for a in function.arguments) or "void"
+    )
     returned = "int64_t" if function.returns == "size" else f"{spec.name}_{function.returns}"
     prototype = declaration(f"{returned} {spec.name}_{function.name}({arguments})")
     table = f" *\n{table}" if table else ""
-    return f"/*\n{comment(function.summary)}{notes}{table} */\n{macro(spec, 'API')}\n{prototype};\n"
+    return (
+        f"/*\n{comment(function.summary)}{notes}{table} */\n{macro(spec, 'API')}\n{prototype};\n"
+    )
 
 
 def stack_bytes(spec: LibrarySpec) -> int:
@@ -416,7 +438,9 @@ def stack_bytes(spec: LibrarySpec) -> int:
     # of motors with Fourier sums: motion and factors, in points
     waves = is_harmonic(spec) * 160 * spec.sizes["n_m"]
     bristles = is_bristled(spec) * (10 * spec.sizes["n_m"] + 80)
-    return -(-(8 * (at_rest + zeros + branches + waves + bristles + servo) + 10_000) // 1024) * 1024
+    return (
+        -(-(8 * (at_rest + zeros + branches + waves + bristles + servo) + 10_000) // 1024) * 1024
+    )
 
 
 def _in_brackets(extent: str) -> str:
@@ -424,8 +448,11 @@ def _in_brackets(extent: str) -> str:
 
 
 def _declare_field(spec: LibrarySpec, field: Field, sized: bool = False) -> str:
-    """A member or an argument in C; ``sized``: with the size of an array where it is a constant."""
-    const, kind = "const " * field.kind.startswith("const "), field.kind.removeprefix("const ")
+    """A member or an argument in C; ``sized``: with the size of an array where it is a
+    constant.
+    """
+    const = "const " * field.kind.startswith("const ")
+    kind = field.kind.removeprefix("const ")
     kind = const + (kind if kind.split()[0] in ("int", "int64_t") else f"{spec.name}_{kind}")
     fixed = sized and len(field.extents) == 1 and field.extents[0] in spec.sizes
     if fixed:

@@ -1,4 +1,6 @@
-"""The kinds of rows of `flexgen.codegen.interface`: statuses, structs, and functions of the hand-written C."""
+"""The kinds of rows of `flexgen.codegen.interface`: statuses, structs, and functions of the
+hand-written C.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +9,9 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Status:
-    """What an emitted function returns: its name and value in C, its meaning, and the exception that Python raises."""
+    """What an emitted function returns: its name and value in C, its meaning, and the exception
+    that Python raises.
+    """
 
     name: str
     code: int
@@ -27,7 +31,8 @@ class Limit:
 
 @dataclass(frozen=True)
 class Enum:
-    """An enumeration of the public header, in C ``<library>_<name>``; its members are numbered from 0.
+    """An enumeration of the public header, in C ``<library>_<name>``; its members are numbered
+    from 0.
 
     Parameters
     ----------
@@ -54,11 +59,12 @@ class Field:
     ----------
     name : str
     kind : str
-        Type in C: ``"real"``, ``"int"``, ``"int64_t"``, an enum of the table such as ``"hold"``, or a pointer to one of
-        them or to a struct of the table, such as ``"const samples *"``.
+        Type in C: ``"real"``, ``"int"``, ``"int64_t"``, an enum of the table such as ``"hold"``,
+        or a pointer to one of them or to a struct of the table, such as ``"const samples *"``.
     extents : tuple of str
-        Sizes of the array that a pointer to reals points to: of the library (``"n_a"``), of other fields (``"n"``), or
-        sums of these. Arrays are stored sample after sample: the last index runs fastest.
+        Sizes of the array that a pointer to reals points to: of the library (``"n_a"``), of other
+        fields (``"n"``), or sums of these. Arrays are stored sample after sample: the last index
+        runs fastest.
     unit, doc : str
     default : str
         Of a member of options, in C without the library's name; empty: the caller has to set it.
@@ -95,7 +101,8 @@ class CFunction:
     name : str
         In C ``<library>_<name>``.
     file : str
-        The file of ``flexgen/clib/`` that defines it; empty: the source ``<library>.c`` that is written.
+        The file of ``flexgen/clib/`` that defines it; empty: the source ``<library>.c`` that is
+        written.
     summary, notes : str
         For the header: one sentence; paragraphs.
     arguments : tuple of Field

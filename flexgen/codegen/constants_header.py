@@ -1,4 +1,6 @@
-"""The private header with the numbers of a model that the hand-written C uses, and what a library has of it."""
+"""The private header with the numbers of a model that the hand-written C uses, and what a library
+has of it.
+"""
 
 from __future__ import annotations
 
@@ -16,14 +18,18 @@ from flexgen.position_servo.filters import inverse_taps
 
 
 def count_elements(spec: LibrarySpec) -> int:
-    """The most elements of hysteresis that a gear has, of a model that the library inverts; zero: none."""
+    """The most elements of hysteresis that a gear has, of a model that the library inverts; zero:
+    none.
+    """
     return (
         0 if spec.motor_constants is None else sum(map(any, spec.motor_constants.hysteresis_slip))
     )
 
 
 def is_curved(spec: LibrarySpec) -> bool:
-    """Whether the library inverts a model with an element of hysteresis by another law than Dahl's."""
+    """Whether the library inverts a model with an element of hysteresis by another law than
+    Dahl's.
+    """
     return spec.motor_constants is not None and bool(spec.motor_constants.curves)
 
 
@@ -33,7 +39,9 @@ def is_harmonic(spec: LibrarySpec) -> bool:
 
 
 def is_loaded(spec: LibrarySpec) -> bool:
-    """Whether the library inverts a model some of whose motors have a friction that depends on the torque of a gear."""
+    """Whether the library inverts a model some of whose motors have a friction that depends on the
+    torque of a gear.
+    """
     return any(f.name == "loaded_friction" for f in spec.functions)
 
 
@@ -53,7 +61,9 @@ def has_bounds(spec: LibrarySpec) -> bool:
 
 
 def filter_sizes(spec: LibrarySpec) -> tuple[int, int, int]:
-    """Of the filters of a servo: samples before the present one and after it that their inverse needs; notches."""
+    """Of the filters of a servo: samples before the present one and after it that their inverse
+    needs; notches.
+    """
     servo = None if spec.motor_constants is None else spec.motor_constants.servo
     if servo is None:
         return 0, 0, 0
@@ -77,13 +87,16 @@ def has_growth(spec: LibrarySpec) -> bool:
 def space_of(
     spec: LibrarySpec, written: Mapping[str, FunctionText], names: Sequence[str] = INVERTING
 ) -> int:
-    """The largest workspace of the functions with these names, those that the inversion calls, in reals."""
+    """The largest workspace of the functions with these names, those that the inversion calls, in
+    reals.
+    """
     used = (f for f in spec.functions if f.name in names)
     return max(max(works(f, written[f.name], spec.precision)) for f in used)
 
 
 def stream_key(spec: LibrarySpec) -> int:
-    """The number by which a library knows the memory of its own streams: of model, interface and precision.
+    """The number by which a library knows the memory of its own streams: of model, interface and
+    precision.
 
     It has 24 bits, so that it is exact in single precision.
     """
@@ -92,10 +105,14 @@ def stream_key(spec: LibrarySpec) -> int:
 
 
 def _curves(constants: MotorConstants, ng: str, join: Callable[[Sequence[float]], str]) -> str:
-    """The curves of elements by another law than Dahl's, see `flexgen.memory.hysteresis_law.Curve.table`."""
+    """The curves of elements by another law than Dahl's, see
+    `flexgen.memory.hysteresis_law.Curve.table`.
+    """
     index = ", ".join("{" + ", ".join(map(str, row)) + "}" for row in constants.hysteresis_curve)
     bend = ", ".join(map(join, constants.hysteresis_bend))
-    parts, rows, first = [], [], 0
+    parts = []
+    rows = []
+    first = 0
     for part, table in constants.curves:
         parts.append(f"{{{', '.join(str(first + k) for k in part)}}}")
         rows += [f"    {join(row)}" for row in table]
@@ -104,7 +121,8 @@ def _curves(constants: MotorConstants, ng: str, join: Callable[[Sequence[float]]
     body = ",\n".join(rows)
     return f"""\
 static const int hysteresis_curve[ELEMENTS][{ng}] = {{{index}}}; /* -1: Dahl's law */
-static const real hysteresis_bend[ELEMENTS][{ng}] = {{{bend}}}; /* second derivative of a curve, at most */
+static const real hysteresis_bend[ELEMENTS][{ng}] = {{{bend}}}; /* second derivative of a curve, \
+at most */
 /* rows of curve_piece at which a curve, its dense pieces, and those behind them begin */
 static const int curve_part[{len(constants.curves) + 1}][3] = {{{", ".join(parts)}}};
 /* path at which a piece begins, one over its length, coefficients of powers of the part of it */
@@ -125,7 +143,8 @@ def constants_header(
         return f"static const int {name}[{size}] = {{{', '.join(str(int(x)) for x in values)}}};\n"
 
     prefix = spec.name.upper()
-    ng, nm = f"{prefix}_NG", f"{prefix}_NM"
+    ng = f"{prefix}_NG"
+    nm = f"{prefix}_NM"
     text = integers("i_g", ng, constants.i_g)
     # not read
     text += (
@@ -159,9 +178,13 @@ def constants_header(
             note = " /* 0: none */" * (name == "coulomb")
             text += f"static const real lugre_{name}[{nm}] = {join(values)};{note}\n"
     if constants.highest_harmonic:  # sixteen angles in the shortest period
-        text += f"enum {{ HARMONIC_ANGLES = {16 * constants.highest_harmonic} }}; /* of a turn of a motor */\n"
+        text += (
+            f"enum {{ HARMONIC_ANGLES = {16 * constants.highest_harmonic} }}; /* of a turn of a "
+            "motor */\n"
+        )
     if (servo := constants.servo) is not None and servo.filters:
-        taps, h = inverse_taps(servo.low_pass, servo.sample_time)[0], servo.sample_time
+        taps = inverse_taps(servo.low_pass, servo.sample_time)[0]
+        h = servo.sample_time
         names = ("FILTER_BEFORE", "FILTER_AHEAD", "NOTCHES")
         sizes = ", ".join(
             f"{name} = {n}" for name, n in zip(names, filter_sizes(spec), strict=True)
@@ -169,7 +192,10 @@ def constants_header(
         text += f"enum {{ {sizes}, FILTER_TAPS = {len(taps)} }}; /* of the servo */\n"
         text += f"static const real filter_tap[FILTER_TAPS] = {join(taps)};\n"
         sections = [one.section(h) for one in servo.notch] or [(1.0, 0.0, 0.0, 0.0, 0.0)]
-        text += f"static const real notch_filter[{len(sections)}][5] = {{{', '.join(map(join, sections))}}};\n"
+        text += (
+            f"static const real notch_filter[{len(sections)}][5] = "
+            f"{{{', '.join(map(join, sections))}}};\n"
+        )
         text += f"static const real filter_sample = {literal(h, spec.precision)}; /* s */\n"
     if constants.further:
         angles = ", ".join(str(int(one)) for one in constants.further)
@@ -183,7 +209,8 @@ def constants_header(
     calls = "".join(_call(spec, f, written[f.name].work) + batch_call(spec, f) for f in used)
     return f"""\
 /*
- * {spec.name}: gears, motors and the kind of output, for the inversion; private. Written by flexgen; see {spec.name}.h.
+ * {spec.name}: gears, motors and the kind of output, for the inversion; private. Written by \
+flexgen; see {spec.name}.h.
  */
 #ifndef {prefix}_MOTOR_CONSTANTS_H
 #define {prefix}_MOTOR_CONSTANTS_H
@@ -191,7 +218,8 @@ def constants_header(
 #include "{spec.name}_private.h"
 
 #define {prefix}_POSE {int(constants.pose)} /* the output is a pose: position, then rotation */
-#define {prefix}_PARAMETERS {len(spec.parameters)} /* run-time parameters, stored behind the workspace */
+#define {prefix}_PARAMETERS {len(spec.parameters)} /* run-time parameters, stored behind the \
+workspace */
 #define {prefix}_INVERSION_SPACE {space} /* reals of workspace for the functions below */
 #define PARAMETERS_OF(space) ((space) + {prefix}_INVERSION_SPACE + BLOCK)
 
@@ -208,7 +236,10 @@ def _call(spec: LibrarySpec, f: FunctionSpec, work: int) -> str:
     ports, given = _ports_of_call(spec, f)
     call = f"{spec.name}_{f.name}({given}{', work' if work else ''})"
     needed = work or ports != given
-    return f"#define evaluate_{f.name}({ports}, work) {call if needed else f'((void)(work), {call})'}\n"
+    return (
+        f"#define evaluate_{f.name}({ports}, work) "
+        f"{call if needed else f'((void)(work), {call})'}\n"
+    )
 
 
 def batch_call(spec: LibrarySpec, f: FunctionSpec) -> str:
@@ -221,7 +252,9 @@ def batch_call(spec: LibrarySpec, f: FunctionSpec) -> str:
 
 
 def _ports_of_call(spec: LibrarySpec, f: FunctionSpec) -> tuple[str, str]:
-    """The arguments of a macro, and those of the function: the run-time parameters are in the workspace."""
+    """The arguments of a macro, and those of the function: the run-time parameters are in the
+    workspace.
+    """
     names = [p.name for p in (*f.inputs, *f.outputs)]
     held = {"parameters": "PARAMETERS_OF(work)"} if spec.parameters else {}
     return ", ".join(name for name in names if name not in held), ", ".join(
@@ -230,7 +263,9 @@ def _ports_of_call(spec: LibrarySpec, f: FunctionSpec) -> tuple[str, str]:
 
 
 def _for_growth(spec: LibrarySpec, written: Mapping[str, FunctionText], arm_side: str) -> str:
-    """What the function growth needs: scales of positions, and the linearization with a workspace of its own."""
+    """What the function growth needs: scales of positions, and the linearization with a workspace
+    of its own.
+    """
     prefix = spec.name.upper()
     grows = has_growth(spec)
     flag = f"#define {prefix}_GROWS {int(grows)} /* the library has the function growth */\n"
@@ -238,7 +273,8 @@ def _for_growth(spec: LibrarySpec, written: Mapping[str, FunctionText], arm_side
         return flag
     called = _CALLED_BY_GROWTH | (_CALLED_UNDER_FORCE if spec.force else {})
     text = (
-        f"{flag}static const real arm_side[{prefix}_NX / 2] = {arm_side}; /* factors of the positions in a state */\n"
+        f"{flag}static const real arm_side[{prefix}_NX / 2] = {arm_side}; /* factors of the "
+        "positions in a state */\n"
         f"#define {prefix}_LINEARIZE_SPACE {space_of(spec, written, tuple(called))}\n"
     )
     for f in spec.functions:
@@ -259,7 +295,9 @@ def _call_with_parameters(spec: LibrarySpec, f: FunctionSpec, named: str, work: 
 def _damping(
     spec: LibrarySpec, constants: MotorConstants, listed: Callable[[Sequence[float]], str]
 ) -> str:
-    """The damping of the gears on the arm side; some values may be run-time parameters times a factor."""
+    """The damping of the gears on the arm side; some values may be run-time parameters times a
+    factor.
+    """
     ng = f"{spec.name.upper()}_NG"
     at = {
         p.name.removesuffix(".damping"): k
@@ -278,7 +316,8 @@ def _damping(
         text += f"static const int damping_parameter[{ng}] = {{{numbers}}};\n"
         body = (
             "    const int k = damping_parameter[gear];\n"
-            "    return k < 0 ? gear_damping[gear] : gear_damping[gear] * PARAMETERS_OF(space)[k];\n"
+            "    return k < 0 ? gear_damping[gear] : gear_damping[gear] * "
+            "PARAMETERS_OF(space)[k];\n"
         )
     return f"{text}static inline real damping_of(int gear, const real *space)\n{{\n{body}}}\n"
 

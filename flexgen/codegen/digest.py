@@ -10,7 +10,8 @@ from flexgen.model.elements import RobotModel
 
 
 def model_digest(model: RobotModel) -> str:
-    """SHA-256 of the data of a model: its canonical text and every field, but not the path of its file.
+    """SHA-256 of the data of a model: its canonical text and every field, but not the path of its
+    file.
 
     The fields too, because ``dataclasses.replace`` changes them and keeps the text.
     """
@@ -52,7 +53,9 @@ NEWER = (
 
 
 def _canonical(value: Any, without: tuple[str, ...] = ()) -> str:
-    """Text that determines the data: names and values of fields, exact numbers. Does not depend on ``__repr__``."""
+    """Text that determines the data: names and values of fields, exact numbers. Does not depend on
+    ``__repr__``.
+    """
     if is_dataclass(value):
         kind = type(value).__name__
         newer = {f.name for f in fields(value) if f.name in NEWER or f"{kind}.{f.name}" in NEWER}
@@ -67,5 +70,7 @@ def _canonical(value: Any, without: tuple[str, ...] = ()) -> str:
     if isinstance(value, tuple | list):
         return f"[{', '.join(map(_canonical, value))}]"
     if isinstance(value, dict):
-        return f"{{{', '.join(f'{_canonical(key)}: {_canonical(x)}' for key, x in value.items())}}}"
+        return (
+            f"{{{', '.join(f'{_canonical(key)}: {_canonical(x)}' for key, x in value.items())}}}"
+        )
     return repr(value)

@@ -1,7 +1,7 @@
 """The text of the C library: all its files by name; nothing is compiled here.
 
-The text depends on the specification alone: no time stamp, host or path. Names pass the gates of `ports`; text from a
-model file is never written.
+The text depends on the specification alone: no time stamp, host or path. Names pass the gates of
+`ports`; text from a model file is never written.
 """
 
 from __future__ import annotations
@@ -23,9 +23,10 @@ SOURCES = "src"  # folder of the private files
 
 # Names that the emitted functions use in addition to their ports.
 _INTERNAL = re.compile(
-    r"(t\d+|z\d+|(angle|co?sine)\d+|(left|right|rest|x)\d+|[wnkijFTPdx]|work|status|first|last|at|end|count|check|times|"
-    r"inverse|pivot|upper|zero|group|groups|bad|copied|collide|matrix|rows|sum|whole|inertia|masses|turning|real|lanes|stride|"
-    r"size|known|thread|\w*_(evaluate|step|fill)(_\w+)?|\w*_failed|all_finite|set_nan|at_[a-zA-Z0-9_]*|space)\Z"
+    r"(t\d+|z\d+|(angle|co?sine)\d+|(left|right|rest|x)\d+|[wnkijFTPdx]|work|status|first|last|"
+    r"at|end|count|check|times|inverse|pivot|upper|zero|group|groups|bad|copied|collide|matrix|"
+    r"rows|sum|whole|inertia|masses|turning|real|lanes|stride|size|known|thread|\w*_(evaluate|"
+    r"step|fill)(_\w+)?|\w*_failed|all_finite|set_nan|at_[a-zA-Z0-9_]*|space)\Z"
 )
 
 
@@ -56,8 +57,9 @@ def emit(spec: LibrarySpec, written: Mapping[str, FunctionText] | None = None) -
     Returns
     -------
     dict of str to str
-        Text by file name: the public ``<name>.h``, ``<name>_batch.h`` and, where the library has them,
-        ``<name>_inversion.h`` and ``<name>_inverse_kinematics.h``; ``example.c``; everything else in ``src/``.
+        Text by file name: the public ``<name>.h``, ``<name>_batch.h`` and, where the library has
+        them, ``<name>_inversion.h`` and ``<name>_inverse_kinematics.h``; ``example.c``; everything
+        else in ``src/``.
 
     Raises
     ------
@@ -128,7 +130,9 @@ def symbols(spec: LibrarySpec) -> tuple[str, ...]:
 
 
 def check_names(spec: LibrarySpec) -> None:
-    """Everything that becomes a name, or part of one, passes the gate; BuildError where it does not."""
+    """Everything that becomes a name, or part of one, passes the gate; BuildError where it does
+    not.
+    """
     driven = [name for gears in spec.gears for name, _ in gears]
     in_comments = [*spec.coordinates, *spec.motors, *driven]
     identifiers = [spec.name, *spec.sizes, *(f.name for f in spec.functions)]
@@ -140,10 +144,12 @@ def check_names(spec: LibrarySpec) -> None:
         for port in (*f.inputs, *f.outputs):
             if _INTERNAL.match(port.name):
                 raise BuildError(
-                    f"port of {f.name}: given {port.name!r}, which the emitted function uses itself"
+                    f"port of {f.name}: given {port.name!r}, which the emitted function uses "
+                    "itself"
                 )
     exported = symbols(spec)
     if len(set(exported)) != len(exported):
         raise BuildError(
-            f"functions of {spec.name}: given names that collide, expected {len(exported)} different ones"
+            f"functions of {spec.name}: given names that collide, expected {len(exported)} "
+            "different ones"
         )

@@ -1,4 +1,6 @@
-"""The example program of the library: every function once, one whole path, ten updates of a stream."""
+"""The example program of the library: every function once, one whole path, ten updates of a
+stream.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +29,8 @@ def example(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> str:
  * {spec.name}: {what}.
  * Written by flexgen; see {spec.name}.h.
  *
- *   cc -std=c99 -O2 -ffp-contract=off example.c $(find src -name '*.c') -lm -o example && ./example
+ *   cc -std=c99 -O2 -ffp-contract=off example.c $(find src -name '*.c') -lm -o example && \
+./example
  */
 {headers}
 
@@ -56,7 +59,8 @@ static void show(const char *name, const char *unit, const {real} *x, int rows, 
 def _block(spec: LibrarySpec, f: FunctionSpec, needs_work: bool) -> str:
     """The call of one function."""
     real = f"{spec.name}_real"
-    lines, shared = "", False
+    lines = ""
+    shared = False
     for p in f.inputs:
         if spec.parameters and p.name == "parameters":
             lines += f"        {real} parameters[{count_of(spec, f, p)}];\n"
@@ -75,7 +79,8 @@ def _block(spec: LibrarySpec, f: FunctionSpec, needs_work: bool) -> str:
         [*(p.name for p in (*f.inputs, *f.outputs)), *(["work"] if needs_work else [])]
     )
     shows = "".join(
-        f'            show("{p.name}", {quote(p.unit)}, {p.name}, {size_macro(spec, f.extents[p.name][0])}, '
+        f'            show("{p.name}", {quote(p.unit)}, {p.name}, '
+        f"{size_macro(spec, f.extents[p.name][0])}, "
         f"{size_macro(spec, f.extents[p.name][1]) if len(p.shape) == 2 else 1});\n"
         for p in f.outputs
     )
@@ -92,9 +97,12 @@ def _block(spec: LibrarySpec, f: FunctionSpec, needs_work: bool) -> str:
 
 
 def _inversion(spec: LibrarySpec) -> str:
-    """The functions of the example that invert a path and run a stream; the output stays at its home position."""
+    """The functions of the example that invert a path and run a stream; the output stays at its
+    home position.
+    """
     sampling, update = (literal(x, spec.precision) for x in (0.001, 0.005))
-    name, real = spec.name, f"{spec.name}_real"
+    name = spec.name
+    real = f"{spec.name}_real"
     ny, nt, nm = (size_macro(spec, size) for size in ("n_y", "n_t", "n_m"))
     pose = spec.motor_constants is not None and spec.motor_constants.pose
     home = _home_output(spec, pose)
@@ -130,7 +138,8 @@ static int invert_path(void)
     path.dy = zero;
     path.ddy = zero;
     motion.tau_m = tau_m;
-{fill}    status = {name}_invert(&path, {given}{name}_home_q_a, &options, &motion, &info, work, size);
+{fill}    status = {name}_invert(&path, {given}{name}_home_q_a, &options, &motion, &info, work, \
+size);
     printf("invert: %s\\n", {name}_status_text(status));
     if (status == {macro(spec, "OK")}) {{
         show("tau_m", "N m", tau_m, {nm}, 1);
@@ -174,8 +183,11 @@ static int run_stream(void)
 
 
 def _home_output(spec: LibrarySpec, pose: bool) -> str:
-    """A C function that gives the output at the home pose: of a pose from the kinematics, else from the constraint."""
-    name, real = spec.name, f"{spec.name}_real"
+    """A C function that gives the output at the home pose: of a pose from the kinematics, else
+    from the constraint.
+    """
+    name = spec.name
+    real = f"{spec.name}_real"
     na, ny, nt = (size_macro(spec, size) for size in ("n_a", "n_y", "n_t"))
     if pose:
         return f"""\

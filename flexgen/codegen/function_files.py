@@ -42,7 +42,9 @@ def facade(spec: LibrarySpec) -> str:
             f"    parameters[{k}] = {literal(p.value, spec.precision)}; /* {p.name} */\n"
             for k, p in enumerate(spec.parameters)
         )
-        parameters = f"void {spec.name}_parameters({spec.name}_real *parameters)\n{{\n{lines}}}\n\n"
+        parameters = (
+            f"void {spec.name}_parameters({spec.name}_real *parameters)\n{{\n{lines}}}\n\n"
+        )
     return f"""\
 /* {spec.name}: identity and sizes of the library. Written by flexgen; see {spec.name}.h. */
 #include "{spec.name}_batch.h"
@@ -82,7 +84,9 @@ int {spec.name}_batch_work(void)
 
 
 def _defaults(spec: LibrarySpec, function: CFunction) -> str:
-    """The function that returns options with their defaults; those of a stream are recommended for the model."""
+    """The function that returns options with their defaults; those of a stream are recommended for
+    the model.
+    """
     if function.part == POSITION:
         return _servo_defaults(spec)
     (struct,) = (struct for struct in spec.structs if struct.name == function.returns)
@@ -97,17 +101,21 @@ def _defaults(spec: LibrarySpec, function: CFunction) -> str:
             value = literal(float(value), spec.precision)
         lines += f"    options.{field.name} = {value};\n"
     head = f"{spec.name}_{struct.name} {spec.name}_{function.name}(void)"
-    return f"{head}\n{{\n    {spec.name}_{struct.name} options;\n{lines}    return options;\n}}\n\n"
+    return (
+        f"{head}\n{{\n    {spec.name}_{struct.name} options;\n{lines}    return options;\n}}\n\n"
+    )
 
 
 def _servo_defaults(spec: LibrarySpec) -> str:
     """The function that returns the servo of the model file."""
     assert spec.motor_constants is not None and spec.motor_constants.servo is not None
-    servo, lines = spec.motor_constants.servo, ""
+    servo = spec.motor_constants.servo
+    lines = ""
     for name in GAINS:
         values = ", ".join(literal(x, spec.precision) for x in getattr(servo, name))
         lines += (
-            f"    static const {spec.name}_real {name}[{size_macro(spec, 'n_m')}] = {{{values}}};\n"
+            f"    static const {spec.name}_real {name}[{size_macro(spec, 'n_m')}] = "
+            f"{{{values}}};\n"
         )
     lines += f"    {spec.name}_servo servo;\n"
     lines += "".join(f"    servo.{name} = {name};\n" for name in GAINS)
@@ -124,14 +132,16 @@ def _servo_defaults(spec: LibrarySpec) -> str:
 
 
 def source(spec: LibrarySpec, f: FunctionSpec, written: FunctionText) -> str:
-    """Text of ``<name>_<function>.c``: entry points for one point and for many, and the mathematics.
+    """Text of ``<name>_<function>.c``: entry points for one point and for many, and the
+    mathematics.
 
-    The mathematics is compiled twice, for one point and for lanes of points: the file includes itself.
+    The mathematics is compiled twice, for one point and for lanes of points: the file includes
+    itself.
     """
     file = f"{spec.name}_{f.name}.c"
     *ports, last = [
-        f"{'SHARED' if _shared(spec, p) else 'INPUT' if p in f.inputs else 'OUTPUT'}"
-        f"({p.name}, {' * '.join(str(spec.sizes.get(extent, extent)) for extent in f.extents[p.name])})"
+        f"{'SHARED' if _shared(spec, p) else 'INPUT' if p in f.inputs else 'OUTPUT'}({p.name}, "
+        f"{' * '.join(str(spec.sizes.get(extent, extent)) for extent in f.extents[p.name])})"
         for p in (*f.inputs, *f.outputs)
     ]
     arrays = " ".join([*ports, last.replace("OUTPUT", "LAST", 1)])

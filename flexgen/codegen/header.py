@@ -1,4 +1,6 @@
-"""The public headers of the library: the manual of its functions, sizes, units, statuses and constants."""
+"""The public headers of the library: the manual of its functions, sizes, units, statuses and
+constants.
+"""
 
 from __future__ import annotations
 
@@ -38,12 +40,17 @@ BYTES = {"double": 8, "single": 4}
 LANES = {"double": 8, "single": 16}  # at most
 
 _LIBM = frozenset(
-    "sqrt log expm1 log1p erf tan asin acos atan sinh cosh asinh acosh atanh atan2 pow fmod remainder hypot".split()
+    (
+        "sqrt log expm1 log1p erf tan asin acos atan sinh cosh asinh acosh atanh atan2 pow fmod "
+        "remainder hypot"
+    ).split()
 )
 
 
 def tile(f: FunctionSpec, precision: str) -> int:
-    """Points whose arrays a batch copies at a time, where it has to: some 128 KiB of them, at most 64 points."""
+    """Points whose arrays a batch copies at a time, where it has to: some 128 KiB of them, at most
+    64 points.
+    """
     ports = sum(port.size for port in (*f.inputs, *f.outputs))
     points = 64
     while points > LANES[precision] and points * ports * BYTES[precision] > 2**17:
@@ -52,20 +59,25 @@ def tile(f: FunctionSpec, precision: str) -> int:
 
 
 def works(f: FunctionSpec, written: FunctionText, precision: str) -> tuple[int, int]:
-    """Reals of workspace for one point, and for a batch: lanes of workspace, and copies of some points' arrays."""
+    """Reals of workspace for one point, and for a batch: lanes of workspace, and copies of some
+    points' arrays.
+    """
     ports = sum(port.size for port in (*f.inputs, *f.outputs))
     return max(1, written.work), written.work * LANES[precision] + ports * tile(f, precision)
 
 
 def work_of(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> tuple[int, int]:
-    """The largest workspace of all functions, in reals: for one point, and for a batch per thread."""
+    """The largest workspace of all functions, in reals: for one point, and for a batch per
+    thread.
+    """
     sizes = [works(f, written[f.name], spec.precision) for f in spec.functions]
     return max(one for one, _ in sizes), max(many for _, many in sizes)
 
 
 def header(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> str:
     """Text of ``<name>.h``."""
-    guard, api = macro(spec, "H"), macro(spec, "API")
+    guard = macro(spec, "H")
+    api = macro(spec, "API")
     listed = "".join(comment(line) for line in _manual(spec, _list_calls(spec, written.values())))
     sizes = "".join(
         f"#define {size_macro(spec, name)} {size} /* {SIZES.get(name, name)} */\n"
@@ -77,7 +89,9 @@ def header(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> str:
     parameters = ""
     if spec.parameters:
         parameters = (
-            f"\n/* Fill an array of {size_macro(spec, 'n_p')} with the values of the model file. */\n"
+            "\n"
+            f"/* Fill an array of {size_macro(spec, 'n_p')} with the values of the model file. "
+            "*/\n"
             f"{api} void {spec.name}_parameters({spec.name}_real *parameters);\n"
         )
     return f"""\
@@ -100,7 +114,8 @@ extern "C" {{
 
 typedef {"double" if spec.precision == "double" else "float"} {spec.name}_real;
 
-{sizes}#define {macro(spec, "WORK")} {work_of(spec, written)[0]} /* reals of workspace, where a function needs one */
+{sizes}#define {macro(spec, "WORK")} {work_of(spec, written)[0]} /* reals of workspace, where a \
+function needs one */
 
 /* Status of a call: 0 success, negative an error, positive a result with a warning. */
 typedef enum {{
@@ -130,9 +145,18 @@ typedef enum {{
 
 def batch_header(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> str:
     """Text of ``<name>_batch.h``."""
-    guard, api, name = macro(spec, "BATCH_H"), macro(spec, "API"), spec.name
+    guard = macro(spec, "BATCH_H")
+    api = macro(spec, "API")
+    name = spec.name
     functions = "\n".join(
-        f"/*\n{comment(f.summary)} */\n{api}\n{batch_prototype(spec, f)};\n{api}\n{batch_prototype(spec, f, True)};\n"
+        (
+            "/*\n"
+            f"{comment(f.summary)} */\n"
+            f"{api}\n"
+            f"{batch_prototype(spec, f)};\n"
+            f"{api}\n"
+            f"{batch_prototype(spec, f, True)};\n"
+        )
         for f in spec.functions
     )
     manual = "".join(
@@ -140,17 +164,20 @@ def batch_header(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> str:
         for line in (
             f"{name}: the functions of {name}.h for many points, written by flexgen. Do not edit.",
             "",
-            "<function>_batch evaluates n points. Arrays are structures of arrays: entry i of point k of an array x is "
-            "x[i * n + k]; entry (row, column) of a matrix with r rows is i = row + column * r. All points are "
-            "evaluated. The outputs of a point that fails are NaN, and the status of the first such point is returned.",
+            "<function>_batch evaluates n points. Arrays are structures of arrays: entry i of "
+            "point k of an array x is x[i * n + k]; entry (row, column) of a matrix with r rows "
+            "is i = row + column * r. All points are evaluated. The outputs of a point that "
+            "fails are NaN, and the status of the first such point is returned.",
             "",
-            "<function>_batch_strided takes n of the points of larger arrays: entry i of point k is x[i * stride + k]. "
-            "Where the columns of large arrays are multiples of 1024 bytes apart, they meet in the same places of the "
-            "cache; a stride that is 8 larger avoids it. BAD_COUNT: the stride is below n.",
+            "<function>_batch_strided takes n of the points of larger arrays: entry i of point "
+            "k is x[i * stride + k]. Where the columns of large arrays are multiples of 1024 "
+            "bytes apart, they meet in the same places of the cache; a stride that is 8 larger "
+            "avoids it. BAD_COUNT: the stride is below n.",
             "",
-            f"The workspace has {macro(spec, 'BATCH_WORK')} reals. With OpenMP each thread needs that many: allocate "
-            f"{name}_batch_work() reals, and do not raise the number of threads after that. GCC and clang compute "
-            "several points at once in vector registers, with the same bits as one by one where nothing is contracted.",
+            f"The workspace has {macro(spec, 'BATCH_WORK')} reals. With OpenMP each thread "
+            f"needs that many: allocate {name}_batch_work() reals, and do not raise the number "
+            "of threads after that. GCC and clang compute several points at once in vector "
+            "registers, with the same bits as one by one where nothing is contracted.",
         )
     )
     return f"""\
@@ -165,7 +192,8 @@ def batch_header(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> str:
 extern "C" {{
 #endif
 
-#define {macro(spec, "BATCH_WORK")} {work_of(spec, written)[1]} /* workspace in reals, per thread */
+#define {macro(spec, "BATCH_WORK")} {work_of(spec, written)[1]} /* workspace in reals, per thread \
+*/
 
 /* Workspace for the largest number of threads of the moment. */
 {api} int {name}_batch_work(void);
@@ -226,7 +254,8 @@ def _break_lines(start: str, values: str) -> list[str]:
 
 def _status(spec: LibrarySpec, status: Status) -> str:
     """A line of the enum, its text behind it or, where that is long, above it."""
-    value, text = f"    {macro(spec, status.name)} = {status.code}", f"/* {status.text} */"
+    value = f"    {macro(spec, status.name)} = {status.code}"
+    text = f"/* {status.text} */"
     return f"{value} {text}" if len(value) + len(text) < 115 else f"    {text}\n{value}"
 
 
@@ -234,23 +263,31 @@ def _function(spec: LibrarySpec, f: FunctionSpec, written: FunctionText) -> str:
     """The part of the header that describes and declares one function."""
     api = macro(spec, "API")
     cost = (
-        f"{written.operations} operations, critical path about {written.depth} cycles; stack of one point at most "
-        f"{stack_bytes(written, spec.precision)} bytes"
+        f"{written.operations} operations, critical path about {written.depth} cycles; stack of "
+        f"one point at most {stack_bytes(written, spec.precision)} bytes"
     )
     return (
-        f"/*\n{comment(f.summary)} *\n{comment(f.equation, ' *   ')} *\n{port_table(f)}{comment(cost)} */\n"
-        f"{api}\n{prototype(spec, f, written.work)};\n"
+        "/*\n"
+        f"{comment(f.summary)} *\n"
+        f"{comment(f.equation, ' *   ')} *\n"
+        f"{port_table(f)}{comment(cost)} */\n"
+        f"{api}\n"
+        f"{prototype(spec, f, written.work)};\n"
     )
 
 
 def stack_bytes(written: FunctionText, precision: str) -> int:
-    """Bytes of stack that a call for one point needs at most: its locals, and room for calls and registers."""
+    """Bytes of stack that a call for one point needs at most: its locals, and room for calls and
+    registers.
+    """
     return -(-(written.stack * BYTES[precision] + 1024) // 256) * 256
 
 
 def _list_calls(spec: LibrarySpec, written: Iterable[FunctionText]) -> str:
     """What the library calls of others."""
-    used = sorted(_LIBM & {name for one in written for name in re.findall(r"F\((\w+)\)", one.text)})
+    used = sorted(
+        _LIBM & {name for one in written for name in re.findall(r"F\((\w+)\)", one.text)}
+    )
     names = ", ".join(f"{name}f" if spec.precision == "single" else name for name in used)
     return (
         f"of the mathematics library the functions call {names}"
@@ -268,8 +305,9 @@ def _manual(spec: LibrarySpec, called: str) -> list[str]:
     lines = [
         f"{name}: equations of motion of an elastic robot, written by flexgen. Do not edit.",
         "",
-        "SI units. Matrices are stored by columns. Arm quantities (q_a, v_a, a_a, tau_a) are on the arm side of the "
-        "gears and in chain order, motor quantities (q_m, v_m, a_m, tau_m) on the motor side. Indices from 0:",
+        "SI units. Matrices are stored by columns. Arm quantities (q_a, v_a, a_a, tau_a) are on "
+        "the arm side of the gears and in chain order, motor quantities (q_m, v_m, a_m, tau_m) "
+        "on the motor side. Indices from 0:",
         f"  q_a: {number_names(spec.coordinates, spec.coordinate_units)}",
         f"  q_m: {number_names(spec.motors, ['rad'] * len(spec.motors))}",
     ]
@@ -283,26 +321,33 @@ def _manual(spec: LibrarySpec, called: str) -> list[str]:
     known = f"Standard deviations of the numbers, from the model file: {', '.join(spec.accuracy)}."
     accuracy = [known, ""] if spec.accuracy else []
     flags = "-std=c99 -O2 -ffp-contract=off"
-    unrolled = "-funroll-loops makes streams and whole paths a tenth faster, and their code twice as long. "
+    unrolled = (
+        "-funroll-loops makes streams and whole paths a tenth faster, and their code twice as "
+        "long. "
+    )
     return [
         *lines,
         "",
-        f"Gravity is ({', '.join(map(repr, spec.gravity))}) m/s^2 in world axes. Gear ratios eta and rotor inertias "
-        "J_m, motor side:",
+        f"Gravity is ({', '.join(map(repr, spec.gravity))}) m/s^2 in world axes. Gear ratios "
+        "eta and rotor inertias J_m, motor side:",
         *(
-            f"  {motor}: eta {', '.join(f'{ratio!r} ({name})' for name, ratio in gears)}; J_m {inertia!r} kg m^2"
+            (
+                f"  {motor}: eta {', '.join(f'{ratio!r} ({name})' for name, ratio in gears)}; "
+                f"J_m {inertia!r} kg m^2"
+            )
             for motor, gears, inertia in zip(
                 spec.motors, spec.gears, spec.rotor_inertias, strict=True
             )
         ),
         "",
         *accuracy,
-        f"Every function takes its inputs, its outputs and, where it needs one, a workspace of {macro(spec, 'WORK')} "
-        "reals, whose contents have no meaning before and after. No pointer may be null, and arrays must not "
-        "overlap. It returns a status: 0, or a negative number. Where an input or a result is not finite, or a "
-        "system of equations is singular to rounding, all outputs are NaN. Where a pointer is null, nothing is "
-        "written. Angles, and sums of angles of parallel joints, must stay within the range of the sine: "
-        f"{'1e6' if spec.precision == 'double' else '1e4'} rad.",
+        "Every function takes its inputs, its outputs and, where it needs one, a workspace of "
+        f"{macro(spec, 'WORK')} reals, whose contents have no meaning before and after. No "
+        "pointer may be null, and arrays must not overlap. It returns a status: 0, or a "
+        "negative number. Where an input or a result is not finite, or a system of equations "
+        "is singular to rounding, all outputs are NaN. Where a pointer is null, nothing is "
+        "written. Angles, and sums of angles of parallel joints, must stay within the range of "
+        f"the sine: {'1e6' if spec.precision == 'double' else '1e4'} rad.",
         "",
         f"{name}_batch.h has the same functions for many points"
         + (
@@ -317,14 +362,14 @@ def _manual(spec: LibrarySpec, called: str) -> list[str]:
         )
         + ".",
         "",
-        "No function allocates, prints or keeps data: all may be called from several threads, each with its own "
-        "arrays. Compile with any C99 compiler:",
+        "No function allocates, prints or keeps data: all may be called from several threads, "
+        "each with its own arrays. Compile with any C99 compiler:",
         f"  cc {flags} -c $(find src -name '*.c')",
-        "(-ffp-contract=off: the same bits with every compiler and processor. Where GCC compiles for a fused "
-        "multiply-add, add -fno-tree-vectorize, because it fuses in vectors nevertheless. -O3 -march=native "
-        "-ffp-contract=fast is faster and differs by rounding. "
-        f"{unrolled * spec.inverts}Never use -ffast-math: it hides results that are not "
-        "finite.) Sine, cosine, exp and tanh are part of the library; "
-        f"{called}; compilers may replace loops by calls of memset, memcpy and memmove. With OpenMP (-fopenmp) the "
+        "(-ffp-contract=off: the same bits with every compiler and processor. Where GCC "
+        "compiles for a fused multiply-add, add -fno-tree-vectorize, because it fuses in "
+        "vectors nevertheless. -O3 -march=native -ffp-contract=fast is faster and differs by "
+        f"rounding. {unrolled * spec.inverts}Never use -ffast-math: it hides results that are "
+        f"not finite.) Sine, cosine, exp and tanh are part of the library; {called}; compilers "
+        "may replace loops by calls of memset, memcpy and memmove. With OpenMP (-fopenmp) the "
         "batches use all cores.",
     ]

@@ -1,7 +1,9 @@
-"""The C interface of a library, one row for each fact: version, statuses, enums, limits and structs.
+"""The C interface of a library, one row for each fact: version, statuses, enums, limits and
+structs.
 
-Headers, C, manifest, and by way of the manifest the Python wrapper, are rendered from these rows. Functions of one and
-of many points are rows of `flexgen.mechanics.signatures`, hand-written ones rows of `flexgen.codegen.c_functions`.
+Headers, C, manifest, and by way of the manifest the Python wrapper, are rendered from these rows.
+Functions of one and of many points are rows of `flexgen.mechanics.signatures`, hand-written ones
+rows of `flexgen.codegen.c_functions`.
 """
 
 from __future__ import annotations
@@ -13,7 +15,8 @@ from flexgen.runtime.identity import ABI_VERSION as ABI_VERSION
 from flexgen.runtime.identity import TOLERANCES
 
 # of a stream: intervals of its horizon, samples per interval
-INTERVALS_MAX, SAMPLES_MAX = 10_000, 1_000
+INTERVALS_MAX = 10_000
+SAMPLES_MAX = 1_000
 DELAY_MAX = 4  # of the drive, in samples
 DERIVATIVES = "derivatives"
 FORCE = "force"
@@ -33,9 +36,9 @@ LIMITS = (
 ENUMS = (
     Enum(
         "hold",
-        "What the drive does between two samples of the motor torque. With HOLD_LINEAR and HOLD_ZOH, tau_m has the "
-        "torques to send at the samples, not the torques there: a held sample is late by half a period. All other "
-        "results are those at the samples.",
+        "What the drive does between two samples of the motor torque. With HOLD_LINEAR and "
+        "HOLD_ZOH, tau_m has the torques to send at the samples, not the torques there: a held "
+        "sample is late by half a period. All other results are those at the samples.",
         (
             ("spline", "follows a spline through the samples"),
             ("linear", "follows a straight line to the next sample"),
@@ -50,7 +53,10 @@ ENUMS = (
             ("linear", "follows a straight line to the next one"),
             (
                 "cubic",
-                "follows polynomials; the speed at a position is that of the line between its neighbors",
+                (
+                    "follows polynomials; the speed at a position is that of the line between "
+                    "its neighbors"
+                ),
             ),
         ),
     ),
@@ -60,7 +66,10 @@ ENUMS = (
         (
             ("none", "it did"),
             ("residual", "residual above the tolerance"),
-            ("mismatch", "kinematic mismatch: samples too far apart, or a path that is not smooth"),
+            (
+                "mismatch",
+                "kinematic mismatch: samples too far apart, or a path that is not smooth",
+            ),
             ("torque_step", "step of a motor torque: horizon too short"),
         ),
     ),
@@ -83,7 +92,8 @@ STATUSES = (
     Status(
         "BAD_ARGUMENT",
         -5,
-        "a size, a time or a rotation matrix is out of range, or the path does not begin and end at zero velocity",
+        "a size, a time or a rotation matrix is out of range, or the path does not begin and "
+        "end at zero velocity",
         "ArgumentError",
     ),
     Status("WORK_TOO_SMALL", -6, "the workspace is too small", "ArgumentError"),
@@ -121,19 +131,22 @@ STATUSES = (
     Status(
         "HORIZON_TOO_SHORT",
         -13,
-        "the horizon is too short to keep limits: use at least 4 intervals, and 1.5 times the preview of the zeros",
+        "the horizon is too short to keep limits: use at least 4 intervals, and 1.5 times the "
+        "preview of the zeros",
         "ArgumentError",
     ),
     Status(
         "LIMITS_INFEASIBLE",
         -14,
-        "the limits cannot be kept; increase them, slow down the path or give the motion more time",
+        "the limits cannot be kept; increase them, slow down the path or give the motion more "
+        "time",
         "SolverError",
     ),
     Status(
         "TOLERANCE_NOT_MET",
         1,
-        "residual, mismatch, torque step or torque error above its tolerance (see the info): use a shorter period",
+        "residual, mismatch, torque step or torque error above its tolerance (see the info): "
+        "use a shorter period",
     ),
     Status(
         "LIMITS_ACTIVE",
@@ -146,8 +159,8 @@ OUTPUT = "output; for a pose the position, then the rotation matrix by columns"
 RATE = "its first time derivative; for a pose linear and angular velocity, world axes"
 SECOND = "its second time derivative; for a pose linear and angular acceleration"
 _TOLERANCE = (
-    "largest residual of the unactuated rows, relative to the torques of a deflection of 0.01 rad or 0.01 m; 1e-6 is "
-    "what flexgen solve uses (single precision: 1e-3)"
+    "largest residual of the unactuated rows, relative to the torques of a deflection of 0.01 "
+    "rad or 0.01 m; 1e-6 is what flexgen solve uses (single precision: 1e-3)"
 )
 _HOLD = (
     Field(
@@ -176,8 +189,8 @@ _FOUND = (
         "real",
         (),
         "1",
-        "largest difference between velocities and accelerations and the numerical derivatives of positions and "
-        "velocities at the samples, relative to their largest value",
+        "largest difference between velocities and accelerations and the numerical derivatives "
+        "of positions and velocities at the samples, relative to their largest value",
     ),
 )
 _COUNTS = (
@@ -189,28 +202,31 @@ _SETTLED = Field(
     "int",
     (),
     "1",
-    "samples after the path until the motion has settled; all after it are the equilibrium. Without the option "
-    "settled, or where the motion has not settled: n_post of the options",
+    "samples after the path until the motion has settled; all after it are the equilibrium. "
+    "Without the option settled, or where the motion has not settled: n_post of the options",
 )
 _GROWTH = Field(
     "growth",
     "real",
     (),
     "1",
-    "largest growth of a perturbation along the motion, see the function growth: above about 100 the torques need "
-    "feedback; NaN where the option growth is 0, or the motion grows beyond all numbers",
+    "largest growth of a perturbation along the motion, see the function growth: above about "
+    "100 the torques need feedback; NaN where the option growth is 0, or the motion grows "
+    "beyond all numbers",
 )
 _TORQUE_ERROR = Field(
     "torque_error",
     "real",
     (),
     "1",
-    "estimate of the largest error of a motor torque by the mesh, relative to the largest torque of this motor",
+    "estimate of the largest error of a motor torque by the mesh, relative to the largest "
+    "torque of this motor",
 )
 STRUCTS: tuple[Struct, ...] = (
     Struct(
         "samples",
-        "Samples of the output, one period apart. The output is at rest at the first and at the last sample.",
+        "Samples of the output, one period apart. The output is at rest at the first and at the "
+        "last sample.",
         (
             Field("n", "int", (), "1", "number of samples, at least 2"),
             Field("period", "real", (), "s", "time between two samples"),
@@ -236,7 +252,8 @@ STRUCTS: tuple[Struct, ...] = (
                 "int",
                 (),
                 "1",
-                "samples after the path, in which stable zeros and the deflections of damped gears decay",
+                "samples after the path, in which stable zeros and the deflections of damped "
+                "gears decay",
                 "0",
             ),
             Field("samples_per_interval", "int", (), "1", "samples per interval of the mesh", "1"),
@@ -247,9 +264,9 @@ STRUCTS: tuple[Struct, ...] = (
                 "real",
                 (),
                 "1",
-                "above 0: the samples after the path end once the residual motion changes the output by less than this "
-                "[m or rad], but not before 0.05 s and 20 D / K of the slowest gear; 0: all n_post samples are "
-                "computed, as bvp does",
+                "above 0: the samples after the path end once the residual motion changes the "
+                "output by less than this [m or rad], but not before 0.05 s and 20 D / K of the "
+                "slowest gear; 0: all n_post samples are computed, as bvp does",
                 "0.0",
             ),
             Field(
@@ -257,8 +274,8 @@ STRUCTS: tuple[Struct, ...] = (
                 "int",
                 (),
                 "1",
-                "1: the info of invert and invert_limited has the growth too, for a library with linearize; the motion "
-                "needs q_a, v_a, q_m, v_m and tau_m. 0: NaN",
+                "1: the info of invert and invert_limited has the growth too, for a library "
+                "with linearize; the motion needs q_a, v_a, q_m, v_m and tau_m. 0: NaN",
                 "0",
             ),
         ),
@@ -270,7 +287,11 @@ STRUCTS: tuple[Struct, ...] = (
             Field("q_a", "real *", ("N", "n_a"), "mixed", "arm coordinates"),
             Field("v_a", "real *", ("N", "n_a"), "mixed", "arm velocities"),
             Field(
-                "a_a", "real *", ("N", "n_a"), "mixed", "arm accelerations; not written by a stream"
+                "a_a",
+                "real *",
+                ("N", "n_a"),
+                "mixed",
+                "arm accelerations; not written by a stream",
             ),
             Field("tau_g", "real *", ("N", "n_g"), "mixed", "gear torques, arm side"),
             Field("q_m", "real *", ("N", "n_m"), "rad", "motor angles"),
@@ -303,7 +324,9 @@ STRUCTS: tuple[Struct, ...] = (
         ),
     ),
     Struct(
-        "invert_info", "What invert reports.", (*_FOUND, *_COUNTS, _SETTLED, _GROWTH, _TORQUE_ERROR)
+        "invert_info",
+        "What invert reports.",
+        (*_FOUND, *_COUNTS, _SETTLED, _GROWTH, _TORQUE_ERROR),
     ),
     Struct(
         "bvp_info",
@@ -321,8 +344,12 @@ STRUCTS: tuple[Struct, ...] = (
         "inversion_limits",
         "Limits of invert_limited. A null member or an infinite entry means no limit.",
         (
-            Field("torque_max", "const real *", ("n_m",), "N m", "largest motor torques, positive"),
-            Field("speed_max", "const real *", ("n_m",), "rad/s", "largest motor speeds, positive"),
+            Field(
+                "torque_max", "const real *", ("n_m",), "N m", "largest motor torques, positive"
+            ),
+            Field(
+                "speed_max", "const real *", ("n_m",), "rad/s", "largest motor speeds, positive"
+            ),
             Field(
                 "deflection_max",
                 "const real *",
@@ -391,8 +418,8 @@ STRUCTS: tuple[Struct, ...] = (
                 "const real *",
                 ("n_m", "torque_speed_points", "2"),
                 "rad/s, N m",
-                "points (speed, torque) of the largest motor torques over the speed: a convex region, from speed 0 on, "
-                "the last point repeated where a motor has fewer",
+                "points (speed, torque) of the largest motor torques over the speed: a convex "
+                "region, from speed 0 on, the last point repeated where a motor has fewer",
             ),
             Field(
                 "torque_speed_points",
@@ -419,7 +446,8 @@ STRUCTS: tuple[Struct, ...] = (
     ),
     Struct(
         "stream",
-        "A stream: memory of the caller that holds its whole state. Copy the memory to copy the stream.",
+        "A stream: memory of the caller that holds its whole state. Copy the memory to copy the "
+        "stream.",
         (
             Field("memory", "real *", ("size",), "", ""),
             Field("size", "int64_t", (), "1", "its length, at least stream_work"),
@@ -480,16 +508,17 @@ STRUCTS: tuple[Struct, ...] = (
                 "real",
                 (),
                 "1",
-                "largest step of a motor torque from the interval before, relative to its largest value; limit 2e-4 "
-                "(single precision: 5e-3)",
+                "largest step of a motor torque from the interval before, relative to its "
+                "largest value; limit 2e-4 (single precision: 5e-3)",
             ),
             Field(
                 "output_step_m",
                 "real",
                 (),
                 "m",
-                "distance by which the output leaves the plan before because the horizon is too short. No estimate of "
-                "the error where it is long enough: mesh, samples and hold are not in it, only a simulation has them",
+                "distance by which the output leaves the plan before because the horizon is too "
+                "short. No estimate of the error where it is long enough: mesh, samples and "
+                "hold are not in it, only a simulation has them",
             ),
             Field("output_step_rad", "real", (), "rad", "the same of angles"),
             Field(
@@ -514,17 +543,18 @@ _FORCE = Field(
     "const real *",
     ("n", "3 * n_y"),
     "mixed",
-    "force on the output, dual to dy: of a pose force [N], then torque [N m] on the tool, world axes; then its first "
-    "and its second time derivative. Before the first and after the last sample it stays as it is there. With own_path "
-    "of invert_many each problem has its own. Null: none",
+    "force on the output, dual to dy: of a pose force [N], then torque [N m] on the tool, world "
+    "axes; then its first and its second time derivative. Before the first and after the last "
+    "sample it stays as it is there. With own_path of invert_many each problem has its own. "
+    "Null: none",
 )
 _HELD_FORCE = Field(
     "force",
     "const real *",
     ("n_y",),
     "mixed",
-    "force on the output at the start, as in samples; it stays until stream_force. stream_start_moving takes that of "
-    "its samples. Null: none",
+    "force on the output at the start, as in samples; it stays until stream_force. "
+    "stream_start_moving takes that of its samples. Null: none",
     "0",
 )
 
@@ -554,7 +584,11 @@ _SERVO = Struct(
             "h, of the samples of the results; filters need that of the model file",
         ),
         Field(
-            "delay", "real", (), "s", "from its sample to the torque; the option delay is delay / h"
+            "delay",
+            "real",
+            (),
+            "s",
+            "from its sample to the torque; the option delay is delay / h",
         ),
     ),
 )
@@ -577,7 +611,8 @@ _OF_SERVO = Field(
     "const servo *",
     (),
     "",
-    "that is sent positions; needs HOLD_ZOH, and samples and delay as it has them. Null: none, commands are NaN",
+    "that is sent positions; needs HOLD_ZOH, and samples and delay as it has them. Null: none, "
+    "commands are NaN",
     "0",
 )
 _COMMANDS = (
@@ -599,7 +634,9 @@ _COMMANDS = (
 
 
 def structs_with(force: bool, position: bool) -> tuple[Struct, ...]:
-    """The structs of a library, with forces in the samples of a path, with commands of position, or without."""
+    """The structs of a library, with forces in the samples of a path, with commands of position,
+    or without.
+    """
     more: dict[str, tuple[Field, ...]] = {"samples": (_FORCE,)} if force else {}
     more |= {"inversion_options": (_OF_SERVO,), "motion": _COMMANDS} if position else {}
     more |= {"stream_options": (*(_HELD_FORCE,) * force, *(_OF_SERVO,) * position)}

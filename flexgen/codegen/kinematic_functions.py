@@ -1,4 +1,6 @@
-"""Inverse kinematics in the hand-written C: functions, for `flexgen.codegen.c_functions`, and numbers of the model."""
+"""Inverse kinematics in the hand-written C: functions, for `flexgen.codegen.c_functions`, and
+numbers of the model.
+"""
 
 from __future__ import annotations
 
@@ -29,19 +31,23 @@ KINEMATIC_FUNCTIONS = (
     CFunction(
         "inverse_kinematics",
         "inverse_kinematics.c",
-        "All joint configurations that bring the tool to a pose, the nearest to a given one first.",
-        "Six coordinates with a motor are found; all others keep their values of q_start, so that deflections and the "
-        "spare joints of a redundant arm may have any values. Damped Gauss-Newton steps go down from q_start, and then "
-        "from starts that are spread evenly or made from what was found, until 256 starts in a row find nothing new; a "
-        "solution has an error below 1e-12 (rotation in rad, position over half the reach, and the rounding of a "
-        "position far from the origin). Nearest: the largest difference of a coordinate decides. With starts = 1 only "
-        "q_start is tried, in bounded time: the solution that continues a motion. Rotations are within half a turn of "
-        "q_start; limits of the joints are not checked. Where the arm is singular at a configuration, its joints are "
-        "accurate to about 1e-6. Configurations closer than about 1e-5 rad to a singular one can be missing or found "
-        "twice, and no status says so. q is written with OK only. UNREACHABLE: nothing was found. NOT_CONVERGED: more "
-        "than 16 configurations, as the arm is singular at the pose. BAD_ARGUMENT also means that R is not a rotation, "
-        "that an entry of q_start is larger than 1000, or that free does not list six different coordinates with a "
-        "motor.",
+        "All joint configurations that bring the tool to a pose, the nearest to a given one "
+        "first.",
+        "Six coordinates with a motor are found; all others keep their values of q_start, so "
+        "that deflections and the spare joints of a redundant arm may have any values. Damped "
+        "Gauss-Newton steps go down from q_start, and then from starts that are spread evenly "
+        "or made from what was found, until 256 starts in a row find nothing new; a solution "
+        "has an error below 1e-12 (rotation in rad, position over half the reach, and the "
+        "rounding of a position far from the origin). Nearest: the largest difference of a "
+        "coordinate decides. With starts = 1 only q_start is tried, in bounded time: the "
+        "solution that continues a motion. Rotations are within half a turn of q_start; limits "
+        "of the joints are not checked. Where the arm is singular at a configuration, its "
+        "joints are accurate to about 1e-6. Configurations closer than about 1e-5 rad to a "
+        "singular one can be missing or found twice, and no status says so. q is written with "
+        "OK only. UNREACHABLE: nothing was found. NOT_CONVERGED: more than 16 configurations, "
+        "as the arm is singular at the pose. BAD_ARGUMENT also means that R is not a rotation, "
+        "that an entry of q_start is larger than 1000, or that free does not list six different "
+        "coordinates with a motor.",
         (
             Field("p", "const real *", ("3",), "m", "position of the tool in the world"),
             Field("R", "const real *", ("9",), "1", "its rotation matrix by columns"),
@@ -50,7 +56,8 @@ KINEMATIC_FUNCTIONS = (
                 "const real *",
                 ("n_a",),
                 "mixed",
-                "arm coordinates: the first start, and the values of all coordinates that are not free",
+                "arm coordinates: the first start, and the values of all coordinates that are "
+                "not free",
             ),
             Field(
                 "free",
@@ -80,7 +87,9 @@ KINEMATIC_FUNCTIONS = (
                 "mixed",
                 "arm coordinates of the configurations, the nearest first",
             ),
-            Field("count", "int *", ("1",), "1", "configurations found; min(count, most) are in q"),
+            Field(
+                "count", "int *", ("1",), "1", "configurations found; min(count, most) are in q"
+            ),
             Field("work", "real *", ("work_size",), "", "workspace"),
             Field("work_size", "int64_t", (), "1", "its length, at least inverse_kinematics_work"),
         ),
@@ -101,7 +110,8 @@ class KinematicConstants:
     is_rotation : tuple of bool
         For each arm coordinate.
     lower, upper : tuple of float
-        Interval in which starts are spread, for each arm coordinate: a turn, or the limits of a translation.
+        Interval in which starts are spread, for each arm coordinate: a turn, or the limits of a
+        translation.
     around : tuple of bool
         Instead 1 m around the first start: translations without limits.
     """
@@ -116,7 +126,9 @@ class KinematicConstants:
 def kinematic_functions(
     model: RobotModel, functions: Sequence[str], precision: str
 ) -> tuple[CFunction, ...]:
-    """The functions of a library with these functions of one point; none for an arm with fewer than six motors."""
+    """The functions of a library with these functions of one point; none for an arm with fewer
+    than six motors.
+    """
     fits = model.n_g >= FREE and set(USED) <= set(functions) and precision == "double"
     return KINEMATIC_FUNCTIONS if fits else ()
 

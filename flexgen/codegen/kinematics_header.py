@@ -18,7 +18,8 @@ HEADER = "inverse_kinematics"
 
 def kinematics_header(spec: LibrarySpec) -> str:
     """Text of ``<name>_inverse_kinematics.h``."""
-    name, guard = spec.name, macro(spec, "INVERSE_KINEMATICS_H")
+    name = spec.name
+    guard = macro(spec, "INVERSE_KINEMATICS_H")
     functions = "\n".join(declare(spec, function) for function in spec.declared_in(HEADER))
     return f"""\
 /*
@@ -34,7 +35,8 @@ def kinematics_header(spec: LibrarySpec) -> str:
 extern "C" {{
 #endif
 
-#define {macro(spec, "CONFIGURATIONS_MAX")} {CONFIGURATIONS_MAX} /* of a pose, away from singularities */
+#define {macro(spec, "CONFIGURATIONS_MAX")} {CONFIGURATIONS_MAX} /* of a pose, away from \
+singularities */
 #define {macro(spec, "STARTS")} {STARTS} /* recommended, for all configurations */
 #define {macro(spec, "STARTS_MAX")} {STARTS_MAX} /* at most */
 
@@ -58,8 +60,11 @@ def kinematics_files(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> 
 
 
 def _constants(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> str:
-    """Text of ``<name>_kinematic_constants.h``: numbers of the model, and the functions that the search calls."""
-    constants, prefix = spec.kinematic_constants, spec.name.upper()
+    """Text of ``<name>_kinematic_constants.h``: numbers of the model, and the functions that the
+    search calls.
+    """
+    constants = spec.kinematic_constants
+    prefix = spec.name.upper()
     assert constants is not None
 
     def define(kind: str, name: str, size: str, values: Sequence[str]) -> str:
@@ -80,9 +85,11 @@ def _constants(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> str:
 
 #include "{spec.name}_private.h"
 
-#define {prefix}_KINEMATIC_SPACE {space_of(spec, written, USED)} /* reals of workspace for the functions below */
+#define {prefix}_KINEMATIC_SPACE {space_of(spec, written, USED)} /* reals of workspace for the \
+functions below */
 
-/* Coordinates with a motor; of all coordinates, whether they are rotations; where starts are spread: 1 m around
+/* Coordinates with a motor; of all coordinates, whether they are rotations; where starts are \
+spread: 1 m around
    q_start, or in an interval. */
 {text}
 /* The functions that the search calls. */

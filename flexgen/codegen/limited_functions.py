@@ -1,4 +1,6 @@
-"""Inverse dynamics within limits in the hand-written C: its functions, for `flexgen.codegen.c_functions`."""
+"""Inverse dynamics within limits in the hand-written C: its functions, for
+`flexgen.codegen.c_functions`.
+"""
 
 from __future__ import annotations
 
@@ -20,15 +22,18 @@ LIMITED_FUNCTIONS = (
     CFunction(
         "invert_limited",
         "invert_limited.c",
-        "Inverse dynamics along a whole path within limits of motors, gears, deflections, joints and tool.",
-        "Where the path itself keeps the limits, it is inverted as by invert (OK). Else the path is modified as little "
-        "as possible: quadratic programs find a smooth deviation, and the modified path is inverted again until the "
-        "limits are kept within 1e-3 of their values (LIMITS_ACTIVE, with the largest deviation in the info). The "
-        "deviation is zero at the first and the last sample. A path that can only be driven more slowly needs time: "
-        "repeat the first and the last sample with zero derivatives. Choose n_pre and n_post so that the motion before "
-        "and after the samples has decayed. LIMITS_INFEASIBLE: the limits cannot be kept within this time, or not at "
-        "rest at an end. The limits hold for the torque itself: with a hold, tau_m is what to send, which may exceed "
-        "them a little. The call inverts the path some hundred times.",
+        "Inverse dynamics along a whole path within limits of motors, gears, deflections, "
+        "joints and tool.",
+        "Where the path itself keeps the limits, it is inverted as by invert (OK). Else the "
+        "path is modified as little as possible: quadratic programs find a smooth deviation, "
+        "and the modified path is inverted again until the limits are kept within 1e-3 of their "
+        "values (LIMITS_ACTIVE, with the largest deviation in the info). The deviation is zero "
+        "at the first and the last sample. A path that can only be driven more slowly needs "
+        "time: repeat the first and the last sample with zero derivatives. Choose n_pre and "
+        "n_post so that the motion before and after the samples has decayed. LIMITS_INFEASIBLE: "
+        "the limits cannot be kept within this time, or not at rest at an end. The limits hold "
+        "for the torque itself: with a hold, tau_m is what to send, which may exceed them a "
+        "little. The call inverts the path some hundred times.",
         (
             Field("samples", "const samples *", (), "", "samples of the output"),
             Field(

@@ -37,17 +37,22 @@ class MotorConstants:
         Names of the actuated coordinates, which name the gears.
     gear_is_rigid, gear_is_linear : tuple of bool
     hysteresis_stiffness, hysteresis_slip : tuple of tuple of float
-        ``K_h`` and ``W`` of the layers of `flexgen.memory.hysteresis`, arm side; zero for gears without an element.
+        ``K_h`` and ``W`` of the layers of `flexgen.memory.hysteresis`, arm side; zero for gears
+        without an element.
     hysteresis_curve, hysteresis_bend : tuple of tuple
-        The curve of each element, -1 for those by Dahl's law, and the largest second derivative of it.
+        The curve of each element, -1 for those by Dahl's law, and the largest second derivative of
+        it.
     curves : tuple of tuple
-        Of each curve `flexgen.memory.hysteresis_law.Curve.table`: where its parts begin, and the rows.
+        Of each curve `flexgen.memory.hysteresis_law.Curve.table`: where its parts begin, and the
+        rows.
     lugre : dict of str to tuple of float
-        Numbers of `flexgen.memory.lugre.MotorBristles` by their names; empty where no motor has any.
+        Numbers of `flexgen.memory.lugre.MotorBristles` by their names; empty where no motor has
+        any.
     highest_harmonic : int
         Of the Fourier sums of motor angles; zero: none.
     arm_side : tuple of float
-        Of each position in the state of ``linearize``: 1, or the largest gear ratio of a motor behind elastic gears.
+        Of each position in the state of ``linearize``: 1, or the largest gear ratio of a motor
+        behind elastic gears.
     servo : ServoTable, optional
         Of libraries with positions to send.
     pose : bool
@@ -86,11 +91,16 @@ class MotorConstants:
 
 
 def position_obstacle(model: RobotModel) -> str | None:
-    """Why a library of a model cannot give the positions that its servo needs; None where it can."""
+    """Why a library of a model cannot give the positions that its servo needs; None where it
+    can.
+    """
     if model.servo is None:
         return f"model {model.name} has no table [servo]"
     if any(one.zero_damping <= 0.0 for one in model.servo.notch):
-        return f"a notch filter of the servo of model {model.name} has zeros without damping: its inverse is unstable"
+        return (
+            f"a notch filter of the servo of model {model.name} has zeros without damping: its "
+            "inverse is unstable"
+        )
     return None
 
 
@@ -122,7 +132,8 @@ def motor_constants(
     equations: Any = None,
     parameters: Sequence[Parameter] = (),
 ) -> MotorConstants:
-    """The `MotorConstants` of a model that can be inverted; ``position``: with its servo, where C has its inverse.
+    """The `MotorConstants` of a model that can be inverted; ``position``: with its servo, where C
+    has its inverse.
 
     equations, parameters: of the library, for `MotorConstants.massless`.
     """
@@ -134,7 +145,8 @@ def motor_constants(
     def rows(A: Iterable[np.ndarray]) -> tuple[tuple[float, ...], ...]:
         return tuple(tuple(float(x) for x in row) for row in A)
 
-    made, layers = gears(model), gear_layers(model)
+    made = gears(model)
+    layers = gear_layers(model)
     laws = sorted(
         {layer.laws[k] for layer in layers for k in layer.curved},
         key=lambda law: (type(law).__name__, astuple(law)),

@@ -30,18 +30,21 @@ def path_header(model: RobotModel, name: str, table: np.ndarray, duration: float
     Returns
     -------
     str
-        C text: the array ``<library>_path_<name>`` and its length; other characters of the name become underscores, and
-        a name that would be that of a function of the library gets one more.
+        C text: the array ``<library>_path_<name>`` and its length; other characters of the name
+        become underscores, and a name that would be that of a function of the library gets one
+        more.
     """
     library = library_name(model)
     plain = re.sub(r"[^A-Za-z0-9_]", "_", name)
     taken = f"path_{plain}" in {function.name for function in SAMPLER_FUNCTIONS}
     array = f"{library}_path_{plain}{'_' if taken else ''}"
-    guard, size = f"{array}_H".upper(), f"{array}_SIZE".upper()
+    guard = f"{array}_H".upper()
+    size = f"{array}_SIZE".upper()
     numbers = [literal(float(x), "double") for x in table]
     rows = [", ".join(numbers[k : k + PER_LINE]) for k in range(0, len(numbers), PER_LINE)]
     head = comment(
-        f"{library}: the path {name}, {duration:.6g} s, for {library}_path_sample. Written by flexgen."
+        f"{library}: the path {name}, {duration:.6g} s, for {library}_path_sample. Written by "
+        "flexgen."
     )
     return (
         f"/*\n{head} */\n#ifndef {guard}\n#define {guard}\n\n"

@@ -1,4 +1,5 @@
-"""Which mathematics a function of the library is written from: the recursion where there is one, else Lagrange's graph.
+"""Which mathematics a function of the library is written from: the recursion where there is one,
+else Lagrange's graph.
 
 Linear systems whose elimination would be long, and functions of long arms, are written as loops.
 """
@@ -39,7 +40,9 @@ def needs_parameters(program: Routine) -> bool:
 
 
 def is_massless(equations: Any, parameters: Sequence[Parameter]) -> bool:
-    """`lacks_inertia` of a model that can be inverted, with the run-time parameters of the model file."""
+    """`lacks_inertia` of a model that can be inverted, with the run-time parameters of the model
+    file.
+    """
     jacobians, constraint = (
         mathematics_of(equations, name) for name in ("inversion_jacobians", "output_constraint")
     )
@@ -51,7 +54,9 @@ def is_massless(equations: Any, parameters: Sequence[Parameter]) -> bool:
 def program_of(
     name: str, equations: Any, inputs: tuple[Port, ...], outputs: tuple[Port, ...]
 ) -> Routine:
-    """The program of a function of the library; BuildError where it does not have the ports described."""
+    """The program of a function of the library; BuildError where it does not have the ports
+    described.
+    """
     if name == "linearize":
         return _linearize(equations)
     if name == "arm_forward_derivatives":
@@ -85,7 +90,9 @@ def program_of(
 def _linearize(equations: Any) -> Routine:
     """Derivatives of the accelerations of the whole robot: ``M_y X = -R_y``."""
     model = equations.model
-    n, n_m, n_a = model.dof, model.n_m, model.n_a
+    n = model.dof
+    n_m = model.n_m
+    n_a = model.n_a
     blocks: tuple[Block, ...] = (Block("A", n, 0, 2 * n), Block("B", n, 2 * n, n_m))
     ones = tuple(("A", i, n + i) for i in range(n))
     chain = (
@@ -130,7 +137,8 @@ def _arm_forward_derivatives(equations: Any) -> Routine:
         solve = Solve("M", "R_a", n, 2 * n, True, profile(jacobians, "M"), blocks)
         forward = expand("arm_forward_dynamics", mathematics_of(equations, "arm_forward_dynamics"))
         return Routine((Expressions(forward, pivots=True), Expressions(jacobians), solve))
-    tau, felt = ca.SX.sym("tau_a", n), ca.SX.sym("bias", 1, n)
+    tau = ca.SX.sym("tau_a", n)
+    felt = ca.SX.sym("bias", 1, n)
     left = ca.Function("left", [tau, felt], [tau.T - felt], ["tau_a", "bias"], ["row_left"])
     return Routine(
         (
@@ -162,7 +170,9 @@ def parameters_port(equations: Any) -> Port:
 def check_ports(
     name: str, function: ca.Function, inputs: tuple[Port, ...], outputs: tuple[Port, ...]
 ) -> ca.Function:
-    """The function as an SX function whose arguments are the ports; BuildError where it is not one."""
+    """The function as an SX function whose arguments are the ports; BuildError where it is not
+    one.
+    """
     if function.has_free():
         raise BuildError(
             f"function {name}: given free variables {function.get_free()}, expected none"
@@ -182,7 +192,8 @@ def check_ports(
             if given.shape != shape or not given.is_dense():
                 kind_of = "dense" if given.is_dense() else "sparse"
                 raise BuildError(
-                    f"function {name}, {port.name}: given a {kind_of} {given.shape} array, expected dense {shape}"
+                    f"function {name}, {port.name}: given a {kind_of} {given.shape} array, "
+                    f"expected dense {shape}"
                 )
     return expand(name, function)
 
@@ -196,5 +207,6 @@ def expand(name: str, function: ca.Function) -> ca.Function:
     except RuntimeError as error:
         reason = str(error).strip().splitlines()[-1]
         raise BuildError(
-            f"function {name}: given one that cannot be written as scalar operations, expected an SX function: {reason}"
+            f"function {name}: given one that cannot be written as scalar operations, expected "
+            f"an SX function: {reason}"
         ) from error

@@ -1,4 +1,6 @@
-"""The sampler of planned paths in the hand-written C: its functions, for `flexgen.codegen.c_functions`."""
+"""The sampler of planned paths in the hand-written C: its functions, for
+`flexgen.codegen.c_functions`.
+"""
 
 from __future__ import annotations
 
@@ -45,10 +47,11 @@ SAMPLER_FUNCTIONS = (
         "path_sample",
         "path_sampler.c",
         "Sample of a planned path of lines, arcs, joint moves and blended programs at any time.",
-        "The laws and curves are those of flexgen in Python: in double precision the samples have the same bits, those "
-        "of joint moves up to the rounding of the kinematics. Before time 0 and after the duration the output is at "
-        "rest. A call has a bounded number of operations and keeps nothing, so several streams may read one table. "
-        "BAD_ARGUMENT: the table is not one of this model, or it is damaged.",
+        "The laws and curves are those of flexgen in Python: in double precision the samples "
+        "have the same bits, those of joint moves up to the rounding of the kinematics. Before "
+        "time 0 and after the duration the output is at rest. A call has a bounded number of "
+        "operations and keeps nothing, so several streams may read one table. BAD_ARGUMENT: the "
+        "table is not one of this model, or it is damaged.",
         (
             *_TABLE,
             Field("t", "real", (), "s", "time since the start of the path"),

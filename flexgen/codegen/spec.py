@@ -1,4 +1,5 @@
-"""What the emitted library offers: its functions, their ports and equations, sizes, names and status codes.
+"""What the emitted library offers: its functions, their ports and equations, sizes, names and
+status codes.
 
 One table, rendered as the C header, the manifest and, through the manifest, the Python wrapper.
 """
@@ -130,8 +131,8 @@ class LibrarySpec:
     functions : tuple of FunctionSpec
         In the order of the header.
     sizes : dict of str to int
-        ``n_a``, ``n_g``, ``n_e``, ``n_m``, ``n_x``; ``n_y``, ``n_t`` where the model inverts; ``n_s`` with sensors;
-        ``n_p`` with parameters; ``n_packed`` with a packed mass matrix.
+        ``n_a``, ``n_g``, ``n_e``, ``n_m``, ``n_x``; ``n_y``, ``n_t`` where the model inverts;
+        ``n_s`` with sensors; ``n_p`` with parameters; ``n_packed`` with a packed mass matrix.
     coordinates, coordinate_units : tuple of str
         Names and units ("rad" or "m") of ``q_a`` in chain order.
     motors : tuple of str
@@ -149,13 +150,15 @@ class LibrarySpec:
     rotor_inertias : tuple of float
         Of each motor, motor side [kg m^2].
     accuracy : tuple of str
-        Standard deviations of the numbers, such as ``"q1.stiffness 3 %"``, where the model file has them.
+        Standard deviations of the numbers, such as ``"q1.stiffness 3 %"``, where the model file
+        has them.
     precision : str
         ``"double"`` or ``"single"``: the type of every number in the library.
     parameters : tuple of Parameter
         Numbers that are arguments of the functions instead of constants.
     per_point, force : bool
-        Batches take one vector of them for each point, not one for all; inversion takes forces on the output.
+        Batches take one vector of them for each point, not one for all; inversion takes forces on
+        the output.
     c_functions : tuple of CFunction
         Hand-written functions that come with the library.
     motor_constants : MotorConstants, optional
@@ -192,7 +195,9 @@ class LibrarySpec:
     stream: StreamDefaults | None = None
 
     def declared_in(self, header: str) -> tuple[CFunction, ...]:
-        """The hand-written functions of a public header, ``"inversion"`` or ``"inverse_kinematics"``."""
+        """The hand-written functions of a public header, ``"inversion"`` or
+        ``"inverse_kinematics"``.
+        """
         return tuple(function for function in self.c_functions if function.header == header)
 
     @property
@@ -201,7 +206,9 @@ class LibrarySpec:
         used = {a.base for f in self.declared_in("inversion") for a in f.arguments}
         used |= {f.returns for f in self.declared_in("inversion")}
         position = any(f.part == POSITION for f in self.c_functions)
-        return tuple(struct for struct in structs_with(self.force, position) if struct.name in used)
+        return tuple(
+            struct for struct in structs_with(self.force, position) if struct.name in used
+        )
 
     @property
     def enums(self) -> tuple[Enum, ...]:
@@ -216,7 +223,8 @@ class LibrarySpec:
 
     @property
     def interface(self) -> str:
-        """SHA-256 of the names and shapes of all functions, such as ``mass_matrix(q_a[3])(M[3,3])`` per line.
+        """SHA-256 of the names and shapes of all functions, such as
+        ``mass_matrix(q_a[3])(M[3,3])`` per line.
 
         The loader computes it from the manifest and compares it with what the library says.
         """
@@ -231,13 +239,15 @@ class LibrarySpec:
         return hashlib.sha256("".join(lines).encode()).hexdigest()
 
 
-# <name>.h must not be found instead of a header of C, lib<name>.a not instead of a library of the system, <name>.c and
-# <name>.h not be another file of the directory or a device of Windows.
+# <name>.h must not be found instead of a header of C, lib<name>.a not instead of a library of the
+# system, <name>.c and <name>.h not be another file of the directory or a device of Windows.
 _TAKEN = frozenset(
     """
-    assert complex ctype errno fenv float inttypes iso646 limits locale math setjmp signal stdalign stdarg stdatomic
+    assert complex ctype errno fenv float inttypes iso646 limits locale math setjmp signal \
+stdalign stdarg stdatomic
     stdbool stddef stdint stdio stdlib stdnoreturn string tgmath threads time uchar wchar wctype
-    alloca arm_neon dirent dlfcn endian features fcntl immintrin malloc memory omp poll pthread regex resource sched
+    alloca arm_neon dirent dlfcn endian features fcntl immintrin malloc memory omp poll pthread \
+regex resource sched
     semaphore strings syslog termios unistd x86intrin
     c m dl rt util gcc gcc_s gomp iomp5 omp5 stdc anl resolv crypt nsl asan tsan ubsan
     example aux con nul prn com1 com2 com3 com4 lpt1 lpt2 lpt3
@@ -246,13 +256,17 @@ _TAKEN = frozenset(
 
 
 def library_name(model: RobotModel) -> str:
-    """First part of every symbol of the model's library: its name, with the variant; BuildError if C forbids it."""
+    """First part of every symbol of the model's library: its name, with the variant; BuildError if
+    C forbids it.
+    """
     name = f"{model.name}_{model.variant}" if model.variant else model.name
     problem = c_name_problem(name)
     if problem is None and name.lower() in _TAKEN:
         problem = "a name that no header, file or library with it has"
     if problem is not None:
-        raise BuildError(f"name of the model, with its variant: given {name!r}, expected {problem}")
+        raise BuildError(
+            f"name of the model, with its variant: given {name!r}, expected {problem}"
+        )
     return name
 
 
@@ -295,14 +309,16 @@ def choose_functions(
 
 
 def _with_products(names: Sequence[str]) -> tuple[str, ...]:
-    """The functions, and the products with derivatives of all that have them; ArgumentError where none has."""
+    """The functions, and the products with derivatives of all that have them; ArgumentError where
+    none has.
+    """
     products = {
         f"{name}_{kind}" for name in names if name in DIFFERENTIATED for kind in ("jvp", "vjp")
     }
     if not products:
         raise ArgumentError(
-            f"parts: given 'derivatives' with the functions {', '.join(names)}, expected one that is not a derivative "
-            "itself; choose more functions, or leave it out"
+            f"parts: given 'derivatives' with the functions {', '.join(names)}, expected one "
+            "that is not a derivative itself; choose more functions, or leave it out"
         )
     return tuple(row.name for row in TABLE if row.name in {*names, *products})
 
@@ -396,7 +412,9 @@ _ADDED = (("payload", "kg"), ("delay", "s"))  # whose standard deviations are no
 
 
 def _accuracy(model: RobotModel) -> tuple[str, ...]:
-    """Standard deviations from ``[uncertainty]``; names of the model's numbers, never the text of the file."""
+    """Standard deviations from ``[uncertainty]``; names of the model's numbers, never the text of
+    the file.
+    """
     given = model.uncertainty
     if given is None:
         return ()
@@ -422,7 +440,8 @@ def _sizes(model: RobotModel, functions: Sequence[str], parameters: int) -> dict
     for what in ("n_a", "n_m"):
         if sizes[what] == 0:
             raise BuildError(
-                f"model {model.name}: given {what} = 0, expected at least one coordinate and one motor"
+                f"model {model.name}: given {what} = 0, expected at least one coordinate and "
+                "one motor"
             )
     if model.inversion_obstacle() is None:
         sizes |= {"n_y": model.output.size, "n_t": model.output.target_size}
@@ -436,14 +455,16 @@ def _sizes(model: RobotModel, functions: Sequence[str], parameters: int) -> dict
 
 
 def _inverts(c_functions: Sequence[CFunction], parameters: Sequence[Parameter]) -> bool:
-    """Whether the library has inverse dynamics along paths; BuildError for parameters that are constants of it."""
+    """Whether the library has inverse dynamics along paths; BuildError for parameters that are
+    constants of it.
+    """
     inverts = any(function.header == "inversion" for function in c_functions)
     for parameter in parameters if inverts else ():
         if parameter.inertia:
             raise BuildError(
-                f"parameters: given {parameter.name!r}, expected payload, stiffness, damping or friction: bodies and "
-                "rotors are constants of the inversion along paths; choose functions without it, or set them by "
-                "overrides"
+                f"parameters: given {parameter.name!r}, expected payload, stiffness, damping or "
+                "friction: bodies and rotors are constants of the inversion along paths; "
+                "choose functions without it, or set them by overrides"
             )
     return inverts
 

@@ -1,7 +1,8 @@
 """Bounds of a stream for the public header: length of its memory, and operations of an update.
 
-Both are linear in the number of intervals and of samples per interval. They follow the C in ``flexgen/clib/`` array by
-array and loop by loop, every loop with its largest number of passes; tests compare them with the C.
+Both are linear in the number of intervals and of samples per interval. They follow the C in
+``flexgen/clib/`` array by array and loop by loop, every loop with its largest number of passes;
+tests compare them with the C.
 """
 
 from __future__ import annotations
@@ -11,22 +12,37 @@ from dataclasses import dataclass
 
 # reals to which arrays are padded, and points that are evaluated together
 BLOCK = {"double": 8, "single": 16}
-STAGES, GROUP, PANEL = 3, 8, 8
-MARGIN, LEVELS, LAST = 3, 3, 5
-BACK, PAST = 2 * MARGIN, 7  # PAST: with one sample per interval; fewer with more samples
-BLOCKS, CHAIN, QP_STEPS, EDGES, SWINGS = 8, 5, 80, 20, 5
+STAGES = 3
+GROUP = 8
+PANEL = 8
+MARGIN = 3
+LEVELS = 3
+LAST = 5
+BACK = 2 * MARGIN  # PAST: with one sample per interval
+PAST = 7  # fewer with more samples
+BLOCKS = 8
+CHAIN = 5
+QP_STEPS = 80
+EDGES = 20
+SWINGS = 5
 HEAD = 22  # numbers before the arrays
-AHEAD, BEFORE, TAPS = 4 + 4, 4, 10  # of a hold: samples ahead at most, samples before, weights
+AHEAD = 4 + 4  # of a hold: samples ahead at most
+BEFORE = 4  # samples before
+TAPS = 10  # weights
 CALL = 60  # operations of one call of sine and cosine, exp or tanh, at most
 # evaluations of the output constraint while the kinematics are solved, at most
 KINEMATIC_PASSES = 28
 INVERSE_STEPS = 3  # refinements of an inverse before it is computed again
 # evaluations of the gear law for one sample, at most
-SPRING_PASSES, RADAU_PASSES = 8 + 1 + 200 + 60 + 1, 61
+SPRING_PASSES = 8 + 1 + 200 + 60 + 1
+RADAU_PASSES = 61
 SERVO = 10  # numbers of a motor of the servo
 # of gears with hysteresis: numbers kept; of one sample, at most
-BRANCH, BRANCH_PASSES, LOCATIONS = 3, 500, 9 * 60
-PIECES, PARTS = 4, 64  # of a friction with a state: steps in one sample, at most
+BRANCH = 3
+BRANCH_PASSES = 500
+LOCATIONS = 9 * 60
+PIECES = 4  # of a friction with a state: steps in one sample
+PARTS = 64  # at most
 
 
 @dataclass(frozen=True)
@@ -57,9 +73,10 @@ class Linear:
 
 @dataclass(frozen=True)
 class Contents:
-    """What a stream has: elements of hysteresis in a gear, some by other laws than Dahl's; positions to send, frictions
-    with a state, all limits, Fourier sums of motor angles; of filters of a servo samples before the present one, after
-    it, and notches."""
+    """What a stream has: elements of hysteresis in a gear, some by other laws than Dahl's;
+    positions to send, frictions with a state, all limits, Fourier sums of motor angles; of filters
+    of a servo samples before the present one, after it, and notches.
+    """
 
     elements: int
     curved: bool
@@ -78,13 +95,18 @@ def _sizes(sizes: Mapping[str, int]) -> tuple[int, int, int, int, int, int]:
 
 
 def stream_size(sizes: Mapping[str, int], function_work: int, block: int, has: Contents) -> Linear:
-    """Reals of the memory of a stream, at most; ``function_work``: workspace of the functions that it calls."""
+    """Reals of the memory of a stream, at most; ``function_work``: workspace of the functions that
+    it calls.
+    """
     rounding = block - 1  # reals by which an array may be rounded up
     n_a, n_g, n_e, n_m, n_y, n_t = _sizes(sizes)
-    reference, states, controls = n_t + 2 * n_y, 2 * n_e, STAGES * n_e
+    reference = n_t + 2 * n_y
+    states = 2 * n_e
+    controls = STAGES * n_e
     columns = controls + states + 1
     width = (columns + block - 1) // block * block
-    bounded, inputs = _count_bounded(sizes, has.bounds), BLOCKS * n_y
+    bounded = _count_bounded(sizes, has.bounds)
+    inputs = BLOCKS * n_y
 
     points = 3 * n_a + n_t + 2 * n_y + n_y + n_a * n_y + n_y + n_y * n_g + 2 + n_g
     if n_e:
@@ -106,7 +128,9 @@ def stream_size(sizes: Mapping[str, int], function_work: int, block: int, has: C
         node,
         0,
     )
-    limits += Linear(has.bounds * 2 * n_m * EDGES + has.harmonics * (SWINGS * n_m + rounding), 0, 0)
+    limits += Linear(
+        has.bounds * 2 * n_m * EDGES + has.harmonics * (SWINGS * n_m + rounding), 0, 0
+    )
     window = 6 * n_g  # torque, deflection, lagged deflection; position, speed and acceleration
     total = limits + Linear(
         HEAD + 7 * rounding + reference + 2 * n_g + 5 + 2 * n_m, 0, 2 * n_a + n_g + 3 * n_m
@@ -144,12 +168,14 @@ def stream_operations(
 ) -> Linear:
     """Additions, multiplications, divisions and comparisons of reals in one update, at most.
 
-    ``operations``: of one point of each function that the inversion calls, with `CALL` for every call of the kernel.
+    ``operations``: of one point of each function that the inversion calls, with `CALL` for every
+    call of the kernel.
     """
     n_a, n_g, n_e, n_m, n_y, n_t = _sizes(sizes)
     kinematics = _kinematics(sizes, operations["output_constraint"], block)
     rows = block * operations["inversion_rows"]
-    gear, friction = operations["gear_law"] + 16 * n_g, operations.get("motor_friction", 0)
+    gear = operations["gear_law"] + 16 * n_g
+    friction = operations.get("motor_friction", 0)
     if "loaded_friction" in operations:
         friction = operations["loaded_friction"] + n_m * (2 * n_g + 1)
     # one instant of the path, interpolated, its small rotations included
@@ -157,10 +183,8 @@ def stream_operations(
     motors = gear + friction + n_g * (8 * n_m + 60) + 8 * n_m
     if "motor_harmonics" in operations:
         motors += operations["motor_harmonics"] + 12 * n_m
-    spring, radau = (
-        SPRING_PASSES * gear,
-        RADAU_PASSES * (3 * operations["gear_law"] + 120 * n_g) + 120 * n_g,
-    )
+    spring = SPRING_PASSES * gear
+    radau = RADAU_PASSES * (3 * operations["gear_law"] + 120 * n_g) + 120 * n_g
 
     if has.elements:  # of hysteresis; lanes without gear too
         lanes = -(-n_g // block) * block
@@ -174,7 +198,8 @@ def stream_operations(
 
     before, more, notches = has.filters
     ahead = AHEAD + MARGIN * has.bristles + more
-    # the window of samples around the interval, in groups of points; a guess that fails is made again
+    # the window of samples around the interval, in groups of points; a guess that fails is made
+    # again
     group = 2 * kinematics + rows + block * (path + 1500 + 60 * n_e + 12 * n_a)
     window = Linear(group * (2 * BACK + 1 + ahead + block) // block + group, 0, group // block + 1)
     window += Linear(0, 0, 1).times(
@@ -213,7 +238,9 @@ def _kinematics(sizes: Mapping[str, int], constraint: int, block: int) -> int:
     step = n_g * (2 * n_y + 6) + 4 * (n_y + n_t)
     refined = INVERSE_STEPS * (4 * n_y**3 + 6 * n_y * n_y + 8 * n_y + 4)
     rates = 3 * (n_y * (2 * n_a + 2) + 2 * n_g * n_y + 4 * n_g) + 2 * n_a
-    return block * (KINEMATIC_PASSES * (constraint + refined + inverse + step) + constraint + rates)
+    return block * (
+        KINEMATIC_PASSES * (constraint + refined + inverse + step) + constraint + rates
+    )
 
 
 def _count_reduced(sizes: Mapping[str, int], jacobians: int, block: int) -> int:
@@ -224,9 +251,11 @@ def _count_reduced(sizes: Mapping[str, int], jacobians: int, block: int) -> int:
 
 
 def _lq(n_e: int, point_group: int, row_group: int, block: int) -> Linear:
-    """Operations of a Gauss-Newton step over the horizon; ``point_group``: of a block of Gauss points with Jacobians,
-    ``row_group``: of one without."""
-    states, controls = 2 * n_e, STAGES * n_e
+    """Operations of a Gauss-Newton step over the horizon; ``point_group``: of a block of Gauss
+    points with Jacobians, ``row_group``: of one without.
+    """
+    states = 2 * n_e
+    controls = STAGES * n_e
     width = (controls + states + block) // block * block
     tall = controls + states + 9
     residual_rows = controls * (STAGES + 2) * 5 * (n_e + 15) + 60 * STAGES
@@ -258,7 +287,8 @@ def _limits(
 ) -> Linear:
     """Operations that limits add; ``group``: motion and torques at a block of nodes."""
     n_a, n_g, _, n_m, n_y, _ = _sizes(sizes)
-    bounded, n = _count_bounded(sizes, bounds), BLOCKS * n_y
+    bounded = _count_bounded(sizes, bounds)
+    n = BLOCKS * n_y
     node = group // block + 1 + motors + 20 * (n_a + bounded) + (1 + STAGES) * (path + 300)
     node += (
         BLOCKS * CHAIN * 8 * CHAIN

@@ -1,4 +1,6 @@
-"""Arrays on the GPU: those of other packages, as they are given, and `DeviceArray`, what functions return."""
+"""Arrays on the GPU: those of other packages, as they are given, and `DeviceArray`, what functions
+return.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,9 @@ _LEGACY = 1  # what the protocols call the default stream, whose handle is 0
 
 
 def stream_handle(function: str, stream: Any) -> int:
-    """The handle of a stream: an int, or an object of cuda.core, CuPy or PyTorch; None: the default stream."""
+    """The handle of a stream: an int, or an object of cuda.core, CuPy or PyTorch; None: the
+    default stream.
+    """
     if stream is None:
         return 0
     if hasattr(stream, "__cuda_stream__"):
@@ -27,14 +31,16 @@ def stream_handle(function: str, stream: Any) -> int:
         stream = getattr(stream, name, stream)
     if isinstance(stream, bool) or not isinstance(stream, int) or stream < 0:
         raise ArgumentError(
-            f"{function}, stream: given {stream!r}, expected a stream of CuPy, PyTorch or cuda.core, or its handle"
+            f"{function}, stream: given {stream!r}, expected a stream of CuPy, PyTorch or "
+            "cuda.core, or its handle"
         )
     return stream
 
 
 def steps_of(shape: Sequence[int], itemsize: int, order: str) -> tuple[int, ...]:
     """Strides in bytes of an array without gaps, in the order of C or Fortran."""
-    steps, step = [], itemsize
+    steps = []
+    step = itemsize
     for extent in shape if order == "F" else reversed(shape):
         steps.append(step)
         step *= extent
@@ -42,10 +48,11 @@ def steps_of(shape: Sequence[int], itemsize: int, order: str) -> tuple[int, ...]
 
 
 class DeviceArray:
-    """An array on the GPU, that other packages use without a copy: ``cupy.asarray(x)``, ``torch.from_dlpack(x)``.
+    """An array on the GPU, that other packages use without a copy: ``cupy.asarray(x)``,
+    ``torch.from_dlpack(x)``.
 
-    Its memory is given back with the last object that uses it. Its numbers are there once the work of its stream is
-    done; packages that take it know that.
+    Its memory is given back with the last object that uses it. Its numbers are there once the work
+    of its stream is done; packages that take it know that.
 
     Parameters
     ----------
@@ -66,12 +73,22 @@ class DeviceArray:
         stream: Any,
         owner: Any = None,
     ) -> None:
-        self._card, self._address, self._owner = card, address, owner
-        self.shape, self.strides, self.dtype, self._stream = shape, strides, dtype, stream
+        self._card = card
+        self._address = address
+        self._owner = owner
+        self.shape = shape
+        self.strides = strides
+        self.dtype = dtype
+        self._stream = stream
 
     @classmethod
     def empty(
-        cls, card: Card, shape: tuple[int, ...], dtype: np.dtype[Any], stream: Any, order: str = "F"
+        cls,
+        card: Card,
+        shape: tuple[int, ...],
+        dtype: np.dtype[Any],
+        stream: Any,
+        order: str = "F",
     ) -> DeviceArray:
         """New memory without values."""
         address = card.allocate(math.prod(shape) * dtype.itemsize, stream_handle("empty", stream))
@@ -86,7 +103,9 @@ class DeviceArray:
 
     @property
     def T(self) -> DeviceArray:  # the name of NumPy
-        """The same numbers with the axes in reverse: (N, n) in the order of Fortran is (n, N) in that of C."""
+        """The same numbers with the axes in reverse: (N, n) in the order of Fortran is (n, N) in
+        that of C.
+        """
         return DeviceArray(
             self._card,
             self._address,
@@ -148,7 +167,9 @@ class _Memory:
     """Memory of the GPU, given back on its stream."""
 
     def __init__(self, card: Card, address: int, stream: Any) -> None:
-        self._card, self._address, self._stream = card, address, stream
+        self._card = card
+        self._address = address
+        self._stream = stream
 
     def __del__(self) -> None:
         with contextlib.suppress(FlexgenError, TypeError):  # also where the interpreter ends
@@ -162,12 +183,14 @@ class Given:
     """
 
     def __init__(self, card: Card, function: str, name: str, x: Any, stream: int) -> None:
-        self._where, self.release = f"{function}, {name}", _nothing
+        self._where = f"{function}, {name}"
+        self.release = _nothing
         self.strides: tuple[int, ...] | None
         if isinstance(x, np.ndarray | np.generic | list | tuple | float | int):
             raise ArgumentError(
-                f"{self._where}: given {type(x).__name__} on the CPU, expected an array on cuda:{card.ordinal}; "
-                "copy it with library.array(x), cupy.asarray(x) or torch.as_tensor(x, device='cuda')"
+                f"{self._where}: given {type(x).__name__} on the CPU, expected an array on "
+                f"cuda:{card.ordinal}; copy it with library.array(x), cupy.asarray(x) or "
+                "torch.as_tensor(x, device='cuda')"
             )
         try:
             if hasattr(x, "__dlpack__") and not isinstance(x, DeviceArray):
@@ -176,8 +199,9 @@ class Given:
                 self._take_interface(card, x, stream)
             else:
                 raise ArgumentError(
-                    f"{self._where}: given {type(x).__name__}, expected an array with __dlpack__ or "
-                    "__cuda_array_interface__, such as those of CuPy, PyTorch and JAX"
+                    f"{self._where}: given {type(x).__name__}, expected an array with "
+                    "__dlpack__ or __cuda_array_interface__, such as those of CuPy, PyTorch "
+                    "and JAX"
                 )
         except (
             BufferError,
@@ -190,12 +214,13 @@ class Given:
             if isinstance(error, FlexgenError):
                 raise
             raise ArgumentError(
-                f"{self._where}: given {type(x).__name__} that does not give its memory ({error}), expected one that "
-                "does; for a tensor with gradients: x.detach()"
+                f"{self._where}: given {type(x).__name__} that does not give its memory "
+                f"({error}), expected one that does; for a tensor with gradients: x.detach()"
             ) from error
         if self.strides is not None and len(self.strides) != len(self.shape):
             raise ArgumentError(
-                f"{self._where}: given strides {self.strides} for shape {self.shape}, expected as many"
+                f"{self._where}: given strides {self.strides} for shape {self.shape}, expected "
+                "as many"
             )
 
     def _take_capsule(self, card: Card, x: Any, stream: int) -> None:
@@ -206,12 +231,11 @@ class Given:
 
     def _take_interface(self, card: Card, x: Any, stream: int) -> None:
         told = x.__cuda_array_interface__
-        self.address, self.shape, self.strides = (
-            int(told["data"][0]),
-            tuple(told["shape"]),
-            told.get("strides"),
-        )
-        self.dtype, other = str(told["typestr"]), told.get("stream")
+        self.address = int(told["data"][0])
+        self.shape = tuple(told["shape"])
+        self.strides = told.get("strides")
+        self.dtype = str(told["typestr"])
+        other = told.get("stream")
         if told.get("mask") is not None:
             raise ArgumentError(
                 f"{self._where}: given an array with masked entries, expected real numbers"
@@ -225,8 +249,9 @@ class Given:
         if number != card.ordinal:
             place = "the memory of the CPU" if number is None else f"the memory of cuda:{number}"
             raise ArgumentError(
-                f"{self._where}: given an array in {place}, expected one on cuda:{card.ordinal}, where the library is; "
-                "copy the array, or load the library on the array's device"
+                f"{self._where}: given an array in {place}, expected one on "
+                f"cuda:{card.ordinal}, where the library is; copy the array, or load the "
+                "library on the array's device"
             )
 
     def demand(self, shape: tuple[int | None, ...], real: np.dtype[Any], order: str) -> None:
@@ -239,16 +264,17 @@ class Given:
             raise ArgumentError(f"{self._where}: given shape {self.shape}, expected ({expected})")
         if self.dtype != real.str:
             raise ArgumentError(
-                f"{self._where}: given numbers of type {self.dtype}, expected {real.name}; a library has the precision "
-                "that it was generated with"
+                f"{self._where}: given numbers of type {self.dtype}, expected {real.name}; a "
+                "library has the precision that it was generated with"
             )
         wanted = steps_of(self.shape, real.itemsize, order)
         given = self.strides or steps_of(self.shape, real.itemsize, "C")
         rows = zip(self.shape, wanted, given, strict=True)
         if math.prod(self.shape) and any(extent > 1 and a != b for extent, a, b in rows):
             advice = (
-                "the order of Fortran, with points next to each other: cupy.asfortranarray(x), for PyTorch "
-                "x.T.contiguous().T, for JAX library.transpose(y) of an array y with the axes in reverse"
+                "the order of Fortran, with points next to each other: cupy.asfortranarray(x), "
+                "for PyTorch x.T.contiguous().T, for JAX library.transpose(y) of an array y "
+                "with the axes in reverse"
                 if order == "F"
                 else "rows without gaps: the order of C"
             )

@@ -1,7 +1,8 @@
 """NVRTC: from a translation unit to a cubin, kept in the user's cache of compiled objects.
 
-No card, driver or CUDA toolkit is needed: NVRTC is in a wheel. ``-fmad=false`` rounds every product, and without vector
-types a lane is one number: the results have the bits of the default build on the CPU.
+No card, driver or CUDA toolkit is needed: NVRTC is in a wheel. ``-fmad=false`` rounds every
+product, and without vector types a lane is one number: the results have the bits of the default
+build on the CPU.
 """
 
 from __future__ import annotations
@@ -40,13 +41,17 @@ def options_of(name: str, architecture: str) -> list[str]:
 
 
 def compile_cached(name: str, text: str, headers: Mapping[str, str], architecture: str) -> bytes:
-    """The cubin of a text, from the cache where it has it; BuildError where NVRTC refuses the text."""
-    options, bindings = options_of(name, architecture), nvrtc()
+    """The cubin of a text, from the cache where it has it; BuildError where NVRTC refuses the
+    text.
+    """
+    options = options_of(name, architecture)
+    bindings = nvrtc()
     version = ".".join(map(str, bindings.nvrtcVersion()[1:]))
     digest = hashlib.sha256("\0".join(["nvrtc", version, *options, text]).encode())
     for header in sorted(headers):
         digest.update(f"{header}\0".encode() + hashlib.sha256(headers[header].encode()).digest())
-    entry, folder = f"{digest.hexdigest()}.cubin", cache_folder()
+    entry = f"{digest.hexdigest()}.cubin"
+    folder = cache_folder()
     with one_at_a_time(folder, entry):
         found = None if folder is None else fetch_entry(folder, entry)
         if found is None:
@@ -59,7 +64,8 @@ def compile_cached(name: str, text: str, headers: Mapping[str, str], architectur
 def compile_text(text: str, headers: Mapping[str, str], options: list[str]) -> tuple[bytes, str]:
     """The cubin of a text and the log of NVRTC; BuildError where it refuses the text."""
     bindings = nvrtc()
-    names, texts = [x.encode() for x in headers], [x.encode() for x in headers.values()]
+    names = [x.encode() for x in headers]
+    texts = [x.encode() for x in headers.values()]
     program = _check(
         bindings.nvrtcCreateProgram(text.encode(), b"kernel.cu", len(headers), texts, names)
     )

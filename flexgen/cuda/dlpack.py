@@ -1,4 +1,5 @@
-"""DLPack: arrays of other packages on the GPU without copies, by the Python capsules of its version 1.
+"""DLPack: arrays of other packages on the GPU without copies, by the Python capsules of its
+version 1.
 
 See https://dmlc.github.io/dlpack/latest/python_spec.html.
 """
@@ -9,9 +10,11 @@ import ctypes
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-CUDA, MANAGED = 2, 13  # kinds of devices; memory of the second kind is on the CPU and on all cards
+CUDA = 2  # kinds of devices
+MANAGED = 13  # memory of the second kind is on the CPU and on all cards
 _FLOAT = 2
-_NAME, _USED = b"dltensor", b"used_dltensor"
+_NAME = b"dltensor"
+_USED = b"used_dltensor"
 
 
 class _Tensor(ctypes.Structure):
@@ -42,7 +45,9 @@ def _python(name: str, result: Any, *arguments: Any) -> Callable[..., Any]:
     return ctypes.PYFUNCTYPE(result, *arguments)((name, ctypes.pythonapi))
 
 
-_new = _python("PyCapsule_New", ctypes.py_object, ctypes.c_void_p, ctypes.c_char_p, ctypes.c_void_p)
+_new = _python(
+    "PyCapsule_New", ctypes.py_object, ctypes.c_void_p, ctypes.c_char_p, ctypes.c_void_p
+)
 _pointer = _python("PyCapsule_GetPointer", ctypes.c_void_p, ctypes.py_object, ctypes.c_char_p)
 _raw_pointer = _python("PyCapsule_GetPointer", ctypes.c_void_p, ctypes.c_void_p, ctypes.c_char_p)
 _raw_is = _python("PyCapsule_IsValid", ctypes.c_int, ctypes.c_void_p, ctypes.c_char_p)
@@ -60,7 +65,9 @@ class Imported(NamedTuple):
 
 
 def take(capsule: Any) -> Imported:
-    """The array of a capsule, which cannot be taken again; ValueError where it is none of version 1."""
+    """The array of a capsule, which cannot be taken again; ValueError where it is none of
+    version 1.
+    """
     managed = ctypes.cast(_pointer(capsule, _NAME), ctypes.POINTER(_Managed))
     _rename(capsule, _USED)
     x = managed.contents.tensor
@@ -101,7 +108,8 @@ def give(
 ) -> Any:
     """A capsule of an array of real numbers, which keeps its owner alive; strides in bytes."""
     dims = ctypes.c_int64 * len(shape)
-    extents, steps = dims(*shape), dims(*(step // itemsize for step in strides))
+    extents = dims(*shape)
+    steps = dims(*(step // itemsize for step in strides))
     managed = _Managed()
     managed.tensor = _Tensor(
         address,

@@ -1,7 +1,8 @@
 """All calls of the CUDA driver: one card, its memory, streams and kernels.
 
-The primary context of the card is used, that of CuPy, PyTorch and JAX, so that their memory and their streams are valid
-here. Nothing else in flexgen calls the driver; tests replace `bindings` by one that runs kernels on the CPU.
+The primary context of the card is used, that of CuPy, PyTorch and JAX, so that their memory and
+their streams are valid here. Nothing else in flexgen calls the driver; tests replace `bindings` by
+one that runs kernels on the CPU.
 """
 
 from __future__ import annotations
@@ -13,10 +14,13 @@ from typing import Any
 
 from flexgen.errors import ArgumentError, BuildError, SolverError
 
-_MAJOR, _MINOR = 75, 76  # CU_DEVICE_ATTRIBUTE_COMPUTE_CAPABILITY_MAJOR, _MINOR
+_MAJOR = 75  # CU_DEVICE_ATTRIBUTE_COMPUTE_CAPABILITY_MAJOR
+_MINOR = 76  # _MINOR
 _SMALLEST = (7, 5)  # compute capability that NVRTC of CUDA 13 compiles for
 _ORDINAL = 9  # CU_POINTER_ATTRIBUTE_DEVICE_ORDINAL
-_OUT_OF_MEMORY, _NO_DEVICE, _LAUNCH_RESOURCES = 2, 100, 701
+_OUT_OF_MEMORY = 2
+_NO_DEVICE = 100
+_LAUNCH_RESOURCES = 701
 _BLOCK = 128  # threads
 _MOST_BLOCKS = 2**31 - 1
 
@@ -48,13 +52,17 @@ class Card:
             self._call("cuInit", 0)
         except RuntimeError as error:  # the package does not find the driver's library
             raise BuildError(
-                f"device: given 'cuda' where no NVIDIA driver is ({error}), expected one; use device='cpu' here"
+                f"device: given 'cuda' where no NVIDIA driver is ({error}), expected one; use "
+                "device='cpu' here"
             ) from error
         count = self._call("cuDeviceGetCount")
         if not 0 <= ordinal < count:
-            has = "no GPU" if count == 0 else f"GPU 0 to {count - 1}" if count > 1 else "GPU 0 only"
+            has = (
+                "no GPU" if count == 0 else f"GPU 0 to {count - 1}" if count > 1 else "GPU 0 only"
+            )
             raise BuildError(
-                f"device: given 'cuda:{ordinal}' on a computer with {has}, expected one that is there"
+                f"device: given 'cuda:{ordinal}' on a computer with {has}, expected one that is "
+                "there"
             )
         self.ordinal = ordinal
         device = self._call("cuDeviceGet", ordinal)
@@ -88,12 +96,14 @@ class Card:
         )
         if int(status) in (_OUT_OF_MEMORY, _LAUNCH_RESOURCES):
             raise SolverError(
-                f"{self._where()}: given more than its memory holds ({function}: {said}), expected a smaller call; "
-                "give fewer points or problems at once, or free memory of other programs on the card"
+                f"{self._where()}: given more than its memory holds ({function}: {said}), "
+                "expected a smaller call; give fewer points or problems at once, or free "
+                "memory of other programs on the card"
             )
         if int(status) == _NO_DEVICE:
             raise BuildError(
-                "device: given 'cuda' on a computer without a GPU, expected one; use device='cpu' here"
+                "device: given 'cuda' on a computer without a GPU, expected one; use "
+                "device='cpu' here"
             )
         raise BuildError(
             f"{self._where()}: given an error of the driver ({function}: {said}), expected success"
@@ -118,15 +128,18 @@ class Card:
                 module = self._call("cuModuleLoadData", cubin)
             except BuildError as error:
                 raise BuildError(
-                    f"{error}; where the driver is older than NVRTC, update it, or install the packages of its "
-                    "version: pip install 'cuda-bindings<13' nvidia-cuda-nvrtc-cu12"
+                    f"{error}; where the driver is older than NVRTC, update it, or install the "
+                    "packages of its version: pip install 'cuda-bindings<13' "
+                    "nvidia-cuda-nvrtc-cu12"
                 ) from error
             return self._call("cuModuleGetFunction", module, kernel.encode())
 
     def launch(
         self, kernel: Any, threads: int, arguments: Sequence[Any], stream: int, block: int = _BLOCK
     ) -> None:
-        """Start a kernel with a thread for each of `threads`; the arguments are objects of ctypes, passed by value."""
+        """Start a kernel with a thread for each of `threads`; the arguments are objects of ctypes,
+        passed by value.
+        """
         blocks = -(-threads // block)
         if blocks > _MOST_BLOCKS:
             raise ArgumentError(
@@ -190,7 +203,9 @@ class Card:
                 self._call("cuEventDestroy", event)
 
     def ordinal_of(self, address: int) -> int | None:
-        """Number of the card whose memory an address is in; None where the driver does not know it."""
+        """Number of the card whose memory an address is in; None where the driver does not know
+        it.
+        """
         kind = getattr(self._api, "CUpointer_attribute", int)
         with self._current():
             status, *values = self._api.cuPointerGetAttribute(kind(_ORDINAL), address)

@@ -24,15 +24,18 @@ _NONE = 2 ** (8 * _FLAG) - 1  # no point failed
 
 
 class CudaFunction:
-    """One function of a library on many points: ``f(q_a, ...)`` on device arrays, a thread a point.
+    """One function of a library on many points: ``f(q_a, ...)`` on device arrays, a thread a
+    point.
 
     Every array has its points along the first axis, in the order of Fortran, as CuPy makes it by
-    ``cupy.asfortranarray``: it is read where it is. Types are those of the library. ``parameters``, where the library
-    has any, are one vector for all points, by default that of the model; with ``per_point`` one for each.
+    ``cupy.asfortranarray``: it is read where it is. Types are those of the library.
+    ``parameters``, where the library has any, are one vector for all points, by default that of
+    the model; with ``per_point`` one for each.
 
-    ``stream`` is the caller's: a stream of CuPy, PyTorch or cuda.core, or its handle; default: the default stream.
-    ``out`` takes a device array for the result, or a tuple of them. A call waits for its results and raises an error
-    where a point failed; ``check=False`` returns at once: the results of points that failed are NaN.
+    ``stream`` is the caller's: a stream of CuPy, PyTorch or cuda.core, or its handle; default: the
+    default stream. ``out`` takes a device array for the result, or a tuple of them. A call waits
+    for its results and raises an error where a point failed; ``check=False`` returns at once: the
+    results of points that failed are NaN.
 
     Parameters
     ----------
@@ -48,16 +51,21 @@ class CudaFunction:
         load: Callable[[str], Any],
         per_point: bool,
     ) -> None:
-        self.name, self.summary, self.equation = function.name, function.summary, function.equation
-        self.inputs, self.outputs = function.inputs, function.outputs
-        self.__name__, self.__doc__ = function.name, function.__doc__
-        self._card, self._real, self._load, self._closed_by = card, real, load, ""
+        self.name = function.name
+        self.summary = function.summary
+        self.equation = function.equation
+        self.inputs = function.inputs
+        self.outputs = function.outputs
+        self.__name__ = function.name
+        self.__doc__ = function.__doc__
+        self._card = card
+        self._real = real
+        self._load = load
+        self._closed_by = ""
         self._shared = "" if per_point else PARAMETERS
-        self._failures, self._parameters, self._lock = (
-            function._failures,
-            function._parameters,
-            Lock(),
-        )
+        self._failures = function._failures
+        self._parameters = function._parameters
+        self._lock = Lock()
         self._of_model: DeviceArray | None = None  # the parameters of the model, on the card
 
     def __repr__(self) -> str:
@@ -137,7 +145,9 @@ class CudaFunction:
         return arrays
 
     def _count(self, given: Sequence[Given]) -> int:
-        """How many points the inputs have; ArgumentError where they differ, or an array does not fit."""
+        """How many points the inputs have; ArgumentError where they differ, or an array does not
+        fit.
+        """
         points: int | None = None
         for port, x in zip(self.inputs, given, strict=True):
             if port.name == self._shared:
@@ -159,14 +169,16 @@ class CudaFunction:
             begin, size = spans[i]
             if any(a < begin + size and begin < a + s for k, (a, s) in enumerate(spans) if k != i):
                 raise ArgumentError(
-                    f"{self.name}, out, {ports[i].name}: given memory of another array, expected memory of its own"
+                    f"{self.name}, out, {ports[i].name}: given memory of another array, "
+                    "expected memory of its own"
                 )
 
     def _launch(self, points: int, addresses: Sequence[int], stream: int, check: bool) -> None:
         """Run the kernel; an error where a point failed."""
         if points == 0:
             return
-        kernel, card = self.compile(), self._card
+        kernel = self.compile()
+        card = self._card
         flag = card.allocate(_FLAG, stream)
         found = ctypes.c_uint64(_NONE)
         try:

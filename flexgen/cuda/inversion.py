@@ -25,16 +25,19 @@ _SOLVER = ("n_pre", "n_post", "samples_per_interval", "tolerance", "hold", "dela
 
 
 def workspace_of(reals: int) -> int:
-    """Reals of the local array for a workspace: at most an eighth more, so that few sizes are compiled."""
+    """Reals of the local array for a workspace: at most an eighth more, so that few sizes are
+    compiled.
+    """
     step = max(1, 2 ** max(0, reals.bit_length() - 4))
     return -(-reals // step) * step
 
 
 class CudaManyInverter:
-    """``library.invert_many(...)`` as on the CPU, on device arrays in the order of C: a thread solves a problem.
+    """``library.invert_many(...)`` as on the CPU, on device arrays in the order of C: a thread
+    solves a problem.
 
-    The results of the motion stay on the card; statuses and what the solver reports are on the CPU, so that a call
-    waits for its end.
+    The results of the motion stay on the card; statuses and what the solver reports are on the
+    CPU, so that a call waits for its end.
 
     Parameters
     ----------
@@ -45,7 +48,9 @@ class CudaManyInverter:
     """
 
     def __init__(self, inverter: Inverter, card: Card, load: Callable[[int], Any]) -> None:
-        self._inverter, self._card, self._load = inverter, card, load
+        self._inverter = inverter
+        self._card = card
+        self._load = load
         self._stream: Any = None
         self._kernels: dict[int, Any] = {}
         self._lock = Lock()
@@ -76,7 +81,8 @@ class CudaManyInverter:
         options: InversionOptions | None = None,
     ) -> Inversions:
         """Motion and torques of many problems: as `Library.invert_many` on the CPU."""
-        chosen, handle = options or InversionOptions(), stream_handle("invert_many", self._stream)
+        chosen = options or InversionOptions()
+        handle = stream_handle("invert_many", self._stream)
         self._inverter._refuse_closed()
         _refuse_options(chosen)
         period = number_of("invert_many, period", "period", period)
@@ -86,7 +92,8 @@ class CudaManyInverter:
             )
         if isinstance(outputs, str) or not set(outputs) <= set(RESULTS):
             raise ArgumentError(
-                f"invert_many, outputs: given {show_value(outputs)}, expected some of {', '.join(RESULTS)}"
+                f"invert_many, outputs: given {show_value(outputs)}, expected some of "
+                f"{', '.join(RESULTS)}"
             )
         many = self._inverter._parameters.size > 0
         if parameters is not None and not many:
@@ -116,8 +123,11 @@ class CudaManyInverter:
         return made
 
     def _demand(self, given: Mapping[str, Given]) -> tuple[dict[str, int], int]:
-        """Which inputs differ from problem to problem, and how many problems there are; refused where they differ."""
-        sizes, real = self._inverter._sizes, self._inverter._real
+        """Which inputs differ from problem to problem, and how many problems there are; refused
+        where they differ.
+        """
+        sizes = self._inverter._sizes
+        real = self._inverter._real
         widths = {
             "y": sizes["n_t"],
             "dy": sizes["n_y"],
@@ -125,7 +135,8 @@ class CudaManyInverter:
             "q_start": sizes["n_a"],
         }
         axes = {"y": 2, "dy": 2, "ddy": 2, "q_start": 1, "parameters": 1}
-        own, lengths = {}, {}
+        own = {}
+        lengths = {}
         for name, x in given.items():
             each = len(x.shape) > axes[name]
             like = (
@@ -140,11 +151,13 @@ class CudaManyInverter:
         if len(set(lengths.values())) != 1:
             told = ", ".join(f"{count} of {name}" for name, count in lengths.items())
             raise ArgumentError(
-                f"invert_many: given {told or 'one path, one q_start and one set of parameters'}, expected the same "
-                "number of problems in at least one of y (problems, n, n_t), parameters (problems, n_p) and q_start "
-                "(problems, n_a)"
+                "invert_many: given "
+                f"{told or 'one path, one q_start and one set of parameters'}, expected the "
+                "same number of problems in at least one of y (problems, n, n_t), parameters "
+                "(problems, n_p) and q_start (problems, n_a)"
             )
-        of_path, of_parameters = own["y"], own.get("parameters", 0)
+        of_path = own["y"]
+        of_parameters = own.get("parameters", 0)
         return {
             "own_path": of_path,
             "own_parameters": of_parameters,
@@ -161,32 +174,35 @@ class CudaManyInverter:
         chosen: InversionOptions,
     ) -> Inversions:
         """Run the kernel with checked arguments."""
-        inverter, card, stream = self._inverter, self._card, self._stream
+        inverter = self._inverter
+        card = self._card
+        stream = self._stream
         handle = stream_handle("invert_many", stream)
-        structs, n = inverter._structs, given["y"].shape[-2]
+        structs = inverter._structs
+        n = given["y"].shape[-2]
         checked = inverter._options(**{key: getattr(chosen, key) for key in _SOLVER}, growth=False)
         options = struct_of(structs["inversion_options"], **checked)
         counts = {key: checked[key] for key in ("n_pre", "n_post", "samples_per_interval")}
         work = workspace_of(inverter._work_size(n, (ctypes.byref(options),), counts))
         if work * inverter._real.itemsize > LARGEST:
             raise ArgumentError(
-                f"invert_many: given problems that need {work * inverter._real.itemsize} bytes of workspace each, "
-                f"expected at most {LARGEST} on the card; invert them on the CPU (device='cpu'), or give fewer samples "
-                "or more samples_per_interval"
+                f"invert_many: given problems that need {work * inverter._real.itemsize} bytes "
+                f"of workspace each, expected at most {LARGEST} on the card; invert them on the "
+                "CPU (device='cpu'), or give fewer samples or more samples_per_interval"
             )
-        total, widths = n + counts["n_pre"] + counts["n_post"], inverter._widths()
+        total = n + counts["n_pre"] + counts["n_post"]
+        widths = inverter._widths()
         arrays = {
             key: DeviceArray.empty(
                 card, (problems, total, widths[key]), inverter._real, stream, "C"
             )
             for key in kept
         }
-        info, status = (
-            np.zeros(problems, np.dtype(structs["invert_info"])),
-            np.zeros(problems, np.intc),
-        )
+        info = np.zeros(problems, np.dtype(structs["invert_info"]))
+        status = np.zeros(problems, np.intc)
         on_card = [
-            DeviceArray.empty(card, (x.nbytes,), np.dtype(np.uint8), stream) for x in (info, status)
+            DeviceArray.empty(card, (x.nbytes,), np.dtype(np.uint8), stream)
+            for x in (info, status)
         ]
         if problems:
             where = {name: x.address for name, x in given.items()}
@@ -218,7 +234,9 @@ class CudaManyInverter:
         )
 
     def _kernel(self, work: int) -> Any:
-        """The kernel with so many reals of workspace, compiled where the cache does not have it."""
+        """The kernel with so many reals of workspace, compiled where the cache does not have
+        it.
+        """
         with self._lock:
             if work not in self._kernels:
                 self._kernels[work] = self._load(work)
@@ -230,6 +248,6 @@ def _refuse_options(chosen: InversionOptions) -> None:
     for name, usual in (("force", None), ("workers", None), ("reduce", None), ("growth", False)):
         if getattr(chosen, name) is not usual:
             raise ArgumentError(
-                f"invert_many, {name}: given {show_value(getattr(chosen, name))} on the card, expected {usual}; "
-                "use it on the CPU (device='cpu')"
+                f"invert_many, {name}: given {show_value(getattr(chosen, name))} on the card, "
+                f"expected {usual}; use it on the CPU (device='cpu')"
             )

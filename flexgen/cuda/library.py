@@ -1,4 +1,6 @@
-"""A generated library whose functions run on the GPU: what `flexgen.load` returns for ``device="cuda"``."""
+"""A generated library whose functions run on the GPU: what `flexgen.load` returns for
+``device="cuda"``.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,8 @@ _DEVICE = re.compile(r"cuda(?::(\d{1,3}))?\Z")
 
 
 class CudaLibrary(Library):
-    """A library whose functions take and return arrays on the GPU; all else, such as its streams, is on the CPU.
+    """A library whose functions take and return arrays on the GPU; all else, such as its streams,
+    is on the CPU.
 
     Parameters
     ----------
@@ -36,10 +39,12 @@ class CudaLibrary(Library):
         named = _DEVICE.match(device)
         if named is None:
             raise ArgumentError(
-                f"device: given {device!r}, expected 'cpu', 'cuda', or 'cuda:1' for the second card"
+                f"device: given {device!r}, expected 'cpu', 'cuda', or 'cuda:1' for the second "
+                "card"
             )
         self.__dict__.update(library.__dict__)
-        self.device, self.card = device, Card(int(named[1] or 0))
+        self.device = device
+        self.card = Card(int(named[1] or 0))
         self._real = REALS[self.precision]
         self._many: CudaManyInverter | None = None
         folder, self._manifest = read_manifest(self.directory)
@@ -52,7 +57,9 @@ class CudaLibrary(Library):
 
     @property
     def invert_many(self) -> Any:
-        """`invert` for many problems on the card, a thread a problem; ArgumentError where the library has none."""
+        """`invert` for many problems on the card, a thread a problem; ArgumentError where the
+        library has none.
+        """
         if self._many is None:
             self._many = CudaManyInverter(self.invert, self.card, self._load_inversion)
         return self._many
@@ -72,7 +79,9 @@ class CudaLibrary(Library):
         return compile_cached(self.name, text, self._headers, self.card.architecture)
 
     def array(self, x: Any, stream: Any = None, order: str = "F") -> DeviceArray:
-        """A copy of an array on the GPU: numbers of the library's precision, in the order of Fortran, or of C: "C"."""
+        """A copy of an array on the GPU: numbers of the library's precision, in the order of
+        Fortran, or of C: "C".
+        """
         if order not in ("F", "C"):
             raise ArgumentError(f"array, order: given {order!r}, expected 'F' or 'C'")
         try:
@@ -86,7 +95,9 @@ class CudaLibrary(Library):
         return made
 
     def transpose(self, x: Any, stream: Any = None) -> DeviceArray:
-        """The same memory of a device array with the axes in reverse: (n, N) in the order of C becomes (N, n)."""
+        """The same memory of a device array with the axes in reverse: (n, N) in the order of C
+        becomes (N, n).
+        """
         if isinstance(x, DeviceArray):
             return x.T
         given = Given(self.card, "transpose", "x", x, stream_handle("transpose", stream))
@@ -117,7 +128,8 @@ class _Lent:
     """Memory of another package, in use here."""
 
     def __init__(self, owner: Any, given: Given) -> None:
-        self._owner, self._given = owner, given
+        self._owner = owner
+        self._given = given
 
     def __del__(self) -> None:
         self._given.release()

@@ -1,8 +1,10 @@
-"""CUDA translation units of a generated library: its C files unchanged, five stub headers, and kernels.
+"""CUDA translation units of a generated library: its C files unchanged, five stub headers, and
+kernels.
 
-In a kernel of a function a thread evaluates one point. Arrays are structures of arrays, as those of the batches in C:
-entry i of point k is ``x[i * n + k]``, so that the threads of a warp read neighboring numbers. The kernels are rendered
-from the manifest; nothing of them is in the generated folder.
+In a kernel of a function a thread evaluates one point. Arrays are structures of arrays, as those
+of the batches in C: entry i of point k is ``x[i * n + k]``, so that the threads of a warp read
+neighboring numbers. The kernels are rendered from the manifest; nothing of them is in the
+generated folder.
 """
 
 from __future__ import annotations
@@ -17,11 +19,14 @@ from flexgen.errors import BuildError
 from flexgen.runtime.arguments import PARAMETERS
 from flexgen.runtime.files import AGAIN, read_verified
 
-# What the emitted C needs of the standard headers, which NVRTC does not have; it declares the functions of <math.h>.
+# What the emitted C needs of the standard headers, which NVRTC does not have; it declares the
+# functions of <math.h>.
 STUB_HEADERS: Mapping[str, str] = {
     "float.h": "#define FLT_EVAL_METHOD 0\n",
     "limits.h": "#define INT_MAX 2147483647\n",
-    "math.h": "#define INFINITY __int_as_float(0x7f800000)\n#define NAN __int_as_float(0x7fc00000)\n",
+    "math.h": (
+        "#define INFINITY __int_as_float(0x7f800000)\n#define NAN __int_as_float(0x7fc00000)\n"
+    ),
     "stddef.h": """\
 typedef decltype(sizeof(0)) size_t;
 typedef decltype((char *)0 - (char *)0) ptrdiff_t;
@@ -46,7 +51,9 @@ STATUS_BITS = 8
 
 
 def read_files(folder: Path, manifest: Mapping[str, Any]) -> dict[str, str]:
-    """The C files of a library by name, as `flexgen.generate` wrote them; BuildError where one is another."""
+    """The C files of a library by name, as `flexgen.generate` wrote them; BuildError where one is
+    another.
+    """
     texts = {}
     for file, digest in manifest["files"].items():
         if not file.endswith((".c", ".h")):
@@ -102,7 +109,8 @@ extern "C" __global__ void k_{function}(
     if (!({function}_evaluate_v({", ".join([*at, *["work"] * bool(work)])}, n) == 0)) {{
         const int status = {function}_failed({", ".join(at)}, 1, n);
         if (status != 0) {{
-            atomicMin(failed, (unsigned long long)k << {STATUS_BITS} | (unsigned long long)-status);
+            atomicMin(failed, (unsigned long long)k << {STATUS_BITS} | (unsigned long \
+long)-status);
         }}
     }}
 }}
@@ -110,9 +118,11 @@ extern "C" __global__ void k_{function}(
 
 
 def inversion_text(manifest: Mapping[str, Any], files: Mapping[str, str], work: int) -> str:
-    """The translation unit with the kernel ``k_invert_many``, whose thread solves a problem in `work` reals of its own.
+    """The translation unit with the kernel ``k_invert_many``, whose thread solves a problem in
+    `work` reals of its own.
 
-    The workspace is a local array: the hardware stores the same entry of all threads of a warp next to each other.
+    The workspace is a local array: the hardware stores the same entry of all threads of a warp
+    next to each other.
     """
     name = manifest["name"]
     main = _file_of(files, f"{name}_inversion.c", f"{name}.c")
@@ -135,7 +145,8 @@ extern "C" __global__ void k_invert_many({name}_problems problems, {name}_sample
     alignas(16) {name}_real work[{work}];
     options.growth = 0; /* not on the card: its function would make the kernel larger */
     if (k < problems.count) {{
-        const problem_arrays arrays = {{&problems, &samples, {"parameters" if many else "q_start"}, q_start,
+        const problem_arrays arrays = {{&problems, &samples, \
+{"parameters" if many else "q_start"}, q_start,
             &options, &motion, info, statuses}};
         invert_problem(&arrays, k, work, {work});
     }}

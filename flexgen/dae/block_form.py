@@ -1,7 +1,8 @@
 """Block triangular form of a pattern: what must be solved together, and in which order.
 
-Coarse form (Dulmage, Mendelsohn): equations that are too many, those that are too few, and the well-determined part.
-Fine form: the strongly connected components of the well-determined part, each solvable after those before it.
+Coarse form (Dulmage, Mendelsohn): equations that are too many, those that are too few, and the
+well-determined part. Fine form: the strongly connected components of the well-determined part,
+each solvable after those before it.
 
 Source: A. Pothen, C.-J. Fan, ACM TOMS 16(4), 1990.
 """
@@ -19,8 +20,9 @@ from scipy.sparse.csgraph import connected_components, maximum_bipartite_matchin
 class BlockForm:
     """Row and column places of the parts of a pattern.
 
-    ``blocks``: (rows, columns) of each square block, in the order in which they can be solved; ``surplus``: rows and
-    columns of the part with too many rows; ``deficit``: of the part with too many columns.
+    ``blocks``: (rows, columns) of each square block, in the order in which they can be solved;
+    ``surplus``: rows and columns of the part with too many rows; ``deficit``: of the part with too
+    many columns.
     """
 
     blocks: tuple[tuple[tuple[int, ...], tuple[int, ...]], ...]
@@ -59,8 +61,12 @@ def block_form(pattern: np.ndarray) -> BlockForm:
 def _find_reached(
     pattern: np.ndarray, free: np.ndarray, partner: np.ndarray, back: np.ndarray
 ) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Rows and columns that alternating paths from unmatched rows reach; ``partner`` of rows, ``back`` of columns."""
-    rows, columns, waiting = set(map(int, free)), set(), list(map(int, free))
+    """Rows and columns that alternating paths from unmatched rows reach; ``partner`` of rows,
+    ``back`` of columns.
+    """
+    rows = set(map(int, free))
+    columns = set()
+    waiting = list(map(int, free))
     while waiting:
         for column in np.flatnonzero(pattern[waiting.pop()]):
             if column not in columns:
@@ -72,7 +78,9 @@ def _find_reached(
 
 
 def _order_components(links: np.ndarray) -> list[list[int]]:
-    """Strongly connected components of a graph, each after those that it needs (``links[i, j]``: i needs j)."""
+    """Strongly connected components of a graph, each after those that it needs (``links[i, j]``: i
+    needs j).
+    """
     if not len(links):
         return []
     count, label = connected_components(csr_matrix(links), directed=True, connection="strong")
@@ -83,7 +91,8 @@ def _order_components(links: np.ndarray) -> list[list[int]]:
     ]
     done: list[int] = []
     while len(done) < count:
-        # among those that are ready the one with the first row comes first: a form that does not depend on chance
+        # among those that are ready the one with the first row comes first: a form that does not
+        # depend on chance
         ready = [k for k in range(count) if k not in done and needs[k] <= set(done)]
         done.append(min(ready, key=lambda k: int(members[k][0])))
     return [list(map(int, members[k])) for k in done]

@@ -1,9 +1,9 @@
 """Structural index of the inverse dynamics by Pryce's signature method.
 
-Equations: the equations of motion of y = (q_a, q_me) and the prescribed output; unknowns: y and the motor torques. The
-signature ``sigma_ij`` is the order of the highest derivative of unknown j in equation i. A transversal of largest sum
-and the smallest offsets with ``d_j - c_i >= sigma_ij`` (equality on it) give the structural index ``max c + (1 if min d
-= 0)``.
+Equations: the equations of motion of y = (q_a, q_me) and the prescribed output; unknowns: y and
+the motor torques. The signature ``sigma_ij`` is the order of the highest derivative of unknown j
+in equation i. A transversal of largest sum and the smallest offsets with ``d_j - c_i >= sigma_ij``
+(equality on it) give the structural index ``max c + (1 if min d = 0)``.
 
 Source: J. D. Pryce, BIT Numerical Mathematics 41(2), 2001.
 """
@@ -24,7 +24,9 @@ ABSENT = -1_000_000
 
 @dataclass(frozen=True)
 class IndexReport:
-    """``index``: structural index, None where the problem is structurally singular; ``c``, ``d``: the offsets."""
+    """``index``: structural index, None where the problem is structurally singular; ``c``, ``d``:
+    the offsets.
+    """
 
     index: int | None
     c: tuple[int, ...]
@@ -33,12 +35,15 @@ class IndexReport:
 
 def signature(equations: Equations) -> np.ndarray:
     """Signature matrix (n + n_y, n + n_m); ABSENT where an unknown does not appear."""
-    lag, model = equations.lagrangian, equations.model
+    lag = equations.lagrangian
+    model = equations.model
     names = {name: k for k, name in enumerate(equations.function("residual").name_in())}
     a_m = lag.a_m
     arguments = [lag.chain.q_a, lag.chain.v_a, lag.a_a, lag.q_m, lag.v_m, a_m, lag.tau_m]
     r_a, r_m = equations.function("residual")(*arguments)
-    n, i_m = model.dof, list(model.i_m)  # (an empty index into a single motor has the wrong shape)
+    # (an empty index into a single motor has the wrong shape)
+    n = model.dof
+    i_m = list(model.i_m)
     rows = ca.vertcat(r_a, *[r_m[j] for j in i_m])
     levels = []
     for arm, motor in (("q_a", "q_m"), ("v_a", "v_m"), ("a_a", "a_m")):

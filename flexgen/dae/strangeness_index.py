@@ -1,23 +1,26 @@
-"""Strangeness index and the numbers a, d, v of the inverse dynamics, from ranks of the derivative array.
+"""Strangeness index and the numbers a, d, v of the inverse dynamics, from ranks of the derivative
+array.
 
-At a point of the derivative array F_mu = 0, with M = dF_mu/d(x', ..., x^(mu+1)) and N = dF_mu/dx, of m equations for n
-unknowns:
+At a point of the derivative array F_mu = 0, with M = dF_mu/d(x', ..., x^(mu+1)) and N = dF_mu/dx,
+of m equations for n unknowns:
 
     Z2' M = 0,   a = rank Z2' N,   T2 spans the null space of Z2' N,   d = rank F_x' T2
     v = corank [N M] of order mu less that of order mu - 1
 
-The strangeness index is the smallest mu with ``a + d + v = m``: then a equations determine a unknowns at each instant,
-d are differential equations, v are redundant, and ``n - a - d`` unknowns are free.
+The strangeness index is the smallest mu with ``a + d + v = m``: then a equations determine a
+unknowns at each instant, d are differential equations, v are redundant, and ``n - a - d`` unknowns
+are free.
 
-Null spaces are not computed, since their rounding errors would blur the ranks behind them. Eliminating M from the left
-shows that
+Null spaces are not computed, since their rounding errors would blur the ranks behind them.
+Eliminating M from the left shows that
 
     a = rank [N M] - rank M,      d = rank [N M; F_x' 0] - rank [N M]
 
-where every entry is exact but for rounding. Each rank comes with the gap in the singular values that it rests on; a
-rank without a clear gap is not accepted, and the verdict is "undecided".
+where every entry is exact but for rounding. Each rank comes with the gap in the singular values
+that it rests on; a rank without a clear gap is not accepted, and the verdict is "undecided".
 
-Source: P. Kunkel, V. Mehrmann, Differential-Algebraic Equations, EMS 2006, section 4.3 (the hypothesis).
+Source: P. Kunkel, V. Mehrmann, Differential-Algebraic Equations, EMS 2006, section 4.3 (the
+hypothesis).
 """
 
 from __future__ import annotations
@@ -54,7 +57,8 @@ HIGHEST = 8  # strangeness index up to which is searched
 class Rank:
     """A rank and the singular values on either side of it, relative to the largest.
 
-    ``below``: 0 where the rank is full. ``gap``: their ratio; ``decided``: whether none lies in between.
+    ``below``: 0 where the rank is full. ``gap``: their ratio; ``decided``: whether none lies in
+    between.
     """
 
     matrix: str
@@ -66,7 +70,8 @@ class Rank:
 
 
 def decide_rank(matrices: Sequence[np.ndarray], name: str = "") -> Rank:
-    """The rank of a matrix that is given in several scalings of its rows and columns, entries near one.
+    """The rank of a matrix that is given in several scalings of its rows and columns, entries near
+    one.
 
     A singular value is nonzero if it is so in one scaling, and zero only if it is so in all.
     """
@@ -77,7 +82,8 @@ def decide_rank(matrices: Sequence[np.ndarray], name: str = "") -> Rank:
             continue
         values = np.linalg.svd(matrix, compute_uv=False)
         relative = values / values[0]
-        rank, possible = int(np.sum(relative > CLEAR)), max(possible, int(np.sum(relative > ZERO)))
+        rank = int(np.sum(relative > CLEAR))
+        possible = max(possible, int(np.sum(relative > ZERO)))
         below = float(relative[rank]) if rank < len(relative) else 0.0
         gap = float(relative[rank - 1]) / max(below, FLOOR)
         if rank > best.rank or (rank == best.rank and gap > best.gap):
@@ -92,11 +98,12 @@ class KunkelMehrmann:
     Parameters
     ----------
     verdict : str
-        ``"regular"`` (as many equations as unknowns, none free, none void), ``"free"`` (some unknowns are not
-        determined or some equations are redundant), ``"undecided"`` (a rank has no clear gap) or ``"not found"`` (up to
-        the highest order tried).
+        ``"regular"`` (as many equations as unknowns, none free, none void), ``"free"`` (some
+        unknowns are not determined or some equations are redundant), ``"undecided"`` (a rank has
+        no clear gap) or ``"not found"`` (up to the highest order tried).
     mu, a, d, v : int or None
-        Strangeness index; numbers of algebraic, differential and void equations. None without a verdict.
+        Strangeness index; numbers of algebraic, differential and void equations. None without a
+        verdict.
     n, m : int
         Numbers of unknowns and of equations.
     ranks : tuple of Rank
@@ -147,11 +154,15 @@ class KunkelMehrmann:
 
 
 def definitions(F_x: np.ndarray, F_dx: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Equations that only name a derivative, ``c x_j' + e x_k = 0`` with constants: their rows, j and k."""
-    there, slope = (F_x != 0).any(axis=0), (F_dx != 0).any(axis=0)
+    """Equations that only name a derivative, ``c x_j' + e x_k = 0`` with constants: their rows, j
+    and k.
+    """
+    there = (F_x != 0).any(axis=0)
+    slope = (F_dx != 0).any(axis=0)
     constant = ~(F_x[1:] != 0).any(axis=(0, 2)) & ~(F_dx[1:] != 0).any(axis=(0, 2))
     rows = np.flatnonzero(constant & (there.sum(axis=1) == 1) & (slope.sum(axis=1) == 1))
-    y, u = np.argmax(slope[rows], axis=1), np.argmax(there[rows], axis=1)
+    y = np.argmax(slope[rows], axis=1)
+    u = np.argmax(there[rows], axis=1)
     kept = ~np.isin(u, y)  # of a chain of them only the end
     return rows[kept], y[kept], u[kept]
 
@@ -159,17 +170,19 @@ def definitions(F_x: np.ndarray, F_dx: np.ndarray) -> tuple[np.ndarray, np.ndarr
 def without_definitions(
     array: np.ndarray, m: int, n: int, named: tuple[np.ndarray, np.ndarray, np.ndarray]
 ) -> np.ndarray:
-    """A derivative array of m equations for n unknowns after an elimination with the equations that `definitions`
-    found.
+    """A derivative array of m equations for n unknowns after an elimination with the equations
+    that `definitions` found.
 
-    Their rows go, and with each of them the column of a derivative: every rank that is asked for falls by the same
-    number. About half of the rows remain.
+    Their rows go, and with each of them the column of a derivative: every rank that is asked for
+    falls by the same number. About half of the rows remain.
     """
     rows, y, u = named
     out = array.copy()
     orders = len(array) // m
     for i in range(orders):
-        place, pivot, other = i * m + rows, (i + 1) * n + y, i * n + u
+        place = i * m + rows
+        pivot = (i + 1) * n + y
+        other = i * n + u
         out[:, other] -= out[:, pivot] * (out[place, other] / out[place, pivot])
     gone = np.concatenate([i * m + rows for i in range(orders)])
     columns = np.concatenate([(i + 1) * n + y for i in range(orders)])
@@ -177,7 +190,8 @@ def without_definitions(
 
 
 def characterize(F_x: np.ndarray, F_dx: np.ndarray, scales: Scales) -> KunkelMehrmann:
-    """The characteristic numbers from the series of the Jacobians at a point, (K + 1, m, n) each; mu up to K.
+    """The characteristic numbers from the series of the Jacobians at a point, (K + 1, m, n) each;
+    mu up to K.
 
     Ranks do not depend on the unit of time, but their gaps do: several are looked at.
     """
@@ -208,7 +222,9 @@ def characterize(F_x: np.ndarray, F_dx: np.ndarray, scales: Scales) -> KunkelMeh
             return KunkelMehrmann("undecided", n, m, ranks=ranks)
         higher, whole, both = (rank.rank for rank in ranks)
         corank = len(arrays[0]) - whole
-        a, d, v = whole - higher, both - whole, corank - void
+        a = whole - higher
+        d = both - whole
+        v = corank - void
         void = corank
         if a + d + v == m:
             verdict = "regular" if v == 0 and a + d == n else "free"
@@ -219,7 +235,8 @@ def characterize(F_x: np.ndarray, F_dx: np.ndarray, scales: Scales) -> KunkelMeh
 def kunkel_mehrmann_at_rest(
     equations: Equations, rest: Equilibrium | None = None, highest: int = HIGHEST
 ) -> KunkelMehrmann:
-    """The characteristic numbers of a model's inverse dynamics at rest, a point of the derivative array of any order.
+    """The characteristic numbers of a model's inverse dynamics at rest, a point of the derivative
+    array of any order.
 
     Parameters
     ----------
@@ -292,10 +309,11 @@ def kunkel_mehrmann(
 def rule(equations: Equations) -> tuple[int, int, int] | None:
     """Strangeness index, a and d expected from the kinds of gears alone, at regular poses.
 
-    A damped gear adds 4 to a and 1 to d (its deflection is a state), an undamped one adds 5 and a rigid one 3
-    to a; a non-actuated coordinate adds 2 to d. The strangeness index is 4 with undamped gears, else 3 with damped
-    ones, else 2. Where the inertia A of the zero dynamics is singular some of the ``2 n_e`` motions are missing: d is
-    always the number of finite zeros, and ``a = n - d``.
+    A damped gear adds 4 to a and 1 to d (its deflection is a state), an undamped one adds 5 and a
+    rigid one 3 to a; a non-actuated coordinate adds 2 to d. The strangeness index is 4 with
+    undamped gears, else 3 with damped ones, else 2. Where the inertia A of the zero dynamics is
+    singular some of the ``2 n_e`` motions are missing: d is always the number of finite zeros, and
+    ``a = n - d``.
 
     None for complete motor coupling, and where outputs and motors differ in number.
     """

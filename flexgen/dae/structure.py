@@ -1,9 +1,10 @@
 """Structural analysis of the inverse dynamics by Pryce's signature method, and its numeric check.
 
-From the signature's offsets c, d: the system Jacobian ``J_ij = d f_i^(c_i) / d x_j^(d_j)``, which has entries only
-where ``d_j - c_i = sigma_ij``. Where J is nonsingular at a consistent point, structural index and degrees of freedom
-``sum d - sum c`` are right and the derivatives follow stage by stage, block by block. Where J is singular the structure
-is misleading: terms of the pattern cancel, and index and degrees of freedom are different.
+From the signature's offsets c, d: the system Jacobian ``J_ij = d f_i^(c_i) / d x_j^(d_j)``, which
+has entries only where ``d_j - c_i = sigma_ij``. Where J is nonsingular at a consistent point,
+structural index and degrees of freedom ``sum d - sum c`` are right and the derivatives follow
+stage by stage, block by block. Where J is singular the structure is misleading: terms of the
+pattern cancel, and index and degrees of freedom are different.
 
 Source: J. D. Pryce, BIT Numerical Mathematics 41(2), 2001.
 """
@@ -37,16 +38,18 @@ class Structure:
     equations, unknowns : tuple of str
         Rows and columns of ``sigma``.
     sigma : array (rows, columns)
-        Highest derivative of each unknown in each equation; `flexgen.dae.signature.ABSENT` where it does not appear.
+        Highest derivative of each unknown in each equation; `flexgen.dae.signature.ABSENT` where
+        it does not appear.
     c, d : tuple of int
-        Offsets: how often each equation has to be differentiated, and the derivative of each unknown that then follows.
-        Empty where the system is structurally singular or not square.
+        Offsets: how often each equation has to be differentiated, and the derivative of each
+        unknown that then follows. Empty where the system is structurally singular or not square.
     index : int or None
         Structural index.
     dof : int or None
         Degrees of freedom, ``sum d - sum c``.
     form : BlockForm
-        Blocks of the system Jacobian's pattern; of the signature's own pattern where there are no offsets.
+        Blocks of the system Jacobian's pattern; of the signature's own pattern where there are no
+        offsets.
     """
 
     equations: tuple[str, ...]
@@ -70,8 +73,9 @@ class Structure:
 class StructureCheck:
     """The system Jacobian at a point.
 
-    ``smallest``: for each block the ratio of its smallest to its largest singular value, rows and columns scaled;
-    ``sigma_min``: the least of them; ``holds``: whether the structure is correct there; ``verdict``: a sentence.
+    ``smallest``: for each block the ratio of its smallest to its largest singular value, rows and
+    columns scaled; ``sigma_min``: the least of them; ``holds``: whether the structure is correct
+    there; ``verdict``: a sentence.
     """
 
     smallest: tuple[float, ...]
@@ -104,7 +108,8 @@ def structure(equations: Equations) -> Structure:
     found = structural_index(equations)
     if found.index is None:
         return Structure(rows, unknowns, sigma, (), (), None, None, block_form(sigma > ABSENT))
-    c, d = np.array(found.c), np.array(found.d)
+    c = np.array(found.c)
+    d = np.array(found.d)
     form = block_form((sigma > ABSENT) & (d[None, :] - c[:, None] == sigma))
     return Structure(
         rows, unknowns, sigma, found.c, found.d, found.index, int(d.sum() - c.sum()), form
@@ -112,13 +117,18 @@ def structure(equations: Equations) -> Structure:
 
 
 def system_jacobian(series: TaylorArray, structure: Structure, x: np.ndarray) -> np.ndarray:
-    """The system Jacobian J at the point ``x`` (2, n_x) of the system of first order (value and first rate), scaled."""
+    """The system Jacobian J at the point ``x`` (2, n_x) of the system of first order (value and
+    first rate), scaled.
+    """
     dae = series.dae
     F_x, F_dx = (J[0, 0] for J in series.jacobians(np.stack([x[0], x[1]])[None]))
     scales = series.scales(x[0])
-    factors, dof = scales.rows[:, None] * scales.x, dae.model.dof
-    F_x, F_dx = F_x * factors, F_dx * factors / scales.time
-    rows, levels = np.concatenate([dae.dynamic, dae.output]), {0: dae.y, 1: dae.rate}
+    factors = scales.rows[:, None] * scales.x
+    dof = dae.model.dof
+    F_x = F_x * factors
+    F_dx = F_dx * factors / scales.time
+    rows = np.concatenate([dae.dynamic, dae.output])
+    levels = {0: dae.y, 1: dae.rate}
     J = np.zeros(structure.sigma.shape)
     leads = np.array(structure.d)[None, :] - np.array(structure.c)[:, None] == structure.sigma
     for order in range(3):
@@ -129,7 +139,9 @@ def system_jacobian(series: TaylorArray, structure: Structure, x: np.ndarray) ->
 
 
 def check_structure(series: TaylorArray, structure: Structure, x: np.ndarray) -> StructureCheck:
-    """Whether the structure holds at a point ``x`` (2, n_x): value and first rate of the unknowns."""
+    """Whether the structure holds at a point ``x`` (2, n_x): value and first rate of the
+    unknowns.
+    """
     if structure.index is None:
         parts = []
         for what, part in (
@@ -150,7 +162,10 @@ def check_structure(series: TaylorArray, structure: Structure, x: np.ndarray) ->
     worst = int(np.argmin(smallest))
     sigma_min = smallest[worst]
     names = structure.name_block(structure.form.blocks[worst])
-    where = f"the block of {', '.join(names['unknowns'])} (smallest singular value {sigma_min:.1e} of the largest)"
+    where = (
+        f"the block of {', '.join(names['unknowns'])} (smallest singular value {sigma_min:.1e} "
+        "of the largest)"
+    )
     if sigma_min < SINGULAR:
         verdict = (
             f"structure misleading: the Jacobian is singular in {where}; "
@@ -165,14 +180,17 @@ def check_structure(series: TaylorArray, structure: Structure, x: np.ndarray) ->
 
 def check_at_rest(equations: Equations, rest: Equilibrium) -> tuple[Structure, StructureCheck]:
     """Structure of a model, and its check in an equilibrium."""
-    dae, found = InverseDae(equations), structure(equations)
+    dae = InverseDae(equations)
+    found = structure(equations)
     return found, check_structure(
         TaylorArray(dae), found, np.stack([dae.pack(rest), np.zeros(dae.n_x)])
     )
 
 
 def smallest_ratio(block: np.ndarray) -> float:
-    """Smallest over largest singular value of a square matrix whose rows and columns are first scaled to length one."""
+    """Smallest over largest singular value of a square matrix whose rows and columns are first
+    scaled to length one.
+    """
     A = np.where(np.abs(block) > 1e-300, block, 0.0)
     if not (A.any(axis=0).all() and A.any(axis=1).all()):
         return 0.0

@@ -1,13 +1,18 @@
-"""Inverse dynamics as one differential-algebraic equation (DAE) F(x, x', u(t)) = 0: unknowns, rows and units.
+"""Inverse dynamics as one differential-algebraic equation (DAE) F(x, x', u(t)) = 0: unknowns, rows
+and units.
 
-    x = (y, v, tau_m),  y = (q_a, q_me):      y' - v                                 = 0      kinematic rows
-                                              equations of motion at (y, v, v', tau_m) = 0    dynamic rows
-                                              Gamma(q_a) - u                         = 0      output rows
+    x = (y, v, tau_m),  y = (q_a, q_me):      y' - v                                 = 0
+    kinematic rows
+                                              equations of motion at (y, v, v', tau_m) = 0
+                                              dynamic rows
+                                              Gamma(q_a) - u                         = 0
+                                              output rows
 
-``q_me``: the motors behind elastic gears; ``u``: the target of the output, the only thing that depends on time. The
-derivative array ``F_mu = (F, dF/dt, ..., d^mu F/dt^mu)`` has two evaluators that check each other: CasADi functions of
-fixed order, which the solvers integrate (`flexgen.dae.derivative_array`), and Taylor series of any order at many
-points, for ranks (`flexgen.dae.taylor_array`).
+``q_me``: the motors behind elastic gears; ``u``: the target of the output, the only thing that
+depends on time. The derivative array ``F_mu = (F, dF/dt, ..., d^mu F/dt^mu)`` has two evaluators
+that check each other: CasADi functions of fixed order, which the solvers integrate
+(`flexgen.dae.derivative_array`), and Taylor series of any order at many points, for ranks
+(`flexgen.dae.taylor_array`).
 
 Source: P. Kunkel, V. Mehrmann, Differential-Algebraic Equations, 2006, ch. 3 and 4.
 """
@@ -59,13 +64,14 @@ class InverseDae:
     equations : Equations
         Of the model. Outputs and motors may differ in number; then the DAE has no unique solution.
     joints : bool
-        The output is the actuated coordinates themselves, for moves of the joints: it has no singular poses.
+        The output is the actuated coordinates themselves, for moves of the joints: it has no
+        singular poses.
 
     Attributes
     ----------
     n, n_x, m, n_u : int
-        Degrees of freedom; unknowns ``2 n + n_m``; rows ``2 n + n_y``; numbers of a target: n_y, or 12 for a pose
-        (position, rotation matrix by columns).
+        Degrees of freedom; unknowns ``2 n + n_m``; rows ``2 n + n_y``; numbers of a target: n_y,
+        or 12 for a pose (position, rotation matrix by columns).
     y, rate, torque : arrays of int (n,), (n,), (n_m,)
         Indices of y, v and tau_m in x.
     kinematic, dynamic, output : arrays of int (n,), (n,), (n_y,)
@@ -78,18 +84,23 @@ class InverseDae:
             picked = tuple(
                 tuple(1.0 if i == k else 0.0 for i in range(model.n_a)) for k in model.i_g
             )
-            equations = Equations(replace(model, output=Output("combination", "", picked, "mixed")))
+            equations = Equations(
+                replace(model, output=Output("combination", "", picked, "mixed"))
+            )
         model = equations.model
-        self.equations, self.model, self.joints = equations, model, joints
+        self.equations = equations
+        self.model = model
+        self.joints = joints
         self.n = model.dof
-        self.n_x, self.m, self.n_u = (
-            2 * self.n + model.n_m,
-            2 * self.n + model.output.size,
-            model.output.target_size,
-        )
-        self.y, self.rate = np.arange(self.n), self.n + np.arange(self.n)
+        self.n_x = 2 * self.n + model.n_m
+        self.m = 2 * self.n + model.output.size
+        self.n_u = model.output.target_size
+        self.y = np.arange(self.n)
+        self.rate = self.n + np.arange(self.n)
         self.torque = 2 * self.n + np.arange(model.n_m)
-        self.kinematic, self.dynamic, self.output = self.y, self.rate, np.arange(2 * self.n, self.m)
+        self.kinematic = self.y
+        self.dynamic = self.rate
+        self.output = np.arange(2 * self.n, self.m)
 
     @cached_property
     def output_error(self) -> ca.Function:
@@ -117,8 +128,12 @@ class InverseDae:
     def graph(self) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
         """Symbols x, x', u, and F (m) as a graph in them."""
         n = self.n
-        x, dx, u = ca.SX.sym("x", self.n_x), ca.SX.sym("dx", self.n_x), ca.SX.sym("u", self.n_u)
-        y, v, tau = x[:n], x[n : 2 * n], x[2 * n :]
+        x = ca.SX.sym("x", self.n_x)
+        dx = ca.SX.sym("dx", self.n_x)
+        u = ca.SX.sym("u", self.n_u)
+        y = x[:n]
+        v = x[n : 2 * n]
+        tau = x[2 * n :]
         rows = ca.vertcat(
             dx[:n] - v, self.motion_rows(y, v, dx[n : 2 * n], tau), self.output_rows(y, u)
         )
@@ -147,9 +162,14 @@ class InverseDae:
         return np.concatenate([rest.q_a, rest.q_m[i_m], np.zeros(self.n), rest.tau_m])
 
     def unpack(self, x: np.ndarray) -> dict[str, np.ndarray]:
-        """Channels ``q_a v_a q_m v_m tau_m`` of states x (k, n_x), motors behind rigid gears filled in."""
-        model, n = self.model, self.n
-        n_a, i_g, i_m = model.n_a, list(model.i_g), list(model.i_m)
+        """Channels ``q_a v_a q_m v_m tau_m`` of states x (k, n_x), motors behind rigid gears
+        filled in.
+        """
+        model = self.model
+        n = self.n
+        n_a = model.n_a
+        i_g = list(model.i_g)
+        i_m = list(model.i_m)
         out = {"q_a": x[:, :n_a], "v_a": x[:, n : n + n_a], "tau_m": x[:, 2 * n :]}
         for arm, motor, first in (("q_a", "q_m", n_a), ("v_a", "v_m", n + n_a)):
             out[motor] = out[arm][:, i_g] @ model.eta.T
@@ -157,9 +177,11 @@ class InverseDae:
         return out
 
     def scales(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-        """Sizes of y (n) and of the motor torques (n_m), and a typical rate [1/s], near the equilibrium x.
+        """Sizes of y (n) and of the motor torques (n_m), and a typical rate [1/s], near the
+        equilibrium x.
 
-        Motors count by their gear ratio; torques by the load of gravity and by the inertia of the arm.
+        Motors count by their gear ratio; torques by the load of gravity and by the inertia of the
+        arm.
         """
         model = self.model
         size = np.r_[np.ones(model.n_a), np.abs(model.eta).max(axis=1)[list(model.i_m)]]
@@ -169,7 +191,8 @@ class InverseDae:
             *(state[name][0] if name else np.zeros(k) for name, k in self._moving()),
         )
         M, _, K, B = (z * size[:, None] for z in second_order_matrices(M[0], R[0]))
-        inertia, stiffness = np.linalg.norm(M * size), np.linalg.norm(K * size)
+        inertia = np.linalg.norm(M * size)
+        stiffness = np.linalg.norm(K * size)
         rate = float(np.sqrt(stiffness / inertia)) if stiffness > 0 else 1.0
         rate = max(rate, 1.0)
         gain = np.maximum(np.linalg.norm(B, axis=0), 1e-300)
@@ -177,7 +200,8 @@ class InverseDae:
         return size, np.maximum(np.abs(x[2 * self.n :]), np.maximum(load, 1e-6)), rate
 
     def _moving(self) -> list[tuple[str, int]]:
-        n_a, n_m = self.model.n_a, self.model.n_m
+        n_a = self.model.n_a
+        n_m = self.model.n_m
         return [
             ("q_a", n_a),
             ("v_a", n_a),
@@ -189,15 +213,18 @@ class InverseDae:
         ]
 
     def targets(self, sample: Reference, orders: int) -> np.ndarray:
-        """Targets and their derivatives up to ``orders``, (n, n_u, orders + 1), from a sample of a path.
+        """Targets and their derivatives up to ``orders``, (n, n_u, orders + 1), from a sample of a
+        path.
 
-        ``R' = hat(w) R``, and so on by Leibniz' rule. ArgumentError where the path does not have as many derivatives.
+        ``R' = hat(w) R``, and so on by Leibniz' rule. ArgumentError where the path does not have
+        as many derivatives.
         """
         y = sample.q_g if self.joints else sample.y
         if y is None or y.shape[2] <= orders:
             known = "none of the joints" if y is None else f"up to order {y.shape[2] - 1}"
             raise ArgumentError(
-                f"path: given derivatives {known}, expected up to order {orders} for this method and model"
+                f"path: given derivatives {known}, expected up to order {orders} for this "
+                "method and model"
             )
         if self.joints or sample.R is None or sample.w is None:
             return np.ascontiguousarray(y[:, :, : orders + 1])
@@ -217,5 +244,7 @@ class InverseDae:
 def _hat(w: np.ndarray) -> np.ndarray:
     """Matrices of the cross products, (n, 3, 3) from (n, 3)."""
     out = np.zeros((len(w), 3, 3))
-    out[:, 0, 1], out[:, 0, 2], out[:, 1, 2] = -w[:, 2], w[:, 1], -w[:, 0]
+    out[:, 0, 1] = -w[:, 2]
+    out[:, 0, 2] = w[:, 1]
+    out[:, 1, 2] = -w[:, 0]
     return out - out.transpose(0, 2, 1)

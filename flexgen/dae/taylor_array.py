@@ -1,14 +1,17 @@
-"""The derivative array of the inverse dynamics by Taylor series: numbers of any order and at many points, for ranks.
+"""The derivative array of the inverse dynamics by Taylor series: numbers of any order and at many
+points, for ranks.
 
-With Taylor coefficients ``x = sum x_[j] t^j`` in place of derivatives, the Jacobian of the derivative array consists of
-those of F_x and F_x' along the curve,
+With Taylor coefficients ``x = sum x_[j] t^j`` in place of derivatives, the Jacobian of the
+derivative array consists of those of F_x and F_x' along the curve,
 
     dF_[i] / dx_[j] = (F_x)_[i-j] + j (F_x')_[i-j+1]
 
-so that one series of the Jacobians of F, by automatic differentiation, gives all of it. F: see `flexgen.dae.system`.
-`flexgen.dae.derivative_array` has the same array as CasADi functions of fixed order; the tests compare both.
+so that one series of the Jacobians of F, by automatic differentiation, gives all of it. F: see
+`flexgen.dae.system`. `flexgen.dae.derivative_array` has the same array as CasADi functions of
+fixed order; the tests compare both.
 
-Source: P. Kunkel, V. Mehrmann, Differential-Algebraic Equations, EMS 2006, chapter 3 (derivative arrays).
+Source: P. Kunkel, V. Mehrmann, Differential-Algebraic Equations, EMS 2006, chapter 3 (derivative
+arrays).
 """
 
 from __future__ import annotations
@@ -57,7 +60,9 @@ class TaylorArray:
     """Taylor series of the rows of a DAE and of their Jacobians."""
 
     def __init__(self, dae: InverseDae) -> None:
-        self.dae, self.equations, self.model = dae, dae.equations, dae.model
+        self.dae = dae
+        self.equations = dae.equations
+        self.model = dae.model
 
     @cached_property
     def _jacobians(self) -> SeriesFunction:
@@ -73,8 +78,11 @@ class TaylorArray:
         return SeriesFunction(ca.Function("W", [q], [output_map(self.equations).rate]))
 
     def _arguments(self, x: np.ndarray) -> list[np.ndarray]:
-        """Series (q_a, v_a, a_a, q_m, v_m, a_m, tau_m) from those of x (k, K + 2, n_x), one order less."""
-        model, order = self.model, x.shape[1] - 1
+        """Series (q_a, v_a, a_a, q_m, v_m, a_m, tau_m) from those of x (k, K + 2, n_x), one order
+        less.
+        """
+        model = self.model
+        order = x.shape[1] - 1
         rise = x[:, 1:] * np.arange(1, order + 1)[:, None]
         parts = []
         for series in (x[:, :-1, self.dae.y], x[:, :-1, self.dae.rate], rise[..., self.dae.rate]):
@@ -87,26 +95,28 @@ class TaylorArray:
     def jacobians(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Series of F_x and F_x' (k, K + 1, m, n_x) along ``x`` (k, K + 2, n_x).
 
-        The output's rows are those of its rates, which agree with the derivatives of its error on the path.
+        The output's rows are those of its rates, which agree with the derivatives of its error on
+        the path.
         """
         M, D, K, B, W = self._linearization(x)
         dae = self.dae
         shape = (*M.shape[:2], dae.m, dae.n_x)
-        F_x, F_dx = np.zeros(shape), np.zeros(shape)
+        F_x = np.zeros(shape)
+        F_dx = np.zeros(shape)
         dynamic = dae.dynamic[:, None]
         F_dx[:, 0, dae.kinematic, dae.y] = 1.0
         F_x[:, 0, dae.kinematic, dae.rate] = -1.0
         F_dx[:, :, dynamic, dae.rate] = M
-        F_x[:, :, dynamic, dae.y], F_x[:, :, dynamic, dae.rate], F_x[:, :, dynamic, dae.torque] = (
-            K,
-            D,
-            -B,
-        )
+        F_x[:, :, dynamic, dae.y] = K
+        F_x[:, :, dynamic, dae.rate] = D
+        F_x[:, :, dynamic, dae.torque] = -B
         F_x[:, :, dae.output[:, None], np.arange(self.model.n_a)] = W
         return F_x, F_dx
 
     def _linearization(self, x: np.ndarray) -> list[np.ndarray]:
-        """Series of M, D, K, B of the equations of motion and of the output rates W along ``x`` (k, K + 2, n_x)."""
+        """Series of M, D, K, B of the equations of motion and of the output rates W along ``x``
+        (k, K + 2, n_x).
+        """
         arguments = self._arguments(x)
         if x[:, 1:].any():
             found = [*self._jacobians(*arguments), *self._rate(arguments[0])]
@@ -128,13 +138,16 @@ class TaylorArray:
     def residual(
         self, x: np.ndarray, reference: OutputPath, times: np.ndarray, speed: float = 1.0
     ) -> np.ndarray:
-        """Series of F (k, K + 1, m) along ``x`` (k, K + 2, n_x), whose zeroth coefficients hold at ``times`` (k,) [s].
+        """Series of F (k, K + 1, m) along ``x`` (k, K + 2, n_x), whose zeroth coefficients hold at
+        ``times`` (k,) [s].
 
-        Derivatives that the reference does not have are zero. ``speed``: factor on the speed along the path.
+        Derivatives that the reference does not have are zero. ``speed``: factor on the speed along
+        the path.
         """
         q, v, a, q_m, v_m, a_m, tau = self._arguments(x)
         r_a, r_m = self._residual(q, v, a, q_m, v_m, a_m, tau)
-        dae, (k, order) = self.dae, q.shape[:2]
+        dae = self.dae
+        (k, order) = q.shape[:2]
         i_m = list(self.model.i_m)
         F = np.zeros((k, order, dae.m))
         rise = x[:, 1:] * np.arange(1, order + 1)[:, None]
@@ -161,19 +174,23 @@ class TaylorArray:
         F_x, F_dx = (J[0, 0] for J in self.jacobians(still))
         dynamic = self.dae.dynamic[:, None]
         unit = 1 / np.sqrt(np.diag(F_dx[dynamic, self.dae.rate]))
-        # Gershgorin's circles would do as well: the unit of time only has to be of the springs' order
+        # Gershgorin's circles would do as well: the unit of time only has to be of the springs'
+        # order
         stiff = np.abs(np.linalg.eigvals(F_x[dynamic, self.dae.y] * unit * unit[:, None]))
         stiff = stiff[stiff > 1e-9 * max(stiff.max(initial=0.0), 1e-300)]
         time = float(np.exp(-np.log(stiff).mean() / 2)) if len(stiff) else 1.0
         columns = np.ones(self.dae.n_x)
-        columns[self.dae.y], columns[self.dae.rate] = unit, unit / time
+        columns[self.dae.y] = unit
+        columns[self.dae.rate] = unit / time
         effect = np.abs(F_x[dynamic, self.dae.torque] * unit[:, None]).max(axis=0) * time**2
         columns[self.dae.torque] = 1 / np.where(effect > 0, effect, 1.0)
         return choose_scales(F_x, F_dx, time, columns)
 
 
 def choose_scales(F_x: np.ndarray, F_dx: np.ndarray, time: float, columns: np.ndarray) -> Scales:
-    """Scales that bring the entries of F_x and F_x' (m, n) near one, from a unit of time and units of the unknowns."""
+    """Scales that bring the entries of F_x and F_x' (m, n) near one, from a unit of time and units
+    of the unknowns.
+    """
     whole = np.maximum(np.abs(F_x), np.abs(F_dx) / time)
     rows = np.ones(len(whole))
     for _ in range(SWEEPS):
@@ -185,17 +202,16 @@ def choose_scales(F_x: np.ndarray, F_dx: np.ndarray, time: float, columns: np.nd
 
 
 def derivative_array(F_x: np.ndarray, F_dx: np.ndarray, mu: int, scales: Scales) -> np.ndarray:
-    """Scaled Jacobian ((mu + 1) m, (mu + 2) n) of the array of order mu in the Taylor coefficients x_[0] ... x_[mu+1].
+    """Scaled Jacobian ((mu + 1) m, (mu + 2) n) of the array of order mu in the Taylor coefficients
+    x_[0] ... x_[mu+1].
 
     ``F_x``, ``F_dx`` (K + 1, m, n): series along the curve, K >= mu.
     """
     m, n = F_x.shape[1:]
     factors = scales.rows[:, None] * scales.x
     powers = scales.time ** np.arange(mu + 1)
-    A, E = (
-        F_x[: mu + 1] * factors * powers[:, None, None],
-        F_dx[: mu + 1] * factors * powers[:, None, None] / scales.time,
-    )
+    A = F_x[: mu + 1] * factors * powers[:, None, None]
+    E = F_dx[: mu + 1] * factors * powers[:, None, None] / scales.time
     out = np.zeros(((mu + 1) * m, (mu + 2) * n))
     for i in range(mu + 1):
         for j in range(i + 2):
@@ -209,8 +225,8 @@ def consistent(
 ) -> tuple[np.ndarray, list[Scales]]:
     """Points of the derivative array of an order that satisfy it, near the quasi-static motion.
 
-    Gauss-Newton steps of least norm in scaled unknowns, from that motion; where they do not converge, from the solution
-    of the same path at a lower speed.
+    Gauss-Newton steps of least norm in scaled unknowns, from that motion; where they do not
+    converge, from the solution of the same path at a lower speed.
 
     Parameters
     ----------
@@ -237,19 +253,22 @@ def consistent(
     powers = np.arange(order + 2)[:, None]
     out = np.zeros_like(guess)
     for k in range(len(times)):
-        speed, step = 0.0, 1.0
+        speed = 0.0
+        step = 1.0
         while speed < 1.0:
             faster = min(1.0, speed + step)
             start = out[k] * (faster / speed) ** powers if speed else guess[k] * faster**powers
             found = _gauss_newton(series, reference, times[k], faster, start, scales[k])
             if found is not None:
-                out[k], speed = found, faster
+                out[k] = found
+                speed = faster
                 continue
             step /= 2
             if step < SLOWEST:
                 raise SolverError(
-                    f"derivative array of order {order} at t = {times[k]:.4g} s: no consistent point found beyond "
-                    f"{speed:.2g} of the path's speed; try other instants or a slower move"
+                    f"derivative array of order {order} at t = {times[k]:.4g} s: no consistent "
+                    f"point found beyond {speed:.2g} of the path's speed; try other instants or "
+                    "a slower move"
                 )
     return out, scales
 
@@ -257,7 +276,9 @@ def consistent(
 def _quasistatic_motion(
     dae: InverseDae, reference: OutputPath, times: np.ndarray, order: int
 ) -> np.ndarray:
-    """Series (k, order + 2, n_x) of the motion through static equilibria, by differences, two derivatives."""
+    """Series (k, order + 2, n_x) of the motion through static equilibria, by differences, two
+    derivatives.
+    """
     h = NEARBY * reference.duration
     around = np.repeat(times, 3) + np.tile([-h, 0.0, h], len(times))
     rests = equilibria_along(dae.equations, reference, around)
@@ -266,11 +287,10 @@ def _quasistatic_motion(
     )
     out = np.zeros((len(times), order + 2, dae.n_x))
     out[:, 0] = now
-    speed, half = (
-        ((after - before) / (2 * h))[:, dae.y],
-        ((after - 2 * now + before) / (2 * h**2))[:, dae.y],
-    )
-    out[:, 1][:, dae.y], out[:, 0][:, dae.rate] = speed, speed
+    speed = ((after - before) / (2 * h))[:, dae.y]
+    half = ((after - 2 * now + before) / (2 * h**2))[:, dae.y]
+    out[:, 1][:, dae.y] = speed
+    out[:, 0][:, dae.rate] = speed
     if order:
         out[:, 2][:, dae.y] = half
     out[:, 1][:, dae.rate] = 2 * half
@@ -285,7 +305,9 @@ def _gauss_newton(
     start: np.ndarray,
     scales: Scales,
 ) -> np.ndarray | None:
-    """A consistent point (order + 2, n_x) at an instant of the path, at a fraction of its speed; None otherwise."""
+    """A consistent point (order + 2, n_x) at an instant of the path, at a fraction of its speed;
+    None otherwise.
+    """
     order = len(start) - 2
     unit = scales.x / scales.time ** np.arange(order + 2)[:, None]
     weight = scales.rows * scales.time ** np.arange(order + 1)[:, None]
@@ -310,14 +332,18 @@ def _gauss_newton(
         if not smaller < error:
             break
         converged = error < CONSISTENT and smaller > error / 4
-        x, F, error = trial, F_trial, smaller
+        x = trial
+        F = F_trial
+        error = smaller
         if converged:
             break
     return x if error < CONSISTENT else None
 
 
 def _solve_least_norm(A: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """The solution of ``A x = b`` of least norm; in the sense of least squares where the rows depend on each other."""
+    """The solution of ``A x = b`` of least norm; in the sense of least squares where the rows
+    depend on each other.
+    """
     n = A.shape[1]
     sparse = csc_array(A)
     whole = csc_array(block_array([[eye_array(n), sparse.T], [sparse, None]]))

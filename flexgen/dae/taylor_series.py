@@ -1,7 +1,9 @@
-"""Taylor series of CasADi functions along curves: automatic differentiation in time, to any order, at many points.
+"""Taylor series of CasADi functions along curves: automatic differentiation in time, to any order,
+at many points.
 
-A function is a list of scalar operations. Each operation has a recurrence for the coefficients of its result, such as
-``(a b)_k = sum a_i b_(k-i)``; operations that do not wait for each other are done together.
+A function is a list of scalar operations. Each operation has a recurrence for the coefficients of
+its result, such as ``(a b)_k = sum a_i b_(k-i)``; operations that do not wait for each other are
+done together.
 
 Source: A. Griewank, A. Walther, Evaluating Derivatives, SIAM 2008, chapter 13 (the recurrences).
 """
@@ -21,7 +23,8 @@ Rule = Callable[..., np.ndarray]
 class SeriesFunction:
     """Taylor series of an SX function of CasADi.
 
-    Series are arrays (n, K + 1, ...): n points, coefficients 0 to K of ``f(t) = sum f_k t^k``, then the entries.
+    Series are arrays (n, K + 1, ...): n points, coefficients 0 to K of ``f(t) = sum f_k t^k``,
+    then the entries.
 
     Parameters
     ----------
@@ -76,7 +79,8 @@ class SeriesFunction:
         self._size = len(level)
 
     def __call__(self, *inputs: np.ndarray) -> list[np.ndarray]:
-        """Series of the results, each (n, K + 1, rows, columns), or without the last axis for a single column.
+        """Series of the results, each (n, K + 1, rows, columns), or without the last axis for a
+        single column.
 
         Parameters
         ----------
@@ -102,7 +106,7 @@ class SeriesFunction:
         return out
 
 
-# --- rules: series (members, K + 1, points) of an operation from those of its operands --------------------------------
+# --- rules: series (members, K + 1, points) of an operation from those of its operands -----------
 
 
 def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -154,8 +158,10 @@ def _integral(function: Rule, a: np.ndarray, slope: np.ndarray) -> np.ndarray:
 
 def _pair(a: np.ndarray, even: Rule, odd: Rule, sign: float) -> tuple[np.ndarray, np.ndarray]:
     """Cosine and sine (sign -1), or hyperbolic ones (+1)."""
-    c, s = np.zeros_like(a), np.zeros_like(a)
-    c[:, 0], s[:, 0] = even(a[:, 0]), odd(a[:, 0])
+    c = np.zeros_like(a)
+    s = np.zeros_like(a)
+    c[:, 0] = even(a[:, 0])
+    s[:, 0] = odd(a[:, 0])
     for k in range(1, a.shape[1]):
         c[:, k], s[:, k] = sign * _integral_coefficient(a, s, k), _integral_coefficient(a, c, k)
     return c, s
@@ -163,7 +169,8 @@ def _pair(a: np.ndarray, even: Rule, odd: Rule, sign: float) -> tuple[np.ndarray
 
 def _tangent(a: np.ndarray, function: Rule, sign: float) -> np.ndarray:
     """``c`` with ``c' = (1 + sign c^2) a'``."""
-    out, slope = np.zeros_like(a), np.zeros_like(a)
+    out = np.zeros_like(a)
+    slope = np.zeros_like(a)
     out[:, 0] = function(a[:, 0])
     slope[:, 0] = 1 + sign * out[:, 0] ** 2
     for k in range(1, a.shape[1]):

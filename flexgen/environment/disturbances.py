@@ -1,12 +1,14 @@
-"""Disturbances of a closed loop: torques on motors, forces and torques on the tool, as functions of time.
+"""Disturbances of a closed loop: torques on motors, forces and torques on the tool, as functions
+of time.
 
-=========== ==============================================================================================
+=========== =======================================================================================
 step        ``size`` from ``start_s`` on, for ``length_s``; without a length to the end
 pulse       ``size`` for ``length_s``
 ramp        from 0 to ``size`` within ``length_s``, then ``size``
-chirp       ``size sin(phase)``, frequency from ``frequency_hz[0]`` to ``frequency_hz[1]``, exponential in time
+chirp       ``size sin(phase)``, frequency from ``frequency_hz[0]`` to ``frequency_hz[1]``,
+            exponential in time
 noise       white noise in the band ``frequency_hz``, standard deviation ``size``
-=========== ==============================================================================================
+=========== =======================================================================================
 
 A disturbance is constant within an integration step: its value in the middle.
 """
@@ -36,7 +38,8 @@ class Disturbance:
     ----------
     kind : str
     where : str
-        Name of a motor (motor side), ``tool.x`` .. ``tool.z`` (force, world axes) or ``tool.rx`` .. (torque).
+        Name of a motor (motor side), ``tool.x`` .. ``tool.z`` (force, world axes) or ``tool.rx``
+        .. (torque).
     size : float [N m, N]
     start_s : float [s]
         From the begin of the path; negative: before it.
@@ -128,7 +131,9 @@ class Disturbance:
 
 
 def rows_of(where: str, motors: Sequence[str]) -> int:
-    """Row of a disturbance: motors first, then the tool; ArgumentError for a place that does not exist."""
+    """Row of a disturbance: motors first, then the tool; ArgumentError for a place that does not
+    exist.
+    """
     places = (*motors, *TOOL_AXES)
     if where not in places:
         raise ArgumentError(
@@ -144,7 +149,8 @@ def disturbance_table(
     lanes: int,
     seed: int = 0,
 ) -> np.ndarray | None:
-    """Disturbances of all robots at the steps t (n,), (n, n_m + 6, lanes); None where there are none.
+    """Disturbances of all robots at the steps t (n,), (n, n_m + 6, lanes); None where there are
+    none.
 
     ``given``: by lane. One lane is returned where all have the same.
     """

@@ -26,7 +26,8 @@ class LoopFunction(ctypes.Structure):
 
 
 class RobotFunction:
-    """A function in C, and the numbers (lanes, n) that one of its inputs takes, a row for each robot.
+    """A function in C, and the numbers (lanes, n) that one of its inputs takes, a row for each
+    robot.
 
     BuildError where there is no compiler that works.
     """
@@ -34,7 +35,8 @@ class RobotFunction:
     def __init__(
         self, function: ca.Function, numbers: np.ndarray, progress: Callable[[str], None]
     ) -> None:
-        self.function, self.numbers = function, np.ascontiguousarray(numbers, dtype=float)
+        self.function = function
+        self.numbers = np.ascontiguousarray(numbers, dtype=float)
         self._library = load_module(casadi_module(function, progress))
         self._kept: list[dict[str, np.ndarray]] = []
 

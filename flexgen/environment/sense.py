@@ -20,7 +20,8 @@ from flexgen.trajectory import Trajectory, channel_values
 from flexgen.trajectory_files import common_unit
 from flexgen.type_checks import checked_types
 
-MOTION, TOOL = ("q_a", "v_a", "a_a"), 6
+MOTION = ("q_a", "v_a", "a_a")
+TOOL = 6
 
 
 def encoder_error(given: FourierSum, q_m: np.ndarray) -> np.ndarray:
@@ -42,8 +43,9 @@ def shown_angles(model: RobotModel, q_m: np.ndarray) -> np.ndarray:
 def sense(model: str | Path | RobotModel | Equations, motion: Trajectory) -> Trajectory:
     """Compute what the sensors of a model read along a motion.
 
-    ``y_s``: signals of the ``[[sensor]]`` tables; ``q_m``: what the motor encoders show, ``q_m + e(q_m)`` with the
-    ``encoder_error`` e of each motor. Torques of joints and wrenches follow from the motion, not from the springs::
+    ``y_s``: signals of the ``[[sensor]]`` tables; ``q_m``: what the motor encoders show,
+    ``q_m + e(q_m)`` with the ``encoder_error`` e of each motor. Torques of joints and wrenches
+    follow from the motion, not from the springs::
 
         tau_i = (M a_a + c + g - f)_i,    f = friction and drag of the arm + J' force
 
@@ -51,18 +53,20 @@ def sense(model: str | Path | RobotModel | Equations, motion: Trajectory) -> Tra
     ----------
     model : name, path, RobotModel or Equations
     motion : Trajectory
-        Channels ``q_a v_a a_a`` (n, n_a), ``q_m`` (n, n_m), and ``force`` (n, 6) where a force [N] and torque [N m]
-        act on the tool at its origin, world axes; as of `Solution.trajectory`.
+        Channels ``q_a v_a a_a`` (n, n_a), ``q_m`` (n, n_m), and ``force`` (n, 6) where a force [N]
+        and torque [N m] act on the tool at its origin, world axes; as of `Solution.trajectory`.
 
     Returns
     -------
     Trajectory
-        ``y_s`` (n, n_s), SI units, without noise and delay, and ``q_m`` (n, n_m) [rad]; labels: names of the channels.
+        ``y_s`` (n, n_s), SI units, without noise and delay, and ``q_m`` (n, n_m) [rad]; labels:
+        names of the channels.
 
     Raises
     ------
     ArgumentError
-        The motion has other coordinates than the model or lacks a channel, or the model has no sensor.
+        The motion has other coordinates than the model or lacks a channel, or the model has no
+        sensor.
 
     Examples
     --------
@@ -78,7 +82,9 @@ def sense(model: str | Path | RobotModel | Equations, motion: Trajectory) -> Tra
         (name, unit) for s in robot.sensors for name, unit in zip(s.channels, s.units, strict=True)
     ]
     if not sensors:
-        raise ArgumentError(f"model: given {robot.name} without a [[sensor]], expected one or more")
+        raise ArgumentError(
+            f"model: given {robot.name} without a [[sensor]], expected one or more"
+        )
     wanted = channel_units(robot)
     given = {
         name: channel_values("motion", motion, name, wanted[name]) for name in (*MOTION, "q_m")
@@ -100,7 +106,9 @@ def sense(model: str | Path | RobotModel | Equations, motion: Trajectory) -> Tra
 
 
 def signals_of(equations: Equations, numbers: bool = False) -> ca.Function:
-    """All signals (n_s,) from ``q_a, v_a, a_a, force``; ``numbers``: and from the run-time parameters."""
+    """All signals (n_s,) from ``q_a, v_a, a_a, force``; ``numbers``: and from the run-time
+    parameters.
+    """
     pushed = equations.pushed
     lag = pushed.lagrangian
     assert pushed.force is not None

@@ -69,7 +69,9 @@ class Wall:
                 or len(given) != 3
                 or not all(is_number(x) and abs(x) < 1e9 for x in given)
             ):
-                raise ArgumentError(f"wall, {name}: given {given!r}, expected three finite numbers")
+                raise ArgumentError(
+                    f"wall, {name}: given {given!r}, expected three finite numbers"
+                )
             object.__setattr__(self, name, tuple(float(x) for x in given))
         if not math.hypot(*self.normal) > 1e-9:
             raise ArgumentError(
@@ -93,7 +95,9 @@ def numbers_of(wall: Wall, model: RobotModel) -> np.ndarray:
     return np.array([*np.concatenate(in_world(wall, model)), wall.stiffness, wall.damping])
 
 
-def contact_force(wall: Wall, equations: Equations, q_a: np.ndarray, v_a: np.ndarray) -> np.ndarray:
+def contact_force(
+    wall: Wall, equations: Equations, q_a: np.ndarray, v_a: np.ndarray
+) -> np.ndarray:
     """Forces (n, 3) [N] on the tool along a motion ``q_a``, ``v_a`` (n, n_a), world axes."""
     numbers = np.tile(numbers_of(wall, equations.model), (len(q_a), 1))
     return evaluate(wall_force(equations), q_a, v_a, numbers)[0].reshape(-1, TOOL)[:, :3]
@@ -125,14 +129,15 @@ def check_start(wall: Wall, equations: Equations, q_a: np.ndarray) -> None:
     p = np.array(equations.function("forward_kinematics")(q_a)[0]).ravel()
     if (depth := float(n @ (point - p))) > 0.0:
         raise ArgumentError(
-            f"wall: given a wall in which the tool begins, {depth:.4g} m deep, expected the tool before it; turn the "
-            "normal round, or move the point"
+            f"wall: given a wall in which the tool begins, {depth:.4g} m deep, expected the "
+            "tool before it; turn the normal round, or move the point"
         )
 
 
 def wall_force(equations: Equations) -> ca.Function:
     """Force and torque (6,) on the tool from ``q_a``, ``v_a`` and the numbers of a `Wall`."""
-    chain, numbers = equations.lagrangian.chain, ca.SX.sym("wall", 8)
+    chain = equations.lagrangian.chain
+    numbers = ca.SX.sym("wall", 8)
     point, n, stiffness, damping = ca.vertsplit(numbers, [0, 3, 6, 7, 8])
     depth = ca.dot(n, point - chain.tool.p)
     push = ca.fmax(

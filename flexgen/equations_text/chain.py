@@ -1,4 +1,6 @@
-"""The chain of a small model as polynomials: what the closed-form equations are put together from."""
+"""The chain of a small model as polynomials: what the closed-form equations are put together
+from.
+"""
 
 from __future__ import annotations
 
@@ -33,15 +35,20 @@ from flexgen.equations_text.trigonometric import (
 class SymbolicChain:
     """Inertia ``M`` of arm and rotors, drag ``D``, potential and tool position along a chain.
 
-    ``R``, ``p``: the current frame in the world. ``Jv``, ``Jw``: one vector for each coordinate, the velocity of the
-    frame's origin and the angular velocity by that coordinate's speed, in the current frame.
+    ``R``, ``p``: the current frame in the world. ``Jv``, ``Jw``: one vector for each coordinate,
+    the velocity of the frame's origin and the angular velocity by that coordinate's speed, in the
+    current frame.
     """
 
     def __init__(
         self, ring: TrigonometricRing, q_a: tuple[sp.Symbol, ...], n_m: int, gravity: Expr3
     ) -> None:
-        n, zero = len(q_a), ring.zero
-        self.ring, self.q_a, self.n, self.weight = ring, q_a, n, [-ring.element(x) for x in gravity]
+        n = len(q_a)
+        zero = ring.zero
+        self.ring = ring
+        self.q_a = q_a
+        self.n = n
+        self.weight = [-ring.element(x) for x in gravity]
         self.R: Matrix3 = [[ring.one if i == j else zero for j in range(3)] for i in range(3)]
         self.p: Vector3 = [zero] * 3
         self.Jv: list[Vector3] = [[zero] * 3 for _ in range(n)]
@@ -84,9 +91,11 @@ class SymbolicChain:
     def _turn(self, axis: Vector3, angle: sp.Symbol | int) -> None:
         ring = self.ring
         if isinstance(angle, int):
-            c, s = (ring.element((1, 0, -1, 0)[angle % 4]), ring.element((0, 1, 0, -1)[angle % 4]))
+            c = ring.element((1, 0, -1, 0)[angle % 4])
+            s = ring.element((0, 1, 0, -1)[angle % 4])
         else:
-            c, s = ring.cos(angle), ring.sin(angle)
+            c = ring.cos(angle)
+            s = ring.sin(angle)
         turn = ring.rotation(axis, c, s)
         columns = [list(column) for column in zip(*turn, strict=True)]
         self.R = [ring.multiply(columns, row) for row in self.R]
@@ -101,12 +110,14 @@ class SymbolicChain:
         """Velocities of the point ``by`` of the current frame."""
         turned = [self.ring.cross(w, by) for w in self.Jw]
         return [
-            [x + y for x, y in zip(v, t, strict=True)] for v, t in zip(self.Jv, turned, strict=True)
+            [x + y for x, y in zip(v, t, strict=True)]
+            for v, t in zip(self.Jv, turned, strict=True)
         ]
 
     def _mass(self, body: Mass) -> None:
         ring = self.ring
-        m, com = ring.element(body.mass), [ring.element(x) for x in body.com]
+        m = ring.element(body.mass)
+        com = [ring.element(x) for x in body.com]
         inertia = [[ring.element(body.inertia[i, j]) for j in range(3)] for i in range(3)]
         # x, y, z of the velocities by each coordinate
         rows = list(zip(*self._move_point(com), strict=True))
@@ -134,8 +145,12 @@ class SymbolicChain:
                         to[i][j] = self.ring.reduce(to[i][j] + factor * self.ring.reduce(x * y))
 
     def velocity_terms(self, speeds: Sequence[sp.Symbol]) -> list[Polynomial]:
-        """Coriolis and centrifugal terms of arm and rotors: Christoffel symbols of ``M``, which depends on q_a only."""
-        ring, v, n = self.ring, [self.ring.element(s) for s in speeds], len(speeds)
+        """Coriolis and centrifugal terms of arm and rotors: Christoffel symbols of ``M``, which
+        depends on q_a only.
+        """
+        ring = self.ring
+        v = [self.ring.element(s) for s in speeds]
+        n = len(speeds)
         slope = [
             [[ring.diff(self.M[i][j], q) for q in self.q_a] for j in range(n)] for i in range(n)
         ]
@@ -167,7 +182,9 @@ def polynomial_ring(
     fixed = [
         step.angle for step in steps if isinstance(step, Turn) and not isinstance(step.angle, int)
     ]
-    units, turning, heavy = [], [], []
+    units = []
+    turning = []
+    heavy = []
     same: list[int] = []
     axis = None  # of the joint before, in the current frame
     for step in steps:

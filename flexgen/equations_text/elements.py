@@ -42,7 +42,8 @@ class Symbols:
     def new(self, name: Name, unit: str, meaning: str, value: float | None = None) -> sp.Symbol:
         """A new symbol; where its name is taken, a number is added."""
         taken = {entry.symbol.name for entry in self.entries}
-        first, k = name, 1
+        first = name
+        k = 1
         while name.text() in taken:
             k += 1
             name = replace(
@@ -61,7 +62,9 @@ class Symbols:
         return self.new(Name(head, subscripts), unit, meaning, float(value))
 
     def vector(self, heads: str, owner: str, value: Vector, unit: str, meaning: str) -> Expr3:
-        """Three parameters: ``heads`` is one letter, with x, y, z as subscripts, or three letters."""
+        """Three parameters: ``heads`` is one letter, with x, y, z as subscripts, or three
+        letters.
+        """
         owners = (owner,) if owner else ()
         out = []
         for k, axis in enumerate(_AXES):
@@ -87,7 +90,9 @@ class Turn:
 
 @dataclass(frozen=True)
 class Joint:
-    """An arm coordinate: rotation about, or translation along, a unit axis of the current frame."""
+    """An arm coordinate: rotation about, or translation along, a unit axis of the current
+    frame.
+    """
 
     index: int
     axis: Expr3
@@ -133,16 +138,20 @@ Step = Shift | Turn | Joint | Mass | Rotor | Tip | Return
 def placement_steps(
     symbols: Symbols, head: str, owner: str, placement: Placement, meaning: str
 ) -> list[Step]:
-    """A constant pose: a shift, then turns about z, y, x (yaw, pitch, roll), exact where they are quarter turns."""
+    """A constant pose: a shift, then turns about z, y, x (yaw, pitch, roll), exact where they are
+    quarter turns.
+    """
     steps: list[Step] = []
     shift = symbols.vector(head, owner, placement.position, "m", meaning)
     if any(shift):
         steps.append(Shift(shift))
     R = np.array(placement.rotation)
     yaw = math.atan2(R[1, 0], R[0, 0]) if math.hypot(R[0, 0], R[1, 0]) > _SNAP else 0.0
-    c, s = math.cos(yaw), math.sin(yaw)
+    c = math.cos(yaw)
+    s = math.sin(yaw)
     rest = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) @ R
-    pitch, roll = math.atan2(-rest[2, 0], rest[0, 0]), math.atan2(-rest[1, 2], rest[1, 1])
+    pitch = math.atan2(-rest[2, 0], rest[0, 0])
+    roll = math.atan2(-rest[1, 2], rest[1, 1])
     for axis, angle, greek, word in (
         (2, yaw, "psi", "yaw"),
         (1, pitch, "theta", "pitch"),
@@ -162,7 +171,9 @@ def placement_steps(
 
 
 def _axis(symbols: Symbols, head: str, owner: str, axis: Vector) -> Expr3:
-    """A unit vector: exact along the axes of the frame, otherwise with symbols for its components."""
+    """A unit vector: exact along the axes of the frame, otherwise with symbols for its
+    components.
+    """
     rounded = tuple(0.0 if abs(x) < _TINY else x for x in axis)
     if sum(x != 0.0 for x in rounded) == 1:
         x, y, z = (sp.Integer(0 if x == 0.0 else int(math.copysign(1, x))) for x in rounded)
@@ -197,7 +208,8 @@ def _body(symbols: Symbols, owner: str, body: Body) -> Mass | None:
 
 
 def chain_steps(model: RobotModel, symbols: Symbols, rotor: list[sp.Expr]) -> list[Step]:
-    """Constants, joints, bodies and (complete coupling) rotors, of inertias ``rotor``, from the base to the tool.
+    """Constants, joints, bodies and (complete coupling) rotors, of inertias ``rotor``, from the
+    base to the tool.
 
     Branches begin with a `Return` to the tip of their parent.
     """
@@ -225,7 +237,11 @@ def chain_steps(model: RobotModel, symbols: Symbols, rotor: list[sp.Expr]) -> li
             steps.append(Joint(k, _axis(symbols, "n", dof.name, dof.axis), dof.type == "rotation"))
             k += 1
         steps += placement_steps(
-            symbols, "l", element.name, element.link, f"frame of {element.name} from its last joint"
+            symbols,
+            "l",
+            element.name,
+            element.link,
+            f"frame of {element.name} from its last joint",
         )
         body = _body(symbols, element.name, element.body)
         steps += (
@@ -270,17 +286,17 @@ def spring_law(
         )
         clipped = (sp.sqrt((d + gap) ** 2 + smooth**2) - sp.sqrt((d - gap) ** 2 + smooth**2)) / 2
         return stiffness("K", spring.stiffness, "stiffness") * (d - clipped)
-    low, high = (
-        stiffness("K low", spring.low, "low stiffness"),
-        stiffness("K high", spring.high, "high stiffness"),
-    )
+    low = stiffness("K low", spring.low, "low stiffness")
+    high = stiffness("K high", spring.high, "high stiffness")
     at = symbols.new(
         Name("psi", (owner,)), deflection, f"break of the stiffness of {owner}", spring.break_at
     )
     if isinstance(spring, SmoothSpring):
-        inside, offset = low * d + (high - low) * d**3 / (3 * at**2), 2 * (high - low) * at / 3
+        inside = low * d + (high - low) * d**3 / (3 * at**2)
+        offset = 2 * (high - low) * at / 3
     else:
-        inside, offset = low * d, (high - low) * at
+        inside = low * d
+        offset = (high - low) * at
     return sp.Piecewise((inside, sp.Abs(d) <= at), (high * d - offset * sp.sign(d), True))
 
 
@@ -290,8 +306,8 @@ def friction_law(
     """Friction torque at the speed ``w``; ``units`` of torque and coordinate."""
     if type(friction) is not Friction:
         raise ArgumentError(
-            f"friction of {owner}: given the law {type(friction).__name__}, which has no closed form here; "
-            "expected the law 'smooth'"
+            f"friction of {owner}: given the law {type(friction).__name__}, which has no closed "
+            "form here; expected the law 'smooth'"
         )
     torque, deflection = units
 
@@ -317,11 +333,12 @@ def friction_law(
 
 
 class Forces:
-    """Springs, dampers, frictions and gears of a model in symbols; arguments as in `SymbolicEquations`.
+    """Springs, dampers, frictions and gears of a model in symbols; arguments as in
+    `SymbolicEquations`.
 
-    ``torques``: on the arm, None behind a rigid gear. ``deflections``: of nonlinear gear springs. ``friction``: of the
-    joints. ``on_motors``: friction of the motors and the torques that the gears need. ``gear_equations``: of rigid
-    gears.
+    ``torques``: on the arm, None behind a rigid gear. ``deflections``: of nonlinear gear springs.
+    ``friction``: of the joints. ``on_motors``: friction of the motors and the torques that the
+    gears need. ``gear_equations``: of rigid gears.
     """
 
     def __init__(
@@ -352,9 +369,12 @@ class Forces:
                     else symbols.parameter("r", owner, ratio, f"rad/{unit}", meaning)
                 )
         inverse = eta.inv().applyfunc(sp.factor) if model.n_g else eta
-        seen, rate = inverse * sp.Matrix(q_m), inverse * sp.Matrix(v_m)  # motors from the arm side
+        # motors from the arm side
+        seen = inverse * sp.Matrix(q_m)
+        rate = inverse * sp.Matrix(v_m)
         for i, coordinate in enumerate(model.coordinates):
-            dof, name = coordinate.dof, coordinate.name
+            dof = coordinate.dof
+            name = coordinate.name
             assert dof is not None  # beams have been refused
             self.friction.append(friction_law(symbols, dof.friction, v_a[i], name, units[i]))
             damping_unit = f"{units[i][0]} s/{units[i][1]}"
@@ -370,21 +390,19 @@ class Forces:
                 self.torques.append(None)
                 continue
             assert dof.gear.spring is not None
-            k, ratio, side_units, side = (
-                place[name][0],
-                sp.Integer(1),
-                units[i],
-                f"{name}, arm side",
-            )
+            k = place[name][0]
+            ratio = sp.Integer(1)
+            side_units = units[i]
+            side = f"{name}, arm side"
             if dof.gear.side == "motor":
                 ratio = next(
                     eta[j, k] for j, motor in enumerate(model.motors) if motor.drives == (name,)
                 )
-                side_units, damping_unit, side = ("N m", "rad"), "N m s/rad", f"{name}, motor side"
-            deflection, slip = (
-                sp.cancel(ratio * seen[k]) - ratio * q_a[i],
-                sp.cancel(ratio * rate[k]) - ratio * v_a[i],
-            )
+                side_units = ("N m", "rad")
+                damping_unit = "N m s/rad"
+                side = f"{name}, motor side"
+            deflection = sp.cancel(ratio * seen[k]) - ratio * q_a[i]
+            slip = sp.cancel(ratio * rate[k]) - ratio * v_a[i]
             if not isinstance(dof.gear.spring, LinearSpring):
                 symbol = symbols.new(
                     Name("delta", (name,)), side_units[1], f"deflection of the gear of {side}"

@@ -1,11 +1,15 @@
-"""Closed-form equations of motion of a small model, through SymPy: to be read, and to check the numeric ones.
+"""Closed-form equations of motion of a small model, through SymPy: to be read, and to check the
+numeric ones.
 
-Independent of the CasADi equations (which differentiate the Lagrangian): here the inertia matrix is put together from
-the Jacobians of the bodies, the velocity terms from its Christoffel symbols, gravity from the heights of the centers.
+Independent of the CasADi equations (which differentiate the Lagrangian): here the inertia matrix
+is put together from the Jacobians of the bodies, the velocity terms from its Christoffel symbols,
+gravity from the heights of the centers.
 
-    M = sum_i m_i Jv_i' Jv_i + Jw_i' I_i Jw_i,   c_i = sum_jk (dM_ij/dq_k + dM_ik/dq_j - dM_jk/dq_i)/2 v_j v_k
+    M = sum_i m_i Jv_i' Jv_i + Jw_i' I_i Jw_i,
+    c_i = sum_jk (dM_ij/dq_k + dM_ik/dq_j - dM_jk/dq_i)/2 v_j v_k
 
-Source: L. Sciavicco and B. Siciliano, Modelling and Control of Robot Manipulators, 2000, chapter 4.
+Source: L. Sciavicco and B. Siciliano, Modelling and Control of Robot Manipulators, 2000,
+chapter 4.
 """
 
 from __future__ import annotations
@@ -35,9 +39,10 @@ class SymbolicEquations:
 
         M a_a + S a_m + c + g + friction + drag = tau,      motor_equations[j] = tau_m[j]
 
-    ``tau`` is what springs and dampers do (``torques``), or the free torque of a rigid gear (``gear_equations``). With
-    the simplified motor coupling ``S`` is zero and ``M`` without the rotors; with the complete one ``M`` has the share
-    of the rotors for motors at rest, and ``c`` depends on ``v_m`` too.
+    ``tau`` is what springs and dampers do (``torques``), or the free torque of a rigid gear
+    (``gear_equations``). With the simplified motor coupling ``S`` is zero and ``M`` without the
+    rotors; with the complete one ``M`` has the share of the rotors for motors at rest, and ``c``
+    depends on ``v_m`` too.
 
     Attributes
     ----------
@@ -50,12 +55,13 @@ class SymbolicEquations:
     entries : tuple of Entry
         All symbols with unit, meaning, and (parameters) value.
     M, S, c, g, friction, drag : Matrix
-        Inertia (n_a, n_a), coupling to the rotors (n_a, n_m); velocity terms, gravity, joint friction, drag of the
-        bodies (n_a, 1).
+        Inertia (n_a, n_a), coupling to the rotors (n_a, n_m); velocity terms, gravity, joint
+        friction, drag of the bodies (n_a, 1).
     deflections : dict
         Twist symbols of nonlinear gear springs and their expressions.
     torques : tuple of Expr or None
-        Spring and damper torques of elastic gears and non-actuated elements, as they act on the arm.
+        Spring and damper torques of elastic gears and non-actuated elements, as they act on the
+        arm.
     motor_equations : tuple of Expr
         Left-hand sides; the right-hand sides are ``tau_m``.
     gear_equations : tuple of (Symbol, Expr)
@@ -96,9 +102,11 @@ class SymbolicEquations:
         return {entry.symbol: entry.value for entry in self.entries if entry.value is not None}
 
     def function(self, *expressions: sp.Expr | sp.Matrix) -> Callable[..., list[np.ndarray]]:
-        """Expressions as a numpy function of ``(q_a, v_a, a_a, q_m, v_m, a_m)``, parameters as in the model.
+        """Expressions as a numpy function of ``(q_a, v_a, a_a, q_m, v_m, a_m)``, parameters as in
+        the model.
 
-        Arguments that are left out are zero. Torques of springs and dampers are put in for their symbols.
+        Arguments that are left out are zero. Torques of springs and dampers are put in for their
+        symbols.
         """
         state = [*self.q_a, *self.v_a, *self.a_a, *self.q_m, *self.v_m, *self.a_m]
         known = {
@@ -128,7 +136,9 @@ class SymbolicEquations:
     def numeric(
         self, q_a: np.ndarray, v_a: np.ndarray, v_m: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Numbers for ``M`` (n_a, n_a), ``c`` (n_a), ``g`` (n_a); ``v_m`` matters in complete coupling only."""
+        """Numbers for ``M`` (n_a, n_a), ``c`` (n_a), ``g`` (n_a); ``v_m`` matters in complete
+        coupling only.
+        """
         M, c, g = self._numeric(q_a, v_a, None, None, v_m)
         return M, c.ravel(), g.ravel()
 
@@ -143,7 +153,8 @@ class SymbolicEquations:
     @cached_property
     def _sheet(self) -> Sheet:
         names = {entry.symbol: entry.name for entry in self.entries}
-        n_a, n_m = len(self.q_a), len(self.q_m)
+        n_a = len(self.q_a)
+        n_m = len(self.q_m)
 
         def vector(title: str, head: str, values: sp.Matrix) -> list[Section]:
             rows = tuple(Row(head, (i + 1,), value) for i, value in enumerate(values))
@@ -202,7 +213,9 @@ class SymbolicEquations:
         return Sheet(title, model.description, model.source, symbols, tuple(sections), self.q_a)
 
     def _output_sections(self) -> list[Section]:
-        """The declared output; the tool's position where it moves, with the rows that are the output."""
+        """The declared output; the tool's position where it moves, with the rows that are the
+        output.
+        """
         output = self.model.output
         position = tuple(Row("p", (i + 1,), self.tool[i]) for i in range(3))
         if output.type == "combination":
@@ -215,10 +228,12 @@ class SymbolicEquations:
         plain = f"y = ({', '.join(row.text() for row in rows)})"
         formula = rf"y = ({', '.join(row.latex() for row in rows)})"
         if output.type == "tool_pose":
-            plain, formula = f"{plain} and the rotation", rf"{formula} \text{{ and the rotation}}"
+            plain = f"{plain} and the rotation"
+            formula = rf"{formula} \text{{ and the rotation}}"
         if output.has_angle:
             angle = f"and the angle of the tool about {output.axis_text} [rad]"
-            plain, formula = f"{plain} {angle}", rf"{formula} \text{{ {angle}}}"
+            plain = f"{plain} {angle}"
+            formula = rf"{formula} \text{{ {angle}}}"
         return [Section("Position of the tool p, declared output y", position, plain, formula)]
 
 
@@ -228,7 +243,9 @@ def _coordinate_name(name: str) -> Name:
 
 
 def _subscripts(names: Sequence[Name], coordinates: Sequence[Coordinate]) -> list[tuple[str, ...]]:
-    """Subscripts of speeds and torques: the number of a coordinate where it is told by that, else its full name."""
+    """Subscripts of speeds and torques: the number of a coordinate where it is told by that, else
+    its full name.
+    """
     texts = {name.text() for name in names}
     shared = [n.subscripts for n in names]
     return [
@@ -244,7 +261,9 @@ def _role(model: RobotModel, coordinate: Coordinate) -> str:
     if coordinate.dof is None or coordinate.dof.gear is None:
         return "arm coordinate without a motor"
     motors = " and ".join(motor.name for motor in model.motors if coordinate.name in motor.drives)
-    return f"arm coordinate, {'rigid' if coordinate.dof.gear.rigid else 'elastic'} gear to {motors}"
+    return (
+        f"arm coordinate, {'rigid' if coordinate.dof.gear.rigid else 'elastic'} gear to {motors}"
+    )
 
 
 def _gravity(model: RobotModel, symbols: Symbols) -> Expr3:
@@ -255,7 +274,8 @@ def _gravity(model: RobotModel, symbols: Symbols) -> Expr3:
         return symbols.vector(
             "g", "", tuple(pull), "m/s^2", "acceleration of gravity in the frame of the base"
         )
-    size, name = float(np.abs(pull).max()), Name("g", ("0",), plain="g_0")
+    size = float(np.abs(pull).max())
+    name = Name("g", ("0",), plain="g_0")
     strength = (
         symbols.new(name, "m/s^2", "acceleration of gravity", size) if size else sp.Integer(0)
     )
@@ -281,24 +301,27 @@ def _check_small(model: RobotModel) -> None:
     beams = [element.name for element in model.elements if element.beam is not None]
     if beams:
         raise ArgumentError(
-            f"symbolic: given a model with beams ({', '.join(beams)}), expected rigid bodies; {numeric}"
+            f"symbolic: given a model with beams ({', '.join(beams)}), expected rigid bodies; "
+            f"{numeric}"
         )
     passive = [dof.name for element in model.elements for dof in element.dofs if dof.mimic]
     if passive:
         raise ArgumentError(
-            f"symbolic: given a model with axes moved by mechanisms ({', '.join(passive)}), expected none; {numeric}"
+            f"symbolic: given a model with axes moved by mechanisms ({', '.join(passive)}), "
+            f"expected none; {numeric}"
         )
     balanced = [c.name for c in model.coordinates if c.dof is not None and c.dof.counterbalance]
     if balanced:
         raise ArgumentError(
-            f"symbolic: given a model with a counterbalance ({', '.join(balanced)}), expected none; {numeric}"
+            f"symbolic: given a model with a counterbalance ({', '.join(balanced)}), expected "
+            f"none; {numeric}"
         )
     refuse_hysteresis(model, "symbolic")
     refuse_harmonics(model, "symbolic")
     if model.n_a > MAX_COORDINATES:
         raise ArgumentError(
-            f"symbolic: given a model with {model.n_a} arm coordinates, expected at most {MAX_COORDINATES} for a "
-            f"closed form; {numeric}"
+            f"symbolic: given a model with {model.n_a} arm coordinates, expected at most "
+            f"{MAX_COORDINATES} for a closed form; {numeric}"
         )
 
 
@@ -336,7 +359,8 @@ def _coordinates(model: RobotModel, symbols: Symbols) -> _Coordinates:
             symbols.new(Name(head, sub), u + suffix, f"{what} of {c.name}") for sub, u, c in made
         )
 
-    v_a, a_a = along("v", "/s", "speed"), along("a", "/s^2", "acceleration")
+    v_a = along("v", "/s", "speed")
+    a_a = along("a", "/s^2", "acceleration")
     torque_units = [("N m", "rad") if unit == "rad" else ("N", "m") for unit in units]
     tau = tuple(
         symbols.new(
@@ -379,7 +403,8 @@ def symbolic(model: RobotModel) -> SymbolicEquations:
     Raises
     ------
     ArgumentError
-        Where the model has beams, more than four arm coordinates, or equations too long to be read.
+        Where the model has beams, more than four arm coordinates, or equations too long to be
+        read.
     """
     _check_small(model)
     symbols = Symbols()
@@ -403,7 +428,8 @@ def symbolic(model: RobotModel) -> SymbolicEquations:
         ring.reduce(a + b) for a, b in zip(ground.p, ring.multiply(ground.R, chain.p), strict=True)
     ]
 
-    n, n_all = model.n_a, model.n_a + model.n_m
+    n = model.n_a
+    n_all = model.n_a + model.n_m
     full = [
         [ring.expression(chain.M[min(i, j)][max(i, j)]) for j in range(n_all)] for i in range(n)
     ]

@@ -1,6 +1,8 @@
-"""Closed-form equations on paper: a sheet of named expressions as plain text or as a LaTeX document.
+"""Closed-form equations on paper: a sheet of named expressions as plain text or as a LaTeX
+document.
 
-Names and descriptions come from model files: they are data. In LaTeX every character of them is escaped.
+Names and descriptions come from model files: they are data. In LaTeX every character of them is
+escaped.
 """
 
 from __future__ import annotations
@@ -38,14 +40,18 @@ _LINE = 110  # characters of LaTeX source after which an equation may be broken
 
 @dataclass(frozen=True)
 class Name:
-    """A symbol's name: ``head`` (a letter, or a Greek one spelled out) and subscripts; ``plain`` overrides the text."""
+    """A symbol's name: ``head`` (a letter, or a Greek one spelled out) and subscripts; ``plain``
+    overrides the text.
+    """
 
     head: str
     subscripts: tuple[str, ...] = ()
     plain: str = ""
 
     def text(self) -> str:
-        """``m_link1``; the parts of ``q1`` are joined, as in the model file, where the only subscript is a number."""
+        """``m_link1``; the parts of ``q1`` are joined, as in the model file, where the only
+        subscript is a number.
+        """
         if self.plain:
             return one_line(self.plain)
         joint = (
@@ -76,7 +82,8 @@ def _latex_subscript(part: str) -> str:
 def escape_latex(text: str) -> str:
     """``text`` as LaTeX source that prints it: no character of it is taken as a command.
 
-    White space and control characters become single spaces; letters outside Latin script become question marks.
+    White space and control characters become single spaces; letters outside Latin script become
+    question marks.
     """
     out = []
     for character in " ".join(one_line(text).split()):
@@ -109,7 +116,9 @@ class Entry:
 
 @dataclass(frozen=True)
 class Row:
-    """One named expression: its left-hand side, ``head[i, j]`` or ``head_subscript``, and its value."""
+    """One named expression: its left-hand side, ``head[i, j]`` or ``head_subscript``, and its
+    value.
+    """
 
     head: str
     index: tuple[int, ...]
@@ -135,7 +144,9 @@ class Row:
 
 @dataclass(frozen=True)
 class Section:
-    """A titled list of expressions; ``statement`` and ``statement_latex`` say how they belong together."""
+    """A titled list of expressions; ``statement`` and ``statement_latex`` say how they belong
+    together.
+    """
 
     title: str
     rows: tuple[Row, ...]
@@ -145,7 +156,9 @@ class Section:
 
 @dataclass(frozen=True)
 class Sheet:
-    """All that is printed about one model. ``coordinates``: the symbols that may be abbreviated inside sine, cosine."""
+    """All that is printed about one model. ``coordinates``: the symbols that may be abbreviated
+    inside sine, cosine.
+    """
 
     title: str
     description: str
@@ -191,7 +204,8 @@ class _Latex(LatexPrinter):
 
     def __init__(self, short: dict[sp.Expr, str], names: dict[sp.Symbol, str]) -> None:
         super().__init__({"symbol_names": names, "mul_symbol": r"\,", "full_prec": False})
-        self.short, self.names = short, names
+        self.short = short
+        self.names = names
 
     def _print_Symbol(self, expr: sp.Symbol, style: str = "plain") -> str:
         return self.names[expr]
@@ -207,7 +221,9 @@ class _Latex(LatexPrinter):
 
 
 def _abbreviate(sheet: Sheet) -> dict[sp.Expr, tuple[str, str]]:
-    """Abbreviations of sines and cosines of sums of numbered coordinates, ``s12``, in text and LaTeX, in order."""
+    """Abbreviations of sines and cosines of sums of numbered coordinates, ``s12``, in text and
+    LaTeX, in order.
+    """
     numbers = {}
     for symbol in sheet.coordinates:
         match = _NUMBERED.match(symbol.name)
@@ -257,7 +273,8 @@ def text(sheet: Sheet) -> str:
     widths = [max((len(line[k]) for line in table), default=0) for k in range(3)]
     lines += ["Symbols", ""]
     lines += [
-        "  " + "  ".join([*(part.ljust(w) for part, w in zip(line, widths, strict=False)), line[3]])
+        "  "
+        + "  ".join([*(part.ljust(w) for part, w in zip(line, widths, strict=False)), line[3]])
         for line in table
     ]
     if short:
@@ -265,7 +282,8 @@ def text(sheet: Sheet) -> str:
         for f, names in short.items():
             angle = " + ".join(symbol.name for symbol in _sum_arguments(f, sheet.coordinates))
             lines.append(
-                f"  {names[0].ljust(max(len(n[0]) for n in short.values()))} = {f.func.__name__}({angle})"
+                f"  {names[0].ljust(max(len(n[0]) for n in short.values()))} = "
+                f"{f.func.__name__}({angle})"
             )
     for section in sheet.sections:
         lines += ["", section.title + (f":  {section.statement}" if section.statement else "")]
@@ -313,7 +331,8 @@ def latex(sheet: Sheet) -> str:
             else _value(entry.value)
         )
         lines.append(
-            rf"${entry.name.latex()}$ & {value} & {_latex_unit(entry.unit)} & {escape_latex(entry.meaning)} \\"
+            rf"${entry.name.latex()}$ & {value} & {_latex_unit(entry.unit)} & "
+            rf"{escape_latex(entry.meaning)} \\"
         )
     lines.append(r"\end{longtable}")
     if short:
@@ -345,7 +364,9 @@ def _latex_unit(unit: str) -> str:
 
 
 def _pieces(expr: sp.Expr, printer: LatexPrinter) -> list[str]:
-    """LaTeX of a sum in pieces between which a line may end: its terms, and those of a long bracket within."""
+    """LaTeX of a sum in pieces between which a line may end: its terms, and those of a long
+    bracket within.
+    """
     out: list[str] = []
     for k, term in enumerate(printer._as_ordered_terms(expr) if expr.is_Add else [expr]):
         brackets = [part for part in term.args if part.is_Add] if term.is_Mul else []
@@ -367,7 +388,8 @@ def _break_lines(expr: sp.Expr, printer: LatexPrinter) -> str:
     """LaTeX of an expression, broken into lines of an aligned display."""
     if expr.is_Piecewise:
         return str(printer.doprint(expr))
-    lines, line = [], ""
+    lines = []
+    line = ""
     for piece in _pieces(expr, printer):
         if line and len(line) + len(piece) > 2 * _LINE:
             lines.append(line)

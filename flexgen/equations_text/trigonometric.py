@@ -1,10 +1,11 @@
-"""Polynomials in constants and in sines and cosines of angles: exact, canonical, and arranged for a reader.
+"""Polynomials in constants and in sines and cosines of angles: exact, canonical, and arranged for
+a reader.
 
-Every entry of the closed-form equations of a chain is such a polynomial. Sums and products are those of a sparse
-polynomial ring over the rationals, with one generator for each sine and cosine; ``sin^2 = 1 - cos^2`` is applied
-after each product, so that equal expressions are equal objects and zeros are recognised without any guessing. What a
-person reads is the shortest of several equal forms: multiple angles, or powers of sines and cosines of relative or
-absolute angles.
+Every entry of the closed-form equations of a chain is such a polynomial. Sums and products are
+those of a sparse polynomial ring over the rationals, with one generator for each sine and cosine;
+``sin^2 = 1 - cos^2`` is applied after each product, so that equal expressions are equal objects
+and zeros are recognised without any guessing. What a person reads is the shortest of several equal
+forms: multiple angles, or powers of sines and cosines of relative or absolute angles.
 """
 
 from __future__ import annotations
@@ -41,13 +42,16 @@ class TrigonometricRing:
     constants : sequence of Symbol
         Variables of the polynomials, speeds included.
     angles : sequence of Symbol
-        Symbols that appear inside sines and cosines; one that is also in ``constants`` may be both.
+        Symbols that appear inside sines and cosines; one that is also in ``constants`` may be
+        both.
     unit_vectors : sequence of tuple of Symbol
         Symbols whose squares add up to one.
     heavy, light : sequence of Symbol
-        What to collect by: quantities in which the expressions are linear (masses, inertias), and speeds.
+        What to collect by: quantities in which the expressions are linear (masses, inertias), and
+        speeds.
     absolute : sequence of sequence of int
-        Rows: absolute angles as sums of ``angles`` (lower triangular, entries -1, 0, 1, determinant 1 or -1).
+        Rows: absolute angles as sums of ``angles`` (lower triangular, entries -1, 0, 1,
+        determinant 1 or -1).
     """
 
     def __init__(
@@ -59,16 +63,15 @@ class TrigonometricRing:
         light: Sequence[sp.Symbol] = (),
         absolute: Rows = (),
     ) -> None:
-        self.constants, self.angles, self.heavy, self.light = (
-            tuple(constants),
-            tuple(angles),
-            heavy,
-            light,
-        )
+        self.constants = tuple(constants)
+        self.angles = tuple(angles)
+        self.heavy = heavy
+        self.light = light
         self.n = len(self.constants)
         self._trig = [sp.Dummy(f"{f}_{a}", real=True) for a in self.angles for f in ("c", "s")]
         self.ring = PolyRing([*self.constants, *self._trig], sp.QQ, lex)
-        self.zero, self.one = self.ring.zero, self.ring.one
+        self.zero = self.ring.zero
+        self.one = self.ring.one
         self._at = {symbol: i for i, symbol in enumerate(self.ring.symbols)}
         gens = self.ring.gens
         self._squares = {
@@ -103,12 +106,15 @@ class TrigonometricRing:
         while True:
             if len(p) > MAX_TERMS:
                 raise ArgumentError(
-                    f"symbolic: given a model whose equations have more than {MAX_TERMS} terms in one entry, expected "
-                    "one small enough for a closed form; the numeric (CasADi) equations are available for any model"
+                    f"symbolic: given a model whose equations have more than {MAX_TERMS} terms "
+                    "in one entry, expected one small enough for a closed form; the numeric "
+                    "(CasADi) equations are available for any model"
                 )
-            kept, changed = {}, self.zero
+            kept = {}
+            changed = self.zero
             for monomial, coefficient in p.items():
-                factor, powers = None, None
+                factor = None
+                powers = None
                 for i, square in self._squares.items():
                     if monomial[i] >= 2:
                         powers = list(monomial) if powers is None else powers
@@ -130,11 +136,12 @@ class TrigonometricRing:
         """Derivative by a symbol, be it a constant, an angle or both."""
         out = p.diff(self.element(by)) if by in self._at else self.zero
         if by in self.angles:
-            c, s = self.cos(by), self.sin(by)
+            c = self.cos(by)
+            s = self.sin(by)
             out = out + p.diff(s) * c - p.diff(c) * s
         return self.reduce(out)
 
-    # --- vectors and matrices, as lists --------------------------------------------------------------------------
+    # --- vectors and matrices, as lists ----------------------------------------------------------
 
     def dot(self, a: Sequence[Element], b: Sequence[Element]) -> Element:
         """Scalar product."""
@@ -164,10 +171,12 @@ class TrigonometricRing:
             for i in range(3)
         ]
 
-    # --- equal forms ----------------------------------------------------------------------------------------------
+    # --- equal forms -----------------------------------------------------------------------------
 
     def expression(self, p: Element) -> sp.Expr:
-        """The form of ``p`` that is shortest to read: as a whole, or part by part, each in the form that suits it."""
+        """The form of ``p`` that is shortest to read: as a whole, or part by part, each in the
+        form that suits it.
+        """
         common, p = _extract_common(p, self.n)
         found = [self._find_shortest(p, [[self.heavy, None], [None], [self.light, None]])]
         for by in (self.heavy, self.light, [*self.heavy, *self.light]):
@@ -186,7 +195,9 @@ class TrigonometricRing:
         return _times(common, min(found, key=sp.count_ops))
 
     def _find_shortest(self, p: Element, orders: Sequence[Levels]) -> sp.Expr:
-        """The shortest form of ``p``, collected in one of the orders; None in an order means sines and cosines."""
+        """The shortest form of ``p``, collected in one of the orders; None in an order means sines
+        and cosines.
+        """
         if len(p) <= 1 and not any(any(m[self.n :]) for m in p):
             return p.as_expr()
         found = []
@@ -208,7 +219,9 @@ class TrigonometricRing:
         functions: dict[sp.Dummy, sp.Expr] = {}
         terms = []
         for frequency, pair in waves.items():
-            angle = sum((k * a for k, a in zip(frequency, self.angles, strict=True)), sp.Integer(0))
+            angle = sum(
+                (k * a for k, a in zip(frequency, self.angles, strict=True)), sp.Integer(0)
+            )
             for coefficient, f in zip(pair, (sp.cos, sp.sin), strict=True):
                 if coefficient:
                     dummy = sp.Dummy(real=True) if angle != 0 else None
@@ -239,7 +252,9 @@ class TrigonometricRing:
             yield q, self._functions(basis)
 
     def _functions(self, basis: Rows) -> dict[sp.Dummy, sp.Expr]:
-        """Expressions of the generators of cosines and sines where they mean sums of the angles."""
+        """Expressions of the generators of cosines and sines where they mean sums of the
+        angles.
+        """
         angles = [
             sum((k * a for k, a in zip(row, self.angles, strict=True)), sp.Integer(0))
             for row in basis
@@ -257,20 +272,28 @@ class TrigonometricRing:
         return out
 
     def _waves(self, p: Element) -> Waves:
-        """Fourier form: frequency -> factors (free of angles) of cosine and sine of ``frequency . angles``."""
+        """Fourier form: frequency -> factors (free of angles) of cosine and sine of
+        ``frequency . angles``.
+        """
         waves: Waves = {}
         for monomial, coefficient in p.items():
-            rest = self.ring.from_dict({(*monomial[: self.n], *[0] * len(self._trig)): coefficient})
+            rest = self.ring.from_dict(
+                {(*monomial[: self.n], *[0] * len(self._trig)): coefficient}
+            )
             for frequency, (c, s) in _expand(monomial[self.n :]).items():
                 pair = waves.setdefault(frequency, [self.zero, self.zero])
                 pair[0], pair[1] = pair[0] + rest * c, pair[1] + rest * s
         return {frequency: pair for frequency, pair in waves.items() if any(pair)}
 
     def _powers(self, frequency: tuple[int, ...]) -> tuple[Element, Element]:
-        """Cosine and sine of ``frequency . angles`` as polynomials in the cosines and sines of the angles."""
-        real, imaginary = self.one, self.zero
+        """Cosine and sine of ``frequency . angles`` as polynomials in the cosines and sines of the
+        angles.
+        """
+        real = self.one
+        imaginary = self.zero
         for i, k in enumerate(frequency):
-            c, s = self.ring.gens[self.n + 2 * i], self.ring.gens[self.n + 2 * i + 1]
+            c = self.ring.gens[self.n + 2 * i]
+            s = self.ring.gens[self.n + 2 * i + 1]
             s = s if k > 0 else -s
             for _ in range(abs(k)):
                 real, imaginary = real * c - imaginary * s, real * s + imaginary * c
@@ -278,7 +301,9 @@ class TrigonometricRing:
 
 
 def _extract_common(p: Element, n: int | None = None) -> tuple[sp.Expr, Element]:
-    """The number and the monomial (in the first ``n`` symbols) common to all terms of ``p``, and what remains."""
+    """The number and the monomial (in the first ``n`` symbols) common to all terms of ``p``, and
+    what remains.
+    """
     if not p:
         return sp.Integer(0), p
     ring = p.ring
@@ -288,7 +313,8 @@ def _extract_common(p: Element, n: int | None = None) -> tuple[sp.Expr, Element]
     )
     number, rest = rest.primitive()
     if len(rest) == 1 and rest.LC < 0:
-        number, rest = -number, -rest
+        number = -number
+        rest = -rest
     return ring.from_dict({powers: number}).as_expr(), rest
 
 
@@ -324,7 +350,9 @@ def _group(p: Element, by: Sequence[sp.Symbol]) -> list[tuple[Element, Element]]
 
 
 def _nest(p: Element, levels: Sequence[Sequence[sp.Symbol]]) -> sp.Expr:
-    """``p`` collected by the symbols of the first level, each part by the next; factored where it can be."""
+    """``p`` collected by the symbols of the first level, each part by the next; factored where it
+    can be.
+    """
     common, p = _extract_common(p)
     if len(p) <= 1:
         return common
@@ -338,7 +366,8 @@ def _nest(p: Element, levels: Sequence[Sequence[sp.Symbol]]) -> sp.Expr:
         )
     groups: list[tuple[Element, Element]] = []
     while levels and len(groups) <= 1:
-        groups, levels = _group(p, levels[0]), levels[1:]
+        groups = _group(p, levels[0])
+        levels = levels[1:]
     if len(groups) <= 1:
         return _times(common, p.as_expr())
     terms = []
@@ -351,8 +380,9 @@ def _nest(p: Element, levels: Sequence[Sequence[sp.Symbol]]) -> sp.Expr:
 def _factor(p: Element) -> list[tuple[Element, int]]:
     """Factors of ``p``, which has no common monomial and number, up to sign.
 
-    A polynomial that is linear in a symbol, ``a x + b``, has the factors of ``gcd(a, b)`` and one more; where a or b is
-    a single term there are no others. Only what is linear in no symbol takes a general factorization.
+    A polynomial that is linear in a symbol, ``a x + b``, has the factors of ``gcd(a, b)`` and one
+    more; where a or b is a single term there are no others. Only what is linear in no symbol takes
+    a general factorization.
     """
     ring = p.ring
     used = [i for i in range(ring.ngens) if any(m[i] for m in p)]
@@ -384,7 +414,9 @@ def _factor(p: Element) -> list[tuple[Element, int]]:
 
 @lru_cache(maxsize=4096)
 def _expand(powers: tuple[int, ...]) -> dict[tuple[int, ...], tuple[Any, Any]]:
-    """Product of powers of cosines and sines (c, s, c, s ...) as a sum: frequency -> factors of its cosine and sine."""
+    """Product of powers of cosines and sines (c, s, c, s ...) as a sum: frequency -> factors of
+    its cosine and sine.
+    """
     waves: dict[tuple[int, ...], tuple[Any, Any]] = {
         (): (sp.QQ(1), sp.QQ(0))
     }  # complex amplitudes of exp(i f . angles)
@@ -415,7 +447,8 @@ def _expand(powers: tuple[int, ...]) -> dict[tuple[int, ...], tuple[Any, Any]]:
 
 
 def accumulate_angles(same: Sequence[int]) -> list[list[int]]:
-    """Rows of absolute angles: ``same[i]`` is +1 or -1 where angle i turns about the axis of angle i - 1, else 0.
+    """Rows of absolute angles: ``same[i]`` is +1 or -1 where angle i turns about the axis of angle
+    i - 1, else 0.
 
     >>> accumulate_angles([0, 1, 0])
     [[1, 0, 0], [1, 1, 0], [0, 0, 1]]

@@ -1,7 +1,7 @@
 """Exporters of other packages, by entry points of the group ``flexgen.exports``.
 
-An exporter is a function ``export(model, out)``: it writes a `RobotModel` to the path ``out`` and returns the paths of
-the files that it wrote.
+An exporter is a function ``export(model, out)``: it writes a `RobotModel` to the path ``out`` and
+returns the paths of the files that it wrote.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ def export(kind: str, model: str | Path | RobotModel | Equations, out: str | Pat
     Parameters
     ----------
     kind : str
-        Name of its entry point in the group ``flexgen.exports``; flexgen's own exporters are the functions
-        ``export_...``.
+        Name of its entry point in the group ``flexgen.exports``; flexgen's own exporters are the
+        functions ``export_...``.
     model : name, path, RobotModel or Equations
     out : str or Path
         File or folder to write.
@@ -47,7 +47,8 @@ def export(kind: str, model: str | Path | RobotModel | Equations, out: str | Pat
     known = added_names("exports")
     if kind not in known:
         raise ArgumentError(
-            f"export: given {kind!r}, expected one of {', '.join(known) or 'none: no package adds any'}"
+            f"export: given {kind!r}, expected one of "
+            f"{', '.join(known) or 'none: no package adds any'}"
         )
     robot = robot_of(model)
     found = extension("exports", kind)(robot, Path(out))

@@ -27,7 +27,9 @@ _LAST: dict[tuple[str, ...], Emitted] = {}
 
 @dataclass(frozen=True)
 class StreamOptions:
-    """Options of a stream: period [s] of its updates, intervals of the horizon, samples in each, tolerance."""
+    """Options of a stream: period [s] of its updates, intervals of the horizon, samples in each,
+    tolerance.
+    """
 
     period: float
     intervals: int
@@ -105,7 +107,9 @@ class Emitted:
         default: str = "",
         **more: Any,
     ) -> Exported:
-        """Write the texts of an export to a folder; ``default``: below ``exports``, where none is given."""
+        """Write the texts of an export to a folder; ``default``: below ``exports``, where none is
+        given.
+        """
         folder = folder_of(directory, default or f"{self.name}_{kind}")
         files = write_folder(folder, kind, self.name, texts, force=force)
         return Exported(kind, self.model.name, folder, files, self.model.variant, **more)
@@ -125,8 +129,8 @@ def resolve(model: ModelLike) -> Equations:
     if model.parameters:
         names = ", ".join(parameter.name for parameter in model.parameters)
         raise ArgumentError(
-            f"model: given equations with run-time parameters ({names}), expected numbers; exports have constants: "
-            "give the model, with overrides= where a value differs"
+            f"model: given equations with run-time parameters ({names}), expected numbers; "
+            "exports have constants: give the model, with overrides= where a value differs"
         )
     return model
 
@@ -197,7 +201,7 @@ def refuse_without_streams(model: RobotModel) -> None:
     reason = inversion_reason(model, offered_functions(model))
     if reason is not None:
         raise ArgumentError(
-            f"model {model.name}: given a robot without streams, because {reason}; expected one with as many outputs "
-            "as motors and simplified motor coupling; change the output or the motors of the model file, or export "
-            "only what needs no stream"
+            f"model {model.name}: given a robot without streams, because {reason}; expected one "
+            "with as many outputs as motors and simplified motor coupling; change the output "
+            "or the motors of the model file, or export only what needs no stream"
         )

@@ -36,8 +36,8 @@ class Exported(Result):
     notes : tuple of str
         What a user must know of the files: what was left out, what is still to be set.
     details : mapping
-        Of an FMU: ``block``, ``version`` (of FMI), ``token``, ``binary`` (its platform, or None), ``variables`` and
-        ``seconds``. Of an MJCF file: ``friction``. Of a URDF file: ``overlay``.
+        Of an FMU: ``block``, ``version`` (of FMI), ``token``, ``binary`` (its platform, or None),
+        ``variables`` and ``seconds``. Of an MJCF file: ``friction``. Of a URDF file: ``overlay``.
 
     Examples
     --------
@@ -88,11 +88,14 @@ class Exported(Result):
         def __getattr__(self, name: str) -> Any:
             if name.startswith("_"):
                 raise AttributeError(name)
-            old, new = self.model + f"_{self.variant}" * bool(self.variant), "model"
+            old = self.model + f"_{self.variant}" * bool(self.variant)
+            new = "model"
             if name in self.details:
-                old, new = self.details[name], f"details[{name!r}]"
+                old = self.details[name]
+                new = f"details[{name!r}]"
             elif self.kind == "mujoco" and hasattr(self.path, name):
-                old, new = getattr(self.path, name), f"path.{name}"
+                old = getattr(self.path, name)
+                new = f"path.{name}"
             elif name != "name":
                 raise AttributeError(f"Exported has no attribute {name!r}")
             warn_of_old(
@@ -106,7 +109,8 @@ class Exported(Result):
                     f"the result of export_{self.kind} is not a sequence; its files are .files"
                 )
             warn_of_old(
-                "result of export_urdf: given a pair of paths, expected .files, the URDF file and the overlay"
+                "result of export_urdf: given a pair of paths, expected .files, the URDF file "
+                "and the overlay"
             )
             return self.files[index]
 
@@ -119,7 +123,9 @@ def exported(
 
 
 def left_out(model: RobotModel) -> tuple[str, ...]:
-    """A note that names the parts of a model which a file of its bodies, springs and motors does not have."""
+    """A note that names the parts of a model which a file of its bodies, springs and motors does
+    not have.
+    """
     parts = {"sensor": model.sensors, "servo": model.servo}
     parts["encoder_error"] = any(motor.encoder_error is not None for motor in model.motors)
     names = [name for name, there in parts.items() if there]

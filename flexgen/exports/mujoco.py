@@ -1,16 +1,19 @@
 """The elastic robot as an MJCF file for MuJoCo, with the same accelerations.
 
-Every element of the chain is a body whose joints are the degrees of freedom in their order. A motor behind an elastic
-gear is a body of its own with a hinge, ``rotor.NAME``; its gear is a fixed tendon of length
+Every element of the chain is a body whose joints are the degrees of freedom in their order. A
+motor behind an elastic gear is a body of its own with a hinge, ``rotor.NAME``; its gear is a fixed
+tendon of length
 
     L = f (sum_j (eta^-1)_kj q_mj - q_gk),      force -k L - d L'
 
-with f the factor from the arm side to the side of the spring. A motor behind a rigid gear has no coordinate: its
-inertia is the armature of the joint (of a tendon where it drives several joints). Only an axis that a mechanism moves
-is held by a constraint, which is soft in MuJoCo: else the equations are those of flexgen, not an approximation.
+with f the factor from the arm side to the side of the spring. A motor behind a rigid gear has no
+coordinate: its inertia is the armature of the joint (of a tendon where it drives several joints).
+Only an axis that a mechanism moves is held by a constraint, which is soft in MuJoCo: else the
+equations are those of flexgen, not an approximation.
 
-Sources: MuJoCo documentation, XML reference and chapter Computation; S. Moberg, Modeling and Control of Flexible
-Manipulators, 2010; P. Tomei, IEEE TAC 36(10), 1991, for the coupling of the rotors.
+Sources: MuJoCo documentation, XML reference and chapter Computation; S. Moberg, Modeling and
+Control of Flexible Manipulators, 2010; P. Tomei, IEEE TAC 36(10), 1991, for the coupling of the
+rotors.
 """
 
 from __future__ import annotations
@@ -57,10 +60,19 @@ STEP = 0.1
 STEP_MAX = 1e-3  # s
 
 NOTES = {
-    "viscous": "all friction but viscous is left out: accelerations in MuJoCo differ from those of the model",
-    "dry": "Coulomb friction is a constraint with stick: accelerations in MuJoCo differ from those of the model",
+    "viscous": (
+        "all friction but viscous is left out: accelerations in MuJoCo differ from those of the "
+        "model"
+    ),
+    "dry": (
+        "Coulomb friction is a constraint with stick: accelerations in MuJoCo differ from those "
+        "of the model"
+    ),
 }
-MOVED = "axes that mechanisms move are held by constraints of MuJoCo: accelerations differ by 3e-5, 1e-2 at worst"
+MOVED = (
+    "axes that mechanisms move are held by constraints of MuJoCo: accelerations differ by 3e-5, "
+    "1e-2 at worst"
+)
 _JOINTS = {"rotation": "hinge", "translation": "slide"}
 
 
@@ -68,14 +80,16 @@ _JOINTS = {"rotation": "hinge", "translation": "slide"}
 def export_mujoco(
     model: str | Path | RobotModel, path: str | Path, *, friction: FrictionName = "exact"
 ) -> Exported:
-    """Write a robot as an MJCF file for MuJoCo (3.7 or later for cubic and smooth springs, else 3.3.5).
+    """Write a robot as an MJCF file for MuJoCo (3.7 or later for cubic and smooth springs, else
+    3.3.5).
 
-    Joints have the names of the arm coordinates, ``rotor.NAME`` are the angles of the motors behind elastic gears
-    [rad, motor side], actuators have the names of the motors [N m, motor side], the site ``tool`` is the tool frame,
-    and the key frame ``home`` is the equilibrium at home. The accelerations that ``mj_forward`` computes are those of
-    the function ``forward_dynamics`` of `flexgen.derive` up to rounding. Limits of joints and motors are written down
-    and not active, because flexgen's equations have none. The time step is a tenth of the shortest time constant, for
-    the integrator RK4.
+    Joints have the names of the arm coordinates, ``rotor.NAME`` are the angles of the motors
+    behind elastic gears [rad, motor side], actuators have the names of the motors [N m, motor
+    side], the site ``tool`` is the tool frame, and the key frame ``home`` is the equilibrium at
+    home. The accelerations that ``mj_forward`` computes are those of the function
+    ``forward_dynamics`` of `flexgen.derive` up to rounding. Limits of joints and motors are
+    written down and not active, because flexgen's equations have none. The time step is a tenth of
+    the shortest time constant, for the integrator RK4.
 
     Parameters
     ----------
@@ -84,9 +98,10 @@ def export_mujoco(
     path : str or Path
         A name that ends in ``.xml``.
     friction : str
-        ``"exact"``: Coulomb and Stribeck friction and offsets are refused, because MuJoCo has no smooth law of them.
-        ``"viscous"``: they are left out. ``"dry"``: Coulomb friction becomes MuJoCo's ``frictionloss``, a constraint
-        with stick, and the others are left out; accelerations then differ.
+        ``"exact"``: Coulomb and Stribeck friction and offsets are refused, because MuJoCo has no
+        smooth law of them. ``"viscous"``: they are left out. ``"dry"``: Coulomb friction becomes
+        MuJoCo's ``frictionloss``, a constraint with stick, and the others are left out;
+        accelerations then differ.
 
     Returns
     -------
@@ -95,14 +110,15 @@ def export_mujoco(
     Raises
     ------
     ModelError
-        MuJoCo cannot express a part of the robot exactly: a beam, the dead band of a backlash, a counterbalance,
-        friction (see there), a drag on a body that turns about several directions, complete coupling of a motor with a
-        rigid gear on such a body, a rotor behind rigid gears that turns with joints on several branches, an axis
-        without inertia that only a mechanism over several branches holds, inertias that no real body has, or so small
-        that MuJoCo's least count.
+        MuJoCo cannot express a part of the robot exactly: a beam, the dead band of a backlash, a
+        counterbalance, friction (see there), a drag on a body that turns about several directions,
+        complete coupling of a motor with a rigid gear on such a body, a rotor behind rigid gears
+        that turns with joints on several branches, an axis without inertia that only a mechanism
+        over several branches holds, inertias that no real body has, or so small that MuJoCo's
+        least count.
     ArgumentError
-        There is no such model or friction, the model has hysteresis, lugre, friction that depends on the load or
-        Fourier sums of motor angles, or the file cannot be written.
+        There is no such model or friction, the model has hysteresis, lugre, friction that depends
+        on the load or Fourier sums of motor angles, or the file cannot be written.
 
     Examples
     --------
@@ -118,7 +134,9 @@ def export_mujoco(
     write_text(path, mjcf(robot, friction))
     what = f"{robot.title}, {robot.dof} joints, {robot.n_m} motors"
     notes: tuple[str, ...] = (
-        (NOTES[friction],) if friction in NOTES and robot != with_friction(robot, "viscous") else ()
+        (NOTES[friction],)
+        if friction in NOTES and robot != with_friction(robot, "viscous")
+        else ()
     )
     notes += ((MOVED,) if mechanisms(robot) else ()) + left_out(robot)
     return exported(robot, "mujoco", (path,), (what,), notes=notes, details={"friction": friction})
@@ -134,7 +152,8 @@ class _Writer:
 
     def __init__(self, model: RobotModel, friction: str) -> None:
         check_laws(model, dry=friction == "dry")
-        self.model, self.friction = model, friction
+        self.model = model
+        self.friction = friction
         self.equations = Equations(model)
         self.drives = drives(model)
         self.size = reach(self.equations)
@@ -170,12 +189,15 @@ class _Writer:
             self._home(root, rest)
         return document(root)
 
-    # --- bodies -------------------------------------------------------------------------------------------------------
+    # --- bodies ----------------------------------------------------------------------------------
 
     def _elements(self, world: Element) -> None:
-        """All elements; a MuJoCo body has the frame at ``origin``, moved by the joints of its element."""
+        """All elements; a MuJoCo body has the frame at ``origin``, moved by the joints of its
+        element.
+        """
         model = self.model
-        places, tensors = [], []
+        places = []
+        tensors = []
         tips = {"base": model.base} | {element.name: element.link for element in model.elements}
         for element in model.elements:
             places.append(chain(tips[model.parents[element.name]], element.origin))
@@ -191,13 +213,16 @@ class _Writer:
             holders[element.name] = holder
             for dof in element.dofs:
                 self._joint(holder, dof)
-            position, R = np.array(element.link.position), np.array(element.link.rotation)
+            position = np.array(element.link.position)
+            R = np.array(element.link.rotation)
             center = position + R @ np.array(element.body.com)
             self._inertial(holder, element.body.mass, center, tensor, moving=bool(element.dofs))
             for drive in self.drives:
                 if drive.turning is None and drive.motor.carrier == element.name:
                     self._rotor(holder, drive, center, R @ np.array(drive.motor.axis))
-        payload, tip, holder = model.payload, tips[model.tip], holders[model.tip]
+        payload = model.payload
+        tip = tips[model.tip]
+        holder = holders[model.tip]
         tool = chain(tip, model.tool)
         self._capsule(holder, tool.position)
         if payload.mass > 0.0:
@@ -209,11 +234,16 @@ class _Writer:
         add(holder, "site", name="tool", size=0.03 * self.size, **pose_attributes(tool))
 
     def _joint(self, body: Element, dof: Dof) -> None:
-        """A joint with what acts on it alone: friction, linear spring, and the motors behind rigid gears."""
-        damping, dry, armature = dof.friction.viscous, dof.friction.coulomb, 0.0
+        """A joint with what acts on it alone: friction, linear spring, and the motors behind rigid
+        gears.
+        """
+        damping = dof.friction.viscous
+        dry = dof.friction.coulomb
+        armature = 0.0
         for drive in self.drives:
             if not drive.elastic and list(drive.ratios) == [dof.name] and not drive.turning:
-                ratio, motor = drive.ratios[dof.name], drive.motor
+                ratio = drive.ratios[dof.name]
+                motor = drive.motor
                 armature += motor.inertia * ratio**2
                 damping += motor.friction.viscous * ratio**2
                 dry += motor.friction.coulomb * abs(ratio)
@@ -240,11 +270,14 @@ class _Writer:
         moments, axes = principal(tensor)
         if mass < LEAST or moments.min() < LEAST:
             self.small += 1
-            mass, moments = max(mass, LEAST), moments + LEAST
+            mass = max(mass, LEAST)
+            moments = moments + LEAST
         add(body, "inertial", mass=mass, pos=center, quat=quaternion(axes), diaginertia=moments)
 
     def _carried_inertia(self, name: str) -> np.ndarray:
-        """The inertia across their axes that rotors on an element have in the file and not in the model."""
+        """The inertia across their axes that rotors on an element have in the file and not in the
+        model.
+        """
         out = np.zeros((3, 3))
         for drive in self.drives:
             if drive.turning is None and drive.motor.carrier == name:
@@ -265,13 +298,17 @@ class _Writer:
         add(body, "inertial", mass=LEAST, pos=np.zeros(3), diaginertia=moments)
 
     def _capsule(self, body: Element, end: Sequence[float] | np.ndarray) -> None:
-        """A capsule from the origin of a body to a point, for the eye only: no mass, no contact."""
+        """A capsule from the origin of a body to a point, for the eye only: no mass, no
+        contact.
+        """
         width = 0.02 * self.size
         if np.linalg.norm(end) > width:
             ends = [*np.zeros(3), *end]
-            add(body, "geom", type="capsule", fromto=ends, size=width, contype="0", conaffinity="0")
+            add(
+                body, "geom", type="capsule", fromto=ends, size=width, contype="0", conaffinity="0"
+            )
 
-    # --- the file as a whole ------------------------------------------------------------------------------------------
+    # --- the file as a whole ---------------------------------------------------------------------
 
     def _rest(self) -> Equilibrium | None:
         """The equilibrium at home; None if there is none."""
@@ -305,7 +342,10 @@ class _Writer:
             given = (
                 f"an inertia of {least:.3g} kg m^2 (least eigenvalue of the mass matrix at home)"
             )
-            expected = f"at least {added / SHARE:.3g} kg m^2: MuJoCo's bodies have at least {LEAST:g} kg m^2 each"
+            expected = (
+                f"at least {added / SHARE:.3g} kg m^2: MuJoCo's bodies have at least {LEAST:g} "
+                "kg m^2 each"
+            )
             raise refusal(model, "element", given, expected)
 
 

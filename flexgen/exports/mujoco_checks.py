@@ -20,9 +20,10 @@ FRICTIONS: tuple[FrictionName, ...] = get_args(FrictionName)
 class Drive:
     """A motor in the file.
 
-    ``elastic``: its gear is elastic, so that it has a joint of its own, ``rotor.NAME``. ``ratios``: gear ratio of each
-    joint that it drives. ``turning``: speed of its carrier about its axis as a sum over joints (empty in simplified
-    coupling); None where it depends on the pose, and the rotor is a body on its carrier.
+    ``elastic``: its gear is elastic, so that it has a joint of its own, ``rotor.NAME``.
+    ``ratios``: gear ratio of each joint that it drives. ``turning``: speed of its carrier about
+    its axis as a sum over joints (empty in simplified coupling); None where it depends on the
+    pose, and the rotor is a body on its carrier.
     """
 
     motor: Motor
@@ -67,7 +68,9 @@ def with_friction(model: RobotModel, kind: str) -> RobotModel:
 
 
 def check_laws(model: RobotModel, dry: bool) -> None:
-    """Refuse beams and laws of forces that MuJoCo does not have; ``dry``: Coulomb friction is accepted."""
+    """Refuse beams and laws of forces that MuJoCo does not have; ``dry``: Coulomb friction is
+    accepted.
+    """
     for element in model.elements:
         if element.beam is not None:
             raise refusal(
@@ -88,7 +91,10 @@ def check_laws(model: RobotModel, dry: bool) -> None:
 
 
 def _check_friction(model: RobotModel, key: str, friction: Friction, dry: bool) -> None:
-    other = 'or friction = "viscous" (leaves the others out), or "dry" (Coulomb friction as MuJoCo has it)'
+    other = (
+        'or friction = "viscous" (leaves the others out), or "dry" (Coulomb friction as MuJoCo '
+        "has it)"
+    )
     if type(friction) is not Friction:
         raise refusal(
             model, key, f"the friction law {type(friction).__name__}", f"viscous friction, {other}"
@@ -97,7 +103,9 @@ def _check_friction(model: RobotModel, key: str, friction: Friction, dry: bool) 
         value = getattr(friction, name)
         if value and not dry:
             what = (
-                "a constant torque" if name == "offset" else "which is a function tanh of the speed"
+                "a constant torque"
+                if name == "offset"
+                else "which is a function tanh of the speed"
             )
             raise refusal(
                 model, f"{key}.{name}", f"{value:g}, {what}", f"viscous friction, {other}"
@@ -110,7 +118,8 @@ def drives(model: RobotModel) -> tuple[Drive, ...]:
     Raises
     ------
     ModelError
-        A motor with a rigid gear turns with a body about several directions, or with joints on several branches.
+        A motor with a rigid gear turns with a body about several directions, or with joints on
+        several branches.
     """
     names = [model.coordinates[i].name for i in model.i_g]
     out = []
@@ -119,7 +128,10 @@ def drives(model: RobotModel) -> tuple[Drive, ...]:
         turning = _turning(model, j)
         joints = {**ratios, **(turning or {})}
         if j not in model.i_m and motor.inertia and not on_one_chain(model, joints):
-            given = f"a rotor behind rigid gears that turns with joints on several branches ({', '.join(joints)})"
+            given = (
+                "a rotor behind rigid gears that turns with joints on several branches "
+                f"({', '.join(joints)})"
+            )
             raise refusal(
                 model, f"motor.{motor.name}.drives", given, "elastic gears, or joints on one chain"
             )
@@ -136,7 +148,10 @@ def _turning(model: RobotModel, j: int) -> dict[str, float] | None:
     assert motor.carrier is not None and motor.axis is not None
     spin = common_axis(model, motor.carrier)
     if spin is None:
-        given = f"complete coupling of a motor with a rigid gear on {motor.carrier}, which turns about several directions"
+        given = (
+            f"complete coupling of a motor with a rigid gear on {motor.carrier}, which turns "
+            "about several directions"
+        )
         expected = 'an elastic gear, or motor_coupling = "simplified"'
         raise refusal(model, f"motor.{motor.name}.carrier", given, expected)
     along = float(spin[0] @ np.array(motor.axis))
@@ -144,7 +159,8 @@ def _turning(model: RobotModel, j: int) -> dict[str, float] | None:
 
 
 def common_axis(model: RobotModel, name: str) -> tuple[np.ndarray, dict[str, float]] | None:
-    """The one direction about which an element turns, in its body frame, and the sign of each joint; None if several.
+    """The one direction about which an element turns, in its body frame, and the sign of each
+    joint; None if several.
 
     ``omega = axis sum_k sign_k v_k``: parallel axes stay parallel, wherever the joints are.
     """

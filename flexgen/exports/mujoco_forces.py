@@ -1,6 +1,7 @@
 """Springs, dampers, drives and drags as fixed tendons of an MJCF file, and its actuators.
 
-A fixed tendon is a sum of joint values, ``L = sum_i coef_i q_i``; its spring, damper and inertia act on this sum.
+A fixed tendon is a sum of joint values, ``L = sum_i coef_i q_i``; its spring, damper and inertia
+act on this sum.
 """
 
 from __future__ import annotations
@@ -24,12 +25,15 @@ from flexgen.model.elements import (
 )
 
 # time steps in which a constraint is met; part of a force that it takes at once
-STIFF, CLOSE = 4.0, 0.9999
+STIFF = 4.0
+CLOSE = 0.9999
 FAR = 1e9  # rad or m: a spring whose range begins there acts in one direction only
 
 
 def add_tendons(model: RobotModel, drives: Sequence[Drive], tendons: Element) -> None:
-    """Add the gears, the nonlinear springs, the drives of several joints, the mechanisms, and the drags."""
+    """Add the gears, the nonlinear springs, the drives of several joints, the mechanisms, and the
+    drags.
+    """
     _gears(model, tendons)
     for coordinate in model.coordinates:
         dof = coordinate.dof
@@ -71,7 +75,9 @@ def add_actuators(drives: Sequence[Drive], actuators: Element) -> None:
 
 
 def _gears(model: RobotModel, tendons: Element) -> None:
-    """Elastic gears: deflection ``f (eta^-1 q_m - q_g)``, f from the arm side to the side of the spring."""
+    """Elastic gears: deflection ``f (eta^-1 q_m - q_g)``, f from the arm side to the side of the
+    spring.
+    """
     inverse = np.linalg.inv(model.eta)
     for k, (i, (gear, factor)) in enumerate(zip(model.i_g, gears(model), strict=True)):
         if gear.spring is not None:
@@ -88,8 +94,8 @@ def _spring(
 ) -> None:
     """A spring as a sum of tendons: one for small deflections, and what changes beyond the break.
 
-    Beyond the break at b, with e = |d| - b: a piecewise spring adds (high - low) e, a smooth one -(high - low)
-    (e^2/b + e^3/(3 b^2)) to the cubic polynomial that holds up to b.
+    Beyond the break at b, with e = |d| - b: a piecewise spring adds (high - low) e, a smooth one
+    -(high - low) (e^2/b + e^3/(3 b^2)) to the cubic polynomial that holds up to b.
     """
     if isinstance(spring, LinearSpring):
         _tendon(tendons, name, ends, [spring.stiffness], damping=damping)
@@ -97,32 +103,42 @@ def _spring(
         _tendon(tendons, name, ends, [spring.stiffness, 0.0, spring.cubic], damping=damping)
     else:
         assert not isinstance(spring, BacklashSpring)  # refused by check_laws
-        low, step, b = spring.low, spring.high - spring.low, spring.break_at
+        low = spring.low
+        step = spring.high - spring.low
+        b = spring.break_at
         smooth = isinstance(spring, SmoothSpring)
         near = [low, 0.0, step / (3 * b**2)] if smooth else [low]
         beyond = [0.0, -step / b, -step / (3 * b**2)] if smooth else [step]
         _tendon(tendons, name, ends, near, damping=damping)
         _tendon(tendons, f"{name}.above", ends, beyond, upper=b)
-        _tendon(tendons, f"{name}.below", {joint: -x for joint, x in ends.items()}, beyond, upper=b)
+        _tendon(
+            tendons, f"{name}.below", {joint: -x for joint, x in ends.items()}, beyond, upper=b
+        )
 
 
 def _rigid_drive(tendons: Element, drive: Drive) -> None:
     """A motor behind rigid gears that drives several joints, or turns with its carrier."""
-    motor, ratios, turning = drive.motor, drive.ratios, drive.turning or {}
+    motor = drive.motor
+    ratios = drive.ratios
+    turning = drive.turning or {}
     if len(ratios) > 1 or turning:
         made = _tendon(
             tendons, f"drive.{motor.name}", ratios, [0.0], damping=motor.friction.viscous
         )
         if motor.friction.coulomb:
             made.set("frictionloss", numbers(motor.friction.coulomb))
-        speed = {key: ratios.get(key, 0.0) + turning.get(key, 0.0) for key in {**ratios, **turning}}
+        speed = {
+            key: ratios.get(key, 0.0) + turning.get(key, 0.0) for key in {**ratios, **turning}
+        }
         _tendon(tendons, f"rotor.{motor.name}", speed, [0.0]).set(
             "armature", numbers(motor.inertia)
         )
 
 
 def _mechanisms(model: RobotModel, tendons: Element) -> None:
-    """Tendons that keep their length; without armature MuJoCo divides by zero where two axes turn a body alike."""
+    """Tendons that keep their length; without armature MuJoCo divides by zero where two axes turn
+    a body alike.
+    """
     armatures, loose = held_axes(model)
     if loose:
         raise refusal(
@@ -132,7 +148,9 @@ def _mechanisms(model: RobotModel, tendons: Element) -> None:
             "one with inertia",
         )
     for name, ends in lengths_of_mechanisms(model).items():
-        _tendon(tendons, f"mechanism.{name}", ends, [0.0]).set("armature", numbers(armatures[name]))
+        _tendon(tendons, f"mechanism.{name}", ends, [0.0]).set(
+            "armature", numbers(armatures[name])
+        )
 
 
 def _drags(model: RobotModel, tendons: Element) -> None:
@@ -159,7 +177,9 @@ def _tendon(
     damping: float = 0.0,
     upper: float | None = None,
 ) -> Element:
-    """A fixed tendon with a spring; ``upper``: the spring acts on what exceeds this length only."""
+    """A fixed tendon with a spring; ``upper``: the spring acts on what exceeds this length
+    only.
+    """
     rest = 0.0 if upper is None else [-FAR, upper]
     tendon = add(tendons, "fixed", name=name, stiffness=stiffness, springlength=rest)
     if damping:

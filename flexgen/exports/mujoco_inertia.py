@@ -1,14 +1,15 @@
 """Inertias that MuJoCo accepts, with the same dynamics.
 
-MuJoCo takes the inertia tensor of a real distribution of mass only: no principal moment exceeds the sum of the other
-two. Tensors of regrouped parameters, and rotors of which only the axial inertia is known, are none. A revolute joint
-turns both its bodies alike about every direction across its axis a: with any number c,
+MuJoCo takes the inertia tensor of a real distribution of mass only: no principal moment exceeds
+the sum of the other two. Tensors of regrouped parameters, and rotors of which only the axial
+inertia is known, are none. A revolute joint turns both its bodies alike about every direction
+across its axis a: with any number c,
 
     I_child + c (1 - a a'),    I_parent - c (1 - a a')
 
-have the same kinetic energy (regrouping of W. Khalil and E. Dombre, Modeling, Identification and Control of Robots,
-2002, ch. 9). A joint that does not rotate leaves ``I_child + c 1``, ``I_parent - c 1`` free. What reaches the base
-has no effect.
+have the same kinetic energy (regrouping of W. Khalil and E. Dombre, Modeling, Identification and
+Control of Robots, 2002, ch. 9). A joint that does not rotate leaves ``I_child + c 1``,
+``I_parent - c 1`` free. What reaches the base has no effect.
 """
 
 from __future__ import annotations
@@ -23,13 +24,17 @@ PARALLEL = 1e-12  # sine of the angle between axes that are parallel
 
 
 def missing(inertia: np.ndarray) -> float:
-    """By how much the largest principal moment exceeds the sum of the others, or a moment is negative; <= 0: valid."""
+    """By how much the largest principal moment exceeds the sum of the others, or a moment is
+    negative; <= 0: valid.
+    """
     low, middle, high = np.linalg.eigvalsh(inertia)
     return float(max(high - low - middle, -low))
 
 
 def free_directions(axes: list[np.ndarray]) -> np.ndarray | None:
-    """The tensor that can be moved across the joints of a body, ``1 - a a'`` or 1; None if there is none."""
+    """The tensor that can be moved across the joints of a body, ``1 - a a'`` or 1; None if there
+    is none.
+    """
     if not axes:
         return np.eye(3)
     first = axes[0]
@@ -47,9 +52,11 @@ def regroup(
     ----------
     model : RobotModel
     inertias : list of arrays (3, 3) [kg m^2]
-        Of the bodies of the elements about their centers of mass, in the axes of their MuJoCo bodies.
+        Of the bodies of the elements about their centers of mass, in the axes of their MuJoCo
+        bodies.
     turns : list of arrays (3, 3)
-        Rotation from the MuJoCo body of each element to that of its parent, with the joints at zero.
+        Rotation from the MuJoCo body of each element to that of its parent, with the joints at
+        zero.
 
     Raises
     ------
@@ -74,8 +81,10 @@ def regroup(
                 model.file,
                 0,
                 f"element.{names[k]}.body.inertia",
-                f"principal moments {moments} (with the share of the rotors and of the bodies behind)",
-                "for MuJoCo no principal moment larger than the sum of the other two: the full inertia tensor",
+                f"principal moments {moments} (with the share of the rotors and of the bodies "
+                "behind)",
+                "for MuJoCo no principal moment larger than the sum of the other two: the full "
+                "inertia tensor",
             )
         out[k] = out[k] + amount * free
         if (parent := model.parents[names[k]]) != "base":
@@ -84,7 +93,9 @@ def regroup(
 
 
 def _find_least(inertia: np.ndarray, free: np.ndarray) -> float | None:
-    """The least c with a valid tensor ``inertia + c free``, a little enlarged; None if there is none."""
+    """The least c with a valid tensor ``inertia + c free``, a little enlarged; None if there is
+    none.
+    """
     scale = float(np.abs(inertia).max())
     high = scale
     while missing(inertia + high * free) > 0.0:
@@ -101,13 +112,15 @@ def _find_least(inertia: np.ndarray, free: np.ndarray) -> float | None:
 def principal(inertia: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Principal moments (3,) and axes (columns of a rotation matrix).
 
-    MuJoCo takes principal axes that are tilted by less than about 1e-6 rad for those of the body and drops the tilt.
-    Such axes are returned in another order: a permutation is far from the identity.
+    MuJoCo takes principal axes that are tilted by less than about 1e-6 rad for those of the body
+    and drops the tilt. Such axes are returned in another order: a permutation is far from the
+    identity.
     """
     if not np.any(inertia - np.diag(np.diag(inertia))):
         return np.diag(inertia).copy(), np.eye(3)
     moments, axes = np.linalg.eigh(inertia)
     axes = axes * np.linalg.det(axes)
     if np.abs(axes - np.eye(3)).max() < 0.1:
-        moments, axes = moments[[1, 2, 0]], axes[:, [1, 2, 0]]
+        moments = moments[[1, 2, 0]]
+        axes = axes[:, [1, 2, 0]]
     return moments, axes

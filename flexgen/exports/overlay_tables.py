@@ -24,7 +24,8 @@ def beam_or_drag(model: RobotModel) -> None:
             ("body.rotational_drag", element.body.rotational_drag),
         ):
             if there:
-                given, expected = f"a {key.rpartition('.')[2]}", "for URDF an element without it"
+                given = f"a {key.rpartition('.')[2]}"
+                expected = "for URDF an element without it"
                 raise ModelError(model.file, 0, f"element.{element.name}.{key}", given, expected)
     if model.payload.rotational_drag:
         raise ModelError(
@@ -43,7 +44,9 @@ def output_table(model: RobotModel) -> dict[str, Any]:
 
 
 def sensor_table(sensor: Sensor, shifts: Mapping[str, np.ndarray]) -> dict[str, Any]:
-    """A sensor; ``shifts``: position of the body frame of each element in the frame of its link."""
+    """A sensor; ``shifts``: position of the body frame of each element in the frame of its
+    link.
+    """
     position = np.array(sensor.position) + (
         shifts.get(sensor.place, np.zeros(3)) if sensor.place != TOOL else 0.0
     )

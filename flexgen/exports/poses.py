@@ -39,12 +39,15 @@ def rotation_about(axis: np.ndarray, angle: float) -> np.ndarray:
 
 
 def roll_pitch_yaw(R: np.ndarray) -> np.ndarray:
-    """Angles with ``R = Rz(yaw) Ry(pitch) Rx(roll)`` [rad]; at a pitch of 90 degrees with an arbitrary yaw.
+    """Angles with ``R = Rz(yaw) Ry(pitch) Rx(roll)`` [rad]; at a pitch of 90 degrees with an
+    arbitrary yaw.
 
-    The yaw is taken out first, so that roll and pitch are exact however small the cosine of the pitch is.
+    The yaw is taken out first, so that roll and pitch are exact however small the cosine of the
+    pitch is.
     """
     cosine = math.hypot(R[0, 0], R[1, 0])
     yaw = math.atan2(R[1, 0], R[0, 0]) if cosine > 0.0 else 0.0
-    c, s = math.cos(yaw), math.sin(yaw)
+    c = math.cos(yaw)
+    s = math.sin(yaw)
     rest = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) @ R  # Ry(pitch) Rx(roll)
     return np.array([math.atan2(-rest[1, 2], rest[1, 1]), math.atan2(-R[2, 0], rest[0, 0]), yaw])

@@ -1,13 +1,14 @@
-"""The robot as a URDF file, the rigid part, and an overlay of flexgen with all that URDF cannot contain.
+"""The robot as a URDF file, the rigid part, and an overlay of flexgen with all that URDF cannot
+contain.
 
-An element of the chain is a link. Its frame is at the joints of the element, with the axes of the body frame: the
-rotation of the placement ``link`` is moved in front of the joints,
+An element of the chain is a link. Its frame is at the joints of the element, with the axes of the
+body frame: the rotation of the placement ``link`` is moved in front of the joints,
 
     R(a, q) R_link = R_link R(R_link' a, q),
 
-so that axes of bodies, rotors and sensors keep their directions. One degree of freedom of an element is a joint of the
-URDF file (the actuated one, if there is one); the others are additional degrees of freedom in the overlay and are rigid
-in the URDF file.
+so that axes of bodies, rotors and sensors keep their directions. One degree of freedom of an
+element is a joint of the URDF file (the actuated one, if there is one); the others are additional
+degrees of freedom in the overlay and are rigid in the URDF file.
 """
 
 from __future__ import annotations
@@ -52,9 +53,10 @@ _WRITTEN_BY = ", written by flexgen "  # in the first line of an overlay
 class Step:
     """A link of the URDF file and the joint in front of it.
 
-    ``dof``: the joint (its axis in the axes of the link), None for a fixed one; ``before``, ``after``: degrees of
-    freedom that are in the overlay only; ``position``, ``rotation``: pose of the joint in the link before;
-    ``body``: in the frame of the link. ``mimic``: of a joint that follows another one.
+    ``dof``: the joint (its axis in the axes of the link), None for a fixed one; ``before``,
+    ``after``: degrees of freedom that are in the overlay only; ``position``, ``rotation``: pose of
+    the joint in the link before; ``body``: in the frame of the link. ``mimic``: of a joint that
+    follows another one.
     """
 
     link: str
@@ -89,13 +91,14 @@ class UrdfMimic:
 def export_urdf(model: str | Path | RobotModel, path: str | Path) -> Exported:
     """Write a robot as a URDF file and an overlay next to it.
 
-    The URDF file is the rigid robot, for other programs: links, joints, inertias, limits, frictions. Elastic degrees of
-    freedom of elements with a motor joint are rigid in it; those of other elements are joints. The overlay, with the
-    ending ``.toml``, adds gears, motors, springs, moves, sensors, temperature, servo and uncertainty: `flexgen.read` of
-    the overlay gives the same equations. An axis that a mechanism moves by one joint has `<mimic>`; one that follows
-    several joints, or an elastic one that is rigid, is free in the URDF file. Joints of the URDF file have the names of
-    the coordinates, links those of the elements. The files that the robot was read from are never replaced, nor is an
-    overlay that flexgen did not write.
+    The URDF file is the rigid robot, for other programs: links, joints, inertias, limits,
+    frictions. Elastic degrees of freedom of elements with a motor joint are rigid in it; those of
+    other elements are joints. The overlay, with the ending ``.toml``, adds gears, motors, springs,
+    moves, sensors, temperature, servo and uncertainty: `flexgen.read` of the overlay gives the
+    same equations. An axis that a mechanism moves by one joint has `<mimic>`; one that follows
+    several joints, or an elastic one that is rigid, is free in the URDF file. Joints of the URDF
+    file have the names of the coordinates, links those of the elements. The files that the robot
+    was read from are never replaced, nor is an overlay that flexgen did not write.
 
     Parameters
     ----------
@@ -112,10 +115,12 @@ def export_urdf(model: str | Path | RobotModel, path: str | Path) -> Exported:
     Raises
     ------
     ModelError
-        An overlay cannot contain a part of the robot: a beam, a drag on a body, a sensor or motor on an element that
-        does not move relative to the one before, a coordinate that moves no mass.
+        An overlay cannot contain a part of the robot: a beam, a drag on a body, a sensor or motor
+        on an element that does not move relative to the one before, a coordinate that moves no
+        mass.
     ArgumentError
-        There is no such model, its moves were changed in Python, or a file cannot be written or must not be replaced.
+        There is no such model, its moves were changed in Python, or a file cannot be written or
+        must not be replaced.
 
     Examples
     --------
@@ -141,7 +146,9 @@ def export_urdf(model: str | Path | RobotModel, path: str | Path) -> Exported:
                 again = read(folder / overlay.name)
             except ModelError as error:
                 file = str(path.with_name(Path(error.file).name))
-                raise ModelError(file, error.line, error.key, error.given, error.expected) from None
+                raise ModelError(
+                    file, error.line, error.key, error.given, error.expected
+                ) from None
             _check_moves(robot, again)
     except OSError as error:
         raise unwritable(path, error) from error
@@ -160,7 +167,8 @@ def _check_targets(model: RobotModel, path: Path, overlay: Path) -> None:
             raise ArgumentError(f"{given}, which is a directory; choose another name")
         if any(target.exists() and target.samefile(source) for source in sources):
             raise ArgumentError(
-                f"{given}, from which the robot was read; expected another name or folder, as this file would be lost"
+                f"{given}, from which the robot was read; expected another name or folder, as "
+                "this file would be lost"
             )
         folder = Path(os.path.realpath(target)).parent
         if folder.is_dir() and not os.access(folder, os.W_OK | os.X_OK):
@@ -169,8 +177,8 @@ def _check_targets(model: RobotModel, path: Path, overlay: Path) -> None:
             )
     if os.path.lexists(overlay) and not _is_ours(overlay):
         raise ArgumentError(
-            f"path: given {str(path)!r}, whose overlay would replace {str(overlay)!r}, a file that flexgen did not "
-            "write; choose another name, or move that file away"
+            f"path: given {str(path)!r}, whose overlay would replace {str(overlay)!r}, a file "
+            "that flexgen did not write; choose another name, or move that file away"
         )
 
 
@@ -184,7 +192,7 @@ def _is_ours(overlay: Path) -> bool:
     return line.startswith(b"#") and _WRITTEN_BY.encode() in line
 
 
-# --- the chain --------------------------------------------------------------------------------------------------------
+# --- the chain -----------------------------------------------------------------------------------
 
 
 def _steps(model: RobotModel) -> list[Step]:
@@ -222,7 +230,9 @@ def _steps(model: RobotModel) -> list[Step]:
                 if last
                 else Body()
             )
-            joint = dof.name if dof is not None else _new_name(f"{element.name}_mount", coordinates)
+            joint = (
+                dof.name if dof is not None else _new_name(f"{element.name}_mount", coordinates)
+            )
             coordinates.add(joint)
             before, own, after = (
                 tuple(
@@ -244,17 +254,22 @@ def _steps(model: RobotModel) -> list[Step]:
                     parent,
                 )
             )
-            parent, position, rotation = link, np.zeros(3), np.eye(3)
+            parent = link
+            position = np.zeros(3)
+            rotation = np.eye(3)
         ends[element.name] = parent, shift
     parent, shift = ends[model.tip]
     if shift.any():
-        joint, link = _new_name("tip_mount", coordinates), _new_name("tip", names)
+        joint = _new_name("tip_mount", coordinates)
+        link = _new_name("tip", names)
         out.append(Step(link, joint, None, (), (), shift, np.eye(3), Body(), parent))
     return out
 
 
 def _groups(element: Element) -> list[tuple[tuple[Dof, ...], Dof | None, tuple[Dof, ...]]]:
-    """Degrees of freedom in groups with one joint of the URDF file each: (before, joint, after)."""
+    """Degrees of freedom in groups with one joint of the URDF file each: (before, joint,
+    after).
+    """
     if not element.dofs:
         return [((), None, ())]
     moved = [k for k, dof in enumerate(element.dofs) if dof.actuated or dof.mimic] or [0]
@@ -291,7 +306,8 @@ def _follow_joint(model: RobotModel, step: Step, dof: Dof) -> Step:
     source = UrdfJoint(dof.name) if source is None else source
     lower, upper, speed = _range_of_follower(leader, factor, source.offset)
     if lower is not None and upper is not None and source.lower is not None:
-        lower, upper = source.lower, source.upper
+        lower = source.lower
+        upper = source.upper
     mimic = UrdfMimic(
         name, factor, source.offset, lower, upper, source.speed_max or speed, source.effort
     )
@@ -322,13 +338,15 @@ def _range_of_follower(
 
 def _new_name(stem: str, taken: Iterable[str]) -> str:
     """An identifier that is not taken."""
-    name, k = stem[:27].rstrip("_").replace("__", "_"), 2
+    name = stem[:27].rstrip("_").replace("__", "_")
+    k = 2
     while name in taken or name == "base" or identifier_problem(name):
-        name, k = f"{stem[:24].rstrip('_')}{k}", k + 1
+        name = f"{stem[:24].rstrip('_')}{k}"
+        k = k + 1
     return name
 
 
-# --- the URDF file ----------------------------------------------------------------------------------------------------
+# --- the URDF file -------------------------------------------------------------------------------
 
 
 def urdf_text(model: RobotModel, steps: list[Step]) -> str:
@@ -378,9 +396,11 @@ def _joint(
     if dof is None:
         return
     add(joint, "axis", xyz=dof.axis)
-    effort, velocity = efforts.get(dof.name, UNLIMITED), dof.speed_max or UNLIMITED
+    effort = efforts.get(dof.name, UNLIMITED)
+    velocity = dof.speed_max or UNLIMITED
     if mimic is not None:
-        effort, velocity = mimic.effort or UNLIMITED, mimic.speed_max or UNLIMITED
+        effort = mimic.effort or UNLIMITED
+        velocity = mimic.speed_max or UNLIMITED
     limit = add(joint, "limit", effort=effort, velocity=velocity)
     if kind != "continuous":
         for side, value, none in zip(
@@ -407,7 +427,7 @@ def _ground(steps: list[Step]) -> str:
     return _new_name("base_link", {step.link for step in steps})
 
 
-# --- the overlay ------------------------------------------------------------------------------------------------------
+# --- the overlay ---------------------------------------------------------------------------------
 
 
 def overlay_text(model: RobotModel, steps: list[Step], file: str, folder: Path) -> str:
@@ -485,7 +505,10 @@ def overlay_text(model: RobotModel, steps: list[Step], file: str, folder: Path) 
         for table in tables:
             place = table.get("carrier", table.get("element"))
             if place in fixed:
-                given = f"{table['name']} on {place}, which does not move relative to the element before"
+                given = (
+                    f"{table['name']} on {place}, which does not move relative to the element "
+                    "before"
+                )
                 raise ModelError(
                     model.file, 0, f"{kind}.{table['name']}", given, "for URDF a moving element"
                 )
@@ -503,7 +526,9 @@ def _reduced(body: Body) -> bool:
 
 
 def _tasks(model: RobotModel, folder: Path) -> dict[str, list[dict[str, Any]]]:
-    """Moves and programs as they stand in the model file; files of samples relative to a folder."""
+    """Moves and programs as they stand in the model file; files of samples relative to a
+    folder.
+    """
     data = json.loads(model.text) if model.text else {}
     out: dict[str, list[dict[str, Any]]] = {key: data.get(key, []) for key in ("move", "program")}
     files = {move.name: move.file for move in model.moves if move.file}
@@ -520,8 +545,8 @@ def _check_moves(model: RobotModel, again: RobotModel) -> None:
     )
     if ours != theirs:
         raise ArgumentError(
-            f"model {model.name}: given moves that are not those of its file, expected the model as flexgen.read "
-            "returns it"
+            f"model {model.name}: given moves that are not those of its file, expected the "
+            "model as flexgen.read returns it"
         )
 
 

@@ -1,7 +1,9 @@
-"""The C text of steps on columns of intermediate arrays: expressions for each of them, sums along them, products.
+"""The C text of steps on columns of intermediate arrays: expressions for each of them, sums along
+them, products.
 
-Arrays are stored by rows. For one point, lanes hold columns; for lanes of points, each column is done for itself. The
-operations are the same, and so are the bits. Rows end in zeros that fill a vector.
+Arrays are stored by rows. For one point, lanes hold columns; for lanes of points, each column is
+done for itself. The operations are the same, and so are the bits. Rows end in zeros that fill a
+vector.
 """
 
 from __future__ import annotations
@@ -26,10 +28,14 @@ Literal = Callable[[float], str]
 def columns_text(
     name: str, step: Columns, layout: Layout, literal: Literal
 ) -> tuple[str, int, int]:
-    """The C function of `Columns`; operations for a column, and the latency of their longest chain."""
+    """The C function of `Columns`; operations for a column, and the latency of their longest
+    chain.
+    """
     graph = simplify_graph(read_graph(step.function))
-    inputs, outputs = step.function.name_in(), step.function.name_out()
-    lines, tables = [], []
+    inputs = step.function.name_in()
+    outputs = step.function.name_out()
+    lines = []
+    tables = []
     for array in inputs:
         if array in step.tables:
             tables += _table(
@@ -43,11 +49,13 @@ def columns_text(
         return f"-t{r >> 1}" if r & 1 else f"t{r >> 1}"
 
     for node in choose_order(graph, (r >> 1 for _, _, r in graph.outputs), set()):
-        kind, operands = graph.kind[node], graph.operands[node]
+        kind = graph.kind[node]
+        operands = graph.operands[node]
         if kind == "constant":
             continue
         if kind == "input":
-            array, row = inputs[operands[0]], operands[1]
+            array = inputs[operands[0]]
+            row = operands[1]
             if array in step.tables:
                 text = f"ROW_TABLE({array}, {row * column_stride(step.n, layout.precision)}, k)"
             else:
@@ -143,7 +151,8 @@ def sums_text(name: str, step: Sums, layout: Layout, literal: Literal) -> str:
 
 def selected_text(name: str, step: Selected, layout: Layout) -> str:
     """The C function of `Selected`."""
-    source, target = layout.at(step.source, 0), layout.at(step.target, 0)
+    source = layout.at(step.source, 0)
+    target = layout.at(step.target, 0)
     lines = [
         f"static const unsigned char at[{len(step.at)}] = {{{', '.join(map(str, step.at))}}};",
         "int j, k;",
@@ -163,7 +172,10 @@ def zeros_text(name: str, step: Zeros, layout: Layout) -> str:
         "int i, k;",
         f"for (i = 0; i < {step.rows}; ++i) {{",
         f"    for (k = 0; k < ROW_COUNT({step.columns}); ++k) {{",
-        f"        ROWS(w + {layout.places[step.array]} + i * {layout.strides[step.array]})[k] = ROW_OF(0);",
+        (
+            f"        ROWS(w + {layout.places[step.array]} + i * "
+            f"{layout.strides[step.array]})[k] = ROW_OF(0);"
+        ),
         "    }",
         "}",
     ]
@@ -171,7 +183,8 @@ def zeros_text(name: str, step: Zeros, layout: Layout) -> str:
 
 
 def fill_text(name: str, layout: Layout) -> str:
-    """The C function that ends rows in zeros, up to whole vectors: of all arrays that are not written by vectors.
+    """The C function that ends rows in zeros, up to whole vectors: of all arrays that are not
+    written by vectors.
 
     It comes first: what it writes before the end of a row is overwritten.
     """
@@ -179,21 +192,27 @@ def fill_text(name: str, layout: Layout) -> str:
     for array, (rows, columns) in layout.filled.items():
         lines += [
             f"for (i = 0; i < {rows} && ROW_LANES > 1; ++i) {{",
-            f"    ROWS(w + {layout.at(array, 0)} + i * {layout.strides[array]})[ROW_COUNT({columns}) - 1] = ROW_OF(0);",
+            (
+                f"    ROWS(w + {layout.at(array, 0)} + i * "
+                f"{layout.strides[array]})[ROW_COUNT({columns}) - 1] = ROW_OF(0);"
+            ),
             "}",
         ]
     return loop_function(name, (), ["int i;", *lines], "void")
 
 
 def products_text(name: str, step: Products, layout: Layout, outputs: Mapping[str, int]) -> str:
-    """The C function of `Products`: lines, which are columns of a port or rows of an array, vector by vector.
+    """The C function of `Products`: lines, which are columns of a port or rows of an array, vector
+    by vector.
 
-    Vectors at the same place of the lines share registers; the last place is computed first, as for one point
-    the memory after the end of a line is the begin of the next one. The last vector of a port's last line is copied.
-    A vector with entries of both triangles is computed for both. Of a symmetric matrix in an array one triangle is
-    enough, and for lanes of points it is computed once.
+    Vectors at the same place of the lines share registers; the last place is computed first, as
+    for one point the memory after the end of a line is the begin of the next one. The last vector
+    of a port's last line is copied. A vector with entries of both triangles is computed for both.
+    Of a symmetric matrix in an array one triangle is enough, and for lanes of points it is
+    computed once.
     """
-    port, n = step.target in outputs, step.n
+    port = step.target in outputs
+    n = step.n
     if port and step.first:
         raise ValueError(
             f"products into {step.target}: given column {step.first}, expected 0 for an output"
@@ -214,9 +233,13 @@ def products_text(name: str, step: Products, layout: Layout, outputs: Mapping[st
         ]
 
     if port:
-        at, put = f"ROW_ENTRY({step.target}, i * {n} + k * ROW_LANES)", "ROW_OUT(at, sum)"
+        at = f"ROW_ENTRY({step.target}, i * {n} + k * ROW_LANES)"
+        put = "ROW_OUT(at, sum)"
     else:
-        put = f"ROWS(w + {layout.at(step.target, 0) + step.first} + i * {layout.strides[step.target]})[k] = sum"
+        put = (
+            f"ROWS(w + {layout.at(step.target, 0) + step.first} + i * "
+            f"{layout.strides[step.target]})[k] = sum"
+        )
     once = ["#if !ONE_POINT", f"        OUT({step.target}, k * {n} + i, sum);", "#endif"]
     lines = [
         "ROW check = ROW_OF(0);",
@@ -238,7 +261,10 @@ def products_text(name: str, step: Products, layout: Layout, outputs: Mapping[st
             "#endif",
         ]
     else:
-        mixed = f"before_v(i - k * ROW_LANES + {ahead}, {_total(left, 'left', layout)}, {_total(right, 'right', layout)})"
+        mixed = (
+            f"before_v(i - k * ROW_LANES + {ahead}, {_total(left, 'left', layout)}, "
+            f"{_total(right, 'right', layout)})"
+        )
         lines += [
             *each(
                 "0",
@@ -274,7 +300,9 @@ def _vectors(pair: tuple[Rows, Rows], side: str, layout: Layout) -> list[str]:
 
 
 def _total(pair: tuple[Rows, Rows], side: str, layout: Layout) -> str:
-    """Numbers of the second rows times these vectors, added in pairs, so that few of them depend on each other."""
+    """Numbers of the second rows times these vectors, added in pairs, so that few of them depend
+    on each other.
+    """
     rows = range(pair[0].count)
     terms = [f"w[{layout.at(pair[1].array, pair[1].first + k)} + i] * {side}{k}" for k in rows]
     while len(terms) > 1:

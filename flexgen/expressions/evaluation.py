@@ -52,7 +52,8 @@ def evaluate_routine(program: Routine, inputs: Mapping[str, np.ndarray]) -> dict
                     for name in names
                 }
                 columns = [
-                    step.function.call([given[name][:, k] for name in names]) for k in range(step.n)
+                    step.function.call([given[name][:, k] for name in names])
+                    for k in range(step.n)
                 ]
                 for i, name in enumerate(step.function.name_out()):
                     known[name] = np.hstack([column[i].full() for column in columns])

@@ -1,9 +1,11 @@
-"""The mathematics of one function as C: one local per operation, set once, for one point or for lanes of points.
+"""The mathematics of one function as C: one local per operation, set once, for one point or for
+lanes of points.
 
-The text is included twice, see `flexgen.codegen.emit`: with ``T`` a real for one point, and with ``T`` a vector of
-reals, one per point. ``IN``, ``OUT`` and ``P`` reach an entry of an input, an output and the parameters; ``F(name)`` is
-the kernel's function for T. Sines and cosines are computed first, all angles at once. Long functions are split into
-chunks, as compile time and memory grow faster than length; values that outlive a chunk pass through the workspace.
+The text is included twice, see `flexgen.codegen.emit`: with ``T`` a real for one point, and with
+``T`` a vector of reals, one per point. ``IN``, ``OUT`` and ``P`` reach an entry of an input, an
+output and the parameters; ``F(name)`` is the kernel's function for T. Sines and cosines are
+computed first, all angles at once. Long functions are split into chunks, as compile time and
+memory grow faster than length; values that outlive a chunk pass through the workspace.
 """
 
 from __future__ import annotations
@@ -25,8 +27,8 @@ from flexgen.expressions.schedule import choose_order, order_by_depth
 from flexgen.expressions.simplify import simplify_graph
 from flexgen.expressions.step_text import step_text
 
-# operations per C function: a compiler keeps values in registers, and is quick, where functions are
-# short
+# operations per C function: a compiler keeps values in registers, and is quick, where functions
+# are short
 CHUNK = 500
 MARGIN = 500  # a function that is longer than a chunk by less than this stays in one piece
 
@@ -43,13 +45,14 @@ class FunctionText:
     Parameters
     ----------
     text : str
-        Definitions, to be included once per ``T``; ``F(<prefix>evaluate)`` is the last. It takes all inputs, all
-        outputs, the stride of a batch and, where ``work`` > 0, the workspace, and returns zero where everything is
-        finite, else NaN.
+        Definitions, to be included once per ``T``; ``F(<prefix>evaluate)`` is the last. It takes
+        all inputs, all outputs, the stride of a batch and, where ``work`` > 0, the workspace, and
+        returns zero where everything is finite, else NaN.
     work : int
         Entries of workspace, of type T.
     operations, depth : int
-        Arithmetic operations per evaluation, and the latency of the longest chain of them in cycles, about.
+        Arithmetic operations per evaluation, and the latency of the longest chain of them in
+        cycles, about.
     calls : int
         Those of the operations that are calls of a function, such as a sine.
     stack : int
@@ -66,7 +69,9 @@ class FunctionText:
 
 @dataclass
 class _Piece:
-    """A C function: its lines, the ports it uses, whether it uses the workspace, how many locals it has."""
+    """A C function: its lines, the ports it uses, whether it uses the workspace, how many locals
+    it has.
+    """
 
     lines: list[str] = field(default_factory=list)
     ports: set[str] = field(default_factory=set)
@@ -109,7 +114,11 @@ def function_text(
     layout = layout_of(program, outputs, precision)
     texts: list[str] = []
     calls: list[str] = []
-    work, stack, operations, depth, called = layout.size, 0, 0, 0, 0
+    work = layout.size
+    stack = 0
+    operations = 0
+    depth = 0
+    called = 0
     # entries of inputs that show in a result where they are not finite
     seen: set[tuple[str, int]] = set()
     whole = False  # one function computes everything
@@ -127,7 +136,8 @@ def function_text(
                 "zero += " * loop.checks
                 + _call(f"{prefix}step_{k + 1}", loop.ports, workspace=True)
             )
-            operations, depth = operations + loop.operations, depth + loop.depth
+            operations = operations + loop.operations
+            depth = depth + loop.depth
             continue
         graph = simplify_graph(read_graph(step.function))
         if step.pivots:
@@ -159,12 +169,16 @@ def function_text(
             texts.append("SEPARATE " + _function(name, piece, *kinds, common))
             calls.append("zero += " + _call(name, ports, piece.workspace, common))
         work = max(work, writer.start + writer.spilled + (WHOLE if layout.size > 0 else 0))
-        operations, called = operations + graph.operations(), called + graph.calls()
+        operations = operations + graph.operations()
+        called = called + graph.calls()
         depth += max((graph.depth[r >> 1] for _, _, r in graph.outputs), default=0)
     if not whole:
         zero = literal(0.0, precision)
         unread = [
-            (port, e) for port, size in inputs.items() for e in range(size) if (port, e) not in seen
+            (port, e)
+            for port, size in inputs.items()
+            for e in range(size)
+            if (port, e) not in seen
         ]
         calls = [f"T zero = F(splat)({zero});", *calls]
         calls += [f"zero += {zero} * {_access(port, e, common)};" for port, e in unread]
@@ -173,7 +187,7 @@ def function_text(
     return FunctionText("\n".join(texts), work, operations, depth, stack, called)
 
 
-# --- around the expressions -------------------------------------------------------------------------------------------
+# --- around the expressions ----------------------------------------------------------------------
 
 
 def _call(name: str, ports: Sequence[str], workspace: bool, parameters: str | None = None) -> str:
@@ -198,7 +212,9 @@ def _function(
     return f"static T F({name})({', '.join(parameters) or 'void'}{stride})\n{{\n{body}}}\n"
 
 
-def _trace_inputs(graph: Graph, step: Expressions, arrays: Collection[str]) -> set[tuple[str, int]]:
+def _trace_inputs(
+    graph: Graph, step: Expressions, arrays: Collection[str]
+) -> set[tuple[str, int]]:
     """Entries of inputs that make an entry of the given arrays NaN or infinite where they are."""
     function = step.function
     carried = graph.find_carriers(
@@ -213,7 +229,7 @@ def _access(name: str, entry: int, parameters: str | None) -> str:
     return f"P({name}, {entry})" if name == parameters else f"IN({name}, {entry})"
 
 
-# --- expressions ------------------------------------------------------------------------------------------------------
+# --- expressions ---------------------------------------------------------------------------------
 
 
 class _Writer:
@@ -227,22 +243,23 @@ class _Writer:
         parameters: str | None,
         precision: str,
     ) -> None:
-        self.graph, self.layout, self.parameters, self.precision = (
-            graph,
-            layout,
-            parameters,
-            precision,
-        )
+        self.graph = graph
+        self.layout = layout
+        self.parameters = parameters
+        self.precision = precision
         self.added = step.added
-        self.inputs, self.outputs = step.function.name_in(), step.function.name_out()
+        self.inputs = step.function.name_in()
+        self.outputs = step.function.name_out()
         self.input_rows = [step.function.size1_in(i) for i in range(step.function.n_in())]
         if step.added and not set(self.outputs) <= set(layout.places):
             raise ValueError(
-                f"expressions {self.outputs}: given an output, expected intermediate arrays to add to"
+                f"expressions {self.outputs}: given an output, expected intermediate arrays to "
+                "add to"
             )
         self.rows = [step.function.size1_out(i) for i in range(step.function.n_out())]
         self.needed = graph.alive()
-        self.start, self.spilled = layout.size, 0
+        self.start = layout.size
+        self.spilled = 0
         self.slots: dict[int, int] = {}
         self.stores: dict[int, list[tuple[int, int, int]]] = {}
         for array, entry, r in graph.outputs:
@@ -260,14 +277,17 @@ class _Writer:
         else:
             count = math.ceil(len(order) / CHUNK)
             parts = [
-                order[len(order) * k // count : len(order) * (k + 1) // count] for k in range(count)
+                order[len(order) * k // count : len(order) * (k + 1) // count]
+                for k in range(count)
             ]
         self._place(parts)
         made = [self._piece(part, last=k == len(parts) - 1) for k, part in enumerate(parts)]
         return [piece for piece in made if piece.lines] or made[:1]
 
     def _order(self) -> list[int | tuple[int, ...]]:
-        """Nodes in the order of computation; a tuple of angles where their sines and cosines are computed."""
+        """Nodes in the order of computation; a tuple of angles where their sines and cosines are
+        computed.
+        """
         graph = self.graph
         level = [0] * len(graph.kind)  # how many rounds of sines and cosines a value needs
         groups: dict[int, list[int]] = {}
@@ -294,7 +314,9 @@ class _Writer:
         return [] if self.graph.kind[item] in ("input", "constant") else [item]
 
     def _place(self, parts: Sequence[Sequence[int | tuple[int, ...]]]) -> None:
-        """Place in the workspace of every value that outlives its piece; free again after the piece of its last use."""
+        """Place in the workspace of every value that outlives its piece; free again after the
+        piece of its last use.
+        """
         born: dict[int, int] = {}
         last: dict[int, int] = {}
         for k, part in enumerate(parts):
@@ -382,7 +404,8 @@ class _Writer:
             piece.lines.append(f"w[{self.start + self.slots[node]}] = t{node};")
 
     def _compute(self, piece: _Piece, node: int) -> None:
-        kind, operands = self.graph.kind[node], self.graph.operands[node]
+        kind = self.graph.kind[node]
+        operands = self.graph.operands[node]
         for r in operands:
             self._fetch(piece, r >> 1)
         if kind in _INFIX:
@@ -395,7 +418,8 @@ class _Writer:
         """Sines and cosines of a group of angles."""
         for angle in angles:
             self._fetch(piece, angle)
-        n, first = len(angles), angles[0]
+        n = len(angles)
+        first = angles[0]
         values = ", ".join(f"t{angle}" for angle in angles)
         piece.lines.append(f"SINES_COSINES({first}, {n}, {values})")
         piece.locals += 3 * -(-n // 16) * 16
@@ -414,7 +438,8 @@ class _Writer:
             if self.added and self.graph.number(r) == 0.0:
                 continue
             self._fetch(piece, node)
-            name, rows = self.outputs[array], self.rows[array]
+            name = self.outputs[array]
+            rows = self.rows[array]
             if self.graph.kind[node] != "constant":
                 piece.stored.add(node)
             elif not math.isfinite(self.graph.value[node]):
@@ -437,7 +462,9 @@ class _Writer:
             piece.lines += [" = ".join([*reversed(chunk), value]) + ";" for chunk in chunks]
 
     def check(self, piece: _Piece, unread: Sequence[tuple[str, int]]) -> list[str]:
-        """Lines that return the sum of zero times every result, combined in the order in which they become known."""
+        """Lines that return the sum of zero times every result, combined in the order in which
+        they become known.
+        """
         zero = literal(0.0, self.precision)
         heap: list[tuple[int, int, str]] = [
             (self.graph.depth[node], node, f"{zero} * t{node}") for node in sorted(piece.stored)
@@ -452,7 +479,8 @@ class _Writer:
         heapq.heapify(heap)
         lines = []
         while len(heap) > 1:
-            a, b = heapq.heappop(heap), heapq.heappop(heap)
+            a = heapq.heappop(heap)
+            b = heapq.heappop(heap)
             text = f"{a[2]} + ({b[2]})" if "+" in b[2] else f"{a[2]} + {b[2]}"
             if len(text) > LONG:
                 lines.append(f"T z{count} = {text};")

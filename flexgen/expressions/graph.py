@@ -1,7 +1,8 @@
 """The operations of a function as a graph without repetition, read from CasADi's instruction list.
 
-Every value is computed once (``b + a`` counts as ``a + b``, and ``b - a`` as ``-(a - b)``), signs are moved out of
-products, constants are folded. None of this changes a result by more than rounding.
+Every value is computed once (``b + a`` counts as ``a + b``, and ``b - a`` as ``-(a - b)``), signs
+are moved out of products, constants are folded. None of this changes a result by more than
+rounding.
 """
 
 from __future__ import annotations
@@ -29,7 +30,10 @@ LATENCY = {
 }
 OTHER_LATENCY = 20
 
-_UNARY = "sqrt exp log expm1 log1p erf floor ceil fabs sin cos tan asin acos atan sinh cosh tanh asinh acosh atanh sign"
+_UNARY = (
+    "sqrt exp log expm1 log1p erf floor ceil fabs sin cos tan asin acos atan sinh cosh tanh "
+    "asinh acosh atanh sign"
+)
 _BINARY = "fmin fmax fmod remainder copysign atan2 hypot pow lt le eq ne and or if_else_zero"
 _NAMES: dict[int, str] = {
     **{getattr(ca, f"OP_{name.upper()}"): name for name in (*_UNARY.split(), *_BINARY.split())},
@@ -66,7 +70,7 @@ class Graph:
     depth: list[int] = field(default_factory=list)
     _arguments: list[tuple[int, ...]] = field(default_factory=list)
 
-    # --- values -------------------------------------------------------------------------------------------------------
+    # --- values ----------------------------------------------------------------------------------
     def _node(self, kind: str, operands: tuple[int, ...]) -> int:
         key = (kind, *operands)
         found = self._known.get(key)
@@ -76,7 +80,9 @@ class Graph:
             self.kind.append(kind)
             self.operands.append(operands)
             self._arguments.append(() if kind == "input" else tuple(r >> 1 for r in operands))
-            below = 0 if kind == "input" else max((self.depth[r >> 1] for r in operands), default=0)
+            below = (
+                0 if kind == "input" else max((self.depth[r >> 1] for r in operands), default=0)
+            )
             self.depth.append(below + (0 if kind == "input" else LATENCY.get(kind, OTHER_LATENCY)))
         return found
 
@@ -104,10 +110,11 @@ class Graph:
         x = self.value.get(r >> 1)
         return None if x is None else (-x if r & 1 else x)
 
-    # --- arithmetic ---------------------------------------------------------------------------------------------------
+    # --- arithmetic ------------------------------------------------------------------------------
     def add(self, a: Reference, b: Reference) -> Reference:
         """``a + b``; a difference is the sum with a negative."""
-        x, y = self.number(a), self.number(b)
+        x = self.number(a)
+        y = self.number(b)
         if x is not None and y is not None:
             return self.constant(x + y)
         if x == 0.0:
@@ -125,7 +132,8 @@ class Graph:
 
     def multiply(self, a: Reference, b: Reference) -> Reference:
         """``a b``."""
-        x, y = self.number(a), self.number(b)
+        x = self.number(a)
+        y = self.number(b)
         if x is not None and y is not None:
             return self.constant(x * y)
         if y is not None:
@@ -141,14 +149,16 @@ class Graph:
                 if z is not None:
                     return self.multiply(self.constant(x * z), rest ^ (b & 1))
         sign = (a ^ b) & 1
-        a, b = a & ~1, b & ~1
+        a = a & ~1
+        b = b & ~1
         if x is None and a > b:
             a, b = b, a
         return 2 * self._node("mul", (a, b)) + sign
 
     def divide(self, a: Reference, b: Reference) -> Reference:
         """``a / b``."""
-        x, y = self.number(a), self.number(b)
+        x = self.number(a)
+        y = self.number(b)
         if y is not None and y != 0.0 and math.isfinite(1.0 / y):
             return (
                 self.constant(x / y) if x is not None else self.multiply(self.constant(1.0 / y), a)
@@ -177,7 +187,7 @@ class Graph:
             return self.constant(math.sin(x) if kind == "sin" else math.cos(x)) ^ sign
         return 2 * self._node(kind, tuple(operands)) + sign
 
-    # --- queries---------------------------------------------------------------------------------------------
+    # --- queries----------------------------------------------------------------------------------
     def arguments(self, node: int) -> tuple[int, ...]:
         """Nodes that a node is computed from."""
         return self._arguments[node]
@@ -194,9 +204,11 @@ class Graph:
         return needed
 
     def find_carriers(self, arrays: Collection[int]) -> set[int]:
-        """Nodes that make an entry of the given output arrays NaN or infinite whenever they are so themselves.
+        """Nodes that make an entry of the given output arrays NaN or infinite whenever they are so
+        themselves.
 
-        Sums, products, dividends, roots and sines carry it; a comparison, a divisor or an exponential may hide it.
+        Sums, products, dividends, roots and sines carry it; a comparison, a divisor or an
+        exponential may hide it.
         """
         out = {r >> 1 for array, _, r in self.outputs if array in arrays}
         for node in range(len(self.kind) - 1, -1, -1):
@@ -218,7 +230,8 @@ class Graph:
 
     def _count(self, without: tuple[str, ...]) -> int:
         return sum(
-            used and kind not in without for kind, used in zip(self.kind, self.alive(), strict=True)
+            used and kind not in without
+            for kind, used in zip(self.kind, self.alive(), strict=True)
         )
 
 

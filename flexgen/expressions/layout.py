@@ -1,4 +1,6 @@
-"""Where the intermediate arrays of a routine lie in the workspace, and the C functions around the loops over them."""
+"""Where the intermediate arrays of a routine lie in the workspace, and the C functions around the
+loops over them.
+"""
 
 from __future__ import annotations
 
@@ -22,9 +24,11 @@ LONGEST = {"double": 8, "single": 16}  # entries of the longest vector
 
 @dataclass(frozen=True)
 class Layout:
-    """Intermediate arrays in the workspace: their starts, the stride of rows of those stored by rows, size.
+    """Intermediate arrays in the workspace: their starts, the stride of rows of those stored by
+    rows, size.
 
-    ``filled``: rows and columns of arrays for columns as lanes, where the ends of rows are to be filled with zeros.
+    ``filled``: rows and columns of arrays for columns as lanes, where the ends of rows are to be
+    filled with zeros.
     """
 
     places: Mapping[str, int]
@@ -75,7 +79,8 @@ def layout_of(program: Routine, outputs: Collection[str], precision: str) -> Lay
                 by_columns |= {step.source, step.target}
                 shapes[step.target] = (step.rows, len(step.at))
             case Columns():
-                names, results = step.function.name_in(), step.function.name_out()
+                names = step.function.name_in()
+                results = step.function.name_out()
                 by_columns |= {*names, *results} - set(step.tables)
                 shapes |= {
                     name: (step.function.numel_out(i), step.n) for i, name in enumerate(results)
@@ -107,4 +112,8 @@ def loop_function(name: str, ports: Iterable[str], lines: Iterable[str], result:
     given = [f"real *RESTRICT {port}" for port in ports]
     stride = " STRIDE(ptrdiff_t n)" if given else ""
     body = "".join(f"    {line}\n" for line in lines)
-    return f"SEPARATE static {result} F({name})({', '.join([*given, 'T *RESTRICT w'])}{stride})\n{{\n{body}}}\n"
+    return (
+        f"SEPARATE static {result} F({name})({', '.join([*given, 'T *RESTRICT w'])}{stride})\n"
+        "{\n"
+        f"{body}}}\n"
+    )

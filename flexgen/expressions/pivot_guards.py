@@ -1,7 +1,8 @@
-"""Detection of divisions by rounding errors at run time: a singular system ends with a status, not with numbers.
+"""Detection of divisions by rounding errors at run time: a singular system ends with a status, not
+with numbers.
 
-A pivot of a positive definite system is positive; its size is estimated from its values at some states. One that is
-smaller than its rounding error has no meaning; the quotient becomes NaN there.
+A pivot of a positive definite system is positive; its size is estimated from its values at some
+states. One that is smaller than its rounding error has no meaning; the quotient becomes NaN there.
 """
 
 from __future__ import annotations
@@ -69,9 +70,11 @@ def add_pivot_guards(
         if graph.kind[node] != "div" or graph.operands[node][1] not in pivots:
             continue
         divisor = graph.operands[node][1]
-        seen, sign = values[divisor >> 1], 0
+        seen = values[divisor >> 1]
+        sign = 0
         if np.all(seen < 0.0):  # a graph may hold the negative of a pivot
-            seen, sign = -seen, 1
+            seen = -seen
+            sign = 1
         # a power of two: the same on every machine
         if np.all(seen > 0.0) and np.isfinite(seen).all():
             least = new.constant(size * 2.0 ** math.ceil(math.log2(float(seen.max()))))

@@ -1,4 +1,6 @@
-"""The steps of a function of the library: expressions, and loops over columns or for linear systems."""
+"""The steps of a function of the library: expressions, and loops over columns or for linear
+systems.
+"""
 
 from __future__ import annotations
 
@@ -20,9 +22,11 @@ class Expressions:
     ----------
     function : casadi.Function
     pivots : bool
-        True: its divisions are those of positive definite systems, and are guarded against singular ones.
+        True: its divisions are those of positive definite systems, and are guarded against
+        singular ones.
     added : bool
-        True: the results are added to what the intermediate arrays hold, where they are not zero by structure.
+        True: the results are added to what the intermediate arrays hold, where they are not zero
+        by structure.
     """
 
     function: ca.Function
@@ -32,7 +36,9 @@ class Expressions:
 
 @dataclass(frozen=True)
 class Block:
-    """Target of a part of a solution: columns ``first ... first + count - 1`` into the rows from ``row`` of a port."""
+    """Target of a part of a solution: columns ``first ... first + count - 1`` into the rows from
+    ``row`` of a port.
+    """
 
     port: str
     row: int
@@ -51,7 +57,8 @@ class Zeros:
 
 @dataclass(frozen=True)
 class Factor:
-    """Factors ``A``, symmetric and positive definite, in place for a later `Solve`, and solves ``A x = b``.
+    """Factors ``A``, symmetric and positive definite, in place for a later `Solve`, and solves
+    ``A x = b``.
 
     Parameters
     ----------
@@ -91,7 +98,8 @@ class Factor:
 
 @dataclass(frozen=True)
 class Solve:
-    """``X = -A^-1 R`` with ``A`` symmetric positive definite, written as loops: elimination and substitution.
+    """``X = -A^-1 R`` with ``A`` symmetric positive definite, written as loops: elimination and
+    substitution.
 
     Parameters
     ----------
@@ -153,20 +161,23 @@ class Solve:
 
     @property
     def depth(self) -> int:
-        """Latency of the longest chain of operations in cycles, about: for each pivot a reciprocal and two products."""
+        """Latency of the longest chain of operations in cycles, about: for each pivot a reciprocal
+        and two products.
+        """
         return 40 * self.n
 
 
 @dataclass(frozen=True)
 class Columns:
-    """The same expressions for each of n columns of intermediate arrays: for one point, lanes hold columns.
+    """The same expressions for each of n columns of intermediate arrays: for one point, lanes hold
+    columns.
 
     Parameters
     ----------
     function : casadi.Function
-        An SX function of dense columns. Its arguments and results are columns of the intermediate arrays of these
-        names, or of the tables; sums, differences and products only. Where all arguments are zero the results are zero:
-        rows end in zeros, up to a whole vector.
+        An SX function of dense columns. Its arguments and results are columns of the intermediate
+        arrays of these names, or of the tables; sums, differences and products only. Where all
+        arguments are zero the results are zero: rows end in zeros, up to a whole vector.
     n : int
         Number of columns.
     tables : mapping of str to numpy.ndarray
@@ -186,7 +197,8 @@ class Columns:
 
 @dataclass(frozen=True)
 class Sums:
-    """Columns of an intermediate array added one after the other: ``target_j = start + sum_k source_k``.
+    """Columns of an intermediate array added one after the other:
+    ``target_j = start + sum_k source_k``.
 
     Parameters
     ----------
@@ -212,7 +224,9 @@ class Sums:
 
 @dataclass(frozen=True)
 class Selected:
-    """Some columns of an intermediate array: ``target_k = source_at[k]``, for as many rows as given."""
+    """Some columns of an intermediate array: ``target_k = source_at[k]``, for as many rows as
+    given.
+    """
 
     source: str
     target: str
@@ -240,10 +254,11 @@ class Products:
     above, below : tuple of Rows
         (S, W) and (G, U): rows of intermediate arrays with n columns, as many in both of a pair.
     n : int
-        Rows and columns of A, at least `LEAST`: a vector that begins in a line before the last one ends in A.
+        Rows and columns of A, at least `LEAST`: a vector that begins in a line before the last one
+        ends in A.
     target : str
-        A port (n, n); or an intermediate array, by rows. Of a symmetric matrix in an array, only the diagonal and what
-        is above it are defined.
+        A port (n, n); or an intermediate array, by rows. Of a symmetric matrix in an array, only
+        the diagonal and what is above it are defined.
     first : int
         Column of the array at which A begins.
     """
@@ -269,7 +284,8 @@ class Products:
     def operations(self) -> int:
         """Arithmetic operations."""
         above, below = (2 * rows[0].count - 1 for rows in (self.above, self.below))
-        outside, all_below = self.n * (self.n - 1) // 2, self.n * (self.n + 1) // 2
+        outside = self.n * (self.n - 1) // 2
+        all_below = self.n * (self.n + 1) // 2
         return below * all_below + (0 if self.symmetric else above * outside)
 
     @property
@@ -279,7 +295,9 @@ class Products:
 
 
 def _stride(width: int) -> int:
-    """Room for whole groups of four vectors of any width, so that few rows share the same lines of the cache."""
+    """Room for whole groups of four vectors of any width, so that few rows share the same lines of
+    the cache.
+    """
     return -(-width // 64) * 64 + 16
 
 
@@ -294,7 +312,9 @@ class Routine:
 
 
 def profile(function: ca.Function, result: str) -> tuple[int, ...]:
-    """First column of each row of a symmetric result of an SX function that is not zero by structure."""
+    """First column of each row of a symmetric result of an SX function that is not zero by
+    structure.
+    """
     symbols = [ca.SX.sym(f"x{i}", function.sparsity_in(i)) for i in range(function.n_in())]
     pattern = ca.sparsify(function.call(symbols)[function.index_out(result)]).sparsity()
     return tuple(

@@ -1,8 +1,8 @@
 """The order in which the operations of a graph are written.
 
-A compiler reorders little over hundreds of statements, and a processor looks some hundred instructions ahead. Functions
-that wait for their longest chain are written with the operations on it first; large ones so that a value is used soon
-after it is made, and need not be stored.
+A compiler reorders little over hundreds of statements, and a processor looks some hundred
+instructions ahead. Functions that wait for their longest chain are written with the operations on
+it first; large ones so that a value is used soon after it is made, and need not be stored.
 """
 
 from __future__ import annotations
@@ -18,17 +18,19 @@ WIDE = 3  # operations per cycle of the longest chain beyond which the processor
 
 
 def choose_order(graph: Graph, roots: Iterable[int], seen: set[int]) -> list[int]:
-    """Nodes that the roots need and that were not seen before, in the order that suits the graph."""
-    count, depth = (
-        graph.operations(),
-        max((graph.depth[r >> 1] for _, _, r in graph.outputs), default=0),
-    )
+    """Nodes that the roots need and that were not seen before, in the order that suits the
+    graph.
+    """
+    count = graph.operations()
+    depth = max((graph.depth[r >> 1] for _, _, r in graph.outputs), default=0)
     chosen = schedule_nodes if count <= LARGE and count <= WIDE * depth else order_by_depth
     return chosen(graph, roots, seen)
 
 
 def order_by_depth(graph: Graph, roots: Iterable[int], seen: set[int]) -> list[int]:
-    """Nodes that the roots need and that were not seen before, each after its operands, a use close to its value."""
+    """Nodes that the roots need and that were not seen before, each after its operands, a use
+    close to its value.
+    """
     out: list[int] = []
     for root in roots:
         stack = [(root, False)]
@@ -46,9 +48,11 @@ def order_by_depth(graph: Graph, roots: Iterable[int], seen: set[int]) -> list[i
 
 
 def schedule_nodes(graph: Graph, roots: Iterable[int], seen: set[int]) -> list[int]:
-    """Nodes that the roots need and that were not seen before, in the order in which a processor would start them.
+    """Nodes that the roots need and that were not seen before, in the order in which a processor
+    would start them.
 
-    Of the operations whose operands are known, those with the longest chain behind them come first.
+    Of the operations whose operands are known, those with the longest chain behind them come
+    first.
     """
     wanted: set[int] = set()
     stack = list(roots)
@@ -70,7 +74,8 @@ def schedule_nodes(graph: Graph, roots: Iterable[int], seen: set[int]) -> list[i
     heapq.heapify(ready)
     waiting: list[tuple[float, int]] = []  # when the operands are known, node
     known: dict[int, float] = {}
-    now, out = 0.0, []
+    now = 0.0
+    out = []
     while ready or waiting:
         while waiting and waiting[0][0] <= now:
             node = heapq.heappop(waiting)[1]

@@ -1,4 +1,5 @@
-"""Graphs made shorter: shared reciprocals, angles that are sums, sums in the order in which their terms become known.
+"""Graphs made shorter: shared reciprocals, angles that are sums, sums in the order in which their
+terms become known.
 
 None of this changes a result by more than rounding.
 """
@@ -14,9 +15,10 @@ from flexgen.expressions.graph import Graph, Reference, copy_node
 def simplify_graph(graph: Graph) -> Graph:
     """The graph after all of this.
 
-    Divisions by the same value become one reciprocal. Sine and cosine of a sum of angles follow from those
-    of the angles, where these are needed anyway. Sums and products of many terms are built so that operands that are
-    known early are combined first, which shortens the longest chain of operations: the time of a single call.
+    Divisions by the same value become one reciprocal. Sine and cosine of a sum of angles follow
+    from those of the angles, where these are needed anyway. Sums and products of many terms are
+    built so that operands that are known early are combined first, which shortens the longest
+    chain of operations: the time of a single call.
     """
     return _balance_sums(_reciprocals(_angle_sums(graph)))
 
@@ -46,7 +48,9 @@ def _reciprocals(graph: Graph) -> Graph:
 
 
 def _angle_sums(graph: Graph) -> Graph:
-    """The graph with sines and cosines of ``a + b`` by products of those of a and b, where these are needed anyway."""
+    """The graph with sines and cosines of ``a + b`` by products of those of a and b, where these
+    are needed anyway.
+    """
     needed = graph.alive()
     turned = {
         graph.operands[n][0] >> 1
@@ -66,7 +70,8 @@ def _angle_sums(graph: Graph) -> Graph:
         if angle not in sums:
             return new.call("sin", [to[angle]]), new.call("cos", [to[angle]])
         a, b = graph.operands[angle]
-        (sine_a, cosine_a), (sine_b, cosine_b) = turn(a >> 1), turn(b >> 1)
+        (sine_a, cosine_a) = turn(a >> 1)
+        (sine_b, cosine_b) = turn(b >> 1)
         sine_b ^= 1 if graph.kind[angle] == "sub" else 0
         return (
             new.add(new.multiply(sine_a, cosine_b), new.multiply(cosine_a, sine_b)),
@@ -85,7 +90,9 @@ def _angle_sums(graph: Graph) -> Graph:
 
 
 def _balance_sums(graph: Graph) -> Graph:  # noqa: C901
-    """The graph with sums and products of more than two terms rebuilt: operands known first are combined first."""
+    """The graph with sums and products of more than two terms rebuilt: operands known first are
+    combined first.
+    """
     needed = graph.alive()
     uses = [0] * len(graph.kind)
     for node, used in enumerate(needed):
@@ -116,7 +123,8 @@ def _balance_sums(graph: Graph) -> Graph:  # noqa: C901
         heapq.heapify(heap)
         count = len(heap)
         while len(heap) > 1:
-            a, b = heapq.heappop(heap)[2], heapq.heappop(heap)[2]
+            a = heapq.heappop(heap)[2]
+            b = heapq.heappop(heap)[2]
             joined = join(a, b)
             heapq.heappush(heap, (new.depth[joined >> 1], count, joined))
             count += 1
@@ -126,7 +134,9 @@ def _balance_sums(graph: Graph) -> Graph:  # noqa: C901
 
 
 def _terms(graph: Graph, node: int, inner: Sequence[bool]) -> list[Reference]:
-    """Terms of a sum (with their signs) or factors of a product whose inner nodes are taken apart."""
+    """Terms of a sum (with their signs) or factors of a product whose inner nodes are taken
+    apart.
+    """
     out: list[Reference] = []
     stack = [2 * node]
     while stack:
@@ -135,7 +145,8 @@ def _terms(graph: Graph, node: int, inner: Sequence[bool]) -> list[Reference]:
             out.append(r)
             continue
         a, b = graph.operands[r >> 1]
-        kind, sign = graph.kind[r >> 1], r & 1
+        kind = graph.kind[r >> 1]
+        sign = r & 1
         if kind == "mul":  # the sign of a product goes to its first factor
             stack += [b, a ^ sign]
         else:

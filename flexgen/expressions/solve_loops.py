@@ -1,6 +1,8 @@
-"""The C text of a linear solve in loops: small code for systems whose unrolled elimination would be long.
+"""The C text of a linear solve in loops: small code for systems whose unrolled elimination would
+be long.
 
-For one point the loops run over lanes of columns of the right side, for lanes of points over its columns.
+For one point the loops run over lanes of columns of the right side, for lanes of points over its
+columns.
 """
 
 from __future__ import annotations
@@ -16,9 +18,10 @@ def solve_text(
 ) -> str:
     """The C function of a `Solve`: factor, substitute, and write the solution to its ports.
 
-    A = L' D L with ``d_j = U_jj, L_jk = U_jk / d_j``: row j is taken from those below it, ``U_ik -= L_ji U_jk``. Then
-    ``Y_ik = R_ik - sum_j L_ji Y_jk`` for all j < i within the profile and ``X_ik = Y_ik / d_i - sum_j L_ij X_jk`` for
-    all j > i. A pivot d_i below ``rounding`` times A_ii is a rounding error: its reciprocal becomes NaN.
+    A = L' D L with ``d_j = U_jj, L_jk = U_jk / d_j``: row j is taken from those below it,
+    ``U_ik -= L_ji U_jk``. Then ``Y_ik = R_ik - sum_j L_ji Y_jk`` for all j < i within the profile
+    and ``X_ik = Y_ik / d_i - sum_j L_ij X_jk`` for all j > i. A pivot d_i below ``rounding`` times
+    A_ii is a rounding error: its reciprocal becomes NaN.
     """
     n = step.n
     ports = [port for port in outputs if port in step.ports]
@@ -44,8 +47,12 @@ def solve_text(
 
 
 def factor_text(name: str, step: Factor, layout: Layout, rounding: str) -> str:
-    """The C function of a `Factor`: as `solve_text` does, with the right side as one more column of the matrix."""
-    n, stride, x = step.n, step.matrix_stride, f"w[{layout.at(step.solution, 0)} + i]"
+    """The C function of a `Factor`: as `solve_text` does, with the right side as one more column
+    of the matrix.
+    """
+    n = step.n
+    stride = step.matrix_stride
+    x = f"w[{layout.at(step.solution, 0)} + i]"
     lines = [
         *_matrix(step, layout),
         "T zero = F(splat)(0);",
@@ -73,7 +80,9 @@ def factor_text(name: str, step: Factor, layout: Layout, rounding: str) -> str:
 
 
 def _matrix(step: Solve | Factor, layout: Layout) -> list[str]:
-    """Lines with the matrix, the reciprocals of its pivots, and the profile: first column of a row, end of a column."""
+    """Lines with the matrix, the reciprocals of its pivots, and the profile: first column of a
+    row, end of a column.
+    """
     ends = [1 + max(i for i in range(j, step.n) if step.profile[i] <= j) for j in range(step.n)]
     return [
         f"static const unsigned char first[{step.n}] = {{{', '.join(map(str, step.profile))}}};",
@@ -84,8 +93,11 @@ def _matrix(step: Solve | Factor, layout: Layout) -> list[str]:
 
 
 def _padding_lines(step: Solve, layout: Layout) -> list[str]:
-    """Lines that fill entries that are not computed: unit columns, and ends of rows that are not whole vectors."""
-    n, right = step.n, f"w + {layout.places[step.right]} + i * {step.stride}"
+    """Lines that fill entries that are not computed: unit columns, and ends of rows that are not
+    whole vectors.
+    """
+    n = step.n
+    right = f"w + {layout.places[step.right]} + i * {step.stride}"
     ends = [
         f"    for (j = {n}; j < ROW_COUNT({n}) * ROW_LANES; j += ROW_LANES) {{",
         f"        *ROWS(matrix + i * {step.matrix_stride} + j) = ROW_OF(0);",
@@ -94,23 +106,29 @@ def _padding_lines(step: Solve, layout: Layout) -> list[str]:
     lines = [
         f"for (i = 0; i < {n}; ++i) {{",
         *([] if step.factored else ends),
-        f"    for (j = {step.columns}; j < ROW_FOURS({step.width}) * ROW_LANES; j += ROW_LANES) {{",
+        (
+            f"    for (j = {step.columns}; j < ROW_FOURS({step.width}) * ROW_LANES; j += "
+            "ROW_LANES) {"
+        ),
         f"        *ROWS({right} + j) = ROW_OF(0);",
         "    }",
     ]
     if step.unit:
         lines.append(
-            f"    w[{layout.places[step.right]} + i * {step.stride + 1} + {step.columns}] = F(splat)(-1);"
+            f"    w[{layout.places[step.right]} + i * {step.stride + 1} + {step.columns}] = "
+            "F(splat)(-1);"
         )
     return [*lines, "}"]
 
 
 def _elimination_lines(step: Solve | Factor, columns: int, rounding: str) -> list[str]:
-    """Lines that factor the matrix in place: L in its upper half, reciprocals of pivots in `inverse`.
+    """Lines that factor the matrix in place: L in its upper half, reciprocals of pivots in
+    `inverse`.
 
     Columns behind the matrix are right sides.
     """
-    n, stride = step.n, step.matrix_stride
+    n = step.n
+    stride = step.matrix_stride
     return [
         f"for (i = 0; i < {n}; ++i) {{",
         f"    inverse[i] = {rounding} * matrix[i * {stride + 1}];",
@@ -149,17 +167,21 @@ def _less(step: Solve, each: str, factor: str, others: str, start: str) -> list[
 
 
 def _substitution_lines(step: Solve) -> list[str]:
-    """Lines that combine the rows of the right side with the factors, block of columns by block of columns.
+    """Lines that combine the rows of the right side with the factors, block of columns by block of
+    columns.
 
     So the rows that are combined stay in the first cache.
     """
-    n, stride = step.n, step.matrix_stride
+    n = step.n
+    stride = step.matrix_stride
 
     def some(lanes: int, each: str) -> list[str]:
         return [
             f"for (; k + {lanes} <= count; k += {lanes}) {{",
             f"    for (i = 0; i < {n}; ++i) {{",
-            *_less(step, each, f"matrix[j * {stride} + i]", "j = first[i]; j < i; ++j", "LOAD_ROW"),
+            *_less(
+                step, each, f"matrix[j * {stride} + i]", "j = first[i]; j < i; ++j", "LOAD_ROW"
+            ),
             "    }",
             f"    for (i = {n - 1}; i >= 0; --i) {{",
             "        const T pivot = inverse[i];",
@@ -195,8 +217,8 @@ def _solution_lines(step: Solve, layout: Layout, outputs: Mapping[str, int]) -> 
             lines += [
                 f"for (j = 0; j < {block.count}; ++j) {{",
                 f"    for (i = 0; i < {step.n}; ++i) {{",
-                f"        OUT({port}, (j + {column}) * {rows} + {block.row} + i, "
-                f"F(splat)(0) - w[{layout.places[step.right]} + i * {step.stride} + j + {block.first}]);",
+                f"        OUT({port}, (j + {column}) * {rows} + {block.row} + i, F(splat)(0) - "
+                f"w[{layout.places[step.right]} + i * {step.stride} + j + {block.first}]);",
                 "    }",
                 "}",
             ]

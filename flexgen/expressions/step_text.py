@@ -33,8 +33,8 @@ from flexgen.expressions.solve_loops import factor_text, solve_text
 class StepText:
     """A C function, its operations and the latency of their longest chain, and how it is called.
 
-    ``ports``: outputs that it takes before the workspace; ``checks``: it returns zero, or NaN where a result is not
-    finite.
+    ``ports``: outputs that it takes before the workspace; ``checks``: it returns zero, or NaN
+    where a result is not finite.
     """
 
     text: str

@@ -1,11 +1,13 @@
 """The arm behind motors that move as recorded, and the torques that these motors need.
 
-Motor angles q_m(t) are given, and with them the joints behind rigid gears. The other coordinates follow,
+Motor angles q_m(t) are given, and with them the joints behind rigid gears. The other coordinates
+follow,
 
-    M_FF a_F = forces_F - M_FI a_I - ...,    z' of each element: see `flexgen.memory.hysteresis_law`,
+    M_FF a_F = forces_F - M_FI a_I - ...,
+    z' of each element: see `flexgen.memory.hysteresis_law`,
 
-and the rows of the motors give their torques. Springs hold the arm to its motors, so that errors of the model do not
-grow over a long record, as they do in a simulation under recorded torques.
+and the rows of the motors give their torques. Springs hold the arm to its motors, so that errors
+of the model do not grow over a long record, as they do in a simulation under recorded torques.
 """
 
 from __future__ import annotations
@@ -32,15 +34,17 @@ from flexgen.spec.fourier import FourierSum
 
 ARCMIN = np.pi / 180 / 60  # rad
 STABLE = 0.5  # integration step times the fastest eigenvalue, at most
-NEWTON_STEPS, AT_REST = 50, 1e-12
+NEWTON_STEPS = 50
+AT_REST = 1e-12
 
 
 @dataclass(frozen=True)
 class Element:
-    """An element of hysteresis: number of its ``gear``, where the search begins, and the numbers of its law.
+    """An element of hysteresis: number of its ``gear``, where the search begins, and the numbers
+    of its law.
 
-    ``K_h`` [N m/rad, arm side], ``lost`` motion [rad or m], ``exponent`` and ``gamma``; ``unit``: of its lost motion
-    in theta [rad or m].
+    ``K_h`` [N m/rad, arm side], ``lost`` motion [rad or m], ``exponent`` and ``gamma``; ``unit``:
+    of its lost motion in theta [rad or m].
     """
 
     gear: int
@@ -55,8 +59,8 @@ class Element:
 class Sought:
     """What is fitted besides the parameters of the equations.
 
-    ``elements``: of hysteresis; ``exponents``: whether theirs are fitted; ``errors``: gears with a transmission error,
-    of these ``harmonics``; ``cogging``: harmonics of all motors.
+    ``elements``: of hysteresis; ``exponents``: whether theirs are fitted; ``errors``: gears with a
+    transmission error, of these ``harmonics``; ``cogging``: harmonics of all motors.
     """
 
     elements: tuple[Element, ...]
@@ -73,7 +77,8 @@ class Sought:
 
 @dataclass(frozen=True)
 class MotorMotion:
-    """Motor angles as a curve: ``time`` (n,) [s] at equal steps, and a quintic spline through the angles.
+    """Motor angles as a curve: ``time`` (n,) [s] at equal steps, and a quintic spline through the
+    angles.
 
     ``steps``: of the integration from sample to sample.
     """
@@ -106,15 +111,17 @@ class MotorMotion:
 class DrivenArm:
     """Simulates the arm of a model without hysteresis, to some of whose gears hysteresis is added.
 
-    Numbers p of a simulation: the parameters of the equations, then K_h and W of the elements of hysteresis, arm side,
-    and their exponents where these are fitted, then the coefficients of cosines and of sines of the transmission
-    errors, gear by gear, then the largest rate n K_h |d'|/W [1/s] of an element: a faster one, of a narrow loop, is
-    slowed down to it for the explicit integration.
+    Numbers p of a simulation: the parameters of the equations, then K_h and W of the elements of
+    hysteresis, arm side, and their exponents where these are fitted, then the coefficients of
+    cosines and of sines of the transmission errors, gear by gear, then the largest rate n K_h
+    |d'|/W [1/s] of an element: a faster one, of a narrow loop, is slowed down to it for the
+    explicit integration.
 
     Parameters
     ----------
     equations : Equations
-        With the numbers that may change as parameters; without transmission errors where they are added.
+        With the numbers that may change as parameters; without transmission errors where they are
+        added.
     elements : sequence of Element
         Of hysteresis.
     fitted : bool
@@ -135,19 +142,21 @@ class DrivenArm:
     ) -> None:
         coefficients = ca.SX.sym("e", len(errors) * 2 * len(harmonics))
         equations = _with_errors(equations, errors, harmonics, coefficients)
-        model, count, i_g = equations.model, len(elements), list(equations.model.i_g)
-        lag, (y, dy, ddy), inverse = (
-            equations.lagrangian,
-            equations.y,
-            np.linalg.inv(equations.model.eta),
-        )
+        model = equations.model
+        count = len(elements)
+        i_g = list(equations.model.i_g)
+        lag = equations.lagrangian
+        (y, dy, ddy) = equations.y
+        inverse = np.linalg.inv(equations.model.eta)
         rigid = [k for k, (gear, _) in enumerate(gears_of(model)) if gear.rigid]
         imposed = [i_g[k] for k in rigid] + [model.n_a + k for k in range(len(model.i_m))]
         of_motors = ca.SX(ca.DM(np.vstack([inverse[rigid], np.eye(model.n_m)[list(model.i_m)]])))
         free = [i for i in range(model.dof) if i not in imposed]
-        motors, known = ca.SX.sym("u", 3 * model.n_m), ca.SX.sym("z", count)
+        motors = ca.SX.sym("u", 3 * model.n_m)
+        known = ca.SX.sym("z", count)
         q_m, v_m, a_m = ca.vertsplit(motors, model.n_m)
-        K_h, W = ca.SX.sym("K_h", count), ca.SX.sym("W", count)
+        K_h = ca.SX.sym("K_h", count)
+        W = ca.SX.sym("W", count)
         z = ca.SX.zeros(model.n_g)
         for k, element in enumerate(elements):
             z[element.gear] += known[k]
@@ -163,12 +172,16 @@ class DrivenArm:
             *(lag.q_m[j] for j in behind_rigid),
         ]
         symbols = ca.vertcat(*symbols)
-        values = [ca.SX.zeros(model.n_m), *(ca.mtimes(of_motors, part) for part in (q_m, v_m, a_m))]
+        values = [
+            ca.SX.zeros(model.n_m),
+            *(ca.mtimes(of_motors, part) for part in (q_m, v_m, a_m)),
+        ]
         values = ca.vertcat(*values, ca.SX.zeros(len(free)), *(q_m[j] for j in behind_rigid))
         residual = (
             equations.left - lag.forces - generalized_force(equations.with_symbols, z, lag.q_m)
         )
-        B, rate = ca.jacobian(lag.forces, lag.tau_m)[imposed, :], deflection_rates(equations)
+        B = ca.jacobian(lag.forces, lag.tau_m)[imposed, :]
+        rate = deflection_rates(equations)
         deflection = gear_angles(equations.with_symbols, lag.q_m) - y[i_g]
         terms = [ca.densify(term) for term in (residual, equations.mass, B, rate, deflection)]
         residual, mass, B, rate, deflection = ca.substitute(terms, [symbols], [values])
@@ -187,18 +200,19 @@ class DrivenArm:
         )
         laws = zip(exponents, elements, strict=True)
         rates = [
-            element_rate(rate[k], known[k], W[k], n, each.gamma) for k, (n, each) in enumerate(laws)
+            element_rate(rate[k], known[k], W[k], n, each.gamma)
+            for k, (n, each) in enumerate(laws)
         ]
         dx = ca.vertcat(dy[free], acceleration, slower * K_h * ca.vertcat(ca.SX(0, 1), *rates))
 
         def function(name: str, output: ca.SX) -> ca.Function:
             return ca.Function(name, [x, motors, p], [ca.cse(ca.densify(output))])
 
-        self.model, self.free, self.n_x = model, free, 2 * len(free) + count
-        self.rate, self.torque = (
-            function("driven_rate", dx),
-            function("driven_torque", ca.solve(B, need)),
-        )
+        self.model = model
+        self.free = free
+        self.n_x = 2 * len(free) + count
+        self.rate = function("driven_rate", dx)
+        self.torque = function("driven_torque", ca.solve(B, need))
         self._rest = function(
             "driven_rest", ca.horzcat(residual[free], ca.jacobian(residual[free], y[free]))
         )
@@ -206,10 +220,14 @@ class DrivenArm:
         self._change = function("driven_change", ca.jacobian(dx, x))
 
     def rest(self, q_m: np.ndarray, p: np.ndarray) -> np.ndarray:
-        """State (n_x,) at rest with z = 0 for motor angles (n_m,); SolverError where there is none."""
-        u, joints = np.concatenate([q_m, np.zeros(2 * self.model.n_m)]), np.zeros(self.model.dof)
+        """State (n_x,) at rest with z = 0 for motor angles (n_m,); SolverError where there is
+        none.
+        """
+        u = np.concatenate([q_m, np.zeros(2 * self.model.n_m)])
+        joints = np.zeros(self.model.dof)
         joints[list(self.model.i_g)] = np.linalg.inv(self.model.eta) @ q_m
-        x, n = np.zeros(self.n_x), len(self.free)
+        x = np.zeros(self.n_x)
+        n = len(self.free)
         x[:n] = joints[self.free]
         for _ in range(NEWTON_STEPS):
             found = np.array(self._rest(x, u, p))
@@ -218,7 +236,8 @@ class DrivenArm:
             if np.abs(step).max() < AT_REST:
                 return x
         raise SolverError(
-            "the model does not rest at the motor angles of the record: check its stiffness and gravity"
+            "the model does not rest at the motor angles of the record: check its stiffness and "
+            "gravity"
         )
 
     def joint_speeds(self, v_m: np.ndarray) -> np.ndarray:
@@ -228,7 +247,9 @@ class DrivenArm:
         return joints[self.free]
 
     def deflections(self, x: np.ndarray, u: np.ndarray, p: np.ndarray) -> np.ndarray:
-        """Deflections (n, n_g) of all gears, arm side, for states (n, n_x) and motor motions (n, 3 n_m)."""
+        """Deflections (n, n_g) of all gears, arm side, for states (n, n_x) and motor motions (n, 3
+        n_m).
+        """
         return evaluate(self._deflections, x, u, p)[0].reshape(len(x), -1)
 
     def fastest(self, poses: np.ndarray, p: np.ndarray) -> float:
@@ -245,7 +266,9 @@ class DrivenArm:
         return max(1, int(np.ceil(sample_s * rate / STABLE)))
 
     def segments(self, sample_s: float, steps: int) -> Segments:
-        """The simulation with so many steps from sample to sample; its outputs are the motor torques [N m]."""
+        """The simulation with so many steps from sample to sample; its outputs are the motor
+        torques [N m].
+        """
         return Segments(self.rate, self.torque, sample_s, steps)
 
 
@@ -255,7 +278,8 @@ def _with_errors(
     """The equations with transmission errors whose coefficients are these symbols."""
     if not coefficients.numel():
         return equations
-    robot, sums = equations.with_symbols, ca.vertsplit(coefficients, len(harmonics))
+    robot = equations.with_symbols
+    sums = ca.vertsplit(coefficients, len(harmonics))
     added = {
         robot.coordinates[robot.i_g[k]].name: sums[2 * n : 2 * n + 2] for n, k in enumerate(errors)
     }
@@ -270,5 +294,6 @@ def _with_errors(
         replace(element, dofs=tuple(map(change, element.dofs))) for element in robot.elements
     ]
     made = Equations(equations.model, [parameter.name for parameter in equations.parameters])
-    made.symbols, made.with_symbols = equations.symbols, replace(robot, elements=tuple(elements))
+    made.symbols = equations.symbols
+    made.with_symbols = replace(robot, elements=tuple(elements))
     return made

@@ -1,22 +1,27 @@
-"""Numbers of gears from motor angles and torques in the band of a record: Gauss-Newton on the driven arm.
+"""Numbers of gears from motor angles and torques in the band of a record: Gauss-Newton on the
+driven arm.
 
     min over theta of sum over f, j of |tau_j(f) - tau_j(f; q_m, theta)|^2 / S_j(f)
 
-theta: parameters of the model and K_h of each element of hysteresis, and its exponent, over their values at the start,
-its lost motion, and coefficients of transmission errors; then, linear in the torque, a viscous and a Coulomb friction,
-a constant torque and the cogging of each motor in addition to the model, and the time by which torques are recorded
-late. S: density of the residuals, at first that of the noise of the angles.
+theta: parameters of the model and K_h of each element of hysteresis, and its exponent, over their
+values at the start, its lost motion, and coefficients of transmission errors; then, linear in the
+torque, a viscous and a Coulomb friction, a constant torque and the cogging of each motor in
+addition to the model, and the time by which torques are recorded late. S: density of the
+residuals, at first that of the noise of the angles.
 
-The noise of the angles is in the regressors, too, and least squares would choose the parameters that pass least of it.
-So its part in the normal equations is subtracted: that of as much noise that is added to the record,
+The noise of the angles is in the regressors, too, and least squares would choose the parameters
+that pass least of it. So its part in the normal equations is subtracted: that of as much noise
+that is added to the record,
 
     G(theta) = 2 J' r - mean J_+' r_+
 
-Standard deviations are those of the jackknife over blocks b, since errors of neighboring samples are alike: of changes
-(A - A_b)^-1 g_b by leaving out a block, whose part of the matrix A is A_b, and of the gradient g_b.
+Standard deviations are those of the jackknife over blocks b, since errors of neighboring samples
+are alike: of changes (A - A_b)^-1 g_b by leaving out a block, whose part of the matrix A is A_b,
+and of the gradient g_b.
 
-Source: W. Fuller, Measurement Error Models, 1987, ch. 3 (corrected normal equations); L. Ljung, System Identification,
-2nd ed. 1999, sec. 9.3 (covariance); B. Efron, The Jackknife, the Bootstrap and Other Resampling Plans, 1982, ch. 3.
+Source: W. Fuller, Measurement Error Models, 1987, ch. 3 (corrected normal equations); L. Ljung,
+System Identification, 2nd ed. 1999, sec. 9.3 (covariance); B. Efron, The Jackknife, the Bootstrap
+and Other Resampling Plans, 1982, ch. 3.
 """
 
 from __future__ import annotations
@@ -47,20 +52,26 @@ from flexgen.spec.memory import SHARPEST
 STEP = 1e-3  # of differences in numbers over their values at the start, and lost motions
 REACH = 30.0  # of these, at most; the least is its inverse
 # K_h over its start, at least; factor from a bound at which a number is at it
-STIFF, NEAR = 0.2, 1.05
-LEAST_LOST, MOST_LOST = 1e-3, 50.0  # of the units of lost motions
+STIFF = 0.2
+NEAR = 1.05
+# of the units of lost motions
+LEAST_LOST = 1e-3
+MOST_LOST = 50.0
 NO_LOST = 0.02  # of these units: what is below it is none
 SLOWEST = 2.0  # rate of a hysteresis times the integration step, at most
 POSES = 20  # of the record, where eigenvalues are computed
 STIFFER = 10.0  # K_h over its start up to which the integration is accurate
 FORGOTTEN = 1e-5  # of its first effect, or of the torques, to which that of the start has decayed
 # of a record, within which residuals depend on each other; at least so many
-BLOCK_S, FEWEST_BLOCKS = 1.0, 10
+BLOCK_S = 1.0
+FEWEST_BLOCKS = 10
 CLOSE = (0.3, 0.05, 0.05)  # standard deviations from the minimum where the searches end
 # pairs of samples of noise in each step with corrected normal equations; steps more
-DRAWS, MORE = (1, 1, 3, 3), 4
+DRAWS = (1, 1, 3, 3)
+MORE = 4
 # standard deviations, at most, of a step after which there are no more, and of the last one
-SMALL, SETTLED = 0.3, 2.0
+SMALL = 0.3
+SETTLED = 2.0
 # part of the information in a direction that is not noise, else it is not determined
 LEAST_SIGNAL = 0.1
 RANK = 1e-13  # of the normal equations, relative
@@ -68,19 +79,25 @@ FREE = 1e6  # standard deviation of priors that say nothing
 # of the torques: residuals that are not weighted as if they were smaller, at first and later
 FLOOR = (2e-3, 1e-4)
 # of frequency; end of the first over that of all; samples of noise in them
-BANDS, LOWEST, EXCESS_DRAWS = 8, 0.04, 4
+BANDS = 8
+LOWEST = 0.04
+EXCESS_DRAWS = 4
 UNLIKELY = 0.01  # probability of less noise in a band than there is
 FINER = 3  # times as many steps, for the errors of those of the simulation
 ROUNDING = 2.5e-6  # of the torques: errors of the simulation in a band
 # Coulomb friction over its sd, over the torques; slow friction over the fast one
-STICKS, SOME, HOLDS = 3.0, 2e-3, 0.1
+STICKS = 3.0
+SOME = 2e-3
+HOLDS = 0.1
 FRICTIONS = 3  # regressors of each motor besides cogging: viscous, Coulomb, constant
 ERROR_STEP = 1e-6  # rad or m, of differences in a transmission error
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """``theta`` (n,), its ``covariance``, residuals ``error`` (k, n_m) [N m], and whether the search ``converged``."""
+    """``theta`` (n,), its ``covariance``, residuals ``error`` (k, n_m) [N m], and whether the
+    search ``converged``.
+    """
 
     theta: np.ndarray
     covariance: np.ndarray
@@ -100,15 +117,19 @@ class GearModel:
     """
 
     def __init__(self, equations: Equations, sought: Sought, signals: Signals) -> None:
-        self.equations, self.sought, self.signals = equations, sought, signals
+        self.equations = equations
+        self.sought = sought
+        self.signals = signals
         self.names = tuple(parameter.name for parameter in equations.parameters)
         values = np.array([parameter.value for parameter in equations.parameters])
         start = np.array([(x.K_h, x.exponent, x.lost, x.unit) for x in sought.elements]).reshape(
             -1, 4
         )
         self.at = [each.gear for each in sought.elements]
-        self.n_m, self.count = equations.model.n_m, len(start)
-        # entries of theta: over their start (parameters, K_h, exponents), lost motions, errors, linear ones
+        self.n_m = equations.model.n_m
+        self.count = len(start)
+        # entries of theta: over their start (parameters, K_h, exponents), lost motions, errors,
+        # linear ones
         self.shapes = len(values) + self.count
         self.parts = self.shapes + self.count * sought.exponents
         self.errors = self.parts + self.count
@@ -135,17 +156,20 @@ class GearModel:
         self.segments = self.arm.segments(signals.sample_s, steps)
         self.largest = SLOWEST / self.segments.step
         self.motion = MotorMotion.through(signals.time, signals.q_m, self.segments.steps)
-        self.measured, self.first = signals.torques(signals.tau_m), 0
+        self.measured = signals.torques(signals.tau_m)
+        self.first = 0
         self.late = np.gradient(self.measured, signals.sample_s, axis=0)
         self.friction = MotorFriction(signals, self.motion)
         self.first = self._forgets()
-        self.measured, self.late = self.measured[self.first :], self.late[self.first :]
+        self.measured = self.measured[self.first :]
+        self.late = self.late[self.first :]
         self.units[self.bent :] = self._sizes()
         self.step_errors = np.zeros_like(self.measured)
 
     def numbers(self, theta: np.ndarray) -> np.ndarray:
         """Numbers of the driven arm."""
-        found, n = self.units * theta, len(self.names)
+        found = self.units * theta
+        n = len(self.names)
         values, K_h, shapes, lost, errors = np.split(
             found[: self.bent], [n, self.shapes, self.parts, self.errors]
         )
@@ -158,11 +182,11 @@ class GearModel:
     def torques(
         self, points: Sequence[np.ndarray], motion: MotorMotion, start: np.ndarray | None = None
     ) -> np.ndarray:
-        """Torques (points, k, n_m) in the band, from where the start is forgotten; ``start``: a state (n_x,)."""
-        linear, found = (
-            self.regressors(motion),
-            self.arm_torques([self.numbers(x) for x in points], motion, start),
-        )
+        """Torques (points, k, n_m) in the band, from where the start is forgotten; ``start``: a
+        state (n_x,).
+        """
+        linear = self.regressors(motion)
+        found = self.arm_torques([self.numbers(x) for x in points], motion, start)
         return np.array(
             [x + linear @ theta[self.bent :] for theta, x in zip(points, found, strict=True)]
         )
@@ -178,16 +202,19 @@ class GearModel:
         return [self.friction.project(self.signals.torques(each)[self.first :]) for each in found]
 
     def take_out_standstill(self, found: Estimate) -> bool:
-        """From now on compare torques without what friction at standstill can do; whether any motor has some.
+        """From now on compare torques without what friction at standstill can do; whether any
+        motor has some.
 
-        Motors with Coulomb friction, which the model has, or which this estimate of all torques found.
+        Motors with Coulomb friction, which the model has, or which this estimate of all torques
+        found.
         """
         at = self.bent + self.n_m + np.arange(self.n_m)
         least = STICKS * self.units[at] * np.sqrt(np.diag(found.covariance)[at])
         least = np.maximum(least, SOME * np.std(self.measured, axis=0))
         found_some = np.abs(self.units[at] * found.theta[at]) > least
         largest = np.abs(self.motion.samples[:, self.n_m : 2 * self.n_m]).max(axis=0)
-        model, speeds = self.equations.model, np.array([MOVING * largest, largest])
+        model = self.equations.model
+        speeds = np.array([MOVING * largest, largest])
         slow, fast = np.abs(
             friction_along(derive(model).function, model, speeds, np.zeros_like(speeds))
         )
@@ -198,17 +225,25 @@ class GearModel:
         return bool(motors.any())
 
     def take_out_step_errors(self, theta: np.ndarray) -> None:
-        """From now on compare torques without the errors that the steps of the simulation make at theta."""
-        finer, p = copy(self), [self.numbers(theta)]
+        """From now on compare torques without the errors that the steps of the simulation make at
+        theta.
+        """
+        finer = copy(self)
+        p = [self.numbers(theta)]
         finer.segments = self.segments.with_steps(FINER * self.segments.steps)
         motion = MotorMotion.through(self.signals.time, self.signals.q_m, finer.segments.steps)
         errors = self.arm_torques(p, self.motion)[0] - finer.arm_torques(p, motion)[0]
-        self.measured, self.step_errors = self.measured + errors - self.step_errors, errors
+        self.measured = self.measured + errors - self.step_errors
+        self.step_errors = errors
 
     def regressors(self, motion: MotorMotion) -> np.ndarray:
-        """Derivatives (k, n_m, linear) of the torques in frictions, constants, cogging and delay."""
-        n, at = self.n_m, motion.samples
-        q, v = at[:, :n], at[:, n : 2 * n]
+        """Derivatives (k, n_m, linear) of the torques in frictions, constants, cogging and
+        delay.
+        """
+        n = self.n_m
+        at = motion.samples
+        q = at[:, :n]
+        v = at[:, n : 2 * n]
         parts = [v, np.ones_like(v)]
         for k in self.sought.cogging:  # which helps the motor
             parts += [-np.cos(k * q), -np.sin(k * q)]
@@ -223,7 +258,9 @@ class GearModel:
         return out * self.units[self.bent :]
 
     def _sizes(self) -> np.ndarray:
-        """Linear numbers whose torques are as large as those of the record, at the motor that each moves most."""
+        """Linear numbers whose torques are as large as those of the record, at the motor that each
+        moves most.
+        """
         size = np.sqrt((self.regressors(self.motion) ** 2).mean(axis=0))
         return np.asarray(
             np.std(self.measured, axis=0)[size.argmax(axis=0)]
@@ -246,7 +283,9 @@ class GearModel:
         )
 
     def more_noise(self, seed: int, factor: float = 1.0) -> MotorMotion:
-        """The motion with as much noise of the angles as the record has, once more, times a factor."""
+        """The motion with as much noise of the angles as the record has, once more, times a
+        factor.
+        """
         signals = self.signals
         q_m = signals.q_m + factor * signals.angle_noise(np.random.default_rng(seed))
         return MotorMotion.through(signals.time, q_m, self.segments.steps)
@@ -262,13 +301,14 @@ class GearModel:
         return np.asarray(np.hypot(self.change_by_noise(theta).std(axis=0), of_torques))
 
     def excess(self, theta: np.ndarray, error: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-        """Residuals over what noise explains, rms, the largest of all bands of frequency (n_m,); the same over what
-        noise and the standard deviations of theta explain: (2, n_m).
+        """Residuals over what noise explains, rms, the largest of all bands of frequency (n_m,);
+        the same over what noise and the standard deviations of theta explain: (2, n_m).
 
-        A wrong law shows at the frequencies of the motion, where noise of angles makes hardly any torque: a loop of
-        another shape is 1e-5 of the torque there, behind noise of 1e-3 in all.
+        A wrong law shows at the frequencies of the motion, where noise of angles makes hardly any
+        torque: a loop of another shape is 1e-5 of the torque there, behind noise of 1e-3 in all.
         """
-        power, explained = self._bands(error)[1], self.noise_power(theta, error)[1]
+        power = self._bands(error)[1]
+        explained = self.noise_power(theta, error)[1]
         values, vectors = np.linalg.eigh(covariance)
         deviations = self.derivatives(theta, self.motion)[1] @ (
             vectors * np.sqrt(np.maximum(values, 0.0))
@@ -277,7 +317,9 @@ class GearModel:
         return np.array([np.sqrt(power / each).max(axis=0) for each in (explained, with_theta)])
 
     def noise_power(self, theta: np.ndarray, error: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Lines (bands, 1) of bands of frequency, and the power (bands, n_m) that noise explains in them."""
+        """Lines (bands, 1) of bands of frequency, and the power (bands, n_m) that noise explains
+        in them.
+        """
         own = self.torques([theta], self.motion)[0]
         drawn = [
             self.torques([theta], self.more_noise(seed))[0] - own for seed in range(EXCESS_DRAWS)
@@ -288,8 +330,11 @@ class GearModel:
         return lines, noise + lines * self._white(lines, power) + least
 
     def _bands(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Bands of frequency: their lines (bands, 1), and the power of (k, n_m) in them (bands, n_m)."""
-        n, signals = len(x), self.signals
+        """Bands of frequency: their lines (bands, 1), and the power of (k, n_m) in them (bands,
+        n_m).
+        """
+        n = len(x)
+        signals = self.signals
         f = np.fft.rfftfreq(n, signals.sample_s)
         first = np.searchsorted(
             f, signals.band_hz * np.concatenate([[0.0], np.geomspace(LOWEST, 1.0, BANDS)])
@@ -300,17 +345,23 @@ class GearModel:
         )
 
     def _white(self, lines: np.ndarray, power: np.ndarray) -> np.ndarray:
-        """Power (n_m,) of the noise of the torques in a line: of the record, at most what the quietest residuals allow.
+        """Power (n_m,) of the noise of the torques in a line: of the record, at most what the
+        quietest residuals allow.
 
-        What the drives of a robot make of noise in its loop are true torques, and no noise of their measurement.
+        What the drives of a robot make of noise in its loop are true torques, and no noise of
+        their measurement.
         """
         of_record = (len(self.measured) * self.signals.torque_noise) ** 2 / (2 * lines.sum())
         allowed = 2 * power / chi2.ppf(UNLIKELY, 2 * lines)
         return np.asarray(np.minimum(of_record, allowed.min(axis=0)))
 
     def loops(self, theta: np.ndarray, error: np.ndarray) -> np.ndarray:
-        """Deflections of gears, torques of their elements, and these with the residuals: (k, gears, 3), arm side."""
-        p, gears, at = self.numbers(theta), list(self.sought.gears), self.motion.samples
+        """Deflections of gears, torques of their elements, and these with the residuals: (k,
+        gears, 3), arm side.
+        """
+        p = self.numbers(theta)
+        gears = list(self.sought.gears)
+        at = self.motion.samples
         (x,) = self._simulate(
             p[None], self.motion, self.arm.rest(at[0, : self.n_m], p)[None], states=True
         )
@@ -323,18 +374,27 @@ class GearModel:
     def _simulate(
         self, p: np.ndarray, motion: MotorMotion, start: np.ndarray, states: bool = False
     ) -> np.ndarray:
-        """Motor torques (k, n, n_m) at the samples, or states, from start states (k, n_x) with numbers p (k, n_p)."""
+        """Motor torques (k, n, n_m) at the samples, or states, from start states (k, n_x) with
+        numbers p (k, n_p).
+        """
         inputs = motion.inputs
-        sets, no_offset = np.zeros(len(p), np.int64), np.zeros((len(p), inputs.shape[2]))
+        sets = np.zeros(len(p), np.int64)
+        no_offset = np.zeros((len(p), inputs.shape[2]))
         return self.segments(start, inputs[None], sets, no_offset, p, states=states)
 
     def _forgets(self) -> int:
-        """The first sample of the filtered torques that does not depend on how the motion began."""
-        p, n, at = self.numbers(self.start), len(self.arm.free), self.motion.samples[0]
+        """The first sample of the filtered torques that does not depend on how the motion
+        began.
+        """
+        p = self.numbers(self.start)
+        n = len(self.arm.free)
+        at = self.motion.samples[0]
         rest = self.arm.rest(at[: self.n_m], p)
-        moving, full = rest.copy(), rest.copy()
+        moving = rest.copy()
+        full = rest.copy()
         slip = p[self.shapes : self.shapes + self.count]
-        moving[2 * n :], full[2 * n :] = -slip, slip
+        moving[2 * n :] = -slip
+        full[2 * n :] = slip
         moving[n : 2 * n] = self.arm.joint_speeds(at[self.n_m : 2 * self.n_m])
         first, second = (self.torques([self.start], self.motion, x)[0] for x in (moving, full))
         difference = np.abs(first - second)
@@ -342,25 +402,30 @@ class GearModel:
         late = np.flatnonzero((difference > small).any(axis=1))
         first_sample = int(late[-1]) + 1 if late.size else 0
         if first_sample > len(difference) / 2:
-            what, more = (
-                "gears do",
-                "reversals whose torques are several times those of the hysteresis, and a longer record",
+            what = "gears do"
+            more = (
+                "reversals whose torques are several times those of the hysteresis, and a "
+                "longer record"
             )
             if not self.count:
-                what, more = (
-                    "arm does",
-                    "a longer record: a vibration behind the motors decays slowly",
-                )
+                what = "arm does"
+                more = "a longer record: a vibration behind the motors decays slowly"
             raise ArgumentError(
-                f"record: given a motion in which the {what} not forget how it began, expected {more}"
+                f"record: given a motion in which the {what} not forget how it began, expected "
+                f"{more}"
             )
         return first_sample
 
 
 def estimate(model: GearModel, tell: Callable[[str], None]) -> Estimate:
-    """Fit theta: least squares with two sets of weights, then steps with corrected normal equations."""
-    theta, free, (lower, upper) = model.start, np.full(len(model.start), FREE), _bounds(model)
-    white, steps = Whitening(model.change_by_noise(theta), model, FLOOR[0]), 0
+    """Fit theta: least squares with two sets of weights, then steps with corrected normal
+    equations.
+    """
+    theta = model.start
+    free = np.full(len(model.start), FREE)
+    (lower, upper) = _bounds(model)
+    white = Whitening(model.change_by_noise(theta), model, FLOOR[0])
+    steps = 0
 
     def cost(theta: np.ndarray) -> float:
         return float((white(model.torques([theta], model.motion)[0] - model.measured) ** 2).sum())
@@ -370,7 +435,8 @@ def estimate(model: GearModel, tell: Callable[[str], None]) -> Estimate:
         steps += 1
         e, J = model.derivatives(theta, model.motion)
         tell(f"step {steps}: {100 * _misfit(e, model.measured):.3g} % of the torques unexplained")
-        r, J = white(e).ravel(), white(J).reshape(e.size, -1)
+        r = white(e).ravel()
+        J = white(J).reshape(e.size, -1)
         return float(r @ r), J.T @ r, J.T @ J
 
     for close in CLOSE:
@@ -388,7 +454,9 @@ def estimate(model: GearModel, tell: Callable[[str], None]) -> Estimate:
         if is_over():
             return _best_step(model, fit, white)
         model.take_out_step_errors(theta)
-        white = Whitening(model.torques([theta], model.motion)[0] - model.measured, model, FLOOR[1])
+        white = Whitening(
+            model.torques([theta], model.motion)[0] - model.measured, model, FLOOR[1]
+        )
         dropped = _drop(model, theta, lower, upper)
         if fit.wrong or (not dropped and close != CLOSE[0]):
             break
@@ -427,26 +495,33 @@ def _best_step(model: GearModel, fit: Fit, white: Whitening) -> Estimate:
 
 def _bounds(model: GearModel) -> tuple[np.ndarray, np.ndarray]:
     """Least and largest theta."""
-    lower, upper = np.full(len(model.start), -np.inf), np.full(len(model.start), np.inf)
-    lower[: model.parts], upper[: model.parts] = 1 / REACH, REACH
+    lower = np.full(len(model.start), -np.inf)
+    upper = np.full(len(model.start), np.inf)
+    lower[: model.parts] = 1 / REACH
+    upper[: model.parts] = REACH
     lower[model.shapes - model.count : model.shapes] = STIFF
     exponent = model.units[model.shapes : model.parts]
-    lower[model.shapes : model.parts], upper[model.shapes : model.parts] = (
-        1.0 / exponent,
-        SHARPEST / exponent,
-    )
-    lower[model.parts : model.errors], upper[model.parts : model.errors] = LEAST_LOST, MOST_LOST
+    lower[model.shapes : model.parts] = 1.0 / exponent
+    upper[model.shapes : model.parts] = SHARPEST / exponent
+    lower[model.parts : model.errors] = LEAST_LOST
+    upper[model.parts : model.errors] = MOST_LOST
     return lower, upper
 
 
 def _drop(model: GearModel, theta: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> bool:
-    """Fix elements at none whose loop is narrow, or whose K_h is at a bound, as part of a spring; whether any."""
-    n, any_dropped = model.shapes - model.count, False
+    """Fix elements at none whose loop is narrow, or whose K_h is at a bound, as part of a spring;
+    whether any.
+    """
+    n = model.shapes - model.count
+    any_dropped = False
     for k in range(model.count):
-        K_h, lost = n + k, model.parts + k
+        K_h = n + k
+        lost = model.parts + k
         inside = lower[K_h] * NEAR < theta[K_h] < upper[K_h] / NEAR and theta[lost] > NO_LOST
         if not inside and lower[lost] < upper[lost]:
-            theta[K_h], theta[lost], any_dropped = 1.0, LEAST_LOST, True
+            theta[K_h] = 1.0
+            theta[lost] = LEAST_LOST
+            any_dropped = True
             lower[K_h] = upper[K_h] = 1.0
             lower[lost] = upper[lost] = LEAST_LOST
             shape = slice(model.shapes + k, model.shapes + k + model.sought.exponents)
@@ -457,7 +532,8 @@ def _drop(model: GearModel, theta: np.ndarray, lower: np.ndarray, upper: np.ndar
 def _correct(
     model: GearModel, theta: np.ndarray, white: Whitening, free: np.ndarray, draws: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Corrected normal equations at theta for numbers that are free; samples of noise come in pairs of both signs.
+    """Corrected normal equations at theta for numbers that are free; samples of noise come in
+    pairs of both signs.
 
     Returns
     -------
@@ -466,8 +542,8 @@ def _correct(
     change : array (n,)
         What is subtracted from theta.
     covariance : array (n, n)
-        Of theta by the blocks and by the samples of noise; of directions that the noise does not let determine: 100 %
-        of the number that a direction moves most.
+        Of theta by the blocks and by the samples of noise; of directions that the noise does not
+        let determine: 100 % of the number that a direction moves most.
     """
     error, J = model.derivatives(theta, model.motion)
     J = white(J * free)
@@ -478,14 +554,18 @@ def _correct(
         at = range(block, len(J), block)
         return np.array([np.einsum("njp,njq->pq", part, part) for part in np.split(J, at)])
 
-    raw, scores = squares(J), 2 * np.einsum("njp,nj->np", J, white(error))
-    A, cut = 2 * raw, np.arange(0, len(scores), block)
-    own, spread = scores / 2, np.zeros_like(raw[0])
+    raw = squares(J)
+    scores = 2 * np.einsum("njp,nj->np", J, white(error))
+    A = 2 * raw
+    cut = np.arange(0, len(scores), block)
+    own = scores / 2
+    spread = np.zeros_like(raw[0])
     for seed in range(draws):
         pair = np.zeros_like(scores)
         for sign in (1.0, -1.0):
             e_more, J_more = model.derivatives(theta, model.more_noise(seed, sign))
-            r_more, J_more = white(e_more), white(J_more * free)
+            r_more = white(e_more)
+            J_more = white(J_more * free)
             pair += np.einsum("njp,nj->np", J_more, r_more) / 2
             A -= squares(J_more) / (2 * draws)
         scores -= pair / draws
@@ -507,19 +587,25 @@ def _solve(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Change of theta and its covariance, see `_correct`.
 
-    ``A`` (blocks, n, n), ``blocks`` (blocks, n): matrix and gradient of each; ``raw`` (n, n): the matrix with its
-    noise; ``spread`` (n, n): covariance of the gradient by samples of noise; ``numbers``: entries with sizes of 1.
+    ``A`` (blocks, n, n), ``blocks`` (blocks, n): matrix and gradient of each; ``raw`` (n, n): the
+    matrix with its noise; ``spread`` (n, n): covariance of the gradient by samples of noise;
+    ``numbers``: entries with sizes of 1.
     """
-    n, scale = len(raw), np.sqrt(np.diag(raw))
+    n = len(raw)
+    scale = np.sqrt(np.diag(raw))
     part = np.flatnonzero(free & (scale > 0.0))
-    at, both = np.ix_(part, part), np.outer(scale[part], scale[part])
+    at = np.ix_(part, part)
+    both = np.outer(scale[part], scale[part])
     # 1 where there is no noise
     values, vectors = eigh(A.sum(axis=0)[at] / both, raw[at] / both + RANK * np.eye(len(part)))
     known = values > LEAST_SIGNAL
     directions = np.zeros((n, len(part)))
     directions[part] = vectors / scale[part, None]
-    found, hidden, values = directions[:, known], directions[:, ~known], values[known]
-    inverse, left = (found / values) @ found.T, np.diag(values) - found.T @ A @ found
+    found = directions[:, known]
+    hidden = directions[:, ~known]
+    values = values[known]
+    inverse = (found / values) @ found.T
+    left = np.diag(values) - found.T @ A @ found
     left_out = np.linalg.solve(left, (blocks @ found)[:, :, None])[:, :, 0] @ found.T
     lost = np.eye(n)[:, [k for k in range(n) if k not in part]]
     # as large as the number that it moves most

@@ -1,16 +1,19 @@
 """Whether the record shows elements of hysteresis that a fit lacks, one at a time.
 
-A loop of another shape changes the torques by less than the noise, and is seen against the noise of each frequency.
-So an element more is added to the driven arm, which slips between two of the gear's or before or after all of them, so
-weak that the torques are linear in it. One step from the fit, with the weights of the noise in bands of frequency,
+A loop of another shape changes the torques by less than the noise, and is seen against the noise
+of each frequency. So an element more is added to the driven arm, which slips between two of the
+gear's or before or after all of them, so weak that the torques are linear in it. One step from the
+fit, with the weights of the noise in bands of frequency,
 
     [theta, a] -= A^-1 G,    cov = A^-1 (2 J'J - A) A^-1
 
-(see `flexgen.gears.fit`), gives its size a, over the stiffness of the gear, and the lost motion of all elements with
-it. The deviation of a is that by the noise of the record, of which J'J is the covariance of G, and by that which is
-added, J'J - A: the jackknife's has the errors of a wrong law in it, which hide it.
+(see `flexgen.gears.fit`), gives its size a, over the stiffness of the gear, and the lost motion of
+all elements with it. The deviation of a is that by the noise of the record, of which J'J is the
+covariance of G, and by that which is added, J'J - A: the jackknife's has the errors of a wrong law
+in it, which hide it.
 
-Source: C. R. Rao, Linear Statistical Inference and Its Applications, 2nd ed. 1973, sec. 6e (score test).
+Source: C. R. Rao, Linear Statistical Inference and Its Applications, 2nd ed. 1973, sec. 6e (score
+test).
 """
 
 from __future__ import annotations
@@ -38,7 +41,9 @@ MOVES = 1.5  # changes of lost motions over their deviations, from which they co
 
 
 def gears_that_lack_elements(model: GearModel, found: Estimate) -> tuple[int, ...]:
-    """Gears of which the record shows one element more, with a lost motion that differs by `MOVES` deviations."""
+    """Gears of which the record shows one element more, with a lost motion that differs by `MOVES`
+    deviations.
+    """
     further = _FurtherElements(model, found.theta)
     if not further.gears:
         return ()
@@ -46,7 +51,8 @@ def gears_that_lack_elements(model: GearModel, found: Estimate) -> tuple[int, ..
     A, raw, gradient = further.equations(white)
     free = _free(model, found.theta)
     base = np.flatnonzero(free & (np.diag(raw)[: len(free)] > 0.0))
-    lacking, seen = set(), SEEN[model.friction.sticks]
+    lacking = set()
+    seen = SEEN[model.friction.sticks]
     for k, (gear, lost) in enumerate(zip(further.gears, further.lost, strict=True)):
         added = len(found.theta) + k
         if not raw[added, added] > 0.0:
@@ -65,7 +71,8 @@ def gears_that_lack_elements(model: GearModel, found: Estimate) -> tuple[int, ..
 
 def _free(model: GearModel, theta: np.ndarray) -> np.ndarray:
     """Entries of theta but those of elements that the fit has dropped."""
-    free, n = np.ones(len(theta), bool), model.shapes - model.count
+    free = np.ones(len(theta), bool)
+    n = model.shapes - model.count
     for k in np.flatnonzero(theta[model.parts : model.errors] <= LEAST_LOST):
         free[[n + k, model.parts + k]] = False
         free[model.shapes + k : model.shapes + k + model.sought.exponents] = False
@@ -73,7 +80,9 @@ def _free(model: GearModel, theta: np.ndarray) -> np.ndarray:
 
 
 def _step(A: np.ndarray, raw: np.ndarray, gradient: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """What is subtracted from numbers, and its covariance; directions that are noise stay as they are."""
+    """What is subtracted from numbers, and its covariance; directions that are noise stay as they
+    are.
+    """
     scale = np.sqrt(np.diag(raw))
     both = np.outer(scale, scale)
     values, vectors = eigh(A / both, raw / both + RANK * np.eye(len(raw)))
@@ -90,21 +99,27 @@ class _FurtherElements:
     """
 
     def __init__(self, model: GearModel, theta: np.ndarray) -> None:
-        self.model, self.theta, elements, n = model, theta, list[Element](), len(model.names)
+        self.model = model
+        self.theta = theta
+        elements = list[Element]()
+        n = len(model.names)
         values, K_h, W, *_ = np.split(
             model.numbers(theta), [n, n + model.count, n + 2 * model.count]
         )
         given = dict(zip(model.names, values.tolist(), strict=True))
         K = gear_stiffness(with_values(model.equations.model, given), np.inf)
-        sought, wide = model.sought, theta[model.parts : model.errors] > NO_LOST
+        sought = model.sought
+        wide = theta[model.parts : model.errors] > NO_LOST
         for gear in sought.gears:
             s = np.sort((W / K_h)[wide & np.equal(model.at, gear)])
             slips = np.concatenate([s[:1] / APART, np.sqrt(s[1:] * s[:-1]), s[-1:] * APART])
             elements += [Element(gear, float(K[gear]), 2 * slip) for slip in slips.tolist()]
-        self.gears, self.lost = [each.gear for each in elements], [each.lost for each in elements]
+        self.gears = [each.gear for each in elements]
+        self.lost = [each.lost for each in elements]
         self.K = K[self.gears]
         if elements:
-            self.driven, laws = copy(model), (*sought.elements, *elements)
+            self.driven = copy(model)
+            laws = (*sought.elements, *elements)
             arm = DrivenArm(
                 model.equations, laws, sought.exponents, sought.errors, sought.harmonics
             )
@@ -112,7 +127,9 @@ class _FurtherElements:
             self.driven.segments = arm.segments(model.signals.sample_s, model.segments.steps)
 
     def equations(self, white: Whitening) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """A, J'J and G of the numbers of the fit and the sizes of these elements, see `flexgen.gears.fit`."""
+        """A, J'J and G of the numbers of the fit and the sizes of these elements, see
+        `flexgen.gears.fit`.
+        """
         model = self.model
 
         def sums(motion: MotorMotion) -> tuple[np.ndarray, np.ndarray]:
@@ -139,8 +156,11 @@ class _FurtherElements:
 
     def _numbers(self, sizes: np.ndarray) -> np.ndarray:
         """Numbers of the driven arm with these elements."""
-        model, n, c = self.model, len(self.model.names), self.model.count
-        K_h, shapes = sizes * self.K, np.ones(len(sizes) * model.sought.exponents)
+        model = self.model
+        n = len(self.model.names)
+        c = self.model.count
+        K_h = sizes * self.K
+        shapes = np.ones(len(sizes) * model.sought.exponents)
         own = np.split(
             model.numbers(self.theta), [n + c, n + 2 * c, n + 2 * c + c * model.sought.exponents]
         )

@@ -1,4 +1,6 @@
-"""`identify_gears`: hysteresis and transmission errors of gears from a record of motor angles and torques."""
+"""`identify_gears`: hysteresis and transmission errors of gears from a record of motor angles and
+torques.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +37,8 @@ from flexgen.type_checks import checked_types
 
 SHARP = 2.0  # exponent where the search for it begins, at least
 # residuals over those that noise explains, and over the torques: more is a model error
-NOISE, LEAST = 1.5, 5e-4
+NOISE = 1.5
+LEAST = 5e-4
 EXCESS = 3.0  # the same in a band of frequencies
 # times the band: where noise hides a gear, the model agrees in a narrower one
 NARROWER = (0.6, 0.36)
@@ -61,10 +64,12 @@ def identify_gears(
     time_limit: float | None = None,
     progress: Choice = None,
 ) -> GearFit:
-    """Identify hysteresis, transmission errors and cogging from a record of motor angles and torques.
+    """Identify hysteresis, transmission errors and cogging from a record of motor angles and
+    torques.
 
-    The laws are those of the keys ``hysteresis``, ``transmission_error`` and ``cogging`` of a model file. The equations
-    of motion are those of the model, with the motors where they were measured; see `flexgen.gears.fit`.
+    The laws are those of the keys ``hysteresis``, ``transmission_error`` and ``cogging`` of a
+    model file. The equations of motion are those of the model, with the motors where they were
+    measured; see `flexgen.gears.fit`.
 
     Parameters
     ----------
@@ -82,20 +87,23 @@ def identify_gears(
     elements : int, optional
         Elements of each gear; default: those of the model, and one where it has none.
     exponents : bool
-        Fit how sharply elements begin to slip, too; else exponents are those of the model, as ``gamma`` always is.
+        Fit how sharply elements begin to slip, too; else exponents are those of the model, as
+        ``gamma`` always is.
     harmonics : sequence of int
         Of the transmission errors of these gears, periods in a turn of the motor; default: none.
     cogging : sequence of int
         Harmonics of the cogging of all motors; default: none.
     free : sequence of str, optional
-        Other numbers of the model that are fitted too, see `flexgen.mechanics.parameters`; default: stiffness and
-        damping of these gears. Frictions and constant torques of the motors, and a delay of the torques, always are.
+        Other numbers of the model that are fitted too, see `flexgen.mechanics.parameters`;
+        default: stiffness and damping of these gears. Frictions and constant torques of the
+        motors, and a delay of the torques, always are.
     band_hz : float, optional [Hz]
-        Frequencies that are compared; default: as far as the motion is above the noise of the angles. Where the model
-        agrees only below 0.6 or 0.36 of that, or but for the standard deviations, the status is "noise too large".
+        Frequencies that are compared; default: as far as the motion is above the noise of the
+        angles. Where the model agrees only below 0.6 or 0.36 of that, or but for the standard
+        deviations, the status is "noise too large".
     columns : sequence of str, optional
-        Names of the columns of a CSV file without a header, such as ``t,q1,q2,m1,m2`` (SI units, or
-        with a unit).
+        Names of the columns of a CSV file without a header, such as ``t,q1,q2,m1,m2`` (SI units,
+        or with a unit).
     time_limit : float, optional [s]
         Then, or after Ctrl-C, the result is the best step so far, with the status "time limit" or
         "interrupted"; 0: no limit.
@@ -115,7 +123,9 @@ def identify_gears(
     Examples
     --------
     >>> error = {"harmonics": [1], "cos": [5e-5]}  # rad at the joint
-    >>> robot = flexgen.read("elbow", overrides={"element.upper.dof.q1.gear.transmission_error": error})
+    >>> robot = flexgen.read(
+    ...     "elbow", overrides={"element.upper.dof.q1.gear.transmission_error": error}
+    ... )
     >>> record = flexgen.control(robot, sample_time=1e-3).trajectory()
     >>> found = flexgen.identify_gears("elbow", record, hysteresis=False, harmonics=[1])
     >>> f"{found.values['q1.transmission_error.cos_1']:.2e} rad"
@@ -139,7 +149,8 @@ def identify_gears(
     fitted = (
         [parameter for parameter in select(plain, free) if parameter.value > 0.0] if free else []
     )
-    orders, of_motors = _orders("harmonics", harmonics), _orders("cogging", cogging)
+    orders = _orders("harmonics", harmonics)
+    of_motors = _orders("cogging", cogging)
     first = _first_elements(robot, gears, elements, exponents, data)
     sought = Sought(first, exponents, chosen if orders else (), orders, of_motors)
     equations = derive(plain, [parameter.name for parameter in fitted])
@@ -173,8 +184,8 @@ def _refuse_ignored(robot: RobotModel, gears: Sequence[int]) -> None:
     ignored = [name for name in hysteretic_joints(robot) if name not in known]
     if ignored:
         raise ArgumentError(
-            f"joints, hysteresis: given a fit without that of {', '.join(ignored)}, which {robot.title} has, expected "
-            "these joints too, or a model without their hysteresis"
+            f"joints, hysteresis: given a fit without that of {', '.join(ignored)}, which "
+            f"{robot.title} has, expected these joints too, or a model without their hysteresis"
         )
 
 
@@ -201,21 +212,25 @@ def _first_elements(
 ) -> tuple[Element, ...]:
     """Elements of the gears where the search begins: those of the model where it has so many.
 
-    Lost motions are in units of 1 arcmin, of a translation of its deflection under the torques of the record.
+    Lost motions are in units of 1 arcmin, of a translation of its deflection under the torques of
+    the record.
     """
     if count is not None and (count is True or not 1 <= count <= ELEMENTS):
         raise ArgumentError(
             f"elements: given {show_value(count)}, expected a whole number from 1 to {ELEMENTS}"
         )
-    K, out = gear_stiffness(without_hysteresis(robot), np.inf), []
+    K = gear_stiffness(without_hysteresis(robot), np.inf)
+    out = []
     for k in gears:
-        found, unit = [], ARCMIN
+        found = []
+        unit = ARCMIN
         if robot.coordinates[robot.i_g[k]].unit == "m":
             unit = float((record["tau_m"] @ robot.eta[:, k]).std() / K[k]) or ARCMIN
         for x in (x for x in gear_layers(robot) if x.present[k]):
             if not isinstance(law := x.laws[k], Hysteresis):
                 raise ArgumentError(
-                    f"hysteresis: given the law {type(law).__name__}, expected that of Bouc and Wen"
+                    f"hysteresis: given the law {type(law).__name__}, expected that of Bouc and "
+                    "Wen"
                 )
             found.append(
                 Element(k, x.stiffness[k], 2 * x.slip[k] / K[k], law.exponent, law.gamma, unit)
@@ -238,7 +253,8 @@ def _orders(name: str, given: Sequence[int]) -> tuple[int, ...]:
     whole = all(type(k) is int and 1 <= k <= HIGHEST for k in found)
     if not whole or len(set(found)) < len(found) or len(found) > MOST:
         raise ArgumentError(
-            f"{name}: given {show_value(given)}, expected at most {MOST} different whole numbers from 1 to {HIGHEST}"
+            f"{name}: given {show_value(given)}, expected at most {MOST} different whole "
+            f"numbers from 1 to {HIGHEST}"
         )
     return tuple(sorted(found))
 
@@ -266,11 +282,9 @@ def _result(
     robot: RobotModel, fitted: Sequence[Parameter], fit: GearModel, found: Estimate
 ) -> GearFit:
     """The numbers of the model that a fit found, with its status."""
-    noise, error, size = (
-        fit.noise(found.theta, found.error),
-        found.error.std(axis=0),
-        fit.measured.std(axis=0),
-    )
+    noise = fit.noise(found.theta, found.error)
+    error = found.error.std(axis=0)
+    size = fit.measured.std(axis=0)
     finite = bool(np.isfinite(found.covariance).all())
     reason = reason_of_end()
     known = found.covariance if finite else np.zeros_like(found.covariance)
@@ -318,18 +332,23 @@ class _Numbers:
 
     def _at(self, k: int) -> tuple[float, float]:
         """The number of entry k, and its standard deviation."""
-        unit, sd = float(self.fit.units[k]), np.sqrt(max(self.found.covariance[k, k], 0.0))
+        unit = float(self.fit.units[k])
+        sd = np.sqrt(max(self.found.covariance[k, k], 0.0))
         return unit * float(self.found.theta[k]), unit * float(sd)
 
     def _parameters(self) -> list[Number]:
         found = [(parameter, *self._at(k)) for k, parameter in enumerate(self.fitted)]
-        return [Number(p.name, x, sd, p.unit, (p.key, "", -1), sd < WEAK * x) for p, x, sd in found]
+        return [
+            Number(p.name, x, sd, p.unit, (p.key, "", -1), sd < WEAK * x) for p, x, sd in found
+        ]
 
     def _hysteresis(self) -> list[Number]:
-        out, fit = [], self.fit
+        out = []
+        fit = self.fit
         for k, at in self._elements():
             joint, key = self._joint(k)
-            unit, ratio = joint.unit, gears_of(self.robot)[k][1]
+            unit = joint.unit
+            ratio = gears_of(self.robot)[k][1]
             rows = [("lost_motion", unit, 1.0, fit.parts)]
             rows.append(
                 (
@@ -368,7 +387,9 @@ class _Numbers:
         ]
 
     def laws(self) -> dict[str, tuple[dict[str, float], ...]]:
-        """Exponent and gamma of the elements of gears that are not Dahl's, and not fitted, in `GearFit.changes`."""
+        """Exponent and gamma of the elements of gears that are not Dahl's, and not fitted, in
+        `GearFit.changes`.
+        """
         out = {}
         for k, at in self._elements():
             elements = [self.fit.sought.elements[n] for n in at]
@@ -380,12 +401,15 @@ class _Numbers:
 
     def _sum_of(self, entries: Sequence[int], scale: float) -> tuple[float, float]:
         """The sum of numbers of one kind over a scale, and its standard deviation."""
-        at, units = list(entries), self.fit.units[entries] / scale
+        at = list(entries)
+        units = self.fit.units[entries] / scale
         variance = units @ self.found.covariance[np.ix_(at, at)] @ units
         return float(units @ self.found.theta[at]), float(np.sqrt(max(variance, 0.0)))
 
     def _errors(self) -> list[Number]:
-        out, k, orders = [], self.fit.errors, self.fit.sought.harmonics
+        out = []
+        k = self.fit.errors
+        orders = self.fit.sought.harmonics
         for gear in self.fit.sought.errors:
             joint, key = self._joint(gear)
             pairs = [(k + at, k + len(orders) + at) for at in range(len(orders))]
@@ -400,7 +424,9 @@ class _Numbers:
         return out
 
     def _cogging(self) -> list[Number]:
-        out, n, orders = [], self.fit.n_m, self.fit.sought.cogging
+        out = []
+        n = self.fit.n_m
+        orders = self.fit.sought.cogging
         first = self.fit.bent + FRICTIONS * n
         for j, motor in enumerate(self.robot.motors):
             pairs = [
@@ -419,7 +445,9 @@ class _Numbers:
         orders: Sequence[int],
         pairs: Sequence[tuple[int, int]],
     ) -> list[Number]:
-        """Coefficients of a Fourier sum, whose entries of theta are ``pairs``; determined by their amplitude."""
+        """Coefficients of a Fourier sum, whose entries of theta are ``pairs``; determined by their
+        amplitude.
+        """
         out = []
         for at, (order, pair) in enumerate(zip(orders, pairs, strict=True)):
             (c, c_sd), (s, s_sd) = (self._at(k) for k in pair)
@@ -431,5 +459,7 @@ class _Numbers:
     def _joint(self, gear: int) -> tuple[Coordinate, str]:
         """The coordinate of a gear, and the key of the gear in the model file."""
         joint = self.robot.coordinates[self.robot.i_g[gear]]
-        places = {dof.name: element.name for element in self.robot.elements for dof in element.dofs}
+        places = {
+            dof.name: element.name for element in self.robot.elements for dof in element.dofs
+        }
         return joint, f"element.{places[joint.name]}.dof.{joint.name}.gear"

@@ -1,11 +1,13 @@
-"""Coulomb friction of motors in the torques of a record, and what it may be while a motor stands still.
+"""Coulomb friction of motors in the torques of a record, and what it may be while a motor stands
+still.
 
     tau_c = F tanh(v/v_c)
 
-changes within a small part of a sample, and so it is computed at ``parts`` instants of each sample and filtered there:
-the filter of the torques at a higher rate. Where a motor with such friction stands still, it is any torque, which is
-taken out of all terms, see `flexgen.analysis.rests_of_motors`: only where there is some, since the noise would hide
-other numbers behind it.
+changes within a small part of a sample, and so it is computed at ``parts`` instants of each sample
+and filtered there: the filter of the torques at a higher rate. Where a motor with such friction
+stands still, it is any torque, which is taken out of all terms, see
+`flexgen.analysis.rests_of_motors`: only where there is some, since the noise would hide other
+numbers behind it.
 """
 
 from __future__ import annotations
@@ -34,7 +36,8 @@ class MotorFriction:
     """
 
     def __init__(self, signals: Signals, motion: MotorMotion) -> None:
-        self.signals, self.motion = signals, motion
+        self.signals = signals
+        self.motion = motion
         self.rests: tuple[Rests, ...] = ()
         self.sticks = False  # whether any motor has some
         self._last: tuple[MotorMotion, np.ndarray] | None = None  # of `coulomb`
@@ -44,11 +47,15 @@ class MotorFriction:
         """Torques (k, n_m) in the band for F = 1."""
         if self._last is None or self._last[0] is not motion:
             v = self._speeds(motion)
-            self._last = motion, self._filter(np.tanh(v / (STEEP * np.abs(v).max(axis=0) + 1e-300)))
+            self._last = (
+                motion,
+                self._filter(np.tanh(v / (STEEP * np.abs(v).max(axis=0) + 1e-300))),
+            )
         return self._last[1]
 
     def take_out(self, first: int, motors: np.ndarray) -> None:
-        """From now on `project` leaves out standstill of these motors (n_m,), from sample ``first`` of the torques on.
+        """From now on `project` leaves out standstill of these motors (n_m,), from sample
+        ``first`` of the torques on.
 
         These are those in the band.
         """
@@ -82,5 +89,6 @@ class MotorFriction:
 
     @cached_property
     def _taps(self) -> np.ndarray:
-        signals, rate = self.signals, self.parts / self.signals.sample_s
+        signals = self.signals
+        rate = self.parts / self.signals.sample_s
         return firwin(2 * self.parts * signals.margin + 1, signals.band_hz, fs=rate, window=WINDOW)

@@ -1,4 +1,6 @@
-"""What `flexgen.identify_gears` returns: numbers of gears with standard deviations, and the model that has them."""
+"""What `flexgen.identify_gears` returns: numbers of gears with standard deviations, and the model
+that has them.
+"""
 
 from __future__ import annotations
 
@@ -22,8 +24,9 @@ from flexgen.type_checks import checked_result
 WEAK = 0.5  # standard deviation over a number, above which the record does not determine it
 VARIANT = "identified"
 LACKING = (
-    "Hysteresis of another shape fits the record better, with another lost motion: {}. Fit one element more, or "
-    "exponents. Standard deviations are not given: the errors may be many times those that noise causes."
+    "Hysteresis of another shape fits the record better, with another lost motion: {}. Fit one "
+    "element more, or exponents. Standard deviations are not given: the errors may be many "
+    "times those that noise causes."
 )
 
 
@@ -38,18 +41,22 @@ class GearStatus(ExplainedStatus):
     MODEL_ERROR = (
         "model error",
         "The model differs from the record by more than the noise.",
-        "Look at the loops of the picture: a wrong mass or payload, a missing spring, another friction, hysteresis or "
-        "transmission error. Standard deviations are not given: the errors may be many times those that noise causes.",
+        "Look at the loops of the picture: a wrong mass or payload, a missing spring, another "
+        "friction, hysteresis or transmission error. Standard deviations are not given: the "
+        "errors may be many times those that noise causes.",
     )
     NOT_CONVERGED = (
         "not converged",
         "The search for the best numbers did not come to an end.",
-        "Do not use the numbers; begin with a model that is nearer to the robot, or fit fewer numbers.",
+        (
+            "Do not use the numbers; begin with a model that is nearer to the robot, or fit "
+            "fewer numbers."
+        ),
     )
     NOISE = (
         "noise too large",
-        "The model agrees with the record below a part of the frequencies only, or but for large standard deviations: "
-        "noise of the angles hides a gear, or an error of the model.",
+        "The model agrees with the record below a part of the frequencies only, or but for "
+        "large standard deviations: noise of the angles hides a gear, or an error of the model.",
         "Do not use the numbers; record a longer or a larger motion, or angles with less noise.",
     )
     TIME_LIMIT = OUT_OF_TIME
@@ -58,10 +65,12 @@ class GearStatus(ExplainedStatus):
 
 @dataclass(frozen=True)
 class Number:
-    """A number that was identified: ``value`` and standard deviation ``sd``; ``change``: where the model has it.
+    """A number that was identified: ``value`` and standard deviation ``sd``; ``change``: where the
+    model has it.
 
-    ``change``: dotted key of the model file, the key in its table or an empty text, and the index in its list or -1; no
-    dotted key: a sum. ``determined``: by itself, or as an amplitude or a sum together with others.
+    ``change``: dotted key of the model file, the key in its table or an empty text, and the index
+    in its list or -1; no dotted key: a sum. ``determined``: by itself, or as an amplitude or a sum
+    together with others.
     """
 
     name: str
@@ -107,13 +116,15 @@ class GearFit(Result):
     robot : RobotModel
         The model before.
     numbers : tuple of Number
-        Names: of parameters of the model, and ``JOINT.hysteresis.lost_motion`` [rad or m at the joint],
-        ``JOINT.hysteresis.stiffness`` [N m/rad, side of the spring] and ``JOINT.hysteresis.exponent``, of several
-        elements the sums and with ``_1``, ``_2``, ... each, ``JOINT.transmission_error.cos_K`` and ``sin_K``
-        of the harmonic K [rad or m at the joint], ``MOTOR.cogging.cos_K`` and ``sin_K`` [N m].
+        Names: of parameters of the model, and ``JOINT.hysteresis.lost_motion`` [rad or m at the
+        joint], ``JOINT.hysteresis.stiffness`` [N m/rad, side of the spring] and
+        ``JOINT.hysteresis.exponent``, of several elements the sums and with ``_1``, ``_2``, ...
+        each, ``JOINT.transmission_error.cos_K`` and ``sin_K`` of the harmonic K [rad or m at the
+        joint], ``MOTOR.cogging.cos_K`` and ``sin_K`` [N m].
     status : GearStatus
     unexplained, noise : arrays (n_m,) [N m]
-        Root mean square of measured minus computed torques in the band, and the part of it that noise explains.
+        Root mean square of measured minus computed torques in the band, and the part of it that
+        noise explains.
     band_hz : float [Hz]
         Frequencies that were compared.
     delay_s : float [s]
@@ -125,7 +136,8 @@ class GearFit(Result):
     harmonics, cogging : tuples of int
         Of the transmission errors, and of the cogging.
     laws : dict
-        Dotted key of a hysteresis -> exponent and gamma of its elements, where they are not Dahl's law.
+        Dotted key of a hysteresis -> exponent and gamma of its elements, where they are not Dahl's
+        law.
     lacking : tuple of str
         Joints of which the record shows an element of hysteresis more, with another lost motion.
     notes : tuple of str
@@ -134,9 +146,14 @@ class GearFit(Result):
     Examples
     --------
     >>> cogging = {"motor.m1.cogging": {"harmonics": [6], "sin": [0.03]}}  # N m
-    >>> record = flexgen.control(flexgen.read("elbow", overrides=cogging), sample_time=1e-3).trajectory()
+    >>> record = flexgen.control(
+    ...     flexgen.read("elbow", overrides=cogging), sample_time=1e-3
+    ... ).trajectory()
     >>> found = flexgen.identify_gears("elbow", record, hysteresis=False, cogging=[6], free=[])
-    >>> found.changes["motor.m1.cogging"]["harmonics"], f"{found.values['m1.cogging.sin_6']:.3f} N m"
+    >>> (
+    ...     found.changes["motor.m1.cogging"]["harmonics"],
+    ...     f"{found.values['m1.cogging.sin_6']:.3f} N m",
+    ... )
     ([6], '0.030 N m')
     """
 
@@ -201,7 +218,9 @@ class GearFit(Result):
 
     @cached_property
     def changes(self) -> dict[str, Any]:
-        """Dotted key of the model file -> value, of what the record determines; for ``overrides`` and ``--set``."""
+        """Dotted key of the model file -> value, of what the record determines; for ``overrides``
+        and ``--set``.
+        """
         changes: dict[str, Any] = {}
         for number in self.numbers:
             key, name, index = number.change
@@ -231,7 +250,8 @@ class GearFit(Result):
         return read(self.robot.file, self.robot.variant or None, overrides=changes)
 
     def save(self, path: str | Path) -> Path:
-        """Write ``.toml``: the model file with the changes as a further variant ``identified``; ``.json``: the numbers.
+        """Write ``.toml``: the model file with the changes as a further variant ``identified``;
+        ``.json``: the numbers.
 
         Returns
         -------
@@ -276,7 +296,9 @@ class GearFit(Result):
         return figure_rows(self.figures())
 
     def to_dict(self) -> dict[str, Any]:
-        """Numbers, standard deviations where they are stated, and changes of the model, as JSON types, SI units."""
+        """Numbers, standard deviations where they are stated, and changes of the model, as JSON
+        types, SI units.
+        """
         found: Mapping[str, Any] = {
             name: plain(getattr(self, name)) for name in ("values", "sd", "changes", "status")
         }

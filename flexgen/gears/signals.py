@@ -1,11 +1,13 @@
-"""Motor angles and torques of a record in the band of the motion, at fewer samples, and their noise.
+"""Motor angles and torques of a record in the band of the motion, at fewer samples, and their
+noise.
 
-Both pass the same linear-phase low-pass filter, which a linear robot does not see. Torques, measured and computed from
-the angles, pass another one, since friction and hysteresis make higher frequencies than those of the motion. Above the
-motion lies noise: its density is that of the highest frequencies of the record, and the band ends where the motion
-falls below it. Angles have a wider band than torques: little wider where torques are smooth, since noise would come
-through hysteresis. Rough torques, of drives that amplify the noise of their angles, shake the gears above the motion,
-which narrows their loops, so that the angles keep more of it.
+Both pass the same linear-phase low-pass filter, which a linear robot does not see. Torques,
+measured and computed from the angles, pass another one, since friction and hysteresis make higher
+frequencies than those of the motion. Above the motion lies noise: its density is that of the
+highest frequencies of the record, and the band ends where the motion falls below it. Angles have a
+wider band than torques: little wider where torques are smooth, since noise would come through
+hysteresis. Rough torques, of drives that amplify the noise of their angles, shake the gears above
+the motion, which narrows their loops, so that the angles keep more of it.
 """
 
 from __future__ import annotations
@@ -24,7 +26,8 @@ from flexgen.trajectory import Trajectory
 
 ABOVE_NOISE = 10.0  # power of the motion over that of the noise, up to which the band goes
 WIDER = 1.5  # than that, the band
-LEAST_HZ, MOST = 5.0, 1 / 20  # of the band; the latter of the sample rate
+LEAST_HZ = 5.0  # of the band
+MOST = 1 / 20  # the latter of the sample rate
 LEAST = 6  # lengths of the filter in a record, at least
 TAPS = 12  # length of the filter in periods of the end of the band
 WINDOW = ("kaiser", 9.0)
@@ -32,7 +35,8 @@ WINDOW = ("kaiser", 9.0)
 WIDE = (2.0, 3.0)
 ROUGH = 1e-3  # of the torques: white noise in them from which they are rough
 # pieces of the record; their window, whose side lobes are below the noise
-SPECTRUM_S, STEEP = 4.0, ("kaiser", 18.0)
+SPECTRUM_S = 4.0
+STEEP = ("kaiser", 18.0)
 PER_PERIOD = 5  # samples in the period of that end, at least
 # of a step: largest difference of a time from that of equal steps, such as by the rounding of a
 # clock
@@ -44,8 +48,9 @@ QUIET = 0.35  # of the sample rate, above which all is noise
 class Signals:
     """A record in the band below ``band_hz``.
 
-    ``time`` (n,) [s], ``q_m`` [rad], ``tau_m`` [N m] (n, n_m); ``angle_sd``, ``torque_sd`` (n_m,): of white noise
-    on the samples of the record; ``taps``: the filter; ``every``: samples of the record for one of these.
+    ``time`` (n,) [s], ``q_m`` [rad], ``tau_m`` [N m] (n, n_m); ``angle_sd``, ``torque_sd`` (n_m,):
+    of white noise on the samples of the record; ``taps``: the filter; ``every``: samples of the
+    record for one of these.
     """
 
     time: np.ndarray
@@ -96,21 +101,27 @@ class Signals:
 
 
 def signals_of(record: Trajectory, motors: int, band_hz: float | None) -> Signals:
-    """The record of so many motors in its band; ``band_hz``: its end, None: where the angles fall below their noise.
+    """The record of so many motors in its band; ``band_hz``: its end, None: where the angles fall
+    below their noise.
 
     Raises
     ------
     ArgumentError
-        The record is of other motors, is not equidistant, or is too short; the band is wider than the sampling allows.
+        The record is of other motors, is not equidistant, or is too short; the band is wider than
+        the sampling allows.
     """
-    q_m, tau_m, n = record["q_m"], record["tau_m"], len(record.time)
+    q_m = record["q_m"]
+    tau_m = record["tau_m"]
+    n = len(record.time)
     span = float(record.time[-1] - record.time[0])
     time = np.linspace(0.0, span, n)
     for name, x in (("q_m", q_m), ("tau_m", tau_m)):
         if x.shape[1] != motors:
             raise ArgumentError(f"record: given {x.shape[1]} columns of {name}, expected {motors}")
         if not np.isfinite(x).all():
-            raise ArgumentError(f"record: given NaN or infinity in {name}, expected finite numbers")
+            raise ArgumentError(
+                f"record: given NaN or infinity in {name}, expected finite numbers"
+            )
     if np.abs(record.time - record.time[0] - time).max() > EVEN * time[1]:
         raise ArgumentError(
             "record: given unequal steps in time, expected the same step between all samples"
@@ -136,13 +147,15 @@ def signals_of(record: Trajectory, motors: int, band_hz: float | None) -> Signal
         band_hz = float(np.clip(WIDER * first_quiet, max(LEAST_HZ, shortest), MOST * rate))
     elif not is_number(band_hz) or not 0.0 < band_hz <= MOST * rate:
         raise ArgumentError(
-            f"band_hz: given {show_value(band_hz)}, expected a number > 0, at most {MOST * rate:.4g} Hz"
+            f"band_hz: given {show_value(band_hz)}, expected a number > 0, at most "
+            f"{MOST * rate:.4g} Hz"
         )
     count = _count(rate, wide * band_hz)
     if n < LEAST * count:
         least = LEAST * count / rate
         raise ArgumentError(
-            f"record: given {span:.3g} s, expected at least {least:.3g} s to compare motions below {band_hz:.3g} Hz"
+            f"record: given {span:.3g} s, expected at least {least:.3g} s to compare motions "
+            f"below {band_hz:.3g} Hz"
         )
     taps = firwin(count, wide * band_hz, fs=rate, window=WINDOW)
     every = max(1, int(rate / (PER_PERIOD * wide * band_hz)))

@@ -3,12 +3,13 @@
 With a reference acceleration a the robot needs the torques u = G^-1 a, and the model gives G(x)^-1
 a: the error of the feedforward, relative to the torques that the robot needs, is
 
-    e = |S^-1 (G(x)^-1 G - I) S|_2,    S: torques of the motors in the experiment (root mean square)
+    e = |S^-1 (G(x)^-1 G - I) S|_2,
+    S: torques of the motors in the experiment (root mean square)
 
 0: right; 1: as much as without feedforward. G are the responses of the motors. References have
-their power below the lowest natural frequency with locked motors and, quick ones, about it. Misfits
-of elements are relative to their size and without what noise explains; those of elements that carry
-little torque weigh little in e.
+their power below the lowest natural frequency with locked motors and, quick ones, about it.
+Misfits of elements are relative to their size and without what noise explains; those of elements
+that carry little torque weigh little in e.
 """
 
 from __future__ import annotations
@@ -21,7 +22,8 @@ from flexgen.identification.frequency_response import Frf
 
 # Error of the torques of a feedforward that is good enough, below the lowest natural frequency and
 # about it.
-GOOD_BELOW, GOOD_ABOUT = 0.15, 0.5
+GOOD_BELOW = 0.15
+GOOD_ABOUT = 0.5
 # Error of the torques from which a model is as good as none.
 USELESS = 0.7
 # Smallest error of the torques that is printed as a number: 0.1 %.
@@ -35,7 +37,8 @@ class Band:
     """A band of frequencies, with the errors in it.
 
     ``low``, ``high`` [Hz]; ``torque_error``: median error e of the feedforward. ``misfit``
-    (outputs, n_m): median misfit of each element relative to its size, without what noise explains.
+    (outputs, n_m): median misfit of each element relative to its size, without what noise
+    explains.
     """
 
     name: str
@@ -49,8 +52,8 @@ class Band:
 class Grade:
     """The grade of a fit: ``good`` enough for feedforward, ``reason`` in words, and the ``bands``.
 
-    ``lowest_hz`` [Hz]: lowest natural frequency with locked motors; ``outputs``, ``motors``: of the
-    elements.
+    ``lowest_hz`` [Hz]: lowest natural frequency with locked motors; ``outputs``, ``motors``: of
+    the elements.
     """
 
     good: bool
@@ -63,7 +66,9 @@ class Grade:
     @property
     def sentence(self) -> str:
         """Whether the model is good enough for feedforward, and why."""
-        return f"good enough for feedforward: {'yes' if self.good else 'no'}, because {self.reason}"
+        return (
+            f"good enough for feedforward: {'yes' if self.good else 'no'}, because {self.reason}"
+        )
 
     @property
     def worst(self) -> tuple[str, str, Band, float]:

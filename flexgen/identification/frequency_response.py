@@ -1,14 +1,16 @@
-"""Frequency responses from spectra: `frf`, with the covariance of noise and of everything that changes with the input.
+"""Frequency responses from spectra: `frf`, with the covariance of noise and of everything that
+changes with the input.
 
-They are estimated by `flexgen.numerics.response_estimates`. With a reference that is the same in each period this is
-the joint input-output method, G_yr G_ur^-1, without bias by noise in closed loop. For a motion without period there is
-H1 = S_yu S_uu^-1 over windowed segments (Welch's method), with bias.
+They are estimated by `flexgen.numerics.response_estimates`. With a reference that is the same in
+each period this is the joint input-output method, G_yr G_ur^-1, without bias by noise in closed
+loop. For a motion without period there is H1 = S_yu S_uu^-1 over windowed segments (Welch's
+method), with bias.
 
-Several realizations of the random phases show what noise does not: nonlinear distortion and friction change G from
-realization to realization (total covariance).
+Several realizations of the random phases show what noise does not: nonlinear distortion and
+friction change G from realization to realization (total covariance).
 
-Source: R. Pintelon and J. Schoukens, System Identification, 2nd ed. 2012, ch. 2, 4; E. Wernholt and S. Gunnarsson,
-IFAC 2008 (multivariable frequency responses of robots in closed loop).
+Source: R. Pintelon and J. Schoukens, System Identification, 2nd ed. 2012, ch. 2, 4; E. Wernholt
+and S. Gunnarsson, IFAC 2008 (multivariable frequency responses of robots in closed loop).
 """
 
 from __future__ import annotations
@@ -60,7 +62,8 @@ LEAST_TOTAL = 3  # realizations for a total covariance
 @checked_result
 @dataclass(frozen=True, eq=False, repr=False)
 class Frf(ArrayResult):
-    """Frequency responses from motor torques to accelerations of motors and sensors at k poses, motor side.
+    """Frequency responses from motor torques to accelerations of motors and sensors at k poses,
+    motor side.
 
     Parameters
     ----------
@@ -78,7 +81,8 @@ class Frf(ArrayResult):
     variance : array (k, lines, outputs, n_m)
         Variance of each element of G by noise.
     total : array (k, lines, outputs, n_m) or None
-        Variance of each element of G, distortion included; None with fewer than three realizations.
+        Variance of each element of G, distortion included; None with fewer than three
+        realizations.
     periods, experiments : int
         Periods averaged, and experiments of all realizations at a pose.
     sample_s, delay_s : float [s]
@@ -92,11 +96,13 @@ class Frf(ArrayResult):
     noise_UU, noise_YU : arrays (k, lines, n_m or outputs, n_m), or None
         What noise adds to ``U U^H`` and ``Y U^H``; None: not known.
     torques : complex array (k, realizations, lines, n_m, experiments) or None [N m]
-        Mean spectra of the periods, by which `identify` corrects the responses for large motions; None: no periods.
+        Mean spectra of the periods, by which `identify` corrects the responses for large motions;
+        None: no periods.
     numbers : array of int (lines,) or None
         Of the lines, as multiples of 1 over the period.
     gains : array (3, n_m) or None
-        ``position_gain``, ``speed_gain`` and ``integral_gain`` of the drives, see `flexgen.Cascade`; zero: not known.
+        ``position_gain``, ``speed_gain`` and ``integral_gain`` of the drives, see
+        `flexgen.Cascade`; zero: not known.
     ended : str
         Empty; ``"time limit"`` or ``"interrupted"`` where poses of the experiment are missing.
 
@@ -143,8 +149,8 @@ class Frf(ArrayResult):
     def __repr__(self) -> str:
         hz = self.w / (2 * np.pi)
         return (
-            f"<Frf {self.model}: {len(self.poses)} poses, {len(self.w)} lines {hz[0]:.3g} .. {hz[-1]:.3g} Hz, "
-            f"{len(self.outputs)} x {len(self.motors)}>"
+            f"<Frf {self.model}: {len(self.poses)} poses, {len(self.w)} lines {hz[0]:.3g} .. "
+            f"{hz[-1]:.3g} Hz, {len(self.outputs)} x {len(self.motors)}>"
         )
 
     def relative_sd(self) -> float:
@@ -157,8 +163,8 @@ class Frf(ArrayResult):
         Returns
         -------
         control.FrequencyResponseData
-            Inputs ``tau_m[...]`` [N m], outputs ``a_m[...]`` [rad/s^2], motor side, and the sensor channels as
-            accelerations.
+            Inputs ``tau_m[...]`` [N m], outputs ``a_m[...]`` [rad/s^2], motor side, and the sensor
+            channels as accelerations.
 
         Raises
         ------
@@ -171,7 +177,8 @@ class Frf(ArrayResult):
             import control
         except ImportError:
             raise ArgumentError(
-                "to_control: the package control is not installed; run: pip install 'flexgen-robotics[control]'"
+                "to_control: the package control is not installed; run: pip install "
+                "'flexgen-robotics[control]'"
             ) from None
         return control.frd(
             self.G[pose].transpose(1, 2, 0),
@@ -201,11 +208,10 @@ class Frf(ArrayResult):
         poses, w, G, UU, C, variance = (
             arrays[name] for name in ("poses", "w", "G", "UU", "C", "variance")
         )
-        n, shape = len(meta["motors"]), (len(poses), len(w))
-        sensors, orders = (
-            tuple(map(str, meta.get("sensors", ()))),
-            tuple(map(int, meta.get("orders", ()))),
-        )
+        n = len(meta["motors"])
+        shape = (len(poses), len(w))
+        sensors = tuple(map(str, meta.get("sensors", ())))
+        orders = tuple(map(int, meta.get("orders", ())))
         m = n + len(sensors)
         sizes = ((G, m, n), (variance, m, n), (UU, n, n), (C, m, m))
         wrong = any(x.shape != (*shape, *size) for x, *size in sizes)
@@ -237,7 +243,9 @@ class Frf(ArrayResult):
         ):
             raise ValueError("arrays of different sizes")
         if shapes not in ([None, None], [UU.shape, G.shape]):
-            raise ValueError("noise_UU, noise_YU: expected both, of the sizes of UU and G, or none")
+            raise ValueError(
+                "noise_UU, noise_YU: expected both, of the sizes of UU and G, or none"
+            )
         motion = tuple(arrays.get(name) for name in OPTIONAL[3:])
         _check_motion(motion, *shape, n)
         counts = int(meta["periods"]), int(meta["experiments"])
@@ -247,10 +255,25 @@ class Frf(ArrayResult):
                 "periods, experiments, sample_s, delay_s: expected numbers > 0 and times >= 0"
             )
         return cls(
-            str(meta["model"]), tuple(meta["motors"]), poses, w, G, UU, C, variance, arrays.get("total"), *counts,
-            *times, arrays["speed_sd"], tuple(meta["warnings"]), sensors, orders, *noise,
-            *motion, ended=str(meta.get("ended", "")),
-        )  # fmt: skip
+            str(meta["model"]),
+            tuple(meta["motors"]),
+            poses,
+            w,
+            G,
+            UU,
+            C,
+            variance,
+            arrays.get("total"),
+            *counts,
+            *times,
+            arrays["speed_sd"],
+            tuple(meta["warnings"]),
+            sensors,
+            orders,
+            *noise,
+            *motion,
+            ended=str(meta.get("ended", "")),
+        )
 
 
 @checked_types
@@ -267,11 +290,13 @@ def frf(
     ----------
     experiment : Experiment
     average : str
-        Over the realizations: ``"arithmetic"``, ``"harmonic"`` (of the inverses), ``"logarithmic"`` (of amplitude and
-        phase of each element), or ``"h1"`` (least squares over all periods; noise of the torques makes it too small).
+        Over the realizations: ``"arithmetic"``, ``"harmonic"`` (of the inverses),
+        ``"logarithmic"`` (of amplitude and phase of each element), or ``"h1"`` (least squares over
+        all periods; noise of the torques makes it too small).
     transients : bool
-        The robot need not have come to rest: periods may differ. The experiment needs its spectra ``beside`` the lines.
-        Wherever it has them, local polynomials through them remove transients, since noise leaves some too.
+        The robot need not have come to rest: periods may differ. The experiment needs its spectra
+        ``beside`` the lines. Wherever it has them, local polynomials through them remove
+        transients, since noise leaves some too.
     time_limit : float, optional [s]
         Then, or after Ctrl-C, the responses are those of the poses that are done, and ``ended``
         says so. None or 0: unlimited.
@@ -309,15 +334,18 @@ def _responses(experiment: Experiment, average: AverageName, transients: bool) -
     n = len(plan.motors)
     U, Y = _inputs_outputs(experiment)
     P = plan.periods
-    spread, noise_periods = 1.0, 1
+    spread = 1.0
+    noise_periods = 1
     if experiment.periodic:
         warnings = () if transients else _check_repeats(Y[..., :n, :], experiment.source)
         warnings += left_out + _check_transients(experiment)
     else:
-        average, spread = "h1", OVERLAP
+        average = "h1"
+        spread = OVERLAP
         warnings = (
-            f"the motion is not periodic: estimated from {P} windowed segments; leakage, and noise of the torques in "
-            "closed loop, bias the responses: prefer a periodic excitation",
+            f"the motion is not periodic: estimated from {P} windowed segments; leakage, and "
+            "noise of the torques in closed loop, bias the responses: prefer a periodic "
+            "excitation",
         )
     if experiment.lines_by_torque:
         warnings = (*warnings, _torque_lines(plan.lines))
@@ -340,7 +368,8 @@ def _responses(experiment: Experiment, average: AverageName, transients: bool) -
     U = np.concatenate([part.U for part in parts])
     spread = parts[0].spread if removes else spread
     hold = plan.hardware.sample_s if experiment.hold == "zoh" else 0.0
-    R, E = U.shape[1], U.shape[5]
+    R = U.shape[1]
+    E = U.shape[5]
     total = found.total if R >= LEAST_TOTAL else None
     known = average != "h1" and P > 1 and R == 1
     noises = (spread * found.noise_UU, spread * found.noise_YU) if known else (None, None)
@@ -373,7 +402,8 @@ def _part(
 ) -> _Part:
     """The estimates of some poses, with their transients removed where ``removes``."""
     began = perf_counter()
-    noise, spread = None, 1.0
+    noise = None
+    spread = 1.0
     if removes:
         assert experiment.beside is not None
         some = replace(experiment, beside=experiment.beside[poses])
@@ -405,7 +435,9 @@ def gains_of(controller: Cascade) -> np.ndarray:
 
 
 def _check_motion(motion: Sequence[np.ndarray | None], k: int, lines: int, n: int) -> None:
-    """ValueError where ``torques, numbers, gains`` of a file do not fit together; none of them is allowed."""
+    """ValueError where ``torques, numbers, gains`` of a file do not fit together; none of them is
+    allowed.
+    """
     torques, numbers, gains = motion
     if torques is None or numbers is None or gains is None:
         if any(x is not None for x in motion):
@@ -421,7 +453,8 @@ def _check_motion(motion: Sequence[np.ndarray | None], k: int, lines: int, n: in
         np.diff(numbers, prepend=0) <= 0
     ):
         raise ValueError(
-            f"torques, numbers, gains: expected numbers up to {LARGEST:g}, those of lines rising from 1"
+            f"torques, numbers, gains: expected numbers up to {LARGEST:g}, those of lines "
+            "rising from 1"
         )
 
 
@@ -429,25 +462,28 @@ def _check(experiment: Experiment, average: str, transients: bool) -> None:
     """ArgumentError where an experiment cannot be estimated in this way."""
     if average == "harmonic" and experiment.plan.sensors:
         raise ArgumentError(
-            "average: given 'harmonic' with sensors, expected as many outputs as motors; take another"
+            "average: given 'harmonic' with sensors, expected as many outputs as motors; take "
+            "another"
         )
     if np.any(experiment.saturated):
         where = ", ".join(str(k + 1) for k in np.flatnonzero(experiment.saturated))
         raise ArgumentError(
-            f"{experiment.source}: torques were at their limits at the poses {where}; a saturated motor is not linear: "
-            "take less speed_rms"
+            f"{experiment.source}: torques were at their limits at the poses {where}; a "
+            "saturated motor is not linear: take less speed_rms"
         )
     if experiment.signals is not None:
         still = np.abs(experiment.signals).max(axis=tuple(range(5))) == 0.0
         if still.any():
             names = ", ".join(np.array(experiment.plan.sensors)[still])
             raise ArgumentError(
-                f"{experiment.source}: the sensor channels {names} do not move at all; leave them out"
+                f"{experiment.source}: the sensor channels {names} do not move at all; leave "
+                "them out"
             )
     if transients and (experiment.beside is None or not experiment.periodic):
         raise ArgumentError(
-            f"transients: {experiment.source} has no spectra beside the lines; keep them with measure(beside=True) or "
-            "'flexgen measure --beside'; recordings of files have them where they have enough periods"
+            f"transients: {experiment.source} has no spectra beside the lines; keep them with "
+            "measure(beside=True) or 'flexgen measure --beside'; recordings of files have them "
+            "where they have enough periods"
         )
 
 
@@ -462,7 +498,9 @@ def _orders(experiment: Experiment) -> tuple[int, ...]:
 
 
 def _inputs_outputs(experiment: Experiment) -> tuple[np.ndarray, np.ndarray]:
-    """Spectra of torques and accelerations, (k, realizations, periods, lines, channels, experiments)."""
+    """Spectra of torques and accelerations, (k, realizations, periods, lines, channels,
+    experiments).
+    """
     w = 2 * np.pi * experiment.plan.frequencies
     outputs = (
         [experiment.q_m] if experiment.signals is None else [experiment.q_m, experiment.signals]
@@ -474,8 +512,12 @@ def _inputs_outputs(experiment: Experiment) -> tuple[np.ndarray, np.ndarray]:
 def _average_without_transients(
     experiment: Experiment, U: np.ndarray, Y: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray], float]:
-    """Mean spectra without transients, as of one period; noise of the record, and the `spread` of `SteadySpectra`."""
-    offsets, beside, plan = experiment.offsets, experiment.beside, experiment.plan
+    """Mean spectra without transients, as of one period; noise of the record, and the `spread` of
+    `SteadySpectra`.
+    """
+    offsets = experiment.offsets
+    beside = experiment.beside
+    plan = experiment.plan
     assert offsets is not None and beside is not None
     n = len(plan.motors)
     s = 2j * np.pi * (plan.frequencies + offsets[:, None] / (plan.periods * plan.period_s))
@@ -497,33 +539,41 @@ def _average_without_transients(
 def _torque_lines(lines: np.ndarray) -> str:
     """The warning where torques alone tell which lines were excited."""
     return (
-        f"the {len(lines)} lines are those where the torques are large: distortion by friction cannot be told from "
-        "excitation by torques alone; state line_numbers, or the [[reference]] of each motor"
+        f"the {len(lines)} lines are those where the torques are large: distortion by friction "
+        "cannot be told from excitation by torques alone; state line_numbers, or the "
+        "[[reference]] of each motor"
     )
 
 
 def _check_repeats(Y: np.ndarray, source: str) -> tuple[str, ...]:
-    """Warnings on periods that are unlike the others: a transient, a drift, or lost samples; an error for large ones.
+    """Warnings on periods that are unlike the others: a transient, a drift, or lost samples; an
+    error for large ones.
 
     Compared by the size of all lines together, so that noise of single lines averages out.
     """
     away = (
-        Y - np.median(Y.real, axis=2, keepdims=True) - 1j * np.median(Y.imag, axis=2, keepdims=True)
+        Y
+        - np.median(Y.real, axis=2, keepdims=True)
+        - 1j * np.median(Y.imag, axis=2, keepdims=True)
     )
     size = np.sqrt((np.abs(away) ** 2).sum(axis=(3, 4)))  # (k, realizations, periods, experiments)
     usual = np.median(size, axis=2, keepdims=True)
     scale = np.sqrt((np.abs(Y) ** 2).sum(axis=(3, 4))).mean(axis=2, keepdims=True)
     unlike = float((usual / scale).max())
     warnings = [
-        f"the periods differ from each other by {unlike:.2g} of the signal: noise, or another period than was excited"
+        (
+            f"the periods differ from each other by {unlike:.2g} of the signal: noise, or "
+            "another period than was excited"
+        )
     ] * (unlike > UNLIKE)
     if Y.shape[2] < 3:
         return tuple(warnings)
     for k, r, p, e in np.argwhere(size > REPEATS * np.maximum(usual, 1e-3 * scale)).tolist():
-        part, others = size[k, r, p, e] / scale[k, r, 0, e], usual[k, r, 0, e] / scale[k, r, 0, e]
+        part = size[k, r, p, e] / scale[k, r, 0, e]
+        others = usual[k, r, 0, e] / scale[k, r, 0, e]
         line = (
-            f"pose {k + 1}, realization {r + 1}, experiment {e + 1}: period {p + 1} differs from the others by "
-            f"{part:.2g} of the signal (the others by {others:.2g})"
+            f"pose {k + 1}, realization {r + 1}, experiment {e + 1}: period {p + 1} differs "
+            f"from the others by {part:.2g} of the signal (the others by {others:.2g})"
         )
         if part > LARGEST_DIFFERENCE:
             raise ArgumentError(
@@ -541,7 +591,8 @@ def _without_transient_period(experiment: Experiment) -> tuple[Experiment, tuple
     differs = first_period_differs(experiment.tau_m, experiment.q_m)
     if experiment.beside is None or experiment.beside_later is None or not differs.any():
         return experiment, ()
-    plan, signals = experiment.plan, experiment.signals
+    plan = experiment.plan
+    signals = experiment.signals
     later = replace(
         experiment,
         plan=replace(plan, periods=plan.periods - 1, transients=plan.transients + 1),
@@ -558,20 +609,30 @@ def _without_transient_period(experiment: Experiment) -> tuple[Experiment, tuple
 
 def _check_transients(experiment: Experiment) -> tuple[str, ...]:
     """A warning where a transient is in the first period that is used, or in all of them."""
-    motors, more = experiment.plan.motors, "leave out more transient periods"
+    motors = experiment.plan.motors
+    more = "leave out more transient periods"
     if experiment.beside is not None:
         found = np.flatnonzero(
-            first_period_differs(experiment.tau_m, experiment.q_m) | slow_transients(experiment.q_m)
+            first_period_differs(experiment.tau_m, experiment.q_m)
+            | slow_transients(experiment.q_m)
         )
         return tuple(f"{TRANSIENT}: in the motion of {motors[i]}; {more}" for i in found[:1])
     excess = first_period_excess(experiment.tau_m)
-    first = f"the first periods of the torque of {motors[int(excess.argmax())]} differ by {excess.max():.2g} times the"
-    text = f"{TRANSIENT}: {first} power of later ones; {more}, or remove it (transients=True, --transients)"
+    first = (
+        f"the first periods of the torque of {motors[int(excess.argmax())]} differ by "
+        f"{excess.max():.2g} times the"
+    )
+    text = (
+        f"{TRANSIENT}: {first} power of later ones; {more}, or remove it (transients=True, "
+        "--transients)"
+    )
     return () if excess.max() == 1.0 else (text,)
 
 
 def coherence(experiment: Experiment) -> np.ndarray:
-    """Multiple coherence of each output (k, lines, outputs): the part of its power that the torques explain."""
+    """Multiple coherence of each output (k, lines, outputs): the part of its power that the
+    torques explain.
+    """
     estimate = frf(replace(experiment, offsets=None, beside=None))  # the noise of periods
     _, Y = _inputs_outputs(experiment)
     power = (np.abs(Y) ** 2).mean(axis=(1, 2, 5))

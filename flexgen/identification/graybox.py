@@ -1,9 +1,11 @@
 """`identify`: fit the physical parameters of a model to frequency responses at several poses.
 
-One vector of parameters for all poses; first element by element, then, where the noise explains the residuals, with
-weights from the structure of the noise. Several starts show whether the minimum is the global one.
+One vector of parameters for all poses; first element by element, then, where the noise explains
+the residuals, with weights from the structure of the noise. Several starts show whether the
+minimum is the global one.
 
-Source: E. Wernholt and S. Moberg, Automatica 47(6), 2011 (nonlinear gray-box identification using local models).
+Source: E. Wernholt and S. Moberg, Automatica 47(6), 2011 (nonlinear gray-box identification using
+local models).
 """
 
 from __future__ import annotations
@@ -38,10 +40,12 @@ from flexgen.progress import Choice, reported
 from flexgen.spec.arguments import is_number
 from flexgen.type_checks import checked_types
 
-COST_LEAST, COST_MOST = 0.5, 2.0  # of a good fit, for one degree of freedom
+COST_LEAST = 0.5  # of a good fit
+COST_MOST = 2.0  # for one degree of freedom
 POLISHES = 2  # fits with weights from the structure of the noise
 AVERAGINGS = 3  # fits with springs averaged over the deflections that follow from the last fit
-REWEIGHTINGS, NEIGHBORS = 4, 15  # fits with a model error, and lines over which it is averaged
+REWEIGHTINGS = 4  # fits with a model error
+NEIGHBORS = 15  # and lines over which it is averaged
 SMALL_ERROR = 1e-3  # a model error that is too small to mention
 SAME = 1e-3  # relative difference of costs at the same minimum
 SPREAD = 1.5  # further starts are off by up to this factor
@@ -77,18 +81,19 @@ def identify(
     model : RobotModel, str or Path
     data : Frf
     free : sequence of str, optional
-        Names of the parameters; see `flexgen.mechanics.parameters`, and ``delay``, ``torque_constant``,
-        ``sensor_delay`` (of one sensor: ``acc.delay``). Default:
+        Names of the parameters; see `flexgen.mechanics.parameters`, and ``delay``,
+        ``torque_constant``, ``sensor_delay`` (of one sensor: ``acc.delay``). Default:
         stiffness, damping, and the viscous frictions that the model has.
     fixed, start, bounds, priors, ties
         See `flexgen.identification.parameters.ParameterVector`.
     residual : str
-        ``"nls"``: differences; ``"lls"``: differences of complex logarithms, less sensitive to bad start values.
+        ``"nls"``: differences; ``"lls"``: differences of complex logarithms, less sensitive to bad
+        start values.
     structured : bool
         End with weights from the structure of the noise, where the noise explains the residuals.
     floor : float, optional
-        Model error as a part of ``|G|``, added to the standard deviations of the data; default: as much as the
-        residuals need.
+        Model error as a part of ``|G|``, added to the standard deviations of the data; default: as
+        much as the residuals need.
     starts : int
         Number of searches: one from the start values, the others from random ones.
     spread : float
@@ -97,12 +102,13 @@ def identify(
     source : str
         Of the data, for the new model file.
     levels : sequence of Frf
-        Responses of the same experiment with other amplitudes, such as a third: the result's ``amplitude`` tells
-        whether the robot is nonlinear, and whether hysteresis, backlash, a stiffness that rises with the deflection or
-        Coulomb friction, which the model lacks, explains it.
+        Responses of the same experiment with other amplitudes, such as a third: the result's
+        ``amplitude`` tells whether the robot is nonlinear, and whether hysteresis, backlash, a
+        stiffness that rises with the deflection or Coulomb friction, which the model lacks,
+        explains it.
     time_limit : float, optional [s]
-        Then, or after Ctrl-C, the result is the best step so far, with the status ``time limit`` or
-        ``interrupted``. None or 0: unlimited.
+        Then, or after Ctrl-C, the result is the best step so far, with the status ``time limit``
+        or ``interrupted``. None or 0: unlimited.
     progress : callable or bool, optional
 
     Returns
@@ -112,14 +118,18 @@ def identify(
     Raises
     ------
     ArgumentError
-        A name is unknown, the data belong to another robot, or the levels are of other poses or alike.
+        A name is unknown, the data belong to another robot, or the levels are of other poses or
+        alike.
     SolverError
         The model has no equilibrium at the poses of the data.
 
     Examples
     --------
     >>> plan = flexgen.excite("elbow", poses=[[0.5, -0.3]], period_s=1.0, lines=10)
-    >>> robot = flexgen.read("elbow", overrides={"element.upper.dof.q1.gear.spring.stiffness": 6e6})  # file: 7.5e6
+    >>> # file: 7.5e6
+    >>> robot = flexgen.read(
+    ...     "elbow", overrides={"element.upper.dof.q1.gear.spring.stiffness": 6e6}
+    ... )
     >>> found = flexgen.identify("elbow", flexgen.frf(flexgen.measure(plan, robot)), starts=1)
     >>> f"{found.values['q1.stiffness']:.2e} N m/rad"
     '6.00e+06 N m/rad'
@@ -143,7 +153,9 @@ def identify(
 
 
 def _confirm(status: FitStatus, causes: tuple[Cause, ...]) -> FitStatus:
-    """The status after the search for causes: of a fit that agrees, a hidden one is a model error."""
+    """The status after the search for causes: of a fit that agrees, a hidden one is a model
+    error.
+    """
     if status is not FitStatus.FITTED:
         return status
     if causes:
@@ -161,7 +173,9 @@ def _fit(
     starts: tuple[int, float, int],
     tell: Callable[[str], None] | None,
 ) -> IdentificationResult:
-    """The fit: element by element from several starts, then with a model error or with the structure of the noise."""
+    """The fit: element by element from several starts, then with a model error or with the
+    structure of the noise.
+    """
     began = time.perf_counter()
     recorded = {
         sensor.name for sensor in vector.model.sensors if set(sensor.channels) & set(data.sensors)
@@ -169,7 +183,8 @@ def _fit(
     for name in vector.names:
         if is_of_sensor(name) and name.removesuffix(SENSOR_DELAY) not in recorded:
             raise ArgumentError(
-                f"free: given {name!r}, expected a sensor of the data: {', '.join(recorded) or 'none'}"
+                f"free: given {name!r}, expected a sensor of the data: "
+                f"{', '.join(recorded) or 'none'}"
             )
     residuals = Residuals(vector, data, residual, floor or 0.0)
     residuals.average_springs(vector.start)
@@ -183,7 +198,8 @@ def _fit(
             if is_over():
                 break
             best = _search(vector, residuals, best.x)
-    measured, unsure = data, 0.0
+    measured = data
+    unsure = 0.0
     if not obstacle(data) and not is_over():
         if tell is not None:
             tell("correction for large motions")
@@ -248,7 +264,8 @@ def _grade(residuals: Residuals, x: np.ndarray, data: Frf) -> Grade | None:
     vector = residuals.vector
     named = vector.named(x)
     model = with_values(vector.model, {name: named[name] for name in vector.of_model})
-    still, quiet = np.zeros((1, model.n_a)), np.zeros((1, model.n_m))
+    still = np.zeros((1, model.n_a))
+    quiet = np.zeros((1, model.n_m))
     arm = np.zeros((1, model.n_a))
     arm[:, list(model.i_g)] = data.poses[:1] @ np.linalg.inv(model.eta).T
     motion = (arm, still, still, data.poses[:1], quiet, quiet, quiet)
@@ -265,11 +282,13 @@ def _check(
     motors = tuple(motor.name for motor in robot.motors)
     if motors != data.motors:
         raise ArgumentError(
-            f"data: given the motors {', '.join(data.motors)}, expected {', '.join(motors)} in this order, those of "
-            f"{robot.name}"
+            f"data: given the motors {', '.join(data.motors)}, expected {', '.join(motors)} in "
+            f"this order, those of {robot.name}"
         )
     if residual not in RESIDUALS:
-        raise ArgumentError(f"residual: given {residual!r}, expected one of {', '.join(RESIDUALS)}")
+        raise ArgumentError(
+            f"residual: given {residual!r}, expected one of {', '.join(RESIDUALS)}"
+        )
     count_of("starts", starts, STARTS)
     if not (is_number(spread) and spread >= 1.0):
         raise ArgumentError(f"spread: given {show_value(spread)}, expected a number >= 1")
@@ -280,21 +299,21 @@ def _check(
 def _with_structure(
     vector: ParameterVector, data: Frf, residuals: Residuals, best: Fit, degrees: float
 ) -> tuple[Residuals, Fit, float]:
-    """The fit with weights from the structure of the noise, or the given one where the data have no such structure.
+    """The fit with weights from the structure of the noise, or the given one where the data have
+    no such structure.
 
-    A transient or a wrong model breaks the structure: then the weights of single elements are the better ones. The last
-    number is the part of the responses that the structure does not explain.
+    A transient or a wrong model breaks the structure: then the weights of single elements are the
+    better ones. The last number is the part of the responses that the structure does not explain.
     """
-    polish, fit = Residuals(vector, data, deflection_sd=residuals.deflection_sd), best
+    polish = Residuals(vector, data, deflection_sd=residuals.deflection_sd)
+    fit = best
     for _ in range(POLISHES):  # the levels of the noise depend on the responses
         if is_over():
             return residuals, best, residuals.find_unexplained(best.x)
         polish.use_structure(fit.x)
         fit = _search(vector, polish, fit.x)
-    misfit, left = (
-        polish.misfit(fit.x) * residuals.count / polish.count,
-        polish.find_unexplained(fit.x),
-    )
+    misfit = polish.misfit(fit.x) * residuals.count / polish.count
+    left = polish.find_unexplained(fit.x)
     return (
         (residuals, best, left)
         if misfit > COST_MOST * degrees
@@ -316,7 +335,9 @@ def _searches(
     seed: int,
     tell: Callable[[str], None] | None,
 ) -> list[Fit]:
-    """The search from the start values, and others from random ones; those without an equilibrium are left out."""
+    """The search from the start values, and others from random ones; those without an equilibrium
+    are left out.
+    """
     rng = np.random.default_rng(seed)
     fits: list[Fit] = []
     reason: SolverError | None = None
@@ -346,13 +367,15 @@ def _with_model_error(
 ) -> tuple[float, Residuals, Fit]:
     """The size of the model error, the residuals with it in their weights, and their fit.
 
-    First one part of ``|G|`` for all elements, for which the cost is 1 for each degree of freedom. Then, for each
-    element by itself, the part of its residuals above the noise, averaged over neighboring lines: friction and missing
-    springs do not disturb all channels in the same way.
+    First one part of ``|G|`` for all elements, for which the cost is 1 for each degree of freedom.
+    Then, for each element by itself, the part of its residuals above the noise, averaged over
+    neighboring lines: friction and missing springs do not disturb all channels in the same way.
     """
-    noise, size = plain.variance, np.abs(data.G) ** 2
+    noise = plain.variance
+    size = np.abs(data.G) ** 2
     difference = np.abs(plain.response(best.x).G - data.G) ** 2
-    low, high = 0.0, 1.0
+    low = 0.0
+    high = 1.0
     for _ in range(60):
         middle = (low + high) / 2
         low, high = (
@@ -370,7 +393,9 @@ def _with_model_error(
         extra = np.maximum(over_lines(difference - noise, NEIGHBORS), 0.0)
         error = float(np.sqrt(np.median(extra / size)))
         if tell is not None:
-            tell(f"model error {100 * error:.2g} % of the responses, fit {k + 1} of {REWEIGHTINGS}")
+            tell(
+                f"model error {100 * error:.2g} % of the responses, fit {k + 1} of {REWEIGHTINGS}"
+            )
         residuals = residuals.on(data, extra=extra)
         best = _search(vector, residuals, best.x)
     return error, residuals, best
@@ -385,7 +410,8 @@ def _status(fit: Fit, cost: float, error: float, data: Frf, stated: bool) -> Fit
     if error > SMALL_ERROR or any(TRANSIENT in line for line in data.warnings):
         return FitStatus.MODEL_ERROR
     if cost > COST_MOST:
-        # A misfit that is known to be small, as that of responses without noise, is no model error.
+        # A misfit that is known to be small, as that of responses without noise, is no model
+        # error.
         return FitStatus.SMALL_ERROR if error > 0.0 and not stated else FitStatus.MODEL_ERROR
     # Responses without noise fit better than any noise allows, and rightly.
     if cost < COST_LEAST and data.relative_sd() > 1e-7:
@@ -396,7 +422,9 @@ def _status(fit: Fit, cost: float, error: float, data: Frf, stated: bool) -> Fit
 def _report_hidden(
     vector: ParameterVector, data: Frf, A: np.ndarray, covariance: np.ndarray
 ) -> tuple[str, ...]:
-    """Sentences on a transient, on what noise of torques hides, and on viscous frictions with Coulomb friction."""
+    """Sentences on a transient, on what noise of torques hides, and on viscous frictions with
+    Coulomb friction.
+    """
     found = [line for line in data.warnings if TRANSIENT in line]
     if data.speed_sd.any() and (reason := obstacle(data)):
         found.append(f"the responses are not corrected for large motions: {reason}")
@@ -409,18 +437,23 @@ def _report_hidden(
     if names := [
         u.name for u, formal, variance in rows if u.scale == "log" and formal < WEAK**2 < variance
     ]:
-        why = "noise of the torques causes too much of the motion that shows them; excite with a higher speed"
+        why = (
+            "noise of the torques causes too much of the motion that shows them; excite with a "
+            "higher speed"
+        )
         found.append(f"not determined by the data: {', '.join(names)}: {why}")
     if names := [name for name in with_coulomb(vector.model) if name in vector.names]:
         found.append(
-            f"frequency responses do not tell {', '.join(names)} from Coulomb friction: the values of the file are "
-            "kept; refine with the experiment"
+            f"frequency responses do not tell {', '.join(names)} from Coulomb friction: the "
+            "values of the file are kept; refine with the experiment"
         )
     return tuple(found)
 
 
 def weak_directions(vector: ParameterVector, A: np.ndarray) -> tuple[str, ...]:
-    """Sentences on combinations of parameters that the data do not determine: ``2 A`` is their information."""
+    """Sentences on combinations of parameters that the data do not determine: ``2 A`` is their
+    information.
+    """
     log = np.array([u.scale == "log" for u in vector.unknowns])
     scale = np.where(log, 1.0, vector.prior_sd)  # a unit for those without logarithm
     values, vectors = np.linalg.eigh(2 * A * np.outer(scale, scale))

@@ -1,21 +1,27 @@
-"""The linear model of a robot at rest as a function of its parameters: frequency responses with exact derivatives.
+"""The linear model of a robot at rest as a function of its parameters: frequency responses with
+exact derivatives.
 
-    Z(w) X = B,    Z = -w^2 M + j w D + K,    G(w) = -w^2 h(w) exp(-j w t_d) C_m X k_t      [rad/s^2 / (N m)]
+    Z(w) X = B,    Z = -w^2 M + j w D + K,    G(w) = -w^2 h(w) exp(-j w t_d) C_m X k_t
+    [rad/s^2 / (N m)]
 
-from motor torques to motor accelerations, motor side (sensors: see `flexgen.analysis.response_outputs`; hold h, delay
-t_d, constants k_t, and the images of sampled motions, which G has too: `flexgen.analysis.response_inputs`). The robot
-rests at the motor angles of the pose:
+from motor torques to motor accelerations, motor side (sensors: see
+`flexgen.analysis.response_outputs`; hold h, delay t_d, constants k_t, and the images of sampled
+motions, which G has too: `flexgen.analysis.response_inputs`). The robot rests at the motor angles
+of the pose:
 
     r(y, p, tau_m) = 0,  C_m y = q_m0          (the motors' torques tau_m hold the pose)
-    dG/dp = w^2 h exp(-j w t_d) C_m Z^-1 (dZ/dp + sum_i dZ/dy_i dy_i/dp) X k_t        (without those of images)
+    dG/dp = w^2 h exp(-j w t_d) C_m Z^-1 (dZ/dp + sum_i dZ/dy_i dy_i/dp) X k_t
+    (without those of images)
 
-Friction laws have no slope at rest that describes their motion. Where the speed of the motors is known, each law is
-replaced by the viscous friction of the same mean power, ``E[f(w) w] / E[w^2]``, w Gaussian (statistical linearization).
-Springs that are not linear are replaced in the same way: the torque ``E[tau(d + s)]`` at the mean deflection d, for a
-Gaussian deflection s about it, in the equations of rest and in the stiffness.
+Friction laws have no slope at rest that describes their motion. Where the speed of the motors is
+known, each law is replaced by the viscous friction of the same mean power, ``E[f(w) w] / E[w^2]``,
+w Gaussian (statistical linearization). Springs that are not linear are replaced in the same way:
+the torque ``E[tau(d + s)]`` at the mean deflection d, for a Gaussian deflection s about it, in the
+equations of rest and in the stiffness.
 
-Source: E. Wernholt and S. Moberg, IFAC 2008 (gray-box identification of robots from frequency responses); A. Gelb and
-W. Vander Velde, Multiple-Input Describing Functions, 1968 (statistical linearization).
+Source: E. Wernholt and S. Moberg, IFAC 2008 (gray-box identification of robots from frequency
+responses); A. Gelb and W. Vander Velde, Multiple-Input Describing Functions, 1968 (statistical
+linearization).
 """
 
 from __future__ import annotations
@@ -50,7 +56,9 @@ NEAR = 4  # images with springs, two on each side; later ones together have 2 % 
 
 @dataclass(frozen=True)
 class Rest:
-    """Poses at rest: coordinates ``y`` (k, n), holding torques ``tau_m`` (k, n_m), derivatives dy/dp (k, n, n_p)."""
+    """Poses at rest: coordinates ``y`` (k, n), holding torques ``tau_m`` (k, n_m), derivatives
+    dy/dp (k, n, n_p).
+    """
 
     y: np.ndarray
     tau_m: np.ndarray
@@ -59,7 +67,9 @@ class Rest:
 
 @dataclass(frozen=True)
 class Response:
-    """Frequency responses ``G`` (k, lines, outputs, n_m) and derivatives ``dG`` (..., n_p), or None."""
+    """Frequency responses ``G`` (k, lines, outputs, n_m) and derivatives ``dG`` (..., n_p), or
+    None.
+    """
 
     G: np.ndarray
     dG: np.ndarray | None
@@ -96,7 +106,9 @@ class LocalModel:
 
     @cached_property
     def rate(self) -> ca.Function:
-        """Rate of the state ``(y, y')`` under motor torques, a function of state, torques and parameters."""
+        """Rate of the state ``(y, y')`` under motor torques, a function of state, torques and
+        parameters.
+        """
         sizes = {"x": 2 * self.model.dof, "u": self.model.n_m, "p": len(self.names)}
         x, u, p = (ca.SX.sym(name, n) for name, n in sizes.items())
         function = self.equations.function("state_rate")
@@ -105,16 +117,16 @@ class LocalModel:
 
     @cached_property
     def springs(self) -> tuple[tuple[Spring, np.ndarray], ...]:
-        """Springs whose spread of deflections counts, with symbols as parameters, and their rows s: deflections s y.
+        """Springs whose spread of deflections counts, with symbols as parameters, and their rows
+        s: deflections s y.
 
         Those that are not linear, and those of all gears where friction depends on their torques.
         """
-        model, C, loaded = (
-            self.equations.with_symbols,
-            self.motor_rows,
-            bool(loaded_motors(self.model)),
-        )
-        theta, out = np.linalg.inv(model.eta) @ C, []
+        model = self.equations.with_symbols
+        C = self.motor_rows
+        loaded = bool(loaded_motors(self.model))
+        theta = np.linalg.inv(model.eta) @ C
+        out = []
         factors = iter(zip(gears(model), theta, strict=True))
         for i, coordinate in enumerate(model.coordinates):
             dof = coordinate.dof
@@ -123,7 +135,8 @@ class LocalModel:
             spring = None if dof is None else dof.spring
             if dof is not None and dof.gear is not None:
                 (gear, ratio), turned = next(factors)
-                spring, row = gear.spring, ratio * (turned - row)
+                spring = gear.spring
+                row = ratio * (turned - row)
             of_load = loaded and dof is not None and dof.gear is not None
             if spring is not None and (of_load or not isinstance(spring, LinearSpring)):
                 out.append((spring, row))
@@ -135,7 +148,9 @@ class LocalModel:
         return np.array([row for _, row in self.springs]).reshape(-1, self.model.dof)
 
     def _average(self, residual: ca.SX, sd: ca.SX) -> ca.SX:
-        """The residual with the mean torques of springs that are not linear; ``sd``: of their deflections."""
+        """The residual with the mean torques of springs that are not linear; ``sd``: of their
+        deflections.
+        """
         y = self.equations.y[0]
         for k, (spring, row) in enumerate(self.springs):
             d = ca.mtimes(ca.SX(ca.DM(row)).T, y)
@@ -148,37 +163,47 @@ class LocalModel:
 
     @cached_property
     def _static(self) -> ca.Function:
-        """(y, p, tau_m, sd of deflections) -> residual at rest, and its derivatives in y, p and tau_m."""
+        """(y, p, tau_m, sd of deflections) -> residual at rest, and its derivatives in y, p and
+        tau_m.
+        """
         e = self.equations
         y, dy, ddy = e.y
         sd = ca.SX.sym("sd", len(self.springs))
         r = ca.substitute(e.residual, ca.vertcat(dy, ddy), ca.SX.zeros(2 * dy.numel()))
         r = self._average(r, sd)
-        p, tau = e.symbols, e.lagrangian.tau_m
+        p = e.symbols
+        tau = e.lagrangian.tau_m
         derivatives = [ca.densify(ca.jacobian(r, x)) for x in (y, p, tau)]
         return ca.Function("rest", [y, p, tau, sd], [ca.densify(r), *derivatives])
 
     def rest(
         self, values: np.ndarray, q_m: np.ndarray, deflection_sd: np.ndarray | None = None
     ) -> Rest:
-        """The robot at rest at the motor angles ``q_m`` (k, n_m), from a search that begins without deflections.
+        """The robot at rest at the motor angles ``q_m`` (k, n_m), from a search that begins
+        without deflections.
 
-        ``deflection_sd`` (k, springs): standard deviations of the deflections of `springs`, for their mean torques.
+        ``deflection_sd`` (k, springs): standard deviations of the deflections of `springs`, for
+        their mean torques.
 
         Raises
         ------
         SolverError
             No equilibrium is found.
         """
-        model, C = self.model, self.motor_rows
-        n, m = model.dof, model.n_m
+        model = self.model
+        C = self.motor_rows
+        n = model.dof
+        m = model.n_m
         spread = self._deflections(deflection_sd, len(q_m))
-        out, static = [], Evaluator(self._static)
+        out = []
+        static = Evaluator(self._static)
         for k, angles in enumerate(q_m):
             y = np.zeros(n)
             y[list(model.i_g)] = np.linalg.solve(model.eta, angles)
             y[model.n_a :] = angles[list(model.i_m)]
-            tau, best, stalled = np.zeros(m), np.inf, 0
+            tau = np.zeros(m)
+            best = np.inf
+            stalled = 0
             for _ in range(NEWTON_STEPS):
                 r, r_y, r_p, r_tau = static(y, values, tau, spread[k])
                 A = np.block([[r_y, r_tau], [C, np.zeros((m, m))]])
@@ -194,11 +219,13 @@ class LocalModel:
                 except np.linalg.LinAlgError:
                     best = np.inf
                     break
-                y, tau = y - step[:n], tau - step[n:]
+                y = y - step[:n]
+                tau = tau - step[n:]
             if not best < 1e-9:
                 raise SolverError(
-                    f"equilibrium at pose {k + 1} (q_m = {np.round(angles, 4).tolist()} rad): not found, residual "
-                    f"{best:.1e}, expected below 1e-9; choose another pose, or parameters nearer to those of the model"
+                    f"equilibrium at pose {k + 1} (q_m = {np.round(angles, 4).tolist()} rad): "
+                    f"not found, residual {best:.1e}, expected below 1e-9; choose another pose, "
+                    "or parameters nearer to those of the model"
                 )
             by_p = np.linalg.solve(
                 A / scale[:, None], np.vstack([-r_p, np.zeros((m, r_p.shape[1]))]) / scale[:, None]
@@ -210,7 +237,8 @@ class LocalModel:
     def _matrices(
         self,
     ) -> tuple[ca.Function, ca.Function, dict[str, tuple[np.ndarray, np.ndarray]]]:
-        """(y, p, deviations) -> M, D, K, B; the nonzero derivatives of M, D, K in p and y; where these stand.
+        """(y, p, deviations) -> M, D, K, B; the nonzero derivatives of M, D, K in p and y; where
+        these stand.
 
         Deviations: of the speeds of motors and coordinates, then of the deflections of `springs`.
         """
@@ -230,7 +258,8 @@ class LocalModel:
             self._friction(deviations[:speeds], deviations[speeds:]), still, 0 * still
         )
         stacked = ca.vertcat(ca.vec(M), ca.vec(D), ca.vec(K))
-        places, derivatives = {}, []
+        places = {}
+        derivatives = []
         for name, x in (("p", p), ("y", y)):
             J = ca.jacobian(stacked, x)
             rows, columns = (np.array(index, dtype=int) for index in J.sparsity().get_triplet())
@@ -245,8 +274,10 @@ class LocalModel:
 
     def _friction(self, speed_sd: ca.SX, deflection_sd: ca.SX) -> ca.SX:
         """Mean slope of all friction laws less the slope at rest, as a matrix (n, n)."""
-        model, C = self.equations.with_symbols, self.motor_rows
-        D, loads = ca.SX.zeros(model.dof, model.dof), self.equations.lagrangian.tau_gm
+        model = self.equations.with_symbols
+        C = self.motor_rows
+        D = ca.SX.zeros(model.dof, model.dof)
+        loads = self.equations.lagrangian.tau_gm
         by_deflection = ca.mtimes(
             ca.jacobian(loads, self.equations.y[0]), ca.DM(np.linalg.pinv(self.deflection_rows))
         )
@@ -278,7 +309,9 @@ class LocalModel:
         speed_sd: np.ndarray | None = None,
         deflection_sd: np.ndarray | None = None,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """``M, D, K`` (k, n, n) and ``B`` (k, n, n_m) of the linear models at the poses ``q_m`` (k, n_m)."""
+        """``M, D, K`` (k, n, n) and ``B`` (k, n, n_m) of the linear models at the poses ``q_m``
+        (k, n_m).
+        """
         rest = self.rest(values, q_m, deflection_sd)
         spread = np.hstack(
             [self._speeds(speed_sd, len(q_m)), self._deflections(deflection_sd, len(q_m))]
@@ -293,7 +326,9 @@ class LocalModel:
         )
 
     def _speeds(self, speed_sd: np.ndarray | None, count: int) -> np.ndarray:
-        """Deviations of the speeds of motors and, from those, of the coordinates (k, n_m + n_a); zero: at rest."""
+        """Deviations of the speeds of motors and, from those, of the coordinates (k, n_m + n_a);
+        zero: at rest.
+        """
         model = self.model
         motors = (
             np.zeros((count, model.n_m))
@@ -319,10 +354,11 @@ class LocalModel:
         speed_sd: np.ndarray | None = None,
         start: np.ndarray | None = None,
     ) -> np.ndarray:
-        """Standard deviations of the deflections of `springs` (k, springs) under torques with the spectra of the data.
+        """Standard deviations of the deflections of `springs` (k, springs) under torques with the
+        spectra of the data.
 
-        ``UU`` (k, lines, n_m, n_m): mean of ``U U^H`` over the experiments, U amplitudes; ``start``: deviations about
-        which the springs are averaged meanwhile.
+        ``UU`` (k, lines, n_m, n_m): mean of ``U U^H`` over the experiments, U amplitudes;
+        ``start``: deviations about which the springs are averaged meanwhile.
         """
         M, D, K, B = self.matrices(values, q_m, speed_sd, start)
         s = 1j * w[:, None, None]
@@ -345,7 +381,8 @@ class LocalModel:
         derivatives: bool = True,
         rest: Rest | None = None,
     ) -> Response:
-        """Frequency responses from motor torques to the accelerations of motors and the signals of sensors.
+        """Frequency responses from motor torques to the accelerations of motors and the signals of
+        sensors.
 
         Parameters
         ----------
@@ -355,7 +392,8 @@ class LocalModel:
         w : array (lines,) [rad/s]
         drive : Drive
         speed_sd : array (k, n_m) or (n_m,), optional [rad/s]
-            Standard deviation of the speed of each motor, motor side; for friction that is not viscous.
+            Standard deviation of the speed of each motor, motor side; for friction that is not
+            viscous.
         deflection_sd : array (k, springs), optional [rad or m]
             Standard deviation of the deflection of each spring of `springs`.
         derivatives : bool
@@ -379,7 +417,8 @@ class LocalModel:
         )
         near, far = self._images(w, drive)
         s = 1j * w[:, None, None]
-        G, dG = [], []
+        G = []
+        dG = []
         changes = evaluate(by, rest.y, values, speeds)[0] if derivatives else None
         for k in range(len(q_m)):
             Z = s**2 * M[k] + s * D[k] + K[k]
@@ -404,7 +443,8 @@ class LocalModel:
     def _images(
         self, w: np.ndarray, drive: Drive
     ) -> tuple[tuple[np.ndarray, np.ndarray, np.ndarray], np.ndarray]:
-        """Images with springs: s (images, lines, 1, 1), and factors of the outputs and inputs (images, lines, ., .).
+        """Images with springs: s (images, lines, 1, 1), and factors of the outputs and inputs
+        (images, lines, ., .).
 
         And the sums of all others, of the powers 0, -1 and -2 of s, (3, lines, outputs, n_m).
         """
@@ -429,7 +469,8 @@ class LocalModel:
     ) -> np.ndarray:
         """``left dZ/dp right`` (lines, outputs, n_m, n_p) for all parameters p at one pose."""
         places = self._matrices[2]
-        n, n_p = self.model.dof, len(self.names)
+        n = self.model.dof
+        n_p = len(self.names)
         factors = np.stack([-(w**2), 1j * w, np.ones_like(w)])  # of M, D, K
         out = np.zeros((len(w), left.shape[1], right.shape[2], n_p), complex)
         rows, columns = places["p"]
@@ -460,7 +501,9 @@ class LocalModel:
 
 
 def with_sizes(model: RobotModel, new: str, pose: np.ndarray) -> list[RobotModel]:
-    """The model with a new spring of several stiffnesses, by the inertia that it carries at a pose (1, n_m)."""
+    """The model with a new spring of several stiffnesses, by the inertia that it carries at a pose
+    (1, n_m).
+    """
     local = LocalModel(with_spring(model, new, 1e12, 1e6), ())
     M = local.matrices(local.values, pose)[0][0]
     at = [c.name for c in model.coordinates].index(new)

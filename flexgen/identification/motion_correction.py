@@ -1,8 +1,11 @@
-"""Frequency responses corrected for the size of the motions, with a model that was fitted to them before.
+"""Frequency responses corrected for the size of the motions, with a model that was fitted to them
+before.
 
-    G - (G_n - G_l)        G_n, G_l: responses of the model to the recorded torques, nonlinear and linear
+    G - (G_n - G_l)
+    G_n, G_l: responses of the model to the recorded torques, nonlinear and linear
 
-The robot is not linear: at a mean speed of 0.05 rad/s its responses differ from those at rest by about 1e-4.
+The robot is not linear: at a mean speed of 0.05 rad/s its responses differ from those at rest by
+about 1e-4.
 """
 
 from __future__ import annotations
@@ -24,7 +27,8 @@ from flexgen.library.casadi_module import in_c
 from flexgen.numerics.trust_region import normal
 
 # in the motions of an experiment: to compile for, and more than minutes allow
-MANY, MOST_NUMBERS = 300_000, 30_000_000
+MANY = 300_000
+MOST_NUMBERS = 30_000_000
 # standard deviation of a correction, as a part of it: with the gains of the drives, without
 UNSURE = 0.1, 1.0
 
@@ -68,15 +72,15 @@ def find_shift(residuals: Residuals, x: np.ndarray, A: np.ndarray, G: np.ndarray
 
 def _change(residuals: Residuals, x: np.ndarray, gains: np.ndarray) -> np.ndarray:
     """``G_n - G_l`` (k, lines, outputs, n_m); ``gains`` (3, n_m): as in `Frf`."""
-    data, local, model = residuals.data, residuals.local, residuals.vector.model
+    data = residuals.data
+    local = residuals.local
+    model = residuals.vector.model
     assert data.torques is not None and data.numbers is not None
     values, rest = residuals.rest(x)
     M, D, K, B = local.matrices(values, data.poses, data.speed_sd, residuals.deflection_sd)
-    drive, lines, speed = (
-        residuals.vector.drive_at(x, residuals.drive),
-        data.numbers,
-        data.w[0] / data.numbers[0],
-    )
+    drive = residuals.vector.drive_at(x, residuals.drive)
+    lines = data.numbers
+    speed = data.w[0] / data.numbers[0]
     w = speed * np.arange(2 * lines[-1] + 1)
     s = 1j * np.where(w > 0, w, 1e-3 * speed)[:, None, None]  # an integral has no gain at zero
     position, gain, integral = gains

@@ -1,17 +1,21 @@
-"""`fit_motion`: fit parameters to recorded torques and motions in the time domain (multiple shooting).
+"""`fit_motion`: fit parameters to recorded torques and motions in the time domain (multiple
+shooting).
 
-    min over p and z_s:  sum_s |y_s(p, z_s) - y_s|^2 / sd^2,      z_s = (state at the start, constant torques)
+    min over p and z_s:  sum_s |y_s(p, z_s) - y_s|^2 / sd^2,
+    z_s = (state at the start, constant torques)
 
-The record is cut into short segments s. In each of them the nonlinear model is simulated under the recorded torques
-from a start state of its own: errors cannot grow over a long record, the drive need not be known, and unstable or badly
-modeled slow motion does no harm. Start states and constant torques are eliminated segment by segment; constant torques
-take effects outside of the model, such as the offset of a second encoder. What no output shows is held by a wide prior.
+The record is cut into short segments s. In each of them the nonlinear model is simulated under the
+recorded torques from a start state of its own: errors cannot grow over a long record, the drive
+need not be known, and unstable or badly modeled slow motion does no harm. Start states and
+constant torques are eliminated segment by segment; constant torques take effects outside of the
+model, such as the offset of a second encoder. What no output shows is held by a wide prior.
 
-Of a periodic motion the mean of the periods is fitted. Deviations are those of a sandwich over the segments, since
-errors of neighboring samples are alike.
+Of a periodic motion the mean of the periods is fitted. Deviations are those of a sandwich over the
+segments, since errors of neighboring samples are alike.
 
-Source: H. Bock, 1983 (multiple shooting); G. Golub and V. Pereyra, SIAM J. Numer. Anal. 10(2), 1973 (elimination);
-L. Ljung, System Identification, 2nd ed. 1999, sec. 16.5 (validation, whiteness).
+Source: H. Bock, 1983 (multiple shooting); G. Golub and V. Pereyra, SIAM J. Numer. Anal. 10(2),
+1973 (elimination); L. Ljung, System Identification, 2nd ed. 1999, sec. 16.5 (validation,
+whiteness).
 """
 
 from __future__ import annotations
@@ -70,11 +74,13 @@ class MotionFit(Estimated):
     rms : tuple of float
         Of the residuals of each output: motor angles [rad, motor side], then link encoders.
     fit_percent : tuple of float
-        ``100 (1 - |y - y_model| / |y - line|)`` of each output; line: the best straight line of each segment.
+        ``100 (1 - |y - y_model| / |y - line|)`` of each output; line: the best straight line of
+        each segment.
     held_out_percent : tuple of float
         The same on recordings that were not fitted; empty: none.
     white : tuple of float
-        Part of the autocorrelations of the residuals of each output (20 lags) within the 99 % band of white noise.
+        Part of the autocorrelations of the residuals of each output (20 lags) within the 99 % band
+        of white noise.
     weak : tuple of str
         Sentences on directions that the data do not determine.
     segments, iterations : int
@@ -87,7 +93,8 @@ class MotionFit(Estimated):
     >>> from pathlib import Path
     >>> from flexgen.identification.recordings.recording_writer import RecordingWriter
     >>> plan = flexgen.excite("elbow", poses=[[0.5, -0.3]], period_s=1.0, lines=10)
-    >>> writer = RecordingWriter(Path("recorded"), plan, flexgen.read("elbow"))  # simulated in place of a robot
+    >>> # simulated in place of a robot
+    >>> writer = RecordingWriter(Path("recorded"), plan, flexgen.read("elbow"))
     >>> experiment = flexgen.measure(plan, raw=writer)
     >>> found = flexgen.fit_motion("elbow", writer.finish(), free=["stiffness"])
     >>> [f"{percent:.0f} %" for percent in found.fit_percent]
@@ -106,20 +113,23 @@ class MotionFit(Estimated):
 
     def __repr__(self) -> str:
         fit = ", ".join(f"{value:.1f} %" for value in self.fit_percent)
-        return f"<MotionFit {self.vector.model.name}: {self.status}, fit {fit}, {self.segments} segments>"
+        return (
+            f"<MotionFit {self.vector.model.name}: {self.status}, fit {fit}, {self.segments} "
+            "segments>"
+        )
 
 
 class _Run:
-    """A recording, or the mean of its periods followed by one more of them; names as in `Recording`."""
+    """A recording, or the mean of its periods followed by one more of them; names as in
+    `Recording`.
+    """
 
     def __init__(self, data: Description, recording: Recording) -> None:
         root = data.root
-        self.t, self.tau_m, self.q_m, self.signals = (
-            recording.t,
-            recording.tau_m,
-            recording.q_m,
-            recording.signals,
-        )
+        self.t = recording.t
+        self.tau_m = recording.tau_m
+        self.q_m = recording.q_m
+        self.signals = recording.signals
         self.own = len(self.t)  # samples at which a segment may begin
         if "period_s" not in root:
             return
@@ -135,25 +145,31 @@ class _Run:
             one = x[first : first + periods * samples].reshape(periods, samples, -1).mean(axis=0)
             return np.vstack([one, one])
 
-        self.tau_m, self.q_m, self.signals = mean(self.tau_m), mean(self.q_m), mean(self.signals)
-        self.t, self.own = recording.sample_s * np.arange(2 * samples), samples
+        self.tau_m = mean(self.tau_m)
+        self.q_m = mean(self.q_m)
+        self.signals = mean(self.signals)
+        self.t = recording.sample_s * np.arange(2 * samples)
+        self.own = samples
 
 
 class _Shooting:
     """Residuals of all segments, and their sums with start states and constants eliminated."""
 
     def __init__(self, vector: ParameterVector, data: Description, segment_s: float) -> None:
-        self.vector, self.model = vector, vector.model
+        self.vector = vector
+        self.model = vector.model
         self.local = LocalModel(vector.model, vector.of_model)
         recordings = [_Run(data, recording) for _, recording in data.recordings]
         self.sample_s = data.recordings[0][1].sample_s
         self.samples = round(segment_s / self.sample_s)
         if self.samples < 4:
             raise ArgumentError(
-                f"segment_s: given {segment_s} s, expected at least 4 samples of {self.sample_s:.3g} s"
+                f"segment_s: given {segment_s} s, expected at least 4 samples of "
+                f"{self.sample_s:.3g} s"
             )
         hold = data.root.choice("hold", ("zoh", "none"))
-        self.zoh, self.delay = hold == "zoh", data.root.number("delay_s", 0.0, least=0.0)
+        self.zoh = hold == "zoh"
+        self.delay = data.root.number("delay_s", 0.0, least=0.0)
         self.rows, self.measured = self._outputs(data, recordings)
         rate = largest_rate(self.local, recordings[0].q_m[:1])
         self.steps = max(1, math.ceil(rate * self.sample_s / STABLE))
@@ -162,8 +178,8 @@ class _Shooting:
         self.starts = [(r, k) for r, run in enumerate(recordings) for k in self._begins(run)]
         if len(self.starts) < LEAST_SEGMENTS:
             raise ArgumentError(
-                f"segment_s: given {segment_s} s, which makes {len(self.starts)} segments, expected at least "
-                f"{LEAST_SEGMENTS}: take shorter ones"
+                f"segment_s: given {segment_s} s, which makes {len(self.starts)} segments, "
+                f"expected at least {LEAST_SEGMENTS}: take shorter ones"
             )
         self._curves = [self._curve(run) for run in recordings]
         self._times = [run.t[0] for run in recordings]
@@ -187,7 +203,8 @@ class _Shooting:
         others = [name for name in data.sensors if of[name].type != "link_encoder"]
         if others:
             raise ArgumentError(
-                f"signals: given {', '.join(others)}, expected link encoders only; leave others out"
+                f"signals: given {', '.join(others)}, expected link encoders only; leave others "
+                "out"
             )
         links = np.zeros((len(used), self.model.dof))
         for row, c in zip(links, used, strict=True):
@@ -210,7 +227,8 @@ class _Shooting:
 
     def _start_states(self) -> np.ndarray:
         """Joints as the motors, springs at rest; speeds by differences."""
-        model, out = self.model, np.zeros((len(self.starts), 2 * self.model.dof))
+        model = self.model
+        out = np.zeros((len(self.starts), 2 * self.model.dof))
         n_m = model.n_m
         q = self.y[:, 0, :n_m]
         v = (-3 * self.y[:, 0, :n_m] + 4 * self.y[:, 1, :n_m] - self.y[:, 2, :n_m]) / (
@@ -256,8 +274,11 @@ class _Shooting:
         return np.array([named[name] for name in self.local.names]), drive.delay_s, constants
 
     def _run(self, points: Sequence[np.ndarray], z: Sequence[np.ndarray]) -> np.ndarray:
-        """Outputs (points, segments, samples + 1, n_y) for parameters x and segment unknowns z of each point."""
-        count, n = len(self.starts), 2 * self.model.dof
+        """Outputs (points, segments, samples + 1, n_y) for parameters x and segment unknowns z of
+        each point.
+        """
+        count = len(self.starts)
+        n = 2 * self.model.dof
         found = [self._of(x) for x in points]
         delays = sorted({delay for _, delay, _ in found})
         inputs = np.concatenate([self._torque(delay) for delay in delays])
@@ -266,7 +287,9 @@ class _Shooting:
             inputs = np.concatenate([self._torque(d) * c for _, d, c in found])
             sets = np.arange(len(points) * count)
         else:
-            sets = np.concatenate([delays.index(d) * count + np.arange(count) for _, d, _ in found])
+            sets = np.concatenate(
+                [delays.index(d) * count + np.arange(count) for _, d, _ in found]
+            )
         flat = np.concatenate(z)
         parameters = np.repeat([p for p, _, _ in found], count, axis=0)
         out = self.simulate(flat[:, :n], inputs, sets, flat[:, n:], parameters)
@@ -278,7 +301,9 @@ class _Shooting:
         return np.asarray(r.reshape(*r.shape[:-2], -1))
 
     def _by_z(self, x: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Residuals at z, with those of its prior, and derivatives in z over its scale (segments, residuals, n_z)."""
+        """Residuals at z, with those of its prior, and derivatives in z over its scale (segments,
+        residuals, n_z).
+        """
         n_z = z.shape[1]
         moved = [z + STEP * self.scale * (np.arange(n_z) == k) for k in range(n_z)]
         found = self._weight(self._run([x] * (n_z + 1), [z, *moved]))
@@ -296,7 +321,9 @@ class _Shooting:
             r, Jz = self._by_z(x, self.z)
             size = np.linalg.norm(Jz, axis=1)[:, None, :]
             U, values, Vt = np.linalg.svd(Jz / size, full_matrices=False)
-            inverse = np.where(values > RANK * values[:, :1], 1.0 / np.maximum(values, 1e-300), 0.0)
+            inverse = np.where(
+                values > RANK * values[:, :1], 1.0 / np.maximum(values, 1e-300), 0.0
+            )
             along = np.einsum("snk,sn->sk", U, r) * inverse
             self.z = self.z - np.einsum("skj,sk->sj", Vt, along) / size[:, 0] * self.scale
         return self._by_z(x, self.z)
@@ -307,7 +334,9 @@ class _Shooting:
         return float((r**2).sum())
 
     def parts(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Residuals (segments, N) and their derivatives in x with z eliminated (segments, N, n)."""
+        """Residuals (segments, N) and their derivatives in x with z eliminated (segments, N,
+        n).
+        """
         r, Jz = self.settle(x)
         moved = [x + STEP * (np.arange(len(x)) == k) * self._unit(k) for k in range(len(x))]
         base = self._weight(self._run([x, *moved], [self.z] * (len(x) + 1)))
@@ -347,7 +376,9 @@ def _remove_delays(t: np.ndarray, signals: np.ndarray, delays: np.ndarray) -> np
 
 
 def _basis(Jz: np.ndarray) -> np.ndarray:
-    """Orthonormal columns (segments, residuals, n_z) that span those of Jz; zero where Jz has less rank."""
+    """Orthonormal columns (segments, residuals, n_z) that span those of Jz; zero where Jz has less
+    rank.
+    """
     U, values, _ = np.linalg.svd(
         Jz / np.maximum(np.linalg.norm(Jz, axis=1), 1e-300)[:, None, :], full_matrices=False
     )
@@ -379,14 +410,15 @@ def fit_motion(
     recordings : str or Path
         See `flexgen.records.description`; motors and link encoders are used.
     free, fixed, start, bounds, priors
-        See `flexgen.identification.parameters.ParameterVector`; also ``delay`` and ``torque_constant``.
+        See `flexgen.identification.parameters.ParameterVector`; also ``delay`` and
+        ``torque_constant``.
     segment_s : float [s]
         Length of the segments: some periods of the lowest resonance.
     validate : str or Path, optional
         A description of recordings that are not fitted.
     time_limit : float, optional [s]
-        Then, or after Ctrl-C, the result is the best step so far, with the status ``time limit`` or
-        ``interrupted``. None or 0: unlimited.
+        Then, or after Ctrl-C, the result is the best step so far, with the status ``time limit``
+        or ``interrupted``. None or 0: unlimited.
     progress : callable or bool, optional
 
     Returns
@@ -405,8 +437,12 @@ def fit_motion(
     >>> from pathlib import Path
     >>> from flexgen.identification.recordings.recording_writer import RecordingWriter
     >>> plan = flexgen.excite("elbow", poses=[[0.5, -0.3]], period_s=1.0, lines=10)
-    >>> robot = flexgen.read("elbow", overrides={"element.upper.dof.q1.gear.spring.stiffness": 6e6})  # file: 7.5e6
-    >>> writer = RecordingWriter(Path("recorded"), plan, flexgen.read("elbow"))  # simulated in place of a robot
+    >>> # file: 7.5e6
+    >>> robot = flexgen.read(
+    ...     "elbow", overrides={"element.upper.dof.q1.gear.spring.stiffness": 6e6}
+    ... )
+    >>> # simulated in place of a robot
+    >>> writer = RecordingWriter(Path("recorded"), plan, flexgen.read("elbow"))
     >>> experiment = flexgen.measure(plan, robot, raw=writer)
     >>> found = flexgen.fit_motion("elbow", writer.finish(), free=["stiffness"])
     >>> f"{found.values['q1.stiffness']:.2e} N m/rad"
@@ -414,12 +450,15 @@ def fit_motion(
     """
     began = time.perf_counter()
     data = read_description(recordings)
-    robot = data.model if model is None else model if isinstance(model, RobotModel) else read(model)
+    robot = (
+        data.model if model is None else model if isinstance(model, RobotModel) else read(model)
+    )
     vector = ParameterVector(robot, free, fixed=fixed, start=start, bounds=bounds, priors=priors)
     if any(is_of_sensor(name) for name in vector.names):
         raise ArgumentError(
-            "free: given the delay of a sensor, which frequency responses can show: take 'flexgen frf' and 'identify' "
-            "without --segments, and state it as delay_s of the [[sensor]]"
+            "free: given the delay of a sensor, which frequency responses can show: take "
+            "'flexgen frf' and 'identify' without --segments, and state it as delay_s of the "
+            "[[sensor]]"
         )
     tell = progress if callable(progress) else None
     with limit_fit("fit_motion", time_limit, tell):
@@ -432,10 +471,8 @@ def fit_motion(
     scores = np.einsum("snk,sn->sk", J, r)
     covariance = inverse @ (scores.T @ scores + prior) @ inverse
     errors = shooting.errors(r) * shooting.sd
-    percent, white = (
-        _percent(shooting.y, errors),
-        whiteness(errors, shooting.Q[:, : errors[0].size]),
-    )
+    percent = _percent(shooting.y, errors)
+    white = whiteness(errors, shooting.Q[:, : errors[0].size])
     rms = np.sqrt((errors**2).mean(axis=(0, 1)))
     held_out: tuple[float, ...] = ()
     status = status_of_end(_status(fit, percent, white), reason)
@@ -465,7 +502,8 @@ def _minimize(
     shooting: _Shooting, vector: ParameterVector, tell: Callable[[str], None] | None
 ) -> Fit:
     """The fit; the deviations of the outputs follow from the residuals of the last one."""
-    x, fit = vector.start, None
+    x = vector.start
+    fit = None
     for k in range(ROUNDS):
         if fit is not None and is_over():
             break
@@ -503,9 +541,11 @@ def _status(fit: Fit, percent: tuple[float, ...], white: tuple[float, ...]) -> F
 
 
 def _fails(percent: tuple[float, ...], held_out: tuple[float, ...], ratio: np.ndarray) -> bool:
-    """Whether recordings that were not fitted are explained badly, or much worse than those that were.
+    """Whether recordings that were not fitted are explained badly, or much worse than those that
+    were.
 
-    Worse by its size and relative to the motion: larger motions have larger errors, smaller ones more noise.
+    Worse by its size and relative to the motion: larger motions have larger errors, smaller ones
+    more noise.
     """
     left, left_there = (1 - np.array(x) / 100 for x in (percent, held_out))
     worse = (ratio > WORSE) & (left_there > WORSE * left) & (left_there > SMALL_ERROR)
@@ -515,7 +555,9 @@ def _fails(percent: tuple[float, ...], held_out: tuple[float, ...], ratio: np.nd
 def _validate(
     vector: ParameterVector, x: np.ndarray, path: str | Path, segment_s: float, sd: np.ndarray
 ) -> tuple[tuple[float, ...], np.ndarray]:
-    """Fit in percent and rms of the errors of recordings that were not fitted; their start states are free."""
+    """Fit in percent and rms of the errors of recordings that were not fitted; their start states
+    are free.
+    """
     other = _Shooting(vector, read_description(path), segment_s)
     other.sd = sd  # of the fit: with larger deviations the prior would hold start states
     other.settle(x)
@@ -525,7 +567,9 @@ def _validate(
 
 
 def _percent(y: np.ndarray, errors: np.ndarray) -> tuple[float, ...]:
-    """``100 (1 - |e| / |y - straight line|)`` of each output: slow motion does not count for the model."""
+    """``100 (1 - |e| / |y - straight line|)`` of each output: slow motion does not count for the
+    model.
+    """
     n = np.arange(y.shape[1], dtype=float)
     A = np.stack([np.ones_like(n), n], axis=1)
     away = y - np.einsum("ab,sbj->saj", A @ np.linalg.pinv(A), y)

@@ -1,11 +1,13 @@
-"""The parameter vector of an identification: which numbers are free, their scales, bounds, ties and priors.
+"""The parameter vector of an identification: which numbers are free, their scales, bounds, ties
+and priors.
 
     theta = exp(x) (scale "log"), theta = x (scale "linear")
 
-Names are those of `flexgen.mechanics.parameters`, and those of the drives: ``delay`` [s], ``<motor>.torque_constant``
-(torque of the motor over the recorded one), ``<sensor>.delay`` [s] (from the motion to the sample, added to that of the
-motors' angles; ``sensor_delay``: of all sensors), and the gains of `flexgen.loop.controllers.Cascade`:
-``<motor>.position_gain``, ``.speed_gain``, ``.integral_gain``, for fits in closed loop.
+Names are those of `flexgen.mechanics.parameters`, and those of the drives: ``delay`` [s],
+``<motor>.torque_constant`` (torque of the motor over the recorded one), ``<sensor>.delay`` [s]
+(from the motion to the sample, added to that of the motors' angles; ``sensor_delay``: of all
+sensors), and the gains of `flexgen.loop.controllers.Cascade`: ``<motor>.position_gain``,
+``.speed_gain``, ``.integral_gain``, for fits in closed loop.
 """
 
 from __future__ import annotations
@@ -27,7 +29,8 @@ from flexgen.model.elements import RobotModel
 PRIOR_SD = 2.0
 DELAY = "delay"
 CONSTANT = ".torque_constant"
-SENSOR_DELAY, SENSOR_DELAYS = ".delay", "sensor_delay"  # of one sensor, and of all
+SENSOR_DELAY = ".delay"  # of one sensor
+SENSOR_DELAYS = "sensor_delay"  # and of all
 GAINS = {".position_gain": "1/s", ".speed_gain": "N m s/rad", ".integral_gain": "1/s"}
 
 
@@ -46,7 +49,8 @@ class Unknown:
     lower, upper : float
         Bounds, in the unit of the parameter.
     prior_sd : float
-        Standard deviation of a Gaussian prior about the start; of the logarithm for the scale "log".
+        Standard deviation of a Gaussian prior about the start; of the logarithm for the scale
+        "log".
     tied : tuple of str
         Names of other parameters that change by the same factor.
     """
@@ -72,7 +76,8 @@ class ParameterVector:
     ----------
     model : RobotModel
     free : sequence of str
-        Names of what is identified, groups such as ``stiffness`` included. Numbers of a group that are zero stay zero.
+        Names of what is identified, groups such as ``stiffness`` included. Numbers of a group that
+        are zero stay zero.
     fixed : sequence of str
         Names that stay as they are although a group in ``free`` has them.
     start : mapping, optional
@@ -82,7 +87,8 @@ class ParameterVector:
     priors : mapping, optional
         Name -> standard deviation of the prior.
     ties : mapping, optional
-        Name -> name of the free parameter that it follows by a constant factor, that of the start values.
+        Name -> name of the free parameter that it follows by a constant factor, that of the start
+        values.
     controller : Cascade, optional
         Of the drives, where their gains are parameters.
 
@@ -105,12 +111,10 @@ class ParameterVector:
         controller: Cascade | None = None,
     ) -> None:
         self.model = model
-        start, bounds, priors, ties = (
-            dict(start or {}),
-            dict(bounds or {}),
-            dict(priors or {}),
-            dict(ties or {}),
-        )
+        start = dict(start or {})
+        bounds = dict(bounds or {})
+        priors = dict(priors or {})
+        ties = dict(ties or {})
         drive = [name for name in free if is_of_drive(name)]
         of_model = [name for name in free if name not in drive]
         held = {p.name for p in select(model, [name for name in fixed if not is_of_drive(name)])}
@@ -122,7 +126,9 @@ class ParameterVector:
         parameters = [
             p for p in parameters if p.value != 0.0 or p.name in of_model or p.name in start
         ]
-        parameters += [p for p in _drive_parameters(model, drive, controller) if p.name not in held]
+        parameters += [
+            p for p in _drive_parameters(model, drive, controller) if p.name not in held
+        ]
         known = {p.name for p in parameters}
         for what, names in (
             ("start", start),
@@ -133,7 +139,8 @@ class ParameterVector:
             for name in names:
                 if name not in known:
                     raise ArgumentError(
-                        f"{what}: given {name!r}, expected one of the free {', '.join(sorted(known))}"
+                        f"{what}: given {name!r}, expected one of the free "
+                        f"{', '.join(sorted(known))}"
                     )
         self.unknowns = tuple(
             _unknown(
@@ -185,7 +192,9 @@ class ParameterVector:
 
     def named(self, x: np.ndarray) -> dict[str, float]:
         """Name -> value, tied parameters included."""
-        out = {u.name: float(value) for u, value in zip(self.unknowns, self.values(x), strict=True)}
+        out = {
+            u.name: float(value) for u, value in zip(self.unknowns, self.values(x), strict=True)
+        }
         for unknown in self.unknowns:
             for name in unknown.tied:
                 out[name] = self._tied[name] * out[unknown.name] / unknown.start
@@ -198,12 +207,16 @@ class ParameterVector:
     @property
     def of_model(self) -> tuple[str, ...]:
         """Names of the numbers of the model that change with x, tied ones included."""
-        names = {name for u in self.unknowns for name in (u.name, *u.tied) if not is_of_drive(name)}
+        names = {
+            name for u in self.unknowns for name in (u.name, *u.tied) if not is_of_drive(name)
+        }
         return tuple(p.name for p in select(self.model, sorted(names)))
 
 
 def is_of_drive(name: str) -> bool:
-    """Whether a parameter belongs to drives or sensors, not to the equations of motion; also names of groups."""
+    """Whether a parameter belongs to drives or sensors, not to the equations of motion; also names
+    of groups.
+    """
     return is_of_sensor(name) or name == DELAY or f".{name}".endswith((CONSTANT, *GAINS))
 
 
@@ -314,7 +327,8 @@ def _unknown(
     scale = "linear" if signed else "log"
     if not math.isfinite(first) or (scale == "log" and first <= 0.0):
         raise ArgumentError(
-            f"start of {name}: given {first!r} {parameter.unit}, expected a number > 0; name one, as in "
+            f"start of {name}: given {first!r} {parameter.unit}, expected a number > 0; name "
+            f"one, as in "
             f'start={{"{name}": 0.01}} (--start {name}=0.01)'
         )
     lower, upper = bounds.get(
@@ -322,8 +336,8 @@ def _unknown(
     )
     if not lower <= first <= upper or (scale == "log" and lower <= 0.0):
         raise ArgumentError(
-            f"bounds of {name}: given {lower!r} to {upper!r} {parameter.unit}, expected an interval that contains the "
-            f"start {first!r}" + ", above 0" * (scale == "log")
+            f"bounds of {name}: given {lower!r} to {upper!r} {parameter.unit}, expected an "
+            f"interval that contains the start {first!r}" + ", above 0" * (scale == "log")
         )
     usual = PRIOR_SD if scale == "log" else 1e-2 if late else 1e3
     sd = float(priors.get(name, usual))

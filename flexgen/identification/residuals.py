@@ -1,21 +1,25 @@
-"""Residuals of a parametric model against measured frequency responses, and their sums for the normal equations.
+"""Residuals of a parametric model against measured frequency responses, and their sums for the
+normal equations.
 
-===========  ======================================================================================================
+===========  ======================================================================================
 "nls"        ``r = (G(x) - G) / sd``, element by element
 "lls"        ``r = log(G(x) / G) / (sd / |G|)``, the complex logarithm
-"structured" ``r = L^-1 (G(x) - G) (U U^H)^(1/2) P^(1/2)``, ``L L^H = G S_u G^H + w^(2 m) S_y``: the noise of torques
-             and of outputs is white and independent, one variance for each; m: derivatives up to an acceleration
-===========  ======================================================================================================
+"structured" ``r = L^-1 (G(x) - G) (U U^H)^(1/2) P^(1/2)``, ``L L^H = G S_u G^H + w^(2 m) S_y``:
+             the noise of torques and of outputs is white and independent, one variance for each;
+             m: derivatives up to an acceleration
+===========  ======================================================================================
 
-In closed loop the noise of the torques is correlated with that of the outputs, and weights ``U U^H`` that contain it
-bias the parameters (errors in variables). With structured weights the cost is therefore compensated by the noise parts
-of ``Y U^H`` and ``U U^H``, so that its derivative has the mean 0 at the true parameters:
+In closed loop the noise of the torques is correlated with that of the outputs, and weights
+``U U^H`` that contain it bias the parameters (errors in variables). With structured weights the
+cost is therefore compensated by the noise parts of ``Y U^H`` and ``U U^H``, so that its derivative
+has the mean 0 at the true parameters:
 
     sum |r|^2 + P tr L^-H L^-1 (2 Re G(x) N_yu^H - G(x) N_uu G(x)^H)
 
 Combinations of torques whose noise has many times the power of the excitation have less weight.
 
-Source: T. Soderstrom, Automatica 43(6), 2007 (errors-in-variables methods; bias-compensated least squares).
+Source: T. Soderstrom, Automatica 43(6), 2007 (errors-in-variables methods; bias-compensated least
+squares).
 """
 
 from __future__ import annotations
@@ -48,7 +52,8 @@ EXCESS = 2.0  # measured variance over that of the structure, above which the fo
 # part of the information of a direction that is noise of the torques, above which it is none
 MOST_BY_NOISE = 0.08
 # deviations above the noise; variances of single elements, from few periods, vary more
-SURE, SURE_ALONE = 8.0, 30.0
+SURE = 8.0
+SURE_ALONE = 30.0
 UNKNOWN = 1.0  # standard deviation of the logarithm that changes most in such a direction
 
 
@@ -75,7 +80,9 @@ class Residuals:
         floor: float = 0.0,
         deflection_sd: np.ndarray | None = None,
     ) -> None:
-        self.vector, self.data, self.kind = vector, data, kind
+        self.vector = vector
+        self.data = data
+        self.kind = kind
         self.local = LocalModel(vector.model, vector.of_model, data.sensors)
         self.drive = Drive(data.sample_s, data.delay_s)
         self.variance = _noise(data, floor)
@@ -123,39 +130,47 @@ class Residuals:
         ``extra`` (k, lines, n_m, n_m): variance of each element in addition to its noise.
         """
         out = copy.copy(self)
-        out.data, out.variance, out.drive = (
-            data,
-            _noise(data, floor) + extra,
-            Drive(data.sample_s, data.delay_s),
-        )
+        out.data = data
+        out.variance = _noise(data, floor) + extra
+        out.drive = Drive(data.sample_s, data.delay_s)
         return out
 
     def of(self, vector: ParameterVector) -> Residuals:
         """The residuals of another model, or with other numbers free, with the same weights."""
         out = copy.copy(self)
-        out.vector, out._rest = vector, None
+        out.vector = vector
+        out._rest = None
         out.local = LocalModel(vector.model, vector.of_model, self.data.sensors)
         return out
 
     def average_springs(self, x: np.ndarray) -> None:
-        """Average springs that are not linear over the deflections that the torques of the data cause at x."""
+        """Average springs that are not linear over the deflections that the torques of the data
+        cause at x.
+        """
         if not self.local.springs:
             return
         values, _ = self.rest(x)
         UU = self.data.UU / self.data.experiments
         for _ in range(AVERAGINGS):
             self.deflection_sd = self.local.deflection_sd(
-                values, self.data.poses, self.data.w, self.vector.drive_at(x, self.drive), UU, self.data.speed_sd,
+                values,
+                self.data.poses,
+                self.data.w,
+                self.vector.drive_at(x, self.drive),
+                UU,
+                self.data.speed_sd,
                 self.deflection_sd,
-            )  # fmt: skip
+            )
         self._rest = None
 
     def use_structure(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """From now on structured weights; returns the deviations of the spectra of torque and angle noise (n_m,).
+        """From now on structured weights; returns the deviations of the spectra of torque and
+        angle noise (n_m,).
 
         The covariances come from the data; their structure from the responses at x.
         """
-        G, w = self.response(x).G, self.data.w
+        G = self.response(x).G
+        w = self.data.w
         C = covariance_at(self.data, G)
         torque, output = noise_levels(replace(self.data, C=C), G)
         L = np.linalg.cholesky(
@@ -185,7 +200,8 @@ class Residuals:
         return self._weigh(self.response(x, derivatives))
 
     def _weigh(self, found: Response) -> tuple[np.ndarray, np.ndarray | None]:
-        G, dG = found.G, found.dG
+        G = found.G
+        dG = found.dG
         if self.kind == "structured":
             assert self._white is not None
             left, right = self._white
@@ -199,7 +215,8 @@ class Residuals:
         if self.kind == "lls":
             if not (G.all() and self.data.G.all()):
                 raise ArgumentError(
-                    'residual: given "lls", expected "nls": a response is zero, and has no logarithm'
+                    'residual: given "lls", expected "nls": a response is zero, and has no '
+                    "logarithm"
                 )
             weight = np.abs(self.data.G) / np.sqrt(self.variance)
             return np.log(G / self.data.G) * weight, None if dG is None else dG * (weight / G)[
@@ -213,9 +230,11 @@ class Residuals:
         return float((np.abs(self.weight(x, False)[0]) ** 2).sum())
 
     def find_unexplained(self, x: np.ndarray) -> float:
-        """Part of an element of the responses that noise does not explain, of the element with the largest; 0: none.
+        """Part of an element of the responses that noise does not explain, of the element with the
+        largest; 0: none.
 
-        Elements one by one, over poses and lines: in most of them noise can hide what is wrong in one.
+        Elements one by one, over poses and lines: in most of them noise can hide what is wrong in
+        one.
         """
         r, size = (
             np.abs(self._weigh(Response(G, None))[0]) ** 2
@@ -246,10 +265,13 @@ class Residuals:
         return total + value, normal(r + change, J)[1], A
 
     def _compensation(self, G: np.ndarray) -> tuple[float, np.ndarray | float]:
-        """What compensates the cost for noise of the torques, and ``Z``: half its derivative is ``Re J^H Z``."""
+        """What compensates the cost for noise of the torques, and ``Z``: half its derivative is
+        ``Re J^H Z``.
+        """
         if self._noisy is None or self._white is None:
             return 0.0, 0.0
-        (left, right), back = self._white, self._noisy[0]
+        (left, right) = self._white
+        back = self._noisy[0]
         left_YU = self.data.periods * left @ self.data.noise_YU @ back
         change = left_YU - self.data.periods * left @ G @ self.data.noise_UU @ back
         return float(np.vdot(left @ G @ right, change + left_YU).real), change
@@ -257,10 +279,11 @@ class Residuals:
     def covariance(self, x: np.ndarray, A: np.ndarray) -> np.ndarray:
         """Covariance (n, n) of x at the minimum: ``H (B/2 + W) H`` (sandwich), ``H = (A + W)^-1``.
 
-        ``A = Re J^H J``; W: information of the prior, whose center is as uncertain as it says. B has the covariances
-        between the elements of a response that the weights leave out. With structured weights A is without, and B
-        with, what the noise of the torques seems to excite. Directions of which that is much are not determined: the
-        motor hardly moves, and the compensation is the difference of two uncertain numbers.
+        ``A = Re J^H J``; W: information of the prior, whose center is as uncertain as it says. B
+        has the covariances between the elements of a response that the weights leave out. With
+        structured weights A is without, and B with, what the noise of the torques seems to excite.
+        Directions of which that is much are not determined: the motor hardly moves, and the
+        compensation is the difference of two uncertain numbers.
         """
         prior = np.diag(self.vector.prior_sd**-2.0)
         _, J = self.weight(x, True)
@@ -305,10 +328,13 @@ class Residuals:
 
 
 def covariance_at(data: Frf, G: np.ndarray) -> np.ndarray:
-    """Covariance of ``Y - G U`` in one period: that of the data is of their own responses, which noise disturbs."""
+    """Covariance of ``Y - G U`` in one period: that of the data is of their own responses, which
+    noise disturbs.
+    """
     if data.noise_UU is None or data.noise_YU is None:
         return data.C
-    away, scale = data.G - G, data.periods / data.experiments
+    away = data.G - G
+    scale = data.periods / data.experiments
     cross = away @ (data.noise_YU - data.G @ data.noise_UU).conj().swapaxes(-1, -2)
     change = (
         cross + cross.conj().swapaxes(-1, -2) + away @ data.noise_UU @ away.conj().swapaxes(-1, -2)
@@ -323,7 +349,9 @@ def output_powers(data: Frf, w: np.ndarray) -> np.ndarray:
 
 
 def noise_levels(data: Frf, G: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Variances of the spectra of the noise of torques (n_m,) and outputs (n_o,), from the covariances of the data."""
+    """Variances of the spectra of the noise of torques (n_m,) and outputs (n_o,), from the
+    covariances of the data.
+    """
     return fit_levels(data.C, G, output_powers(data, data.w))
 
 

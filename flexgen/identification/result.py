@@ -1,4 +1,6 @@
-"""Result of an identification: values with standard deviations, a status, weak directions, and the new model file."""
+"""Result of an identification: values with standard deviations, a status, weak directions, and the
+new model file.
+"""
 
 from __future__ import annotations
 
@@ -47,7 +49,9 @@ IDENTIFIED = "identified"
 
 
 def with_coulomb(model: RobotModel) -> tuple[str, ...]:
-    """Names of the viscous frictions of motors and joints whose friction has a Coulomb or Stribeck part too."""
+    """Names of the viscous frictions of motors and joints whose friction has a Coulomb or Stribeck
+    part too.
+    """
     parts = [(motor.name, motor.friction) for motor in model.motors]
     parts += [(c.name, c.dof.friction) for c in model.coordinates if c.dof is not None]
     steps = ("coulomb", "stribeck", "load_coulomb", "load_stribeck")
@@ -66,8 +70,9 @@ class Estimated(Result):
     vector : ParameterVector
     x : array (n,)
     formal_covariance : array (n, n)
-        Of x, of logarithms for parameters with the scale "log", if the residuals are random: the accuracy of the
-        parameters only where `covariance` is not None. It shows which directions the data determine.
+        Of x, of logarithms for parameters with the scale "log", if the residuals are random: the
+        accuracy of the parameters only where `covariance` is not None. It shows which directions
+        the data determine.
     status : FitStatus
     """
 
@@ -80,11 +85,11 @@ class Estimated(Result):
     found_delays: Mapping[str, float] = field(default_factory=dict, kw_only=True)
 
     def to_dict(self) -> dict[str, Any]:
-        """Model, status, parameters with standard deviations, and the figures of the fit, as JSON types."""
-        sd, more = (
-            self.sd,
-            [f.name for f in fields(self) if f.name not in Estimated.__dataclass_fields__],
-        )
+        """Model, status, parameters with standard deviations, and the figures of the fit, as JSON
+        types.
+        """
+        sd = self.sd
+        more = [f.name for f in fields(self) if f.name not in Estimated.__dataclass_fields__]
         return {
             "model": self.vector.model.name,
             "status": str(self.status),
@@ -102,12 +107,15 @@ class Estimated(Result):
 
     @property
     def covariance(self) -> np.ndarray | None:
-        """Covariance (n, n) of x; None where the status says that the residuals do not show the accuracy."""
+        """Covariance (n, n) of x; None where the status says that the residuals do not show the
+        accuracy.
+        """
         return self.formal_covariance if self.status.has_deviations else None
 
     @property
     def sd(self) -> dict[str, float | None]:
-        """Name -> standard deviation: relative for parameters with the scale "log", else in the parameter's unit.
+        """Name -> standard deviation: relative for parameters with the scale "log", else in the
+        parameter's unit.
 
         None where `covariance` is: under a model error the true errors are many times as large.
         """
@@ -135,7 +143,9 @@ class Estimated(Result):
         )
 
     def used(self) -> dict[str, float]:
-        """Name -> value of the numbers of the model that change: without weak ones and those of the drives."""
+        """Name -> value of the numbers of the model that change: without weak ones and those of
+        the drives.
+        """
         named = self.vector.named(self.x)
         out = {}
         for unknown in self.vector.unknowns:
@@ -162,7 +172,8 @@ class Estimated(Result):
         return with_sensor_delays(with_values(self.vector.model, self.used()), self.sensor_delays)
 
     def write(self, path: str | Path, model_file: str | Path | None = None) -> Path:
-        """Write the new model file: the text of the old one with other numbers, and their standard deviations.
+        """Write the new model file: the text of the old one with other numbers, and their standard
+        deviations.
 
         They and the correlations are also in its table ``[uncertainty]``, see `flexgen.predict`.
 
@@ -193,15 +204,19 @@ class Estimated(Result):
         return str(find_function("Estimated.uncertainty")(text, names, covariance))
 
     def _relative_covariance(self, covariance: np.ndarray) -> tuple[list[str], np.ndarray]:
-        """Names of the numbers of the model, tied ones too, and the covariance of their relative errors."""
-        named, found = self.vector.named(self.x), []
+        """Names of the numbers of the model, tied ones too, and the covariance of their relative
+        errors.
+        """
+        named = self.vector.named(self.x)
+        found = []
         for k, unknown in enumerate(self.vector.unknowns):
             for name in (unknown.name, *unknown.tied):
                 if not is_of_drive(name) and named[name] != 0.0:
                     found.append(
                         (name, k, 1.0 if unknown.scale == "log" else 1.0 / named[unknown.name])
                     )
-        order, slopes = [k for _, k, _ in found], np.array([slope for *_, slope in found])
+        order = [k for _, k, _ in found]
+        slopes = np.array([slope for *_, slope in found])
         return [name for name, *_ in found], covariance[np.ix_(order, order)] * np.outer(
             slopes, slopes
         )
@@ -215,9 +230,11 @@ class IdentificationResult(Estimated):
     Parameters
     ----------
     cost : float
-        Mean square of the weighted residuals, for one degree of freedom: 1 where model and noise are right.
+        Mean square of the weighted residuals, for one degree of freedom: 1 where model and noise
+        are right.
     model_error : float
-        Median part of ``|G|`` that the model does not explain; 0 where noise explains the residuals.
+        Median part of ``|G|`` that the model does not explain; 0 where noise explains the
+        residuals.
     starts, agreed : int
         Searches from different start values, and those that ended at the best cost.
     iterations : int
@@ -230,22 +247,27 @@ class IdentificationResult(Estimated):
     variance : array (k, lines, n_m, n_m)
         Of the elements of the responses: noise and model error.
     deflection_sd : array (k, springs)
-        Standard deviations of the deflections of springs that are not linear, over which they were averaged.
+        Standard deviations of the deflections of springs that are not linear, over which they were
+        averaged.
     weights : str
         ``"structured"``, ``"nls"``, ``"lls"`` or ``"time domain"``.
     wall_s : float [s]
     causes : tuple of Cause
-        Faults of the model or the record of which one explains most of the misfit, the best first; see the module
-        `flexgen.identification.causes.explain`. Empty where the model fits, and where no single one explains it.
+        Faults of the model or the record of which one explains most of the misfit, the best first;
+        see the module `flexgen.identification.causes.explain`. Empty where the model fits, and
+        where no single one explains it.
     amplitude : AmplitudeTest or None
-        Whether the responses depend on the level of the excitation, where they were given at several.
+        Whether the responses depend on the level of the excitation, where they were given at
+        several.
     grade : Grade or None
-        Misfit by element and band, and whether the model is good enough for feedforward; None after
-        `refine`.
+        Misfit by element and band, and whether the model is good enough for feedforward; None
+        after `refine`.
 
     Examples
     --------
-    >>> responses = flexgen.frf(flexgen.measure(flexgen.excite("elbow", poses=[[0.5, -0.3]], period_s=1.0, lines=10)))
+    >>> responses = flexgen.frf(
+    ...     flexgen.measure(flexgen.excite("elbow", poses=[[0.5, -0.3]], period_s=1.0, lines=10))
+    ... )
     >>> found = flexgen.identify("elbow", responses, starts=1)
     >>> f"{found.values['q1.stiffness']:.2e} N m/rad", found.weak
     ('7.52e+06 N m/rad', ())
@@ -269,15 +291,16 @@ class IdentificationResult(Estimated):
 
     def __repr__(self) -> str:
         return (
-            f"<IdentificationResult {self.vector.model.name}: {self.status}, {len(self.vector)} parameters, "
-            f"cost {self.cost:.3g}, {self.agreed} of {self.starts} starts>"
+            f"<IdentificationResult {self.vector.model.name}: {self.status}, {len(self.vector)} "
+            f"parameters, cost {self.cost:.3g}, {self.agreed} of {self.starts} starts>"
         )
 
     def is_weak(self, name: str) -> bool:
         """Whether the data do not determine a parameter: the model keeps the value of its file.
 
-        By its standard deviation, or because frequency responses show the mean slope of a friction law only: the
-        viscous friction, fitted together with Coulomb friction, absorbs the errors of the latter.
+        By its standard deviation, or because frequency responses show the mean slope of a friction
+        law only: the viscous friction, fitted together with Coulomb friction, absorbs the errors
+        of the latter.
         """
         hidden = self.weights != TIME_DOMAIN and name in with_coulomb(self.vector.model)
         return hidden or super().is_weak(name)
@@ -339,7 +362,9 @@ class IdentificationResult(Estimated):
         control: ControlName = "feedback",
         progress: Choice = None,
     ) -> Any:
-        """Tool errors of feedforward with this model; see `flexgen.identification.verdict.verdict`."""
+        """Tool errors of feedforward with this model; see
+        `flexgen.identification.verdict.verdict`.
+        """
         return find_function("IdentificationResult.verdict")(
             self, move, truth=truth, samples=samples, control=control, progress=progress
         )
@@ -369,7 +394,8 @@ def write_model(
     model_file: str | Path | None = None,
     dry: bool = False,
 ) -> Path:
-    """Write a model file: the text of the old one with the values of some parameters and their standard deviations.
+    """Write a model file: the text of the old one with the values of some parameters and their
+    standard deviations.
 
     Relative paths in the file, of samples and of a URDF file, lead to the same files from the new
     folder. The numbers of an overlay are those that it states; where it has no key for one, all of
@@ -381,7 +407,8 @@ def write_model(
     path : str or Path
     model : RobotModel
     values, sd : mappings
-        By the names of parameters; deviations may be missing; those that are texts are written as they are.
+        By the names of parameters; deviations may be missing; those that are texts are written as
+        they are.
     words : FileWords
     model_file : str or Path, optional
         The old file; default: that of the model.
@@ -476,7 +503,8 @@ def write_parameters(
     note: str = "",
     key_of: Callable[[str], str] = str,
 ) -> str:
-    """The text of a model file with the values of some parameters, each with a comment on its accuracy.
+    """The text of a model file with the values of some parameters, each with a comment on its
+    accuracy.
 
     Comments of an earlier identification on the same parameters are removed: they are of the old
     values. ``key_of``: the key in the file from that of the parameter.
@@ -490,7 +518,9 @@ def write_parameters(
     }
     accuracy = note or "each has its standard deviation in a comment"
     head = f"# Identified parameters ({_one_line(source)}): {accuracy}.\n"
-    return head + with_numbers(_without_notes(text, {p.name for p in chosen}), numbers, file, notes)
+    return head + with_numbers(
+        _without_notes(text, {p.name for p in chosen}), numbers, file, notes
+    )
 
 
 def _one_line(source: str) -> str:

@@ -1,10 +1,13 @@
-"""Which elasticities does a robot need? Springs without motor are added to a model and removed from it, one at a time.
+"""Which elasticities does a robot need? Springs without motor are added to a model and removed
+from it, one at a time.
 
-    criterion = 2 cost + n_p log(N)            (Bayesian information criterion; N: real residuals, n_p: parameters)
+    criterion = 2 cost + n_p log(N)
+    (Bayesian information criterion; N: real residuals, n_p: parameters)
 
-Candidates to add are rotations about the two axes perpendicular to each joint, behind the joint (bearings and links);
-candidates to remove are the springs without motor of the model. A change is kept where the criterion falls, and where
-the cost also falls at poses that were not used for the fit.
+Candidates to add are rotations about the two axes perpendicular to each joint, behind the joint
+(bearings and links); candidates to remove are the springs without motor of the model. A change is
+kept where the criterion falls, and where the cost also falls at poses that were not used for the
+fit.
 
 Source: G. Schwarz, Annals of Statistics 6(2), 1978.
 """
@@ -38,9 +41,10 @@ MOST_ROUNDS = 20
 class Change:
     """A change that was tried.
 
-    ``kind``: ``"add"`` or ``"remove"``; ``name``: of the coordinate; ``gain``: of the criterion, positive where the
-    changed model is better; ``held_out``: ratio of the costs at poses that were not fitted, below 1 where the changed
-    model is better, or None where it was not needed; ``kept``.
+    ``kind``: ``"add"`` or ``"remove"``; ``name``: of the coordinate; ``gain``: of the criterion,
+    positive where the changed model is better; ``held_out``: ratio of the costs at poses that were
+    not fitted, below 1 where the changed model is better, or None where it was not needed;
+    ``kept``.
     """
 
     kind: str
@@ -54,8 +58,8 @@ class Change:
 class Structure:
     """Result of a search: the model with its springs, its fit, and the changes.
 
-    ``changes``: those that were kept, in their order, then those of the last round, none of which was better. A change
-    whose fit did not converge is left out.
+    ``changes``: those that were kept, in their order, then those of the last round, none of which
+    was better. A change whose fit did not converge is left out.
     """
 
     model: RobotModel
@@ -65,7 +69,9 @@ class Structure:
     @property
     def added(self) -> tuple[str, ...]:
         """Names of the coordinates that were added."""
-        return tuple(change.name for change in self.changes if change.kept and change.kind == "add")
+        return tuple(
+            change.name for change in self.changes if change.kept and change.kind == "add"
+        )
 
     @property
     def removed(self) -> tuple[str, ...]:
@@ -183,7 +189,9 @@ def criterion(found: IdentificationResult) -> float:
 
 
 def _removable(robot: RobotModel, now: IdentificationResult, fixed: Sequence[str]) -> list[str]:
-    """Coordinates without motor of the model that was given, as far as they are still there and not fixed."""
+    """Coordinates without motor of the model that was given, as far as they are still there and
+    not fixed.
+    """
     there = {
         dof.name for e in now.vector.model.elements for dof in e.dofs if dof.spring is not None
     }
@@ -209,10 +217,18 @@ def _try(model: RobotModel, data: Frf) -> IdentificationResult | None:
 
 
 def _fit(model: RobotModel, data: Frf) -> IdentificationResult:
-    """A fit with the weights of the noise alone, not corrected for large motions: costs of different models compare."""
+    """A fit with the weights of the noise alone, not corrected for large motions: costs of
+    different models compare.
+    """
     data = replace(data, torques=None)
     return identify(
-        model, data, free=default_free(model), starts=1, structured=False, floor=0.0, progress=False
+        model,
+        data,
+        free=default_free(model),
+        starts=1,
+        structured=False,
+        floor=0.0,
+        progress=False,
     )
 
 

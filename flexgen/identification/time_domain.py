@@ -1,15 +1,17 @@
 """`refine`: fit parameters by simulation of the experiment on the nonlinear model (output error).
 
-    r = w^2 (Q(x) - Q) / sd            at the excited lines; Q: spectra of the motor angles in the closed loop
+    r = w^2 (Q(x) - Q) / sd
+    at the excited lines; Q: spectra of the motor angles in the closed loop
 
-Noise moves the motors, and so smooths the step of a friction law: the mean change that it causes is simulated with
-noise of other seeds and added to the noise-free spectra.
+Noise moves the motors, and so smooths the step of a friction law: the mean change that it causes
+is simulated with noise of other seeds and added to the noise-free spectra.
 
-Frequency responses are biased by friction and by springs that are not linear. Here the drives, references and the
-nonlinear model are simulated in C with the parameters x as arguments, without noise, and compared with the measured
-angles. That needs good start values (those of the frequency responses) and a known drive. Derivatives are forward
-differences in x: their simulations begin in the state of the simulation at x, in a first search shortly before the
-measured period, in a second one a period before it.
+Frequency responses are biased by friction and by springs that are not linear. Here the drives,
+references and the nonlinear model are simulated in C with the parameters x as arguments, without
+noise, and compared with the measured angles. That needs good start values (those of the frequency
+responses) and a known drive. Derivatives are forward differences in x: their simulations begin in
+the state of the simulation at x, in a first search shortly before the measured period, in a second
+one a period before it.
 
 Source: L. Ljung, System Identification, 2nd ed. 1999, ch. 7 (output error).
 """
@@ -50,12 +52,14 @@ STEP = 1e-4  # of forward differences in x, mostly logarithms
 # standard deviations from the minimum where the search ends: forward differences show no more
 DISTANCE = 0.03
 # derivatives are used again after a step in x, or a relative change of the cost, below it
-NEAR, LITTLE = 0.01, 0.06
+NEAR = 0.01
+LITTLE = 0.06
 # time constants of the position control that simulations for derivatives begin before the period
 SETTLED = 10.0
 LAGS = 20
 # simulations with noise, and the first of their seeds, unlike those of `measure`
-SEEDS, SEED = 16, 7_919_000
+SEEDS = 16
+SEED = 7_919_000
 ROUGH_DISTANCE = 2.0  # the same, of the first search
 FRICTION = ("viscous", "coulomb", "load_coulomb", "beta")  # of each motor and joint that has them
 
@@ -78,12 +82,10 @@ class Simulated:
         runs: Sequence[tuple[int, int, int]],
         progress: Callable[[str], None] | None = None,
     ) -> None:
-        self.vector, self.plan, self.runs, self.progress = (
-            vector,
-            experiment.plan,
-            tuple(runs),
-            progress,
-        )
+        self.vector = vector
+        self.plan = experiment.plan
+        self.runs = tuple(runs)
+        self.progress = progress
         plan = self.plan
         names = vector.of_model
         self.library = library_with(
@@ -94,7 +96,8 @@ class Simulated:
         self.reference = np.zeros((plan.samples, len(self.runs), 2 * len(plan.motors)))
         for lane, (k, r, e) in enumerate(self.runs):
             self.reference[:, lane, : len(plan.motors)] = experiment.reference(k, r, e)
-        self.poses, self.fading = poses, fade_in(self.reference)
+        self.poses = poses
+        self.fading = fade_in(self.reference)
         slowest = float(plan.controller.position_gain.min())
         enough = SETTLED / slowest / plan.hardware.sample_s if slowest > 0 else plan.samples
         # samples that derivatives settle
@@ -107,10 +110,12 @@ class Simulated:
         self.quiet = replace(
             plan.hardware, encoder_noise_rad=0.0, encoder_resolution_rad=0.0, torque_noise_Nm=0.0
         )
-        # As in the experiment; the method is stable for friction up to 2.7 times as steep as at the start.
+        # As in the experiment; the method is stable for friction up to 2.7 times as steep as at
+        # the start.
         self.steps = integration_steps(plan.hardware, FINER * largest_rate(self.local, plan.poses))
         self.shift = np.zeros_like(self.measured)  # by noise
-        self.count, self.simulations = self.measured.size, 0
+        self.count = self.measured.size
+        self.simulations = 0
         # the last derivatives, at which x and cost
         self._known: tuple[np.ndarray, np.ndarray, float] | None = None
         # whether simulations for derivatives begin a period before the measured one
@@ -126,19 +131,30 @@ class Simulated:
         ``begin``: where these begin; ``noise``: seed of the noise of the drives; None: no noise.
         """
         check_time("identify")
-        plan, named = self.plan, self.vector.named(x)
+        plan = self.plan
+        named = self.vector.named(x)
         values = np.array([named[name] for name in self.library.parameter_names])
         rest = self.local.rest(values, self.poses)
-        n_a, n_m = self.vector.model.n_a, self.vector.model.n_m
+        n_a = self.vector.model.n_a
+        n_m = self.vector.model.n_m
         controller = cascade_at(plan.controller, named, plan.motors)
         loop = ClosedLoop(
-            self.vector.model, self.library, self.quiet if noise is None else plan.hardware, controller,
-            rest.y[:, :n_a], self.poses, 0.0, seed=noise or 0, steps=self.steps, parameters=values,
-        )  # fmt: skip
+            self.vector.model,
+            self.library,
+            self.quiet if noise is None else plan.hardware,
+            controller,
+            rest.y[:, :n_a],
+            self.poses,
+            0.0,
+            seed=noise or 0,
+            steps=self.steps,
+            parameters=values,
+        )
         loop.hold(rest.tau_m)
         self.reference[:, :, n_m:] = self.fading[:, :, n_m:] = rest.tau_m
         if begin is None or noise is not None:
-            # One period more than in the experiment, whose mean over its periods has less of the transient.
+            # One period more than in the experiment, whose mean over its periods has less of the
+            # transient.
             loop.run(self.fading, plan.samples)
             for _ in range(max(plan.transients, 1) - 1):
                 loop.run(self.reference, plan.samples)
@@ -156,10 +172,13 @@ class Simulated:
 
     def use_whole(self) -> None:
         """From now on derivatives from simulations that begin a period before the measured one."""
-        self.whole, self._known = True, None
+        self.whole = True
+        self._known = None
 
     def use_noise(self, x: np.ndarray) -> None:
-        """From now on with the mean change of the spectra by noise, as it is at x; its own error counts in `sd`."""
+        """From now on with the mean change of the spectra by noise, as it is at x; its own error
+        counts in `sd`.
+        """
         hardware = self.plan.hardware
         if not (
             hardware.encoder_noise_rad
@@ -186,13 +205,17 @@ class Simulated:
     def _jacobian(self, x: np.ndarray, r: np.ndarray) -> np.ndarray:
         """Derivatives of the residuals r (n_r,) at x, (n_r, n)."""
         assert self._before is not None
-        J, begin = np.empty((len(r), len(x)), complex), self._before[0 if self.whole else 1]
+        J = np.empty((len(r), len(x)), complex)
+        begin = self._before[0 if self.whole else 1]
         for k in range(len(x)):
             if self.progress is not None:
                 self.progress(
-                    f"simulation {self.simulations + 1}, {self.plan.duration_s:.0f} s of robot in the plan"
+                    f"simulation {self.simulations + 1}, {self.plan.duration_s:.0f} s of robot "
+                    "in the plan"
                 )
-            J[:, k] = (self.residual(x + STEP * (np.arange(len(x)) == k), begin).ravel() - r) / STEP
+            J[:, k] = (
+                self.residual(x + STEP * (np.arange(len(x)) == k), begin).ravel() - r
+            ) / STEP
         return J
 
     def sums(self, x: np.ndarray) -> Sums:
@@ -225,11 +248,12 @@ def refine(
     Parameters
     ----------
     found : IdentificationResult
-        From the frequency responses of the same experiment; where the search begins. Its model error remains, unless
-        friction or springs are not linear.
+        From the frequency responses of the same experiment; where the search begins. Its model
+        error remains, unless friction or springs are not linear.
     experiment : Experiment
     free : sequence of str, optional
-        Default: those of ``found``, and viscous and Coulomb friction and ``beta`` of motors and joints that have any.
+        Default: those of ``found``, and viscous and Coulomb friction and ``beta`` of motors and
+        joints that have any.
     start : mapping, optional
         Other values to begin with.
     runs : int
@@ -251,7 +275,10 @@ def refine(
     Examples
     --------
     >>> plan = flexgen.excite("elbow", poses=[[0.5, -0.3]], period_s=1.0, lines=10)
-    >>> robot = flexgen.read("elbow", overrides={"element.upper.dof.q1.gear.spring.stiffness": 6e6})  # file: 7.5e6
+    >>> # file: 7.5e6
+    >>> robot = flexgen.read(
+    ...     "elbow", overrides={"element.upper.dof.q1.gear.spring.stiffness": 6e6}
+    ... )
     >>> experiment = flexgen.measure(plan, robot)
     >>> found = flexgen.identify("elbow", flexgen.frf(experiment), starts=1)
     >>> f"{flexgen.refine(found, experiment).values['q1.stiffness']:.2e} N m/rad"
@@ -259,12 +286,14 @@ def refine(
     """
     began = time.perf_counter()
     tell = progress if callable(progress) else None
-    plan, model = experiment.plan, found.vector.model
+    plan = experiment.plan
+    model = found.vector.model
     _check(found, experiment, runs)
     names = list(found.vector.names) + _frictions(found) if free is None else list(free)
     if any(is_of_sensor(name) for name in free or ()):
         raise ArgumentError(
-            "free: given the delay of a sensor, which the motors do not show: 'identify' can fit it"
+            "free: given the delay of a sensor, which the motors do not show: 'identify' can "
+            "fit it"
         )
     held = [
         name
@@ -318,7 +347,9 @@ def refine(
         starts=1,
         agreed=1,
         iterations=rough.iterations + fit.iterations * (fit is not rough),
-        at_bound=tuple(name for name, held in zip(vector.names, fit.at_bound, strict=True) if held),
+        at_bound=tuple(
+            name for name, held in zip(vector.names, fit.at_bound, strict=True) if held
+        ),
         weak=weak_directions(vector, fit.A),
         weights=TIME_DOMAIN,
         grade=None,
@@ -327,7 +358,9 @@ def refine(
 
 
 def _check(found: IdentificationResult, experiment: Experiment, runs: int) -> None:
-    """ArgumentError where an experiment cannot be simulated, or is not that of the frequency responses."""
+    """ArgumentError where an experiment cannot be simulated, or is not that of the frequency
+    responses.
+    """
     plan = experiment.plan
     if plan.motors != found.data.motors or not np.array_equal(plan.poses, found.data.poses):
         raise ArgumentError(
@@ -337,8 +370,9 @@ def _check(found: IdentificationResult, experiment: Experiment, runs: int) -> No
         plan.amplitudes.any() or experiment.references is not None
     ):
         raise ArgumentError(
-            f"experiment: given {experiment.source}, without the gains and references of its drives, expected tables "
-            "[drive] and [[reference]] in the description of the recordings, or an experiment of 'measure'"
+            f"experiment: given {experiment.source}, without the gains and references of its "
+            "drives, expected tables [drive] and [[reference]] in the description of the "
+            "recordings, or an experiment of 'measure'"
         )
     if not isinstance(runs, int) or not 1 <= runs <= plan.experiments * plan.realizations:
         most = plan.experiments * plan.realizations
@@ -348,7 +382,9 @@ def _check(found: IdentificationResult, experiment: Experiment, runs: int) -> No
 
 
 def _choose(plan: Plan, first: int, count: int) -> list[tuple[int, int, int]]:
-    """At each pose ``count`` experiments, other ones from pose to pose; with other ``first`` other ones."""
+    """At each pose ``count`` experiments, other ones from pose to pose; with other ``first`` other
+    ones.
+    """
     every = [(r, e) for r in range(plan.realizations) for e in range(plan.experiments)]
     return [
         (k, *every[(k + i) % len(every)])
@@ -361,9 +397,10 @@ def _choose(plan: Plan, first: int, count: int) -> list[tuple[int, int, int]]:
 class Validation:
     """Simulation of experiments that were not used.
 
-    ``fit_percent``: ``100 (1 - |Q(x) - Q| / |Q|)`` of the accelerations of each motor; ``cost``: mean square of the
-    weighted residuals, 1 where model and noise are right; ``white``: part of the correlations of the weighted residuals
-    between lines (lags 1 to `LAGS`) of each motor within the 99 % band of white noise.
+    ``fit_percent``: ``100 (1 - |Q(x) - Q| / |Q|)`` of the accelerations of each motor; ``cost``:
+    mean square of the weighted residuals, 1 where model and noise are right; ``white``: part of
+    the correlations of the weighted residuals between lines (lags 1 to `LAGS`) of each motor
+    within the 99 % band of white noise.
     """
 
     fit_percent: tuple[float, ...]
@@ -417,7 +454,9 @@ def validate(
 
 
 def validate_on_others(found: IdentificationResult, checked: Validation) -> IdentificationResult:
-    """The result with the status ``poorly validated`` where it agreed, and other experiments do not."""
+    """The result with the status ``poorly validated`` where it agreed, and other experiments do
+    not.
+    """
     fails = checked.cost > COST_MOST and min(checked.fit_percent) < 100 * (1 - SMALL_ERROR)
     return (
         replace(found, status=FitStatus.POORLY_VALIDATED)
@@ -432,7 +471,9 @@ def refine_and_validate(
     time_limit: float | None = None,
     progress: Choice = None,
 ) -> tuple[IdentificationResult, Validation | None]:
-    """Parameters refined on one experiment at each pose, and their status on another; None: there is only one."""
+    """Parameters refined on one experiment at each pose, and their status on another; None: there
+    is only one.
+    """
     fine = refine(found, experiment, time_limit=time_limit, progress=progress)
     single = experiment.plan.experiments * experiment.plan.realizations < 2
     if single or fine.status.ended_early:
@@ -452,7 +493,9 @@ def _frictions(found: IdentificationResult) -> list[str]:
         for name in FRICTION
         if getattr(friction, name, 0.0) > 0.0
         and (
-            name != "beta" or friction.coulomb > 0.0 or getattr(friction, "load_coulomb", 0.0) > 0.0
+            name != "beta"
+            or friction.coulomb > 0.0
+            or getattr(friction, "load_coulomb", 0.0) > 0.0
         )
     ]
 
@@ -472,10 +515,11 @@ def _status(fit: Fit, cost: float, simulated: Simulated, found: IdentificationRe
 
 
 def _standard_deviation(spectra: np.ndarray) -> np.ndarray:
-    """Deviation of the mean over the periods (1, lines, n_m), from all robots together and neighboring lines.
+    """Deviation of the mean over the periods (1, lines, n_m), from all robots together and
+    neighboring lines.
 
-    ``spectra`` (runs, periods, lines, n_m). Without noise: a small part of the signal, so that nothing is divided by
-    zero.
+    ``spectra`` (runs, periods, lines, n_m). Without noise: a small part of the signal, so that
+    nothing is divided by zero.
     """
     periods = spectra.shape[1]
     variance = np.var(spectra, axis=1, ddof=1).mean(axis=0) / periods

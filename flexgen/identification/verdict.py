@@ -1,8 +1,9 @@
 """Tool error of feedforward with the identified model.
 
-The torques of a move are computed with several models and sent to a robot whose motors are controlled. The robot is
-the true one, where it is known (a simulated experiment), or robots that are drawn from the covariance of the
-identified parameters: then the distribution of the error is predicted.
+The torques of a move are computed with several models and sent to a robot whose motors are
+controlled. The robot is the true one, where it is known (a simulated experiment), or robots that
+are drawn from the covariance of the identified parameters: then the distribution of the error is
+predicted.
 """
 
 from __future__ import annotations
@@ -34,9 +35,9 @@ BASELINES = ("rigid", "fjm")
 class VerdictRow:
     """Tool errors of feedforward with one model.
 
-    ``model``: ``"file"``, ``"identified"`` (both by exact inversion), ``"rigid"``, ``"fjm"`` (simpler torques of the
-    identified model). ``error_m``, ``error_rad``: largest errors of the tool, one for each robot, or None where the
-    output has no such part.
+    ``model``: ``"file"``, ``"identified"`` (both by exact inversion), ``"rigid"``, ``"fjm"``
+    (simpler torques of the identified model). ``error_m``, ``error_rad``: largest errors of the
+    tool, one for each robot, or None where the output has no such part.
     """
 
     model: str
@@ -53,7 +54,8 @@ class VerdictRow:
 class Verdict:
     """Tool errors before and after an identification.
 
-    ``move``, ``control``; ``robots``: number of robots; ``known``: whether the robot is the true one; ``rows``.
+    ``move``, ``control``; ``robots``: number of robots; ``known``: whether the robot is the true
+    one; ``rows``.
     """
 
     move: str
@@ -83,7 +85,8 @@ def verdict(
     seed: int = 0,
     progress: Choice = None,
 ) -> Verdict:
-    """Tool errors of feedforward with the model before and after identification, and with simpler torques.
+    """Tool errors of feedforward with the model before and after identification, and with simpler
+    torques.
 
     Parameters
     ----------
@@ -94,7 +97,8 @@ def verdict(
         The true robot; default: ``samples`` robots from the covariance of the parameters.
     samples : int
     control : str
-        ``"feedback"``: the motors are controlled in position and speed; ``"feedforward"``: torque alone.
+        ``"feedback"``: the motors are controlled in position and speed; ``"feedforward"``: torque
+        alone.
     seed : int
     progress : callable or bool, optional
 
@@ -107,14 +111,16 @@ def verdict(
     """
     tell = progress if callable(progress) else silent
     count_of("samples", samples, ROBOTS)
-    before, after = Equations(identified.vector.model), Equations(identified.model)
+    before = Equations(identified.vector.model)
+    after = Equations(identified.model)
     if truth is not None:
         robots = [Equations(truth if isinstance(truth, RobotModel) else read(truth))]
     else:
         robots = [Equations(robot) for robot in draw_robots(identified, samples, seed)]
     torques = {"file": (before, "auto"), "identified": (after, "auto")}
     torques |= {name: (after, name) for name in BASELINES}
-    rows, name_of_move = [], ""
+    rows = []
+    name_of_move = ""
     for name, (equations, method) in torques.items():
         tell(f"torques of the model {name}")
         solution = _solve(equations, move, method)
@@ -130,7 +136,8 @@ def verdict(
 
 
 def draw_robots(identified: IdentificationResult, count: int, seed: int) -> list[RobotModel]:
-    """Robots whose parameters are drawn from the covariance; weak ones keep the values of the file.
+    """Robots whose parameters are drawn from the covariance; weak ones keep the values of the
+    file.
 
     Raises
     ------
@@ -139,10 +146,12 @@ def draw_robots(identified: IdentificationResult, count: int, seed: int) -> list
     """
     if identified.covariance is None:
         raise ArgumentError(
-            f"verdict: given a result with the status {identified.status!s}, which has no covariance to draw robots "
-            "from; give the true robot (truth=, --truth), or mend the model or the data first"
+            f"verdict: given a result with the status {identified.status!s}, which has no "
+            "covariance to draw robots from; give the true robot (truth=, --truth), or mend "
+            "the model or the data first"
         )
-    vector, rng = identified.vector, np.random.default_rng(seed)
+    vector = identified.vector
+    rng = np.random.default_rng(seed)
     used = set(identified.used())
     known = np.array([not identified.is_weak(name) for name in vector.names])
     covariance = identified.covariance * np.outer(known, known)

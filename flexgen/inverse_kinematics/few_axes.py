@@ -30,7 +30,9 @@ TURN = 2 * np.pi
 
 
 def has_few_axes(model: RobotModel) -> bool:
-    """Whether position and angle of the tool determine the actuated coordinates, fewer than six."""
+    """Whether position and angle of the tool determine the actuated coordinates, fewer than
+    six.
+    """
     return model.output.has_angle and model.output.tool_size == model.n_g
 
 

@@ -25,9 +25,11 @@ def tracker_positions(
     *,
     sag: bool = True,
 ) -> np.ndarray:
-    """Positions of the trackers, or of the tool, at rest under gravity with the motors at commanded angles.
+    """Positions of the trackers, or of the tool, at rest under gravity with the motors at
+    commanded angles.
 
-    Solves ``g(q_a) = tau_springs(q_a, q_m)``, ``q_m = eta commands``, by Newton's method for each pose.
+    Solves ``g(q_a) = tau_springs(q_a, q_m)``, ``q_m = eta commands``, by Newton's method for each
+    pose.
 
     Parameters
     ----------
@@ -40,7 +42,8 @@ def tracker_positions(
     Returns
     -------
     array (N, k, 3) [m]
-        In the world, in the order of the ``[[sensor]]`` tables of type ``tracker``; the tool where there is none.
+        In the world, in the order of the ``[[sensor]]`` tables of type ``tracker``; the tool where
+        there is none.
 
     Raises
     ------
@@ -53,7 +56,9 @@ def tracker_positions(
     --------
     >>> import numpy as np
     >>> home = np.array([[0.5236, -0.3491]])  # rad
-    >>> sag = flexgen.tracker_positions("elbow", home) - flexgen.tracker_positions("elbow", home, sag=False)
+    >>> sag = flexgen.tracker_positions("elbow", home) - flexgen.tracker_positions(
+    ...     "elbow", home, sag=False
+    ... )
     >>> f"{1e3 * sag[0, 0, 2]:.2f} mm"
     '-0.89 mm'
     """

@@ -1,8 +1,9 @@
-"""All joint configurations of a six-axis arm that reach a pose of the tool, with what is known about each of them.
+"""All joint configurations of a six-axis arm that reach a pose of the tool, with what is known
+about each of them.
 
-They are found by the emitted C, see ``flexgen/clib/inverse_kinematics.c``. A pose has at most 16 of them for a general
-arm with six rotations, and finitely many unless the arm is singular there. Deflections are zero, or with ``sag`` those
-at rest under gravity.
+They are found by the emitted C, see ``flexgen/clib/inverse_kinematics.c``. A pose has at most 16
+of them for a general arm with six rotations, and finitely many unless the arm is singular there.
+Deflections are zero, or with ``sag`` those at rest under gravity.
 """
 
 from __future__ import annotations
@@ -55,20 +56,24 @@ class Configuration(Result):
     Attributes
     ----------
     q : array (n_g,) [rad or m]
-        Actuated coordinates, rotations within half a turn of zero, or of the middle of their limits.
+        Actuated coordinates, rotations within half a turn of zero, or of the middle of their
+        limits.
     error : float
         Of the pose: the larger of position over the reach and rotation [rad].
     within_limits : bool
         Of the joints of the model file.
     branch : int
-        Sign of the Jacobian's determinant: configurations with other signs are separated by a singularity.
+        Sign of the Jacobian's determinant: configurations with other signs are separated by a
+        singularity.
     distance : float
-        From singularity: smallest over largest singular value of the Jacobian, lengths over the reach.
+        From singularity: smallest over largest singular value of the Jacobian, lengths over the
+        reach.
     parts : dict of str to float
-        Of an arm with six rotations, signed numbers that vanish where it is singular: ``shoulder``, distance of the
-        wrist from the plane of the first two axes over the reach; ``elbow``, sine of the angle between upper arm and
-        forearm; ``wrist``, volume that the directions of the last three axes span. The same signs mean the same
-        configuration: front or back, elbow up or down, wrist flipped or not.
+        Of an arm with six rotations, signed numbers that vanish where it is singular:
+        ``shoulder``, distance of the wrist from the plane of the first two axes over the reach;
+        ``elbow``, sine of the angle between upper arm and forearm; ``wrist``, volume that the
+        directions of the last three axes span. The same signs mean the same configuration: front
+        or back, elbow up or down, wrist flipped or not.
 
     Examples
     --------
@@ -101,7 +106,9 @@ class Configuration(Result):
 
     @property
     def singular(self) -> bool:
-        """Whether the arm is singular here: one configuration of a family that reaches the pose, nearest to home."""
+        """Whether the arm is singular here: one configuration of a family that reaches the pose,
+        nearest to home.
+        """
         return self.distance < FAMILY
 
     @property
@@ -133,8 +140,8 @@ def kinematics(
     fixed : mapping, optional
         Joints of a redundant arm that keep a value [rad or m].
     sag : bool
-        The elastic robot at rest reaches the pose, its springs deflected by gravity; ``q`` are the joints as the motors
-        see them, ``eta^-1 q_m``.
+        The elastic robot at rest reaches the pose, its springs deflected by gravity; ``q`` are the
+        joints as the motors see them, ``eta^-1 q_m``.
 
     Returns
     -------
@@ -146,7 +153,8 @@ def kinematics(
     ArgumentError
         The arm has not six free joints, or the rotation is none.
     SolverError
-        The arm is singular at the pose, with more than 16 solutions that have no regular neighbors.
+        The arm is singular at the pose, with more than 16 solutions that have no regular
+        neighbors.
 
     Examples
     --------
@@ -156,21 +164,25 @@ def kinematics(
     [(1, -1, 1), (1, -1, -1), (1, 1, -1), (1, 1, 1)]
     """
     robot = robot_of(model)
-    p, R = np.asarray(position, dtype=float), np.asarray(rotation, dtype=float)
+    p = np.asarray(position, dtype=float)
+    R = np.asarray(rotation, dtype=float)
     if p.shape != (3,) or R.shape != (3, 3) or not (np.isfinite(p).all() and np.isfinite(R).all()):
         raise ArgumentError(
             f"pose: given shapes {p.shape}, {R.shape}, expected (3,) and (3, 3), finite"
         )
     if np.abs(R @ R.T - np.eye(3)).max() > 1e-6 or np.linalg.det(R) < 0:
         raise ArgumentError(
-            "rotation: given a matrix that is not a rotation, expected orthogonal columns, right-handed"
+            "rotation: given a matrix that is not a rotation, expected orthogonal columns, "
+            "right-handed"
         )
     if has_few_axes(robot) and not fixed:
         return _of_few_axes(robot, p, R, sag)
     names = [robot.coordinates[i].name for i in robot.i_g]
     for name in fixed or {}:
         if name not in names:
-            raise ArgumentError(f"fixed: given joint {name!r}, expected some of {', '.join(names)}")
+            raise ArgumentError(
+                f"fixed: given joint {name!r}, expected some of {', '.join(names)}"
+            )
     solver = _solver(robot, tuple(sorted((fixed or {}).items())))
     goal = np.concatenate([p, R.ravel()])
     home = np.array(robot.home)
@@ -200,8 +212,11 @@ def _of_few_axes(
 
 
 def configuration_at(model: RobotModel, q_g: np.ndarray) -> Configuration:
-    """Known values of the joints (n_g,) [rad or m] of an arm with six actuated coordinates, without deflections."""
-    solver, full = _solver(model, ()), np.zeros(model.n_a)
+    """Known values of the joints (n_g,) [rad or m] of an arm with six actuated coordinates,
+    without deflections.
+    """
+    solver = _solver(model, ())
+    full = np.zeros(model.n_a)
     full[list(model.i_g)] = q_g
     p, R = solver.library.forward_kinematics(full)
     return solver.configuration(
@@ -210,15 +225,19 @@ def configuration_at(model: RobotModel, q_g: np.ndarray) -> Configuration:
 
 
 def arm_parts(J: np.ndarray) -> dict[str, float]:
-    """Shoulder, elbow and wrist from the Jacobian (6, 6) of six rotations, lengths over the reach; see `Configuration`.
+    """Shoulder, elbow and wrist from the Jacobian (6, 6) of six rotations, lengths over the reach;
+    see `Configuration`.
 
-    A column (v, z): velocity of the tool and direction of the axis, whose point next to the tool is z x v from it.
+    A column (v, z): velocity of the tool and direction of the axis, whose point next to the tool
+    is z x v from it.
     """
     z = J[3:].T
     c = np.cross(z, J[:3].T)
-    wrist_4, wrist_5 = _next_to(c[3], z[3], c[4], z[4]), _next_to(c[4], z[4], c[5], z[5])
+    wrist_4 = _next_to(c[3], z[3], c[4], z[4])
+    wrist_5 = _next_to(c[4], z[4], c[5], z[5])
     # across the second axis
-    upper, fore = np.cross(z[1], c[2] - c[1]), np.cross(z[1], wrist_4 - c[2])
+    upper = np.cross(z[1], c[2] - c[1])
+    fore = np.cross(z[1], wrist_4 - c[2])
     size = max(float(np.linalg.norm(upper) * np.linalg.norm(fore)), 1e-12)
     return {
         "shoulder": float(np.linalg.det(np.stack([z[0], wrist_5 - c[0], z[1]]))),
@@ -253,13 +272,14 @@ class _Solver:
     """The search for one robot, with its memory."""
 
     def __init__(self, model: RobotModel, fixed: dict[str, float]) -> None:
-        self.model, self.i_g = model, list(model.i_g)
+        self.model = model
+        self.i_g = list(model.i_g)
         names = [model.coordinates[i].name for i in self.i_g]
         self.free = [i for i, name in zip(self.i_g, names, strict=True) if name not in fixed]
         if len(self.free) != JOINTS:
             raise ArgumentError(
-                f"model {model.name}: given {len(self.free)} free joints ({', '.join(names)}), expected six; name the "
-                "joints of a redundant arm that keep a value in fixed"
+                f"model {model.name}: given {len(self.free)} free joints ({', '.join(names)}), "
+                "expected six; name the joints of a redundant arm that keep a value in fixed"
             )
         self.base = np.zeros(model.n_a)
         for name, value in fixed.items():
@@ -279,11 +299,13 @@ class _Solver:
         return float(max(np.linalg.norm(p[1:] - p[0], axis=1).max(), 2e-3)) / 2
 
     def all_at(self, goal: np.ndarray, home: np.ndarray) -> list[np.ndarray]:
-        """All solutions (n_g,), also next to singularities, where the search in C finds copies or nothing.
+        """All solutions (n_g,), also next to singularities, where the search in C finds copies or
+        nothing.
 
-        Those of `TURNS` goals that are rotated by `TURNED` are refined at the goal itself: at the edge of the workspace
-        some of them can be out of reach. With parallel axes before the wrist (UR) the rotation determines the place
-        along a family, of which only an arc is in reach. Of a family, one remains, the nearest to ``home``.
+        Those of `TURNS` goals that are rotated by `TURNED` are refined at the goal itself: at the
+        edge of the workspace some of them can be out of reach. With parallel axes before the wrist
+        (UR) the rotation determines the place along a family, of which only an arc is in reach. Of
+        a family, one remains, the nearest to ``home``.
         """
         R = goal[3:].reshape(3, 3)
         each = [
@@ -296,7 +318,8 @@ class _Solver:
         except SolverError:  # copies of a few configurations, in which the others are lost
             if not close:
                 raise
-            found, close = [], turned
+            found = []
+            close = turned
         if not close:
             return found
         out = [q for q in found if self._distance(q) >= SINGULAR]
@@ -310,7 +333,9 @@ class _Solver:
         return out
 
     def _turns(self, R: np.ndarray) -> list[np.ndarray]:
-        """Small rotations (3, 3) about axes across the sixth axis, where the tool has the rotation R (3, 3)."""
+        """Small rotations (3, 3) about axes across the sixth axis, where the tool has the rotation
+        R (3, 3).
+        """
         at_zero = np.asarray(self.library.forward_kinematics(self.base).R)
         sixth = R @ at_zero.T @ self._jacobian(self.base[self.i_g])[3:, -1]
         # two directions; where the sixth joint slides, any two
@@ -346,7 +371,8 @@ class _Solver:
         if np.abs(change).max() < SAME:
             return True
         distance = max(self._distance(q), self._distance(other))
-        along, null = np.inf if distance < FAMILY else ROUNDING / distance, self._null(q)
+        along = np.inf if distance < FAMILY else ROUNDING / distance
+        null = self._null(q)
         if along < SAME:
             return False
         k = int(np.argmax(np.abs(null)))
@@ -362,11 +388,14 @@ class _Solver:
         return moved is not None and float(np.abs(moved - q).max()) < SAME
 
     def _refine(self, goal: np.ndarray, q: np.ndarray, home: np.ndarray) -> np.ndarray | None:
-        """A solution by Newton's method with the singular values of the Jacobian; None: it is not found.
+        """A solution by Newton's method with the singular values of the Jacobian; None: it is not
+        found.
 
         Of a family, the one nearest to ``home``.
         """
-        q, at, family = q.copy(), self._at, False
+        q = q.copy()
+        at = self._at
+        family = False
         for k in range(REFINEMENTS):
             full = self.base.copy()
             full[self.i_g] = q
@@ -385,7 +414,9 @@ class _Solver:
         return q if self._miss(goal, full) < (10 * FAMILY if family else REFINED) else None
 
     def solve(self, goal: np.ndarray) -> list[np.ndarray]:
-        """All solutions (n_g,), rotations within half a turn of zero; ``goal``: position, rotation by rows."""
+        """All solutions (n_g,), rotations within half a turn of zero; ``goal``: position, rotation
+        by rows.
+        """
         try:
             q = self.library.inverse_kinematics(
                 goal[:3], goal[3:].reshape(3, 3), self.base, free=self.free
@@ -402,7 +433,8 @@ class _Solver:
         J = np.asarray(self.library.jacobian(full))[:, self.free].copy()
         J[:3] /= self.length
         singular = np.linalg.svd(J, compute_uv=False)
-        inside, placed = True, q.copy()
+        inside = True
+        placed = q.copy()
         for k, i in enumerate(self.i_g):
             dof = model.coordinates[i].dof
             if dof is None:
@@ -440,7 +472,8 @@ class _Solver:
 
     def _solve_deflections(self, q: np.ndarray) -> np.ndarray:
         """Arm coordinates (n_a,) at rest under gravity with the motors at ``eta q``."""
-        model, equations = self.model, derive(self.model)
+        model = self.model
+        equations = derive(self.model)
         full = np.zeros(model.n_a)
         q = gear_angles_along(model, (model.eta @ q)[None])[0] if transmission_errors(model) else q
         full[self.i_g] = q
@@ -450,7 +483,8 @@ class _Solver:
             g = evaluate(equations.function("gravity"), full)[0].ravel()
             full[self.i_g] = q - gear_deflection(equations, g[None, self.i_g])[0]
             if i_e:
-                zero, step = np.zeros(model.n_a), 1e-6
+                zero = np.zeros(model.n_a)
+                step = 1e-6
                 tau = evaluate(equations.function("elastic_torque"), full, zero)[0].ravel()
                 for k, i in enumerate(i_e):
                     moved = full.copy()
@@ -465,8 +499,11 @@ class _Solver:
         return full
 
     def solve_sag(self, goal: np.ndarray, q: np.ndarray) -> np.ndarray | None:
-        """The joints as the motors see them, such that the elastic robot at rest is at the goal; None: not found."""
-        q, at = q.copy(), self._at
+        """The joints as the motors see them, such that the elastic robot at rest is at the goal;
+        None: not found.
+        """
+        q = q.copy()
+        at = self._at
         for _ in range(SAG_STEPS):
             full = self._solve_deflections(q)
             e = self._error(goal, full)

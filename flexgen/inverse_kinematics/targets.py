@@ -1,4 +1,6 @@
-"""The joints of a pose of the tool that a move ends at: of all configurations the one that is asked for."""
+"""The joints of a pose of the tool that a move ends at: of all configurations the one that is
+asked for.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,8 @@ Failure = Callable[[str, object, str], Exception]  # of a key, what was given, w
 def joints_of_target(
     model: RobotModel, target: PoseTarget, before: np.ndarray, wrong: Failure
 ) -> np.ndarray:
-    """Actuated coordinates (n_g,) [rad or m] of the undeflected arm at a pose, in the configuration that is asked for.
+    """Actuated coordinates (n_g,) [rad or m] of the undeflected arm at a pose, in the
+    configuration that is asked for.
 
     Parameters
     ----------
@@ -34,18 +37,20 @@ def joints_of_target(
         With six actuated coordinates.
     target : PoseTarget
     before : array (n_g,)
-        Where the move begins; without ``turns`` each joint takes the turn within its limits that is closest to it.
+        Where the move begins; without ``turns`` each joint takes the turn within its limits that
+        is closest to it.
     wrong : callable
         Makes the error of a key: ``configuration``, ``turns``, ``position`` or ``orientation``.
 
     Raises
     ------
     Exception
-        That of ``wrong``: no configuration reaches the pose, the arm is singular there, none is as asked and within
-        the limits, or several are.
+        That of ``wrong``: no configuration reaches the pose, the arm is singular there, none is as
+        asked and within the limits, or several are.
     """
     _check(model, target, wrong)
-    position, rotation = np.array(target.position, float), np.array(target.orientation, float)
+    position = np.array(target.position, float)
+    rotation = np.array(target.orientation, float)
     try:
         found = kinematics(model, position, rotation)
     except SolverError:
@@ -75,7 +80,10 @@ def joints_of_target(
             list(target.configuration) or "none",
             _choices([c for c, _ in inside])
             if not target.configuration
-            else f"the joints as end, because {len(inside)} solutions within the limits have these signs",
+            else (
+                f"the joints as end, because {len(inside)} solutions within the limits have "
+                "these signs"
+            ),
         )
     return np.asarray(inside[0][1])
 
@@ -83,7 +91,9 @@ def joints_of_target(
 def check_configuration(
     model: RobotModel, q_g: np.ndarray, configuration: Sequence[int], wrong: Failure
 ) -> None:
-    """Raise the error of ``wrong`` where the joints (n_g,) are in another configuration; see `Configuration.flags`."""
+    """Raise the error of ``wrong`` where the joints (n_g,) are in another configuration; see
+    `Configuration.flags`.
+    """
     if len(model.i_g) != JOINTS:
         raise wrong(
             "configuration",

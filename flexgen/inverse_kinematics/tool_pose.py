@@ -16,7 +16,9 @@ from flexgen.model.elements import RobotModel
 
 @dataclass(frozen=True, eq=False)
 class ToolPose:
-    """A pose of the tool in the world: ``position`` (3,) [m], ``rotation`` (3, 3) with its axes as columns."""
+    """A pose of the tool in the world: ``position`` (3,) [m], ``rotation`` (3, 3) with its axes as
+    columns.
+    """
 
     position: np.ndarray
     rotation: np.ndarray
@@ -28,7 +30,9 @@ class ToolPose:
         joints: Sequence[float],
         progress: Callable[[str], None] | None = None,
     ) -> ToolPose:
-        """The pose of the undeflected arm at these actuated coordinates (n_g,) [rad or m], by its C library."""
+        """The pose of the undeflected arm at these actuated coordinates (n_g,) [rad or m], by its
+        C library.
+        """
         if len(joints) != model.n_g:
             raise ArgumentError(f"--joints: given {len(joints)} numbers, expected {model.n_g}")
         library = library_with(model, ("forward_kinematics", "jacobian"), progress=progress)

@@ -1,4 +1,6 @@
-"""Which method solves an inverse dynamics problem: the default one, those tried after it, and whether one applies."""
+"""Which method solves an inverse dynamics problem: the default one, those tried after it, and
+whether one applies.
+"""
 
 from __future__ import annotations
 
@@ -56,7 +58,8 @@ def default_method(robot: RobotModel, limits: Limits | None) -> str:
 
 def further_methods(problem: InversionProblem, method: Method) -> tuple[Method, ...]:
     """Methods that "auto" tries after its default method, the quickest first."""
-    robot, names = problem.equations.model, []
+    robot = problem.equations.model
+    names = []
     if method.name == "closed-form" and _inverts(robot):
         names.append("lq")
     if method.name == "lq" and robot.n_e and _has_undamped_motion(problem):
@@ -92,7 +95,9 @@ def is_worth_a_search(problem: InversionProblem, method: Method, error: float) -
 def check_applies(
     method: Method, robot: RobotModel, limits: Limits | None, pushed: bool = False
 ) -> None:
-    """ArgumentError where a method cannot keep the limits, take the force or solve the model's motor coupling."""
+    """ArgumentError where a method cannot keep the limits, take the force or solve the model's
+    motor coupling.
+    """
     if not method.takes_force:
         able = ", ".join(m.name for m in methods().values() if m.takes_force)
         if pushed:
@@ -105,11 +110,12 @@ def check_applies(
     if limits is not None and not method.keeps_limits:
         able = ", ".join(m.name for m in methods().values() if m.keeps_limits)
         raise ArgumentError(
-            f"limits: method {method.name!r} tracks the path exactly and cannot keep limits, expected one of {able}"
+            f"limits: method {method.name!r} tracks the path exactly and cannot keep limits, "
+            f"expected one of {able}"
         )
     if robot.motor_coupling != "simplified" and not method.any_coupling:
         able = ", ".join(m.name for m in methods().values() if m.any_coupling)
         raise ArgumentError(
-            f"method {method.name}: model {robot.name} has motor_coupling {robot.motor_coupling!r}, expected "
-            f"'simplified', or one of the methods {able}"
+            f"method {method.name}: model {robot.name} has motor_coupling "
+            f"{robot.motor_coupling!r}, expected 'simplified', or one of the methods {able}"
         )

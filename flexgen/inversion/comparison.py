@@ -1,4 +1,6 @@
-"""Comparison of a solution with the baselines: tool errors of the same move with simpler models."""
+"""Comparison of a solution with the baselines: tool errors of the same move with simpler
+models.
+"""
 
 from __future__ import annotations
 
@@ -32,12 +34,15 @@ def compare_methods(
     Returns
     -------
     tuple of Solution
-        The baselines, the simplest first, then the solution. Without non-actuated coordinates only the rigid one
-        differs from the closed form. A baseline without a solution is left out, and the reason is reported; with a
-        force on the tool or hysteresis of gears there is none.
+        The baselines, the simplest first, then the solution. Without non-actuated coordinates only
+        the rigid one differs from the closed form. A baseline without a solution is left out, and
+        the reason is reported; with a force on the tool or hysteresis of gears there is none.
     """
     wanted: tuple[str, ...] = BASELINES if equations.model.n_e else BASELINES[:1]
-    for channel, what in (("force", "the force on the tool"), ("tau_h", "the hysteresis of gears")):
+    for channel, what in (
+        ("force", "the force on the tool"),
+        ("tau_h", "the hysteresis of gears"),
+    ):
         if channel in solution.trajectory:
             wanted = ()
             if progress is not None:
@@ -61,7 +66,9 @@ def compare_methods(
 
 
 def error_rows(solutions: tuple[Solution, ...]) -> list[dict[str, Any]]:
-    """Tool errors as JSON types: ``method``, error at the start of the path and largest error, m and rad."""
+    """Tool errors as JSON types: ``method``, error at the start of the path and largest error, m
+    and rad.
+    """
     rows = []
     for solution in solutions:
         row: dict[str, Any] = {"method": solution.method, "status": solution.status.value}
@@ -74,11 +81,14 @@ def error_rows(solutions: tuple[Solution, ...]) -> list[dict[str, Any]]:
 
 
 def error_sizes(solution: Solution) -> dict[str, np.ndarray]:
-    """Size of the simulated output error over time, (n,) each: ``m`` and ``rad`` where the output has them."""
+    """Size of the simulated output error over time, (n,) each: ``m`` and ``rad`` where the output
+    has them.
+    """
     simulation = solution.simulation
     if simulation is None or "error" not in simulation.trajectory.channels:
         return {}
-    done, units = simulation.trajectory, np.array(output_units(solution.model))
+    done = simulation.trajectory
+    units = np.array(output_units(solution.model))
     out = {
         unit: np.linalg.norm(done["error"][:, units == unit], axis=1)
         for unit in ("m", "rad")

@@ -75,9 +75,11 @@ def torque_command(trajectory: Trajectory, hold: Hold) -> TorqueCommand:
 
 
 def with_hold(problem: InversionProblem, solution: Solution, hold: Hold) -> Solution:
-    """The solution with what the controller sends, verified with its hold unless verification is off.
+    """The solution with what the controller sends, verified with its hold unless verification is
+    off.
 
-    The status is "tolerance not met" where the held torques make the output deviate by more than the accuracy.
+    The status is "tolerance not met" where the held torques make the output deviate by more than
+    the accuracy.
     """
     if hold.command == "position":
         problem.log("inverting the servo")

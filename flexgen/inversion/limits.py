@@ -1,18 +1,23 @@
-"""Inverse dynamics within limits: the smallest path deviation that keeps bounds on torque, speed and deflection.
+"""Inverse dynamics within limits: the smallest path deviation that keeps bounds on torque, speed
+and deflection.
 
-A quadratic program modifies the path, and the modified path is inverted. With coefficients c of a smooth deviation
-d(t) from the path, splines of degree seven that may begin before the path and end after it,
+A quadratic program modifies the path, and the modified path is inverted. With coefficients c of a
+smooth deviation d(t) from the path, splines of degree seven that may begin before the path and end
+after it,
 
-    min  mean |d|^2 / e^2 + rho mean |d''''|^2    s.t.  |x_k(t_i) + sum_j dx_k/dc_j (t_i) dc_j| <= bound_k,
+    min  mean |d|^2 / e^2 + rho mean |d''''|^2
+    s.t.  |x_k(t_i) + sum_j dx_k/dc_j (t_i) dc_j| <= bound_k,
 
-x: motor torques and their rates, motor speeds, deflections, torques of gears, speeds and accelerations of joints and
-the tool, and edges of torque-speed curves. The Jacobian dx/dc is found by differences of inversions of modified
-paths; splines whose responses do not overlap share one inversion. Friction is not linear: it is added to the other
-torques at the speeds after the step. The modified path is inverted again, and the next program starts from that motion.
-All this is `invert_limited` of the emitted C, see ``flexgen/clib/invert_limited.c``; here it gets the time before and
-after the path.
+x: motor torques and their rates, motor speeds, deflections, torques of gears, speeds and
+accelerations of joints and the tool, and edges of torque-speed curves. The Jacobian dx/dc is found
+by differences of inversions of modified paths; splines whose responses do not overlap share one
+inversion. Friction is not linear: it is added to the other torques at the speeds after the step.
+The modified path is inverted again, and the next program starts from that motion. All this is
+`invert_limited` of the emitted C, see ``flexgen/clib/invert_limited.c``; here it gets the time
+before and after the path.
 
-Source: J. Nocedal, S. Wright, Numerical Optimization, 2006, ch. 18 (sequential quadratic programming).
+Source: J. Nocedal, S. Wright, Numerical Optimization, 2006, ch. 18 (sequential quadratic
+programming).
 """
 
 from __future__ import annotations
@@ -54,10 +59,8 @@ class _Bounds:
         model = equations.model
         self.limits = limits.without(*UNKEPT)
         self.arguments = limits.for_library(model)  # of `Library.invert_limited`
-        self.torque, self.deflection = (
-            self.arguments["torque_max"],
-            self.arguments["deflection_max"],
-        )
+        self.torque = self.arguments["torque_max"]
+        self.deflection = self.arguments["deflection_max"]
 
     def are_kept(self, problem: InversionProblem, found: Inversion) -> bool:
         """Whether a motion keeps all of them."""
@@ -72,7 +75,8 @@ class _Bounds:
 
     def check_equilibrium(self, problem: InversionProblem) -> None:
         """SolverError where the arm cannot be held at an end of the path."""
-        model, path = problem.equations.model, problem.path
+        model = problem.equations.model
+        path = problem.path
         for t, guess in ((0.0, path.q_start), (path.duration, None)):
             reduction = Reduction(problem.at_rest(t))
             if guess is None:
@@ -82,9 +86,9 @@ class _Bounds:
             for j, motor in enumerate(model.motors):
                 if not abs(equilibrium.tau_m[j]) <= self.torque[j]:
                     raise SolverError(
-                        f"limits: motor {motor.name} needs {abs(equilibrium.tau_m[j]):.4g} N m to hold the arm at "
-                        f"rest at the ends of the path, its limit is {self.torque[j]:.4g} N m; raise it or choose "
-                        "another path"
+                        f"limits: motor {motor.name} needs {abs(equilibrium.tau_m[j]):.4g} N m "
+                        "to hold the arm at rest at the ends of the path, its limit is "
+                        f"{self.torque[j]:.4g} N m; raise it or choose another path"
                     )
             for i, bound in zip(model.i_e, self.deflection, strict=True):
                 if not abs(equilibrium.q_a[i]) <= bound:
@@ -98,7 +102,8 @@ class _Bounds:
 def enforce_limits(
     problem: InversionProblem, unlimited: Inversion, samples_per_interval: int, tolerance: float
 ) -> MethodResult:
-    """The result that keeps the limits: that of the path where no limit is active, else that of a modified path.
+    """The result that keeps the limits: that of the path where no limit is active, else that of a
+    modified path.
 
     Parameters
     ----------
@@ -112,7 +117,8 @@ def enforce_limits(
     Raises
     ------
     SolverError
-        The limits cannot be kept: in equilibrium at an end of the path, or within the duration of the motion.
+        The limits cannot be kept: in equilibrium at an end of the path, or within the duration of
+        the motion.
     """
     assert problem.limits is not None
     bounds = _Bounds(problem.equations, problem.limits)
@@ -126,13 +132,15 @@ def enforce_limits(
     before, found = _modify_path(problem, bounds, unlimited, samples_per_interval, tolerance)
     if memory and not found.limits_active:
         return from_library(unlimited)
-    result, pose = from_library(found), problem.path.pose
+    result = from_library(found)
+    pose = problem.path.pose
     if bristled_motors(robot):  # their torques are in those of the library with memory
         torques = bristle_torques(
             motor_bristles(robot), result.t, result.motors.v_m, result.motors.a_m
         )
         result = replace(result, tau_b=torques)
-    meters, angle = found.deviation_m, found.deviation_rad
+    meters = found.deviation_m
+    angle = found.deviation_rad
     turns = pose or robot.output.has_angle
     size = f"{meters:.3g} m" + (f" and {angle:.3g} rad" if turns else "")
     off = max(meters / min(1.0, reach(problem.equations)), angle)
@@ -141,7 +149,8 @@ def enforce_limits(
         t=result.t - before * found.period,
         preactuation=(before + found.n_pre) * found.period,
         status=Status.LIMITS_ACTIVE if off > NOTICED else Status.SOLVED,
-        verdict=f"the limits are active: path deviation up to {size}, {found.programs} quadratic programs",
+        verdict=f"the limits are active: path deviation up to {size}, {found.programs} quadratic "
+        "programs",
         details={
             **result.details,
             "deviation_max_m": meters,
@@ -152,7 +161,9 @@ def enforce_limits(
 
 
 def check_limits_at_rest(problem: InversionProblem) -> None:
-    """SolverError where the limits do not let the arm rest at an end of the path; nothing where there are no limits."""
+    """SolverError where the limits do not let the arm rest at an end of the path; nothing where
+    there are no limits.
+    """
     if problem.limits is not None:
         _Bounds(problem.equations, problem.limits).check_equilibrium(problem)
 
@@ -164,8 +175,12 @@ def _modify_path(
     samples_per_interval: int,
     tolerance: float,
 ) -> tuple[int, Inversion]:
-    """Samples before the path, and the inversion of the modified path with time before and after it."""
-    path, period, duration = problem.path, unlimited.period, problem.path.duration
+    """Samples before the path, and the inversion of the modified path with time before and after
+    it.
+    """
+    path = problem.path
+    period = unlimited.period
+    duration = problem.path.duration
     knot_samples = max(round(duration / KNOTS / period), PER_KNOT * samples_per_interval)
     spacing = knot_samples * period
     before = int(np.ceil((problem.windows[0] + SUPPORT * spacing) / period))
@@ -194,7 +209,8 @@ def _modify_path(
         )
     except LimitsInfeasibleError as error:
         raise SolverError(
-            f"limits: no path deviation keeps them within a motion that ends {t[-1] - duration:.3g} s after the path: "
-            f"a bound is exceeded by {error.excess:.2g} of its value; give the move more time or loosen the limits"
+            "limits: no path deviation keeps them within a motion that ends "
+            f"{t[-1] - duration:.3g} s after the path: a bound is exceeded by "
+            f"{error.excess:.2g} of its value; give the move more time or loosen the limits"
         ) from None
     return before, found

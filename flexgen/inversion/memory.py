@@ -1,8 +1,10 @@
-"""Motors behind gears with hysteresis, and with a friction that has a state, after the motion of the arm.
+"""Motors behind gears with hysteresis, and with a friction that has a state, after the motion of
+the arm.
 
-At a reversal p'' jumps, or changes within the time constant D/K of the gear, and the motor torque with it. Rates are
-differences of the deflections at the samples, whose sum is the change of speed: samples of p'' itself would miss the
-impulse of the torque, and the robot would leave its path by four orders of magnitude more.
+At a reversal p'' jumps, or changes within the time constant D/K of the gear, and the motor torque
+with it. Rates are differences of the deflections at the samples, whose sum is the change of speed:
+samples of p'' itself would miss the impulse of the torque, and the robot would leave its path by
+four orders of magnitude more.
 """
 
 from __future__ import annotations
@@ -19,14 +21,18 @@ from flexgen.model.friction import bristled_motors, hysteretic_joints
 
 
 def with_memory(equations: Equations, result: MethodResult) -> MethodResult:
-    """The result of a method with hysteresis of gears and friction of motors that has a state, where there are any."""
+    """The result of a method with hysteresis of gears and friction of motors that has a state,
+    where there are any.
+    """
     if hysteretic_joints(equations.model):
         result = with_hysteresis(equations, result)
     return with_lugre(equations, result) if bristled_motors(equations.model) else result
 
 
 def with_lugre(equations: Equations, result: MethodResult) -> MethodResult:
-    """The result with the torques of bristles, which begin at rest with z = 0; as it is where it has them."""
+    """The result with the torques of bristles, which begin at rest with z = 0; as it is where it
+    has them.
+    """
     if result.tau_b is not None:
         return result
     motors = result.motors
@@ -36,8 +42,11 @@ def with_lugre(equations: Equations, result: MethodResult) -> MethodResult:
 
 
 def with_hysteresis(equations: Equations, result: MethodResult) -> MethodResult:
-    """The result of a method with the motors behind gears with hysteresis, which begin at rest with z = 0."""
-    i_g, step = list(equations.model.i_g), result.t[1] - result.t[0]
+    """The result of a method with the motors behind gears with hysteresis, which begin at rest
+    with z = 0.
+    """
+    i_g = list(equations.model.i_g)
+    step = result.t[1] - result.t[0]
     # the equilibrium by which `settling` replaces the last sample: its torque is held
     settled = equations.model.n_e > 0 and not (result.v[-1].any() or result.a[-1].any())
     p, z = hysteretic_deflections(

@@ -1,4 +1,6 @@
-"""MethodResult: the motion and torques of a method of inverse dynamics, before the verification."""
+"""MethodResult: the motion and torques of a method of inverse dynamics, before the
+verification.
+"""
 
 from __future__ import annotations
 
@@ -42,7 +44,8 @@ class MethodResult:
     tau_h : array (n, n_g) or None [N m]
         Torques of the gears' hysteresis, arm side; None where no gear has any.
     tau_b : array (n, n_m) or None [N m]
-        Torques ``s0 z + s1 z'`` of the bristles of the motors' friction; None where no motor has any.
+        Torques ``s0 z + s1 z'`` of the bristles of the motors' friction; None where no motor has
+        any.
     held : float [s]
         How long the last torque is held in the verification; 0 where the motion continues.
     """

@@ -31,7 +31,8 @@ class Method:
     any_coupling : bool
         Solves models whose rotors turn with their carriers.
     takes_force : bool
-        Takes a force on the tool along the path, hysteresis of gears and Fourier sums of motor angles.
+        Takes a force on the tool along the path, hysteresis of gears and Fourier sums of motor
+        angles.
     """
 
     name: str
@@ -130,7 +131,9 @@ def method_names() -> tuple[str, ...]:
 
 
 def find_method(name: str) -> Method:
-    """The method of a name; one that another room or package has added is imported, all others are not."""
+    """The method of a name; one that another room or package has added is imported, all others are
+    not.
+    """
     for method in (*SOLVERS, *BASELINES):
         if method.name == name:
             return method
@@ -139,7 +142,8 @@ def find_method(name: str) -> Method:
     found = extension("methods", name)
     if not isinstance(found, Method) or found.name != name:
         raise ArgumentError(
-            f"entry point {name} of flexgen.methods: given {found!r}, expected a Method of this name"
+            f"entry point {name} of flexgen.methods: given {found!r}, expected a Method of this "
+            "name"
         )
     return found
 

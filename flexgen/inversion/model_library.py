@@ -1,4 +1,6 @@
-"""C libraries of the methods that are solved in C: generated once for each model, kept in the user's cache."""
+"""C libraries of the methods that are solved in C: generated once for each model, kept in the
+user's cache.
+"""
 
 from __future__ import annotations
 
@@ -46,7 +48,8 @@ def inversion_library(
     native : bool
         Compile for this processor: often faster, and the last digits depend on the processor.
     memory : bool
-        With hysteresis of gears and frictions with a state, which the methods add to the motion of the arm.
+        With hysteresis of gears and frictions with a state, which the methods add to the motion of
+        the arm.
     progress : callable, optional
         Called with one line of text before a long step.
 

@@ -1,12 +1,13 @@
 """From gear torques to motors: the stable stage behind the reduced inverse dynamics.
 
-A gear with the deflection p carries ``D p' + spring(p) = tau_g``; the motor follows from ``eta^-1 q_m = q_g + p``:
+A gear with the deflection p carries ``D p' + spring(p) = tau_g``; the motor follows from
+``eta^-1 q_m = q_g + p``:
 
     tau_m = J_m eta (a_g + p'') + f(v_m) + eta^-T tau_g
 
 With Fourier sums of the motor angles: `flexgen.mechanics.motor_harmonics`.
-Without damping p is algebraic and p'' needs tau_g'' (the fourth derivative of the path); with damping p obeys a stable
-first-order equation, which starts at rest, and p'' needs tau_g' only.
+Without damping p is algebraic and p'' needs tau_g'' (the fourth derivative of the path); with
+damping p obeys a stable first-order equation, which starts at rest, and p'' needs tau_g' only.
 """
 
 from __future__ import annotations
@@ -69,7 +70,9 @@ def motor_motion(
 def motors_behind(
     equations: Equations, theta: Sequence[np.ndarray], tau_g: np.ndarray
 ) -> MotorMotion:
-    """Motors behind gears, whose angles over the ratios and two derivatives are ``theta`` (3, n, n_g)."""
+    """Motors behind gears, whose angles over the ratios and two derivatives are ``theta`` (3, n,
+    n_g).
+    """
     model = equations.model
     found = motor_stage(equations.function, model, theta, tau_g)
     friction = friction_along(equations.function, model, found.v_m, found.carried)
@@ -111,8 +114,9 @@ def deflections(
         with np.errstate(divide="ignore", invalid="ignore"):
             rate = (tau_g[:, :, 0] - torque) / D
             second = (tau_g[:, :, 1] - rigidity * rate) / D
-        # where D is tiny, p' and p'' would be differences of large numbers divided by it; there the expansion
-        # p = p_s - (D / K) p_s' + ... about the static value p_s has an error of the square of D / K
+        # where D is tiny, p' and p'' would be differences of large numbers divided by it; there
+        # the expansion p = p_s - (D / K) p_s' + ... about the static value p_s has an error of the
+        # square of D / K
         lag = -D / safe * dp
         nearly = damped & ((D / safe).max(axis=0) < INSTANT * np.median(np.diff(t)))
         late = make_interp_spline(t, lag, k=min(5, len(t) - 1))
@@ -128,7 +132,8 @@ def gear_torques(
 ) -> np.ndarray:
     """Torques of the gears (n, n_g), arm side.
 
-    Elastic gears: torque of spring and damper. Rigid gears: torque of the motor less that of its rotor and friction.
+    Elastic gears: torque of spring and damper. Rigid gears: torque of the motor less that of its
+    rotor and friction.
     """
     elastic_torque = evaluate(equations.function("gear_torque"), q, v, motors.q_m, motors.v_m)[
         0
@@ -158,7 +163,9 @@ def _stiffness(equations: Equations, deflection: np.ndarray) -> tuple[np.ndarray
 def _integrate_deflections(
     spring: ca.Function, D: np.ndarray, t: np.ndarray, tau_g: np.ndarray, start: np.ndarray
 ) -> np.ndarray:
-    """Integrate ``D p' + spring(p) = tau_g(t)`` from ``start`` (n_g) by Radau IIA, with quintic Hermite torque."""
+    """Integrate ``D p' + spring(p) = tau_g(t)`` from ``start`` (n_g) by Radau IIA, with quintic
+    Hermite torque.
+    """
     from flexgen.numerics.tableaus import radau
 
     table = radau(3)
@@ -182,7 +189,9 @@ def _integrate_deflections(
 
 
 def _hermite(c: np.ndarray, h: float, left: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Quintic Hermite interpolation (s, m) at ``c`` (s,) in [0, 1]; value and two derivatives (m, 3) at both ends."""
+    """Quintic Hermite interpolation (s, m) at ``c`` (s,) in [0, 1]; value and two derivatives
+    (m, 3) at both ends.
+    """
     x = c[:, None]
     y = 1 - x
 

@@ -1,4 +1,6 @@
-"""InversionProblem: robot, path, limits and accuracy of an inverse dynamics problem, with its meshes and zeros."""
+"""InversionProblem: robot, path, limits and accuracy of an inverse dynamics problem, with its
+meshes and zeros.
+"""
 
 from __future__ import annotations
 
@@ -43,7 +45,8 @@ HELD = 0.5  # s: how long the last torque is held in the verification
 ROUGH = 3  # jumps of a rough path that are reported one by one
 SPEEDS = 100  # intervals of a path, from which the speeds of the motors are estimated
 # rad: of the fastest harmonic, between samples; parts of the usual interval, at most
-PHASE, FINEST = 0.4, 20
+PHASE = 0.4
+FINEST = 20
 # rad: between such samples the torque is a monotone cubic, which errs more at its extrema
 PHASE_WITH_LIMITS = 0.1
 REVERSALS = 8.0  # samples of the torque in the longest interval that resolves a force
@@ -61,7 +64,8 @@ class UnstableZero:
 
 @dataclass(frozen=True)
 class InversionProblem:
-    """An inverse dynamics problem with checked arguments; see `flexgen.inversion.solve.solve` for the fields.
+    """An inverse dynamics problem with checked arguments; see `flexgen.inversion.solve.solve` for
+    the fields.
 
     ``options``: options of single methods by name; a method refuses names that it does not have.
     """
@@ -78,7 +82,9 @@ class InversionProblem:
     force: ProcessForce | None = None
 
     def at_rest(self, t: float) -> Equations:
-        """The equations with the constant force that the process exerts at the instant ``t`` [s]."""
+        """The equations with the constant force that the process exerts at the instant ``t``
+        [s].
+        """
         return (
             self.equations
             if self.force is None
@@ -93,10 +99,12 @@ class InversionProblem:
         scale = min(self.path.duration, 0.5)
         if self.equations.model.n_e == 0:
             return 0.1 * scale, max(0.1 * scale, self.gear_settling)
-        before, after = 0.0, 0.0
+        before = 0.0
+        after = 0.0
         for _, zeros in self.zeros:
             unstable, stable = time_constants(zeros)
-            before, after = max(before, unstable), max(after, stable)
+            before = max(before, unstable)
+            after = max(after, stable)
         preactuation = np.clip(preview(1.0) * before, 0.04 * scale, LONGEST_PREVIEW)
         settling = np.clip(SETTLING * after, 0.1 * scale, LONGEST_SETTLING)
         return float(preactuation), max(float(settling), self.gear_settling)
@@ -132,7 +140,8 @@ class InversionProblem:
         from flexgen.analysis.linear import linearize
         from flexgen.analysis.zeros import inner_zeros
 
-        equations, path = self.equations, self.path
+        equations = self.equations
+        path = self.path
         if equations.model.n_e == 0:
             return []
         if equations.model.motor_coupling != "simplified":
@@ -178,8 +187,11 @@ class InversionProblem:
 
     @cached_property
     def too_rough(self) -> tuple[str, ...]:
-        """Warnings where a path is too rough for a continuous torque, with the error, or its samples not at rest."""
-        report, name = self.smoothness, self.path.move.name
+        """Warnings where a path is too rough for a continuous torque, with the error, or its
+        samples not at rest.
+        """
+        report = self.smoothness
+        name = self.path.move.name
         moving = tuple(f"move {name}: {line}" for line in self.path.warnings)
         if report.sufficient:
             return moving
@@ -194,7 +206,8 @@ class InversionProblem:
     @cached_property
     def equilibrium(self) -> Equilibrium:
         """Equilibrium at the start of the path, by statics alone."""
-        equations, model = self.at_rest(0.0), self.equations.model
+        equations = self.at_rest(0.0)
+        model = self.equations.model
         if self.path.move.type == "joint" and model.n_e == 0:
             return equilibrium_at(equations, self.path.q_start)
         simple = replace(
@@ -204,7 +217,9 @@ class InversionProblem:
 
     @cached_property
     def step(self) -> float:
-        """The sampling interval of the torque [s]; it resolves the harmonics of the motor angles."""
+        """The sampling interval of the torque [s]; it resolves the harmonics of the motor
+        angles.
+        """
         longest = min(STEP, self.path.duration / 400)
         robot = self.equations.model
         if not has_harmonics(robot):
@@ -221,11 +236,15 @@ class InversionProblem:
     @property
     def sampling(self) -> float:
         """The same with the force, under which motors reverse and their friction jumps [s]."""
-        return self.step if self.force is None else min(self.step, self.force.resolving / REVERSALS)
+        return (
+            self.step if self.force is None else min(self.step, self.force.resolving / REVERSALS)
+        )
 
     @property
     def resolving(self) -> float:
-        """Longest interval [s] that resolves every unstable zero before the path; infinite without any."""
+        """Longest interval [s] that resolves every unstable zero before the path; infinite without
+        any.
+        """
         from flexgen.analysis.zeros import time_constants
 
         zeros = self.zeros[0][1] if self.zeros else np.zeros(0)
@@ -263,7 +282,9 @@ class InversionProblem:
 
 
 def gear_settling(equations: Equations) -> float:
-    """Time after a path in which the deflections of damped gears decay [s], at most ``LONGEST_SETTLING``."""
+    """Time after a path in which the deflections of damped gears decay [s], at most
+    ``LONGEST_SETTLING``.
+    """
     return min(LAGS * float(gear_lag_times(equations).max(initial=0.0)), LONGEST_SETTLING)
 
 
@@ -272,8 +293,8 @@ def _mesh(
 ) -> np.ndarray:
     """Nodes, with the ends of the path: intervals of h on it and 2 h after it.
 
-    Before it intervals of min(2 h, ``early``); where these are longer than ``resolving`` they become shorter towards
-    the path, down to that length.
+    Before it intervals of min(2 h, ``early``); where these are longer than ``resolving`` they
+    become shorter towards the path, down to that length.
     """
     spans = [
         (-preactuation, 0.0, min(2 * h, early)),
@@ -284,8 +305,8 @@ def _mesh(
     if sum(counts) > INTERVALS:
         raise ArgumentError(
             f"mesh: given {h:.3g} s, which makes {sum(counts)} intervals over "
-            f"{preactuation + duration + settling:.3g} s, "
-            f"expected at most {INTERVALS}; take a coarser --mesh, a shorter --preview or a shorter move"
+            f"{preactuation + duration + settling:.3g} s, expected at most {INTERVALS}; take a "
+            "coarser --mesh, a shorter --preview or a shorter move"
         )
     nodes = [np.linspace(a, b, n + 1) for (a, b, _), n in zip(spans, counts, strict=True) if n]
     before = _graded_nodes(preactuation, spans[0][2], resolving)
@@ -295,10 +316,13 @@ def _mesh(
 
 
 def _graded_nodes(preactuation: float, longest: float, shortest: float) -> np.ndarray | None:
-    """Nodes from -``preactuation`` to 0 whose intervals grow away from 0; None where equal ones are short enough."""
+    """Nodes from -``preactuation`` to 0 whose intervals grow away from 0; None where equal ones
+    are short enough.
+    """
     if shortest >= longest or not preactuation > 0:
         return None
-    steps, length = [0.0], shortest
+    steps = [0.0]
+    length = shortest
     while steps[-1] < preactuation:
         steps.append(steps[-1] + length)
         length = min(GRADING * length, longest)

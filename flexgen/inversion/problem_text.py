@@ -51,8 +51,9 @@ def _inaccuracy(solution: Solution, accuracy: float) -> str:
         return f"{solution.status}: {cause}"
     if simulation is not None and simulation.energy_error > ENERGY:
         return (
-            f"{solution.status}: the energy balance of the simulation has an error of {simulation.energy_error:.1e}, "
-            "so it verifies nothing; check whether the model is too stiff"
+            f"{solution.status}: the energy balance of the simulation has an error of "
+            f"{simulation.energy_error:.1e}, so it verifies nothing; check whether the model is "
+            "too stiff"
         )
     if (
         simulation is not None
@@ -60,16 +61,18 @@ def _inaccuracy(solution: Solution, accuracy: float) -> str:
         and not residual_is_small(solution)
     ):
         return (
-            f"{solution.status}: the torques do not satisfy the equations of motion: relative residual "
-            f"{solution.residual_relative:.1e}; try a finer --mesh or a smoother move"
+            f"{solution.status}: the torques do not satisfy the equations of motion: relative "
+            f"residual {solution.residual_relative:.1e}; try a finer --mesh or a smoother move"
         )
     # with active limits the plan itself deviates from the path
-    aim, errors = "path", both_measured(solution.tool_error_max_m, solution.tool_error_max_rad)
+    aim = "path"
+    errors = both_measured(solution.tool_error_max_m, solution.tool_error_max_rad)
     if solution.plan_error_max is not None:
-        aim, errors = "plan", both_measured(solution.plan_error_max_m, solution.plan_error_max_rad)
+        aim = "plan"
+        errors = both_measured(solution.plan_error_max_m, solution.plan_error_max_rad)
     return (
-        f"{solution.status}: the simulated output deviates from the {aim} by {errors}, more than the accuracy "
-        f"{accuracy:.3g}; "
+        f"{solution.status}: the simulated output deviates from the {aim} by {errors}, more "
+        f"than the accuracy {accuracy:.3g}; "
         + (
             "give the move more time or "
             if aim == "path"

@@ -11,7 +11,10 @@ from flexgen.errors import SolverError
 from flexgen.inversion.solution import INTERRUPTED, Solution
 from flexgen.inversion.status import Status
 
-ADVICE = "allow more with --time-limit SECONDS (time_limit=), or take a coarser --mesh, a shorter move or --method lq"
+ADVICE = (
+    "allow more with --time-limit SECONDS (time_limit=), or take a coarser --mesh, a shorter "
+    "move or --method lq"
+)
 
 
 @dataclass
@@ -38,7 +41,8 @@ class BestSolution:
     def keep(self, solution: Solution, error: float = np.inf) -> None:
         """Keep a solution that is the first one or better than the one before."""
         if self.solution is None or error < self.error:
-            self.solution, self.error = solution, error
+            self.solution = solution
+            self.error = error
 
     def finish(self, stage: str | None, limit: float | None) -> Solution:
         """The best solution so far, with the reason why it ends here.
@@ -87,7 +91,9 @@ class BestSolution:
 
 
 def stage_of(error: BaseException, interrupted: bool) -> str | None:
-    """The stage of an error by which a solve ends early, None for Ctrl-C; raises every other error again."""
+    """The stage of an error by which a solve ends early, None for Ctrl-C; raises every other error
+    again.
+    """
     if interrupted or isinstance(error, KeyboardInterrupt):
         return None
     if isinstance(error, OutOfTime):

@@ -1,10 +1,11 @@
 """The reduced problem of inverse dynamics: n_e second-order equations along a prescribed output.
 
-With the output prescribed, ``Gamma(q_a) = Z(t)`` and its derivatives give the actuated coordinates from the others, and
-the non-actuated rows ``[M a + c + g]_e - tau_e = 0`` remain. From coordinates and speeds on that manifold all higher
-derivatives follow from linear systems with one matrix,
+With the output prescribed, ``Gamma(q_a) = Z(t)`` and its derivatives give the actuated coordinates
+from the others, and the non-actuated rows ``[M a + c + g]_e - tau_e = 0`` remain. From coordinates
+and speeds on that manifold all higher derivatives follow from linear systems with one matrix,
 
-    [ W   ]  a = [ Z''   - W' v          ]        [ W   ]  a' = [ Z'''  - ... ]        W: output rates = W(q_a) v_a
+    [ W   ]  a = [ Z''   - W' v          ]        [ W   ]  a' = [ Z'''  - ... ]
+    W: output rates = W(q_a) v_a
     [ M_e ]      [ -(c + g - tau_e)_e    ]        [ M_e ]       [ ...         ]
 
 Gears, motors and friction follow as a separate stable stage (`flexgen.inversion.motor_side`).
@@ -45,7 +46,9 @@ DOUBTFUL = 1e-5  # and below which they may amplify errors, so that `motion_thro
 
 @dataclass(frozen=True)
 class Motion:
-    """Arm motion at n instants: ``q v a j s`` (n, n_a), derivatives 0 to 4; ``tau_g`` (n, n_g, 3): 0 to 2."""
+    """Arm motion at n instants: ``q v a j s`` (n, n_a), derivatives 0 to 4; ``tau_g`` (n, n_g, 3):
+    0 to 2.
+    """
 
     q: np.ndarray
     v: np.ndarray
@@ -71,21 +74,28 @@ class Reduction:
     """The reduced problem of a model whose outputs are as many as its motors."""
 
     def __init__(self, equations: Equations, force: np.ndarray | None = None) -> None:
-        """``force`` (n, 18): on the tool of ``equations.pushed``, with two derivatives, at n instants."""
+        """``force`` (n, 18): on the tool of ``equations.pushed``, with two derivatives, at n
+        instants.
+        """
         model = equations.model
         self._force = [] if force is None else np.split(force, 3, axis=1)
         reason = model.inversion_obstacle()
         if reason is not None:
             raise ArgumentError(f"reduced problem: {reason}{advise_full(model)}")
-        self.equations, self.model = equations, model
+        self.equations = equations
+        self.model = model
         self.n_y = model.output.size
-        self.i_g, self.i_e = list(model.i_g), list(model.i_e)
+        self.i_g = list(model.i_g)
+        self.i_e = list(model.i_e)
 
     @cached_property
     def _graph(self) -> dict[str, ca.SX]:
         lag = self.equations.lagrangian
-        q, v, a = lag.chain.q_a, lag.chain.v_a, lag.a_a
-        j, s = ca.SX.sym("j_a", self.model.n_a), ca.SX.sym("s_a", self.model.n_a)
+        q = lag.chain.q_a
+        v = lag.chain.v_a
+        a = lag.a_a
+        j = ca.SX.sym("j_a", self.model.n_a)
+        s = ca.SX.sym("s_a", self.model.n_a)
 
         pushed = self.equations.force is not None and not self.equations.force.is_constant()
         f = [self.equations.force, ca.SX.sym("df", 6), ca.SX.sym("ddf", 6)] if pushed else []
@@ -119,7 +129,9 @@ class Reduction:
 
     @cached_property
     def output_error(self) -> tuple[ca.SX, ca.SX]:
-        """Residual (n_y) of the output in the symbol q_a, and the target symbol (n_y, or 3 + 9 for a pose)."""
+        """Residual (n_y) of the output in the symbol q_a, and the target symbol (n_y, or 3 + 9 for
+        a pose).
+        """
         return self._output.error, self._output.target
 
     @cached_property
@@ -136,11 +148,13 @@ class Reduction:
     def stage(self) -> ca.Function:
         """The equations of one instant.
 
-        (X = (q, v, a), target, Z', Z'') -> residual (3 n_y + n_e): output, its two derivatives, non-actuated rows.
+        (X = (q, v, a), target, Z', Z'') -> residual (3 n_y + n_e): output, its two derivatives,
+        non-actuated rows.
         """
         g = self._graph
         error, target = self.output_error
-        y1, y2 = ca.SX.sym("y1", self.n_y), ca.SX.sym("y2", self.n_y)
+        y1 = ca.SX.sym("y1", self.n_y)
+        y2 = ca.SX.sym("y2", self.n_y)
         rows = ca.vertcat(error, g["rate1"] - y1, g["rate2"] - y2, g["row0"])
         X = ca.vertcat(g["q"], g["v"], g["a"])
         return ca.Function("stage", [X, target, y1, y2], [rows])
@@ -156,8 +170,9 @@ class Reduction:
         sizes = np.linalg.svd(jacobian.reshape(self.n_y, -1), compute_uv=False)
         if sizes[-1] < SINGULAR * max(sizes[0], 1e-300):
             raise SolverError(
-                "the output does not determine the actuated coordinates at the start of the path: a singular pose, "
-                "or an output that a motor cannot move; choose another start or output"
+                "the output does not determine the actuated coordinates at the start of the "
+                "path: a singular pose, or an output that a motor cannot move; choose another "
+                "start or output"
             )
         return self.equilibrium(path, 0.0, path.q_start)
 
@@ -176,11 +191,14 @@ class Reduction:
         )
 
     def close(self, q: np.ndarray, targets: np.ndarray) -> np.ndarray:
-        """Inverse kinematics: change the actuated coordinates of ``q`` (n, n_a) to reach ``targets``."""
+        """Inverse kinematics: change the actuated coordinates of ``q`` (n, n_a) to reach
+        ``targets``.
+        """
         q = q.copy()
         for _ in range(25):
             error, jacobian = evaluate(self._output_error, q, targets)
-            error, jacobian = error.reshape(len(q), -1), jacobian.reshape(len(q), self.n_y, -1)
+            error = error.reshape(len(q), -1)
+            jacobian = jacobian.reshape(len(q), self.n_y, -1)
             try:
                 step = np.linalg.solve(jacobian, error[:, :, None])[:, :, 0]
             except np.linalg.LinAlgError:
@@ -193,13 +211,16 @@ class Reduction:
         if not np.abs(error).max() < 1e-9 * (1 + np.abs(targets).max()):
             worst = int(np.argmax(np.abs(error).max(axis=1)))
             raise SolverError(
-                f"inverse kinematics: no solution at sample {worst} of {len(q)}, error {np.abs(error).max():.2e}; "
-                "the path leaves the workspace or passes a singular pose"
+                f"inverse kinematics: no solution at sample {worst} of {len(q)}, error "
+                f"{np.abs(error).max():.2e}; the path leaves the workspace or passes a singular "
+                "pose"
             )
         return q
 
     def follow(self, path: Path, times: np.ndarray, start: np.ndarray) -> np.ndarray:
-        """Quasi-static motion (n, n_a): equilibrium at each instant, one after the other from ``start`` (n_a)."""
+        """Quasi-static motion (n, n_a): equilibrium at each instant, one after the other from
+        ``start`` (n_a).
+        """
         error, target = self.output_error
         symbol = self._graph["q"]
         rows = ca.vertcat(error, balance(self.equations)) if self.i_e else error
@@ -253,14 +274,17 @@ class Reduction:
     def motion(
         self, sample: PathSample, q: np.ndarray, v_e: np.ndarray, tell: Progress = silent
     ) -> tuple[Motion | None, bool]:
-        """All derivatives of the motion on the manifold, from coordinates ``q`` (n, n_a) and speeds ``v_e`` (n, n_e).
+        """All derivatives of the motion on the manifold, from coordinates ``q`` (n, n_a) and
+        speeds ``v_e`` (n, n_e).
 
-        The equations hold exactly at each instant by construction. None where their matrix is singular: there the rows
-        do not determine the accelerations, see `motion_through`. The second result is True where the matrix is nearly
-        singular, or is singular between two instants, as when a zero passes through infinity.
+        The equations hold exactly at each instant by construction. None where their matrix is
+        singular: there the rows do not determine the accelerations, see `motion_through`. The
+        second result is True where the matrix is nearly singular, or is singular between two
+        instants, as when a zero passes through infinity.
         ``tell`` gets a line for each derivative.
         """
-        n, n_a = len(q), self.model.n_a
+        n = len(q)
+        n_a = self.model.n_a
         zero = np.zeros((n, n_a))
         at = self._at([q, zero, zero, zero, zero])
         G = at["G"].reshape(n, n_a, n_a)
@@ -286,7 +310,9 @@ class Reduction:
     def motion_through(
         self, sample: PathSample, q: np.ndarray, deflection: list[np.ndarray]
     ) -> Motion:
-        """The motion with given derivatives 1 to 4 of the non-actuated coordinates, each (n, n_e)."""
+        """The motion with given derivatives 1 to 4 of the non-actuated coordinates, each (n,
+        n_e).
+        """
         n = len(q)
         zero = np.zeros_like(q)
         chain = [q, zero, zero, zero, zero]
@@ -296,9 +322,9 @@ class Reduction:
             output = sample.derivative(k) - (
                 0.0 if k == 1 else self._at(chain)[f"rate{k}"].reshape(n, self.n_y)
             )
-            chain[k] = np.linalg.solve(picking, np.hstack([output, deflection[k - 1]])[:, :, None])[
-                :, :, 0
-            ]
+            chain[k] = np.linalg.solve(
+                picking, np.hstack([output, deflection[k - 1]])[:, :, None]
+            )[:, :, 0]
         return self._motion(chain)
 
     def _at(self, chain: list[np.ndarray]) -> dict[str, np.ndarray]:
@@ -313,7 +339,9 @@ class Reduction:
         return dict(zip(self._levels.name_out(), values, strict=True))
 
     def _picking(self, W: np.ndarray) -> np.ndarray:
-        """The matrix (n, n_a, n_a) whose upper rows are W and whose lower rows pick the non-actuated coordinates."""
+        """The matrix (n, n_a, n_a) whose upper rows are W and whose lower rows pick the
+        non-actuated coordinates.
+        """
         n_a = self.model.n_a
         W = W.reshape(-1, self.n_y, n_a)
         out = np.zeros((len(W), n_a, n_a))
@@ -328,5 +356,7 @@ class Reduction:
         return Motion(q, v, a, j, s, tau_g)
 
     def joint_motion(self, q_g: np.ndarray) -> Motion:
-        """Motion and gear torques from actuated coordinates and derivatives (n, n_g, 6); flexible-joint models."""
+        """Motion and gear torques from actuated coordinates and derivatives (n, n_g, 6);
+        flexible-joint models.
+        """
         return self._motion([np.ascontiguousarray(q_g[:, :, k]) for k in range(5)])

@@ -1,9 +1,9 @@
 """Samples of a motion around the reversals of motors with steep friction.
 
-The torque of a motor with the friction ``coulomb tanh(beta v)`` steps by twice the Coulomb friction
-while its speed passes from -1/beta to 1/beta: within 20 us for beta = 50 s/rad and an acceleration
-of 1000 rad/s^2. A curve through samples 1 ms apart has the step at another instant and swings
-around it. Here intervals are halved until
+The torque of a motor with the friction ``coulomb tanh(beta v)`` steps by twice the Coulomb
+friction while its speed passes from -1/beta to 1/beta: within 20 us for beta = 50 s/rad and an
+acceleration of 1000 rad/s^2. A curve through samples 1 ms apart has the step at another instant
+and swings around it. Here intervals are halved until
 
     |beta (v(t + h) - v(t))| <= TURN (1 + |beta v|)        wherever |beta v| < SATURATED,
 
@@ -14,8 +14,8 @@ of the motors hold there:
     tau_m = tau + r(tau),      r: residual of the motors, less that which the method leaves
                                between the samples
 
-so that the samples, and the curve through them, contain the step at its instant. The samples of the
-method are kept.
+so that the samples, and the curve through them, contain the step at its instant. The samples of
+the method are kept.
 """
 
 from __future__ import annotations
@@ -75,7 +75,9 @@ def unresolved_friction(equations: Equations, trajectory: Trajectory) -> str:
     model = equations.model
     limited = trajectory.meta.get("torque") == "limited"
     rows = np.abs(midpoint_residual(equations, motion_in(trajectory), limited))
-    k = int(np.argmax((rows / np.maximum(rows.max(axis=0), 1e-300)).max(axis=1) * rows.max(axis=1)))
+    k = int(
+        np.argmax((rows / np.maximum(rows.max(axis=0), 1e-300)).max(axis=1) * rows.max(axis=1))
+    )
     t = trajectory.time
     near = slice(max(k - 1, 0), k + 3)
     parts = [
@@ -160,10 +162,8 @@ def _refine_instants(result: MethodResult, slopes: np.ndarray) -> np.ndarray | N
         if not split.any() or len(added) + split.sum() > MOST:
             break
         added = np.concatenate([added, middle[split]])
-        left, right = (
-            np.concatenate([left[split], middle[split]]),
-            np.concatenate([middle[split], right[split]]),
-        )
+        left = np.concatenate([left[split], middle[split]])
+        right = np.concatenate([middle[split], right[split]])
     return _grade(np.union1d(t, added)) if len(added) else None
 
 
@@ -184,7 +184,9 @@ def _grade(t: np.ndarray) -> np.ndarray:
 def _sample_at(
     equations: Equations, result: MethodResult, t: np.ndarray, force: ProcessForce | None
 ) -> MethodResult:
-    """The result at more instants, the torques such that the equations of the motors hold there."""
+    """The result at more instants, the torques such that the equations of the motors hold
+    there.
+    """
     old = result.t
     motors = result.motors
     channels = {

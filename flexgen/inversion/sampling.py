@@ -1,4 +1,6 @@
-"""Arguments and results of the inversion in C: the sampling grid, samples of the path, and the method result."""
+"""Arguments and results of the inversion in C: the sampling grid, samples of the path, and the
+method result.
+"""
 
 from __future__ import annotations
 
@@ -20,11 +22,14 @@ if TYPE_CHECKING:
 SAMPLES = 900_000  # at most
 SAMPLED = 4  # samples of the torque in each interval of a program's mesh, at least
 # s: the longest interval; samples of each with a force, under which motors reverse
-COARSEST, PER_INTERVAL = 1e-2, 8
+COARSEST = 1e-2
+PER_INTERVAL = 8
 
 
 def grid(problem: InversionProblem, h: float) -> tuple[int, float, int, int, int]:
-    """Samples on the path, their period [s], samples an interval of about ``h`` [s], samples before and after."""
+    """Samples on the path, their period [s], samples an interval of about ``h`` [s], samples
+    before and after.
+    """
     duration = problem.path.duration
     before, after = problem.windows
     refined = min(h / COARSEST, 1.0)
@@ -54,8 +59,8 @@ def grid(problem: InversionProblem, h: float) -> tuple[int, float, int, int, int
         if coarser < 1 or duration / coarser > h:
             raise ArgumentError(
                 f"mesh: given {h:.3g} s, which makes {whole * duration / h:.3g} intervals over "
-                f"{whole * duration:.3g} s, expected at most {SAMPLES}; take a coarser --mesh, a shorter --preview "
-                "or a shorter move"
+                f"{whole * duration:.3g} s, expected at most {SAMPLES}; take a coarser --mesh, "
+                "a shorter --preview or a shorter move"
             )
         steps = coarser
     period = duration / steps
@@ -81,17 +86,22 @@ def samples(
 
 
 def sample_force(problem: InversionProblem, t: np.ndarray) -> np.ndarray | None:
-    """Force on the output and two derivatives (n, 3 n_y) at instants (n,) [s] of a path; None where there is none."""
+    """Force on the output and two derivatives (n, 3 n_y) at instants (n,) [s] of a path; None
+    where there is none.
+    """
     return None if problem.force is None else problem.force.on_output(problem.equations.model, t)
 
 
 def from_library(found: Inversion, warnings: tuple[str, ...] = ()) -> MethodResult:
-    """The method result of an inversion in C; motor accelerations by differences, for plots and residuals."""
+    """The method result of an inversion in C; motor accelerations by differences, for plots and
+    residuals.
+    """
     t = found.t
     step = t[1] - t[0]
     if not np.isfinite(found.tau_m).all():
         raise SolverError(
-            "the library returned torques that are not finite; try another --mesh or a smoother move"
+            "the library returned torques that are not finite; try another --mesh or a smoother "
+            "move"
         )
     return MethodResult(
         t,
@@ -115,21 +125,27 @@ def from_library(found: Inversion, warnings: tuple[str, ...] = ()) -> MethodResu
 
 
 def time_derivative(x: np.ndarray, step: float) -> np.ndarray:
-    """Time derivative of samples (n, m) by central differences of order six; constant before and after."""
+    """Time derivative of samples (n, m) by central differences of order six; constant before and
+    after.
+    """
     later, earlier = _neighbors(x)
     one, two, three = (b - a for a, b in zip(earlier, later, strict=True))
     return (45 * one - 9 * two + three) / (60 * step)
 
 
 def second_time_derivative(x: np.ndarray, step: float) -> np.ndarray:
-    """Second time derivative of samples (n, m) by central differences of order six; constant before and after."""
+    """Second time derivative of samples (n, m) by central differences of order six; constant
+    before and after.
+    """
     later, earlier = _neighbors(x)
     one, two, three = (a + b - 2 * x for a, b in zip(earlier, later, strict=True))
     return (270 * one - 27 * two + 2 * three) / (180 * step**2)
 
 
 def differentiate(x: np.ndarray, step: float, *, settled: bool = False) -> np.ndarray:
-    """Samples (n, m) with these two derivatives, (n, m, 3); ``settled``: the last one rests, after a small jump."""
+    """Samples (n, m) with these two derivatives, (n, m, 3); ``settled``: the last one rests, after
+    a small jump.
+    """
     moving = x[: len(x) - settled]
     for _ in range(4 * settled):  # the motion before the jump, continued by parabolas
         moving = np.concatenate([moving, 3 * (moving[-1:] - moving[-2:-1]) + moving[-3:-2]])

@@ -1,15 +1,18 @@
 """The end of a solution: at equilibrium, where the motion after the path has decayed.
 
-After the path the output rests and the torques follow the motion of the stable zeros until it has decayed. The last
-sample is the equilibrium, whose torque a controller holds from there on. The remaining motion moves the tool: by
-about the displacement of the output that the deflections still make, and by the velocity that they have, over the time
-that the torque is held. Joints whose torque is held keep their momentum: their mean velocity is that of D v_e, even
-where the output does not depend on the deflections, as where the joints are the output.
+After the path the output rests and the torques follow the motion of the stable zeros until it has
+decayed. The last sample is the equilibrium, whose torque a controller holds from there on. The
+remaining motion moves the tool: by about the displacement of the output that the deflections still
+make, and by the velocity that they have, over the time that the torque is held. Joints whose
+torque is held keep their momentum: their mean velocity is that of D v_e, even where the output
+does not depend on the deflections, as where the joints are the output.
 
-    size(t) = max over t' >= t and X in {W_e, D} of  max(|X (q_e - q_e,end)|, T_HELD |X v_e|),     dy/dt = W v_a
+    size(t) = max over t' >= t and X in {W_e, D} of  max(|X (q_e - q_e,end)|, T_HELD |X v_e|),
+    dy/dt = W v_a
     D = W_g M_gg^-1 M_ge - W_e
 
-Deflections of damped gears decay with D / K; the last sample is not before their `InversionProblem.gear_settling`.
+Deflections of damped gears decay with D / K; the last sample is not before their
+`InversionProblem.gear_settling`.
 """
 
 from __future__ import annotations
@@ -44,8 +47,9 @@ def invert_until_settled(
 ) -> tuple[Inversion, tuple[str, ...]]:
     """The inversion until nothing moves any more after the path, to equilibrium, and warnings.
 
-    Where the motion has not decayed, it is computed again with the time that it needs by the slowest zero at the end
-    of the path, at most ``LONGEST_DECAY``; not where it would still move the output by more than the accuracy then.
+    Where the motion has not decayed, it is computed again with the time that it needs by the
+    slowest zero at the end of the path, at most ``LONGEST_DECAY``; not where it would still move
+    the output by more than the accuracy then.
 
     Parameters
     ----------
@@ -89,10 +93,11 @@ def invert_until_settled(
                 *slow_gears(problem),
             )
         if problem.windows[1] < LONGEST_SETTLING or size[-1] <= NOTED * problem.accuracy:
-            # the motion of all stable zeros has decayed by exp(-SETTLING), or nearly: what is left is rounding, or the
-            # ripple of a mesh that does not resolve the fastest of them
+            # the motion of all stable zeros has decayed by exp(-SETTLING), or nearly: what is left
+            # is rounding, or the ripple of a mesh that does not resolve the fastest of them
             return _fade_to_equilibrium(problem, found, end), slow_gears(problem)
-        decay, after = _slowest_decay(problem), n_post * found.period
+        decay = _slowest_decay(problem)
+        after = n_post * found.period
         longest = min(LONGEST_DECAY, (SAMPLES - len(found.q_a) + n_post) * found.period)
         longer = min(
             after + MARGIN * decay * np.log(size[-1] / (SETTLED * problem.accuracy)), longest
@@ -101,10 +106,11 @@ def invert_until_settled(
         if left > REDUCED or left * size[-1] > problem.accuracy:
             units = sorted(set(output_units(problem.equations.model)))
             return found, (
-                f"the motion has not decayed {after:.3g} s after the path: the deflections still move the output by "
-                f"about {size[-1]:.1e} {' or '.join(units)}, with a time constant of {decay:.3g} s; the simulated "
-                f"error covers {HELD:g} s with the last torque held; damp the springs that are not actuated, or "
-                "excite them less by a slower or smoother move",
+                f"the motion has not decayed {after:.3g} s after the path: the deflections "
+                f"still move the output by about {size[-1]:.1e} {' or '.join(units)}, with a "
+                f"time constant of {decay:.3g} s; the simulated error covers {HELD:g} s with "
+                "the last torque held; damp the springs that are not actuated, or excite them "
+                "less by a slower or smoother move",
             )
         problem.log(
             f"vibrations decay with {decay:.3g} s: inverting until {longer:.3g} s after the path"
@@ -113,7 +119,9 @@ def invert_until_settled(
 
 
 def _slowest_decay(problem: InversionProblem) -> float:
-    """Time constant of the slowest zero at the end of the path that is not unstable [s]; infinite: it is undamped."""
+    """Time constant of the slowest zero at the end of the path that is not unstable [s]; infinite:
+    it is undamped.
+    """
     from flexgen.analysis.zeros import ON_AXIS
 
     zeros = problem.zeros[-1][1]
@@ -127,16 +135,20 @@ def slow_gears(problem: InversionProblem) -> tuple[str, ...]:
     if LAGS * lag <= problem.gear_settling:
         return ()
     return (
-        f"the deflection of a damped gear decays with D/K = {lag:.3g} s and has not decayed {problem.gear_settling:g} "
-        f"s after the path; the simulated error covers {HELD:g} s with the last torque held; check the stiffness and "
-        "the damping of the gear",
+        f"the deflection of a damped gear decays with D/K = {lag:.3g} s and has not decayed "
+        f"{problem.gear_settling:g} s after the path; the simulated error covers {HELD:g} s "
+        "with the last torque held; check the stiffness and the damping of the gear",
     )
 
 
-def _measure_remaining(problem: InversionProblem, found: Inversion, end: Equilibrium) -> np.ndarray:
+def _measure_remaining(
+    problem: InversionProblem, found: Inversion, end: Equilibrium
+) -> np.ndarray:
     """``size`` at the samples after the path, (n_post,)."""
-    equations, model = problem.equations, problem.equations.model
-    i_g, i_e = list(model.i_g), list(model.i_e)
+    equations = problem.equations
+    model = problem.equations.model
+    i_g = list(model.i_g)
+    i_e = list(model.i_e)
     target = np.zeros(model.output.target_size)
     W = evaluate(
         equations.function("output_constraint"), found.q_a[-1], 0.0 * found.q_a[-1], target
@@ -145,7 +157,8 @@ def _measure_remaining(problem: InversionProblem, found: Inversion, end: Equilib
     M = evaluate(equations.function("mass_matrix"), found.q_a[-1])[0].reshape(model.n_a, model.n_a)
     drift = W[:, i_g] @ np.linalg.solve(M[np.ix_(i_g, i_g)], M[np.ix_(i_g, i_e)]) - W[:, i_e]
     after = slice(len(found.q_a) - found.n_post, None)
-    deflections, speeds = found.q_a[after][:, i_e] - end.q_a[i_e], HELD * found.v_a[after][:, i_e]
+    deflections = found.q_a[after][:, i_e] - end.q_a[i_e]
+    speeds = HELD * found.v_a[after][:, i_e]
     sizes = [
         np.linalg.norm(x @ X.T, axis=1) for X in (W[:, i_e], drift) for x in (deflections, speeds)
     ]
@@ -156,10 +169,12 @@ def _measure_remaining(problem: InversionProblem, found: Inversion, end: Equilib
 def _fade_to_equilibrium(
     problem: InversionProblem, found: Inversion, end: Equilibrium
 ) -> Inversion:
-    """The inversion with deviations from the equilibrium that fade out in the second half of the time after the path.
+    """The inversion with deviations from the equilibrium that fade out in the second half of the
+    time after the path.
 
-    ``x -> x_end + w (x - x_end)`` with a polynomial w(t) from 1 to 0; the torque has the inertia of the rotors in it:
-    ``tau_m -> tau_end + w (tau_m - tau_end) + J_m (2 w' v_m + w'' (q_m - q_end))``.
+    ``x -> x_end + w (x - x_end)`` with a polynomial w(t) from 1 to 0; the torque has the inertia
+    of the rotors in it: ``tau_m -> tau_end + w (tau_m - tau_end) + J_m (2 w' v_m + w'' (q_m -
+    q_end))``.
     """
     n = max(2, found.n_post // 2)
     u = np.linspace(0.0, 1.0, n)[:, None]
@@ -184,7 +199,9 @@ def _fade_to_equilibrium(
 
 
 def _cut(found: Inversion, n_post: int, end: Equilibrium) -> Inversion:
-    """The inversion with the first ``n_post`` samples after the path, the last one replaced by the equilibrium."""
+    """The inversion with the first ``n_post`` samples after the path, the last one replaced by the
+    equilibrium.
+    """
     keep = len(found.q_a) - found.n_post + n_post
     last = {
         "q_a": end.q_a,

@@ -35,7 +35,8 @@ INTERRUPTED = "interrupted by Ctrl-C"  # why a solution is the best so far
 class Solution(Result):
     """Motor torques along a move, with the figures of their verification.
 
-    ``print(solution)`` shows the main figures, `plot` draws them, `report` writes a page with all of them.
+    ``print(solution)`` shows the main figures, `plot` draws them, `report` writes a page with all
+    of them.
 
     Attributes
     ----------
@@ -48,8 +49,9 @@ class Solution(Result):
     verdict : str
         Message of the solver; empty for the closed form.
     trajectory : Trajectory
-        Channels ``q_a v_a a_a q_m v_m a_m tau_m tau_g y_ref``; where there are any, ``R_ref``, ``force``, ``tau_h`` of
-        hysteresis, ``tau_b`` of friction with a state, ``command_m command_g`` of positions to send.
+        Channels ``q_a v_a a_a q_m v_m a_m tau_m tau_g y_ref``; where there are any, ``R_ref``,
+        ``force``, ``tau_h`` of hysteresis, ``tau_b`` of friction with a state,
+        ``command_m command_g`` of positions to send.
     residual_max_Nm : float [N m, or N for translations]
         Largest residual of the full equations of motion at the midpoints between the samples.
     residual_relative : float
@@ -65,22 +67,25 @@ class Solution(Result):
     warnings : tuple of str
         Exceeded limits of the model file, and instants where the path is not smooth enough.
     plan_error_max_m, plan_error_max_rad : float or None [m], [rad]
-        Where limits keep the motion off its path: largest distance and angle between the simulated output and the
-        planned one; None where the output has no such part. ``plan_error_max`` is the larger number of the two.
+        Where limits keep the motion off its path: largest distance and angle between the simulated
+        output and the planned one; None where the output has no such part. ``plan_error_max`` is
+        the larger number of the two.
     path_distance_max_m : float or None [m]
-        Where limits keep the motion off its path: largest distance of the simulated tool from the path, whatever the
-        time. ``tool_error_max_m`` is the distance from the point of the path at the same time.
+        Where limits keep the motion off its path: largest distance of the simulated tool from the
+        path, whatever the time. ``tool_error_max_m`` is the distance from the point of the path at
+        the same time.
     intervals : int
         Of the solver's mesh; 0 for a method without mesh.
     details : mapping
         Further figures of the method, JSON types.
     torque_command : TorqueCommand or None
-        The torques that a controller sends at its ticks; None where no hold was given: the samples of the trajectory,
-        with a spline through them.
+        The torques that a controller sends at its ticks; None where no hold was given: the samples
+        of the trajectory, with a spline through them.
     held_simulation : Simulation or None
         The verification under the torques of ``torque_command`` with their hold.
     stopped : str
-        Why it is the best solution so far: the time limit and the stage in which it ended, or Ctrl-C; else empty.
+        Why it is the best solution so far: the time limit and the stage in which it ended, or
+        Ctrl-C; else empty.
 
     Examples
     --------
@@ -115,10 +120,15 @@ class Solution(Result):
     stopped: str = ""
 
     def __repr__(self) -> str:
-        return f"<Solution {self.model.title}, move {self.move.name}: {self.status}, method {self.method}>"
+        return (
+            f"<Solution {self.model.title}, move {self.move.name}: {self.status}, method "
+            f"{self.method}>"
+        )
 
     def __str__(self) -> str:
-        """Status, tool error, largest torque and speed, trajectory, warnings; methods that were left before."""
+        """Status, tool error, largest torque and speed, trajectory, warnings; methods that were
+        left before.
+        """
         t, torque, speed = (
             self.trajectory.time,
             *(np.abs(self.trajectory[x]).max() for x in ("tau_m", "v_m")),
@@ -126,11 +136,14 @@ class Solution(Result):
         attempts = [f"  tried before: {text}" for text in self.details.get("attempts", ())]
         return "\n".join(
             [
-                f"{self.model.title}, move {self.move.name}: {self.status} by method {self.method} "
-                f"in {self.wall_s:.3g} s",
+                f"{self.model.title}, move {self.move.name}: {self.status} by method "
+                f"{self.method} in {self.wall_s:.3g} s",
                 f"  {self._error_text()}",
                 f"  motor torque up to {torque:.4g} N m, motor speed up to {speed:.4g} rad/s",
-                f"  {len(t)} samples from {t[0]:.4g} to {t[-1]:.4g} s, pre-actuation {self.preactuation_s:.3g} s",
+                (
+                    f"  {len(t)} samples from {t[0]:.4g} to {t[-1]:.4g} s, pre-actuation "
+                    f"{self.preactuation_s:.3g} s"
+                ),
                 *(
                     [f"  warning: {' '.join(text.split())}" for text in self.warnings]
                     or ["  warnings: none"]
@@ -159,7 +172,9 @@ class Solution(Result):
         return "\n  ".join(error_lines(self.simulation, what)) + more
 
     def _held_errors(self) -> tuple[float | None, float | None]:
-        """Largest distance [m] and angle [rad] of the output from the path with the hold of the controller."""
+        """Largest distance [m] and angle [rad] of the output from the path with the hold of the
+        controller.
+        """
         run = self.held_simulation
         return (None, None) if run is None else (run.tool_error_max_m, run.tool_error_max_rad)
 
@@ -174,28 +189,37 @@ class Solution(Result):
 
     @property
     def mesh_s(self) -> float | None:
-        """Length of the intervals of the solver's mesh [s], their mean; None for a method without mesh."""
+        """Length of the intervals of the solver's mesh [s], their mean; None for a method without
+        mesh.
+        """
         time = self.trajectory.time
         return float(time[-1] - time[0]) / self.intervals if self.intervals else None
 
     @property
     def plan_error_max(self) -> float | None:
-        """The larger number of ``plan_error_max_m`` and ``plan_error_max_rad``; None where there is neither."""
+        """The larger number of ``plan_error_max_m`` and ``plan_error_max_rad``; None where there
+        is neither.
+        """
         given = [x for x in (self.plan_error_max_m, self.plan_error_max_rad) if x is not None]
         return max(given, default=None)
 
     @property
     def tool_error_max_m(self) -> float | None:
-        """Largest distance of the simulated output from the path [m]; None where it was not measured."""
+        """Largest distance of the simulated output from the path [m]; None where it was not
+        measured.
+        """
         return None if self.simulation is None else self.simulation.tool_error_max_m
 
     @property
     def tool_error_max_rad(self) -> float | None:
-        """Largest angle between the simulated output and the path [rad]; None where it was not measured."""
+        """Largest angle between the simulated output and the path [rad]; None where it was not
+        measured.
+        """
         return None if self.simulation is None else self.simulation.tool_error_max_rad
 
     def accuracy(self, band: float = 1e-4) -> PathAccuracy:
-        """Path accuracy, settling, overshoot and speed of the simulated robot in the sense of ISO 9283.
+        """Path accuracy, settling, overshoot and speed of the simulated robot in the sense of
+        ISO 9283.
 
         Parameters
         ----------
@@ -219,7 +243,9 @@ class Solution(Result):
             raise ArgumentError(
                 "accuracy: given a solution without verification, expected one with verify=True"
             )
-        run, wanted, unit = self.simulation.trajectory, self.trajectory, unit_of(self.model)
+        run = self.simulation.trajectory
+        wanted = self.trajectory
+        unit = unit_of(self.model)
         columns = columns_in(self.model, unit)
         y = np.column_stack(
             [np.interp(run.time, wanted.time, x) for x in wanted["y_ref"].T[columns]]
@@ -249,12 +275,18 @@ class Solution(Result):
         what = "output" if combined else "tool"
         label = None
         if self.status == Status.LIMITS_ACTIVE:
-            label = f"distance of the {what} from the reference at the same time (limits active), largest"
-        command, held_errors = self.torque_command, self._held_errors()
+            label = (
+                f"distance of the {what} from the reference at the same time (limits active), "
+                "largest"
+            )
+        command = self.torque_command
+        held_errors = self._held_errors()
         held = f"simulated {what} error with the hold of the controller, largest"
         if command is not None:
             held = f"simulated {what} error with {command.title()}, largest"
-        simulation, tau, speed = self.simulation, self.trajectory["tau_m"], self.trajectory["v_m"]
+        simulation = self.simulation
+        tau = self.trajectory["tau_m"]
+        speed = self.trajectory["v_m"]
         return (
             Figure("status", self.status.value, "", "status"),
             Figure("method", self.method, "", "method"),
@@ -328,21 +360,27 @@ class Solution(Result):
 
 
 def residual_rows(equations: Equations, trajectory: Trajectory) -> np.ndarray:
-    """Largest residual of each equation of motion, (dof,), at the midpoints between the samples [N m or N].
+    """Largest residual of each equation of motion, (dof,), at the midpoints between the samples [N
+    m or N].
 
     Rows: arm coordinates, then the motors behind elastic gears.
     """
     from flexgen.simulation.growth import Motion
     from flexgen.simulation.residual import midpoint_residual
 
-    names, channels = (*STATE_CHANNELS, "force", "tau_h"), trajectory.channels
-    motion = Motion(trajectory.time, **{name: channels[name] for name in names if name in channels})
+    names = (*STATE_CHANNELS, "force", "tau_h")
+    channels = trajectory.channels
+    motion = Motion(
+        trajectory.time, **{name: channels[name] for name in names if name in channels}
+    )
     rows = midpoint_residual(equations, motion, trajectory.meta.get("torque") == "limited")
     return np.abs(rows).max(axis=0)
 
 
 def motion_residual(equations: Equations, result: MethodResult) -> np.ndarray:
-    """Largest residual of each equation of motion (dof,) of a method result, as `residual_rows`."""
+    """Largest residual of each equation of motion (dof,) of a method result, as
+    `residual_rows`.
+    """
     from flexgen.simulation.growth import Motion
     from flexgen.simulation.residual import midpoint_residual
 
@@ -352,7 +390,9 @@ def motion_residual(equations: Equations, result: MethodResult) -> np.ndarray:
 
 
 def relative_residual(equations: Equations, trajectory: Trajectory, rows: np.ndarray) -> float:
-    """Largest of the `residual_rows` of a trajectory, each relative to the largest torque in its row."""
+    """Largest of the `residual_rows` of a trajectory, each relative to the largest torque in its
+    row.
+    """
     robot = equations.model
     scale = np.zeros(robot.n_a)
     scale[list(robot.i_g)] = np.abs(trajectory["tau_g"]).max(axis=0)
@@ -383,7 +423,8 @@ def limit_warnings(robot: RobotModel, trajectory: Trajectory) -> tuple[str, ...]
             if limit is not None and largest > limit * (1 + slack):
                 what = "torque" if channel == "tau_m" else "speed"
                 out.append(
-                    f"motor {motor.name}: {what} {largest:.4g} {unit} exceeds its limit {limit:.4g} {unit}"
+                    f"motor {motor.name}: {what} {largest:.4g} {unit} exceeds its limit "
+                    f"{limit:.4g} {unit}"
                 )
     out += exceeded_limits(
         robot, limits_of_model(robot).without("torque", "speed"), trajectory, slack
@@ -408,7 +449,8 @@ def limit_warnings(robot: RobotModel, trajectory: Trajectory) -> tuple[str, ...]
         ):
             if limit is not None and np.abs(values).max() > limit * (1 + 1e-9):
                 out.append(
-                    f"coordinate {dof.name}: {np.abs(values).max():.4g} {unit} exceeds its limit {limit:.4g} {unit}"
+                    f"coordinate {dof.name}: {np.abs(values).max():.4g} {unit} exceeds its "
+                    f"limit {limit:.4g} {unit}"
                 )
     return tuple(out)
 
@@ -428,7 +470,8 @@ def exceeded_limits(
 
 
 def within_limits(solution: Solution, given: Limits | None, ignore: bool) -> Solution:
-    """The solution, "limits exceeded" where it is solved beyond limits of the model file that are not ignored.
+    """The solution, "limits exceeded" where it is solved beyond limits of the model file that are
+    not ignored.
 
     Or beyond those of the ``given`` limits that its method does not keep.
     """
@@ -440,11 +483,9 @@ def within_limits(solution: Solution, given: Limits | None, ignore: bool) -> Sol
     solution = replace(solution, warnings=tuple(dict.fromkeys((*solution.warnings, *more))))
     if solution.status not in (Status.SOLVED, Status.LIMITS_ACTIVE):
         return solution
-    robot, path, active = (
-        solution.model,
-        solution.trajectory,
-        solution.status == Status.LIMITS_ACTIVE,
-    )
+    robot = solution.model
+    path = solution.trajectory
+    active = solution.status == Status.LIMITS_ACTIVE
     # a path that limits changed leaves the speeds of joints for which it was planned
     if not more and not ignore:
         more = (
@@ -458,6 +499,8 @@ def within_limits(solution: Solution, given: Limits | None, ignore: bool) -> Sol
 def has_kinks(robot: RobotModel) -> bool:
     """Whether a gear spring has a kink, where the torque of exact tracking jumps."""
     springs = [
-        c.dof.gear.spring for c in robot.coordinates if c.dof is not None and c.dof.gear is not None
+        c.dof.gear.spring
+        for c in robot.coordinates
+        if c.dof is not None and c.dof.gear is not None
     ]
     return any(isinstance(spring, PiecewiseSpring) for spring in springs)

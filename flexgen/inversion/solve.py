@@ -1,4 +1,6 @@
-"""Inverse dynamics of a move: motor torques, verified by a forward simulation of the full model."""
+"""Inverse dynamics of a move: motor torques, verified by a forward simulation of the full
+model.
+"""
 
 from __future__ import annotations
 
@@ -120,30 +122,40 @@ def solve(
     move : str or Move, optional
         A move of the model file; default: its first.
     method : str
-        A name of `flexgen.inversion.method_table.method_names`, or ``"auto"``: "full" for complete motor coupling and
-        springs with a kink; "lq" with limits or non-actuated coordinates, else "closed-form" (without a C compiler
-        "full", "collocation"). If it fails, finer meshes and other methods are tried: ``details["attempts"]``.
+        A name of `flexgen.inversion.method_table.method_names`, or ``"auto"``: "full" for complete
+        motor coupling and springs with a kink; "lq" with limits or non-actuated coordinates, else
+        "closed-form" (without a C compiler "full", "collocation"). If it fails, finer meshes and
+        other methods are tried: ``details["attempts"]``.
     preview, mesh : float, optional [s]
-        How long before the path the motion may begin; default, at most 60 s: `flexgen.analysis.zeros.preview`. Length
-        of the intervals or steps; default, or less: a hundredth of the move, at most 5 ms ("lq" and "bvp" 10 ms).
+        How long before the path the motion may begin; default, at most 60 s:
+        `flexgen.analysis.zeros.preview`. Length of the intervals or steps; default, or less: a
+        hundredth of the move, at most 5 ms ("lq" and "bvp" 10 ms).
     limits : Limits, optional
-        "lq" modifies the path and keeps all but effective torques; "full", "collocation" torque, speed, deflection.
+        "lq" modifies the path and keeps all but effective torques; "full", "collocation" torque,
+        speed, deflection.
     verify, accuracy : bool, float [rad, and m for each meter of reach, at most m]
-        Simulate the full model and measure the error; meshes are refined until it is at most ``accuracy``.
+        Simulate the full model and measure the error; meshes are refined until it is at most
+        ``accuracy``.
     hold, sample_time, delay, command : str, float [s], str
-        Output of the controller between its samples: ``"spline"``, ``"linear"``, ``"zoh"``; see ``torque_command``; its
-        sample time (default: 1 ms); from its tick to the instant at which the motor has the torque. Command
-        ``"position"``: also channels ``command_m`` and ``command_g``, positions to send to the servo of the model.
+        Output of the controller between its samples: ``"spline"``, ``"linear"``, ``"zoh"``; see
+        ``torque_command``; its sample time (default: 1 ms); from its tick to the instant at which
+        the motor has the torque. Command ``"position"``: also channels ``command_m`` and
+        ``command_g``, positions to send to the servo of the model.
     time_limit : float or None [s]
-        After it, or Ctrl-C, the best solution so far is returned, with the reason in ``stopped``; None or 0: no limit.
+        After it, or Ctrl-C, the best solution so far is returned, with the reason in ``stopped``;
+        None or 0: no limit.
     ignore_limits : bool
-        Exceeded limits of the model file are warnings only, not a status of their own ("limits exceeded").
+        Exceeded limits of the model file are warnings only, not a status of their own ("limits
+        exceeded").
     fixed_joint : str, optional
-        Keeps its value in a move of the tool, of an arm with more motors than outputs: see `flexgen.paths.redundancy`.
+        Keeps its value in a move of the tool, of an arm with more motors than outputs: see
+        `flexgen.paths.redundancy`.
     fastest : bool
-        Old (a DeprecationWarning): the fastest time law within ``limits``; now ``solve(model, fastest(model).move)``.
+        Old (a DeprecationWarning): the fastest time law within ``limits``; now
+        ``solve(model, fastest(model).move)``.
     force : array (n, 3), callable, Trajectory or file, optional [N]
-        What a process exerts on the tool at times [s], world axes; also (n, 6) with moments [N m], (n, 2) in a plane.
+        What a process exerts on the tool at times [s], world axes; also (n, 6) with moments [N m],
+        (n, 2) in a plane.
     progress : callable or bool, optional
     options : mapping, optional
         Options of single methods, see their modules.
@@ -155,7 +167,8 @@ def solve(
     Raises
     ------
     ArgumentError, SolverError
-        Unknown move or method, or a method that does not apply; no solution: the text gives reason and what to try.
+        Unknown move or method, or a method that does not apply; no solution: the text gives reason
+        and what to try.
 
     Examples
     --------
@@ -166,12 +179,11 @@ def solve(
     >>> torque.shape, float(abs(torque).max().round(2))
     ((1005, 2), 19.76)
     """
-    began, log = (
-        (time.perf_counter(), time.process_time()),
-        progress if callable(progress) else None,
-    )
+    began = (time.perf_counter(), time.process_time())
+    log = progress if callable(progress) else None
     check_arguments(method, preview, mesh, accuracy, time_limit, limits)
-    controller, reached = Hold(hold, sample_time, delay, command), BestSolution()
+    controller = Hold(hold, sample_time, delay, command)
+    reached = BestSolution()
     given = preview, mesh, limits, verify, accuracy, log, dict(options or {}), force
     with running(time_limit or None) as deadline:
         try:
@@ -196,7 +208,9 @@ def _problem(
     fastest: bool,
     given: tuple[Any, ...],
 ) -> InversionProblem:
-    """The problem of a move, or of its fastest time law, which keeps the limits; ``given``: from ``preview`` on."""
+    """The problem of a move, or of its fastest time law, which keeps the limits; ``given``: from
+    ``preview`` on.
+    """
     from flexgen.deprecation import warn_of_old
     from flexgen.paths.redundancy import problem_of_move
 
@@ -204,14 +218,15 @@ def _problem(
     equations = _derive(model, log)
     if fastest:
         warn_of_old(
-            "solve: given fastest=True, expected the move of flexgen.fastest: fastest(model, move).move"
+            "solve: given fastest=True, expected the move of flexgen.fastest: fastest(model, "
+            "move).move"
         )
-        move, limits = (
-            find_function("Move.fastest")(equations.model, move, limits, log or False),
-            None,
-        )
+        move = find_function("Move.fastest")(equations.model, move, limits, log or False)
+        limits = None
     check_time("the path of the move")
-    equations, path = problem_of_move(equations, find_move(equations.model, move), fixed_joint, log)
+    equations, path = problem_of_move(
+        equations, find_move(equations.model, move), fixed_joint, log
+    )
     if force is not None:
         from flexgen.paths.process_force import make_force
 
@@ -245,19 +260,26 @@ def _find_solution(problem: InversionProblem, method: str, reached: BestSolution
         joints = all(segment.space == "joint" for segment in problem.path.segments)
         if not (joints and robot.output.type != "combination" and "singular pose" in str(error)):
             raise
-        advice = 'joints pass singular poses of the tool: give the model an output of type "joint" for this move'
+        advice = (
+            'joints pass singular poses of the tool: give the model an output of type "joint" '
+            "for this move"
+        )
         raise SolverError(f"{error}; {advice}") from error
     assert found is not None  # without a list of failures they are raised
-    reached.solution, reached.accepted = found, None  # what follows is not accepted yet
+    # what follows is not accepted yet
+    reached.solution = found
+    reached.accepted = None
     return found
 
 
 def _automatic_solution(
     problem: InversionProblem, method: Method, reached: BestSolution
 ) -> Solution:
-    """The first verified solution: of the default method, or of a further one that applies to the model.
+    """The first verified solution: of the default method, or of a further one that applies to the
+    model.
 
-    ``details["attempts"]`` of the solution lists what failed before; so does the message of the error.
+    ``details["attempts"]`` of the solution lists what failed before; so does the message of the
+    error.
     """
     began = time.perf_counter()
     best: Solution | None = None
@@ -306,7 +328,9 @@ def _automatic_solution(
 
 
 def _undamped_reason(problem: InversionProblem) -> str:
-    """Undamped internal motion as the reason why no method was successful; empty: there is none."""
+    """Undamped internal motion as the reason why no method was successful; empty: there is
+    none.
+    """
     from flexgen.inversion.undamped import advise_undamped
 
     try:
@@ -319,7 +343,8 @@ def _undamped_reason(problem: InversionProblem) -> str:
 def _raise_path_error(problem: InversionProblem) -> None:
     """SolverError where no finer mesh and no further method helps.
 
-    Then the arm has no equilibrium along the path, or the limits do not let it rest at an end of the path.
+    Then the arm has no equilibrium along the path, or the limits do not let it rest at an end of
+    the path.
     """
     from flexgen.inversion.limits import check_limits_at_rest
 
@@ -363,8 +388,8 @@ def _refine(  # noqa: C901
 ) -> Solution | None:
     """The solution of one method, on finer meshes until it is verified.
 
-    With the list ``failures`` a mesh on which the method fails is added there and the next one is tried; None where
-    the method fails on all of them.
+    With the list ``failures`` a mesh on which the method fails is added there and the next one is
+    tried; None where the method fails on all of them.
     """
     duration = problem.path.duration
     h = (
@@ -373,7 +398,10 @@ def _refine(  # noqa: C901
         else float(problem.mesh)
     )
     attempts = 1 if (problem.mesh is not None or not method.refines) else ATTEMPTS
-    best, least, hidden, near = None, (True, np.inf), False, False
+    best = None
+    least = (True, np.inf)
+    hidden = False
+    near = False
     for attempt in range(attempts + (RETRIES if attempts > 1 else 0)):
         last = attempt + 1 >= attempts
         if attempt >= attempts and (not least[0] or not (hidden or near)):
@@ -399,8 +427,8 @@ def _refine(  # noqa: C901
                 return solution
             problem.log(f"relative residual {solution.residual_relative:.1e}: halving the mesh")
             continue
-        # the simulation of a program takes seconds, and so does that of a motion that decays slowly; where gears with
-        # hysteresis reverse, the residual is large on every mesh
+        # the simulation of a program takes seconds, and so does that of a motion that decays
+        # slowly; where gears with hysteresis reverse, the residual is large on every mesh
         long = (
             len(problem.path.segments) > 1
             or solution.trajectory.time[-1] > duration + 2 * LONGEST_SETTLING
@@ -414,20 +442,23 @@ def _refine(  # noqa: C901
             problem.log(f"relative residual {solution.residual_relative:.1e}: halving the mesh")
             continue
         checked = verify_by_simulation(problem, solution)
-        simulation, worst = checked.simulation, checked.worst
+        simulation = checked.simulation
+        worst = checked.worst
         solution = with_simulation(solution, checked)
         reached.keep(solution, worst)
         if solution.status == Status.BASELINE:
             return solution
         hidden = worst <= problem.accuracy and simulation.energy_error <= ENERGY
         near = method.name == "lq" and worst <= NEAR * problem.accuracy
-        # a feedback reduces all errors; short residuals, at corners of a derivative of the path, do nothing without it
+        # a feedback reduces all errors; short residuals, at corners of a derivative of the path,
+        # do nothing without it
         exact = (
             simulation.feedback is None
             or residual_is_small(solution)
             or min(checked.defect, checked.alone) <= problem.accuracy
         )
-        accepted, hidden = hidden and exact, hidden and not exact
+        accepted = hidden and exact
+        hidden = hidden and not exact
         rough = _estimate_ripple(solution) if accepted else worst
         if accepted and rough == 0.0:
             return _with_ripple(solution)
@@ -442,9 +473,11 @@ def _refine(  # noqa: C901
                 details={**solution.details, "missed": refusal}
                 | ({"cause": cause} if cause else {}),
             )
-            best, least = _with_ripple(solution) if accepted else missed, (not accepted, rough)
+            best = _with_ripple(solution) if accepted else missed
+            least = (not accepted, rough)
         if accepted:
-            reached.accepted, refusal = best, f"torques are off by about {rough:.0e} of the largest"
+            reached.accepted = best
+            refusal = f"torques are off by about {rough:.0e} of the largest"
         if not last or ((hidden or near) and attempt < attempts):
             problem.log(f"{refusal}: halving the mesh")
     assert best is not None or failures  # there is one attempt at least
@@ -463,7 +496,10 @@ def _friction_cause(problem: InversionProblem, solution: Solution) -> str:
 def _refusal(problem: InversionProblem, worst: float, energy_error: float, cause: str = "") -> str:
     """Why a verified solution is not accepted."""
     if worst <= problem.accuracy and energy_error > ENERGY:
-        return f"the energy balance of the simulation is off by {energy_error:.1e}, allowed are {ENERGY:.0e}"
+        return (
+            f"the energy balance of the simulation is off by {energy_error:.1e}, allowed are "
+            f"{ENERGY:.0e}"
+        )
     more = f"; {cause}" if cause else ""
     if worst <= problem.accuracy:
         return (
@@ -477,7 +513,9 @@ def _refusal(problem: InversionProblem, worst: float, energy_error: float, cause
 
 
 def _estimate_ripple(solution: Solution) -> float:
-    """Estimated error of torques that the mesh does not resolve, of the largest; 0: it does, or has many intervals."""
+    """Estimated error of torques that the mesh does not resolve, of the largest; 0: it does, or
+    has many intervals.
+    """
     resolved = solution.details.get("converged", True) or solution.intervals > INTERVALS
     return 0.0 if resolved else solution.details.get("torque_error", 0.0)
 
@@ -493,8 +531,9 @@ def _with_ripple(solution: Solution) -> Solution:
     error = solution.details.get("torque_error")
     estimated = f", estimated error {error:.0e} of the largest torque" if error is not None else ""
     text = (
-        f"the samples do not resolve the motor torques: relative residual {solution.residual_relative:.1e} between "
-        f"them{estimated}, although the tool follows; is the path rough, or close to a singular pose? Try another mesh"
+        "the samples do not resolve the motor torques: relative residual "
+        f"{solution.residual_relative:.1e} between them{estimated}, although the tool follows; "
+        "is the path rough, or close to a singular pose? Try another mesh"
     )
     noted = replace(solution, warnings=(*solution.warnings, text))
     if error is None or error <= RIPPLE_MOST or solution.details.get("converged", True):
@@ -508,7 +547,9 @@ def _with_ripple(solution: Solution) -> Solution:
 
 
 def residual_is_small(solution: Solution) -> bool:
-    """Whether the residual between the samples is small enough for a result that is not verified."""
+    """Whether the residual between the samples is small enough for a result that is not
+    verified.
+    """
     return solution.status == Status.BASELINE or solution.residual_relative <= (
         RIPPLE if solution.method == "full" else RESIDUAL
     )
@@ -518,14 +559,18 @@ def _check_residual(solution: Solution) -> None:
     """SolverError where the residual of a result that is not verified is too large."""
     if not residual_is_small(solution):
         raise SolverError(
-            f"method {solution.method}: the result does not satisfy the equations of motion between its samples: "
-            f"residual {solution.residual_max_Nm:.3g} N m, relative residual {solution.residual_relative:.1e}; "
-            "switch the verification on, or try a finer --mesh or a smoother move"
+            f"method {solution.method}: the result does not satisfy the equations of motion "
+            f"between its samples: residual {solution.residual_max_Nm:.3g} N m, relative "
+            f"residual {solution.residual_relative:.1e}; switch the verification on, or try a "
+            "finer --mesh or a smoother move"
         )
 
 
 def _trajectory(problem: InversionProblem, method: str, result: MethodResult) -> Trajectory:
-    path, robot, t, d = problem.path, problem.equations.model, result.t, result.motors
+    path = problem.path
+    robot = problem.equations.model
+    t = result.t
+    d = result.motors
     sample = path.sample_orders(t, 2)
     names_a = tuple(c.name for c in robot.coordinates)
     names_m = tuple(m.name for m in robot.motors)
@@ -545,7 +590,8 @@ def _trajectory(problem: InversionProblem, method: str, result: MethodResult) ->
         ("y_ref", sample.y[:, :, 0], output_units(robot), "reference output", reference["y_ref"]),
     ]
     if sample.R is not None:
-        matrix, doc = sample.R.reshape(len(t), 9), "reference orientation, rows of the matrix"
+        matrix = sample.R.reshape(len(t), 9)
+        doc = "reference orientation, rows of the matrix"
         rows.append(("R_ref", matrix, "-", doc, reference["R_ref"]))
     if problem.force is not None:
         rows.append(problem.force.channel(t))
@@ -612,7 +658,8 @@ def make_solution(problem: InversionProblem, method: str, result: MethodResult) 
 
 
 def _make_solution(problem: InversionProblem, method: str, result: MethodResult) -> Solution:
-    equations, path = problem.equations, problem.path
+    equations = problem.equations
+    path = problem.path
     trajectory = _trajectory(problem, method, result)
     rows = residual_rows(equations, trajectory)
     if not np.isfinite(rows).all():

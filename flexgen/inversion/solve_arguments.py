@@ -49,7 +49,10 @@ def without_effect(method: str, preview: float | None, mesh: float | None) -> tu
     """Warnings about arguments that the method which found the solution does not use."""
     given = {"preview": preview, "mesh": mesh} if find_method(method).algebraic else {}
     return tuple(
-        f"{name}: given {value:g} s, which has no effect: method {method} computes each sample of the path by itself"
+        (
+            f"{name}: given {value:g} s, which has no effect: method {method} computes each "
+            "sample of the path by itself"
+        )
         for name, value in given.items()
         if value is not None
     )

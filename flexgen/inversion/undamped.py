@@ -1,9 +1,9 @@
 """Internal motion that nothing damps: hanging loads, springs without damping, flat outputs.
 
 With the output held, the non-actuated coordinates move with the zeros of the output. Zeros on the
-imaginary axis are oscillations that never decay, such as a load that swings below a trolley. A zero
-at infinity means that the output determines the coordinate without its acceleration: near the pose
-the output is flat. Neither delays the torque nor advances it, but a path that excites such an
+imaginary axis are oscillations that never decay, such as a load that swings below a trolley. A
+zero at infinity means that the output determines the coordinate without its acceleration: near the
+pose the output is flat. Neither delays the torque nor advances it, but a path that excites such an
 oscillation leaves it there, and where its frequency is as low as those of the path no bounded
 torque of a useful size exists.
 """

@@ -28,11 +28,13 @@ class Verification:
     plan_error : (float or None, float or None) or None [m], [rad]
         Where limits are active: how far the simulated output is from the planned one.
     path_distance_m : float or None [m]
-        Where limits are active: largest distance of the simulated tool from the path, whatever the time.
+        Where limits are active: largest distance of the simulated tool from the path, whatever the
+        time.
     worst : float [rad, and m for each meter of reach, at most m]
         Largest error, from the planned output where limits are active.
     defect : float [the same]
-        What the residuals between the samples do to the output without feedback; infinite where it is not known.
+        What the residuals between the samples do to the output without feedback; infinite where it
+        is not known.
     alone: float [the same]
         Error of the simulation without feedback; infinite where there is none, or none that can be
         determined.
@@ -49,7 +51,9 @@ class Verification:
 def verify_by_simulation(
     problem: InversionProblem, solution: Solution, command: TorqueCommand | None = None
 ) -> Verification:
-    """Simulate a solution under its continuous torque, or under the torques that a controller sends."""
+    """Simulate a solution under its continuous torque, or under the torques that a controller
+    sends.
+    """
     simulation = simulate(
         problem.equations,
         solution.trajectory,
@@ -59,7 +63,8 @@ def verify_by_simulation(
         command=command,
         progress=problem.progress,
     )
-    plan, distance = None, None
+    plan = None
+    distance = None
     if solution.status == Status.LIMITS_ACTIVE:
         plan = plan_error(problem.equations, solution, simulation)
         distance = path_distance(problem.equations, solution, simulation)
@@ -84,8 +89,11 @@ def _size(errors: tuple[float | None, float | None], reach: float) -> float:
 
 
 def with_simulation(solution: Solution, checked: Verification) -> Solution:
-    """The solution with its simulation and what this found; its trajectory, and so a saved file, states the errors."""
-    simulation, plan = checked.simulation, checked.plan_error or (None, None)
+    """The solution with its simulation and what this found; its trajectory, and so a saved file,
+    states the errors.
+    """
+    simulation = checked.simulation
+    plan = checked.plan_error or (None, None)
     meta = {**solution.trajectory.meta, "errors": error_text(simulation, "output")}
     return replace(
         solution,
@@ -101,22 +109,30 @@ def with_simulation(solution: Solution, checked: Verification) -> Solution:
 def plan_error(
     equations: Equations, solution: Solution, simulation: Simulation
 ) -> tuple[float | None, float | None]:
-    """Largest distance [m] and angle [rad] of the simulated output from the planned one; None: no such output."""
+    """Largest distance [m] and angle [rad] of the simulated output from the planned one; None: no
+    such output.
+    """
     both = (solution.trajectory, simulation.trajectory)
     planned, found = (
         evaluate(equations.function("output"), t["q_a"])[0].reshape(len(t.time), -1) for t in both
     )
     units = np.array(output_units(equations.model))
     columns = ((found - planned)[:, units == u] for u in ("m", "rad"))
-    in_m, in_rad = (float(np.linalg.norm(x, axis=1).max()) if x.shape[1] else None for x in columns)
+    in_m, in_rad = (
+        float(np.linalg.norm(x, axis=1).max()) if x.shape[1] else None for x in columns
+    )
     if equations.model.output.type == "tool_pose":
         R, S = (evaluate(equations.function("forward_kinematics"), t["q_a"])[1] for t in both)
         in_rad = float(turn_angle(S, R).max())
     return in_m, in_rad
 
 
-def path_distance(equations: Equations, solution: Solution, simulation: Simulation) -> float | None:
-    """Largest distance [m] of the simulated tool from the path, whatever the time; None for other outputs."""
+def path_distance(
+    equations: Equations, solution: Solution, simulation: Simulation
+) -> float | None:
+    """Largest distance [m] of the simulated tool from the path, whatever the time; None for other
+    outputs.
+    """
     from flexgen.paths.path_distance import distance_from_path
 
     if equations.model.output.type == "combination":

@@ -1,1 +1,3 @@
-"""Methods of inverse dynamics for comparison: integration of the DAE after index reduction, optimization on a grid."""
+"""Methods of inverse dynamics for comparison: integration of the DAE after index reduction,
+optimization on a grid.
+"""

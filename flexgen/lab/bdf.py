@@ -2,17 +2,20 @@
 
     F(x_k, x_k', u(t_k)) = 0,      x_k' = (1/h) sum_j c_j x_(k-j)
 
-The integration starts in equilibrium, where all earlier x are equal. The step is constant: after a change the torque,
-which is the third or fourth derivative of the path, would have an error in some steps that does not decrease with h.
-The torque of order 1 lags by about one step; Richardson's extrapolation ``(2^p x(h/2) - x(h)) / (2^p - 1)`` removes the
-leading error. Rounding enters the torque as eps / h^(index - 1), which bounds what small steps can gain.
+The integration starts in equilibrium, where all earlier x are equal. The step is constant: after a
+change the torque, which is the third or fourth derivative of the path, would have an error in some
+steps that does not decrease with h. The torque of order 1 lags by about one step; Richardson's
+extrapolation ``(2^p x(h/2) - x(h)) / (2^p - 1)`` removes the leading error. Rounding enters the
+torque as eps / h^(index - 1), which bounds what small steps can gain.
 
-Measured with steps of 1 ms (planar5_mp, four_mass, elbow, manutec_r3; largest tool error of a move): order 1 2 mm,
-extrapolated 5 um; order 2 10 um (in 2.5 s of joint motion 0.2 mm), order 3 0.2 um (1 um), order 4 0.1 um. A light arm
-that turns by many radians (abb_arm, 10 rad) has 1e-5 to 1e-4 rad, due to rounding.
+Measured with steps of 1 ms (planar5_mp, four_mass, elbow, manutec_r3; largest tool error of a
+move): order 1 2 mm, extrapolated 5 um; order 2 10 um (in 2.5 s of joint motion 0.2 mm), order 3
+0.2 um (1 um), order 4 0.1 um. A light arm that turns by many radians (abb_arm, 10 rad) has 1e-5 to
+1e-4 rad, due to rounding.
 
-Source: E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, 1996, sec. VII.3; K. Brenan, S. Campbell, L.
-Petzold, Numerical Solution of Initial-Value Problems in Differential-Algebraic Equations, 1996, ch. 3.
+Source: E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, 1996, sec. VII.3; K.
+Brenan, S. Campbell, L. Petzold, Numerical Solution of Initial-Value Problems in
+Differential-Algebraic Equations, 1996, ch. 3.
 """
 
 from __future__ import annotations
@@ -50,7 +53,9 @@ STALLED = 1e-8  # a smaller correction that no longer decreases is rounding
 
 @dataclass(frozen=True)
 class Marched:
-    """States ``x`` and their rates ``dx`` (n, n_x) at the instants ``t`` (n,) [s]; ``iterations`` of Newton in all."""
+    """States ``x`` and their rates ``dx`` (n, n_x) at the instants ``t`` (n,) [s]; ``iterations``
+    of Newton in all.
+    """
 
     t: np.ndarray
     x: np.ndarray
@@ -90,11 +95,13 @@ def march(
         Newton's method did not converge; the text names the instant.
     """
     c = np.array((coefficients or COEFFICIENTS)[order])
-    h, n = float(t[-1] - t[0]) / (len(t) - 1), dae.n
+    h = float(t[-1] - t[0]) / (len(t) - 1)
+    n = dae.n
     u = dae.targets(path.sample(t), 0)[:, :, 0]
     size, torque, _ = dae.scales(x_eq)
     column = np.concatenate([size, size / h, torque / h**2])
-    x, dx = np.tile(x_eq, (len(t), 1)), np.zeros((len(t), dae.n_x))
+    x = np.tile(x_eq, (len(t), 1))
+    dx = np.zeros((len(t), dae.n_x))
     iterations = 0
     for k in range(1, len(t)):
         check_time(f"method bdf at t = {t[k]:.4g} of {t[-1]:.4g} s")
@@ -109,7 +116,8 @@ def march(
                 step = np.linalg.solve(J / row[:, None], -F[:, 0] / row)
             except np.linalg.LinAlgError:
                 raise SolverError(
-                    f"method bdf: the equations are singular at t = {t[k]:.4g} s, a singular pose; choose another path"
+                    f"method bdf: the equations are singular at t = {t[k]:.4g} s, a singular "
+                    "pose; choose another path"
                 ) from None
             new = new + column * step
             iterations += 1
@@ -123,17 +131,21 @@ def march(
             before = change
         if not change <= STALLED:
             raise SolverError(
-                f"method bdf: Newton's method does not converge at t = {t[k]:.4g} s, last correction {change:.1e} rad "
-                "or m; try a finer --mesh, or a path inside the workspace without a singular pose"
+                f"method bdf: Newton's method does not converge at t = {t[k]:.4g} s, last "
+                f"correction {change:.1e} rad or m; try a finer --mesh, or a path inside the "
+                "workspace without a singular pose"
             )
-        x[k], dx[k] = new, (c[0] * new + past) / h
+        x[k] = new
+        dx[k] = (c[0] * new + past) / h
     return Marched(t, x, dx, iterations)
 
 
 def extrapolate(
     dae: InverseDae, path: Path, t: np.ndarray, x_eq: np.ndarray, order: int = 1
 ) -> Marched:
-    """`march` with steps h and h/2, and Richardson's extrapolation at the instants t: one order more."""
+    """`march` with steps h and h/2, and Richardson's extrapolation at the instants t: one order
+    more.
+    """
     coarse = march(dae, path, t, x_eq, order)
     fine = march(dae, path, np.linspace(t[0], t[-1], 2 * len(t) - 1), x_eq, order)
     factor = 2.0**order
@@ -144,7 +156,9 @@ def extrapolate(
 
 
 def stable_order(zeros: np.ndarray, h: float) -> int:
-    """3, or 2 where a zero dynamics with these zeros [1/s] is too lightly damped for order 3 at the step h."""
+    """3, or 2 where a zero dynamics with these zeros [1/s] is too lightly damped for order 3 at
+    the step h.
+    """
     c = np.array(COEFFICIENTS[3])
     for zero in zeros:
         polynomial = c.astype(complex)
@@ -157,13 +171,16 @@ def stable_order(zeros: np.ndarray, h: float) -> int:
 def solve(problem: InversionProblem, h: float) -> MethodResult:
     """Solve by BDF.
 
-    Options: ``order`` 1 to 4 (default: 3, or 2 where 3 is not stable), ``richardson`` (default False). The step is a
-    fifth of ``h``, at most a millisecond.
+    Options: ``order`` 1 to 4 (default: 3, or 2 where 3 is not stable), ``richardson`` (default
+    False). The step is a fifth of ``h``, at most a millisecond.
     """
     problem.check_options("bdf", "order", "richardson")
-    order, richardson = problem.options.get("order"), problem.options.get("richardson", False)
+    order = problem.options.get("order")
+    richardson = problem.options.get("richardson", False)
     if order is not None and (order not in COEFFICIENTS or isinstance(order, bool)):
-        raise ArgumentError(f"options: method bdf was given order {order!r}, expected 1, 2, 3 or 4")
+        raise ArgumentError(
+            f"options: method bdf was given order {order!r}, expected 1, 2, 3 or 4"
+        )
     if not isinstance(richardson, bool):
         raise ArgumentError(
             f"options: method bdf was given richardson {richardson!r}, expected True or False"

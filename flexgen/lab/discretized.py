@@ -1,22 +1,27 @@
-"""Inverse dynamics as one sparse optimization over the whole horizon: the DAE on a uniform grid, smoothest torque.
+"""Inverse dynamics as one sparse optimization over the whole horizon: the DAE on a uniform grid,
+smoothest torque.
 
-Nothing is reduced or differentiated by hand. The coordinates y = (q_a, q_me) stand at the nodes of a grid, their speeds
-and accelerations are central differences, the torques stand at the nodes. Among all motions that satisfy the equations
-of motion at every node and track the path, the one with the smallest change of torque is selected:
+Nothing is reduced or differentiated by hand. The coordinates y = (q_a, q_me) stand at the nodes of
+a grid, their speeds and accelerations are central differences, the torques stand at the nodes.
+Among all motions that satisfy the equations of motion at every node and track the path, the one
+with the smallest change of torque is selected:
 
-    min  sum |tau_(k+1) - tau_k|^2 / tau_0^2 + sum |e(y_k)|^2 / delta       s.t.   r(y_k, D y_k, D^2 y_k, tau_k) = 0
+    min  sum |tau_(k+1) - tau_k|^2 / tau_0^2 + sum |e(y_k)|^2 / delta       s.t.
+    r(y_k, D y_k, D^2 y_k, tau_k) = 0
 
-The differences are symmetric in time. So the unstable part of the zero dynamics is as harmless as the stable one, and
-so are the oscillations from node to node that such differences allow: both cost torque, and the robot starts before the
-path, in equilibrium. ``delta`` is tiny: it keeps the linear systems regular where the path hardly determines a motion.
-The error of the torque decreases with h^order (2, 4 or 6, that of the differences) if the path is smooth enough; with
-springs with a break it is h^2.
+The differences are symmetric in time. So the unstable part of the zero dynamics is as harmless as
+the stable one, and so are the oscillations from node to node that such differences allow: both
+cost torque, and the robot starts before the path, in equilibrium. ``delta`` is tiny: it keeps the
+linear systems regular where the path hardly determines a motion. The error of the torque decreases
+with h^order (2, 4 or 6, that of the differences) if the path is smooth enough; with springs with a
+break it is h^2.
 
-Each step of the sequential quadratic program has equality constraints only, so it is one sparse linear system. It is
-too ill-conditioned for first-order methods for quadratic programs (OSQP 1.1 was tried).
+Each step of the sequential quadratic program has equality constraints only, so it is one sparse
+linear system. It is too ill-conditioned for first-order methods for quadratic programs (OSQP 1.1
+was tried).
 
-Source: S. Moberg, S. Hanssen, in Proc. IEEE/RSJ IROS 2007 (inverse dynamics of flexible manipulators as a DAE); B.
-Fornberg, Math. Comp. 51, 1988 (differences).
+Source: S. Moberg, S. Hanssen, in Proc. IEEE/RSJ IROS 2007 (inverse dynamics of flexible
+manipulators as a DAE); B. Fornberg, Math. Comp. 51, 1988 (differences).
 """
 
 from __future__ import annotations
@@ -70,8 +75,9 @@ _DIFFERENCES = {
 class Discretized:
     """Solution at the nodes.
 
-    ``t`` (N,) [s]; ``arm``, ``motor``: coordinates, speeds, accelerations, each (N, n_a) and (N, n_m); ``tau_m``
-    (N, n_m). ``iterations``; ``path_error``: largest error of the output, in its own unit.
+    ``t`` (N,) [s]; ``arm``, ``motor``: coordinates, speeds, accelerations, each (N, n_a) and (N,
+    n_m); ``tau_m`` (N, n_m). ``iterations``; ``path_error``: largest error of the output, in its
+    own unit.
     """
 
     t: np.ndarray
@@ -83,7 +89,9 @@ class Discretized:
 
 
 def solve(problem: InversionProblem, h: float) -> MethodResult:
-    """Solve on a uniform grid, by default with ``REFINEMENT`` nodes for each ``h`` [s]. Option ``order``: 2, 4 or 6."""
+    """Solve on a uniform grid, by default with ``REFINEMENT`` nodes for each ``h`` [s]. Option
+    ``order``: 2, 4 or 6.
+    """
     problem.check_options("discretized", "order")
     order = problem.options.get("order", ORDER)
     if isinstance(order, bool) or order not in _DIFFERENCES:
@@ -114,37 +122,43 @@ def solve(problem: InversionProblem, h: float) -> MethodResult:
 def discretize(
     problem: InversionProblem, h: float, order: int, preactuation: float, settling: float
 ) -> Discretized:
-    """Solve on a uniform grid of about ``h`` [s], ``preactuation`` [s] before the path to ``settling`` [s] after it."""
+    """Solve on a uniform grid of about ``h`` [s], ``preactuation`` [s] before the path to
+    ``settling`` [s] after it.
+    """
     system = _System(problem, h, order, preactuation, settling)
     y, tau = system.start()
-    violation, before, damping = system.violation(y, tau), np.inf, 1.0
+    violation = system.violation(y, tau)
+    before = np.inf
+    damping = 1.0
     for count in range(1, STEPS + 1):
         check_time(f"method discretized, step {count}")
         dy, dtau = system.step(y, tau)
-        moved, pushed = (
-            float(np.abs(dy / system.scale_y).max()),
-            float(np.abs(dtau / system.tau_0).max()),
-        )
+        moved = float(np.abs(dy / system.scale_y).max())
+        pushed = float(np.abs(dtau / system.tau_0).max())
         # steps that do not decrease oscillate about a kink of the equations: take half of them
         damping = damping / 2 if moved > SHRINK * before else min(1.0, 2 * damping)
-        before, length = moved, damping
+        before = moved
+        length = damping
         while True:
             trial = y + length * dy, tau + length * dtau
             new = system.violation(*trial)
             if new <= max(2 * violation, WORSE) or length < 1e-3:
                 break
             length /= 2
-        (y, tau), violation = trial, new
+        (y, tau) = trial
+        violation = new
         problem.log(
-            f"discretized, step {count}: coordinates {moved:9.2e}, torques {pushed:9.2e}, residual {new:9.2e}"
+            f"discretized, step {count}: coordinates {moved:9.2e}, torques {pushed:9.2e}, "
+            f"residual {new:9.2e}"
         )
         if not np.isfinite(new):
             break
         if moved <= CLOSE and pushed <= CLOSE_TORQUE:
             return system.solution(y, tau, count)
     raise SolverError(
-        f"method discretized: no convergence in {count} steps, the last one {moved:.1e} rad or m and {pushed:.1e} of "
-        f"the torque, residual {violation:.1e}; try another --mesh, a smoother move or the method collocation"
+        f"method discretized: no convergence in {count} steps, the last one {moved:.1e} rad or "
+        f"m and {pushed:.1e} of the torque, residual {violation:.1e}; try another --mesh, a "
+        "smoother move or the method collocation"
     )
 
 
@@ -157,7 +171,9 @@ class _System:
     def __init__(
         self, problem: InversionProblem, h: float, order: int, preactuation: float, settling: float
     ) -> None:
-        self.problem, self.equations, self.path = problem, problem.equations, problem.path
+        self.problem = problem
+        self.equations = problem.equations
+        self.path = problem.path
         self.m = m = order // 2
         duration = problem.path.duration
         count = max(1, int(np.ceil(duration / h - 1e-9)))
@@ -166,16 +182,20 @@ class _System:
         self.N = before + count + after + 1
         if self.N > INTERVALS:
             raise ArgumentError(
-                f"mesh: given {h:.3g} s, which makes {self.N} nodes, expected at most {INTERVALS}; take a coarser "
-                "--mesh, a shorter --preview or a shorter move"
+                f"mesh: given {h:.3g} s, which makes {self.N} nodes, expected at most "
+                f"{INTERVALS}; take a coarser --mesh, a shorter --preview or a shorter move"
             )
         self.t = self.h * np.arange(-before - m, count + after + m + 1)
         self.inside = slice(m, m + self.N)
         first, second = _DIFFERENCES[order]
         self.D = [np.eye(2 * m + 1)[m], np.array(first) / self.h, np.array(second) / self.h**2]
         model = self.equations.model
-        self.n, self.n_a, self.n_m, self.n_y = model.dof, model.n_a, model.n_m, model.output.size
-        self.i_m, self.i_g = list(model.i_m), list(model.i_g)
+        self.n = model.dof
+        self.n_a = model.n_a
+        self.n_m = model.n_m
+        self.n_y = model.output.size
+        self.i_m = list(model.i_m)
+        self.i_g = list(model.i_g)
         ratio = np.abs(model.eta).max(axis=1)
         self.scale_y = np.r_[np.ones(self.n_a), ratio[self.i_m]]
         turned = ratio * np.array([motor.inertia for motor in model.motors])
@@ -192,9 +212,11 @@ class _System:
             reduction.equations, self.t, motion.q, motion.v, motion.a, motion.tau_g
         )
         y = np.hstack([motion.q, motors.q_m[:, self.i_m]])
-        equilibrium, ends = self.problem.equilibrium, 2 * self.m
+        equilibrium = self.problem.equilibrium
+        ends = 2 * self.m
         self.aim = np.zeros_like(y)
-        self.aim[:ends], self.aim[-ends:] = np.r_[equilibrium.q_a, equilibrium.q_m[self.i_m]], y[-1]
+        self.aim[:ends] = np.r_[equilibrium.q_a, equilibrium.q_m[self.i_m]]
+        self.aim[-ends:] = y[-1]
         return y, motors.tau_m[self.inside]
 
     def levels(self, y: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -218,7 +240,8 @@ class _System:
     @cached_property
     def output_error(self) -> ca.Function:
         """The output error and its Jacobian, (q_a, target) -> (n_y), (n_y, n_a)."""
-        output, q = output_map(self.equations), self.equations.lagrangian.chain.q_a
+        output = output_map(self.equations)
+        q = self.equations.lagrangian.chain.q_a
         jacobian = ca.densify(ca.jacobian(output.error, q))
         return ca.Function("output_error", [q, output.target], [output.error, jacobian])
 
@@ -239,7 +262,9 @@ class _System:
 
     @cached_property
     def row_scale(self) -> np.ndarray:
-        """Factors of the equations of motion (n): a force that moves a coordinate by its scale within a step is one."""
+        """Factors of the equations of motion (n): a force that moves a coordinate by its scale
+        within a step is one.
+        """
         equilibrium = self.problem.equilibrium
         still = np.zeros(self.n_a), np.zeros(self.n_m)
         M = evaluate(
@@ -258,8 +283,12 @@ class _System:
 
     @cached_property
     def pattern(self) -> tuple[np.ndarray, np.ndarray]:
-        """Rows and columns of the entries of `jacobian`, in its order; unknowns: y node by node, then torques."""
-        m, n, N = self.m, self.n, self.N
+        """Rows and columns of the entries of `jacobian`, in its order; unknowns: y node by node,
+        then torques.
+        """
+        m = self.m
+        n = self.n
+        N = self.N
         K = N + 2 * m
         y_at = np.arange(K * n).reshape(K, n)
         tau_at = K * n + np.arange(N * self.n_m).reshape(N, self.n_m)
@@ -276,11 +305,15 @@ class _System:
         )
 
     def jacobian(self, y: np.ndarray, tau: np.ndarray, output: np.ndarray) -> sp.csc_matrix:
-        """Jacobian of the scaled constraints in the scaled unknowns: equations of motion, then the output."""
-        N, n = self.N, self.n
+        """Jacobian of the scaled constraints in the scaled unknowns: equations of motion, then the
+        output.
+        """
+        N = self.N
+        n = self.n
         found = evaluate(self.equations.function("residual_jacobians"), *self.arguments(y, tau))
         M, D, K, B = second_order_matrices(*found)
-        left, inner = self.row_scale[None, :, None], self.scale_y[None, None, :]
+        left = self.row_scale[None, :, None]
+        inner = self.scale_y[None, None, :]
         M, D, K = (left * x * inner for x in (M, D, K))
         blocks = [
             K * self.D[0][j] + D * self.D[1][j] + M * self.D[2][j] for j in range(2 * self.m + 1)
@@ -288,7 +321,8 @@ class _System:
         blocks += [-left * B * self.tau_0, output * self.scale_y[: self.n_a]]
         rows, columns = self.pattern
         values = np.concatenate([block.ravel() for block in blocks])
-        kept, nodes = values != 0, N + 2 * self.m
+        kept = values != 0
+        nodes = N + 2 * self.m
         shape = (N * n + nodes * self.n_y, nodes * n + N * self.n_m)
         return sp.csc_matrix((values[kept], (rows[kept], columns[kept])), shape=shape)
 
@@ -299,7 +333,8 @@ class _System:
             [np.ones(self.N - 1), -np.ones(self.N - 1)], [1, 0], shape=(self.N - 1, self.N)
         )
         ends = np.zeros((self.N + 2 * self.m, self.n))
-        ends[: 2 * self.m], ends[-2 * self.m :] = START, END
+        ends[: 2 * self.m] = START
+        ends[-2 * self.m :] = END
         return sp.block_diag(
             [sp.diags(ends.ravel()), sp.kron(changes.T @ changes, sp.eye(self.n_m))]
         ).tocsc()
@@ -312,10 +347,14 @@ class _System:
         offset = np.concatenate(
             [((y - self.aim) / self.scale_y).ravel(), (tau / self.tau_0).ravel()]
         )
-        n_x, n_r, root = A.shape[1], self.N * self.n, np.sqrt(self.delta)
+        n_x = A.shape[1]
+        n_r = self.N * self.n
+        root = np.sqrt(self.delta)
         size = 1 / np.maximum(np.abs(A).max(axis=1).toarray().ravel(), 1e-300)
-        A, c = sp.diags(size) @ A, size * c
-        # cost and softness of the output times sqrt(delta): both have the same small weight in the system
+        A = sp.diags(size) @ A
+        c = size * c
+        # cost and softness of the output times sqrt(delta): both have the same small weight in the
+        # system
         soft = sp.diags(-root * np.r_[np.zeros(n_r), size[n_r:] ** 2])
         system = sp.bmat([[root * self.hessian, A.T], [A, soft]]).tocsc()
         right = -np.r_[root * (self.hessian @ offset), c]
@@ -323,16 +362,18 @@ class _System:
             factors = splu(system)
         except RuntimeError:
             raise SolverError(
-                "method discretized: the linear system of a step is singular: the path passes a singular pose, or the "
-                "output does not determine the motion; choose another path"
+                "method discretized: the linear system of a step is singular: the path passes a "
+                "singular pose, or the output does not determine the motion; choose another path"
             ) from None
         # the system is ill-conditioned: iterative refinement with a residual in extended precision
-        matrix, x = system.tocsr().astype(np.longdouble), np.zeros(len(right), dtype=np.longdouble)
+        matrix = system.tocsr().astype(np.longdouble)
+        x = np.zeros(len(right), dtype=np.longdouble)
         change = np.inf
         for _ in range(REFINEMENTS):
             more = factors.solve((right - matrix @ x).astype(float))
             x += more
-            last, change = change, float(np.abs(more[:n_x]).max())
+            last = change
+            change = float(np.abs(more[:n_x]).max())
             if change <= REFINED or not change < 2 * last:
                 break
         x = x.astype(float)

@@ -1,17 +1,20 @@
-"""Index reduction by dummy derivatives: the inverse dynamics as an equivalent DAE of index 1, as CasADi functions.
+"""Index reduction by dummy derivatives: the inverse dynamics as an equivalent DAE of index 1, as
+CasADi functions.
 
-Equation i of the second-order system (motion and output) is differentiated 0 to c_i times, unknown j of (y, tau_m)
-occurs up to its d_j-th derivative; c and d are the offsets of the signature method. All derivatives of an unknown are
-unknowns of their own,
+Equation i of the second-order system (motion and output) is differentiated 0 to c_i times, unknown
+j of (y, tau_m) occurs up to its d_j-th derivative; c and d are the offsets of the signature
+method. All derivatives of an unknown are unknowns of their own,
 
     Y = (y_j^(0), ..., y_j^(d_j)),       G(Y, U) = 0 : all equations and their derivatives,
 
-too few to be solved for Y by sum d - sum c: the degrees of freedom. For the k-th derivatives that were added, as many
-unknowns are chosen whose k-th highest derivative is a *dummy*: no longer the rate of the one below it, but just an
-unknown. An unknown that keeps its rate is a state. The choice is made by QR factorization with column pivoting of the
-system Jacobian ``dF_i^(c_i)/dy_j^(d_j)`` at a point, and holds as long as the chosen block is well conditioned.
+too few to be solved for Y by sum d - sum c: the degrees of freedom. For the k-th derivatives that
+were added, as many unknowns are chosen whose k-th highest derivative is a *dummy*: no longer the
+rate of the one below it, but just an unknown. An unknown that keeps its rate is a state. The
+choice is made by QR factorization with column pivoting of the system Jacobian
+``dF_i^(c_i)/dy_j^(d_j)`` at a point, and holds as long as the chosen block is well conditioned.
 
-Source: S. E. Mattsson, G. Soederlind, SIAM J. Sci. Comput. 14(3), 1993; J. D. Pryce, BIT 41(2), 2001.
+Source: S. E. Mattsson, G. Soederlind, SIAM J. Sci. Comput. 14(3), 1993; J. D. Pryce, BIT
+41(2), 2001.
 """
 
 from __future__ import annotations
@@ -37,7 +40,8 @@ STALLED = 1e-6
 class Choice:
     """``depth[j]``: how many of the highest derivatives of unknown j are dummies.
 
-    ``states``, ``algebraic``: places in Y of the states and of all else; ``rates``: of what each state's rate is.
+    ``states``, ``algebraic``: places in Y of the states and of all else; ``rates``: of what each
+    state's rate is.
     """
 
     depth: tuple[int, ...]
@@ -63,10 +67,14 @@ class DummyDerivatives:
         if len(c) != dae.n + dae.model.output.size or len(d) != dae.n + dae.model.n_m:
             raise ArgumentError(
                 f"offsets: given {len(c)} of rows and {len(d)} of unknowns, expected "
-                f"{dae.n + dae.model.output.size} and {dae.n + dae.model.n_m}; a structurally singular model has none"
+                f"{dae.n + dae.model.output.size} and {dae.n + dae.model.n_m}; a structurally "
+                "singular model has none"
             )
-        self.dae, self.c, self.d = dae, tuple(c), tuple(d)
-        self.orders, self.freedom = max(c), sum(d) - sum(c)
+        self.dae = dae
+        self.c = tuple(c)
+        self.d = tuple(d)
+        self.orders = max(c)
+        self.freedom = sum(d) - sum(c)
         starts = np.concatenate([[0], np.cumsum(np.array(d) + 1)])
         self.size = int(starts[-1])
         self.place = [[int(starts[j]) + r for r in range(d[j] + 1)] for j in range(len(d))]
@@ -74,8 +82,11 @@ class DummyDerivatives:
 
     def _differentiate(self) -> tuple[ca.Function, ca.Function]:
         """(Y, U) -> G, dG/dY and the system Jacobian (rows, unknowns)."""
-        dae, n, c = self.dae, self.dae.n, self.c
-        Y, U = ca.SX.sym("Y", self.size), ca.SX.sym("U", dae.n_u, self.orders + 1)
+        dae = self.dae
+        n = self.dae.n
+        c = self.c
+        Y = ca.SX.sym("Y", self.size)
+        U = ca.SX.sym("U", dae.n_u, self.orders + 1)
 
         def level(r: int) -> list[ca.SX]:
             return [Y[places[r]] if r < len(places) else ca.SX(0) for places in self.place]
@@ -91,7 +102,8 @@ class DummyDerivatives:
         symbols = ca.vertcat(Y[moving], Y[held], ca.vec(U[:, :-1]))
         rates = ca.vertcat(Y[rising], ca.SX.zeros(len(held)), ca.vec(U[:, 1:]))
         left = list(range(len(c)))
-        found, top = [rows], [ca.SX(0)] * len(c)
+        found = [rows]
+        top = [ca.SX(0)] * len(c)
         for k in range(self.orders + 1):
             for i, row in zip(left, ca.vertsplit(rows), strict=True):
                 if c[i] == k:
@@ -128,7 +140,9 @@ class DummyDerivatives:
         return Y
 
     def states_of(self, Y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """x and x' (k, n_x) of the DAE from Y (k, size); rates of the torques, which Y may not have, are zero."""
+        """x and x' (k, n_x) of the DAE from Y (k, size); rates of the torques, which Y may not
+        have, are zero.
+        """
         n = self.dae.n
         y, v, a = ([places[r] for places in self.place[:n]] for r in range(3))
         tau = [places[0] for places in self.place[n:]]
@@ -144,18 +158,21 @@ class DummyDerivatives:
             [unit[j] * rate**r for j, places in enumerate(self.place) for r in range(len(places))]
         )
 
-    # --- choice -----------------------------------------------------------------------------------------------------
+    # --- choice ----------------------------------------------------------------------------------
 
     def choose(self, Y: np.ndarray, U: np.ndarray) -> Choice:
-        """The choice of states with the best pivots at a point; SolverError where none is possible there."""
+        """The choice of states with the best pivots at a point; SolverError where none is possible
+        there.
+        """
         J = self._scale_jacobian(Y, U)
         columns = np.flatnonzero(np.array(self.d) > 0)
         depth = np.zeros(len(self.d), dtype=int)
         full = np.linalg.svd(J, compute_uv=False)
         if not full[-1] > SINGULAR * full[0]:
             raise SolverError(
-                "the system Jacobian is singular: at a singular pose, where a zero is at infinity, or because the "
-                "structural index is not the true one; use kunkel-mehrmann or lq"
+                "the system Jacobian is singular: at a singular pose, where a zero is at "
+                "infinity, or because the structural index is not the true one; use "
+                "kunkel-mehrmann or lq"
             )
         for k in range(1, self.orders + 1):
             rows = np.flatnonzero(np.array(self.c) >= k)
@@ -170,7 +187,8 @@ class DummyDerivatives:
 
     def choice(self, depth: Sequence[int] | np.ndarray) -> Choice:
         """The choice with a given depth of each unknown."""
-        states, rates = [], []
+        states = []
+        rates = []
         for j, places in enumerate(self.place):
             for r in range(self.d[j] - int(depth[j])):
                 states.append(places[r])
@@ -181,8 +199,8 @@ class DummyDerivatives:
     def quality(self, choice: Choice, Y: np.ndarray, U: np.ndarray) -> float:
         """Conditioning of a choice at a point: 1 for the best choice, 0 for a singular one.
 
-        The smallest over all levels of the smallest singular value of the chosen block, relative to that of all
-        columns.
+        The smallest over all levels of the smallest singular value of the chosen block, relative
+        to that of all columns.
         """
         J = self._scale_jacobian(Y, U)
         worst = 1.0
@@ -200,11 +218,12 @@ class DummyDerivatives:
         J = J / np.maximum(np.abs(J).max(axis=0), 1e-300)
         return J / np.maximum(np.abs(J).max(axis=1), 1e-300)[:, None]
 
-    # --- functions of a choice --------------------------------------------------------------------------------------
+    # --- functions of a choice -------------------------------------------------------------------
 
     def index_one(self, choice: Choice) -> ca.Function:
         """The semi-explicit DAE of index 1: (s, z, U) -> ds/dt, G."""
-        s, z = ca.SX.sym("s", len(choice.states)), ca.SX.sym("z", len(choice.algebraic))
+        s = ca.SX.sym("s", len(choice.states))
+        z = ca.SX.sym("z", len(choice.algebraic))
         U = ca.SX.sym("U", self.dae.n_u, self.orders + 1)
         Y = ca.SX.zeros(self.size)
         Y[list(choice.states)] = s
@@ -216,12 +235,14 @@ class DummyDerivatives:
     def consistent(
         self, choice: Choice, Y: np.ndarray, U: np.ndarray, scale: np.ndarray
     ) -> tuple[np.ndarray, int]:
-        """Consistent values Y (size,) with the states as given, from a guess, and the iterations of Newton's method.
+        """Consistent values Y (size,) with the states as given, from a guess, and the iterations
+        of Newton's method.
 
         ``scale``: see `scales`. SolverError where it does not converge.
         """
         Y = np.array(Y, dtype=float)
-        free, before = list(choice.algebraic), np.inf
+        free = list(choice.algebraic)
+        before = np.inf
         for iteration in range(1, ITERATIONS + 1):
             G, jacobian = (x.full() for x in self.system(Y, U))
             J = jacobian[:, free]
@@ -239,6 +260,7 @@ class DummyDerivatives:
                 break
             before = size
         raise SolverError(
-            "no consistent values found: the path leaves the workspace or passes a singular pose, or the system "
-            "is nearly singular, such as with a weakly damped gear; use kunkel-mehrmann"
+            "no consistent values found: the path leaves the workspace or passes a singular "
+            "pose, or the system is nearly singular, such as with a weakly damped gear; use "
+            "kunkel-mehrmann"
         )

@@ -1,7 +1,8 @@
-"""Common parts of the initial-value methods: where they apply, their instants, and results from states of the DAE.
+"""Common parts of the initial-value methods: where they apply, their instants, and results from
+states of the DAE.
 
-They integrate forward in time from equilibrium, so the zero dynamics has to be stable: with an unstable zero z an error
-grows like exp(z t).
+They integrate forward in time from equilibrium, so the zero dynamics has to be stable: with an
+unstable zero z an error grows like exp(z t).
 """
 
 from __future__ import annotations
@@ -23,15 +24,16 @@ STEPS = 200_000  # at most
 
 
 def check_causal(problem: InversionProblem, method: str, differentiates: bool = True) -> None:
-    """ArgumentError where an initial-value method does not apply; the text gives the reason and the method to use.
+    """ArgumentError where an initial-value method does not apply; the text gives the reason and
+    the method to use.
 
     ``differentiates``: the method differentiates the equations of motion.
     """
     model = problem.equations.model
     if differentiates and has_kinks(model):
         raise ArgumentError(
-            f"method {method}: a gear of model {model.name} has a spring with a kink, where the torque jumps and the "
-            "equations cannot be differentiated; use bdf or full"
+            f"method {method}: a gear of model {model.name} has a spring with a kink, where the "
+            "torque jumps and the equations cannot be differentiated; use bdf or full"
         )
     reason = model.inversion_obstacle()
     if reason is not None:
@@ -43,9 +45,10 @@ def check_causal(problem: InversionProblem, method: str, differentiates: bool = 
         f" +- {abs(zero.value.imag):.4g}i" if zero.value.imag else ""
     )
     raise ArgumentError(
-        f"method {method}: the zero dynamics of model {model.name} along move {problem.path.move.name} is unstable, "
-        f"with a zero at {value} 1/s at t = {zero.t:.4g} s, and a motion that is integrated from the start diverges; "
-        "expected a stable zero dynamics; use lq, bvp or collocation"
+        f"method {method}: the zero dynamics of model {model.name} along move "
+        f"{problem.path.move.name} is unstable, with a zero at {value} 1/s at t = {zero.t:.4g} "
+        "s, and a motion that is integrated from the start diverges; expected a stable zero "
+        "dynamics; use lq, bvp or collocation"
     )
 
 
@@ -56,13 +59,16 @@ def zeros_along(problem: InversionProblem) -> np.ndarray:
 
 
 def dae_of(problem: InversionProblem) -> InverseDae:
-    """The DAE of a problem; where all coordinates are actuated, a joint move prescribes the coordinates."""
+    """The DAE of a problem; where all coordinates are actuated, a joint move prescribes the
+    coordinates.
+    """
     joints = problem.equations.model.n_e == 0 and problem.path.sample(np.zeros(1)).q_g is not None
     return InverseDae(problem.equations, joints)
 
 
 def instants(problem: InversionProblem, step: float) -> np.ndarray:
-    """Equidistant instants from the start, or a preview before it, to the end of the settling time.
+    """Equidistant instants from the start, or a preview before it, to the end of the settling
+    time.
 
     The ends of the path are among them; ``step`` [s] is the largest distance.
     """
@@ -73,8 +79,8 @@ def instants(problem: InversionProblem, step: float) -> np.ndarray:
     after = int(np.ceil(problem.windows[1] / h))
     if before + on_path + after > STEPS:
         raise ArgumentError(
-            f"mesh: given steps of {h:.3g} s, which makes {before + on_path + after}, expected at most {STEPS}; "
-            "take a coarser --mesh or a shorter move"
+            f"mesh: given steps of {h:.3g} s, which makes {before + on_path + after}, expected "
+            f"at most {STEPS}; take a coarser --mesh or a shorter move"
         )
     return h * np.arange(-before, on_path + after + 1)
 
@@ -102,14 +108,18 @@ def result_of_states(
 
     ``intervals``: of the mesh of the solver, where it is not that of the instants.
     """
-    t, x, dx = states.t, states.x, states.dx
+    t = states.t
+    x = states.x
+    dx = states.dx
     if not (np.isfinite(x).all() and np.isfinite(dx).all()):
         raise SolverError(
             f"{verdict}: the motion is not finite; take a finer --mesh or a smoother move"
         )
-    model, n = problem.equations.model, dae.n
+    model = problem.equations.model
+    n = dae.n
     state = dae.unpack(x)
-    i_g, i_m = list(model.i_g), list(model.i_m)
+    i_g = list(model.i_g)
+    i_m = list(model.i_m)
     a = dx[:, n : n + model.n_a]
     a_m = a[:, i_g] @ model.eta.T
     a_m[:, i_m] = dx[:, n + model.n_a : 2 * n]

@@ -1,17 +1,20 @@
-"""Inverse dynamics by integration of the regularized DAE of Kunkel and Mehrmann: Radau IIA with three stages.
+"""Inverse dynamics by integration of the regularized DAE of Kunkel and Mehrmann: Radau IIA with
+three stages.
 
-    Z1' F(X_i, X_i', u_i) = 0,      F_mu(X_i, Y_i, U_i) = 0,        X_i' = (1/h) sum_j (A^-1)_ij (X_j - x_k)
+    Z1' F(X_i, X_i', u_i) = 0,      F_mu(X_i, Y_i, U_i) = 0,
+    X_i' = (1/h) sum_j (A^-1)_ij (X_j - x_k)
 
-at the stages i, with the derivatives Y_i = (x', ..., x^(mu+1)) of the array as auxiliary unknowns: at the
-solution the second line is ``Z2' F_mu = 0``. Matrices and Jacobians are computed once a step, at the end of the step
-that a Taylor expansion predicts; Newton's iteration with them converges linearly. The last stage is the next state, so
-every constraint, hidden ones included, holds at every instant. Order 5.
+at the stages i, with the derivatives Y_i = (x', ..., x^(mu+1)) of the array as auxiliary unknowns:
+at the solution the second line is ``Z2' F_mu = 0``. Matrices and Jacobians are computed once a
+step, at the end of the step that a Taylor expansion predicts; Newton's iteration with them
+converges linearly. The last stage is the next state, so every constraint, hidden ones included,
+holds at every instant. Order 5.
 
-Measured with steps of 1 ms (largest tool error of a move): planar5_mp and elbow 2 nm, manutec_r3 0.2 nm, abb_arm 0.1
-urad; four_mass 0.4 um, for the corner of its spring's second derivative.
+Measured with steps of 1 ms (largest tool error of a move): planar5_mp and elbow 2 nm, manutec_r3
+0.2 nm, abb_arm 0.1 urad; four_mass 0.4 um, for the corner of its spring's second derivative.
 
-Source: P. Kunkel, V. Mehrmann, Differential-Algebraic Equations, 2006, ch. 6; E. Hairer, G. Wanner, Solving Ordinary
-Differential Equations II, 1996, IV.5.
+Source: P. Kunkel, V. Mehrmann, Differential-Algebraic Equations, 2006, ch. 6; E. Hairer, G.
+Wanner, Solving Ordinary Differential Equations II, 1996, IV.5.
 """
 
 from __future__ import annotations
@@ -42,7 +45,9 @@ STALLED = 1e-8  # a smaller correction that no longer decreases is rounding
 
 @dataclass(frozen=True)
 class Regular:
-    """States ``x`` and their rates ``dx`` (n, n_x); ``iterations`` in all; ``gap``: the smallest on the path."""
+    """States ``x`` and their rates ``dx`` (n, n_x); ``iterations`` in all; ``gap``: the smallest
+    on the path.
+    """
 
     x: np.ndarray
     dx: np.ndarray
@@ -79,7 +84,10 @@ def integrate(
         Newton's iteration does not converge, or a rank changes; the text names the instant.
     """
     table = table or radau(STAGES)
-    dae, mu, n, s = system.dae, system.mu, system.n, len(table.c)
+    dae = system.dae
+    mu = system.mu
+    n = system.n
+    s = len(table.c)
     inverse = np.linalg.inv(table.A)
     start = np.zeros((n, mu + 2))
     start[:, 0] = x_eq
@@ -87,9 +95,12 @@ def integrate(
     point = system.consistent(start, U0)
     times = (t[:-1, None] + np.diff(t)[:, None] * table.c).ravel()
     U = dae.targets(path.sample(times), mu).reshape(len(t) - 1, s, dae.n_u, mu + 1)
-    x, dx = np.empty((len(t), n)), np.zeros((len(t), n))
-    x[0], dx[0] = point[:, 0], point[:, 1]
-    iterations, gap = 0, np.inf
+    x = np.empty((len(t), n))
+    dx = np.zeros((len(t), n))
+    x[0] = point[:, 0]
+    dx[0] = point[:, 1]
+    iterations = 0
+    gap = np.inf
     for k in range(len(t) - 1):
         check_time(f"method kunkel-mehrmann at t = {t[k]:.4g} of {t[-1]:.4g} s")
         h = float(t[k + 1] - t[k])
@@ -100,12 +111,13 @@ def integrate(
             count = _newton(system, split, stages, x[k], U[k], inverse / h)
         except (SolverError, np.linalg.LinAlgError) as error:
             raise SolverError(
-                f"method kunkel-mehrmann: at t = {t[k + 1]:.4g} s: {error}; try a finer --mesh, or a path without a "
-                "singular pose"
+                f"method kunkel-mehrmann: at t = {t[k + 1]:.4g} s: {error}; try a finer --mesh, "
+                "or a path without a singular pose"
             ) from None
         iterations += count
         point = stages[-1]
-        x[k + 1], dx[k + 1] = point[:, 0], point[:, 1]
+        x[k + 1] = point[:, 0]
+        dx[k + 1] = point[:, 1]
     return Regular(x, dx, iterations, gap)
 
 
@@ -124,12 +136,21 @@ def _newton(
     U: np.ndarray,
     rates: np.ndarray,
 ) -> int:
-    """Newton's iteration on the stages, in place; number of iterations. ``rates``: inverse of the tableau [1/s]."""
-    n, s, unit = system.n, len(stages), system.unit
-    Z1, Z2, N, A, E = split.Z1, split.Z2, split.N, split.A, split.E
+    """Newton's iteration on the stages, in place; number of iterations. ``rates``: inverse of the
+    tableau [1/s].
+    """
+    n = system.n
+    s = len(stages)
+    unit = system.unit
+    Z1 = split.Z1
+    Z2 = split.Z2
+    N = split.N
+    A = split.A
+    E = split.E
     d = Z1.shape[1]
     # E belongs to x' in units of x times the rate
-    moving, held = Z1.T @ A, Z2.T @ N
+    moving = Z1.T @ A
+    held = Z2.T @ N
     turning = Z1.T @ E / system.rate
     matrix = np.zeros((s * n, s * n))
     for i in range(s):
@@ -165,15 +186,18 @@ def _newton(
 
 
 def regularize(dae: InverseDae, x_eq: np.ndarray, highest: int = HIGHEST) -> StrangenessFree:
-    """The regularized DAE with the smallest array that satisfies the hypothesis, from the structural index upwards.
+    """The regularized DAE with the smallest array that satisfies the hypothesis, from the
+    structural index upwards.
 
-    ArgumentError where the structure is singular, SolverError where no order up to ``highest`` does.
+    ArgumentError where the structure is singular, SolverError where no order up to ``highest``
+    does.
     """
     index = structural_index(dae.equations).index
     if index is None:
         raise ArgumentError(
-            f"method kunkel-mehrmann: the inverse dynamics of model {dae.model.name} is structurally singular: an "
-            "output that no motor moves, or not as many outputs as motors"
+            f"method kunkel-mehrmann: the inverse dynamics of model {dae.model.name} is "
+            "structurally singular: an output that no motor moves, or not as many outputs as "
+            "motors"
         )
     failed = None
     for mu in range(index - 1, max(index, highest + 1)):
@@ -187,7 +211,9 @@ def regularize(dae: InverseDae, x_eq: np.ndarray, highest: int = HIGHEST) -> Str
 
 
 def solve(problem: InversionProblem, h: float) -> MethodResult:
-    """Solve by the regularized DAE, in steps of a fifth of ``h`` [s], at most a millisecond. No options."""
+    """Solve by the regularized DAE, in steps of a fifth of ``h`` [s], at most a millisecond. No
+    options.
+    """
     problem.check_options("kunkel-mehrmann")
     check_causal(problem, "kunkel-mehrmann")
     dae = dae_of(problem)

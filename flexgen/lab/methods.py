@@ -1,4 +1,6 @@
-"""The methods of this room, for `flexgen.inversion.method_table`; strings only, quick to import."""
+"""The methods of this room, for `flexgen.inversion.method_table`; strings only, quick to
+import.
+"""
 
 from __future__ import annotations
 

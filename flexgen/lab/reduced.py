@@ -1,12 +1,15 @@
-"""Inverse dynamics by index reduction: dummy derivatives, and the index-1 DAE integrated by SUNDIALS (IDAS).
+"""Inverse dynamics by index reduction: dummy derivatives, and the index-1 DAE integrated by
+SUNDIALS (IDAS).
 
-The states are the motion of the non-actuated coordinates and of the damped gears. The path enters by its exact
-derivatives. All constraints and their derivatives are equations of the system, so there is no drift; after the
-integration the other unknowns are computed again at every instant, to rounding. Where the states chosen at the start
-become ill-conditioned, others are chosen and the integration continues with them.
+The states are the motion of the non-actuated coordinates and of the damped gears. The path enters
+by its exact derivatives. All constraints and their derivatives are equations of the system, so
+there is no drift; after the integration the other unknowns are computed again at every instant, to
+rounding. Where the states chosen at the start become ill-conditioned, others are chosen and the
+integration continues with them.
 
-Measured (largest tool error of a move): planar5_mp 10 to 30 nm, manutec_r3 2 nm, elbow 0.1 um, four_mass 0.2 um for the
-corner of its spring's second derivative. Where the structure does not show the index (abb_arm) the method refuses.
+Measured (largest tool error of a move): planar5_mp 10 to 30 nm, manutec_r3 2 nm, elbow 0.1 um,
+four_mass 0.2 um for the corner of its spring's second derivative. Where the structure does not
+show the index (abb_arm) the method refuses.
 
 Source: see `flexgen.lab.dummy_derivatives`; A. Hindmarsh et al., ACM TOMS 31(3), 2005 (SUNDIALS).
 """
@@ -29,9 +32,10 @@ from flexgen.lab.initial_value import States, check_causal, dae_of, instants, re
 from flexgen.paths.path import Path
 
 IDAS = "method reduced, integration by IDAS"  # a stage of the time limit
-RTOL, ATOL = 1e-11, 1e-13  # of IDAS, for states in rad or m
-# where IDAS does not converge: relax the tolerance, then integrate a part of the horizon only, and choose other states
-# divisor of the horizon, factor of the tolerance
+RTOL = 1e-11  # of IDAS
+ATOL = 1e-13  # for states in rad or m
+# where IDAS does not converge: relax the tolerance, then integrate a part of the horizon only, and
+# choose other states divisor of the horizon, factor of the tolerance
 RETRIES = ((1, 1.0), (1, 10.0), (8, 10.0), (8, 1000.0))
 LOOSER = 1e6  # tolerance of the other unknowns relative to that of the states
 STEPS = 5_000  # of IDAS between two instants, at most
@@ -40,9 +44,11 @@ POOR = 0.05  # quality of a choice of states below which others are chosen
 
 @dataclass(frozen=True)
 class Reduced:
-    """``Y`` (n, size) at the instants; ``choices``: number of choices of states; ``freedom``: number of states.
+    """``Y`` (n, size) at the instants; ``choices``: number of choices of states; ``freedom``:
+    number of states.
 
-    ``rtol``: the loosest tolerance that was used. ``steps``, ``iterations``: of IDAS, and of its Newton method.
+    ``rtol``: the loosest tolerance that was used. ``steps``, ``iterations``: of IDAS, and of its
+    Newton method.
     """
 
     Y: np.ndarray
@@ -58,10 +64,8 @@ class _PathSignals(ca.Callback):
 
     def __init__(self, dae: InverseDae, path: Path, orders: int) -> None:
         ca.Callback.__init__(self)
-        self._read, self._last = (
-            lambda t: dae.targets(path.sample(np.array([t])), orders)[0],
-            (np.nan, ca.DM()),
-        )
+        self._read = lambda t: dae.targets(path.sample(np.array([t])), orders)[0]
+        self._last = (np.nan, ca.DM())
         self._shape = (dae.n_u, orders + 1)
         self.construct("path", {})
 
@@ -81,7 +85,8 @@ class _PathSignals(ca.Callback):
         self, name: str, names_in: list[str], names_out: list[str], options: dict
     ) -> ca.Function:
         """Zero: IDAS differentiates in the unknowns at one instant, where the path is constant."""
-        t, U = ca.MX.sym("t"), ca.MX.sym("U", *self._shape)
+        t = ca.MX.sym("t")
+        U = ca.MX.sym("U", *self._shape)
         zero = ca.MX(self._shape[0] * self._shape[1], 1)
         return ca.Function(name, [t, U], [zero], names_in, names_out, options)
 
@@ -102,8 +107,8 @@ def offsets(dae: InverseDae) -> tuple[tuple[int, ...], tuple[int, ...]]:
     report = structural_index(dae.equations)
     if report.index is None:
         raise ArgumentError(
-            f"method reduced: the inverse dynamics of model {dae.model.name} is structurally singular: an output that "
-            "no motor moves, or not as many outputs as motors"
+            f"method reduced: the inverse dynamics of model {dae.model.name} is structurally "
+            "singular: an output that no motor moves, or not as many outputs as motors"
         )
     return report.c, report.d
 
@@ -140,10 +145,16 @@ def integrate(
     scale = dummies.scales(x_eq)
     Y[0], _ = dummies.consistent(choice, Y[0], U[0], scale)
     signals = _PathSignals(dae, path, dummies.orders)
-    choices, k, loosest, counts = 1, 0, rtol, np.zeros(2, dtype=int)
+    choices = 1
+    k = 0
+    loosest = rtol
+    counts = np.zeros(2, dtype=int)
     while k < len(t) - 1:
-        states, algebraic, used, spent = _states(dummies, choice, signals, scale, Y[k], t[k:], rtol)
-        loosest, counts = max(loosest, used), counts + spent
+        states, algebraic, used, spent = _states(
+            dummies, choice, signals, scale, Y[k], t[k:], rtol
+        )
+        loosest = max(loosest, used)
+        counts = counts + spent
         reached = k + len(states)
         for i in range(k + 1, reached + 1):
             check_time(f"method reduced at t = {t[i]:.4g} of {t[-1]:.4g} s")
@@ -159,7 +170,9 @@ def integrate(
             except SolverError as error:
                 raise SolverError(f"method reduced: at t = {t[i]:.4g} s: {error}") from None
             if better != choice:
-                choice, choices, reached = better, choices + 1, i
+                choice = better
+                choices = choices + 1
+                reached = i
                 break
         k = reached
     return Reduced(Y, choices, dummies.freedom, loosest, *counts.tolist())
@@ -174,7 +187,8 @@ def _states(
     t: np.ndarray,
     rtol: float,
 ) -> tuple[np.ndarray, np.ndarray, float, tuple[int, int]]:
-    """States and other unknowns at instants after t[0], where Y holds, the tolerance of IDAS, and its counts.
+    """States and other unknowns at instants after t[0], where Y holds, the tolerance of IDAS, and
+    its counts.
 
     All instants, or the first of them where IDAS does not converge further.
     """
@@ -182,17 +196,27 @@ def _states(
     if not choice.states:
         return np.zeros((len(t) - 1, 0)), np.zeros((0, 0)), rtol, (0, 0)
     columns = (list(choice.states), list(choice.algebraic))
-    # the other unknowns are computed again, and rounding would not allow the tolerance of the states
+    # the other unknowns are computed again, and rounding would not allow the tolerance of the
+    # states
     units = (scale[columns[0]], scale[columns[1]] * LOOSER)
     G = dummies.system(Y, signals(t[0]))[1].full() * scale
     rows = np.maximum(np.abs(G).max(axis=1), 1e-300)
-    s, z, time = ca.MX.sym("s", len(columns[0])), ca.MX.sym("z", len(columns[1])), ca.MX.sym("t")
+    s = ca.MX.sym("s", len(columns[0]))
+    z = ca.MX.sym("z", len(columns[1]))
+    time = ca.MX.sym("t")
     ds, residual = dummies.index_one(choice)(
         s * ca.DM(units[0]), z * ca.DM(units[1]), signals(time)
     )
-    system = {"x": s, "z": z, "t": time, "ode": ds / ca.DM(units[0]), "alg": residual / ca.DM(rows)}
+    system = {
+        "x": s,
+        "z": z,
+        "t": time,
+        "ode": ds / ca.DM(units[0]),
+        "alg": residual / ca.DM(rows),
+    }
     for part, factor in RETRIES:
-        used, to = rtol * factor, max(2, len(t) // part)
+        used = rtol * factor
+        to = max(2, len(t) // part)
         options = {
             "reltol": used,
             "abstol": used * ATOL / RTOL,
@@ -214,14 +238,16 @@ def _states(
         counts = int(spent["nsteps"]), int(spent["nniters"])
         return out["xf"].full().T * units[0], out["zf"].full().T * units[1], used, counts
     raise SolverError(
-        f"method reduced: IDAS failed after t = {t[0]:.4g} s with a tolerance of {used:.0e}: {reason}; try lq or bdf"
+        f"method reduced: IDAS failed after t = {t[0]:.4g} s with a tolerance of {used:.0e}: "
+        f"{reason}; try lq or bdf"
     )
 
 
 def solve(problem: InversionProblem, h: float) -> MethodResult:
     """Solve by index reduction and IDAS, sampled every millisecond or finer.
 
-    Option ``rtol``: the relative tolerance (default 1e-11). IDAS chooses its steps; ``h`` bounds the sampling interval.
+    Option ``rtol``: the relative tolerance (default 1e-11). IDAS chooses its steps; ``h`` bounds
+    the sampling interval.
     """
     problem.check_options("reduced", "rtol")
     rtol = problem.options.get("rtol", RTOL)

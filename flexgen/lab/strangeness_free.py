@@ -1,12 +1,14 @@
-"""The inverse dynamics without strangeness: the regularized DAE of Kunkel and Mehrmann, from the derivative array.
+"""The inverse dynamics without strangeness: the regularized DAE of Kunkel and Mehrmann, from the
+derivative array.
 
 With M = dF_mu/d(x', ..., x^(mu+1)) and N = dF_mu/dx at a point,
 
     Z2' M = 0,  T2: Z2' N T2 = 0,  Z1: range of F_x' T2          a columns, d columns, d columns
 
-the system ``Z1' F(x, x', u) = 0`` (d rows), ``Z2' F_mu = 0`` (a rows) has the same solutions and no hidden constraints.
-The matrices are computed numerically, by QR factorizations of the scaled array, and may be kept for a while: the system
-stays equivalent as long as the blocks they select stay regular.
+the system ``Z1' F(x, x', u) = 0`` (d rows), ``Z2' F_mu = 0`` (a rows) has the same solutions and
+no hidden constraints. The matrices are computed numerically, by QR factorizations of the scaled
+array, and may be kept for a while: the system stays equivalent as long as the blocks they select
+stay regular.
 
 Source: P. Kunkel, V. Mehrmann, Differential-Algebraic Equations, 2006, ch. 4.3 and 6.2.
 """
@@ -35,8 +37,9 @@ STALLED = 1e-7  # a correction that is smaller and shrinks no more is rounding
 class Split:
     """The regularized system at a point, in scaled unknowns and rows.
 
-    ``Z1`` (n_x, d), ``Z2`` ((mu + 1) n_x, a), ``T2`` (n_x, d); ``N``: Jacobian of the array in x; ``A``, ``E``: of F
-    in x, x'; ``gap``: ratio of the pivots of M on both sides of its rank. `solve` gives the step of the derivatives.
+    ``Z1`` (n_x, d), ``Z2`` ((mu + 1) n_x, a), ``T2`` (n_x, d); ``N``: Jacobian of the array in x;
+    ``A``, ``E``: of F in x, x'; ``gap``: ratio of the pivots of M on both sides of its rank.
+    `solve` gives the step of the derivatives.
     """
 
     Z1: np.ndarray
@@ -49,7 +52,9 @@ class Split:
     factors: tuple[np.ndarray, np.ndarray, np.ndarray]
 
     def solve(self, rows: np.ndarray) -> np.ndarray:
-        """A solution w of ``Q1' (rows + M w) = 0`` for the part of the array that M reaches, free entries zero."""
+        """A solution w of ``Q1' (rows + M w) = 0`` for the part of the array that M reaches, free
+        entries zero.
+        """
         Q1, R, order = self.factors
         w = np.zeros(len(order))
         w[order[: len(R)]] = -solve_triangular(R, Q1.T @ rows)
@@ -63,7 +68,8 @@ class StrangenessFree:
     ----------
     dae : InverseDae
     mu : int
-        Strangeness index: the order of the derivative array; the structural index less one, where that is right.
+        Strangeness index: the order of the derivative array; the structural index less one, where
+        that is right.
     x_rest : array (n_x,)
         A static equilibrium, for the scales.
 
@@ -74,13 +80,18 @@ class StrangenessFree:
     def __init__(self, dae: InverseDae, mu: int, x_rest: np.ndarray) -> None:
         if mu < 0:
             raise ArgumentError(f"mu: given {mu}, expected 0 or more")
-        self.dae, self.mu, self.n = dae, mu, dae.n_x
+        self.dae = dae
+        self.mu = mu
+        self.n = dae.n_x
         size, torque, self.rate = dae.scales(x_rest)
         self.unit = np.concatenate([size, size * self.rate, torque])
         self.units = np.outer(self.unit, self.rate ** np.arange(mu + 2))
-        # ranks are decided at rest, with the target where the output is: there the path plays no role
-        X, U = np.zeros((self.n, mu + 2)), np.zeros((dae.n_u, mu + 1))
-        X[:, 0], U[:, 0] = x_rest, dae.target_at(x_rest)
+        # ranks are decided at rest, with the target where the output is: there the path plays no
+        # role
+        X = np.zeros((self.n, mu + 2))
+        U = np.zeros((dae.n_u, mu + 1))
+        X[:, 0] = x_rest
+        U[:, 0] = dae.target_at(x_rest)
         self._at_rest = X, U
         self.row = np.ones((mu + 1) * self.n)
         N, M = self._jacobians(X, U)
@@ -141,8 +152,9 @@ class StrangenessFree:
             fine = moved[-1] > GAP * moved[0]
         if not fine:
             raise SolverError(
-                f"the derivative array of order {self.mu} does not make the DAE regular: corank {a} of {len(M)}, "
-                f"{self.n} unknowns; it never does at a singular pose or with a zero at infinity, use lq"
+                f"the derivative array of order {self.mu} does not make the DAE regular: corank "
+                f"{a} of {len(M)}, {self.n} unknowns; it never does at a singular pose or with "
+                "a zero at infinity, use lq"
             )
         return a, d, gap
 
@@ -155,19 +167,22 @@ class StrangenessFree:
         gap = float(pivots[rank - 1] / max(pivots[rank], 1e-300)) if self.a else np.inf
         if not gap > CLEAR:
             raise SolverError(
-                "the rank of the derivative array changes on the path, at a singular pose; choose another path"
+                "the rank of the derivative array changes on the path, at a singular pose; "
+                "choose another path"
             )
         Z2 = Q[:, rank:]
-        A, E = N[: self.n], M[: self.n, : self.n]
+        A = N[: self.n]
+        E = M[: self.n, : self.n]
         T2 = _null(Z2.T @ N, self.d)
         Z1 = np.linalg.svd(E @ T2, full_matrices=False)[0] if self.d else np.zeros((self.n, 0))
         return Split(Z1, Z2, T2, N, A, E, gap, (Q[:, :rank], R[:rank, :rank], order))
 
     def consistent(self, X: np.ndarray, U: np.ndarray) -> np.ndarray:
-        """A consistent point (n_x, mu + 2) near X (x and guesses of its derivatives), by Gauss-Newton on the array.
+        """A consistent point (n_x, mu + 2) near X (x and guesses of its derivatives), by
+        Gauss-Newton on the array.
 
-        First the derivatives alone: where x satisfies all constraints it stays; then all, by steps of least size.
-        SolverError where it does not converge.
+        First the derivatives alone: where x satisfies all constraints it stays; then all, by steps
+        of least size. SolverError where it does not converge.
         """
         X = np.array(X, dtype=float)
         for free in (slice(self.n, None), slice(None)):
@@ -185,7 +200,8 @@ class StrangenessFree:
             if done and np.abs(self.rows(X, U)).max() < CONSISTENT:
                 return X
         raise SolverError(
-            "no consistent values found: the path leaves the workspace or passes a singular pose; choose another path"
+            "no consistent values found: the path leaves the workspace or passes a singular "
+            "pose; choose another path"
         )
 
 

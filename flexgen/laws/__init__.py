@@ -1,1 +1,3 @@
-"""Feedback laws designed from a model of the robot: LQG, loop shaping, feedback linearization, full-state LQ."""
+"""Feedback laws designed from a model of the robot: LQG, loop shaping, feedback linearization,
+full-state LQ.
+"""

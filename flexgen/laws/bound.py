@@ -1,4 +1,5 @@
-"""Laws that evaluate the model at every sample, bound to a motion: in C, and in Python with the same operations.
+"""Laws that evaluate the model at every sample, bound to a motion: in C, and in Python with the
+same operations.
 
 The C (model_laws.c) and the twin call the same functions of the model's emitted library.
 """
@@ -23,7 +24,9 @@ from flexgen.model.friction import refuse_harmonics
 from flexgen.runtime.library import Library
 
 SOURCE = Path(__file__).with_name("model_laws.c")
-LINEARISATION, COMPUTED_TORQUE, JOINT_TORQUE = "linearisation", "computed_torque", "joint_torque"
+LINEARISATION = "linearisation"
+COMPUTED_TORQUE = "computed_torque"
+JOINT_TORQUE = "joint_torque"
 _FUNCTIONS = {  # of the library, in the order of the structure in C
     "motion": "flexible_joint_motion",
     "torque": "flexible_joint_torque",
@@ -90,17 +93,20 @@ class BoundLaw:
         return max((age for age, _ in self.timing.segments()), default=0)
 
     def compiled(self, setup: Setup) -> Compiled:
-        """The law in C; ArgumentError where the loop measures other channels than those it was bound to."""
+        """The law in C; ArgumentError where the loop measures other channels than those it was
+        bound to.
+        """
         refuse_harmonics(self.model, "control law")
-        n, needed = self.model.n_m, self.model.n_m
+        n = self.model.n_m
+        needed = self.model.n_m
         if self.state >= 0:
             needed = self.state + 4 * n
         elif self.channels is not None:
             needed = int(self.channels.max()) + 1
         if setup.n_m != n or setup.n_y < needed:
             raise ArgumentError(
-                f"controller: given a loop with {setup.n_m} motors and {setup.n_y} measured channels, expected {n} and "
-                f"at least {needed}"
+                f"controller: given a loop with {setup.n_m} motors and {setup.n_y} measured "
+                f"channels, expected {n} and at least {needed}"
             )
         shared, keep = self._make_shared(setup)
         memory = np.zeros((len(setup.q_m), 1 + 2 * n + self._delayed * n))
@@ -113,7 +119,8 @@ class BoundLaw:
 
     def _make_shared(self, setup: Setup) -> tuple[_Shared, tuple[Any, ...]]:
         """Data that all robots share, and objects that must exist as long."""
-        n, (parts, half_steps) = self.model.n_m, self._segments()
+        n = self.model.n_m
+        (parts, half_steps) = self._segments()
         addresses: dict[str, int] = {}
         most = 1
         for key in self.uses:
@@ -135,14 +142,22 @@ class BoundLaw:
         }
         channels = None if self.channels is None else np.ascontiguousarray(self.channels, np.int64)
         shared = _Shared(
-            n=n, n_y=setup.n_y, state=self.state, samples=len(self.table), columns=self.table.shape[1],
-            delayed=self._delayed, segments=len(parts), half_steps=half_steps, sample_s=self.timing.sample_s,
-            channels=None if channels is None else channels.ctypes.data, **addresses,
+            n=n,
+            n_y=setup.n_y,
+            state=self.state,
+            samples=len(self.table),
+            columns=self.table.shape[1],
+            delayed=self._delayed,
+            segments=len(parts),
+            half_steps=half_steps,
+            sample_s=self.timing.sample_s,
+            channels=None if channels is None else channels.ctypes.data,
+            **addresses,
             **{name: array.ctypes.data for name, array in arrays.items()},
-        )  # fmt: skip
+        )
         return shared, (arrays, channels, self.library)
 
-    # --- the same in Python -------------------------------------------------------------------------------------
+    # --- the same in Python ----------------------------------------------------------------------
 
     def reset(self) -> None:
         """Begin at rest."""
@@ -171,13 +186,15 @@ class BoundLaw:
         q_a = np.zeros(n) if self.channels is None else y[self.channels]
         q_m = y[:n].copy()
         if k == 0:
-            v_a, v_m = np.zeros(n), np.zeros(n)
+            v_a = np.zeros(n)
+            v_m = np.zeros(n)
         else:
             v_a, v_m = (
                 (now - self._now[name]) / self.timing.sample_s
                 for now, name in ((q_a, "q_a"), (q_m, "q_m"))
             )
-        self._now["q_a"], self._now["q_m"] = q_a, q_m
+        self._now["q_a"] = q_a
+        self._now["q_m"] = q_m
         return np.array([q_a, v_a, q_m, v_m])
 
     def _call(self, key: str, *arguments: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -209,32 +226,40 @@ class BoundLaw:
         return self._linearize(x, d)
 
     def _linearize(self, x: np.ndarray, d: np.ndarray) -> np.ndarray:
-        n, g = self.model.n_m, self.gains
+        n = self.model.n_m
+        g = self.gains
         q_d, v_d, a_d, j_d, s_d = d[: 5 * n].reshape(5, n)
         a, j = self._call("motion", *x)
         s = s_d + g[3] * (j_d - j) + g[2] * (a_d - a) + g[1] * (v_d - x[1]) + g[0] * (q_d - x[0])
         return self._call("torque", x[0], x[1], a, j, s, x[2], x[3])[0]
 
     def _computed_torque(self, x: np.ndarray, d: np.ndarray) -> np.ndarray:
-        n, g, eta = self.model.n_m, self.gains, np.array(self.model.eta)
+        n = self.model.n_m
+        g = self.gains
+        eta = np.array(self.model.eta)
         q_d, v_d, a_d = d.reshape(3, n)
         inverse = np.linalg.inv(eta)
-        q, v = times(inverse, x[2]), times(inverse, x[3])
+        q = times(inverse, x[2])
+        v = times(inverse, x[3])
         a = a_d + g[1] * (v_d - v) + g[0] * (q_d - q)
-        T, f = self._call("rows", q, v, a)[0], self._call("friction", x[3])[0]
+        T = self._call("rows", q, v, a)[0]
+        f = self._call("friction", x[3])[0]
         inertia = np.array([motor.inertia for motor in self.model.motors])
         u: np.ndarray = inertia * times(eta, a) + f + times(inverse.T, T)
         return u
 
     def _joint_torque(self, x: np.ndarray, d: np.ndarray) -> np.ndarray:
-        n, g, inverse = self.model.n_m, self.gains, np.linalg.inv(self.model.eta)
+        n = self.model.n_m
+        g = self.gains
+        inverse = np.linalg.inv(self.model.eta)
         u_d, q_d, v_d, T_d, dT_d = d.reshape(5, n)
         u: np.ndarray = u_d + g[0] * (q_d - x[2]) + g[1] * (v_d - x[3])
         if "gear" not in self.uses:
             return u
         p, dp = self._call("gear", times(inverse, x[2]) - x[0])
         rate = (times(inverse, x[3]) - x[1]) * dp
-        T, dT = times(inverse.T, p), times(inverse.T, rate)
+        T = times(inverse.T, p)
+        dT = times(inverse.T, rate)
         return u + g[2] * (T_d - T) + g[3] * (dT_d - dT)
 
 
@@ -249,7 +274,9 @@ class _Shared(ctypes.Structure):
         ("sample_s", ctypes.c_double),
         *[
             (name, ctypes.c_void_p)
-            for name in "channels table gains eta inverse back inertia past steps durations".split()
+            for name in (
+                "channels table gains eta inverse back inertia past steps durations"
+            ).split()
         ],
         *[(name, ctypes.c_void_p) for name in (*_FUNCTIONS, "work", "scratch")],
     ]

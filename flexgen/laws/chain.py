@@ -1,9 +1,11 @@
-"""Gains and stability of a sampled chain of integrators: what feedback linearization makes of every joint.
+"""Gains and stability of a sampled chain of integrators: what feedback linearization makes of
+every joint.
 
     d^n q/dt^n = s,    s = -(g_0 q + g_1 q' + ...),    s held from t_k + delay to t_(k+1) + delay
 
-The continuous gains are those of (p + w)^n; the discrete ones place all poles of the sampled chain at exp(-w h).
-With the continuous gains four integrators are stable for w h < 0.5111, with a delay of one sample for w h < 0.1979.
+The continuous gains are those of (p + w)^n; the discrete ones place all poles of the sampled chain
+at exp(-w h). With the continuous gains four integrators are stable for w h < 0.5111, with a delay
+of one sample for w h < 0.1979.
 """
 
 from __future__ import annotations
@@ -24,7 +26,9 @@ FORMS: tuple[FormName, ...] = get_args(FormName)
 
 
 def chain_gains(frequency_hz: float, n: int, form: str, sample_s: float) -> np.ndarray:
-    """Gains ``g_0 ... g_(n-1)`` (n,) [1/s^n, ..., 1/s] of a chain of n integrators with all poles at -2 pi f."""
+    """Gains ``g_0 ... g_(n-1)`` (n,) [1/s^n, ..., 1/s] of a chain of n integrators with all poles
+    at -2 pi f.
+    """
     w = 2 * math.pi * frequency_hz
     if form == "continuous":
         return np.array([math.comb(n, k) * w ** (n - k) for k in range(n)])
@@ -50,12 +54,17 @@ def _integrators(n: int, h: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def chain_loop(gains: np.ndarray, timing: Timing) -> np.ndarray:
-    """Matrix of the sampled loop: chain, its last measurement, and the inputs under way, the newest first."""
-    n, h = len(gains), timing.sample_s
+    """Matrix of the sampled loop: chain, its last measurement, and the inputs under way, the
+    newest first.
+    """
+    n = len(gains)
+    h = timing.sample_s
     past = timing.whole + 2
     size = 2 * n + past
     pick = np.eye(size)
-    x, last, inputs = pick[:n], pick[n : 2 * n], pick[2 * n :]
+    x = pick[:n]
+    last = pick[n : 2 * n]
+    inputs = pick[2 * n :]
     seen = x.copy()
     if timing.differences:
         seen[1::2] = (x[::2][: len(seen[1::2])] - last[::2][: len(seen[1::2])]) / h
@@ -76,23 +85,32 @@ def chain_loop(gains: np.ndarray, timing: Timing) -> np.ndarray:
 
 
 def largest_eigenvalue(gains: np.ndarray, timing: Timing) -> float:
-    """Spectral radius of the sampled loop; stable below 1. Time in samples, which does not change the eigenvalues."""
-    h, n = timing.sample_s, len(gains)
+    """Spectral radius of the sampled loop; stable below 1. Time in samples, which does not change
+    the eigenvalues.
+    """
+    h = timing.sample_s
+    n = len(gains)
     scaled = Timing(1.0, timing.delay_s / h, timing.predicted, timing.differences)
     return float(np.abs(eigvals(chain_loop(gains * h ** np.arange(n, 0, -1), scaled))).max())
 
 
 def largest_frequency(n: int, form: str, timing: Timing) -> float:
-    """The largest frequency [Hz] up to which the sampled loop is stable, by bisection from below."""
+    """The largest frequency [Hz] up to which the sampled loop is stable, by bisection from
+    below.
+    """
 
     def stable(frequency: float) -> bool:
-        return largest_eigenvalue(chain_gains(frequency, n, form, timing.sample_s), timing) < STABLE
+        return (
+            largest_eigenvalue(chain_gains(frequency, n, form, timing.sample_s), timing) < STABLE
+        )
 
-    low, high = 1e-3 / timing.sample_s, 1e-3 / timing.sample_s
+    low = 1e-3 / timing.sample_s
+    high = 1e-3 / timing.sample_s
     if not stable(low):
         return 0.0
     while stable(high) and high < 0.5 / timing.sample_s:
-        low, high = high, 1.1 * high
+        low = high
+        high = 1.1 * high
     for _ in range(BISECTIONS):
         middle = 0.5 * (low + high)
         low, high = (middle, high) if stable(middle) else (low, middle)
@@ -108,8 +126,9 @@ def stable_gains(
     if not (np.isfinite(gains).all() and size < STABLE) and not allow_unstable:
         how = ", speeds by differences" if timing.differences else ""
         raise ArgumentError(
-            f"controller, frequency_hz: given {frequency_hz:g} Hz, with which a chain of {n} integrators is unstable "
-            f"at {1e3 * timing.sample_s:g} ms and a delay of {1e3 * timing.delay_s:g} ms{how} (largest eigenvalue "
-            f"{size:.4g}); expected at most {largest_frequency(n, form, timing):.4g} Hz"
+            f"controller, frequency_hz: given {frequency_hz:g} Hz, with which a chain of {n} "
+            f"integrators is unstable at {1e3 * timing.sample_s:g} ms and a delay of "
+            f"{1e3 * timing.delay_s:g} ms{how} (largest eigenvalue {size:.4g}); expected at "
+            f"most {largest_frequency(n, form, timing):.4g} Hz"
         )
     return gains

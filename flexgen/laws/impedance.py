@@ -1,16 +1,19 @@
-"""Springs and dampers between the planned motion and the robot, about the feedforward of the elastic robot.
+"""Springs and dampers between the planned motion and the robot, about the feedforward of the
+elastic robot.
 
     u = u_ff + (1 + k_t) A' (K A e + D A e') + k_t eta^-T (tau_d - tau),    e = q_m,d - q_m
     A = J_g eta^-1 at the tool,  eta^-1 at the joints
 
-e': difference of two samples; tau: measured torques of the gears; J_g: columns of the Jacobian of the actuated
-coordinates on the planned motion. The feedback of torques makes the inertias of the rotors, and their friction, smaller
-by 1 + k_t, and leaves stiffness and damping as they are. Errors are seen by the motors: deflections of gears and links
-are in series with the springs of the law.
+e': difference of two samples; tau: measured torques of the gears; J_g: columns of the Jacobian of
+the actuated coordinates on the planned motion. The feedback of torques makes the inertias of the
+rotors, and their friction, smaller by 1 + k_t, and leaves stiffness and damping as they are.
+Errors are seen by the motors: deflections of gears and links are in series with the springs of the
+law.
 
-Sources: N. Hogan, Impedance control, ASME J. Dyn. Syst. Meas. Control 107, 1985; A. Albu-Schaeffer, C. Ott,
-G. Hirzinger, A unified passivity-based control framework for position, torque and impedance control of flexible joint
-robots, Int. J. Robotics Research 26(1), 2007.
+Sources: N. Hogan, Impedance control, ASME J. Dyn. Syst. Meas. Control 107, 1985; A.
+Albu-Schaeffer, C. Ott,
+G. Hirzinger, A unified passivity-based control framework for position, torque and impedance
+control of flexible joint robots, Int. J. Robotics Research 26(1), 2007.
 """
 
 from __future__ import annotations
@@ -41,18 +44,21 @@ FREE = 1e-9  # of the largest stiffness of the motors: a motion that no spring h
 @checked_class
 @dataclass(frozen=True)
 class Impedance(LinearDesign):
-    """Stiffness and damping at the tool or at the joints, with feedback of measured joint torques; see the module.
+    """Stiffness and damping at the tool or at the joints, with feedback of measured joint torques;
+    see the module.
 
     Parameters
     ----------
     tool_stiffness : sequence (3,) or (6,), optional [N/m], then [N m/rad]
         Along the axes of the world, then about them.
     joint_stiffness : sequence (n_g,), optional [N m/rad or N/m]
-        Of the actuated coordinates, instead. Default: ``(2 pi frequency_hz)^2`` times the inertia at each of them.
+        Of the actuated coordinates, instead. Default: ``(2 pi frequency_hz)^2`` times the inertia
+        at each of them.
     damping : sequence, optional [N s/m, N m s/rad]
         As many numbers as of the stiffness; default: by ``damping_ratio``.
     damping_ratio : float
-        ``A' D A = 2 damping_ratio S (S^-1 A' K A S^-1)^(1/2) S``, S^2: inertia that the motors move.
+        ``A' D A = 2 damping_ratio S (S^-1 A' K A S^-1)^(1/2) S``, S^2: inertia that the motors
+        move.
     frequency_hz : float [Hz]
         Where no stiffness is given.
     torque_gain : float
@@ -61,14 +67,19 @@ class Impedance(LinearDesign):
     Raises
     ------
     ArgumentError
-        A parameter is out of range; in the loop: a motion of the motors has no spring, a torque is not measured, or the
-        sampled loop is unstable.
+        A parameter is out of range; in the loop: a motion of the motors has no spring, a torque is
+        not measured, or the sampled loop is unstable.
 
     Examples
     --------
     >>> soft = flexgen.Impedance(tool_stiffness=(2e4, 2e4, 2e4))  # N/m
-    >>> run = flexgen.control("planar5_nmp", controller=soft, sample_time=1e-3, plants={"soft": {"stiffness": 0.8}})
-    >>> f"{1e6 * run.distance(run.nominal).max():.1f} um", f"{1e3 * run.distance(run['soft']).max():.1f} mm"
+    >>> run = flexgen.control(
+    ...     "planar5_nmp", controller=soft, sample_time=1e-3, plants={"soft": {"stiffness": 0.8}}
+    ... )
+    >>> (
+    ...     f"{1e6 * run.distance(run.nominal).max():.1f} um",
+    ...     f"{1e3 * run.distance(run['soft']).max():.1f} mm",
+    ... )
     ('0.0 um', '1.7 mm')
     """
 
@@ -100,8 +111,8 @@ class Impedance(LinearDesign):
             )
         if self.tool_stiffness is not None and len(self.tool_stiffness) not in (3, 6):
             raise ArgumentError(
-                f"controller, tool_stiffness: given {len(self.tool_stiffness)} numbers, expected 3 (along x, y, z) or "
-                "6 (about them too)"
+                f"controller, tool_stiffness: given {len(self.tool_stiffness)} numbers, "
+                "expected 3 (along x, y, z) or 6 (about them too)"
             )
         stiffness = self.joint_stiffness if self.tool_stiffness is None else self.tool_stiffness
         if self.damping is not None and (stiffness is None or len(self.damping) != len(stiffness)):
@@ -138,7 +149,9 @@ class Impedance(LinearDesign):
         motion: Sequence[np.ndarray],
         samples: int = 1,
     ) -> Linear:
-        """The controller for parts of a motion, of ``samples`` samples each; ``motion``: one point for each part."""
+        """The controller for parts of a motion, of ``samples`` samples each; ``motion``: one point
+        for each part.
+        """
         check_design(model, sample_s, delay_s, motion)
         n_m = model.n_m
         n_y = n_m + sum(len(sensor.channels) for sensor in model.sensors)
@@ -146,11 +159,13 @@ class Impedance(LinearDesign):
         inverse = np.linalg.inv(model.eta)
         stiffness, damping = self._of_motors(model, motion)
         parts = len(stiffness)
-        D, C = np.zeros((parts, n_m, n_y)), -(1 + self.torque_gain) * damping / sample_s
+        D = np.zeros((parts, n_m, n_y))
+        C = -(1 + self.torque_gain) * damping / sample_s
         D[:, :, :n_m] = (1 + self.torque_gain) * stiffness - C
         if self.torque_gain:
             D[:, :, channels] += self.torque_gain * inverse.T
-        A, B = np.zeros((parts, n_m, n_m)), np.tile(np.eye(n_m, n_y), (parts, 1, 1))
+        A = np.zeros((parts, n_m, n_m))
+        B = np.tile(np.eye(n_m, n_y), (parts, 1, 1))
         poses = PoseModels(model)
         for k in np.unique(np.linspace(0, parts - 1, POSES).astype(int)):
             own = Linear(A[k], B[k], C[k], D[k])
@@ -159,25 +174,30 @@ class Impedance(LinearDesign):
             if not largest < UNSTABLE:
                 name, value = self._given
                 raise ArgumentError(
-                    f"controller, {name}: given {value!r}, with which the sampled loop is unstable at "
-                    f"{1e3 * sample_s:g} ms and a delay of {1e3 * delay_s:g} ms (largest eigenvalue {largest:.6g}); "
-                    "expected eigenvalues below 1: less stiffness, damping or torque_gain, a shorter sample time, or "
-                    "more stiffness than gravity takes"
+                    f"controller, {name}: given {value!r}, with which the sampled loop is "
+                    f"unstable at {1e3 * sample_s:g} ms and a delay of {1e3 * delay_s:g} ms "
+                    f"(largest eigenvalue {largest:.6g}); expected eigenvalues below 1: less "
+                    "stiffness, damping or torque_gain, a shorter sample time, or more "
+                    "stiffness than gravity takes"
                 )
         return Linear(A, B, C, D, samples)
 
     def _of_motors(
         self, model: RobotModel, motion: Sequence[np.ndarray]
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Stiffness and damping (parts, n_m, n_m) between the motors and their references [N m/rad, N m s/rad]."""
-        inverse, parts = np.linalg.inv(model.eta), len(motion[0])
+        """Stiffness and damping (parts, n_m, n_m) between the motors and their references [N
+        m/rad, N m s/rad].
+        """
+        inverse = np.linalg.inv(model.eta)
+        parts = len(motion[0])
         equations = derive(model)
         M = LocalDynamics(equations).matrices(motion, np.zeros(0))[0]
         rigid = np.zeros((model.dof, model.n_m))  # motions of the robot with stiff springs
         rigid[list(model.i_g)] = inverse
         rigid[model.n_a + np.arange(len(model.i_m)), list(model.i_m)] = 1.0
         inertia = rigid.T @ M @ rigid
-        A, K = np.tile(inverse, (parts, 1, 1)), self.joint_stiffness
+        A = np.tile(inverse, (parts, 1, 1))
+        K = self.joint_stiffness
         if self.tool_stiffness is not None:
             K = self.tool_stiffness
             jacobians = evaluate(equations.function("jacobian"), motion[0])[0].reshape(
@@ -196,8 +216,9 @@ class Impedance(LinearDesign):
         if not (least > FREE * most).all():
             name, value = self._given
             raise ArgumentError(
-                f"controller, {name}: given {value!r}, which leaves a motion of the motors free at a pose of the path, "
-                "expected a spring for each: tool_stiffness with 6 numbers above 0, or joint_stiffness"
+                f"controller, {name}: given {value!r}, which leaves a motion of the motors free "
+                "at a pose of the path, expected a spring for each: tool_stiffness with 6 "
+                "numbers above 0, or joint_stiffness"
             )
         if self.damping is not None:
             return stiffness, A.transpose(0, 2, 1) @ np.diag(self.damping) @ A
@@ -206,10 +227,13 @@ class Impedance(LinearDesign):
         return stiffness, np.array([2 * self.damping_ratio * _critical(K, M) for K, M in pairs])
 
     def _torque_channels(self, model: RobotModel) -> list[int]:
-        """The measured channels of the torques of the gears; ArgumentError where one is missing, late or not usable."""
+        """The measured channels of the torques of the gears; ArgumentError where one is missing,
+        late or not usable.
+        """
         if not self.torque_gain:
             return []
-        found, at = dict[str, int](), model.n_m
+        found = dict[str, int]()
+        at = model.n_m
         for sensor in model.sensors:
             if sensor.type == "joint_torque" and sensor.delay_s == 0:
                 found.setdefault(sensor.place, at)
@@ -218,19 +242,23 @@ class Impedance(LinearDesign):
         missing = [name for name in names if name not in found]
         if missing:
             raise ArgumentError(
-                f"controller, torque_gain: given {self.torque_gain:g} and the model {model.name} without a sensor of "
-                f"type joint_torque, with delay_s = 0, at {', '.join(missing)}, expected one at each gear"
+                f"controller, torque_gain: given {self.torque_gain:g} and the model "
+                f"{model.name} without a sensor of type joint_torque, with delay_s = 0, at "
+                f"{', '.join(missing)}, expected one at each gear"
             )
         if len(model.i_m) < model.n_m:
             raise ArgumentError(
-                f"controller, torque_gain: given {self.torque_gain:g} and the model {model.name} with rigid gears, "
-                "whose torques follow the motors at once, expected 0"
+                f"controller, torque_gain: given {self.torque_gain:g} and the model "
+                f"{model.name} with rigid gears, whose torques follow the motors at once, "
+                "expected 0"
             )
         return [found[name] for name in names]
 
 
 def _critical(K: np.ndarray, M: np.ndarray) -> np.ndarray:
-    """``M^(1/2) (M^(-1/2) K M^(-1/2))^(1/2) M^(1/2)``: half the damping without overshoot of all modes."""
+    """``M^(1/2) (M^(-1/2) K M^(-1/2))^(1/2) M^(1/2)``: half the damping without overshoot of all
+    modes.
+    """
     root = np.real(sqrtm(M))
     back = np.linalg.inv(root)
     inner = back @ K @ back

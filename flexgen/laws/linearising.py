@@ -4,11 +4,12 @@
     tau = J_m eta (a + d'') + f(v_m) + eta^-T T
     s = q_d'''' + g_3 (j_d - j) + g_2 (a_d - a) + g_1 (v_d - v) + g_0 (q_d - q)
 
-with ``h = c + g - f_a`` and the deflection d for which the fourth derivative of q is s. Damping of the gears is left
-out: see `flexgen.mechanics.flexible_joint`.
+with ``h = c + g - f_a`` and the deflection d for which the fourth derivative of q is s. Damping of
+the gears is left out: see `flexgen.mechanics.flexible_joint`.
 
-Sources: M. W. Spong, ASME J. Dyn. Syst. Meas. Control 109, 1987; S. Moberg and S. Hanssen, On feedback linearization
-for robust tracking control of flexible joint robots, IFAC World Congress 2008.
+Sources: M. W. Spong, ASME J. Dyn. Syst. Meas. Control 109, 1987; S. Moberg and S. Hanssen, On
+feedback linearization for robust tracking control of flexible joint robots, IFAC World
+Congress 2008.
 """
 
 from __future__ import annotations
@@ -48,15 +49,17 @@ def check_frequency(value: float, name: str = "frequency_hz") -> None:
 class FeedbackLinearisation(ModelLaw):
     """Feedback linearization of a robot whose arm coordinates are all driven through springs.
 
-    Each arm coordinate becomes a chain of four integrators with all poles at ``-2 pi frequency_hz``. The law measures
-    motor and arm angles (sensors of type ``link_encoder``; speeds are differences of two samples) or the exact state
+    Each arm coordinate becomes a chain of four integrators with all poles at
+    ``-2 pi frequency_hz``. The law measures motor and arm angles (sensors of type
+    ``link_encoder``; speeds are differences of two samples) or the exact state
     (``flexgen.control(..., exact_state=True)``).
 
     Parameters
     ----------
     frequency_hz : float [Hz]
     form : str
-        ``"continuous"``: gains of ``(p + w)^4``; ``"discrete"``: of the chain that is sampled with a hold.
+        ``"continuous"``: gains of ``(p + w)^4``; ``"discrete"``: of the chain that is sampled with
+        a hold.
     predict : bool
         The state is predicted over the delay and half a sample, with the torques under way.
     allow_unstable : bool
@@ -65,12 +68,14 @@ class FeedbackLinearisation(ModelLaw):
     Raises
     ------
     ArgumentError
-        A parameter is out of range; in the loop: the model does not fit, an arm angle is not measured, or the sampled
-        chain of integrators is unstable.
+        A parameter is out of range; in the loop: the model does not fit, an arm angle is not
+        measured, or the sampled chain of integrators is unstable.
 
     Examples
     --------
-    >>> run = flexgen.control("elbow", controller=flexgen.FeedbackLinearisation(frequency_hz=10.0), exact_state=True)
+    >>> run = flexgen.control(
+    ...     "elbow", controller=flexgen.FeedbackLinearisation(frequency_hz=10.0), exact_state=True
+    ... )
     >>> f"{1e6 * run.distance(run.nominal).max():.0f} um"
     '79 um'
     """
@@ -107,31 +112,43 @@ class FeedbackLinearisation(ModelLaw):
         n = len(motion.reference.time)
         table = np.hstack([motion.difference(motion.arm(ahead)).reshape(n, -1) for ahead in whole])
         return BoundLaw(
-            LINEARISATION, model, library, uses, timing, table, np.tile(gains[:, None], (1, model.n_m)),
-            motion.state_channel, motion.link_channels("FeedbackLinearisation"), motion.reference.held[0],
+            LINEARISATION,
+            model,
+            library,
+            uses,
+            timing,
+            table,
+            np.tile(gains[:, None], (1, model.n_m)),
+            motion.state_channel,
+            motion.link_channels("FeedbackLinearisation"),
+            motion.reference.held[0],
             motion.steps_per_s,
-        )  # fmt: skip
+        )
 
 
 @checked_class
 @dataclass(frozen=True)
 class ComputedTorque(ModelLaw):
-    """Computed torque of the rigid robot from the motor angles, the limit of feedback linearization for stiff springs.
+    """Computed torque of the rigid robot from the motor angles, the limit of feedback
+    linearization for stiff springs.
 
         a = a_d + 2 w (v_d - v) + w^2 (q_d - q),   q = eta^-1 q_m
         tau = J_m eta a + f(v_m) + eta^-T (M a + c + g - f_a)
 
-    The deflections of the springs are not compensated. ``frequency_hz``: w / (2 pi); speeds are differences of two
-    samples, or exact with ``flexgen.control(..., exact_state=True)``.
+    The deflections of the springs are not compensated. ``frequency_hz``: w / (2 pi); speeds are
+    differences of two samples, or exact with ``flexgen.control(..., exact_state=True)``.
 
     Raises
     ------
     ArgumentError
-        A parameter is out of range; in the loop: the model has coordinates without motor, or the loop is unstable.
+        A parameter is out of range; in the loop: the model has coordinates without motor, or the
+        loop is unstable.
 
     Examples
     --------
-    >>> run = flexgen.control("elbow", controller=flexgen.ComputedTorque(frequency_hz=5.0), exact_state=True)
+    >>> run = flexgen.control(
+    ...     "elbow", controller=flexgen.ComputedTorque(frequency_hz=5.0), exact_state=True
+    ... )
     >>> f"{1e6 * run.distance(run.nominal).max():.0f} um"
     '965 um'
     """
@@ -149,7 +166,8 @@ class ComputedTorque(ModelLaw):
 
     def bound(self, motion: LawMotion) -> BoundLaw:
         """The law for a planned motion."""
-        model, timing = motion.model, motion.timing()
+        model = motion.model
+        timing = motion.timing()
         reason = _rigid_obstacle(model)
         if reason is not None:
             raise ArgumentError(f"controller ComputedTorque: {reason}")
@@ -161,14 +179,23 @@ class ComputedTorque(ModelLaw):
         library = library_with(model, ["inversion_rows", "motor_friction"])
         table = motion.difference(motion.arm(0.0)[:, :3]).reshape(len(motion.reference.time), -1)
         return BoundLaw(
-            COMPUTED_TORQUE, model, library, ("rows", "friction"), timing, table,
-            np.tile(gains[:, None], (1, model.n_m)), motion.state_channel, None, motion.reference.held[0],
+            COMPUTED_TORQUE,
+            model,
+            library,
+            ("rows", "friction"),
+            timing,
+            table,
+            np.tile(gains[:, None], (1, model.n_m)),
+            motion.state_channel,
+            None,
+            motion.reference.held[0],
             motion.steps_per_s,
-        )  # fmt: skip
+        )
 
     def _check(self, motion: LawMotion, gains: np.ndarray) -> None:
         """ArgumentError where the sampled loop is unstable."""
-        model, inverse = motion.model, np.linalg.inv(motion.model.eta)
+        model = motion.model
+        inverse = np.linalg.inv(motion.model.eta)
         # behind rigid gears the law makes chains of two integrators
         if model.dof < model.n_a + model.n_m:
             stable_gains(self.frequency_hz, 2, "continuous", motion.timing())
@@ -179,7 +206,9 @@ class ComputedTorque(ModelLaw):
             M = evaluate(motion.equations.function("mass_matrix"), q_a[None])[0].reshape(
                 model.n_a, model.n_a
             )
-            per = (np.diag([m.inertia for m in model.motors]) @ model.eta + inverse.T @ M) @ inverse
+            per = (
+                np.diag([m.inertia for m in model.motors]) @ model.eta + inverse.T @ M
+            ) @ inverse
             none = np.zeros((model.n_m, model.n_a))
             return np.hstack([none, gains[0] * per]), np.hstack([none, gains[1] * per])
 
@@ -189,5 +218,8 @@ class ComputedTorque(ModelLaw):
 def _rigid_obstacle(model: RobotModel) -> str | None:
     if model.n_e:
         names = ", ".join(model.coordinates[i].name for i in model.i_e)
-        return f"model {model.name}: given coordinates without motor ({names}), expected a motor for each"
+        return (
+            f"model {model.name}: given coordinates without motor ({names}), expected a motor "
+            "for each"
+        )
     return model.inversion_obstacle()

@@ -1,16 +1,19 @@
 """H-infinity control of the motor angles by loop shaping at one pose.
 
-The plant from motor torques to motor angles, with the delay, gets the shape that the loop shall have,
+The plant from motor torques to motor angles, with the delay, gets the shape that the loop shall
+have,
 
     P_s = P W,    W = J w_c^2 (s + w_i)/s  w_l^2/(s^2 + sqrt(2) w_l s + w_l^2)
 
-and K is the controller that keeps P_s stable under the largest perturbation of its normalized coprime factors. With
+and K is the controller that keeps P_s stable under the largest perturbation of its normalized
+coprime factors. With
 
     A'X + XA - XBB'X + C'C = 0,    AZ + ZA' - ZC'CZ + BB' = 0,    gamma_min^2 = 1 + max eig(XZ)
 
 no search for gamma is needed. u = tau_ff + W K (q_ref - q), sampled by the bilinear transform.
 
-Source: D. McFarlane, K. Glover, IEEE Trans. Automatic Control 37(6), 1992; delay by a Pade approximation of order two.
+Source: D. McFarlane, K. Glover, IEEE Trans. Automatic Control 37(6), 1992; delay by a Pade
+approximation of order two.
 """
 
 from __future__ import annotations
@@ -37,7 +40,8 @@ from flexgen.spec.arguments import is_number
 from flexgen.type_checks import checked_class
 
 # factors of the crossover frequency that are tried where a loop is unstable
-LOWER, LOWERINGS = 0.8, 30
+LOWER = 0.8
+LOWERINGS = 30
 System = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]  # A, B, C, D
 
 
@@ -53,12 +57,14 @@ class LoopShaping(LinearDesign):
     factor : float
         gamma over gamma_min, more than 1.
     model : RobotModel, optional
-        That the controller is computed for; default: the model of the robot. For springs that are not linear one with
-        linear springs in between.
+        That the controller is computed for; default: the model of the robot. For springs that are
+        not linear one with linear springs in between.
 
     Examples
     --------
-    >>> run = flexgen.control("elbow", controller=flexgen.LoopShaping(crossover_hz=2.0, integral_hz=0.2))
+    >>> run = flexgen.control(
+    ...     "elbow", controller=flexgen.LoopShaping(crossover_hz=2.0, integral_hz=0.2)
+    ... )
     >>> {pose: f"{margins.gain:.2f}" for pose, margins in run.margins().items()}
     {'begin': '4.75', 'middle': '3.97', 'end': '4.80'}
     """
@@ -77,14 +83,18 @@ class LoopShaping(LinearDesign):
                     f"controller, {name}: given {value!r}, expected more than 0, at most 1e5 Hz"
                 )
         if not (is_number(self.factor) and self.factor > 1):
-            raise ArgumentError(f"controller, factor: given {self.factor!r}, expected a number > 1")
+            raise ArgumentError(
+                f"controller, factor: given {self.factor!r}, expected a number > 1"
+            )
 
     def design(
         self, model: RobotModel, sample_s: float, delay_s: float, motion: Sequence[np.ndarray]
     ) -> tuple[Linear, float]:
-        """The controller, and the margin 1/gamma: the size of the perturbation that it bears, at most 1.
+        """The controller, and the margin 1/gamma: the size of the perturbation that it bears, at
+        most 1.
 
-        ``motion``: ``q_a v_a a_a q_m v_m a_m tau_m`` (1, ...) of the pose. SolverError where there is no controller.
+        ``motion``: ``q_a v_a a_a q_m v_m a_m tau_m`` (1, ...) of the pose. SolverError where there
+        is no controller.
         """
         robot = self.model or model
         check_design(robot, sample_s, delay_s, motion)
@@ -107,7 +117,8 @@ class LoopShaping(LinearDesign):
         motion: Sequence[np.ndarray],
         samples: int = 1,
     ) -> Linear:
-        """The controller for the first pose; ArgumentError where the sampled loop with it is unstable there.
+        """The controller for the first pose; ArgumentError where the sampled loop with it is
+        unstable there.
 
         The design knows the hold and the delay by an approximation, the tested loop exactly.
         """
@@ -126,9 +137,10 @@ class LoopShaping(LinearDesign):
         made, largest = attempt(self)
         if not largest < 1.0:
             raise ArgumentError(
-                f"controller LoopShaping, crossover_hz: given {self.crossover_hz:g} Hz, with which the sampled loop is "
-                f"unstable at {1e3 * sample_s:g} ms and a delay of {1e3 * delay_s:g} ms (largest eigenvalue "
-                f"{largest:.4g}); expected {self._find_stable(attempt)}"
+                f"controller LoopShaping, crossover_hz: given {self.crossover_hz:g} Hz, with "
+                f"which the sampled loop is unstable at {1e3 * sample_s:g} ms and a delay of "
+                f"{1e3 * delay_s:g} ms (largest eigenvalue {largest:.4g}); expected "
+                f"{self._find_stable(attempt)}"
             )
         A, B, C, D = made.matrices
         # only the motor angles are fed back
@@ -154,9 +166,11 @@ class LoopShaping(LinearDesign):
         )
         integral = (np.zeros((1, 1)), np.ones((1, 1)), np.full((1, 1), w_i), np.ones((1, 1)))
         low_pass = (
-            np.array([[0.0, 1.0], [-(w_l**2), -np.sqrt(2) * w_l]]), np.array([[0.0], [1.0]]), np.array([[w_l**2, 0.0]]),
+            np.array([[0.0, 1.0], [-(w_l**2), -np.sqrt(2) * w_l]]),
+            np.array([[0.0], [1.0]]),
+            np.array([[w_l**2, 0.0]]),
             np.zeros((1, 1)),
-        )  # fmt: skip
+        )
         A, B, C, D = series(integral, low_pass)
         n_m = len(inertias)
         gain = np.diag(w_c**2 * inertias)
@@ -168,7 +182,8 @@ class LoopShaping(LinearDesign):
 def linear_plant(model: RobotModel, motion: Sequence[np.ndarray]) -> System:
     """From motor torques to motor angles at a pose."""
     M, D, K, B = (x[0] for x in LocalDynamics(derive(model)).matrices(motion, np.zeros(0)))
-    n, inverse = len(M), np.linalg.inv(M)
+    n = len(M)
+    inverse = np.linalg.inv(M)
     A = np.block([[np.zeros((n, n)), np.eye(n)], [-inverse @ K, -inverse @ D]])
     rows = motor_rows(model)
     C = np.hstack([rows, np.zeros_like(rows)])
@@ -179,7 +194,8 @@ def pade(delay_s: float, inputs: int) -> System:
     """``exp(-s T)`` as ``(12 - 6 s T + (s T)^2)/(12 + 6 s T + (s T)^2)`` for each input."""
     if delay_s <= 0:
         return np.zeros((0, 0)), np.zeros((0, inputs)), np.zeros((inputs, 0)), np.eye(inputs)
-    a, b = 12.0 / delay_s**2, 6.0 / delay_s
+    a = 12.0 / delay_s**2
+    b = 6.0 / delay_s
     one = np.eye(inputs)
     A = np.kron(one, np.array([[0.0, 1.0], [-a, -b]]))
     return A, np.kron(one, np.array([[0.0], [1.0]])), np.kron(one, np.array([[0.0, -2 * b]])), one
@@ -194,7 +210,9 @@ def series(first: System, second: System) -> System:
 
 
 def coprime_controller(plant: System, factor: float) -> tuple[System, float]:
-    """Controller of ``y_ref - y`` for a strictly proper plant, and gamma; SolverError where there is none."""
+    """Controller of ``y_ref - y`` for a strictly proper plant, and gamma; SolverError where there
+    is none.
+    """
     A, B, C, _ = plant
     n = len(A)
     try:
@@ -205,8 +223,8 @@ def coprime_controller(plant: System, factor: float) -> tuple[System, float]:
         G = gamma**2 * np.linalg.solve(L.T, Z @ C.T)
     except (np.linalg.LinAlgError, ValueError) as error:
         raise SolverError(
-            f"H-infinity controller: the Riccati equations have no solution at the pose ({error}); "
-            "use lower frequencies"
+            "H-infinity controller: the Riccati equations have no solution at the pose "
+            f"({error}); use lower frequencies"
         ) from error
     F = -B.T @ X
     return (A + B @ F + G @ C, G, F, np.zeros((B.shape[1], len(C)))), gamma

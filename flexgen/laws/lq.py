@@ -1,14 +1,17 @@
 """Linear quadratic control about a reference: gains by pose, with or without an observer.
 
-    dx' = A dx + B (du + d),    dx = (dy, dy'),  y = (q_a, motors behind elastic gears),    d' = white noise
+    dx' = A dx + B (du + d),    dx = (dy, dy'),  y = (q_a, motors behind elastic gears),
+    d' = white noise
 
-    LQ   sum |W dq|^2 + (0.01 s)^2 |W dv|^2 + rho sum (du / u_max)^2  in units of the output, W its Jacobian
+    LQ   sum |W dq|^2 + (0.01 s)^2 |W dv|^2 + rho sum (du / u_max)^2 in units of the output, W its
+         Jacobian
     LQG  du = -K dx^ - d^, dx^ and d^ by the stationary Kalman filter of motor angles and sensors
 
-Everything is sampled with the hold and the delay of the controller; the torques under way are states. The filter's
-noises: torques of a twentieth of the largest, disturbances that grow by the largest torque in a second, a force on the
-tool of 50 N (of 1 m/s^2 times the mass of the robot, where that is smaller), the noise of the encoders, and ten times
-the noise of the sensors (low accelerometer noise makes the filter sensitive to stiffness errors).
+Everything is sampled with the hold and the delay of the controller; the torques under way are
+states. The filter's noises: torques of a twentieth of the largest, disturbances that grow by the
+largest torque in a second, a force on the tool of 50 N (of 1 m/s^2 times the mass of the robot,
+where that is smaller), the noise of the encoders, and ten times the noise of the sensors (low
+accelerometer noise makes the filter sensitive to stiffness errors).
 """
 
 from __future__ import annotations
@@ -33,10 +36,12 @@ from flexgen.type_checks import checked_class
 
 OUTPUT_SCALE = 1e-3  # m or rad: unit of the output in the cost
 SPEED_WEIGHT_S = 0.01
-TOOL_FORCE, TOOL_ACCELERATION = 50.0, 1.0  # N, at most; over the mass of the robot [m/s^2]
+TOOL_FORCE = 50.0  # N, at most
+TOOL_ACCELERATION = 1.0  # over the mass of the robot [m/s^2]
 SENSOR_NOISE = 10.0  # times that of the model file
 # of a channel without noise, and of one that is not used; its units
-LEAST_NOISE, NOT_USED = 1e-6, 1e9
+LEAST_NOISE = 1e-6
+NOT_USED = 1e9
 REGULAR = 1e-12  # weight of states that the cost does not see, relative
 
 
@@ -48,18 +53,18 @@ class LQG(LinearDesign):
     Parameters
     ----------
     rho : float
-        Weight of the torque, relative to a deviation of the output of 1 mm (angles: 1 mrad) at the largest torque of
-        the model file (at 1 N m where it has none).
+        Weight of the torque, relative to a deviation of the output of 1 mm (angles: 1 mrad) at the
+        largest torque of the model file (at 1 N m where it has none).
     encoder_noise : float [rad]
         Of the motor angles, that the filter expects.
     sensors : bool
         The filter uses the sensors of the model file too.
     torque_noise, disturbance_rate : float
-        Noise model of the filter: noise of the torques relative to the largest one, and growth of disturbances, the
-        largest torque in a second.
+        Noise model of the filter: noise of the torques relative to the largest one, and growth of
+        disturbances, the largest torque in a second.
     model : RobotModel, optional
-        That the gains are computed for; default: the model of the robot. For springs that are not linear one with
-        linear springs in between.
+        That the gains are computed for; default: the model of the robot. For springs that are not
+        linear one with linear springs in between.
 
     Examples
     --------
@@ -95,15 +100,16 @@ class LQG(LinearDesign):
         motion: Sequence[np.ndarray],
         samples: int = 1,
     ) -> Linear:
-        """The controller for parts of a motion, of ``samples`` samples each; ``motion``: one point for each part.
+        """The controller for parts of a motion, of ``samples`` samples each; ``motion``: one point
+        for each part.
 
         SolverError where no gain exists at a pose.
         """
         check_design(self.model or model, sample_s, delay_s, motion)
         if late := [x for x in (self.model or model).sensors if self.sensors and x.delay_s > 0.0]:
             raise ArgumentError(
-                f"controller lqg, sensor {late[0].name}: given delay_s = {late[0].delay_s:g} s, expected ones without "
-                "delay, or sensors=False"
+                f"controller lqg, sensor {late[0].name}: given delay_s = {late[0].delay_s:g} s, "
+                "expected ones without delay, or sensors=False"
             )
         design = _Design(self.model or model, sample_s, delay_s, self)
         parts = [design.part([x[k : k + 1] for x in motion]) for k in range(len(motion[0]))]
@@ -115,7 +121,10 @@ class _Design:
     """Controllers at poses of a robot."""
 
     def __init__(self, model: RobotModel, sample_s: float, delay_s: float, options: LQG) -> None:
-        self.model, self.sample_s, self.delay_s, self.options = model, sample_s, delay_s, options
+        self.model = model
+        self.sample_s = sample_s
+        self.delay_s = delay_s
+        self.options = options
         self.poses = PoseModels(model)
         self.u_max = torque_scale(model)
         self.tool_force = _expected_force(model)
@@ -126,20 +135,25 @@ class _Design:
     def part(self, motion: Sequence[np.ndarray]) -> tuple[np.ndarray, ...]:
         """``A, B, C, D`` of the controller at one point of a motion."""
         check_time("gains of the controller")
-        at, h, options = self.poses.at(motion), self.sample_s, self.options
+        at = self.poses.at(motion)
+        h = self.sample_s
+        options = self.options
         if options.sensors and at.D.any():
             names = [name for sensor in self.model.sensors for name in sensor.channels]
             name = names[int(np.flatnonzero(at.D.any(axis=1))[0]) - self.model.n_m]
             raise ArgumentError(
-                f"controller lqg: given the signal {name}, which a motor torque changes at once, expected ones behind "
-                "elastic gears, or sensors=False"
+                f"controller lqg: given the signal {name}, which a motor torque changes at "
+                "once, expected ones behind elastic gears, or sensors=False"
             )
         F, G = sample_model(at.A, at.B, h, self.delay_s)
-        n, n_m, size = len(at.A), self.model.n_m, len(F)
+        n = len(at.A)
+        n_m = self.model.n_m
+        size = len(F)
         gain = regulator(at, F, G, options.rho, self.u_max)
         whole = size + n_m  # and the disturbances
         full = np.zeros((whole, whole))
-        full[:size, :size], full[size:, size:] = F, np.eye(n_m)
+        full[:size, :size] = F
+        full[size:, size:] = np.eye(n_m)
         full[:n, size:] = hold_effects(at.A, at.B, h, 0.0)[1]
         drive = np.vstack([G, np.zeros((n_m, n_m))])
         process = 1e-18 * np.eye(whole)
@@ -167,8 +181,11 @@ def _expected_force(model: RobotModel) -> float:
 def regulator(
     at: PoseModel, F: np.ndarray, G: np.ndarray, rho: float, u_max: np.ndarray
 ) -> np.ndarray:
-    """Gain (n_m, size) of the regulator on the state with the torques under way; see the text of this module."""
-    n, size = len(at.A), len(F)
+    """Gain (n_m, size) of the regulator on the state with the torques under way; see the text of
+    this module.
+    """
+    n = len(at.A)
+    size = len(F)
     weight = at.W.T @ at.W / OUTPUT_SCALE**2
     Q = np.zeros((size, size))
     Q[: n // 2, : n // 2] = weight

@@ -1,7 +1,8 @@
-"""Linear feedback of motors and joint torques: Tomei's PD with gravity compensation, and joint torque feedback.
+"""Linear feedback of motors and joint torques: Tomei's PD with gravity compensation, and joint
+torque feedback.
 
-Sources: P. Tomei, A simple PD controller for robots with elastic joints, IEEE TAC 36(10), 1991; A. Albu-Schaeffer and
-G. Hirzinger, State feedback controller for flexible joint robots, IROS 2000.
+Sources: P. Tomei, A simple PD controller for robots with elastic joints, IEEE TAC 36(10), 1991; A.
+Albu-Schaeffer and G. Hirzinger, State feedback controller for flexible joint robots, IROS 2000.
 """
 
 from __future__ import annotations
@@ -61,19 +62,22 @@ def _refuse(model_reason: str | None, law: str) -> None:
 @checked_class
 @dataclass(frozen=True)
 class TomeiPD(ModelLaw):
-    """Passivity-based PD control of the motors with gravity compensation, stable at every pose for elastic joints.
+    """Passivity-based PD control of the motors with gravity compensation, stable at every pose for
+    elastic joints.
 
-        u = eta^-T g(q_d) + k_p (q_m,d - q_m) + k_d (v_m,d - v_m),    q_m,d at rest: eta (q_d + K^-1 g(q_d))
+        u = eta^-T g(q_d) + k_p (q_m,d - q_m) + k_d (v_m,d - v_m),
+        q_m,d at rest: eta (q_d + K^-1 g(q_d))
 
-    It needs motor angles only, and no model but gravity and stiffness. The gains must be large enough that the position
-    is unique (Tomei 1991): the smallest eigenvalue of ``[[K, -K], [-K, K + eta' k_p eta]]`` above the largest norm of
-    dg/dq, which is tested on the motion.
+    It needs motor angles only, and no model but gravity and stiffness. The gains must be large
+    enough that the position is unique (Tomei 1991): the smallest eigenvalue of
+    ``[[K, -K], [-K, K + eta' k_p eta]]`` above the largest norm of dg/dq, which is tested on the
+    motion.
 
     Parameters
     ----------
     frequency_hz, damping : float
-        ``k_p = w^2 J``, ``k_d = 2 damping w J`` with ``w = 2 pi frequency_hz`` and the inertia J of each motor with
-        stiff springs at the start.
+        ``k_p = w^2 J``, ``k_d = 2 damping w J`` with ``w = 2 pi frequency_hz`` and the inertia J
+        of each motor with stiff springs at the start.
     k_p, k_d : sequence (n_m,) [N m/rad, N m s/rad], optional
         The gains themselves, instead.
     feedforward : bool
@@ -82,8 +86,8 @@ class TomeiPD(ModelLaw):
     Raises
     ------
     ArgumentError
-        A parameter is out of range; in the loop: the model does not fit, the gains are too small for gravity, or the
-        sampled loop is unstable.
+        A parameter is out of range; in the loop: the model does not fit, the gains are too small
+        for gravity, or the sampled loop is unstable.
 
     Examples
     --------
@@ -121,7 +125,8 @@ class TomeiPD(ModelLaw):
 
     def bound(self, motion: LawMotion) -> BoundLaw:
         """The law for a planned motion."""
-        model, n = motion.model, motion.model.n_m
+        model = motion.model
+        n = motion.model.n_m
         _refuse(flexible_joint_obstacle(model), "TomeiPD")
         k_p, k_d = self._gains(motion)
         _check_gravity(motion, k_p)
@@ -135,14 +140,24 @@ class TomeiPD(ModelLaw):
         motors = motion.difference(motion.motors())
         table = np.hstack([base, motors.reshape(len(base), -1), np.zeros((len(base), 2 * n))])
         return BoundLaw(
-            JOINT_TORQUE, model, library_with(model, ["forward_dynamics"]), (), motion.timing(), table,
-            np.vstack([k_p, k_d, np.zeros((2, n))]), motion.state_channel, None, base[0], motion.steps_per_s,
-        )  # fmt: skip
+            JOINT_TORQUE,
+            model,
+            library_with(model, ["forward_dynamics"]),
+            (),
+            motion.timing(),
+            table,
+            np.vstack([k_p, k_d, np.zeros((2, n))]),
+            motion.state_channel,
+            None,
+            base[0],
+            motion.steps_per_s,
+        )
 
 
 def _check_gravity(motion: LawMotion, k_p: np.ndarray) -> None:
     """Tomei's condition at poses of the motion; ArgumentError where it is violated."""
-    model, reference = motion.model, motion.reference
+    model = motion.model
+    reference = motion.reference
     q = ca.SX.sym("q_a", model.n_a)
     slope = ca.Function(
         "dg", [q], [ca.densify(ca.jacobian(motion.equations.function("gravity").expand()(q), q))]
@@ -158,15 +173,17 @@ def _check_gravity(motion: LawMotion, k_p: np.ndarray) -> None:
     )
     if least <= alpha:
         raise ArgumentError(
-            f"controller TomeiPD: given k_p = {k_p}, with which the smallest eigenvalue of springs and gains is "
-            f"{least:.4g} and gravity changes by {alpha:.4g} N m/rad; expected the first above the second: larger gains"
+            f"controller TomeiPD: given k_p = {k_p}, with which the smallest eigenvalue of "
+            f"springs and gains is {least:.4g} and gravity changes by {alpha:.4g} N m/rad; "
+            "expected the first above the second: larger gains"
         )
 
 
 @checked_class
 @dataclass(frozen=True)
 class JointTorqueFeedback(ModelLaw):
-    """State feedback of motor angle, motor speed, joint torque and its rate, about the feedforward.
+    """State feedback of motor angle, motor speed, joint torque and its rate, about the
+    feedforward.
 
         u = u_ff + k_p (q_m,d - q_m) + k_d (v_m,d - v_m) + k_t (T_d - T) + k_s (T_d' - T')
         T = eta^-T spring(eta^-1 q_m - q)
@@ -174,19 +191,22 @@ class JointTorqueFeedback(ModelLaw):
     Parameters
     ----------
     frequency_hz : float [Hz]
-        All four poles of each joint alone, with the inertia of the arm at the start, at ``-2 pi frequency_hz``.
+        All four poles of each joint alone, with the inertia of the arm at the start, at
+        ``-2 pi frequency_hz``.
     k_p, k_d, k_t, k_s : sequence (n_m,), optional
         The gains themselves, motor side [N m/rad, N m s/rad, 1, s]: all four or none.
 
     Raises
     ------
     ArgumentError
-        A parameter is out of range; in the loop: the model does not fit, an arm angle is not measured, or the sampled
-        loop is unstable.
+        A parameter is out of range; in the loop: the model does not fit, an arm angle is not
+        measured, or the sampled loop is unstable.
 
     Examples
     --------
-    >>> run = flexgen.control("elbow", controller=flexgen.JointTorqueFeedback(frequency_hz=10.0), exact_state=True)
+    >>> run = flexgen.control(
+    ...     "elbow", controller=flexgen.JointTorqueFeedback(frequency_hz=10.0), exact_state=True
+    ... )
     >>> f"{1e6 * run.distance(run.nominal).max():.0f} um"
     '1 um'
     """
@@ -215,7 +235,8 @@ class JointTorqueFeedback(ModelLaw):
 
     def _gains(self, motion: LawMotion, K: np.ndarray) -> np.ndarray:
         """``k_p, k_d, k_t, k_s`` (4, n_m)."""
-        model, n = motion.model, motion.model.n_m
+        model = motion.model
+        n = motion.model.n_m
         if self.k_p is not None:
             given = {"k_p": self.k_p, "k_d": self.k_d, "k_t": self.k_t, "k_s": self.k_s}
             return np.array(
@@ -224,28 +245,35 @@ class JointTorqueFeedback(ModelLaw):
         eta = np.array(model.eta)
         if np.any(eta != np.diag(np.diag(eta))):
             raise ArgumentError(
-                f"controller JointTorqueFeedback: given the model {model.name} with motors that drive several joints, "
-                "expected the gains k_p, k_d, k_t, k_s instead of frequency_hz"
+                f"controller JointTorqueFeedback: given the model {model.name} with motors that "
+                "drive several joints, expected the gains k_p, k_d, k_t, k_s instead of "
+                "frequency_hz"
             )
-        ratio, w = np.diag(eta), 2 * np.pi * self.frequency_hz
+        ratio = np.diag(eta)
+        w = 2 * np.pi * self.frequency_hz
         J = np.array([m.inertia for m in model.motors]) * ratio**2
         pose = motion.reference.motion["q_a"][:1]
         M = np.diag(evaluate(motion.equations.function("mass_matrix"), pose)[0].reshape(n, n))
-        # J M/K p^4 + (k_d M/K + k_s M) p^3 + (J + M + k_p M/K + k_t M) p^2 + k_d p + k_p = J M/K (p + w)^4, arm side
-        k_p, k_d = w**4 * J * M / K, 4 * w**3 * J * M / K
+        # J M/K p^4 + (k_d M/K + k_s M) p^3 + (J + M + k_p M/K + k_t M) p^2 + k_d p + k_p = J M/K
+        # (p + w)^4, arm side
+        k_p = w**4 * J * M / K
+        k_d = 4 * w**3 * J * M / K
         k_t = 6 * w**2 * J / K - J / M - 1 - k_p / K
         k_s = 4 * w * J / K - k_d / K
         return np.array([k_p / ratio**2, k_d / ratio**2, k_t, k_s])
 
     def bound(self, motion: LawMotion) -> BoundLaw:
         """The law for a planned motion."""
-        model, n = motion.model, motion.model.n_m
+        model = motion.model
+        n = motion.model.n_m
         _refuse(flexible_joint_obstacle(model), "JointTorqueFeedback")
         _refuse(model.inversion_obstacle(), "JointTorqueFeedback")
-        law, inverse = motion.equations.function("gear_law"), np.linalg.inv(model.eta)
+        law = motion.equations.function("gear_law")
+        inverse = np.linalg.inv(model.eta)
         K = evaluate(law, np.zeros((1, n)))[1].ravel()
         gains = self._gains(motion, K)
-        arms, motors = -inverse.T @ np.diag(K), inverse.T @ np.diag(K) @ inverse
+        arms = -inverse.T @ np.diag(K)
+        motors = inverse.T @ np.diag(K) @ inverse
         none = np.zeros((n, n))
         feedback = tuple(
             np.hstack([none, np.diag(own)]) + np.diag(of_torque) @ np.hstack([arms, motors])
@@ -257,14 +285,23 @@ class JointTorqueFeedback(ModelLaw):
             else f"k_p to k_s: given {gains.tolist()}"
         )
         check_pose_loop(motion, lambda q_a: (feedback[0], feedback[1]), what)
-        arm, turned = motion.difference(motion.arm(0.0)[:, :2]), motion.difference(motion.motors())
+        arm = motion.difference(motion.arm(0.0)[:, :2])
+        turned = motion.difference(motion.motors())
         deflection, rate = (turned[:, k] @ inverse.T - arm[:, k] for k in range(2))
         p, dp = (x.reshape(-1, n) for x in evaluate(law, deflection))
         table = np.hstack(
             [motion.reference.held, turned[:, 0], turned[:, 1], p @ inverse, (rate * dp) @ inverse]
         )
         return BoundLaw(
-            JOINT_TORQUE, model, library_with(model, ["gear_law"]), ("gear",), motion.timing(), table, gains,
-            motion.state_channel, motion.link_channels("JointTorqueFeedback"), motion.reference.held[0],
+            JOINT_TORQUE,
+            model,
+            library_with(model, ["gear_law"]),
+            ("gear",),
+            motion.timing(),
+            table,
+            gains,
+            motion.state_channel,
+            motion.link_channels("JointTorqueFeedback"),
+            motion.reference.held[0],
             motion.steps_per_s,
-        )  # fmt: skip
+        )

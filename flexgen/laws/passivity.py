@@ -1,18 +1,22 @@
-"""Whether a robot in its sampled loop is passive at the tool: whether it can give energy to what it touches.
+"""Whether a robot in its sampled loop is passive at the tool: whether it can give energy to what
+it touches.
 
-    mu(w) = min Re(f^* v) / |v|^2 over all forces f at the frequencies w + k w_s, k whole,   w_s: of the samples
+    mu(w) = min Re(f^* v) / |v|^2 over all forces f at the frequencies w + k w_s, k whole,
+    w_s: of the samples
 
-f: force on the tool, v: its speed. A force at one frequency makes speeds at all of these, since the controller samples
-and holds:
+f: force on the tool, v: its speed. A force at one frequency makes speeds at all of these, since
+the controller samples and holds:
 
     v_k = G_vf(j w_k) f_k - G_vu(j w_k) H(j w_k) exp(-j w_k t_d) (1 + C P)^-1 C  1/T sum_m G_yf(j w_m) f_m
 
-H: hold, t_d: delay, T: sample time, P: sampled robot, C: controller. The loop is passive where mu >= 0 at all
-frequencies up to half of w_s; then no passive surrounding makes it unstable. ``-mu`` [N s/m] is the damping between
-tool and ground that would make it passive. For one mass with friction b and the law K, B (difference of two samples) at
-the sample time T this is the bound b > K T/2 + B.
+H: hold, t_d: delay, T: sample time, P: sampled robot, C: controller. The loop is passive where
+mu >= 0 at all frequencies up to half of w_s; then no passive surrounding makes it unstable.
+``-mu`` [N s/m] is the damping between tool and ground that would make it passive. For one mass
+with friction b and the law K, B (difference of two samples) at the sample time T this is the bound
+b > K T/2 + B.
 
-Source: J. E. Colgate, G. G. Schenkel, Passivity of a class of sampled-data systems, J. Robotic Systems 14(1), 1997.
+Source: J. E. Colgate, G. G. Schenkel, Passivity of a class of sampled-data systems, J. Robotic
+Systems 14(1), 1997.
 """
 
 from __future__ import annotations
@@ -102,7 +106,8 @@ class Passivity(Result):
         for name, margins in zip(self.poses, self.margins, strict=True):
             k = int(margins.argmin())
             lines.append(
-                f"  {name}: damping at the tool at least {margins[k]:.4g} N s/m, at {self.hz[k]:.4g} Hz"
+                f"  {name}: damping at the tool at least {margins[k]:.4g} N s/m, at "
+                f"{self.hz[k]:.4g} Hz"
             )
         return "\n".join(lines)
 
@@ -117,11 +122,13 @@ class Passivity(Result):
 
 @checked_types
 def check_passivity(run: ControlRun, *, low_hz: float = 0.1) -> Passivity:
-    """Find the frequencies at which the loop could give energy to what the tool touches; see the module.
+    """Find the frequencies at which the loop could give energy to what the tool touches; see the
+    module.
 
-    ``run``'s loop is linearized at the start, middle and end of its motion: a robot with the delay, the hold and the
-    sampled controller, between force on the tool and speed of the tool, in the directions in which the tool can move.
-    Frictions count by their viscous part only: the others damp more, but by less and less in larger motions.
+    ``run``'s loop is linearized at the start, middle and end of its motion: a robot with the
+    delay, the hold and the sampled controller, between force on the tool and speed of the tool, in
+    the directions in which the tool can move. Frictions count by their viscous part only: the
+    others damp more, but by less and less in larger motions.
 
     Parameters
     ----------
@@ -137,30 +144,35 @@ def check_passivity(run: ControlRun, *, low_hz: float = 0.1) -> Passivity:
     Raises
     ------
     ArgumentError
-        The law is not linear, the loop is unstable at a pose, or the controller uses a signal that a force changes at
-        once, such as an accelerometer.
+        The law is not linear, the loop is unstable at a pose, or the controller uses a signal that
+        a force changes at once, such as an accelerometer.
 
     Examples
     --------
-    >>> found = flexgen.check_passivity(flexgen.control("elbow", controller="ppi", sample_time=1e-3))
+    >>> found = flexgen.check_passivity(
+    ...     flexgen.control("elbow", controller="ppi", sample_time=1e-3)
+    ... )
     >>> found.passive  # an integral part is not
     False
     """
-    h, poses, model = run.hardware.sample_s, run.pose_samples, _with_viscous_friction(run.model)
+    h = run.hardware.sample_s
+    poses = run.pose_samples
+    model = _with_viscous_friction(run.model)
     at = np.array(list(poses.values()))
     loops = loops_at(model, run.law, h, run.delay_s, run.reference.points(at), at)
     if not loops:
         raise ArgumentError(f"run: given the controller {run.controller}, expected a linear one")
     if not (is_number(low_hz) and 1e-6 <= low_hz < 0.4 / h):
         raise ArgumentError(f"low_hz: given {low_hz!r}, expected 1e-6 to {0.4 / h:.4g} Hz")
-    hz, equations = np.geomspace(low_hz, 0.5 / h, FREQUENCIES), derive(model)
+    hz = np.geomspace(low_hz, 0.5 / h, FREQUENCIES)
+    equations = derive(model)
     margins = []
     for (name, k), loop in zip(poses.items(), loops, strict=True):
         largest = loop.largest_eigenvalue()
         if not largest < UNSTABLE:
             raise ArgumentError(
-                f"run: given a loop that is unstable at the pose {name} (largest eigenvalue {largest:.4g}), expected a "
-                "stable one; change the controller first"
+                f"run: given a loop that is unstable at the pose {name} (largest eigenvalue "
+                f"{largest:.4g}), expected a stable one; change the controller first"
             )
         margins.append(
             _margins(loop, equations, {key: x[k] for key, x in run.reference.motion.items()}, hz)
@@ -169,7 +181,9 @@ def check_passivity(run: ControlRun, *, low_hz: float = 0.1) -> Passivity:
 
 
 def _with_viscous_friction(model: RobotModel) -> RobotModel:
-    """The model without the other parts of its frictions, whose damping is large only where motions are small."""
+    """The model without the other parts of its frictions, whose damping is large only where
+    motions are small.
+    """
 
     def viscous(friction: Friction) -> Friction:
         return Friction(viscous=friction.viscous_at(model.temperature))
@@ -189,7 +203,9 @@ def _margins(
     loop: LoopAtPose, equations: Equations, point: Mapping[str, np.ndarray], hz: np.ndarray
 ) -> np.ndarray:
     """``mu`` at the frequencies ``hz``, at one pose."""
-    m, T, n_a = loop.model, loop.sample_s, equations.model.n_a
+    m = loop.model
+    T = loop.sample_s
+    n_a = equations.model.n_a
     n = len(m.A) // 2
     J = evaluate(equations.function("jacobian"), point["q_a"][None])[0].reshape(6, n_a)[:3]
     U, sizes, _ = np.linalg.svd(J, full_matrices=False)
@@ -199,7 +215,8 @@ def _margins(
             "run: given a robot whose tool no joint moves, expected a [tool] on a link that moves"
         )
     _check_signals(loop, equations, point)
-    out, k = np.zeros((U.shape[1], 2 * n)), U.shape[1]
+    out = np.zeros((U.shape[1], 2 * n))
+    k = U.shape[1]
     out[:, n : n + n_a] = U.T @ J
     forces = np.hstack([m.push @ U, m.B])[n:].astype(complex)
     F, G = sample_model(m.A, m.B, T, loop.delay_s)
@@ -228,28 +245,39 @@ def _margins(
 
 
 def _least(Q: np.ndarray) -> float:
-    """``min Re(f^* v) / |v|^2`` with ``v = Q f``: the smallest eigenvalue of the Hermitian part of the inverse of Q."""
+    """``min Re(f^* v) / |v|^2`` with ``v = Q f``: the smallest eigenvalue of the Hermitian part of
+    the inverse of Q.
+    """
     scale = 1 / np.abs(np.diag(Q))
     Z = np.linalg.solve(scale[:, None] * Q, np.diag(scale).astype(complex))
     return float(np.linalg.eigvalsh((Z + Z.conj().T) / 2)[0])
 
 
-def _check_signals(loop: LoopAtPose, equations: Equations, point: Mapping[str, np.ndarray]) -> None:
-    """ArgumentError where the controller uses a sensor that a force on the tool changes at once."""
-    model, pushed = equations.model, equations.pushed
+def _check_signals(
+    loop: LoopAtPose, equations: Equations, point: Mapping[str, np.ndarray]
+) -> None:
+    """ArgumentError where the controller uses a sensor that a force on the tool changes at
+    once.
+    """
+    model = equations.model
+    pushed = equations.pushed
     if not model.sensors:
         return
     channels = [(sensor, name) for sensor in model.sensors for name in sensor.channels]
-    signals, lag, f = sensor_signals(pushed), pushed.lagrangian, pushed.force
+    signals = sensor_signals(pushed)
+    lag = pushed.lagrangian
+    f = pushed.force
     assert f is not None
     motion = [lag.chain.q_a, lag.chain.v_a, lag.a_a]
     function = ca.Function(
         "at_once", [*motion, f], [ca.densify(ca.jacobian(signals, x)) for x in (lag.a_a, f)]
     )
     of_a, of_f = (
-        np.array(x) for x in function(*(point[name] for name in ("q_a", "v_a", "a_a")), np.zeros(6))
+        np.array(x)
+        for x in function(*(point[name] for name in ("q_a", "v_a", "a_a")), np.zeros(6))
     )
-    n, n_m = len(loop.model.A) // 2, model.n_m
+    n = len(loop.model.A) // 2
+    n_m = model.n_m
     by_a = of_a @ loop.model.push[n : n + model.n_a]
     jump = np.abs(by_a + of_f[:, :3]).max(axis=1)
     size = np.abs(by_a).max(axis=1) + np.abs(of_f[:, :3]).max(axis=1)
@@ -266,12 +294,13 @@ def _check_signals(loop: LoopAtPose, equations: Equations, point: Mapping[str, n
             reason = "which a force on the tool changes at once"
         elif (np.abs(m.C[k] @ m.push) > AT_ONCE * rates[k]).any():
             reason = (
-                "which a force on the tool changes as fast as a speed: sampled, it is never passive"
+                "which a force on the tool changes as fast as a speed: sampled, it is never "
+                "passive"
             )
         elif sensor.delay_s > 0.0:
             reason = f"which has a delay of {sensor.delay_s:g} s"
         if reason:
             raise ArgumentError(
-                f"run: given a controller that uses {name}, {reason}, expected one of motor angles, positions, and "
-                "torques of springs without damping"
+                f"run: given a controller that uses {name}, {reason}, expected one of motor "
+                "angles, positions, and torques of springs without damping"
             )

@@ -1,4 +1,6 @@
-"""Whether the sampled loop of a linear feedback of angles and speeds is stable at poses of a motion."""
+"""Whether the sampled loop of a linear feedback of angles and speeds is stable at poses of a
+motion.
+"""
 
 from __future__ import annotations
 
@@ -25,14 +27,17 @@ def pose_eigenvalue(
     delay_s: float,
     differences: bool,
 ) -> float:
-    """Largest size of an eigenvalue of the sampled loop with ``u = -(of_angles y + of_speeds y')``.
+    """Largest size of an eigenvalue of the sampled loop with
+    ``u = -(of_angles y + of_speeds y')``.
 
-    ``of_angles``, ``of_speeds`` (n_m, n): of the coordinates y of the linear model; ``differences``: y' is the
-    difference of two samples.
+    ``of_angles``, ``of_speeds`` (n_m, n): of the coordinates y of the linear model;
+    ``differences``: y' is the difference of two samples.
     """
     F, G = sample_model(pose.A, pose.B, sample_s, delay_s)
-    n, size = len(pose.A) // 2, len(F)
-    K, last = np.zeros((len(of_angles), size)), np.zeros((len(of_angles), n))
+    n = len(pose.A) // 2
+    size = len(F)
+    K = np.zeros((len(of_angles), size))
+    last = np.zeros((len(of_angles), n))
     K[:, :n] = of_angles
     if differences:
         K[:, :n] += of_speeds / sample_s
@@ -45,20 +50,24 @@ def pose_eigenvalue(
 
 
 def check_pose_loop(motion: LawMotion, feedback: Feedback, given: str) -> None:
-    """ArgumentError where the loop is unstable at the start or the end of the motion, or at a pose between them.
+    """ArgumentError where the loop is unstable at the start or the end of the motion, or at a pose
+    between them.
 
     Parameters
     ----------
     motion : LawMotion
     feedback : callable
-        Gains of arm and motor angles and of their speeds, (n_m, n_a + n_m) each, at an arm position (n_a,).
+        Gains of arm and motor angles and of their speeds, (n_m, n_a + n_m) each, at an arm
+        position (n_a,).
     given : str
         Which parameter was given, for the message.
     """
-    reference, model = motion.reference, motion.model
+    reference = motion.reference
+    model = motion.model
     # (q_a, q_m) from the model's coordinates
     rows = np.vstack([np.eye(model.n_a, model.dof), motor_rows(model)])
-    poses, found = PoseModels(model), []
+    poses = PoseModels(model)
+    found = []
     for instant in np.linspace(reference.begin, reference.end, POSES):
         k = int(np.abs(reference.time - instant).argmin())
         points = reference.points(np.array([k]))
@@ -75,7 +84,8 @@ def check_pose_loop(motion: LawMotion, feedback: Feedback, given: str) -> None:
     size, instant = max(found)
     if not size < STABLE:
         raise ArgumentError(
-            f"controller, {given}, with which the loop is unstable at the pose {instant:.4g} s after the begin of the "
-            f"motion, at {1e3 * motion.sample_s:g} ms and a delay of {1e3 * motion.delay_s:g} ms (largest eigenvalue "
-            f"{size:.4g}); expected eigenvalues below 1: change the gains, the sample time or the delay"
+            f"controller, {given}, with which the loop is unstable at the pose {instant:.4g} s "
+            f"after the begin of the motion, at {1e3 * motion.sample_s:g} ms and a delay of "
+            f"{1e3 * motion.delay_s:g} ms (largest eigenvalue {size:.4g}); expected eigenvalues "
+            "below 1: change the gains, the sample time or the delay"
         )

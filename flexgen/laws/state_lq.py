@@ -2,8 +2,8 @@
 
     u = u_ff - K (x - x_ref),   x = (q_a, q_m, v_a, v_m, torques under way less their feedforward)
 
-The cost is that of `flexgen.laws.lq`. Speeds that are not measured are differences of two samples, of the
-measurement as of the reference.
+The cost is that of `flexgen.laws.lq`. Speeds that are not measured are differences of two samples,
+of the measurement as of the reference.
 """
 
 from __future__ import annotations
@@ -29,13 +29,14 @@ PARTS = 40  # of the motion with gains of their own
 @checked_class
 @dataclass(frozen=True)
 class LQ(ModelLaw):
-    """Linear quadratic control on the state: motor and arm angles with their differences, or the exact state.
+    """Linear quadratic control on the state: motor and arm angles with their differences, or the
+    exact state.
 
     Parameters
     ----------
     rho : float
-        Weight of the torque, relative to a deviation of the output of 1 mm (angles: 1 mrad) at the largest torque of
-        the model file (at 1 N m where it has none).
+        Weight of the torque, relative to a deviation of the output of 1 mm (angles: 1 mrad) at the
+        largest torque of the model file (at 1 N m where it has none).
 
     Raises
     ------
@@ -62,10 +63,13 @@ class LQ(ModelLaw):
 
     def bound(self, motion: LawMotion) -> Linear:
         """The controller for a planned motion; SolverError where a pose has no gain."""
-        model, n_a, n_m = motion.model, motion.model.n_a, motion.model.n_m
+        model = motion.model
+        n_a = motion.model.n_a
+        n_m = motion.model.n_m
         if model.dof != n_a + n_m:
             raise ArgumentError(
-                f"controller LQ: given the model {model.name} with rigid gears, expected elastic ones"
+                f"controller LQ: given the model {model.name} with rigid gears, expected "
+                "elastic ones"
             )
         links = motion.link_channels("LQ")
         samples = -(-len(motion.reference.time) // PARTS)
@@ -89,15 +93,23 @@ class LQ(ModelLaw):
     def _part(
         self, K: np.ndarray, motion: LawMotion, links: np.ndarray | None, n_y: int
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """``A, B, C, D`` from ``y_ref - y`` for the gain of one pose; states: last angles, torques under way."""
-        n_a, n_m, h = motion.model.n_a, motion.model.n_m, motion.sample_s
+        """``A, B, C, D`` from ``y_ref - y`` for the gain of one pose; states: last angles, torques
+        under way.
+        """
+        n_a = motion.model.n_a
+        n_m = motion.model.n_m
+        h = motion.sample_s
         n = n_a + n_m
         under_way = K.shape[1] - 2 * n
-        of_angles, of_speeds, of_torques = K[:, :n], K[:, n : 2 * n], K[:, 2 * n :]
-        angles, speeds = np.zeros((n, n_y)), np.zeros((n, n_y))
+        of_angles = K[:, :n]
+        of_speeds = K[:, n : 2 * n]
+        of_torques = K[:, 2 * n :]
+        angles = np.zeros((n, n_y))
+        speeds = np.zeros((n, n_y))
         if motion.exact_state:
             first = motion.state_channel
-            arm, motors = np.arange(n_a), np.arange(n_m)
+            arm = np.arange(n_a)
+            motors = np.arange(n_m)
             angles[arm, first + arm] = 1.0
             speeds[arm, first + n_a + arm] = 1.0
             angles[n_a + motors, first + 2 * n_a + motors] = 1.0
@@ -107,18 +119,18 @@ class LQ(ModelLaw):
             assert links is not None
             angles[np.arange(n_a), links] = 1.0
             angles[n_a + np.arange(n_m), np.arange(n_m)] = 1.0
-            speeds, last = angles / h, -of_speeds / h
+            speeds = angles / h
+            last = -of_speeds / h
         n_last = last.shape[1]
         C = np.hstack([last, -of_torques])
         D = of_angles @ angles + of_speeds @ speeds
-        A, B = (
-            np.zeros((n_last + under_way, n_last + under_way)),
-            np.zeros((n_last + under_way, n_y)),
-        )
+        A = np.zeros((n_last + under_way, n_last + under_way))
+        B = np.zeros((n_last + under_way, n_y))
         B[:n_last] = angles if n_last else np.zeros((0, n_y))
         if under_way:
             for k in range(under_way // n_m - 1):
                 rows = slice(n_last + k * n_m, n_last + (k + 1) * n_m)
                 A[rows, n_last + (k + 1) * n_m : n_last + (k + 2) * n_m] = np.eye(n_m)
-            A[n_last + under_way - n_m :], B[n_last + under_way - n_m :] = C, D
+            A[n_last + under_way - n_m :] = C
+            B[n_last + under_way - n_m :] = D
         return A, B, C, D

@@ -1,12 +1,14 @@
-"""Feedforward or feedback linearization: the same six robots under five kinds of feedback, each with its best tuning.
+"""Feedforward or feedback linearization: the same six robots under five kinds of feedback, each
+with its best tuning.
 
-Robots: the model; stiffness 20 % lower, 20 % higher; 5 kg more load; lower stiffness and load; the model with 0.5 N m
-on every motor from 0.1 s on and 300 N on the tool for 20 ms. Largest distance of the tool from its path, static errors
-included. The state is exact, or made of measured motor and arm angles with noise and their differences; then only
-tunings count whose torque noise at rest is below a limit.
+Robots: the model; stiffness 20 % lower, 20 % higher; 5 kg more load; lower stiffness and load; the
+model with 0.5 N m on every motor from 0.1 s on and 300 N on the tool for 20 ms. Largest distance
+of the tool from its path, static errors included. The state is exact, or made of measured motor
+and arm angles with noise and their differences; then only tunings count whose torque noise at rest
+is below a limit.
 
-Source of the question: S. Moberg and S. Hanssen, On feedback linearization for robust tracking control of flexible
-joint robots, IFAC World Congress 2008.
+Source of the question: S. Moberg and S. Hanssen, On feedback linearization for robust tracking
+control of flexible joint robots, IFAC World Congress 2008.
 """
 
 from __future__ import annotations
@@ -51,7 +53,11 @@ PLANTS = {
     "K -20 %, load": {"stiffness": 0.8, "payload": 5.0},
     "disturbed": {},
 }
-PD, PID, FL, PREDICTED, STATE_LQ = "motor PD", "motor PID", "FL", "FL, predicted", "LQ"
+PD = "motor PD"
+PID = "motor PID"
+FL = "FL"
+PREDICTED = "FL, predicted"
+STATE_LQ = "LQ"
 FAMILIES = (PD, PID, FL, PREDICTED, STATE_LQ)
 REST_S = 1.0  # before the motion: torque noise is measured there
 
@@ -89,9 +95,9 @@ SETTINGS = (
 class Trial:
     """One tuning under one setting.
 
-    ``family``: of `FAMILIES`; ``tuning``; ``error_m`` of each robot, NaN where it failed; ``dynamic_error_m``: the same
-    without static errors; ``torque_noise_Nm``: largest peak-to-peak torque of a motor at rest; ``refused``: reason
-    why there was no run.
+    ``family``: of `FAMILIES`; ``tuning``; ``error_m`` of each robot, NaN where it failed;
+    ``dynamic_error_m``: the same without static errors; ``torque_noise_Nm``: largest peak-to-peak
+    torque of a motor at rest; ``refused``: reason why there was no run.
 
     Examples
     --------
@@ -154,7 +160,10 @@ class FeedbackStudy(Result):
     torque_noise_Nm: float
 
     def __repr__(self) -> str:
-        return f"<FeedbackStudy {self.model.name}: {len(self.settings)} settings, {len(self.trials)} tunings>"
+        return (
+            f"<FeedbackStudy {self.model.name}: {len(self.settings)} settings, "
+            f"{len(self.trials)} tunings>"
+        )
 
     def __str__(self) -> str:
         """The table."""
@@ -165,15 +174,21 @@ class FeedbackStudy(Result):
         return tuple(t for t in self.trials if t.setting == setting and t.family == family)
 
     def best(self, setting: Setting, family: str) -> Trial | None:
-        """The tuning with the smallest worst error whose torque noise is within the limit; None: all failed."""
+        """The tuning with the smallest worst error whose torque noise is within the limit; None:
+        all failed.
+        """
         good = [
-            t for t in self.of(setting, family)
-            if np.isfinite(t.worst_m) and (setting.exact or t.torque_noise_Nm <= self.torque_noise_Nm)
-        ]  # fmt: skip
+            t
+            for t in self.of(setting, family)
+            if np.isfinite(t.worst_m)
+            and (setting.exact or t.torque_noise_Nm <= self.torque_noise_Nm)
+        ]
         return min(good, key=lambda t: t.worst_m, default=None)
 
     def ratio(self, setting: Setting) -> float:
-        """Worst error of feedback linearization (the better of both kinds) over that of LQ about the feedforward."""
+        """Worst error of feedback linearization (the better of both kinds) over that of LQ about
+        the feedforward.
+        """
         found = {family: self.best(setting, family) for family in (FL, PREDICTED, STATE_LQ)}
         linearised = min(t.worst_m for t in (found[FL], found[PREDICTED]) if t is not None)
         other = found[STATE_LQ]
@@ -227,9 +242,14 @@ class FeedbackStudy(Result):
                 best = self.best(s, family)
                 rows = [row(t) for t in self.of(s, family)]
                 families[family] = {"best": None if best is None else best.tuning, "tunings": rows}
-            settings.append({
-                "sample_time_s": s.sample_s, "delay_s": s.delay_s, "exact_state": s.exact, "families": families,
-            })  # fmt: skip
+            settings.append(
+                {
+                    "sample_time_s": s.sample_s,
+                    "delay_s": s.delay_s,
+                    "exact_state": s.exact,
+                    "families": families,
+                }
+            )
         return {
             "model": self.model.name,
             "move": self.solution.move.name,
@@ -250,19 +270,20 @@ def feedback_study(
     torque_noise: float = TORQUE_NOISE,
     progress: Choice = None,
 ) -> FeedbackStudy:
-    """Compare feedback linearization with feedback around the feedforward, for six robots; see the module.
+    """Compare feedback linearization with feedback around the feedforward, for six robots; see the
+    module.
 
     Parameters
     ----------
     model : name, path or RobotModel, optional
-        An arm with elastic joints and link encoders; default: axes 1-3 of the Manutec r3 with its wrist locked. Its
-        first move is used.
+        An arm with elastic joints and link encoders; default: axes 1-3 of the Manutec r3 with its
+        wrist locked. Its first move is used.
     settings : sequence of Setting
     families : sequence of str
         Some of ``"motor PD"``, ``"motor PID"``, ``"FL"``, ``"FL, predicted"``, ``"LQ"``.
     tunings : int
-        Frequencies of each family: 2 or more; twice as many weights of LQ, as both forms of feedback linearization
-        have together.
+        Frequencies of each family: 2 or more; twice as many weights of LQ, as both forms of
+        feedback linearization have together.
     torque_noise : float [N m]
         Largest torque noise, peak to peak, where the angles are measured.
     progress : callable or bool, optional
@@ -281,7 +302,9 @@ def feedback_study(
     Examples
     --------
     >>> ideal = flexgen.Setting(sample_s=0.5e-3, delay_s=0.0, exact=True)
-    >>> study = flexgen.feedback_study("elbow", settings=[ideal], families=["motor PD", "FL"], tunings=2)
+    >>> study = flexgen.feedback_study(
+    ...     "elbow", settings=[ideal], families=["motor PD", "FL"], tunings=2
+    ... )
     >>> [f"{1e3 * study.best(ideal, family).worst_m:.2f} mm" for family in ("motor PD", "FL")]
     ['0.28 mm', '0.21 mm']
     """
@@ -291,7 +314,8 @@ def feedback_study(
     refuse_harmonics(robot, "feedback study")
     if unit_of(robot) != "m":
         raise ArgumentError(
-            f"feedback_study: given the model {robot.name} whose output is an angle, expected lengths"
+            f"feedback_study: given the model {robot.name} whose output is an angle, expected "
+            "lengths"
         )
     reason = flexible_joint_obstacle(robot)
     if reason is not None:
@@ -299,9 +323,9 @@ def feedback_study(
     unknown = [family for family in families if family not in FAMILIES]
     if unknown or not settings or tunings < 2 or not torque_noise > 0:
         raise ArgumentError(
-            f"feedback_study: given families {list(families)}, {len(settings)} settings, {tunings} tunings, "
-            f"torque_noise {torque_noise!r}, expected some of {', '.join(FAMILIES)}, "
-            "a setting, 2 tunings and a torque > 0"
+            f"feedback_study: given families {list(families)}, {len(settings)} settings, "
+            f"{tunings} tunings, torque_noise {torque_noise!r}, expected some of "
+            f"{', '.join(FAMILIES)}, a setting, 2 tunings and a torque > 0"
         )
     solution = solve(robot, progress=tell)
     trials: list[Trial] = []
@@ -321,10 +345,16 @@ def _case(robot: RobotModel, setting: Setting, solution: Solution) -> Case:
     pushes = [Disturbance("step", motor.name, 0.5, 0.1) for motor in robot.motors]
     pushes.append(Disturbance("pulse", "tool.x", 300.0, 0.25, 0.02))
     return control_case(
-        robot, sample_time=setting.sample_s, delay=setting.delay_s, plants=PLANTS, disturbances={"disturbed": pushes},
-        encoder_noise=0.0 if setting.exact else MOTOR_NOISE, exact_state=setting.exact, solution=solution,
+        robot,
+        sample_time=setting.sample_s,
+        delay=setting.delay_s,
+        plants=PLANTS,
+        disturbances={"disturbed": pushes},
+        encoder_noise=0.0 if setting.exact else MOTOR_NOISE,
+        exact_state=setting.exact,
+        solution=solution,
         torque_limits=False,
-    )  # fmt: skip
+    )
 
 
 def _laws(case: Case, family: str, tunings: int) -> list[tuple[str, Any]]:
@@ -344,9 +374,12 @@ def _laws(case: Case, family: str, tunings: int) -> list[tuple[str, Any]]:
 
 
 def _motor_feedback(case: Case, frequency_hz: float, integral: float) -> Cascade:
-    """PD control of the motors, ``k_p = w^2 J``, ``k_d = 2 w J``, as a cascade; with an integral part from w/8 on."""
+    """PD control of the motors, ``k_p = w^2 J``, ``k_d = 2 w J``, as a cascade; with an integral
+    part from w/8 on.
+    """
     J, _ = motor_inertias(case.model, case.reference.points(np.array([0])))
-    w, one = 2 * np.pi * frequency_hz, np.ones(case.model.n_m)
+    w = 2 * np.pi * frequency_hz
+    one = np.ones(case.model.n_m)
     return Cascade(0.5 * w * one, 2 * w * J, integral * w * one)
 
 

@@ -14,7 +14,9 @@ from flexgen.trajectory import Trajectory
 CALLS = 2000  # that are timed
 
 
-def compare_library(library: Any, equations: Equations, trajectory: Trajectory) -> dict[str, float]:
+def compare_library(
+    library: Any, equations: Equations, trajectory: Trajectory
+) -> dict[str, float]:
     """Compare the inverse dynamics of a loaded library with the equations along a trajectory.
 
     Returns
@@ -24,10 +26,15 @@ def compare_library(library: Any, equations: Equations, trajectory: Trajectory) 
     """
     arguments = [trajectory[channel] for channel in ("q_a", "v_a", "a_a")]
     from_c = library.inverse_dynamics(*arguments)
-    expected = evaluate(equations.function("inverse_dynamics"), *arguments)[0].reshape(from_c.shape)
+    expected = evaluate(equations.function("inverse_dynamics"), *arguments)[0].reshape(
+        from_c.shape
+    )
     first = [np.ascontiguousarray(x[0]) for x in arguments]
     began = time.perf_counter()
     for _ in range(CALLS):
         library.inverse_dynamics(*first)
     spent = time.perf_counter() - began
-    return {"difference_Nm": float(np.abs(from_c - expected).max()), "call_us": 1e6 * spent / CALLS}
+    return {
+        "difference_Nm": float(np.abs(from_c - expected).max()),
+        "call_us": 1e6 * spent / CALLS,
+    }

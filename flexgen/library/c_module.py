@@ -20,12 +20,14 @@ from flexgen.runtime.files import load_verified, private_copy, read_library, ver
 from flexgen.runtime.targets import library_suffix
 
 _ADVICE = "remove it: it is compiled again when it is needed"
-MOST, LIMIT = 256, 128 * 2**20  # modules in the cache, and bytes of all of them
+MOST = 256  # modules in the cache
+LIMIT = 128 * 2**20  # and bytes of all of them
 
 
 @lru_cache(maxsize=16)
 def c_module(source: Path, option: str = "", *, native: bool = False) -> ctypes.CDLL:
-    """The shared library of one C file of this package; ``option``: more flags; ``native``: for this processor.
+    """The shared library of one C file of this package; ``option``: more flags; ``native``: for
+    this processor.
 
     Raises
     ------
@@ -33,18 +35,24 @@ def c_module(source: Path, option: str = "", *, native: bool = False) -> ctypes.
         There is no compiler, or it fails.
     """
     return load_module(
-        compile_module(source.stem, source.read_text(encoding="ascii"), level=option, native=native)
+        compile_module(
+            source.stem, source.read_text(encoding="ascii"), level=option, native=native
+        )
     )
 
 
 def load_module(path: Path) -> ctypes.CDLL:
-    """Load a module that `compile_module` made, or found; BuildError where others could have changed it."""
+    """Load a module that `compile_module` made, or found; BuildError where others could have
+    changed it.
+    """
     return load_verified(verify_file(path), advice=_ADVICE)
 
 
 @contextmanager
 def module_copy(path: Path) -> Iterator[str]:
-    """The path of a private copy of such a module, for the loader of CasADi; it ends with the block."""
+    """The path of a private copy of such a module, for the loader of CasADi; it ends with the
+    block.
+    """
     with private_copy(path.name, read_library(verify_file(path), advice=_ADVICE)) as copy:
         yield copy
 
@@ -57,7 +65,8 @@ def compile_module(
     native: bool = False,
     before: Callable[[], None] | None = None,
 ) -> Path:
-    """The path of the shared library of a C text: in the user's cache, or in a folder of this program.
+    """The path of the shared library of a C text: in the user's cache, or in a folder of this
+    program.
 
     Parameters
     ----------
@@ -96,7 +105,9 @@ def compile_module(
 
 
 def _is_there(made: Path) -> bool:
-    """Whether a valid module is in the cache, which marks it as used; neither truncated nor writable by others."""
+    """Whether a valid module is in the cache, which marks it as used; neither truncated nor
+    writable by others.
+    """
     with suppress(OSError, BuildError):
         read_library(made)
         os.utime(made)
@@ -125,16 +136,20 @@ def _compile(name: str, text: str, target: Path, compiler: Compiler, level: str)
 
 
 def _prune(folder: Path, newest: Path) -> None:
-    """Remove the modules that were used least lately, beyond the limits; a loaded one stays in memory."""
+    """Remove the modules that were used least lately, beyond the limits; a loaded one stays in
+    memory.
+    """
     entries = []
     for path in folder.glob(f"*.{library_suffix()}"):
         with suppress(OSError):
             facts = path.stat()
             entries.append((facts.st_mtime, facts.st_size, path))
-    count, total = len(entries), sum(size for _, size, _ in entries)
+    count = len(entries)
+    total = sum(size for _, size, _ in entries)
     for _, size, path in sorted(entries):
         if count <= MOST and total <= LIMIT:
             break
         if path != newest:
             path.unlink(missing_ok=True)
-            count, total = count - 1, total - size
+            count = count - 1
+            total = total - size

@@ -12,7 +12,9 @@ from flexgen.library.c_module import compile_module, module_copy
 FAST = 30_000  # operations: above it the compiler takes too long to optimize
 LONG = 5_000  # operations: above it the compiler takes a second or more
 _EXPORTED = (
-    '#ifdef __GNUC__\n#define CASADI_SYMBOL_EXPORT __attribute__((visibility("default")))\n#endif\n'
+    "#ifdef __GNUC__\n"
+    '#define CASADI_SYMBOL_EXPORT __attribute__((visibility("default")))\n'
+    "#endif\n"
 )
 
 
@@ -51,6 +53,8 @@ def in_c(function: ca.Function) -> ca.Function:
 
 
 def external(name: str, module: Path) -> ca.Function:
-    """The function of this name in a module of `casadi_module`; BuildError where others could have changed it."""
+    """The function of this name in a module of `casadi_module`; BuildError where others could have
+    changed it.
+    """
     with module_copy(module) as copy:
         return ca.external(name, copy)

@@ -1,8 +1,10 @@
-"""The C compiler: find it, read its version, target and macros, and run it on the sources of a library.
+"""The C compiler: find it, read its version, target and macros, and run it on the sources of a
+library.
 
 Where none is on the PATH, it is that of the package ziglang, if installed (extra ``compiler``).
 
-No shell is involved, and of the flags in ``$CC`` only those that change speed or the kind of machine are accepted.
+No shell is involved, and of the flags in ``$CC`` only those that change speed or the kind of
+machine are accepted.
 """
 
 from __future__ import annotations
@@ -28,15 +30,19 @@ from flexgen.progress import throttle
 from flexgen.runtime.processor import INSTRUCTION_SETS
 from flexgen.runtime.targets import TARGETS, Target, library_suffix
 
-# The same bits with every compiler, processor and width of its vectors: products and sums are not contracted, and GCC's
-# vectorizer is off, because it contracts nevertheless where the processor has fused instructions. That loses nothing:
-# the sources have their own vectors, and what GCC makes of the rest is slower in the sum (benchmarks/sizes.md). A sqrt
-# without errno is one instruction and needs no library.
+# The same bits with every compiler, processor and width of its vectors: products and sums are not
+# contracted, and GCC's vectorizer is off, because it contracts nevertheless where the processor
+# has fused instructions. That loses nothing: the sources have their own vectors, and what GCC
+# makes of the rest is slower in the sum (benchmarks/sizes.md). A sqrt without errno is one
+# instruction and needs no library.
 REPRODUCIBLE = ("-std=c99", "-O2", "-ffp-contract=off", "-fno-tree-vectorize", "-fno-math-errno")
 NATIVE = ("-std=c99", "-O3", "-march=native", "-ffp-contract=fast", "-fno-math-errno")
-# Solvers with unrolled loops take a tenth less time: as little as with -O3, which takes half as long again to compile.
-SOLVERS, SOLVER_FLAGS = ("inversion.c",), ("-funroll-loops",)
-# Without these passes of GCC the hand-written sources compile in a quarter less time, and are as fast.
+# Solvers with unrolled loops take a tenth less time: as little as with -O3, which takes half as
+# long again to compile.
+SOLVERS = ("inversion.c",)
+SOLVER_FLAGS = ("-funroll-loops",)
+# Without these passes of GCC the hand-written sources compile in a quarter less time, and are as
+# fast.
 QUICK_FLAGS = (
     "-fira-region=one",
     "-fno-dse",
@@ -45,11 +51,12 @@ QUICK_FLAGS = (
     "-fno-rename-registers",
     "-fno-web",
 )
-# The emitted mathematics is straight-line code in good order: what GCC does beyond this level takes a third of the time
-# of the compilation and makes nothing faster (other compilers inline less at it).
+# The emitted mathematics is straight-line code in good order: what GCC does beyond this level
+# takes a third of the time of the compilation and makes nothing faster (other compilers inline
+# less at it).
 STRAIGHT_FLAGS = ("-O1", "-fschedule-insns2")
-# The emitted code has no common subexpressions and no dead code: without GCC's passes for these, the functions of the
-# library compile in a fifth less time, and are as fast.
+# The emitted code has no common subexpressions and no dead code: without GCC's passes for these,
+# the functions of the library compile in a fifth less time, and are as fast.
 LEAN_FLAGS = (
     "-fno-dse",
     "-fno-tree-ccp",
@@ -68,8 +75,9 @@ SECONDS_PER_BYTE = 7e-6  # of one core, to compile a source
 LONG = 20.0  # s; the expected time of a longer compilation is reported
 
 NO_COMPILER = (
-    "C compiler: given none, expected cc, gcc or clang on the PATH or $CC; install one (such as the package gcc or "
-    "build-essential, or without root rights pip install 'flexgen-robotics[compiler]')"
+    "C compiler: given none, expected cc, gcc or clang on the PATH or $CC; install one (such as "
+    "the package gcc or build-essential, or without root rights pip install "
+    "'flexgen-robotics[compiler]')"
 )
 
 _COMPILERS = ("cc", "gcc", "clang")
@@ -77,7 +85,8 @@ _ARCHIVERS = ("ar", "gcc-ar", "llvm-ar")
 _ALLOWED_FLAG = re.compile(
     r"-(O[0-3]|pipe|m32|m64|m(arch|tune)=[a-z0-9.-]+|ffp-contract=(off|on|fast))\Z"
 )
-# All that the sources include: the compiler's macros, which depend on its version and target, and these headers.
+# All that the sources include: the compiler's macros, which depend on its version and target, and
+# these headers.
 _OUTSIDE = (
     "#include <float.h>\n#include <math.h>\n#include <stddef.h>\n#include <stdint.h>\n"
     "#ifdef _OPENMP\n#include <omp.h>\n#endif\n"
@@ -103,13 +112,14 @@ class Compiler:
     flags : tuple of str
         All flags, those of ``$CC`` after the usual ones, so that they have priority.
     identity : str
-        SHA-256 of what its output depends on besides the sources: version, flags, target (with ``-march=native`` the
-        processor), and the system's headers.
+        SHA-256 of what its output depends on besides the sources: version, flags, target (with
+        ``-march=native`` the processor), and the system's headers.
     instruction_sets : tuple of str
-        Vector instruction sets of x86-64 that the output uses; names as in `flexgen.runtime.processor`.
+        Vector instruction sets of x86-64 that the output uses; names as in
+        `flexgen.runtime.processor`.
     straight, functions, solvers, others : tuple of str
-        More flags, for sources with emitted mathematics and other C, for those with the mathematics of a function
-        alone, for `SOLVERS`, and for the other hand-written sources.
+        More flags, for sources with emitted mathematics and other C, for those with the
+        mathematics of a function alone, for `SOLVERS`, and for the other hand-written sources.
     archiver : tuple of str
         The words to run its own archiver with; empty: the archiver is on the PATH.
     target : Target, optional
@@ -141,14 +151,16 @@ class Compiler:
         *words : str
             Its objects and more flags.
         install_name : str
-            Of a library for macOS, by which programs that were linked with it look for it below their ``@rpath``.
+            Of a library for macOS, by which programs that were linked with it look for it below
+            their ``@rpath``.
         """
         named = (
             [f"-Wl,-install_name,@rpath/{install_name}"]
             if install_name and self.suffix == "dylib"
             else []
         )
-        # without tables for a debugger, which the package ziglang adds and which have names of folders
+        # without tables for a debugger, which the package ziglang adds and which have names of
+        # folders
         stripped = ["-s"] if self.target is not None else []
         return [*self.command, *self.flags, *stripped, "-shared", *named, *words, "-lm"]
 
@@ -156,38 +168,45 @@ class Compiler:
 def find_compiler(
     *, native: bool = False, openmp: bool = False, isa: str = "native", target: str | None = None
 ) -> Compiler | None:
-    """The compiler of $CC, else the first of cc, gcc, clang and the package ziglang; None where there is none.
+    """The compiler of $CC, else the first of cc, gcc, clang and the package ziglang; None where
+    there is none.
 
     Parameters
     ----------
     native : bool
-        True: the fastest flags for this processor, which contract products and sums; else those for the same bits
-        everywhere.
+        True: the fastest flags for this processor, which contract products and sums; else those
+        for the same bits everywhere.
     openmp : bool
         True: batches on all cores.
     isa : str
-        One of `ISAS`: the instruction set; "native": that of this processor. A ``-march`` in $CC has priority.
+        One of `ISAS`: the instruction set; "native": that of this processor. A ``-march`` in $CC
+        has priority.
     target : str, optional
-        One of `TARGETS`: the kind of computer, for which the package ziglang compiles, whatever $CC is; the
-        instruction set "native" is then what all such computers have.
+        One of `TARGETS`: the kind of computer, for which the package ziglang compiles, whatever
+        $CC is; the instruction set "native" is then what all such computers have.
 
     Raises
     ------
     BuildError
-        Where $CC cannot be used, the compiler does not know a flag, or the package ziglang is needed and missing.
+        Where $CC cannot be used, the compiler does not know a flag, or the package ziglang is
+        needed and missing.
     """
     if isa not in ISAS:
         raise BuildError(f"isa: given {isa!r}, expected one of {', '.join(ISAS)}")
     if target is not None and target not in TARGETS:
         raise BuildError(f"target: given {target!r}, expected one of {', '.join(TARGETS)}")
-    return _find_compiler(native, openmp, isa, target, os.environ.get("CC"), os.environ.get("PATH"))
+    return _find_compiler(
+        native, openmp, isa, target, os.environ.get("CC"), os.environ.get("PATH")
+    )
 
 
 @lru_cache(maxsize=16)  # asking the compiler takes longer than many a computation
 def _find_compiler(
     native: bool, openmp: bool, isa: str, other: str | None, cc: str | None, path: str | None
 ) -> Compiler | None:
-    """The compiler in this environment; ``other``: name of the target, where it is not this computer."""
+    """The compiler in this environment; ``other``: name of the target, where it is not this
+    computer.
+    """
     chosen = _choose_command() if other is None else _cross_command(other)
     if chosen is None:
         return None
@@ -225,12 +244,13 @@ def _find_compiler(
             else ""
         )
         raise BuildError(
-            f"C compiler: given {shlex.join(chosen)!r} with {shlex.join(flags)}, which fails:\n  {message}{hint}"
+            f"C compiler: given {shlex.join(chosen)!r} with {shlex.join(flags)}, which fails:\n"
+            f"  {message}{hint}"
         )
     if not all(word in world.stdout for word in _WORLD):
         raise BuildError(
-            f"C compiler: given {shlex.join(chosen)!r}, which does not preprocess C, expected gcc, clang or another "
-            "C compiler; change CC or unset it"
+            f"C compiler: given {shlex.join(chosen)!r}, which does not preprocess C, expected "
+            "gcc, clang or another C compiler; change CC or unset it"
         )
     gcc = "__GNUC__" in world.stdout and not any(word in world.stdout for word in _LIKE_GCC)
     leveled = any(word.startswith("-O") for word in own)
@@ -259,12 +279,14 @@ def _find_compiler(
 
 
 def _cross_command(target: str) -> list[str]:
-    """The words that run the C compiler for another kind of computer; BuildError where it is not installed."""
+    """The words that run the C compiler for another kind of computer; BuildError where it is not
+    installed.
+    """
     found = _packaged_compiler()
     if found is None:
         raise BuildError(
-            f"target: given {target!r}, for which the package ziglang compiles, and it is not installed; install it: "
-            "pip install 'flexgen-robotics[compiler]'"
+            f"target: given {target!r}, for which the package ziglang compiles, and it is not "
+            "installed; install it: pip install 'flexgen-robotics[compiler]'"
         )
     return found
 
@@ -306,11 +328,13 @@ def _choose_command() -> list[str] | None:
     for word in chosen:
         if word.startswith("-") and not _ALLOWED_FLAG.match(word):
             raise BuildError(
-                f"$CC: given the flag {word!r}, expected optimization, -m32, -m64 or -march=... only"
+                f"$CC: given the flag {word!r}, expected optimization, -m32, -m64 or -march=... "
+                "only"
             )
         if not word.startswith("-") and shutil.which(word) is None:
             raise BuildError(
-                f"$CC: given {word!r}, expected a program that can be found; unset CC or install it"
+                f"$CC: given {word!r}, expected a program that can be found; unset CC or "
+                "install it"
             )
     return chosen
 
@@ -319,14 +343,18 @@ def _packaged_compiler() -> list[str] | None:
     """The words that run the C compiler of the package ziglang; None where it is not installed."""
     found = importlib.util.find_spec("ziglang")
     folders = [] if found is None else list(found.submodule_search_locations or ())
-    program = next((made for folder in folders if (made := shutil.which("zig", path=folder))), None)
+    program = next(
+        (made for folder in folders if (made := shutil.which("zig", path=folder))), None
+    )
     return None if program is None else [program, "cc"]
 
 
 def _output(
     command: Sequence[str], text: str, folder: Path | None = None, programs: Programs | None = None
 ) -> subprocess.CompletedProcess[str]:
-    """Run a program on a text; by default in the root, so that its output does not depend on the folder."""
+    """Run a program on a text; by default in the root, so that its output does not depend on the
+    folder.
+    """
     return (programs or Programs()).run(
         command,
         text,
@@ -349,7 +377,9 @@ def run_compiler(
     written: str,
     programs: Programs | None = None,
 ) -> None:
-    """Run a program that writes a file in a folder; BuildError with its first errors where it does not."""
+    """Run a program that writes a file in a folder; BuildError with its first errors where it does
+    not.
+    """
     answer = _output(command, "", folder, programs)
     if answer.returncode != 0:
         raise BuildError(
@@ -357,8 +387,8 @@ def run_compiler(
         )
     if not (folder / written).is_file():
         raise BuildError(
-            f"the {what} {command[0]!r} reported success but wrote no {written}; the directory is as it was before; "
-            "check CC and the programs on the PATH"
+            f"the {what} {command[0]!r} reported success but wrote no {written}; the directory "
+            "is as it was before; check CC and the programs on the PATH"
         )
 
 
@@ -396,7 +426,8 @@ def build_libraries(
     archiver = compiler.archiver or tuple(found for found in _ARCHIVERS if shutil.which(found))[:1]
     if not archiver:
         raise BuildError(
-            f"ar: given none, expected one of {', '.join(_ARCHIVERS)} on the PATH; install binutils"
+            f"ar: given none, expected one of {', '.join(_ARCHIVERS)} on the PATH; install "
+            "binutils"
         )
     if compiler.target is not None:
         log(f"for {compiler.target.name}: the C compiler is that of the package ziglang")
@@ -417,7 +448,8 @@ def build_libraries(
     log("linking")
     objects = [_object(file) for file in sources]
     suffix = compiler.suffix
-    linked, static = f"linked.{suffix}", f"lib{name}.a"
+    linked = f"linked.{suffix}"
+    static = f"lib{name}.a"
     run_compiler(
         "linker",
         compiler.link_command("-o", linked, *objects, install_name=f"lib{name}.dylib"),

@@ -1,8 +1,9 @@
-"""The directory of a library: only files that flexgen wrote there are replaced or removed, all of them or none.
+"""The directory of a library: only files that flexgen wrote there are replaced or removed, all of
+them or none.
 
-Files belong to flexgen where the manifest of the same library lists them, where they state that flexgen wrote them, or
-where they have exactly the bytes that are to be written. All other files belong to the user: they are refused, not
-replaced.
+Files belong to flexgen where the manifest of the same library lists them, where they state that
+flexgen wrote them, or where they have exactly the bytes that are to be written. All other files
+belong to the user: they are refused, not replaced.
 """
 
 from __future__ import annotations
@@ -28,13 +29,16 @@ MANIFEST_MAX = 20_000_000  # bytes
 _FILE = re.compile(
     r"(CMakeLists\.txt|(src/)?[A-Za-z][A-Za-z0-9_]*(-[0-9a-f]{16})?\.(h|c|pc|a|so|dylib|dll))\Z"
 )
-_HASHED = re.compile(r"lib(?P<name>[A-Za-z][A-Za-z0-9_]*)-(?P<hash>[0-9a-f]{16})\.(so|dylib|dll)\Z")
+_HASHED = re.compile(
+    r"lib(?P<name>[A-Za-z][A-Za-z0-9_]*)-(?P<hash>[0-9a-f]{16})\.(so|dylib|dll)\Z"
+)
 _MARK = b"written by flexgen"
 _HEAD = 4096  # bytes at the top of a file, in which the mark is
 
 
 def read_manifest(directory: Path, name: str) -> dict[str, Any] | None:
-    """The manifest of the library in a directory; None where there is none, or one that cannot be used.
+    """The manifest of the library in a directory; None where there is none, or one that cannot be
+    used.
 
     Parameters
     ----------
@@ -58,15 +62,17 @@ def read_manifest(directory: Path, name: str) -> dict[str, Any] | None:
     except (ValueError, RecursionError):
         manifest = None
     if isinstance(manifest, dict):
-        generator, other = manifest.get("generator"), manifest.get("name")
+        generator = manifest.get("generator")
+        other = manifest.get("name")
         if not isinstance(generator, str) or not generator.startswith("flexgen "):
             raise BuildError(
-                f"{path}: given the file of another program, expected none or one of flexgen; {advice}"
+                f"{path}: given the file of another program, expected none or one of flexgen; "
+                f"{advice}"
             )
         if other != name:
             raise BuildError(
-                f"{directory}: given a folder with the library {str(other)[:80]!r}, expected an empty one or one of "
-                f"{name!r}; {advice}, or remove that library first"
+                f"{directory}: given a folder with the library {str(other)[:80]!r}, expected an "
+                f"empty one or one of {name!r}; {advice}, or remove that library first"
             )
         return manifest if _is_complete(manifest) else None
     if not _is_marked(directory / f"{name}.h", name):
@@ -78,11 +84,9 @@ def read_manifest(directory: Path, name: str) -> dict[str, Any] | None:
 
 def _is_complete(manifest: dict[str, Any]) -> bool:
     """Whether what `generate` reads of a manifest has the right types."""
-    files, functions, build = (
-        manifest.get("files"),
-        manifest.get("functions"),
-        manifest.get("build"),
-    )
+    files = manifest.get("files")
+    functions = manifest.get("functions")
+    build = manifest.get("build")
     if not (
         isinstance(files, dict)
         and all(isinstance(sha, str) and _FILE.match(key) for key, sha in files.items())
@@ -160,8 +164,9 @@ def check_owned(
     if foreign:
         shown = ", ".join(sorted(foreign)[:8]) + (", ..." if len(foreign) > 8 else "")
         raise BuildError(
-            f"{directory}: given a folder with files that flexgen did not write ({shown}), expected only its own of "
-            f"these names; move them away or choose another folder (directory=..., --out DIR)"
+            f"{directory}: given a folder with files that flexgen did not write ({shown}), "
+            "expected only its own of these names; move them away or choose another folder "
+            "(directory=..., --out DIR)"
         )
 
 
@@ -188,7 +193,8 @@ def _sha256(path: Path) -> str:
 
 @contextmanager
 def staging(target: Path) -> Iterator[Path]:
-    """A temporary folder inside the directory to be written; with it goes a directory that it had to create.
+    """A temporary folder inside the directory to be written; with it goes a directory that it had
+    to create.
 
     Raises
     ------
@@ -205,8 +211,8 @@ def staging(target: Path) -> Iterator[Path]:
         done = True
     except OSError as error:
         raise BuildError(
-            f"directory: given {target}, which cannot be written ({error.strerror or error}); the old content is "
-            "unchanged; free space or choose another directory"
+            f"directory: given {target}, which cannot be written ({error.strerror or error}); "
+            "the old content is unchanged; free space or choose another directory"
         ) from error
     finally:
         if not done and created and target.is_dir() and not any(target.iterdir()):
@@ -216,7 +222,9 @@ def staging(target: Path) -> Iterator[Path]:
 def install(
     staged: Path, target: Path, manifest: dict[str, Any], old: Mapping[str, Any] | None
 ) -> None:
-    """Move everything into place, the manifest last, then remove files of the last generation that are not needed."""
+    """Move everything into place, the manifest last, then remove files of the last generation that
+    are not needed.
+    """
     (staged / MANIFEST).write_text(
         json.dumps(manifest, indent=2) + "\n", encoding="utf-8", newline="\n"
     )
@@ -245,7 +253,9 @@ def _list_files(target: Path, old: Mapping[str, Any] | None) -> Iterable[Path]:
 
 
 def _stale_libraries(target: Path, name: str) -> Iterator[Path]:
-    """Compiled files of earlier generations: shared libraries named by their own hash, and the static one."""
+    """Compiled files of earlier generations: shared libraries named by their own hash, and the
+    static one.
+    """
     for path in target.glob(f"lib{name}-*"):
         found = _HASHED.match(path.name)
         if (

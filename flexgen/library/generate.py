@@ -1,8 +1,10 @@
-"""From a model to a directory with its C library: written, compiled and described by ``manifest.json``.
+"""From a model to a directory with its C library: written, compiled and described by
+``manifest.json``.
 
-A directory is complete or as it was before: everything is written and compiled aside, then moved into place, the
-manifest last. The manifest holds the digest of all that the sources depend on and the identity of the compiler that
-made the library; where both are unchanged nothing is done, where the digest is nothing is derived.
+A directory is complete or as it was before: everything is written and compiled aside, then moved
+into place, the manifest last. The manifest holds the digest of all that the sources depend on and
+the identity of the compiler that made the library; where both are unchanged nothing is done, where
+the digest is nothing is derived.
 """
 
 from __future__ import annotations
@@ -78,7 +80,8 @@ class GeneratedLibrary(Result):
     directory : Path
         Where the library is; `flexgen.load` takes it.
     files : tuple of Path
-        Everything in it: header, sources, CMake and pkg-config files, manifest, shared and static library.
+        Everything in it: header, sources, CMake and pkg-config files, manifest, shared and static
+        library.
     functions : tuple of str
         Names of the functions.
     digest : str
@@ -127,39 +130,50 @@ def generate(
     progress: Choice = None,
     force: bool = False,
 ) -> GeneratedLibrary:
-    """Write the C library of a model: header, sources, example, manifest, CMake and pkg-config files, libraries.
+    """Write the C library of a model: header, sources, example, manifest, CMake and pkg-config
+    files, libraries.
 
     Parameters
     ----------
     model : str, Path, RobotModel or Equations
-        A name in models/, a path (either with ``@variant``), a model, or equations that were derived before.
+        A name in models/, a path (either with ``@variant``), a model, or equations that were
+        derived before.
     directory : str or Path, optional
-        Where to write; ``generated/<name>`` (``<name>_<variant>``) below the current directory where not given.
+        Where to write; ``generated/<name>`` (``<name>_<variant>``) below the current directory
+        where not given.
     build : bool
         False: write the sources, compile nothing.
     functions : sequence of str, optional
-        Only these; default: all that the model has. Inverse dynamics along paths and streams come with all of them.
+        Only these; default: all that the model has. Inverse dynamics along paths and streams come
+        with all of them.
     precision : str
         ``"double"`` or ``"single"``: the type of every number in the library.
     parameters : sequence of str
-        Numbers of the model that shall be arguments of the functions: ``payload``, ``stiffness``, ``q2.damping`` and
-        others, see `flexgen.mechanics.parameters`. Equations that are given bring their own.
+        Numbers of the model that shall be arguments of the functions: ``payload``, ``stiffness``,
+        ``q2.damping`` and others, see `flexgen.mechanics.parameters`. Equations that are given
+        bring their own.
     native : bool
-        True: contract products and sums; a little faster, and results differ by rounding from the default ones.
+        True: contract products and sums; a little faster, and results differ by rounding from the
+        default ones.
     openmp : bool
         True: batches use all cores.
     isa : str
-        Instruction set of the compiled libraries, with the same bits for each: ``"native"``, that of this processor, or
-        ``"x86-64"``, ``"x86-64-v2"``, ``"x86-64-v3"`` (AVX2), ``"x86-64-v4"`` (AVX-512), for other computers.
+        Instruction set of the compiled libraries, with the same bits for each: ``"native"``, that
+        of this processor, or ``"x86-64"``, ``"x86-64-v2"``, ``"x86-64-v3"`` (AVX2),
+        ``"x86-64-v4"`` (AVX-512), for other computers.
     target : str, optional
-        Compile with the package ziglang for another kind of computer, with the same bits: ``"x86_64-linux"`` or
-        ``"aarch64-linux"`` (both glibc 2.17 or newer), ``"x86_64-windows"``, ``"x86_64-macos"``, ``"aarch64-macos"``.
+        Compile with the package ziglang for another kind of computer, with the same bits:
+        ``"x86_64-linux"`` or ``"aarch64-linux"`` (both glibc 2.17 or newer), ``"x86_64-windows"``,
+        ``"x86_64-macos"``, ``"aarch64-macos"``.
     amalgamate : bool
-        True: one header ``<name>.h`` and one source ``<name>.c`` instead of many files; the results have the same bits.
+        True: one header ``<name>.h`` and one source ``<name>.c`` instead of many files; the
+        results have the same bits.
     per_point : bool
-        True: batches take parameters for each point, not one vector for all; no inversion along paths, no streams.
+        True: batches take parameters for each point, not one vector for all; no inversion along
+        paths, no streams.
     parts : sequence of str
-        ``"bvp"``; ``"derivatives"``: ``NAME_jvp``, ``_vjp``; ``"force"``; ``"limits"``: in streams; ``"position"``.
+        ``"bvp"``; ``"derivatives"``: ``NAME_jvp``, ``_vjp``; ``"force"``; ``"limits"``: in
+        streams; ``"position"``.
     progress : callable or bool, optional
         As for `flexgen.solve`.
     force : bool
@@ -172,7 +186,8 @@ def generate(
     Raises
     ------
     BuildError
-        C cannot express it, a compiler is missing or fails, or the directory, which stays, cannot take the library.
+        C cannot express it, a compiler is missing or fails, or the directory, which stays, cannot
+        take the library.
     ModelError, ArgumentError
         Where the model cannot be read or a function is unknown.
 
@@ -253,8 +268,8 @@ def generate_parts(
 class _Request:
     """Inputs from which a library is generated.
 
-    ``equations``: None to derive them; ``options``: of the build; ``parts``: optional hand-written sources;
-    ``solvers``: None for all hand-written sources.
+    ``equations``: None to derive them; ``options``: of the build; ``parts``: optional hand-written
+    sources; ``solvers``: None for all hand-written sources.
     """
 
     model: RobotModel
@@ -273,8 +288,11 @@ class _Request:
 def _generate_folder(
     request: _Request, target: Path, build: bool, log: Callable[[str], None], start: float
 ) -> GeneratedLibrary:
-    """The library in the folder ``target``: the existing one where nothing has changed, else written and compiled."""
-    name, options = library_name(request.model), request.options
+    """The library in the folder ``target``: the existing one where nothing has changed, else
+    written and compiled.
+    """
+    name = library_name(request.model)
+    options = request.options
     follow_links(target)
     clean(target)
     digest = _content_digest(request)
@@ -290,13 +308,12 @@ def _generate_folder(
         return _result(target, old, start, cached=True, written=False)
     if build and compiler is None:
         raise BuildError(
-            f"{NO_COMPILER}, or write the sources only: build=False in Python, --no-build on the command line"
+            f"{NO_COMPILER}, or write the sources only: build=False in Python, --no-build on "
+            "the command line"
         )
     if known and old is not None:
-        manifest, texts = (
-            dict(old),
-            {file: (target / file).read_text(encoding="ascii") for file in old["files"]},
-        )
+        manifest = dict(old)
+        texts = {file: (target / file).read_text(encoding="ascii") for file in old["files"]}
     else:
         manifest, texts = _write_sources(request, digest, log)
     public = [file for file in texts if file.endswith(".h") and "/" not in file]
@@ -365,7 +382,8 @@ def _write_sources(
     request: _Request, digest: str, log: Callable[[str], None]
 ) -> tuple[dict[str, Any], dict[str, str]]:
     """The manifest and the sources, derived where no equations are given."""
-    name, equations = library_name(request.model), request.equations
+    name = library_name(request.model)
+    equations = request.equations
     if equations is None:
         from flexgen.mechanics.equations import derive
 
@@ -406,7 +424,8 @@ def _resolve(given: Any) -> tuple[RobotModel, Any]:
     )
     if not derived and not isinstance(given, RobotModel):
         raise ArgumentError(
-            f"model: given {type(given).__name__}, expected a name or path, a RobotModel or Equations"
+            f"model: given {type(given).__name__}, expected a name or path, a RobotModel or "
+            "Equations"
         )
     robot = given.model if derived else given
     return robot, given if derived else None
@@ -423,14 +442,14 @@ def _folder(given: Any) -> Path:
     return Path(given)
 
 
-# --- digest and manifest ----------------------------------------------------------------------------------------------
+# --- digest and manifest -------------------------------------------------------------------------
 
 
 def _content_digest(request: _Request) -> str:
     """SHA-256 of all that the sources depend on, known without deriving them.
 
-    Equations that a caller brings may differ from those of `derive`: they never share a digest, and the emitted text
-    decides whether there is something to compile.
+    Equations that a caller brings may differ from those of `derive`: they never share a digest,
+    and the emitted text decides whether there is something to compile.
     """
     own = request.equations is not None
     choices = [

@@ -1,4 +1,6 @@
-"""CasADi functions in C for several points at once, and a C text that calls them: compiled once, kept in the cache."""
+"""CasADi functions in C for several points at once, and a C text that calls them: compiled once,
+kept in the cache.
+"""
 
 from __future__ import annotations
 
@@ -22,16 +24,16 @@ _FLAGS = "-O1"
 def lanes_module(name: str, functions: Mapping[str, ca.Function], body: str) -> Path:
     """The shared library of a C text that evaluates functions at ``LANES`` points at once.
 
-    The numbers of a point are in one lane of vectors: entry i of an argument or a result is at ``i * LANES``. Results
-    have the same bits on every processor, and in every lane.
+    The numbers of a point are in one lane of vectors: entry i of an argument or a result is at
+    ``i * LANES``. Results have the same bits on every processor, and in every lane.
 
     Parameters
     ----------
     name : str
         Of the file.
     functions : mapping of str to casadi.Function
-        Of scalar expressions, by the names of macros of the text: ``NAME(arguments and results, w)`` evaluates one,
-        with a workspace of ``NAME_WORK`` lanes.
+        Of scalar expressions, by the names of macros of the text:
+        ``NAME(arguments and results, w)`` evaluates one, with a workspace of ``NAME_WORK`` lanes.
     body : str
         The C text. It also finds the functions of ``kernel.h`` in `flexgen.clib`.
 

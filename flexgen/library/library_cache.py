@@ -1,7 +1,8 @@
-"""The libraries in the user's cache: marked when they are used, and those used least lately removed beyond limits.
+"""The libraries in the user's cache: marked when they are used, and those used least lately
+removed beyond limits.
 
-Several processes may do so at once. A loaded library stays in the memory of its process even if its files are removed;
-a library that is missing is built again.
+Several processes may do so at once. A loaded library stays in the memory of its process even if
+its files are removed; a library that is missing is built again.
 """
 
 from __future__ import annotations
@@ -25,14 +26,17 @@ def mark_used(library: Path) -> None:
 
 
 def prune(folder: Path) -> None:
-    """Remove the libraries in a folder that were used least lately, as long as they are too many or too large."""
+    """Remove the libraries in a folder that were used least lately, as long as they are too many
+    or too large.
+    """
     entries = []
     with suppress(OSError):
         for path in folder.iterdir():
             with suppress(OSError):  # another process was faster
                 if path.is_dir() and not path.is_symlink():
                     entries.append((path.stat().st_mtime, _size(path), path))
-    count, total = len(entries), sum(size for _, size, _ in entries)
+    count = len(entries)
+    total = sum(size for _, size, _ in entries)
     for _, size, path in sorted(entries):
         if count <= MOST and total <= LIMIT:
             break
@@ -45,8 +49,8 @@ def prune(folder: Path) -> None:
 def _remove_unused(path: Path) -> bool:
     """Remove a library unless it is in use.
 
-    It is renamed first, so that no process finds half of it, and restored if another process marks it as in use in the
-    meantime; by then there may be a new one in its place.
+    It is renamed first, so that no process finds half of it, and restored if another process marks
+    it as in use in the meantime; by then there may be a new one in its place.
     """
     if _in_use(path):
         return False

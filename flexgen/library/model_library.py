@@ -1,4 +1,6 @@
-"""C libraries of models that flexgen calls itself: generated once for each model, kept in the user's cache."""
+"""C libraries of models that flexgen calls itself: generated once for each model, kept in the
+user's cache.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +37,8 @@ def library_with(
     native: bool = False,
     progress: Callable[[str], None] | None = None,
 ) -> Library:
-    """The library of a model with some functions of the C library, made once for each model and kept in the cache.
+    """The library of a model with some functions of the C library, made once for each model and
+    kept in the cache.
 
     Parameters
     ----------
@@ -43,7 +46,8 @@ def library_with(
     functions : sequence of str
         Names of the functions.
     solvers : sequence of str
-        Names of hand-written sources, such as ``invert``; those that are not named are not compiled.
+        Names of hand-written sources, such as ``invert``; those that are not named are not
+        compiled.
     parameters : sequence of str
         Numbers of the model that are arguments of the functions.
     per_point : bool
@@ -69,7 +73,9 @@ def _silent(line: str) -> None:
 
 @dataclass(frozen=True)
 class _What:
-    """Content of a library: names of functions, solvers and parameters, and whether it is for this processor only."""
+    """Content of a library: names of functions, solvers and parameters, and whether it is for this
+    processor only.
+    """
 
     functions: tuple[str, ...]
     solvers: tuple[str, ...]

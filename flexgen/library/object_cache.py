@@ -1,9 +1,11 @@
-"""The user's cache of compiled objects: a source that was compiled before, for any directory, is not compiled again.
+"""The user's cache of compiled objects: a source that was compiled before, for any directory, is
+not compiled again.
 
-An entry is named by the hash of all it depends on and begins with a hash of its own bytes, so that a
-truncated, corrupted or renamed entry is rejected. Only the user can write to the folder (mode 0700, below folders that
-no other user can write to); where this is not possible there is no cache. On Windows it is below ``LOCALAPPDATA``,
-which the system keeps from other users. ``FLEXGEN_CACHE`` names another folder; empty: none.
+An entry is named by the hash of all it depends on and begins with a hash of its own bytes, so that
+a truncated, corrupted or renamed entry is rejected. Only the user can write to the folder (mode
+0700, below folders that no other user can write to); where this is not possible there is no cache.
+On Windows it is below ``LOCALAPPDATA``, which the system keeps from other users. ``FLEXGEN_CACHE``
+names another folder; empty: none.
 """
 
 from __future__ import annotations
@@ -58,11 +60,14 @@ class Objects:
         flags_of: Callable[[str], Sequence[str]] = lambda name: (),
     ) -> None:
         self.folder = cache_folder()
-        self.identity, self.flags_of = identity, flags_of
+        self.identity = identity
+        self.flags_of = flags_of
         self.headers = {PurePosixPath(name).name: text for name, text in headers.items()}
 
     def fetch(self, source: Path) -> bool:
-        """Copy the object of a source from the cache into the source's folder; False where the cache has none."""
+        """Copy the object of a source from the cache into the source's folder; False where the
+        cache has none.
+        """
         if self.folder is None:
             return False
         data = fetch_entry(self.folder, f"{self._key(source)}.o")
@@ -74,7 +79,9 @@ class Objects:
     def keep(self, source: Path) -> None:
         """Store the object of a source in the cache; errors of the cache directory are ignored."""
         if self.folder is not None:
-            keep_entry(self.folder, f"{self._key(source)}.o", source.with_suffix(".o").read_bytes())
+            keep_entry(
+                self.folder, f"{self._key(source)}.o", source.with_suffix(".o").read_bytes()
+            )
 
     def _key(self, source: Path) -> str:
         """Hash of everything that the object depends on; the name too, as objects hold it."""
@@ -86,7 +93,9 @@ class Objects:
         return digest.hexdigest()
 
     def _find_includes(self, text: bytes, source: str) -> set[str]:
-        """Names of the headers that a text includes, by way of others too; all of them where one is not known."""
+        """Names of the headers that a text includes, by way of others too; all of them where one
+        is not known.
+        """
         names: set[str] = set()
         texts = [text]
         while texts:
@@ -116,7 +125,9 @@ def fetch_entry(folder: Path, name: str) -> bytes | None:
 
 
 def keep_entry(folder: Path, name: str, data: bytes) -> None:
-    """Store an entry, whose name is the hash of all it depends on; errors of the cache directory are ignored."""
+    """Store an entry, whose name is the hash of all it depends on; errors of the cache directory
+    are ignored.
+    """
     with contextlib.suppress(OSError):
         handle, temporary = tempfile.mkstemp(prefix=".new-", dir=folder)
         try:
@@ -138,7 +149,8 @@ def _mark(name: str, data: bytes) -> bytes:
 def one_at_a_time(
     folder: Path | None, name: str, log: Callable[[str], None] | None = None
 ) -> Iterator[None]:
-    """Let one process at a time compile the object of this name: the others then find it in the cache.
+    """Let one process at a time compile the object of this name: the others then find it in the
+    cache.
 
     Without a cache, and where files cannot be locked, all compile at once.
 
@@ -170,7 +182,9 @@ def one_at_a_time(
 
 
 def _lock(descriptor: int, *, wait: bool) -> bool:
-    """Lock an open file; False where another process has it; OSError where the file system has no locks."""
+    """Lock an open file; False where another process has it; OSError where the file system has no
+    locks.
+    """
     if fcntl is not None:
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
@@ -197,9 +211,11 @@ def _unlock(descriptor: int) -> None:
 
 
 def _prune(folder: Path) -> None:
-    """Remove the entries that were used least lately, and what an interrupted process left, beyond the limit.
+    """Remove the entries that were used least lately, and what an interrupted process left, beyond
+    the limit.
 
-    Other processes may do the same at once. Folders are not counted: what is in ``libraries`` has limits of its own.
+    Other processes may do the same at once. Folders are not counted: what is in ``libraries`` has
+    limits of its own.
     """
     entries = []
     for path in folder.iterdir():
@@ -236,14 +252,16 @@ def cache_folder() -> Path | None:
         problem = str(error)
     if problem and given:
         raise BuildError(
-            f"FLEXGEN_CACHE: given {given!r}, expected a folder that you alone can write to ({problem}); "
-            "choose another, or set it to nothing to do without a cache"
+            f"FLEXGEN_CACHE: given {given!r}, expected a folder that you alone can write to "
+            f"({problem}); choose another, or set it to nothing to do without a cache"
         )
     return None if problem else folder
 
 
 def _problem(folder: Path) -> str:
-    """Why strangers could put something into a folder, empty where they cannot; BuildError for those above it."""
+    """Why strangers could put something into a folder, empty where they cannot; BuildError for
+    those above it.
+    """
     if not hasattr(os, "geteuid"):  # Windows: its access control lists are not read
         return "" if os.access(folder, os.W_OK) else f"{folder} cannot be written"
     facts = folder.stat()

@@ -1,6 +1,8 @@
-"""Files by which other projects find the library: its CMakeLists.txt and its pkg-config file, as text.
+"""Files by which other projects find the library: its CMakeLists.txt and its pkg-config file, as
+text.
 
-The text depends on the library's name, its sources and whether its batches use OpenMP; no path is in it.
+The text depends on the library's name, its sources and whether its batches use OpenMP; no path is
+in it.
 """
 
 from __future__ import annotations
@@ -52,7 +54,9 @@ def packaging(
         "level": next(flag for flag in REPRODUCIBLE if flag.startswith("-O")),
         "native": options(NATIVE, True),
     }
-    unrolled = Template(_UNROLLED).substitute(flags=";".join(SOLVER_FLAGS), files=" ".join(solvers))
+    unrolled = Template(_UNROLLED).substitute(
+        flags=";".join(SOLVER_FLAGS), files=" ".join(solvers)
+    )
     values["unrolled"] = unrolled if solvers else ""
     pc = Template(_PC).substitute(values, openmp=f" {OPENMP}" if openmp else "")
     return {"CMakeLists.txt": Template(_CMAKE).substitute(values), f"{name}.pc": pc}
@@ -73,7 +77,8 @@ Libs: -L$${prefix} -l$name -lm$openmp
 _UNROLLED = """\
 
 # Unrolled loops make the solvers a tenth faster, and their code twice as long.
-if(NOT MSVC AND NOT CMAKE_GENERATOR STREQUAL "Xcode") # Xcode has no flags for one source and one configuration
+if(NOT MSVC AND NOT CMAKE_GENERATOR STREQUAL "Xcode") # Xcode has no flags for one source and one \
+configuration
   set(unrolled "$$<$$<NOT:$$<OR:$$<CONFIG:Debug>,$$<CONFIG:MinSizeRel>>>:$flags>")
   set_source_files_properties($files PROPERTIES COMPILE_OPTIONS "$${unrolled}")
 endif()
@@ -119,7 +124,8 @@ if(BUILD_SHARED_LIBS)
   target_compile_definitions(flexgen_$name PRIVATE ${NAME}_SHARED)
 endif()
 
-# The same bits with every compiler, unless this processor's own are asked for; a debug build keeps its -O0 or -Og.
+# The same bits with every compiler, unless this processor's own are asked for; a debug build \
+keeps its -O0 or -Og.
 if(MSVC)
   target_compile_options(flexgen_$name PRIVATE /fp:precise)
 elseif(${NAME}_NATIVE)
@@ -137,7 +143,8 @@ set(config "include(\\"\\$${CMAKE_CURRENT_LIST_DIR}/$name-targets.cmake\\")\\n")
 if(${NAME}_OPENMP)
   find_package(OpenMP REQUIRED COMPONENTS C)
   target_link_libraries(flexgen_$name PRIVATE OpenMP::OpenMP_C)
-  set(config "include(CMakeFindDependencyMacro)\\nfind_dependency(OpenMP COMPONENTS C)\\n$${config}")
+  set(config "include(CMakeFindDependencyMacro)\\nfind_dependency(OpenMP COMPONENTS \
+C)\\n$${config}")
   set(math_pc "$${math_pc} $${OpenMP_C_FLAGS}")
 endif()
 
@@ -170,5 +177,6 @@ install(FILES
   "$${CMAKE_CURRENT_BINARY_DIR}/$name-config-version.cmake"
   DESTINATION "$${config_dir}"
 )
-install(FILES "$${CMAKE_CURRENT_BINARY_DIR}/$name.pc" DESTINATION "$${CMAKE_INSTALL_LIBDIR}/pkgconfig")
+install(FILES "$${CMAKE_CURRENT_BINARY_DIR}/$name.pc" DESTINATION \
+"$${CMAKE_INSTALL_LIBDIR}/pkgconfig")
 """

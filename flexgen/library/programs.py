@@ -44,7 +44,8 @@ class Programs:
         folder: Path | None = None,
         environment: Mapping[str, str] | None = None,
     ) -> subprocess.CompletedProcess[str]:
-        """Run a program on a text to its end; it ends early with an error in this thread, or `stop`.
+        """Run a program on a text to its end; it ends early with an error in this thread, or
+        `stop`.
 
         Raises
         ------

@@ -1,8 +1,8 @@
 """Digest of the sources that the text of a library depends on: all that the emission imports.
 
-The modules are found by following the imports written in the sources, those inside of functions and
-those by a name in a text too, as the test of the architecture does. A change in any of them makes
-new libraries; no list has to be kept.
+The modules are found by following the imports written in the sources, those inside of functions
+and those by a name in a text too, as the test of the architecture does. A change in any of them
+makes new libraries; no list has to be kept.
 """
 
 from __future__ import annotations
@@ -143,7 +143,9 @@ class _Tree:
 
 
 def _find_names(tree: _Tree, text: bytes) -> set[str]:
-    """Dotted names that a source imports or names in a text, of modules and of names in modules."""
+    """Dotted names that a source imports or names in a text, of modules and of names in
+    modules.
+    """
     found: set[str] = set()
     for base, names in _FROM.findall(text):
         module = base.decode()

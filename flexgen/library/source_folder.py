@@ -1,4 +1,6 @@
-"""A folder of exported source files: written completely or not at all; files that a user changed are not replaced."""
+"""A folder of exported source files: written completely or not at all; files that a user changed
+are not replaced.
+"""
 
 from __future__ import annotations
 
@@ -52,7 +54,8 @@ def write_folder(
     Raises
     ------
     BuildError
-        The folder holds another export or files of the user, or cannot be written; it stays as it was.
+        The folder holds another export or files of the user, or cannot be written; it stays as it
+        was.
     """
     assert all(_FILE.match(file) and ".." not in file for file in texts), sorted(texts)
     content = {file: texts[file].encode("ascii") for file in sorted(texts)}
@@ -89,7 +92,8 @@ def write_folder(
                     (target / file).unlink()
     except OSError as error:
         raise BuildError(
-            f"directory: given {str(target)!r}, which cannot be written ({error.strerror or error}); {_ADVICE}"
+            f"directory: given {str(target)!r}, which cannot be written "
+            f"({error.strerror or error}); {_ADVICE}"
         ) from error
     return tuple(target / file for file in (*content, RECORD))
 
@@ -117,8 +121,9 @@ def _record(target: Path, kind: str, name: str) -> dict[str, str]:
         )
     if (found["kind"], found["name"]) != (kind, name):
         raise BuildError(
-            f"{target}: given a folder with the export {found['kind'][:40]} of {found['name'][:40]!r}, "
-            f"expected an empty one or one of {kind} of {name!r}; {_ADVICE}"
+            f"{target}: given a folder with the export {found['kind'][:40]} of "
+            f"{found['name'][:40]!r}, expected an empty one or one of {kind} of {name!r}; "
+            f"{_ADVICE}"
         )
     return files
 
@@ -127,7 +132,8 @@ def _record(target: Path, kind: str, name: str) -> dict[str, str]:
 def _undone_on_error(target: Path, kept: Path, files: Sequence[str]) -> Iterator[None]:
     """Where the block ends with an error, the files are as before it, and new folders are removed.
 
-    The copies are in the folder ``kept``. A process that is killed in the block leaves some files new and some old.
+    The copies are in the folder ``kept``. A process that is killed in the block leaves some files
+    new and some old.
     """
     folders = {
         parent
@@ -160,15 +166,17 @@ def _refuse_folders(target: Path, files: Sequence[str]) -> None:
     folders = [file for file in files if (target / file).is_dir()]
     if folders:
         raise BuildError(
-            f"{target}: given folders with the names of files ({', '.join(folders[:8])}), expected files or nothing; "
-            f"move them away, or {_ADVICE}"
+            f"{target}: given folders with the names of files ({', '.join(folders[:8])}), "
+            f"expected files or nothing; move them away, or {_ADVICE}"
         )
 
 
 def _refuse_foreign(
     target: Path, content: Mapping[str, bytes], old: Mapping[str, str], force: bool
 ) -> None:
-    """BuildError where a file would be lost that flexgen did not write, or that was changed since."""
+    """BuildError where a file would be lost that flexgen did not write, or that was changed
+    since.
+    """
     foreign: list[str] = []
     changed: list[str] = []
     for file, data in content.items():
@@ -181,13 +189,15 @@ def _refuse_foreign(
         (changed if file in old else foreign).append(file)
     if foreign:
         raise BuildError(
-            f"{target}: given a folder with files that flexgen did not write ({', '.join(foreign[:8])}), expected only "
-            f"its own of these names; move them away, or {_ADVICE}"
+            f"{target}: given a folder with files that flexgen did not write "
+            f"({', '.join(foreign[:8])}), expected only its own of these names; move them away, "
+            f"or {_ADVICE}"
         )
     if changed and not force:
         raise BuildError(
-            f"{target}: given files that were changed since the export ({', '.join(changed[:8])}), expected unchanged "
-            "ones; move them away, choose another folder, or replace them with force=True (--force)"
+            f"{target}: given files that were changed since the export "
+            f"({', '.join(changed[:8])}), expected unchanged ones; move them away, choose "
+            "another folder, or replace them with force=True (--force)"
         )
 
 

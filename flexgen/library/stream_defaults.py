@@ -1,4 +1,6 @@
-"""Defaults of a library from the home pose: options of a stream by the zero dynamics, gains of the servo."""
+"""Defaults of a library from the home pose: options of a stream by the zero dynamics, gains of the
+servo.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,9 @@ _SINGULAR = 1e-9  # rad/m: a pose where the output's Jacobian is singular
 
 
 def with_defaults(model: RobotModel, spec: LibrarySpec) -> LibrarySpec:
-    """The library with the recommended options of its stream, and with gains where its servo has frequencies."""
+    """The library with the recommended options of its stream, and with gains where its servo has
+    frequencies.
+    """
     constants = spec.motor_constants
     if constants is not None and constants.servo is not None and constants.servo.type == "ppi":
         from flexgen.analysis.servo_gains import servo_with_gains
@@ -36,16 +40,19 @@ def with_defaults(model: RobotModel, spec: LibrarySpec) -> LibrarySpec:
 
 
 def stream_defaults(model: RobotModel, spec: LibrarySpec) -> StreamDefaults | None:
-    """Recommended options of a stream; None where the arm has no equilibrium or a singular pose at home.
+    """Recommended options of a stream; None where the arm has no equilibrium or a singular pose at
+    home.
 
-    The look-ahead is the `preview` of the slowest unstable zero for `PREVIEW_SHARE`, and at least `INTERVALS` updates.
+    The look-ahead is the `preview` of the slowest unstable zero for `PREVIEW_SHARE`, and at least
+    `INTERVALS` updates.
 
     Parameters
     ----------
     model : RobotModel
         One that can be inverted.
     spec : LibrarySpec
-        Its library, with the functions of the inversion. Run-time parameters have the values of the model file.
+        Its library, with the functions of the inversion. Run-time parameters have the values of
+        the model file.
     """
     zero = slowest_unstable_zero(model, spec)
     if zero is None:
@@ -64,20 +71,25 @@ def stream_defaults(model: RobotModel, spec: LibrarySpec) -> StreamDefaults | No
 
 
 def slowest_unstable_zero(model: RobotModel, spec: LibrarySpec) -> float | None:
-    """Smallest real part [1/s] of the unstable zeros of the output, with the joints at home and springs at equilibrium.
+    """Smallest real part [1/s] of the unstable zeros of the output, with the joints at home and
+    springs at equilibrium.
 
-    0 where there is none; None without an equilibrium, at a singular pose, or where the zeros are undetermined.
+    0 where there is none; None without an equilibrium, at a singular pose, or where the zeros are
+    undetermined.
 
-    The zeros are those of ``A s^2 + D s + K`` with ``A = R_a S``, ``D = R_v S``, ``K = R_q S``: the Jacobians of the
-    unactuated rows, restricted to motions ``S`` that keep the output where it is.
+    The zeros are those of ``A s^2 + D s + K`` with ``A = R_a S``, ``D = R_v S``, ``K = R_q S``:
+    the Jacobians of the unactuated rows, restricted to motions ``S`` that keep the output where it
+    is.
     """
-    i_g, i_e = list(model.i_g), list(model.i_e)
+    i_g = list(model.i_g)
+    i_e = list(model.i_e)
     if not i_e:
         return 0.0
     jacobians, constraint = (
         _values(spec, name) for name in ("inversion_jacobians", "output_constraint")
     )
-    q, rest = np.zeros(model.n_a), np.zeros(model.n_a)
+    q = np.zeros(model.n_a)
+    rest = np.zeros(model.n_a)
     q[i_g] = model.home
     change = np.inf
     for _ in range(_STEPS):
@@ -93,7 +105,9 @@ def slowest_unstable_zero(model: RobotModel, spec: LibrarySpec) -> float | None:
     W = constraint(q, rest, np.zeros(model.output.target_size))[1][0].reshape(-1, model.n_a)
     if np.linalg.svd(W[:, i_g], compute_uv=False)[-1] < _SINGULAR:
         return None
-    A, D, K = (x.reshape(model.n_e, model.n_a) @ held_motions(model, W) for x in (by_a, by_v, by_q))
+    A, D, K = (
+        x.reshape(model.n_e, model.n_a) @ held_motions(model, W) for x in (by_a, by_v, by_q)
+    )
     zeros = pencil_zeros(A, D, K)
     if zeros is None:
         return None

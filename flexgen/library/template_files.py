@@ -1,8 +1,9 @@
 """Template files of exports with names put in.
 
-A template is a real file of its language in which ``model_`` and ``MODEL_`` are replaced by the name of the library, as
-in ``flexgen/clib/``, and words in capitals between two @ for a text. What is put in must be safe where it stands: an
-identifier, a number, or a text that `flexgen.codegen.c_text.quote`, `xml_text` or `yaml_text` has escaped.
+A template is a real file of its language in which ``model_`` and ``MODEL_`` are replaced by the
+name of the library, as in ``flexgen/clib/``, and words in capitals between two @ for a text. What
+is put in must be safe where it stands: an identifier, a number, or a text that
+`flexgen.codegen.c_text.quote`, `xml_text` or `yaml_text` has escaped.
 """
 
 from __future__ import annotations
@@ -39,8 +40,8 @@ def template(
     words : mapping of str to str
         Text for each word; every word of the template is needed.
     names : mapping of str to str
-        Further names of the template, and their replacements. They are found before anything is put in: the library
-        may have such a name.
+        Further names of the template, and their replacements. They are found before anything is
+        put in: the library may have such a name.
     parts : collection of str
         As of `flexgen.codegen.clib_files.render`.
 
@@ -64,7 +65,8 @@ def template(
 
 
 def xml_text(text: str) -> str:
-    """A text for the content of an element, or for an attribute in double quotes; what is not ASCII as a reference.
+    """A text for the content of an element, or for an attribute in double quotes; what is not
+    ASCII as a reference.
 
     Control characters, which XML does not allow, become spaces.
     """

@@ -1,4 +1,6 @@
-"""Parts of a closed loop along a move: feedforward, robots, references, drives, what acts on the robots."""
+"""Parts of a closed loop along a move: feedforward, robots, references, drives, what acts on the
+robots.
+"""
 
 from __future__ import annotations
 
@@ -49,9 +51,9 @@ TOOL_FORCE = "forward_dynamics_tool_force"
 class Case:
     """Parts of a closed loop, ready to run with any controller.
 
-    ``plants``, ``library``, ``equations``: of the springs and dampers; ``gears``: the robots with their hysteresis;
-    ``signals``: of sensors that feel the force on the tool; ``laws``: of the hysteresis; ``force``: of a process, which
-    acts on all tools.
+    ``plants``, ``library``, ``equations``: of the springs and dampers; ``gears``: the robots with
+    their hysteresis; ``signals``: of sensors that feel the force on the tool; ``laws``: of the
+    hysteresis; ``force``: of a process, which acts on all tools.
     """
 
     model: RobotModel
@@ -87,9 +89,15 @@ class Case:
         """The planned motion for laws that evaluate the model."""
         eq = self.equations
         return LawMotion(
-            eq.model, eq, self.solution.trajectory, self.reference, self.sample_time, self.delay, self.exact_state,
+            eq.model,
+            eq,
+            self.solution.trajectory,
+            self.reference,
+            self.sample_time,
+            self.delay,
+            self.exact_state,
             self.rate,
-        )  # fmt: skip
+        )
 
 
 def control_case(
@@ -109,7 +117,9 @@ def control_case(
     force: Any = None,
     progress: Callable[[str], None] | None = None,
 ) -> Case:
-    """The same without a controller: solve the move, make the robots, find their rest positions; see `control`."""
+    """The same without a controller: solve the move, make the robots, find their rest positions;
+    see `control`.
+    """
     tell = progress or (lambda line: None)
     robot = robot_of(model)
     _check_times(sample_time, delay)
@@ -156,10 +166,8 @@ def control_case(
     rests = local.under(process, time[0]).rests(reference.motion, chosen.values)
     whole = int(delay / sample_time + 1e-9)
     rest = delay - whole * sample_time
-    own, late = (
-        DriveHardware.from_model(robot) if torque_limits else DriveHardware(),
-        rest > 1e-9 * sample_time,
-    )
+    own = DriveHardware.from_model(robot) if torque_limits else DriveHardware()
+    late = rest > 1e-9 * sample_time
     limits = own.torque_max_Nm, own.torque_speed
     hardware = DriveHardware(
         sample_time, rest * late, encoder_resolution, encoder_noise, 0.0, *limits
@@ -199,23 +207,30 @@ def control_case(
 def resting(
     reference: MotionReference, local: LocalDynamics, nominal: np.ndarray
 ) -> MotionReference:
-    """The reference with the torque of the equilibrium before the motion: under a force a solution begins otherwise."""
-    (_, tau), before = local.rests(reference.motion, nominal)[0], reference.time < reference.begin
+    """The reference with the torque of the equilibrium before the motion: under a force a solution
+    begins otherwise.
+    """
+    (_, tau) = local.rests(reference.motion, nominal)[0]
+    before = reference.time < reference.begin
     before &= (reference.held == reference.held[0]).all(axis=1)
     return replace(reference, held=np.where(before[:, None], tau, reference.held))
 
 
 def with_wall(case: Case, wall: Wall, progress: Callable[[str], None] | None) -> Case:
-    """The case of robots whose tools touch a wall, with integration steps that are short enough for it."""
+    """The case of robots whose tools touch a wall, with integration steps that are short enough
+    for it.
+    """
     for q_a, _ in case.rests:
         check_start(wall, case.equations, q_a)
-    tell, names = progress or (lambda line: None), tuple(p.name for p in case.plants.parameters)
+    tell = progress or (lambda line: None)
+    names = tuple(p.name for p in case.plants.parameters)
     elastic = case.equations.model
     functions = dict.fromkeys((*case.library.functions, TOOL_FORCE))
     library = library_with(
         elastic, [*functions], parameters=names, per_point=bool(names), progress=progress
     )
-    local, reference = LocalDynamics(derive(elastic, names)), case.reference
+    local = LocalDynamics(derive(elastic, names))
+    reference = case.reference
     points = reference.points(
         np.unique(np.linspace(0, len(reference.time) - 1, POINTS).astype(int))
     )
@@ -224,7 +239,8 @@ def with_wall(case: Case, wall: Wall, progress: Callable[[str], None] | None) ->
         -1, 6, elastic.n_a
     )
     normal[:, : elastic.n_a] = np.einsum("i,kij->kj", in_world(wall, elastic)[1], jacobians[:, :3])
-    pushing, rate = normal[:, :, None] * normal[:, None], 0.0
+    pushing = normal[:, :, None] * normal[:, None]
+    rate = 0.0
     for values in case.plants.values:
         M, D, K, _ = local.matrices(points, values)
         rate = max(

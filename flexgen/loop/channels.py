@@ -1,12 +1,13 @@
 """The measured channels of an observer, chosen by name.
 
-=================== =====================================================================================
+=================== ===============================================================================
 motors              all motor angles; also each by the name of its motor
-a sensor's name     all channels of a sensor of the model file; also each by its own name, ``acc.x``
+a sensor's name     all channels of a sensor of the model file; also each by its own name,
+                    ``acc.x``
 tool_accelerometer  three axes at the tool, where the model file has none
 tool_gyro           three axes at the tool
 link_encoders       all arm coordinates with a motor
-=================== =====================================================================================
+=================== ===============================================================================
 """
 
 from __future__ import annotations
@@ -21,7 +22,10 @@ from flexgen.model.elements import RobotModel
 from flexgen.sensors import TOOL, Sensor
 from flexgen.spec.arguments import check_positive, is_number, mapping_of
 
-MOTORS, ACCELEROMETER, GYRO, ENCODERS = "motors", "tool_accelerometer", "tool_gyro", "link_encoders"
+MOTORS = "motors"
+ACCELEROMETER = "tool_accelerometer"
+GYRO = "tool_gyro"
+ENCODERS = "link_encoders"
 ENCODER_NOISE = 1e-4  # rad
 NOISES = {ACCELEROMETER: 0.05, GYRO: 1e-3, ENCODERS: 1e-5}  # m/s^2, rad/s, rad or m
 _AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -66,8 +70,9 @@ def channels_of(
     outputs : str or sequence of str
         See the table of this module.
     noise : float or mapping of str to float, optional
-        Standard deviations by the same names, or one for all; default: 1e-4 rad for motor angles, those of the model
-        file for its sensors, and 0.05 m/s^2, 1e-3 rad/s and 1e-5 rad for the others.
+        Standard deviations by the same names, or one for all; default: 1e-4 rad for motor angles,
+        those of the model file for its sensors, and 0.05 m/s^2, 1e-3 rad/s and 1e-5 rad for the
+        others.
 
     Raises
     ------
@@ -101,8 +106,8 @@ def channels_of(
     for sensor in sensors:
         if sensor.delay_s > 0:
             raise ArgumentError(
-                f"outputs: given the sensor {sensor.name} with delay_s = {sensor.delay_s:g}, expected one without "
-                "delay; shift its record, or leave the sensor out"
+                f"outputs: given the sensor {sensor.name} with delay_s = {sensor.delay_s:g}, "
+                "expected one without delay; shift its record, or leave the sensor out"
             )
     of_sensors = [channel for sensor in sensors for channel in sensor.channels]
     index = [
@@ -124,7 +129,9 @@ def _motors(name: str, motors: list[str], model: RobotModel) -> list[str]:
         return motors
     if name in motors:
         return [name]
-    raise ArgumentError(f"outputs: given {name!r}, expected one of {', '.join(_list_names(model))}")
+    raise ArgumentError(
+        f"outputs: given {name!r}, expected one of {', '.join(_list_names(model))}"
+    )
 
 
 def _sensors(model: RobotModel, name: str) -> list[Sensor]:

@@ -1,11 +1,13 @@
 """Robots under a sampled controller, simulated in C: measure, control, limit, hold, integrate.
 
-    y_k = Q((q_m, sensors)(t_k) + noise + bias), on request also the exact state,    u_k = controller(k, y_k, ref_k),
+    y_k = Q((q_m, sensors)(t_k) + noise + bias), on request also the exact state,
+    u_k = controller(k, y_k, ref_k),
     tau_m(t) = sat(u_k) + noise + disturbance(t),    t in [t_k + delay, t_(k+1) + delay)
 
-Several robots with the same model advance together; they may have different run-time parameters. Between samples the
-model's forward dynamics is integrated by the classical Runge-Kutta method in equal steps, short enough for the fastest
-eigenvalue. Forces on the tool and disturbances of the motors are constant within a step.
+Several robots with the same model advance together; they may have different run-time parameters.
+Between samples the model's forward dynamics is integrated by the classical Runge-Kutta method in
+equal steps, short enough for the fastest eigenvalue. Forces on the tool and disturbances of the
+motors are constant within a step.
 """
 
 from __future__ import annotations
@@ -32,14 +34,19 @@ from flexgen.mechanics.limit_use import edges_of_curves
 from flexgen.model.elements import RobotModel
 from flexgen.runtime.library import Library
 
-NOT_FINITE, TOO_LONG = "not finite", "gears or frictions slip too fast for the integration steps"
+NOT_FINITE = "not finite"
+TOO_LONG = "gears or frictions slip too fast for the integration steps"
 STATUSES = ("done", NOT_FINITE, "controller failed", TOO_LONG)
-STEP_TIMES_RATE, LARGEST_STEP_TIMES_RATE = 1.0, 2.5  # of the Runge-Kutta method; stable below 2.78
+STEP_TIMES_RATE = 1.0  # of the Runge-Kutta method
+LARGEST_STEP_TIMES_RATE = 2.5  # stable below 2.78
 # a sample; so many numbers of steps more than needed are tried before larger ones
-MOST_STEPS, FEW = 1000, 64
+MOST_STEPS = 1000
+FEW = 64
 MOST_DELAY = 64  # samples
 TOOL = 6  # entries of a force and a torque on the tool
-POLL_S, LONGEST_STEP_S = 0.05, 5.0  # of a plug-in
+# of a plug-in
+POLL_S = 0.05
+LONGEST_STEP_S = 5.0
 DELAY_ERROR = 1e-3  # of the sample time: largest difference between a delay and whole steps
 # Samples of a long run between two looks at the time limit and at Ctrl-C: some 10 ms of computing.
 PART = 2000
@@ -49,11 +56,11 @@ _CHANGING = ("state", "torque", "pending", "shown", "memory", "random")
 
 @dataclass(frozen=True)
 class Samples:
-    """Measured angles ``q_m`` and commanded torques ``tau_m`` (samples, lanes, n_m), motor side; signals of the sensors
-    ``sensors`` (samples, lanes, n_s).
+    """Measured angles ``q_m`` and commanded torques ``tau_m`` (samples, lanes, n_m), motor side;
+    signals of the sensors ``sensors`` (samples, lanes, n_s).
 
-    ``motion``: None, or (samples, 2 n_a + 3 n_m, lanes): q_a, v_a, q_m, v_m and the torque that acts just before the
-    new one.
+    ``motion``: None, or (samples, 2 n_a + 3 n_m, lanes): q_a, v_a, q_m, v_m and the torque that
+    acts just before the new one.
     """
 
     q_m: np.ndarray
@@ -77,8 +84,8 @@ class ClosedLoop:
     ----------
     model : RobotModel
     library : Library
-        With ``forward_dynamics``, of this model; also ``forward_dynamics_tool_force`` where forces act on the tool, and
-        ``sensors``.
+        With ``forward_dynamics``, of this model; also ``forward_dynamics_tool_force`` where forces
+        act on the tool, and ``sensors``.
     hardware : DriveHardware
     controller : Controller
     q_a, q_m : arrays (lanes, n_a), (lanes, n_m)
@@ -90,10 +97,12 @@ class ClosedLoop:
     steps : int, optional
         Integration steps in a sample; default: from ``rate``.
     parameters : array (n_p,) or (lanes, n_p), or RobotFunction, optional
-        Run-time parameters, where the library has any: for all robots, or for each where the library was made so;
-        default: those of the model file. Or the rate of robots whose gears have hysteresis, and a library without it.
+        Run-time parameters, where the library has any: for all robots, or for each where the
+        library was made so; default: those of the model file. Or the rate of robots whose gears
+        have hysteresis, and a library without it.
     sensors : SensorChannels, optional
-        The robot's sensors are measured too; the library has ``sensors``, or the channels have their ``function``.
+        The robot's sensors are measured too; the library has ``sensors``, or the channels have
+        their ``function``.
     delay_samples : int or array (lanes,)
         Whole samples from a measurement to its torque, in addition to ``hardware.delay_s``.
     arm_reference : bool
@@ -129,16 +138,21 @@ class ClosedLoop:
         exact_state: bool = False,
         first_robot: int = 0,
     ) -> None:
-        lanes, n_m, n_a = len(q_m), model.n_m, model.n_a
+        lanes = len(q_m)
+        n_m = model.n_m
+        n_a = model.n_a
         if q_a.shape != (lanes, n_a) or q_m.shape != (lanes, n_m):
             raise ArgumentError(
-                f"q_a, q_m: given shapes {q_a.shape}, {q_m.shape}, expected (lanes, {n_a}), (lanes, {n_m})"
+                f"q_a, q_m: given shapes {q_a.shape}, {q_m.shape}, expected (lanes, {n_a}), "
+                f"(lanes, {n_m})"
             )
         if library.precision != "double" or library.sizes["n_a"] != n_a:
             raise ArgumentError(
                 f"library: given {library!r}, expected one of {model.name} in double precision"
             )
-        self.model, self.hardware, self.lanes = model, hardware, lanes
+        self.model = model
+        self.hardware = hardware
+        self.lanes = lanes
         self.steps = (
             integration_steps(hardware, rate)
             if steps is None
@@ -153,8 +167,9 @@ class ClosedLoop:
             > DELAY_ERROR * hardware.sample_s
         ):
             raise ArgumentError(
-                f"delay_s: given {hardware.delay_s}, expected a whole number of integration steps of "
-                f"{hardware.sample_s / self.steps:.3g} s; take a multiple of a fraction of the sample time"
+                f"delay_s: given {hardware.delay_s}, expected a whole number of integration "
+                f"steps of {hardware.sample_s / self.steps:.3g} s; take a multiple of a "
+                "fraction of the sample time"
             )
         whole, delay = divmod(delay, self.steps)  # nearly a sample may be all of its steps
         late = np.broadcast_to(np.asarray(delay_samples, np.int32), (lanes,)) + np.int32(whole)
@@ -165,7 +180,8 @@ class ClosedLoop:
         self.channels = SensorChannels.ideal(0) if sensors is None else sensors
         if len(self.channels.noise) != (library.sizes.get("n_s", 0) if sensors is not None else 0):
             raise ArgumentError(
-                f"sensors: given {len(self.channels.noise)} channels, expected {library.sizes.get('n_s', 0)}"
+                f"sensors: given {len(self.channels.noise)} channels, expected "
+                f"{library.sizes.get('n_s', 0)}"
             )
         self.states = 2 * (n_a + n_m) if exact_state else 0
         n_y = n_m + len(self.channels.noise) + self.states
@@ -192,9 +208,10 @@ class ClosedLoop:
             or rate * hardware.sample_s / self.steps > LARGEST_STEP_TIMES_RATE
         ):
             raise ArgumentError(
-                f"steps: {self.steps} integration steps a sample of {hardware.sample_s} s, and the fastest eigenvalue "
-                f"is {rate:.3g} 1/s: expected at most {MOST_STEPS} and a step below {LARGEST_STEP_TIMES_RATE} over the "
-                "eigenvalue; use a smaller sample time, or smooth the friction (smaller beta)"
+                f"steps: {self.steps} integration steps a sample of {hardware.sample_s} s, and "
+                f"the fastest eigenvalue is {rate:.3g} 1/s: expected at most {MOST_STEPS} and a "
+                f"step below {LARGEST_STEP_TIMES_RATE} over the eigenvalue; use a smaller "
+                "sample time, or smooth the friction (smaller beta)"
             )
 
     def _parameters(self, library: Library, given: np.ndarray | None) -> np.ndarray:
@@ -212,12 +229,15 @@ class ClosedLoop:
     def _memory(
         self, q_a: np.ndarray, parameters: np.ndarray, seed: int, late: np.ndarray
     ) -> dict[str, np.ndarray]:
-        model, hardware, lanes, channels = self.model, self.hardware, self.lanes, self.channels
-        n_m, n_a, n_y = model.n_m, model.n_a, self.setup.n_y
-        most, curves = (
-            np.array(hardware.torque_max_Nm or (0.0,) * n_m),
-            hardware.torque_speed or ((),) * n_m,
-        )
+        model = self.model
+        hardware = self.hardware
+        lanes = self.lanes
+        channels = self.channels
+        n_m = model.n_m
+        n_a = model.n_a
+        n_y = self.setup.n_y
+        most = np.array(hardware.torque_max_Nm or (0.0,) * n_m)
+        curves = hardware.torque_speed or ((),) * n_m
         if sizes := {
             name: n
             for name, n in (("torque_max_Nm", len(most)), ("torque_speed", len(curves)))
@@ -236,7 +256,8 @@ class ClosedLoop:
             raise ArgumentError(
                 f"sensors, delay_samples: given {delays.max()}, expected at most {MOST_DELAY}"
             )
-        n, n_z = n_a + n_m, self._states
+        n = n_a + n_m
+        n_z = self._states
         rows = 10 * n + 5 * n_z + n_m + len(model.i_g) + n_y + 2 * TOOL
         return {
             "parameters": parameters,
@@ -276,7 +297,8 @@ class ClosedLoop:
             raise ArgumentError(f"library: given {library!r}, expected one with forward_dynamics")
         self._arrays["work"] = work
         # a single robot without parameters: the function for one point is faster
-        one, one_work = None, None
+        one = None
+        one_work = None
         if self.lanes == 1 and not library.parameter_names:
             one, own = library.forward_dynamics.single_address()
             self._arrays["one_work"] = own
@@ -288,22 +310,39 @@ class ClosedLoop:
         kept = {name: at[name] or None for name in ARRAYS}
         terms = self._arrays["encoder_error"]
         made = Robots(
-            lanes=self.lanes, n_a=self.model.n_a, n_m=self.model.n_m, n_g=len(self.model.i_g), n_y=self.setup.n_y,
-            n_ref=self.setup.n_ref, states=self.states, steps=self.steps, delay_steps=delay,
-            slots=len(self._arrays["pending"]), history=len(self._arrays["shown"]) - 1, disturbed=0,
-            sample_s=self.hardware.sample_s, plant=entries[0],
-            pushed=entries[1], sensors=entries[2] if len(self.channels.noise) else None, plant_work=at["work"],
-            one=one, one_work=one_work,
-            controller=self._controller.address, memory_size=self._controller.memory.shape[1],
-            together=self._controller.together or None, **kept,
-        )  # fmt: skip
+            lanes=self.lanes,
+            n_a=self.model.n_a,
+            n_m=self.model.n_m,
+            n_g=len(self.model.i_g),
+            n_y=self.setup.n_y,
+            n_ref=self.setup.n_ref,
+            states=self.states,
+            steps=self.steps,
+            delay_steps=delay,
+            slots=len(self._arrays["pending"]),
+            history=len(self._arrays["shown"]) - 1,
+            disturbed=0,
+            sample_s=self.hardware.sample_s,
+            plant=entries[0],
+            pushed=entries[1],
+            sensors=entries[2] if len(self.channels.noise) else None,
+            plant_work=at["work"],
+            one=one,
+            one_work=one_work,
+            controller=self._controller.address,
+            memory_size=self._controller.memory.shape[1],
+            together=self._controller.together or None,
+            **kept,
+        )
         if self._gears is not None:
             made.n_z = self._states
             made.hysteresis = self._address(self._gears)
         if self.channels.function is not None:
             made.signals = self._address(self.channels.function)
-        made.encoder_terms, made.encoder_error = len(terms), terms.ctypes.data
-        made.n_edges, made.torque_edges = len(self._arrays["torque_edges"]), at["torque_edges"]
+        made.encoder_terms = len(terms)
+        made.encoder_error = terms.ctypes.data
+        made.n_edges = len(self._arrays["torque_edges"])
+        made.torque_edges = at["torque_edges"]
         return made
 
     def _address(self, function: RobotFunction) -> int:
@@ -313,7 +352,9 @@ class ClosedLoop:
         return ctypes.addressof(made)
 
     def touch(self, wall: RobotFunction) -> None:
-        """Let the tools touch a wall: force and torque (6,) on a tool from q_a, v_a and the numbers of its robot."""
+        """Let the tools touch a wall: force and torque (6,) on a tool from q_a, v_a and the
+        numbers of its robot.
+        """
         if not self._robots.pushed:
             raise ArgumentError(
                 "wall: a force on the tool needs a library with forward_dynamics_tool_force"
@@ -336,7 +377,9 @@ class ClosedLoop:
         return Snapshot(self.sample, {name: self._arrays[name].copy() for name in _CHANGING})
 
     def restore(self, snapshot: Snapshot) -> None:
-        """Continue from the state of another loop; parameters of the robots and gains stay those of this one."""
+        """Continue from the state of another loop; parameters of the robots and gains stay those
+        of this one.
+        """
         self.sample = snapshot.sample
         fixed = self._controller.fixed
         for name, array in snapshot.arrays.items():
@@ -373,11 +416,13 @@ class ClosedLoop:
         ----------
         reference : array (period, lanes, n_ref)
             Angles [rad], signals of the sensors and feedforward torques [N m] at each sample, see
-            `flexgen.loop.interface.Reference`, repeated periodically; sample 0 is the first of the whole run.
+            `flexgen.loop.interface.Reference`, repeated periodically; sample 0 is the first of the
+            whole run.
         motion : bool
             Also the motion at each sample.
         disturbances : array (samples * steps, n_m + 6, 1 or lanes), optional
-            In each integration step: torques on the motors [N m], force [N] and torque [N m] on the tool, world axes.
+            In each integration step: torques on the motors [N m], force [N] and torque [N m] on
+            the tool, world axes.
         check : bool
             False: no error where a robot fails, see `failures`.
 
@@ -386,7 +431,9 @@ class ClosedLoop:
         SolverError
             A robot's state is not finite, or its controller failed.
         """
-        n_m, n_ref, n_y = self.model.n_m, self.setup.n_ref, self.setup.n_y
+        n_m = self.model.n_m
+        n_ref = self.setup.n_ref
+        n_y = self.setup.n_y
         reference = np.ascontiguousarray(reference, dtype=float)
         if (
             reference.ndim != 3
@@ -394,17 +441,26 @@ class ClosedLoop:
             or not np.isfinite(reference).all()
         ):
             raise ArgumentError(
-                f"reference: given shape {reference.shape}, expected finite numbers (period, {self.lanes}, {n_ref})"
+                f"reference: given shape {reference.shape}, expected finite numbers (period, "
+                f"{self.lanes}, {n_ref})"
             )
-        y, tau_m = np.empty((samples, self.lanes, n_y)), np.empty((samples, self.lanes, n_m))
-        recorded = np.empty((samples, 2 * self.model.n_a + 3 * n_m, self.lanes)) if motion else None
+        y = np.empty((samples, self.lanes, n_y))
+        tau_m = np.empty((samples, self.lanes, n_m))
+        recorded = (
+            np.empty((samples, 2 * self.model.n_a + 3 * n_m, self.lanes)) if motion else None
+        )
         self._robots.record = None if recorded is None else recorded.ctypes.data
         kept = self._disturb(disturbances, samples)
         pointers = [ctypes.c_void_p(x.ctypes.data) for x in (reference, y, tau_m)]
         arguments = (
-            ctypes.byref(self._robots), ctypes.c_int64(self.sample), ctypes.c_int64(samples), pointers[0],
-            ctypes.c_int64(len(reference)), pointers[1], pointers[2],
-        )  # fmt: skip
+            ctypes.byref(self._robots),
+            ctypes.c_int64(self.sample),
+            ctypes.c_int64(samples),
+            pointers[0],
+            ctypes.c_int64(len(reference)),
+            pointers[1],
+            pointers[2],
+        )
         used = (reference, y, tau_m, recorded, kept)
         if self._controller.foreign:
             failed = self._run_in_thread(arguments, used)
@@ -416,14 +472,16 @@ class ClosedLoop:
         if failed and check:
             lane = next(lane for lane, reason in enumerate(self.failures) if reason)
             raise SolverError(
-                f"closed loop: robot {lane + 1} of {self.lanes}: {self.failures[lane]} before "
-                f"t = {self.sample * self.hardware.sample_s:.3f} s; lower the gains or the excitation, or take more "
-                f"integration steps a sample than {self.steps}"
+                f"closed loop: robot {lane + 1} of {self.lanes}: {self.failures[lane]} before t "
+                f"= {self.sample * self.hardware.sample_s:.3f} s; lower the gains or the "
+                f"excitation, or take more integration steps a sample than {self.steps}"
             )
         return Samples(y[:, :, :n_m], tau_m, recorded, y[:, :, n_m:])
 
     def _run_in_thread(self, arguments: tuple[Any, ...], used: tuple[Any, ...]) -> int:
-        """The run in a separate thread: a controller that does not return is left there, with all arrays ``used``."""
+        """The run in a separate thread: a controller that does not return is left there, with all
+        arrays ``used``.
+        """
         result: list[int] = []
 
         def run(kept: tuple[Any, ...] = (self, used)) -> None:  # they live as long as the thread
@@ -431,16 +489,19 @@ class ClosedLoop:
 
         thread = threading.Thread(target=run, name="controller", daemon=True)
         thread.start()
-        seen, since = -1, time.monotonic()
+        seen = -1
+        since = time.monotonic()
         try:
             while thread.is_alive():
                 thread.join(POLL_S)
                 if self._robots.now != seen:
-                    seen, since = self._robots.now, time.monotonic()
+                    seen = self._robots.now
+                    since = time.monotonic()
                 elif time.monotonic() - since > LONGEST_STEP_S and thread.is_alive():
                     raise SolverError(
-                        f"closed loop: the plug-in has not returned from its step {seen} for {LONGEST_STEP_S:g} s; its "
-                        "thread cannot be stopped and continues until this program ends"
+                        f"closed loop: the plug-in has not returned from its step {seen} for "
+                        f"{LONGEST_STEP_S:g} s; its thread cannot be stopped and continues "
+                        "until this program ends"
                     )
         except BaseException:  # Ctrl-C too
             self._robots.stop = 1
@@ -453,24 +514,30 @@ class ClosedLoop:
         self._robots.disturbed = 0
         if given is None:
             return ()
-        rows, d = self.model.n_m + TOOL, np.ascontiguousarray(given, dtype=float)
+        rows = self.model.n_m + TOOL
+        d = np.ascontiguousarray(given, dtype=float)
         if (
             d.ndim != 3
             or d.shape[:2] != (samples * self.steps, rows)
             or d.shape[2] not in (1, self.lanes)
         ):
             raise ArgumentError(
-                f"disturbances: given shape {d.shape}, expected ({samples * self.steps}, {rows}, 1 or {self.lanes})"
+                f"disturbances: given shape {d.shape}, expected ({samples * self.steps}, "
+                f"{rows}, 1 or {self.lanes})"
             )
         if not np.isfinite(d).all():
-            raise ArgumentError("disturbances: given entries that are not finite, expected numbers")
+            raise ArgumentError(
+                "disturbances: given entries that are not finite, expected numbers"
+            )
         pushing = np.ascontiguousarray(d[:, self.model.n_m :].any(axis=(1, 2)).astype(np.uint8))
         if pushing.any() and not self._robots.pushed:
             raise ArgumentError(
-                "disturbances: a force on the tool needs a library with forward_dynamics_tool_force"
+                "disturbances: a force on the tool needs a library with "
+                "forward_dynamics_tool_force"
             )
         self._robots.disturbed = d.shape[2]
-        self._robots.disturbances, self._robots.pushing = d.ctypes.data, pushing.ctypes.data
+        self._robots.disturbances = d.ctypes.data
+        self._robots.pushing = pushing.ctypes.data
         return d, pushing
 
     def periods(
@@ -480,7 +547,9 @@ class ClosedLoop:
         for _ in range(count):
             yield self.run_in_parts(reference, len(reference), motion=motion)
 
-    def run_in_parts(self, reference: np.ndarray, samples: int, *, motion: bool = False) -> Samples:
+    def run_in_parts(
+        self, reference: np.ndarray, samples: int, *, motion: bool = False
+    ) -> Samples:
         """Run some more samples as `run` does; the time limit and Ctrl-C end it between parts."""
         parts = []
         for first in range(0, samples, PART):
@@ -493,7 +562,9 @@ class ClosedLoop:
 
 
 def _encoder_terms(model: RobotModel) -> np.ndarray:
-    """Terms of the errors of all encoders, rows of motor, harmonic, coefficient of the cosine and of the sine."""
+    """Terms of the errors of all encoders, rows of motor, harmonic, coefficient of the cosine and
+    of the sine.
+    """
     sums = [
         (j, motor.encoder_error)
         for j, motor in enumerate(model.motors)
@@ -504,7 +575,9 @@ def _encoder_terms(model: RobotModel) -> np.ndarray:
 
 
 def integration_steps(hardware: DriveHardware, rate: float) -> int:
-    """Integration steps in a sample: short enough for the fastest eigenvalue, and the delay a whole number of them."""
+    """Integration steps in a sample: short enough for the fastest eigenvalue, and the delay a
+    whole number of them.
+    """
     least = max(1, math.ceil(rate * hardware.sample_s / STEP_TIMES_RATE))
     part = hardware.delay_s / hardware.sample_s
     few = range(least, least + FEW)

@@ -28,8 +28,9 @@ class Comparison(Result):
     ----------
     solution : Solution
     solutions : tuple of Solution
-        Solutions of the same move by simpler methods, the simplest first, then ``solution``; without such methods for
-        forces on the tool, hysteresis, friction with a state and Fourier sums; empty where it was not verified.
+        Solutions of the same move by simpler methods, the simplest first, then ``solution``;
+        without such methods for forces on the tool, hysteresis, friction with a state and Fourier
+        sums; empty where it was not verified.
     robustness : list of dict or None
         One row for each robot, control and method, see `flexgen.loop.robustness.compare_plants`.
 
@@ -48,27 +49,37 @@ class Comparison(Result):
 
     def __repr__(self) -> str:
         names = ", ".join(one.method for one in self.solutions)
-        return f"<Comparison {self.solution.model.title}, move {self.solution.move.name}: {names or 'not verified'}>"
+        return (
+            f"<Comparison {self.solution.model.title}, move {self.solution.move.name}: "
+            f"{names or 'not verified'}>"
+        )
 
     def to_dict(self) -> dict[str, Any]:
-        """``comparison``: tool errors by method, m and rad; ``robustness``, where asked for: by robot too."""
+        """``comparison``: tool errors by method, m and rad; ``robustness``, where asked for: by
+        robot too.
+        """
         rows = {} if self.robustness is None else {"robustness": self.robustness}
         return {"comparison": error_rows(self.solutions), **rows}
 
 
 @checked_types
 @reported("compare")
-def compare(solution: Solution, *, robustness: bool = False, progress: Choice = None) -> Comparison:
-    """Compare a solution with simpler methods: simulated tool errors of the same move on the full model.
+def compare(
+    solution: Solution, *, robustness: bool = False, progress: Choice = None
+) -> Comparison:
+    """Compare a solution with simpler methods: simulated tool errors of the same move on the full
+    model.
 
     Parameters
     ----------
     solution : Solution
         Verified; without verification there is nothing to compare but its robustness.
     robustness : bool
-        Also simulate robots whose stiffness differs by 5 and 20 %, or masses by 5 %, with and without feedback.
+        Also simulate robots whose stiffness differs by 5 and 20 %, or masses by 5 %, with and
+        without feedback.
     progress : callable, bool, optional
-        Called with a line of text; True, False: show it on the terminal or not; default: there and in a notebook.
+        Called with a line of text; True, False: show it on the terminal or not; default: there and
+        in a notebook.
 
     Returns
     -------

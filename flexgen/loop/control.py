@@ -1,8 +1,10 @@
-"""A move in the closed loop: feedforward by inverse dynamics, a sampled controller, robots that differ from the model.
+"""A move in the closed loop: feedforward by inverse dynamics, a sampled controller, robots that
+differ from the model.
 
-Every robot starts at rest with the motors where the move begins, at its own equilibrium, and holds this position before
-the motion. The static part of the output error is that at rest before and after the motion; between them it changes in
-proportion to time along the path. The dynamic part is the rest.
+Every robot starts at rest with the motors where the move begins, at its own equilibrium, and holds
+this position before the motion. The static part of the output error is that at rest before and
+after the motion; between them it changes in proportion to time along the path. The dynamic part is
+the rest.
 """
 
 from __future__ import annotations
@@ -50,8 +52,8 @@ CHUNK = 2000  # samples between two progress messages
 PARTS = 40  # of the reference with gains of their own
 # more steps, one after the other, where gears or frictions slip faster than in the planned motion
 FINER = (4, 4, 4)
-# Robots in addition to the model that are simulated together where the time is limited: a vector unit
-# computes so many at once.
+# Robots in addition to the model that are simulated together where the time is limited: a vector
+# unit computes so many at once.
 TOGETHER = 8
 
 
@@ -90,7 +92,8 @@ def control(
     time_limit: float | None = None,
     progress: Choice = None,
 ) -> ControlRun:
-    """Simulate a move under a sampled controller with feedforward torques, for the model and for robots that differ.
+    """Simulate a move under a sampled controller with feedforward torques, for the model and for
+    robots that differ.
 
     Parameters
     ----------
@@ -100,16 +103,16 @@ def control(
     method : str
         Of the feedforward, as of `flexgen.solve`; ``"rigid"``: that of a rigid robot.
     controller : str or object
-        ``"ppi"`` (P-PI cascade, the default), ``"ppi_notch"``, ``"none"`` (feedforward only), the name of a law such as
-        ``"lqg"``, a path of a ``.toml`` or ``.py`` file (``file.py:Class``) or of a shared library, a `PPI`, `PID`,
-        `Cascade`, `Linear` or law such as `flexgen.LQG`, an object with ``reset()`` and ``step(k, y, ref) -> u``, or a
-        system of python-control.
+        ``"ppi"`` (P-PI cascade, the default), ``"ppi_notch"``, ``"none"`` (feedforward only), the
+        name of a law such as ``"lqg"``, a path of a ``.toml`` or ``.py`` file (``file.py:Class``)
+        or of a shared library, a `PPI`, `PID`, `Cascade`, `Linear` or law such as `flexgen.LQG`,
+        an object with ``reset()`` and ``step(k, y, ref) -> u``, or a system of python-control.
     sample_time : float [s]
     delay : float [s]
         From the measurement to the torque.
     plants : mapping of str to changes, optional
-        Other robots by name, such as ``{"soft": {"stiffness": 0.8}, "loaded": {"payload": 5.0}}``: see
-        `flexgen.loop.plants`. The model itself is simulated too.
+        Other robots by name, such as ``{"soft": {"stiffness": 0.8}, "loaded": {"payload": 5.0}}``:
+        see `flexgen.loop.plants`. The model itself is simulated too.
     disturbances : sequence of Disturbance, or mapping from plants' names to them
         On all robots, or on those named.
     encoder_noise, encoder_resolution : float [rad]
@@ -117,7 +120,8 @@ def control(
     torque_limits : bool
         The torques are limited to those of the model file.
     exact_state : bool
-        The controller measures the state ``q_a, v_a, q_m, v_m`` without noise too, after the sensors: for studies.
+        The controller measures the state ``q_a, v_a, q_m, v_m`` without noise too, after the
+        sensors: for studies.
     seed : int
         Of the noise.
     solution : Solution, optional
@@ -125,9 +129,11 @@ def control(
     wall : Wall, optional
         That the tools touch; its force on the tool of a robot is ``contact`` of its `PlantRun`.
     force : array (n, 3), callable, Trajectory or file, optional [N]
-        Of a process, on all tools along the path, as `flexgen.solve` takes it; default: that of ``solution``.
+        Of a process, on all tools along the path, as `flexgen.solve` takes it; default: that of
+        ``solution``.
     assumed_force : float, or as ``force``, optional
-        What the feedforward assumes: a factor on ``force`` (0: none), or another force; default: ``force``.
+        What the feedforward assumes: a factor on ``force`` (0: none), or another force; default:
+        ``force``.
     time_limit : float, optional [s]
         Then, or after Ctrl-C, the run has the robots that are done, the model first, and its
         ``status`` says so. None or 0: unlimited; then all robots are simulated together.
@@ -194,7 +200,8 @@ def _run_groups(
         part_known("robots", run.wall_s / len(run.runs), robots - group.stop)
     runs = tuple(robot for run in done for robot in run.runs)
     ended = reason_of_end() if len(runs) < robots else ""
-    seconds, steps = sum(run.wall_s for run in done), max(run.steps for run in done)
+    seconds = sum(run.wall_s for run in done)
+    steps = max(run.steps for run in done)
     return replace(done[0], runs=runs, steps=steps, wall_s=seconds, ended=ended)
 
 
@@ -225,7 +232,8 @@ def _solve_assuming(
     if solution is not None:
         if assumed is not None:
             raise ArgumentError(
-                "assumed_force: given with a solution, expected one of both: a solution states its own"
+                "assumed_force: given with a solution, expected one of both: a solution states "
+                "its own"
             )
         return solution
     if isinstance(assumed, float) or is_number(assumed):  # also NaN
@@ -251,12 +259,12 @@ def case_controller(case: Case, controller: Any) -> tuple[Controller, str]:
 
 
 def _beside_the_state(controller: Linear, model: RobotModel) -> Linear:
-    """A linear controller of motor angles and sensors, in a loop that measures the exact state after them."""
+    """A linear controller of motor angles and sensors, in a loop that measures the exact state
+    after them.
+    """
     A, B, C, D = controller.matrices
-    used, states = (
-        model.n_m + sum(len(s.channels) for s in model.sensors),
-        2 * (model.n_a + model.n_m),
-    )
+    used = model.n_m + sum(len(s.channels) for s in model.sensors)
+    states = 2 * (model.n_a + model.n_m)
     if not B.shape[-1] == D.shape[-1] == used:
         return controller
     B, D = (np.concatenate([x, np.zeros((*x.shape[:2], states))], axis=2) for x in (B, D))
@@ -271,7 +279,9 @@ def run_case(
     steps: int | None = None,
     progress: Progress | None = None,
 ) -> ControlRun:
-    """Simulate all robots of a case under a controller, in ``steps`` a sample, by default as many as they need."""
+    """Simulate all robots of a case under a controller, in ``steps`` a sample, by default as many
+    as they need.
+    """
     run = _run(case, controller, name, steps, progress)
     return run if steps is not None else _run_finer(case, controller, name, run, progress)
 
@@ -301,10 +311,13 @@ def _run(
     group: slice = slice(None),
 ) -> ControlRun:
     """Simulate the robots of a group, with the noise that they have among all."""
-    reference, robot = case.reference, case.model
-    everyone, n = len(case.plants.names), len(reference.time)
+    reference = case.reference
+    robot = case.model
+    everyone = len(case.plants.names)
+    n = len(reference.time)
     named = case.plants.names[group]
-    lanes, first_robot = len(named), group.indices(everyone)[0]
+    lanes = len(named)
+    first_robot = group.indices(everyone)[0]
     q_a, tau = (np.array(x) for x in zip(*case.rests[group], strict=True))
     q_m = np.tile(reference.motion["q_m"][0], (lanes, 1))
     numbers = case.plants.values[group] if case.plants.parameters else None
@@ -313,11 +326,22 @@ def _run(
         felt = None if case.signals is None else case.signals.of_robots(group)
         sensors = _channels(robot, case.hardware.sample_s, felt)
     loop = ClosedLoop(
-        robot, case.library, case.hardware, controller, q_a, q_m, case.rate, seed=case.seed, steps=steps,
-        parameters=numbers if case.gears is None else case.gears.of_robots(group), sensors=sensors,
-        delay_samples=case.delay_samples, arm_reference=True, exact_state=case.exact_state,
+        robot,
+        case.library,
+        case.hardware,
+        controller,
+        q_a,
+        q_m,
+        case.rate,
+        seed=case.seed,
+        steps=steps,
+        parameters=numbers if case.gears is None else case.gears.of_robots(group),
+        sensors=sensors,
+        delay_samples=case.delay_samples,
+        arm_reference=True,
+        exact_state=case.exact_state,
         first_robot=first_robot,
-    )  # fmt: skip
+    )
     loop.hold(tau)
     if case.wall is not None:
         numbers = np.tile(numbers_of(case.wall, case.model), (lanes, 1))
@@ -327,7 +351,10 @@ def _run(
     known = reference.rows(case.exact_state)
     rows = np.ascontiguousarray(np.broadcast_to(known[:, None], (n, lanes, loop.setup.n_ref)))
     step_s = case.hardware.sample_s / loop.steps
-    motions, torques, shown, signals = [], [], [], []
+    motions = []
+    torques = []
+    shown = []
+    signals = []
     began = perf_counter()
     for first in range(0, n, CHUNK):
         check_time("control")
@@ -348,8 +375,8 @@ def _run(
         signals.append(found.sensors if found.sensors is not None else np.zeros((count, lanes, 0)))
         if progress is not None:
             progress(
-                f"simulating {lanes} robot{'s' * (lanes > 1)}, {100 * (first + count) / n:.0f} % of "
-                f"{n * case.hardware.sample_s:.1f} s"
+                f"simulating {lanes} robot{'s' * (lanes > 1)}, {100 * (first + count) / n:.0f} "
+                f"% of {n * case.hardware.sample_s:.1f} s"
             )
     seconds = perf_counter() - began
     motion, tau_m, q_m, y_s = (np.concatenate(x) for x in (motions, torques, shown, signals))
@@ -370,9 +397,19 @@ def _run(
             )
         )
     return ControlRun(
-        robot, case.solution, name, controller, reference, case.hardware, case.delay_samples, tuple(runs), loop.steps,
-        seconds, None if case.force is None else case.force.at(reference.time), case.plants,
-    )  # fmt: skip
+        robot,
+        case.solution,
+        name,
+        controller,
+        reference,
+        case.hardware,
+        case.delay_samples,
+        tuple(runs),
+        loop.steps,
+        seconds,
+        None if case.force is None else case.force.at(reference.time),
+        case.plants,
+    )
 
 
 def _channels(
@@ -384,12 +421,14 @@ def _channels(
     for sensor in robot.sensors:
         if sensor.sample_s is not None and abs(sensor.sample_s - sample_s) > 1e-9 * sample_s:
             raise ArgumentError(
-                f"sensor {sensor.name}: given sample_s = {sensor.sample_s} s, expected {sample_s} s as the controller"
+                f"sensor {sensor.name}: given sample_s = {sensor.sample_s} s, expected "
+                f"{sample_s} s as the controller"
             )
         whole = round(sensor.delay_s / sample_s)
         if abs(whole * sample_s - sensor.delay_s) > 1e-6 * sample_s:
             raise ArgumentError(
-                f"sensor {sensor.name}: given delay_s = {sensor.delay_s} s, expected a multiple of {sample_s} s"
+                f"sensor {sensor.name}: given delay_s = {sensor.delay_s} s, expected a multiple "
+                f"of {sample_s} s"
             )
         noise += sensor.noises
         late += [whole] * len(sensor.channels)

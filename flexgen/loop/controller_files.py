@@ -1,4 +1,5 @@
-"""Controllers from files: tables in TOML, classes in Python, shared libraries; systems of python-control.
+"""Controllers from files: tables in TOML, classes in Python, shared libraries; systems of
+python-control.
 
 The keys of a table with the parameters of a class, such as that of a law, are the parameters.
 """
@@ -94,7 +95,8 @@ CONTROLLER = Kinds(
 
 
 def file_controller(text: str) -> Any:
-    """The content of a file: a `PPI`, `Cascade`, `Linear` or law, an object of Python, a plug-in; None for other names.
+    """The content of a file: a `PPI`, `Cascade`, `Linear` or law, an object of Python, a plug-in;
+    None for other names.
 
     Raises
     ------
@@ -116,7 +118,8 @@ def file_controller(text: str) -> Any:
 def table_controller(table: Table) -> PPI | Cascade | Linear | LinearDesign | ModelLaw:
     """The controller or law of a table."""
     laws = names("laws")
-    kind, form = table.choice("type", (*CONTROLLER.kinds, *laws)), CONTROLLER
+    kind = table.choice("type", (*CONTROLLER.kinds, *laws))
+    form = CONTROLLER
     if kind in laws:
         law = extension("laws", kind)
         own = replace(of_class(law, law.__name__), make=_maker(law)).without("model")
@@ -126,7 +129,9 @@ def table_controller(table: Table) -> PPI | Cascade | Linear | LinearDesign | Mo
 
 
 def system_controller(system: Any, sample_time: float) -> Linear:
-    """A state-space system of python-control from ``y_ref - y`` to torques, sampled by Tustin's rule if continuous."""
+    """A state-space system of python-control from ``y_ref - y`` to torques, sampled by Tustin's
+    rule if continuous.
+    """
     D = np.atleast_2d(np.asarray(system.D, dtype=float))
     n_z = len(np.atleast_2d(system.A)) if np.size(system.A) else 0
     A, B, C = (

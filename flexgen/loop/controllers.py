@@ -1,4 +1,6 @@
-"""Controllers of the loop, each in C and once more in Python, with the same operations in the same order."""
+"""Controllers of the loop, each in C and once more in Python, with the same operations in the same
+order.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,9 @@ SOURCE = Path(__file__).with_name("closed_loop.c")
 
 
 def _check_numbers(name: str, value: Any, dimensions: tuple[int, ...], what: str) -> None:
-    """ArgumentError unless the value is an array of finite numbers with one of these numbers of dimensions."""
+    """ArgumentError unless the value is an array of finite numbers with one of these numbers of
+    dimensions.
+    """
     try:
         array = np.asarray(value, dtype=float)
     except (TypeError, ValueError, OverflowError):
@@ -36,19 +40,24 @@ def _check_numbers(name: str, value: Any, dimensions: tuple[int, ...], what: str
 @checked_class
 @dataclass(frozen=True)
 class Cascade:
-    """A drive with position and speed control (P-PI), feedforward torque and filters of the feedback, motor side.
+    """A drive with position and speed control (P-PI), feedforward torque and filters of the
+    feedback, motor side.
 
-        w = v_ref + position_gain (q_ref - q) - v,    u = tau_ff + F(z) speed_gain (w + integral_gain int w dt)
+        w = v_ref + position_gain (q_ref - q) - v,
+        u = tau_ff + F(z) speed_gain (w + integral_gain int w dt)
 
     ``position_gain`` [1/s], ``speed_gain`` [N m s/rad], ``integral_gain`` [1/s]: (n_m,) each, or
-    (robots, n_m) where the robots of a simulation have other gains. The speed is the
-    difference of two samples of the measured angle, and the same difference of the reference, so that a filter of the
-    speed alone does not show in the error. ``filters``: F, the same for all motors. ``torque_max`` (n_m,) [N m]: above
-    it the integral does not grow; None: no limit.
+    (robots, n_m) where the robots of a simulation have other gains. The speed is the difference of
+    two samples of the measured angle, and the same difference of the reference, so that a filter
+    of the speed alone does not show in the error. ``filters``: F, the same for all motors.
+    ``torque_max`` (n_m,) [N m]: above it the integral does not grow; None: no limit.
 
     Examples
     --------
-    >>> law = flexgen.Cascade(position_gain=[20.0, 20.0], speed_gain=[5.0, 3.0], integral_gain=[2.0, 2.0])  # motor side
+    >>> # motor side
+    >>> law = flexgen.Cascade(
+    ...     position_gain=[20.0, 20.0], speed_gain=[5.0, 3.0], integral_gain=[2.0, 2.0]
+    ... )
     >>> flexgen.control("elbow", controller=law).status
     'done'
     """
@@ -71,7 +80,9 @@ class Cascade:
 
     def compiled(self, setup: Setup) -> Compiled:
         """The controller in C, for robots that rest at ``setup.q_m``."""
-        n, robots, sections = setup.n_m, len(setup.q_m), self._sections(setup.sample_s)
+        n = setup.n_m
+        robots = len(setup.q_m)
+        sections = self._sections(setup.sample_s)
         most = np.zeros(n) if self.torque_max is None else np.asarray(self.torque_max, dtype=float)
         gains = [
             np.asarray(x, dtype=float)
@@ -84,7 +95,8 @@ class Cascade:
         ):
             if x.shape not in ((n,), (robots, n)) or not np.isfinite(x).all():
                 raise ArgumentError(
-                    f"controller, {name}: given {x}, expected {n} finite numbers, one for each motor"
+                    f"controller, {name}: given {x}, expected {n} finite numbers, one for each "
+                    "motor"
                 )
         head = np.array([n, setup.n_y, len(sections)], np.int64).view(np.float64)
         of_each = np.hstack([np.broadcast_to(x, (robots, n)) for x in (*gains, most)])
@@ -109,12 +121,16 @@ class Cascade:
 
     def step(self, k: int, y: Measurement, ref: Reference) -> np.ndarray:
         """Torques (n_m,) [N m]; `begin` first."""
-        s, n = self._state, len(self.speed_gain)
+        s = self._state
+        n = len(self.speed_gain)
         if "q" not in s:
-            s["q"], s["q_ref"], s["sum"] = ref.q_m.copy(), ref.q_m.copy(), np.zeros(n)
+            s["q"] = ref.q_m.copy()
+            s["q_ref"] = ref.q_m.copy()
+            s["sum"] = np.zeros(n)
             s["filtered"] = np.zeros((len(self.filters), n, 2))
         h = float(s["sample_s"])
-        v, v_ref = (y.q_m - s["q"]) / h, (ref.q_m - s["q_ref"]) / h
+        v = (y.q_m - s["q"]) / h
+        v_ref = (ref.q_m - s["q_ref"]) / h
         w = v_ref + self.position_gain * (ref.q_m - y.q_m) - v
         s["sum"] = s["sum"] + w * h
         x = self.speed_gain * (w + self.integral_gain * s["sum"])
@@ -127,7 +143,8 @@ class Cascade:
         if self.torque_max is not None:
             full = (self.torque_max > 0) & (np.abs(u) > self.torque_max) & ((u > 0) == (w > 0))
             s["sum"] = np.where(full, s["sum"] - w * h, s["sum"])
-        s["q"], s["q_ref"] = y.q_m.copy(), ref.q_m.copy()
+        s["q"] = y.q_m.copy()
+        s["q_ref"] = ref.q_m.copy()
         return u
 
 
@@ -138,8 +155,9 @@ class Linear:
 
         e = y_ref - y,    u = tau_ff + C z + D e,    z <- A z + B e
 
-    ``A`` (parts, n_z, n_z), ``B`` (parts, n_z, n_y), ``C`` (parts, n_m, n_z), ``D`` (parts, n_m, n_y): in each part,
-    of ``samples`` samples; the last one holds to the end. Without parts: (n_z, n_z) and so on.
+    ``A`` (parts, n_z, n_z), ``B`` (parts, n_z, n_y), ``C`` (parts, n_m, n_z), ``D`` (parts, n_m,
+    n_y): in each part, of ``samples`` samples; the last one holds to the end. Without parts: (n_z,
+    n_z) and so on.
 
     Examples
     --------
@@ -164,18 +182,23 @@ class Linear:
     def __post_init__(self) -> None:
         for name in "ABCD":
             _check_numbers(
-                name, getattr(self, name), (2, 3), "shape (rows, columns) or (parts, rows, columns)"
+                name,
+                getattr(self, name),
+                (2, 3),
+                "shape (rows, columns) or (parts, rows, columns)",
             )
         if not is_whole(self.samples):
             raise ArgumentError(
-                f"controller, samples: given {show_value(self.samples)}, expected a whole number >= 1"
+                f"controller, samples: given {show_value(self.samples)}, expected a whole "
+                "number >= 1"
             )
 
     @property
     def matrices(self) -> tuple[np.ndarray, ...]:
         """``A, B, C, D`` with parts."""
         return tuple(
-            x[None] if x.ndim == 2 else x for x in map(np.asarray, (self.A, self.B, self.C, self.D))
+            x[None] if x.ndim == 2 else x
+            for x in map(np.asarray, (self.A, self.B, self.C, self.D))
         )
 
     @property
@@ -186,13 +209,16 @@ class Linear:
     def compiled(self, setup: Setup) -> Compiled:
         """The controller in C; ArgumentError where the sizes do not fit the robot."""
         A, B, C, D = self.matrices
-        n_z, n_y, n_m, parts = A.shape[1], setup.n_y, setup.n_m, len(A)
+        n_z = A.shape[1]
+        n_y = setup.n_y
+        n_m = setup.n_m
+        parts = len(A)
         expected = ((parts, n_z, n_z), (parts, n_z, n_y), (parts, n_m, n_z), (parts, n_m, n_y))
         for name, x, shape in zip("ABCD", (A, B, C, D), expected, strict=True):
             if x.shape != shape or not np.isfinite(x).all():
                 raise ArgumentError(
-                    f"controller, {name}: given shape {x.shape}, expected finite numbers {shape}: parts, then "
-                    f"{n_z} states, {n_y} measured channels, {n_m} motors"
+                    f"controller, {name}: given shape {x.shape}, expected finite numbers "
+                    f"{shape}: parts, then {n_z} states, {n_y} measured channels, {n_m} motors"
                 )
         columns = [x.transpose(0, 2, 1).reshape(parts, -1) for x in (A, B, C, D)]
         table = np.ascontiguousarray(np.concatenate(columns, axis=1), float)
@@ -234,4 +260,6 @@ def _in_c(name: str, memory: np.ndarray, fixed: int, keep: object = None) -> Com
     module = loop_module()
     address = ctypes.cast(module[name], ctypes.c_void_p).value
     assert address is not None
-    return Compiled(address, np.ascontiguousarray(memory).view(np.uint8), fixed, {}, (module, keep))
+    return Compiled(
+        address, np.ascontiguousarray(memory).view(np.uint8), fixed, {}, (module, keep)
+    )

@@ -28,9 +28,9 @@ KINDS = (("error", "error_max"), ("dynamic error", "dynamic_error_max"))
 class FeedforwardComparison(Result):
     """Runs of the same move that differ in the feedforward.
 
-    ``runs``: by ``none`` (feedback alone, which begins with the torque at rest), ``rigid`` (inverse
-    dynamics of the rigid robot) and ``elastic`` (that of `flexgen.control`); ``missing``: reasons
-    why one is not there.
+    ``runs``: by ``none`` (feedback alone, which begins with the torque at rest), ``rigid``
+    (inverse dynamics of the rigid robot) and ``elastic`` (that of `flexgen.control`); ``missing``:
+    reasons why one is not there.
 
     Examples
     --------
@@ -118,7 +118,8 @@ def compare_feedforward(
     if isinstance(run.law, Cascade):
         given["controller"] = run.law
     move = run.solution.move
-    runs, missing = {}, {}
+    runs = {}
+    missing = {}
     try:
         rigid = solve(run.model, move, RIGID, verify=False, progress=tell)
     except (ArgumentError, SolverError) as error:

@@ -32,14 +32,16 @@ class PPI:
     Parameters
     ----------
     position_hz, speed_hz, integral_hz : float or None [Hz]
-        Bandwidths of position and speed control, corner of the integral part; None: 0.5, 3 and 0.1 times the lowest
-        natural frequency with locked motors.
+        Bandwidths of position and speed control, corner of the integral part; None: 0.5, 3 and 0.1
+        times the lowest natural frequency with locked motors.
     filters : tuple of LowPass and Notch
         Of the feedback torque.
 
     Examples
     --------
-    >>> law = flexgen.PPI(position_hz=6.0, speed_hz=40.0, integral_hz=1.0, filters=(flexgen.Notch(25.0),))
+    >>> law = flexgen.PPI(
+    ...     position_hz=6.0, speed_hz=40.0, integral_hz=1.0, filters=(flexgen.Notch(25.0),)
+    ... )
     >>> run = flexgen.control("elbow", controller=law, plants={"soft": {"stiffness": 0.8}})
     >>> f"{1e6 * run.distance(run['soft']).max():.0f} um"
     '242 um'
@@ -59,7 +61,8 @@ class PPI:
             hasattr(each, "section") for each in self.filters
         ):
             raise ArgumentError(
-                f"controller, filters: given {self.filters!r}, expected filters such as flexgen.Notch"
+                f"controller, filters: given {self.filters!r}, expected filters such as "
+                "flexgen.Notch"
             )
 
     def frequencies(self, model: RobotModel, motion: Sequence[np.ndarray]) -> dict[str, float]:
@@ -75,8 +78,8 @@ class PPI:
     ) -> np.ndarray:
         """Bandwidths (n_m,) of the speed control [Hz] in use, which sample time and delay cut.
 
-        ``speed_gain / (2 pi J)`` with the inertia J that a motor moves while all springs are stiff;
-        parameters as of `cascade`.
+        ``speed_gain / (2 pi J)`` with the inertia J that a motor moves while all springs are
+        stiff; parameters as of `cascade`.
         """
         stiff, _ = motor_inertias(model, motion)
         gain = self.cascade(model, late_s, motion).speed_gain
@@ -141,12 +144,13 @@ class PID:
         k_p, k_i, k_d = (np.asarray(x, dtype=float) for x in (self.k_p, self.k_i, self.k_d))
         if not np.all(k_d > 0):
             raise ArgumentError(f"controller, k_d: given {k_d}, expected gains > 0")
-        half, product = k_p / k_d / 2, k_i / k_d
+        half = k_p / k_d / 2
+        product = k_i / k_d
         root = half**2 - product
         if np.any(root < 0):
             raise ArgumentError(
-                f"controller, k_i: given {k_i}, expected at most k_p^2/(4 k_d) = {k_p**2 / (4 * k_d)}: with more the "
-                "zeros of the controller are complex"
+                f"controller, k_i: given {k_i}, expected at most k_p^2/(4 k_d) = "
+                f"{k_p**2 / (4 * k_d)}: with more the zeros of the controller are complex"
             )
         return Cascade(half + np.sqrt(root), k_d, half - np.sqrt(root), self.filters)
 
@@ -154,24 +158,31 @@ class PID:
 def motor_inertias(
     model: RobotModel, motion: Sequence[np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Inertias that the motors move at a pose: with all springs stiff, and soft, (n_m,) each [kg m^2]."""
+    """Inertias that the motors move at a pose: with all springs stiff, and soft, (n_m,) each [kg
+    m^2].
+    """
     M, _, _, B = (x[0] for x in LocalDynamics(derive(model)).matrices(motion, np.zeros(0)))
     return second_order.motor_inertias(model, M, B, second_order.motor_rows(model))
 
 
 def lowest_locked_hz(model: RobotModel, motion: Sequence[np.ndarray]) -> float:
-    """Lowest natural frequency with the motors locked at a pose [Hz]; 0 where nothing is elastic then."""
+    """Lowest natural frequency with the motors locked at a pose [Hz]; 0 where nothing is elastic
+    then.
+    """
     M, _, K, _ = (x[0] for x in LocalDynamics(derive(model)).matrices(motion, np.zeros(0)))
     return second_order.lowest_locked_hz(model, M, K)
 
 
 def propose_gains(equations: Equations) -> Cascade | None:
-    """Gains of a P-PI cascade at home, by the rule of `flexgen.control`; None where the pose has none."""
+    """Gains of a P-PI cascade at home, by the rule of `flexgen.control`; None where the pose has
+    none.
+    """
     robot = equations.model
     try:
         rest = hold_joints(equations, np.asarray(robot.home, dtype=float))
     except SolverError:
         return None
-    zero_a, zero_m = np.zeros((1, robot.n_a)), np.zeros((1, robot.n_m))
+    zero_a = np.zeros((1, robot.n_a))
+    zero_m = np.zeros((1, robot.n_m))
     motion = (rest.q_a[None], zero_a, zero_a, rest.q_m[None], zero_m, zero_m, rest.tau_m[None])
     return PPI().cascade(robot, LATE, motion)

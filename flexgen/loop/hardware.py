@@ -24,20 +24,25 @@ class DriveHardware:
     ----------
     sample_s : float [s]
     delay_s : float [s]
-        From the measurement to the torque; below ``sample_s``, and simulated by whole integration steps.
+        From the measurement to the torque; below ``sample_s``, and simulated by whole integration
+        steps.
     encoder_resolution_rad, encoder_noise_rad : float [rad]
-        Smallest difference that the encoders show, and standard deviation of white noise before it; 0: none.
+        Smallest difference that the encoders show, and standard deviation of white noise before
+        it; 0: none.
     torque_noise_Nm : float [N m]
         Standard deviation of white noise on the torque of each interval; 0: none.
     torque_max_Nm : tuple of float [N m]
         Limits of the motors; empty: none.
     torque_speed : sequence of sequences of (float, float) [rad/s, N m]
-        Of each motor points of the largest torque over the speed, see `flexgen.Limits`; empty: none.
+        Of each motor points of the largest torque over the speed, see `flexgen.Limits`; empty:
+        none.
 
     Examples
     --------
     >>> drives = flexgen.DriveHardware(sample_s=1e-3, encoder_noise_rad=1e-5, torque_noise_Nm=0.02)
-    >>> flexgen.excite("elbow", poses=[[0.5, -0.3]], period_s=1.0, lines=10, hardware=drives).hardware.sample_s
+    >>> flexgen.excite(
+    ...     "elbow", poses=[[0.5, -0.3]], period_s=1.0, lines=10, hardware=drives
+    ... ).hardware.sample_s
     0.001
     """
 
@@ -63,7 +68,9 @@ class DriveHardware:
 
     @classmethod
     def from_model(cls, model: RobotModel, **values: float) -> DriveHardware:
-        """With the torque limits of a model, 0 where a motor has none; ``values``: the other fields."""
+        """With the torque limits of a model, 0 where a motor has none; ``values``: the other
+        fields.
+        """
         most = tuple(motor.torque_max or 0.0 for motor in model.motors)
         return cls(
             **values,
@@ -76,9 +83,10 @@ class DriveHardware:
 class SensorChannels:
     """The sensors other than the encoders, channel by channel, (n_s,) each.
 
-    ``noise``: standard deviation of a sample; ``bias``; ``resolution``: smallest difference, 0: none;
-    ``delay_samples``: whole samples from the motion to the measurement. Units of the channels. ``function``: signals
-    of sensors that feel the force on the tool; None: those of the library.
+    ``noise``: standard deviation of a sample; ``bias``; ``resolution``: smallest difference, 0:
+    none; ``delay_samples``: whole samples from the motion to the measurement. Units of the
+    channels. ``function``: signals of sensors that feel the force on the tool; None: those of the
+    library.
     """
 
     noise: np.ndarray

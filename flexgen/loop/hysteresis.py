@@ -1,10 +1,11 @@
-"""Robots of the loop whose gears have hysteresis, or motors bristles: the equations of motion, in C that CasADi writes.
+"""Robots of the loop whose gears have hysteresis, or motors bristles: the equations of motion, in
+C that CasADi writes.
 
     M a = forces + B^T sum z,    z = W s,    s' = K_h/W element_rate(d', s)
 
-with the deflections d of the gears and s = 0 at the start, and the same of the bristles of motors with s = s0 z/F, F
-the larger one of F_c and F_s. Rest, eigenvalues and controllers are those of the springs, dampers and frictions
-without a state.
+with the deflections d of the gears and s = 0 at the start, and the same of the bristles of motors
+with s = s0 z/F, F the larger one of F_c and F_s. Rest, eigenvalues and controllers are those of
+the springs, dampers and frictions without a state.
 """
 
 from __future__ import annotations
@@ -41,7 +42,9 @@ class States:
     motors: MotorBristles
 
     def numbers(self) -> np.ndarray:
-        """W [N m] of the layers of elements, then their K_h/W [1/rad]; zero where a gear has none."""
+        """W [N m] of the layers of elements, then their K_h/W [1/rad]; zero where a gear has
+        none.
+        """
         return np.concatenate([*(layer.slip for layer in self.gears), *self.slopes()])
 
     def slopes(self) -> list[np.ndarray]:
@@ -52,7 +55,8 @@ class States:
 
     def of_motors(self) -> np.ndarray:
         """F, F_c, F_s [N m], v_s, s0, s1 of the motors; F is zero where one has no bristles."""
-        motors, there = self.motors, self.motors.present
+        motors = self.motors
+        there = self.motors.present
         levels = [np.where(there, x, 1.0) for x in (motors.coulomb, motors.static)]  # which divide
         most = np.where(there, np.maximum(*levels), 0.0)
         return np.concatenate(
@@ -66,7 +70,9 @@ def without_states(model: RobotModel) -> RobotModel:
 
 
 def split_plants(model: RobotModel, plants: Plants) -> tuple[Plants, tuple[States, ...]]:
-    """The robots without elements that have a state, and these elements; none for a model without any."""
+    """The robots without elements that have a state, and these elements; none for a model without
+    any.
+    """
     if not (hysteretic_joints(model) or bristled_motors(model)):
         return plants, ()
     names = [p.name for p in plants.parameters]
@@ -88,10 +94,12 @@ def hysteretic_robots(
     laws: Sequence[States],
     progress: Callable[[str], None],
 ) -> RobotFunction:
-    """The rate of the state (q_a, v_a, q_m, v_m, s) of robots with parameters ``values`` (lanes, n_p) and ``laws``.
+    """The rate of the state (q_a, v_a, q_m, v_m, s) of robots with parameters ``values`` (lanes,
+    n_p) and ``laws``.
 
-    Its numbers: the parameters, then `States.numbers`; where a motor has bristles, also 6 n_m of `States.of_motors`,
-    and s is that of all layers of the gears, then of all motors. BuildError where no compiler works.
+    Its numbers: the parameters, then `States.numbers`; where a motor has bristles, also 6 n_m of
+    `States.of_motors`, and s is that of all layers of the gears, then of all motors. BuildError
+    where no compiler works.
     """
     bristled = any(law.motors.present.any() for law in laws)
     rows = [[law.numbers(), *([law.of_motors()] if bristled else [])] for law in laws]
@@ -104,19 +112,24 @@ def hysteretic_robots(
 
 
 def _rate(equations: Equations, layers: Sequence[Layer], bristled: bool) -> ca.Function:
-    """The rate of one robot's state; inputs as in closed_loop.c. ``layers``: exponents and gammas, of all robots."""
-    model, lag, (y, dy, _) = equations.model, equations.lagrangian, equations.y
-    n_a, n_m, n_g, i_m = model.n_a, model.n_m, model.n_g, list(model.i_m)
+    """The rate of one robot's state; inputs as in closed_loop.c. ``layers``: exponents and gammas,
+    of all robots.
+    """
+    model = equations.model
+    lag = equations.lagrangian
+    (y, dy, _) = equations.y
+    n_a = model.n_a
+    n_m = model.n_m
+    n_g = model.n_g
+    i_m = list(model.i_m)
     n_z = n_g * len(layers)
     state = ca.SX.sym("state", 2 * (n_a + n_m) + n_z + n_m * bristled)
     q_a, v_a, q_m, v_m, share, bent = ca.vertsplit(
         state, np.cumsum([0, n_a, n_a, n_m, n_m, n_z, n_m * bristled]).tolist()
     )
-    slip, per_slip, law = (
-        ca.SX.sym("slip", n_z),
-        ca.SX.sym("per_slip", n_z),
-        ca.SX.sym("law", 6 * n_m * bristled),
-    )
+    slip = ca.SX.sym("slip", n_z)
+    per_slip = ca.SX.sym("per_slip", n_z)
+    law = ca.SX.sym("law", 6 * n_m * bristled)
     torques = ca.vertsplit(slip * share, n_g)
     z = sum(torques[1:], torques[0])
     forces = generalized_force(equations.with_symbols, z, lag.q_m) - motor_force(
@@ -152,12 +165,15 @@ def largest_rate(
     values: np.ndarray,
     law: States,
 ) -> float:
-    """Largest size of an eigenvalue right after a reversal at points of a motion, and of the laws' own [1/s].
+    """Largest size of an eigenvalue right after a reversal at points of a motion, and of the laws'
+    own [1/s].
 
     ``motion``: all samples of ``v_a``, ``v_m``.
     """
-    model, motors = local.model, law.motors
-    z, tau = ca.SX.sym("z", model.n_g), ca.SX.sym("tau", model.n_m)
+    model = local.model
+    motors = law.motors
+    z = ca.SX.sym("z", model.n_g)
+    tau = ca.SX.sym("tau", model.n_m)
     at_zero = generalized_force(model, z, ca.SX(ca.DM.zeros(model.n_m)))
     B, C = (
         np.array(ca.DM(ca.jacobian(f, x)))

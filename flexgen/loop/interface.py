@@ -7,8 +7,9 @@ A controller that is written in Python is any object with these two methods:
         def step(self, k, y, ref):
             return ref.tau_m + 20.0 * (ref.q_m - y.q_m)
 
-``y`` is a `Measurement`, ``ref`` a `Reference`; the result are the torques of the motors [N m], one for each. The loop
-copies the object once for each robot. Plug-ins in C: `flexgen_controller.h` in this folder.
+``y`` is a `Measurement`, ``ref`` a `Reference`; the result are the torques of the motors [N m],
+one for each. The loop copies the object once for each robot. Plug-ins in C: `flexgen_controller.h`
+in this folder.
 """
 
 from __future__ import annotations
@@ -39,8 +40,9 @@ MOST_MEMORY = 2**28  # bytes of a controller
 class Setup:
     """Data of the robots for a controller.
 
-    ``q_m`` (lanes, n_m): motor angles at the start, at rest [rad]; ``sample_s`` [s]; ``n_a`` arm coordinates; ``n_y``
-    measured channels, motor angles first; ``n_ref`` entries of the reference of one sample.
+    ``q_m`` (lanes, n_m): motor angles at the start, at rest [rad]; ``sample_s`` [s]; ``n_a`` arm
+    coordinates; ``n_y`` measured channels, motor angles first; ``n_ref`` entries of the reference
+    of one sample.
     """
 
     q_m: np.ndarray
@@ -81,8 +83,9 @@ class Measurement:
 class Reference:
     """The planned motion at a sample.
 
-    ``q_m``, ``v_m`` (n_m): motors [rad, rad/s]; ``tau_m`` (n_m): mean of the feedforward torque over the interval in
-    which the new torque will act [N m]; ``sensors`` (n_s): sensor signals on the planned motion; ``q_a``,
+    ``q_m``, ``v_m`` (n_m): motors [rad, rad/s]; ``tau_m`` (n_m): mean of the feedforward torque
+    over the interval in which the new torque will act [N m]; ``sensors`` (n_s): sensor signals on
+    the planned motion; ``q_a``,
     ``v_a`` (n_a): arm. Arrays of the loop without the planned motion of the arm are empty.
 
     Examples
@@ -110,10 +113,11 @@ class Reference:
 class Compiled:
     """A controller as the loop in C calls it.
 
-    ``address`` of the function ``step``; ``memory`` (lanes, bytes); ``fixed``: bytes at its begin that do not change;
-    ``errors``: why the controller of a lane failed, by lane; ``keep``: objects that must exist as long; ``foreign``: it
-    is compiled code of a user, which may not return. ``together``: address of a function that takes the samples of all
-    robots at once, in place of ``address``; 0: none.
+    ``address`` of the function ``step``; ``memory`` (lanes, bytes); ``fixed``: bytes at its begin
+    that do not change; ``errors``: why the controller of a lane failed, by lane; ``keep``: objects
+    that must exist as long; ``foreign``: it is compiled code of a user, which may not return.
+    ``together``: address of a function that takes the samples of all robots at once, in place of
+    ``address``; 0: none.
     """
 
     address: int
@@ -141,13 +145,20 @@ class Controller(Protocol):
 
 
 STEP = ctypes.CFUNCTYPE(
-    ctypes.c_int, ctypes.c_void_p, ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p
+    ctypes.c_int,
+    ctypes.c_void_p,
+    ctypes.c_int64,
+    ctypes.c_void_p,
+    ctypes.c_void_p,
+    ctypes.c_void_p,
 )
 
 
 def reference_of(x: np.ndarray, setup: Setup) -> Reference:
     """The parts of a reference (n_ref,), as views."""
-    n_m, n_y, n_a = setup.n_m, setup.n_y, setup.n_a
+    n_m = setup.n_m
+    n_y = setup.n_y
+    n_a = setup.n_a
     ends = np.cumsum([n_m, n_y - n_m, n_m, n_m, n_a])
     return Reference(*np.split(x, ends)[:6])
 
@@ -170,13 +181,15 @@ class PythonController:
         for name in ("reset", "step"):
             if not callable(getattr(controller, name, None)):
                 raise ArgumentError(
-                    f"controller: given {type(controller).__name__} without {name}(), expected an object with reset() "
-                    "and step(k, y, ref) -> torques"
+                    f"controller: given {type(controller).__name__} without {name}(), expected "
+                    "an object with reset() and step(k, y, ref) -> torques"
                 )
         self.controller = controller
 
     def copies(self, count: int) -> list[Any]:
-        """An object for each robot, ready to begin; ArgumentError where it cannot be copied or does not begin."""
+        """An object for each robot, ready to begin; ArgumentError where it cannot be copied or
+        does not begin.
+        """
         try:
             own = [copy.deepcopy(self.controller) for _ in range(count)]
             for controller in own:
@@ -189,11 +202,15 @@ class PythonController:
 
     def compiled(self, setup: Setup) -> Compiled:
         """The object's methods as a function that C calls."""
-        lanes, n_m, n_y = len(setup.q_m), setup.n_m, setup.n_y
+        lanes = len(setup.q_m)
+        n_m = setup.n_m
+        n_y = setup.n_y
         own = self.copies(lanes)
         errors: dict[int, str] = {}
-        y, ref = np.zeros(n_y), np.zeros(setup.n_ref)
-        measurement, reference = Measurement(*np.split(y, [n_m])), reference_of(ref, setup)
+        y = np.zeros(n_y)
+        ref = np.zeros(setup.n_ref)
+        measurement = Measurement(*np.split(y, [n_m]))
+        reference = reference_of(ref, setup)
 
         def step(memory: int, k: int, at_y: int, at_ref: int, at_u: int) -> int:
             lane = ctypes.c_int64.from_address(memory).value
@@ -259,8 +276,8 @@ class PlugIn:
     Raises
     ------
     BuildError
-        The library cannot be loaded, could be changed by others, lacks a function, or is for another version of the
-        interface.
+        The library cannot be loaded, could be changed by others, lacks a function, or is for
+        another version of the interface.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -281,10 +298,13 @@ class PlugIn:
         abi = int(found["abi"]())
         if abi != ABI:
             raise BuildError(
-                f"{path}: given version {abi} of the interface of controllers, expected {ABI}; recompile it"
+                f"{path}: given version {abi} of the interface of controllers, expected {ABI}; "
+                "recompile it"
             )
         found["size"].restype = ctypes.c_size_t
-        self._size, self._reset, self._step = found["size"], found["reset"], found["step"]
+        self._size = found["size"]
+        self._reset = found["reset"]
+        self._step = found["step"]
 
     def compiled(self, setup: Setup) -> Compiled:
         """The functions of the library, each robot with its own memory."""
@@ -310,8 +330,8 @@ class PlugIn:
             status = int(self._reset(ctypes.c_void_p(own.ctypes.data), ctypes.byref(of(lane))))
             if status != 0:
                 raise ArgumentError(
-                    f"{self.path}: its reset refused the robot with status {status} ({setup.n_m} motors, {setup.n_y} "
-                    f"measured channels, {setup.sample_s} s)"
+                    f"{self.path}: its reset refused the robot with status {status} "
+                    f"({setup.n_m} motors, {setup.n_y} measured channels, {setup.sample_s} s)"
                 )
         address = ctypes.cast(self._step, ctypes.c_void_p).value
         assert address is not None

@@ -1,6 +1,8 @@
-"""Inputs of a model-based law: the planned motion of the arm up to its fourth derivative, and measurements.
+"""Inputs of a model-based law: the planned motion of the arm up to its fourth derivative, and
+measurements.
 
-Jerk and fourth derivative are those of the quintic spline through the accelerations of the trajectory.
+Jerk and fourth derivative are those of the quintic spline through the accelerations of the
+trajectory.
 """
 
 from __future__ import annotations
@@ -71,7 +73,8 @@ class LawMotion:
     def link_channels(self, law: str) -> np.ndarray | None:
         """Channels (n_a,) of the link encoders; None where the exact state is measured.
 
-        ArgumentError where a coordinate has none, or a late one only: the laws take all angles at one instant.
+        ArgumentError where a coordinate has none, or a late one only: the laws take all angles at
+        one instant.
         """
         if self.exact_state:
             return None
@@ -88,13 +91,14 @@ class LawMotion:
         missing = [c.name for c in self.model.coordinates if c.name not in found]
         for sensor in (late[name] for name in missing if name in late):
             raise ArgumentError(
-                f"controller {law}, sensor {sensor.name}: given delay_s = {sensor.delay_s:g} s, expected 0 s for a "
-                "link encoder that the controller uses (or exact_state=True)"
+                f"controller {law}, sensor {sensor.name}: given delay_s = {sensor.delay_s:g} s, "
+                "expected 0 s for a link encoder that the controller uses (or exact_state=True)"
             )
         if missing:
             raise ArgumentError(
-                f"controller {law}: given the model {self.model.name} without a sensor of type link_encoder for "
-                f"{', '.join(missing)}, expected one for each arm coordinate (or exact_state=True)"
+                f"controller {law}: given the model {self.model.name} without a sensor of type "
+                f"link_encoder for {', '.join(missing)}, expected one for each arm coordinate "
+                "(or exact_state=True)"
             )
         return np.array([found[c.name] for c in self.model.coordinates])
 
@@ -103,15 +107,20 @@ class LawMotion:
         return make_interp_spline(self.trajectory.time, self.trajectory["a_a"], k=5)
 
     def _clip(self, ahead_s: float) -> tuple[np.ndarray, np.ndarray]:
-        """The samples of the loop, ``ahead_s`` later, within the trajectory (n,), and whether they were (n, 1)."""
+        """The samples of the loop, ``ahead_s`` later, within the trajectory (n,), and whether they
+        were (n, 1).
+        """
         time = self.reference.time + ahead_s
         inside = np.clip(time, *self.trajectory.time[[0, -1]])
         return inside, (inside == time)[:, None]
 
     def arm(self, ahead_s: float) -> np.ndarray:
-        """``q, v, a, j, s`` (n, 5, n_a) of the planned arm at the samples of the loop, ``ahead_s`` later."""
+        """``q, v, a, j, s`` (n, 5, n_a) of the planned arm at the samples of the loop, ``ahead_s``
+        later.
+        """
         inside, moving = self._clip(ahead_s)
-        found, spline = self.trajectory.at(inside), self._acceleration
+        found = self.trajectory.at(inside)
+        spline = self._acceleration
         rates = [found["v_a"], found["a_a"], spline(inside, 1), spline(inside, 2)]
         return np.stack([found["q_a"], *(np.where(moving, x, 0.0) for x in rates)], axis=1)
 
@@ -122,7 +131,9 @@ class LawMotion:
         return np.stack([found["q_m"], np.where(moving, found["v_m"], 0.0)], axis=1)
 
     def difference(self, x: np.ndarray) -> np.ndarray:
-        """The odd derivatives of references (n, k, m) as the measurement has them: differences of two samples."""
+        """The odd derivatives of references (n, k, m) as the measurement has them: differences of
+        two samples.
+        """
         if self.exact_state:
             return x
         out = x.copy()

@@ -1,10 +1,11 @@
 """Stability margins of a linear controller at poses: the sampled loop as a linear system.
 
-largest gain      of the whole feedback, from 1 on, before an eigenvalue of the loop leaves the unit circle
+largest gain      of the whole feedback, from 1 on, before an eigenvalue of the loop leaves the
+                  unit circle
 largest delay     beside the one that is there [s]
 largest lag       of all motors at all frequencies: the gain exp(-i phi)
-L(z)              loop gain from torques to torques; Nyquist: det(1 + L) circles the origin as often as L has
-                  unstable poles
+L(z)              loop gain from torques to torques; Nyquist: det(1 + L) circles the origin as
+                  often as L has unstable poles
 """
 
 from __future__ import annotations
@@ -27,14 +28,17 @@ from flexgen.spec.arguments import is_number
 from flexgen.type_checks import checked_class, checked_result
 
 LARGEST_FACTOR = 1e9  # of the loop gain that is tested
-LARGEST_GAIN, GAINS = 100.0, 60
-LARGEST_DELAY, DELAYS = 32.0, 128  # samples; in steps of a quarter
+LARGEST_GAIN = 100.0
+GAINS = 60
+LARGEST_DELAY = 32.0  # samples
+DELAYS = 128  # in steps of a quarter
 LAGS = 36
 """Lags up to 180 degrees that are tested one after another."""
 
 MOST_LATE = 256  # samples of a delay, each of which is a state
 BISECTIONS = 20
-FREQUENCIES, LEAST_HZ = 600, 1e-6
+FREQUENCIES = 600
+LEAST_HZ = 1e-6
 Arrays = Sequence[np.ndarray]
 
 
@@ -83,7 +87,9 @@ class Margins(Result):
 
 @dataclass(frozen=True)
 class LoopResponse:
-    """``hz`` (k,); ``gains`` (k, n_m): singular values of the loop gain; ``nyquist`` (k,): det(1 + L)."""
+    """``hz`` (k,); ``gains`` (k, n_m): singular values of the loop gain; ``nyquist`` (k,): det(1 +
+    L).
+    """
 
     hz: np.ndarray
     gains: np.ndarray
@@ -91,37 +97,46 @@ class LoopResponse:
 
 
 def as_linear(controller: Any, sample_s: float, n_y: int) -> Linear | None:
-    """A cascade or linear controller (of its first part) as ``A, B, C, D`` from ``y_ref - y``; None for others."""
+    """A cascade or linear controller (of its first part) as ``A, B, C, D`` from ``y_ref - y``;
+    None for others.
+    """
     if isinstance(controller, Linear):
         A, B, C, D = (x[0] for x in controller.matrices)
         return Linear(A, B, C, D)
     if not isinstance(controller, Cascade):
         return None
-    n, sections = len(controller.speed_gain), [f.section(sample_s) for f in controller.filters]
+    n = len(controller.speed_gain)
+    sections = [f.section(sample_s) for f in controller.filters]
     own = 2 + 2 * len(sections)  # states of a motor: last error, integral, filters
-    A, B = np.zeros((n * own, n * own)), np.zeros((n * own, n_y))
-    C, D = np.zeros((n, n * own)), np.zeros((n, n_y))
+    A = np.zeros((n * own, n * own))
+    B = np.zeros((n * own, n_y))
+    C = np.zeros((n, n * own))
+    D = np.zeros((n, n_y))
     for j in range(n):
         k_p, k_v, k_i = (
             float(x[j])
             for x in (controller.position_gain, controller.speed_gain, controller.integral_gain)
         )
         at = slice(j * own, (j + 1) * own)
-        # Rows in the states of this motor and its error e: the speed error w, the integral, the feedback.
+        # Rows in the states of this motor and its error e: the speed error w, the integral, the
+        # feedback.
         last, total, error = np.eye(own + 1)[[0, 1, own]]
         w = (error - last) / sample_s + k_p * error
         total = total + w * sample_s
         x = k_v * (w + k_i * total)
         rows = np.zeros((own, own + 1))
-        rows[0], rows[1] = error, total
+        rows[0] = error
+        rows[1] = total
         for i, (b0, b1, b2, a1, a2) in enumerate(sections):
             s1, s2 = np.eye(own + 1)[[2 + 2 * i, 3 + 2 * i]]
             out = b0 * x + s1
             rows[2 + 2 * i] = b1 * x - a1 * out + s2
             rows[3 + 2 * i] = b2 * x - a2 * out
             x = out
-        A[at, at], B[at, j] = rows[:, :own], rows[:, own]
-        C[j, at], D[j, j] = x[:own], x[own]
+        A[at, at] = rows[:, :own]
+        B[at, j] = rows[:, own]
+        C[j, at] = x[:own]
+        D[j, j] = x[own]
     return Linear(A, B, C, D)
 
 
@@ -144,12 +159,10 @@ class LoopAtPose:
         delay_s: float,
         late: np.ndarray | None = None,
     ) -> None:
-        self.model, self.controller, self.sample_s, self.delay_s = (
-            model,
-            controller,
-            sample_s,
-            delay_s,
-        )
+        self.model = model
+        self.controller = controller
+        self.sample_s = sample_s
+        self.delay_s = delay_s
         self.late = late  # samples by which each signal is, None: 0
         # the last one, by the delay that is added
         self._plants: dict[float, tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
@@ -158,17 +171,22 @@ class LoopAtPose:
         sizes = (
             f"{len(self.model.A)} states of the robot, {self.controller.order} of the controller"
         )
-        return f"<LoopAtPose: {sizes}, samples of {1e3 * self.sample_s:.4g} ms, delay {1e3 * self.delay_s:.4g} ms>"
+        return (
+            f"<LoopAtPose: {sizes}, samples of {1e3 * self.sample_s:.4g} ms, delay "
+            f"{1e3 * self.delay_s:.4g} ms>"
+        )
 
     def largest_eigenvalue(self, gain: float = 1.0, more_delay_s: float = 0.0) -> float:
         """Of the closed loop, absolute."""
         if not (is_number(more_delay_s) and 0 <= more_delay_s <= MOST_LATE * self.sample_s):
             raise ArgumentError(
-                f"more_delay_s: given {show_value(more_delay_s)}, expected 0 to {MOST_LATE * self.sample_s} s"
+                f"more_delay_s: given {show_value(more_delay_s)}, expected 0 to "
+                f"{MOST_LATE * self.sample_s} s"
             )
         if not (is_number(gain) and abs(gain) <= LARGEST_FACTOR):
             raise ArgumentError(
-                f"gain: given {show_value(gain)}, expected a number from -{LARGEST_FACTOR} to {LARGEST_FACTOR}"
+                f"gain: given {show_value(gain)}, expected a number from -{LARGEST_FACTOR} to "
+                f"{LARGEST_FACTOR}"
             )
         return float(np.abs(self._eigenvalues(gain, more_delay_s)).max())
 
@@ -256,7 +274,9 @@ def _find_largest(
 
 
 def state_rows(model: RobotModel) -> np.ndarray:
-    """The channels ``q_a, v_a, q_m, v_m`` of the exact state from dx = (dy, dy'), y as in `motor_rows`."""
+    """The channels ``q_a, v_a, q_m, v_m`` of the exact state from dx = (dy, dy'), y as in
+    `motor_rows`.
+    """
     angles = (np.eye(model.n_a, model.dof), motor_rows(model))
     return np.vstack([np.kron(part, rows) for rows in angles for part in np.eye(2)[:, None]])
 

@@ -1,4 +1,5 @@
-"""The bases of feedback laws: those that are designed for poses, and those that are computed for a planned motion.
+"""The bases of feedback laws: those that are designed for poses, and those that are computed for a
+planned motion.
 
 The parameters of a class are the keys of its table in a controller file.
 """
@@ -35,7 +36,9 @@ class LinearDesign(ABC):
         motion: Sequence[np.ndarray],
         samples: int = 1,
     ) -> Linear:
-        """The controller for parts of a motion, of ``samples`` samples each; ``motion``: one point for each part."""
+        """The controller for parts of a motion, of ``samples`` samples each; ``motion``: one point
+        for each part.
+        """
 
 
 @checked_methods
@@ -54,6 +57,6 @@ class ModelLaw(ABC):
     def compiled(self, setup: Setup) -> Compiled:
         """Refused: there is no motion."""
         raise ArgumentError(
-            f"controller: given {type(self).__name__}, which is computed for a planned motion, expected another one "
-            "here; use it in flexgen.control"
+            f"controller: given {type(self).__name__}, which is computed for a planned motion, "
+            "expected another one here; use it in flexgen.control"
         )

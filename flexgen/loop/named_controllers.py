@@ -29,7 +29,8 @@ class FeedforwardOnly:
 
     def compiled(self, setup: Setup) -> Compiled:
         """A linear controller without gain."""
-        n_y, n_m = setup.n_y, setup.n_m
+        n_y = setup.n_y
+        n_m = setup.n_m
         return Linear(
             np.zeros((0, 0)), np.zeros((0, n_y)), np.zeros((n_m, 0)), np.zeros((n_m, n_y))
         ).compiled(setup)
@@ -62,7 +63,8 @@ def controller_of(
     BuildError
         A shared library cannot be loaded.
     """
-    late, name = sample_time + delay, type(given).__name__
+    late = sample_time + delay
+    name = type(given).__name__
     if isinstance(given, str | Path):
         given, name = _find_controller(str(given), model, [x[:1] for x in motion])
     if isinstance(given, PPI):
@@ -100,7 +102,9 @@ def _ppi_name(ppi: PPI, model: RobotModel, late_s: float, motion: Sequence[np.nd
     )
 
 
-def _find_controller(text: str, model: RobotModel, motion: Sequence[np.ndarray]) -> tuple[Any, str]:
+def _find_controller(
+    text: str, model: RobotModel, motion: Sequence[np.ndarray]
+) -> tuple[Any, str]:
     if text == "none":
         return FeedforwardOnly(), "feedforward only"
     if text == "ppi":
@@ -109,7 +113,8 @@ def _find_controller(text: str, model: RobotModel, motion: Sequence[np.ndarray])
         lowest = lowest_locked_hz(model, motion)
         if not lowest:
             raise ArgumentError(
-                f"controller: the model {model.name} has no elasticity, so no notch frequency; use ppi"
+                f"controller: the model {model.name} has no elasticity, so no notch frequency; "
+                "use ppi"
             )
         notch = Notch(lowest, 0.3, 0.9)
         return PPI(filters=(notch,)), f"ppi with a notch at {notch.frequency_hz:.3g} Hz"
@@ -119,8 +124,8 @@ def _find_controller(text: str, model: RobotModel, motion: Sequence[np.ndarray])
     if found is None:
         known = ", ".join((*BUILT_IN, *names("laws")))
         raise ArgumentError(
-            f"controller: given {text!r}, expected one of {known}, a file .toml, .py (file.py:Class), a shared "
-            "library, or an object with reset() and step(k, y, ref)"
+            f"controller: given {text!r}, expected one of {known}, a file .toml, .py "
+            "(file.py:Class), a shared library, or an object with reset() and step(k, y, ref)"
         )
     return found, Path(text).name
 
@@ -132,6 +137,7 @@ def _default_law(name: str) -> Any:
         return law()
     except TypeError as error:
         raise ArgumentError(
-            f"controller: given {name!r}, which cannot be made without parameters ({error}); give a file .toml with "
+            f"controller: given {name!r}, which cannot be made without parameters ({error}); "
+            f"give a file .toml with "
             f'type = "{name}"'
         ) from error

@@ -14,8 +14,8 @@ from flexgen.spec.arguments import check_not_negative, check_positive
 class Noises:
     """Noises that a filter expects of the model.
 
-    ``torque``: of the torques of a sample, ``rate``: growth of disturbances in a second, both relative to the
-    ``largest`` torques (n_m,) [N m]; ``tool_force`` [N].
+    ``torque``: of the torques of a sample, ``rate``: growth of disturbances in a second, both
+    relative to the ``largest`` torques (n_m,) [N m]; ``tool_force`` [N].
     """
 
     model: RobotModel
@@ -30,6 +30,8 @@ class Noises:
 
     @property
     def largest(self) -> np.ndarray:
-        """Largest torques of the motors; where the model file has none, the largest of all, or 1 N m."""
+        """Largest torques of the motors; where the model file has none, the largest of all, or 1 N
+        m.
+        """
         limits = np.array([motor.torque_max or 0.0 for motor in self.model.motors])
         return np.where(limits > 0, limits, max(limits.max(initial=0.0), 1.0))

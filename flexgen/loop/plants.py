@@ -2,15 +2,17 @@
 
 A change is a factor on a number of the model (``q2.stiffness``), or on all numbers of a kind:
 
-=========== =========================================================================================
+=========== =======================================================================================
 stiffness   stiffnesses of all springs (not break positions and gaps)
 damping     of all gears and springs
 friction    all friction torques (not speeds of friction laws)
 lost_motion of all gears with hysteresis; 0: none
-payload     mass [kg] that is added to the payload, at its center of mass; without one in the model at the tool
-=========== =========================================================================================
+payload     mass [kg] that is added to the payload, at its center of mass; without one in the model
+            at the tool
+=========== =======================================================================================
 
-Also ``lugre_coulomb``, ``lugre_static``, ``lugre_stiffness`` ... of all motors with the table ``lugre``.
+Also ``lugre_coulomb``, ``lugre_static``, ``lugre_stiffness`` ... of all motors with the table
+``lugre``.
 """
 
 from __future__ import annotations
@@ -35,8 +37,11 @@ from flexgen.spec.arguments import check_not_negative, check_positive, is_number
 
 NOMINAL = "nominal"
 KINDS = ("stiffness", "damping", "friction", "lost_motion", "payload")
-LARGEST_FACTOR, LARGEST_LOAD = 100.0, 1e5  # kg
-NEWTON_STEPS, CLOSE = 50, 1e-12
+# kg
+LARGEST_FACTOR = 100.0
+LARGEST_LOAD = 1e5
+NEWTON_STEPS = 50
+CLOSE = 1e-12
 FORCES = (
     "N m",
     "N",
@@ -55,8 +60,9 @@ FORCES = (
 class Plants:
     """Robots of one model with other numbers.
 
-    ``names`` (lanes); ``parameters``: the numbers that differ, in the order of the model; ``values`` (lanes, n_p);
-    ``loads``: mass and place of the load that is added to each, in words, or an empty text.
+    ``names`` (lanes); ``parameters``: the numbers that differ, in the order of the model;
+    ``values`` (lanes, n_p); ``loads``: mass and place of the load that is added to each, in words,
+    or an empty text.
     """
 
     names: tuple[str, ...]
@@ -110,7 +116,8 @@ def _numbers(model: RobotModel, plant: str, changes: Mapping[str, Any]) -> dict[
             mass = select(model, ["payload.mass"])[0]
             if not -mass.value <= given <= LARGEST_LOAD:
                 raise ArgumentError(
-                    f"{what}: given {given} kg, expected {-mass.value:g} to {LARGEST_LOAD:g} kg to add to the payload"
+                    f"{what}: given {given} kg, expected {-mass.value:g} to {LARGEST_LOAD:g} kg "
+                    "to add to the payload"
                 )
             out["payload.mass"] = mass.value + given
             continue
@@ -126,7 +133,8 @@ def _numbers(model: RobotModel, plant: str, changes: Mapping[str, Any]) -> dict[
             and not any(p.value for p in known)
         ):
             raise ArgumentError(
-                f"{what}: the model {model.name} has no number of this kind{' but 0' * bool(known)}"
+                f"{what}: the model {model.name} has no number of this "
+                f"kind{' but 0' * bool(known)}"
             )
         for parameter in known:
             if key not in KINDS or key == "lost_motion" or parameter.unit in FORCES:
@@ -153,7 +161,8 @@ class LocalDynamics:
     """
 
     def __init__(self, equations: Equations) -> None:
-        self.equations, self.model = equations, equations.model
+        self.equations = equations
+        self.model = equations.model
         self._jacobians = equations.function("residual_jacobians")
         self._residual = equations.function("residual")
         self._C = second_order.motor_rows(self.model)
@@ -167,14 +176,23 @@ class LocalDynamics:
         )
 
     def rest(
-        self, q_m: np.ndarray, values: np.ndarray, start: np.ndarray, more: np.ndarray | float = 0.0
+        self,
+        q_m: np.ndarray,
+        values: np.ndarray,
+        start: np.ndarray,
+        more: np.ndarray | float = 0.0,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Arm angles (n_a,) and holding torques (n_m,) with the motors at ``q_m``, from a start ``q_a`` by Newton.
+        """Arm angles (n_a,) and holding torques (n_m,) with the motors at ``q_m``, from a start
+        ``q_a`` by Newton.
 
-        ``more`` (n,): forces on ``y`` in addition. SolverError where there is no equilibrium near the start.
+        ``more`` (n,): forces on ``y`` in addition. SolverError where there is no equilibrium near
+        the start.
         """
-        model, n_m, n = self.model, self.model.n_m, self.model.dof
-        y, tau = np.concatenate([start, q_m[list(model.i_m)]]), np.zeros(n_m)
+        model = self.model
+        n_m = self.model.n_m
+        n = self.model.dof
+        y = np.concatenate([start, q_m[list(model.i_m)]])
+        tau = np.zeros(n_m)
         for _ in range(NEWTON_STEPS):
             arguments = self._motion(y[None], q_m, tau)
             r_a, r_m = evaluate(
@@ -189,24 +207,29 @@ class LocalDynamics:
                 step = np.linalg.solve(A, np.concatenate([r, self._C @ y - q_m]))
             except np.linalg.LinAlgError:
                 break
-            y, tau = y - step[:n], tau - step[n:]
+            y = y - step[:n]
+            tau = tau - step[n:]
             if np.abs(step[:n]).max() < CLOSE * (1.0 + np.abs(y).max()):
                 return y[: model.n_a], tau
         raise SolverError(
-            f"{self.model.name}: no equilibrium found with the motors at {np.round(q_m, 4).tolist()} rad; the springs "
-            "are too soft for the load there"
+            f"{self.model.name}: no equilibrium found with the motors at "
+            f"{np.round(q_m, 4).tolist()} rad; the springs are too soft for the load there"
         )
 
     def rests(
         self, motion: Mapping[str, np.ndarray], values: np.ndarray
     ) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
-        """The same for robots with the numbers ``values`` (lanes, n_p) at the start of a motion ``q_a``, ``q_m``."""
+        """The same for robots with the numbers ``values`` (lanes, n_p) at the start of a motion
+        ``q_a``, ``q_m``.
+        """
         return tuple(self.rest(motion["q_m"][0], own, motion["q_a"][0]) for own in values)
 
     def matrices(
         self, motion: Sequence[np.ndarray], values: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """``M, D, K`` (k, n, n) and ``B`` (k, n, n_m) along a motion ``q_a v_a a_a q_m v_m a_m tau_m`` (k, ...)."""
+        """``M, D, K`` (k, n, n) and ``B`` (k, n, n_m) along a motion
+        ``q_a v_a a_a q_m v_m a_m tau_m`` (k, ...).
+        """
         found = evaluate(self._jacobians, *motion, *self._pass_parameters(self._jacobians, values))
         return second_order_matrices(*found)
 
@@ -215,12 +238,18 @@ class LocalDynamics:
         return second_order.largest_rate(*self.matrices(motion, values)[:3])
 
     def _motion(self, y: np.ndarray, q_m: np.ndarray, tau: np.ndarray) -> tuple[np.ndarray, ...]:
-        k, n_a, n_m = len(y), self.model.n_a, self.model.n_m
-        arm, motors, angles = np.zeros((k, n_a)), np.zeros((k, n_m)), np.tile(q_m, (k, 1))
+        k = len(y)
+        n_a = self.model.n_a
+        n_m = self.model.n_m
+        arm = np.zeros((k, n_a))
+        motors = np.zeros((k, n_m))
+        angles = np.tile(q_m, (k, 1))
         angles[:, list(self.model.i_m)] = y[:, n_a:]
         return y[:, :n_a], arm, arm, angles, motors, motors, np.tile(tau, (k, 1))
 
-    def _pass_parameters(self, function: ca.Function, values: np.ndarray) -> tuple[np.ndarray, ...]:
+    def _pass_parameters(
+        self, function: ca.Function, values: np.ndarray
+    ) -> tuple[np.ndarray, ...]:
         return (values,) if "parameters" in function.name_in() else ()
 
 
@@ -234,7 +263,9 @@ def check_design(
 
 
 def check_motion(model: RobotModel, motion: Sequence[np.ndarray]) -> None:
-    """ArgumentError unless the arrays are points of a motion of the model, see `LocalDynamics.matrices`."""
+    """ArgumentError unless the arrays are points of a motion of the model, see
+    `LocalDynamics.matrices`.
+    """
     widths = [*[model.n_a] * 3, *[model.n_m] * 4]
     shapes = [np.shape(x) for x in motion]
     if (
@@ -243,6 +274,6 @@ def check_motion(model: RobotModel, motion: Sequence[np.ndarray]) -> None:
         or not all(np.isfinite(x).all() for x in motion)
     ):
         raise ArgumentError(
-            f"motion: given arrays of shapes {show_value(shapes)}, expected finite q_a, v_a, a_a (k, {model.n_a}) and "
-            f"q_m, v_m, a_m, tau_m (k, {model.n_m}) of {model.name}"
+            f"motion: given arrays of shapes {show_value(shapes)}, expected finite q_a, v_a, "
+            f"a_a (k, {model.n_a}) and q_m, v_m, a_m, tau_m (k, {model.n_m}) of {model.name}"
         )

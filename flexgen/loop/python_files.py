@@ -31,9 +31,12 @@ def module_of_file(name: str, path: Path) -> ModuleType:
 
 
 def object_of_file(text: str) -> Any:
-    """An object of a class in a Python file: ``file.py:Class``; without a class the only one with ``step``."""
+    """An object of a class in a Python file: ``file.py:Class``; without a class the only one with
+    ``step``.
+    """
     file, _, name = text.partition(".py")
-    path, name = Path(f"{file}.py"), name.removeprefix(":")
+    path = Path(f"{file}.py")
+    name = name.removeprefix(":")
     if not path.is_file():
         raise ArgumentError(f"controller: given {text!r}, expected a file {path} that is there")
     try:
@@ -53,11 +56,13 @@ def object_of_file(text: str) -> Any:
     }
     if name and name not in own:
         raise ArgumentError(
-            f"{path}: given no class {name!r} with step(), expected one of {', '.join(own) or 'none'}"
+            f"{path}: given no class {name!r} with step(), expected one of "
+            f"{', '.join(own) or 'none'}"
         )
     if not name and len(own) != 1:
         raise ArgumentError(
-            f"{path}: given {len(own)} classes with step(), expected one, or its name: {path}:Class"
+            f"{path}: given {len(own)} classes with step(), expected one, or its name: "
+            f"{path}:Class"
         )
     made = own[name] if name else next(iter(own.values()))
     try:

@@ -1,8 +1,9 @@
 """The planned motion as references of a sampled controller.
 
-Torques are held between samples, so that they are those of `flexgen.simulation.hold`: the mean over the interval in
-which each acts, less a twelfth of its second difference. The speed of the motors is not a reference of the drives: they
-take the same difference of samples from the reference as from the measurement.
+Torques are held between samples, so that they are those of `flexgen.simulation.hold`: the mean
+over the interval in which each acts, less a twelfth of its second difference. The speed of the
+motors is not a reference of the drives: they take the same difference of samples from the
+reference as from the measurement.
 """
 
 from __future__ import annotations
@@ -32,9 +33,10 @@ MOST_SAMPLES = 2_000_000
 class MotionReference:
     """References at the samples of a controller.
 
-    ``time`` (n,) [s], zero where the path begins; motion ``q_a v_a a_a`` (n, n_a), ``q_m v_m a_m`` (n, n_m), exact
-    torque ``tau_m`` (n, n_m) at the samples, torque to send ``held`` (n, n_m), sensors ``y_s`` (n, n_s), output
-    ``y_ref`` (n, n_y), ``R_ref`` (n, 9) or None; ``begin``, ``end``: of the motion, ``path_end`` [s].
+    ``time`` (n,) [s], zero where the path begins; motion ``q_a v_a a_a`` (n, n_a), ``q_m v_m a_m``
+    (n, n_m), exact torque ``tau_m`` (n, n_m) at the samples, torque to send ``held`` (n, n_m),
+    sensors ``y_s`` (n, n_s), output ``y_ref`` (n, n_y), ``R_ref`` (n, 9) or None; ``begin``,
+    ``end``: of the motion, ``path_end`` [s].
     """
 
     time: np.ndarray
@@ -58,7 +60,8 @@ class MotionReference:
         )
 
     def rows(self, exact_state: bool = False) -> np.ndarray:
-        """All references of a sample side by side, (n, n_ref); see `flexgen.loop.interface.Reference`.
+        """All references of a sample side by side, (n, n_ref); see
+        `flexgen.loop.interface.Reference`.
 
         With the exact state among the channels: ``q_a, v_a, q_m, v_m`` after the sensors.
         """
@@ -70,12 +73,16 @@ class MotionReference:
 def time_grid(
     first: float, last: float, sample_s: float, before_s: float, after_s: float
 ) -> np.ndarray:
-    """Samples of a controller (n,) [s] around a motion from ``first`` to ``last``, at rest before and after it."""
-    before, after = int(np.ceil(before_s / sample_s)), int(np.ceil(after_s / sample_s))
+    """Samples of a controller (n,) [s] around a motion from ``first`` to ``last``, at rest before
+    and after it.
+    """
+    before = int(np.ceil(before_s / sample_s))
+    after = int(np.ceil(after_s / sample_s))
     count = before + int(np.ceil((last - first) / sample_s)) + after + 1
     if count > MOST_SAMPLES:
         raise ArgumentError(
-            f"sample_time: given {sample_s} s, which makes {count} samples, expected {MOST_SAMPLES}"
+            f"sample_time: given {sample_s} s, which makes {count} samples, expected "
+            f"{MOST_SAMPLES}"
         )
     return first + sample_s * (np.arange(count) - before)
 
@@ -89,7 +96,8 @@ def motion_reference(
     time: np.ndarray,
     signals: ca.Function | None = None,
 ) -> MotionReference:
-    """References for a controller with a sample time and a delay from the measurement to the torque.
+    """References for a controller with a sample time and a delay from the measurement to the
+    torque.
 
     Parameters
     ----------
@@ -105,7 +113,8 @@ def motion_reference(
     signals : casadi.Function, optional
         Signals of the sensors from ``q_a, v_a, a_a, force``, instead of those of the library.
     """
-    first, last = float(trajectory.time[0]), float(trajectory.time[-1])
+    first = float(trajectory.time[0])
+    last = float(trajectory.time[-1])
     motion = trajectory.at(np.clip(time, first, last))
     moving = (time >= first) & (time <= last)
     for name in ("v_a", "a_a", "v_m", "a_m"):
@@ -129,8 +138,11 @@ def motion_reference(
 def hold_torques(
     trajectory: Trajectory, time: np.ndarray, sample_s: float, delay_s: float
 ) -> np.ndarray:
-    """Torques to send at the samples (n, n_m), wherever between two of them the trajectory begins."""
-    tau, first = trajectory["tau_m"], float(trajectory.time[0])
+    """Torques to send at the samples (n, n_m), wherever between two of them the trajectory
+    begins.
+    """
+    tau = trajectory["tau_m"]
+    first = float(trajectory.time[0])
     limited = trajectory.meta.get("torque") == "limited"
     degree = read_degree(trajectory.meta)
     late = (time[0] - first) / sample_s
@@ -149,7 +161,9 @@ def hold_torques(
 def trajectory_of(
     found: Inversion, begin: float, name: str, force: np.ndarray | None = None
 ) -> Trajectory:
-    """The motion of an inversion as a trajectory whose path begins at ``begin`` [s]; ``force`` (n, 6): on the tool."""
+    """The motion of an inversion as a trajectory whose path begins at ``begin`` [s]; ``force`` (n,
+    6): on the tool.
+    """
     channels = {name: getattr(found, name) for name in ("q_a", "v_a", "a_a", "q_m", "v_m")}
     channels |= {"a_m": time_derivative(found.v_m, found.period), "tau_m": found.tau_m}
     channels |= {} if force is None else {"force": force}

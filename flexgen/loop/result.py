@@ -45,7 +45,10 @@ UNITS = ("m", "rad")
 SHOWN = 20  # robots in the printed text
 ADVICE = {
     NOT_FINITE: "; lower the gains, or take a shorter sample time",
-    TOO_LONG: ": the loop is unstable, or what is commanded jumps; lower the gains, or command smoother motions",
+    TOO_LONG: (
+        ": the loop is unstable, or what is commanded jumps; lower the gains, or command "
+        "smoother motions"
+    ),
 }
 DONE = "done"
 UNSTABLE = "unstable"
@@ -55,7 +58,8 @@ GROWTH = 1e-6
 LAST_S = 0.1
 """Time [s] at the begin and end of the rest after the motion, to compare motor errors."""
 
-RUNAWAY, RUNAWAY_GROWTH = 0.1, 1.5
+RUNAWAY = 0.1
+RUNAWAY_GROWTH = 1.5
 """A loop diverges where motors at rest are off by this part of 1 rad and their motion, and the
 error still grows by this factor over the rest."""
 
@@ -169,7 +173,10 @@ class ControlRun(Result):
     ended: str = ""
 
     def __repr__(self) -> str:
-        return f"<ControlRun {self.model.name}, {self.controller}: {len(self.runs)} robots, {self.status}>"
+        return (
+            f"<ControlRun {self.model.name}, {self.controller}: {len(self.runs)} robots, "
+            f"{self.status}>"
+        )
 
     def __str__(self) -> str:
         """One line for each robot, of 20 at most."""
@@ -193,7 +200,8 @@ class ControlRun(Result):
                 for each in texts.values()
             )
             text = run.failure or (
-                f"error up to {whole}, dynamic {dynamic}, torque up to {row['torque_max_Nm']:.4g} N m"
+                f"error up to {whole}, dynamic {dynamic}, torque up to "
+                f"{row['torque_max_Nm']:.4g} N m"
             )
             full = (
                 f", {run.saturated} samples at the torque limit"
@@ -239,7 +247,8 @@ class ControlRun(Result):
         first = int(np.searchsorted(self.reference.time, self.reference.end))
         if first + 2 * count > len(error):
             return False
-        before, last = error[first : first + count].max(axis=0), error[-count:].max(axis=0)
+        before = error[first : first + count].max(axis=0)
+        last = error[-count:].max(axis=0)
         large = last > RUNAWAY * (1.0 + np.ptp(wanted, axis=0))
         return bool((large & (last > RUNAWAY_GROWTH * before)).any())
 
@@ -281,13 +290,17 @@ class ControlRun(Result):
 
     @property
     def tool_error_max_m(self) -> float | None:
-        """Largest distance of the model's output from its reference [m]; None without lengths, NaN where it failed."""
+        """Largest distance of the model's output from its reference [m]; None without lengths, NaN
+        where it failed.
+        """
         found: float | None = self.figures(self.nominal)["error_max_m"]
         return found
 
     @property
     def tool_error_max_rad(self) -> float | None:
-        """Largest angle of the model's output from its reference [rad]; None without angles, NaN where it failed."""
+        """Largest angle of the model's output from its reference [rad]; None without angles, NaN
+        where it failed.
+        """
         found: float | None = self.figures(self.nominal)["error_max_rad"]
         return found
 
@@ -298,12 +311,17 @@ class ControlRun(Result):
 
     @property
     def assumed_force(self) -> np.ndarray:
-        """The force on the tool that the feedforward assumes at the samples, (n, 6) [N, N m], world axes."""
+        """The force on the tool that the feedforward assumes at the samples, (n, 6) [N, N m],
+        world axes.
+        """
         found = self.reference.motion.get(CHANNEL)
-        return np.zeros((len(self.reference.time), len(UNITS_OF_FORCE))) if found is None else found
+        return (
+            np.zeros((len(self.reference.time), len(UNITS_OF_FORCE))) if found is None else found
+        )
 
     def force_figures(self) -> dict[str, float]:
-        """Largest force of the process, the largest assumed one, and their largest difference [N]; empty without one.
+        """Largest force of the process, the largest assumed one, and their largest difference [N];
+        empty without one.
 
         Of a process that exerts moments too their sizes [N m].
         """
@@ -326,7 +344,8 @@ class ControlRun(Result):
 
     def force_lines(self) -> tuple[str, ...]:
         """The same in words, a line for forces and one for moments."""
-        found, lines = self.force_figures(), []
+        found = self.force_figures()
+        lines = []
         for word, unit in (("force", "N"), ("moment", "N m")):
             key = unit.replace(" ", "")
             if f"force_max_{key}" in found:
@@ -334,8 +353,8 @@ class ControlRun(Result):
                     found[f"{x}_max_{key}"] for x in ("force", "assumed_force", "force_error")
                 )
                 lines.append(
-                    f"{word} of the process up to {true:.4g} {unit}, in the feedforward up to {assumed:.4g} {unit}, "
-                    f"difference up to {error:.4g} {unit}"
+                    f"{word} of the process up to {true:.4g} {unit}, in the feedforward up to "
+                    f"{assumed:.4g} {unit}, difference up to {error:.4g} {unit}"
                 )
         return tuple(lines)
 
@@ -347,7 +366,8 @@ class ControlRun(Result):
         return failed[0] if failed else max(self.runs, key=lambda run: self.figures(run)[key])
 
     def distance(self, run: PlantRun, unit: str | None = None) -> np.ndarray:
-        """Distance of a robot's output from its reference at the samples (n,), of its columns in m or rad.
+        """Distance of a robot's output from its reference at the samples (n,), of its columns in m
+        or rad.
 
         ``unit``: default `unit`.
         """
@@ -357,7 +377,8 @@ class ControlRun(Result):
 
     def dynamic(self, run: PlantRun, unit: str | None = None) -> np.ndarray:
         """Dynamic errors: without the static errors at start and end, (n,) [m or rad]."""
-        reference, e = self.reference, run.error[:, columns_in(self.model, unit or self.unit)]
+        reference = self.reference
+        e = run.error[:, columns_in(self.model, unit or self.unit)]
         start = int(np.searchsorted(reference.time, reference.begin)) - 1
         share = np.clip(reference.time / max(reference.path_end, 1e-12), 0.0, 1.0)[:, None]
         static = (1 - share) * e[max(start, 0)] + share * e[-1]
@@ -365,9 +386,11 @@ class ControlRun(Result):
         return np.asarray(np.linalg.norm(e - static, axis=1) * moving)
 
     def figures(self, run: PlantRun) -> dict[str, Any]:
-        """Largest errors and torques of a robot, SI units; NaN where it failed, None where the output has no such part.
+        """Largest errors and torques of a robot, SI units; NaN where it failed, None where the
+        output has no such part.
 
-        Angles of a pose: ``error_max_rad`` and ``turn_max_rad``, the largest between tool and reference.
+        Angles of a pose: ``error_max_rad`` and ``turn_max_rad``, the largest between tool and
+        reference.
         """
         moving = self.reference.time >= self.reference.begin
         start = max(int(np.searchsorted(self.reference.time, self.reference.begin)) - 1, 0)
@@ -375,7 +398,8 @@ class ControlRun(Result):
         for unit in UNITS:
             found: list[float | None] = [None] * 4
             if columns_in(self.model, unit):
-                far, dynamic = self.distance(run, unit), self.dynamic(run, unit)
+                far = self.distance(run, unit)
+                dynamic = self.dynamic(run, unit)
                 found = [
                     float(far[moving].max()),
                     float(far[-1]),
@@ -405,7 +429,8 @@ class ControlRun(Result):
         Parameters
         ----------
         robots : sequence of str, optional
-            Names; default: all that did not fail. A repeatability is that of these robots, not of the cycles of one.
+            Names; default: all that did not fail. A repeatability is that of these robots, not of
+            the cycles of one.
         band : float [m, or rad where the output has no lengths]
             Half width of the band of the settling times.
 
@@ -429,7 +454,8 @@ class ControlRun(Result):
             raise ArgumentError(
                 f"robots: given {given}, expected names of robots that did not fail"
             )
-        columns, y = columns_in(self.model, self.unit), self.reference.y_ref
+        columns = columns_in(self.model, self.unit)
+        y = self.reference.y_ref
         attained = np.array([(y + run.error)[:, columns] for run in chosen])
         named: dict[str, Any] = {
             "robots": tuple(run.name for run in chosen),
@@ -447,11 +473,10 @@ class ControlRun(Result):
 
     def trajectory(self, name: str = NOMINAL) -> Trajectory:
         """Motion, torques and errors of a robot at the samples of the controller."""
-        run, robot = self[name], self.model
-        coordinates, motors = (
-            tuple(c.name for c in robot.coordinates),
-            tuple(m.name for m in robot.motors),
-        )
+        run = self[name]
+        robot = self.model
+        coordinates = tuple(c.name for c in robot.coordinates)
+        motors = tuple(m.name for m in robot.motors)
         units = output_units(robot)
         rows = {
             "q_a": (
@@ -564,7 +589,9 @@ def _replace_nan(value: Any) -> Any:
 def output_errors(
     equations: Equations, reference: MotionReference, q_a: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray | None]:
-    """Output minus reference (n, n_y), and the angle between tool and reference (n,) for a pose."""
+    """Output minus reference (n, n_y), and the angle between tool and reference (n,) for a
+    pose.
+    """
     y = evaluate(equations.function("output"), q_a)[0].reshape(len(q_a), -1)
     turn = None
     if reference.R_ref is not None:

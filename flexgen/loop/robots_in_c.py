@@ -1,4 +1,6 @@
-"""What `flexgen.loop.closed_loop` gives to its C: the structure of the robots, and the start of their noise."""
+"""What `flexgen.loop.closed_loop` gives to its C: the structure of the robots, and the start of
+their noise.
+"""
 
 from __future__ import annotations
 
@@ -7,8 +9,8 @@ import ctypes
 import numpy as np
 
 ARRAYS = (
-    "parameters memory resolution noise bias late gain delay torque_noise torque_max state torque pending shown "
-    "scratch random status saturated"
+    "parameters memory resolution noise bias late gain delay torque_noise torque_max state "
+    "torque pending shown scratch random status saturated"
 ).split()
 
 
@@ -19,20 +21,24 @@ class Robots(ctypes.Structure):
         *[
             (name, ctypes.c_int32)
             for name in (
-                "lanes n_a n_m n_g n_y n_ref states steps delay_steps slots history disturbed".split()
+                (
+                    "lanes n_a n_m n_g n_y n_ref states steps delay_steps slots history disturbed"
+                ).split()
             )
         ],
         ("sample_s", ctypes.c_double),
         *[
             (name, ctypes.c_void_p)
-            for name in "plant one pushed sensors parameters one_work plant_work controller memory".split()
+            for name in (
+                "plant one pushed sensors parameters one_work plant_work controller memory"
+            ).split()
         ],
         ("memory_size", ctypes.c_int64),
         *[
             (name, ctypes.c_void_p)
             for name in (
-                "resolution noise bias delay late gain torque_noise torque_max disturbances pushing state torque "
-                "pending shown scratch random status saturated record".split()
+                "resolution noise bias delay late gain torque_noise torque_max disturbances "
+                "pushing state torque pending shown scratch random status saturated record".split()
             )
         ],
         ("now", ctypes.c_int64),
@@ -47,9 +53,12 @@ class Robots(ctypes.Structure):
 
 
 def seeds_of(seed: int, lanes: int) -> np.ndarray:
-    """Start of the random numbers of each robot, (lanes, 4): SplitMix64 of the seed and the robot."""
+    """Start of the random numbers of each robot, (lanes, 4): SplitMix64 of the seed and the
+    robot.
+    """
     out = np.empty((lanes, 4), np.uint64)
-    mask, x = 2**64 - 1, (seed * 0x9E3779B97F4A7C15 + 0x2545F4914F6CDD1D) & (2**64 - 1)
+    mask = 2**64 - 1
+    x = (seed * 0x9E3779B97F4A7C15 + 0x2545F4914F6CDD1D) & (2**64 - 1)
     for lane in range(lanes):
         for k in range(4):
             x = (x + 0x9E3779B97F4A7C15) & mask

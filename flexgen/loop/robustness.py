@@ -1,14 +1,17 @@
-"""Robustness: tool errors of solutions on plants that differ from the model, with and without feedback.
+"""Robustness: tool errors of solutions on plants that differ from the model, with and without
+feedback.
 
 Each solution is simulated on plants whose springs or masses differ from the model's, in two ways:
 
 feedforward    the torque alone, open loop; the arm drifts where the torque does not carry it.
-feedback       the torque and a cascade controller of the motor angles, with the reference of the same solution,
-               tau = tau_ff + k_v (e_v + k_i int e_v dt),  e_v = v_ref + k_p (q_ref - q_m) - v_m
+feedback       the torque and a cascade controller of the motor angles, with the reference of the
+               same solution, tau = tau_ff + k_v (e_v + k_i int e_v dt), e_v = v_ref + k_p (q_ref -
+               q_m) - v_m
 
-The robot starts in equilibrium with the motors at the first reference; with feedback the integrator starts with the
-torque that the feedforward lacks. So rigid and fjm start with the static deflection as tool error; errors are given
-against the path and against the position at the start.
+The robot starts in equilibrium with the motors at the first reference; with feedback the
+integrator starts with the torque that the feedforward lacks. So rigid and fjm start with the
+static deflection as tool error; errors are given against the path and against the position at the
+start.
 """
 
 from __future__ import annotations
@@ -39,7 +42,8 @@ from flexgen.numerics.evaluate import Evaluator, evaluate
 from flexgen.paths.path import Path
 from flexgen.trajectory import Trajectory
 
-RTOL, ATOL = 1e-8, 1e-10  # a tenth of a micrometer; the measured errors are millimeters
+RTOL = 1e-8  # a tenth of a micrometer
+ATOL = 1e-10  # the measured errors are millimeters
 SAMPLE = 2e-3  # s: longest sampling interval of the error
 ControlName = Literal["feedforward", "feedback"]
 CONTROLS: tuple[ControlName, ...] = get_args(ControlName)
@@ -47,7 +51,9 @@ CONTROLS: tuple[ControlName, ...] = get_args(ControlName)
 
 @dataclass(frozen=True)
 class Plant:
-    """A robot that differs from the model: all springs ``stiffness`` times as stiff, all masses ``mass`` times."""
+    """A robot that differs from the model: all springs ``stiffness`` times as stiff, all masses
+    ``mass`` times.
+    """
 
     name: str
     stiffness: float = 1.0
@@ -67,10 +73,12 @@ PLANTS = (
 
 @dataclass(frozen=True)
 class Bandwidth:
-    """Bandwidth of the motor controllers: ``speed`` k_v / J [rad/s], ``position`` k_p and ``integral`` k_i [1/s].
+    """Bandwidth of the motor controllers: ``speed`` k_v / J [rad/s], ``position`` k_p and
+    ``integral`` k_i [1/s].
 
-    J: inertia that a motor sees with stiff gears at the start of the move, by the nominal model. Common values for
-    industrial robots with elastic gears: a few ten Hz for the speed loop, 10 to 30 1/s for the position loop.
+    J: inertia that a motor sees with stiff gears at the start of the move, by the nominal model.
+    Common values for industrial robots with elastic gears: a few ten Hz for the speed loop, 10 to
+    30 1/s for the position loop.
     """
 
     speed: float = 2 * np.pi * 20
@@ -79,7 +87,8 @@ class Bandwidth:
 
 
 def perturb(model: RobotModel, plant: Plant) -> RobotModel:
-    """The model with other stiffnesses (gears, joints, beams) and other masses (bodies with inertias, payload, beams).
+    """The model with other stiffnesses (gears, joints, beams) and other masses (bodies with
+    inertias, payload, beams).
 
     Dampings, frictions, rotors and geometry are unchanged.
     """
@@ -96,7 +105,8 @@ def perturb(model: RobotModel, plant: Plant) -> RobotModel:
 def _element(element: Element, plant: Plant) -> Element:
     dofs = []
     for dof in element.dofs:
-        gear, spring = dof.gear, dof.spring
+        gear = dof.gear
+        spring = dof.spring
         if gear is not None and gear.spring is not None:
             gear = replace(gear, spring=_spring(gear.spring, plant.stiffness))
         dofs.append(
@@ -106,7 +116,9 @@ def _element(element: Element, plant: Plant) -> Element:
         )
     beam = element.beam
     if beam is not None:
-        bendings = tuple(replace(b, stiffness=b.stiffness * plant.stiffness) for b in beam.bendings)
+        bendings = tuple(
+            replace(b, stiffness=b.stiffness * plant.stiffness) for b in beam.bendings
+        )
         beam = replace(beam, bendings=bendings, mass_per_length=beam.mass_per_length * plant.mass)
     return replace(element, dofs=tuple(dofs), body=_body(element.body, plant.mass), beam=beam)
 
@@ -150,10 +162,11 @@ def compare_plants(
     Returns
     -------
     list of dicts, SI units
-        ``plant``, ``stiffness``, ``mass`` (factors), ``control``, ``method``; largest errors of the tool against the
-        path, ``error_max_m`` and ``error_max_rad``, at the start, ``error_start_*``, against the position at the start,
-        ``error_moved_*``, and at the end of the path, ``error_end_*`` (None where the output has no such part);
-        ``torque_max_Nm``, motor side. A simulation that fails has infinite errors.
+        ``plant``, ``stiffness``, ``mass`` (factors), ``control``, ``method``; largest errors of
+        the tool against the path, ``error_max_m`` and ``error_max_rad``, at the start,
+        ``error_start_*``, against the position at the start, ``error_moved_*``, and at the end of
+        the path, ``error_end_*`` (None where the output has no such part); ``torque_max_Nm``,
+        motor side. A simulation that fails has infinite errors.
     """
     for control in controls:
         if control not in CONTROLS:
@@ -161,7 +174,8 @@ def compare_plants(
     moves = {solution.move.name for solution in solutions.values()}
     if len(moves) != 1:
         raise ArgumentError(
-            f"solutions: given moves {', '.join(sorted(moves)) or 'none'}, expected solutions of one move"
+            f"solutions: given moves {', '.join(sorted(moves)) or 'none'}, expected solutions "
+            "of one move"
         )
     path = Path(equations, next(iter(solutions.values())).move)
     until = max(solution.trajectory.time[-1] for solution in solutions.values())
@@ -193,7 +207,8 @@ def tool_errors(
     control: str = "feedback",
     bandwidth: Bandwidth | None = None,
 ) -> dict[str, Any]:
-    """Errors of the tool of one robot under the torques of a solution, as in a row of `compare_plants`.
+    """Errors of the tool of one robot under the torques of a solution, as in a row of
+    `compare_plants`.
 
     Parameters
     ----------
@@ -240,14 +255,20 @@ class _Run:
         until: float,
         gains: tuple[np.ndarray, float, float] | None,
     ) -> None:
-        self.equations, self.path, self.gains = equations, path, gains
-        t, k = trajectory.time, min(5, len(trajectory.time) - 1)
-        self.first, self.last, self.until = float(t[0]), float(t[-1]), float(until)
+        self.equations = equations
+        self.path = path
+        self.gains = gains
+        t = trajectory.time
+        k = min(5, len(trajectory.time) - 1)
+        self.first = float(t[0])
+        self.last = float(t[-1])
+        self.until = float(until)
         self.torque, self.angle = (
             make_interp_spline(t, trajectory[name], k=k) for name in ("tau_m", "q_m")
         )
         self.speed = self.angle.derivative()
-        self.q_start, self.q_m_start = trajectory["q_a"][0], trajectory["q_m"][0]
+        self.q_start = trajectory["q_a"][0]
+        self.q_m_start = trajectory["q_m"][0]
 
     def figures(self) -> dict[str, Any]:
         """The figures of one row."""
@@ -264,7 +285,8 @@ class _Run:
         end = int(np.searchsorted(t, self.path.duration - 1e-12))
         for unit, error in output_errors(self.equations, self.path, t, q_a).items():
             size = np.linalg.norm(error, axis=1)
-            out[f"error_max_{unit}"], out[f"error_start_{unit}"] = float(size.max()), float(size[0])
+            out[f"error_max_{unit}"] = float(size.max())
+            out[f"error_start_{unit}"] = float(size[0])
             out[f"error_moved_{unit}"] = float(np.linalg.norm(error - error[0], axis=1).max())
             out[f"error_end_{unit}"] = float(size[min(end, len(size) - 1)])
         return {**out, "torque_max_Nm": torque_max}
@@ -272,14 +294,20 @@ class _Run:
     def _integrate(self) -> tuple[np.ndarray, np.ndarray, float]:
         """Instants, arm coordinates and the largest motor torque."""
         model = self.equations.model
-        n, n_a, n_m, i_m, i_g = model.dof, model.n_a, model.n_m, list(model.i_m), list(model.i_g)
+        n = model.dof
+        n_a = model.n_a
+        n_m = model.n_m
+        i_m = list(model.i_m)
+        i_g = list(model.i_g)
         equilibrium = hold_motors(self.equations, self.q_m_start, self.q_start)
         state_rate = Evaluator(self.equations.function("state_rate"))
         largest = 0.0
 
         def motors(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            q_m, v_m = model.eta @ x[i_g], model.eta @ x[n : n + n_a][i_g]
-            q_m[i_m], v_m[i_m] = x[n_a:n], x[n + n_a : 2 * n]
+            q_m = model.eta @ x[i_g]
+            v_m = model.eta @ x[n : n + n_a][i_g]
+            q_m[i_m] = x[n_a:n]
+            v_m[i_m] = x[n + n_a : 2 * n]
             return q_m, v_m
 
         def torque(t: float, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -307,7 +335,8 @@ class _Run:
         )
         atol = np.concatenate([np.full(2 * n, ATOL), np.full(n_m, 1e-6)])
         solver = DOP853(rate, t[0], start, t[-1], rtol=RTOL, atol=atol)
-        out, k = np.empty((len(t), n_a)), 1
+        out = np.empty((len(t), n_a))
+        k = 1
         out[0] = start[:n_a]
         while k < len(t):
             solver.step()
@@ -327,11 +356,13 @@ class _Run:
 def output_errors(
     equations: Equations, path: Path, t: np.ndarray, q_a: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """Errors of the output against the path at the instants ``t`` (n,): by unit, "m" and "rad", arrays (n, parts).
+    """Errors of the output against the path at the instants ``t`` (n,): by unit, "m" and "rad",
+    arrays (n, parts).
 
     Of an orientation: sine of the angle times the axis, in world axes.
     """
-    sample, units = path.sample(t), np.array(output_units(equations.model))
+    sample = path.sample(t)
+    units = np.array(output_units(equations.model))
     error = evaluate(equations.function("output"), q_a)[0].reshape(len(t), -1) - sample.y[:, :, 0]
     out = {unit: error[:, units == unit] for unit in ("m", "rad") if (units == unit).any()}
     if equations.model.output.type == "combination" or sample.R is None:

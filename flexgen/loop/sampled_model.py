@@ -25,10 +25,10 @@ from flexgen.numerics.evaluate import evaluate
 class PoseModel:
     """The linear model at a pose.
 
-    ``A`` (n, n), ``B`` (n, n_m), ``push`` (n, 3): force on the tool, ``arm`` (n, n_a + n_k): forces on the arm's
-    coordinates, then torques of the n_k elastic gears on arm and motor; ``C`` (n_m + n_s, n): motor angles and sensors,
-    ``D`` (n_m + n_s, n_m), ``D_arm`` (n_m + n_s, n_a + n_k): what the torques and forces themselves do to
-    accelerometers; ``W`` (n_y, n): output.
+    ``A`` (n, n), ``B`` (n, n_m), ``push`` (n, 3): force on the tool, ``arm`` (n, n_a + n_k):
+    forces on the arm's coordinates, then torques of the n_k elastic gears on arm and motor; ``C``
+    (n_m + n_s, n): motor angles and sensors, ``D`` (n_m + n_s, n_m), ``D_arm`` (n_m + n_s, n_a +
+    n_k): what the torques and forces themselves do to accelerometers; ``W`` (n_y, n): output.
     """
 
     A: np.ndarray
@@ -54,12 +54,15 @@ class PoseModels:
         equations = derive(model)
         self._local = LocalDynamics(derive(model, tuple(names)) if names else equations)
         self._values = np.zeros(0) if values is None else values
-        self._output, self._tool = output_jacobian(equations), equations.function("jacobian")
+        self._output = output_jacobian(equations)
+        self._tool = equations.function("jacobian")
         self._sensors = equations.function("sensor_derivatives") if model.sensors else None
 
     def at(self, motion: Sequence[np.ndarray]) -> PoseModel:
         """The model at one point ``q_a v_a a_a q_m v_m a_m tau_m`` (1, ...) of a motion."""
-        model, n, n_a = self.model, self.model.dof, self.model.n_a
+        model = self.model
+        n = self.model.dof
+        n_a = self.model.n_a
         M, D, K, F = (x[0] for x in self._local.matrices(motion, self._values))
         inverse = np.linalg.inv(M)
         A = np.block([[np.zeros((n, n)), np.eye(n)], [-inverse @ K, -inverse @ D]])
@@ -67,22 +70,23 @@ class PoseModels:
         J = np.zeros((3, n))
         J[:, :n_a] = evaluate(self._tool, motion[0])[0].reshape(6, n_a)[:3]
         push = np.vstack([np.zeros((n, 3)), inverse @ J.T])
-        geared, twist = elastic_gears(model), np.linalg.inv(model.eta)[:, list(model.i_m)]
+        geared = elastic_gears(model)
+        twist = np.linalg.inv(model.eta)[:, list(model.i_m)]
         which = [model.i_g.index(i) for i in geared]
         # deflection: eta^-1 q_m - q_a
         pairs = inverse[:, geared] - inverse[:, n_a:] @ twist[which].T
         arm = np.vstack([np.zeros((n, n_a + len(geared))), np.hstack([inverse[:, :n_a], pairs])])
         C = np.hstack([motor_rows(model), np.zeros((model.n_m, n))])
-        D, D_arm = np.zeros((model.n_m, model.n_m)), np.zeros((model.n_m, arm.shape[1]))
+        D = np.zeros((model.n_m, model.n_m))
+        D_arm = np.zeros((model.n_m, arm.shape[1]))
         if self._sensors is not None:
             by_q, by_v, by_a = (x.reshape(-1, n_a) for x in evaluate(self._sensors, *motion[:3]))
             rows = np.zeros((len(by_q), 2 * n))
-            rows[:, :n_a], rows[:, n : n + n_a] = by_q, by_v
+            rows[:, :n_a] = by_q
+            rows[:, n : n + n_a] = by_v
             C = np.vstack([C, rows + by_a @ A[n : n + n_a]])
-            D, D_arm = (
-                np.vstack([D, by_a @ B[n : n + n_a]]),
-                np.vstack([D_arm, by_a @ arm[n : n + n_a]]),
-            )
+            D = np.vstack([D, by_a @ B[n : n + n_a]])
+            D_arm = np.vstack([D_arm, by_a @ arm[n : n + n_a]])
         W = np.zeros((model.output.size, n))
         W[:, :n_a] = evaluate(self._output, motion[0])[0].reshape(model.output.size, n_a)
         return PoseModel(A, B, push, arm, C, D, D_arm, W)
@@ -95,8 +99,11 @@ def elastic_gears(model: RobotModel) -> list[int]:
 
 
 def output_jacobian(equations: Equations) -> ca.Function:
-    """W(q_a) (n_y, n_a): from arm velocities to rates of the output, of a pose its spatial velocity."""
-    model, q = equations.model, ca.SX.sym("q_a", equations.model.n_a)
+    """W(q_a) (n_y, n_a): from arm velocities to rates of the output, of a pose its spatial
+    velocity.
+    """
+    model = equations.model
+    q = ca.SX.sym("q_a", equations.model.n_a)
     if model.output.type == "combination":
         return ca.Function("W", [q], [ca.SX(ca.DM(model.output.weights))])
     J = equations.function("jacobian")(q)

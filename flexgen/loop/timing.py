@@ -9,8 +9,9 @@ from dataclasses import dataclass
 class Timing:
     """When a law measures and acts.
 
-    ``sample_s``, ``delay_s`` [s]; ``predicted``: the state is predicted to the middle of the interval in which the
-    torque acts; ``differences``: the odd derivatives of the measurement are differences of two samples.
+    ``sample_s``, ``delay_s`` [s]; ``predicted``: the state is predicted to the middle of the
+    interval in which the torque acts; ``differences``: the odd derivatives of the measurement are
+    differences of two samples.
     """
 
     sample_s: float
@@ -35,7 +36,9 @@ class Timing:
         return self.delay_s + self.sample_s / 2 if self.predicted else 0.0
 
     def segments(self) -> list[tuple[int, float]]:
-        """Torques under way over the delay: how many samples old each is, and how long it acts [s]."""
+        """Torques under way over the delay: how many samples old each is, and how long it acts
+        [s].
+        """
         if not self.predicted:
             return []
         parts = [(self.whole + 1, self.rest_s)] if self.rest_s else []

@@ -1,10 +1,12 @@
-"""Clamped-free Euler-Bernoulli modes of a beam and their integrals, for its kinetic and potential energy.
+"""Clamped-free Euler-Bernoulli modes of a beam and their integrals, for its kinetic and potential
+energy.
 
 Mode k of a uniform cantilever: ``phi(x) = cosh(b x) - cos(b x) - s (sinh(b x) - sin(b x))`` with
-``cosh(b L) cos(b L) = -1`` and ``s = (cosh(bL) + cos(bL)) / (sinh(bL) + sin(bL))``, here scaled to ``phi(L) = 1``, so
-that a modal coordinate is the tip deflection of its mode in m.
+``cosh(b L) cos(b L) = -1`` and ``s = (cosh(bL) + cos(bL)) / (sinh(bL) + sin(bL))``, here scaled to
+``phi(L) = 1``, so that a modal coordinate is the tip deflection of its mode in m.
 
-Source: L. Meirovitch, Fundamentals of Vibrations, 2001, sec. 8.3; the integrals are done by Gauss quadrature.
+Source: L. Meirovitch, Fundamentals of Vibrations, 2001, sec. 8.3; the integrals are done by Gauss
+quadrature.
 """
 
 from __future__ import annotations
@@ -18,12 +20,14 @@ from flexgen.model.elements import Beam
 
 @dataclass(frozen=True)
 class ModalBeam:
-    """Integrals over a beam with modal coordinates ordered as in the model (bending after bending, mode after mode).
+    """Integrals over a beam with modal coordinates ordered as in the model (bending after bending,
+    mode after mode).
 
-    ``direction`` (n, 3): unit vector in which the mode bends. ``slope`` (n,): phi'(L) [1/m]. ``mass`` [kg];
-    ``s0`` [kg m], ``s1`` [kg m]: integral of x dm and of phi dm (n,); ``j0`` [kg m^2]: integral of x^2 dm; ``j1`` (n,):
-    integral of x phi dm; ``m2`` (n, n): integral of phi_i phi_k dm [kg]; ``stiffness``, ``damping`` (n, n) [N/m, N
-    s/m].
+    ``direction`` (n, 3): unit vector in which the mode bends. ``slope`` (n,): phi'(L) [1/m].
+    ``mass`` [kg];
+    ``s0`` [kg m], ``s1`` [kg m]: integral of x dm and of phi dm (n,); ``j0`` [kg m^2]: integral of
+    x^2 dm; ``j1`` (n,): integral of x phi dm; ``m2`` (n, n): integral of phi_i phi_k dm [kg];
+    ``stiffness``, ``damping`` (n, n) [N/m, N s/m].
     """
 
     direction: np.ndarray
@@ -57,13 +61,18 @@ def clamped_free_root(k: int) -> float:
 
 
 def mode_shape(k: int, length: float, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Mode k scaled to one at the tip: phi, phi' [1/m] and phi'' [1/m^2] at the positions ``x`` [m]."""
+    """Mode k scaled to one at the tip: phi, phi' [1/m] and phi'' [1/m^2] at the positions ``x``
+    [m].
+    """
     z = clamped_free_root(k)
     b = z / length
     s = (np.cosh(z) + np.cos(z)) / (np.sinh(z) + np.sin(z))
 
     def shape(y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        ch, sh, co, si = np.cosh(y), np.sinh(y), np.cos(y), np.sin(y)
+        ch = np.cosh(y)
+        sh = np.sinh(y)
+        co = np.cos(y)
+        si = np.sin(y)
         return (
             ch - co - s * (sh - si),
             b * (sh + si - s * (ch - co)),
@@ -76,11 +85,18 @@ def mode_shape(k: int, length: float, x: np.ndarray) -> tuple[np.ndarray, np.nda
 
 
 def modal_beam(beam: Beam) -> ModalBeam:
-    """Integrals of a `Beam` (see `ModalBeam`); damping is modal, ``2 zeta sqrt(k m)`` for each mode alone."""
+    """Integrals of a `Beam` (see `ModalBeam`); damping is modal, ``2 zeta sqrt(k m)`` for each
+    mode alone.
+    """
     nodes, weights = np.polynomial.legendre.leggauss(64)
     x = beam.length * (nodes + 1) / 2
     dm = beam.mass_per_length * beam.length / 2 * weights
-    phi, direction, slope, bend, zeta, group = [], [], [], [], [], []
+    phi = []
+    direction = []
+    slope = []
+    bend = []
+    zeta = []
+    group = []
     for n, bending in enumerate(beam.bendings):
         for k in range(1, bending.modes + 1):
             shape, _, curvature = mode_shape(k, beam.length, x)
@@ -90,9 +106,10 @@ def modal_beam(beam: Beam) -> ModalBeam:
             bend.append(np.sqrt(bending.stiffness / beam.mass_per_length) * curvature)
             zeta.append(bending.damping_ratio)
             group.append(n)
-    shapes, curvatures = np.array(phi), np.array(bend)
-    # modes of one bending are orthogonal: quadrature errors off the diagonal are set to zero; modes of two bendings are
-    # not, and their products enter the products of inertia
+    shapes = np.array(phi)
+    curvatures = np.array(bend)
+    # modes of one bending are orthogonal: quadrature errors off the diagonal are set to zero;
+    # modes of two bendings are not, and their products enter the products of inertia
     zero = np.equal.outer(group, group) & ~np.eye(len(group), dtype=bool)
     m2 = np.where(zero, 0.0, (shapes * dm) @ shapes.T)
     stiffness = np.diag(np.sum(curvatures**2 * dm, axis=1))

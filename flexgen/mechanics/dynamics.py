@@ -1,10 +1,13 @@
 """Kinematics and dynamics of a robot as builders of CasADi functions, from the Lagrangian.
 
-    M_a(q_a) a_a + c(q_a, v_a) + g(q_a) = tau_a,      tau_a = tau_g on the actuated rows, tau_e on the others
-    tau_g = spring(eta^-1 q_m - q_g) + D_g (eta^-1 v_m - v_g),        tau_e = -spring_e(q_e) - D_e v_e
+    M_a(q_a) a_a + c(q_a, v_a) + g(q_a) = tau_a,
+    tau_a = tau_g on the actuated rows, tau_e on the others
+    tau_g = spring(eta^-1 q_m - q_g) + D_g (eta^-1 v_m - v_g),
+    tau_e = -spring_e(q_e) - D_e v_e
     J_m a_m + f(v_m) + eta^-T tau_g = tau_m
 
-Source: S. Moberg, Modeling and Control of Flexible Manipulators, 2010 (extended flexible joint model).
+Source: S. Moberg, Modeling and Control of Flexible Manipulators, 2010 (extended flexible joint
+model).
 """
 
 from __future__ import annotations
@@ -30,7 +33,7 @@ def symbols_of(system: System, names: list[str]) -> list[ca.SX]:
     return [known[name] for name in names]
 
 
-# --- the tool ---------------------------------------------------------------------------------------------------------
+# --- the tool ------------------------------------------------------------------------------------
 
 
 def tool_velocity(system: System) -> ca.SX:
@@ -61,7 +64,8 @@ def jacobian_dot(system: System) -> Built:
 
 def output(system: System) -> Built:
     """The declared output; for a pose the position of the tool."""
-    chain, declared = system.lagrangian.chain, system.model.output
+    chain = system.lagrangian.chain
+    declared = system.model.output
     if declared.type == "combination":
         y = ca.mtimes(ca.SX(ca.DM(declared.weights)), chain.q_a)
         return [chain.q_a], ["q_a"], [y], ["y"]
@@ -81,7 +85,7 @@ def chain_points(system: System) -> Built:
     return [chain.q_a], ["q_a"], [ca.horzcat(*chain.points)], ["chain_points"]
 
 
-# --- the arm ----------------------------------------------------------------------------------------------------------
+# --- the arm -------------------------------------------------------------------------------------
 
 
 def mass_matrix(system: System) -> Built:
@@ -113,7 +117,8 @@ def arm_forward_dynamics(system: System) -> Built:
     """Accelerations of the arm under given forces on its coordinates."""
     lag = system.lagrangian
     tau_a = ca.SX.sym("tau_a", system.model.n_a)
-    M, h = mass_matrix(system)[2][0], bias(system)[2][0]
+    M = mass_matrix(system)[2][0]
+    h = bias(system)[2][0]
     inputs = [lag.chain.q_a, lag.chain.v_a, tau_a]
     return inputs, ["q_a", "v_a", "tau_a"], [solve_symmetric(M, tau_a - h)], ["a_a"]
 
@@ -130,12 +135,13 @@ def elastic_torque(system: System) -> Built:
     return [lag.chain.q_a, lag.chain.v_a], ["q_a", "v_a"], [lag.tau_e], ["tau_e"]
 
 
-# --- motors and gears -------------------------------------------------------------------------------------------------
+# --- motors and gears ----------------------------------------------------------------------------
 
 
 def motor_friction(system: System) -> Built:
     """Friction torques of the motors."""
-    v_m, model = system.lagrangian.v_m, system.with_symbols
+    v_m = system.lagrangian.v_m
+    model = system.with_symbols
     if loaded := loaded_motors(system.model):
         raise ArgumentError(
             f"motor_friction: that of motor {loaded[0]} depends on its load; use loaded_friction"
@@ -149,11 +155,9 @@ def motor_friction(system: System) -> Built:
 
 def loaded_friction(system: System) -> Built:
     """Friction torques of the motors, of which some depend on the torques of the gears."""
-    v_m, model, tau_l = (
-        system.lagrangian.v_m,
-        system.with_symbols,
-        ca.SX.sym("tau_l", system.model.n_m),
-    )
+    v_m = system.lagrangian.v_m
+    model = system.with_symbols
+    tau_l = ca.SX.sym("tau_l", system.model.n_m)
     friction = [
         friction_torque(m.friction, v_m[j], tau_l[j], model.temperature)
         for j, m in enumerate(model.motors)
@@ -162,7 +166,9 @@ def loaded_friction(system: System) -> Built:
 
 
 def motor_harmonics(system: System) -> Built:
-    """Motors behind gears with transmission error, cogging torques, and the factors of the motors' torques."""
+    """Motors behind gears with transmission error, cogging torques, and the factors of the motors'
+    torques.
+    """
     n = system.model.n_m
     names = ["w_m", "dw_m", "ddw_m"]
     inputs = [ca.SX.sym(name, n) for name in names]
@@ -185,17 +191,18 @@ def given_torque(system: System) -> Built:
 
 def rotor_torque(system: System) -> Built:
     """Time derivative of the rotors' axial momentum."""
-    lag, names = system.lagrangian, ["q_a", "v_a", "a_a", "v_m", "a_m"]
+    lag = system.lagrangian
+    names = ["q_a", "v_a", "a_a", "v_m", "a_m"]
     inputs = symbols_of(system, names)
-    moving, rates = (
-        ca.vertcat(inputs[0], inputs[1], inputs[3]),
-        ca.vertcat(inputs[1], inputs[2], inputs[4]),
-    )
+    moving = ca.vertcat(inputs[0], inputs[1], inputs[3])
+    rates = ca.vertcat(inputs[1], inputs[2], inputs[4])
     return inputs, names, [ca.jtimes(lag.momentum_m, moving, rates)], ["tau_r"]
 
 
 def gear_law(system: System) -> Built:
-    """Torques of the gears' springs, and their derivatives in the deflection; zero for rigid gears."""
+    """Torques of the gears' springs, and their derivatives in the deflection; zero for rigid
+    gears.
+    """
     deflection = ca.SX.sym("deflection", system.model.n_g)
     tau: list[ca.SX] = []
     for k, (gear, ratio) in enumerate(gears(system.with_symbols)):
@@ -209,29 +216,35 @@ def gear_law(system: System) -> Built:
 
 def gear_torque(system: System) -> Built:
     """Torques of the elastic gears, springs and dampers; zero for rigid gears."""
-    lag, names = system.lagrangian, STATE[:4]
+    lag = system.lagrangian
+    names = STATE[:4]
     return symbols_of(system, names), names, [lag.tau_g], ["tau_g"]
 
 
-# --- the whole robot --------------------------------------------------------------------------------------------------
+# --- the whole robot -----------------------------------------------------------------------------
 
 
 def forward_dynamics(system: System) -> Built:
     """Accelerations of arm and motors under the motors' torques."""
     n_a = system.model.n_a
-    a_a, a_me = system.acceleration[:n_a], system.acceleration[n_a:]
+    a_a = system.acceleration[:n_a]
+    a_me = system.acceleration[n_a:]
     outputs = [a_a, system.motor_accelerations(a_a, a_me)]
     return symbols_of(system, STATE), STATE, outputs, ["a_a", "a_m"]
 
 
 def forward_dynamics_tool_force(system: System) -> Built:
-    """Accelerations under the motors' torques and a force on the tool, and the torques of the elastic gears."""
-    n_a, f_tool = system.model.n_a, ca.SX.sym("f_tool", 6)
+    """Accelerations under the motors' torques and a force on the tool, and the torques of the
+    elastic gears.
+    """
+    n_a = system.model.n_a
+    f_tool = ca.SX.sym("f_tool", 6)
     pushed = ca.mtimes(jacobian(system)[2][0].T, f_tool)
     acceleration = system.acceleration_under(
         ca.vertcat(pushed, ca.SX.zeros(system.model.dof - n_a))
     )
-    a_a, a_me = acceleration[:n_a], acceleration[n_a:]
+    a_a = acceleration[:n_a]
+    a_me = acceleration[n_a:]
     outputs = [a_a, system.motor_accelerations(a_a, a_me), system.lagrangian.tau_g]
     return (
         [*symbols_of(system, STATE), f_tool],
@@ -243,8 +256,10 @@ def forward_dynamics_tool_force(system: System) -> Built:
 
 def tool_motion(system: System) -> Built:
     """Velocity and acceleration of the tool."""
-    names, chain = ["q_a", "v_a", "a_a"], system.lagrangian.chain
-    inputs, v_tool = symbols_of(system, names), ca.densify(tool_velocity(system))
+    names = ["q_a", "v_a", "a_a"]
+    chain = system.lagrangian.chain
+    inputs = symbols_of(system, names)
+    v_tool = ca.densify(tool_velocity(system))
     states = ca.vertcat(chain.q_a, chain.v_a), ca.vertcat(chain.v_a, inputs[2])
     return inputs, names, [v_tool, ca.jtimes(v_tool, *states)], ["v_tool", "a_tool"]
 
@@ -266,7 +281,9 @@ def sensor_derivatives(system: System) -> Built:
 
 def residual(system: System) -> Built:
     """Residuals of the equations of motion: of the arm's coordinates, then of the motors."""
-    lag, n_a, n_m = system.lagrangian, system.model.n_a, system.model.n_m
+    lag = system.lagrangian
+    n_a = system.model.n_a
+    n_m = system.model.n_m
     r = system.residual
     at = {j: k for k, j in enumerate(system.model.i_m)}
     geared = system.motor_accelerations(lag.a_a, lag.a_m[list(system.model.i_m)])
@@ -276,7 +293,8 @@ def residual(system: System) -> Built:
 
 def energy(system: System) -> Built:
     """Kinetic and potential energy."""
-    lag, names = system.lagrangian, STATE[:4]
+    lag = system.lagrangian
+    names = STATE[:4]
     return symbols_of(system, names), names, [lag.kinetic, lag.potential], ["kinetic", "potential"]
 
 

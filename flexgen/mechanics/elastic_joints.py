@@ -1,7 +1,9 @@
-"""Which models are arms with elastic joints: every arm coordinate is driven through a spring, nothing else is elastic.
+"""Which models are arms with elastic joints: every arm coordinate is driven through a spring,
+nothing else is elastic.
 
-Feedback linearization and the other laws for elastic joints need such a model: the torque of the springs alone
-accelerates the arm, and the motor torque appears in the fourth derivative of the arm coordinates.
+Feedback linearization and the other laws for elastic joints need such a model: the torque of the
+springs alone accelerates the arm, and the motor torque appears in the fourth derivative of the arm
+coordinates.
 """
 
 from __future__ import annotations
@@ -23,7 +25,10 @@ def flexible_joint_obstacle(model: RobotModel) -> str | None:
         names = ", ".join(model.coordinates[i].name for i in model.i_e)
         return f"model {model.name}: given coordinates without motor ({names}), {expected}"
     if model.motor_coupling != "simplified":
-        return f"model {model.name}: given motor_coupling {model.motor_coupling!r}, expected 'simplified'"
+        return (
+            f"model {model.name}: given motor_coupling {model.motor_coupling!r}, expected "
+            "'simplified'"
+        )
     if found := has_harmonics(model):
         return f"model {model.name}: given a {found}, expected none"
     for i in model.i_g:
@@ -32,7 +37,10 @@ def flexible_joint_obstacle(model: RobotModel) -> str | None:
         if dof.gear.spring is None:
             return f"model {model.name}: given a rigid gear in {dof.name}, {expected}"
         if not _stiff(dof.gear.spring):
-            return f"model {model.name}: given a spring in {dof.name} without stiffness somewhere, {expected}"
+            return (
+                f"model {model.name}: given a spring in {dof.name} without stiffness somewhere, "
+                f"{expected}"
+            )
     return None
 
 

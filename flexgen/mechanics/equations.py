@@ -1,4 +1,6 @@
-"""The equations of motion of a model as CasADi functions: the table of all functions, and `derive`."""
+"""The equations of motion of a model as CasADi functions: the table of all functions, and
+`derive`.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +37,9 @@ from flexgen.type_checks import checked_class, checked_types
 
 
 def _flexible_joint(name: str) -> Builder:
-    """The builder of a function of arms with elastic joints, whose module a solution does not need."""
+    """The builder of a function of arms with elastic joints, whose module a solution does not
+    need.
+    """
 
     def build(system: System) -> Built:
         from flexgen.mechanics import flexible_joint
@@ -57,17 +61,23 @@ BUILDERS: dict[str, Builder] = (
 class Equations(System):  # noqa: D101, its docstring is made from the table
     __doc__ = f"""Equations of motion of one model; each function is built when it is first used.
 
-    `function` gives these functions, with sizes as in the model, SI units, and arm quantities on the arm side::
+    `function` gives these functions, with sizes as in the model, SI units, and arm quantities on \
+the arm side::
 
 {textwrap.indent(reference([row for row in (*TABLE, *PYTHON_TABLE) if row.name in BUILDERS]), 8 * " ")}
 
-    ``NAME_jvp`` and ``NAME_vjp`` are products with the derivatives of a function: see `flexgen.mechanics.products`.
-    ``x = (q_a, q_me, v_a, v_me)`` with ``q_me`` the motors behind elastic gears. Entries of ``q_m``, ``v_m``, ``a_m``
-    behind rigid gears are ignored as inputs (they follow their joints) and returned filled in. ``r`` (n): residual of
+    ``NAME_jvp`` and ``NAME_vjp`` are products with the derivatives of a function: see \
+`flexgen.mechanics.products`.
+    ``x = (q_a, q_me, v_a, v_me)`` with ``q_me`` the motors behind elastic gears. Entries of \
+``q_m``, ``v_m``, ``a_m``
+    behind rigid gears are ignored as inputs (they follow their joints) and returned filled in. \
+``r`` (n): residual of
     the equations of motion in ``y = (q_a, q_me)``.
 
-    Functions of equations with ``parameters`` (names: see `flexgen.mechanics.parameters`) have these as a last argument
-    where they depend on them. ``model`` keeps the numbers, ``with_symbols`` has the symbols in their place.
+    Functions of equations with ``parameters`` (names: see `flexgen.mechanics.parameters`) have \
+these as a last argument
+    where they depend on them. ``model`` keeps the numbers, ``with_symbols`` has the symbols in \
+their place.
 
     Examples
     --------
@@ -86,12 +96,16 @@ class Equations(System):  # noqa: D101, its docstring is made from the table
         return f"<Equations {self.model.title}: {self.model.dof} degrees of freedom{symbols}>"
 
     def __reduce__(self) -> tuple[type[Equations], tuple[RobotModel, tuple[str, ...]]]:
-        """Pickled as the model and the names of its parameters; the functions are built again where they are used."""
+        """Pickled as the model and the names of its parameters; the functions are built again
+        where they are used.
+        """
         return Equations, (self.model, tuple(parameter.name for parameter in self.parameters))
 
     @cached_property
     def pushed(self) -> Equations:
-        """The same with symbols for a force on the tool, the argument ``f_tool`` (6,) of all functions it changes."""
+        """The same with symbols for a force on the tool, the argument ``f_tool`` (6,) of all
+        functions it changes.
+        """
         return self._with_force(ca.SX.sym("f_tool", 6))
 
     def touching(self, contact: ca.Function) -> Equations:
@@ -104,7 +118,8 @@ class Equations(System):  # noqa: D101, its docstring is made from the table
         """The same with a constant force and torque (6,) on the tool; the same object for None."""
         if force is not None and (np.shape(force) != (6,) or not np.isfinite(force).all()):
             raise ArgumentError(
-                f"force: given {show_value(force)}, expected 6 finite numbers, force [N], torque [N m]"
+                f"force: given {show_value(force)}, expected 6 finite numbers, force [N], "
+                "torque [N m]"
             )
         return self if force is None else self._with_force(ca.SX(ca.DM(force)))
 
@@ -144,7 +159,8 @@ class Equations(System):  # noqa: D101, its docstring is made from the table
         return found
 
     def dae(self) -> ImplicitDae:
-        """The equations of motion as one implicit DAE ``F(xdot, x, z, u) = 0`` with names and units.
+        """The equations of motion as one implicit DAE ``F(xdot, x, z, u) = 0`` with names and
+        units.
 
         ``x = (q_a, q_me, v_a, v_me)``, ``z`` = (gear torques, output), ``u = tau_m``; see
         `flexgen.mechanics.implicit_dae`.
@@ -155,13 +171,17 @@ class Equations(System):  # noqa: D101, its docstring is made from the table
 
 
 def with_forces(equations: Equations, more: ca.SX, memory: ca.SX) -> Equations:
-    """The same equations with more forces (n,) on y, expressions in the symbols of their Lagrangian and in ``memory``.
+    """The same equations with more forces (n,) on y, expressions in the symbols of their
+    Lagrangian and in ``memory``.
 
     ``memory`` is an argument of all functions it changes.
     """
     lagrangian = equations.lagrangian
-    made, changing = Equations.__new__(Equations), {"residual", "acceleration", "_functions"}
-    made.__dict__ = {key: value for key, value in equations.__dict__.items() if key not in changing}
+    made = Equations.__new__(Equations)
+    changing = {"residual", "acceleration", "_functions"}
+    made.__dict__ = {
+        key: value for key, value in equations.__dict__.items() if key not in changing
+    }
     made.__dict__ |= {
         "_functions": {},
         "lagrangian": replace(lagrangian, forces=lagrangian.forces + more),
@@ -171,7 +191,9 @@ def with_forces(equations: Equations, more: ca.SX, memory: ca.SX) -> Equations:
 
 
 def robot_of(model: str | Path | RobotModel | Equations) -> RobotModel:
-    """The robot of a model that is given by its name, its file, as it was read, or by its equations."""
+    """The robot of a model that is given by its name, its file, as it was read, or by its
+    equations.
+    """
     if isinstance(model, Equations):
         return model.model
     return model if isinstance(model, RobotModel) else read(model)
@@ -212,7 +234,8 @@ KEPT = 4  # models, some megabytes each
 class _OwnParts(pickle.Pickler):
     """Refuses laws of other packages, which may change between two calls, as in a notebook.
 
-    Of a data class the fields only: properties that it keeps once they are used make no other model.
+    Of a data class the fields only: properties that it keeps once they are used make no other
+    model.
     """
 
     def reducer_override(self, part: Any) -> Any:
@@ -224,10 +247,12 @@ class _OwnParts(pickle.Pickler):
 
 
 def kept_equations(robot: RobotModel) -> Equations:
-    """As `derive`, but the same object again for one of the last models: for callers that return none of it.
+    """As `derive`, but the same object again for one of the last models: for callers that return
+    none of it.
 
-    Models are the same where their pickles are, in which -0.0 is not 0.0. Only the main thread keeps equations: CasADi
-    releases the lock of the interpreter, and two threads must not build functions from one graph.
+    Models are the same where their pickles are, in which -0.0 is not 0.0. Only the main thread
+    keeps equations: CasADi releases the lock of the interpreter, and two threads must not build
+    functions from one graph.
     """
     text = BytesIO()
     pickler = _OwnParts(text)

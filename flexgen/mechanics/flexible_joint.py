@@ -1,14 +1,18 @@
-"""Arms with elastic joints: acceleration and jerk from the state, and the torque for a fourth derivative.
+"""Arms with elastic joints: acceleration and jerk from the state, and the torque for a fourth
+derivative.
 
-    T1(q, v, a) = M a + c + g - f_a = T = spring(d),    d = eta^-1 q_m - q,    without damping of the gears
+    T1(q, v, a) = M a + c + g - f_a = T = spring(d),    d = eta^-1 q_m - q,
+    without damping of the gears
     a = M^-1 (T - T1(q, v, 0)),    j = M^-1 (T' - T1_q v - T1_v a)
     tau = J_m eta (a + d'') + f(v_m) + eta^-T T,    d'' = (T1'' - k' d'^2) / k,    k = dT/dd
 
-T1'' is the second derivative of T1 along (v, a, j, s), by automatic differentiation; s is the fourth derivative of q.
-The damping of the gears is left out: with it the torque of a motor appears in the third derivative, the law divides by
-the damping, and its internal poles -k/D are too fast for a sampled controller.
+T1'' is the second derivative of T1 along (v, a, j, s), by automatic differentiation; s is the
+fourth derivative of q. The damping of the gears is left out: with it the torque of a motor appears
+in the third derivative, the law divides by the damping, and its internal poles -k/D are too fast
+for a sampled controller.
 
-Source: M. W. Spong, Modeling and control of elastic joint robots, ASME J. Dyn. Syst. Meas. Control 109, 1987.
+Source: M. W. Spong, Modeling and control of elastic joint robots, ASME J. Dyn. Syst. Meas. Control
+109, 1987.
 """
 
 from __future__ import annotations
@@ -21,7 +25,8 @@ from flexgen.mechanics.force_laws import friction_torque, spring_torque
 from flexgen.mechanics.lagrangian import gears
 from flexgen.mechanics.system import Builder, Built, System, solve_symmetric
 
-MOTION, TORQUE = "flexible_joint_motion", "flexible_joint_torque"
+MOTION = "flexible_joint_motion"
+TORQUE = "flexible_joint_torque"
 
 
 def _arm_torque(system: System) -> ca.SX:
@@ -33,7 +38,8 @@ def _springs(system: System) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
     """``T``, ``k``, ``k'`` and ``d'``, (n_a,) each, in the symbols of angles and speeds."""
     from flexgen.mechanics.elastic_joints import flexible_joint_obstacle
 
-    lag, model = system.lagrangian, system.with_symbols
+    lag = system.lagrangian
+    model = system.with_symbols
     reason = flexible_joint_obstacle(system.model)
     if reason is not None:
         raise ArgumentError(f"functions of elastic joints: {reason}")
@@ -54,9 +60,11 @@ def _springs(system: System) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
 
 def flexible_joint_motion(system: System) -> Built:
     """Acceleration and jerk of the arm from the state."""
-    lag, chain = system.lagrangian, system.lagrangian.chain
+    lag = system.lagrangian
+    chain = system.lagrangian.chain
     T, k, _, rate = _springs(system)
-    T1, M = _arm_torque(system), ca.hessian(lag.kinetic_arm, chain.v_a)[0]
+    T1 = _arm_torque(system)
+    M = ca.hessian(lag.kinetic_arm, chain.v_a)[0]
     bias = ca.substitute(T1, lag.a_a, ca.SX.zeros(system.model.n_a))
     a = solve_symmetric(M, T - bias)
     along = ca.jtimes(T1, ca.vertcat(chain.q_a, chain.v_a), ca.vertcat(chain.v_a, lag.a_a))
@@ -67,10 +75,13 @@ def flexible_joint_motion(system: System) -> Built:
 
 def flexible_joint_torque(system: System) -> Built:
     """Torques of the motors for a fourth derivative of the arm coordinates."""
-    lag, chain, model = system.lagrangian, system.lagrangian.chain, system.with_symbols
+    lag = system.lagrangian
+    chain = system.lagrangian.chain
+    model = system.with_symbols
     j, s = (ca.SX.sym(name, system.model.n_a) for name in ("j_a", "s_a"))
     T, k, dk, rate = _springs(system)
-    moving, rates = ca.vertcat(chain.q_a, chain.v_a, lag.a_a), ca.vertcat(chain.v_a, lag.a_a, j)
+    moving = ca.vertcat(chain.q_a, chain.v_a, lag.a_a)
+    rates = ca.vertcat(chain.v_a, lag.a_a, j)
     first = ca.jtimes(_arm_torque(system), moving, rates)
     second = ca.jtimes(first, ca.vertcat(moving, j), ca.vertcat(rates, s))
     turning = ca.mtimes(ca.SX(ca.DM(model.eta)), lag.a_a + (second - dk * rate * rate) / k)

@@ -1,4 +1,6 @@
-"""Force laws of springs and frictions as CasADi expressions: torque over deflection or velocity, and stored energy."""
+"""Force laws of springs and frictions as CasADi expressions: torque over deflection or velocity,
+and stored energy.
+"""
 
 from __future__ import annotations
 
@@ -20,24 +22,31 @@ from flexgen.spec.parts import GearFriction
 
 
 def spring_torque(spring: Spring, d: ca.SX) -> ca.SX:
-    """Torque [N m or N] of a spring at the deflection ``d`` [rad or m], odd in d; see `flexgen.model.elements`."""
+    """Torque [N m or N] of a spring at the deflection ``d`` [rad or m], odd in d; see
+    `flexgen.model.elements`.
+    """
     if isinstance(spring, LinearSpring):
         return spring.stiffness * d
     if isinstance(spring, CubicSpring):
         return spring.stiffness * d + spring.cubic * (d * d * d)
     if isinstance(spring, SmoothSpring):
-        low, high, at = spring.low, spring.high, spring.break_at
+        low = spring.low
+        high = spring.high
+        at = spring.break_at
         inside = low * d + (high - low) / (3 * at**2) * (d * d * d)
         at_break = low * at + (high - low) * at / 3
         return ca.if_else(
             ca.fabs(d) <= at, inside, ca.sign(d) * (at_break + high * (ca.fabs(d) - at))
         )
     if isinstance(spring, PiecewiseSpring):
-        low, high, at = spring.low, spring.high, spring.break_at
+        low = spring.low
+        high = spring.high
+        at = spring.break_at
         return ca.if_else(
             ca.fabs(d) <= at, low * d, ca.sign(d) * (low * at + high * (ca.fabs(d) - at))
         )
-    gap, eps = spring.gap, spring.smoothing
+    gap = spring.gap
+    eps = spring.smoothing
     clipped = (ca.sqrt((d + gap) ** 2 + eps**2) - ca.sqrt((d - gap) ** 2 + eps**2)) / 2
     return spring.stiffness * (d - clipped)
 
@@ -49,30 +58,34 @@ def stiffness_at_zero(spring: Spring) -> float:
 
 
 def spring_energy(spring: Spring, d: ca.SX) -> ca.SX:
-    """Energy [J] stored at the deflection ``d``: the integral of `spring_torque` from 0, in closed form."""
+    """Energy [J] stored at the deflection ``d``: the integral of `spring_torque` from 0, in closed
+    form.
+    """
     if isinstance(spring, LinearSpring):
         return spring.stiffness * d**2 / 2
     if isinstance(spring, CubicSpring):
         return spring.stiffness * d**2 / 2 + spring.cubic * d**4 / 4
     if isinstance(spring, BacklashSpring):
-        gap, eps = spring.gap, spring.smoothing
+        gap = spring.gap
+        eps = spring.smoothing
 
         def area(x: ca.SX) -> ca.SX:  # the integral of sqrt(x^2 + eps^2)
             return (x * ca.sqrt(x**2 + eps**2) + eps**2 * ca.asinh(x / eps)) / 2
 
         clipped = (area(d + gap) - area(d - gap) - area(gap) + area(-gap)) / 2
         return spring.stiffness * (d**2 / 2 - clipped)
-    low, high, at = spring.low, spring.high, spring.break_at
+    low = spring.low
+    high = spring.high
+    at = spring.break_at
     beyond = ca.fabs(d) - at
     if isinstance(spring, SmoothSpring):
         inside = low * d**2 / 2 + (high - low) / (12 * at**2) * d**4
-        at_break, torque_at_break = (
-            low * at**2 / 2 + (high - low) * at**2 / 12,
-            low * at + (high - low) * at / 3,
-        )
+        at_break = low * at**2 / 2 + (high - low) * at**2 / 12
+        torque_at_break = low * at + (high - low) * at / 3
     else:
         inside = low * d**2 / 2
-        at_break, torque_at_break = low * at**2 / 2, low * at
+        at_break = low * at**2 / 2
+        torque_at_break = low * at
     return ca.if_else(
         ca.fabs(d) <= at, inside, at_break + torque_at_break * beyond + high * beyond**2 / 2
     )
@@ -86,9 +99,10 @@ def friction_torque(
 ) -> ca.SX:
     """Friction torque [N m or N] at the velocity ``w`` [rad/s or m/s]; it acts against the motion.
 
-    The formula is that of the class of ``friction`` in `FRICTION_TORQUES`, or the method ``torque`` of a law of
-    another package, see `flexgen.model.friction`. A `GearFriction` also depends on the torque of the gear on the motor
-    side, ``load`` [N m], where it is loaded, and on the ``temperature`` [deg C]; ArgumentError without them.
+    The formula is that of the class of ``friction`` in `FRICTION_TORQUES`, or the method
+    ``torque`` of a law of another package, see `flexgen.model.friction`. A `GearFriction` also
+    depends on the torque of the gear on the motor side, ``load`` [N m], where it is loaded, and on
+    the ``temperature`` [deg C]; ArgumentError without them.
     """
     if isinstance(friction, GearFriction):
         return _gear_friction(friction, w, load, temperature)
@@ -116,9 +130,14 @@ def _gear_friction(
 ) -> ca.SX:
     if temperature is None or (law.loaded and load is None):
         missing = "the temperature" if temperature is None else "the torque of the gear"
-        raise ArgumentError(f'friction: given type = "gear" without {missing}, on which it depends')
+        raise ArgumentError(
+            f'friction: given type = "gear" without {missing}, on which it depends'
+        )
     warmer = temperature + law.temperature_rise - law.reference_temperature
-    viscous, stribeck, alpha, level = law.viscous, law.stribeck, law.alpha, law.coulomb
+    viscous = law.viscous
+    stribeck = law.stribeck
+    alpha = law.alpha
+    level = law.coulomb
     if _there(law.viscous_share):
         viscous = viscous * (
             1 - law.viscous_share + law.viscous_share * ca.exp(-warmer / ca.SX(law.viscous_decay))
@@ -137,7 +156,8 @@ def _gear_friction(
             level = level + law.load_stribeck * size * _fade(law.load_alpha * w)
     elif _there(law.load_coulomb) or _there(law.load_stribeck):
         raise ArgumentError(
-            "load_coulomb, load_stribeck: given parameters, expected load_smoothing > 0 in the model"
+            "load_coulomb, load_stribeck: given parameters, expected load_smoothing > 0 in the "
+            "model"
         )
     return viscous * w + level * ca.tanh(law.beta * w) + law.offset
 

@@ -1,14 +1,17 @@
-"""The equations of motion as one implicit differential-algebraic equation F(xdot, x, z, u) = 0 with names and units.
+"""The equations of motion as one implicit differential-algebraic equation F(xdot, x, z, u) = 0
+with names and units.
 
     x = (q_a, q_me, v_a, v_me),  z = (tau_g, y),  u = tau_m
 
     dq/dt - v                               = 0      n rows
     equations of motion at (q, v, dv/dt, u) = 0      n rows
     tau_g - gear torques at (q, v)          = 0      n_g rows
-    y - output at q_a                       = 0      rows of the declared output (of a pose: its position)
+    y - output at q_a                       = 0
+    rows of the declared output (of a pose: its position)
 
-``q_me``: the motors behind elastic gears. The derivative of F in (xdot, z) is regular: the differential index is one.
-The equations with the output prescribed, of index three to five, are `flexgen.dae.system.InverseDae`.
+``q_me``: the motors behind elastic gears. The derivative of F in (xdot, z) is regular: the
+differential index is one. The equations with the output prescribed, of index three to five, are
+`flexgen.dae.system.InverseDae`.
 """
 
 from __future__ import annotations
@@ -22,26 +25,33 @@ from flexgen.mechanics.system import ImplicitDae, System
 
 def implicit_dae(system: System) -> ImplicitDae:
     """The `ImplicitDae` of a robot."""
-    model, lag = system.model, system.lagrangian
+    model = system.model
+    lag = system.lagrangian
     y, dy, ddy = system.y
-    n, i_g = model.dof, list(model.i_g)
+    n = model.dof
+    i_g = list(model.i_g)
     output = ca.densify(dynamics.output(system)[2][0])
     n_z = model.n_g + output.numel()
-    xdot, x, z = ca.SX.sym("xdot", 2 * n), ca.SX.sym("x", 2 * n), ca.SX.sym("z", n_z)
+    xdot = ca.SX.sym("xdot", 2 * n)
+    x = ca.SX.sym("x", 2 * n)
+    z = ca.SX.sym("z", n_z)
     rows = ca.vertcat(
         xdot[:n] - x[n:], system.residual, z[: model.n_g] - lag.tau_g, z[model.n_g :] - output
     )  # fmt: skip
     rows = ca.substitute(rows, ca.vertcat(y, dy, ddy), ca.vertcat(x[:n], x[n:], xdot[n:]))
-    inputs, names = [xdot, x, z, lag.tau_m], ["xdot", "x", "z", "u"]
+    inputs = [xdot, x, z, lag.tau_m]
+    names = ["xdot", "x", "z", "u"]
     function = system.build("dae", inputs, names, [rows], ["F"])
-    arm, motors = [c.name for c in model.coordinates], [model.motors[j].name for j in model.i_m]
+    arm = [c.name for c in model.coordinates]
+    motors = [model.motors[j].name for j in model.i_m]
     unit = [c.unit for c in model.coordinates] + ["rad"] * len(motors)
     force = ["N m" if u == "rad" else "N" for u in unit]
     states = [f"q_a[{a}]" for a in arm] + [f"q_m[{m}]" for m in motors]
     speeds = [f"v_a[{a}]" for a in arm] + [f"v_m[{m}]" for m in motors]
     gears = [f"tau_g[{arm[i]}]" for i in i_g]
     outputs = [f"y[{label}]" for label in output_labels(model)["y_ref"]]
-    of_y, of_g = list(output_units(model)), [force[i] for i in i_g]
+    of_y = list(output_units(model))
+    of_g = [force[i] for i in i_g]
     return ImplicitDae(
         function=function,
         x=tuple(states + speeds),

@@ -1,9 +1,12 @@
-"""Functions for inverse dynamics along a prescribed output, as builders: output constraint and rows without motor.
+"""Functions for inverse dynamics along a prescribed output, as builders: output constraint and
+rows without motor.
 
-    W(q_a) v_a = Z',      W a_a + W' v_a = Z'',      row = [M a_a + c + g - arm forces]_e - tau_e = 0
+    W(q_a) v_a = Z',      W a_a + W' v_a = Z'',
+    row = [M a_a + c + g - arm forces]_e - tau_e = 0
 
-and their first derivatives. The coordinates follow from the output (`flexgen.inversion.reduced_problem`), then gears
-and motors: ``tau_g = [M a_a + c + g - arm forces]_g``, the deflection of the gears from `gear_law` of
+and their first derivatives. The coordinates follow from the output
+(`flexgen.inversion.reduced_problem`), then gears and motors:
+``tau_g = [M a_a + c + g - arm forces]_g``, the deflection of the gears from `gear_law` of
 `flexgen.mechanics.dynamics`.
 
 Here from the Lagrangian; by recursion in `flexgen.recursion.inversion_functions`.
@@ -34,7 +37,8 @@ def _check(system: System, name: str) -> None:
 def output_constraint(system: System) -> Built:
     """Error of the output, the map W from velocities to rates of the output, and ``W' v_a``."""
     _check(system, "output_constraint")
-    chain, output = system.lagrangian.chain, output_map(system)
+    chain = system.lagrangian.chain
+    output = output_map(system)
     bias = ca.jtimes(ca.mtimes(output.rate, chain.v_a), chain.q_a, chain.v_a)
     return constraint_ports(system, output.target, output.error, output.rate, bias)
 
@@ -48,8 +52,11 @@ def inversion_rows(system: System) -> Built:
 def inversion_jacobians(system: System) -> Built:
     """First derivatives of the output's rates and of the rows without motor."""
     _check(system, "inversion_jacobians")
-    lag, left = system.lagrangian, system.arm_left
-    q, v, a = lag.chain.q_a, lag.chain.v_a, lag.a_a
+    lag = system.lagrangian
+    left = system.arm_left
+    q = lag.chain.q_a
+    v = lag.chain.v_a
+    a = lag.a_a
     rate = ca.mtimes(output_map(system).rate, v)
     second = ca.jtimes(rate, ca.vertcat(q, v), ca.vertcat(v, a))
     of_output = [ca.jacobian(rate, q), ca.jacobian(second, q), ca.jacobian(second, v)]
@@ -61,7 +68,9 @@ def inversion_jacobians(system: System) -> Built:
 def constraint_ports(
     system: System, target: ca.SX, error: ca.SX, rate: ca.SX, bias: ca.SX
 ) -> Built:
-    """`output_constraint` from the output's error (n_y), its map W (n_y, n_a) and ``W' v_a`` (n_y)."""
+    """`output_constraint` from the output's error (n_y), its map W (n_y, n_a) and ``W' v_a``
+    (n_y).
+    """
     chain = system.lagrangian.chain
     return (
         [chain.q_a, chain.v_a, target],
@@ -73,9 +82,11 @@ def constraint_ports(
 
 def row_ports(system: System, left: ca.SX) -> Built:
     """`inversion_rows` from ``M a_a + c + g`` (n_a)."""
-    lag, model = system.lagrangian, system.model
+    lag = system.lagrangian
+    model = system.model
     force = left - lag.arm_forces
-    inputs, names = [lag.chain.q_a, lag.chain.v_a, lag.a_a], ["q_a", "v_a", "a_a"]
+    inputs = [lag.chain.q_a, lag.chain.v_a, lag.a_a]
+    names = ["q_a", "v_a", "a_a"]
     tau_g = force[list(model.i_g)]
     if not model.i_e:
         return inputs, names, [tau_g], ["tau_g"]
@@ -83,12 +94,17 @@ def row_ports(system: System, left: ca.SX) -> Built:
 
 
 def derivative_ports(system: System, of_output: list[ca.SX], of_left: list[ca.SX]) -> Built:
-    """`inversion_jacobians` from the derivatives of the output's rates, and of the rows e of ``M a_a + c + g``.
+    """`inversion_jacobians` from the derivatives of the output's rates, and of the rows e of
+    ``M a_a + c + g``.
 
-    ``of_left``: the rows (n_e) and their derivatives in coordinates, velocities and accelerations (n_e, n_a).
+    ``of_left``: the rows (n_e) and their derivatives in coordinates, velocities and accelerations
+    (n_e, n_a).
     """
-    lag, e = system.lagrangian, list(system.model.i_e)
-    q, v, a = lag.chain.q_a, lag.chain.v_a, lag.a_a
+    lag = system.lagrangian
+    e = list(system.model.i_e)
+    q = lag.chain.q_a
+    v = lag.chain.v_a
+    a = lag.a_a
     names = ["dy1_dq", "dy2_dq", "dy2_dv"]
     if e:
         row, by_q, by_v, by_a = of_left
@@ -110,18 +126,22 @@ def lacks_inertia(
     constraint: ca.Function,
     values: Mapping[str, Sequence[float]],
 ) -> bool:
-    """Whether some motion of the coordinates without motor that keeps the output has no inertia, in every pose.
+    """Whether some motion of the coordinates without motor that keeps the output has no inertia,
+    in every pose.
 
-    ``A = R_a S`` is singular then: R the rows without motor, S the motions with ``W S = 0``. Such is a chain of masses
-    on one axis whose output is the last mass. Seen at the home pose and at two others, drawn.
+    ``A = R_a S`` is singular then: R the rows without motor, S the motions with ``W S = 0``. Such
+    is a chain of masses on one axis whose output is the last mass. Seen at the home pose and at
+    two others, drawn.
 
     Parameters
     ----------
     model : RobotModel
     jacobians, constraint : casadi.Function
-        Its functions `inversion_jacobians` and `output_constraint`; ``values``: of further inputs, by name.
+        Its functions `inversion_jacobians` and `output_constraint`; ``values``: of further inputs,
+        by name.
     """
-    i_g, i_e = list(model.i_g), list(model.i_e)
+    i_g = list(model.i_g)
+    i_e = list(model.i_e)
     rng = np.random.default_rng(0)
     for amplitude in (0.0, 0.3, 0.3) if i_e else ():
         q = amplitude * rng.standard_normal(model.n_a)

@@ -1,4 +1,5 @@
-"""Kinematics of a chain or a tree as CasADi graphs: frames, velocities, and the energies of the bodies.
+"""Kinematics of a chain or a tree as CasADi graphs: frames, velocities, and the energies of the
+bodies.
 
 Velocities are carried along in the moving frames, which keeps the graphs small:
 
@@ -38,11 +39,12 @@ class Frame:
 class Kinematics:
     """Kinematics of all elements and the energies that follow from it.
 
-    ``q_a``, ``v_a`` (n_a): the symbols. ``tool``: the tool frame. ``kinetic``: kinetic energy of the bodies and beams
-    [J], without the rotors. ``gravity``: their potential energy [J]. ``drag``: half the power that body drags dissipate
-    [W]. ``spin``: angular velocity (3) of each element's body in its own axes, for the rotors that it carries.
-    ``modal``: the integrals of each beam with the index of its first coordinate in q_a. ``points``: positions in the
-    world of the `corners`, for drawing. ``frames``: the frame of each element's body.
+    ``q_a``, ``v_a`` (n_a): the symbols. ``tool``: the tool frame. ``kinetic``: kinetic energy of
+    the bodies and beams [J], without the rotors. ``gravity``: their potential energy [J].
+    ``drag``: half the power that body drags dissipate [W]. ``spin``: angular velocity (3) of each
+    element's body in its own axes, for the rotors that it carries. ``modal``: the integrals of
+    each beam with the index of its first coordinate in q_a. ``points``: positions in the world of
+    the `corners`, for drawing. ``frames``: the frame of each element's body.
     """
 
     q_a: ca.SX
@@ -65,7 +67,9 @@ def cross_matrix(a: ca.SX) -> ca.SX:
 
 
 def rotation(axis: np.ndarray, q: ca.SX) -> ca.SX:
-    """``exp(axis q)``: rotation about a constant unit axis (Rodrigues); exact zeros for coordinate axes."""
+    """``exp(axis q)``: rotation about a constant unit axis (Rodrigues); exact zeros for coordinate
+    axes.
+    """
     outer, other, hat = _parts(axis.astype(float).tobytes())
     return outer + other * ca.cos(q) + hat * ca.sin(q)
 
@@ -93,7 +97,9 @@ def place(frame: Frame, placement: Placement) -> Frame:
 
 @lru_cache(maxsize=64)
 def _constants(position: bytes, rotation: bytes) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """A position, a rotation matrix and its inverse, from their bytes; CasADi converts arrays slowly."""
+    """A position, a rotation matrix and its inverse, from their bytes; CasADi converts arrays
+    slowly.
+    """
     C = ca.SX(ca.DM(np.frombuffer(rotation).reshape(3, 3)))
     return ca.SX(ca.DM(np.frombuffer(position))), C, C.T
 
@@ -106,8 +112,11 @@ def _matrix(rows: Matrix) -> ca.SX:
 
 
 def body_energies(frame: Frame, body: Body, gravity: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """Kinetic and potential energy [J] of a body in its frame, and half the power of its drag [W]."""
-    com, inertia = ca.vertcat(*map(ca.SX, body.com)), _matrix(body.inertia)
+    """Kinetic and potential energy [J] of a body in its frame, and half the power of its drag
+    [W].
+    """
+    com = ca.vertcat(*map(ca.SX, body.com))
+    inertia = _matrix(body.inertia)
     v_com = frame.v + ca.cross(frame.w, com)
     turning = ca.dot(frame.w, ca.mtimes(inertia, frame.w)) / 2
     kinetic = body.mass * ca.dot(v_com, v_com) / 2 + turning
@@ -118,11 +127,12 @@ def body_energies(frame: Frame, body: Body, gravity: ca.SX) -> tuple[ca.SX, ca.S
 def beam_energies(
     frame: Frame, beam: ModalBeam, q: ca.SX, v: ca.SX, gravity: ca.SX
 ) -> tuple[ca.SX, ca.SX]:
-    """Kinetic and potential energy [J] of a beam rooted in ``frame`` with modal coordinates ``q`` and velocities ``v``.
+    """Kinetic and potential energy [J] of a beam rooted in ``frame`` with modal coordinates ``q``
+    and velocities ``v``.
 
     With r = x e_x + u, u = sum phi_k q_k d_k:
-    T = m |v0|^2/2 + v0.(w x S + S') + w.I w/2 + w.H + (modal), S = int r dm, I = int (r.r 1 - r r') dm, H = int r x r'
-    dm.
+    T = m |v0|^2/2 + v0.(w x S + S') + w.I w/2 + w.H + (modal), S = int r dm, I = int (r.r 1 - r
+    r') dm, H = int r x r' dm.
     """
     d = beam.direction.T  # (3, n)
     ex = np.array([1.0, 0.0, 0.0])
@@ -136,11 +146,13 @@ def beam_energies(
     for i in range(len(beam.slope)):
         for k in range(len(beam.slope)):
             if beam.m2[i, k] != 0.0:
-                di, dk = ca.SX(ca.DM(d[:, i])), ca.SX(ca.DM(d[:, k]))
+                di = ca.SX(ca.DM(d[:, i]))
+                dk = ca.SX(ca.DM(d[:, k]))
                 P += beam.m2[i, k] * q[i] * q[k] * ca.mtimes(di, dk.T)
                 spin += beam.m2[i, k] * q[i] * v[k] * ca.cross(di, dk)
     inertia = ca.trace(P) * ca.SX.eye(3) - P
-    w, v0 = frame.w, frame.v
+    w = frame.w
+    v0 = frame.v
     kinetic = (
         beam.mass * ca.dot(v0, v0) / 2
         + ca.dot(v0, ca.cross(w, first) + rate)
@@ -153,7 +165,9 @@ def beam_energies(
 
 
 def beam_tip(frame: Frame, element: Element, beam: ModalBeam, q: ca.SX, v: ca.SX) -> Frame:
-    """Frame at the beam's tip: deflected by the modes, turned by the slopes (first about z, then about y)."""
+    """Frame at the beam's tip: deflected by the modes, turned by the slopes (first about z, then
+    about y).
+    """
     assert element.beam is not None
     d = ca.SX(ca.DM(beam.direction.T))
     r = ca.SX(ca.DM([element.beam.length, 0.0, 0.0])) + ca.mtimes(d, q)
@@ -189,14 +203,16 @@ def _slide(frame: Frame, axis: np.ndarray, q: ca.SX, v: ca.SX) -> Frame:
 
 
 def corners(model: RobotModel) -> list[tuple[str, int]]:
-    """The corner points of a robot as one line: pairs of element and point, a line that ends at the tool.
+    """The corner points of a robot as one line: pairs of element and point, a line that ends at
+    the tool.
 
-    Points of an element: 0 its origin, 1 its joints, 2 its body frame, 3 the tip of its beam, 4 the center of mass of a
-    body at the end of a branch; ``("base", 0)``, and ``("", 0)`` the tool. From the end of a branch the line goes back
-    to where the next one begins.
+    Points of an element: 0 its origin, 1 its joints, 2 its body frame, 3 the tip of its beam, 4
+    the center of mass of a body at the end of a branch; ``("base", 0)``, and ``("", 0)`` the tool.
+    From the end of a branch the line goes back to where the next one begins.
     """
     trails = {"base": [("base", 0)]}
-    line, here = [("base", 0)], trails["base"]
+    line = [("base", 0)]
+    here = trails["base"]
 
     def walk(parent: str, own: list[tuple[str, int]]) -> list[tuple[str, int]]:
         there = trails[parent]
@@ -217,39 +233,51 @@ def kinematics(model: RobotModel) -> Kinematics:
     """Build the `Kinematics` of a model from its data."""
     from flexgen.mechanics.beam import modal_beam
 
-    q_a, v_a = ca.SX.sym("q_a", model.n_a), ca.SX.sym("v_a", model.n_a)
+    q_a = ca.SX.sym("q_a", model.n_a)
+    v_a = ca.SX.sym("v_a", model.n_a)
     gravity = ca.SX(ca.DM(model.gravity))
     frame = place(Frame(ca.SX.zeros(3), ca.SX.eye(3), ca.SX.zeros(3), ca.SX.zeros(3)), model.base)
     tips = {"base": frame}
     kinetic = potential = drag = ca.SX(0)
-    spin, frames = {"base": ca.SX.zeros(3)}, {}
+    spin = {"base": ca.SX.zeros(3)}
+    frames = {}
     modal: list[tuple[int, ModalBeam]] = []
     points = {("base", 0): frame.p}
-    i, at = 0, {coordinate.name: k for k, coordinate in enumerate(model.coordinates)}
+    i = 0
+    at = {coordinate.name: k for k, coordinate in enumerate(model.coordinates)}
     for element in model.elements:
         frame = place(tips[model.parents[element.name]], element.origin)
         points[element.name, 0] = frame.p
         for dof in element.dofs:
-            step, moved = _turn if dof.type == "rotation" else _slide, dict(dof.mimic)
+            step = _turn if dof.type == "rotation" else _slide
+            moved = dict(dof.mimic)
             if not moved:
-                moved, i = {dof.name: 1.0}, i + 1
-            q, v = (sum(factor * x[at[name]] for name, factor in moved.items()) for x in (q_a, v_a))
+                moved = {dof.name: 1.0}
+                i = i + 1
+            q, v = (
+                sum(factor * x[at[name]] for name, factor in moved.items()) for x in (q_a, v_a)
+            )
             frame = step(frame, np.array(dof.axis), q, v)
         points[element.name, 1] = frame.p
         frame = place(frame, element.link)
         points[element.name, 2] = frame.p
-        spin[element.name], frames[element.name] = frame.w, frame
+        spin[element.name] = frame.w
+        frames[element.name] = frame
         points[element.name, 4] = frame.p + ca.mtimes(
             frame.R, ca.vertcat(*map(ca.SX, element.body.com))
         )
         terms = body_energies(frame, element.body, gravity)
-        kinetic, potential, drag = kinetic + terms[0], potential + terms[1], drag + terms[2]
+        kinetic = kinetic + terms[0]
+        potential = potential + terms[1]
+        drag = drag + terms[2]
         if element.beam is not None:
             beam = modal_beam(element.beam)
             n = len(beam.slope)
-            q, v = q_a[i : i + n], v_a[i : i + n]
+            q = q_a[i : i + n]
+            v = v_a[i : i + n]
             energies = beam_energies(frame, beam, q, v, gravity)
-            kinetic, potential = kinetic + energies[0], potential + energies[1]
+            kinetic = kinetic + energies[0]
+            potential = potential + energies[1]
             modal.append((i, beam))
             frame = beam_tip(frame, element, beam, q, v)
             points[element.name, 3] = frame.p

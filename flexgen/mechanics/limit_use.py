@@ -1,9 +1,11 @@
 """How much of its limits a motion uses.
 
 torque          |tau_m| <= (1 - r) tau_max,       with the reserve r
-torque_speed    |tau_m|/(1 - r) + k |v_m| <= c,   each edge of the curve, and |v_m| <= its last speed
+torque_speed    |tau_m|/(1 - r) + k |v_m| <= c,
+each edge of the curve, and |v_m| <= its last speed
 torque_rate     |tau_m(t + h) - tau_m(t)|/h <= rate_max
-torque_rms      y <= rms_max^2,  T y' = tau_m^2 - y,  y(0) = 0;   without T: the mean of tau_m^2 <= rms_max^2
+torque_rms      y <= rms_max^2,  T y' = tau_m^2 - y,  y(0) = 0;
+without T: the mean of tau_m^2 <= rms_max^2
 gear_torque     |tau_g| <= (1 - r) max,           and their mean square
 others          speeds and accelerations of motors, joints and the tool, and deflections
 """
@@ -30,8 +32,8 @@ Channel = Callable[[str], np.ndarray]
 class LimitRow:
     """A quantity of a motion and its bounds.
 
-    ``parts`` (n, k): the quantity over its bound, at n instants, of k parts with ``names`` and ``units``; an effective
-    value has a single instant. ``values`` and ``bounds`` (n, k) [unit].
+    ``parts`` (n, k): the quantity over its bound, at n instants, of k parts with ``names`` and
+    ``units``; an effective value has a single instant. ``values`` and ``bounds`` (n, k) [unit].
     """
 
     quantity: str
@@ -44,7 +46,8 @@ class LimitRow:
 
 @dataclass(frozen=True)
 class LimitUse:
-    """The largest use of one limit: its part of the bound, the value and the bound [unit], and the instant [s].
+    """The largest use of one limit: its part of the bound, the value and the bound [unit], and the
+    instant [s].
 
     ``time_s`` is None for an effective value over the whole motion.
     """
@@ -86,14 +89,15 @@ def limit_rows(
     model : RobotModel
     limits : Limits
     channel : callable
-        Arrays (n, k) of the motion by name: ``q_a``, ``v_a``, ``a_a``, ``tau_g``, ``v_m``, ``tau_m``.
+        Arrays (n, k) of the motion by name: ``q_a``, ``v_a``, ``a_a``, ``tau_g``, ``v_m``,
+        ``tau_m``.
     time : array (n,) [s]
         Instants of the samples.
     tool : callable, optional
         Gives the motion of the tool where it is known; default: from the kinematics.
     end : float [s]
-        Of the path, which begins at 0: a mean square without a time constant is that between these instants: a
-        long rest after the path would make it small. Default: that of all samples.
+        Of the path, which begins at 0: a mean square without a time constant is that between these
+        instants: a long rest after the path would make it small. Default: that of all samples.
 
     Yields
     ------
@@ -107,7 +111,8 @@ def limit_rows(
     units_g, units_e = (
         tuple(model.coordinates[i].unit for i in part) for part in (model.i_g, model.i_e)
     )
-    i_g, i_e = list(model.i_g), list(model.i_e)
+    i_g = list(model.i_g)
+    i_e = list(model.i_e)
     of_gear = tuple("N m" if unit == "rad" else "N" for unit in units_g)
     speeds_g, rates_g = (tuple(f"{unit}/{per}" for unit in units_g) for per in ("s", "s^2"))
     shares = {"torque": left, "gear_torque": left}
@@ -201,13 +206,16 @@ def _each(unit: str, names: tuple[str, ...]) -> tuple[str, ...]:
 def _curve_rows(
     limits: Limits, motors: tuple[str, ...], tau: np.ndarray, speed: np.ndarray
 ) -> Iterator[LimitRow]:
-    """Of each motor with a curve its edges c (torque at rest) and k, for both signs of the torque, and its end."""
+    """Of each motor with a curve its edges c (torque at rest) and k, for both signs of the torque,
+    and its end.
+    """
     left = 1.0 - limits.reserve
     for j, (name, curve) in enumerate(zip(motors, limits.torque_speed or (), strict=True)):
         if not curve:
             continue
         c, k = edges_of_curve(curve).T
-        own, load = tau[:, j : j + 1], np.abs(speed[:, j : j + 1]) * k
+        own = tau[:, j : j + 1]
+        load = np.abs(speed[:, j : j + 1]) * k
         parts = np.hstack([own / left + load, own / left - load]) / np.tile(c, 2)
         values, allowed = (
             np.tile(x, (1, 2 * len(k) // x.shape[1])) for x in (own, left * (c - load))
@@ -224,15 +232,21 @@ def _curve_rows(
 
 
 def edges_of_curve(points: Sequence[Sequence[float]]) -> np.ndarray:
-    """Of each edge of a torque-speed curve the torque at rest [N m], and what the speed takes from it [N m s/rad]."""
+    """Of each edge of a torque-speed curve the torque at rest [N m], and what the speed takes from
+    it [N m s/rad].
+    """
     speeds, torques = np.array(points).T
     k = -np.diff(torques) / np.diff(speeds)
     return np.stack([torques[1:] + k * speeds[1:], k], axis=1)
 
 
 def edges_of_curves(curves: Sequence[Sequence[Sequence[float]]]) -> np.ndarray:
-    """Motor, torque at rest and what the speed takes from it, of each edge of the curves of motors (n, 3)."""
-    rows = [(j, *edge) for j, curve in enumerate(curves) if curve for edge in edges_of_curve(curve)]
+    """Motor, torque at rest and what the speed takes from it, of each edge of the curves of motors
+    (n, 3).
+    """
+    rows = [
+        (j, *edge) for j, curve in enumerate(curves) if curve for edge in edges_of_curve(curve)
+    ]
     return np.array(rows, dtype=float).reshape(-1, 3)
 
 
@@ -258,7 +272,9 @@ def _effective(
 
 
 def tool_motion(equations: Equations, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> ToolMotion:
-    """Speed and acceleration (n,) of the tool's origin for positions, speeds and accelerations (n, n_a) of the arm."""
+    """Speed and acceleration (n,) of the tool's origin for positions, speeds and accelerations (n,
+    n_a) of the arm.
+    """
     J = evaluate(equations.function("jacobian"), q)[0].reshape(len(q), 6, -1)[:, :3]
     dJ = evaluate(equations.function("jacobian_dot"), q, v)[0].reshape(len(q), 6, -1)[:, :3]
     speed, acceleration = (np.einsum("nij,nj->ni", J, x) for x in (v, a))

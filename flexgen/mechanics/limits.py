@@ -43,9 +43,10 @@ KEPT_TO = 1.1e-3
 class Limits:
     """Bounds on torques, speeds, deflections and the tool; None: no bounds of that kind.
 
-    `from_model` reads them from the model file, or makes them from one number for all motors. `fastest` keeps all
-    of them, `solve` all but the effective ones (``torque_rms``, ``gear_torque_rms``), of which it states what its
-    solution exceeds. Its methods "full" and "collocation" keep ``torque``, ``speed`` and ``deflection`` alone.
+    `from_model` reads them from the model file, or makes them from one number for all motors.
+    `fastest` keeps all of them, `solve` all but the effective ones (``torque_rms``,
+    ``gear_torque_rms``), of which it states what its solution exceeds. Its methods "full" and
+    "collocation" keep ``torque``, ``speed`` and ``deflection`` alone.
 
     Attributes
     ----------
@@ -56,8 +57,8 @@ class Limits:
     torque_rate : tuple of float [N m/s]
         Of each motor's torque.
     torque_rms, thermal_time : tuple of float [N m], [s]
-        Root mean square of each motor's torque: of its square filtered with the time constant, from 0 at the start; an
-        infinite one: over the time of the path.
+        Root mean square of each motor's torque: of its square filtered with the time constant,
+        from 0 at the start; an infinite one: over the time of the path.
     torque_speed : tuple of tuples of (float, float) [rad/s, N m]
         For each motor points of the largest torque over the speed; empty: no curve.
     gear_torque, gear_torque_rms : tuple of float [N m or N]
@@ -67,7 +68,8 @@ class Limits:
     tool_speed, tool_acceleration : float [m/s], [m/s^2]
         Of the tool's origin.
     reserve : float
-        Part of the torques, the torque curves and the gear torques that is left for feedback, 0 to below 1.
+        Part of the torques, the torque curves and the gear torques that is left for feedback, 0 to
+        below 1.
 
     Examples
     --------
@@ -99,7 +101,8 @@ class Limits:
             values = getattr(self, name)
             if values is not None and not _are_numbers(values):
                 raise ArgumentError(
-                    f"limits: given {name} {show_value(values)}, expected a sequence of numbers, one for each {each}"
+                    f"limits: given {name} {show_value(values)}, expected a sequence of "
+                    f"numbers, one for each {each}"
                 )
             if values is not None and not all(x > 0 for x in values):
                 raise ArgumentError(
@@ -114,7 +117,8 @@ class Limits:
                 )
         if not (is_number(self.reserve) and 0.0 <= self.reserve < 1.0):
             raise ArgumentError(
-                f"limits: given reserve {show_value(self.reserve)}, expected a number from 0 to below 1"
+                f"limits: given reserve {show_value(self.reserve)}, expected a number from 0 to "
+                "below 1"
             )
         for curve in self.torque_speed or ():
             _check_curve(curve)
@@ -129,9 +133,11 @@ class Limits:
         deflection: float | Sequence[float] | None = None,
         reserve: float = 0.0,
     ) -> Limits:
-        """The limits of motors, gears, springs and tool in the model file; with bounds given here, these alone.
+        """The limits of motors, gears, springs and tool in the model file; with bounds given here,
+        these alone.
 
-        Those of the speed and the acceleration of joints are not among them: they bound planned paths.
+        Those of the speed and the acceleration of joints are not among them: they bound planned
+        paths.
 
         Parameters
         ----------
@@ -150,7 +156,8 @@ class Limits:
         Raises
         ------
         ArgumentError
-            The model file states none; a bound is not positive, or their number does not fit the model.
+            The model file states none; a bound is not positive, or their number does not fit the
+            model.
         """
         robot = robot_of(model)
         sizes = {"torque": robot.n_m, "speed": robot.n_m, "deflection": robot.n_e}
@@ -159,8 +166,8 @@ class Limits:
             found = limits_of_model(robot)
             if found == cls():
                 raise ArgumentError(
-                    f"limits: model {robot.name} states none, expected torque_max or speed_max of a motor; add them to "
-                    "the model file"
+                    f"limits: model {robot.name} states none, expected torque_max or speed_max "
+                    "of a motor; add them to the model file"
                 )
             every = (found.torque, found.speed)
             inf = (np.inf,) * robot.n_m
@@ -189,7 +196,8 @@ class Limits:
         merged = replace(self, **more)
         if merged.thermal_time is not None and merged.torque_rms is None:
             raise ArgumentError(
-                f"limits: given thermal_time {show_value(self.thermal_time)} alone, expected torque_rms in addition"
+                f"limits: given thermal_time {show_value(self.thermal_time)} alone, expected "
+                "torque_rms in addition"
             )
         return merged
 
@@ -208,7 +216,9 @@ class Limits:
         return _bounds("deflection", self.deflection, n_e)
 
     def bounds(self, name: str, size: int) -> np.ndarray:
-        """Bounds of one kind (size,), infinite where there is none; ArgumentError for another kind or number."""
+        """Bounds of one kind (size,), infinite where there is none; ArgumentError for another kind
+        or number.
+        """
         if name not in EACH:
             raise ArgumentError(
                 f"limits: given kind {show_value(name)}, expected one of {', '.join(EACH)}"
@@ -216,10 +226,11 @@ class Limits:
         return _bounds(name, getattr(self, name), size)
 
     def for_library(self, model: str | Path | RobotModel | Equations) -> dict[str, Any]:
-        """Arguments of `Library.invert_limited` and `Stream.limit_all` that keep these limits, less the reserve.
+        """Arguments of `Library.invert_limited` and `Stream.limit_all` that keep these limits,
+        less the reserve.
 
-        Effective values (``torque_rms``, ``gear_torque_rms``) are not among them: they are those of a whole motion.
-        Limits of the tool are where the output is its position or pose.
+        Effective values (``torque_rms``, ``gear_torque_rms``) are not among them: they are those
+        of a whole motion. Limits of the tool are where the output is its position or pose.
 
         Parameters
         ----------
@@ -228,7 +239,8 @@ class Limits:
         Returns
         -------
         dict of str to array, float or list
-            ``torque_max``, ``speed_max``, ``deflection_max``, and the names of all others that have bounds.
+            ``torque_max``, ``speed_max``, ``deflection_max``, and the names of all others that
+            have bounds.
 
         Raises
         ------
@@ -237,16 +249,20 @@ class Limits:
 
         Examples
         --------
-        >>> flexgen.Limits(torque=(20.0, 10.0), reserve=0.1).for_library("planar5_nmp")["torque_max"]
+        >>> flexgen.Limits(torque=(20.0, 10.0), reserve=0.1).for_library("planar5_nmp")[
+        ...     "torque_max"
+        ... ]
         array([18.,  9.])
         """
         robot = robot_of(model)
         torque, speed = self.arrays(robot.n_m)
-        sizes, left = {"gear": robot.n_g, "motor": robot.n_m}, 1.0 - self.reserve
+        sizes = {"gear": robot.n_g, "motor": robot.n_m}
+        left = 1.0 - self.reserve
         curves = self.torque_speed or ((),) * robot.n_m
         if len(curves) != robot.n_m:
             raise ArgumentError(
-                f"limits: given torque_speed of {len(curves)} motors, expected a curve or () for each of {robot.n_m}"
+                f"limits: given torque_speed of {len(curves)} motors, expected a curve or () "
+                f"for each of {robot.n_m}"
             )
         for k, curve in enumerate(curves):
             if curve:
@@ -277,7 +293,8 @@ class Limits:
         """These limits without the named kinds."""
         if unknown := set(names) - {*EACH, "torque_speed", "tool_speed", "tool_acceleration"}:
             raise ArgumentError(
-                f"limits: given kinds {show_value(sorted(unknown))}, expected fields of flexgen.Limits"
+                f"limits: given kinds {show_value(sorted(unknown))}, expected fields of "
+                "flexgen.Limits"
             )
         none: dict[str, Any] = dict.fromkeys(names)
         return replace(self, **none)
@@ -326,7 +343,9 @@ def _are_numbers(values: Any) -> bool:
 
 
 def _check_curve(curve: Any) -> None:
-    """ArgumentError where points are not those of a torque that falls over the speed, faster and faster."""
+    """ArgumentError where points are not those of a torque that falls over the speed, faster and
+    faster.
+    """
     from flexgen.spec.curve import TORQUE_SPEED, points_of
 
     if points_of(curve) is None:

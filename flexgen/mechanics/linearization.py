@@ -26,7 +26,9 @@ def inverse_dynamics_derivatives(system: System) -> Built:
 
 
 def arm_residual_jacobians(system: System) -> Built:
-    """The first derivatives of the inverse dynamics of the arm as its mass matrix and one block."""
+    """The first derivatives of the inverse dynamics of the arm as its mass matrix and one
+    block.
+    """
     inputs, names, (by_q, by_v, M), _ = inverse_dynamics_derivatives(system)
     return inputs, names, [M, ca.horzcat(by_q, by_v)], ["M", "R_a"]
 
@@ -42,7 +44,8 @@ def state_rate(system: System) -> Built:
 def residual_jacobians(system: System) -> Built:
     """Jacobians of the residual of the equations of motion: M in ddy, R in (y, dy, tau_m)."""
     y, dy, _ = system.y
-    r, tau_m = system.residual, system.lagrangian.tau_m
+    r = system.residual
+    tau_m = system.lagrangian.tau_m
     R = ca.horzcat(ca.jacobian(r, y), ca.jacobian(r, dy), ca.jacobian(r, tau_m))
     return symbols_of(system, MOTION), MOTION, [system.mass, R], ["M_y", "R_y"]
 
@@ -70,7 +73,9 @@ def second_order_matrices(
 
 
 def check_inertia(model: RobotModel, M: np.ndarray) -> None:
-    """ModelError where a mass matrix (..., n, n) is singular, which names a coordinate that moves no inertia."""
+    """ModelError where a mass matrix (..., n, n) is singular, which names a coordinate that moves
+    no inertia.
+    """
     size = np.sqrt(np.abs(np.einsum("...ii->...i", M)))
     size = np.where(size > 0.0, size, 1.0)
     values, vectors = np.linalg.eigh(M / size[..., :, None] / size[..., None, :])
@@ -86,7 +91,8 @@ def check_inertia(model: RobotModel, M: np.ndarray) -> None:
         0,
         element,
         f"a robot whose inertia matrix is singular: {name} moves no inertia of its own",
-        "mass or moments of inertia behind each coordinate, and no two coordinates about the same line at one place",
+        "mass or moments of inertia behind each coordinate, and no two coordinates about the "
+        "same line at one place",
     )
 
 

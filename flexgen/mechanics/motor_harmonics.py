@@ -1,11 +1,14 @@
-"""Transmission error of gears, cogging and torque ripple of motors: Fourier sums of the motor angle.
+"""Transmission error of gears, cogging and torque ripple of motors: Fourier sums of the motor
+angle.
 
-    d = (eta^-1 q_m)_k - e_k(q_m) - q_g          deflection of a gear, e_k: its transmission error at the joint
+    d = (eta^-1 q_m)_k - e_k(q_m) - q_g
+    deflection of a gear, e_k: its transmission error at the joint
     J_m a_m + f(v_m) + (eta^-1 - e')' tau_g = tau_m (1 + r(q_m)) + c(q_m)
 
-The gear torque acts on the motor by the factor with which its speed deflects the gear, so that the springs store what
-the motor gives. The motor angle q_m behind a gear with the angle w = n (q_g + d) follows from ``q_m - n e(q_m) = w``;
-for ``|n e'| < 1/2`` a fixed number of steps gives it to rounding:
+The gear torque acts on the motor by the factor with which its speed deflects the gear, so that the
+springs store what the motor gives. The motor angle q_m behind a gear with the angle w = n (q_g +
+d) follows from ``q_m - n e(q_m) = w``; for ``|n e'| < 1/2`` a fixed number of steps gives it to
+rounding:
 
     v_m = w'/(1 - n e'),    a_m = (w'' + n e'' v_m^2)/(1 - n e')
 """
@@ -32,7 +35,8 @@ def fourier_sum(given: FourierSum, q: ca.SX, orders: int = 1) -> list[ca.SX]:
 
     def turn(k: int) -> tuple[ca.SX, ca.SX]:  # cosine and sine of k q, from those of half of it
         if k not in turned:
-            (a, b), (c, s) = turn(k // 2), turn(k - k // 2)
+            (a, b) = turn(k // 2)
+            (c, s) = turn(k - k // 2)
             turned[k] = (a * c - b * s, b * c + a * s)
         return turned[k]
 
@@ -56,7 +60,9 @@ def fourier_integral(given: FourierSum, q: ca.SX) -> ca.SX:
 
 
 def transmission_errors(model: RobotModel) -> dict[int, tuple[int, FourierSum]]:
-    """Gears with a transmission error: index of the gear -> index of its motor, the error [rad or m at the joint]."""
+    """Gears with a transmission error: index of the gear -> index of its motor, the error [rad or
+    m at the joint].
+    """
     out = {}
     for k, i in enumerate(model.i_g):
         dof = model.coordinates[i].dof
@@ -84,7 +90,9 @@ def highest_harmonics(model: RobotModel) -> np.ndarray:
 
 
 def gear_rates(model: RobotModel, q_m: ca.SX) -> ca.SX:
-    """Matrix (n_g, n_m) from the motor speeds to the speeds of the gears' arm sides, ``eta^-1 - e'(q_m)``."""
+    """Matrix (n_g, n_m) from the motor speeds to the speeds of the gears' arm sides,
+    ``eta^-1 - e'(q_m)``.
+    """
     rates = ca.SX(ca.DM(np.linalg.inv(model.eta)))
     for k, (j, error) in transmission_errors(model).items():
         rates[k, j] -= fourier_sum(error, q_m[j], 2)[1]
@@ -92,7 +100,9 @@ def gear_rates(model: RobotModel, q_m: ca.SX) -> ca.SX:
 
 
 def gear_angles(model: RobotModel, q_m: ca.SX) -> ca.SX:
-    """Angles of the gears' arm sides (n_g,) without deflection, ``eta^-1 q_m - e(q_m)`` [rad or m]."""
+    """Angles of the gears' arm sides (n_g,) without deflection, ``eta^-1 q_m - e(q_m)`` [rad or
+    m].
+    """
     angles = ca.mtimes(ca.SX(ca.DM(np.linalg.inv(model.eta))), q_m)
     for k, (j, error) in transmission_errors(model).items():
         angles[k] -= fourier_sum(error, q_m[j])[0]
@@ -100,10 +110,15 @@ def gear_angles(model: RobotModel, q_m: ca.SX) -> ca.SX:
 
 
 def given_torques(model: RobotModel, q_m: ca.SX, tau_m: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """Torques that the motors give (n_m,), cogging torques (n_m,) [N m], and the energy of the cogging [J]."""
-    given, cogging, stored = [], [], ca.SX(0)
+    """Torques that the motors give (n_m,), cogging torques (n_m,) [N m], and the energy of the
+    cogging [J].
+    """
+    given = []
+    cogging = []
+    stored = ca.SX(0)
     for j, motor in enumerate(model.motors):
-        ripple, pull = motor.torque_ripple, motor.cogging
+        ripple = motor.torque_ripple
+        pull = motor.cogging
         given.append(
             tau_m[j] if ripple is None else tau_m[j] * (1 + fourier_sum(ripple, q_m[j])[0])
         )
@@ -114,35 +129,43 @@ def given_torques(model: RobotModel, q_m: ca.SX, tau_m: ca.SX) -> tuple[ca.SX, c
 
 
 def _steps(error: FourierSum, ratio: float) -> tuple[int, int]:
-    """Steps of fixed-point iteration, then of Newton's method, after which the motor angle is solved.
+    """Steps of fixed-point iteration, then of Newton's method, after which the motor angle is
+    solved.
 
     Of an error with run-time parameters for all that are less steep than `STEEPEST`.
     """
     if any(isinstance(x, ca.SX) for x in (*error.cos, *error.sin)):
-        size, slope, bend = (
-            STEEPEST / min(error.harmonics),
-            STEEPEST,
-            STEEPEST * max(error.harmonics),
-        )
+        size = STEEPEST / min(error.harmonics)
+        slope = STEEPEST
+        bend = STEEPEST * max(error.harmonics)
     else:
         size, slope, bend = (abs(ratio) * error.bound(order) for order in range(3))
-    curvature, fixed, newton = bend / (2 * (1 - slope)), 1, 0
+    curvature = bend / (2 * (1 - slope))
+    fixed = 1
+    newton = 0
     left = size * slope
     while curvature * left > 0.5:
-        left, fixed = left * slope, fixed + 1
+        left = left * slope
+        fixed = fixed + 1
     while left > SOLVED:
-        left, newton = curvature * left**2, newton + 1
+        left = curvature * left**2
+        newton = newton + 1
     return fixed, newton
 
 
 def motors_of_gears(
     model: RobotModel, w: ca.SX, dw: ca.SX, ddw: ca.SX
 ) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
-    """Motor angles, speeds and accelerations, and the parts ``1 - n e'`` of the gear torques that the motors carry.
+    """Motor angles, speeds and accelerations, and the parts ``1 - n e'`` of the gear torques that
+    the motors carry.
 
-    ``w`` (n_m,): motor angles of gears without transmission error, ``eta (q_g + d)``, and two derivatives.
+    ``w`` (n_m,): motor angles of gears without transmission error, ``eta (q_g + d)``, and two
+    derivatives.
     """
-    q, v, a, share = ca.SX(w), ca.SX(dw), ca.SX(ddw), ca.SX.ones(model.n_m)
+    q = ca.SX(w)
+    v = ca.SX(dw)
+    a = ca.SX(ddw)
+    share = ca.SX.ones(model.n_m)
     for k, (j, error) in transmission_errors(model).items():
         ratio = float(model.eta[j, k])
         fixed, newton = _steps(error, ratio)
@@ -170,10 +193,13 @@ def gear_angles_along(model: RobotModel, q_m: np.ndarray) -> np.ndarray:
 
 
 def carried_along(model: RobotModel, q_m: np.ndarray, tau_g: np.ndarray) -> np.ndarray:
-    """Torques of the gears on the motor side (n, n_m), from the motor angles (n, n_m) and the arm side (n, n_g)."""
+    """Torques of the gears on the motor side (n, n_m), from the motor angles (n, n_m) and the arm
+    side (n, n_g).
+    """
     if not transmission_errors(model):
         return np.asarray(tau_g @ np.linalg.inv(model.eta))
-    angles, torques = ca.SX.sym("q_m", model.n_m), ca.SX.sym("tau_g", model.n_g)
+    angles = ca.SX.sym("q_m", model.n_m)
+    torques = ca.SX.sym("tau_g", model.n_g)
     carried = ca.densify(ca.mtimes(gear_rates(model, angles).T, torques))
     return evaluate(ca.Function("carried", [angles, torques], [carried]), q_m, tau_g)[0].reshape(
         len(q_m), -1
@@ -182,9 +208,11 @@ def carried_along(model: RobotModel, q_m: np.ndarray, tau_g: np.ndarray) -> np.n
 
 @dataclass(frozen=True)
 class MotorStage:
-    """Motors behind gears at n instants, (n, n_m) each: their motion, and what their torques follow from.
+    """Motors behind gears at n instants, (n, n_m) each: their motion, and what their torques
+    follow from.
 
-    ``tau_m = (J_m a_m + f(v_m) + carried - cogging) / gain``, ``carried``: torques of the gears, motor side.
+    ``tau_m = (J_m a_m + f(v_m) + carried - cogging) / gain``, ``carried``: torques of the gears,
+    motor side.
     """
 
     q_m: np.ndarray
@@ -201,9 +229,11 @@ def motor_stage(
     theta: Sequence[np.ndarray],
     tau_g: np.ndarray,
 ) -> MotorStage:
-    """Motors behind gears, whose angles over the ratios and two derivatives are ``theta`` (3, n, n_g).
+    """Motors behind gears, whose angles over the ratios and two derivatives are ``theta`` (3, n,
+    n_g).
 
-    ``function``: `Equations.function` of the model; ``tau_g`` (n, n_g): torques of the gears, arm side.
+    ``function``: `Equations.function` of the model; ``tau_g`` (n, n_g): torques of the gears, arm
+    side.
     """
     w, dw, ddw = (x @ model.eta.T for x in theta)
     carried = np.linalg.solve(model.eta.T, tau_g.T).T
@@ -217,7 +247,9 @@ def motor_stage(
 def friction_along(
     function: Callable[[str], ca.Function], model: RobotModel, v_m: np.ndarray, carried: np.ndarray
 ) -> np.ndarray:
-    """Friction torques of the motors (n, n_m) at their speeds and the torques of the gears on the motor side."""
+    """Friction torques of the motors (n, n_m) at their speeds and the torques of the gears on the
+    motor side.
+    """
     if loaded_motors(model):
         return evaluate(function("loaded_friction"), v_m, carried)[0].reshape(v_m.shape)
     return evaluate(function("motor_friction"), v_m)[0].reshape(v_m.shape)

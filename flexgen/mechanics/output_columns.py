@@ -1,4 +1,6 @@
-"""Columns of the output of a robot in trajectories: labels, units, the angle between two orientations."""
+"""Columns of the output of a robot in trajectories: labels, units, the angle between two
+orientations.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +10,9 @@ from flexgen.model.elements import RobotModel
 
 
 def output_labels(model: RobotModel) -> dict[str, tuple[str, ...]]:
-    """Labels of the columns of the reference: ``y_ref`` and, for a pose, ``R_ref`` (rows of the matrix)."""
+    """Labels of the columns of the reference: ``y_ref`` and, for a pose, ``R_ref`` (rows of the
+    matrix).
+    """
     output = model.output
     if output.type == "combination":
         return {"y_ref": tuple(f"y{k + 1}" for k in range(output.size))}

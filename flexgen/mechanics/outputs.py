@@ -1,4 +1,6 @@
-"""The output as a constraint: its error from a target, and the map from arm velocities to its rates."""
+"""The output as a constraint: its error from a target, and the map from arm velocities to its
+rates.
+"""
 
 from __future__ import annotations
 
@@ -14,9 +16,10 @@ from flexgen.mechanics.system import System
 class OutputMap:
     """Graphs in the symbol ``system.lagrangian.chain.q_a``.
 
-    ``error`` (n_y): zero where the output is at ``target`` (n_y; for a pose 3 + 9: position, rotation matrix by
-    columns); orientation: the axial vector of ``(R R_d' - R_d R')/2``, sine of the angle times the axis, world axes.
-    ``rate`` W (n_y, n_a): time derivative of the output ``= W v_a``, for a pose the spatial velocity (linear, angular).
+    ``error`` (n_y): zero where the output is at ``target`` (n_y; for a pose 3 + 9: position,
+    rotation matrix by columns); orientation: the axial vector of ``(R R_d' - R_d R')/2``, sine of
+    the angle times the axis, world axes. ``rate`` W (n_y, n_a): time derivative of the output
+    ``= W v_a``, for a pose the spatial velocity (linear, angular).
     """
 
     error: ca.SX
@@ -26,7 +29,8 @@ class OutputMap:
 
 def output_map(system: System) -> OutputMap:
     """The `OutputMap` of a model's declared output."""
-    model, q = system.model, system.lagrangian.chain.q_a
+    model = system.model
+    q = system.lagrangian.chain.q_a
     if model.output.type != "tool_pose":
         target = ca.SX.sym("target", model.output.size)
         y = ca.densify(dynamics.output(system)[2][0])

@@ -1,25 +1,34 @@
-"""Run-time parameters: numbers of a model as symbols, arguments of the functions of a generated library.
+"""Run-time parameters: numbers of a model as symbols, arguments of the functions of a generated
+library.
 
 Names of parameters (each expands to the numbers that the model has):
 
-==================== ==============================================================================================
-payload              mass and center of mass of the payload (``payload.mass``, ``payload.com_x`` ...)
-stiffness            every number of every spring: ``<coordinate>.stiffness``, ``.cubic``, ``.low`` ...
+==================== ==============================================================================
+payload              mass and center of mass of the payload (``payload.mass``, ``payload.com_x``
+                     ...)
+stiffness            every number of every spring: ``<coordinate>.stiffness``, ``.cubic``,
+                     ``.low`` ...
 damping              of every gear and spring: ``<coordinate>.damping``
-friction             of every motor and joint: ``<motor>.viscous``, ``.coulomb`` ..., ``<coordinate>.viscous`` ...
-payload.mass, ...    a single number, or all of one kind of one part: ``q2.stiffness``, ``m1.friction``
+friction             of every motor and joint: ``<motor>.viscous``, ``.coulomb`` ...,
+                     ``<coordinate>.viscous`` ...
+payload.mass, ...    a single number, or all of one kind of one part: ``q2.stiffness``,
+                     ``m1.friction``
 m1.viscous, ...      a single number of a friction law, also one that is zero in the file
-temperature          of the robot, where motors have friction of the type "gear"; only by its own name
+temperature          of the robot, where motors have friction of the type "gear"; only by its own
+                     name
 m1.inertia           inertia of a rotor; only by its own name
-m1.cogging_cos_6 ..  a coefficient of a Fourier sum of a motor angle; only by its own name; of a joint ``q1``:
-                     ``q1.transmission_error_sin_2``; also ``m1.torque_ripple_cos_6``
-q1.lost_motion       of a gear with hysteresis; ``lost_motion``: of all; ``q1.hysteresis_stiffness`` by its own name;
-                     of several elements ``q1.lost_motion_1``, ``q1.hysteresis_stiffness_1`` ...
+m1.cogging_cos_6 ..  a coefficient of a Fourier sum of a motor angle; only by its own name; of a
+                     joint ``q1``: ``q1.transmission_error_sin_2``; also ``m1.torque_ripple_cos_6``
+q1.lost_motion       of a gear with hysteresis; ``lost_motion``: of all;
+                     ``q1.hysteresis_stiffness`` by its own name; of several elements
+                     ``q1.lost_motion_1``, ``q1.hysteresis_stiffness_1`` ...
 m1.lugre_coulomb     and other numbers of the table ``lugre`` of a motor; ``lugre_coulomb``: of all
-arm1.mass, ...       mass, ``com_x`` .. and ``inertia_xx``, ``inertia_xy`` .. of a body; only by their own names
-==================== ==============================================================================================
+arm1.mass, ...       mass, ``com_x`` .. and ``inertia_xx``, ``inertia_xy`` .. of a body; only by
+                     their own names
+==================== ==============================================================================
 
-Units are those of the side where the number is stated: on the motor side angles, even where the joint is a translation.
+Units are those of the side where the number is stated: on the motor side angles, even where the
+joint is a translation.
 """
 
 from __future__ import annotations
@@ -41,9 +50,14 @@ if TYPE_CHECKING:
 
 NOT_NEGATIVE = ">= 0"
 _SPRING_UNITS = {
-    "stiffness": "N m/rad", "cubic": "N m/rad^3", "low": "N m/rad", "high": "N m/rad", "break_at": "rad", "gap": "rad",
+    "stiffness": "N m/rad",
+    "cubic": "N m/rad^3",
+    "low": "N m/rad",
+    "high": "N m/rad",
+    "break_at": "rad",
+    "gap": "rad",
     "smoothing": "rad",
-}  # fmt: skip
+}
 _LINEAR = {
     "N m/rad": "N/m",
     "N m/rad^3": "N/m^3",
@@ -58,9 +72,10 @@ _LINEAR = {
 class Parameter:
     """A number of the model that may change at run time: name, value in the file, unit, meaning.
 
-    ``key``: dotted path of the number in a model file, such as ``motor.m1.friction.viscous``. ``inertia``: whether it
-    belongs to a body or a rotor; then the functions are written from Lagrange's equations, without the recursions.
-    ``bound``: ``">= 0"`` or ``"> 0"``, empty for a number that may be negative.
+    ``key``: dotted path of the number in a model file, such as ``motor.m1.friction.viscous``.
+    ``inertia``: whether it belongs to a body or a rotor; then the functions are written from
+    Lagrange's equations, without the recursions. ``bound``: ``">= 0"`` or ``"> 0"``, empty for a
+    number that may be negative.
     """
 
     name: str
@@ -76,8 +91,9 @@ class Parameter:
 class Parametrized:
     """A model some of whose numbers are symbols.
 
-    ``model``: a `RobotModel` with CasADi scalars in those places, for the rooms that derive equations only. ``given``:
-    the model with its numbers. ``symbols`` (n_p): the scalars. ``parameters``: what they are, in that order.
+    ``model``: a `RobotModel` with CasADi scalars in those places, for the rooms that derive
+    equations only. ``given``: the model with its numbers. ``symbols`` (n_p): the scalars.
+    ``parameters``: what they are, in that order.
     """
 
     model: RobotModel
@@ -120,7 +136,9 @@ def select(model: RobotModel, names: Sequence[str]) -> tuple[Parameter, ...]:
             listed = sorted(
                 known - {parameter.name for parameter, groups in every if len(groups) == 1}
             )
-            raise ArgumentError(f"parameters: given {name!r}, expected some of {', '.join(listed)}")
+            raise ArgumentError(
+                f"parameters: given {name!r}, expected some of {', '.join(listed)}"
+            )
     chosen = tuple(
         parameter for parameter, groups in every if any(name in groups for name in names)
     )
@@ -170,7 +188,9 @@ def names_of_numbers(model: RobotModel) -> list[str]:
 
 
 def with_values(model: RobotModel, values: Mapping[str, Any]) -> RobotModel:
-    """The model with other values of some numbers; the keys of ``values`` are names of parameters."""
+    """The model with other values of some numbers; the keys of ``values`` are names of
+    parameters.
+    """
     if not values:
         return model
     return _walk(model, lambda parameter, *groups: values.get(parameter.name, parameter.value))
@@ -202,7 +222,8 @@ def _walk(model: RobotModel, visit: Visit) -> RobotModel:
         )
         for element in model.elements
     )
-    motors, warm = tuple(_motor(motor, visit) for motor in model.motors), model.temperature
+    motors = tuple(_motor(motor, visit) for motor in model.motors)
+    warm = model.temperature
     if any(isinstance(motor.friction, GearFriction) for motor in model.motors):
         warm = visit(
             Parameter("temperature", warm, "deg C", "motors and gears", "temperature"),
@@ -273,14 +294,17 @@ def _dof(dof: Dof, key: str, visit: Visit) -> Dof:
             tuple(
                 visit(
                     Parameter(
-                        f"{dof.name}.counterbalance_{name}_{k + 1}", value, "N m", f"counterbalance of {part}",
+                        f"{dof.name}.counterbalance_{name}_{k + 1}",
+                        value,
+                        "N m",
+                        f"counterbalance of {part}",
                         f"{key}.counterbalance.{name}.{k}",
                     )
                 )
                 for name, value in zip(("sin", "cos"), pair, strict=True)
             )
             for k, pair in enumerate(dof.counterbalance)
-        )  # fmt: skip
+        )
     if dof.gear is not None:
         changes["gear"] = _gear(dof.gear, dof.name, units, f"{key}.gear", visit)
     if dof.spring is not None:
@@ -292,18 +316,17 @@ def _dof(dof: Dof, key: str, visit: Visit) -> Dof:
 def _gear(gear: Gear, name: str, units: Units, key: str, visit: Visit) -> Gear:
     if gear.spring is None:
         return gear
-    joint, part, units = (
-        units,
-        f"{name}, {gear.side} side",
-        _angular if gear.side == "motor" else units,
-    )
+    joint = units
+    part = f"{name}, {gear.side} side"
+    units = _angular if gear.side == "motor" else units
     spring = _spring(gear.spring, name, part, units, f"{key}.spring", visit)
     damping = _damping(gear.damping, name, part, units, key, visit)
     # (in units of the joint, whatever the side of the spring)
     error = _fourier_sum(
         gear.transmission_error, f"{name}.transmission_error", joint("rad"), key, visit
     )
-    at, own = f"{key}.hysteresis", f"hysteresis of {part}"
+    at = f"{key}.hysteresis"
+    own = f"hysteresis of {part}"
 
     def element(given: HysteresisLaw, n: str, place: str) -> HysteresisLaw:
         """``n``, ``place``: ends of its names, and of its key where there are several."""
@@ -325,12 +348,15 @@ def _gear(gear: Gear, name: str, units: Units, key: str, visit: Visit) -> Gear:
             [f"{name}.lost_motion"] if n else [],
             [f"{name}.hysteresis_stiffness"] if n else [],
         )
-        wide, steep = visit(lost, "lost_motion", *of_gear[0]), visit(stiff, *of_gear[1])
+        wide = visit(lost, "lost_motion", *of_gear[0])
+        steep = visit(stiff, *of_gear[1])
         return replace(given, lost_motion=wide, stiffness=steep)
 
     hysteresis = gear.hysteresis
     if isinstance(hysteresis, tuple):
-        hysteresis = tuple(element(each, f"_{k + 1}", f".{k}") for k, each in enumerate(hysteresis))
+        hysteresis = tuple(
+            element(each, f"_{k + 1}", f".{k}") for k, each in enumerate(hysteresis)
+        )
     elif hysteresis is not None:
         hysteresis = element(hysteresis, "", "")
     return replace(
@@ -339,14 +365,19 @@ def _gear(gear: Gear, name: str, units: Units, key: str, visit: Visit) -> Gear:
 
 
 def _damping(value: float, name: str, part: str, units: Units, key: str, visit: Visit) -> Any:
-    doc, unit = f"damping of {part}", units("N m s/rad")
-    parameter = Parameter(f"{name}.damping", value, unit, doc, f"{key}.damping", bound=NOT_NEGATIVE)
+    doc = f"damping of {part}"
+    unit = units("N m s/rad")
+    parameter = Parameter(
+        f"{name}.damping", value, unit, doc, f"{key}.damping", bound=NOT_NEGATIVE
+    )
     return visit(parameter, "damping")
 
 
 def _spring(spring: Spring, name: str, part: str, units: Units, key: str, visit: Visit) -> Spring:
     def number(kind: str) -> Parameter:
-        value, unit, doc = getattr(spring, kind), units(_SPRING_UNITS[kind]), f"spring of {part}"
+        value = getattr(spring, kind)
+        unit = units(_SPRING_UNITS[kind])
+        doc = f"spring of {part}"
         bound = NOT_NEGATIVE if kind in ("cubic", "gap") else "> 0"
         return Parameter(f"{name}.{kind}", value, unit, doc, f"{key}.{kind}", bound=bound)
 
@@ -356,7 +387,8 @@ def _spring(spring: Spring, name: str, part: str, units: Units, key: str, visit:
 
 
 def _motor(motor: Motor, visit: Visit) -> Motor:
-    part, key = f"motor {motor.name}, motor side", f"motor.{motor.name}"
+    part = f"motor {motor.name}, motor side"
+    key = f"motor.{motor.name}"
     rotor = Parameter(
         f"{motor.name}.inertia",
         motor.inertia,
@@ -370,15 +402,14 @@ def _motor(motor: Motor, visit: Visit) -> Motor:
         name: _fourier_sum(getattr(motor, name), f"{motor.name}.{name}", unit, key, visit)
         for name, unit in (("cogging", "N m"), ("torque_ripple", "1"))
     }
-    friction, lugre = _friction(motor.friction, motor.name, part, _angular, key, visit), motor.lugre
+    friction = _friction(motor.friction, motor.name, part, _angular, key, visit)
+    lugre = motor.lugre
     if lugre is not None:
         from flexgen.spec.memory import LUGRE
 
-        of, at, units = (
-            f"{motor.name}.lugre",
-            f"{key}.lugre",
-            {row.name: row.unit for row in LUGRE.keys},
-        )
+        of = f"{motor.name}.lugre"
+        at = f"{key}.lugre"
+        units = {row.name: row.unit for row in LUGRE.keys}
         given = {
             k: Parameter(f"{of}_{k}", getattr(lugre, k), units[k], f"lugre of {part}", f"{at}.{k}")
             for k in units
@@ -410,7 +441,9 @@ def _fourier_sum(
 def _friction(
     friction: Friction, name: str, part: str, units: Units, key: str, visit: Visit
 ) -> Friction:
-    """Terms that are zero in the file belong to no group: they cost nothing and stay zero unless they are named."""
+    """Terms that are zero in the file belong to no group: they cost nothing and stay zero unless
+    they are named.
+    """
     return replace(
         friction,
         **{

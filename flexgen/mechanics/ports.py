@@ -1,4 +1,6 @@
-"""The arrays of a model's functions: sizes, units and meaning of a row of `flexgen.mechanics.signatures.PORTS`."""
+"""The arrays of a model's functions: sizes, units and meaning of a row of
+`flexgen.mechanics.signatures.PORTS`.
+"""
 
 from __future__ import annotations
 
@@ -36,7 +38,10 @@ def _output_unit(template: str, model: RobotModel) -> tuple[str, str]:
         return template.format(y=output.unit if output.type == "combination" else "m"), ""
     return (
         "mixed",
-        f"; {template.format(y='m')} for the position, then {template.format(y='rad')} for the rotation",
+        (
+            f"; {template.format(y='m')} for the position, then {template.format(y='rad')} for "
+            "the rotation"
+        ),
     )
 
 
@@ -44,7 +49,8 @@ def port(name: str, model: RobotModel, sizes: dict[str, int]) -> Port:
     """An array of a function of the model's library."""
     extents, template, meaning = PORTS[name]
     if name == "target" and model.output.type == "tool_pose":
-        unit, remark = "mixed", ": position [m], rotation matrix by columns"
+        unit = "mixed"
+        remark = ": position [m], rotation matrix by columns"
     elif "{y}" in template:
         unit, remark = _output_unit(template, model)
     else:

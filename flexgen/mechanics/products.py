@@ -1,6 +1,8 @@
-"""Products of a function's derivatives with a direction of its inputs, or with weights of its results.
+"""Products of a function's derivatives with a direction of its inputs, or with weights of its
+results.
 
-    jvp:  dy = (dy/dx) dx,        vjp:  x_bar = (dy/dx)' y_bar,        x: all inputs, run-time parameters included
+    jvp:  dy = (dy/dx) dx,        vjp:  x_bar = (dy/dx)' y_bar,
+    x: all inputs, run-time parameters included
 
 Source: A. Griewank, A. Walther, Evaluating Derivatives, 2008, ch. 3.
 """
@@ -24,7 +26,9 @@ def symbols_like(
     return [ca.SX.sym(name, x.sparsity()) for name, x in zip(made, arrays, strict=True)], made
 
 
-def jvp(inputs: list[ca.SX], names: list[str], outputs: list[ca.SX], names_out: list[str]) -> Built:
+def jvp(
+    inputs: list[ca.SX], names: list[str], outputs: list[ca.SX], names_out: list[str]
+) -> Built:
     """Change of the results for a small change of the inputs, per unit of that change."""
     directions, named = symbols_like(inputs, names, TANGENT)
     outputs = [ca.densify(y) for y in outputs]
@@ -37,7 +41,9 @@ def jvp(inputs: list[ca.SX], names: list[str], outputs: list[ca.SX], names_out: 
     )
 
 
-def vjp(inputs: list[ca.SX], names: list[str], outputs: list[ca.SX], names_out: list[str]) -> Built:
+def vjp(
+    inputs: list[ca.SX], names: list[str], outputs: list[ca.SX], names_out: list[str]
+) -> Built:
     """Derivatives of the weighted sum of all results in the inputs."""
     outputs = [ca.densify(y) for y in outputs]
     weights, named = symbols_like(outputs, names_out, COTANGENT)
@@ -58,10 +64,13 @@ def _split(flat: ca.SX, like: Sequence[ca.SX]) -> list[ca.SX]:
 
 
 def differentiated(system: System, kind: str, built: Built) -> Built:
-    """The ``"jvp"`` or ``"vjp"`` of a function; the run-time parameters that it depends on are inputs as well."""
+    """The ``"jvp"`` or ``"vjp"`` of a function; the run-time parameters that it depends on are
+    inputs as well.
+    """
     inputs, names, outputs, names_out = built
     if system.parameters and ca.depends_on(ca.veccat(*outputs), system.symbols):
-        inputs, names = [*inputs, system.symbols], [*names, "parameters"]
+        inputs = [*inputs, system.symbols]
+        names = [*names, "parameters"]
     given, named, found, found_names = (jvp if kind == "jvp" else vjp)(
         inputs, names, outputs, names_out
     )

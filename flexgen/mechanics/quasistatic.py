@@ -1,4 +1,6 @@
-"""Static equilibria along a path: at each instant the output is at its target and the robot is in equilibrium."""
+"""Static equilibria along a path: at each instant the output is at its target and the robot is in
+equilibrium.
+"""
 
 from __future__ import annotations
 
@@ -22,9 +24,9 @@ SPANS = 50  # of a program, at most
 class OutputSample(Protocol):
     """The target of the output at k instants.
 
-    ``y`` (k, n_y, r): rows of the output that are positions, last axis: derivatives from 0; ``R`` (k, 3, 3): the
-    orientation where the output is a pose, else None. A sample may also have ``q_g`` (k, n_g, r), actuated coordinates
-    near those that reach the output, or None.
+    ``y`` (k, n_y, r): rows of the output that are positions, last axis: derivatives from 0; ``R``
+    (k, 3, 3): the orientation where the output is a pose, else None. A sample may also have
+    ``q_g`` (k, n_g, r), actuated coordinates near those that reach the output, or None.
     """
 
     @property
@@ -64,7 +66,9 @@ class OutputPath(Protocol):
 
 
 def targets(sample: OutputSample) -> np.ndarray:
-    """Values, (k, n_y) or (k, 12), for the target symbol of `flexgen.mechanics.outputs.output_map`."""
+    """Values, (k, n_y) or (k, 12), for the target symbol of
+    `flexgen.mechanics.outputs.output_map`.
+    """
     positions = np.asarray(sample.y)[:, :, 0]
     return (
         positions
@@ -74,18 +78,21 @@ def targets(sample: OutputSample) -> np.ndarray:
 
 
 def poses_along(equations: Equations, reference: OutputPath, times: np.ndarray) -> np.ndarray:
-    """Coordinates (k, n_a) in equilibrium with the output at the target of the path, at rising ``times`` (k,) [s].
+    """Coordinates (k, n_a) in equilibrium with the output at the target of the path, at rising
+    ``times`` (k,) [s].
 
     Raises
     ------
     SolverError
         There is no such pose, or it is singular.
     """
-    out, symbol = output_map(equations), equations.lagrangian.chain.q_a
+    out = output_map(equations)
+    symbol = equations.lagrangian.chain.q_a
     rows = ca.vertcat(out.error, balance(equations))
     if rows.numel() != symbol.numel():
         raise SolverError(
-            f"path: {out.error.numel()} outputs do not determine the {equations.model.n_g} actuated coordinates"
+            f"path: {out.error.numel()} outputs do not determine the {equations.model.n_g} "
+            "actuated coordinates"
         )
     jacobian_of = ca.densify(ca.jacobian(rows, symbol))
     newton = Evaluator(

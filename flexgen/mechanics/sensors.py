@@ -1,11 +1,14 @@
 """What the sensors of a model measure, as CasADi graphs.
 
-accelerometer    a . R' (p'' - g)         specific force along its axes a, R and p of its frame in the world
+accelerometer    a . R' (p'' - g)
+specific force along its axes a, R and p of its frame in the world
 gyro             a . w                    angular velocity of its body, in the axes of the body
 link encoder     q_a,i
 tracker          a . p                    position of a point of the tool, in the world
-joint torque     (M a + c + g - f)_i      f: friction and other forces on the arm; that of gear or spring and damper
-wrench           d/dt dT/du - dT/dx + dV/dx - f_u,    u = x': a motion of all behind the cut against the rest, at x = 0
+joint torque     (M a + c + g - f)_i
+f: friction and other forces on the arm; that of gear or spring and damper
+wrench           d/dt dT/du - dT/dx + dV/dx - f_u,
+u = x': a motion of all behind the cut against the rest, at x = 0
 strain           gauge q_a,i + offset
 """
 
@@ -28,7 +31,9 @@ MOTIONS = [f"{CUT}_{kind}_{k}" for kind in ("translation", "rotation") for k in 
 
 
 def sensor_signals(system: System) -> ca.SX:
-    """The channels of all sensors, (n,): functions of the coordinates ``y``, their velocities and accelerations."""
+    """The channels of all sensors, (n,): functions of the coordinates ``y``, their velocities and
+    accelerations.
+    """
     signals = [_signal(system, sensor) for sensor in system.model.sensors]
     return ca.vertcat(*signals) if signals else ca.SX(0, 1)
 
@@ -37,8 +42,8 @@ def _signal(system: System, sensor: Sensor) -> ca.SX:
     chain = system.lagrangian.chain
     if sensor.of_force and system.model.motor_coupling == "complete":
         raise ArgumentError(
-            f'sensor {sensor.name}: given a {sensor.type} in a model with motor_coupling = "complete", whose rotors '
-            'add to the forces, expected motor_coupling = "simplified"'
+            f"sensor {sensor.name}: given a {sensor.type} in a model with motor_coupling = "
+            '"complete", whose rotors add to the forces, expected motor_coupling = "simplified"'
         )
     if sensor.type == "wrench":
         return _wrench(system, sensor)
@@ -46,7 +51,9 @@ def _signal(system: System, sensor: Sensor) -> ca.SX:
         i = [c.name for c in system.model.coordinates].index(sensor.place)
         if sensor.type == "joint_torque":
             return (system.arm_left - system.lagrangian.arm_forces)[i]
-        return chain.q_a[i] if sensor.gauge is None else sensor.gauge * chain.q_a[i] + sensor.offset
+        return (
+            chain.q_a[i] if sensor.gauge is None else sensor.gauge * chain.q_a[i] + sensor.offset
+        )
     axes = ca.SX(ca.DM(sensor.axes))
     body = chain.tool if sensor.place == TOOL else chain.frames[sensor.place]
     frame: Frame = place(body, Placement(tuple(sensor.position)))
@@ -61,9 +68,13 @@ def _signal(system: System, sensor: Sensor) -> ca.SX:
 
 
 def _wrench(system: System, sensor: Sensor) -> ca.SX:
-    """Force and moment (6,) that hold what is behind the sensor, at its point, in the axes of its frame."""
-    arm, model = system.lagrangian.chain, _cut_behind(system.with_symbols, sensor)
-    chain, a = kinematics(model), ca.SX.sym("a", model.n_a)
+    """Force and moment (6,) that hold what is behind the sensor, at its point, in the axes of its
+    frame.
+    """
+    arm = system.lagrangian.chain
+    model = _cut_behind(system.with_symbols, sensor)
+    chain = kinematics(model)
+    a = ca.SX.sym("a", model.n_a)
     left = equations_of(chain.kinetic, chain.gravity, chain.q_a, chain.v_a, a) + ca.gradient(
         chain.drag, chain.v_a
     )
@@ -81,7 +92,9 @@ def _wrench(system: System, sensor: Sensor) -> ca.SX:
 
 
 def _cut_behind(model: RobotModel, sensor: Sensor) -> RobotModel:
-    """The model with six more degrees of freedom at the frame of the sensor, which move all that is behind it."""
+    """The model with six more degrees of freedom at the frame of the sensor, which move all that
+    is behind it.
+    """
     at = model.tool if sensor.place == TOOL else Placement()
     R = np.array(at.rotation)
     p = np.array(at.position) + R @ sensor.position

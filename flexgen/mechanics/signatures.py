@@ -1,6 +1,8 @@
-"""The table of all functions of a model: names, equations, and the arrays that go in and come out, with their units.
+"""The table of all functions of a model: names, equations, and the arrays that go in and come out,
+with their units.
 
-Header, manifest, wrappers, the help of the command line and the docstring of `Equations` are rendered from it.
+Header, manifest, wrappers, the help of the command line and the docstring of `Equations` are
+rendered from it.
 """
 
 from __future__ import annotations
@@ -55,8 +57,8 @@ _FUNCTIONS = (
     ),
     Row(
         "mass_matrix_packed",
-        "One triangle of the mass matrix: batches that do not fit into the cache take half the memory. Only where "
-        "it is named.",
+        "One triangle of the mass matrix: batches that do not fit into the cache take half the "
+        "memory. Only where it is named.",
         "T = v_a' M(q_a) v_a / 2",
         "q_a",
         "M_packed",
@@ -86,8 +88,8 @@ _FUNCTIONS = (
     ),
     Row(
         "arm_forward_dynamics",
-        "Accelerations of the arm under given forces on its coordinates, without rotors, friction and springs: the "
-        "inverse of inverse_dynamics.",
+        "Accelerations of the arm under given forces on its coordinates, without rotors, "
+        "friction and springs: the inverse of inverse_dynamics.",
         "a_a = M(q_a)^-1 (tau_a - c(q_a, v_a) - g(q_a))",
         "q_a v_a tau_a",
         "a_a",
@@ -101,15 +103,17 @@ _FUNCTIONS = (
     ),
     Row(
         "forward_dynamics",
-        "Accelerations of arm and motors under the motors' torques, with springs, dampers and friction. "
-        "Entries of q_m and v_m behind rigid gears are ignored; those of a_m are filled in.",
+        "Accelerations of arm and motors under the motors' torques, with springs, dampers and "
+        "friction. Entries of q_m and v_m behind rigid gears are ignored; those of a_m are "
+        "filled in.",
         "M a_a + c + g = tau_a,  J_m a_m + f(v_m) + eta^-T tau_g = tau_m",
         "q_a v_a q_m v_m tau_m",
         "a_a a_m",
     ),
     Row(
         "forward_dynamics_tool_force",
-        "The same with a force and a torque on the tool, and the torques of the elastic gears; zero for rigid gears.",
+        "The same with a force and a torque on the tool, and the torques of the elastic gears; "
+        "zero for rigid gears.",
         "M a_a + c + g = tau_a + J' f_tool,  J_m a_m + f(v_m) + eta^-T tau_g = tau_m",
         "q_a v_a q_m v_m tau_m f_tool",
         "a_a a_m tau_g",
@@ -124,8 +128,9 @@ _FUNCTIONS = (
     Row(
         "sensors",
         "Signals of the sensors of the model, in the order of the file, without noise.",
-        "accelerometer: axes' R' (p'' - gravity),  gyro: axes' omega,  link encoder: q_a,  tracker: axes' p,  "
-        "joint torque: (M a_a + c + g - f)_i,  wrench: of what is behind it,  strain: gauge q_e + offset",
+        "accelerometer: axes' R' (p'' - gravity),  gyro: axes' omega,  link encoder: q_a,  "
+        "tracker: axes' p,  joint torque: (M a_a + c + g - f)_i,  wrench: of what is behind "
+        "it,  strain: gauge q_e + offset",
         "q_a v_a a_a",
         "y_s",
     ),
@@ -146,29 +151,33 @@ _FUNCTIONS = (
     ),
     Row(
         "flexible_joint_motion",
-        "Acceleration and jerk of an arm with elastic joints from its state, without damping of the gears.",
+        "Acceleration and jerk of an arm with elastic joints from its state, without damping of "
+        "the gears.",
         "M a_a + c + g - f = T,  T = spring(eta^-1 q_m - q_a);  j_a = d a_a/dt",
         "q_a v_a q_m v_m",
         "a_a j_a",
     ),
     Row(
         "flexible_joint_torque",
-        "Torques of the motors that give an arm with elastic joints a fourth derivative of its coordinates, without "
-        "damping of the gears.",
+        "Torques of the motors that give an arm with elastic joints a fourth derivative of its "
+        "coordinates, without damping of the gears.",
         "tau_m = J_m eta (a_a + d'') + f(v_m) + eta^-T T,  spring(d)'' = (M a_a + c + g - f)''",
         "q_a v_a a_a j_a s_a q_m v_m",
         "tau_m",
     ),
     Row(
         "motor_harmonics",
-        "Motors behind gears with transmission error e, cogging torques, and factors of the motor torques.",
-        "q_m - n e(q_m) = w_m,  (J_m a_m + f(v_m) + gear_share eta^-T tau_g - tau_c) / gain_m = tau_m",
+        "Motors behind gears with transmission error e, cogging torques, and factors of the "
+        "motor torques.",
+        "q_m - n e(q_m) = w_m,  (J_m a_m + f(v_m) + gear_share eta^-T tau_g - tau_c) / gain_m = "
+        "tau_m",
         "w_m dw_m ddw_m",
         "q_m v_m a_m gear_share tau_c gain_m",
     ),
     Row(
         "loaded_friction",
-        "Friction torques of the motors where some depend on the torques of the gears; instead of motor_friction.",
+        "Friction torques of the motors where some depend on the torques of the gears; instead "
+        "of motor_friction.",
         "f_m = f(v_m, tau_l)",
         "v_m tau_l",
         "f_m",
@@ -182,21 +191,26 @@ _FUNCTIONS = (
     ),
     Row(
         "inversion_jacobians",
-        "Derivatives of the output's rates, and of the equations of the coordinates without motor.",
-        "y1 = W v_a,  y2 = W a_a + W' v_a,  row = [M a_a + c + g - f]_e - tau_e, f: the arm's frictions",
+        "Derivatives of the output's rates, and of the equations of the coordinates without "
+        "motor.",
+        "y1 = W v_a,  y2 = W a_a + W' v_a,  row = [M a_a + c + g - f]_e - tau_e, f: the arm's "
+        "frictions",
         "q_a v_a a_a",
         "dy1_dq dy2_dq dy2_dv row row_q row_v row_a",
     ),
     Row(
         "inversion_rows",
-        "Torques of the gears for a given motion, and the remainder of the equations of the coordinates without motor.",
-        "tau_g = [M a_a + c + g - f]_g,  row = [M a_a + c + g - f]_e - tau_e, f: the arm's frictions",
+        "Torques of the gears for a given motion, and the remainder of the equations of the "
+        "coordinates without motor.",
+        "tau_g = [M a_a + c + g - f]_g,  row = [M a_a + c + g - f]_e - tau_e, f: the arm's "
+        "frictions",
         "q_a v_a a_a",
         "tau_g row",
     ),
     Row(
         "gear_law",
-        "Torques of the gears' springs at given deflections, and their derivatives; zero for rigid gears.",
+        "Torques of the gears' springs at given deflections, and their derivatives; zero for "
+        "rigid gears.",
         "tau_p = spring(deflection),  dtau_p = d tau_p/d deflection",
         "deflection",
         "tau_p dtau_p",
@@ -210,40 +224,54 @@ _FUNCTIONS = (
     ),
 )
 
-# --- products with derivatives -------------------------------------------------------------------------------------
+# --- products with derivatives -------------------------------------------------------------------
 
 NOT_DIFFERENTIATED = """
-mass_matrix_packed inverse_dynamics_derivatives arm_forward_derivatives sensor_derivatives linearize inversion_jacobians
+mass_matrix_packed inverse_dynamics_derivatives arm_forward_derivatives sensor_derivatives \
+linearize inversion_jacobians
 """.split()  # (all but the first are derivatives themselves)
 DIFFERENTIATED = tuple(row.name for row in _FUNCTIONS if row.name not in NOT_DIFFERENTIATED)
-TANGENT, COTANGENT = "_tangent", "_cotangent"
+TANGENT = "_tangent"
+COTANGENT = "_cotangent"
 PRODUCTS = (
     (
         "NAME_jvp",
-        "Change of the results of a function for a small change of its inputs. Only where it is named.",
+        (
+            "Change of the results of a function for a small change of its inputs. Only where "
+            "it is named."
+        ),
     ),
     (
         "NAME_vjp",
-        "Derivatives of a weighted sum of the results of a function in its inputs. Only where it is named.",
+        (
+            "Derivatives of a weighted sum of the results of a function in its inputs. Only "
+            "where it is named."
+        ),
     ),
 )
 
 
 def split_product(name: str) -> tuple[str, str]:
-    """The function and the kind of a product with its derivatives, ``"jvp"`` or ``"vjp"``; else the name and ""."""
+    """The function and the kind of a product with its derivatives, ``"jvp"`` or ``"vjp"``; else
+    the name and "".
+    """
     base, _, kind = name.rpartition("_")
     return (base, kind) if kind in ("jvp", "vjp") else (name, "")
 
 
 def _products(row: Row) -> list[Row]:
     """The rows of the products with a function's derivatives."""
-    x, y = row.inputs.split(), row.outputs.split()
-    directions, weights = [n + TANGENT for n in x], [n + COTANGENT for n in y]
-    changes, derivatives = [n + TANGENT for n in y], [n + COTANGENT for n in x]
+    x = row.inputs.split()
+    y = row.outputs.split()
+    directions = [n + TANGENT for n in x]
+    weights = [n + COTANGENT for n in y]
+    changes = [n + TANGENT for n in y]
+    derivatives = [n + COTANGENT for n in x]
     (jvp, change), (vjp, derivative) = (
         (name.replace("NAME", row.name), text) for name, text in PRODUCTS
     )
-    forward, back = " ".join([*x, *directions]), " ".join([*x, *weights])
+    forward = " ".join([*x, *directions])
+    back = " ".join([*x, *weights])
     return [
         Row(
             jvp,
@@ -321,7 +349,8 @@ PYTHON_TABLE = (  # of Equations only, not emitted as C
     ),
     Row(
         "residual_jacobians",
-        "Jacobians of the residual in y = (q_a, q_m of the motors behind elastic gears), n = n_x/2 of them.",
+        "Jacobians of the residual in y = (q_a, q_m of the motors behind elastic gears), n = "
+        "n_x/2 of them.",
         "M_y = dr/dddy,  R_y = dr/d(y, dy, tau_m)",
         "q_a v_a a_a q_m v_m a_m tau_m",
         "M_y R_y",
@@ -342,8 +371,8 @@ PYTHON_TABLE = (  # of Equations only, not emitted as C
     ),
     Row(
         "energy",
-        "Kinetic and potential energy, also of bodies that cannot move; the potential of gravity is zero at the "
-        "origin of the world.",
+        "Kinetic and potential energy, also of bodies that cannot move; the potential of "
+        "gravity is zero at the origin of the world.",
         "",
         "q_a v_a q_m v_m",
         "kinetic potential",
@@ -533,13 +562,17 @@ PYTHON_PORTS: dict[str, tuple[tuple[str, ...], str, str]] = {
 
 
 def reference(rows: Sequence[Row]) -> str:
-    """Text of a table for docstrings: name, inputs -> outputs with shapes, summary and equation."""
+    """Text of a table for docstrings: name, inputs -> outputs with shapes, summary and
+    equation.
+    """
     lines = []
     for row in rows:
         shapes = []
         for name in row.outputs.split():
             extents = (PORTS | PYTHON_PORTS)[name][0]
-            shapes.append(f"{name} ({', '.join(extents).replace(' * ', ' ')})" if extents else name)
+            shapes.append(
+                f"{name} ({', '.join(extents).replace(' * ', ' ')})" if extents else name
+            )
         text = row.summary + (f" ``{row.equation}``" if row.equation else "")
         head = f"{row.name}({', '.join(row.inputs.split())}) -> {', '.join(shapes)}"
         lines += textwrap.wrap(head, 112, subsequent_indent="        ")
@@ -548,7 +581,9 @@ def reference(rows: Sequence[Row]) -> str:
 
 
 def function_obstacles(model: RobotModel) -> dict[str, str | None]:
-    """Why a model's library cannot have a function, for each row of the table; None where it can."""
+    """Why a model's library cannot have a function, for each row of the table; None where it
+    can.
+    """
     # (it needs numpy, the names here do not)
     from flexgen.mechanics.elastic_joints import flexible_joint_obstacle
 

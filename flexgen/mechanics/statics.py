@@ -1,7 +1,8 @@
 """Static equilibrium of the robot, and the deflection of gears under a torque.
 
-In equilibrium ``g_e(q_a) = tau_e(q_e)`` on the non-actuated rows, ``tau_g = g_g(q_a)`` on the actuated ones, the motors
-follow from the springs of the gears, and, where the output is prescribed, ``Gamma(q_a) = Z``: all solved together.
+In equilibrium ``g_e(q_a) = tau_e(q_e)`` on the non-actuated rows, ``tau_g = g_g(q_a)`` on the
+actuated ones, the motors follow from the springs of the gears, and, where the output is
+prescribed, ``Gamma(q_a) = Z``: all solved together.
 """
 
 from __future__ import annotations
@@ -21,13 +22,15 @@ from flexgen.numerics.evaluate import evaluate
 from flexgen.results import Result
 from flexgen.type_checks import checked_result
 
-NEWTON_STEPS, HOLD_STEPS = 50, 60
+NEWTON_STEPS = 50
+HOLD_STEPS = 60
 
 
 @checked_result
 @dataclass(frozen=True)
 class Equilibrium(Result):
-    """A static equilibrium: ``q_a`` (n_a), ``q_m``, ``tau_m`` (n_m, motor side), ``tau_g`` (n_g, arm side).
+    """A static equilibrium: ``q_a`` (n_a), ``q_m``, ``tau_m`` (n_m, motor side), ``tau_g`` (n_g,
+    arm side).
 
     Examples
     --------
@@ -51,11 +54,13 @@ def gear_damping(equations: Equations) -> np.ndarray:
 
 
 def gear_lag_times(equations: Equations) -> np.ndarray:
-    """Time constants D / K with which the deflections of damped gears decay, (n_g,) [s]; zero for the others.
+    """Time constants D / K with which the deflections of damped gears decay, (n_g,) [s]; zero for
+    the others.
 
     K: the least stiffness of the spring, at zero or at a large deflection.
     """
-    model, D = equations.model, gear_damping(equations)
+    model = equations.model
+    D = gear_damping(equations)
     far = evaluate(
         equations.function("gear_law"), np.stack([np.zeros(model.n_g), np.ones(model.n_g)])
     )[1]
@@ -65,7 +70,8 @@ def gear_lag_times(equations: Equations) -> np.ndarray:
 
 
 def gear_deflection(equations: Equations, tau: np.ndarray) -> np.ndarray:
-    """Static deflection ``eta^-1 q_m - q_g`` (n, n_g) of gears under arm-side torques ``tau`` (n, n_g); zero if rigid.
+    """Static deflection ``eta^-1 q_m - q_g`` (n, n_g) of gears under arm-side torques ``tau`` (n,
+    n_g); zero if rigid.
 
     Newton's method inside a bracket: springs are odd and monotonic, but some have kinks.
     """
@@ -83,15 +89,14 @@ def gear_deflection(equations: Equations, tau: np.ndarray) -> np.ndarray:
         if not short.any():
             break
         high = np.where(short, 2 * high, high)
-    lower, upper = -high, high.copy()
+    lower = -high
+    upper = high.copy()
     deflection = np.clip(target / np.maximum(slope0.reshape(target.shape), 1e-6), lower, upper)
     for _ in range(200):
         value, slope = (x.reshape(target.shape) for x in evaluate(function, deflection))
         error = value - target
-        lower, upper = (
-            np.where(error <= 0, deflection, lower),
-            np.where(error >= 0, deflection, upper),
-        )
+        lower = np.where(error <= 0, deflection, lower)
+        upper = np.where(error >= 0, deflection, upper)
         step = deflection - error / np.where(slope > 0, slope, 1.0)
         inside = (step >= lower) & (step <= upper) & (slope > 0)
         new = np.where(elastic, np.where(inside, step, (lower + upper) / 2), 0.0)
@@ -103,7 +108,9 @@ def gear_deflection(equations: Equations, tau: np.ndarray) -> np.ndarray:
 
 
 def reach(equations: Equations) -> float:
-    """Length of the chain at home [m], from base to tool; 1 for a chain without extent, such as a drive train."""
+    """Length of the chain at home [m], from base to tool; 1 for a chain without extent, such as a
+    drive train.
+    """
     model = equations.model
     q = np.zeros(model.n_a)
     q[list(model.i_g)] = model.home
@@ -114,7 +121,9 @@ def reach(equations: Equations) -> float:
 
 
 def equilibrium_at(equations: Equations, q_a: np.ndarray) -> Equilibrium:
-    """The equilibrium at ``q_a`` (n_a): motor angles and torques. The non-actuated rows must be in balance."""
+    """The equilibrium at ``q_a`` (n_a): motor angles and torques. The non-actuated rows must be in
+    balance.
+    """
     model = equations.model
     zero = np.zeros(model.n_a)
     load = evaluate(equations.function("inverse_dynamics"), q_a, zero, zero)[0][0]
@@ -123,14 +132,19 @@ def equilibrium_at(equations: Equations, q_a: np.ndarray) -> Equilibrium:
     theta = q_a[list(model.i_g)] + gear_deflection(equations, tau_g[None])[0]
     still = np.zeros((1, model.n_g))
     found = motor_stage(equations.function, model, [theta[None], still, still], tau_g[None])
-    friction = friction_along(equations.function, model, np.zeros((1, model.n_m)), found.carried)[0]
+    friction = friction_along(equations.function, model, np.zeros((1, model.n_m)), found.carried)[
+        0
+    ]
     tau_m = (found.carried + friction - found.cogging) / found.gain
     return Equilibrium(q_a, found.q_m[0], tau_m[0], tau_g)
 
 
 def balance(equations: Equations) -> ca.SX:
-    """Non-actuated rows of the equations at rest (n_e), in the symbol ``equations.lagrangian.chain.q_a`` [N m or N]."""
-    lag, model = equations.lagrangian, equations.model
+    """Non-actuated rows of the equations at rest (n_e), in the symbol
+    ``equations.lagrangian.chain.q_a`` [N m or N].
+    """
+    lag = equations.lagrangian
+    model = equations.model
     rows = ca.gradient(lag.gravity, lag.chain.q_a) - lag.arm_forces
     static = ca.vertcat(ca.SX(0, 1), *[rows[i] for i in model.i_e]) - lag.tau_e
     return ca.substitute(static, lag.chain.v_a, ca.SX.zeros(model.n_a))
@@ -139,7 +153,9 @@ def balance(equations: Equations) -> ca.SX:
 def hold_joints(
     equations: Equations, q_g: np.ndarray, q_e: np.ndarray | None = None
 ) -> Equilibrium:
-    """Equilibrium with the actuated coordinates at ``q_g``; the others are searched from ``q_e``, default zero."""
+    """Equilibrium with the actuated coordinates at ``q_g``; the others are searched from ``q_e``,
+    default zero.
+    """
     return make_holder(equations)(q_g, q_e)
 
 
@@ -163,7 +179,9 @@ def make_holder(
         if q_e is not None:
             q[i_e] = q_e
         if newton is not None:
-            q[i_e] = _newton(newton, q, i_e, "static equilibrium of the non-actuated elements")[i_e]
+            q[i_e] = _newton(newton, q, i_e, "static equilibrium of the non-actuated elements")[
+                i_e
+            ]
         return equilibrium_at(equations, q)
 
     return hold
@@ -172,8 +190,9 @@ def make_holder(
 def hold_output(equations: Equations, residual: ca.SX, q_start: np.ndarray) -> Equilibrium:
     """Equilibrium at a prescribed output.
 
-    ``residual`` (n_m): zero where the output is right, in the symbol ``equations.lagrangian.chain.q_a``; ``q_start``
-    (n_a): where the search starts. SolverError where no equilibrium is found nearby.
+    ``residual`` (n_m): zero where the output is right, in the symbol
+    ``equations.lagrangian.chain.q_a``; ``q_start`` (n_a): where the search starts. SolverError
+    where no equilibrium is found nearby.
     """
     symbol = equations.lagrangian.chain.q_a
     rows = ca.vertcat(residual, balance(equations)) if equations.model.n_e else residual
@@ -190,10 +209,14 @@ def hold_output(equations: Equations, residual: ca.SX, q_start: np.ndarray) -> E
 
 
 def motor_balance(equations: Equations) -> ca.Function:
-    """Rows ``(q_a, q_m) -> (n_a)`` that vanish at rest with the motors at ``q_m``, and their slopes in ``q_a``."""
-    model, symbol = equations.model, equations.lagrangian.chain.q_a
+    """Rows ``(q_a, q_m) -> (n_a)`` that vanish at rest with the motors at ``q_m``, and their
+    slopes in ``q_a``.
+    """
+    model = equations.model
+    symbol = equations.lagrangian.chain.q_a
     q_m = ca.SX.sym("q_m", model.n_m)
-    still, none = ca.DM.zeros(model.n_a), ca.DM.zeros(model.n_m)
+    still = ca.DM.zeros(model.n_a)
+    none = ca.DM.zeros(model.n_m)
     r_a, _ = equations.function("residual")(symbol, still, still, q_m, none, none, none)
     rows = ca.vertcat(r_a)
     theta = ca.solve(ca.DM(model.eta), q_m)
@@ -223,13 +246,15 @@ def hold_motors(
         if np.abs(step).max() <= 1e-13 * (1 + np.abs(q).max()):
             return replace(equilibrium_at(equations, q), q_m=np.array(q_m, dtype=float))
     raise SolverError(
-        "equilibrium with held motors: not found, the springs do not carry the arm at the start of the move; "
-        "choose another start"
+        "equilibrium with held motors: not found, the springs do not carry the arm at the start "
+        "of the move; choose another start"
     )
 
 
 def _newton(function: ca.Function, start: np.ndarray, free: list[int], what: str) -> np.ndarray:
-    """Solve ``rows(q) = 0`` for the entries ``free`` of q, halving steps that do not help; rows are scaled."""
+    """Solve ``rows(q) = 0`` for the entries ``free`` of q, halving steps that do not help; rows
+    are scaled.
+    """
     q = np.array(start, dtype=float)
     rows, jacobian = (np.array(x) for x in function(q))
     scale = np.maximum(np.abs(jacobian).max(axis=1), 1e-12)
@@ -250,11 +275,13 @@ def _newton(function: ca.Function, start: np.ndarray, free: list[int], what: str
             if new < error or length < 1e-4 or new < 1e-14:
                 break
             length /= 2
-        q, error = trial, new
+        q = trial
+        error = new
         if np.linalg.norm(length * step) < 1e-13 * (1 + np.linalg.norm(q)):
             break
     if not error < 1e-9:
         raise SolverError(
-            f"{what}: not found, residual {error:.2e} (coordinates, scaled), expected below 1e-9; choose another pose"
+            f"{what}: not found, residual {error:.2e} (coordinates, scaled), expected below "
+            "1e-9; choose another pose"
         )
     return q

@@ -1,10 +1,13 @@
-"""The system of a model: its symbols, its Lagrangian, and how a CasADi function is built from them.
+"""The system of a model: its symbols, its Lagrangian, and how a CasADi function is built from
+them.
 
-    M_y(y) ddy + ... = forces(y, dy, tau_m),      y = (q_a, q_me),   q_me: the motors behind elastic gears
+    M_y(y) ddy + ... = forces(y, dy, tau_m),      y = (q_a, q_me),
+    q_me: the motors behind elastic gears
 
-Each function of the equations of motion has a builder: a function that takes a `System` and returns the inputs, their
-names, the outputs and their names (`Built`). Builders: `flexgen.mechanics.dynamics`,
-`flexgen.mechanics.linearization`, `flexgen.mechanics.inversion_functions`.
+Each function of the equations of motion has a builder: a function that takes a `System` and
+returns the inputs, their names, the outputs and their names (`Built`). Builders:
+`flexgen.mechanics.dynamics`, `flexgen.mechanics.linearization`,
+`flexgen.mechanics.inversion_functions`.
 """
 
 from __future__ import annotations
@@ -53,7 +56,8 @@ class ImplicitDae:
 
 @checked_class
 class System:
-    """A model with symbols for its coordinates, torques and run-time parameters, and its Lagrangian.
+    """A model with symbols for its coordinates, torques and run-time parameters, and its
+    Lagrangian.
 
     Parameters
     ----------
@@ -71,11 +75,13 @@ class System:
     symbols : casadi.SX (n_p,)
         The symbols of the parameters, in that order.
     force : casadi.SX (6,) or None
-        On the tool at its origin, world axes: force [N], then torque [N m]; symbols or numbers; None: nothing.
+        On the tool at its origin, world axes: force [N], then torque [N m]; symbols or numbers;
+        None: nothing.
     memory : casadi.SX or None
         Symbols of torques with states that are among the forces; None: there are none.
     contact : casadi.Function or None
-        What a wall adds to ``force`` in a simulation: (6,) from ``q_a`` and ``v_a``; None: nothing.
+        What a wall adds to ``force`` in a simulation: (6,) from ``q_a`` and ``v_a``; None:
+        nothing.
     """
 
     force: ca.SX | None = None
@@ -84,7 +90,9 @@ class System:
 
     def __init__(self, model: RobotModel, parameters: Sequence[str] = ()) -> None:
         made = put_symbols(model, parameters)
-        self.model, self.parameters, self.symbols = made.given, made.parameters, made.symbols
+        self.model = made.given
+        self.parameters = made.parameters
+        self.symbols = made.symbols
         self.with_symbols = made.model
 
     def build(
@@ -95,18 +103,23 @@ class System:
         outputs: list[ca.SX],
         names_out: list[str],
     ) -> ca.Function:
-        """A function with dense results; the last arguments are ``f_tool``, ``memory``, ``parameters``, if needed."""
+        """A function with dense results; the last arguments are ``f_tool``, ``memory``,
+        ``parameters``, if needed.
+        """
         outputs = [ca.densify(x) for x in outputs]
         if (
             self.force is not None
             and not self.force.is_constant()
             and ca.depends_on(ca.veccat(*outputs), self.force)
         ):
-            inputs, names_in = [*inputs, self.force], [*names_in, "f_tool"]
+            inputs = [*inputs, self.force]
+            names_in = [*names_in, "f_tool"]
         if self.memory is not None and ca.depends_on(ca.veccat(*outputs), self.memory):
-            inputs, names_in = [*inputs, self.memory], [*names_in, "memory"]
+            inputs = [*inputs, self.memory]
+            names_in = [*names_in, "memory"]
         if self.parameters and ca.depends_on(ca.veccat(*outputs), self.symbols):
-            inputs, names_in = [*inputs, self.symbols], [*names_in, "parameters"]
+            inputs = [*inputs, self.symbols]
+            names_in = [*names_in, "parameters"]
         return ca.Function(name, inputs, outputs, names_in, names_out)
 
     @cached_property
@@ -116,9 +129,12 @@ class System:
 
     @cached_property
     def y(self) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """Minimal coordinates ``y = (q_a, q_me)``, their velocities and accelerations, (n,) each."""
+        """Minimal coordinates ``y = (q_a, q_me)``, their velocities and accelerations, (n,)
+        each.
+        """
         # (an empty index into a single motor has the wrong shape)
-        lag, i_m = self.lagrangian, self.model.i_m
+        lag = self.lagrangian
+        i_m = self.model.i_m
         return (
             ca.vertcat(lag.chain.q_a, *[lag.q_m[j] for j in i_m]),
             ca.vertcat(lag.chain.v_a, *[lag.v_m[j] for j in i_m]),
@@ -127,13 +143,17 @@ class System:
 
     @cached_property
     def left(self) -> ca.SX:
-        """Left side of Lagrange's equations of the whole robot (n,), without springs and forces, at ``ddy``."""
+        """Left side of Lagrange's equations of the whole robot (n,), without springs and forces,
+        at ``ddy``.
+        """
         lag = self.lagrangian
         return equations_of(lag.kinetic, lag.gravity, *self.y)
 
     @cached_property
     def residual(self) -> ca.SX:
-        """Residual of the equations of motion in y (n,): zero where the torques cause the accelerations."""
+        """Residual of the equations of motion in y (n,): zero where the torques cause the
+        accelerations.
+        """
         return self.left - self.lagrangian.forces
 
     @cached_property
@@ -159,9 +179,12 @@ class System:
         return equations_of(lag.kinetic_arm, lag.gravity, lag.chain.q_a, lag.chain.v_a, lag.a_a)
 
     def motor_accelerations(self, a_a: ca.SX, a_me: ca.SX) -> ca.SX:
-        """Accelerations of all motors (n_m,) from those of the arm and of the motors behind elastic gears."""
+        """Accelerations of all motors (n_m,) from those of the arm and of the motors behind
+        elastic gears.
+        """
         model = self.model
-        a_a, a_me = _column("a_a", a_a, model.n_a), _column("a_me", a_me, len(model.i_m))
+        a_a = _column("a_a", a_a, model.n_a)
+        a_me = _column("a_me", a_me, len(model.i_m))
         geared = ca.mtimes(ca.SX(ca.DM(model.eta)), a_a[list(model.i_g)])
         at = {j: k for k, j in enumerate(model.i_m)}
         return ca.vertcat(*[a_me[at[j]] if j in at else geared[j] for j in range(model.n_m)])
@@ -184,8 +207,11 @@ Builder = Callable[[System], Built]
 
 
 def solve_symmetric(A: ca.SX, B: ca.SX) -> ca.SX:  # noqa: C901
-    """``X`` with ``A X = B``, ``A`` symmetric positive definite: L D L' without pivots, structural zeros skipped."""
-    n, m = A.shape[0], B.shape[1]
+    """``X`` with ``A X = B``, ``A`` symmetric positive definite: L D L' without pivots, structural
+    zeros skipped.
+    """
+    n = A.shape[0]
+    m = B.shape[1]
     zero = ca.SX(0)
     L: list[list[ca.SX | None]] = [[None] * n for _ in range(n)]
     D: list[ca.SX] = []
@@ -193,18 +219,21 @@ def solve_symmetric(A: ca.SX, B: ca.SX) -> ca.SX:  # noqa: C901
     for j in range(n):
         d = A[j, j]
         for k in range(j):
-            left, right = L[j][k], work[j][k]
+            left = L[j][k]
+            right = work[j][k]
             if left is not None and right is not None:
                 d = d - left * right
         D.append(1 / d)
         for i in range(j + 1, n):
             x = A[i, j]
             for k in range(j):
-                left, right = L[i][k], work[j][k]
+                left = L[i][k]
+                right = work[j][k]
                 if left is not None and right is not None:
                     x = x - left * right
             if not x.is_zero():
-                work[i][j], L[i][j] = x, x * D[j]
+                work[i][j] = x
+                L[i][j] = x * D[j]
     columns = []
     for c in range(m):
         x = [B[i, c] if B[i, c].nnz() else zero for i in range(n)]

@@ -4,10 +4,10 @@
     phi' = (c s' - s c') / (c^2 + s^2)
 
 R is the orientation of the tool in the world, e_ref the axis of the tool frame that ``reference``
-names, n the unit vector ``rotation_axis``. The angle counts counterclockwise about n, from x_n: the
-world's x axis projected along n (its y axis where n is nearly parallel to x), and y_n = n x x_n. A
-tilt of the tool about an axis across n, as by an elastic bearing, leaves the angle that of the
-projected direction.
+names, n the unit vector ``rotation_axis``. The angle counts counterclockwise about n, from x_n:
+the world's x axis projected along n (its y axis where n is nearly parallel to x), and y_n = n x
+x_n. A tilt of the tool about an axis across n, as by an elastic bearing, leaves the angle that of
+the projected direction.
 
 As a function of the coordinates the angle is continuous and counts whole turns:
 
@@ -15,9 +15,9 @@ As a function of the coordinates the angle is continuous and counts whole turns:
     l(q) = phi(q_h) + dphi/dq(q_h) (q - q_h)
 
 with the home pose q_h of the undeflected arm, where phi is within half a turn of zero. The second
-term stays within half a turn. Where the axes of all rotations that turn the tool are parallel to n,
-or a mechanism keeps the tool level, it is zero: then ``phi = l(q)``, a sum of coordinates, and the
-functions use this sum.
+term stays within half a turn. Where the axes of all rotations that turn the tool are parallel to
+n, or a mechanism keeps the tool level, it is zero: then ``phi = l(q)``, a sum of coordinates, and
+the functions use this sum.
 """
 
 from __future__ import annotations
@@ -62,7 +62,9 @@ class ToolAngle:
 
 
 def plane_axes(output: Output) -> tuple[np.ndarray, np.ndarray]:
-    """Unit vectors x_n, y_n (3,) across the axis: the angle counts from the first to the second."""
+    """Unit vectors x_n, y_n (3,) across the axis: the angle counts from the first to the
+    second.
+    """
     n = np.array(output.rotation_axis)
     x = np.array([1.0, 0.0, 0.0])
     if np.linalg.norm(np.cross(n, x)) < ALONG_X:
@@ -78,7 +80,8 @@ def tool_angle(system: System) -> ToolAngle:
     output = system.model.output
     x, y = plane_axes(output)
     u = chain.tool.R[:, "xyz".index(output.reference)]
-    c, s = ca.dot(ca.DM(x), u), ca.dot(ca.DM(y), u)
+    c = ca.dot(ca.DM(x), u)
+    s = ca.dot(ca.DM(y), u)
     raw = ca.atan2(s, c)
     rate = ca.densify(ca.jacobian(raw, chain.q_a))
     at = ca.Function("angle", [chain.q_a], [raw, rate, c * c + s * s])
@@ -96,7 +99,8 @@ def tool_angle(system: System) -> ToolAngle:
     linear = ca.dot(ca.DM(weights), chain.q_a) + offset
     if is_sum:
         return ToolAngle(linear, ca.SX(ca.DM(weights)).T, weights, offset, True)
-    cosine, sine = ca.cos(linear), ca.sin(linear)
+    cosine = ca.cos(linear)
+    sine = ca.sin(linear)
     value = linear + ca.atan2(s * cosine - c * sine, c * cosine + s * sine)
     return ToolAngle(value, rate, weights, offset, False)
 

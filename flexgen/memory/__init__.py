@@ -1,1 +1,3 @@
-"""Elements with a state, in addition to the equations of motion: hysteresis of gears, friction of motors."""
+"""Elements with a state, in addition to the equations of motion: hysteresis of gears, friction of
+motors.
+"""

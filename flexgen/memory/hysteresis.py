@@ -1,10 +1,12 @@
 """Hysteresis of gears, in addition to the equations of motion: torques of each gear with states.
 
-    tau_g = spring(d) + D d' + sum z_i,    z_i: see `flexgen.memory.hysteresis_law`,    d: deflection of the gear
+    tau_g = spring(d) + D d' + sum z_i,    z_i: see `flexgen.memory.hysteresis_law`,
+    d: deflection of the gear
 
-Numbers are on the arm side. Elements of all gears are arranged in layers, each with one element of each gear at most.
-Poles, zeros, frequency responses and the growth of perturbations are those of the springs and dampers alone. What does
-not take hysteresis into account refuses a model that has it: `flexgen.model.friction.refuse_hysteresis`.
+Numbers are on the arm side. Elements of all gears are arranged in layers, each with one element of
+each gear at most. Poles, zeros, frequency responses and the growth of perturbations are those of
+the springs and dampers alone. What does not take hysteresis into account refuses a model that has
+it: `flexgen.model.friction.refuse_hysteresis`.
 """
 
 from __future__ import annotations
@@ -53,7 +55,9 @@ class GearHysteresis:
 
 @dataclass(frozen=True)
 class Layer(GearHysteresis):
-    """An element of each gear, with its law (n_g), see `flexgen.memory.hysteresis_law.shape_of`."""
+    """An element of each gear, with its law (n_g), see
+    `flexgen.memory.hysteresis_law.shape_of`.
+    """
 
     laws: tuple[HysteresisLaw, ...]
 
@@ -73,13 +77,17 @@ class Layer(GearHysteresis):
         return np.array([sharpness_of(law) for law in self.laws])
 
     def rates(self, rate: ca.SX, z: ca.SX, slip: ca.SX | np.ndarray) -> ca.SX:
-        """Rates of the torques ``z`` over K_h (n_g,), for rates of deflection; ``slip``: W in the units of z."""
+        """Rates of the torques ``z`` over K_h (n_g,), for rates of deflection; ``slip``: W in the
+        units of z.
+        """
         return ca.vertcat(
             *[law_rate(law, rate[k], z[k], slip[k]) for k, law in enumerate(self.laws)]
         )
 
     def paths(self, part: np.ndarray) -> np.ndarray:
-        """Where on their curves elements are (n_g,) that begin with ``part`` s z/W; zero for those by Dahl's law."""
+        """Where on their curves elements are (n_g,) that begin with ``part`` s z/W; zero for those
+        by Dahl's law.
+        """
         out = np.zeros(len(part))
         for k in self.curved:
             out[k] = curve_of(self.laws[k]).path(np.clip(part[k], -1.0, 1.0))
@@ -88,12 +96,16 @@ class Layer(GearHysteresis):
     def along(
         self, way: np.ndarray, z_r: np.ndarray, s: np.ndarray, start: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Torques z, and how they rise with the deflection, after paths ``way`` K_h |p - p_r|/W (..., n_g).
+        """Torques z, and how they rise with the deflection, after paths ``way`` K_h |p - p_r|/W
+        (..., n_g).
 
-        ``z_r``: torques at p_r, in the direction ``s``, where `paths` are ``start``, (n_g,) each. On a negative way,
-        where Newton's method may try a deflection before p_r, the branch is its tangent.
+        ``z_r``: torques at p_r, in the direction ``s``, where `paths` are ``start``, (n_g,) each.
+        On a negative way, where Newton's method may try a deflection before p_r, the branch is its
+        tangent.
         """
-        end, passed, behind = s * self.slip, np.maximum(way, 0.0), np.minimum(way, 0.0)
+        end = s * self.slip
+        passed = np.maximum(way, 0.0)
+        behind = np.minimum(way, 0.0)
         fade = np.exp(-passed)
         z = end + (z_r - end) * fade * (1.0 - behind)
         rise = np.where(self.present, self.stiffness * (1.0 - s * z_r / self.divisor) * fade, 0.0)
@@ -126,10 +138,8 @@ def gear_layers(model: RobotModel) -> tuple[Layer, ...]:
         for k, (each, gear, ratio) in enumerate(found):
             if layer < len(each) and gear.spring is not None:
                 slip = each[layer].lost_motion * ratio**2 * stiffness_at_zero(gear.spring) / 2
-                numbers[:, k], laws[k] = (
-                    (ratio**2 * each[layer].stiffness, slip),
-                    shape_of(each[layer]),
-                )
+                numbers[:, k] = (ratio**2 * each[layer].stiffness, slip)
+                laws[k] = shape_of(each[layer])
         layers.append(Layer(numbers[0], numbers[1], tuple(laws)))
     return tuple(layers)
 
@@ -143,10 +153,14 @@ def gear_hysteresis(model: RobotModel) -> GearHysteresis:
 
 
 def torque_along(layers: Sequence[Layer], p: np.ndarray) -> np.ndarray:
-    """Torques of the hysteresis (n, n_g) along deflections ``p`` (n, n_g) that reverse at samples, from rest."""
+    """Torques of the hysteresis (n, n_g) along deflections ``p`` (n, n_g) that reverse at samples,
+    from rest.
+    """
     out = np.zeros_like(p)
     for layer in layers:
-        z, way, begin = np.zeros(p.shape[1]), np.zeros(p.shape[1]), np.zeros(p.shape[1])
+        z = np.zeros(p.shape[1])
+        way = np.zeros(p.shape[1])
+        begin = np.zeros(p.shape[1])
         direction = np.zeros(p.shape[1])
         for k, change in enumerate(np.diff(p, axis=0), 1):
             s = np.sign(change)

@@ -1,10 +1,12 @@
-"""The law of an element of hysteresis: its rate, and from it the torque along a deflection that moves in one direction.
+"""The law of an element of hysteresis: its rate, and from it the torque along a deflection that
+moves in one direction.
 
     z' = K_h (d' (1 - gamma |x|^n) - (1 - gamma) |d'| |x|^n sign(x)),    x = z/W
 
-or that of another package, z' = K_h d' g(s x), s = sign(d'). Everything that needs the law calls `law_rate`, or the
-`Curve` that is made of it. Along a path u = K_h |d - d_r|/W in one direction s from a reversal the part y = s x obeys
-y' = g(y), the same equation for all elements whose laws have the same numbers: their torques are pieces of one curve.
+or that of another package, z' = K_h d' g(s x), s = sign(d'). Everything that needs the law calls
+`law_rate`, or the `Curve` that is made of it. Along a path u = K_h |d - d_r|/W in one direction s
+from a reversal the part y = s x obeys y' = g(y), the same equation for all elements whose laws
+have the same numbers: their torques are pieces of one curve.
 """
 
 from __future__ import annotations
@@ -22,9 +24,13 @@ from flexgen.errors import ArgumentError
 from flexgen.spec.memory import Hysteresis, HysteresisLaw
 
 # of a curve: pieces in a unit over n, degree, halvings where powers are not smooth
-KNOTS, DEGREE, DENSE = 12, 7, 20.0
+KNOTS = 12
+DEGREE = 7
+DENSE = 20.0
 SLID = 40.0  # time constants with which y comes to 1, at the end of a curve
-PICARD, NEWTON = 40, 60  # iterations
+# iterations
+PICARD = 40
+NEWTON = 60
 REACHED = 1e-13  # of y = 1, where curves in C end
 PARTS = np.linspace(-1.0, 1.0, 2001)  # at which a law of another package is checked
 EXACT = 1e-9  # of its curve, over the slip torque, and of its values at 0 and 1
@@ -49,10 +55,14 @@ def shape_of(element: HysteresisLaw) -> HysteresisLaw:
             and abs(g[1000] - 1.0) < EXACT
         )
         if not (fits and _end(element) >= FLATTEST):
-            found = f"{g[0]:.3g}, {g[1000]:.3g} and {g[-1]:.3g} at -1, 0 and 1, at least {g[:-1].min():.3g} before 1"
+            found = (
+                f"{g[0]:.3g}, {g[1000]:.3g} and {g[-1]:.3g} at -1, 0 and 1, at least "
+                f"{g[:-1].min():.3g} before 1"
+            )
             raise ArgumentError(
-                f"hysteresis law {type(element).__name__}: its slope(y) is {found}, expected 1 at 0, positive numbers "
-                f"before 1, and a fall to 0 at 1 with a slope of -{FLATTEST:g} or less"
+                f"hysteresis law {type(element).__name__}: its slope(y) is {found}, expected 1 "
+                "at 0, positive numbers before 1, and a fall to 0 at 1 with a slope of "
+                f"-{FLATTEST:g} or less"
             )
     return replace(element, lost_motion=1.0, stiffness=1.0)
 
@@ -89,19 +99,22 @@ def law_rate(law: HysteresisLaw, rate: Any, z: Any, slip: Any) -> Any:
     if isinstance(law, Hysteresis):
         return element_rate(rate, z, slip, law.exponent, law.gamma)
     x = z / slip
-    forward, back = element_slope(x, law), element_slope(-x, law)
+    forward = element_slope(x, law)
+    back = element_slope(-x, law)
     return rate * (forward + back) / 2 + abs(rate) * (forward - back) / 2
 
 
 def element_rate(rate: Any, z: Any, slip: Any, exponent: Any, gamma: float) -> Any:
     """Rate of the torque z of `Hysteresis` over K_h: equation above; CasADi expressions or arrays.
 
-    ``rate``: d' [rad/s]; ``z``, ``slip`` W: torques [N m], or parts of any torque; ``exponent``: an expression, too.
+    ``rate``: d' [rad/s]; ``z``, ``slip`` W: torques [N m], or parts of any torque; ``exponent``:
+    an expression, too.
     """
     if not isinstance(exponent, ca.SX) and exponent == 1.0 and gamma == 0.0:  # Dahl's law
         return rate - abs(rate) * z / slip
     x = z / slip
-    power = abs(x) ** exponent  # its derivative exists at zero, that of |x|^(n - 1) x in CasADi not
+    # its derivative exists at zero, that of |x|^(n - 1) x in CasADi not
+    power = abs(x) ** exponent
     sign = ca.sign(x) if isinstance(x, (ca.SX, ca.MX)) else np.sign(x)
     return rate * (1.0 - gamma * power) - (1.0 - gamma) * abs(rate) * power * sign
 
@@ -126,7 +139,8 @@ class Curve:
 
     def at(self, u: np.ndarray) -> np.ndarray:
         """y at the paths u, which are not before y = -1."""
-        first, last = self.pieces.x[0], self.pieces.x[-1]
+        first = self.pieces.x[0]
+        last = self.pieces.x[-1]
         return np.minimum(self.pieces(np.minimum(np.maximum(u, first), last)), 1.0)
 
     def slope(self, y: np.ndarray) -> np.ndarray:
@@ -139,12 +153,14 @@ class Curve:
         Returns
         -------
         parts : tuple of int
-            Rows at which the pieces begin, those that are dense about y = 0, and those behind them; before and behind
-            the dense ones they have one length each.
+            Rows at which the pieces begin, those that are dense about y = 0, and those behind
+            them; before and behind the dense ones they have one length each.
         rows : array (n, 10)
-            Path at which a piece begins, one over its length, coefficients of powers of the part of it, from 1 on.
+            Path at which a piece begins, one over its length, coefficients of powers of the part
+            of it, from 1 on.
         """
-        x, width = self.pieces.x[:-1], np.diff(self.pieces.x)
+        x = self.pieces.x[:-1]
+        width = np.diff(self.pieces.x)
         zero = int(np.flatnonzero(x == 0.0)[0])
         late = zero + int(DENSE) + 1
         count = late + int(np.searchsorted(self.pieces(x[late:]), 1.0 - REACHED)) + 1
@@ -156,11 +172,13 @@ class Curve:
         """The u with y(u) = y, by Newton's method within the bounds of a piece; y in [-1, 1]."""
         x = self.pieces.x
         k = np.clip(np.searchsorted(self.pieces(x), y) - 1, 0, len(x) - 2)
-        low, high = x[k], x[k + 1]
+        low = x[k]
+        high = x[k + 1]
         u = (low + high) / 2
         for _ in range(NEWTON):
             off = self.pieces(u) - y
-            low, high = np.where(off < 0.0, u, low), np.where(off < 0.0, high, u)
+            low = np.where(off < 0.0, u, low)
+            high = np.where(off < 0.0, high, u)
             slope = self.slope(np.clip(y, -1.0, 1.0 - 1e-15))
             step = u - off / np.maximum(slope, 1e-16)
             u = np.where((step > low) & (step < high), step, (low + high) / 2)
@@ -169,12 +187,14 @@ class Curve:
 
 @cache
 def curve_of(law: HysteresisLaw) -> Curve:
-    """The curve of elements with this law: collocation polynomials between knots that are dense at y = 0.
+    """The curve of elements with this law: collocation polynomials between knots that are dense at
+    y = 0.
 
     Raises
     ------
     ArgumentError
-        The law of another package has a curve that polynomials do not follow, or comes too slowly to 1.
+        The law of another package has a curve that polynomials do not follow, or comes too slowly
+        to 1.
     """
     exponent = sharpness_of(law)
     first = -quad(
@@ -201,7 +221,8 @@ def curve_of(law: HysteresisLaw) -> Curve:
     ):
         y = 0.0
         for k in order:
-            width, values = knots[k + 1] - knots[k], np.full(DEGREE + 1, y)
+            width = knots[k + 1] - knots[k]
+            values = np.full(DEGREE + 1, y)
             for _ in range(PICARD):
                 change = width * integrals @ element_slope(np.clip(values, -2.0, 1.0), law)
                 values = y + change - change[known]
@@ -213,14 +234,17 @@ def curve_of(law: HysteresisLaw) -> Curve:
 
 
 def _check(curve: Curve) -> Curve:
-    """The curve of a law of another package; ArgumentError where it does not obey the law, or does not come to 1."""
+    """The curve of a law of another package; ArgumentError where it does not obey the law, or does
+    not come to 1.
+    """
     x = curve.pieces.x
     y = curve.pieces(u := (x[1:] + x[:-1]) / 2)
     off = float(np.abs(curve.pieces.derivative()(u) - curve.slope(np.clip(y, -1.0, 1.0))).max())
     left = 1.0 - float(curve.pieces(x[-1]))
     if not (off < EXACT and left < REACHED):
         raise ArgumentError(
-            f"hysteresis law {type(curve.law).__name__}: its curve differs from its slope by {off:.1e} and ends "
-            f"{left:.1e} before 1, expected less than {EXACT:.0e} and {REACHED:.0e}; choose a smoother slope(y)"
+            f"hysteresis law {type(curve.law).__name__}: its curve differs from its slope by "
+            f"{off:.1e} and ends {left:.1e} before 1, expected less than {EXACT:.0e} and "
+            f"{REACHED:.0e}; choose a smoother slope(y)"
         )
     return curve

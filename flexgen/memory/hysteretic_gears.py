@@ -6,10 +6,10 @@ As long as the deflection p moves in one direction s, each z is a function of it
 
     z = s W + (z_r - s W) exp(-s K_h (p - p_r)/W),
 
-from the point (p_r, z_r) at which it reversed last. So between two reversals a damped gear is one scalar differential
-equation, D p' = tau_g(t) - spring(p) - z(p), integrated by Radau IIA with three stages; an undamped one is an equation
-for p. Reversals are located within the sampling intervals, in which the torque is a quintic. All gears advance side by
-side.
+from the point (p_r, z_r) at which it reversed last. So between two reversals a damped gear is one
+scalar differential equation, D p' = tau_g(t) - spring(p) - z(p), integrated by Radau IIA with
+three stages; an undamped one is an equation for p. Reversals are located within the sampling
+intervals, in which the torque is a quintic. All gears advance side by side.
 
 Source: P. R. Dahl, Solid friction damping of mechanical vibrations, AIAA Journal 14(12), 1976.
 """
@@ -29,7 +29,9 @@ from flexgen.memory.hysteresis import Layer, gear_layers
 from flexgen.numerics.evaluate import Evaluator
 from flexgen.numerics.tableaus import radau
 
-NEWTON, SECANTS, REVERSALS = 60, 60, 8
+NEWTON = 60
+SECANTS = 60
+REVERSALS = 8
 SOLVED = 1e-9  # relative: last step of Newton's method; its square is left
 INSTANT = 1e-11  # of a step: error of the instant of a reversal, whose square moves the deflection
 TABLE = radau(3)
@@ -37,7 +39,9 @@ TABLE = radau(3)
 
 @dataclass
 class _Branch:
-    """The branch of each gear: where it reversed last, ``p_r`` (n_g,), ``z_r`` of each layer, its direction ``s``."""
+    """The branch of each gear: where it reversed last, ``p_r`` (n_g,), ``z_r`` of each layer, its
+    direction ``s``.
+    """
 
     p_r: np.ndarray
     z_r: np.ndarray
@@ -50,7 +54,9 @@ class _Branch:
         self.present = np.any([layer.present for layer in self.layers], axis=0)
 
     def elements(self, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Torques of the elements (layers, 3, n_g) at deflections of the three stages (3, n_g), and their slopes."""
+        """Torques of the elements (layers, 3, n_g) at deflections of the three stages (3, n_g),
+        and their slopes.
+        """
         found = []
         for layer, z_r, start in zip(self.layers, self.z_r, self.start, strict=True):
             way = self.s * layer.stiffness * (p - self.p_r) / layer.divisor
@@ -58,7 +64,9 @@ class _Branch:
         return np.array([z for z, _ in found]), np.array([rise for _, rise in found])
 
     def torque(self, p: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Torque of spring and hysteresis at deflections of the three stages (3, n_g), its slope, and z."""
+        """Torque of spring and hysteresis at deflections of the three stages (3, n_g), its slope,
+        and z.
+        """
         value, slope = (x.T for x in self.springs(p.T))
         z, rise = (x.sum(axis=0) for x in self.elements(p))
         return value + z, slope + rise, z
@@ -66,7 +74,8 @@ class _Branch:
     def turn(self, turned: np.ndarray, p: np.ndarray) -> None:
         """The gears ``turned`` reverse at the deflections ``p`` (n_g,)."""
         z = self.elements(np.tile(p, (3, 1)))[0][:, 0]
-        self.p_r, self.z_r = np.where(turned, p, self.p_r), np.where(turned, z, self.z_r)
+        self.p_r = np.where(turned, p, self.p_r)
+        self.z_r = np.where(turned, z, self.z_r)
         self.s = np.where(turned, -self.s, self.s)
         paths = [
             layer.paths(self.s * x / layer.divisor)
@@ -89,7 +98,8 @@ def hysteretic_deflections(
         Gear torques and their first two time derivatives [N m, N m/s, N m/s^2].
     """
     model = equations.model
-    layers, spring = gear_layers(model), equations.function("gear_law")
+    layers = gear_layers(model)
+    spring = equations.function("gear_law")
     elastic = np.array([not gear.rigid for gear, _ in gears(model)])
     D = np.where(elastic, gear_damping(equations), 0.0)
     start = gear_deflection(equations, tau_g[:1, :, 0])[0]
@@ -97,7 +107,8 @@ def hysteretic_deflections(
     direction = np.where(tau_g[0, :, 1] < 0.0, -1.0, 1.0)
     branch = _Branch(start, np.zeros((len(layers), model.n_g)), direction, layers, springs)
     stage = _Stage(D, elastic, branch)
-    p, z = np.empty(tau_g.shape[:2]), np.zeros(tau_g.shape[:2])
+    p = np.empty(tau_g.shape[:2])
+    z = np.zeros(tau_g.shape[:2])
     p[0] = start
     for k in range(1, len(t)):
         p[k], z[k] = stage.advance(p[k - 1], t[k] - t[k - 1], tau_g[k - 1], tau_g[k])
@@ -106,7 +117,9 @@ def hysteretic_deflections(
 
 @dataclass
 class _Stage:
-    """The equation of all gears over a step: damping ``D`` (n_g,), and the branches on which they are."""
+    """The equation of all gears over a step: damping ``D`` (n_g,), and the branches on which they
+    are.
+    """
 
     D: np.ndarray
     elastic: np.ndarray
@@ -115,8 +128,12 @@ class _Stage:
     def advance(
         self, p: np.ndarray, h: float, left: np.ndarray, right: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Deflections and torques z after a step of ``h`` [s] from ``p`` (n_g,), torques (n_g, 3) at both ends."""
-        begin, branch, c = np.zeros(len(p)), self.branch, _quintic(h, left, right)
+        """Deflections and torques z after a step of ``h`` [s] from ``p`` (n_g,), torques (n_g, 3)
+        at both ends.
+        """
+        begin = np.zeros(len(p))
+        branch = self.branch
+        c = _quintic(h, left, right)
         for _ in range(REVERSALS):
             end, rate, z = self.solve(p, begin, np.ones(len(p)), h, c)
             turned = self.elastic & branch.present & (branch.s * rate < 0.0)
@@ -124,7 +141,8 @@ class _Stage:
                 break
             instant, reversal = self.find_reversal(p, begin, turned, branch.s * rate, h, c)
             branch.turn(turned, reversal)
-            p, begin = np.where(turned, reversal, p), np.where(turned, instant, begin)
+            p = np.where(turned, reversal, p)
+            begin = np.where(turned, instant, begin)
         return end, z
 
     def find_reversal(
@@ -136,13 +154,19 @@ class _Stage:
         h: float,
         c: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Instants, parts of a step, at which p' of the gears ``turned`` vanishes, and deflections there.
+        """Instants, parts of a step, at which p' of the gears ``turned`` vanishes, and deflections
+        there.
 
-        Illinois' method, all gears that turn at once; ``last``: rates at the end of the step, in their directions.
+        Illinois' method, all gears that turn at once; ``last``: rates at the end of the step, in
+        their directions.
         """
-        low, high, at = begin, np.ones(len(p)), begin
+        low = begin
+        high = np.ones(len(p))
+        at = begin
         # the rate at the begin may be that of another reversal
-        f_low, f_high, side = -last, last, np.zeros(len(p))
+        f_low = -last
+        f_high = last
+        side = np.zeros(len(p))
         for _ in range(SECANTS):
             before = at
             at = np.where(
@@ -151,7 +175,8 @@ class _Stage:
             found, rate, _ = self.solve(p, begin, at, h, c)
             f = self.branch.s * rate
             moving = f > 0.0
-            low, high = np.where(moving, at, low), np.where(moving, high, at)
+            low = np.where(moving, at, low)
+            high = np.where(moving, high, at)
             f_low = np.where(moving, f, np.where(side < 0, f_low / 2, f_low))
             f_high = np.where(moving, np.where(side > 0, f_high / 2, f_high), f)
             side = np.where(moving, 1, -1)
@@ -162,14 +187,18 @@ class _Stage:
     def solve(
         self, p: np.ndarray, begin: np.ndarray, finish: np.ndarray, h: float, c: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Deflections at ``finish``, the sign of their rates, and z, from ``p`` at ``begin``, (n_g,) parts of a step.
+        """Deflections at ``finish``, the sign of their rates, and z, from ``p`` at ``begin``,
+        (n_g,) parts of a step.
 
         ``c``: coefficients of the torque. Undamped gears: the sign of the rate of the torque.
         """
-        A, damped, size = TABLE.A, self.D > 0.0, (finish - begin) * h
+        A = TABLE.A
+        damped = self.D > 0.0
+        size = (finish - begin) * h
         at = begin + TABLE.c[:, None] * (finish - begin)
         torque = c[0] + at * (c[1] + at * (c[2] + at * (c[3] + at * (c[4] + at * c[5]))))
-        x, D = np.tile(p, (3, 1)), np.where(damped, self.D, 1.0)
+        x = np.tile(p, (3, 1))
+        D = np.where(damped, self.D, 1.0)
         for _ in range(NEWTON):
             value, slope, _ = self.branch.torque(x)
             defect = np.where(damped, x - p - size * (A @ ((torque - value) / D)), value - torque)
@@ -185,8 +214,9 @@ class _Stage:
                 break
         else:
             raise SolverError(
-                "hysteresis: no deflection of the gears carries their torques between two samples; expected finite "
-                "torques and a spring whose torque rises with its deflection"
+                "hysteresis: no deflection of the gears carries their torques between two "
+                "samples; expected finite torques and a spring whose torque rises with its "
+                "deflection"
             )
         value, _, z = self.branch.torque(x)
         u = at[-1]
@@ -196,12 +226,12 @@ class _Stage:
 
 def _quintic(h: float, left: np.ndarray, right: np.ndarray) -> np.ndarray:
     """Coefficients (6, n_g) in powers of the part of the step."""
-    f0, d0, s0 = left[:, 0], h * left[:, 1], h * h * left[:, 2] / 2
-    a, b, c = (
-        right[:, 0] - f0 - d0 - s0,
-        h * right[:, 1] - d0 - 2 * s0,
-        h * h * right[:, 2] - 2 * s0,
-    )
+    f0 = left[:, 0]
+    d0 = h * left[:, 1]
+    s0 = h * h * left[:, 2] / 2
+    a = right[:, 0] - f0 - d0 - s0
+    b = h * right[:, 1] - d0 - 2 * s0
+    c = h * h * right[:, 2] - 2 * s0
     return np.stack(
         [f0, d0, s0, 10 * a - 4 * b + c / 2, -15 * a + 7 * b - c, 6 * a - 3 * b + c / 2]
     )

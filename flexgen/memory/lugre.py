@@ -1,16 +1,18 @@
 """Friction of motors with a state, the LuGre law, in addition to the equations of motion.
 
-    tau_f = f(v) + y + s1 z',    z' = v - s0 |v| z/g(v),    g(v) = F_c + (F_s - F_c) exp(-(v/v_s)^2),    y = s0 z
+    tau_f = f(v) + y + s1 z',    z' = v - s0 |v| z/g(v),
+    g(v) = F_c + (F_s - F_c) exp(-(v/v_s)^2),    y = s0 z
 
-with the speed v of the motor, motor side; f: its friction without a state. Poles, zeros, frequency responses and the
-growth of perturbations are those of f alone. What does not take the state into account refuses a model that has it:
-`flexgen.model.friction.refuse_lugre`.
+with the speed v of the motor, motor side; f: its friction without a state. Poles, zeros, frequency
+responses and the growth of perturbations are those of f alone. What does not take the state into
+account refuses a model that has it: `flexgen.model.friction.refuse_lugre`.
 
-Along a known motion z obeys a linear equation. A sampling interval is divided where v, a cubic between the samples,
-vanishes, and then into parts within which z follows its limit g/s0 by a few time constants at most; on each part Radau
-IIA with three stages solves it. Where v has left the range of static friction and z has come to its limit, z is this
-limit. The torques at the samples are differences of their impulse, ``s0 int z dt + s1 z``: their sum is the change of
-momentum, however short a reversal of the friction is against the sampling interval.
+Along a known motion z obeys a linear equation. A sampling interval is divided where v, a cubic
+between the samples, vanishes, and then into parts within which z follows its limit g/s0 by a few
+time constants at most; on each part Radau IIA with three stages solves it. Where v has left the
+range of static friction and z has come to its limit, z is this limit. The torques at the samples
+are differences of their impulse, ``s0 int z dt + s1 z``: their sum is the change of momentum,
+however short a reversal of the friction is against the sampling interval.
 
 Source: C. Canudas de Wit, H. Olsson, K. J. Astrom, P. Lischinsky, IEEE TAC 40(3), 1995.
 """
@@ -31,16 +33,21 @@ from flexgen.numerics.evaluate import evaluate
 from flexgen.numerics.tableaus import radau
 
 # most parts of an interval; parts for each time constant, for each v_s
-PARTS, GROWTH, TURN = 64, 1.0, 2.0
+PARTS = 64
+GROWTH = 1.0
+TURN = 2.0
 # speeds over v_s without static friction; time constants after which z is its limit
-FAR, SETTLED = 5.5, 30.0
+FAR = 5.5
+SETTLED = 30.0
 LEAST = 1e-8  # time constants in an interval below which a reversal in it has no effect
 TABLE = radau(3)
 
 
 @dataclass(frozen=True)
 class MotorBristles:
-    """Numbers of the law of all motors, (n_m,) each, motor side; without the friction ``coulomb`` is zero."""
+    """Numbers of the law of all motors, (n_m,) each, motor side; without the friction ``coulomb``
+    is zero.
+    """
 
     coulomb: np.ndarray
     static: np.ndarray
@@ -61,7 +68,9 @@ class MotorBristles:
 
 
 def sliding_torque(v: Any, coulomb: Any, static: Any, speed: Any) -> Any:
-    """The torque g(v) [N m] of a motor that slides at the speed ``v`` [rad/s]; CasADi expressions or arrays."""
+    """The torque g(v) [N m] of a motor that slides at the speed ``v`` [rad/s]; CasADi expressions
+    or arrays.
+    """
     exp = ca.exp if isinstance(v, ca.SX) else np.exp
     return coulomb + (static - coulomb) * exp(-((v / speed) ** 2))
 
@@ -83,8 +92,11 @@ def without_lugre(model: RobotModel) -> RobotModel:
 
 
 def bristle_rates(law: MotorBristles, v: ca.SX, y: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Rates of the torques ``y = s0 z`` (n_m,), and the torques ``y + s1 z'`` of the bristles, at the speeds ``v``."""
-    rates, torques = [], []
+    """Rates of the torques ``y = s0 z`` (n_m,), and the torques ``y + s1 z'`` of the bristles, at
+    the speeds ``v``.
+    """
+    rates = []
+    torques = []
     for j, present in enumerate(law.present):
         if not present:
             rates.append(ca.SX(0))
@@ -101,7 +113,8 @@ def bristle_rates(law: MotorBristles, v: ca.SX, y: ca.SX) -> tuple[ca.SX, ca.SX]
 
 
 def bristle_torques(law: MotorBristles, t: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
-    """Torques ``y + s1 z'`` of the bristles (n, n_m) along a motion from rest with z = 0, motor side [N m].
+    """Torques ``y + s1 z'`` of the bristles (n, n_m) along a motion from rest with z = 0, motor
+    side [N m].
 
     Parameters
     ----------
@@ -118,9 +131,11 @@ def bristle_torques(law: MotorBristles, t: np.ndarray, v: np.ndarray, a: np.ndar
     """
     if not (np.isfinite(v).all() and np.isfinite(a).all()):
         raise SolverError(
-            "lugre: given speeds or accelerations of the motors that are not finite, expected finite ones"
+            "lugre: given speeds or accelerations of the motors that are not finite, expected "
+            "finite ones"
         )
-    out, h = np.zeros_like(v), float(t[1] - t[0])
+    out = np.zeros_like(v)
+    h = float(t[1] - t[0])
     for j in np.flatnonzero(law.present):
         z, w = _along(law, int(j), h, v[:, j], a[:, j])
         out[:, j] = _derivative(
@@ -130,7 +145,9 @@ def bristle_torques(law: MotorBristles, t: np.ndarray, v: np.ndarray, a: np.ndar
 
 
 def torques_to_send(equations: Equations, q_m: np.ndarray, torques: np.ndarray) -> np.ndarray:
-    """Torques (n, n_m) that motors send at their angles ``q_m`` so that they give ``torques``, with their ripple."""
+    """Torques (n, n_m) that motors send at their angles ``q_m`` so that they give ``torques``,
+    with their ripple.
+    """
     given = equations.function("given_torque")
     one, none = (
         evaluate(given, q_m, x)[0].reshape(torques.shape)
@@ -140,9 +157,12 @@ def torques_to_send(equations: Equations, q_m: np.ndarray, torques: np.ndarray) 
 
 
 def _derivative(impulse: np.ndarray, step: float, h: float) -> np.ndarray:
-    """Time derivative by central differences of order six; at rest before, and with equal steps after the end."""
+    """Time derivative by central differences of order six; at rest before, and with equal steps
+    after the end.
+    """
     ends = np.full(3, impulse[0]), impulse[-1] + step * np.arange(1, 4)
-    x, n = np.concatenate([ends[0], impulse, ends[1]]), len(impulse)
+    x = np.concatenate([ends[0], impulse, ends[1]])
+    n = len(impulse)
     one, two, three = (x[3 + k : n + 3 + k] - x[3 - k : n + 3 - k] for k in (1, 2, 3))
     return np.asarray((45 * one - 9 * two + three) / (60 * h))
 
@@ -150,7 +170,9 @@ def _derivative(impulse: np.ndarray, step: float, h: float) -> np.ndarray:
 def _along(
     law: MotorBristles, j: int, h: float, v: np.ndarray, a: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Deflections z of the bristles of a motor at the samples (n,) [rad], and their integrals [rad s]."""
+    """Deflections z of the bristles of a motor at the samples (n,) [rad], and their integrals [rad
+    s].
+    """
     slope = law.stiffness[j] / law.coulomb[j]
     cubic = np.stack(
         [
@@ -164,10 +186,8 @@ def _along(
     bounds = _reversals(cubic, LEAST / (h * slope))
     turned = [abs(_integral(cubic, bounds[k], bounds[k + 1])) * h * slope for k in range(4)]
     control = np.stack([v[:-1], v[:-1] + h * a[:-1] / 3, v[1:] - h * a[1:] / 3, v[1:]])
-    slow, falls = (
-        np.maximum(control.min(axis=0), -control.max(axis=0)),
-        law.static[j] > law.coulomb[j],
-    )
+    slow = np.maximum(control.min(axis=0), -control.max(axis=0))
+    falls = law.static[j] > law.coulomb[j]
     near = slow <= FAR * law.stribeck_speed[j]
     quick = np.where(falls, ~near, slow > 0.0)
     way = _integral(cubic, bounds[0], np.ones_like(slow)) * h * slope
@@ -179,8 +199,10 @@ def _along(
     quick &= settled & moves
     limit = np.sign(v[:-1]) * law.coulomb[j] / law.stiffness[j]
     # z at the end = E z + F, its integral = G z + H
-    E, F = np.where(quick, 0.0, 1.0), np.where(quick, limit, 0.0)
-    G, H = np.zeros_like(F), np.where(quick, h * limit, 0.0)
+    E = np.where(quick, 0.0, 1.0)
+    F = np.where(quick, limit, 0.0)
+    G = np.zeros_like(F)
+    H = np.where(quick, h * limit, 0.0)
     change = np.where(falls & near, np.ptp(control, axis=0) / law.stribeck_speed[j], 0.0)
     for k in range(4):
         size = bounds[k + 1] - bounds[k]
@@ -190,9 +212,12 @@ def _along(
             at = np.flatnonzero(parts > part)
             width = size[at] / parts[at]
             e, f, g, i = _step(law, j, h, cubic[:, at], bounds[k][at] + part * width, width)
-            G[at], H[at] = G[at] + g * E[at], H[at] + g * F[at] + i
-            E[at], F[at] = e * E[at], e * F[at] + f
-    z, w = np.zeros(len(v)), np.zeros(len(v))
+            G[at] = G[at] + g * E[at]
+            H[at] = H[at] + g * F[at] + i
+            E[at] = e * E[at]
+            F[at] = e * F[at] + f
+    z = np.zeros(len(v))
+    w = np.zeros(len(v))
     for k in range(len(v) - 1):
         z[k + 1], w[k + 1] = E[k] * z[k] + F[k], w[k] + G[k] * z[k] + H[k]
     return z, w
@@ -202,9 +227,11 @@ def _step(
     law: MotorBristles, j: int, h: float, cubic: np.ndarray, begin: np.ndarray, width: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """``z = E z_0 + F`` at the end of parts of intervals, ``int z dt = G z_0 + H``, (m,) each."""
-    A, c = TABLE.A, TABLE.c
+    A = TABLE.A
+    c = TABLE.c
     v = _value(cubic[:, :, None], begin[:, None] + width[:, None] * c)
-    decay, size = law.stiffness[j] * np.abs(v) / law.level(v, j), h * width[:, None]
+    decay = law.stiffness[j] * np.abs(v) / law.level(v, j)
+    size = h * width[:, None]
     matrix = np.eye(3) + (size[:, :, None] * A) * decay[:, None, :]
     right = np.stack([np.ones_like(v), (size * v) @ A.T], axis=2)
     stages = np.linalg.solve(matrix, right)
@@ -228,7 +255,8 @@ def _integral(cubic: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarra
 
 
 def _reversals(cubic: np.ndarray, least: float) -> np.ndarray:
-    """0, the instants at which the speed reverses within each interval in order, then 1: (5, n - 1).
+    """0, the instants at which the speed reverses within each interval in order, then 1: (5, n -
+    1).
 
     Changes of the speed below ``least`` count as none: rests are full of them, by rounding.
     """
@@ -242,7 +270,8 @@ def _reversals(cubic: np.ndarray, least: float) -> np.ndarray:
             cubic.sum(axis=0),
         ]
     )
-    low, high = control.min(axis=0), control.max(axis=0)
+    low = control.min(axis=0)
+    high = control.max(axis=0)
     for k in np.flatnonzero((low < 0.0) & (high > 0.0) & (high - low > least)):
         roots = np.roots(np.trim_zeros(cubic[::-1, k], "f"))
         real = np.sort(roots.real[np.abs(roots.imag) <= 1e-9])
@@ -252,11 +281,14 @@ def _reversals(cubic: np.ndarray, least: float) -> np.ndarray:
 
 
 def _since_reversal(turned: np.ndarray, way: np.ndarray, reverses: np.ndarray) -> np.ndarray:
-    """Time constants from the last reversal to the start of each interval (n - 1,), of those of all intervals.
+    """Time constants from the last reversal to the start of each interval (n - 1,), of those of
+    all intervals.
 
-    A reversal is in an interval, or between two on a ``way`` of opposite directions; at rest the way is zero.
+    A reversal is in an interval, or between two on a ``way`` of opposite directions; at rest the
+    way is zero.
     """
-    total, at = np.concatenate([[0.0], np.cumsum(turned)])[:-1], np.arange(len(turned))
+    total = np.concatenate([[0.0], np.cumsum(turned)])[:-1]
+    at = np.arange(len(turned))
     moved = np.sign(way)[np.maximum.accumulate(np.where(way != 0.0, at, 0))]
     begins = np.concatenate([[False], (moved[1:] * moved[:-1] < 0.0) | reverses[:-1]])
     return np.asarray(total - total[np.maximum.accumulate(np.where(begins, at, 0))])

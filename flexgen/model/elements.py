@@ -1,8 +1,9 @@
 """Data classes of a robot description: frozen data, with properties that count and look up.
 
-Notation (S. Moberg, Modeling and Control of Flexible Manipulators, Linkoeping 2010): arm coordinates ``q_a`` in the
-order of the elements consist of actuated ones ``q_g`` (a gear between them and a motor) and non-actuated ones ``q_e``
-(spring-damper only); motor coordinates ``q_m`` are on the motor side of the gears.
+Notation (S. Moberg, Modeling and Control of Flexible Manipulators, Linkoeping 2010): arm
+coordinates ``q_a`` in the order of the elements consist of actuated ones ``q_g`` (a gear between
+them and a motor) and non-actuated ones ``q_e`` (spring-damper only); motor coordinates ``q_m`` are
+on the motor side of the gears.
 """
 
 from __future__ import annotations
@@ -40,7 +41,9 @@ ZERO: Vector = (0.0, 0.0, 0.0)
 
 @dataclass(frozen=True)
 class Placement:
-    """A constant pose: ``p_parent = position + rotation @ p_child``; position in m, rotation a rotation matrix."""
+    """A constant pose: ``p_parent = position + rotation @ p_child``; position in m, rotation a
+    rotation matrix.
+    """
 
     position: Vector = ZERO
     rotation: Matrix = IDENTITY
@@ -77,7 +80,8 @@ class CubicSpring:
 class SmoothSpring:
     """Low and high stiffness, once continuously differentiable.
 
-    ``tau = low d + (high - low)/(3 break_at^2) d^3`` for ``|d| <= break_at``, stiffness ``high`` beyond.
+    ``tau = low d + (high - low)/(3 break_at^2) d^3`` for ``|d| <= break_at``, stiffness ``high``
+    beyond.
     """
 
     low: float
@@ -132,14 +136,16 @@ class Gear:
 
 @dataclass(frozen=True)
 class Dof:
-    """One degree of freedom: rotation about, or translation along, a unit axis of the preceding frame.
+    """One degree of freedom: rotation about, or translation along, a unit axis of the preceding
+    frame.
 
-    Exactly one of ``gear`` (actuated), ``spring`` (non-actuated) and ``mimic`` is given; with ``mimic``, pairs (name,
-    factor) of coordinates, ``q = sum factor q_name``: a mechanism, whose moments act on those. ``friction``: arm side.
-    ``counterbalance``: pairs (s_k, c_k) [N m] of the torque ``sum_k s_k sin(k q) + c_k cos(k q)``, k = 1, 2, ..., that
-    acts on a rotation, as of a gas spring or a weight between it and the element before.
-    ``lower``, ``upper`` [rad or m], ``speed_max`` [rad/s or m/s], ``acceleration_max``, and ``deflection_max`` [rad or
-    m] of a spring are limits; None: no limit.
+    Exactly one of ``gear`` (actuated), ``spring`` (non-actuated) and ``mimic`` is given; with
+    ``mimic``, pairs (name, factor) of coordinates, ``q = sum factor q_name``: a mechanism, whose
+    moments act on those. ``friction``: arm side. ``counterbalance``: pairs (s_k, c_k) [N m] of the
+    torque ``sum_k s_k sin(k q) + c_k cos(k q)``, k = 1, 2, ..., that acts on a rotation, as of a
+    gas spring or a weight between it and the element before.
+    ``lower``, ``upper`` [rad or m], ``speed_max`` [rad/s or m/s], ``acceleration_max``, and
+    ``deflection_max`` [rad or m] of a spring are limits; None: no limit.
     """
 
     name: str
@@ -165,9 +171,11 @@ class Dof:
 
 @dataclass(frozen=True)
 class Body:
-    """A rigid body: mass [kg], center of mass [m] and inertia tensor about it [kg m^2], in its own frame.
+    """A rigid body: mass [kg], center of mass [m] and inertia tensor about it [kg m^2], in its own
+    frame.
 
-    ``rotational_drag`` [N m s/rad]: damping of the absolute rotation, torque ``-rotational_drag omega``.
+    ``rotational_drag`` [N m s/rad]: damping of the absolute rotation, torque
+    ``-rotational_drag omega``.
     """
 
     mass: float = 0.0
@@ -180,9 +188,10 @@ class Body:
 class Element:
     """A link: placement, degrees of freedom in order, body frame, body, and optionally a beam.
 
-    Frames: tip of the parent -> ``origin`` (constant) -> degrees of freedom -> ``link`` (constant) -> body -> beam tip.
-    The tip is the body frame, or the end of the beam. ``parent``: an earlier element, ``"base"``, or None for the one
-    before; several elements with one parent make a tree.
+    Frames: tip of the parent -> ``origin`` (constant) -> degrees of freedom -> ``link``
+    (constant) -> body -> beam tip. The tip is the body frame, or the end of the beam. ``parent``:
+    an earlier element, ``"base"``, or None for the one before; several elements with one parent
+    make a tree.
     """
 
     name: str
@@ -196,15 +205,18 @@ class Element:
 
 @dataclass(frozen=True)
 class Motor:
-    """A motor: rotor inertia [kg m^2, axial, motor side] and its gear: ``q_m = sum_k ratio_k q_(drives_k)``.
+    """A motor: rotor inertia [kg m^2, axial, motor side] and its gear:
+    ``q_m = sum_k ratio_k q_(drives_k)``.
 
-    A motor that drives several joints (a coupled wrist) gives a row with several entries of the ratio matrix ``eta``.
-    ``axis`` (unit, in the frame of the element ``carrier``, or of the base for ``"base"``) is used by the complete
-    model only. Limits, on the motor side, None where there is none: ``torque_max`` [N m], ``speed_max`` [rad/s],
-    ``torque_rate_max`` [N m/s], ``torque_rms_max`` [N m], the root mean square with the time constant ``thermal_time``
-    [s] of the winding (None: over the whole motion), and ``torque_speed``, points (speed [rad/s], torque [N m]) of the
-    largest torque over the speed. Sums of the motor angle: ``cogging`` [N m], a torque that acts on the rotor in
-    addition, and ``torque_ripple`` r; the motor gives ``tau_m (1 + r(q_m))``. ``lugre`` adds to ``friction``.
+    A motor that drives several joints (a coupled wrist) gives a row with several entries of the
+    ratio matrix ``eta``. ``axis`` (unit, in the frame of the element ``carrier``, or of the base
+    for ``"base"``) is used by the complete model only. Limits, on the motor side, None where there
+    is none: ``torque_max`` [N m], ``speed_max`` [rad/s], ``torque_rate_max`` [N m/s],
+    ``torque_rms_max`` [N m], the root mean square with the time constant ``thermal_time`` [s] of
+    the winding (None: over the whole motion), and ``torque_speed``, points (speed [rad/s], torque
+    [N m]) of the largest torque over the speed. Sums of the motor angle: ``cogging`` [N m], a
+    torque that acts on the rotor in addition, and ``torque_ripple`` r; the motor gives
+    ``tau_m (1 + r(q_m))``. ``lugre`` adds to ``friction``.
     """
 
     name: str
@@ -286,7 +298,9 @@ class Output:
 
     @property
     def target_size(self) -> int:
-        """Number of scalars of a target: n_y, or 12 for a pose (position, rotation matrix by columns)."""
+        """Number of scalars of a target: n_y, or 12 for a pose (position, rotation matrix by
+        columns).
+        """
         return 12 if self.type == "tool_pose" else self.size
 
 
@@ -295,8 +309,8 @@ class UrdfJoint:
     """The joint of a URDF file that a degree of freedom was read from, for exports.
 
     ``offset`` [rad or m]: its position where a mechanism has it at the zero of the model.
-    ``lower``, ``upper`` [rad or m], ``speed_max`` [its unit/s], ``effort`` [N m or N]: those of its
-    limits that are numbers of a real joint.
+    ``lower``, ``upper`` [rad or m], ``speed_max`` [its unit/s], ``effort`` [N m or N]: those of
+    its limits that are numbers of a real joint.
     """
 
     name: str
@@ -309,7 +323,9 @@ class UrdfJoint:
 
 @dataclass(frozen=True)
 class Coordinate:
-    """One arm coordinate: name, unit ("rad" or "m"), whether it is actuated, and the element to which it belongs."""
+    """One arm coordinate: name, unit ("rad" or "m"), whether it is actuated, and the element to
+    which it belongs.
+    """
 
     name: str
     unit: str
@@ -371,7 +387,9 @@ class RobotModel:
     overrides: Mapping[str, Any] = field(default_factory=dict, compare=False, repr=False)
 
     def __post_init__(self) -> None:
-        """Refuse names that files, C, XML and pages are not made for; those of moves are checked by themselves."""
+        """Refuse names that files, C, XML and pages are not made for; those of moves are checked
+        by themselves.
+        """
         check_name("model.name", self.name)
         if self.variant:
             check_name("model.variant", self.variant)
@@ -409,7 +427,8 @@ class RobotModel:
         """The parent of each element, by name: another element, or ``"base"``."""
         before = ["base", *(element.name for element in self.elements)]
         return {
-            e.name: e.parent or previous for e, previous in zip(self.elements, before, strict=False)
+            e.name: e.parent or previous
+            for e, previous in zip(self.elements, before, strict=False)
         }
 
     @property
@@ -468,7 +487,9 @@ class RobotModel:
 
     @cached_property
     def i_m(self) -> tuple[int, ...]:
-        """Indices in q_m of the motors with elastic gears: each of these adds a degree of freedom."""
+        """Indices in q_m of the motors with elastic gears: each of these adds a degree of
+        freedom.
+        """
         gears = {
             c.name: c.dof.gear
             for c in self.coordinates
@@ -482,7 +503,8 @@ class RobotModel:
         return self.n_a + len(self.i_m)
 
     def inversion_obstacle(self, any_coupling: bool = False) -> str | None:
-        """The reason why the inverse dynamics of the model cannot be reduced to its output, or None.
+        """The reason why the inverse dynamics of the model cannot be reduced to its output, or
+        None.
 
         Parameters
         ----------
@@ -492,7 +514,8 @@ class RobotModel:
         Returns
         -------
         str or None
-            A sentence without full stop for an error message: what the model has and what is expected.
+            A sentence without full stop for an error message: what the model has and what is
+            expected.
         """
         if self.output.size != self.n_m:
             counts = f"outputs {self.output.size}, motors {self.n_m}"
@@ -502,14 +525,21 @@ class RobotModel:
                     ', such as an output of type "tool_position_angle", the position of the tool '
                     'and its rotation about one axis, or "joint"'
                 )
-            return f"model {self.name}: given {counts}, expected as many outputs as motors{fitting}"
+            return (
+                f"model {self.name}: given {counts}, expected as many outputs as motors{fitting}"
+            )
         if self.motor_coupling != "simplified" and not any_coupling:
-            return f"model {self.name}: given motor_coupling {self.motor_coupling!r}, expected 'simplified'"
+            return (
+                f"model {self.name}: given motor_coupling {self.motor_coupling!r}, expected "
+                "'simplified'"
+            )
         return None
 
     @cached_property
     def eta(self) -> np.ndarray:
-        """Gear-ratio matrix, ``q_m = eta q_g`` for rigid gears, shape (n_m, n_g), possibly non-diagonal."""
+        """Gear-ratio matrix, ``q_m = eta q_g`` for rigid gears, shape (n_m, n_g), possibly
+        non-diagonal.
+        """
         column = {self.coordinates[i].name: k for k, i in enumerate(self.i_g)}
         eta = np.zeros((self.n_m, self.n_g))
         for j, motor in enumerate(self.motors):
@@ -520,7 +550,9 @@ class RobotModel:
 
     @checked_types(own=("name",))
     def move(self, name: str | None = None) -> Move:
-        """The move or program with this name (None: the first one); ArgumentError if there is none."""
+        """The move or program with this name (None: the first one); ArgumentError if there is
+        none.
+        """
         for move in (*self.moves, *self.programs):
             if name is None or move.name == name:
                 return move

@@ -64,7 +64,7 @@ TOOL = Format(
 )
 
 
-# --- elements ---------------------------------------------------------------------------------------------------------
+# --- elements ------------------------------------------------------------------------------------
 
 
 def _check_direction(table: Table, here: Context) -> None:
@@ -74,7 +74,8 @@ def _check_direction(table: Table, here: Context) -> None:
 
 def _name_modes(table: Table, here: Context) -> None:
     """Add the names of modal coordinates; ModelError where one cannot be a name."""
-    taken, element = here.names["coordinate"], list(here.names["element"])[-1]
+    taken = here.names["coordinate"]
+    element = list(here.names["element"])[-1]
     for k in range(here.values["modes"]):
         name = f"{element}_{here.values['direction']}{k + 1}"
         problem = "a name that is not taken yet" if name in taken else identifier_problem(name)
@@ -177,11 +178,12 @@ def _check_elements(table: Table, here: Context) -> None:
         )
 
 
-# --- the file ---------------------------------------------------------------------------------------------------------
+# --- the file ------------------------------------------------------------------------------------
 
 
 ROUNDING = 1e-9  # relative to the largest eigenvalue of a correlation matrix
-_SD, _SPREAD = number(least=0.0, most=5.0), "standard deviation of {}, relative"
+_SD = number(least=0.0, most=5.0)
+_SPREAD = "standard deviation of {}, relative"
 
 
 def _each(power: int) -> Type:
@@ -194,7 +196,9 @@ def _check_uncertainty(table: Table, here: Context) -> None:
         raise table.fail("sd", "a number from 0 to 5 for each of the parameters")
     if not {*here.values["common"]} <= {*KINDS}:
         raise table.fail("common", f"some of {', '.join(KINDS)}")
-    entries = {(i, j): x for (i, j), x in zip(product(range(len(n)), repeat=2), rows, strict=False)}
+    entries = {
+        (i, j): x for (i, j), x in zip(product(range(len(n)), repeat=2), rows, strict=False)
+    }
     if any(x != entries[j, i] or (i == j and x != 1.0) for (i, j), x in entries.items()):
         raise table.fail("correlation", "a symmetric matrix with ones on its diagonal, row by row")
     values = np.linalg.eigvalsh(np.reshape(rows, (len(n), -1))) if rows else np.ones(1)
@@ -219,7 +223,11 @@ UNCERTAINTY = Format(
             for kind in KINDS
         ),
         Key(
-            "payload", number(least=0.0), "standard deviation of the mass of the payload", "kg", 0.0
+            "payload",
+            number(least=0.0),
+            "standard deviation of the mass of the payload",
+            "kg",
+            0.0,
         ),
         Key(
             "delay",
@@ -228,7 +236,9 @@ UNCERTAINTY = Format(
             "s",
             0.0,
         ),
-        Key("common", words(0), "kinds whose numbers all have the same relative error", default=()),
+        Key(
+            "common", words(0), "kinds whose numbers all have the same relative error", default=()
+        ),
         Key(
             "parameters", words(0), "numbers by name, in place of those of their kinds", default=()
         ),
@@ -245,7 +255,10 @@ UNCERTAINTY = Format(
 )
 _FLANGE = "pose of the tool frame, from the tip of the element that carries it"
 _COMPLETE = "complete: rotors also turn with the bodies that carry them"
-_LOAD = "load, in the frame of the tip of the element that carries the tool; com: by default at the tool"
+_LOAD = (
+    "load, in the frame of the tip of the element that carries the tool; com: by default at the "
+    "tool"
+)
 _WARM = 'temperature of motors and gears, on which friction of type = "gear" depends'
 _SENSORS = "sensors in addition to the motor encoders"
 MODEL = Format(
@@ -307,7 +320,7 @@ VARIANT = Format(
     ),
 )
 
-# --- overlays on URDF files -------------------------------------------------------------------------------------------
+# --- overlays on URDF files ----------------------------------------------------------------------
 
 
 def _read_lock(table: Table, key: Key, here: Context) -> dict[str, float]:
@@ -395,7 +408,7 @@ LINK = Format(
 )
 
 
-# --- JSON schema ------------------------------------------------------------------------------------------------------
+# --- JSON schema ---------------------------------------------------------------------------------
 
 
 def model_schema() -> Schema:

@@ -33,11 +33,12 @@ from flexgen.spec.tables import LARGEST, Table, closest
 
 MOST = 64  # sensors
 # sensors of joints; units of translations
-_JOINTS, _LINEAR = ("link_encoder", "joint_torque"), ("m", "mm", "N")
+_JOINTS = ("link_encoder", "joint_torque")
+_LINEAR = ("m", "mm", "N")
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 
-# --- motors -----------------------------------------------------------------------------------------------------------
+# --- motors --------------------------------------------------------------------------------------
 
 
 def _gears(here: Context) -> dict[str, Gear | None]:
@@ -53,7 +54,9 @@ def _check_drives(table: Table, here: Context) -> None:
         if joint not in gears:
             raise table.fail("drives", closest(joint, actuated))
         if joint not in actuated:
-            raise table.fail("drives", "degrees of freedom with a gear", f"{joint}, which has none")
+            raise table.fail(
+                "drives", "degrees of freedom with a gear", f"{joint}, which has none"
+            )
     if len(_rigid(here)) > 1:
         raise table.fail("drives", "driven joints whose gears are all elastic or all rigid")
 
@@ -104,7 +107,10 @@ def _check_ripple(table: Table, here: Context) -> None:
 def _check_encoder(table: Table, here: Context) -> None:
     error = here.values["encoder_error"]
     if error is not None and error.bound(1) >= 1.0:
-        expected = "amplitudes whose sum, each times its harmonic, is below 1: the reading rises with the angle"
+        expected = (
+            "amplitudes whose sum, each times its harmonic, is below 1: the reading rises with "
+            "the angle"
+        )
         raise table.fail("encoder_error", expected, f"a sum of {error.bound(1):.3g}")
 
 
@@ -115,9 +121,15 @@ def _read_curve(table: Table, key: Key, here: Context) -> tuple[tuple[float, flo
 
 
 _CURVE = Type(_read_curve, list_of(list_of({"type": "number"}, 2)) | {"minItems": 2})
-_POINTS = "largest torque over the speed, motor side: points from the speed 0 on that bound a convex region"
+_POINTS = (
+    "largest torque over the speed, motor side: points from the speed 0 on that bound a convex "
+    "region"
+)
 _SHARE = "change of the torque that the motor gives, as a part of it, over the motor angle"
-_SHOWN = "what the encoder or resolver shows less the motor angle, over that angle; 1 and 2 periods a turn as a rule"
+_SHOWN = (
+    "what the encoder or resolver shows less the motor angle, over that angle; 1 and 2 periods "
+    "a turn as a rule"
+)
 _THERMAL = "time constant over which torque_rms_max holds, as of the winding"
 _RATIO = Type(_read_ratio, {"anyOf": [number().schema, vector().schema]})
 MOTOR = Format(
@@ -192,7 +204,9 @@ MOTOR = Format(
 
 
 def _check_error(place: Table, gear: Gear, joint: str, drivers: list[Motor]) -> None:
-    """Raise an error for a transmission error of coupled gears, and for one as steep as the gear."""
+    """Raise an error for a transmission error of coupled gears, and for one as steep as the
+    gear.
+    """
     assert gear.transmission_error is not None
     if [motor.drives for motor in drivers] != [(joint,)]:
         raise place.fail(
@@ -201,22 +215,23 @@ def _check_error(place: Table, gear: Gear, joint: str, drivers: list[Motor]) -> 
     steep = abs(drivers[0].ratio[0]) * gear.transmission_error.bound(1)
     if steep >= STEEPEST:
         expected = (
-            f"amplitudes whose sum, each times its harmonic and the gear ratio, is below {STEEPEST}"
+            "amplitudes whose sum, each times its harmonic and the gear ratio, is below "
+            f"{STEEPEST}"
         )
         raise place.fail("gear", f"a transmission_error with {expected}", f"{steep:.3g}")
 
 
 def check_motors(table: Table, here: Context) -> None:
-    """Raise an error for joints without a motor, a wrong number of motors or a singular matrix of gear ratios."""
+    """Raise an error for joints without a motor, a wrong number of motors or a singular matrix of
+    gear ratios.
+    """
     found: tuple[Motor, ...] = here.values["motor"]
     gears: dict[str, Gear] = {
         joint: gear for joint, gear in _gears(here).items() if gear is not None
     }
     for joint, gear in gears.items():
-        place, drivers = (
-            here.names["coordinate"][joint],
-            [motor for motor in found if joint in motor.drives],
-        )
+        place = here.names["coordinate"][joint]
+        drivers = [motor for motor in found if joint in motor.drives]
         if not drivers:
             raise place.fail("gear", f"a motor that drives {joint}", "a gear that no motor drives")
         if (
@@ -252,7 +267,7 @@ def check_motors(table: Table, here: Context) -> None:
         )
 
 
-# --- sensors ----------------------------------------------------------------------------------------------------------
+# --- sensors -------------------------------------------------------------------------------------
 
 
 def _read_axes(
@@ -262,7 +277,8 @@ def _read_axes(
     entries = table.entries["axes"].value
     if not isinstance(entries, list) or not 1 <= len(entries) <= 3:
         raise table.fail("axes", "one to three of x, y, z, or vectors of three numbers")
-    axes, labels = [], []
+    axes = []
+    labels = []
     for k, entry in enumerate(entries):
         if isinstance(entry.value, str) and entry.value in _AXES:
             axes.append(_AXES[entry.value])
@@ -305,7 +321,8 @@ def _sensor(type: str, unit: str, noise: float, axes: Any = None, **values: Any)
     """A sensor in SI units."""
     place = values.pop("coordinate", None) or values.pop("element", TOOL)
     family = _family(type, unit in _LINEAR) if type in _JOINTS else UNITS[type]
-    factor, si = UNITS[type][unit], next(one for one in family if UNITS[type][one] == 1.0)
+    factor = UNITS[type][unit]
+    si = next(one for one in family if UNITS[type][one] == 1.0)
     axes = axes or ((), WRENCH if type == "wrench" else ("",))
     values = {"position": ZERO} | values
     values |= {
@@ -362,7 +379,9 @@ def _values(sensor: Sensor) -> dict[str, Any]:
 
 
 def _kind(kind: str, doc: str, own: tuple[Key, ...], *place: Key) -> Format:
-    """The table of a kind of sensor: its own keys, the unit, the position, and the keys of all kinds."""
+    """The table of a kind of sensor: its own keys, the unit, the position, and the keys of all
+    kinds.
+    """
     units = choice(*UNITS[kind], of=_units(kind) if kind in _JOINTS else None)
     shared = (
         Key(
@@ -386,14 +405,18 @@ _TRACKER = "position of a point of the tool, or of another body, in the world"
 _TORQUE = "torque of gear or spring and damper on the arm; force of a translation"
 _ANGLE = "the arm coordinate that is measured"
 _JOINT = "the degree of freedom; not a deflection of a beam"
-_WRENCH = "force and moment that hold a body and the parts behind it, at a point; tool: the payload and what acts on it"
+_WRENCH = (
+    "force and moment that hold a body and the parts behind it, at a point; tool: the payload "
+    "and what acts on it"
+)
 _MOMENT_NOISE = Key(
-    "moment_noise", number(least=0.0), "as noise, of the moments, in this unit times m", default=0.0
+    "moment_noise",
+    number(least=0.0),
+    "as noise, of the moments, in this unit times m",
+    default=0.0,
 )
-_STRAIN, _SPRING = (
-    "gauge q + offset: what a strain gauge on a spring reads",
-    "a coordinate without motor",
-)
+_STRAIN = "gauge q + offset: what a strain gauge on a spring reads"
+_SPRING = "a coordinate without motor"
 _GAUGE = Key("gauge", number(), "reading per deflection, in this unit", "1/rad or 1/m")
 _OFFSET = Key("offset", number(), "reading without deflection, in this unit", default=0.0)
 SENSOR = Kinds(

@@ -115,7 +115,8 @@ _VIA = Type(
     ),
     vector(3).schema,
 )
-_SPEED, _ZONE = _of_joints(number(above=0.0)), _of_joints(number(least=0.0))
+_SPEED = _of_joints(number(above=0.0))
+_ZONE = _of_joints(number(least=0.0))
 _VIA_KEY = Key("via", _VIA, "point of the arc; same origin as the end", "m")
 STEP = Kinds(
     "step",
@@ -141,7 +142,8 @@ STEP = Kinds(
 
 def _check_steps(table: Table, here: Context) -> None:
     """Raise an error for steps without bounds, and for a zone where the robot has to stop."""
-    steps, tables = here.values["step"], table.tables("step")
+    steps = here.values["step"]
+    tables = table.tables("step")
     for kind, key, full in (
         (MoveL, "profile", "profile"),
         (MoveJ, "joint_profile", "joint_profile_rad"),
@@ -161,7 +163,8 @@ def _check_steps(table: Table, here: Context) -> None:
         if step.zone > 0 and steps[k + 1].space != step.space:
             raise inner.fail(
                 full,
-                "no zone, or 0, between a MoveJ and a move of the tool: the robot has to stop there",
+                "no zone, or 0, between a MoveJ and a move of the tool: the robot has to stop "
+                "there",
             )
 
 

@@ -1,4 +1,6 @@
-"""Rows of the tables that describe the robot: placements, bodies, springs, degrees of freedom, beams, motors."""
+"""Rows of the tables that describe the robot: placements, bodies, springs, degrees of freedom,
+beams, motors.
+"""
 
 from __future__ import annotations
 
@@ -60,7 +62,7 @@ _ROUNDING_ERROR = 1e-15  # of a sine or cosine
 _ROTATION_TOLERANCE = 1e-9  # of a rotation matrix: its columns are orthogonal and of length 1
 
 
-# --- placements -------------------------------------------------------------------------------------------------------
+# --- placements ----------------------------------------------------------------------------------
 
 
 def _snap(x: float) -> float:
@@ -77,7 +79,8 @@ def _cos_sin(angle: float, degrees: bool) -> tuple[float, float]:
         return _snap(math.cos(angle)), _snap(math.sin(angle))
     turns = round(angle / 90.0)
     remainder = math.radians(angle - 90.0 * turns)
-    c, s = math.cos(remainder), math.sin(remainder)
+    c = math.cos(remainder)
+    s = math.sin(remainder)
     return ((c, s), (-s, c), (-c, -s), (s, -c))[turns % 4]
 
 
@@ -135,7 +138,7 @@ PLACEMENT = Format(
 )
 
 
-# --- bodies -----------------------------------------------------------------------------------------------------------
+# --- bodies --------------------------------------------------------------------------------------
 
 
 def _read_inertia(table: Table, key: Key, here: Context) -> Matrix:
@@ -158,7 +161,10 @@ def _check_inertia(table: Table, here: Context) -> None:
     if here.values["mass"] == 0.0:
         raise table.fail("inertia", "no inertia where the mass is 0")
     low, middle, high = np.linalg.eigvalsh(inertia / largest).tolist()
-    given = f"a tensor with principal moments {', '.join(f'{x * largest:.6g}' for x in (low, middle, high))}"
+    given = (
+        "a tensor with principal moments "
+        f"{', '.join(f'{x * largest:.6g}' for x in (low, middle, high))}"
+    )
     if low < -_INERTIA_TOLERANCE:
         raise table.fail("inertia", "principal moments >= 0", given)
     if not here.values["inertia_reduced"] and low + middle < high * (1.0 - _INERTIA_TOLERANCE):
@@ -207,7 +213,7 @@ BODY = Format(
 )
 
 
-# --- springs, friction, gears -----------------------------------------------------------------------------------------
+# --- springs, friction, gears --------------------------------------------------------------------
 
 
 def _either(unit: str) -> str:
@@ -276,7 +282,9 @@ def _law(law: type[Friction]) -> Format:
 
 
 def _numbers(law: type) -> list[Key]:
-    """The keys of the numbers of a law: its fields made by `flexgen.model.friction.friction_key`."""
+    """The keys of the numbers of a law: its fields made by
+    `flexgen.model.friction.friction_key`.
+    """
     rows = []
     for one in dataclasses.fields(law):
         if about := one.metadata:
@@ -286,10 +294,14 @@ def _numbers(law: type) -> list[Key]:
 
 
 class _Laws(Mapping[str, Format]):
-    """The tables of all laws, ``own`` of flexgen and a group of entry points, which take time: they are asked last."""
+    """The tables of all laws, ``own`` of flexgen and a group of entry points, which take time:
+    they are asked last.
+    """
 
     def __init__(self, own: Iterable[str], group: str, table: Callable[[str], Format]) -> None:
-        self.own, self.group, self.table = tuple(own), group, table
+        self.own = tuple(own)
+        self.group = group
+        self.table = table
 
     def __getitem__(self, kind: str) -> Format:
         return self.table(kind)
@@ -337,7 +349,8 @@ def lugre() -> Format:
 
 
 ERROR = fourier_sum(_either("rad"), "transmission_error")
-COGGING, RIPPLE = fourier_sum("N m", "cogging"), fourier_sum("", "torque_ripple")
+COGGING = fourier_sum("N m", "cogging")
+RIPPLE = fourier_sum("", "torque_ripple")
 ENCODER_ERROR = fourier_sum("rad", "encoder_error")
 _PEAKS = (
     Key("torque_max", number(above=0.0), "limit of the torque, at the joint", "N m or N", None),
@@ -354,7 +367,9 @@ _ELASTIC = Format(
     "a spring between motor and joint",
     (
         Key(
-            "side", choice("arm", "motor"), "the side of the gear to which spring and damping refer"
+            "side",
+            choice("arm", "motor"),
+            "the side of the gear to which spring and damping refer",
         ),
         Key("spring", sub(SPRING), "spring of the gear", note="the spring of the elastic gear"),
         DAMPING,
@@ -383,7 +398,7 @@ GEAR = Kinds(
 )
 
 
-# --- degrees of freedom -----------------------------------------------------------------------------------------------
+# --- degrees of freedom --------------------------------------------------------------------------
 
 
 def _read_balance(table: Table, here: Context) -> None:
@@ -421,8 +436,11 @@ _WAYS = "either a gear (actuated), a spring (non-actuated) or mimic (a mechanism
 
 
 def _check_dof(table: Table, here: Context) -> None:
-    """Raise an error for crossed limits, and for a joint that is not either actuated or elastic."""
-    lower, upper = here.values["lower"], here.values["upper"]
+    """Raise an error for crossed limits, and for a joint that is not either actuated or
+    elastic.
+    """
+    lower = here.values["lower"]
+    upper = here.values["upper"]
     if lower is not None and upper is not None and lower >= upper:
         key = next(key for key in ("lower", "lower_rad", "lower_deg") if key in table)
         raise table.fail(key, "a lower limit below the upper one")
@@ -463,10 +481,18 @@ FRICTION = Key(
 RATES = (
     Key("speed_max", number(above=0.0), "limit of the speed", "rad/s or m/s", None),
     Key(
-        "acceleration_max", number(above=0.0), "limit of the acceleration", "rad/s^2 or m/s^2", None
+        "acceleration_max",
+        number(above=0.0),
+        "limit of the acceleration",
+        "rad/s^2 or m/s^2",
+        None,
     ),
     Key(
-        "deflection_max", number(above=0.0), "limit of the deflection of a spring", "rad or m", None
+        "deflection_max",
+        number(above=0.0),
+        "limit of the deflection of a spring",
+        "rad or m",
+        None,
     ),
 )
 BALANCE = Key("counterbalance", sub(COUNTERBALANCE), "torque by the angle", default=())

@@ -51,7 +51,7 @@ TOOL = ("tool_position", "tool_position_angle", "tool_pose")
 TURNING = ("tool_position_angle", "tool_pose")  # with a rotation
 
 
-# --- output -----------------------------------------------------------------------------------------------------------
+# --- output --------------------------------------------------------------------------------------
 
 
 def _check_axes(table: Table, here: Context) -> None:
@@ -74,7 +74,8 @@ def _read_joints(table: Table, key: Key, here: Context) -> Output:
 
 
 def _read_rows(table: Table, key: Key, here: Context) -> Matrix:
-    names, rows = [coordinate.name for coordinate in coordinates_of(here.of_file("element"))], []
+    names = [coordinate.name for coordinate in coordinates_of(here.of_file("element"))]
+    rows = []
     for row in table.tables(key.name):
         row.only(*names)
         rows.append(tuple(row.number(one, 0.0) for one in names))
@@ -146,7 +147,7 @@ OUTPUT = Kinds(
 )
 
 
-# --- keys of several tables -------------------------------------------------------------------------------------------
+# --- keys of several tables ----------------------------------------------------------------------
 
 
 def list_actuated(here: Context) -> list[Coordinate]:
@@ -186,7 +187,9 @@ def joint_position(name: str, doc: str, default: Any = REQUIRED) -> Key:
 
 
 def joint_factor(table: Table, full: str, stem: str, here: Context) -> float:
-    """From the unit of a key of joints to rad; ModelError for degrees of an arm with translations."""
+    """From the unit of a key of joints to rad; ModelError for degrees of an arm with
+    translations.
+    """
     if full.endswith("_deg") and not all(c.unit == "rad" for c in list_actuated(here)):
         raise table.fail(full, f"{stem}_rad, because some coordinates are lengths [m]")
     return math.radians(1.0) if full.endswith("_deg") else 1.0
@@ -239,7 +242,7 @@ RADIUS_KEY = Key(
 )
 
 
-# --- poses of the tool as ends of joint moves -------------------------------------------------------------------------
+# --- poses of the tool as ends of joint moves ----------------------------------------------------
 
 
 def _read_configuration(table: Table, key: Key, here: Context) -> tuple[int, ...]:
@@ -271,8 +274,11 @@ def _pose_given(table: Table) -> list[str]:
 
 
 def check_end(table: Table, here: Context) -> None:
-    """Raise an error for joints and a pose as the end, and for a pose of an arm that has no six joints."""
-    given, actuated = _pose_given(table), list_actuated(here)
+    """Raise an error for joints and a pose as the end, and for a pose of an arm that has no six
+    joints.
+    """
+    given = _pose_given(table)
+    actuated = list_actuated(here)
     if given and table.unit_key("end", required=False) is not None:
         raise table.fail(given[0], "either end or a pose of the tool", "both")
     if given and len(actuated) != 6:
@@ -323,7 +329,7 @@ def end_of_joints(doc: str) -> tuple[Key, ...]:
     )
 
 
-# --- moves ------------------------------------------------------------------------------------------------------------
+# --- moves ---------------------------------------------------------------------------------------
 
 
 def _check_profile(table: Table, here: Context) -> None:
@@ -366,7 +372,8 @@ def _needs_outputs(table: Table, here: Context) -> None:
 
 
 def _check_circle(table: Table, here: Context) -> None:
-    center, axis = here.values["center"], here.values["axis"]
+    center = here.values["center"]
+    axis = here.values["axis"]
     off = np.array(center) - np.dot(center, axis) * np.array(axis)
     if not np.linalg.norm(off) > 1e-9 * (1.0 + float(np.linalg.norm(center))):
         raise table.fail("center", "a center that is not on the axis through the start")

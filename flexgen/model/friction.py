@@ -1,6 +1,8 @@
-"""Friction laws: the default law, those of other packages by their ``type`` in a model file; models with states.
+"""Friction laws: the default law, those of other packages by their ``type`` in a model file;
+models with states.
 
-The torque of a law is in `flexgen.mechanics.force_laws`; a law of another package has a method ``torque(w)``.
+The torque of a law is in `flexgen.mechanics.force_laws`; a law of another package has a method
+``torque(w)``.
 """
 
 from __future__ import annotations
@@ -18,8 +20,9 @@ from flexgen.spec.parts import friction_key as friction_key
 NO_FRICTION = Friction()
 Law = TypeVar("Law")
 
-# Value of the key ``type`` in the model file -> law. A new law is a subclass of Friction with its own numbers, one
-# entry here, and its torque in `flexgen.mechanics.force_laws`; the first entry is the default.
+# Value of the key ``type`` in the model file -> law. A new law is a subclass of Friction with its
+# own numbers, one entry here, and its torque in `flexgen.mechanics.force_laws`; the first entry is
+# the default.
 FRICTION_LAWS: dict[str, type[Friction]] = {"smooth": Friction, "gear": GearFriction}
 
 
@@ -33,7 +36,9 @@ def find_law(group: str, name: str, base: type[Law], method: str) -> type[Law]:
 
 
 def added_sources(model: Any) -> list[Path]:
-    """The files with the laws of friction and hysteresis of a `RobotModel` that other packages have added."""
+    """The files with the laws of friction and hysteresis of a `RobotModel` that other packages
+    have added.
+    """
     dofs = [coordinate.dof for coordinate in model.coordinates if coordinate.dof is not None]
     found = [
         dof.gear.hysteresis
@@ -47,7 +52,9 @@ def added_sources(model: Any) -> list[Path]:
         for law in laws
         if not type(law).__module__.startswith("flexgen.")
     ]
-    return sorted({Path(file) for module in modules if (file := getattr(module, "__file__", None))})
+    return sorted(
+        {Path(file) for module in modules if (file := getattr(module, "__file__", None))}
+    )
 
 
 def hysteretic_joints(model: Any) -> list[str]:
@@ -66,7 +73,9 @@ def bristled_motors(model: Any) -> list[str]:
 
 
 def loaded_motors(model: Any) -> list[str]:
-    """Names of the motors of a `RobotModel` whose friction depends on the torques of their gears."""
+    """Names of the motors of a `RobotModel` whose friction depends on the torques of their
+    gears.
+    """
     return [
         each.name
         for each in model.motors
@@ -89,10 +98,12 @@ def refuse_load(model: Any, what: str) -> None:
     """ArgumentError for a model with such a friction: ``what`` does not take it into account."""
     if names := loaded_motors(model):
         raise ArgumentError(
-            f"{what}: given {model.title}, whose motor {names[0]} has a friction that depends on the torque of its "
-            "gear, expected motors without it, which only solve (within limits by lq), simulate, control, learn, "
-            "predict, fastest, plan_problem, command_positions, identify, generate and exports other than that of "
-            "MuJoCo take into account; set load_coulomb, load_stribeck and load_smoothing of its friction to 0"
+            f"{what}: given {model.title}, whose motor {names[0]} has a friction that depends "
+            "on the torque of its gear, expected motors without it, which only solve (within "
+            "limits by lq), simulate, control, learn, predict, fastest, plan_problem, "
+            "command_positions, identify, generate and exports other than that of MuJoCo take "
+            "into account; set load_coulomb, load_stribeck and load_smoothing of its friction "
+            "to 0"
         )
 
 
@@ -100,26 +111,31 @@ def refuse_lugre(model: Any, what: str) -> None:
     """ArgumentError for a model with such a friction: ``what`` does not take it into account."""
     if names := bristled_motors(model):
         raise ArgumentError(
-            f"{what}: given {model.title}, whose motor {names[0]} has lugre, expected motors without it, which only "
-            "solve, simulate, control, learn, predict, fastest, command_positions, generate and exports other "
-            "than that of MuJoCo take into account; remove the table lugre"
+            f"{what}: given {model.title}, whose motor {names[0]} has lugre, expected motors "
+            "without it, which only solve, simulate, control, learn, predict, fastest, "
+            "command_positions, generate and exports other than that of MuJoCo take into "
+            "account; remove the table lugre"
         )
 
 
 def refuse_hysteresis(model: Any, what: str) -> None:
-    """ArgumentError for a model with elements that have a state: ``what`` does not take them into account."""
+    """ArgumentError for a model with elements that have a state: ``what`` does not take them into
+    account.
+    """
     refuse_lugre(model, what)
     if names := hysteretic_joints(model):
         raise ArgumentError(
-            f"{what}: given {model.title}, whose gear of {names[0]} has hysteresis, expected gears without it, which "
-            "only solve, simulate, control, learn, predict, fastest, command_positions, generate, identify_gears and "
-            "exports other than that of MuJoCo take into account; remove the table hysteresis of the gear from the "
-            "model file"
+            f"{what}: given {model.title}, whose gear of {names[0]} has hysteresis, expected "
+            "gears without it, which only solve, simulate, control, learn, predict, fastest, "
+            "command_positions, generate, identify_gears and exports other than that of MuJoCo "
+            "take into account; remove the table hysteresis of the gear from the model file"
         )
 
 
 def harmonic_sums(model: Any) -> dict[str, Any]:
-    """All Fourier sums of motor angles in a `RobotModel`, by what has them, such as "motor m1 has cogging"."""
+    """All Fourier sums of motor angles in a `RobotModel`, by what has them, such as "motor m1 has
+    cogging".
+    """
     found: dict[str, Any] = {}
     for coordinate in model.coordinates:
         gear = None if coordinate.dof is None else coordinate.dof.gear
@@ -133,12 +149,15 @@ def harmonic_sums(model: Any) -> dict[str, Any]:
 
 
 def has_harmonics(model: Any) -> str:
-    """The first Fourier sum of a motor angle in a `RobotModel`, such as "motor m1 has cogging"; empty: none."""
+    """The first Fourier sum of a motor angle in a `RobotModel`, such as "motor m1 has cogging";
+    empty: none.
+    """
     return next(iter(harmonic_sums(model)), "")
 
 
 def refuse_harmonics(model: Any, what: str, *, load: bool = True) -> None:
-    """ArgumentError for a model with Fourier sums of a motor angle or friction with a state, which ``what`` ignores.
+    """ArgumentError for a model with Fourier sums of a motor angle or friction with a state, which
+    ``what`` ignores.
 
     ``load``: it also ignores that a friction depends on the torque of a gear.
     """
@@ -147,8 +166,9 @@ def refuse_harmonics(model: Any, what: str, *, load: bool = True) -> None:
     refuse_lugre(model, what)
     if found := has_harmonics(model):
         raise ArgumentError(
-            f"{what}: given {model.title}, whose {found}, expected gears and motors without transmission_error, "
-            "cogging and torque_ripple, which only solve, simulate, control, learn, measure, predict, fastest, "
-            "command_positions, generate and exports other than that of MuJoCo take into account; remove these tables "
-            "from the model file"
+            f"{what}: given {model.title}, whose {found}, expected gears and motors without "
+            "transmission_error, cogging and torque_ripple, which only solve, simulate, "
+            "control, learn, measure, predict, fastest, command_positions, generate and "
+            "exports other than that of MuJoCo take into account; remove these tables from the "
+            "model file"
         )

@@ -15,10 +15,11 @@ _POSES = 3  # at a single pose axes may be aligned by chance
 
 
 def massless_coordinates(model: RobotModel) -> tuple[str, ...]:
-    """Find the coordinates that can move without moving any inertia; empty if the inertia matrix is regular.
+    """Find the coordinates that can move without moving any inertia; empty if the inertia matrix
+    is regular.
 
-    The inertia matrix is computed at random poses, with the rotors behind rigid gears. A model with a beam is assumed
-    to be regular.
+    The inertia matrix is computed at random poses, with the rotors behind rigid gears. A model
+    with a beam is assumed to be regular.
     """
     if any(element.beam is not None for element in model.elements):
         return ()
@@ -59,7 +60,8 @@ def mass_matrix(model: RobotModel, q_a: np.ndarray) -> np.ndarray:
     -------
     array (n_a, n_a) [kg m^2, kg m or kg]
     """
-    R, p = np.array(model.base.rotation), np.array(model.base.position)
+    R = np.array(model.base.rotation)
+    p = np.array(model.base.position)
     # of the Jacobian: for each joint its share of each coordinate, rotary, axis, point
     columns: tuple[tuple[np.ndarray, bool, np.ndarray, np.ndarray], ...] = ()
     names = [coordinate.name for coordinate in model.coordinates]
@@ -68,7 +70,8 @@ def mass_matrix(model: RobotModel, q_a: np.ndarray) -> np.ndarray:
     def add_body(body: Body) -> None:
         if body.mass == 0.0:
             return
-        com, inertia = p + R @ np.array(body.com), R @ np.array(body.inertia) @ R.T
+        com = p + R @ np.array(body.com)
+        inertia = R @ np.array(body.inertia) @ R.T
         speed, spin = np.zeros((2, 3, model.n_a))
         for share, rotary, axis, point in columns:
             speed += np.outer(np.cross(axis, com - point) if rotary else axis, share)
@@ -77,14 +80,16 @@ def mass_matrix(model: RobotModel, q_a: np.ndarray) -> np.ndarray:
 
     def advance(placement: Placement) -> None:
         nonlocal R, p
-        p, R = p + R @ np.array(placement.position), R @ np.array(placement.rotation)
+        p = p + R @ np.array(placement.position)
+        R = R @ np.array(placement.rotation)
 
     tips = {"base": (R, p, columns)}
     for element in model.elements:
         R, p, columns = tips[model.parents[element.name]]
         advance(element.origin)
         for dof in element.dofs:
-            axis, moved = np.array(dof.axis), dict(dof.mimic) or {dof.name: 1.0}
+            axis = np.array(dof.axis)
+            moved = dict(dof.mimic) or {dof.name: 1.0}
             share = np.array([moved.get(name, 0.0) for name in names])
             value = share @ q_a
             columns = (*columns, (share, dof.type == "rotation", R @ axis, p))

@@ -1,4 +1,6 @@
-"""Defaults for all joints of an overlay: the table ``[joint."*"]``, merged with that of each joint."""
+"""Defaults for all joints of an overlay: the table ``[joint."*"]``, merged with that of each
+joint.
+"""
 
 from __future__ import annotations
 
@@ -10,8 +12,8 @@ EVERY = "*"
 def merge(default: dict[str, Entry], own: dict[str, Entry]) -> dict[str, Entry]:
     """The keys of a joint, those that it does not have from the defaults; tables in them likewise.
 
-    A table that states another ``type`` than the default replaces it, and a joint with a spring instead of a gear takes
-    neither gear nor motor from the defaults.
+    A table that states another ``type`` than the default replaces it, and a joint with a spring
+    instead of a gear takes neither gear nor motor from the defaults.
     """
     out = dict(own)
     for key, entry in default.items():

@@ -27,10 +27,11 @@ RADIUS = 0.25  # m: a rotation by an angle is counted as a path length of RADIUS
 class PoseTarget:
     """A pose of the tool as the end of a joint move, for arms with six actuated joints.
 
-    ``position`` [m] and ``orientation`` (a rotation matrix) in world axes. ``configuration``: signs (+1, -1) of
-    shoulder, elbow and wrist of the joints that reach it, as the flags of `flexgen.kinematics`; empty: there must be
-    only one within the limits of the joints. ``turns``: whole turns of each actuated coordinate beyond an angle within
-    half a turn of zero; empty: the turns, within the limits, that are closest to the start of the move.
+    ``position`` [m] and ``orientation`` (a rotation matrix) in world axes. ``configuration``:
+    signs (+1, -1) of shoulder, elbow and wrist of the joints that reach it, as the flags of
+    `flexgen.kinematics`; empty: there must be only one within the limits of the joints. ``turns``:
+    whole turns of each actuated coordinate beyond an angle within half a turn of zero; empty: the
+    turns, within the limits, that are closest to the start of the move.
 
     Examples
     --------
@@ -55,17 +56,21 @@ class PoseTarget:
 @checked_class
 @dataclass(frozen=True)
 class MoveJ:
-    """Straight line in the actuated coordinates to ``end`` [rad or m], or to the pose ``target`` of the tool.
+    """Straight line in the actuated coordinates to ``end`` [rad or m], or to the pose ``target``
+    of the tool.
 
-    ``speed`` [rad/s or m/s] is that of the fastest coordinate (None: that of the program). ``zone`` [rad or m]:
-    distance to the end at which the rounded corner begins, measured in the coordinate that moves farthest; 0: stop.
-    ``pause`` [s]: time at rest at the end.
+    ``speed`` [rad/s or m/s] is that of the fastest coordinate (None: that of the program).
+    ``zone`` [rad or m]: distance to the end at which the rounded corner begins, measured in the
+    coordinate that moves farthest; 0: stop. ``pause`` [s]: time at rest at the end.
 
     Examples
     --------
-    >>> steps = flexgen.MoveJ((0.4, 0.0), zone=0.05), flexgen.MoveJ((0.4, 0.3), pause=0.2)  # rad, s
+    >>> # rad, s
+    >>> steps = flexgen.MoveJ((0.4, 0.0), zone=0.05), flexgen.MoveJ((0.4, 0.3), pause=0.2)
     >>> joints = (1.0, 5.0, 50.0, 500.0)  # speed, acceleration and two more derivatives
-    >>> there = flexgen.Program("there", start=(0.0, 0.0), smoothness=5, steps=steps, joint_profile=joints)
+    >>> there = flexgen.Program(
+    ...     "there", start=(0.0, 0.0), smoothness=5, steps=steps, joint_profile=joints
+    ... )
     >>> f"{flexgen.plan('elbow', there).duration:.3f} s"
     '1.996 s'
     """
@@ -84,11 +89,12 @@ class MoveJ:
 class MoveL:
     """Straight line of the tool by ``displacement``, or to ``position`` [m, world axes].
 
-    The tool rotates by the rotation vector ``rotation`` [rad, world axes], or to ``orientation`` (a rotation matrix),
-    about a fixed axis, in proportion to the path length. ``speed`` [m/s] (None: that of the program or move). ``zone``
-    [m]: distance to the end at which the rounded corner begins; 0: the robot stops. ``pause`` [s]: time at rest at the
-    end. ``configuration``: signs of shoulder, elbow and wrist that the joints must have at the end (a line cannot
-    change them); empty: any.
+    The tool rotates by the rotation vector ``rotation`` [rad, world axes], or to ``orientation``
+    (a rotation matrix), about a fixed axis, in proportion to the path length. ``speed`` [m/s]
+    (None: that of the program or move). ``zone`` [m]: distance to the end at which the rounded
+    corner begins; 0: the robot stops. ``pause`` [s]: time at rest at the end. ``configuration``:
+    signs of shoulder, elbow and wrist that the joints must have at the end (a line cannot change
+    them); empty: any.
 
     Examples
     --------
@@ -116,8 +122,8 @@ class MoveL:
 class MoveC(MoveL):
     """Arc of the tool through ``via``; all other fields as in `MoveL`.
 
-    ``via`` [m, world axes] has the same origin as the end point: the start of the move if ``displacement`` is given,
-    the world origin if ``position`` is given.
+    ``via`` [m, world axes] has the same origin as the end point: the start of the move if
+    ``displacement`` is given, the world origin if ``position`` is given.
 
     Examples
     --------
@@ -141,31 +147,38 @@ class Move:
 
     ``type``:
 
-    * ``"tool_line"``: straight line of the tool by ``displacement`` [m, world axes] with a rotation by the vector
-      ``rotation`` [rad, axis times angle, world axes] from the tool's pose at ``start``;
-    * ``"tool_circle"``: arc of the tool by ``angle`` [rad] about the ``axis`` (world axes) through ``center`` [m, from
-      the tool's position at the start, world axes]; ``rotation`` as above. See `circle_through` for an arc through
-      points;
-    * ``"tool_polyline"``: ``legs``, a sequence of straight lines and arcs (`MoveL`, `MoveC`), with corners rounded
-      within the ``zone`` of each leg;
+    * ``"tool_line"``: straight line of the tool by ``displacement`` [m, world axes] with a
+      rotation by the vector ``rotation`` [rad, axis times angle, world axes] from the tool's pose
+      at ``start``;
+    * ``"tool_circle"``: arc of the tool by ``angle`` [rad] about the ``axis`` (world axes) through
+      ``center`` [m, from the tool's position at the start, world axes]; ``rotation`` as above. See
+      `circle_through` for an arc through points;
+    * ``"tool_polyline"``: ``legs``, a sequence of straight lines and arcs (`MoveL`, `MoveC`), with
+      corners rounded within the ``zone`` of each leg;
     * ``"sampled"``: a spline of ``degree`` through the samples in ``file``, or with ``smooth`` > 0
-      a smooth spline that is at most so far from them [rad or m, as the columns]; ``start`` is only
-      the initial guess of the inverse kinematics, and not needed if the file contains joint
+      a smooth spline that is at most so far from them [rad or m, as the columns]; ``start`` is
+      only the initial guess of the inverse kinematics, and not needed if the file contains joint
       positions;
-    * ``"joint"``: from ``start`` to ``end`` in the actuated coordinates [rad or m], or to the pose ``target``;
-    * ``"output_line"``: the outputs move by ``displacement`` [their unit]; ``start`` is that of the joints.
+    * ``"joint"``: from ``start`` to ``end`` in the actuated coordinates [rad or m], or to the pose
+      ``target``;
+    * ``"output_line"``: the outputs move by ``displacement`` [their unit]; ``start`` is that of
+      the joints.
 
-    Time: either ``duration`` [s] and ``smoothness`` k, a polynomial time law with k continuous derivatives, all zero at
-    both ends; or ``profile``, bounds on speed, acceleration, jerk, snap, ... along the path [m/s^j for the tool, else
-    the unit of the coordinates], with ``duration`` 0: the duration is computed such that the limits of the joints hold
-    too. With a profile, ``smoothness`` 0 means that the derivative before the last bounded one is trapezoidal (two
-    bounds: the speed, three: the acceleration, ...); another value means polynomial changes of speed. A rotation of the
-    tool by an angle is counted as a path length of ``radius`` [m] times the angle. Or ``duration`` and ``timing``, see
-    `flexgen.paths.time_laws.SplineLaw`.
+    Time: either ``duration`` [s] and ``smoothness`` k, a polynomial time law with k continuous
+    derivatives, all zero at both ends; or ``profile``, bounds on speed, acceleration, jerk,
+    snap, ... along the path [m/s^j for the tool, else the unit of the coordinates], with
+    ``duration`` 0: the duration is computed such that the limits of the joints hold too. With a
+    profile, ``smoothness`` 0 means that the derivative before the last bounded one is trapezoidal
+    (two bounds: the speed, three: the acceleration, ...); another value means polynomial changes
+    of speed. A rotation of the tool by an angle is counted as a path length of ``radius`` [m]
+    times the angle. Or ``duration`` and ``timing``, see `flexgen.paths.time_laws.SplineLaw`.
 
     Examples
     --------
-    >>> lift = flexgen.Move("lift", "joint", start=(0.0, 0.0), end=(0.5, 0.0), duration=0.8, smoothness=5)  # rad, s
+    >>> # rad, s
+    >>> lift = flexgen.Move(
+    ...     "lift", "joint", start=(0.0, 0.0), end=(0.5, 0.0), duration=0.8, smoothness=5
+    ... )
     >>> print(flexgen.solve("elbow", lift).status)
     solved
     """
@@ -206,18 +219,22 @@ class Move:
 @checked_class
 @dataclass(frozen=True, kw_only=True)
 class Program(Move):
-    """A sequence of ``steps`` (`MoveJ`, `MoveL`, `MoveC`) that starts at the joint position ``start``.
+    """A sequence of ``steps`` (`MoveJ`, `MoveL`, `MoveC`) that starts at the joint position
+    ``start``.
 
-    ``profile`` [m/s^j] bounds the steps of the tool, ``joint_profile`` [rad/s^j or m/s^j] those of the joints; both and
-    ``smoothness`` as in `Move`. A step without ``zone`` ends at rest. A step with ``zone`` continues into the next one
-    without a stop; both must be of the same space, joints or tool. ``laws``: for each motion from rest to rest its
-    duration [s] and the coefficients of a `flexgen.paths.time_laws.SplineLaw`, in place of the profiles.
+    ``profile`` [m/s^j] bounds the steps of the tool, ``joint_profile`` [rad/s^j or m/s^j] those of
+    the joints; both and ``smoothness`` as in `Move`. A step without ``zone`` ends at rest. A step
+    with ``zone`` continues into the next one without a stop; both must be of the same space,
+    joints or tool. ``laws``: for each motion from rest to rest its duration [s] and the
+    coefficients of a `flexgen.paths.time_laws.SplineLaw`, in place of the profiles.
 
     Examples
     --------
     >>> steps = flexgen.MoveJ((0.4, 0.0)), flexgen.MoveJ((0.4, 0.3), pause=0.2)  # rad, s
     >>> joints = (1.0, 5.0, 50.0, 500.0)  # speed, acceleration and two more derivatives
-    >>> there = flexgen.Program("there", start=(0.0, 0.0), smoothness=5, steps=steps, joint_profile=joints)
+    >>> there = flexgen.Program(
+    ...     "there", start=(0.0, 0.0), smoothness=5, steps=steps, joint_profile=joints
+    ... )
     >>> len(flexgen.plan("elbow", there).segments)
     2
     """
@@ -244,9 +261,10 @@ def unknown_move(model: str, names: Sequence[str], given: Any) -> str:
     """The message where a model has no move of the given name."""
     if not names:
         return (
-            f"move: given {show_value(given)}, but model {model} has no moves; write [[move]] tables into a TOML file "
-            "and give it with --moves FILE (in Python flexgen.read_moves(FILE, model) or a flexgen.Move), or write an "
-            "overlay of the URDF file with moves; models/README.md describes both"
+            f"move: given {show_value(given)}, but model {model} has no moves; write [[move]] "
+            "tables into a TOML file and give it with --moves FILE (in Python "
+            "flexgen.read_moves(FILE, model) or a flexgen.Move), or write an overlay of the "
+            "URDF file with moves; models/README.md describes both"
         )
     hint = suggestion(str(given), names)
     return (

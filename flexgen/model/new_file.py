@@ -33,8 +33,8 @@ def text_of_model(model_file: str) -> tuple[str, Path]:
     Parameters
     ----------
     model_file : str
-        As in `RobotModel.file`: the path of a ``.toml`` file, or ``FILE.urdf#BASE:TIP``, whose text
-        is an overlay.
+        As in `RobotModel.file`: the path of a ``.toml`` file, or ``FILE.urdf#BASE:TIP``, whose
+        text is an overlay.
 
     Raises
     ------
@@ -80,7 +80,8 @@ def relocate(text: str, old: Path, new: Path) -> str:
     old, new : Path
         Folders; ``new`` may be missing still.
     """
-    here, there = os.path.realpath(old), os.path.realpath(new)
+    here = os.path.realpath(old)
+    there = os.path.realpath(new)
     if here == there:
         return text
     text = text.replace("\r\n", "\n")

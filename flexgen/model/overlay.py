@@ -1,7 +1,9 @@
-"""Overlays: model files whose chain is read from a URDF file, converted to the tables of an ordinary model file.
+"""Overlays: model files whose chain is read from a URDF file, converted to the tables of an
+ordinary model file.
 
-The table ``[urdf]`` names the file and the two ends of the chain; ``[joint.NAME]`` and ``[link.NAME]`` state what a
-URDF file cannot contain. All other keys are those of an ordinary model file and stay unchanged.
+The table ``[urdf]`` names the file and the two ends of the chain; ``[joint.NAME]`` and
+``[link.NAME]`` state what a URDF file cannot contain. All other keys are those of an ordinary
+model file and stay unchanged.
 """
 
 from __future__ import annotations
@@ -36,10 +38,12 @@ _FROM_URDF = ("element",)  # keys of a model file that the URDF file replaces
 
 
 def expand(root: Entry, folder: Path, shown: str) -> dict[str, UrdfJoint]:
-    """Replace the tables ``urdf``, ``joint`` and ``link`` of a model file by ``element`` and ``motor`` tables.
+    """Replace the tables ``urdf``, ``joint`` and ``link`` of a model file by ``element`` and
+    ``motor`` tables.
 
-    Adds defaults for missing keys: the name of the robot in the URDF file, gravity along -z, all actuated joints as
-    output, and a home at zero (midway between the limits if zero is outside of them).
+    Adds defaults for missing keys: the name of the robot in the URDF file, gravity along -z, all
+    actuated joints as output, and a home at zero (midway between the limits if zero is outside of
+    them).
 
     Parameters
     ----------
@@ -71,7 +75,8 @@ def expand(root: Entry, folder: Path, shown: str) -> dict[str, UrdfJoint]:
     overlay = _Overlay(top, folder)
     chain = overlay.chain()
     overlay.spread(chain)
-    elements, motors = overlay.elements(chain), overlay.motors(chain)
+    elements = overlay.elements(chain)
+    motors = overlay.motors(chain)
     for name in ("urdf", "joint", "link"):
         root.value.pop(name, None)
     root.value["element"] = Entry(elements, overlay.table.line, overlay.urdf.file)
@@ -120,7 +125,7 @@ class _Overlay:
             out[name] = table
         return out
 
-    # --- the chain ----------------------------------------------------------------------------------------------------
+    # --- the chain -------------------------------------------------------------------------------
 
     def chain(self) -> Chain:
         """The chain from base to tip, and its branches."""
@@ -142,8 +147,8 @@ class _Overlay:
         for name, table in self.links.items():
             if "rename" in table and name not in named:
                 expected = (
-                    "no new name for a link that is fixed to another one; links that can be renamed: "
-                    f"{among(name, sorted(named))}"
+                    "no new name for a link that is fixed to another one; links that can be "
+                    f"renamed: {among(name, sorted(named))}"
                 )
                 raise table.fail("rename", expected)
         return chain
@@ -216,7 +221,9 @@ class _Overlay:
             raise self.table.fail("unfinished", expected, given)
 
     def _inertial(self, link: Link) -> Inertial | None:
-        """The body of a link: that of the overlay if it has one, else the inertial of the URDF file."""
+        """The body of a link: that of the overlay if it has one, else the inertial of the URDF
+        file.
+        """
         table = self.links.get(link.name)
         reduced = table is not None and LINK["inertia_reduced"].read(table, Context())
         if table is None or "body" not in table:
@@ -229,23 +236,25 @@ class _Overlay:
         reduced = reduced or BODY["inertia_reduced"].read(inner, Context())
         return Inertial(body.mass, np.array(body.com), np.array(body.inertia), reduced)
 
-    # --- the tables of a model file -----------------------------------------------------------------------------------
+    # --- the tables of a model file --------------------------------------------------------------
 
     def elements(self, chain: Chain) -> list[Entry]:
-        """An element for each moving joint, and one for the tip if it differs from the last moving link."""
+        """An element for each moving joint, and one for the tip if it differs from the last moving
+        link.
+        """
         names = [self._name("link", segment.link.name) for segment in chain.segments]
-        out, end = (
-            [self._element(segment, names, k) for k, segment in enumerate(chain.segments)],
-            chain.carrier,
-        )
+        out = [self._element(segment, names, k) for k, segment in enumerate(chain.segments)]
+        end = chain.carrier
         origin = self._placement(chain.tip, self.table.entries["tip"].line, self.table.file)
         if origin is not None:
             tip = self.urdf.links[self.ends[1]]
             parent = {} if end == len(out) - 1 else {"parent": names[end].value}
-            names, end = [*names, self._name("link", tip.name)], len(out)
+            names = [*names, self._name("link", tip.name)]
+            end = len(out)
             out.append(self._here({"name": names[end], **parent, "origin": origin}, tip.node.line))
         if end != len(out) - 1:  # branches follow the element that carries the tool
-            line, file = self.table.line, self.table.file
+            line = self.table.line
+            file = self.table.file
             tool = self.top.entries.setdefault("tool", wrap({}, line, file))
             if isinstance(tool.value, dict):
                 tool.value.setdefault("element", wrap(names[end].value, line, file))
@@ -272,7 +281,8 @@ class _Overlay:
         return self._here(value, line)
 
     def _dof(self, segment: Segment) -> Entry:
-        joint, table = segment.joint, self.joints.get(segment.joint.name)
+        joint = segment.joint
+        table = self.joints.get(segment.joint.name)
         rotary = joint.type != "prismatic"
         value: dict[str, Any] = {
             "name": self._name("joint", joint.name),
@@ -326,7 +336,9 @@ class _Overlay:
         return self.urdf.limit(joint, replaced)
 
     def _mimic(self, segment: Segment) -> Entry | None:
-        """Factors of the coordinates that move a joint by a mechanism: those of the overlay, else of the URDF file."""
+        """Factors of the coordinates that move a joint by a mechanism: those of the overlay, else
+        of the URDF file.
+        """
         table = self.joints.get(segment.joint.name)
         motion = segment.motion
         if table is not None and "mimic" in table:
@@ -362,19 +374,22 @@ class _Overlay:
                 line,
                 f"{key('joint', segment.joint.name)}.dynamics.friction",
                 f"{coulomb:g}",
-                f"in the overlay: [joint.{name}] friction = {{ viscous = {viscous:g}, coulomb = {coulomb:g}, "
-                f"beta = {BETA[segment.joint.type]:g} }} (smoothed by tanh(beta speed)), or [urdf] "
-                "dynamics = false",
+                f"in the overlay: [joint.{name}] friction = {{ viscous = {viscous:g}, coulomb = "
+                f"{coulomb:g}, beta = {BETA[segment.joint.type]:g} }} (smoothed by tanh(beta "
+                "speed)), or [urdf] dynamics = false",
             )
         return wrap({"viscous": viscous}, line, self.urdf.file) if viscous != 0.0 else None
 
     def motors(self, chain: Chain) -> list[Entry]:
-        """A motor for each joint with a gear, except for joints that a ``[[motor]]`` of the overlay drives."""
+        """A motor for each joint with a gear, except for joints that a ``[[motor]]`` of the
+        overlay drives.
+        """
         driven = self.driven
         out = []
         count = 0
         for segment in chain.segments:
-            joint, table = segment.joint, self.joints.get(segment.joint.name)
+            joint = segment.joint
+            table = self.joints.get(segment.joint.name)
             own = table.table("motor") if table is not None else None
             name = self._find_name("joint", joint.name)
             passive = self._mimic(segment) is not None
@@ -418,7 +433,8 @@ class _Overlay:
                 value["torque_max"] = wrap(effort / abs(number), limit.line, self.urdf.file)
             entry = self._here(value, joint.node.line)
             if own is not None:
-                entry.file, entry.line = own.file, own.line
+                entry.file = own.file
+                entry.line = own.line
             out.append(entry)
         return out
 
@@ -440,7 +456,8 @@ class _Overlay:
 
     def defaults(self, chain: Chain) -> dict[str, Entry]:
         """Defaults for the keys that an overlay may omit."""
-        file, table = self.urdf.file, self.table
+        file = self.urdf.file
+        table = self.table
         out: dict[str, Any] = {}
         if "name" not in self.top:
             problem = c_name_problem(self.urdf.name)
@@ -477,14 +494,15 @@ class _Overlay:
                     ends[name] = table.number(name)
                 elif table.unit_key(name, required=False):
                     ends[name] = table.angle(name)
-        lower, upper = ends["lower"], ends["upper"]
+        lower = ends["lower"]
+        upper = ends["upper"]
         if (lower is None or lower <= 0.0) and (upper is None or upper >= 0.0):
             return 0.0
         if lower is not None and upper is not None:
             return (lower + upper) / 2
         return lower if lower is not None and lower > 0.0 else upper or 0.0
 
-    # --- entries ------------------------------------------------------------------------------------------------------
+    # --- entries ---------------------------------------------------------------------------------
 
     def _fail(self, line: int, where: str, given: str, expected: str) -> ModelError:
         return ModelError(self.urdf.file, line, where, given, expected)
@@ -493,7 +511,9 @@ class _Overlay:
         return table.flag(name) if table is not None and name in table else default
 
     def _find_name(self, kind: str, name: str) -> str:
-        """Name of a link or joint in the model: ``rename`` of the overlay, else the name in the URDF file."""
+        """Name of a link or joint in the model: ``rename`` of the overlay, else the name in the
+        URDF file.
+        """
         table = (self.joints if kind == "joint" else self.links).get(name)
         if table is not None and "rename" in table:
             renamed: str = _RENAME.read(table, Context())
@@ -517,7 +537,9 @@ class _Overlay:
         return Entry(self._find_name(kind, name), node.line, self.urdf.file)
 
     def _here(self, value: dict[str, Any], line: int) -> Entry:
-        """A table with the position of a line of the URDF file; values that already are Entries stay unchanged."""
+        """A table with the position of a line of the URDF file; values that already are Entries
+        stay unchanged.
+        """
         file = self.urdf.file
         made = {
             name: item if isinstance(item, Entry) else wrap(item, line, file)
@@ -542,7 +564,8 @@ class _Overlay:
         value = {"mass": body.mass, "com": zero_tiny(body.com.tolist()), "inertia": moments}
         entry = wrap(value, line, self.urdf.file)
         low, middle, high = np.linalg.eigvalsh(body.inertia).tolist()
-        if body.reduced or low + middle < high:  # already checked with the tolerance for URDF files
+        # already checked with the tolerance for URDF files
+        if body.reduced or low + middle < high:
             entry.value["inertia_reduced"] = wrap(True, line, self.urdf.file)
         return entry
 

@@ -21,9 +21,9 @@ def overlay_key(overlay: Mapping[str, Any], model: RobotModel, key: str) -> str:
     model : RobotModel
         That the overlay and its URDF file describe.
     key : str
-        In an ordinary model file: ``element.arm1.dof.q1.gear.damping`` is ``joint.q1.gear.damping``
-        in the overlay, ``element.arm1.body.mass`` is ``link.arm1.body.mass``, and the motor of a
-        table ``[joint.q1]`` is there.
+        In an ordinary model file: ``element.arm1.dof.q1.gear.damping`` is
+        ``joint.q1.gear.damping`` in the overlay, ``element.arm1.body.mass`` is
+        ``link.arm1.body.mass``, and the motor of a table ``[joint.q1]`` is there.
 
     Returns
     -------
@@ -55,7 +55,9 @@ def has_table(overlay: Mapping[str, Any], key: str) -> bool:
     words = key.split(".")
     for word in words[:2] if words[0] == "motor" else words[:-1]:
         if isinstance(here, list):
-            here = next((x for x in here if isinstance(x, Mapping) and x.get("name") == word), None)
+            here = next(
+                (x for x in here if isinstance(x, Mapping) and x.get("name") == word), None
+            )
         elif isinstance(here, Mapping):
             here = here.get(word)
         else:

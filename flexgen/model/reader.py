@@ -41,14 +41,15 @@ def read(
     Parameters
     ----------
     model : str or Path
-        A name in the models folder (such as ``"planar5_nmp"``) or the path of a ``.toml`` file; either may end in
-        ``"@variant"``. Or a URDF file with the two ends of its chain: the path of a ``.urdf`` file or
-        ``"package://NAME/PATH"``, either with ``base`` and ``tip`` or followed by ``"#base:tip"``.
+        A name in the models folder (such as ``"planar5_nmp"``) or the path of a ``.toml`` file;
+        either may end in ``"@variant"``. Or a URDF file with the two ends of its chain: the path
+        of a ``.urdf`` file or ``"package://NAME/PATH"``, either with ``base`` and ``tip`` or
+        followed by ``"#base:tip"``.
     variant : str, optional
         Name of one of the file's variants.
     overrides : mapping, optional
-        Values to set after the variant. A key is a dotted path; an entry of a list is selected by its name, as in
-        ``"element.arm1.dof.q1.gear.damping"``.
+        Values to set after the variant. A key is a dotted path; an entry of a list is selected by
+        its name, as in ``"element.arm1.dof.q1.gear.damping"``.
     base, tip : str, optional
         Names of the first and the last link of the chain in a URDF file.
 
@@ -71,10 +72,13 @@ def read(
     plain = plain_urdf(model, base, tip)
     if plain is not None:
         root, shown, again = plain
-        folder, chosen = Path(), variant or ""
+        folder = Path()
+        chosen = variant or ""
     else:
         path, shown, chosen = _find(model, variant)
-        root, folder, again = parse_file(path, shown), path.parent, shown
+        root = parse_file(path, shown)
+        folder = path.parent
+        again = shown
     urdf = "urdf" in root.value
     joints: Mapping[str, UrdfJoint] = {}
     if urdf:
@@ -91,7 +95,8 @@ def read(
         variants[chosen].apply(root)
     if overrides is not None and not isinstance(overrides, Mapping):
         raise ArgumentError(
-            f"overrides: given {show(overrides)}, expected a mapping of dotted paths to values, such as "
+            f"overrides: given {show(overrides)}, expected a mapping of dotted paths to values, "
+            f"such as "
             '{"payload.mass": 2.0}'
         )
     kept = {}
@@ -114,13 +119,14 @@ def model_names() -> list[str]:
 def _folders() -> list[Path]:
     """Folders in which names are looked up, in this order.
 
-    FLEXGEN_MODELS, ``models/`` in the current directory, and the models that come with flexgen: inside the package,
-    which in a clone has a link to the folder ``models/`` of the repository.
+    FLEXGEN_MODELS, ``models/`` in the current directory, and the models that come with flexgen:
+    inside the package, which in a clone has a link to the folder ``models/`` of the repository.
     """
     named = os.environ.get("FLEXGEN_MODELS")
     if named and not Path(named).is_dir():
         raise ArgumentError(
-            f"FLEXGEN_MODELS: given {named!r}, which is not a folder, expected a folder of model files"
+            f"FLEXGEN_MODELS: given {named!r}, which is not a folder, expected a folder of "
+            "model files"
         )
     found = [Path(named)] if named else []
     found += [Path("models"), packaged_models()]
@@ -136,16 +142,19 @@ def _find(model: str | Path, variant: str | None) -> tuple[Path, str, str]:
     """The file, its name in messages, and the name of the variant (empty: none)."""
     if not isinstance(model, (str, Path)) or not isinstance(variant, (str, type(None))):
         raise ArgumentError(
-            f"model: given {model!r} and variant {variant!r}, expected a name or path, and the name of a variant"
+            f"model: given {model!r} and variant {variant!r}, expected a name or path, and the "
+            "name of a variant"
         )
-    text, chosen = str(model), variant or ""
+    text = str(model)
+    chosen = variant or ""
     head, at, tail = text.rpartition("@")
     if at and not set(tail) & set("/\\."):
         if not tail or (chosen and chosen != tail):
             raise ArgumentError(
                 f"model: given {text!r} and variant {variant!r}, expected one variant name"
             )
-        text, chosen = head, tail
+        text = head
+        chosen = tail
     if not text.endswith(".toml") and not set(text) & set("/\\"):
         for folder in _folders():
             path = folder / f"{text}.toml"
@@ -155,7 +164,8 @@ def _find(model: str | Path, variant: str | None) -> tuple[Path, str, str]:
             except (OSError, ValueError):  # a name that no file can have
                 break
         raise ArgumentError(
-            f"model: given {text!r}, expected a path ending in .toml or {closest(text, model_names())}"
+            f"model: given {text!r}, expected a path ending in .toml or "
+            f"{closest(text, model_names())}"
         )
     path = Path(text)
     try:
@@ -178,7 +188,9 @@ class _NoSuchPath(Exception):
 
 
 def _walk(root: Entry, dotted: str) -> tuple[Entry, Any]:
-    """The table or list that holds the last part of a dotted path, and that part as a key or an index."""
+    """The table or list that holds the last part of a dotted path, and that part as a key or an
+    index.
+    """
     words = dotted.split(".")
     here = root
     for n, word in enumerate(words):
@@ -211,7 +223,9 @@ class _Variant:
 
     def __init__(self, table: Table) -> None:
         values = read_table(table, VARIANT, Context())
-        self.table, self.sets, self.removes = table, values["set"], values["remove"]
+        self.table = table
+        self.sets = values["set"]
+        self.removes = values["remove"]
 
     def apply(self, root: Entry) -> None:
         """Apply the removals, then the new values."""
@@ -279,7 +293,9 @@ def _robot(root: Table, variant: str, variants: tuple[str, ...]) -> RobotModel:
 
 
 def _check_inertia(root: Entry, robot: RobotModel) -> None:
-    """Raise an error for a coordinate of a URDF chain that moves no inertia: the inertia matrix is singular."""
+    """Raise an error for a coordinate of a URDF chain that moves no inertia: the inertia matrix is
+    singular.
+    """
     from flexgen.model.inertia import massless_coordinates
 
     massless = massless_coordinates(robot)
@@ -292,13 +308,16 @@ def _check_inertia(root: Entry, robot: RobotModel) -> None:
                     dof.line,
                     f"joint.{massless[-1]}",
                     f"the {what} {', '.join(massless)}, which can move without moving any mass",
-                    "links with mass and inertia behind every joint (in the overlay: [link.NAME] body = { mass = ..., "
-                    "com = [...], inertia = [...] }, a payload, or a rotor inertia)",
+                    "links with mass and inertia behind every joint (in the overlay: "
+                    "[link.NAME] body = { mass = ..., com = [...], inertia = [...] }, a "
+                    "payload, or a rotor inertia)",
                 )
 
 
 def _canonical(root: Table) -> str:
-    """Canonical text of the data: sorted keys, every number as a float, no description and no uncertainty."""
+    """Canonical text of the data: sorted keys, every number as a float, no description and no
+    uncertainty.
+    """
 
     def plain(value: Any) -> Any:
         if isinstance(value, dict):

@@ -1,8 +1,8 @@
 """URDF files: the tree of links and joints, and checked access to their numbers.
 
-Only data for the dynamics of an arm are read; everything else (visuals, collisions, transmissions, extensions) is
-ignored. The tree is checked as a whole. The numbers of a link or joint are checked when they are used: errors in unused
-links and joints are not reported.
+Only data for the dynamics of an arm are read; everything else (visuals, collisions, transmissions,
+extensions) is ignored. The tree is checked as a whole. The numbers of a link or joint are checked
+when they are used: errors in unused links and joints are not reported.
 """
 
 from __future__ import annotations
@@ -44,7 +44,9 @@ _CHILDREN = {
 
 @dataclass(frozen=True)
 class Pose:
-    """Pose of a child frame in its parent: ``p_parent = position + rotation @ p_child``, position in m."""
+    """Pose of a child frame in its parent: ``p_parent = position + rotation @ p_child``, position
+    in m.
+    """
 
     rotation: np.ndarray
     position: np.ndarray
@@ -60,7 +62,9 @@ def identity_pose() -> Pose:
 
 @dataclass(frozen=True)
 class Inertial:
-    """Mass [kg], center of mass [m] and inertia tensor about it [kg m^2], in the axes of a frame."""
+    """Mass [kg], center of mass [m] and inertia tensor about it [kg m^2], in the axes of a
+    frame.
+    """
 
     mass: float
     com: np.ndarray
@@ -146,7 +150,8 @@ class Urdf:
     Raises
     ------
     ModelError
-        The file is not valid: malformed, too large, not one tree of links, or with a duplicate name.
+        The file is not valid: malformed, too large, not one tree of links, or with a duplicate
+        name.
     """
 
     def __init__(self, path: Path, file: str) -> None:
@@ -191,7 +196,7 @@ class Urdf:
         """Raise the error for a line of this file."""
         raise ModelError(self.file, line, key, given, expected)
 
-    # --- the tree -----------------------------------------------------------------------------------------------------
+    # --- the tree --------------------------------------------------------------------------------
 
     @cached_property
     def parent_joint(self) -> dict[str, Joint]:
@@ -235,7 +240,9 @@ class Urdf:
         return Joint(name, kind, ends[0], ends[1], node)
 
     def _check_tree(self, root: Node) -> None:
-        """Check that there is one root, and that each other link has one parent and is reached from the root."""
+        """Check that there is one root, and that each other link has one parent and is reached
+        from the root.
+        """
         first: dict[str, Joint] = {}
         for joint in self.joints.values():
             other = first.setdefault(joint.child, joint)
@@ -271,7 +278,7 @@ class Urdf:
         if not self.links:
             self.fail(root.line, "robot", "no link", "links and joints")
 
-    # --- checked access -----------------------------------------------------------------------------------------------
+    # --- checked access --------------------------------------------------------------------------
 
     def _check_spelling(self, node: Node, here: str) -> None:
         """Raise an error for an element with a misspelled name; extensions are ignored."""
@@ -354,7 +361,8 @@ class Urdf:
             node = self._child(joint.node, key("joint", joint.name), "axis")
             assert node is not None
             here = f"{key('joint', joint.name)}.axis.xyz"
-            given, expected = show(node.attributes["xyz"]), "a direction that is not zero"
+            given = show(node.attributes["xyz"])
+            expected = "a direction that is not zero"
             self.fail(node.line, here, given, expected)
         return [x / length for x in values]
 
@@ -395,10 +403,12 @@ class Urdf:
             if joint.type == "continuous" or not needed:
                 return None
             names = ", ".join(sorted(needed, key=("lower", "upper", "effort", "velocity").index))
-            given, expected = "nothing", f"<limit> with {names} {_switch(joint)}"
+            given = "nothing"
+            expected = f"<limit> with {names} {_switch(joint)}"
             self.fail(joint.node.line, f"{where}.limit", given, expected)
         found = {name: self._limit(joint, node, name) for name in needed}
-        lower, upper = found.get("lower"), found.get("upper")
+        lower = found.get("lower")
+        upper = found.get("upper")
         if lower is not None and upper is not None and lower >= upper:
             given = f"lower {lower:g}, upper {upper:g}"
             expected = f"a lower limit below the upper one {_switch(joint)}"
@@ -422,7 +432,9 @@ class Urdf:
 
     @staticmethod
     def _limits_of(joint: Joint) -> tuple[str, ...]:
-        """The attributes of <limit> that a joint of this type needs, in the order of the checks."""
+        """The attributes of <limit> that a joint of this type needs, in the order of the
+        checks.
+        """
         rates = ("effort", "velocity")
         return rates if joint.type == "continuous" else (*rates, "lower", "upper")
 
@@ -433,12 +445,15 @@ class Urdf:
             self.fail(node.line, f"{here}.{name}", "nothing", f"a number {_switch(joint)}")
         (value,) = self._numbers(node, here, name, hint=f" {_switch(joint)}")
         if name in ("effort", "velocity") and value <= 0.0:
-            given, expected = show(node.attributes[name]), f"a number > 0 {_switch(joint)}"
+            given = show(node.attributes[name])
+            expected = f"a number > 0 {_switch(joint)}"
             self.fail(node.line, f"{here}.{name}", given, expected)
         return value
 
     def dynamics(self, joint: Joint) -> tuple[int, float, float]:
-        """Line, viscous damping [N m s/rad or N s/m] and Coulomb friction [N m or N] of a joint; zero by default."""
+        """Line, viscous damping [N m s/rad or N s/m] and Coulomb friction [N m or N] of a joint;
+        zero by default.
+        """
         where = key("joint", joint.name)
         node = self._child(joint.node, where, "dynamics")
         if node is None:
@@ -469,7 +484,8 @@ class Urdf:
         if body.mass < 0.0:
             self.fail(lines["mass"], f"{here}.mass.value", f"{body.mass:g}", "a number >= 0")
         if body.mass == 0.0 and body.inertia.any():
-            given, expected = "an inertia without a mass", "a mass > 0, or no inertia"
+            given = "an inertia without a mass"
+            expected = "a mass > 0, or no inertia"
             self.fail(lines["inertia"], f"{here}.inertia", given, expected)
         if body.inertia.any():
             self._check_inertia(body.inertia, lines["inertia"], link, reduced)
@@ -491,7 +507,8 @@ class Urdf:
         for tag, part in parts.items():
             if part is None:
                 self.fail(node.line, f"{here}.{tag}", "nothing", f"<{tag}> in <inertial>")
-        mass, inertia = parts["mass"], parts["inertia"]
+        mass = parts["mass"]
+        inertia = parts["inertia"]
         assert mass is not None
         assert inertia is not None
         (value,) = self._numbers(mass, f"{here}.mass", "value")
@@ -520,7 +537,10 @@ class Urdf:
                 f"principal moments >= 0 (or {table} body = {{ mass = ..., inertia = [...] }})",
             )
         if not reduced and low + middle < high * (1.0 - INERTIA_TOLERANCE):
-            wanted = f"no moment larger than the sum of the other two (or {table} inertia_reduced = true)"
+            wanted = (
+                f"no moment larger than the sum of the other two (or {table} inertia_reduced = "
+                "true)"
+            )
             self.fail(line, here, given, wanted)
 
 

@@ -1,4 +1,6 @@
-"""The part of a URDF file between its base, its tip and the ends of other branches: moving joints and their bodies."""
+"""The part of a URDF file between its base, its tip and the ends of other branches: moving joints
+and their bodies.
+"""
 
 from __future__ import annotations
 
@@ -23,8 +25,8 @@ class Segment:
     """A moving joint and the body that it moves.
 
     ``motion``: of the joint. ``origin``: pose of the joint, at the offset of its motion, in the
-    link of the segment ``parent`` (in the base link for -1). ``body``: all links fixed to the child
-    link, lumped, in the frame of the child; None if their mass is 0.
+    link of the segment ``parent`` (in the base link for -1). ``body``: all links fixed to the
+    child link, lumped, in the frame of the child; None if their mass is 0.
     """
 
     joint: Joint
@@ -95,7 +97,8 @@ def find_chain(
             check_leaders(urdf, step, motion, on_path)
             segments.append(Segment(step, motion, urdf.links[step.child], pose, last))
             bodies.append([])
-            last, here = len(segments) - 1, identity_pose()
+            last = len(segments) - 1
+            here = identity_pose()
         if last >= 0:
             bodies[last] += _collect_fixed(
                 urdf, step.child, here, on_path, motion_of, dropped, inertial
@@ -107,12 +110,16 @@ def find_chain(
             given = f"no moving joint between {show(base)} and {show(tip)}"
             urdf.fail(line, key("link", tip), given, "a chain with at least one moving joint")
     carrier, pose = found[tips[0]]
-    whole = (replace(one, body=lump_bodies(own)) for one, own in zip(segments, bodies, strict=True))
+    whole = (
+        replace(one, body=lump_bodies(own)) for one, own in zip(segments, bodies, strict=True)
+    )
     return Chain(tuple(whole), pose, carrier)
 
 
 def _next(left: Mapping[str, Joint], found: Collection[str], motion_of: MotionOf) -> Joint:
-    """The next joint whose parent link is found; if possible one that follows none that is left."""
+    """The next joint whose parent link is found; if possible one that follows none that is
+    left.
+    """
     ready = [joint for joint in left.values() if joint.parent in found]
     for joint in ready:
         if not any(name in left for name in motion_of(joint).joints if name != joint.name):
@@ -123,7 +130,8 @@ def _next(left: Mapping[str, Joint], found: Collection[str], motion_of: MotionOf
 def lump_bodies(bodies: list[Inertial]) -> Inertial | None:
     """Lump bodies that are fixed to each other into one.
 
-    ``I = sum(I_k + m_k (|d_k|^2 1 - d_k d_k'))`` with d_k from the common center of mass to that of body k.
+    ``I = sum(I_k + m_k (|d_k|^2 1 - d_k d_k'))`` with d_k from the common center of mass to that
+    of body k.
     """
     if len(bodies) < 2:
         return bodies[0] if bodies else None
@@ -205,8 +213,14 @@ def _collect_fixed(
 def _loose(urdf: Urdf, joint: Joint) -> ModelError:
     """The error for a joint outside the chain that can move."""
     given = f"a {joint.type} joint outside the chain"
-    expected = f"in the overlay [urdf] drop = [{show(joint.name)}] (omits the joint and all links behind it)"
+    expected = (
+        f"in the overlay [urdf] drop = [{show(joint.name)}] (omits the joint and all links "
+        "behind it)"
+    )
     if joint.type in MOVING:
         expected += f", branches = [{show(joint.child)}] (makes it a branch of the robot)"
-        expected += f" or lock = {{ {bare(joint.name)} = 0.0 }} (fixes it at this position, its links are kept)"
+        expected += (
+            f" or lock = {{ {bare(joint.name)} = 0.0 }} (fixes it at this position, its links "
+            "are kept)"
+        )
     return ModelError(urdf.file, joint.node.line, key("joint", joint.name), given, expected)

@@ -1,4 +1,6 @@
-"""Joints of a URDF file that follow others, by <mimic> or by an overlay: what their position is."""
+"""Joints of a URDF file that follow others, by <mimic> or by an overlay: what their position
+is.
+"""
 
 from __future__ import annotations
 
@@ -127,9 +129,8 @@ def check_leaders(urdf: Urdf, joint: Joint, motion: Motion, moving: Mapping[str,
             child = urdf.joints[name].child
             given = f"a joint that follows {show(name)}, which is outside the chain"
             expected = (
-                f"a joint of the chain (in the overlay: [urdf] branches = [{show(child)}] moves it "
-                "too, lock = "
-                f"{{ {bare(name)} = 0.0 }} fixes both, lock = {{ {bare(joint.name)} = 0.0 }} only "
-                "this one)"
+                f"a joint of the chain (in the overlay: [urdf] branches = [{show(child)}] moves "
+                f"it too, lock = {{ {bare(name)} = 0.0 }} fixes both, lock = {{ "
+                f"{bare(joint.name)} = 0.0 }} only this one)"
             )
             urdf.fail(motion.line, f"{key('joint', joint.name)}.mimic", given, expected)

@@ -1,4 +1,6 @@
-"""Lookup of URDF files: a path, ``package://NAME/PATH``, and the short form ``FILE#BASE:TIP`` of a robot."""
+"""Lookup of URDF files: a path, ``package://NAME/PATH``, and the short form ``FILE#BASE:TIP`` of a
+robot.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,8 @@ SEARCHED = "ROS_PACKAGE_PATH, AMENT_PREFIX_PATH and the share folders of this Py
 def from_here(path: Path) -> str:
     """The path relative to the current directory if it is inside of it, else the absolute path."""
     try:
-        absolute, here = Path(os.path.abspath(path)), Path.cwd()
+        absolute = Path(os.path.abspath(path))
+        here = Path.cwd()
     except OSError:  # the current directory is gone
         return str(path)
     return str(absolute.relative_to(here) if absolute.is_relative_to(here) else absolute)
@@ -44,7 +47,8 @@ def find_urdf(table: Table, folder: Path) -> tuple[Path, str]:
 
 
 def source_files(model_file: str) -> list[Path]:
-    """The existing files that a robot was read from: its model file or URDF file, and the URDF file of an overlay.
+    """The existing files that a robot was read from: its model file or URDF file, and the URDF
+    file of an overlay.
 
     Parameters
     ----------
@@ -89,7 +93,9 @@ def _in_package(text: str) -> Path | None:
 
 
 def _shares(name: str) -> Iterator[Path]:
-    """Folders in which the package is searched: those of ROS 1, ROS 2, and of installed Python packages."""
+    """Folders in which the package is searched: those of ROS 1, ROS 2, and of installed Python
+    packages.
+    """
     for place in filter(None, os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep)):
         yield Path(place)
         if Path(place).name == name:
@@ -101,7 +107,8 @@ def _shares(name: str) -> Iterator[Path]:
 
 
 def plain_urdf(model: object, base: str | None, tip: str | None) -> tuple[Entry, str, str] | None:
-    """A URDF file without an overlay: the overlay it needs, its name in messages, and the text to read it again.
+    """A URDF file without an overlay: the overlay it needs, its name in messages, and the text to
+    read it again.
 
     None if the model is not a URDF file.
 
@@ -115,7 +122,8 @@ def plain_urdf(model: object, base: str | None, tip: str | None) -> tuple[Entry,
     text = str(model)
     file, mark, ends = text.rpartition("#")
     if not mark or not _is_urdf(file):
-        file, ends = text, ""
+        file = text
+        ends = ""
     if not _is_urdf(file):
         if base is not None or tip is not None:
             raise ArgumentError(
@@ -148,8 +156,10 @@ def plain_urdf(model: object, base: str | None, tip: str | None) -> tuple[Entry,
         first = ", ".join(show(name) for name in urdf.links if name not in urdf.parent_joint)
         last = ", ".join([show(name) for name in urdf.links if name not in inner][:12])
         raise ArgumentError(
-            f"model: given {text!r}, a URDF file without the two ends of the robot in it, expected {file}#BASE:TIP (or "
-            f"base and tip in Python) with the names of two links, such as {first} and one of {last}; or an overlay, a "
+            f"model: given {text!r}, a URDF file without the two ends of the robot in it, "
+            f"expected {file}#BASE:TIP (or "
+            f"base and tip in Python) with the names of two links, such as {first} and one of "
+            f"{last}; or an overlay, a "
             '.toml file with [urdf], file = "...", base = "...", tip = "..."'
         )
     root = wrap({"urdf": {"file": file, "base": base, "tip": tip}}, 0, file)
@@ -160,7 +170,8 @@ def split_ends(ends: str, links: Collection[str]) -> tuple[str, str]:
     """The two links in ``BASE:TIP``, whose names may have colons."""
     words = ends.split(":")
     for k in range(1, len(words)):
-        base, tip = ":".join(words[:k]), ":".join(words[k:])
+        base = ":".join(words[:k])
+        tip = ":".join(words[k:])
         if base in links and tip in links:
             return base, tip
     base, _, tip = ends.partition(":")

@@ -1,4 +1,6 @@
-"""Contents of model files as JSON types, in SI units: the list of models, and one model in full."""
+"""Contents of model files as JSON types, in SI units: the list of models, and one model in
+full.
+"""
 
 from __future__ import annotations
 
@@ -32,13 +34,15 @@ def models(broken: dict[str, str] | None = None) -> list[dict[str, Any]]:
     Parameters
     ----------
     broken : dict, optional
-        Receives the reason for each file that is not a valid model (key ``name``) and each variant that cannot be read
-        (key ``name@variant``). If it is omitted, the first such file or variant raises.
+        Receives the reason for each file that is not a valid model (key ``name``) and each variant
+        that cannot be read (key ``name@variant``). If it is omitted, the first such file or
+        variant raises.
 
     Returns
     -------
     list of dict
-        One dictionary per model with the keys ``name source n_m n_g n_e dof description variants``, sorted by name.
+        One dictionary per model with the keys
+        ``name source n_m n_g n_e dof description variants``, sorted by name.
 
     Raises
     ------
@@ -122,7 +126,11 @@ def describe(
     Examples
     --------
     >>> robot = flexgen.describe("elbow")
-    >>> robot["dof"], [motor["name"] for motor in robot["motors"]], [move["name"] for move in robot["moves"]]
+    >>> (
+    ...     robot["dof"],
+    ...     [motor["name"] for motor in robot["motors"]],
+    ...     [move["name"] for move in robot["moves"]],
+    ... )
     (4, ['m1', 'm2'], ['line', 'joints'])
     """
     if isinstance(model, RobotModel):
@@ -170,7 +178,8 @@ def describe(
         "moves": [
             {
                 **_fields(move, "name", "type"),
-                "duration": move.duration or None,  # None: computed from a profile, a file or steps
+                # None: computed from a profile, a file or steps
+                "duration": move.duration or None,
                 **_fields(move, "smoothness", "start"),
                 "end": list(move.end) or None,
                 "displacement": list(move.displacement) or None,
@@ -189,7 +198,9 @@ def _fields(item: Any, *names: str) -> dict[str, Any]:
 
 
 def _other_fields(item: Any, *names: str) -> dict[str, Any]:
-    """All attributes of a data class but these, as JSON types: numbers that a new key of the file adds among them."""
+    """All attributes of a data class but these, as JSON types: numbers that a new key of the file
+    adds among them.
+    """
     return _fields(item, *(field.name for field in fields(item) if field.name not in names))
 
 

@@ -1,7 +1,7 @@
 """JSON schema of model files, for completion, hover and checks in an editor.
 
-It cannot express everything that the reader checks: relations between numbers, names that refer to each other, key
-paths of variants. The reader has the last word.
+It cannot express everything that the reader checks: relations between numbers, names that refer to
+each other, key paths of variants. The reader has the last word.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ def schema(kind: Kind = "model") -> dict[str, Any]:
     Parameters
     ----------
     kind : str
-        ``"model"``: model files and overlays of URDF files. ``"program"``: files of moves and programs, as
-        `flexgen.read_moves` reads them.
+        ``"model"``: model files and overlays of URDF files. ``"program"``: files of moves and
+        programs, as `flexgen.read_moves` reads them.
 
     Returns
     -------

@@ -31,11 +31,11 @@ STEPS = 60
 # Multipliers at the start relative to the largest entry of g: 1 takes 8 % more steps, 1e-4 in some
 # programs twice as many.
 START = 0.01
-# Complementarity relative to the largest entry of g, at which a search ends; 1e-15 leaves errors of
-# 1e-7 of x.
+# Complementarity relative to the largest entry of g, at which a search ends; 1e-15 leaves errors
+# of 1e-7 of x.
 ENDED = 1e-18
-# Residual of the conditions of optimality, relative to the largest entry of g, of a solution; 1e-10
-# is usual at most.
+# Residual of the conditions of optimality, relative to the largest entry of g, of a solution;
+# 1e-10 is usual at most.
 SOLVED = 1e-8
 # Relative excess of a bound that stays: rounding of differences that are 1e-7 of the samples.
 EXCESS = 5e-10
@@ -162,7 +162,8 @@ def _indefinite(p: _Program, bands: np.ndarray, kept: np.ndarray, W: np.ndarray)
     order = np.cumsum(there) - 1
     x = order[p.place[:k]]
     y = order[p.place[k + kept]]
-    # a row stands between its samples, which are no farther apart than those that H + D'W D couples
+    # a row stands between its samples, which are no farther apart than those that H + D'W D
+    # couples
     span = min(p.width, k - 1)
     width = int((x[span:] - x[: k - span]).max())
     matrix = np.zeros((k + len(kept), 3 * width + 1))

@@ -25,7 +25,9 @@ class Evaluator:
         self._function = function
         self._buffer, self._run = function.buffer()
         self._inputs = [np.zeros(function.nnz_in(i)) for i in range(function.n_in())]
-        self._outputs = [np.zeros(function.size_out(k), order="F") for k in range(function.n_out())]
+        self._outputs = [
+            np.zeros(function.size_out(k), order="F") for k in range(function.n_out())
+        ]
         for i, x in enumerate(self._inputs):
             if x.size:
                 self._buffer.set_arg(i, x.data)
@@ -50,7 +52,9 @@ def _is_dense(function: ca.Function) -> bool:
 
 
 def _call(function: ca.Function, given: Sequence[np.ndarray]) -> Sequence[np.ndarray]:
-    """The results of a call; by way of `Evaluator` where that can be, as CasADi converts arrays slowly."""
+    """The results of a call; by way of `Evaluator` where that can be, as CasADi converts arrays
+    slowly.
+    """
     if _is_dense(function):
         return Evaluator(function)(*given)
     results = function(*given)
@@ -64,7 +68,8 @@ def evaluate(function: ca.Function, *points: np.ndarray) -> list[np.ndarray]:
     ----------
     function : casadi.Function
     *points : arrays, shape (n, ...) or (...)
-        One an input; the first axis counts the points. Inputs without that axis are the same at all points.
+        One an input; the first axis counts the points. Inputs without that axis are the same at
+        all points.
 
     Returns
     -------

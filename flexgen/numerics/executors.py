@@ -34,7 +34,9 @@ class Numbered(Protocol):
 def with_executor(
     shards: Iterable[JobT], executor: Any, in_flight: int | None, work: Callable[[JobT], ResultT]
 ) -> Generator[tuple[JobT, ResultT], None, None]:
-    """With ``executor.submit(work, shard)``, which returns futures with ``done``, ``result`` and ``cancel``."""
+    """With ``executor.submit(work, shard)``, which returns futures with ``done``, ``result`` and
+    ``cancel``.
+    """
     if hasattr(executor, "get_executor"):  # a Client of dask.distributed
         executor = executor.get_executor()
     most = in_flight or 2 * (getattr(executor, "_max_workers", None) or IN_FLIGHT // 2)
@@ -57,8 +59,9 @@ def with_executor(
                 except Exception as error:  # the worker or its result is lost
                     if attempt == ATTEMPTS or isinstance(error, futures.BrokenExecutor):
                         raise SolverError(
-                            f"sweep: shard {shard.number} was lost {attempt} times ({type(error).__name__}: {error}); "
-                            "finished shards are kept; check the workers, then resume"
+                            f"sweep: shard {shard.number} was lost {attempt} times "
+                            f"({type(error).__name__}: {error}); finished shards are kept; "
+                            "check the workers, then resume"
                         ) from error
                     running[executor.submit(work, shard)] = (shard, attempt + 1)
                     continue

@@ -1,12 +1,14 @@
-"""Deflection of damped gears with linear springs, ``D p' + K p = tau(t)``, integrated exactly between samples.
+"""Deflection of damped gears with linear springs, ``D p' + K p = tau(t)``, integrated exactly
+between samples.
 
-Between two samples the torque is the quintic that has its value and its first two derivatives at both ends; with it the
-variation of constants is an integral of a polynomial under an exponential,
+Between two samples the torque is the quintic that has its value and its first two derivatives at
+both ends; with it the variation of constants is an integral of a polynomial under an exponential,
 
-    p_1 = exp(-z) p_0 + h/D sum_i w_i(z) x_i,      z = K h / D,      w_i(z) = int_0^1 exp(-z (1 - u)) b_i(u) du
+    p_1 = exp(-z) p_0 + h/D sum_i w_i(z) x_i,      z = K h / D,
+    w_i(z) = int_0^1 exp(-z (1 - u)) b_i(u) du
 
-with ``x = (tau_0, h tau_0', h^2 tau_0'', tau_1, h tau_1', h^2 tau_1'')`` and ``b_i`` its Hermite basis. There is
-no stability limit for z > 0, and the only error is that of the interpolation.
+with ``x = (tau_0, h tau_0', h^2 tau_0'', tau_1, h tau_1', h^2 tau_1'')`` and ``b_i`` its Hermite
+basis. There is no stability limit for z > 0, and the only error is that of the interpolation.
 
 Source: cf. M. Hochbruck, A. Ostermann, Acta Numerica 19, 2010, sec. 2 (exponential quadrature).
 """
@@ -24,13 +26,17 @@ SAME = 11  # decimals of the logarithm to which steps are equal
 
 @dataclass(frozen=True)
 class Lag:
-    """Steps of m gears: ``decay`` (n - 1, m), ``weights`` (n - 1, m, 6) [rad s/(N m s)], which contain h/D and h^k."""
+    """Steps of m gears: ``decay`` (n - 1, m), ``weights`` (n - 1, m, 6) [rad s/(N m s)], which
+    contain h/D and h^k.
+    """
 
     decay: np.ndarray
     weights: np.ndarray
 
     def forcing(self, tau: np.ndarray) -> np.ndarray:
-        """Increments of the steps, (n - 1, m, ...), from torques and their rates ``tau`` (3, n, m, ...)."""
+        """Increments of the steps, (n - 1, m, ...), from torques and their rates ``tau`` (3, n, m,
+        ...).
+        """
         shape = (*self.decay.shape, *(1,) * (tau.ndim - 3))
         w = [self.weights[:, :, i].reshape(shape) for i in range(6)]
         out = w[0] * tau[0, :-1]
@@ -69,7 +75,9 @@ class Lag:
 
 
 def gear_lag(t: np.ndarray, stiffness: np.ndarray, damping: np.ndarray) -> Lag:
-    """Steps over the instants ``t`` (n,) [s] of gears with ``stiffness`` and ``damping`` (m,) [N m/rad, N m s/rad]."""
+    """Steps over the instants ``t`` (n,) [s] of gears with ``stiffness`` and ``damping`` (m,) [N
+    m/rad, N m s/rad].
+    """
     h = np.diff(t)
     # steps that are equal but for rounding share their weights
     sizes, kind = np.unique(np.round(np.log(h), SAME), return_inverse=True)
@@ -81,12 +89,15 @@ def gear_lag(t: np.ndarray, stiffness: np.ndarray, damping: np.ndarray) -> Lag:
 
 
 def _weights(z: np.ndarray) -> np.ndarray:
-    """``w_i(z)``, shape (..., 6), by Gauss quadrature over the range where the exponential is not negligible."""
+    """``w_i(z)``, shape (..., 6), by Gauss quadrature over the range where the exponential is not
+    negligible.
+    """
     x, omega = np.polynomial.legendre.leggauss(NODES)
     span = np.minimum(1.0, DECAYED / z)[..., None]
     back = span * (x + 1) / 2  # 1 - u
     kernel = np.exp(-z[..., None] * back) * omega * span / 2
-    u, w = 1 - back, back
+    u = 1 - back
+    w = back
     basis = (
         w**3 * (1 + 3 * u + 6 * u**2),
         w**3 * (u + 3 * u**2),

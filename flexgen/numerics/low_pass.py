@@ -1,9 +1,11 @@
-"""Band of a record, and samples below a limit of frequency: the same filter for all terms of a linear model.
+"""Band of a record, and samples below a limit of frequency: the same filter for all terms of a
+linear model.
 
-A model that is linear in its numbers holds for its filtered terms as it does for the terms, and so a filter costs
-nothing but the samples at the ends; noise and vibrations above the limit are gone.
+A model that is linear in its numbers holds for its filtered terms as it does for the terms, and so
+a filter costs nothing but the samples at the ends; noise and vibrations above the limit are gone.
 
-Source: F. Harris, Proceedings of the IEEE 66(1), 1978 (windows); M. Gautier, ICRA 1997 (the same filter for all terms).
+Source: F. Harris, Proceedings of the IEEE 66(1), 1978 (windows); M. Gautier, ICRA 1997 (the same
+filter for all terms).
 """
 
 from __future__ import annotations
@@ -20,8 +22,11 @@ RATE = 10.0  # samples that are kept, over the limit
 
 
 def bandwidth(signals: Sequence[np.ndarray], step: float) -> float:
-    """Frequency [Hz] below which signals (n, ...) of several records, of one sample time, have most of their power."""
-    power, cells = np.zeros(0), max(len(x) for x in signals)
+    """Frequency [Hz] below which signals (n, ...) of several records, of one sample time, have
+    most of their power.
+    """
+    power = np.zeros(0)
+    cells = max(len(x) for x in signals)
     for x in signals:
         window = np.hanning(len(x))[:, None]
         rows = x.reshape(len(x), -1)

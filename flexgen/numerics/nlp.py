@@ -19,17 +19,20 @@ BUILDING = "IPOPT, building the nonlinear program"
 OUT_OF_TIME = "Maximum_WallTime_Exceeded"
 
 WARM = 1e-6  # barrier and distance from bounds where IPOPT starts near a solution
-# A Hessian that is known to be positive semidefinite needs no check of the inertia, which rounding makes wrong where
-# hardly anything holds a direction: IPOPT then adds to the Hessian, and its steps are far too short.
+# A Hessian that is known to be positive semidefinite needs no check of the inertia, which rounding
+# makes wrong where hardly anything holds a direction: IPOPT then adds to the Hessian, and its
+# steps are far too short.
 CONVEX = {"ipopt.neg_curv_test_tol": 1e-30, "ipopt.neg_curv_test_reg": "yes"}
 TOLERANCE = 1e-10  # on scaled constraints: an error of 1e-10 rad is 0.1 nm a meter away
 
 
 @dataclass(frozen=True)
 class NlpResult:
-    """Result of IPOPT: its ``status``, whether that is a success, iterations, largest violation, x.
+    """Result of IPOPT: its ``status``, whether that is a success, iterations, largest violation,
+    x.
 
-    ``g``: values of the constraints; ``multipliers``: of the bounds of x and of g, for a warm start.
+    ``g``: values of the constraints; ``multipliers``: of the bounds of x and of g, for a warm
+    start.
     """
 
     status: str
@@ -45,9 +48,10 @@ class NlpResult:
 class NonlinearProgram:
     """Minimize ``cost`` over x, subject to ``lower <= g <= upper``.
 
-    ``jacobian``: of g, where it is known, else by coloring; ``hessian``: of the Lagrangian (upper triangle)
-    where an approximation serves, or a function of the multipliers of cost and constraints that gives it, else exact;
-    ``convex``: it is positive semidefinite, see `CONVEX`; ``gradient``: of the cost, else by differentiation.
+    ``jacobian``: of g, where it is known, else by coloring; ``hessian``: of the Lagrangian (upper
+    triangle) where an approximation serves, or a function of the multipliers of cost and
+    constraints that gives it, else exact; ``convex``: it is positive semidefinite, see `CONVEX`;
+    ``gradient``: of the cost, else by differentiation.
     """
 
     x: ca.MX
@@ -62,15 +66,21 @@ class NonlinearProgram:
 
 
 class _Watch(ca.Callback):
-    """Reports each iteration to a progress function, and ends the iterations with the time limit."""
+    """Reports each iteration to a progress function, and ends the iterations with the time
+    limit.
+    """
 
     def __init__(
         self, n_x: int, lower: np.ndarray, upper: np.ndarray, progress: Progress | None
     ) -> None:
         ca.Callback.__init__(self)
-        self.n_x, self.n_g, self.progress = n_x, len(lower), progress
-        self.lower, self.upper = lower, upper
-        self.count, self.began = 0, time.perf_counter()
+        self.n_x = n_x
+        self.n_g = len(lower)
+        self.progress = progress
+        self.lower = lower
+        self.upper = upper
+        self.count = 0
+        self.began = time.perf_counter()
         self.construct("watch", {})
 
     def get_n_in(self) -> int:
@@ -92,8 +102,8 @@ class _Watch(ca.Callback):
         violation = _violation(np.array(at["g"]).ravel(), self.lower, self.upper)
         elapsed = time.perf_counter() - self.began
         self.progress(
-            f"IPOPT iteration {self.count:3d}: cost {float(at['f']):10.3e}, constraints {violation:9.2e}, "
-            f"{elapsed:6.1f} s"
+            f"IPOPT iteration {self.count:3d}: cost {float(at['f']):10.3e}, constraints "
+            f"{violation:9.2e}, {elapsed:6.1f} s"
         )
         self.count += 1
         return [0]
@@ -134,25 +144,24 @@ def solve_nlp(
 ) -> NlpResult:
     """Solve a program with x in ``bounds_x``.
 
-    ``multipliers``: of a solution nearby, whose x is the guess. ``tolerance``: of the constraints; ``optimality``: of
-    the conditions of a minimum, default the same.
+    ``multipliers``: of a solution nearby, whose x is the guess. ``tolerance``: of the constraints;
+    ``optimality``: of the conditions of a minimum, default the same.
     OutOfTime where a time limit ends first, see `flexgen.deadline`.
     """
     check_time(BUILDING)
-    x, cost, g, jacobian, hessian = (
-        program.x,
-        program.cost,
-        program.g,
-        program.jacobian,
-        program.hessian,
-    )
+    x = program.x
+    cost = program.cost
+    g = program.g
+    jacobian = program.jacobian
+    hessian = program.hessian
     n_g = g.shape[0]
     options = _options(max_iterations, tolerance, optimality or tolerance)
     p = ca.MX.sym("p", 0)
     if jacobian is not None:
         options["jac_g"] = ca.Function("nlp_jac_g", [x, p], [g, jacobian])
     if hessian is not None:
-        lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", n_g)
+        lam_f = ca.MX.sym("lam_f")
+        lam_g = ca.MX.sym("lam_g", n_g)
         of_lagrangian = hessian(lam_f, lam_g) if callable(hessian) else lam_f * ca.triu(hessian)
         options["hess_lag"] = ca.Function("nlp_hess_l", [x, p, lam_f, lam_g], [of_lagrangian])
     if program.convex:

@@ -1,4 +1,6 @@
-"""White, independent noise of inputs and outputs: its covariance at the outputs, and its variances from covariances."""
+"""White, independent noise of inputs and outputs: its covariance at the outputs, and its variances
+from covariances.
+"""
 
 from __future__ import annotations
 
@@ -7,14 +9,17 @@ from scipy.optimize import nnls
 
 
 def fit_levels(C: np.ndarray, G: np.ndarray, powers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Variances of the spectra of the noise of torques (n_m,) and outputs (n_o,), from covariances.
+    """Variances of the spectra of the noise of torques (n_m,) and outputs (n_o,), from
+    covariances.
 
-    Nonnegative least squares of ``C = G S_u G^H + w^(2 m) S_y`` in units of C itself. Lines that fit worse than most
-    count less: transients that the noise leaves between the periods are not white.
+    Nonnegative least squares of ``C = G S_u G^H + w^(2 m) S_y`` in units of C itself. Lines that
+    fit worse than most count less: transients that the noise leaves between the periods are not
+    white.
     """
     n_o, n = G.shape[-2:]
     L = np.linalg.cholesky(regular(C))
-    levels, trust = np.zeros(n + n_o), np.ones((*G.shape[:2], 1, 1))
+    levels = np.zeros(n + n_o)
+    trust = np.ones((*G.shape[:2], 1, 1))
     for _ in range(6):
         white = np.linalg.inv(L) * np.sqrt(trust)
         columns = []

@@ -1,11 +1,13 @@
 """Derivatives of samples by polynomials over a window, and forces through the same filter.
 
-The second derivative of the polynomials is a weighted mean of the second differences of the samples,
+The second derivative of the polynomials is a weighted mean of the second differences of the
+samples,
 
     sum_i c_i q_(k+i) = sum_i w_i (q_(k+i+1) - 2 q_(k+i) + q_(k+i-1)),      w: c summed twice
 
-and so forces through the weights w are the filtered masses times accelerations, also where these have a step. The mean
-of the polynomials themselves is another filter: with it, Coulomb friction is 0.2 % too small.
+and so forces through the weights w are the filtered masses times accelerations, also where these
+have a step. The mean of the polynomials themselves is another filter: with it, Coulomb friction is
+0.2 % too small.
 
 Source: A. Savitzky and M. Golay, Analytical Chemistry 36(8), 1964.
 """
@@ -16,7 +18,9 @@ import numpy as np
 from scipy.ndimage import correlate1d
 from scipy.signal import savgol_coeffs, savgol_filter
 
-WINDOW, ORDER = 31, 5  # samples and degree of the polynomials
+# samples and degree of the polynomials
+WINDOW = 31
+ORDER = 5
 WEIGHTS = np.cumsum(np.cumsum(savgol_coeffs(WINDOW, ORDER, deriv=2)))[:-2]
 INNER = slice(WINDOW // 2, -(WINDOW // 2))  # samples with a whole window
 
@@ -28,7 +32,9 @@ def derivatives(q: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray, np.
 
 
 def smooth_forces(f: np.ndarray) -> np.ndarray:
-    """Forces (n, ...) through the filter of the second derivatives; by the polynomials at the ends."""
+    """Forces (n, ...) through the filter of the second derivatives; by the polynomials at the
+    ends.
+    """
     out: np.ndarray = savgol_filter(f, WINDOW, ORDER, axis=0)
     out[INNER] = correlate1d(f, WEIGHTS, axis=0)[INNER]
     return out

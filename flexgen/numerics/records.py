@@ -1,9 +1,11 @@
 """Faults that records show: lost samples, transients that have not decayed.
 
-A transient is in the first period more than in the later ones, noise is in all alike: with the spectra ``X_p`` of the
-periods, ``E_p = sum |X_{p+1} - X_p|^2`` is the same for all p up to its scatter, and ``E_1`` larger with a transient.
+A transient is in the first period more than in the later ones, noise is in all alike: with the
+spectra ``X_p`` of the periods, ``E_p = sum |X_{p+1} - X_p|^2`` is the same for all p up to its
+scatter, and ``E_1`` larger with a transient.
 
-Source: R. Pintelon and J. Schoukens, System Identification, 2nd ed. 2012, sec. 2.5 (transients of periodic signals).
+Source: R. Pintelon and J. Schoukens, System Identification, 2nd ed. 2012, sec. 2.5 (transients of
+periodic signals).
 """
 
 from __future__ import annotations
@@ -36,7 +38,8 @@ def lost_samples(x: np.ndarray) -> np.ndarray:
     least = float(steps[steps > 0].min())
     still = 1 if np.median(steps) > FINE * least else COARSE
     run = np.asarray(np.lib.stride_tricks.sliding_window_view(steps == 0, still).all(axis=1))[:-2]
-    jump, after = steps[still:-1], steps[still + 1 :]
+    jump = steps[still:-1]
+    after = steps[still + 1 :]
     bends = np.abs(np.diff(x, 2))
     # at rest most of them are zero, the others are those of a count
     noise = float(np.median(bends[bends > 0])) / NORMAL
@@ -45,9 +48,11 @@ def lost_samples(x: np.ndarray) -> np.ndarray:
 
 
 def first_period_excess(X: np.ndarray) -> np.ndarray:
-    """``E_1`` over the mean of the others, per channel (c,); 1 where it can be scatter or is below `SMALLEST`.
+    """``E_1`` over the mean of the others, per channel (c,); 1 where it can be scatter or is below
+    `SMALLEST`.
 
-    ``X`` (..., periods, lines, c): complex spectra of records. With fewer than three periods all are 1.
+    ``X`` (..., periods, lines, c): complex spectra of records. With fewer than three periods all
+    are 1.
     """
     X = X.reshape(-1, *X.shape[-3:])
     if X.shape[1] < 3:
@@ -70,12 +75,15 @@ def first_period_differs(*signals: np.ndarray) -> np.ndarray:
 
 
 def slow_transients(X: np.ndarray) -> np.ndarray:
-    """Where (c,) a transient is in all periods: differences shrink by a factor r, |r| above the 1/2 of noise."""
+    """Where (c,) a transient is in all periods: differences shrink by a factor r, |r| above the
+    1/2 of noise.
+    """
     D = np.diff(X.reshape(-1, *X.shape[-3:]), axis=1)
     if D.shape[1] < 2:
         return np.zeros(X.shape[-1], bool)
     power = (np.abs(D) ** 2).mean(axis=(0, 1))  # (lines, c)
-    each, pairs = power.sum(axis=0), D.shape[0] * (D.shape[1] - 1)
+    each = power.sum(axis=0)
+    pairs = D.shape[0] * (D.shape[1] - 1)
     kept = np.abs((D[:, 1:] * D[:, :-1].conj()).sum(axis=(0, 1, 2))) / np.maximum(
         pairs * each, 1e-300
     )

@@ -52,7 +52,8 @@ DEGREE = 5
 # Over the median step: with closer stamps a quintic spline would enlarge noise.
 CLOSE = 0.3
 # Passband and stopband of the filter against aliasing, over the new rate.
-PASS, STOP = 0.35, 0.5
+PASS = 0.35
+STOP = 0.5
 # Error of the filter, and its length for that in taps per ratio of the rates (Kaiser's formula).
 DECIBELS = 80.0
 # Rates that differ by less are interpolated without a filter.
@@ -200,7 +201,8 @@ def _lines(time: np.ndarray, pieces: Sequence[slice]) -> np.ndarray | None:
 
 def _roughness(time: np.ndarray, probes: np.ndarray, pieces: Sequence[slice]) -> float:
     """Rms residual of the cubic through four neighbors, over that at equal steps."""
-    found, plain = [], []
+    found = []
+    plain = []
     for piece in pieces:
         x = probes[piece]
         if len(x) < FEWEST:
@@ -343,7 +345,8 @@ def _column(
     """A channel at equal steps within one piece of its clock."""
     k = int(np.searchsorted(clock.time, begin + 1e-9 * h, side="right")) - 1
     piece = next(p for p in clock.pieces if p.start <= max(k, 0) < p.stop)
-    own_t, own_x = clock.time[piece], x[piece]
+    own_t = clock.time[piece]
+    own_x = x[piece]
     if h < SAME_RATE * clock.step or instants:
         return _spline(own_t, own_x)(np.clip(t, own_t[0], own_t[-1]))
     ratio = round(h / clock.step)

@@ -2,11 +2,13 @@
 
     X(l) = 2/N sum_k x(t_k) exp(-j w_l t_k)          one period of N samples
 
-A record of P periods has P - 1 frequencies between two multiples of 1/period, at which nothing is excited: what is
-found there is noise, and the transient of a motion that has not settled. Both are smooth functions of the frequency; at
-the line itself the transient is the value of a polynomial through its neighbors (local polynomial method).
+A record of P periods has P - 1 frequencies between two multiples of 1/period, at which nothing is
+excited: what is found there is noise, and the transient of a motion that has not settled. Both are
+smooth functions of the frequency; at the line itself the transient is the value of a polynomial
+through its neighbors (local polynomial method).
 
-Source: R. Pintelon and J. Schoukens, System Identification, 2nd ed. 2012, sec. 7.3 (robust local polynomial method).
+Source: R. Pintelon and J. Schoukens, System Identification, 2nd ed. 2012, sec. 7.3 (robust local
+polynomial method).
 """
 
 from __future__ import annotations
@@ -31,14 +33,17 @@ def spectrum(x: np.ndarray, lines: np.ndarray) -> np.ndarray:
 
 
 def windowed_spectrum(x: np.ndarray, lines: np.ndarray) -> np.ndarray:
-    """The same of a segment without period, with a Hann window of mean square 1 and without its mean."""
+    """The same of a segment without period, with a Hann window of mean square 1 and without its
+    mean.
+    """
     window = np.hanning(len(x) + 1)[:-1]
     window = window / np.sqrt((window**2).mean())
     return spectrum((x - x.mean(axis=0)) * window[:, None], lines)
 
 
 def line_offsets(lines: np.ndarray, periods: int) -> np.ndarray:
-    """Offsets from the lines, in multiples of ``1 / (periods * period_s)``, at which nothing is excited.
+    """Offsets from the lines, in multiples of ``1 / (periods * period_s)``, at which nothing is
+    excited.
 
     Multiples of ``1 / period_s`` are not among them: distortion is there.
 
@@ -57,8 +62,9 @@ def line_offsets(lines: np.ndarray, periods: int) -> np.ndarray:
     ]
     if len(free) < 2:
         raise ArgumentError(
-            f"transients: given {periods} periods and lines from {lines[0]} on, expected two unexcited frequencies or "
-            "more on each side of a line: measure more periods, or leave lines out"
+            f"transients: given {periods} periods and lines from {lines[0]} on, expected two "
+            "unexcited frequencies or more on each side of a line: measure more periods, or "
+            "leave lines out"
         )
     chosen = np.array(free[:MOST_OFFSETS])
     return np.concatenate([-chosen[::-1], chosen])
@@ -67,7 +73,8 @@ def line_offsets(lines: np.ndarray, periods: int) -> np.ndarray:
 def spectra_beside(
     x: np.ndarray, lines: np.ndarray, offsets: np.ndarray, period: int, periods: int
 ) -> np.ndarray:
-    """Contribution of one period (N, n) to the spectra (offsets, lines, n) of the whole record beside the lines.
+    """Contribution of one period (N, n) to the spectra (offsets, lines, n) of the whole record
+    beside the lines.
 
     ``period``: its number, from 0, of ``periods``.
     """
@@ -77,12 +84,14 @@ def spectra_beside(
     for d in sorted(set(map(abs, at))):  # one transform of real samples has both sides of a line
         turn = np.exp(-2j * np.pi * d * (n / len(x) + period) / periods)
         found = 2.0 / len(x) * np.fft.fft(x * turn[:, None], axis=0)
-        out[at[d]], out[at[-d]] = found[lines], found[-lines].conj()
+        out[at[d]] = found[lines]
+        out[at[-d]] = found[-lines].conj()
     return out / periods
 
 
 def records_beside(lines: np.ndarray, periods: int) -> dict[str, tuple[int, np.ndarray]]:
-    """First period, from 0, and `line_offsets` of the whole record, and of the one without its first period ("_later").
+    """First period, from 0, and `line_offsets` of the whole record, and of the one without its
+    first period ("_later").
 
     The second only where `LEAST_LATER` periods are left. The names are ends of `SPECTRA_BESIDE`.
 
@@ -99,7 +108,9 @@ def records_beside(lines: np.ndarray, periods: int) -> dict[str, tuple[int, np.n
 
 
 def all_spectra_beside(x: np.ndarray, lines: np.ndarray) -> dict[str, Any]:
-    """Arrays named as in `SPECTRA_BESIDE` of x (poses, experiments, periods, samples, n); none: too few periods."""
+    """Arrays named as in `SPECTRA_BESIDE` of x (poses, experiments, periods, samples, n); none:
+    too few periods.
+    """
     out: dict[str, Any] = {}
     with suppress(ArgumentError):
         for end, (first, offsets) in records_beside(lines, x.shape[2]).items():
@@ -113,7 +124,9 @@ def all_spectra_beside(x: np.ndarray, lines: np.ndarray) -> dict[str, Any]:
 def checked_beside(
     arrays: dict[str, np.ndarray], runs: tuple[int, ...], last: tuple[int, ...]
 ) -> dict[str, Any]:
-    """The arrays `SPECTRA_BESIDE` of a file, (*runs, offsets, *last); ValueError where they have other sizes."""
+    """The arrays `SPECTRA_BESIDE` of a file, (*runs, offsets, *last); ValueError where they have
+    other sizes.
+    """
     out: dict[str, Any] = {name: arrays[name] for name in SPECTRA_BESIDE if name in arrays}
     for names in (SPECTRA_BESIDE[:2], SPECTRA_BESIDE[2:]):
         offsets, beside = (out.get(name) for name in names)
@@ -130,8 +143,9 @@ def checked_beside(
 class SteadySpectra:
     """Spectra without transients.
 
-    ``lines`` (..., lines, n); ``noise`` (..., offsets, lines, n) of the whole record, ``freedom`` of the offsets are
-    independent; ``spread``: variance at a line over that of the noise, since the transient is not known exactly.
+    ``lines`` (..., lines, n); ``noise`` (..., offsets, lines, n) of the whole record, ``freedom``
+    of the offsets are independent; ``spread``: variance at a line over that of the noise, since
+    the transient is not known exactly.
     """
 
     lines: np.ndarray
@@ -140,7 +154,9 @@ class SteadySpectra:
     spread: float
 
 
-def without_transients(lines: np.ndarray, beside: np.ndarray, offsets: np.ndarray) -> SteadySpectra:
+def without_transients(
+    lines: np.ndarray, beside: np.ndarray, offsets: np.ndarray
+) -> SteadySpectra:
     """Subtract the transient that the spectra beside the lines show.
 
     Parameters

@@ -1,6 +1,7 @@
 """Collocation methods as tables that check their own order conditions.
 
-Sources: E. Hairer, S. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 1993, sec. II.7; II, 1996, IV.5.
+Sources: E. Hairer, S. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 1993, sec.
+II.7; II, 1996, IV.5.
 """
 
 from __future__ import annotations
@@ -13,10 +14,11 @@ from numpy.polynomial import Polynomial, legendre
 
 @dataclass(frozen=True)
 class Tableau:
-    """A collocation method with the nodes ``c``: ``A[i, j] = int_0^c_i l_j``, ``b[j] = int_0^1 l_j``, and twice.
+    """A collocation method with the nodes ``c``: ``A[i, j] = int_0^c_i l_j``,
+    ``b[j] = int_0^1 l_j``, and twice.
 
-    ``AA[i, j]``, ``bb[j]``: ``int_0^c_i int_0^t l_j`` and to 1, for second-order equations. ``order``: of the
-    quadrature (b, c), which is asserted.
+    ``AA[i, j]``, ``bb[j]``: ``int_0^c_i int_0^t l_j`` and to 1, for second-order equations.
+    ``order``: of the quadrature (b, c), which is asserted.
     """
 
     name: str
@@ -55,7 +57,8 @@ class Tableau:
 
 
 def _integrals(c: np.ndarray) -> tuple[list[Polynomial], list[Polynomial]]:
-    once, twice = [], []
+    once = []
+    twice = []
     for j in range(len(c)):
         others = np.delete(c, j)
         lagrange = Polynomial(np.atleast_1d(np.poly(others))[::-1] / np.prod(c[j] - others))
@@ -66,27 +69,31 @@ def _integrals(c: np.ndarray) -> tuple[list[Polynomial], list[Polynomial]]:
 
 def _tableau(name: str, c: np.ndarray, order: int) -> Tableau:
     once, twice = _integrals(c)
-    A, AA = (
-        np.array([[p(x) for p in once] for x in c]),
-        np.array([[p(x) for p in twice] for x in c]),
-    )
+    A = np.array([[p(x) for p in once] for x in c])
+    AA = np.array([[p(x) for p in twice] for x in c])
     return Tableau(
         name, c, A, np.array([p(1.0) for p in once]), AA, np.array([p(1.0) for p in twice]), order
     )
 
 
 def gauss(stages: int) -> Tableau:
-    """Gauss-Legendre collocation, order 2 s: symmetric, so that stable and unstable modes are treated alike."""
+    """Gauss-Legendre collocation, order 2 s: symmetric, so that stable and unstable modes are
+    treated alike.
+    """
     return _tableau(f"Gauss {stages}", (legendre.leggauss(stages)[0] + 1) / 2, 2 * stages)
 
 
 def radau(stages: int) -> Tableau:
-    """Radau IIA collocation, order 2 s - 1: stiffly accurate, for the fast stable motion of damped gears."""
+    """Radau IIA collocation, order 2 s - 1: stiffly accurate, for the fast stable motion of damped
+    gears.
+    """
     inner = legendre.Legendre.basis(stages) - legendre.Legendre.basis(stages - 1)
     roots = np.sort(np.real(inner.roots()))
     return _tableau(f"Radau IIA {stages}", np.append((roots[:-1] + 1) / 2, 1.0), 2 * stages - 1)
 
 
 def lobatto() -> Tableau:
-    """Lobatto IIIA collocation at both ends and the middle, order 4: the method of Hermite and Simpson."""
+    """Lobatto IIIA collocation at both ends and the middle, order 4: the method of Hermite and
+    Simpson.
+    """
     return _tableau("Lobatto IIIA 3", np.array([0.0, 0.5, 1.0]), 4)

@@ -1,10 +1,12 @@
-"""Collocation of second-order equations on a mesh: where the unknowns stand, and the sparse matrices that follow.
+"""Collocation of second-order equations on a mesh: where the unknowns stand, and the sparse
+matrices that follow.
 
-Unknowns, in this order: the states (y, y') at all nodes; then for each interval the accelerations y'' at its Gauss
-points and, for each of its instants, ``n_w`` further unknowns w. Within an interval y follows by integrating the
-polynomial through the accelerations twice:
+Unknowns, in this order: the states (y, y') at all nodes; then for each interval the accelerations
+y'' at its Gauss points and, for each of its instants, ``n_w`` further unknowns w. Within an
+interval y follows by integrating the polynomial through the accelerations twice:
 
-    y(t_k + c_i h) = y_k + c_i h y'_k + h^2 sum_j AA_ij y''_j,     y'(t_k + c_i h) = y'_k + h sum_j A_ij y''_j
+    y(t_k + c_i h) = y_k + c_i h y'_k + h^2 sum_j AA_ij y''_j,
+    y'(t_k + c_i h) = y'_k + h sum_j A_ij y''_j
 """
 
 from __future__ import annotations
@@ -23,7 +25,9 @@ from flexgen.numerics.tableaus import Tableau
 
 @dataclass(frozen=True)
 class Transcription:
-    """A mesh with its unknowns: ``nodes`` (N + 1,) [s], the method, ``n`` coordinates y, ``n_w`` more an instant."""
+    """A mesh with its unknowns: ``nodes`` (N + 1,) [s], the method, ``n`` coordinates y, ``n_w``
+    more an instant.
+    """
 
     nodes: np.ndarray
     table: Tableau
@@ -66,12 +70,16 @@ class Transcription:
         return self.n_nodes + self.n_inner * self.N
 
     def pack(self, states: np.ndarray, accelerations: np.ndarray, w: np.ndarray) -> np.ndarray:
-        """The vector of unknowns from states (N + 1, 2 n), accelerations (N s, n) and w (N s, n_w)."""
+        """The vector of unknowns from states (N + 1, 2 n), accelerations (N s, n) and w (N s,
+        n_w).
+        """
         inner = np.hstack([accelerations.reshape(self.N, -1), w.reshape(self.N, -1)])
         return np.concatenate([states.ravel(), inner.ravel()])
 
     def unpack(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """y, y' (N + 1, n), accelerations (N, s, n) and w (N, s, n_w) from the vector of unknowns."""
+        """y, y' (N + 1, n), accelerations (N, s, n) and w (N, s, n_w) from the vector of
+        unknowns.
+        """
         states = x[: self.n_nodes].reshape(self.N + 1, 2, self.n)
         inner = x[self.n_nodes :].reshape(self.N, self.n_inner)
         cut = self.s * self.n
@@ -83,13 +91,16 @@ class Transcription:
         )
 
     def instant(self) -> tuple[ca.SX, ca.SX, ca.SX, tuple[ca.SX, ca.SX, ca.SX], ca.SX]:
-        """Symbols of one instant: unknowns z, parameters (tableau row, selector) and h; then (y, y', y'') there, and w.
+        """Symbols of one instant: unknowns z, parameters (tableau row, selector) and h; then (y,
+        y', y'') there, and w.
 
         ``z`` = (y, y' at the node before, accelerations of the interval, w of the instant).
         """
-        n, s = self.n, self.s
+        n = self.n
+        s = self.s
         z = ca.SX.sym("z", (2 + s) * n + self.n_w)
-        row, h = ca.SX.sym("row", 1 + 3 * s), ca.SX.sym("h")
+        row = ca.SX.sym("row", 1 + 3 * s)
+        h = ca.SX.sym("h")
         return z, row, h, motion_at(z, row, h, n, s), z[(2 + s) * n :]
 
     @cached_property
@@ -121,13 +132,17 @@ class Transcription:
 
     @cached_property
     def continuity(self) -> sp.csc_matrix:
-        """From node to node: linear in the unknowns, so written once as a sparse matrix (2 n N rows)."""
+        """From node to node: linear in the unknowns, so written once as a sparse matrix (2 n N
+        rows).
+        """
         n = self.n
         k = np.repeat(np.arange(self.N), n)
         e = np.tile(np.arange(n), self.N)
         h = self.h[k]
         at = 2 * n * k + e
-        here, after, inner = 2 * n * k + e, 2 * n * (k + 1) + e, self.n_nodes + self.n_inner * k + e
+        here = 2 * n * k + e
+        after = 2 * n * (k + 1) + e
+        inner = self.n_nodes + self.n_inner * k + e
         one = np.ones(len(k))
         entries = [(at, after, one), (at, here, -one), (at, here + n, -h)]
         entries += [(at + n, after + n, one), (at + n, here + n, -one)]
@@ -148,7 +163,8 @@ class Transcription:
         scale_x: np.ndarray,
         x0: np.ndarray,
     ) -> tuple[ca.MX, ca.MX, np.ndarray]:
-        """Scaled constraints of all instants, then of all nodes, with their Jacobian, put together block by block.
+        """Scaled constraints of all instants, then of all nodes, with their Jacobian, put together
+        block by block.
 
         Parameters
         ----------
@@ -170,10 +186,11 @@ class Transcription:
         slope = ca.jacobian(rows, symbols[0])
         block = slope.sparsity()
         local = ca.Function("instant", symbols, [rows, ca.vertcat(*slope.nonzeros())])
-        count, m = self.N * self.s, rows.shape[0]
+        count = self.N * self.s
+        m = rows.shape[0]
         row, col = (np.array(i) for i in block.get_triplet())
-        # rows scaled so that an error of the size of the unknowns' scales weighs one; several instants, for a pose may
-        # hide what matters
+        # rows scaled so that an error of the size of the unknowns' scales weighs one; several
+        # instants, for a pose may hide what matters
         size = np.full(m, 1e-300)
         for k in np.unique(np.linspace(0, count - 1, 5).astype(int)):
             first = np.zeros(block.shape)
@@ -211,11 +228,15 @@ class Transcription:
 
 
 def motion_at(z: ca.SX, row: ca.SX, h: ca.SX, n: int, s: int) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """(y, y', y'') at an instant of an interval of length h: ``z`` begins with (y, y' at its start, s accelerations).
+    """(y, y', y'') at an instant of an interval of length h: ``z`` begins with (y, y' at its
+    start, s accelerations).
 
-    ``row`` (1 + 3 s,): the instant in the interval, then the weights of the accelerations for y', y and y''.
+    ``row`` (1 + 3 s,): the instant in the interval, then the weights of the accelerations for y',
+    y and y''.
     """
-    y, dy, ddy = z[:n] + h * row[0] * z[n : 2 * n], z[n : 2 * n], ca.SX.zeros(n)
+    y = z[:n] + h * row[0] * z[n : 2 * n]
+    dy = z[n : 2 * n]
+    ddy = ca.SX.zeros(n)
     for j in range(s):
         a = z[(2 + j) * n : (3 + j) * n]
         dy = dy + h * row[1 + j] * a

@@ -1,9 +1,10 @@
-"""Nonlinear least squares by a trust region on the normal equations, with a Gaussian prior and bounds.
+"""Nonlinear least squares by a trust region on the normal equations, with a Gaussian prior and
+bounds.
 
     min  ||r(x)||^2 + sum ((x - x_0)/sd)^2,      g = Re J^H r + prior,  A = Re J^H J + prior
 
-The step is the minimum of the quadratic model within a sphere, from the eigenvalues of A. Residuals are summed into g
-and A by the caller, so that their Jacobian is never stored as a whole.
+The step is the minimum of the quadratic model within a sphere, from the eigenvalues of A.
+Residuals are summed into g and A by the caller, so that their Jacobian is never stored as a whole.
 
 Source: J. Nocedal and S. Wright, Numerical Optimization, 2nd ed. 2006, ch. 4.
 """
@@ -20,20 +21,27 @@ from flexgen.deadline import best_known, check_time, is_over, keep_best
 from flexgen.errors import SolverError
 
 Sums = tuple[float, np.ndarray, np.ndarray]  # ||r||^2, Re J^H r, Re J^H J
-RADIUS, LARGEST_RADIUS = 0.5, 3.0  # of the step in x, mostly logarithms
+RADIUS = 0.5  # of the step in x
+LARGEST_RADIUS = 3.0  # mostly logarithms
 ITERATIONS = 100
-# Where to stop: distance to the minimum of the quadratic model over the standard deviation, and size of a step.
-DISTANCE_IN_SD, SMALL_STEP = 1e-3, 1e-9
-# Of a wrong model: mean square of residuals, with 1 for noise; so many steps that gain less than this part.
-WRONG, FEW, LITTLE = 10.0, 10, 0.02
+# Where to stop: distance to the minimum of the quadratic model over the standard deviation, and
+# size of a step.
+DISTANCE_IN_SD = 1e-3
+SMALL_STEP = 1e-9
+# Of a wrong model: mean square of residuals, with 1 for noise; so many steps that gain less than
+# this part.
+WRONG = 10.0
+FEW = 10
+LITTLE = 0.02
 
 
 @dataclass(frozen=True)
 class Fit:
     """Result of a fit.
 
-    ``x`` (n,), ``cost``: ||r||^2 without the prior; ``objective``: with it; ``A`` (n, n): Re J^H J without the prior;
-    ``iterations``, ``converged``; ``at_bound`` (n,): parameters that a bound holds; ``wrong``: see `minimize`.
+    ``x`` (n,), ``cost``: ||r||^2 without the prior; ``objective``: with it; ``A`` (n, n): Re J^H J
+    without the prior; ``iterations``, ``converged``; ``at_bound`` (n,): parameters that a bound
+    holds; ``wrong``: see `minimize`.
     """
 
     x: np.ndarray
@@ -62,8 +70,8 @@ def minimize(
     Parameters
     ----------
     sums, cost : callables
-        ``||r||^2`` with and without the sums of the normal equations. They may raise SolverError where the model has
-        no solution; such a step is refused.
+        ``||r||^2`` with and without the sums of the normal equations. They may raise SolverError
+        where the model has no solution; such a step is refused.
     start, center : arrays (n,)
         Where the search begins, and the center of the prior.
     prior_sd : array (n,)
@@ -71,8 +79,8 @@ def minimize(
     distance : float
         Stop where the minimum of the quadratic model is nearer than this, in standard deviations.
     count : int, optional
-        Of the residuals: where their mean square exceeds `WRONG`, and steps gain little, the model is ``wrong``, and
-        the search stops.
+        Of the residuals: where their mean square exceeds `WRONG`, and steps gain little, the model
+        is ``wrong``, and the search stops.
     """
     lower, upper = bounds
     weight = prior_sd**-2.0
@@ -83,8 +91,13 @@ def minimize(
     def objective(at: np.ndarray, of: float) -> float:
         return of + float(weight @ (at - center) ** 2)
 
-    radius, total, converged, wrong, n = RADIUS, objective(x, value), False, False, 0
-    held, totals = np.zeros(len(x), bool), [total]
+    radius = RADIUS
+    total = objective(x, value)
+    converged = False
+    wrong = False
+    n = 0
+    held = np.zeros(len(x), bool)
+    totals = [total]
     best_known(time.perf_counter() - began)
     with keep_best():
         for n in range(1, ITERATIONS + 1):  # noqa: B007, the number of iterations is a result
@@ -149,7 +162,8 @@ def _step(A: np.ndarray, g: np.ndarray, radius: float) -> np.ndarray:
     step = -along / values
     if np.linalg.norm(step) <= radius:
         return vectors @ step
-    low, high = 0.0, float(np.linalg.norm(along)) / radius
+    low = 0.0
+    high = float(np.linalg.norm(along)) / radius
     for _ in range(200):
         shift = (low * high) ** 0.5 if low > 0 else high * 1e-3
         step = -along / (values + shift)

@@ -1,1 +1,3 @@
-"""Observers of an elastic robot's state: extended Kalman filter, constant gains by pose, collision detection."""
+"""Observers of an elastic robot's state: extended Kalman filter, constant gains by pose, collision
+detection.
+"""

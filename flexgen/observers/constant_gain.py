@@ -2,9 +2,9 @@
 
     x- = F x + G (d + du),    e = dy - C x- - D (d + du),    x = x- + M_x e,    d <- d + M_d e
 
-x: state minus reference, du and dy: torques and measurements minus those of the reference, d: torques on motors that
-are not commanded. F, G: linearization in the middle of each part of the motion, by the exponential; M: the stationary
-Kalman gain there.
+x: state minus reference, du and dy: torques and measurements minus those of the reference, d:
+torques on motors that are not commanded. F, G: linearization in the middle of each part of the
+motion, by the exponential; M: the stationary Kalman gain there.
 """
 
 from __future__ import annotations
@@ -42,7 +42,9 @@ from flexgen.type_checks import checked_class, checked_types
 
 SOURCE = Path(__file__).with_name("constant_gain.c")
 PARTS = 40  # of the motion
-PANEL, DENSE = 24, 4  # rows side by side in C
+# rows side by side in C
+PANEL = 24
+DENSE = 4
 FLAGS = "-O3 -ftree-vectorize"  # no sum changes its order
 
 
@@ -75,7 +77,8 @@ class ConstantGainObserver:
     Raises
     ------
     ArgumentError
-        An output is not known, a noise is not above zero, or the outputs do not determine the state.
+        An output is not known, a noise is not above zero, or the outputs do not determine the
+        state.
     SolverError
         No gain exists at a pose.
 
@@ -107,11 +110,9 @@ class ConstantGainObserver:
             raise ArgumentError(f"parts: given {parts!r}, expected 1 to 10000")
         case = control_case(solution.model, solution=solution, sample_time=sample_time)
         self.channels = channels_of(case.model, outputs, noise)
-        self.model, self.outputs, self.sample_time = (
-            self.channels.model,
-            self.channels.names,
-            float(sample_time),
-        )
+        self.model = self.channels.model
+        self.outputs = self.channels.names
+        self.sample_time = float(sample_time)
         self.noises = Noises(case.model, torque_noise, disturbance_rate, tool_force)
         self.states = state_names(self.model, True)
         self.time = case.reference.time
@@ -137,11 +138,19 @@ class ConstantGainObserver:
 
     def __repr__(self) -> str:
         sizes = f"{len(self.outputs)} outputs, {len(self.states)} states"
-        return f"<ConstantGainObserver {self.model.title}: {sizes}, samples of {1e3 * self.sample_time:.4g} ms>"
+        return (
+            f"<ConstantGainObserver {self.model.title}: {sizes}, samples of "
+            f"{1e3 * self.sample_time:.4g} ms>"
+        )
 
     def _make(self, motion: dict[str, np.ndarray], torque: np.ndarray, native: bool) -> None:
-        model, order, index = self.model, self._order, self.channels.index[self._order]
-        n_x, n_m, n_y, n_dense = 2 * model.dof, model.n_m, len(index), self._dense
+        model = self.model
+        order = self._order
+        index = self.channels.index[self._order]
+        n_x = 2 * model.dof
+        n_m = model.n_m
+        n_y = len(index)
+        n_dense = self._dense
         elastic = list(model.i_m)
         x_ref = np.hstack(
             [motion["q_a"], motion["q_m"][:, elastic], motion["v_a"], motion["v_m"][:, elastic]]
@@ -178,20 +187,30 @@ class ConstantGainObserver:
         self._module.flexgen_constant_gain_size.restype = ctypes.c_int64
         self._module.flexgen_constant_gain_run.restype = ctypes.c_int64
         head = _ConstantGain(
-            n_x=n_x, n_m=n_m, n_y=n_y, n_dense=n_dense, parts=len(blocks), samples=self.samples, part=part,
-            references=len(x_ref), **{name: x.ctypes.data for name, x in self._tables.items()},
-        )  # fmt: skip
+            n_x=n_x,
+            n_m=n_m,
+            n_y=n_y,
+            n_dense=n_dense,
+            parts=len(blocks),
+            samples=self.samples,
+            part=part,
+            references=len(x_ref),
+            **{name: x.ctypes.data for name, x in self._tables.items()},
+        )
         own = ctypes.sizeof(head) // 8
         self._memory = allocate_aligned(
             own + int(self._module.flexgen_constant_gain_size(ctypes.byref(head)))
         )
         ctypes.memmove(self._memory.ctypes.data, ctypes.byref(head), ctypes.sizeof(head))
-        self._head, self._begin = _ConstantGain.from_buffer(self._memory.data), own
+        self._head = _ConstantGain.from_buffer(self._memory.data)
+        self._begin = own
         self.reset()
 
     @checked_types(own=("sample",))
     def reset(self, sample: int = 0) -> None:
-        """Begin on the reference, at a sample; ArgumentError where it is not a whole number from 0 on."""
+        """Begin on the reference, at a sample; ArgumentError where it is not a whole number from 0
+        on.
+        """
         if (
             isinstance(sample, bool)
             or not isinstance(sample, int | np.integer)
@@ -199,10 +218,13 @@ class ConstantGainObserver:
         ):
             raise ArgumentError(f"sample: given {sample!r}, expected a whole number from 0 on")
         self._memory[self._begin :] = 0.0
-        self._head.failed, self.sample = 0, sample
+        self._head.failed = 0
+        self.sample = sample
 
     def __deepcopy__(self, memo: dict[int, Any]) -> ConstantGainObserver:
-        """An observer of its own in the same state, such as `flexgen.control` makes of a controller for each robot."""
+        """An observer of its own in the same state, such as `flexgen.control` makes of a
+        controller for each robot.
+        """
         other = copy.copy(self)
         other._memory = allocate_aligned(self._memory.size)
         other._memory[:] = self._memory
@@ -211,29 +233,35 @@ class ConstantGainObserver:
 
     @checked_types(own=("y", "u"))
     def step(self, y: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """The state (n_z,) after one more sample: ``y`` (n_y,) measured now, ``u`` (n_m,) acted since the last one."""
+        """The state (n_z,) after one more sample: ``y`` (n_y,) measured now, ``u`` (n_m,) acted
+        since the last one.
+        """
         return np.asarray(
             self.run(np.asarray(y, dtype=float)[None], np.asarray(u, dtype=float)[None])[0]
         )
 
     @checked_types(own=("y", "u"))
     def run(self, y: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """The states (n, n_z) of a record ``y`` (n, n_y), ``u`` (n, n_m); see `ExtendedKalmanFilter.run`.
+        """The states (n, n_z) of a record ``y`` (n, n_y), ``u`` (n, n_m); see
+        `ExtendedKalmanFilter.run`.
 
         SolverError where a number is not finite.
         """
         count = len(y)
         y = np.ascontiguousarray(record("y", y, count, len(self.outputs))[:, self._order])
-        u, z = record("u", u, count, self.model.n_m), np.empty((count, len(self.states)))
+        u = record("u", u, count, self.model.n_m)
+        z = np.empty((count, len(self.states)))
         done = self._module.flexgen_constant_gain_run(
-            ctypes.c_void_p(self._memory.ctypes.data), ctypes.c_int64(self.sample), ctypes.c_int64(count),
+            ctypes.c_void_p(self._memory.ctypes.data),
+            ctypes.c_int64(self.sample),
+            ctypes.c_int64(count),
             *(ctypes.c_void_p(x.ctypes.data) for x in (y, u, z)),
-        )  # fmt: skip
+        )
         self.sample += int(done)
         if done < count:
             raise SolverError(
-                f"constant-gain observer, sample {done} of {count}: a number is not finite; check measurements and "
-                "torques"
+                f"constant-gain observer, sample {done} of {count}: a number is not finite; "
+                "check measurements and torques"
             )
         return z
 
@@ -241,15 +269,21 @@ class ConstantGainObserver:
 def stationary(
     at: PoseModel, index: np.ndarray, noise: np.ndarray, noises: Noises, sample_s: float
 ) -> tuple[np.ndarray, ...]:
-    """``F, G, C, D`` of a pose and the stationary gain ``M`` (n_x + n_m, n_y) of the filter with disturbances.
+    """``F, G, C, D`` of a pose and the stationary gain ``M`` (n_x + n_m, n_y) of the filter with
+    disturbances.
 
-    The gain corrects the prediction at the sample itself: ``M = P C' (C P C' + R)^-1``, P the covariance before it.
+    The gain corrects the prediction at the sample itself: ``M = P C' (C P C' + R)^-1``, P the
+    covariance before it.
     """
     n_x, n_m = at.B.shape
-    F, G = expm(at.A * sample_s), hold_effects(at.A, at.B, sample_s, 0.0)[1]
-    C, D = at.C[index], at.D[index]
-    whole, rows = np.eye(n_x + n_m), np.hstack([C, D])
-    whole[:n_x, :n_x], whole[:n_x, n_x:] = F, G
+    F = expm(at.A * sample_s)
+    G = hold_effects(at.A, at.B, sample_s, 0.0)[1]
+    C = at.C[index]
+    D = at.D[index]
+    whole = np.eye(n_x + n_m)
+    rows = np.hstack([C, D])
+    whole[:n_x, :n_x] = F
+    whole[:n_x, n_x:] = G
     Q = process_noise(at, G, noises, sample_s)
     P = riccati(whole.T, rows.T, Q, np.diag(noise**2))
     M = np.linalg.solve(rows @ P @ rows.T + np.diag(noise**2), rows @ P).T

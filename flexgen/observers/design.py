@@ -1,4 +1,6 @@
-"""Designs of observers: names of states, noises of the model, and whether the outputs determine the state."""
+"""Designs of observers: names of states, noises of the model, and whether the outputs determine
+the state.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,9 @@ SHARE = 0.1  # entries of a vector of states that are named, relative to its lar
 
 
 def state_names(model: RobotModel, disturbances: bool) -> tuple[str, ...]:
-    """Names of the states: arm, motors behind elastic gears, their speeds, disturbances of the motors."""
+    """Names of the states: arm, motors behind elastic gears, their speeds, disturbances of the
+    motors.
+    """
     motors = [motor.name for motor in model.motors]
     y = [*(c.name for c in model.coordinates), *(motors[j] for j in model.i_m)]
     own = [f"disturbance of {name}" for name in motors] if disturbances else []
@@ -28,7 +32,9 @@ def state_names(model: RobotModel, disturbances: bool) -> tuple[str, ...]:
 
 
 def tool_force_noise(at: PoseModel, sample_s: float, force: float) -> np.ndarray:
-    """Covariance (n_x, n_x) that a force on the tool, white noise held in each sample, adds to the state."""
+    """Covariance (n_x, n_x) that a force on the tool, white noise held in each sample, adds to the
+    state.
+    """
     pushed = hold_effects(at.A, at.push, sample_s, 0.0)[1] * force
     return np.asarray(pushed @ pushed.T)
 
@@ -46,23 +52,28 @@ def process_noise(at: PoseModel, G: np.ndarray, noises: Noises, sample_s: float)
 def check_observable(
     at: PoseModel, channels: Channels, states: tuple[str, ...], noises: Noises, n_d: int
 ) -> None:
-    """ArgumentError with the states that the outputs do not determine, unless these decay by themselves.
+    """ArgumentError with the states that the outputs do not determine, unless these decay by
+    themselves.
 
-    The matrix ``(A - lambda; C)`` has full rank at every eigenvalue lambda that does not decay (Popov, Belevitch,
-    Hautus); states are scaled: motors to the arm side, speeds by 10 1/s, disturbances by the largest torques.
+    The matrix ``(A - lambda; C)`` has full rank at every eigenvalue lambda that does not decay
+    (Popov, Belevitch, Hautus); states are scaled: motors to the arm side, speeds by 10 1/s,
+    disturbances by the largest torques.
     """
-    n_x, n_z = len(at.A), len(at.A) + n_d
+    n_x = len(at.A)
+    n_z = len(at.A) + n_d
     A = np.zeros((n_z, n_z))
     A[:n_x, :n_x] = at.A
     A[:n_x, n_x:] = at.B[:, :n_d]
     C = np.zeros((len(channels.index), n_z))
     C[:, :n_x] = at.C[channels.index]
-    model, n = channels.model, n_x // 2
+    model = channels.model
+    n = n_x // 2
     scale = np.ones(n_z)
     scale[model.n_a : n] = np.abs(model.eta).max(axis=1)[list(model.i_m)]  # motors on the arm side
     scale[n:n_x] = 10.0 * scale[:n]  # 1/s
     scale[n_x:] = noises.largest[:n_d]
-    A, C = A * scale / scale[:, None], C * scale
+    A = A * scale / scale[:, None]
+    C = C * scale
     sizes = np.linalg.norm(C, axis=1)
     C = C / np.where(sizes > 0, sizes, 1.0)[:, None]
     values = np.linalg.eigvals(A)
@@ -80,8 +91,8 @@ def check_observable(
         names = [name for name in states if name in hidden]
         more = f" and {len(names) - 8} more" if len(names) > 8 else ""
         raise ArgumentError(
-            f"outputs: given {', '.join(channels.names)}, which do not determine {', '.join(names[:8])}{more}; "
-            "measure more, such as all motor angles ('motors')"
+            f"outputs: given {', '.join(channels.names)}, which do not determine "
+            f"{', '.join(names[:8])}{more}; measure more, such as all motor angles ('motors')"
         )
 
 

@@ -3,9 +3,10 @@
     x' = f(x, u + d) + noise,    d' = noise,    y = g(x, u + d) + noise
     x = (q_a, q_m, v_a, v_m), of the motors those behind elastic gears;  d: torque on each motor
 
-The prediction integrates f by the classical Runge-Kutta method; its derivative F has second order in the sample time,
-of the linearization at the predicted state of the sample before. Measurements are used one after the other. Noises: of
-the torques of a sample, of disturbances that grow, of a force on the tool, and of the measurements.
+The prediction integrates f by the classical Runge-Kutta method; its derivative F has second order
+in the sample time, of the linearization at the predicted state of the sample before. Measurements
+are used one after the other. Noises: of the torques of a sample, of disturbances that grow, of a
+force on the tool, and of the measurements.
 
 Source: A. Gelb (ed.), Applied Optimal Estimation, 1974, sec. 6.1.
 """
@@ -77,7 +78,8 @@ class Estimate(Result):
     innovation : array (n_y,)
         Measurement minus prediction.
     normalized : float or array
-        ``nu' S^-1 nu`` of the innovation nu and its covariance S: chi-square with n_y degrees of freedom.
+        ``nu' S^-1 nu`` of the innovation nu and its covariance S: chi-square with n_y degrees of
+        freedom.
     deviation : array (n_z,)
         Standard deviations of the states, see `ExtendedKalmanFilter.states`.
 
@@ -109,8 +111,9 @@ class ExtendedKalmanFilter:
     ----------
     model : name, path, RobotModel or Equations
     outputs : str or sequence of str
-        Measured signals: ``"motors"``, motors and sensors of the model file by name, ``"tool_accelerometer"``,
-        ``"tool_gyro"``, ``"link_encoders"``; see `flexgen.loop.channels`.
+        Measured signals: ``"motors"``, motors and sensors of the model file by name,
+        ``"tool_accelerometer"``, ``"tool_gyro"``, ``"link_encoders"``; see
+        `flexgen.loop.channels`.
     sample_time : float [s]
     noise : float or mapping of str to float, optional
         Standard deviations of the measurements by the names of the outputs.
@@ -123,7 +126,8 @@ class ExtendedKalmanFilter:
     disturbances : bool
         False: the filter has no disturbance torques.
     native : bool
-        Compile for this processor: about twice as fast, and the last digits depend on the processor.
+        Compile for this processor: about twice as fast, and the last digits depend on the
+        processor.
 
     Attributes
     ----------
@@ -137,8 +141,8 @@ class ExtendedKalmanFilter:
     Raises
     ------
     ArgumentError
-        An output is not known, a noise is not above zero, the outputs do not determine the state, or the model has
-        hysteresis or friction with a state.
+        An output is not known, a noise is not above zero, the outputs do not determine the state,
+        or the model has hysteresis or friction with a state.
 
     Examples
     --------
@@ -166,20 +170,17 @@ class ExtendedKalmanFilter:
         robot = robot_of(model)
         refuse_hysteresis(robot, "ExtendedKalmanFilter")
         self.channels: Channels = channels_of(robot, outputs, noise)
-        self.model, self.outputs, self.sample_time = (
-            self.channels.model,
-            self.channels.names,
-            float(sample_time),
-        )
+        self.model = self.channels.model
+        self.outputs = self.channels.names
+        self.sample_time = float(sample_time)
         self.noises = Noises(robot, torque_noise, disturbance_rate, tool_force)
         self.n_d = self.model.n_m if disturbances else 0
         self.states = state_names(self.model, self.n_d > 0)
         equations = derive(self.model)
-        self._local, self._poses = LocalDynamics(equations), PoseModels(self.model)
-        self._native, self._module = (
-            native,
-            c_module(SOURCE, "" if native else FLAGS, native=native),
-        )
+        self._local = LocalDynamics(equations)
+        self._poses = PoseModels(self.model)
+        self._native = native
+        self._module = c_module(SOURCE, "" if native else FLAGS, native=native)
         self._module.flexgen_kalman_size.restype = ctypes.c_int64
         self._module.flexgen_kalman_run.restype = ctypes.c_int64
         functions = ["forward_dynamics", "linearize"]
@@ -192,9 +193,12 @@ class ExtendedKalmanFilter:
 
     def __repr__(self) -> str:
         sizes = f"{len(self.outputs)} outputs, {len(self.states)} states"
-        return f"<ExtendedKalmanFilter {self.model.title}: {sizes}, samples of {1e3 * self.sample_time:.4g} ms>"
+        return (
+            f"<ExtendedKalmanFilter {self.model.title}: {sizes}, samples of "
+            f"{1e3 * self.sample_time:.4g} ms>"
+        )
 
-    # --- begin -------------------------------------------------------------------------------------------------------
+    # --- begin -----------------------------------------------------------------------------------
     def reset(
         self,
         q_m: np.ndarray | None = None,
@@ -211,7 +215,8 @@ class ExtendedKalmanFilter:
         state : array (n_z,), optional
             Instead of it; see `states`.
         covariance : array (n_z, n_z), optional
-            Of the state; default: 1e-3 rad or m, 1e-2 rad/s or m/s, and a tenth of the largest torques.
+            Of the state; default: 1e-3 rad or m, 1e-2 rad/s or m/s, and a tenth of the largest
+            torques.
 
         Raises
         ------
@@ -220,7 +225,8 @@ class ExtendedKalmanFilter:
         SolverError
             The robot has no equilibrium there.
         """
-        n_z, n = len(self.states), self.model.dof
+        n_z = len(self.states)
+        n = self.model.dof
         if state is None:
             angles = (
                 self.model.eta @ np.array(self.model.home)
@@ -229,7 +235,8 @@ class ExtendedKalmanFilter:
             )
             motion = self._at_rest(angles)
             z = np.zeros(n_z)
-            z[: self.model.n_a], z[self.model.n_a : n] = motion[0][0], angles[list(self.model.i_m)]
+            z[: self.model.n_a] = motion[0][0]
+            z[self.model.n_a : n] = angles[list(self.model.i_m)]
         else:
             z = vector("state", state, n_z)
             motion = self._at(z)
@@ -255,7 +262,8 @@ class ExtendedKalmanFilter:
             self._poses.at(motion), self.sample_time, self.noises.tool_force
         )
         self._head.status = self._head.begun = 0
-        self._z[:], self._P[:] = z, 0.0
+        self._z[:] = z
+        self._P[:] = 0.0
         self._P[:n_z, :n_z] = (P + P.T) / 2
 
     def _start(self) -> np.ndarray:
@@ -267,7 +275,7 @@ class ExtendedKalmanFilter:
         ]
         return np.concatenate(parts)[: 2 * n + self.n_d]
 
-    # --- samples -----------------------------------------------------------------------------------------------------
+    # --- samples ---------------------------------------------------------------------------------
     @checked_types(own=("y", "u"))
     def step(self, y: np.ndarray, u: np.ndarray) -> Estimate:
         """The estimate after one more sample; the first one after `reset` only corrects the start.
@@ -287,24 +295,27 @@ class ExtendedKalmanFilter:
         Raises
         ------
         SolverError
-            A number is not finite, or the covariance is not positive any more; `reset` begins again.
+            A number is not finite, or the covariance is not positive any more; `reset` begins
+            again.
         """
         found = self.run(np.asarray(y, dtype=float)[None], np.asarray(u, dtype=float)[None])
         return Estimate(*(getattr(found, name)[0] for name in found.__dataclass_fields__))
 
     @checked_types(own=("y", "u"))
     def run(self, y: np.ndarray, u: np.ndarray) -> Estimate:
-        """The same for a record: ``y`` (n, n_y), ``u`` (n, n_m); ``u[k]`` acted from sample k - 1 to sample k.
+        """The same for a record: ``y`` (n, n_y), ``u`` (n, n_m); ``u[k]`` acted from sample k - 1
+        to sample k.
 
-        Commanded torques are late by one sample and the delay: ``u[k] = commanded[k - 1]`` without delay.
+        Commanded torques are late by one sample and the delay: ``u[k] = commanded[k - 1]`` without
+        delay.
         """
-        count, n_z = len(y), len(self.states)
-        y, u = record("y", y, count, len(self.outputs)), record("u", u, count, self.model.n_m)
-        z, deviation, nu = (
-            np.empty((count, n_z)),
-            np.empty((count, n_z)),
-            np.empty((count, len(self.outputs))),
-        )
+        count = len(y)
+        n_z = len(self.states)
+        y = record("y", y, count, len(self.outputs))
+        u = record("u", u, count, self.model.n_m)
+        z = np.empty((count, n_z))
+        deviation = np.empty((count, n_z))
+        nu = np.empty((count, len(self.outputs)))
         squares = np.empty(count)
         pointers = [ctypes.c_void_p(x.ctypes.data) for x in (y, u, z, deviation, nu, squares)]
         done = self._module.flexgen_kalman_run(
@@ -319,7 +330,8 @@ class ExtendedKalmanFilter:
     def _estimate(
         self, z: np.ndarray, deviation: np.ndarray, nu: np.ndarray, squares: np.ndarray
     ) -> Estimate:
-        n, n_a = self.model.dof, self.model.n_a
+        n = self.model.dof
+        n_a = self.model.n_a
         C = self._local._C
         d = z[:, 2 * n :] if self.n_d else np.zeros((len(z), self.model.n_m))
         return Estimate(
@@ -355,25 +367,31 @@ class ExtendedKalmanFilter:
         start = np.zeros(self.model.n_a)
         start[i_g] = np.linalg.solve(self.model.eta, q_m)
         q_a, tau = self._local.rest(q_m, np.zeros(0), start)
-        arm, motors = np.zeros((1, self.model.n_a)), np.zeros((1, self.model.n_m))
+        arm = np.zeros((1, self.model.n_a))
+        motors = np.zeros((1, self.model.n_m))
         return q_a[None], arm, arm, q_m[None], motors, motors, tau[None]
 
     def _at(self, z: np.ndarray) -> tuple[np.ndarray, ...]:
         """The same at a state, at rest."""
         q_m = self._local._C @ z[: self.model.dof]
-        arm, motors = np.zeros((1, self.model.n_a)), np.zeros((1, self.model.n_m))
+        arm = np.zeros((1, self.model.n_a))
+        motors = np.zeros((1, self.model.n_m))
         return z[None, : self.model.n_a], arm, arm, q_m[None], motors, motors, motors
 
-    # --- memory of C -------------------------------------------------------------------------------------------------
+    # --- memory of C -----------------------------------------------------------------------------
     def _make(self, rest: tuple[np.ndarray, ...]) -> None:
-        model, n, channels = self.model, self.model.dof, self.channels
-        n_x, n_s = 2 * n, sum(len(s.channels) for s in model.sensors)
+        model = self.model
+        n = self.model.dof
+        channels = self.channels
+        n_x = 2 * n
+        n_s = sum(len(s.channels) for s in model.sensors)
         stride = -(-max(n_x + model.n_m, n + -(-n // TILE) * TILE) // TILE) * TILE
         rate = self._local.largest_rate(rest, np.zeros(0)) * self.sample_time
         if not rate < LARGEST_RATE:
             raise ArgumentError(
-                f"sample_time: given {self.sample_time} s, and the fastest eigenvalue is {rate / self.sample_time:.3g} "
-                f"1/s: expected less than {LARGEST_RATE:g} integration steps"
+                f"sample_time: given {self.sample_time} s, and the fastest eigenvalue is "
+                f"{rate / self.sample_time:.3g} 1/s: expected less than {LARGEST_RATE:g} "
+                "integration steps"
             )
         doublings = max(0, int(np.ceil(np.log2(rate / TRANSITION_TIMES_RATE))))
         elastic = list(model.i_m)
@@ -383,7 +401,8 @@ class ExtendedKalmanFilter:
                 rows.append(-1 - (model.n_a + elastic.index(index)))
             else:
                 rows.append(n_s + int(index) if index < model.n_m else int(index) - model.n_m)
-        largest, h = self.noises.largest, self.sample_time
+        largest = self.noises.largest
+        h = self.sample_time
         self._tables = {
             "elastic": np.array(elastic or [0], np.int32),
             "channel": np.array(rows, np.int32),
@@ -395,12 +414,20 @@ class ExtendedKalmanFilter:
         }
         self._process = self._tables["process"]
         head = _Kalman(
-            n_a=model.n_a, n_m=model.n_m, n_e=len(elastic), n_d=self.n_d, n_y=len(rows), n_s=n_s,
-            steps=max(1, int(np.ceil(rate / STEP_TIMES_RATE))), doublings=doublings, stride=stride, sample_s=h,
+            n_a=model.n_a,
+            n_m=model.n_m,
+            n_e=len(elastic),
+            n_d=self.n_d,
+            n_y=len(rows),
+            n_s=n_s,
+            steps=max(1, int(np.ceil(rate / STEP_TIMES_RATE))),
+            doublings=doublings,
+            stride=stride,
+            sample_s=h,
             accelerating=int(channels.accelerating),
             **{name: x.ctypes.data for name, x in self._tables.items()},
             **{name: _function(self._library.functions.get(f)) for name, f in _FUNCTIONS.items()},
-        )  # fmt: skip
+        )
         size = self._module.flexgen_kalman_size(ctypes.byref(head))
         self._memory = allocate_aligned(size // 8)
         ctypes.memmove(self._memory.ctypes.data, ctypes.byref(head), ctypes.sizeof(head))
@@ -419,13 +446,14 @@ class ExtendedKalmanFilter:
         self._P = self._memory[P : P + stride * stride].reshape(stride, stride)
 
     def __deepcopy__(self, memo: dict[int, Any]) -> ExtendedKalmanFilter:
-        """A filter of its own in the same state, such as `flexgen.control` makes of a controller for each robot."""
+        """A filter of its own in the same state, such as `flexgen.control` makes of a controller
+        for each robot.
+        """
         other = copy.copy(self)
-        other._memory, process = (
-            allocate_aligned(self._memory.size),
-            allocate_aligned(self._process.size),
-        )
-        other._memory[:], process[:] = self._memory, self._process.ravel()
+        other._memory = allocate_aligned(self._memory.size)
+        process = allocate_aligned(self._process.size)
+        other._memory[:] = self._memory
+        process[:] = self._process.ravel()
         other._process = process.reshape(self._process.shape)
         other._tables = self._tables | {"process": other._process}
         other._view()
@@ -453,7 +481,9 @@ class _Kalman(ctypes.Structure):
     _fields_ = [
         *[
             (name, ctypes.c_int32)
-            for name in "n_a n_m n_e n_d n_y n_s steps doublings accelerating status begun unused".split()
+            for name in (
+                "n_a n_m n_e n_d n_y n_s steps doublings accelerating status begun unused"
+            ).split()
         ],
         ("stride", ctypes.c_int64),
         ("sample_s", ctypes.c_double),

@@ -1,4 +1,6 @@
-"""Arc length of a curve over its parameter, and the parameter at a given arc length, to rounding."""
+"""Arc length of a curve over its parameter, and the parameter at a given arc length, to
+rounding.
+"""
 
 from __future__ import annotations
 
@@ -11,10 +13,13 @@ NEWTON_STEPS = 12  # at most; three are enough
 
 
 class ArcTable:
-    """Arc length over the parameter: integral of ``speed``, u (n,) to |dp/du| > 0 (n,), between ``knots`` (m + 1)."""
+    """Arc length over the parameter: integral of ``speed``, u (n,) to |dp/du| > 0 (n,), between
+    ``knots`` (m + 1).
+    """
 
     def __init__(self, speed: Callable[[np.ndarray], np.ndarray], knots: np.ndarray) -> None:
-        self.speed, self.knots = speed, knots
+        self.speed = speed
+        self.knots = knots
         panels = self._integral(knots[:-1], knots[1:])
         self.lengths = np.concatenate([[0.0], np.cumsum(panels)])
 
@@ -40,14 +45,16 @@ class ArcTable:
     def parameter(self, s: np.ndarray) -> np.ndarray:
         """The parameter (n,) at the arc lengths ``s`` (n,)."""
         panel = np.clip(np.searchsorted(self.lengths, s, side="right") - 1, 0, len(self.knots) - 2)
-        low, high = self.knots[panel], self.knots[panel + 1]
+        low = self.knots[panel]
+        high = self.knots[panel + 1]
         remaining = s - self.lengths[panel]
         u = low + remaining / (self.lengths[panel + 1] - self.lengths[panel]) * (high - low)
         moving = np.arange(len(u))  # a point does not depend on the others
         for _ in range(NEWTON_STEPS):
             if not len(moving):
                 break
-            a, b = low[moving], high[moving]
+            a = low[moving]
+            b = high[moving]
             step = (self._integral(a, u[moving]) - remaining[moving]) / self.speed(u[moving])
             u[moving] = np.clip(u[moving] - step, a, b)
             moving = moving[np.abs(step) > self.resolution]

@@ -1,13 +1,15 @@
 """Consecutive segments as one curve: corners blended within their zones, arc length as parameter.
 
-Near the corner between two segments, over the parameter range of ``z`` (the zone) to either side, the first still moves
-while the second has started: with lengths covered l_1(u), l_2(u)
+Near the corner between two segments, over the parameter range of ``z`` (the zone) to either side,
+the first still moves while the second has started: with lengths covered l_1(u), l_2(u)
 
-    p(u) = p_corner + (c_1(l_1) - c_1(L_1)) + c_2(l_2),        l_2 = z a((u - u_corner)/z),   a'' a bump on [-1, 1]
+    p(u) = p_corner + (c_1(l_1) - c_1(L_1)) + c_2(l_2),        l_2 = z a((u - u_corner)/z),
+    a'' a bump on [-1, 1]
 
-and likewise the rotations, R = R_2(l_2) R_1(l_1). Outside a(x) = x or 0, so the curve leaves the first segment and
-joins the second with as many continuous derivatives as the bump has; as a(x) + a(-x) <= 1 it stays within z of the
-corner. If the parameters of both segments are arc lengths, a table converts the parameter of the corner to arc length.
+and likewise the rotations, R = R_2(l_2) R_1(l_1). Outside a(x) = x or 0, so the curve leaves the
+first segment and joins the second with as many continuous derivatives as the bump has; as a(x) +
+a(-x) <= 1 it stays within z of the corner. If the parameters of both segments are arc lengths, a
+table converts the parameter of the corner to arc length.
 """
 
 from __future__ import annotations
@@ -42,7 +44,9 @@ ANALYTIC = 99  # continuous derivatives of a curve without corners
 
 @dataclass(frozen=True)
 class Section:
-    """A section of a blended curve: the straight section of one segment, or the corner between it and the next one."""
+    """A section of a blended curve: the straight section of one segment, or the corner between it
+    and the next one.
+    """
 
     segment: int
     corner: bool
@@ -70,7 +74,9 @@ class BlendedCurve:
         segments: list[Segment],
         zones: list[float],
     ) -> None:
-        self.start, self.segments, self.zones = np.asarray(start, dtype=float), segments, zones
+        self.start = np.asarray(start, dtype=float)
+        self.segments = segments
+        self.zones = zones
         self.R_start = None if R_start is None else np.asarray(R_start, dtype=float)
         self.ends = np.cumsum([segment.length for segment in segments])
         self.smoothness = BUMP + 1 if any(z > 0 for z in zones) else ANALYTIC
@@ -143,8 +149,12 @@ class BlendedCurve:
     def _corner(
         self, k: int, u: np.ndarray, rotate: bool = True
     ) -> tuple[np.ndarray, Attitude | None]:
-        """Jet of the position, and orientation, in the corner after segment k, from the jet of the parameter."""
-        before, after, zone = self.segments[k], self.segments[k + 1], self.zones[k]
+        """Jet of the position, and orientation, in the corner after segment k, from the jet of the
+        parameter.
+        """
+        before = self.segments[k]
+        after = self.segments[k + 1]
+        zone = self.zones[k]
         step = TimeLaw(2 * zone, BUMP)
         rise = step.with_integral(u[:, 0] - (self.ends[k] - zone), u.shape[1] - 1)
         fall = step.with_integral(self.ends[k] + zone - u[:, 0], u.shape[1] - 1) * (
@@ -174,9 +184,12 @@ class BlendedCurve:
         return sum(section.length for section in self.sections)
 
     def __call__(self, s: np.ndarray) -> tuple[np.ndarray, Attitude | None]:
-        """Jet (n, d, k) of the position, and the orientation, from the jet (n, k) of the arc length."""
+        """Jet (n, d, k) of the position, and the orientation, from the jet (n, k) of the arc
+        length.
+        """
         x = np.zeros((len(s), len(self.start), s.shape[1]))
-        R, w = np.zeros((len(s), 3, 3)), np.zeros((len(s), 3, s.shape[1] - 1))
+        R = np.zeros((len(s), 3, 3))
+        w = np.zeros((len(s), 3, s.shape[1] - 1))
         starts = np.concatenate([[0.0], np.cumsum([section.length for section in self.sections])])
         at = np.clip(np.searchsorted(starts, s[:, 0], side="right") - 1, 0, len(self.sections) - 1)
         for k, section in enumerate(self.sections):
@@ -208,7 +221,8 @@ class BlendedCurve:
             return u
         u = table.parameter(s[:, 0])
         return compose(
-            inverse_function(u, square_root(self._speed_squared(section.segment, u)))[:, None, :], s
+            inverse_function(u, square_root(self._speed_squared(section.segment, u)))[:, None, :],
+            s,
         )[:, 0]
 
 
@@ -222,5 +236,6 @@ def _sum_in_order(x: np.ndarray) -> np.ndarray:
 
 def _identity(u: np.ndarray) -> np.ndarray:
     out = np.zeros((len(u), JET))
-    out[:, 0], out[:, 1] = u, 1.0
+    out[:, 0] = u
+    out[:, 1] = 1.0
     return out

@@ -1,4 +1,6 @@
-"""CSV files of a force on the tool, over time or over the place on a path: a row of names, then numbers."""
+"""CSV files of a force on the tool, over time or over the place on a path: a row of names, then
+numbers.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,8 @@ from flexgen.spec.tables import open_file
 from flexgen.trajectory import Trajectory
 from flexgen.trajectory_files import common_unit
 
-LINE_MAX, ROWS_MAX = 1000, 200_000  # characters, rows of a file
+LINE_MAX = 1000  # characters
+ROWS_MAX = 200_000  # rows of a file
 
 
 def is_table(file: Path) -> bool:
@@ -28,7 +31,9 @@ def is_table(file: Path) -> bool:
 
 
 def read_force(file: Path, first: str, expected: str) -> Trajectory:
-    """The columns ``first``, fx, fy, fz (, mx, my, mz) of a file, the first one as time; ArgumentError for others."""
+    """The columns ``first``, fx, fy, fz (, mx, my, mz) of a file, the first one as time;
+    ArgumentError for others.
+    """
     try:
         with open_file(file, encoding="utf-8-sig") as stream:
             names = [name.strip() for name in stream.readline(LINE_MAX).split(",")]
@@ -40,27 +45,38 @@ def read_force(file: Path, first: str, expected: str) -> Trajectory:
     except ValueError as error:
         why = str(error).partition("; use")[0]
         raise ArgumentError(
-            f"force: file {file} cannot be read ({why}), expected names in line 1, then numbers with a decimal point, "
-            "and commas between the columns"
+            f"force: file {file} cannot be read ({why}), expected names in line 1, then numbers "
+            "with a decimal point, and commas between the columns"
         ) from None
     labels = LABELS[: len(names) - 1]
     if names != [first, *labels] or len(labels) not in (3, 6):
-        columns = f"the columns {first}, fx, fy, fz [N], or these and mx, my, mz [N m], with commas between them"
+        columns = (
+            f"the columns {first}, fx, fy, fz [N], or these and mx, my, mz [N m], with commas "
+            "between them"
+        )
         raise ArgumentError(
             f"force: given the columns {', '.join(names)} in {file}, expected {columns}"
         )
     if rows.shape[1] != len(names) or len(rows) < 2:
         raise ArgumentError(
-            f"force: given {len(rows)} rows in {file}, expected two or more of {len(names)} numbers"
+            f"force: given {len(rows)} rows in {file}, expected two or more of {len(names)} "
+            "numbers"
         )
     bad = ~np.isfinite(rows).all(axis=1) | (np.diff(rows[:, 0], prepend=-np.inf) <= 0)
     if bad.any():
         row = int(np.argmax(bad))
         given = ", ".join(f"{x:g}" for x in rows[row])
         expected = f"finite numbers, {first} increasing"
-        raise ArgumentError(f"force: given {given} in row {row + 1} of {file}, expected {expected}")
+        raise ArgumentError(
+            f"force: given {given} in row {row + 1} of {file}, expected {expected}"
+        )
     units = UNITS[: len(labels)]
     port = Port(CHANNEL, (len(labels),), common_unit(units), "force on the tool")
     return Trajectory(
-        rows[:, 0], {CHANNEL: rows[:, 1:]}, {CHANNEL: port}, {CHANNEL: labels}, {}, {CHANNEL: units}
+        rows[:, 0],
+        {CHANNEL: rows[:, 1:]},
+        {CHANNEL: port},
+        {CHANNEL: labels},
+        {},
+        {CHANNEL: units},
     )

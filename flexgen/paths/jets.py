@@ -1,6 +1,7 @@
 """Derivatives of products, roots, inverses and compositions up to a fixed order (jets).
 
-A *jet* is an array whose last axis is the order of the derivative: ``x[..., k]`` is the k-th one, k = 0 ... n.
+A *jet* is an array whose last axis is the order of the derivative: ``x[..., k]`` is the k-th one,
+k = 0 ... n.
 """
 
 from __future__ import annotations
@@ -18,7 +19,8 @@ JET = ORDER + 1
 def chain_rule(f: list[np.ndarray], s: np.ndarray) -> list[np.ndarray]:
     """Time derivatives of ``f(s(t))`` by Faa di Bruno's formula.
 
-    ``f``: derivatives with respect to s, each (n, m), from order 0; ``s`` (n, k): s and its time derivatives.
+    ``f``: derivatives with respect to s, each (n, m), from order 0; ``s`` (n, k): s and its time
+    derivatives.
     """
     n = len(f) - 1
     bell = [[np.zeros(len(s)) for _ in range(n + 1)] for _ in range(n + 1)]
@@ -37,12 +39,16 @@ def chain_rule(f: list[np.ndarray], s: np.ndarray) -> list[np.ndarray]:
 
 
 def compose(f: np.ndarray, s: np.ndarray) -> np.ndarray:
-    """Jet of ``f(s(t))`` (n, m, k) from the jet ``f`` (n, m, k) in s and the jet ``s`` (n, k) in time."""
+    """Jet of ``f(s(t))`` (n, m, k) from the jet ``f`` (n, m, k) in s and the jet ``s`` (n, k) in
+    time.
+    """
     return np.stack(chain_rule([f[:, :, k] for k in range(f.shape[2])], s), axis=-1)
 
 
 def product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Jet of the product of two jets, by Leibniz' rule; other axes broadcast, the shorter jet decides the order."""
+    """Jet of the product of two jets, by Leibniz' rule; other axes broadcast, the shorter jet
+    decides the order.
+    """
     size = min(a.shape[-1], b.shape[-1])
     return np.stack(
         [sum(comb(k, i) * a[..., i] * b[..., k - i] for i in range(k + 1)) for k in range(size)],
@@ -75,9 +81,12 @@ def square_root(a: np.ndarray) -> np.ndarray:
 
 
 def inverse_function(u: np.ndarray, slope: np.ndarray) -> np.ndarray:
-    """Jet (n, k + 1) of the inverse function u(s) from the jet ``slope`` (n, k) of ``ds/du`` in u."""
+    """Jet (n, k + 1) of the inverse function u(s) from the jet ``slope`` (n, k) of ``ds/du`` in
+    u.
+    """
     du_ds = reciprocal(slope)
-    out, term = [u, du_ds[..., 0]], du_ds
+    out = [u, du_ds[..., 0]]
+    term = du_ds
     while term.shape[-1] > 1:
         term = product(du_ds, term[..., 1:])  # d/ds = 1/(ds/du) d/du
         out.append(term[..., 0])
@@ -85,11 +94,15 @@ def inverse_function(u: np.ndarray, slope: np.ndarray) -> np.ndarray:
 
 
 def rotation_quaternion(angle: np.ndarray, axis: np.ndarray) -> np.ndarray:
-    """Jet (n, 4, k) of the unit quaternion (w, x, y, z) of a rotation by ``angle`` (n, k) about a fixed axis."""
+    """Jet (n, 4, k) of the unit quaternion (w, x, y, z) of a rotation by ``angle`` (n, k) about a
+    fixed axis.
+    """
     half = angle / 2
     s, c = sine_cosine(half[:, 0])
     cycle = [np.stack(pair, axis=1) for pair in ((c, s), (-s, c), (-c, -s), (s, -c))]
-    cosine_sine = np.stack(chain_rule([cycle[k % 4] for k in range(angle.shape[1])], half), axis=-1)
+    cosine_sine = np.stack(
+        chain_rule([cycle[k % 4] for k in range(angle.shape[1])], half), axis=-1
+    )
     return np.concatenate([cosine_sine[:, :1], cosine_sine[:, 1:] * axis[None, :, None]], axis=1)
 
 
@@ -116,7 +129,9 @@ def conjugate(q: np.ndarray) -> np.ndarray:
 
 
 def angular_velocity(q: np.ndarray) -> np.ndarray:
-    """Angular velocity in world axes and its derivatives (n, 3, k - 1) of the jet (n, 4, k) of a unit quaternion."""
+    """Angular velocity in world axes and its derivatives (n, 3, k - 1) of the jet (n, 4, k) of a
+    unit quaternion.
+    """
     return 2 * quaternion_product(q[:, :, 1:], conjugate(q[:, :, :-1]))[:, 1:]
 
 
@@ -132,7 +147,9 @@ def matrices_of_quaternions(q: np.ndarray) -> np.ndarray:
 
 
 Attitude = tuple[np.ndarray, np.ndarray]
-"""Orientation (n, 3, 3), and the angular velocity (n, 3, k - 1) with its derivatives, both in world axes."""
+"""Orientation (n, 3, 3), and the angular velocity (n, 3, k - 1) with its derivatives, both in
+world axes.
+"""
 
 
 def attitude(q: np.ndarray) -> Attitude:
@@ -144,13 +161,16 @@ def rotation_matrices(axis: np.ndarray, angles: np.ndarray) -> np.ndarray:
     """Rotation matrices (n, 3, 3) about one unit axis."""
     x, y, z = axis
     hat = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    sine, half = sine_cosine(angles)[0][:, None, None], sine_cosine(angles / 2)[0][:, None, None]
+    sine = sine_cosine(angles)[0][:, None, None]
+    half = sine_cosine(angles / 2)[0][:, None, None]
     versine = 2 * half**2
     return np.eye(3) + sine * hat + versine * (hat @ hat)
 
 
 def multiply_rotations(E: np.ndarray, R: np.ndarray) -> np.ndarray:
-    """Products (n, 3, 3) of the matrices ``E`` (n, 3, 3) and ``R`` (3, 3), with one order of operations everywhere."""
+    """Products (n, 3, 3) of the matrices ``E`` (n, 3, 3) and ``R`` (3, 3), with one order of
+    operations everywhere.
+    """
     return E[:, :, 0, None] * R[0] + E[:, :, 1, None] * R[1] + E[:, :, 2, None] * R[2]
 
 

@@ -1,4 +1,6 @@
-"""Inverse kinematics of the undeflected arm along a reference, and the speed and acceleration limits of its joints."""
+"""Inverse kinematics of the undeflected arm along a reference, and the speed and acceleration
+limits of its joints.
+"""
 
 from __future__ import annotations
 
@@ -23,27 +25,34 @@ FINER = 8  # subintervals between two instants
 JUMP = 1.0
 SINGULAR = 1e-7  # smallest allowed ratio of the singular values of the output Jacobian
 SLACK = 1e-9  # rad or m: distance beyond a range that counts as rounding
-MANY, EVERY = 200, 8  # instants; of more, every eighth is solved alone, those between them at once
+MANY = 200  # instants
+EVERY = 8  # of more, every eighth is solved alone, those between them at once
 AT_ONCE = 8  # steps of Newton's method for those
-# rad or m: solutions of those are not farther from their start than this and the change around them
+# rad or m: solutions of those are not farther from their start than this and the change around
+# them
 NEAR = 0.05
 SAME = 1e-6  # of the mean distance of instants; closer ones give no extrapolation
 
 
 class InverseKinematics:
-    """Inverse kinematics of a model without deflections; needs as many outputs as actuated coordinates."""
+    """Inverse kinematics of a model without deflections; needs as many outputs as actuated
+    coordinates.
+    """
 
     def __init__(self, equations: Equations) -> None:
-        self.equations, self.model = equations, equations.model
+        self.equations = equations
+        self.model = equations.model
 
     @cached_property
     def _position(self) -> ca.Function:
         """Error of the output to a target, and its Jacobian in the actuated coordinates."""
-        map_, symbol = output_map(self.equations), self.equations.lagrangian.chain.q_a
+        map_ = output_map(self.equations)
+        symbol = self.equations.lagrangian.chain.q_a
         if self.model.output.size != self.model.n_g:
             raise ArgumentError(
-                f"model {self.model.name}: given {self.model.output.size} outputs and {self.model.n_g} actuated "
-                "coordinates, expected equal numbers: otherwise the output does not determine the joint configuration"
+                f"model {self.model.name}: given {self.model.output.size} outputs and "
+                f"{self.model.n_g} actuated coordinates, expected equal numbers: otherwise the "
+                "output does not determine the joint configuration"
             )
         jacobian = ca.densify(ca.jacobian(map_.error, symbol[list(self.model.i_g)]))
         return ca.Function("position", [symbol, map_.target], [ca.densify(map_.error), jacobian])
@@ -51,7 +60,8 @@ class InverseKinematics:
     @cached_property
     def _velocity(self) -> ca.Function:
         """Jacobian W of the output in the actuated coordinates, and W' v."""
-        map_, symbol = output_map(self.equations), self.equations.lagrangian.chain.q_a
+        map_ = output_map(self.equations)
+        symbol = self.equations.lagrangian.chain.q_a
         v = ca.SX.sym("v", self.model.n_a)
         bias = ca.jtimes(ca.mtimes(map_.rate, v), symbol, v)
         return ca.Function(
@@ -71,7 +81,8 @@ class InverseKinematics:
         q_g : array (n_g)
             Start of the iteration at the first instant.
         at : array (n,), optional
-            Instants as parts of the time of the path, for the extrapolation and messages; default: equidistant.
+            Instants as parts of the time of the path, for the extrapolation and messages; default:
+            equidistant.
 
         Raises
         ------
@@ -81,7 +92,8 @@ class InverseKinematics:
         return self._one_by_one(_targets(sample), q_g, at)
 
     def follow_many(self, sample: PathSample, q_g: np.ndarray, at: np.ndarray) -> np.ndarray:
-        """As `follow`, faster: every eighth instant one after the other, then all at once from what they interpolate.
+        """As `follow`, faster: every eighth instant one after the other, then all at once from
+        what they interpolate.
 
         Where that does not converge nearby, all one after the other.
         """
@@ -106,7 +118,9 @@ class InverseKinematics:
         position = Evaluator(self._position)
         parts = np.linspace(0.0, 1.0, len(targets)) if at is None else at
         same = 0.0 if at is None else SAME * (at[-1] - at[0]) / max(len(at), 1)
-        before, last = None, 0  # instants for the extrapolation
+        # instants for the extrapolation
+        before = None
+        last = 0
         for k, target in enumerate(targets):
             if before is not None:  # linear extrapolation
                 ahead = 1.0 if at is None else (at[k] - at[k - 1]) / (at[last] - at[before])
@@ -122,24 +136,30 @@ class InverseKinematics:
                     break
             if not np.abs(error).max() < REACHED * (1 + np.abs(target).max()):
                 raise SolverError(
-                    f"inverse kinematics: no solution {_instant(parts[k])}, error {np.abs(error).max():.2e}; "
-                    "the path leaves the workspace or passes a singular pose"
+                    f"inverse kinematics: no solution {_instant(parts[k])}, error "
+                    f"{np.abs(error).max():.2e}; the path leaves the workspace or passes a "
+                    "singular pose"
                 )
             out[k] = q[i_g]
             if k > 0 and parts[k] - parts[last] > same:
-                before, last = last, k
+                before = last
+                last = k
         return out
 
     def _at_once(
         self, targets: np.ndarray, guess: np.ndarray, around: np.ndarray
     ) -> np.ndarray | None:
-        """Newton's method at all instants; None where it does not converge, or far off against ``around`` (n, n_g)."""
-        i_g, n = list(self.model.i_g), len(guess)
+        """Newton's method at all instants; None where it does not converge, or far off against
+        ``around`` (n, n_g).
+        """
+        i_g = list(self.model.i_g)
+        n = len(guess)
         q = np.zeros((n, self.model.n_a))
         q[:, i_g] = guess
         for _ in range(AT_ONCE):
             error, jacobian = evaluate(self._position, q, targets)
-            error, jacobian = error.reshape(n, -1), jacobian.reshape(n, -1, len(i_g))
+            error = error.reshape(n, -1)
+            jacobian = jacobian.reshape(n, -1, len(i_g))
             sizes = np.linalg.svd(jacobian, compute_uv=False)
             if not (sizes[:, -1] > SINGULAR * sizes[:, 0]).all():
                 return None
@@ -152,9 +172,13 @@ class InverseKinematics:
         return q[:, i_g] if (reached & nearby).all() else None
 
     def velocities(self, sample: PathSample, q_g: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Velocities and accelerations (n, n_g) of the actuated coordinates along a reference, from `follow`."""
-        n, i_g = len(q_g), list(self.model.i_g)
-        q, v = np.zeros((n, self.model.n_a)), np.zeros((n, self.model.n_a))
+        """Velocities and accelerations (n, n_g) of the actuated coordinates along a reference,
+        from `follow`.
+        """
+        n = len(q_g)
+        i_g = list(self.model.i_g)
+        q = np.zeros((n, self.model.n_a))
+        v = np.zeros((n, self.model.n_a))
         q[:, i_g] = q_g
         W = evaluate(self._velocity, q, v)[0].reshape(n, len(i_g), -1)
         v_g = np.linalg.solve(W, sample.derivative(1)[:, :, None])[:, :, 0]
@@ -171,10 +195,11 @@ class InverseKinematics:
         )
 
     def slowdown(self, v: np.ndarray, a: np.ndarray) -> float:
-        """Factor by which the time of a motion must be multiplied to meet all limits; at most 1: none is exceeded.
+        """Factor by which the time of a motion must be multiplied to meet all limits; at most 1:
+        none is exceeded.
 
-        ``v``, ``a`` (n, n_g) or (n, m, n_g) of m motions: velocities and accelerations at equidistant instants,
-        interpolated by cubic splines.
+        ``v``, ``a`` (n, n_g) or (n, m, n_g) of m motions: velocities and accelerations at
+        equidistant instants, interpolated by cubic splines.
         """
         factor = 0.0
         n = np.arange(len(v))
@@ -196,23 +221,23 @@ class InverseKinematics:
 
 
 def beyond_range(robot: RobotModel, q_g: np.ndarray) -> tuple[str, ...]:
-    """Sentences about the actuated coordinates (n, n_g) [rad or m] that leave their ranges of the model file."""
+    """Sentences about the actuated coordinates (n, n_g) [rad or m] that leave their ranges of the
+    model file.
+    """
     out = []
     for k, i in enumerate(robot.i_g):
         coordinate = robot.coordinates[i]
         dof = coordinate.dof
         if dof is None:
             continue
-        low, high = (
-            (-np.inf if dof.lower is None else dof.lower),
-            (np.inf if dof.upper is None else dof.upper),
-        )
+        low = -np.inf if dof.lower is None else dof.lower
+        high = np.inf if dof.upper is None else dof.upper
         beyond = np.maximum(low - q_g[:, k], q_g[:, k] - high)
         worst = int(np.argmax(beyond))
         if beyond[worst] > SLACK:
             out.append(
-                f"coordinate {dof.name} goes to {q_g[worst, k]:.4g} {coordinate.unit}, its range is {low:.4g} to "
-                f"{high:.4g} {coordinate.unit}"
+                f"coordinate {dof.name} goes to {q_g[worst, k]:.4g} {coordinate.unit}, its "
+                f"range is {low:.4g} to {high:.4g} {coordinate.unit}"
             )
     return tuple(out)
 

@@ -16,7 +16,8 @@ from flexgen.type_checks import checked_types
 
 @checked_types(own=("file",))
 def read_moves(file: str | Path, model: RobotModel) -> tuple[Move, ...]:
-    """Read moves and programs from a TOML file with ``[[move]]`` and ``[[program]]`` tables, as in a model file.
+    """Read moves and programs from a TOML file with ``[[move]]`` and ``[[program]]`` tables, as in
+    a model file.
 
     Parameters
     ----------
@@ -63,7 +64,9 @@ def read_moves(file: str | Path, model: RobotModel) -> tuple[Move, ...]:
 
 
 def find_move_in(file: str | Path | None, name: str | None, model: RobotModel) -> Move:
-    """The move or program with this name (None: the first) in a file of moves; without a file, in the model."""
+    """The move or program with this name (None: the first) in a file of moves; without a file, in
+    the model.
+    """
     if file is None:
         return model.move(name)
     found = read_moves(file, model)

@@ -35,8 +35,8 @@ if TYPE_CHECKING:
 
 TYPES = ("tool_line", "tool_circle", "tool_polyline", "sampled", "joint", "output_line", "program")
 NO_ROTATION = np.zeros(3)
-# rad: tilt of a given orientation from that of a tool that rotates about one axis only: rounding of
-# decimals in files
+# rad: tilt of a given orientation from that of a tool that rotates about one axis only: rounding
+# of decimals in files
 SAME_TILT = 1e-6
 
 NO_MOTION = 1e-9  # m for each meter of reach: motion along an axis that is not an output
@@ -45,7 +45,9 @@ KEYS = {"tool_circle": "axis", "tool_polyline": "legs", "program": "steps", "sam
 
 
 def wrong(where: Where | None, name: str, key: str, given: object, expected: str) -> Exception:
-    """The error to raise for a key of a move; it names file and line if the move is from a file."""
+    """The error to raise for a key of a move; it names file and line if the move is from a
+    file.
+    """
     if where is None:
         return ArgumentError(f"{name}: given {key} {given}, expected {expected}")
     path, line = where.find(key)
@@ -68,7 +70,8 @@ def plan_move(reference: Reference, move: Move) -> PlannedMove:
     Raises
     ------
     ArgumentError, ModelError
-        The move does not fit the model; a ModelError names file, line and key of a move from a file.
+        The move does not fit the model; a ModelError names file, line and key of a move from a
+        file.
     SolverError
         The path leaves the workspace or passes a singular pose.
     """
@@ -81,11 +84,14 @@ class _Planner:
     """Checks the data of one move and builds its timed segments."""
 
     def __init__(self, reference: Reference, move: Move) -> None:
-        self.reference, self.model, self.move = reference, reference.model, move
+        self.reference = reference
+        self.model = reference.model
+        self.move = move
         self.name = f"move {move.name}"
         if move.type not in TYPES:
             raise ArgumentError(
-                f"{self.name}: given type {move.type!r}, expected {', '.join(TYPES[:-1])} or {TYPES[-1]}"
+                f"{self.name}: given type {move.type!r}, expected {', '.join(TYPES[:-1])} or "
+                f"{TYPES[-1]}"
             )
         if not (move.type == "sampled" and not move.start):
             self._numbers("start", move.start, self.model.n_g)
@@ -110,7 +116,9 @@ class _Planner:
         return PlannedMove(tuple(segments), self.q_g)
 
     def _check_axes(self, segment: TimedSegment) -> None:
-        """Refuse a motion of the tool along an axis that is not an output: it would not be carried out."""
+        """Refuse a motion of the tool along an axis that is not an output: it would not be carried
+        out.
+        """
         axes = self.reference.axes
         if segment.space != "tool" or len(axes) == 3:
             return
@@ -121,7 +129,8 @@ class _Planner:
             if moved[i] > NO_MOTION * (1.0 + np.abs(x).max()):
                 given = f"with {moved[i]:.3g} m along {'xyz'[i]}"
                 expected = (
-                    f"a path along {', '.join(self.model.output.axes)} only, because the output has the axes "
+                    f"a path along {', '.join(self.model.output.axes)} only, because the output "
+                    f"has the axes "
                     f'"{self.model.output.axes}"; or add {"xyz"[i]} to output.axes of the model'
                 )
                 raise wrong(
@@ -149,7 +158,10 @@ class _Planner:
 
     def _require_tool(self, where: Where | None, name: str, what: str) -> None:
         if not self.reference.tool:
-            expected = "an output_line or joint move, because the output is not the position or pose of the tool"
+            expected = (
+                "an output_line or joint move, because the output is not the position or pose "
+                "of the tool"
+            )
             if where:
                 raise wrong(where, name, "type", what, expected)
             raise ArgumentError(f"{name}: given a {what}, expected {expected}")
@@ -177,7 +189,9 @@ class _Planner:
         speeds: list[float] | None = None
         if move.type == "joint":
             end = self._end(move, partial(wrong, move.where, self.name), self.q_g)
-            space, start, R = "joint", self.q_g, None
+            space = "joint"
+            start = self.q_g
+            R = None
             segments: list[Segment] = [Line(end - self.q_g, NO_ROTATION, largest=True)]
         elif move.type == "output_line":
             displacement = self._numbers("displacement", move.displacement, self.model.output.size)
@@ -189,7 +203,9 @@ class _Planner:
                     move.type,
                     "a tool_line, because the output is a tool_pose",
                 )
-            space, start, R = "output", self.reference.outputs(self.q_g), None
+            space = "output"
+            start = self.reference.outputs(self.q_g)
+            R = None
             segments = [Line(displacement, NO_ROTATION, largest=True)]
         else:
             space = "tool"
@@ -213,7 +229,9 @@ class _Planner:
         return space, BlendedCurve(start, self._pose(R), segments, []), speeds
 
     def _end(self, step: Move | MoveJ, fail: Failure, before: np.ndarray) -> np.ndarray:
-        """The actuated coordinates (n_g,) at the end of a joint move, which may be given by the pose of the tool."""
+        """The actuated coordinates (n_g,) at the end of a joint move, which may be given by the
+        pose of the tool.
+        """
         from flexgen.inverse_kinematics.targets import joints_of_target
 
         if step.target is not None:
@@ -238,7 +256,8 @@ class _Planner:
         if move.type == "tool_line":
             way = self._numbers("displacement", move.displacement, 3)
             return self._with_angle(Line(way, rotation, move.radius))
-        center, axis = self._numbers("center", move.center, 3), self._numbers("axis", move.axis, 3)
+        center = self._numbers("center", move.center, 3)
+        axis = self._numbers("axis", move.axis, 3)
         if not axis.any():
             raise wrong(move.where, self.name, "axis", move.axis, "a nonzero direction")
         if not np.isfinite(move.angle) or move.angle == 0:
@@ -276,7 +295,8 @@ class _Planner:
         from flexgen.paths.sample_files import read_samples
         from flexgen.paths.spline import SplineCurve, turns_of
 
-        move, reference = self.move, self.reference
+        move = self.move
+        reference = self.reference
         if move.degree not in DEGREES:
             raise wrong(
                 move.where,
@@ -353,14 +373,15 @@ class _Planner:
             start += law.duration
         return segments
 
-    # --- polylines and programs ---------------------------------------------------------------------------------------
+    # --- polylines and programs ------------------------------------------------------------------
     def _polyline(
         self, start: np.ndarray, R: np.ndarray, steps: Sequence[MoveL], radius: float
     ) -> tuple[BlendedCurve, list[float] | None]:
         """Consecutive lines and arcs of the tool from a pose, with rounded corners."""
         segments: list[Segment] = []
         zones = []
-        position, orientation = start, R
+        position = start
+        orientation = R
         if not steps:
             raise wrong(self.move.where, self.name, "legs", "none", "one or more")
         for k, step in enumerate(steps):
@@ -503,12 +524,17 @@ class _Planner:
             raise wrong(program.where, self.name, "step", "none", "one or more steps")
         stops = sum(step.zone == 0 for step in program.steps)
         if program.laws and (len(program.laws) != stops or min(map(len, program.laws)) < 2):
-            expected = f"none, or {stops}, one for each motion from rest to rest: its duration and coefficients"
+            expected = (
+                f"none, or {stops}, one for each motion from rest to rest: its duration and "
+                "coefficients"
+            )
             raise wrong(program.where, self.name, "laws", program.laws, expected)
         segments: list[TimedSegment] = []
-        q_g, time = self.q_g, 0.0
+        q_g = self.q_g
+        time = 0.0
         position, R = self.reference.tool_start(q_g)
-        first, limited = 0, InverseKinematics(self.reference.equations).has_limits
+        first = 0
+        limited = InverseKinematics(self.reference.equations).has_limits
         for k, step in enumerate(program.steps):
             self._check_step(step, k, program)
             if step.zone > 0 and k + 1 < len(program.steps):
@@ -568,7 +594,10 @@ class _Planner:
                 step, k, "pause", step.pause, "0 because the step has a zone, or no zone"
             )
         if step.zone > 0 and not last and program.steps[k + 1].space != step.space:
-            expected = "0 between a MoveJ and a move of the tool, because only moves of one space can be blended"
+            expected = (
+                "0 between a MoveJ and a move of the tool, because only moves of one space can "
+                "be blended"
+            )
             raise self._step_wrong(step, k, "zone", step.zone, expected)
 
     def _group(
@@ -582,7 +611,9 @@ class _Planner:
         time: float,
         timing: Vector | None,
     ) -> TimedSegment:
-        """The timed segment of steps without a stop between them, from a joint configuration and tool pose."""
+        """The timed segment of steps without a stop between them, from a joint configuration and
+        tool pose.
+        """
         joints = isinstance(group[0], MoveJ)
         profile = tuple(program.joint_profile if joints else program.profile)
         if not profile:
@@ -596,7 +627,8 @@ class _Planner:
             )
         segments: list[Segment] = []
         start, orientation = (q_g, None) if joints else (position, self._pose(R))
-        here, orientation_here = start, R
+        here = start
+        orientation_here = R
         for k, step in enumerate(group, first):
             if isinstance(step, MoveJ):
                 end = self._end(step, partial(self._step_wrong, step, k), here)

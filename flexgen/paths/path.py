@@ -1,4 +1,6 @@
-"""Paths: the reference of the output over time, with derivatives up to order 5, in position and orientation."""
+"""Paths: the reference of the output over time, with derivatives up to order 5, in position and
+orientation.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,8 @@ from flexgen.type_checks import checked_class, checked_types
 __all__ = ["ORDER", "Path", "PathSample", "chain_rule", "find_move", "plan"]
 
 # instants at which `plan` solves the inverse kinematics; of each motion of many
-CHECKED, FEWEST = 101, 33
+CHECKED = 101
+FEWEST = 33
 
 # s, more than a day: the samples of longer paths do not fit into memory
 LONGEST = 1e5
@@ -42,7 +45,8 @@ def _check_duration(name: str, duration: float) -> None:
 
 @checked_class
 class Path(Result):
-    """The reference of one move (or program) of one model at any instant; constant before 0 and after `duration`.
+    """The reference of one move (or program) of one model at any instant; constant before 0 and
+    after `duration`.
 
     Attributes
     ----------
@@ -93,7 +97,10 @@ class Path(Result):
 
     def __repr__(self) -> str:
         title = self.equations.model.title
-        return f"<Path {title}, move {self.move.name}: {self.duration:.4g} s, {self.smoothness} continuous derivatives>"
+        return (
+            f"<Path {title}, move {self.move.name}: {self.duration:.4g} s, {self.smoothness} "
+            "continuous derivatives>"
+        )
 
     @property
     def breaks(self) -> np.ndarray:
@@ -147,12 +154,15 @@ class Path(Result):
 
     @checked_types(own=("t",))
     def sample(self, t: np.ndarray) -> PathSample:
-        """The reference at the instants ``t`` [s], shape (n,); ArgumentError where they are none."""
+        """The reference at the instants ``t`` [s], shape (n,); ArgumentError where they are
+        none.
+        """
         return self.sample_orders(t, JET)
 
     @checked_types(own=("t", "count"))
     def sample_orders(self, t: np.ndarray, count: int) -> PathSample:
-        """The reference at the instants ``t`` [s], (n,), of joint moves with ``count`` derivatives, from 0 on, 2 to 6.
+        """The reference at the instants ``t`` [s], (n,), of joint moves with ``count``
+        derivatives, from 0 on, 2 to 6.
 
         Returns
         -------
@@ -201,7 +211,9 @@ class Path(Result):
 
 def _instants(t: Any) -> np.ndarray:
     try:
-        found = np.zeros((0, 0)) if isinstance(t, bytes | bytearray) else np.asarray(t, dtype=float)
+        found = (
+            np.zeros((0, 0)) if isinstance(t, bytes | bytearray) else np.asarray(t, dtype=float)
+        )
     except (TypeError, ValueError, OverflowError):
         found = np.zeros((0, 0))
     if found.ndim != 1 or not np.isfinite(found).all():
@@ -221,7 +233,8 @@ def plan(
     *,
     ignore_limits: bool = False,
 ) -> Path:
-    """Plan a move: a path in time, checked by the inverse kinematics of the undeflected arm and the joints' ranges.
+    """Plan a move: a path in time, checked by the inverse kinematics of the undeflected arm and
+    the joints' ranges.
 
     Parameters
     ----------
@@ -241,7 +254,8 @@ def plan(
     ArgumentError, ModelError
         The move is unknown or does not fit the model.
     SolverError
-        The path leaves the range of a joint or the workspace, or passes a singular pose; the message names the instant.
+        The path leaves the range of a joint or the workspace, or passes a singular pose; the
+        message names the instant.
 
     Examples
     --------
@@ -255,7 +269,8 @@ def plan(
 
 
 def check_range(path: Path, ignore_limits: bool = False) -> None:
-    """SolverError where the path leaves the workspace, passes a singular pose or leaves the range of a joint.
+    """SolverError where the path leaves the workspace, passes a singular pose or leaves the range
+    of a joint.
 
     Of motions of an output that does not determine the joints, nothing is checked.
     """
@@ -264,18 +279,22 @@ def check_range(path: Path, ignore_limits: bool = False) -> None:
     beyond = () if not found or ignore_limits else beyond_range(robot, np.concatenate(found))
     if beyond:
         raise SolverError(
-            f"move {path.move.name}: {'; '.join(beyond)}; choose another target or path: more time does not help; "
-            "ignore_limits (--ignore-limits) plans it nevertheless"
+            f"move {path.move.name}: {'; '.join(beyond)}; choose another target or path: more "
+            "time does not help; ignore_limits (--ignore-limits) plans it nevertheless"
         )
 
 
 def joints_along(path: Path, speeds: bool = False) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Actuated coordinates and their speeds (n, n_g) along each motion from rest to rest, at instants in all sections.
+    """Actuated coordinates and their speeds (n, n_g) along each motion from rest to rest, at
+    instants in all sections.
 
-    Motions of an output that does not determine the joints are left out. Without ``speeds`` the second is empty.
+    Motions of an output that does not determine the joints are left out. Without ``speeds`` the
+    second is empty.
     """
-    robot, kinematics = path.equations.model, InverseKinematics(path.equations)
-    q_g, count = path.q_start[list(robot.i_g)], max(FEWEST, CHECKED // len(path.segments))
+    robot = path.equations.model
+    kinematics = InverseKinematics(path.equations)
+    q_g = path.q_start[list(robot.i_g)]
+    count = max(FEWEST, CHECKED // len(path.segments))
     for segment in path.segments:
         t = segment.instants(CHECKED if len(path.segments) == 1 else count)
         x, attitude = segment.at(t)
@@ -283,7 +302,8 @@ def joints_along(path: Path, speeds: bool = False) -> Iterator[tuple[np.ndarray,
             q_g = x[-1, :, 0]
             yield x[:, :, 0], x[:, :, 1]
         elif robot.output.size == robot.n_g:
-            sample, at = path.reference.sample(segment.space, x, attitude), t / path.duration
+            sample = path.reference.sample(segment.space, x, attitude)
+            at = t / path.duration
             found = (
                 kinematics.follow(sample, q_g)
                 if len(t) == CHECKED

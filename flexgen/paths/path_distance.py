@@ -7,7 +7,8 @@ from scipy.spatial import cKDTree
 
 
 def distance_from_path(points: np.ndarray, path: np.ndarray) -> np.ndarray:
-    """Distance (n,) of points from the polyline through the samples of a path, in the unit of both.
+    """Distance (n,) of points from the polyline through the samples of a path, in the unit of
+    both.
 
     Parameters
     ----------
@@ -15,7 +16,8 @@ def distance_from_path(points: np.ndarray, path: np.ndarray) -> np.ndarray:
     path : array (m, k)
         Samples so close together that the nearest segment ends at the nearest sample.
     """
-    points, path = np.asarray(points, dtype=float), np.asarray(path, dtype=float)
+    points = np.asarray(points, dtype=float)
+    path = np.asarray(path, dtype=float)
     least, nearest = cKDTree(path).query(points)
     for step in (-1, 1):
         other = np.clip(nearest + step, 0, len(path) - 1)

@@ -1,18 +1,22 @@
-"""A planned path as a table of numbers, which the sampler of the emitted C reads: laws and curves, no samples.
+"""A planned path as a table of numbers, which the sampler of the emitted C reads: laws and curves,
+no samples.
 
-The table is a sequence of blocks in one array. Each begins with its length, so that the sampler can skip it; "n x" are
-n numbers.
+The table is a sequence of blocks in one array. Each begins with its length, so that the sampler
+can skip it; "n x" are n numbers.
 
     path     length, LAYOUT, n_t, n_y, n_a, segments, duration, n_a x q_start, n_y x column of a
              curve of the tool (0 to 2: position, 3: angle) of an output; then the segments
     segment  length, start, duration, space, law, curve
-    law      a polynomial, or: length, 2, time_scale, its powers 1 and 2, phases m, (m + 1) x start of a phase,
+    law
+    a polynomial, or: length, 2, time_scale, its powers 1 and 2, phases m, (m + 1) x start of a phase,
              (m + 1) x distance there, m x first speed, m x last speed; then m steps (a block of length 1: none)
-    step     a polynomial, or: length, 1, duration, knots m, derivatives k, m x knot, m k x derivatives -1 to k - 2
+    step
+    a polynomial, or: length, 1, duration, knots m, derivatives k, m x knot, m k x derivatives -1 to k - 2
     polynomial  length, 0, duration, its powers 1 and 2, scale, n, 4 x n coefficients: integral, value, two derivatives
     curve    length, dimension d, 1 with an orientation, sections; then the sections
     straight length, 0, arc length at its start, parameter there, d x position, 9 x R, geometry
-    corner   length, 1, arc length at its start, first and last parameter, length of the segment before, resolution,
+    corner
+    length, 1, arc length at its start, first and last parameter, length of the segment before, resolution,
              d x position, 4 x quaternion, knots m (0: no table), m x knot, m x arc length there;
              then the polynomial, the geometry before and the geometry after it
     geometry length, kind (0: line, 1: arc), its range, rate of rotation, 3 x rotation, 3 x axis, 9 x square of the
@@ -20,7 +24,8 @@ n numbers.
              turned by 90 deg, rate, (d - 3) x displacement of an angle, in proportion to the
              parameter
 
-Matrices are stored by rows. Parameters of corners are those of the curve, see `flexgen.paths.blended_curve`.
+Matrices are stored by rows. Parameters of corners are those of the curve, see
+`flexgen.paths.blended_curve`.
 """
 
 from __future__ import annotations
@@ -85,8 +90,8 @@ def _block(*parts: Any) -> np.ndarray:
 def _segment(segment: TimedSegment, name: str) -> np.ndarray:
     if not isinstance(segment.curve, BlendedCurve):
         raise ArgumentError(
-            f"table: given move {name}, a spline through samples, expected lines, arcs, joint moves or a program; "
-            "sample it with Path.sample and store the samples"
+            f"table: given move {name}, a spline through samples, expected lines, arcs, joint "
+            "moves or a program; sample it with Path.sample and store the samples"
         )
     return _block(
         segment.start,
@@ -102,8 +107,8 @@ def _law(law: Law) -> np.ndarray:
         return _polynomial(law)
     if isinstance(law, SplineLaw):
         raise ArgumentError(
-            "path table: given a move with a spline as time law (timing), expected a duration or a profile; the "
-            "sampler in C has no splines: send samples to the stream"
+            "path table: given a move with a spline as time law (timing), expected a duration "
+            "or a profile; the sampler in C has no splines: send samples to the stream"
         )
     assert isinstance(law, SpeedLaw)
     starts, distances = law.starts.T
@@ -148,7 +153,8 @@ def _section(curve: BlendedCurve, section: Section, start: float) -> np.ndarray:
     if not section.corner:
         first = section.start - (curve.ends[k] - segment.length)
         return _block(0, start, first, position, R, _geometry(segment))
-    zone, table = curve.zones[k], curve.tables[k]
+    zone = curve.zones[k]
+    table = curve.tables[k]
     arcs: Sequence[Any] = (0,) if table is None else (len(table.knots), table.knots, table.lengths)
     ends = (curve.ends[k] - zone, curve.ends[k] + zone)
     resolution = 0.0 if table is None else table.resolution

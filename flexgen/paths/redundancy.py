@@ -1,16 +1,19 @@
-"""Arms with more motors than outputs: a move becomes a motion of all joints, which are then the outputs.
+"""Arms with more motors than outputs: a move becomes a motion of all joints, which are then the
+outputs.
 
-A joint move determines all joints. A move of the tool does not: the joints change as little as possible,
+A joint move determines all joints. A move of the tool does not: the joints change as little as
+possible,
 
     dq_g/ds = J^+ dx/ds,
 
-with the pseudoinverse of the Jacobian J of the tool and the parameter s of its path, and a joint can be kept where it
-is. Where all coordinates have a motor, the joints are the outputs: the torques follow their motion
-exactly, and with it the tool. Where others have none, as the tilt of a carriage, the outputs are
-those of the tool and as many joints as motors are left: the torques follow the path of the tool
-exactly, with the deflections.
+with the pseudoinverse of the Jacobian J of the tool and the parameter s of its path, and a joint
+can be kept where it is. Where all coordinates have a motor, the joints are the outputs: the
+torques follow their motion exactly, and with it the tool. Where others have none, as the tilt of a
+carriage, the outputs are those of the tool and as many joints as motors are left: the torques
+follow the path of the tool exactly, with the deflections.
 
-Source: D. E. Whitney, IEEE Transactions on Man-Machine Systems 10, 1969 (resolved motion rate control).
+Source: D. E. Whitney, IEEE Transactions on Man-Machine Systems 10, 1969 (resolved motion rate
+control).
 """
 
 from __future__ import annotations
@@ -54,7 +57,8 @@ def is_redundant(model: RobotModel) -> bool:
 def problem_of_move(
     equations: Equations, move: Move, fixed_joint: str | None, log: Callable[[str], None] | None
 ) -> tuple[Equations, Path]:
-    """The path of a move, and its equations: with all joints as outputs where the outputs do not determine them.
+    """The path of a move, and its equations: with all joints as outputs where the outputs do not
+    determine them.
 
     ``fixed_joint``: see `joint_problem`; ArgumentError for another arm. ``log``: for messages.
     """
@@ -70,7 +74,8 @@ def problem_of_move(
     if log is not None:
         rule = f", {path.move.rule}" if isinstance(path.move, JointMotion) else ""
         log(
-            f"{model.output.size} outputs, {model.n_m} motors: the outputs of this move are all joints{rule}"
+            f"{model.output.size} outputs, {model.n_m} motors: the outputs of this move are all "
+            f"joints{rule}"
         )
     return joints, path
 
@@ -92,7 +97,8 @@ def joint_problem(
     Raises
     ------
     ArgumentError
-        The joint is unknown, or the model has coordinates without motor and the move is one of the tool.
+        The joint is unknown, or the model has coordinates without motor and the move is one of the
+        tool.
     SolverError
         The path leaves the workspace or passes a singular pose.
     """
@@ -115,7 +121,8 @@ def joint_problem(
             "joint move, or as many outputs as motors"
         )
     free = np.array([name != fixed_joint for name in names])
-    follower, segments = _Follower(equations, free), []
+    follower = _Follower(equations, free)
+    segments = []
     q_g = path.q_start[list(model.i_g)]
     for segment in path.segments:
         if segment.space != "joint":
@@ -175,8 +182,11 @@ class _Follower:
     """Joints of the undeflected arm along a path of its tool."""
 
     def __init__(self, equations: Equations, free: np.ndarray) -> None:
-        self.model, self.reference, self.free = equations.model, Reference(equations), free
-        map_, symbol = output_map(equations), equations.lagrangian.chain.q_a
+        self.model = equations.model
+        self.reference = Reference(equations)
+        self.free = free
+        map_ = output_map(equations)
+        symbol = equations.lagrangian.chain.q_a
         rate = ca.densify(map_.rate[:, list(self.model.i_g)])
         self._error = ca.Function("error", [symbol, map_.target], [ca.densify(map_.error), rate])
 
@@ -235,10 +245,13 @@ class _Follower:
     def _tool(self, segment: TimedSegment, s: np.ndarray) -> PathSample:
         """The output at parameters of the curve, with derivatives in the parameter."""
         jet = np.zeros((len(s), JET))
-        jet[:, 0], jet[:, 1] = s, 1.0
+        jet[:, 0] = s
+        jet[:, 1] = 1.0
         return self.reference.sample(segment.space, *segment.curve(jet))
 
-    def _at(self, q_g: np.ndarray, sample: PathSample, k: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    def _at(
+        self, q_g: np.ndarray, sample: PathSample, k: int = 0
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Error of the output from a sample, and the Jacobian."""
         target = (
             sample.y[k, :, 0]
@@ -248,7 +261,9 @@ class _Follower:
         error, jacobian = self._error(self.reference.expand(q_g), target)
         return np.array(error)[:, 0], np.array(jacobian)
 
-    def _solve_least_norm(self, jacobian: np.ndarray, rate: np.ndarray, share: float) -> np.ndarray:
+    def _solve_least_norm(
+        self, jacobian: np.ndarray, rate: np.ndarray, share: float
+    ) -> np.ndarray:
         """The smallest change of the free joints with this rate of the output."""
         U, sizes, V = np.linalg.svd(jacobian[:, self.free], full_matrices=False)
         if len(sizes) < len(rate) or not sizes[-1] > SINGULAR * sizes[0]:

@@ -24,9 +24,10 @@ from flexgen.type_checks import checked_result, checked_types
 class PathSample(Result):
     """Reference at n instants.
 
-    ``y`` (n, n_y, 6): rows of the output that are positions (3 for a pose), last axis: derivatives 0 to 5. For a pose
-    also ``R`` (n, 3, 3), the orientation in the world, and ``w`` (n, 3, 5), the angular velocity (world axes) and its
-    derivatives 0 to 4. ``q_g`` (n, n_g, 6) where the move is one of joints.
+    ``y`` (n, n_y, 6): rows of the output that are positions (3 for a pose), last axis: derivatives
+    0 to 5. For a pose also ``R`` (n, 3, 3), the orientation in the world, and ``w`` (n, 3, 5), the
+    angular velocity (world axes) and its derivatives 0 to 4. ``q_g`` (n, n_g, 6) where the move is
+    one of joints.
 
     Examples
     --------
@@ -44,8 +45,11 @@ class PathSample(Result):
 
     @checked_types(own=("k",))
     def derivative(self, k: int) -> np.ndarray:
-        """k-th derivative (k >= 1) of the output, (n, n_y); of a pose, the (k - 1)-th derivative of its twist."""
-        least, most = 0 if self.w is None else 1, self.y.shape[2] - 1
+        """k-th derivative (k >= 1) of the output, (n, n_y); of a pose, the (k - 1)-th derivative
+        of its twist.
+        """
+        least = 0 if self.w is None else 1
+        most = self.y.shape[2] - 1
         if not is_whole(k, least, most):
             raise ArgumentError(
                 f"k: given {show_value(k)}, expected the order of a derivative, {least} to {most}"
@@ -59,7 +63,8 @@ class Reference:
     """The output of a model while its tool, its outputs or its joints follow a curve."""
 
     def __init__(self, equations: Equations) -> None:
-        self.equations, self.model = equations, equations.model
+        self.equations = equations
+        self.model = equations.model
         self._references: dict[int, ca.Function] = {}  # by the number of derivatives
         self.pose = self.model.output.type == "tool_pose"
         self.tool = self.model.output.type != "combination"
@@ -88,10 +93,13 @@ class Reference:
         return evaluate(self.equations.function("output"), self.expand(q_g))[0][0]
 
     def _joint_reference(self, count: int) -> ca.Function:
-        """Output and its first derivatives in time, ``count`` in all, from those of the joints, each (n_g)."""
+        """Output and its first derivatives in time, ``count`` in all, from those of the joints,
+        each (n_g).
+        """
         g = [ca.SX.sym(f"q{k}", self.model.n_g) for k in range(count)]
         pick = ca.DM(np.eye(self.model.n_a)[:, list(self.model.i_g)])
-        q, v = ca.mtimes(ca.sparsify(pick), g[0]), ca.mtimes(ca.sparsify(pick), g[1])
+        q = ca.mtimes(ca.sparsify(pick), g[0])
+        v = ca.mtimes(ca.sparsify(pick), g[1])
 
         def derivatives(x: ca.SX, count: int) -> list[ca.SX]:
             out = [x]
@@ -109,7 +117,8 @@ class Reference:
         return ca.Function("joint_reference", g, [ca.densify(x) for x in y])
 
     def sample(self, space: str, x: np.ndarray, attitude: Attitude | None) -> PathSample:
-        """The reference from the time derivatives ``x`` (n, d, 6) of a curve and the orientation along it.
+        """The reference from the time derivatives ``x`` (n, d, 6) of a curve and the orientation
+        along it.
 
         Of joints with fewer derivatives, two or more, the reference has as many.
         """

@@ -1,9 +1,9 @@
 """Samples of a tool path with the angle of the tool about one axis as a fourth column.
 
 The angle of a sample is that of its column ``angle``, or follows from its orientation, which must
-be that of the tool at the start of the move rotated about the axis of the output; without either it
-is that at the start. Whole turns are counted: from row to row less than half a turn, and the first
-row is within half a turn of the start.
+be that of the tool at the start of the move rotated about the axis of the output; without either
+it is that at the start. Whole turns are counted: from row to row less than half a turn, and the
+first row is within half a turn of the start.
 """
 
 from __future__ import annotations

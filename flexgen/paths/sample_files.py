@@ -56,11 +56,12 @@ PACKED = {
 class Samples:
     """The samples of a file.
 
-    ``space``: ``"tool"``, ``"output"`` or ``"joint"``; ``values`` (n, d): tool positions [m], outputs or actuated
-    coordinates; ``quaternions`` (n, 4) (w, x, y, z) of the tool's orientation in the world, or None; ``knots`` (n):
-    time [s] where ``timed``, else a parameter, or None. ``angles`` (n,) [rad]: of the tool about
-    the axis of an output of type ``tool_position_angle``, or None. ``lines`` (n,): of the rows in
-    the file, or None; ``names`` (d,): of the columns of ``values``.
+    ``space``: ``"tool"``, ``"output"`` or ``"joint"``; ``values`` (n, d): tool positions [m],
+    outputs or actuated coordinates; ``quaternions`` (n, 4) (w, x, y, z) of the tool's orientation
+    in the world, or None; ``knots`` (n): time [s] where ``timed``, else a parameter, or None.
+    ``angles`` (n,) [rad]: of the tool about the axis of an output of type ``tool_position_angle``,
+    or None. ``lines`` (n,): of the rows in the file, or None; ``names`` (d,): of the columns of
+    ``values``.
     """
 
     space: str
@@ -144,7 +145,10 @@ class _File:
                 if cells:
                     yield n, next(csv.reader([cells]))
         self.fail(
-            LINES_MAX, "file", f"more than {LINES_MAX} lines", f"at most {ROWS_MAX} rows of numbers"
+            LINES_MAX,
+            "file",
+            f"more than {LINES_MAX} lines",
+            f"at most {ROWS_MAX} rows of numbers",
         )
 
     def _text(self, file: FilePath) -> tuple[dict[str, np.ndarray], np.ndarray]:
@@ -167,12 +171,15 @@ class _File:
                 )
         if len(names) > most:
             self.fail(line, "file", f"{len(names)} columns", f"at most {most}")
-        values, lines = array("d"), array("q")
+        values = array("d")
+        lines = array("q")
         for line, cells in rows:
             if len(lines) == ROWS_MAX:
                 self.fail(line, "file", f"more than {ROWS_MAX} rows", f"at most {ROWS_MAX}")
             if len(cells) != len(names):
-                self.fail(line, "row", f"{len(cells)} values", f"{len(names)}, one for each column")
+                self.fail(
+                    line, "row", f"{len(cells)} values", f"{len(names)}, one for each column"
+                )
             lines.append(line)
             values.extend(
                 self._number(line, name, cell) for name, cell in zip(names, cells, strict=True)
@@ -203,7 +210,9 @@ class _File:
         except ValueError:
             number = np.nan
         if not abs(number) <= LARGEST:
-            self.fail(line, name, f'"{cell.strip()[:40]}"', f"a number of size at most {LARGEST:g}")
+            self.fail(
+                line, name, f'"{cell.strip()[:40]}"', f"a number of size at most {LARGEST:g}"
+            )
         return number
 
     def _read_packed(self, file: FilePath) -> tuple[dict[str, np.ndarray], np.ndarray]:
@@ -255,8 +264,8 @@ def read_samples(path: str, model: RobotModel, least: int) -> Samples:
     A ``.csv`` file has a header row of column names; a ``.npz`` file has the arrays in brackets.
     Optional: ``t`` (time [s], increasing) or ``u`` (an increasing parameter). Then either
     ``x, y, z`` [m, world axes] (``p``), or the names of the actuated coordinates [rad or m]
-    (``q_g``), or ``y1, y2, ...`` (``y``), the outputs. With positions optionally the orientation as
-    ``qw, qx, qy, qz`` (``quaternion``), ``rx, ry, rz`` [rad] (``rotation_vector``) or
+    (``q_g``), or ``y1, y2, ...`` (``y``), the outputs. With positions optionally the orientation
+    as ``qw, qx, qy, qz`` (``quaternion``), ``rx, ry, rz`` [rad] (``rotation_vector``) or
     ``roll, pitch, yaw`` [rad] (``rpy``: about the fixed x, y and z axes, in this order), or
     ``angle`` [rad] of an output with it. A column of a ``.csv`` file may state its unit: ``x_mm``,
     ``q1_deg``, ``yaw_deg``, ``t [ms]``.
@@ -279,7 +288,8 @@ def read_samples(path: str, model: RobotModel, least: int) -> Samples:
     n = len(file.lines)
     if n < least:
         file.fail(int(file.lines[-1]) if n else 1, "file", f"{n} samples", f"at least {least}")
-    joints, outputs = file.joints, file.outputs
+    joints = file.joints
+    outputs = file.outputs
     knots, timed = _knots(file, joints)
     q = None
     angles = None
@@ -293,7 +303,8 @@ def read_samples(path: str, model: RobotModel, least: int) -> Samples:
             "another name of the joint in the model",
         )
     if _has_joints(file, tool):
-        space, values = "joint", file.take(joints)
+        space = "joint"
+        values = file.take(joints)
     elif any(name in file.columns for name in outputs):
         if tool:
             file.fail(
@@ -302,12 +313,14 @@ def read_samples(path: str, model: RobotModel, least: int) -> Samples:
                 "outputs",
                 "tool positions x, y, z or joint coordinates, because the output is the tool",
             )
-        space, values = "output", file.take(outputs)
+        space = "output"
+        values = file.take(outputs)
     else:
         if not tool:
             expected = f"outputs {', '.join(outputs)} or joint coordinates {', '.join(joints)}"
             file.fail(1, "file", f"the columns {', '.join(file.columns) or 'none'}", expected)
-        space, values = "tool", file.take(POSITION)
+        space = "tool"
+        values = file.take(POSITION)
         q = _orientation(file)
         if q is not None and model.output.type == "tool_position":
             file.fail(1, "file", "an orientation", f"none, or {OF_ROTATION}")

@@ -2,16 +2,16 @@
 
 A spline of degree p through samples has the derivatives of their errors too: an error of 1e-4 rad
 every 10 ms is 4 rad/s^2 (root mean square of the second derivative of white noise, pi^2/sqrt(5)
-times the error over the step squared). The smooth path is a spline of least squares that is nowhere
-farther from the samples than stated; its knots are at samples, equally many between two of them,
-and so many that it predicts samples best that are left out.
+times the error over the step squared). The smooth path is a spline of least squares that is
+nowhere farther from the samples than stated; its knots are at samples, equally many between two of
+them, and so many that it predicts samples best that are left out.
 
 Noise shows in the differences D^6 x of order 6, divided for steps that are not equal: of white
 noise neighbors have the correlation -6/7, of a motion that the samples resolve they have the same
 sign.
 
-Source: C. de Boor, A Practical Guide to Splines, 2001, ch. 14 (least squares by splines); P. Craven
-and G. Wahba, Numerische Mathematik 31, 1979 (generalized cross-validation).
+Source: C. de Boor, A Practical Guide to Splines, 2001, ch. 14 (least squares by splines); P.
+Craven and G. Wahba, Numerische Mathematik 31, 1979 (generalized cross-validation).
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ MOST_FITTED = 0.9
 NEARLY = 1.02
 # Samples for each knot from which a spline does not follow a single wrong sample.
 FAR_APART = 5
-# Order of the differences that show noise, and their correlation with the neighbor below which they
-# are noise.
+# Order of the differences that show noise, and their correlation with the neighbor below which
+# they are noise.
 ORDER = 6
 ALTERNATING = -0.5
 # Largest error of white noise over its standard deviation, among some hundreds of samples.
@@ -117,8 +117,8 @@ def smooth_spline(
     if not trials:
         raise ArgumentError(
             f"smooth: given {largest:g}, but near sample {worst[1] + 1} a smooth path is "
-            f"{worst[0]:.3g} away from the samples: a kink, a wrong sample, or samples that do not "
-            "begin and end at rest; give a larger deviation, or correct the samples there"
+            f"{worst[0]:.3g} away from the samples: a kink, a wrong sample, or samples that do "
+            "not begin and end at rest; give a larger deviation, or correct the samples there"
         )
     enough = NEARLY * min(trials, key=_score)[0]
     return next(trial for score, trial in trials if score <= enough)
@@ -225,10 +225,10 @@ def _noise_text(
     if unit:
         cause = f"; rounding to {unit:g} alone gives {unit / np.sqrt(12):.2g}"
     return (
-        f"the second derivative of the samples of {name} is noise: up to {noisy:.3g} on the spline "
-        f"through them, {quiet:.3g} on a smooth path that is {largest:.2g} from them; errors of "
-        f"the samples of {sd:.2g} (or late times){cause}: set smooth = {_round_up(largest)} for "
-        "this move"
+        f"the second derivative of the samples of {name} is noise: up to {noisy:.3g} on the "
+        f"spline through them, {quiet:.3g} on a smooth path that is {largest:.2g} from them; "
+        f"errors of the samples of {sd:.2g} (or late times){cause}: set smooth = "
+        f"{_round_up(largest)} for this move"
     )
 
 
@@ -245,8 +245,8 @@ def _round_up(x: float) -> str:
 def kinks_of(parameter: np.ndarray, values: np.ndarray, timed: bool) -> list[tuple[int, float]]:
     """Numbers of the samples at which the path has a kink, and the size of the kink.
 
-    The angle [rad], or the relative jump of the speed. Without times the direction changes from one
-    sample to the next by more than `KINK`, and by `KINK_OVER_OTHERS` times that of the samples
+    The angle [rad], or the relative jump of the speed. Without times the direction changes from
+    one sample to the next by more than `KINK`, and by `KINK_OVER_OTHERS` times that of the samples
     next to it; with times the speed changes by such a part of its largest value.
     """
     if len(values) < ORDER:

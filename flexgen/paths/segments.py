@@ -1,4 +1,6 @@
-"""Geometric segments of a path: straight lines and arcs, with the rotation of the tool along them."""
+"""Geometric segments of a path: straight lines and arcs, with the rotation of the tool along
+them.
+"""
 
 from __future__ import annotations
 
@@ -24,8 +26,8 @@ FLAT = 1e-9  # relative: three points are on a line, a radius or an axis is zero
 class Segment(Protocol):
     """A geometric segment; its parameter runs from 0 to ``length``.
 
-    ``by_arc_length``: the parameter is the arc length. ``rotation``: rotation vector [rad] of the tool, proportional to
-    the parameter. ``total`` (d): displacement from start to end.
+    ``by_arc_length``: the parameter is the arc length. ``rotation``: rotation vector [rad] of the
+    tool, proportional to the parameter. ``total`` (d): displacement from start to end.
     """
 
     @property
@@ -49,13 +51,16 @@ class Segment(Protocol):
         ...
 
     def displacement(self, x: np.ndarray) -> np.ndarray:
-        """Jet (n, d, k) of the displacement from the start, from the jet (n, k) of the parameter."""
+        """Jet (n, d, k) of the displacement from the start, from the jet (n, k) of the
+        parameter.
+        """
         ...
 
 
 @dataclass(frozen=True)
 class Line:
-    """A straight line by ``total`` (d) with the ``rotation`` (3) of the tool; zero rotation for other coordinates.
+    """A straight line by ``total`` (d) with the ``rotation`` (3) of the tool; zero rotation for
+    other coordinates.
 
     ``length``: length of the line, or ``radius`` times the angle of rotation if that is longer.
     """
@@ -89,7 +94,9 @@ class Line:
 
 @dataclass(frozen=True)
 class Arc:
-    """An arc about ``center`` (3, from its start) [m] and unit ``axis`` by ``angle`` [rad], with a ``rotation`` (3)."""
+    """An arc about ``center`` (3, from its start) [m] and unit ``axis`` by ``angle`` [rad], with a
+    ``rotation`` (3).
+    """
 
     center: np.ndarray
     axis: np.ndarray
@@ -182,14 +189,18 @@ class WithAngle:
 
 
 def rotation_along(segment: Segment, x: np.ndarray) -> np.ndarray:
-    """Jet (n, 4, k) of the tool's rotation since the start as a quaternion, from the jet (n, k) of the parameter."""
+    """Jet (n, 4, k) of the tool's rotation since the start as a quaternion, from the jet (n, k) of
+    the parameter.
+    """
     angle = float(np.linalg.norm(segment.rotation))
     axis = segment.rotation / angle if angle > 0 else np.array([0.0, 0.0, 1.0])
     return rotation_quaternion(x * (angle / segment.length), axis)
 
 
 def attitude_along(segment: Segment, x: np.ndarray, R: np.ndarray) -> Attitude:
-    """Orientation and angular velocity on a segment that starts at ``R`` (3, 3), from the jet of the parameter."""
+    """Orientation and angular velocity on a segment that starts at ``R`` (3, 3), from the jet of
+    the parameter.
+    """
     angle = float(np.linalg.norm(segment.rotation))
     w = segment.rotation[None, :, None] * (x[:, None, 1:] / segment.length)
     if angle == 0:
@@ -199,12 +210,16 @@ def attitude_along(segment: Segment, x: np.ndarray, R: np.ndarray) -> Attitude:
     ), w
 
 
-def circle_through(via: np.ndarray, end: np.ndarray) -> tuple[np.ndarray, np.ndarray, float] | None:
-    """Center, axis and angle (0 to 2 pi) [rad] of the arc from the origin through ``via`` to ``end``.
+def circle_through(
+    via: np.ndarray, end: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, float] | None:
+    """Center, axis and angle (0 to 2 pi) [rad] of the arc from the origin through ``via`` to
+    ``end``.
 
     None if the three points are on a line or coincide.
     """
-    via, end = np.asarray(via, dtype=float), np.asarray(end, dtype=float)
+    via = np.asarray(via, dtype=float)
+    end = np.asarray(end, dtype=float)
     normal = np.cross(via, end)
     size = float(np.linalg.norm(normal))
     shortest = min(float(np.linalg.norm(d)) for d in (via, end, end - via))
@@ -212,7 +227,9 @@ def circle_through(via: np.ndarray, end: np.ndarray) -> tuple[np.ndarray, np.nda
     if not shortest > FLAT * longest or not size > FLAT * longest * shortest:
         return None
     axis = normal / size
-    center = (via @ via * np.cross(end, normal) - end @ end * np.cross(via, normal)) / (2 * size**2)
+    center = (via @ via * np.cross(end, normal) - end @ end * np.cross(via, normal)) / (
+        2 * size**2
+    )
     arm = -center
     angle = float(np.arctan2(np.cross(arm, end - center) @ axis, arm @ (end - center)))
     return center, axis, angle if angle > 0 else angle + 2 * np.pi

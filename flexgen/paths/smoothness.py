@@ -1,4 +1,6 @@
-"""Smoothness of a path: where its derivatives jump, and the estimated effect on the torque and the tool."""
+"""Smoothness of a path: where its derivatives jump, and the estimated effect on the torque and the
+tool.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,8 @@ if TYPE_CHECKING:
 
 NEAR = 1e-7  # of the duration; distance from an instant at which the derivatives are evaluated
 JUMP = 1e-4  # of the largest value of a derivative on the path; a larger change is a jump
-STEP, STEPS = 1e-3, 400  # sampling step of the torque: 1 ms, at most a 400th of the duration
+STEP = 1e-3  # sampling step of the torque: 1 ms
+STEPS = 400  # at most a 400th of the duration
 ABOVE = 100.0  # times the fastest pole: frequency at which a jump of the torque is evaluated
 DRIFT_MIN = 1e-7  # m (or the unit of the output); kinks with a smaller drift are not reported
 LESS = "less with methods lq, bvp and closed-form"
@@ -33,11 +36,12 @@ TIMES = 200  # instants at which the drift of the tool is evaluated
 class Jump:
     """The lowest derivative of the output that jumps at an instant.
 
-    ``time`` [s], ``order`` of the derivative, ``size``: length of the jump of the position rows [their unit/s^order],
-    ``rotation``: jump of the rotation [rad/s^order]. ``torque`` [N m, motor side]: largest jump of a motor torque, or
-    height of an impulse at the sampling step (``order`` below the required smoothness). ``tool`` [m, or the unit of the
-    output] and ``tool_rotation`` [rad]: drift of the tool in open loop until the path ends. None if the jump has no
-    effect or the inverse kinematics has no solution.
+    ``time`` [s], ``order`` of the derivative, ``size``: length of the jump of the position rows
+    [their unit/s^order], ``rotation``: jump of the rotation [rad/s^order]. ``torque`` [N m, motor
+    side]: largest jump of a motor torque, or height of an impulse at the sampling step (``order``
+    below the required smoothness). ``tool`` [m, or the unit of the output] and ``tool_rotation``
+    [rad]: drift of the tool in open loop until the path ends. None if the jump has no effect or
+    the inverse kinematics has no solution.
     """
 
     time: float
@@ -53,8 +57,9 @@ class Jump:
 class SmoothnessReport:
     """The smoothness of a path, compared with the smoothness that the model requires.
 
-    ``required``: continuous derivatives that a continuous torque requires (structural index minus one; None if there is
-    no index); ``smoothness``: of the path; ``step`` [s]: sampling step of the torque; ``jumps``: in order of time.
+    ``required``: continuous derivatives that a continuous torque requires (structural index minus
+    one; None if there is no index); ``smoothness``: of the path; ``step`` [s]: sampling step of
+    the torque; ``jumps``: in order of time.
     """
 
     required: int | None
@@ -69,7 +74,9 @@ class SmoothnessReport:
 
     @property
     def has_kinks(self) -> bool:
-        """True if the torque jumps or has kinks: derivative ``required + 1`` of the path, or a lower one, jumps."""
+        """True if the torque jumps or has kinks: derivative ``required + 1`` of the path, or a
+        lower one, jumps.
+        """
         return self.required is not None and any(
             jump.order <= self.required + 1 for jump in self.jumps
         )
@@ -78,14 +85,21 @@ class SmoothnessReport:
     def torque_jumps(self) -> tuple[Jump, ...]:
         """The jumps that make the torque discontinuous."""
         return tuple(
-            jump for jump in self.jumps if self.required is not None and jump.order <= self.required
+            jump
+            for jump in self.jumps
+            if self.required is not None and jump.order <= self.required
         )
 
     def lines(self) -> list[str]:
-        """The report as text: a line for each jump of the torque, and one for its kinks if they have an effect."""
+        """The report as text: a line for each jump of the torque, and one for its kinks if they
+        have an effect.
+        """
         out = []
         for jump in self.torque_jumps:
-            text = f"t = {jump.time:.4g} s: derivative {jump.order} of the path jumps by {jump.size:.3g}"
+            text = (
+                f"t = {jump.time:.4g} s: derivative {jump.order} of the path jumps by "
+                f"{jump.size:.3g}"
+            )
             if jump.torque is not None:
                 how = (
                     "jumps by"
@@ -100,9 +114,9 @@ class SmoothnessReport:
         drift = sum(jump.tool or 0.0 for jump in kinks)
         if drift > DRIFT_MIN:
             out.append(
-                f"the torque has kinks at {len(kinks)} instants; sampled every {self.step:.2g} s and without feedback, "
-                f"the tool drifts by about {drift:.2g} ({LESS}); smoothness {kinks[0].order} "
-                "avoids them"
+                f"the torque has kinks at {len(kinks)} instants; sampled every {self.step:.2g} "
+                f"s and without feedback, the tool drifts by about {drift:.2g} ({LESS}); "
+                f"smoothness {kinks[0].order} avoids them"
             )
         return out
 
@@ -110,18 +124,20 @@ class SmoothnessReport:
 def smoothness_report(
     equations: Equations, path: Path, step: float | None = None
 ) -> SmoothnessReport:
-    """Find where the derivatives of a path jump, and estimate the effect on the torque and the tool.
+    """Find where the derivatives of a path jump, and estimate the effect on the torque and the
+    tool.
 
-    A jump D of the k-th derivative requires the torque ``G(s)^-1 D / s^(k + 1)``, with G the linearization of the robot
-    at that pose. The part faster than the sampling step cannot be commanded: an impulse of about
-    ``|G(s)^-1 D s^(-k - 1)|`` at ``|s| = 2/step``. The tool drifts by the impulse response of G until the path ends; a
-    feedback controller reduces the drift.
+    A jump D of the k-th derivative requires the torque ``G(s)^-1 D / s^(k + 1)``, with G the
+    linearization of the robot at that pose. The part faster than the sampling step cannot be
+    commanded: an impulse of about ``|G(s)^-1 D s^(-k - 1)|`` at ``|s| = 2/step``. The tool drifts
+    by the impulse response of G until the path ends; a feedback controller reduces the drift.
 
-    Accuracy, from simulations with sampled torques (collocation; planar arms, elbow, kr300): a factor of 3
-    if the torque jumps, a factor of 5 (also Manutec r3 with Coulomb friction) if it has kinks (derivative
-    ``required + 1`` jumps). Jumps of higher derivatives have no effect. For jumps of derivative ``required - 2`` the
-    estimate is 100 times too large. With lq, bvp and closed-form, which compute torques by differences over the
-    samples, the drift is below a twentieth of the estimate.
+    Accuracy, from simulations with sampled torques (collocation; planar arms, elbow, kr300): a
+    factor of 3 if the torque jumps, a factor of 5 (also Manutec r3 with Coulomb friction) if it
+    has kinks (derivative ``required + 1`` jumps). Jumps of higher derivatives have no effect. For
+    jumps of derivative ``required - 2`` the estimate is 100 times too large. With lq, bvp and
+    closed-form, which compute torques by differences over the samples, the drift is below a
+    twentieth of the estimate.
 
     Parameters
     ----------
@@ -169,7 +185,8 @@ def _jumps(path: Path) -> list[tuple[float, int, np.ndarray]]:
     breaks = path.breaks
     samples = path.sample(np.linspace(0.0, path.duration, 1001))
     scale = [float(np.abs(samples.derivative(k)).max()) for k in range(1, ORDER + 1)]
-    left, right = path.sample(breaks - d), path.sample(breaks + d)
+    left = path.sample(breaks - d)
+    right = path.sample(breaks + d)
     out = []
     for i, time in enumerate(breaks):
         for k in range(1, ORDER + 1):
@@ -189,14 +206,18 @@ def _jumps(path: Path) -> list[tuple[float, int, np.ndarray]]:
 
 
 def _configurations(equations: Equations, path: Path, times: list[float]) -> np.ndarray | None:
-    """Actuated coordinates (m, n_g) of the undeflected arm at instants of a path; None if there is no solution."""
+    """Actuated coordinates (m, n_g) of the undeflected arm at instants of a path; None if there is
+    no solution.
+    """
     t = np.unique(np.concatenate([np.linspace(0.0, path.duration, 101), times]))
     sample = path.sample(t)
     try:
         if sample.q_g is not None:
             q = sample.q_g[:, :, 0]
         else:
-            q = InverseKinematics(equations).follow(sample, path.q_start[list(equations.model.i_g)])
+            q = InverseKinematics(equations).follow(
+                sample, path.q_start[list(equations.model.i_g)]
+            )
     except FlexgenError:
         return None
     return np.array(q[np.searchsorted(t, times)])
@@ -211,7 +232,9 @@ def _with_effect(
     dt: float,
     remaining: float,
 ) -> Jump:
-    """The jump with its torque and the drift of the tool, from the linearization at a joint configuration."""
+    """The jump with its torque and the drift of the tool, from the linearization at a joint
+    configuration.
+    """
     from flexgen.analysis.linear import linearize, poles
 
     try:

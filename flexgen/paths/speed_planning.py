@@ -1,4 +1,6 @@
-"""Speed along a path with piecewise constant speed bounds, as fast as the bounds on acceleration, jerk, ... allow."""
+"""Speed along a path with piecewise constant speed bounds, as fast as the bounds on acceleration,
+jerk, ... allow.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +27,9 @@ class Stretch:
 
 @dataclass(frozen=True)
 class Phase:
-    """Speed from ``first`` to ``last`` within ``duration`` [s] over ``length``; ``step`` None: constant speed."""
+    """Speed from ``first`` to ``last`` within ``duration`` [s] over ``length``; ``step`` None:
+    constant speed.
+    """
 
     first: float
     last: float
@@ -36,7 +40,9 @@ class Phase:
 
 @dataclass(frozen=True)
 class SpeedLaw:
-    """Distance over time as a sequence of `Phase`, at rest at both ends; ``time_scale`` stretches the time."""
+    """Distance over time as a sequence of `Phase`, at rest at both ends; ``time_scale`` stretches
+    the time.
+    """
 
     phases: tuple[Phase, ...]
     smoothness: int
@@ -70,7 +76,9 @@ class SpeedLaw:
         return times[keep] * self.time_scale
 
     def slow_down(self, factor: float) -> SpeedLaw:
-        """This law with the time multiplied by ``factor``: speeds / factor, accelerations / factor^2, ..."""
+        """This law with the time multiplied by ``factor``: speeds / factor, accelerations /
+        factor^2, ...
+        """
         return replace(self, time_scale=self.time_scale * factor)
 
     def __call__(self, t: np.ndarray, order: int = 5) -> np.ndarray:
@@ -96,24 +104,31 @@ class SpeedLaw:
         return out
 
 
-def speed_law(stretches: list[Stretch], bounds: tuple[float, ...], smoothness: int = 0) -> SpeedLaw:
+def speed_law(
+    stretches: list[Stretch], bounds: tuple[float, ...], smoothness: int = 0
+) -> SpeedLaw:
     """The shortest sequence of speed changes along stretches, from rest to rest.
 
-    Each stretch has at most one increase and one decrease of speed; none crosses the end of a stretch.
+    Each stretch has at most one increase and one decrease of speed; none crosses the end of a
+    stretch.
 
     Parameters
     ----------
     stretches : list of Stretch
     bounds : of speed, acceleration, jerk, ... [m/s, m/s^2, ...], two or more
     smoothness : int
-        0: trapezoids (continuous derivatives: number of bounds minus one); else that of polynomial changes of speed.
+        0: trapezoids (continuous derivatives: number of bounds minus one); else that of polynomial
+        changes of speed.
     """
     if len(bounds) < 2 or not all(np.isfinite(b) and b > 0 for b in bounds):
         raise ArgumentError(
-            f"profile: given {list(bounds)}, expected two or more positive bounds: speed, acceleration, jerk, ..."
+            f"profile: given {list(bounds)}, expected two or more positive bounds: speed, "
+            "acceleration, jerk, ..."
         )
     if not (smoothness == 0 or 2 <= smoothness <= 9):
-        raise ArgumentError(f"smoothness: given {smoothness}, expected 0 for trapezoids, or 2 to 9")
+        raise ArgumentError(
+            f"smoothness: given {smoothness}, expected 0 for trapezoids, or 2 to 9"
+        )
     if (
         not all(np.isfinite(s.length) and s.length > 0 and s.speed > 0 for s in stretches)
         or not stretches
@@ -139,7 +154,8 @@ def speed_law(stretches: list[Stretch], bounds: tuple[float, ...], smoothness: i
         ends[k] = _highest(partial(distance, ends[k + 1]), ends[k + 1], ends[k], stretch.length)
     phases: list[Phase] = []
     for k, stretch in enumerate(stretches):
-        first, last = ends[k], ends[k + 1]
+        first = ends[k]
+        last = ends[k + 1]
         peak = _highest(between(first, last), max(first, last), caps[k], stretch.length)
         cruise = stretch.length - distance(first, peak) - distance(peak, last)
         if peak > first:
@@ -157,7 +173,9 @@ def _change(a: float, b: float, bounds: tuple[float, ...], smoothness: int) -> P
 
 
 def _highest(distance: Callable[[float], float], low: float, high: float, length: float) -> float:
-    """The highest speed in low..high whose ``distance`` (rising) is at most ``length``; low if there is none."""
+    """The highest speed in low..high whose ``distance`` (rising) is at most ``length``; low if
+    there is none.
+    """
     if high <= low or distance(high) <= length:
         return high
     for _ in range(BISECTIONS):

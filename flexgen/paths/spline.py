@@ -1,4 +1,6 @@
-"""Interpolating spline through samples of position, coordinates or orientation, in time or in arc length."""
+"""Interpolating spline through samples of position, coordinates or orientation, in time or in arc
+length.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,8 @@ from flexgen.paths.sample_smoothing import kinks_of, noise_warnings, smooth_spli
 from flexgen.paths.segments import POSITION
 
 # from so many samples on, speed of the first or last interval over the largest: not from rest
-MANY, FAST = 20, 0.3
+MANY = 20
+FAST = 0.3
 MIN_SPEED = 1e-3  # of the mean |dp/du|; below it arc length cannot be the parameter
 
 
@@ -69,14 +72,15 @@ def turns_of(samples: Samples, radius: float) -> list[int]:
 class SplineCurve:
     """The interpolating spline of odd ``degree`` through samples, or near them.
 
-    ``smooth`` > 0: the largest deviation from the samples, in the unit of each of their columns, of
-    orientations as an angle [rad]; see `flexgen.paths.sample_smoothing`. ``notes``: sentences on
-    the samples, for a user; ``warnings``: those of them that say what is wrong. ``unit``: of the
-    columns, for the notes.
+    ``smooth`` > 0: the largest deviation from the samples, in the unit of each of their columns,
+    of orientations as an angle [rad]; see `flexgen.paths.sample_smoothing`. ``notes``: sentences
+    on the samples, for a user; ``warnings``: those of them that say what is wrong. ``unit``: of
+    the columns, for the notes.
 
-    If the samples have times, the parameter is the time from 0, and the first ``(degree - 1)/2`` derivatives are zero
-    at both ends: the path is at rest there. Otherwise the parameter is the arc length; if only the orientation changes,
-    the angle times ``radius``. Orientation: a spline through the quaternions, normalized.
+    If the samples have times, the parameter is the time from 0, and the first ``(degree - 1)/2``
+    derivatives are zero at both ends: the path is at rest there. Otherwise the parameter is the
+    arc length; if only the orientation changes, the angle times ``radius``. Orientation: a spline
+    through the quaternions, normalized.
     """
 
     def __init__(
@@ -88,8 +92,12 @@ class SplineCurve:
         smooth: float = 0.0,
         unit: str = "rad or m",
     ) -> None:
-        values, q = samples.values, samples.quaternions
-        self.timed, self.radius, self.degree, self.fixed = samples.timed, radius, degree, R_fixed
+        values = samples.values
+        q = samples.quaternions
+        self.timed = samples.timed
+        self.radius = radius
+        self.degree = degree
+        self.fixed = R_fixed
         self.width = values.shape[1]
         self.lengths = lengths_of(samples)
         both = values if q is None else np.hstack([values, q])
@@ -114,7 +122,9 @@ class SplineCurve:
         tangents = self._splines[1](fine)
         back = (tangents[1:] * tangents[:-1]).sum(axis=1) < 0
         if back.any() or not speeds.min() > MIN_SPEED * speeds.mean():
-            at = min(int(np.argmax(back) if back.any() else np.argmin(speeds)) // 8, len(knots) - 1)
+            at = min(
+                int(np.argmax(back) if back.any() else np.argmin(speeds)) // 8, len(knots) - 1
+            )
             raise ArgumentError(
                 "samples: given a path that stops or reverses near sample "
                 f"{at + 1}{samples.line(at)}, expected one that moves forward; to stop on the "
@@ -238,8 +248,8 @@ def _in_motion(knots: np.ndarray, values: np.ndarray) -> tuple[str, ...]:
     """A sentence for each end at which the samples, unlike the path, are not at rest."""
     speeds = np.linalg.norm(np.diff(values, axis=0), axis=1) / np.diff(knots)
     return tuple(
-        f"its samples {word} at {100 * speed / speeds.max():.0f} % of their largest speed, the path at rest: add "
-        f"samples {more} rest"
+        f"its samples {word} at {100 * speed / speeds.max():.0f} % of their largest speed, the "
+        f"path at rest: add samples {more} rest"
         for speed, word, more in ((speeds[0], "begin", "from"), (speeds[-1], "end", "until"))
         if speed > FAST * speeds.max() > 0.0
     )

@@ -16,7 +16,8 @@ from flexgen.errors import ArgumentError
 class Law(Protocol):
     """Distance along a path over time; at rest before 0 and from ``duration`` [s] on.
 
-    ``smoothness``: number of continuous derivatives. ``breaks``: instants at which higher ones may jump.
+    ``smoothness``: number of continuous derivatives. ``breaks``: instants at which higher ones may
+    jump.
     """
 
     @property
@@ -41,12 +42,15 @@ class Law(Protocol):
 
 @dataclass(frozen=True)
 class TimeLaw:
-    """The shortest polynomial from 0 to ``length`` whose first ``smoothness`` derivatives vanish at both ends.
+    """The shortest polynomial from 0 to ``length`` whose first ``smoothness`` derivatives vanish
+    at both ends.
 
-    ``s(u) = c int_0^u x^k (1 - x)^k dx``, ``c = (2k + 1)!/(k!)^2``, u = t / duration, constant outside [0, duration]: a
-    polynomial of degree 2k + 1, k times continuously differentiable in time.
+    ``s(u) = c int_0^u x^k (1 - x)^k dx``, ``c = (2k + 1)!/(k!)^2``, u = t / duration, constant
+    outside [0, duration]: a polynomial of degree 2k + 1, k times continuously differentiable in
+    time.
 
-    Source: L. Biagiotti, C. Melchiorri, Trajectory Planning for Automatic Machines and Robots, 2008, sec. 2.1.7.
+    Source: L. Biagiotti, C. Melchiorri, Trajectory Planning for Automatic Machines and Robots,
+    2008, sec. 2.1.7.
     """
 
     duration: float
@@ -77,7 +81,9 @@ class TimeLaw:
         return np.polynomial.Polynomial(coefficients)
 
     def __call__(self, t: np.ndarray, order: int = 5) -> np.ndarray:
-        """``s`` and its time derivatives at the instants ``t`` [s], shape (n, order + 1), 1/s^j in column j."""
+        """``s`` and its time derivatives at the instants ``t`` [s], shape (n, order + 1), 1/s^j in
+        column j.
+        """
         law = self.polynomial
         u = np.clip(np.asarray(t, dtype=float) / self.duration, 0.0, 1.0)
         late = u > 0.5  # s(1 - u) = 1 - s(u): evaluating near zero keeps the digits
@@ -94,7 +100,9 @@ class TimeLaw:
         return out if self.length == 1.0 else self.length * out
 
     def with_integral(self, t: np.ndarray, order: int = 5) -> np.ndarray:
-        """Integral of the law, the law and its derivatives at ``t`` in [0, duration], shape (n, order + 1)."""
+        """Integral of the law, the law and its derivatives at ``t`` in [0, duration], shape (n,
+        order + 1).
+        """
         t = np.clip(t, 0.0, self.duration)
         inner = self.polynomial.integ()
         u = t / self.duration
@@ -106,10 +114,12 @@ class TimeLaw:
 
 @dataclass(frozen=True)
 class SplineLaw:
-    """A B-spline of degree 7 from 0 to ``length``, at rest with five derivatives zero at both ends.
+    """A B-spline of degree 7 from 0 to ``length``, at rest with five derivatives zero at both
+    ends.
 
-    ``inner``: its coefficients between the first six, which are 0, and the last six, which are 1; where they do not
-    decrease, neither does the distance. The knots are equidistant: six derivatives are continuous inside.
+    ``inner``: its coefficients between the first six, which are 0, and the last six, which are 1;
+    where they do not decrease, neither does the distance. The knots are equidistant: six
+    derivatives are continuous inside.
     """
 
     duration: float
@@ -139,13 +149,16 @@ class SplineLaw:
     @cached_property
     def spline(self) -> BSpline:
         """From 0 to 1 within 0 to 1."""
-        ends, k = 6, self.DEGREE
+        ends = 6
+        k = self.DEGREE
         c = np.concatenate([np.zeros(ends), self.inner, np.ones(ends)])
         knots = np.concatenate([np.zeros(k), np.linspace(0.0, 1.0, len(c) - k + 1), np.ones(k)])
         return BSpline(knots, c, k)
 
     def __call__(self, t: np.ndarray, order: int = 5) -> np.ndarray:
-        """``s`` and its time derivatives at the instants ``t`` [s], shape (n, order + 1), 1/s^j in column j."""
+        """``s`` and its time derivatives at the instants ``t`` [s], shape (n, order + 1), 1/s^j in
+        column j.
+        """
         t = np.asarray(t, dtype=float)
         u = np.clip(t / self.duration, 0.0, 1.0)
         inside = (t > 0) & (t < self.duration)
@@ -158,9 +171,11 @@ class SplineLaw:
 
 @dataclass(frozen=True)
 class Clock:
-    """The law of a path whose parameter is the time: distance equals time, from 0 to ``duration`` [s].
+    """The law of a path whose parameter is the time: distance equals time, from 0 to ``duration``
+    [s].
 
-    ``smoothness``: number of continuous derivatives of the path at its start and end, where it must be at rest.
+    ``smoothness``: number of continuous derivatives of the path at its start and end, where it
+    must be at rest.
     """
 
     duration: float

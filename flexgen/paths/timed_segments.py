@@ -1,4 +1,6 @@
-"""Timed segments: a curve with its time law, from rest to rest, within path bounds and joint limits."""
+"""Timed segments: a curve with its time law, from rest to rest, within path bounds and joint
+limits.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +37,9 @@ SLOWDOWN_MAX = 1e4  # a segment that needs more passes a singular pose
 
 
 class Curve(Protocol):
-    """Geometry of a timed segment: position (and orientation) over a parameter from 0 to ``length``."""
+    """Geometry of a timed segment: position (and orientation) over a parameter from 0 to
+    ``length``.
+    """
 
     @property
     def length(self) -> float:
@@ -59,7 +63,9 @@ class Curve(Protocol):
 
 @dataclass(frozen=True)
 class TimedSegment:
-    """A motion from rest to rest from ``start`` [s] on, in the space ``"tool"``, ``"output"`` or ``"joint"``."""
+    """A motion from rest to rest from ``start`` [s] on, in the space ``"tool"``, ``"output"`` or
+    ``"joint"``.
+    """
 
     space: str
     curve: Curve
@@ -72,9 +78,12 @@ class TimedSegment:
         return min(self.law.smoothness, self.curve.smoothness)
 
     def at(self, t: np.ndarray) -> tuple[np.ndarray, Attitude | None]:
-        """Time derivatives 0 to 5 of the position (n, d, 6), and the orientation, at the instants ``t`` [s]."""
+        """Time derivatives 0 to 5 of the position (n, d, 6), and the orientation, at the instants
+        ``t`` [s].
+        """
         t = np.asarray(t, dtype=float)
-        since, duration = t - self.start, self.law.duration
+        since = t - self.start
+        duration = self.law.duration
         # at the end and after it: rest, whatever the rounding of the difference
         return self.curve(
             self.law(np.where(t >= self.start + duration, since + duration, since), JET - 1)
@@ -85,19 +94,20 @@ class TimedSegment:
         """Instants at which a derivative up to order 5 may jump [s]."""
         out = [self.law.breaks]
         if len(self.curve.breaks):
-            low, high = (
-                np.zeros(len(self.curve.breaks)),
-                np.full(len(self.curve.breaks), self.law.duration),
-            )
+            low = np.zeros(len(self.curve.breaks))
+            high = np.full(len(self.curve.breaks), self.law.duration)
             for _ in range(60):
                 middle = (low + high) / 2
                 before = self.law(middle, 0)[:, 0] < self.curve.breaks
-                low, high = np.where(before, middle, low), np.where(before, high, middle)
+                low = np.where(before, middle, low)
+                high = np.where(before, high, middle)
             out.append(high)
         return self.start + np.unique(np.concatenate(out))
 
     def instants(self, count: int) -> np.ndarray:
-        """``count`` equidistant instants [s], and `INSIDE` intervals in each section of a curve of several segments."""
+        """``count`` equidistant instants [s], and `INSIDE` intervals in each section of a curve of
+        several segments.
+        """
         equidistant = self.start + np.linspace(0.0, self.law.duration, count)
         if not isinstance(self.curve, BlendedCurve) or len(self.curve.sections) == 1:
             return equidistant
@@ -114,7 +124,9 @@ class TimedSegment:
 
 @dataclass(frozen=True)
 class JointMotion(Move):
-    """A move that was planned before as a motion of the joints; ``rule``: in words, how the joints were chosen."""
+    """A move that was planned before as a motion of the joints; ``rule``: in words, how the joints
+    were chosen.
+    """
 
     segments: tuple[TimedSegment, ...] = ()
     rule: str = ""
@@ -124,7 +136,8 @@ class JointMotion(Move):
 class PlannedMove:
     """A planned move of one model.
 
-    ``segments``: motions from rest to rest, in order; ``q_g`` (n_g): actuated coordinates at the start [rad or m].
+    ``segments``: motions from rest to rest, in order; ``q_g`` (n_g): actuated coordinates at the
+    start [rad or m].
     """
 
     segments: tuple[TimedSegment, ...]
@@ -153,7 +166,9 @@ def derivative_norms(
 def _stretches(
     space: str, curve: Curve, bounds: tuple[float, ...], radius: float, speeds: list[float] | None
 ) -> list[Stretch]:
-    """Stretches of a curve with the speed that their curvature allows; ``speeds``: bounds of the curve's segments."""
+    """Stretches of a curve with the speed that their curvature allows; ``speeds``: bounds of the
+    curve's segments.
+    """
     from flexgen.paths.speed_planning import Stretch
 
     if isinstance(curve, BlendedCurve):
@@ -170,7 +185,8 @@ def _stretches(
     out = []
     for k, cap in enumerate(caps):
         s = np.zeros((POINTS, JET))
-        s[:, 0], s[:, 1] = np.linspace(starts[k], starts[k + 1], POINTS), 1.0
+        s[:, 0] = np.linspace(starts[k], starts[k + 1], POINTS)
+        s[:, 1] = 1.0
         peaks = derivative_norms(space, *curve(s), radius).max(axis=0)
         cap = cap / max(peaks[0], 1e-300)
         for order, bound in enumerate(bounds[1 : JET - 1], 2):
@@ -190,10 +206,13 @@ def plan_law(
     q_g: np.ndarray | None,
     speeds: list[float] | None = None,
 ) -> SpeedLaw:
-    """Plan a law within bounds on speed, acceleration, jerk, ... of the path and the limits of the model's joints.
+    """Plan a law within bounds on speed, acceleration, jerk, ... of the path and the limits of the
+    model's joints.
 
-    1. Each stretch of the curve gets the speed that its curvature allows. 2. The changes of speed are planned. 3. If a
-    bound of the path or a joint limit of the undeflected arm is exceeded, one factor slows down the whole motion.
+    1. Each stretch of the curve gets the speed that its curvature allows. 2. The changes of speed
+       are planned. 3. If a
+    bound of the path or a joint limit of the undeflected arm is exceeded, one factor slows down
+    the whole motion.
 
     Parameters
     ----------
@@ -227,10 +246,13 @@ def plan_law(
     )
     kinematics = InverseKinematics(reference.equations)
     if kinematics.has_limits:
-        factor = max(factor, _joint_slowdown(reference, kinematics, segment, q_g) * (1 + TOLERANCE))
+        factor = max(
+            factor, _joint_slowdown(reference, kinematics, segment, q_g) * (1 + TOLERANCE)
+        )
     if not factor < SLOWDOWN_MAX:
         raise SolverError(
-            f"path: the joint limits would slow it down by a factor of {factor:.1e}; it passes a singular pose"
+            f"path: the joint limits would slow it down by a factor of {factor:.1e}; it passes "
+            "a singular pose"
         )
     return law.slow_down(factor) if factor > 1 + TOLERANCE else law
 
@@ -241,12 +263,18 @@ def _joint_slowdown(
     segment: TimedSegment,
     q_g: np.ndarray | None,
 ) -> float:
-    """Factor by which the limits of joints and motors slow a motion down, from instants between the breaks of its law.
+    """Factor by which the limits of joints and motors slow a motion down, from instants between
+    the breaks of its law.
 
-    Where a joint moves far from one instant to the next, as near a singular pose, from more of them.
+    Where a joint moves far from one instant to the next, as near a singular pose, from more of
+    them.
     """
-    breaks, end, factor = segment.law.breaks, segment.law.duration, 0.0
-    first, last, start = breaks[:-1], breaks[1:], q_g
+    breaks = segment.law.breaks
+    end = segment.law.duration
+    factor = 0.0
+    first = breaks[:-1]
+    last = breaks[1:]
+    start = q_g
     counts = np.maximum(INSIDE, np.ceil((last - first) * (INSTANTS // 2) / end).astype(int)) + 1
     for _ in range(FINER):
         between = [np.linspace(1e-9, 1 - 1e-9, count) for count in counts]
@@ -254,7 +282,9 @@ def _joint_slowdown(
         x, attitude = segment.at(t)
         ends = np.cumsum(counts)[:-1]
         if segment.space == "joint":
-            q, v, a = x[:, :, 0], x[:, :, 1], x[:, :, 2]
+            q = x[:, :, 0]
+            v = x[:, :, 1]
+            a = x[:, :, 2]
         else:
             sample = reference.sample(segment.space, x, attitude)
             q = kinematics.follow_many(sample, np.asarray(start), t / end)
@@ -271,15 +301,20 @@ def _joint_slowdown(
         if segment.space == "joint" or not far.any():
             break
         here = np.flatnonzero(far)
-        first, last, start = t[here], t[here + 1], q[here[0]]
+        first = t[here]
+        last = t[here + 1]
+        start = q[here[0]]
         counts = np.full(len(first), INSIDE + 1)
     return factor
 
 
 def _peaks(segment: TimedSegment, radius: float) -> np.ndarray:
-    """Largest norms (5) of the derivatives of a segment: at equidistant instants, between breaks, near local maxima."""
+    """Largest norms (5) of the derivatives of a segment: at equidistant instants, between breaks,
+    near local maxima.
+    """
     end = segment.law.duration
-    first, last = segment.law.breaks[:-1, None], segment.law.breaks[1:, None]
+    first = segment.law.breaks[:-1, None]
+    last = segment.law.breaks[1:, None]
     between = first + (last - first) * np.linspace(1e-9, 1 - 1e-9, BETWEEN)
     t = np.sort(np.concatenate([np.linspace(0.0, end, INSTANTS), between.ravel()]))
     found = derivative_norms(segment.space, *segment.at(t), radius)
@@ -299,15 +334,15 @@ def _peaks(segment: TimedSegment, radius: float) -> np.ndarray:
 def configuration_at_end(
     reference: Reference, segment: TimedSegment, q_g: np.ndarray
 ) -> np.ndarray:
-    """Actuated coordinates (n_g) of the undeflected arm at the end of a segment, from those at its start."""
+    """Actuated coordinates (n_g) of the undeflected arm at the end of a segment, from those at its
+    start.
+    """
     t = segment.instants(INSTANTS // 4 + 1)
     x, attitude = segment.at(t)
     if segment.space == "joint":
         return np.array(x[-1, :, 0])
-    sample, at = (
-        reference.sample(segment.space, x, attitude),
-        (t - segment.start) / segment.law.duration,
-    )
+    sample = reference.sample(segment.space, x, attitude)
+    at = (t - segment.start) / segment.law.duration
     kinematics = InverseKinematics(reference.equations)
     if len(t) == INSTANTS // 4 + 1:
         return kinematics.follow(sample, q_g)[-1]

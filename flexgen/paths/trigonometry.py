@@ -1,12 +1,15 @@
-"""Sine, cosine and square root with the bits of the emitted C: a path has the same bits in Python and in C."""
+"""Sine, cosine and square root with the bits of the emitted C: a path has the same bits in Python
+and in C.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 
-# The numbers of flexgen/clib/precision_double.h; tests/unit/test_path_sampler.py compares the results.
-# adding the second rounds to a whole number
-_PER_QUARTER, _SHIFT = 0.6366197723675814, 6755399441055744.0
+# The numbers of flexgen/clib/precision_double.h; tests/unit/test_path_sampler.py compares the
+# results. adding the second rounds to a whole number
+_PER_QUARTER = 0.6366197723675814
+_SHIFT = 6755399441055744.0
 _HALF_PI = (1.5707963267341256, 6.077094383272197e-11, 6.12323399538461e-17, 3.5215598651832e-27)
 _SINE = (
     (-0.16666666666666632, 0.008333333333322425),
@@ -43,7 +46,8 @@ def sine_cosine(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     c = most + ((z * z) * _polynomial(_COSINE, z) + (((1.0 - most) - half) + tail * r))
     quarter = np.where(np.isfinite(k), k, 0.0) % 4.0
     odd = quarter % 2.0 == 1.0
-    sine, cosine = np.where(odd, c, s), np.where(odd, s, c)
+    sine = np.where(odd, c, s)
+    cosine = np.where(odd, s, c)
     return np.where(quarter >= 2.0, -sine, sine), np.where(
         (quarter == 1.0) | (quarter == 2.0), -cosine, cosine
     )

@@ -1,4 +1,6 @@
-"""Velocity profiles: smooth changes of speed, as short as the bounds on their derivatives allow."""
+"""Velocity profiles: smooth changes of speed, as short as the bounds on their derivatives
+allow.
+"""
 
 from __future__ import annotations
 
@@ -34,18 +36,23 @@ class SpeedStep(Protocol):
         ...
 
     def with_integral(self, t: np.ndarray, order: int = 5) -> np.ndarray:
-        """Integral of the step, the step and its derivatives at ``t`` in [0, duration], shape (n, order + 1)."""
+        """Integral of the step, the step and its derivatives at ``t`` in [0, duration], shape (n,
+        order + 1).
+        """
         ...
 
 
 @dataclass(frozen=True)
 class TrapezoidStep:
-    """A step whose p-th derivative is piecewise constant: the convolution of boxes of lengths ``times`` (p) [s].
+    """A step whose p-th derivative is piecewise constant: the convolution of boxes of lengths
+    ``times`` (p) [s].
 
-    ``h(t) = 1/prod(T) sum_S (-1)^|S| (t - sum_S T)_+^p / p!`` over all subsets S of the boxes; p = 1 is a ramp, p = 2
-    an S of three segments, p = 3 one of seven. It is p - 1 times continuously differentiable.
+    ``h(t) = 1/prod(T) sum_S (-1)^|S| (t - sum_S T)_+^p / p!`` over all subsets S of the boxes; p =
+    1 is a ramp, p = 2 an S of three segments, p = 3 one of seven. It is p - 1 times continuously
+    differentiable.
 
-    Source: L. Biagiotti, C. Melchiorri, Automatica 48(8), 2012 (trajectories as chains of moving averages).
+    Source: L. Biagiotti, C. Melchiorri, Automatica 48(8), 2012 (trajectories as chains of moving
+    averages).
     """
 
     times: tuple[float, ...]
@@ -62,8 +69,11 @@ class TrapezoidStep:
 
     @cached_property
     def polynomials(self) -> tuple[np.ndarray, np.ndarray]:
-        """Knots of the first half, and the derivatives -1 (the integral) to p at each, (m, p + 2)."""
-        p, end = len(self.times), self.duration
+        """Knots of the first half, and the derivatives -1 (the integral) to p at each, (m, p +
+        2).
+        """
+        p = len(self.times)
+        end = self.duration
         corners = sorted(
             (sum(chosen), (-1.0) ** size)
             for size in range(p + 1)
@@ -95,7 +105,9 @@ class TrapezoidStep:
         return np.unique(np.concatenate([knots, self.duration - knots[::-1]]))
 
     def with_integral(self, t: np.ndarray, order: int = 5) -> np.ndarray:
-        """Integral of the step, the step and its derivatives at ``t`` in [0, duration], shape (n, order + 1)."""
+        """Integral of the step, the step and its derivatives at ``t`` in [0, duration], shape (n,
+        order + 1).
+        """
         knots, values = self.polynomials
         end = self.duration
         t = np.clip(t, 0.0, end)
@@ -111,7 +123,9 @@ class TrapezoidStep:
 
 
 def _taylor(values: np.ndarray, dt: np.ndarray, size: int) -> np.ndarray:
-    """Derivatives 0 to size - 1 of polynomials, ``dt`` (n) after an instant at which they are ``values`` (n, k)."""
+    """Derivatives 0 to size - 1 of polynomials, ``dt`` (n) after an instant at which they are
+    ``values`` (n, k).
+    """
     k = values.shape[1]
     out = np.zeros((len(values), size))
     for j in range(min(k, size)):
@@ -121,16 +135,19 @@ def _taylor(values: np.ndarray, dt: np.ndarray, size: int) -> np.ndarray:
 
 
 def box_times(size: float, bounds: tuple[float, ...]) -> tuple[float, ...]:
-    """Lengths of the boxes of a step of the given size whose k-th derivative stays below ``bounds[k - 1]``, all > 0.
+    """Lengths of the boxes of a step of the given size whose k-th derivative stays below
+    ``bounds[k - 1]``, all > 0.
 
-    The highest derivative reaches its bound. From there down, each box is as long as the bounds on lower derivatives
-    allow when all lower boxes have their minimum length: the sum of the boxes above, so that no peaks add up.
+    The highest derivative reaches its bound. From there down, each box is as long as the bounds on
+    lower derivatives allow when all lower boxes have their minimum length: the sum of the boxes
+    above, so that no peaks add up.
 
     Source: cf. P. Lambrechts, M. Boerlage, M. Steinbuch, Control Engineering Practice 13(2), 2005.
     """
     p = len(bounds)
     limits = [size, *bounds]
-    amplitude, above = bounds[-1], 0.0
+    amplitude = bounds[-1]
+    above = 0.0
     times: list[float] = []
     for k in range(p, 0, -1):
         longest = min(
@@ -145,7 +162,9 @@ def box_times(size: float, bounds: tuple[float, ...]) -> tuple[float, ...]:
 
 
 def _box(value: float, above: float, j: int) -> float:
-    """The root of ``x (above + x)^j = value``, by Newton's method from the right, where the function is convex."""
+    """The root of ``x (above + x)^j = value``, by Newton's method from the right, where the
+    function is convex.
+    """
     if j == 0:
         return value
     x = value ** (1.0 / (j + 1))

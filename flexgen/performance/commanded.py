@@ -26,7 +26,8 @@ from flexgen.numerics.evaluate import evaluate
 from flexgen.paths.path import Path
 
 # begin of the window before the path; its ends, where Q becomes constant
-EARLY_S, BLEND_S = 0.15, 0.1
+EARLY_S = 0.15
+BLEND_S = 0.1
 LATE_S = 1.5  # end of the window after the path: integral parts have settled under another load
 DEGREE = 7  # of the spline through the corrections
 MESH_S = 1e-2  # of the inversion
@@ -42,8 +43,11 @@ class CommandedPath:
             raise ArgumentError(
                 "solution: given one whose path limits changed, expected one that follows its move"
             )
-        self._case, self.sample_s, self.delay_s = case, sample_s, delay_s
-        self.equations, self.outputs = case.equations, case.model.output.size
+        self._case = case
+        self.sample_s = sample_s
+        self.delay_s = delay_s
+        self.equations = case.equations
+        self.outputs = case.model.output.size
         self.path = Path(self.equations, case.solution.move)
         problem = InversionProblem(self.equations, self.path, force=case.force)
         _, self.period, self.samples_per_interval, self.n_pre, self.n_post = grid(problem, MESH_S)
@@ -62,18 +66,16 @@ class CommandedPath:
             derive(self.equations.model, tuple(p.name for p in case.plants.parameters))
         )
         self._local = robots.under(case.force, case.reference.time[0])
-        first, last = (
-            self.time[0] - self.n_pre * self.period,
-            self.time[-1] + self.n_post * self.period,
-        )
+        first = self.time[0] - self.n_pre * self.period
+        last = self.time[-1] + self.n_post * self.period
         before = self.sample_s * np.ceil(HOLD_S / self.sample_s)
         self._grid = time_grid(first, last, self.sample_s, before, AFTER_S)
         self._force = None if case.force is None else case.force.on_output(case.model, self.time)
         self._signals = None if case.signals is None else signals_of(self.equations)
 
     def case(self, correction: np.ndarray, iteration: int) -> Case:
-        """The case with the feedforward of a corrected path, and other noise in each iteration; its errors are those
-        from the path itself.
+        """The case with the feedforward of a corrected path, and other noise in each iteration;
+        its errors are those from the path itself.
         """
         case = self._case
         y, dy, ddy = self._correct(correction)
@@ -124,7 +126,9 @@ class CommandedPath:
         )
 
     def error(self, run: ControlRun, plant: str) -> np.ndarray:
-        """Error of a robot's output at the samples of the path (n, n_y); of a pose the rotation vector too."""
+        """Error of a robot's output at the samples of the path (n, n_y); of a pose the rotation
+        vector too.
+        """
         r = run[plant]
         e = r.error
         if run.reference.R_ref is not None:
@@ -142,14 +146,18 @@ class CommandedPath:
         ramp = np.linspace(0.0, 1.0, blend)
         ramp = ramp**4 * (35 - 84 * ramp + 70 * ramp**2 - 20 * ramp**3)
         weight = np.ones(len(error))
-        weight[:blend], weight[-blend:] = ramp, ramp[::-1]
-        first, last = error[: blend // 2].mean(axis=0), error[-(blend // 2) :].mean(axis=0)
+        weight[:blend] = ramp
+        weight[-blend:] = ramp[::-1]
+        first = error[: blend // 2].mean(axis=0)
+        last = error[-(blend // 2) :].mean(axis=0)
         ends = np.where((np.arange(len(error)) < len(error) // 2)[:, None], first, last)
         return np.asarray(weight[:, None] * smooth + (1 - weight[:, None]) * ends)
 
 
 def _left_jacobian(r: np.ndarray, dr: np.ndarray) -> np.ndarray:
-    """Angular velocity (n, 3) in the fixed frame of the rotation with rotation vector r and its rate dr (n, 3)."""
+    """Angular velocity (n, 3) in the fixed frame of the rotation with rotation vector r and its
+    rate dr (n, 3).
+    """
     angle = np.linalg.norm(r, axis=1)[:, None]
     small = angle < 1e-4
     safe = np.where(small, 1.0, angle)

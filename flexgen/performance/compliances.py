@@ -8,16 +8,19 @@ from flexgen.mechanics.lagrangian import gears
 from flexgen.model.elements import RobotModel
 from flexgen.spec.parts import Tolerances
 
-# Relative, of a spring for which the model file states none. An assumption, wide on purpose: it makes deviations of
-# loads up to twice as large with right springs; intervals hold with springs that are 20 to 40 % off (docs/control.md).
+# Relative, of a spring for which the model file states none. An assumption, wide on purpose: it
+# makes deviations of loads up to twice as large with right springs; intervals hold with springs
+# that are 20 to 40 % off (docs/control.md).
 STIFFNESS_SD = 0.2
 NUMBERS = ("stiffness", "low", "high")  # of springs, that forces are proportional to
 
 
 def stiffness_deviations(model: RobotModel) -> np.ndarray:
-    """Relative standard deviation of the stiffness at each arm coordinate (n_a,); zero if rigid or known exactly.
+    """Relative standard deviation of the stiffness at each arm coordinate (n_a,); zero if rigid or
+    known exactly.
 
-    Of the table ``[uncertainty]``: that of the number by name, else the one of all stiffnesses, else `STIFFNESS_SD`.
+    Of the table ``[uncertainty]``: that of the number by name, else the one of all stiffnesses,
+    else `STIFFNESS_SD`.
     """
     given = model.uncertainty or Tolerances()
     named = dict(zip(given.parameters, given.sd, strict=True))

@@ -1,19 +1,22 @@
-"""Iterative learning of a path: the commanded path is corrected by the measured error, and inverted again.
+"""Iterative learning of a path: the commanded path is corrected by the measured error, and
+inverted again.
 
     y_cmd <- y_cmd - gain Q e,      e = y - y_ref of the robot, Q a low pass forwards and backwards
 
-Every iteration inverts the whole corrected path with the model: feedforward torques and references of the motors change
-together. The window of learning begins before the path and ends after it, since the motion of elastic robots does. Q is
-blended to constants at both ends of the window, where the robot is at rest. A correction beyond the natural frequencies
-of the robot makes learning diverge: the default frequency of Q is 0.7 of the lowest one of the model with locked
-motors. The best iteration is kept; learning ends when the error grows.
+Every iteration inverts the whole corrected path with the model: feedforward torques and references
+of the motors change together. The window of learning begins before the path and ends after it,
+since the motion of elastic robots does. Q is blended to constants at both ends of the window,
+where the robot is at rest. A correction beyond the natural frequencies of the robot makes learning
+diverge: the default frequency of Q is 0.7 of the lowest one of the model with locked motors. The
+best iteration is kept; learning ends when the error grows.
 
-The error is measured by a tracker of the tool, or estimated from accelerometers and motor angles by a smoother along
-the path. Estimates are noisy: the gain of iteration k is divided by k + 1, so that all of them are averaged.
-Accelerometers do not show the error that the robot has at rest before the path, the sag of its springs.
+The error is measured by a tracker of the tool, or estimated from accelerometers and motor angles
+by a smoother along the path. Estimates are noisy: the gain of iteration k is divided by k + 1, so
+that all of them are averaged. Accelerometers do not show the error that the robot has at rest
+before the path, the sag of its springs.
 
-Source: cf. S. Arimoto et al., J. Robotic Systems 1(2), 1984; S. Moberg, Modeling and Control of Flexible Manipulators,
-2010.
+Source: cf. S. Arimoto et al., J. Robotic Systems 1(2), 1984; S. Moberg, Modeling and Control of
+Flexible Manipulators, 2010.
 """
 
 from __future__ import annotations
@@ -77,8 +80,8 @@ class LearningResult(Result):
     measured_by : str
         ``"tracker"`` or ``"accelerometer"``.
     measured_errors : tuple of float
-        Largest measured error of each iteration, in `unit`; of the tracker ``errors``. It decides on the best
-        iteration.
+        Largest measured error of each iteration, in `unit`; of the tracker ``errors``. It decides
+        on the best iteration.
 
     Examples
     --------
@@ -206,7 +209,8 @@ def learn(
     time_limit: float | None = None,
     progress: Choice = None,
 ) -> LearningResult:
-    """Learn the path of a robot that differs from its model, in simulation, from its measured tool error.
+    """Learn the path of a robot that differs from its model, in simulation, from its measured tool
+    error.
 
     Parameters
     ----------
@@ -214,7 +218,8 @@ def learn(
     move : str or Move, optional
         A move of the model file; default: its first.
     plant : mapping, optional
-        Changes of the robot, such as ``{"stiffness": 0.8}``, see `flexgen.loop.plants`; default: none.
+        Changes of the robot, such as ``{"stiffness": 0.8}``, see `flexgen.loop.plants`; default:
+        none.
     iterations : int
         At most.
     gain : float
@@ -222,11 +227,12 @@ def learn(
     frequency_hz : float, optional [Hz]
         Of Q; default: 0.7 of the lowest natural frequency of the model with locked motors.
     measured_by : str
-        ``"tracker"``: of the tool, without error; ``"accelerometer"``: those of the model file, or one at the tool
-        with noise of 0.05 m/s^2, and motor angles. The errors at rest are not learned then.
+        ``"tracker"``: of the tool, without error; ``"accelerometer"``: those of the model file, or
+        one at the tool with noise of 0.05 m/s^2, and motor angles. The errors at rest are not
+        learned then.
     controller, sample_time, delay, encoder_noise, seed, solution
-        As for `flexgen.control`; every iteration has other noise. Corrected paths are inverted with the model and the
-        force of the solution.
+        As for `flexgen.control`; every iteration has other noise. Corrected paths are inverted
+        with the model and the force of the solution.
     time_limit : float, optional [s]
         Then, or after Ctrl-C, the result has the iterations so far; its ``stopped`` says so. None
         or 0: unlimited.
@@ -264,10 +270,20 @@ def learn(
         _accelerometers(robot_of(model), encoder_noise) if measured_by == ACCELEROMETER else None
     )
     case = control_case(
-        model if channels is None else channels.model, move, sample_time=sample_time, delay=delay,
-        plants={name: mapping_of("plant", {} if plant is None else plant, "changes such as {'stiffness': 0.8}")},
-        encoder_noise=encoder_noise, seed=seed, solution=solution, progress=progress if callable(progress) else None,
-    )  # fmt: skip
+        model if channels is None else channels.model,
+        move,
+        sample_time=sample_time,
+        delay=delay,
+        plants={
+            name: mapping_of(
+                "plant", {} if plant is None else plant, "changes such as {'stiffness': 0.8}"
+            )
+        },
+        encoder_noise=encoder_noise,
+        seed=seed,
+        solution=solution,
+        progress=progress if callable(progress) else None,
+    )
     commanded = CommandedPath(case, sample_time, delay, tell)
     motion = case.reference.points(np.array([0]))
     low = (
@@ -317,11 +333,15 @@ def _iterate(
     low: float,
     tell: Callable[[str], None],
 ) -> tuple[tuple[ControlRun, ...], tuple[np.ndarray, ...], int, str, tuple[float, ...]]:
-    """Runs, corrections, best iteration, why they ended before the last, and errors as they were measured."""
+    """Runs, corrections, best iteration, why they ended before the last, and errors as they were
+    measured.
+    """
     runs: list[ControlRun] = []
     errors: list[float] = []
     corrections = [np.zeros((len(commanded.time), commanded.outputs))]
-    best, stopped, noisy = 0, "", seen is not _plain
+    best = 0
+    stopped = ""
+    noisy = seen is not _plain
     with keep_best():
         for k in range(iterations + 1):
             if k and is_over():
@@ -385,14 +405,20 @@ def _plain(run: ControlRun) -> ControlRun:
 
 
 class _Smoothed:
-    """Estimate from accelerometers and motor angles: the arm's motion by the smoother, and its error."""
+    """Estimate from accelerometers and motor angles: the arm's motion by the smoother, and its
+    error.
+    """
 
     def __init__(self, case: Case, channels: Channels, name: str) -> None:
-        self._case, self._channels, self._name = case, channels, name
+        self._case = case
+        self._channels = channels
+        self._name = name
         self._smoother = PathSmoother(channels, case.reference, case.hardware.sample_s)
 
     def __call__(self, run: ControlRun) -> ControlRun:
-        robot, reference, hardware = run[self._name], run.reference, run.hardware
+        robot = run[self._name]
+        reference = run.reference
+        hardware = run.hardware
         if robot.failure:
             return run
         dy = np.hstack([robot.measured - reference.motion["q_m"], robot.sensors - reference.y_s])
@@ -405,6 +431,8 @@ class _Smoothed:
 
 
 def _largest(run: ControlRun, plant: str) -> float:
-    """Largest error of a robot [m, or rad where the output has no lengths]; infinite where it failed."""
+    """Largest error of a robot [m, or rad where the output has no lengths]; infinite where it
+    failed.
+    """
     found = run.figures(run[plant])[f"error_max_{run.unit}"]
     return float(found) if np.isfinite(found) else float("inf")

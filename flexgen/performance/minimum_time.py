@@ -2,15 +2,18 @@
 
     minimize T  subject to  |tau_m| <= tau_max,  |v_m| <= v_max,  |dtau_m/dt| <= rate_max,  |deflection| <= limit
 
-over T and the inner coefficients c of a spline time law (`flexgen.paths.time_laws.SplineLaw`). Torques and motion are
-those of the exact inversion of the elastic robot in C, before, on and after the path. A sequence of linear programs
-with a trust region: slopes by differences of inversions, violations by an exact penalty,
+over T and the inner coefficients c of a spline time law (`flexgen.paths.time_laws.SplineLaw`).
+Torques and motion are those of the exact inversion of the elastic robot in C, before, on and after
+the path. A sequence of linear programs with a trust region: slopes by differences of inversions,
+violations by an exact penalty,
 
     min dT + w sigma,   |g + G dx| <= 1 + sigma,   c does not decrease,   |dx| <= trust
 
-Lower bound: the same robot with rigid gears and links and torques that may jump, by the method of reachable speeds.
+Lower bound: the same robot with rigid gears and links and torques that may jump, by the method of
+reachable speeds.
 
-Source: H. Pham, Q.-C. Pham, IEEE Trans. Robotics 34(3), 2018 (reachable squared speeds along a path).
+Source: H. Pham, Q.-C. Pham, IEEE Trans. Robotics 34(3), 2018 (reachable squared speeds along a
+path).
 """
 
 from __future__ import annotations
@@ -56,7 +59,9 @@ INTERVALS = 4000  # of its mesh where it is refined
 # of the largest torque of a curve; excesses of what it allows below it are relative to all of it
 NO_TORQUE = 0.1
 # searches with a margin; relative excess of a limit that is accepted
-AGAINST, ROUNDS, SLACK = "95 %", 5, 1e-3
+AGAINST = "95 %"
+ROUNDS = 5
+SLACK = 1e-3
 
 
 @checked_result
@@ -74,8 +79,8 @@ class FastestMove(Result):
     duration_s, default_s, rigid_s : float [s]
         Of the path, of the path as given, and the lower bound of a rigid robot.
     vibration : dict
-        Largest vibration after the path of robots with less and more stiffness, of the new motion, by name, in
-        `unit`; empty for a robot without springs.
+        Largest vibration after the path of robots with less and more stiffness, of the new motion,
+        by name, in `unit`; empty for a robot without springs.
     default_vibration : dict
         The same of the move as it was given.
     excess : float
@@ -88,9 +93,11 @@ class FastestMove(Result):
     history : tuple of float
         Duration after each step [s].
     margin : tuple of float [N m]
-        Torque of each motor that is left for the feedback of 95 % of the robots; empty without ``against``.
+        Torque of each motor that is left for the feedback of 95 % of the robots; empty without
+        ``against``.
     force : callable or None
-        The force of the process along the new motion, as `flexgen.solve` and `flexgen.control` take it.
+        The force of the process along the new motion, as `flexgen.solve` and `flexgen.control`
+        take it.
 
     Examples
     --------
@@ -139,7 +146,9 @@ class FastestMove(Result):
 
     @property
     def assumed(self) -> dict[str, float]:
-        """Torque limits [N m] that are the largest torques of the move as it is given, as of motors that had none."""
+        """Torque limits [N m] that are the largest torques of the move as it is given, as of
+        motors that had none.
+        """
         largest = np.abs(self.default.trajectory["tau_m"]).max(axis=0)
         names = [motor.name for motor in self.solution.model.motors]
         return {
@@ -149,7 +158,10 @@ class FastestMove(Result):
         }
 
     def __repr__(self) -> str:
-        return f"<FastestMove {self.solution.model.name}: {self.default_s:.4g} -> {self.duration_s:.4g} s>"
+        return (
+            f"<FastestMove {self.solution.model.name}: {self.default_s:.4g} -> "
+            f"{self.duration_s:.4g} s>"
+        )
 
     def __str__(self) -> str:
         """Durations, limits and effort."""
@@ -165,15 +177,15 @@ class FastestMove(Result):
         )
         return "\n".join(
             [
-                f"{self.solution.model.name}, move {self.move.name}: {self.duration_s:.4f} s instead of "
-                f"{self.default_s:.4f} s ({compared})",
+                f"{self.solution.model.name}, move {self.move.name}: {self.duration_s:.4f} s "
+                f"instead of {self.default_s:.4f} s ({compared})",
                 *(
                     f"  torque limits as of the largest torques of the move as given: {x} N m"
                     for x in assumed
                 ),
                 f"  a rigid robot whose torques may jump needs {self.rigid_s:.4f} s",
-                f"  limits kept to {max(self.excess, 0):.1e}, {self.programs} programs, {self.inversions} inversions, "
-                f"{self.cpu_s:.2g} s of processor time",
+                f"  limits kept to {max(self.excess, 0):.1e}, {self.programs} programs, "
+                f"{self.inversions} inversions, {self.cpu_s:.2g} s of processor time",
                 *(f"  vibration after the path, {x}" for x in filter(None, [swings])),
                 f"  {str(self.solution).splitlines()[1].strip()}",
                 *(
@@ -230,22 +242,24 @@ def fastest(
     move : str or Move, optional
         A move or program of the model file; default: its first.
     limits : Limits, optional
-        Default: those of the model file, without those of its joints; a motor without torque limit there gets the
-        largest torque of the move as it is given.
+        Default: those of the model file, without those of its joints; a motor without torque limit
+        there gets the largest torque of the move as it is given.
     torque_rate : float, optional
-        Bound of the torques' rates, as a multiple of the largest rate of the move as it is given. It lowers the
-        vibration of robots that differ from the model, and costs time.
+        Bound of the torques' rates, as a multiple of the largest rate of the move as it is given.
+        It lowers the vibration of robots that differ from the model, and costs time.
     vibration : float, optional [m, or rad where the output has no lengths]
-        Bound of the tool's vibration after the path, of robots with 10 % less and more stiffness under a P-PI cascade:
-        see `flexgen.performance.residual_vibration`. The robots are simulated in every step.
+        Bound of the tool's vibration after the path, of robots with 10 % less and more stiffness
+        under a P-PI cascade: see `flexgen.performance.residual_vibration`. The robots are
+        simulated in every step.
     coefficients : int
         Inner coefficients of the time law, 4 to 60: more are faster and take longer.
     against : str, optional
-        ``"95 %"``: of the robots drawn from the table ``[uncertainty]`` of the model, 95 % keep the torque limits at
-        each instant with the motor feedback of `flexgen.predict`; the search is repeated with what it leaves of them.
-        Not with torque-speed curves.
+        ``"95 %"``: of the robots drawn from the table ``[uncertainty]`` of the model, 95 % keep
+        the torque limits at each instant with the motor feedback of `flexgen.predict`; the search
+        is repeated with what it leaves of them. Not with torque-speed curves.
     force : array (n, 3), callable or file, optional [N]
-        Of a process on the tool over the place on the path: `flexgen.paths.place_force`. The limits are kept with it.
+        Of a process on the tool over the place on the path: `flexgen.paths.place_force`. The
+        limits are kept with it.
     time_limit : float or None [s]
         Of the whole search; None or 0: unlimited.
     progress : callable or bool, optional
@@ -257,9 +271,11 @@ def fastest(
     Raises
     ------
     ArgumentError
-        An argument is out of range, the path is one through samples, or ``vibration`` is given for a program.
+        An argument is out of range, the path is one through samples, or ``vibration`` is given for
+        a program.
     SolverError
-        The move has no solution, the limits cannot be kept at the speeds that were tried, or the time limit is over.
+        The move has no solution, the limits cannot be kept at the speeds that were tried, or the
+        time limit is over.
 
     Examples
     --------
@@ -281,7 +297,8 @@ def fastest(
         raise ArgumentError(f"against: given {against!r}, expected {AGAINST!r} or None")
     if against is not None and force is not None:
         raise ArgumentError(
-            "against: given with a force, expected one of both: the feedback is predicted without it"
+            "against: given with a force, expected one of both: the feedback is predicted "
+            "without it"
         )
     robot = robot_of(model)
     if against is not None and robot.uncertainty is None:
@@ -290,7 +307,8 @@ def fastest(
         )
     if against is not None and (limits or Limits()).merge(robot).torque_speed is not None:
         raise ArgumentError(
-            "against: given with torque-speed curves, expected none; Limits(reserve=) leaves torque"
+            "against: given with torque-speed curves, expected none; Limits(reserve=) leaves "
+            "torque"
         )
     check_not_negative(
         "time_limit",
@@ -304,8 +322,8 @@ def fastest(
             return find() if against is None else _with_margin(find, progress)
     except OutOfTime as error:
         raise SolverError(
-            f"fastest: the time limit of {time_limit:g} s is over ({error}); allow more with time_limit= "
-            "(--time-limit SECONDS), or take fewer coefficients"
+            f"fastest: the time limit of {time_limit:g} s is over ({error}); allow more with "
+            "time_limit= (--time-limit SECONDS), or take fewer coefficients"
         ) from None
 
 
@@ -321,7 +339,8 @@ class _Asked:
 
 
 def _with_margin(find: Callable[..., FastestMove], progress: Choice) -> FastestMove:
-    """The fastest move whose torques, with those of the feedback of 95 % of the robots, keep the limits.
+    """The fastest move whose torques, with those of the feedback of 95 % of the robots, keep the
+    limits.
 
     SolverError where what they leave of the limits does not settle.
     """
@@ -338,9 +357,9 @@ def _with_margin(find: Callable[..., FastestMove], progress: Choice) -> FastestM
             break
         found = find(margin=margin)
     raise SolverError(
-        f"fastest: the feedback of {AGAINST} of the robots needs {np.round(margin, 3).tolist()} N m or more of the "
-        f"torque limits {limits.tolist()} N m; know the model better (smaller numbers in [uncertainty]), or allow "
-        "larger torques"
+        f"fastest: the feedback of {AGAINST} of the robots needs {np.round(margin, 3).tolist()} "
+        f"N m or more of the torque limits {limits.tolist()} N m; know the model better "
+        "(smaller numbers in [uncertainty]), or allow larger torques"
     )
 
 
@@ -351,11 +370,14 @@ def _find_fastest(
     progress: Choice,
     margin: np.ndarray | None = None,
 ) -> FastestMove:
-    """The fastest time law; arguments of `fastest`, checked; ``margin`` (n_m,): what torques leave of the limits."""
+    """The fastest time law; arguments of `fastest`, checked; ``margin`` (n_m,): what torques leave
+    of the limits.
+    """
     tell = progress if callable(progress) else (lambda line: None)
     tell("solving the move as it is given")
     path = Path(derive(robot), find_move(robot, move))
-    several, shown = isinstance(path.move, Program), progress if callable(progress) else None
+    several = isinstance(path.move, Program)
+    shown = progress if callable(progress) else None
     force = (
         None if asked.force is None else make_place_force(asked.force, robot, len(path.segments))
     )
@@ -379,13 +401,15 @@ def _find_fastest(
         )
     else:
         search = ProgramSearch(path, default, own, asked.coefficients, tell, force)
-    began, cpu = perf_counter(), process_time()
+    began = perf_counter()
+    cpu = process_time()
     x: Any
     x, history = search.run()
     if isinstance(search, TimeSearch) and search.swings is not None:
         x = search.calm(x, history)
     seconds = perf_counter() - began, process_time() - cpu
-    mesh, share = None, 0
+    mesh = None
+    share = 0
     for _ in range(CHECKS):
         timed = search.move(x)
         tell(f"verifying {timed.duration:.4f} s")
@@ -401,7 +425,9 @@ def _find_fastest(
             share = min(share + 1, 3)
             x = search.slower(x, np.where(over > KEPT, share * over, 0.0))
     else:
-        raise SolverError(f"fastest: a limit stays exceeded by {over.max():.1e} of it; increase it")
+        raise SolverError(
+            f"fastest: a limit stays exceeded by {over.max():.1e} of it; increase it"
+        )
     new, given = (search.vibrations(solution) for solution in (found, default))
     rigid = [
         rigid_time(leg, *own.arrays(robot.n_m), of_motion(force, k))
@@ -431,9 +457,11 @@ def _find_fastest(
 def _excesses(found: Solution, limits: Limits, windows: list[tuple[float, float]]) -> np.ndarray:
     """Largest excess of a limit along a solution in each of some windows of time [s], relative.
 
-    Between its samples too; that of a torque at its speed relative to the torque that its curve allows there.
+    Between its samples too; that of a torque at its speed relative to the torque that its curve
+    allows there.
     """
-    path, end = found.trajectory, float(found.move.duration)
+    path = found.trajectory
+    end = float(found.move.duration)
     time = np.interp(
         np.arange(DENSE * (len(path.time) - 1) + 1) / DENSE, np.arange(len(path.time)), path.time
     )
@@ -456,7 +484,9 @@ def _excesses(found: Solution, limits: Limits, windows: list[tuple[float, float]
 def _solve_as_given(
     robot: RobotModel, path: Path, several: bool, force: Any, shown: Choice
 ) -> Solution:
-    """The solution of the move as it is given; of a program verified only where its residual alone does not do."""
+    """The solution of the move as it is given; of a program verified only where its residual alone
+    does not do.
+    """
     if several:
         try:
             return solve(robot, path.move, verify=False, force=force, progress=shown)
@@ -473,8 +503,10 @@ def _limits_of(
     ``torque_rate``: a bound of the rates as a multiple of those of the ``default`` move.
     """
     kept = (given or Limits()).merge(robot)
-    tau, time = default.trajectory["tau_m"], default.trajectory.time
-    torque, largest = kept.bounds("torque", robot.n_m), np.abs(tau).max(axis=0)
+    tau = default.trajectory["tau_m"]
+    time = default.trajectory.time
+    torque = kept.bounds("torque", robot.n_m)
+    largest = np.abs(tau).max(axis=0)
     kept = replace(kept, torque=tuple(map(float, np.where(np.isfinite(torque), torque, largest))))
     if torque_rate is not None:
         rate = np.minimum(

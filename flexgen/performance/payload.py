@@ -1,24 +1,29 @@
 """Load at the tool from one motion: mass and center of mass with their standard deviations.
 
-The torques of the gears follow from the motors, those that the robot needs from its equations with a load (m, c):
+The torques of the gears follow from the motors, those that the robot needs from its equations with
+a load (m, c):
 
-    eta' (tau_m + d tau_m' - J_m a_m - f(v_m; s)) = [M(q_a; m, c) a_a + c + g]_g,    all low-passed both ways
+    eta' (tau_m + d tau_m' - J_m a_m - f(v_m; s)) = [M(q_a; m, c) a_a + c + g]_g,
+    all low-passed both ways
 
-The motion is low-passed at a higher frequency first: squares of smoothed speeds are not what is smoothed of squares.
-d: time by which torques are recorded late; minus half a sample where a torque is held from its sample on. s: the
-friction of each motor changes with temperature, f = (1 + s_1) f(v) + s_2 v f'(v), s = 0 +- `FRICTION_SD`. Where a motor
-with Coulomb friction stands still, its friction is any torque, and is taken out (`flexgen.analysis.rests_of_motors`).
-Gears and links deflect, each spring by 1 + e_i times as much as in the model:
+The motion is low-passed at a higher frequency first: squares of smoothed speeds are not what is
+smoothed of squares. d: time by which torques are recorded late; minus half a sample where a torque
+is held from its sample on. s: the friction of each motor changes with temperature, f = (1 + s_1)
+f(v) + s_2 v f'(v), s = 0 +- `FRICTION_SD`. Where a motor with Coulomb friction stands still, its
+friction is any torque, and is taken out (`flexgen.analysis.rests_of_motors`). Gears and links
+deflect, each spring by 1 + e_i times as much as in the model:
 
     q_g = eta^-1 q_m - (1 + e_i) tau_g/k,    q_e = -(1 + e_i) f_e(q, v, a; m, c)/k
 
-where f_e are the forces on the coordinates without motor. A rigid model would put these deflections into the load, and
-so would one with other springs: e_i = 0 +- the deviation of the stiffness (`flexgen.performance.compliances`).
-Gauss-Newton in (m, m c, d, s, e); a load is within `CENTER_SD` of the center of mass in the file, for what the motion
-does not show, such as the height in the tool of a palletizer. Standard deviations are the larger ones of two: of
-residuals whose correlation in time is that of the low pass, at least `LEAST_ERROR` of the torques, and of what leaving
-out four periods of the low pass changes, half a second at most, since errors of the model last longer. Leaving out
-samples does not change what is known of springs beforehand: H^-1 P H^-1 is added, with H of all numbers and P of e.
+where f_e are the forces on the coordinates without motor. A rigid model would put these
+deflections into the load, and so would one with other springs: e_i = 0 +- the deviation of the
+stiffness (`flexgen.performance.compliances`). Gauss-Newton in (m, m c, d, s, e); a load is within
+`CENTER_SD` of the center of mass in the file, for what the motion does not show, such as the
+height in the tool of a palletizer. Standard deviations are the larger ones of two: of residuals
+whose correlation in time is that of the low pass, at least `LEAST_ERROR` of the torques, and of
+what leaving out four periods of the low pass changes, half a second at most, since errors of the
+model last longer. Leaving out samples does not change what is known of springs beforehand: H^-1 P
+H^-1 is added, with H of all numbers and P of e.
 
 Source: cf. P. Khosla, T. Kanade, IEEE CDC 1985 (parameters of loads from torques).
 """
@@ -56,11 +61,16 @@ from flexgen.trajectory import Trajectory
 from flexgen.type_checks import checked_result, checked_types
 
 # of the torques; at most, times the lowest natural frequency with motors at rest
-LOW_PASS_HZ, OF_LOWEST = 8.0, 1.5
-OF_BAND, HALF = 5.0, 0.1  # the same of quick motions, times their band; at most, of the sample rate
+LOW_PASS_HZ = 8.0
+OF_LOWEST = 1.5
+# the same of quick motions, times their band; at most, of the sample rate
+OF_BAND = 5.0
+HALF = 0.1
 # low pass of the motion: times that of the torques; at most, times the sample rate
-OF_MOTION, HIGHEST = 3.0, 0.4
-STEPS, CLOSE = 20, 1e-9
+OF_MOTION = 3.0
+HIGHEST = 0.4
+STEPS = 20
+CLOSE = 1e-9
 # of a step: largest difference of a time from that of equal steps, such as by the rounding of a
 # clock
 EVEN = 0.02
@@ -69,25 +79,31 @@ NOT_CLOSE = 1e-4  # a last step that is larger, relative, changes digits that a 
 OF_DEVIATION = 0.1
 # deflections change the torques by little, these change the deflections by less
 DEFLECTION_STEPS = 3
-ENDS, LEAST = 0.5, 0.05  # s at both ends of a record that the low pass spoils, and between them
+ENDS = 0.5  # s at both ends of a record that the low pass spoils
+LEAST = 0.05  # and between them
 # of white noise through the low pass, both sides, over its frequency
 NOISE_BAND = 3 * np.pi / 4 / np.sqrt(2)
 FEWEST = 200  # samples
 FARTHEST = 3.0  # m, center of mass of the whole payload; the reach of a robot with a longer one
-RATES, SIDE = np.array([-1.0, 9.0, -45.0, 0.0, 45.0, -9.0, 1.0]) / 60, 3  # of central differences
+# of central differences
+RATES = np.array([-1.0, 9.0, -45.0, 0.0, 45.0, -9.0, 1.0]) / 60
+SIDE = 3
 AXES = ("xx", "yy", "zz", "xy", "yz", "xz")  # of an inertia, in the order of the parameters
 UNEXPLAINED = 0.5  # of the torques, root mean square, at most
 FRICTION_SD = 0.3  # relative, of each motor
 # of the mass of the robot, 1 kg at most: where the search begins, and what it takes for exact
 UNIT = 0.01
-# m, or the reach: of the center of mass about that of the file, for directions that no motion shows
+# m, or the reach: of the center of mass about that of the file, for directions that no motion
+# shows
 CENTER_SD = 1.0
 LEAST_LOAD = 1e-3  # of the whole payload, for that deviation
 UNKNOWN = 0.3  # m, or of the reach: a center of mass with a larger deviation is not known
 LEAST_ERROR = 1e-4  # of the torques: deflections and filters are not more exact
 # of a record, each left out once; fewer tell too little about five numbers
-BLOCK_S, FEWEST_BLOCKS = 0.5, 6
-# of the friction at the largest speed, at that one: a motor with less has no friction at standstill
+BLOCK_S = 0.5
+FEWEST_BLOCKS = 6
+# of the friction at the largest speed, at that one: a motor with less has no friction at
+# standstill
 STICKS = 0.05
 # of the load: after smaller steps, relative, what springs change of the torques is not computed
 # anew
@@ -99,17 +115,19 @@ LOAD = 5  # numbers before the frictions: mass, center of mass, delay
 @checked_result
 @dataclass(frozen=True)
 class Load(Result):
-    """A load: ``mass`` [kg] and ``com`` (3,) [m] in the frame that the tool is attached to, with standard deviations.
+    """A load: ``mass`` [kg] and ``com`` (3,) [m] in the frame that the tool is attached to, with
+    standard deviations.
 
     ``mass`` and ``com`` are the difference from the payload of the model file (``file_mass``,
     ``file_com``, ``file_inertia`` (3, 3) [kg m^2] about its center of mass); `is_total` where that
     has no mass.
 
-    These are those of a model with right masses and dimensions; frictions of motors and springs may be off.
-    The load is taken for a point mass: its inertia is not identified, and that of the payload of
-    the file stays. Directions that the motion does not show have a deviation of about 1 m, or
-    the reach of a shorter arm: those with more than ``unknown_m`` [m] are printed as not determined.
-    ``total_mass``, ``total_com``, ``total_com_sd``, ``total_inertia`` (3, 3) about ``total_com``:
+    These are those of a model with right masses and dimensions; frictions of motors and springs
+    may be off. The load is taken for a point mass: its inertia is not identified, and that of the
+    payload of the file stays. Directions that the motion does not show have a deviation of about 1
+    m, or the reach of a shorter arm: those with more than ``unknown_m`` [m] are printed as not
+    determined. ``total_mass``, ``total_com``, ``total_com_sd``, ``total_inertia`` (3, 3) about
+    ``total_com``:
     of the load and the payload of the model file together; the deviation of the mass is
     ``mass_sd``. ``residual_Nm``: root mean square of the residual gear torques (n_g,), arm side.
     ``delay_s``: time by which torques were recorded late [s].
@@ -119,7 +137,9 @@ class Load(Result):
 
     Examples
     --------
-    >>> record = flexgen.solve(flexgen.read("manutec_r3", overrides={"payload.mass": 20.0}), verify=False).trajectory
+    >>> record = flexgen.solve(
+    ...     flexgen.read("manutec_r3", overrides={"payload.mass": 20.0}), verify=False
+    ... ).trajectory
     >>> load = flexgen.identify_load("manutec_r3", record)  # payload in the file: 15 kg
     >>> f"{load.mass:.1f} kg of {load.total_mass:.1f} kg"
     '5.0 kg of 20.0 kg'
@@ -154,7 +174,9 @@ class Load(Result):
 
     @property
     def is_total(self) -> bool:
-        """Whether ``mass`` and ``com`` are all at the tool: the payload of the file has no mass."""
+        """Whether ``mass`` and ``com`` are all at the tool: the payload of the file has no
+        mass.
+        """
         return self.file_mass == 0.0
 
     def _entries(self) -> dict[str, Any]:
@@ -225,27 +247,30 @@ def identify_load(
     time_limit: float | None = None,
     progress: Choice = None,
 ) -> Load:
-    """Identify the load at the tool, mass and center of mass, from a record of motor angles and torques.
+    """Identify the load at the tool, mass and center of mass, from a record of motor angles and
+    torques.
 
-    Frictions of the motors, and how soft the springs are, are found with it. The springs are known as the table
-    ``[uncertainty]`` states (``stiffness``, or a number by name), or up to 20 % (standard deviation) where it has none.
+    Frictions of the motors, and how soft the springs are, are found with it. The springs are known
+    as the table ``[uncertainty]`` states (``stiffness``, or a number by name), or up to 20 %
+    (standard deviation) where it has none.
 
     Parameters
     ----------
     model : name, path, RobotModel or Equations
         Without the load, or with another one as payload.
     record : Trajectory, or the name of its file
-        Channels ``q_m`` [rad] and ``tau_m`` [N m], motor side, as of `ControlRun.trajectory`; a CSV
-        or MAT file of a logger, or a ``.toml`` file that describes one, see
+        Channels ``q_m`` [rad] and ``tau_m`` [N m], motor side, as of `ControlRun.trajectory`; a
+        CSV or MAT file of a logger, or a ``.toml`` file that describes one, see
         `flexgen.records.motor_record`.
     low_pass_hz : float, optional [Hz]
-        Of the torques; that of the motion is three times as high. Default: 8, or five times the band of a quick motion,
-        but at most 1.5 times the lowest natural frequency with the motors at rest.
+        Of the torques; that of the motion is three times as high. Default: 8, or five times the
+        band of a quick motion, but at most 1.5 times the lowest natural frequency with the motors
+        at rest.
     rigid : bool
         Without deflections, for comparison.
     columns : sequence of str, optional
-        Names of the columns of a CSV file without a header, such as ``t,q1,q2,m1,m2`` (SI units, or
-        with a unit).
+        Names of the columns of a CSV file without a header, such as ``t,q1,q2,m1,m2`` (SI units,
+        or with a unit).
     time_limit : float, optional [s]
         Then, or after Ctrl-C, the result is the best step so far; 0: no limit.
     progress : callable or bool, optional
@@ -263,7 +288,9 @@ def identify_load(
 
     Examples
     --------
-    >>> loaded = flexgen.control("manutec_r3", plants={"loaded": {"payload": 8.0}}, sample_time=1e-3)
+    >>> loaded = flexgen.control(
+    ...     "manutec_r3", plants={"loaded": {"payload": 8.0}}, sample_time=1e-3
+    ... )
     >>> load = flexgen.identify_load("manutec_r3", loaded.trajectory("loaded"))
     >>> f"{load.mass:.1f} kg"
     '8.0 kg'
@@ -292,7 +319,8 @@ class _Estimate:
         for name in ("q_m", "tau_m"):
             if record[name].shape[1] != robot.n_m:
                 raise ArgumentError(
-                    f"record: given {record[name].shape[1]} columns of {name}, expected {robot.n_m}"
+                    f"record: given {record[name].shape[1]} columns of {name}, expected "
+                    f"{robot.n_m}"
                 )
         if low_pass_hz is None:
             low_pass_hz = _default_low_pass(robot, record["q_m"], h, rigid)
@@ -301,13 +329,17 @@ class _Estimate:
                 f"low_pass_hz: given {low_pass_hz!r}, expected more than 0, below {0.2 / h:.4g} Hz"
             )
         quick = max(1.0, low_pass_hz / LOW_PASS_HZ)
-        ends, self.block = ENDS / quick, BLOCK_S / quick
+        ends = ENDS / quick
+        self.block = BLOCK_S / quick
         if h * len(time) < 2 * ends + LEAST / quick:
             raise ArgumentError(
-                f"record: given {h * len(time):.3g} s, expected at least {2 * ends + LEAST / quick:.3g} s: the low "
-                f"pass spoils {ends:.3g} s at both ends; begin before the motion and end after it"
+                f"record: given {h * len(time):.3g} s, expected at least "
+                f"{2 * ends + LEAST / quick:.3g} s: the low pass spoils {ends:.3g} s at both "
+                "ends; begin before the motion and end after it"
             )
-        self.robot, self.h, self.rigid = robot, h, rigid
+        self.robot = robot
+        self.h = h
+        self.rigid = rigid
         self._filter = butter(2, 2 * low_pass_hz * h)
         self._of_motion = butter(2, 2 * min(OF_MOTION * low_pass_hz * h, HIGHEST))
         self.spoiled = round(ends / h)
@@ -352,13 +384,16 @@ class _Estimate:
         if not rigid:
             self.deflection = gear_deflection(self.nominal, tau_g).reshape(len(q_m), -1)
             self.q_geared[:, list(robot.i_g)] -= self.deflection
-            self.stiffness, self.stiffness_sd = self._stiffness(), stiffness_deviations(robot)
+            self.stiffness = self._stiffness()
+            self.stiffness_sd = stiffness_deviations(robot)
         self._rests, share = self._standstill(v_m, low_pass_hz)
         self.moving = share * len(time[self.kept])  # samples that are judged
         self.effective = self.moving * min(1.0, NOISE_BAND * low_pass_hz * h)  # independent ones
 
     def _standstill(self, v_m: np.ndarray, low_pass_hz: float) -> tuple[list[Rests], float]:
-        """What friction at standstill does behind the filter, for each motor, and the share of samples without it."""
+        """What friction at standstill does behind the filter, for each motor, and the share of
+        samples without it.
+        """
         ratio = np.abs(self.robot.eta).max(axis=1)
         most = ratio * largest_of_unit(self.robot, v_m / ratio)
         slow, fast = (
@@ -381,7 +416,9 @@ class _Estimate:
         return rests, float(np.mean(np.abs(v_m[self.kept]) > least))
 
     def see(self, tau: np.ndarray) -> np.ndarray:
-        """Gear torques (n, n_g) over their scale, without what friction at standstill can do, of the samples kept."""
+        """Gear torques (n, n_g) over their scale, without what friction at standstill can do, of
+        the samples kept.
+        """
         motors = tau[self.kept] @ self.to_arm.T
         known = np.stack(
             [rest.project(x) for rest, x in zip(self._rests, motors.T, strict=True)], axis=1
@@ -401,7 +438,9 @@ class _Estimate:
 
         ``softer`` (n_a,): compliances over those of the model, less 1.
         """
-        q, i_e, i_g = self.q_geared.copy(), list(self.robot.i_e), list(self.robot.i_g)
+        q = self.q_geared.copy()
+        i_e = list(self.robot.i_e)
+        i_g = list(self.robot.i_g)
         q[:, i_g] -= softer[i_g] * self.deflection
         if i_e and not self.rigid:
             for _ in range(DEFLECTION_STEPS):
@@ -412,13 +451,16 @@ class _Estimate:
         return q, v, self._rate(v)
 
     def _rate(self, x: np.ndarray) -> np.ndarray:
-        """Central differences of sixth order: those of second order are 1e-4 off at 1 Hz and 4 ms, which is seen."""
+        """Central differences of sixth order: those of second order are 1e-4 off at 1 Hz and 4 ms,
+        which is seen.
+        """
         padded = np.pad(x, ((SIDE, SIDE), (0, 0)), mode="reflect", reflect_type="odd")
         return np.asarray(correlate1d(padded, RATES, axis=0)[SIDE:-SIDE] / self.h)
 
     def _stiffness(self) -> np.ndarray:
         """Stiffness of the springs without motor at rest (n_e,)."""
-        zero, step = np.zeros((1, self.robot.n_a)), 1e-6
+        zero = np.zeros((1, self.robot.n_a))
+        step = 1e-6
         out = []
         for i in self.robot.i_e:
             moved = zero.copy()
@@ -427,7 +469,9 @@ class _Estimate:
             out.append(-tau[list(self.robot.i_e).index(i)] / step)
         return np.array(out)
 
-    def forces(self, q: np.ndarray, v: np.ndarray, a: np.ndarray, values: np.ndarray) -> np.ndarray:
+    def forces(
+        self, q: np.ndarray, v: np.ndarray, a: np.ndarray, values: np.ndarray
+    ) -> np.ndarray:
         """Forces that the arm needs (n, n_a)."""
         body = np.concatenate(
             [self.of_file[:-4] + self._inertia(values)[: len(self.of_file) - 4], values]
@@ -437,9 +481,13 @@ class _Estimate:
         )
 
     def _inertia(self, values: np.ndarray) -> np.ndarray:
-        """What the inertia of the payload of the file and the load, a point mass, is more than that of the payload."""
-        mass, com = self.of_file[-4], self.of_file[-3:]
-        load, moved = values[0] - mass, values[0] * (values[1:] - com)
+        """What the inertia of the payload of the file and the load, a point mass, is more than
+        that of the payload.
+        """
+        mass = self.of_file[-4]
+        com = self.of_file[-3:]
+        load = values[0] - mass
+        moved = values[0] * (values[1:] - com)
         if np.linalg.norm(moved) >= abs(load) * self.farthest:
             return np.zeros(len(AXES))
         x, y, z = moved / load
@@ -447,32 +495,42 @@ class _Estimate:
         return own * mass * load / values[0]
 
     def solve(self, tell: Progress = silent) -> Load:
-        """Gauss-Newton in mass and first moments of the whole payload, delay of the torques, frictions, compliances."""
-        own, center = self.of_file[-4], self.of_file[-3:]
-        soft, first = np.flatnonzero(self.stiffness_sd), LOAD + self.friction.shape[1]
-        count, unit, length = first + len(soft), self.unit, min(1.0, self.length) or 1.0
+        """Gauss-Newton in mass and first moments of the whole payload, delay of the torques,
+        frictions, compliances.
+        """
+        own = self.of_file[-4]
+        center = self.of_file[-3:]
+        soft = np.flatnonzero(self.stiffness_sd)
+        first = LOAD + self.friction.shape[1]
+        count = first + len(soft)
+        unit = self.unit
+        length = min(1.0, self.length) or 1.0
         x = np.concatenate([[own + unit], (own + unit) * center, np.zeros(count - 4)])
         # first moments about the center of mass of the file
         about = np.column_stack([-center, np.eye(3)])
-        tau, start, softer = (
-            self.see(self.tau_g),
-            values_of(x, self.farthest),
-            np.zeros(len(self.stiffness_sd)),
-        )
+        tau = self.see(self.tau_g)
+        start = values_of(x, self.farthest)
+        softer = np.zeros(len(self.stiffness_sd))
         q, v, _ = self.motion(start, softer)
         friction = evaluate(self.nominal.function("arm_forces"), q, v)[0].reshape(
             -1, self.robot.n_a
         )
 
         def residual(x: np.ndarray) -> np.ndarray:
-            load, softer[soft] = values_of(x, self.farthest), x[first:]
+            load = values_of(x, self.farthest)
+            softer[soft] = x[first:]
             tau = self._low_pass(self.forces(*self.motion(load, softer), load) - friction)
             needed = (
-                self.tau_g + x[4] * self.late - np.einsum("njg,j->ng", self.friction, x[LOAD:first])
+                self.tau_g
+                + x[4] * self.late
+                - np.einsum("njg,j->ng", self.friction, x[LOAD:first])
             )
             return self.see(tau[:, list(self.robot.i_g)] - needed)
 
-        prior, last, part, change = np.zeros((count, count)), np.zeros(count), 1.0, np.inf
+        prior = np.zeros((count, count))
+        last = np.zeros(count)
+        part = 1.0
+        change = np.inf
         prior[LOAD:, LOAD:] = np.diag(
             np.r_[np.full(first - LOAD, FRICTION_SD), self.stiffness_sd[soft]] ** -2.0
         )
@@ -526,14 +584,15 @@ class _Estimate:
         is_hidden = (np.abs(x - before)[:4] < OF_DEVIATION * sd[:4]).all()
         if not (change < NOT_CLOSE or is_nothing or is_hidden or reason):
             raise SolverError(
-                f"load: no solution in {STEPS} steps, the last changed the load by {change:.1e}; does the record "
-                f"belong to the model {self.robot.name}?"
+                f"load: no solution in {STEPS} steps, the last changed the load by "
+                f"{change:.1e}; does the record belong to the model {self.robot.name}?"
             )
         unexplained = float(np.linalg.norm(r) / np.linalg.norm(tau))
         if not (unexplained < UNEXPLAINED or reason):
             raise SolverError(
-                f"load: no load explains the record, {100 * unexplained:.0f} % of the torques are left; does it belong "
-                f"to the model {self.robot.name}, in rad and N m of the motors?"
+                f"load: no load explains the record, {100 * unexplained:.0f} % of the torques "
+                f"are left; does it belong to the model {self.robot.name}, in rad and N m of "
+                "the motors?"
             )
         return replace(self._result(x[:first], r, sd[0], covariances), ended=reason)
 
@@ -541,9 +600,12 @@ class _Estimate:
         self, x: np.ndarray, r: np.ndarray, mass_sd: float, covariances: list[np.ndarray]
     ) -> Load:
         """The load of these numbers, without those of the springs, and residuals (n, n_g)."""
-        own, center = self.of_file[-4], self.of_file[-3:]
+        own = self.of_file[-4]
+        center = self.of_file[-3:]
         mass = x[0] - own
-        com = (x[1:4] - own * center) / mass if abs(mass) > 1e-9 * self.unit else np.full(3, np.nan)
+        com = (
+            (x[1:4] - own * center) / mass if abs(mass) > 1e-9 * self.unit else np.full(3, np.nan)
+        )
         slopes = np.column_stack([-com, np.eye(3)]) / (mass or np.nan)  # of com in x
         com_sd = np.sqrt(
             np.max([np.diag(slopes @ each[:4, :4] @ slopes.T) for each in covariances], axis=0)
@@ -581,14 +643,18 @@ class _Estimate:
         )
 
     def _variance(self, r: np.ndarray) -> float:
-        """Of an error that is independent of the others: more than that of the samples (n, n_g), which are alike."""
+        """Of an error that is independent of the others: more than that of the samples (n, n_g),
+        which are alike.
+        """
         tau = self.see(self.tau_g)
         return float((r**2).sum() + LEAST_ERROR**2 * (tau**2).sum()) / max(
             self.effective * r.shape[1] - LOAD, 1.0
         )
 
     def _left_out(self, r: np.ndarray, J: np.ndarray, weight: np.ndarray) -> np.ndarray:
-        """Covariance of what leaving out a block of the record changes (jackknife); zero for few blocks."""
+        """Covariance of what leaving out a block of the record changes (jackknife); zero for few
+        blocks.
+        """
         n, m = r.shape
         blocks = np.arange(0, n, max(round(self.block / self.h), 1))
         if len(blocks) < FEWEST_BLOCKS:
@@ -607,14 +673,19 @@ def _tensor(six: np.ndarray) -> np.ndarray:
 
 
 def values_of(x: np.ndarray, farthest: float) -> np.ndarray:
-    """Mass and center of mass from mass and first moments; that of a mass that is nearly zero is kept near."""
+    """Mass and center of mass from mass and first moments; that of a mass that is nearly zero is
+    kept near.
+    """
     return np.concatenate([x[:1], np.clip(x[1:4] / x[0], -farthest, farthest)])
 
 
 def _is_determined(J: np.ndarray, prior: np.ndarray) -> bool:
-    """Whether the first number has a column of its own; ``prior`` (3, 4): rows of the first four."""
+    """Whether the first number has a column of its own; ``prior`` (3, 4): rows of the first
+    four.
+    """
     rows = np.vstack([J, np.pad(prior, ((0, 0), (0, J.shape[1] - 4)))])
-    own, others = rows[:, 0], rows[:, 1:] / np.maximum(np.linalg.norm(rows[:, 1:], axis=0), 1e-300)
+    own = rows[:, 0]
+    others = rows[:, 1:] / np.maximum(np.linalg.norm(rows[:, 1:], axis=0), 1e-300)
     left = own - others @ np.linalg.lstsq(others, own, rcond=None)[0]
     return bool(np.linalg.norm(left) > 1e-6 * np.linalg.norm(own))
 

@@ -1,12 +1,14 @@
-"""The fastest time laws of a program: one for each motion from rest to rest, and limits that connect them.
+"""The fastest time laws of a program: one for each motion from rest to rest, and limits that
+connect them.
 
-Each motion is searched alone, see `time_search.py`. Effective torques are means over the whole program: where one is
-exceeded, linear programs over all laws follow,
+Each motion is searched alone, see `time_search.py`. Effective torques are means over the whole
+program: where one is exceeded, linear programs over all laws follow,
 
-    min sum dT_k + w sum sigma,   |g_k + G_k dx_k| <= 1 + sigma_k,   c + sum_k C_k dx_k <= 1 + sigma_0
+    min sum dT_k + w sum sigma,   |g_k + G_k dx_k| <= 1 + sigma_k,
+    c + sum_k C_k dx_k <= 1 + sigma_0
 
-with the effective torques c over their limits. At last the whole program is inverted, and motions whose torques, with
-those of their neighbors, exceed a limit there are slowed down.
+with the effective torques c over their limits. At last the whole program is inverted, and motions
+whose torques, with those of their neighbors, exceed a limit there are slowed down.
 """
 
 from __future__ import annotations
@@ -57,7 +59,9 @@ BISECTIONS = 8  # of the factor of all durations
 
 @dataclass
 class _State:
-    """Unknowns of all motions, their constraints and inversions, and the effective torques over their limits."""
+    """Unknowns of all motions, their constraints and inversions, and the effective torques over
+    their limits.
+    """
 
     x: list[np.ndarray]
     g: list[np.ndarray]
@@ -75,7 +79,9 @@ class _State:
 
 
 class ProgramSearch:
-    """The search of a program; the interface of `TimeSearch`, with one array of unknowns for each motion."""
+    """The search of a program; the interface of `TimeSearch`, with one array of unknowns for each
+    motion.
+    """
 
     swings = None
 
@@ -88,8 +94,12 @@ class ProgramSearch:
         tell: Callable[[str], None],
         force: ProcessForce | None = None,
     ) -> None:
-        self.path, self.limits, self.tell, self.force = path, limits, tell, force
-        self.model, self.n = path.equations.model, coefficients
+        self.path = path
+        self.limits = limits
+        self.tell = tell
+        self.force = force
+        self.model = path.equations.model
+        self.n = coefficients
         self.connecting = Limits(**{name: getattr(limits, name) for name in MEANS})
         self.single = limits.without(*MEANS)
         self._motions = len(path.segments)
@@ -132,7 +142,8 @@ class ProgramSearch:
         self.programs += sum(leg.programs for leg in self.legs)
         history = [self.duration(x)]
         over: list[tuple[float, float]] = []
-        found, reason = None, None
+        found = None
+        reason = None
         try:
             if self.connecting != Limits():
                 x = self._connect(x)
@@ -149,7 +160,9 @@ class ProgramSearch:
         return found, [*history, self.duration(found)]
 
     def _again(self, found: list[np.ndarray] | None) -> list[np.ndarray] | None:
-        """The shortest of time laws and those of the search from the laws as given, with heavy penalties."""
+        """The shortest of time laws and those of the search from the laws as given, with heavy
+        penalties.
+        """
         given = self._find_slower([leg.start() for leg in self.legs])[0]
         state = None if given is None else self._state(given)
         if given is None or state is None:
@@ -174,7 +187,7 @@ class ProgramSearch:
         """Largest excess of a limit along the whole program, relative."""
         return max(self._excesses(x))
 
-    # --- effective torques --------------------------------------------------------------------------------------------
+    # --- effective torques -----------------------------------------------------------------------
     def _connect(self, x: list[np.ndarray]) -> list[np.ndarray]:
         """Time laws that keep the effective torques too."""
         state = self._slow_enough(x)
@@ -183,8 +196,13 @@ class ProgramSearch:
         return self._improve(state)
 
     def _improve(self, state: _State, weight: float = 1.0) -> list[np.ndarray]:
-        """The time laws after linear programs over all of them; ``weight``: times the penalties."""
-        trust, idle, slopes, scale = TRUST, 0, None, state.duration
+        """The time laws after linear programs over all of them; ``weight``: times the
+        penalties.
+        """
+        trust = TRUST
+        idle = 0
+        slopes = None
+        scale = state.duration
 
         def merit(state: _State) -> float:
             return state.duration / scale + weight * EXACT * max(state.excess(), 0.0)
@@ -204,24 +222,33 @@ class ProgramSearch:
             gain = -np.inf if other is None else merit(state) - merit(other)
             if other is not None and gain > 0:
                 idle = idle + 1 if gain < NEARLY else 0
-                state, slopes, trust = other, None, min(trust * GROW, 0.5)
+                state = other
+                slopes = None
+                trust = min(trust * GROW, 0.5)
                 self.tell(
-                    f"{self.duration(state.x):.4f} s, limits exceeded by {max(state.excess(), 0):.1e}"
+                    f"{self.duration(state.x):.4f} s, limits exceeded by "
+                    f"{max(state.excess(), 0):.1e}"
                 )
             else:
                 trust *= SHRINK
         return state.x
 
     def _slow_enough(self, x: list[np.ndarray]) -> _State:
-        """The same laws, all as much slower as the effective torques need; SolverError where that does not help."""
-        low, high, found = 1.0, 1.0, self._state(x)
+        """The same laws, all as much slower as the effective torques need; SolverError where that
+        does not help.
+        """
+        low = 1.0
+        high = 1.0
+        found = self._state(x)
         while found is None or found.c.max() > 1.0:
-            low, high = high, 1.3 * high
+            low = high
+            high = 1.3 * high
             if high > SLOWEST:
                 most = np.inf if found is None else float(found.c.max())
                 raise SolverError(
-                    "fastest: the effective torques cannot be kept in this program at the speeds that were tried; "
-                    f"raise their limits: {low:.3g} times slower it needs {most:.6g} of one"
+                    "fastest: the effective torques cannot be kept in this program at the "
+                    f"speeds that were tried; raise their limits: {low:.3g} times slower it "
+                    f"needs {most:.6g} of one"
                 )
             found = self._state([_slower(part, high) for part in x])
         for _ in range(BISECTIONS if high > 1.0 else 0):
@@ -230,7 +257,8 @@ class ProgramSearch:
             if tried is None or tried.c.max() > 1.0:
                 low = middle
             else:
-                high, found = middle, tried
+                high = middle
+                found = tried
         return found
 
     def _state(self, x: list[np.ndarray]) -> _State | None:
@@ -243,7 +271,9 @@ class ProgramSearch:
         return _State(x, known, found, self._effective(x, found))
 
     def _effective(self, x: list[np.ndarray], found: list[Inversion]) -> np.ndarray:
-        """Effective torques of the program over their limits, from the motions one after the other."""
+        """Effective torques of the program over their limits, from the motions one after the
+        other.
+        """
         starts = np.cumsum(
             [0.0, *(part[0] + p for part, p in zip(x, [*self.pauses, 0.0], strict=True))]
         )
@@ -263,14 +293,20 @@ class ProgramSearch:
         return np.concatenate([row.parts.max(axis=0)[np.isfinite(row.bounds[0])] for row in rows])
 
     def _slopes(self, state: _State) -> tuple[list[np.ndarray], list[np.ndarray]]:
-        """Derivatives of the constraints of each motion, and of the effective torques, in its unknowns."""
-        own, connecting = [], []
+        """Derivatives of the constraints of each motion, and of the effective torques, in its
+        unknowns.
+        """
+        own = []
+        connecting = []
         for k, leg in enumerate(self.legs):
-            columns, means = [], []
+            columns = []
+            means = []
             for moved, step, g in leg.differences(state.x[k]):
-                x, found = list(state.x), list(state.found)
+                x = list(state.x)
+                found = list(state.found)
                 if g is not None:
-                    x[k], found[k] = moved, leg.found
+                    x[k] = moved
+                    found[k] = leg.found
                 columns.append(np.zeros_like(state.g[k]) if g is None else (g - state.g[k]) / step)
                 means.append((self._effective(x, found) - state.c) / step)
             own.append(np.stack(columns, axis=1))
@@ -286,8 +322,13 @@ class ProgramSearch:
         penalty: float = PENALTY,
     ) -> list[np.ndarray] | None:
         """The steps of one linear program over all motions; None where it has no solution."""
-        total, count = state.duration, len(self.legs)
-        costs, blocks, rights, bounds, shared = [], [], [], [], []
+        total = state.duration
+        count = len(self.legs)
+        costs = []
+        blocks = []
+        rights = []
+        bounds = []
+        shared = []
         for x, g, G, C in zip(state.x, state.g, own, connecting, strict=True):
             cost, rows, right, limits = linear_program(x, g, G, trust, float(x[0]), penalty)
             cost[0], cost[len(x) + 1 :] = x[0] / total, cost[len(x) + 1 :] / count
@@ -309,7 +350,8 @@ class ProgramSearch:
         )
         if found.x is None:
             return None
-        steps, at = [], 0
+        steps = []
+        at = 0
         for x, own_cost in zip(state.x, costs, strict=True):
             step = found.x[at : at + len(x)].copy()
             step[0] *= x[0]
@@ -317,26 +359,32 @@ class ProgramSearch:
             at += len(own_cost)
         return steps
 
-    # --- the whole program --------------------------------------------------------------------------------------------
+    # --- the whole program -----------------------------------------------------------------------
     def retime(self, x: list[np.ndarray]) -> Path:
         """The path of the program with these time laws."""
-        timed, start = copy.copy(self.path), 0.0
+        timed = copy.copy(self.path)
+        start = 0.0
         segments = []
         for k, (leg, part) in enumerate(zip(self.legs, x, strict=True)):
             segments.append(replace(self.path.segments[k], law=leg.law(part), start=start))
             start += float(part[0]) + (self.pauses[k] if k < len(self.pauses) else 0.0)
-        timed.segments, timed.duration = tuple(segments), self.duration(x)
+        timed.segments = tuple(segments)
+        timed.duration = self.duration(x)
         return timed
 
     def _excesses(self, x: list[np.ndarray]) -> list[float]:
-        """Largest excess of an effective torque, and of the other limits of each motion, along the whole program."""
+        """Largest excess of an effective torque, and of the other limits of each motion, along the
+        whole program.
+        """
         timed = self.retime(x)
         finest = (
             min(float(part[0]) / leg.samples for part, leg in zip(x, self.legs, strict=True))
             / FINER
         )
         count = int(np.ceil(timed.duration / finest))
-        mesh = min(leg.mesh(float(part[0])) for part, leg in zip(x, self.legs, strict=True)) / FINER
+        mesh = (
+            min(leg.mesh(float(part[0])) for part, leg in zip(x, self.legs, strict=True)) / FINER
+        )
         found, tool = self.legs[0].invert(timed, timed.duration / count, mesh, self.force)
         channel = partial(getattr, found)
         rows = list(limit_rows(self.model, self.single, channel, found.t, tool))
@@ -350,7 +398,9 @@ class ProgramSearch:
         return out
 
     def windows(self, x: list[np.ndarray]) -> list[tuple[float, float]]:
-        """Begin and end of each motion with its surroundings, up to a little beyond the middle of the pauses [s]."""
+        """Begin and end of each motion with its surroundings, up to a little beyond the middle of
+        the pauses [s].
+        """
         ends = np.cumsum(
             [part[0] + pause for part, pause in zip(x, [*self.pauses, 0.0], strict=True)]
         )
@@ -360,7 +410,9 @@ class ProgramSearch:
         )
 
     def slower(self, x: list[np.ndarray], excess: np.ndarray) -> list[np.ndarray]:
-        """Time laws slowed down by a part of the excess of the limits of each motion, where it is positive."""
+        """Time laws slowed down by a part of the excess of the limits of each motion, where it is
+        positive.
+        """
         parts = zip(self.legs, x, excess, strict=True)
         return [leg.slower(part, e) if e > 0 else part for leg, part, e in parts]
 
@@ -379,7 +431,8 @@ class ProgramSearch:
             worst = max(whole, *each)
             if worst > WITHIN:
                 self.tell(
-                    f"{self.duration(x):.4f} s, limits of the whole program exceeded by {worst:.1e}"
+                    f"{self.duration(x):.4f} s, limits of the whole program exceeded by "
+                    f"{worst:.1e}"
                 )
             return np.maximum(whole, each) - WITHIN
 
@@ -407,11 +460,9 @@ def legs_of(path: Path) -> list[Path]:
     for segment in path.segments:
         leg = copy.copy(path)
         first = replace(segment, start=0.0)
-        leg.segments, leg.duration, leg.q_start = (
-            (first,),
-            first.law.duration,
-            path.reference.expand(q_g),
-        )
+        leg.segments = (first,)
+        leg.duration = first.law.duration
+        leg.q_start = path.reference.expand(q_g)
         out.append(leg)
         q_g = configuration_at_end(path.reference, first, q_g)
     return out

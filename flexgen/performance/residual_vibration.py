@@ -1,4 +1,6 @@
-"""Vibration of the tool after a move, of robots whose stiffness differs from the model, under a P-PI cascade."""
+"""Vibration of the tool after a move, of robots whose stiffness differs from the model, under a
+P-PI cascade.
+"""
 
 from __future__ import annotations
 
@@ -27,8 +29,10 @@ from flexgen.simulation.hysteretic_rate import generalized_force
 from flexgen.trajectory import Trajectory
 
 # of the drives, at most; in a period of the lowest frequency with locked motors
-SAMPLE_S, SAMPLES = 1e-3, 50.0
-BEFORE_S, WINDOW_S = 0.05, 0.4  # at rest before the motion; after the path,
+SAMPLE_S = 1e-3
+SAMPLES = 50.0
+BEFORE_S = 0.05  # at rest before the motion
+WINDOW_S = 0.4  # after the path,
 PERIODS = (1.0, 8.0)  # but as many of these periods, at least and at most
 INSTANTS = 200  # of that time
 POINT = ("q_a", "v_a", "a_a", "q_m", "v_m", "a_m", "tau_m")
@@ -54,48 +58,66 @@ class ResidualVibration:
     def __init__(
         self, equations: Equations, tell: Callable[[str], None], pushed: bool = False
     ) -> None:
-        self.equations, self.model = equations, equations.model
+        self.equations = equations
+        self.model = equations.model
         self.plants, laws = split_plants(self.model, plants_of(self.model, PLANTS))
-        elastic, names = without_states(self.model), tuple(p.name for p in self.plants.parameters)
+        elastic = without_states(self.model)
+        names = tuple(p.name for p in self.plants.parameters)
         functions = ("forward_dynamics", TOOL_FORCE) if pushed else ("forward_dynamics",)
         self._library = library_with(
             elastic, functions, parameters=names, per_point=True, progress=tell
         )
-        self._local, self._laws, self._robots = LocalDynamics(derive(elastic, names)), laws, None
+        self._local = LocalDynamics(derive(elastic, names))
+        self._laws = laws
+        self._robots = None
         if laws:
             moved = self._local.equations.pushed if pushed else self._local.equations
             self._robots = hysteretic_robots(moved, self.plants.values, laws, tell)
         self._rows = columns_in(self.model, unit_of(self.model))
         self._law: Cascade | None = None
         self._rate = 0.0
-        self._sample, self._window = SAMPLE_S, WINDOW_S
+        self._sample = SAMPLE_S
+        self._window = WINDOW_S
 
     def __call__(
         self, trajectory: Trajectory, path_end: float, force: ProcessForce | None = None
     ) -> np.ndarray:
-        """Errors (robots, instants, rows) [m, or rad] from the end of the path on, as many for every motion."""
+        """Errors (robots, instants, rows) [m, or rad] from the end of the path on, as many for
+        every motion.
+        """
         if self._law is None:
             self._law = self._choose_law(trajectory)
-        first, last = float(trajectory.time[0]), float(trajectory.time[-1])
+        first = float(trajectory.time[0])
+        last = float(trajectory.time[-1])
         end = path_end + self._window + 10 * self._sample
         time = time_grid(first, end, self._sample, BEFORE_S, 0.0)
         m = trajectory.at(np.clip(time, first, last))
         held = hold_torques(trajectory, time, self._sample, 0.0)
-        lanes, model = len(self.plants.names), self.model
+        lanes = len(self.plants.names)
+        model = self.model
         rate = self._rate
         if self._laws:
             points = tuple(m[name][:1] for name in POINT)
             pairs = zip(self.plants.values, self._laws, strict=True)
             rate = max(
                 rate,
-                *(1.2 * largest_rate(self._local, points, m, values, law) for values, law in pairs),
+                *(
+                    1.2 * largest_rate(self._local, points, m, values, law)
+                    for values, law in pairs
+                ),
             )
         rests = self._local.under(force, time[0]).rests(m, self.plants.values)
         q_a, tau = (np.array(x) for x in zip(*rests, strict=True))
         loop = ClosedLoop(
-            model, self._library, DriveHardware(self._sample), self._law, q_a, np.tile(m["q_m"][0], (lanes, 1)), rate,
+            model,
+            self._library,
+            DriveHardware(self._sample),
+            self._law,
+            q_a,
+            np.tile(m["q_m"][0], (lanes, 1)),
+            rate,
             parameters=self._robots or self.plants.values,
-        )  # fmt: skip
+        )
         loop.hold(tau)
         rows = np.hstack([m["q_m"], held])
         table = None if force is None else self._pushing(force, time, loop.steps)
@@ -109,17 +131,21 @@ class ResidualVibration:
             arm = np.ascontiguousarray(found.motion[:, : model.n_a, lane])
             more = self._memory(lane, loop.state[-1][lane], m["q_m"][-1])
             ended, _ = last_rest.rest(m["q_m"][-1], values, m["q_a"][-1], more)
-            at_rest, moving = self._output(ended[None]), self._output(arm)
+            at_rest = self._output(ended[None])
+            moving = self._output(arm)
             error = moving - at_rest
             # smooth in the duration, for slopes
             out.append(CubicSpline(time, error[:, self._rows])(instants))
         return np.array(out)
 
     def _choose_law(self, trajectory: Trajectory) -> Cascade:
-        """The feedback; its sample time and the time after the path suit the lowest frequency at the start."""
+        """The feedback; its sample time and the time after the path suit the lowest frequency at
+        the start.
+        """
         model = self.model
         q_a, q_m, tau_m = (trajectory[name][:1] for name in ("q_a", "q_m", "tau_m"))
-        still_a, still_m = np.zeros((1, model.n_a)), np.zeros((1, model.n_m))
+        still_a = np.zeros((1, model.n_a))
+        still_m = np.zeros((1, model.n_m))
         motion = (q_a, still_a, still_a, q_m, still_m, still_m, tau_m)
         lowest = lowest_locked_hz(model, motion)
         if lowest > 0:
@@ -132,16 +158,20 @@ class ResidualVibration:
 
     def _pushing(self, force: ProcessForce, time: np.ndarray, steps: int) -> np.ndarray:
         """The force on the tools in each integration step, as `ClosedLoop.run` takes it."""
-        h, n_m = self._sample / steps, self.model.n_m
+        h = self._sample / steps
+        n_m = self.model.n_m
         table = np.zeros((len(time) * steps, n_m + TOOL, 1))
         table[:, n_m:, 0] = force.held(time[0] + h * (np.arange(len(table)) + 0.5), h)
         return table
 
     def _memory(self, lane: int, share: np.ndarray, q_m: np.ndarray) -> np.ndarray | float:
-        """Forces on y (n,) of the hysteresis of the gears of a robot, whose torques are ``share`` z/W."""
+        """Forces on y (n,) of the hysteresis of the gears of a robot, whose torques are ``share``
+        z/W.
+        """
         if not self._laws:
             return 0.0
-        layers, n_g = self._laws[lane].gears, self.model.n_g
+        layers = self._laws[lane].gears
+        n_g = self.model.n_g
         z = np.sum(
             [layer.slip * share[k * n_g : (k + 1) * n_g] for k, layer in enumerate(layers)], axis=0
         )

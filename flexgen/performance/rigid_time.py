@@ -1,11 +1,14 @@
-"""The shortest time of a rigid robot along a path, with torques that may jump: a lower bound and a check.
+"""The shortest time of a rigid robot along a path, with torques that may jump: a lower bound and a
+check.
 
-With s the path parameter, x its squared speed and u its acceleration, the motor torques are linear in both,
+With s the path parameter, x its squared speed and u its acceleration, the motor torques are linear
+in both,
 
     tau_m = a(s) u + b(s) x + g(s),        |tau_m| <= tau_max,   |v_m| = |q_m'| sqrt(x) <= v_max
 
-On a grid of s, the largest squared speed from which the path can be finished is found from the end backwards, then the
-fastest motion forwards. Frictions are left out, so that the time is a lower bound where they oppose the motion.
+On a grid of s, the largest squared speed from which the path can be finished is found from the end
+backwards, then the fastest motion forwards. Frictions are left out, so that the time is a lower
+bound where they oppose the motion.
 
 Source: H. Pham, Q.-C. Pham, IEEE Trans. Robotics 34(3), 2018.
 """
@@ -30,11 +33,13 @@ INTERVALS = 400
 def rigid_time(
     path: Path, torque: np.ndarray, speed: np.ndarray, force: ProcessForce | None = None
 ) -> float:
-    """The shortest time [s] within torques and speeds of the motors (n_m,); NaN where one cannot hold the robot.
+    """The shortest time [s] within torques and speeds of the motors (n_m,); NaN where one cannot
+    hold the robot.
 
     ``force``: on the tool over the place on the path.
     """
-    model, equations = path.equations.model, path.equations
+    model = path.equations.model
+    equations = path.equations
     segment = path.segments[0]
     length = float(segment.law(np.array([1e9]), 0)[0, 0])
     by_length = copy.copy(path)
@@ -54,14 +59,16 @@ def rigid_time(
 
     none = np.zeros_like(arm[0])
     g = torques(none, none)
-    a, b = torques(none, arm[1]) - g, torques(arm[1], arm[2]) - g
+    a = torques(none, arm[1]) - g
+    b = torques(arm[1], arm[2]) - g
     if force is not None:
         J = evaluate(equations.function("jacobian"), arm[0])[0].reshape(len(s), 6, model.n_a)
         g = g - np.einsum("kij,ki->kj", J, force.at(s / length))[:, i_g]
     inertia = np.array([m.inertia for m in model.motors])
     to_motor = np.linalg.inv(model.eta)  # tau_m = eta^-T tau_g + J_m a_m
     a, b, g = (x @ to_motor for x in (a, b, g))
-    a, b = a + dq @ model.eta.T * inertia, b + ddq @ model.eta.T * inertia
+    a = a + dq @ model.eta.T * inertia
+    b = b + ddq @ model.eta.T * inertia
     with np.errstate(divide="ignore"):
         top = np.min(
             np.where(np.isfinite(speed), (speed / np.abs(dq @ model.eta.T)) ** 2, np.inf), axis=1
@@ -70,14 +77,18 @@ def rigid_time(
 
 
 def joint_motion(path: Path, s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Actuated coordinates of the undeflected arm and their derivatives in the path parameter, (k, n_g) each."""
+    """Actuated coordinates of the undeflected arm and their derivatives in the path parameter, (k,
+    n_g) each.
+    """
     sample = path.sample(s)
     if sample.q_g is not None:
         return sample.q_g[:, :, 0], sample.q_g[:, :, 1], sample.q_g[:, :, 2]
     q = InverseKinematics(path.equations).follow(
         sample, path.q_start[list(path.equations.model.i_g)]
     )
-    equations, model, i_g = path.equations, path.equations.model, list(path.equations.model.i_g)
+    equations = path.equations
+    model = path.equations.model
+    i_g = list(path.equations.model.i_g)
     constraint = equations.function("output_constraint")
     full = np.zeros((len(s), model.n_a))
     full[:, i_g] = q
@@ -96,7 +107,8 @@ def _time(
     s: np.ndarray, a: np.ndarray, b: np.ndarray, g: np.ndarray, torque: np.ndarray, top: np.ndarray
 ) -> float:
     """The shortest time from rest to rest on the grid s."""
-    h, n = np.diff(s), len(s)
+    h = np.diff(s)
+    n = len(s)
     ceiling = np.empty(n)
     ceiling[-1] = 0.0
     for k in range(n - 2, -1, -1):  # the largest speed from which the next set can be reached
@@ -125,13 +137,17 @@ def _extreme(
     h: float,
     after: float,
 ) -> float | None:
-    """Largest x >= 0 with some u: |a u + b x + g| <= torque, 0 <= x + 2 h u <= after; None where there is none."""
+    """Largest x >= 0 with some u: |a u + b x + g| <= torque, 0 <= x + 2 h u <= after; None where
+    there is none.
+    """
     # Rows p u + q x <= r; the largest x is at a corner of two of them, or bounded by `top`.
     p = np.concatenate([a, -a, [2 * h, -2 * h, 0.0]])
     q = np.concatenate([b, -b, [1.0, -1.0, 1.0]])
     r = np.concatenate([torque - g, torque + g, [after, 0.0, min(top, 1e12)]])
     keep = np.isfinite(r)
-    p, q, r = p[keep], q[keep], r[keep]
+    p = p[keep]
+    q = q[keep]
+    r = r[keep]
     best: float | None = None
     for i in range(len(p)):
         det = p[i] * q - q[i] * p

@@ -1,4 +1,6 @@
-"""Time laws slowed down until the limits are kept, also where much more time takes away only a small excess."""
+"""Time laws slowed down until the limits are kept, also where much more time takes away only a
+small excess.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,9 @@ KEPT = 4e-4  # relative excess of a limit that is kept
 # limits of a whole motion, not of each instant
 MEANS = ("torque_rms", "thermal_time", "gear_torque_rms")
 # steps before they grow, factor of each later one, steps at most
-PLAIN, GROWTH, ROUNDS = 20, 1.5, 200
+PLAIN = 20
+GROWTH = 1.5
+ROUNDS = 200
 CLOSER = 1e-4  # of the duration: steps of the bisection, at last
 SLOWEST = 30.0  # times the duration, at most
 LEAST = 3e-4  # excess that gives the smallest step
@@ -25,26 +29,30 @@ def slow_down(
     slower: Callable[[list[np.ndarray], np.ndarray], list[np.ndarray]],
     kept: float,
 ) -> tuple[list[np.ndarray] | None, list[tuple[float, float]]]:
-    """Slow time laws down: by steps as small as the excess; where several do not suffice, growing ones and bisection.
+    """Slow time laws down: by steps as small as the excess; where several do not suffice, growing
+    ones and bisection.
 
     Parameters
     ----------
     x : list of arrays
         Of each motion its duration [s] and coefficients.
     excess, slower : callable
-        Excess of the limits of each motion, relative; time laws slowed down by a part of some excesses.
+        Excess of the limits of each motion, relative; time laws slowed down by a part of some
+        excesses.
     kept : float
         Largest excess that is left.
 
     Returns
     -------
     found : list of arrays or None
-        None: the limits are not kept at `SLOWEST` times the duration, or the motion has no inversion.
+        None: the limits are not kept at `SLOWEST` times the duration, or the motion has no
+        inversion.
     over : list of tuple
         Durations [s] and largest excesses that were tried by steps.
     """
     over: list[tuple[float, float]] = []
-    low, first = x, _duration(x)
+    low = x
+    first = _duration(x)
 
     def measure(x: list[np.ndarray]) -> np.ndarray:
         check_time("fastest")
@@ -61,7 +69,8 @@ def slow_down(
         if not np.isfinite(over[-1][1]) or _duration(x) > SLOWEST * first:
             return None, over
         grown = np.minimum(np.maximum(each, LEAST) * GROWTH ** max(k - PLAIN, 0), 1.0)
-        low, x = x, slower(x, np.where(each > 0, np.maximum(each, grown), each))
+        low = x
+        x = slower(x, np.where(each > 0, np.maximum(each, grown), each))
     else:
         return None, over
     while k > PLAIN and _duration(x) - _duration(low) > CLOSER * _duration(x):
@@ -71,7 +80,8 @@ def slow_down(
 
 
 def in_words(over: list[tuple[float, float]], means: bool) -> str:
-    """At which speeds limits are exceeded, from durations and excesses; ``means``: limits depend on the time law.
+    """At which speeds limits are exceeded, from durations and excesses; ``means``: limits depend
+    on the time law.
 
     What is left at rest is extrapolated with the inverse of the duration.
     """
@@ -80,7 +90,10 @@ def in_words(over: list[tuple[float, float]], means: bool) -> str:
     if not means and np.isfinite(least) and longest > SLOWEST * over[0][0]:
         shown = least - max(more - least, 0.0) * before / (longest - before) > KEPT
     speeds = "at any speed" if shown else f"at the speeds that were tried, up to {longest:.4g} s"
-    return f"{speeds}; increase them: {'holding the robot' if shown else 'it'} needs {1 + least:.6g} of a limit"
+    return (
+        f"{speeds}; increase them: {'holding the robot' if shown else 'it'} needs "
+        f"{1 + least:.6g} of a limit"
+    )
 
 
 def _duration(x: list[np.ndarray]) -> float:

@@ -1,12 +1,15 @@
-"""Smoother along a planned motion: how far the arm was from it, from a whole record of motor angles and accelerations.
+"""Smoother along a planned motion: how far the arm was from it, from a whole record of motor
+angles and accelerations.
 
-    x' = A x + B (du + d) + E f,    f' = -f/T + noise,    d' = noise,    dy = C x + D (du + d) + D_f f + noise
+    x' = A x + B (du + d) + E f,    f' = -f/T + noise,    d' = noise,
+    dy = C x + D (du + d) + D_f f + noise
 
-x: state minus reference; d: torques on the motors; f: forces on the coordinates of the arm, the errors of the model:
-springs of other stiffness and other loads. A fifth of the change of the arm's forces along the motion is expected. The
-filter with stationary gains at each pose runs forwards, the smoother of Rauch, Tung and Striebel backwards, so that
-nothing is late. Means of the measurements at rest before the motion are taken off: accelerometers do not show where the
-arm rests, and their bias is not known.
+x: state minus reference; d: torques on the motors; f: forces on the coordinates of the arm, the
+errors of the model: springs of other stiffness and other loads. A fifth of the change of the arm's
+forces along the motion is expected. The filter with stationary gains at each pose runs forwards,
+the smoother of Rauch, Tung and Striebel backwards, so that nothing is late. Means of the
+measurements at rest before the motion are taken off: accelerometers do not show where the arm
+rests, and their bias is not known.
 
 Source: H. Rauch, F. Tung, C. Striebel, AIAA Journal 3(8), 1965.
 """
@@ -26,8 +29,12 @@ from flexgen.loop.sampled_model import PoseModel, PoseModels, elastic_gears
 from flexgen.numerics.riccati import riccati
 
 PARTS = 40  # of the motion, each with gains of its own
-MODEL_ERROR, LOAD_ERROR, MODEL_TIME = 0.2, 0.02, 0.3  # of the arm's forces: of springs, others; s
-TORQUE_NOISE, DISTURBANCE_RATE = 1e-3, 0.1  # of the largest torque: noise, and growth in a second
+# of the arm's forces: of springs, others; s
+MODEL_ERROR = 0.2
+LOAD_ERROR = 0.02
+MODEL_TIME = 0.3
+TORQUE_NOISE = 1e-3  # of the largest torque: noise
+DISTURBANCE_RATE = 0.1  # and growth in a second
 REST_S = 0.5  # before the motion: where means are taken
 LEAST_FORCE = 1e-3  # of the largest one: of a coordinate that feels none
 
@@ -49,12 +56,15 @@ class PathSmoother:
     """
 
     def __init__(self, channels: Channels, reference: MotionReference, sample_s: float) -> None:
-        self.channels, self.model, self.sample_s = channels, channels.model, sample_s
+        self.channels = channels
+        self.model = channels.model
+        self.sample_s = sample_s
         self.samples = -(-len(reference.time) // PARTS)
         self._begin = int(np.searchsorted(reference.time, reference.begin))
         self._torque = Noises(self.model, TORQUE_NOISE, DISTURBANCE_RATE)
         self._force = self._forces(reference)
-        poses, motion = PoseModels(self.model), reference.parts(self.samples)
+        poses = PoseModels(self.model)
+        motion = reference.parts(self.samples)
         found = []
         for k in range(len(motion[0])):
             check_time("gains of the smoother")
@@ -64,7 +74,9 @@ class PathSmoother:
         )
 
     def _forces(self, reference: MotionReference) -> np.ndarray:
-        """Expected errors of the model (n_a,): a share of the change of the arm's forces along the motion."""
+        """Expected errors of the model (n_a,): a share of the change of the arm's forces along the
+        motion.
+        """
         m = reference.motion
         tau = np.asarray(
             library_with(self.model, ["inverse_dynamics"]).inverse_dynamics(
@@ -80,18 +92,22 @@ class PathSmoother:
         return np.concatenate([share * change, MODEL_ERROR * change[geared]])
 
     def _gains(self, at: PoseModel) -> tuple[np.ndarray, ...]:
-        """Sampled model, gain of the filter, and gain of the smoother at a pose; f in units of its expected size."""
-        n_x, n_m, h, index = len(at.A), self.model.n_m, self.sample_s, self.channels.index
+        """Sampled model, gain of the filter, and gain of the smoother at a pose; f in units of its
+        expected size.
+        """
+        n_x = len(at.A)
+        n_m = self.model.n_m
+        h = self.sample_s
+        index = self.channels.index
         G, E = (hold_effects(at.A, x, h, 0.0)[1] for x in (at.B, at.arm * self._force))
         n_a = E.shape[1]
         largest = self._torque.largest
         n_z = n_x + n_m + n_a
-        F, Q = np.eye(n_z), np.zeros((n_z, n_z))
-        F[:n_x, :n_x], F[:n_x, n_x : n_x + n_m], F[:n_x, n_x + n_m :] = (
-            expm(at.A * h),
-            G * largest,
-            E,
-        )
+        F = np.eye(n_z)
+        Q = np.zeros((n_z, n_z))
+        F[:n_x, :n_x] = expm(at.A * h)
+        F[:n_x, n_x : n_x + n_m] = G * largest
+        F[:n_x, n_x + n_m :] = E
         fade = np.exp(-h / MODEL_TIME)
         F[n_x + n_m :, n_x + n_m :] *= fade
         noisy = G * (self._torque.torque * largest)
@@ -120,9 +136,12 @@ class PathSmoother:
             Torques that acted since the last sample, minus those of the reference.
         """
         rest = slice(max(0, self._begin - round(REST_S / self.sample_s)), max(1, self._begin))
-        dy, du = dy - dy[rest].mean(axis=0), du - du[rest].mean(axis=0)
-        count, n_z = len(dy), self._F.shape[1]
-        before, after = np.zeros((count, n_z)), np.zeros((count, n_z))
+        dy = dy - dy[rest].mean(axis=0)
+        du = du - du[rest].mean(axis=0)
+        count = len(dy)
+        n_z = self._F.shape[1]
+        before = np.zeros((count, n_z))
+        after = np.zeros((count, n_z))
         z = np.zeros(n_z)
         part = np.minimum(np.arange(count) // self.samples, len(self._F) - 1)
         for k in range(count):
@@ -136,7 +155,9 @@ class PathSmoother:
 
 
 def acting(torque: np.ndarray, whole: int, rest: float) -> np.ndarray:
-    """Means of the torques between samples (n, n_m), from those sent: ``whole`` samples and a ``rest`` of one late."""
+    """Means of the torques between samples (n, n_m), from those sent: ``whole`` samples and a
+    ``rest`` of one late.
+    """
     at = np.arange(len(torque)) - 1 - whole
     now, last = (torque[np.maximum(x, 0)] for x in (at, at - 1))
     return np.asarray((1 - rest) * now + rest * last)

@@ -12,12 +12,15 @@ from flexgen.paths.jets import JET
 from flexgen.paths.time_laws import Law
 from flexgen.paths.timed_segments import POINTS, TimedSegment, derivative_norms
 
-INSTANTS, NEWTON = 2001, 3  # of a law, to find the instants of points of the path
+INSTANTS = 2001  # of a law
+NEWTON = 3  # to find the instants of points of the path
 CHECKED = 40  # points of a section
 
 
 def stated_speeds(move: Move) -> list[tuple[float | None, ...]]:
-    """For each motion from rest to rest of a move the speeds of its steps [m/s, rad/s]; None: not stated."""
+    """For each motion from rest to rest of a move the speeds of its steps [m/s, rad/s]; None: not
+    stated.
+    """
     steps: tuple[MoveJ | MoveL, ...] = move.steps if isinstance(move, Program) else move.legs
     out: list[tuple[float | None, ...]] = []
     group: list[float | None] = []
@@ -41,7 +44,8 @@ class StatedSpeeds:
         cls, segment: TimedSegment, speeds: tuple[float | None, ...], radius: float
     ) -> StatedSpeeds:
         """Of a curve whose parts have these speeds; in a corner the lower one of both holds."""
-        points, most = [np.zeros(0)], [np.zeros(0)]
+        points = [np.zeros(0)]
+        most = [np.zeros(0)]
         curve = segment.curve
         if isinstance(curve, BlendedCurve) and any(speed is not None for speed in speeds):
             each = [np.inf if speed is None else speed for speed in speeds]
@@ -53,7 +57,8 @@ class StatedSpeeds:
                 if np.isfinite(cap):
                     s = np.linspace(starts[k], starts[k + 1], CHECKED)
                     jet = np.zeros((POINTS, JET))
-                    jet[:, 0], jet[:, 1] = np.linspace(starts[k], starts[k + 1], POINTS), 1.0
+                    jet[:, 0] = np.linspace(starts[k], starts[k + 1], POINTS)
+                    jet[:, 1] = 1.0
                     points.append(s)
                     largest = derivative_norms(segment.space, *curve(jet), radius)[:, 0].max()
                     most.append(np.full(len(s), cap / max(float(largest), 1e-300)))

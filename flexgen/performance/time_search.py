@@ -1,4 +1,6 @@
-"""The search of `flexgen.performance.minimum_time`: sequences of linear programs with a trust region."""
+"""The search of `flexgen.performance.minimum_time`: sequences of linear programs with a trust
+region.
+"""
 
 from __future__ import annotations
 
@@ -34,12 +36,18 @@ from flexgen.performance.stated_speeds import StatedSpeeds
 from flexgen.runtime.path_inversion import Inversion
 
 # on the path; in an interval that resolves a force, along the path as it is given
-SAMPLES, PER_INTERVAL = 300, 2.0
-MESH_S, FEWEST = 5e-3, 40  # longest interval of the inversion; intervals on the path, at least
+SAMPLES = 300
+PER_INTERVAL = 2.0
+MESH_S = 5e-3  # longest interval of the inversion
+FEWEST = 40  # intervals on the path, at least
 AFTER_S = 0.3  # of the motion after the path that counts
 SLOWER = 1.02  # of the first law against the given one
-PENALTY, EXACT = 5.0, 2.0  # of violations in the program and in the merit, in units of T
-TRUST, GROW, SHRINK, SMALLEST = 0.08, 1.5, 1 / 3, 5e-4
+PENALTY = 5.0  # of violations in the program and in the merit
+EXACT = 2.0  # in units of T
+TRUST = 0.08
+GROW = 1.5
+SHRINK = 1 / 3
+SMALLEST = 5e-4
 LAZY = 1e-3  # weight of changes of the coefficients
 CLOSE = 0.6  # of a limit: samples below it cannot become active within a step
 STEP = 1e-5  # of differences
@@ -48,21 +56,25 @@ ROUNDING = 1e-6
 FINER = 3  # samples and mesh of the last check
 MOST = 60  # programs
 HEAVY = (
-    # times the penalties of the search from the law as given: of a small excess that only much time
-    # takes away
+    # times the penalties of the search from the law as given: of a small excess that only much
+    # time takes away
     200.0
 )
 AGAIN = 1.1  # times the duration that was found, above which the search begins again there
 HALVINGS = 8  # of the duration of a first law
 NEARLY = 2e-4  # gain of a step below which it hardly helps
 # penalty of limits, programs and differences where vibration is reduced
-CALM, CALMER, CALM_STEP = 30.0, 12, 1e-4
+CALM = 30.0
+CALMER = 12
+CALM_STEP = 1e-4
 # times the shortest duration
 LONGER = (1.01, 1.02, 1.03, 1.045, 1.06, 1.08, 1.1, 1.13, 1.17, 1.22, 1.3, 1.4, 1.6, 2.0)
 
 
 class TimeSearch:
-    """Constraints of a time law and the sequence of linear programs; x: T and the inner coefficients."""
+    """Constraints of a time law and the sequence of linear programs; x: T and the inner
+    coefficients.
+    """
 
     def __init__(
         self,
@@ -75,27 +87,31 @@ class TimeSearch:
         speeds: tuple[float | None, ...] = (),
         force: ProcessForce | None = None,
     ) -> None:
-        equations, model = path.equations, path.equations.model
-        self.path, self.model, self.tell, self.n = path, model, tell, coefficients
+        equations = path.equations
+        model = path.equations.model
+        self.path = path
+        self.model = model
+        self.tell = tell
+        self.n = coefficients
         if default.move.type == "sampled":
             raise ArgumentError(
-                f"move {default.move.name}: given a sampled move, expected a line, arc, joint or program"
+                f"move {default.move.name}: given a sampled move, expected a line, arc, joint "
+                "or program"
             )
         self.limits = limits
         solvers = () if force is None else ("invert", "force")
         self.library = inversion_library(equations, "lq", solvers, memory=True, progress=tell)
         self.force = force
         resolving = np.inf if force is None else in_time(force, path).resolving / path.duration
-        self.samples, self._resolving = (
-            max(SAMPLES, int(np.ceil(PER_INTERVAL / resolving))),
-            resolving,
-        )
+        self.samples = max(SAMPLES, int(np.ceil(PER_INTERVAL / resolving)))
+        self._resolving = resolving
         self._reduction = Reduction(equations)
         problem = InversionProblem(equations, path)
         if has_harmonics(model):
             self.samples = max(self.samples, int(np.ceil(path.duration / problem.step)))
         before, after = problem.windows
-        self._before, self._after = before, min(after, AFTER_S)
+        self._before = before
+        self._after = min(after, AFTER_S)
         self.speeds = StatedSpeeds.of(path.segments[0], speeds, default.move.radius)
         if vibration is not None and not has_springs(model):
             raise ArgumentError(
@@ -168,7 +184,8 @@ class TimeSearch:
     def invert(
         self, timed: Path, period: float, mesh: float, force: ProcessForce | None
     ) -> tuple[Inversion, Callable[[], ToolMotion]]:
-        """Motion and torques along a path, sampled with the period [s], on a mesh [s]; and the motion of the tool.
+        """Motion and torques along a path, sampled with the period [s], on a mesh [s]; and the
+        motion of the tool.
 
         ``force``: over the place.
         """
@@ -176,7 +193,9 @@ class TimeSearch:
         sample = timed.sample_orders(np.arange(round(timed.duration / period) + 1) * period, 3)
         pushing = None
         if force is not None:
-            pushing = in_time(force, timed).on_output(self.model, np.arange(len(sample.y)) * period)
+            pushing = in_time(force, timed).on_output(
+                self.model, np.arange(len(sample.y)) * period
+            )
         y = self._reduction.targets(sample), sample.derivative(1), sample.derivative(2)
         found = self.library.invert(
             *(np.ascontiguousarray(a) for a in y),
@@ -190,7 +209,9 @@ class TimeSearch:
         return found, partial(self._tool_motion, found, sample)
 
     def _tool_motion(self, found: Inversion, sample: PathSample) -> ToolMotion:
-        """Speed and acceleration of the tool's origin; where the output has it, those of the reference."""
+        """Speed and acceleration of the tool's origin; where the output has it, those of the
+        reference.
+        """
         output = self.model.output
         if len(output.tool_rows) != 3:
             return tool_motion(self._reduction.equations, found.q_a, found.v_a, found.a_a)
@@ -207,7 +228,9 @@ class TimeSearch:
         values = self._vibration(
             trajectory_of(self.found, 0.0, self.model.name), float(x[0]), force
         )
-        return np.nan_to_num(np.linalg.norm(values, axis=2).ravel() / (self.swings or 1.0), nan=1e3)
+        return np.nan_to_num(
+            np.linalg.norm(values, axis=2).ravel() / (self.swings or 1.0), nan=1e3
+        )
 
     def retime(self, x: np.ndarray) -> Path:
         """The path with this time law."""
@@ -217,15 +240,20 @@ class TimeSearch:
         return timed
 
     def _instants(self, samples: int, n_pre: int) -> np.ndarray:
-        """As many samples for every duration: those of the path, and half as many before and after it."""
+        """As many samples for every duration: those of the path, and half as many before and after
+        it.
+        """
         half = self.samples // 2
         return np.clip(np.arange(n_pre - half, n_pre + self.samples + 1 + half), 0, samples - 2)
 
     def vibrations(self, solution: Solution) -> dict[str, float]:
-        """Largest vibration after the path of robots with less and more stiffness [m]; empty where no springs are."""
+        """Largest vibration after the path of robots with less and more stiffness [m]; empty where
+        no springs are.
+        """
         if not has_springs(self.model):
             return {}
-        end, force = float(solution.move.duration), None
+        end = float(solution.move.duration)
+        force = None
         if self.force is not None:
             force = make_force(solution.trajectory, self.model, end)
         swings = self._vibration(solution.trajectory, end, force)
@@ -239,7 +267,8 @@ class TimeSearch:
     def quick_start(self) -> np.ndarray:
         """The polynomial law of smoothness 5, as fast as the limits let it be."""
         x = self.start()
-        low, high = 0.0, 1.0
+        low = 0.0
+        high = 1.0
         for _ in range(HALVINGS):
             factor = (low + high) / 2
             g = self.try_constraints(np.concatenate([[factor * x[0]], x[1:]]))
@@ -249,7 +278,9 @@ class TimeSearch:
         return np.concatenate([[high * x[0]], x[1:]])
 
     def run(self, first: np.ndarray | None = None) -> tuple[np.ndarray, list[float]]:
-        """The best time law, and the duration after each step; ``first``: where to begin, default: `start`."""
+        """The best time law, and the duration after each step; ``first``: where to begin, default:
+        `start`.
+        """
         x = self.start() if first is None else first
         g = self.try_constraints(x)
         if g is None:
@@ -279,8 +310,13 @@ class TimeSearch:
     def _improve(
         self, x: np.ndarray, g: np.ndarray, history: list[float], weight: float = 1.0
     ) -> np.ndarray:
-        """The time law after linear programs, from one with its constraints; ``weight``: times the penalties."""
-        trust, idle, scale, last = TRUST, 0, float(x[0]), self.programs + MOST
+        """The time law after linear programs, from one with its constraints; ``weight``: times the
+        penalties.
+        """
+        trust = TRUST
+        idle = 0
+        scale = float(x[0])
+        last = self.programs + MOST
 
         def merit(x: np.ndarray, g: np.ndarray) -> float:
             return float(x[0] / scale + weight * EXACT * max(np.abs(g).max() - 1.0, 0.0))
@@ -298,7 +334,9 @@ class TimeSearch:
             tried = self.try_constraints(other)
             gain = -np.inf if tried is None else merit(x, g) - merit(other, tried)
             if tried is not None and gain > 0:
-                x, g, G = other, tried, None
+                x = other
+                g = tried
+                G = None
                 history.append(float(x[0]))
                 trust = min(trust * GROW, 0.5)
                 idle = idle + 1 if gain < NEARLY else 0
@@ -308,7 +346,9 @@ class TimeSearch:
         return x
 
     def _slow_down(self, x: np.ndarray) -> np.ndarray:
-        """The time law slowed down until the limits are kept between the samples of the search too."""
+        """The time law slowed down until the limits are kept between the samples of the search
+        too.
+        """
         found, over = self._find_slower(x)
         if found is None:
             raise self._unable(over)
@@ -336,7 +376,9 @@ class TimeSearch:
         return [(-np.inf, np.inf)]
 
     def calm(self, x: np.ndarray, history: list[float]) -> np.ndarray:
-        """From the fastest time law to longer ones with the least vibration, until it is small enough."""
+        """From the fastest time law to longer ones with the least vibration, until it is small
+        enough.
+        """
         for longer in LONGER:
             x = np.concatenate([[max(longer * history[-1], x[0])], x[1:]])
             x, worst = self._calmest(x)
@@ -346,13 +388,16 @@ class TimeSearch:
                 if np.abs(self.swing(x)).max() <= 1.0 + KEPT:  # of the law that is slower, too
                     return x
         raise SolverError(
-            f"fastest: vibration stays above {self.swings:.3g} {unit_of(self.model)} with {LONGER[-1]:g} times the "
-            "shortest duration; allow more vibration"
+            f"fastest: vibration stays above {self.swings:.3g} {unit_of(self.model)} with "
+            f"{LONGER[-1]:g} times the shortest duration; allow more vibration"
         )
 
     def _calmest(self, x: np.ndarray) -> tuple[np.ndarray, float]:
-        """The time law of the same duration with less vibration, and how large it is over the allowed one."""
-        g, s = self.constraints(x), self.swing(x)
+        """The time law of the same duration with less vibration, and how large it is over the
+        allowed one.
+        """
+        g = self.constraints(x)
+        s = self.swing(x)
         trust = TRUST
 
         def merit(g: np.ndarray, s: np.ndarray) -> float:
@@ -366,7 +411,8 @@ class TimeSearch:
             for k in range(1, len(x)):
                 moved = x + CALM_STEP * (np.arange(len(x)) == k)
                 columns.append(
-                    np.concatenate([self.constraints(moved) - g, self.swing(moved) - s]) / CALM_STEP
+                    np.concatenate([self.constraints(moved) - g, self.swing(moved) - s])
+                    / CALM_STEP
                 )
             G = np.stack(columns, axis=1)
             better = False
@@ -379,7 +425,10 @@ class TimeSearch:
                     swing = self.swing(other)
                     better = merit(tried, swing) < merit(g, s) - 1e-4
                 if better and tried is not None:
-                    x, g, s, trust = other, tried, swing, min(trust * GROW, 0.5)
+                    x = other
+                    g = tried
+                    s = swing
+                    trust = min(trust * GROW, 0.5)
                 else:
                     trust *= SHRINK
             if not better:
@@ -390,18 +439,25 @@ class TimeSearch:
     def _calm_program(
         self, x: np.ndarray, g: np.ndarray, s: np.ndarray, G: np.ndarray, trust: float
     ) -> np.ndarray:
-        """The step dc of one linear program: unknown dc, the vibration v and the excess sigma of limits."""
-        n, near = len(x) - 1, np.abs(g) > CLOSE
-        A, B = G[: len(g)][near], G[len(g) :]
-        one, none = np.ones((len(A), 1)), np.zeros((len(A), 1))
+        """The step dc of one linear program: unknown dc, the vibration v and the excess sigma of
+        limits.
+        """
+        n = len(x) - 1
+        near = np.abs(g) > CLOSE
+        A = G[: len(g)][near]
+        B = G[len(g) :]
+        one = np.ones((len(A), 1))
+        none = np.zeros((len(A), 1))
         rows = [np.hstack([A, none, -one]), np.hstack([-A, none, -one])]
         right = [1 - g[near], 1 + g[near]]
-        one, none = np.ones((len(B), 1)), np.zeros((len(B), 1))
+        one = np.ones((len(B), 1))
+        none = np.zeros((len(B), 1))
         rows += [np.hstack([B, -one, none]), np.hstack([-B, -one, none])]
         right += [-s, s]
         order = np.zeros((n + 1, n + 2))
         for k in range(n):
-            order[k, k], order[k + 1, k] = -1.0, 1.0
+            order[k, k] = -1.0
+            order[k + 1, k] = 1.0
         rows.append(order)
         right.append(np.diff(np.concatenate([[0.0], x[1:], [1.0]])))
         cost = np.concatenate([np.zeros(n), [1.0, CALM]])
@@ -430,7 +486,8 @@ class TimeSearch:
         return np.stack(columns, axis=1)
 
     def differences(self, x: np.ndarray) -> Iterator[tuple[np.ndarray, float, np.ndarray | None]]:
-        """For each unknown the unknowns with this one changed, its step, and the constraints there or None.
+        """For each unknown the unknowns with this one changed, its step, and the constraints there
+        or None.
 
         `found` is the inversion there.
         """
@@ -470,9 +527,13 @@ def linear_program(
     scale: float,
     penalty: float = PENALTY,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[tuple[float, float | None]]]:
-    """Cost, rows, their right sides and bounds of the program of a step: unknown dT/T, dc, sigma, |dc|."""
-    n, A = len(x), G * np.concatenate([[scale], np.ones(len(x) - 1)])
-    upper, lower = g > CLOSE, g < -CLOSE
+    """Cost, rows, their right sides and bounds of the program of a step: unknown dT/T, dc, sigma,
+    |dc|.
+    """
+    n = len(x)
+    A = G * np.concatenate([[scale], np.ones(len(x) - 1)])
+    upper = g > CLOSE
+    lower = g < -CLOSE
     A = np.vstack([A[upper], -A[lower]])
     rows = np.hstack([A, -np.ones((len(A), 1))])
     right = np.concatenate([1 - g[upper], 1 + g[lower]])
@@ -483,7 +544,8 @@ def linear_program(
         if k < n - 1:
             order[k, k + 1] = -1.0
     c = np.concatenate([[0.0], x[1:], [1.0]])
-    rows, right = np.vstack([rows, order]), np.concatenate([right, np.diff(c)])
+    rows = np.vstack([rows, order])
+    right = np.concatenate([right, np.diff(c)])
     # Small weights on |dc|: where no limit is near, the law stays as it is.
     size = np.hstack([np.zeros((n - 1, 1)), np.eye(n - 1), np.zeros((n - 1, 1)), -np.eye(n - 1)])
     mirrored = np.hstack([-size[:, : n + 1], -np.eye(n - 1)])

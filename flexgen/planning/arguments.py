@@ -34,7 +34,9 @@ def check_solve(
 
 
 def check_parameter(name: Any, known: list[str], lower: Any, upper: Any, guess: Any) -> None:
-    """ArgumentError unless an unknown number has a new name, and a finite guess within its bounds."""
+    """ArgumentError unless an unknown number has a new name, and a finite guess within its
+    bounds.
+    """
     if not isinstance(name, str) or not name:
         raise ArgumentError(f"parameter: given the name {name!r}, expected a text")
     if name in known:
@@ -51,7 +53,9 @@ def check_parameter(name: Any, known: list[str], lower: Any, upper: Any, guess: 
 
 
 def numbers_of(value: Any, text: str) -> np.ndarray:
-    """The value as an array; ArgumentError with the text where it is not an array of finite numbers."""
+    """The value as an array; ArgumentError with the text where it is not an array of finite
+    numbers.
+    """
     try:
         array = np.asarray(value, float)
     except (TypeError, ValueError, OverflowError):
@@ -65,7 +69,8 @@ def mesh_nodes(mesh: Any, duration: float) -> np.ndarray:
     """Nodes from 0 to 1 of a mesh: a number of intervals, their length [s], or relative nodes."""
     if isinstance(mesh, bool | str | bytes) or mesh is None:
         raise ArgumentError(
-            f"mesh: given {mesh!r}, expected a number of intervals, a length in s or relative nodes"
+            f"mesh: given {mesh!r}, expected a number of intervals, a length in s or relative "
+            "nodes"
         )
     if isinstance(mesh, int | np.integer):
         count: float = int(mesh)

@@ -1,7 +1,9 @@
-"""A nonlinear program from blocks: one small function, the same at many instants, with its exact derivatives.
+"""A nonlinear program from blocks: one small function, the same at many instants, with its exact
+derivatives.
 
-Each block is a scalar function in few unknowns z. Its Jacobian and Hessian are formed once, evaluated at all instants
-and put in their places in the large sparse matrices; CasADi colors nothing. The small functions can be compiled C.
+Each block is a scalar function in few unknowns z. Its Jacobian and Hessian are formed once,
+evaluated at all instants and put in their places in the large sparse matrices; CasADi colors
+nothing. The small functions can be compiled C.
 """
 
 from __future__ import annotations
@@ -26,9 +28,9 @@ SMALL = 1e-12
 class Block:
     """Rows and a cost in the unknowns ``z`` and the numbers ``p``, at ``count`` instants.
 
-    ``where`` (count, n_z): places of z in x; ``values`` (n_p, count); ``rows`` (m,) between ``lower`` and ``upper``
-    (m, count); ``names`` (m,): of the rows; ``cost``: a scalar; ``squares``: its squares are added to the cost, with a
-    Gauss-Newton Hessian.
+    ``where`` (count, n_z): places of z in x; ``values`` (n_p, count); ``rows`` (m,) between
+    ``lower`` and ``upper`` (m, count); ``names`` (m,): of the rows; ``cost``: a scalar;
+    ``squares``: its squares are added to the cost, with a Gauss-Newton Hessian.
     """
 
     z: ca.SX
@@ -55,8 +57,9 @@ class Block:
 class Program(NonlinearProgram):
     """A nonlinear program in the scaled unknowns x, with exact derivatives and names.
 
-    ``names``: of the rows of g, with the instants ``times`` (m, 2) and the factors ``scale`` that the rows were
-    multiplied with; each instant: number of the phase, relative time. ``cost_scale``: factor of the cost.
+    ``names``: of the rows of g, with the instants ``times`` (m, 2) and the factors ``scale`` that
+    the rows were multiplied with; each instant: number of the phase, relative time.
+    ``cost_scale``: factor of the cost.
     """
 
     gradient: ca.MX
@@ -73,11 +76,14 @@ class _Local:
     """The functions of a block, evaluated at all its instants."""
 
     def __init__(self, block: Block, index: int, compile_from: float) -> None:
-        z, p, m = block.z, block.p, block.rows.numel()
+        z = block.z
+        p = block.p
+        m = block.rows.numel()
         total = block.cost + ca.sumsqr(block.squares)
         slope = ca.jacobian(block.rows, z)
         self.row, self.col = (np.array(i, int) for i in slope.sparsity().get_triplet())
-        lam, sigma = ca.SX.sym("lam", m), ca.SX.sym("sigma")
+        lam = ca.SX.sym("lam", m)
+        sigma = ca.SX.sym("sigma")
         lagrangian = sigma * block.cost + (ca.dot(lam, block.rows) if block.curvature else 0)
         curve = ca.hessian(lagrangian, z)[0]
         if block.squares.numel():
@@ -152,7 +158,10 @@ def program(
         block.scale = _row_scale(block, one, scale_x, guess)
     at = [ca.reshape(true[b.where.ravel().tolist()], b.where.shape[1], b.count) for b in blocks]
     parts = list(zip(blocks, local, at, [ca.DM(b.values) for b in blocks], strict=True))
-    rows, costs, gradients, entries = [], [ca.MX(0)], [], []
+    rows = []
+    costs = [ca.MX(0)]
+    gradients = []
+    entries = []
     for block, one, z, p in parts:
         found = one("values", z, p)
         rows.append(ca.vec(found[0]) * ca.DM(np.tile(block.scale, block.count)))
@@ -179,22 +188,47 @@ def program(
         jacobian = ca.vertcat(jacobian, ca.jacobian(extra_g, x))
         g = ca.vertcat(g, extra_g)
 
-    steepest = float(np.abs(np.array(ca.Function("first", [x], [gradient])(guess / scale_x))).max())
+    steepest = float(
+        np.abs(np.array(ca.Function("first", [x], [gradient])(guess / scale_x))).max()
+    )
     scale_f = 1 / steepest if SMALL < steepest < np.inf else 1.0
 
     def hessian(lam_f: ca.MX, lam_g: ca.MX) -> ca.MX:
         return _hessian(x, parts, scale_x, scale_f * lam_f, lam_g, (extra_cost, extra_g))
 
     return Program(
-        x=x, cost=scale_f * cost, gradient=scale_f * gradient, cost_scale=scale_f, g=g, jacobian=jacobian,
+        x=x,
+        cost=scale_f * cost,
+        gradient=scale_f * gradient,
+        cost_scale=scale_f,
+        g=g,
+        jacobian=jacobian,
         hessian=hessian,
-        lower=np.concatenate([*((b.lower * b.scale[:, None]).T.ravel() for b in blocks), np.zeros(len(names_c)), low]),
-        upper=np.concatenate([*((b.upper * b.scale[:, None]).T.ravel() for b in blocks), np.zeros(len(names_c)), high]),
+        lower=np.concatenate(
+            [
+                *((b.lower * b.scale[:, None]).T.ravel() for b in blocks),
+                np.zeros(len(names_c)),
+                low,
+            ]
+        ),
+        upper=np.concatenate(
+            [
+                *((b.upper * b.scale[:, None]).T.ravel() for b in blocks),
+                np.zeros(len(names_c)),
+                high,
+            ]
+        ),
         names=[*(n for b in blocks for _ in range(b.count) for n in b.names), *names_c, *names_g],
-        times=np.vstack([*(np.repeat(b.times, len(b.names), axis=0) for b in blocks),
-                         np.full((len(names_c) + len(names_g), 2), np.nan)]),
-        scale=np.concatenate([*(np.tile(b.scale, b.count) for b in blocks), scale_c, np.ones(len(names_g))]),
-    )  # fmt: skip
+        times=np.vstack(
+            [
+                *(np.repeat(b.times, len(b.names), axis=0) for b in blocks),
+                np.full((len(names_c) + len(names_g), 2), np.nan),
+            ]
+        ),
+        scale=np.concatenate(
+            [*(np.tile(b.scale, b.count) for b in blocks), scale_c, np.ones(len(names_g))]
+        ),
+    )
 
 
 def check_finite(made: Program, x: np.ndarray) -> None:
@@ -208,13 +242,15 @@ def check_finite(made: Program, x: np.ndarray) -> None:
         wrong = ["cost"]
     if wrong:
         raise ArgumentError(
-            f"plan: {wrong[0]!r} is NaN or infinite where the search starts, expected a finite number; check its "
-            "expression, or give another guess"
+            f"plan: {wrong[0]!r} is NaN or infinite where the search starts, expected a finite "
+            "number; check its expression, or give another guess"
         )
 
 
 def _row_scale(block: Block, local: _Local, scale_x: np.ndarray, guess: np.ndarray) -> np.ndarray:
-    """Factors of the rows: a change of the unknowns by their scales changes a row by one or less."""
+    """Factors of the rows: a change of the unknowns by their scales changes a row by one or
+    less.
+    """
     size = np.full(block.rows.numel(), SMALLEST)
     for k in np.unique(np.linspace(0, block.count - 1, 5).astype(int)):
         entries = np.array(
@@ -234,26 +270,38 @@ def _scatter(places: np.ndarray, factors: np.ndarray, size: int, values: ca.MX) 
 def _jacobian(
     blocks: list[Block], local: list[_Local], entries: list[ca.MX], fixed: sp.coo_matrix, size: int
 ) -> ca.MX:
-    rows, cols, first = [], [], 0
+    rows = []
+    cols = []
+    first = 0
     for block, one in zip(blocks, local, strict=True):
         m = block.rows.numel()
         rows.append((first + np.arange(block.count)[:, None] * m + one.row).ravel())
         cols.append(block.where[:, one.col].ravel())
         first += m * block.count
-    row, col = np.concatenate([*rows, first + fixed.row]), np.concatenate([*cols, fixed.col])
+    row = np.concatenate([*rows, first + fixed.row])
+    col = np.concatenate([*cols, fixed.col])
     order = np.lexsort((row, col))  # column by column, as CasADi stores it
     pattern = ca.Sparsity.triplet(first + fixed.shape[0], size, row.tolist(), col.tolist())
     return ca.MX(pattern, ca.vertcat(*entries)[order.tolist()])
 
 
 def _hessian(
-    x: ca.MX, parts: list[tuple[Block, _Local, ca.MX, ca.DM]], scale_x: np.ndarray, lam_f: ca.MX, lam_g: ca.MX,
+    x: ca.MX,
+    parts: list[tuple[Block, _Local, ca.MX, ca.DM]],
+    scale_x: np.ndarray,
+    lam_f: ca.MX,
+    lam_g: ca.MX,
     extra: tuple[ca.MX, ca.MX],
-) -> ca.MX:  # fmt: skip
-    size, first = x.numel(), 0
-    entries, rows, cols, factors = [], [], [], []
+) -> ca.MX:
+    size = x.numel()
+    first = 0
+    entries = []
+    rows = []
+    cols = []
+    factors = []
     for block, one, z, p in parts:
-        m, count = block.rows.numel(), block.count
+        m = block.rows.numel()
+        count = block.count
         lam = ca.reshape(
             lam_g[first : first + m * count] * ca.DM(np.tile(block.scale, count)), m, count
         )
@@ -261,7 +309,8 @@ def _hessian(
         if not len(one.row_h):
             continue
         entries.append(ca.vec(one("curves", z, p, lam, ca.repmat(lam_f, 1, count))[0]))
-        i, j = block.where[:, one.row_h].ravel(), block.where[:, one.col_h].ravel()
+        i = block.where[:, one.row_h].ravel()
+        j = block.where[:, one.col_h].ravel()
         rows.append(np.minimum(i, j))
         cols.append(np.maximum(i, j))
         factors.append(scale_x[i] * scale_x[j])

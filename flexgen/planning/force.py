@@ -1,7 +1,8 @@
-"""A known force on the tool in a planned motion: constant, or over the place on the path, the path parameter.
+"""A known force on the tool in a planned motion: constant, or over the place on the path, the path
+parameter.
 
-Over the place it is a quintic spline with equal intervals, f(s) = sum_j c_j B(n s - j + 2), with the cardinal spline B
-on [-3, 3] written for CasADi by powers of positive parts.
+Over the place it is a quintic spline with equal intervals, f(s) = sum_j c_j B(n s - j + 2), with
+the cardinal spline B on [-3, 3] written for CasADi by powers of positive parts.
 """
 
 from __future__ import annotations
@@ -31,7 +32,8 @@ PARTS = ((1, 3), (-6, 2), (15, 1))  # B(u) = sum_k weight_k max(edge_k - |u|, 0)
 class PlanForce:
     """Force and torque on the tool (6,) [N, N m], world axes.
 
-    ``coefficients``: (n + 5, 6) of the spline, or (1, 6) where it is constant; ``given``: over the place from 0 to 1.
+    ``coefficients``: (n + 5, 6) of the spline, or (1, 6) where it is constant; ``given``: over the
+    place from 0 to 1.
     """
 
     coefficients: np.ndarray
@@ -62,11 +64,13 @@ class PlanForce:
         return force_along(self.given, path)
 
     def pushing(self, equations: Equations, s: float | None, what: str = "") -> Equations:
-        """The equations under the force at a path parameter; ArgumentError where it is needed and not known."""
+        """The equations under the force at a path parameter; ArgumentError where it is needed and
+        not known.
+        """
         if s is None and not self.constant:
             raise ArgumentError(
-                f"{what}: given within a problem whose force depends on the place, expected at its start or its end, "
-                "where the place is known"
+                f"{what}: given within a problem whose force depends on the place, expected at "
+                "its start or its end, where the place is known"
             )
         return equations.pushed_by(self.at(np.array([s or 0.0]))[0])
 
@@ -81,8 +85,8 @@ def basis_at(s: np.ndarray, count: int) -> np.ndarray:
 def make_plan_force(given: Any, equations: Equations, free: bool) -> PlanForce:
     """The force from what a user gives; ``free``: the path parameter is an unknown of the problem.
 
-    ArgumentError for something else, for a force over the place where there is none, and for one that changes too
-    quickly along the path.
+    ArgumentError for something else, for a force over the place where there is none, and for one
+    that changes too quickly along the path.
     """
     if isinstance(given, list | tuple | np.ndarray) and np.ndim(given) == 1:
         held = make_place_force(np.tile(given, (2, 1)), equations.model, 1)
@@ -90,8 +94,9 @@ def make_plan_force(given: Any, equations: Equations, free: bool) -> PlanForce:
     force = make_place_force(given, equations.model, 1)
     if not free:
         raise ArgumentError(
-            "force: given over the place on the path, which the motion need not follow with timing='given'; expected a "
-            "constant force (3,) [N], or timing='free' and problem.follow(...)"
+            "force: given over the place on the path, which the motion need not follow with "
+            "timing='given'; expected a constant force (3,) [N], or timing='free' and "
+            "problem.follow(...)"
         )
     s = np.linspace(0.0, 1.0, CHECKED)
     values = force.at(s)
@@ -103,6 +108,7 @@ def make_plan_force(given: Any, equations: Equations, free: bool) -> PlanForce:
         if error <= CLOSE * size:
             return PlanForce(coefficients, force)
     raise ArgumentError(
-        f"force: given one that changes too quickly: a spline of {INTERVALS[-1]} intervals along the path is up to "
-        f"{error / size:.2g} of its size from it, expected {CLOSE:g}; smooth it, or plan a shorter path"
+        f"force: given one that changes too quickly: a spline of {INTERVALS[-1]} intervals "
+        f"along the path is up to {error / size:.2g} of its size from it, expected {CLOSE:g}; "
+        "smooth it, or plan a shorter path"
     )

@@ -1,4 +1,6 @@
-"""Initial guesses: a slow motion between the ends, an inversion of the move, or another solution."""
+"""Initial guesses: a slow motion between the ends, an inversion of the move, or another
+solution.
+"""
 
 from __future__ import annotations
 
@@ -57,10 +59,14 @@ def from_inversion(equations: Equations, path: Path, push: PlanForce | None = No
 def between(
     equations: Equations, ends: tuple[np.ndarray, np.ndarray], duration: float, path: Path | None
 ) -> Guess:
-    """A slow motion from one equilibrium to another, along the path where that can be followed; rigid torques."""
+    """A slow motion from one equilibrium to another, along the path where that can be followed;
+    rigid torques.
+    """
     model = equations.model
     times = np.linspace(0.0, duration, POSES + 1)
-    n_a, i_g, i_m = model.n_a, list(model.i_g), list(model.i_m)
+    n_a = model.n_a
+    i_g = list(model.i_g)
+    i_m = list(model.i_m)
     arm = _interpolate(ends, times, n_a)
     if path is not None:
         try:
@@ -88,9 +94,11 @@ def between(
         motors = geared + (1 - share) * (first - ends_m[0]) + share * (last - ends_m[1])
         rates = [(curve(t, k)[:, i_g] @ model.eta.T)[:, i_m] for k in (1, 2)]
         return (
-            np.hstack([curve(t), motors]), np.hstack([curve(t, 1), rates[0]]), np.hstack([curve(t, 2), rates[1]]),
+            np.hstack([curve(t), motors]),
+            np.hstack([curve(t, 1), rates[0]]),
+            np.hstack([curve(t, 2), rates[1]]),
             torque(t),
-        )  # fmt: skip
+        )
 
     return Guess(duration, at)
 
@@ -113,7 +121,9 @@ def ends_of(
     """Equilibria at both ends of a path, under the force there."""
     times = np.array([0.0, path.duration])
     held = (
-        [equations, equations] if push is None else [push.pushing(equations, s) for s in (0.0, 1.0)]
+        [equations, equations]
+        if push is None
+        else [push.pushing(equations, s) for s in (0.0, 1.0)]
     )
     first = poses_along(held[0], path, times)
     last = first if push is None else poses_along(held[1], path, times)
@@ -128,11 +138,13 @@ def from_solution(equations: Equations, found: Solution | Trajectory) -> Guess:
         trajectory.channels
     ):
         raise SolverError(
-            f"guess: given a trajectory of {trajectory.meta.get('model')}, expected one of {equations.model.name} with "
-            "the channels q_a v_a a_a q_m v_m a_m tau_m"
+            f"guess: given a trajectory of {trajectory.meta.get('model')}, expected one of "
+            f"{equations.model.name} with the channels q_a v_a a_a q_m v_m a_m tau_m"
         )
     planned = trajectory.meta.get("kind") == "plan"
-    begin, end = float(trajectory.time[0]), float(trajectory.time[-1])
+    begin = float(trajectory.time[0])
+    end = float(trajectory.time[-1])
     if isinstance(found, Solution) and not planned:
-        begin, end = 0.0, float(found.move.duration)
+        begin = 0.0
+        end = float(found.move.duration)
     return from_trajectory(equations, trajectory, begin, end)

@@ -1,7 +1,8 @@
 """Bounds of a planned motion from the limits of the model file, or from those given.
 
 torque_speed   +-tau/(1 - r) +- k v <= c for each edge of a curve, which falls faster and faster
-torque_rate    |dtau/dt| <= rate at both ends of each interval, between which it is linear; the torque does not jump
+torque_rate    |dtau/dt| <= rate at both ends of each interval, between which it is linear; the
+               torque does not jump
 gear_torque    of springs and dampers; of rigid gears eta' (tau - J a - friction)
 """
 
@@ -20,15 +21,18 @@ EFFECTIVE = ("torque_rms", "thermal_time", "gear_torque_rms")
 
 
 def apply_limits(phase: Phase, limits: Limits | None, model_limits: bool) -> None:
-    """Bounds of a phase: ``limits``, and with ``model_limits`` those of the model file that they do not replace.
+    """Bounds of a phase: ``limits``, and with ``model_limits`` those of the model file that they
+    do not replace.
 
-    ArgumentError for effective torques in ``limits``; those of the model file are warnings of the solution.
+    ArgumentError for effective torques in ``limits``; those of the model file are warnings of the
+    solution.
     """
-    model, given = phase.equations.model, limits or Limits()
+    model = phase.equations.model
+    given = limits or Limits()
     if means := [name for name in EFFECTIVE if getattr(given, name) is not None]:
         raise ArgumentError(
-            f"limits: given {', '.join(means)}, expected other kinds: effective torques are means over the motion; add "
-            "a cost on the torque, or use flexgen.fastest"
+            f"limits: given {', '.join(means)}, expected other kinds: effective torques are "
+            "means over the motion; add a cost on the torque, or use flexgen.fastest"
         )
     kept = given.merge(model) if model_limits else given
     torque, speed = kept.arrays(model.n_m)
@@ -81,7 +85,8 @@ def _bound_curves(phase: Phase, kept: Limits) -> None:
         points = np.array(curve)
         k = -np.diff(points[:, 1]) / np.diff(points[:, 0])
         c = points[1:, 1] + k * points[1:, 0]
-        tau, v = phase[f"tau_m[{motor.name}]"] / left, phase[f"v_m[{motor.name}]"]
+        tau = phase[f"tau_m[{motor.name}]"] / left
+        v = phase[f"v_m[{motor.name}]"]
         rows = [s * tau + t * ca.DM(k) * v for s in (1, -1) for t in (1, -1)]
         phase.subject_to(
             ca.vertcat(*rows), -np.inf, np.tile(c, 4), name=f"torque of {motor.name} at its speed"
@@ -92,9 +97,11 @@ def _bound_rates(phase: Phase, rate: np.ndarray, given: bool) -> None:
     """Rates of the torques, at both ends of each interval."""
     if phase.number and given:
         raise ArgumentError(
-            "then: given in a problem with torque_rate, expected one phase: between two the torque jumps"
+            "then: given in a problem with torque_rate, expected one phase: between two the "
+            "torque jumps"
         )
-    mesh, finite = phase.mesh, np.isfinite(rate)
+    mesh = phase.mesh
+    finite = np.isfinite(rate)
     phase.continuous_torque()
     powers = np.linalg.inv(np.vander(mesh.table.c, increasing=True))  # of the Lagrange polynomials
     slopes = (
@@ -113,12 +120,13 @@ def _bound_rates(phase: Phase, rate: np.ndarray, given: bool) -> None:
 
 
 def _bound_gears(phase: Phase, most: np.ndarray) -> None:
-    """Torques of the gears, arm side; ArgumentError for a rigid one whose motor turns with other bodies."""
-    equations, model = phase.equations, phase.equations.model
-    names, rigid = (
-        [model.coordinates[i].name for i in model.i_g],
-        [gear.rigid for gear, _ in gears(model)],
-    )
+    """Torques of the gears, arm side; ArgumentError for a rigid one whose motor turns with other
+    bodies.
+    """
+    equations = phase.equations
+    model = phase.equations.model
+    names = [model.coordinates[i].name for i in model.i_g]
+    rigid = [gear.rigid for gear, _ in gears(model)]
     elastic = equations.function("gear_torque")(
         phase["q_a"], phase["v_a"], phase["q_m"], phase["v_m"]
     )
@@ -127,7 +135,8 @@ def _bound_gears(phase: Phase, most: np.ndarray) -> None:
         if rigid[k]:
             if model.motor_coupling != "simplified":
                 raise ArgumentError(
-                    f"limits: given gear_torque of the rigid gear {names[k]}, expected tau_m bounds"
+                    f"limits: given gear_torque of the rigid gear {names[k]}, expected tau_m "
+                    "bounds"
                 )
             inertia = ca.DM([motor.inertia for motor in model.motors])
             through = (
@@ -150,10 +159,8 @@ def _bound_tool(phase: Phase, kept: Limits) -> None:
         )
     if kept.tool_acceleration is not None:
         q, v, a = (phase[name] for name in ("q_a", "v_a", "a_a"))
-        J, dJ = (
-            phase.equations.function("jacobian")(q),
-            phase.equations.function("jacobian_dot")(q, v),
-        )
+        J = phase.equations.function("jacobian")(q)
+        dJ = phase.equations.function("jacobian_dot")(q, v)
         x = (ca.mtimes(J, a) + ca.mtimes(dJ, v))[:3]
         phase.subject_to(
             ca.sumsqr(x) / kept.tool_acceleration**2, -np.inf, 1.0, name="acceleration of the tool"

@@ -24,12 +24,16 @@ def general_part(
     function = ca.Function("general", symbols, out)
 
     def general(x: ca.MX) -> tuple[ca.MX, ca.MX]:
-        arguments, start = [], ca.MX(0)
+        arguments = []
+        start = ca.MX(0)
         for number, phase in enumerate(layout.phases):
-            mesh, first, T = phase.mesh, layout.first[number], x[int(layout.theta[number])]
+            mesh = phase.mesh
+            first = layout.first[number]
+            T = x[int(layout.theta[number])]
             states = ca.reshape(x[first : first + mesh.n_nodes], 2 * mesh.n, mesh.N + 1)
             inner = ca.reshape(x[first + mesh.n_nodes : first + mesh.size], mesh.n_inner, mesh.N)
-            cut, width = mesh.s * mesh.n, mesh.s * mesh.n_w
+            cut = mesh.s * mesh.n
+            width = mesh.s * mesh.n_w
             arguments += [states[: mesh.n, :], states[mesh.n :, :]]
             arguments.append(ca.reshape(inner[:cut, :], mesh.n, mesh.N * mesh.s))
             arguments.append(ca.reshape(inner[cut : cut + width, :], mesh.n_w, mesh.N * mesh.s))

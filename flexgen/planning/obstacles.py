@@ -41,7 +41,8 @@ class Sphere:
 @checked_class
 @dataclass(frozen=True)
 class HalfSpace:
-    """A wall: the arm stays where ``normal . p >= offset``; ``normal`` (3,) is normalized, ``offset`` [m].
+    """A wall: the arm stays where ``normal . p >= offset``; ``normal`` (3,) is normalized,
+    ``offset`` [m].
 
     Examples
     --------
@@ -57,7 +58,8 @@ class HalfSpace:
         _check_vector("normal", self.normal)
         if not np.linalg.norm(self.normal) > 0 or not is_number(self.offset):
             raise ArgumentError(
-                f"normal: given {self.normal!r}, {self.offset!r}, expected a direction and a length"
+                f"normal: given {self.normal!r}, {self.offset!r}, expected a direction and a "
+                "length"
             )
 
 
@@ -105,7 +107,8 @@ def distance_rows(
 ) -> ca.SX:
     """Rows (k,) that are >= 0 where the points of the arm are out of the obstacle.
 
-    For a sphere ``(|p - c|^2 - r^2) / (2 r)``, which is smooth everywhere; near the surface it is the distance [m].
+    For a sphere ``(|p - c|^2 - r^2) / (2 r)``, which is smooth everywhere; near the surface it is
+    the distance [m].
     """
     if not isinstance(obstacle, Sphere | HalfSpace):
         raise ArgumentError(f"obstacle: given {obstacle!r}, expected a Sphere or a HalfSpace")

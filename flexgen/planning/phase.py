@@ -26,9 +26,11 @@ Expression = Any  # a casadi SX or MX
 
 @dataclass
 class Rows:
-    """Rows of constraints at instants: ``value`` (k,) between ``lower`` and ``upper``, with a name.
+    """Rows of constraints at instants: ``value`` (k,) between ``lower`` and ``upper``, with a
+    name.
 
-    ``slack``: by how much they may be exceeded between the collocation points; None: see `flexgen.planning.result`.
+    ``slack``: by how much they may be exceeded between the collocation points; None: see
+    `flexgen.planning.result`.
     """
 
     name: str
@@ -60,7 +62,9 @@ class Nodal:
 
 @dataclass
 class Content:
-    """Statements of the user: by place ``"path"``, ``"start"``, ``"end"``, and in the expressions of the nodes."""
+    """Statements of the user: by place ``"path"``, ``"start"``, ``"end"``, and in the expressions
+    of the nodes.
+    """
 
     rows: dict[str, list[Rows]] = field(default_factory=lambda: {where: [] for where in WHERE})
     costs: dict[str, list[ca.SX]] = field(default_factory=lambda: {where: [] for where in WHERE})
@@ -73,7 +77,8 @@ class Content:
 class Phase:
     """A part of a planned motion with a mesh and a duration of its own.
 
-    ``phase["tau_m"]`` is a signal at any instant, ``phase.nodes("tau_m")`` holds a signal at all nodes.
+    ``phase["tau_m"]`` is a signal at any instant, ``phase.nodes("tau_m")`` holds a signal at all
+    nodes.
 
     Attributes
     ----------
@@ -109,7 +114,9 @@ class Phase:
         with_path: bool,
     ) -> None:
         suffix = f"_{number}" if number else ""
-        self.equations, self.mesh, self.number = equations, mesh, number
+        self.equations = equations
+        self.mesh = mesh
+        self.number = number
         self.signals = Signals(equations, with_path=with_path, tracked=tracked, name=suffix)
         self.duration = ca.SX.sym(f"T{suffix}")
         self.given_duration = float(duration)
@@ -121,7 +128,8 @@ class Phase:
         self.y_end: np.ndarray | None = None
         self.torque_continuous = False
         self.push: PlanForce | None = None  # on the tool
-        n_m, count = equations.model.n_m, mesh.N + 1
+        n_m = equations.model.n_m
+        count = mesh.N + 1
         self._nodes = [ca.MX.sym(f"{x}{suffix}", mesh.n, count) for x in ("y", "dy")]
         self._stages = [ca.MX.sym(f"ddy{suffix}", mesh.n, mesh.N * mesh.s)]
         self._stages.append(ca.MX.sym(f"tau{suffix}", n_m, mesh.N * mesh.s))
@@ -130,9 +138,11 @@ class Phase:
 
     def __repr__(self) -> str:
         of = f"{self.equations.model.title}, number {self.number}"
-        return f"<{type(self).__name__} {of}: {self.given_duration:.4g} s, {self.mesh.N} intervals>"
+        return (
+            f"<{type(self).__name__} {of}: {self.given_duration:.4g} s, {self.mesh.N} intervals>"
+        )
 
-    # --- what the user reads ----------------------------------------------------------------------------------------
+    # --- what the user reads ---------------------------------------------------------------------
     def __getitem__(self, name: str) -> ca.SX:
         """A signal at any instant of the phase by name; ``"tau_m[m1]"`` is one entry."""
         return self.signals[name]
@@ -143,26 +153,33 @@ class Phase:
 
     @property
     def reference(self) -> ca.SX:
-        """Target of the output: its positions, and for a pose the columns of its rotation matrix after them."""
+        """Target of the output: its positions, and for a pose the columns of its rotation matrix
+        after them.
+        """
         if not self.signals.reference.numel():
             raise ArgumentError(
-                "reference: there is none where the path parameter is free; use problem.follow(tolerance=...)"
+                "reference: there is none where the path parameter is free; use "
+                "problem.follow(tolerance=...)"
             )
         return self.signals.reference
 
     @property
     def node_symbols(self) -> list[ca.MX]:
-        """Symbols of the expressions of the nodes: states, accelerations and torques, duration, start."""
+        """Symbols of the expressions of the nodes: states, accelerations and torques, duration,
+        start.
+        """
         return [*self._nodes, *self._stages, self._duration_mx, self._start_mx]
 
     def nodes(self, name: str) -> ca.MX:
-        """A signal at all nodes (k, N + 1), for costs and constraints that connect several instants.
+        """A signal at all nodes (k, N + 1), for costs and constraints that connect several
+        instants.
 
         Accelerations and torques are at the collocation points instead, (k, N s).
         """
         signals = self.signals
         signal, entries = signals.find(name)
-        value, tau = ca.densify(signal.value[entries]), signals.tau
+        value = ca.densify(signal.value[entries])
+        tau = signals.tau
         if ca.depends_on(value, signals.reference):
             raise ArgumentError(
                 f"nodes: given {name!r}, expected a signal of the robot or the time"
@@ -183,15 +200,16 @@ class Phase:
             self._nodes[0], self._nodes[1] / self._duration_mx, times
         )
 
-    # --- what the user states ---------------------------------------------------------------------------------------
+    # --- what the user states --------------------------------------------------------------------
     def add_cost(self, cost: Expression, at: str = "path") -> None:
         """Add a term to the cost.
 
         Parameters
         ----------
         cost : SX or MX
-            Of the signals of an instant (SX): its integral over time is minimized; with ``at`` its value at the start
-            or the end of the phase. Of the expressions of the nodes (MX): a number.
+            Of the signals of an instant (SX): its integral over time is minimized; with ``at`` its
+            value at the start or the end of the phase. Of the expressions of the nodes (MX): a
+            number.
         at : str
             ``"path"``, ``"start"`` or ``"end"``.
         """
@@ -206,7 +224,9 @@ class Phase:
         self.content.costs[_place(at)].append(value)
 
     def add_squares(self, residual: Expression, weight: float = 1.0) -> None:
-        """Add ``weight`` times the integral of the sum of the squares of ``residual``, with a Gauss-Newton Hessian."""
+        """Add ``weight`` times the integral of the sum of the squares of ``residual``, with a
+        Gauss-Newton Hessian.
+        """
         check_not_negative("weight", weight)
         value = ca.vec(_expression(residual, "residual"))
         self._check_symbols(value, "residual")
@@ -222,12 +242,14 @@ class Phase:
         name: str | None = None,
         slack: float | None = None,
     ) -> None:
-        """Add a constraint: a comparison such as ``problem["v_m"] <= 10``, or an expression with bounds.
+        """Add a constraint: a comparison such as ``problem["v_m"] <= 10``, or an expression with
+        bounds.
 
         Parameters
         ----------
         expression : SX or MX
-            Of the signals of an instant, or of the expressions of the nodes; the latter hold at the nodes only.
+            Of the signals of an instant, or of the expressions of the nodes; the latter hold at
+            the nodes only.
         lower, upper : float or array, optional
             Without them the expression has to be a comparison.
         at : str
@@ -235,8 +257,8 @@ class Phase:
         name : str, optional
             For messages.
         slack : float, optional
-            By how much it may be violated between the collocation points; default: 1 % of its bounds or 0.1 % of its
-            range.
+            By how much it may be violated between the collocation points; default: 1 % of its
+            bounds or 0.1 % of its range.
         """
         if slack is not None:
             check_not_negative("slack", slack)
@@ -261,8 +283,9 @@ class Phase:
     def bound(self, name: str, lower: Any = None, upper: Any = None) -> None:
         """Bound a signal by name at all instants; the last bounds of a name count.
 
-        Bounds of coordinates, speeds and torques hold everywhere: they bound the Bernstein coefficients of the
-        polynomials of each interval. Others hold at collocation points and nodes.
+        Bounds of coordinates, speeds and torques hold everywhere: they bound the Bernstein
+        coefficients of the polynomials of each interval. Others hold at collocation points and
+        nodes.
 
         Parameters
         ----------
@@ -283,7 +306,8 @@ class Phase:
                 raise ArgumentError(f"free_time: given {value!r}, expected a positive time in s")
         if lower > upper:
             raise ArgumentError(
-                f"free_time: given {lower} to {upper} s, expected a lower bound below the upper one"
+                f"free_time: given {lower} to {upper} s, expected a lower bound below the upper "
+                "one"
             )
         self.duration_bounds = (float(lower), float(upper))
         self.given_duration = float(
@@ -304,7 +328,7 @@ class Phase:
         """Let the torque not jump between the intervals of the mesh."""
         self.torque_continuous = True
 
-    # --- checks -----------------------------------------------------------------------------------------------------
+    # --- checks ----------------------------------------------------------------------------------
     def _rest(self, q_a: Sequence[float], what: str) -> np.ndarray:
         from flexgen.mechanics.statics import hold_joints
 
@@ -324,7 +348,8 @@ class Phase:
     def _check_scalar(self, value: Expression) -> None:
         if value.numel() != 1:
             raise ArgumentError(
-                f"cost: given an expression of shape {value.shape}, expected a scalar; ca.sumsqr(x)?"
+                f"cost: given an expression of shape {value.shape}, expected a scalar; "
+                "ca.sumsqr(x)?"
             )
 
     def _check_symbols(self, value: ca.SX, what: str) -> None:
@@ -335,8 +360,8 @@ class Phase:
         ]
         if strange:
             raise ArgumentError(
-                f"{what}: given an expression of {', '.join(strange)}, expected parameters of this problem and signals "
-                f"of this phase: {', '.join(self.signals)}"
+                f"{what}: given an expression of {', '.join(strange)}, expected parameters of "
+                f"this problem and signals of this phase: {', '.join(self.signals)}"
             )
 
     def _check_nodal(self, value: ca.MX, what: str) -> None:
@@ -344,7 +369,8 @@ class Phase:
         strange = [x.name() for x in ca.symvar(value) if hash(x) not in keys]
         if strange:
             raise ArgumentError(
-                f"{what}: given an expression of {', '.join(strange)}, expected nodes(...) of phases of this problem"
+                f"{what}: given an expression of {', '.join(strange)}, expected nodes(...) of "
+                "phases of this problem"
             )
 
 
@@ -384,7 +410,8 @@ def _bounds(lower: Any, upper: Any, count: int, what: str) -> tuple[np.ndarray, 
         out.append(array)
     if (out[0] > out[1]).any():
         raise ArgumentError(
-            f"{what}: given a lower bound above the upper one: {out[0].tolist()}, {out[1].tolist()}"
+            f"{what}: given a lower bound above the upper one: {out[0].tolist()}, "
+            f"{out[1].tolist()}"
         )
     return out[0], out[1]
 
@@ -393,5 +420,6 @@ def check_phase(value: Any) -> None:
     """ArgumentError unless the value is a phase."""
     if not isinstance(value, Phase):
         raise ArgumentError(
-            f"phase: given {show_value(value)}, expected a flexgen.Phase, such as problem.phases[0]"
+            f"phase: given {show_value(value)}, expected a flexgen.Phase, such as "
+            "problem.phases[0]"
         )

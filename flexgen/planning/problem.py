@@ -1,14 +1,16 @@
-"""Optimal control of a robot with costs, constraints and bounds of the user: the transcription as an object.
+"""Optimal control of a robot with costs, constraints and bounds of the user: the transcription as
+an object.
 
     minimize    sum of integrals of costs + costs at the ends
-    subject to  the equations of motion at the collocation points, constraints and bounds of the user
+    subject to  the equations of motion at the collocation points, constraints and bounds of the
+                user
 
-The states are polynomials on the intervals of a mesh: Gauss (3 points, order 6), Radau IIA (3 points, order 5) or
-Hermite-Simpson (Lobatto, order 4). IPOPT solves the sparse program with exact derivatives. The result is simulated
-with an integrator and equations that share no code with it.
+The states are polynomials on the intervals of a mesh: Gauss (3 points, order 6), Radau IIA (3
+points, order 5) or Hermite-Simpson (Lobatto, order 4). IPOPT solves the sparse program with exact
+derivatives. The result is simulated with an integrator and equations that share no code with it.
 
-Source: J. Betts, Practical Methods for Optimal Control and Estimation Using Nonlinear Programming, 2010, ch. 4;
-L. Biegler, Nonlinear Programming, 2010, ch. 10.
+Source: J. Betts, Practical Methods for Optimal Control and Estimation Using Nonlinear Programming,
+2010, ch. 4; L. Biegler, Nonlinear Programming, 2010, ch. 10.
 """
 
 from __future__ import annotations
@@ -68,7 +70,8 @@ TOLERANCE = 1e-9  # of IPOPT, on scaled constraints
 OPTIMALITY = 1e-7  # of the conditions of a minimum, scaled
 ITERATIONS = 500
 # m, and of a ball's radius: deepest contact between the collocation points
-TOUCH, EXCESS = 1e-3, 1e-2
+TOUCH = 1e-3
+EXCESS = 1e-2
 SAME = 1e-9  # rad or m: ends of two phases that are as close are one
 # of the tolerance of a path: left for what the output does between the collocation points
 BETWEEN = 0.1
@@ -78,7 +81,8 @@ BETWEEN = 0.1
 class PlanProblem(Phase):
     """An optimal control problem of a robot; made by `flexgen.plan_problem`.
 
-    The problem is its own first phase: signals, costs, constraints and bounds are those of `Phase`.
+    The problem is its own first phase: signals, costs, constraints and bounds are those of
+    `Phase`.
 
     Attributes
     ----------
@@ -98,19 +102,33 @@ class PlanProblem(Phase):
     """
 
     def __init__(
-        self, equations: Equations, path: Path, mesh: np.ndarray, table: Tableau, timing: str, limits: Limits | None,
-        model_limits: bool, push: PlanForce | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        equations: Equations,
+        path: Path,
+        mesh: np.ndarray,
+        table: Tableau,
+        timing: str,
+        limits: Limits | None,
+        model_limits: bool,
+        push: PlanForce | None = None,
+    ) -> None:
         refuse_hysteresis(equations.model, "plan_problem")
         refuse_harmonics(equations.model, "plan_problem", load=False)
-        self.path, self.timing, self._table = path, timing, table
-        self._limits, self._model_limits = limits, model_limits
+        self.path = path
+        self.timing = timing
+        self._table = table
+        self._limits = limits
+        self._model_limits = model_limits
         self._n = equations.model.dof + (timing == "free")
         with_path = timing == "free"
         super().__init__(
-            equations, Transcription(mesh, table, self._n, equations.model.n_m), path.duration, number=0,
-            tracked=not with_path, with_path=with_path,
-        )  # fmt: skip
+            equations,
+            Transcription(mesh, table, self._n, equations.model.n_m),
+            path.duration,
+            number=0,
+            tracked=not with_path,
+            with_path=with_path,
+        )
         self.push = push
         self.y_start, self.y_end = guesses.ends_of(equations, path, push)
         self.parameters: list[Parameter] = []
@@ -121,23 +139,31 @@ class PlanProblem(Phase):
         self._warm_x = np.zeros(0)
         apply_limits(self, limits, model_limits)
 
-    # --- phases, parameters, path -----------------------------------------------------------------------------------
+    # --- phases, parameters, path ----------------------------------------------------------------
     def then(self, duration: float, mesh: int | float | Sequence[float] = INTERVALS) -> Phase:
         """Add a phase after the last one; the state is continuous, the torque may jump.
 
-        The end of the problem moves to the end of the new phase; `avoid` and `follow` hold there as well.
+        The end of the problem moves to the end of the new phase; `avoid` and `follow` hold there
+        as well.
         """
         check_positive("duration", duration)
         nodes = mesh_nodes(mesh, float(duration))
         transcription = Transcription(nodes, self._table, self._n, self.equations.model.n_m)
         last = self.phases[-1]
         phase = Phase(
-            self.equations, transcription, float(duration), number=len(self.phases), tracked=self.timing != "free",
+            self.equations,
+            transcription,
+            float(duration),
+            number=len(self.phases),
+            tracked=self.timing != "free",
             with_path=self.timing == "free",
-        )  # fmt: skip
-        phase.phases, phase.unknowns = self.phases, self.unknowns
-        phase.y_end, last.y_end = last.y_end, None
-        phase.torque_continuous, phase.push = self.torque_continuous, self.push
+        )
+        phase.phases = self.phases
+        phase.unknowns = self.unknowns
+        phase.y_end = last.y_end
+        last.y_end = None
+        phase.torque_continuous = self.torque_continuous
+        phase.push = self.push
         self.phases.append(phase)
         apply_limits(phase, self._limits, self._model_limits)
         for state in self._everywhere:
@@ -163,7 +189,9 @@ class PlanProblem(Phase):
 
     @property
     def tracks(self) -> bool:
-        """Whether a cost or a constraint depends on the reference, or the path parameter is free."""
+        """Whether a cost or a constraint depends on the reference, or the path parameter is
+        free.
+        """
         if self.timing == "free":
             return True
         for phase in self.phases:
@@ -176,7 +204,9 @@ class PlanProblem(Phase):
 
     @property
     def output_error(self) -> ca.SX:
-        """Output less target (n_y,), of the first phase; of a pose the sine of the angle times the axis comes last."""
+        """Output less target (n_y,), of the first phase; of a pose the sine of the angle times the
+        axis comes last.
+        """
         return self.error_of(self)
 
     @checked_types
@@ -191,7 +221,8 @@ class PlanProblem(Phase):
         return ca.substitute(out.error, symbols, ca.vertcat(phase["q_a"], target))
 
     def follow(self, tolerance: float = ACCURACY) -> None:
-        """Keep the output within ``tolerance`` [m, rad] of the path in all phases, each row by itself.
+        """Keep the output within ``tolerance`` [m, rad] of the path in all phases, each row by
+        itself.
 
         Phases that are added afterwards count as well.
         """
@@ -224,7 +255,8 @@ class PlanProblem(Phase):
             ]
             for k, (obstacle, rows) in enumerate(zip(obstacles, stated, strict=True)):
                 kind = "sphere" if isinstance(obstacle, Sphere) else "half-space"
-                name, slack = obstacle.name or f"{kind} {k + 1}", TOUCH
+                name = obstacle.name or f"{kind} {k + 1}"
+                slack = TOUCH
                 if isinstance(obstacle, Sphere):
                     slack = min(TOUCH, EXCESS * (obstacle.radius + margin))
                 phase.subject_to(rows, 0.0, np.inf, name=name, slack=slack)
@@ -241,9 +273,11 @@ class PlanProblem(Phase):
         self._periodic = True
         self.y_start = self.phases[-1].y_end = None
 
-    # --- solution ---------------------------------------------------------------------------------------------------
+    # --- solution --------------------------------------------------------------------------------
     @reported("plan")
-    @checked_types(own=("guess", "hessian", "accuracy", "max_iterations", "time_limit", "compiled"))
+    @checked_types(
+        own=("guess", "hessian", "accuracy", "max_iterations", "time_limit", "compiled")
+    )
     def solve(
         self,
         *,
@@ -262,12 +296,14 @@ class PlanProblem(Phase):
         Parameters
         ----------
         guess : str, Solution or Trajectory, optional
-            ``"rest"``: a slow motion between the ends; ``"lq"``: the inversion of the move, the default where the path
-            parameter is free.
+            ``"rest"``: a slow motion between the ends; ``"lq"``: the inversion of the move, the
+            default where the path parameter is free.
         warm : bool
-            Start from the last solution of this problem, with its multipliers; sizes must be the same.
+            Start from the last solution of this problem, with its multipliers; sizes must be the
+            same.
         hessian : str
-            ``"exact"``, ``"gauss-newton"`` (no curvature of constraints), ``"auto"``: exact up to 8 degrees of freedom.
+            ``"exact"``, ``"gauss-newton"`` (no curvature of constraints), ``"auto"``: exact up to
+            8 degrees of freedom.
         verify : bool
             Simulate the full model under the planned torque.
         accuracy : float [rad, and m for each meter of reach, at most m]
@@ -283,15 +319,16 @@ class PlanProblem(Phase):
         Returns
         -------
         Solution
-            "solved" where IPOPT converged and the simulation agrees, else "tolerance not met"; ``verdict`` has the
-            largest violated constraint.
+            "solved" where IPOPT converged and the simulation agrees, else "tolerance not met";
+            ``verdict`` has the largest violated constraint.
 
         Raises
         ------
         ArgumentError
             An argument is out of range.
         SolverError
-            A constraint does not hold at rest at an end, or IPOPT ends with numbers that are not finite.
+            A constraint does not hold at rest at an end, or IPOPT ends with numbers that are not
+            finite.
         """
         check_solve(hessian, accuracy, max_iterations, time_limit, compiled)
         began = time.perf_counter(), time.process_time()
@@ -311,7 +348,8 @@ class PlanProblem(Phase):
             if warm:
                 if self._warm is None or len(self._warm.x) != layout.size:
                     raise ArgumentError(
-                        "warm: there is no solution of a problem of this size, expected solve() before"
+                        "warm: there is no solution of a problem of this size, expected solve() "
+                        "before"
                     )
                 start = self._warm_x
             scale = scales(layout, self.parameters, start)
@@ -330,9 +368,11 @@ class PlanProblem(Phase):
             )  # fmt: skip
             x = found.x * scale
             if found.success:
-                self._warm, self._warm_x = found, x
+                self._warm = found
+                self._warm_x = x
             solution = make_solution(self, layout, made, found, x, accuracy, verify, told)
-            wall, cpu = time.perf_counter() - began[0], time.process_time() - began[1]
+            wall = time.perf_counter() - began[0]
+            cpu = time.process_time() - began[1]
             return replace(solution, wall_s=wall, cpu_s=cpu)
 
     @checked_types
@@ -383,15 +423,19 @@ class PlanProblem(Phase):
         return start_of(layout, self.path, ends, guess, self.parameters, free=free, push=self.push)
 
     def _rests(self) -> list[Rest]:
-        """Positions at rest: phase, end, coordinates, and the path parameter at both ends of the problem."""
+        """Positions at rest: phase, end, coordinates, and the path parameter at both ends of the
+        problem.
+        """
         out: list[Rest] = []
-        free, last = self.timing == "free", len(self.phases) - 1
+        free = self.timing == "free"
+        last = len(self.phases) - 1
         for number, phase in enumerate(self.phases):
             before = self.phases[number - 1].y_end if number else None
             if phase.y_start is not None and before is not None:
                 if np.abs(phase.y_start - before).max() > SAME:
                     raise ArgumentError(
-                        f"start_at: given another start of phase {number} than the end of phase {number - 1}; state one"
+                        f"start_at: given another start of phase {number} than the end of phase "
+                        f"{number - 1}; state one"
                     )
             elif phase.y_start is not None:
                 out.append((number, "start", phase.y_start, 0.0 if free and number == 0 else None))
@@ -402,8 +446,11 @@ class PlanProblem(Phase):
     def _bounds(
         self, layout: Layout, scale: np.ndarray, rests: list[Rest]
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Lower and upper bounds of the scaled unknowns: rest at the ends, durations, parameters."""
-        lower, upper = np.full(layout.size, -np.inf), np.full(layout.size, np.inf)
+        """Lower and upper bounds of the scaled unknowns: rest at the ends, durations,
+        parameters.
+        """
+        lower = np.full(layout.size, -np.inf)
+        upper = np.full(layout.size, np.inf)
         for number, where, rest, s in rests:
             y, dy = layout.node(number, 0 if where == "start" else -1).reshape(2, self._n)
             # within the problem the path parameter is free
@@ -441,21 +488,23 @@ def plan_problem(
     ----------
     model : name, path, RobotModel or Equations
     move : str or Move, optional
-        A move of the model file; default: its first. The motion starts and ends at rest in the equilibria at its ends,
-        takes its time, and is otherwise free. See `PlanProblem.start_at`, `end_at`, `free_time`.
+        A move of the model file; default: its first. The motion starts and ends at rest in the
+        equilibria at its ends, takes its time, and is otherwise free. See `PlanProblem.start_at`,
+        `end_at`, `free_time`.
     mesh : int, float or sequence
         Number of intervals, their length [s], or nodes from 0 to 1.
     scheme : str
         ``"gauss3"``, ``"radau"`` or ``"hermite-simpson"``.
     timing : str
-        ``"given"``: ``problem.reference`` is the target of the output by the time law of the move. ``"free"``: the path
-        parameter ``problem["s"]`` from 0 to 1 is an unknown, and `PlanProblem.follow` keeps the output on the path.
+        ``"given"``: ``problem.reference`` is the target of the output by the time law of the move.
+        ``"free"``: the path parameter ``problem["s"]`` from 0 to 1 is an unknown, and
+        `PlanProblem.follow` keeps the output on the path.
     limits : Limits or bool, optional
-        Bounds of all kinds but effective torques; default: those of the model file, and those of its joints. False:
-        none.
+        Bounds of all kinds but effective torques; default: those of the model file, and those of
+        its joints. False: none.
     force : array (3,) or (n, 3), callable or file, optional [N]
-        Of a process on the tool: constant, or with ``timing="free"`` over the place on the path as `flexgen.fastest`
-        takes it.
+        Of a process on the tool: constant, or with ``timing="free"`` over the place on the path as
+        `flexgen.fastest` takes it.
 
     Returns
     -------

@@ -1,4 +1,6 @@
-"""The target of the output along a path, as numbers over time or as a polynomial of the path parameter."""
+"""The target of the output along a path, as numbers over time or as a polynomial of the path
+parameter.
+"""
 
 from __future__ import annotations
 
@@ -19,11 +21,13 @@ CLOSE = 1e-9  # m, or entries of a rotation matrix: largest error of the polynom
 
 
 def path_by_parameter(path: Path) -> tuple[Path, float]:
-    """The same path with the arc length as its time, and its total length; ArgumentError for several segments."""
+    """The same path with the arc length as its time, and its total length; ArgumentError for
+    several segments.
+    """
     if len(path.segments) != 1:
         raise ArgumentError(
-            f"move {path.move.name}: given one of {len(path.segments)} segments, expected a single one; use one phase "
-            "for each segment"
+            f"move {path.move.name}: given one of {len(path.segments)} segments, expected a "
+            "single one; use one phase for each segment"
         )
     segment = path.segments[0]
     length = float(segment.law(np.array([1e9]), 0)[0, 0])
@@ -42,8 +46,8 @@ def targets_at(path: Path, s: np.ndarray) -> np.ndarray:
 def curve(path: Path, s: ca.SX) -> ca.SX:
     """The target (n_t,) of the output as a polynomial of the path parameter.
 
-    Chebyshev polynomials of the least degree in `DEGREES` whose error is below `CLOSE`; linear beyond the ends where
-    the path is a straight line.
+    Chebyshev polynomials of the least degree in `DEGREES` whose error is below `CLOSE`; linear
+    beyond the ends where the path is a straight line.
 
     Raises
     ------
@@ -59,13 +63,15 @@ def curve(path: Path, s: ca.SX) -> ca.SX:
             break
     else:
         raise ArgumentError(
-            f"move {path.move.name}: its curve is not a smooth function of the path parameter, expected one without "
-            "corners; use one phase for each smooth part"
+            f"move {path.move.name}: its curve is not a smooth function of the path parameter, "
+            "expected one without corners; use one phase for each smooth part"
         )
     coefficients[np.abs(coefficients) < 1e-14 * max(1.0, float(np.abs(values).max()))] = 0.0
-    x, rows = 2 * s - 1, []
+    x = 2 * s - 1
+    rows = []
     for column in coefficients.T:
-        low, high = ca.SX(0), ca.SX(0)
+        low = ca.SX(0)
+        high = ca.SX(0)
         for c in column[:0:-1]:  # Clenshaw
             low, high = 2 * x * low - high + float(c), low
         rows.append(x * low - high + float(column[0]))

@@ -39,12 +39,14 @@ ENERGY = 1e-7
 # relative, between the collocation points: largest of a solution that is not simulated
 RESIDUAL = 1e-2
 # of a bound, of the range of what is bounded: largest excess between the points
-EXCESS, RANGE = 1e-2, 1e-3
+EXCESS = 1e-2
+RANGE = 1e-3
 MOVING = 1e-9  # of the largest speed: below it the motion starts at rest
 # of what a row changes by where the unknowns change by their scales: a change that does not matter
 SMALL = 1e-6
 # s: distance of the instants at which a solution is checked; most on an interval
-CLOSE, MOST = 1e-3, 1000
+CLOSE = 1e-3
+MOST = 1000
 FAR = 1.5  # times the accuracy: a larger distance from the reference is stated as a status
 
 
@@ -73,7 +75,9 @@ class Problem(Protocol):
 
 @dataclass(frozen=True)
 class Samples:
-    """A planned motion at n instants: coordinates and derivatives (n, mesh.n), torques (n, n_m), theta."""
+    """A planned motion at n instants: coordinates and derivatives (n, mesh.n), torques (n, n_m),
+    theta.
+    """
 
     t: np.ndarray
     y: np.ndarray
@@ -85,12 +89,15 @@ class Samples:
 
 def samples(layout: Layout, phase: Phase, x: np.ndarray, places: np.ndarray) -> Samples:
     """The motion of a phase at the relative ``places`` (p,) of each interval."""
-    mesh, number = phase.mesh, phase.number
+    mesh = phase.mesh
+    number = phase.number
     theta = x[layout.theta]
-    T, begin = theta[number], float(theta[:number].sum())
+    T = theta[number]
+    begin = float(theta[:number].sum())
     y, dy, ddy, tau = mesh.unpack(x[layout.first[number] : layout.first[number] + mesh.size])
     once, twice = mesh.table.weights(places)
-    lagrange, h = mesh.table.lagrange(places), mesh.h[:, None, None]
+    lagrange = mesh.table.lagrange(places)
+    h = mesh.h[:, None, None]
     at = (
         y[:-1, None]
         + h * places[:, None] * dy[:-1, None]
@@ -123,16 +130,23 @@ def _all_motors(equations: Equations, part: np.ndarray) -> np.ndarray:
 
 
 def make_solution(
-    problem: Problem, layout: Layout, made: Program, found: NlpResult, x: np.ndarray, accuracy: float,
-    verify: bool, progress: Callable[[str], None] | None,
-) -> Solution:  # fmt: skip
+    problem: Problem,
+    layout: Layout,
+    made: Program,
+    found: NlpResult,
+    x: np.ndarray,
+    accuracy: float,
+    verify: bool,
+    progress: Callable[[str], None] | None,
+) -> Solution:
     """The solution of a problem, simulated where IPOPT converged; its times are zero."""
     if not np.isfinite(x).all():
         worst = describe_worst(made, found, x, layout)
         raise SolverError(
             f"plan: IPOPT ended with {found.status!r} and numbers that are not finite; {worst}"
         )
-    equations, phases = problem.equations, layout.phases
+    equations = problem.equations
+    phases = layout.phases
     places = np.arange(SAMPLES) / SAMPLES
     parts = [samples(layout, phase, x, places) for phase in phases]
     last = samples(layout, phases[-1], x, np.ones(1))
@@ -148,16 +162,26 @@ def make_solution(
     )
     total = float(motion.t[-1])
     solution = Solution(
-        model=equations.model, move=replace(problem.path.move, duration=total), method="plan",
+        model=equations.model,
+        move=replace(problem.path.move, duration=total),
+        method="plan",
         status=Status.SOLVED if found.success else Status.TOLERANCE_NOT_MET,
-        verdict=found.status if found.success else f"{found.status}; {describe_worst(made, found, x, layout)}",
-        trajectory=trajectory, residual_max_Nm=float(residual.max()),
-        residual_relative=relative_residual(equations, trajectory, residual), iterations=found.iterations, wall_s=0.0,
-        cpu_s=0.0, preactuation_s=0.0, simulation=None,
+        verdict=found.status
+        if found.success
+        else f"{found.status}; {describe_worst(made, found, x, layout)}",
+        trajectory=trajectory,
+        residual_max_Nm=float(residual.max()),
+        residual_relative=relative_residual(equations, trajectory, residual),
+        iterations=found.iterations,
+        wall_s=0.0,
+        cpu_s=0.0,
+        preactuation_s=0.0,
+        simulation=None,
         warnings=limit_warnings(equations.model, trajectory) if problem.keeps_model_limits else (),
-        intervals=sum(phase.mesh.N for phase in phases), torque_command=command,
+        intervals=sum(phase.mesh.N for phase in phases),
+        torque_command=command,
         details=_details(problem, layout, x, found, made),
-    )  # fmt: skip
+    )
     if found.success:
         solution = _check_bounds(problem, layout, made, between, solution)
         solution = _verify(problem, solution, accuracy, verify, tracked, progress)
@@ -172,8 +196,11 @@ def _between(phase: Phase, theta: np.ndarray) -> np.ndarray:
 
 
 def _residual(equations: Equations, at: Samples, push: PlanForce | None) -> np.ndarray:
-    """Largest residual of each equation of motion (dof,) between the collocation points, by the Lagrangian."""
-    n_a, i_m = equations.model.n_a, list(equations.model.i_m)
+    """Largest residual of each equation of motion (dof,) between the collocation points, by the
+    Lagrangian.
+    """
+    n_a = equations.model.n_a
+    i_m = list(equations.model.i_m)
     motion = [
         x for part in (at.y, at.dy, at.ddy) for x in (part[:, :n_a], _all_motors(equations, part))
     ]
@@ -192,19 +219,27 @@ def describe_worst(made: Program, found: NlpResult, x: np.ndarray, layout: Layou
     excess = np.maximum(np.maximum(made.lower - found.g, found.g - made.upper), 0.0)
     k = int(np.argmax(np.where(np.isfinite(excess), excess, np.inf)))
     if excess[k] <= 1e-9:
-        return "all constraints hold, the cost is not at its minimum; raise max_iterations or change the guess"
+        return (
+            "all constraints hold, the cost is not at its minimum; raise max_iterations or "
+            "change the guess"
+        )
     when = ""
     if np.isfinite(made.times[k]).all():
-        number, sigma = int(made.times[k, 0]), made.times[k, 1]
+        number = int(made.times[k, 0])
+        sigma = made.times[k, 1]
         theta = x[layout.theta]
         when = f" at t = {theta[:number].sum() + theta[number] * sigma:.4g} s"
-    return f"the largest violated constraint is {made.names[k]!r}, by {excess[k] / made.scale[k]:.3g}{when}"
+    return (
+        f"the largest violated constraint is {made.names[k]!r}, by "
+        f"{excess[k] / made.scale[k]:.3g}{when}"
+    )
 
 
 def _details(
     problem: Problem, layout: Layout, x: np.ndarray, found: NlpResult, made: Program
 ) -> dict[str, Any]:
-    theta, count = x[layout.theta], len(layout.phases)
+    theta = x[layout.theta]
+    count = len(layout.phases)
     names = [symbol.name().removeprefix("p:") for symbol in layout.parameters]
     return {
         "durations_s": [float(T) for T in theta[:count]],
@@ -218,8 +253,11 @@ def _details(
 
 def _trajectory(problem: Problem, layout: Layout, motion: Samples) -> tuple[Trajectory, bool]:
     """The trajectory, and whether its reference is one that the user tracks."""
-    equations, robot, t = problem.equations, problem.equations.model, motion.t
-    n_a, i_g = robot.n_a, list(robot.i_g)
+    equations = problem.equations
+    robot = problem.equations.model
+    t = motion.t
+    n_a = robot.n_a
+    i_g = list(robot.i_g)
     arm = [part[:, :n_a] for part in (motion.y, motion.dy, motion.ddy)]
     q_m, v_m, a_m = (_all_motors(equations, part) for part in (motion.y, motion.dy, motion.ddy))
     motors = MotorMotion(q_m, v_m, a_m, motion.tau)
@@ -238,11 +276,10 @@ def _trajectory(problem: Problem, layout: Layout, motion: Samples) -> tuple[Traj
             if target.shape[1] == 12
             else R
         )
-    names_a, names_m = tuple(c.name for c in robot.coordinates), tuple(m.name for m in robot.motors)
-    of_a, of_g = (
-        tuple(c.unit for c in robot.coordinates),
-        tuple(robot.coordinates[i].unit for i in i_g),
-    )
+    names_a = tuple(c.name for c in robot.coordinates)
+    names_m = tuple(m.name for m in robot.motors)
+    of_a = tuple(c.unit for c in robot.coordinates)
+    of_g = tuple(robot.coordinates[i].unit for i in i_g)
     labels = output_labels(robot)
     rows: list[tuple[str, np.ndarray, tuple[str, ...], str, tuple[str, ...]]] = [
         (f"{x}_a", value, tuple(u + end for u in of_a), "arm coordinates, planned", names_a)
@@ -255,7 +292,9 @@ def _trajectory(problem: Problem, layout: Layout, motion: Samples) -> tuple[Traj
         )
     ]
     force = tuple("N m" if u == "rad" else "N" for u in of_g)
-    rows.append(("tau_m", motors.tau_m, ("N m",) * robot.n_m, "motor torques, motor side", names_m))
+    rows.append(
+        ("tau_m", motors.tau_m, ("N m",) * robot.n_m, "motor torques, motor side", names_m)
+    )
     rows.append(("tau_g", tau_g, force, "gear torques, arm side", tuple(names_a[i] for i in i_g)))
     rows.append(("y_ref", y, output_units(robot), "reference output", labels["y_ref"]))
     if "R_ref" in labels:
@@ -282,15 +321,23 @@ def _trajectory(problem: Problem, layout: Layout, motion: Samples) -> tuple[Traj
     }
     torque = {"torque": "limited", POLYNOMIALS: layout.phases[0].mesh.s - 1}
     return Trajectory(
-        t, {name: value for name, value, *_ in rows},
-        {name: Port(name, (value.shape[1],), common_unit(units[name]), doc) for name, value, _, doc, _ in rows},
-        {name: label for name, *_, label in rows}, {**meta, **torque}, units,
-    ), tracked  # fmt: skip
+        t,
+        {name: value for name, value, *_ in rows},
+        {
+            name: Port(name, (value.shape[1],), common_unit(units[name]), doc)
+            for name, value, _, doc, _ in rows
+        },
+        {name: label for name, *_, label in rows},
+        {**meta, **torque},
+        units,
+    ), tracked
 
 
 def _targets(problem: Problem, layout: Layout, motion: Samples) -> np.ndarray:
     """Targets of the output by the time law of the move, stretched where a duration is free."""
-    out, begin, theta = [], 0.0, motion.theta
+    out = []
+    begin = 0.0
+    theta = motion.theta
     for phase in layout.phases:
         T = float(theta[phase.number])
         last = phase is layout.phases[-1]
@@ -303,7 +350,9 @@ def _targets(problem: Problem, layout: Layout, motion: Samples) -> np.ndarray:
 def _check_bounds(
     problem: Problem, layout: Layout, made: Program, at: Samples, solution: Solution
 ) -> Solution:
-    """The solution, "tolerance not met" where a constraint is violated between the collocation points."""
+    """The solution, "tolerance not met" where a constraint is violated between the collocation
+    points.
+    """
     begin = 0
     unit: dict[str, float] = {}
     for name, scale in zip(made.names, made.scale, strict=True):
@@ -320,16 +369,26 @@ def _check_bounds(
         begin += count
         if not rows:
             continue
-        symbols = [*phase.signals.symbols, *(p.duration for p in layout.phases), *layout.parameters]
+        symbols = [
+            *phase.signals.symbols,
+            *(p.duration for p in layout.phases),
+            *layout.parameters,
+        ]
         sigma = (phase.mesh.nodes[:-1, None] + phase.mesh.h[:, None] * places).ravel()
         reference = np.zeros((count, phase.signals.reference.numel()))
         if ca.depends_on(ca.veccat(*[row[1] for row in rows]), phase.signals.reference):
             reference = problem.reference_at(phase)(sigma)
         function = ca.Function("bounded", symbols, [ca.densify(value) for _, value, *_ in rows])
         values = evaluate(
-            function, at.y[part], at.dy[part], at.ddy[part], at.tau[part], at.t[part][:, None], reference,
+            function,
+            at.y[part],
+            at.dy[part],
+            at.ddy[part],
+            at.tau[part],
+            at.t[part][:, None],
+            reference,
             *(np.full((count, 1), x) for x in at.theta),
-        )  # fmt: skip
+        )
         for (name, _, low, high, slack), value in zip(rows, values, strict=True):
             value = value.reshape(count, -1)
             allowed = np.full(value.shape[1], slack or 0.0)
@@ -337,19 +396,18 @@ def _check_bounds(
                 bounds = [np.where(np.isfinite(x), np.abs(x), 0.0) for x in (low, high)]
                 extent = np.ptp(value, axis=0)
                 allowed = np.maximum(
-                    EXCESS * np.maximum(*bounds), RANGE * np.where(np.isfinite(extent), extent, 0.0)
+                    EXCESS * np.maximum(*bounds),
+                    RANGE * np.where(np.isfinite(extent), extent, 0.0),
                 )
                 allowed = np.maximum(allowed, SMALL * unit.get(name, 0.0))
-            below, above = (
-                np.where(np.isfinite(low), low - value, -np.inf),
-                np.where(np.isfinite(high), value - high, -np.inf),
-            )
+            below = np.where(np.isfinite(low), low - value, -np.inf)
+            above = np.where(np.isfinite(high), value - high, -np.inf)
             excess = np.maximum(below, above).max(axis=0)
             if not (excess <= allowed).all():  # NaN counts as a violation
                 k = int(np.argmax(excess - allowed))
                 text = (
-                    f"{name!r} is violated by {excess[k]:.3g} between the collocation points; take a finer "
-                    "mesh or a margin"
+                    f"{name!r} is violated by {excess[k]:.3g} between the collocation points; "
+                    "take a finer mesh or a margin"
                 )
                 solution = replace(
                     solution, status=Status.TOLERANCE_NOT_MET, warnings=(*solution.warnings, text)
@@ -358,11 +416,16 @@ def _check_bounds(
 
 
 def _verify(
-    problem: Problem, solution: Solution, accuracy: float, verify: bool, tracked: bool,
+    problem: Problem,
+    solution: Solution,
+    accuracy: float,
+    verify: bool,
+    tracked: bool,
     progress: Callable[[str], None] | None,
-) -> Solution:  # fmt: skip
+) -> Solution:
     """The solution with its simulation, and the status that follows from it."""
-    equations, status = problem.equations, solution.status
+    equations = problem.equations
+    status = solution.status
     if not verify:
         if solution.residual_relative > RESIDUAL:
             status = Status.TOLERANCE_NOT_MET
@@ -381,13 +444,15 @@ def _verify(
     if not (error <= accuracy and simulation.energy_error <= ENERGY):
         status = Status.TOLERANCE_NOT_MET
         text = (
-            f"the simulated output is up to {both_measured(in_m, in_rad)} from the planned one (energy error "
-            f"{simulation.energy_error:.1e}); a finer mesh brings it closer"
+            f"the simulated output is up to {both_measured(in_m, in_rad)} from the planned one "
+            f"(energy error {simulation.energy_error:.1e}); a finer mesh brings it closer"
         )
         solution = replace(solution, warnings=(*solution.warnings, text))
     solution = replace(solution, plan_error_max_m=in_m, plan_error_max_rad=in_rad)
     if tracked:
-        off = max((simulation.tool_error_max_m or 0.0) / size, simulation.tool_error_max_rad or 0.0)
+        off = max(
+            (simulation.tool_error_max_m or 0.0) / size, simulation.tool_error_max_rad or 0.0
+        )
         if status == Status.SOLVED and off > FAR * accuracy:
             status = Status.LIMITS_ACTIVE
         solution = replace(

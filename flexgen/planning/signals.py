@@ -1,8 +1,9 @@
 """Signals of a robot at one instant as CasADi expressions with names.
 
-The symbols of an instant are the coordinates ``y = (q_a, q_me)`` with ``q_me`` the motors behind elastic gears, and,
-where the path parameter is free, ``s`` after them; their velocities and accelerations; the motor torques; the time; the
-durations of the phases and further unknown numbers. All signals are expressions in these symbols, SI units.
+The symbols of an instant are the coordinates ``y = (q_a, q_me)`` with ``q_me`` the motors behind
+elastic gears, and, where the path parameter is free, ``s`` after them; their velocities and
+accelerations; the motor torques; the time; the durations of the phases and further unknown
+numbers. All signals are expressions in these symbols, SI units.
 """
 
 from __future__ import annotations
@@ -50,10 +51,12 @@ class Signals(Mapping[str, ca.SX]):
         self, equations: Equations, *, with_path: bool, tracked: bool, name: str = ""
     ) -> None:
         model = equations.model
-        self.equations, self.with_path = equations, with_path
+        self.equations = equations
+        self.with_path = with_path
         n = model.dof + with_path
         self.y, self.dy, self.ddy = (ca.SX.sym(f"{x}{name}", n) for x in ("y", "dy", "ddy"))
-        self.tau, self.time = ca.SX.sym(f"tau_m{name}", model.n_m), ca.SX.sym(f"t{name}")
+        self.tau = ca.SX.sym(f"tau_m{name}", model.n_m)
+        self.time = ca.SX.sym(f"t{name}")
         n_t = 12 if model.output.type == "tool_pose" else model.output.size
         self.reference = ca.SX.sym(f"reference{name}", n_t if tracked else 0)
         self._signals: dict[str, Signal] = {}
@@ -75,14 +78,18 @@ class Signals(Mapping[str, ca.SX]):
         return self.find(name)[0].value[self.find(name)[1]]
 
     def find(self, name: str) -> tuple[Signal, list[int]]:
-        """The signal of a name and the entries that are meant; ArgumentError for an unknown name."""
+        """The signal of a name and the entries that are meant; ArgumentError for an unknown
+        name.
+        """
         if not isinstance(name, str):
             raise ArgumentError(
                 f"signal: given {name!r}, expected a name, one of {', '.join(self._signals)}"
             )
         base, bracket, label = name.partition("[")
         if base not in self._signals:
-            raise ArgumentError(f"signal: given {name!r}, expected {_suggest(base, self._signals)}")
+            raise ArgumentError(
+                f"signal: given {name!r}, expected {_suggest(base, self._signals)}"
+            )
         signal = self._signals[base]
         if not bracket:
             return signal, list(range(len(signal.labels)))
@@ -101,18 +108,20 @@ class Signals(Mapping[str, ca.SX]):
         return ca.vertcat(*[part[at[j]] if j in at else geared[j] for j in range(model.n_m)])
 
     def _make(self) -> Iterable[Signal]:
-        equations, model, n_a = self.equations, self.equations.model, self.equations.model.n_a
-        names_a, units_a = (
-            tuple(c.name for c in model.coordinates),
-            tuple(c.unit for c in model.coordinates),
-        )
+        equations = self.equations
+        model = self.equations.model
+        n_a = self.equations.model.n_a
+        names_a = tuple(c.name for c in model.coordinates)
+        units_a = tuple(c.unit for c in model.coordinates)
         names_m = tuple(m.name for m in model.motors)
         names_g, names_e = (tuple(names_a[i] for i in part) for part in (model.i_g, model.i_e))
         arm = [part[:n_a] for part in (self.y, self.dy, self.ddy)]
         for name, value, end in zip(("q_a", "v_a", "a_a"), arm, ("", "/s", "/s^2"), strict=True):
             yield Signal(name, value, names_a, tuple(u + end for u in units_a), "arm coordinates")
         motors = [self._motors(part) for part in (self.y, self.dy, self.ddy)]
-        for name, value, end in zip(("q_m", "v_m", "a_m"), motors, ("", "/s", "/s^2"), strict=True):
+        for name, value, end in zip(
+            ("q_m", "v_m", "a_m"), motors, ("", "/s", "/s^2"), strict=True
+        ):
             yield Signal(
                 name, value, names_m, ("rad" + end,) * model.n_m, "motor angles, motor side"
             )
@@ -152,13 +161,19 @@ class Signals(Mapping[str, ca.SX]):
             "of the tool's origin, world axes",
         )
         yield Signal(
-            "tool_turn_rate", v[3:], ("x", "y", "z"), ("rad/s",) * 3, "angular velocity, world axes"
+            "tool_turn_rate",
+            v[3:],
+            ("x", "y", "z"),
+            ("rad/s",) * 3,
+            "angular velocity, world axes",
         )
         y = equations.function("output")(arm[0])
         yield Signal(
             "output", y, output_labels(model)["y_ref"], output_units(model), "declared output"
         )
-        yield Signal("time", self.time, ("time",), ("s",), "time from the start of the first phase")
+        yield Signal(
+            "time", self.time, ("time",), ("s",), "time from the start of the first phase"
+        )
         if self.with_path:
             for name, part in (("s", self.y), ("s_rate", self.dy), ("s_acceleration", self.ddy)):
                 unit = {"s": "1", "s_rate": "1/s"}.get(name, "1/s^2")
@@ -168,13 +183,16 @@ class Signals(Mapping[str, ca.SX]):
 def residual_of(
     equations: Equations, y: ca.SX, dy: ca.SX, ddy: ca.SX, tau: ca.SX, force: ca.SX | None = None
 ) -> ca.SX:
-    """Equations of motion (n,) in the coordinates (q_a, q_me): zero where the torques cause the accelerations.
+    """Equations of motion (n,) in the coordinates (q_a, q_me): zero where the torques cause the
+    accelerations.
 
     ``force`` (6,): on the tool.
 
-    By the recursion where the robot has one, else by the Lagrangian; both are tested against each other.
+    By the recursion where the robot has one, else by the Lagrangian; both are tested against each
+    other.
     """
-    model, n_a = equations.model, equations.model.n_a
+    model = equations.model
+    n_a = equations.model.n_a
     pushed, pushing = (equations, []) if force is None else (equations.pushed, [force])
     full = []
     for part in (y, dy, ddy):
@@ -205,7 +223,9 @@ def residual_of(
 
 
 def motor_frictions(equations: Equations, v_m: ca.SX, tau_g: ca.SX) -> ca.SX:
-    """Friction torques of the motors (n_m,) at their speeds and the torques of the elastic gears, arm side."""
+    """Friction torques of the motors (n_m,) at their speeds and the torques of the elastic gears,
+    arm side.
+    """
     if not loaded_motors(equations.model):
         return equations.function("motor_friction")(v_m)
     carried = ca.mtimes(ca.inv(ca.DM(equations.model.eta)).T, tau_g)
@@ -213,8 +233,13 @@ def motor_frictions(equations: Equations, v_m: ca.SX, tau_g: ca.SX) -> ca.SX:
 
 
 def split_comparison(expression: ca.SX | ca.MX, what: str) -> tuple[ca.SX | ca.MX, list[bool]]:
-    """An expression that shall be <= 0, and which of its entries shall be = 0, from a comparison of expressions."""
-    wrong = f"{what}: given {str(expression)[:60]!r}, expected a comparison such as problem['v_m'] <= 10, or bounds"
+    """An expression that shall be <= 0, and which of its entries shall be = 0, from a comparison
+    of expressions.
+    """
+    wrong = (
+        f"{what}: given {str(expression)[:60]!r}, expected a comparison such as problem['v_m'] "
+        "<= 10, or bounds"
+    )
     if isinstance(expression, ca.MX):
         if not (expression.n_dep() == 2 and any(expression.is_op(op) for op in COMPARED)):
             raise ArgumentError(wrong)
@@ -222,7 +247,8 @@ def split_comparison(expression: ca.SX | ca.MX, what: str) -> tuple[ca.SX | ca.M
         return value, [expression.is_op(ca.OP_EQ)] * value.numel()
     if not isinstance(expression, ca.SX):
         raise ArgumentError(wrong)
-    values, equal = [], []
+    values = []
+    equal = []
     for entry in ca.vertsplit(ca.vec(ca.densify(expression))):
         if not (entry.n_dep() == 2 and any(entry.is_op(op) for op in COMPARED)):
             raise ArgumentError(wrong)

@@ -41,7 +41,8 @@ def start_of(
     free: bool,
     push: PlanForce | None = None,
 ) -> np.ndarray:
-    """The unknowns of a motion; ``free``: the path parameter is one of them; ``push``: on the tool.
+    """The unknowns of a motion; ``free``: the path parameter is one of them; ``push``: on the
+    tool.
 
     Raises
     ------
@@ -63,10 +64,12 @@ def start_of(
         raise ArgumentError(
             f"guess: given {guess!r}, expected 'rest', 'lq', a Solution or a Trajectory"
         )
-    x, begun = [], 0.0
+    x = []
+    begun = 0.0
     ratio = found.duration / sum(phase.given_duration for phase in layout.phases)
     for phase in layout.phases:
-        mesh, T = phase.mesh, phase.given_duration
+        mesh = phase.mesh
+        T = phase.given_duration
         levels = []
         for sigma in (mesh.nodes, mesh.times):
             t = (begun + T * sigma) * ratio
@@ -76,7 +79,8 @@ def start_of(
                 law = path.segments[0].law(np.clip(t * u, 0.0, path.duration), 2)
                 law = law / path.segments[0].law(np.array([1e9]), 0)[0, 0]
                 y, dy, ddy = (
-                    np.column_stack([part, law[:, k] * u**k]) for k, part in enumerate((y, dy, ddy))
+                    np.column_stack([part, law[:, k] * u**k])
+                    for k, part in enumerate((y, dy, ddy))
                 )
             levels.append((y, dy * ratio * T, ddy * (ratio * T) ** 2, tau))
         x.append(mesh.pack(np.hstack([levels[0][0], levels[0][1]]), levels[1][2], levels[1][3]))
@@ -93,10 +97,11 @@ def start_of(
 def check_rest(phase: Phase, y: np.ndarray, where: str, s: float | None = None) -> None:
     """Check the constraints on coordinates and speeds at rest at an end.
 
-    ``y``: the coordinates there; ``s``: the path parameter where it is known. SolverError where a constraint does not
-    hold, ArgumentError where its value is not finite.
+    ``y``: the coordinates there; ``s``: the path parameter where it is known. SolverError where a
+    constraint does not hold, ArgumentError where its value is not finite.
     """
-    signals, content = phase.signals, phase.content
+    signals = phase.signals
+    content = phase.content
     inputs = [part if s is not None else part[: len(y)] for part in (signals.y, signals.dy)]
     stated = [
         (row.name, row.value, row.lower, row.upper)
@@ -119,14 +124,16 @@ def check_rest(phase: Phase, y: np.ndarray, where: str, s: float | None = None) 
         k = int(np.argmax(excess))
         if not excess[k] <= REST * max(1.0, float(np.abs(found).max())):
             raise SolverError(
-                f"plan: {name!r} is violated by {excess[k]:.3g} at the {where}, where the arm is at rest; change the "
-                "constraint or the move"
+                f"plan: {name!r} is violated by {excess[k]:.3g} at the {where}, where the arm "
+                "is at rest; change the constraint or the move"
             )
 
 
 def scales(layout: Layout, parameters: list[Parameter], start: np.ndarray) -> np.ndarray:
     """Sizes of the unknowns."""
-    model, out, torques = layout.phases[0].equations.model, [], []
+    model = layout.phases[0].equations.model
+    out = []
+    torques = []
     ratio = np.abs(model.eta).max(axis=1)[list(model.i_m)]
     for first, phase in zip(layout.first, layout.phases, strict=False):
         torques.append(

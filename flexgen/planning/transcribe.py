@@ -1,7 +1,8 @@
 """From phases to the blocks of a nonlinear program.
 
-Unknowns: for each phase those of `flexgen.numerics.transcription` in relative time sigma = (t - t_0) / T, with the
-motor torques at the collocation points; then the durations T of the phases and the further unknown numbers. With
+Unknowns: for each phase those of `flexgen.numerics.transcription` in relative time sigma = (t -
+t_0) / T, with the motor torques at the collocation points; then the durations T of the phases and
+the further unknown numbers. With
 
     v = dy/dsigma / T,     a = d2y/dsigma2 / T^2
 
@@ -28,7 +29,9 @@ from flexgen.planning.signals import residual_of
 
 @dataclass(frozen=True)
 class Layout:
-    """Indices of the unknowns of all phases: ``first`` of each phase, then ``theta`` (durations, parameters)."""
+    """Indices of the unknowns of all phases: ``first`` of each phase, then ``theta`` (durations,
+    parameters).
+    """
 
     phases: tuple[Phase, ...]
     parameters: tuple[ca.SX, ...]
@@ -63,19 +66,24 @@ class _Instants:
     """Instants of one phase: unknowns z, numbers p, and the signals as expressions of them."""
 
     def __init__(self, layout: Layout, phase: Phase, *, own: bool) -> None:
-        mesh, signals = phase.mesh, phase.signals
-        n, s, n_m = mesh.n, mesh.s, phase.equations.model.n_m
-        self.layout, self.phase, self.own = layout, phase, own
-        n_tau, n_theta = (n_m if own else s * n_m), len(layout.theta)
+        mesh = phase.mesh
+        signals = phase.signals
+        n = mesh.n
+        s = mesh.s
+        n_m = phase.equations.model.n_m
+        self.layout = layout
+        self.phase = phase
+        self.own = own
+        n_tau = n_m if own else s * n_m
+        n_theta = len(layout.theta)
         self.z = ca.SX.sym("z", (2 + s) * n + n_tau + n_theta)
         self.p = ca.SX.sym("p", 4 + 3 * s + signals.reference.numel())
-        row, h, sigma, self.weight = (
-            self.p[: 1 + 3 * s],
-            self.p[1 + 3 * s],
-            self.p[2 + 3 * s],
-            self.p[3 + 3 * s],
-        )
-        z, theta = self.z, self.z[(2 + s) * n + n_tau :]
+        row = self.p[: 1 + 3 * s]
+        h = self.p[1 + 3 * s]
+        sigma = self.p[2 + 3 * s]
+        self.weight = self.p[3 + 3 * s]
+        z = self.z
+        theta = self.z[(2 + s) * n + n_tau :]
         y, dy, ddy = motion_at(z, row, h, n, s)
         tau = z[(2 + s) * n : (2 + s) * n + n_m]
         if not own:
@@ -85,7 +93,8 @@ class _Instants:
             )
         T = theta[phase.number]
         start = ca.sum1(theta[: phase.number]) if phase.number else ca.SX(0)
-        self.T, self.h = T, h
+        self.T = T
+        self.h = h
         made = [y, dy / T, ddy / T**2, tau, start + T * sigma, self.p[4 + 3 * s :]]
         self.symbols = [
             *signals.symbols,
@@ -101,21 +110,32 @@ class _Instants:
         return list(found) if isinstance(found, tuple) else [found]
 
     def places(self, interval: np.ndarray, stage: np.ndarray | None) -> np.ndarray:
-        """Places of z in x for instants in these intervals; ``stage``: whose torque counts, None: all."""
-        mesh, n_m = self.phase.mesh, self.phase.equations.model.n_m
-        first, n, s = self.layout.first[self.phase.number], mesh.n, mesh.s
+        """Places of z in x for instants in these intervals; ``stage``: whose torque counts, None:
+        all.
+        """
+        mesh = self.phase.mesh
+        n_m = self.phase.equations.model.n_m
+        first = self.layout.first[self.phase.number]
+        n = mesh.n
+        s = mesh.s
         inner = (first + mesh.n_nodes + mesh.n_inner * interval)[:, None]
         torque = inner + s * n + (n_m * stage[:, None] if stage is not None else 0)
         width = n_m if self.own else s * n_m
-        return np.hstack([
-            (first + 2 * n * interval)[:, None] + np.arange(2 * n), inner + np.arange(s * n), torque + np.arange(width),
-            np.tile(self.layout.theta, (len(interval), 1)),
-        ])  # fmt: skip
+        return np.hstack(
+            [
+                (first + 2 * n * interval)[:, None] + np.arange(2 * n),
+                inner + np.arange(s * n),
+                torque + np.arange(width),
+                np.tile(self.layout.theta, (len(interval), 1)),
+            ]
+        )
 
     def numbers(
         self, interval: np.ndarray, theta: np.ndarray, weight: np.ndarray, reference: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Values of p (n_p, count) at the relative places ``theta`` of intervals, and the instants (count, 2)."""
+        """Values of p (n_p, count) at the relative places ``theta`` of intervals, and the instants
+        (count, 2).
+        """
         mesh = self.phase.mesh
         known, place = np.unique(theta, return_inverse=True)
         once, twice = mesh.table.weights(known)
@@ -137,7 +157,9 @@ class _Instants:
 
 
 def blocks_of(layout: Layout, phase: Phase, reference: Any, curvature: bool) -> list[Block]:
-    """The blocks of a phase; ``reference``: a function of relative times that gives targets (k, n_t)."""
+    """The blocks of a phase; ``reference``: a function of relative times that gives targets (k,
+    n_t).
+    """
     out = [_motion(layout, phase, reference, curvature)]
     for nodes in (False, True):
         out += _path(layout, phase, reference, curvature, nodes=nodes)
@@ -150,7 +172,9 @@ def blocks_of(layout: Layout, phase: Phase, reference: Any, curvature: bool) -> 
 
 
 def _kind(phase: Phase, band: Band) -> str | None:
-    """``"y"``, ``"dy"``, ``"tau"`` where the signal is linear in those alone, so that it is a polynomial."""
+    """``"y"``, ``"dy"``, ``"tau"`` where the signal is linear in those alone, so that it is a
+    polynomial.
+    """
     signals = phase.signals
     parts = {"y": signals.y, "dy": signals.dy, "tau": signals.tau}
     used = [name for name, part in parts.items() if ca.depends_on(band.value, part)]
@@ -164,12 +188,17 @@ def _kind(phase: Phase, band: Band) -> str | None:
 def _path_rows(
     phase: Phase, *, states_only: bool
 ) -> tuple[list[ca.SX], np.ndarray, np.ndarray, list[str]]:
-    """Rows of constraints and of bounds that are not polynomials; ``states_only``: inequalities in states alone."""
+    """Rows of constraints and of bounds that are not polynomials; ``states_only``: inequalities in
+    states alone.
+    """
     rows = [(row.name, row.value, row.lower, row.upper) for row in phase.content.rows["path"]]
     bands = [band for band in phase.content.bands.values() if _kind(phase, band) is None]
     rows += [(f"bound of {band.name}", band.value, band.lower, band.upper) for band in bands]
     inner = ca.veccat(phase.signals.ddy, phase.signals.tau)
-    values, lower, upper, names = [], [np.zeros(0)], [np.zeros(0)], []
+    values = []
+    lower = [np.zeros(0)]
+    upper = [np.zeros(0)]
+    names = []
     for name, value, low, high in rows:
         if states_only and ca.depends_on(value, inner):
             continue
@@ -185,8 +214,11 @@ def _path_rows(
 
 def _motion(layout: Layout, phase: Phase, reference: Any, curvature: bool) -> Block:
     """Equations of motion and the integral of the cost at the collocation points."""
-    instants, mesh, signals = _Instants(layout, phase, own=True), phase.mesh, phase.signals
-    model, n = phase.equations.model, phase.equations.model.dof
+    instants = _Instants(layout, phase, own=True)
+    mesh = phase.mesh
+    signals = phase.signals
+    model = phase.equations.model
+    n = phase.equations.model.dof
     force = (
         [] if phase.push is None else [phase.push.of(signals.y[n] if signals.with_path else None)]
     )
@@ -200,12 +232,23 @@ def _motion(layout: Layout, phase: Phase, reference: Any, curvature: bool) -> Bl
     interval, stage = np.divmod(np.arange(mesh.N * mesh.s), mesh.s)
     weight = mesh.h[interval] * mesh.table.b[stage]
     p, times = instants.numbers(interval, mesh.table.c[stage], weight, reference(mesh.times))
-    share, zero = instants.weight * instants.T, np.zeros((n, len(interval)))
+    share = instants.weight * instants.T
+    zero = np.zeros((n, len(interval)))
     moving = [c.name for c in model.coordinates] + [model.motors[j].name for j in model.i_m]
     return Block(
-        instants.z, instants.p, instants.places(interval, stage), p, rows, zero, zero,
-        [f"equation of motion of {name}" for name in moving], share * rate, ca.sqrt(share) * squares, times, curvature,
-    )  # fmt: skip
+        instants.z,
+        instants.p,
+        instants.places(interval, stage),
+        p,
+        rows,
+        zero,
+        zero,
+        [f"equation of motion of {name}" for name in moving],
+        share * rate,
+        ca.sqrt(share) * squares,
+        times,
+        curvature,
+    )
 
 
 def _path(
@@ -213,9 +256,11 @@ def _path(
 ) -> list[Block]:
     """Constraints at the collocation points, or inequalities of the states at the other nodes."""
     values, low, high, names = _path_rows(phase, states_only=nodes)
-    mesh, c = phase.mesh, phase.mesh.table.c
+    mesh = phase.mesh
+    c = phase.mesh.table.c
     if nodes:
-        interval, stage = np.r_[np.arange(mesh.N), mesh.N - 1], np.zeros(mesh.N + 1, int)
+        interval = np.r_[np.arange(mesh.N), mesh.N - 1]
+        stage = np.zeros(mesh.N + 1, int)
         place = np.r_[np.zeros(mesh.N), 1.0]
         known = (
             [False if k else c[0] == 0.0 for k in range(mesh.N + 1)]
@@ -229,10 +274,13 @@ def _path(
         # the end of an interval is the start of the next one
         known = list((place == 0.0) & (interval > 0) & phase.torque_continuous)
     kept = ~np.array(known)
-    interval, stage, place = interval[kept], stage[kept], place[kept]
+    interval = interval[kept]
+    stage = stage[kept]
+    place = place[kept]
     if not values or not len(interval):
         return []
-    instants, count = _Instants(layout, phase, own=True), len(interval)
+    instants = _Instants(layout, phase, own=True)
+    count = len(interval)
     sigma = mesh.nodes[interval] + place * mesh.h[interval]
     p, times = instants.numbers(interval, place, np.zeros(count), reference(sigma))
     rows = instants.of([ca.vertcat(*values)])[0]
@@ -259,7 +307,8 @@ def _path(
 
 def _end(layout: Layout, phase: Phase, where: str, reference: Any, curvature: bool) -> Block:
     """Constraints and costs at the start or the end of a phase."""
-    instants, mesh = _Instants(layout, phase, own=False), phase.mesh
+    instants = _Instants(layout, phase, own=False)
+    mesh = phase.mesh
     interval, theta = (
         (np.zeros(1, int), np.zeros(1))
         if where == "start"
@@ -275,25 +324,44 @@ def _end(layout: Layout, phase: Phase, where: str, reference: Any, curvature: bo
     )
     names = [f"{row.name} at the {where}" for row in stated for _ in range(row.value.numel())]
     return Block(
-        instants.z, instants.p, instants.places(interval, None), p, rows, low[:, None], high[:, None], names, cost,
-        ca.SX(0, 1), sigma, curvature,
-    )  # fmt: skip
+        instants.z,
+        instants.p,
+        instants.places(interval, None),
+        p,
+        rows,
+        low[:, None],
+        high[:, None],
+        names,
+        cost,
+        ca.SX(0, 1),
+        sigma,
+        curvature,
+    )
 
 
 def bernstein(degree: int) -> tuple[np.ndarray, np.ndarray]:
-    """Equidistant places (degree + 1,), and the matrix from values there to Bernstein coefficients."""
+    """Equidistant places (degree + 1,), and the matrix from values there to Bernstein
+    coefficients.
+    """
     theta = np.linspace(0.0, 1.0, degree + 1)
     basis = [
-        [comb(degree, i) * x**i * (1 - x) ** (degree - i) for i in range(degree + 1)] for x in theta
+        [comb(degree, i) * x**i * (1 - x) ** (degree - i) for i in range(degree + 1)]
+        for x in theta
     ]
     return theta, np.linalg.inv(np.array(basis))
 
 
 def _polynomials(layout: Layout, phase: Phase, bands: list[Band]) -> Block | None:
-    """Bounds of Bernstein coefficients: of coordinates, speeds and torques, which are polynomials on each interval."""
-    mesh, table = phase.mesh, phase.mesh.table
+    """Bounds of Bernstein coefficients: of coordinates, speeds and torques, which are polynomials
+    on each interval.
+    """
+    mesh = phase.mesh
+    table = phase.mesh.table
     instants = _Instants(layout, phase, own=False)
-    rows, lower, upper, names = [], [], [], []
+    rows = []
+    lower = []
+    upper = []
+    names = []
     h = ca.SX.sym("h")
     for band in bands:
         kind = _kind(phase, band)
@@ -342,10 +410,15 @@ def _value_at(instants: _Instants, table: Tableau, band: Band, theta: float) -> 
 
 
 def links(layout: Layout, periodic: bool) -> tuple[list[Block], sp.csc_matrix, list[str]]:
-    """Connections: nodes of each phase, its torques, and from phase to phase. Blocks and rows that are zero."""
-    matrices, names, blocks = [], [], []
+    """Connections: nodes of each phase, its torques, and from phase to phase. Blocks and rows that
+    are zero.
+    """
+    matrices = []
+    names = []
+    blocks = []
     for number, phase in enumerate(layout.phases):
-        mesh, first = phase.mesh, layout.first[number]
+        mesh = phase.mesh
+        first = layout.first[number]
         between = mesh.continuity
         matrices.append(_place(between, first, layout.size))
         names += ["continuity of the states"] * between.shape[0]
@@ -361,7 +434,8 @@ def links(layout: Layout, periodic: bool) -> tuple[list[Block], sp.csc_matrix, l
             if before > after or before == after
             else layout.phases[0].mesh.n
         )
-        a, b = layout.node(before, -1), layout.node(after, 0)
+        a = layout.node(before, -1)
+        b = layout.node(after, 0)
         full = layout.phases[0].mesh.n
         what = (
             "periodicity"
@@ -397,14 +471,19 @@ def links(layout: Layout, periodic: bool) -> tuple[list[Block], sp.csc_matrix, l
 
 def _place(matrix: sp.spmatrix, first: int, size: int) -> sp.csc_matrix:
     found = matrix.tocoo()
-    return sp.csc_matrix((found.data, (found.row, found.col + first)), shape=(found.shape[0], size))
+    return sp.csc_matrix(
+        (found.data, (found.row, found.col + first)), shape=(found.shape[0], size)
+    )
 
 
 def _torque_steps(phase: Phase) -> sp.csc_matrix:
     """Torque at the end of an interval less that at the start of the next one."""
-    mesh, n_m = phase.mesh, phase.equations.model.n_m
+    mesh = phase.mesh
+    n_m = phase.equations.model.n_m
     ends = mesh.table.lagrange(np.array([0.0, 1.0]))
-    rows, cols, values = [], [], []
+    rows = []
+    cols = []
+    values = []
     for k in range(mesh.N - 1):
         for j in range(mesh.s):
             for interval, weight in ((k, ends[1, j]), (k + 1, -ends[0, j])):

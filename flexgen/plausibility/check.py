@@ -22,7 +22,8 @@ SLOW = 2.0 * np.pi  # 1/s: slower real poles are friction of the free joints
 
 @checked_types
 def check(model: str | Path | RobotModel | Equations, *, motions: bool = True) -> Check:
-    """Compare the numbers of a model with those of real robots: wrong units, powers of ten, moves beyond limits.
+    """Compare the numbers of a model with those of real robots: wrong units, powers of ten, moves
+    beyond limits.
 
     Parameters
     ----------
@@ -49,7 +50,9 @@ def check(model: str | Path | RobotModel | Equations, *, motions: bool = True) -
 
 
 def implausible_number(model: str | Path | RobotModel | Equations) -> str:
-    """The worst error of a model, as the end of the message of a computation that failed; empty where there is none."""
+    """The worst error of a model, as the end of the message of a computation that failed; empty
+    where there is none.
+    """
     try:
         worst = _compare(
             model if isinstance(model, Equations) else derive(model), motions=False
@@ -71,7 +74,9 @@ def _compare(equations: Equations, motions: bool) -> Check:
         findings.append(
             Finding(ERROR, "home", "equilibrium at home", str(error), "one", advice, 9.0)
         )
-        q_a, none_m, none_g = np.zeros(robot.n_a), np.zeros(robot.n_m), np.zeros(robot.n_g)
+        q_a = np.zeros(robot.n_a)
+        none_m = np.zeros(robot.n_m)
+        none_g = np.zeros(robot.n_g)
         q_a[list(robot.i_g)] = home
         rest = Equilibrium(q_a, none_m, none_m, none_g)
     M = evaluate(equations.function("mass_matrix"), rest.q_a)[0].reshape(robot.n_a, robot.n_a)

@@ -10,13 +10,17 @@ from flexgen.registry import find_function
 from flexgen.results import Result
 from flexgen.type_checks import checked_result
 
-OK, UNUSUAL, ERROR = "ok", "unusual", "error"
+OK = "ok"
+UNUSUAL = "unusual"
+ERROR = "error"
 MARKS = (OK, UNUSUAL, ERROR)
 
 
 @dataclass(frozen=True)
 class Usual:
-    """Usual range from ``low`` to ``high``; a number below ``least`` or above ``most`` is an error. All in one unit."""
+    """Usual range from ``low`` to ``high``; a number below ``least`` or above ``most`` is an
+    error. All in one unit.
+    """
 
     low: float
     high: float
@@ -51,9 +55,10 @@ class Usual:
 class Finding:
     """One number that was checked.
 
-    ``mark``: ``"ok"``, ``"unusual"`` (look at it) or ``"error"`` (no robot has it); ``key``: its place in the model
-    file; ``quantity``, ``value`` and ``usual`` as text with units; ``advice``: what to look at, empty where the mark is
-    ``"ok"``; ``distance``: powers of ten between the value and the usual range.
+    ``mark``: ``"ok"``, ``"unusual"`` (look at it) or ``"error"`` (no robot has it); ``key``: its
+    place in the model file; ``quantity``, ``value`` and ``usual`` as text with units; ``advice``:
+    what to look at, empty where the mark is ``"ok"``; ``distance``: powers of ten between the
+    value and the usual range.
 
     Examples
     --------
@@ -81,7 +86,8 @@ def make_finding(
     """A number as a `Finding`."""
     mark = usual.mark(value)
     unit = f" {unit}" if unit else ""
-    text, expected = f"{value:.4g}{unit}", f"{usual}{unit}"
+    text = f"{value:.4g}{unit}"
+    expected = f"{usual}{unit}"
     return Finding(
         mark, key, quantity, text, expected, advice if mark != OK else "", usual.distance(value)
     )
@@ -90,7 +96,8 @@ def make_finding(
 @checked_result
 @dataclass(frozen=True, repr=False)
 class Check(Result):
-    """The result of `check`: ``model``, its name and variant, and ``findings``, all numbers that were checked.
+    """The result of `check`: ``model``, its name and variant, and ``findings``, all numbers that
+    were checked.
 
     Examples
     --------
@@ -114,7 +121,9 @@ class Check(Result):
 
     @property
     def worst(self) -> Finding | None:
-        """The first error in the file that has the key of the largest error; None without errors."""
+        """The first error in the file that has the key of the largest error; None without
+        errors.
+        """
         return next(
             (f for f in self.findings if f.mark == ERROR and f.key == self.errors[0].key), None
         )

@@ -1,4 +1,6 @@
-"""Checks of the moves of a model: can they be planned, within the ranges and speeds of joints and motors?"""
+"""Checks of the moves of a model: can they be planned, within the ranges and speeds of joints and
+motors?
+"""
 
 from __future__ import annotations
 
@@ -99,7 +101,9 @@ class _Still:
         self.mass_matrix = equations.function("mass_matrix")
 
     def findings(self, key: str, q_g: np.ndarray) -> Iterator[Finding]:
-        """Findings with a worse mark at a pose of the move than before; else that there is none."""
+        """Findings with a worse mark at a pose of the move than before; else that there is
+        none.
+        """
         kind, _, name = key.partition(".")
         robot = self.equations.model
         worst = dict[tuple[str, str], Finding]()
@@ -176,11 +180,13 @@ def _range(robot: RobotModel, key: str, q_g: np.ndarray) -> Finding:
     for k, i in enumerate(robot.i_g):
         joint = robot.coordinates[i]
         assert joint.dof is not None
-        low, high = float(q_g[:, k].min()), float(q_g[:, k].max())
+        low = float(q_g[:, k].min())
+        high = float(q_g[:, k].max())
         for limit, value, side in ((joint.dof.lower, low, -1.0), (joint.dof.upper, high, 1.0)):
             if limit is not None and side * (value - limit) > 1e-9:
                 beyond.append(
-                    f"{joint.name} reaches {value:.4g} {joint.unit}, limit {limit:.4g} {joint.unit}"
+                    f"{joint.name} reaches {value:.4g} {joint.unit}, limit {limit:.4g} "
+                    f"{joint.unit}"
                 )
     if not beyond:
         return Finding(OK, key, "range of the joints", "within the limits", "within the limits")
@@ -192,7 +198,8 @@ def _range(robot: RobotModel, key: str, q_g: np.ndarray) -> Finding:
 
 def _speeds(robot: RobotModel, key: str, v_g: np.ndarray) -> Iterator[Finding]:
     """The fastest joint, and joints and motors beyond their own limits."""
-    fastest, v_m = np.abs(v_g).max(axis=0), np.abs(v_g @ robot.eta.T).max(axis=0)
+    fastest = np.abs(v_g).max(axis=0)
+    v_m = np.abs(v_g @ robot.eta.T).max(axis=0)
     advice = "duration of the move in s, its displacement in m, angles in _deg or _rad"
     for unit, usual in (("rad", MOVE_SPEED), ("m", MOVE_SPEED_TRANSLATION)):
         of_unit = [k for k, i in enumerate(robot.i_g) if robot.coordinates[i].unit == unit]

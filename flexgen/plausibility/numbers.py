@@ -1,9 +1,10 @@
 """Checks of the numbers of a model file: drives, springs, bodies.
 
-The ranges are those of real robots, widened: Manutec r3 (Otter 1995), KUKA KR300 (Weigand et al.) and KR500, an ABB
-arm (Wernholt and Gunnarsson 2006), the four-mass benchmark (Moberg and Oehr 2009). Over them, each spring has a natural
-frequency of 3.2 to 74 Hz with all other coordinates locked and a damping ratio of 0.005 to 0.36, the rotors have 0.12
-to 280 times the inertia of their arm, and gravity deflects a gear by at most 2 mrad.
+The ranges are those of real robots, widened: Manutec r3 (Otter 1995), KUKA KR300 (Weigand et al.)
+and KR500, an ABB arm (Wernholt and Gunnarsson 2006), the four-mass benchmark (Moberg and Oehr
+2009). Over them, each spring has a natural frequency of 3.2 to 74 Hz with all other coordinates
+locked and a damping ratio of 0.005 to 0.36, the rotors have 0.12 to 280 times the inertia of their
+arm, and gravity deflects a gear by at most 2 mrad.
 """
 
 from __future__ import annotations
@@ -89,9 +90,12 @@ def report_still(
     yield from springs(robot, M, rest, where)
 
 
-def _ratio_findings(motor: Motor, joint: Coordinate, ratio: float, arm: float) -> Iterator[Finding]:
+def _ratio_findings(
+    motor: Motor, joint: Coordinate, ratio: float, arm: float
+) -> Iterator[Finding]:
     """Findings for one joint that a motor drives."""
-    translation, size = joint.unit == "m", abs(ratio)
+    translation = joint.unit == "m"
+    size = abs(ratio)
     usual = RATIO_TRANSLATION if translation else RATIO
     unit, kind = ("rad/m", "a translation") if translation else ("rad/rad", "a rotation")
     by_unit = (
@@ -109,7 +113,8 @@ def _ratio_findings(motor: Motor, joint: Coordinate, ratio: float, arm: float) -
     if arm > 0.0:
         worst = "ratio" if usual.distance(size) >= ROTOR.distance(motor.inertia) else "inertia"
         advice = (
-            f"{worst} of the motor (it is on the motor side), or the masses and inertias of the arm"
+            f"{worst} of the motor (it is on the motor side), or the masses and inertias of the "
+            "arm"
         )
         text = f"rotor inertia times ratio^2 to the inertia of the arm at {joint.name}"
         yield make_finding(
@@ -139,7 +144,8 @@ def _friction(motor: Motor) -> Iterator[Finding]:
 
 def _speeds(robot: RobotModel, motor: Motor) -> Iterator[Finding]:
     """Limits of the speeds of a motor and its joints."""
-    key, advice = f"motor.{motor.name}.speed_max", "speed_max in rad/s: 1000 rpm are 105 rad/s"
+    key = f"motor.{motor.name}.speed_max"
+    advice = "speed_max in rad/s: 1000 rpm are 105 rad/s"
     if motor.speed_max:
         yield make_finding(key, "motor speed", motor.speed_max, "rad/s", MOTOR_SPEED, advice)
     for name, ratio in zip(motor.drives, motor.ratio, strict=True):
@@ -169,29 +175,33 @@ def _speeds(robot: RobotModel, motor: Motor) -> Iterator[Finding]:
 def springs(
     robot: RobotModel, M: np.ndarray, rest: Equilibrium, where: str = HOME
 ) -> Iterator[Finding]:
-    """Natural frequency, damping ratio and static deflection of each spring, all other coordinates locked."""
+    """Natural frequency, damping ratio and static deflection of each spring, all other coordinates
+    locked.
+    """
     gear_of = {
         i: (g, *gear) for g, (i, gear) in enumerate(zip(robot.i_g, gears(robot), strict=True))
     }
     for i, joint in enumerate(robot.coordinates):
-        dof, inertia = joint.dof, float(M[i, i])
+        dof = joint.dof
+        inertia = float(M[i, i])
         if dof is None or inertia <= 0.0:
             continue
         if i in gear_of:
             g, gear, side = gear_of[i]
             if gear.spring is None:
                 continue
-            key, spring, damping, factor = (
-                f"{dof_key(joint)}.gear",
-                gear.spring,
-                gear.damping,
-                side**2,
-            )
+            key = f"{dof_key(joint)}.gear"
+            spring = gear.spring
+            damping = gear.damping
+            factor = side**2
             K = stiffness(spring)[0] * factor
             deflection = float(rest.tau_g[g]) / K
         else:
             assert dof.spring is not None
-            key, spring, damping, factor = dof_key(joint), dof.spring, dof.damping, 1.0
+            key = dof_key(joint)
+            spring = dof.spring
+            damping = dof.damping
+            factor = 1.0
             K = stiffness(spring)[0]
             deflection = float(rest.q_a[i])
         if K > 0.0:
@@ -207,7 +217,9 @@ def _spring(
     numbers: tuple[float, float, float, float],
     where: str = HOME,
 ) -> Iterator[Finding]:
-    """Findings for one spring: stiffness, damping and inertia on the arm side, and the deflection under gravity."""
+    """Findings for one spring: stiffness, damping and inertia on the arm side, and the deflection
+    under gravity.
+    """
     K, D, inertia, deflection = numbers
     unit = "N m/rad" if joint.unit == "rad" else "N/m"
     by_degree = (
@@ -215,10 +227,8 @@ def _spring(
         if joint.unit == "rad"
         else ": 1 N/um is 1e6"
     )
-    place, advice = (
-        f"{key}.spring.{name}",
-        f"stiffness in {unit}{by_degree}; side of the gear; masses and inertias",
-    )
+    place = f"{key}.spring.{name}"
+    advice = f"stiffness in {unit}{by_degree}; side of the gear; masses and inertias"
     frequency = math.sqrt(K / inertia) / (2 * math.pi)
     at = "" if where == HOME else f" {where}"
     text = f"lowest mode of the spring{at}"
@@ -231,7 +241,8 @@ def _spring(
     ratio = D / (2.0 * math.sqrt(K * inertia))
     advice = f"damping in {unit.replace('/', ' s/')} on the side of the spring, or the stiffness"
     if D == 0.0:
-        text, ratio_text = "0: no damping", f"damping ratio of the spring{at}"
+        text = "0: no damping"
+        ratio_text = f"damping ratio of the spring{at}"
         yield Finding(UNUSUAL, f"{key}.damping", ratio_text, text, str(DAMPING), advice)
         return
     name = f"damping ratio of the spring{at}" + ", overdamped" * (ratio >= 1.0)
@@ -240,9 +251,11 @@ def _spring(
 
 def sizes(robot: RobotModel) -> Iterator[Finding]:
     """Gravity and the length of the chain, where they are not those of a robot."""
-    gravity, advice = float(np.linalg.norm(robot.gravity)), "gravity in m/s^2: 9.81 on the Earth"
+    gravity = float(np.linalg.norm(robot.gravity))
+    advice = "gravity in m/s^2: 9.81 on the Earth"
     found = [make_finding("gravity", "gravity", gravity, "m/s^2", GRAVITY, advice)]
-    length, advice = _length(robot), "positions of origin, link, com and tool in m: 1 mm is 1e-3"
+    length = _length(robot)
+    advice = "positions of origin, link, com and tool in m: 1 mm is 1e-3"
     if length > 0.0:
         found.append(make_finding("element", "length of the chain", length, "m", LENGTH, advice))
     yield from (finding for finding in found if finding.mark != OK)
@@ -264,7 +277,8 @@ def bodies(robot: RobotModel) -> Iterator[Finding]:
         if trace > 0.0:
             yield from _shape(key, body, trace, length)
         if total > body.mass * (1.0 + 1e-9):
-            share, advice = body.mass / (total - body.mass), "mass in kg: 1 g is 1e-3"
+            share = body.mass / (total - body.mass)
+            advice = "mass in kg: 1 g is 1e-3"
             yield make_finding(
                 f"{key}.mass", "mass to that of all other bodies", share, "", SHARE, advice
             )
@@ -302,14 +316,20 @@ def _length(robot: RobotModel) -> float:
 
 
 def report_overdamped(poles: np.ndarray, slow: float) -> Finding:
-    """The real poles that are faster than ``slow`` [1/s]: modes that do not swing, for information.
+    """The real poles that are faster than ``slow`` [1/s]: modes that do not swing, for
+    information.
 
-    Coulomb friction that is smooth at rest makes some; springs with too much damping have a finding of their own.
+    Coulomb friction that is smooth at rest makes some; springs with too much damping have a
+    finding of their own.
     """
     real = [z.real for z in poles if abs(z.imag) <= 1e-6 * abs(z) and z.real < -slow]
     if not real:
         return Finding(OK, "modes", "overdamped modes", "none", "none, or by friction at rest")
     shown = ", ".join(f"{value:.4g}" for value in real[:6]) + (", ..." if len(real) > 6 else "")
     return Finding(
-        OK, "modes", "overdamped modes (real poles)", f"{shown} 1/s", "none, or by friction at rest"
+        OK,
+        "modes",
+        "overdamped modes (real poles)",
+        f"{shown} 1/s",
+        "none, or by friction at rest",
     )

@@ -17,7 +17,9 @@ from flexgen.plots import canvas as cv
 
 @cv.apply_style
 def zeros_along(model: RobotModel, path: ZeroPath) -> Figure:
-    """Real parts of the zeros over time on logarithmic axes; unstable zeros above, stable zeros below."""
+    """Real parts of the zeros over time on logarithmic axes; unstable zeros above, stable zeros
+    below.
+    """
     finite = np.isfinite(path.zeros)
     size = np.abs(path.zeros)
     real = np.where(finite, path.zeros.real, np.nan)
@@ -29,7 +31,8 @@ def zeros_along(model: RobotModel, path: ZeroPath) -> Figure:
     drawn = [half for half in halves if half[2].any()]
     if not drawn:
         raise ArgumentError(
-            "zeros along the path: given only zeros on the imaginary axis, expected at least one off it"
+            "zeros along the path: given only zeros on the imaginary axis, expected at least "
+            "one off it"
         )
     title = f"{model.title}: zeros along the path"
     figure = cv.new_figure(cv.WIDTH, 0.6 + 2.3 * len(drawn), title)
@@ -60,7 +63,8 @@ def zeros_along(model: RobotModel, path: ZeroPath) -> Figure:
         margin = 0.015 * (path.t[-1] - path.t[0])
         ax.set(xlim=(path.t[0] - margin, path.t[-1] + margin), xlabel="time, s")
         counts = path.unstable if unstable else finite.sum(axis=1) - path.unstable
-        few, many = int(counts.min()), int(counts.max())
+        few = int(counts.min())
+        many = int(counts.max())
         number = f"{few}" if few == many else f"{few} to {many}"
         ax.set_title(f"{name}: {number} of {path.zeros.shape[1]}")
         ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
@@ -73,12 +77,14 @@ def zeros_along(model: RobotModel, path: ZeroPath) -> Figure:
 def errors_of_methods(model: RobotModel, solutions: tuple[Solution, ...]) -> Figure:
     """Simulated tool error over time on a logarithmic axis, one line per method."""
     found = {
-        solution.method: (solution.trajectory.time, error_sizes(solution)) for solution in solutions
+        solution.method: (solution.trajectory.time, error_sizes(solution))
+        for solution in solutions
     }
     units = [u for u in ("m", "rad") if any(u in errors for _, errors in found.values())]
     if not units:
         raise ArgumentError(
-            "errors of methods: given only solutions without verification, expected at least one with it"
+            "errors of methods: given only solutions without verification, expected at least "
+            "one with it"
         )
     one = solutions[0]
     first = min(float(t[0]) for t, _ in found.values())

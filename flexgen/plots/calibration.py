@@ -1,4 +1,6 @@
-"""Plots of a calibration: distributions of the errors, and the compliances that the measurements determine."""
+"""Plots of a calibration: distributions of the errors, and the compliances that the measurements
+determine.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,9 @@ ROOM = 50.0  # factor by which the axis of distances is extended to the left, fo
 
 @cv.apply_style
 def plot_calibration(found: Calibration) -> Figure:
-    """Left: part of the positions within a distance. Right: compliances with 95 % bars, the largest first."""
+    """Left: part of the positions within a distance. Right: compliances with 95 % bars, the
+    largest first.
+    """
     names = [u.name for u in found.unknowns if u.kind == "compliance" and found.determined[u.name]]
     names = sorted(names, key=lambda name: -abs(found.values[name]))[:MOST]
     title = f"{found.nominal.title}: calibration with {len(found.poses)} poses"
@@ -44,7 +48,9 @@ def plot_calibration(found: Calibration) -> Figure:
         place = np.arange(len(names))[::-1]
         values = np.array([found.values[name] for name in names])
         bars = QUANTILE * np.array([found.sd[name] for name in names])
-        right.errorbar(1e6 * values, place, xerr=1e6 * bars, fmt="o", ms=3.5, color=cv.BLUE, lw=1.0)
+        right.errorbar(
+            1e6 * values, place, xerr=1e6 * bars, fmt="o", ms=3.5, color=cv.BLUE, lw=1.0
+        )
         right.axvline(0.0, color=cv.INK, lw=0.7)
         right.set_yticks(place, [name.removesuffix(".compliance") for name in names])
         right.set_xlabel("compliance, urad/(N m), 95 %")

@@ -1,7 +1,8 @@
 """Common parts of all plots: style, colors, axes and files.
 
-Figures are built without pyplot and under their own settings, which are restored afterwards; the figures and the style
-of the caller stay unchanged. Colors: M. Okabe and K. Ito, Color Universal Design, 2008 (for color-blind readers).
+Figures are built without pyplot and under their own settings, which are restored afterwards; the
+figures and the style of the caller stay unchanged. Colors: M. Okabe and K. Ito, Color Universal
+Design, 2008 (for color-blind readers).
 """
 
 from __future__ import annotations
@@ -32,7 +33,9 @@ GREEN: str = "#009E73"
 RED: str = "#D55E00"
 PURPLE: str = "#CC79A7"
 SKY: str = "#56B4E9"
-INK, GREY, PALE = "#222222", "#777777", "#F1F1EE"
+INK = "#222222"
+GREY = "#777777"
+PALE = "#F1F1EE"
 COLORS = (BLUE, RED, GREEN, PURPLE, ORANGE, SKY, INK)
 DASHES = ("-", (0, (5, 1.5)), (0, (1.2, 1.2)))
 WIDTH = 8.6  # inches
@@ -42,18 +45,41 @@ BACKGROUND = {"facecolor": "white", "edgecolor": "none", "pad": 1.0}  # of a tex
 _PREFIXES = ((1.0, 1.0, ""), (1e-3, 1e3, "m"), (1e-7, 1e6, "µ"), (0.0, 1e9, "n"))
 
 _OURS = re.compile(
-    r"(axes|font|grid|hatch|legend|lines|mathtext|patch|path|svg|text|[xy]tick|[xy]axis|scatter|markers)\."
+    r"(axes|font|grid|hatch|legend|lines|mathtext|patch|path|svg|text|[xy]tick|[xy]axis|scatter|"
+    r"markers)\."
 )
 _STYLE = {key: value for key, value in matplotlib.rcParamsDefault.items() if _OURS.match(key)} | {
-    "axes.axisbelow": True, "axes.edgecolor": GREY, "axes.formatter.useoffset": False, "axes.grid": True,
-    "axes.labelcolor": INK, "axes.labelsize": 9, "axes.linewidth": 0.7, "axes.spines.right": False,
-    "axes.spines.top": False, "axes.titlelocation": "left", "axes.titlepad": 5, "axes.titlesize": 9.5,
-    "font.family": ["DejaVu Sans"], "font.size": 9, "grid.color": "#DDDDDD", "grid.linewidth": 0.5,
-    "legend.fontsize": 8.5, "legend.frameon": False, "lines.linewidth": 1.5, "lines.solid_capstyle": "round",
-    "svg.fonttype": "path", "svg.hashsalt": "flexgen", "text.color": INK, "text.parse_math": False,
-    "xtick.color": GREY, "xtick.labelcolor": INK, "xtick.labelsize": 8.5, "ytick.color": GREY,
-    "ytick.labelcolor": INK, "ytick.labelsize": 8.5,
-}  # fmt: skip
+    "axes.axisbelow": True,
+    "axes.edgecolor": GREY,
+    "axes.formatter.useoffset": False,
+    "axes.grid": True,
+    "axes.labelcolor": INK,
+    "axes.labelsize": 9,
+    "axes.linewidth": 0.7,
+    "axes.spines.right": False,
+    "axes.spines.top": False,
+    "axes.titlelocation": "left",
+    "axes.titlepad": 5,
+    "axes.titlesize": 9.5,
+    "font.family": ["DejaVu Sans"],
+    "font.size": 9,
+    "grid.color": "#DDDDDD",
+    "grid.linewidth": 0.5,
+    "legend.fontsize": 8.5,
+    "legend.frameon": False,
+    "lines.linewidth": 1.5,
+    "lines.solid_capstyle": "round",
+    "svg.fonttype": "path",
+    "svg.hashsalt": "flexgen",
+    "text.color": INK,
+    "text.parse_math": False,
+    "xtick.color": GREY,
+    "xtick.labelcolor": INK,
+    "xtick.labelsize": 8.5,
+    "ytick.color": GREY,
+    "ytick.labelcolor": INK,
+    "ytick.labelsize": 8.5,
+}
 
 
 P = ParamSpec("P")
@@ -71,7 +97,7 @@ def apply_style(function: Callable[P, R]) -> Callable[P, R]:
     return run
 
 
-# --- files ------------------------------------------------------------------------------------------------------------
+# --- files ---------------------------------------------------------------------------------------
 
 
 @apply_style
@@ -117,7 +143,7 @@ def save(figure: Figure, path: str | Path, dpi: float = 150.0) -> Path:
     return path
 
 
-# --- helpers ----------------------------------------------------------------------------------------------------------
+# --- helpers -------------------------------------------------------------------------------------
 
 
 def power(x: float, _: Any = None) -> str:
@@ -132,7 +158,9 @@ def power(x: float, _: Any = None) -> str:
 
 
 def log_axis(axis: Any, ticks: int = 6) -> None:
-    """Set labeled ticks of a logarithmic axis that has its limits: powers of ten, more numbers on a short axis."""
+    """Set labeled ticks of a logarithmic axis that has its limits: powers of ten, more numbers on
+    a short axis.
+    """
     low, high = sorted(axis.get_view_interval())
     if high / low < 3:
         axis.set_major_locator(MaxNLocator(5))
@@ -145,7 +173,8 @@ def log_axis(axis: Any, ticks: int = 6) -> None:
 
 
 def choose_prefix(largest: float, unit: str) -> tuple[float, str]:
-    """Factor and prefixed unit for a value: nm below 0.1 µm, µm, mm from 1000 µm on, m; the same for rad.
+    """Factor and prefixed unit for a value: nm below 0.1 µm, µm, mm from 1000 µm on, m; the same
+    for rad.
 
     ``unit`` may be ``"rad or m"``; other units get no prefix.
     """
@@ -169,12 +198,14 @@ def path_end(equations: Equations, trajectory: Trajectory) -> float:
     """Time at which the reference comes to rest [s], read from the trajectory."""
     if "y_ref" not in trajectory.channels:
         return float(trajectory.time[-1])
-    t, y = trajectory.time, trajectory["y_ref"]
+    t = trajectory.time
+    y = trajectory["y_ref"]
     if "R_ref" in trajectory.channels:
         y = np.hstack([y, trajectory["R_ref"]])
     moving = np.abs(y - y[-1]).max(axis=1) > 1e-14 * max(1.0, float(np.abs(y).max()))
     found_end = float(t[min(int(np.flatnonzero(moving).max(initial=0)) + 1, len(t) - 1)])
-    # the last changes of a smooth law are below rounding: use the duration of the move if it is in the model
+    # the last changes of a smooth law are below rounding: use the duration of the move if it is in
+    # the model
     for move in equations.model.moves:
         if (
             move.name == trajectory.meta.get("move")
@@ -185,8 +216,11 @@ def path_end(equations: Equations, trajectory: Trajectory) -> float:
 
 
 def hold(trajectory: Trajectory) -> tuple[np.ndarray, np.ndarray]:
-    """Change of the motor torques from the initial equilibrium (n, n_m), and their range (n_m) [N m]."""
-    t, tau = trajectory.time, trajectory["tau_m"]
+    """Change of the motor torques from the initial equilibrium (n, n_m), and their range (n_m) [N
+    m].
+    """
+    t = trajectory.time
+    tau = trajectory["tau_m"]
     initial = np.median(tau[t <= t[0] / 2], axis=0) if t[0] < 0 else tau[0]
     return np.abs(tau - initial), np.ptp(tau, axis=0)
 
@@ -201,8 +235,11 @@ def begin(trajectory: Trajectory, end: float) -> float:
 
 
 def finish(trajectory: Trajectory, end: float) -> float:
-    """End of plots over time [s]: shortly after the last visible change of torque, and after the path."""
-    t, tau = trajectory.time, trajectory["tau_m"]
+    """End of plots over time [s]: shortly after the last visible change of torque, and after the
+    path.
+    """
+    t = trajectory.time
+    tau = trajectory["tau_m"]
     away = np.abs(tau - tau[-1]) > 1e-3 * np.maximum(np.ptp(tau, axis=0), 1e-12)
     changing = np.flatnonzero(away.any(axis=1))
     last = t[changing[-1]] if len(changing) else end
@@ -210,7 +247,9 @@ def finish(trajectory: Trajectory, end: float) -> float:
 
 
 def longest(end: float) -> float:
-    """Latest end of plots over time [s]: of vibrations that decay for minutes after a short path only the first."""
+    """Latest end of plots over time [s]: of vibrations that decay for minutes after a short path
+    only the first.
+    """
     return (1 + AFTER) * end
 
 
@@ -238,7 +277,9 @@ class NotebookFigure(Figure):
 
 
 def new_figure(width: float, height: float, title: str, layout: bool = True) -> Figure:
-    """An empty white figure with the title on the left; sizes in inches; ``layout``: automatic layout of the axes."""
+    """An empty white figure with the title on the left; sizes in inches; ``layout``: automatic
+    layout of the axes.
+    """
     engine = (
         ConstrainedLayoutEngine(w_pad=0.06, h_pad=0.05, hspace=0.03, wspace=0.03)
         if layout
@@ -247,9 +288,16 @@ def new_figure(width: float, height: float, title: str, layout: bool = True) -> 
     figure = NotebookFigure(figsize=(width, height), layout=engine, facecolor="white")
     FigureCanvasAgg(figure)
     if title:
-        position = {} if layout else {"y": 1 - 0.07 / height}  # y switches the automatic layout off
+        # y switches the automatic layout off
+        position = {} if layout else {"y": 1 - 0.07 / height}
         size = min(11.0, 104.0 * width / len(title))  # smaller for long titles
         figure.suptitle(
-            title, x=0.07 / width, ha="left", va="top", fontsize=size, fontweight="bold", **position
+            title,
+            x=0.07 / width,
+            ha="left",
+            va="top",
+            fontsize=size,
+            fontweight="bold",
+            **position,
         )
     return figure

@@ -18,7 +18,8 @@ PLANES = ((0, 1), (0, 2), (1, 2))
 
 @cv.apply_style
 def compliance_plot(analysis: Analysis) -> Figure:
-    """Displacement of the tool by 1 N in any direction, seen along each axis, and over the frequency [um/N].
+    """Displacement of the tool by 1 N in any direction, seen along each axis, and over the
+    frequency [um/N].
 
     Parameters
     ----------

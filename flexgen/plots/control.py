@@ -1,4 +1,6 @@
-"""Plots of closed loops: errors and torques of all robots, Bode and Nyquist plots, scores of benchmarks."""
+"""Plots of closed loops: errors and torques of all robots, Bode and Nyquist plots, scores of
+benchmarks.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,8 @@ COLORS = (cv.BLUE, cv.RED, cv.GREEN, cv.ORANGE, cv.PURPLE, cv.SKY, cv.GREY)
 
 @cv.apply_style
 def plot_control(run: ControlRun) -> Figure:
-    """Distance of the output from its reference in time, all robots; below it the motor torques of the model.
+    """Distance of the output from its reference in time, all robots; below it the motor torques of
+    the model.
 
     Below them the force of a process, and that of a wall.
     """
@@ -45,7 +48,9 @@ def plot_control(run: ControlRun) -> Figure:
         )
     if len(good) > 1:
         stack = np.array([factor * run.distance(r) for r in good])
-        top.fill_between(time, stack.min(axis=0), stack.max(axis=0), color=cv.SKY, alpha=0.15, lw=0)
+        top.fill_between(
+            time, stack.min(axis=0), stack.max(axis=0), color=cv.SKY, alpha=0.15, lw=0
+        )
     top.set_ylabel(f"output error, {unit}")
     top.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
     for ax in (top, bottom, *last):
@@ -88,7 +93,9 @@ def _plot_contact(ax: Any, run: ControlRun) -> None:
 
 @cv.apply_style
 def plot_loops(run: ControlRun) -> Figure | None:
-    """Largest and smallest loop gain over frequency, and the Nyquist plot; None for a controller that is not linear."""
+    """Largest and smallest loop gain over frequency, and the Nyquist plot; None for a controller
+    that is not linear.
+    """
     loops = run.loops()
     if not loops:
         return None
@@ -96,7 +103,8 @@ def plot_loops(run: ControlRun) -> Figure | None:
     figure = cv.new_figure(cv.WIDTH, 3.8, title)
     bode, nyquist = figure.subplots(1, 2)
     for k, (name, loop) in enumerate(loops.items()):
-        found, color = loop.response(0.1), COLORS[k % len(COLORS)]
+        found = loop.response(0.1)
+        color = COLORS[k % len(COLORS)]
         bode.plot(found.hz, found.gains[:, 0], color=color, label=name)
         if found.gains.shape[1] > 1:
             bode.plot(found.hz, found.gains[:, -1], color=color, ls=cv.DASHES[1], lw=1.0)
@@ -120,7 +128,9 @@ def plot_loops(run: ControlRun) -> Figure | None:
 
 @cv.apply_style
 def plot_score(score: Score) -> Figure:
-    """The nominal run, measures over those of the reference controller, and the scores of all robots."""
+    """The nominal run, measures over those of the reference controller, and the scores of all
+    robots.
+    """
     s = score.scenario
     figure = cv.new_figure(
         cv.WIDTH, 7.4, f"{s.name} version {s.version}: controller {score.controller}"
@@ -171,7 +181,9 @@ def plot_tuning(tuned: TuningResult) -> Figure:
 
 
 def _bars(ax: Any, score: Score) -> None:
-    """Measures of the nominal robot, and the largest of all robots, over those of the reference."""
+    """Measures of the nominal robot, and the largest of all robots, over those of the
+    reference.
+    """
     ratios = (score.values / score.reference[:, None]).mean(axis=0)
     at = np.arange(len(score.measures))
     ax.barh(at, ratios.max(axis=0), color=cv.SKY, alpha=0.6, label="worst robot")
@@ -185,13 +197,17 @@ def _bars(ax: Any, score: Score) -> None:
 
 @cv.apply_style
 def plot_learned(learned: LearningResult) -> Figure:
-    """Largest error of every iteration, errors in time without correction and in the best one, and the correction."""
-    first, best = learned.runs[0], learned.runs[learned.best]
+    """Largest error of every iteration, errors in time without correction and in the best one, and
+    the correction.
+    """
+    first = learned.runs[0]
+    best = learned.runs[learned.best]
     figure = cv.new_figure(
         cv.WIDTH, 6.0, f"{first.model.title}: learning of move {first.solution.move.name}"
     )
     top, middle, bottom = figure.subplots(3, 1, height_ratios=(1.0, 1.2, 1.0))
-    errors, unit = 1e3 * np.array(learned.errors), f"m{learned.unit}"
+    errors = 1e3 * np.array(learned.errors)
+    unit = f"m{learned.unit}"
     top.semilogy(np.arange(len(errors)), errors, "o-", color=cv.BLUE)
     top.plot([learned.best], [errors[learned.best]], "o", color=cv.RED, label="best")
     top.set_xlabel("iteration")

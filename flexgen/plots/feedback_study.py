@@ -8,15 +8,22 @@ from matplotlib.figure import Figure
 from flexgen.laws.study import FAMILIES, FeedbackStudy
 from flexgen.plots import canvas as cv
 
-LARGEST_M, LOUDEST_NM = 0.03, 1e3  # what is shown
+# what is shown
+LARGEST_M = 0.03
+LOUDEST_NM = 1e3
 COLORS = dict(zip(FAMILIES, (cv.GREY, cv.ORANGE, cv.RED, cv.PURPLE, cv.BLUE), strict=True))
 
 
 @cv.apply_style
 def plot_feedback_study(study: FeedbackStudy) -> Figure:
-    """Worst error of the six robots over torque noise of all tunings, a panel for each setting with measured angles."""
+    """Worst error of the six robots over torque noise of all tunings, a panel for each setting
+    with measured angles.
+    """
     settings = [s for s in study.settings if not s.exact] or list(study.settings)
-    title = f"{study.model.title}: worst error of {len(study.plants)} robots, every tuning of each feedback"
+    title = (
+        f"{study.model.title}: worst error of {len(study.plants)} robots, every tuning of each "
+        "feedback"
+    )
     figure = cv.new_figure(cv.WIDTH, 3.8, title)
     panels = figure.subplots(1, len(settings), sharey=True, squeeze=False)[0]
     for ax, setting in zip(panels, settings, strict=True):
@@ -29,7 +36,8 @@ def plot_feedback_study(study: FeedbackStudy) -> Figure:
             if not good:
                 continue
             order = sorted(good, key=lambda t: t.torque_noise_Nm)
-            x, y = [t.torque_noise_Nm for t in order], [1e3 * t.worst_m for t in order]
+            x = [t.torque_noise_Nm for t in order]
+            y = [1e3 * t.worst_m for t in order]
             ax.plot(x, y, "o", color=COLORS[family], ms=4.5, label=family)
             ax.step(x, np.minimum.accumulate(y), where="post", color=COLORS[family], lw=1.2)
         ax.axvline(study.torque_noise_Nm, color=cv.INK, lw=0.8, ls=cv.DASHES[1])

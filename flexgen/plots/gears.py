@@ -13,7 +13,9 @@ MOST = 6000  # points of a loop, at most
 
 @cv.apply_style
 def plot_loops(found: GearFit) -> Figure:
-    """Torque of the hysteresis of each gear over its deflection: of the model, and of the record."""
+    """Torque of the hysteresis of each gear over its deflection: of the model, and of the
+    record.
+    """
     count = len(found.joints)
     columns = min(count, 3)
     rows = -(-count // columns)

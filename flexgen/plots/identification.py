@@ -1,4 +1,6 @@
-"""Plots of an identification: frequency responses with the model, residuals, parameters, correlations."""
+"""Plots of an identification: frequency responses with the model, residuals, parameters,
+correlations.
+"""
 
 from __future__ import annotations
 
@@ -15,14 +17,16 @@ from flexgen.plots import canvas as cv
 
 QUANTILE = 1.96
 # Median and 95 % quantile of the size of a complex Gaussian number whose mean square is 1.
-MEDIAN, HIGH = np.sqrt(np.log(2.0)), np.sqrt(-np.log(0.05))
+MEDIAN = np.sqrt(np.log(2.0))
+HIGH = np.sqrt(-np.log(0.05))
 
 
 @cv.apply_style
 def response_grid(
     data: Frf, identified: IdentificationResult | None = None, pose: int = 0
 ) -> Figure:
-    """Measured responses from each torque to each acceleration with their 95 % bands, and those of the model.
+    """Measured responses from each torque to each acceleration with their 95 % bands, and those of
+    the model.
 
     Parameters
     ----------
@@ -32,7 +36,8 @@ def response_grid(
     pose : int
         From 0.
     """
-    n, rows = len(data.motors), len(data.outputs)
+    n = len(data.motors)
+    rows = len(data.outputs)
     hz = data.w / (2 * np.pi)
     width = max(cv.WIDTH, 1.9 * n)
     title = f"{data.model}: frequency responses at pose {pose + 1} of {len(data.poses)}"
@@ -47,7 +52,8 @@ def response_grid(
         ):
             models.append((label, np.abs(residuals.response(x).G[pose]), style))
     # of the amplitude: half of the complex variance
-    size, sd = np.abs(data.G[pose]), np.sqrt(data.variance[pose] / 2)
+    size = np.abs(data.G[pose])
+    sd = np.sqrt(data.variance[pose] / 2)
     for a in range(rows):
         for b in range(n):
             ax = axes[a, b]
@@ -69,14 +75,13 @@ def response_grid(
             if a == rows - 1:
                 cv.log_axis(ax.xaxis, 4)
     for a in range(rows):  # the scale of a row is that of its largest response
-        top, low = size[:, a].max(), np.percentile(size[:, a], 2)
+        top = size[:, a].max()
+        low = np.percentile(size[:, a], 2)
         axes[a, 0].set_ylim(max(low / 3, top * 1e-5), 2 * top)
         cv.log_axis(axes[a, 0].yaxis, 5)
     figure.supxlabel("frequency, Hz", fontsize=9)
-    of_motors, of_sensors = (
-        "acceleration over torque, rad/(s² N m)",
-        "acceleration, torque or force over torque, SI units",
-    )
+    of_motors = "acceleration over torque, rad/(s² N m)"
+    of_sensors = "acceleration, torque or force over torque, SI units"
     figure.supylabel(of_motors if rows == n else of_sensors, fontsize=9)
     handles, labels = axes[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower right", ncols=3)
@@ -85,15 +90,20 @@ def response_grid(
 
 @cv.apply_style
 def residual_plot(identified: IdentificationResult) -> Figure:
-    """Differences between model and measurement over their standard deviations; noise alone gives the lines drawn."""
+    """Differences between model and measurement over their standard deviations; noise alone gives
+    the lines drawn.
+    """
     data = identified.data
     residuals = Residuals(identified.vector, data, deflection_sd=identified.deflection_sd)
     difference = residuals.response(identified.x).G - data.G
     size = np.abs(difference) / np.sqrt(identified.variance)
     hz = data.w / (2 * np.pi)
-    figure = cv.new_figure(cv.WIDTH, 4.0, f"{data.model}: residuals over their standard deviations")
+    figure = cv.new_figure(
+        cv.WIDTH, 4.0, f"{data.model}: residuals over their standard deviations"
+    )
     ax = figure.add_subplot()
-    n, same = len(data.motors), np.eye(len(data.outputs), len(data.motors), dtype=bool)
+    n = len(data.motors)
+    same = np.eye(len(data.outputs), len(data.motors), dtype=bool)
     sensors = np.zeros_like(same)
     sensors[n:] = True
     for chosen, label, color in (
@@ -104,7 +114,9 @@ def residual_plot(identified: IdentificationResult) -> Figure:
         if chosen.any():
             points = size[:, :, chosen]
             x = np.broadcast_to(hz[None, :, None], points.shape)
-            ax.plot(x.ravel(), points.ravel(), ".", ms=2, color=color, label=label, rasterized=True)
+            ax.plot(
+                x.ravel(), points.ravel(), ".", ms=2, color=color, label=label, rasterized=True
+            )
     ax.axhline(MEDIAN, color=cv.INK, lw=1.0, label="median of noise")
     ax.axhline(HIGH, color=cv.RED, lw=1.0, ls=cv.DASHES[1], label="95 % of noise")
     ax.set_xscale("log")
@@ -119,15 +131,21 @@ def residual_plot(identified: IdentificationResult) -> Figure:
 
 @cv.apply_style
 def parameter_plot(identified: IdentificationResult) -> Figure:
-    """Identified values over those of the model file, with two standard deviations where the result has them."""
-    unknowns = [u for u in identified.vector.unknowns if u.scale == "log" and u.parameter.value > 0]
+    """Identified values over those of the model file, with two standard deviations where the
+    result has them.
+    """
+    unknowns = [
+        u for u in identified.vector.unknowns if u.scale == "log" and u.parameter.value > 0
+    ]
     groups = [g for g in _split([u.name for u in unknowns]) if g]
     rows = [max(len(g), 3) for g in groups]
     height = 0.19 * sum(rows) + 0.7 * len(groups) + 0.5
     figure = cv.new_figure(
         cv.WIDTH, height, f"{identified.vector.model.title}: identified over the model file"
     )
-    axes = figure.subplots(len(groups), 1, squeeze=False, gridspec_kw={"height_ratios": rows})[:, 0]
+    axes = figure.subplots(len(groups), 1, squeeze=False, gridspec_kw={"height_ratios": rows})[
+        :, 0
+    ]
     in_file = {u.name: u.parameter.value for u in unknowns}
     for ax, names in zip(axes, groups, strict=True):
         _draw_parameters(ax, identified, names, in_file)
@@ -149,10 +167,12 @@ def _split(names: list[str]) -> tuple[list[str], list[str]]:
 def _draw_parameters(
     ax: Any, identified: IdentificationResult, names: list[str], in_file: dict[str, float]
 ) -> None:
-    sd, values = identified.sd, identified.values
+    sd = identified.sd
+    values = identified.values
     for k, name in enumerate(names):
         color = cv.GREY if identified.is_weak(name) else cv.BLUE
-        ratio, deviation = values[name] / in_file[name], sd[name]
+        ratio = values[name] / in_file[name]
+        deviation = sd[name]
         if deviation is not None:
             spread = np.exp(2 * min(deviation, 3.0))
             ax.plot([ratio / spread, ratio * spread], [k, k], color=color, lw=2)

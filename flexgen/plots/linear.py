@@ -27,11 +27,13 @@ def _bounds(values: np.ndarray) -> tuple[float, float]:
 def _root_axis(ax: Any, axis: str, values: np.ndarray) -> str:
     """Set scale, limits and ticks of an axis; return the text about the scale for its label."""
     top, low = _bounds(values)
-    set_scale, set_limits = getattr(ax, f"set_{axis}scale"), getattr(ax, f"set_{axis}lim")
+    set_scale = getattr(ax, f"set_{axis}scale")
+    set_limits = getattr(ax, f"set_{axis}lim")
     if top / low < 30:
         set_limits(-1.25 * top, 1.25 * max(float(values.max()), 0.2 * top))
         return ""
-    first, last = int(np.floor(np.log10(low))), int(np.ceil(np.log10(1.3 * top)))
+    first = int(np.floor(np.log10(low)))
+    last = int(np.ceil(np.log10(1.3 * top)))
     set_scale("symlog", linthresh=10.0**first, linscale=0.6)
     right = float(values.max())  # no wider than needed
     set_limits(-2.2 * top, 2.2 * right if right > 10.0**first else 10.0**first)
@@ -76,8 +78,11 @@ def phase_summary(analysis: Analysis) -> str:
 
 
 def falls_under_gravity(analysis: Analysis) -> bool:
-    """Whether the arm falls under gravity with free motors: it has a slow real pole in the right half plane."""
-    poles, top = analysis.poles, float(np.abs(analysis.poles).max(initial=0.0))
+    """Whether the arm falls under gravity with free motors: it has a slow real pole in the right
+    half plane.
+    """
+    poles = analysis.poles
+    top = float(np.abs(analysis.poles).max(initial=0.0))
     slow = (
         (np.abs(poles.imag) <= 1e-9 * top) & (poles.real > 1e-6 * top) & (poles.real < 0.05 * top)
     )
@@ -101,7 +106,9 @@ def pole_zero_map(analysis: Analysis) -> Figure:
 def _draw_roots(figure: Any, analysis: Analysis) -> None:
     """Draw `pole_zero_map` into a figure or a part of one."""
     ax = figure.add_subplot()
-    motor = analysis.zeros_motor if analysis.zeros_motor is not None else np.zeros(0, dtype=complex)
+    motor = (
+        analysis.zeros_motor if analysis.zeros_motor is not None else np.zeros(0, dtype=complex)
+    )
     sets = [analysis.poles, analysis.zeros.zeros, motor]
     roots = np.concatenate(sets)
     drawn = roots[np.abs(roots) <= FAR]
@@ -165,14 +172,17 @@ def _draw_roots(figure: Any, analysis: Analysis) -> None:
 
 
 def elastic_modes(analysis: Analysis) -> list[tuple[float, float]]:
-    """Elastic modes (Hz, damping ratio): those above a hundredth of the fastest; slower ones are due to gravity."""
+    """Elastic modes (Hz, damping ratio): those above a hundredth of the fastest; slower ones are
+    due to gravity.
+    """
     top = max((f for f, _ in analysis.modes), default=0.0)
     return [(f, d) for f, d in analysis.modes if f >= 0.01 * top]
 
 
 @cv.apply_style
 def frequency_response(analysis: Analysis) -> Figure:
-    """Magnitude from each motor's torque to its own acceleration and to the output's acceleration, in dB.
+    """Magnitude from each motor's torque to its own acceleration and to the output's acceleration,
+    in dB.
 
     Parameters
     ----------
@@ -196,7 +206,8 @@ def plot_analysis(analysis: Analysis) -> Figure:
 
 def _draw_response(figure: Any, analysis: Analysis) -> None:
     """Draw `frequency_response` into a figure or a part of one."""
-    model, linear = analysis.model, analysis.linear
+    model = analysis.model
+    linear = analysis.linear
     found = elastic_modes(analysis)
     low, high = (found[0][0] / 8, found[-1][0] * 6) if found else (0.1, 100.0)
     f = np.unique(

@@ -14,7 +14,9 @@ COLORS = (cv.BLUE, cv.ORANGE, cv.GREEN)
 
 @cv.apply_style
 def plot_passivity(found: Passivity) -> Figure:
-    """Smallest damping at the tool over the frequency, a line for each pose; below zero the loop is not passive."""
+    """Smallest damping at the tool over the frequency, a line for each pose; below zero the loop
+    is not passive.
+    """
     words = "passive" if found.passive else f"not passive, first at {found.fails_hz:.3g} Hz"
     figure = cv.new_figure(cv.WIDTH, 3.2, f"{found.model}, {found.controller}: {words}")
     ax = figure.subplots()

@@ -17,8 +17,11 @@ SMALLEST = 1e-12  # m or rad: smaller errors are drawn as this
 
 @cv.apply_style
 def plot_commands(found: PositionCommands) -> Figure:
-    """Commanded joints, what they add to the joints of the arm, and the errors with and without the inverse."""
-    model, move = found.run.model, found.run.solution.move.name
+    """Commanded joints, what they add to the joints of the arm, and the errors with and without
+    the inverse.
+    """
+    model = found.run.model
+    move = found.run.solution.move.name
     figure = cv.new_figure(
         cv.WIDTH, 6.6, f"{model.title}, move {move}: positions to send, {found.status}"
     )

@@ -1,4 +1,6 @@
-"""Pictures of results that have none of their own kind: channels over time, references of paths, rows of arrays."""
+"""Pictures of results that have none of their own kind: channels over time, references of paths,
+rows of arrays.
+"""
 
 from __future__ import annotations
 
@@ -41,10 +43,14 @@ def plot_fastest(fastest: FastestMove) -> Figure:
 
 
 def plot_path(path: Path) -> Figure:
-    """The output y along a path and its first two derivatives dy, ddy in time; of a pose, its position."""
+    """The output y along a path and its first two derivatives dy, ddy in time; of a pose, its
+    position.
+    """
     t = np.linspace(0.0, path.duration, INSTANTS)
-    y, model = path.sample(t).y, path.equations.model
-    units, labels = output_units(model), output_labels(model)["y_ref"]
+    y = path.sample(t).y
+    model = path.equations.model
+    units = output_units(model)
+    labels = output_labels(model)["y_ref"]
     if len(set(units)) == 1:
         unit = f", {units[0]}"
     else:

@@ -1,4 +1,6 @@
-"""Plots of a robot, its solution and its dynamics: matplotlib figures for files, reports and notebooks."""
+"""Plots of a robot, its solution and its dynamics: matplotlib figures for files, reports and
+notebooks.
+"""
 
 from __future__ import annotations
 
@@ -49,7 +51,7 @@ LEGEND = 2.9, 0.19  # inches: width, and height of an entry
 ZERO = 1e-6  # of the largest value of all motors; a smaller signal is drawn as zero
 
 
-# --- over time --------------------------------------------------------------------------------------------------------
+# --- over time -----------------------------------------------------------------------------------
 
 
 def _title(equations: Equations, trajectory: Trajectory, text: str) -> str:
@@ -66,11 +68,14 @@ def _window(
 
 
 def _limits(ax: Any, values: np.ndarray, bound: float | None, largest: float, unit: str) -> None:
-    """Set the limits of the axis of one motor; draw its bound as dashed lines if it is near, else print it.
+    """Set the limits of the axis of one motor; draw its bound as dashed lines if it is near, else
+    print it.
 
-    ``largest``: largest value of all motors; a signal that is zero in comparison gets an axis of that size.
+    ``largest``: largest value of all motors; a signal that is zero in comparison gets an axis of
+    that size.
     """
-    low, high = float(min(values.min(), 0.0)), float(max(values.max(), 0.0))
+    low = float(min(values.min(), 0.0))
+    high = float(max(values.max(), 0.0))
     size = max(-low, high)
     bound = bound if bound is not None and np.isfinite(bound) else None
     near = bound is not None and bound <= 2.5 * size
@@ -78,22 +83,31 @@ def _limits(ax: Any, values: np.ndarray, bound: float | None, largest: float, un
         for sign in (-1, 1):
             if sign * (high if sign > 0 else low) > 0.4 * bound:
                 ax.axhline(sign * bound, color=cv.RED, lw=1.1, ls=(0, (4, 3)), zorder=2)
-                low, high = min(low, sign * bound), max(high, sign * bound)
+                low = min(low, sign * bound)
+                high = max(high, sign * bound)
     if bound is not None:
         text = f"limit ±{bound:.4g} {unit}"
         ax.set_title(text, loc="right", fontsize=8, color=cv.RED if near else cv.GREY)
     if high - low <= ZERO * largest:
-        low, high = -0.1 * largest, 0.1 * largest
+        low = -0.1 * largest
+        high = 0.1 * largest
     margin = 0.09 * (high - low)
     ax.set_ylim(low - margin, high + margin)
 
 
 def _per_motor(
-    figure: Any, equations: Equations, trajectory: Trajectory, channel: str, bounds: Sequence[float | None],
-    window: tuple[float, float, float], label: str,
-) -> None:  # fmt: skip
+    figure: Any,
+    equations: Equations,
+    trajectory: Trajectory,
+    channel: str,
+    bounds: Sequence[float | None],
+    window: tuple[float, float, float],
+    label: str,
+) -> None:
     """One panel per motor: one column for up to three motors, else two."""
-    model, t, values = equations.model, trajectory.time, trajectory[channel]
+    model = equations.model
+    t = trajectory.time
+    values = trajectory[channel]
     columns = 1 if model.n_m <= 3 else 2
     rows = -(-model.n_m // columns)
     axes = figure.subplots(rows, columns, sharex=True, squeeze=False)
@@ -187,14 +201,17 @@ def torques(
     end : float, optional [s]
         End of the path; default: read from the reference.
     analysis : Analysis, optional
-        If it has unstable zeros, one more panel shows the torque before the path and the slope of the slowest zero.
+        If it has unstable zeros, one more panel shows the torque before the path and the slope of
+        the slowest zero.
     limits : sequence of n_m floats, optional [N m]
         Limits to draw; default: those of the model file.
     """
-    model, window = equations.model, _window(equations, trajectory, end)
+    model = equations.model
+    window = _window(equations, trajectory, end)
     early = _acts_early(trajectory, analysis)
     rows = model.n_m if model.n_m <= 3 else -(-model.n_m // 2)
-    height, extra = 0.7 + 1.55 * rows, 2.7 if early else 0.0
+    height = 0.7 + 1.55 * rows
+    extra = 2.7 if early else 0.0
     figure = cv.new_figure(
         cv.WIDTH, height + extra, _title(equations, trajectory, "motor torques, motor side")
     )
@@ -217,7 +234,9 @@ def speeds(
     end: float | None = None,
     limits: Sequence[float] | None = None,
 ) -> Figure:
-    """Motor speeds over time, one panel per motor [rad/s, motor side]; default limits: those of the model file."""
+    """Motor speeds over time, one panel per motor [rad/s, motor side]; default limits: those of
+    the model file.
+    """
     model = equations.model
     rows = model.n_m if model.n_m <= 3 else -(-model.n_m // 2)
     figure = cv.new_figure(
@@ -235,7 +254,9 @@ def speeds(
 def elastic_groups(
     equations: Equations, trajectory: Trajectory
 ) -> list[tuple[str, str, np.ndarray, list[str]]]:
-    """Groups of deflections: title, unit, values (n, k) and names of non-actuated coordinates and of gears."""
+    """Groups of deflections: title, unit, values (n, k) and names of non-actuated coordinates and
+    of gears.
+    """
     model = equations.model
     q = trajectory["q_a"]
     groups = []
@@ -279,14 +300,13 @@ def deflections(
     ArgumentError
         The model has no elastic coordinate or gear.
     """
-    groups, window, t = (
-        elastic_groups(equations, trajectory),
-        _window(equations, trajectory, end),
-        trajectory.time,
-    )
+    groups = elastic_groups(equations, trajectory)
+    window = _window(equations, trajectory, end)
+    t = trajectory.time
     if not groups:
         raise ArgumentError(
-            f"deflections: model {equations.model.name} has only rigid gears and no elastic coordinate, expected one"
+            f"deflections: model {equations.model.name} has only rigid gears and no elastic "
+            "coordinate, expected one"
         )
     figure = cv.new_figure(
         cv.WIDTH, 0.6 + 2.4 * len(groups), _title(equations, trajectory, "elastic deflections")
@@ -343,7 +363,8 @@ def _error_parts(
         raise ArgumentError(
             "errors: given a solution that is not verified, expected one with a simulation"
         )
-    done, output = simulation.trajectory, equations.model.output
+    done = simulation.trajectory
+    output = equations.model.output
     if output.type == "combination":
         names = list(done.labels["error"])
         return [
@@ -374,7 +395,8 @@ def errors(
     ArgumentError
         There is no simulation, or the simulation has no reference.
     """
-    parts, window = _error_parts(equations, simulation), _window(equations, trajectory, end)
+    parts = _error_parts(equations, simulation)
+    window = _window(equations, trajectory, end)
     figure = cv.new_figure(
         cv.WIDTH,
         0.6 + 2.3 * len(parts),
@@ -388,7 +410,7 @@ def errors(
     return figure
 
 
-# --- the robot --------------------------------------------------------------------------------------------------------
+# --- the robot -----------------------------------------------------------------------------------
 
 
 def _outputs(
@@ -399,14 +421,13 @@ def _outputs(
     end: float,
 ) -> None:
     """The output over time, for robots without spatial extent."""
-    model, t = equations.model, trajectory.time
+    model = equations.model
+    t = trajectory.time
     driven = trajectory if simulation is None else simulation.trajectory
     y = evaluate(equations.function("output"), driven["q_a"])[0].reshape(len(t), -1)
     unit = model.output.unit if model.output.type == "combination" else "m"
-    window, name = (
-        _window(equations, trajectory, end),
-        "output" if simulation is None else "output, simulated",
-    )
+    window = _window(equations, trajectory, end)
+    name = "output" if simulation is None else "output, simulated"
     axes = figure.subplots(y.shape[1], 1, squeeze=False)[:, 0]
     for k, ax in enumerate(axes):
         ax.plot(t, y[:, k], color=cv.GREEN, lw=3.2, alpha=0.55, label=name)
@@ -421,7 +442,8 @@ def _outputs(
             )
         cv.time_axis(ax, *window)
         ax.set_ylabel(
-            f"output{'' if len(axes) == 1 else f' {k + 1}'}, {unit if unit != 'mixed' else 'rad or m'}"
+            f"output{'' if len(axes) == 1 else f' {k + 1}'}, "
+            f"{unit if unit != 'mixed' else 'rad or m'}"
         )
     axes[0].legend(loc="upper left", bbox_to_anchor=(0.1, 0.97))
 
@@ -434,10 +456,11 @@ def robot(
     *,
     end: float | None = None,
 ) -> Figure:
-    """The robot at several instants of its path, with its joints, the path of the tool and the reference.
+    """The robot at several instants of its path, with its joints, the path of the tool and the
+    reference.
 
-    Planar robots are drawn in their plane, spatial robots in three views of equal scale. For robots without spatial
-    extent (a row of masses) the output over time is drawn.
+    Planar robots are drawn in their plane, spatial robots in three views of equal scale. For
+    robots without spatial extent (a row of masses) the output over time is drawn.
 
     Parameters
     ----------
@@ -471,10 +494,8 @@ def robot(
     # inches per meter
     scale = min((7.0 if spatial else 5.4) / wide, (7.2 if spatial else 5.2) / high)
     gap = 0.75
-    width, height = (
-        scale * wide + 1.0 + (gap if spatial else 2.7),
-        scale * high + 1.05 + (gap if spatial else 0.0),
-    )
+    width = scale * wide + 1.0 + (gap if spatial else 2.7)
+    height = scale * high + 1.05 + (gap if spatial else 0.0)
     entries = handles(model, drawn)
     height = max(height, 3.2)
     if spatial:  # the legend is below the side view, right of the top view
@@ -486,12 +507,19 @@ def robot(
         corners += [(0.75 + scale * size[right] + gap, corners[0][1])]
         corners += [(0.75, corners[0][1] - gap - scale * size[deep])]
     for view, (x, y), label in zip(drawn.views, corners, ("front", "side", "top"), strict=False):
-        box = (x / width, y / height, scale * size[view[0]] / width, scale * size[view[1]] / height)
+        box = (
+            x / width,
+            y / height,
+            scale * size[view[0]] / width,
+            scale * size[view[1]] / height,
+        )
         draw_view(figure.add_axes(box), model, drawn, view, label if spatial else "")
     if spatial:
-        anchor, where = (corners[1][0] / width, (corners[1][1] - gap) / height), "upper left"
+        anchor = (corners[1][0] / width, (corners[1][1] - gap) / height)
+        where = "upper left"
     else:
-        anchor, where = ((0.9 + scale * wide) / width, 0.5), "center left"
+        anchor = ((0.9 + scale * wide) / width, 0.5)
+        where = "center left"
     figure.legend(handles=entries, loc=where, bbox_to_anchor=anchor)
     return figure
 
@@ -499,7 +527,10 @@ def robot(
 def plot_solution(solution: Solution) -> Figure:
     """The `overview` of a solution, see `flexgen.Solution.plot`."""
     return overview(
-        derive(solution.model), solution.trajectory, solution.simulation, end=solution.move.duration
+        derive(solution.model),
+        solution.trajectory,
+        solution.simulation,
+        end=solution.move.duration,
     )
 
 
@@ -511,7 +542,8 @@ def _visible_early_torque(trajectory: Trajectory) -> bool:
 
 def _before_the_path(ax: Any, equations: Equations, trajectory: Trajectory) -> None:
     """Change of the motor torques from the equilibrium until the path starts."""
-    t, tau = trajectory.time, trajectory["tau_m"]
+    t = trajectory.time
+    tau = trajectory["tau_m"]
     before = t <= 0
     change = tau[before] - tau[0]
     size = np.abs(change).max()
@@ -519,7 +551,9 @@ def _before_the_path(ax: Any, equations: Equations, trajectory: Trajectory) -> N
     for j in range(equations.model.n_m):
         ax.plot(1e3 * t[before], change[:, j], color=cv.COLORS[j % 7], ls=cv.DASHES[j // 7 % 3])
     ax.set_xlim(1.1e3 * first, 0.0)
-    ax.set(xlabel="time, ms", ylabel="change, N m", title="torques before the path starts at t = 0")
+    ax.set(
+        xlabel="time, ms", ylabel="change, N m", title="torques before the path starts at t = 0"
+    )
 
 
 @cv.apply_style
@@ -530,8 +564,11 @@ def overview(
     *,
     end: float | None = None,
 ) -> Figure:
-    """One figure of a solution: the robot on the left, motor torques and simulated error on the right."""
-    model, window = equations.model, _window(equations, trajectory, end)
+    """One figure of a solution: the robot on the left, motor torques and simulated error on the
+    right.
+    """
+    model = equations.model
+    window = _window(equations, trajectory, end)
     drawn = scene(equations, trajectory, simulation, window[1])
     verified = simulation is not None and "error" in simulation.trajectory.channels
     what = "planned motion" if trajectory.meta.get("kind") == "plan" else "inverse dynamics"
@@ -555,7 +592,8 @@ def overview(
     window = first, stop, cv.finish(trajectory, stop)
     early = _visible_early_torque(trajectory)
     axes = right.subplots(1 + early + verified, 1, squeeze=False)[:, 0]
-    t, tau = trajectory.time, trajectory["tau_m"]
+    t = trajectory.time
+    tau = trajectory["tau_m"]
     for j, motor in enumerate(model.motors):
         axes[0].plot(
             t, tau[:, j], color=cv.COLORS[j % 7], ls=cv.DASHES[j // 7 % 3], label=motor.name

@@ -1,4 +1,6 @@
-"""The robot as a stick figure at several instants, with its joints, the path of the tool and the reference."""
+"""The robot as a stick figure at several instants, with its joints, the path of the tool and the
+reference.
+"""
 
 from __future__ import annotations
 
@@ -38,10 +40,12 @@ _KINDS: dict[str, tuple[str, dict[str, Any]]] = {
 
 @dataclass(frozen=True)
 class Scene:
-    """Data of the drawing in world axes: the robot at some instants, the path of the tool, its reference or None.
+    """Data of the drawing in world axes: the robot at some instants, the path of the tool, its
+    reference or None.
 
-    ``frames`` (INSTANTS, 3, k), ``times`` (INSTANTS) [s], ``tool`` (n, 3), ``reference`` (n, 3) [m]; ``views``: pairs
-    of axes (right, up): one for a planar robot, three for a spatial one, none for a robot without extent.
+    ``frames`` (INSTANTS, 3, k), ``times`` (INSTANTS) [s], ``tool`` (n, 3), ``reference`` (n, 3)
+    [m]; ``views``: pairs of axes (right, up): one for a planar robot, three for a spatial one,
+    none for a robot without extent.
     """
 
     frames: np.ndarray
@@ -54,8 +58,11 @@ class Scene:
 def scene(
     equations: Equations, trajectory: Trajectory, simulation: Simulation | None, end: float
 ) -> Scene:
-    """The `Scene` of a trajectory, with the simulated path of the tool if there is a simulation."""
-    model, t = equations.model, trajectory.time
+    """The `Scene` of a trajectory, with the simulated path of the tool if there is a
+    simulation.
+    """
+    model = equations.model
+    t = trajectory.time
     driven = trajectory if simulation is None else simulation.trajectory
     times = _instants(equations, trajectory, end)
     q = np.array([np.interp(times, t, column) for column in trajectory["q_a"].T]).T
@@ -100,7 +107,8 @@ def _views(model: RobotModel, frames: np.ndarray) -> tuple[tuple[int, int], ...]
 def spans(drawn: Scene) -> np.ndarray:
     """Range of each coordinate in the drawing, with a margin: (3, 2) [m]."""
     points = np.vstack([drawn.frames.transpose(0, 2, 1).reshape(-1, 3), drawn.tool])
-    low, high = points.min(axis=0), points.max(axis=0)
+    low = points.min(axis=0)
+    high = points.max(axis=0)
     margin = 0.07 * (high - low).max()
     return np.stack([low - margin, high + margin], axis=1)
 
@@ -143,7 +151,9 @@ def draw_view(
 def _chain(
     ax: Any, model: RobotModel, positions: np.ndarray, shade: str, order: int, joints: bool
 ) -> None:
-    """Draw one pose from ``positions`` (2, k): base; origin, joint, body and beam tip of each element; tool."""
+    """Draw one pose from ``positions`` (2, k): base; origin, joint, body and beam tip of each
+    element; tool.
+    """
     ax.plot(*positions, color=shade, lw=3.2, solid_joinstyle="round", zorder=order)
     found, beams = chain_parts(model) if joints else ([], [])
     for k in beams:
@@ -155,9 +165,13 @@ def _chain(
 
 
 def chain_parts(model: RobotModel) -> tuple[list[tuple[int, str]], list[int]]:
-    """Points of the chain with joints, each with its kind, and first points of the segments that are beams."""
+    """Points of the chain with joints, each with its kind, and first points of the segments that
+    are beams.
+    """
     line = corners(model)
-    joints = [(line.index((e.name, 0)), kind) for e in model.elements for kind in _kinds_of(e.dofs)]
+    joints = [
+        (line.index((e.name, 0)), kind) for e in model.elements for kind in _kinds_of(e.dofs)
+    ]
     return joints, [
         line.index((element.name, 2)) for element in model.elements if element.beam is not None
     ]

@@ -10,7 +10,8 @@ from matplotlib.figure import Figure
 from flexgen.plots import canvas as cv
 from flexgen.uncertainty.result import Band, Prediction
 
-BARS, LINES = 10, 3  # largest shares; motors, and springs, with the widest bands
+BARS = 10  # largest shares
+LINES = 3  # motors, and springs, with the widest bands
 
 
 @cv.apply_style

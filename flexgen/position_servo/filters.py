@@ -1,4 +1,6 @@
-"""Filters of the torque of a drive, of order two, sampled by the bilinear transform with the frequency in place."""
+"""Filters of the torque of a drive, of order two, sampled by the bilinear transform with the
+frequency in place.
+"""
 
 from __future__ import annotations
 
@@ -35,8 +37,12 @@ class LowPass:
 
     @checked_types(own=("sample_s",))
     def section(self, sample_s: float) -> tuple[float, ...]:
-        """``b0, b1, b2, a1, a2`` of the sampled filter; ArgumentError beyond half the sample rate."""
-        return _bilinear((0.0, 0.0, 1.0), (1.0, 2 * self.damping, 1.0), self.frequency_hz, sample_s)
+        """``b0, b1, b2, a1, a2`` of the sampled filter; ArgumentError beyond half the sample
+        rate.
+        """
+        return _bilinear(
+            (0.0, 0.0, 1.0), (1.0, 2 * self.damping, 1.0), self.frequency_hz, sample_s
+        )
 
 
 @checked_class
@@ -60,8 +66,11 @@ class Notch:
 
     @checked_types(own=("sample_s",))
     def section(self, sample_s: float) -> tuple[float, ...]:
-        """``b0, b1, b2, a1, a2`` of the sampled filter; ArgumentError beyond half the sample rate."""
-        zeros, poles = (1.0, 2 * self.zero_damping, 1.0), (1.0, 2 * self.pole_damping, 1.0)
+        """``b0, b1, b2, a1, a2`` of the sampled filter; ArgumentError beyond half the sample
+        rate.
+        """
+        zeros = (1.0, 2 * self.zero_damping, 1.0)
+        poles = (1.0, 2 * self.pole_damping, 1.0)
         return _bilinear(zeros, poles, self.frequency_hz, sample_s)
 
 
@@ -69,7 +78,8 @@ def _check_filter(of: LowPass | Notch) -> None:
     for part in fields(of):
         if not is_number(getattr(of, part.name)):
             raise ArgumentError(
-                f"filter, {part.name}: given {show_value(getattr(of, part.name))}, expected a finite number"
+                f"filter, {part.name}: given {show_value(getattr(of, part.name))}, expected a "
+                "finite number"
             )
 
 
@@ -83,17 +93,20 @@ def _bilinear(
     check_positive("sample_s", sample_s, "a time > 0 in s")
     if not 0 < frequency_hz < 0.5 / sample_s:
         raise ArgumentError(
-            f"filter: given {frequency_hz} Hz, expected more than 0 and less than {0.5 / sample_s:.4g} Hz, half the "
-            "sample rate"
+            f"filter: given {frequency_hz} Hz, expected more than 0 and less than "
+            f"{0.5 / sample_s:.4g} Hz, half the sample rate"
         )
     c = 1.0 / math.tan(math.pi * frequency_hz * sample_s)
 
     def sample(x: tuple[float, float, float]) -> tuple[float, float, float]:
         return (
-            x[0] * c * c + x[1] * c + x[2], 2 * (x[2] - x[0] * c * c), x[0] * c * c - x[1] * c + x[2]
-        )  # fmt: skip
+            x[0] * c * c + x[1] * c + x[2],
+            2 * (x[2] - x[0] * c * c),
+            x[0] * c * c - x[1] * c + x[2],
+        )
 
-    above, below = sample(b), sample(a)
+    above = sample(b)
+    below = sample(a)
     return tuple(x / below[0] for x in (*above, *below[1:]))
 
 
@@ -103,13 +116,17 @@ TERMS = 6  # of the series of an inverse of a low-pass filter
 
 
 def inverse_taps(low_pass: Sequence[LowPass], sample_s: float) -> tuple[tuple[float, ...], int]:
-    """Weights of the samples around the present one in the inverse of low-pass filters, and how many come before it.
+    """Weights of the samples around the present one in the inverse of low-pass filters, and how
+    many come before it.
 
-        F = z^-1 (1 + D2/4) / (a(z) / a(1)),    D2 = z - 2 + z^-1,    1 / (1 + D2/4) = sum_k (-D2/4)^k
+        F = z^-1 (1 + D2/4) / (a(z) / a(1)),    D2 = z - 2 + z^-1,
+        1 / (1 + D2/4) = sum_k (-D2/4)^k
 
-    The error of the series is sin(w h/2)^(2 TERMS + 2) at the frequency w: it is 1e-7 at a tenth of the sample rate.
+    The error of the series is sin(w h/2)^(2 TERMS + 2) at the frequency w: it is 1e-7 at a tenth
+    of the sample rate.
     """
-    series, power = np.zeros(2 * TERMS + 1), np.ones(1)
+    series = np.zeros(2 * TERMS + 1)
+    power = np.ones(1)
     for k in range(TERMS + 1):
         series[TERMS - k : TERMS + k + 1] += power
         power = np.convolve(power, [-0.25, 0.5, -0.25])

@@ -18,11 +18,12 @@ FREQUENCIES = ("position_hz", "speed_hz", "integral_hz")
 
 @dataclass(frozen=True)
 class ServoTable:
-    """The servo of a model file, see `flexgen.Servo`: ``"ppi"``, by frequencies, or ``"cascade"``, gains of each motor.
+    """The servo of a model file, see `flexgen.Servo`: ``"ppi"``, by frequencies, or ``"cascade"``,
+    gains of each motor.
 
-    ``position_hz``, ``speed_hz``, ``integral_hz`` [Hz] of a servo by frequencies, None: proposed; ``position_gain``
-    [1/s], ``speed_gain`` [N m s/rad], ``integral_gain`` [1/s] (n_m,) of the other; ``low_pass``, ``notch``: filters of
-    the torque.
+    ``position_hz``, ``speed_hz``, ``integral_hz`` [Hz] of a servo by frequencies, None: proposed;
+    ``position_gain`` [1/s], ``speed_gain`` [N m s/rad], ``integral_gain`` [1/s] (n_m,) of the
+    other; ``low_pass``, ``notch``: filters of the torque.
     """
 
     type: str
@@ -46,7 +47,9 @@ class ServoTable:
 
 
 def _filter(doc: str, made: type[Filter], **damping: tuple[str, float]) -> Format:
-    """The table of a filter: its frequency and its damping ratios, each with what it is of and a default."""
+    """The table of a filter: its frequency and its damping ratios, each with what it is of and a
+    default.
+    """
     rows = [
         Key(name, number(), f"damping ratio{of}", default=value)
         for name, (of, value) in damping.items()
@@ -60,7 +63,10 @@ NOTCH = _filter(
 )
 FILTER_KEYS = tuple(
     Key(
-        name, listed(form, least=0, plural=False), f"{form.doc}s of the feedback torque", default=()
+        name,
+        listed(form, least=0, plural=False),
+        f"{form.doc}s of the feedback torque",
+        default=(),
     )
     for name, form in (("low_pass", LOW_PASS), ("notch", NOTCH))
 )
@@ -100,7 +106,8 @@ def _check_gains(table: Table, here: Context) -> None:
     if min(here.values[GAINS[2]]) < 0.0:
         raise table.fail(
             GAINS[2],
-            "numbers >= 0: else the servo has a zero 1/(1 + k_i h) > 1, and its inverse is unstable",
+            "numbers >= 0: else the servo has a zero 1/(1 + k_i h) > 1, and its inverse is "
+            "unstable",
         )
 
 
@@ -130,7 +137,9 @@ SERVO_TABLE = Kinds(
     {
         "ppi": Format("P-PI cascade, by frequencies", (*_HZ, *FILTER_KEYS, *OWN_KEYS), ServoTable),
         "cascade": Format(
-            "P-PI cascade, by gains of each motor", (*_CASCADE, *FILTER_KEYS, *OWN_KEYS), ServoTable
+            "P-PI cascade, by gains of each motor",
+            (*_CASCADE, *FILTER_KEYS, *OWN_KEYS),
+            ServoTable,
         ),
     },
     typed=True,

@@ -1,1 +1,3 @@
-"""Records of real robots for all verbs that read them: files, names of columns, units, instants."""
+"""Records of real robots for all verbs that read them: files, names of columns, units,
+instants.
+"""

@@ -1,8 +1,8 @@
 """Names of columns in records: quantity, label and unit.
 
-``q_m[m1] rad`` (quantity of a motor), ``q1 deg``, ``q1 [deg]``, ``q1 (deg)`` and ``q1_deg`` (a word
-with a unit). A unit that is not known is not taken for a part of the name: a column whose unit
-cannot be told is refused.
+``q_m[m1] rad`` (quantity of a motor), ``q1 deg``, ``q1 [deg]``, ``q1 (deg)`` and ``q1_deg`` (a
+word with a unit). A unit that is not known is not taken for a part of the name: a column whose
+unit cannot be told is refused.
 """
 
 from __future__ import annotations

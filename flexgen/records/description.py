@@ -8,8 +8,8 @@
     lines = "excited"                    or "odd", "all": which multiples of 1/period_s between
                                          f_min and f_max; or line_numbers = [5, 7, 11]: these
                                          multiples
-    f_min = 1.0                          Hz, optional, of the lines; also f_max, default 0.45 of the
-                                         sample rate
+    f_min = 1.0                          Hz, optional, of the lines; also f_max, default 0.45 of
+                                         the sample rate
     transients = 1                       periods of each file before those that count; delay_s: of
                                          the torques
 
@@ -65,8 +65,8 @@
 Recordings with the same pose are experiments of one realization, in their order. Without period_s,
 segment_s and poses they are motions, for rigid bodies and for fits in the time domain. Instead of
 file, files = ["fast.csv", "slow.csv"] have different channels; columns = ["t", "q1", ...] are the
-names of CSV files without a header; time = "t2" in a channel is another clock of the same unit. All
-keys: `flexgen.records.keys`.
+names of CSV files without a header; time = "t2" in a channel is another clock of the same unit.
+All keys: `flexgen.records.keys`.
 
 Jitter, unequal steps, empty cells and several rates become equal steps, see
 `flexgen.numerics.sampling`; motions are split at gaps. Of a periodic recording with gaps the
@@ -216,7 +216,8 @@ def _at_one_rate(
     key = next((key for key in ("period_s", "segment_s") if key in root), None)
     period = None if key is None else root.number(key, above=0.0)
     transients = root.whole("transients", 0, 1000) if "transients" in root else 0
-    out, notes = [], []
+    out = []
+    notes = []
     for table, one in found:
         if key is not None and period is not None and one.gaps:
             is_periodic = key == "period_s"
@@ -338,7 +339,9 @@ def _signals(root: Table, model: RobotModel) -> list[_Channel]:
     for table in root.tables("signal", required=False):
         table.only(*keys.SIGNAL.names)
         if not of:
-            raise table.fail("sensor", "a channel of a [[sensor]] of the model; the model has none")
+            raise table.fail(
+                "sensor", "a channel of a [[sensor]] of the model; the model has none"
+            )
         name = table.choice("sensor", tuple(of))
         if name in [channel.of for channel in found]:
             raise table.fail("sensor", "one signal for each channel")
@@ -373,11 +376,11 @@ def _channel(table: Table, of: str, factor: float) -> _Channel:
 class Recording:
     """One file, or files of one clock, checked; at equal steps the first piece before a gap.
 
-    ``t`` (n,) [s]; ``tau_m``, ``q_m`` (n, n_m), motor side [N m], [rad]; ``signals`` (n, channels),
-    SI units; ``references`` (n, n_m or 0) [rad], motor side; ``sample_s`` [s]; ``gaps``;
-    ``periods_before``: whole periods of the file before the part that is read, None without gaps;
-    ``resampled``: whether values are interpolated; ``rests``: of each torque, angle and signal, why
-    it is none, or empty; ``notes``.
+    ``t`` (n,) [s]; ``tau_m``, ``q_m`` (n, n_m), motor side [N m], [rad]; ``signals`` (n,
+    channels), SI units; ``references`` (n, n_m or 0) [rad], motor side; ``sample_s`` [s];
+    ``gaps``; ``periods_before``: whole periods of the file before the part that is read, None
+    without gaps; ``resampled``: whether values are interpolated; ``rests``: of each torque, angle
+    and signal, why it is none, or empty; ``notes``.
     """
 
     def __init__(
@@ -397,7 +400,9 @@ class Recording:
         self._clock = clock
         self._sizes = [len(channels) for channels in kinds]
         self.rests: list[str] = []
-        self._times, self._values, self._smooth = [], [], []
+        self._times = []
+        self._values = []
+        self._smooth = []
         for kind, channels in zip(KINDS, kinds, strict=True):
             for channel in channels:
                 t, x = self._samples(kind, channel)
@@ -459,7 +464,8 @@ class Recording:
             Fewer than two periods are left: the rows of the gaps.
         """
         found = self._resample(step, period)
-        begin, samples = found.pieces[0].time[0], round(period / found.step)
+        begin = found.pieces[0].time[0]
+        samples = round(period / found.step)
         best: tuple[int, int, int, Piece] | None = None
         for piece in found.pieces:
             before = math.ceil((piece.time[0] - begin) / period - 1e-6) if is_periodic else 0
@@ -568,10 +574,12 @@ class Recording:
         torques, angles = kinds[:2]
         n = len(torques)
         for j, channel in enumerate(angles):
-            t, x = self._times[n + j], self._values[n + j]
+            t = self._times[n + j]
+            x = self._values[n + j]
             _check_angle(f"{self.file}: {_describe('angle', channel)}", t, x)
         for j, channel in enumerate(torques):
-            t, tau = self._times[j], self._values[j]
+            t = self._times[j]
+            tau = self._values[j]
             angle = np.interp(t, self._times[n + j], self._values[n + j])
             where = f"{self.file}: {_describe('torque', channel)}"
             _check_torque(where, t, tau, angle, model.motors[j].torque_max)

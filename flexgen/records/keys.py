@@ -1,7 +1,7 @@
 """Keys of the TOML file that describes recordings: what is read, and the page of them.
 
-A row is ``key | value | default | meaning``, with the rest of long rows indented below; no default:
-optional.
+A row is ``key | value | default | meaning``, with the rest of long rows indented below; no
+default: optional.
 """
 
 from __future__ import annotations

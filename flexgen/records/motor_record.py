@@ -122,7 +122,8 @@ def _of_table(robot: RobotModel, path: Path, columns: Sequence[str] | None) -> M
     at, factor = find_time(where, header, plain=plain)
     clock = _numbers(where, header[at], arrays[header[at]]) * factor
     places = _places(robot, where, [column_of(text) for text in header], plain)
-    times, values = [], []
+    times = []
+    values = []
     for text, scale in places.values():
         x = _numbers(where, text, arrays[text]) * scale
         empty = np.ma.getmaskarray(x) | np.ma.getmaskarray(clock)
@@ -155,8 +156,8 @@ def _numbers(where: str, name: str, x: Any) -> np.ma.MaskedArray[Any, Any]:
 def _places(
     robot: RobotModel, where: str, columns: Sequence[Column], plain: bool
 ) -> dict[tuple[str, str], tuple[str, float]]:
-    """Name and factor of the column of each angle, of a motor or of a joint, then of each torque of
-    a motor.
+    """Name and factor of the column of each angle, of a motor or of a joint, then of each torque
+    of a motor.
 
     ``plain``: columns without unit are in SI units.
     """
@@ -179,8 +180,8 @@ def _places(
             )
         if key in found:
             raise ArgumentError(
-                f"{where}: given the columns {found[key].text!r} and {column.text!r}, expected one "
-                f"of {key[0]}[{key[1]}]"
+                f"{where}: given the columns {found[key].text!r} and {column.text!r}, expected "
+                f"one of {key[0]}[{key[1]}]"
             )
         found[key] = column
     angles = "q" if any(name == "q" for name, _ in found) else "q_m"
@@ -228,7 +229,8 @@ def _at_equal_steps(
     notes = list(found.notes)
     if len(found.pieces) > 1:
         notes.append(_note_of_span(piece.time))
-    angles, torques = piece.values[:, :n], piece.values[:, n:]
+    angles = piece.values[:, :n]
+    torques = piece.values[:, n:]
     if turns is not None:
         angles = angles @ turns.T
     return MotorRecord(_trajectory(robot, piece.time, angles, torques), tuple(notes))

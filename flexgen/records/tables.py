@@ -212,8 +212,8 @@ def _numbers(file: Path, names: Sequence[str], top: int) -> np.ndarray:
                 continue
             if len(cells) < len(names) or any(map(str.strip, cells[len(names) :])):
                 raise ArgumentError(
-                    f"{file}:{line}: given {len(cells)} cells, expected {len(names)}, one for each "
-                    "name in the first line; decimals have a point"
+                    f"{file}:{line}: given {len(cells)} cells, expected {len(names)}, one for "
+                    "each name in the first line; decimals have a point"
                 )
             pairs = list(zip(names, cells, strict=False))
             rows.append([_number(f"{file}:{line}", *pair) for pair in pairs])

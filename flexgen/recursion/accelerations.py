@@ -1,4 +1,5 @@
-"""Accelerations of an arm under forces: the recursions to choose from, each with its solution for other forces.
+"""Accelerations of an arm under forces: the recursions to choose from, each with its solution for
+other forces.
 
 (M + A) a = f - h,        A: constant inertias of rotors on the coordinates
 """
@@ -19,7 +20,9 @@ from flexgen.recursion.tape import Scalar, Tape
 
 @dataclass(frozen=True)
 class Solved:
-    """Accelerations on a tape, the coordinates and speeds there, and ``(M + A)^-1 x`` with the same factors."""
+    """Accelerations on a tape, the coordinates and speeds there, and ``(M + A)^-1 x`` with the
+    same factors.
+    """
 
     a: list[Scalar]
     q: list[Scalar]
@@ -31,7 +34,9 @@ Solver = Callable[[Tape, Chain, Columns], Solved]
 
 
 def kind(armature: np.ndarray) -> str:
-    """Results of one kind share the choice of the recursion: all but those of coordinates that rotors couple."""
+    """Results of one kind share the choice of the recursion: all but those of coordinates that
+    rotors couple.
+    """
     return "" if np.any(armature != np.diag(np.diag(armature))) else "accelerations"
 
 

@@ -1,7 +1,9 @@
-"""The arm that recursions work on: its symbols, its chain of bodies, and the choice of the shortest recursion.
+"""The arm that recursions work on: its symbols, its chain of bodies, and the choice of the
+shortest recursion.
 
-A route is one way to compute a result on a tape. `Arm.shortest` runs several routes over several plans (places of the
-link frames, see `flexgen.recursion.regrouping`) and keeps the one with the fewest operations.
+A route is one way to compute a result on a tape. `Arm.shortest` runs several routes over several
+plans (places of the link frames, see `flexgen.recursion.regrouping`) and keeps the one with the
+fewest operations.
 """
 
 from __future__ import annotations
@@ -33,8 +35,8 @@ Route = Callable[[Tape, Chain, Columns], list[Scalar]]
 class Arm:
     """The symbols of a robot's equations, and results from the shortest of several recursions.
 
-    ``functions``: those that were made, by name; None where the recursion has none. ``choices``: the plan and the route
-    that were the shortest, for results that are asked for several times.
+    ``functions``: those that were made, by name; None where the recursion has none. ``choices``:
+    the plan and the route that were the shortest, for results that are asked for several times.
     """
 
     equations: Equations
@@ -52,7 +54,9 @@ class Arm:
 
     @cached_property
     def moves(self) -> tuple[dict[int, float], ...] | None:
-        """Of each joint the factors of the coordinates that move it, by number; None without mechanisms."""
+        """Of each joint the factors of the coordinates that move it, by number; None without
+        mechanisms.
+        """
         dofs = [dof for element in self.model.elements for dof in element.dofs]
         at = {coordinate.name: k for k, coordinate in enumerate(self.model.coordinates)}
         moves = tuple(
@@ -68,7 +72,9 @@ class Arm:
         return [sum((factor * x[k] for k, factor in own.items()), none) for own in self.moves]
 
     def to_coordinates(self, x: Sequence[Any]) -> list[Any]:
-        """Numbers of all joints, such as torques, or rows of such numbers, added up for the coordinates."""
+        """Numbers of all joints, such as torques, or rows of such numbers, added up for the
+        coordinates.
+        """
         if self.moves is None:
             return list(x)
         none: Any = [0.0] * len(x[0]) if isinstance(x[0], Sequence) else 0.0
@@ -100,7 +106,9 @@ class Arm:
         return self.to_coordinates(newton_euler.inverse_dynamics(tape, chain, q, v, a, columns))
 
     def mass_matrix(self, tape: Tape, chain: Chain, q: Sequence[Scalar]) -> composite_body.Matrix:
-        """The mass matrix, with or without axes shared by parallel joints, whichever is shorter."""
+        """The mass matrix, with or without axes shared by parallel joints, whichever is
+        shorter.
+        """
         found = [
             composite_body.mass_matrix(tape, chain, self.to_joints(q), together)
             for together in (True, False)
@@ -129,7 +137,9 @@ class Arm:
         return list(found) if self.moves is None else [self._matrix(A) for A in found]
 
     def chain(self, tape: Tape, plan: Plan) -> Chain:
-        """The chain of a plan, with the symbols of the payload where its numbers may change at run time."""
+        """The chain of a plan, with the symbols of the payload where its numbers may change at run
+        time.
+        """
         if not self.loaded:
             return plan.chain
         body = self.equations.with_symbols.payload
@@ -148,19 +158,23 @@ class Arm:
             for row, y in zip(own, first, strict=True)
         ]
         load = Inertia(mass, np.array(first, dtype=object), np.array(second, dtype=object))
-        joints, k = list(plan.chain.joints), plan.chain.carrier
+        joints = list(plan.chain.joints)
+        k = plan.chain.carrier
         joints[k] = replace(joints[k], inertia=joints[k].inertia + load)
         return replace(plan.chain, joints=tuple(joints))
 
     @property
     def loaded(self) -> bool:
         """Whether numbers of the payload may change at run time."""
-        return any(parameter.name.startswith("payload.") for parameter in self.equations.parameters)
+        return any(
+            parameter.name.startswith("payload.") for parameter in self.equations.parameters
+        )
 
     def shortest(
         self, routes: Sequence[Route], several: bool = True, kind: str = ""
     ) -> list[ca.SX]:
-        """The results of the route with the fewest operations (over the best plan only, or over several).
+        """The results of the route with the fewest operations (over the best plan only, or over
+        several).
 
         Results of one ``kind`` take the plan and the route of the first of them.
         """
@@ -180,7 +194,9 @@ class Arm:
 
     @cached_property
     def derivatives(self) -> list[ca.SX]:
-        """Derivatives of inverse dynamics in coordinates, velocities and accelerations, (n_a, n_a) each."""
+        """Derivatives of inverse dynamics in coordinates, velocities and accelerations, (n_a, n_a)
+        each.
+        """
         inputs = self.symbols("q_a", "v_a", "a_a")
         n = self.model.n_a
 
@@ -224,8 +240,11 @@ class Arm:
 
     @property
     def armature(self) -> np.ndarray:
-        """Share of the rotors behind rigid gears in the mass matrix, shape (n_a, n_a) [kg m^2, kg]."""
-        model, out = self.model, np.zeros((self.model.n_a, self.model.n_a))
+        """Share of the rotors behind rigid gears in the mass matrix, shape (n_a, n_a) [kg m^2,
+        kg].
+        """
+        model = self.model
+        out = np.zeros((self.model.n_a, self.model.n_a))
         rigid = [j for j in range(model.n_m) if j not in model.i_m]
         eta = model.eta[rigid]
         out[np.ix_(model.i_g, model.i_g)] = (

@@ -1,7 +1,9 @@
-"""Forward dynamics over a `Chain`, written on a `Tape`: articulated bodies, or a mass matrix that is factored.
+"""Forward dynamics over a `Chain`, written on a `Tape`: articulated bodies, or a mass matrix that
+is factored.
 
-Three joints on one point without bodies between them (a joint and two elastic directions of its bearing) are treated as
-a group: only the articulated inertia is rotated at each of them, forces and accelerations once after all three.
+Three joints on one point without bodies between them (a joint and two elastic directions of its
+bearing) are treated as a group: only the articulated inertia is rotated at each of them, forces
+and accelerations once after all three.
 
 Source: R. Featherstone, Rigid Body Dynamics Algorithms, 2008, ch. 7-8.
 """
@@ -18,7 +20,9 @@ from flexgen.recursion.tape import Scalar, Tape, Value
 
 
 def solve_symmetric(tape: Tape, M: Matrix, right: Sequence[Scalar]) -> list[Scalar]:
-    """``x`` with ``M x = right``: L' D L from the last row on, where the entries of a chain are ready first."""
+    """``x`` with ``M x = right``: L' D L from the last row on, where the entries of a chain are
+    ready first.
+    """
     n = len(M)
     A = [list(row[: i + 1]) for i, row in enumerate(M)]
     L: Matrix = [[0.0] * n for _ in range(n)]
@@ -40,7 +44,9 @@ def solve_symmetric(tape: Tape, M: Matrix, right: Sequence[Scalar]) -> list[Scal
 
 @dataclass(frozen=True)
 class Articulated:
-    """Articulated inertia of a frame, all later joints free: ``n = J dw + H a``, ``f = H' dw + M a``; (3, 3) each."""
+    """Articulated inertia of a frame, all later joints free: ``n = J dw + H a``,
+    ``f = H' dw + M a``; (3, 3) each.
+    """
 
     J: Matrix
     H: Matrix
@@ -54,7 +60,9 @@ class Articulated:
                     for pair in ((self.J, body.J), (self.H, body.H), (self.M, body.M))
                 )
             )
-        m, (x, y, z), S = body.mass, body.first.tolist(), body.second.tolist()
+        m = body.mass
+        (x, y, z) = body.first.tolist()
+        S = body.second.tolist()
         tensor = [[-x for x in row] for row in S]
         for i in (X, Y, Z):
             tensor[i][i] = S[i - 1][i - 1] + S[i - 2][i - 2]
@@ -66,7 +74,9 @@ class Articulated:
         )
 
     def turned(self, turn: Turn) -> Articulated:
-        """The same in the frame before a joint, where the linear axes did not turn with the joint."""
+        """The same in the frame before a joint, where the linear axes did not turn with the
+        joint.
+        """
         J = rotate_back(turn, self.J)
         return Articulated(
             J, _transpose([turn.back(column) for column in _transpose(self.H)]), self.M
@@ -82,8 +92,10 @@ class Articulated:
             return self
         pM = _across(p, self.M)
         H = add_matrices(self.H, pM)
-        # J + p^ H' + (p^ H')' + p^ M p^' , H' transposed; the middle of old and new H halves the last term
-        B, C = _across(p, _transpose(H)), _across(p, _transpose(self.H))
+        # J + p^ H' + (p^ H')' + p^ M p^' , H' transposed; the middle of old and new H halves the
+        # last term
+        B = _across(p, _transpose(H))
+        C = _across(p, _transpose(self.H))
         inertia: Matrix = [[0.0] * 3 for _ in range(3)]
         for i in (X, Y, Z):
             for j in range(i + 1):
@@ -106,9 +118,11 @@ def _across(p: Sequence[Scalar], A: Matrix) -> Matrix:
 
 @dataclass(frozen=True)
 class _Yield:
-    """A joint that is free to move: wrench per unit of its acceleration, inverse of its inertia, remaining torque.
+    """A joint that is free to move: wrench per unit of its acceleration, inverse of its inertia,
+    remaining torque.
 
-    ``armature``: the part of the inertia that acts on the joint alone. ``revolute``: rotation, else translation.
+    ``armature``: the part of the inertia that acts on the joint alone. ``revolute``: rotation,
+    else translation.
     """
 
     revolute: bool
@@ -119,18 +133,21 @@ class _Yield:
     armature: float
 
     def pass_on(self, force: Vector3, moment: Vector3, tau: Scalar) -> Wrench:
-        """The wrench on the frame when the joint is free; along the axis the driving torque less the rotor's."""
+        """The wrench on the frame when the joint is free; along the axis the driving torque less
+        the rotor's.
+        """
         push = self.rest * self.ease
-        force, moment = (
-            plus(force, [x * push for x in self.linear]),
-            plus(moment, [x * push for x in self.about]),
-        )
+        force = plus(force, [x * push for x in self.linear])
+        moment = plus(moment, [x * push for x in self.about])
         (moment if self.revolute else force)[Z] = tau - self.armature * push
         return force, moment
 
     def reduce(self, body: Articulated) -> Articulated:
-        """Inertia of the body as seen through the free joint; along the axis only the rotor inertia remains."""
-        about, linear = [x * self.ease for x in self.about], [x * self.ease for x in self.linear]
+        """Inertia of the body as seen through the free joint; along the axis only the rotor
+        inertia remains.
+        """
+        about = [x * self.ease for x in self.about]
+        linear = [x * self.ease for x in self.linear]
         J, H, M = ([row[:] for row in A] for A in (body.J, body.H, body.M))
         for k in (X, Y, Z):
             for j in (X, Y, Z):
@@ -157,7 +174,8 @@ def forward_dynamics(
     tau: Sequence[Scalar],
     armature: Sequence[float],
 ) -> list[Scalar]:
-    """Accelerations under generalized forces, from the wrenches that the bodies need at zero accelerations.
+    """Accelerations under generalized forces, from the wrenches that the bodies need at zero
+    accelerations.
 
     Parameters
     ----------
@@ -168,7 +186,8 @@ def forward_dynamics(
     q : sequence of Scalar
         Coordinates [rad, m].
     loads : sequence of Wrench
-        Wrenches that the bodies need while no joint accelerates, see `flexgen.recursion.newton_euler`.
+        Wrenches that the bodies need while no joint accelerates, see
+        `flexgen.recursion.newton_euler`.
     turns : sequence of Turn
         Rotations of the joints.
     tau : sequence of Scalar
@@ -204,10 +223,12 @@ def _to_the_base(
     # joints of a run that were passed: forces are still in the axes of the last one
     run: list[Turn] = []
     for i in reversed(range(n)):
-        joint, turn = chain.joints[i], turns[i]
+        joint = chain.joints[i]
+        turn = turns[i]
         body, force, moment = behind[i]
         body = body + joint.inertia
-        force, moment = plus(loads[i][0], force), plus(loads[i][1], moment)
+        force = plus(loads[i][0], force)
+        moment = plus(loads[i][1], moment)
         about, linear = (
             (body.J[Z], body.H[Z]) if joint.revolute else ([row[Z] for row in body.H], body.M[Z])
         )
@@ -230,16 +251,13 @@ def _to_the_base(
             run.append(turn)
         else:
             for passed in run:
-                body, force = body.linear_turned(passed), passed.back(force)
+                body = body.linear_turned(passed)
+                force = passed.back(force)
             run = []
-            body, force = (
-                Articulated(*(rotate_back(turn, A) for A in (body.J, body.H, body.M))),
-                turn.back(force),
-            )
-            body, moment = (
-                body.shifted(joint.place.tolist()),
-                plus(moment, cross(joint.place.tolist(), force)),
-            )
+            body = Articulated(*(rotate_back(turn, A) for A in (body.J, body.H, body.M)))
+            force = turn.back(force)
+            body = body.shifted(joint.place.tolist())
+            moment = plus(moment, cross(joint.place.tolist(), force))
         other, on, about = behind[joint.before]
         behind[joint.before] = body + other, plus(force, on), plus(moment, about)
     return yields
@@ -277,12 +295,16 @@ def _to_the_tool(
 
 
 def _find_joints_on_one_point(chain: Chain, armature: Sequence[float]) -> list[bool]:
-    """For each joint whether it belongs to the one before: three on one point, the first two without a body."""
+    """For each joint whether it belongs to the one before: three on one point, the first two
+    without a body.
+    """
     n = len(chain.joints)
     out = [False] * n
     carried = [sum(joint.before == i for joint in chain.joints) for i in range(n)]
     for i in reversed(range(2, n)):
-        if [chain.joints[k].before for k in (i - 1, i)] != [i - 2, i - 1] or carried[i - 2 : i] != [
+        if [chain.joints[k].before for k in (i - 1, i)] != [i - 2, i - 1] or carried[
+            i - 2 : i
+        ] != [
             1,
             1,
         ]:

@@ -1,6 +1,8 @@
-"""Functions of long arms by the same expressions for each joint: the choice of their chain, and a check of the results.
+"""Functions of long arms by the same expressions for each joint: the choice of their chain, and a
+check of the results.
 
-Loops over the joints are shorter than one expression for each entry where an arm has many of them: `recursion.columns`.
+Loops over the joints are shorter than one expression for each entry where an arm has many of them:
+`recursion.columns`.
 """
 
 from __future__ import annotations
@@ -36,7 +38,8 @@ SHORTER = 0.6  # loops are used where they need less than this fraction of the o
 
 
 def long_chain(equations: Equations) -> Chain | None:
-    """The chain of an arm whose functions are loops over its joints; None where they are not, or do not agree.
+    """The chain of an arm whose functions are loops over its joints; None where they are not, or
+    do not agree.
 
     Parameters
     ----------
@@ -45,8 +48,8 @@ def long_chain(equations: Equations) -> Chain | None:
     Returns
     -------
     Chain or None
-        None for short arms, for those with mechanisms or without recursion, and where numbers of the payload may change
-        at run time.
+        None for short arms, for those with mechanisms or without recursion, and where numbers of
+        the payload may change at run time.
     """
     if (
         equations.model.n_a < LONG_CHAIN
@@ -61,15 +64,20 @@ def long_chain(equations: Equations) -> Chain | None:
 
 @lru_cache(maxsize=4)
 def _chain_of(equations: Equations) -> Chain | None:
-    """The chain with the fewest operations: masses stay with the bodies, or go to those before as far as they can."""
-    n, own = equations.model.n_a, make_chain(equations.model)
+    """The chain with the fewest operations: masses stay with the bodies, or go to those before as
+    far as they can.
+    """
+    n = equations.model.n_a
+    own = make_chain(equations.model)
     if not columns.bodies_of(own):
         return None
     chain = min(
         (regroup(own, [kept] * n) for kept in (KeptInertia(), KeptInertia("all", True, True))),
         key=_derivatives_cost,
     )
-    if not columns.bodies_of(chain) or _derivatives_cost(chain) > SHORTER * _direct_cost(equations):
+    if not columns.bodies_of(chain) or _derivatives_cost(chain) > SHORTER * _direct_cost(
+        equations
+    ):
         return None
     return chain if _agrees(equations, chain) else None
 
@@ -80,7 +88,9 @@ def _derivatives_cost(chain: Chain) -> float:
 
 def _direct_cost(equations: Equations) -> int:
     """Operations of the derivatives as one expression for each entry."""
-    plan, tape, n = plans(equations.model)[0], Tape(), equations.model.n_a
+    plan = plans(equations.model)[0]
+    tape = Tape()
+    n = equations.model.n_a
     q, v, a = (tape.vector(ca.SX.sym(name, n)) for name in "qva")
     found = derivatives(tape, plan.chain, q, v, a, plan.columns)
     return tape.count([x for A in found for row in A for x in row])
@@ -104,8 +114,11 @@ def cost(steps: Sequence[Step]) -> float:
 
 
 def shorter_mass_matrix(equations: Equations, target: str) -> list[Step] | None:
-    """Steps to the mass matrix in a port, where loops are shorter than one expression for each entry."""
-    chain, direct = long_chain(equations), fast_function(equations, "mass_matrix")
+    """Steps to the mass matrix in a port, where loops are shorter than one expression for each
+    entry.
+    """
+    chain = long_chain(equations)
+    direct = fast_function(equations, "mass_matrix")
     if chain is None or direct is None:
         return None
     steps = columns.mass_matrix(chain, target)
@@ -113,8 +126,11 @@ def shorter_mass_matrix(equations: Equations, target: str) -> list[Step] | None:
 
 
 def _agrees(equations: Equations, chain: Chain) -> bool:
-    """Whether the steps give the derivatives of inverse dynamics, along random directions at random states."""
-    f, n = fast_function(equations, "inverse_dynamics"), equations.model.n_a
+    """Whether the steps give the derivatives of inverse dynamics, along random directions at
+    random states.
+    """
+    f = fast_function(equations, "inverse_dynamics")
+    n = equations.model.n_a
     assert f is not None
     given = [ca.SX.sym(name, n) for name in f.name_in()]
     ways = [ca.SX.sym(f"d{name}", n) for name in f.name_in()]
@@ -127,23 +143,23 @@ def _agrees(equations: Equations, chain: Chain) -> bool:
     for _ in range(TRIALS):
         state, way = rng.uniform(-1.0, 1.0, (2, 3, n))
         found = evaluate_routine(program, dict(zip(("q_a", "v_a", "a_a"), state, strict=True)))
-        bias, tau = (
-            evaluate_routine(at_rest, {"q_a": state[0], "v_a": state[1]})["bias"],
-            f(*state[:2], np.zeros(n)).full(),
-        )
+        bias = evaluate_routine(at_rest, {"q_a": state[0], "v_a": state[1]})["bias"]
+        tau = f(*state[:2], np.zeros(n)).full()
         if not np.max(np.abs(bias.ravel() - tau.ravel())) <= AGREEMENT * np.max(np.abs(tau)):
             return False
         terms = [found[name] @ x for name, x in zip("QVM", way, strict=True)]
         expected = along(*state, *way).full().ravel()
         largest = max(np.max(np.abs(term)) for term in terms)
-        if not np.max(np.abs(sum(terms) - expected)) <= AGREEMENT * largest:  # (NaN does not agree)
+        # (NaN does not agree)
+        if not np.max(np.abs(sum(terms) - expected)) <= AGREEMENT * largest:
             return False
     return True
 
 
 @dataclass(frozen=True)
 class AroundTheArm:
-    """Rotor inertias and friction, added to the arm's equations: forces without acceleration, terms of M_y and R_y.
+    """Rotor inertias and friction, added to the arm's equations: forces without acceleration,
+    terms of M_y and R_y.
 
     Parameters
     ----------
@@ -159,10 +175,14 @@ class AroundTheArm:
 
 
 def around_the_arm(equations: Equations) -> AroundTheArm:
-    """Rotors, springs, dampers and frictions of ``M_y ddy = left``, ``R_y = d(-left)/d(y, dy, tau_m)``."""
-    n, n_a = equations.model.dof, equations.model.n_a
+    """Rotors, springs, dampers and frictions of ``M_y ddy = left``,
+    ``R_y = d(-left)/d(y, dy, tau_m)``.
+    """
+    n = equations.model.dof
+    n_a = equations.model.n_a
     names = ["q_a", "v_a", "q_m", "v_m", "tau_m"]
-    inputs, felt = symbols_of(equations, names), ca.SX.sym("bias", 1, n_a)
+    inputs = symbols_of(equations, names)
+    felt = ca.SX.sym("bias", 1, n_a)
     left = equations.lagrangian.forces - ca.vertcat(felt.T, ca.SX.zeros(n - n_a))
     M, R = beside_the_arm(arm_of(equations))
     return AroundTheArm(

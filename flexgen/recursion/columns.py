@@ -1,23 +1,28 @@
-"""Mass matrix and derivatives of inverse dynamics with the same few expressions for each joint, all in the base's axes.
+"""Mass matrix and derivatives of inverse dynamics with the same few expressions for each joint,
+all in the base's axes.
 
-All positions are relative to the last joint. Let r be the position of a point and u its velocity. The axis of joint j
-is the spatial vector ``(z, b)``: ``(e, p x e)`` for a rotation about the unit vector e through p, ``(0, e)`` for a
-translation. ``(w, v)`` and ``(c, a)`` are the spatial velocity and acceleration of its body; a includes gravity. A
-change of the coordinate or of the speed of a joint changes the acceleration of each point behind it, relative to the
-moved bodies, by ``2 s x u + m x r + d`` with
+All positions are relative to the last joint. Let r be the position of a point and u its velocity.
+The axis of joint j is the spatial vector ``(z, b)``: ``(e, p x e)`` for a rotation about the unit
+vector e through p, ``(0, e)`` for a translation. ``(w, v)`` and ``(c, a)`` are the spatial
+velocity and acceleration of its body; a includes gravity. A change of the coordinate or of the
+speed of a joint changes the acceleration of each point behind it, relative to the moved bodies, by
+``2 s x u + m x r + d`` with
 
     change of q:   (s, y) = (w, v) x (z, b),        (m, d) = (c, a) x (z, b) + (w, v) x (s, y)
     change of v:   s = z,                           (m, d) = 2 (w, v) x (z, b)
 
-where ``(w, v) x (z, b) = (w x z, w x b + v x z)``. The wrenches (n, f) for this follow from the moments of the bodies
-behind the joint, ``h = int r dm, H = int r r' dm, k = int u dm, K = int u r' dm``:
+where ``(w, v) x (z, b) = (w x z, w x b + v x z)``. The wrenches (n, f) for this follow from the
+moments of the bodies behind the joint,
+``h = int r dm, H = int r r' dm, k = int u dm, K = int u r' dm``:
 
     f = 2 s x k + m x h + mass d,                   n = 2 (tr K 1 - K) s + (tr H 1 - H) m + h x d
 
-A change of q turns the forces as well. The generalized force of a joint i before is ``(z, b)_i . (n, f)_j`` (above the
-diagonal); that of joint j for a change at i, before it or the same, is linear in (s, m, d) of i (on it and below).
+A change of q turns the forces as well. The generalized force of a joint i before is
+``(z, b)_i . (n, f)_j`` (above the diagonal); that of joint j for a change at i, before it or the
+same, is linear in (s, m, d) of i (on it and below).
 
-Source: own derivation of the relations of S. Singh, R. Russell, P. Wensing, IEEE RA-L 7(2), 2022, in moments of mass.
+Source: own derivation of the relations of S. Singh, R. Russell, P. Wensing, IEEE RA-L 7(2), 2022,
+in moments of mass.
 """
 
 from __future__ import annotations
@@ -33,25 +38,31 @@ from flexgen.recursion.dh_chain import ROUNDING, Chain
 from flexgen.recursion.newton_euler import turn_of
 from flexgen.recursion.tape import Scalar, Tape
 
-Target = tuple[str, int]  # a port or an intermediate array, and the column at which a matrix begins
+# a port or an intermediate array, and the column at which a matrix begins
+Target = tuple[str, int]
 AXIS = Rows("axis", 0, 6)
 MOMENTUM = Rows("momentum", 0, 6)
 FELT = Rows("felt", 0, 9)  # effect of (s, m, d) of a change before a joint on its force
 
 
 def mass_matrix(chain: Chain, target: str) -> list[Step]:
-    """Steps from the input ``q_a`` to the mass matrix of the bodies in a port or an intermediate array."""
+    """Steps from the input ``q_a`` to the mass matrix of the bodies in a port or an intermediate
+    array.
+    """
     return [*_kinematics(chain, ["q_a"]), *_masses(chain, target)]
 
 
 def derivatives(chain: Chain, by_q: Target, by_v: Target, by_a: str) -> list[Step]:
-    """Steps from ``q_a, v_a, a_a`` to the derivatives of inverse dynamics; ``by_a``: where the mass matrix goes."""
+    """Steps from ``q_a, v_a, a_a`` to the derivatives of inverse dynamics; ``by_a``: where the
+    mass matrix goes.
+    """
     known = [*_kinematics(chain, ["q_a", "v_a", "a_a"]), *_masses(chain, by_a), *_motion(chain)]
     return [*known, *_forces(chain, at_rest=False), *_changes(chain, by_q, by_v)]
 
 
 def bias(chain: Chain, M: str) -> list[Step]:
-    """Steps from ``q_a, v_a`` to the mass matrix of the bodies and to the ``bias`` (1, n), forces without acceleration.
+    """Steps from ``q_a, v_a`` to the mass matrix of the bodies and to the ``bias`` (1, n), forces
+    without acceleration.
 
     `derivatives_after` continues with their arrays.
     """
@@ -61,13 +72,16 @@ def bias(chain: Chain, M: str) -> list[Step]:
         *_motion(chain),
         *_forces(chain, at_rest=True),
     ]
-    axis, force = ca.SX.sym("axis", 6), ca.SX.sym("force", 6)
+    axis = ca.SX.sym("axis", 6)
+    force = ca.SX.sym("force", 6)
     felt = _function("bias", {"axis": axis, "force": force}, {"bias": ca.dot(axis, force)})
     return [*known, Columns(felt, len(chain.joints))]
 
 
 def derivatives_after(chain: Chain, by_q: Target, by_v: Target) -> list[Step]:
-    """Steps from those of `bias` and accelerations ``row_a_a`` (1, n) to the derivatives of inverse dynamics."""
+    """Steps from those of `bias` and accelerations ``row_a_a`` (1, n) to the derivatives of
+    inverse dynamics.
+    """
     return [*_forces(chain, at_rest=False), *_changes(chain, by_q, by_v)]
 
 
@@ -80,8 +94,11 @@ def bodies_of(chain: Chain) -> tuple[int, ...]:
 
 
 def _kinematics(chain: Chain, names: Sequence[str]) -> list[Step]:
-    """Frames of bodies, and of all joints the spatial axes; with ``v_a`` velocities as well, other inputs as rows."""
-    tape, n = Tape(), len(chain.joints)
+    """Frames of bodies, and of all joints the spatial axes; with ``v_a`` velocities as well, other
+    inputs as rows.
+    """
+    tape = Tape()
+    n = len(chain.joints)
     inputs = {name: ca.SX.sym(name, n) for name in names}
     axes: list[list[Scalar]] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]  # columns
     turned: list[list[list[Scalar]]] = []
@@ -99,10 +116,12 @@ def _kinematics(chain: Chain, names: Sequence[str]) -> list[Step]:
         ]
         ways.append(combine_axes(axes, way if joint.revolute else [way[0], way[1], way[2] + q]))
         turn = turn_of(tape, joint, q)
-        c, s = turn.cosine, turn.sine
+        c = turn.cosine
+        s = turn.sine
         axes = [combine_axes(axes, [c, s, 0.0]), combine_axes(axes, [-s, c, 0.0]), axes[2]]
         turned.append(axes)
-    # positions relative to the last joint: small inertias are near the end of an arm, and would lose digits elsewhere
+    # positions relative to the last joint: small inertias are near the end of an arm, and would
+    # lose digits elsewhere
     places: list[list[Scalar]] = [[0.0] * 3]
     for way in reversed(ways[1:]):
         places.insert(0, [x - y for x, y in zip(places[0], way, strict=True)])
@@ -128,14 +147,16 @@ def _axes(chain: Chain, moving: bool) -> list[Step]:
     """Spatial axes of the joints, and their velocities."""
     n = len(chain.joints)
     frame = ca.SX.sym("frame", 12) if len(bodies_of(chain)) == n else ca.SX.sym("joint", 6)
-    direction, place = frame[-6:-3], frame[-3:]
+    direction = frame[-6:-3]
+    place = frame[-3:]
     turning, symbols, tables = _number_rows(
         "turning", np.array([[float(joint.revolute) for joint in chain.joints]])
     )
     axis = ca.vertcat(
         turning * direction, turning * ca.cross(place, direction) + (1 - turning) * direction
     )
-    inputs, results = {"frame" if frame.numel() == 12 else "joint": frame} | symbols, {"axis": axis}
+    inputs = {"frame" if frame.numel() == 12 else "joint": frame} | symbols
+    results = {"axis": axis}
     if not moving:
         return [Columns(_function("axes", inputs, results), n, tables)]
     v = ca.SX.sym("v")
@@ -145,24 +166,31 @@ def _axes(chain: Chain, moving: bool) -> list[Step]:
 
 def _masses(chain: Chain, target: str) -> list[Step]:
     """Moments of mass of all bodies behind each joint, and the mass matrix."""
-    n, at = len(chain.joints), bodies_of(chain)
+    n = len(chain.joints)
+    at = bodies_of(chain)
     own = [chain.joints[k].inertia for k in at]
     numbers = np.array(
         [[x.mass, *x.first, *(x.second[i, j] for i, j in _HALF)] for x in own], dtype=float
     ).T
     inertia, symbols, tables = _number_rows("inertia", numbers)
     frame = ca.SX.sym("frame", 12)
-    R, p = ca.reshape(frame[:9], 3, 3), frame[9:]
-    first, turned = ca.mtimes(R, inertia[1:4]), ca.mtimes(R, _symmetric(inertia[4:]))
+    R = ca.reshape(frame[:9], 3, 3)
+    p = frame[9:]
+    first = ca.mtimes(R, inertia[1:4])
+    turned = ca.mtimes(R, _symmetric(inertia[4:]))
     h = first + inertia[0] * p
     H = [ca.dot(turned[i, :].T, R[j, :].T) + p[i] * h[j] + first[i] * p[j] for i, j in _HALF]
     moments = _function("moments", {"frame": frame} | symbols, {"own_mass": ca.vertcat(h, *H)})
 
     mass, symbols, masses = _mass(chain, beyond=True)
-    axis, beyond = ca.SX.sym("axis", 6), ca.SX.sym("mass", 9)
-    (z, b), (h, H) = _halves(axis), _halves(beyond)
+    axis = ca.SX.sym("axis", 6)
+    beyond = ca.SX.sym("mass", 9)
+    (z, b) = _halves(axis)
+    (h, H) = _halves(beyond)
     momentum = ca.vertcat(_less(_symmetric(H), z) + ca.cross(h, b), ca.cross(z, h) + mass * b)
-    momenta = _function("momenta", {"axis": axis, "mass": beyond} | symbols, {"momentum": momentum})
+    momenta = _function(
+        "momenta", {"axis": axis, "mass": beyond} | symbols, {"momentum": momentum}
+    )
     return [
         Columns(moments, len(at), tables),
         Sums("own_mass", "mass", 9, n, at, backward=True),
@@ -173,14 +201,21 @@ def _masses(chain: Chain, target: str) -> list[Step]:
 
 def _motion(chain: Chain) -> list[Step]:
     """Moments of momentum of all bodies behind each joint, and the rates of the axes."""
-    n, at = len(chain.joints), bodies_of(chain)
+    n = len(chain.joints)
+    at = bodies_of(chain)
     mass, symbols, masses = _mass(chain, beyond=False)
     name = _of_bodies(chain, "speed")
-    own, speed, axis = ca.SX.sym("own", 9), ca.SX.sym("speed", 6), ca.SX.sym("axis", 6)
-    (w, v), (h, H) = _halves(speed), (own[:3], _symmetric(own[3:]))
+    own = ca.SX.sym("own", 9)
+    speed = ca.SX.sym("speed", 6)
+    axis = ca.SX.sym("axis", 6)
+    (w, v) = _halves(speed)
+    h = own[:3]
+    H = _symmetric(own[3:])
     K = ca.mtimes(v, h.T) + ca.horzcat(*(ca.cross(w, H[:, j]) for j in range(3)))
     moments = {"own_motion": ca.vertcat(mass * v + ca.cross(w, h), ca.reshape(K, 9, 1))}
-    rates = _function("rates", {"axis": axis, "speed": speed}, {"rate": _rate_of_axis(speed, axis)})
+    rates = _function(
+        "rates", {"axis": axis, "speed": speed}, {"rate": _rate_of_axis(speed, axis)}
+    )
     return [
         Columns(rates, n),
         *_array_step(chain, "speed"),
@@ -192,8 +227,11 @@ def _motion(chain: Chain) -> list[Step]:
 
 
 def _forces(chain: Chain, at_rest: bool) -> list[Step]:
-    """Accelerations, and the wrenches of all bodies behind each joint; ``at_rest``: all accelerations are zero."""
-    n, at = len(chain.joints), bodies_of(chain)
+    """Accelerations, and the wrenches of all bodies behind each joint; ``at_rest``: all
+    accelerations are zero.
+    """
+    n = len(chain.joints)
+    at = bodies_of(chain)
     axis, rate, v, a = (
         ca.SX.sym(name, rows) for name, rows in (("axis", 6), ("rate", 6), ("v", 1), ("a", 1))
     )
@@ -206,12 +244,10 @@ def _forces(chain: Chain, at_rest: bool) -> list[Step]:
     own, motion, speed, acceleration = (
         ca.SX.sym(x, k) for x, k in zip(names, (9, 12, 6, 6), strict=True)
     )
-    (h, H), (k, K), (w, _), (dw, da) = (
-        _halves(own),
-        _halves(motion),
-        _halves(speed),
-        _halves(acceleration),
-    )
+    (h, H) = _halves(own)
+    (k, K) = _halves(motion)
+    (w, _) = _halves(speed)
+    (dw, da) = _halves(acceleration)
     f = mass * da + ca.cross(dw, h) + ca.cross(w, k)
     n_own = ca.cross(h, da) + _less(_symmetric(H), dw) + _less(ca.reshape(K, 3, 3), w)
     forces = dict(zip(names, (own, motion, speed, acceleration), strict=True)) | symbols
@@ -241,14 +277,17 @@ def _changes(chain: Chain, by_q: Target, by_v: Target) -> list[Step]:
     inputs = {name: ca.SX.sym(name, size) for name, size in sizes.items()}
     axis, rate, speed, acceleration, moments, motion, force, momentum = inputs.values()
     (z, b), (k, K), (n_all, f) = _halves(axis), _halves(motion), _halves(force)
-    h, H, K = moments[:3], _symmetric(moments[3:]), ca.reshape(K, 3, 3)
+    h = moments[:3]
+    H = _symmetric(moments[3:])
+    K = ca.reshape(K, 3, 3)
 
     def wrench(s: ca.SX, m: ca.SX, d: ca.SX) -> ca.SX:
         moment = _less(K, 2 * s) + _less(H, m) + ca.cross(h, d)
         return ca.vertcat(moment, ca.cross(2 * s, k) + ca.cross(m, h) + mass * d)
 
     twice = _rate_of_axis(acceleration, axis) + _rate_of_axis(speed, rate)
-    change_q, change_v = (rate[:3], *_halves(twice)), (z, *_halves(2 * rate))
+    change_q = (rate[:3], *_halves(twice))
+    change_v = (z, *_halves(2 * rate))
     turned = ca.vertcat(ca.cross(z, n_all) + ca.cross(b, f), ca.cross(z, f))
     results = {
         "felt": ca.vertcat(2 * (_less(K.T, z) + ca.cross(k, b)), momentum),
@@ -272,7 +311,7 @@ def _changes(chain: Chain, by_q: Target, by_v: Target) -> list[Step]:
     ]
 
 
-# --- parts -----------------------------------------------------------------------------------------------------------
+# --- parts ---------------------------------------------------------------------------------------
 
 _HALF = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))  # entries of a symmetric matrix
 
@@ -305,7 +344,8 @@ def _halves(x: ca.SX) -> tuple[ca.SX, ca.SX]:
 def _rate_of_axis(speed: ca.SX, axis: ca.SX) -> ca.SX:
     """Rate of a spatial axis that moves with a spatial velocity: ``(w x z, w x b + v x z)``."""
     return ca.vertcat(
-        ca.cross(speed[:3], axis[:3]), ca.cross(speed[:3], axis[3:]) + ca.cross(speed[3:], axis[:3])
+        ca.cross(speed[:3], axis[:3]),
+        ca.cross(speed[:3], axis[3:]) + ca.cross(speed[3:], axis[:3]),
     )
 
 
@@ -313,7 +353,8 @@ def _less(A: ca.SX, x: ca.SX) -> ca.SX:
     """``(tr A 1 - A) x``."""
     rows = []
     for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
+        j = (i + 1) % 3
+        k = (i + 2) % 3
         rows.append((A[j, j] + A[k, k]) * x[i] - A[i, j] * x[j] - A[i, k] * x[k])
     return ca.vertcat(*rows)
 
@@ -329,7 +370,9 @@ def _symmetric(entries: ca.SX | Sequence[ca.SX]) -> ca.SX:
 def _number_rows(
     name: str, numbers: np.ndarray
 ) -> tuple[ca.SX, dict[str, ca.SX], dict[str, np.ndarray]]:
-    """Rows of numbers for all columns: entries for one, the symbols of those that differ, and their table."""
+    """Rows of numbers for all columns: entries for one, the symbols of those that differ, and
+    their table.
+    """
     differ = [i for i, row in enumerate(numbers) if row.min() != row.max()]
     symbol = ca.SX.sym(name, len(differ))
     entries = [

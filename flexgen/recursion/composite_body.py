@@ -1,7 +1,7 @@
 """Mass matrix and potential energy over a `Chain`, written on a `Tape`: composite bodies.
 
-Composite bodies carry moments of mass m, s, S (order zero, one, two); a rotation moves all bodies behind it by
-``f = e_z x s``, ``n = (-S_xz, -S_yz, S_xx + S_yy)`` per unit of its acceleration.
+Composite bodies carry moments of mass m, s, S (order zero, one, two); a rotation moves all bodies
+behind it by ``f = e_z x s``, ``n = (-S_xz, -S_yz, S_xx + S_yy)`` per unit of its acceleration.
 
 Source: R. Featherstone, Rigid Body Dynamics Algorithms, 2008, ch. 6.
 """
@@ -32,7 +32,9 @@ Matrix = list[list[Scalar]]
 
 @dataclass(frozen=True)
 class Composite:
-    """Moments of mass of all bodies behind a joint: order zero, one (3) and two (3, 3; symmetric)."""
+    """Moments of mass of all bodies behind a joint: order zero, one (3) and two (3, 3;
+    symmetric).
+    """
 
     mass: Scalar
     first: Vector3
@@ -49,7 +51,9 @@ class Composite:
 
     def shifted(self, p: Sequence[Scalar]) -> Composite:
         """The same body about a point relative to which its origin is at p."""
-        m, h, S = self.mass, self.first, self.second
+        m = self.mass
+        h = self.first
+        S = self.second
         carried = [m * x for x in p]
         first = plus(h, carried)
         second: Matrix = [[0.0] * 3 for _ in range(3)]
@@ -64,20 +68,29 @@ EMPTY = Composite(0.0, [0.0] * 3, [[0.0] * 3 for _ in range(3)])
 
 
 def rotate_in_plane(A: Matrix, i: int, j: int, c: Scalar, s: Scalar) -> Matrix:
-    """A matrix turned in the plane of two axes by the angle with cosine c and sine s: ``R A R'``."""
+    """A matrix turned in the plane of two axes by the angle with cosine c and sine s:
+    ``R A R'``.
+    """
     k = 3 - i - j
     out = [row[:] for row in A]
     if not isinstance(c, Value) and c * s == 0.0:
         # a multiple of a quarter turn
         if c == 0.0:
-            out[i][i], out[j][j], out[i][j], out[j][i] = A[j][j], A[i][i], -A[j][i], -A[i][j]
+            out[i][i] = A[j][j]
+            out[j][j] = A[i][i]
+            out[i][j] = -A[j][i]
+            out[j][i] = -A[i][j]
     else:
         # the trace, and the difference of the two entries off the diagonal, are invariant
         e = s * (A[i][i] - A[j][j]) + c * (A[i][j] + A[j][i])
-        out[i][i], out[j][j] = A[i][i] - s * e, A[j][j] + s * e
-        out[i][j], out[j][i] = c * e - A[j][i], c * e - A[i][j]
-    out[i][k], out[j][k] = c * A[i][k] - s * A[j][k], s * A[i][k] + c * A[j][k]
-    out[k][i], out[k][j] = c * A[k][i] - s * A[k][j], s * A[k][i] + c * A[k][j]
+        out[i][i] = A[i][i] - s * e
+        out[j][j] = A[j][j] + s * e
+        out[i][j] = c * e - A[j][i]
+        out[j][i] = c * e - A[i][j]
+    out[i][k] = c * A[i][k] - s * A[j][k]
+    out[j][k] = s * A[i][k] + c * A[j][k]
+    out[k][i] = c * A[k][i] - s * A[k][j]
+    out[k][j] = s * A[k][i] + c * A[k][j]
     return out
 
 
@@ -118,8 +131,8 @@ def mass_matrix(tape: Tape, chain: Chain, q: Sequence[Scalar], together: bool = 
     q : sequence of Scalar
         Coordinates [rad, m].
     together : bool
-        Neighbors with parallel axes share a frame that does not rotate with them, so that forces pass without a
-        rotation.
+        Neighbors with parallel axes share a frame that does not rotate with them, so that forces
+        pass without a rotation.
 
     Returns
     -------
@@ -130,24 +143,30 @@ def mass_matrix(tape: Tape, chain: Chain, q: Sequence[Scalar], together: bool = 
     steps = _steps(tape, chain, q, together)
     M: Matrix = [[0.0] * n for _ in range(n)]
     # bodies of children that share axes, and of others
-    together_behind, apart_behind = [EMPTY] * n, [EMPTY] * n
+    together_behind = [EMPTY] * n
+    apart_behind = [EMPTY] * n
     for j in reversed(range(n)):
-        joint, own = chain.joints[j], apart_behind[j] + chain.joints[j].inertia
+        joint = chain.joints[j]
+        own = apart_behind[j] + chain.joints[j].inertia
         # the moment about the axis is invariant under the rotation
         about = (together_behind[j] + own).second
         body = together_behind[j] + steps[j].in_shared_axes(own)
-        h, S = body.first, body.second
+        h = body.first
+        S = body.second
         if chain.joints[j].revolute:
             M[j][j] = about[X][X] + about[Y][Y]
-            force, moment = [-h[Y], h[X], 0.0], [-S[X][Z], -S[Y][Z], M[j][j]]
+            force = [-h[Y], h[X], 0.0]
+            moment = [-S[X][Z], -S[Y][Z], M[j][j]]
         else:
             M[j][j] = body.mass
-            force, moment = [0.0, 0.0, body.mass], [h[Y], -h[X], 0.0]
+            force = [0.0, 0.0, body.mass]
+            moment = [h[Y], -h[X], 0.0]
         last = steps[j]
         for i in chain.ancestors(j):
             force, moment = last.transfer_back(force, moment)
             if last.tilt is not None:
-                force, moment = steps[i].turn_back(force), steps[i].turn_back(moment)
+                force = steps[i].turn_back(force)
+                moment = steps[i].turn_back(moment)
             M[i][j] = M[j][i] = moment[Z] if chain.joints[i].revolute else force[Z]
             last = steps[i]
         if joint.before >= 0:
@@ -158,10 +177,12 @@ def mass_matrix(tape: Tape, chain: Chain, q: Sequence[Scalar], together: bool = 
 
 @dataclass(frozen=True)
 class _Step:
-    """A joint in a frame that rotates neither with it nor with the neighbors before it whose axes are parallel.
+    """A joint in a frame that rotates neither with it nor with the neighbors before it whose axes
+    are parallel.
 
-    ``turn``: from those axes to the joint's own. ``way``: from the joint before, in the shared axes, or in that one's
-    own axes where nothing is shared; there the joint's ``tilt`` follows, lead and twist. ``slide``: along z.
+    ``turn``: from those axes to the joint's own. ``way``: from the joint before, in the shared
+    axes, or in that one's own axes where nothing is shared; there the joint's ``tilt`` follows,
+    lead and twist. ``slide``: along z.
     """
 
     turn: tuple[Scalar, Scalar]
@@ -199,7 +220,9 @@ class _Step:
 
 
 def _steps(tape: Tape, chain: Chain, q: Sequence[Scalar], together: bool) -> list[_Step]:
-    """The joints of a chain in axes that neighbors with parallel axes share, or each in its own axes."""
+    """The joints of a chain in axes that neighbors with parallel axes share, or each in its own
+    axes.
+    """
     parallel = [
         joint.twist == (1.0, 0.0) and joint.before == i - 1 for i, joint in enumerate(chain.joints)
     ]
@@ -213,7 +236,8 @@ def _steps(tape: Tape, chain: Chain, q: Sequence[Scalar], together: bool) -> lis
             c, s = out[-1].turn
             way = [c * way[X] - s * way[Y], s * way[X] + c * way[Y], way[Z]]
         else:
-            angle, quarters = 0.0, 0
+            angle = 0.0
+            quarters = 0
         angle = angle + (x + joint.turn if joint.revolute else joint.turn)
         quarters += joint.quarters
         turn = turn_by(tape, angle, quarters)
@@ -226,8 +250,10 @@ def height(tape: Tape, chain: Chain, q: Sequence[Scalar]) -> Scalar:
     masses: list[Scalar] = [0.0] * (len(q) + 1)  # behind each joint, and on the base
     firsts: list[Vector3] = [[0.0] * 3] * (len(q) + 1)
     for i in reversed(range(len(q))):
-        joint, x = chain.joints[i], q[i]
-        mass, first = masses[i] + joint.inertia.mass, plus(firsts[i], joint.inertia.first.tolist())
+        joint = chain.joints[i]
+        x = q[i]
+        mass = masses[i] + joint.inertia.mass
+        first = plus(firsts[i], joint.inertia.first.tolist())
         if not joint.revolute:
             first = [first[X], first[Y], first[Z] + mass * x]
         first = plus(turn_of(tape, joint, x).back(first), [mass * y for y in joint.place.tolist()])

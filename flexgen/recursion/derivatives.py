@@ -1,21 +1,24 @@
 """Derivatives of inverse dynamics by a recursion over a `Chain`, written on a `Tape`.
 
-A change of one coordinate changes the acceleration of each point behind its joint by ``da + 2 l x u + m x r``: r is the
-position of the point relative to the joint, u its velocity relative to the joint's origin. For a rotation, in its
-frame,
+A change of one coordinate changes the acceleration of each point behind its joint by
+``da + 2 l x u + m x r``: r is the position of the point relative to the joint, u its velocity
+relative to the joint's origin. For a rotation, in its frame,
 
     change of q:  l = w x e_z,  m = U e_z,        da = a x e_z,  and all forces turn with the joint
     change of v:  l = e_z,      m = 2 w x e_z,    da = 0
 
-and for a translation ``l = m = 0`` with ``da = U e_z`` and ``da = 2 w x e_z``. Forces then follow from moments
-of mass and of momentum of all bodies behind the joint, ``S = int r r' dm`` and ``P = int u r' dm``:
+and for a translation ``l = m = 0`` with ``da = U e_z`` and ``da = 2 w x e_z``. Forces then follow
+from moments of mass and of momentum of all bodies behind the joint, ``S = int r r' dm`` and
+``P = int u r' dm``:
 
-    df = 2 l x int u dm + m x int r dm + mass da,    dn = 2 (tr P 1 - P) l + (tr S 1 - S) m + int r dm x da
+    df = 2 l x int u dm + m x int r dm + mass da,
+    dn = 2 (tr P 1 - P) l + (tr S 1 - S) m + int r dm x da
 
-They are passed to the base as wrenches (columns of the derivatives above the diagonal); the effect on a joint of any
-change before it is passed as covectors of l, m and da (rows below the diagonal).
+They are passed to the base as wrenches (columns of the derivatives above the diagonal); the effect
+on a joint of any change before it is passed as covectors of l, m and da (rows below the diagonal).
 
-Source: own derivation; the same count of operations as S. Singh, R. Russell, P. Wensing, IEEE RA-L 7(2), 2022.
+Source: own derivation; the same count of operations as S. Singh, R. Russell, P. Wensing, IEEE RA-L
+7(2), 2022.
 """
 
 from __future__ import annotations
@@ -54,7 +57,9 @@ AXIS: Vector3 = [0.0, 0.0, 1.0]
 
 @dataclass(frozen=True)
 class _Change:
-    """The vectors l, m and da of a change of acceleration, see the module; or covectors of these."""
+    """The vectors l, m and da of a change of acceleration, see the module; or covectors of
+    these.
+    """
 
     sweep: Vector3
     turn: Vector3
@@ -71,7 +76,9 @@ class _Change:
 
 @dataclass(frozen=True)
 class _Beyond:
-    """Moments of mass and of momentum of the bodies behind a joint: ``int u dm`` (3), ``int u r' dm`` (3, 3)."""
+    """Moments of mass and of momentum of the bodies behind a joint: ``int u dm`` (3),
+    ``int u r' dm`` (3, 3).
+    """
 
     body: Composite
     momentum: Vector3
@@ -87,7 +94,9 @@ class _Beyond:
     def wrench(self, change: _Change) -> tuple[Vector3, Vector3]:
         """Force and moment of a change of accelerations."""
         twice = [2.0 * x for x in change.sweep]
-        s, S, P = self.body.first, self.body.second, self.moment
+        s = self.body.first
+        S = self.body.second
+        P = self.moment
         force = plus(cross(twice, self.momentum), cross(change.turn, s))
         force = plus(force, [self.body.mass * x for x in change.shift])
         moment = plus(plus(_less(P, twice), _less(S, change.turn)), cross(s, change.shift))
@@ -98,7 +107,8 @@ def _less(A: Matrix, x: Vector3) -> Vector3:
     """``(tr A 1 - A) x``."""
     out: Vector3 = []
     for i in (X, Y, Z):
-        j, k = (i + 1) % 3, (i + 2) % 3
+        j = (i + 1) % 3
+        k = (i + 2) % 3
         out.append((A[j][j] + A[k][k]) * x[i] - A[i][j] * x[j] - A[i][k] * x[k])
     return out
 
@@ -111,7 +121,8 @@ def derivatives(
     dv: Sequence[Scalar],
     columns: Sequence[bool],
 ) -> tuple[Matrix, Matrix, Matrix]:
-    """Derivatives of inverse dynamics in coordinates, velocities and accelerations (the mass matrix).
+    """Derivatives of inverse dynamics in coordinates, velocities and accelerations (the mass
+    matrix).
 
     Parameters
     ----------
@@ -128,12 +139,15 @@ def derivatives(
     moving = motions(tape, chain, turns, q, v, dv, columns)
     sums = project_wrenches(chain, q, turns, loads(chain, moving))[1]
     changes = [
-        _changes(motion, joint.revolute) for motion, joint in zip(moving, chain.joints, strict=True)
+        _changes(motion, joint.revolute)
+        for motion, joint in zip(moving, chain.joints, strict=True)
     ]
     by_q, by_v, by_dv = (_zeros(n) for _ in range(3))
     behind = [_Beyond(EMPTY, [0.0] * 3, [[0.0] * 3 for _ in range(3)])] * n
     for j in reversed(range(n)):
-        joint, w, (force, moment) = chain.joints[j], moving[j].w, sums[j]
+        joint = chain.joints[j]
+        w = moving[j].w
+        (force, moment) = sums[j]
         beyond = _add_momentum(
             behind[j], w, joint.inertia.first.tolist(), joint.inertia.second.tolist()
         )
@@ -141,7 +155,8 @@ def derivatives(
         feels = _feeling(beyond, joint.revolute)
         of_q, of_v = (beyond.wrench(change) for change in changes[j])
         felt = 1 if joint.revolute else 0  # the moment, or the force
-        by_q[j][j], by_v[j][j] = of_q[felt][Z], of_v[felt][Z]
+        by_q[j][j] = of_q[felt][Z]
+        by_v[j][j] = of_v[felt][Z]
         by_dv[j][j] = feels.turn[Z] if joint.revolute else feels.shift[Z]
         if joint.revolute:
             of_q = plus(of_q[0], cross(AXIS, force)), plus(of_q[1], cross(AXIS, moment))
@@ -149,11 +164,12 @@ def derivatives(
             of_q = of_q[0], plus(of_q[1], cross(AXIS, force))
         k = j
         for i in chain.ancestors(j):
-            here, turn, x, speed = chain.joints[k], turns[k], q[k], v[k]
-            of_q, of_v = (
-                move_wrench_before(here, turn, x, *of_q),
-                move_wrench_before(here, turn, x, *of_v),
-            )
+            here = chain.joints[k]
+            turn = turns[k]
+            x = q[k]
+            speed = v[k]
+            of_q = move_wrench_before(here, turn, x, *of_q)
+            of_v = move_wrench_before(here, turn, x, *of_v)
             sweep = feels.sweep
             if not here.revolute:
                 sweep = plus(sweep, cross(_slide(moving[k], x, speed), feels.shift))
@@ -164,7 +180,8 @@ def derivatives(
             )
             feels = _Change(sweep, turn_felt, shift)
             felt = 1 if chain.joints[i].revolute else 0
-            by_q[i][j], by_v[i][j] = of_q[felt][Z], of_v[felt][Z]
+            by_q[i][j] = of_q[felt][Z]
+            by_v[i][j] = of_v[felt][Z]
             by_dv[i][j] = by_dv[j][i] = turn_felt[Z] if felt else shift[Z]
             by_q[j][i], by_v[j][i] = (feels.of(change) for change in changes[i])
             k = i
@@ -178,7 +195,8 @@ def derivatives(
 def _changes(motion: Motion, revolute: bool) -> tuple[_Change, _Change]:
     """Effects of a change of the coordinate and of the speed, in the frame of the joint."""
     still: Vector3 = [0.0] * 3
-    sweep, column = cross(motion.w, AXIS), motion.along(AXIS)
+    sweep = cross(motion.w, AXIS)
+    column = motion.along(AXIS)
     twice = [2.0 * x for x in sweep]
     if revolute:
         return _Change(sweep, column, cross(motion.a, AXIS)), _Change(AXIS, twice, still)
@@ -187,8 +205,10 @@ def _changes(motion: Motion, revolute: bool) -> tuple[_Change, _Change]:
 
 def _feeling(beyond: _Beyond, revolute: bool) -> _Change:
     """Covectors: effect of l, m and da on the joint's own force, in its frame."""
-    body, P = beyond.body, beyond.moment
-    s, S = body.first, body.second
+    body = beyond.body
+    P = beyond.moment
+    s = body.first
+    S = body.second
     if not revolute:
         return _Change(
             [2.0 * x for x in cross(beyond.momentum, AXIS)], cross(s, AXIS), [0.0, 0.0, body.mass]
@@ -221,7 +241,9 @@ def _transfer_back(
 ) -> _Beyond:
     """The same bodies in the frame before joint j."""
     joint = chain.joints[j]
-    body, momentum, moment = beyond.body, beyond.momentum, beyond.moment
+    body = beyond.body
+    momentum = beyond.momentum
+    moment = beyond.moment
     if not joint.revolute:
         out: Vector3 = [0.0, 0.0, q[j]]
         velocity = plus(cross(moving[j].w, out), [0.0, 0.0, v[j]])

@@ -1,16 +1,19 @@
-"""A chain or a tree reduced to numbers: joints with one coordinate each, about or along the z axes of their frames.
+"""A chain or a tree reduced to numbers: joints with one coordinate each, about or along the z axes
+of their frames.
 
-Frames are placed so that few operations remain (modified Denavit-Hartenberg): from the frame of a joint to that of
-a next one goes a translation ``place``, a rotation about z by the lead, a rotation about x by the twist, a rotation
-about z by the joint's angle (or by a constant), and a translation along z by the joint's length.
+Frames are placed so that few operations remain (modified Denavit-Hartenberg): from the frame of a
+joint to that of a next one goes a translation ``place``, a rotation about z by the lead, a
+rotation about x by the twist, a rotation about z by the joint's angle (or by a constant), and a
+translation along z by the joint's length.
 
     R = Rz(lead) Rx(twist) Rz(q + turn),   p = place              (rotation)
     R = Rz(lead) Rx(twist) Rz(turn),       p = place + R e_z q    (translation)
 
-The frame of a joint is placed for its first child, so that only the other children of a tree have a lead.
+The frame of a joint is placed for its first child, so that only the other children of a tree have
+a lead.
 
-Inertia that a joint does not move relative to the body before it is regrouped to that body: torques and mass matrix are
-those of the robot, forces inside the joints are not.
+Inertia that a joint does not move relative to the body before it is regrouped to that body:
+torques and mass matrix are those of the robot, forces inside the joints are not.
 
 Source: W. Khalil, E. Dombre, Modeling, Identification and Control of Robots, 2002, ch. 3 and 9.
 """
@@ -25,18 +28,21 @@ import numpy as np
 
 from flexgen.model.elements import Body, Dof, Placement, RobotModel
 
-# Rounding of the changes of frame leaves entries of about 1e-16 that should be zero; what is below this fraction of its
-# neighbors is set to zero. A chain of tens of joints stays within 1e-12 of the torques of the model.
+# Rounding of the changes of frame leaves entries of about 1e-16 that should be zero; what is below
+# this fraction of its neighbors is set to zero. A chain of tens of joints stays within 1e-12 of
+# the torques of the model.
 ROUNDING = 1e-14
 # sine of the angle between axes below which frames are not moved to where the axes are closest
 NEARLY_PARALLEL = 0.1
 
-Pose = tuple[np.ndarray, np.ndarray]  # rotation, position: p_parent = position + rotation @ p_child
+# rotation, position: p_parent = position + rotation @ p_child
+Pose = tuple[np.ndarray, np.ndarray]
 
 
 @dataclass(frozen=True)
 class Inertia:
-    """Moments of mass in a frame: of order zero [kg], one ``int r dm`` (3) and two ``int r r' dm`` (3, 3).
+    """Moments of mass in a frame: of order zero [kg], one ``int r dm`` (3) and two ``int r r' dm``
+    (3, 3).
 
     Numbers, or values on a tape where a number of the payload may change at run time.
     """
@@ -46,12 +52,15 @@ class Inertia:
     second: np.ndarray
 
     def __add__(self, other: Inertia) -> Inertia:
-        return Inertia(self.mass + other.mass, self.first + other.first, self.second + other.second)
+        return Inertia(
+            self.mass + other.mass, self.first + other.first, self.second + other.second
+        )
 
     def moved(self, pose: Pose) -> Inertia:
         """Inertia expressed in the frame in which this frame has the given pose."""
         rotation, position = pose
-        first, cross = rotation @ self.first, np.outer(position, rotation @ self.first)
+        first = rotation @ self.first
+        cross = np.outer(position, rotation @ self.first)
         second = (
             rotation @ self.second @ rotation.T
             + cross
@@ -105,9 +114,11 @@ class Joint:
 
 @dataclass(frozen=True)
 class Chain:
-    """Joints, those that carry others before these, gravity [m/s^2] in the frame under the first, the constant ends.
+    """Joints, those that carry others before these, gravity [m/s^2] in the frame under the first,
+    the constant ends.
 
-    ``base``: pose of that frame in the world. ``tool``: pose of the tool in the frame of the joint ``carrier``.
+    ``base``: pose of that frame in the world. ``tool``: pose of the tool in the frame of the joint
+    ``carrier``.
     """
 
     joints: tuple[Joint, ...]
@@ -129,7 +140,7 @@ class Chain:
         return [*self.ancestors(self.carrier)[::-1], self.carrier]
 
 
-# --- from the model --------------------------------------------------------------------------------------------------
+# --- from the model ------------------------------------------------------------------------------
 
 
 def compose(a: Pose, b: Pose) -> Pose:
@@ -149,7 +160,8 @@ def pose_of(placement: Placement) -> Pose:
 
 def inertia_of(body: Body) -> Inertia:
     """Moments of a body about the origin of its frame."""
-    tensor, com = np.array(body.inertia, dtype=float), np.array(body.com, dtype=float)
+    tensor = np.array(body.inertia, dtype=float)
+    com = np.array(body.com, dtype=float)
     second = np.trace(tensor) / 2 * np.eye(3) - tensor + body.mass * np.outer(com, com)
     return Inertia(body.mass, body.mass * com, second)
 
@@ -168,7 +180,9 @@ def _axis_frame(axis: np.ndarray) -> np.ndarray:
 
 @dataclass
 class _Raw:
-    """A joint before its frame is placed: pose of its frame in the one before, the body in its own."""
+    """A joint before its frame is placed: pose of its frame in the one before, the body in its
+    own.
+    """
 
     revolute: bool
     pose: Pose
@@ -177,7 +191,9 @@ class _Raw:
 
 
 def _flatten(model: RobotModel) -> tuple[list[_Raw], Pose, int]:
-    """Joints with everything rigid between them merged, the pose of the tool in the last frame, and its joint."""
+    """Joints with everything rigid between them merged, the pose of the tool in the last frame,
+    and its joint.
+    """
     raws: list[_Raw] = []
     last, pose = -1, pose_of(model.base)
 
@@ -215,11 +231,12 @@ def _flatten(model: RobotModel) -> tuple[list[_Raw], Pose, int]:
     return raws, compose(pose, pose_of(model.tool)), last
 
 
-# --- frames ----------------------------------------------------------------------------------------------------------
+# --- frames --------------------------------------------------------------------------------------
 
 
 def _about_z(angle: float) -> np.ndarray:
-    c, s = np.cos(angle), np.sin(angle)
+    c = np.cos(angle)
+    s = np.sin(angle)
     return snap(np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]))
 
 
@@ -229,7 +246,8 @@ def _about_x(cosine: float, sine: float) -> np.ndarray:
 
 def rotation_before(joint: Joint) -> np.ndarray:
     """The constant rotation in front of a joint's own, ``Rz(lead) Rx(twist)``."""
-    (c, s), rotation = joint.lead, _about_x(*joint.twist)
+    (c, s) = joint.lead
+    rotation = _about_x(*joint.twist)
     if joint.lead == (1.0, 0.0):
         return rotation
     out: np.ndarray = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ rotation
@@ -237,13 +255,17 @@ def rotation_before(joint: Joint) -> np.ndarray:
 
 
 def snap(x: np.ndarray, scale: float = 1.0) -> np.ndarray:
-    """An array with entries below ``ROUNDING * scale`` set to zero, and entries that near to ``scale`` set to it."""
+    """An array with entries below ``ROUNDING * scale`` set to zero, and entries that near to
+    ``scale`` set to it.
+    """
     out = np.where(np.abs(x) <= ROUNDING * scale, 0.0, x)
     return np.where(np.abs(np.abs(out) - scale) <= ROUNDING * scale, np.sign(out) * scale, out)
 
 
 def _split_rotation(rotation: np.ndarray) -> tuple[float, tuple[float, float], float]:
-    """``(g, (cos t, sin t), h)`` with ``rotation = Rz(g) Rx(t) Rz(h)``; g is zero where the z axes are parallel."""
+    """``(g, (cos t, sin t), h)`` with ``rotation = Rz(g) Rx(t) Rz(h)``; g is zero where the z axes
+    are parallel.
+    """
     rotation = snap(rotation)
     sine = float(np.hypot(rotation[0, 2], rotation[1, 2]))
     if sine <= ROUNDING:
@@ -252,7 +274,8 @@ def _split_rotation(rotation: np.ndarray) -> tuple[float, tuple[float, float], f
     g = float(np.arctan2(rotation[0, 2], -rotation[1, 2]))
     length = float(np.hypot(sine, rotation[2, 2]))
     twist = float(snap(np.array(rotation[2, 2] / length))), float(snap(np.array(sine / length)))
-    # from the remaining rotation, not from the entries of the size of the sine: they have few digits where it is small
+    # from the remaining rotation, not from the entries of the size of the sine: they have few
+    # digits where it is small
     left = _about_z(g).T @ rotation
     return g, twist, float(np.arctan2(-left[0, 1], left[0, 0]))
 
@@ -265,7 +288,9 @@ def _quarter(angle: float) -> tuple[int, float]:
 
 
 def _tidy(inertia: Inertia, *parts: Inertia) -> Inertia:
-    """Inertia with entries below `ROUNDING` of its parts set to zero; diagonal entries that close become equal."""
+    """Inertia with entries below `ROUNDING` of its parts set to zero; diagonal entries that close
+    become equal.
+    """
     largest = max(float(np.abs(x.second).max()) for x in (inertia, *parts))
     heavy = max(abs(x.mass) for x in (inertia, *parts))
     reach = max(
@@ -284,7 +309,8 @@ def _tidy(inertia: Inertia, *parts: Inertia) -> Inertia:
 def _share(pose: Pose, before_turns: bool) -> tuple[Pose, np.ndarray, tuple[float, float], float]:
     """``(gauge, place, twist, h)`` with ``pose = gauge T(place) Rx(twist) Rz(h)``.
 
-    The gauge commutes with the joint before: a turn and a shift along z, or any shift where that joint slides.
+    The gauge commutes with the joint before: a turn and a shift along z, or any shift where that
+    joint slides.
     """
     rotation, position = pose
     size = max(float(np.abs(position).max()), 1e-9)
@@ -312,8 +338,8 @@ def _share(pose: Pose, before_turns: bool) -> tuple[Pose, np.ndarray, tuple[floa
 def _lay(raws: list[_Raw], gravity: np.ndarray, tool: Pose, carrier: int, to_mass: bool) -> Chain:
     """Place the frames of all joints, from the last to the first: `Chain` without regrouping.
 
-    Each pose is split in a part that can be moved into the frame of the joint before, if no other child was there
-    first, and the rest. Frames without a joint behind them can be rotated freely.
+    Each pose is split in a part that can be moved into the frame of the joint before, if no other
+    child was there first, and the rest. Frames without a joint behind them can be rotated freely.
     """
     n = len(raws)
     gauges: list[Pose] = [AT_REST] * n  # the frame that is used, in the raw one
@@ -332,7 +358,8 @@ def _lay(raws: list[_Raw], gravity: np.ndarray, tool: Pose, carrier: int, to_mas
     ) -> None:
         quarters, rest = _quarter(h)
         if i in free - turned and rest != 0.0:
-            gauges[i], rest = (_about_z(-rest), np.zeros(3)), 0.0
+            gauges[i] = (_about_z(-rest), np.zeros(3))
+            rest = 0.0
         inertia = _tidy(raws[i].inertia.moved(inverse(gauges[i])))
         about = _about_z(lead)
         ahead = (float(about[0, 0]), float(about[1, 0]))
@@ -341,12 +368,14 @@ def _lay(raws: list[_Raw], gravity: np.ndarray, tool: Pose, carrier: int, to_mas
         )
 
     for i in reversed([i for i in range(n) if first[raws[i].before] == i]):
-        pose, before = compose(raws[i].pose, gauges[i]), raws[i].before
+        pose = compose(raws[i].pose, gauges[i])
+        before = raws[i].before
         if before >= 0:
             gauges[before], place, twist, h = _share(pose, raws[before].revolute)
         else:
             base, down, h = _ground(pose, gravity, raws[i].revolute)
-            place, twist = np.zeros(3), (1.0, 0.0)
+            place = np.zeros(3)
+            twist = (1.0, 0.0)
         add(i, place, twist, h)
     for i in [i for i in range(n) if i not in joints]:
         before = raws[i].before
@@ -359,7 +388,9 @@ def _lay(raws: list[_Raw], gravity: np.ndarray, tool: Pose, carrier: int, to_mas
 
 
 def _ground(pose: Pose, gravity: np.ndarray, turns: bool) -> tuple[Pose, np.ndarray, float]:
-    """The frame under the first joint, gravity in it with at most two components, and the remaining angle."""
+    """The frame under the first joint, gravity in it with at most two components, and the
+    remaining angle.
+    """
     size = float(np.linalg.norm(gravity)) or 1.0
     down = snap(pose[0].T @ gravity, size)
     if not (turns and down[0] and down[1]):
@@ -374,10 +405,12 @@ def _ground(pose: Pose, gravity: np.ndarray, turns: bool) -> tuple[Pose, np.ndar
 
 @dataclass(frozen=True)
 class KeptInertia:
-    """The part of a joint's inertia that is not regrouped to the body before, although it could be.
+    """The part of a joint's inertia that is not regrouped to the body before, although it could
+    be.
 
-    ``mass``: "none", "all", or "balance": so much that the body before is balanced along the line to this joint.
-    ``first``, ``second``: the moments of order one and two along the axis (all of order two for a joint that slides).
+    ``mass``: "none", "all", or "balance": so much that the body before is balanced along the line
+    to this joint. ``first``, ``second``: the moments of order one and two along the axis (all of
+    order two for a joint that slides).
     """
 
     mass: str = "none"
@@ -388,26 +421,29 @@ class KeptInertia:
 def regroup(chain: Chain, kept: Sequence[KeptInertia]) -> Chain:
     """Move the inertia that a joint does not move relative to the body before to that body.
 
-    Of a rotation: the mass on its axis (order zero, and one and two along z); of a translation: the second moments,
-    which matter only for rotations. Inertia that reaches the base has no effect.
+    Of a rotation: the mass on its axis (order zero, and one and two along z); of a translation:
+    the second moments, which matter only for rotations. Inertia that reaches the base has no
+    effect.
     """
     joints = list(chain.joints)
-    axis, total = np.array([0.0, 0.0, 1.0]), sum(joint.inertia.mass for joint in joints)
+    axis = np.array([0.0, 0.0, 1.0])
+    total = sum(joint.inertia.mass for joint in joints)
     for i in reversed(range(len(joints))):
-        joint, own, keep = joints[i], joints[i].inertia, kept[i]
+        joint = joints[i]
+        own = joints[i].inertia
+        keep = kept[i]
         ahead = joints[joint.before].inertia if joint.before >= 0 else NOTHING
         rotation = rotation_before(joint)
         if joint.revolute:
-            line, spread = (
-                (0.0 if keep.first else own.first[2]),
-                (0.0 if keep.second else own.second[2, 2]),
-            )
+            line = 0.0 if keep.first else own.first[2]
+            spread = 0.0 if keep.second else own.second[2, 2]
             gone = Inertia(
                 0.0 if keep.mass == "all" else own.mass, line * axis, spread * np.outer(axis, axis)
             )
             if keep.mass == "balance":
                 stays = _balance(ahead + gone.moved((rotation, joint.place)), joint.place)
-                # (a short distance would need a large mass, and large masses that cancel would cost digits)
+                # (a short distance would need a large mass, and large masses that cancel would
+                # cost digits)
                 gone = replace(gone, mass=gone.mass - (stays if abs(stays) <= total else 0.0))
         else:
             rotation = rotation @ _about_z(joint.turn + joint.quarters * np.pi / 2)
@@ -430,8 +466,8 @@ def _balance(together: Inertia, place: np.ndarray) -> float:
 def make_chain(model: RobotModel, to_mass: bool = True) -> Chain:
     """The `Chain` of a model without beams, each body with its own mass: see `regroup`.
 
-    ``to_mass``: the x axis of the last frame points to its center of mass, which costs an addition to the angle and
-    saves more wherever forces are computed.
+    ``to_mass``: the x axis of the last frame points to its center of mass, which costs an addition
+    to the angle and saves more wherever forces are computed.
     """
     raws, tool, carrier = _flatten(model)
     return _lay(raws, np.array(model.gravity, dtype=float), tool, carrier, to_mass)

@@ -1,8 +1,9 @@
 """Fast functions: the functions of `Equations` by recursions that are specialized to one robot.
 
-The Lagrangian defines and checks the results; here the same arguments give the same results with fewer operations. The
-forces of gears, springs, frictions and drags are the graphs of the Lagrangian. Of several recursions the
-shortest for the robot is used. A robot for which recursion and Lagrangian differ uses the Lagrangian.
+The Lagrangian defines and checks the results; here the same arguments give the same results with
+fewer operations. The forces of gears, springs, frictions and drags are the graphs of the
+Lagrangian. Of several recursions the shortest for the robot is used. A robot for which recursion
+and Lagrangian differ uses the Lagrangian.
 """
 
 from __future__ import annotations
@@ -34,10 +35,12 @@ AGREEMENT = 1e-9  # of the largest entry: far above rounding, far below errors t
 
 
 def fast_function(equations: Equations, name: str) -> ca.Function | None:
-    """A function of `Equations` by recursion, with the same arguments and dense results, where the robot passes a test.
+    """A function of `Equations` by recursion, with the same arguments and dense results, where the
+    robot passes a test.
 
-    Before the first use for a robot, its inverse dynamics, mass matrix and tool pose are compared with the
-    Lagrangian's at some states: see `agrees`. Where they differ, no function of this robot uses the recursion.
+    Before the first use for a robot, its inverse dynamics, mass matrix and tool pose are compared
+    with the Lagrangian's at some states: see `agrees`. Where they differ, no function of this
+    robot uses the recursion.
 
     Parameters
     ----------
@@ -49,14 +52,16 @@ def fast_function(equations: Equations, name: str) -> ca.Function | None:
     Returns
     -------
     casadi.Function or None
-        None where `recursive_function` has none, and for robots that do not pass: the Lagrangian's is to be used.
+        None where `recursive_function` has none, and for robots that do not pass: the Lagrangian's
+        is to be used.
     """
     function = recursive_function(equations, name)
     return function if function is not None and _passes(equations) else None
 
 
 def recursive_function(equations: Equations, name: str) -> ca.Function | None:
-    """A function of `Equations` by recursion, whether or not the robot passes the test of `fast_function`.
+    """A function of `Equations` by recursion, whether or not the robot passes the test of
+    `fast_function`.
 
     Parameters
     ----------
@@ -68,10 +73,10 @@ def recursive_function(equations: Equations, name: str) -> ca.Function | None:
     Returns
     -------
     casadi.Function or None
-        None where there is no recursion: robots with beams, the whole robot where rotors turn with their carriers,
-        functions other than those of the table below, robots whose bodies or rotors may change at run time, and
-        accelerations of robots with a singular mass matrix (such as a massless last link): a recursion would divide by
-        zero.
+        None where there is no recursion: robots with beams, the whole robot where rotors turn with
+        their carriers, functions other than those of the table below, robots whose bodies or
+        rotors may change at run time, and accelerations of robots with a singular mass matrix
+        (such as a massless last link): a recursion would divide by zero.
     """
     model = equations.model
     base, product = split_product(name)
@@ -98,7 +103,9 @@ def recursive_function(equations: Equations, name: str) -> ca.Function | None:
 
 
 def _product(arm: Arm, name: str, product: str) -> Built | None:
-    """The product of a function's derivatives, by a recursion of its own where no run-time parameter changes it."""
+    """The product of a function's derivatives, by a recursion of its own where no run-time
+    parameter changes it.
+    """
     function = recursive_function(arm.equations, name)
     if function is None or "parameters" in function.name_in() or name not in products.BUILDERS:
         return None if function is None else products.of_function(arm, function, product)
@@ -108,10 +115,12 @@ def _product(arm: Arm, name: str, product: str) -> Built | None:
 
 
 def agrees(equations: Equations) -> bool:
-    """Whether the recursion gives a robot's inverse dynamics, mass matrix and tool pose as the Lagrangian does.
+    """Whether the recursion gives a robot's inverse dynamics, mass matrix and tool pose as the
+    Lagrangian does.
 
-    Compared at fixed random states (rotations and translations within 1 rad or 1 m, speeds and accelerations within 1),
-    parameters at the values of the file; no entry may differ by more than `AGREEMENT` of the largest one.
+    Compared at fixed random states (rotations and translations within 1 rad or 1 m, speeds and
+    accelerations within 1), parameters at the values of the file; no entry may differ by more than
+    `AGREEMENT` of the largest one.
 
     Parameters
     ----------
@@ -122,7 +131,8 @@ def agrees(equations: Equations) -> bool:
     -------
     bool
     """
-    rng, n_a = np.random.default_rng(0), equations.model.n_a
+    rng = np.random.default_rng(0)
+    n_a = equations.model.n_a
     values = np.array([parameter.value for parameter in equations.parameters])
     states = [
         {name: rng.uniform(-1.0, 1.0, n_a) for name in ("q_a", "v_a", "a_a")}
@@ -130,7 +140,8 @@ def agrees(equations: Equations) -> bool:
         for _ in range(TRIALS)
     ]
     for name in ("inverse_dynamics", "mass_matrix", "forward_kinematics"):
-        fast, slow = recursive_function(equations, name), equations.function(name)
+        fast = recursive_function(equations, name)
+        slow = equations.function(name)
         assert fast is not None
         for state in states:
             results = [f.call([state[port] for port in f.name_in()]) for f in (fast, slow)]
@@ -147,7 +158,9 @@ def _passes(equations: Equations) -> bool:
 
 
 def operations_of(function: ca.Function) -> int:
-    """Arithmetic operations of an SX function; sines, cosines and other functions are not counted."""
+    """Arithmetic operations of an SX function; sines, cosines and other functions are not
+    counted.
+    """
     counted = (
         ca.OP_DIV,
         ca.OP_INV,
@@ -162,7 +175,7 @@ def operations_of(function: ca.Function) -> int:
     return sum(function.instruction_id(k) in counted for k in range(function.n_instructions()))
 
 
-# --- the arm ---------------------------------------------------------------------------------------------------------
+# --- the arm -------------------------------------------------------------------------------------
 
 
 def _inverse_dynamics(arm: Arm) -> Built:
@@ -221,7 +234,9 @@ def _arm_forward_dynamics(arm: Arm) -> Built:
 
 
 def _accelerations(arm: Arm, force: ca.SX, armature: np.ndarray) -> ca.SX:
-    """Accelerations of the arm under forces, expressions in any symbols, with rotors that add to the mass matrix."""
+    """Accelerations of the arm under forces, expressions in any symbols, with rotors that add to
+    the mass matrix.
+    """
     shared = accelerations.kind(armature)
     # the choice depends on the arm only, not on the function that is asked for first
     if shared and np.any(armature):
@@ -243,7 +258,7 @@ def _arm_residual_jacobians(arm: Arm) -> Built:
     return arm.symbols(*names), names, [M, ca.horzcat(by_q, by_v)], ["M", "R_a"]
 
 
-# --- the whole robot -----------------------------------------------------------------------------------------------
+# --- the whole robot -----------------------------------------------------------------------------
 
 
 def _forward_dynamics(arm: Arm) -> Built:
@@ -253,7 +268,8 @@ def _forward_dynamics(arm: Arm) -> Built:
 
 
 def _forward_dynamics_tool_force(arm: Arm) -> Built:
-    lagrangian, f_tool = arm.equations.lagrangian, ca.SX.sym("f_tool", 6)
+    lagrangian = arm.equations.lagrangian
+    f_tool = ca.SX.sym("f_tool", 6)
     pushed = ca.mtimes(_jacobian(arm)[2][0].T, f_tool)
     a_a, a_m = _whole_accelerations(arm, lagrangian.forces[: arm.model.n_a] + pushed)
     names = ["q_a", "v_a", "q_m", "v_m", "tau_m"]
@@ -262,8 +278,11 @@ def _forward_dynamics_tool_force(arm: Arm) -> Built:
 
 
 def _whole_accelerations(arm: Arm, on_arm: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Accelerations of arm and motors under forces on the arm's coordinates and those of the equations on motors."""
-    model, forces = arm.model, arm.equations.lagrangian.forces
+    """Accelerations of arm and motors under forces on the arm's coordinates and those of the
+    equations on motors.
+    """
+    model = arm.model
+    forces = arm.equations.lagrangian.forces
     a_a = _accelerations(arm, on_arm, arm.armature)
     geared = ca.mtimes(ca.SX(ca.DM(model.eta)), ca.vertcat(*[a_a[i] for i in model.i_g]))
     a_m = [geared[j] for j in range(model.n_m)]
@@ -273,9 +292,14 @@ def _whole_accelerations(arm: Arm, on_arm: ca.SX) -> tuple[ca.SX, ca.SX]:
 
 
 def beside_the_arm(arm: Arm) -> tuple[ca.SX, ca.SX]:
-    """Rotors in ``M_y``; springs, dampers, frictions and torques in ``R_y``: ``-d(forces)/d(y, dy, tau_m)``."""
-    model, forces = arm.model, arm.equations.lagrangian.forces
-    n, n_a, i_m = model.dof, model.n_a, model.i_m
+    """Rotors in ``M_y``; springs, dampers, frictions and torques in ``R_y``:
+    ``-d(forces)/d(y, dy, tau_m)``.
+    """
+    model = arm.model
+    forces = arm.equations.lagrangian.forces
+    n = model.dof
+    n_a = model.n_a
+    i_m = model.i_m
     M = ca.SX.zeros(n, n)
     M[:n_a, :n_a] = ca.SX(ca.DM(arm.armature))
     for k, j in enumerate(i_m):
@@ -286,7 +310,8 @@ def beside_the_arm(arm: Arm) -> tuple[ca.SX, ca.SX]:
 
 
 def _residual_jacobians(arm: Arm) -> Built:
-    n, n_a = arm.model.dof, arm.model.n_a
+    n = arm.model.dof
+    n_a = arm.model.n_a
     by_q, by_v, M_a = arm.derivatives
     M, R = beside_the_arm(arm)
     M[:n_a, :n_a] += M_a
@@ -296,11 +321,12 @@ def _residual_jacobians(arm: Arm) -> Built:
     return arm.symbols(*names), names, [M, R], ["M_y", "R_y"]
 
 
-# --- the tool --------------------------------------------------------------------------------------------------------
+# --- the tool ------------------------------------------------------------------------------------
 
 
 def _forward_kinematics(arm: Arm) -> Built:
-    inputs, tape = arm.symbols("q_a"), Tape()
+    inputs = arm.symbols("q_a")
+    tape = Tape()
     p, R = kinematics.tool_pose(
         tape, make_chain(arm.model, to_mass=False), arm.to_joints(tape.vector(inputs[0]))
     )
@@ -309,7 +335,8 @@ def _forward_kinematics(arm: Arm) -> Built:
 
 
 def _jacobian(arm: Arm) -> Built:
-    inputs, tape = arm.symbols("q_a"), Tape()
+    inputs = arm.symbols("q_a")
+    tape = Tape()
     J = arm.jacobian(tape, make_chain(arm.model, to_mass=False), tape.vector(inputs[0]))
     return (
         inputs,
@@ -320,12 +347,14 @@ def _jacobian(arm: Arm) -> Built:
 
 
 def _tool_motion(arm: Arm) -> Built:
-    names, tape = ["q_a", "v_a", "a_a"], Tape()
+    names = ["q_a", "v_a", "a_a"]
+    tape = Tape()
     inputs = arm.symbols(*names)
     q, v, a = (arm.to_joints(x) for x in vectors(tape, *inputs))
     moving = kinematics.rates(tape, make_chain(arm.model, to_mass=False), q, v, a)
     still: Scalar = 0.0
-    v_tool, a_tool = [still] * 6, list(moving.bias)
+    v_tool = [still] * 6
+    a_tool = list(moving.bias)
     for (J, _, _), speed in zip(moving.columns, v, strict=True):
         v_tool = [x + y * speed for x, y in zip(v_tool, J, strict=True)]
     flat = tape.build([*v_tool, *a_tool])

@@ -1,10 +1,11 @@
 """The functions of `flexgen.mechanics.inversion_functions` by recursion.
 
-The order of derivatives in time and in coordinates may be changed: the derivative of the tool's velocity in a
-coordinate is the time derivative of that column of the Jacobian, and so on. Angular velocities are not derivatives
-of coordinates, which adds a term:
+The order of derivatives in time and in coordinates may be changed: the derivative of the tool's
+velocity in a coordinate is the time derivative of that column of the Jacobian, and so on. Angular
+velocities are not derivatives of coordinates, which adds a term:
 
-    d(W v)/dq = W' - (0, w x z),    d(W a + W' v)/dq = W'' - (0, w' x z + w x z'),    d(W' v)/dv = 2 W' - (0, w x z)
+    d(W v)/dq = W' - (0, w x z),    d(W a + W' v)/dq = W'' - (0, w' x z + w x z'),
+    d(W' v)/dv = 2 W' - (0, w x z)
 """
 
 from __future__ import annotations
@@ -26,12 +27,15 @@ from flexgen.recursion.tape import Scalar, Tape
 
 
 def _output_constraint(arm: Arm) -> Built:
-    equations, output = arm.equations, arm.model.output
+    equations = arm.equations
+    output = arm.model.output
     if output.type == "combination":
         return definition.output_constraint(equations)
     q_a, v_a = arm.symbols("q_a", "v_a")
-    tape, chain = Tape(), make_chain(arm.model, to_mass=False)
-    q, v = tape.vector(q_a), tape.vector(v_a)
+    tape = Tape()
+    chain = make_chain(arm.model, to_mass=False)
+    q = tape.vector(q_a)
+    v = tape.vector(v_a)
     still: list[Scalar] = [0.0] * arm.model.n_a
     p, R = kinematics.tool_pose(tape, chain, arm.to_joints(q))
     moving = kinematics.rates(tape, chain, *(arm.to_joints(x) for x in (q, v, still)))
@@ -42,9 +46,12 @@ def _output_constraint(arm: Arm) -> Built:
     ]
     bias = [moving.bias[i] for i in kept]
     W = min(chosen, key=lambda A: tape.count([*bias, *(x for row in A for x in row)]))
-    n_y, n_a = len(kept), arm.model.n_a
+    n_y = len(kept)
+    n_a = arm.model.n_a
     flat = tape.build([*p, *(x for row in R for x in row), *bias, *(x for row in W for x in row)])
-    place, turn, flat = ca.vertcat(*flat[:3]), matrix_of(flat[3:12], 3), flat[12:]
+    place = ca.vertcat(*flat[:3])
+    turn = matrix_of(flat[3:12], 3)
+    flat = flat[12:]
     target = ca.SX.sym("target", output.target_size)
     W = matrix_of(flat[n_y:], n_a)
     bias_rows = ca.vertcat(*flat[:n_y])
@@ -112,7 +119,8 @@ def _output_jacobians(arm: Arm) -> list[ca.SX]:
         found[0].append([x - y for x, y in zip(first, turned, strict=True)])
         found[1].append([x - y for x, y in zip(second, again, strict=True)])
         found[2].append([2.0 * x - y for x, y in zip(first, turned, strict=True)])
-    kept, n = _rate_rows(arm), arm.model.n_a
+    kept = _rate_rows(arm)
+    n = arm.model.n_a
     flat = tape.build(
         [column[i] for columns in found for i in kept for column in arm.to_coordinates(columns)]
     )
@@ -133,8 +141,12 @@ def _angle_jacobians(arm: Arm) -> list[ca.SX]:
 
 
 def _row_jacobians(arm: Arm) -> list[ca.SX]:
-    """The rows without motor of ``M a + c + g`` (n_e), and their derivatives in q, v and a (n_e, n_a)."""
-    inputs, e, n = arm.symbols("q_a", "v_a", "a_a"), arm.model.i_e, arm.model.n_a
+    """The rows without motor of ``M a + c + g`` (n_e), and their derivatives in q, v and a (n_e,
+    n_a).
+    """
+    inputs = arm.symbols("q_a", "v_a", "a_a")
+    e = arm.model.i_e
+    n = arm.model.n_a
     if not e:
         return []
 

@@ -1,7 +1,7 @@
 """Pose and Jacobian of the tool over a `Chain`, written on a `Tape`.
 
-Joints with parallel axes form a group: one rotation by the sum of their angles, and the offsets from one joint to the
-next are added up in the plane normal to the axes.
+Joints with parallel axes form a group: one rotation by the sum of their angles, and the offsets
+from one joint to the next are added up in the plane normal to the axes.
 """
 
 from __future__ import annotations
@@ -17,11 +17,12 @@ from flexgen.recursion.tape import Scalar, Tape
 
 @dataclass
 class _Group:
-    """Neighbors with parallel axes: a frame before them that rotates with none of them, and its axes in the world.
+    """Neighbors with parallel axes: a frame before them that rotates with none of them, and its
+    axes in the world.
 
-    ``members``: joints by number, with the place of each in the group's frame. ``turn`` (cosine, sine): by all of them.
-    ``step``: from the group's origin to the last of them, in the group's frame; ``place``: from there to the next
-    group, in the rotated axes.
+    ``members``: joints by number, with the place of each in the group's frame. ``turn`` (cosine,
+    sine): by all of them. ``step``: from the group's origin to the last of them, in the group's
+    frame; ``place``: from there to the next group, in the rotated axes.
     """
 
     origin: Vector3
@@ -70,12 +71,14 @@ def _groups(tape: Tape, chain: Chain, q: Sequence[Scalar]) -> list[_Group]:
     angle: Scalar = 0.0
     quarters = 0
     for i in chain.to_tool:
-        joint, x = chain.joints[i], q[i]
+        joint = chain.joints[i]
+        x = q[i]
         if joint.twist != (1.0, 0.0):
             group.place = joint.place.tolist()
             group = _Group(group.end, _tilt_axes(joint, group.turned))
             groups.append(group)
-            angle, quarters = 0.0, 0
+            angle = 0.0
+            quarters = 0
         else:
             group.step = plus(group.step, _rotate_about_z(group.turn, joint.place.tolist()))
         if joint.revolute:
@@ -113,7 +116,9 @@ def tool_pose(tape: Tape, chain: Chain, q: Sequence[Scalar]) -> tuple[Vector3, M
 
 
 def jacobian(tape: Tape, chain: Chain, q: Sequence[Scalar]) -> Matrix:
-    """Jacobian of the tool: linear, then angular velocity in the world, by rows; arguments as for `tool_pose`."""
+    """Jacobian of the tool: linear, then angular velocity in the world, by rows; arguments as for
+    `tool_pose`.
+    """
     groups = _groups(tape, chain, q)
     columns: list[list[Scalar]] = [[0.0] * 6 for _ in q]
     to_tool = plus(groups[-1].step, _rotate_about_z(groups[-1].turn, groups[-1].place))
@@ -125,17 +130,20 @@ def jacobian(tape: Tape, chain: Chain, q: Sequence[Scalar]) -> Matrix:
             else:
                 columns[i] = [*group.axes[Z], 0.0, 0.0, 0.0]
         if k > 0:
-            behind, last = tilt(chain.joints[group.members[0][0]], to_tool), groups[k - 1]
+            behind = tilt(chain.joints[group.members[0][0]], to_tool)
+            last = groups[k - 1]
             to_tool = plus(last.step, _rotate_about_z(last.turn, plus(last.place, behind)))
     return [list(row) for row in zip(*columns, strict=True)]
 
 
 @dataclass(frozen=True)
 class Rates:
-    """Jacobian of the tool with its first two time derivatives, and the tool's angular motion, in the world.
+    """Jacobian of the tool with its first two time derivatives, and the tool's angular motion, in
+    the world.
 
-    ``columns``: for each joint ``(J, J', J'')``, each the linear, then the angular part (6). ``w``, ``dw``: angular
-    velocity and acceleration (3); ``bias``: linear and angular acceleration (6), all at the accelerations given.
+    ``columns``: for each joint ``(J, J', J'')``, each the linear, then the angular part (6).
+    ``w``, ``dw``: angular velocity and acceleration (3); ``bias``: linear and angular acceleration
+    (6), all at the accelerations given.
     """
 
     columns: list[tuple[Vector3, Vector3, Vector3]]
@@ -149,10 +157,12 @@ def rates(
 ) -> Rates:
     """The `Rates` at speeds v and accelerations a; arguments otherwise as for `tool_pose`.
 
-    An axis z of a body with angular velocity w moves with ``z' = w x z``, ``z'' = w' x z + w x z'``, and so does the
-    offset s from one joint to the next; r is the sum of the offsets from a joint to the tool:
+    An axis z of a body with angular velocity w moves with ``z' = w x z``,
+    ``z'' = w' x z + w x z'``, and so does the offset s from one joint to the next; r is the sum of
+    the offsets from a joint to the tool:
 
-        J = (z x r, z),    J' = (z' x r + z x r', z'),    J'' = (z'' x r + 2 z' x r' + z x r'', z'')
+        J = (z x r, z),    J' = (z' x r + z x r', z'),
+        J'' = (z'' x r + 2 z' x r' + z x r'', z'')
     """
     axes: Matrix = chain.base[0].T.tolist()
     w: Vector3 = [0.0] * 3
@@ -163,11 +173,15 @@ def rates(
     ways: list[tuple[Vector3, Vector3, Vector3]] = []
     lines: list[tuple[Vector3, Vector3, Vector3]] = []
     for i in chain.to_tool:
-        joint, x, speed, acceleration = chain.joints[i], q[i], v[i], a[i]
+        joint = chain.joints[i]
+        x = q[i]
+        speed = v[i]
+        acceleration = a[i]
         ways.append(_differentiate_rotating(combine_axes(turned, joint.place.tolist()), w, dw))
         if joint.twist != (1.0, 0.0) or not lines:
             axes = _tilt_axes(joint, turned)
-            angle, quarters = 0.0, 0
+            angle = 0.0
+            quarters = 0
         line = _differentiate_rotating(axes[Z], w, dw)
         z, z1, z2 = line
         lines.append(line)
@@ -187,7 +201,9 @@ def rates(
             first = [first[k] + z[k] * speed + z1[k] * x for k in (X, Y, Z)]
             ways.append(([way[k] + z[k] * x for k in (X, Y, Z)], first, second))
     ways.append(_differentiate_rotating(combine_axes(turned, chain.tool[1].tolist()), w, dw))
-    columns: list[tuple[Vector3, Vector3, Vector3]] = [([0.0] * 6, [0.0] * 6, [0.0] * 6) for _ in q]
+    columns: list[tuple[Vector3, Vector3, Vector3]] = [
+        ([0.0] * 6, [0.0] * 6, [0.0] * 6) for _ in q
+    ]
     r, r1, r2 = ways[-1]
     for i, (z, z1, z2), step in zip(
         reversed(chain.to_tool), reversed(lines), reversed(ways[:-1]), strict=True
@@ -199,7 +215,9 @@ def rates(
             columns[i] = [*cross(z, r), *z], [*first, *z1], [*second, *z2]
         else:
             columns[i] = [*z, 0.0, 0.0, 0.0], [*z1, 0.0, 0.0, 0.0], [*z2, 0.0, 0.0, 0.0]
-        r, r1, r2 = plus(r, step[0]), plus(r1, step[1]), plus(r2, step[2])
+        r = plus(r, step[0])
+        r1 = plus(r1, step[1])
+        r2 = plus(r2, step[2])
     return Rates(columns, w, dw, [*r2, *dw])
 
 

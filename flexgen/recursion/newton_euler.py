@@ -1,16 +1,17 @@
 """Newton-Euler and composite-body recursions over a `Chain`, written on a `Tape`.
 
-Motion of a frame: angular velocity ``w``, acceleration of the origin ``a`` (gravity included), and the matrix
-``U = dw^ + w^ w^`` that gives the acceleration ``a + U r`` of a point r. A body with moments m, s, S (order zero, one,
-two) then needs
+Motion of a frame: angular velocity ``w``, acceleration of the origin ``a`` (gravity included), and
+the matrix ``U = dw^ + w^ w^`` that gives the acceleration ``a + U r`` of a point r. A body with
+moments m, s, S (order zero, one, two) then needs
 
-    f = m a + U s,            n = s x a + axial(U S),       axial(A) = (A_zy - A_yz, A_xz - A_zx, A_yx - A_xy)
+    f = m a + U s,            n = s x a + axial(U S),
+    axial(A) = (A_zy - A_yz, A_xz - A_zx, A_yx - A_xy)
 
-The column ``U e_z`` is invariant under the rotation of a joint about its own z axis, which saves the gyroscopic terms
-of the angular acceleration where U of the body before is known anyway.
+The column ``U e_z`` is invariant under the rotation of a joint about its own z axis, which saves
+the gyroscopic terms of the angular acceleration where U of the body before is known anyway.
 
-Source: after W. Khalil, E. Dombre, Modeling, Identification and Control of Robots, 2002, sec. 9.6; R. Featherstone,
-Rigid Body Dynamics Algorithms, 2008, ch. 6.
+Source: after W. Khalil, E. Dombre, Modeling, Identification and Control of Robots, 2002, sec. 9.6;
+R. Featherstone, Rigid Body Dynamics Algorithms, 2008, ch. 6.
 """
 
 from __future__ import annotations
@@ -22,17 +23,21 @@ from dataclasses import dataclass, replace
 from flexgen.recursion.dh_chain import Chain, Inertia, Joint
 from flexgen.recursion.tape import Scalar, Tape, Value
 
-X, Y, Z = 0, 1, 2
+X = 0
+Y = 1
+Z = 2
 Vector3 = list[Scalar]
 Wrench = tuple[Vector3, Vector3]  # force, moment about the origin of the frame
 
 
-# --- rotations, cross products----------------------------------------------------------------------------------------
+# --- rotations, cross products--------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class Turn:
-    """The rotation of a joint: lead and twist (numbers), then an angle about z by its cosine and sine."""
+    """The rotation of a joint: lead and twist (numbers), then an angle about z by its cosine and
+    sine.
+    """
 
     lead: tuple[float, float]
     twist: tuple[float, float]
@@ -55,15 +60,19 @@ class Turn:
 
 def untilt(by: Joint | Turn, v: Vector3) -> Vector3:
     """``Rx(twist)' Rz(lead)' v``."""
-    (c, s), (cosine, sine) = by.lead, by.twist
-    x, y = c * v[0] + s * v[1], c * v[1] - s * v[0]
+    (c, s) = by.lead
+    (cosine, sine) = by.twist
+    x = c * v[0] + s * v[1]
+    y = c * v[1] - s * v[0]
     return [x, cosine * y + sine * v[2], cosine * v[2] - sine * y]
 
 
 def tilt(by: Joint | Turn, v: Vector3) -> Vector3:
     """``Rz(lead) Rx(twist) v``."""
-    (c, s), (cosine, sine) = by.lead, by.twist
-    y, z = cosine * v[1] - sine * v[2], cosine * v[2] + sine * v[1]
+    (c, s) = by.lead
+    (cosine, sine) = by.twist
+    y = cosine * v[1] - sine * v[2]
+    z = cosine * v[2] + sine * v[1]
     return [c * v[0] - s * y, c * y + s * v[0], z]
 
 
@@ -80,9 +89,11 @@ def turn_by(tape: Tape, angle: Scalar, quarters: int) -> tuple[Scalar, Scalar]:
     c: Scalar
     s: Scalar
     if isinstance(angle, Value):
-        c, s = tape.sine(angle, cosine=True), tape.sine(angle)
+        c = tape.sine(angle, cosine=True)
+        s = tape.sine(angle)
     else:
-        c, s = math.cos(angle), math.sin(angle)
+        c = math.cos(angle)
+        s = math.sin(angle)
     for _ in range(quarters % 4):
         c, s = -s, c
     return c, s
@@ -98,15 +109,16 @@ def plus(a: Sequence[Scalar], b: Sequence[Scalar]) -> Vector3:
     return [x + y for x, y in zip(a, b, strict=True)]
 
 
-# --- motion ----------------------------------------------------------------------------------------------------------
+# --- motion --------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class _Root:
     """Quantities that neighbors with parallel axes share, in the frame before the first of them.
 
-    Of the angular velocity, of ``U e_z`` and of the acceleration (the same for all in a chain of translations) only the
-    components normal to the axes. ``angle``, ``quarters``: rotation since that frame.
+    Of the angular velocity, of ``U e_z`` and of the acceleration (the same for all in a chain of
+    translations) only the components normal to the axes. ``angle``, ``quarters``: rotation since
+    that frame.
     """
 
     w: Vector3
@@ -118,11 +130,12 @@ class _Root:
 
 @dataclass(frozen=True)
 class Motion:
-    """Angular velocity of a frame, acceleration of its origin, and either its angular acceleration or the column.
+    """Angular velocity of a frame, acceleration of its origin, and either its angular acceleration
+    or the column.
 
-    ``spin``: angular acceleration (3), its first two entries None where ``column`` (2), the upper part of ``U e_z``, is
-    known instead. All in the frame's axes; products are shared by the tape. ``root``: start of the neighbors with
-    parallel axes.
+    ``spin``: angular acceleration (3), its first two entries None where ``column`` (2), the upper
+    part of ``U e_z``, is known instead. All in the frame's axes; products are shared by the tape.
+    ``root``: start of the neighbors with parallel axes.
     """
 
     w: Vector3
@@ -134,9 +147,11 @@ class Motion:
     @property
     def dw(self) -> Vector3:
         """The angular acceleration."""
-        w, (x, y, z) = self.w, self.spin
+        w = self.w
+        (x, y, z) = self.spin
         if self.column is not None:
-            x, y = w[Y] * w[Z] - self.column[Y], self.column[X] - w[X] * w[Z]
+            x = w[Y] * w[Z] - self.column[Y]
+            y = self.column[X] - w[X] * w[Z]
         assert x is not None and y is not None
         return [x, y, z]
 
@@ -144,7 +159,8 @@ class Motion:
         """An entry of ``dw^ + w^ w^``."""
         w = self.w
         if i == k:
-            j, k = (i + 1) % 3, (i + 2) % 3
+            j = (i + 1) % 3
+            k = (i + 2) % 3
             return -(w[j] * w[j] + w[k] * w[k])
         if k == Z and self.column is not None:
             return self.column[i]
@@ -181,11 +197,14 @@ def move_to_next_frame(
     dv: Scalar,
     by_column: bool,
 ) -> Motion:
-    """The motion of the next frame, whose joint has the coordinate x, the speed v and the acceleration dv."""
+    """The motion of the next frame, whose joint has the coordinate x, the speed v and the
+    acceleration dv.
+    """
     carried = motion.along(joint.place.tolist())
     # U e_z of the frame before, with the axis of this joint in it
     axis = motion.along(tilt(joint, [0.0, 0.0, 1.0]) if by_column else [0.0] * 3)
-    root, total = motion.root, replace(turn, lead=(1.0, 0.0), twist=(1.0, 0.0))
+    root = motion.root
+    total = replace(turn, lead=(1.0, 0.0), twist=(1.0, 0.0))
     if root is not None and joint.twist == (1.0, 0.0):
         root = replace(root, angle=root.angle + turn.angle, quarters=root.quarters + turn.quarters)
         total = Turn(
@@ -200,7 +219,9 @@ def move_to_next_frame(
         root = _Root(w, column, a, turn.angle, turn.quarters)
 
     def rotate(x: Vector3, first: Vector3) -> Vector3:
-        """A vector in the joint's frame; from the root by the sum of the angles, where this takes fewer operations."""
+        """A vector in the joint's frame; from the root by the sum of the angles, where this takes
+        fewer operations.
+        """
         return [*total.into(first)[:2], turn.into(x)[Z]] if _sparse(first) else turn.into(x)
 
     w = rotate(motion.w, root.w)
@@ -239,14 +260,16 @@ def move_to_next_frame(
 
 def wrench(motion: Motion, body: Inertia) -> Wrench:
     """Force and moment (about the origin of its frame) that a body needs for its motion."""
-    s, S = body.first.tolist(), body.second.tolist()
+    s = body.first.tolist()
+    S = body.second.tolist()
     force = motion.along(s)
     if body.mass:
         force = [body.mass * motion.a[i] + force[i] for i in (X, Y, Z)]
     moment = cross(s, motion.a)
     w = motion.w
     for i in (X, Y, Z):
-        j, k = (i + 1) % 3, (i + 2) % 3
+        j = (i + 1) % 3
+        k = (i + 2) % 3
         if S[j][j] == S[k][k]:
             moment[i] = moment[i] + (2.0 * S[j][j]) * motion.dw[i] if S[j][j] else moment[i]
         else:
@@ -262,7 +285,7 @@ def wrench(motion: Motion, body: Inertia) -> Wrench:
     return force, moment
 
 
-# --- inverse dynamics ------------------------------------------------------------------------------------------------
+# --- inverse dynamics ----------------------------------------------------------------------------
 
 
 def inverse_dynamics(
@@ -312,7 +335,9 @@ def motions(
         chain.joints, turns, q, v, dv, columns, strict=True
     ):
         motion = out[joint.before] if joint.before >= 0 else ground
-        out.append(move_to_next_frame(tape, motion, joint, turn, x, speed, acceleration, by_column))
+        out.append(
+            move_to_next_frame(tape, motion, joint, turn, x, speed, acceleration, by_column)
+        )
     return out
 
 
@@ -326,12 +351,16 @@ def loads(chain: Chain, moving: Sequence[Motion]) -> list[Wrench]:
 def project_wrenches(
     chain: Chain, q: Sequence[Scalar], turns: Sequence[Turn], carried: Sequence[Wrench]
 ) -> tuple[list[Scalar], list[Wrench]]:
-    """Generalized forces that hold given wrenches on the frames of all joints, and the sums of these in each frame."""
+    """Generalized forces that hold given wrenches on the frames of all joints, and the sums of
+    these in each frame.
+    """
     tau: list[Scalar] = []
     still: Wrench = ([0.0] * 3, [0.0] * 3)
-    sums, beyond = [still] * len(chain.joints), [still] * len(chain.joints)
+    sums = [still] * len(chain.joints)
+    beyond = [still] * len(chain.joints)
     for i in reversed(range(len(chain.joints))):
-        joint, load = chain.joints[i], carried[i]
+        joint = chain.joints[i]
+        load = carried[i]
         force, moment = sums[i] = plus(load[0], beyond[i][0]), plus(load[1], beyond[i][1])
         tau.insert(0, moment[Z] if joint.revolute else force[Z])
         if joint.before >= 0:
@@ -347,5 +376,6 @@ def move_wrench_before(
     """A wrench on the frame of a joint, as a wrench on the frame before."""
     if not joint.revolute:
         moment = [moment[X] - x * force[Y], moment[Y] + x * force[X], moment[Z]]
-    force, moment = turn.back(force), turn.back(moment)
+    force = turn.back(force)
+    moment = turn.back(moment)
     return force, plus(moment, cross(joint.place.tolist(), force))

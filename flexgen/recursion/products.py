@@ -1,12 +1,15 @@
-"""Products with derivatives (jvp, vjp) of inverse and forward dynamics, without the matrices of the derivatives.
+"""Products with derivatives (jvp, vjp) of inverse and forward dynamics, without the matrices of
+the derivatives.
 
-Of inverse dynamics by differentiation of its recursion, in one sweep. Of accelerations ``(M + A) a = f - h``, with the
-constant inertias A of the rotors, by a second solution with the factors of the first:
+Of inverse dynamics by differentiation of its recursion, in one sweep. Of accelerations
+``(M + A) a = f - h``, with the constant inertias A of the rotors, by a second solution with the
+factors of the first:
 
     jvp:  (M + A) da = df - d(M a + h) at constant a
     vjp:  (M + A) mu = a_bar,    q_bar, v_bar = -(d(M a + h)/d(q, v))' mu,    f_bar = mu
 
-Source: A. Griewank, A. Walther, Evaluating Derivatives, 2008, ch. 3; the second solution: own derivation.
+Source: A. Griewank, A. Walther, Evaluating Derivatives, 2008, ch. 3; the second solution: own
+derivation.
 """
 
 from __future__ import annotations
@@ -39,25 +42,30 @@ def of_function(arm: Arm, function: ca.Function, kind: str) -> Built:
 
 def _inverse_dynamics(arm: Arm, kind: str) -> Built:
     """Differentiated by one sweep, forward or back."""
-    inputs, n = arm.symbols(*Q_V_A), arm.model.n_a
+    inputs = arm.symbols(*Q_V_A)
+    n = arm.model.n_a
     suffix, like = (TANGENT, Q_V_A) if kind == "jvp" else (COTANGENT, ["tau_a"])
     more, named = symbols_like(inputs[: len(like)], like, suffix)
 
     def route(tape: Tape, chain: Chain, columns: Columns) -> list[Scalar]:
-        (q, v, a), given = vectors(tape, *inputs), tape.vector(ca.veccat(*more))
-        tau, x = arm.torques(tape, chain, q, v, a, columns), [*q, *v, *a]
+        (q, v, a) = vectors(tape, *inputs)
+        given = tape.vector(ca.veccat(*more))
+        tau = arm.torques(tape, chain, q, v, a, columns)
+        x = [*q, *v, *a]
         if kind == "jvp":
             return tape.jvp(tau, zip(x, given, strict=True))
         return tape.vjp(list(zip(tau, given, strict=True)), x)
 
-    flat, out = arm.shortest([route]), ["tau_a"] if kind == "jvp" else Q_V_A
+    flat = arm.shortest([route])
+    out = ["tau_a"] if kind == "jvp" else Q_V_A
     found = [ca.vertcat(*flat[k * n : (k + 1) * n]) for k in range(len(out))]
     return [*inputs, *more], [*Q_V_A, *named], found, [name + suffix for name in out]
 
 
 def _arm_forward_dynamics(arm: Arm, kind: str) -> Built:
     tau_a = ca.SX.sym("tau_a", arm.model.n_a)
-    inputs, names = [*arm.symbols("q_a", "v_a"), tau_a], ["q_a", "v_a", "tau_a"]
+    inputs = [*arm.symbols("q_a", "v_a"), tau_a]
+    names = ["q_a", "v_a", "tau_a"]
     still = np.zeros((arm.model.n_a, arm.model.n_a))
     if kind == "jvp":
         more, named = symbols_like(inputs, names, TANGENT)
@@ -73,14 +81,22 @@ def _arm_forward_dynamics(arm: Arm, kind: str) -> Built:
 
 
 def _forward_dynamics(arm: Arm, kind: str) -> Built:
-    """Arm and motors: forces are differentiated as graphs, accelerations of the arm by `_changes` and `_weights`."""
-    model, forces, inputs = arm.model, arm.equations.lagrangian.forces, arm.symbols(*STATE)
-    n_a, n_m, i_m, i_g = model.n_a, model.n_m, list(model.i_m), list(model.i_g)
+    """Arm and motors: forces are differentiated as graphs, accelerations of the arm by `_changes`
+    and `_weights`.
+    """
+    model = arm.model
+    forces = arm.equations.lagrangian.forces
+    inputs = arm.symbols(*STATE)
+    n_a = model.n_a
+    n_m = model.n_m
+    i_m = list(model.i_m)
+    i_g = list(model.i_g)
     inertia = [1.0 / model.motors[j].inertia for j in i_m]
     eta = ca.SX(
         ca.DM([[0.0 if j in i_m else x for x in row] for j, row in enumerate(model.eta.tolist())])
     )
-    x, on_arm = ca.veccat(*inputs), forces[:n_a]
+    x = ca.veccat(*inputs)
+    on_arm = forces[:n_a]
     if kind == "jvp":
         more, named = symbols_like(inputs, STATE, TANGENT)
         change = ca.jtimes(forces, x, ca.veccat(*more))
@@ -105,7 +121,9 @@ def _changes(
 ) -> ca.SX:
     """Change of the accelerations for changes of coordinates, speeds and forces."""
 
-    def route(by: accelerations.Solver, tape: Tape, chain: Chain, columns: Columns) -> list[Scalar]:
+    def route(
+        by: accelerations.Solver, tape: Tape, chain: Chain, columns: Columns
+    ) -> list[Scalar]:
         at = by(tape, chain, columns)
         h = arm.torques(tape, chain, at.q, at.v, [tape.constant(x) for x in at.a], columns)
         changes = tape.jvp(h, zip([*at.q, *at.v], tape.vector(ca.vertcat(dq, dv)), strict=True))
@@ -119,7 +137,9 @@ def _weights(arm: Arm, force: ca.SX, armature: np.ndarray, weights: ca.SX) -> li
     """Derivatives of a weighted sum of the accelerations in coordinates, speeds and forces."""
     n = arm.model.n_a
 
-    def route(by: accelerations.Solver, tape: Tape, chain: Chain, columns: Columns) -> list[Scalar]:
+    def route(
+        by: accelerations.Solver, tape: Tape, chain: Chain, columns: Columns
+    ) -> list[Scalar]:
         at = by(tape, chain, columns)
         h = arm.torques(tape, chain, at.q, at.v, [tape.constant(x) for x in at.a], columns)
         mu = at.solve(tape.vector(weights))

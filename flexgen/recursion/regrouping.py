@@ -1,8 +1,8 @@
 """Choice of the regrouping and of the recursion variables for one robot, by counting operations.
 
-The shortest choice depends on the robot: masses that are regrouped to the body before save operations at one joint and
-cost some at another. Each joint is tried once, from the last to the first; changes that shorten inverse dynamics are
-kept.
+The shortest choice depends on the robot: masses that are regrouped to the body before save
+operations at one joint and cost some at another. Each joint is tried once, from the last to the
+first; changes that shorten inverse dynamics are kept.
 """
 
 from __future__ import annotations
@@ -24,7 +24,9 @@ KEPT_ALL = KeptInertia("all", True, True)
 
 @dataclass(frozen=True)
 class Plan:
-    """A regrouped chain, and for each joint whether ``U e_z`` is carried instead of the angular acceleration."""
+    """A regrouped chain, and for each joint whether ``U e_z`` is carried instead of the angular
+    acceleration.
+    """
 
     chain: Chain
     columns: tuple[bool, ...]
@@ -40,10 +42,13 @@ def operations(plan: Plan) -> int:
 
 @lru_cache(maxsize=16)
 def plans(model: RobotModel) -> tuple[Plan, ...]:
-    """Candidate plans for a model without beams, the one with the shortest inverse dynamics first."""
+    """Candidate plans for a model without beams, the one with the shortest inverse dynamics
+    first.
+    """
     chain = make_chain(model)
     n = len(chain.joints)
-    # moments of inertia that would move to the empty bodies between joints on one point are not regrouped
+    # moments of inertia that would move to the empty bodies between joints on one point are not
+    # regrouped
     points = [joint.before >= 0 and _on_a_point(chain, i) for i, joint in enumerate(chain.joints)]
     groupings = [
         [KeptInertia()] * n,
@@ -61,15 +66,19 @@ def plans(model: RobotModel) -> tuple[Plan, ...]:
         for other in _others(*best, i):
             count = operations(make(*other))
             if count < least:
-                best, least = other, count
+                best = other
+                least = count
     # columns that are best for inverse dynamics are mostly best for the other functions
     choices = [best, *starts, *((kept, best[1]) for kept, _ in starts[::2])]
     return tuple(make(*choice) for choice in dict.fromkeys(choices))
 
 
 def _on_a_point(chain: Chain, i: int) -> bool:
-    """Whether joint i turns about the same point as the one before it, which moves no body of its own."""
-    here, own = chain.joints[i], chain.joints[chain.joints[i].before].inertia
+    """Whether joint i turns about the same point as the one before it, which moves no body of its
+    own.
+    """
+    here = chain.joints[i]
+    own = chain.joints[chain.joints[i].before].inertia
     return (
         here.revolute
         and not here.place.any()

@@ -1,8 +1,9 @@
-"""Scalar arithmetic with constant folding and sharing of equal operations: the cost of a recursion is known beforehand.
+"""Scalar arithmetic with constant folding and sharing of equal operations: the cost of a recursion
+is known beforehand.
 
-A value is a Python float, or a `Value`: a signed reference to an operation on a `Tape`. Zeros and ones cost nothing,
-signs move through products and sums, equal operations are shared. A tape counts what its results need, and
-becomes CasADi graphs at the end.
+A value is a Python float, or a `Value`: a signed reference to an operation on a `Tape`. Zeros and
+ones cost nothing, signs move through products and sums, equal operations are shared. A tape counts
+what its results need, and becomes CasADi graphs at the end.
 """
 
 from __future__ import annotations
@@ -20,7 +21,9 @@ class Value:
     __slots__ = ("negative", "node", "tape")
 
     def __init__(self, tape: Tape, node: int, negative: bool = False) -> None:
-        self.tape, self.node, self.negative = tape, node, negative
+        self.tape = tape
+        self.node = node
+        self.negative = negative
 
     def __neg__(self) -> Value:
         return Value(self.tape, self.node, not self.negative)
@@ -71,7 +74,7 @@ class Tape:
             self.operations.append(key)
         return found
 
-    # --- what a recursion writes -------------------------------------------------------------------------------------
+    # --- what a recursion writes -----------------------------------------------------------------
 
     def symbol(self, x: ca.SX) -> Value:
         """A value given from outside."""
@@ -112,7 +115,8 @@ class Tape:
 
     def _match_multiples(self, a: int, b: int) -> tuple[int, float, float] | None:
         """``(x, c, d)`` where ``a = c x`` and ``b = d x`` with numbers c and d."""
-        (kind_a, x, c), (kind_b, y, d) = self.operations[a], self.operations[b]
+        (kind_a, x, c) = self.operations[a]
+        (kind_b, y, d) = self.operations[b]
         x, c = (int(x), c) if kind_a == "*c" else (a, 1.0)
         y, d = (int(y), d) if kind_b == "*c" else (b, 1.0)
         return (int(x), c, d) if x == y else None
@@ -131,10 +135,12 @@ class Tape:
         """``c a`` with a number c."""
         if c == 0.0:
             return 0.0
-        negative, c = a.negative != (c < 0.0), abs(float(c))
+        negative = a.negative != (c < 0.0)
+        c = abs(float(c))
         kind, first, second = self.operations[a.node]
         if kind == "*c":
-            first, c = int(first), c * second
+            first = int(first)
+            c = c * second
         else:
             first = a.node
         return (
@@ -153,26 +159,32 @@ class Tape:
             return 1.0 / float(a)  # (a number of numpy would give infinity and a warning)
         return Value(self, self._node("/", a.node), a.negative)
 
-    # --- derivatives -------------------------------------------------------------------------------------------------
+    # --- derivatives -----------------------------------------------------------------------------
 
     def tangents(self, results: Sequence[Scalar], x: Scalar) -> list[Scalar]:
         """Derivatives of results in one symbol, written on the tape as well."""
         return self._forward(results, [(x, 1.0)], {})
 
     def gradient(self, result: Scalar, symbols: Sequence[Scalar]) -> list[Scalar]:
-        """Derivatives of one result in symbols, from the result back; written on the tape as well."""
+        """Derivatives of one result in symbols, from the result back; written on the tape as
+        well.
+        """
         return self._backward([(result, 1.0)], symbols, {})
 
     def jvp(
         self, results: Sequence[Scalar], tangents: Iterable[tuple[Scalar, Scalar]]
     ) -> list[Scalar]:
-        """Rates of results where symbols ``x`` have the rates of the pairs ``(x, dx)``; rotations as a whole."""
+        """Rates of results where symbols ``x`` have the rates of the pairs ``(x, dx)``; rotations
+        as a whole.
+        """
         return self._forward(results, tangents, self._rotations(results))
 
     def vjp(
         self, cotangents: Sequence[tuple[Scalar, Scalar]], symbols: Sequence[Scalar]
     ) -> list[Scalar]:
-        """Derivatives in symbols of the sum of ``weight * result`` over pairs of them; rotations as a whole."""
+        """Derivatives in symbols of the sum of ``weight * result`` over pairs of them; rotations
+        as a whole.
+        """
         return self._backward(
             cotangents, symbols, self._rotations([result for result, _ in cotangents])
         )
@@ -231,7 +243,9 @@ class Tape:
         symbols: Sequence[Scalar],
         rotations: dict[int, _Rotation],
     ) -> list[Scalar]:
-        """Derivatives of a weighted sum of results, operation by operation from the results back."""
+        """Derivatives of a weighted sum of results, operation by operation from the results
+        back.
+        """
         weight: dict[int, Scalar] = {}
 
         def add(node: float, x: Scalar) -> None:
@@ -266,23 +280,27 @@ class Tape:
             else:
                 add(
                     a,
-                    -(w * self.sine(first)) if kind == "cos" else w * self.sine(first, cosine=True),
+                    -(w * self.sine(first))
+                    if kind == "cos"
+                    else w * self.sine(first, cosine=True),
                 )
         return [weight.get(x.node, 0.0) if isinstance(x, Value) else 0.0 for x in symbols]
 
     def _factored_sum(self, x: Scalar, y: Scalar) -> Scalar:
         """``x + y``, a constant factor of both (2 in the rates of squares) after the sum."""
         if isinstance(x, Value) and isinstance(y, Value):
-            (kind_x, a, c), (kind_y, b, d) = self.operations[x.node], self.operations[y.node]
+            (kind_x, a, c) = self.operations[x.node]
+            (kind_y, b, d) = self.operations[y.node]
             if kind_x == kind_y == "*c" and c == d:
                 return c * (Value(self, int(a), x.negative) + Value(self, int(b), y.negative))
         return x + y
 
     def _rotations(self, results: Sequence[Scalar]) -> dict[int, _Rotation]:
-        """The operations ``cos(angle) x +- sin(angle) y`` that results need, each with its derivatives.
+        """The operations ``cos(angle) x +- sin(angle) y`` that results need, each with its
+        derivatives.
 
-        The derivative in the angle is the other component of the rotated vector, which is on the tape as a rule: two
-        operations, where the derivatives of cosine and sine would take seven.
+        The derivative in the angle is the other component of the rotated vector, which is on the
+        tape as a rule: two operations, where the derivatives of cosine and sine would take seven.
         """
         found: dict[int, _Rotation] = {}
         for node in self.find_needed(results, constants=False):
@@ -310,15 +328,19 @@ class Tape:
                         self, x
                     )
                     slope = (
-                        slope - turned if (function == "cos") != factor.negative else slope + turned
+                        slope - turned
+                        if (function == "cos") != factor.negative
+                        else slope + turned
                     )
                 found[node] = terms[0][1], slope, tuple((factor, x) for _, _, factor, x in terms)
         return found
 
-    # --- results---------------------------------------------------------------------------------------
+    # --- results----------------------------------------------------------------------------------
 
     def find_needed(self, results: Iterable[Scalar], constants: bool = True) -> list[int]:
-        """The operations that results need, operands first; or without those of values taken for a `constant`."""
+        """The operations that results need, operands first; or without those of values taken for a
+        `constant`.
+        """
         wanted: set[int] = set()
         stack = [x.node for x in results if isinstance(x, Value)]
         while stack:
@@ -337,7 +359,9 @@ class Tape:
         return (int(a), int(b)) if kind in "+-*" else (int(a),)
 
     def absorb_signs(self, results: Sequence[Scalar]) -> list[Scalar]:
-        """The same results with fewer negatives at the end: ``-(a - b)`` becomes ``b - a``, ``-(c a)`` ``(-c) a``."""
+        """The same results with fewer negatives at the end: ``-(a - b)`` becomes ``b - a``,
+        ``-(c a)`` ``(-c) a``.
+        """
         out: list[Scalar] = []
         for x in results:
             if isinstance(x, Value) and x.negative:
@@ -350,7 +374,8 @@ class Tape:
         return out
 
     def count(self, results: Sequence[Scalar]) -> int:
-        """Arithmetic operations that results need; a negative that is left at the end is an operation as well.
+        """Arithmetic operations that results need; a negative that is left at the end is an
+        operation as well.
 
         Sines and cosines are not counted.
         """

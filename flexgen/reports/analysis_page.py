@@ -15,14 +15,16 @@ from flexgen.reports.pictures import Picture, linear_pictures
 from flexgen.reports.result_page import write_page
 
 COMPLIANCE = (
-    "What a force at the tool displaces while the motors stand still. Upper panels: displacements by 1 N in all "
-    "directions, seen along z, y and x of the world. Lower panel: amplitude by a sinusoidal force. A feedforward "
-    "reduces it only where the force is known or measured."
+    "What a force at the tool displaces while the motors stand still. Upper panels: "
+    "displacements by 1 N in all directions, seen along z, y and x of the world. Lower panel: "
+    "amplitude by a sinusoidal force. A feedforward reduces it only where the force is known or "
+    "measured."
 )
 
 
 def write_analysis(analysis: Analysis, directory: str | Path) -> Path:
-    """Write ``index.html`` with poles, zeros and frequency response; each plot also as svg and png file.
+    """Write ``index.html`` with poles, zeros and frequency response; each plot also as svg and png
+    file.
 
     Parameters
     ----------
@@ -47,7 +49,10 @@ def write_analysis(analysis: Analysis, directory: str | Path) -> Path:
         drawn.append(Picture("compliance", compliance_plot(analysis), COMPLIANCE))
     path = analysis.zero_path
     if path is not None and np.isfinite(path.zeros).any():
-        caption = f"Zeros at the equilibrium poses along the path. {path.verdict[:1].upper()}{path.verdict[1:]}."
+        caption = (
+            "Zeros at the equilibrium poses along the path. "
+            f"{path.verdict[:1].upper()}{path.verdict[1:]}."
+        )
         drawn.append(Picture("zeros_along", along_path.zeros_along(model, path), caption))
     title = f"{model.title}: analysis of an equilibrium"
     notes = "".join(f"<li>{html.escape(line)}</li>" for line in analysis.solvability.warnings)
@@ -71,7 +76,8 @@ def tables(analysis: Analysis) -> str:
 
 def _equilibrium(analysis: Analysis) -> str:
     """Tables of the coordinates and of the motor torques."""
-    model, rest = analysis.model, analysis.equilibrium
+    model = analysis.model
+    rest = analysis.equilibrium
     coordinates = [
         (html.escape(c.name), number(q), c.unit)
         for c, q in zip(model.coordinates, rest.q_a, strict=True)

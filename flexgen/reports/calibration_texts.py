@@ -9,11 +9,18 @@ from flexgen.calibration.result import Calibration
 from flexgen.display import choose_scale
 from flexgen.reports.text_tables import number, table
 
-SHOWN = {"zeros": ".zero", "compliances": ".compliance", "mechanisms": ".mimic.", "masses": ".mass"}
+SHOWN = {
+    "zeros": ".zero",
+    "compliances": ".compliance",
+    "mechanisms": ".mimic.",
+    "masses": ".mass",
+}
 
 
 def text_of_calibration(found: Calibration) -> str:
-    """Errors on all stages, what changes from pose to pose, and the calibrated numbers with their accuracy."""
+    """Errors on all stages, what changes from pose to pose, and the calibrated numbers with their
+    accuracy.
+    """
     title = f"{found.nominal.title}: {len(found.poses)} poses of {found.poses.source}"
     errors = [
         ("model file; frame, trackers and unknown places fitted", found.errors_before),
@@ -41,7 +48,9 @@ def text_of_calibration(found: Calibration) -> str:
             f"from pose to pose: noise of a point {scale.text(noise)} an axis, tilt of "
             f"{found.tilt.element} {turns} {turn.unit} (x, y, z), standard deviations"
         )
-    values, sd, determined = found.values, found.sd, found.determined
+    values = found.values
+    sd = found.sd
+    determined = found.determined
     listed = [u for u in found.unknowns if any(word in u.name for word in SHOWN.values())]
     lines = [
         [u.name, u.start, values[u.name], sd[u.name] or None, u.unit, _mark(u, sd, determined)]
@@ -55,8 +64,8 @@ def text_of_calibration(found: Calibration) -> str:
     rest = len(found.unknowns) - len(listed) - len(touched)
     count = sum(determined.values())
     parts.append(
-        f"{count} of {len(found.unknowns)} numbers are determined by the measurements, the others keep their prior; "
-        f"{rest} of places, frames and trackers are in --json"
+        f"{count} of {len(found.unknowns)} numbers are determined by the measurements, the "
+        f"others keep their prior; {rest} of places, frames and trackers are in --json"
     )
     if not found.poses.is_measured:
         parts.append(

@@ -23,7 +23,8 @@ KEYS = ("error_max", "dynamic_error_max", "static_error_start", "error_end")
 
 
 def write_control(run: ControlRun, directory: str | Path) -> Path:
-    """Write ``index.html`` with errors, torques and margins of a closed loop; each plot also as svg and png file.
+    """Write ``index.html`` with errors, torques and margins of a closed loop; each plot also as
+    svg and png file.
 
     Raises
     ------
@@ -34,8 +35,8 @@ def write_control(run: ControlRun, directory: str | Path) -> Path:
         Picture(
             "errors",
             plots.plot_control(run),
-            "Above: distance of the output from its reference, with the band of all robots. Below: torques of the "
-            "motors of the model, feedforward and feedback.",
+            "Above: distance of the output from its reference, with the band of all robots. "
+            "Below: torques of the motors of the model, feedforward and feedback.",
         )
     ]
     loops = plots.plot_loops(run)
@@ -44,9 +45,10 @@ def write_control(run: ControlRun, directory: str | Path) -> Path:
             Picture(
                 "loops",
                 loops,
-                "The sampled loop linearized at the start, middle and end of the motion. Left: singular "
-                "values of the loop gain from motor torques to motor torques. Right: Nyquist plot of det(1 + L); the "
-                "distance from the cross is that from instability.",
+                "The sampled loop linearized at the start, middle and end of the motion. Left: "
+                "singular values of the loop gain from motor torques to motor torques. Right: "
+                "Nyquist plot of det(1 + L); the distance from the cross is that from "
+                "instability.",
             )
         )
     title = f"{run.model.title}: closed loop"
@@ -75,7 +77,10 @@ def write_control(run: ControlRun, directory: str | Path) -> Path:
     scales = scales_of_page((), *lengths)
     parts = [
         head(title),
-        f'<h1>{html.escape(title)}</h1>\n<p class="sub">{html.escape(run.model.description)}.</p>\n',
+        (
+            f"<h1>{html.escape(title)}</h1>\n"
+            f'<p class="sub">{html.escape(run.model.description)}.</p>\n'
+        ),
         "<h2>Loop</h2>\n",
         html_table(("quantity", "value", "unit"), facts, (1,)),
         "<h2>Errors</h2>\n",
@@ -118,8 +123,9 @@ def _errors(run: ControlRun, scales: Scales) -> str:
     errors = [f"{name}, {scales[u].unit}" for u in units for name in names]
     columns = ("robot", *errors, "torque, N m", "samples at the limit", "failure")
     words = (
-        "<p>Static errors are those at rest before and after the motion, of a robot with other springs or load; the "
-        "dynamic error is what remains when they are taken off along the path.</p>\n"
+        "<p>Static errors are those at rest before and after the motion, of a robot with other "
+        "springs or load; the dynamic error is what remains when they are taken off along the "
+        "path.</p>\n"
     )
     loads = "".join(
         f"<p>{html.escape(r.name)}: load {html.escape(r.load)}.</p>\n" for r in run.runs if r.load
@@ -155,7 +161,8 @@ def _margins(run: ControlRun) -> str:
 
 
 def write_score(score: Score, directory: str | Path) -> Path:
-    """Write ``index.html`` with the score of a controller in a benchmark; each plot also as svg and png file.
+    """Write ``index.html`` with the score of a controller in a benchmark; each plot also as svg
+    and png file.
 
     Raises
     ------
@@ -177,7 +184,10 @@ def write_score(score: Score, directory: str | Path) -> Path:
     parts = [
         head(title),
         f'<h1>{html.escape(title)}</h1>\n<p class="sub">{html.escape(s.title_line)}</p>\n',
-        f"<p>Published: {html.escape(s.published)}</p>\n<p>Of this project: {html.escape(s.ours)}</p>\n",
+        (
+            f"<p>Published: {html.escape(s.published)}</p>\n"
+            f"<p>Of this project: {html.escape(s.ours)}</p>\n"
+        ),
         f"<p>Rule: {html.escape(s.rule)}</p>\n" if s.rule else "",
         told,
         f"<p><b>{html.escape(score.rule)}</b></p>\n" if score.rule else "",
@@ -206,22 +216,24 @@ def write_score(score: Score, directory: str | Path) -> Path:
         Picture(
             "score",
             plots.plot_score(score),
-            "Above: the outputs of the nominal robot. Middle: measures over those of the reference controller. Below: "
-            "score of every robot.",
+            "Above: the outputs of the nominal robot. Middle: measures over those of the "
+            "reference controller. Below: score of every robot.",
         )
     ]
     return write_page(Path(directory), parts, drawn)
 
 
 def write_learned(learned: LearningResult, directory: str | Path) -> Path:
-    """Write ``index.html`` with the iterations of a learned path; each plot also as svg and png file.
+    """Write ``index.html`` with the iterations of a learned path; each plot also as svg and png
+    file.
 
     Raises
     ------
     ArgumentError
         The folder has files of another program under these names, or cannot be written.
     """
-    run, unit = learned.runs[0], learned.unit
+    run = learned.runs[0]
+    unit = learned.unit
     title = f"{run.model.title}: learning of move {run.solution.move.name}"
     rows = []
     own = columns_in(run.model, unit)
@@ -243,8 +255,9 @@ def write_learned(learned: LearningResult, directory: str | Path) -> Path:
     columns = ("iteration", *told[:2], "torque, N m", told[2], "failure")
     load = run[learned.plant].load
     words = (
-        f"<p>Low pass of the correction {number(learned.frequency_hz)} Hz, forwards and backwards, gain "
-        f"{number(learned.gain)}. {html.escape(learned.stopped)}{f' Load {html.escape(load)}.' if load else ''}</p>\n"
+        f"<p>Low pass of the correction {number(learned.frequency_hz)} Hz, forwards and "
+        f"backwards, gain {number(learned.gain)}. "
+        f"{html.escape(learned.stopped)}{f' Load {html.escape(load)}.' if load else ''}</p>\n"
     )
     parts = [
         head(title),
@@ -256,8 +269,8 @@ def write_learned(learned: LearningResult, directory: str | Path) -> Path:
         Picture(
             "learning",
             plots.plot_learned(learned),
-            "Above: largest error of every iteration. Middle: error in time. Below: correction of the commanded path "
-            "in the best iteration.",
+            "Above: largest error of every iteration. Middle: error in time. Below: correction "
+            "of the commanded path in the best iteration.",
         )
     ]
     return write_page(Path(directory), parts, drawn)

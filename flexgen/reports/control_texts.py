@@ -41,7 +41,9 @@ def lengths_of_comparison(compared: FeedforwardComparison) -> list[tuple[float |
 
 
 def has_accuracy(run: ControlRun) -> bool:
-    """Whether the figures of ISO 9283 have a meaning: a robot came to rest, no loop is unstable."""
+    """Whether the figures of ISO 9283 have a meaning: a robot came to rest, no loop is
+    unstable.
+    """
     return any(not r.failure for r in run.runs) and not run.unstable
 
 
@@ -73,8 +75,9 @@ def text_of_control(
     margins = run.margins() if margins is None else margins
     unstable = ", ".join(pose for pose, m in (margins or {}).items() if not m.stable)
     lines = [
-        f"{run.model.name}, move {run.solution.move.name}: {run.status}, controller {run.controller}, sample time "
-        f"{number(1e3 * run.hardware.sample_s)} ms, delay {number(1e3 * run.delay_s)} ms",
+        f"{run.model.name}, move {run.solution.move.name}: {run.status}, controller "
+        f"{run.controller}, sample time {number(1e3 * run.hardware.sample_s)} ms, delay "
+        f"{number(1e3 * run.delay_s)} ms",
         *(
             [f"the loop is unstable ({unstable}): errors grow, also after this run"]
             if unstable
@@ -228,8 +231,11 @@ def accuracy_text(found: PathAccuracy, scales: Scales) -> str:
 
 
 def scores_text(scenario: Scenario, scores: Sequence[Score]) -> str:
-    """Scores of controllers, the best first, with rules and reasons; of one controller also all measures."""
-    sets, draws = list(scenario.sets), scenario.plan.draws if scenario.plan is not None else 1
+    """Scores of controllers, the best first, with rules and reasons; of one controller also all
+    measures.
+    """
+    sets = list(scenario.sets)
+    draws = scenario.plan.draws if scenario.plan is not None else 1
     drawn = ("worst draw", "spread") if draws > 1 else ()
     rows = [
         [

@@ -1,7 +1,8 @@
 """The folder of a report: files of another program are not replaced.
 
-Files of flexgen are known by a mark: the last line of a page, the second line of an svg picture, the field Software of
-a png picture. Pictures in the folder of a page of flexgen are also of flexgen.
+Files of flexgen are known by a mark: the last line of a page, the second line of an svg picture,
+the field Software of a png picture. Pictures in the folder of a page of flexgen are also of
+flexgen.
 """
 
 from __future__ import annotations
@@ -49,8 +50,9 @@ def check_folder(directory: str | Path | None, names: Iterable[str] = (PAGE,)) -
     ]
     if foreign:
         raise ArgumentError(
-            f"report: given {str(folder)!r}, where {', '.join(foreign)} is of another program, expected a new "
-            "folder or one with a report of flexgen; choose another folder or remove that file"
+            f"report: given {str(folder)!r}, where {', '.join(foreign)} is of another program, "
+            "expected a new folder or one with a report of flexgen; choose another folder or "
+            "remove that file"
         )
 
 

@@ -32,21 +32,29 @@ from flexgen.reports.sentence import in_words
 from flexgen.reports.texts import damping_text
 
 _CSS = """
-body { font: 16px/1.5 "Helvetica Neue", Arial, "DejaVu Sans", sans-serif; color: #222; background: #fff;
+body { font: 16px/1.5 "Helvetica Neue", Arial, "DejaVu Sans", sans-serif; color: #222; \
+background: #fff;
   max-width: 60rem; margin: 2rem auto; padding: 0 1rem; }
 h1 { font-size: 1.7rem; margin: 0 0 .2rem; } h2 { font-size: 1.2rem; margin: 2.2rem 0 .5rem; }
-.sub { color: #555; margin: 0 0 1rem; } .source { color: #555; font-size: .85rem; white-space: pre-line; }
-.status { display: inline-block; padding: .05rem .6rem; border-radius: .3rem; color: #fff; background: #00694d; }
+.sub { color: #555; margin: 0 0 1rem; } .source { color: #555; font-size: .85rem; white-space: \
+pre-line; }
+.status { display: inline-block; padding: .05rem .6rem; border-radius: .3rem; color: #fff; \
+background: #00694d; }
 .status.bad { background: #b34700; }
-.warn { border-left: 4px solid #D55E00; background: #fdf3ec; padding: .5rem .9rem; margin: 1rem 0; }
+.warn { border-left: 4px solid #D55E00; background: #fdf3ec; padding: .5rem .9rem; margin: 1rem \
+0; }
 .warn ul { margin: 0; padding-left: 1.1rem; }
 table { border-collapse: collapse; font-size: .9rem; font-variant-numeric: tabular-nums; }
-th, td { text-align: left; padding: .2rem 1.1rem .2rem 0; border-bottom: 1px solid #ddd; vertical-align: top; }
-th { font-weight: 600; border-bottom: 2px solid #888; } td.n, th.n { text-align: right; white-space: nowrap; }
-figure { margin: 1.4rem 0 2rem; break-inside: avoid; } figure svg { max-width: 100%; height: auto; display: block; }
+th, td { text-align: left; padding: .2rem 1.1rem .2rem 0; border-bottom: 1px solid #ddd; \
+vertical-align: top; }
+th { font-weight: 600; border-bottom: 2px solid #888; } td.n, th.n { text-align: right; \
+white-space: nowrap; }
+figure { margin: 1.4rem 0 2rem; break-inside: avoid; } figure svg { max-width: 100%; height: \
+auto; display: block; }
 figcaption { font-size: .9rem; color: #444; max-width: 46rem; margin-top: .3rem; }
 sup { line-height: 0; }
-.wide { overflow-x: auto; } footer { color: #777; font-size: .8rem; margin-top: 3rem; border-top: 1px solid #ddd; }
+.wide { overflow-x: auto; } footer { color: #777; font-size: .8rem; margin-top: 3rem; border-top: \
+1px solid #ddd; }
 @media print { body { margin: 0; max-width: none; font-size: 11pt; } tr { break-inside: avoid; } }
 """
 
@@ -103,7 +111,11 @@ def html_table(
         return f"<tr>{''.join(out)}</tr>".replace("class=n", 'class="n"')
 
     body = "\n".join(row(cells, "td") for cells in rows)
-    return f'<div class="wide"><table><thead>{row(head, "th")}</thead><tbody>\n{body}\n</tbody></table></div>\n'
+    return (
+        f'<div class="wide"><table><thead>{row(head, "th")}</thead><tbody>\n'
+        f"{body}\n"
+        "</tbody></table></div>\n"
+    )
 
 
 def _summary(solution: Solution, scales: Scales) -> str:
@@ -120,8 +132,8 @@ def _summary(solution: Solution, scales: Scales) -> str:
         ("samples of the trajectory", f"{len(t)} from {number(t[0])} to {number(t[-1])} s", ""),
     ]
     note = (
-        "<p>The limits keep the motion off the path. The error from the modified path shows how well this torque "
-        "tracks the planned motion.</p>\n"
+        "<p>The limits keep the motion off the path. The error from the modified path shows how "
+        "well this torque tracks the planned motion.</p>\n"
     )
     return html_table(("quantity", "value", "unit"), rows, (1,)) + (
         note if solution.plan_error_max is not None else ""
@@ -129,7 +141,9 @@ def _summary(solution: Solution, scales: Scales) -> str:
 
 
 def accuracy_tables(found: PathAccuracy, scales: Scales) -> str:
-    """Path accuracy, repeatability, settling and speed of robots together, and those of each of several."""
+    """Path accuracy, repeatability, settling and speed of robots together, and those of each of
+    several.
+    """
     rows = [_summary_row(figure, scales) for figure in found.figures() if figure.value is not None]
     columns, of_robots = found.robot_table(scales)
     each = [tuple(map(html.escape, row)) for row in of_robots] if len(of_robots) > 1 else []
@@ -170,7 +184,8 @@ def _friction(f: Friction) -> str:
 
 
 def _motors(model: RobotModel, solution: Solution, limits: Limits) -> str:
-    tau, v = solution.trajectory["tau_m"], solution.trajectory["v_m"]
+    tau = solution.trajectory["tau_m"]
+    v = solution.trajectory["v_m"]
 
     def row(j: int, motor: Motor) -> tuple[str, ...]:
         drives = ", ".join(
@@ -265,10 +280,11 @@ def _comparison(compared: tuple[Solution, ...], scales: Scales) -> str:
         for row in rows
     ]
     note = (
-        "<p>Largest distance (or angle) between the path and the tool of the full model, simulated open loop with the "
-        "torques of simpler models: rigid (all springs rigid), fjm (only elastic gears), quasistatic (deflections "
-        "without dynamics). Every simulation starts in the equilibrium of the full model with the tool at the start of "
-        "the path; the static sag that a simpler model neglects is not part of this error.</p>\n"
+        "<p>Largest distance (or angle) between the path and the tool of the full model, "
+        "simulated open loop with the torques of simpler models: rigid (all springs rigid), fjm "
+        "(only elastic gears), quasistatic (deflections without dynamics). Every simulation "
+        "starts in the equilibrium of the full model with the tool at the start of the path; "
+        "the static sag that a simpler model neglects is not part of this error.</p>\n"
     )
     return (
         "<h2>Tool error by method, start on the path</h2>\n"
@@ -278,17 +294,23 @@ def _comparison(compared: tuple[Solution, ...], scales: Scales) -> str:
 
 
 def _robustness(rows: list[dict[str, Any]], scales: Scales) -> str:
-    """Tables of the largest tool errors on robots that differ from the model: rows are robots, columns are methods."""
-    methods, plants = (list(dict.fromkeys(row[key] for row in rows)) for key in ("method", "plant"))
+    """Tables of the largest tool errors on robots that differ from the model: rows are robots,
+    columns are methods.
+    """
+    methods, plants = (
+        list(dict.fromkeys(row[key] for row in rows)) for key in ("method", "plant")
+    )
     meaning = {
         "feedback": "torque feedforward with cascaded motor position and speed control",
         "feedforward": "torque only, open loop",
     }
     out = [
-        "<h2>Robustness: tool error including static sag</h2>\n<p>Largest distance (or angle) between the path and the "
-        "tool on robots whose parameters differ from the model. Every simulation starts in equilibrium with the motors "
-        "at the first angles of the method. The static sag that rigid and fjm neglect is part of this error, so the "
-        "values for the nominal robot are larger than those of the table by method.</p>\n"
+        "<h2>Robustness: tool error including static sag</h2>\n"
+        "<p>Largest distance (or angle) between the path and the tool on robots whose "
+        "parameters differ from the model. Every simulation starts in equilibrium with the "
+        "motors at the first angles of the method. The static sag that rigid and fjm neglect is "
+        "part of this error, so the values for the nominal robot are larger than those of the "
+        "table by method.</p>\n"
     ]
     for control in sorted({row["control"] for row in rows}):
         for unit in ("m", "rad"):
@@ -310,7 +332,9 @@ def _robustness(rows: list[dict[str, Any]], scales: Scales) -> str:
             of = f"{control.capitalize()}, {what} in {scales[unit].unit}"
             out.append(f"<h3>{of}: {meaning[control]}</h3>\n")
             out.append(
-                html_table(["robot", *map(html.escape, methods)], cells, range(1, len(methods) + 1))
+                html_table(
+                    ["robot", *map(html.escape, methods)], cells, range(1, len(methods) + 1)
+                )
             )
     return "".join(out)
 
@@ -321,7 +345,9 @@ def _errors_of_robots(
     """Tool errors of the tables by method and of robustness, with their units."""
     by_method = error_rows(compared) if len(compared) > 1 else []
     found = [(row.get(f"largest_{unit}"), unit) for row in by_method for unit in ("m", "rad")]
-    return found + [(row[f"error_max_{unit}"], unit) for row in robustness for unit in ("m", "rad")]
+    return found + [
+        (row[f"error_max_{unit}"], unit) for row in robustness for unit in ("m", "rad")
+    ]
 
 
 def _library_table(generated: Any) -> str:
@@ -347,7 +373,8 @@ def write_report(
     compared: tuple[Solution, ...] = (),
     robustness: list[dict[str, Any]] | None = None,
 ) -> Path:
-    """Write the report of a solution: a self-contained ``index.html``, and each plot as an svg file.
+    """Write the report of a solution: a self-contained ``index.html``, and each plot as an svg
+    file.
 
     Parameters
     ----------
@@ -415,7 +442,10 @@ def write_report(
         if analysis is not None
         else "",
         _library_table(generated),
-        f'<h2>Source of the model</h2>\n<p class="source">{html.escape(model.source.strip())}</p>\n'
+        (
+            "<h2>Source of the model</h2>\n"
+            f'<p class="source">{html.escape(model.source.strip())}</p>\n'
+        )
         if model.source
         else "",
         foot(),
@@ -448,15 +478,19 @@ def _introduction(title: str, model: RobotModel, solution: Solution) -> str:
     )
     warnings = "".join(f"<li>{html.escape(line)}</li>" for line in solution.warnings)
     return (
-        f'<h1>{html.escape(title)}</h1>\n<p class="sub">{html.escape(model.description)}. {html.escape(counts)}.</p>\n'
+        f"<h1>{html.escape(title)}</h1>\n"
+        f'<p class="sub">{html.escape(model.description)}. {html.escape(counts)}.</p>\n'
         f"<p>{html.escape(in_words(solution))}</p>\n"
     ) + (f'<div class="warn"><ul>{warnings}</ul></div>\n' if warnings else "")
 
 
 def figure_element(picture: Picture, directory: Path) -> str:
-    """Write a picture to its svg file; return its HTML element, whose title does not repeat that of the page."""
+    """Write a picture to its svg file; return its HTML element, whose title does not repeat that
+    of the page.
+    """
     plots.save(picture.figure, directory / f"{picture.name}.svg")
-    caption, title = html.escape(picture.caption), picture.figure.get_suptitle()
+    caption = html.escape(picture.caption)
+    title = picture.figure.get_suptitle()
     for text in picture.figure.texts:
         if text.get_text() == title:
             short = title.partition(": ")[2] or title
@@ -466,7 +500,9 @@ def figure_element(picture: Picture, directory: Path) -> str:
         f'<svg role="img" aria-label="{caption}" ',
         plots.svg(picture.figure, f"{picture.name}-"),
     )
-    return f'<figure id="{picture.name}">\n{drawing}<figcaption>{caption}</figcaption>\n</figure>\n'
+    return (
+        f'<figure id="{picture.name}">\n{drawing}<figcaption>{caption}</figcaption>\n</figure>\n'
+    )
 
 
 def report_solution(solution: Solution, folder: str | Path) -> Path:
@@ -476,7 +512,8 @@ def report_solution(solution: Solution, folder: str | Path) -> Path:
 
 def report_comparison(comparison: Comparison, folder: str | Path) -> Path:
     """Write the report of a solution with the tables of a comparison, see `flexgen.compare`."""
-    solution, rows = comparison.solution, comparison.robustness
+    solution = comparison.solution
+    rows = comparison.robustness
     return write_report(
         derive(solution.model), solution, folder, compared=comparison.solutions, robustness=rows
     )

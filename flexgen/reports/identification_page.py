@@ -24,7 +24,8 @@ MOST_POSES = 12  # response grids in a page
 
 
 def write_identification(identified: IdentificationResult, directory: str | Path) -> Path:
-    """Write ``index.html`` with the fit, its parameters and pictures; each plot also as svg and png file.
+    """Write ``index.html`` with the fit, its parameters and pictures; each plot also as svg and
+    png file.
 
     Raises
     ------
@@ -36,8 +37,9 @@ def write_identification(identified: IdentificationResult, directory: str | Path
         Picture(
             f"responses_{k + 1}",
             plots.response_grid(identified.data, identified, k),
-            "Amplitude from each motor's torque (column) to each motor's acceleration (row). Points: measured, with "
-            "the 95 % band of their noise; grey: model at the start; red: identified model.",
+            "Amplitude from each motor's torque (column) to each motor's acceleration (row). "
+            "Points: measured, with the 95 % band of their noise; grey: model at the start; "
+            "red: identified model.",
         )
         for k in range(min(len(identified.data.poses), MOST_POSES))
     ]
@@ -52,9 +54,10 @@ def write_identification(identified: IdentificationResult, directory: str | Path
         Picture(
             "residuals",
             plots.residual_plot(identified),
-            "Differences between identified model and measurement over their standard deviations, all poses. Where "
-            "noise is the only difference, half of the points are below the black line and 95 % below the red one. "
-            "More in a band of frequencies: something is missing in the model there.",
+            "Differences between identified model and measurement over their standard "
+            "deviations, all poses. Where noise is the only difference, half of the points are "
+            "below the black line and 95 % below the red one. More in a band of frequencies: "
+            "something is missing in the model there.",
         ),
         Picture(
             "correlations",
@@ -78,13 +81,15 @@ def write_identification(identified: IdentificationResult, directory: str | Path
 
 
 def write_responses(data: Frf, directory: str | Path) -> Path:
-    """Write ``index.html`` with measured frequency responses; each plot also as svg and png file."""
+    """Write ``index.html`` with measured frequency responses; each plot also as svg and png
+    file.
+    """
     drawn = [
         Picture(
             f"responses_{k + 1}",
             plots.response_grid(data, None, k),
-            "Amplitude from each motor's torque (column) to each motor's acceleration (row), with the 95 % band of "
-            "the noise.",
+            "Amplitude from each motor's torque (column) to each motor's acceleration (row), "
+            "with the 95 % band of the noise.",
         )
         for k in range(min(len(data.poses), MOST_POSES))
     ]
@@ -163,14 +168,18 @@ def _parameters(identified: IdentificationResult) -> str:
 def _weak(identified: IdentificationResult) -> str:
     """Weak directions and large correlations in words."""
     lines = [html.escape(f"{line}.") for line in identified.weak]
-    names, correlation = identified.vector.names, identified.correlation
+    names = identified.vector.names
+    correlation = identified.correlation
     pairs = [(abs(correlation[i, k]), i, k) for i in range(len(names)) for k in range(i)]
     for size, i, k in sorted(pairs, reverse=True)[:20]:
         if size > CORRELATED:
             lines.append(
                 html.escape(f"{names[k]} and {names[i]}: correlation {correlation[i, k]:+.2f}.")
             )
-    hidden = "Masses, payload and lengths were taken from the model file: errors there are hidden in the parameters."
+    hidden = (
+        "Masses, payload and lengths were taken from the model file: errors there are hidden in "
+        "the parameters."
+    )
     return f"<ul>{''.join(f'<li>{line}</li>' for line in [*lines, hidden])}</ul>\n"
 
 

@@ -30,8 +30,9 @@ def plan_text(plan: Plan, robot: RobotModel) -> str:
     joints = enumerate(plan.joints(robot).tolist(), 1)
     return "\n".join(
         [
-            f"{robot.name}: {len(plan.poses)} poses, {plan.realizations * plan.experiments} experiments each, "
-            f"{len(plan.lines)} lines from {number(plan.frequencies[0])} to {number(plan.frequencies[-1])} Hz",
+            f"{robot.name}: {len(plan.poses)} poses, {plan.realizations * plan.experiments} "
+            f"experiments each, {len(plan.lines)} lines from {number(plan.frequencies[0])} to "
+            f"{number(plan.frequencies[-1])} Hz",
             f"time of the robot: {number(plan.duration_s)} s",
             "",
             table(
@@ -56,13 +57,16 @@ def text_of_experiment(experiment: Experiment) -> str:
 def text_of_responses(data: Frf) -> str:
     """Size and accuracy of frequency responses."""
     return (
-        f"{data.model}: {len(data.poses)} poses, {len(data.w)} lines, {len(data.outputs)} x {len(data.motors)}\n"
+        f"{data.model}: {len(data.poses)} poses, {len(data.w)} lines, {len(data.outputs)} x "
+        f"{len(data.motors)}\n"
         f"median standard deviation by noise: {number(100 * data.relative_sd())} %"
     )
 
 
 def text_of_identification(found: IdentificationResult, *more: str) -> str:
-    """The parameters of a fit with their accuracy, further texts, and the directions that the data do not determine."""
+    """The parameters of a fit with their accuracy, further texts, and the directions that the data
+    do not determine.
+    """
     from flexgen.identification.result import deviation_text
 
     data = found.to_dict()
@@ -78,8 +82,8 @@ def text_of_identification(found: IdentificationResult, *more: str) -> str:
         for row in data["parameters"]
     ]
     lines = [
-        f"{data['model']}: {found.status}, cost {number(found.cost)} (1 expected), reached by {found.agreed} of "
-        f"{found.starts} starts, {number(found.wall_s)} s",
+        f"{data['model']}: {found.status}, cost {number(found.cost)} (1 expected), reached by "
+        f"{found.agreed} of {found.starts} starts, {number(found.wall_s)} s",
         *(
             [f"misfit beyond the noise: {percent(found.model_error)} % of the responses"]
             if found.model_error > 0
@@ -115,19 +119,26 @@ def grade_table(found: IdentificationResult) -> str:
         span = f"{number(band.low)} to {number(band.high)}"
         typical = float(np.median(band.misfit))
         largest = float(band.misfit[i, j])
-        rows.append([span, percent(band.torque_error), percent(typical), element, percent(largest)])
+        rows.append(
+            [span, percent(band.torque_error), percent(typical), element, percent(largest)]
+        )
     return table(rows, ("Hz", "torque error, %", "misfit, median, %", "largest, element", "%"))
 
 
 def amplitude_sentence(found: IdentificationResult) -> str:
-    """What the levels of the excitation show, or what further levels would show of a misfit without a known cause."""
+    """What the levels of the excitation show, or what further levels would show of a misfit
+    without a known cause.
+    """
     from flexgen.identification.result import FitStatus
 
     if found.amplitude is not None:
         return found.amplitude.sentence
     if found.causes or found.status != FitStatus.MODEL_ERROR:
         return ""
-    return "give responses at a second level (levels=, --levels), which tell whether the robot is nonlinear"
+    return (
+        "give responses at a second level (levels=, --levels), which tell whether the robot is "
+        "nonlinear"
+    )
 
 
 def validation_text(checked: Validation, motors: Sequence[str]) -> str:
@@ -143,7 +154,9 @@ def validation_text(checked: Validation, motors: Sequence[str]) -> str:
 def verdict_text(verdict: Verdict) -> str:
     """Tool errors of feedforward before and after an identification."""
     robots = "x the robot of --truth" if verdict.known else "robots drawn from the covariance"
-    kinds = [unit for unit in ("m", "rad") if getattr(verdict.rows[0], f"error_{unit}") is not None]
+    kinds = [
+        unit for unit in ("m", "rad") if getattr(verdict.rows[0], f"error_{unit}") is not None
+    ]
     quantiles = [(unit, part) for unit in kinds for part in (0.5, 0.95)]
     found = [{key: row.quantile(key[1], key[0]) for key in quantiles} for row in verdict.rows]
     scales = choose_scales((), *((row[key], key[0]) for row in found for key in quantiles))
@@ -155,14 +168,25 @@ def verdict_text(verdict: Verdict) -> str:
         "torques of the model",
         *(f"{what}, {scales[u].unit}" for u in kinds for what in ("median", "95 %")),
     )
-    title = f"largest tool error of the move {verdict.move} with motor feedback, {verdict.robots} {robots}:"
+    title = (
+        f"largest tool error of the move {verdict.move} with motor feedback, {verdict.robots} "
+        f"{robots}:"
+    )
     return f"{title}\n\n{table(rows, head)}"
 
 
 def structure_text(found: Structure) -> str:
-    """The springs that were added and removed, and the tables of the new ones for the model file."""
+    """The springs that were added and removed, and the tables of the new ones for the model
+    file.
+    """
     rows = [
-        [c.kind, c.name, c.gain, "" if c.held_out is None else c.held_out, "kept" if c.kept else ""]
+        [
+            c.kind,
+            c.name,
+            c.gain,
+            "" if c.held_out is None else c.held_out,
+            "kept" if c.kept else "",
+        ]
         for c in found.changes
     ]
     fit = found.identified
@@ -181,21 +205,31 @@ def structure_text(found: Structure) -> str:
     ):
         lines += [
             "",
-            f"for the model file, in the element {element.name} behind the joint {dof.name.rpartition('_')[0]}:",
+            (
+                f"for the model file, in the element {element.name} behind the joint "
+                f"{dof.name.rpartition('_')[0]}:"
+            ),
             "",
             "[[element.dof]]",
             f'name = "{dof.name}"',
             'type = "rotation"',
             f"axis = [{', '.join(f'{x:.6g}' for x in dof.axis)}]",
-            f'spring = {{ type = "linear", stiffness = {getattr(dof.spring, "stiffness", 0.0):.6g} }}',
+            (
+                'spring = { type = "linear", stiffness = '
+                f"{getattr(dof.spring, 'stiffness', 0.0):.6g} }}"
+            ),
             f"damping = {dof.damping:.6g}",
         ]
     return "\n".join(lines)
 
 
 def text_of_rigid(found: RigidIdentification) -> str:
-    """Frictions and rotors of a rigid arm with their standard deviations and errors; gears and counterbalances."""
-    fit, numbers, sd = found.fit, found.numbers, found.deviations
+    """Frictions and rotors of a rigid arm with their standard deviations and errors; gears and
+    counterbalances.
+    """
+    fit = found.fit
+    numbers = found.numbers
+    sd = found.deviations
 
     def both(name: str) -> str:
         return (
@@ -230,14 +264,18 @@ def text_of_rigid(found: RigidIdentification) -> str:
         f"  {name}: {deflection.sentence}" for name, deflection in found.gears.items()
     )
     return _join(
-        f"{fit.model.name}: {fit.status}, {fit.base_parameters} base parameters of {len(fit.pi)} numbers\n"
+        (
+            f"{fit.model.name}: {fit.status}, {fit.base_parameters} base parameters of "
+            f"{len(fit.pi)} numbers\n"
+        )
         + paragraph(f"{fit.status.sentence} {fit.status.advice}"),
         paragraph(f"One mistake can be the reason: {fit.mistake.sentence}") if fit.mistake else "",
-        f"errors: rms over the standard deviation of the torque, {below}, of samples that move; left out: on quarters "
-        "of the recordings, of the fit to the others",
+        f"errors: rms over the standard deviation of the torque, {below}, of samples that move; "
+        "left out: on quarters of the recordings, of the fit to the others",
         table(rows, tuple(head)),
         paragraph(
-            "Compliances of gears that the model file does not have, and the delay of torques after angles:"
+            "Compliances of gears that the model file does not have, and the delay of torques "
+            "after angles:"
         ),
         table(lags, ("lag", "unit", "value", "+-")),
         _springs(found),
@@ -249,7 +287,9 @@ def text_of_rigid(found: RigidIdentification) -> str:
 
 
 def _springs(found: RigidIdentification) -> str:
-    """A sentence on gears that deflect otherwise than in the model file; empty: the recordings show none."""
+    """A sentence on gears that deflect otherwise than in the model file; empty: the recordings
+    show none.
+    """
     other = [
         name.partition(".")[0]
         for name, _, value, sd in found.lags[:-1]
@@ -258,16 +298,20 @@ def _springs(found: RigidIdentification) -> str:
     if not other:
         return ""
     return paragraph(
-        f"Gears of {', '.join(other)} deflect otherwise than in the model file. The numbers above take that into "
-        "account, the springs of the new file do not: identify them from frequency responses."
+        f"Gears of {', '.join(other)} deflect otherwise than in the model file. The numbers "
+        "above take that into account, the springs of the new file do not: identify them from "
+        "frequency responses."
     )
 
 
 def text_of_motion_fit(found: MotionFit, segment_s: float | None = None) -> str:
-    """The parameters of a fit in segments (of this length, where it is known), and how it explains the outputs."""
+    """The parameters of a fit in segments (of this length, where it is known), and how it explains
+    the outputs.
+    """
     from flexgen.identification.result import deviation_text
 
-    values, sd = found.values, found.sd
+    values = found.values
+    sd = found.sd
     length = "" if segment_s is None else f" of {number(segment_s)} s"
     rows = [
         [
@@ -290,7 +334,8 @@ def text_of_motion_fit(found: MotionFit, segment_s: float | None = None) -> str:
     )
     return _join(
         f"{model.name}: {found.status}, {found.segments} segments{length}, "
-        f"{number(found.wall_s)} s\n" + paragraph(f"{found.status.sentence} {found.status.advice}"),
+        f"{number(found.wall_s)} s\n"
+        + paragraph(f"{found.status.sentence} {found.status.advice}"),
         table(rows, PARAMETERS),
         table([[*row] for row in zip(*columns, strict=True)], tuple(head)),
         _sentences(found.weak),

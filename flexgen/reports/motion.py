@@ -1,9 +1,10 @@
 """The moving robot: one self-contained HTML page with a canvas, without network access.
 
-The page draws the robot, the path of the tool up to the instant that is shown, and the reference. Deflections can be
-exaggerated: with the factor f the robot is drawn at
+The page draws the robot, the path of the tool up to the instant that is shown, and the reference.
+Deflections can be exaggerated: with the factor f the robot is drawn at
 
-    q_0 + f (q - q_0),    q_0: actuated coordinates at the angles of their motors, all other coordinates zero,
+    q_0 + f (q - q_0),
+    q_0: actuated coordinates at the angles of their motors, all other coordinates zero,
 
 while the path of the tool stays the true one.
 """
@@ -87,9 +88,10 @@ def motion_data(
 ) -> dict[str, Any] | None:
     """The data of the page, JSON types; None for a robot without spatial extent.
 
-    ``time`` (n) [s]; ``poses``: for each factor of ``factors`` the points of the chain, n lists of x, y, z in turn [m];
-    ``factor``: the one that is shown first; ``tool``, ``reference`` (n lists or None) [m]; ``joints``: pairs of point
-    and kind; ``beams``: first points of elastic segments; ``views``: pairs of axes (right, up).
+    ``time`` (n) [s]; ``poses``: for each factor of ``factors`` the points of the chain, n lists of
+    x, y, z in turn [m]; ``factor``: the one that is shown first; ``tool``, ``reference`` (n lists
+    or None) [m]; ``joints``: pairs of point and kind; ``beams``: first points of elastic segments;
+    ``views``: pairs of axes (right, up).
     """
     model = equations.model
     drawn = scene(equations, trajectory, simulation, end)
@@ -101,7 +103,8 @@ def motion_data(
     def at(values: np.ndarray) -> np.ndarray:
         return np.array([np.interp(time, trajectory.time, column) for column in values.T]).T
 
-    q, stiff = at(driven["q_a"]), np.zeros((FRAMES, model.n_a))
+    q = at(driven["q_a"])
+    stiff = np.zeros((FRAMES, model.n_a))
     stiff[:, list(model.i_g)] = np.linalg.solve(model.eta, at(driven["q_m"]).T).T
     chain = equations.function("chain_points")
     true, undeflected = (evaluate(chain, x)[0] for x in (q, stiff))  # (n, 3, points)

@@ -19,8 +19,8 @@ from flexgen.plots import along_path
 from flexgen.plots import solution as plots
 
 GRAVITY_POLE = (
-    "The slow pole in the right half plane is the arm falling under gravity with free motors, not a fault of the "
-    "controller."
+    "The slow pole in the right half plane is the arm falling under gravity with free motors, "
+    "not a fault of the controller."
 )
 
 
@@ -59,8 +59,8 @@ def pictures(
     zeros = _zeros_along(equations, solution)
     if len(verified) > 1:
         caption = (
-            "Tool error of the full model under the torques of several methods, simulated open loop from the "
-            "equilibrium with the tool at the start of the path."
+            "Tool error of the full model under the torques of several methods, simulated open "
+            "loop from the equilibrium with the tool at the start of the path."
         )
         zeros.append(
             Picture("methods", along_path.errors_of_methods(equations.model, verified), caption)
@@ -77,7 +77,8 @@ def _motion(
     equations: Equations, solution: Solution, analysis: Analysis | None, limits: Limits
 ) -> list[Picture]:
     """Robot, torques, speeds, deflections and errors over time."""
-    trajectory, simulation = solution.trajectory, solution.simulation
+    trajectory = solution.trajectory
+    simulation = solution.simulation
     given = (equations, trajectory, simulation)
     end = solution.move.duration
     source = "planned" if simulation is None else "simulated"
@@ -109,15 +110,17 @@ def _motion(
         out.append(Picture("deflections", plots.deflections(*given, end=end), text))
     if simulation is not None and "error" in simulation.trajectory.channels:
         text = (
-            "Error of the full model under this torque, from a forward simulation by an integrator that is independent "
-            "of the solver."
+            "Error of the full model under this torque, from a forward simulation by an "
+            "integrator that is independent of the solver."
         ) + _after_the_samples(solution)
         out.append(Picture("errors", plots.errors(*given, end=end), text + limited))
     return out
 
 
 def _after_the_samples(solution: Solution) -> str:
-    """A sentence where the largest error is reached after the samples, so that plot and summary differ."""
+    """A sentence where the largest error is reached after the samples, so that plot and summary
+    differ.
+    """
     simulation = solution.simulation
     if simulation is None:
         return ""
@@ -128,8 +131,8 @@ def _after_the_samples(solution: Solution) -> str:
     if max(errors, default=0.0) < 2 * drawn:  # components drawn, norms in the summary
         return ""
     return (
-        " The errors in the summary are larger: they also cover the time after the samples, in which the last torque "
-        "is held."
+        " The errors in the summary are larger: they also cover the time after the samples, in "
+        "which the last torque is held."
     )
 
 
@@ -138,12 +141,16 @@ def _early_torque(solution: Solution, analysis: Analysis | None) -> str:
     if analysis is None:
         return ""
     if solution.method == "full":
-        return "Before the path it results from the optimization, which weighs the tool error and changes of torque."
+        return (
+            "Before the path it results from the optimization, which weighs the tool error and "
+            "changes of torque."
+        )
     if analysis.zeros.phase == "non-minimum phase" and solution.trajectory.time[0] < 0:
         return (
-            "It starts before the path because the zero dynamics is unstable: only pre-actuation keeps it bounded. "
-            "The lower panel shows this early torque on a logarithmic scale, with the exponential growth of the "
-            "slowest unstable zero (dashed)."
+            "It starts before the path because the zero dynamics is unstable: only "
+            "pre-actuation keeps it bounded. The lower panel shows this early torque on a "
+            "logarithmic scale, with the exponential growth of the slowest unstable zero "
+            "(dashed)."
         )
     return "No zero is unstable, so no pre-actuation is needed."
 
@@ -155,9 +162,9 @@ def linear_pictures(analysis: Analysis, where: str) -> list[Picture]:
     if plots.falls_under_gravity(analysis):
         text += f" {GRAVITY_POLE}"
     response = (
-        f"Frequency response {where}, from each motor torque to the acceleration of the same motor "
-        f"(upper panel) and of the {what} (lower panel). Dashed lines: modes. At the minima of the upper panel the "
-        "robot vibrates while that motor stands still."
+        f"Frequency response {where}, from each motor torque to the acceleration of the same "
+        f"motor (upper panel) and of the {what} (lower panel). Dashed lines: modes. At the "
+        "minima of the upper panel the robot vibrates while that motor stands still."
     )
     return [
         Picture("pole_zero_map", plots.pole_zero_map(analysis), text),
@@ -176,5 +183,8 @@ def _zeros_along(equations: Equations, solution: Solution) -> list[Picture]:
         return []
     if not np.isfinite(found.zeros).any():
         return []
-    caption = f"Zeros at the equilibrium poses along the path. {found.verdict[:1].upper()}{found.verdict[1:]}."
+    caption = (
+        "Zeros at the equilibrium poses along the path. "
+        f"{found.verdict[:1].upper()}{found.verdict[1:]}."
+    )
     return [Picture("zeros_along", along_path.zeros_along(model, found), caption)]

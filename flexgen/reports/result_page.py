@@ -1,4 +1,6 @@
-"""Pages of results: tables, then plots; one without a page of its own gets the text of its command, and its picture."""
+"""Pages of results: tables, then plots; one without a page of its own gets the text of its
+command, and its picture.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +29,9 @@ def write_result(result: Result, directory: str | Path) -> Path:
 
 
 def _tables(result: Result) -> str:
-    """The text with tables, of any width; of a result whose text is one line, the table of notebooks."""
+    """The text with tables, of any width; of a result whose text is one line, the table of
+    notebooks.
+    """
     with fit_tables(None):
         text = result.to_text()
     if text == str(result):
@@ -40,9 +44,12 @@ def _tables(result: Result) -> str:
 
 
 def write_page(directory: Path, parts: list[str], drawn: list[Picture]) -> Path:
-    """Write ``index.html`` of the parts and the plots, and each plot as svg and png file; return the page."""
+    """Write ``index.html`` of the parts and the plots, and each plot as svg and png file; return
+    the page.
+    """
     check_folder(
-        directory, [PAGE, *(f"{picture.name}.{end}" for picture in drawn for end in ("svg", "png"))]
+        directory,
+        [PAGE, *(f"{picture.name}.{end}" for picture in drawn for end in ("svg", "png"))],
     )
     figures = "".join(figure_element(picture, directory) for picture in drawn)
     for picture in drawn:

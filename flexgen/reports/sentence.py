@@ -12,14 +12,23 @@ NUMERICAL = 1e-7  # m or rad: smaller errors are those of the computation, no ac
 _BEGIN = {
     Status.SOLVED: "These motor torques move {what} along {path}",
     Status.LIMITS_ACTIVE: "These motor torques keep the limits, and {what} leaves {path} for them",
-    Status.LIMITS_EXCEEDED: "The robot cannot give these motor torques: {reason}; with them {what} would follow {path}",
-    Status.BASELINE: "These motor torques come from a simplified model (method {method}), and {what} leaves {path}",
-    Status.TOLERANCE_NOT_MET: "Do not use these motor torques: they were not found to move {what} along {path}",
+    Status.LIMITS_EXCEEDED: (
+        "The robot cannot give these motor torques: {reason}; with them {what} would follow {path}"
+    ),
+    Status.BASELINE: (
+        "These motor torques come from a simplified model (method {method}), and {what} leaves "
+        "{path}"
+    ),
+    Status.TOLERANCE_NOT_MET: (
+        "Do not use these motor torques: they were not found to move {what} along {path}"
+    ),
 }
 
 
 def in_words(solution: Solution) -> str:
-    """One paragraph: what the motor torques do, by how much the output is off, with which feedback, for which robot."""
+    """One paragraph: what the motor torques do, by how much the output is off, with which
+    feedback, for which robot.
+    """
     model = solution.model
     what = f"the {'output' if model.output.type == 'combination' else 'tool'} of {model.title}"
     path = f"the move {solution.move.name} of {solution.move.duration:.4g} s"
@@ -31,7 +40,10 @@ def in_words(solution: Solution) -> str:
     begin = _BEGIN[solution.status].format(
         what=what, path=path, reason=reason, method=solution.method
     )
-    other = "This holds for a robot with the numbers of the model file: another one needs feedback, and has larger errors."
+    other = (
+        "This holds for a robot with the numbers of the model file: another one needs feedback, "
+        "and has larger errors."
+    )
     return f"{begin}. {_evidence(solution)} {other}"
 
 

@@ -79,8 +79,8 @@ def paragraph(text: str) -> str:
 def table(rows: Sequence[Sequence[Any]], head: Sequence[str] = ()) -> str:
     """A table with aligned columns; columns of numbers (and dashes) are right-aligned.
 
-    On a terminal it is never wider than the terminal: long texts are wrapped; if that is not enough, the last columns
-    are left out and named below the table.
+    On a terminal it is never wider than the terminal: long texts are wrapped; if that is not
+    enough, the last columns are left out and named below the table.
     """
     width = len(head) if head else max((len(row) for row in rows), default=0)
     right = [bool(rows) and all(_is_figure(row[k]) for row in rows) for k in range(width)]
@@ -95,11 +95,16 @@ def table(rows: Sequence[Sequence[Any]], head: Sequence[str] = ()) -> str:
     if kept == width:
         return text
     left_out = ", ".join(head[kept:]) or f"{width - kept} columns"
-    return f"{text}\n{paragraph(f'(left out: {left_out}; a wider terminal, a pipe or --json shows all)')}"
+    return (
+        f"{text}\n"
+        f"{paragraph(f'(left out: {left_out}; a wider terminal, a pipe or --json shows all)')}"
+    )
 
 
 def _narrow(widths: list[int], right: Sequence[bool], limit: int | None) -> int:
-    """Reduce the widths of texts in place, the widest first, until a line fits; the number of columns that do."""
+    """Reduce the widths of texts in place, the widest first, until a line fits; the number of
+    columns that do.
+    """
     if limit is None:
         return len(widths)
 

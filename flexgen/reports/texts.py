@@ -97,7 +97,9 @@ def description_text(data: dict[str, Any]) -> str:
         parts.append(table(rows, ("move", "type", "duration s", "smoothness")))
     if data["variants"]:
         parts.append(
-            paragraph("variants: " + ", ".join(f"{name}@{variant}" for variant in data["variants"]))
+            paragraph(
+                "variants: " + ", ".join(f"{name}@{variant}" for variant in data["variants"])
+            )
         )
     if data["source"]:
         parts.append(paragraph(f"source: {one_line(data['source'])}"))
@@ -116,7 +118,8 @@ def _output(output: dict[str, Any]) -> str:
 
 def _drive(coordinate: dict[str, Any]) -> str:
     """The gear of a coordinate, or its spring if no motor drives it."""
-    gear, spring = coordinate.get("gear"), coordinate.get("spring")
+    gear = coordinate.get("gear")
+    spring = coordinate.get("spring")
     if gear is not None:
         elastic = gear["type"] != "rigid"
         loop = gear.get("hysteresis")
@@ -135,15 +138,15 @@ def _drive(coordinate: dict[str, Any]) -> str:
 
 
 def _stiffness(coordinate: dict[str, Any]) -> tuple[str | None, str | None]:
-    """Stiffness (of a nonlinear spring the low one) and damping, on the side given in the model file."""
+    """Stiffness (of a nonlinear spring the low one) and damping, on the side given in the model
+    file.
+    """
     holder = coordinate.get("gear") or coordinate
     spring = holder.get("spring")
     if spring is None:
         return None, None
-    stiffness, damping = (
-        float(spring.get("stiffness", spring.get("low"))),
-        float(holder.get("damping") or 0.0),
-    )
+    stiffness = float(spring.get("stiffness", spring.get("low")))
+    damping = float(holder.get("damping") or 0.0)
     force, unit = (
         ("N m", "rad")
         if coordinate["unit"] == "rad" or holder.get("side") == "motor"
@@ -164,7 +167,9 @@ def text_of_analysis(analysis: Analysis) -> str:
 def analysis_text(
     data: dict[str, Any], coordinates: Sequence[tuple[str, str]], motors: Sequence[str]
 ) -> str:
-    """The data of an analysis as text; needs the names and units of coordinates and the names of motors."""
+    """The data of an analysis as text; needs the names and units of coordinates and the names of
+    motors.
+    """
     equilibrium = table(
         [[name, q, unit] for (name, unit), q in zip(coordinates, data["pose"], strict=True)],
         ("coordinate", "equilibrium", "unit"),
@@ -178,7 +183,8 @@ def analysis_text(
         [[k, f, damping_text(d)] for k, (f, d) in enumerate(rows, 1)],
         ("mode", "frequency Hz", "damping ratio"),
     )
-    zeros, inner = roots(data["zeros"] or []), data["zeros_motor"] or []
+    zeros = roots(data["zeros"] or [])
+    inner = data["zeros_motor"] or []
     notches = sorted(
         math.hypot(*root) / (2 * math.pi) for root in inner if None not in root and root[1] > 0
     )
@@ -255,7 +261,11 @@ def _compliance_rows(data: dict[str, Any] | None) -> list[Row]:
         return []
     along = ", ".join(f"{round(x, 2) + 0.0:.2f}" for x in data["directions"][0])
     rows: list[Row] = [
-        ("compliance of the tool with held motors", _millionths(data["principal_m_per_N"]), "um/N"),
+        (
+            "compliance of the tool with held motors",
+            _millionths(data["principal_m_per_N"]),
+            "um/N",
+        ),
         ("direction of the largest, in the world", along, ""),
         (
             "rotation of the tool with held motors",
@@ -320,7 +330,9 @@ def text_of_solution(solution: Solution) -> str:
 
 
 def solution_details(solution: Solution) -> str:
-    """Further figures of the method and of the simulation of a solution, and what its status means."""
+    """Further figures of the method and of the simulation of a solution, and what its status
+    means.
+    """
     rows: list[Row] = [
         (key.replace("_", " "), value if isinstance(value, int | float) else str(value), "")
         for key, value in plain(dict(solution.details)).items()
@@ -344,8 +356,11 @@ def steps_text(
     solution: Solution,
     seconds: float,
 ) -> str:
-    """The main figures of all steps: analysis, library, its comparison with the equations, solution; wall time [s]."""
-    robot, facts = analysis.model, plain(analysis.to_dict())
+    """The main figures of all steps: analysis, library, its comparison with the equations,
+    solution; wall time [s].
+    """
+    robot = analysis.model
+    facts = plain(analysis.to_dict())
     slowest = facts["unstable_time_constant_s"]
     rows: list[Row] = [
         ("model", robot.title, ""),
@@ -416,7 +431,10 @@ def library_text(robot: RobotModel, library: GeneratedLibrary) -> str:
 
     done = f"built in {library.seconds:.1f} s" if not library.cached else "written, not compiled"
     lines = [
-        f"{robot.title}: {done if library.written else 'nothing has changed'} in {library.directory}"
+        (
+            f"{robot.title}: {done if library.written else 'nothing has changed'} in "
+            f"{library.directory}"
+        )
     ]
     lines += ["", paragraph("functions: " + ", ".join(library.functions))]
     reason = inversion_reason(robot, library.functions)
@@ -482,7 +500,9 @@ def text_of_sweep(swept: SweepResult) -> str:
 
 
 def failure_lines(groups: Sequence[Mapping[str, Any]], where: str) -> list[str]:
-    """A line for each of the first reasons of failed cases of a sweep; ``where``: where the other reasons are."""
+    """A line for each of the first reasons of failed cases of a sweep; ``where``: where the other
+    reasons are.
+    """
     out = []
     for cases, reason in ((group["cases"], group["reason"]) for group in groups[:SHOWN]):
         names = ", ".join(map(str, cases[:SHOWN])) + (", ..." if len(cases) > SHOWN else "")

@@ -26,7 +26,10 @@ LENGTH = 4.0  # s: a shorter motion is shown in slow motion
 # speeds of short motions; those of long ones: 1, 2, 5, 10 ...
 SLOW = (1.0, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01)
 FRAMES_MAX = 600
-DPI, WIDTH, HEIGHT = 100, 7.2, 5.4  # inches; the sizes in pixels are even, as video formats need
+# inches; the sizes in pixels are even, as video formats need
+DPI = 100
+WIDTH = 7.2
+HEIGHT = 5.4
 _PLAIN = "#CCCCCC"
 
 
@@ -45,8 +48,8 @@ def check_video(path: str | Path) -> None:
         )
     if suffix == ".mp4" and shutil.which("ffmpeg") is None:
         raise ArgumentError(
-            f"video: given {str(path)!r}, but the program ffmpeg is not installed; install it (Debian: apt install "
-            "ffmpeg), or give a name that ends in .gif"
+            f"video: given {str(path)!r}, but the program ffmpeg is not installed; install it "
+            "(Debian: apt install ffmpeg), or give a name that ends in .gif"
         )
 
 
@@ -69,7 +72,8 @@ def write_video(data: dict[str, Any], title: str, path: str | Path) -> Path:
     """
     check_video(path)
     path = Path(path)
-    first, last = data["time"][0], data["time"][-1]
+    first = data["time"][0]
+    last = data["time"][-1]
     speed, times = frames(first, last)
     pictures = _pictures(data, f"{title}, speed {speed:g}", times)
     (_write_gif if path.suffix == ".gif" else _write_mp4)(pictures, path)
@@ -77,7 +81,8 @@ def write_video(data: dict[str, Any], title: str, path: str | Path) -> Path:
 
 
 def frames(first: float, last: float) -> tuple[float, np.ndarray]:
-    """Speed of a video, and the instants of its frames, 1 / `RATE` seconds apart when it is played.
+    """Speed of a video, and the instants of its frames, 1 / `RATE` seconds apart when it is
+    played.
 
         t_k = first + k speed / RATE,   the last frame at the end of the motion
 
@@ -89,8 +94,8 @@ def frames(first: float, last: float) -> tuple[float, np.ndarray]:
     Returns
     -------
     float
-        A short motion is shown in slow motion, for `LENGTH` seconds or longer; a long one faster, in `FRAMES_MAX`
-        frames or fewer.
+        A short motion is shown in slow motion, for `LENGTH` seconds or longer; a long one faster,
+        in `FRAMES_MAX` frames or fewer.
     np.ndarray
         At least two.
     """
@@ -144,14 +149,17 @@ def _write_mp4(pictures: Iterator[np.ndarray], path: Path) -> None:
         status, message = _feed([*command, str(made.resolve())], pictures)
         if status or not made.is_file():
             raise BuildError(
-                f"video: ffmpeg ended with status {status}: {message}; try a name that ends in .gif"
+                f"video: ffmpeg ended with status {status}: {message}; try a name that ends in "
+                ".gif"
             )
         with atomic_file(path) as stream:
             stream.write(made.read_bytes())
 
 
 def _feed(command: list[str], pictures: Iterator[np.ndarray]) -> tuple[int, str]:
-    """Give a program the pictures one after the other, not all in memory; its status and its last message."""
+    """Give a program the pictures one after the other, not all in memory; its status and its last
+    message.
+    """
     with tempfile.TemporaryFile() as errors:
         with subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=errors
@@ -185,13 +193,16 @@ def _pictures(data: dict[str, Any], title: str, times: np.ndarray) -> Iterator[n
 def _begin(figure: Figure, data: dict[str, Any], title: str) -> Callable[[float], None]:
     """Draw the parts that do not move; returns the function that moves the others to an instant.
 
-    The robot with magnified deflections is dark, the robot as it is pale, the path of the tool up to the instant green.
+    The robot with magnified deflections is dark, the robot as it is pale, the path of the tool up
+    to the instant green.
     """
-    time, tool = np.array(data["time"]), np.array(data["tool"])
+    time = np.array(data["time"])
+    tool = np.array(data["tool"])
     chosen = data["factors"].index(data["factor"])
     truth, robot = (np.array(data["poses"][k]).reshape(len(time), -1, 3) for k in (0, chosen))
     everything = np.concatenate([robot.reshape(-1, 3), tool])
-    low, high = everything.min(axis=0), everything.max(axis=0)
+    low = everything.min(axis=0)
+    high = everything.max(axis=0)
     margin = 0.07 * (high - low).max()
     note = f"deflections \u00d7 {data['factor']}" if chosen else "deflections as they are"
     head = figure.suptitle("", fontsize=9, x=0.02, ha="left", color=INK)
@@ -208,7 +219,9 @@ def _begin(figure: Figure, data: dict[str, Any], title: str) -> Callable[[float]
         ax.set(aspect="equal", xlabel=f"{'xyz'[right]}, m", ylabel=f"{'xyz'[up]}, m")
         seen, plain = (values[:, :, [right, up]].transpose(0, 2, 1) for values in (robot, truth))
         if chosen:
-            moved.append((ax.plot([], [], color=_PLAIN, lw=3.0, solid_joinstyle="round")[0], plain))
+            moved.append(
+                (ax.plot([], [], color=_PLAIN, lw=3.0, solid_joinstyle="round")[0], plain)
+            )
         trails.append((ax.plot([], [], color=GREEN, lw=3.2, alpha=0.55)[0], [right, up]))
         if data["reference"] is not None:
             reference = np.array(data["reference"])

@@ -35,13 +35,15 @@ def view(
 ) -> Path:
     """Show the robot, its move and its deflections in the browser or in a video.
 
-    The page needs neither a server nor a network. It plays the motion, draws the path of the tool and its reference,
-    and magnifies the deflections by a slider; a robot in space is turned with the mouse.
+    The page needs neither a server nor a network. It plays the motion, draws the path of the tool
+    and its reference, and magnifies the deflections by a slider; a robot in space is turned with
+    the mouse.
 
     Parameters
     ----------
     what : str, Path, RobotModel, Equations, Solution or Trajectory
-        A robot (its move is solved and simulated), the solution of a move, or a trajectory or its file (.npz or .csv).
+        A robot (its move is solved and simulated), the solution of a move, or a trajectory or its
+        file (.npz or .csv).
     path : str or Path, optional
         The page, a name that ends in ``.html``. Required without a video.
     model : str, Path, RobotModel or Equations, optional
@@ -61,8 +63,8 @@ def view(
     Raises
     ------
     ArgumentError
-        An argument does not fit, the robot has no extent in space (a row of masses), a program for the video is
-        missing, or a file cannot be written.
+        An argument does not fit, the robot has no extent in space (a row of masses), a program for
+        the video is missing, or a file cannot be written.
     SolverError, ModelError
         The move of a robot cannot be solved.
 
@@ -81,8 +83,8 @@ def view(
     data = motion_data(equations, trajectory, simulation, end)
     if data is None:
         raise ArgumentError(
-            f"view: given model {equations.model.name}, a robot without extent in space, expected one whose tool or "
-            "joints are at different places"
+            f"view: given model {equations.model.name}, a robot without extent in space, "
+            "expected one whose tool or joints are at different places"
         )
     title = motion_title(equations, trajectory)
     written = None if path is None else write_text(path, motion_text(data, title))
@@ -117,12 +119,15 @@ def _motion(
         )
     equations = _robot_of(what, model)
     missing = [name for name in ("q_a", "q_m") if name not in what]
-    n_a, n_m = equations.model.n_a, equations.model.n_m
+    n_a = equations.model.n_a
+    n_m = equations.model.n_m
     if missing or what["q_a"].shape[1] != n_a or what["q_m"].shape[1] != n_m:
-        given = f"no channel {missing[0]}" if missing else f"{what['q_a'].shape[1]} arm coordinates"
+        given = (
+            f"no channel {missing[0]}" if missing else f"{what['q_a'].shape[1]} arm coordinates"
+        )
         raise ArgumentError(
-            f"view: given a trajectory with {given}, expected q_a with {n_a} and q_m with {n_m} columns, as "
-            f"'flexgen solve' writes for model {equations.model.name}"
+            f"view: given a trajectory with {given}, expected q_a with {n_a} and q_m with {n_m} "
+            f"columns, as 'flexgen solve' writes for model {equations.model.name}"
         )
     what = convert_to_si("view", what, channel_units(equations.model))
     return equations, what, None, _end(what)
@@ -133,7 +138,8 @@ def _robot_of(
 ) -> Equations:
     if model is not None:
         return model if isinstance(model, Equations) else derive(model)
-    name, variant = trajectory.meta.get("model"), trajectory.meta.get("variant")
+    name = trajectory.meta.get("model")
+    variant = trajectory.meta.get("variant")
     chosen = f"{name}@{variant}" if variant else str(name)
     try:
         return derive(chosen)

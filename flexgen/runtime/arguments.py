@@ -1,4 +1,6 @@
-"""What callers give: put in order, made into arrays, laid out for C, and refused where it does not fit."""
+"""What callers give: put in order, made into arrays, laid out for C, and refused where it does not
+fit.
+"""
 
 from __future__ import annotations
 
@@ -18,9 +20,15 @@ _byte_of: Callable[[Any], ctypes.c_char] = ctypes.c_char.from_buffer
 
 
 def bind(
-    function: str, ports: Sequence[Port], args: tuple[Any, ...], named: dict[str, Any], default: Any
+    function: str,
+    ports: Sequence[Port],
+    args: tuple[Any, ...],
+    named: dict[str, Any],
+    default: Any,
 ) -> list[Any]:
-    """Arguments in the order of the ports; parameters that are not given are those of the model."""
+    """Arguments in the order of the ports; parameters that are not given are those of the
+    model.
+    """
     names = [port.name for port in ports]
     given = dict(zip(names, args, strict=False))
     double = [name for name in named if name in given]
@@ -36,7 +44,9 @@ def bind(
 
 
 def numbers(function: str, port: Port, x: Any) -> np.ndarray:
-    """The argument as an array of real numbers, not copied where it is one; ArgumentError where it holds others."""
+    """The argument as an array of real numbers, not copied where it is one; ArgumentError where it
+    holds others.
+    """
     if type(x) is np.ndarray and x.dtype.kind == "f":
         return x
     try:
@@ -57,7 +67,9 @@ def numbers(function: str, port: Port, x: Any) -> np.ndarray:
 
 
 def convert(x: np.ndarray, real: np.dtype, order: Any = "K") -> np.ndarray:
-    """The numbers in the library's precision; what is too large for it becomes infinite, which C notices."""
+    """The numbers in the library's precision; what is too large for it becomes infinite, which C
+    notices.
+    """
     if x.dtype == real and x.flags.aligned and (order == "K" or x.flags.f_contiguous):
         return x
     with np.errstate(over="ignore"):
@@ -71,7 +83,8 @@ def count_of_points(
     most: int,
     shared: str = PARAMETERS,
 ) -> int | None:
-    """How many points the arrays hold; None where all of them hold one; ArgumentError where shapes do not fit.
+    """How many points the arrays hold; None where all of them hold one; ArgumentError where shapes
+    do not fit.
 
     ``shared``: name of the port with one vector for all points.
     """
@@ -81,16 +94,19 @@ def count_of_points(
             continue
         if port.name == shared:
             raise ArgumentError(
-                f"{function}, {port.name}: given shape {x.shape}, expected {port.shape}: one vector for all points"
+                f"{function}, {port.name}: given shape {x.shape}, expected {port.shape}: one "
+                "vector for all points"
             )
         if x.shape[1:] != port.shape or x.ndim != len(port.shape) + 1:
             many = ", ".join(map(str, ("N", *port.shape)))
             raise ArgumentError(
-                f"{function}, {port.name}: given shape {x.shape}, expected {port.shape} or ({many}) [{port.unit}]"
+                f"{function}, {port.name}: given shape {x.shape}, expected {port.shape} or "
+                f"({many}) [{port.unit}]"
             )
         if count is not None and x.shape[0] != count:
             raise ArgumentError(
-                f"{function}, {port.name}: given {x.shape[0]} points, expected {count} as in the inputs before"
+                f"{function}, {port.name}: given {x.shape[0]} points, expected {count} as in "
+                "the inputs before"
             )
         count = x.shape[0]
     if count is not None and count > most:
@@ -103,9 +119,11 @@ def count_of_points(
 def store(
     port: Port, x: np.ndarray, count: int, real: np.dtype, shared: str = PARAMETERS
 ) -> np.ndarray:
-    """The array as the batch reads it, a structure of arrays: entry after entry, in each the points side by side.
+    """The array as the batch reads it, a structure of arrays: entry after entry, in each the
+    points side by side.
 
-    That is the order of Fortran for the shape ``(N, n)`` or ``(N, rows, columns)``; an array that has it is not copied.
+    That is the order of Fortran for the shape ``(N, n)`` or ``(N, rows, columns)``; an array that
+    has it is not copied.
     """
     if x.shape != port.shape:
         return (
@@ -151,7 +169,8 @@ def results(
         shape = (*lead, *port.shape)
         if not isinstance(x, np.ndarray):
             raise ArgumentError(
-                f"{function}, out for {port.name}: given {type(x).__name__}, expected a numpy array"
+                f"{function}, out for {port.name}: given {type(x).__name__}, expected a numpy "
+                "array"
             )
         told = f"{function}, out for {port.name}: given"
         if x.shape != shape or x.dtype != real:
@@ -160,7 +179,8 @@ def results(
             raise ArgumentError(f"{told} an array that is read-only, expected one to write")
         if count is not None and not (x.flags.f_contiguous and x.flags.aligned):
             raise ArgumentError(
-                f"{told} an array in another order, expected points side by side: np.empty({shape}, order='F')"
+                f"{told} an array in another order, expected points side by side: "
+                f"np.empty({shape}, order='F')"
             )
     return given
 
@@ -180,19 +200,24 @@ def refuse_overlap(
     written: Sequence[tuple[int, int]],
     read: Sequence[tuple[int, int]],
 ) -> None:
-    """ArgumentError where a result shares memory, as (address, bytes), with an input or with another result."""
+    """ArgumentError where a result shares memory, as (address, bytes), with an input or with
+    another result.
+    """
     for k, (port, (start, size)) in enumerate(zip(ports, written, strict=True)):
         for other, other_size in (*written[:k], *read):
             if start < other + other_size and other < start + size:
                 raise ArgumentError(
-                    f"{function}, out for {port.name}: given memory that another argument uses too, expected its own"
+                    f"{function}, out for {port.name}: given memory that another argument uses "
+                    "too, expected its own"
                 )
 
 
 def refuse_not_finite(
     function: str, ports: Sequence[Port], arrays: Sequence[np.ndarray], real: np.dtype
 ) -> None:
-    """ArgumentError that tells the first point with an entry that is not finite, and which; nothing without one."""
+    """ArgumentError that tells the first point with an entry that is not finite, and which;
+    nothing without one.
+    """
     found: list[tuple[int, str, Any]] = []
     for port, x in zip(ports, arrays, strict=True):
         bad = np.argwhere(~np.isfinite(convert(x, real)))
@@ -213,7 +238,11 @@ def refuse_not_finite(
 
 def whole_of(function: str, name: str, x: Any) -> int:
     """An argument that is an int in C."""
-    if isinstance(x, bool) or not isinstance(x, int | np.integer) or not -(2**31) <= int(x) < 2**31:
+    if (
+        isinstance(x, bool)
+        or not isinstance(x, int | np.integer)
+        or not -(2**31) <= int(x) < 2**31
+    ):
         raise ArgumentError(f"{function}, {name}: given {x!r}, expected a whole number")
     return int(x)
 

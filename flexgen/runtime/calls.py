@@ -1,8 +1,9 @@
 """One function of a loaded library, called on numpy arrays.
 
-What a call costs: buffers and the arguments in C are bound once and kept in a pool, a set per call under way, so that
-calls from several threads (ctypes releases the interpreter's lock) never share one. Python looks at types and shapes;
-that all numbers are finite C finds out, and only where it says no does Python look for the one that is not.
+What a call costs: buffers and the arguments in C are bound once and kept in a pool, a set per call
+under way, so that calls from several threads (ctypes releases the interpreter's lock) never share
+one. Python looks at types and shapes; that all numbers are finite C finds out, and only where it
+says no does Python look for the one that is not.
 """
 
 from __future__ import annotations
@@ -38,7 +39,9 @@ _ARRAY = np.ndarray
 
 @dataclass(frozen=True)
 class Entries:
-    """What C offers for one function: one point, many points, and the sizes of their workspaces in reals."""
+    """What C offers for one function: one point, many points, and the sizes of their workspaces in
+    reals.
+    """
 
     single: Callable[..., int]
     batch: Callable[..., int]
@@ -47,7 +50,9 @@ class Entries:
 
 
 class _Buffers:
-    """Memory of one call: inputs, outputs, workspace for one point, with their addresses for C; workspace for many."""
+    """Memory of one call: inputs, outputs, workspace for one point, with their addresses for C;
+    workspace for many.
+    """
 
     def __init__(
         self, inputs: tuple[Port, ...], outputs: tuple[Port, ...], work: int, real: np.dtype
@@ -55,8 +60,10 @@ class _Buffers:
         self.inputs = [np.zeros(port.shape, real, order="F") for port in inputs]
         self.outputs = [np.zeros(port.shape, real, order="F") for port in outputs]
         self.work = np.zeros(max(work, 1), real)
-        self.batch_work, self.batch_where = self.work, address(self.work)
-        # Objects of ctypes, not numbers: nothing is left to convert, and no declaration of types has to be looked up.
+        self.batch_work = self.work
+        self.batch_where = address(self.work)
+        # Objects of ctypes, not numbers: nothing is left to convert, and no declaration of types
+        # has to be looked up.
         passed = (*self.inputs, *self.outputs, *([self.work] if work else []))
         self.arguments = tuple(ctypes.c_void_p(address(x)) for x in passed)
 
@@ -75,23 +82,26 @@ class _Closed:
 
 
 class Function:
-    """One function of a library: ``f(q_a, ...)`` on arrays of one point, or of many points along a first axis.
+    """One function of a library: ``f(q_a, ...)`` on arrays of one point, or of many points along a
+    first axis.
 
-    Inputs of one point are held for all where others have many. One output is returned as an array, several as a
-    named tuple; matrices have the shape (rows, columns). Every input is checked: shape, type, finiteness.
+    Inputs of one point are held for all where others have many. One output is returned as an
+    array, several as a named tuple; matrices have the shape (rows, columns). Every input is
+    checked: shape, type, finiteness.
 
-    Many points are fastest in a structure of arrays, which is the order of Fortran: ``(N, n)`` arrays made by
-    ``np.empty((N, n), order="F")`` are read where they are, all others are copied once. Results have that order.
-    ``out`` takes an array for the result, or a tuple of them: no memory has to be found for it, and the function
-    returns what it was given. Where one point of many fails, an error is raised; ``out`` then holds the results of all
-    points, NaN where one failed.
+    Many points are fastest in a structure of arrays, which is the order of Fortran: ``(N, n)``
+    arrays made by ``np.empty((N, n), order="F")`` are read where they are, all others are copied
+    once. Results have that order. ``out`` takes an array for the result, or a tuple of them: no
+    memory has to be found for it, and the function returns what it was given. Where one point of
+    many fails, an error is raised; ``out`` then holds the results of all points, NaN where one
+    failed.
 
-    A library of single precision takes numbers of any precision, rounds them, and returns ``float32``.
-    ``parameters``, where the library has any, is one vector for all points, by default that of the model; in a library
-    with parameters ``per_point`` also one for each point.
+    A library of single precision takes numbers of any precision, rounds them, and returns
+    ``float32``. ``parameters``, where the library has any, is one vector for all points, by
+    default that of the model; in a library with parameters ``per_point`` also one for each point.
 
-    Copies are the same function; pickled, it is loaded again from its directory, or refused where the library there is
-    another one.
+    Copies are the same function; pickled, it is loaded again from its directory, or refused where
+    the library there is another one.
 
     Parameters
     ----------
@@ -123,12 +133,19 @@ class Function:
         again: tuple[Callable[..., Any], tuple[Any, ...]],
         shared: str = PARAMETERS,
     ) -> None:
-        self.name, self.summary, self.equation = name, summary, equation
-        self.inputs, self.outputs = inputs, outputs
+        self.name = name
+        self.summary = summary
+        self.equation = equation
+        self.inputs = inputs
+        self.outputs = outputs
         self.__name__ = name
         self.__doc__ = _docstring(summary, equation, inputs, outputs)
-        self._entries, self._real, self._failures, self._again = entries, real, failures, again
-        self._single, self._shared = entries.single, shared
+        self._entries = entries
+        self._real = real
+        self._failures = failures
+        self._again = again
+        self._single = entries.single
+        self._shared = shared
         self._results = (
             None if len(outputs) == 1 else results_type(name, tuple(port.name for port in outputs))
         )
@@ -154,7 +171,8 @@ class Function:
     def batch_address(self) -> tuple[int, np.ndarray]:
         """Address of the function for many points in C, and a workspace for it.
 
-        For C that calls it by itself, without the checks of a call from Python; the library must not be closed before.
+        For C that calls it by itself, without the checks of a call from Python; the library must
+        not be closed before.
         """
         where: Any = self._entries.batch
         work = np.zeros(max(self._entries.batch_work(), 1), self._real)
@@ -174,7 +192,8 @@ class Function:
                 args = (*args, self._parameters)
             else:
                 args = tuple(bind(self.name, self.inputs, args, named, self._parameters))
-        pool, real = self._pool, self._real
+        pool = self._pool
+        real = self._real
         try:
             buffers = pool.pop()
         except IndexError:
@@ -211,7 +230,9 @@ class Function:
 
     def _copy(self, buffers: _Buffers, out: Any) -> Any:
         """Copy the results of one point to where the caller wants them."""
-        usual = self._results is None and type(out) is _ARRAY and out.shape == self.outputs[0].shape
+        usual = (
+            self._results is None and type(out) is _ARRAY and out.shape == self.outputs[0].shape
+        )
         if usual and out.dtype is self._real and out.flags.writeable:
             out[...] = buffers.outputs[0]
             return out
@@ -229,7 +250,8 @@ class Function:
         arrays = [numbers(self.name, port, x) for port, x in zip(self.inputs, args, strict=True)]
         count = count_of_points(self.name, self.inputs, arrays, _MOST_POINTS, self._shared)
         if count is None:
-            # A dtype that equals the library's may be another object: astype gives the array the library's.
+            # A dtype that equals the library's may be another object: astype gives the array the
+            # library's.
             with np.errstate(over="ignore"):
                 return self(*(x.astype(self._real) for x in arrays), out=out)
         memories = [
@@ -241,7 +263,8 @@ class Function:
         if buffers.batch_work.size < (work := self._entries.batch_work()):
             buffers.batch_work = np.zeros(work, self._real)
             buffers.batch_where = address(buffers.batch_work)
-        read, written = [address(x) for x in memories], [address(x) for x in made]
+        read = [address(x) for x in memories]
+        written = [address(x) for x in made]
         if out is not None:
             sizes = [x.nbytes for x in (*made, *memories)]
             spans = list(zip((*written, *read), sizes, strict=True))
@@ -285,4 +308,15 @@ def _docstring(
     def rows(ports: tuple[Port, ...]) -> str:
         return "".join(f"{p.name} : array {p.shape} [{p.unit}]\n    {p.doc}\n" for p in ports)
 
-    return f"{summary}\n\n    {equation}\n\nParameters\n----------\n{rows(inputs)}\nReturns\n-------\n{rows(outputs)}"
+    return (
+        f"{summary}\n"
+        "\n"
+        f"    {equation}\n"
+        "\n"
+        "Parameters\n"
+        "----------\n"
+        f"{rows(inputs)}\n"
+        "Returns\n"
+        "-------\n"
+        f"{rows(outputs)}"
+    )

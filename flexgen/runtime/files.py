@@ -1,14 +1,17 @@
-"""Files that are loaded as code: no other user may have changed them, and what is loaded is what was verified.
+"""Files that are loaded as code: no other user may have changed them, and what is loaded is what
+was verified.
 
-All code that flexgen loads comes through here: libraries of models, modules in the user's cache, controllers of a user.
+All code that flexgen loads comes through here: libraries of models, modules in the user's cache,
+controllers of a user.
 
-What is refused, on systems with POSIX permissions: a folder, manifest or library that every user may write, or that
-belongs to neither the user nor root; the same for all folders above them, where a folder that every user may write
-needs its sticky bit; a manifest or library that is a symbolic link or no regular file. A group may write: groups are
-chosen, and where the umask is 002 every user is alone in one. A process with the rights of the user can load anything.
+What is refused, on systems with POSIX permissions: a folder, manifest or library that every user
+may write, or that belongs to neither the user nor root; the same for all folders above them, where
+a folder that every user may write needs its sticky bit; a manifest or library that is a symbolic
+link or no regular file. A group may write: groups are chosen, and where the umask is 002 every
+user is alone in one. A process with the rights of the user can load anything.
 
-What is loaded is a private copy of the content that was verified: on Linux in memory, without a name in any folder. So
-no process can replace the file between the check and the load.
+What is loaded is a private copy of the content that was verified: on Linux in memory, without a
+name in any folder. So no process can replace the file between the check and the load.
 """
 
 from __future__ import annotations
@@ -39,7 +42,8 @@ _ELF_SYSTEM = _POSIX and sys.platform != "darwin"
 _ELF = b"\x7fELF"
 # by the digest of the content; a library stays in memory until the process ends
 _LOADED: dict[str, ctypes.CDLL] = {}
-_LOCK, _COUNTER = threading.Lock(), itertools.count()
+_LOCK = threading.Lock()
+_COUNTER = itertools.count()
 _PT_LOAD = 1
 _ET_DYN = 3
 
@@ -53,31 +57,39 @@ def verify_folder(folder: Path) -> Path:
         mode = found.st_mode
         if _POSIX and found.st_uid not in (0, os.geteuid()):
             raise BuildError(
-                f"{above}: given a folder of the owner {found.st_uid}, expected the user {os.geteuid()} or root, "
-                f"because its owner can replace {resolved}; use a folder somewhere else"
+                f"{above}: given a folder of the owner {found.st_uid}, expected the user "
+                f"{os.geteuid()} or root, because its owner can replace {resolved}; use a "
+                "folder somewhere else"
             )
         if _POSIX and mode & stat.S_IWOTH and not mode & stat.S_ISVTX:
             raise BuildError(
-                f"{above}: given a folder that every user may write (mode {stat.S_IMODE(mode):o}), expected one in "
-                f"which no other user can replace {resolved}; take the right away (chmod o-w) or use another folder"
+                f"{above}: given a folder that every user may write (mode "
+                f"{stat.S_IMODE(mode):o}), expected one in which no other user can replace "
+                f"{resolved}; take the right away (chmod o-w) or use another folder"
             )
     return resolved
 
 
 def verify_file(path: Path) -> Path:
-    """The file that a path leads to, without symbolic links; BuildError where others could replace it."""
+    """The file that a path leads to, without symbolic links; BuildError where others could replace
+    it.
+    """
     resolved = path.resolve()
     return verify_folder(resolved.parent) / resolved.name
 
 
 def read_verified(path: Path, advice: str = AGAIN) -> bytes:
-    """Content of a regular file that no other user may write; OSError where it cannot be read, else BuildError."""
+    """Content of a regular file that no other user may write; OSError where it cannot be read,
+    else BuildError.
+    """
     with _open(path, advice) as descriptor, open(descriptor, "rb", closefd=False) as file:
         return file.read()
 
 
 def read_library(path: Path, sha256: str | None = None, advice: str = AGAIN) -> bytes:
-    """Content of a shared library that can be loaded; parameters and errors are those of `load_verified`."""
+    """Content of a shared library that can be loaded; parameters and errors are those of
+    `load_verified`.
+    """
     content = read_verified(path, advice)
     given = hashlib.sha256(content).hexdigest()
     if sha256 not in (None, given):
@@ -93,13 +105,15 @@ def read_library(path: Path, sha256: str | None = None, advice: str = AGAIN) -> 
 def load_verified(path: Path, sha256: str | None = None, advice: str = AGAIN) -> ctypes.CDLL:
     """Load a shared library that no other user could have changed.
 
-    The file is opened once: its owner, rights and content are those of the open file. Its parts must lie within it, as
-    a cut file would kill the process. A copy of the verified content is loaded. The same content is loaded once.
+    The file is opened once: its owner, rights and content are those of the open file. Its parts
+    must lie within it, as a cut file would kill the process. A copy of the verified content is
+    loaded. The same content is loaded once.
 
     Parameters
     ----------
     path : Path
-        Without symbolic links, below a folder that was checked: see `verify_folder` and `verify_file`.
+        Without symbolic links, below a folder that was checked: see `verify_folder` and
+        `verify_file`.
     sha256 : str, optional
         What the content must have, in hexadecimal.
     advice : str
@@ -127,7 +141,9 @@ def load_verified(path: Path, sha256: str | None = None, advice: str = AGAIN) ->
 
 @contextmanager
 def private_copy(name: str, content: bytes) -> Iterator[str]:
-    """The path of a copy of a shared library that no other user can write, for a loader; it ends with the block."""
+    """The path of a copy of a shared library that no other user can write, for a loader; it ends
+    with the block.
+    """
     if not hasattr(os, "memfd_create"):
         # of mode 700
         with tempfile.TemporaryDirectory(prefix="flexgen-", ignore_cleanup_errors=True) as folder:
@@ -139,8 +155,9 @@ def private_copy(name: str, content: bytes) -> Iterator[str]:
     try:
         with open(descriptor, "wb", closefd=False) as file:
             file.write(content)
-        # The loader takes two libraries of one name for the same one, and numbers of descriptors are used again. A path
-        # is different, and leads to the same file, with other "/" and "./" in it: the digits of a counter.
+        # The loader takes two libraries of one name for the same one, and numbers of descriptors
+        # are used again. A path is different, and leads to the same file, with other "/" and "./"
+        # in it: the digits of a counter.
         digits = "".join("./" if digit == "1" else "/" for digit in f"{next(_COUNTER):b}")
         # (CasADi appends .so to a path without a dot)
         yield f"/proc/self/fd/./{digits}{descriptor}"
@@ -162,7 +179,8 @@ def _open(path: Path, advice: str) -> Iterator[int]:
     except OSError:
         if path.is_symlink():
             raise BuildError(
-                f"{path}: given a symbolic link, expected the file itself: what it leads to may change unseen; {advice}"
+                f"{path}: given a symbolic link, expected the file itself: what it leads to may "
+                f"change unseen; {advice}"
             ) from None
         raise
     try:
@@ -181,22 +199,30 @@ def _refuse_others(path: Path, found: os.stat_result) -> None:
         return
     if found.st_mode & stat.S_IWOTH:
         raise BuildError(
-            f"{path}: given mode {stat.S_IMODE(found.st_mode):o}, which lets every user write it, expected that only "
-            f"its owner or group may; if you trust its content: chmod o-w {path}"
+            f"{path}: given mode {stat.S_IMODE(found.st_mode):o}, which lets every user write "
+            "it, expected that only its owner or group may; if you trust its content: chmod "
+            f"o-w {path}"
         )
     if found.st_uid not in (0, os.geteuid()):
         raise BuildError(
-            f"{path}: given the owner {found.st_uid}, expected the user {os.geteuid()} or root; copy what you trust"
+            f"{path}: given the owner {found.st_uid}, expected the user {os.geteuid()} or root; "
+            "copy what you trust"
         )
 
 
 def _elf_problem(content: bytes) -> str | None:
-    """Why a file is not a shared library in ELF that can be mapped into this process; None where it seems to be one."""
-    wide, order = sys.maxsize > 2**32, "<" if sys.byteorder == "little" else ">"
+    """Why a file is not a shared library in ELF that can be mapped into this process; None where
+    it seems to be one.
+    """
+    wide = sys.maxsize > 2**32
+    order = "<" if sys.byteorder == "little" else ">"
     if content[:4] != _ELF or len(content) < (64 if wide else 52):
         return "no shared library (its ELF header is missing or cut)"
     if content[4:6] != bytes([2 if wide else 1, 1 if order == "<" else 2]):
-        return f"a library of other addresses or byte order, expected {64 if wide else 32} bits, {sys.byteorder}-endian"
+        return (
+            f"a library of other addresses or byte order, expected {64 if wide else 32} bits, "
+            f"{sys.byteorder}-endian"
+        )
     kind, machine = struct.unpack_from(f"{order}HH", content, 16)
     if kind != _ET_DYN:
         return f"an ELF file of kind {kind}, expected a shared library"
@@ -218,7 +244,10 @@ def _elf_problem(content: bytes) -> str | None:
             (fields[2], fields[5], fields[6]) if wide else (fields[1], fields[4], fields[5])
         )
         if start + size > len(content) or (fields[0] == _PT_LOAD and size > memory):
-            return f"a cut or garbled library (segment {k} ends at byte {start + size} of {len(content)})"
+            return (
+                f"a cut or garbled library (segment {k} ends at byte {start + size} of "
+                f"{len(content)})"
+            )
         loads += fields[0] == _PT_LOAD
     return None if loads else "a garbled library (nothing in it is to be loaded)"
 

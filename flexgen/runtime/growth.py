@@ -1,4 +1,6 @@
-"""Growth of perturbations along a motion by the C of a loaded library: `Growth`, the type of `Library.growth`."""
+"""Growth of perturbations along a motion by the C of a loaded library: `Growth`, the type of
+`Library.growth`.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,13 @@ from typing import Any
 import numpy as np
 
 from flexgen.errors import ArgumentError
-from flexgen.runtime.inversion_arguments import NO_FORCE, array_of, parameters_of, pointer, pointers
+from flexgen.runtime.inversion_arguments import (
+    NO_FORCE,
+    array_of,
+    parameters_of,
+    pointer,
+    pointers,
+)
 from flexgen.runtime.path_inversion import Inversion
 from flexgen.runtime.structs import Failures, closed_error, failure_of, interface_of, struct_of
 
@@ -20,7 +28,8 @@ _WIDTHS = {"q_a": "n_a", "v_a": "n_a", "q_m": "n_m", "v_m": "n_m", "tau_m": "n_m
 
 @dataclass(frozen=True, repr=False)
 class Growth:
-    """``library.growth(motion)``: largest growth of a perturbation under the motor torques of a motion alone.
+    """``library.growth(motion)``: largest growth of a perturbation under the motor torques of a
+    motion alone.
 
     ``takes_force``: of a library with the part ``"force"``.
     ``closed``: set when the library is closed.
@@ -53,9 +62,9 @@ class Growth:
     def __call__(self, motion: Inversion, *, parameters: Any = None, force: Any = None) -> float:
         """The largest growth from the start of a motion to an instant of it.
 
-        A force of constant direction on the output has a stiffness, -d(W' f)/dq with the map W from
-        speeds to rates of the output: a push along an outstretched arm acts like a weight on an
-        upright one.
+        A force of constant direction on the output has a stiffness, -d(W' f)/dq with the map W
+        from speeds to rates of the output: a push along an outstretched arm acts like a weight on
+        an upright one.
 
         Parameters
         ----------
@@ -78,16 +87,15 @@ class Growth:
             raise ArgumentError(
                 f"growth, motion: given {type(motion).__name__}, expected what invert returned"
             )
-        n, real = len(motion.q_a), self.model_parameters.dtype
+        n = len(motion.q_a)
+        real = self.model_parameters.dtype
         shapes = {key: (n, self.sizes[width]) for key, width in _WIDTHS.items()}
         arrays = {
             key: array_of("growth", key, getattr(motion, key), shape, real)
             for key, shape in shapes.items()
         }
-        values, found = (
-            parameters_of("growth", parameters, self.model_parameters),
-            np.empty(1, real),
-        )
+        values = parameters_of("growth", parameters, self.model_parameters)
+        found = np.empty(1, real)
         work = np.empty(self.work, real)
         forced = self._force_of(force, motion)
         status = self.entry(
@@ -112,7 +120,8 @@ class Growth:
         if not self.takes_force:
             raise ArgumentError(NO_FORCE.format("growth"))
         real = self.model_parameters.dtype
-        width, most = 3 * self.sizes["n_y"], len(motion.q_a) - motion.n_pre
+        width = 3 * self.sizes["n_y"]
+        most = len(motion.q_a) - motion.n_pre
         given = array_of("growth", "force", force, None, real)
         if given.ndim != 2 or given.shape[1] != width or not 1 <= len(given) <= most:
             raise ArgumentError(
@@ -141,7 +150,8 @@ def growth_of(
     if not {"growth", "growth_work"} <= {row["name"] for row in manifest.get("c_functions", ())}:
         return None
     structs = interface_of(manifest).structs
-    work, motion = found(f"{name}_growth_work"), structs["motion"]
+    work = found(f"{name}_growth_work")
+    motion = structs["motion"]
     work.restype = ctypes.c_int64
     return Growth(
         name,

@@ -1,4 +1,6 @@
-"""Whether a library is the one that its manifest describes: its version, model, functions, sizes and numbers."""
+"""Whether a library is the one that its manifest describes: its version, model, functions, sizes
+and numbers.
+"""
 
 from __future__ import annotations
 
@@ -13,11 +15,13 @@ import numpy as np
 from flexgen.errors import BuildError
 from flexgen.runtime.files import AGAIN, read_verified, verify_folder
 
-ABI_VERSION, FORMAT = 5, 3  # of the interface between Python and C; of the manifest
+ABI_VERSION = 5  # of the interface between Python and C
+FORMAT = 3  # of the manifest
 # of whole paths and streams: residual of a deflection of 1e-8 rad or m
 TOLERANCES = {"double": 1e-6, "single": 1e-3}
 CONFIGURATIONS_MAX = 16  # of an arm with six rotations, away from singularities
-STARTS, STARTS_MAX = 1536, 1_000_000  # of the search of all of them: recommended; at most
+STARTS = 1536  # of the search of all of them: recommended
+STARTS_MAX = 1_000_000  # at most
 REALS: dict[str, np.dtype[Any]] = {"double": np.dtype(np.float64), "single": np.dtype(np.float32)}
 
 _SIZES = ("n_a", "n_g", "n_e", "n_m", "n_x", "n_y", "n_t", "n_s", "n_p", "n_packed")
@@ -31,8 +35,11 @@ _MEANING = {
 
 
 def verify(library: ctypes.CDLL, manifest: dict[str, Any]) -> None:
-    """Compare what the library says of itself with the manifest and this Python; BuildError where they differ."""
-    name, precision = manifest["name"], manifest.get("precision", "double")
+    """Compare what the library says of itself with the manifest and this Python; BuildError where
+    they differ.
+    """
+    name = manifest["name"]
+    precision = manifest.get("precision", "double")
     if precision not in REALS:
         raise BuildError(f"precision: given {precision!r}, expected double or single; {AGAIN}")
     for size in manifest["sizes"]:
@@ -61,19 +68,22 @@ def verify(library: ctypes.CDLL, manifest: dict[str, Any]) -> None:
 def entry_of(library: ctypes.CDLL, symbol: str) -> Any:
     """A function of the library that returns an int; BuildError where it is missing.
 
-    Types of arguments are not declared: all calls pass objects of ctypes and small numbers, and looking declarations up
-    would cost time in every one.
+    Types of arguments are not declared: all calls pass objects of ctypes and small numbers, and
+    looking declarations up would cost time in every one.
     """
     try:
         return library[symbol]
     except AttributeError:
         raise BuildError(
-            f"{symbol}: given a library without it, expected the one that the manifest describes; {AGAIN}"
+            f"{symbol}: given a library without it, expected the one that the manifest "
+            f"describes; {AGAIN}"
         ) from None
 
 
 def read_parameters(library: ctypes.CDLL, manifest: dict[str, Any]) -> np.ndarray:
-    """The run-time parameters' values in the model file, as the library says; empty where it has none."""
+    """The run-time parameters' values in the model file, as the library says; empty where it has
+    none.
+    """
     values = np.zeros(manifest["sizes"].get("n_p", 0), REALS[manifest.get("precision", "double")])
     if values.size:
         entry = entry_of(library, f"{manifest['name']}_parameters")
@@ -84,7 +94,9 @@ def read_parameters(library: ctypes.CDLL, manifest: dict[str, Any]) -> np.ndarra
 
 
 def _signatures(manifest: dict[str, Any]) -> list[str]:
-    """The lines that the library hashes: those of its functions, its structs and its fixed functions."""
+    """The lines that the library hashes: those of its functions, its structs and its fixed
+    functions.
+    """
     fixed = [
         f"{row['signature']}\n"
         for key in ("structs", "c_functions")
@@ -95,7 +107,9 @@ def _signatures(manifest: dict[str, Any]) -> list[str]:
 
 
 def _signature(described: dict[str, Any]) -> str:
-    """Names and shapes of a function in one line, as the library hashes them: ``mass_matrix(q_a[3])(M[3,3])``."""
+    """Names and shapes of a function in one line, as the library hashes them:
+    ``mass_matrix(q_a[3])(M[3,3])``.
+    """
 
     def join(ports: list[dict[str, Any]]) -> str:
         return "".join(f"{port['name']}[{','.join(map(str, port['shape']))}]" for port in ports)
@@ -119,13 +133,15 @@ def read_manifest(folder: Path) -> tuple[Path, dict[str, Any]]:
         raise BuildError(f"{path}: given another format, expected format {FORMAT}; {AGAIN}")
     if manifest.get("abi_version") != ABI_VERSION:
         raise BuildError(
-            f"{path}: given ABI version {manifest.get('abi_version')}, expected {ABI_VERSION}: the library was written "
-            f"by another version of flexgen ({manifest.get('generator')}), whose C interface differs; {AGAIN}"
+            f"{path}: given ABI version {manifest.get('abi_version')}, expected {ABI_VERSION}: "
+            "the library was written by another version of flexgen "
+            f"({manifest.get('generator')}), whose C interface differs; {AGAIN}"
         )
     if manifest.get("format") != FORMAT:
         raise BuildError(f"{path}: given another format, expected format {FORMAT}; {AGAIN}")
     if not manifest.get("build"):
         raise BuildError(
-            f"{folder}: given sources only, expected a compiled library; generate it without build=False (--no-build)"
+            f"{folder}: given sources only, expected a compiled library; generate it without "
+            "build=False (--no-build)"
         )
     return trusted, manifest

@@ -1,4 +1,6 @@
-"""Inverse kinematics by the C of a loaded library: `InverseKinematics`, the type of `Library.inverse_kinematics`."""
+"""Inverse kinematics by the C of a loaded library: `InverseKinematics`, the type of
+`Library.inverse_kinematics`.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,8 @@ FUNCTION = "inverse_kinematics"
 
 
 class InverseKinematics:
-    """All joint configurations at a pose, as a function of a library: ``library.inverse_kinematics(p, R)``.
+    """All joint configurations at a pose, as a function of a library:
+    ``library.inverse_kinematics(p, R)``.
 
     Examples
     --------
@@ -40,8 +43,14 @@ class InverseKinematics:
         statuses: Mapping[str, int],
         again: tuple[Callable[..., Any], tuple[Any, ...]],
     ) -> None:
-        self._name, self._n_a, self._n_g, self._entry, self._work = name, n_a, n_g, entry, work
-        self._failures, self._statuses, self._again = failures, statuses, again
+        self._name = name
+        self._n_a = n_a
+        self._n_g = n_g
+        self._entry = entry
+        self._work = work
+        self._failures = failures
+        self._statuses = statuses
+        self._again = again
         self._closed = Event()
 
     def __repr__(self) -> str:
@@ -75,7 +84,8 @@ class InverseKinematics:
         q_start : array (n_a,) [rad or m], optional
             First start, and the values of all coordinates that are not free; default: zeros.
         free : sequence of int, optional
-            Indices of the six coordinates that are found; default: those with a motor, of an arm with six motors.
+            Indices of the six coordinates that are found; default: those with a motor, of an arm
+            with six motors.
         starts : int
             Of the search, at most; 1: only ``q_start``, in bounded time.
         most : int
@@ -84,9 +94,10 @@ class InverseKinematics:
         Returns
         -------
         ndarray (k, n_a) [rad or m]
-            Rotations within half a turn of ``q_start``; limits of the joints are not checked. Empty where the pose
-            cannot be reached. Configurations closer than about 1e-5 rad to a singular one can be missing or found
-            twice; `flexgen.kinematics` finds each of them once.
+            Rotations within half a turn of ``q_start``; limits of the joints are not checked.
+            Empty where the pose cannot be reached. Configurations closer than about 1e-5 rad to a
+            singular one can be missing or found twice; `flexgen.kinematics` finds each of them
+            once.
 
         Raises
         ------
@@ -107,14 +118,25 @@ class InverseKinematics:
                 raise ArgumentError(
                     f"{FUNCTION}: {name}: given {value!r}, expected a whole number of at least 1"
                 )
-        starts, most = min(int(starts), STARTS_MAX), min(int(most), CONFIGURATIONS_MAX)
-        q, work, count = np.empty((most, self._n_a)), np.empty(self._work), ctypes.c_int(0)
+        starts = min(int(starts), STARTS_MAX)
+        most = min(int(most), CONFIGURATIONS_MAX)
+        q = np.empty((most, self._n_a))
+        work = np.empty(self._work)
+        count = ctypes.c_int(0)
         status = int(
             self._entry(
-                pointer(position), pointer(turned), pointer(guess), chosen, ctypes.c_int(starts), ctypes.c_int(most),
-                pointer(q), ctypes.byref(count), pointer(work), ctypes.c_int64(work.size),
+                pointer(position),
+                pointer(turned),
+                pointer(guess),
+                chosen,
+                ctypes.c_int(starts),
+                ctypes.c_int(most),
+                pointer(q),
+                ctypes.byref(count),
+                pointer(work),
+                ctypes.c_int64(work.size),
             )
-        )  # fmt: skip
+        )
         if status < 0 and status != self._statuses["UNREACHABLE"]:
             self._refuse(status)
         return q[: min(count.value, most)]
@@ -123,7 +145,8 @@ class InverseKinematics:
         """The indices for C; None for an arm with six motors."""
         if free is None and self._n_g != 6:
             raise ArgumentError(
-                f"{FUNCTION}: free: given none for {self._n_g} coordinates with a motor, expected six of their indices"
+                f"{FUNCTION}: free: given none for {self._n_g} coordinates with a motor, "
+                "expected six of their indices"
             )
         if free is None:
             return None
@@ -134,7 +157,8 @@ class InverseKinematics:
         )
         if not whole or len(given) != 6 or len(set(given)) != 6:
             raise ArgumentError(
-                f"{FUNCTION}: free: given {free!r}, expected six different indices from 0 to {self._n_a - 1}"
+                f"{FUNCTION}: free: given {free!r}, expected six different indices from 0 to "
+                f"{self._n_a - 1}"
             )
         return (ctypes.c_int * 6)(*map(int, given))
 
@@ -156,7 +180,8 @@ def inverse_kinematics_of(
     again: tuple[Callable[..., Any], tuple[Any, ...]],
 ) -> InverseKinematics | None:
     """What a library offers; None where the manifest lists no inverse kinematics."""
-    name, sizes = manifest["name"], manifest["sizes"]
+    name = manifest["name"]
+    sizes = manifest["sizes"]
     if not {FUNCTION, f"{FUNCTION}_work"} <= {
         row["name"] for row in manifest.get("c_functions", ())
     }:

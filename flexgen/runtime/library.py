@@ -1,4 +1,6 @@
-"""From a directory to a library whose functions can be called: `load` compares what is there with its manifest."""
+"""From a directory to a library whose functions can be called: `load` compares what is there with
+its manifest.
+"""
 
 from __future__ import annotations
 
@@ -36,17 +38,21 @@ _LIBRARY_FILE = re.compile(
     r"lib(?P<name>[A-Za-z][A-Za-z0-9_]*)-(?P<hash>[0-9a-f]{16})\.(so|dylib|dll)\Z"
 )
 _INVERTERS = {"invert": Inverter, "bvp": Inverter, "invert_limited": LimitedInverter}
-_INVERTS = "one with all functions, of a model with as many outputs as motors and simplified motor coupling"
+_INVERTS = (
+    "one with all functions, of a model with as many outputs as motors and simplified motor "
+    "coupling"
+)
 
 
 @checked_methods
 class Library:
     """A loaded library: its functions are attributes, such as ``library.mass_matrix(q_a)``.
 
-    It may be used by several threads, copied (a copy is the same library), pickled (it is loaded again from its
-    directory, and refused where another one is there now) and closed, by hand or as a context manager. Closing makes
-    every later call an error, and every later update of its streams; the code stays in memory until the process ends,
-    so that calls under way in other threads end well.
+    It may be used by several threads, copied (a copy is the same library), pickled (it is loaded
+    again from its directory, and refused where another one is there now) and closed, by hand or as
+    a context manager. Closing makes every later call an error, and every later update of its
+    streams; the code stays in memory until the process ends, so that calls under way in other
+    threads end well.
 
     Parameters
     ----------
@@ -61,10 +67,12 @@ class Library:
     functions : mapping of str to Function
         By name, in the order of the header.
     sizes : mapping of str to int
-        ``n_a``, ``n_g``, ``n_e``, ``n_m``, ``n_x``; ``n_y``, ``n_t`` (outputs, and numbers of a target of them) where
-        the model has as many outputs as motors; ``n_s`` with sensors; ``n_p`` with run-time parameters.
+        ``n_a``, ``n_g``, ``n_e``, ``n_m``, ``n_x``; ``n_y``, ``n_t`` (outputs, and numbers of a
+        target of them) where the model has as many outputs as motors; ``n_s`` with sensors;
+        ``n_p`` with run-time parameters.
     parameters : ndarray
-        Values of the run-time parameters in the model file, which calls use where they are given no others; read-only.
+        Values of the run-time parameters in the model file, which calls use where they are given
+        no others; read-only.
     parameter_names : tuple of str
         What they are, in the same order; with ``per_point`` batches take them for each point.
     coordinates, units, motors, states : tuple of str
@@ -108,8 +116,11 @@ class Library:
         self.motors: tuple[str, ...] = tuple(manifest["motors"])
         self.states: tuple[str, ...] = tuple(manifest["states"])
         self._again = (str(directory.resolve()), manifest["build"]["sha256"])
-        self._inverters, self.streams, self.samplers = dict(inverters or {}), streams, samplers
-        self._inverse_kinematics, self._closed = inverse_kinematics, False
+        self._inverters = dict(inverters or {})
+        self.streams = streams
+        self.samplers = samplers
+        self._inverse_kinematics = inverse_kinematics
+        self._closed = False
         self._growth: Growth | None = None
 
     @property
@@ -117,8 +128,9 @@ class Library:
         """All joint configurations at a pose; ArgumentError where the library has none."""
         if self._inverse_kinematics is None:
             raise ArgumentError(
-                f"{self.name}: given a library without inverse_kinematics, expected one in double precision with "
-                "forward_kinematics and jacobian, of an arm with at least six motors, without per_point"
+                f"{self.name}: given a library without inverse_kinematics, expected one in "
+                "double precision with forward_kinematics and jacobian, of an arm with at "
+                "least six motors, without per_point"
             )
         return self._inverse_kinematics
 
@@ -134,12 +146,16 @@ class Library:
 
     @property
     def bvp(self) -> Inverter:
-        """`invert` as a two-point boundary value problem; ArgumentError where the library has none."""
+        """`invert` as a two-point boundary value problem; ArgumentError where the library has
+        none.
+        """
         return self._inverter("bvp", "one that was generated with parts=['bvp'] (--with bvp)")
 
     @property
     def invert_limited(self) -> LimitedInverter:
-        """Inverse dynamics along whole paths within limits; ArgumentError where the library has none."""
+        """Inverse dynamics along whole paths within limits; ArgumentError where the library has
+        none.
+        """
         found = self._inverter("invert_limited", f"{_INVERTS}, in double precision")
         assert isinstance(found, LimitedInverter)
         return found
@@ -147,16 +163,20 @@ class Library:
     def _inverter(self, name: str, expected: str) -> Inverter:
         found = self._inverters.get(name)
         if found is None:
-            raise ArgumentError(f"{self.name}: given a library without {name}, expected {expected}")
+            raise ArgumentError(
+                f"{self.name}: given a library without {name}, expected {expected}"
+            )
         return found
 
     @property
     def growth(self) -> Growth:
-        """Largest growth of a perturbation along a motion; ArgumentError where the library has none."""
+        """Largest growth of a perturbation along a motion; ArgumentError where the library has
+        none.
+        """
         if self._growth is None:
             raise ArgumentError(
-                f"{self.name}: given a library without growth, expected {_INVERTS}, with linearize "
-                "(and with the part force inverse_dynamics_derivatives)"
+                f"{self.name}: given a library without growth, expected {_INVERTS}, with "
+                "linearize (and with the part force inverse_dynamics_derivatives)"
             )
         return self._growth
 
@@ -208,8 +228,9 @@ class Library:
         Parameters
         ----------
         y : array (n_t,)
-            Output; for a pose the position [m], then the rotation matrix by columns. In motion: array (intervals + 16,
-            n_t), one sample per update; the first update takes the next one and gives the interval from sample 16 on.
+            Output; for a pose the position [m], then the rotation matrix by columns. In motion:
+            array (intervals + 16, n_t), one sample per update; the first update takes the next one
+            and gives the interval from sample 16 on.
         q_start : array (n_a,)
             Initial guess of the arm's equilibrium there (in motion: at sample 7) [rad, m].
         period, intervals : float [s], int
@@ -217,21 +238,25 @@ class Library:
         samples_per_interval : int
             Samples of the results per update.
         tolerance : float, optional
-            Largest residual of the unactuated rows, relative to their torques at equilibrium; above it an interval is
-            not ``converged``. Default: 1e-6, in single precision 1e-3.
+            Largest residual of the unactuated rows, relative to their torques at equilibrium;
+            above it an interval is not ``converged``. Default: 1e-6, in single precision 1e-3.
         hold : str
-            What the drive does between two samples: ``"spline"``, ``"linear"`` or ``"zoh"``; ``tau_m`` is what to send.
+            What the drive does between two samples: ``"spline"``, ``"linear"`` or ``"zoh"``;
+            ``tau_m`` is what to send.
         delay : float
             From a sample until the motor has its torque, in samples, 0 to 4.
         parameters : array (n_p,), optional
-            Run-time parameters; default: those of the model file. `Stream.set_parameters` changes them.
+            Run-time parameters; default: those of the model file. `Stream.set_parameters` changes
+            them.
         dy, ddy : array (intervals + 16, n_y), optional
-            First and second derivatives of the output, for a stream that starts in motion. Coordinates without motor
-            are then in quasi-static motion; what differs from it in the real arm decays with the stable zeros.
+            First and second derivatives of the output, for a stream that starts in motion.
+            Coordinates without motor are then in quasi-static motion; what differs from it in the
+            real arm decays with the stable zeros.
         servo : True or mapping, optional
             The positions to send too, as `Library.invert` takes it; the stream starts at rest.
         force : array (n_y,), optional
-            Force on the output until `Stream.set_force`; in motion (intervals + 16, 3 n_y), as there. Part ``"force"``.
+            Force on the output until `Stream.set_force`; in motion (intervals + 16, 3 n_y), as
+            there. Part ``"force"``.
 
         Returns
         -------
@@ -279,7 +304,9 @@ class Library:
         return self._closed
 
     def close(self) -> None:
-        """Refuse every call from now on; closing twice does no harm. Calls under way end as usual."""
+        """Refuse every call from now on; closing twice does no harm. Calls under way end as
+        usual.
+        """
         self._closed = True
         for function in self.functions.values():
             function.close(self.name)
@@ -321,23 +348,28 @@ class Library:
     def __repr__(self) -> str:
         state = "closed, " if self._closed else ""
         plural = "" if len(self.functions) == 1 else "s"
-        return f"<Library {self.name}: {state}{len(self.functions)} function{plural}, {self.precision} precision>"
+        return (
+            f"<Library {self.name}: {state}{len(self.functions)} function{plural}, "
+            f"{self.precision} precision>"
+        )
 
 
 @checked_types
 def load(directory: str | os.PathLike[str], device: str = "cpu") -> Library:
     """Load a generated library.
 
-    Nothing of it runs before its file is known to be the one of the manifest, whole, and safe from other users; nothing
-    is called before its ABI version, model digest, interface, sizes and types of numbers are those of the manifest and
-    of this Python. `flexgen.runtime.files` says which owners and rights are refused.
+    Nothing of it runs before its file is known to be the one of the manifest, whole, and safe from
+    other users; nothing is called before its ABI version, model digest, interface, sizes and types
+    of numbers are those of the manifest and of this Python. `flexgen.runtime.files` says which
+    owners and rights are refused.
 
     Parameters
     ----------
     directory : str or Path
         What `flexgen.generate` wrote.
     device : str
-        ``"cpu"``; ``"cuda"`` (``"cuda:1"``: the second card): its functions run on an NVIDIA GPU, on device arrays.
+        ``"cpu"``; ``"cuda"`` (``"cuda:1"``: the second card): its functions run on an NVIDIA GPU,
+        on device arrays.
 
     Returns
     -------
@@ -348,7 +380,8 @@ def load(directory: str | os.PathLike[str], device: str = "cpu") -> Library:
     ArgumentError
         Where the directory is not a path, or the device is none of these.
     BuildError
-        Where there is no library, not the one that the manifest describes, or one that other users may change.
+        Where there is no library, not the one that the manifest describes, or one that other users
+        may change.
 
     Examples
     --------
@@ -381,11 +414,9 @@ def _load(folder: Path, sha256: str | None) -> Library:
     """Load the library of a folder, where its file has the given digest."""
     trusted, manifest = read_manifest(folder)
     try:
-        name, file, recorded = (
-            manifest["name"],
-            manifest["build"]["library"],
-            manifest["build"]["sha256"],
-        )
+        name = manifest["name"]
+        file = manifest["build"]["library"]
+        recorded = manifest["build"]["sha256"]
         if c_name_problem(name) is not None:
             raise BuildError(
                 f"name of the library: given {name!r}, expected {c_name_problem(name)}; {AGAIN}"
@@ -393,19 +424,21 @@ def _load(folder: Path, sha256: str | None) -> Library:
         named = _LIBRARY_FILE.match(file)
         if named is None or named["name"] != name or named["hash"] != recorded[:16]:
             raise BuildError(
-                f"{folder}: given the library's file name {file!r}, expected lib{name}-{recorded[:16]}.so; {AGAIN}"
+                f"{folder}: given the library's file name {file!r}, expected "
+                f"lib{name}-{recorded[:16]}.so; {AGAIN}"
             )
         if sha256 not in (None, recorded):
             raise BuildError(
-                f"{folder}: given a library of SHA-256 {recorded[:16]}..., expected that of {str(sha256)[:16]}..., "
-                "which was pickled; pickle again what is there now"
+                f"{folder}: given a library of SHA-256 {recorded[:16]}..., expected that of "
+                f"{str(sha256)[:16]}..., which was pickled; pickle again what is there now"
             )
         refuse_other_computer(manifest["build"])
         library = load_verified(trusted / file, recorded)
         verify(library, manifest)
         negative = [status for status in manifest["statuses"] if status["code"] < 0]
         failures = {
-            status["code"]: (_exception(status["exception"]), status["text"]) for status in negative
+            status["code"]: (_exception(status["exception"]), status["text"])
+            for status in negative
         }
         parameters = read_parameters(library, manifest)
         functions = {
@@ -417,7 +450,8 @@ def _load(folder: Path, sha256: str | None) -> Library:
         found = partial(entry_of, library)
         others = ("streams", "samplers", "inverse_kinematics", "growth")
         again = {
-            what: (offered_again, (str(trusted), recorded, what)) for what in (*_INVERTERS, *others)
+            what: (offered_again, (str(trusted), recorded, what))
+            for what in (*_INVERTERS, *others)
         }
         inverters = {
             kind: inverter_of(manifest, found, failures, again[kind], kind, parameters, form)
@@ -426,7 +460,9 @@ def _load(folder: Path, sha256: str | None) -> Library:
         streams = streams_of(manifest, found, failures, again["streams"], parameters)
         samplers = samplers_of(manifest, found, failures, again["samplers"], parameters)
         poses = inverse_kinematics_of(manifest, found, failures, again["inverse_kinematics"])
-        made = Library(folder, manifest, functions, parameters, inverters, streams, samplers, poses)
+        made = Library(
+            folder, manifest, functions, parameters, inverters, streams, samplers, poses
+        )
         made._growth = growth_of(manifest, found, failures, again["growth"], parameters)
         return made
     except BuildError as error:
@@ -451,7 +487,9 @@ def _exception(name: str) -> type[FlexgenError]:
 
 
 def offered_again(directory: str, sha256: str, what: str) -> Any:
-    """What the library of a pickled object offers; BuildError where another one is in its directory now."""
+    """What the library of a pickled object offers; BuildError where another one is in its
+    directory now.
+    """
     offered = getattr(library_again(directory, sha256), what)
     if offered is None:
         raise BuildError(f"{directory}: given a library without {what}, expected {_INVERTS}")
@@ -477,7 +515,8 @@ def _function(
     for port in inputs:
         if port.name == PARAMETERS and port.shape != parameters.shape:
             raise ValueError(
-                f"given {port.shape} as the shape of {name}'s parameters, expected {parameters.shape}"
+                f"given {port.shape} as the shape of {name}'s parameters, expected "
+                f"{parameters.shape}"
             )
     prefix = manifest["name"]
     single, batch = (entry_of(library, f"{prefix}_{name}{suffix}") for suffix in ("", "_batch"))

@@ -1,4 +1,6 @@
-"""Inverse dynamics of a loaded library within limits: `LimitedInverter`, the type of `Library.invert_limited`."""
+"""Inverse dynamics of a loaded library within limits: `LimitedInverter`, the type of
+`Library.invert_limited`.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +35,8 @@ NO_CURVE = ((0.0, 1e30), (1e30, 1e30))  # of a motor without a curve: rad/s, N m
 def limit_members(
     function: str, given: Mapping[str, Any], sizes: Mapping[str, int], real: np.dtype[Any]
 ) -> dict[str, Any]:
-    """Members of the limits in C from arguments by name, those of `LimitedInverter`; None is left out.
+    """Members of the limits in C from arguments by name, those of `LimitedInverter`; None is left
+    out.
 
     Raises
     ------
@@ -67,8 +70,8 @@ def limit_members(
             curves = [one if len(one) else np.array(NO_CURVE) for one in found if one is not None]
             if not len(curves) == len(found) == sizes["n_m"]:
                 raise ArgumentError(
-                    f"{function}, torque_speed: given {show_value(x)}, expected for each of {sizes['n_m']} motors "
-                    f"{TORQUE_SPEED}; or nothing for a motor"
+                    f"{function}, torque_speed: given {show_value(x)}, expected for each of "
+                    f"{sizes['n_m']} motors {TORQUE_SPEED}; or nothing for a motor"
                 )
             most = max(map(len, curves))
             same = [[*curve, *[curve[-1]] * (most - len(curve))] for curve in curves]
@@ -77,7 +80,9 @@ def limit_members(
 
 
 class LimitsInfeasibleError(SolverError):
-    """The limits cannot be kept; ``excess``: the largest violation that is left, relative to the limit."""
+    """The limits cannot be kept; ``excess``: the largest violation that is left, relative to the
+    limit.
+    """
 
     def __init__(self, message: str, excess: float) -> None:
         super().__init__(message)
@@ -85,7 +90,8 @@ class LimitsInfeasibleError(SolverError):
 
 
 class LimitedInverter(Inverter):
-    """``library.invert_limited(y, dy, ddy, period=..., q_start=..., torque_max=...)``: inverse dynamics within limits.
+    """``library.invert_limited(y, dy, ddy, period=..., q_start=..., torque_max=...)``: inverse
+    dynamics within limits.
 
     It may be called from several threads, as `Inverter`.
 
@@ -166,7 +172,8 @@ class LimitedInverter(Inverter):
             The limits cannot be kept, or the path cannot be inverted.
         """
         self._refuse_closed()
-        function, sizes = self._function, self._sizes
+        function = self._function
+        sizes = self._sizes
         given = self._samples((y, dy, ddy), force)
         q = array_of(function, "q_start", q_start, (sizes["n_a"],), self._real)
         arrays = [torque_max, speed_max, torque_rate_max, deflection_max, gear_torque_max]
@@ -188,11 +195,15 @@ class LimitedInverter(Inverter):
         )
         values = parameters_of(function, parameters, self._parameters, self._rows)
         period = number_of(function, "period", period)
-        return replace(self._invert(given, values, q, period, options, bounds), deviation=deviation)
+        return replace(
+            self._invert(given, values, q, period, options, bounds), deviation=deviation
+        )
 
     def _check_status(self, status: int, reported: dict[str, Any]) -> None:
         if status == self._interface.statuses["LIMITS_INFEASIBLE"]:
             excess = reported["limit_excess"]
-            text = f"{self._failures[status][1]} (a limit is exceeded by {excess:.2g} of its value)"
+            text = (
+                f"{self._failures[status][1]} (a limit is exceeded by {excess:.2g} of its value)"
+            )
             raise LimitsInfeasibleError(f"{self._function}: {text}", excess)
         super()._check_status(status, reported)

@@ -1,7 +1,9 @@
-"""Inverse dynamics of many problems on all cores: `ManyInverter`, the type of `Library.invert_many`.
+"""Inverse dynamics of many problems on all cores: `ManyInverter`, the type of
+`Library.invert_many`.
 
-Threads take chunks of problems until none is left; C solves a chunk without the interpreter's lock, in one workspace
-for each thread. Which thread solves a problem, and with which others, has no influence on its bits.
+Threads take chunks of problems until none is left; C solves a chunk without the interpreter's
+lock, in one workspace for each thread. Which thread solves a problem, and with which others, has
+no influence on its bits.
 """
 
 from __future__ import annotations
@@ -58,10 +60,12 @@ class Inversions:
     Parameters
     ----------
     status : ndarray (problems,)
-        Of each problem, as in C: 0 success, negative an error, positive a warning; `sentence` explains one.
+        Of each problem, as in C: 0 success, negative an error, positive a warning; `sentence`
+        explains one.
     q_a, v_a, a_a, tau_g, q_m, v_m, tau_m : ndarray (problems, N, ...) or None
-        As in the result of `Library.invert`; None where it is not among the outputs, NaN where the status is negative.
-        Where a motion has ``settled``, all samples after it are those of the equilibrium.
+        As in the result of `Library.invert`; None where it is not among the outputs, NaN where the
+        status is negative. Where a motion has ``settled``, all samples after it are those of the
+        equilibrium.
     residual, residual_at_samples, kinematic_mismatch, growth, torque_error : ndarray (problems,)
         As in the result of `Library.invert`.
     iterations, intervals, n_post : ndarray (problems,)
@@ -107,7 +111,9 @@ class Inversions:
 
     @property
     def converged(self) -> np.ndarray:
-        """Which problems have the status 0: see ``converged`` of the result of `Library.invert`."""
+        """Which problems have the status 0: see ``converged`` of the result of
+        `Library.invert`.
+        """
         return self.status == 0
 
     def sentence(self, problem: int) -> str:
@@ -134,15 +140,18 @@ class InversionOptions:
     n_pre, n_post, samples_per_interval, tolerance, hold, delay, settled, growth
         As of `Library.invert`; the same for all problems.
     force : array (problems, n, 3 n_y) or (n, 3 n_y), optional
-        Force on the output, as of `Library.invert`, with as many axes as ``y``; of a library with the part ``"force"``.
+        Force on the output, as of `Library.invert`, with as many axes as ``y``; of a library with
+        the part ``"force"``.
     workers : int, optional
         Threads; default: one for each core that this process may use.
     reduce : callable, optional
-        A function of a chunk of results, an `Inversions`, that returns an array with one row for each problem of it.
-        Then only these rows are kept, as ``reduced``, and a million problems need little memory. The workers call it,
-        several of them at the same time; sizes and order of chunks are not fixed.
+        A function of a chunk of results, an `Inversions`, that returns an array with one row for
+        each problem of it. Then only these rows are kept, as ``reduced``, and a million problems
+        need little memory. The workers call it, several of them at the same time; sizes and order
+        of chunks are not fixed.
     progress : callable, bool or None
-        Takes messages of progress; True or False: show them or not; default: on a terminal and in a notebook.
+        Takes messages of progress; True or False: show them or not; default: on a terminal and in
+        a notebook.
 
     Examples
     --------
@@ -179,7 +188,8 @@ class _Job:
 
 
 class ManyInverter:
-    """``library.invert_many(y, dy, ddy, period=..., q_start=..., parameters=...)``: `Library.invert` for many problems.
+    """``library.invert_many(y, dy, ddy, period=..., q_start=..., parameters=...)``:
+    `Library.invert` for many problems.
 
     It may be called from several threads.
 
@@ -188,8 +198,11 @@ class ManyInverter:
     >>> library = flexgen.load(flexgen.generate("elbow", parameters=["payload"]).directory)
     >>> path = flexgen.plan("elbow", "line")
     >>> y, dy, ddy = path.sample([0.005 * k for k in range(201)]).y.transpose(2, 0, 1)[:3]
-    >>> loads = library.parameters + [[0.0, 0.0, 0.0, 0.0], [2.0, 0.0, 0.0, 0.0]]  # mass [kg] and its place [m]
-    >>> many = library.invert_many(y, dy, ddy, period=0.005, q_start=path.q_start, parameters=loads)
+    >>> # mass [kg] and its place [m]
+    >>> loads = library.parameters + [[0.0, 0.0, 0.0, 0.0], [2.0, 0.0, 0.0, 0.0]]
+    >>> many = library.invert_many(
+    ...     y, dy, ddy, period=0.005, q_start=path.q_start, parameters=loads
+    ... )
     >>> many.tau_m.shape, many.status.tolist()
     ((2, 201, 2), [0, 0])
     """
@@ -219,9 +232,11 @@ class ManyInverter:
         outputs: Sequence[str] = ("tau_m",),
         options: InversionOptions | None = None,
     ) -> Inversions:
-        """Motion and torques of many problems: paths, run-time parameters and starts that differ or are shared.
+        """Motion and torques of many problems: paths, run-time parameters and starts that differ
+        or are shared.
 
-        Each problem has the bits of `Library.invert` and its own status: one that fails affects no other.
+        Each problem has the bits of `Library.invert` and its own status: one that fails affects no
+        other.
 
         Parameters
         ----------
@@ -236,7 +251,8 @@ class ManyInverter:
         parameters : array (problems, n_p) or (n_p,), optional
             Run-time parameters, where the library has any; default: those of the model file.
         outputs : sequence of str
-            Which of ``q_a``, ``v_a``, ``a_a``, ``tau_g``, ``q_m``, ``v_m``, ``tau_m`` are kept for each problem.
+            Which of ``q_a``, ``v_a``, ``a_a``, ``tau_g``, ``q_m``, ``v_m``, ``tau_m`` are kept for
+            each problem.
         options : InversionOptions, optional
 
         Returns
@@ -246,9 +262,11 @@ class ManyInverter:
         Raises
         ------
         ArgumentError
-            An argument has another shape or is out of range. Numbers that are not finite are a status of their problem.
+            An argument has another shape or is out of range. Numbers that are not finite are a
+            status of their problem.
         """
-        inverter, chosen = self._inverter, options or InversionOptions()
+        inverter = self._inverter
+        chosen = options or InversionOptions()
         inverter._refuse_closed()
         job = self._job((y, dy, ddy), period, q_start, parameters, outputs, chosen)
         workers = (
@@ -271,7 +289,9 @@ class ManyInverter:
         options: InversionOptions,
     ) -> _Job:
         """The arguments, checked."""
-        inverter, name, real = self._inverter, "invert_many", self._inverter._real
+        inverter = self._inverter
+        name = "invert_many"
+        real = self._inverter._real
         sizes = inverter._sizes
         given = inverter._samples(path, options.force, name)
         y = given["y"]
@@ -289,17 +309,21 @@ class ManyInverter:
             "own_parameters": values.ndim == 2,
             "own_q_start": starts.ndim == 2,
         }
-        lengths = {key: len(x) for key, x in zip(own, (y, values, starts), strict=True) if own[key]}
+        lengths = {
+            key: len(x) for key, x in zip(own, (y, values, starts), strict=True) if own[key]
+        }
         if len(set(lengths.values())) != 1:
             words = ", ".join(
                 f"{number} of {key.removeprefix('own_')}" for key, number in lengths.items()
             )
             raise ArgumentError(
-                f"{name}: given {words or 'one path, one q_start and one set of parameters'}, expected the same number "
-                "of problems in at least one of y (problems, n, n_t), parameters (problems, n_p) and q_start "
-                f"(problems, n_a){'' if lengths else '; for one problem call invert'}"
+                f"{name}: given {words or 'one path, one q_start and one set of parameters'}, "
+                "expected the same number of problems in at least one of y (problems, n, n_t), "
+                "parameters (problems, n_p) and q_start (problems, "
+                f"n_a){'' if lengths else '; for one problem call invert'}"
             )
-        period, tolerance = number_of(name, "period", period), options.tolerance
+        period = number_of(name, "period", period)
+        tolerance = options.tolerance
         if not 0 < period < 1e6:
             raise ArgumentError(
                 f"{name}, period: given {period:g}, expected a number above 0, below 1e6 s"
@@ -311,7 +335,8 @@ class ManyInverter:
         solver = {key: getattr(options, key) for key in _SOLVER}
         if isinstance(outputs, str) or not set(outputs) <= set(RESULTS):
             raise ArgumentError(
-                f"{name}, outputs: given {show_value(outputs)}, expected some of {', '.join(RESULTS)}"
+                f"{name}, outputs: given {show_value(outputs)}, expected some of "
+                f"{', '.join(RESULTS)}"
             )
         kept = tuple(key for key in RESULTS if key in outputs)
         return _Job(
@@ -334,15 +359,15 @@ class _Collected:
     ) -> None:
         if inverter.entry_many is None:
             raise ArgumentError(
-                "invert_many: given a library without invert_many, expected one that is generated again"
+                "invert_many: given a library without invert_many, expected one that is "
+                "generated again"
             )
-        self._inverter, self._entry, self._job, self._reduce = (
-            inverter,
-            inverter.entry_many,
-            job,
-            reduce,
-        )
-        structs, n = self._inverter._structs, job.samples["y"].shape[-2]
+        self._inverter = inverter
+        self._entry = inverter.entry_many
+        self._job = job
+        self._reduce = reduce
+        structs = self._inverter._structs
+        n = job.samples["y"].shape[-2]
         self._options = struct_of(structs["inversion_options"], **job.options)
         counts = {key: job.options[key] for key in ("n_pre", "n_post", "samples_per_interval")}
         self._work = self._inverter._work_size(n, (ctypes.byref(self._options),), counts)
@@ -363,18 +388,17 @@ class _Collected:
             }
         except (MemoryError, ValueError) as error:
             raise ArgumentError(
-                f"invert_many: given {problems} problems of {self._total} samples, whose results do not fit in memory "
-                f"({error}); expected fewer outputs, or the option reduce"
+                f"invert_many: given {problems} problems of {self._total} samples, whose "
+                f"results do not fit in memory ({error}); expected fewer outputs, or the option "
+                "reduce"
             ) from error
 
     def solve(self, begin: int, end: int) -> None:
         """Solve these problems."""
-        inverter, job, structs, count = (
-            self._inverter,
-            self._job,
-            self._inverter._structs,
-            end - begin,
-        )
+        inverter = self._inverter
+        job = self._job
+        structs = self._inverter._structs
+        count = end - begin
         names = {
             *(job.outputs if self._reduce else ()),
             *(_FOR_GROWTH if job.options["growth"] else ()),
@@ -424,14 +448,15 @@ class _Collected:
                 )
         except (ValueError, TypeError) as error:
             raise ArgumentError(
-                f"invert_many, reduce: given a function that returned {error}, expected an array with one row of the "
-                f"same shape for each of its {end - begin} problems"
+                f"invert_many, reduce: given a function that returned {error}, expected an "
+                f"array with one row of the same shape for each of its {end - begin} problems"
             ) from error
         self._reduced[begin:end] = array
 
     def _results(self, begin: int, end: int, arrays: Mapping[str, np.ndarray]) -> Inversions:
         """The results of these problems."""
-        info, job = self._info[begin:end], self._job
+        info = self._info[begin:end]
+        job = self._job
         return Inversions(
             status=self._status[begin:end],
             **{key: info[key] for key in info.dtype.names or ()},
@@ -453,21 +478,32 @@ def _rows(function: str, name: str, x: Any, width: int, real: np.dtype[Any]) -> 
     array = array_of(function, name, x, None, real)
     if array.ndim not in (1, 2) or array.shape[-1] != width:
         raise ArgumentError(
-            f"{function}, {name}: given shape {array.shape}, expected ({width},) or (problems, {width})"
+            f"{function}, {name}: given shape {array.shape}, expected ({width},) or (problems, "
+            f"{width})"
         )
     return array
 
 
 def count_cores() -> int:
     """Cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return (
+        len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    )
 
 
 def _in_threads(
-    solve: Callable[[int, int], None], problems: int, workers: int, progress: Progress | None = None
+    solve: Callable[[int, int], None],
+    problems: int,
+    workers: int,
+    progress: Progress | None = None,
 ) -> None:
-    """Call ``solve(begin, end)`` in threads until all problems are solved; an exception ends all of them."""
-    lock, taken, solved, stopped = Lock(), 0, 0, False
+    """Call ``solve(begin, end)`` in threads until all problems are solved; an exception ends all
+    of them.
+    """
+    lock = Lock()
+    taken = 0
+    solved = 0
+    stopped = False
 
     def work() -> None:
         nonlocal taken, solved

@@ -1,7 +1,8 @@
-"""Inverse dynamics of a loaded library along a whole path: `Inverter`, the type of `Library.invert` and `Library.bvp`.
+"""Inverse dynamics of a loaded library along a whole path: `Inverter`, the type of
+`Library.invert` and `Library.bvp`.
 
-The path is given by samples of the output and of its first two derivatives. The result has additional samples before
-the path and after it, because unactuated coordinates move there too.
+The path is given by samples of the output and of its first two derivatives. The result has
+additional samples before the path and after it, because unactuated coordinates move there too.
 """
 
 from __future__ import annotations
@@ -47,27 +48,32 @@ class Inversion:
     q_m, v_m, tau_m : ndarray (N, n_m)
         Motor angles [rad], speeds [rad/s] and torques [N m], motor side.
     n_pre, n_post : int
-        Samples before the path and after it; with ``settled`` those after it until the equilibrium.
+        Samples before the path and after it; with ``settled`` those after it until the
+        equilibrium.
     period : float
         Time between two samples [s].
     residual, residual_at_samples : float
-        Residual of the unactuated rows, relative to their torques at equilibrium: on the mesh, and at the samples.
+        Residual of the unactuated rows, relative to their torques at equilibrium: on the mesh, and
+        at the samples.
     kinematic_mismatch : float
-        Largest difference between velocities and accelerations and the numerical derivatives of positions and
-        velocities at the samples, relative to their largest value.
+        Largest difference between velocities and accelerations and the numerical derivatives of
+        positions and velocities at the samples, relative to their largest value.
     iterations, intervals : int
         Newton iterations; intervals of the mesh.
     unstable_zeros_start, unstable_zeros_end : int
-        Of `Library.bvp`: number of unstable zeros at the start and at the end; of `Library.invert` 0.
+        Of `Library.bvp`: number of unstable zeros at the start and at the end; of
+        `Library.invert` 0.
     converged : bool
-        Whether ``residual_at_samples`` is within 100 tolerances (in single precision within the tolerance),
-        ``kinematic_mismatch`` below 0.02 (0.25), and ``torque_error`` within 0.005 (or ``residual_at_samples`` within
-        the tolerance; with Fourier sums of motor angles within a hundredth of it): then the output is off by at most 10
-        tolerances, 1e-5 rad or m for each meter of reach by default, the accuracy of `flexgen.solve`. If not, use a
-        shorter period of the mesh: fewer samples per interval, or a shorter sampling period. Without unactuated
+        Whether ``residual_at_samples`` is within 100 tolerances (in single precision within the
+        tolerance), ``kinematic_mismatch`` below 0.02 (0.25), and ``torque_error`` within 0.005 (or
+        ``residual_at_samples`` within the tolerance; with Fourier sums of motor angles within a
+        hundredth of it): then the output is off by at most 10 tolerances, 1e-5 rad or m for each
+        meter of reach by default, the accuracy of `flexgen.solve`. If not, use a shorter period of
+        the mesh: fewer samples per interval, or a shorter sampling period. Without unactuated
         coordinates the residual is zero, and only the mismatch is checked.
     deviation_m, deviation_rad : float
-        Of `Library.invert_limited`: largest distance [m] and angle [rad] from the given path; else 0.
+        Of `Library.invert_limited`: largest distance [m] and angle [rad] from the given path;
+        else 0.
     limit_excess : float
         Of `Library.invert_limited`: largest violation of a limit, relative to it; else 0.
     programs : int
@@ -75,11 +81,13 @@ class Inversion:
     limits_active : bool
         Of `Library.invert_limited`: whether the path was modified.
     growth : float
-        With ``growth=True``: largest growth of a perturbation along the motion, see `Library.growth`; where it is above
-        about 100, only feedback keeps the robot on its path. Else NaN.
+        With ``growth=True``: largest growth of a perturbation along the motion, see
+        `Library.growth`; where it is above about 100, only feedback keeps the robot on its path.
+        Else NaN.
     torque_error : float
-        Of `Library.invert`: estimate of the largest error of a motor torque by the mesh, relative to the largest torque
-        of this motor, from differences of what accelerates its rotor over quarters of an interval.
+        Of `Library.invert`: estimate of the largest error of a motor torque by the mesh, relative
+        to the largest torque of this motor, from differences of what accelerates its rotor over
+        quarters of an interval.
     deviation : ndarray (n, n_y) or None
         Of `Library.invert_limited`: deviation from the path at its samples [m, rad].
     command_m, command_g : ndarray (N, n_m), (N, n_g) or None
@@ -122,9 +130,11 @@ class Inversion:
 
 
 class Inverter:
-    """``library.invert(y, dy, ddy, period=..., q_start=...)``, or ``bvp``: inverse dynamics along a whole path.
+    """``library.invert(y, dy, ddy, period=..., q_start=...)``, or ``bvp``: inverse dynamics along
+    a whole path.
 
-    It may be called from several threads. Every call uses its own workspace, which is kept for later calls.
+    It may be called from several threads. Every call uses its own workspace, which is kept for
+    later calls.
 
     Examples
     --------
@@ -148,25 +158,25 @@ class Inverter:
         function: str,
         parameters: np.ndarray,
     ) -> None:
-        self._name, self._sizes, self._interface = (
-            manifest["name"],
-            manifest["sizes"],
-            interface_of(manifest),
-        )
+        self._name = manifest["name"]
+        self._sizes = manifest["sizes"]
+        self._interface = interface_of(manifest)
         self._structs = self._interface.structs
-        self._parameters, self._real, self._rows = (
-            parameters,
-            parameters.dtype,
-            manifest.get("parameters", ()),
-        )
-        self._entry, self._work, self._failures = entry, work, failures
-        self._function, self._can_settle = function, function != "bvp"
+        self._parameters = parameters
+        self._real = parameters.dtype
+        self._rows = manifest.get("parameters", ())
+        self._entry = entry
+        self._work = work
+        self._failures = failures
+        self._function = function
+        self._can_settle = function != "bvp"
         self._takes_force = any(name == "force" for name, *_ in self._structs["samples"]._fields_)
         self._grows = False  # with the function growth in the library
         self.servo: ServoEntry | None = None  # of a library with positions to send
         self.entry_many: Callable[..., int] | None = None  # of many problems
         self._pool: list[np.ndarray] = []
-        self._again, self._closed = again, False
+        self._again = again
+        self._closed = False
 
     def __copy__(self) -> Inverter:
         return self
@@ -197,7 +207,8 @@ class Inverter:
 
     def close(self) -> None:
         """Refuse every call from now on; calls under way end as usual."""
-        self._closed, self._pool = True, []
+        self._closed = True
+        self._pool = []
 
     def _refuse_closed(self) -> None:
         if self._closed:
@@ -228,10 +239,12 @@ class Inverter:
         Parameters
         ----------
         y : array (n, n_t)
-            Output at the samples; for a pose the position [m], then the rotation matrix by columns.
+            Output at the samples; for a pose the position [m], then the rotation matrix by
+            columns.
         dy, ddy : array (n, n_y)
-            Its first and second time derivative; for a pose linear and angular velocity [m/s, rad/s] in world axes, and
-            their derivatives. Zero at the first and the last sample: the path begins and ends at rest.
+            Its first and second time derivative; for a pose linear and angular velocity [m/s,
+            rad/s] in world axes, and their derivatives. Zero at the first and the last sample: the
+            path begins and ends at rest.
         period : float
             Time between two samples [s].
         q_start : array (n_a,)
@@ -241,27 +254,32 @@ class Inverter:
         samples_per_interval : int
             Samples per interval of the solver's mesh.
         tolerance : float, optional
-            Largest residual of the unactuated rows on the mesh, relative to the torques of a deflection of 0.01 rad or
-            0.01 m (1e-6: equivalent to a deflection error of 1e-8 rad or m); at the samples 100 times as much is
-            ``converged``. The default is 1e-6, that of `flexgen.solve`; in single precision it is 1e-3.
+            Largest residual of the unactuated rows on the mesh, relative to the torques of a
+            deflection of 0.01 rad or 0.01 m (1e-6: equivalent to a deflection error of 1e-8 rad or
+            m); at the samples 100 times as much is ``converged``. The default is 1e-6, that of
+            `flexgen.solve`; in single precision it is 1e-3.
         hold : str
-            Torque of the drive between two samples: ``"spline"``, ``"linear"`` or ``"zoh"``; ``tau_m`` are the values
-            to send.
+            Torque of the drive between two samples: ``"spline"``, ``"linear"`` or ``"zoh"``;
+            ``tau_m`` are the values to send.
         delay : float
             From a sample until the motor has its torque, in samples, 0 to 4.
         settled : float
-            Once the residual motion after the path changes the output by less than this [m or rad], the results
-            end, with the equilibrium; 0: they have all ``n_post`` samples. Not of ``bvp``.
+            Once the residual motion after the path changes the output by less than this [m or
+            rad], the results end, with the equilibrium; 0: they have all ``n_post`` samples. Not
+            of ``bvp``.
         growth : bool
-            Whether to compute ``growth`` too, which takes 0.3 to 2 times as long as the rest. Not of ``bvp``.
+            Whether to compute ``growth`` too, which takes 0.3 to 2 times as long as the rest. Not
+            of ``bvp``.
         parameters : array (n_p,), optional
             Run-time parameters, where the library has any; default: those of the model file.
         force : array (n, 3 n_y), optional
-            Force on the output at the samples, dual to ``dy``: of a pose force [N], then torque [N m] on the tool, in
-            world axes; then its first and its second time derivative. Of a library with the part ``"force"``.
+            Force on the output at the samples, dual to ``dy``: of a pose force [N], then torque [N
+            m] on the tool, in world axes; then its first and its second time derivative. Of a
+            library with the part ``"force"``.
         servo : True or mapping, optional
-            The positions to send too, at samples of the servo, with its hold and delay: that of the model file, or with
-            other members, such as ``{"position_gain": [30.0, 25.0]}``. Of a library with the part ``"position"``.
+            The positions to send too, at samples of the servo, with its hold and delay: that of
+            the model file, or with other members, such as ``{"position_gain": [30.0, 25.0]}``. Of
+            a library with the part ``"position"``.
 
         Returns
         -------
@@ -272,7 +290,8 @@ class Inverter:
         ArgumentError
             Where an argument has another shape or is out of range.
         SolverError
-            Where the path leaves the workspace or passes a singular pose, or the iteration did not converge.
+            Where the path leaves the workspace or passes a singular pose, or the iteration did not
+            converge.
         """
         self._refuse_closed()
         function = self._function
@@ -295,8 +314,9 @@ class Inverter:
         Parameters
         ----------
         found : Inversion or array (n, n_g)
-            With ``servo``, at rest at both ends. Or 2 or more commands of a stream, one sample time of the servo of the
-            model file apart: the position in the middle is right where there are 8 on either side.
+            With ``servo``, at rest at both ends. Or 2 or more commands of a stream, one sample
+            time of the servo of the model file apart: the position in the middle is right where
+            there are 8 on either side.
         period : float [s]
             Between two positions: a multiple of the time between two samples.
         interpolation : str
@@ -323,7 +343,8 @@ class Inverter:
         commands = array_of("positions", "found", commands, None, self._real)
         if commands.ndim != 2 or commands.shape[1] != self._sizes["n_g"] or len(commands) < 2:
             raise ArgumentError(
-                f"positions: given commands of shape {commands.shape}, expected (n, {self._sizes['n_g']})"
+                f"positions: given commands of shape {commands.shape}, expected (n, "
+                f"{self._sizes['n_g']})"
             )
         step = self.servo.sample_time if step is None else step
         each = number_of("positions", "period", period) / step
@@ -382,7 +403,8 @@ class Inverter:
         *limits: ctypes.Structure,
     ) -> Inversion:
         """Call C with checked arguments; ``limits``: a further structure behind the options."""
-        structs, n = self._structs, len(given["y"])
+        structs = self._structs
+        n = len(given["y"])
         counts = {name: options[name] for name in ("n_pre", "n_post", "samples_per_interval")}
         filled_options = struct_of(structs["inversion_options"], **options)
         further = tuple(ctypes.byref(x) for x in (filled_options, *limits))
@@ -394,10 +416,8 @@ class Inverter:
                 f"command_{side}": np.empty((total, self._sizes[f"n_{side}"]), self._real)
                 for side in "mg"
             }
-        path, motion = (
-            struct_of(structs["samples"], n=n, period=period, **given),
-            struct_of(structs["motion"], **out),
-        )
+        path = struct_of(structs["samples"], n=n, period=period, **given)
+        motion = struct_of(structs["motion"], **out)
         info = structs[f"{self._function}_info"](residual=np.nan)
         status = int(
             self._entry(
@@ -430,7 +450,8 @@ class Inverter:
         """The exception of a negative status."""
         if status < 0:
             exception, text = failure_of(self._failures, status)
-            residual, iterations = reported["residual"], reported["iterations"]
+            residual = reported["residual"]
+            iterations = reported["iterations"]
             reached = (
                 ""
                 if np.isnan(residual)
@@ -441,7 +462,9 @@ class Inverter:
     def _samples(
         self, path: Sequence[Any], force: Any = None, name: str = ""
     ) -> dict[str, np.ndarray]:
-        """The samples of the path and of the force on it, checked; ``name``: of the function for many problems."""
+        """The samples of the path and of the force on it, checked; ``name``: of the function for
+        many problems.
+        """
         to = self._takes_force, bool(name)
         return samples_of(name or self._function, path, force, self._sizes, self._real, *to)
 
@@ -460,8 +483,8 @@ class Inverter:
         if size < 0:
             listed = ", ".join(f"{key} {value}" for key, value in counts.items())
             raise ArgumentError(
-                f"{self._function}: given {n} samples, {listed}; expected {self._fewest}, n_pre and n_post at least 0, "
-                "samples_per_interval at least 1, all at most a million"
+                f"{self._function}: given {n} samples, {listed}; expected {self._fewest}, n_pre "
+                "and n_post at least 0, samples_per_interval at least 1, all at most a million"
             )
         return size
 
@@ -483,8 +506,11 @@ def inverter_of(
     parameters: np.ndarray,
     form: type[Inverter],
 ) -> Inverter | None:
-    """The `Inverter` of a library whose entry points are found by name; None where the manifest lists none."""
-    name, offered = manifest["name"], {row["name"] for row in manifest.get("c_functions", ())}
+    """The `Inverter` of a library whose entry points are found by name; None where the manifest
+    lists none.
+    """
+    name = manifest["name"]
+    offered = {row["name"] for row in manifest.get("c_functions", ())}
     if not {function, f"{function}_work"} <= offered:
         return None
     work = found(f"{name}_{function}_work")

@@ -1,4 +1,6 @@
-"""Samples of planned paths by the C of a loaded library: `PathSampler`, the type of `Library.path_sampler`."""
+"""Samples of planned paths by the C of a loaded library: `PathSampler`, the type of
+`Library.path_sampler`.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,9 @@ from flexgen.runtime.structs import Failures, closed_error, failure_of
 
 @dataclass(frozen=True)
 class SamplerEntries:
-    """The C functions of the path sampler, and what they need; ``closed``: set when the library is closed."""
+    """The C functions of the path sampler, and what they need; ``closed``: set when the library is
+    closed.
+    """
 
     name: str
     sizes: Mapping[str, int]
@@ -57,11 +61,13 @@ class PathSampler:
     def __init__(self, entries: SamplerEntries, table: Any, parameters: Any = None) -> None:
         entries.refuse_closed()
         self._entries = entries
-        real, function = entries.model_parameters.dtype, "path_sampler"
+        real = entries.model_parameters.dtype
+        function = "path_sampler"
         size = np.size(table) if np.ndim(table) == 1 else -1
         self._table = array_of(function, "table", table, (size,), real)
         self._parameters = parameters_of(function, parameters, entries.model_parameters)
-        duration, self.q_start = np.zeros(1, real), np.zeros(entries.sizes["n_a"], real)
+        duration = np.zeros(1, real)
+        self.q_start = np.zeros(entries.sizes["n_a"], real)
         self._refuse(entries.start(*self._given, pointer(duration), pointer(self.q_start)))
         self.duration = float(duration[0])
 
@@ -97,7 +103,9 @@ class PathSampler:
         dy, ddy : ndarray (n_y,)
             Its time derivatives; for a pose linear and angular, world axes.
         """
-        entries, sizes, real = self._entries, self._entries.sizes, self._table.dtype
+        entries = self._entries
+        sizes = self._entries.sizes
+        real = self._table.dtype
         entries.refuse_closed()
         t = number_of("path_sampler", "t", t)
         out = [np.empty(sizes[size], real) for size in ("n_t", "n_y", "n_y")]
@@ -138,7 +146,14 @@ def samplers_of(
     start, sample, work = (found(f"{manifest['name']}_{name}") for name in names)
     work.restype = ctypes.c_int64
     return SamplerEntries(
-        manifest["name"], manifest["sizes"], start, sample, int(work()), parameters, failures, again
+        manifest["name"],
+        manifest["sizes"],
+        start,
+        sample,
+        int(work()),
+        parameters,
+        failures,
+        again,
     )
 
 

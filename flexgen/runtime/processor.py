@@ -1,4 +1,6 @@
-"""Instruction sets: what a library was compiled for, and what the processor of this computer has."""
+"""Instruction sets: what a library was compiled for, and what the processor of this computer
+has.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +9,8 @@ from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
 
-# Macros that compilers for x86-64 predefine for a set of vector instructions, and its name in /proc/cpuinfo.
+# Macros that compilers for x86-64 predefine for a set of vector instructions, and its name in
+# /proc/cpuinfo.
 INSTRUCTION_SETS = {
     "__SSE3__": "pni",
     "__SSSE3__": "ssse3",
@@ -29,7 +32,9 @@ INSTRUCTION_SETS = {
 
 @cache
 def instruction_sets() -> frozenset[str] | None:
-    """Names of the vector instruction sets of this processor; None where the system does not list them."""
+    """Names of the vector instruction sets of this processor; None where the system does not list
+    them.
+    """
     try:
         text = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace")
     except OSError:
@@ -43,6 +48,8 @@ def instruction_sets() -> frozenset[str] | None:
 
 
 def missing_instruction_sets(needed: Iterable[str]) -> list[str]:
-    """Those of ``needed`` that this processor does not have; none where the system does not list them."""
+    """Those of ``needed`` that this processor does not have; none where the system does not list
+    them.
+    """
     present = instruction_sets()
     return [] if present is None else sorted(set(needed) - present)

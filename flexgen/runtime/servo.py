@@ -54,7 +54,8 @@ class ServoEntry:
         """
         if hold not in ("spline", "zoh") or delay:
             raise ArgumentError(
-                f"{function}, hold: given {hold!r} and a delay of {delay} with a servo, expected its own"
+                f"{function}, hold: given {hold!r} and a delay of {delay} with a servo, "
+                "expected its own"
             )
         if given is not True and not isinstance(given, Mapping):
             raise ArgumentError(
@@ -70,13 +71,14 @@ class ServoEntry:
                 setattr(servo, name, number_of(function, f"servo {name}", value))
             else:
                 raise ArgumentError(
-                    f"{function}, servo: given {name!r}, expected one of {', '.join((*GAINS, *NUMBERS))}"
+                    f"{function}, servo: given {name!r}, expected one of "
+                    f"{', '.join((*GAINS, *NUMBERS))}"
                 )
         h = float(servo.sample_time)
         if not abs(period - h) <= SAME * h:
             raise ArgumentError(
-                f"{function}, period: given samples of the results {period:g} s apart, expected {h:g} s, the sample "
-                "time of the servo"
+                f"{function}, period: given samples of the results {period:g} s apart, expected "
+                f"{h:g} s, the sample time of the servo"
             )
         servo.kept = kept
         late = float(servo.delay) / h
@@ -90,21 +92,22 @@ class ServoEntry:
     def samples(
         self, function: str, command_g: np.ndarray, each: int, interpolation: str
     ) -> np.ndarray:
-        """Positions (m, n_g), one every ``each`` samples of the commands (n, n_g), see the C function."""
+        """Positions (m, n_g), one every ``each`` samples of the commands (n, n_g), see the C
+        function.
+        """
         known = self.interface.enums["interpolation"]
         if interpolation not in known:
             raise ArgumentError(
-                f"{function}: given the interpolation {interpolation!r}, expected {', '.join(known)}"
+                f"{function}: given the interpolation {interpolation!r}, expected "
+                f"{', '.join(known)}"
             )
         robot = self.interface.structs["robot_interface"](
             samples_per_position=each, interpolation=known.index(interpolation)
         )
         n, joints = command_g.shape
         size = int(self.fit_work(ctypes.c_int(n), ctypes.byref(robot)))
-        work, out = (
-            np.empty(max(size, 0), self.real),
-            np.empty(((n - 1) // each + 1, joints), self.real),
-        )
+        work = np.empty(max(size, 0), self.real)
+        out = np.empty(((n - 1) // each + 1, joints), self.real)
         arrays = [pointer(x) for x in (command_g, out, work)]
         status = self.fit(
             arrays[0], ctypes.c_int(n), ctypes.byref(robot), *arrays[1:], ctypes.c_int64(size)
@@ -135,12 +138,14 @@ def servo_entry(
 def servo_options(
     entry: ServoEntry | None, function: str, given: Any, period: float, hold: Any, delay: Any
 ) -> dict[str, Any]:
-    """`ServoEntry.options`; none where no servo is given. ArgumentError where the library has no positions."""
+    """`ServoEntry.options`; none where no servo is given. ArgumentError where the library has no
+    positions.
+    """
     if given is None:
         return {}
     if entry is None:
         raise ArgumentError(
-            f"{function}, servo: given to a library without positions, expected one that was generated with "
-            "parts=['position'] (--with position)"
+            f"{function}, servo: given to a library without positions, expected one that was "
+            "generated with parts=['position'] (--with position)"
         )
     return entry.options(function, given, period, hold, delay)

@@ -1,4 +1,6 @@
-"""Inverse dynamics of a loaded library on a moving horizon: `Stream`, which ``Library.stream`` begins."""
+"""Inverse dynamics of a loaded library on a moving horizon: `Stream`, which ``Library.stream``
+begins.
+"""
 
 from __future__ import annotations
 
@@ -42,7 +44,8 @@ _RESULTS = ("q_a", "v_a", "tau_g", "q_m", "v_m", "tau_m")
 
 @dataclass(frozen=True)
 class Interval:
-    """Motion and torques of the interval that starts now, at ``samples_per_interval`` samples from its start on.
+    """Motion and torques of the interval that starts now, at ``samples_per_interval`` samples from
+    its start on.
 
     Parameters
     ----------
@@ -55,27 +58,31 @@ class Interval:
     residual : float
         Residual of the unactuated rows, relative to their torques at equilibrium.
     kinematic_mismatch : float
-        Largest difference between velocities and accelerations and the numerical derivatives of positions and
-        velocities at the samples, relative to their largest value within about a horizon; its limit is 0.02
-        (in single precision 0.25).
+        Largest difference between velocities and accelerations and the numerical derivatives of
+        positions and velocities at the samples, relative to their largest value within about a
+        horizon; its limit is 0.02 (in single precision 0.25).
     torque_step : float
-        Largest step of a motor torque from the interval before, relative to its largest value; its limit is 2e-4
-        (in single precision 5e-3).
+        Largest step of a motor torque from the interval before, relative to its largest value; its
+        limit is 2e-4 (in single precision 5e-3).
     output_step_m, output_step_rad : float
-        Step by which the output leaves the plan of the update before because the horizon is too short [m, rad]. No
-        estimate of the error where the horizon is long enough: the errors of mesh, samples and hold are not in it, and
-        larger by orders of magnitude; `flexgen.simulate` measures them.
+        Step by which the output leaves the plan of the update before because the horizon is too
+        short [m, rad]. No estimate of the error where the horizon is long enough: the errors of
+        mesh, samples and hold are not in it, and larger by orders of magnitude; `flexgen.simulate`
+        measures them.
     converged : bool
         Whether ``residual``, ``kinematic_mismatch`` and ``torque_step`` are within their limits.
     cause : str
-        Why it is not converged: "residual", "kinematic mismatch" (samples too far apart, or a path that is not smooth)
-        or "horizon" (too short for the unstable zeros: the torque steps); else empty.
+        Why it is not converged: "residual", "kinematic mismatch" (samples too far apart, or a path
+        that is not smooth) or "horizon" (too short for the unstable zeros: the torque steps); else
+        empty.
     limits_active : bool
-        Whether limits of the motors modify the path in this interval, or are exceeded, see `Stream.limit`.
+        Whether limits of the motors modify the path in this interval, or are exceeded, see
+        `Stream.limit`.
     deviation_m, deviation_rad : float
         Deviation of the modified path from the given one [m, rad].
     command_m, command_g : ndarray (samples_per_interval, n_m), (samples_per_interval, n_g) or None
-        With the part ``"position"``: positions to send, motor side [rad], of the joints [rad, m]; NaN without servo.
+        With the part ``"position"``: positions to send, motor side [rad], of the joints [rad, m];
+        NaN without servo.
     """
 
     q_a: np.ndarray
@@ -99,11 +106,13 @@ class Interval:
 
 
 class Stream:
-    """Inverse dynamics on a moving horizon: every update takes a sample of the path and returns the current torques.
+    """Inverse dynamics on a moving horizon: every update takes a sample of the path and returns
+    the current torques.
 
-    The output reaches the sample ``intervals`` updates later: the path must be known that far ahead. A sample that is
-    refused changes nothing. A copy is a second stream with the same past; a pickled stream continues where it was. Two
-    threads must not update one stream at the same time. ``Library.close`` closes its streams.
+    The output reaches the sample ``intervals`` updates later: the path must be known that far
+    ahead. A sample that is refused changes nothing. A copy is a second stream with the same past;
+    a pickled stream continues where it was. Two threads must not update one stream at the same
+    time. ``Library.close`` closes its streams.
 
     Made by ``Library.stream``.
 
@@ -120,7 +129,8 @@ class Stream:
     >>> path = flexgen.plan("elbow", "line")
     >>> y, dy, ddy = path.sample([0.005 * k for k in range(201)]).y.transpose(2, 0, 1)[:3]
     >>> stream = library.stream(y[0], path.q_start, period=0.005, intervals=20)
-    >>> torques = [stream.update(y[k], dy[k], ddy[k]).tau_m for k in range(1, 201)]  # of 20 samples before
+    >>> # of 20 samples before
+    >>> torques = [stream.update(y[k], dy[k], ddy[k]).tau_m for k in range(1, 201)]
     >>> torques[-1].shape
     (1, 2)
     """
@@ -145,14 +155,18 @@ class Stream:
         force: Any = None,
     ) -> None:
         self.intervals = whole_of("stream", "intervals", intervals)
-        self.samples_per_interval = whole_of("stream", "samples_per_interval", samples_per_interval)
+        self.samples_per_interval = whole_of(
+            "stream", "samples_per_interval", samples_per_interval
+        )
         self.period = number_of("stream", "period", period)
-        self._sizes, self._entries = dict(sizes), entries
+        self._sizes = dict(sizes)
+        self._entries = entries
         real = entries.real
         tolerance = tolerance_of(real) if tolerance is None else tolerance
         if servo is not None and dy is not None:
             raise ArgumentError(
-                "stream, servo: given a stream in motion, expected one at rest: the state of the servo is not known"
+                "stream, servo: given a stream in motion, expected one at rest: the state of "
+                "the servo is not known"
             )
         fine = self.period / max(self.samples_per_interval, 1)
         own = hold_of(entries.interface, "stream", hold, delay)
@@ -169,11 +183,13 @@ class Stream:
             tolerance=number_of("stream", "tolerance", tolerance),
             **own,
         )
-        limits, size = entries.interface.limits, int(entries.work(ctypes.byref(options)))
+        limits = entries.interface.limits
+        size = int(entries.work(ctypes.byref(options)))
         if size < 0:
             raise ArgumentError(
-                f"stream: given {self.intervals} intervals and {self.samples_per_interval} samples per interval, "
-                f"expected 1 to {limits['STREAM_INTERVALS_MAX']} and 1 to {limits['STREAM_SAMPLES_MAX']}"
+                f"stream: given {self.intervals} intervals and {self.samples_per_interval} "
+                f"samples per interval, expected 1 to {limits['STREAM_INTERVALS_MAX']} and 1 to "
+                f"{limits['STREAM_SAMPLES_MAX']}"
             )
         q = array_of("stream", "q_start", q_start, (self._sizes["n_a"],), real)
         held = parameters_of("stream", parameters, entries.model_parameters, entries.rows)
@@ -193,9 +209,12 @@ class Stream:
         self._bind()
 
     def _samples(self, y: Any, dy: Any, ddy: Any, force: Any) -> dict[str, np.ndarray]:
-        """The samples of the path of a stream that starts in motion, and of the force on it, checked."""
+        """The samples of the path of a stream that starts in motion, and of the force on it,
+        checked.
+        """
         n = self.intervals + self._entries.interface.limits["STREAM_MORE_SAMPLES"]
-        n_t, n_y = self._sizes["n_t"], self._sizes["n_y"]
+        n_t = self._sizes["n_t"]
+        n_y = self._sizes["n_y"]
         columns = {"y": (y, n_t), "dy": (dy, n_y), "ddy": (ddy, n_y)}
         if force is not None:
             columns["force"] = (force, 3 * n_y)
@@ -207,7 +226,8 @@ class Stream:
     def _refuse_force(self) -> None:
         if self._entries.push is None:
             raise ArgumentError(
-                "stream: given a force, expected a library that was generated with parts=['force'] (--with force)"
+                "stream: given a force, expected a library that was generated with "
+                "parts=['force'] (--with force)"
             )
 
     def _handle(self) -> ctypes.Structure:
@@ -224,7 +244,8 @@ class Stream:
         self._outputs = [
             np.zeros((self.samples_per_interval, n), real) for n in (n_a, n_a, n_g, n_m, n_m, n_m)
         ]
-        structs, has_commands = self._entries.structs, self._entries.servo is not None
+        structs = self._entries.structs
+        has_commands = self._entries.servo is not None
         self._names = (*_RESULTS, *("command_m", "command_g")[: 2 * has_commands])
         if has_commands:
             self._outputs += [np.zeros((self.samples_per_interval, n), real) for n in (n_m, n_g)]
@@ -248,13 +269,12 @@ class Stream:
 
     def __copy__(self) -> Stream:
         other = object.__new__(type(self))
-        other.intervals, other.period = self.intervals, self.period
+        other.intervals = self.intervals
+        other.period = self.period
         other.samples_per_interval = self.samples_per_interval
-        other._sizes, other._entries, other._memory = (
-            self._sizes,
-            self._entries,
-            self._memory.copy(),
-        )
+        other._sizes = self._sizes
+        other._entries = self._entries
+        other._memory = self._memory.copy()
         other._bind()
         return other
 
@@ -280,10 +300,11 @@ class Stream:
         Parameters
         ----------
         y : array (n_t,)
-            Output at the end of the horizon; for a pose the position [m], then the rotation matrix by columns.
+            Output at the end of the horizon; for a pose the position [m], then the rotation matrix
+            by columns.
         dy, ddy : array (n_y,)
-            Its first and second time derivative; for a pose linear and angular velocity in world axes, and their
-            derivatives.
+            Its first and second time derivative; for a pose linear and angular velocity in world
+            axes, and their derivatives.
 
         Returns
         -------
@@ -292,10 +313,12 @@ class Stream:
         Raises
         ------
         ArgumentError
-            Where the sample is not finite, not a rotation matrix, or too far from the one before: it is refused,
-            nothing has changed; or where the stream has failed or its library was closed.
+            Where the sample is not finite, not a rotation matrix, or too far from the one before:
+            it is refused, nothing has changed; or where the stream has failed or its library was
+            closed.
         SolverError
-            Where the sample cannot be reached (nothing has changed), or the solver failed: then the stream has failed.
+            Where the sample cannot be reached (nothing has changed), or the solver failed: then
+            the stream has failed.
         """
         self._entries.refuse_closed()
         given = [y, dy, ddy]
@@ -313,7 +336,8 @@ class Stream:
                 memory[...] = x
             status = int(self._entries.update(*self._arguments))
             self._refuse(status)
-            info, interface = self._info, self._entries.interface
+            info = self._info
+            interface = self._entries.interface
             results: dict[str, Any] = dict(
                 zip(self._names, (x.copy() for x in self._outputs), strict=True)
             )
@@ -335,29 +359,38 @@ class Stream:
 
     @checked_types
     def limit(self, *, torque: Any = None, speed: Any = None, deviation: float = 0.05) -> None:
-        """Set limits of the motors: from the next update on the path ahead is modified where one would be exceeded.
+        """Set limits of the motors: from the next update on the path ahead is modified where one
+        would be exceeded.
 
-        The path is modified only where less than a thousandth of a change reaches the present motion: beyond 7 time
-        constants of the slowest unstable zero. The horizon must contain half as much again, better twice as much, and
-        enough time to brake. Compare torques and speeds with the limits.
+        The path is modified only where less than a thousandth of a change reaches the present
+        motion: beyond 7 time constants of the slowest unstable zero. The horizon must contain half
+        as much again, better twice as much, and enough time to brake. Compare torques and speeds
+        with the limits.
 
         Parameters
         ----------
         torque, speed : array (n_m,), optional
-            Largest torques [N m] and speeds [rad/s] of the motors; None, or infinity, where there is no limit.
+            Largest torques [N m] and speeds [rad/s] of the motors; None, or infinity, where there
+            is no limit.
         deviation : float
-            Deviation of each output [m, rad], weighed against the limits: both are exceeded where these need more.
+            Deviation of each output [m, rad], weighed against the limits: both are exceeded where
+            these need more.
 
         Raises
         ------
         ArgumentError
-            Where a limit is not positive, the horizon is too short, the stream has failed, or its library was closed.
+            Where a limit is not positive, the horizon is too short, the stream has failed, or its
+            library was closed.
         """
         self._entries.refuse_closed()
         n_m = self._sizes["n_m"]
         both = [
             array_of(
-                "stream", name, np.full(n_m, np.inf) if x is None else x, (n_m,), self._entries.real
+                "stream",
+                name,
+                np.full(n_m, np.inf) if x is None else x,
+                (n_m,),
+                self._entries.real,
             )
             for name, x in (("torque", torque), ("speed", speed))
         ]
@@ -365,32 +398,40 @@ class Stream:
 
     @checked_types
     def limit_all(self, *, deviation: float = 0.05, **limits: Any) -> None:
-        """Set limits of motors, gears, deflections, joints and tool, of a library with the part ``"limits"``.
+        """Set limits of motors, gears, deflections, joints and tool, of a library with the part
+        ``"limits"``.
 
-        They replace those of `limit`, and are kept in the same way, at the ends of the intervals: the rate of a torque
-        is its change from one to the next over the period, without that of the friction of the motor, which changes at
-        once where it reverses.
+        They replace those of `limit`, and are kept in the same way, at the ends of the intervals:
+        the rate of a torque is its change from one to the next over the period, without that of
+        the friction of the motor, which changes at once where it reverses.
 
         Parameters
         ----------
         deviation : float
-            Deviation of each output [m, rad], weighed against the limits: both are exceeded where these need more.
+            Deviation of each output [m, rad], weighed against the limits: both are exceeded where
+            these need more.
         **limits
-            ``torque_max``, ``speed_max``, ``torque_rate_max``, ``deflection_max``, ``gear_torque_max``,
-            ``joint_speed_max``, ``joint_acceleration_max``, ``tool_speed_max``, ``tool_acceleration_max`` and
-            ``torque_speed`` as of `Library.invert_limited`, such as those of `Limits.for_library`.
+            ``torque_max``, ``speed_max``, ``torque_rate_max``, ``deflection_max``,
+            ``gear_torque_max``, ``joint_speed_max``, ``joint_acceleration_max``,
+            ``tool_speed_max``, ``tool_acceleration_max`` and ``torque_speed`` as of
+            `Library.invert_limited`, such as those of `Limits.for_library`.
 
         Raises
         ------
         ArgumentError
-            Where a limit is unknown or not positive, a curve has more than 21 points, the horizon is too short, the
-            stream has failed, its library was closed or was generated without the part.
+            Where a limit is unknown or not positive, a curve has more than 21 points, the horizon
+            is too short, the stream has failed, its library was closed or was generated without
+            the part.
 
         Examples
         --------
-        >>> library = flexgen.load(flexgen.generate("elbow", "reports/limited", parts=["limits"]).directory)
+        >>> library = flexgen.load(
+        ...     flexgen.generate("elbow", "reports/limited", parts=["limits"]).directory
+        ... )
         >>> path = flexgen.plan("elbow", "line")
-        >>> stream = library.stream(path.sample([0.0]).y[0, :, 0], path.q_start, period=0.005, intervals=40)
+        >>> stream = library.stream(
+        ...     path.sample([0.0]).y[0, :, 0], path.q_start, period=0.005, intervals=40
+        ... )
         >>> limits = flexgen.Limits(torque=(20.0, 20.0), gear_torque=(900.0, 700.0))
         >>> stream.limit_all(**limits.for_library("elbow"), deviation=0.01)
         """
@@ -398,7 +439,8 @@ class Stream:
         entry = self._entries.all_limits
         if entry is None:
             raise ArgumentError(
-                f"stream: given limits of all kinds, but library {self._entries.name} has no part limits; generate it "
+                f"stream: given limits of all kinds, but library {self._entries.name} has no "
+                f"part limits; generate it "
                 'with parts=["limits"] (--with limits)'
             )
         members = limit_members("stream", limits, self._sizes, self._entries.real)
@@ -424,9 +466,10 @@ class Stream:
     def set_parameters(self, parameters: Any) -> None:
         """Change the run-time parameters, such as the payload; they hold from the next update on.
 
-        Where the path rests in the whole horizon and the arm rests, the stream is in the new equilibrium at once, as a
-        new one. Elsewhere the deflections of the gears change at once, and updates are not ``converged`` until the
-        motion has settled; their torques would move the motors so fast, do not send them.
+        Where the path rests in the whole horizon and the arm rests, the stream is in the new
+        equilibrium at once, as a new one. Elsewhere the deflections of the gears change at once,
+        and updates are not ``converged`` until the motion has settled; their torques would move
+        the motors so fast, do not send them.
 
         Parameters
         ----------
@@ -435,8 +478,9 @@ class Stream:
         Raises
         ------
         ArgumentError
-            Where the library has no run-time parameters, their number is another one, one is not finite or no number
-            of a model file, such as a negative mass (C does not check that), or the stream has failed.
+            Where the library has no run-time parameters, their number is another one, one is not
+            finite or no number of a model file, such as a negative mass (C does not check that),
+            or the stream has failed.
         """
         self._entries.refuse_closed()
         values = parameters_of(
@@ -453,21 +497,23 @@ class Stream:
             self._lock.release()
 
     def set_force(self, force: Any) -> None:
-        """Set the force on the output at the next sample of the path, and at those after it until it is set again.
+        """Set the force on the output at the next sample of the path, and at those after it until
+        it is set again.
 
-        A stream has the force of its start until then. Set the force of each sample before its update; one that has a
-        step cannot be followed exactly.
+        A stream has the force of its start until then. Set the force of each sample before its
+        update; one that has a step cannot be followed exactly.
 
         Parameters
         ----------
         force : array (3 n_y,)
-            Dual to ``dy``: of a pose force [N], then torque [N m] on the tool, in world axes; then its first and its
-            second time derivative.
+            Dual to ``dy``: of a pose force [N], then torque [N m] on the tool, in world axes; then
+            its first and its second time derivative.
 
         Raises
         ------
         ArgumentError
-            Where the library was generated without the part ``"force"``, or a number is not finite.
+            Where the library was generated without the part ``"force"``, or a number is not
+            finite.
         """
         self._entries.refuse_closed()
         self._refuse_force()
@@ -506,11 +552,11 @@ def stream_again(
             "with the memory of another stream, expected what was pickled"
         )
     stream = object.__new__(Stream)
-    stream.intervals, stream.samples_per_interval, stream.period = (
-        intervals,
-        samples_per_interval,
-        period,
-    )
-    stream._sizes, stream._entries, stream._memory = sizes, made(*which), memory.copy()
+    stream.intervals = intervals
+    stream.samples_per_interval = samples_per_interval
+    stream.period = period
+    stream._sizes = sizes
+    stream._entries = made(*which)
+    stream._memory = memory.copy()
     stream._bind()
     return stream

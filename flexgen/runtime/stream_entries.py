@@ -17,10 +17,11 @@ from flexgen.runtime.structs import Failures, Interface, closed_error, interface
 
 @dataclass(frozen=True)
 class StreamEntries:
-    """The C functions of streams: size of the memory, start, update, limits, parameters; structs and statuses.
+    """The C functions of streams: size of the memory, start, update, limits, parameters; structs
+    and statuses.
 
-    ``name``: of the library; ``model_parameters``: the run-time parameters of the model file; ``rows``: of them in the
-    manifest; ``closed``: set where the library is closed.
+    ``name``: of the library; ``model_parameters``: the run-time parameters of the model file;
+    ``rows``: of them in the manifest; ``closed``: set where the library is closed.
     """
 
     name: str
@@ -65,8 +66,16 @@ def streams_of(
     again: tuple[Callable[..., Any], tuple[Any, ...]],
     parameters: np.ndarray,
 ) -> StreamEntries | None:
-    """What a library offers for streams, whose entry points are found by name; None where the manifest lists none."""
-    names = ("stream_work", "stream_start", "stream_start_moving", "stream_update", "stream_limits")
+    """What a library offers for streams, whose entry points are found by name; None where the
+    manifest lists none.
+    """
+    names = (
+        "stream_work",
+        "stream_start",
+        "stream_start_moving",
+        "stream_update",
+        "stream_limits",
+    )
     offered = {row["name"] for row in manifest.get("c_functions", ())}
     if not set(names) <= offered:
         return None

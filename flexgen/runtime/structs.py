@@ -1,4 +1,6 @@
-"""The C interface of a loaded library, as its manifest states it: structs, enums, limits and statuses."""
+"""The C interface of a loaded library, as its manifest states it: structs, enums, limits and
+statuses.
+"""
 
 from __future__ import annotations
 
@@ -72,7 +74,8 @@ def interface_of(manifest: Mapping[str, Any]) -> Interface:
 
 def structs_of(manifest: Mapping[str, Any]) -> dict[str, type[ctypes.Structure]]:
     """Structures by name; ValueError for a member of an unknown type."""
-    real, enums = manifest.get("precision", "double"), manifest.get("enums", {})
+    real = manifest.get("precision", "double")
+    enums = manifest.get("enums", {})
 
     def kind(field: Mapping[str, str]) -> str:
         return "int" if field["kind"] in enums else field["kind"]
@@ -93,14 +96,17 @@ def _structure(
     for _, kind in fields:
         if kind not in kinds and kind not in _POINTERS:
             raise ValueError(
-                f"given a member of type {kind!r} in struct {name}, expected a number, an array or a servo"
+                f"given a member of type {kind!r} in struct {name}, expected a number, an array "
+                "or a servo"
             )
     members = [(field, kinds.get(kind, ctypes.c_void_p)) for field, kind in fields]
     return type(name, (ctypes.Structure,), {"_fields_": members})
 
 
 def struct_of(structure: type[ctypes.Structure], **members: Any) -> ctypes.Structure:
-    """A structure with these members; arrays and structures become pointers, so the caller must keep them."""
+    """A structure with these members; arrays and structures become pointers, so the caller must
+    keep them.
+    """
 
     def member(x: Any) -> Any:
         if isinstance(x, ctypes.Structure):

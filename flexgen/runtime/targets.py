@@ -67,7 +67,8 @@ TARGETS: dict[str, Target] = {name: Target(name) for name in TARGET_NAMES}
 
 def this_target() -> Target | None:
     """The target that this computer is; None where it is another kind."""
-    machine, system = _MACHINES.get(platform.machine().lower()), _SYSTEMS.get(sys.platform)
+    machine = _MACHINES.get(platform.machine().lower())
+    system = _SYSTEMS.get(sys.platform)
     return TARGETS.get(f"{machine}-{system}")
 
 
@@ -77,16 +78,20 @@ def library_suffix() -> str:
 
 
 def refuse_other_computer(build: Mapping[str, Any]) -> None:
-    """BuildError where a library, by this part of its manifest, was compiled for another kind of computer."""
-    target, here = build.get("target"), this_target()
+    """BuildError where a library, by this part of its manifest, was compiled for another kind of
+    computer.
+    """
+    target = build.get("target")
+    here = this_target()
     if target is not None and (here is None or target != here.name):
         raise BuildError(
-            f"given a library for {target}, expected one for this computer"
-            f"{f' ({here.name})' if here else ''}; load it there, or generate it again without target (--target)"
+            f"given a library for {target}, expected one for this "
+            f"computer{f' ({here.name})' if here else ''}; load it there, or generate it again "
+            "without target (--target)"
         )
     missing = missing_instruction_sets(build.get("instruction_sets", ()))
     if missing:
         raise BuildError(
-            f"given a library with the instructions {', '.join(missing)}, which this processor does not have; generate "
-            "it on this computer, or with isa='x86-64' (--isa x86-64)"
+            f"given a library with the instructions {', '.join(missing)}, which this processor "
+            "does not have; generate it on this computer, or with isa='x86-64' (--isa x86-64)"
         )

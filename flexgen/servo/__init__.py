@@ -1,1 +1,3 @@
-"""Robots that take positions: commands that make their servos send the torques of inverse dynamics."""
+"""Robots that take positions: commands that make their servos send the torques of inverse
+dynamics.
+"""

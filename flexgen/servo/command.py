@@ -1,8 +1,9 @@
 """Position commands of a move: the inverse of servo, gears and arm.
 
-The motor angles and torques of the solution are sampled as the servo does it; its inverse gives the reference with
-which it sends these torques, and the samples of the interface are those whose interpolation is closest to it. Servo and
-robot are then simulated with these samples, in C, and compared with the path.
+The motor angles and torques of the solution are sampled as the servo does it; its inverse gives
+the reference with which it sends these torques, and the samples of the interface are those whose
+interpolation is closest to it. Servo and robot are then simulated with these samples, in C, and
+compared with the path.
 """
 
 from __future__ import annotations
@@ -37,7 +38,8 @@ from flexgen.type_checks import checked_types
 PERIOD_S = 4e-3
 LONGEST_S = 0.1  # period of an interface, at most
 # of the reference after the motion, relative; time after it, at most
-SETTLED, LONGEST_AFTER_S = 1e-6, 30.0
+SETTLED = 1e-6
+LONGEST_AFTER_S = 30.0
 REACHED = 1.0 - 1e-4  # of a limit
 AT_REST = 1e-9  # rad: the first position that is this far from rest begins the table
 
@@ -67,8 +69,8 @@ def command_positions(
     move : str or Move, optional
         A move of the model file; default: its first.
     servo : Servo, Cascade, PPI, or str, optional
-        Of the robot: ``"ppi"`` (proposed gains) or a TOML file, see `flexgen.Servo`; default: that of the model file,
-        and ``"ppi"`` where it has none.
+        Of the robot: ``"ppi"`` (proposed gains) or a TOML file, see `flexgen.Servo`; default: that
+        of the model file, and ``"ppi"`` where it has none.
     period : float [s]
         Of the interface: 0.004, 0.008, 0.012, ...
     interpolation : str
@@ -102,13 +104,19 @@ def command_positions(
     own = servo_of(servo, robot_of(model))
     _check_period(period, own)
     case = control_case(
-        model, move, sample_time=own.sample_time, delay=own.delay, plants=plants, solution=solution,
+        model,
+        move,
+        sample_time=own.sample_time,
+        delay=own.delay,
+        plants=plants,
+        solution=solution,
         progress=progress if callable(progress) else None,
-    )  # fmt: skip
+    )
     found, _ = case_controller(case, own.feedback)
     assert isinstance(found, Cascade)
     case = replace(case, reference=_long_reference(case, found))
-    reference, joints = case.reference, np.linalg.inv(case.model.eta).T
+    reference = case.reference
+    joints = np.linalg.inv(case.model.eta).T
     tell("inverting the servo")
     r = invert_servo(own, found, reference.held, reference.motion["q_m"]) @ joints
     first, last = reference.time[[0, -1]] / period
@@ -121,7 +129,9 @@ def command_positions(
     tell("simulating servo and robot")
     run = _simulate(case, own, found, B @ samples, "position commands")
     trajectory = case.solution.trajectory
-    planned = trajectory.at(np.clip(edges, trajectory.time[0], trajectory.time[-1]))["q_m"] @ joints
+    planned = (
+        trajectory.at(np.clip(edges, trajectory.time[0], trajectory.time[-1]))["q_m"] @ joints
+    )
     today = _simulate(case, own, found, B @ planned, "planned motor angles")
     kept = _cut_rest(samples)
     shown = samples[kept] + holding_offset(found, reference.held[0]) @ joints
@@ -147,13 +157,14 @@ def command_positions(
 def _check_period(period: Any, servo: Servo) -> None:
     if not is_number(period) or not servo.sample_time * (1 - 1e-9) <= period <= LONGEST_S:
         raise ArgumentError(
-            f"period: given {show_value(period)}, expected from {servo.sample_time:g} s, the sample time of the servo, "
-            f"to {LONGEST_S:g} s"
+            f"period: given {show_value(period)}, expected from {servo.sample_time:g} s, the "
+            f"sample time of the servo, to {LONGEST_S:g} s"
         )
 
 
 def _long_reference(case: Case, gains: Cascade) -> MotionReference:
-    """The reference until the position loop and the integral parts, which fill after the path, are at rest.
+    """The reference until the position loop and the integral parts, which fill after the path, are
+    at rest.
 
     One sample of the servo is at the begin of the path, so that positions begin to act at samples.
     """
@@ -174,7 +185,8 @@ def _limit(model: RobotModel, name: str, given: Any) -> np.ndarray | None:
     bound = np.asarray(given, float)
     if bound.shape != (model.n_g,) or not (np.isfinite(bound).all() and (bound > 0.0).all()):
         raise ArgumentError(
-            f"{name}: given {show_value(given)}, expected {model.n_g} numbers > 0, one for each joint"
+            f"{name}: given {show_value(given)}, expected {model.n_g} numbers > 0, one for each "
+            "joint"
         )
     return bound
 
@@ -204,7 +216,9 @@ def _fit(
 
 
 def _simulate(case: Case, servo: Servo, gains: Cascade, r: np.ndarray, name: str) -> ControlRun:
-    """Servo and robots with a reference (n, n_g) at the samples of the servo, which holds the robot at the start."""
+    """Servo and robots with a reference (n, n_g) at the samples of the servo, which holds the
+    robot at the start.
+    """
     used = filter_reference(servo, r @ case.model.eta.T, np.asarray(gains.position_gain, float))
     held = np.tile(case.reference.held[0], (len(used), 1))
     reference = replace(case.reference, motion={**case.reference.motion, "q_m": used}, held=held)

@@ -17,7 +17,8 @@ from flexgen.servo.servo import Servo
 from flexgen.spec.toml_text import toml
 from flexgen.type_checks import checked_result
 
-ENOUGH, LEFT = 0.9, 1.5  # explained, of the lag of the robot; unexplained, over the noise
+ENOUGH = 0.9  # explained, of the lag of the robot
+LEFT = 1.5  # unexplained, over the noise
 # of the samples where a command moves: from here on steps of the angles are not like noise
 REPEATED = 0.4
 GAINS = ("position_gain", "speed_gain", "integral_gain")
@@ -33,11 +34,11 @@ class ServoFit(Result):
     servo : Servo
         With the gains of each motor.
     latency_s : float [s]
-        From the time of a command in the record to its effect; for ``"hold"`` to the sample of the servo that it
-        changes first.
+        From the time of a command in the record to its effect; for ``"hold"`` to the sample of the
+        servo that it changes first.
     gain_sd : array (3, n_m)
-        Relative standard deviations of position, speed and integral gains, those of a right model: texts have them
-        where it `is_explained` only; zero of a gain that stayed zero.
+        Relative standard deviations of position, speed and integral gains, those of a right model:
+        texts have them where it `is_explained` only; zero of a gain that stayed zero.
     common_sd : mapping of str to float
         Standard deviations of the numbers that all motors share.
     unexplained : array (n_m,) [rad]
@@ -63,10 +64,13 @@ class ServoFit(Result):
     Examples
     --------
     >>> import numpy as np
-    >>> run = flexgen.command_positions("elbow").today  # a robot that is sent the planned motor angles
+    >>> # a robot that is sent the planned motor angles
+    >>> run = flexgen.command_positions("elbow").today
     >>> joints = np.linalg.inv(run.model.eta).T
     >>> sent, measured = run.reference.motion["q_m"] @ joints, run.nominal.measured @ joints
-    >>> found = flexgen.identify_servo("elbow", flexgen.ServoRecord(run.reference.time, sent, measured))
+    >>> found = flexgen.identify_servo(
+    ...     "elbow", flexgen.ServoRecord(run.reference.time, sent, measured)
+    ... )
     >>> found.servo.sample_time, found.motors
     (0.0005, ('m1', 'm2'))
     """
@@ -110,11 +114,11 @@ class ServoFit(Result):
 
     @property
     def repeated(self) -> float:
-        """Part of the samples with a command that moves in which the measured angle repeats, of the worst joint."""
-        moves, same = (
-            np.diff(self.record.command, axis=0) != 0.0,
-            np.diff(self.record.angle, axis=0) == 0.0,
-        )
+        """Part of the samples with a command that moves in which the measured angle repeats, of
+        the worst joint.
+        """
+        moves = np.diff(self.record.command, axis=0) != 0.0
+        same = np.diff(self.record.angle, axis=0) == 0.0
         return float(((moves & same).sum(axis=0) / np.maximum(moves.sum(axis=0), 1)).max())
 
     @property
@@ -129,22 +133,30 @@ class ServoFit(Result):
                 else "the search did not end; begin with gains nearer to those of the robot"
             )
         return (
-            f"the servo explains {100 * self.explained:.0f} % of the lag of the robot, expected {100 * ENOUGH:.0f} %: "
-            "another structure, interpolation, sample time or delay, or another model"
+            f"the servo explains {100 * self.explained:.0f} % of the lag of the robot, expected "
+            f"{100 * ENOUGH:.0f} %: another structure, interpolation, sample time or delay, or "
+            "another model"
         )
 
     def sentence(self) -> str:
         """The fit in words."""
-        more = f"; {self.left:.2g} times the noise is left: other torque filters, structure, delay or model"
+        more = (
+            f"; {self.left:.2g} times the noise is left: other torque filters, structure, delay "
+            "or model"
+        )
         found = f"servo identified, {100 * self.explained:.4g} % of the lag of the robot explained"
-        coarse = f"; angles repeat in {100 * self.repeated:.0f} % of the samples: finer angles, or a faster motion"
+        coarse = (
+            f"; angles repeat in {100 * self.repeated:.0f} % of the samples: finer angles, or a "
+            "faster motion"
+        )
         return self.problem or found + more * (not self.is_explained) + coarse * (
             self.repeated > REPEATED
         )
 
     def figures(self) -> tuple[Figure, ...]:
         """The figures in SI units, for tables."""
-        rows, servo = [], self.servo
+        rows = []
+        servo = self.servo
 
         def with_sd(value: str, sd: str) -> str:
             return f"{value} +- {sd}" if self.is_explained else value
@@ -156,7 +168,10 @@ class ServoFit(Result):
                 label = f"{word.replace('_', ' ')} of {name}"
                 rows.append(
                     Figure(
-                        label, with_sd(f"{value:.5g}", f"{100 * own:.2g} %"), unit, f"{word}_{name}"
+                        label,
+                        with_sd(f"{value:.5g}", f"{100 * own:.2g} %"),
+                        unit,
+                        f"{word}_{name}",
                     )
                 )
         common = (servo.speed_feedforward, servo.reference_filter_s, self.latency_s)
@@ -196,7 +211,9 @@ class ServoFit(Result):
         return own | gains | {name: plain(getattr(self, name)) for name in kept}
 
     def save(self, path: str | Path) -> Path:
-        """Write the servo to a file ``.toml`` that `Servo.read` and the command line take; ``.json``: all figures."""
+        """Write the servo to a file ``.toml`` that `Servo.read` and the command line take;
+        ``.json``: all figures.
+        """
         if Path(path).suffix != ".toml":
             return super().save(path)
         servo = self.servo

@@ -1,9 +1,12 @@
-"""Gains of a position servo from a record of commands and angles: Gauss-Newton on the simulated closed loop.
+"""Gains of a position servo from a record of commands and angles: Gauss-Newton on the simulated
+closed loop.
 
-    min sum |q(t_k; p) - q_k|^2,    p = log k_p, log k_v, log k_i of each motor, speed feedforward, d, latency
+    min sum |q(t_k; p) - q_k|^2,
+    p = log k_p, log k_v, log k_i of each motor, speed feedforward, d, latency
 
-Of a filter with the time constant T, d = h/(exp(h/T) - 1) is the delay of a slow signal: unlike T it is smooth at zero.
-Robots with one number changed each are simulated side by side in C, so that a step costs one run.
+Of a filter with the time constant T, d = h/(exp(h/T) - 1) is the delay of a slow signal: unlike T
+it is smooth at zero. Robots with one number changed each are simulated side by side in C, so that
+a step costs one run.
 """
 
 from __future__ import annotations
@@ -45,10 +48,13 @@ from flexgen.servo.servo import Servo, filter_reference, servo_of
 from flexgen.type_checks import checked_types
 
 # the command rests for so long at the begin, up to this part of its range
-STILL_S, STILL = 0.05, 1e-3
+STILL_S = 0.05
+STILL = 1e-3
 STILL_PERIODS = 12.5  # of a quicker interface, instead
 # of Levenberg and Marquardt; the last one, relative; first weight
-STEPS, CLOSE, WEIGHT = 40, 1e-5, 1e-4
+STEPS = 40
+CLOSE = 1e-5
+WEIGHT = 1e-4
 LOWER = 1.5, 2.5  # factors of the gains where searches begin again
 SMALL = 1e-4  # of the lag: less is not seen as noise
 FARTHEST = 5.0  # largest motion of a joint, in motions of its command
@@ -60,7 +66,8 @@ LOG_MOVED = 1e-3
 LARGEST = {"speed_feedforward": 2.0, "reference_filter_s": 0.19, "latency_s": 0.2}  # least: zero
 FIRST_FILTER = 4  # sample times
 # over the least position gain: residuals depend on each other within it; blocks at least
-BLOCK, BLOCKS = 6.0, 20
+BLOCK = 6.0
+BLOCKS = 20
 POSES = 20  # of the record, where eigenvalues are computed
 
 
@@ -83,18 +90,19 @@ def identify_servo(
     model : name, path or RobotModel
         Inertias, frictions and springs as they are: `flexgen.identify` finds them.
     record : ServoRecord or str
-        A move of the robot that begins at rest: a record, or its CSV file, see `flexgen.servo.record`.
+        A move of the robot that begins at rest: a record, or its CSV file, see
+        `flexgen.servo.record`.
     servo : Servo, Cascade, PPI, or str, optional
-        Where the search begins; its sample time, delay and torque filters stay, and gains that are zero. Default: the
-        servo of the model file, and ``"ppi"`` where it has none.
+        Where the search begins; its sample time, delay and torque filters stay, and gains that are
+        zero. Default: the servo of the model file, and ``"ppi"`` where it has none.
     interpolation : str
         Of the robot between two commands: ``"linear"``, ``"cubic"`` or ``"hold"``.
     columns : sequence of str, optional
         Names of the columns of a file without a header, such as ``t ms,q1_command,q1``; without
         unit in SI units.
     time_limit : float, optional [s]
-        Then, or after Ctrl-C, the result is the best step so far; its ``ended`` says so. None or 0:
-        unlimited.
+        Then, or after Ctrl-C, the result is the best step so far; its ``ended`` says so. None or
+        0: unlimited.
     progress : callable or bool, optional
 
     Returns
@@ -111,10 +119,13 @@ def identify_servo(
     Examples
     --------
     >>> import numpy as np
-    >>> run = flexgen.command_positions("elbow").today  # a robot that is sent the planned motor angles
+    >>> # a robot that is sent the planned motor angles
+    >>> run = flexgen.command_positions("elbow").today
     >>> joints = np.linalg.inv(run.model.eta).T
     >>> sent, measured = run.reference.motion["q_m"] @ joints, run.nominal.measured @ joints
-    >>> found = flexgen.identify_servo("elbow", flexgen.ServoRecord(run.reference.time, sent, measured))
+    >>> found = flexgen.identify_servo(
+    ...     "elbow", flexgen.ServoRecord(run.reference.time, sent, measured)
+    ... )
     >>> f"{found.explained:.3f}"
     '1.000'
     """
@@ -140,7 +151,8 @@ def _search(
     fit: _Fit, p: np.ndarray, e: np.ndarray, J: np.ndarray, tell: Callable[[str], None]
 ) -> ServoFit:
     """Levenberg and Marquardt from parameters p with residuals e and their Jacobian."""
-    weight, ended = WEIGHT, False
+    weight = WEIGHT
+    ended = False
     best_known()
     with keep_best():
         for step in range(STEPS):
@@ -169,12 +181,17 @@ def _search(
 
 
 def _change(fit: _Fit, p: np.ndarray, e: np.ndarray, J: np.ndarray, weight: float) -> np.ndarray:
-    """The step of Levenberg and Marquardt; a number that would leave its bounds goes to the bound, the others know."""
-    scale, change = np.sqrt((J**2).sum(axis=0)) + 1e-300, np.zeros(len(p))
-    A, g = (J / scale).T @ (J / scale), (J / scale).T @ e
+    """The step of Levenberg and Marquardt; a number that would leave its bounds goes to the bound,
+    the others know.
+    """
+    scale = np.sqrt((J**2).sum(axis=0)) + 1e-300
+    change = np.zeros(len(p))
+    A = (J / scale).T @ (J / scale)
+    g = (J / scale).T @ e
     free = np.ones(len(p), bool)
     for _ in range(len(COMMON) + 1):
-        part, rest = np.flatnonzero(free), np.flatnonzero(~free)
+        part = np.flatnonzero(free)
+        rest = np.flatnonzero(~free)
         known = g[part] + A[np.ix_(part, rest)] @ (scale * change)[rest]
         change[part] = (
             -np.linalg.solve(A[np.ix_(part, part)] + weight * np.eye(len(part)), known)
@@ -195,19 +212,25 @@ def _check_record(record: ServoRecord, robot: RobotModel) -> None:
     where = record.source or "record"
     if record.command.shape[1] != robot.n_g:
         raise ArgumentError(
-            f"{where}: given {record.command.shape[1]} joints, expected {robot.n_g} as of {robot.title}"
+            f"{where}: given {record.command.shape[1]} joints, expected {robot.n_g} as of "
+            f"{robot.title}"
         )
     rest = min(STILL_S, STILL_PERIODS * record.period)
-    size, count = np.ptp(record.command, axis=0), max(int(np.ceil(rest / record.period)), 2)
+    size = np.ptp(record.command, axis=0)
+    count = max(int(np.ceil(rest / record.period)), 2)
     if not (size > 0.0).all():
         names = [
             robot.coordinates[i].name for i, x in zip(robot.i_g, size, strict=True) if x == 0.0
         ]
         raise ArgumentError(
-            f"{where}: given commands that do not move {', '.join(names)}, expected that every joint moves"
+            f"{where}: given commands that do not move {', '.join(names)}, expected that every "
+            "joint moves"
         )
-    for i, x, command, angle in zip(robot.i_g, size, record.command.T, record.angle.T, strict=True):
-        name, dof = robot.coordinates[i].name, robot.coordinates[i].dof
+    for i, x, command, angle in zip(
+        robot.i_g, size, record.command.T, record.angle.T, strict=True
+    ):
+        name = robot.coordinates[i].name
+        dof = robot.coordinates[i].dof
         low, high = (None, None) if dof is None else (dof.lower, dof.upper)
         if (
             low is not None
@@ -215,34 +238,43 @@ def _check_record(record: ServoRecord, robot: RobotModel) -> None:
             and max(low - command.max(), command.min() - high) > 0.0
         ):
             raise ArgumentError(
-                f"{where}: given commands of {name} from {command.min():.4g} to {command.max():.4g} "
-                f"{robot.coordinates[i].unit}, all beyond its limits, expected some within; the unit of its columns?"
+                f"{where}: given commands of {name} from {command.min():.4g} to "
+                f"{command.max():.4g} {robot.coordinates[i].unit}, all beyond its limits, "
+                "expected some within; the unit of its columns?"
             )
         if np.ptp(angle) > FARTHEST * x:
             raise ArgumentError(
-                f"{where}: given angles of {name} that move {np.ptp(angle) / x:.4g} times as far as its commands, "
-                "expected angles of the joint: those of the motor over the gear ratio, in the unit of the column"
+                f"{where}: given angles of {name} that move {np.ptp(angle) / x:.4g} times as "
+                "far as its commands, expected angles of the joint: those of the motor over "
+                "the gear ratio, in the unit of the column"
             )
     moved = np.abs(record.command[:count] - record.command[0]).max(axis=0) / size
     if moved.max() > STILL:
         raise ArgumentError(
-            f"{where}: given a command that moves within the first {1e3 * rest:.3g} ms, expected that it begins at rest"
+            f"{where}: given a command that moves within the first {1e3 * rest:.3g} ms, "
+            "expected that it begins at rest"
         )
 
 
 def delay_of_filter(T: float, h: float) -> float:
-    """Delay [s] of a slow signal in the filter of a reference with time constant T [s], sampled at h [s]."""
+    """Delay [s] of a slow signal in the filter of a reference with time constant T [s], sampled at
+    h [s].
+    """
     return float(h / np.expm1(h / T))
 
 
 def filter_of_delay(delay: float, h: float) -> float:
-    """Time constant [s] of the filter of a reference with this delay of a slow signal [s], sampled at h [s]."""
+    """Time constant [s] of the filter of a reference with this delay of a slow signal [s], sampled
+    at h [s].
+    """
     return float(h / np.log1p(h / delay)) if delay > 0.0 else 0.0
 
 
 @dataclass(frozen=True)
 class _Fit:
-    """A record, and the loop that is compared with it; parameters p: logarithms of gains, then `COMMON`."""
+    """A record, and the loop that is compared with it; parameters p: logarithms of gains, then
+    `COMMON`.
+    """
 
     robot: RobotModel
     record: ServoRecord
@@ -265,14 +297,21 @@ class _Fit:
         interpolation: str,
         tell: Callable[[str], None],
     ) -> _Fit:
-        """The loop at rest where the record begins; elements with a state, of gears and frictions, begin at zero."""
-        robot, laws = without_states(given), split_plants(given, plants_of(given, {NOMINAL: {}}))[1]
+        """The loop at rest where the record begins; elements with a state, of gears and frictions,
+        begin at zero.
+        """
+        robot = without_states(given)
+        laws = split_plants(given, plants_of(given, {NOMINAL: {}}))[1]
         local = LocalDynamics(derive(robot))
-        n_a, motors = robot.n_a, record.command @ robot.eta.T
+        n_a = robot.n_a
+        motors = record.command @ robot.eta.T
         arm = np.zeros((POSES, n_a))
-        arm[:, list(robot.i_g)] = record.command[np.linspace(0, len(motors) - 1, POSES).astype(int)]
+        arm[:, list(robot.i_g)] = record.command[
+            np.linspace(0, len(motors) - 1, POSES).astype(int)
+        ]
         at, tau = local.rest(motors[0], np.zeros(0), arm[0])
-        still, quiet = np.zeros((POSES, n_a)), np.zeros((POSES, robot.n_m))
+        still = np.zeros((POSES, n_a))
+        quiet = np.zeros((POSES, robot.n_m))
         motion = (arm, still, still, arm[:, list(robot.i_g)] @ robot.eta.T, quiet, quiet, quiet)
         cascade = servo.feedback
         if isinstance(cascade, PPI):
@@ -282,7 +321,8 @@ class _Fit:
         time = record.time[0] + servo.sample_time * np.arange(steps)
         library = library_with(robot, ["forward_dynamics"])
         measured = (record.angle - record.angle[0] + record.command[0]) @ robot.eta.T
-        rate, gears = local.largest_rate(motion, np.zeros(0)), None
+        rate = local.largest_rate(motion, np.zeros(0))
+        gears = None
         if laws:
             v_m = np.gradient(measured, record.time, axis=0)
             speeds = {"v_a": np.zeros((len(v_m), n_a)), "v_m": v_m}
@@ -323,7 +363,8 @@ class _Fit:
         )
 
     def start(self, lower: float = 1.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Parameters, residuals and Jacobian where the search begins, its gains ``lower`` by a factor.
+        """Parameters, residuals and Jacobian where the search begins, its gains ``lower`` by a
+        factor.
 
         Still lower ones where the loop is unstable.
         """
@@ -356,13 +397,14 @@ class _Fit:
         )
 
     def run(self, p: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-        """Residuals (n,) and Jacobian (n, parameters) by simulation of a robot for each parameter; None: unstable."""
-        n_m, moved = (
-            self.robot.n_m,
-            np.concatenate([np.full(self.gains, LOG_MOVED), [MOVED[name] for name in COMMON]]),
-        )
+        """Residuals (n,) and Jacobian (n, parameters) by simulation of a robot for each parameter;
+        None: unstable.
+        """
+        n_m = self.robot.n_m
+        moved = np.concatenate([np.full(self.gains, LOG_MOVED), [MOVED[name] for name in COMMON]])
         sets = np.vstack([p, p + np.diag(moved)])
-        lanes, gains = len(sets), self.gains_of(sets).transpose(1, 0, 2)
+        lanes = len(sets)
+        gains = self.gains_of(sets).transpose(1, 0, 2)
         rows = np.empty((len(self.time), lanes, 2 * n_m))
         rows[:, :, n_m:] = self.rest[1]
         known = self.record.command @ self.robot.eta.T
@@ -374,10 +416,16 @@ class _Fit:
         hardware = DriveHardware(self.servo.sample_time, self._rest_of_delay, 0.0, 0.0, 0.0, ())
         drives = self.robot, self.library, hardware, self._with_gains(gains)
         at_rest = np.tile(self.rest[0], (lanes, 1)), np.tile(known[0], (lanes, 1))
-        late, steps = int(self.servo.delay / self.servo.sample_time + 1e-9), None
+        late = int(self.servo.delay / self.servo.sample_time + 1e-9)
+        steps = None
         for finer in (*FINER, 1):
             loop = ClosedLoop(
-                *drives, *at_rest, self.rate, delay_samples=late, parameters=self.gears, steps=steps
+                *drives,
+                *at_rest,
+                self.rate,
+                delay_samples=late,
+                parameters=self.gears,
+                steps=steps,
             )
             loop.hold(np.tile(self.rest[1], (lanes, 1)))
             q = loop.run(rows, len(rows), check=False).q_m
@@ -395,8 +443,11 @@ class _Fit:
         return flat[0], ((flat[1:] - flat[0]) / moved[:, None]).T
 
     def _late(self, late: float) -> Any:
-        """Weights of the commands in the reference with a latency [s]; `hold` acts at samples, mixed between."""
-        edges, h = self.record.time, self.servo.sample_time
+        """Weights of the commands in the reference with a latency [s]; `hold` acts at samples,
+        mixed between.
+        """
+        edges = self.record.time
+        h = self.servo.sample_time
         if self.interpolation != "hold":
             return basis(self.time - late, edges, self.interpolation)
         whole = np.floor(late / h + 1e-9)
@@ -405,7 +456,9 @@ class _Fit:
         return (1.0 - part) * before + part * after
 
     def _with_gains(self, gains: np.ndarray) -> Cascade:
-        """The cascade with position, speed and integral gains (3, n_m), or of each robot (3, robots, n_m)."""
+        """The cascade with position, speed and integral gains (3, n_m), or of each robot (3,
+        robots, n_m).
+        """
         return replace(
             self.cascade, position_gain=gains[0], speed_gain=gains[1], integral_gain=gains[2]
         )
@@ -417,8 +470,11 @@ class _Fit:
         return rest if rest > 1e-9 * h else 0.0
 
     def _deviations(self, p: np.ndarray, e: np.ndarray, J: np.ndarray) -> np.ndarray:
-        """Standard deviations of the parameters: what leaving out a block of the record changes (jackknife)."""
-        n_m, n = self.robot.n_m, len(self.record.time)
+        """Standard deviations of the parameters: what leaving out a block of the record changes
+        (jackknife).
+        """
+        n_m = self.robot.n_m
+        n = len(self.record.time)
         length = BLOCK / max(self.gains_of(p)[0].min(), 1e-9) / self.record.period
         blocks = np.arange(0, n, max(round(min(length, n / BLOCKS)), 1))
         scale = np.sqrt((J**2).sum(axis=0)) + 1e-300
@@ -431,8 +487,11 @@ class _Fit:
         return np.asarray(np.where(J.any(axis=0), sd, 0.0))
 
     def result(self, p: np.ndarray, e: np.ndarray, J: np.ndarray, converged: bool) -> ServoFit:
-        """The servo with standard deviations, whose residuals may depend on each other within a block."""
-        n_m, n = self.robot.n_m, len(self.record.time)
+        """The servo with standard deviations, whose residuals may depend on each other within a
+        block.
+        """
+        n_m = self.robot.n_m
+        n = len(self.record.time)
         sd = self._deviations(p, e, J)
         feedback = self._with_gains(self.gains_of(p))
         found = replace(self.servo_of(p), feedback=feedback)
@@ -441,7 +500,9 @@ class _Fit:
         # of white noise: all of it
         quick = np.sqrt((np.diff(e.reshape(n, n_m), 3, axis=0) ** 2).mean(axis=0) / 20)
         of_all = max(float(1.0 - (e**2).sum() / max(((lag - lag[0]) ** 2).sum(), 1e-300)), 0.0)
-        own, delayed, h = sd[self.gains :], p[self.gains + 1], self.servo.sample_time
+        own = sd[self.gains :]
+        delayed = p[self.gains + 1]
+        h = self.servo.sample_time
         near = [filter_of_delay(max(delayed + x, 0.0), h) for x in (-own[1], 0.0, own[1])]
         own[1] = np.abs(np.diff(near)).max()
         common = dict(zip(COMMON, map(float, own), strict=True))

@@ -3,8 +3,8 @@
 Names of the columns: the time, ``time_s`` or ``t ms``; of each joint ``JOINT_command_deg`` and
 ``JOINT_deg``, with its unit (`flexgen.units`) behind ``_`` or a space. Other columns are ignored.
 Commands are one period of the interface apart: stamps that scatter about equal steps become these,
-commands that were sent at unequal steps are refused. Angles with another rate than the commands are
-taken at their instants. Before a gap in time the record ends.
+commands that were sent at unequal steps are refused. Angles with another rate than the commands
+are taken at their instants. Before a gap in time the record ends.
 """
 
 from __future__ import annotations
@@ -24,7 +24,9 @@ from flexgen.records.tables import read_arrays
 from flexgen.type_checks import checked_class
 
 SIZE_MAX = 1_000_000_000  # bytes of a file
-MOST, FEWEST = 1_000_000, 100  # rows
+# rows
+MOST = 1_000_000
+FEWEST = 100
 LONGEST_S = 1.0  # between two rows
 EVEN = 0.02  # largest difference of a step in time from the others, relative
 
@@ -32,14 +34,16 @@ EVEN = 0.02  # largest difference of a step in time from the others, relative
 @checked_class
 @dataclass(frozen=True)
 class ServoRecord:
-    """What a robot was commanded, and where its motors were, in the joints that rigid gears would turn.
+    """What a robot was commanded, and where its motors were, in the joints that rigid gears would
+    turn.
 
     Parameters
     ----------
     time : array (n,) [s]
         At equal steps, the period of the interface.
     command, angle : array (n, n_g) [rad or m]
-        Positions that were sent, and measured ones, in the order of the actuated coordinates of the model.
+        Positions that were sent, and measured ones, in the order of the actuated coordinates of
+        the model.
     source : str
         Where they come from.
     notes : tuple of str
@@ -48,7 +52,9 @@ class ServoRecord:
     Examples
     --------
     >>> import numpy as np
-    >>> record = flexgen.ServoRecord(np.arange(200) * 0.004, np.zeros((200, 2)), np.zeros((200, 2)))
+    >>> record = flexgen.ServoRecord(
+    ...     np.arange(200) * 0.004, np.zeros((200, 2)), np.zeros((200, 2))
+    ... )
     >>> record.period
     0.004
     """
@@ -62,27 +68,30 @@ class ServoRecord:
     __repr__ = short_repr
 
     def __post_init__(self) -> None:
-        n, where = len(np.atleast_1d(self.time)), self.source or "record"
+        n = len(np.atleast_1d(self.time))
+        where = self.source or "record"
         if np.ndim(self.time) != 1 or not FEWEST <= n <= MOST:
             raise ArgumentError(f"{where}: given {n} rows, expected {FEWEST} to {MOST}")
         shapes = [np.shape(x) for x in (self.command, self.angle)]
         if shapes[0] != shapes[1] or len(shapes[0]) != 2 or shapes[0][0] != n:
             raise ArgumentError(
-                f"{where}: given commands {shapes[0]}, angles {shapes[1]}, expected ({n}, joints) of both"
+                f"{where}: given commands {shapes[0]}, angles {shapes[1]}, expected ({n}, "
+                "joints) of both"
             )
         if not all(np.isfinite(x).all() for x in (self.time, self.command, self.angle)):
             raise ArgumentError(f"{where}: given NaN or infinity, expected finite numbers")
         steps = np.diff(self.time)
         if steps.mean() > LONGEST_S:
             raise ArgumentError(
-                f"{where}: given {steps.mean():g} s between two rows, expected at most {LONGEST_S:g} s; times in "
-                "milliseconds are in a column time_ms"
+                f"{where}: given {steps.mean():g} s between two rows, expected at most "
+                f"{LONGEST_S:g} s; times in milliseconds are in a column time_ms"
             )
         if not (np.abs(steps - steps.mean()) <= EVEN * steps.mean()).all() or steps.mean() <= 0.0:
             row = int(np.argmax(np.abs(steps - np.median(steps)))) + 2
             raise ArgumentError(
-                f"{where}: given unequal steps in time at row {row}, {steps[row - 2]:.6g} s after the row before, "
-                f"expected one period between all rows, {np.median(steps):.6g} s"
+                f"{where}: given unequal steps in time at row {row}, {steps[row - 2]:.6g} s "
+                "after the row before, expected one period between all rows, "
+                f"{np.median(steps):.6g} s"
             )
 
     @property
@@ -129,7 +138,8 @@ class ServoRecord:
         clock = np.ma.asanyarray(arrays[header[at]]) * second
         if len(clock) > MOST:
             raise ArgumentError(f"{file}: given more than {MOST} rows, expected fewer")
-        times, values = [], []
+        times = []
+        values = []
         for column in (at, *(column for column, _ in found)):
             _check_finite(file, header[column], arrays[header[column]])
         for column, factor in found:
@@ -164,7 +174,8 @@ class ServoRecord:
         notes = list(found.notes)
         if len(found.pieces) > 1:
             notes.append(f"used: the record up to {first.time[-1]:.6g} s, before its first gap")
-        time, data = first.time, first.values
+        time = first.time
+        data = first.values
         return cls(time, data[:, :n], data[:, n:], str(file), tuple(notes))
 
 

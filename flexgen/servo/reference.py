@@ -20,26 +20,31 @@ MOTION = ("q_a", "v_a", "a_a", "q_m", "v_m", "a_m", "tau_m")
 
 
 def with_positions(solution: Solution) -> Solution:
-    """The solution with the channels ``command_m`` (motor side) and ``command_g`` (joints), at its samples.
+    """The solution with the channels ``command_m`` (motor side) and ``command_g`` (joints), at its
+    samples.
 
-    They are the reference with which the servo of the model sends the torques, held at its sample time, along the motor
-    angles; between its samples a cubic spline. `flexgen.command_positions` has the samples for an interface, and what
-    follows after the motion.
+    They are the reference with which the servo of the model sends the torques, held at its sample
+    time, along the motor angles; between its samples a cubic spline. `flexgen.command_positions`
+    has the samples for an interface, and what follows after the motion.
 
     Raises
     ------
     ArgumentError
         The model has no servo, or one without an inverse.
     """
-    model, trajectory = solution.model, solution.trajectory
+    model = solution.model
+    trajectory = solution.trajectory
     if model.servo is None:
         raise ArgumentError(
-            f'command: given "position" for the model {model.title} without a servo, expected a table [servo] in its '
+            f'command: given "position" for the model {model.title} without a servo, expected a '
+            f"table [servo] in its "
             "file; flexgen.command_positions takes one as an argument"
         )
     servo = servo_of(None, model)
-    gains, h = gains_at_begin(servo, solution), servo.sample_time
-    first, last = float(trajectory.time[0]), float(trajectory.time[-1])
+    gains = gains_at_begin(servo, solution)
+    h = servo.sample_time
+    first = float(trajectory.time[0])
+    last = float(trajectory.time[-1])
     time = time_grid(first, last, h, 4 * h, 4 * h)
     held = hold_torques(trajectory, time, h, servo.delay)
     q_m = trajectory.at(np.clip(time, first, last))["q_m"]

@@ -1,4 +1,6 @@
-"""What `flexgen.command_positions` returns: the samples to send, and the errors of the robot that is sent them."""
+"""What `flexgen.command_positions` returns: the samples to send, and the errors of the robot that
+is sent them.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +35,8 @@ class PositionCommands(Result):
     Attributes
     ----------
     time : array (k,) [s]
-        When each position begins to act; zero where the path begins. Send it the latency of the interface before.
+        When each position begins to act; zero where the path begins. Send it the latency of the
+        interface before.
     motor : array (k, n_m) [rad]
         Positions, motor side.
     joint : array (k, n_g) [rad or m]
@@ -49,7 +52,8 @@ class PositionCommands(Result):
     servo : Servo
         That the inverse is of.
     run : ControlRun
-        The robot, and others where they are asked for, that is sent these positions: a simulation of servo and robot.
+        The robot, and others where they are asked for, that is sent these positions: a simulation
+        of servo and robot.
     today : ControlRun
         The same robot that is sent the planned motor angles.
     active : tuple of str
@@ -77,7 +81,10 @@ class PositionCommands(Result):
     active: tuple[str, ...]
 
     def __repr__(self) -> str:
-        return f"<PositionCommands {self.run.model.name}, {self.run.solution.move.name}: {self.status}>"
+        return (
+            f"<PositionCommands {self.run.model.name}, {self.run.solution.move.name}: "
+            f"{self.status}>"
+        )
 
     def __str__(self) -> str:
         """The figures as lines."""
@@ -86,7 +93,9 @@ class PositionCommands(Result):
 
     @property
     def status(self) -> str:
-        """``solved``; ``limits active``, with an error that they cost; ``failed`` with the reason."""
+        """``solved``; ``limits active``, with an error that they cost; ``failed`` with the
+        reason.
+        """
         if self.problem:
             return f"failed: {self.problem}"
         limited = self.run.solution.status == Status.LIMITS_ACTIVE
@@ -102,7 +111,9 @@ class PositionCommands(Result):
 
     @cached_property
     def _unstable(self) -> str:
-        """Where the loop of servo and robot is unstable; looked for where the positions reduce the error little."""
+        """Where the loop of servo and robot is unstable; looked for where the positions reduce the
+        error little.
+        """
         errors = (
             (self.tool_error_max_m, self.today_error_max_m),
             (self.tool_error_max_rad, self.today_error_max_rad),
@@ -112,7 +123,10 @@ class PositionCommands(Result):
         for where, loop in self.run.loops().items():
             largest = loop.largest_eigenvalue()
             if len(self.run.reference.time) * np.log(largest) > np.log(GROWN):
-                return f"the loop of servo and robot is unstable, eigenvalue {largest:.5g} in the {where} of the motion"
+                return (
+                    f"the loop of servo and robot is unstable, eigenvalue {largest:.5g} in the "
+                    f"{where} of the motion"
+                )
         return ""
 
     @property
@@ -172,15 +186,15 @@ class PositionCommands(Result):
             Figure("positions", len(self.time), "", "samples"),
             Figure("period", self.period, "s", "period"),
             Figure("interpolation", self.interpolation, "", "interpolation"),
-            Figure("first position before the path", max(-float(self.time[0]), 0.0), "s", "before"),
+            Figure(
+                "first position before the path", max(-float(self.time[0]), 0.0), "s", "before"
+            ),
             Figure("limits that are reached", ", ".join(self.active), "", "active"),
         )
 
     def _rows(self) -> list[tuple[str, str]]:
-        speed, acceleration = (
-            np.abs(self.speed).max(axis=0),
-            np.abs(self.acceleration).max(axis=0),
-        )
+        speed = np.abs(self.speed).max(axis=0)
+        acceleration = np.abs(self.acceleration).max(axis=0)
         speeds = choose_scales((), *zip(speed.tolist(), self.units, strict=True))
         accelerations = choose_scales((), *zip(acceleration.tolist(), self.units, strict=True))
         shown = [
@@ -206,7 +220,9 @@ class PositionCommands(Result):
         return named | {figure.key: plain(figure.value) for figure in self.figures()} | arrays
 
     def trajectory(self) -> Trajectory:
-        """The positions as a trajectory with the channels ``command_m`` (motor side) and ``command_g`` (joints)."""
+        """The positions as a trajectory with the channels ``command_m`` (motor side) and
+        ``command_g`` (joints).
+        """
         ports, labels, units = command_columns(self.run.model)
         meta = {
             "model": self.run.model.name,
@@ -225,9 +241,10 @@ class PositionCommands(Result):
     def save(self, path: str | Path, unit: Literal["deg", "rad"] = "deg") -> Path:
         """Write the positions to a file: ``.csv``, a plain table for the interface of a robot.
 
-        A line for each position, one period apart. The first line names the columns: ``time_s``, then ``JOINT_deg``
-        (``JOINT_mm`` of a joint that slides), or with ``unit="rad"`` ``JOINT_rad`` and ``JOINT_m``. ``.npz``, ``.mat``:
-        the trajectory; ``.json``: what `to_dict` returns.
+        A line for each position, one period apart. The first line names the columns: ``time_s``,
+        then ``JOINT_deg`` (``JOINT_mm`` of a joint that slides), or with ``unit="rad"``
+        ``JOINT_rad`` and ``JOINT_m``. ``.npz``, ``.mat``: the trajectory; ``.json``: what
+        `to_dict` returns.
         """
         if Path(path).suffix != ".csv":
             return super().save(path)

@@ -4,7 +4,8 @@
     linear:  r(t) = (1 - x) c_j + x c_(j+1),    x = (t - t_j)/T
     cubic:   Hermite's polynomials with the slopes (c_(j+1) - c_(j-1))/(2 T)
 
-The samples are those whose interpolation is closest to the reference that is wanted at the samples of the servo,
+The samples are those whose interpolation is closest to the reference that is wanted at the samples
+of the servo,
 
     min sum_k |r(t_k) - r_k|^2,    |c_j - c_(j-1)| <= v T,    |c_(j+1) - 2 c_j + c_(j-1)| <= a T^2
 """
@@ -25,7 +26,9 @@ SLACK = 1e-9  # relative: a bound that is reached is kept
 
 
 def basis(time: np.ndarray, edges: np.ndarray, interpolation: str) -> csc_matrix:
-    """The matrix (n, k) from samples at ``edges`` (k,) [s] to the reference at the instants ``time`` (n,) [s]."""
+    """The matrix (n, k) from samples at ``edges`` (k,) [s] to the reference at the instants
+    ``time`` (n,) [s].
+    """
     last = len(edges) - 1
     period = (edges[-1] - edges[0]) / last  # of all: rounding of one would add up
     j = np.clip(np.floor((time - edges[0]) / period + 1e-9).astype(int), 0, last)
@@ -54,7 +57,10 @@ def fit_samples(B: csc_matrix, r: np.ndarray) -> np.ndarray:
 
 
 def fit_within(
-    B: csc_matrix, r: np.ndarray, period: float, limits: tuple[np.ndarray | None, np.ndarray | None]
+    B: csc_matrix,
+    r: np.ndarray,
+    period: float,
+    limits: tuple[np.ndarray | None, np.ndarray | None],
 ) -> np.ndarray:
     """Samples of joints (k, n_g) within bounds of speed and acceleration (n_g,); None: no bound.
 
@@ -76,7 +82,8 @@ def fit_within(
                 f"{('speed', 'acceleration')[n - 1]} {bound[j]:.4g}" for n, bound in kept
             )
             raise SolverError(
-                f"limits: no samples of joint {j + 1} keep {words} (SI units, joint side); increase them"
+                f"limits: no samples of joint {j + 1} keep {words} (SI units, joint side); "
+                "increase them"
             )
         out[:, j] = scale * found
     return out + r[0]

@@ -1,4 +1,6 @@
-"""The position servo of a robot: a P-PI cascade with speed feedforward and a filter of its reference; its file."""
+"""The position servo of a robot: a P-PI cascade with speed feedforward and a filter of its
+reference; its file.
+"""
 
 from __future__ import annotations
 
@@ -37,15 +39,16 @@ class Servo:
 
         r_f <- r_f + (1 - exp(-h/T)) (r - r_f)                      filter of the reference
         w = f D r_f + k_p (r_f - q) - D q,    D x = (x_k - x_(k-1))/h
-        u = F(z) k_v (w + k_i h sum w)                              torque, which acts after the delay
+        u = F(z) k_v (w + k_i h sum w)
+        torque, which acts after the delay
 
     Its integral holds the robot at rest where the motion begins.
 
     Parameters
     ----------
     feedback : Cascade or PPI
-        Gains k_p [1/s], k_v [N m s/rad] and k_i [1/s] of the motors, and the filters F of the torque; `PPI` states them
-        by frequencies.
+        Gains k_p [1/s], k_v [N m s/rad] and k_i [1/s] of the motors, and the filters F of the
+        torque; `PPI` states them by frequencies.
     speed_feedforward : float
         f: part of the speed of the reference that the speed controller is given, 0 to 2.
     reference_filter_s : float [s]
@@ -85,7 +88,9 @@ class Servo:
 
     @classmethod
     def read(cls, path: str | Path) -> Servo:
-        """The servo of a TOML file: keys of a controller of type ppi or cascade, and the parameters of this class."""
+        """The servo of a TOML file: keys of a controller of type ppi or cascade, and the
+        parameters of this class.
+        """
         file = Path(path)
         found: Servo = read(file_table(file_bytes(file, "servo"), file), SERVO, Context())
         return found
@@ -98,22 +103,27 @@ class Servo:
 
 
 def filter_reference(servo: Servo, r: np.ndarray, gain: np.ndarray) -> np.ndarray:
-    """What a cascade with full speed feedforward needs as reference, to do what this servo does with r (n, n_m).
+    """What a cascade with full speed feedforward needs as reference, to do what this servo does
+    with r (n, n_m).
 
     ``gain`` (n_m,) [1/s]: k_p. At rest before the first sample.
     """
-    h, x = servo.sample_time, r - r[0]
+    h = servo.sample_time
+    x = r - r[0]
     if servo.reference_filter_s > 0.0:
         a = servo.part_per_sample
         x = lfilter([a], [1.0, a - 1.0], x, axis=0)
-    f, out = servo.speed_feedforward, np.empty_like(x)
+    f = servo.speed_feedforward
+    out = np.empty_like(x)
     for j, k_p in enumerate(gain):
         out[:, j] = lfilter([k_p + f / h, -f / h], [k_p + 1 / h, -1 / h], x[:, j])
     return out + r[0]
 
 
 def servo_of(given: Any, model: RobotModel) -> Servo:
-    """The servo from what a user gives: a `Servo`, a `Cascade` or `PPI`, ``"ppi"`` or a file; None: of the model."""
+    """The servo from what a user gives: a `Servo`, a `Cascade` or `PPI`, ``"ppi"`` or a file;
+    None: of the model.
+    """
     if given is None:
         return Servo(PPI()) if model.servo is None else _servo_of_table(model.servo)
     if isinstance(given, Servo):
@@ -125,7 +135,8 @@ def servo_of(given: Any, model: RobotModel) -> Servo:
     if isinstance(given, str | Path) and str(given).endswith(".toml"):
         return Servo.read(given)
     raise ArgumentError(
-        f"servo: given {show_value(given)}, expected a flexgen.Servo, Cascade or PPI, the name 'ppi', or a file .toml"
+        f"servo: given {show_value(given)}, expected a flexgen.Servo, Cascade or PPI, the name "
+        "'ppi', or a file .toml"
     )
 
 

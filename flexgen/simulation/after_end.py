@@ -1,10 +1,11 @@
-"""The motion after the end of a simulation, the last torque held, predicted by the linearization about the last state.
+"""The motion after the end of a simulation, the last torque held, predicted by the linearization
+about the last state.
 
     x(t) = x_e + d(t),     d' = A d + f(x_e, u_e),     d(0) = 0
 
-A robot without brakes rests in an unstable equilibrium: the remaining motion grows. The prediction holds as long as the
-deviations are small. Frictions and gears with a state are simulated instead: their bristles creep
-and give way, which no linearization about one state shows.
+A robot without brakes rests in an unstable equilibrium: the remaining motion grows. The prediction
+holds as long as the deviations are small. Frictions and gears with a state are simulated instead:
+their bristles creep and give way, which no linearization about one state shows.
 """
 
 from __future__ import annotations
@@ -21,7 +22,8 @@ STEPS = 64
 
 
 def errors_after_end(found: Run, end: float, held: float) -> np.ndarray:
-    """States (`STEPS`, n_x) from the end of a simulation to `AFTER` after the end of the trajectory.
+    """States (`STEPS`, n_x) from the end of a simulation to `AFTER` after the end of the
+    trajectory.
 
     ``end``: the last instant of the simulation [s]; ``held``: how much of the time is over there.
     """
@@ -31,7 +33,8 @@ def errors_after_end(found: Run, end: float, held: float) -> np.ndarray:
     affine[:n, :n] = found.rates.jacobian(end, x)
     affine[:n, n] = found.rates.rate(end, x)
     step = expm(affine * max(AFTER - held, 0.0) / STEPS)
-    change, out = np.append(np.zeros(n), 1.0), np.empty((STEPS, n))
+    change = np.append(np.zeros(n), 1.0)
+    out = np.empty((STEPS, n))
     for k in range(STEPS):
         change = step @ change
         out[k] = x + change[:n]

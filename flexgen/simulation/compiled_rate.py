@@ -1,9 +1,12 @@
-"""The right-hand side of the definition's equations of motion in C, and the explicit integrator in C around it.
+"""The right-hand side of the definition's equations of motion in C, and the explicit integrator in
+C around it.
 
-CasADi writes the C of the Lagrange equations, so that nothing here is shared with the recursion, with the emitted
-library or with the solvers. It is compiled once for each model and kept in the user's cache.
+CasADi writes the C of the Lagrange equations, so that nothing here is shared with the recursion,
+with the emitted library or with the solvers. It is compiled once for each model and kept in the
+user's cache.
 
-Source: E. Hairer, S. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 1993, sec. II.5 (DOP853).
+Source: E. Hairer, S. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 1993, sec.
+II.5 (DOP853).
 """
 
 from __future__ import annotations
@@ -25,7 +28,8 @@ from flexgen.simulation.motor_feedback import MotorFeedback
 
 SOURCE = Path(__file__).with_name("dop853.c")
 DONE, MORE, STEP_TOO_SMALL, NOT_FINITE = range(4)
-STAGES, DENSE = 16, 7
+STAGES = 16
+DENSE = 7
 
 
 class _Problem(ctypes.Structure):
@@ -55,8 +59,8 @@ class _Position(ctypes.Structure):
 class CompiledRate:
     """The function ``rate(x, u) -> x'`` in C.
 
-    ``function``: for calls from Python; ``address`` of the C function; ``integers``, ``reals``: sizes of its workspace;
-    ``library``: loaded as long as this exists.
+    ``function``: for calls from Python; ``address`` of the C function; ``integers``, ``reals``:
+    sizes of its workspace; ``library``: loaded as long as this exists.
     """
 
     function: ca.Function
@@ -66,8 +70,12 @@ class CompiledRate:
     library: ctypes.CDLL
 
 
-def compiled_rate(rate: ca.Function, progress: Callable[[str], None] | None) -> CompiledRate | None:
-    """A CasADi function with the name ``rate`` in C; None where there is no C compiler that works."""
+def compiled_rate(
+    rate: ca.Function, progress: Callable[[str], None] | None
+) -> CompiledRate | None:
+    """A CasADi function with the name ``rate`` in C; None where there is no C compiler that
+    works.
+    """
     from flexgen.library.c_module import load_module
     from flexgen.library.casadi_module import casadi_module, external
     from flexgen.library.compiler import find_compiler
@@ -78,7 +86,8 @@ def compiled_rate(rate: ca.Function, progress: Callable[[str], None] | None) -> 
         path = casadi_module(
             rate, None if progress is None else lambda line: progress(f"simulation: {line}")
         )
-        library, function = load_module(path), external("rate", path)
+        library = load_module(path)
+        function = external("rate", path)
     except BuildError:  # the results without C are the same
         return None
     address = ctypes.cast(library.rate, ctypes.c_void_p).value
@@ -93,7 +102,8 @@ class CompiledDop853:
     ----------
     rate : CompiledRate
     given : PPoly
-        The input, a piecewise polynomial: torques, with feedback also the motors' reference angles and speeds.
+        The input, a piecewise polynomial: torques, with feedback also the motors' reference angles
+        and speeds.
     t : array (n,) [s]
         Instants of the results; the first is the start.
     start : array (n_x,)
@@ -120,7 +130,8 @@ class CompiledDop853:
         atol: np.ndarray,
         feedback: MotorFeedback | None = None,
     ) -> None:
-        n, n_u = len(start), given.c.shape[2]
+        n = len(start)
+        n_u = given.c.shape[2]
         extra = np.zeros((STAGES, STAGES))
         extra[:12, :12] = DOP853.A
         extra[13:, :] = DOP853.A_EXTRA
@@ -145,7 +156,9 @@ class CompiledDop853:
         self._memory = np.zeros((STAGES + 4 + DENSE) * n + n_u)
         self._memory[:n] = start
         self.y = self._memory[:n]
-        self._rate, self.failure, self._written = rate, "", ctypes.c_int64(0)
+        self._rate = rate
+        self.failure = ""
+        self._written = ctypes.c_int64(0)
         self._work = np.zeros(rate.integers + 1, np.int64), np.zeros(rate.reals + 1)
         self._problem = _Problem(
             rate=rate.address,
@@ -174,7 +187,9 @@ class CompiledDop853:
         return int(self._position.evaluations)
 
     def advance(self, out: np.ndarray, k: int, most: int) -> int:
-        """Fill ``out`` from row ``k`` on for about ``most`` evaluations; the first row that is not filled yet."""
+        """Fill ``out`` from row ``k`` on for about ``most`` evaluations; the first row that is not
+        filled yet.
+        """
         assert out.flags.c_contiguous and k == self._written.value + 1
         status = self._advance(
             ctypes.byref(self._problem),
@@ -198,6 +213,7 @@ def _advance() -> Any:
 
     function = c_module(SOURCE).simulation_advance
     function.restype = ctypes.c_int
-    pointer, integer = ctypes.c_void_p, ctypes.c_int64
+    pointer = ctypes.c_void_p
+    integer = ctypes.c_int64
     function.argtypes = [pointer, pointer, integer, pointer, pointer, pointer, integer]
     return function

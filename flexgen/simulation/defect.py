@@ -2,9 +2,9 @@
 
     d/dt e = A(t) e + (0, M^-1 r),     defect = max |W e|
 
-with the linearization along the motion and the residual r between the samples. It measures how well motion and torque
-belong together, not where the robot goes: in directions that grow, which no torque keeps without feedback, ``e`` is set
-to zero at instants along the motion.
+with the linearization along the motion and the residual r between the samples. It measures how
+well motion and torque belong together, not where the robot goes: in directions that grow, which no
+torque keeps without feedback, ``e`` is set to zero at instants along the motion.
 """
 
 from __future__ import annotations
@@ -41,12 +41,15 @@ def propagate_residual(
     unstable : bool
         Leave out the directions that grow.
     """
-    model, n, at = equations.model, along.A.shape[-1] // 2, along.at
+    model = equations.model
+    n = along.A.shape[-1] // 2
+    at = along.at
     count = np.diff(at)
     h = along.lengths / count
     half = expm(along.means * (h / 2)[:, None, None])
     W = _output_rows(equations, motion.q_a[at])
-    error, out = np.zeros(2 * n), []
+    error = np.zeros(2 * n)
+    out = []
     every = max(1, -(-len(h) // PROJECTIONS))
     slowest = TENFOLD / max(float(along.lengths.sum()), 1e-9)
     for k, step in enumerate(half):
@@ -57,7 +60,8 @@ def propagate_residual(
             out.append(W[k] @ error[: model.n_a])
         if unstable and k % every == 0:
             error = error - _growing_part(along.A[k], slowest) @ error
-    found, units = np.array(out), np.array(_units(equations))
+    found = np.array(out)
+    units = np.array(_units(equations))
     in_m, in_rad = (
         float(np.linalg.norm(found[:, units == u], axis=1).max()) if (units == u).any() else None
         for u in ("m", "rad")
@@ -78,8 +82,11 @@ def _units(equations: Equations) -> list[str]:
 
 
 def _growing_part(A: np.ndarray, slowest: float) -> np.ndarray:
-    """Projector to the directions of ``A`` that grow faster than ``slowest`` [1/s], along all others."""
+    """Projector to the directions of ``A`` that grow faster than ``slowest`` [1/s], along all
+    others.
+    """
     _, right, count = schur(A, sort=lambda re, im=0.0: re > slowest)
     _, left, _ = schur(A.T, sort=lambda re, im=0.0: re > slowest)
-    U, L = right[:, :count], left[:, :count]
+    U = right[:, :count]
+    L = left[:, :count]
     return U @ np.linalg.solve(L.T @ U, L.T) if count else np.zeros_like(A)

@@ -18,7 +18,8 @@ BESIDE = 30.0
 class Mode:
     """A mode of the linearized equations of motion.
 
-    ``value`` [1/s]: its eigenvalue; ``place``: the motor or coordinate whose speed it changes most.
+    ``value`` [1/s]: its eigenvalue; ``place``: the motor or coordinate whose speed it changes
+    most.
     """
 
     value: complex

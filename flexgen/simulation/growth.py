@@ -1,15 +1,15 @@
 """Growth of perturbations of the open loop along a motion.
 
-An upright arm under a given torque is an inverted pendulum: rounding errors of 1e-16 and tolerances of 1e-12 grow
-exponentially, and a forward simulation shows their growth instead of the error of the torque. The variational equation
-along the motion
+An upright arm under a given torque is an inverted pendulum: rounding errors of 1e-16 and
+tolerances of 1e-12 grow exponentially, and a forward simulation shows their growth instead of the
+error of the torque. The variational equation along the motion
 
     d/dt dx = A(t) dx,     A from M(q) dq'' + D dq' + K dq = 0,     Phi(t, s) its transition matrix
 
-gives the factor: the growth from s to t is the norm of the block of ``Phi`` that takes positions to
-positions (motors on the arm side). A force f of a process on the tool adds its stiffness
--d(J' f)/dq to K. ``A`` is constant on each interval of a grid. Samples at rest at the end are left
-out: the growth is that of the movement, and of a time after it in which the last torque is held.
+gives the factor: the growth from s to t is the norm of the block of ``Phi`` that takes positions
+to positions (motors on the arm side). A force f of a process on the tool adds its stiffness -d(J'
+f)/dq to K. ``A`` is constant on each interval of a grid. Samples at rest at the end are left out:
+the growth is that of the movement, and of a time after it in which the last torque is held.
 """
 
 from __future__ import annotations
@@ -29,22 +29,28 @@ from flexgen.numerics.evaluate import evaluate
 from flexgen.simulation.result import AFTER
 from flexgen.trajectory import Trajectory
 
-STEP, FEWEST, MOST = 1e-2, 50, 1000  # of the grid: its step [s], intervals
+# of the grid: its step [s], intervals
+STEP = 1e-2
+FEWEST = 50
+MOST = 1000
 PHASE = 0.4  # rad: between instants of the grid, of the fastest Fourier sum of a motor angle
 MOST_HARMONIC = 8000  # intervals that resolve it, at most: some seconds of matrix exponentials
 # Matrix exponentials between two looks at the time limit: some 0.1 s of 24 states.
 BLOCK = 200
-# Part of the duration up to which two instants are the same: rounding of times, far below a sample.
+# Part of the duration up to which two instants are the same: rounding of times, far below a
+# sample.
 SAME = 1e-12
-AT_REST, AT_REST_ABS = 1e-4, 1e-9  # of the largest speed; rad/s or m/s: rounding
+AT_REST = 1e-4  # of the largest speed
+AT_REST_ABS = 1e-9  # rad/s or m/s: rounding
 
 
 @dataclass(frozen=True)
 class Motion:
-    """Motion and torque at n instants ``t``: arm ``q_a v_a a_a`` (n, n_a), motors ``q_m v_m a_m tau_m`` (n, n_m).
+    """Motion and torque at n instants ``t``: arm ``q_a v_a a_a`` (n, n_a), motors
+    ``q_m v_m a_m tau_m`` (n, n_m).
 
-    ``force`` (n, 6): force and torque on the tool; ``tau_h`` (n, n_g): torques of the gears' hysteresis, ``tau_b``
-    (n, n_m): of the bristles of the motors; None: nothing.
+    ``force`` (n, 6): force and torque on the tool; ``tau_h`` (n, n_g): torques of the gears'
+    hysteresis, ``tau_b`` (n, n_m): of the bristles of the motors; None: nothing.
     """
 
     t: np.ndarray
@@ -80,7 +86,8 @@ def motion_of(robot: RobotModel, data: Trajectory, given: dict[str, np.ndarray])
             return None
         found[name] = data[name][:, [data.labels[name].index(label) for label in labels]]
     finite = all(np.isfinite(x).all() for x in found.values())
-    force, (tau_h, tau_b) = given.get("force"), map(data.channels.get, ("tau_h", "tau_b"))
+    force = given.get("force")
+    (tau_h, tau_b) = map(data.channels.get, ("tau_h", "tau_b"))
     return Motion(data.time, **found, force=force, tau_h=tau_h, tau_b=tau_b) if finite else None
 
 
@@ -88,9 +95,9 @@ def motion_of(robot: RobotModel, data: Trajectory, given: dict[str, np.ndarray])
 class Linearized:
     """Linearization at instants of a grid over a movement, with all positions on the arm side.
 
-    ``at`` (k + 1,): its samples; ``lengths`` (k,) [s]: of its intervals; ``A`` (k + 1, 2n, 2n); ``force``
-    (k + 1, n, n): accelerations from the forces in the equations of motion; ``rest`` [s]: from the grid's end
-    to the last sample.
+    ``at`` (k + 1,): its samples; ``lengths`` (k,) [s]: of its intervals; ``A`` (k + 1, 2n, 2n);
+    ``force`` (k + 1, n, n): accelerations from the forces in the equations of motion; ``rest``
+    [s]: from the grid's end to the last sample.
     """
 
     at: np.ndarray
@@ -106,8 +113,11 @@ class Linearized:
 
 
 def linearize_along(equations: Equations, motion: Motion) -> Linearized:
-    """The linearization along a motion until it is at rest; along all of it where nothing moves."""
-    model, t = equations.model, motion.t
+    """The linearization along a motion until it is at rest; along all of it where nothing
+    moves.
+    """
+    model = equations.model
+    t = motion.t
     last = _last_moving(motion.v_a)
     count = int(np.clip((t[last] - t[0]) / STEP, FEWEST, MOST))
     # an instant of the grid that is a sample up to rounding is that sample, not the next one
@@ -136,7 +146,8 @@ def linearize_along(equations: Equations, motion: Motion) -> Linearized:
     check_inertia(model, M)
     side = np.ones(n)
     side[model.n_a :] = np.abs(model.eta).max(axis=1)[list(model.i_m)]
-    A, force = np.zeros((len(at), 2 * n, 2 * n)), np.linalg.inv(M) / side[:, None]
+    A = np.zeros((len(at), 2 * n, 2 * n))
+    force = np.linalg.inv(M) / side[:, None]
     A[:, :n, n:] = np.eye(n)
     A[:, n:, :n], A[:, n:, n:] = (np.linalg.solve(M, -x) / side[:, None] * side for x in (K, D))
     return Linearized(at, np.diff(t[at]), A, force, float(t[-1] - t[last]))
@@ -167,8 +178,8 @@ def _last_moving(v_a: np.ndarray) -> int:
 class Growth:
     """Largest growth of a perturbation from the start of a motion to an instant of it.
 
-    ``movement``: until ``held`` after the arm has come to rest, where it does; ``whole``: until ``held`` after the last
-    sample, ``later``: until `AFTER` after it.
+    ``movement``: until ``held`` after the arm has come to rest, where it does; ``whole``: until
+    ``held`` after the last sample, ``later``: until `AFTER` after it.
     """
 
     movement: float
@@ -178,7 +189,8 @@ class Growth:
 
 def growth_along(along: Linearized, held: float = 0.0) -> Growth:
     """The growth along a motion, and with its last torque held for ``held`` [s] after it."""
-    steps, n = _exponentials(along.means * along.lengths[:, None, None]), along.A.shape[-1] // 2
+    steps = _exponentials(along.means * along.lengths[:, None, None])
+    n = along.A.shape[-1] // 2
     more = [
         round(seconds / STEP)
         for seconds in (held, along.rest + held, along.rest + max(held, AFTER))
@@ -193,7 +205,9 @@ def growth_along(along: Linearized, held: float = 0.0) -> Growth:
 
 
 def _exponentials(matrices: np.ndarray) -> np.ndarray:
-    """Matrix exponentials (k, m, m); with thousands of matrices a time limit can end in between."""
+    """Matrix exponentials (k, m, m); with thousands of matrices a time limit can end in
+    between.
+    """
     found = np.empty_like(matrices)
     for first in range(0, len(matrices), BLOCK):
         check_time(f"growth of perturbations, interval {first} of {len(matrices)}")
@@ -203,10 +217,14 @@ def _exponentials(matrices: np.ndarray) -> np.ndarray:
 
 def _log_growth(steps: np.ndarray, n: int) -> np.ndarray:
     """Logarithm of the growth from the start of the first step to the end of each, (k,)."""
-    product, size, out = np.eye(2 * n), 0.0, np.empty(len(steps))
+    product = np.eye(2 * n)
+    size = 0.0
+    out = np.empty(len(steps))
     for k, step in enumerate(steps):
         product = step @ product
         scale = float(np.linalg.norm(product))
-        product, size = product / scale, size + np.log(scale)  # growth of any size without overflow
+        # growth of any size without overflow
+        product = product / scale
+        size = size + np.log(scale)
         out[k] = size + np.log(max(float(np.linalg.norm(product[:n, :n], 2)), 1e-300))
     return out

@@ -1,22 +1,25 @@
 """Hold: the motor torque between the ticks of a controller, and the values that it has to send.
 
-A controller sends one torque at each tick ``t_k``, a multiple of its sample time ``T`` after the start of the
-trajectory. The motor has this torque from ``s_k = t_k + delay`` on. Between ``s_k`` and ``s_(k+1)`` the drive
+A controller sends one torque at each tick ``t_k``, a multiple of its sample time ``T`` after the
+start of the trajectory. The motor has this torque from ``s_k = t_k + delay`` on. Between ``s_k``
+and ``s_(k+1)`` the drive
 
 * ``"zoh"`` holds it (zero-order hold),
 * ``"linear"`` follows a straight line to the next one,
 * ``"spline"`` follows the quintic spline through all of them.
 
-Samples of the continuous torque tau are the wrong values for the first two: a held sample is late by ``T / 2``, and a
-chord lies on the inner side of a curve. The values are chosen such that the signal at the motor has the same slow part
-as tau, up to terms of order ``T^4``:
+Samples of the continuous torque tau are the wrong values for the first two: a held sample is late
+by ``T / 2``, and a chord lies on the inner side of a curve. The values are chosen such that the
+signal at the motor has the same slow part as tau, up to terms of order ``T^4``:
 
-    zoh      u_k = m_k - (m_(k-1) - 2 m_k + m_(k+1)) / 12,     m_k the mean of tau from s_k to s_(k+1)
+    zoh      u_k = m_k - (m_(k-1) - 2 m_k + m_(k+1)) / 12,
+    m_k the mean of tau from s_k to s_(k+1)
     linear   u   = the straight lines with the least squared distance from tau
 
-The means alone leave an error of ``T^2 / 12`` times the acceleration that tau causes, because a mean smooths tau and
-the hold smooths the means again; the second difference takes this back. Where limits are active, the values are the
-means alone, and those of the straight lines stay within the largest and smallest torque.
+The means alone leave an error of ``T^2 / 12`` times the acceleration that tau causes, because a
+mean smooths tau and the hold smooths the means again; the second difference takes this back. Where
+limits are active, the values are the means alone, and those of the straight lines stay within the
+largest and smallest torque.
 """
 
 from __future__ import annotations
@@ -104,11 +107,13 @@ class TorqueCommand:
         return arrivals[[0, -1]] if self.hold == "spline" else arrivals
 
     def between(self, begin: float, end: float) -> PPoly:
-        """The torque of the motors (n_m,), a polynomial of the instant from ``begin`` to ``end`` without edges between.
+        """The torque of the motors (n_m,), a polynomial of the instant from ``begin`` to ``end``
+        without edges between.
 
         Before the first edge it is the first torque, after the last one the last.
         """
-        edges, values = self.edges, self.values
+        edges = self.edges
+        values = self.values
         k = int(np.searchsorted(edges, (begin + end) / 2)) - 1
         if k < 0 or k >= len(edges) - 1:
             return constant(values[0 if k < 0 else -1], begin, end)
@@ -120,8 +125,11 @@ class TorqueCommand:
         return PPoly(np.stack([rate, values[k]])[:, None, :], edges[k : k + 2])
 
     def at(self, instants: np.ndarray) -> np.ndarray:
-        """The torque of the motors (k, n_m) at instants (k,) [s]; at an edge that of the interval that begins there."""
-        arrivals, values = self.time + self.delay, self.values
+        """The torque of the motors (k, n_m) at instants (k,) [s]; at an edge that of the interval
+        that begins there.
+        """
+        arrivals = self.time + self.delay
+        values = self.values
         if self.hold == "zoh":
             return np.asarray(
                 values[(np.searchsorted(arrivals, instants, side="right") - 1).clip(0)]
@@ -131,7 +139,9 @@ class TorqueCommand:
         return np.asarray(curve(np.clip(instants, arrivals[0], arrivals[-1])))
 
     def trajectory(self) -> Trajectory:
-        """Ticks and torques as a trajectory with the channel ``tau_m``; ``meta`` has hold, sample time and delay."""
+        """Ticks and torques as a trajectory with the channel ``tau_m``; ``meta`` has hold, sample
+        time and delay.
+        """
         port = Port("tau_m", (len(self.labels),), "N m", "motor torques to send, motor side")
         meta = {"hold": self.hold, "sample_time": self.sample_time, "delay": self.delay}
         return Trajectory(
@@ -143,7 +153,9 @@ class TorqueCommand:
         )
 
     def save(self, path: str | Path) -> Path:
-        """Write ticks and torques to a ``.csv`` or ``.npz`` file, see `flexgen.Trajectory.save`."""
+        """Write ticks and torques to a ``.csv`` or ``.npz`` file, see
+        `flexgen.Trajectory.save`.
+        """
         return self.trajectory().save(path)
 
 
@@ -171,18 +183,24 @@ class PolynomialTorque(TorqueCommand):
         return self.time
 
     def between(self, begin: float, end: float) -> PPoly:
-        """The torque (n_m,) as a polynomial of the instant between two edges; constant before and after all."""
+        """The torque (n_m,) as a polynomial of the instant between two edges; constant before and
+        after all.
+        """
         k = int(np.searchsorted(self.time, (begin + end) / 2)) - 1
         if k < 0 or k >= len(self.time) - 1:
             return constant(self.values[0 if k < 0 else -1], begin, end)
         return PPoly(self.curve.c[:, k : k + 1], self.time[k : k + 2])
 
     def at(self, instants: np.ndarray) -> np.ndarray:
-        """The torque (k, n_m) at instants (k,) [s]; at an edge that of the interval that begins there."""
+        """The torque (k, n_m) at instants (k,) [s]; at an edge that of the interval that begins
+        there.
+        """
         return np.asarray(self.curve(np.clip(instants, self.time[0], self.time[-1])))
 
     def trajectory(self) -> Trajectory:
-        """Samples of the polynomials as a trajectory with the channel ``tau_m``; ``meta`` has their degree."""
+        """Samples of the polynomials as a trajectory with the channel ``tau_m``; ``meta`` has
+        their degree.
+        """
         share = np.arange(SAMPLES) / SAMPLES
         time = np.append(
             (self.time[:-1, None] + np.diff(self.time)[:, None] * share).ravel(), self.time[-1]
@@ -202,7 +220,8 @@ class PolynomialTorque(TorqueCommand):
 def command_in(
     time: np.ndarray, values: np.ndarray, labels: tuple[str, ...], meta: Mapping[str, Any]
 ) -> TorqueCommand | None:
-    """The torques that a controller sent, where a trajectory states how its drive held them, or that they jump.
+    """The torques that a controller sent, where a trajectory states how its drive held them, or
+    that they jump.
 
     Parameters
     ----------
@@ -212,8 +231,8 @@ def command_in(
     labels : tuple of str
         Names of the motors.
     meta : mapping
-        Of the trajectory: ``hold``, and with ``"linear"`` or ``"zoh"`` also ``sample_time`` and ``delay`` [s];
-        ``torque_degree`` of torques that are polynomials with jumps.
+        Of the trajectory: ``hold``, and with ``"linear"`` or ``"zoh"`` also ``sample_time`` and
+        ``delay`` [s]; ``torque_degree`` of torques that are polynomials with jumps.
 
     Returns
     -------
@@ -228,21 +247,20 @@ def command_in(
     degree = read_degree(meta)
     if degree is not None:
         curve = interval_polynomials(time, values, degree)
-        ends, own = (
-            time[::SAMPLES],
-            {key: meta[key] for key in ("model", "variant", "move") if key in meta},
-        )
+        ends = time[::SAMPLES]
+        own = {key: meta[key] for key in ("model", "variant", "move") if key in meta}
         step = float(np.diff(ends).mean())
         return PolynomialTorque(ends, values[::SAMPLES], labels, "spline", step, 0.0, own, curve)
     hold = meta.get("hold")
     if hold is None or hold == "spline":
         return None
-    sample_time, delay = meta.get("sample_time"), meta.get("delay", 0.0)
+    sample_time = meta.get("sample_time")
+    delay = meta.get("delay", 0.0)
     check_hold(hold, sample_time, delay)
     if sample_time is None or np.abs(np.diff(time) - sample_time).max() > 1e-6 * sample_time:
         raise ArgumentError(
-            f"trajectory: given torques held for the sample time {sample_time!r} s at other instants, expected rows "
-            "one sample time apart"
+            f"trajectory: given torques held for the sample time {sample_time!r} s at other "
+            "instants, expected rows one sample time apart"
         )
     return TorqueCommand(time, values, labels, hold, float(sample_time), float(delay), {})
 
@@ -263,7 +281,8 @@ def hold_torque(
     ----------
     t : array (n,) [s]
     tau : array (n, n_m) [N m]
-        Samples of the continuous torque, which is constant before the first and after the last one.
+        Samples of the continuous torque, which is constant before the first and after the last
+        one.
     hold : str
         ``"spline"``, ``"linear"`` or ``"zoh"``.
     sample_time : float [s]
@@ -278,7 +297,8 @@ def hold_torque(
     Returns
     -------
     time : array (k,) [s]
-        Multiples of the sample time from ``t[0]``; the first torque is at the motor at ``t[0]`` or before it.
+        Multiples of the sample time from ``t[0]``; the first torque is at the motor at ``t[0]`` or
+        before it.
     values : array (k, n_m) [N m]
         The last row is ``tau[-1]``.
 
@@ -292,8 +312,8 @@ def hold_torque(
     last = int(np.ceil((t[-1] - t[0] - delay) / sample_time - SAME))
     if last - first > MOST:
         raise ArgumentError(
-            f"sample_time: given {sample_time:.3g} s, which makes {last - first} ticks, expected at most {MOST}; take "
-            "a longer sample time"
+            f"sample_time: given {sample_time:.3g} s, which makes {last - first} ticks, "
+            f"expected at most {MOST}; take a longer sample time"
         )
     time = t[0] + sample_time * np.arange(first, max(last, first + 1) + 1)
     curve = extend_constant(t, tau, limited, degree)
@@ -331,7 +351,9 @@ def extend_constant(
 def _moments(
     t: np.ndarray, curve: Callable[[np.ndarray], np.ndarray], edges: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Means of ``(1 - x) tau`` and of ``x tau`` on each interval between two edges, where x goes from 0 to 1."""
+    """Means of ``(1 - x) tau`` and of ``x tau`` on each interval between two edges, where x goes
+    from 0 to 1.
+    """
     inside = t[(t > edges[0]) & (t < edges[-1])]
     ends = np.unique(np.concatenate([edges, inside]))
     own = np.searchsorted(edges, (ends[:-1] + ends[1:]) / 2) - 1  # the interval of each piece
@@ -354,7 +376,8 @@ def _second_difference(values: np.ndarray) -> np.ndarray:
 
 
 def _projection(ends: np.ndarray, left: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Values at the edges of the straight lines with the least squared distance, the first and last as in ``ends``.
+    """Values at the edges of the straight lines with the least squared distance, the first and
+    last as in ``ends``.
 
     ``(u_(k-1) + 4 u_k + u_(k+1)) / 6 = right_(k-1) + left_k``.
     """

@@ -5,4 +5,8 @@ from __future__ import annotations
 from typing import Literal
 
 HoldName = Literal["spline", "linear", "zoh"]
-HOLDS: dict[HoldName, str] = {"spline": "spline", "linear": "linear hold", "zoh": "zero-order hold"}
+HOLDS: dict[HoldName, str] = {
+    "spline": "spline",
+    "linear": "linear hold",
+    "zoh": "zero-order hold",
+}

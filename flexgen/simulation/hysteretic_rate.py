@@ -1,4 +1,6 @@
-"""Equations of motion of robots whose gears have hysteresis, or motors bristles, with their torques as states."""
+"""Equations of motion of robots whose gears have hysteresis, or motors bristles, with their
+torques as states.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,9 @@ from flexgen.spec.parts import GearFriction
 
 
 def generalized_force(model: RobotModel, z: ca.SX, q_m: ca.SX) -> ca.SX:
-    """Forces on y = (q_a, q_me) (n,) of additional gear torques ``z`` (n_g,) [N m]; ``q_m`` (n_m,): motor angles."""
+    """Forces on y = (q_a, q_me) (n,) of additional gear torques ``z`` (n_g,) [N m]; ``q_m``
+    (n_m,): motor angles.
+    """
     forces = ca.SX.zeros(model.dof)
     on_motors = ca.mtimes(gear_rates(model, q_m).T, z)
     for k, i in enumerate(model.i_g):
@@ -28,12 +32,12 @@ def generalized_force(model: RobotModel, z: ca.SX, q_m: ca.SX) -> ca.SX:
 
 
 def friction_changes(equations: Equations, z: ca.SX) -> ca.SX:
-    """Changes of the friction torques (n_m,) [N m] by additional gear torques ``z`` (n_g,), part of the load."""
-    model, lag, changes = (
-        equations.with_symbols,
-        equations.lagrangian,
-        ca.SX.zeros(equations.model.n_m),
-    )
+    """Changes of the friction torques (n_m,) [N m] by additional gear torques ``z`` (n_g,), part
+    of the load.
+    """
+    model = equations.with_symbols
+    lag = equations.lagrangian
+    changes = ca.SX.zeros(equations.model.n_m)
     on_motors = ca.mtimes(gear_rates(model, lag.q_m).T, z)
     for j, motor in enumerate(model.motors):
         if isinstance(motor.friction, GearFriction) and motor.friction.loaded:
@@ -48,7 +52,8 @@ def friction_changes(equations: Equations, z: ca.SX) -> ca.SX:
 
 def deflection_rates(equations: Equations) -> ca.SX:
     """Rates d' (n_g,) of the deflections of all gears, arm side [rad/s]."""
-    model, lag = equations.model, equations.lagrangian
+    model = equations.model
+    lag = equations.lagrangian
     rates = gear_rates(equations.with_symbols, lag.q_m)
     return ca.mtimes(rates, motor_speeds(equations)) - lag.chain.v_a[list(model.i_g)]
 
@@ -66,7 +71,8 @@ def motor_force(model: RobotModel, tau: ca.SX) -> ca.SX:
 
 def motor_speeds(equations: Equations) -> ca.SX:
     """Speeds (n_m) of all motors; those behind rigid gears follow their joints."""
-    model, lag = equations.model, equations.lagrangian
+    model = equations.model
+    lag = equations.lagrangian
     geared = ca.mtimes(ca.SX(ca.DM(model.eta)), lag.chain.v_a[list(model.i_g)])
     return ca.vertcat(*[lag.v_m[j] if j in model.i_m else geared[j] for j in range(model.n_m)])
 
@@ -79,10 +85,12 @@ def slip_torques(model: RobotModel) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Memory:
-    """Torques with states in addition to the equations of motion, expressions in the symbols of the Lagrangian.
+    """Torques with states in addition to the equations of motion, expressions in the symbols of
+    the Lagrangian.
 
-    ``z``: torques of the layers of all gears, n_g each, where one has hysteresis, then torques s0 z of the bristles of
-    all motors (n_m) where one has them; ``forces`` (n,) on y; ``rates`` of z; ``taken``: power that they take up [W].
+    ``z``: torques of the layers of all gears, n_g each, where one has hysteresis, then torques s0
+    z of the bristles of all motors (n_m) where one has them; ``forces`` (n,) on y; ``rates`` of z;
+    ``taken``: power that they take up [W].
     """
 
     z: ca.SX
@@ -93,14 +101,17 @@ class Memory:
 
 def memory_of(equations: Equations) -> Memory:
     """The torques with states of a model, their rates and the forces that they exert."""
-    model, lag = equations.model, equations.lagrangian
-    layers, motors, rates, taken = gear_layers(model), motor_bristles(model), [], ca.SX(0)
-    z, forces = ca.SX.sym("z", len(slip_torques(model))), ca.SX.zeros(model.dof)
+    model = equations.model
+    lag = equations.lagrangian
+    layers = gear_layers(model)
+    motors = motor_bristles(model)
+    rates = []
+    taken = ca.SX(0)
+    z = ca.SX.sym("z", len(slip_torques(model)))
+    forces = ca.SX.zeros(model.dof)
     if any(layer.present.any() for layer in layers):
-        parts, rate = (
-            ca.vertsplit(z[: len(layers) * model.n_g], model.n_g),
-            deflection_rates(equations),
-        )
+        parts = ca.vertsplit(z[: len(layers) * model.n_g], model.n_g)
+        rate = deflection_rates(equations)
         z_g = sum(parts[1:], parts[0])
         braked = friction_changes(equations, z_g)
         forces += generalized_force(model, z_g, lag.q_m) - motor_force(model, braked)
@@ -117,17 +128,21 @@ def memory_of(equations: Equations) -> Memory:
 
 
 def hysteretic_rate(equations: Equations) -> tuple[list[ca.SX], list[ca.SX]]:
-    """Rates of the motion, and of torques of hysteresis and bristles, for the definition's equations of motion.
+    """Rates of the motion, and of torques of hysteresis and bristles, for the definition's
+    equations of motion.
 
     Returns
     -------
     inputs : list
-        State (q_a, q_me, v_a, v_me) (2 n); ``z`` of `Memory`; motor torques (n_m); then the force on the tool (6,)
-        where the equations have one.
+        State (q_a, q_me, v_a, v_me) (2 n); ``z`` of `Memory`; motor torques (n_m); then the force
+        on the tool (6,) where the equations have one.
     outputs : list
-        Rate of the state (2 n), of the torques, and the power that goes into hysteresis and bristles [W].
+        Rate of the state (2 n), of the torques, and the power that goes into hysteresis and
+        bristles [W].
     """
-    lag, (y, dy, _), made = equations.lagrangian, equations.y, memory_of(equations)
+    lag = equations.lagrangian
+    (y, dy, _) = equations.y
+    made = memory_of(equations)
     acceleration = equations.acceleration_under(made.forces)
     x = ca.SX.sym("x", 2 * equations.model.dof)
     outputs = ca.substitute(

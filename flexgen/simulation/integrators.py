@@ -1,18 +1,19 @@
 """Integration of the equations of motion: explicit, and implicit where the problem is stiff.
 
-The explicit Runge-Kutta method of order 8 needs steps as short as the fastest decaying part, also where that part has
-decayed long ago: sharp friction of a light rotor makes it take millions of evaluations. Where it needs more than `RATE`
-evaluations for each second of motion and `EACH` for each instant, and the fastest mode decays,
+The explicit Runge-Kutta method of order 8 needs steps as short as the fastest decaying part, also
+where that part has decayed long ago: sharp friction of a light rotor makes it take millions of
+evaluations. Where it needs more than `RATE` evaluations for each second of motion and `EACH` for
+each instant, and the fastest mode decays,
 LSODA continues from the state that was reached; it changes by itself between Adams methods and
 backward differentiation formulas, whose steps follow the motion alone. Where the fastest mode
 oscillates, as with a very stiff gear without damping, it does not decay, and the explicit method
 stays.
 
-With a C compiler the explicit method and the right-hand side run in C, else in scipy and CasADi; the steps are the
-same.
+With a C compiler the explicit method and the right-hand side run in C, else in scipy and CasADi;
+the steps are the same.
 
-Source: E. Hairer, S. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 1993, sec. II.5 (DOP853);
-L. Petzold, SIAM J. Sci. Stat. Comput. 4(1), 1983 (LSODA).
+Source: E. Hairer, S. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 1993, sec.
+II.5 (DOP853); L. Petzold, SIAM J. Sci. Stat. Comput. 4(1), 1983 (LSODA).
 """
 
 from __future__ import annotations
@@ -38,32 +39,37 @@ if TYPE_CHECKING:
 # a few minutes of the explicit method; a long motion may take LONG each second
 EVALUATIONS = 5_000_000
 LONG = 3e5
-# evaluations for each radian of the fastest mode where that oscillates: the explicit method follows
-# it with twenty. It needs more where its errors of rounding are above the tolerance
+# evaluations for each radian of the fastest mode where that oscillates: the explicit method
+# follows it with twenty. It needs more where its errors of rounding are above the tolerance
 EACH_TURN = 400.0
 RATE = 1e6  # evaluations for each second of motion: above it the problem is stiff
 # for each instant, where the torque has another piece: not stiff below it (a step takes twelve)
 EACH = 60.0
 BLOCK = 5_000  # evaluations over which the rate is measured
-RTOL_STIFF, ATOL_STIFF = 1e-10, 1e-11  # below them the implicit method solves for rounding
+# below them the implicit method solves for rounding
+RTOL_STIFF = 1e-10
+ATOL_STIFF = 1e-11
 EVALUATIONS_STIFF = 400_000  # about a minute of the implicit method
 # least part of the motion within this number of evaluations of the implicit method
-ADVANCE, PATIENCE = 1e-3, 100_000
-# 1/s: a mode that decays faster has a step below 1e-9 s in a motion of seconds, where rounding ends
-# the implicit method
+ADVANCE = 1e-3
+PATIENCE = 100_000
+# 1/s: a mode that decays faster has a step below 1e-9 s in a motion of seconds, where rounding
+# ends the implicit method
 FASTEST = 1e9
 # 1/s: the implicit method takes minutes for each second of a faster oscillation
 FASTEST_TURN = 1e4
-EXPLICIT, IMPLICIT = "DOP853", "LSODA"
+EXPLICIT = "DOP853"
+IMPLICIT = "LSODA"
 
 
 @dataclass(frozen=True)
 class Rates:
     """The right-hand side ``x' = f(x, u(t))`` of the robot and its two observers, work and loss.
 
-    ``rate(t, x)`` and ``jacobian(t, x)``: (n,) and (n, n), the rows and columns of the observers zero in the latter.
-    ``compiled``: the rate of the robot in C, a function of state and torque; None: there is no compiler. ``given``:
-    u(t). ``feedback``: motor feedback, whose integrals come last in the state; None: open loop.
+    ``rate(t, x)`` and ``jacobian(t, x)``: (n,) and (n, n), the rows and columns of the observers
+    zero in the latter. ``compiled``: the rate of the robot in C, a function of state and torque;
+    None: there is no compiler. ``given``: u(t). ``feedback``: motor feedback, whose integrals come
+    last in the state; None: open loop.
     ``model``: the robot, for reasons that name its parts.
     """
 
@@ -95,7 +101,9 @@ class Rates:
 
 @dataclass(frozen=True)
 class Integration:
-    """States at the instants (n, n_x), evaluations of the right-hand side, and the method that did the last step."""
+    """States at the instants (n, n_x), evaluations of the right-hand side, and the method that did
+    the last step.
+    """
 
     states: np.ndarray
     evaluations: int
@@ -106,7 +114,9 @@ class _Scipy:
     """A method of scipy; attributes and ``advance`` as those of `CompiledDop853`."""
 
     def __init__(self, solver: OdeSolver, t: np.ndarray) -> None:
-        self.solver, self.instants, self.failure = solver, t, ""
+        self.solver = solver
+        self.instants = t
+        self.failure = ""
 
     @property
     def t(self) -> float:
@@ -121,7 +131,9 @@ class _Scipy:
         return int(self.solver.nfev)
 
     def advance(self, out: np.ndarray, k: int, most: int) -> int:
-        solver, t, until = self.solver, self.instants, self.nfev + most
+        solver = self.solver
+        t = self.instants
+        until = self.nfev + most
         while k < len(t) and solver.nfev < until:
             message = solver.step()
             if solver.status == "failed" or not np.isfinite(solver.y).all():
@@ -183,7 +195,8 @@ def integrate(
         Instants of the results.
     rtol : float
     atol : array (n_x,)
-        Tolerances of the explicit method; the implicit one takes none below `RTOL_STIFF`, `ATOL_STIFF`.
+        Tolerances of the explicit method; the implicit one takes none below `RTOL_STIFF`,
+        `ATOL_STIFF`.
     progress : callable, optional
         Called with one line of text about once a second.
 
@@ -195,8 +208,12 @@ def integrate(
     out = np.empty((len(t), len(start)))
     out[0] = start
     solver = _explicit(loop, t, 1, start, (rtol, atol))
-    before, method, k, reported = 0, EXPLICIT, 1, time.perf_counter()
-    mark, fast = (float(t[0]), 0), max(RATE, EACH / float(np.diff(t).mean()) if len(t) > 1 else 0.0)
+    before = 0
+    method = EXPLICIT
+    k = 1
+    reported = time.perf_counter()
+    mark = (float(t[0]), 0)
+    fast = max(RATE, EACH / float(np.diff(t).mean()) if len(t) > 1 else 0.0)
     most = max(EVALUATIONS, LONG * (t[-1] - t[0]))
     while k < len(t):
         check_time(f"simulation at t = {solver.t:.6g} of {t[-1]:.6g} s")
@@ -231,7 +248,8 @@ def integrate(
         if progress is not None and time.perf_counter() - reported > 1.0:
             reported = time.perf_counter()
             progress(
-                f"simulation: t = {solver.t:7.3f} of {t[-1]:.3f} s, {evaluations} evaluations, {method}"
+                f"simulation: t = {solver.t:7.3f} of {t[-1]:.3f} s, {evaluations} evaluations, "
+                f"{method}"
             )
     return Integration(out, before + solver.nfev, method)
 
@@ -289,14 +307,16 @@ def _failure_text(loop: Rates, solver: _Solver) -> str:
 def _check_advance(
     solver: _Solver, mark: tuple[float, int], t: np.ndarray, why: Callable[..., str] | None = None
 ) -> tuple[float, int]:
-    """SolverError where the implicit method does not advance; else instant and evaluations of the last check."""
+    """SolverError where the implicit method does not advance; else instant and evaluations of the
+    last check.
+    """
     if solver.nfev - mark[1] < PATIENCE and solver.nfev < EVALUATIONS_STIFF:
         return mark
     if solver.nfev >= EVALUATIONS_STIFF or solver.t - mark[0] < ADVANCE * (t[-1] - t[0]):
         cause = "" if why is None else why(solver.t, solver.y)
         raise SolverError(
-            f"simulation: stopped at t = {solver.t:.6g} of {t[-1]:.6g} s after {solver.nfev} evaluations of the "
-            "implicit method: the equations of motion are stiff and their solution has steep layers"
-            f"{': ' * bool(cause)}{cause}"
+            f"simulation: stopped at t = {solver.t:.6g} of {t[-1]:.6g} s after {solver.nfev} "
+            "evaluations of the implicit method: the equations of motion are stiff and their "
+            f"solution has steep layers{': ' * bool(cause)}{cause}"
         )
     return solver.t, solver.nfev

@@ -1,8 +1,9 @@
-"""Continuous feedback of the motor angles around a trajectory, for simulations of motions that are unstable without it.
+"""Continuous feedback of the motor angles around a trajectory, for simulations of motions that are
+unstable without it.
 
-An upright robot falls under any torque with a rounding error. The drives of a real robot close a loop around the motor
-angle. The default is the P-PI cascade of `flexgen.control` with its default frequencies, here continuous: no sampling,
-delay, noise, filter or torque limit.
+An upright robot falls under any torque with a rounding error. The drives of a real robot close a
+loop around the motor angle. The default is the P-PI cascade of `flexgen.control` with its default
+frequencies, here continuous: no sampling, delay, noise, filter or torque limit.
 """
 
 from __future__ import annotations
@@ -18,7 +19,8 @@ from flexgen.mechanics.equations import Equations
 class MotorFeedback:
     """P-PI feedback of every motor, motor side.
 
-        w = v_ref + position_gain (q_ref - q) - v,    u = tau_m + speed_gain (w + integral_gain int w dt)
+        w = v_ref + position_gain (q_ref - q) - v,
+        u = tau_m + speed_gain (w + integral_gain int w dt)
 
     Attributes
     ----------
@@ -38,19 +40,22 @@ class MotorFeedback:
     @property
     def title(self) -> str:
         """The feedback in words."""
-        return "P-PI motor feedback, continuous, position {:.3g} Hz, speed {:.3g} Hz, integral {:.3g} Hz".format(
-            *self.frequencies.values()
-        )
+        return (
+            "P-PI motor feedback, continuous, position {:.3g} Hz, speed {:.3g} Hz, integral "
+            "{:.3g} Hz"
+        ).format(*self.frequencies.values())
 
     def torque(
         self, x: np.ndarray, total: np.ndarray, reference: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Torque of the feedback and ``w``, (n_m,) each.
 
-        ``x``: the state, coordinates and speeds first; ``total``: the integral of w; ``reference``: angles and speeds.
+        ``x``: the state, coordinates and speeds first; ``total``: the integral of w;
+        ``reference``: angles and speeds.
         """
         n_m, n = self.rows.shape
-        q, v = self.rows @ x[:n], self.rows @ x[n : 2 * n]
+        q = self.rows @ x[:n]
+        v = self.rows @ x[n : 2 * n]
         w = reference[n_m:] + self.position_gain * (reference[:n_m] - q) - v
         return self.speed_gain * (w + self.integral_gain * total), w
 
@@ -63,7 +68,8 @@ class MotorFeedback:
 def default_feedback(
     equations: Equations, q_a: np.ndarray, q_m: np.ndarray, tau_m: np.ndarray
 ) -> MotorFeedback:
-    """The default feedback of a model, with the inertias and the lowest locked frequency at rest at a pose.
+    """The default feedback of a model, with the inertias and the lowest locked frequency at rest
+    at a pose.
 
     ``q_a`` (n_a,), ``q_m`` (n_m,), ``tau_m`` (n_m,).
     """

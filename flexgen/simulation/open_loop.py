@@ -1,4 +1,6 @@
-"""What a simulation in open loop can determine: growth of perturbations, defect, and errors that rounding decides."""
+"""What a simulation in open loop can determine: growth of perturbations, defect, and errors that
+rounding decides.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +34,8 @@ def analyze(
     held: float,
     own_torque: bool,
 ) -> tuple[Growth | None, dict[str, Any]]:
-    """Growth of perturbations along a trajectory, and the attributes of a `Simulation` with it and the defect.
+    """Growth of perturbations along a trajectory, and the attributes of a `Simulation` with it and
+    the defect.
 
     Empty without speeds or accelerations. ``own_torque``: the torques are those of the trajectory.
     """
@@ -58,7 +61,9 @@ def precise(rtol: float, growth: Growth | None) -> float:
 
 
 def without_lost_errors(simulation: Simulation, growth: Growth | None) -> Simulation:
-    """The simulation in open loop without the later error where rounding errors grow to its size."""
+    """The simulation in open loop without the later error where rounding errors grow to its
+    size.
+    """
     later = max(simulation.later_error_max_m or 0.0, simulation.later_error_max_rad or 0.0)
     floor = 0.0 if growth is None else ROUNDING * growth.later
     if floor < NEGLIGIBLE or later >= RESOLVED * floor:

@@ -15,14 +15,17 @@ from flexgen.torque_curve import spline, torque_curve
 
 
 def midpoint_residual(equations: Equations, motion: Motion, limited: bool = False) -> np.ndarray:
-    """Residual of each equation of motion at the midpoints between the samples, (n - 1, dof) [N m or N].
+    """Residual of each equation of motion at the midpoints between the samples, (n - 1, dof) [N m
+    or N].
 
-    Motion by quintic Hermite interpolation of each channel with its speed and acceleration, torque as in `simulate`,
-    independent of the solvers. Columns: arm coordinates, then the motors behind elastic gears.
+    Motion by quintic Hermite interpolation of each channel with its speed and acceleration, torque
+    as in `simulate`, independent of the solvers. Columns: arm coordinates, then the motors behind
+    elastic gears.
     """
     t = motion.t
     model = equations.model
-    middle, h = (t[:-1] + t[1:]) / 2, np.diff(t)[:, None]
+    middle = (t[:-1] + t[1:]) / 2
+    h = np.diff(t)[:, None]
     parts = (motion.q_a, motion.v_a, motion.a_a), (motion.q_m, motion.v_m, motion.a_m)
     between = [x for part in parts for x in _half_way(h, *part)]
     more: dict[str, Any] = {"force": motion.force}
@@ -49,7 +52,8 @@ def residual_at(equations: Equations, motion: Motion) -> np.ndarray:
         r_a, r_m = evaluate(equations.function("residual"), *between, tau)
     n = len(motion.t)
     model = equations.model
-    r_a, r_m = r_a.reshape(n, -1), r_m.reshape(n, -1)
+    r_a = r_a.reshape(n, -1)
+    r_m = r_m.reshape(n, -1)
     z = motion.tau_h
     if z is not None and hysteretic_joints(model):
         r_a[:, list(model.i_g)] -= z
@@ -60,7 +64,8 @@ def residual_at(equations: Equations, motion: Motion) -> np.ndarray:
             springs = evaluate(equations.function("gear_torque"), q_a, v_a, q_m, v_m)[0].reshape(
                 n, -1
             )
-            carried, law = carried_along(model, q_m, springs), equations.function
+            carried = carried_along(model, q_m, springs)
+            law = equations.function
             r_m += friction_along(law, model, v_m, carried + more) - friction_along(
                 law, model, v_m, carried
             )
@@ -73,7 +78,9 @@ def residual_at(equations: Equations, motion: Motion) -> np.ndarray:
 
 
 def _hysteresis(equations: Equations, motion: Motion) -> np.ndarray:
-    """Torques of the gears' hysteresis (n, n_g): those of the motion, or what its deflections make of it."""
+    """Torques of the gears' hysteresis (n, n_g): those of the motion, or what its deflections make
+    of it.
+    """
     from flexgen.memory.hysteresis import gear_layers, torque_along
 
     model = equations.model
@@ -82,7 +89,9 @@ def _hysteresis(equations: Equations, motion: Motion) -> np.ndarray:
 
 
 def _bristles(equations: Equations, motion: Motion) -> np.ndarray:
-    """Torques of the bristles of the motors (n, n_m): those of the motion, or what its speeds make of it."""
+    """Torques of the bristles of the motors (n, n_m): those of the motion, or what its speeds make
+    of it.
+    """
     from flexgen.memory.lugre import bristle_torques, motor_bristles
 
     if motion.tau_b is not None:
@@ -90,9 +99,18 @@ def _bristles(equations: Equations, motion: Motion) -> np.ndarray:
     return bristle_torques(motor_bristles(equations.model), motion.t, motion.v_m, motion.a_m)
 
 
-def _half_way(h: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Quintic Hermite interpolant of samples and its two derivatives at the midpoints, (n - 1, n_q) each."""
-    q0, q1, v0, v1, a0, a1 = q[:-1], q[1:], v[:-1], v[1:], a[:-1], a[1:]
+def _half_way(
+    h: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray
+) -> tuple[np.ndarray, ...]:
+    """Quintic Hermite interpolant of samples and its two derivatives at the midpoints, (n - 1,
+    n_q) each.
+    """
+    q0 = q[:-1]
+    q1 = q[1:]
+    v0 = v[:-1]
+    v1 = v[1:]
+    a0 = a[:-1]
+    a1 = a[1:]
     return (
         (q0 + q1) / 2 + 5 * h / 32 * (v0 - v1) + h**2 / 64 * (a0 + a1),
         15 / 8 * (q1 - q0) / h - 7 / 16 * (v0 + v1) + h / 32 * (a1 - a0),

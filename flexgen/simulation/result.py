@@ -1,4 +1,6 @@
-"""Simulation: a motion under motor torques and its figures, each stated once for tables, JSON, reports and prints."""
+"""Simulation: a motion under motor torques and its figures, each stated once for tables, JSON,
+reports and prints.
+"""
 
 from __future__ import annotations
 
@@ -29,11 +31,12 @@ class Simulation(Result):
     Attributes
     ----------
     trajectory : Trajectory
-        Channels ``q_a v_a q_m v_m tau_m``, ``error`` of the output where the reference was given, ``contact`` with a
-        wall.
+        Channels ``q_a v_a q_m v_m tau_m``, ``error`` of the output where the reference was given,
+        ``contact`` with a wall.
     tool_error_max_m, tool_error_max_rad : float or None [m], [rad]
-        Largest error of the output until ``held_s`` after the end of the trajectory, with the ``feedback`` that is
-        named there; None without reference, or where the output has no such part.
+        Largest error of the output until ``held_s`` after the end of the trajectory, with the
+        ``feedback`` that is named there; None without reference, or where the output has no such
+        part.
     energy_error : float
         Largest violation of the energy balance, relative to the energy exchanged.
     torque_max_Nm, speed_max_rad_s : float [N m], [rad/s]
@@ -43,28 +46,32 @@ class Simulation(Result):
     wall_s : float [s]
     warnings : tuple of str
     growth : float or None
-        Growth of perturbations of the open loop until ``held_s`` after the arm has come to rest; None where it was not
-        estimated. ``growth_whole``: until ``held_s`` after the last sample.
+        Growth of perturbations of the open loop until ``held_s`` after the arm has come to rest;
+        None where it was not estimated. ``growth_whole``: until ``held_s`` after the last sample.
     defect_max_m, defect_max_rad : float or None [m], [rad]
-        Defect: the residual of the equations of motion between the samples, propagated to the output over the
-        directions that do not grow, see `flexgen.simulation.defect`; None where the trajectory has no accelerations.
+        Defect: the residual of the equations of motion between the samples, propagated to the
+        output over the directions that do not grow, see `flexgen.simulation.defect`; None where
+        the trajectory has no accelerations.
     integrator : str
         ``DOP853``, or ``LSODA`` where the problem is stiff.
     held_s : float [s]
         How long the last torque was held after the end of the trajectory.
     later_error_max_m, later_error_max_rad : float or None [m], [rad]
-        Largest error of the output until `AFTER` = 2 s after the end, predicted by the linearization about the last
-        state: a robot without brakes drifts in open loop. None where the last torque was not held, and where rounding
-        errors grow to the size of this error.
+        Largest error of the output until `AFTER` = 2 s after the end, predicted by the
+        linearization about the last state: a robot without brakes drifts in open loop. None where
+        the last torque was not held, and where rounding errors grow to the size of this error.
     feedback : MotorFeedback or None
         The motor feedback that the robot was simulated with; None: open loop.
     open_loop : Simulation or None
-        The same without the feedback; None where there is none, or where rounding errors grow to the size of its error.
+        The same without the feedback; None where there is none, or where rounding errors grow to
+        the size of its error.
 
     Examples
     --------
     >>> solution = flexgen.solve("elbow")
-    >>> motion = flexgen.simulate(flexgen.read("elbow", overrides={"motor.m1.inertia": 0.013}), solution.trajectory)
+    >>> motion = flexgen.simulate(
+    ...     flexgen.read("elbow", overrides={"motor.m1.inertia": 0.013}), solution.trajectory
+    ... )
     >>> f"{1e3 * motion.tool_error_max_m:.0f} mm"
     '33 mm'
     """
@@ -121,19 +128,19 @@ def error_figures(
 ) -> tuple[Figure, ...]:
     """Errors of the output, each with its name and the conditions under which it holds.
 
-    ``what``: the name of the output; ``label``: of the largest error, where it means something else.
+    ``what``: the name of the output; ``label``: of the largest error, where it means something
+    else.
     """
     run = simulation
     closed = None if run is None or run.feedback is None else run.feedback.title
     alone = None if run is None else run.open_loop
     label = (
-        label or f"{what} error {'open loop' if closed is None else 'with motor feedback'}, largest"
+        label
+        or f"{what} error {'open loop' if closed is None else 'with motor feedback'}, largest"
     )
     later = f"{what} error until {AFTER:g} s after the end, predicted, largest"
-    without, defect = (
-        f"{what} error open loop, largest",
-        "defect of the equations of motion, propagated, largest",
-    )
+    without = f"{what} error open loop, largest"
+    defect = "defect of the equations of motion, propagated, largest"
     rows: list[tuple[str, str | float | None, str, str]] = [
         (label, None if run is None else run.tool_error_max_m, "m", "tool_error_max_m"),
         (label, None if run is None else run.tool_error_max_rad, "rad", "tool_error_max_rad"),
@@ -184,10 +191,8 @@ def error_lines(simulation: Simulation, what: str = "tool") -> list[str]:
     if run.feedback is None:
         lines = [f"{what} error open loop up to {errors}{until}{more}{growth}"]
     else:
-        alone, with_feedback = (
-            run.open_loop,
-            f"{what} error with motor feedback up to {errors}{until}{more}",
-        )
+        alone = run.open_loop
+        with_feedback = f"{what} error with motor feedback up to {errors}{until}{more}"
         found = (
             "not determined"
             if alone is None
@@ -219,7 +224,8 @@ def record_motion(
     robot = equations.model
     q_a, v_a, q_m, v_m = motion
     channels = {"q_a": q_a, "v_a": v_a, "q_m": q_m, "v_m": v_m, "tau_m": given["tau_m"]}
-    names_a, names_m = tuple(c.name for c in robot.coordinates), tuple(m.name for m in robot.motors)
+    names_a = tuple(c.name for c in robot.coordinates)
+    names_m = tuple(m.name for m in robot.motors)
     labels = {"q_a": names_a, "v_a": names_a, "q_m": names_m, "v_m": names_m, "tau_m": names_m}
     of_a = tuple(c.unit for c in robot.coordinates)
     units = {"q_a": of_a, "v_a": tuple(f"{unit}/s" for unit in of_a)}
@@ -230,7 +236,8 @@ def record_motion(
         "v_m": Port("v_m", (robot.n_m,), "rad/s", "motor speeds, motor side"),
         "tau_m": Port("tau_m", (robot.n_m,), "N m", "motor torques, motor side"),
     }
-    in_m, in_rad = None, None
+    in_m = None
+    in_rad = None
     if "y_ref" in given:
         error, in_m, in_rad = output_error(equations, given, q_a)
         channels["error"] = error

@@ -21,7 +21,8 @@ from flexgen.simulation.motor_feedback import MotorFeedback
 
 Input = Callable[[float, float], PPoly]
 
-ATOL, ATOL_SHARE = 1e-12, 0.1  # rad or m, and their rates; of a relative tolerance below 1e-11
+ATOL = 1e-12  # rad or m, and their rates
+ATOL_SHARE = 0.1  # of a relative tolerance below 1e-11
 # J: work and loss are observers, they must not drive the step size below what the motion needs
 ATOL_WORK = 1e-9
 ATOL_SLIP = 1e-10  # of the torque at which a hysteresis slips
@@ -30,10 +31,12 @@ ATOL_INTEGRAL = 1e-9  # rad, motor side: of the integral part of the feedback
 
 @dataclass(frozen=True)
 class Run:
-    """States (q_a, q_me, v_a, v_me, work, loss) at the instants, (n, n_x), then those of `hysteretic_rate`.
+    """States (q_a, q_me, v_a, v_me, work, loss) at the instants, (n, n_x), then those of
+    `hysteretic_rate`.
 
-    ``last``: the last one with the integrals of the feedback; ``rates``: the right-hand side there; ``integrator``: the
-    implicit method if any part needed it; ``tolerances``: relative and absolute ones.
+    ``last``: the last one with the integrals of the feedback; ``rates``: the right-hand side
+    there; ``integrator``: the implicit method if any part needed it; ``tolerances``: relative and
+    absolute ones.
     """
 
     states: np.ndarray
@@ -62,9 +65,9 @@ def run(
     t : array (n,) [s]
         Instants of the results.
     given : callable
-        Motor torques (n_m,), with feedback also the motors' reference angles and speeds (3 n_m,), with a force on the
-        tool that and zeros without feedback (3 n_m + 6,), as a piecewise polynomial of the instant, from the start and
-        the end of a part without corners.
+        Motor torques (n_m,), with feedback also the motors' reference angles and speeds (3 n_m,),
+        with a force on the tool that and zeros without feedback (3 n_m + 6,), as a piecewise
+        polynomial of the instant, from the start and the end of a part without corners.
     start : array (2 n,)
         State (q_a, q_me, v_a, v_me).
     corners : sequence of int
@@ -92,7 +95,8 @@ def run(
     tolerances = np.concatenate(parts)
     states = np.empty((len(t), len(tolerances)))
     states[0] = np.concatenate([start, np.zeros(2 + len(slip) + integrals)])
-    evaluations, integrator = 0, EXPLICIT
+    evaluations = 0
+    integrator = EXPLICIT
     ends = [0, *corners, len(t) - 1]
     for first, last in pairwise(ends):
         rates = rates_of(equations, function, in_c, given(t[first], t[last]), feedback)
@@ -113,13 +117,20 @@ def rates_of(
     given: PPoly,
     feedback: MotorFeedback | None,
 ) -> Rates:
-    """The right-hand side with the states (q_a, q_me, v_a, v_me, work, loss, integrals of the feedback).
+    """The right-hand side with the states (q_a, q_me, v_a, v_me, work, loss, integrals of the
+    feedback).
 
-    ``function``, ``in_c``: the rate without feedback as a CasADi function of state and torque, and the same in C.
+    ``function``, ``in_c``: the rate without feedback as a CasADi function of state and torque, and
+    the same in C.
     """
     robot = equations.model
-    n_a, n, n_m, i_m = robot.n_a, robot.dof, robot.n_m, list(robot.i_m)
-    motors, speeds, pushed = np.zeros(n_m), np.zeros(n_m), equations.force is not None
+    n_a = robot.n_a
+    n = robot.dof
+    n_m = robot.n_m
+    i_m = list(robot.i_m)
+    motors = np.zeros(n_m)
+    speeds = np.zeros(n_m)
+    pushed = equations.force is not None
     own = function.size1_in(0)  # of the robot
 
     def rate(instant: float, x: np.ndarray) -> np.ndarray:
@@ -131,7 +142,8 @@ def rates_of(
         return np.concatenate([np.asarray(function(x[:own], applied), float).ravel(), w])
 
     def jacobian(instant: float, x: np.ndarray) -> np.ndarray:
-        motors[i_m], speeds[i_m] = x[n_a:n], x[n + n_a : 2 * n]
+        motors[i_m] = x[n_a:n]
+        speeds[i_m] = x[n + n_a : 2 * n]
         u = given(instant)
         tau = (
             u[:n_m]
@@ -181,12 +193,16 @@ def has_memory(robot: RobotModel) -> bool:
 
 
 def _rate(equations: Equations) -> ca.Function:
-    """The derivative of (q_a, q_me, v_a, v_me, work, loss) as a function of this state and the torque.
+    """The derivative of (q_a, q_me, v_a, v_me, work, loss) as a function of this state and the
+    torque.
 
-    Torques of hysteresis and bristles are states too, and the power that goes into these counts as lost.
+    Torques of hysteresis and bristles are states too, and the power that goes into these counts as
+    lost.
     """
     robot = equations.model
-    n_a, n, n_m = robot.n_a, robot.dof, robot.n_m
+    n_a = robot.n_a
+    n = robot.dof
+    n_m = robot.n_m
     pushed = equations.force is not None  # the force is behind the references of a feedback
     remembers = has_memory(robot)
     held = 0
@@ -200,9 +216,11 @@ def _rate(equations: Equations) -> ca.Function:
     torque, more = (given[:n_m], [given[3 * n_m :]]) if pushed else (given, [])
     if equations.contact is not None:
         more = [more[0] + equations.contact(x[:n_a], x[n : n + n_a])]
-    motors, speeds = ca.SX.zeros(robot.n_m), ca.SX.zeros(robot.n_m)
+    motors = ca.SX.zeros(robot.n_m)
+    speeds = ca.SX.zeros(robot.n_m)
     for k, j in enumerate(robot.i_m):
-        motors[j], speeds[j] = x[n_a + k], x[n + n_a + k]
+        motors[j] = x[n_a + k]
+        speeds[j] = x[n + n_a + k]
     power = equations.function("power")(x[:n_a], x[n : n + n_a], motors, speeds, torque, *more)
     if remembers:
         dx, dz, taken = ca.Function("rate", inputs, outputs)(
@@ -221,7 +239,8 @@ def _jacobian(equations: Equations) -> ca.Function:
     """The derivative of `_rate` in the state."""
     if equations not in _jacobians:
         rate = _rate(equations)
-        x, u = ca.SX.sym("x", rate.size1_in(0)), ca.SX.sym("u", rate.size1_in(1))
+        x = ca.SX.sym("x", rate.size1_in(0))
+        u = ca.SX.sym("u", rate.size1_in(1))
         _jacobians[equations] = ca.Function(
             "jacobian", [x, u], [ca.densify(ca.jacobian(rate(x, u), x))]
         )

@@ -1,4 +1,6 @@
-"""Motions under recorded inputs, each with its own parameters and start state, in C: classical Runge-Kutta steps."""
+"""Motions under recorded inputs, each with its own parameters and start state, in C: classical
+Runge-Kutta steps.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +36,8 @@ class _Segments(ctypes.Structure):
 
 
 class Segments:
-    """Simulates motions ``x' = rate(x, u, p)`` with outputs ``output(x, u, p)``, several at once and on all cores.
+    """Simulates motions ``x' = rate(x, u, p)`` with outputs ``output(x, u, p)``, several at once
+    and on all cores.
 
     Parameters
     ----------
@@ -53,7 +56,8 @@ class Segments:
         self.n, self.n_u, self.n_p = (rate.size1_in(k) for k in range(3))
         shown = output if isinstance(output, ca.Function) else _rows(rate, output)
         self.n_y = shown.size1_out(0)
-        self.steps, self.step = steps, sample_s / steps
+        self.steps = steps
+        self.step = sample_s / steps
         text = SOURCE.read_text(encoding="ascii")
         library = load_module(lanes_module(rate.name(), {"RATE": rate, "OUTPUT": shown}, text))
         self._run: Any = library.segments_run
@@ -97,11 +101,9 @@ class Segments:
         SolverError
             A state is not finite.
         """
-        robots, samples, n_y = (
-            len(start),
-            inputs.shape[1] // self.steps,
-            self.n if states else self.n_y,
-        )
+        robots = len(start)
+        samples = inputs.shape[1] // self.steps
+        n_y = self.n if states else self.n_y
         arrays = [np.ascontiguousarray(x, float) for x in (start, inputs, offset, parameters)]
         arrays.insert(2, np.ascontiguousarray(sets, np.int64))
         found = np.empty((robots, samples + 1, n_y))
@@ -121,7 +123,8 @@ class Segments:
             failed = sum(pool.map(run, cuts[:-1], cuts[1:]))
         if failed:
             raise SolverError(
-                "segments: the simulated motion is not finite: take start values nearer to the truth"
+                "segments: the simulated motion is not finite: take start values nearer to the "
+                "truth"
             )
         return found
 

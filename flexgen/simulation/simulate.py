@@ -1,20 +1,24 @@
-"""Forward simulation of the full model under given motor torques: the verification of inverse dynamics.
+"""Forward simulation of the full model under given motor torques: the verification of inverse
+dynamics.
 
-The integrator (explicit Runge-Kutta of order 8 by Dormand and Prince, tight tolerance; an implicit method for stiff
-problems) and the Lagrange equations that it integrates share no code with the solvers.
-The torque is a quintic spline through the samples or, where limits are active, the polynomials that it was sampled
-from; if there are none, a monotone cubic that stays within the limits. Work and losses are integrated too. The energy
-balance
+The integrator (explicit Runge-Kutta of order 8 by Dormand and Prince, tight tolerance; an implicit
+method for stiff problems) and the Lagrange equations that it integrates share no code with the
+solvers.
+The torque is a quintic spline through the samples or, where limits are active, the polynomials
+that it was sampled from; if there are none, a monotone cubic that stays within the limits. Work
+and losses are integrated too. The energy balance
 
     E(t) - E(0) = int P_motor dt - int P_dissipated dt
 
 verifies the integration.
 
-Where perturbations of the open loop grow by more than `open_loop.UNSTABLE` over the move, no open-loop simulation
-measures the error of the torques, and no robot can be moved by them alone. There the whole move is simulated with motor
-feedback around the torques (`flexgen.simulation.motor_feedback`), and once more without it.
+Where perturbations of the open loop grow by more than `open_loop.UNSTABLE` over the move, no
+open-loop simulation measures the error of the torques, and no robot can be moved by them alone.
+There the whole move is simulated with motor feedback around the torques
+(`flexgen.simulation.motor_feedback`), and once more without it.
 
-Source: E. Hairer, S. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 1993, sec. II.5 (DOP853).
+Source: E. Hairer, S. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 1993, sec.
+II.5 (DOP853).
 """
 
 from __future__ import annotations
@@ -52,20 +56,26 @@ FORCE = 6  # entries of a force and a torque on the tool
 # of the meta data: how long the verification of a solution holds its last torque
 HELD_KEY = "held_s"
 # s: of a torque that is held after the end, and the step at which errors are taken
-HELD_MAX, HELD_STEP = 60.0, 2e-3
+HELD_MAX = 60.0
+HELD_STEP = 2e-3
 RTOL = 1e-11  # a tenth of a nanometer over a meter of reach and a thousand steps
 # of its span: a trajectory that begins later is one with a clock such as seconds since 1970
 FAR = 1e6
 FALLEN = 0.1  # rad, m: a robot falls where rounding errors grow to this size
-AUTO, NONE, PPI = "auto", "none", "ppi"
+AUTO = "auto"
+NONE = "none"
+PPI = "ppi"
 FEEDBACKS = (AUTO, NONE, PPI)
 
 
 def _read_channels(
     model: RobotModel, data: Trajectory, moving: bool = False
 ) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
-    """The channels that a simulation needs, with columns in the order of the model, and warnings."""
-    names_m, of_a = tuple(m.name for m in model.motors), {c.name: c.unit for c in model.coordinates}
+    """The channels that a simulation needs, with columns in the order of the model, and
+    warnings.
+    """
+    names_m = tuple(m.name for m in model.motors)
+    of_a = {c.name: c.unit for c in model.coordinates}
     wanted = {
         "tau_m": dict.fromkeys(names_m, "N m"),
         "q_a": of_a,
@@ -75,7 +85,8 @@ def _read_channels(
     for name, units in wanted.items():
         if name not in data.channels:
             raise ArgumentError(
-                f"trajectory: channel {name} is missing; write one with 'flexgen solve {model.name} --out FILE'"
+                f"trajectory: channel {name} is missing; write one with 'flexgen solve "
+                f"{model.name} --out FILE'"
             )
         found[name] = channel_values("trajectory", data, name, units)
     outputs = output_labels(model)
@@ -87,8 +98,8 @@ def _read_channels(
             continue
         if sorted(data.labels[name]) != sorted(labels) or not np.isfinite(data[name]).all():
             raise ArgumentError(
-                f"trajectory channel {name}: given columns {', '.join(data.labels[name])}, expected "
-                f"{', '.join(labels)} of finite numbers"
+                f"trajectory channel {name}: given columns {', '.join(data.labels[name])}, "
+                f"expected {', '.join(labels)} of finite numbers"
             )
         found[name] = data[name][:, [data.labels[name].index(label) for label in labels]]
     if "force" in data.channels:
@@ -98,13 +109,15 @@ def _read_channels(
     warnings = []
     if not moving and "v_a" in data.channels and np.abs(data["v_a"][0]).max() > 1e-6:
         warnings.append(
-            "the trajectory does not start at rest; the simulation does: expect an error at the start"
+            "the trajectory does not start at rest; the simulation does: expect an error at the "
+            "start"
         )
     for key, own in (("model", model.name), ("variant", model.variant)):
         other = data.meta.get(key, own)
         if other != own:
             warnings.append(
-                f"the trajectory was written for {key} {other or 'none'!r}, this is {own or 'none'!r}"
+                f"the trajectory was written for {key} {other or 'none'!r}, this is "
+                f"{own or 'none'!r}"
             )
     return found, tuple(warnings)
 
@@ -133,30 +146,34 @@ def simulate(
     ----------
     model : name, path, RobotModel or Equations
     trajectory : Trajectory or path
-        Channels ``tau_m`` (n, n_m) [N m, motor side; held where the meta data state it], and ``q_a``, ``q_m``, whose
-        first samples are the equilibrium at the start; with ``y_ref`` (and ``R_ref``) the output's error is computed.
+        Channels ``tau_m`` (n, n_m) [N m, motor side; held where the meta data state it], and
+        ``q_a``, ``q_m``, whose first samples are the equilibrium at the start; with ``y_ref`` (and
+        ``R_ref``) the output's error is computed.
     start : Equilibrium, optional
         Equilibrium at the start; default: the first sample of the trajectory.
     rtol : float
         Relative tolerance of the integrator.
     held : float, optional
-        How long [s] the last torque is held after the trajectory; errors and energy cover this time. Default: as long
-        as in the verification, where the trajectory is a solution, else 0.
+        How long [s] the last torque is held after the trajectory; errors and energy cover this
+        time. Default: as long as in the verification, where the trajectory is a solution, else 0.
     command : TorqueCommand, optional
-        The torques that a controller sends instead of those of the trajectory, see `Solution.torque_command`.
+        The torques that a controller sends instead of those of the trajectory, see
+        `Solution.torque_command`.
     moving : bool
         Start with the speeds of the first sample, not at rest.
     feedback : str
-        ``"auto"``: with motor feedback where perturbations of the open loop grow by more than 100 over the move (known
-        where the trajectory has the channels ``v_a a_a v_m a_m``), and once more without it as far as rounding errors
-        do not grow to its size; ``"ppi"``: with it; ``"none"``: open loop. See `flexgen.simulation.motor_feedback`.
+        ``"auto"``: with motor feedback where perturbations of the open loop grow by more than 100
+        over the move (known where the trajectory has the channels ``v_a a_a v_m a_m``), and once
+        more without it as far as rounding errors do not grow to its size; ``"ppi"``: with it;
+        ``"none"``: open loop. See `flexgen.simulation.motor_feedback`.
     wall : Wall, optional
         That the tool touches; its force on the tool is the channel ``contact`` of the result.
     time_limit : float, optional [s]
         After which the call ends without a result, which is that of the whole motion. None or 0:
         unlimited.
     progress : callable or bool, optional
-        Called with a line of text; True, False: show messages or not; default: on a terminal and in a notebook.
+        Called with a line of text; True, False: show messages or not; default: on a terminal and
+        in a notebook.
 
     Returns
     -------
@@ -210,7 +227,8 @@ def simulate(
             )
         )
         tell = progress if callable(progress) else None
-        growth, known = None, dict[str, Any]()
+        growth = None
+        known = dict[str, Any]()
         if feedback == AUTO:
             growth, known = open_loop.analyze(
                 equations, data, task.given, task.held, task.command is None
@@ -235,7 +253,9 @@ def simulate(
 def _simulate_late(
     equations: Equations, data: Trajectory, command: TorqueCommand | None, options: dict[str, Any]
 ) -> Simulation:
-    """The simulation from time zero on: steps of an integrator can be below the resolution of a time far from it."""
+    """The simulation from time zero on: steps of an integrator can be below the resolution of a
+    time far from it.
+    """
     late = float(data.time[0])
     sent = None if command is None else replace(command, time=command.time - late)
     near = simulate(equations, replace(data, time=data.time - late), command=sent, **options)
@@ -250,7 +270,9 @@ def _shift(run: Simulation, late: float) -> Simulation:
 def _simulate_open_loop(
     task: _Task, rtol: float, growth: Growth | None, progress: Callable[[str], None] | None
 ) -> Simulation | None:
-    """The simulation without feedback; None where rounding errors grow to the size of its error."""
+    """The simulation without feedback; None where rounding errors grow to the size of its
+    error.
+    """
     from flexgen.simulation import open_loop
 
     floor = open_loop.ROUNDING if growth is None else growth.whole * open_loop.ROUNDING
@@ -270,7 +292,9 @@ def _simulate_open_loop(
 
 @dataclass(frozen=True)
 class _Task:
-    """Inputs of a simulation: ``t`` and ``given`` with the time after the end; ``begin``: the state at the start."""
+    """Inputs of a simulation: ``t`` and ``given`` with the time after the end; ``begin``: the
+    state at the start.
+    """
 
     equations: Equations
     data: Trajectory
@@ -317,11 +341,19 @@ def _push(task: _Task) -> _Task:
 
 
 def _simulate_once(
-    task: _Task, rtol: float, feedback: MotorFeedback | None, progress: Callable[[str], None] | None
+    task: _Task,
+    rtol: float,
+    feedback: MotorFeedback | None,
+    progress: Callable[[str], None] | None,
 ) -> Simulation:
     """One simulation of the whole move."""
-    began, equations, robot = time.perf_counter(), task.equations, task.equations.model
-    n_a, i_m, n, command = robot.n_a, list(robot.i_m), robot.dof, task.command
+    began = time.perf_counter()
+    equations = task.equations
+    robot = task.equations.model
+    n_a = robot.n_a
+    i_m = list(robot.i_m)
+    n = robot.dof
+    command = task.command
     count = len(task.data.time)
     applied = task.given["tau_m"] if command is None else command.at(task.t)
     corner = [count - 1] if task.held > 0.0 else []
@@ -329,9 +361,11 @@ def _simulate_once(
     source = _input(task, feedback)
     found = run(equations, instants, source, task.begin, corners, rtol, feedback, progress)
     states = found.states[own]
-    q_a, v_a = states[:, :n_a], states[:, n : n + n_a]
+    q_a = states[:, :n_a]
+    v_a = states[:, n : n + n_a]
     q_m, v_m = (part[:, list(robot.i_g)] @ robot.eta.T for part in (q_a, v_a))
-    q_m[:, i_m], v_m[:, i_m] = states[:, n_a:n], states[:, n + n_a : 2 * n]
+    q_m[:, i_m] = states[:, n_a:n]
+    v_m[:, i_m] = states[:, n + n_a : 2 * n]
     in_m, in_rad, recorded = record_motion(
         equations, task.data, {**task.given, "tau_m": applied}, (q_a, v_a, q_m, v_m)
     )
@@ -363,7 +397,9 @@ def _simulate_once(
 def _later_errors(
     task: _Task, found: Run, before: tuple[float | None, float | None]
 ) -> tuple[float | None, float | None]:
-    """Largest errors of the output until `AFTER` after the end [m], [rad], with those until ``held`` after it."""
+    """Largest errors of the output until `AFTER` after the end [m], [rad], with those until
+    ``held`` after it.
+    """
     from flexgen.simulation.after_end import errors_after_end, simulate_after_end
 
     if task.held <= 0.0 or "y_ref" not in task.given:
@@ -382,7 +418,8 @@ def _check_choices(trajectory: Any, rtol: float, held: float | None, feedback: s
     """The trajectory; ArgumentError for an argument that is out of range."""
     if not isinstance(trajectory, Trajectory | str | FilePath):
         raise ArgumentError(
-            f"trajectory: given {type(trajectory).__name__}, expected a Trajectory or the path of a file"
+            f"trajectory: given {type(trajectory).__name__}, expected a Trajectory or the path "
+            "of a file"
         )
     if not 1e-14 < rtol < 1e-2:
         raise ArgumentError(
@@ -391,14 +428,18 @@ def _check_choices(trajectory: Any, rtol: float, held: float | None, feedback: s
     if held is not None and not 0.0 <= held <= HELD_MAX:
         raise ArgumentError(f"held: given {held}, expected a time between 0 and {HELD_MAX:g} s")
     if feedback not in FEEDBACKS:
-        raise ArgumentError(f"feedback: given {feedback!r}, expected one of {', '.join(FEEDBACKS)}")
+        raise ArgumentError(
+            f"feedback: given {feedback!r}, expected one of {', '.join(FEEDBACKS)}"
+        )
     return trajectory if isinstance(trajectory, Trajectory) else Trajectory.load(trajectory)
 
 
 def _command(
     robot: RobotModel, data: Trajectory, tau_m: np.ndarray, command: TorqueCommand | None
 ) -> TorqueCommand | None:
-    """Torques that a controller sends: as given, or as the trajectory states; None: the samples."""
+    """Torques that a controller sends: as given, or as the trajectory states; None: the
+    samples.
+    """
     sent = command or command_in(
         data.time, tau_m, tuple(motor.name for motor in robot.motors), data.meta
     )
@@ -406,7 +447,9 @@ def _command(
 
 
 def _input(task: _Task, feedback: MotorFeedback | None) -> Input:
-    """The motor torques, with feedback also the motors' reference angles and speeds, at an instant."""
+    """The motor torques, with feedback also the motors' reference angles and speeds, at an
+    instant.
+    """
     torque = (
         _hold_curve(task.data, task.given["tau_m"])
         if task.command is None
@@ -440,8 +483,8 @@ def _check_command(robot: RobotModel, command: TorqueCommand) -> TorqueCommand:
     n = len(command.time)
     if command.labels != names or command.values.shape != (n, len(names)) or n < 2:
         raise ArgumentError(
-            f"command: given {command.values.shape} torques of {', '.join(command.labels)} at {n} ticks, expected "
-            f"torques of {', '.join(names)} at two ticks or more"
+            f"command: given {command.values.shape} torques of {', '.join(command.labels)} at "
+            f"{n} ticks, expected torques of {', '.join(names)} at two ticks or more"
         )
     if not (np.isfinite(command.values).all() and (np.diff(command.time) > 0).all()):
         raise ArgumentError(
@@ -453,7 +496,9 @@ def _check_command(robot: RobotModel, command: TorqueCommand) -> TorqueCommand:
 def _with_edges(
     t: np.ndarray, corners: list[int], command: TorqueCommand | None
 ) -> tuple[np.ndarray, np.ndarray, list[int]]:
-    """All instants of the integration, which of them are those in ``t``, and the corners with the command's edges."""
+    """All instants of the integration, which of them are those in ``t``, and the corners with the
+    command's edges.
+    """
     if command is None:
         return t, np.arange(len(t)), corners
     edges = command.edges
@@ -482,7 +527,9 @@ def _hold_curve(data: Trajectory, torque: np.ndarray) -> Input:
 def _with_held_end(
     t: np.ndarray, given: dict[str, np.ndarray], held: float
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Instants and channels with those of the time after the end, where all keep their last values."""
+    """Instants and channels with those of the time after the end, where all keep their last
+    values.
+    """
     more = int(np.ceil(held / HELD_STEP))
     later = t[-1] + held * np.arange(1, more + 1) / max(more, 1)
     return np.concatenate([t, later]), {
@@ -493,7 +540,10 @@ def _with_held_end(
 def _growth_warning(growth: Growth, feedback: MotorFeedback) -> str:
     """The warning of a robot that torques alone do not move."""
     grow = growth_text(growth.movement, growth.whole)
-    return f"the open loop is unstable: perturbations grow {grow}; the tool error is that with {feedback.title}"
+    return (
+        f"the open loop is unstable: perturbations grow {grow}; the tool error is that with "
+        f"{feedback.title}"
+    )
 
 
 def _energy_error(

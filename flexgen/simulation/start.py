@@ -34,12 +34,14 @@ def _first_speed(robot: RobotModel, data: Trajectory, moving: bool) -> np.ndarra
         labels = list(wanted)
         if name not in data.channels or not set(labels) <= set(data.labels[name]):
             raise ArgumentError(
-                f"moving: the trajectory has no channel {name} of {robot.name}, expected its speeds"
+                f"moving: the trajectory has no channel {name} of {robot.name}, expected its "
+                "speeds"
             )
         columns = [data.labels[name].index(label) for label in labels]
         for k, label in zip(columns, labels, strict=True):
             unit = data.units[name][k]
-            if unit != wanted[label] and " or " not in unit:  # (one unit for all columns: rad or m)
+            # (one unit for all columns: rad or m)
+            if unit != wanted[label] and " or " not in unit:
                 raise ArgumentError(
                     f"moving: given {name} in {unit}, expected {wanted[label]} (column {label})"
                 )

@@ -11,7 +11,9 @@ from flexgen.errors import ArgumentError
 
 
 def is_number(value: Any) -> bool:
-    """Whether a value is a finite real number; true, false and texts are not, an array without dimensions is."""
+    """Whether a value is a finite real number; true, false and texts are not, an array without
+    dimensions is.
+    """
     if getattr(value, "shape", None) == () and callable(getattr(value, "item", None)):
         value = value.item()
     try:

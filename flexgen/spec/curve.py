@@ -1,4 +1,6 @@
-"""A key whose value is a curve of the largest torque over the speed, as points of a convex region."""
+"""A key whose value is a curve of the largest torque over the speed, as points of a convex
+region.
+"""
 
 from __future__ import annotations
 
@@ -13,14 +15,21 @@ from flexgen.spec.keys import Key
 from flexgen.spec.tables import Table
 
 TORQUE_SPEED = (
-    "two or more points [speed, torque] of the largest torque over the speed: the speed rises from 0, the torque "
-    "falls, and falls faster from point to point"
+    "two or more points [speed, torque] of the largest torque over the speed: the speed rises "
+    "from 0, the torque falls, and falls faster from point to point"
 )
 
 
 def is_torque_speed(points: np.ndarray) -> bool:
-    """Whether points (n, 2) bound a convex region: speeds rise from 0, torques fall, and fall faster and faster."""
-    if points.ndim != 2 or points.shape[1] != 2 or len(points) < 2 or not np.isfinite(points).all():
+    """Whether points (n, 2) bound a convex region: speeds rise from 0, torques fall, and fall
+    faster and faster.
+    """
+    if (
+        points.ndim != 2
+        or points.shape[1] != 2
+        or len(points) < 2
+        or not np.isfinite(points).all()
+    ):
         return False
     speeds, torques = np.diff(points, axis=0).T
     if (
@@ -35,7 +44,9 @@ def is_torque_speed(points: np.ndarray) -> bool:
 
 
 def points_of(curve: Any) -> np.ndarray | None:
-    """Points (n, 2) of a curve, (0, 2) of an empty one; None where they are not those of a torque-speed curve."""
+    """Points (n, 2) of a curve, (0, 2) of an empty one; None where they are not those of a
+    torque-speed curve.
+    """
     try:
         points = np.array(curve, dtype=float)
     except (TypeError, ValueError):
@@ -45,8 +56,12 @@ def points_of(curve: Any) -> np.ndarray | None:
     return points if is_torque_speed(points) else None
 
 
-def checked_curves(name: str, curves: Sequence[Any]) -> tuple[tuple[tuple[float, float], ...], ...]:
-    """Curves of motors as tuples, empty where a motor has none, or none; ArgumentError where one is not a curve."""
+def checked_curves(
+    name: str, curves: Sequence[Any]
+) -> tuple[tuple[tuple[float, float], ...], ...]:
+    """Curves of motors as tuples, empty where a motor has none, or none; ArgumentError where one
+    is not a curve.
+    """
     out = []
     for curve in curves:
         points = points_of(curve)

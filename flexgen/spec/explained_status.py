@@ -40,7 +40,8 @@ class ExplainedStatus(StrEnum):
         """A member with its texts."""
         member = str.__new__(cls, value)
         member._value_ = value
-        member.sentence, member.advice = sentence, advice
+        member.sentence = sentence
+        member.advice = advice
         return member
 
     @classmethod

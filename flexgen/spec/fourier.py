@@ -1,4 +1,6 @@
-"""A table of a Fourier sum of an angle: harmonics of a turn, with the coefficients of cosine and sine."""
+"""A table of a Fourier sum of an angle: harmonics of a turn, with the coefficients of cosine and
+sine.
+"""
 
 from __future__ import annotations
 
@@ -7,21 +9,26 @@ from dataclasses import dataclass, replace
 from flexgen.spec.keys import Context, Format, Key, Type, list_of, vector
 from flexgen.spec.tables import Table
 
-HIGHEST, MOST = 1000, 64  # harmonic of a turn; harmonics of a sum
+HIGHEST = 1000  # harmonic of a turn
+MOST = 64  # harmonics of a sum
 # rate of a transmission error, motor side: the motor angle behind it is found by a few steps
 STEEPEST = 0.5
 
 
 @dataclass(frozen=True)
 class FourierSum:
-    """``f(q) = sum_i cos_i cos(k_i q) + sin_i sin(k_i q)`` with the harmonics k_i of a turn, whole numbers >= 1."""
+    """``f(q) = sum_i cos_i cos(k_i q) + sin_i sin(k_i q)`` with the harmonics k_i of a turn, whole
+    numbers >= 1.
+    """
 
     harmonics: tuple[int, ...]
     cos: tuple[float, ...]
     sin: tuple[float, ...]
 
     def bound(self, order: int = 0) -> float:
-        """A bound of the absolute value of the derivative of this order: ``sum_i k_i^order |(cos_i, sin_i)|``."""
+        """A bound of the absolute value of the derivative of this order:
+        ``sum_i k_i^order |(cos_i, sin_i)|``.
+        """
         terms = zip(self.harmonics, self.cos, self.sin, strict=True)
         return float(sum(k**order * abs(complex(c, s)) for k, c, s in terms))
 
@@ -46,7 +53,9 @@ def _check_terms(table: Table, here: Context) -> None:
             raise table.fail(name, f"{count} numbers, one for each harmonic", f"{given} numbers")
 
 
-def _made(harmonics: tuple[int, ...], cos: tuple[float, ...], sin: tuple[float, ...]) -> FourierSum:
+def _made(
+    harmonics: tuple[int, ...], cos: tuple[float, ...], sin: tuple[float, ...]
+) -> FourierSum:
     none = (0.0,) * len(harmonics)
     return FourierSum(harmonics, cos or none, sin or none)
 

@@ -1,7 +1,9 @@
-"""Rows for the keys of files: one row is rendered as reader, JSON schema, writer, page and message of a key.
+"""Rows for the keys of files: one row is rendered as reader, JSON schema, writer, page and message
+of a key.
 
-A `Format` is a table with its `Key` rows in the order in which they are read; `Kinds` are the tables that a key
-``type`` selects. What a row cannot say in data is a function of the table and its `Context`.
+A `Format` is a table with its `Key` rows in the order in which they are read; `Kinds` are the
+tables that a key ``type`` selects. What a row cannot say in data is a function of the table and
+its `Context`.
 """
 
 from __future__ import annotations
@@ -46,7 +48,9 @@ Check = Callable[[Table, Context], None]
 
 @dataclass(frozen=True)
 class Type:
-    """What a key holds: how it is read, its JSON schema without description, and how it is written."""
+    """What a key holds: how it is read, its JSON schema without description, and how it is
+    written.
+    """
 
     read: Callable[[Table, Key, Context], Any]
     schema: Schema
@@ -135,7 +139,9 @@ class Format:
 
     def optional(self) -> Format:
         """The table with no required key."""
-        made = (replace(key, default=None) if key.default is REQUIRED else key for key in self.keys)
+        made = (
+            replace(key, default=None) if key.default is REQUIRED else key for key in self.keys
+        )
         return replace(self, keys=tuple(made))
 
 
@@ -149,7 +155,8 @@ class Kinds:
     default: str = ""  # the kind where there is no key type; empty: it is required
     strict: bool = True  # a key of no kind is refused before the type is read
     foreign: str = ""  # what is expected instead of a key of another kind, with the key for {}
-    typed: bool = False  # the objects have an attribute type; else each kind has a class of its own
+    # the objects have an attribute type; else each kind has a class of its own
+    typed: bool = False
     definition: str = ""
 
     @property
@@ -188,7 +195,8 @@ def read(table: Table, form: Form, here: Context) -> Any:
     extra: dict[str, Any] = {}
     if isinstance(form, Kinds):
         kind = _kind(table, form, here)
-        extra, form = {"type": kind} if form.typed else {}, form.kinds[kind]
+        extra = {"type": kind} if form.typed else {}
+        form = form.kinds[kind]
     else:
         table.only(*form.names)
     if form.before is not None:
@@ -239,7 +247,7 @@ def _read_keys(table: Table, keys: Sequence[Key], here: Context) -> None:
             key.check(table, here)
 
 
-# --- types of keys ----------------------------------------------------------------------------------------------------
+# --- types of keys -------------------------------------------------------------------------------
 
 
 def of_class(made: Callable[..., Any], doc: str = "") -> Format:
@@ -408,7 +416,8 @@ def known(of: Callable[[Context], Sequence[str]]) -> Type:
     """A text that is one of the words of the context."""
 
     def read_known(table: Table, key: Key, here: Context) -> str:
-        given, words = table.text(key.name), of(here)
+        given = table.text(key.name)
+        words = of(here)
         if given not in words:
             raise table.fail(key.name, closest(given, words))
         return given
@@ -418,7 +427,12 @@ def known(of: Callable[[Context], Sequence[str]]) -> Type:
 
 def words(least: int = 1) -> Type:
     """A name or a list of at least so many different names."""
-    several = {"type": "array", "items": {"type": "string"}, "minItems": least, "uniqueItems": True}
+    several = {
+        "type": "array",
+        "items": {"type": "string"},
+        "minItems": least,
+        "uniqueItems": True,
+    }
     return Type(
         lambda table, key, here: tuple(table.words(key.name, least)),
         {"anyOf": [{"type": "string"}, several]},
@@ -452,7 +466,9 @@ def sub(form: Form | Callable[[], Form]) -> Type:
 
 
 def one_or_more(form: Form | Callable[[], Form], most: int) -> Type:
-    """A table, or a list of up to ``most`` tables: its object, or a tuple of objects where there are several."""
+    """A table, or a list of up to ``most`` tables: its object, or a tuple of objects where there
+    are several.
+    """
     one = sub(form)
 
     def read_tables(table: Table, key: Key, here: Context) -> Any:
@@ -470,7 +486,9 @@ def one_or_more(form: Form | Callable[[], Form], most: int) -> Type:
 
 
 def listed(form: Form, least: int = 1, most: int = 0, plural: bool = True) -> Type:
-    """A list of tables; ``plural``: the key is a singular, the attribute of the objects its plural."""
+    """A list of tables; ``plural``: the key is a singular, the attribute of the objects its
+    plural.
+    """
 
     def read_list(table: Table, key: Key, here: Context) -> tuple[Any, ...]:
         tables = table.tables(key.name, required=least > 0)
@@ -479,7 +497,9 @@ def listed(form: Form, least: int = 1, most: int = 0, plural: bool = True) -> Ty
         out: list[Any] = []
         for k, inner in enumerate(tables):
             out.append(
-                read(inner, form, replace(here, before=out, last=k + 1 == len(tables), outer=table))
+                read(
+                    inner, form, replace(here, before=out, last=k + 1 == len(tables), outer=table)
+                )
             )
         return tuple(out)
 

@@ -15,12 +15,14 @@ SHARPEST = 20.0  # exponent of an element of hysteresis, at most
 
 @dataclass(frozen=True)
 class HysteresisLaw:
-    """Hysteresis of a gear, or one of its elements: a torque z in parallel with the spring, after the deflection d.
+    """Hysteresis of a gear, or one of its elements: a torque z in parallel with the spring, after
+    the deflection d.
 
         z' = K_h d' g(s z/W),    s = sign(d')
 
-    with the torque W = K lost_motion/2 at which it slips; K: stiffness of the spring at zero. A law of another package
-    is a subclass with its own numbers and a method ``slope(y)``: g of an array or a CasADi expression, for y from -1 to
+    with the torque W = K lost_motion/2 at which it slips; K: stiffness of the spring at zero. A
+    law of another package is a subclass with its own numbers and a method ``slope(y)``: g of an
+    array or a CasADi expression, for y from -1 to
     1. It is smooth, positive before 1, g(0) = 1, g(1) = 0, and g'(1) < 0.
     """
 
@@ -34,10 +36,11 @@ class Hysteresis(HysteresisLaw):
 
         z' = K_h (d' (1 - gamma |x|^n) - (1 - gamma) |d'| |x|^n sign(x)),    x = z/W
 
-    With n = 1 and gamma = 0 it is that of Dahl, ``z' = K_h (d' - |d'| z/W)``, with a large n Coulomb friction behind a
-    spring. Several elements add up to Maxwell's slip model.
+    With n = 1 and gamma = 0 it is that of Dahl, ``z' = K_h (d' - |d'| z/W)``, with a large n
+    Coulomb friction behind a spring. Several elements add up to Maxwell's slip model.
 
-    Sources: P. R. Dahl, AIAA Journal 14(12), 1976; Y.-K. Wen, J. Eng. Mech. Div. ASCE 102(2), 1976.
+    Sources: P. R. Dahl, AIAA Journal 14(12), 1976; Y.-K. Wen, J. Eng. Mech. Div. ASCE
+    102(2), 1976.
     """
 
     exponent: float = 1.0  # n
@@ -81,7 +84,8 @@ HYSTERESIS = Format(
 
 @dataclass(frozen=True)
 class LuGre:
-    """Friction of bristles that deflect by z before they slip; all numbers on the side of the motor.
+    """Friction of bristles that deflect by z before they slip; all numbers on the side of the
+    motor.
 
         tau = s0 z + s1 z',    z' = v - s0 |v| z/g(v),    g(v) = F_c + (F_s - F_c) exp(-(v/v_s)^2)
 
@@ -96,7 +100,8 @@ class LuGre:
 
 
 def _check_static(table: Table, here: Context) -> None:
-    static, least = here.values["static"], here.values["coulomb"]
+    static = here.values["static"]
+    least = here.values["coulomb"]
     if static is not None and static < least:
         raise table.fail("static", "a number >= coulomb")
     if static is not None and static > least and here.values["stribeck_speed"] is None:

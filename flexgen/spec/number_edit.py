@@ -1,4 +1,6 @@
-"""Change numbers in the text of a model file; comments, order and layout of all other lines stay."""
+"""Change numbers in the text of a model file; comments, order and layout of all other lines
+stay.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +29,8 @@ def with_numbers(
     text : str
         A model file.
     numbers : mapping
-        Dotted path -> value; an entry of a list by its name or index: ``element.arm1.dof.q1.gear.damping``.
+        Dotted path -> value; an entry of a list by its name or index:
+        ``element.arm1.dof.q1.gear.damping``.
     file : str
         Name of the file, for messages.
     sources : mapping, optional
@@ -39,7 +42,8 @@ def with_numbers(
         A path leads to no number, or a number is not finite.
     """
     text = text.replace("\r\n", "\n")
-    root, places = parse(text, file), Scanner(text)
+    root = parse(text, file)
+    places = Scanner(text)
     edits: list[tuple[int, int, str]] = []
     new: dict[Path, dict[str, Any]] = {}  # what is missing, by the table that it is missing in
     longer: dict[Path, dict[int, float]] = {}  # entries of lists that become longer
@@ -70,13 +74,17 @@ def with_numbers(
             at, end = places.spans[path]
             edits.append((at, end, repr(float(value))))
         else:
-            raise ModelError(file, places.lines.get(path, 0), dotted, "a table or list", "a number")
+            raise ModelError(
+                file, places.lines.get(path, 0), dotted, "a table or list", "a number"
+            )
         if sources and dotted in sources and (path or not missing):
             line_end = text.find("\n", at)
             notes.setdefault(len(text) if line_end < 0 else line_end, []).append(sources[dotted])
     for path, entries in longer.items():
         last = max(
-            place[-1] for place in places.spans if place[:-1] == path and isinstance(place[-1], int)
+            place[-1]
+            for place in places.spans
+            if place[:-1] == path and isinstance(place[-1], int)
         )
         at = places.spans[*path, last][1]
         more = [repr(entries.get(k, 0.0)) for k in range(last + 1, max(entries) + 1)]
@@ -84,7 +92,8 @@ def with_numbers(
     for path, tables in new.items():
         edits.append(_addition(text, places, path, tables))
     edits += [(at, at, f"  # {'; '.join(dict.fromkeys(words))}") for at, words in notes.items()]
-    # from the end, so that places before an edit stay right; at one place a comment comes before new lines
+    # from the end, so that places before an edit stay right; at one place a comment comes before
+    # new lines
     for start, end, words in sorted(
         edits, key=lambda edit: (edit[0], not edit[2].startswith("  #")), reverse=True
     ):
@@ -110,17 +119,23 @@ def _addition(
 
 
 def _plain(value: Any) -> str:
-    """A number, vector (keys are indices, missing entries zero, three at least) or table in TOML."""
+    """A number, vector (keys are indices, missing entries zero, three at least) or table in
+    TOML.
+    """
     if not isinstance(value, dict):
         return repr(value)
     if all(is_count(key) for key in value):
-        return f"[{', '.join(repr(value.get(str(k), 0.0)) for k in range(max(3, *(int(k) + 1 for k in value))))}]"
+        return (
+            f"[{', '.join(repr(value.get(str(k), 0.0)) for k in range(max(3, *(int(k) + 1 for k in value))))}"
+            "]"
+        )
     return f"{{ {', '.join(f'{key} = {_plain(x)}' for key, x in value.items())} }}"
 
 
 def _resolve(root: Entry, dotted: str, file: str) -> tuple[Path, tuple[str, ...]]:
     """The path of what is there, and the keys that are missing below it."""
-    here, path = root, cast(Path, ())
+    here = root
+    path = cast(Path, ())
     words = dotted.split(".")
     for n, word in enumerate(words):
         key, _ = part_of(here, word)
@@ -138,5 +153,6 @@ def _resolve(root: Entry, dotted: str, file: str) -> tuple[Path, tuple[str, ...]
                 "nothing of this name",
                 "a part of the model",
             )
-        here, path = here.value[key], (*path, key)
+        here = here.value[key]
+        path = (*path, key)
     return path, ()

@@ -1,4 +1,6 @@
-"""Data classes of parts of a model: friction laws, slender elastic links, and how accurate the numbers are."""
+"""Data classes of parts of a model: friction laws, slender elastic links, and how accurate the
+numbers are.
+"""
 
 from __future__ import annotations
 
@@ -15,10 +17,11 @@ KINDS = ("stiffness", "damping", "friction", "masses", "motor_inertia", "lost_mo
 
 @dataclass(frozen=True)
 class Tolerances:
-    """Relative standard deviations of all numbers of a kind, or by name (names as in `flexgen.derive`).
+    """Relative standard deviations of all numbers of a kind, or by name (names as in
+    `flexgen.derive`).
 
-    ``payload`` [kg]; ``delay`` [s] of the drives; ``common``: kinds with one relative error; ``correlation``: of the
-    named ones, row by row.
+    ``payload`` [kg]; ``delay`` [s] of the drives; ``common``: kinds with one relative error;
+    ``correlation``: of the named ones, row by row.
     """
 
     stiffness: float = 0.0
@@ -37,7 +40,9 @@ class Tolerances:
 
 @dataclass(frozen=True)
 class Bending:
-    """Bending of a beam in one direction (``"y"`` or ``"z"``): flexural stiffness EI [N m^2], modes, damping ratio."""
+    """Bending of a beam in one direction (``"y"`` or ``"z"``): flexural stiffness EI [N m^2],
+    modes, damping ratio.
+    """
 
     direction: str
     stiffness: float
@@ -47,10 +52,12 @@ class Bending:
 
 @dataclass(frozen=True)
 class Beam:
-    """A slender elastic link along the x axis of its body's frame, clamped at the origin (Euler-Bernoulli).
+    """A slender elastic link along the x axis of its body's frame, clamped at the origin
+    (Euler-Bernoulli).
 
-    Its deflection is a sum of clamped-free modes; each modal coordinate (tip deflection of the mode [m]) is a
-    non-actuated coordinate. Foreshortening is neglected. ``length`` [m], ``mass_per_length`` [kg/m].
+    Its deflection is a sum of clamped-free modes; each modal coordinate (tip deflection of the
+    mode [m]) is a non-actuated coordinate. Foreshortening is neglected. ``length`` [m],
+    ``mass_per_length`` [kg/m].
     """
 
     length: float
@@ -70,9 +77,10 @@ def friction_key(
 ) -> Any:
     """A number of a friction law, which is also a key of the model file.
 
-    ``unit`` is that of a rotation; ``[]`` in the text is replaced by it. A number that is not ``signed`` must be >= 0,
-    and none above ``most``. ``needs`` names other numbers that must be > 0 where this one is not 0. A number that is
-    ``alone`` is a run-time parameter by its own name only, and no plant with another friction changes it.
+    ``unit`` is that of a rotation; ``[]`` in the text is replaced by it. A number that is not
+    ``signed`` must be >= 0, and none above ``most``. ``needs`` names other numbers that must be >
+    0 where this one is not 0. A number that is ``alone`` is a run-time parameter by its own name
+    only, and no plant with another friction changes it.
     """
     return field(
         default=default,
@@ -91,8 +99,8 @@ def friction_key(
 class Friction:
     """The default friction law, ``type = "smooth"``: torque against the speed w.
 
-    ``f(w) = viscous w + (coulomb + stribeck / cosh(alpha w)) tanh(beta w) + offset``. The offset makes it asymmetric.
-    The base of all friction laws.
+    ``f(w) = viscous w + (coulomb + stribeck / cosh(alpha w)) tanh(beta w) + offset``. The offset
+    makes it asymmetric. The base of all friction laws.
     """
 
     about: ClassVar[str] = "friction torque against the speed"
@@ -102,7 +110,9 @@ class Friction:
         "N m", "Coulomb friction [], smoothed by tanh(beta speed)", needs="beta"
     )
     stribeck: float = friction_key(
-        "N m", "Stribeck friction at low speed []: stribeck / cosh(alpha speed)", needs="beta alpha"
+        "N m",
+        "Stribeck friction at low speed []: stribeck / cosh(alpha speed)",
+        needs="beta alpha",
     )
     alpha: float = friction_key("s/rad", "decay of the Stribeck friction with the speed")
     beta: float = friction_key("s/rad", "steepness of the Coulomb friction at zero speed")
@@ -133,15 +143,19 @@ def _is_zero(x: Any) -> bool:
 
 @dataclass(frozen=True)
 class GearFriction(Friction):
-    """Friction of a motor and its gear, ``type = "gear"``: against speed w, gear torque tau and temperature T.
+    """Friction of a motor and its gear, ``type = "gear"``: against speed w, gear torque tau and
+    temperature T.
 
         f = F_v w + (coulomb + load_coulomb L + F_s / cosh(a w) + load_stribeck L / cosh(load_alpha w)) tanh(beta w)
-            + offset,    L = sqrt(tau^2 + s^2) - s,    s = load_smoothing,    d = T + temperature_rise - T_r
+            + offset,    L = sqrt(tau^2 + s^2) - s,    s = load_smoothing,
+            d = T + temperature_rise - T_r
 
         F_v = viscous (1 - viscous_share + viscous_share exp(-d / viscous_decay))
-        F_s = max(0, stribeck + stribeck_slope d),    a = alpha / max(0.01, 1 + alpha stribeck_speed_slope d)
+        F_s = max(0, stribeck + stribeck_slope d),
+        a = alpha / max(0.01, 1 + alpha stribeck_speed_slope d)
 
-    tau: torque of the gear on the motor side; T: `RobotModel.temperature`; T_r: ``reference_temperature``.
+    tau: torque of the gear on the motor side; T: `RobotModel.temperature`; T_r:
+    ``reference_temperature``.
 
     Source: A. C. Bittencourt, S. Gunnarsson, ASME J. Dyn. Syst. Meas. Control 134(5), 2012.
     """
@@ -163,7 +177,8 @@ class GearFriction(Friction):
     load_alpha: float = friction_key("s/rad", "decay of load_stribeck with the speed")
     load_smoothing: float = friction_key(
         "N m",
-        "rounds the magnitude of the gear torque at zero: sqrt(torque^2 + load_smoothing^2) - load_smoothing",
+        "rounds the magnitude of the gear torque at zero: sqrt(torque^2 + load_smoothing^2) - "
+        "load_smoothing",
         alone=True,
     )
     reference_temperature: float = friction_key(
@@ -199,5 +214,7 @@ class GearFriction(Friction):
 
     @property
     def loaded(self) -> bool:
-        """Whether it depends on the torque of the gear, with ``load_smoothing`` > 0 or a run-time parameter."""
+        """Whether it depends on the torque of the gear, with ``load_smoothing`` > 0 or a run-time
+        parameter.
+        """
         return not isinstance(self.load_smoothing, (int, float)) or self.load_smoothing != 0.0

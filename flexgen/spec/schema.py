@@ -86,7 +86,8 @@ def write(form: Form | Callable[[], Form], value: Any) -> dict[str, Any]:
     out: dict[str, Any] = {}
     if isinstance(form, Kinds):
         kind = form.kind_of(value)
-        out, own = {"type": kind} if kind != form.default else {}, form.kinds[kind]
+        out = {"type": kind} if kind != form.default else {}
+        own = form.kinds[kind]
         form = replace(own, keys=(*form.shared, *own.keys))
     values = form.take(value)
     for key in form.keys:

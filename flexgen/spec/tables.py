@@ -1,4 +1,6 @@
-"""Checked access to the tables of a model file: each value is read with its required type and range."""
+"""Checked access to the tables of a model file: each value is read with its required type and
+range.
+"""
 
 from __future__ import annotations
 
@@ -22,12 +24,15 @@ from flexgen.spec.toml_lines import WIDTH, Entry, TextError, leaves, parse, unwr
 IDENTIFIER = "^(?!.*__)[A-Za-z][A-Za-z0-9_]{0,30}$"  # as identifier_problem
 UNITS = ("_rad", "_deg")
 # range of numbers in SI units; their powers stay in the range of double precision
-SMALLEST, LARGEST = 1e-18, 1e12
+SMALLEST = 1e-18
+LARGEST = 1e12
 MAGNITUDE = "of magnitude 1e-18 to 1e12 (or 0)"
 
 
 def as_number(value: Any) -> float | None:
-    """The value as a finite float, or None if it is not a finite number (true and false are not numbers)."""
+    """The value as a finite float, or None if it is not a finite number (true and false are not
+    numbers).
+    """
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         return None
     try:
@@ -75,7 +80,9 @@ def closest(word: str, known: Iterable[str]) -> str:
 
 @dataclass(frozen=True)
 class Where:
-    """Position of a table: the file as the user named it, its line and dotted path, and the lines of its keys."""
+    """Position of a table: the file as the user named it, its line and dotted path, and the lines
+    of its keys.
+    """
 
     file: str
     line: int
@@ -83,7 +90,9 @@ class Where:
     lines: tuple[tuple[str, int], ...] = ()
 
     def find(self, key: str) -> tuple[str, int]:
-        """Dotted path and line of a key, with its unit suffix; those of the table if the key is missing."""
+        """Dotted path and line of a key, with its unit suffix; those of the table if the key is
+        missing.
+        """
         lines = dict(self.lines)
         for name in (key, f"{key}_rad", f"{key}_deg"):
             if name in lines:
@@ -106,10 +115,13 @@ class Table:
 
     error: type[ModelError] = ModelError
     range: tuple[float, float] = SMALLEST, LARGEST
-    size_max, width = 1_000_000, float(WIDTH)  # bytes of a file, characters of a line
+    size_max = 1_000_000  # bytes of a file
+    width = float(WIDTH)  # characters of a line
 
     def __init__(self, file: str, entry: Entry, key: str) -> None:
-        self.file, self.key, self.line = entry.file or file, key, entry.line
+        self.file = entry.file or file
+        self.key = key
+        self.line = entry.line
         if not isinstance(entry.value, dict):
             raise self.error(self.file, entry.line, key, show(unwrap(entry)), "a table")
         self.entries: dict[str, Entry] = entry.value
@@ -129,7 +141,9 @@ class Table:
         return f"{self.key}.{bare(key)}" if self.key else bare(key)
 
     def fail(self, key: str | None, expected: str, given: str | None = None) -> ModelError:
-        """The error for a key of this table (None: for the table); ``given`` defaults to the value in the file."""
+        """The error for a key of this table (None: for the table); ``given`` defaults to the value
+        in the file.
+        """
         entry = None if key is None else self.entries.get(key)
         if given is None:
             given = "nothing" if entry is None else show(unwrap(entry))
@@ -176,7 +190,9 @@ class Table:
         least: float | None = None,
         most: float = math.inf,
     ) -> float:
-        """A finite number, ``> above`` or ``>= least``, and ``<= most``; required if there is no default."""
+        """A finite number, ``> above`` or ``>= least``, and ``<= most``; required if there is no
+        default.
+        """
         if default is not None and key not in self.entries:
             return default
         expected = "a number"
@@ -214,7 +230,9 @@ class Table:
             return tuple(default)
         lengths = (lengths,) if isinstance(lengths, int) else lengths
         sizes = (
-            f"{lengths[0]} to {lengths[-1]}" if len(lengths) > 2 else " or ".join(map(str, lengths))
+            f"{lengths[0]} to {lengths[-1]}"
+            if len(lengths) > 2
+            else " or ".join(map(str, lengths))
         )
         expected = f"a list of {sizes} number{'s' if tuple(lengths) != (1,) else ''}"
         expected += f" ({what})" if what else ""
@@ -226,7 +244,9 @@ class Table:
             number = as_number(item.value)
             if number is None:
                 given = show(unwrap(self.entries[key]))
-                raise self.error(item.file or self.file, item.line, self.path(key), given, expected)
+                raise self.error(
+                    item.file or self.file, item.line, self.path(key), given, expected
+                )
             out.append(number)
         if not self._in_range(out):
             raise self.fail(key, f"numbers {MAGNITUDE}; write 0 for a rounding error")
@@ -252,7 +272,9 @@ class Table:
         return given[0] if given else None
 
     def angles(self, stem: str, rotary: Sequence[bool], what: str = "") -> tuple[float, ...]:
-        """A list under ``stem_rad`` or ``stem_deg``, converted to rad; entries that are not rotary stay unchanged."""
+        """A list under ``stem_rad`` or ``stem_deg``, converted to rad; entries that are not rotary
+        stay unchanged.
+        """
         key = self.unit_key(stem) or ""
         values = self.vector(key, len(rotary), what=what)
         if key.endswith("_rad"):
@@ -333,7 +355,9 @@ class Table:
         )
 
     def tables(self, key: str, required: bool = True) -> list[Table]:
-        """A list of tables; the key path of each contains its name if that is valid, else its index."""
+        """A list of tables; the key path of each contains its name if that is valid, else its
+        index.
+        """
         if key not in self.entries and not required:
             return []
         value = self._get(key, "a list of tables, not empty")
@@ -348,7 +372,9 @@ class Table:
 
 
 def part_of(entry: Entry, word: str) -> tuple[str | int | None, list[str]]:
-    """Key or index of the part of a table or list that has a name, None where it has none; and all names."""
+    """Key or index of the part of a table or list that has a name, None where it has none; and all
+    names.
+    """
     names: list[str | None] = []
     if isinstance(entry.value, dict):
         return (word if word in entry.value else None), list(entry.value)
@@ -358,11 +384,14 @@ def part_of(entry: Entry, word: str) -> tuple[str | int | None, list[str]]:
 
 
 class FileTable(Table):
-    """A table of a file that is not of a model: numbers have any magnitude, files may be larger."""
+    """A table of a file that is not of a model: numbers have any magnitude, files may be
+    larger.
+    """
 
     error = FileError
     range = 0.0, math.inf
-    size_max, width = 2**24, math.inf
+    size_max = 2**24
+    width = math.inf
 
 
 def entry_name(entry: Entry) -> str | None:
@@ -394,13 +423,18 @@ def _open_regular(name: str, flags: int) -> int:
 
 
 def file_bytes(path: Path, what: str, shown: str = "") -> bytes:
-    """The content of a file, at most a byte more than any table may have; ArgumentError where it cannot be read."""
+    """The content of a file, at most a byte more than any table may have; ArgumentError where it
+    cannot be read.
+    """
     try:
         with open_file(path, "rb") as stream:
             return stream.read(FileTable.size_max + 1)
     except (OSError, ValueError) as error:  # ValueError: a name that no file can have
-        reason, given = getattr(error, "strerror", None) or error, shown or str(path)
-        text = f"{what}: given {given!r}, which cannot be read ({reason}), expected a readable file"
+        reason = getattr(error, "strerror", None) or error
+        given = shown or str(path)
+        text = (
+            f"{what}: given {given!r}, which cannot be read ({reason}), expected a readable file"
+        )
         raise ArgumentError(text) from None
 
 
@@ -428,7 +462,9 @@ def parse_file(path: Path, shown: str) -> Entry:
 
 
 def file_table(raw: bytes, path: Path) -> FileTable:
-    """The table of a file that is not of a model; its whole numbers have at most 64 bits, as TOML 1.0 says."""
+    """The table of a file that is not of a model; its whole numbers have at most 64 bits, as TOML
+    1.0 says.
+    """
     root = parse_bytes(raw, str(path), FileTable)
     for entry in leaves(root):
         if isinstance(entry.value, int) and not -(2**63) <= entry.value < 2**63:

@@ -27,7 +27,9 @@ _LINE = re.compile(r"[^\n]*")
 
 @dataclass
 class Entry:
-    """A value with its line (0: not from a file) and file; entries of tables and lists are Entries too."""
+    """A value with its line (0: not from a file) and file; entries of tables and lists are Entries
+    too.
+    """
 
     value: Any
     line: int
@@ -38,12 +40,15 @@ class TextError(Exception):
     """The text is not valid TOML: what was given and expected, and the line (0: unknown)."""
 
     def __init__(self, line: int, given: str, expected: str) -> None:
-        self.line, self.given, self.expected = line, given, expected
+        self.line = line
+        self.given = given
+        self.expected = expected
         super().__init__(f"line {line}: given {given}, expected {expected}")
 
 
 def parse(text: str, file: str = "", width: float = WIDTH) -> Entry:
-    """Parse TOML text, of lines of at most ``width`` characters, into a tree of Entries with lines and file.
+    """Parse TOML text, of lines of at most ``width`` characters, into a tree of Entries with lines
+    and file.
 
     Raises
     ------
@@ -76,7 +81,9 @@ def _parse(text: str, file: str, width: float) -> Entry:
 
 
 def check_depth(data: Any) -> None:
-    """Raise TextError if tables and lists are nested more than DEPTH levels deep; makes recursion safe."""
+    """Raise TextError if tables and lists are nested more than DEPTH levels deep; makes recursion
+    safe.
+    """
     level = [data]
     for _ in range(DEPTH + 1):
         level = [
@@ -126,7 +133,8 @@ def _attach(data: Any, path: Path, lines: dict[Path, int], line: int, file: str)
     line = lines.get(path, line)
     if isinstance(data, dict):
         value = {
-            str(key): _attach(child, (*path, key), lines, line, file) for key, child in data.items()
+            str(key): _attach(child, (*path, key), lines, line, file)
+            for key, child in data.items()
         }
         return Entry(value, line, file)
     if isinstance(data, (list, tuple)):
@@ -141,13 +149,14 @@ def _attach(data: Any, path: Path, lines: dict[Path, int], line: int, file: str)
 class Scanner:
     """Finds each key and list entry in text that is valid TOML.
 
-    ``lines``: path -> line of its key; ``spans``: path of a number, text, date or truth value -> first character and
-    the one after its last; ``braces``: path of an inline table -> place of its closing brace; ``headers``: path of a
-    table -> place of the end of its header's line.
+    ``lines``: path -> line of its key; ``spans``: path of a number, text, date or truth value ->
+    first character and the one after its last; ``braces``: path of an inline table -> place of its
+    closing brace; ``headers``: path of a table -> place of the end of its header's line.
     """
 
     def __init__(self, text: str) -> None:
-        self.text, self.pos = text, 0
+        self.text = text
+        self.pos = 0
         self.breaks = [match.start() for match in re.finditer("\n", text)]
         self.lines: dict[Path, int] = {}
         self.spans: dict[Path, tuple[int, int]] = {}
@@ -183,7 +192,8 @@ class Scanner:
         start = self.pos
         self.pos += 2 if many else 1
         keys = self.keys()
-        end, self.pos = self.pos + (2 if many else 1), start
+        end = self.pos + (2 if many else 1)
+        self.pos = start
         path: Path = ()
         for key in keys[:-1] if many else keys:
             path = (*path, key)
@@ -219,7 +229,8 @@ class Scanner:
         """Read a key and its value."""
         start = self.pos
         path = (*here, *self.keys())
-        after, self.pos = self.pos + 1, start
+        after = self.pos + 1
+        self.pos = start
         self.note(path)
         self.pos = after
         self.value(path)

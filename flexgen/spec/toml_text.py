@@ -18,7 +18,9 @@ def toml(value: Any) -> str:
     if isinstance(value, str):
         return "".join(map(_visible, json.dumps(value, ensure_ascii=False)))
     if isinstance(value, Mapping):
-        return "{ " + ", ".join(f"{toml_key(k)} = {toml(item)}" for k, item in value.items()) + " }"
+        return (
+            "{ " + ", ".join(f"{toml_key(k)} = {toml(item)}" for k, item in value.items()) + " }"
+        )
     if isinstance(value, (list, tuple, np.ndarray)):
         return "[" + ", ".join(map(toml, value)) + "]"
     return exact(float(value))

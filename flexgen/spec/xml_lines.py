@@ -1,4 +1,6 @@
-"""XML parser that keeps line numbers; document types, entities and references to other files raise an error."""
+"""XML parser that keeps line numbers; document types, entities and references to other files raise
+an error.
+"""
 
 from __future__ import annotations
 
@@ -61,7 +63,9 @@ class MarkupError(Exception):
     """The text is not accepted: what was given and expected, and the line."""
 
     def __init__(self, line: int, given: str, expected: str) -> None:
-        self.line, self.given, self.expected = line, given, expected
+        self.line = line
+        self.given = given
+        self.expected = expected
         super().__init__(f"line {line}: given {given}, expected {expected}")
 
 
@@ -74,7 +78,8 @@ def parse(raw: bytes) -> Node:
     Raises
     ------
     MarkupError
-        The text is not XML, has a document type (which could declare entities), or is nested too deeply.
+        The text is not XML, has a document type (which could declare entities), or is nested too
+        deeply.
     """
     try:
         return _parse(raw)

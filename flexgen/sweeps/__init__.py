@@ -1,1 +1,3 @@
-"""Many at once: grids of cases, solved in shards that can be resumed, in any number of processes, into one table."""
+"""Many at once: grids of cases, solved in shards that can be resumed, in any number of processes,
+into one table.
+"""

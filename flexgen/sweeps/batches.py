@@ -32,7 +32,8 @@ KEPT = 4  # models, and time laws, whose buffers a worker keeps
 
 @dataclass(frozen=True)
 class Batches:
-    """The cases of a shard that can be computed in batches; the others are left to `flexgen.solve`.
+    """The cases of a shard that can be computed in batches; the others are left to
+    `flexgen.solve`.
 
     The case alone decides which of the two computes it, and so the bits of its results.
     """
@@ -67,15 +68,20 @@ class Batches:
         options = dict(self.shard.options)
         for name in ("batch", "time_limit"):
             options.pop(name, None)
-        return options.pop("verify", True) is False and not any(value for value in options.values())
+        return options.pop("verify", True) is False and not any(
+            value for value in options.values()
+        )
 
     def _batch(
         self, key: str, robot: RobotModel, law: TimeLaw, batch: list[tuple[Job, Move]]
     ) -> dict[int, tuple[Row, Row]]:
-        """Rows of the moves of one model and one time law; none where they cannot be computed in batches."""
+        """Rows of the moves of one model and one time law; none where they cannot be computed in
+        batches.
+        """
         if unfit(robot):
             return {}
-        wall, cpu = time.perf_counter(), time.process_time()
+        wall = time.perf_counter()
+        cpu = time.process_time()
         try:
             mover = self._mover(key, robot, law)
         except FlexgenError:  # flexgen.solve will report the reason
@@ -97,7 +103,9 @@ class Batches:
         return {job.number: (row, took) for (job, _), row in zip(batch, rows, strict=True)}
 
     def _mover(self, key: str, robot: RobotModel, law: TimeLaw) -> JointMoves | None:
-        """The moves of a model and a time law; None where the torque would jump or have kinks: see `flexgen.solve`."""
+        """The moves of a model and a time law; None where the torque would jump or have kinks: see
+        `flexgen.solve`.
+        """
         at = (key, law.duration, law.smoothness)
         if at not in _MOVERS:
             equations = self.derived(key, robot)
@@ -129,7 +137,9 @@ def _plain_move(job: Job, robot: RobotModel) -> Move | None:
 
 
 def _library(key: str, equations: Equations) -> InverseDynamics | None:
-    """The emitted inverse dynamics of a model; None without a compiler, where CasADi computes it."""
+    """The emitted inverse dynamics of a model; None without a compiler, where CasADi computes
+    it.
+    """
     if key not in _LIBRARIES:
         while len(_LIBRARIES) >= KEPT:
             _LIBRARIES.pop(next(iter(_LIBRARIES)))
@@ -145,7 +155,8 @@ def _library(key: str, equations: Equations) -> InverseDynamics | None:
 def figures_or_reasons(
     robot: RobotModel, mover: JointMoves, starts: np.ndarray, ends: np.ndarray
 ) -> list[Row]:
-    """Rows of moves as `figures` makes them; a move that fails has the reason instead, and does not affect others.
+    """Rows of moves as `figures` makes them; a move that fails has the reason instead, and does
+    not affect others.
 
     A batch that fails is halved until the moves that fail are alone.
     """
@@ -157,7 +168,9 @@ def figures_or_reasons(
     half = len(starts) // 2
     halves = (slice(half), slice(half, None))
     return [
-        row for rows in halves for row in figures_or_reasons(robot, mover, starts[rows], ends[rows])
+        row
+        for rows in halves
+        for row in figures_or_reasons(robot, mover, starts[rows], ends[rows])
     ]
 
 
@@ -195,7 +208,8 @@ def figures(
 def _beyond(robot: RobotModel, peaks: Peaks, starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
     """Whether a limit may be exceeded, (N,)."""
     dofs = [robot.coordinates[i].dof for i in robot.i_g]
-    low, high = np.minimum(starts, ends), np.maximum(starts, ends)
+    low = np.minimum(starts, ends)
+    high = np.maximum(starts, ends)
     out = np.zeros(len(starts), dtype=bool)
     for values, limits in (
         (peaks.torque_max, [motor.torque_max for motor in robot.motors]),
@@ -214,7 +228,9 @@ def _beyond(robot: RobotModel, peaks: Peaks, starts: np.ndarray, ends: np.ndarra
 def _warnings(
     robot: RobotModel, peaks: Peaks, starts: np.ndarray, ends: np.ndarray, k: int
 ) -> tuple[str, ...]:
-    """Exceeded limits of the model file, worded as in a solution: two samples contain all the extremes."""
+    """Exceeded limits of the model file, worded as in a solution: two samples contain all the
+    extremes.
+    """
     channels = {
         "tau_m": np.tile(peaks.torque_max[k], (2, 1)),
         "v_m": np.tile(peaks.speed_max[k], (2, 1)),

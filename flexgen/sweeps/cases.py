@@ -1,4 +1,6 @@
-"""Cases of a sweep, and the grid of models, parameters, moves and methods that they are taken from."""
+"""Cases of a sweep, and the grid of models, parameters, moves and methods that they are taken
+from.
+"""
 
 from __future__ import annotations
 
@@ -45,7 +47,8 @@ MARGIN = 1e-3  # relative distance of random moves from limits of speed and acce
 class RandomMove:
     """A joint move drawn at random within the model's limits of position, speed and acceleration.
 
-    It is the same for the same ``number`` and ``seed`` on every computer. ``duration`` [s], ``smoothness``: of a Move.
+    It is the same for the same ``number`` and ``seed`` on every computer. ``duration`` [s],
+    ``smoothness``: of a Move.
 
     Examples
     --------
@@ -65,10 +68,12 @@ class RandomMove:
         """The move of one model."""
         draw = np.random.default_rng([self.seed, self.number]).random((2, model.n_g))
         speed, acceleration = _peaks(self.smoothness)
-        start, end = [], []
+        start = []
+        end = []
         for (first, second), i in zip(draw.T, model.i_g, strict=True):
             coordinate = model.coordinates[i]
-            dof, span = coordinate.dof, SPAN[coordinate.unit]
+            dof = coordinate.dof
+            span = SPAN[coordinate.unit]
             assert dof is not None  # it is actuated
             low = -span if dof.lower is None else dof.lower
             high = span if dof.upper is None else dof.upper
@@ -80,7 +85,8 @@ class RandomMove:
                     way, (1 - MARGIN) * dof.acceleration_max * self.duration**2 / acceleration
                 )
             start.append(float(low + (high - low) * first))
-            lowest, highest = max(low, start[-1] - way), min(high, start[-1] + way)
+            lowest = max(low, start[-1] - way)
+            highest = min(high, start[-1] + way)
             end.append(float(lowest + (highest - lowest) * second))
         name = f"random{self.number}"
         return Move(name, "joint", tuple(start), self.duration, self.smoothness, end=tuple(end))
@@ -97,7 +103,8 @@ def _peaks(smoothness: int) -> tuple[float, float]:
 def random_moves(
     count: int, seed: int = 0, duration: float = 1.0, smoothness: int = 5
 ) -> tuple[RandomMove, ...]:
-    """Random joint moves within the ranges, speeds and accelerations of the model, for the cases of a `Grid`.
+    """Random joint moves within the ranges, speeds and accelerations of the model, for the cases
+    of a `Grid`.
 
     Parameters
     ----------
@@ -134,7 +141,9 @@ ModelChoice = str | Path | RobotModel
 
 @dataclass(frozen=True)
 class Case:
-    """One solve of a sweep: ``number`` in its grid, model, changes of the model, move (None: its first) and method."""
+    """One solve of a sweep: ``number`` in its grid, model, changes of the model, move (None: its
+    first) and method.
+    """
 
     number: int
     model: ModelChoice
@@ -148,7 +157,8 @@ class Case:
             return read(self.model, overrides=self.parameters)
         if self.parameters:
             raise ArgumentError(
-                f"sweep: given parameters for the RobotModel {self.model.name}, expected the name or file of a model"
+                f"sweep: given parameters for the RobotModel {self.model.name}, expected the "
+                "name or file of a model"
             )
         return self.model
 
@@ -156,7 +166,8 @@ class Case:
 @checked_class
 @dataclass(frozen=True)
 class Grid:
-    """Grid of a sweep: all combinations, models slowest, then parameter sets, moves and, fastest, methods.
+    """Grid of a sweep: all combinations, models slowest, then parameter sets, moves and, fastest,
+    methods.
 
     Parameters
     ----------
@@ -166,11 +177,13 @@ class Grid:
         None: the first move of the model.
     methods : sequence of str
     parameters : sequence of mappings
-        Changes of the model file, dotted paths to values, as in `flexgen.read`; `combinations` makes them of lists.
+        Changes of the model file, dotted paths to values, as in `flexgen.read`; `combinations`
+        makes them of lists.
     options : mapping
-        The same for all cases: ``preview``, ``mesh``, ``verify``, ``accuracy``, ``time_limit`` (default: none),
-        ``ignore_limits``, ``fixed_joint``, ``options`` of `flexgen.solve`, and ``batch``: compute joint moves in
-        closed form in batches where that is possible and ``verify`` is False.
+        The same for all cases: ``preview``, ``mesh``, ``verify``, ``accuracy``, ``time_limit``
+        (default: none), ``ignore_limits``, ``fixed_joint``, ``options`` of `flexgen.solve`, and
+        ``batch``: compute joint moves in closed form in batches where that is possible and
+        ``verify`` is False.
 
     Cases are made on access: ``grid[17]``, ``len(grid)``, ``for case in grid``.
 
@@ -210,7 +223,8 @@ class Grid:
         cases = math.prod(self._sizes)
         if cases > CASES:
             raise ArgumentError(
-                f"grid: given {cases} cases, expected at most {CASES}; split it into several sweeps"
+                f"grid: given {cases} cases, expected at most {CASES}; split it into several "
+                "sweeps"
             )
         unknown = sorted(set(self.options) - set(OPTIONS))
         if unknown:
@@ -280,7 +294,9 @@ def combinations(values: Mapping[str, Sequence[Any]]) -> tuple[dict[str, Any], .
 
     Examples
     --------
-    >>> for changes in flexgen.combinations({"motor.m1.inertia": [0.01, 0.02], "motor.m2.inertia": [0.01]}):
+    >>> for changes in flexgen.combinations(
+    ...     {"motor.m1.inertia": [0.01, 0.02], "motor.m2.inertia": [0.01]}
+    ... ):
     ...     print(changes)
     {'motor.m1.inertia': 0.01, 'motor.m2.inertia': 0.01}
     {'motor.m1.inertia': 0.02, 'motor.m2.inertia': 0.01}

@@ -1,12 +1,15 @@
-"""Joint moves of a flexible-joint robot, many at once: vectorised numpy around the emitted inverse dynamics.
+"""Joint moves of a flexible-joint robot, many at once: vectorised numpy around the emitted inverse
+dynamics.
 
-Without non-actuated coordinates the torques follow from the motion at each instant. Along a joint move it is
-``q = start + (end - start) s(t)`` with the time law s, so that all moves of one law differ by factors only. The gears
-need ``tau_g`` with two derivatives: central differences of sixth order along the Taylor polynomial of the law at each
-instant, by the inverse dynamics at six neighbors; no differences across instants, so the ends of the move do no harm.
+Without non-actuated coordinates the torques follow from the motion at each instant. Along a joint
+move it is ``q = start + (end - start) s(t)`` with the time law s, so that all moves of one law
+differ by factors only. The gears need ``tau_g`` with two derivatives: central differences of sixth
+order along the Taylor polynomial of the law at each instant, by the inverse dynamics at six
+neighbors; no differences across instants, so the ends of the move do no harm.
 
-The moves are computed in batches whose width depends on the time law alone, so the bits of a result depend on the move
-alone. After the moves the deflections of damped gears decay, as in the method closed-form.
+The moves are computed in batches whose width depends on the time law alone, so the bits of a
+result depend on the move alone. After the moves the deflections of damped gears decay, as in the
+method closed-form.
 """
 
 from __future__ import annotations
@@ -46,9 +49,9 @@ InverseDynamics = Callable[..., Any]
 class Peaks:
     """Figures of N moves.
 
-    Motors, (N, n_m), motor side: ``torque_max`` and ``torque_rms`` [N m], ``speed_max`` [rad/s], ``energy`` [J], the
-    work done by the motor. Actuated coordinates, (N, n_g): ``speed`` [rad/s or m/s] and ``acceleration`` [rad/s^2 or
-    m/s^2], the largest ones.
+    Motors, (N, n_m), motor side: ``torque_max`` and ``torque_rms`` [N m], ``speed_max`` [rad/s],
+    ``energy`` [J], the work done by the motor. Actuated coordinates, (N, n_g): ``speed`` [rad/s or
+    m/s] and ``acceleration`` [rad/s^2 or m/s^2], the largest ones.
     """
 
     torque_max: np.ndarray
@@ -102,8 +105,8 @@ class JointMoves:
     law : TimeLaw
         Of all moves.
     inverse_dynamics : callable, optional
-        ``(q_a, v_a, a_a, out=tau_a)`` on arrays (N, n_a), such as that of a generated library; default: CasADi's
-        virtual machine, which is slower.
+        ``(q_a, v_a, a_a, out=tau_a)`` on arrays (N, n_a), such as that of a generated library;
+        default: CasADi's virtual machine, which is slower.
     step : float, optional [s]
         Largest distance of two samples; default: that of `flexgen.solve`.
 
@@ -126,7 +129,8 @@ class JointMoves:
             raise ArgumentError(
                 f"batch of joint moves: {problem}; use flexgen.solve for each of them"
             )
-        self.model, self.law = model, law
+        self.model = model
+        self.law = law
         step = min(STEP, law.duration / 400) if step is None else step
         self.t, _ = instants(law.duration, step, gear_settling(equations))
         self.n = len(self.t)
@@ -139,14 +143,16 @@ class JointMoves:
             for gear, ratio in rows
             if isinstance(gear.spring, LinearSpring)
         ]
-        self._stiffness, self._damping = np.array(stiffness), gear_damping(equations)[self._elastic]
+        self._stiffness = np.array(stiffness)
+        self._damping = gear_damping(equations)[self._elastic]
         damped = self._damping > 0
         slow = self._damping[damped] / self._stiffness[damped]
         h = self.t[1]
         if (slow < INSTANT * h).any():
             raise ArgumentError(
-                f"batch of joint moves: model {model.name} has a gear with a time constant of {slow.min():.2g} s, much "
-                f"less than a sample of {h:.2g} s; use flexgen.solve for each of the moves"
+                f"batch of joint moves: model {model.name} has a gear with a time constant of "
+                f"{slow.min():.2g} s, much less than a sample of {h:.2g} s; use flexgen.solve "
+                "for each of the moves"
             )
         self._slow = [int(k) for k in np.flatnonzero(damped)]  # among the elastic ones
         self._lag: Lag | None = (
@@ -176,18 +182,24 @@ class JointMoves:
         return Peaks(largest, rms, fastest, work, way * s1, way * s2)
 
     def torques(self, starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
-        """Motor torques (N, n, n_m) [N m, motor side] at the instants `t`; 8 n n_m bytes a move."""
+        """Motor torques (N, n, n_m) [N m, motor side] at the instants `t`; 8 n n_m bytes a
+        move.
+        """
         out = np.empty((len(starts), self.n, self.model.n_m))
         for rows, tau, _ in self._batches(starts, ends):
             out[rows] = tau[:, :, : len(rows)].transpose(2, 1, 0)
         return out
 
     def _batches(self, starts: np.ndarray, ends: np.ndarray) -> Any:
-        """Numbers, motor torques and motor speeds (n_m, n, width) of each batch; the last one is padded."""
-        q0, q1 = np.asarray(starts, dtype=float), np.asarray(ends, dtype=float)
+        """Numbers, motor torques and motor speeds (n_m, n, width) of each batch; the last one is
+        padded.
+        """
+        q0 = np.asarray(starts, dtype=float)
+        q1 = np.asarray(ends, dtype=float)
         if q0.ndim != 2 or q0.shape != q1.shape or q0.shape[1] != self.model.n_g:
             raise ArgumentError(
-                f"joint moves: given starts {q0.shape} and ends {q1.shape}, expected (N, {self.model.n_g}) for both"
+                f"joint moves: given starts {q0.shape} and ends {q1.shape}, expected (N, "
+                f"{self.model.n_g}) for both"
             )
         if not (np.isfinite(q0).all() and np.isfinite(q1).all()):
             raise ArgumentError(
@@ -209,7 +221,9 @@ class JointMoves:
     def _arm(
         self, start: np.ndarray, way: np.ndarray, s: Sequence[np.ndarray], tau: np.ndarray
     ) -> None:
-        """Write the inverse dynamics (n_g, n, width) of the moves at (s, s', s'') to ``tau``; uses three arrays."""
+        """Write the inverse dynamics (n_g, n, width) of the moves at (s, s', s'') to ``tau``; uses
+        three arrays.
+        """
         q, v, a = self._memory[:3]
         for x, factor in zip((q, v, a), s, strict=False):
             np.multiply(way[:, None, :], factor[None, :, None], out=x)
@@ -221,7 +235,8 @@ class JointMoves:
 
     def _motors(self, start: np.ndarray, way: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Motor torques and speeds (n_m, n, width)."""
-        model, elastic = self.model, self._elastic
+        model = self.model
+        elastic = self._elastic
         tau, near, first, second = self._memory[3:7]
         if elastic:
             self._derivatives(start, way, near, first, second)
@@ -249,8 +264,10 @@ class JointMoves:
             )
             v[elastic] += rates
             a[elastic] += second_rates
-        eta, back = model.eta, np.linalg.inv(model.eta).T
-        speed, torque = _multiply(eta, v), _multiply(back, tau)
+        eta = model.eta
+        back = np.linalg.inv(model.eta).T
+        speed = _multiply(eta, v)
+        torque = _multiply(back, tau)
         acceleration = _multiply(eta, a)
         for j, motor in enumerate(model.motors):
             acceleration[j] *= motor.inertia
@@ -266,7 +283,9 @@ class JointMoves:
         first: np.ndarray,
         second: np.ndarray,
     ) -> None:
-        """Write the neighbors' share of two derivatives of the inverse dynamics, times the step and its square."""
+        """Write the neighbors' share of two derivatives of the inverse dynamics, times the step
+        and its square.
+        """
         later = self._memory[7]
         first.fill(0.0)
         second.fill(0.0)
@@ -280,9 +299,13 @@ class JointMoves:
     def _deflection_rates(
         self, tau: np.ndarray, first: np.ndarray, second: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives one and two of the elastic gears' deflections (m, n, width), from torques with derivatives."""
-        K, D = self._stiffness[:, None, None], self._damping[:, None, None]
-        rates, second_rates = first / K, second / K
+        """Derivatives one and two of the elastic gears' deflections (m, n, width), from torques
+        with derivatives.
+        """
+        K = self._stiffness[:, None, None]
+        D = self._damping[:, None, None]
+        rates = first / K
+        second_rates = second / K
         if self._lag is not None:
             slow = self._slow
             given = np.stack([x[slow].transpose(1, 0, 2) for x in (tau, first, second)])
@@ -294,9 +317,9 @@ class JointMoves:
         return rates, second_rates
 
 
-# The law of `force_laws.friction_torque` in numpy: for whole arrays, of joints as well as motors (the function
-# motor_friction is of the motors alone), and with two derivatives, which no function of the model has. A test compares
-# it with the CasADi expression.
+# The law of `force_laws.friction_torque` in numpy: for whole arrays, of joints as well as motors
+# (the function motor_friction is of the motors alone), and with two derivatives, which no function
+# of the model has. A test compares it with the CasADi expression.
 def friction(law: Friction, w: np.ndarray) -> np.ndarray:
     """Friction torque [N m or N] at the speed ``w`` [rad/s or m/s]."""
     out = law.viscous * w
@@ -308,7 +331,9 @@ def friction(law: Friction, w: np.ndarray) -> np.ndarray:
     return out + law.offset
 
 
-def friction_derivatives(law: Friction, w: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def friction_derivatives(
+    law: Friction, w: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Friction torque at the speed ``w`` and its first two derivatives in w."""
     T = np.tanh(law.beta * w)
     T1 = law.beta * (1 - T * T)
@@ -316,7 +341,8 @@ def friction_derivatives(law: Friction, w: np.ndarray) -> tuple[np.ndarray, np.n
     L = np.full_like(w, law.coulomb)
     L1 = L2 = np.zeros_like(w)
     if law.stribeck:
-        C, U = _sech(law.alpha * w), np.tanh(law.alpha * w)
+        C = _sech(law.alpha * w)
+        U = np.tanh(law.alpha * w)
         L = L + law.stribeck * C
         L1 = -law.stribeck * law.alpha * C * U
         L2 = law.stribeck * law.alpha**2 * C * (2 * U * U - 1)
@@ -333,7 +359,9 @@ def _sech(x: np.ndarray) -> np.ndarray:
 
 
 def _taylor(s: np.ndarray, offset: float) -> tuple[np.ndarray, ...]:
-    """Taylor expansion of (s, s', s'') (n,) at an offset [s], up to the fourth derivative, from ``s`` (n, 6)."""
+    """Taylor expansion of (s, s', s'') (n,) at an offset [s], up to the fourth derivative, from
+    ``s`` (n, 6).
+    """
     return tuple(
         sum((s[:, k + i] * (offset**i / factorial(i)) for i in range(1, 5 - k)), s[:, k].copy())
         for k in range(3)

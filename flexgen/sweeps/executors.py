@@ -1,4 +1,6 @@
-"""Executors of shards: this process and a process pool; `flexgen.numerics.executors` has those of others."""
+"""Executors of shards: this process and a process pool; `flexgen.numerics.executors` has those of
+others.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,9 @@ POLL = 0.2
 
 
 def in_process(shards: Iterable[Shard], work: Work) -> Done:
-    """In this process, one shard after the other; Ctrl-C is kept where a solver in C++ catches it."""
+    """In this process, one shard after the other; Ctrl-C is kept where a solver in C++ catches
+    it.
+    """
     unlimited = Deadline(math.inf)
     with interrupts_recorded(unlimited):
         for shard in shards:
@@ -34,7 +38,9 @@ def in_process(shards: Iterable[Shard], work: Work) -> Done:
 
 
 def in_pool(shards: Iterable[Shard], workers: int, work: Work) -> Done:
-    """In a pool of processes; a case that kills its process is found and becomes a row with the reason."""
+    """In a pool of processes; a case that kills its process is found and becomes a row with the
+    reason.
+    """
     todo = iter(shards)
     while first := list(islice(todo, 2 * workers)):
         suspects: list[Shard] = []
@@ -84,8 +90,9 @@ class _Pool:
             self._pool.submit(_start).result()
         except BrokenProcessPool:
             raise SolverError(
-                "sweep: given worker processes that end at start, expected a script that they can import; "
-                "put its calls below 'if __name__ == \"__main__\":', or take workers=0"
+                "sweep: given worker processes that end at start, expected a script that they "
+                "can import; put its calls below 'if __name__ == \"__main__\":', or take "
+                "workers=0"
             ) from None
         return self
 
@@ -110,7 +117,9 @@ def _start() -> None:
 
 
 def _run_isolated(shard: Shard, work: Work) -> Rows:
-    """A shard that may have killed its process, in a separate process; halved until the case is found."""
+    """A shard that may have killed its process, in a separate process; halved until the case is
+    found.
+    """
     try:
         with _Pool(1) as pool:
             return pool.submit(work, shard).result()

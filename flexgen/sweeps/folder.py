@@ -1,7 +1,8 @@
 """The folder of a sweep: its description, the finished shards, and at the end the tables.
 
-``sweep.json`` has the grid and the version of the code; ``shards/000017.json`` is a finished shard, whose first line is
-the SHA-256 of the rest. Files are written atomically, so an interruption loses only the shards in progress.
+``sweep.json`` has the grid and the version of the code; ``shards/000017.json`` is a finished
+shard, whose first line is the SHA-256 of the rest. Files are written atomically, so an
+interruption loses only the shards in progress.
 """
 
 from __future__ import annotations
@@ -64,7 +65,8 @@ class Folder:
         resume: bool,
         log: Log,
     ) -> None:
-        self.path, self._log = Path(path), log
+        self.path = Path(path)
+        self._log = log
         follow_links(self.path)
         self._cases = len(grid)
         self._about = {"format": FORMAT, "grid": grid.digest, "code": code, "cases": self._cases}
@@ -80,8 +82,8 @@ class Folder:
             not entry.name.startswith(".") for entry in self.path.iterdir()
         ):
             raise ArgumentError(
-                f"sweep: given the folder {str(self.path)!r}, which contains other files, expected an empty or "
-                "a new folder; take another folder"
+                f"sweep: given the folder {str(self.path)!r}, which contains other files, "
+                "expected an empty or a new folder; take another folder"
             )
         self.shard_size = shard_size or default_size(grid)
         try:
@@ -92,11 +94,14 @@ class Folder:
         write_text(head, json.dumps(about, indent=1) + "\n")
 
     def _continue(self, head: Path, shard_size: int | None, resume: bool) -> int:
-        """The shard size of the sweep in the folder; ArgumentError where it cannot be continued."""
+        """The shard size of the sweep in the folder; ArgumentError where it cannot be
+        continued.
+        """
         where = f"sweep: given the folder {str(self.path)!r}"
         if not resume:
             raise ArgumentError(
-                f"{where}, which contains a sweep; continue it with resume=True (--resume), or take another folder"
+                f"{where}, which contains a sweep; continue it with resume=True (--resume), or "
+                "take another folder"
             )
         try:
             there = json.loads(head.read_text(encoding="utf-8"))
@@ -107,7 +112,8 @@ class Folder:
         size: Any = there.get("shard_size") if isinstance(there, dict) else None
         if not is_whole(size):
             raise ArgumentError(
-                f"{where} with a damaged sweep.json (no whole number shard_size); take another folder"
+                f"{where} with a damaged sweep.json (no whole number shard_size); take another "
+                "folder"
             )
         for key, value in self._about.items():
             if there.get(key) != value:
@@ -118,7 +124,8 @@ class Folder:
                     "cases": "of another number of cases",
                 }[key]
                 raise ArgumentError(
-                    f"{where} with a sweep {what}, expected one of this grid and this code; take another folder"
+                    f"{where} with a sweep {what}, expected one of this grid and this code; "
+                    "take another folder"
                 )
         if shard_size not in (None, size):
             raise ArgumentError(
@@ -140,7 +147,8 @@ class Folder:
         except FileNotFoundError:
             return None
         except (OSError, ValueError):
-            checksum, body = "", ""
+            checksum = ""
+            body = ""
         if checksum != _sum(body):
             self._log(f"{file}: damaged; it is computed again")
             return None
@@ -154,8 +162,8 @@ class Folder:
         for key, value in (self._about | {"number": number}).items():
             if content.get(key) != value:
                 raise ArgumentError(
-                    f"{file}: given a shard of another sweep ({key} {content.get(key)}), expected {key} {value}; "
-                    "remove the file to have it computed again"
+                    f"{file}: given a shard of another sweep ({key} {content.get(key)}), "
+                    f"expected {key} {value}; remove the file to have it computed again"
                 )
         first = number * self.shard_size
         cases = range(first, min(first + self.shard_size, self._cases))

@@ -20,7 +20,8 @@ def _check_changes(table: Table, here: Context) -> None:
 def _grid(models: Any, moves: Any, random: tuple[MoveChoice, ...], **values: Any) -> Grid:
     """The grid; ``random`` moves come after those that are named."""
     named = [*moves, *random]
-    listed, options = values["parameters"], values["options"]
+    listed = values["parameters"]
+    options = values["options"]
     changes = values["set"] if listed is None else combinations(_flat(listed))
     return Grid(
         models,
@@ -64,7 +65,10 @@ GRID = Format(
     "grid of a sweep: all combinations of models, changes, moves and methods",
     (
         Key(
-            "models", _NAMES, "names, or paths relative to the current folder", check=_check_changes
+            "models",
+            _NAMES,
+            "names, or paths relative to the current folder",
+            check=_check_changes,
         ),
         Key("methods", _NAMES, "methods of inverse dynamics", default=Grid.methods),
         Key("moves", _NAMES, "names of moves; none: the first move of each model", default=[]),

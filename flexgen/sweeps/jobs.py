@@ -15,7 +15,9 @@ Row = dict[str, Any]
 
 @dataclass(frozen=True)
 class Job:
-    """A case for a worker; ``key``: of its model in `Shard.robots`, ``model``, ``parameters``: its labels."""
+    """A case for a worker; ``key``: of its model in `Shard.robots`, ``model``, ``parameters``: its
+    labels.
+    """
 
     number: int
     key: str
@@ -60,8 +62,8 @@ class Job:
 class Shard:
     """Cases that are solved together, with everything that a worker on another computer needs.
 
-    ``robots``: models by key, or the reason where one could not be read. ``code``: version of the code that the worker
-    must have.
+    ``robots``: models by key, or the reason where one could not be read. ``code``: version of the
+    code that the worker must have.
     """
 
     number: int

@@ -1,4 +1,6 @@
-"""Summary of a sweep: its cases by model, method and status, and the reasons of those that failed."""
+"""Summary of a sweep: its cases by model, method and status, and the reasons of those that
+failed.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,8 @@ _NUMBER = re.compile(r"\d[\d.]*(?:[eE][-+]?\d+)?")
 
 
 def group_reasons(cases: Sequence[int], errors: Sequence[str]) -> list[dict[str, Any]]:
-    """Group failed cases by their reason, the most frequent first; reasons that differ in numbers only are equal.
+    """Group failed cases by their reason, the most frequent first; reasons that differ in numbers
+    only are equal.
 
     Each group has the ``reason`` of its first case and its ``cases``.
     """

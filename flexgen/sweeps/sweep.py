@@ -1,4 +1,6 @@
-"""Sweep: all cases of a grid, solved in shards by one process or many, with the same bits for any number of them."""
+"""Sweep: all cases of a grid, solved in shards by one process or many, with the same bits for any
+number of them.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +36,8 @@ from flexgen.type_checks import checked_result, checked_types
 @checked_result
 @dataclass(frozen=True, repr=False)
 class SweepResult(Result):
-    """Tables of a sweep, one row for each case: the results, and the times, which differ from run to run.
+    """Tables of a sweep, one row for each case: the results, and the times, which differ from run
+    to run.
 
     Attributes
     ----------
@@ -46,7 +49,9 @@ class SweepResult(Result):
 
     Examples
     --------
-    >>> result = flexgen.sweep(flexgen.Grid(["elbow"], moves=flexgen.random_moves(2, seed=1)), workers=1)
+    >>> result = flexgen.sweep(
+    ...     flexgen.Grid(["elbow"], moves=flexgen.random_moves(2, seed=1)), workers=1
+    ... )
     >>> print(*result.results["status"])
     solved solved
     >>> [column.name for column in result.times.columns]  # seconds of each case
@@ -114,17 +119,17 @@ def sweep(
     ----------
     grid : Grid
     out : str or Path, optional
-        Folder for finished shards, and for the tables ``results.npz`` and ``times.npz`` at the end. Without a folder
-        nothing is written.
+        Folder for finished shards, and for the tables ``results.npz`` and ``times.npz`` at the
+        end. Without a folder nothing is written.
     workers : int, optional
-        Processes on this computer; 0 or 1: this process only; default: one for each core. They import the calling
-        script, whose calls must be below ``if __name__ == "__main__":``.
+        Processes on this computer; 0 or 1: this process only; default: one for each core. They
+        import the calling script, whose calls must be below ``if __name__ == "__main__":``.
     executor : optional
-        Solves the shards instead: an object with ``submit(function, argument)`` that returns futures, such as the
-        executors of concurrent.futures, or a Client of dask.distributed.
+        Solves the shards instead: an object with ``submit(function, argument)`` that returns
+        futures, such as the executors of concurrent.futures, or a Client of dask.distributed.
     shard_size : int, optional
-        Cases of a shard, the unit of work that an interruption may lose; default: at most 16, or 512 where they are
-        computed in batches.
+        Cases of a shard, the unit of work that an interruption may lose; default: at most 16, or
+        512 where they are computed in batches.
     resume : bool
         Continue the sweep in ``out``.
     in_flight : int, optional
@@ -133,13 +138,14 @@ def sweep(
         Then, or after Ctrl-C, the sweep ends with the rows of the finished shards, and ``ended``
         says so; ``resume`` continues it. None or 0: unlimited.
     progress : callable or bool, optional
-        Called with one line of text after every shard; default: messages on a terminal and in a notebook; False: none.
+        Called with one line of text after every shard; default: messages on a terminal and in a
+        notebook; False: none.
 
     Returns
     -------
     SweepResult
-        A case that fails is a row with the reason. The bits of the results are the same for any number of workers,
-        shards and interruptions.
+        A case that fails is a row with the reason. The bits of the results are the same for any
+        number of workers, shards and interruptions.
 
     Raises
     ------
@@ -152,7 +158,9 @@ def sweep(
 
     Examples
     --------
-    >>> grid = flexgen.Grid(["elbow"], moves=flexgen.random_moves(2, seed=1), methods=["closed-form"])
+    >>> grid = flexgen.Grid(
+    ...     ["elbow"], moves=flexgen.random_moves(2, seed=1), methods=["closed-form"]
+    ... )
     >>> result = flexgen.sweep(grid, workers=1)
     >>> print(*result.results["status"])
     solved solved
@@ -169,7 +177,9 @@ def sweep(
     else:
         missing = [number for number in range(count) if folder.rows(number) is None]
     shards = _shards(grid, missing, size, code)
-    report = _Progress(len(grid), sum(len(_numbers(grid, number, size)) for number in missing), log)
+    report = _Progress(
+        len(grid), sum(len(_numbers(grid, number, size)) for number in missing), log
+    )
     left = set(missing)
     with limit_fit("sweep", time_limit, first="shard of cases"):
         if len(missing) < count:
@@ -285,7 +295,8 @@ def _shards(grid: Grid, numbers: list[int], size: int, code: str) -> Iterator[Sh
     """Shards with everything that a worker needs, one after the other."""
     read: dict[tuple[int, int], tuple[str, RobotModel | str]] = {}
     for number in numbers:
-        jobs, robots = [], {}
+        jobs = []
+        robots = {}
         for k in _numbers(grid, number, size):
             case = grid[k]
             label = id(case.model), id(case.parameters)  # the grid holds both
@@ -314,8 +325,12 @@ class _Progress:
     """Reports the progress of a sweep."""
 
     def __init__(self, cases: int, missing: int, log: Callable[[str], None]) -> None:
-        self._cases, self._missing, self._log = cases, missing, log
-        self._done, self._failed, self._began = 0, 0, time.perf_counter()
+        self._cases = cases
+        self._missing = missing
+        self._log = log
+        self._done = 0
+        self._failed = 0
+        self._began = time.perf_counter()
         if missing < cases:
             log(f"{cases - missing} of {cases} cases are finished already")
 
@@ -326,8 +341,8 @@ class _Progress:
         rate = self._done / max(time.perf_counter() - self._began, 1e-9)
         left = (self._missing - self._done) / rate
         self._log(
-            f"{self._cases - self._missing + self._done} of {self._cases} cases, {self._failed} failed, "
-            f"{rate:.3g} cases/s, {_span(left)} remaining"
+            f"{self._cases - self._missing + self._done} of {self._cases} cases, {self._failed} "
+            f"failed, {rate:.3g} cases/s, {_span(left)} remaining"
         )
 
 

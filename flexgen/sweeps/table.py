@@ -1,4 +1,6 @@
-"""The tables of a sweep: one row for each case, typed columns with units, saved as npz or parquet without loss."""
+"""The tables of a sweep: one row for each case, typed columns with units, saved as npz or parquet
+without loss.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,8 @@ from flexgen.npz_files import NpzError, read_npz
 
 LARGEST = 2**34  # bytes of a table that is read
 # Bytes of a table that is read, for each byte of its file: numbers of 130 bytes a row are hardly
-# packed, and texts have at most 13000, so that no sweep reaches it. A smaller table may be packed more.
+# packed, and texts have at most 13000, so that no sweep reaches it. A smaller table may be packed
+# more.
 PACKED = 200
 SMALL = 2**28
 LONGEST = 400  # characters of a text in a table
@@ -28,7 +31,9 @@ HEAD = 100_000  # characters of the text that says what the columns are, at most
 
 @dataclass(frozen=True)
 class Column:
-    """``kind``: "int", "float" or "text"; an integer that is missing is -1, a number NaN, a text empty."""
+    """``kind``: "int", "float" or "text"; an integer that is missing is -1, a number NaN, a text
+    empty.
+    """
 
     name: str
     kind: str
@@ -73,7 +78,9 @@ RESULTS = (
         "N m",
         "largest residual of the equations of motion between the samples",
     ),
-    Column("residual_relative", "float", "1", "residual relative to the largest torque in its row"),
+    Column(
+        "residual_relative", "float", "1", "residual relative to the largest torque in its row"
+    ),
     Column("energy_error", "float", "1", "relative error of the energy balance in the simulation"),
     Column("iterations", "int", "1", "of the solver"),
     Column("samples", "int", "1", "of the trajectory"),
@@ -119,7 +126,9 @@ class Table:
         return out.hexdigest()
 
     def save(self, path: str | Path) -> Path:
-        """Write to ``path``, ``.npz`` or ``.parquet`` (needs pyarrow); equal tables give equal npz files."""
+        """Write to ``path``, ``.npz`` or ``.parquet`` (needs pyarrow); equal tables give equal npz
+        files.
+        """
         path = Path(path)
         if path.suffix not in (".npz", ".parquet"):
             raise ArgumentError(
@@ -136,7 +145,9 @@ class Table:
 
     @staticmethod
     def load(path: str | Path) -> Table:
-        """Read an npz file that `save` wrote; ArgumentError for one that is damaged or of another program."""
+        """Read an npz file that `save` wrote; ArgumentError for one that is damaged or of another
+        program.
+        """
         try:
             most = max(SMALL, PACKED * Path(path).stat().st_size)
             arrays = read_npz(Path(path), min(LARGEST, most), _check_array)
@@ -151,13 +162,16 @@ class Table:
         problem, columns = _columns(arrays)
         if problem:
             raise ArgumentError(
-                f"{path}: given a file that is not a table of flexgen ({problem}), expected a table that a sweep wrote"
+                f"{path}: given a file that is not a table of flexgen ({problem}), expected a "
+                "table that a sweep wrote"
             )
         return Table(columns, {c.name: arrays[c.name] for c in columns})
 
 
 def _check_array(name: str, shape: tuple[int, ...], dtype: np.dtype[Any]) -> None:
-    """NpzError for texts longer than in any table, before they are read: zeros are packed to a thousandth."""
+    """NpzError for texts longer than in any table, before they are read: zeros are packed to a
+    thousandth.
+    """
     characters = dtype.itemsize // np.dtype("U1").itemsize if dtype.kind == "U" else 0
     most = HEAD if name == "columns" else ESCAPED * LONGEST
     if characters > most:
@@ -192,7 +206,8 @@ def _columns(arrays: Mapping[str, np.ndarray]) -> tuple[str, tuple[Column, ...]]
         return "no readable array 'columns'", ()
     if not (isinstance(rows, list) and rows and all(_is_column(row) for row in rows)):
         return "columns without name, kind, unit and meaning", ()
-    columns, first = tuple(Column(*row) for row in rows), arrays.get(rows[0][0])
+    columns = tuple(Column(*row) for row in rows)
+    first = arrays.get(rows[0][0])
     length = () if first is None else first.shape
     for column in columns:
         values = arrays.get(column.name)
@@ -221,7 +236,9 @@ def table_of(columns: Sequence[Column], rows: Iterable[Mapping[str, Any]]) -> Ta
 
 
 def _entry(kind: str, value: Any) -> Any:
-    """A value that is the same in memory and in every file: one NaN, texts in UTF-8 of limited length."""
+    """A value that is the same in memory and in every file: one NaN, texts in UTF-8 of limited
+    length.
+    """
     if value is None or value != value:
         return _MISSING[kind]
     if kind != "text":
@@ -231,10 +248,12 @@ def _entry(kind: str, value: Any) -> Any:
 
 def _save_parquet(table: Table, stream: BinaryIO) -> None:
     try:
-        pa, parquet = import_module("pyarrow"), import_module("pyarrow.parquet")
+        pa = import_module("pyarrow")
+        parquet = import_module("pyarrow.parquet")
     except ImportError as error:
         raise ArgumentError(
-            f"table: given .parquet, which needs the package pyarrow ({error}); run: pip install pyarrow, or take .npz"
+            f"table: given .parquet, which needs the package pyarrow ({error}); run: pip "
+            "install pyarrow, or take .npz"
         ) from None
     kinds = {"int": pa.int64(), "float": pa.float64(), "text": pa.string()}
     fields = [

@@ -21,10 +21,12 @@ SOURCES = (".py", ".c", ".h")  # of Python code and of C libraries
 
 @cache
 def code_version(native: bool = False) -> str:
-    """Version of flexgen with a digest of everything that affects the results, the same in every process.
+    """Version of flexgen with a digest of everything that affects the results, the same in every
+    process.
 
-    The digest covers the sources, the numerical packages and the C compiler, without which ``auto`` takes other
-    methods. ``native``: also the processor, since compiled code may use all its instructions.
+    The digest covers the sources, the numerical packages and the C compiler, without which
+    ``auto`` takes other methods. ``native``: also the processor, since compiled code may use all
+    its instructions.
     """
     digest = hashlib.sha256()
     root = Path(flexgen.__file__).resolve().parent
@@ -52,9 +54,12 @@ def _find_version(package: str) -> str:
 
 
 def _compiler(native: bool) -> str:
-    """Identity of the compiler; "none" without one, "unusable" where $CC is not a working compiler."""
+    """Identity of the compiler; "none" without one, "unusable" where $CC is not a working
+    compiler.
+    """
     try:
-        # libraries for any instruction set give the same bits: workers on different processors can share a sweep
+        # libraries for any instruction set give the same bits: workers on different processors can
+        # share a sweep
         compiler = (
             find_compiler(native=True)
             if native

@@ -31,16 +31,19 @@ class WrongCode(FlexgenError):
 
 
 def run_shard(shard: Shard) -> Rows:
-    """Solve all cases of a shard, one after the other; only different code or an interruption stops it."""
+    """Solve all cases of a shard, one after the other; only different code or an interruption
+    stops it.
+    """
     own = code_version(wants_native(shard.options))
     if shard.code != own:
         raise WrongCode(
-            f"sweep: given a worker with flexgen {own}, expected {shard.code}; all computers need the same flexgen, "
-            "casadi, numpy, scipy and C compiler (or none)"
+            f"sweep: given a worker with flexgen {own}, expected {shard.code}; all computers "
+            "need the same flexgen, casadi, numpy, scipy and C compiler (or none)"
         )
     with _ALONE, reporting(False, "sweep"):  # a worker shows nothing
         done = Batches(shard, _equations).rows() if shard.options.get("batch") else {}
-        results, times = [], []
+        results = []
+        times = []
         for job in shard.jobs:
             row, took = done[job.number] if job.number in done else _one(job, shard)
             results.append(job.heading | row)
@@ -50,7 +53,8 @@ def run_shard(shard: Shard) -> Rows:
 
 def _one(job: Job, shard: Shard) -> tuple[Row, Row]:
     """One case by `flexgen.solve`: its row of results and its row of times."""
-    wall, cpu = time.perf_counter(), time.process_time()
+    wall = time.perf_counter()
+    cpu = time.process_time()
     robot = shard.robots[job.key]
     options = {name: value for name, value in shard.options.items() if name != "batch"}
     options = {"time_limit": None} | options  # results must not depend on the load of the computer
@@ -74,8 +78,11 @@ def _one(job: Job, shard: Shard) -> tuple[Row, Row]:
 
 def _row(solution: Solution) -> Row:
     """The figures of a solution."""
-    simulation, trajectory = solution.simulation, solution.trajectory
-    t, tau, speed = trajectory.time, trajectory["tau_m"], trajectory["v_m"]
+    simulation = solution.simulation
+    trajectory = solution.trajectory
+    t = trajectory.time
+    tau = trajectory["tau_m"]
+    speed = trajectory["v_m"]
     return {
         "move": solution.move.name,
         "method_used": solution.method,

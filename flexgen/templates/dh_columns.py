@@ -140,7 +140,9 @@ _DRIVE = (
         other=("motor_inertia",),
         above=0.0,
     ),
-    Column("torque_max", "largest torque of the motor", TORQUE, other=("motor_torque",), above=0.0),
+    Column(
+        "torque_max", "largest torque of the motor", TORQUE, other=("motor_torque",), above=0.0
+    ),
     Column(
         "speed_max",
         "largest speed of the motor",
@@ -156,7 +158,9 @@ COLUMNS = {column.name: column for column in (*_JOINT, *_BODY, *_DRIVE)}
 TEXTS = {"name": ("joint",), "type": ("kind",)}
 PREVIOUS = ("a_prev", "alpha_prev", "a_i_1", "alpha_i_1")
 
-_NAMES = {name: column.name for column in COLUMNS.values() for name in (column.name, *column.other)}
+_NAMES = {
+    name: column.name for column in COLUMNS.values() for name in (column.name, *column.other)
+}
 _NAMES |= {name: key for key, other in TEXTS.items() for name in (key, *other)}
 
 

@@ -55,8 +55,8 @@ FRICTION_UNITS = {"coulomb": "N m", "viscous": "N m s/rad", "beta": "s/rad"}
 class DhModel:
     """A model file and what to know about it.
 
-    ``text``: TOML. ``home``: actuated coordinates [rad or m]. ``zero``, ``tool``: the tool with all
-    joints at 0, and at home [m, world axes]. ``moves``: names and durations [s]. ``assumed``:
+    ``text``: TOML. ``home``: actuated coordinates [rad or m]. ``zero``, ``tool``: the tool with
+    all joints at 0, and at home [m, world axes]. ``moves``: names and durations [s]. ``assumed``:
     numbers that are not of the table, with the rule. ``missing``: quantities that are not in the
     file. ``warnings``: contradictions in the table.
     """
@@ -162,8 +162,8 @@ class _Writer:
         names = [move.move.name for move in kept]
         if not names:
             self.warnings.append(
-                "no move: the motors cannot move the arm, or its ranges are too small; look at the "
-                "units of the torques, masses and limits"
+                "no move: the motors cannot move the arm, or its ranges are too small; look at "
+                "the units of the torques, masses and limits"
             )
         elif tool and "line" not in names:
             self.warnings.append(
@@ -216,7 +216,7 @@ class _Writer:
             found.append(f"speed_max of {', '.join(slow)}")
         return found
 
-    # --- text -------------------------------------------------------------------------------------
+    # --- text ------------------------------------------------------------------------------------
     def _file(
         self, output: list[str], home: np.ndarray | None, moves: Sequence[list[str]] = ()
     ) -> str:
@@ -378,7 +378,8 @@ def _middle(table: DhTable) -> np.ndarray:
     """A pose (n_g) within all limits: 0 where it is within them."""
     pose = []
     for row in table.joints:
-        low, high = row.get("lower", -math.inf), row.get("upper", math.inf)
+        low = row.get("lower", -math.inf)
+        high = row.get("upper", math.inf)
         near = low if low > 0.0 else high if high < 0.0 else 0.0
         pose.append(0.5 * (low + high) if near and math.isfinite(high - low) else near)
     return np.array(pose)
@@ -447,7 +448,8 @@ def _move(kept: Kept, arm: Arm) -> list[str]:
     if move.type == "tool_line":
         lines.append(
             _annotate(
-                f"displacement = {_short(move.displacement)}", "m, world axes: of the straight line"
+                f"displacement = {_short(move.displacement)}",
+                "m, world axes: of the straight line",
             )
         )
     elif move.type == "tool_circle":
@@ -497,8 +499,8 @@ def _suspicions(table: DhTable) -> list[str]:
     if likely and likely != table.convention:
         end = "begins" if likely == "modified" else "ends"
         found.append(
-            f"the table {end} with a = 0 and alpha = 0, as tables of the convention {likely!r} do; "
-            f"given {table.convention!r}: compare the position of the tool "
-            "with all joints at 0 with the datasheet"
+            f"the table {end} with a = 0 and alpha = 0, as tables of the convention {likely!r} "
+            f"do; given {table.convention!r}: compare the position of the tool with all joints "
+            "at 0 with the datasheet"
         )
     return found

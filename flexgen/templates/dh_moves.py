@@ -122,7 +122,8 @@ def draw_poses(robot: RobotModel, count: int, seed: int = 1) -> np.ndarray:
     step = np.array([STEP[unit] for unit in units])
     low = np.where(np.isfinite(low), low, np.where(np.isfinite(high), high - 2.0 * wide, -wide))
     high = np.where(np.isfinite(high), high, low + 2.0 * wide)
-    low, high = np.maximum(low, -math.pi), np.minimum(high, math.pi)
+    low = np.maximum(low, -math.pi)
+    high = np.minimum(high, math.pi)
     low, high = np.minimum(low, high), np.maximum(low, high)
     middle = 0.5 * (low + high)
     half = 0.5 * CENTRAL * (high - low)
@@ -231,9 +232,13 @@ class Arm:
             usual = SPEED[joint.unit]
             speeds.append(min(usual, SPEED_PART * min(limits)) if limits else usual)
         part = f"{100 * SPEED_PART:g} % of the speeds of the motors, and "
-        return np.array(
-            speeds
-        ), f"{part if known else ''}at most {SPEED['rad']:g} rad/s, {ACCELERATION['rad']:g} rad/s^2"
+        return (
+            np.array(speeds),
+            (
+                f"{part if known else ''}at most {SPEED['rad']:g} rad/s, "
+                f"{ACCELERATION['rad']:g} rad/s^2"
+            ),
+        )
 
     def _torque_use(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> float:
         """Largest torque of the rigid arm and its rotors, as a part of its limit."""
@@ -287,7 +292,8 @@ class Arm:
         for part in (1.0, 0.5, 0.25):
             for one, other in combinations([i for i in range(3) if i in self._positions()], 2):
                 for sign in (1.0, -1.0):
-                    center, axis = np.zeros(3), np.zeros(3)
+                    center = np.zeros(3)
+                    axis = np.zeros(3)
                     center[other] = sign * size * part
                     axis[3 - one - other] = 1.0
                     yield Move(

@@ -295,7 +295,9 @@ class _Reader:
             text = text.replace(",", ".")
         units = column.units_of(kind)
         if unit not in units:
-            expected = f"a number in a column {column.name} in {', '.join(f'[{u}]' for u in units)}"
+            expected = (
+                f"a number in a column {column.name} in {', '.join(f'[{u}]' for u in units)}"
+            )
             raise self.fail(line, column.name, f"{text} [{unit}] of a {kind}", expected)
         value = _number(text)
         if value is None:

@@ -54,6 +54,8 @@ def new_overlay(
     if urdf is not None:
         return overlay_of_urdf(name, urdf, Path(folder))
     if template not in TEMPLATES:
-        raise ArgumentError(f"template: given {template!r}, expected one of {', '.join(TEMPLATES)}")
+        raise ArgumentError(
+            f"template: given {template!r}, expected one of {', '.join(TEMPLATES)}"
+        )
     text = (files("flexgen.templates") / f"{template}.toml").read_text(encoding="utf-8")
     return Overlay(f'name = "{name}"\n' + text.partition("\n")[2])

@@ -38,7 +38,8 @@ LEAST_FREQUENCY = 3.2  # Hz, at the largest inertia: softer gears are not known 
 MOST_ROTOR = 400.0
 # kg m^2, of the smallest servo motors: 1 g cm^2
 LEAST_ROTOR = 1e-7
-RATIO, RATIO_TRANSLATION = 100.0, 500.0  # rad/rad, rad/m
+RATIO = 100.0  # rad/rad
+RATIO_TRANSLATION = 500.0  # rad/m
 # kg m^2, of a rotor whose joint has no inertia of its own: a small servo motor
 ROTOR = 1e-5
 STEP = 0.3  # rad or m, of the move of an overlay
@@ -48,7 +49,8 @@ PEAK = 3.25
 POSES = 48  # drawn, at which the largest inertia of a joint is searched
 # rad and m around home: the part of a larger range, or of one without limits, in which poses are
 # drawn
-REACH, REACH_TRANSLATION = math.pi, 0.5
+REACH = math.pi
+REACH_TRANSLATION = 0.5
 NO_INERTIA = 1e-9  # kg m^2 or kg: below, a gear would be too soft to be a number
 WIDTH = 100  # characters of a line with a list
 FILL_IN = "fill in: kg, m, kg m^2 about the center of mass: xx, yy, zz, xy, yz, xz"
@@ -133,7 +135,7 @@ def overlay_of_urdf(name: str, given: str, folder: Path) -> Overlay:
     return Overlay(text, tuple(repairs.notes), tuple(repairs.unfinished))
 
 
-# --- the chain ------------------------------------------------------------------------------------
+# --- the chain -----------------------------------------------------------------------------------
 
 
 def longest_chain(urdf: Urdf) -> tuple[str, str]:
@@ -233,8 +235,8 @@ def _find_massless(urdf: Urdf, robot: RobotModel, repairs: Repairs) -> set[str]:
         if links[name] not in repairs.unfinished:
             repairs.unfinished.append(links[name])
             repairs.notes.append(
-                f"link {show(links[name])}: a body to be filled in, since nothing behind its joint "
-                "has a mass"
+                f"link {show(links[name])}: a body to be filled in, since nothing behind its "
+                "joint has a mass"
                 if not behind[name]
                 else f"link {show(links[name])}: a body to be filled in, since its joint moves "
                 "nothing "
@@ -288,7 +290,7 @@ def _ends(dof: Dof | None) -> tuple[float, float]:
     return -math.inf if low is None else low, math.inf if high is None else high
 
 
-# --- the text -------------------------------------------------------------------------------------
+# --- the text ------------------------------------------------------------------------------------
 
 
 def _head(name: str, file: str, shown: str, robot: RobotModel, repairs: Repairs) -> Sequence[str]:
@@ -309,7 +311,10 @@ def _head(name: str, file: str, shown: str, robot: RobotModel, repairs: Repairs)
     if repairs.unfinished:
         names = toml(repairs.unfinished)
         out += [
-            "# UNFINISHED: fill in the bodies of these links below; until then the file is refused",
+            (
+                "# UNFINISHED: fill in the bodies of these links below; until then the file is "
+                "refused"
+            ),
             f"unfinished = {names}"
             if len(names) < WIDTH
             else _lines("unfinished", repairs.unfinished),

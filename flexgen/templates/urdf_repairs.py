@@ -110,16 +110,15 @@ def path_between(urdf: Urdf, base: str, tip: str) -> list[Joint]:
         holder = urdf.parent_joint.get(link)
         if holder is None:
             raise ArgumentError(
-                f"urdf: given the ends {show(base)} and {show(tip)}, expected a tip that is behind "
-                "the base in the tree "
-                f"of links (the root of {show(tip)} is {show(link)})"
+                f"urdf: given the ends {show(base)} and {show(tip)}, expected a tip that is "
+                f"behind the base in the tree of links (the root of {show(tip)} is {show(link)})"
             )
         out.append(holder)
         link = holder.parent
     return out[::-1]
 
 
-# --- joints ---------------------------------------------------------------------------------------
+# --- joints --------------------------------------------------------------------------------------
 
 
 def _lock_branches(urdf: Urdf, repairs: Repairs, path: list[Joint]) -> None:
@@ -214,9 +213,9 @@ def _fix_loose_followers(
         mimic = urdf.mimic(joint)
         leader = "" if mimic is None else mimic.leader
         repairs.notes.append(
-            f"joint {show(joint.name)}: fixed at {place:g}, since it follows {show(leader)}, which "
-            "is locked; [urdf] "
-            "branches with the link behind that one instead of the lock makes both move"
+            f"joint {show(joint.name)}: fixed at {place:g}, since it follows {show(leader)}, "
+            "which is locked; [urdf] branches with the link behind that one instead of the "
+            "lock makes both move"
         )
     return moving
 
@@ -333,7 +332,7 @@ def _repair_names(repairs: Repairs, moving: dict[str, Joint]) -> None:
             repairs.notes.append(f"{kind} {show(name)}: called {new} in the model")
 
 
-# --- bodies ---------------------------------------------------------------------------------------
+# --- bodies --------------------------------------------------------------------------------------
 
 
 def _links_behind(urdf: Urdf, repairs: Repairs, moving: dict[str, Joint]) -> list[Link]:
@@ -345,7 +344,9 @@ def _links_behind(urdf: Urdf, repairs: Repairs, moving: dict[str, Joint]) -> lis
         if name in out:
             continue
         out[name] = urdf.links[name]
-        todo += [joint.child for joint in urdf.child_joints[name] if joint.name not in repairs.drop]
+        todo += [
+            joint.child for joint in urdf.child_joints[name] if joint.name not in repairs.drop
+        ]
     return list(out.values())
 
 
@@ -357,8 +358,8 @@ def _repair_body(urdf: Urdf, repairs: Repairs, link: Link) -> None:
     if not isinstance(_try(partial(urdf.inertial, link, True)), ModelError):
         repairs.link(link.name, inertia_reduced=True)
         repairs.notes.append(
-            f"link {show(link.name)}: inertia_reduced, since it has {error.given}, one larger than "
-            "the others together"
+            f"link {show(link.name)}: inertia_reduced, since it has {error.given}, one larger "
+            "than the others together"
         )
         return
     stated = _try(partial(urdf.stated_inertial, link))

@@ -1,1 +1,3 @@
-"""Uncertainty: how far a robot may be from its path, from what is known about the accuracy of its model."""
+"""Uncertainty: how far a robot may be from its path, from what is known about the accuracy of its
+model.
+"""

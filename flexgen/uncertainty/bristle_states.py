@@ -1,7 +1,7 @@
 """Torques of frictions with a state, the LuGre law, in robots that differ from the model.
 
-In a step of time h in which the angle p of a motor changes by dp its speed is v = dp/h, and the torque y = s0 z of the
-bristles goes to its limit sign(dp) g(v):
+In a step of time h in which the angle p of a motor changes by dp its speed is v = dp/h, and the
+torque y = s0 z of the bristles goes to its limit sign(dp) g(v):
 
     y_+ = sign(dp) g + (y - sign(dp) g) exp(-s0 |dp| / g),    tau = y_+ + s1 (y_+ - y) / (s0 h)
 
@@ -20,7 +20,9 @@ from flexgen.model.elements import RobotModel
 
 @dataclass(frozen=True)
 class Bristles(MotorBristles):
-    """The law of some robots in steps of time ``h`` [s]: numbers (robots, 1, n_m), zero where a motor has none."""
+    """The law of some robots in steps of time ``h`` [s]: numbers (robots, 1, n_m), zero where a
+    motor has none.
+    """
 
     h: float
 

@@ -1,6 +1,7 @@
 """Torques of gears with hysteresis in robots that differ from the model.
 
-Element l of gear k has a torque z that depends on the deflections p that were, see `flexgen.memory.hysteresis_law`:
+Element l of gear k has a torque z that depends on the deflections p that were, see
+`flexgen.memory.hysteresis_law`:
 
     dz = K_h (1 - s |x|^n (...)) dp,    x = z/W,    s = sign(dp)
 
@@ -22,7 +23,9 @@ from flexgen.spec.memory import HysteresisLaw
 
 @dataclass(frozen=True)
 class Gears:
-    """Elements of some robots: ``K``, ``W`` (robots, layers, n_g), and the laws of the layers of all."""
+    """Elements of some robots: ``K``, ``W`` (robots, layers, n_g), and the laws of the layers of
+    all.
+    """
 
     K: np.ndarray
     W: np.ndarray
@@ -57,7 +60,8 @@ class Gears:
 
     def step(self, z: np.ndarray, dp: np.ndarray) -> np.ndarray:
         """Torques after deflections have changed by ``dp`` (..., n_g)."""
-        s, h = np.where(dp < 0.0, -1.0, 1.0), dp[..., None, :]
+        s = np.where(dp < 0.0, -1.0, 1.0)
+        h = dp[..., None, :]
         k1 = self.slope(z, s)
         k2 = self.slope(z + h / 2 * k1, s)
         k3 = self.slope(z + h / 2 * k2, s)

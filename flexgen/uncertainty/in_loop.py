@@ -1,4 +1,6 @@
-"""Tool error of drawn robots under any controller of `flexgen.control`, by the nonlinear simulation of the loop."""
+"""Tool error of drawn robots under any controller of `flexgen.control`, by the nonlinear
+simulation of the loop.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,8 @@ FEWEST = 20
 def draw_plants(
     model: RobotModel, robots: int = DRAWN, seed: int = 0
 ) -> dict[str, dict[str, float]]:
-    """Robots drawn from the table ``[uncertainty]`` as `flexgen.control` takes them: ``{"drawn_1": {...}, ...}``.
+    """Robots drawn from the table ``[uncertainty]`` as `flexgen.control` takes them:
+    ``{"drawn_1": {...}, ...}``.
 
     Their delays are those of the model.
     """
@@ -33,7 +36,8 @@ def draw_plants(
     errors = sources.errors(
         np.random.default_rng(seed).standard_normal((robots, sources.root.shape[1]))
     )
-    added, out = sources.added[sources.owner], {}
+    added = sources.added[sources.owner]
+    out = {}
     for k, error in enumerate(errors[:, sources.owner], 1):
         named = zip(sources.parameters, error, added, strict=True)
         out[f"drawn_{k}"] = {
@@ -44,15 +48,16 @@ def draw_plants(
 
 
 def error_in_loop(run: ControlRun, progress: Choice = None, **options: Any) -> dict[str, Any]:
-    """The error that 95 % of the robots keep under the controller of a run; ``options``: of `flexgen.control`.
+    """The error that 95 % of the robots keep under the controller of a run; ``options``: of
+    `flexgen.control`.
 
     Returns
     -------
     dict
-        ``robots`` that were simulated; ``ended``: why not all were; ``failed``: robots that stopped
-        early; ``error_m``, ``error_rad`` [m], [rad]: None where the output has no such part, or
-        where more than one in twenty have stopped early; ``without_delay``: where the table has
-        a delay, which these robots do not have.
+        ``robots`` that were simulated; ``ended``: why not all were; ``failed``: robots that
+        stopped early; ``error_m``, ``error_rad`` [m], [rad]: None where the output has no such
+        part, or where more than one in twenty have stopped early; ``without_delay``: where the
+        table has a delay, which these robots do not have.
 
     Raises
     ------

@@ -1,11 +1,12 @@
 """Forces with a state in robots that differ from the model, along a motion and deviations from it.
 
-A part l of coordinate k, a gear or a motor, has a torque y that depends on the deflections or angles p that were:
+A part l of coordinate k, a gear or a motor, has a torque y that depends on the deflections or
+angles p that were:
 
     y_+ = step(y, dp),    tau = sum_l (A y_+ - B y)
 
-On a robot acts -P' (tau - tau_0), P: rows of p, tau_0: torques of the model along the planned motion. The laws are in
-`flexgen.uncertainty.gear_states` and `flexgen.uncertainty.bristle_states`.
+On a robot acts -P' (tau - tau_0), P: rows of p, tau_0: torques of the model along the planned
+motion. The laws are in `flexgen.uncertainty.gear_states` and `flexgen.uncertainty.bristle_states`.
 """
 
 from __future__ import annotations
@@ -44,7 +45,8 @@ class Law(Protocol):
 
 @dataclass(frozen=True)
 class PlannedStates:
-    """States along the planned motion: its ``p`` (k, rows) and torques ``y`` (k, parts, rows); ``rows`` P (rows, n).
+    """States along the planned motion: its ``p`` (k, rows) and torques ``y`` (k, parts, rows);
+    ``rows`` P (rows, n).
 
     ``sources`` and ``model``: from whose errors other robots follow. ``law_of``: their law.
     """
@@ -93,30 +95,40 @@ class States(ABC):
     """The common part of both: where the deviations were, and the torques of the plan."""
 
     def __init__(self, plan: PlannedStates, shape: tuple[int, ...]) -> None:
-        self.plan, self.y, self.before = plan, np.zeros(shape), np.zeros((shape[0], shape[-1]))
+        self.plan = plan
+        self.y = np.zeros(shape)
+        self.before = np.zeros((shape[0], shape[-1]))
 
     def start(self, d: np.ndarray) -> None:
         """Deviations (robots, n) at rest before the motion."""
         self.before = d @ self.plan.rows.T
 
     def at(self, k: int, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Forces (robots, n) in addition to those of the plan at the instant k, and their derivative (..., n, n)."""
-        change, P = d @ self.plan.rows.T - self.before, self.plan.rows
+        """Forces (robots, n) in addition to those of the plan at the instant k, and their
+        derivative (..., n, n).
+        """
+        change = d @ self.plan.rows.T - self.before
+        P = self.plan.rows
         torque, rise = self._torque(k, change)
         return torque @ P, (P.T * rise[..., None, :]) @ P
 
     def keep(self, k: int, d: np.ndarray) -> None:
         """Go to the instant k."""
         p = d @ self.plan.rows.T
-        self.y, self.before = self._after(k, p - self.before), p
+        self.y = self._after(k, p - self.before)
+        self.before = p
 
     @abstractmethod
     def _after(self, k: int, change: np.ndarray) -> np.ndarray:
-        """Torques of the parts at the instant k, where p has changed by ``change`` in addition to the plan."""
+        """Torques of the parts at the instant k, where p has changed by ``change`` in addition to
+        the plan.
+        """
 
     @abstractmethod
     def _torque(self, k: int, change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Torques (robots, rows) in addition to those of the plan, and their derivatives in ``change``."""
+        """Torques (robots, rows) in addition to those of the plan, and their derivatives in
+        ``change``.
+        """
 
 
 class RobotStates(States):
@@ -124,16 +136,20 @@ class RobotStates(States):
 
     def __init__(self, plan: PlannedStates, law: Law) -> None:
         super().__init__(plan, law.largest.shape)
-        self.law, own = law, plan.law_of([plan.model])
+        self.law = law
+        own = plan.law_of([plan.model])
         A, B = own.weights
-        self._planned = (A * plan.y - B * np.concatenate([0 * plan.y[:1], plan.y[:-1]])).sum(axis=1)
+        self._planned = (A * plan.y - B * np.concatenate([0 * plan.y[:1], plan.y[:-1]])).sum(
+            axis=1
+        )
 
     def _after(self, k: int, change: np.ndarray) -> np.ndarray:
         return self.law.step(self.y, change + self.plan.p[k] - self.plan.p[k - 1])
 
     def _torque(self, k: int, change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         A, B = self.law.weights
-        after, dp = self._after(k, change), change + self.plan.p[k] - self.plan.p[k - 1]
+        after = self._after(k, change)
+        dp = change + self.plan.p[k] - self.plan.p[k - 1]
         rise = A * self.law.rise(self.y, after, dp)
         return np.asarray((A * after - B * self.y).sum(axis=1) - self._planned[k]), np.asarray(
             rise.sum(axis=1)
@@ -141,18 +157,24 @@ class RobotStates(States):
 
 
 class LinearStates(States):
-    """Derivatives (sources, parts, rows) of the torques in the sources, from step to step of the motion."""
+    """Derivatives (sources, parts, rows) of the torques in the sources, from step to step of the
+    motion.
+    """
 
     def __init__(self, plan: PlannedStates, own: Law, more: Law, less: Law) -> None:
         super().__init__(plan, more.largest.shape)
-        first, after, dp = plan.y[:-1], plan.y[1:], np.diff(plan.p, axis=0)
+        first = plan.y[:-1]
+        after = plan.y[1:]
+        dp = np.diff(plan.p, axis=0)
         small = CHANGE * own.largest[0]
         self._by_y = (own.step(first + small, dp) - own.step(first - small, dp)) / (2 * small)
         self._by_p = own.rise(first, after, dp)
         self._by_number = (
             more.step(first[:, None], dp[:, None]) - less.step(first[:, None], dp[:, None])
         ) / (2 * CHANGE)
-        self._own, self._more, self._less = own, more, less
+        self._own = own
+        self._more = more
+        self._less = less
 
     def _after(self, k: int, change: np.ndarray) -> np.ndarray:
         moved = self._by_y[k - 1] * self.y + self._by_p[k - 1] * change[:, None]

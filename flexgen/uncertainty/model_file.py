@@ -1,4 +1,6 @@
-"""The table ``[uncertainty]`` in the text of a model file, from the covariance of identified numbers."""
+"""The table ``[uncertainty]`` in the text of a model file, from the covariance of identified
+numbers.
+"""
 
 from __future__ import annotations
 

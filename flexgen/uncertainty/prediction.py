@@ -1,9 +1,9 @@
 """Prediction of the tool error of a robot that is known up to its tolerances.
 
-Robots are drawn from the table ``[uncertainty]`` of the model file and simulated under the torques of a solution with
-the motor feedback of `flexgen.simulation.motor_feedback`, whose gains are those of the model. Their errors e and those
-to first order, l, give log e = a + b log l; 95 % of many robots of the first order, corrected by that line and its
-residuals, are below the stated error.
+Robots are drawn from the table ``[uncertainty]`` of the model file and simulated under the torques
+of a solution with the motor feedback of `flexgen.simulation.motor_feedback`, whose gains are those
+of the model. Their errors e and those to first order, l, give log e = a + b log l; 95 % of many
+robots of the first order, corrected by that line and its residuals, are below the stated error.
 """
 
 from __future__ import annotations
@@ -41,7 +41,9 @@ from flexgen.uncertainty.sources import Sources, sources_of
 
 LEVEL = 0.95  # of the robots are below the error
 # robots to first order; of them in bands; instants of both
-DRAWN, IN_BANDS, INSTANTS = 4000, 400, 200
+DRAWN = 4000
+IN_BANDS = 400
+INSTANTS = 200
 FEWEST = 16  # robots
 USABLE = (Status.SOLVED, Status.LIMITS_EXCEEDED)
 
@@ -58,7 +60,8 @@ def predict(
     time_limit: float | None = None,
     progress: Choice = None,
 ) -> Prediction:
-    """Predict the tool error, motor torques and deflections of robots that are known up to the tolerances of the model.
+    """Predict the tool error, motor torques and deflections of robots that are known up to the
+    tolerances of the model.
 
     Parameters
     ----------
@@ -84,7 +87,8 @@ def predict(
     Raises
     ------
     ArgumentError
-        The model has no table ``[uncertainty]``, or none of its numbers; the solution is not solved.
+        The model has no table ``[uncertainty]``, or none of its numbers; the solution is not
+        solved.
     OutOfTime
         The time was over before 16 robots were simulated.
     SolverError
@@ -104,8 +108,9 @@ def predict(
     robot = equations.model
     if robot.uncertainty is None:
         raise ArgumentError(
-            f"predict: given {robot.title}, which has no table [uncertainty], expected one in the model file, such as "
-            "[uncertainty] with stiffness = 0.1 and masses = 0.03 (relative standard deviations)"
+            f"predict: given {robot.title}, which has no table [uncertainty], expected one in "
+            "the model file, such as [uncertainty] with stiffness = 0.1 and masses = 0.03 "
+            "(relative standard deviations)"
         )
     count_of("robots", robots, ROBOTS)
     if robots < FEWEST:
@@ -154,7 +159,9 @@ def _simulate(along: Along, errors: np.ndarray) -> Response:
 
 
 def torque_band(solution: Solution, progress: Choice = None) -> tuple[np.ndarray, np.ndarray]:
-    """Limits (k, n_m) [N m] between which the motor torques of 95 % of the robots are; `flexgen.fastest` calls it."""
+    """Limits (k, n_m) [N m] between which the motor torques of 95 % of the robots are;
+    `flexgen.fastest` calls it.
+    """
     found = predict(solution.model, solution=solution, progress=progress).torque
     return found.low, found.high
 
@@ -178,7 +185,8 @@ def _prediction(
     sizes: dict[str, Any] = {}
     for unit in UNITS:
         columns = [k for k, own in enumerate(along.units) if own == unit]
-        simulated[unit], stated[unit] = None, None
+        simulated[unit] = None
+        stated[unit] = None
         if columns:
             sizes[unit] = first.error[at][:, :, columns]
             exact = np.linalg.norm(found.error[:, :, columns], axis=2).max(axis=0)
@@ -188,26 +196,42 @@ def _prediction(
     shares = _shares(sources, sizes[main])
     bands = _bands(along, first, effective[:IN_BANDS], at)
     return Prediction(
-        solution, along.feedback, sources.names, sources.sd, robots, seed, stated["m"], stated["rad"], simulated["m"],
-        simulated["rad"], along.t[at], *bands, shares, _to_halve(sources, shares, sizes[main], effective[:1000]),
-    )  # fmt: skip
+        solution,
+        along.feedback,
+        sources.names,
+        sources.sd,
+        robots,
+        seed,
+        stated["m"],
+        stated["rad"],
+        simulated["m"],
+        simulated["rad"],
+        along.t[at],
+        *bands,
+        shares,
+        _to_halve(sources, shares, sizes[main], effective[:1000]),
+    )
 
 
 def _largest(rows: np.ndarray, errors: np.ndarray) -> np.ndarray:
-    """Largest errors of the output (robots,) over time, from those of each source ``rows`` (k, sources, parts)."""
+    """Largest errors of the output (robots,) over time, from those of each source ``rows`` (k,
+    sources, parts).
+    """
     k, n, parts = rows.shape
     found = errors @ rows.transpose(1, 0, 2).reshape(n, k * parts)
     return np.asarray(np.linalg.norm(found.reshape(len(errors), k, parts), axis=2).max(axis=1))
 
 
 def _quantile(exact: np.ndarray, first: np.ndarray, seed: int) -> float | None:
-    """The error of `LEVEL` of the robots; ``first``: to first order, those of the simulated ones at the beginning.
+    """The error of `LEVEL` of the robots; ``first``: to first order, those of the simulated ones
+    at the beginning.
 
     None where a simulated robot is unstable.
     """
     if not np.isfinite(exact).all():
         return None
-    x, y = np.log(np.maximum(first, 1e-300)), np.log(np.maximum(exact, 1e-300))
+    x = np.log(np.maximum(first, 1e-300))
+    y = np.log(np.maximum(exact, 1e-300))
     own = x[: len(y)]
     slope = float(np.polyfit(own, y, 1)[0]) if np.ptp(own) > 1e-6 else 1.0
     rest = y - y.mean() - slope * (own - own.mean())
@@ -245,10 +269,13 @@ def _shares(sources: Sources, rows: np.ndarray) -> tuple[Share, ...]:
 def _to_halve(
     sources: Sources, shares: tuple[Share, ...], rows: np.ndarray, errors: np.ndarray
 ) -> tuple[str, ...]:
-    """The fewest of the largest sources without which the error is half of what it is, to first order."""
+    """The fewest of the largest sources without which the error is half of what it is, to first
+    order.
+    """
     half = np.quantile(_largest(rows, errors), LEVEL) / 2
     order = [sources.names.index(share.name) for share in shares]
-    fewest, most = 1, len(order)
+    fewest = 1
+    most = len(order)
     while fewest < most:
         count = (fewest + most) // 2
         left = errors.copy()

@@ -1,17 +1,22 @@
-"""Motion of robots that differ from the model, under the torques of the model and a motor feedback.
+"""Motion of robots that differ from the model, under the torques of the model and a motor
+feedback.
 
-With the residual R of the equations of motion of a robot p at the planned motion (zero for the model itself), the
-deviation d of the coordinates follows from its own linearized equations:
+With the residual R of the equations of motion of a robot p at the planned motion (zero for the
+model itself), the deviation d of the coordinates follows from its own linearized equations:
 
-    M(t, p) d'' + D(t, p) d' + K(t, p) d = B u - R(t, p) - P' z,    u = k_s (w + k_i int w dt),  w = -k_p C d - C d'
+    M(t, p) d'' + D(t, p) d' + K(t, p) d = B u - R(t, p) - P' z,
+    u = k_s (w + k_i int w dt),  w = -k_p C d - C d'
 
-It starts at rest with the motors at the reference: the integral part of the feedback holds what the feedforward lacks.
-R, M, D and K are linear in stiffness, damping, friction and masses, so that the only error is of second order in d.
-z: torques of gears with hysteresis and of frictions with a state in addition to those of the plan, see
-`flexgen.uncertainty.memory_states`. Torques that are late by the time s add B (tau(t) - tau(t - s)) to R.
-The equations are integrated by Newmark's method of constant mean acceleration (order 2, no damping of its own).
+It starts at rest with the motors at the reference: the integral part of the feedback holds what
+the feedforward lacks. R, M, D and K are linear in stiffness, damping, friction and masses, so that
+the only error is of second order in d. z: torques of gears with hysteresis and of frictions with a
+state in addition to those of the plan, see `flexgen.uncertainty.memory_states`. Torques that are
+late by the time s add B (tau(t) - tau(t - s)) to R.
+The equations are integrated by Newmark's method of constant mean acceleration (order 2, no damping
+of its own).
 
-Source: N. M. Newmark, A method of computation for structural dynamics, J. Eng. Mech. Div. 85, 1959.
+Source: N. M. Newmark, A method of computation for structural dynamics, J. Eng. Mech. Div.
+85, 1959.
 """
 
 from __future__ import annotations
@@ -41,9 +46,13 @@ from flexgen.uncertainty.gear_states import gear_rows, gears_of
 from flexgen.uncertainty.memory_states import PlannedStates, States, plan_states
 from flexgen.uncertainty.sources import DELAY, Sources, of_equations
 
-STEPS, FEWEST, MOST = 12.0, 200, 1500  # in a period of the speed control; in the motion
+# in a period of the speed control; in the motion
+STEPS = 12.0
+FEWEST = 200
+MOST = 1500
 # instants at which matrices are evaluated, linear between them; more of them where it moves
-KNOTS, DENSER = 60, 3.0
+KNOTS = 60
+DENSER = 3.0
 PROBES = (0.0, 0.4, 1.0)  # parts of the time at which matrices are compared: at rest and in motion
 SAME = 1e-9  # relative to their largest entry
 SHORT = 0.1  # of a step, for the derivative of the torques
@@ -104,7 +113,8 @@ class Along:
 class Response:
     """Deviations of robots at the instants of `Along`.
 
-    ``error`` (k, robots, rows) of the output, ``tau_m`` (k, robots, n_m), ``deflection`` (k, robots, n_s) of springs.
+    ``error`` (k, robots, rows) of the output, ``tau_m`` (k, robots, n_m), ``deflection`` (k,
+    robots, n_s) of springs.
     """
 
     error: np.ndarray
@@ -114,7 +124,9 @@ class Response:
 
 def linearize(equations: Equations, trajectory: Trajectory, sources: Sources) -> Along:
     """The equations of deviations from the motion of a trajectory."""
-    model, first, last = equations.model, float(trajectory.time[0]), float(trajectory.time[-1])
+    model = equations.model
+    first = float(trajectory.time[0])
+    last = float(trajectory.time[-1])
     feedback = default_feedback(
         equations, *(trajectory[name][0] for name in ("q_a", "q_m", "tau_m"))
     )
@@ -123,10 +135,13 @@ def linearize(equations: Equations, trajectory: Trajectory, sources: Sources) ->
     motion = trajectory.at(t)
     states = _states(model, sources, motion, float(t[1] - t[0]), feedback.rows)
     sources = of_equations(sources, model)
-    changed = derive(without_lugre(without_hysteresis(model)), [p.name for p in sources.parameters])
+    changed = derive(
+        without_lugre(without_hysteresis(model)), [p.name for p in sources.parameters]
+    )
     force = _forces(changed, tuple(motion[name] for name in MOTION), sources)
     knots = _knots(motion["v_a"])
-    local, points = LocalDynamics(changed), tuple(motion[name][knots] for name in MOTION)
+    local = LocalDynamics(changed)
+    points = tuple(motion[name][knots] for name in MOTION)
     M, D, K, B = local.matrices(points, sources.nominal)
     constant, varying = _changes(local, points, (M, D, K), sources)
 
@@ -169,8 +184,11 @@ def _knots(v_a: np.ndarray) -> np.ndarray:
 
 
 def _forces(changed: Equations, points: tuple[np.ndarray, ...], sources: Sources) -> np.ndarray:
-    """Derivative of the residual of the equations of motion with respect to the sources, (sources, k, n)."""
-    residual, model = changed.function("residual"), changed.model
+    """Derivative of the residual of the equations of motion with respect to the sources, (sources,
+    k, n).
+    """
+    residual = changed.function("residual")
+    model = changed.model
     given = [ca.SX.sym(residual.name_in(i), residual.size1_in(i)) for i in range(residual.n_in())]
     r_a, r_m = residual(*given)
     by_number = ca.jacobian(ca.vertcat(r_a, *[r_m[j] for j in model.i_m]), given[-1])
@@ -186,9 +204,11 @@ def _changes(
 
     Sources whose changes are at different entries of the matrices are evaluated together.
     """
-    n, sd = local.model.dof, sources.sd
+    n = local.model.dof
+    sd = sources.sd
     probes = (np.array(PROBES) * (len(points[0]) - 1)).astype(int)
-    few, at = tuple(x[probes] for x in points), tuple(x[probes] for x in own)
+    few = tuple(x[probes] for x in points)
+    at = tuple(x[probes] for x in own)
     constant = np.zeros((3, len(sd), n, n))
     together: list[tuple[list[int], np.ndarray]] = []
     places: dict[int, np.ndarray] = {}
@@ -240,8 +260,12 @@ def _output_rows(equations: Equations, q_a: np.ndarray) -> tuple[np.ndarray, tup
 def _deflections(
     model: RobotModel, motion: dict[str, np.ndarray]
 ) -> tuple[np.ndarray, tuple[str, ...], np.ndarray]:
-    """Rows from deviations to deflections of elastic gears, arm side, and springs without motor; their planned ones."""
-    rows, names, planned = [], [], []
+    """Rows from deviations to deflections of elastic gears, arm side, and springs without motor;
+    their planned ones.
+    """
+    rows = []
+    names = []
+    planned = []
     for k, (i, row) in enumerate(zip(model.i_g, gear_rows(model), strict=True)):
         if np.any(row[model.n_a :]):
             rows.append(row)
@@ -251,7 +275,9 @@ def _deflections(
         rows.append(np.eye(model.dof)[i])
         names.append(model.coordinates[i].name)
         planned.append(motion["q_a"][:, i])
-    count, instants = len(rows), len(motion["q_a"])  # a rigid robot has no rows
+    # a rigid robot has no rows
+    count = len(rows)
+    instants = len(motion["q_a"])
     return (
         np.array(rows).reshape(count, model.dof),
         tuple(names),
@@ -265,9 +291,15 @@ def _gear_deflections(model: RobotModel, motion: dict[str, np.ndarray]) -> np.nd
 
 
 def _states(
-    model: RobotModel, sources: Sources, motion: dict[str, np.ndarray], h: float, motors: np.ndarray
+    model: RobotModel,
+    sources: Sources,
+    motion: dict[str, np.ndarray],
+    h: float,
+    motors: np.ndarray,
 ) -> tuple[PlannedStates, ...]:
-    """States of gears and of frictions along a motion in steps of ``h`` [s]; ``motors``: rows to the motor angles."""
+    """States of gears and of frictions along a motion in steps of ``h`` [s]; ``motors``: rows to
+    the motor angles.
+    """
     out = []
     if hysteretic_joints(model):
         out.append(
@@ -298,9 +330,12 @@ def linear_response(along: Along) -> Response:
 
 
 def response(along: Along, errors: np.ndarray) -> Response:
-    """Response of robots whose sources have these errors (robots, sources), with the matrices of each."""
+    """Response of robots whose sources have these errors (robots, sources), with the matrices of
+    each.
+    """
     own = [np.tensordot(errors, x, 1) for x in along.constant]
-    some, n = list(along.varying), along.M.shape[1]
+    some = list(along.varying)
+    n = along.M.shape[1]
     changes = [
         np.array([along.varying[j][i] for j in some]).reshape(len(some), len(along.t), n * n)
         for i in range(3)
@@ -315,7 +350,8 @@ def response(along: Along, errors: np.ndarray) -> Response:
         )
         return M, D, K
 
-    states, late = [each.robots(errors) for each in along.states], along.late(errors)
+    states = [each.robots(errors) for each in along.states]
+    late = along.late(errors)
     known = errors * along.linear
     return _integrate(
         along, len(errors), matrices, lambda k: known @ along.force[:, k] + late[k], states
@@ -329,12 +365,19 @@ def _integrate(
     force: Callable[[int], np.ndarray],
     states: Sequence[States],
 ) -> Response:
-    """Integrate the deviations; ``matrices`` (n, n) or (robots, n, n) and ``force`` (robots, n) at an instant."""
-    f, h, C = along.feedback, along.t[1] - along.t[0], along.feedback.rows
+    """Integrate the deviations; ``matrices`` (n, n) or (robots, n, n) and ``force`` (robots, n) at
+    an instant.
+    """
+    f = along.feedback
+    h = along.t[1] - along.t[0]
+    C = along.feedback.rows
     n_m, n = C.shape
-    k_s, k_p, k_i = f.speed_gain, f.position_gain[:, None], f.integral_gain
+    k_s = f.speed_gain
+    k_p = f.position_gain[:, None]
+    k_i = f.integral_gain
     d, total, u = _rest(along, matrices(0)[2], force(0))
-    v, a = np.zeros((robots, n)), np.zeros((robots, n))
+    v = np.zeros((robots, n))
+    a = np.zeros((robots, n))
     w = -(d @ (k_p * C).T)
     out = Response(
         *(np.empty((len(along.t), robots, m)) for m in (along.W.shape[1], n_m, len(along.twist)))
@@ -348,26 +391,33 @@ def _integrate(
                 check_time("uncertainty")
             M, D, K = matrices(k)
             in_w = C * (h / 2) + k_p * C * (h * h / 4)  # -dw / da
-            d, v = d + h * v + h * h / 4 * a, v + h / 2 * a  # without the new acceleration
+            # without the new acceleration
+            d = d + h * v + h * h / 4 * a
+            v = v + h / 2 * a
             w_0 = -(d @ (k_p * C).T + v @ C.T)
             u_0 = k_s * (w_0 + k_i * (total + h / 2 * (w + w_0)))
             left = M + h / 2 * D + h * h / 4 * K + along.B[k] @ (per_torque[:, None] * in_w)
             right = u_0 @ along.B[k].T - force(k) - _times(D, v) - _times(K, d)
             for each in states:
                 own, rise = each.at(k, d)
-                left, right = left + h * h / 4 * rise, right - own
+                left = left + h * h / 4 * rise
+                right = right - own
             a = (
                 np.linalg.solve(left, right.T).T
                 if left.ndim == 2
                 else np.linalg.solve(left, right[..., None])[..., 0]
             )
-            d, v = d + h * h / 4 * a, v + h / 2 * a
+            d = d + h * h / 4 * a
+            v = v + h / 2 * a
             for each in states:
                 each.keep(k, d)
             w_1 = w_0 - a @ in_w.T
-            total, w = total + h / 2 * (w + w_1), w_1
+            total = total + h / 2 * (w + w_1)
+            w = w_1
             u = k_s * (w + k_i * total)
-        out.error[k], out.tau_m[k], out.deflection[k] = d @ along.W[k].T, u, d @ along.twist.T
+        out.error[k] = d @ along.W[k].T
+        out.tau_m[k] = u
+        out.deflection[k] = d @ along.twist.T
     return out
 
 
@@ -379,15 +429,21 @@ def _times(A: np.ndarray, x: np.ndarray) -> np.ndarray:
 def _rest(
     along: Along, K: np.ndarray, force: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Deviations at rest with the motors at their reference, integral of w, and torques of the feedback."""
-    f, (n_m, n) = along.feedback, along.feedback.rows.shape
+    """Deviations at rest with the motors at their reference, integral of w, and torques of the
+    feedback.
+    """
+    f = along.feedback
+    (n_m, n) = along.feedback.rows.shape
     A = np.zeros((*K.shape[:-2], n + n_m, n + n_m))
-    A[..., :n, :n], A[..., :n, n:], A[..., n:, :n] = K, -along.B[0], f.rows
+    A[..., :n, :n] = K
+    A[..., :n, n:] = -along.B[0]
+    A[..., n:, :n] = f.rows
     right = np.concatenate([-force, np.zeros((len(force), n_m))], axis=1)
     found = (
         np.linalg.solve(A, right.T).T
         if A.ndim == 2
         else np.linalg.solve(A, right[..., None])[..., 0]
     )
-    d, u = found[:, :n], found[:, n:]
+    d = found[:, :n]
+    u = found[:, n:]
     return d, u / (f.speed_gain * f.integral_gain), u

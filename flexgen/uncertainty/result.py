@@ -19,7 +19,9 @@ SHOWN = 8  # shares in the text
 
 @dataclass(frozen=True)
 class Share:
-    """Part of the variance of the output error that a source has: ``name``, ``kind``, ``share``."""
+    """Part of the variance of the output error that a source has: ``name``, ``kind``,
+    ``share``.
+    """
 
     name: str
     kind: str
@@ -28,7 +30,9 @@ class Share:
 
 @dataclass(frozen=True)
 class Band:
-    """Between ``low`` and ``high`` (k, n) are 95 % of the robots at each instant; ``planned`` (k, n)."""
+    """Between ``low`` and ``high`` (k, n) are 95 % of the robots at each instant; ``planned`` (k,
+    n).
+    """
 
     names: tuple[str, ...]
     planned: np.ndarray
@@ -54,8 +58,8 @@ class Prediction(Result):
     robots, seed : int
         Simulated robots, and seed of their draws.
     error_m, error_rad : float or None [m], [rad]
-        Largest error of the output over the motion, which 95 % of the robots keep; None where the output has no such
-        part, or a robot is unstable.
+        Largest error of the output over the motion, which 95 % of the robots keep; None where the
+        output has no such part, or a robot is unstable.
     errors_m, errors_rad : array (robots,) or None [m], [rad]
         Of the simulated robots.
     time : array (k,) [s]
@@ -74,7 +78,9 @@ class Prediction(Result):
 
     Examples
     --------
-    >>> found = flexgen.predict(flexgen.read("elbow", overrides={"uncertainty": {"stiffness": 0.1}}))
+    >>> found = flexgen.predict(
+    ...     flexgen.read("elbow", overrides={"uncertainty": {"stiffness": 0.1}})
+    ... )
     >>> found.torque.high.shape, found.shares[0].name
     ((200, 2), 'q1.stiffness')
     """
@@ -97,7 +103,10 @@ class Prediction(Result):
     ended: str = ""
 
     def __repr__(self) -> str:
-        return f"<Prediction {self.solution.model.title}, {self.solution.move.name}: {self.sentence()}>"
+        return (
+            f"<Prediction {self.solution.model.title}, {self.solution.move.name}: "
+            f"{self.sentence()}>"
+        )
 
     def __str__(self) -> str:
         """The figures as lines."""

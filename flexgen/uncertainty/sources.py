@@ -1,13 +1,16 @@
-"""Sources of uncertainty: numbers of a model that are not known exactly, and robots drawn from them.
+"""Sources of uncertainty: numbers of a model that are not known exactly, and robots drawn from
+them.
 
-A source is a number of the model, or some that change together: all numbers of a spring, or mass and inertia of a body.
-Source i of value p_i has the relative error
+A source is a number of the model, or some that change together: all numbers of a spring, or mass
+and inertia of a body. Source i of value p_i has the relative error
 
-    x_i = s_i sum_j L_ij z_j,   p_i (1 + x_i),   z_j independent, normal, of variance 1,   s_i: its standard deviation
+    x_i = s_i sum_j L_ij z_j,   p_i (1 + x_i),   z_j independent, normal, of variance 1,
+    s_i: its standard deviation
 
-A number whose standard deviation is above `WEAK` is drawn log-normally, with the median of the file and the same ratio
-of standard deviation to mean: it stays positive. A mass that is added to the payload may be negative, down to none. The
-delay of the drives is a time [s] by which the torques are later than the loop knows.
+A number whose standard deviation is above `WEAK` is drawn log-normally, with the median of the
+file and the same ratio of standard deviation to mean: it stays positive. A mass that is added to
+the payload may be negative, down to none. The delay of the drives is a time [s] by which the
+torques are later than the loop knows.
 """
 
 from __future__ import annotations
@@ -26,7 +29,9 @@ from flexgen.spec.parts import Tolerances
 
 # relative standard deviation; a normal number of this one is negative once in 3.5 million
 WEAK = 0.2
-PAYLOAD, LOST, DELAY = "payload.mass", "lost_motion", "delay"
+PAYLOAD = "payload.mass"
+LOST = "lost_motion"
+DELAY = "delay"
 NONE = -1
 ROUNDING = 1e-9  # relative to the largest eigenvalue of a correlation matrix
 
@@ -39,12 +44,13 @@ class Sources:
     ----------
     names : tuple of str (n,)
     kinds : tuple of str (n,)
-        ``stiffness``, ``damping``, ``friction``, ``masses``, ``motor_inertia``, ``lost_motion``, ``payload``,
-        ``delay`` or ``parameters``.
+        ``stiffness``, ``damping``, ``friction``, ``masses``, ``motor_inertia``, ``lost_motion``,
+        ``payload``, ``delay`` or ``parameters``.
     sd : array (n,)
         Relative standard deviations, of the payload [kg], of the delay [s].
     root : array (n, m)
-        Rows of length 1: errors of the sources, over their standard deviations, from independent ones.
+        Rows of length 1: errors of the sources, over their standard deviations, from independent
+        ones.
     parameters : tuple of Parameter (n_p,)
         The numbers of the model.
     owner : array (n_p,)
@@ -79,7 +85,9 @@ class Sources:
         return np.array([k in stiff for k in range(len(self.names))])
 
     def errors(self, z: np.ndarray) -> np.ndarray:
-        """Relative errors, of the payload [kg], of the delay [s], from independent normal numbers ``z`` (robots, m)."""
+        """Relative errors, of the payload [kg], of the delay [s], from independent normal numbers
+        ``z`` (robots, m).
+        """
         x: np.ndarray = z @ self.root.T
         log_sd = np.sqrt(np.log1p(self.sd**2))
         x = np.where((self.sd > WEAK) & ~self.added, np.expm1(x * log_sd), x * self.sd)
@@ -99,7 +107,8 @@ class Sources:
 
     def values(self, errors: np.ndarray) -> np.ndarray:
         """The numbers (..., n_p) of robots with these errors (..., n)."""
-        own, added = errors[..., self.owner] * (self.owner != NONE), self.added[self.owner]
+        own = errors[..., self.owner] * (self.owner != NONE)
+        added = self.added[self.owner]
         return np.where(added, self.nominal + own, self.nominal * (1.0 + own))
 
 
@@ -126,14 +135,15 @@ def sources_of(model: RobotModel, given: Tolerances) -> Sources:
     Raises
     ------
     ArgumentError
-        The model does not have a number with one of the names, or the correlation has a negative eigenvalue.
+        The model does not have a number with one of the names, or the correlation has a negative
+        eigenvalue.
     """
     named = select(model, given.parameters) if given.parameters else ()
     missing = [name for name in given.parameters if name not in {p.name for p in named}]
     if missing or len(named) != len(given.parameters):
         raise ArgumentError(
-            f"uncertainty, parameters: given {(missing or given.parameters)[0]!r}, expected names of single numbers, "
-            "such as q1.stiffness"
+            f"uncertainty, parameters: given {(missing or given.parameters)[0]!r}, expected "
+            "names of single numbers, such as q1.stiffness"
         )
     taken = {parameter.name for parameter in named}
     rows: list[tuple[str, str, float, list[Parameter]]] = []
@@ -153,8 +163,9 @@ def sources_of(model: RobotModel, given: Tolerances) -> Sources:
     ]
     if not rows:
         raise ArgumentError(
-            f"uncertainty of {model.title}: given standard deviations of no number that the model has, expected a "
-            "table [uncertainty] in the model file, such as stiffness = 0.1"
+            f"uncertainty of {model.title}: given standard deviations of no number that the "
+            "model has, expected a table [uncertainty] in the model file, such as stiffness = "
+            "0.1"
         )
     every = select(model, [p.name for row in rows for p in row[3]])
     owner = {p.name: k for k, row in enumerate(rows) for p in row[3]}
@@ -178,8 +189,12 @@ def _kinds(
         f"{body}.mass": list(select(model, [f"{body}.{x}" for x in ("mass", *inertias)]))
         for body in bodies
     }
-    single = {kind: {p.name: [p] for p in _forces(model, kind)} for kind in ("damping", "friction")}
-    rotors = {f"{m.name}.inertia": list(select(model, [f"{m.name}.inertia"])) for m in model.motors}
+    single = {
+        kind: {p.name: [p] for p in _forces(model, kind)} for kind in ("damping", "friction")
+    }
+    rotors = {
+        f"{m.name}.inertia": list(select(model, [f"{m.name}.inertia"])) for m in model.motors
+    }
     payload = {PAYLOAD: list(select(model, [PAYLOAD]))}
     lost: dict[str, list[Parameter]] = {}
     for parameter in select(model, [LOST]) if hysteretic_joints(model) else ():
@@ -212,7 +227,8 @@ def _root(
     rows: Sequence[tuple[str, str, float, list[Parameter]]], given: Tolerances, order: list[int]
 ) -> np.ndarray:
     """The rows of `Sources.root`."""
-    n, columns = len(rows), []
+    n = len(rows)
+    columns = []
     for k, (_, kind, _, _) in enumerate(rows):
         if kind in given.common:
             if kind not in [row[1] for row in rows[:k]]:
@@ -220,12 +236,14 @@ def _root(
         elif kind != "parameters" or not given.correlation:
             columns.append(np.eye(n)[k])
     if given.correlation and order:
-        size, count = len(order), len(given.parameters)
+        size = len(order)
+        count = len(given.parameters)
         matrix = np.array(given.correlation).reshape(count, count)[np.ix_(order, order)]
         values, vectors = np.linalg.eigh(matrix)
         if values[0] < -ROUNDING * values[-1]:
             raise ArgumentError(
-                f"uncertainty, correlation: given a matrix with the eigenvalue {values[0]:.3g}, expected none below 0"
+                f"uncertainty, correlation: given a matrix with the eigenvalue {values[0]:.3g}, "
+                "expected none below 0"
             )
         part = np.zeros((n, size))
         part[n - size :] = vectors * np.sqrt(np.clip(values, 0.0, None))

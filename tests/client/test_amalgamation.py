@@ -1,4 +1,6 @@
-"""The library as one header and one C file: the same functions and bits; clean for strict C and C++ compilers."""
+"""The library as one header and one C file: the same functions and bits; clean for strict C and
+C++ compilers.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +41,8 @@ def inverted(library: Library, name: str) -> list[np.ndarray]:
     t = np.linspace(0.0, 1.0, 101)
     q = np.zeros(model.n_a)
     q[list(model.i_g)] = model.home
-    zero, target = np.zeros(model.n_a), np.zeros(library.sizes["n_t"])
+    zero = np.zeros(model.n_a)
+    target = np.zeros(library.sizes["n_t"])
     y = (
         library.output_constraint(q, zero, target)[0]
         + 0.05 * (t**3 * (10 - 15 * t + 6 * t**2))[:, None]
@@ -58,7 +61,8 @@ def inverted(library: Library, name: str) -> list[np.ndarray]:
 
 @pytest.mark.parametrize("name", SMALL)
 def test_one_file_gives_the_bits_of_many(name):
-    many, one = load(made(name).directory), load(merged(name, build=True).directory)
+    many = load(made(name).directory)
+    one = load(merged(name, build=True).directory)
     assert list(one.functions) == list(many.functions) and one.sizes == many.sizes
     x = random_states(read(name), 11)
     x["deflection"] = 1e-3 * np.random.default_rng(2).normal(size=(11, many.sizes["n_g"]))

@@ -1,4 +1,6 @@
-"""Batches on parts of larger arrays: the bits of compact ones, nothing else is written, wrong strides are refused."""
+"""Batches on parts of larger arrays: the bits of compact ones, nothing else is written, wrong
+strides are refused.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,13 @@ GUARD = -7.25
 NAMES = [
     *(
         ("elbow", name)
-        for name in ("mass_matrix", "inverse_dynamics", "forward_dynamics", "linearize", "gear_law")
+        for name in (
+            "mass_matrix",
+            "inverse_dynamics",
+            "forward_dynamics",
+            "linearize",
+            "gear_law",
+        )
     ),
     *(
         ("planar5_nmp", name)
@@ -47,11 +55,11 @@ def pointer(x: np.ndarray) -> ctypes.c_void_p:
 
 
 def call(name: str, function: str, n: int, stride: int, suffix: str, x: dict[str, np.ndarray]):
-    """Status and outputs with their guards, arrays of `stride` points of which the first n are given."""
-    lib, loaded = (
-        ctypes.CDLL(str(library_of(made(name).directory))),
-        flexgen.load(made(name).directory),
-    )
+    """Status and outputs with their guards, arrays of `stride` points of which the first n are
+    given.
+    """
+    lib = ctypes.CDLL(str(library_of(made(name).directory)))
+    loaded = flexgen.load(made(name).directory)
     f = loaded.functions[function]
     inputs = []
     for port in f.inputs:
@@ -91,14 +99,18 @@ def test_a_point_that_fails_is_found_in_its_place():
     x = states("elbow", 40)
     x["q_a"][11, 1] = np.nan
     status, (g,) = call("elbow", "gravity", 40, 50, "_strided", x)
-    assert status == -2 and np.isnan(g[:, 11]).all() and np.isfinite(np.delete(g, 11, axis=1)).all()
+    assert (
+        status == -2 and np.isnan(g[:, 11]).all() and np.isfinite(np.delete(g, 11, axis=1)).all()
+    )
 
 
 @pytest.mark.parametrize(("n", "stride"), [(9, 8), (-1, 4), (3, -3)])
 def test_a_stride_below_the_number_of_points_is_refused(n, stride):
     lib = ctypes.CDLL(str(library_of(made("elbow").directory)))
     some = np.zeros(1000)
-    status = lib.elbow_gravity_batch_strided(n, stride, pointer(some), pointer(some), pointer(some))
+    status = lib.elbow_gravity_batch_strided(
+        n, stride, pointer(some), pointer(some), pointer(some)
+    )
     assert status == -4 and not some.any()
 
 

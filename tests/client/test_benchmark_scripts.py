@@ -144,5 +144,7 @@ def test_the_shortest_form_runs(script: str, tmp_path: Path) -> None:
     )
     assert done.returncode == 0, done.stderr[-2000:]
     assert done.stdout.strip()
-    after = {path: path.stat().st_mtime_ns for path in folder.rglob("*.*") if path.suffix != ".pyc"}
+    after = {
+        path: path.stat().st_mtime_ns for path in folder.rglob("*.*") if path.suffix != ".pyc"
+    }
     assert after == before

@@ -1,4 +1,6 @@
-"""The program of docs/in_a_controller.md sends, cycle by cycle, the torques of `flexgen.solve` with a hold."""
+"""The program of docs/in_a_controller.md sends, cycle by cycle, the torques of `flexgen.solve`
+with a hold.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,8 @@ import flexgen
 from flexgen.cli.main import main
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "in_a_controller.md"
-# The program prints four decimals; stream and whole path differ by the tolerance 1e-6 of a torque of 25 N m.
+# The program prints four decimals; stream and whole path differ by the tolerance 1e-6 of a torque
+# of 25 N m.
 TOLERANCE_NM = 2e-4
 
 

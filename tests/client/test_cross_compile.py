@@ -1,4 +1,6 @@
-"""The same bits from every compiler, level and processor; how far the native build strays; what small machines get."""
+"""The same bits from every compiler, level and processor; how far the native build strays; what
+small machines get.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +34,9 @@ LIBRARIES = [
 
 
 def folder_of(name: str, precision: str) -> Path:
-    """The folder with the sources of a library; these tests compile them with compilers and options of their own."""
+    """The folder with the sources of a library; these tests compile them with compilers and
+    options of their own.
+    """
     if precision == "double":
         return made(name).directory
     return generate(name, _folder() / f"{name}_single", precision=precision, build=False).directory
@@ -48,14 +52,17 @@ def missing(*tools: str) -> list[str]:
 
 def differences(folder: Path, a: bytes, b: bytes) -> list[str]:
     manifest = clients.manifest_of(folder)
-    one, two = clients.results_of(manifest, a), clients.results_of(manifest, b)
+    one = clients.results_of(manifest, a)
+    two = clients.results_of(manifest, b)
     return [key for key in one if one[key].tobytes() != two[key].tobytes()]
 
 
-# --- bits -------------------------------------------------------------------------------------------------------------
+# --- bits ----------------------------------------------------------------------------------------
 @pytest.mark.parametrize(("name", "precision"), LIBRARIES)
 def test_every_target_gives_the_same_bits(name, precision, tmp_path):
-    """Every function at random states, one by one and in batches of odd sizes (the program compares the two itself)."""
+    """Every function at random states, one by one and in batches of odd sizes (the program
+    compares the two itself).
+    """
     folder = folder_of(name, precision)
     given = clients.inputs_of(clients.manifest_of(folder), states(name))
     builds = [
@@ -66,7 +73,8 @@ def test_every_target_gives_the_same_bits(name, precision, tmp_path):
     builds.append(["gcc", "-O3", "-march=native", "-ffp-contract=off", "-fno-tree-vectorize"])
     builds.append(["gcc", "-O2", "-ffp-contract=off", f"-D{name.upper()}_NO_VECTORS"])
     builds.append(["aarch64-linux-gnu-gcc", "-O2", "-ffp-contract=off", "-static"])
-    reference, compared = b"", 0
+    reference = b""
+    compared = 0
     for k, words in enumerate(builds):
         emulator = ["qemu-aarch64"] if words[0].startswith("aarch64") else []
         if missing(words[0], *emulator):
@@ -81,7 +89,9 @@ def test_every_target_gives_the_same_bits(name, precision, tmp_path):
 
 
 def test_planted_contraction_changes_the_bits(tmp_path):
-    """The planted bug: with fused multiply-adds the bits are others, where the processor has them."""
+    """The planted bug: with fused multiply-adds the bits are others, where the processor has
+    them.
+    """
     tools("aarch64-linux-gnu-gcc", "qemu-aarch64")
     folder = folder_of("planar5_nmp", "double")
     given = clients.inputs_of(clients.manifest_of(folder), states("planar5_nmp"))
@@ -102,7 +112,9 @@ def test_planted_contraction_changes_the_bits(tmp_path):
 
 @pytest.mark.parametrize("name", ["elbow", "four_mass"])
 def test_a_cortex_m7_has_the_same_bits(name, tmp_path):
-    """A bare machine without double precision, emulated: single precision, results through semihosting."""
+    """A bare machine without double precision, emulated: single precision, results through
+    semihosting.
+    """
     tools("arm-none-eabi-gcc", "qemu-system-arm", "gcc")
     folder = folder_of(name, "single")
     given = clients.inputs_of(clients.manifest_of(folder), states(name))
@@ -116,20 +128,27 @@ def test_a_cortex_m7_has_the_same_bits(name, tmp_path):
     program = clients.built(
         folder, tmp_path, "arm-none-eabi-gcc", *board, "-O2", "-ffp-contract=off", given=given
     )
-    emulator = "qemu-system-arm -M mps2-an500 -nographic -semihosting-config enable=on,target=native -kernel".split()
+    emulator = (
+        "qemu-system-arm -M mps2-an500 -nographic -semihosting-config enable=on,target=native "
+        "-kernel"
+    ).split()
     answer = clients.answer([*emulator, str(program)], b"", tmp_path)
     here = clients.built(folder, tmp_path / "here", "gcc", "-O2", "-ffp-contract=off")
     assert answer == clients.answer([str(here)], given, tmp_path)
 
 
-# --- the native build -------------------------------------------------------------------------------------------------
+# --- the native build ----------------------------------------------------------------------------
 OPERATIONS = re.compile(r"(\d+) operations")
 STEP = 2.0**-30  # relative change of the inputs that tells how much the results amplify an error
 
 
-@pytest.mark.parametrize("name", ["planar5_nmp", "abb_arm", pytest.param("manutec_r3", marks=SLOW)])
+@pytest.mark.parametrize(
+    "name", ["planar5_nmp", "abb_arm", pytest.param("manutec_r3", marks=SLOW)]
+)
 def test_the_native_build_differs_by_rounding(name):
-    """N operations that round otherwise: N eps times the result and what a relative error of the inputs becomes."""
+    """N operations that round otherwise: N eps times the result and what a relative error of the
+    inputs becomes.
+    """
     reproducible = load(made(name).directory)
     used = list(reproducible.functions)
     # without the solvers, which take longer to compile than all functions
@@ -164,7 +183,7 @@ def _flat(results) -> np.ndarray:
     return np.hstack([np.asarray(array).reshape(len(array), -1) for array in arrays])
 
 
-# --- small machines ---------------------------------------------------------------------------------------------------
+# --- small machines ------------------------------------------------------------------------------
 TARGETS = {
     "x86-64": ("gcc", []),
     "aarch64": ("aarch64-linux-gnu-gcc", []),
@@ -200,7 +219,9 @@ def test_single_precision_code_has_no_double_operations(name, tmp_path):
     [("planar5_nmp", "double"), ("four_mass", "single"), ("manutec_r3", "single")],
 )
 def test_the_stack_of_the_header_is_sufficient(name, precision, target, tmp_path):
-    """What the compiler says each function of a point needs, its callees included, is at most what the header says."""
+    """What the compiler says each function of a point needs, its callees included, is at most what
+    the header says.
+    """
     compiler, flags = TARGETS[target]
     tools(compiler)
     if target == "Cortex-M7" and precision == "double":

@@ -1,4 +1,6 @@
-"""The documentation: Python and C run, commands parse, output is printed, links resolve, words are plain."""
+"""The documentation: Python and C run, commands parse, output is printed, links resolve, words are
+plain.
+"""
 
 from __future__ import annotations
 
@@ -40,7 +42,8 @@ needs_compiler = pytest.mark.skipif(
     COMPILER is None, reason="no C compiler: install the Debian package gcc"
 )
 
-# Words that had a private meaning in this project. A regular expression each; the text says what to write instead.
+# Words that had a private meaning in this project. A regular expression each; the text says what
+# to write instead.
 PRIVATE_WORDS = {
     r"lots?(?! of\b)": "batches",
     r"crews?": "executors",
@@ -61,7 +64,10 @@ PRIVATE_WORDS = {
     r"(?:who|whoever) does not choose": "the default method",
     r"none that is allowed": "is out of range",
     r"a status that is true": "a status you can rely on",
-    r"linearis\w*|analys(?:e|ed|ing)|modelled|modelling|normalis\w*|optimis\w*": "American spelling",
+    (
+        r"linearis\w*|analys(?:e|ed|ing)|modelled|modelling|normalis\w*|"
+        r"optimis\w*"
+    ): "American spelling",
     r"centres?|colours?|metres?|licence": "American spelling",
 }
 
@@ -73,8 +79,8 @@ def page_id(page: Path) -> str:
 def blocks(text: str, language: str, marks: tuple[str, ...] = ("",)) -> list[str]:
     """The code blocks of a language behind one of these markers; empty: without a marker.
 
-    ``<!-- slow -->``: tens of seconds; ``<!-- minutes -->``; ``<!-- scheduler -->``, ``<!-- sketch -->``: what no test
-    can have, such as a cluster or a file of the user.
+    ``<!-- slow -->``: tens of seconds; ``<!-- minutes -->``; ``<!-- scheduler -->``,
+    ``<!-- sketch -->``: what no test can have, such as a cluster or a file of the user.
     """
     found = re.findall(
         rf"(?:<!-- (\w+) -->\n)?^```{language}\n(.*?)^```$", text, re.MULTILINE | re.DOTALL
@@ -85,7 +91,9 @@ def blocks(text: str, language: str, marks: tuple[str, ...] = ("",)) -> list[str
 @cache
 def marked(mark: str) -> list[Path]:
     """Pages with Python behind a marker."""
-    return [page for page in (*PAGES, *ROOMS) if blocks(page.read_text("utf-8"), "python", (mark,))]
+    return [
+        page for page in (*PAGES, *ROOMS) if blocks(page.read_text("utf-8"), "python", (mark,))
+    ]
 
 
 def prose(text: str) -> str:
@@ -126,9 +134,11 @@ def broken_links(page: Path) -> list[str]:
     return broken
 
 
-# --- code -------------------------------------------------------------------------------------------------------------
+# --- code ----------------------------------------------------------------------------------------
 def alone(page: Path) -> bool:
-    """Whether a page has Python, and no other test runs all of it: where its tests are slow, they run it once."""
+    """Whether a page has Python, and no other test runs all of it: where its tests are slow, they
+    run it once.
+    """
     twice = page in marked("slow") and slow("client/test_docs.py", page_id(page))
     return bool(blocks(page.read_text("utf-8"), "python")) and not twice
 
@@ -154,7 +164,9 @@ def test_long_python_of_the_pages_runs(page, tmp_path):
 
 
 def runs(page: Path, tmp_path: Path, marks: tuple[str, ...]) -> None:
-    """Run the Python of a page and look for the output that it states; the pictures of its reports are not drawn."""
+    """Run the Python of a page and look for the output that it states; the pictures of its reports
+    are not drawn.
+    """
     code = "\n".join(blocks(page.read_text(encoding="utf-8"), "python", marks))
     undrawn = (
         f"import sys; sys.path.append({SUPPORT!r}); import undrawn; undrawn.draw_nothing()\n"
@@ -180,9 +192,13 @@ def test_c_of_the_pages_runs(page, tmp_path):
     """Compile each program of a page with the command that follows it."""
     text = page.read_text(encoding="utf-8")
     programs = re.findall(
-        r"^```c\n(.*?)^```\n+    (cc [^\n]*)\n    (\./reports/\w+)$", text, re.MULTILINE | re.DOTALL
+        r"^```c\n(.*?)^```\n+    (cc [^\n]*)\n    (\./reports/\w+)$",
+        text,
+        re.MULTILINE | re.DOTALL,
     )
-    assert len(programs) == len(blocks(text, "c")), "a program without the command that compiles it"
+    assert len(programs) == len(blocks(text, "c")), (
+        "a program without the command that compiles it"
+    )
     assert text.index("mkdir -p reports") < text.index("```c\n"), (
         "a program in a folder that no command has made"
     )
@@ -254,7 +270,7 @@ def test_output_in_the_pages_is_printed(command, capsys):
     assert missing == []
 
 
-# --- text -------------------------------------------------------------------------------------------------------------
+# --- text ----------------------------------------------------------------------------------------
 @pytest.mark.parametrize("page", PROSE, ids=page_id)
 def test_links_lead_somewhere(page):
     assert broken_links(page) == []
@@ -263,7 +279,9 @@ def test_links_lead_somewhere(page):
 def test_every_page_is_in_the_index():
     index = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
     assert [
-        page.name for page in PAGES[1:] if page.name != "index.md" and f"({page.name})" not in index
+        page.name
+        for page in PAGES[1:]
+        if page.name != "index.md" and f"({page.name})" not in index
     ] == []
 
 
@@ -283,7 +301,9 @@ def test_contributing_names_every_room_and_only_files_that_exist():
 
 
 def readme_problems(room: Path) -> list[str]:
-    """What the README of a room lacks: its files, each named once a file exists, in at most 75 lines."""
+    """What the README of a room lacks: its files, each named once a file exists, in at most 75
+    lines.
+    """
     text = (room / "README.md").read_text(encoding="utf-8")
     named = set(re.findall(r"`([\w.]+\.(?:py|c)|\w+/)`", text))
     files = {
@@ -339,7 +359,7 @@ def test_readme_is_short():
     assert len((ROOT / "README.md").read_text(encoding="utf-8").splitlines()) <= 130
 
 
-# --- planted errors ---------------------------------------------------------------------------------------------------
+# --- planted errors ------------------------------------------------------------------------------
 def test_planted_word_and_link_are_found(tmp_path):
     page = tmp_path / "page.md"
     page.write_text(

@@ -1,4 +1,6 @@
-"""A package of others adds a method, a law, an exporter and a friction law, for Python and the command line."""
+"""A package of others adds a method, a law, an exporter and a friction law, for Python and the
+command line.
+"""
 
 from __future__ import annotations
 
@@ -71,11 +73,14 @@ print(s.method, s.status, np.abs(s.trajectory["tau_m"] - twin.trajectory["tau_m"
 friction = {"type": "quadratic", "viscous": 0.5, "quadratic": 0.25}
 model = flexgen.read("planar5_nmp", overrides={"motor.m1.friction": friction})
 print(np.array(flexgen.derive(model).function("motor_friction")(np.array([-3.0, 2.0]))).ravel()[0])
-print(flexgen.describe(model)["motors"][0]["friction"]["type"], "quadratic" in str(flexgen.schema()))
+print(flexgen.describe(model)["motors"][0]["friction"]["type"], "quadratic" in \
+str(flexgen.schema()))
 loop = {"type": "logistic", "lost_motion": 1e-4, "stiffness": 2e5, "bend": 0.25}
 lossy = flexgen.read("planar5_nmp", overrides={"element.arm1.dof.q1.gear.hysteresis": loop})
-solved, file = flexgen.solve(lossy, progress=False), flexgen.export_urdf(lossy, "lossy.urdf").details["overlay"]
-print(solved.status, solved.tool_error_max_m < 5e-8, flexgen.read(file).coordinates[0].dof.gear.hysteresis)
+solved, file = flexgen.solve(lossy, progress=False), flexgen.export_urdf(lossy, \
+"lossy.urdf").details["overlay"]
+print(solved.status, solved.tool_error_max_m < 5e-8, \
+flexgen.read(file).coordinates[0].dof.gear.hysteresis)
 made = flexgen.generate(lossy, "lossy", build=False).directory
 print("hysteresis_curve[" in "".join(path.read_text() for path in made.rglob("*.[ch]")))
 print(flexgen.export("inertias", "planar5_nmp", "inertias.csv").files[0])
@@ -149,7 +154,14 @@ def test_extensions_are_used_from_the_command_line(environment, tmp_path):
         environment, tmp_path, *cli, "describe", "planar5_nmp", *wrong, fails=True
     )
     text = run(
-        environment, tmp_path, *cli, "control", "planar5_nmp", "--controller", "unknown", fails=True
+        environment,
+        tmp_path,
+        *cli,
+        "control",
+        "planar5_nmp",
+        "--controller",
+        "unknown",
+        fails=True,
     )
     assert "quiet" in text
 
@@ -179,7 +191,8 @@ def test_library_is_written_again_after_the_code_of_a_friction_law_has_changed(
         run(changed, tmp_path, *command)
         texts.append(
             "".join(
-                path.read_text(encoding="utf-8") for path in sorted((tmp_path / "lib").rglob("*.c"))
+                path.read_text(encoding="utf-8")
+                for path in sorted((tmp_path / "lib").rglob("*.c"))
             )
         )
     assert texts[0] != texts[1]
@@ -200,7 +213,10 @@ def test_extension_that_cannot_be_imported_is_refused_with_its_name(environment,
     code = "import flexgen; flexgen.export('inertias', 'elbow', 'x')"
     text = run(broken, tmp_path, "-c", code, fails=True)
     assert "entry point inertias = 'stranger:write_inertias'" in text and "planted" in text
-    unused = "import flexgen; flexgen.describe('elbow'); print(flexgen.solve('elbow', progress=False).status)"
+    unused = (
+        "import flexgen; flexgen.describe('elbow'); print(flexgen.solve('elbow', "
+        "progress=False).status)"
+    )
     # what is not used does no harm
     assert run(broken, tmp_path, "-c", unused).split()[-1] == "solved"
 
@@ -215,7 +231,10 @@ def test_extension_that_cannot_be_imported_is_refused_with_its_name(environment,
         ),
         (
             "frictions]\nhollow = stranger:Hollow",
-            "import flexgen; flexgen.read('elbow', overrides={'motor.m1.friction': {'type': 'hollow'}})",
+            (
+                "import flexgen; flexgen.read('elbow', overrides={'motor.m1.friction': {'type': "
+                "'hollow'}})"
+            ),
             "expected a subclass of Friction with a method torque",
         ),
         (

@@ -1,4 +1,6 @@
-"""Importers of FMUs: FMPy and CasADi, strict compilers, saved states, threads, many cycles, no allocation."""
+"""Importers of FMUs: FMPy and CasADi, strict compilers, saved states, threads, many cycles, no
+allocation.
+"""
 
 from __future__ import annotations
 
@@ -42,7 +44,9 @@ BLOCKS = [
 
 @pytest.fixture(autouse=True)
 def same_folder() -> Iterator[None]:
-    """FMPy changes the working directory while it loads a library, and eight threads at once do not find back."""
+    """FMPy changes the working directory while it loads a library, and eight threads at once do
+    not find back.
+    """
     before = Path.cwd()
     yield
     os.chdir(before)
@@ -119,7 +123,9 @@ def test_fmpy_compiles_the_sources(version, tmp_path):
 
 @pytest.mark.parametrize("case", BLOCKS)
 def test_a_saved_state_gives_the_same_bits(case):
-    """Run on, go back, run again; by the saved state, and by its bytes in another instance. From elsewhere: others."""
+    """Run on, go back, run again; by the saved state, and by its bytes in another instance. From
+    elsewhere: others.
+    """
     written = fmus.exported(*case)
     rng = np.random.default_rng(0)
     u = fmus.starts(written, INPUT) + 1e-3 * rng.standard_normal(
@@ -136,7 +142,8 @@ def test_a_saved_state_gives_the_same_bits(case):
             )
         return np.array(rows)
 
-    a, b = fmus.Instance(written), fmus.Instance(written)
+    a = fmus.Instance(written)
+    b = fmus.Instance(written)
     run(a, 0, 3)
     upper = case[1] == "3.0"
     save, restore = (
@@ -258,7 +265,9 @@ def test_nothing_is_allocated_after_the_instantiation(block, kind, version, tmp_
 
 @pytest.mark.parametrize("case", [p for p in BLOCKS if p.values[0][2] == "plant"])
 def test_casadi_imports_the_plant(case):
-    """DaeBuilder evaluates the derivatives, and its Jacobians come from the FMU's directional derivatives."""
+    """DaeBuilder evaluates the derivatives, and its Jacobians come from the FMU's directional
+    derivatives.
+    """
     written = fmus.exported(*case)
     definition = fmus.lagrange(case[0])
     dae = ca.DaeBuilder("robot", str(fmus.unzipped(written.path)))
@@ -272,7 +281,9 @@ def test_casadi_imports_the_plant(case):
     expected = definition.rate(0.0, x, u)
     assert np.allclose(rate, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
     assert np.allclose(y, definition.output(x), rtol=1e-9, atol=1e-12)
-    m, n_a, n = definition.model, definition.model.n_a, definition.model.dof
+    m = definition.model
+    n_a = definition.model.n_a
+    n = definition.model.dof
     A = np.array(dae.create("j", ["x", "u"], ["jac_ode_x"])(x, np.r_[u[:-6], np.zeros(6)]))
     parts = definition.split(x)
     own = np.array(definition.equations.function("linearize")(*parts, u[: m.n_m])[0])
@@ -282,7 +293,9 @@ def test_casadi_imports_the_plant(case):
 
 @slow
 def test_a_function_called_in_the_wrong_state_is_an_error():
-    """States of the call sequence, NaN, wrong value references, wrong token, a step back in time."""
+    """States of the call sequence, NaN, wrong value references, wrong token, a step back in
+    time.
+    """
     written = fmus.exported("four_mass", "2.0")
     instance = fmus.Instance(written)
     refused = [

@@ -1,4 +1,6 @@
-"""The gallery: each script prints question, table, literature and run time, and saves one picture; its claims hold."""
+"""The gallery: each script prints question, table, literature and run time, and saves one picture;
+its claims hold.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +39,9 @@ def loaded(name: str) -> ModuleType:
 
 
 def table(output: str) -> dict[str, list[str]]:
-    """Rows of the printed table by their first cell (a second one of a name: ``name'``); cells are two spaces apart."""
+    """Rows of the printed table by their first cell (a second one of a name: ``name'``); cells are
+    two spaces apart.
+    """
     rows = [
         re.split(r"\s{2,}", line.strip()) for line in output.splitlines() if line.startswith("  ")
     ]
@@ -63,7 +67,8 @@ def check_flexible_link(rows: dict[str, list[str]]) -> None:
 
 def check_gears_and_friction(rows: dict[str, list[str]]) -> None:
     for name in ("four_mass@low", "four_mass@high"):
-        found, published = numbers(rows[name][:3]), [float(x) for x in rows[name][3].split()]
+        found = numbers(rows[name][:3])
+        published = [float(x) for x in rows[name][3].split()]
         # printed with two decimals
         assert max(abs(a - b) for a, b in zip(found, published, strict=True)) < 0.006
 
@@ -82,7 +87,9 @@ def check_index(rows: dict[str, list[str]]) -> None:
 
 
 def check_kinematics(rows: dict[str, list[str]]) -> None:
-    configurations = [cells for first, cells in rows.items() if re.fullmatch(r"-?\d+\.\d'*", first)]
+    configurations = [
+        cells for first, cells in rows.items() if re.fullmatch(r"-?\d+\.\d'*", first)
+    ]
     assert len(configurations) == 8 and all(float(cells[-1]) < 1e-12 for cells in configurations)
 
 
@@ -93,7 +100,8 @@ def check_controllability(rows: dict[str, list[str]]) -> None:
 
 
 def check_minimum_phase(rows: dict[str, list[str]]) -> None:
-    # two initial value methods, then the boundary value methods with intervals of 9 ms; torques up to 24 N m
+    # two initial value methods, then the boundary value methods with intervals of 9 ms; torques up
+    # to 24 N m
     assert (
         float(rows["kunkel-mehrmann"][0]) < 1e-5
         and float(rows["lq"][0]) < 5e-4
@@ -103,7 +111,8 @@ def check_minimum_phase(rows: dict[str, list[str]]) -> None:
 
 
 def check_dae_solvers(rows: dict[str, list[str]]) -> None:
-    # BDF has its order until rounding is differentiated too often; the others are accurate to their tolerances
+    # BDF has its order until rounding is differentiated too often; the others are accurate to
+    # their tolerances
     assert (
         abs(float(rows["bdf, order 1"][3]) - 1) < 0.02
         and abs(float(rows["bdf, order 2"][3]) - 2) < 0.1

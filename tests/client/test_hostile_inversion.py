@@ -1,4 +1,6 @@
-"""A thousand hostile calls of the inversion in C: each ends in bounded time, with a status that is true."""
+"""A thousand hostile calls of the inversion in C: each ends in bounded time, with a status that is
+true.
+"""
 
 from __future__ import annotations
 
@@ -45,7 +47,8 @@ from flexgen.runtime.limited_inversion import SIZES
 pytestmark = needs_compiler
 
 SEED = 20261120
-CALLS, UPDATES = 400, 300
+CALLS = 400
+UPDATES = 300
 STEPS = 25  # of the solver, at most
 ON_PATH = 1e-8  # m, rad: of the tool at the samples, relative to the size of y
 SAMPLED = 1e2  # tolerances that OK allows at the samples, where the mesh meets one
@@ -119,7 +122,7 @@ def made(tmp_path_factory):
     return one
 
 
-# --- what is true -----------------------------------------------------------------------------------------------------
+# --- what is true --------------------------------------------------------------------------------
 def all_places(call: Call, x: np.ndarray) -> np.ndarray:
     """Samples of a path with those before and after it."""
     return np.concatenate(
@@ -128,8 +131,12 @@ def all_places(call: Call, x: np.ndarray) -> np.ndarray:
 
 
 def check_results(target: Target, call: Call, answer: MethodResult) -> None:
-    """What was found is true, by CasADi and by differences; it is exact, or the report says that it is not."""
-    r, model, status = answer.results, target.equations.model, NAMES[answer.status]
+    """What was found is true, by CasADi and by differences; it is exact, or the report says that
+    it is not.
+    """
+    r = answer.results
+    model = target.equations.model
+    status = NAMES[answer.status]
     mesh, between, kinematic_mismatch, torque_error = answer.report
     rough = torque_error > TORQUE
     assert all(np.isfinite(x).all() for x in r.values()) and np.isfinite(answer.report).all()
@@ -178,13 +185,18 @@ def check_results(target: Target, call: Call, answer: MethodResult) -> None:
 
 
 def check_held_torques(target: Target, call: Call, answer: MethodResult) -> None:
-    """A hold changes the torques to send only, by less than the largest torque; without it the results are checked."""
+    """A hold changes the torques to send only, by less than the largest torque; without it the
+    results are checked.
+    """
     plain = invert(target, replace(call, hold=0, delay=0.0))
     assert plain.status == answer.status and np.array_equal(plain.report, answer.report)
     assert all(
-        np.array_equal(plain.results[key], answer.results[key]) for key in OUTPUTS if key != "tau_m"
+        np.array_equal(plain.results[key], answer.results[key])
+        for key in OUTPUTS
+        if key != "tau_m"
     )
-    tau, sent = plain.results["tau_m"], answer.results["tau_m"]
+    tau = plain.results["tau_m"]
+    sent = answer.results["tau_m"]
     assert np.isfinite(sent).all() and np.abs(sent - tau).max() <= 2 * np.abs(tau).max()
     check_results(target, call, plain)
 
@@ -260,8 +272,9 @@ def test_repeated_calls_give_the_same_bits(made):
         assert all(np.array_equal(first.results[key], second.results[key]) for key in OUTPUTS)
 
 
-# --- streams ----------------------------------------------------------------------------------------------------------
-INTERVALS, PARTS = 12, 2
+# --- streams -------------------------------------------------------------------------------------
+INTERVALS = 12
+PARTS = 2
 
 
 def begun(one: Target, **options) -> Streamed:
@@ -305,7 +318,8 @@ def test_invalid_samples_of_streams_are_refused(made):
                 assert stream.memory.tobytes() == before.tobytes()
             status = stream.update(*sample(one, k))
             assert status == twin.update(*sample(one, k)) and NAMES[status] in FOUND
-            results, others = stream.results(), twin.results()
+            results = stream.results()
+            others = twin.results()
             assert all(np.array_equal(results[key], others[key]) for key in results)
             assert all(np.isfinite(x).all() for x in results.values()) and not stream.spilled
             assert (status == 0) == (
@@ -328,7 +342,8 @@ def test_a_stream_that_was_not_started_refuses_calls(made, fill):
 
 def test_a_failed_stream_can_be_started_again(made):
     one = made("planar5_nmp")
-    y, q = one.path["y"][0], one.path["q_start"]
+    y = one.path["y"][0]
+    q = one.path["q_start"]
     stream = begun(one)
     for given, expected in (
         ((None, q, 1e-3), "NULL_ARGUMENT"),
@@ -368,7 +383,9 @@ def test_a_failed_stream_can_be_started_again(made):
 
 
 def moving_path(one: Target, first: int = 0) -> dict[str, Any]:
-    """What `stream_start_moving` needs, from the path of a target, whose last sample is repeated."""
+    """What `stream_start_moving` needs, from the path of a target, whose last sample is
+    repeated.
+    """
     k = [min(first + i, len(one.path["y"]) - 1) for i in range(INTERVALS + START_SAMPLES)]
     samples = {key: np.array(one.path[key])[k] for key in ("y", "dy", "ddy")}
     return {"n": len(k), "period": one.period, **samples}
@@ -376,9 +393,12 @@ def moving_path(one: Target, first: int = 0) -> dict[str, Any]:
 
 @pytest.mark.parametrize("name", ["planar5_nmp", "elbow", "four_mass"])
 def test_bad_paths_of_streams_that_start_in_motion(made, name):
-    """Each is refused; the memory around is untouched; a refused start leaves no stream that runs on a wrong path."""
+    """Each is refused; the memory around is untouched; a refused start leaves no stream that runs
+    on a wrong path.
+    """
     one = made(name)
-    q, rng = one.path["q_start"], np.random.default_rng(SEED)
+    q = one.path["q_start"]
+    rng = np.random.default_rng(SEED)
     stream = Streamed(one, INTERVALS, PARTS)
     for changes, expected in (
         ({"n": INTERVALS + START_SAMPLES - 1}, "BAD_ARGUMENT"),
@@ -400,7 +420,8 @@ def test_bad_paths_of_streams_that_start_in_motion(made, name):
         assert NAMES[stream.start_moving(path, q, one.period)] == "INPUT_NOT_FINITE"
     for _ in range(30):
         path = moving_path(one, int(rng.integers(60)))
-        key, where = rng.choice(["y", "dy", "ddy"]), rng.integers(INTERVALS + START_SAMPLES)
+        key = rng.choice(["y", "dy", "ddy"])
+        where = rng.integers(INTERVALS + START_SAMPLES)
         path[key][where:] = path[key][where:] * rng.choice([1e3, 1e150, -1e6])
         status = NAMES[stream.start_moving(path, q, one.period)]
         assert not stream.spilled
@@ -424,7 +445,9 @@ def test_bad_paths_of_streams_that_start_in_motion(made, name):
 
 @pytest.mark.parametrize("period", [1e-12, 1e-9, 1e-4, 1.0, 1e5])
 def test_streams_of_strange_periods_and_rough_samples(made, period):
-    """Whatever happens is said; a stream that failed after it took a sample says so from then on."""
+    """Whatever happens is said; a stream that failed after it took a sample says so from then
+    on.
+    """
     rng = np.random.default_rng(SEED)
     for name in ("planar5_nmp", "slack", "four_mass"):
         one = made(name)
@@ -451,7 +474,9 @@ def test_streams_of_strange_periods_and_rough_samples(made, period):
 
 @pytest.mark.parametrize("name", ["planar5_nmp", "elbow", "four_mass"])
 def test_invalid_limits_are_refused(made, name):
-    """Invalid bounds are refused; bounds that cannot be kept are exceeded, and the status reports it."""
+    """Invalid bounds are refused; bounds that cannot be kept are exceeded, and the status reports
+    it.
+    """
     rng = np.random.default_rng(SEED)
     one = made(name)
     n = one.sizes["n_m"]
@@ -470,7 +495,8 @@ def test_invalid_limits_are_refused(made, name):
             )
             both[k] = None
             assert (
-                NAMES[stream.limits(*both)] == "NULL_ARGUMENT" and stream.memory.tobytes() == before
+                NAMES[stream.limits(*both)] == "NULL_ARGUMENT"
+                and stream.memory.tobytes() == before
             )
     for bad in (np.nan, 0.0, -1.0, np.inf):
         assert NAMES[stream.limits(endless, endless, bad)] == "BAD_ARGUMENT"
@@ -493,13 +519,16 @@ def test_invalid_limits_are_refused(made, name):
 
 @pytest.mark.parametrize("name", ["planar5_nmp", "elbow", "four_mass"])
 def test_invalid_limits_of_all_kinds_are_refused(made, name):
-    """No memory changes where one is refused; without any, and with infinite ones, a stream has the same bits."""
+    """No memory changes where one is refused; without any, and with infinite ones, a stream has
+    the same bits.
+    """
     rng = np.random.default_rng(SEED)
     one = made(name)
     sizes = one.sizes | {"n_e": one.equations.model.n_e}
     arrays = {key: np.full(sizes[size], np.inf) for key, size in SIZES.items() if sizes[size]}
     assert NAMES[Streamed(one, INTERVALS, PARTS, fill=1.0).all_limits(**arrays)] == "NOT_STARTED"
-    stream, plain = begun(one), begun(one)
+    stream = begun(one)
+    plain = begun(one)
     curve = np.tile([[0.0, 1e3], [1e3, 5e2], [2e3, -1e3]], (sizes["n_m"], 1, 1))
     good = arrays | {"torque_speed": curve, "torque_speed_points": 3}
     assert stream.all_limits(**good) == 0
@@ -517,9 +546,9 @@ def test_invalid_limits_of_all_kinds_are_refused(made, name):
         for at in ((0, 0, 1), (0, 1, 1), (0, 2, 0)):
             wrong = curve.copy()
             wrong[at] = bad if np.isnan(bad) or at[1] != 1 else np.inf
-            assert NAMES[stream.all_limits(**(good | {"torque_speed": wrong}))] == "BAD_ARGUMENT", (
-                at
-            )
+            assert (
+                NAMES[stream.all_limits(**(good | {"torque_speed": wrong}))] == "BAD_ARGUMENT"
+            ), at
     for points in (-1, 0, 1, 22, 2**31 - 1):
         assert (
             NAMES[stream.all_limits(**(good | {"torque_speed_points": points}))] == "BAD_ARGUMENT"
@@ -552,7 +581,7 @@ def test_invalid_limits_of_all_kinds_are_refused(made, name):
             assert all(np.isfinite(x).all() for x in stream.results().values())
 
 
-# --- from Python ------------------------------------------------------------------------------------------------------
+# --- from Python ---------------------------------------------------------------------------------
 def test_errors_in_python_are_messages_with_given_and_expected(made):
     one = made("elbow")
     given = {**one.path, "period": one.period}

@@ -102,7 +102,9 @@ def test_hostile_names_in_a_model_file_are_refused(place, tmp_path):
 def test_hostile_names_of_variants_are_refused(tmp_path):
     path = tmp_path / "hostile.toml"
     for name in HOSTILE:
-        path.write_text(GOOD.replace("[variant.stiff]", f'[variant."{name}"]', 1), encoding="utf-8")
+        path.write_text(
+            GOOD.replace("[variant.stiff]", f'[variant."{name}"]', 1), encoding="utf-8"
+        )
         with pytest.raises(ModelError):
             read(path)
     path.write_text(GOOD)
@@ -126,7 +128,8 @@ def test_hostile_names_of_objects_made_in_python_are_refused():
         0.0,
         "m/s^2",
     )
-    first, dof = model.elements[0], model.elements[0].dofs[0]
+    first = model.elements[0]
+    dof = model.elements[0].dofs[0]
     makers = (
         lambda name: replace(model, name=name),
         lambda name: replace(model, variant=name or " "),
@@ -201,7 +204,9 @@ def test_names_of_moves_are_escaped_in_c_and_pages(name, tmp_path):
     ],
 )
 def test_a_model_with_the_name_of_an_emitted_file_is_refused(name, tmp_path):
-    """Its header or its library would be found instead of the system's, its file would be another's."""
+    """Its header or its library would be found instead of the system's, its file would be
+    another's.
+    """
     path = tmp_path / "model.toml"
     path.write_text(
         (ROOT / "models" / "elbow.toml")
@@ -216,16 +221,21 @@ def test_a_model_with_the_name_of_an_emitted_file_is_refused(name, tmp_path):
 def test_a_name_with_its_variant_is_not_too_long(tmp_path):
     path = tmp_path / "model.toml"
     text = (ROOT / "models" / "elbow.toml").read_text()
-    name, variant = "a" * 20, "b" * 20
+    name = "a" * 20
+    variant = "b" * 20
     path.write_text(
-        f'{text.replace("elbow", name, 1)}\n[variant.{variant}]\nset = {{ "motor.m1.inertia" = 0.02 }}\n'
+        f"{text.replace('elbow', name, 1)}\n"
+        f"[variant.{variant}]\n"
+        'set = { "motor.m1.inertia" = 0.02 }\n'
     )
     with pytest.raises((BuildError, ModelError, ArgumentError), match="at most 30"):
         generate(read(path, variant), tmp_path / "out", functions=["gravity"], build=False)
 
 
 def test_names_reach_file_names_only_after_the_check(tmp_path):
-    """A model made in Python with a path for its name, past the constructor's check, writes nothing anywhere."""
+    """A model made in Python with a path for its name, past the constructor's check, writes
+    nothing anywhere.
+    """
     model = read("elbow")
     for name in ("../evil", "/evil", "a/b", "..", "a\0b"):
         with pytest.raises(BuildError, match="name of the model"):

@@ -1,4 +1,6 @@
-"""Hostile calls of the inversion under sanitizers, and the same bits of its answers from every compiler and level."""
+"""Hostile calls of the inversion under sanitizers, and the same bits of its answers from every
+compiler and level.
+"""
 
 from __future__ import annotations
 
@@ -53,7 +55,9 @@ def made(tmp_path_factory):
 
 
 def corpus(one: Target, rounds: int) -> tuple[list[list[float]], list[int | None]]:
-    """Calls, and the statuses that the library of every day gives them; None where it was not asked."""
+    """Calls, and the statuses that the library of every day gives them; None where it was not
+    asked.
+    """
     rng = np.random.default_rng(SEED)
     records: list[list[float]] = []
     expected: list[int | None] = []
@@ -127,14 +131,14 @@ def test_invalid_calls_under_sanitizers_report_nothing(made, name, rounds, files
         pytest.skip("the compiler has no sanitizers; install the Debian package gcc")
     one = made(name)
     symbol = library_name(one.equations.model)
-    folder, client, parts = one.directory, text(symbol), sources(one.directory)
+    folder = one.directory
+    client = text(symbol)
+    parts = sources(one.directory)
     if files == "one":
         options = {"amalgamate": True, "build": False, "parts": parts_of(one.equations.model)}
         folder = generate(name, tmp_path / "merged", **options).directory
-        client, parts = (
-            client.replace(f"{symbol}_inversion.h", f"{symbol}.h"),
-            [folder / f"{symbol}.c"],
-        )
+        client = client.replace(f"{symbol}_inversion.h", f"{symbol}.h")
+        parts = [folder / f"{symbol}.c"]
     (tmp_path / "client.c").write_text(client, encoding="ascii")
     command = [str(CC), *STRICT, *SANITIZE, f"-I{folder}", "client.c", *map(str, parts)]
     run(*command, "-lm", "-o", "client", folder=tmp_path)
@@ -157,7 +161,9 @@ def test_the_same_bits_from_every_compiler_and_level(made, compiler, tmp_path):
     for k, words in enumerate([*([level] for level in LEVELS), ["-O0", scalar]]):
         file = tmp_path / f"{k}.so"
         flags = [*STRICT, *words, "-fPIC", "-shared", "-fno-tree-vectorize", f"-I{one.directory}"]
-        run(compiler, *flags, *map(str, sources(one.directory)), "-lm", "-o", file, folder=tmp_path)
+        run(
+            compiler, *flags, *map(str, sources(one.directory)), "-lm", "-o", file, folder=tmp_path
+        )
         got = invert(one.with_library(file), call)
         assert got.status == 0
         for key in OUTPUTS:
@@ -169,7 +175,9 @@ def test_the_same_bits_from_every_compiler_and_level(made, compiler, tmp_path):
 
 
 def test_the_stack_is_as_small_as_the_header_says(made, tmp_path):
-    """The frames of a core that may stand on each other: no more than four of it, and one of a function it calls."""
+    """The frames of a core that may stand on each other: no more than four of it, and one of a
+    function it calls.
+    """
     tools("gcc")  # it has -fstack-usage
     one = made("planar5_nmp")
     name = library_name(one.equations.model)

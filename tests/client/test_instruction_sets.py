@@ -1,4 +1,6 @@
-"""A library has the same bits for each instruction set: point functions, batches, whole paths and streams."""
+"""A library has the same bits for each instruction set: point functions, batches, whole paths and
+streams.
+"""
 
 from __future__ import annotations
 
@@ -62,7 +64,8 @@ def baseline(library):
     ],
 )
 def test_every_instruction_set_gives_the_bits_of_the_baseline(library, baseline, model, isa):
-    expected, found = baseline(model), arrays(library(model, isa))
+    expected = baseline(model)
+    found = arrays(library(model, isa))
     assert expected.keys() == found.keys()
     assert [
         key for key, x in expected.items() if not np.array_equal(x, found[key], equal_nan=True)
@@ -74,7 +77,8 @@ def test_planted_contraction_changes_the_bits(tmp_path):
     compiler = find_compiler()
     if compiler is None or "fma" not in compiler.instruction_sets:
         pytest.skip("a processor with fused multiply-add is needed")
-    given, found = np.random.default_rng(1).normal(size=(3, POINTS, 2)), []
+    given = np.random.default_rng(1).normal(size=(3, POINTS, 2))
+    found = []
     for native in (False, True):
         made = flexgen.generate(
             "elbow", tmp_path / f"{native}", functions=["inverse_dynamics"], native=native
@@ -93,7 +97,8 @@ def test_a_library_for_another_processor_is_refused(tmp_path, monkeypatch):
         "flexgen.runtime.processor.instruction_sets", lambda: frozenset({"pni", "ssse3"})
     )
     with pytest.raises(
-        BuildError, match=r"avx2.* which this processor does not have; generate it on this computer"
+        BuildError,
+        match=r"avx2.* which this processor does not have; generate it on this computer",
     ):
         flexgen.load(made.directory)
 

@@ -1,4 +1,6 @@
-"""Inverse kinematics in the emitted C: strict, the same bits everywhere, none lost, and every misuse has a status."""
+"""Inverse kinematics in the emitted C: strict, the same bits everywhere, none lost, and every
+misuse has a status.
+"""
 
 from __future__ import annotations
 
@@ -113,7 +115,8 @@ def test_every_instruction_set_gives_the_same_bits(isa):
     compiler = find_compiler(isa=isa)
     if compiler is None or processor.missing_instruction_sets(compiler.instruction_sets):
         pytest.skip(f"this processor has not all instructions of {isa}")
-    one, other = library("ur5", "x86-64"), library("ur5", isa)
+    one = library("ur5", "x86-64")
+    other = library("ur5", isa)
     for seed in range(5):
         q = np.random.default_rng(seed).uniform(-3, 3, 6)
         assert (
@@ -138,8 +141,11 @@ def test_the_nearest_is_first_and_turns_follow_the_start():
 
 
 def test_one_start_continues_a_motion():
-    """Along a line of joints, from sample to sample: the same branch, 0.05 rad apart, to rounding."""
-    lib, q = library("ur5"), np.array([0.3, -1.1, 1.0, 0.4, 0.8, -0.2])
+    """Along a line of joints, from sample to sample: the same branch, 0.05 rad apart, to
+    rounding.
+    """
+    lib = library("ur5")
+    q = np.array([0.3, -1.1, 1.0, 0.4, 0.8, -0.2])
     for k in range(1, 20):
         true = np.array([0.3, -1.1, 1.0, 0.4, 0.8, -0.2]) + 0.05 * k * np.array(
             [1, -0.5, 0.3, -1, 0.4, 1]
@@ -151,7 +157,8 @@ def test_one_start_continues_a_motion():
 
 def test_all_other_coordinates_keep_their_values():
     """Deflections of an elastic arm, and the third joint of an arm with seven."""
-    lib, rng = library("panda"), np.random.default_rng(0)
+    lib = library("panda")
+    rng = np.random.default_rng(0)
     q = rng.uniform(-1, 1, 7)
     free = [0, 1, 3, 4, 5, 6]
     found = lib.inverse_kinematics(*pose(lib, q), q, free=free)
@@ -194,8 +201,11 @@ def test_wrong_arguments_are_refused():
 
 
 def test_poses_with_a_stretched_elbow_are_solved():
-    """Near a singularity convergence is linear: the true joints are found, once, with an error below 1e-12."""
-    lib, rng = library("ur5"), np.random.default_rng(4)
+    """Near a singularity convergence is linear: the true joints are found, once, with an error
+    below 1e-12.
+    """
+    lib = library("ur5")
+    rng = np.random.default_rng(4)
     for k in range(60):
         q = rng.uniform(-np.pi, np.pi, 6)
         q[2] = (0.0, 1e-9, 1e-6, 1e-4)[k % 4]
@@ -216,7 +226,9 @@ def test_poses_with_a_stretched_elbow_are_solved():
 
 @pytest.mark.parametrize("output", ["tool_pose", "tool_position"])
 def test_the_function_exists_for_outputs_that_do_not_determine_the_joints(output, tmp_path):
-    """Seven joints for a pose, six for a position: no inverse dynamics of a path, but configurations."""
+    """Seven joints for a pose, six for a position: no inverse dynamics of a path, but
+    configurations.
+    """
     given = ROBOTS / "panda.toml" if output == "tool_pose" else "manutec_r3"
     model = flexgen.read(given, overrides={"output": {"type": output}})
     assert model.inversion_obstacle() is not None
@@ -243,16 +255,24 @@ def test_translations_of_many_meters_are_solved(tmp_path):
         text += (
             f'[[element]]\nname = "link{k}"\nbody = {{ mass = 1.0, inertia = [0.1, 0.1, 0.1] }}\n'
         )
-        text += f'[[element.dof]]\nname = "q{k}"\ntype = "{kind}"\naxis = {AXES[axis]}\ngear = {{ type = "rigid" }}\n'
+        text += (
+            "[[element.dof]]\n"
+            f'name = "q{k}"\n'
+            f'type = "{kind}"\n'
+            f"axis = {AXES[axis]}\n"
+            'gear = { type = "rigid" }\n'
+        )
     text += "".join(
-        f'[[motor]]\nname = "m{k}"\ndrives = "q{k}"\nratio = 10\ninertia = 1e-4\n' for k in range(6)
+        f'[[motor]]\nname = "m{k}"\ndrives = "q{k}"\nratio = 10\ninertia = 1e-4\n'
+        for k in range(6)
     )
     text += '[tool]\nposition = [0.1, 0.05, 0.2]\n[output]\ntype = "tool_pose"\n'
     (tmp_path / "gantry.toml").write_text(text)
     made = flexgen.generate(
         flexgen.read(tmp_path / "gantry.toml"), tmp_path / "made", functions=POINT
     )
-    lib, rng = flexgen.load(made.directory), np.random.default_rng(1)
+    lib = flexgen.load(made.directory)
+    rng = np.random.default_rng(1)
     for _ in range(20):
         q = np.concatenate([rng.uniform(-30, 30, 3), rng.uniform(-1.5, 1.5, 3)])
         found = lib.inverse_kinematics(*pose(lib, q))
@@ -261,10 +281,13 @@ def test_translations_of_many_meters_are_solved(tmp_path):
 
 @pytest.mark.slow
 def test_random_calls_with_status_ok_reach_their_pose(tmp_path):
-    """4,000 calls with damaged poses, starts and indices, under sanitizers: what is found is at the pose."""
+    """4,000 calls with damaged poses, starts and indices, under sanitizers: what is found is at
+    the pose.
+    """
     if not can_sanitize(tmp_path):
         pytest.skip("no sanitizers; install the Debian package gcc")
-    lib, program = library("panda"), ROBOTS.parent / "programs" / "hostile_poses.c"
+    lib = library("panda")
+    program = ROBOTS.parent / "programs" / "hostile_poses.c"
     sources = sorted((lib.directory / "src").glob("*.c"))
     options = [f"-I{lib.directory}", "-O1", "-ffp-contract=off", *SANITIZE]
     run(CC, *STRICT, *options, program, *sources, "-lm", "-o", "hostile", folder=tmp_path)
@@ -283,7 +306,9 @@ PLANTED = {
 
 @pytest.mark.parametrize("bug", PLANTED)
 def test_a_planted_bug_is_seen(bug, monkeypatch):
-    """Solutions are lost or appear twice in the counts of forty poses of ur5: 2, 4, 6 or 8, with the true one."""
+    """Solutions are lost or appear twice in the counts of forty poses of ur5: 2, 4, 6 or 8, with
+    the true one.
+    """
     files = dict(kinematics_header.read_clib())
     text = files["inverse_kinematics.c"]
     assert text.count(PLANTED[bug][0]) == 1 and wrong_poses(library("ur5")) == 0
@@ -292,12 +317,15 @@ def test_a_planted_bug_is_seen(bug, monkeypatch):
         "read_clib",
         lambda: files | {"inverse_kinematics.c": text.replace(*PLANTED[bug])},
     )
-    made = flexgen.generate(ROBOTS / "ur5.toml", _folder() / "planted", functions=POINT, force=True)
+    made = flexgen.generate(
+        ROBOTS / "ur5.toml", _folder() / "planted", functions=POINT, force=True
+    )
     assert wrong_poses(flexgen.load(made.directory)) > 0
 
 
 def wrong_poses(lib: Library) -> int:
-    rng, wrong = np.random.default_rng(3), 0
+    rng = np.random.default_rng(3)
+    wrong = 0
     for _ in range(40):
         q = rng.uniform(-np.pi, np.pi, 6)
         try:

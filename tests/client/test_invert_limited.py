@@ -1,4 +1,6 @@
-"""Whole paths within limits by the emitted C: kept by the true torques, by the smallest deviation, or refused."""
+"""Whole paths within limits by the emitted C: kept by the true torques, by the smallest deviation,
+or refused.
+"""
 
 from __future__ import annotations
 
@@ -51,7 +53,8 @@ class Case:
 def case(name: str, move: str = "line", period: float = 1e-3) -> Case:
     equations = flexgen.derive(name)
     path = plan(equations, move)
-    before, after = round(0.3 / period), round((0.3 + 0.5 * path.duration) / period)
+    before = round(0.3 / period)
+    after = round((0.3 + 0.5 * path.duration) / period)
     t = (np.arange(before + round(path.duration / period) + after + 1) - before) * period
     sample = path.sample(t)
     options = {
@@ -76,8 +79,11 @@ def free(one: Case) -> Inversion:
 
 
 def modified(one: Case, found: Inversion) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The path with the deviation, whose derivatives are those of scipy's splines through its samples."""
-    spacing, n = one.options["knot_samples"], len(one.y)
+    """The path with the deviation, whose derivatives are those of scipy's splines through its
+    samples.
+    """
+    spacing = one.options["knot_samples"]
+    n = len(one.y)
     t = np.arange(n) * one.options["period"]
     count = (n - 1) // spacing - DEGREE
     basis = DeviationBasis(t, 0.0, spacing * one.options["period"], count)
@@ -99,8 +105,12 @@ def modified(one: Case, found: Inversion) -> tuple[np.ndarray, np.ndarray, np.nd
         pytest.param("manutec_r3", 0.9, 5e-2, marks=pytest.mark.slow),
     ],
 )
-def test_torque_limits_are_kept_on_the_modified_path(name: str, factor: float, most: float) -> None:
-    """The torques are those of the modified path, inverted without limits: scipy's splines, the pose by rotations."""
+def test_torque_limits_are_kept_on_the_modified_path(
+    name: str, factor: float, most: float
+) -> None:
+    """The torques are those of the modified path, inverted without limits: scipy's splines, the
+    pose by rotations.
+    """
     one = case(name)
     bound = factor * np.abs(free(one).tau_m).max(axis=0)
     # the arm rests at both ends
@@ -124,7 +134,9 @@ def test_torque_limits_are_kept_on_the_modified_path(name: str, factor: float, m
 def test_the_deviation_is_that_of_the_optimization_of_the_whole_motion(
     torque: float, price: float
 ) -> None:
-    """``price`` [m]: deviation of method full, IPOPT on all states and torques, with the same limits."""
+    """``price`` [m]: deviation of method full, IPOPT on all states and torques, with the same
+    limits.
+    """
     found = case("planar5_nmp").invert(torque_max=[torque, torque])
     assert abs(found.deviation_m - price) < NEAR * price
 
@@ -223,7 +235,8 @@ CURVE = [[[0.0, 22.0], [400.0, 20.0], [900.0, 8.0]], [[0.0, 9.0], [130.0, 8.0], 
 
 def use_of(kind: str, one: Case, found: Inversion, bound: np.ndarray) -> float:
     """The largest part of a limit that a motion uses, by other formulas than in C."""
-    period, i_g = one.options["period"], list(flexgen.read("planar5_nmp").i_g)
+    period = one.options["period"]
+    i_g = list(flexgen.read("planar5_nmp").i_g)
     if kind.startswith("tool"):
         place = one.y if found.deviation is None else one.y + found.deviation
         x = np.gradient(place, period, axis=0)
@@ -289,8 +302,9 @@ BUGS = {
 def test_a_planted_bug_is_corrected_by_iterations_or_found(
     bug: str, tmp_path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Responses with an error of a fifth: repeated programs correct it, a single one does not. Limits that are never
-    compared with the motion are exceeded, which the tests above would see."""
+    """Responses with an error of a fifth: repeated programs correct it, a single one does not.
+    Limits that are never compared with the motion are exceeded, which the tests above would see.
+    """
     texts = dict(clib_files.read_clib())
     text = texts["invert_limited.c"]
     assert text.count(BUGS[bug][0]) == 1
@@ -361,7 +375,9 @@ def test_run_time_parameters_are_those_of_a_library_with_them_baked_in(tmp_path)
 
 @pytest.mark.slow
 def test_sanitizers_find_nothing(tmp_path) -> None:
-    """Limits that are active, wide, too small or no numbers; knots too far apart; workspaces of the exact size."""
+    """Limits that are active, wide, too small or no numbers; knots too far apart; workspaces of
+    the exact size.
+    """
     if not can_sanitize(tmp_path):
         pytest.skip("the C compiler has no sanitizers; install the Debian package gcc or clang")
     folder = flexgen.generate("planar5_nmp", tmp_path / "library", build=False).directory
@@ -389,7 +405,9 @@ def test_sanitizers_find_nothing(tmp_path) -> None:
         folder=tmp_path,
     )
     statuses = [int(word) for word in run(tmp_path / "client", folder=tmp_path).split()]
-    active, bad, infeasible = 2, -5, -14
+    active = 2
+    bad = -5
+    infeasible = -14
     assert statuses[:6] == [active] * 4 + [bad] * 2
     assert statuses[6:12] == [0] * 4 + [bad] * 2
     assert statuses[12:18] == [infeasible] * 4 + [bad] * 2
@@ -399,6 +417,9 @@ def test_sanitizers_find_nothing(tmp_path) -> None:
 def test_the_solver_in_python_uses_it() -> None:
     equations = flexgen.derive("planar5_nmp")
     solution = flexgen.solve(
-        equations, method="lq", limits=Limits.from_model(equations.model, torque=22.0), verify=False
+        equations,
+        method="lq",
+        limits=Limits.from_model(equations.model, torque=22.0),
+        verify=False,
     )
     assert solution.details["programs"] >= 1

@@ -1,4 +1,6 @@
-"""The private header of the emitted C under every compiler: silent, the same bits, no library, no other precision."""
+"""The private header of the emitted C under every compiler: silent, the same bits, no library, no
+other precision.
+"""
 
 from __future__ import annotations
 
@@ -130,8 +132,10 @@ void all(const real *x, real *y)
 {
     sincos_1(x, y, y + 32, 6);
     sincos_v((const lanes *)x, (lanes *)y, (lanes *)(y + 32), 1);
-    store_v(y, exp_v(load_v(x)) + tanh_v(load_v(x)) + floor_v(load_v(x)) + fmin_v(load_v(x), load_v(x + 1)));
-    y[0] = exp_1(x[0]) + tanh_1(x[0]) + ceil_1(x[0]) + fmax_1(x[0], x[1]) + sin_1(x[0]) + cos_1(x[1]) + sign_1(x[2]);
+    store_v(y, exp_v(load_v(x)) + tanh_v(load_v(x)) + floor_v(load_v(x)) + fmin_v(load_v(x), \
+load_v(x + 1)));
+    y[0] = exp_1(x[0]) + tanh_1(x[0]) + ceil_1(x[0]) + fmax_1(x[0], x[1]) + sin_1(x[0]) + \
+cos_1(x[1]) + sign_1(x[2]);
 }
 """
 
@@ -164,5 +168,6 @@ def test_single_precision_needs_no_double():
     )
     assert undefined("arm-none-eabi-gcc", processor, written("single")) == set()
     assert any(
-        "__aeabi_d" in name for name in undefined("arm-none-eabi-gcc", processor, written("double"))
+        "__aeabi_d" in name
+        for name in undefined("arm-none-eabi-gcc", processor, written("double"))
     )

@@ -1,7 +1,8 @@
-"""From two CSV files, static poses and a record of motion, to torques for the robot that was measured: three commands.
+"""From two CSV files, static poses and a record of motion, to torques for the robot that was
+measured: three commands.
 
-The robot is MuJoCo's: its link is longer, the zero of a joint is wrong, springs are softer, and its gears have
-hysteresis.
+The robot is MuJoCo's: its link is longer, the zero of a joint is wrong, springs are softer, and
+its gears have hysteresis.
 """
 
 from __future__ import annotations
@@ -52,12 +53,14 @@ class Still:
     def __init__(self, name: str) -> None:
         import mujoco
 
-        self.mujoco, model = mujoco, flexgen.read(name)
+        self.mujoco = mujoco
+        model = flexgen.read(name)
         self.m = mujoco.MjModel.from_xml_string(mjcf(model))
         self.d = mujoco.MjData(self.m)
         joints = [self.m.joint(c.name).id for c in model.coordinates]
         rotors = [self.m.joint(f"rotor.{motor.name}").id for motor in model.motors]
-        self.arm, self.rotors = self.m.jnt_qposadr[joints], self.m.jnt_qposadr[rotors]
+        self.arm = self.m.jnt_qposadr[joints]
+        self.rotors = self.m.jnt_qposadr[rotors]
         self.dofs = self.m.jnt_dofadr[joints]
 
     def coordinates(self, q: np.ndarray) -> np.ndarray:
@@ -65,7 +68,9 @@ class Still:
         self.d.qpos[self.rotors] = RATIO * q
 
         def torques(x: np.ndarray) -> np.ndarray:
-            self.d.qpos[self.arm], self.d.qvel[:], self.d.qacc[:] = x, 0.0, 0.0
+            self.d.qpos[self.arm] = x
+            self.d.qvel[:] = 0.0
+            self.d.qacc[:] = 0.0
             self.mujoco.mj_inverse(self.m, self.d)
             return np.array(self.d.qfrc_inverse[self.dofs])
 
@@ -136,10 +141,15 @@ def test_three_commands_from_two_files_to_torques(
     )
     with_noise(record, 1e-4).save("record.csv")
 
-    words = "calibrate arm.toml poses.csv --free zeros,placements,compliances --prior tracker=1e-6 "
+    words = (
+        "calibrate arm.toml poses.csv --free zeros,placements,compliances --prior tracker=1e-6 "
+    )
     words += "--world measurement --out calibrated.toml --report first --quiet"
     assert main(words.split()) == 0
-    words = "identify-gears calibrated.toml@calibrated record.csv --out identified.toml --report second --quiet"
+    words = (
+        "identify-gears calibrated.toml@calibrated record.csv --out identified.toml --report "
+        "second --quiet"
+    )
     # model error: the poses do not determine the zero of q2; the file is written
     assert main(words.split()) == 1
     assert main("solve identified.toml@identified --move line --report third --quiet".split()) == 0

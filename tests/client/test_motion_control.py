@@ -1,5 +1,6 @@
-"""The motion control system in C: its motion checked by other equations, another integrator and Python's planner; its
-brake in every cycle of an update."""
+"""The motion control system in C: its motion checked by other equations, another integrator and
+Python's planner; its brake in every cycle of an update.
+"""
 
 from __future__ import annotations
 
@@ -26,13 +27,18 @@ from flexgen.trajectory import Trajectory
 pytestmark = needs_compiler
 # intervals of 5 ms; the path begins when the first one has passed
 HORIZON = {"planar5_nmp": 20, "manutec_r3_24": 29}
-PARTS, BRAKE = 5, 48  # cycles of an update of the stream; of braking: 2 (READY - PARTS - 1)
-# Largest torque from a contact on, in percent of that of the nominal run. A stop of this length takes torques of the
-# size of those of the program: 117 to 120 measured with planar5_nmp. Samples that are 40 cycles old give 2000 and more.
+# cycles of an update of the stream; of braking: 2 (READY - PARTS - 1)
+PARTS = 5
+BRAKE = 48
+# Largest torque from a contact on, in percent of that of the nominal run. A stop of this length
+# takes torques of the size of those of the program: 117 to 120 measured with planar5_nmp. Samples
+# that are 40 cycles old give 2000 and more.
 TORQUE = 300.0
 VARIABLES = {  # what the sweeps of a test set without compiling again
     "time": '-DCONTACT_TIME=atof(getenv("CONTACT_TIME"))',
-    "failure": 'if (k == atoi(getenv("FAILURE"))) {\n        p->status = SIZE(BAD_ARGUMENT);\n    }\n    ',
+    "failure": (
+        'if (k == atoi(getenv("FAILURE"))) {\n        p->status = SIZE(BAD_ARGUMENT);\n    }\n    '
+    ),
 }
 
 
@@ -78,15 +84,18 @@ def table(text: str) -> dict[str, list[float]]:
 def check_runs(found: dict[str, list[float]]) -> None:
     """Columns: error, error at rest [um], limited cycles [%], integral.
 
-    From the contact on: found, braked, stands [ms], way [mm], largest torque relative to that of the nominal run [%].
+    From the contact on: found, braked, stands [ms], way [mm], largest torque relative to that of
+    the nominal run [%].
     """
     # um; 5 asked: rounding of the encoders, and the torques between samples
     assert found["nominal"][0] < 0.1
-    saturated, windup = found["saturated"], found["windup"]
+    saturated = found["saturated"]
+    windup = found["windup"]
     assert saturated[2] > 5.0 and saturated[0] > 1000.0  # the limits do act
     # an integral part that is less than the limit has not wound up; the planted one has
     assert saturated[3] < 0.5 and windup[3] > 1.5 and windup[1] > 4.0 * saturated[1]
-    contact, ignored = found["contact"], found["ignored"]
+    contact = found["contact"]
+    ignored = found["ignored"]
     assert 0 < contact[0] <= 20.0 and ignored[0] == contact[0]
     assert contact[1] == contact[0] + BRAKE and contact[4] < TORQUE
     assert contact[2] < 400.0 and np.isnan(ignored[1]) and ignored[2] > 4.0 * contact[2]
@@ -94,8 +103,11 @@ def check_runs(found: dict[str, list[float]]) -> None:
 
 
 def check_motion(name: str, file: Path, tolerance: float) -> None:
-    """The path of the planner in Python, the output of Lagrange's equations, and the motion of another integrator."""
-    path, motion = planned(name), Trajectory.load(file)
+    """The path of the planner in Python, the output of Lagrange's equations, and the motion of
+    another integrator.
+    """
+    path = planned(name)
+    motion = Trajectory.load(file)
     t = motion.time - 5e-3 * (HORIZON[name] - 1)
     sample = path.sample(t)
     assert path.duration < t[-1] < path.duration + 0.6
@@ -113,7 +125,8 @@ def check_motion(name: str, file: Path, tolerance: float) -> None:
 @pytest.fixture(scope="module")
 def planar(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The program for the planar arm, its trajectory and what it printed."""
-    at, folder = tmp_path_factory.mktemp("planar"), Path(made("planar5_nmp").directory)
+    at = tmp_path_factory.mktemp("planar")
+    folder = Path(made("planar5_nmp").directory)
     program = build("planar5_nmp", at, folder, "-O1", linked=(library_of(folder),))
     (at / "printed.txt").write_text(run(program, "motion.csv", 0, folder=at), encoding="ascii")
     return program
@@ -132,7 +145,9 @@ def test_a_program_runs_on_its_plant(planar: Path) -> None:
 def test_a_plant_that_interpolates_held_torques_fails_the_test(
     planar: Path, tmp_path: Path
 ) -> None:
-    """Planted: the meta data without the hold; and instants that are not those of the sample time."""
+    """Planted: the meta data without the hold; and instants that are not those of the sample
+    time.
+    """
     text = (planar.parent / "motion.csv").read_text(encoding="ascii")
     (tmp_path / "curve.csv").write_text(text.replace('"hold": "zoh", ', ""), encoding="ascii")
     error = simulate("planar5_nmp", tmp_path / "curve.csv").tool_error_max_m
@@ -150,7 +165,8 @@ def test_compilers_and_times(compiler: str, tmp_path: Path) -> None:
     flags = SANITIZE if "with" in compiler else ["-O2"]
     if "with" in compiler and not can_sanitize(tmp_path):
         pytest.skip("the compiler has no sanitizers")
-    folder, found = Path(made("planar5_nmp").directory), tool(compiler.split()[0])
+    folder = Path(made("planar5_nmp").directory)
+    found = tool(compiler.split()[0])
     program = build(
         "planar5_nmp", tmp_path, folder, *flags, compiler=found, linked=tuple(sources(folder))
     )
@@ -179,12 +195,12 @@ def test_a_file_that_cannot_be_written_is_refused(planar: Path, tmp_path: Path) 
 
 
 def test_the_folder_has_a_robot_for_every_program() -> None:
-    assert {path.parent.name for path in EXAMPLE.with_suffix("").glob("*/robot.h")} == set(PROGRAMS)
+    assert {path.parent.name for path in EXAMPLE.with_suffix("").glob("*/robot.h")} == set(
+        PROGRAMS
+    )
     for name in PROGRAMS:
-        robot, text = (
-            flexgen.read(name),
-            (EXAMPLE.with_suffix("") / name / "robot.h").read_text(encoding="ascii"),
-        )
+        robot = flexgen.read(name)
+        text = (EXAMPLE.with_suffix("") / name / "robot.h").read_text(encoding="ascii")
         actuated = re.search(r"actuated\[\] = \{([\d, ]+)\}", text)
         assert actuated is not None and tuple(map(int, actuated[1].split(","))) == tuple(robot.i_g)
         assert re.findall(r'"(\w+)\] (?:rad|m)"', text.split("motor_columns")[0]) == [
@@ -194,7 +210,9 @@ def test_the_folder_has_a_robot_for_every_program() -> None:
 
 
 def planted(folder: Path, *changes: tuple[str, str, str]) -> Path:
-    """The program for the planar arm from a copy of the example with changes: file, text, new text."""
+    """The program for the planar arm from a copy of the example with changes: file, text, new
+    text.
+    """
     example = folder / EXAMPLE.name
     shutil.copy(EXAMPLE, example)
     shutil.copytree(EXAMPLE.with_suffix(""), example.with_suffix(""))
@@ -210,7 +228,9 @@ def planted(folder: Path, *changes: tuple[str, str, str]) -> Path:
 
 
 def contacts(program: Path) -> list[subprocess.CompletedProcess[str]]:
-    """Contacts in five cycles that follow each other, from 1 s on; half a cycle earlier, for the rounding."""
+    """Contacts in five cycles that follow each other, from 1 s on; half a cycle earlier, for the
+    rounding.
+    """
     found = []
     for i in range(PARTS):
         variables = os.environ | {"CONTACT_TIME": f"{0.9995 + 1e-3 * i}"}
@@ -240,7 +260,9 @@ UNLIMITED = (
 
 @pytest.mark.slow
 def test_the_brake_has_its_samples_in_every_cycle(tmp_path: Path) -> None:
-    """The cycles of an update have 27 to 31 samples left. Planted: a brake that needs 30 of them."""
+    """The cycles of an update have 27 to 31 samples left. Planted: a brake that needs 30 of
+    them.
+    """
     folders = [tmp_path / name for name in ("brake", "long", "unchecked")]
     for folder in folders:
         folder.mkdir()
@@ -267,8 +289,15 @@ def test_the_brake_has_its_samples_in_every_cycle(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_the_brake_has_its_samples_where_the_planner_fails(tmp_path: Path) -> None:
-    """In the last cycle of an update 26 samples are left: k to k + 25. Planted: a brake that is two cycles longer."""
-    advance = "static void advance_planner(planner *p, int64_t k)\n{\n    const int part = (int)(k % PARTS);\n    "
+    """In the last cycle of an update 26 samples are left: k to k + 25. Planted: a brake that is
+    two cycles longer.
+    """
+    advance = (
+        "static void advance_planner(planner *p, int64_t k)\n"
+        "{\n"
+        "    const int part = (int)(k % PARTS);\n"
+        "    "
+    )
     failing = ("planner.h", advance, advance + VARIABLES["failure"])
     standard = ("planner.h", "#include <string.h>", "#include <stdlib.h>\n#include <string.h>")
     longer = ("controller.h", LONG[1], "BRAKE = 2 * (READY - PARTS)")

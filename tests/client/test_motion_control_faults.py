@@ -24,10 +24,18 @@ from flexgen.codegen.path_header import path_header
 
 pytestmark = needs_compiler
 FAULTS = ROOT / "tests" / "support" / "motion_control" / "faults.c"
-BAD_ARGUMENT, NO_STATUS = -5, -1000
-NOT_IN_BUFFER, BAD_READING, MISSED_CYCLES, BAD_TORQUE = -1000, -1001, -1002, -1003
-FOLLOWING_ERROR, OVERSPEED, BAD_REFERENCE, LIMITED = -1004, -1005, -1006, -1007
-COLLISION, DRIVE_FAULT = -1008, -1009
+BAD_ARGUMENT = -5
+NO_STATUS = -1000
+NOT_IN_BUFFER = -1000
+BAD_READING = -1001
+MISSED_CYCLES = -1002
+BAD_TORQUE = -1003
+FOLLOWING_ERROR = -1004
+OVERSPEED = -1005
+BAD_REFERENCE = -1006
+LIMITED = -1007
+COLLISION = -1008
+DRIVE_FAULT = -1009
 PHASES = 20
 # Speed of a motor over its largest one of the run without a fault.
 SPEED = 1.2
@@ -88,8 +96,8 @@ MORE = {
     "k min": {MISSED_CYCLES},
 }
 # Larger speeds, and their reason: a force that lasts moves motors that cannot hold it until the
-# brakes act. 1000 N are 1.3 times the torque limit of motor 2 of planar5_nmp, 0.8 m away. The wrist
-# of manutec_r3_24 is pushed with 150 N.
+# brakes act. 1000 N are 1.3 times the torque limit of motor 2 of planar5_nmp, 0.8 m away. The
+# wrist of manutec_r3_24 is pushed with 150 N.
 PUSHED = {"planar5_nmp": 1.25, "manutec_r3_24": 1.5}
 PUSH = {"planar5_nmp": "1000.0", "manutec_r3_24": "150.0"}
 
@@ -122,7 +130,8 @@ def compiled(folder: Path, name: str, changes: tuple[tuple[str, str, str], ...] 
         text = at.read_text(encoding="ascii")
         assert text.count(old) == 1, old
         at.write_text(text.replace(old, new), encoding="ascii")
-    path, library = planned(name), Path(made(name).directory)
+    path = planned(name)
+    library = Path(made(name).directory)
     header = path_header(path.equations.model, path.move.name, path.table(), path.duration)
     (folder / f"{path.move.name}.h").write_text(header, encoding="ascii")
     includes = [f"-I{at}" for at in (library, folder, example, example / "motion_control" / name)]

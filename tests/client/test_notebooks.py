@@ -1,4 +1,6 @@
-"""The notebooks: stored without outputs, executed from the first cell to the last, and what they print."""
+"""The notebooks: stored without outputs, executed from the first cell to the last, and what they
+print.
+"""
 
 from __future__ import annotations
 
@@ -63,7 +65,8 @@ def claims(name: str, text: str) -> None:
         assert "the same bits: True" in text
         assert number(r"largest difference ([\d.e-]+) N m", text) < 1e-3
     elif name == "benchmark_f":
-        start, end = number(r"([\d.]+) -> ", text), number(r" -> ([\d.]+) in \d+ evaluations", text)
+        start = number(r"([\d.]+) -> ", text)
+        end = number(r" -> ([\d.]+) in \d+ evaluations", text)
         assert 0.7 < end < start and "refused, no score" in text
     elif name == "feedback_study":
         assert number(r"nominal: error up to ([\d.]+) mm", text) < number(
@@ -73,7 +76,8 @@ def claims(name: str, text: str) -> None:
         # 2.7 with the tunings of docs/control.md
         assert number(r"about the feedforward = ([\d.]+)", text) > 1.5
     elif name == "gradient_stiffness":
-        start, end = number(r"loss ([\d.]+) ->", text), number(r"loss [\d.]+ -> ([\d.]+)", text)
+        start = number(r"loss ([\d.]+) ->", text)
+        end = number(r"loss [\d.]+ -> ([\d.]+)", text)
         assert start > 100 and 0.8 < end < 1.2
         found = [float(x) for x in re.findall(r"error (-?[\d.]+) %", text)]
         assert len(found) == 2 and abs(found[0]) < 1 and abs(found[1]) < 10
@@ -81,10 +85,8 @@ def claims(name: str, text: str) -> None:
         pairs = re.findall(r"error ([\d.]+) -> ([\d.]+) mrad", text)
         assert len(pairs) == 4 and all(float(new) < 0.5 * float(old) for old, new in pairs)
     else:
-        first, last = (
-            number(r"0 repetitions: +([\d.]+)", text),
-            number(r"4 repetitions: +([\d.]+)", text),
-        )
+        first = number(r"0 repetitions: +([\d.]+)", text)
+        last = number(r"4 repetitions: +([\d.]+)", text)
         assert name == "learning" and last < 0.01 * first
 
 
@@ -97,7 +99,9 @@ def test_a_notebook_runs(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPa
     pytest.importorskip("ipykernel")
     if name.startswith("gradient_"):
         pytest.importorskip("jax", reason="the package jax is not installed")
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")]))
+    monkeypatch.setenv(
+        "PYTHONPATH", os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
+    )
     monkeypatch.setenv("IPYTHONDIR", str(tmp_path / "ipython"))
     notebook = nbformat.read(NOTEBOOKS / f"{name}.ipynb", as_version=4)
     work = tmp_path / "work"

@@ -1,4 +1,6 @@
-"""Without cc, gcc and clang on the PATH, libraries are compiled by the package ziglang, with the same bits."""
+"""Without cc, gcc and clang on the PATH, libraries are compiled by the package ziglang, with the
+same bits.
+"""
 
 from __future__ import annotations
 
@@ -31,10 +33,14 @@ def test_the_package_gives_the_same_bits(model, monkeypatch, tmp_path):
     monkeypatch.setenv("PATH", str(tmp_path))
     lines: list[str] = []
     assert (
-        differences(make(model, tmp_path / "packaged", force=True, progress=lines.append), expected)
+        differences(
+            make(model, tmp_path / "packaged", force=True, progress=lines.append), expected
+        )
         == []
     )
-    assert "no cc, gcc or clang on the PATH: the C compiler is that of the package ziglang" in lines
+    assert (
+        "no cc, gcc or clang on the PATH: the C compiler is that of the package ziglang" in lines
+    )
     # a planted change: products and sums contracted, as for this processor alone
     if model == "planar5_nmp" and "fma" in find_compiler(native=True).instruction_sets:
         assert differences(make(model, tmp_path / "native", native=True), expected)

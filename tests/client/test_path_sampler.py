@@ -1,4 +1,6 @@
-"""The sampler of planned paths in the emitted C: the bits of Python's samples, on every law and curve."""
+"""The sampler of planned paths in the emitted C: the bits of Python's samples, on every law and
+curve.
+"""
 
 from __future__ import annotations
 
@@ -178,7 +180,9 @@ def test_duration_and_start_are_those_of_the_path() -> None:
 def test_a_planted_change_of_an_operation_changes_the_bits(
     bug: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Planted: the last bit of the law's coefficients, the smoothness of the corners, the sine of the C library."""
+    """Planted: the last bit of the law's coefficients, the smoothness of the corners, the sine of
+    the C library.
+    """
     path = case("manutec_r3", "arc" if bug == "sine" else "corner")
     t = np.linspace(0.0, path.duration, 301)
     found = sampled(path, t)
@@ -219,7 +223,8 @@ def test_a_stream_follows_the_samples_of_c() -> None:
     path = case("planar5_nmp", "line")
     emitted = library("planar5_nmp")
     sampler = emitted.path_sampler(path.table())
-    period, intervals = 5e-3, 60
+    period = 5e-3
+    intervals = 60
     options = {"period": period, "intervals": intervals, "samples_per_interval": 5}
     stream = emitted.stream(sampler(0.0)[0], sampler.q_start, **options)
     expected = emitted.stream(right(path, np.zeros(1))[0][0], path.q_start, **options)
@@ -232,7 +237,8 @@ def test_a_stream_follows_the_samples_of_c() -> None:
 
 def test_tables_of_other_models_or_formats_are_refused() -> None:
     path = case("planar5_nmp", "line")
-    emitted, table = library("planar5_nmp"), path.table()
+    emitted = library("planar5_nmp")
+    table = path.table()
     for wrong in (
         table[:-1],
         np.r_[table, 0.0],
@@ -321,7 +327,8 @@ def damaged(table: np.ndarray, count: int) -> list[np.ndarray]:
 
 
 def test_a_table_with_a_negative_duration_is_refused() -> None:
-    path, emitted = case("manutec_r3", "line"), library("manutec_r3")
+    path = case("manutec_r3", "line")
+    emitted = library("manutec_r3")
     table = path.table()
     (place,) = np.flatnonzero(table[:10] == path.duration)
     for wrong in (-path.duration, -1e-300):
@@ -334,10 +341,13 @@ def test_a_table_with_a_negative_duration_is_refused() -> None:
 def test_damaged_tables_are_refused_without_a_crash(move: str) -> None:
     """An error or finite results."""
     path = case("manutec_r3", move)
-    emitted, refused = library("manutec_r3"), 0
+    emitted = library("manutec_r3")
+    refused = 0
     for table in damaged(path.table(), 300):
         try:
-            results = sampled(path, np.linspace(0.0, path.duration, 3), emitted.path_sampler(table))
+            results = sampled(
+                path, np.linspace(0.0, path.duration, 3), emitted.path_sampler(table)
+            )
         except FlexgenError:
             refused += 1
         else:
@@ -348,7 +358,9 @@ def test_damaged_tables_are_refused_without_a_crash(move: str) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("bug", [None, "one number too many"])
 def test_sanitizers_find_nothing_in_damaged_tables(tmp_path, bug: str | None) -> None:
-    """The tables end where the memory ends. Planted: a reader that takes one number more than there is."""
+    """The tables end where the memory ends. Planted: a reader that takes one number more than
+    there is.
+    """
     if not can_sanitize(tmp_path):
         pytest.skip("the C compiler has no sanitizers; install the Debian package gcc or clang")
     made = flexgen.generate("manutec_r3", tmp_path / "library", build=False)
@@ -403,10 +415,13 @@ def test_single_precision_keeps_seven_digits(tmp_path) -> None:
 
 @pytest.mark.slow
 def test_run_time_parameters_are_an_argument(tmp_path) -> None:
-    """The payload does not move the tool: samples of a joint move are as without parameters, with any payload."""
+    """The payload does not move the tool: samples of a joint move are as without parameters, with
+    any payload.
+    """
     path = case("elbow", "joints")
     made = flexgen.generate("elbow", tmp_path / "payload", parameters=["payload"])
-    emitted, t = flexgen.load(made.directory), np.linspace(0.0, path.duration, 31)
+    emitted = flexgen.load(made.directory)
+    t = np.linspace(0.0, path.duration, 31)
     heavy = np.where(
         np.array([name.endswith("mass") for name in emitted.parameter_names]),
         7.0,

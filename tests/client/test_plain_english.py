@@ -1,7 +1,8 @@
-"""Plain English in documentation, docstrings, comments, messages and names of tests: a list of idioms to avoid.
+"""Plain English in documentation, docstrings, comments, messages and names of tests: a list of
+idioms to avoid.
 
-The idioms are German constructions in English words, or words with a private meaning. A reader who is a control
-engineer should understand every sentence at the first reading.
+The idioms are German constructions in English words, or words with a private meaning. A reader who
+is a control engineer should understand every sentence at the first reading.
 """
 
 from __future__ import annotations
@@ -24,7 +25,9 @@ DERIVED = ("tests/golden/", "tests/client/test_plain_english.py", "tests/client/
 
 @dataclass(frozen=True)
 class Idiom:
-    """A regular expression every hit of which is wrong, what is wrong with it, and what to write instead."""
+    """A regular expression every hit of which is wrong, what is wrong with it, and what to write
+    instead.
+    """
 
     pattern: str
     why: str
@@ -85,7 +88,9 @@ _LINE_BREAK = re.compile(r"[ \t]*\n[ \t]*(?:(?:#:?|\*(?!/)|//|%)[ \t]*)?")
 
 
 def flat(text: str) -> str:
-    """The text in one line, without the signs of comments, and the names of its tests as sentences."""
+    """The text in one line, without the signs of comments, and the names of its tests as
+    sentences.
+    """
     names = [name.replace("_", " ") for name in re.findall(r"\bdef (test_\w+)", text)]
     return _LINE_BREAK.sub(" ", "\n".join([text, *names]))
 
@@ -117,7 +122,8 @@ def files() -> Iterator[Path]:
 
 
 def test_no_idiom_in_documentation_comments_messages_and_test_names():
-    wrong, counted = [], Counter[str]()
+    wrong = []
+    counted = Counter[str]()
     for path in files():
         name = path.relative_to(ROOT).as_posix()
         found = hits(path.read_text(encoding="utf-8"))

@@ -27,7 +27,8 @@ pytestmark = needs_compiler
 
 # constants are folded in another order; the mass matrix amplifies that by its condition
 PARAMETER_ROUNDING = 1e-10
-# What a freestanding compiler may call by itself; the functions need nothing else of the C library.
+# What a freestanding compiler may call by itself; the functions need nothing else of the C
+# library.
 BY_ITSELF = {"memset", "memcpy", "memmove"}
 
 
@@ -39,7 +40,7 @@ def written(name: str, precision: str) -> Path:
     ).directory
 
 
-# --- packages ---------------------------------------------------------------------------------------------------------
+# --- packages ------------------------------------------------------------------------------------
 CONSUMER = """\
 #include "elbow.h"
 #include <stdio.h>
@@ -83,7 +84,8 @@ def answered(program: Path, **environment: str) -> None:
 @pytest.mark.parametrize("shared", ["OFF", "ON"])
 def test_cmake_and_pkg_config_find_what_was_installed(consumer, shared):
     cmake = tool("cmake")
-    folder, there = made("elbow").directory, consumer / "in stalled"
+    folder = made("elbow").directory
+    there = consumer / "in stalled"
     run(cmake, "-S", folder, "-B", "library", f"-DBUILD_SHARED_LIBS={shared}", folder=consumer)
     flags = (consumer / "library/CMakeFiles/flexgen_elbow.dir/flags.make").read_text()
     assert all(flag in flags for flag in REPRODUCIBLE)
@@ -137,7 +139,8 @@ def test_cmake_takes_the_other_options(tmp_path):
     assert "-O2" not in flags and "-ffp-contract=off" in flags and "-funroll-loops" not in flags
     run(cmake, "-S", folder, "-B", "s", "-DCMAKE_BUILD_TYPE=MinSizeRel", folder=tmp_path)
     assert (
-        "-funroll-loops" not in (tmp_path / "s/CMakeFiles/flexgen_elbow.dir/flags.make").read_text()
+        "-funroll-loops"
+        not in (tmp_path / "s/CMakeFiles/flexgen_elbow.dir/flags.make").read_text()
     )
 
 
@@ -173,12 +176,13 @@ def test_bytes_depend_on_no_folder(tmp_path, monkeypatch):
         )
 
 
-# --- symbols and warnings ---------------------------------------------------------------------------------------------
+# --- symbols and warnings ------------------------------------------------------------------------
 @pytest.mark.parametrize("level", ["-O0", "-O2"])
 @pytest.mark.parametrize("compiler", ["gcc", pytest.param("clang", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("name", SMALL)
 def test_the_library_exports_its_functions_and_needs_libc_only(name, compiler, level, tmp_path):
-    nm, compiler = tool("nm"), tool(compiler)
+    nm = tool("nm")
+    compiler = tool(compiler)
     run(
         compiler,
         "-std=c99",
@@ -192,10 +196,14 @@ def test_the_library_exports_its_functions_and_needs_libc_only(name, compiler, l
     listed = run(nm, "-g", *sorted(tmp_path.glob("*.o")), folder=tmp_path).splitlines()
     defined = {line.split()[-1] for line in listed if re.search(r" [A-TV-Z] ", line)}
     assert defined == set(symbols(library_spec(derive(name))))
-    headers = "".join(path.read_text(encoding="ascii") for path in made(name).directory.glob("*.h"))
+    headers = "".join(
+        path.read_text(encoding="ascii") for path in made(name).directory.glob("*.h")
+    )
     assert all(f"{symbol}(" in headers for symbol in defined)
     needed = (
-        {line.split()[-1] for line in listed if " U " in line} - defined - {"_GLOBAL_OFFSET_TABLE_"}
+        {line.split()[-1] for line in listed if " U " in line}
+        - defined
+        - {"_GLOBAL_OFFSET_TABLE_"}
     )
     assert needed <= BY_ITSELF
     assert all(word in headers for word in needed)
@@ -248,9 +256,11 @@ def test_sources_compile_as_cpp(compiler, tmp_path):
         run(tool(compiler), *newer, "-fsyntax-only", folder / "example.c", folder=tmp_path)
 
 
-# --- calls of every kind ----------------------------------------------------------------------------------------------
+# --- calls of every kind -------------------------------------------------------------------------
 def given(name: str, folder: Path) -> bytes:
-    return clients.inputs_of(clients.manifest_of(folder), random_states(read(name), clients.POINTS))
+    return clients.inputs_of(
+        clients.manifest_of(folder), random_states(read(name), clients.POINTS)
+    )
 
 
 def has_sanitizer(compiler: str, flag: str, tmp_path: Path) -> None:
@@ -268,7 +278,9 @@ SANITIZED = [("planar5_nmp", "double"), ("four_mass", "single"), ("elbow", "sing
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "precision"), SANITIZED)
 def test_a_run_under_sanitizers_reports_nothing(name, precision, tmp_path):
-    """Every function and its batch in odd numbers, exact and ill-aligned buffers, wrong calls, entries not finite."""
+    """Every function and its batch in odd numbers, exact and ill-aligned buffers, wrong calls,
+    entries not finite.
+    """
     gcc = tool("gcc")
     flags = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
     has_sanitizer(gcc, flags[0], tmp_path)
@@ -281,8 +293,11 @@ def test_a_run_under_sanitizers_reports_nothing(name, precision, tmp_path):
 
 @pytest.mark.full
 def test_parameters_are_shared_by_all_points(tmp_path):
-    """With the values of the model file as arguments: the same calls, and the results of the library without them."""
-    gcc, plain = tool("gcc"), made("elbow").directory
+    """With the values of the model file as arguments: the same calls, and the results of the
+    library without them.
+    """
+    gcc = tool("gcc")
+    plain = made("elbow").directory
     has_sanitizer(gcc, "-fsanitize=address", tmp_path)
     folder = generate(
         "elbow", tmp_path / "with", parameters=["stiffness", "payload"], build=False
@@ -292,7 +307,8 @@ def test_parameters_are_shared_by_all_points(tmp_path):
         for f in clients.manifest_of(folder)["functions"]
         for port in f["inputs"]
     )
-    data, results = given("elbow", folder), []
+    data = given("elbow", folder)
+    results = []
     for k, where in enumerate((folder, plain)):
         program = clients.built(
             where,
@@ -329,7 +345,8 @@ def test_sanitizers_find_a_planted_overflow(tmp_path):
 
 @pytest.mark.slow
 def test_threads_do_not_disturb_each_other(tmp_path):
-    gcc, folder = tool("gcc"), made("elbow").directory
+    gcc = tool("gcc")
+    folder = made("elbow").directory
     has_sanitizer(gcc, "-fsanitize=thread", tmp_path)
     data = given("elbow", folder)
     alone = clients.built(folder, tmp_path / "alone", gcc, "-O0", "-ffp-contract=off")
@@ -343,7 +360,8 @@ def test_threads_do_not_disturb_each_other(tmp_path):
 
 @pytest.mark.slow
 def test_openmp_gives_the_same_bits(tmp_path):
-    gcc, folder = tool("gcc"), made("planar5_nmp").directory
+    gcc = tool("gcc")
+    folder = made("planar5_nmp").directory
     has_sanitizer(gcc, "-fopenmp", tmp_path)
     data = given("planar5_nmp", folder)
     alone = clients.built(folder, tmp_path / "alone", gcc, "-O0", "-ffp-contract=off")
@@ -355,7 +373,7 @@ def test_openmp_gives_the_same_bits(tmp_path):
     )
 
 
-# --- examples ---------------------------------------------------------------------------------------------------------
+# --- examples ------------------------------------------------------------------------------------
 @pytest.mark.slow
 def test_the_controller_runs_at_one_kilohertz_against_the_library(tmp_path):
     folder = made("planar5_nmp").directory
@@ -406,7 +424,8 @@ def test_two_models_live_in_one_cpp_program(tmp_path):
     for folder in folders:
         library = load(folder)
         q = np.zeros((51 * 51, library.sizes["n_a"]))
-        q[:, 0], q[:, 1] = np.tile(angles, 51), np.repeat(angles, 51)
+        q[:, 0] = np.tile(angles, 51)
+        q[:, 1] = np.repeat(angles, 51)
         expected += list(np.abs(library.gravity(q)).max(axis=0))
     # printed with two decimals
     assert np.allclose([float(line.split()[6]) for line in lines], expected, atol=0.006)

@@ -1,4 +1,6 @@
-"""Modules in C that Python loads: loop, controllers, observers, integrator; sanitizers and threads."""
+"""Modules in C that Python loads: loop, controllers, observers, integrator; sanitizers and
+threads.
+"""
 
 from __future__ import annotations
 
@@ -59,7 +61,9 @@ def test_sanitizers_are_silent_for_loop_controllers_observers_and_poses(tmp_path
     environment = {
         **os.environ,
         "LD_PRELOAD": " ".join([str(tmp_path / "shim.so"), *runtimes]),
-        "ASAN_OPTIONS": "detect_leaks=0:verify_asan_link_order=0:malloc_context_size=1:quarantine_size_mb=8",
+        "ASAN_OPTIONS": (
+            "detect_leaks=0:verify_asan_link_order=0:malloc_context_size=1:quarantine_size_mb=8"
+        ),
         # of the libraries, which are not those under sanitizers: these have -O1
         "CC": f"{gcc} -O0",
     }

@@ -1,4 +1,6 @@
-"""The site: it is built without a warning, has every public name, and loads nothing from a network."""
+"""The site: it is built without a warning, has every public name, and loads nothing from a
+network.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,9 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 def names_in_inventory(file: Path) -> set[str]:
-    """The objects of Python in an inventory of Sphinx, format 2: four lines of text, then compressed lines."""
+    """The objects of Python in an inventory of Sphinx, format 2: four lines of text, then
+    compressed lines.
+    """
     _, _, _, _, packed = file.read_bytes().split(b"\n", 4)
     lines = zlib.decompress(packed).decode("utf-8").splitlines()
     return {line.split()[0] for line in lines if line.split()[1].startswith("py:")}
@@ -31,7 +35,9 @@ def missing_names(names: set[str]) -> list[str]:
 
 
 def loaded_from_a_network(page: str) -> list[str]:
-    """Addresses that a browser loads with a page: scripts, pictures, frames, style sheets and fonts; no links."""
+    """Addresses that a browser loads with a page: scripts, pictures, frames, style sheets and
+    fonts; no links.
+    """
     tags = re.findall(r"<(?:script|img|iframe|link|source|video)\b[^>]*>", page)
     return [tag for tag in tags if re.search(r"(?:src|href)=[\"']?(?:https?:)?//", tag)]
 

@@ -1,4 +1,6 @@
-"""Constants of the inversion header: recommended options of a stream, its memory, the operations of an update."""
+"""Constants of the inversion header: recommended options of a stream, its memory, the operations
+of an update.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +41,9 @@ TORQUE = (
 GRID = [(1, 1), (1, 7), (2, 3), (10, 5), (11, 6), (37, 1), (100, 20), (513, 2), (10_000, 1_000)]
 
 
-BRISTLED, HYSTERETIC, CURVED = "bristled_elbow", "hysteretic_elbow", "curved_elbow"
+BRISTLED = "bristled_elbow"
+HYSTERETIC = "hysteretic_elbow"
+CURVED = "curved_elbow"
 LIMITED = "limited_planar"  # with the part "limits"
 HARMONIC = "harmonic_elbow"  # with it too
 
@@ -91,7 +95,9 @@ def printed(
     language: str = "-std=c99",
     precision: str = "double",
 ) -> list[list[int]]:
-    """The numbers that a program prints, line by line; ``@`` is replaced by the name in capitals, ``$`` by the name."""
+    """The numbers that a program prints, line by line; ``@`` is replaced by the name in capitals,
+    ``$`` by the name.
+    """
     text = (
         f'#include "{name}.h"\n#include <stdio.h>\n\nint main(void)\n{{\n{body}    return 0;\n}}\n'
     )
@@ -117,7 +123,9 @@ def printed(
 
 @pytest.mark.parametrize("name", ["planar5_nmp", "planar5_mp", "beam_arm", "elbow"])
 def test_the_slowest_unstable_zero_is_that_of_the_linear_model(name):
-    """Two ways: the restricted Jacobians of the unactuated rows here, Lagrange's equations linearized there."""
+    """Two ways: the restricted Jacobians of the unactuated rows here, Lagrange's equations
+    linearized there.
+    """
     found = stream_defaults(equations(name).model, spec(name))
     tau = analyze(name).to_dict()["unstable_time_constant_s"]
     assert found is not None
@@ -155,7 +163,9 @@ def test_no_recommendation_at_a_singular_pose():
 def test_the_stated_memory_is_sufficient_and_at_most_slightly_too_large(name, precision, tmp_path):
     lines = "".join(
         f"    {{\n        const $_stream_options o = {{{n}, {s}, 0.005, 1e-6, {hold}}};\n"
-        f'        printf("%lld %lld\\n", (long long)$_stream_work(&o), (long long)@_STREAM_SIZE({n}, {s}));\n    }}\n'
+        f'        printf("%lld %lld\\n", (long long)$_stream_work(&o), (long '
+        f"long)@_STREAM_SIZE({n}, {s}));\n"
+        f"    }}\n"
         for n, s in GRID
         for hold in ("@_HOLD_SPLINE, 0.0", "@_HOLD_ZOH, @_HOLD_DELAY_MAX")
     )
@@ -166,11 +176,14 @@ def test_the_stated_memory_is_sufficient_and_at_most_slightly_too_large(name, pr
 @pytest.mark.parametrize("language", ["-std=c99", "-std=c++11"])
 def test_the_constants_are_constant_expressions(language, tmp_path):
     body = (
-        "    static $_real memory[@_STREAM_SIZE(@_STREAM_INTERVALS, @_STREAM_SAMPLES_PER_INTERVAL)];\n"
-        "    const $_stream_options o = {@_STREAM_INTERVALS, @_STREAM_SAMPLES_PER_INTERVAL, @_STREAM_PERIOD, "
+        "    static $_real memory[@_STREAM_SIZE(@_STREAM_INTERVALS, "
+        "@_STREAM_SAMPLES_PER_INTERVAL)];\n"
+        "    const $_stream_options o = {@_STREAM_INTERVALS, @_STREAM_SAMPLES_PER_INTERVAL, "
+        "@_STREAM_PERIOD, "
         "@_STREAM_TOLERANCE, @_HOLD_SPLINE, 0.0};\n"
         "    memory[0] = @_LOOK_AHEAD + @_SLOWEST_UNSTABLE_ZERO + $_home_q_a[0];\n"
-        '    printf("%d\\n", memory[0] > 0.0 && $_stream_work(&o) <= (int64_t)(sizeof memory / sizeof memory[0]));\n'
+        '    printf("%d\\n", memory[0] > 0.0 && $_stream_work(&o) <= (int64_t)(sizeof memory / '
+        "sizeof memory[0]));\n"
     )
     compiler = CC if language == "-std=c99" else tool("g++")
     assert printed("planar5_nmp", body, tmp_path, compiler, language) == [[1]]
@@ -187,7 +200,9 @@ def test_the_constants_are_constant_expressions(language, tmp_path):
     ],
 )
 def test_no_update_needs_more_operations_than_the_bound(name, tmp_path):
-    """Counted by a number type of C++: short and long horizons, with limits that modify the path."""
+    """Counted by a number type of C++: short and long horizons, with limits that modify the
+    path.
+    """
     work = counting_program(library(name).directory, name, tmp_path)
     flags = ["-std=c++17", "-O1", f"-D{name.upper()}_NO_VECTORS", "-Wno-class-memaccess"]
     run(tool("g++"), *flags, f"{name}.cpp", "main.cpp", "-o", "count", folder=work)
@@ -205,11 +220,10 @@ def test_a_stream_with_the_recommended_options_follows_the_path(name):
     """Every update converges, and the torques are those of the whole path."""
     d = stream_defaults(equations(name).model, spec(name))
     assert d is not None
-    made, path = (
-        load(library(name).directory),
-        Path(equations(name), equations(name).model.move(None)),
-    )
-    reduction, fine = Reduction(equations(name)), d.period / d.samples_per_interval
+    made = load(library(name).directory)
+    path = Path(equations(name), equations(name).model.move(None))
+    reduction = Reduction(equations(name))
+    fine = d.period / d.samples_per_interval
     intervals = int(np.ceil(path.duration / d.period))
     y, dy, ddy = samples(reduction, path, d.period, intervals + 2 * d.intervals)
     options = {
@@ -224,7 +238,11 @@ def test_a_stream_with_the_recommended_options_follows_the_path(name):
     n = intervals * d.samples_per_interval + 1
     before = (d.intervals - 1) * d.samples_per_interval
     whole = made.invert(
-        *samples(reduction, path, fine, n), period=fine, q_start=path.q_start, n_pre=before, n_post=before,
+        *samples(reduction, path, fine, n),
+        period=fine,
+        q_start=path.q_start,
+        n_pre=before,
+        n_post=before,
         samples_per_interval=d.samples_per_interval,
-    )  # fmt: skip
+    )
     assert np.abs(tau[:n] - whole.tau_m[:n]).max() <= TORQUE * np.abs(whole.tau_m).max()

@@ -89,7 +89,9 @@ def test_all_sources_are_silent(name: str, compiler: str, where: Path) -> None:
     for level in LEVELS if name == "elbow" else LEVELS[-1:]:
         assert warnings([*words, "-std=c99", level], files, folder) == [], level
     for standard in STANDARDS:
-        assert warnings([*words, *standard.split(), "-fsyntax-only"], files, folder) == [], standard
+        assert warnings([*words, *standard.split(), "-fsyntax-only"], files, folder) == [], (
+            standard
+        )
 
 
 @pytest.mark.parametrize("compiler", ["gcc"])

@@ -1,4 +1,6 @@
-"""Libraries for other kinds of computers, by the package ziglang: the same bits under Wine and QEMU."""
+"""Libraries for other kinds of computers, by the package ziglang: the same bits under Wine and
+QEMU.
+"""
 
 from __future__ import annotations
 
@@ -23,9 +25,13 @@ SUPPORT = Path(__file__).resolve().parents[1] / "support" / "programs"
 FEW = ("mass_matrix", "inverse_dynamics")
 SEVERAL = (*FEW, "forward_dynamics", "inverse_dynamics_derivatives", "tool_motion")
 slow = pytest.mark.slow
-# What libraries and FMUs call of the runtime of Windows, which the package ziglang compiles for two minutes when it is
-# first linked. Files that are looked at and not run are linked with these; `make test-full` links the real one.
-RUNTIME = "DllMainCRTStartup memcpy memmove memset memcmp strcmp calloc free malloc realloc ceil __fpclassify"
+# What libraries and FMUs call of the runtime of Windows, which the package ziglang compiles for
+# two minutes when it is first linked. Files that are looked at and not run are linked with these;
+# `make test-full` links the real one.
+RUNTIME = (
+    "DllMainCRTStartup memcpy memmove memset memcmp strcmp calloc free malloc realloc ceil "
+    "__fpclassify"
+)
 
 
 def made(target: str, folder: Path, model: str = "elbow", **options) -> Path:
@@ -63,7 +69,9 @@ def machine_of(data: bytes) -> str:
 )
 @pytest.mark.parametrize("target", ["x86_64-windows", "aarch64-linux"])
 def test_a_program_of_another_computer_has_the_same_bits(target, functions, tmp_path):
-    """Functions at random states, one by one and in batches, linked with the static library of the target."""
+    """Functions at random states, one by one and in batches, linked with the static library of the
+    target.
+    """
     runner, environment = (
         wine(tmp_path) if target == "x86_64-windows" else (tool("qemu-aarch64"), None)
     )
@@ -121,7 +129,8 @@ def without_runtime(monkeypatch, tmp_path):
     """Libraries for Windows are linked with functions that do nothing, named in `RUNTIME`."""
     link_command = Compiler.link_command
     found = find_compiler(target="x86_64-windows")
-    source, stubs = tmp_path / "stubs.c", tmp_path / "stubs.obj"
+    source = tmp_path / "stubs.c"
+    stubs = tmp_path / "stubs.obj"
     source.write_text("".join(f"int {name}(void) {{ return 1; }}\n" for name in RUNTIME.split()))
     words = [*found.command, *found.flags, "-fno-builtin", "-c", str(source), "-o", str(stubs)]
     subprocess.run(words, check=True, capture_output=True)
@@ -152,10 +161,8 @@ def check_libraries(target, tmp_path):
     written = flexgen.generate("elbow", tmp_path / "made", target=target, functions=FEW)
     manifest = json.loads((written.directory / "manifest.json").read_text("utf-8"))["build"]
     assert manifest["target"] == target
-    library, static = (
-        written.directory / manifest["library"],
-        written.directory / manifest["static"],
-    )
+    library = written.directory / manifest["library"]
+    static = written.directory / manifest["static"]
     assert (
         library.suffix == f".{TARGETS[target].suffix}"
         and machine_of(library.read_bytes()) == target

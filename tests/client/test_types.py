@@ -1,4 +1,6 @@
-"""Static types as a client sees them: right calls pass, mistakes are found, from the wheel and from `make setup`."""
+"""Static types as a client sees them: right calls pass, mistakes are found, from the wheel and
+from `make setup`.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +33,8 @@ from flexgen import Analysis, Equations, Library, RobotModel, Solution
 model: RobotModel = flexgen.read("elbow", overrides={"payload.mass": 2.0})
 equations: Equations = flexgen.derive(model)
 analysis: Analysis = flexgen.analyze(equations, pose=[0.1, 0.2])
-solution = flexgen.solve("elbow", "line", hold="zoh", sample_time=1e-3, limits=flexgen.Limits(torque=(10.0, 5.0)))
+solution = flexgen.solve("elbow", "line", hold="zoh", sample_time=1e-3, \
+limits=flexgen.Limits(torque=(10.0, 5.0)))
 assert_type(solution, Solution)
 assert_type(solution.status, flexgen.Status)
 assert_type(solution.tool_error_max_m, float | None)
@@ -53,7 +56,8 @@ except flexgen.FlexgenError as error:
 class Mine:
     def reset(self) -> None: ...
 
-    def step(self, k: int, y: flexgen.Measurement, ref: flexgen.Reference) -> npt.NDArray[np.float64]:
+    def step(self, k: int, y: flexgen.Measurement, ref: flexgen.Reference) -> \
+npt.NDArray[np.float64]:
         return np.asarray(ref.tau_m + 20.0 * (ref.q_m - y.q_m), dtype=float)
 
 
@@ -85,7 +89,9 @@ flexgen.learn("elbow", itertions=3)  # wrong
 
 
 def mistakes() -> set[int]:
-    return {number for number, line in enumerate(WRONG.splitlines(), 1) if line.endswith("# wrong")}
+    return {
+        number for number, line in enumerate(WRONG.splitlines(), 1) if line.endswith("# wrong")
+    }
 
 
 def test_values_of_literal_types_are_those_of_the_tables() -> None:
@@ -143,7 +149,8 @@ def interpreter(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPat
     """The interpreter of an environment in which flexgen is installed."""
     need_setuptools()
     folder = tmp_path_factory.mktemp("types")
-    python, clone = environment_at(folder / "environment"), clone_at(folder / "clone")
+    python = environment_at(folder / "environment")
+    clone = clone_at(folder / "clone")
     if request.param == "wheel":
         install(python, built(clone, folder / "dist"))
         return python

@@ -1,4 +1,6 @@
-"""Wheel and sdist: what they contain, that their bytes repeat, and that the wheel works in an empty environment."""
+"""Wheel and sdist: what they contain, that their bytes repeat, and that the wheel works in an
+empty environment.
+"""
 
 from __future__ import annotations
 
@@ -47,7 +49,9 @@ def test_it_contains_all_that_is_in_the_packages(wheel: Path) -> None:
     }
     data = f"flexgen_robotics-{flexgen.__version__}.data/data/share/flexgen/"
     expected |= {data + name for name in examples()}
-    assert {name for name in names if not name.partition("/")[0].endswith(".dist-info")} == expected
+    assert {
+        name for name in names if not name.partition("/")[0].endswith(".dist-info")
+    } == expected
     assert "flexgen/py.typed" in names and "flexgen/models/elbow.toml" in names
     assert any(name.startswith("flexgen/clib/") and name.endswith(".c") for name in names)
 

@@ -103,10 +103,12 @@ def test_quasistatic_deflections_balance_their_loads() -> None:
     path = Path(equations, equations.model.move(None))
     t = np.linspace(0.0, 0.5, 501)
     motion = quasistatic_motion(reduction, path, t)
-    # by hand: the accelerations of the actuated joints that follow the path with the deflection standing still
+    # by hand: the accelerations of the actuated joints that follow the path with the deflection
+    # standing still
     W = evaluate(equations.function("jacobian"), motion.q)[0][:, :2]
     sample = path.sample(t)
-    v, a = np.zeros_like(motion.q), np.zeros_like(motion.q)
+    v = np.zeros_like(motion.q)
+    a = np.zeros_like(motion.q)
     v[:, :2] = np.linalg.solve(W[:, :, :2], sample.derivative(1)[:, :, None])[:, :, 0]
     dW = evaluate(equations.function("jacobian_dot"), motion.q, v)[0][:, :2]
     a[:, :2] = np.linalg.solve(

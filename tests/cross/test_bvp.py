@@ -1,4 +1,6 @@
-"""The two-point boundary value problem of the zero dynamics: its agreement with others, what it refuses."""
+"""The two-point boundary value problem of the zero dynamics: its agreement with others, what it
+refuses.
+"""
 
 from __future__ import annotations
 
@@ -37,16 +39,19 @@ pytestmark = needs_compiler
 
 PLANAR = ["planar5_mp", "planar5_nmp", "planar5_soft"]
 ROBOTS = FilePath(__file__).parents[1] / "support" / "robots"
-# On the mesh the equations hold to rounding: about 1e-16 of their scale, times the condition of the rows.
+# On the mesh the equations hold to rounding: about 1e-16 of their scale, times the condition of
+# the rows.
 ROUNDING = 1e-12
-# lq finds the same motion on the same mesh, but for what its weights of 1e-12 and its tolerance of 1e-6 move: in six
-# axes they leave slow fading motions after the path.
-SAME_MESH, SAME_MESH_SIX_AXES = 1e-8, 1e-6
+# lq finds the same motion on the same mesh, but for what its weights of 1e-12 and its tolerance of
+# 1e-6 move: in six axes they leave slow fading motions after the path.
+SAME_MESH = 1e-8
+SAME_MESH_SIX_AXES = 1e-6
 # Long enough before the path for both: lq starts at exact rest, this with what grows.
 EARLY = 0.1
 # The same with a tolerance of 1e-9.
 SAME_START = 1e-10
-# The torque of collocation, of its own mesh and interpolation: the difference is fourth order, some 1e-6 at 5 ms.
+# The torque of collocation, of its own mesh and interpolation: the difference is fourth order,
+# some 1e-6 at 5 ms.
 OTHER_MESH = 2e-5
 OTHER_MOTION = 2e-9  # rad, of deflections of some 1e-3
 MICRON = 1e-6
@@ -74,7 +79,7 @@ def unstable_zeros(equations: Equations, q_a: np.ndarray) -> int:
     return int(np.sum(inner_zeros(equations, linearize(equations, rest), rest).real > 0))
 
 
-# --- agreement --------------------------------------------------------------------------------------------------------
+# --- agreement -----------------------------------------------------------------------------------
 @pytest.mark.parametrize("name", [*PLANAR, "manutec_r3_18"])
 @pytest.mark.slow
 def test_it_agrees_with_the_other_methods(name: str) -> None:
@@ -130,10 +135,13 @@ def test_it_is_a_method_of_solve() -> None:
 
 @pytest.mark.parametrize("name", PLANAR)
 def test_boundary_conditions_select_stable_and_unstable_subspaces(name: str) -> None:
-    """As many unstable zeros as another algorithm finds; at the ends the motion is the one that belongs to them."""
+    """As many unstable zeros as another algorithm finds; at the ends the motion is the one that
+    belongs to them.
+    """
     problem = question(name)
     answer = bvp.solve(problem, usual(problem))
-    equations, (e,) = problem.equations, problem.equations.model.i_e
+    equations = problem.equations
+    (e,) = problem.equations.model.i_e
     poses = (answer.q[0], answer.q[-1])
     found = [answer.details[f"unstable_zeros_{end}"] for end in ("start", "end")]
     assert found == [unstable_zeros(equations, q) for q in poses]
@@ -143,8 +151,8 @@ def test_boundary_conditions_select_stable_and_unstable_subspaces(name: str) -> 
             and np.abs(answer.q[0] - problem.equilibrium.q_a).max() < 1e-12
         )
         return
-    # one real zero of either sign: v_e = z (q_e - rest). With a short window the distance from rest is well above
-    # rounding; what is left is of the second order in it.
+    # one real zero of either sign: v_e = z (q_e - rest). With a short window the distance from
+    # rest is well above rounding; what is left is of the second order in it.
     short = question(name, mesh=1e-3, preview=3e-3)
     early = bvp.solve(short, 1e-3)
     rest = equilibrium_at(equations, problem.equilibrium.q_a)
@@ -154,7 +162,7 @@ def test_boundary_conditions_select_stable_and_unstable_subspaces(name: str) -> 
     )
 
 
-# --- what it refuses --------------------------------------------------------------------------------------------------
+# --- what it refuses -----------------------------------------------------------------------------
 @pytest.mark.parametrize(
     ("model", "words"),
     [
@@ -192,7 +200,8 @@ def test_it_needs_coordinates_without_motor() -> None:
     with pytest.raises(ArgumentError, match=r"no non-actuated coordinates.*use closed-form"):
         bvp.solve(question("elbow"), 5e-3)
     with pytest.raises(
-        ArgumentError, match=r"parts: given 'bvp', but model elbow has no coordinates without motor"
+        ArgumentError,
+        match=r"parts: given 'bvp', but model elbow has no coordinates without motor",
     ):
         made("elbow", "bvp")
 
@@ -242,7 +251,7 @@ def test_the_library_offers_it() -> None:
         kept(**given())
 
 
-# --- planted bugs -----------------------------------------------------------------------------------------------------
+# --- planted bugs --------------------------------------------------------------------------------
 PLANTED = {
     "rows swapped": [
         ("&at, 1, b->first", "&at, 0, b->first"),
@@ -251,7 +260,10 @@ PLANTED = {
     "equilibrium forgotten": [
         (
             "b->equilibrium_start[NE + i] = b->equilibrium_end[NE + i] = 0.0;",
-            "b->equilibrium_start[NE + i] = b->equilibrium_end[NE + i] = 0.0; b->equilibrium_end[i] = 0.0;",
+            (
+                "b->equilibrium_start[NE + i] = b->equilibrium_end[NE + i] = 0.0; "
+                "b->equilibrium_end[i] = 0.0;"
+            ),
         )
     ],
     "wrong interval length": [
@@ -266,7 +278,9 @@ PLANTED = {
 def call(folder: FilePath) -> tuple[int, np.ndarray]:
     """Status and motor torques of ``planar5_nmp_bvp`` in a folder's sources."""
     files = [f"src/planar5_nmp_{name}.c" for name in (*INVERSION, "inversion", "linearize")]
-    run(CC, "-std=c99", "-O1", "-fPIC", "-shared", *files, "-lm", "-o", "planted.so", folder=folder)
+    run(
+        CC, "-std=c99", "-O1", "-fPIC", "-shared", *files, "-lm", "-o", "planted.so", folder=folder
+    )
     library = ctypes.CDLL(str(folder / "planted.so"))
     structs = structs_of(json.loads((folder / "manifest.json").read_text()))
     asked = given()
@@ -277,9 +291,11 @@ def call(folder: FilePath) -> tuple[int, np.ndarray]:
     library.planar5_nmp_bvp_work.restype = ctypes.c_int64
     work = np.zeros(library.planar5_nmp_bvp_work(ctypes.c_int(n), ctypes.byref(options)))
     arrays = {key: np.ascontiguousarray(asked[key]) for key in ("y", "dy", "ddy")}
-    q, tau = np.ascontiguousarray(asked["q_start"]), np.zeros((total, 2))
+    q = np.ascontiguousarray(asked["q_start"])
+    tau = np.zeros((total, 2))
     path = struct_of(structs["samples"], n=n, period=asked["period"], **arrays)
-    motion, info = struct_of(structs["motion"], tau_m=tau), structs["bvp_info"]()
+    motion = struct_of(structs["motion"], tau_m=tau)
+    info = structs["bvp_info"]()
     status = library.planar5_nmp_bvp(
         *(ctypes.byref(path), ctypes.c_void_p(q.ctypes.data), ctypes.byref(options)),
         *(ctypes.byref(motion), ctypes.byref(info)),
@@ -304,7 +320,7 @@ def test_planted_bugs_are_caught(bug: str, tmp_path: FilePath) -> None:
     assert status < 0 or not np.abs(tau - right.tau_m).max() < SAME_START * size
 
 
-# --- compilers --------------------------------------------------------------------------------------------------------
+# --- compilers -----------------------------------------------------------------------------------
 @pytest.mark.parametrize("compiler", ["gcc", "clang", "g++", "clang++"])
 @pytest.mark.slow
 def test_strict_compilers_report_no_warning(compiler: str, tmp_path: FilePath) -> None:

@@ -1,4 +1,6 @@
-"""Calibration from static poses: against CasADi's statics, differences, known truths, planted errors and real data."""
+"""Calibration from static poses: against CasADi's statics, differences, known truths, planted
+errors and real data.
+"""
 
 from __future__ import annotations
 
@@ -70,7 +72,9 @@ def commands(count: int, seed: int = 0, joints: int = 6) -> np.ndarray:
 def drawn(
     model: RobotModel, free: tuple[str, ...], priors: Priors, seed: int = 1
 ) -> tuple[Tree, list, np.ndarray]:
-    """A tree, its unknowns, and values drawn from their priors; the frame of the measurement is moderate."""
+    """A tree, its unknowns, and values drawn from their priors; the frame of the measurement is
+    moderate.
+    """
     tree = Tree(model)
     unknowns = unknowns_of(tree, free, (), priors)
     rng = np.random.default_rng(seed)
@@ -83,7 +87,9 @@ def drawn(
 
 @pytest.mark.parametrize("name", ["arm", "justin", "balanced"])
 def test_positions_are_those_of_the_equations_of_motion(name: str) -> None:
-    """The tree of nodes and CasADi's Lagrangian share no code: positions with sag to 1e-9 m, without to 1e-12 m."""
+    """The tree of nodes and CasADi's Lagrangian share no code: positions with sag to 1e-9 m,
+    without to 1e-12 m.
+    """
     model = {"arm": arm, "balanced": balanced}.get(name, lambda: flexgen.read(JUSTIN))()
     q = commands(6, joints=model.n_g)
     statics = Statics(Tree(model), q)
@@ -98,17 +104,22 @@ def test_positions_are_those_of_the_equations_of_motion(name: str) -> None:
 
 
 def test_changed_keys_are_the_changed_numbers() -> None:
-    """Zeros, places, compliances, factors and masses as keys of a model file move the trackers as in the tree."""
+    """Zeros, places, compliances, factors and masses as keys of a model file move the trackers as
+    in the tree.
+    """
     model = flexgen.read(JUSTIN)
     q = commands(4, joints=17)
     for robot, joints in ((model, q), (arm(), commands(4))):
         tree, unknowns, x = drawn(robot, GROUPS, Priors(compliance=0.3, mass=0.1))
         numbers = Numbers.of(tree, unknowns, x)
         statics = Statics(tree, joints)
-        there = flexgen.read(robot.file, overrides={"sensor": TRACKERS} if robot is arm() else None)
+        there = flexgen.read(
+            robot.file, overrides={"sensor": TRACKERS} if robot is arm() else None
+        )
         changed = flexgen.read(
             there.file,
-            overrides=({"sensor": TRACKERS} if robot is arm() else {}) | changes_of(robot, numbers),
+            overrides=({"sensor": TRACKERS} if robot is arm() else {})
+            | changes_of(robot, numbers),
         )
         assert (
             np.abs(flexgen.tracker_positions(changed, joints) - statics.rest(numbers).points).max()
@@ -127,10 +138,14 @@ def test_changed_keys_are_the_changed_numbers() -> None:
 
 
 def test_changed_keys_and_slopes_of_an_arm_with_counterbalances() -> None:
-    """The angle of a counterbalance does not contain the zero of its joint, in the tree as in the model file."""
-    model, q = balanced(), commands(4)
+    """The angle of a counterbalance does not contain the zero of its joint, in the tree as in the
+    model file.
+    """
+    model = balanced()
+    q = commands(4)
     tree, unknowns, x = drawn(model, GROUPS, Priors(compliance=0.3, mass=0.1))
-    statics, numbers = Statics(tree, q), Numbers.of(tree, unknowns, x)
+    statics = Statics(tree, q)
+    numbers = Numbers.of(tree, unknowns, x)
     rest = statics.rest(numbers)
     changed = flexgen.read(
         "manutec_r3_18", overrides=overrides_of_balanced() | changes_of(model, numbers)
@@ -153,7 +168,9 @@ def test_changed_keys_and_slopes_of_an_arm_with_counterbalances() -> None:
 
 @pytest.mark.slow
 def test_slopes_are_differences() -> None:
-    """Derivatives in all kinds of numbers, through the equilibrium, against central differences."""
+    """Derivatives in all kinds of numbers, through the equilibrium, against central
+    differences.
+    """
     tree, unknowns, x = drawn(flexgen.read(JUSTIN), GROUPS, Priors(compliance=0.3, mass=0.1))
     statics = Statics(tree, commands(3, joints=17))
     rest = statics.rest(Numbers.of(tree, unknowns, x))
@@ -179,10 +196,13 @@ def test_slopes_are_differences() -> None:
 def calibrated(
     robust: bool = True, gross: int = 0
 ) -> tuple[flexgen.Calibration, np.ndarray, np.ndarray]:
-    """A calibration of a robot drawn from the priors, noise 0.1 mm; joints and positions of 50 other poses."""
+    """A calibration of a robot drawn from the priors, noise 0.1 mm; joints and positions of 50
+    other poses.
+    """
     tree, unknowns, x = drawn(arm(), GROUPS, Priors(compliance=0.3))
     numbers = Numbers.of(tree, unknowns, x)
-    q, other = commands(80), commands(50, seed=7)
+    q = commands(80)
+    other = commands(50, seed=7)
     rng = np.random.default_rng(3)
     seen = Statics(tree, q).rest(numbers).measured + 1e-4 * rng.normal(size=(80, 2, 3))
     for k in range(gross):
@@ -215,7 +235,9 @@ def test_a_tracker_on_an_elastic_base_is_taken() -> None:
 
 
 def test_a_robot_that_differs_is_found() -> None:
-    """Other poses of a robot with other zeros, places, springs and masses are predicted within the noise."""
+    """Other poses of a robot with other zeros, places, springs and masses are predicted within the
+    noise.
+    """
     found, other, truth = calibrated()
     error = np.linalg.norm(found.predict(other) - truth, axis=2)
     assert error.mean() < 1e-4
@@ -229,7 +251,9 @@ def test_a_robot_that_differs_is_found() -> None:
 
 @pytest.mark.slow
 def test_standard_deviations_agree_with_the_errors() -> None:
-    """The truth is within 1.96 standard deviations for 90 to 99 % of the numbers that are drawn from their priors."""
+    """The truth is within 1.96 standard deviations for 90 to 99 % of the numbers that are drawn
+    from their priors.
+    """
     inside = []
     for seed in range(4):
         tree, unknowns, x = drawn(arm(), GROUPS, Priors(compliance=0.3), seed)
@@ -267,18 +291,28 @@ BRANCHES = (
         f'[[motor]]\nname = "m{k}"\ndrives = "q{k}"\nratio = 100\ninertia = 1e-4\n' for k in (1, 2)
     )
     + '[output]\ntype = "joint"\njoints = ["q1", "q2"]\n'
-    + '[[sensor]]\nname = "point"\ntype = "tracker"\nunit = "m"\nelement = "hand"\nposition = [0.4, 0.1, 0.0]\n'
+    + (
+        "[[sensor]]\n"
+        'name = "point"\n'
+        'type = "tracker"\n'
+        'unit = "m"\n'
+        'element = "hand"\n'
+        "position = [0.4, 0.1, 0.0]\n"
+    )
 )
 
 
 def test_an_axis_that_moves_the_tracker_by_a_mechanism_alone_is_fitted(tmp_path: Path) -> None:
-    """q2 does not carry the hand, but a mechanism turns the hand with it, by its zero and its deflection too."""
+    """q2 does not carry the hand, but a mechanism turns the hand with it, by its zero and its
+    deflection too.
+    """
     (tmp_path / "branches.toml").write_text(BRANCHES)
     model = flexgen.read(tmp_path / "branches.toml")
     there = flexgen.read(
         model.file, overrides={"element.right.dof.q2.gear.spring.stiffness": 3.5e3}
     )
-    q, zero = commands(60, joints=2), np.array([0.0, 0.02])
+    q = commands(60, joints=2)
+    zero = np.array([0.0, 0.02])
     seen = flexgen.tracker_positions(there, q + zero) + 2e-5 * np.random.default_rng(0).normal(
         size=(60, 1, 3)
     )
@@ -291,7 +325,9 @@ def test_an_axis_that_moves_the_tracker_by_a_mechanism_alone_is_fitted(tmp_path:
         ("q2.compliance", 1 / 3.5e3),
         ("q1.compliance", 1 / 5e3),
     ):
-        assert abs(found.values[name] - value) < 3 * found.sd[name] and found.determined[name], name
+        assert abs(found.values[name] - value) < 3 * found.sd[name] and found.determined[name], (
+            name
+        )
     loads = {u.name for u in unknowns_of(Tree(model), ("masses",), (), Priors())}
     assert {"left.mass", "right.mass", "hand.mass"} <= loads
 
@@ -312,7 +348,9 @@ def test_a_body_that_loads_a_spring_by_a_mechanism_alone_has_an_unknown_mass(
 
 @pytest.mark.slow
 def test_gross_errors_change_little() -> None:
-    """Eight positions off by 50 mm: the robust fit stays within 0.2 mm, plain least squares does not."""
+    """Eight positions off by 50 mm: the robust fit stays within 0.2 mm, plain least squares does
+    not.
+    """
     for robust, least, most in ((True, 0.0, 2e-4), (False, 3e-4, 1.0)):
         found, other, truth = calibrated(robust, gross=8)
         assert least < np.linalg.norm(found.predict(other) - truth, axis=2).mean() < most
@@ -326,11 +364,14 @@ def test_gross_errors_change_little() -> None:
 
 
 def test_a_tilt_from_pose_to_pose_is_found() -> None:
-    """Two trackers that an element's tilt moves together: its size, and what one tells about the other."""
+    """Two trackers that an element's tilt moves together: its size, and what one tells about the
+    other.
+    """
     model = flexgen.read(JUSTIN)
     tree = Tree(model)
     q = commands(150, joints=17)
-    statics, numbers = Statics(tree, q), Numbers.of(tree)
+    statics = Statics(tree, q)
+    numbers = Numbers.of(tree)
     rest = statics.rest(numbers)
     rng = np.random.default_rng(5)
     tilts = np.array([1e-3, 2e-3, 0.0])
@@ -351,11 +392,14 @@ def test_a_tilt_from_pose_to_pose_is_found() -> None:
 
 
 def test_independent_errors_are_not_taken_for_a_tilt() -> None:
-    """Noise of each point alone, seen with 24 and 40 poses: an element is named in one of a hundred."""
+    """Noise of each point alone, seen with 24 and 40 poses: an element is named in one of a
+    hundred.
+    """
     tree = Tree(arm())
     named = least = 0
     for seed in range(6):
-        statics, numbers = Statics(tree, commands(24 if seed % 2 else 40, seed)), Numbers.of(tree)
+        statics = Statics(tree, commands(24 if seed % 2 else 40, seed))
+        numbers = Numbers.of(tree)
         rest = statics.rest(numbers)
         rng = np.random.default_rng(seed)
         noise = 3e-4 * rng.normal(size=rest.measured.shape)
@@ -373,7 +417,9 @@ def test_independent_errors_are_not_taken_for_a_tilt() -> None:
 
 
 def test_the_frame_of_few_poses_is_found() -> None:
-    """Frames turned by 90 to 180 degrees: the search that begins with the world's frame ends elsewhere in some."""
+    """Frames turned by 90 to 180 degrees: the search that begins with the world's frame ends
+    elsewhere in some.
+    """
     tree = Tree(arm())
     first = replace(Numbers.of(tree), compliances=np.zeros(len(tree.elastic)))
     elsewhere = 0
@@ -392,7 +438,9 @@ def test_the_frame_of_few_poses_is_found() -> None:
 
 
 def test_a_tilt_is_found_though_the_search_meets_a_singular_covariance() -> None:
-    """Two points that only a tilt about x moves, with noise 1e-4 of it: a step of the search leaves the numbers."""
+    """Two points that only a tilt about x moves, with noise 1e-4 of it: a step of the search
+    leaves the numbers.
+    """
     rng = np.random.default_rng(1)
     points = rng.uniform(-1.0, 1.0, (24, 2, 3))
     B = np.moveaxis([np.cross(axis, points) for axis in np.eye(3)], 0, -1).reshape(24, 6, 3)
@@ -406,7 +454,9 @@ def test_a_tilt_is_found_though_the_search_meets_a_singular_covariance() -> None
 
 @pytest.mark.slow
 def test_a_wrong_mechanism_asks_for_negative_compliance() -> None:
-    """The chest turned by the commanded angles instead of the actual ones: warned, by name; the right model is not."""
+    """The chest turned by the commanded angles instead of the actual ones: warned, by name; the
+    right model is not.
+    """
     truth = flexgen.read(JUSTIN)
     q = 0.6 * commands(120, joints=17)
     seen = flexgen.tracker_positions(truth, q) + 2e-4 * np.random.default_rng(0).normal(
@@ -426,7 +476,9 @@ def test_a_wrong_mechanism_asks_for_negative_compliance() -> None:
 
 
 def test_proposed_poses_tell_more_than_random_ones() -> None:
-    """D-optimal poses shrink the covariance more than the best of 20 random choices from the same candidates."""
+    """D-optimal poses shrink the covariance more than the best of 20 random choices from the same
+    candidates.
+    """
     found, _, _ = calibrated()
     candidates = commands(60, seed=11)
 
@@ -510,7 +562,9 @@ MISTAKES = {
 
 @pytest.mark.parametrize("words", MISTAKES)
 def test_a_mistake_in_the_poses_is_named(words: str) -> None:
-    """Of a robot with other zeros, lengths and springs, which is calibrated without the mistake."""
+    """Of a robot with other zeros, lengths and springs, which is calibrated without the
+    mistake.
+    """
     tree, unknowns, x = drawn(arm(), ("zeros", "placements"), Priors())
     q = commands(40)
     y = Statics(tree, q).rest(Numbers.of(tree, unknowns, x)).measured
@@ -521,7 +575,8 @@ def test_a_mistake_in_the_poses_is_named(words: str) -> None:
 def test_agreement_is_the_median_error_and_scatter_of_the_worst_tracker(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Far from the origin, with positions that were not seen; the second tracker has more error for its scatter.
+    """Far from the origin, with positions that were not seen; the second tracker has more error
+    for its scatter.
 
     The third has the most, but no joint moves it.
     """
@@ -553,7 +608,9 @@ def test_agreement_is_the_median_error_and_scatter_of_the_worst_tracker(
 def test_a_tenth_is_doubted_a_half_refused_and_a_third_named(
     error: float, words: str, left: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """``left``: what undoing a mistake leaves, over the third of the error up to which it is named, or a tenth."""
+    """``left``: what undoing a mistake leaves, over the third of the error up to which it is
+    named, or a tenth.
+    """
     named = left < 1.0 and left * error / 3 < 0.1
     parts = [(2 * error, 2.0), (2 * error, 2.0), (left * error / 3 * 4, 4.0)]
     data = flexgen.StaticPoses(commands(4), np.zeros((4, 2, 3)))
@@ -574,7 +631,9 @@ def test_a_tenth_is_doubted_a_half_refused_and_a_third_named(
 
 
 def test_poses_of_nothing_are_refused() -> None:
-    """Random positions: no single mistake explains them, and a robot that is only wrong by 0.2 rad is not refused."""
+    """Random positions: no single mistake explains them, and a robot that is only wrong by 0.2 rad
+    is not refused.
+    """
     q = commands(40)
     y = np.random.default_rng(5).normal(size=(40, 2, 3))
     with pytest.raises(ArgumentError, match="check units, signs and the order of the columns"):
@@ -585,7 +644,9 @@ def test_poses_of_nothing_are_refused() -> None:
 
 
 def test_positions_that_were_not_seen_do_not_count() -> None:
-    """Half of the positions of a tracker missing: the parameters are found; the errors there are nan."""
+    """Half of the positions of a tracker missing: the parameters are found; the errors there are
+    nan.
+    """
     tree, unknowns, x = drawn(arm(), ("zeros",), Priors())
     q = commands(40)
     seen = Statics(tree, q).rest(Numbers.of(tree, unknowns, x)).measured
@@ -597,12 +658,20 @@ def test_positions_that_were_not_seen_do_not_count() -> None:
 
 @pytest.mark.slow
 def test_command_line_writes_a_model_file(tmp_path: Path) -> None:
-    """``flexgen calibrate`` from a CSV file to a model file that moves the trackers where they were measured."""
+    """``flexgen calibrate`` from a CSV file to a model file that moves the trackers where they
+    were measured.
+    """
     text = arm().text
     assert text
     file = tmp_path / "arm.toml"
     table = "\n".join(
-        f'[[sensor]]\nname = "{t["name"]}"\ntype = "tracker"\nunit = "m"\nposition = {t["position"]}\n'
+        (
+            "[[sensor]]\n"
+            f'name = "{t["name"]}"\n'
+            'type = "tracker"\n'
+            'unit = "m"\n'
+            f"position = {t['position']}\n"
+        )
         + (f'element = "{t["element"]}"\n' if "element" in t else "")
         for t in TRACKERS
     )
@@ -650,9 +719,13 @@ def test_command_line_writes_a_model_file(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(not DATA.is_file(), reason="FLEXGEN_DATA names no folder with justin/poses.csv")
+@pytest.mark.skipif(
+    not DATA.is_file(), reason="FLEXGEN_DATA names no folder with justin/poses.csv"
+)
 def test_real_humanoid() -> None:
-    """400 measured poses of an elastic humanoid: errors on poses not fitted, one hand from the other, outliers."""
+    """400 measured poses of an elastic humanoid: errors on poses not fitted, one hand from the
+    other, outliers.
+    """
     poses = flexgen.StaticPoses.read(DATA, flexgen.read(JUSTIN))
     found = flexgen.calibrate(JUSTIN, poses, place=["right1", "left1"])
     assert found.errors_held_out is not None

@@ -1,4 +1,6 @@
-"""Calibration of arms with slides, and where the poses do not separate zeros and places: widths and convergence."""
+"""Calibration of arms with slides, and where the poses do not separate zeros and places: widths
+and convergence.
+"""
 
 from __future__ import annotations
 
@@ -73,7 +75,9 @@ def of_drawn(
 
 @pytest.mark.parametrize("seed", [10, 13])
 def test_lengths_across_an_angle_that_is_not_determined_have_their_width(seed: int) -> None:
-    """Along the arc of the angle the length changes with its square: 8 and 10 standard deviations of the tangent."""
+    """Along the arc of the angle the length changes with its square: 8 and 10 standard deviations
+    of the tangent.
+    """
     model = flexgen.read("manutec_r3_18", overrides={"sensor": TRACKERS})
     found, true = of_drawn(
         model, np.random.default_rng(seed).uniform(-1.5, 1.5, (60, 6)), 1e-4, seed
@@ -90,7 +94,9 @@ def test_lengths_across_an_angle_that_is_not_determined_have_their_width(seed: i
 
 @pytest.mark.parametrize("seed", [0, 1, 2, 12])
 def test_the_search_follows_a_valley_that_bends(seed: int, tmp_path: Path) -> None:
-    """All groups of a gantry: without the bend of the valley four of ten searches crawl, and end before a minimum."""
+    """All groups of a gantry: without the bend of the valley four of ten searches crawl, and end
+    before a minimum.
+    """
     q = np.random.default_rng(seed).uniform(-1.0, 1.0, (60, 5)) * [0.5, 0.5, 0.5, 1.4, 1.4]
     found, _ = of_drawn(gantry(tmp_path), q, 5e-5, seed)
     assert found.converged
@@ -98,8 +104,11 @@ def test_the_search_follows_a_valley_that_bends(seed: int, tmp_path: Path) -> No
 
 
 def test_units_of_slides_are_named_and_what_stays_unexplained_is_warned(tmp_path: Path) -> None:
-    """A joint that is commanded relative to the one before leaves a third of the motion: no single mistake."""
-    model, turns = gantry(tmp_path), np.array([0, 0, 0, 1, 1])
+    """A joint that is commanded relative to the one before leaves a third of the motion: no single
+    mistake.
+    """
+    model = gantry(tmp_path)
+    turns = np.array([0, 0, 0, 1, 1])
     q = np.random.default_rng(0).uniform(-1.0, 1.0, (40, 5)) * [0.5, 0.5, 0.5, 1.4, 1.4]
     seen = flexgen.tracker_positions(model, q)
     for words, factor in (("mm, read as m", 1e3), ("m, read as mm", 1e-3)):

@@ -50,7 +50,9 @@ class Arm:
         """Axes and origins of the joints, centers of the links, the tip, and its rotation."""
         R = np.tile(np.eye(3), (len(q), 1, 1))
         p = np.zeros((len(q), 3))
-        axes, origins, centers = [], [], []
+        axes = []
+        origins = []
+        centers = []
         for k in range(6):
             p = p + R @ self.origins[k]
             for angle, axis in zip(self.turns[k], np.eye(3), strict=True):

@@ -1,4 +1,6 @@
-"""Models compared: the torque of simpler models leaves the tool off the path, each by less than the one before."""
+"""Models compared: the torque of simpler models leaves the tool off the path, each by less than
+the one before.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +41,8 @@ def test_each_model_is_better_than_the_simpler_one(compared) -> None:
 
 
 def test_an_arm_without_elastic_coordinates_is_compared_with_the_rigid_model_only() -> None:
-    solution, said = flexgen.solve("elbow"), []
+    solution = flexgen.solve("elbow")
+    said = []
     found = flexgen.compare(solution, progress=said.append)
     assert said == ["comparison: method rigid"]
     assert [one.method for one in found.solutions] == [
@@ -102,7 +105,8 @@ def test_errors_are_reported_by_unit(name: str) -> None:
     solution = flexgen.solve(
         equations, next(m for m in equations.model.moves if m.type == "joint"), "rigid"
     )
-    simulation, sizes = solution.simulation, error_sizes(solution)
+    simulation = solution.simulation
+    sizes = error_sizes(solution)
     assert simulation is not None
     known = {"m": simulation.tool_error_max_m, "rad": simulation.tool_error_max_rad}
     assert sizes.keys() == {unit for unit, size in known.items() if size is not None}

@@ -1,4 +1,6 @@
-"""The compliance of the tool against MuJoCo, whose equations share no code with these, and closed forms."""
+"""The compliance of the tool against MuJoCo, whose equations share no code with these, and closed
+forms.
+"""
 
 from __future__ import annotations
 
@@ -21,14 +23,14 @@ def machine(found: Analysis) -> ToolCompliance:
     """``M D K J`` by differences of MuJoCo's forces; all gears of these models are elastic."""
     from mujoco_referee import MujocoMachine
 
-    model, rest = found.model, found.equilibrium
-    plant, n = MujocoMachine(model), model.n_a
+    model = found.model
+    rest = found.equilibrium
+    plant = MujocoMachine(model)
+    n = model.n_a
 
     def force(q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        x, dx = (
-            plant.P @ np.concatenate([q, rest.q_m]),
-            plant.P @ np.concatenate([v, np.zeros(model.n_m)]),
-        )
+        x = plant.P @ np.concatenate([q, rest.q_m])
+        dx = plant.P @ np.concatenate([v, np.zeros(model.n_m)])
         plant._set(x, dx)
         return np.array(plant.d.qfrc_smooth[plant.at_v[:n]])
 
@@ -40,7 +42,8 @@ def machine(found: Analysis) -> ToolCompliance:
     D = -slopes(lambda d: force(rest.q_a, d), STEP)
     force(rest.q_a, still)
     M = plant.minimal_mass(rest.q_a)[:n, :n]
-    J_p, J_r = np.zeros((3, plant.m.nv)), np.zeros((3, plant.m.nv))
+    J_p = np.zeros((3, plant.m.nv))
+    J_r = np.zeros((3, plant.m.nv))
     mujoco.mj_jacSite(plant.m, plant.d, J_p, J_r, plant.m.site("tool").id)
     return ToolCompliance(M, D, K, np.vstack([J_p, J_r])[:, plant.at_v[:n]])
 
@@ -49,11 +52,13 @@ def machine(found: Analysis) -> ToolCompliance:
 def test_static_and_dynamic_compliance_agree_with_mujoco(name: str) -> None:
     found = flexgen.analyze(name)
     assert found.compliance is not None
-    ours, theirs = found.compliance, machine(found)
+    ours = found.compliance
+    theirs = machine(found)
     largest = np.abs(ours.matrix).max()
     np.testing.assert_allclose(ours.matrix, theirs.matrix, atol=1e-6 * largest)
     f = ours.frequencies[:: len(ours.frequencies) // 12]
-    a, b = ours.response(f), theirs.response(f)
+    a = ours.response(f)
+    b = theirs.response(f)
     assert np.abs(a - b).max() < 1e-5 * np.abs(a).max()
     # a planted bug is seen
     wrong = replace(ours, K=ours.K + np.diag(np.eye(len(ours.K))[0]) * 1e-3 * ours.K[0, 0])
@@ -61,8 +66,12 @@ def test_static_and_dynamic_compliance_agree_with_mujoco(name: str) -> None:
 
 
 def test_a_beam_of_one_spring() -> None:
-    """One rotation about z with a spring k, a tool at distance r: r^2/k across, 0 along, and 1/k in rotation."""
-    k, r, m = 2.0e4, 0.5, 3.0
+    """One rotation about z with a spring k, a tool at distance r: r^2/k across, 0 along, and 1/k
+    in rotation.
+    """
+    k = 2.0e4
+    r = 0.5
+    m = 3.0
     one = ToolCompliance(
         *(np.array([[x]]) for x in (m * r * r, 4.0, k)), np.array([[0, r, 0, 0, 0, 1.0]]).T
     )
@@ -72,7 +81,8 @@ def test_a_beam_of_one_spring() -> None:
     np.testing.assert_allclose(one.principal(rotation=True)[0], [1 / k, 0, 0], atol=1e-18)
     peak = one.resonance()
     assert peak is not None
-    w, zeta = np.sqrt(k / (m * r * r)), 4.0 / (2 * np.sqrt(k * m * r * r))
+    w = np.sqrt(k / (m * r * r))
+    zeta = 4.0 / (2 * np.sqrt(k * m * r * r))
     assert peak[0] == pytest.approx(w * np.sqrt(1 - 2 * zeta**2) / (2 * np.pi), rel=1e-2)
     assert peak[1] == pytest.approx(r * r / k / (2 * zeta * np.sqrt(1 - zeta**2)), rel=1e-3)
 

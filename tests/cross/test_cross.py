@@ -1,7 +1,9 @@
-"""Independent routes to the same numbers: Lagrange's equations against Newton-Euler and against MuJoCo.
+"""Independent routes to the same numbers: Lagrange's equations against Newton-Euler and against
+MuJoCo.
 
-On every model of the collection and on synthetic chains that use everything the model format knows; sign errors planted
-in the answers are seen by both referees. The referees are also held against each other, rotors included.
+On every model of the collection and on synthetic chains that use everything the model format
+knows; sign errors planted in the answers are seen by both referees. The referees are also held
+against each other, rotors included.
 """
 
 from __future__ import annotations
@@ -82,16 +84,16 @@ def check_mujoco(a: Answers, name: str) -> None:
 
 
 def check_kinematics(a: Answers, name: str) -> None:
-    """Tool pose, ``J v`` and ``J a + dJ v`` against the recursion's pose, twist and acceleration."""
+    """Tool pose, ``J v`` and ``J a + dJ v`` against the recursion's pose, twist and
+    acceleration.
+    """
     judge = referee(name)
     for s in states(name):
         for found, pose in zip(a.forward_kinematics(s.q_a), judge.tool(s.q_a), strict=True):
             assert_close(found.ravel(), pose.ravel(), MOTION, 1 + np.abs(pose).max())
-        J, twist, acceleration = (
-            a.jacobian(s.q_a),
-            judge.twist(s.q_a, s.v_a),
-            judge.acceleration(s.q_a, s.v_a, s.a_a),
-        )
+        J = a.jacobian(s.q_a)
+        twist = judge.twist(s.q_a, s.v_a)
+        acceleration = judge.acceleration(s.q_a, s.v_a, s.a_a)
         assert_close(J @ s.v_a, twist, MOTION, 1 + np.abs(twist).max())
         dJ = a.jacobian_dot(s.q_a, s.v_a)
         assert_close(J @ s.a_a + dJ @ s.v_a, acceleration, MOTION, 1 + np.abs(acceleration).max())
@@ -102,7 +104,8 @@ def check_full_model(a: Answers, name: str) -> None:
     judge = referee(name)
     for s in states(name):
         gear = judge.gear_torque(*s.x)
-        # a stiff spring sees the rounding of its motor's position: 1e-15 of stiffness times position counts as well
+        # a stiff spring sees the rounding of its motor's position: 1e-15 of stiffness times
+        # position counts as well
         stretched = judge.gear_torque(s.q_a, s.v_a, 1.001 * s.q_m, s.v_m) - gear
         scale = np.abs(gear).max() + 0.1 * np.abs(stretched).max()
         assert_close(a.gear_torque(*s.x), gear, TORQUE, scale)
@@ -124,7 +127,8 @@ def test_functions_agree_with_the_reference_of_another_program(name, check):
 @pytest.mark.parametrize("name", ALL_MODELS)
 def test_referees_agree_on_rotors(name):
     """Newton-Euler with spinning rotors is MuJoCo with rotors as bodies on hinges of their own."""
-    judge, witness = referee(name), outside(name, rotors=True)
+    judge = referee(name)
+    witness = outside(name, rotors=True)
     rng = np.random.default_rng(8)
     for s in states(name):
         a_m = rng.uniform(-1, 1, len(s.q_m)) * (1 + np.abs(s.v_m))
@@ -137,7 +141,7 @@ def test_referees_agree_on_rotors(name):
         assert_close(found, expected, OUTSIDE)
 
 
-# --- more synthetic chains -------------------------------------------------------------------------------------------
+# --- more synthetic chains -----------------------------------------------------------------------
 
 MORE = [
     (seed, coupling, gears, beam)
@@ -160,7 +164,9 @@ MORE = [
 @pytest.mark.parametrize(("seed", "coupling", "gears", "beam"), MORE)
 def test_functions_of_many_synthetic_chains_agree(seed, coupling, gears, beam):
     model = random_model(seed, coupling, gears, beam)
-    a, judge, rng = Answers(derive(model)), Referee(model), np.random.default_rng(seed)
+    a = Answers(derive(model))
+    judge = Referee(model)
+    rng = np.random.default_rng(seed)
     for _ in range(4):
         s = random_state(model, rng, speed=3.0)
         tau = judge.inverse_dynamics(s.q_a, s.v_a, s.a_a)
@@ -186,7 +192,7 @@ def test_synthetic_chains_cover_every_kind_of_element():
     assert any(dof.friction.stribeck and dof.friction.offset for dof in dofs)
 
 
-# --- controls --------------------------------------------------------------------------------------------------------
+# --- controls ------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -207,7 +213,9 @@ def test_planted_signs_are_seen_in_the_full_model(bug):
 
 
 @pytest.mark.parametrize(
-    "bug", [scaled("jacobian", ANGULAR), scaled("jacobian_dot", -1.0)], ids=lambda bug: bug.__name__
+    "bug",
+    [scaled("jacobian", ANGULAR), scaled("jacobian_dot", -1.0)],
+    ids=lambda bug: bug.__name__,
 )
 def test_planted_jacobians_are_seen(bug):
     name = "synthetic_elastic"

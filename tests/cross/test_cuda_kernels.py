@@ -1,8 +1,9 @@
-"""The kernels of all functions: NVRTC compiles them for two cards, g++ gives the bits of the library.
+"""The kernels of all functions: NVRTC compiles them for two cards, g++ gives the bits of the
+library.
 
-Neither needs a card. Registers and bytes of stack of a thread are compared with a table, since a kernel that spills its
-registers is many times slower: where NVRTC or an emitted text has changed, look at the change and write it again by
-`python tests/cross/test_cuda_kernels.py`.
+Neither needs a card. Registers and bytes of stack of a thread are compared with a table, since a
+kernel that spills its registers is many times slower: where NVRTC or an emitted text has changed,
+look at the change and write it again by `python tests/cross/test_cuda_kernels.py`.
 """
 
 from __future__ import annotations
@@ -34,9 +35,12 @@ def library_files(name: str):
 
 
 def measure(name: str) -> dict[str, list[int]]:
-    """By function and architecture: registers, stack and spilled bytes of a thread, as ptxas reports them."""
+    """By function and architecture: registers, stack and spilled bytes of a thread, as ptxas
+    reports them.
+    """
     manifest, files = library_files(name)
-    headers, found = sources.headers_of(files), {}
+    headers = sources.headers_of(files)
+    found = {}
     for row in manifest["functions"]:
         text = sources.kernel_text(manifest, files, row["name"])
         for architecture in ARCHITECTURES:
@@ -69,13 +73,16 @@ def on_cpu(monkeypatch: pytest.MonkeyPatch) -> FakeDriver:
 
 
 def nvrtc_or_skip() -> None:
-    pytest.importorskip("cuda.bindings.nvrtc", reason="the extra [cuda] is not installed: no NVRTC")
+    pytest.importorskip(
+        "cuda.bindings.nvrtc", reason="the extra [cuda] is not installed: no NVRTC"
+    )
 
 
 @pytest.mark.parametrize("name", [MODELS[0], pytest.param(MODELS[1], marks=pytest.mark.slow)])
 def test_nvrtc_compiles_every_function(name):
     nvrtc_or_skip()
-    found, expected = measure(name), json.loads(TABLE.read_text())[name]
+    found = measure(name)
+    expected = json.loads(TABLE.read_text())[name]
     assert found.keys() == expected.keys()
     for kernel, (registers, stack, spilled) in found.items():
         usual, usual_stack, usual_spilled = expected[kernel]
@@ -126,17 +133,16 @@ def test_the_library_in_one_file_is_cpp(name, tmp_path):
 def test_every_function_has_the_bits_of_the_library(name, precision, on_cpu, tmp_path):
     """By the whole path in Python, on a card that is played by the CPU."""
     folder = flexgen.generate(name, directory=tmp_path / name, precision=precision).directory
-    library, on_card = flexgen.load(folder), flexgen.load(folder, device="cuda")
+    library = flexgen.load(folder)
+    on_card = flexgen.load(folder, device="cuda")
     random = np.random.default_rng(3)
     for function in library.functions.values():
         given = [
             np.asfortranarray(random.normal(size=(300, *port.shape)), library.parameters.dtype)
             for port in function.inputs
         ]
-        expected, found = (
-            function(*given),
-            on_card.functions[function.name](*map(on_card.array, given)),
-        )
+        expected = function(*given)
+        found = on_card.functions[function.name](*map(on_card.array, given))
         pairs = (
             zip(found, expected, strict=True) if isinstance(found, tuple) else [(found, expected)]
         )
@@ -147,11 +153,14 @@ def test_every_function_has_the_bits_of_the_library(name, precision, on_cpu, tmp
 @pytest.mark.slow
 @pytest.mark.parametrize("precision", ["double", "single"])
 def test_whole_inversions_have_the_bits_of_the_library(precision, on_cpu, tmp_path):
-    """Forty problems with loads of their own, one of them impossible: more than a block of threads."""
+    """Forty problems with loads of their own, one of them impossible: more than a block of
+    threads.
+    """
     folder = flexgen.generate(
         "planar5_nmp", directory=tmp_path, precision=precision, parameters=["payload"]
     ).directory
-    library, on_card = flexgen.load(folder), flexgen.load(folder, device="cuda")
+    library = flexgen.load(folder)
+    on_card = flexgen.load(folder, device="cuda")
     path = samples()
     loads = np.repeat(library.parameters[None], 40, axis=0)
     loads[:, 0] += np.linspace(0.0, 3.0, 40)

@@ -21,7 +21,8 @@ def made(tmp_path):
     """The equations of the model file of some joints."""
 
     def call(joints, convention, seed):
-        table, file = tmp_path / "arm.csv", tmp_path / "arm.toml"
+        table = tmp_path / "arm.csv"
+        file = tmp_path / "arm.toml"
         dh_tables.write(table, joints, np.random.default_rng(seed))
         file.write_text(model_from_dh("arm", table, convention).text)
         return derive(flexgen.read(file))

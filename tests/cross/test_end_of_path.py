@@ -1,4 +1,6 @@
-"""The end of an inversion does not depend on how long after the path it ends, and does not ring."""
+"""The end of an inversion does not depend on how long after the path it ends, and does not
+ring.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,9 @@ from flexgen.paths.path import Path
 
 pytestmark = needs_compiler
 
-PERIOD, N, AFTER = 1e-3, 301, 60  # s, samples on the path of 0.3 s, samples after it
+PERIOD = 1e-3  # s
+N = 301  # samples on the path of 0.3 s
+AFTER = 60  # samples after it
 # factors of stiffness and damping of a joint; its stable zeros have a time constant of 0.35 s
 SLOW = (0.1, 0.02)
 AGREES = 1e-6  # of the largest torque; the last samples were off by 1e-4 to 1e-2

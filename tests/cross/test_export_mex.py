@@ -1,4 +1,6 @@
-"""Functions for MATLAB and Octave, run in Octave: the bits of the library in Python. MATLAB itself is not tested."""
+"""Functions for MATLAB and Octave, run in Octave: the bits of the library in Python. MATLAB itself
+is not tested.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +33,9 @@ needs_octave = pytest.mark.skipif(
 
 @pytest.fixture(scope="module")
 def built(tmp_path_factory):
-    """The package of planar5_nmp, compiled. Without optimization: that changes no bits, and takes less time."""
+    """The package of planar5_nmp, compiled. Without optimization: that changes no bits, and takes
+    less time.
+    """
     folder = tmp_path_factory.mktemp("mex")
     flexgen.export_mex(NAME, folder)
     octave(folder, f"build_{NAME} ('-O0', '-Wall', '-Wextra', '-Werror');")
@@ -98,9 +102,12 @@ def functions(library) -> dict[str, tuple[list[str], list[str]]]:
 
 def all_functions(folder: Path) -> list[str]:
     """Names of arrays whose bits differ from those of Python."""
-    library, n = loaded(NAME), 5
+    library = loaded(NAME)
+    n = 5
     states = random_states(flexgen.read(NAME), n)
-    lines, names, wrong = [], [], []
+    lines = []
+    names = []
+    wrong = []
     for f, (inputs, outputs) in functions(library).items():
         results = [f"{f}_{x}" for x in outputs]
         lines.append(f"[{', '.join(results)}] = {NAME}.{f} ({', '.join(inputs)});")
@@ -149,8 +156,10 @@ def test_invert_and_stream_have_the_bits_of_python(built):
     y = path.sample(np.arange(501) * 1e-3).y
     y, dy, ddy = y[:, :, 0], y[:, :, 1], y[:, :, 2]
     script = f"""
-[m, info] = {NAME}.invert (y, dy, ddy, 1e-3, q, struct ('n_pre', 20, 'n_post', 50, 'samples_per_interval', 10));
-tau_m = m.tau_m; q_a = m.q_a; a_a = m.a_a; residual = info.residual; good = double (info.converged);
+[m, info] = {NAME}.invert (y, dy, ddy, 1e-3, q, struct ('n_pre', 20, 'n_post', 50, \
+'samples_per_interval', 10));
+tau_m = m.tau_m; q_a = m.q_a; a_a = m.a_a; residual = info.residual; good = double \
+(info.converged);
 s = {NAME}.Stream (y(:, 1), q, struct ('period', 5e-3, 'intervals', 20, 'hold', 'zoh'));
 at = []; before = [];
 for k = 6:5:501
@@ -197,7 +206,8 @@ end
     assert np.array_equal(out["at"], np.concatenate(rows))
     stream = library.stream(y[0], path.q_start, period=5e-3, intervals=60, samples_per_interval=5)
     stream.limit(torque=[22.0, 22.0], deviation=0.05)
-    rows, active = [], 0
+    rows = []
+    active = 0
     for k in [*range(5, 501, 5), *[500] * 60]:
         now = stream.update(y[k], dy[k], ddy[k])
         rows.append(now.tau_m.ravel())
@@ -247,7 +257,9 @@ def test_gears_and_motors_with_memory_have_the_torques_of_solve(tmp_path):
 
 
 def names_of_limits(folder: Path) -> list[str]:
-    """The limits that the method all_limits of the class takes, in the order in which it gives them to C."""
+    """The limits that the method all_limits of the class takes, in the order in which it gives
+    them to C.
+    """
     text = (folder / f"+{NAME}" / "Stream.m").read_text(encoding="ascii")
     return re.findall(r"'(\w+)'", re.search(r"names = \{(.*?)\};", text, re.DOTALL)[1])
 
@@ -260,7 +272,9 @@ def test_the_class_takes_all_limits_of_c(tmp_path):
 @needs_compiler
 @pytest.mark.slow
 def test_limits_of_all_kinds_have_the_bits_of_python(tmp_path):
-    """Compiled against a stub header, which gets the limits in the order of the class. Planted: two swapped."""
+    """Compiled against a stub header, which gets the limits in the order of the class. Planted:
+    two swapped.
+    """
     flexgen.export_mex(NAME, tmp_path)
     curve = [[0.0, 26.0], [60.0, 24.0], [400.0, 0.0]]
     limits = {"torque_max": [22.0, 12.0], "speed_max": [np.inf, 90.0], "deflection_max": [4e-4]}
@@ -309,31 +323,95 @@ def test_limits_of_all_kinds_have_the_bits_of_python(tmp_path):
 @pytest.mark.slow
 def test_wrong_arguments_are_errors_with_an_identifier(built):
     calls = [
-        (f"{NAME}_mex ('inverse_dynamics', [1 2 3], [1 2 3]);", "flexgen:argument", "given 2 arguments, expected 3"),
-        (f"{NAME}.mass_matrix ([1 2]);", "flexgen:argument", "mass_matrix, q_a: given 1 x 2, expected 3 rows"),
-        (f"{NAME}.mass_matrix (int32 ([1 2 3]));", "flexgen:argument", "given int32, expected a real matrix"),
+        (
+            f"{NAME}_mex ('inverse_dynamics', [1 2 3], [1 2 3]);",
+            "flexgen:argument",
+            "given 2 arguments, expected 3",
+        ),
+        (
+            f"{NAME}.mass_matrix ([1 2]);",
+            "flexgen:argument",
+            "mass_matrix, q_a: given 1 x 2, expected 3 rows",
+        ),
+        (
+            f"{NAME}.mass_matrix (int32 ([1 2 3]));",
+            "flexgen:argument",
+            "given int32, expected a real matrix",
+        ),
         (f"{NAME}.mass_matrix ([1 2 3i]);", "flexgen:argument", "given a complex"),
-        (f"{NAME}.bias (ones (3, 4), ones (3, 5));", "flexgen:argument", "given 5 columns, expected 4 as before"),
+        (
+            f"{NAME}.bias (ones (3, 4), ones (3, 5));",
+            "flexgen:argument",
+            "given 5 columns, expected 4 as before",
+        ),
         (f"{NAME}.mass_matrix ([1 NaN 3]);", "flexgen:INPUT_NOT_FINITE", "an input is not finite"),
-        (f"[a, b] = {NAME}_mex ('mass_matrix', [1 2 3]);", "flexgen:argument", "given 2 arguments, expected 1"),
+        (
+            f"[a, b] = {NAME}_mex ('mass_matrix', [1 2 3]);",
+            "flexgen:argument",
+            "given 2 arguments, expected 1",
+        ),
         (f"{NAME}_mex ('nosuch');", "flexgen:argument", "given nosuch, expected a function"),
         (f"{NAME}_mex (3);", "flexgen:argument", "given no name"),
         (f"{NAME}.Stream ([5; 5], [0 0 0]);", "flexgen:UNREACHABLE", "leaves the workspace"),
-        (f"{NAME}.Stream ([1; 0], [0 0 0], struct ('intervals', 0));", "flexgen:argument", "1 to 10000 intervals"),
-        (f"{NAME}.Stream ([1; 0], [0 0 0], struct ('intervals', 1.5));", "flexgen:argument", "a whole number"),
-        (f"{NAME}.Stream ([1; 0], [0 0 0], struct ('length', 3));", "flexgen:argument", "given length"),
-        (f"{NAME}.Stream ([1; 0], [0 0 0], struct ('hold', 'none'));", "flexgen:argument", "spline, linear or zoh"),
-        (f"s = {NAME}.Stream (); s.update ([1; 0], [0; 0], [0; 0]);", "flexgen:argument", "was not started"),
-        (f"{NAME}_mex ('stream_limits', [10 5 5e-3 1e-6 0 0], ones (4, 1), [1 1], [1 1], 1);", "flexgen:argument",
-         "another memory"),
-        (f"s = {NAME}.Stream ([1; 0], [0 0 0]); s.all_limits (3, 1);", "flexgen:argument", "given double"),
-        (f"s = {NAME}.Stream ([1; 0], [0 0 0]); s.all_limits (struct ('torque', 1), 1);", "flexgen:argument",
-         "given torque, expected some of torque_max"),
-        (f"s = {NAME}.Stream ([1; 0], [0 0 0]); s.all_limits (struct ('torque_max', [1 0]), 1);", "flexgen:argument",
-         "all_limits, torque_max: given 0, expected positive"),
-        (f"{NAME}.invert (1, 1, 1, 1, [0 0 0]);", "flexgen:argument", "invert, y: given 1 x 1, expected 2 rows"),
-        (f"{NAME}.invert (ones (2, 9), ones (2, 8), ones (2, 9), 1, [0 0 0]);", "flexgen:argument", "expected 2 x 9"),
-    ]  # fmt: skip
+        (
+            f"{NAME}.Stream ([1; 0], [0 0 0], struct ('intervals', 0));",
+            "flexgen:argument",
+            "1 to 10000 intervals",
+        ),
+        (
+            f"{NAME}.Stream ([1; 0], [0 0 0], struct ('intervals', 1.5));",
+            "flexgen:argument",
+            "a whole number",
+        ),
+        (
+            f"{NAME}.Stream ([1; 0], [0 0 0], struct ('length', 3));",
+            "flexgen:argument",
+            "given length",
+        ),
+        (
+            f"{NAME}.Stream ([1; 0], [0 0 0], struct ('hold', 'none'));",
+            "flexgen:argument",
+            "spline, linear or zoh",
+        ),
+        (
+            f"s = {NAME}.Stream (); s.update ([1; 0], [0; 0], [0; 0]);",
+            "flexgen:argument",
+            "was not started",
+        ),
+        (
+            f"{NAME}_mex ('stream_limits', [10 5 5e-3 1e-6 0 0], ones (4, 1), [1 1], [1 1], 1);",
+            "flexgen:argument",
+            "another memory",
+        ),
+        (
+            f"s = {NAME}.Stream ([1; 0], [0 0 0]); s.all_limits (3, 1);",
+            "flexgen:argument",
+            "given double",
+        ),
+        (
+            f"s = {NAME}.Stream ([1; 0], [0 0 0]); s.all_limits (struct ('torque', 1), 1);",
+            "flexgen:argument",
+            "given torque, expected some of torque_max",
+        ),
+        (
+            (
+                f"s = {NAME}.Stream ([1; 0], [0 0 0]); s.all_limits (struct ('torque_max', [1 "
+                "0]), 1);"
+            ),
+            "flexgen:argument",
+            "all_limits, torque_max: given 0, expected positive",
+        ),
+        (
+            f"{NAME}.invert (1, 1, 1, 1, [0 0 0]);",
+            "flexgen:argument",
+            "invert, y: given 1 x 1, expected 2 rows",
+        ),
+        (
+            f"{NAME}.invert (ones (2, 9), ones (2, 8), ones (2, 9), 1, [0 0 0]);",
+            "flexgen:argument",
+            "expected 2 x 9",
+        ),
+    ]
     script = "\n".join(
         f"try\n{call} disp('none');\ncatch e\ndisp ([e.identifier '|' e.message]);\nend"
         for call, *_ in calls
@@ -364,7 +442,13 @@ def test_octave_parses_every_file(tmp_path):
     names = [p.stem for p in (tmp_path / f"+{NAME}").glob("*.m")]
     assert {"Stream", "invert", "options_", "inverse_dynamics"} <= set(names)
     calls = "\n".join(
-        f"try\n{NAME}.{name} (1);\ncatch e\nassert (isempty (strfind (e.message, 'parse')), e.message);\nend"
+        (
+            "try\n"
+            f"{NAME}.{name} (1);\n"
+            "catch e\n"
+            "assert (isempty (strfind (e.message, 'parse')), e.message);\n"
+            "end"
+        )
         for name in sorted(names)
     )
     octave(tmp_path, f"{calls}\ndisp ('parsed')")

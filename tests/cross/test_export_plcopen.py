@@ -1,4 +1,5 @@
-"""Function blocks for a PLC: the XML has the structure of PLCopen TC6 2.01, and its variables are those of the C.
+"""Function blocks for a PLC: the XML has the structure of PLCopen TC6 2.01, and its variables are
+those of the C.
 
 The bodies are driven through a struct that is made from the XML alone. No PLC is tested.
 """
@@ -25,10 +26,11 @@ from flexgen.errors import ArgumentError, BuildError
 from flexgen.exports.selftest.motion import targets
 
 NAME = "planar5_nmp"
-TC6, XHTML = "{http://www.plcopen.org/xml/tc6_0201}", "{http://www.w3.org/1999/xhtml}"
+TC6 = "{http://www.plcopen.org/xml/tc6_0201}"
+XHTML = "{http://www.w3.org/1999/xhtml}"
 
-# The part of tc6_xml_v201.xsd that the files use: attributes that an element must have, and its children in order:
-# "?" at most one, "*" any number, "+" at least one, nothing: exactly one.
+# The part of tc6_xml_v201.xsd that the files use: attributes that an element must have, and its
+# children in order: "?" at most one, "*" any number, "+" at least one, nothing: exactly one.
 SCHEMA = {
     "project": ("", "fileHeader contentHeader types instances addData? documentation?"),
     "fileHeader": ("companyName productName productVersion creationDateTime", ""),
@@ -59,9 +61,12 @@ SCHEMA = {
 TEXTS = {"ST", "documentation"}  # their content is one element of XHTML
 KEYWORDS = set(
     """
-    abs and any array bool by byte case const date dint do dword else elsif end_case end_for end_function_block end_if
-    end_repeat end_struct end_type end_var end_while exit false for from function function_block if int lint lreal
-    lword mod not of on or program read real repeat retain return sint step string struct task then time to true type
+    abs and any array bool by byte case const date dint do dword else elsif end_case end_for \
+end_function_block end_if
+    end_repeat end_struct end_type end_var end_while exit false for from function function_block \
+if int lint lreal
+    lword mod not of on or program read real repeat retain return sint step string struct task \
+then time to true type
     udint uint ulint until usint var var_input var_output while with word write xor
     """.split()
 )
@@ -127,7 +132,8 @@ def struct_of(rows) -> type[ctypes.Structure]:
 @pytest.fixture(scope="module")
 def bodies(made):
     """The bodies, compiled."""
-    cc, sources = tool("gcc"), [made / f"{NAME}_fb.c", made / f"{NAME}_stream_fb.c"]
+    cc = tool("gcc")
+    sources = [made / f"{NAME}_fb.c", made / f"{NAME}_stream_fb.c"]
     command = [
         cc,
         *STRICT,
@@ -162,7 +168,8 @@ def test_planted_errors_of_the_structure_are_seen(made, old, new, error):
     text = (made / f"{NAME}.xml").read_text(encoding="ascii")
     assert old in text
     assert any(
-        error in found for found in structure_errors(ElementTree.fromstring(text.replace(old, new)))
+        error in found
+        for found in structure_errors(ElementTree.fromstring(text.replace(old, new)))
     )
 
 
@@ -191,7 +198,8 @@ def test_text_and_xml_declare_the_same(made):
 @pytest.mark.slow
 def test_inverse_dynamics_has_the_bits_of_python(made, bodies):
     block = struct_of(declared(made)[f"FB_{NAME}_inverse_dynamics"])()
-    call, library = bodies[f"fb_{NAME}_inverse_dynamics_call"], loaded(NAME)
+    call = bodies[f"fb_{NAME}_inverse_dynamics_call"]
+    library = loaded(NAME)
     states = random_states(flexgen.read(NAME), 10)
     for k in range(10):
         given = [states[x][k] for x in ("q_a", "v_a", "a_a")]
@@ -209,10 +217,14 @@ def test_inverse_dynamics_has_the_bits_of_python(made, bodies):
 @pytest.mark.slow
 def test_the_stream_has_the_bits_of_python(made, bodies):
     rows = declared(made)[f"FB_{NAME}_stream"]
-    block, call, library = struct_of(rows)(), bodies[f"fb_{NAME}_stream_call"], loaded(NAME)
+    block = struct_of(rows)()
+    call = bodies[f"fb_{NAME}_stream_call"]
+    library = loaded(NAME)
     path = flexgen.plan(NAME)
     sample = path.sample(np.arange(130) * 5e-3)
-    y, dy, ddy = targets(sample), sample.derivative(1), sample.derivative(2)
+    y = targets(sample)
+    dy = sample.derivative(1)
+    ddy = sample.derivative(2)
     for attempt in range(2):  # the second one after enable was FALSE
         stream = library.stream(
             y[0], path.q_start, period=5e-3, intervals=10, samples_per_interval=5, hold="zoh"
@@ -221,13 +233,16 @@ def test_the_stream_has_the_bits_of_python(made, bodies):
         call(ctypes.byref(block))
         assert (block.valid, block.error, block.status) == (0, 0, 0)
         block.enable = 1
-        block.start_output[:], block.q_start[:] = y[0], path.q_start
+        block.start_output[:] = y[0]
+        block.q_start[:] = path.q_start
         for k in range(1, 130):
             if k == 60:  # a sample that is refused changes nothing
                 block.y[:] = [np.nan, 0.0]
                 call(ctypes.byref(block))
                 assert (block.valid, block.error, block.status) == (0, 1, -2)
-            block.y[:], block.dy[:], block.ddy[:] = y[k], dy[k], ddy[k]
+            block.y[:] = y[k]
+            block.dy[:] = dy[k]
+            block.ddy[:] = ddy[k]
             call(ctypes.byref(block))
             now = stream.update(y[k], dy[k], ddy[k])
             assert block.valid == 1 and block.error == 0, (attempt, k)
@@ -238,7 +253,8 @@ def test_the_stream_has_the_bits_of_python(made, bodies):
                 )
     block.enable = 0
     call(ctypes.byref(block))
-    block.enable, block.start_output[:] = 1, [9.0, 9.0]
+    block.enable = 1
+    block.start_output[:] = [9.0, 9.0]
     for _ in range(2):
         call(ctypes.byref(block))
         assert (block.valid, block.error, block.status) == (0, 1, -7)  # until enable is FALSE
@@ -253,8 +269,12 @@ def test_a_planted_error_of_the_struct_is_seen(made, tmp_path):
             (tmp_path / path.name).write_bytes(path.read_bytes())
     header = tmp_path / f"{NAME}_fb.h"
     text = header.read_text(encoding="ascii")
-    header.write_text(text.replace("double q_m[10];", "double X[10];").replace("double tau_m[10];", "double q_m[10];")
-                      .replace("double X[10];", "double tau_m[10];"), encoding="ascii")  # fmt: skip
+    header.write_text(
+        text.replace("double q_m[10];", "double X[10];")
+        .replace("double tau_m[10];", "double q_m[10];")
+        .replace("double X[10];", "double tau_m[10];"),
+        encoding="ascii",
+    )
     command = [
         tool("gcc"),
         "-std=c99",
@@ -267,7 +287,10 @@ def test_a_planted_error_of_the_struct_is_seen(made, tmp_path):
     block = struct_of(declared(made)[f"FB_{NAME}_stream"])()
     path = flexgen.plan(NAME)
     y = targets(path.sample(np.zeros(1)))[0]
-    block.enable, block.y[:], block.start_output[:], block.q_start[:] = 1, y, y, path.q_start
+    block.enable = 1
+    block.y[:] = y
+    block.start_output[:] = y
+    block.q_start[:] = path.q_start
     ctypes.CDLL(str(tmp_path / "fb.so"))[f"fb_{NAME}_stream_call"](ctypes.byref(block))
     now = loaded(NAME).stream(
         y, path.q_start, period=5e-3, intervals=10, samples_per_interval=5, hold="zoh"
@@ -289,10 +312,8 @@ def torques_with_memory(folder: Path, forgets: str = "") -> np.ndarray:
     ]
     made = folder / f"{forgets}fb.so"
     subprocess.run([*command, compiled(forgets), "-o", made], check=True)
-    block, call = (
-        struct_of(declared(folder, "elbow")["FB_elbow_stream"])(),
-        ctypes.CDLL(str(made)).fb_elbow_stream_call,
-    )
+    block = struct_of(declared(folder, "elbow")["FB_elbow_stream"])()
+    call = ctypes.CDLL(str(made)).fb_elbow_stream_call
     block.start_output[:], block.q_start[:] = start()
     found = []
     for _ in range(2):
@@ -300,7 +321,9 @@ def torques_with_memory(folder: Path, forgets: str = "") -> np.ndarray:
         call(ctypes.byref(block))
         block.enable = 1
         for y, dy, ddy in zip(*samples(), strict=True):
-            block.y[:], block.dy[:], block.ddy[:] = y, dy, ddy
+            block.y[:] = y
+            block.dy[:] = dy
+            block.ddy[:] = ddy
             call(ctypes.byref(block))
             assert block.valid == 1
             found.append(block.tau_m[:])
@@ -310,7 +333,9 @@ def torques_with_memory(folder: Path, forgets: str = "") -> np.ndarray:
 @pytest.mark.slow
 @needs_compiler
 def test_gears_and_motors_with_memory_have_the_torques_of_solve(tmp_path):
-    """Each start begins without torques of hysteresis and bristles; what an update forgets is seen."""
+    """Each start begins without torques of hysteresis and bristles; what an update forgets is
+    seen.
+    """
     flexgen.export_plcopen(remembering(), tmp_path)
     first, again = torques_with_memory(tmp_path)
     assert np.array_equal(first, again)

@@ -1,6 +1,8 @@
-"""The ROS 2 package: it compiles against stub headers, and gives the bits of the library and of the Python controller.
+"""The ROS 2 package: it compiles against stub headers, and gives the bits of the library and of
+the Python controller.
 
-The headers in tests/support/ros2_stubs have the signatures of the public interfaces. Nothing here runs ROS 2.
+The headers in tests/support/ros2_stubs have the signatures of the public interfaces. Nothing here
+runs ROS 2.
 """
 
 from __future__ import annotations
@@ -35,8 +37,10 @@ from flexgen.templates.new_model import new_model
 
 STUBS = Path(__file__).resolve().parents[1] / "support" / "ros2_stubs"
 STRICT = ["-std=c++17", "-Wall", "-Wextra", "-Werror", "-O0"]
-NAME, ROS = "planar5_nmp", "flexgen_planar5_nmp"
-N_M, N_A = 2, 3
+NAME = "planar5_nmp"
+ROS = "flexgen_planar5_nmp"
+N_M = 2
+N_A = 3
 OBJECTS: dict[str, bytes] = {}
 
 
@@ -56,7 +60,9 @@ def eigen() -> Path:
 def compiled(
     folder: Path, *sources: Path, flags: tuple[str, ...] = (), package: str = ROS
 ) -> list[str]:
-    """Object files of C++ sources of a package; equal ones, of copies with a planted error elsewhere, are made once."""
+    """Object files of C++ sources of a package; equal ones, of copies with a planted error
+    elsewhere, are made once.
+    """
     out = []
     headers = {
         path.relative_to(folder): path.read_bytes() for path in (folder / "include").rglob("*.hpp")
@@ -95,7 +101,8 @@ def package(tmp_path_factory):
 
 def objects_of(package: Path, name: str, parts: tuple[str, ...] = ()) -> list[str]:
     """Object files of a program that drives plugin and controller, without the library."""
-    text, ros = (STUBS / "drive.cpp").read_text(encoding="ascii"), f"flexgen_{name}"
+    text = (STUBS / "drive.cpp").read_text(encoding="ascii")
+    ros = f"flexgen_{name}"
     (package / "drive.cpp").write_text(
         render(text, name, parts=parts).replace("flexgen_model", ros)
     )
@@ -125,11 +132,12 @@ def drive(program: Path, mode: str, numbers: np.ndarray, expected: int = 0) -> n
     return np.frombuffer(run.stdout)
 
 
-# --- the plugin -------------------------------------------------------------------------------------------------------
+# --- the plugin ----------------------------------------------------------------------------------
 @needs_compiler
 @pytest.mark.slow
 def test_the_plugin_has_the_bits_of_the_library(driver):
-    library, rng = loaded(NAME), np.random.default_rng(3)
+    library = loaded(NAME)
+    rng = np.random.default_rng(3)
     n = 20
     q, v, a, wrench = (rng.normal(size=(n, k)) for k in (N_A, N_A, N_A, 6))
     out = drive(driver, "plugin", np.hstack([q, v, a, wrench])).reshape(n, -1)
@@ -154,8 +162,10 @@ def test_the_plugin_has_the_bits_of_the_library(driver):
     assert np.allclose(f[:, :N_M], friction, **near) and not f[:, N_M:].any()
 
 
-# --- the controller ---------------------------------------------------------------------------------------------------
-PARTS, PERIOD, INTERVALS = 5, 0.005, 10
+# --- the controller ------------------------------------------------------------------------------
+PARTS = 5
+PERIOD = 0.005
+INTERVALS = 10
 
 
 def gains(torque_max: float = 0.0) -> Cascade:
@@ -166,7 +176,8 @@ def gains(torque_max: float = 0.0) -> Cascade:
 def reference_run(cascade, samples, positions, missing=()):
     """The same in Python: the efforts at every update."""
     library = loaded(NAME)
-    q_a, zero = np.append(flexgen.read(NAME).home, 0.0), np.zeros(2)
+    q_a = np.append(flexgen.read(NAME).home, 0.0)
+    zero = np.zeros(2)
     y0 = output_at(flexgen.derive(NAME), q_a)  # where the controller starts
     options = {
         "period": PERIOD,
@@ -179,16 +190,21 @@ def reference_run(cascade, samples, positions, missing=()):
     rest = interval.q_m[0].copy()
     cascade.begin(PERIOD / PARTS)
     cascade.reset()
-    held, out, none = y0, [], np.zeros(0)
+    held = y0
+    out = []
+    none = np.zeros(0)
     for k, offset in enumerate(positions):
         if k % PARTS == 0:
             y, dy, ddy = (x[k // PARTS] for x in samples)
             if k // PARTS in missing:
-                y, dy, ddy = held, zero, zero
+                y = held
+                dy = zero
+                ddy = zero
             interval = stream.update(y, dy, ddy)
             held = y
         part = k % PARTS
-        q_m, tau_m = interval.q_m[part], interval.tau_m[part]
+        q_m = interval.q_m[part]
+        tau_m = interval.tau_m[part]
         if k == 0:  # at rest, where the stream starts
             cascade.step(
                 0,
@@ -238,7 +254,8 @@ def controller_input(
 def test_the_controller_has_the_bits_of_python_and_allocates_nothing(
     driver, chained, torque_max, missing
 ):
-    cascade, n = gains(torque_max), 130
+    cascade = gains(torque_max)
+    n = 130
     samples = path_samples(n)
     rng = np.random.default_rng(5)
     positions = np.cumsum(1e-3 * rng.normal(size=(n * PARTS, N_M)), axis=0)
@@ -267,7 +284,9 @@ def test_a_planted_error_of_the_controller_is_seen(package, driver, tmp_path):
     subprocess.run(
         [tool("g++"), *objects, library_object(NAME)[1], "-o", tmp_path / "drive"], check=True
     )
-    cascade, samples, positions = gains(), path_samples(130), np.zeros((650, N_M))
+    cascade = gains()
+    samples = path_samples(130)
+    positions = np.zeros((650, N_M))
     expected, rest = reference_run(cascade, samples, positions)
     out = drive(
         tmp_path / "drive",
@@ -282,8 +301,10 @@ def test_a_planted_error_of_the_controller_is_seen(package, driver, tmp_path):
 def test_gears_and_motors_with_memory_have_the_torques_of_solve(tmp_path):
     """A controller without feedback; what its stream forgets from update to update is seen."""
     flexgen.export_ros2(remembering.remembering(), tmp_path, gains=None)
-    objects, given = objects_of(tmp_path, "elbow"), remembering.samples()
-    n, none = len(given[0]), Cascade(*np.zeros((3, 2)), torque_max=np.zeros(2))
+    objects = objects_of(tmp_path, "elbow")
+    given = remembering.samples()
+    n = len(given[0])
+    none = Cascade(*np.zeros((3, 2)), torque_max=np.zeros(2))
     rest = hold_joints(flexgen.derive("elbow"), remembering.start()[1]).q_m
     numbers = controller_input(none, given, np.zeros((n * PARTS, 2)), rest, chained=True)
 
@@ -307,7 +328,9 @@ def test_gears_and_motors_with_memory_have_the_torques_of_solve(tmp_path):
 @needs_compiler
 @pytest.mark.slow
 def test_the_controller_refuses_another_start_pose(driver):
-    cascade, samples, positions = gains(), path_samples(2), np.zeros((5, N_M))
+    cascade = gains()
+    samples = path_samples(2)
+    positions = np.zeros((5, N_M))
     _, rest = reference_run(cascade, samples, positions)
     away = controller_input(
         cascade, samples, positions, rest, chained=True, start=rest + np.array([0.0, 2e-3])
@@ -321,9 +344,14 @@ def test_the_controller_refuses_another_start_pose(driver):
 @needs_compiler
 @pytest.mark.slow
 def test_an_offset_of_the_start_pose_gives_no_speed(driver):
-    """The robot rests next to the planned start: u - tau_ff = -k_s k_p d (1 + k_i t), t since the activation."""
-    cascade, n, away = gains(), 130, np.array([4e-4, -7e-4])
-    samples, offsets = path_samples(n), np.zeros((n * PARTS, N_M))
+    """The robot rests next to the planned start: u - tau_ff = -k_s k_p d (1 + k_i t), t since the
+    activation.
+    """
+    cascade = gains()
+    n = 130
+    away = np.array([4e-4, -7e-4])
+    samples = path_samples(n)
+    offsets = np.zeros((n * PARTS, N_M))
     expected, rest = reference_run(cascade, samples, offsets)
     given = controller_input(
         cascade, samples, offsets + away, rest, chained=True, start=rest + away
@@ -338,8 +366,12 @@ def test_an_offset_of_the_start_pose_gives_no_speed(driver):
 @needs_compiler
 @pytest.mark.slow
 def test_an_error_of_an_update_sets_the_efforts_to_zero(driver):
-    """The program returns 11 where they are 0 after an error, 12 where not; after the deactivation it returns 13."""
-    cascade, samples, positions = gains(), path_samples(4), np.zeros((20, N_M))
+    """The program returns 11 where they are 0 after an error, 12 where not; after the deactivation
+    it returns 13.
+    """
+    cascade = gains()
+    samples = path_samples(4)
+    positions = np.zeros((20, N_M))
     _, rest = reference_run(cascade, samples, positions)
     positions[12, 1] = np.nan  # the sensor fails
     efforts = drive(
@@ -369,7 +401,7 @@ def test_the_test_of_the_package_passes_and_sees_a_wrong_torque(package, driver,
             header.write_text(kept.replace(shifted, torques), encoding="ascii")
 
 
-# --- a force on the tool ----------------------------------------------------------------------------------------------
+# --- a force on the tool -------------------------------------------------------------------------
 @pytest.fixture(scope="module")
 def pushed(tmp_path_factory):
     """The package with the part force, and a library of it."""
@@ -385,12 +417,18 @@ CHANGE = 20  # intervals, 0.1 s
 
 def forces_of_messages(n: int) -> np.ndarray:
     """Force and two derivatives (n, 3, 2) from the messages, by polynomials of numpy."""
-    s, out = np.polynomial.Polynomial([0, 0, 0, 10, -15, 6]), np.zeros((n, 3, 2))
-    value, target, waiting, begin = np.zeros(2), np.zeros(2), np.zeros(2), -1
+    s = np.polynomial.Polynomial([0, 0, 0, 10, -15, 6])
+    out = np.zeros((n, 3, 2))
+    value = np.zeros(2)
+    target = np.zeros(2)
+    waiting = np.zeros(2)
+    begin = -1
     for k in range(-1, n):  # the activation takes an interval before the first update
         waiting = np.array(WRENCHES.get(k, waiting))
         if (k + 1) % CHANGE == 0:
-            value, target, begin = target, waiting, k
+            value = target
+            target = waiting
+            begin = k
         for order in range(3 if k >= 0 else 0):
             rate = s.deriv(order)((k - begin + 1) / CHANGE) / (CHANGE * PERIOD) ** order
             out[k, order] = (value if order == 0 else 0.0) + (target - value) * rate
@@ -401,8 +439,12 @@ def forces_of_messages(n: int) -> np.ndarray:
 @pytest.mark.slow
 @pytest.mark.parametrize(("chained", "planted"), [(True, False), (False, False), (True, True)])
 def test_the_force_of_samples_and_messages_reaches_the_stream(pushed, tmp_path, chained, planted):
-    """The torques of a stream of Python with the sum of both; planted: the other sign of the messages."""
-    (folder, library), n, package = pushed, 130, tmp_path / "ros2"
+    """The torques of a stream of Python with the sum of both; planted: the other sign of the
+    messages.
+    """
+    (folder, library) = pushed
+    n = 130
+    package = tmp_path / "ros2"
     shutil.copytree(folder, package)
     if planted:
         source = package / "src" / "stream_controller.cpp"
@@ -411,25 +453,23 @@ def test_the_force_of_samples_and_messages_reaches_the_stream(pushed, tmp_path, 
         source.write_text(
             text.replace("force[i] = wrench[row];", "force[i] = -wrench[row];"), encoding="ascii"
         )
-    objects, program = (
-        objects_of(package, NAME, ("FORCE",)),
-        library_object(NAME, parts=("force",))[1],
-    )
+    objects = objects_of(package, NAME, ("FORCE",))
+    program = library_object(NAME, parts=("force",))[1]
     subprocess.run([tool("g++"), *objects, program, "-o", package / "drive"], check=True)
-    samples, t = path_samples(n), PERIOD * np.arange(n)
+    samples = path_samples(n)
+    t = PERIOD * np.arange(n)
     own = np.stack([20.0 * t**3, 60.0 * t**2, 120.0 * t], axis=1)[:, :, None] * np.array(
         [1.0, -2.0]
     )
-    sums, zero, q_a = (
-        own + forces_of_messages(n),
-        np.zeros(2),
-        np.append(flexgen.read(NAME).home, 0.0),
-    )
+    sums = own + forces_of_messages(n)
+    zero = np.zeros(2)
+    q_a = np.append(flexgen.read(NAME).home, 0.0)
     y0 = output_at(flexgen.derive(NAME), q_a)
     stream = library.stream(
         y0, q_a, period=PERIOD, intervals=INTERVALS, samples_per_interval=PARTS, hold="zoh"
     )
-    rest, expected = stream.update(y0, zero, zero).q_m[0].copy(), []
+    rest = stream.update(y0, zero, zero).q_m[0].copy()
+    expected = []
     rows = [[float(chained), 50.0, float(n * PARTS)], *np.zeros((4, 2)), [1e-3], rest]
     for k in range(n):
         stream.set_force(sums[k].ravel())
@@ -460,7 +500,9 @@ def test_the_package_with_a_force_is_well_formed(pushed, tmp_path):
         assert not re.search(r"@[A-Z_]+ ?@|flexgen_model|FLEXGEN_MODEL|\bmodel_|\bMODEL_", text), (
             file
         )
-    config = yaml.safe_load(texts["config/controller.yaml"])["stream_controller"]["ros__parameters"]
+    config = yaml.safe_load(texts["config/controller.yaml"])["stream_controller"][
+        "ros__parameters"
+    ]
     assert config["wrench_time"] == 0.1
     needed = {e.text for e in ElementTree.fromstring(texts["package.xml"]).iter("depend")}
     used = set(re.findall(r"find_package\((\w+) REQUIRED", texts["CMakeLists.txt"]))
@@ -480,7 +522,7 @@ def test_the_package_with_a_force_is_well_formed(pushed, tmp_path):
     assert not (tmp_path / "a").exists()
 
 
-# --- limits -----------------------------------------------------------------------------------------------------------
+# --- limits --------------------------------------------------------------------------------------
 CURVE = [[0.0, 40.0], [300.0, 30.0], [600.0, 0.0]]
 LIMITED = {
     "motor.m1.torque_max": 22.0,
@@ -494,10 +536,14 @@ LIMITED |= {f"element.arm{k}.dof.q{k}.gear.torque_max": x for k, x in ((1, 1700.
 @pytest.mark.slow
 @pytest.mark.parametrize("planted", [False, True])
 def test_the_stream_keeps_the_limits_of_the_model(tmp_path, planted):
-    """The torques of a stream of Python with these limits; planted: those of gears and of rates swapped."""
+    """The torques of a stream of Python with these limits; planted: those of gears and of rates
+    swapped.
+    """
     import yaml
 
-    model, n, package = flexgen.read(NAME, overrides=LIMITED), 130, tmp_path / "ros2"
+    model = flexgen.read(NAME, overrides=LIMITED)
+    n = 130
+    package = tmp_path / "ros2"
     flexgen.export_ros2(model, package, gains=None, parts=["limits"])
     text = (package / "config" / "controller.yaml").read_text(encoding="ascii")
     limits = yaml.safe_load(text)["stream_controller"]["ros__parameters"]["limits"]
@@ -511,14 +557,15 @@ def test_the_stream_keeps_the_limits_of_the_model(tmp_path, planted):
     )
     if planted:
         source = package / "src" / "stream_controller.cpp"
-        text, (a, b) = (
-            source.read_text(encoding="ascii"),
-            ("::gear_torque_max}", "::torque_rate_max}"),
-        )
+        text = source.read_text(encoding="ascii")
+        a = "::gear_torque_max}"
+        b = "::torque_rate_max}"
         assert text.count(a) == text.count(b) == 1
         source.write_text(text.replace(a, "::@").replace(b, a).replace("::@", b), encoding="ascii")
-    objects, program = objects_of(package, NAME, ("LIMITED",)), tmp_path / "library.o"
-    include, source = package / "include" / ROS, package / "src" / f"{NAME}.c"
+    objects = objects_of(package, NAME, ("LIMITED",))
+    program = tmp_path / "library.o"
+    include = package / "include" / ROS
+    source = package / "src" / f"{NAME}.c"
     subprocess.run(
         [tool("gcc"), "-std=c99", "-O0", f"-I{include}", "-c", source, "-o", program], check=True
     )
@@ -526,7 +573,9 @@ def test_the_stream_keeps_the_limits_of_the_model(tmp_path, planted):
     library = flexgen.load(
         flexgen.generate(model, tmp_path / "c", parts=["limits"], progress=False).directory
     )
-    zero, q_a, samples = np.zeros(2), np.append(model.home, 0.0), path_samples(n)
+    zero = np.zeros(2)
+    q_a = np.append(model.home, 0.0)
+    samples = path_samples(n)
     y0 = output_at(flexgen.derive(model), q_a)
     stream = library.stream(
         y0, q_a, period=PERIOD, intervals=INTERVALS, samples_per_interval=PARTS, hold="zoh"
@@ -549,12 +598,15 @@ def test_the_stream_keeps_the_limits_of_the_model(tmp_path, planted):
     assert difference > 1e-3 if planted else difference == 0.0
 
 
-# --- the files --------------------------------------------------------------------------------------------------------
+# --- the files -----------------------------------------------------------------------------------
 def test_the_files_are_well_formed_and_complete(package):
     import yaml
 
-    texts = {p.relative_to(package).as_posix(): p.read_text("ascii") for p in package.rglob("*") if p.suffix != ".o"
-             and p.is_file() and p.name != "drive"}  # fmt: skip
+    texts = {
+        p.relative_to(package).as_posix(): p.read_text("ascii")
+        for p in package.rglob("*")
+        if p.suffix != ".o" and p.is_file() and p.name != "drive"
+    }
     for file, text in texts.items():
         if file == "drive.cpp":
             continue
@@ -723,7 +775,7 @@ def test_the_command_line(tmp_path, capsys):
     assert "small letters" in capsys.readouterr().err
 
 
-# --- positions in place of torques ------------------------------------------------------------------------------------
+# --- positions in place of torques ---------------------------------------------------------------
 SERVO = {
     "type": "cascade",
     "position_gain": [30.0, 25.0],
@@ -738,10 +790,8 @@ IN_SERVO = 5  # samples of the servo in an interval
 @pytest.fixture(scope="module")
 def served(tmp_path_factory):
     """The package with the part position, and a library of it."""
-    folder, model = (
-        tmp_path_factory.mktemp("served"),
-        flexgen.read(NAME, overrides={"servo": SERVO}),
-    )
+    folder = tmp_path_factory.mktemp("served")
+    model = flexgen.read(NAME, overrides={"servo": SERVO})
     exported = flexgen.export_ros2(model, folder / "ros2", parts=["position"])
     assert exported.notes == ()
     made = flexgen.generate(model, folder / "library", parts=["position"], progress=False)
@@ -749,7 +799,9 @@ def served(tmp_path_factory):
 
 
 def interpolation(n: int, each: int, cubic: bool) -> np.ndarray:
-    """References (n, positions) of a servo between positions, as the comment of `position_samples.c` says."""
+    """References (n, positions) of a servo between positions, as the comment of
+    `position_samples.c` says.
+    """
     count = (n - 1) // each + 1
     out = np.zeros((n, count))
     for k in range(n):
@@ -757,7 +809,8 @@ def interpolation(n: int, each: int, cubic: bool) -> np.ndarray:
         x /= each
         weights = [0.0, 1.0 - x, x, 0.0]
         if cubic:
-            a, b = x**3 - 2 * x**2 + x, x**3 - x**2
+            a = x**3 - 2 * x**2 + x
+            b = x**3 - x**2
             weights = [-a / 2, 2 * x**3 - 3 * x**2 + 1 - b / 2, 3 * x**2 - 2 * x**3 + a / 2, b / 2]
         for i, weight in enumerate(weights):
             out[k, min(max(j - 1 + i, 0), count - 1)] += weight
@@ -773,8 +826,13 @@ def interpolation(n: int, each: int, cubic: bool) -> np.ndarray:
 def test_positions_are_those_of_the_stream_for_the_interface(
     served, tmp_path, each, cubic, chained, planted
 ):
-    """Each in the middle of a window whose interpolation by numpy is closest; planted: the next one of the window."""
-    (folder, library, model), n, ahead, package = served, 60, 3, tmp_path / "ros2"
+    """Each in the middle of a window whose interpolation by numpy is closest; planted: the next
+    one of the window.
+    """
+    (folder, library, model) = served
+    n = 60
+    ahead = 3
+    package = tmp_path / "ros2"
     shutil.copytree(folder, package)
     if planted:
         header = package / "include" / ROS / "position_window.hpp"
@@ -784,18 +842,23 @@ def test_positions_are_those_of_the_stream_for_the_interface(
         header.write_text(
             text.replace(at, "static_cast<std::ptrdiff_t>(sides_ + 1) *"), encoding="ascii"
         )
-    objects, program = objects_of(package, NAME, ("POSITION",)), tmp_path / "library.o"
-    include, source = package / "include" / ROS, package / "src" / f"{NAME}.c"
+    objects = objects_of(package, NAME, ("POSITION",))
+    program = tmp_path / "library.o"
+    include = package / "include" / ROS
+    source = package / "src" / f"{NAME}.c"
     subprocess.run(
         [tool("gcc"), "-std=c99", "-O0", f"-I{include}", "-c", source, "-o", program], check=True
     )
     subprocess.run([tool("g++"), *objects, program, "-o", package / "drive"], check=True)
-    samples, zero, q_a = path_samples(n), np.zeros(2), np.append(model.home, 0.0)
+    samples = path_samples(n)
+    zero = np.zeros(2)
+    q_a = np.append(model.home, 0.0)
     y0 = output_at(flexgen.derive(NAME), q_a)
     options = {"period": PERIOD, "intervals": INTERVALS, "samples_per_interval": IN_SERVO}
     stream = library.stream(y0, q_a, **options, servo=True)
     first = stream.update(y0, zero, zero)
-    rest, commands = first.q_m[0].copy(), []
+    rest = first.q_m[0].copy()
+    commands = []
     rows = [
         [float(chained), 100.0, float(n * IN_SERVO // each), each, ahead, float(cubic), 1e-3],
         rest,
@@ -808,7 +871,8 @@ def test_positions_are_those_of_the_stream_for_the_interface(
         package / "drive", "controller", np.concatenate([np.asarray(row, float) for row in rows])
     )
     assert out[-1] == 0  # allocations
-    found, expected = out[:-1].reshape(-1, N_M), np.concatenate(commands)
+    found = out[:-1].reshape(-1, N_M)
+    expected = np.concatenate(commands)
     if each > 1:
         width = 2 * ahead * each + 1
         expected = np.concatenate([np.tile(first.command_m[:1], (width, 1)), expected])
@@ -851,8 +915,11 @@ def test_positions_need_a_servo_and_no_gains(tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("part", [pytest.param("", marks=pytest.mark.full), "force", "position"])
 def test_cmake_builds_the_plugin_and_the_controller(package, pushed, served, tmp_path, part):
-    """With packages of the same names that have only their targets and functions; the library is left out."""
-    cmake, package = tool("cmake"), {"": package, "force": pushed[0], "position": served[0]}[part]
+    """With packages of the same names that have only their targets and functions; the library is
+    left out.
+    """
+    cmake = tool("cmake")
+    package = {"": package, "force": pushed[0], "position": served[0]}[part]
     source = tmp_path / "package"
     shutil.copytree(package, source, ignore=shutil.ignore_patterns("*.o", "drive*"))
     (source / "src" / f"{NAME}.c").write_text(f'#include "{NAME}.h"\n', encoding="ascii")
@@ -863,7 +930,16 @@ def test_cmake_builds_the_plugin_and_the_controller(package, pushed, served, tmp
         "CMAKE_CXX_FLAGS": "-O0",
     }
     words = [f"-D{key}={value}" for key, value in definitions.items()]
-    run = [cmake, "-S", source, "-B", tmp_path / "build", "-Wno-dev", "-DBUILD_TESTING=OFF", *words]
+    run = [
+        cmake,
+        "-S",
+        source,
+        "-B",
+        tmp_path / "build",
+        "-Wno-dev",
+        "-DBUILD_TESTING=OFF",
+        *words,
+    ]
     subprocess.run(run, check=True, capture_output=True)
     subprocess.run([cmake, "--build", tmp_path / "build"], check=True, capture_output=True)
     for name in ("inverse_dynamics", "stream_controller"):
@@ -883,7 +959,9 @@ def test_an_overlay_has_the_joints_of_its_urdf_file_and_the_ratios(tmp_path):
     text = '<robot name="r"><link name="base"/>'
     for name, parent, child in ((odd, "base", "l1"), ("j-2", "l1", "tip")):
         text += f'<link name="{child}"><inertial><origin xyz=".2 0 0"/><mass value="2"/>'
-        text += '<inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        text += (
+            '<inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        )
         text += f'<joint name={quoteattr(name)} type="continuous"><parent link="{parent}"/>'
         text += f'<child link="{child}"/><origin xyz=".4 0 0"/><axis xyz="0 1 0"/></joint>'
     (tmp_path / "arm.urdf").write_text(f"{text}</robot>", encoding="utf-8")

@@ -1,7 +1,8 @@
-"""The self-test program: its numbers come from Lagrange's equations, the library's from the recursion.
+"""The self-test program: its numbers come from Lagrange's equations, the library's from the
+recursion.
 
-It passes on every quick model, in both precisions, and fails where a number of the table is wrong, arguments are
-swapped, or the library itself is wrong.
+It passes on every quick model, in both precisions, and fails where a number of the table is wrong,
+arguments are swapped, or the library itself is wrong.
 """
 
 from __future__ import annotations
@@ -27,7 +28,8 @@ def program(
     folder: Path, library: Path, *flags: str, strict: bool = True
 ) -> subprocess.CompletedProcess[str]:
     """Compile the self-test and run it with a compiled library."""
-    cc, name = tool("gcc"), library.stem
+    cc = tool("gcc")
+    name = library.stem
     words = [*STRICT, "-O0"] if strict else PLAIN
     subprocess.run([cc, *words, *flags, "-c", f"{name}_selftest.c"], cwd=folder, check=True)
     subprocess.run(
@@ -183,7 +185,8 @@ def test_the_selftest_is_a_function_for_other_programs(exported, tmp_path):
     flags = ["-DPLANAR5_NMP_SELFTEST_NO_MAIN", "-DPLANAR5_NMP_SELFTEST_NO_PRINT"]
     (tmp_path / "own.c").write_text(
         "int planar5_nmp_selftest(double *largest);\n"
-        "int main(void) { double x = -1; return planar5_nmp_selftest(&x) == 0 && x > 0 && x < 1 ? 0 : 1; }\n"
+        "int main(void) { double x = -1; return planar5_nmp_selftest(&x) == 0 && x > 0 && x < 1 "
+        "? 0 : 1; }\n"
     )
     cc = tool("gcc")
     source = exported / "planar5_nmp_selftest.c"
@@ -280,7 +283,9 @@ def test_folders_with_the_name_of_a_file_are_refused(tmp_path, place):
 def test_a_folder_stays_as_it_was_where_writing_fails(tmp_path, monkeypatch, stop, last):
     """`os.replace` fails at each of the four files in turn."""
     write_folder(tmp_path, "mex", "arm", {"a.c": "old", "b.c": "old", "gone.c": "old"})
-    before, replace, calls = contents(tmp_path), os.replace, []
+    before = contents(tmp_path)
+    replace = os.replace
+    calls = []
 
     def failing(source, target):
         calls.append(target)

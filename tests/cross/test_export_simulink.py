@@ -1,4 +1,6 @@
-"""Blocks for Simulink, compiled against stub headers and called as Simulink calls them. Simulink is not tested."""
+"""Blocks for Simulink, compiled against stub headers and called as Simulink calls them. Simulink
+is not tested.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,9 @@ from flexgen.mechanics.signatures import TABLE
 
 STUBS = Path(__file__).resolve().parents[1] / "support" / "simulink_stubs"
 NAME = "planar5_nmp"
-PERIOD, INTERVALS, SAMPLES = 5e-3, 12, 4
+PERIOD = 5e-3
+INTERVALS = 12
+SAMPLES = 4
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +50,9 @@ def block(
         STUBS / "drive.c",
         folder / f"{model}_ccaller.c",
     ]
-    subprocess.run([*command, library or library_object(NAME)[1], "-lm", "-o", program], check=True)
+    subprocess.run(
+        [*command, library or library_object(NAME)[1], "-lm", "-o", program], check=True
+    )
     return program
 
 
@@ -97,7 +103,12 @@ def expected_stream(samples) -> np.ndarray:
         now = stream.update(y, dy, ddy)
         rows.append(
             np.concatenate(
-                [now.tau_m.ravel(), now.q_m.ravel(), now.v_m.ravel(), [0.0 if now.converged else 1]]
+                [
+                    now.tau_m.ravel(),
+                    now.q_m.ravel(),
+                    now.v_m.ravel(),
+                    [0.0 if now.converged else 1],
+                ]
             )
         )
     return np.array(rows)
@@ -155,7 +166,8 @@ def test_gears_and_motors_with_memory_have_the_torques_of_solve(tmp_path):
 @needs_compiler
 @pytest.mark.slow
 def test_inverse_dynamics_has_the_bits_of_python(blocks):
-    states, library = random_states(flexgen.read(NAME), 20), loaded(NAME)
+    states = random_states(flexgen.read(NAME), 20)
+    library = loaded(NAME)
     rows = np.hstack([states[x] for x in ("q_a", "v_a", "a_a")])
     out = run(block(blocks, "inverse_dynamics"), [], rows)
     assert out[0] == -1.0  # inherited

@@ -1,6 +1,8 @@
-"""The force of a process in the closed loop: MuJoCo under the same torques, the law of the hold, shares of a wrong one.
+"""The force of a process in the closed loop: MuJoCo under the same torques, the law of the hold,
+shares of a wrong one.
 
-MuJoCo gets the torques that the loop sent and the force itself; it shares no code with the loop in C.
+MuJoCo gets the torques that the loop sent and the force itself; it shares no code with the loop in
+C.
 """
 
 from __future__ import annotations
@@ -24,7 +26,8 @@ from flexgen.paths.process_force import ProcessForce, make_force
 
 pytestmark = needs_compiler
 mujoco = pytest.importorskip("mujoco")
-MODEL, SAMPLE = "planar5_nmp", 5e-4
+MODEL = "planar5_nmp"
+SAMPLE = 5e-4
 
 
 @pytest.fixture(scope="module")
@@ -38,11 +41,14 @@ def force(equations):
 
 
 def difference_to_mujoco(run: flexgen.ControlRun, parts: int = 8) -> float:
-    """Largest difference of the motor angles along the path, over the largest one of run and reference.
+    """Largest difference of the motor angles along the path, over the largest one of run and
+    reference.
 
-    MuJoCo begins at rest before the motion, under the torques that the loop sent, each held for a sample.
+    MuJoCo begins at rest before the motion, under the torques that the loop sent, each held for a
+    sample.
     """
-    model, reference = run.model, run.reference
+    model = run.model
+    reference = run.reference
     first, last = np.searchsorted(
         reference.time, (reference.begin - 0.01, reference.path_end)
     ).tolist()
@@ -52,7 +58,8 @@ def difference_to_mujoco(run: flexgen.ControlRun, parts: int = 8) -> float:
     d = mujoco.MjData(m)
     names = [c.name for c in model.coordinates] + [f"rotor.{motor.name}" for motor in model.motors]
     at = m.jnt_dofadr[[m.joint(name).id for name in names]]
-    motors, site = [m.actuator(motor.name).id for motor in model.motors], m.site("tool").id
+    motors = [m.actuator(motor.name).id for motor in model.motors]
+    site = m.site("tool").id
     body = m.site_bodyid[site]
 
     def push(m, d):
@@ -87,13 +94,16 @@ def test_mujoco_under_the_torques_of_the_loop_moves_as_the_robot_in_it(
 
 @pytest.mark.slow
 def test_the_error_of_a_known_force_is_that_of_the_hold(equations, force, monkeypatch):
-    """Of order four in the sample time; both planted errors leave more than a thousand times as much."""
+    """Of order four in the sample time; both planted errors leave more than a thousand times as
+    much.
+    """
     errors = [
         flexgen.control(equations, force=force, sample_time=h).tool_error_max_m
         for h in (2 * SAMPLE, SAMPLE)
     ]
     assert errors[1] < 1e-8 and 10.0 < errors[0] / errors[1] < 25.0
-    right, plain = loop_case.motion_reference, flexgen.solve(equations, progress=False).trajectory
+    right = loop_case.motion_reference
+    plain = flexgen.solve(equations, progress=False).trajectory
 
     def without_force(trajectory, path, sample_s, delay_s, library, time, known):
         made = right(trajectory, path, sample_s, delay_s, library, time, known)
@@ -109,8 +119,11 @@ def test_the_error_of_a_known_force_is_that_of_the_hold(equations, force, monkey
 
 
 def test_a_held_force_moves_a_mass_as_the_force_itself(monkeypatch):
-    """The third power of a sine, integrated twice; means alone, planted, leave 1/12 of the second difference."""
-    w, h = 2 * np.pi, 0.02
+    """The third power of a sine, integrated twice; means alone, planted, leave 1/12 of the second
+    difference.
+    """
+    w = 2 * np.pi
+    h = 0.02
     t = h * np.arange(201)
     process = make_force(
         lambda t: np.outer(np.sin(w * t) ** 3, [1.0, 0.0, 0.0]), flexgen.read("elbow"), t[-1]
@@ -140,7 +153,9 @@ def test_a_force_that_is_wrong_by_a_fifth_leaves_a_fifth(equations, force, contr
 
 
 def test_robots_rest_under_a_constant_force(equations, monkeypatch):
-    """At rest before the move: no error at all; planted, rest without the force, the tool sags first."""
+    """At rest before the move: no error at all; planted, rest without the force, the tool sags
+    first.
+    """
     constant = np.tile(200.0 * PLANE, (5, 1))
     run = flexgen.control(equations, force=constant, plants={"soft": {"stiffness": 0.8}})
     still = run.reference.time < run.reference.begin

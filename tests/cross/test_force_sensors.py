@@ -36,7 +36,9 @@ def without_coulomb(name: str) -> dict[str, object]:
 
 
 def sensed(name: str) -> RobotModel:
-    """The robot with a torque sensor at each joint, and wrenches at each element and at the tool."""
+    """The robot with a torque sensor at each joint, and wrenches at each element and at the
+    tool.
+    """
     plain = flexgen.read(name, overrides=without_coulomb(name))
     joints = [c for c in plain.coordinates if c.dof is not None]
     sensors = [
@@ -87,7 +89,10 @@ class Sensing(MujocoMachine):
     def _site(self, name: str, position: np.ndarray, rotation: np.ndarray) -> str:
         from mujoco_referee import quaternion
 
-        return f'<site name="at {name}" pos="{text(position + rotation @ POINT)}" quat="{quaternion(rotation)}"/>'
+        return (
+            f'<site name="at {name}" pos="{text(position + rotation @ POINT)}" '
+            f'quat="{quaternion(rotation)}"/>'
+        )
 
     def _tendons(self) -> str:
         kinds = (("f", "force"), ("m", "torque"))
@@ -100,12 +105,14 @@ class Sensing(MujocoMachine):
 def state_of(model: RobotModel) -> tuple[np.ndarray, ...]:
     """A state with deflections of the size of working loads, torques, and a force on the tool."""
     rng = np.random.default_rng(7)
-    q_a, v_a = rng.uniform(-0.6, 0.6, model.n_a), rng.uniform(-1.0, 1.0, model.n_a)
+    q_a = rng.uniform(-0.6, 0.6, model.n_a)
+    v_a = rng.uniform(-1.0, 1.0, model.n_a)
     free = list(model.i_e)
     q_a[free] *= 1e-3
     q_m = model.eta @ (q_a[list(model.i_g)] + rng.uniform(-2e-3, 2e-3, model.n_g))
     v_m = model.eta @ v_a[list(model.i_g)]
-    tau_m, force = rng.uniform(-2.0, 2.0, model.n_m), rng.uniform(-50.0, 50.0, 6)
+    tau_m = rng.uniform(-2.0, 2.0, model.n_m)
+    force = rng.uniform(-50.0, 50.0, 6)
     return q_a, v_a, q_m, v_m, tau_m, force
 
 
@@ -134,7 +141,9 @@ def motion_of(
 
 
 def both(name: str) -> tuple[np.ndarray, np.ndarray, int]:
-    """Signals of flexgen and of MuJoCo under the same motor torques and the same force on the tool."""
+    """Signals of flexgen and of MuJoCo under the same motor torques and the same force on the
+    tool.
+    """
     model = sensed(name)
     q_a, v_a, q_m, v_m, tau_m, force = state_of(model)
     machine = Sensing(model)
@@ -143,7 +152,9 @@ def both(name: str) -> tuple[np.ndarray, np.ndarray, int]:
         machine.P @ np.concatenate([q_a, q_m[list(model.i_m)]]), np.zeros(len(machine.at_v))
     )
     arm = machine.d.site("tool").xpos - machine.d.xipos[body]
-    machine.d.xfrc_applied[body] = np.concatenate([force[:3], force[3:] + np.cross(arm, force[:3])])
+    machine.d.xfrc_applied[body] = np.concatenate(
+        [force[:3], force[3:] + np.cross(arm, force[:3])]
+    )
     machine.forward_dynamics(q_a, v_a, q_m, v_m, tau_m)
     machine.d.qfrc_applied[machine.at_v[model.n_a :]] = tau_m
     mujoco.mj_forward(machine.m, machine.d)
@@ -188,7 +199,7 @@ def test_a_beam_behind_a_sensor_is_held_by_its_whole_weight() -> None:
     )
 
 
-# --- the loop ---------------------------------------------------------------------------------------------------------
+# --- the loop ------------------------------------------------------------------------------------
 
 TORQUES = [
     {"name": "t1", "type": "joint_torque", "coordinate": "q1", "unit": "N m"},
@@ -202,7 +213,8 @@ def test_the_loop_measures_the_torque_of_the_gear_and_the_force_on_the_tool() ->
     model = flexgen.read("planar5_nmp", overrides={"sensor": TORQUES})
     push = flexgen.Disturbance("step", "tool.x", 30.0, start_s=0.2)
     run = flexgen.control(model, "line", plants={"heavy": {"payload": 3.0}}, disturbances=[push])
-    gear, before = derive(model).function("gear_torque"), np.searchsorted(run.reference.time, -0.1)
+    gear = derive(model).function("gear_torque")
+    before = np.searchsorted(run.reference.time, -0.1)
     for robot, mass in zip(run.runs, (0.0, 3.0), strict=True):
         still = np.zeros(model.n_a), np.zeros(model.n_m)
         held = np.array(gear(robot.q_a[before], still[0], robot.q_m[before], still[1])).ravel()
@@ -222,7 +234,9 @@ def test_the_loop_measures_the_torque_of_the_gear_and_the_force_on_the_tool() ->
 
 @pytest.mark.slow
 def test_an_encoder_error_reaches_the_controller() -> None:
-    """At rest the loop moves the motor until the encoder shows the reference: the error, turned round."""
+    """At rest the loop moves the motor until the encoder shows the reference: the error, turned
+    round.
+    """
     error = {"harmonics": [1, 2], "cos": [2e-3, 0.0], "sin": [0.0, 1e-3]}
     model = flexgen.read("planar5_nmp", overrides={"motor.m1.encoder_error": error})
     run = flexgen.control(model, "line")
@@ -287,7 +301,9 @@ def test_what_is_not_covered_is_refused() -> None:
     plain = flexgen.read("elbow")
     with pytest.raises(ArgumentError, match=r"given elbow without a \[\[sensor\]\]"):
         flexgen.sense(plain, flexgen.solve(plain).trajectory)
-    rotors = {f"motor.m1.{key}": value for key, value in (("axis", [0, 0, 1]), ("carrier", "base"))}
+    rotors = {
+        f"motor.m1.{key}": value for key, value in (("axis", [0, 0, 1]), ("carrier", "base"))
+    }
     rotors |= {
         f"motor.m2.{key}": value for key, value in (("axis", [0, 0, 1]), ("carrier", "upper"))
     }

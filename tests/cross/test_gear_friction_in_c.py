@@ -1,4 +1,6 @@
-"""Friction that depends on load and temperature in the emitted C: whole paths, streams, temperature at run time."""
+"""Friction that depends on load and temperature in the emitted C: whole paths, streams,
+temperature at run time.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +39,9 @@ MORE: dict[str, dict[str, Any]] = {"": {}, "harmonic": SUMS, "hysteresis": LOSSY
 
 @cache
 def robot(kind: str = "") -> flexgen.RobotModel:
-    """The elbow with this friction in both motors, and with Fourier sums of their angles or hysteresis of the gears."""
+    """The elbow with this friction in both motors, and with Fourier sums of their angles or
+    hysteresis of the gears.
+    """
     table = {"type": "gear", **NUMBERS}
     frictions = {f"motor.{name}.friction": table for name in ("m1", "m2")}
     return flexgen.read("elbow", overrides=frictions | MORE[kind])
@@ -54,7 +58,9 @@ def library_of(model: flexgen.RobotModel) -> Library:
 @cache
 def solved(kind: str) -> Any:
     """The motor torques of the closed form in Python, and samples of its path."""
-    path = flexgen.solve(robot(kind), method="closed-form", verify=False, progress=False).trajectory
+    path = flexgen.solve(
+        robot(kind), method="closed-form", verify=False, progress=False
+    ).trajectory
     move = flexgen.plan(robot(kind))
     t = np.clip(path.time, 0.0, move.duration)
     y, dy, ddy = (np.ascontiguousarray(x) for x in move.sample(t).y.transpose(2, 0, 1)[:3])
@@ -95,12 +101,16 @@ def test_arms_with_elastic_joints_stay_on_their_path() -> None:
 
 @pytest.mark.slow
 def test_the_temperature_is_a_run_time_parameter(tmp_path: Path) -> None:
-    """One library at 20, 45 and again 20 degrees C, whole path and stream, against models read at these."""
+    """One library at 20, 45 and again 20 degrees C, whole path and stream, against models read at
+    these.
+    """
     made = flexgen.generate(robot(), tmp_path, parameters=["temperature"])
     move, samples = path_of(robot(), 1e-3)
     given = {"period": 1e-3, "q_start": move.q_start}
     with flexgen.load(made.directory) as library:
-        assert library.parameter_names == ("temperature",) and library.parameters.tolist() == [20.0]
+        assert library.parameter_names == ("temperature",) and library.parameters.tolist() == [
+            20.0
+        ]
         at = [library.invert(*samples, **given, parameters=[x]).tau_m for x in (20.0, 45.0, 20.0)]
         y, dy, ddy = samples
         stream = library.stream(y[0], move.q_start, period=1e-3, intervals=20, parameters=[45.0])

@@ -1,4 +1,6 @@
-"""Friction that depends on load and temperature along moves: MuJoCo under the torques, with the law of the tests."""
+"""Friction that depends on load and temperature along moves: MuJoCo under the torques, with the
+law of the tests.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +41,9 @@ def test_a_robot_without_load_does_not_follow_the_torques_for_one() -> None:
 
 @pytest.mark.slow
 def test_hysteresis_of_the_gears_is_in_the_load() -> None:
-    """1 arcmin of lost motion in robot and inverse; the planted robot has the load of the springs alone."""
+    """1 arcmin of lost motion in robot and inverse; the planted robot has the load of the springs
+    alone.
+    """
     path = flexgen.solve(loaded("elbow", 40.0, ARCMIN), verify=False, progress=False).trajectory
     assert error_in_mujoco("elbow", path, 40.0, ARCMIN) < 2e-8
     simulated = flexgen.simulate(loaded("elbow", 40.0, ARCMIN), path, feedback="ppi")

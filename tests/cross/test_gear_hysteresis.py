@@ -1,4 +1,6 @@
-"""Gears with hysteresis along moves: MuJoCo under the torques, with a law of hysteresis of the tests."""
+"""Gears with hysteresis along moves: MuJoCo under the torques, with a law of hysteresis of the
+tests.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,8 @@ import flexgen
 from flexgen.exports.mujoco_checks import with_friction
 
 pytest.importorskip("mujoco")
-KNOWN, WRONG = 5e-8, 0.25  # m; of the error without hysteresis in the inverse
+KNOWN = 5e-8  # m
+WRONG = 0.25  # of the error without hysteresis in the inverse
 
 
 def paths(name: str) -> list[flexgen.Trajectory]:
@@ -38,13 +41,17 @@ def paths(name: str) -> list[flexgen.Trajectory]:
 
 
 def errors(name: str) -> list[float]:
-    """Errors of a robot with 1 arcmin of lost motion under these torques, with motor feedback of 10 Hz."""
+    """Errors of a robot with 1 arcmin of lost motion under these torques, with motor feedback of
+    10 Hz.
+    """
     return [error_in_mujoco(name, path, ARCMIN) for path in paths(name)]
 
 
 @pytest.mark.slow
 def test_mujoco_with_hysteresis_follows_the_path() -> None:
-    """Of 356 um, 0.01 um are left where the hysteresis is known, and 61 um where it is 20 % narrower."""
+    """Of 356 um, 0.01 um are left where the hysteresis is known, and 61 um where it is 20 %
+    narrower.
+    """
     unknown, known, wrong = errors("planar5_nmp")
     assert known < KNOWN < 3e-4 < unknown
     assert wrong < WRONG * unknown
@@ -79,7 +86,9 @@ def test_a_robot_without_hysteresis_does_not_follow_the_torques_for_one() -> Non
 def test_mujoco_with_several_elements_follows_the_path(
     name: str, elements: Sequence[Element]
 ) -> None:
-    """Three elements of 1 arcmin in all, with Dahl's law and others; lost motions that are 20 % too large."""
+    """Three elements of 1 arcmin in all, with Dahl's law and others; lost motions that are 20 %
+    too large.
+    """
     models = [with_elements(name, elements, factor) for factor in (1.0, 1.2)]
     found = [flexgen.solve(model, progress=False).trajectory for model in models]
     plain = flexgen.solve(with_friction(flexgen.read(name), "viscous"), progress=False).trajectory

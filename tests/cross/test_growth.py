@@ -1,4 +1,6 @@
-"""`growth` in C against simulated motions with a perturbed start, and against the figure of `solve`."""
+"""`growth` in C against simulated motions with a perturbed start, and against the figure of
+`solve`.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +29,8 @@ from flexgen.simulation.growth import Motion, growth_along, linearize_along
 
 pytestmark = needs_compiler
 
-PERIOD, REACH = 5e-4, 1e-6  # s; size of a perturbation
+PERIOD = 5e-4  # s
+REACH = 1e-6  # size of a perturbation
 UPRIGHT = FilePath(__file__).parents[1] / "support" / "robots" / "upright.toml"
 
 
@@ -58,8 +61,11 @@ def moving_part(motion: Inversion, held: float) -> Inversion:
 
 
 def simulated_growth(library: Library, motion: Inversion, side: np.ndarray) -> float:
-    """Largest growth of differences of motions from neighboring starts, by Runge-Kutta steps of two samples."""
-    n_a, n = motion.q_a.shape[1], len(side)
+    """Largest growth of differences of motions from neighboring starts, by Runge-Kutta steps of
+    two samples.
+    """
+    n_a = motion.q_a.shape[1]
+    n = len(side)
     x = np.tile(np.r_[motion.q_a[0], motion.q_m[0], motion.v_a[0], motion.v_m[0]], (n + 1, 1))
     x[1:, :n] += REACH * np.diag(side)
 
@@ -68,7 +74,8 @@ def simulated_growth(library: Library, motion: Inversion, side: np.ndarray) -> f
         torques = np.tile(tau_m, (n + 1, 1))
         return np.hstack([v_a, v_m, *library.forward_dynamics(q_a, v_a, q_m, v_m, torques)])
 
-    largest, h = 1.0, 2 * PERIOD
+    largest = 1.0
+    h = 2 * PERIOD
     for k in range(0, len(motion.tau_m) - 2, 2):
         first, middle, last = motion.tau_m[k : k + 3]
         a = rate(x, first)
@@ -87,15 +94,22 @@ def sides(model: Any) -> np.ndarray:
 
 
 def test_growth_at_a_constant_state_is_that_of_the_matrix_exponential() -> None:
-    library, count = loaded("elbow"), 201
-    q_a, q_m = np.array([1.5, 0.1]), np.zeros(2)
+    library = loaded("elbow")
+    count = 201
+    q_a = np.array([1.5, 0.1])
+    q_m = np.zeros(2)
     A, _ = library.linearize(q_a, 0 * q_a, q_m, 0 * q_m, 0 * q_m)
-    scale, n = np.tile(sides(read("elbow")), 2), A.shape[0] // 2
-    step, product, expected = expm(A / scale[:, None] * scale * 1e-2), np.eye(2 * n), 1.0
+    scale = np.tile(sides(read("elbow")), 2)
+    n = A.shape[0] // 2
+    step = expm(A / scale[:, None] * scale * 1e-2)
+    product = np.eye(2 * n)
+    expected = 1.0
     for _ in range(100):
         product = step @ product
         expected = max(expected, float(np.linalg.norm(product[:n, :n], 2)))
-    q, m, zero = np.tile(q_a, (count, 1)), np.tile(q_m, (count, 1)), np.zeros((count, 2))
+    q = np.tile(q_a, (count, 1))
+    m = np.tile(q_m, (count, 1))
+    zero = np.zeros((count, 2))
     motion = Inversion(
         q, zero, zero, zero, m, zero, zero, 0, 0, 1.0 / (count - 1), 0.0, 0.0, 0.0, 0, 0, True
     )
@@ -145,7 +159,8 @@ def test_growth_without_arrays_for_the_motion_is_refused_before_anything_is_solv
     monkeypatch: Any,
 ) -> None:
     library = loaded("elbow")
-    inverter, given = library.invert, at_rest(library)
+    inverter = library.invert
+    given = at_rest(library)
     whole = inverter._results
     for missing in ("q_a", "v_a", "q_m", "v_m", "tau_m"):
         fewer = {missing: None}
@@ -167,7 +182,9 @@ def test_growth_of_a_move_is_that_of_a_simulation_with_perturbed_start(name: str
     )
     # samples at rest after the movement do not count
     longer = {
-        k: np.pad(x, ((0, 500), (0, 0)), "edge") for k, x in vars(motion).items() if np.ndim(x) == 2
+        k: np.pad(x, ((0, 500), (0, 0)), "edge")
+        for k, x in vars(motion).items()
+        if np.ndim(x) == 2
     }
     assert library.growth(replace(motion, **longer)) == pytest.approx(found, rel=1e-3)
 
@@ -181,7 +198,9 @@ def test_growth_of_an_upright_arm_is_that_of_a_simulation_and_of_solve(tmp_path:
     assert 10 < expected < 1e4 and library.growth(short) == pytest.approx(expected, rel=0.05)
     a_m = np.gradient(motion.v_m, motion.t, axis=0)
     m = motion
-    along = linearize_along(equations, Motion(m.t, m.q_a, m.v_a, m.a_a, m.q_m, m.v_m, a_m, m.tau_m))
+    along = linearize_along(
+        equations, Motion(m.t, m.q_a, m.v_a, m.a_a, m.q_m, m.v_m, a_m, m.tau_m)
+    )
     whole = growth_along(along, HELD).movement
     assert whole > 1e8 and library.growth(motion) == pytest.approx(whole, rel=0.1)
 
@@ -194,11 +213,15 @@ SMALL = 1e-5  # rad, m, rad/s, m/s: central differences, error some 1e-8 of acce
 def expected_growth(library: Library, model: Any, state: Any, f_tool: np.ndarray) -> float:
     """Of a constant state for one second, by central differences of the forward dynamics."""
     q_a, q_m, tau_m = state
-    n_a, n, i_m = model.n_a, model.dof, list(model.i_m)
+    n_a = model.n_a
+    n = model.dof
+    i_m = list(model.i_m)
 
     def accelerations(x: np.ndarray) -> np.ndarray:
-        motors, speeds = q_m.copy(), 0.0 * q_m
-        motors[i_m], speeds[i_m] = x[n_a:n], x[n + n_a :]
+        motors = q_m.copy()
+        speeds = 0.0 * q_m
+        motors[i_m] = x[n_a:n]
+        speeds[i_m] = x[n + n_a :]
         a_a, a_m, _ = library.forward_dynamics_tool_force(
             x[:n_a], x[n : n + n_a], motors, speeds, tau_m, f_tool
         )
@@ -206,12 +229,15 @@ def expected_growth(library: Library, model: Any, state: Any, f_tool: np.ndarray
 
     side = np.ones(n)
     side[n_a:] = np.abs(model.eta).max(axis=1)[i_m]
-    scale, at = np.tile(side, 2), np.r_[q_a, q_m[i_m], np.zeros(n)]
+    scale = np.tile(side, 2)
+    at = np.r_[q_a, q_m[i_m], np.zeros(n)]
     A = np.eye(2 * n, k=n)
     for k, x in enumerate(np.diag(SMALL * scale)):
         change = (accelerations(at + x) - accelerations(at - x)) / (2 * SMALL)
         A[n:, k] = change / side
-    step, product, found = expm(A * 1e-2), np.eye(2 * n), 1.0
+    step = expm(A * 1e-2)
+    product = np.eye(2 * n)
+    found = 1.0
     for _ in range(100):
         product = step @ product
         found = max(found, float(np.linalg.norm(product[:n, :n], 2)))
@@ -221,7 +247,9 @@ def expected_growth(library: Library, model: Any, state: Any, f_tool: np.ndarray
 def still(state: Any, count: int = 201) -> Inversion:
     """The motion that stays in a state for one second."""
     q_a, q_m, tau_m = (np.tile(x, (count, 1)) for x in state)
-    zero, none, period = 0.0 * q_a, 0.0 * q_m, 1.0 / (count - 1)
+    zero = 0.0 * q_a
+    none = 0.0 * q_m
+    period = 1.0 / (count - 1)
     return Inversion(
         q_a, zero, zero, none, q_m, none, tau_m, 0, 0, period, 0.0, 0.0, 0.0, 0, 0, True
     )
@@ -243,16 +271,19 @@ def still(state: Any, count: int = 201) -> Inversion:
 def test_growth_under_a_force_is_that_of_differences_of_the_forward_dynamics(
     name: str, variant: str | None, force: list[float], tmp_path: FilePath
 ) -> None:
-    model, f_tool = read(name, variant), np.array(force)
+    model = read(name, variant)
+    f_tool = np.array(force)
     library = load(generate(model, tmp_path / "made", parts=("force",)).directory)
-    q_a, i_g = np.zeros(model.n_a), list(model.i_g)
+    q_a = np.zeros(model.n_a)
+    i_g = list(model.i_g)
     q_a[i_g] = np.linspace(0.3, 0.8, len(i_g))
     q_m = model.eta @ q_a[i_g]
     state = q_a, q_m, np.linspace(1.0, 2.0, model.n_m)
     own = f_tool if model.output.type == "tool_pose" else f_tool[list(model.output.tool_rows)]
     path = np.zeros((1, 3 * len(own)))
     path[0, : len(own)] = own
-    motion, expected = still(state), expected_growth(library, model, state, f_tool)
+    motion = still(state)
+    expected = expected_growth(library, model, state, f_tool)
     assert library.growth(motion, force=path) == pytest.approx(expected, rel=1e-2)
     # planted: none, of the other direction, and of a pose without the moments
     plain = library.growth(motion)
@@ -269,7 +300,8 @@ def forced_motion(
     equations = derive(read(name))
     model = equations.model
     named = [m for m in model.moves if move is None or m.name == move]
-    path, period = Path(equations, named[0]), 2e-3
+    path = Path(equations, named[0])
+    period = 2e-3
     n = round(path.duration / period) + 1
     process = make_force(lambda t: np.tile(force, (len(t), 1)), model, path.duration)
     F = process.on_output(model, np.arange(n) * period)
@@ -302,12 +334,15 @@ def test_growth_along_a_move_under_a_force_is_that_of_the_simulation(
 
 
 def test_a_force_that_growth_cannot_take_is_refused() -> None:
-    library, plain = loaded("elbow", "force"), loaded("elbow")
+    library = loaded("elbow", "force")
+    plain = loaded("elbow")
     motion = still((np.array([1.5, 0.1]), np.zeros(2), np.zeros(2)))
     with pytest.raises(ArgumentError, match="growth, force: given to a library without forces"):
         plain.growth(motion, force=np.zeros((201, 6)))
     for wrong in (np.zeros((201, 2)), np.zeros(6), np.zeros((0, 6)), np.zeros((202, 6))):
-        with pytest.raises(ArgumentError, match=r"growth, force: given shape .* expected \(n, 6\)"):
+        with pytest.raises(
+            ArgumentError, match=r"growth, force: given shape .* expected \(n, 6\)"
+        ):
             library.growth(motion, force=wrong)
     with pytest.raises(ArgumentError, match="not finite"):
         library.growth(motion, force=np.full((201, 6), np.inf))

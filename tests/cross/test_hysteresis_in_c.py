@@ -1,4 +1,6 @@
-"""Gears with hysteresis in the emitted C: whole paths and streams against the stage in Python; planted errors."""
+"""Gears with hysteresis in the emitted C: whole paths and streams against the stage in Python;
+planted errors.
+"""
 
 from __future__ import annotations
 
@@ -42,13 +44,17 @@ SAME = 1e-9  # relative: second differences of rounded deflections
 def by_the_stage(
     model: flexgen.RobotModel, samples: list[np.ndarray], **options: Any
 ) -> MotorMotion:
-    """The motors behind the motion of the arm without hysteresis, which the C gives, by the stage in Python."""
+    """The motors behind the motion of the arm without hysteresis, which the C gives, by the stage
+    in Python.
+    """
     found = library_of(without_hysteresis(model)).invert(*samples, **options)
     return with_hysteresis(flexgen.derive(model), from_library(found)).motors
 
 
 def elbow(kind: str) -> flexgen.RobotModel:
-    """Gears with damping, without, with so much that their time constant is many samples, a stiff spring, elements."""
+    """Gears with damping, without, with so much that their time constant is many samples, a stiff
+    spring, elements.
+    """
     made: dict[str, Any] = {
         "undamped": {f"{gear}.damping": 0.0 for gear in GEARS.values()},
         "slow": {f"{gear}.damping": 9e3 for gear in GEARS.values()},
@@ -136,12 +142,15 @@ def test_whole_paths_are_those_of_the_stage(kind: str) -> None:
 def test_elastic_arms_are_those_of_the_stage_and_stay_on_their_path(
     name: str, elements: Sequence[Element], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The tool by the simulation, which integrates z itself: 0.05 um, of some 400 um without hysteresis."""
+    """The tool by the simulation, which integrates z itself: 0.05 um, of some 400 um without
+    hysteresis.
+    """
     model = with_elements(name, elements) if elements else hysteretic(name)
     solution, samples, options = inverted(model, monkeypatch)
     found = library_of(model).invert(*samples, **options)
     assert found.converged and difference(found, by_the_stage(model, samples, **options)) < SAME
-    path, n = solution.trajectory, len(solution.trajectory.time)
+    path = solution.trajectory
+    n = len(solution.trajectory.time)
     channels = dict(path.channels) | {
         key: getattr(found, key)[:n] for key in ("q_m", "v_m", "tau_m")
     }
@@ -169,14 +178,13 @@ def test_streams_are_whole_paths(kind: str) -> None:
 @pytest.mark.parametrize("kind", ["undamped", pytest.param("several", marks=pytest.mark.slow)])
 def test_the_payload_may_be_a_parameter(tmp_path: Path, kind: str) -> None:
     """Whole paths and streams are those of the model with this payload; other numbers may not."""
-    model, mass = elbow(kind), 40.0
+    model = elbow(kind)
+    mass = 40.0
     heavy = replace(model, payload=replace(model.payload, mass=mass))
     chosen = {"parameters": ["payload"], "progress": lambda line: None}
     made = generate_parts(model, tmp_path, functions_of(model), ("invert", "stream"), **chosen)
-    (move, samples), number = (
-        path_of(model, 1e-3, still=2 * HORIZON),
-        np.array([mass, *model.payload.com]),
-    )
+    (move, samples) = path_of(model, 1e-3, still=2 * HORIZON)
+    number = np.array([mass, *model.payload.com])
     with flexgen.load(made.directory) as library:
         options = {"period": 1e-3, "q_start": move.q_start}
         found = library.invert(*samples, **options, parameters=number)
@@ -191,7 +199,9 @@ def test_the_payload_may_be_a_parameter(tmp_path: Path, kind: str) -> None:
 
 @pytest.mark.parametrize("intervals", [4, 24])
 def test_torques_that_are_not_smooth_do_not_end_a_stream(intervals: int) -> None:
-    """A horizon that is too short, and held torques beyond it: several reversals between two samples."""
+    """A horizon that is too short, and held torques beyond it: several reversals between two
+    samples.
+    """
     model = elbow("undamped" if intervals == 4 else "damped")
     move, (y, dy, ddy) = path_of(model, 5e-3, still=intervals)
     stream = library_of(model).stream(
@@ -209,7 +219,7 @@ def test_torques_that_are_not_smooth_do_not_end_a_stream(intervals: int) -> None
         ).all()
 
 
-# --- planted errors ---------------------------------------------------------------------------------------------------
+# --- planted errors ------------------------------------------------------------------------------
 
 LEAST = {"one element": 1e-4, "curve": 1e-6}
 PLANTED = {
@@ -250,10 +260,12 @@ def test_planted_errors_of_the_c_are_found(
         except SolverError as error:
             assert "did not converge" in str(error)
         else:
-            assert difference(found, by_the_stage(model, samples, **options)) > LEAST.get(bug, 1e-3)
+            assert difference(found, by_the_stage(model, samples, **options)) > LEAST.get(
+                bug, 1e-3
+            )
 
 
-# --- what there is not ------------------------------------------------------------------------------------------------
+# --- what there is not ---------------------------------------------------------------------------
 
 
 def test_libraries_without_hysteresis_have_no_trace_of_it() -> None:

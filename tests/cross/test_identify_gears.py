@@ -1,4 +1,6 @@
-"""Gears identified from records of robots in MuJoCo, whose hysteresis and Fourier sums are laws of the tests."""
+"""Gears identified from records of robots in MuJoCo, whose hysteresis and Fourier sums are laws of
+the tests.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +34,8 @@ from flexgen.gears.result import GearStatus
 from flexgen.records.motor_record import read_motor_record
 
 pytestmark = needs_compiler
-NOISE, CLOSE = 1e-4, 0.05  # rad, motor side; of the true numbers, as demanded
+NOISE = 1e-4  # rad, motor side
+CLOSE = 0.05  # of the true numbers, as demanded
 
 
 def hysteretic_record(name: str, seconds: float, **options: Any) -> flexgen.Trajectory:
@@ -72,8 +75,11 @@ def check_hysteresis(found: flexgen.GearFit) -> None:
 
 @pytest.mark.slow
 def test_noise_that_hides_a_gear_is_not_a_model_error() -> None:
-    """Stiff gears with light rotors: 12 s show both through noise of 1e-4 rad, poorly through 1e-3 rad."""
-    record, model = hysteretic_record("elbow", 12.0, step=5e-4), model_of("elbow")
+    """Stiff gears with light rotors: 12 s show both through noise of 1e-4 rad, poorly through 1e-3
+    rad.
+    """
+    record = hysteretic_record("elbow", 12.0, step=5e-4)
+    model = model_of("elbow")
     found = flexgen.identify_gears(model, with_noise(record, 10 * NOISE), progress=False)
     assert found.status in (GearStatus.NOISE, GearStatus.FITTED)
     wide = {
@@ -128,7 +134,9 @@ def test_a_rigid_gear_next_to_an_elastic_one_stays_rigid() -> None:
 
 @pytest.mark.slow
 def test_quiet_torques_of_a_tree_give_springs_within_their_deviations() -> None:
-    """The steps of the simulation leave 1e-6 of the torques, more than the noise: 20 deviations of a damping."""
+    """The steps of the simulation leave 1e-6 of the torques, more than the noise: 20 deviations of
+    a damping.
+    """
     pytest.importorskip("mujoco")
     none = (lambda q_g, v_g, q_m, v_m, tau: (0.0 * q_g, 0.0 * q_m, tau), lambda q_g, q_m: None)
     record = with_noise(record_in_mujoco("two_arm", lambda _: none, 40.0), 1e-5)
@@ -143,7 +151,9 @@ def test_quiet_torques_of_a_tree_give_springs_within_their_deviations() -> None:
 
 
 def record_of_elements(elements: Sequence[Element], seconds: float) -> flexgen.Trajectory:
-    """Of planar5_nmp whose first gear has these elements of hysteresis, and whose second has none."""
+    """Of planar5_nmp whose first gear has these elements of hysteresis, and whose second has
+    none.
+    """
     pytest.importorskip("mujoco")
     K = joint_stiffness(flexgen.read("planar5_nmp")) * [1.0, 1e-9]
     made = lambda start: law_of_gears("planar5_nmp", Elements(elements, K, start))  # noqa: E731
@@ -181,18 +191,24 @@ def test_an_exponent_is_found_and_dahls_law_is_a_model_error_there() -> None:
         found.changes["element.arm1.dof.q1.gear.hysteresis"]["exponent"]
         == found.values["q1.hysteresis.exponent"]
     )
-    planted = flexgen.identify_gears(model_of("planar5_nmp"), record, joints=["q1"], progress=False)
+    planted = flexgen.identify_gears(
+        model_of("planar5_nmp"), record, joints=["q1"], progress=False
+    )
     assert planted.status is GearStatus.MODEL_ERROR
 
 
 @pytest.mark.full
 @pytest.mark.parametrize(("elements", "seed"), [(2, 1), (2, 3), (3, 1), (3, 3)])
 def test_two_elements_for_three_are_a_model_error(elements: int, seed: int) -> None:
-    """They explain the residuals but for the noise, with a lost motion that is 4 to 5 % and 6 to 8 deviations off."""
+    """They explain the residuals but for the noise, with a lost motion that is 4 to 5 % and 6 to 8
+    deviations off.
+    """
     made = lambda start: law_of_gears(  # noqa: E731
         "planar5_nmp", Elements(SLIPS, joint_stiffness(flexgen.read("planar5_nmp")), start)
     )
-    record = with_noise(record_in_mujoco("planar5_nmp", made, 20.0, step=5e-4, seed=7), NOISE, seed)
+    record = with_noise(
+        record_in_mujoco("planar5_nmp", made, 20.0, step=5e-4, seed=7), NOISE, seed
+    )
     found = flexgen.identify_gears(
         model_of("planar5_nmp"), record, elements=elements, progress=False
     )
@@ -217,16 +233,21 @@ def test_a_record_with_noise_gives_the_loop(seconds: float) -> None:
 
 @pytest.mark.slow
 def test_noise_in_the_loop_of_the_drives_leaves_the_loop_of_the_gears() -> None:
-    """Drives make 10 % of their torques of noise of 1e-4 rad, which shakes the gears above the band of the motion."""
+    """Drives make 10 % of their torques of noise of 1e-4 rad, which shakes the gears above the
+    band of the motion.
+    """
     record = hysteretic_record("planar5_nmp", 20.0, step=5e-4, seed=2, noise=NOISE)
     check_hysteresis(flexgen.identify_gears(model_of("planar5_nmp"), record, progress=False))
 
 
 def sticking_record(seconds: float) -> flexgen.Trajectory:
-    """Of planar5_nmp with 1 arcmin of lost motion, whose motors stick within 1e-3 rad at a Coulomb friction."""
+    """Of planar5_nmp with 1 arcmin of lost motion, whose motors stick within 1e-3 rad at a Coulomb
+    friction.
+    """
     pytest.importorskip("mujoco")
     numbers = {
-        motor: row | {"static": row["coulomb"]} for motor, row in tables("planar5_nmp", 0.3).items()
+        motor: row | {"static": row["coulomb"]}
+        for motor, row in tables("planar5_nmp", 0.3).items()
     }
 
     def made(start: np.ndarray) -> tuple[Any, Any]:
@@ -250,7 +271,9 @@ def sticking_record(seconds: float) -> flexgen.Trajectory:
 
 @pytest.mark.slow
 def test_motors_that_stand_still_under_coulomb_friction_leave_the_loop() -> None:
-    """Friction is any torque there; as one that follows the speed alone it was a model error, 2 % of the torques."""
+    """Friction is any torque there; as one that follows the speed alone it was a model error, 2 %
+    of the torques.
+    """
     record = with_noise(sticking_record(20.0), NOISE)
     check_hysteresis(flexgen.identify_gears(model_of("planar5_nmp"), record, progress=False))
 
@@ -278,7 +301,7 @@ def test_a_third_of_a_minute_with_noise_gives_the_harmonics() -> None:
     assert not any("hysteresis" in key for key in found.changes)
 
 
-# --- wrong models: no number with a false interval -----------------------------------------------------------------
+# --- wrong models: no number with a false interval -----------------------------------------------
 
 
 @pytest.mark.slow
@@ -303,7 +326,7 @@ def test_a_planted_gear_whose_motor_does_not_feel_it_is_a_model_error() -> None:
     assert found.status is not GearStatus.FITTED
 
 
-# --- the command line and bad input -----------------------------------------------------------------------------------
+# --- the command line and bad input --------------------------------------------------------------
 
 
 @pytest.mark.slow
@@ -334,7 +357,8 @@ def test_the_command_writes_a_model(
 
 @pytest.mark.slow
 def test_what_cannot_be_used_is_refused(short: flexgen.Trajectory) -> None:
-    model, n = model_of("planar5_nmp"), len(short.time)
+    model = model_of("planar5_nmp")
+    n = len(short.time)
     few = motor_record(model, short.time[:200], short["q_m"][:200], short["tau_m"][:200])
     late = motor_record(
         model, np.sort(short.time + 3e-4 * np.sin(np.arange(n))), short["q_m"], short["tau_m"]

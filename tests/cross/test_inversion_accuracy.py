@@ -61,7 +61,9 @@ def test_larger_six_axis_robots(name: str) -> None:
 
 
 def test_a_torque_with_a_small_error_is_seen() -> None:
-    """The control: a thousandth of the torque of one motor more, and the tool is off by a hundred times the bound."""
+    """The control: a thousandth of the torque of one motor more, and the tool is off by a hundred
+    times the bound.
+    """
     solution = flexgen.solve("planar5_nmp", verify=False)
     trajectory = solution.trajectory
     wrong = trajectory["tau_m"] * np.array([1.001, 1.0])
@@ -71,7 +73,9 @@ def test_a_torque_with_a_small_error_is_seen() -> None:
 
 @pytest.mark.slow
 def test_order_of_the_mesh() -> None:
-    """Halving the intervals: the residual between the samples falls like the fourth power or faster, until rounding."""
+    """Halving the intervals: the residual between the samples falls like the fourth power or
+    faster, until rounding.
+    """
     equations = derive("planar5_soft")
     residuals = [
         flexgen.solve(equations, "line", "lq", mesh=h, verify=False).details["residual_at_samples"]

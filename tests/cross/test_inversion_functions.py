@@ -1,4 +1,6 @@
-"""Functions for inverse dynamics along an output: recursion, Lagrangian and differences; which models have them."""
+"""Functions for inverse dynamics along an output: recursion, Lagrangian and differences; which
+models have them.
+"""
 
 from __future__ import annotations
 
@@ -26,9 +28,10 @@ MADE_OF_TAPES = ("output_constraint", "inversion_jacobians", "inversion_rows")
 ROBOTS = ("one", "spatial", "ur5_elastic")
 # Of the largest entry of a result: rounding along chains of tens of frames, in another order.
 EXACT = 1e-12
-# Central differences with a step of 1e-6: 1e-12 of curvature and 1e-16 / 1e-6 of rounding, both of numbers that may be
-# a hundred times larger than the result.
-DIFFERENCES, STEP = 1e-6, 1e-6
+# Central differences with a step of 1e-6: 1e-12 of curvature and 1e-16 / 1e-6 of rounding, both of
+# numbers that may be a hundred times larger than the result.
+DIFFERENCES = 1e-6
+STEP = 1e-6
 
 
 @cache
@@ -64,7 +67,9 @@ def values(function, given: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 
 def disagreement(a: dict[str, np.ndarray], b: dict[str, np.ndarray]) -> float:
-    """Largest difference, of the largest entry of each result; the results of both have the same names and shapes."""
+    """Largest difference, of the largest entry of each result; the results of both have the same
+    names and shapes.
+    """
     assert {name: x.shape for name, x in a.items()} == {name: x.shape for name, x in b.items()}
     worst = 0.0
     for name, x in a.items():
@@ -73,13 +78,14 @@ def disagreement(a: dict[str, np.ndarray], b: dict[str, np.ndarray]) -> float:
     return worst
 
 
-# --- three ways -------------------------------------------------------------------------------------------------------
+# --- three ways ----------------------------------------------------------------------------------
 @pytest.mark.parametrize("name", INVERTING)
 def test_the_recursion_is_the_lagrangian(name):
     equations = equations_of(name)
     beams = any(element.beam is not None for element in equations.model.elements)
     for function in MADE_OF_TAPES:
-        fast, slow = recursive_function(equations, function), equations.function(function)
+        fast = recursive_function(equations, function)
+        slow = equations.function(function)
         assert (fast is None) == beams
         if fast is None:
             continue
@@ -95,13 +101,15 @@ def test_the_recursion_is_the_lagrangian(name):
 def test_the_lagrangian_agrees_with_central_differences(name):
     equations = equations_of(name)
     given = state(equations.model)
-    n_a, e = equations.model.n_a, list(equations.model.i_e)
+    n_a = equations.model.n_a
+    e = list(equations.model.i_e)
     constraint, rows = (equations.function(f) for f in ("output_constraint", "inversion_rows"))
 
     def rates(x: dict[str, np.ndarray]) -> np.ndarray:
         """``W v``, ``W a + W' v`` and the rows without motor, one below the other."""
         at = values(constraint, x)
-        first, second = at["W"] @ x["v_a"], at["W"] @ x["a_a"] + at["Wdot_v"][:, 0]
+        first = at["W"] @ x["v_a"]
+        second = at["W"] @ x["a_a"] + at["Wdot_v"][:, 0]
         return np.concatenate([first, second, values(rows, x)["row"][:, 0] if e else []])
 
     def slope(of: str) -> np.ndarray:
@@ -127,9 +135,12 @@ def test_the_lagrangian_agrees_with_central_differences(name):
 
 @pytest.mark.parametrize("name", ["planar5_nmp", "manutec_r3_efjm", "four_mass", "beam_arm"])
 def test_the_constraint_is_the_output(name):
-    """At its own output the error is zero, and W is how it grows; ``W' v`` is how ``W v`` changes along v."""
+    """At its own output the error is zero, and W is how it grows; ``W' v`` is how ``W v`` changes
+    along v.
+    """
     equations = equations_of(name)
-    model, given = equations.model, state(equations.model)
+    model = equations.model
+    given = state(equations.model)
     constraint = equations.function("output_constraint")
     if model.output.type == "tool_pose":
         at = values(equations.function("forward_kinematics"), given)
@@ -156,9 +167,12 @@ def test_the_constraint_is_the_output(name):
 
 @pytest.mark.parametrize("name", ["planar5_soft", "manutec_r3_efjm", "beam_arm", "elbow"])
 def test_the_rows_are_the_equations_of_motion(name):
-    """With the torques of the gears that they ask for, nothing is left of the equations of the arm."""
+    """With the torques of the gears that they ask for, nothing is left of the equations of the
+    arm.
+    """
     equations = equations_of(name)
-    model, given = equations.model, state(equations.model)
+    model = equations.model
+    given = state(equations.model)
     rng = np.random.default_rng(2)
     given |= {port: rng.normal(size=model.n_m) for port in ("q_m", "v_m", "a_m", "tau_m")}
     rows = values(equations.function("inversion_rows"), given)
@@ -180,7 +194,8 @@ def test_the_rows_are_the_equations_of_motion(name):
 
 def test_the_gear_law_is_that_of_the_springs():
     equations = equations_of("planar5_nmp")
-    rng, n_g = np.random.default_rng(3), equations.model.n_g
+    rng = np.random.default_rng(3)
+    n_g = equations.model.n_g
     given = {"deflection": 1e-3 * rng.normal(size=n_g)}
     law = values(equations.function("gear_law"), given)
     state_of = {
@@ -205,14 +220,17 @@ def test_the_gear_law_is_that_of_the_springs():
     assert not rigid["tau_p"].any() and not rigid["dtau_p"].any()
 
 
-# --- planted errors ---------------------------------------------------------------------------------------------------
+# --- planted errors ------------------------------------------------------------------------------
 def test_a_planted_error_in_the_turning_is_seen(monkeypatch):
-    """Angular velocities are not derivatives of coordinates: without that term the test must fail."""
+    """Angular velocities are not derivatives of coordinates: without that term the test must
+    fail.
+    """
     equations = derive(read("manutec_r3"))
     monkeypatch.setattr(by_recursion, "cross", lambda a, b: [0.0] * 3)
     fast = recursive_function(equations, "inversion_jacobians")
     given = state(equations.model)
-    found, expected = values(fast, given), values(equations.function("inversion_jacobians"), given)
+    found = values(fast, given)
+    expected = values(equations.function("inversion_jacobians"), given)
     assert disagreement(found, expected) > 1e-2
     lines = {name: x[:3] for name, x in found.items()}
     assert disagreement(lines, {name: x[:3] for name, x in expected.items()}) <= EXACT
@@ -227,7 +245,8 @@ def test_a_planted_error_in_the_springs_is_seen(monkeypatch):
     def without(equations, of_output, of_left):
         inputs, names, outputs, ports = kept(equations, of_output, of_left)
         at = ports.index("row")
-        outputs[at], outputs[at + 1] = of_left[0], of_left[1]
+        outputs[at] = of_left[0]
+        outputs[at + 1] = of_left[1]
         return inputs, names, outputs, ports
 
     monkeypatch.setattr(by_recursion, "derivative_ports", without)
@@ -237,7 +256,7 @@ def test_a_planted_error_in_the_springs_is_seen(monkeypatch):
     )
 
 
-# --- where they exist--------------------------------------------------------------------------------------------------
+# --- where they exist-----------------------------------------------------------------------------
 def complete(model: RobotModel) -> RobotModel:
     """The same with rotors that turn with their carriers, but for their axes and carriers."""
     return dataclasses.replace(model, motor_coupling="complete")
@@ -309,7 +328,8 @@ def test_run_time_parameters_are_arguments(names):
     numbers = np.array([parameter.value for parameter in equations.parameters])
     given = {**state(equations.model), "parameters": 1.3 * numbers, "v_m": np.ones(2)}
     for name in (*MADE_OF_TAPES, "gear_law", "motor_friction"):
-        slow, fast = equations.function(name), fast_function(equations, name)
+        slow = equations.function(name)
+        fast = fast_function(equations, name)
         if fast is not None:
             assert disagreement(values(fast, given), values(slow, given)) <= EXACT, name
     takes = {f.name for f in spec.functions if any(p.name == "parameters" for p in f.inputs)}
@@ -320,7 +340,7 @@ def test_run_time_parameters_are_arguments(names):
     assert expected[names[0]] <= takes
 
 
-# --- the hand-written functions ---------------------------------------------------------------------------------------
+# --- the hand-written functions ------------------------------------------------------------------
 def test_hand_written_c_has_the_librarys_name():
     spec = library_spec(derive("planar5_nmp"))
     texts = emit(spec)
@@ -362,7 +382,9 @@ def test_models_have_the_hand_written_functions_of_their_structure(tmp_path):
     } <= set(named)
     assert library_spec(equations, INVERSION).c_functions
     assert not library_spec(equations, ["gravity"]).c_functions
-    single = [function.name for function in library_spec(equations, precision="single").c_functions]
+    single = [
+        function.name for function in library_spec(equations, precision="single").c_functions
+    ]
     assert {"invert", "stream_update"} <= set(single) and not {"bvp", "bvp_work"} & set(single)
     few = generate(equations, tmp_path / "few", functions=["gravity"], build=False)
     assert not any("invert" in path.name for path in few.files)

@@ -1,4 +1,6 @@
-"""The functions of a library in JAX: bits of the library, gradients against differences, batches, errors."""
+"""The functions of a library in JAX: bits of the library, gradients against differences, batches,
+errors.
+"""
 
 from __future__ import annotations
 
@@ -50,12 +52,15 @@ def equal(one, other) -> bool:
 
 @pytest.mark.parametrize("case", CASES)
 def test_results_have_the_bits_of_the_library(case) -> None:
-    """One point, a batch longer than a tile, two axes, vmap, and vmap of vmap with an array that both share."""
+    """One point, a batch longer than a tile, two axes, vmap, and vmap of vmap with an array that
+    both share.
+    """
     robot, made = pair(case)
     for name in dir(made):
         if name not in robot.functions:
             continue
-        f, inputs = getattr(made, name), robot.functions[name].inputs
+        f = getattr(made, name)
+        inputs = robot.functions[name].inputs
         one, many = (drawn(robot, name, n) for n in (None, 300))
         assert equal(f(*one), robot.functions[name](*one)), name
         expected = robot.functions[name](*many)
@@ -134,7 +139,8 @@ def test_gradients_in_batches_are_sums_over_what_the_points_share() -> None:
         return jnp.sum(w * made.forward_dynamics(q, v, *x[2:], p).a_a)
 
     by_p, by_q = jax.jit(jax.grad(loss, argnums=(0, 1)))(p, *x[:2])
-    sums, rows = np.zeros_like(p), []
+    sums = np.zeros_like(p)
+    rows = []
     for k in range(40):
         back = robot.forward_dynamics_vjp(
             *(y[k] for y in x), w[k], np.zeros(robot.sizes["n_m"]), parameters=p
@@ -152,7 +158,9 @@ def test_gradients_in_batches_are_sums_over_what_the_points_share() -> None:
 
 @pytest.mark.slow
 def test_a_compiled_loop_and_its_gradient() -> None:
-    """Euler steps by scan have the bits of the same steps in Python; the gradient passes through the loop."""
+    """Euler steps by scan have the bits of the same steps in Python; the gradient passes through
+    the loop.
+    """
     robot, made = pair(CASES[1].values[0])
     q, v, tau = drawn(robot, "arm_forward_dynamics", None)
 
@@ -163,11 +171,13 @@ def test_a_compiled_loop_and_its_gradient() -> None:
 
         return jax.lax.scan(step, (q, v), length=30)[0][0]
 
-    x, y = q, v
+    x = q
+    y = v
     for _ in range(30):
         x, y = x + 1e-3 * y, y + 1e-3 * robot.arm_forward_dynamics(x, y, tau)
     assert np.abs(jax.jit(end)(q) - x).max() <= 1e-14
-    d, h = np.array([0.3, -0.5, 0.2]), 1e-5
+    d = np.array([0.3, -0.5, 0.2])
+    h = 1e-5
     difference = (end(q + h * d) - end(q - h * d)) / (2 * h)
     assert np.abs(jax.jacrev(end)(q) @ d - difference).max() <= 1e-8
     assert np.allclose(jax.jacfwd(end)(q), jax.jacrev(end)(q), rtol=1e-12, atol=1e-14)
@@ -203,7 +213,9 @@ def test_double_precision_needs_the_switch_of_jax() -> None:
     robot, made = pair(CASES[0].values[0])
     with jax.enable_x64(False):
         for call in (lambda: flexgen.jax.functions(robot), lambda: made.gravity([0.0, 0.0])):
-            with pytest.raises(ArgumentError, match=r"jax.config.update\('jax_enable_x64', True\)"):
+            with pytest.raises(
+                ArgumentError, match=r"jax.config.update\('jax_enable_x64', True\)"
+            ):
                 call()
 
 

@@ -1,4 +1,6 @@
-"""Limits where gears and motors have a memory or depend on load and angle: MuJoCo with laws of the tests follows."""
+"""Limits where gears and motors have a memory or depend on load and angle: MuJoCo with laws of the
+tests follows.
+"""
 
 from __future__ import annotations
 
@@ -25,8 +27,11 @@ from flexgen.trajectory import Trajectory
 
 pytest.importorskip("mujoco")
 pytestmark = [needs_compiler, pytest.mark.slow]
-KNOWN, SHARE, KEPT = 3e-7, 0.9, 1e-3  # m; of the torques without limits; of a limit
-ARCMIN, SIZE = hysteretic.ARCMIN, 0.5  # rad; of the sums
+KNOWN = 3e-7  # m
+SHARE = 0.9  # of the torques without limits
+KEPT = 1e-3  # of a limit
+ARCMIN = hysteretic.ARCMIN  # rad
+SIZE = 0.5  # of the sums
 
 
 @dataclass(frozen=True)
@@ -40,7 +45,8 @@ class Drive:
 def drive(kind: str, name: str) -> Drive:
     if kind == "hysteresis":
         return Drive(
-            hysteretic.hysteretic(name), lambda path: hysteretic.error_in_mujoco(name, path, ARCMIN)
+            hysteretic.hysteretic(name),
+            lambda path: hysteretic.error_in_mujoco(name, path, ARCMIN),
         )
     if kind == "lugre":
         tables = bristled.tables(name)
@@ -88,7 +94,9 @@ def use(solution: flexgen.Solution, bounds: flexgen.Limits) -> float:
     ],
 )
 def test_limits_are_kept_and_mujoco_follows_the_modified_path(kind: str, name: str) -> None:
-    """The torques with their memory are within the limits and reach them; the tool is on the modified path."""
+    """The torques with their memory are within the limits and reach them; the tool is on the
+    modified path.
+    """
     one = drive(kind, name)
     bounds = lowered(one.robot)
     found = flexgen.solve(one.robot, limits=bounds, progress=False)
@@ -102,7 +110,8 @@ def test_limits_of_torques_without_memory_are_exceeded(
     kind: str, name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Planted: the modified path is that of a robot without the memory."""
-    one, made = drive(kind, name), limits.inversion_library
+    one = drive(kind, name)
+    made = limits.inversion_library
     bounds = lowered(one.robot)
     monkeypatch.setattr(limits, "inversion_library", lambda *x, memory, **more: made(*x, **more))
     monkeypatch.setattr(limits, "bristled_motors", lambda robot: [])
@@ -119,7 +128,9 @@ def test_limits_that_are_not_active_leave_the_path() -> None:
 
 
 def test_limits_under_a_force(monkeypatch: pytest.MonkeyPatch) -> None:
-    """MuJoCo with the force follows the modified path; planted: limits of the motion without the force."""
+    """MuJoCo with the force follows the modified path; planted: limits of the motion without the
+    force.
+    """
     robot = with_friction(flexgen.read("planar5_nmp"), "viscous")
     force = milling(duration_of(robot), PLANE, 60.0, 8.0)
     bounds = lowered(robot, force=force)
@@ -146,7 +157,8 @@ def test_the_fastest_motion_keeps_the_limits_and_mujoco_follows_it(
     kind: str, name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Planted: the search with torques without memory, and no last check, exceeds them."""
-    one, made = drive(kind, name), time_search.inversion_library
+    one = drive(kind, name)
+    made = time_search.inversion_library
     quick = flexgen.fastest(one.robot, coefficients=4, progress=False)
     assert quick.solution.status == "solved" and quick.duration_s < 0.9 * quick.default_s
     assert 1 - 5e-3 < use(quick.solution, quick.limits) < 1 + 5e-4
@@ -164,7 +176,8 @@ def test_a_program_of_gears_with_hysteresis_keeps_the_limits() -> None:
     """The memory lasts from one motion of the program to the next."""
     robot = hysteretic.hysteretic("planar5_nmp")
     steps = (flexgen.MoveL((-0.12, 0.0, 0.0), pause=0.1), flexgen.MoveL((0.0, 0.12, 0.0)))
-    tool, joints = (0.4, 2.0, 30.0, 600.0), (1.0, 5.0, 60.0, 900.0)
+    tool = (0.4, 2.0, 30.0, 600.0)
+    joints = (1.0, 5.0, 60.0, 900.0)
     program = flexgen.Program(
         "two", start=(0.3, -1.1), smoothness=5, steps=steps, profile=tool, joint_profile=joints
     )

@@ -153,7 +153,9 @@ def test_recordings_with_gaps_have_no_periods(tmp_path: Path) -> None:
 def test_gears_of_logs(quirk: str, tmp_path: Path) -> None:
     """`identify_gears`: the inertia of a rotor that the model has wrong."""
     text = MODEL.replace("inertia = 1e-4", "inertia = 1.2e-4")
-    text = text.replace("damping = 1.0", "damping = 50.0").replace("damping = 0.1", "damping = 5.0")
+    text = text.replace("damping = 1.0", "damping = 50.0").replace(
+        "damping = 0.1", "damping = 5.0"
+    )
     (tmp_path / "pl.toml").write_text(text)
     end = 12.0 if "jitter" in quirk else 30.0
     file, names = written(tmp_path, quirky(quirk, Arm(rest=3.0 * (quirk == "rest")), end))

@@ -1,4 +1,6 @@
-"""Gears with hysteresis in the closed loop: MuJoCo with a law of the tests, other models, energy, planted errors."""
+"""Gears with hysteresis in the closed loop: MuJoCo with a law of the tests, other models, energy,
+planted errors.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +9,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hysteretic import ARCMIN, BENT, error_in_mujoco, error_with_elements, hysteretic, with_elements
+from hysteretic import (
+    ARCMIN,
+    BENT,
+    error_in_mujoco,
+    error_with_elements,
+    hysteretic,
+    with_elements,
+)
 from numpy.testing import assert_allclose
 from toolchain import needs_compiler
 
@@ -49,7 +58,9 @@ def times(factor: float, function: Any) -> Any:
 
 @pytest.mark.slow
 def test_the_loop_has_the_errors_of_mujoco(plain: flexgen.Solution) -> None:
-    """44.5 um of the torques that lack the hysteresis, without feedback: 2e-13 m apart; also where it is 20 % wider."""
+    """44.5 um of the torques that lack the hysteresis, without feedback: 2e-13 m apart; also where
+    it is 20 % wider.
+    """
     pytest.importorskip("mujoco")
     run = flexgen.control(hysteretic("elbow"), solution=plain, plants=WIDER, **OPEN)
     assert run.status == "done"
@@ -106,10 +117,8 @@ def test_robots_with_other_numbers_are_models_with_these_numbers(plain: flexgen.
     options = {"solution": plain, "disturbances": push, "progress": False}
     run = flexgen.control(model, plants=changes, **options)
     options["controller"] = run.law
-    key, stiffness = (
-        "element.upper.dof.q1.gear.spring.stiffness",
-        [gear.spring.stiffness for gear, _ in gears(model)],
-    )
+    key = "element.upper.dof.q1.gear.spring.stiffness"
+    stiffness = [gear.spring.stiffness for gear, _ in gears(model)]
     tables = {"element.upper.dof.q1.gear": (1.0, 0), "element.fore.dof.q2.gear": (1.5, 1)}
     soft = flexgen.read(
         "elbow",
@@ -130,15 +139,16 @@ def test_robots_with_other_numbers_are_models_with_these_numbers(plain: flexgen.
 
 
 def test_the_loop_balances_the_energy(plain: flexgen.Solution) -> None:
-    """Work of the held torques = energy + losses + int z dd, with z along the recorded deflections in closed form."""
+    """Work of the held torques = energy + losses + int z dd, with z along the recorded deflections
+    in closed form.
+    """
     model = hysteretic("elbow")
     run = flexgen.control(model, solution=plain, **OPEN)
     moving = run.reference.time >= 0.0
-    step, (q_a, q_m, tau) = (
-        OPEN["sample_time"],
-        (x[moving] for x in (run.nominal.q_a, run.nominal.q_m, run.nominal.tau_m)),
-    )
-    v_a, v_m = time_derivative(q_a, step), time_derivative(q_m, step)
+    step = OPEN["sample_time"]
+    (q_a, q_m, tau) = (x[moving] for x in (run.nominal.q_a, run.nominal.q_m, run.nominal.tau_m))
+    v_a = time_derivative(q_a, step)
+    v_m = time_derivative(q_m, step)
     d = q_m @ np.linalg.inv(model.eta).T - q_a[:, list(model.i_g)]
     z = torque_along(gear_layers(model), d - d[0])
     lost = float(np.sum((z[1:] + z[:-1]) / 2 * np.diff(d, axis=0)))
@@ -154,21 +164,24 @@ def test_the_loop_balances_the_energy(plain: flexgen.Solution) -> None:
 
 
 def test_accelerometers_feel_the_torques_of_the_gears(plain: flexgen.Solution) -> None:
-    """Their signals are those of the second differences of the recorded motion, not those of the springs alone."""
+    """Their signals are those of the second differences of the recorded motion, not those of the
+    springs alone.
+    """
     model = channels_of(hysteretic("elbow"), ("motors", ACCELEROMETER)).model
     model = replace(model, sensors=tuple(replace(sensor, noise=0.0) for sensor in model.sensors))
     run = flexgen.control(model, solution=plain, **OPEN)
-    q_a, q_m, step = run.nominal.q_a, run.nominal.q_m, OPEN["sample_time"]
-    v_a, a_a, v_m = (
-        time_derivative(q_a, step),
-        second_time_derivative(q_a, step),
-        time_derivative(q_m, step),
-    )
+    q_a = run.nominal.q_a
+    q_m = run.nominal.q_m
+    step = OPEN["sample_time"]
+    v_a = time_derivative(q_a, step)
+    a_a = second_time_derivative(q_a, step)
+    v_m = time_derivative(q_m, step)
     equations = flexgen.derive(model)
     springs = evaluate(
         equations.function("forward_dynamics"), q_a, v_a, q_m, v_m, run.nominal.tau_m
     )[0]
-    signals, inside = equations.function("sensors"), slice(50, -50)
+    signals = equations.function("sensors")
+    inside = slice(50, -50)
     felt, forgotten = (evaluate(signals, q_a, v_a, a)[0][inside] for a in (a_a, springs))
     shown = run.nominal.sensors[inside]
     assert_allclose(shown, felt, rtol=0, atol=1e-6 * np.ptp(felt))
@@ -176,7 +189,9 @@ def test_accelerometers_feel_the_torques_of_the_gears(plain: flexgen.Solution) -
 
 
 def test_feedforward_that_knows_the_hysteresis_leaves_no_error(plain: flexgen.Solution) -> None:
-    """Of 74 um under the proposed feedback; a loop 20 % wider than the model's has a small part of that."""
+    """Of 74 um under the proposed feedback; a loop 20 % wider than the model's has a small part of
+    that.
+    """
     model = hysteretic("elbow")
     unknown = flexgen.control(model, solution=plain, progress=False)
     known = flexgen.control(model, plants=WIDER, progress=False)
@@ -188,8 +203,11 @@ def test_feedforward_that_knows_the_hysteresis_leaves_no_error(plain: flexgen.So
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["planar5_nmp", "manutec_r3_18"])
 def test_the_loop_of_larger_robots(name: str) -> None:
-    """Under the proposed feedback 462 and 324 um are left as 0.012 and 0.002 um; a loop 20 % wider: 84 and 49 um."""
-    model, base = hysteretic(name), with_friction(flexgen.read(name), "viscous")
+    """Under the proposed feedback 462 and 324 um are left as 0.012 and 0.002 um; a loop 20 %
+    wider: 84 and 49 um.
+    """
+    model = hysteretic(name)
+    base = with_friction(flexgen.read(name), "viscous")
     given = flexgen.solve(base, progress=False)
     unknown = error_of(flexgen.control(model, solution=given, progress=False))
     known = flexgen.control(model, plants={"wide": {"lost_motion": 1.2}}, progress=False)
@@ -213,7 +231,9 @@ def test_steps_that_are_too_long_for_the_law_are_an_error(plain: flexgen.Solutio
 
 @pytest.mark.slow
 def test_positions_that_are_held_slip_faster_than_the_planned_motion() -> None:
-    """Every 12 ms: the steps for the planned speeds are too long; with 16 or 199 of them the error is 1.1187 mm."""
+    """Every 12 ms: the steps for the planned speeds are too long; with 16 or 199 of them the error
+    is 1.1187 mm.
+    """
     found = flexgen.command_positions(
         hysteretic("elbow"), period=0.012, interpolation="hold", progress=False
     )
@@ -222,7 +242,9 @@ def test_positions_that_are_held_slip_faster_than_the_planned_motion() -> None:
 
 
 def test_robots_in_a_batch_have_the_bits_of_one_alone(plain: flexgen.Solution) -> None:
-    both = flexgen.control(hysteretic("elbow"), solution=plain, plants={"same": {}}, progress=False)
+    both = flexgen.control(
+        hysteretic("elbow"), solution=plain, plants={"same": {}}, progress=False
+    )
     alone = flexgen.control(hysteretic("elbow"), solution=plain, progress=False)
     assert np.array_equal(both["same"].q_a, alone.nominal.q_a)
 

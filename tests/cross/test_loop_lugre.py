@@ -1,4 +1,6 @@
-"""Frictions with a state in the closed loop: MuJoCo with a law of the tests, other models, planted errors."""
+"""Frictions with a state in the closed loop: MuJoCo with a law of the tests, other models, planted
+errors.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,8 @@ from flexgen.loop import hysteresis as loop
 pytestmark = needs_compiler
 OPEN = {"controller": "none", "sample_time": 1e-4, "torque_limits": False, "progress": False}
 # s, of MuJoCo; of the error: what the law of the tests leaves with that step
-STEP, AGREES = 2.5e-5, 1e-4
+STEP = 2.5e-5
+AGREES = 1e-4
 NUMBERS = tables("elbow")
 
 
@@ -38,10 +41,14 @@ def error_of(run: flexgen.ControlRun, name: str = "nominal") -> float:
 @pytest.mark.slow
 @pytest.mark.parametrize("factor", [pytest.param(1.0, marks=pytest.mark.full), 1.2])
 def test_the_loop_has_the_errors_of_mujoco(plain: flexgen.Solution, factor: float) -> None:
-    """Of torques that lack the friction, without feedback; where Coulomb and static torque are 20 % larger."""
+    """Of torques that lack the friction, without feedback; where Coulomb and static torque are 20
+    % larger.
+    """
     pytest.importorskip("mujoco")
     more = {"lugre_coulomb": factor, "lugre_static": factor}
-    run = flexgen.control(bristled("elbow", NUMBERS), solution=plain, plants={"more": more}, **OPEN)
+    run = flexgen.control(
+        bristled("elbow", NUMBERS), solution=plain, plants={"more": more}, **OPEN
+    )
     assert run.status == "done"
     large = {
         m: row | {k: factor * row[k] for k in ("coulomb", "static")} for m, row in NUMBERS.items()
@@ -103,7 +110,8 @@ def test_with_hysteresis_both_act(plain: flexgen.Solution) -> None:
 def test_the_loop_of_a_larger_robot() -> None:
     name = "planar5_nmp"
     numbers = tables(name)
-    model, base = bristled(name, numbers), with_friction(flexgen.read(name), "viscous")
+    model = bristled(name, numbers)
+    base = with_friction(flexgen.read(name), "viscous")
     given = flexgen.solve(base, progress=False)
     unknown = error_of(flexgen.control(model, solution=given, progress=False))
     known = error_of(flexgen.control(model, progress=False))

@@ -1,4 +1,6 @@
-"""Frictions with a state in the emitted C: whole paths and streams against the stage in Python; planted errors."""
+"""Frictions with a state in the emitted C: whole paths and streams against the stage in Python;
+planted errors.
+"""
 
 from __future__ import annotations
 
@@ -34,17 +36,22 @@ from flexgen.memory.lugre import without_lugre
 
 pytestmark = needs_compiler
 SAME = 1e-8  # relative: rates of the motors are differences of rounded deflections
-# the accelerations of the motors, which locate reversals, are differences of their speeds in Python, and not in C
-OF_ARMS, OF_STIFF = 2e-7, 5e-5
+# the accelerations of the motors, which locate reversals, are differences of their speeds in
+# Python, and not in C
+OF_ARMS = 2e-7
+OF_STIFF = 5e-5
 STIFF = {"static": 0.5, "stiffness": 8e6, "damping": 0.0}  # Coulomb friction, as good as
 
 
 def elbow(kind: str = "both") -> flexgen.RobotModel:
-    """Both motors with the friction, one, very stiff bristles, in gears with hysteresis or in rigid ones."""
+    """Both motors with the friction, one, very stiff bristles, in gears with hysteresis or in
+    rigid ones.
+    """
     made: dict[str, Any] = {}
     if kind == "hysteresis":
         made = {
-            f"{gear}.hysteresis": {"lost_motion": 3e-4, "stiffness": 1e5} for gear in GEARS.values()
+            f"{gear}.hysteresis": {"lost_motion": 3e-4, "stiffness": 1e5}
+            for gear in GEARS.values()
         }
     if kind == "rigid":
         made = {gear: {"type": "rigid"} for gear in GEARS.values()}
@@ -55,16 +62,23 @@ def elbow(kind: str = "both") -> flexgen.RobotModel:
 def by_the_stage(
     model: flexgen.RobotModel, samples: list[np.ndarray], **options: Any
 ) -> MotorMotion:
-    """The motors of the C without elements that have a state, with those of the stages in Python."""
+    """The motors of the C without elements that have a state, with those of the stages in
+    Python.
+    """
     found = library_of(without_lugre(without_hysteresis(model))).invert(*samples, **options)
     return with_memory(flexgen.derive(model), from_library(found)).motors
 
 
 def there_and_back(model: flexgen.RobotModel) -> tuple[Any, list[np.ndarray]]:
-    """A move, and samples of a path to its end and back in 0.4 s, which turns at a sample and does not rest there."""
+    """A move, and samples of a path to its end and back in 0.4 s, which turns at a sample and does
+    not rest there.
+    """
     move, (y, _, _) = path_of(model, 1e-3)
-    w, t = 2 * np.pi / 0.4, np.linspace(0.0, 0.4, 401)[:, None]
-    b, db, ddb = (1 - np.cos(w * t)) / 2, w * np.sin(w * t) / 2, w**2 * np.cos(w * t) / 2
+    w = 2 * np.pi / 0.4
+    t = np.linspace(0.0, 0.4, 401)[:, None]
+    b = (1 - np.cos(w * t)) / 2
+    db = w * np.sin(w * t) / 2
+    ddb = w**2 * np.cos(w * t) / 2
     s = b**3, 3 * b**2 * db, 6 * b * db**2 + 3 * b**2 * ddb
     return move, [(k == 0) * y[0] + each * (y[-1] - y[0]) for k, each in enumerate(s)]
 
@@ -73,7 +87,10 @@ def there_and_back(model: flexgen.RobotModel) -> tuple[Any, list[np.ndarray]]:
     "kind",
     [
         "both",
-        *(pytest.param(x, marks=pytest.mark.slow) for x in ("one", "stiff", "hysteresis", "rigid")),
+        *(
+            pytest.param(x, marks=pytest.mark.slow)
+            for x in ("one", "stiff", "hysteresis", "rigid")
+        ),
     ],
 )
 def test_whole_paths_are_those_of_the_stage(kind: str) -> None:
@@ -99,7 +116,9 @@ def test_where_the_motion_has_settled_the_torque_that_bristles_hold_stays() -> N
 
 
 def test_torques_of_a_stream_at_rest_stay_where_friction_does_not_fall() -> None:
-    """Rounded speeds of either sign do not turn the bristles: less than 1e-6 of the largest torque."""
+    """Rounded speeds of either sign do not turn the bristles: less than 1e-6 of the largest
+    torque.
+    """
     table = {"coulomb": 0.5, "stiffness": 800.0, "damping": 1.5}
     model = bristled("planar5_nmp", {"m1": table, "m2": table})
     move, (y, dy, ddy) = path_of(model, 2e-3, still=200)
@@ -121,7 +140,8 @@ def test_elastic_arms_are_those_of_the_stage_and_stay_on_their_path(
     solution, samples, options = inverted(model, monkeypatch)
     found = library_of(model).invert(*samples, **options)
     assert found.converged and difference(found, by_the_stage(model, samples, **options)) < OF_ARMS
-    path, n = solution.trajectory, len(solution.trajectory.time)
+    path = solution.trajectory
+    n = len(solution.trajectory.time)
     channels = dict(path.channels) | {
         key: getattr(found, key)[:n] for key in ("q_m", "v_m", "tau_m")
     }
@@ -140,7 +160,8 @@ def test_streams_are_whole_paths(kind: str) -> None:
 @pytest.mark.parametrize("hold", ["zoh", "linear"])
 def test_held_torques_of_streams_are_those_of_whole_paths(hold: str) -> None:
     model = elbow()
-    library, (move, samples) = library_of(model), path_of(model, 1e-3, still=40)
+    library = library_of(model)
+    (move, samples) = path_of(model, 1e-3, still=40)
     whole = library.invert(*samples, period=1e-3, q_start=move.q_start, hold=hold, delay=0.5).tau_m
     y, dy, ddy = samples
     stream = library.stream(y[0], move.q_start, period=1e-3, intervals=20, hold=hold, delay=0.5)
@@ -170,7 +191,8 @@ def test_planted_errors_of_the_c_are_found(
 ) -> None:
     old, new, file = PLANTED[bug]
     plant_in_c(monkeypatch, file, old, new)
-    model, options = elbow(), {"period": 1e-3}
+    model = elbow()
+    options = {"period": 1e-3}
     made = generate_parts(
         model, tmp_path, functions_of(model), ("invert", "stream"), progress=lambda line: None
     )

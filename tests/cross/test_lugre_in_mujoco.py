@@ -1,4 +1,6 @@
-"""Friction of motors with a state along moves: MuJoCo under the torques, with the LuGre law of the tests."""
+"""Friction of motors with a state along moves: MuJoCo under the torques, with the LuGre law of the
+tests.
+"""
 
 from __future__ import annotations
 
@@ -11,11 +13,14 @@ from flexgen.exports.mujoco_checks import with_friction
 
 pytest.importorskip("mujoco")
 # m; s: with steps of 1e-4 s the law of the tests itself has an error of 0.12 um
-KNOWN, STEP = 5e-8, 5e-5
+KNOWN = 5e-8
+STEP = 5e-5
 
 
 def errors(name: str) -> tuple[float, float, float]:
-    """Errors without the friction in the inverse, with it, and with Coulomb and static torques 20 % too large."""
+    """Errors without the friction in the inverse, with it, and with Coulomb and static torques 20
+    % too large.
+    """
     numbers = tables(name)
     large = {
         m: row | {"coulomb": 1.2 * row["coulomb"], "static": 1.2 * row["static"]}
@@ -58,13 +63,17 @@ def test_a_robot_without_it_does_not_follow_the_torques_for_one() -> None:
 
 @pytest.mark.slow
 def test_pre_sliding_is_seen_on_moves_that_stay_within_it() -> None:
-    """Motors that turn by a part of the angle at which bristles slip: a spring, not Coulomb friction."""
+    """Motors that turn by a part of the angle at which bristles slip: a spring, not Coulomb
+    friction.
+    """
     numbers = tables("elbow", presliding=1.0)
     move = flexgen.read("elbow").moves[0]
     solution = flexgen.solve(bristled("elbow", numbers), progress=False)
-    path, s0 = solution.trajectory, np.array([row["stiffness"] for row in numbers.values()])
+    path = solution.trajectory
+    s0 = np.array([row["stiffness"] for row in numbers.values()])
     early = (path.time > 0.0) & (np.abs(path["q_m"] - path["q_m"][0]).max(axis=1) < 0.02)
-    turned, torques = (path["q_m"] - path["q_m"][0])[early], path["tau_b"][early]
+    turned = (path["q_m"] - path["q_m"][0])[early]
+    torques = path["tau_b"][early]
     damped = np.array([row["damping"] for row in numbers.values()]) * path["v_m"][early]
     assert move.name == solution.move.name and early.sum() > 10
     np.testing.assert_allclose(

@@ -1,4 +1,5 @@
-"""All methods that apply find the same torque: on a minimum phase arm also those that march from the start.
+"""All methods that apply find the same torque: on a minimum phase arm also those that march from
+the start.
 
 They share the equations and the path, but neither the discretisation nor the linear algebra.
 """
@@ -18,8 +19,8 @@ from flexgen.errors import ArgumentError
 from flexgen.inversion.method_table import AUTO, methods
 from flexgen.mechanics.equations import derive
 
-# of the largest torque of the motor; the first differences of tau_g in the C methods are good to some 1e-5, the torque
-# of the full method ripples between its Gauss points
+# of the largest torque of the motor; the first differences of tau_g in the C methods are good to
+# some 1e-5, the torque of the full method ripples between its Gauss points
 AGREE = {
     "bvp": 1e-8,
     "collocation": 3e-5,
@@ -29,10 +30,11 @@ AGREE = {
     "kunkel-mehrmann": 3e-5,
     "full": 2e-2,
 }
-# With 24 degrees of freedom the weights of lq, which bvp does without, leave a residual of 1e-8: 5e-10 rad of a
-# deflection of 1e-3 rad. The motor torque has the second derivative of the gear torque in it, by differences
-# over 1 ms, and is apart by 9e-6 at the end of the path.
-SIX_AXES, DEFLECTION = 2e-5, 2e-9
+# With 24 degrees of freedom the weights of lq, which bvp does without, leave a residual of 1e-8:
+# 5e-10 rad of a deflection of 1e-3 rad. The motor torque has the second derivative of the gear
+# torque in it, by differences over 1 ms, and is apart by 9e-6 at the end of the path.
+SIX_AXES = 2e-5
+DEFLECTION = 2e-9
 CAUSAL = ("bdf", "reduced", "kunkel-mehrmann")
 
 
@@ -64,10 +66,14 @@ def test_methods_agree(name: str) -> None:
 @pytest.mark.full
 @needs_compiler
 def test_lq_and_bvp_agree_on_six_axes() -> None:
-    """With three unstable zeros at either end, where the methods by IPOPT are too slow to be tried."""
+    """With three unstable zeros at either end, where the methods by IPOPT are too slow to be
+    tried.
+    """
     equations = derive("manutec_r3_24")
     lq, bvp = (flexgen.solve(equations, method=method, verify=False) for method in ("lq", "bvp"))
-    one, other, end = bvp.trajectory, lq.trajectory, lq.move.duration
+    one = bvp.trajectory
+    other = lq.trajectory
+    end = lq.move.duration
     assert bvp.details["unstable_zeros_start"] == bvp.details["unstable_zeros_end"] == 3
     assert difference(one, other, end) < SIX_AXES
     apart = (one["q_a"] - other["q_a"])[(one.time >= 0) & (one.time <= end)]
@@ -79,7 +85,8 @@ def test_lq_and_bvp_agree_on_six_axes() -> None:
 def test_a_torque_delayed_by_a_sample_does_not_agree() -> None:
     """The control: one sample of delay is 100 times what the methods differ by."""
     solution = flexgen.solve("planar5_nmp", method="lq", verify=False)
-    t, tau = solution.trajectory.time, solution.trajectory["tau_m"]
+    t = solution.trajectory.time
+    tau = solution.trajectory["tau_m"]
     late = flexgen.Trajectory(
         t,
         {"tau_m": np.vstack([tau[:1], tau[:-1]])},

@@ -1,4 +1,5 @@
-"""Axes that a mechanism moves, against the robot with all axes free: forces are projected on the coordinates left.
+"""Axes that a mechanism moves, against the robot with all axes free: forces are projected on the
+coordinates left.
 
 q_all = T q,    M = T' M_all(T q) T,    h = T' h_all(T q, T v):    M_all, h_all: MuJoCo, free robot
 """
@@ -38,14 +39,18 @@ COUNT = 12
 
 @st.composite
 def mechanisms(draw: st.DrawFn) -> tuple[RobotModel, RobotModel, np.ndarray]:
-    """A random tree, the same with some axes without motor moved by mechanisms, and T of the module's equation."""
+    """A random tree, the same with some axes without motor moved by mechanisms, and T of the
+    module's equation.
+    """
     case = draw(
         trees().filter(
             lambda case: case.model.n_e > 0 and case.model.motor_coupling == "simplified"
         )
     )
-    free, rng = case.model, np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
-    chosen, factors = [], {}
+    free = case.model
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    chosen = []
+    factors = {}
     for k, c in enumerate(free.coordinates):
         before = [other.name for other in free.coordinates[:k] if other.name not in chosen]
         if not c.actuated and before and (not chosen or rng.integers(2)):
@@ -88,11 +93,13 @@ def rotors_of(model: RobotModel) -> np.ndarray:
 
 def compare(free: RobotModel, moved: RobotModel, T: np.ndarray) -> None:
     """The arm's functions at random states."""
-    referee, equations = MujocoReferee(free, rotors=False), derive(moved)
+    referee = MujocoReferee(free, rotors=False)
+    equations = derive(moved)
     rng = np.random.default_rng(0)
     for _ in range(2):
         q, v = rng.uniform(-1, 1, (2, moved.n_a))
-        M, h = T.T @ referee.mass_matrix(T @ q) @ T, T.T @ referee.bias(T @ q, T @ v)
+        M = T.T @ referee.mass_matrix(T @ q) @ T
+        h = T.T @ referee.bias(T @ q, T @ v)
         for found, expected in (
             (equations.function("mass_matrix")(q), M),
             (mass_matrix(moved, q), M + rotors_of(moved)),
@@ -132,7 +139,10 @@ def test_a_wrong_factor_is_found():
         on_mechanisms(check)
 
 
-GEAR = 'gear = { type = "elastic", side = "arm", spring = { type = "linear", stiffness = 2e5 }, damping = 150 }'
+GEAR = (
+    'gear = { type = "elastic", side = "arm", spring = { type = "linear", stiffness = 2e5 }, '
+    "damping = 150 }"
+)
 TORSO = (
     """
 name = "torso"
@@ -211,13 +221,17 @@ def test_a_torso_whose_chest_stays_upright_is_solved(tmp_path):
         np.testing.assert_allclose(R[:2, 0], [np.cos(x[2]), np.sin(x[2])], atol=1e-12)
 
 
-# --- recursion -------------------------------------------------------------------------------------------------------
+# --- recursion -----------------------------------------------------------------------------------
 PRODUCTS = ("inverse_dynamics", "arm_forward_dynamics", "forward_dynamics")
 
 
 def compare_recursion(moved: RobotModel) -> None:
-    """Every function with a recursion, and products with derivatives, against Lagrange's equations."""
-    equations, rng, checked = derive(moved), np.random.default_rng(0), 0
+    """Every function with a recursion, and products with derivatives, against Lagrange's
+    equations.
+    """
+    equations = derive(moved)
+    rng = np.random.default_rng(0)
+    checked = 0
     for name in (*_BUILDERS, *(f"{one}_{kind}" for one in PRODUCTS for kind in ("jvp", "vjp"))):
         fast = recursive_function(equations, name)
         if fast is None:
@@ -252,15 +266,15 @@ def test_recursions_of_mechanisms_are_lagranges_equations(tmp_path):
     for robot in (read(tmp_path / "torso.toml"), linkage(tmp_path)):
         equations = derive(robot)
         compare_recursion(robot)
-        fast, slow = (
-            fast_function(equations, "inverse_dynamics"),
-            equations.function("inverse_dynamics"),
-        )
+        fast = fast_function(equations, "inverse_dynamics")
+        slow = equations.function("inverse_dynamics")
         assert fast is not None and operations_of(fast) < 0.7 * operations_of(slow.expand())
 
 
 def test_a_recursion_without_the_torques_of_the_mechanism_is_found(tmp_path, monkeypatch):
-    """A planted error: torques of the axis that the mechanism moves are lost, so that the robot has no recursion."""
+    """A planted error: torques of the axis that the mechanism moves are lost, so that the robot
+    has no recursion.
+    """
     added = Arm.to_coordinates
 
     def without_the_third(self, x):
@@ -308,7 +322,8 @@ def test_wrong_mechanisms_are_refused(tmp_path, change, words):
 
 LINK = """<link name="{}"><inertial><origin xyz="0.02 0 0"/><mass value="0.1"/>
 <inertia ixx="1e-4" iyy="1e-4" izz="1e-4" ixy="0" ixz="0" iyz="0"/></inertial></link>"""
-JOINT = """<joint name="{}" type="revolute"><parent link="{}"/><child link="{}"/><origin xyz="{} 0 0"/>
+JOINT = """<joint name="{}" type="revolute"><parent link="{}"/><child link="{}"/><origin xyz="{} \
+0 0"/>
 <axis xyz="0 0 1"/>
 <limit lower="-1" upper="1" effort="5" velocity="2"/>{}</joint>"""
 MIMIC = '<mimic joint="base" multiplier="0.5" offset="0.25"/>'
@@ -345,10 +360,13 @@ def test_a_mimic_of_a_joint_that_is_not_there_is_refused(tmp_path):
 def deviation(
     model: RobotModel, solution: flexgen.Solution, file: Path, step: float = 2e-4
 ) -> float:
-    """Largest difference [rad] of the coordinates in MuJoCo, under the torques of a solution, to those planned."""
+    """Largest difference [rad] of the coordinates in MuJoCo, under the torques of a solution, to
+    those planned.
+    """
     mujoco = pytest.importorskip("mujoco")
     robot = mujoco.MjModel.from_xml_path(str(file))
-    state, path = mujoco.MjData(robot), solution.trajectory
+    state = mujoco.MjData(robot)
+    path = solution.trajectory
     robot.opt.timestep = step
     names = [robot.joint(k).name for k in range(robot.njnt)]
     start = dict(zip([c.name for c in model.coordinates], path["q_a"][0], strict=True))
@@ -373,7 +391,8 @@ def test_mujoco_keeps_the_mechanism(tmp_path):
     model = read(tmp_path / "torso.toml")
     written = flexgen.export_mujoco(model, tmp_path / "torso.xml")
     assert "constraints" in str(written.notes)
-    solution, file = flexgen.solve(model, "joints", verify=False), tmp_path / "torso.xml"
+    solution = flexgen.solve(model, "joints", verify=False)
+    file = tmp_path / "torso.xml"
     assert deviation(model, solution, file) < 1e-7
     text = file.read_text()
     assert text.count('<joint joint="q2" coef="1"') == 1
@@ -382,7 +401,9 @@ def test_mujoco_keeps_the_mechanism(tmp_path):
 
 
 def palletizer(turns: str) -> str:
-    """The torso with the arm's direction relative to the world: a mechanism turns it back by ``turns``, next to q4."""
+    """The torso with the arm's direction relative to the world: a mechanism turns it back by
+    ``turns``, next to q4.
+    """
     moved = '\n[[element.dof]]\nname = "q3"\ntype = "rotation"\naxis = [0, 0, 1]\nmimic = '
     chest = TORSO.index('[[element]]\nname = "chest"'), TORSO.index('[[element]]\nname = "arm"')
     text = TORSO[: chest[0]] + TORSO[chest[1] :]
@@ -391,10 +412,13 @@ def palletizer(turns: str) -> str:
 
 
 def test_mujoco_moves_two_axes_that_turn_one_body_about_one_direction(tmp_path, monkeypatch):
-    """As in a palletizer. Planted: tendons without their armature, with which MuJoCo divides by zero."""
+    """As in a palletizer. Planted: tendons without their armature, with which MuJoCo divides by
+    zero.
+    """
     (tmp_path / "torso.toml").write_text(palletizer("{ q1 = -1.0, q2 = -1.0 }"))
     model = read(tmp_path / "torso.toml")
-    solution, file = flexgen.solve(model, "joints", verify=False), tmp_path / "torso.xml"
+    solution = flexgen.solve(model, "joints", verify=False)
+    file = tmp_path / "torso.xml"
     flexgen.export_mujoco(model, file)
     assert deviation(model, solution, file) < 1e-7
     monkeypatch.setattr(mujoco_forces, "held_axes", lambda _: ({"q3": 0.0}, ""))
@@ -435,10 +459,8 @@ def test_an_exported_urdf_file_has_the_mechanism(tmp_path, others):
     assert ('<mimic joint="q2" multiplier="-0.8"' in text) == ("q1" not in others)
 
     def differs(again: RobotModel) -> float:
-        (q, v, a), angles = (
-            np.random.default_rng(0).uniform(-1, 1, (3, model.n_a)),
-            np.zeros((3, model.n_m)),
-        )
+        (q, v, a) = np.random.default_rng(0).uniform(-1, 1, (3, model.n_a))
+        angles = np.zeros((3, model.n_m))
         given = q, v, a, *angles, np.zeros(model.n_m)
         (x, _), (y, _) = (derive(m).function("residual")(*given) for m in (model, again))
         return float(np.abs(np.array(x - y)).max())
@@ -453,7 +475,9 @@ def test_an_exported_urdf_file_has_the_mechanism(tmp_path, others):
 
 
 def test_axes_of_mechanisms_in_elements_with_a_motor_move_in_the_urdf_file(tmp_path):
-    """Pinocchio has the tool of flexgen; an axis that follows an elastic one, rigid in the file, has no <mimic>."""
+    """Pinocchio has the tool of flexgen; an axis that follows an elastic one, rigid in the file,
+    has no <mimic>.
+    """
     pinocchio = pytest.importorskip("pinocchio")
     bend = f'{GEAR}\n[[element.dof]]\nname = "e1"\ntype = "rotation"\naxis = [0, 1, 0]\n'
     bend += 'spring = { type = "linear", stiffness = 1e5 }'
@@ -462,11 +486,13 @@ def test_axes_of_mechanisms_in_elements_with_a_motor_move_in_the_urdf_file(tmp_p
         ("{ e1 = -1.0 }", palletizer("{ e1 = -1.0 }").replace(GEAR, bend, 1)),
     ):
         (tmp_path / "torso.toml").write_text(text)
-        model, file = read(tmp_path / "torso.toml"), tmp_path / "out.urdf"
+        model = read(tmp_path / "torso.toml")
+        file = tmp_path / "out.urdf"
         flexgen.export_urdf(model, file)
         assert ("<mimic" in file.read_text()) == ("q2" in turns)
         robot = pinocchio.buildModelFromUrdf(str(file))
-        data, q = robot.createData(), np.array([0.4, 0.5, 0.2])
+        data = robot.createData()
+        q = np.array([0.4, 0.5, 0.2])
         angles = dict(zip(("q1", "q2", "q4"), q, strict=True)) | {
             "q3": -0.8 * q[1] if "q2" in turns else 0.0
         }

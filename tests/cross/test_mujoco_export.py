@@ -1,7 +1,8 @@
-"""The MJCF file of a robot: MuJoCo's accelerations are flexgen's, and a solved torque moves the tool along its path.
+"""The MJCF file of a robot: MuJoCo's accelerations are flexgen's, and a solved torque moves the
+tool along its path.
 
-Routes without common code: flexgen differentiates a Lagrangian; MuJoCo reads the file and runs its own composite body
-and Newton-Euler algorithms.
+Routes without common code: flexgen differentiates a Lagrangian; MuJoCo reads the file and runs its
+own composite body and Newton-Euler algorithms.
 """
 
 from __future__ import annotations
@@ -29,8 +30,9 @@ from flexgen.exports.mujoco_inertia import regroup
 from flexgen.model.elements import Body, CubicSpring, PiecewiseSpring, RobotModel, SmoothSpring
 from flexgen.numerics.evaluate import evaluate
 
-# Relative to the largest acceleration of the arm, and of all: rounding, amplified by the condition of the mass matrix
-# (1e4 in these robots); up to 9e-12 was measured on 80 random robots, 2e-13 on the files in models/.
+# Relative to the largest acceleration of the arm, and of all: rounding, amplified by the condition
+# of the mass matrix (1e4 in these robots); up to 9e-12 was measured on 80 random robots, 2e-13 on
+# the files in models/.
 ACCELERATION = 1e-9
 # Models with laws that MuJoCo does not have, and a word of the reason.
 REFUSED = {
@@ -74,9 +76,12 @@ class Machine:
 
 
 def states(model: RobotModel, count: int):
-    """Random states: gears up to 0.02 rad off (beyond the break of each spring in models/), springs 0.01."""
+    """Random states: gears up to 0.02 rad off (beyond the break of each spring in models/),
+    springs 0.01.
+    """
     rng = np.random.default_rng(7)
-    i_g, i_e = list(model.i_g), list(model.i_e)
+    i_g = list(model.i_g)
+    i_e = list(model.i_e)
     for _ in range(count):
         q_a, v_a = rng.uniform(-1.0, 1.0, (2, model.n_a))
         q_a[i_e] *= 0.01
@@ -100,7 +105,7 @@ def difference(model: RobotModel, machine: Machine, count: int = 4) -> float:
     return worst
 
 
-# --- accelerations ----------------------------------------------------------------------------------------------------
+# --- accelerations -------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", all_variants())
@@ -129,7 +134,9 @@ def test_without_coulomb_friction(name):
 @pytest.mark.slow
 @pytest.mark.parametrize("coupling", ["simplified", "complete"])
 def test_random_robots(coupling):
-    """General axes and placements, several degrees of freedom in an element, massless bodies, coupled wrists."""
+    """General axes and placements, several degrees of freedom in an element, massless bodies,
+    coupled wrists.
+    """
     compared = []
 
     def check(case: Case) -> None:
@@ -176,7 +183,8 @@ def test_nonlinear_springs_in_gears_and_in_joints_without_motor(spring):
         )
         elements.append(replace(element, dofs=(dof,)))
     model = replace(model, elements=tuple(elements))
-    # 0.02 rad are ten times the break: the cubic polynomial and its correction are a thousand times their sum
+    # 0.02 rad are ten times the break: the cubic polynomial and its correction are a thousand
+    # times their sum
     assert difference(model, Machine(model)) < ACCELERATION
 
 
@@ -208,7 +216,9 @@ def test_coupled_drives_rotors_that_ride_along_and_drags(coupling, rigid):
 
 @pytest.mark.parametrize("joints", [["r1", "r2"], ["r1", "l1"]])
 def test_a_rotor_behind_rigid_gears_of_two_branches_is_refused(joints, monkeypatch):
-    """MuJoCo ignores what the armature of a tendon couples across branches: without the refusal motions differ."""
+    """MuJoCo ignores what the armature of a tendon couples across branches: without the refusal
+    motions differ.
+    """
     two = {"motor.m_r1.drives": joints, f"motor.m_{joints[1]}.drives": joints}
     two |= {"motor.m_r1.ratio": [100, 40], f"motor.m_{joints[1]}.ratio": [-30, 100]}
     places = {"r1": "right1", "r2": "right2", "l1": "left1"}
@@ -239,7 +249,8 @@ def test_drag_of_the_payload_and_what_is_left_out(tmp_path):
 def test_the_tool_is_in_its_place():
     for name in ("elbow", "kr300_efjm"):
         model = flexgen.read(name)
-        machine, equations = Machine(model), flexgen.derive(model)
+        machine = Machine(model)
+        equations = flexgen.derive(model)
         for at in states(model, 2):
             p, R = evaluate(equations.function("forward_kinematics"), at[0])
             machine.accelerations(*at)
@@ -251,10 +262,13 @@ def test_the_tool_is_in_its_place():
 
 
 def test_home_is_an_equilibrium():
-    """At the key frame no coordinate accelerates: by less than 1e-9 of the acceleration with other torques."""
+    """At the key frame no coordinate accelerates: by less than 1e-9 of the acceleration with other
+    torques.
+    """
     # both arms in turn: MuJoCo has the joints of one branch after those of the other
     model = flexgen.read("two_arm")
-    parents, elements = model.parents, model.elements
+    parents = model.parents
+    elements = model.elements
     mixed = tuple(
         replace(elements[k], parent=parents[elements[k].name]) for k in (0, 1, 2, 4, 3, 5)
     )
@@ -269,12 +283,15 @@ def test_home_is_an_equilibrium():
         assert held < 1e-9 * np.abs(machine.d.qacc).max()
 
 
-# --- the same robot in motion -----------------------------------------------------------------------------------------
+# --- the same robot in motion --------------------------------------------------------------------
 
 
 def played_back(machine: Machine, path, factor: float) -> np.ndarray:
-    """The arm's motion under the torque of a trajectory times a factor: RK4, the torque of each stage."""
-    start, end = float(path.time[0]), float(path.time[-1])
+    """The arm's motion under the torque of a trajectory times a factor: RK4, the torque of each
+    stage.
+    """
+    start = float(path.time[0])
+    end = float(path.time[-1])
     steps = round((end - start) / machine.m.opt.timestep)
     machine.m.opt.timestep = h = (end - start) / steps
     torques = factor * path.at(np.linspace(start, end, 2 * steps + 1))["tau_m"]
@@ -302,12 +319,13 @@ def played_back(machine: Machine, path, factor: float) -> np.ndarray:
 def test_played_back_in_mujoco(name):
     """The solved torque in MuJoCo moves the output as in flexgen's own verification.
 
-    The error of the verification is that of the torque. RK4 with the step of the file, h |pole| <= 0.1, adds less than
-    1e-6 of the deflections of the fast modes (1e-4 m here): 1e-10 m.
+    The error of the verification is that of the torque. RK4 with the step of the file, h |pole| <=
+    0.1, adds less than 1e-6 of the deflections of the fast modes (1e-4 m here): 1e-10 m.
     """
     equations = flexgen.derive(name)
     solution = flexgen.solve(equations)
-    path, machine = solution.trajectory, Machine(equations.model)
+    path = solution.trajectory
+    machine = Machine(equations.model)
     claimed = next(
         figure.value for figure in solution.figures() if figure.key == "tool_error_max_m"
     )
@@ -323,7 +341,7 @@ def test_played_back_in_mujoco(name):
     assert errors[1] > 100 * errors[0]  # a torque that is wrong by 1e-4 is seen
 
 
-# --- planted bugs: each must be seen by the comparison ----------------------------------------------------------------
+# --- planted bugs: each must be seen by the comparison -------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -347,7 +365,7 @@ def test_planted_bugs(pattern, other):
     assert difference(model, Machine(model, planted)) > 10 * ACCELERATION
 
 
-# --- the file ---------------------------------------------------------------------------------------------------------
+# --- the file ------------------------------------------------------------------------------------
 
 
 def test_the_file(tmp_path):
@@ -373,7 +391,8 @@ def test_the_file(tmp_path):
         g.get("contype") == g.get("conaffinity") == "0" for g in root.iter("geom")
     )
     assert m.neq == 0 and m.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
-    # stable where nothing is done about it: a second from home under the torques of the equilibrium
+    # stable where nothing is done about it: a second from home under the torques of the
+    # equilibrium
     d = mujoco.MjData(m)
     mujoco.mj_resetDataKeyframe(m, d, 0)
     start = d.qpos.copy()
@@ -395,7 +414,9 @@ def test_names_that_mujoco_reserves():
 
 @pytest.mark.parametrize("tilt", [1e-6, -1e-6, 1e-7])
 def test_principal_axes_with_a_small_tilt(tilt, monkeypatch):
-    """MuJoCo drops a tilt of up to 1e-6 rad against the axes of the body: 3e-8 of the accelerations here."""
+    """MuJoCo drops a tilt of up to 1e-6 rad against the axes of the body: 3e-8 of the
+    accelerations here.
+    """
     decompose = np.linalg.eigh
 
     def upright(tensor):
@@ -421,7 +442,9 @@ def test_principal_axes_with_a_small_tilt(tilt, monkeypatch):
 def test_dry_friction_is_a_constraint():
     m = mujoco.MjModel.from_xml_string(mjcf(flexgen.read("manutec_r3"), "dry"))
     model = flexgen.read("manutec_r3")
-    loss = {m.joint(int(j)).name: float(m.dof_frictionloss[m.jnt_dofadr[j]]) for j in range(m.njnt)}
+    loss = {
+        m.joint(int(j)).name: float(m.dof_frictionloss[m.jnt_dofadr[j]]) for j in range(m.njnt)
+    }
     assert loss["rotor.m1"] == model.motors[0].friction.coulomb
     assert loss["q4"] == next(c.dof.friction.coulomb for c in model.coordinates if c.name == "q4")
 
@@ -469,12 +492,16 @@ def test_command_line(tmp_path, capsys):
     assert main(["export", "mujoco", "manutec_r3", "--out", str(out)]) == 1
     assert "coulomb" in capsys.readouterr().err
     assert out.read_text() == mjcf(flexgen.read("elbow@payload"))  # the old file is still there
-    assert main(["export", "mujoco", "manutec_r3", "--friction", "viscous", "--out", str(out)]) == 0
+    assert (
+        main(["export", "mujoco", "manutec_r3", "--friction", "viscous", "--out", str(out)]) == 0
+    )
     assert main(["export"]) == 2
 
 
 def test_an_inertia_that_no_body_can_have_is_refused():
-    """Shares of a tensor move only across the axis of a joint: one that is too small along this axis stays."""
+    """Shares of a tensor move only across the axis of a joint: one that is too small along this
+    axis stays.
+    """
     model = flexgen.read("planar5_nmp")
     (dof,) = model.elements[0].dofs
     axes = np.linalg.svd(np.array([dof.axis]))[2]  # the axis of the joint first

@@ -46,10 +46,13 @@ def difference(urdf: Path, text: str, twin: Path | None = None, right: str = "")
     peer = UrdfPeer(twin or urdf, right or text, [c.name for c in robot.coordinates])
     still = replace(robot, motors=tuple(replace(motor, inertia=0.0) for motor in robot.motors))
     equations = derive(robot) if robot.n_a <= LAGRANGE else None
-    rng, worst = np.random.default_rng(3), 0.0
+    rng = np.random.default_rng(3)
+    worst = 0.0
     for _ in range(3):
         q, v = rng.uniform(-1.0, 1.0, (2, robot.n_a))
-        M, h, g = peer.mass_matrix(q), peer.bias(q, v), peer.gravity(q)
+        M = peer.mass_matrix(q)
+        h = peer.bias(q, v)
+        g = peer.gravity(q)
         pairs = [(mass_matrix(still, q), M)]
         if equations is not None:
             pairs += [
@@ -66,7 +69,8 @@ def difference(urdf: Path, text: str, twin: Path | None = None, right: str = "")
 
 def made(folder: Path, odd: OddUrdf, name: str = "odd") -> tuple[Path, Path, str]:
     """The file, its twin, and the overlay."""
-    file, twin = folder / f"{name}.urdf", folder / f"{name}_clean.urdf"
+    file = folder / f"{name}.urdf"
+    twin = folder / f"{name}_clean.urdf"
     file.write_text(odd.text, encoding="utf-8")
     twin.write_text(odd.clean, encoding="utf-8")
     return file, twin, new_overlay("odd", urdf=f"{file}#base:{odd.tip}", folder=folder).text

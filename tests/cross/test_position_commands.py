@@ -1,7 +1,9 @@
-"""Positions that are sent to a robot with servos, against MuJoCo and a servo of this file that shares no code.
+"""Positions that are sent to a robot with servos, against MuJoCo and a servo of this file that
+shares no code.
 
-The table for the interface is read from its CSV file; the servo interpolates it, filters it and controls the motors of
-the exported robot; MuJoCo moves that robot between two samples of the servo.
+The table for the interface is read from its CSV file; the servo interpolates it, filters it and
+controls the motors of the exported robot; MuJoCo moves that robot between two samples of the
+servo.
 """
 
 from __future__ import annotations
@@ -35,7 +37,8 @@ def position_at(time: np.ndarray, rows: np.ndarray, t: float, interpolation: str
     if interpolation == "linear":
         return (1 - x) * rows[j] + x * rows[j + 1]
     a, b, c, d = (rows[min(max(k, 0), len(rows) - 1)] for k in range(j - 1, j + 3))
-    m0, m1 = (c - a) / 2, (d - b) / 2
+    m0 = (c - a) / 2
+    m1 = (d - b) / 2
     return (
         (2 * x**3 - 3 * x**2 + 1) * b
         + (x**3 - 2 * x**2 + x) * m0
@@ -53,8 +56,11 @@ def read_table(file: Path) -> tuple[np.ndarray, np.ndarray]:
 
 
 def servo_of(found: flexgen.PositionCommands, gains: flexgen.Cascade, **changes) -> OwnServo:
-    hold, start = found.run.reference.held[0], found.run.solution.trajectory["q_m"][0]
-    k = [np.asarray(x, float) for x in (gains.position_gain, gains.speed_gain, gains.integral_gain)]
+    hold = found.run.reference.held[0]
+    start = found.run.solution.trajectory["q_m"][0]
+    k = [
+        np.asarray(x, float) for x in (gains.position_gain, gains.speed_gain, gains.integral_gain)
+    ]
     own = OwnServo(*k, hold, start, found.servo.speed_feedforward, found.servo.reference_filter_s)
     return replace(own, **changes)
 
@@ -62,7 +68,9 @@ def servo_of(found: flexgen.PositionCommands, gains: flexgen.Cascade, **changes)
 def error_in_mujoco(
     found: flexgen.PositionCommands, folder: Path, late: float = 0.0, **changes
 ) -> float:
-    """Largest distance [m] of the tool from the path, of a robot that is sent the table; ``late``: it begins later."""
+    """Largest distance [m] of the tool from the path, of a robot that is sent the table; ``late``:
+    it begins later.
+    """
     time, joints = read_table(found.save(folder / "positions.csv"))
     return error_with(found, time + late, joints, **changes)
 
@@ -70,7 +78,8 @@ def error_in_mujoco(
 def error_with(
     found: flexgen.PositionCommands, time: np.ndarray, joints: np.ndarray, **changes
 ) -> float:
-    model, path = found.run.model, found.run.solution.trajectory
+    model = found.run.model
+    path = found.run.solution.trajectory
     servo = servo_of(found, found.run.law, **changes)
     robot = InMujoco(model, path["q_a"][0], path["q_m"][0])
     first = min(float(path.time[0]), float(time[0])) - 0.02
@@ -96,7 +105,9 @@ def solved() -> dict[str, flexgen.Solution]:
 
 @pytest.mark.parametrize("name", ["elbow", "planar5_nmp"])
 def test_mujoco_under_the_table_follows_the_path(solved, tmp_path, name):
-    """Interpolation by straight lines each 4 ms; planted: gains and start of the table that are wrong."""
+    """Interpolation by straight lines each 4 ms; planted: gains and start of the table that are
+    wrong.
+    """
     found = flexgen.command_positions(robot_of(name), solution=solved[name], progress=False)
     assert (
         found.status == "solved" and found.tool_error_max_m < 2e-6 < 1e-4 < found.today_error_max_m
@@ -125,7 +136,9 @@ def test_other_interpolations_and_servos_in_mujoco(solved, tmp_path, interpolati
 
 
 def test_positions_begin_to_act_at_samples_of_the_servo(tmp_path):
-    """A motion that begins between two samples of the servo, which is sent steps at its samples."""
+    """A motion that begins between two samples of the servo, which is sent steps at its
+    samples.
+    """
     robot = flexgen.read("planar5_nmp", overrides={"move.line.duration": 0.50331})
     found = flexgen.command_positions(robot, period=1e-3, interpolation="hold", progress=False)
     begin = found.run.solution.trajectory.time[0] / found.servo.sample_time
@@ -135,7 +148,9 @@ def test_positions_begin_to_act_at_samples_of_the_servo(tmp_path):
 
 
 def test_limits_that_others_make_the_positions_reach_are_named(solved):
-    """The accelerations of the table without limits are below their bound, of the one with less speed they are not."""
+    """The accelerations of the table without limits are below their bound, of the one with less
+    speed they are not.
+    """
     free = flexgen.command_positions("planar5_nmp", solution=solved["planar5_nmp"], progress=False)
     speed, acceleration = (
         np.abs(np.diff(free.joint, n=n, axis=0)).max(axis=0) / 4e-3**n for n in (1, 2)
@@ -161,7 +176,8 @@ def test_a_servo_without_integral_part_holds_the_arm_by_an_offset(solved, tmp_pa
         servo=flexgen.PPI(integral_hz=0.0),
         progress=False,
     )
-    gains, hold = found.run.law, found.run.reference.held[0]
+    gains = found.run.law
+    hold = found.run.reference.held[0]
     offset = found.motor[0] - solved["planar5_nmp"].trajectory["q_m"][0]
     np.testing.assert_allclose(
         offset, hold / (gains.position_gain * gains.speed_gain), atol=1e-7
@@ -190,7 +206,9 @@ def test_mujoco_of_six_axes_under_the_table(tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("delay", [1.07e-3, 1.3e-3])
 def test_an_unstable_servo_is_not_solved(solved, delay):
-    """Its deviations grow by 1e13 and more in the motion, until the numbers are not finite; with 1 ms it is stable."""
+    """Its deviations grow by 1e13 and more in the motion, until the numbers are not finite; with 1
+    ms it is stable.
+    """
     gains = flexgen.Cascade((30.0, 25.0), (4.0, 1.0), (6.0, 6.0))
     for late, words in (
         (delay, "failed: the loop of servo and robot is unstable"),
@@ -208,15 +226,17 @@ def test_an_unstable_servo_is_not_solved(solved, delay):
 def test_limits_of_the_commands_are_kept_and_their_cost_is_stated(solved):
     given = {"solution": solved["planar5_nmp"], "progress": False}
     free = flexgen.command_positions(robot_of("planar5_nmp"), **given)
-    speed, acceleration = np.abs(free.speed).max(axis=0), np.abs(free.acceleration).max(axis=0)
+    speed = np.abs(free.speed).max(axis=0)
+    acceleration = np.abs(free.acceleration).max(axis=0)
     same = flexgen.command_positions(robot_of("planar5_nmp"), speed=1.01 * speed, **given)
     assert same.active == () and np.array_equal(same.joint, free.joint)
     found = flexgen.command_positions(
         robot_of("planar5_nmp"), acceleration=0.8 * acceleration, **given
     )
-    assert found.active == ("acceleration of q1", "acceleration of q2") and found.status.startswith(
-        "limits active"
-    )
+    assert found.active == (
+        "acceleration of q1",
+        "acceleration of q2",
+    ) and found.status.startswith("limits active")
     assert (np.abs(found.acceleration) <= 0.8 * acceleration * (1 + 1e-6)).all()
     assert found.tool_error_max_m > 10 * free.tool_error_max_m
 
@@ -252,7 +272,7 @@ def test_filters_of_the_torque_are_inverted(solved):
     assert found.tool_error_max_m < 2e-6
 
 
-# --- identification ---------------------------------------------------------------------------------------------------
+# --- identification ------------------------------------------------------------------------------
 
 
 def recorded(
@@ -263,10 +283,14 @@ def recorded(
     latency: float,
     folder: Path,
 ) -> Path:
-    """A CSV file of commands each 4 ms and measured joints, of a robot in MuJoCo; noise of the motors 1e-4 rad."""
-    rng, t = np.random.default_rng(3), 4e-3 * np.arange(round(seconds / 4e-3))
+    """A CSV file of commands each 4 ms and measured joints, of a robot in MuJoCo; noise of the
+    motors 1e-4 rad.
+    """
+    rng = np.random.default_rng(3)
+    t = 4e-3 * np.arange(round(seconds / 4e-3))
     r = np.clip((t - 0.1) / 0.5, 0.0, 1.0)
-    window, home = r**3 * (10 - 15 * r + 6 * r**2), np.linalg.solve(model.eta, servo.start)
+    window = r**3 * (10 - 15 * r + 6 * r**2)
+    home = np.linalg.solve(model.eta, servo.start)
     moved = np.zeros((len(t), model.n_g))
     for j in range(model.n_g):
         for hz in rng.uniform(0.3, 4.0, 12):
@@ -274,7 +298,8 @@ def recorded(
                 0.08 * rng.normal() / hz * np.sin(2 * np.pi * hz * t + rng.uniform(0, 6.28))
             )
     command = home + window[:, None] * moved
-    robot, rows = InMujoco(model, q_a, servo.start), command @ model.eta.T
+    robot = InMujoco(model, q_a, servo.start)
+    rows = command @ model.eta.T
     at, _, motors = robot.follow(
         servo, lambda s: position_at(t + latency, rows, s, "linear"), 0.0, seconds
     )
@@ -297,7 +322,8 @@ def recorded(
 @pytest.mark.slow
 def test_a_servo_identified_from_ten_seconds_leaves_five_percent(solved, tmp_path):
     """Its gains are 0.75 to 1.4 of those where the search begins; the record comes from MuJoCo."""
-    model, path = robot_of("planar5_nmp"), solved["planar5_nmp"].trajectory
+    model = robot_of("planar5_nmp")
+    path = solved["planar5_nmp"].trajectory
     usual = flexgen.command_positions(model, solution=solved["planar5_nmp"], progress=False)
     k = [
         np.asarray(x)
@@ -308,9 +334,12 @@ def test_a_servo_identified_from_ten_seconds_leaves_five_percent(solved, tmp_pat
         )
     ]
     true = {
-        "k_p": k[0] * [0.75, 1.3], "k_v": k[1] * [1.4, 0.8], "k_i": k[2] * [1.2, 0.9], "feedforward": 0.85,
+        "k_p": k[0] * [0.75, 1.3],
+        "k_v": k[1] * [1.4, 0.8],
+        "k_i": k[2] * [1.2, 0.9],
+        "feedforward": 0.85,
         "filter_s": 2.5e-3,
-    }  # fmt: skip
+    }
     servo = servo_of(usual, usual.run.law, **true)
     fit = flexgen.identify_servo(
         model, recorded(model, servo, path["q_a"][0], 10.0, 3e-3, tmp_path), progress=False
@@ -341,7 +370,8 @@ def test_a_servo_identified_from_ten_seconds_leaves_five_percent(solved, tmp_pat
 @pytest.mark.slow
 def test_a_servo_of_another_structure_is_said_not_to_fit(solved, tmp_path):
     """Commands that are not what the robot was sent: of another motion."""
-    model, path = robot_of("planar5_nmp"), solved["planar5_nmp"].trajectory
+    model = robot_of("planar5_nmp")
+    path = solved["planar5_nmp"].trajectory
     usual = flexgen.command_positions(model, solution=solved["planar5_nmp"], progress=False)
     servo = servo_of(usual, usual.run.law)
     file = recorded(model, servo, path["q_a"][0], 4.0, 0.0, tmp_path)
@@ -355,7 +385,8 @@ def test_a_servo_of_another_structure_is_said_not_to_fit(solved, tmp_path):
 @pytest.mark.slow
 def test_logs_of_a_servo_with_quirks_have_its_gains(solved, tmp_path):
     """Late stamps, revolutions, another order, names by option, a gap at the end."""
-    model, path = robot_of("planar5_nmp"), solved["planar5_nmp"].trajectory
+    model = robot_of("planar5_nmp")
+    path = solved["planar5_nmp"].trajectory
     usual = flexgen.command_positions(model, solution=solved["planar5_nmp"], progress=False)
     servo = servo_of(usual, usual.run.law)
     file = recorded(model, servo, path["q_a"][0], 6.0, 0.0, tmp_path)
@@ -382,7 +413,7 @@ def test_logs_of_a_servo_with_quirks_have_its_gains(solved, tmp_path):
     assert (np.abs(gains / before - 1) < 4 * deviations).all() and (deviations < 1e-3).all()
 
 
-# --- bad input --------------------------------------------------------------------------------------------------------
+# --- bad input -----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -410,7 +441,10 @@ def test_bad_arguments_of_commands(solved, given, message):
         ("clock,q1_deg\n0,1\n", r"given the columns clock, q1_deg, expected time_s or time_ms"),
         (
             "time_s,q1_command_deg,q1_deg\n0,1,1\n",
-            r"record.csv:1: given no column of q2_command, expected one, q2_command_rad or q2_comm",
+            (
+                r"record.csv:1: given no column of q2_command, expected one, q2_command_rad or "
+                r"q2_comm"
+            ),
         ),
         (
             "time_s,q1_command_gon,q1_deg\n0,1,1\n",
@@ -450,7 +484,8 @@ def test_bad_records(tmp_path, lines, message):
 
 
 def test_records_that_do_not_move_or_begin_in_motion():
-    t, still = 4e-3 * np.arange(200), np.zeros((200, 2))
+    t = 4e-3 * np.arange(200)
+    still = np.zeros((200, 2))
     with pytest.raises(ArgumentError, match="do not move q1, q2"):
         flexgen.identify_servo("elbow", flexgen.ServoRecord(t, still, still), progress=False)
     moving = np.sin(t)[:, None] * [1.0, 1.0]
@@ -466,10 +501,8 @@ def test_records_that_do_not_move_or_begin_in_motion():
 
 def test_records_in_other_units_are_refused():
     """Degrees in columns of radians, and angles of motors, which begin at rest."""
-    t, ratios = (
-        4e-3 * np.arange(200),
-        np.ravel([m.ratio for m in flexgen.read("planar5_nmp").motors]),
-    )
+    t = 4e-3 * np.arange(200)
+    ratios = np.ravel([m.ratio for m in flexgen.read("planar5_nmp").motors])
     moved = np.array([0.3, -1.1]) + 0.1 * np.clip(t - 0.2, 0.0, 1.0)[:, None] ** 2 * [1.0, 1.0]
     with pytest.raises(
         ArgumentError, match="given angles of q1 that move 100 times as far as its commands"
@@ -490,11 +523,13 @@ def test_records_in_other_units_are_refused():
         )
 
 
-# --- the servo of a model file ----------------------------------------------------------------------------------------
+# --- the servo of a model file -------------------------------------------------------------------
 
 
 def test_a_robot_carries_its_servo(tmp_path):
-    """The table of the model, the file of the servo, and an argument, which overrides the table."""
+    """The table of the model, the file of the servo, and an argument, which overrides the
+    table.
+    """
     given = {"move": "line", "progress": False}
     file = tmp_path / "servo.toml"
     file.write_text(TABLE)
@@ -506,7 +541,9 @@ def test_a_robot_carries_its_servo(tmp_path):
     assert found.tool_error_max_m < 2e-6
     check_numbers("commands", 1e-5, joint=found.joint, figures=found.to_dict())
     usual = flexgen.command_positions("planar5_nmp", **given)
-    assert np.array_equal(flexgen.command_positions(robot, servo="ppi", **given).joint, usual.joint)
+    assert np.array_equal(
+        flexgen.command_positions(robot, servo="ppi", **given).joint, usual.joint
+    )
     assert found.run.law.position_gain[0] == 30.0 != usual.run.law.position_gain[0]
     proposed = with_servo(tmp_path, 'type = "ppi"\n')
     assert np.array_equal(flexgen.command_positions(proposed, **given).joint, usual.joint)
@@ -518,7 +555,8 @@ def test_columns_of_positions_drive_mujoco(tmp_path):
     servo = flexgen.read(with_servo(tmp_path, PLAIN)).servo
     robot = replace(robot_of("planar5_nmp"), servo=servo)
     found = flexgen.solve(robot, command="position", progress=False)
-    path, given = found.trajectory, flexgen.command_positions(robot, solution=found, progress=False)
+    path = found.trajectory
+    given = flexgen.command_positions(robot, solution=found, progress=False)
     np.testing.assert_allclose(path["command_g"] @ robot.eta.T, path["command_m"], rtol=1e-12)
     assert path.labels["command_g"] == ("q1", "q2") and "command_m" in flexgen.Trajectory.load(
         path.save(tmp_path / "x.csv")
@@ -588,7 +626,11 @@ def test_identification_begins_with_the_servo_of_the_model(tmp_path):
             "[30.0]",
             r"servo.position_gain: given \[30.0\], expected a list of 2 numbers",
         ),
-        ("[1.5, 0.4]", "[1.5, 0.0]", r"servo.speed_gain: given \[1.5, 0.0\], expected numbers > 0"),
+        (
+            "[1.5, 0.4]",
+            "[1.5, 0.0]",
+            r"servo.speed_gain: given \[1.5, 0.0\], expected numbers > 0",
+        ),
         (
             "[6.0, 6.0]",
             "[6.0, -6.0]",

@@ -1,7 +1,8 @@
-"""Positions to send in the emitted C: whole paths and streams against the servo of textbooks, MuJoCo, and Python.
+"""Positions to send in the emitted C: whole paths and streams against the servo of textbooks,
+MuJoCo, and Python.
 
-Samples for an interface by a solver that shares no code. Planted errors: an integral part that is not carried from
-sample to sample, a delay of a sample, gains in another order.
+Samples for an interface by a solver that shares no code. Planted errors: an integral part that is
+not carried from sample to sample, a delay of a sample, gains in another order.
 """
 
 from __future__ import annotations
@@ -33,12 +34,16 @@ from flexgen.servo.servo import servo_of
 
 pytestmark = needs_compiler
 H = 5e-4  # s, of the servo
-# of the torques of a servo with filters: the series of their inverse ends, plans of a stream change
+# of the torques of a servo with filters: the series of their inverse ends, plans of a stream
+# change
 FILTERED = 1e-5
-PERIOD, EACH, INTERVALS = 5e-3, 10, 100  # of a stream: update, samples, horizon
+PERIOD = 5e-3  # of a stream: update
+EACH = 10  # samples
+INTERVALS = 100  # horizon
 NAMES = ("command_m", "command_g", "tau_m", "q_m", "q_a")
 FILTERS = """
-notch = [{ frequency_hz = 60.0 }, { frequency_hz = 110.0, zero_damping = 0.05, pole_damping = 0.5 }]
+notch = [{ frequency_hz = 60.0 }, { frequency_hz = 110.0, zero_damping = 0.05, pole_damping = 0.5 \
+}]
 low_pass = [{ frequency_hz = 400.0, damping = 0.9 }, { frequency_hz = 700.0 }]
 """
 SECTIONS = (
@@ -108,7 +113,9 @@ def streamed(model: flexgen.RobotModel, library: Library, **more: Any) -> Simple
 
 
 def miss(found: Any, **servo: Any) -> float:
-    """Largest difference of the torques that the servo of textbooks sends from those to send, relative."""
+    """Largest difference of the torques that the servo of textbooks sends from those to send,
+    relative.
+    """
     members = {"feedforward": 0.8, "filter_s": 0.003, "h": H} | servo
     own = OwnServo(*GAINS, found.tau_m[0], found.q_m[0], **members)
     sent = np.array([own.torque(r, q) for r, q in zip(found.command_m, found.q_m, strict=True)])
@@ -122,7 +129,7 @@ def robot(tmp_path_factory: pytest.TempPathFactory) -> tuple[flexgen.RobotModel,
     return model, library_of(model, folder)
 
 
-# --- the servo --------------------------------------------------------------------------------------------------------
+# --- the servo -----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("find", [inverted, streamed], ids=["whole path", "stream"])
@@ -134,7 +141,7 @@ def test_the_servo_of_textbooks_sends_the_torques(robot: Any, find: Callable[...
     assert miss(found) < 1e-9
     assert miss(found, filter_s=0.0) > 1e-2
     servo = servo_of(None, model)
-    expected = invert_servo(servo, servo.feedback, found.tau_m, found.q_m)  # type: ignore[arg-type]
+    expected = invert_servo(servo, servo.feedback, found.tau_m, found.q_m)
     np.testing.assert_allclose(found.command_m, expected, rtol=0, atol=1e-9)
     np.testing.assert_allclose(found.command_g @ model.eta.T, found.command_m, rtol=0, atol=1e-9)
 
@@ -144,7 +151,8 @@ def test_the_servo_of_textbooks_sends_the_torques(robot: Any, find: Callable[...
 def test_planted_errors_are_found(
     robot: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
-    texts, (old, new) = clib_files.read_clib(), PLANTED[name]
+    texts = clib_files.read_clib()
+    (old, new) = PLANTED[name]
     assert texts["servo.h"].count(old) == 1
     wrong = texts | {"servo.h": texts["servo.h"].replace(old, new)}
     monkeypatch.setattr(clib_files, "read_clib", lambda: wrong)
@@ -186,10 +194,8 @@ def test_other_servos_at_run_time(
 def test_a_solution_has_the_same_columns(robot: Any) -> None:
     """The torques of both come from other interpolations of the motion."""
     model, library = robot
-    found, path = (
-        inverted(model, library),
-        flexgen.solve(model, command="position", progress=False).trajectory,
-    )
+    found = inverted(model, library)
+    path = flexgen.solve(model, command="position", progress=False).trajectory
     inside = (found.t >= path.time[0]) & (found.t <= path.time[-1])
     wanted = path.at(found.t[inside])["command_m"]
     np.testing.assert_allclose(found.command_m[inside], wanted, rtol=0, atol=1e-6)
@@ -211,7 +217,9 @@ def test_results_without_a_servo_are_those_of_other_libraries(robot: Any, tmp_pa
 def test_memory_of_a_stream_is_that_of_its_macro(
     request: pytest.FixtureRequest, which: str
 ) -> None:
-    """With the largest delay of a hold; the macro of the public header is a bound that is not far away."""
+    """With the largest delay of a hold; the macro of the public header is a bound that is not far
+    away.
+    """
     _, library = request.getfixturevalue(which)
     text = (library.directory / "planar5_nmp_inversion.h").read_text()
     found = re.search(r"STREAM_SIZE\(.*\) *\\\n *\((.*)\)\n", text)
@@ -235,7 +243,7 @@ def test_memory_of_a_stream_is_that_of_its_macro(
         assert needed <= bound <= 1.15 * needed + 2500
 
 
-# --- filters of the torque --------------------------------------------------------------------------------------------
+# --- filters of the torque -----------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -273,7 +281,8 @@ def test_mujoco_with_filters_of_the_torque_follows_the_path(
 def test_planted_errors_of_filters_are_found(
     filtering: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
-    texts, (old, new) = clib_files.read_clib(), PLANTED_IN_FILTERS[name]
+    texts = clib_files.read_clib()
+    (old, new) = PLANTED_IN_FILTERS[name]
     file = "stream_update.h" if "each" in old else "servo.h"
     assert texts[file].count(old) == 1
     wrong = texts | {file: texts[file].replace(old, new)}
@@ -291,12 +300,18 @@ def test_filters_hold_for_the_sample_time_of_the_model_file(filtering: Any) -> N
         )
 
 
-# --- the robot --------------------------------------------------------------------------------------------------------
+# --- the robot -----------------------------------------------------------------------------------
 
 
-def error_in_mujoco(model: flexgen.RobotModel, found: Any, delay: int = 0, **changes: Any) -> float:
-    """Largest distance [m] of the tool from the path, of a robot that gets a command at each sample of its servo."""
-    t, hold = found.t, found.tau_m[0]  # at rest
+def error_in_mujoco(
+    model: flexgen.RobotModel, found: Any, delay: int = 0, **changes: Any
+) -> float:
+    """Largest distance [m] of the tool from the path, of a robot that gets a command at each
+    sample of its servo.
+    """
+    # at rest
+    t = found.t
+    hold = found.tau_m[0]
     servo = OwnServo(
         *changes.pop("gains", GAINS), hold, found.q_m[0], 0.8, 0.003, H, changes.pop("filters", ())
     )
@@ -370,7 +385,7 @@ def test_mujoco_of_six_axes_with_the_commands_of_c(tmp_path: Path) -> None:
     assert error_of_windows(model, library, 8, gains) < 2e-6
 
 
-# --- what there is not ------------------------------------------------------------------------------------------------
+# --- what there is not ---------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -450,7 +465,7 @@ def test_other_libraries_have_no_trace_of_it() -> None:
     )
 
 
-# --- samples for an interface -----------------------------------------------------------------------------------------
+# --- samples for an interface --------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("interpolation", ["hold", "linear", "cubic"])
@@ -458,7 +473,9 @@ def test_other_libraries_have_no_trace_of_it() -> None:
 def test_samples_for_an_interface_are_those_of_python(
     robot: Any, interpolation: Any, period: float
 ) -> None:
-    """By the sparse solver of SciPy and a basis that a test compares with its interpolations; the last is not whole."""
+    """By the sparse solver of SciPy and a basis that a test compares with its interpolations; the
+    last is not whole.
+    """
     model, library = robot
     found = inverted(model, library)
     positions = library.invert.positions(found, period=period, interpolation=interpolation)
@@ -476,7 +493,9 @@ def test_samples_for_an_interface_are_those_of_python(
 def error_of_table(
     model: flexgen.RobotModel, library: Library, gains: Any = GAINS, late: float = 0.0
 ) -> float:
-    """Largest distance [m] of the tool in MuJoCo, whose servo interpolates positions every 4 ms by straight lines."""
+    """Largest distance [m] of the tool in MuJoCo, whose servo interpolates positions every 4 ms by
+    straight lines.
+    """
     move, path = samples_of(model, H)
     given = {"period": H, "q_start": move.q_start, "n_pre": 400, "samples_per_interval": 10}
     found = library.invert(*path, **given, n_post=6000, servo=True)
@@ -497,8 +516,11 @@ def test_mujoco_with_a_table_of_c_follows_the_path(robot: Any) -> None:
 def error_of_windows(
     model: flexgen.RobotModel, library: Library, sides: int, gains: Any = GAINS, off: int = 0
 ) -> float:
-    """The same of a stream: each position is in the middle of a window of ``sides`` positions on either side."""
-    found, each = streamed(model, library), round(4e-3 / H)
+    """The same of a stream: each position is in the middle of a window of ``sides`` positions on
+    either side.
+    """
+    found = streamed(model, library)
+    each = round(4e-3 / H)
     rest = np.tile(found.command_g[:1], (sides * each, 1))
     commands = np.vstack([rest, found.command_g])
     count = (len(commands) - 1) // each - 2 * sides

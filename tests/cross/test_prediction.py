@@ -1,6 +1,8 @@
-"""The tool error that 95 % of the robots keep, against robots that are drawn here and simulated by the nonlinear loop.
+"""The tool error that 95 % of the robots keep, against robots that are drawn here and simulated by
+the nonlinear loop.
 
-Draws, simulation (sampled, Runge-Kutta, recursions in C) and errors share no code with the prediction.
+Draws, simulation (sampled, Runge-Kutta, recursions in C) and errors share no code with the
+prediction.
 """
 
 from __future__ import annotations
@@ -31,7 +33,8 @@ PAIR = {
 }
 INERTIA = [f"inertia_{axes}" for axes in ("xx", "yy", "zz", "xy", "yz", "xz")]
 # 200 robots: 95 % of them are inside with a standard deviation of 1.5 %
-LEAST, MOST = 0.92, 0.98
+LEAST = 0.92
+MOST = 0.98
 
 
 @cache
@@ -48,7 +51,9 @@ def predicted(given: dict[str, Any], **changes: Any) -> flexgen.Prediction:
 
 def drawn(given: dict[str, Any]) -> dict[str, dict[str, float]]:
     """Robots as `flexgen.control` takes them, drawn by an own rule."""
-    rng, model, out = np.random.default_rng(4711), solved().model, {}
+    rng = np.random.default_rng(4711)
+    model = solved().model
+    out = {}
     present = {p.name for p in derive(model, ["stiffness", "damping", "friction"]).parameters}
     groups = {
         "stiffness": [[name] for name in sorted(p for p in present if p.endswith(".stiffness"))],
@@ -91,11 +96,18 @@ def simulate(
     law = flexgen.Cascade(gains.position_gain, gains.speed_gain, gains.integral_gain)
     move = (of or solved()).move
     run = flexgen.control(
-        solved().model, move, controller=law, plants=plants, solution=of or solved(), torque_limits=False,
+        solved().model,
+        move,
+        controller=law,
+        plants=plants,
+        solution=of or solved(),
+        torque_limits=False,
         progress=False,
-    )  # fmt: skip
+    )
     inside = (run.reference.time >= time[0]) & (run.reference.time <= time[-1])
-    return run, np.array([np.linalg.norm(run[name].error[inside], axis=1).max() for name in plants])
+    return run, np.array(
+        [np.linalg.norm(run[name].error[inside], axis=1).max() for name in plants]
+    )
 
 
 CASES = {
@@ -108,7 +120,8 @@ CASES = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "case", ["all", *(pytest.param(x, marks=pytest.mark.slow) for x in ("heavy", "pair", "weakly"))]
+    "case",
+    ["all", *(pytest.param(x, marks=pytest.mark.slow) for x in ("heavy", "pair", "weakly"))],
 )
 def test_95_percent_of_the_robots_keep_the_error_and_planted_errors_are_seen(case):
     given, planted = CASES[case]
@@ -144,7 +157,9 @@ def test_each_robot_has_the_error_that_is_simulated():
 
 
 def test_shares_are_those_of_single_sources():
-    """Without correlation: the error of the robots with one source only, by its variance; all of them are 100 %."""
+    """Without correlation: the error of the robots with one source only, by its variance; all of
+    them are 100 %.
+    """
     found = predicted(ALL)
     assert abs(sum(share.share for share in found.shares) - 1.0) < 1e-12
     assert all(share.share >= 0.0 for share in found.shares)
@@ -164,7 +179,8 @@ def test_shares_are_those_of_single_sources():
 def test_the_fastest_move_against_95_percent_leaves_torque_for_them():
     """At each instant 95 % of the robots keep the torque limits; without ``against`` fewer do."""
     given = {"stiffness": 0.1, "masses": 0.05, "payload": 0.3}
-    model, least = replace(solved().model, uncertainty=Tolerances(**given)), []
+    model = replace(solved().model, uncertainty=Tolerances(**given))
+    least = []
     for against in ("95 %", None):
         quick = flexgen.fastest(model, "line", coefficients=8, against=against, progress=False)
         found = flexgen.predict(model, solution=quick.solution, progress=False)
@@ -179,10 +195,8 @@ def test_the_fewest_sources_that_halve_the_error_are_found_one_by_one(count):
     """By trying 1, 2, 3, ... of the largest; sources of equal size, and of sizes that fall."""
     rng = np.random.default_rng(count)
     for sizes in (np.ones(count), 0.5 ** np.arange(count), np.r_[3.0, np.ones(count - 1)]):
-        rows, errors = (
-            rng.normal(size=(4, count, 2)) * sizes[:, None],
-            rng.normal(size=(200, count)),
-        )
+        rows = rng.normal(size=(4, count, 2)) * sizes[:, None]
+        errors = rng.normal(size=(200, count))
         known: Any = SimpleNamespace(
             names=[f"s{k}" for k in range(count)],
             kinds=["masses"] * count,

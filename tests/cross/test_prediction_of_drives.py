@@ -1,4 +1,6 @@
-"""Predicted errors of robots whose drives have cogging, friction with a load or a state, or an unknown delay."""
+"""Predicted errors of robots whose drives have cogging, friction with a load or a state, or an
+unknown delay.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +33,9 @@ LOAD = {
 
 
 def with_sums() -> flexgen.RobotModel:
-    gears = {f"element.{x}.gear.transmission_error": ERROR for x in ("upper.dof.q1", "fore.dof.q2")}
+    gears = {
+        f"element.{x}.gear.transmission_error": ERROR for x in ("upper.dof.q1", "fore.dof.q2")
+    }
     return flexgen.read(
         "elbow", overrides=gears | {f"motor.{m}.cogging": COGGING for m in ("m1", "m2")}
     )
@@ -83,17 +87,21 @@ def test_bristles_of_each_robot_are_those_of_the_loop(monkeypatch: pytest.Monkey
 
 
 def test_torques_that_are_late_have_the_error_of_the_loop() -> None:
-    """Torques shifted in time; planted: the delay counted for one motor only, or to first order."""
+    """Torques shifted in time; planted: the delay counted for one motor only, or to first
+    order.
+    """
     found = predicted(flexgen.read("elbow"), delay=0.2)
     assert found.sources == ("delay",) and found.shares[0].share == pytest.approx(1.0)
-    robots, path = Drawn(found, 3), found.solution.trajectory
+    robots = Drawn(found, 3)
+    path = found.solution.trajectory
     simulated = []
     for (late,) in robots.errors:
         shifted = path.at(np.clip(path.time - late, path.time[0], path.time[-1]))["tau_m"]
         other = replace(path, channels={**path.channels, "tau_m": shifted})
         simulated.append(in_the_loop(found, [{}], replace(found.solution, trajectory=other))[0])
     assert robots.predicted() == pytest.approx(simulated, rel=0.02)
-    exact, first = robots.along.late, robots.along.force[0][:, None]
+    exact = robots.along.late
+    first = robots.along.force[0][:, None]
     one = np.arange(exact(robots.errors).shape[-1]) < exact(robots.errors).shape[-1] - 1
     for wrong in (lambda x: exact(x) * one, lambda x: first * x):
         robots.along = replace(robots.along, late=wrong)

@@ -55,7 +55,9 @@ def test_each_robot_has_the_error_of_the_loop(
 
 @pytest.mark.slow
 def test_95_percent_of_robots_with_other_lost_motions_keep_the_error() -> None:
-    """200 robots: 95 % of them are inside with a standard deviation of 1.5 %. Planted: half the standard deviation."""
+    """200 robots: 95 % of them are inside with a standard deviation of 1.5 %. Planted: half the
+    standard deviation.
+    """
     found = flexgen.predict(made("planar5_nmp", ONE, Tolerances(lost_motion=0.15)), progress=False)
     rng = np.random.default_rng(4711)
     drawn = [
@@ -75,7 +77,9 @@ def test_95_percent_of_robots_with_other_lost_motions_keep_the_error() -> None:
 
 
 class Curved:
-    """A law of two parts whose torque y grows by ``K (1 + part) (1 - sin(y)/2) tanh(dp)``; K: of robots."""
+    """A law of two parts whose torque y grows by ``K (1 + part) (1 - sin(y)/2) tanh(dp)``; K: of
+    robots.
+    """
 
     def __init__(self, models: list[Any]) -> None:
         self.K = np.array([model["K"] for model in models])[:, None, None]
@@ -91,7 +95,9 @@ class Curved:
 
 
 def test_derivatives_of_robots_are_those_of_their_states(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Robots with small errors against the linear states, step by step; and the derivative in the deviation."""
+    """Robots with small errors against the linear states, step by step; and the derivative in the
+    deviation.
+    """
     monkeypatch.setattr(memory_states, "with_values", lambda model, values: values)
     sources: Any = SimpleNamespace(
         names=["first", "second"],
@@ -99,18 +105,24 @@ def test_derivatives_of_robots_are_those_of_their_states(monkeypatch: pytest.Mon
         values=lambda errors: 0.7 * (1.0 + errors @ [[1.0], [-0.4]]),
     )
     rng = np.random.default_rng(3)
-    rows, p = rng.normal(size=(3, 4)), np.cumsum(0.3 * rng.normal(size=(9, 3)), axis=0)
-    plan = memory_states.plan_states({"K": 0.7}, sources, Curved, rows, p)  # type: ignore[arg-type]
-    h, moved = 1e-4, 0.1 * rng.normal(size=(10, 2, 4))  # deviations by the error of each source
+    rows = rng.normal(size=(3, 4))
+    p = np.cumsum(0.3 * rng.normal(size=(9, 3)), axis=0)
+    plan = memory_states.plan_states({"K": 0.7}, sources, Curved, rows, p)
+    # deviations by the error of each source
+    h = 1e-4
+    moved = 0.1 * rng.normal(size=(10, 2, 4))
     errors = np.vstack([h * np.eye(2), -h * np.eye(2)])
-    robots, linear = plan.robots(errors), plan.linear()
+    robots = plan.robots(errors)
+    linear = plan.linear()
     d = [np.concatenate([h * x, -h * x]) for x in moved]
     robots.start(d[0])
     linear.start(moved[0])
     for k in range(1, 9):
         torque, slope = robots.at(k, d[k])
         found, rise = linear.at(k, moved[k])
-        np.testing.assert_allclose(found, (torque[:2] - torque[2:]) / (2 * h), rtol=1e-5, atol=1e-6)
+        np.testing.assert_allclose(
+            found, (torque[:2] - torque[2:]) / (2 * h), rtol=1e-5, atol=1e-6
+        )
         np.testing.assert_allclose(rise, slope.mean(axis=0), rtol=1e-5, atol=1e-6)
         more = robots.at(k, d[k] + 1e-6 * np.eye(4)[0])[0]
         np.testing.assert_allclose((more - torque) / 1e-6, slope[:, :, 0], rtol=1e-5, atol=1e-6)
@@ -118,7 +130,8 @@ def test_derivatives_of_robots_are_those_of_their_states(monkeypatch: pytest.Mon
         linear.keep(k, moved[k])
     # from rest along the whole motion, less those of the plan
     laws = [plan._law(errors), Curved([{"K": 0.7}])]
-    y, robots = [np.zeros((4, 2, 3)), np.zeros((1, 2, 3))], plan.robots(errors)
+    y = [np.zeros((4, 2, 3)), np.zeros((1, 2, 3))]
+    robots = plan.robots(errors)
     robots.start(d[0])
     for k in range(1, 9):
         steps = [p[k] - p[k - 1] + (d[k] - d[k - 1]) @ rows.T, (p[k] - p[k - 1])[None]]

@@ -1,8 +1,9 @@
-"""A known force on the tool along a path, against MuJoCo, the Lagrangian, the compliance of the tool and energy.
+"""A known force on the tool along a path, against MuJoCo, the Lagrangian, the compliance of the
+tool and energy.
 
-The inverse adds ``W' F`` to the rows in hand-written C. Its referees share no code with that: MuJoCo moves the exported
-robot with a force at the site of the tool; the Lagrangian has the force by its power; the compliance of the tool comes
-from the linear robot, without any force.
+The inverse adds ``W' F`` to the rows in hand-written C. Its referees share no code with that:
+MuJoCo moves the exported robot with a force at the site of the tool; the Lagrangian has the force
+by its power; the compliance of the tool comes from the linear robot, without any force.
 """
 
 from __future__ import annotations
@@ -44,12 +45,14 @@ def with_force(trajectory: Trajectory, values: np.ndarray, like: Trajectory) -> 
     )
 
 
-# --- MuJoCo -----------------------------------------------------------------------------------------------------------
+# --- MuJoCo --------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", ["planar5_nmp", "elbow"])
 def test_mujoco_with_the_force_follows_the_path(name):
-    """Closed form (elbow) and lq (a non-minimum phase arm): 0.9 to 1.2 mm without the force in the torque."""
+    """Closed form (elbow) and lq (a non-minimum phase arm): 0.9 to 1.2 mm without the force in the
+    torque.
+    """
     equations = flexgen.derive(name)
     solution = flexgen.solve(
         equations, force=milling(duration_of(equations), PLANE), progress=False
@@ -62,7 +65,9 @@ def test_mujoco_with_the_force_follows_the_path(name):
 
 @pytest.mark.full
 def test_mujoco_of_six_axes_with_the_force():
-    """The first part of the move: the force has grown to all of its size, and errors have not grown yet."""
+    """The first part of the move: the force has grown to all of its size, and errors have not
+    grown yet.
+    """
     # what MuJoCo has
     equations = flexgen.derive(with_friction(flexgen.read("manutec_r3_24"), "viscous"))
     move = flexgen.plan(equations, ignore_limits=True)
@@ -81,24 +86,32 @@ def test_mujoco_of_six_axes_with_the_force():
     assert error_in_mujoco(equations, cut, sign=-1.0, step=2e-5) > 1e-4  # planted: the other sign
 
 
-# --- the Lagrangian, rows and planted bugs in the C -------------------------------------------------------------------
+# --- the Lagrangian, rows and planted bugs in the C ----------------------------------------------
 
 
 def rows_of(equations, found, force: np.ndarray) -> tuple[float, float]:
-    """Largest errors of gear torques and of the rows without motor along an inversion, by the Lagrangian [N m]."""
-    model, n = equations.model, len(found.q_a)
+    """Largest errors of gear torques and of the rows without motor along an inversion, by the
+    Lagrangian [N m].
+    """
+    model = equations.model
+    n = len(found.q_a)
     inertial = evaluate(equations.function("inverse_dynamics"), found.q_a, found.v_a, found.a_a)[0]
     acting = evaluate(equations.pushed.function("arm_forces"), found.q_a, found.v_a, force)[0]
     needed = (inertial - acting).reshape(n, -1)
-    elastic = evaluate(equations.function("elastic_torque"), found.q_a, found.v_a)[0].reshape(n, -1)
+    elastic = evaluate(equations.function("elastic_torque"), found.q_a, found.v_a)[0].reshape(
+        n, -1
+    )
     gears = np.abs(needed[:, list(model.i_g)] - found.tau_g).max()
     return float(gears), float(np.abs(needed[:, list(model.i_e)] - elastic).max())
 
 
 def inverted(folder, equations, solver: str = "invert", factor: float = 1.0):
-    """An inversion with a force by a library that is made in a folder, and the force at its samples (n, 6)."""
+    """An inversion with a force by a library that is made in a folder, and the force at its
+    samples (n, 6).
+    """
     made = flexgen.generate(equations.model, folder, parts=["force", "bvp"], progress=False)
-    path, period = flexgen.plan(equations), 5e-4
+    path = flexgen.plan(equations)
+    period = 5e-4
     force = make_force(milling(path.duration, PLANE), equations.model, path.duration)
     t = np.arange(round(path.duration / period) + 1) * period
     y, dy, ddy = path.sample(t).y.transpose(2, 0, 1)[:3]
@@ -154,7 +167,8 @@ def test_the_first_guess_has_the_response_to_the_force(tmp_path, monkeypatch, si
     equations = flexgen.derive("planar5_nmp")
     found, force = inverted(tmp_path / "made", equations, factor=4.0)
     gears, rows = rows_of(equations, found, force)
-    assert found.iterations == steps and gears < 1e-8 and rows < 1e-3  # the steps correct any guess
+    # the steps correct any guess
+    assert found.iterations == steps and gears < 1e-8 and rows < 1e-3
 
 
 def test_libraries_without_the_part_have_no_trace_of_it():
@@ -165,13 +179,14 @@ def test_libraries_without_the_part_have_no_trace_of_it():
     )
 
 
-# --- statics, energy --------------------------------------------------------------------------------------------------
+# --- statics, energy -----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", ["planar5_nmp", "manutec_r3_24"])
 def test_a_small_constant_force_moves_the_held_tool_by_the_compliance(name):
     found = flexgen.analyze(name)
-    equations, rest = flexgen.derive(name), found.equilibrium
+    equations = flexgen.derive(name)
+    rest = found.equilibrium
     for axis in (0, 2):
         f = np.zeros(6)
         f[axis] = 1.0
@@ -202,7 +217,8 @@ def test_a_constant_force_is_held_before_and_after_the_move():
 
 def test_rounding_of_a_constant_force_needs_no_mesh():
     """As in the trajectory of a solution, from which it is read again; a micronewton does."""
-    model, t = flexgen.read("elbow"), np.linspace(0.0, 1.0, 4001)
+    model = flexgen.read("elbow")
+    t = np.linspace(0.0, 1.0, 4001)
     wave = np.outer(np.sin(40.0 * t), [0.0, 0.0, 1.0])
     assert make_force(wave * 3e-13 - 200.0, model, 1.0).resolving == np.inf
     assert make_force(wave * 1e-6 - 200.0, model, 1.0).resolving == pytest.approx(
@@ -224,7 +240,7 @@ def test_the_energy_balance_has_the_power_of_the_force():
     assert np.ptp(np.cumsum(power) * (path.time[1] - path.time[0])) > 1e-2
 
 
-# --- figures ----------------------------------------------------------------------------------------------------------
+# --- figures -------------------------------------------------------------------------------------
 
 
 def test_a_force_that_is_wrong_by_a_fifth_leaves_a_fifth_of_the_error():
@@ -232,7 +248,8 @@ def test_a_force_that_is_wrong_by_a_fifth_leaves_a_fifth_of_the_error():
     solution = flexgen.solve(
         equations, force=milling(duration_of(equations), PLANE), progress=False
     )
-    path, free = solution.trajectory, flexgen.solve(equations, progress=False).trajectory
+    path = solution.trajectory
+    free = flexgen.solve(equations, progress=False).trajectory
     force = make_force(
         milling(duration_of(equations), PLANE), equations.model, duration_of(equations)
     )
@@ -256,7 +273,8 @@ def test_six_axes_within_a_micrometer():
     path = solution.trajectory
     free = flexgen.solve(equations, ignore_limits=True, progress=False).trajectory
     values = make_force(force, equations.model, duration_of(equations)).at(free.time)
-    # with motor feedback: in open loop the friction of motors that reverse at other times makes them drift
+    # with motor feedback: in open loop the friction of motors that reverse at other times makes
+    # them drift
     cases = with_force(free, values, path), with_force(path, 1.2 * path["force"], path)
     alone, wrong = (
         flexgen.simulate(equations, case, feedback="ppi").tool_error_max_m for case in cases
@@ -269,7 +287,8 @@ def test_two_methods_agree():
     equations = flexgen.derive("planar5_nmp")
     force = milling(duration_of(equations), PLANE)
     lq, bvp = (
-        flexgen.solve(equations, method=name, force=force, progress=False) for name in ("lq", "bvp")
+        flexgen.solve(equations, method=name, force=force, progress=False)
+        for name in ("lq", "bvp")
     )
     t = np.linspace(0.0, duration_of(equations), 500)
     np.testing.assert_allclose(
@@ -281,7 +300,9 @@ def test_two_methods_agree():
 def test_a_stream_with_forces_gives_the_torques_of_invert(tmp_path):
     equations = flexgen.derive("planar5_nmp")
     made = flexgen.generate(equations.model, tmp_path / "made", parts=["force"], progress=False)
-    path, period, ahead = flexgen.plan(equations), 2e-3, 40
+    path = flexgen.plan(equations)
+    period = 2e-3
+    ahead = 40
     force = make_force(milling(path.duration, PLANE, hz=20.0), equations.model, path.duration)
     t = np.arange(round(path.duration / period) + 1) * period
     y, dy, ddy = (np.ascontiguousarray(x) for x in path.sample(t).y.transpose(2, 0, 1)[:3])
@@ -311,7 +332,8 @@ def test_a_stream_with_forces_gives_the_torques_of_invert(tmp_path):
             stream.set_force(F[k])
             found.append(stream.update(y[k], dy[k], ddy[k]).tau_m[0])
     n = len(t) - ahead
-    found, wanted = np.array(found)[ahead:], whole.tau_m[40 : 40 + n]
+    found = np.array(found)[ahead:]
+    wanted = whole.tau_m[40 : 40 + n]
     size = np.abs(wanted).max()
     assert np.abs(found - wanted).max() < 2e-3 * size, np.abs(found - wanted).max() / size
     plain = flexgen.load(
@@ -326,16 +348,22 @@ def test_a_stream_with_forces_gives_the_torques_of_invert(tmp_path):
     with pytest.raises(
         ArgumentError, match="invert_many, force: given to a library without forces"
     ):
-        starts, forced = [path.q_start] * 2, flexgen.InversionOptions(force=F)
+        starts = [path.q_start] * 2
+        forced = flexgen.InversionOptions(force=F)
         plain.invert_many(y, dy, ddy, period=period, q_start=starts, options=forced)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["planar5_nmp", "hysteretic"])
 def test_a_stream_begins_with_the_force(name, tmp_path):
-    """At rest in equilibrium with it, in motion with that of its samples; without, the torques are off by more."""
+    """At rest in equilibrium with it, in motion with that of its samples; without, the torques are
+    off by more.
+    """
     model = hysteretic("elbow") if name == "hysteretic" else flexgen.read(name)
-    path, period, ahead, before = flexgen.plan(model), 2e-3, 40, 60
+    path = flexgen.plan(model)
+    period = 2e-3
+    ahead = 40
+    before = 60
     t = np.arange(round(path.duration / period) + 1) * period
     y, dy, ddy = (np.ascontiguousarray(x) for x in path.sample(t).y.transpose(2, 0, 1)[:3])
     turned = 1.0 + 0.3 * np.sin(4.0 * t)[:, None] ** 4  # constant at first
@@ -343,7 +371,8 @@ def test_a_stream_begins_with_the_force(name, tmp_path):
         np.gradient(x, period, axis=0) for x in (turned, np.gradient(turned, period, axis=0))
     )
     F = np.hstack([x * np.array([30.0, -100.0]) for x in (turned, rate, second)])
-    start, keywords = F[0, :2], {"period": period, "intervals": ahead}
+    start = F[0, :2]
+    keywords = {"period": period, "intervals": ahead}
     with flexgen.load(
         flexgen.generate(model, tmp_path, parts=["force"], progress=False).directory
     ) as library:
@@ -353,7 +382,9 @@ def test_a_stream_begins_with_the_force(name, tmp_path):
         size = np.abs(whole.tau_m).max()
 
         def off(stream, first, at):
-            """Largest error of torques from a sample of the path on, of which the stream gives interval `at` first."""
+            """Largest error of torques from a sample of the path on, of which the stream gives
+            interval `at` first.
+            """
             found = []
             for k in range(first, len(t)):
                 stream.set_force(F[k])
@@ -380,7 +411,7 @@ def test_a_stream_begins_with_the_force(name, tmp_path):
             library.stream(force=bad, **moving)
 
 
-# --- what a user gives ------------------------------------------------------------------------------------------------
+# --- what a user gives ---------------------------------------------------------------------------
 
 
 def test_array_function_and_file_are_the_same(tmp_path, capsys):
@@ -500,7 +531,8 @@ def test_units_time_and_methods_are_checked():
 @pytest.mark.parametrize("factor", [-0.5, 2.0])
 def test_a_force_times_a_factor_has_the_duration_of_its_last_instant(factor):
     """Samples from the start to the end of the path, which is where the instants end."""
-    model, samples = flexgen.read("elbow"), np.outer(np.linspace(0.0, 1.0, 5) ** 2, [1.0, 0.0, 3.0])
+    model = flexgen.read("elbow")
+    samples = np.outer(np.linspace(0.0, 1.0, 5) ** 2, [1.0, 0.0, 3.0])
     t = np.linspace(0.0, 1.6, 9)
     found = scale_force(samples, model, factor)(t)
     np.testing.assert_allclose(found, factor * make_force(samples, model, 1.6).at(t), rtol=1e-12)

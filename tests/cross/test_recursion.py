@@ -1,4 +1,5 @@
-"""The fast path against the Lagrangian: every function, on every model and on random robots, to rounding.
+"""The fast path against the Lagrangian: every function, on every model and on random robots, to
+rounding.
 
 Counts of operations are guarded: they are what the fast path is for.
 """
@@ -89,7 +90,8 @@ def nothing_resists() -> dict[str, RobotModel]:
     }
     out = {}
     for name, (kind, *bodies) in shapes.items():
-        elements, motors = [], []
+        elements = []
+        motors = []
         for k, body in enumerate(bodies):
             dof = Dof(f"q{k}", kind, (0.0, 0.0, 1.0), gear=Gear(rigid=True))
             elements.append(Element(f"b{k}", (dof,), Placement((0.3, 0.0, 0.0)), body=body))
@@ -116,8 +118,11 @@ def test_without_inertia_the_lagrangian_is_used(name, parameters):
 
 @pytest.mark.parametrize("name", ["manutec_r3", "sliding5"])
 def test_parameters(name):
-    """Numbers that change at run time are arguments; others than those of the file give what a model with them has."""
-    plain, rng = equations_of(name).model, np.random.default_rng(8)
+    """Numbers that change at run time are arguments; others than those of the file give what a
+    model with them has.
+    """
+    plain = equations_of(name).model
+    rng = np.random.default_rng(8)
     names = ["payload", *(["stiffness", "friction"] if name.startswith("manutec") else [])]
     equations = Equations(plain, names)
     numbers = np.array([parameter.value for parameter in equations.parameters])
@@ -135,7 +140,8 @@ def test_parameters(name):
 
 
 def check_all(case) -> None:
-    equations, rng = derive(case.model), np.random.default_rng(6)
+    equations = derive(case.model)
+    rng = np.random.default_rng(6)
     states = [arguments(s, rng) for s in case.states]
     for name in FUNCTIONS:
         fast = recursive_function(equations, name)
@@ -157,7 +163,7 @@ def test_many_random_robots(case):
     check_all(case)
 
 
-# --- what it is for --------------------------------------------------------------------------------------------------
+# --- what it is for ------------------------------------------------------------------------------
 
 # Operations at most; a change that makes them more has to say why.
 GUARDED = {

@@ -1,4 +1,6 @@
-"""Products with derivatives (jvp, vjp) against matrices of derivatives, differences and their own transposes."""
+"""Products with derivatives (jvp, vjp) against matrices of derivatives, differences and their own
+transposes.
+"""
 
 from __future__ import annotations
 
@@ -33,8 +35,10 @@ def drawn(equations: Equations, names, rng: np.random.Generator) -> dict[str, np
 
 def check_inverse_dynamics(equations: Equations, seed: int) -> None:
     """Against the recursion of the derivatives' matrices, or the Lagrangian's."""
-    rng, names = np.random.default_rng(seed), ("q_a", "v_a", "a_a")
-    x, dx = drawn(equations, names, rng), drawn(equations, names, rng)
+    rng = np.random.default_rng(seed)
+    names = ("q_a", "v_a", "a_a")
+    x = drawn(equations, names, rng)
+    dx = drawn(equations, names, rng)
     w = rng.uniform(-1.0, 1.0, equations.model.n_a)
     matrices = values(equations.function("inverse_dynamics_derivatives"), x)
     given = x | {f"{name}_tangent": dx[name] for name in names}
@@ -42,15 +46,20 @@ def check_inverse_dynamics(equations: Equations, seed: int) -> None:
     terms = [J @ dx[name] for J, name in zip(matrices, names, strict=True)]
     size = sum(np.abs(J) @ np.abs(dx[name]) for J, name in zip(matrices, names, strict=True)).max()
     assert np.abs(found - sum(terms)).max() <= EXACT * size
-    back = values(recursive_function(equations, "inverse_dynamics_vjp"), x | {"tau_a_cotangent": w})
+    back = values(
+        recursive_function(equations, "inverse_dynamics_vjp"), x | {"tau_a_cotangent": w}
+    )
     size = max((np.abs(J).T @ np.abs(w)).max() for J in matrices)
     for J, gradient in zip(matrices, back, strict=True):
         assert np.abs(gradient.ravel() - J.T @ w).max() <= EXACT * size
 
 
 def check_accelerations(equations: Equations, seed: int) -> None:
-    """``M a_change`` against changes of torques: the condition of the mass matrix does not count."""
-    rng, n_a = np.random.default_rng(seed), equations.model.n_a
+    """``M a_change`` against changes of torques: the condition of the mass matrix does not
+    count.
+    """
+    rng = np.random.default_rng(seed)
+    n_a = equations.model.n_a
     x, dx = (drawn(equations, ("q_a", "v_a", "tau_a"), rng) for _ in range(2))
     a = values(recursive_function(equations, "arm_forward_dynamics"), x)[0].ravel()
     by_q, by_v, M = values(
@@ -60,7 +69,9 @@ def check_accelerations(equations: Equations, seed: int) -> None:
     given = x | {f"{name}_tangent": dx[name] for name in dx}
     da = values(recursive_function(equations, "arm_forward_dynamics_jvp"), given)[0].ravel()
     size = (
-        np.abs(M) @ np.abs(da) + np.abs(by_q) @ np.abs(dx["q_a"]) + np.abs(by_v) @ np.abs(dx["v_a"])
+        np.abs(M) @ np.abs(da)
+        + np.abs(by_q) @ np.abs(dx["q_a"])
+        + np.abs(by_v) @ np.abs(dx["v_a"])
     ).max()
     assert (
         np.abs(M @ da + by_q @ dx["q_a"] + by_v @ dx["v_a"] - dx["tau_a"]).max()
@@ -90,9 +101,13 @@ def test_products_of_arm_functions_equal_matrices_times_vectors(name) -> None:
 
 
 def all_operations(function: ca.Function) -> int:
-    """Arithmetic operations, sines and cosines (one each, though they take longer), and other functions."""
+    """Arithmetic operations, sines and cosines (one each, though they take longer), and other
+    functions.
+    """
     kinds = [function.instruction_id(k) for k in range(function.n_instructions())]
-    return sum(kind not in (ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CONST, ca.OP_ASSIGN) for kind in kinds)
+    return sum(
+        kind not in (ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CONST, ca.OP_ASSIGN) for kind in kinds
+    )
 
 
 @pytest.mark.parametrize("name", MODELS)
@@ -130,10 +145,14 @@ LINEARIZED = [
 
 @pytest.mark.parametrize("name", LINEARIZED)
 def test_products_of_forward_dynamics_equal_the_linearization(name) -> None:
-    equations, rng = equations_of(name), np.random.default_rng(3)
+    equations = equations_of(name)
+    rng = np.random.default_rng(3)
     model = equations.model
-    n_a, i_m, names = model.n_a, list(model.i_m), ("q_a", "v_a", "q_m", "v_m", "tau_m")
-    x, dx = drawn(equations, names, rng), drawn(equations, names, rng)
+    n_a = model.n_a
+    i_m = list(model.i_m)
+    names = ("q_a", "v_a", "q_m", "v_m", "tau_m")
+    x = drawn(equations, names, rng)
+    dx = drawn(equations, names, rng)
     A, B = values(equations.function("linearize"), x)
     n = model.dof
     state = np.concatenate([dx["q_a"], dx["q_m"][i_m], dx["v_a"], dx["v_m"][i_m]])
@@ -146,7 +165,8 @@ def test_products_of_forward_dynamics_equal_the_linearization(name) -> None:
     assert np.abs(np.concatenate([da_a, da_m[i_m]]) - expected).max() <= 1e-10 * size
     rigid = [j for j in range(model.n_m) if j not in i_m]
     assert np.allclose(da_m[rigid], (model.eta @ da_a[list(model.i_g)])[rigid], rtol=1e-12, atol=0)
-    w_a, w_m = rng.uniform(-1.0, 1.0, n_a), rng.uniform(-1.0, 1.0, model.n_m)
+    w_a = rng.uniform(-1.0, 1.0, n_a)
+    w_m = rng.uniform(-1.0, 1.0, model.n_m)
     back = values(
         recursive_function(equations, "forward_dynamics_vjp"),
         x | {"a_a_cotangent": w_a, "a_m_cotangent": w_m},
@@ -163,7 +183,8 @@ def test_products_of_forward_dynamics_equal_the_linearization(name) -> None:
 )
 def test_products_of_all_functions_are_derivatives_and_transposes(model) -> None:
     """With run-time parameters: against central differences of the Lagrangian's function."""
-    equations, rng = derive(model, ("payload", "stiffness")), np.random.default_rng(4)
+    equations = derive(model, ("payload", "stiffness"))
+    rng = np.random.default_rng(4)
     p = np.array([parameter.value for parameter in equations.parameters])
     offered = set(offered_functions(equations.model))
     for name in [each for each in DIFFERENTIATED if each in offered]:
@@ -172,7 +193,9 @@ def test_products_of_all_functions_are_derivatives_and_transposes(model) -> None
             key: p if key == "parameters" else rng.uniform(-1, 1, slow.size_in(key)[0])
             for key in slow.name_in()
         }
-        dx = {key: rng.uniform(-1, 1, len(v)) * np.maximum(np.abs(v), 1e-3) for key, v in x.items()}
+        dx = {
+            key: rng.uniform(-1, 1, len(v)) * np.maximum(np.abs(v), 1e-3) for key, v in x.items()
+        }
         h = 1e-6
         ends = [
             np.concatenate(
@@ -182,7 +205,8 @@ def test_products_of_all_functions_are_derivatives_and_transposes(model) -> None
         ]
         expected = (ends[0] - ends[1]) / (2 * h)
         for made in (recursive_function, lambda equations, name: equations.function(name)):
-            jvp, vjp = made(equations, f"{name}_jvp"), made(equations, f"{name}_vjp")
+            jvp = made(equations, f"{name}_jvp")
+            vjp = made(equations, f"{name}_vjp")
             if jvp is None:
                 continue
             given = {"parameters": p} | x | {f"{key}_tangent": value for key, value in dx.items()}
@@ -237,11 +261,13 @@ def test_emitted_products_equal_emitted_derivatives(tmp_path, parameters) -> Non
             "planar5_nmp", tmp_path / "l", functions=names, parameters=parameters, progress=False
         ).directory
     )
-    rng, count = np.random.default_rng(0), 40
+    rng = np.random.default_rng(0)
+    count = 40
     x = {name: rng.uniform(-1, 1, (count, 3)) for name in ("q_a", "v_a", "a_a")}
     dx = {f"{name}_tangent": rng.uniform(-1, 1, (count, 3)) for name in x}
     more = {"parameters_tangent": np.zeros((count, 7))} if parameters else {}
-    matrices, w = library.inverse_dynamics_derivatives(**x), rng.uniform(-1, 1, (count, 3))
+    matrices = library.inverse_dynamics_derivatives(**x)
+    w = rng.uniform(-1, 1, (count, 3))
     expected = sum(
         np.einsum("kij,kj->ki", J, d) for J, d in zip(matrices, dx.values(), strict=True)
     )
@@ -249,7 +275,9 @@ def test_emitted_products_equal_emitted_derivatives(tmp_path, parameters) -> Non
     assert np.abs(found - expected).max() <= EXACT * np.abs(expected).max()
     back = library.inverse_dynamics_vjp(**x, tau_a_cotangent=w)
     for J, gradient in zip(matrices, back[:3], strict=True):
-        assert np.abs(gradient - np.einsum("kij,ki->kj", J, w)).max() <= EXACT * np.abs(J).max() * 3
+        assert (
+            np.abs(gradient - np.einsum("kij,ki->kj", J, w)).max() <= EXACT * np.abs(J).max() * 3
+        )
     one = library.inverse_dynamics_jvp(**{k: v[7] for k, v in (x | dx | more).items()})
     assert np.array_equal(one, found[7])
 
@@ -262,16 +290,20 @@ def test_products_have_recursions_of_their_own_where_no_parameter_changes_the_fu
     monkeypatch.setattr(
         products, "of_function", lambda arm, function, product: general.append(function.name())
     )
-    plain, varied = Equations(read("elbow")), Equations(read("elbow"), ("payload",))
+    plain = Equations(read("elbow"))
+    varied = Equations(read("elbow"), ("payload",))
     for name in products.BUILDERS:
         recursive_function(plain, f"{name}_jvp")
     assert general == []
     known = [name for name in products.BUILDERS if recursive_function(varied, name) is not None]
-    changed = [name for name in known if "parameters" in recursive_function(varied, name).name_in()]  # type: ignore[union-attr]
+    changed = [
+        name for name in known if "parameters" in recursive_function(varied, name).name_in()
+    ]
     for name in products.BUILDERS:
         recursive_function(varied, f"{name}_vjp")
     assert changed and len(general) == len(changed)
     general.clear()
     assert (
-        recursive_function(Equations(read("beam_arm")), "mass_matrix_jvp") is None and general == []
+        recursive_function(Equations(read("beam_arm")), "mass_matrix_jvp") is None
+        and general == []
     )

@@ -1,4 +1,6 @@
-"""Dummy derivatives: the differentiated system, the choice of states, and what IDAS makes of it."""
+"""Dummy derivatives: the differentiated system, the choice of states, and what IDAS makes of
+it.
+"""
 
 from __future__ import annotations
 
@@ -54,9 +56,13 @@ def test_degrees_of_freedom_are_those_of_the_theory(name: str, freedom: int) -> 
 
 @pytest.mark.parametrize("name", ["planar5_mp", "planar5_mp@undamped", "manutec_r3"])
 def test_derivatives_of_equations_agree_with_those_of_polynomials(name: str) -> None:
-    """Along some motion that solves nothing, sampled, the equations' derivatives are those of a fitted polynomial."""
+    """Along some motion that solves nothing, sampled, the equations' derivatives are those of a
+    fitted polynomial.
+    """
     here = problem(name)
-    dae, dummies, rng = here.dae, dummies_of(here), np.random.default_rng(7)
+    dae = here.dae
+    dummies = dummies_of(here)
+    rng = np.random.default_rng(7)
     unknowns = dae.n + dae.model.n_m
     series = rng.normal(size=(unknowns, 7)) * 0.3
     signal = rng.normal(size=(dae.n_u, 7)) * 0.3
@@ -64,7 +70,8 @@ def test_derivatives_of_equations_agree_with_those_of_polynomials(name: str) -> 
     targets = [np.polynomial.Polynomial(s) for s in signal]
     nodes = WINDOW * np.cos(np.pi * (np.arange(25) + 0.5) / 25)
     y, v, a = (ca.SX.sym(name, dae.n) for name in "yva")
-    tau, u = ca.SX.sym("tau", dae.model.n_m), ca.SX.sym("u", dae.n_u)
+    tau = ca.SX.sym("tau", dae.model.n_m)
+    u = ca.SX.sym("u", dae.n_u)
     rows = ca.Function(
         "rows",
         [y, v, a, tau, u],
@@ -139,7 +146,8 @@ def test_consistent_values_are_found_again() -> None:
     t = np.array([0.0, 0.05, 0.1, 0.15, 0.2])
     Y = integrate(dummies, here.path, t, here.x_eq).Y[-1]
     U = here.dae.targets(here.path.sample(t), dummies.orders)[-1]
-    choice, scale = dummies.choose(Y, U), dummies.scales(here.x_eq)
+    choice = dummies.choose(Y, U)
+    scale = dummies.scales(here.x_eq)
     moved = Y + 1e-4 * scale * np.random.default_rng(3).normal(size=len(Y))
     moved[list(choice.states)] = Y[list(choice.states)]
     found, iterations = dummies.consistent(choice, moved, U, scale)
@@ -158,7 +166,7 @@ def test_the_answer_agrees_and_is_verified(name: str) -> None:
     assert solution.status == Status.SOLVED and (solution.tool_error_max_m or 0.0) < TOLD
     t = solution.trajectory.time
     on_path = (t >= 0) & (t <= problem(name).path.duration)
-    assert relative(solution.trajectory["tau_m"][on_path], reference(name)(t[on_path])) < EXACT  # type: ignore[operator]
+    assert relative(solution.trajectory["tau_m"][on_path], reference(name)(t[on_path])) < EXACT
 
 
 @pytest.mark.slow
@@ -189,18 +197,21 @@ def test_a_wrong_derivative_of_the_path_is_seen(monkeypatch: pytest.MonkeyPatch)
 
 @pytest.mark.slow
 def test_the_error_falls_with_the_tolerance() -> None:
-    here, exact = problem("planar5_mp"), reference("planar5_mp")
+    here = problem("planar5_mp")
+    exact = reference("planar5_mp")
     t = np.linspace(0.0, here.path.duration, 251)
     found = dummies_of(here)
     errors = []
     for rtol in (1e-6, 1e-10):
         Y = integrate(found, here.path, t, here.x_eq, rtol).Y
-        errors.append(relative(here.torques(found.states_of(Y)[0]), exact(t)))  # type: ignore[operator]
+        errors.append(relative(here.torques(found.states_of(Y)[0]), exact(t)))
     assert errors[1] < EXACT and errors[1] < errors[0] / 100
 
 
 def test_where_the_structure_hides_the_index_another_method_is_named() -> None:
-    """The arm's output does not depend on the accelerations of its elastic coordinate: a zero is at infinity."""
+    """The arm's output does not depend on the accelerations of its elastic coordinate: a zero is
+    at infinity.
+    """
     with pytest.raises(
         ArgumentError, match=r"does not apply to model abb_arm.*use kunkel-mehrmann or lq"
     ):

@@ -1,9 +1,9 @@
 """Random robots before two outside referees: MuJoCo and Pinocchio.
 
-Whatever flexgen computes of the mechanics is compared on random robots, on each of its routes: Lagrange's
-equations (`Equations.function`) and the recursive code of `flexgen.recursion.functions`. A sample of robots always
-runs; a thousand run under the marker ``full``. Bugs planted in flexgen's robots and answers must be seen by each
-referee.
+Whatever flexgen computes of the mechanics is compared on random robots, on each of its routes:
+Lagrange's equations (`Equations.function`) and the recursive code of
+`flexgen.recursion.functions`. A sample of robots always runs; a thousand run under the marker
+``full``. Bugs planted in flexgen's robots and answers must be seen by each referee.
 """
 
 from __future__ import annotations
@@ -52,7 +52,9 @@ HERE = Path(__file__).parents[1] / "support"
 ROBOTS = Path(
     sysconfig.get_paths()["purelib"], "cmeel.prefix", "share", "example-robot-data", "robots"
 )
-SAMPLE, FULL = 5, 250  # robots of each kind
+# robots of each kind
+SAMPLE = 5
+FULL = 250
 needs_pinocchio = pytest.mark.skipif(
     PinocchioReferee is None, reason="no pin; run: make setup-test"
 )
@@ -76,7 +78,7 @@ def on_robots(check: Callable[[Case], None], count: int, start: int, **fixed) ->
     )()
 
 
-# --- the comparisons -------------------------------------------------------------------------------------------------
+# --- the comparisons -----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("start", "linear", "coupling"), KINDS)
@@ -134,7 +136,9 @@ def test_the_sample_covers_every_kind_of_element():
 
 @pytest.mark.slow
 def test_a_random_robot_is_read_from_its_file(tmp_path):
-    """What the reader makes of a model file is the robot that was written: Pinocchio's and MuJoCo's is the original."""
+    """What the reader makes of a model file is the robot that was written: Pinocchio's and
+    MuJoCo's is the original.
+    """
 
     def check(case: Case) -> None:
         path = tmp_path / "random.toml"
@@ -148,11 +152,11 @@ def test_a_random_robot_is_read_from_its_file(tmp_path):
 
 
 def test_one_motor_behind_a_rigid_gear():
-    """No motor has a coordinate of its own then; CasADi's empty index into a single entry is 1 by 0."""
-    gear, body = (
-        Gear(rigid=True),
-        Body(2.0, (0.3, 0.1, 0.0), ((0.1, 0.0, 0.0), (0.0, 0.2, 0.0), (0.0, 0.0, 0.3))),
-    )
+    """No motor has a coordinate of its own then; CasADi's empty index into a single entry is 1
+    by 0.
+    """
+    gear = Gear(rigid=True)
+    body = Body(2.0, (0.3, 0.1, 0.0), ((0.1, 0.0, 0.0), (0.0, 0.2, 0.0), (0.0, 0.0, 0.3)))
     turn = Dof("turn", "rotation", (0.0, 1.0, 0.0), gear=gear)
     bend = Dof("bend", "rotation", (0.0, 0.0, 1.0), spring=LinearSpring(1e3))
     model = RobotModel(
@@ -177,8 +181,11 @@ def test_one_motor_behind_a_rigid_gear():
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["parallel", "chain"])
 def test_robots_that_failed_before_agree(name):
-    """Random robots on which an earlier version of the recursive route lost all digits; one in a hundred did that."""
-    model, rng = read(HERE / "drawn" / f"{name}.toml"), np.random.default_rng(6)
+    """Random robots on which an earlier version of the recursive route lost all digits; one in a
+    hundred did that.
+    """
+    model = read(HERE / "drawn" / f"{name}.toml")
+    rng = np.random.default_rng(6)
     check_robot(
         Case(
             model,
@@ -188,7 +195,7 @@ def test_robots_that_failed_before_agree(name):
     )
 
 
-# --- known robots ----------------------------------------------------------------------------------------------------
+# --- known robots --------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", ["ur5", "ur5_elastic", "panda"])
@@ -227,7 +234,8 @@ def test_known_robots_move_as_pinocchio_reads_them(name, file, locked):
     peer = pin.buildReducedModel(
         whole, [whole.getJointId(joint) for joint in locked], pin.neutral(whole)
     )
-    data, rng = peer.createData(), np.random.default_rng(5)
+    data = peer.createData()
+    rng = np.random.default_rng(5)
     model = read(HERE / "robots" / f"{name}.toml")
     assert [c.name for c in model.coordinates] == list(peer.names)[1:] and not model.i_m
     found = Found(derive(model))
@@ -249,7 +257,7 @@ def test_known_robots_move_as_pinocchio_reads_them(name, file, locked):
         close("slopes over v", by_v, data.dtau_dv, SLOPE)
 
 
-# --- controls --------------------------------------------------------------------------------------------------------
+# --- controls ------------------------------------------------------------------------------------
 
 
 def tame(model: RobotModel) -> RobotModel:
@@ -260,7 +268,9 @@ def tame(model: RobotModel) -> RobotModel:
 
     def dof(d):
         gear = d.gear and replace(d.gear, spring=linear(d.gear.spring))
-        return replace(d, gear=gear, spring=linear(d.spring), friction=Friction(d.friction.viscous))
+        return replace(
+            d, gear=gear, spring=linear(d.spring), friction=Friction(d.friction.viscous)
+        )
 
     def body(b):
         return replace(b, rotational_drag=0.0)
@@ -364,8 +374,11 @@ BUGS = [
 
 @cache
 def control() -> Case:
-    """A robot with everything that a bug can be planted in: five motors with elastic gears that ride on the arm."""
-    model, rng = tame(random_model(4, "complete", "elastic")), np.random.default_rng(4)
+    """A robot with everything that a bug can be planted in: five motors with elastic gears that
+    ride on the arm.
+    """
+    model = tame(random_model(4, "complete", "elastic"))
+    rng = np.random.default_rng(4)
     return Case(
         model, tuple(state(model, rng, pose) for pose in ("anywhere", "square")), is_linear(model)
     )
@@ -394,8 +407,8 @@ def test_a_planted_coriolis_sign_is_seen(name, check):
 @needs_pinocchio
 @pytest.mark.parametrize(
     "name",
-    "jacobian_dot rotor_torque arm_forward_dynamics inverse_dynamics_derivatives arm_residual_jacobians "
-    "residual_jacobians linearize energy state_rate".split(),
+    "jacobian_dot rotor_torque arm_forward_dynamics inverse_dynamics_derivatives "
+    "arm_residual_jacobians residual_jacobians linearize energy state_rate".split(),
 )
 def test_planted_errors_are_seen_by_pinocchio(name):
     def bug(found, results, *arguments):
@@ -407,7 +420,9 @@ def test_planted_errors_are_seen_by_pinocchio(name):
 
 @pytest.mark.skipif(fast_function is None, reason="there is no recursive route")
 def test_the_recursive_route_is_taken():
-    """`Found` would not tell: where there is no recursive function it asks Lagrange's equations."""
+    """`Found` would not tell: where there is no recursive function it asks Lagrange's
+    equations.
+    """
     equations = derive(tame(random_model(0, "simplified", "elastic")))
     assert all(
         fast_function(equations, name) is not None

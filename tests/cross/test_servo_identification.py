@@ -1,4 +1,6 @@
-"""Servos planted in an arm by hand-written equations, and what `identify_servo` makes of noisy records."""
+"""Servos planted in an arm by hand-written equations, and what `identify_servo` makes of noisy
+records.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,8 @@ from flexgen.servo.identify import COMMON
 pytestmark = needs_compiler
 
 TRUE = {"k_p": np.array([25.0, 20.0]), "k_v": np.array([1.5, 1.2]), "k_i": np.array([6.0, 6.0])}
-LATENCY, NOISE = 1.7e-3, 1e-3  # s; rad of the motors
+LATENCY = 1.7e-3  # s
+NOISE = 1e-3  # rad of the motors
 FILTERS = (flexgen.LowPass(200.0), flexgen.Notch(30.0, 0.2, 0.7))
 SECTIONS = (
     sampled([0, 0, 1], [1, 1.4, 1], 200.0, H),
@@ -48,7 +51,9 @@ def fit_of(angles: np.ndarray, seed: int, first: dict[str, Any], interpolation: 
     )
 
 
-def errors_of(fit: ServoFit, true: dict[str, Any], latency: float) -> tuple[np.ndarray, np.ndarray]:
+def errors_of(
+    fit: ServoFit, true: dict[str, Any], latency: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Errors of all numbers in standard deviations, and of gains, relative."""
     gains = np.array([getattr(fit.servo.feedback, name) for name in GAINS])
     wanted = np.array([true["k_p"], true["k_v"], true["k_i"]])
@@ -76,7 +81,9 @@ def errors_of(fit: ServoFit, true: dict[str, Any], latency: float) -> tuple[np.n
     ids=["plain", "no-feedforward", "no-filter", "no-integral", "torque-filters", "hold", "delay"],
 )
 def test_planted_servos_are_found_within_their_intervals(changed, own, interpolation, late):
-    """Errors of 9 numbers in standard deviations; steps of ``hold`` act at the next sample of the servo."""
+    """Errors of 9 numbers in standard deviations; steps of ``hold`` act at the next sample of the
+    servo.
+    """
     true = {**TRUE, "feedforward": 0.8, "filter_s": 3e-3, **changed}
     first = flexgen.Cascade(0.8 * TRUE["k_p"], 0.8 * TRUE["k_v"], 0.7 * true["k_i"], **own)
     angles = angles_of(interpolation == "hold", late, **true)
@@ -122,11 +129,15 @@ def test_what_the_servo_does_not_describe_is_stated() -> None:
 
 @pytest.mark.slow
 def test_a_robot_whose_gears_have_hysteresis() -> None:
-    """From other gains to those of the record; a model without hysteresis leaves several times the noise."""
+    """From other gains to those of the record; a model without hysteresis leaves several times the
+    noise.
+    """
     model = hysteretic("elbow")
     run = flexgen.command_positions(model, progress=False).today
-    joints, true = np.linalg.inv(model.eta).T, run.law
-    sent, shown = run.reference.motion["q_m"] @ joints, run.nominal.measured @ joints
+    joints = np.linalg.inv(model.eta).T
+    true = run.law
+    sent = run.reference.motion["q_m"] @ joints
+    shown = run.nominal.measured @ joints
     record = flexgen.ServoRecord(run.reference.time, sent, shown)
     first = flexgen.Cascade(
         1.3 * true.position_gain, 0.8 * true.speed_gain, 1.2 * true.integral_gain

@@ -1,7 +1,9 @@
-"""A motion that ends where it has settled: until then it is the same, what is left out moves the output no more.
+"""A motion that ends where it has settled: until then it is the same, what is left out moves the
+output no more.
 
-How much a motion that is left out moves the output is computed here with the mass matrix and the constraint of the
-definition, at every sample; the C does it with inverse dynamics, at the nodes of its mesh.
+How much a motion that is left out moves the output is computed here with the mass matrix and the
+constraint of the definition, at every sample; the C does it with inverse dynamics, at the nodes of
+its mesh.
 """
 
 from __future__ import annotations
@@ -37,7 +39,12 @@ from flexgen.runtime.path_inversion import Inversion
 
 pytestmark = needs_compiler
 
-PERIOD, N, PRE, AFTER, EACH = 1e-3, 401, 20, 6000, 5  # s, samples; samples of an interval
+# s, samples; samples of an interval
+PERIOD = 1e-3
+N = 401
+PRE = 20
+AFTER = 6000
+EACH = 5
 # of stiffness and damping of a joint: zeros that decay in 0.35 s
 SLOW = {"tool": (0.1, 0.02), "joints": (0.1, 0.3)}
 ALLOWED = 1e-7  # m or rad
@@ -45,7 +52,9 @@ SOLVERS = ("invert", "invert_limited")  # one library for all tests
 
 
 def test_the_c_has_the_times_of_solve() -> None:
-    """How long the last torque is held, the shortest motion after the path [s], and that of the gears."""
+    """How long the last torque is held, the shortest motion after the path [s], and that of the
+    gears.
+    """
     files = clib_files.read_clib()
     assert (
         f"held_time = {HELD:g};" in files["invert.c"]
@@ -55,19 +64,23 @@ def test_the_c_has_the_times_of_solve() -> None:
 
 
 def test_a_motion_that_fades_obeys_its_derivatives() -> None:
-    """Cubics before; after it products of polynomials, and torques with the inertia of the rotors in them."""
+    """Cubics before; after it products of polynomials, and torques with the inertia of the rotors
+    in them.
+    """
     model = read("elbow")
-    period, count, n = 0.01, 60, 20  # the fade takes the last n samples
+    # the fade takes the last n samples
+    period = 0.01
+    count = 60
+    n = 20
     u = period * (np.arange(count) - (count - n))[:, None]  # time of the fade [s]
     fade = np.polynomial.Polynomial([1, 0, 0, 0, -35, 84, -70, 20], [0, 1], [0, 1])
     w = fade(np.polynomial.Polynomial([0, 1 / (period * (n - 1))]))
-    motion, last = (
-        [np.polynomial.Polynomial([0.3, -0.2, 0.5, k]) for k in (1, -2)],
-        np.array([0.1, -0.4]),
-    )
+    motion = [np.polynomial.Polynomial([0.3, -0.2, 0.5, k]) for k in (1, -2)]
+    last = np.array([0.1, -0.4])
     curves = [np.hstack([p.deriv(k)(u) if k else p(u) for p in motion]) for k in range(3)]
     inertia = np.array([motor.inertia for motor in model.motors])
-    gears, held = np.hstack([np.sin(u), np.cos(u)]), np.array([2.0, -3.0])
+    gears = np.hstack([np.sin(u), np.cos(u)])
+    held = np.array([2.0, -3.0])
     tau = inertia * curves[2] + gears
     before = Inversion(
         *curves, gears, *curves[:2], tau, 0, 2 * n, period, 0, 0, 0, 0, 0, 0, 0, True
@@ -93,7 +106,9 @@ def test_a_motion_that_fades_obeys_its_derivatives() -> None:
 
 
 def arm(output: str) -> Equations:
-    """The planar arm with a slow passive joint; its output is the tool, or the joints that have motors."""
+    """The planar arm with a slow passive joint; its output is the tool, or the joints that have
+    motors.
+    """
     model = last_joint(read("planar5_mp"), *SLOW[output])
     if output == "joints":
         model = replace(
@@ -113,8 +128,10 @@ def arguments(equations: Equations) -> dict[str, Any]:
 
 def left_over(equations: Equations, found: Inversion) -> np.ndarray:
     """How far the motion at the samples after the path moves the output [m or rad]."""
-    model, q = equations.model, found.q_a[-1]
-    i_g, i_e = list(model.i_g), list(model.i_e)
+    model = equations.model
+    q = found.q_a[-1]
+    i_g = list(model.i_g)
+    i_e = list(model.i_e)
     W = evaluate(
         equations.function("output_constraint"), q, 0 * q, np.zeros(model.output.target_size)
     )[1]
@@ -130,7 +147,9 @@ def left_over(equations: Equations, found: Inversion) -> np.ndarray:
 
 
 def check_end(size: np.ndarray, n_post: int) -> None:
-    """The motion ends with the interval in which half of what is allowed is left, the phase of a vibration aside."""
+    """The motion ends with the interval in which half of what is allowed is left, the phase of a
+    vibration aside.
+    """
     assert size[n_post:].max() < ALLOWED, "it ends too early"
     assert size[n_post - 3 * EACH : n_post].max() > 0.4 * ALLOWED, "it ends too late"
 
@@ -138,13 +157,16 @@ def check_end(size: np.ndarray, n_post: int) -> None:
 @pytest.mark.parametrize("output", ["tool", pytest.param("joints", marks=pytest.mark.slow)])
 def test_the_motion_ends_where_it_has_settled(output: str) -> None:
     equations = arm(output)
-    given, library = arguments(equations), inversion_library(equations, "lq", SOLVERS)
-    whole, found = library.invert(**given), library.invert(**given, settled=ALLOWED)
+    given = arguments(equations)
+    library = inversion_library(equations, "lq", SOLVERS)
+    whole = library.invert(**given)
+    found = library.invert(**given, settled=ALLOWED)
     rows = PRE + N + found.n_post
     assert whole.n_post == AFTER and found.n_post < AFTER / 2 and found.q_a.shape == (rows, 3)
     assert found.converged and found.intervals < 0.6 * whole.intervals
     for name in ("q_a", "v_a", "a_a", "tau_g", "q_m", "v_m", "tau_m"):
-        one, other = getattr(whole, name)[: rows - 1], getattr(found, name)[:-1]
+        one = getattr(whole, name)[: rows - 1]
+        other = getattr(found, name)[:-1]
         assert np.abs(one - other).max() < 1e-8 * np.abs(one).max(), name
     size = left_over(equations, whole)
     check_end(size, found.n_post)
@@ -161,7 +183,8 @@ def test_the_last_sample_and_all_after_it_are_the_equilibrium() -> None:
     )
     rest = equilibrium_at(equations, found.q_a[-1])
     for name in ("q_a", "tau_g", "q_m", "tau_m"):
-        last, expected = getattr(found, name)[-1], getattr(rest, name)
+        last = getattr(found, name)[-1]
+        expected = getattr(rest, name)
         assert np.abs(last - expected).max() < 1e-10 * (1 + np.abs(expected).max()), name
     assert not found.v_a[-1].any() and not found.a_a[-1].any() and not found.v_m[-1].any()
     for name in ("q_a", "v_a", "a_a", "tau_g", "q_m", "v_m", "tau_m"):
@@ -172,18 +195,18 @@ def test_the_last_sample_and_all_after_it_are_the_equilibrium() -> None:
 
 def test_a_motion_that_does_not_settle_has_all_samples() -> None:
     equations = arm("tool")
-    given, library = (
-        {**arguments(equations), "n_post": 300},
-        inversion_library(equations, "lq", SOLVERS),
-    )
-    whole, found = library.invert(**given), library.invert(**given, settled=ALLOWED)
+    given = {**arguments(equations), "n_post": 300}
+    library = inversion_library(equations, "lq", SOLVERS)
+    whole = library.invert(**given)
+    found = library.invert(**given, settled=ALLOWED)
     assert found.n_post == 300 and len(found.q_a) == PRE + N + 300
     assert (found.tau_m == whole.tau_m).all()
 
 
 def test_the_torque_that_is_held_is_that_of_the_equilibrium() -> None:
     equations = arm("tool")
-    given, library = arguments(equations), inversion_library(equations, "lq", SOLVERS)
+    given = arguments(equations)
+    library = inversion_library(equations, "lq", SOLVERS)
     whole = library.invert(**given, hold="zoh", delay=1.5)
     found = library.invert(**given, hold="zoh", delay=1.5, settled=ALLOWED)
     kept = PRE + N + found.n_post - 8  # the torque of a held sample depends on later ones
@@ -192,10 +215,8 @@ def test_the_torque_that_is_held_is_that_of_the_equilibrium() -> None:
 
 def test_limits_that_are_not_active_settle_too() -> None:
     equations = arm("tool")
-    given, library = (
-        {**arguments(equations), "n_post": 4000},
-        inversion_library(equations, "lq", SOLVERS),
-    )
+    given = {**arguments(equations), "n_post": 4000}
+    library = inversion_library(equations, "lq", SOLVERS)
     found = library.invert(**given, settled=ALLOWED)
     limited = library.invert_limited(**given, torque_max=1e4 * np.ones(2), settled=ALLOWED)
     assert limited.n_post == found.n_post < 4000 and not limited.limits_active
@@ -226,16 +247,20 @@ def test_an_end_that_later_steps_show_to_be_early_is_corrected(tmp_path, monkeyp
     early = f"end->allowed *= 50.0;\n            {cut}\n            end->allowed /= 50.0;"
     equations = arm("tool")
     # before the error is there
-    given, right = arguments(equations), inversion_library(equations, "lq", SOLVERS)
+    given = arguments(equations)
+    right = inversion_library(equations, "lq", SOLVERS)
     wrong = planted("tool", "invert.c", cut, early, tmp_path, monkeypatch)
-    found, expected = wrong.invert(**given, settled=ALLOWED), right.invert(**given, settled=ALLOWED)
+    found = wrong.invert(**given, settled=ALLOWED)
+    expected = right.invert(**given, settled=ALLOWED)
     assert found.n_post == expected.n_post and found.intervals > expected.intervals
     assert np.abs(found.tau_m - expected.tau_m).max() < 1e-8 * np.abs(expected.tau_m).max()
 
 
 @pytest.mark.slow
 def test_the_momentum_of_joints_whose_torque_is_held_counts(tmp_path, monkeypatch) -> None:
-    """A planted error: where the joints are the output, only their momentum after the motion moves it."""
+    """A planted error: where the joints are the output, only their momentum after the motion moves
+    it.
+    """
     wrong = planted(
         "joints",
         "invert.c",

@@ -1,4 +1,6 @@
-"""Learning, and positions, for robots with hysteresis or bristles, in MuJoCo with laws of the tests."""
+"""Learning, and positions, for robots with hysteresis or bristles, in MuJoCo with laws of the
+tests.
+"""
 
 from __future__ import annotations
 
@@ -52,8 +54,13 @@ def gears(factor: float, q_a: np.ndarray, q_m: np.ndarray) -> Law:
 
 
 def replayed(run: flexgen.ControlRun, law: Law, step: float) -> float:
-    """Largest difference [rad] of the joints of a robot in MuJoCo under the torques of a run to those of the run."""
-    r, now, arm, each = run["robot"], [0], [], round(run.hardware.sample_s / step)
+    """Largest difference [rad] of the joints of a robot in MuJoCo under the torques of a run to
+    those of the run.
+    """
+    r = run["robot"]
+    now = [0]
+    arm = []
+    each = round(run.hardware.sample_s / step)
     plant = Plant("elbow", *law, lambda t, q, v: r.tau_m[now[0]], step)
 
     def look(k: int) -> None:
@@ -68,7 +75,9 @@ def replayed(run: flexgen.ControlRun, law: Law, step: float) -> float:
 
 @pytest.mark.slow
 def test_learning_finds_a_lost_motion_that_is_larger() -> None:
-    """2.6 um become 0.012 um; the robot in MuJoCo moves as in the loop; one with the nominal lost motion does not."""
+    """2.6 um become 0.012 um; the robot in MuJoCo moves as in the loop; one with the nominal lost
+    motion does not.
+    """
     learned = flexgen.learn(
         hysteretic("elbow"), plant={"lost_motion": 1.3}, iterations=3, progress=False
     )
@@ -88,7 +97,8 @@ def test_learning_finds_lost_motions_of_elements_that_are_larger(
         with_elements("elbow", slips), plant={"lost_motion": 1.3}, iterations=3, progress=False
     )
     assert learned.errors[-1] < 0.01 * learned.errors[0] and not learned.stopped
-    run, model = learned.runs[learned.best], flexgen.read("elbow")
+    run = learned.runs[learned.best]
+    model = flexgen.read("elbow")
     start = np.linalg.inv(model.eta) @ run["robot"].q_m[0] - run["robot"].q_a[0]
     for factor, expected in ((1.3, True), (1.0, False)):  # and planted
         elements = Elements(
@@ -114,7 +124,9 @@ def test_learning_finds_a_friction_that_is_larger() -> None:
 
 @pytest.mark.slow
 def test_the_first_iteration_knows_what_the_model_has() -> None:
-    """Without a difference there is nothing to learn: the inverse of corrected paths has the states too."""
+    """Without a difference there is nothing to learn: the inverse of corrected paths has the
+    states too.
+    """
     for model in (hysteretic("elbow"), bristled("elbow", NUMBERS)):
         learned = flexgen.learn(model, iterations=1, progress=False)
         assert learned.errors[0] < 5e-8
@@ -123,25 +135,36 @@ def test_the_first_iteration_knows_what_the_model_has() -> None:
 def error_of_positions(
     found: flexgen.PositionCommands, make: Callable[[np.ndarray, np.ndarray], Law]
 ) -> float:
-    """Largest distance [m] of the tool in MuJoCo from the path, under positions between which lines are drawn."""
-    path, run, gains = found.run.solution.trajectory, found.run, found.run.law
-    k = [np.asarray(x, float) for x in (gains.position_gain, gains.speed_gain, gains.integral_gain)]
+    """Largest distance [m] of the tool in MuJoCo from the path, under positions between which
+    lines are drawn.
+    """
+    path = found.run.solution.trajectory
+    run = found.run
+    gains = found.run.law
+    k = [
+        np.asarray(x, float) for x in (gains.position_gain, gains.speed_gain, gains.integral_gain)
+    ]
     servo = OwnServo(*k, run.reference.held[0], path["q_m"][0], found.servo.speed_feedforward)
     robot = InMujoco(
         with_friction(flexgen.read("elbow"), "viscous"), path["q_a"][0], path["q_m"][0]
     )
     law, kept = make(path["q_a"][0], path["q_m"][0])
-    arm_at, rotors = robot.at[: robot.model.n_a], robot.at[robot.model.n_a :]
+    arm_at = robot.at[: robot.model.n_a]
+    rotors = robot.at[robot.model.n_a :]
 
     def states(m: Any, d: Any) -> None:
-        joints, motors, _ = law(d.qpos[arm_at], d.qvel[arm_at], d.qpos[rotors], d.qvel[rotors], 0.0)
-        d.qfrc_applied[arm_at], d.qfrc_applied[rotors] = joints, motors
+        joints, motors, _ = law(
+            d.qpos[arm_at], d.qvel[arm_at], d.qpos[rotors], d.qvel[rotors], 0.0
+        )
+        d.qfrc_applied[arm_at] = joints
+        d.qfrc_applied[rotors] = motors
 
     robot.m.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
     first = run.reference.time[
         np.searchsorted(run.reference.time, min(path.time[0], found.time[0]) - 0.02)
     ]
-    times, angles = [], []
+    times = []
+    angles = []
     mujoco.set_mjcb_control(states)
     try:
         for sample in range(round((path.time[-1] + 0.3 - first) / servo.h)):
@@ -164,7 +187,8 @@ def error_of_positions(
 
 @pytest.mark.parametrize("kind", ["hysteresis", "lugre"])
 def test_positions_for_a_servo_make_mujoco_follow_the_path(kind: str) -> None:
-    """18 um of 71 um are left, and 0.1 um of 15 um: lines of 4 ms do not follow the torque at a reversal of a gear.
+    """18 um of 71 um are left, and 0.1 um of 15 um: lines of 4 ms do not follow the torque at a
+    reversal of a gear.
 
     Planted: positions of a model without the states.
     """

@@ -1,4 +1,6 @@
-"""The status of the C at its default tolerance and that of `flexgen.solve` on the same mesh: they agree."""
+"""The status of the C at its default tolerance and that of `flexgen.solve` on the same mesh: they
+agree.
+"""
 
 from __future__ import annotations
 
@@ -59,9 +61,13 @@ def test_c_and_solve_agree_on_what_is_solved(
         solution.tool_error_max_rad or 0.0,
     )
     assert (
-        found.converged == (solution.status is flexgen.Status.SOLVED) == (error < ACCURACY) == right
+        found.converged
+        == (solution.status is flexgen.Status.SOLVED)
+        == (error < ACCURACY)
+        == right
     )
-    # what the limit of 100 tolerances rests on: what the residual between the nodes does to the output
+    # what the limit of 100 tolerances rests on: what the residual between the nodes does to the
+    # output
     assert error < 10 * 0.01 * found.residual_at_samples
     assert found.converged == (found.residual_at_samples < 1e-4) and found.residual < 1e-6
 
@@ -69,7 +75,9 @@ def test_c_and_solve_agree_on_what_is_solved(
 @SLOW
 @pytest.mark.parametrize(("duration", "right"), [(0.18, False), (0.3, True), (0.5, True)])
 def test_a_torque_that_ripples_with_the_mesh_is_not_ok(duration: float, right: bool) -> None:
-    """The tool follows and the residual is small, but the torque is not that of a mesh 8 times finer."""
+    """The tool follows and the residual is small, but the torque is not that of a mesh 8 times
+    finer.
+    """
     model = read(UPRIGHT)
     equations = derive(model)
     path = Path(equations, replace(model.moves[0], duration=duration))
@@ -84,7 +92,8 @@ def test_a_torque_that_ripples_with_the_mesh_is_not_ok(duration: float, right: b
             y, dy, ddy, period=period, q_start=path.q_start, **options
         )
 
-    found, fine = inverted(0.01), inverted(0.01 / 8)
+    found = inverted(0.01)
+    fine = inverted(0.01 / 8)
     inside = (found.t >= fine.t[0]) & (found.t <= fine.t[-1])
     torque = make_interp_spline(fine.t, fine.tau_m, k=5)(found.t[inside])
     error = float(
@@ -97,4 +106,6 @@ def test_a_torque_that_ripples_with_the_mesh_is_not_ok(duration: float, right: b
 
 
 def test_the_text_of_the_status_names_the_remedy() -> None:
-    assert "use a shorter period" in next(s.text for s in STATUSES if s.name == "TOLERANCE_NOT_MET")
+    assert "use a shorter period" in next(
+        s.text for s in STATUSES if s.name == "TOLERANCE_NOT_MET"
+    )

@@ -1,4 +1,6 @@
-"""The closed-form equations: against a published closed form, against the CasADi equations, and as text and LaTeX."""
+"""The closed-form equations: against a published closed form, against the CasADi equations, and as
+text and LaTeX.
+"""
 
 from __future__ import annotations
 
@@ -57,7 +59,8 @@ def place(position=(0.0, 0.0, 0.0), rpy=(0.0, 0.0, 0.0)) -> Placement:
 def body(
     mass: float, com, moments=(2.0, 3.0, 4.0), products=(0.0, 0.0, 0.0), drag: float = 0.0
 ) -> Body:
-    (xx, yy, zz), (xy, yz, xz) = moments, products
+    (xx, yy, zz) = moments
+    (xy, yz, xz) = products
     return Body(mass, tuple(com), ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz)), drag)
 
 
@@ -88,10 +91,16 @@ def robot(name: str, elements, motors, **more) -> RobotModel:
 
 
 def skew() -> RobotModel:
-    """Skew axes, a translation, a tilted base, gravity in no direction of the frame, full inertias, a payload, drag."""
+    """Skew axes, a translation, a tilted base, gravity in no direction of the frame, full
+    inertias, a payload, drag.
+    """
     dofs = [
         Dof(
-            "turn", "rotation", unit(0.6, 0.0, 0.8), elastic(LinearSpring(900.0)), friction=FRICTION
+            "turn",
+            "rotation",
+            unit(0.6, 0.0, 0.8),
+            elastic(LinearSpring(900.0)),
+            friction=FRICTION,
         ),
         Dof("slide", "translation", (0.0, -1.0, 0.0), elastic(CubicSpring(500.0, 70.0), "motor")),
         Dof("bend", "rotation", unit(1.0, 2.0, 3.0), spring=CubicSpring(300.0, 40.0), damping=2.0),
@@ -121,13 +130,22 @@ def skew() -> RobotModel:
         Motor("b", 0.02, ("slide",), (-300.0,)),
     ]
     payload = body(4.0, (0.0, 0.1, 0.3), (0.2, 0.3, 0.25))
-    return robot("skew", elements, motors, base=place((1.0, 2.0, 3.0), (0.3, -0.2, 0.5)), gravity=(1.0, -2.0, -9.0),
-                 payload=payload)  # fmt: skip
+    return robot(
+        "skew",
+        elements,
+        motors,
+        base=place((1.0, 2.0, 3.0), (0.3, -0.2, 0.5)),
+        gravity=(1.0, -2.0, -9.0),
+        payload=payload,
+    )
 
 
 def anthropomorphic(coupling: str = "simplified", rigid: bool = False) -> RobotModel:
-    """Waist, shoulder and elbow with a coupled pair of motors; motor side and nonlinear springs."""
-    smooth, piecewise = SmoothSpring(200.0, 900.0, 0.05), PiecewiseSpring(300.0, 700.0, 0.04)
+    """Waist, shoulder and elbow with a coupled pair of motors; motor side and nonlinear
+    springs.
+    """
+    smooth = SmoothSpring(200.0, 900.0, 0.05)
+    piecewise = PiecewiseSpring(300.0, 700.0, 0.04)
     dofs = [
         Dof("q1", "rotation", (0.0, 0.0, 1.0), RIGID if rigid else elastic(smooth, "motor")),
         Dof("q2", "rotation", (0.0, 1.0, 0.0), elastic(piecewise), friction=Friction(viscous=0.7)),
@@ -177,7 +195,9 @@ SYNTHETIC = ["skew", "tree", "arm-simplified", "arm-complete", "arm-complete-rig
 
 
 def states(model: RobotModel, n: int = STATES):
-    """Random q_a, v_a, a_a, q_m, v_m, a_m; motors behind rigid gears follow, others are somewhat off."""
+    """Random q_a, v_a, a_a, q_m, v_m, a_m; motors behind rigid gears follow, others are somewhat
+    off.
+    """
     rng = np.random.default_rng(3)
     for _ in range(n):
         arm = [rng.uniform(-2.0, 2.0, model.n_a) for _ in range(3)]
@@ -193,17 +213,17 @@ def states(model: RobotModel, n: int = STATES):
 
 
 def assert_close(found, expected, scale=None) -> None:
-    found, expected = (
-        np.asarray(found, dtype=float).ravel(),
-        np.asarray(expected, dtype=float).ravel(),
-    )
+    found = np.asarray(found, dtype=float).ravel()
+    expected = np.asarray(expected, dtype=float).ravel()
     scale = np.abs(expected).max() if scale is None else scale
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=ROUNDING * max(scale, 1e-3))
 
 
 @pytest.mark.parametrize("name", FILES + SYNTHETIC)
 def test_agrees_with_the_casadi_equations(name):
-    model, equations, found = model_of(name), derive(model_of(name)), closed(name)
+    model = model_of(name)
+    equations = derive(model_of(name))
+    found = closed(name)
     tool = found.function(found.tool)
     for q, v, a, *_ in states(model):
         M, c, g = found.numeric(q, v)
@@ -219,12 +239,11 @@ def test_agrees_with_the_casadi_equations(name):
 
 @pytest.mark.parametrize("name", FILES + SYNTHETIC)
 def test_whole_machine_agrees_with_the_casadi_residual(name):
-    model, residual, found = (
-        model_of(name),
-        derive(model_of(name)).function("residual"),
-        closed(name),
-    )
-    n, rigid = model.n_a, [j for j in range(model.n_m) if j not in model.i_m]
+    model = model_of(name)
+    residual = derive(model_of(name)).function("residual")
+    found = closed(name)
+    n = model.n_a
+    rigid = [j for j in range(model.n_m) if j not in model.i_m]
     held = {s: 0 for s, torque in zip(found.tau, found.torques, strict=True) if torque is None}
     torques = sp.Matrix([0 if torque is None else torque for torque in found.torques])
     arm = (
@@ -252,9 +271,17 @@ def test_whole_machine_agrees_with_the_casadi_residual(name):
 
 
 def test_elbow_is_the_published_closed_form():
-    m1, xi1, j1, l1, m2, xi2, j2 = 339.12, 0.441, 88.67, 1.150, 190.25, 0.465, 48.64
+    m1 = 339.12
+    xi1 = 0.441
+    j1 = 88.67
+    l1 = 1.150
+    m2 = 190.25
+    xi2 = 0.465
+    j2 = 48.64
     for q, v, *_ in states(model_of("elbow")):
-        (s1, s2), c2, c12 = np.sin(q), np.cos(q[1]), np.cos(q[0] + q[1])
+        (s1, s2) = np.sin(q)
+        c2 = np.cos(q[1])
+        c12 = np.cos(q[0] + q[1])
         M12 = j2 + m2 * (xi2**2 - l1 * xi2 * s2)
         M11 = j1 + m1 * xi1**2 + j2 + m2 * (l1**2 + xi2**2 - 2 * l1 * xi2 * s2)
         c = m2 * l1 * xi2 * c2 * np.array([-(2 * v[0] * v[1] + v[1] ** 2), v[0] ** 2])
@@ -266,7 +293,8 @@ def test_elbow_is_the_published_closed_form():
 
 @pytest.mark.parametrize("name", ["elbow", "planar5_nmp", "abb_arm", "four_mass"])
 def test_output_is_the_one_that_is_followed(name):
-    found, output = closed(name), derive(model_of(name)).function("output")
+    found = closed(name)
+    output = derive(model_of(name)).function("output")
     y = found.function(found.output)
     for q, *_ in states(found.model):
         assert_close(y(q)[0], output(q), 1.0 + np.abs(q).max())
@@ -274,7 +302,9 @@ def test_output_is_the_one_that_is_followed(name):
 
 def test_declared_output_is_printed():
     text = closed("elbow").text()
-    assert "declared output y:  y = (p[1], p[3])" in text and "y_{1}" not in closed("elbow").latex()
+    assert (
+        "declared output y:  y = (p[1], p[3])" in text and "y_{1}" not in closed("elbow").latex()
+    )
     text = closed("four_mass").text()
     assert "Declared output y, m\n\n  y[1] = 2.13*e2 + 1.53*e3 + 2.15*q1\n" in text
     assert "Position of the tool" not in text
@@ -286,7 +316,8 @@ def test_declared_output_is_printed():
 
 def test_coordinates_of_one_number_keep_their_names():
     found = closed("abb_arm")
-    text, tex = found.text(), found.latex()
+    text = found.text()
+    tex = found.latex()
     check_latex(tex)
     assert "(2)" not in text and "(2)" not in tex
     assert [s.name for s in (*found.v_a, *found.a_a, *found.tau)] == [
@@ -314,7 +345,8 @@ def test_gravity_vector_and_its_strength_have_different_names():
 
 def test_a_wrong_sign_would_be_seen():
     found = closed("elbow")
-    q, v = np.array([0.3, -0.8]), np.array([1.0, 0.5])
+    q = np.array([0.3, -0.8])
+    v = np.array([1.0, 0.5])
     wrong = found.function(found.M.xreplace({found.q_a[1]: -found.q_a[1]}))(q)[0]
     with pytest.raises(AssertionError):
         assert_close(wrong, found.numeric(q, v)[0])
@@ -369,7 +401,9 @@ def test_text_of_the_elbow_is_as_recorded():
 
 
 def test_rows_of_the_equations_have_the_numbers_of_their_matrix():
-    """Of the coupling of rotors and arm, which the elbow does not have: three motors of two coordinates."""
+    """Of the coupling of rotors and arm, which the elbow does not have: three motors of two
+    coordinates.
+    """
     found = closed("elbow")
     S = sp.Matrix(2, 3, lambda i, j: sp.Symbol(f"s{i + 1}{j + 1}"))
     lines = replace(found, S=S, q_m=(*found.q_m, found.q_m[0])).text().splitlines()
@@ -434,14 +468,17 @@ def test_hostile_text_cannot_become_a_command():
     assert text.count("\\end{document}") == 1 and "%" not in text.replace("\\%", "")
     lines = found.text().splitlines()
     assert len(lines) == len(closed("elbow").text().splitlines()) - 9  # no abbreviations
-    q, v = np.array([0.3, -0.8]), np.array([1.0, 0.5])
+    q = np.array([0.3, -0.8])
+    v = np.array([1.0, 0.5])
     for one, other in zip(found.numeric(q, v), closed("elbow").numeric(q, v), strict=True):
         assert_close(one, other)
 
 
 def test_escaping_is_invertible_where_it_must_be():
     assert escape_latex("50 % of a_b & {c}") == r"50 \% of a\_b \& \{c\}"
-    assert escape_latex("a\n\\b^c~d") == r"a \textbackslash{}b\textasciicircum{}c\textasciitilde{}d"
+    assert (
+        escape_latex("a\n\\b^c~d") == r"a \textbackslash{}b\textasciicircum{}c\textasciitilde{}d"
+    )
     assert escape_latex("Türk \u2013 1990 \u65e5") == "Türk -- 1990 ?"
 
 

@@ -1,4 +1,6 @@
-"""Motion of the tool, forces on it, and sensors: against differences of the pose, MuJoCo, and each other."""
+"""Motion of the tool, forces on it, and sensors: against differences of the pose, MuJoCo, and each
+other.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,9 @@ def both(equations: Equations, name: str):
 
 @pytest.mark.parametrize("name", MODELS)
 def test_tool_motion_is_the_derivative_of_the_pose(name):
-    """Central differences of order four of position and rotation along a curve with the given rates."""
+    """Central differences of order four of position and rotation along a curve with the given
+    rates.
+    """
     equations = derive(name)
     x = {key: value[0] for key, value in random_states(equations.model, 1).items()}
     pose = equations.function("forward_kinematics")
@@ -45,7 +49,8 @@ def test_tool_motion_is_the_derivative_of_the_pose(name):
         )
 
     p, R = ({k: value[i] for k, value in grid.items()} for i in (0, 1))
-    dR, ddR = first(R), second(R)
+    dR = first(R)
+    ddR = second(R)
     spin = dR @ R[0].T
     turned = ddR @ R[0].T + dR @ dR.T
 
@@ -62,7 +67,9 @@ def test_tool_motion_is_the_derivative_of_the_pose(name):
 
 @pytest.mark.parametrize("name", MODELS)
 def test_forces_on_the_tool_act_as_in_mujoco(name):
-    """The change of the accelerations, times MuJoCo's mass matrix, is MuJoCo's generalized force."""
+    """The change of the accelerations, times MuJoCo's mass matrix, is MuJoCo's generalized
+    force.
+    """
     equations = derive(name)
     model = equations.model
     referee = MujocoReferee(model, rotors=False)
@@ -72,9 +79,14 @@ def test_forces_on_the_tool_act_as_in_mujoco(name):
     expected = np.zeros(referee.m.nv)
     site = referee.m.site("tool").id
     mujoco.mj_applyFT(
-        referee.m, referee.d, x["f_tool"][:3], x["f_tool"][3:], referee.d.site_xpos[site], referee.m.body("payload").id,
+        referee.m,
+        referee.d,
+        x["f_tool"][:3],
+        x["f_tool"][3:],
+        referee.d.site_xpos[site],
+        referee.m.body("payload").id,
         expected,
-    )  # fmt: skip
+    )
     expected = expected[referee.at_v[: model.n_a]]
     plain = equations.function("forward_dynamics")(*state)[0].full().ravel()
     rigid = [j for j in range(model.n_m) if j not in model.i_m]
@@ -135,7 +147,9 @@ def test_sensors_of_the_library_are_the_graphs():
 
 
 def test_derivatives_of_the_sensors_are_those_of_central_differences():
-    """Steps of 1e-5: rounding 1e-10 and the error of second order 1e-9 stay below 1e-6 of the largest entries."""
+    """Steps of 1e-5: rounding 1e-10 and the error of second order 1e-9 stay below 1e-6 of the
+    largest entries.
+    """
     sensors = [
         {"name": "acc", "type": "accelerometer", "element": "tool", "unit": "m/s^2"},
         {"name": "rate", "type": "gyro", "element": "tool", "axes": ["z"], "unit": "rad/s"},

@@ -1,4 +1,6 @@
-"""The functions of a library in PyTorch: bits of the library, gradients, batches, transforms, errors."""
+"""The functions of a library in PyTorch: bits of the library, gradients, batches, transforms,
+errors.
+"""
 
 from __future__ import annotations
 
@@ -55,7 +57,8 @@ def test_results_have_the_bits_of_the_library(case) -> None:
     """One point, a batch longer than a tile, two axes, and tensors that are not contiguous."""
     robot, made = pair(case)
     for name in [each for each in dir(made) if each in robot.functions]:
-        f, inputs = getattr(made, name), robot.functions[name].inputs
+        f = getattr(made, name)
+        inputs = robot.functions[name].inputs
         one, many = (drawn(robot, name, n) for n in (None, 300))
         assert equal(f(*tensors(one)), robot.functions[name](*one)), name
         expected = robot.functions[name](*many)
@@ -102,7 +105,9 @@ def test_gradcheck_of_torch(case) -> None:
             at = [(y / size).requires_grad_() for y, size in zip(x, sizes, strict=True)]
 
             def call(*z, name=name, sizes=sizes):
-                result = parts(getattr(made, name)(*(s * y for s, y in zip(sizes, z, strict=True))))
+                result = parts(
+                    getattr(made, name)(*(s * y for s, y in zip(sizes, z, strict=True)))
+                )
                 return tuple(y / 1e3 for y in result)
 
             assert torch.autograd.gradcheck(
@@ -185,7 +190,10 @@ def test_wrong_calls_are_refused_with_the_reason() -> None:
         (lambda: made.gravity(torch.zeros(2) * 1j), "real numbers"),
         (lambda: made.gravity(torch.zeros(2, device="meta")), "expected one on the CPU"),
         (lambda: g.sum().backward(), "flexgen has no second derivatives"),
-        (lambda: bare.gravity(q).sum().backward(), r"without gravity_jvp.*parts=\['derivatives'\]"),
+        (
+            lambda: bare.gravity(q).sum().backward(),
+            r"without gravity_jvp.*parts=\['derivatives'\]",
+        ),
         (lambda: other.gravity(q), "closed"),
     ):
         with pytest.raises(ArgumentError, match=reason):

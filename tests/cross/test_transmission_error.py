@@ -1,4 +1,6 @@
-"""Transmission error, cogging and ripple along moves: MuJoCo with sums of the tests; the emitted C; planted errors."""
+"""Transmission error, cogging and ripple along moves: MuJoCo with sums of the tests; the emitted
+C; planted errors.
+"""
 
 from __future__ import annotations
 
@@ -19,12 +21,15 @@ from flexgen.mechanics.parameters import with_values
 from flexgen.mechanics.signatures import INVERTING, offered_functions
 from flexgen.runtime.library import Library
 
-KNOWN, WRONG = 5e-8, 0.25  # m; of the error without the sums in the inverse
+KNOWN = 5e-8  # m
+WRONG = 0.25  # of the error without the sums in the inverse
 HORIZON = 20  # intervals of a stream
 
 
 def errors(name: str) -> list[float]:
-    """Errors of a robot with the sums under torques without them, with them, and with sums 20 % too large."""
+    """Errors of a robot with the sums under torques without them, with them, and with sums 20 %
+    too large.
+    """
     pytest.importorskip("mujoco")
     models = [with_friction(flexgen.read(name), "viscous"), harmonic(name), harmonic(name, 1.2)]
     solved = [flexgen.solve(model, progress=False) for model in models]
@@ -37,7 +42,9 @@ def errors(name: str) -> list[float]:
     "name", ["planar5_nmp", pytest.param("manutec_r3_18", marks=pytest.mark.full)]
 )
 def test_mujoco_with_the_sums_follows_the_path(name: str) -> None:
-    """Of 403 um and 694 um, less than 0.001 um are left where the sums are known; 77 um and 155 um with others."""
+    """Of 403 um and 694 um, less than 0.001 um are left where the sums are known; 77 um and 155 um
+    with others.
+    """
     unknown, known, wrong = errors(name)
     assert known < KNOWN < 3e-4 < unknown
     assert wrong < WRONG * unknown
@@ -52,7 +59,7 @@ def test_a_robot_without_the_sums_does_not_follow_the_torques_for_them() -> None
     assert error_in_mujoco("elbow", path, 0.0, step=2e-4) > 1e-4
 
 
-# --- emitted C -----------------------------------------------------------------------------------------------------
+# --- emitted C -----------------------------------------------------------------------------------
 
 
 def functions_of(model: flexgen.RobotModel) -> list[str]:
@@ -62,7 +69,9 @@ def functions_of(model: flexgen.RobotModel) -> list[str]:
 def path_of(
     model: flexgen.RobotModel, period: float, still: int = 0
 ) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Start of a move, and samples of its output with two derivatives between ``still`` ones at rest."""
+    """Start of a move, and samples of its output with two derivatives between ``still`` ones at
+    rest.
+    """
     move = flexgen.plan(model)
     t = np.clip(
         (np.arange(round(move.duration / period) + 1 + 2 * still) - still) * period,

@@ -1,4 +1,6 @@
-"""Robots with branches: every function on each of its routes against MuJoCo, and with planted bugs."""
+"""Robots with branches: every function on each of its routes against MuJoCo, and with planted
+bugs.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,9 @@ from flexgen.recursion import dh_chain
 from flexgen.recursion.functions import _BUILDERS, arm_of, recursive_function
 
 ROOT = Path(__file__).resolve().parents[2]
-SAMPLE, MORE, ALL = 2, 10, 40
+SAMPLE = 2
+MORE = 10
+ALL = 40
 LARGEST = 1e-10  # of the largest entry of a result: recursion against Lagrange
 STATE = ("q_a", "v_a", "a_a", "q_m", "v_m", "tau_m")
 
@@ -42,7 +46,9 @@ def on_trees(check, count: int, start: int = 0) -> None:
 
 
 def check_tree(case: Case) -> None:
-    """Lagrange and the recursion against MuJoCo, and every function that has a recursion against Lagrange."""
+    """Lagrange and the recursion against MuJoCo, and every function that has a recursion against
+    Lagrange.
+    """
     equations = derive(case.model)
     for route in ("lagrange", "fast"):
         check_mujoco(Found(equations, route), case)
@@ -56,7 +62,8 @@ def check_recursion(equations, case: Case) -> None:
         fast = recursive_function(equations, name)
         if fast is None:
             continue
-        slow, checked = equations.function(name), checked + 1
+        slow = equations.function(name)
+        checked = checked + 1
         for s in case.states:
             known = {port: getattr(s, port) for port in STATE} | {"a_m": 1.0 + 0.0 * s.q_m}
             arguments = [
@@ -137,18 +144,21 @@ def test_an_element_on_another_parent_is_found():
         on_trees(check, 2)
 
 
-# --- files ------------------------------------------------------------------------------------------------------------
+# --- files ---------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module", params=["two_arm", "carried_arm"])
 def two_arms(request) -> RobotModel:
-    """Two arms on an elastic column; an arm on an elastic base that carries another. The tool: on the first branch."""
+    """Two arms on an elastic column; an arm on an elastic base that carries another. The tool: on
+    the first branch.
+    """
     return read(ROOT / "models" / f"{request.param}.toml")
 
 
 def same_functions(first: RobotModel, second: RobotModel) -> None:
     """Equal inverse dynamics and tool pose at random states."""
-    a, b = derive(first), derive(second)
+    a = derive(first)
+    b = derive(second)
     rng = np.random.default_rng(3)
     q, v, dv = rng.uniform(-1, 1, (3, first.n_a))
     assert [c.name for c in first.coordinates] == [c.name for c in second.coordinates]
@@ -189,11 +199,15 @@ def test_a_tree_in_mujoco_moves_as_the_model(two_arms, tmp_path):
 
 @pytest.mark.slow
 def test_the_joints_of_all_branches_follow_in_mujoco(two_arms):
-    """The torques of `solve`, open loop, on another plant with another integrator, until the path ends."""
+    """The torques of `solve`, open loop, on another plant with another integrator, until the path
+    ends.
+    """
     pytest.importorskip("mujoco")
     from mujoco_referee import MujocoMachine
 
-    machine, n, k = MujocoMachine(two_arms), two_arms.n_a, two_arms.n_m
+    machine = MujocoMachine(two_arms)
+    n = two_arms.n_a
+    k = two_arms.n_m
     move = flexgen.solve(two_arms, verify=False).trajectory
     start = move.at(move.time[0])
     torque = make_interp_spline(move.time, move.channels["tau_m"], 5)

@@ -1,4 +1,6 @@
-"""The URDF file and the overlay of a robot: read back, the equations are the same; Pinocchio reads the rigid robot."""
+"""The URDF file and the overlay of a robot: read back, the equations are the same; Pinocchio reads
+the rigid robot.
+"""
 
 from __future__ import annotations
 
@@ -40,16 +42,22 @@ from flexgen.numerics.evaluate import evaluate
 
 pin = pytest.importorskip("pinocchio", reason="no pin; run: make setup-test")
 
-# Relative to the largest entry: the numbers of the files have all digits, but angles and products of rotations round.
+# Relative to the largest entry: the numbers of the files have all digits, but angles and products
+# of rotations round.
 SAME = 1e-12
 # Pinocchio computes with other recursions: rounding times the number of bodies.
 RIGID = 1e-12
 REFUSED = {"beam_arm": "beam", "four_mass": "rotational_drag"}
 
 
-def difference(model: RobotModel, again: RobotModel, count: int = 3, forward: bool = True) -> float:
-    """Largest relative difference of the functions of two models at random states, with the forward dynamics or not."""
-    a, b = flexgen.derive(model), flexgen.derive(again)
+def difference(
+    model: RobotModel, again: RobotModel, count: int = 3, forward: bool = True
+) -> float:
+    """Largest relative difference of the functions of two models at random states, with the
+    forward dynamics or not.
+    """
+    a = flexgen.derive(model)
+    b = flexgen.derive(again)
     rng = np.random.default_rng(3)
     worst = 0.0
     for _ in range(count):
@@ -76,7 +84,9 @@ def difference(model: RobotModel, again: RobotModel, count: int = 3, forward: bo
 
 
 def rigid_difference(model: RobotModel, path: Path, count: int = 3) -> float:
-    """Largest relative difference of the joint torques from Pinocchio's; all other coordinates are at rest."""
+    """Largest relative difference of the joint torques from Pinocchio's; all other coordinates are
+    at rest.
+    """
     robot = pin.buildModelFromUrdf(str(path))
     names = list(robot.names)[1:]
     at = {c.name: i for i, c in enumerate(model.coordinates)}
@@ -91,15 +101,18 @@ def rigid_difference(model: RobotModel, path: Path, count: int = 3) -> float:
         q[rows], v[rows], a[rows] = rng.uniform(-1.0, 1.0, (3, len(rows)))
         theirs_q = np.zeros(robot.nq)
         for k, name in enumerate(names, 1):
-            joint, value = robot.joints[k], q[at[name]]
+            joint = robot.joints[k]
+            value = q[at[name]]
             theirs_q[joint.idx_q : joint.idx_q + joint.nq] = (
                 value if joint.nq == 1 else [np.cos(value), np.sin(value)]
             )
         order = [robot.joints[k].idx_v for k in range(1, len(names) + 1)]
         theirs_v, theirs_a = np.zeros((2, robot.nv))
-        theirs_v[order], theirs_a[order] = v[rows], a[rows]
+        theirs_v[order] = v[rows]
+        theirs_a[order] = a[rows]
         theirs = pin.rnea(robot, data, theirs_q, theirs_v, theirs_a)[order]
-        # payload and rotors are in the overlay; in complete coupling, rotors at rest are part of the arm
+        # payload and rotors are in the overlay; in complete coupling, rotors at rest are part of
+        # the arm
         lifted = replace(model, payload=Body(), motor_coupling="simplified")
         ours = evaluate(flexgen.derive(lifted).function("inverse_dynamics"), q, v, a)[0][0][rows]
         worst = max(worst, float(np.abs(ours - theirs).max() / np.abs(ours).max()))
@@ -120,7 +133,7 @@ def rigid_difference(model: RobotModel, path: Path, count: int = 3) -> float:
     return worst
 
 
-# --- round trip and Pinocchio -----------------------------------------------------------------------------------------
+# --- round trip and Pinocchio --------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", all_variants())
@@ -162,7 +175,9 @@ def test_round_trip(name, tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("coupling", ["simplified", "complete"])
 def test_random_robots(coupling, tmp_path):
-    """General placements, several actuated degrees of freedom in an element, coupled wrists, carried rotors."""
+    """General placements, several actuated degrees of freedom in an element, coupled wrists,
+    carried rotors.
+    """
     compared = []
 
     def check(case: Case) -> None:
@@ -221,7 +236,9 @@ def test_springs_and_frictions(spring, tmp_path):
 
 
 def test_temperature_servo_and_uncertainty_are_in_the_overlay(tmp_path):
-    """A warm robot has less viscous friction; the servo and what is known of the numbers belong to it."""
+    """A warm robot has less viscous friction; the servo and what is known of the numbers belong to
+    it.
+    """
     friction = {"type": "gear", "viscous": 1e-2, "viscous_share": 0.6, "viscous_decay": 15.0}
     overrides = {
         "temperature": 45.0,
@@ -251,7 +268,9 @@ def test_temperature_servo_and_uncertainty_are_in_the_overlay(tmp_path):
 
 
 def test_link_frames_and_sensors(tmp_path):
-    """Placements ``link`` with a rotation and a position: bodies, sensors and the tip stay where they are."""
+    """Placements ``link`` with a rotation and a position: bodies, sensors and the tip stay where
+    they are.
+    """
     model = flexgen.read("planar5_nmp")
     turned = Placement((0.1, -0.2, 0.3), rotation_matrix((0.3, -0.7, 1.1), False))
     elements = tuple(replace(element, link=turned) for element in model.elements)
@@ -310,7 +329,7 @@ def test_planted_bugs(tmp_path):
         assert difference(model, flexgen.read(overlay)) > 10 * SAME
 
 
-# --- details ----------------------------------------------------------------------------------------------------------
+# --- details -------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -341,7 +360,9 @@ def test_names_that_are_not_identifiers_are_refused(tmp_path):
 
 
 def test_errors_name_the_file_that_would_be_written(tmp_path):
-    """A first body without mass: the coordinate moves nothing, which the reader of URDF files refuses."""
+    """A first body without mass: the coordinate moves nothing, which the reader of URDF files
+    refuses.
+    """
     model = flexgen.read("elbow@rigid")
     light = tuple(replace(element, body=Body()) for element in model.elements)
     motors = tuple(replace(motor, inertia=0.0) for motor in model.motors)
@@ -356,7 +377,14 @@ def test_samples_of_a_move_are_found_from_another_folder(tmp_path):
     rows = "".join(f"{k / 10},{1.0 + 0.01 * k},{-0.3}\n" for k in range(11))
     (tmp_path / "track.csv").write_text("t,x,y\n" + rows)
     text = (Path(__file__).parents[2] / "models" / "planar5_nmp.toml").read_text()
-    text += '\n[[move]]\nname = "track"\ntype = "sampled"\nfile = "track.csv"\nstart_rad = [0.3, -1.1]\n'
+    text += (
+        "\n"
+        "[[move]]\n"
+        'name = "track"\n'
+        'type = "sampled"\n'
+        'file = "track.csv"\n'
+        "start_rad = [0.3, -1.1]\n"
+    )
     (tmp_path / "arm.toml").write_text(text)
     _, overlay = export_urdf(tmp_path / "arm.toml", tmp_path / "out" / "arm.urdf").files
     assert Path(flexgen.read(overlay).moves[-1].file).samefile(tmp_path / "track.csv")
@@ -380,11 +408,13 @@ def test_command_line(tmp_path, capsys):
     assert "ends in .urdf" in capsys.readouterr().err
 
 
-# --- files that are there ---------------------------------------------------------------------------------------------
+# --- files that are there ------------------------------------------------------------------------
 
 
 def test_the_files_of_the_robot_are_not_replaced(tmp_path, monkeypatch, capsys):
-    """Its model file, its URDF file, and the URDF file of its overlay, also by another name of the same file."""
+    """Its model file, its URDF file, and the URDF file of its overlay, also by another name of the
+    same file.
+    """
     text = (Path(__file__).parents[2] / "models" / "elbow.toml").read_text()
     own = tmp_path / "elbow.toml"
     own.write_text(text)
@@ -421,7 +451,9 @@ def test_an_overlay_that_flexgen_did_not_write_is_not_replaced(tmp_path):
 
 def test_both_files_are_checked_before_one_is_written(tmp_path, monkeypatch):
     (tmp_path / "arm.toml").mkdir()
-    with pytest.raises(ArgumentError, match=r"overlay would be .*arm\.toml', which is a directory"):
+    with pytest.raises(
+        ArgumentError, match=r"overlay would be .*arm\.toml', which is a directory"
+    ):
         export_urdf("elbow", tmp_path / "arm.urdf")
     assert not (tmp_path / "arm.urdf").exists()
     (tmp_path / "b.urdf").mkdir()
@@ -471,7 +503,7 @@ def test_the_degrees_of_freedom_of_an_element_have_one_motor_in_a_group(motors):
         assert own is None if not dofs else own.actuated == ("1" in motors)
 
 
-# --- joints that follow others --------------------------------------------------------------------
+# --- joints that follow others -------------------------------------------------------------------
 
 FOLLOWERS = """
 <robot name="r"><link name="base"/>
@@ -482,7 +514,8 @@ FOLLOWERS = """
 <origin xyz=".4 0 0" rpy="1 0 0"/>
 <axis xyz="0 1 0"/>{limit}<mimic joint="j1" multiplier="-2" offset="0.1"/></joint>
 <joint name="j3" type="prismatic"><parent link="l2"/><child link="tip"/><origin xyz=".3 0 0"/>
-<axis xyz="0 0 1"/><limit lower="-0.4" upper="0.6" effort="7" velocity="0.5"/>{last}</joint></robot>
+<axis xyz="0 0 1"/><limit lower="-0.4" upper="0.6" effort="7" \
+velocity="0.5"/>{last}</joint></robot>
 """
 BODY_OF_ALL = """<inertial><origin xyz=".2 0 0.1"/><mass value="2"/>
 <inertia ixx="0.1" iyy="0.2" izz="0.15" ixy="0.01" ixz="0" iyz="0"/></inertial>"""
@@ -491,24 +524,31 @@ LAST = '<mimic joint="j1" multiplier="0.1" offset="0.2"/>'
 
 
 def followers(folder: Path, kind: str, last: str) -> RobotModel:
-    """Two joints that follow the first one, with an elastic gear; or one where that one is free."""
+    """Two joints that follow the first one, with an elastic gear; or one where that one is
+    free.
+    """
     text = FOLLOWERS.format(body=BODY_OF_ALL, limit=LIMIT_OF_ALL, kind=kind, last=last)
     (folder / "source.urdf").write_text(text)
     (folder / "source.toml").write_text(
         '[urdf]\nfile = "source.urdf"\nbase = "base"\ntip = "tip"\n[joint.j1]\n'
         "motor = { ratio = 50, inertia = 1e-4 }\n"
-        'gear = { type = "elastic", side = "arm", spring = { type = "linear", stiffness = 2e3 } }\n'
+        'gear = { type = "elastic", side = "arm", spring = { type = "linear", stiffness = 2e3 } '
+        "}\n"
     )
     return flexgen.read(folder / "source.toml")
 
 
 def mimic_difference(model: RobotModel, path: Path) -> float:
-    """Largest relative difference of inertia, bias and tool from Pinocchio, which reads <mimic>."""
+    """Largest relative difference of inertia, bias and tool from Pinocchio, which reads
+    <mimic>.
+    """
     robot = pin.buildModelFromUrdf(str(path), mimic=True)
-    data, equations = robot.createData(), flexgen.derive(model)
+    data = robot.createData()
+    equations = flexgen.derive(model)
     at = [robot.joints[robot.getJointId(c.name)].idx_v for c in model.coordinates]
     assert robot.nv == model.n_a
-    rng, worst = np.random.default_rng(3), 0.0
+    rng = np.random.default_rng(3)
+    worst = 0.0
     for _ in range(3):
         q, v = rng.uniform(-1.0, 1.0, (2, model.n_a))
         full = np.zeros((2, robot.nv))
@@ -533,7 +573,8 @@ def mimic_difference(model: RobotModel, path: Path) -> float:
 @pytest.mark.parametrize(("kind", "last"), [("revolute", LAST), ("continuous", "")])
 def test_pinocchio_reads_joints_that_follow_others(tmp_path, kind, last):
     """Planted: a multiplier and an offset that are wrong."""
-    model, path = followers(tmp_path, kind, last), tmp_path / "out.urdf"
+    model = followers(tmp_path, kind, last)
+    path = tmp_path / "out.urdf"
     flexgen.export_urdf(model, path)
     text = path.read_text()
     assert mimic_difference(model, path) < RIGID
@@ -545,7 +586,9 @@ def test_pinocchio_reads_joints_that_follow_others(tmp_path, kind, last):
 def test_a_joint_that_follows_another_one_keeps_zero_offset_and_limits(tmp_path):
     path = tmp_path / "out.urdf"
     written = flexgen.export_urdf(followers(tmp_path, "revolute", LAST), path)
-    robot, source = (pin.buildModelFromUrdf(str(file)) for file in (path, tmp_path / "source.urdf"))
+    robot, source = (
+        pin.buildModelFromUrdf(str(file)) for file in (path, tmp_path / "source.urdf")
+    )
     for name in ("j2", "j3"):
         ours, theirs = (one.jointPlacements[one.getJointId(name)] for one in (robot, source))
         np.testing.assert_allclose(ours.homogeneous, theirs.homogeneous, atol=1e-15)

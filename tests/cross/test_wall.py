@@ -1,4 +1,6 @@
-"""A wall in simulation and loop against MuJoCo with forces that the test computes, and against energy."""
+"""A wall in simulation and loop against MuJoCo with forces that the test computes, and against
+energy.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,8 @@ from flexgen.errors import ArgumentError
 from flexgen.mechanics.equations import derive
 from flexgen.numerics.evaluate import evaluate
 
-STIFFNESS, DAMPING = 2e4, 150.0
+STIFFNESS = 2e4
+DAMPING = 150.0
 
 
 @cache
@@ -29,7 +32,9 @@ def robot(name: str = "planar5_nmp") -> Any:
     """Without Coulomb friction, which the referee does not know."""
     plain = flexgen.read(name)
     coulomb = [m.name for m in plain.motors if getattr(m.friction, "coulomb", 0.0)]
-    return flexgen.read(name, overrides={f"motor.{name}.friction.coulomb": 0.0 for name in coulomb})
+    return flexgen.read(
+        name, overrides={f"motor.{name}.friction.coulomb": 0.0 for name in coulomb}
+    )
 
 
 def wall_before_the_end(**numbers: Any) -> Any:
@@ -47,7 +52,8 @@ class Touched(MujocoMachine):
 
     def __init__(self, model: Any, wall: Any) -> None:
         super().__init__(model)
-        self.wall, self.n = wall, np.array(wall.normal) / np.linalg.norm(wall.normal)
+        self.wall = wall
+        self.n = np.array(wall.normal) / np.linalg.norm(wall.normal)
         self.body = self.m.body("payload").id
 
     def push(self, q_a: np.ndarray, v_a: np.ndarray) -> np.ndarray:
@@ -60,14 +66,16 @@ class Touched(MujocoMachine):
         self._set(x, dx)
         J = np.zeros((3, self.m.nv))
         mujoco.mj_jacSite(self.m, self.d, J, None, self.m.site("tool").id)
-        p, v = self.d.site("tool").xpos, J[:, self.at_v] @ dx
+        p = self.d.site("tool").xpos
+        v = J[:, self.at_v] @ dx
         depth = -self.n @ (p - self.wall.point) - self.wall.gap
         size = self.wall.stiffness * depth - self.wall.damping * (self.n @ v)
         return self.n * size if depth > 0 and size > 0 else np.zeros(3)
 
     def rate(self, x: np.ndarray, tau: np.ndarray) -> np.ndarray:
         """The rate of q_a, v_a, q_m, v_m, all motors behind elastic gears."""
-        n_a, n_m = self.model.n_a, self.model.n_m
+        n_a = self.model.n_a
+        n_m = self.model.n_m
         q_a, v_a, q_m, v_m = np.split(x, np.cumsum([n_a, n_a, n_m]))
         force = self.push(q_a, v_a)
         self._set(np.concatenate([q_a, q_m]), np.concatenate([v_a, v_m]))
@@ -84,7 +92,8 @@ def test_a_simulation_with_a_wall_is_that_of_mujoco_with_the_force_of_the_test()
     found = flexgen.simulate(robot(), solved().trajectory, wall=wall, feedback="none", held=0.0)
     assert found.energy_error < 1e-8
     motion = found.trajectory
-    machine, tau = Touched(robot(), wall), solved().trajectory
+    machine = Touched(robot(), wall)
+    tau = solved().trajectory
     begin = np.concatenate([motion[name][0] for name in ("q_a", "v_a", "q_m", "v_m")])
     t = motion.time
     from flexgen.torque_curve import torque_curve
@@ -108,7 +117,9 @@ def test_a_simulation_with_a_wall_is_that_of_mujoco_with_the_force_of_the_test()
 
 
 def test_the_wall_of_the_loop_is_that_of_mujoco() -> None:
-    """The commanded torques, held between the samples, on MuJoCo's robot: from rest until the tool has bounced."""
+    """The commanded torques, held between the samples, on MuJoCo's robot: from rest until the tool
+    has bounced.
+    """
     wall = wall_before_the_end(damping=DAMPING)
     run = flexgen.control(
         robot(), "line", solution=solved(), controller="ppi", wall=wall, sample_time=1e-3
@@ -116,8 +127,10 @@ def test_the_wall_of_the_loop_is_that_of_mujoco() -> None:
     nominal = run.nominal
     assert nominal.contact is not None
     touching = np.flatnonzero(np.abs(nominal.contact).max(axis=1))
-    first, last = touching[0] - 30, touching[0] + 40
-    # The loop records angles; speeds at the start are those of the plan, which the tool follows before the wall.
+    first = touching[0] - 30
+    last = touching[0] + 40
+    # The loop records angles; speeds at the start are those of the plan, which the tool follows
+    # before the wall.
     machine = Touched(robot(), wall)
     m = run.reference.motion
     x = np.concatenate([nominal.q_a[first], m["v_a"][first], nominal.q_m[first], m["v_m"][first]])
@@ -138,14 +151,16 @@ def test_a_wrench_measures_the_wall_and_robots_with_hysteresis_touch_it() -> Non
     flange = {"name": "flange", "type": "wrench", "element": "tool", "unit": "N"}
     lossy = {"lost_motion": 1e-9, "stiffness": 1e3}
     more = {"sensor": [flange]}
-    wall, runs = wall_before_the_end(damping=DAMPING), []
+    wall = wall_before_the_end(damping=DAMPING)
+    runs = []
     for each in (more, more | {"element.arm1.dof.q1.gear.hysteresis": lossy}):
         model = flexgen.read("planar5_nmp", overrides=each)
         run = flexgen.control(
             model, "line", wall=wall, plants={"heavy": {"payload": 1.0}}, sample_time=1e-3
         )
         runs.append(run)
-        contact, seen = run.nominal.contact, run.nominal.sensors
+        contact = run.nominal.contact
+        seen = run.nominal.sensors
         assert contact is not None and np.abs(contact).max() > 100
         # A tool without mass carries what the wall pushes.
         assert np.linalg.norm(seen[:, :3], axis=1) == pytest.approx(
@@ -159,7 +174,9 @@ def test_a_wrench_measures_the_wall_and_robots_with_hysteresis_touch_it() -> Non
 
 
 def work_of(wall: Any) -> tuple[float, float]:
-    """Work that a wall takes in a whole contact, by the trapezoidal rule, and the largest energy of its spring [J]."""
+    """Work that a wall takes in a whole contact, by the trapezoidal rule, and the largest energy
+    of its spring [J].
+    """
     start = solved().trajectory
     found = flexgen.simulate(robot(), start, wall=wall, feedback="none", held=0.0)
     motion = found.trajectory
@@ -174,7 +191,8 @@ def work_of(wall: Any) -> tuple[float, float]:
     touching = np.abs(motion["contact"]).max(axis=1) > 0
     begins = np.flatnonzero(np.diff(touching.astype(int)) == 1)
     ends = np.flatnonzero(np.diff(touching.astype(int)) == -1)
-    first, last = begins[0], ends[ends > begins[0]][0] + 1
+    first = begins[0]
+    last = ends[ends > begins[0]][0] + 1
     deepest = np.linalg.norm(motion["contact"], axis=1).max() / wall.stiffness
     return float(work[last] - work[first]), wall.stiffness * deepest**2 / 2
 

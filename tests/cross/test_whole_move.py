@@ -1,4 +1,6 @@
-"""The referee of claimed errors, in C, against the referee in numpy, Pinocchio and a closed form."""
+"""The referee of claimed errors, in C, against the referee in numpy, Pinocchio and a closed
+form.
+"""
 
 from __future__ import annotations
 
@@ -20,10 +22,13 @@ pytestmark = needs_compiler
 @pytest.mark.parametrize("seed", range(6))
 def test_accelerations_and_tool_are_those_of_the_other_referee(seed: int, coupling: str) -> None:
     model = random_model(seed, coupling)
-    slow, fast, motors = Referee(model), WholeMove(model), list(model.i_m)
+    slow = Referee(model)
+    fast = WholeMove(model)
+    motors = list(model.i_m)
     s = random_state(model, np.random.default_rng(seed))
     a_a, a_m = slow.forward_dynamics(*s.x, s.tau_m)
-    x, tool = np.concatenate([s.q_a, s.q_m[motors], s.v_a, s.v_m[motors]]), np.empty(12)
+    x = np.concatenate([s.q_a, s.q_m[motors], s.v_a, s.v_m[motors]])
+    tool = np.empty(12)
     expected = np.concatenate([a_a, a_m[motors]])
     assert fast.rate(x, s.tau_m)[model.dof :] == pytest.approx(
         expected, abs=1e-10 * np.abs(expected).max()
@@ -35,10 +40,13 @@ def test_accelerations_and_tool_are_those_of_the_other_referee(seed: int, coupli
 def test_the_integration_of_a_linear_robot_is_the_matrix_exponential() -> None:
     """And that of the implicit method."""
     model = read(Path(__file__).parents[1] / "support" / "robots" / "two_mass.toml")
-    robot, n = WholeMove(model), model.dof
-    zero, torque = np.zeros(model.n_m), np.ones(model.n_m)
+    robot = WholeMove(model)
+    n = model.dof
+    zero = np.zeros(model.n_m)
+    torque = np.ones(model.n_m)
     A = np.stack([robot.rate(e, zero) for e in np.eye(2 * n)], axis=1)
-    t, inputs = np.linspace(0.0, 0.4, 41), np.zeros((40, 6, model.n_m))
+    t = np.linspace(0.0, 0.4, 41)
+    inputs = np.zeros((40, 6, model.n_m))
     inputs[:, 0] = torque
     push = robot.rate(np.zeros(2 * n), torque)
     affine = np.block([[A, push[:, None]], [np.zeros((1, 2 * n + 1))]])

@@ -1,4 +1,6 @@
-"""Runs many cases of a target in separate processes: what crashes, hangs or takes too much memory is found too."""
+"""Runs many cases of a target in separate processes: what crashes, hangs or takes too much memory
+is found too.
+"""
 
 from __future__ import annotations
 

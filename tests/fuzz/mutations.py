@@ -1,6 +1,8 @@
-"""Seeded mutations of valid files: bytes, lines, numbers and words, JSON values, and the insides of npz archives.
+"""Seeded mutations of valid files: bytes, lines, numbers and words, JSON values, and the insides
+of npz archives.
 
-The same generator and the same data always give the same result, so that a case is known by its number.
+The same generator and the same data always give the same result, so that a case is known by its
+number.
 """
 
 from __future__ import annotations
@@ -20,8 +22,14 @@ SIZE_MAX = 400_000  # bytes of a mutated file
 _NUMBER = re.compile(rb"(?<![A-Za-z_0-9])[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?")
 _WORD = re.compile(rb"[A-Za-z_][A-Za-z0-9_.]*")
 NUMBERS = [
-    *b"0 -0.0 1 -1 2 3 0.5 17 64 65 1e-17 1e-18 1e-19 1e-320 1e12 1e13 1e19 1e308 -1e400 nan inf -inf 0x10 1_0".split(),
-    *b"1e 1. .5 4294967296 18446744073709551616 2147483647 1000000000 true 2020-01-01 [] {} [1,2] - ''".split(),
+    *(
+        b"0 -0.0 1 -1 2 3 0.5 17 64 65 1e-17 1e-18 1e-19 1e-320 1e12 1e13 1e19 1e308 -1e400 nan "
+        b"inf -inf 0x10 1_0"
+    ).split(),
+    *(
+        b"1e 1. .5 4294967296 18446744073709551616 2147483647 1000000000 true 2020-01-01 [] {} "
+        b"[1,2] - ''"
+    ).split(),
     b"9" * 400,
     b"9" * 5000,
     b"1" + b"0" * 300,
@@ -57,7 +65,7 @@ TEXTS = (
 Mutation = Callable[[random.Random, bytes], bytes]
 
 
-# --- bytes ------------------------------------------------------------------------------------------------------------
+# --- bytes ---------------------------------------------------------------------------------------
 
 
 def _span(rng: random.Random, data: bytes, most: int = 64) -> tuple[int, int]:
@@ -111,7 +119,7 @@ def swap(rng: random.Random, data: bytes) -> bytes:
     return data if c < b else data[:a] + data[c:d] + data[b:c] + data[a:b] + data[d:]
 
 
-# --- text -------------------------------------------------------------------------------------------------------------
+# --- text ----------------------------------------------------------------------------------------
 
 
 def _replaced(rng: random.Random, data: bytes, pattern: re.Pattern[bytes], new: bytes) -> bytes:
@@ -141,7 +149,8 @@ def lines(rng: random.Random, data: bytes) -> bytes:
     rows = data.splitlines(keepends=True)
     if len(rows) < 2:
         return data
-    a, b = rng.randrange(len(rows)), rng.randrange(len(rows))
+    a = rng.randrange(len(rows))
+    b = rng.randrange(len(rows))
     kind = rng.randrange(5)
     if kind == 0:
         del rows[a]
@@ -188,12 +197,37 @@ def mutated_text(rng: random.Random, data: bytes) -> bytes:
     return data[:SIZE_MAX]
 
 
-# --- JSON -------------------------------------------------------------------------------------------------------------
+# --- JSON ----------------------------------------------------------------------------------------
 
 VALUES: tuple[Any, ...] = (
-    None, True, False, 0, 1, -1, 2**31, 2**63, 10**400, 0.5, 1e308, "", "x", "elbow", "../x", "\0", "a" * 5000, [], {},
-    [1], [[1]], {"a": 1}, [None], ["x", 5], {"name": "x"}, "double", "0" * 64,
-)  # fmt: skip
+    None,
+    True,
+    False,
+    0,
+    1,
+    -1,
+    2**31,
+    2**63,
+    10**400,
+    0.5,
+    1e308,
+    "",
+    "x",
+    "elbow",
+    "../x",
+    "\0",
+    "a" * 5000,
+    [],
+    {},
+    [1],
+    [[1]],
+    {"a": 1},
+    [None],
+    ["x", 5],
+    {"name": "x"},
+    "double",
+    "0" * 64,
+)
 
 
 def mutated_json(rng: random.Random, data: bytes) -> bytes:
@@ -210,7 +244,8 @@ def mutated_json(rng: random.Random, data: bytes) -> bytes:
 
 
 def _change(rng: random.Random, root: Any) -> None:
-    here, steps = root, 0
+    here = root
+    steps = 0
     while True:
         inner = [
             v
@@ -219,11 +254,13 @@ def _change(rng: random.Random, root: Any) -> None:
         ]
         if not inner or (steps and rng.random() < 0.35):
             break
-        here, steps = rng.choice(inner), steps + 1
+        here = rng.choice(inner)
+        steps = steps + 1
     keys = list(here) if isinstance(here, dict) else list(range(len(here)))
     if not keys:
         return
-    key, kind = rng.choice(keys), rng.randrange(6)
+    key = rng.choice(keys)
+    kind = rng.randrange(6)
     if kind == 0:
         del here[key]
     elif kind == 1:
@@ -240,7 +277,7 @@ def _change(rng: random.Random, root: Any) -> None:
         here[key] = copy.deepcopy(rng.choice(VALUES))
 
 
-# --- npz --------------------------------------------------------------------------------------------------------------
+# --- npz -----------------------------------------------------------------------------------------
 
 _SHAPE = re.compile(rb"'shape': \([^)]*\)")
 _TYPE = re.compile(rb"'descr': '[^']*'")
@@ -318,13 +355,16 @@ def mutated_npz(rng: random.Random, data: bytes) -> bytes:
     for _ in range(rng.choice([1, 1, 2, 3])):
         if not members:
             break
-        k, kind = rng.randrange(len(members)), rng.randrange(7)
+        k = rng.randrange(len(members))
+        kind = rng.randrange(7)
         name, content = members[k]
         if kind == 0:
             del members[k]
         elif kind == 1:
             members[k] = (
-                rng.choice(["x.npy", "time", "", "../time.npy", "a" * 200 + ".npy", members[0][0]]),
+                rng.choice(
+                    ["x.npy", "time", "", "../time.npy", "a" * 200 + ".npy", members[0][0]]
+                ),
                 content,
             )
         elif kind == 2:

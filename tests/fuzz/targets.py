@@ -49,8 +49,9 @@ Reader = Callable[[Path], Any]
 class Target:
     """A reader of files.
 
-    ``seeds`` writes valid files into a folder. ``begin`` takes that folder and returns the reader of a mutated file.
-    ``names``: of these file names one must stand in each message; the first word of a name is enough.
+    ``seeds`` writes valid files into a folder. ``begin`` takes that folder and returns the reader
+    of a mutated file. ``names``: of these file names one must stand in each message; the first
+    word of a name is enough.
     """
 
     seeds: Callable[[Path], None]
@@ -59,7 +60,9 @@ class Target:
 
 
 def _each(steps: Sequence[Reader], names: Sequence[str], needed: int) -> Reader:
-    """All readers one after the other; a refusal is raised where fewer than ``needed`` read the file."""
+    """All readers one after the other; a refusal is raised where fewer than ``needed`` read the
+    file.
+    """
 
     def read(path: Path) -> None:
         refusals = []
@@ -76,7 +79,7 @@ def _each(steps: Sequence[Reader], names: Sequence[str], needed: int) -> Reader:
     return read
 
 
-# --- models and URDF --------------------------------------------------------------------------------------------------
+# --- models and URDF -----------------------------------------------------------------------------
 
 
 def _model_seeds(folder: Path) -> None:
@@ -106,7 +109,7 @@ def _urdf(path: Path) -> None:
         flexgen.describe(flexgen.read(path, base="ground", tip="tip"))
 
 
-# --- samples of paths -------------------------------------------------------------------------------------------------
+# --- samples of paths ----------------------------------------------------------------------------
 
 
 def _path_seeds(folder: Path) -> None:
@@ -137,7 +140,7 @@ def _path_reader(folder: Path) -> Reader:
     )
 
 
-# --- trajectories -----------------------------------------------------------------------------------------------------
+# --- trajectories --------------------------------------------------------------------------------
 
 
 def _trajectory_seeds(folder: Path) -> None:
@@ -153,7 +156,7 @@ def _trajectory_seeds(folder: Path) -> None:
         flexgen.Trajectory(t, channels, ports, labels, meta).save(folder / f"a.{suffix}")
 
 
-# --- manifests of libraries -------------------------------------------------------------------------------------------
+# --- manifests of libraries ----------------------------------------------------------------------
 
 
 def _manifest_seeds(folder: Path) -> None:
@@ -178,7 +181,7 @@ def _known(path: Path) -> None:
         generate._result(path.parent, found, 0.0, cached=True, written=False)
 
 
-# --- identification ---------------------------------------------------------------------------------------------------
+# --- identification ------------------------------------------------------------------------------
 
 
 def _identification_seeds(folder: Path) -> None:
@@ -189,12 +192,18 @@ def _identification_seeds(folder: Path) -> None:
     )
     shape = (1, 1, 2, 3, len(plan.lines), 2)
     tau, q = (rng.standard_normal(shape) + 1j * rng.standard_normal(shape) for _ in range(2))
-    tau[:], q[:] = tau[:, :, :, :1], q[:, :, :, :1]  # periods that repeat
+    # periods that repeat
+    tau[:] = tau[:, :, :, :1]
+    q[:] = q[:, :, :, :1]
     experiment = flexgen.Experiment(plan, tau, q, np.ones((1, 2)), np.zeros(1, np.int64), "seed")
     sensed = replace(
-        experiment, plan=replace(plan, sensors=("acc.x",)), signals=q[..., :1], orders=(0,),
-        offsets=np.array([-2, -1, 1, 2]), beside=1e-3 * rng.standard_normal((1, 1, 2, 4, len(plan.lines), 5)) + 0j,
-    )  # fmt: skip
+        experiment,
+        plan=replace(plan, sensors=("acc.x",)),
+        signals=q[..., :1],
+        orders=(0,),
+        offsets=np.array([-2, -1, 1, 2]),
+        beside=1e-3 * rng.standard_normal((1, 1, 2, 4, len(plan.lines), 5)) + 0j,
+    )
     sensed.save(folder / "sensed.npz")
     flexgen.frf(sensed).save(folder / "sensed_frf.npz")
     plan.save(folder / "plan.npz")
@@ -239,7 +248,10 @@ def _recording_seeds(folder: Path) -> None:
     t = np.arange(4000) * 1e-3
     torque = np.cos(2 * np.pi * 11 * t) + np.sin(2 * np.pi * 20 * t)
     np.savez(
-        folder / LINKED / "run.npz", time=1e6 * t, iq_adx=torque, theta_mx=0.01 * np.roll(torque, 3)
+        folder / LINKED / "run.npz",
+        time=1e6 * t,
+        iq_adx=torque,
+        theta_mx=0.01 * np.roll(torque, 3),
     )
     text = (
         (bench / "recordings.toml")
@@ -250,9 +262,23 @@ def _recording_seeds(folder: Path) -> None:
     (folder / "mutated.toml").write_text(text)
     link = '\n[[sensor]]\nname = "link"\ntype = "link_encoder"\ncoordinate = "q1"\nunit = "rad"\n'
     (folder / LINKED / "linked.toml").write_text((bench / "bench.toml").read_text() + link)
-    signal = '[[signal]]\nsensor = "link"\nname = "both"\nindex = 1\nunit = "mrad"\noffset = 2.0\n\n[[recording]]'
-    np.savez(folder / LINKED / "run.npz", time=1e6 * t, iq_adx=torque, theta_mx=0.01 * np.roll(torque, 3),
-             both=np.stack([torque, np.roll(torque, 4)]))  # fmt: skip
+    signal = (
+        "[[signal]]\n"
+        'sensor = "link"\n'
+        'name = "both"\n'
+        "index = 1\n"
+        'unit = "mrad"\n'
+        "offset = 2.0\n"
+        "\n"
+        "[[recording]]"
+    )
+    np.savez(
+        folder / LINKED / "run.npz",
+        time=1e6 * t,
+        iq_adx=torque,
+        theta_mx=0.01 * np.roll(torque, 3),
+        both=np.stack([torque, np.roll(torque, 4)]),
+    )
     text = text.replace("bench.toml", "linked.toml").replace("[[recording]]", signal)
     (folder / "signals.toml").write_text(
         text.replace("period_s = 1.0", "segment_s = 0.5").replace("transients = 1", "")
@@ -266,10 +292,16 @@ def _recordings(path: Path) -> None:
         flexgen.frf(experiment)
 
 
-# --- controllers, scenarios and grids ---------------------------------------------------------------------------------
+# --- controllers, scenarios and grids ------------------------------------------------------------
 
 LAWS = {
-    "cascade": "position_gain = [2.0]\nspeed_gain = [0.5]\nintegral_gain = [0.1]\n[[low_pass]]\nfrequency_hz = 50.0\n",
+    "cascade": (
+        "position_gain = [2.0]\n"
+        "speed_gain = [0.5]\n"
+        "integral_gain = [0.1]\n"
+        "[[low_pass]]\n"
+        "frequency_hz = 50.0\n"
+    ),
     "linear": "A = [[0.5]]\nB = [[1.0, 0.0]]\nC = [[0.2]]\nD = [[0.0, 3.0]]\n",
     "tomei_pd": "k_p = [1.0, 2.0]\nk_d = [0.1, 0.2]\nfeedforward = true\n",
 }

@@ -1,7 +1,8 @@
-"""Mutated files: each is read, or refused with an error that names it, in a bounded time and memory.
+"""Mutated files: each is read, or refused with an error that names it, in a bounded time and
+memory.
 
-A few cases of each target run with the quick tests, 1,000 with the slow ones and 10,000 with ``make fuzz``. What was
-wrong once is kept in ``kept/<target>`` and always read.
+A few cases of each target run with the quick tests, 1,000 with the slow ones and 10,000 with
+``make fuzz``. What was wrong once is kept in ``kept/<target>`` and always read.
 """
 
 from __future__ import annotations
@@ -15,7 +16,9 @@ from campaign import HERE, KEPT, run_cases, run_files
 from mutations import mutate
 from targets import LINKED, TARGETS
 
-QUICK, SLOW, MANY = 60, 1000, 10_000
+QUICK = 60
+SLOW = 1000
+MANY = 10_000
 COMPILER = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
 
 
@@ -64,7 +67,9 @@ def test_ten_thousand_mutations_are_read_or_refused(target, seeds):
     assert not findings, show(findings)
 
 
-@pytest.mark.parametrize("target", [target for target in TARGETS if any((KEPT / target).glob("*"))])
+@pytest.mark.parametrize(
+    "target", [target for target in TARGETS if any((KEPT / target).glob("*"))]
+)
 def test_mutations_that_failed_before_are_refused(target, seeds):
     findings = run_files(target, seeds(target), sorted((KEPT / target).iterdir()))
     assert not findings, show(findings)

@@ -1,4 +1,6 @@
-"""Random calls of the public interface: only errors of flexgen and TypeErrors leave it, and nonsense does not enter."""
+"""Random calls of the public interface: only errors of flexgen and TypeErrors leave it, and
+nonsense does not enter.
+"""
 
 from __future__ import annotations
 
@@ -17,8 +19,8 @@ import flexgen
 from flexgen.errors import ArgumentError
 from flexgen.type_checks import checks_of
 
-# Objects of these classes take minutes to make, or have the methods of all results only; their methods are checked, and
-# not called here.
+# Objects of these classes take minutes to make, or have the methods of all results only; their
+# methods are checked, and not called here.
 NOT_MADE = {
     *(
         "Comparison",
@@ -53,7 +55,9 @@ NOT_MADE = {
 
 @pytest.fixture(autouse=True)
 def quiet(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """An empty folder below another one, for the files of calls that succeed; warnings are not results."""
+    """An empty folder below another one, for the files of calls that succeed; warnings are not
+    results.
+    """
     folder = tmp_path / "a" / "b"
     folder.mkdir(parents=True)
     monkeypatch.chdir(folder)
@@ -171,7 +175,10 @@ def test_a_planted_constructor_that_accepts_nonsense_is_seen(objects) -> None:
             lambda: flexgen.plan("elbow").sample([np.nan]),
             r"t: given \[nan\], expected instants in s",
         ),
-        (lambda: flexgen.solve("elbow", verify="no"), "verify: given 'no', expected True or False"),
+        (
+            lambda: flexgen.solve("elbow", verify="no"),
+            "verify: given 'no', expected True or False",
+        ),
         (lambda: flexgen.solve("elbow", verify=1), "verify: given 1, expected True or False"),
         (
             lambda: flexgen.control("elbow", seed=10**400),

@@ -3,9 +3,9 @@
     python worker.py TARGET SEEDS FIRST LAST     the cases of these numbers
     python worker.py TARGET SEEDS FILE ...       these files, unmutated
 
-Case ``n`` of a target is the same on every machine: ``random.Random("<target> <n>")`` chooses the seed and its
-mutations. Before each case its number is printed, after a wrong one a JSON object. The process has little memory: what
-takes more fails here.
+Case ``n`` of a target is the same on every machine: ``random.Random("<target> <n>")`` chooses the
+seed and its mutations. Before each case its number is printed, after a wrong one a JSON object.
+The process has little memory: what takes more fails here.
 """
 
 from __future__ import annotations
@@ -55,7 +55,9 @@ def cases(target: str, seeds: Path, words: list[str]) -> Iterator[tuple[str, str
 
 
 def problem(target: Target, read: object, path: Path) -> str:
-    """Why the outcome of a case is not allowed; empty where the file is read, or refused by its name."""
+    """Why the outcome of a case is not allowed; empty where the file is read, or refused by its
+    name.
+    """
     try:
         read(path)  # type: ignore[operator]
     except FlexgenError as error:

@@ -1,17 +1,20 @@
-"""The files of all exports are what they were, their numbers to nine digits: hashes in ``exports.txt``.
+"""The files of all exports are what they were, their numbers to nine digits: hashes in
+``exports.txt``.
 
-A net, not a proof: ``make golden`` writes them again; compare the exports of two commits to see which lines changed.
+A net, not a proof: ``make golden`` writes them again; compare the exports of two commits to see
+which lines changed.
 
-Of `flexgen.exports.added`, `flexgen.exports.emitted`, `flexgen.exports.exported`, `flexgen.exports.fmu.block`,
-`flexgen.exports.fmu.controller`, `flexgen.exports.fmu.description`, `flexgen.exports.fmu.export`,
-`flexgen.exports.fmu.feedforward`, `flexgen.exports.fmu.plant`, `flexgen.exports.fmu.variables`,
-`flexgen.exports.mex.export`, `flexgen.exports.mujoco`, `flexgen.exports.mujoco_checks`,
-`flexgen.exports.mujoco_forces`, `flexgen.exports.mujoco_inertia`, `flexgen.exports.overlay_tables`,
-`flexgen.exports.plcopen.blocks`, `flexgen.exports.plcopen.export`, `flexgen.exports.plcopen.text`,
-`flexgen.exports.poses`, `flexgen.exports.ros2.export`, `flexgen.exports.selftest.cases`,
-`flexgen.exports.selftest.export`, `flexgen.exports.selftest.golden`, `flexgen.exports.selftest.motion`,
-`flexgen.exports.simulink.export`, `flexgen.library.source_folder`, `flexgen.library.template_files`,
-`flexgen.exports.urdf`, `flexgen.exports.xml_text`.
+Of `flexgen.exports.added`, `flexgen.exports.emitted`, `flexgen.exports.exported`,
+`flexgen.exports.fmu.block`, `flexgen.exports.fmu.controller`, `flexgen.exports.fmu.description`,
+`flexgen.exports.fmu.export`, `flexgen.exports.fmu.feedforward`, `flexgen.exports.fmu.plant`,
+`flexgen.exports.fmu.variables`, `flexgen.exports.mex.export`, `flexgen.exports.mujoco`,
+`flexgen.exports.mujoco_checks`, `flexgen.exports.mujoco_forces`, `flexgen.exports.mujoco_inertia`,
+`flexgen.exports.overlay_tables`, `flexgen.exports.plcopen.blocks`,
+`flexgen.exports.plcopen.export`, `flexgen.exports.plcopen.text`, `flexgen.exports.poses`,
+`flexgen.exports.ros2.export`, `flexgen.exports.selftest.cases`, `flexgen.exports.selftest.export`,
+`flexgen.exports.selftest.golden`, `flexgen.exports.selftest.motion`,
+`flexgen.exports.simulink.export`, `flexgen.library.source_folder`,
+`flexgen.library.template_files`, `flexgen.exports.urdf`, `flexgen.exports.xml_text`.
 """
 
 from __future__ import annotations
@@ -38,7 +41,8 @@ from flexgen.errors import FlexgenError
 
 GOLDEN = Path(__file__).with_name("exports.txt")
 OF_TODAY = re.compile(
-    rf"{re.escape(flexgen.__version__)}|\d{{4}}-\d\d-\d\dT[0-9:]+Z|\{{?[0-9a-f]{{8}}-[0-9a-f-]{{27}}\}}?|\b[0-9a-f]{{32,64}}\b"
+    rf"{re.escape(flexgen.__version__)}|\d{{4}}-\d\d-\d\dT[0-9:]+Z|"
+    rf"\{{?[0-9a-f]{{8}}-[0-9a-f-]{{27}}\}}?|\b[0-9a-f]{{32,64}}\b"
 )
 ROBOTS = {
     "elbow": "exact",
@@ -57,7 +61,9 @@ def digest(text: str) -> str:
 
 
 def hashes(path: Path) -> list[str]:
-    """File and hash; of an FMU its members; without the emitted library, which has its own test."""
+    """File and hash; of an FMU its members; without the emitted library, which has its own
+    test.
+    """
     if path.suffix == ".fmu":
         with zipfile.ZipFile(path) as archive:
             texts = {name: archive.read(name) for name in archive.namelist()}

@@ -1,4 +1,5 @@
-"""Messages of wrong files, what is read from valid ones, the JSON schema and files written back are what they were.
+"""Messages of wrong files, what is read from valid ones, the JSON schema and files written back
+are what they were.
 
 ``make golden`` writes `model_files.txt` again; read the difference before you commit it.
 """
@@ -67,10 +68,8 @@ def mutated_files(folder: Path) -> Iterator[str]:
         elif name == "overlay":
             source = overlay(folder)
         elif name == "program":
-            source, read = (
-                ROOT / "tests/support/programs/manutec.toml",
-                partial(flexgen.read_moves, model=robot),
-            )
+            source = ROOT / "tests/support/programs/manutec.toml"
+            read = partial(flexgen.read_moves, model=robot)
         valid = tomllib.loads(source.read_text())
         for number in range(count):
             path = folder / "mutated.toml"
@@ -91,7 +90,10 @@ def valid_files(folder: Path) -> Iterator[str]:
             f", {name} {outcome(partial(flexgen.read, variant=name), path)}"
             for name in robot.variants
         )
-        yield f"{path.stem}: {outcome(flexgen.read, folder / path.name)}{names}; described {digest(_described(robot))}"
+        yield (
+            f"{path.stem}: {outcome(flexgen.read, folder / path.name)}{names}; described "
+            f"{digest(_described(robot))}"
+        )
     for name in WRITTEN:
         source = ROOT / "models" / f"{name}.toml"
         if name == "everything":  # but the beam, which a URDF file cannot have
@@ -146,7 +148,8 @@ def today() -> list[str]:
 
 
 def test_files_are_read_refused_and_written_as_before():
-    kept, found = GOLDEN.read_text(encoding="utf-8").splitlines(), today()
+    kept = GOLDEN.read_text(encoding="utf-8").splitlines()
+    found = today()
     changed = [line for line in found if line not in set(kept)]
     assert found == kept, "\n".join(["run: make golden", *changed[:40]])
 

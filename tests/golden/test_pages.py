@@ -1,11 +1,14 @@
-"""The texts of pages and printed tables of made-up results are what they were: rows, units, digits, captions.
+"""The texts of pages and printed tables of made-up results are what they were: rows, units,
+digits, captions.
 
-A net, not a proof: ``make golden`` writes `pages.txt` again; read the difference before you commit it.
+A net, not a proof: ``make golden`` writes `pages.txt` again; read the difference before you commit
+it.
 
-Of `flexgen.reports.analysis_page`, `flexgen.reports.control_page`, `flexgen.reports.folder`, `flexgen.reports.html`,
-`flexgen.reports.identification_page`, `flexgen.reports.motion`, `flexgen.reports.pictures`,
-`flexgen.reports.result_page`, `flexgen.reports.sentence`, `flexgen.reports.video`, `flexgen.reports.view`,
-`flexgen.reports.texts`, `flexgen.inversion.solution`, `flexgen.inversion.comparison`, `flexgen.plots.stick_figure`,
+Of `flexgen.reports.analysis_page`, `flexgen.reports.control_page`, `flexgen.reports.folder`,
+`flexgen.reports.html`, `flexgen.reports.identification_page`, `flexgen.reports.motion`,
+`flexgen.reports.pictures`, `flexgen.reports.result_page`, `flexgen.reports.sentence`,
+`flexgen.reports.video`, `flexgen.reports.view`, `flexgen.reports.texts`,
+`flexgen.inversion.solution`, `flexgen.inversion.comparison`, `flexgen.plots.stick_figure`,
 `flexgen.plausibility.numbers`, `flexgen.plausibility.moves`, `flexgen.plausibility.check`.
 """
 
@@ -510,7 +513,9 @@ def test_the_file_has_all_texts() -> None:
 def test_a_video_has_a_frame_for_each_instant(
     tmp_path: File, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """`flexgen.reports.video`: as many frames as instants, each 50 ms, without end, in the size of the figure."""
+    """`flexgen.reports.video`: as many frames as instants, each 50 ms, without end, in the size of
+    the figure.
+    """
     monkeypatch.setattr(video, "DPI", 10)
     monkeypatch.setattr(video, "LENGTH", 0.1)
     monkeypatch.setattr(

@@ -1,14 +1,16 @@
-"""Paths of moves, programs and samples are what they were: laws, breaks, samples with derivatives, jumps, tables.
+"""Paths of moves, programs and samples are what they were: laws, breaks, samples with derivatives,
+jumps, tables.
 
-A net, not a proof (`tests/support/exact_paths.py` has the proof for some of them): ``make golden`` writes
-`path_texts.txt` again; read the difference before you commit it.
+A net, not a proof (`tests/support/exact_paths.py` has the proof for some of them): ``make golden``
+writes `path_texts.txt` again; read the difference before you commit it.
 
-Of `flexgen.paths.arc_length`, `flexgen.paths.blended_curve`, `flexgen.paths.jets`, `flexgen.paths.joint_limits`,
-`flexgen.paths.move_planner`, `flexgen.paths.path`, `flexgen.paths.path_distance`, `flexgen.paths.path_table`,
-`flexgen.paths.redundancy`, `flexgen.paths.reference`, `flexgen.paths.sample_files`, `flexgen.paths.segments`,
-`flexgen.paths.smoothness`, `flexgen.paths.speed_planning`, `flexgen.paths.spline`, `flexgen.paths.time_laws`,
-`flexgen.paths.timed_segments`, `flexgen.paths.trigonometry`, `flexgen.paths.velocity_profiles`,
-`flexgen.analysis.linear`.
+Of `flexgen.paths.arc_length`, `flexgen.paths.blended_curve`, `flexgen.paths.jets`,
+`flexgen.paths.joint_limits`, `flexgen.paths.move_planner`, `flexgen.paths.path`,
+`flexgen.paths.path_distance`, `flexgen.paths.path_table`, `flexgen.paths.redundancy`,
+`flexgen.paths.reference`, `flexgen.paths.sample_files`, `flexgen.paths.segments`,
+`flexgen.paths.smoothness`, `flexgen.paths.speed_planning`, `flexgen.paths.spline`,
+`flexgen.paths.time_laws`, `flexgen.paths.timed_segments`, `flexgen.paths.trigonometry`,
+`flexgen.paths.velocity_profiles`, `flexgen.analysis.linear`.
 """
 
 from __future__ import annotations
@@ -38,7 +40,8 @@ from flexgen.paths.redundancy import joint_problem
 from flexgen.paths.smoothness import Jump, SmoothnessReport, smoothness_report
 
 GOLDEN = File(__file__).with_name("path_texts.txt")
-TOOL, JOINTS = (0.5, 5.0, 100.0, 4000.0), (2.0, 10.0, 200.0)
+TOOL = (0.5, 5.0, 100.0, 4000.0)
+JOINTS = (2.0, 10.0, 200.0)
 derived = functools.cache(flexgen.derive)
 
 
@@ -50,14 +53,20 @@ def digits(values: Any, count: int = 5) -> str:
 
 
 def path_lines(path: Path) -> Iterator[str]:
-    """Figures of the path and of its segments; its output and all derivatives at instants on it and beside it."""
+    """Figures of the path and of its segments; its output and all derivatives at instants on it
+    and beside it.
+    """
     yield repr(path)
     yield f"breaks {digits(path.breaks)} start {digits(path.q_start)}"
     yield f"move {path.move.duration:.9g} {digits(path.move.start)}"
     for segment in path.segments:
-        law, curve = segment.law, segment.curve
+        law = segment.law
+        curve = segment.curve
         names = f"{segment.space} {type(law).__name__} {type(curve).__name__}"
-        yield f"segment {names} {segment.start:.9g} {law.duration:.9g} {curve.length:.9g} {segment.smoothness}"
+        yield (
+            f"segment {names} {segment.start:.9g} {law.duration:.9g} {curve.length:.9g} "
+            f"{segment.smoothness}"
+        )
         yield f"its breaks {digits(segment.breaks)}"
     t = np.concatenate(
         [[-0.1], np.array([0.0, 0.07, 0.31, 0.5, 0.83, 0.99, 1.0, 1.2]) * path.duration]
@@ -68,19 +77,27 @@ def path_lines(path: Path) -> Iterator[str]:
     for name in ("R", "w", "q_g"):
         values = getattr(sample, name)
         if values is not None:
-            yield f"{name} {digits(values.reshape(len(t), -1) @ np.cos(np.arange(values[0].size)))}"
+            yield (
+                f"{name} {digits(values.reshape(len(t), -1) @ np.cos(np.arange(values[0].size)))}"
+            )
     try:
         table = path_table(path.reference, path.segments, path.duration, path.q_start, "name")
     except FlexgenError as error:
         yield str(error)
     else:
-        yield f"table {len(table)} {digits([table.sum(), np.abs(table).sum(), table @ np.cos(np.arange(len(table)))])}"
+        yield (
+            f"table {len(table)} "
+            f"{digits([table.sum(), np.abs(table).sum(), table @ np.cos(np.arange(len(table)))])}"
+        )
 
 
 def rough_lines(path: Path) -> Iterator[str]:
     """The jumps of a path and what is written about them."""
     report = smoothness_report(path.equations, path)
-    yield f"{report.required} {report.smoothness} {report.step:.3g} {report.sufficient} {report.has_kinks}"
+    yield (
+        f"{report.required} {report.smoothness} {report.step:.3g} {report.sufficient} "
+        f"{report.has_kinks}"
+    )
     for jump in report.jumps:
         sizes = (jump.size, jump.rotation, jump.torque, jump.tool, jump.tool_rotation)
         yield f"{jump.time:.6g} {jump.order} " + " ".join(
@@ -167,7 +184,9 @@ def moves() -> Iterator[tuple[str, str, Move]]:
     yield (
         "only a turn",
         "manutec_r3",
-        Move("turn", "tool_line", start, 1.0, 5, displacement=(0, 0, 0), rotation=(0.1, 0.2, -0.3)),
+        Move(
+            "turn", "tool_line", start, 1.0, 5, displacement=(0, 0, 0), rotation=(0.1, 0.2, -0.3)
+        ),
     )
     steps = (
         MoveJ(end=(0.6, -1.2)),
@@ -309,7 +328,8 @@ def cases() -> dict[str, Callable[[], Any]]:
         for case, move in rough.items()
     }
     found |= {
-        f"move, {name}": partial(lambda move: [outcome(move)], move) for name, move in wrong_moves()
+        f"move, {name}": partial(lambda move: [outcome(move)], move)
+        for name, move in wrong_moves()
     }
     return found | {"reports": written_reports, "redundant arm": redundant}
 
@@ -324,7 +344,15 @@ def named(*begins: str) -> list[str]:
     return [name for name in cases() if name.startswith(begins)]
 
 
-ROBOTS = ("planar5_nmp", "manutec_r3", "four_mass", "beam_arm", "kr300_efjm", "urdf_arm", "abb_arm")
+ROBOTS = (
+    "planar5_nmp",
+    "manutec_r3",
+    "four_mass",
+    "beam_arm",
+    "kr300_efjm",
+    "urdf_arm",
+    "abb_arm",
+)
 
 
 def test_paths_of_the_moves_of_models_are_what_they_were() -> None:

@@ -1,10 +1,13 @@
-"""What the pictures of made-up results contain is what it was: data, limits, units, labels, colors, sizes.
+"""What the pictures of made-up results contain is what it was: data, limits, units, labels,
+colors, sizes.
 
-A net, not a proof: ``make golden`` writes `pictures.txt` again; read the difference before you commit it.
+A net, not a proof: ``make golden`` writes `pictures.txt` again; read the difference before you
+commit it.
 
-Of `flexgen.plots.along_path`, `flexgen.plots.calibration`, `flexgen.plots.canvas`, `flexgen.plots.compliance`,
-`flexgen.plots.control`, `flexgen.plots.feedback_study`, `flexgen.plots.gears`, `flexgen.plots.identification`,
-`flexgen.plots.linear`, `flexgen.plots.passivity`, `flexgen.plots.servo`, `flexgen.plots.signals`,
+Of `flexgen.plots.along_path`, `flexgen.plots.calibration`, `flexgen.plots.canvas`,
+`flexgen.plots.compliance`, `flexgen.plots.control`, `flexgen.plots.feedback_study`,
+`flexgen.plots.gears`, `flexgen.plots.identification`, `flexgen.plots.linear`,
+`flexgen.plots.passivity`, `flexgen.plots.servo`, `flexgen.plots.signals`,
 `flexgen.plots.solution`, `flexgen.plots.stick_figure`, `flexgen.plots.uncertainty`.
 """
 
@@ -215,7 +218,11 @@ def controlled() -> Iterator[tuple[str, Callable[[], Any]]]:
         unit="m",
         plant="robot 2",
         time=np.linspace(0, 1, 9),
-        corrections=[np.zeros((9, 2)), np.outer(np.linspace(0, 1e-3, 9), [1, -2]), np.ones((9, 2))],
+        corrections=[
+            np.zeros((9, 2)),
+            np.outer(np.linspace(0, 1e-3, 9), [1, -2]),
+            np.ones((9, 2)),
+        ],
     )
     yield "learned", functools.partial(control.plot_learned, learned)
     settings = [Setting(exact) for exact in (True, False, False)]
@@ -256,7 +263,9 @@ def controlled() -> Iterator[tuple[str, Callable[[], Any]]]:
 
 
 def scored(draws: int) -> Any:
-    """The picture of a score: two outputs, two robots, a pulse, a step that stays and one that outlasts the run."""
+    """The picture of a score: two outputs, two robots, a pulse, a step that stays and one that
+    outlasts the run.
+    """
     z = np.outer(np.linspace(-1, 1, 30) ** 3, [1.0, 2.0, 5.0])
     outputs = (Made(name="tool", unit="mm"), Made(name="angle", unit="rad"))[:draws]
     scenario = Made(
@@ -359,7 +368,9 @@ def identified() -> Iterator[tuple[str, Callable[[], Any]]]:
 
 
 def fitted(data: Any, sensors: bool) -> Any:
-    """Two parts of the pictures of an identification: with the responses of sensors their grid, else the residuals."""
+    """Two parts of the pictures of an identification: with the responses of sensors their grid,
+    else the residuals.
+    """
     found = Made(
         vector=Made(start=0.5, unknowns=()),
         x=1.1,
@@ -403,10 +414,8 @@ def measured() -> Iterator[tuple[str, Callable[[], Any]]]:
     yield "calibration", functools.partial(calibration.plot_calibration, calibrated)
     short = Made(**{**vars(calibrated), "determined": dict.fromkeys(names, False)})
     yield "calibration without compliances", functools.partial(calibration.plot_calibration, short)
-    C, f = (
-        np.diag([1e-6, 4e-10, 0.0, 1.0, 1.0, 1.0]) + 5e-7 * (np.eye(6, k=1) + np.eye(6, k=-1)),
-        np.geomspace(1.0, 90.0, 12),
-    )
+    C = np.diag([1e-6, 4e-10, 0.0, 1.0, 1.0, 1.0]) + 5e-7 * (np.eye(6, k=1) + np.eye(6, k=-1))
+    f = np.geomspace(1.0, 90.0, 12)
     shaken = Made(
         matrix=C,
         frequencies=f,
@@ -415,7 +424,10 @@ def measured() -> Iterator[tuple[str, Callable[[], Any]]]:
     for some in (True, False):
         held = Made(**{**vars(shaken), "frequencies": f if some else f[:0]})
         held = Made(compliance=held, model=Made(title="Arm"))
-        yield f"compliance, frequencies {some}", functools.partial(compliance.compliance_plot, held)
+        yield (
+            f"compliance, frequencies {some}",
+            functools.partial(compliance.compliance_plot, held),
+        )
     t = np.linspace(0.0, 1.0, 12001)
     loops = (
         np.stack([np.sin(9 * t), np.cos(9 * t), np.sin(9 * t) ** 3], axis=1)[:, None]
@@ -463,9 +475,11 @@ def measured() -> Iterator[tuple[str, Callable[[], Any]]]:
 def commanded(units: tuple[str, ...]) -> Any:
     """The picture of positions that are sent to a servo."""
     trajectory = made_trajectory(derived("planar5_nmp"))
-    run, today = made_run("servo"), made_run("today")
+    run = made_run("servo")
+    today = made_run("today")
     run.solution.trajectory = trajectory
-    run.nominal, today.nominal = Made(size=0.0), Made(size=3e-3)
+    run.nominal = Made(size=0.0)
+    today.nominal = Made(size=3e-3)
     time = np.linspace(-0.5, 1.4, 20)
     joint = np.outer(np.sin(time), [1.0, -0.4])
     found: Any = Made(
@@ -481,8 +495,11 @@ def commanded(units: tuple[str, ...]) -> Any:
 
 
 def predicted(unit: str) -> Any:
-    """Errors of seven robots in metres, or in radians without a limit, with bands of four motors."""
-    t, sizes = np.linspace(0.0, 0.8, 9), np.array([4.0, 1.0, 2.0, 7.0, 3.0, 5.0, 6.0])
+    """Errors of seven robots in metres, or in radians without a limit, with bands of four
+    motors.
+    """
+    t = np.linspace(0.0, 0.8, 9)
+    sizes = np.array([4.0, 1.0, 2.0, 7.0, 3.0, 5.0, 6.0])
     planned = np.outer(np.cos(t), [1.0, 2.0, 3.0, 4.0])
     width = np.outer(1 + t, [3e-3, 1e-3, 9e-3, 4e-3])
     band = Made(
@@ -549,9 +566,9 @@ def test_pictures_of_measured_robots_are_what_they_were() -> None:
 
 def test_the_file_has_all_pictures_and_a_change_is_seen() -> None:
     assert list(kept(GOLDEN)) == list(cases())
-    assert changes(GOLDEN, ["control"], lambda name: [*kept(GOLDEN)[name][:-1], "x"])[1].startswith(
-        "control: was "
-    )
+    assert changes(GOLDEN, ["control"], lambda name: [*kept(GOLDEN)[name][:-1], "x"])[
+        1
+    ].startswith("control: was ")
 
 
 if __name__ == "__main__":

@@ -1,9 +1,12 @@
-"""What made-up results print is what it was: sentences, figures with their units and digits, figures as JSON.
+"""What made-up results print is what it was: sentences, figures with their units and digits,
+figures as JSON.
 
-A net, not a proof: ``make golden`` writes `results.txt` again; read the difference before you commit it.
+A net, not a proof: ``make golden`` writes `results.txt` again; read the difference before you
+commit it.
 
-Of `flexgen.uncertainty.result`, `flexgen.laws.passivity`, `flexgen.servo.fit_result`, `flexgen.servo.result`,
-`flexgen.gears.result`, `flexgen.calibration.result`, `flexgen.reports.calibration_texts`.
+Of `flexgen.uncertainty.result`, `flexgen.laws.passivity`, `flexgen.servo.fit_result`,
+`flexgen.servo.result`, `flexgen.gears.result`, `flexgen.calibration.result`,
+`flexgen.reports.calibration_texts`.
 """
 
 from __future__ import annotations
@@ -84,7 +87,9 @@ def servo(
         explained=explained,
         converged=converged,
         motors=("m1", "m2"),
-        record=Made(source="a.csv", notes=(), command=np.array([[0.0], [1.0], [2.0]]), angle=angle),
+        record=Made(
+            source="a.csv", notes=(), command=np.array([[0.0], [1.0], [2.0]]), angle=angle
+        ),
         interpolation="linear",
         model="arm",
     )

@@ -15,4 +15,6 @@ def test_public_text_is_that_of_the_repository(name):
     """``make golden`` writes them again; read the difference before you commit it."""
     if sys.version_info >= OTHER_HELPS and name == "helps":
         pytest.skip("helps are compared with Python 3.11 and 3.12")
-    assert TEXTS[name]() == (FOLDER / f"{name}.txt").read_text(encoding="utf-8"), "run: make golden"
+    assert TEXTS[name]() == (FOLDER / f"{name}.txt").read_text(encoding="utf-8"), (
+        "run: make golden"
+    )

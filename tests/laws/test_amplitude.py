@@ -1,7 +1,8 @@
-"""The amplitude test: nonlinearities that a model lacks are named from two levels, and linear faults are not.
+"""The amplitude test: nonlinearities that a model lacks are named from two levels, and linear
+faults are not.
 
-The robots are integrated in the time domain with the laws themselves, see `amplitude_plant`. Describing functions are
-compared with means over random numbers and with loops in the time domain.
+The robots are integrated in the time domain with the laws themselves, see `amplitude_plant`.
+Describing functions are compared with means over random numbers and with loops in the time domain.
 """
 
 from __future__ import annotations
@@ -33,8 +34,8 @@ from flexgen.mechanics.parameters import select, with_values
 
 LEVELS = 1.0, 1 / 3
 HORIZONTAL = {"gravity": [0.0, 0.0, 0.0]}
-# Robots, standard deviations of the deflections of their gears at the full level [rad], and Coulomb friction [N m]; the
-# gears of elbow are loaded by gravity.
+# Robots, standard deviations of the deflections of their gears at the full level [rad], and
+# Coulomb friction [N m]; the gears of elbow are loaded by gravity.
 ROBOTS = {
     "planar5_nmp": (
         flexgen.read("planar5_nmp", overrides=HORIZONTAL),
@@ -100,7 +101,9 @@ once_identified = cache(identified)  # where nothing is planted
 )
 def test_a_nonlinearity_is_named(cause):
     found = once_identified("planar5_nmp", cause).amplitude
-    assert cause in found.causes[0].words and len(found.causes) == 1 and found.causes[0].share > 0.9
+    assert (
+        cause in found.causes[0].words and len(found.causes) == 1 and found.causes[0].share > 0.9
+    )
     assert found.sentence.startswith("the levels differ by") and cause in found.sentence
 
 
@@ -136,9 +139,12 @@ def test_no_linear_fault_is_called_nonlinear(name, fault, seed):
 
 @pytest.mark.slow
 def test_numbers_of_a_law_are_those_that_were_planted():
-    """Coulomb friction within 10 %, the half width of a dead band, a small part of the motion, within 35 %."""
+    """Coulomb friction within 10 %, the half width of a dead band, a small part of the motion,
+    within 35 %.
+    """
     friction, gap = (
-        once_identified("planar5_nmp", cause).amplitude.causes[0].words for cause in NONLINEAR[::-3]
+        once_identified("planar5_nmp", cause).amplitude.causes[0].words
+        for cause in NONLINEAR[::-3]
     )
     found = [float(word[1:].strip("+-")) for word in friction.split() if word.startswith("(")]
     np.testing.assert_allclose(found, [0.04, 0.028], rtol=0.1)
@@ -148,14 +154,18 @@ def test_numbers_of_a_law_are_those_that_were_planted():
 
 @pytest.mark.slow
 def test_without_distortion_two_laws_are_not_told_apart(monkeypatch):
-    """Planted: in the horizontal plane the changes of stiffness alone fit a dead band and a cubic spring alike."""
+    """Planted: in the horizontal plane the changes of stiffness alone fit a dead band and a cubic
+    spring alike.
+    """
     monkeypatch.setattr(amplitude, "DISTORTION_SD", 1e9)
     assert len(identified("planar5_nmp", "stiffness that rises").amplitude.causes) == 2
 
 
 @pytest.mark.slow
 def test_a_wrong_sign_of_the_speed_dependence_is_seen(monkeypatch):
-    """Planted: a Coulomb friction whose viscous equivalent rises with the speed explains nothing."""
+    """Planted: a Coulomb friction whose viscous equivalent rises with the speed explains
+    nothing.
+    """
     monkeypatch.setattr(amplitude, "average_coulomb", lambda speed: average_coulomb(1 / speed))
     found = identified("planar5_nmp", "Coulomb friction").amplitude
     assert found.causes == () and "do not explain it" in found.sentence
@@ -193,7 +203,8 @@ def test_the_result_is_printed_and_saved():
 
 @pytest.mark.slow
 def test_levels_that_cannot_be_compared_are_refused():
-    robot, (data, other) = ROBOTS["planar5_nmp"][0], responses("planar5_nmp", "nothing")
+    robot = ROBOTS["planar5_nmp"][0]
+    (data, other) = responses("planar5_nmp", "nothing")
     for wrong, words in (
         (data, "expected another level"),
         (replace(other, poses=other.poses + 1.0), "other motors, poses or frequencies"),
@@ -207,7 +218,8 @@ def test_a_model_with_backlash_is_refused():
     dead_band = {"type": "backlash", "stiffness": 4e5, "gap": 1e-4, "smoothing": 1e-5}
     robot = flexgen.read("planar5_nmp", overrides={"element.arm1.dof.q1.gear.spring": dead_band})
     with pytest.raises(
-        ArgumentError, match="levels: given a model with backlash in the gear of q1, expected other"
+        ArgumentError,
+        match="levels: given a model with backlash in the gear of q1, expected other",
     ):
         at_levels._gears(robot)
 
@@ -219,7 +231,8 @@ def test_changes_are_those_of_a_model_with_other_numbers():
     truth = with_values(
         robot, {p.name: changed[p.name] * p.value for p in select(robot, list(changed))}
     )
-    w, poses = 2 * np.pi * np.geomspace(2.0, 120.0, 40), poses_of(robot, 1)
+    w = 2 * np.pi * np.geomspace(2.0, 120.0, 40)
+    poses = poses_of(robot, 1)
     before, after = (exact_responses(each, poses, w, Drive(5e-4)) for each in (robot, truth))
     vector = ParameterVector(robot, ["stiffness"])
     K = at_levels._gears(robot)[1]
@@ -254,7 +267,9 @@ def test_describing_functions_of_springs_and_friction_are_means_over_a_gaussian(
         np.testing.assert_allclose(
             [found[0][0], found[1][0]], [N, left.std() / (N * sd)], rtol=1e-2
         )
-    c, sd, mean = 0.7, 0.8, 0.5
+    c = 0.7
+    sd = 0.8
+    mean = 0.5
     N, e3 = average_spring(
         lambda d: d + c * d**3, np.array([mean + c * mean * (mean**2 + 3 * sd**2)]), np.array([sd])
     )
@@ -266,11 +281,17 @@ def test_describing_functions_of_springs_and_friction_are_means_over_a_gaussian(
 
 
 def test_the_describing_function_of_hysteresis_is_that_of_a_loop_in_time():
-    """A spring in series with a slider, stepped through sines with amplitudes of Rayleigh's distribution."""
-    slip, sd, count = 0.6, 1.0, 2000
-    amplitudes, t = np.linspace(0.01, 6.0, 240), 2 * np.pi * np.arange(2 * count) / count
+    """A spring in series with a slider, stepped through sines with amplitudes of Rayleigh's
+    distribution.
+    """
+    slip = 0.6
+    sd = 1.0
+    count = 2000
+    amplitudes = np.linspace(0.01, 6.0, 240)
+    t = 2 * np.pi * np.arange(2 * count) / count
     d = amplitudes[:, None] * np.sin(t)
-    torque, z = np.zeros_like(d), np.zeros(len(d))
+    torque = np.zeros_like(d)
+    z = np.zeros(len(d))
     for k in range(1, len(t)):
         z = np.clip(z + d[:, k] - d[:, k - 1], -slip, slip)
         torque[:, k] = z

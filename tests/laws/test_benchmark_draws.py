@@ -1,4 +1,6 @@
-"""Version 2 of the benchmarks: what is frozen, what is drawn, what a controller may know, settling without jumps."""
+"""Version 2 of the benchmarks: what is frozen, what is drawn, what a controller may know, settling
+without jumps.
+"""
 
 from __future__ import annotations
 
@@ -66,7 +68,9 @@ def test_a_model_of_the_same_name_in_the_current_folder_does_not_enter(
     copy = tmp_path / "mine.toml"
     copy.write_text((FOLDER / f"four_mass-{version}.toml").read_text())
     other = scenario(copy)
-    assert other.model.motors[0].inertia == 0.05 and other.digest != own.digest and not other.frozen
+    assert (
+        other.model.motors[0].inertia == 0.05 and other.digest != own.digest and not other.frozen
+    )
 
 
 def test_the_hash_is_that_of_the_content_after_replace():
@@ -106,7 +110,9 @@ def test_numbers_that_give_no_score_are_refused(change):
 
 
 def test_a_score_that_is_not_a_number_is_refused():
-    """A measure of the reference that is zero has no ratio; a NaN in the measures is not accepted as a score."""
+    """A measure of the reference that is zero has no ratio; a NaN in the measures is not accepted
+    as a score.
+    """
     s = shorter()
     with pytest.raises(
         ArgumentError,
@@ -126,9 +132,11 @@ def test_draws_differ_in_all_that_the_rule_names():
     s = scenario("four_mass")
     draws = [draw for seed in range(40) for draw in draws_of(s, seed)]
     steps = [
-        next(d for d in draw.disturbances if d.kind == "step" and d.where == "m1") for draw in draws
+        next(d for d in draw.disturbances if d.kind == "step" and d.where == "m1")
+        for draw in draws
     ]
-    starts, sizes = np.array([d.start_s for d in steps]), np.array([d.size for d in steps])
+    starts = np.array([d.start_s for d in steps])
+    sizes = np.array([d.size for d in steps])
     assert 0.4 < (sizes > 0).mean() < 0.6 and np.all(
         (np.abs(sizes) >= 2.8) & (np.abs(sizes) <= 5.2)
     )
@@ -138,7 +146,9 @@ def test_draws_differ_in_all_that_the_rule_names():
     assert len({tuple(draw.order(19)) for draw in draws}) == len(draws)
     for draw in draws:  # every segment has its place, and the end is quiet
         spans = sorted((w.begin, w.end) for w in draw.windows[:-1])
-        assert spans[0][0] >= 0.5 and all(b[0] >= a[1] - 1e-9 for a, b in itertools.pairwise(spans))
+        assert spans[0][0] >= 0.5 and all(
+            b[0] >= a[1] - 1e-9 for a, b in itertools.pairwise(spans)
+        )
         assert spans[-1][1] <= s.duration_s - 3.0 + 1e-9
     assert draws_of(s, 3) is draws_of(s, 3) and draws_of(s, 3)[0].first == draws[24].first
     pinned = draws_of(s, 1)[0]  # the same on every computer: SHA-256
@@ -146,26 +156,38 @@ def test_draws_differ_in_all_that_the_rule_names():
 
 
 class Cheat:
-    """The reference controller of four_mass, and the disturbances of a table cancelled by it, tool and motor."""
+    """The reference controller of four_mass, and the disturbances of a table cancelled by it, tool
+    and motor.
+    """
 
     def __init__(self, cascade, table, sample_s):
         self.gains = [
             float(x[0]) for x in (cascade.position_gain, cascade.speed_gain, cascade.integral_gain)
         ]
         self.filter = cascade.begin(sample_s)._state["sections"][0, 0].tolist()
-        self.table, self.sample_s = [*table[:, 0].tolist(), 0.0], sample_s
+        self.table = [*table[:, 0].tolist(), 0.0]
+        self.sample_s = sample_s
 
     def reset(self):
-        self.count, self.q, self.sum, self.s1, self.s2 = 0, None, 0.0, 0.0, 0.0
+        self.count = 0
+        self.q = None
+        self.sum = 0.0
+        self.s1 = 0.0
+        self.s2 = 0.0
 
     def step(self, k, y, ref):
-        q, (k_p, k_v, k_i), h, f = y.q_m[0], self.gains, self.sample_s, self.filter
+        q = y.q_m[0]
+        (k_p, k_v, k_i) = self.gains
+        h = self.sample_s
+        f = self.filter
         v = (q - (0.0 if self.q is None else self.q)) / h
         w = k_p * (ref.q_m[0] - q) - v
-        self.q, self.sum = q, self.sum + w * h
+        self.q = q
+        self.sum = self.sum + w * h
         x = k_v * (w + k_i * self.sum)
         out = f[0] * x + self.s1
-        self.s1, self.s2 = f[1] * x - f[3] * out + self.s2, f[2] * x - f[4] * out
+        self.s1 = f[1] * x - f[3] * out + self.s2
+        self.s2 = f[2] * x - f[4] * out
         known = self.table[min(self.count, len(self.table) - 1)]
         self.count += 1
         return (ref.tau_m[0] + out - known,)
@@ -181,7 +203,8 @@ def cancelling(s: Scenario, disturbances) -> np.ndarray:
 
 def nominal_scores(s: Scenario, controller, seed: int) -> np.ndarray:
     """Scores of the nominal robot in the draws of a seed."""
-    bench, weights = Bench(s, seed), np.array([m.weight for m in measures_of(s)])
+    bench = Bench(s, seed)
+    weights = np.array([m.weight for m in measures_of(s)])
     out = []
     for draw, units in zip(bench.draws, reference_measures(s, seed), strict=True):
         z, u, failures = bench.simulate(controller, [0], np.ones(1), np.array([s.delay_s]), draw)
@@ -191,7 +214,9 @@ def nominal_scores(s: Scenario, controller, seed: int) -> np.ndarray:
 
 
 def gain(s: Scenario, known: Scenario, seed: int, other: int) -> float:
-    """What a cheat with the table of the first draw of ``known`` gains in the draws of another seed."""
+    """What a cheat with the table of the first draw of ``known`` gains in the draws of another
+    seed.
+    """
     draw = draws_of(known, seed)[0]
     cheat = Cheat(s.reference, cancelling(known, (draw.disturbances, draw.seed)), s.sample_s)
     return 1.0 - float(nominal_scores(s, PythonController(cheat), other).mean())
@@ -199,7 +224,9 @@ def gain(s: Scenario, known: Scenario, seed: int, other: int) -> float:
 
 @pytest.mark.slow
 def test_a_table_of_the_disturbances_gains_nothing_in_new_draws():
-    """Less than 2 %; planted: with the draw of the table, more than 30 %. Four segments of seven."""
+    """Less than 2 %; planted: with the draw of the table, more than 30 %. Four segments of
+    seven.
+    """
     s = shorter()
     kept = tuple(
         x for x in s.plan.segments if x.name in ("motor step", "motor pulse", "tool step", "quiet")
@@ -212,8 +239,11 @@ def test_a_table_of_the_disturbances_gains_nothing_in_new_draws():
 
 @pytest.mark.full
 def test_no_table_gains_in_version_2():
-    """Planted: more than 30 % in version 1. The published times and those of a draw; the mean of 8 new draws."""
-    old, s = scenario("four_mass", 1), scenario("four_mass")
+    """Planted: more than 30 % in version 1. The published times and those of a draw; the mean of 8
+    new draws.
+    """
+    old = scenario("four_mass", 1)
+    s = scenario("four_mass")
     assert gain(old, old, old.seed, old.seed) > 0.3
     for known in (old, s):
         assert gain(s, known, 1, secret_seed()) < 0.02
@@ -226,7 +256,13 @@ def controller_file(folder: Path, body: str, head: str = "") -> str:
     path = folder / "mine.py"
     lines = textwrap.indent(textwrap.dedent(body), " " * 8)
     path.write_text(
-        f"{head}\nclass Mine:\n    def reset(self):\n        pass\n\n    def step(self, k, y, ref):\n{lines}\n"
+        f"{head}\n"
+        "class Mine:\n"
+        "    def reset(self):\n"
+        "        pass\n"
+        "\n"
+        "    def step(self, k, y, ref):\n"
+        f"{lines}\n"
     )
     return f"{path}:Mine"
 
@@ -234,12 +270,20 @@ def controller_file(folder: Path, body: str, head: str = "") -> str:
 def few(given, samples: int = 200, **limits):
     """Torques, failures and what the process saw, of three robots for some samples."""
     s = shorter()
-    p, lanes = Bench(s)._parts, np.array([0, 0, 0])
+    p = Bench(s)._parts
+    lanes = np.array([0, 0, 0])
     controller = ForeignController(given, **limits)
     loop = ClosedLoop(
-        s.model, p.library, DriveHardware(s.sample_s, 0.0, 0.0, 1e-4, 0.0, s.torque_max_Nm), controller, p.q_a[lanes],
-        np.tile(p.q_m, (3, 1)), p.rate, seed=1, parameters=s.plants.values[lanes],
-    )  # fmt: skip
+        s.model,
+        p.library,
+        DriveHardware(s.sample_s, 0.0, 0.0, 1e-4, 0.0, s.torque_max_Nm),
+        controller,
+        p.q_a[lanes],
+        np.tile(p.q_m, (3, 1)),
+        p.rate,
+        seed=1,
+        parameters=s.plants.values[lanes],
+    )
     loop.hold(p.tau[lanes])
     reference = np.concatenate([np.tile(p.q_m, (3, 1)), p.tau[lanes]], axis=1)[None]
     found = loop.run(reference, samples, check=False)
@@ -333,9 +377,12 @@ def test_objects_and_libraries_run_in_a_process_too(tmp_path, monkeypatch):
     source = tmp_path / "plug.c"
     source.write_text(
         '#include "flexgen_controller.h"\nint flexgen_controller_abi(void) { return 1; }\n'
-        "size_t flexgen_controller_size(const flexgen_controller_setup *s) { (void)s; return 8; }\n"
-        "int flexgen_controller_reset(void *x, const flexgen_controller_setup *s) { (void)x; (void)s; return 0; }\n"
-        "int flexgen_controller_step(void *x, int64_t k, const double *y, const double *ref, double *u)\n"
+        "size_t flexgen_controller_size(const flexgen_controller_setup *s) { (void)s; return 8; "
+        "}\n"
+        "int flexgen_controller_reset(void *x, const flexgen_controller_setup *s) { (void)x; "
+        "(void)s; return 0; }\n"
+        "int flexgen_controller_step(void *x, int64_t k, const double *y, const double *ref, "
+        "double *u)\n"
         "{ (void)x; (void)k; u[0] = ref[1] + 20.0 * (ref[0] - y[0]); return 0; }\n"
     )
     include = Path(flexgen.__file__).parent / "loop"
@@ -387,7 +434,9 @@ def test_a_class_that_no_file_has_is_refused_with_what_to_do():
 
 @pytest.mark.full
 def test_code_has_new_draws_in_every_score_and_says_where_it_has_not(tmp_path):
-    """Two scores of one file differ by the draws only; given seeds, objects and version 1 do not give fair scores."""
+    """Two scores of one file differ by the draws only; given seeds, objects and version 1 do not
+    give fair scores.
+    """
     given = f"{tmp_path / 'mine.py'}:Mine"
     (tmp_path / "mine.py").write_text(CASCADE)
     s = shorter()
@@ -407,7 +456,8 @@ from flexgen.position_servo.filters import LowPass
 
 class Mine:
     def __init__(self):
-        self.law = Cascade(*(np.array([x]) for x in (6.283185307179586, 1.1812388377497622, 3.141592653589793)),
+        self.law = Cascade(*(np.array([x]) for x in (6.283185307179586, 1.1812388377497622, \
+3.141592653589793)),
                            (LowPass(100.0, 0.7),))
     def reset(self):
         self.law.begin(5e-4).reset()
@@ -420,7 +470,9 @@ class Mine:
 
 
 def test_settling_does_not_jump_by_periods():
-    """A damped oscillation whose size grows by 0.2 % a step: version 1 jumps by half a period, version 2 does not."""
+    """A damped oscillation whose size grows by 0.2 % a step: version 1 jumps by half a period,
+    version 2 does not.
+    """
     s = scenario("four_mass")
     t = s.sample_s * np.arange(8000)
     shape = (np.exp(-1.2 * t) * np.cos(2 * np.pi * 2.0 * t))[:, None]
@@ -438,7 +490,9 @@ def test_settling_does_not_jump_by_periods():
 
 
 def test_settling_is_the_mean_over_bands():
-    """By another route: the mean of the settling times of 400 bands; the exponential has a formula too."""
+    """By another route: the mean of the settling times of 400 bands; the exponential has a formula
+    too.
+    """
     s = dataclasses.replace(scenario("four_mass"), measures_version=2)
     t = s.sample_s * np.arange(8000)
     rng = np.random.default_rng(3)
@@ -527,7 +581,9 @@ def test_a_position_of_the_tool_in_a_unit_of_another_scale_is_refused(
 
 
 def test_outputs_of_two_units_are_shown_each_in_its_own(monkeypatch):
-    """The tool in mm, the angle of the first joint in mrad; a controller whose angle swings in the end."""
+    """The tool in mm, the angle of the first joint in mrad; a controller whose angle swings in the
+    end.
+    """
     given = scenario("two_link")
     angle = Output("q1", "mrad", {"q1": 1000.0}, "", 1.0)
     mixed = dataclasses.replace(given, outputs=(given.outputs[0], angle))
@@ -536,7 +592,8 @@ def test_outputs_of_two_units_are_shown_each_in_its_own(monkeypatch):
         units["tool step, peak to peak of x"] == "mm"
         and units["tool step, peak to peak of q1"] == "mrad"
     )
-    n, robots = round(mixed.duration_s / mixed.sample_s), len(mixed.plants.names) + 2
+    n = round(mixed.duration_s / mixed.sample_s)
+    robots = len(mixed.plants.names) + 2
     z = np.zeros((n, robots, 2))
     z[:, :, 0] = 0.25 * np.sin(0.1 * np.arange(n))[:, None]  # 0.5 mm peak to peak: at rest
     z[:, 1, 1] = 2.0 * np.sin(0.1 * np.arange(n))
@@ -544,9 +601,9 @@ def test_outputs_of_two_units_are_shown_each_in_its_own(monkeypatch):
         Bench, "simulate", lambda *args: (z, np.zeros((n, robots, 2)), ("",) * robots)
     )
     refused = Bench(mixed).run(None).refused
-    assert refused[0].endswith("q1 not at rest in the end: 4 mrad peak to peak, expected 1 mrad"), (
-        refused
-    )
+    assert refused[0].endswith(
+        "q1 not at rest in the end: 4 mrad peak to peak, expected 1 mrad"
+    ), refused
     assert all(mixed.plants.names[1] in reason for reason in refused)
 
 

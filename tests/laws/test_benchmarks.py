@@ -28,26 +28,31 @@ pytestmark = needs_compiler
 
 
 def test_the_plant_is_the_published_equations():
-    """The four masses on the motor side, written by hand from the published values; 1e-12 of the largest term."""
-    J_m, J1, J2, J3 = 5e-3, 2e-3, 0.02, 0.02
-    f_m, f_a, d1, d2, d3, k2, k3, low, high, at, n = (
-        6e-3,
-        1e-3,
-        0.08,
-        0.06,
-        0.08,
-        110.0,
-        80.0,
-        16.7,
-        100.0,
-        0.064,
-        220.0,
-    )
+    """The four masses on the motor side, written by hand from the published values; 1e-12 of the
+    largest term.
+    """
+    J_m = 5e-3
+    J1 = 2e-3
+    J2 = 0.02
+    J3 = 0.02
+    f_m = 6e-3
+    f_a = 1e-3
+    d1 = 0.08
+    d2 = 0.06
+    d3 = 0.08
+    k2 = 110.0
+    k3 = 80.0
+    low = 16.7
+    high = 100.0
+    at = 0.064
+    n = 220.0
     s = scenario("four_mass")
     forward = derive(s.model).function("forward_dynamics")
     rng = np.random.default_rng(0)
     for size in (1e-2, 1.0):
-        q, v, tau = size * rng.normal(size=4), size * rng.normal(size=4), rng.normal()
+        q = size * rng.normal(size=4)
+        v = size * rng.normal(size=4)
+        tau = rng.normal()
         twist = q[0] - q[1]
         gear = (
             low * twist
@@ -55,7 +60,8 @@ def test_the_plant_is_the_published_equations():
             else low * at * np.sign(twist) + high * (twist - at * np.sign(twist))
         )
         t1 = gear + d1 * (v[0] - v[1])
-        t2, t3 = k2 * (q[1] - q[2]) + d2 * (v[1] - v[2]), k3 * (q[2] - q[3]) + d3 * (v[2] - v[3])
+        t2 = k2 * (q[1] - q[2]) + d2 * (v[1] - v[2])
+        t3 = k3 * (q[2] - q[3]) + d3 * (v[2] - v[3])
         expected = np.array(
             [
                 (tau - f_m * v[0] - t1) / J_m,
@@ -172,7 +178,9 @@ def test_a_changed_file_is_refused(tmp_path, monkeypatch):
 
 
 def test_a_refused_controller_has_no_score():
-    """Too much gain: stable nominally, not with 2.5 times as much; no number of the score is shown anywhere."""
+    """Too much gain: stable nominally, not with 2.5 times as much; no number of the score is shown
+    anywhere.
+    """
     hot = Cascade(np.array([12.0]), np.array([4.0]), np.array([6.0]), (LowPass(150.0, 1.0),))
     found = flexgen.score("four_mass", hot, version=1, progress=False)
     assert not found.accepted and np.isnan(found.total) and found.parts == {}
@@ -195,9 +203,17 @@ def test_a_refused_controller_has_no_score():
             "length_s = 90.0",
             "start_s: given .* expected one that ends within 36 s",
         ),
-        ("start_s = 9.0", "start_s = 5.01", "expected one that does not overlap motor pulse on m1"),
+        (
+            "start_s = 9.0",
+            "start_s = 5.01",
+            "expected one that does not overlap motor pulse on m1",
+        ),
         ("window_s = [34.0, 36.0]", "window_s = [34.0, 37.0]", "two increasing times within 36 s"),
-        ("weights = { peak = 1.0", "weights = { peek = 1.0", "given an unknown key, expected peak"),
+        (
+            "weights = { peak = 1.0",
+            "weights = { peek = 1.0",
+            "given an unknown key, expected peak",
+        ),
         ("sets = [0.3, 0.2]", "sets = [0.5]", "a list of 2 numbers"),
         ("delay_s = 5e-4", "delay_s = 7e-4", "a multiple of the sample time"),
         ('names = ["mass2.inertia_zz"]', 'names = ["mass9.inertia_zz"]', "mass9.inertia_zz"),
@@ -231,7 +247,10 @@ def test_wrong_scenarios_are_refused(tmp_path, before, after, words):
             'type = "ppi"\n[[notch]]\nzero_damping = 1',
             "frequency_hz: given nothing, expected a number > 0",
         ),
-        ('type = "linear"\nA = [[1]]\nB = [[1]]\nC = [[1]]', "D: given nothing, expected a matrix"),
+        (
+            'type = "linear"\nA = [[1]]\nB = [[1]]\nC = [[1]]',
+            "D: given nothing, expected a matrix",
+        ),
         (
             'type = "linear"\nA = [[1, 2]]\nB = [[1]]\nC = [[1]]\nD = [[1]]',
             r"2:A: given shape \(1, 2\), expected \(1, 1\)",
@@ -273,7 +292,9 @@ def test_tuning_improves_and_writes_what_it_found(tmp_path):
     assert again.total == found.score.total
     with pytest.raises(ArgumentError, match="evaluations: given 0"):
         flexgen.tune("four_mass", evaluations=0)
-    with pytest.raises(ArgumentError, match="executor: given 'me', expected an object with submit"):
+    with pytest.raises(
+        ArgumentError, match="executor: given 'me', expected an object with submit"
+    ):
         flexgen.tune("four_mass", executor="me")
     with pytest.raises(ArgumentError, match="given Linear, expected a P-PI cascade"):
         flexgen.tune("two_link", "lqg")

@@ -1,4 +1,6 @@
-"""Causes of a misfit: a fault that is planted is named, with its size; a model that fits has none."""
+"""Causes of a misfit: a fault that is planted is named, with its size; a model that fits has
+none.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +34,8 @@ def times(factor, names):
 
 def measured(truth=TRUTH, drive=DRIVE):
     """Responses with a noise of 0.1 %."""
-    data, rng = exact_responses(truth, poses_of(ROBOT, 3), W, drive), np.random.default_rng(1)
+    data = exact_responses(truth, poses_of(ROBOT, 3), W, drive)
+    rng = np.random.default_rng(1)
     noise = rng.standard_normal((2, *data.G.shape)) / np.sqrt(2)
     return replace(data, G=data.G + np.sqrt(data.variance) * (noise[0] + 1j * noise[1]))
 
@@ -77,7 +80,9 @@ def test_a_fault_is_named_with_its_size(fault):
 
 @pytest.mark.slow
 def test_the_size_is_that_of_a_fit_not_of_one_step(monkeypatch):
-    """Planted: without the refit the share of 20 % of mass is the prediction of a linear step, which is wrong."""
+    """Planted: without the refit the share of 20 % of mass is the prediction of a linear step,
+    which is wrong.
+    """
     found = explained(measured(times(1.2, ["arm3.mass"])))
     assert found.causes[0].size == pytest.approx(1.2, abs=1e-3)
     monkeypatch.setattr("flexgen.numerics.trust_region.ITERATIONS", 1)
@@ -86,7 +91,9 @@ def test_the_size_is_that_of_a_fit_not_of_one_step(monkeypatch):
 
 
 def test_a_missing_spring_is_named_with_its_stiffness():
-    """Also where a body is attached without any coordinate: about the axis of the spring that is not there."""
+    """Also where a body is attached without any coordinate: about the axis of the spring that is
+    not there.
+    """
     found = explained(measured(), without(ROBOT, "q3"))
     assert (
         found.causes[0].words.startswith("a missing spring arm3_z of 1.3e+05 N m/rad")
@@ -95,7 +102,9 @@ def test_a_missing_spring_is_named_with_its_stiffness():
 
 
 def test_a_body_that_slides_may_turn_about_all_axes():
-    """Behind a joint that turns, its own axis is left out: there the spring would be one of the gear."""
+    """Behind a joint that turns, its own axis is left out: there the spring would be one of the
+    gear.
+    """
     elbow = flexgen.read("elbow")
     upper, fore = elbow.elements
     slides = replace(upper, dofs=(replace(upper.dofs[0], type="translation"),))
@@ -127,8 +136,11 @@ def test_a_body_on_springs_without_motor_may_turn_about_the_other_axes():
 def test_a_score_is_the_decrease_of_least_squares():
     """Against the residuals of two linear fits."""
     rng = np.random.default_rng(3)
-    r, J, j = rng.standard_normal(40), rng.standard_normal((40, 3)), rng.standard_normal(40)
-    basis, more = np.linalg.qr(J)[0], np.column_stack([J, j])
+    r = rng.standard_normal(40)
+    J = rng.standard_normal((40, 3))
+    j = rng.standard_normal(40)
+    basis = np.linalg.qr(J)[0]
+    more = np.column_stack([J, j])
     left = [r - A @ np.linalg.lstsq(A, r, rcond=None)[0] for A in (J, more)]
     assert causes.score(basis, r - basis @ (basis.T @ r), j) == pytest.approx(
         left[0] @ left[0] - left[1] @ left[1]
@@ -137,7 +149,9 @@ def test_a_score_is_the_decrease_of_least_squares():
 
 
 def test_a_spring_across_a_plane_changes_no_residual_of_a_planar_arm():
-    """Also where the residuals have weights by the structure of the noise: all hypotheses have those of the fit."""
+    """Also where the residuals have weights by the structure of the noise: all hypotheses have
+    those of the fit.
+    """
     residuals = Residuals(ParameterVector(ROBOT, ["stiffness"]), measured())
     x = residuals.vector.start
     residuals.use_structure(x)
@@ -149,7 +163,8 @@ def test_a_spring_across_a_plane_changes_no_residual_of_a_planar_arm():
 def test_the_rest_of_a_soft_arm_does_not_depend_on_the_searches_before():
     """A spring that softens step by step bends on where a search from the unbent arm does not."""
     residuals = Residuals(ParameterVector(ROBOT, ["stiffness"]), measured())
-    x, at = residuals.vector.start.copy(), residuals.vector.names.index("q3.stiffness")
+    x = residuals.vector.start.copy()
+    at = residuals.vector.names.index("q3.stiffness")
     for factor in np.geomspace(1.0, 4.375e-5, 35):
         x[at] = residuals.vector.start[at] + np.log(factor)
         with suppress(SolverError):

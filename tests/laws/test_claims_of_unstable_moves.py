@@ -1,4 +1,6 @@
-"""The stated tool error holds for the whole move: in open loop, or under the feedback that is named."""
+"""The stated tool error holds for the whole move: in open loop, or under the feedback that is
+named.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,8 @@ from flexgen.simulation.simulate import simulate
 
 pytestmark = needs_compiler
 ROBOTS = Path(__file__).parents[1] / "support" / "robots"
-SHARE, SMALL = 0.05, 1e-9  # of the claimed error; m or rad
+SHARE = 0.05  # of the claimed error
+SMALL = 1e-9  # m or rad
 
 
 def slow_elbow(duration: float) -> flexgen.Solution:
@@ -52,9 +55,9 @@ def test_the_error_of_a_falling_robot_is_that_under_the_named_feedback(duration:
     )
     assert solution.status == flexgen.Status.SOLVED and claimed_error(solution) < 1e-8
     assert false_claims(solution) == []
-    assert run.feedback.title in str(solution) and f"perturbations grow by {run.growth:.2g}" in str(
+    assert run.feedback.title in str(
         solution
-    )
+    ) and f"perturbations grow by {run.growth:.2g}" in str(solution)
     # without feedback the robot is elsewhere, by an error that rounding decides: it is not stated
     alone = largest(WholeMove(solution.model).errors(solution.trajectory)[0])
     assert alone > 100 * claimed_error(solution) and run.open_loop is None
@@ -65,18 +68,19 @@ def test_the_error_of_a_falling_robot_is_that_under_the_named_feedback(duration:
 def test_windows_that_restart_in_states_of_the_motion_are_refuted(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Planted: the simulation begins anew in the states of the motion every 20 ms, and its error is stated."""
-    equations, whole = derive(ROBOTS / "upright.toml"), simulate_module.run
+    """Planted: the simulation begins anew in the states of the motion every 20 ms, and its error
+    is stated.
+    """
+    equations = derive(ROBOTS / "upright.toml")
+    whole = simulate_module.run
     t = flexgen.solve(equations, verify=False).trajectory
     known = np.hstack([t["q_a"], t["q_m"], t["v_a"], t["v_m"]])
 
     def in_windows(
         equations: Equations, instants: np.ndarray, given: Any, start: np.ndarray, *options: Any
     ) -> Run:
-        states, ends = (
-            np.empty((len(instants), len(start) + 2)),
-            [*range(0, len(t.time) - 1, 20), len(instants) - 1],
-        )
+        states = np.empty((len(instants), len(start) + 2))
+        ends = [*range(0, len(t.time) - 1, 20), len(instants) - 1]
         for first, last in pairwise(ends):
             found = whole(
                 equations, instants[first : last + 1], given, known[first], (), *options[1:]
@@ -126,15 +130,22 @@ def test_the_default_feedback_has_the_gains_of_control() -> None:
 def test_a_saved_file_gives_the_stated_error(
     name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """`flexgen simulate` of the file that `flexgen solve` wrote: the same figures, growth and feedback."""
-    file, told = str(tmp_path / "motion.npz"), []
+    """`flexgen simulate` of the file that `flexgen solve` wrote: the same figures, growth and
+    feedback.
+    """
+    file = str(tmp_path / "motion.npz")
+    told = []
     for words in (["solve", name, "--out", file], ["simulate", name, file]):
         assert main([*words, "--json"]) == 0
         told.append(json.loads(capsys.readouterr().out))
     keys = [
-        key for key in told[0] if key in told[1] and ("error" in key or key in ("growth", "held_s"))
+        key
+        for key in told[0]
+        if key in told[1] and ("error" in key or key in ("growth", "held_s"))
     ]
-    assert {"tool_error_max_m", "later_error_max_m", "growth", "open_loop_error_max_m"} <= set(keys)
+    assert {"tool_error_max_m", "later_error_max_m", "growth", "open_loop_error_max_m"} <= set(
+        keys
+    )
     for key in keys:
         a, b = (x[key] for x in told)
         assert a is b or a == pytest.approx(b, rel=1e-2, abs=1e-12), key
@@ -164,19 +175,20 @@ def test_the_error_two_seconds_after_the_end_is_the_simulated_one(name: str, mov
 
 @pytest.mark.slow
 def test_a_feedback_hides_no_wrong_torque(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Corners of a program leave short residuals that do nothing; planted: torques that are 0.1 % too large."""
+    """Corners of a program leave short residuals that do nothing; planted: torques that are 0.1 %
+    too large.
+    """
     steps = "".join(
         f'[[program.step]]\ntype = "MoveJ"\nend_deg = {end}\npause = 0.1\n'
         for end in ([92.0, -5.0], [105.0, -30.0])
     )
     profile = "joint_profile_rad = [6.0, 120.0, 8000.0, 1e6]\n"
-    file, solve_module = (
-        tmp_path / "upright.toml",
-        importlib.import_module("flexgen.inversion.solve"),
-    )
+    file = tmp_path / "upright.toml"
+    solve_module = importlib.import_module("flexgen.inversion.solve")
     program = f'[[program]]\nname = "steps"\nstart_deg = [80.0, 20.0]\n{profile}{steps}'
     file.write_text((ROBOTS / "upright.toml").read_text() + program)
-    equations, right = derive(file), solve_module.run_method
+    equations = derive(file)
+    right = solve_module.run_method
     solution = flexgen.solve(equations, "steps", "lq")
     assert (
         solution.status == flexgen.Status.SOLVED

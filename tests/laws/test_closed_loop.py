@@ -1,4 +1,6 @@
-"""The sampled closed loop in C: exact for linear robots, of order four, with the delay, noise and limits it claims."""
+"""The sampled closed loop in C: exact for linear robots, of order four, with the delay, noise and
+limits it claims.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +29,9 @@ pytestmark = needs_compiler
 
 @pytest.mark.parametrize("delay", [0, 3])
 def test_a_linear_robot_follows_the_exact_discrete_loop(delay):
-    """x(k+1) by the matrix exponential, the drive written again; delays are whole steps of the integrator."""
+    """x(k+1) by the matrix exponential, the drive written again; delays are whole steps of the
+    integrator.
+    """
     model = flexgen.read("four_mass@high")
     steps = 32
     loop, at_rest, local, _ = loop_of(
@@ -45,11 +49,16 @@ def test_a_linear_robot_follows_the_exact_discrete_loop(delay):
         whole = expm(np.block([[A, inputs], [np.zeros((1, 2 * n + 1))]]) * h)
         return whole[:-1, :-1], whole[:-1, -1]
 
-    before, after = step(delay * T / steps), step(T - delay * T / steps)
+    before = step(delay * T / steps)
+    after = step(T - delay * T / steps)
     c = default_cascade(model)
-    x, u, q_old, ref_old = np.zeros(2 * n), 0.0, 0.0, 0.0
+    x = np.zeros(2 * n)
+    u = 0.0
+    q_old = 0.0
+    ref_old = 0.0
     for k in range(samples):
-        q, ref = x[model.n_a], reference[k, 0, 0]
+        q = x[model.n_a]
+        ref = reference[k, 0, 0]
         new = c.speed_gain[0] * (
             (ref - ref_old) / T + c.position_gain[0] * (ref - q) - (q - q_old) / T
         )
@@ -57,13 +66,17 @@ def test_a_linear_robot_follows_the_exact_discrete_loop(delay):
         assert found.tau_m[k, 0, 0] == pytest.approx(new, abs=1e-8)
         x = before[0] @ x + before[1] * u
         x = after[0] @ x + after[1] * new
-        u, q_old, ref_old = new, q, ref
+        u = new
+        q_old = q
+        ref_old = ref
 
 
 @pytest.mark.parametrize("late", [0, 2])
 def test_a_delay_just_below_a_sample_is_one_of_a_sample(late):
     """Its torques acted never: all integration steps of a sample are the next sample."""
-    model, samples, found = flexgen.read("four_mass@high"), 200, []
+    model = flexgen.read("four_mass@high")
+    samples = 200
+    found = []
     for delay, whole in ((0.9999 * T, late), (0.0, late + 1)):
         steps = None if delay else 64
         loop, at_rest, _, _ = loop_of(
@@ -149,7 +162,8 @@ def test_torques_stay_within_their_torque_speed_curves():
     free, at_rest, _, _rest = loop_of(model, DriveHardware(T))
     reference = moving(at_rest, 2, 300, 0.3)
     run = free.run(reference, 300)
-    torque, speed = np.abs(run.tau_m[:, 0, 0]).max(), np.abs(np.diff(run.q_m[:, 0, 0])).max() / T
+    torque = np.abs(run.tau_m[:, 0, 0]).max()
+    speed = np.abs(np.diff(run.q_m[:, 0, 0])).max() / T
     curve = ((0.0, 1.2 * torque), (0.5 * speed, 0.6 * torque), (0.875 * speed, 0.0))
     limited, _, _, _ = loop_of(model, DriveHardware(T, torque_speed=(curve, ())))
     found = limited.run(reference, 300, motion=True)
@@ -228,7 +242,9 @@ def constant(A: np.ndarray, B: np.ndarray, h: float) -> tuple[np.ndarray, np.nda
 
 @pytest.mark.parametrize("delay", [0, 1, 3])
 def test_a_delay_of_whole_samples_is_as_many_states_more(delay):
-    """A random linear controller: the loop against x+ = F x + G u with the torques under way as states."""
+    """A random linear controller: the loop against x+ = F x + G u with the torques under way as
+    states.
+    """
     A, B, model, _ = linear_robot()
     rng = np.random.default_rng(delay)
     law = Linear(
@@ -254,7 +270,9 @@ def test_a_delay_of_whole_samples_is_as_many_states_more(delay):
     reference[:, 0, 0] = 0.1 * np.sin(30 * T * np.arange(samples))
     found = loop.run(reference, samples)
     phi, gamma = constant(A, B, T)
-    x, z, late = np.zeros(len(A)), np.zeros(2), [np.zeros(1)] * delay
+    x = np.zeros(len(A))
+    z = np.zeros(2)
+    late = [np.zeros(1)] * delay
     for k in range(samples):
         q = x[model.n_a]
         e = np.array([reference[k, 0, 0] - q])
@@ -281,11 +299,19 @@ def test_each_robot_has_its_own_parameters():
 
     def run(lanes: list[int]) -> np.ndarray:
         loop = ClosedLoop(
-            model, library, DriveHardware(T), default_cascade(model), q_a[lanes], q_m[lanes], 700.0,
+            model,
+            library,
+            DriveHardware(T),
+            default_cascade(model),
+            q_a[lanes],
+            q_m[lanes],
+            700.0,
             parameters=values[lanes],
-        )  # fmt: skip
+        )
         loop.hold(np.ones((len(lanes), 2)))
-        reference = np.tile(np.concatenate([q_m[:1], np.ones((1, 2))], axis=1), (50, len(lanes), 1))
+        reference = np.tile(
+            np.concatenate([q_m[:1], np.ones((1, 2))], axis=1), (50, len(lanes), 1)
+        )
         return loop.run(reference, 50).q_m
 
     together = run([0, 1, 2])
@@ -302,10 +328,12 @@ def test_each_robot_has_its_own_parameters():
 def test_gains_of_each_robot_go_with_filters():
     """Robots with gains of their own and two filters are those that run alone."""
     model = flexgen.read("elbow")
-    library, usual = library_with(model, ("forward_dynamics",)), default_cascade(model)
+    library = library_with(model, ("forward_dynamics",))
+    usual = default_cascade(model)
     usual = replace(usual, filters=(flexgen.LowPass(300.0), flexgen.Notch(60.0)))
     factors = np.array([[1.0], [1.1], [0.8]])
-    q_a, q_m = np.tile(model.home, (3, 1)), np.tile(model.eta @ np.array(model.home), (3, 1))
+    q_a = np.tile(model.home, (3, 1))
+    q_m = np.tile(model.eta @ np.array(model.home), (3, 1))
 
     def run(lanes: list[int]) -> np.ndarray:
         own = {
@@ -330,7 +358,9 @@ def test_gains_of_each_robot_go_with_filters():
 
 
 def test_a_payload_that_moves_nothing_changes_nothing():
-    """That of four_mass is on its axis: the function in C has no parameters, and wrote accelerations over them."""
+    """That of four_mass is on its axis: the function in C has no parameters, and wrote
+    accelerations over them.
+    """
     model = flexgen.read("four_mass")
     loop, at_rest, _, _ = loop_of(model, DriveHardware(T), lanes=2)
     library = library_with(
@@ -354,14 +384,14 @@ def test_a_payload_that_moves_nothing_changes_nothing():
 
 
 def test_disturbances_act_where_and_when_they_should():
-    """A torque on the motor and a force on the tool of a linear robot against the matrix exponential, step by step."""
+    """A torque on the motor and a force on the tool of a linear robot against the matrix
+    exponential, step by step.
+    """
     A, B, model, _ = linear_robot()
     library = library_with(model, ("forward_dynamics", "forward_dynamics_tool_force"))
-    law, steps, samples = (
-        Linear(*(np.zeros(shape) for shape in ((0, 0), (0, 1), (1, 0), (1, 1)))),
-        8,
-        100,
-    )
+    law = Linear(*(np.zeros(shape) for shape in ((0, 0), (0, 1), (1, 0), (1, 1))))
+    steps = 8
+    samples = 100
     loop = ClosedLoop(
         model,
         library,
@@ -387,9 +417,15 @@ def test_disturbances_act_where_and_when_they_should():
             x = phi @ x + gamma @ table[k * steps + step, [0, 6], 0]
     with pytest.raises(ArgumentError, match="needs a library with forward_dynamics_tool_force"):
         other = ClosedLoop(
-            model, library_with(model, ("forward_dynamics",)), DriveHardware(T), law, np.zeros((1, 3)),
-            np.zeros((1, 1)), 300.0, steps=steps,
-        )  # fmt: skip
+            model,
+            library_with(model, ("forward_dynamics",)),
+            DriveHardware(T),
+            law,
+            np.zeros((1, 3)),
+            np.zeros((1, 1)),
+            300.0,
+            steps=steps,
+        )
         other.run(np.zeros((1, 1, 2)), samples, disturbances=table)
 
 
@@ -397,7 +433,9 @@ def test_sensors_show_the_motion_with_bias_resolution_and_delay():
     model = flexgen.read(
         "planar5_nmp",
         overrides={
-            "sensor": [{"name": "acc", "type": "accelerometer", "element": "tool", "unit": "m/s^2"}]
+            "sensor": [
+                {"name": "acc", "type": "accelerometer", "element": "tool", "unit": "m/s^2"}
+            ]
         },
     )
     library = library_with(model, ("forward_dynamics", "sensors"))
@@ -439,9 +477,12 @@ def test_sensors_show_the_motion_with_bias_resolution_and_delay():
 
 
 def test_the_energy_balance_of_a_run_closes():
-    """Work of the torques less losses is the change of the energy; the integral by the trapezoidal rule, order two."""
+    """Work of the torques less losses is the change of the energy; the integral by the trapezoidal
+    rule, order two.
+    """
     model = flexgen.read("planar5_nmp")
-    library, equations = library_with(model, ("forward_dynamics",)), derive(model)
+    library = library_with(model, ("forward_dynamics",))
+    equations = derive(model)
     misses = []
     for steps in (1, 2):
         h = T / steps

@@ -1,4 +1,6 @@
-"""A move in the closed loop: exact for the model, true to equilibria, disturbances and margins for other robots."""
+"""A move in the closed loop: exact for the model, true to equilibria, disturbances and margins for
+other robots.
+"""
 
 from __future__ import annotations
 
@@ -47,10 +49,13 @@ def test_feedforward_and_feedback_track_the_model_exactly(case):
 
 
 class ExactSpeed:
-    """Planted bug: the exact speed as reference, while the measured one is a difference of samples."""
+    """Planted bug: the exact speed as reference, while the measured one is a difference of
+    samples.
+    """
 
     def __init__(self, law: Cascade) -> None:
-        self.law, self.last = law, None
+        self.law = law
+        self.last = None
 
     def reset(self) -> None:
         self.last = None
@@ -86,7 +91,9 @@ def test_delays_are_in_the_feedforward(delay):
 
 
 def test_other_robots_rest_where_their_springs_hold_them(case):
-    """The static error before the motion is the sag of softer springs: linear springs deflect by 1/0.8 as much."""
+    """The static error before the motion is the sag of softer springs: linear springs deflect by
+    1/0.8 as much.
+    """
     found = flexgen.control(
         MODEL, plants={"soft": {"stiffness": 0.8}}, solution=case.solution, progress=False
     )
@@ -110,7 +117,9 @@ def test_other_robots_rest_where_their_springs_hold_them(case):
     ],
 )
 def test_load_at_the_tool_sags_as_statics_say_with_and_without_payload_in_the_file(given):
-    """Half a kilogram more, motors held: the tool sags by the compliance of the linear model, to first order."""
+    """Half a kilogram more, motors held: the tool sags by the compliance of the linear model, to
+    first order.
+    """
     found = flexgen.control(
         flexgen.read(MODEL, overrides=given), plants={"loaded": {"payload": 0.5}}, progress=False
     )
@@ -118,8 +127,10 @@ def test_load_at_the_tool_sags_as_statics_say_with_and_without_payload_in_the_fi
     assert "loaded: " in str(
         found
     ) and "load +0.5 kg at the tool, [0.45, 0, 0] m in the frame of" in str(found)
-    pose, n = PoseModels(model).at(found.reference.points(np.array([0]))), model.dof
-    motors, none = pose.C[:, :n], np.zeros((model.n_m, model.n_m))
+    pose = PoseModels(model).at(found.reference.points(np.array([0])))
+    n = model.dof
+    motors = pose.C[:, :n]
+    none = np.zeros((model.n_m, model.n_m))
     load = -pose.push[n:] @ (0.5 * np.array(model.gravity))
     moved = np.linalg.solve(
         np.block([[pose.A[n:, :n], pose.B[n:]], [motors, none]]),
@@ -139,9 +150,13 @@ def test_disturbances_push_and_an_integral_part_takes_constant_ones_away(case):
     step = flexgen.Disturbance("step", "m1", 1.0, start_s=0.0)
     pulse = flexgen.Disturbance("pulse", "tool.x", 100.0, start_s=0.1, length_s=0.02)
     found = flexgen.control(
-        MODEL, plants={"same": {}}, disturbances={"same": [step, pulse]}, solution=case.solution, progress=False,
+        MODEL,
+        plants={"same": {}},
+        disturbances={"same": [step, pulse]},
+        solution=case.solution,
+        progress=False,
         controller=flexgen.PPI(5.0, 30.0, 5.0),
-    )  # fmt: skip
+    )
     assert found.tool_error_max_m < 5e-8  # the model itself has none
     check_numbers(
         "disturbed", found=found.to_dict(), error=found["same"].error, tau=found["same"].tau_m
@@ -154,7 +169,9 @@ def test_disturbances_push_and_an_integral_part_takes_constant_ones_away(case):
 
 @pytest.mark.slow
 def test_margins_are_where_the_simulated_loop_becomes_unstable(case):
-    """The linear loop at rest with 0.9 and 1.1 of the gain margin, and of the delay margin, simulated."""
+    """The linear loop at rest with 0.9 and 1.1 of the gain margin, and of the delay margin,
+    simulated.
+    """
     model = flexgen.read("four_mass@high")
     rest = control_case(model, "step")
     motion = rest.reference.points(np.array([0]))
@@ -171,9 +188,16 @@ def test_margins_are_where_the_simulated_loop_becomes_unstable(case):
     def swing(gain: float, delay: float) -> float:
         samples = round(delay / 5e-4)
         run = ClosedLoop(
-            model, library_with(model, ("forward_dynamics",)), DriveHardware(5e-4), linear, np.zeros((1, 3)),
-            np.full((1, 1), 1e-3), 400.0, delay_samples=samples, gain=np.array([gain]),
-        )  # fmt: skip
+            model,
+            library_with(model, ("forward_dynamics",)),
+            DriveHardware(5e-4),
+            linear,
+            np.zeros((1, 3)),
+            np.full((1, 1), 1e-3),
+            400.0,
+            delay_samples=samples,
+            gain=np.array([gain]),
+        )
         run.hold(np.zeros((1, 1)))
         q = run.run(np.zeros((1, 1, 2)), 8000, check=False).q_m[:, 0, 0]
         return (
@@ -183,7 +207,8 @@ def test_margins_are_where_the_simulated_loop_becomes_unstable(case):
         )
 
     assert swing(0.9 * margins.gain, 0.0) < 1 < swing(1.1 * margins.gain, 0.0)
-    below, above = np.floor(margins.delay_s / 5e-4) * 5e-4, np.ceil(margins.delay_s / 5e-4) * 5e-4
+    below = np.floor(margins.delay_s / 5e-4) * 5e-4
+    above = np.ceil(margins.delay_s / 5e-4) * 5e-4
     assert swing(1.0, below) < 1 < swing(1.0, above + 5e-4)
 
 
@@ -201,9 +226,12 @@ def test_lqg_is_the_regulator_and_the_filter_of_the_sampled_model(case):
 
 
 def test_a_linear_controller_ignores_the_exact_state_that_is_measured_too(case):
-    """As it is without the exact state; with it the channels of the state, the last ones, have the weight zero."""
+    """As it is without the exact state; with it the channels of the state, the last ones, have the
+    weight zero.
+    """
     given = as_linear(law_of(case), 5e-4, case.model.n_m)
-    n_y, states = case.model.n_m, 2 * (case.model.n_a + case.model.n_m)
+    n_y = case.model.n_m
+    states = 2 * (case.model.n_a + case.model.n_m)
     for exact in (False, True):
         found, _ = case_controller(replace(case, exact_state=exact), given)
         for name, one, other in zip("ABCD", given.matrices, found.matrices, strict=True):
@@ -219,8 +247,11 @@ def test_a_linear_controller_ignores_the_exact_state_that_is_measured_too(case):
 
 
 def test_margins_of_an_integrator_are_those_of_its_closed_form():
-    """x <- x - h k x: unstable from h k = 2 on; one sample late from h k = 1 on, by Jury's criterion."""
-    h, k = 1e-3, 200.0
+    """x <- x - h k x: unstable from h k = 2 on; one sample late from h k = 1 on, by Jury's
+    criterion.
+    """
+    h = 1e-3
+    k = 200.0
     A, one, none = (np.array([[x]]) for x in (0.0, 1.0, 0.0))
     plant = PoseModel(A, one, none, none, one, none, none, one)
     law = Linear(*(np.zeros(shape) for shape in ((0, 0), (0, 1), (1, 0))), np.array([[k]]))

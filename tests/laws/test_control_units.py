@@ -1,4 +1,6 @@
-"""Figures of closed loops, learning and fastest motions: metres and radians apart, as the output has them."""
+"""Figures of closed loops, learning and fastest motions: metres and radians apart, as the output
+has them.
+"""
 
 from __future__ import annotations
 
@@ -53,7 +55,9 @@ def test_learning_of_an_angle_is_in_radians(turning, tmp_path):
     assert (
         learned.unit == "rad" and learned.errors[1] < learned.errors[0] and learned.errors_m == ()
     )
-    assert "rad" in str(learned) + repr(learned) and not LENGTH.search(str(learned) + repr(learned))
+    assert "rad" in str(learned) + repr(learned) and not LENGTH.search(
+        str(learned) + repr(learned)
+    )
     assert {"errors_max_rad", "dynamic_errors_max_rad"} <= learned.to_dict().keys()
     page = learned.report(tmp_path / "page").read_text()
     assert "error, mrad" in page and ", mm" not in page
@@ -64,7 +68,9 @@ def test_vibration_of_an_angle_is_in_radians(turning):
     found = flexgen.fastest(turning, coefficients=4, progress=False)
     assert found.unit == "rad" and found.vibration_m == {} and found.vibration["soft"] > 0
     assert (
-        "rad" in str(found) and "vibration_rad" in found.to_dict() and not LENGTH.search(str(found))
+        "rad" in str(found)
+        and "vibration_rad" in found.to_dict()
+        and not LENGTH.search(str(found))
     )
 
 

@@ -1,4 +1,6 @@
-"""Corners of paths against geometry: lines, rounding by parabolas, overshoots of a known size; planted errors."""
+"""Corners of paths against geometry: lines, rounding by parabolas, overshoots of a known size;
+planted errors.
+"""
 
 from __future__ import annotations
 
@@ -11,15 +13,19 @@ from flexgen.accuracy import corners
 from flexgen.accuracy.corners import Corner, corner_figures, find_corners
 
 TIME = np.arange(0.0, 2.0005, 1e-3)
-U, W = np.array([1.0, 0.0]), np.array([0.0, 1.0])
+U = np.array([1.0, 0.0])
+W = np.array([0.0, 1.0])
 CORNER = Corner(np.array([0.3, 0.1]), U, W, 0.5, 1.5)
 PROFILE = (0.5, 2.0, 20.0, 200.0)
 
 
 def along(time: np.ndarray, zone: float = 0.0, beyond: float = 0.0) -> np.ndarray:
-    """To the corner in 1 s and up from it, rounded by a parabola within the zone; a bump beyond the second line."""
+    """To the corner in 1 s and up from it, rounded by a parabola within the zone; a bump beyond
+    the second line.
+    """
     s = 0.2 * (time - 1.0)
-    x, y = np.minimum(s, 0.0), np.maximum(s, 0.0)
+    x = np.minimum(s, 0.0)
+    y = np.maximum(s, 0.0)
     if zone:
         inside = np.abs(s) < zone
         x, y = (
@@ -41,7 +47,9 @@ def test_a_parabola_in_the_corner_has_the_round_off_of_its_vertex() -> None:
 
 
 def test_a_planted_overshoot_is_found_whatever_the_lateness() -> None:
-    found = corner_figures([CORNER], TIME, along(TIME), np.array([along(TIME - 0.03, beyond=4e-4)]))
+    found = corner_figures(
+        [CORNER], TIME, along(TIME), np.array([along(TIME - 0.03, beyond=4e-4)])
+    )
     assert_allclose(found["corner_overshoot"], 4e-4, rtol=1e-3)
     assert found["corner_round_off"] == pytest.approx(0.0, abs=1e-9)
     inward = corner_figures([CORNER], TIME, along(TIME), np.array([along(TIME, beyond=-4e-4)]))
@@ -67,7 +75,8 @@ def elbow_move(zone: float) -> flexgen.Move:
 
 
 def test_corners_of_moves_are_those_of_their_legs() -> None:
-    robot, move = flexgen.read("elbow"), elbow_move(0.05)
+    robot = flexgen.read("elbow")
+    move = elbow_move(0.05)
     path = flexgen.plan(robot, move)
     y = path.sample([0.0, path.duration]).y[:, :, 0]
     (corner,) = find_corners(robot, path.move)
@@ -94,7 +103,8 @@ def test_a_solution_and_a_closed_loop_state_the_round_off_of_their_corner() -> N
     run = flexgen.control(
         "elbow", elbow_move(0.05), plants={"soft": {"stiffness": 0.8}}, progress=False
     )
-    found, solved = run.accuracy(), run.solution.accuracy()
+    found = run.accuracy()
+    solved = run.solution.accuracy()
     path = flexgen.plan("elbow", elbow_move(0.05))
     y = path.sample(np.linspace(0.0, path.duration, 20_001)).y[:, :, 0]
     commanded = np.linalg.norm(y - (y[0] + [-0.2, 0.0]), axis=1).min()

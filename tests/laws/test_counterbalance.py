@@ -19,7 +19,8 @@ from flexgen.model_files.json_schema import schema
 from flexgen.numerics.evaluate import evaluate
 from flexgen.recursion.functions import fast_function
 
-SINES, COSINES = (300.0, -120.0, 25.0), (-80.0, 60.0, 0.0)
+SINES = (300.0, -120.0, 25.0)
+COSINES = (-80.0, 60.0, 0.0)
 KEY = "element.upper.dof.q1.counterbalance"
 
 
@@ -34,17 +35,18 @@ def torque(q: np.ndarray) -> np.ndarray:
 
 
 def test_it_acts_on_its_joint_by_the_angle() -> None:
-    """The force on the arm, and what the robot without it needs to move in the same way, by both derivations."""
-    plain, model = flexgen.read("elbow"), balanced()
+    """The force on the arm, and what the robot without it needs to move in the same way, by both
+    derivations.
+    """
+    plain = flexgen.read("elbow")
+    model = balanced()
     q, v = np.random.default_rng(0).uniform(-1.5, 1.5, (2, 20, model.n_a))
     forces = [evaluate(flexgen.derive(m).function("arm_forces"), q, v)[0] for m in (plain, model)]
     expected = np.stack([torque(q[:, 0]), 0 * q[:, 1]], axis=1)
     assert np.allclose(forces[1] - forces[0], expected, rtol=1e-13, atol=1e-10)
     equations = flexgen.derive(model)
-    slow, fast = (
-        equations.function("forward_dynamics"),
-        fast_function(equations, "forward_dynamics"),
-    )
+    slow = equations.function("forward_dynamics")
+    fast = fast_function(equations, "forward_dynamics")
     arguments = [
         np.random.default_rng(1).uniform(-1, 1, (20, slow.size1_in(k))) for k in range(slow.n_in())
     ]
@@ -80,9 +82,15 @@ def test_it_is_written_and_read_again(tmp_path: Path) -> None:
     model = balanced()
     names = [p.name for p in select(model, ["q1.counterbalance_sin_1", "q1.counterbalance_cos_2"])]
     assert names == ["q1.counterbalance_sin_1", "q1.counterbalance_cos_2"]
-    text = Path(flexgen.read("elbow").file).read_text().replace(
-        'name = "q1"', 'name = "q1"\ncounterbalance = { sin = [300.0, -120.0, 25.0], cos = [-80.0, 60.0] }', 1
-    )  # fmt: skip
+    text = (
+        Path(flexgen.read("elbow").file)
+        .read_text()
+        .replace(
+            'name = "q1"',
+            'name = "q1"\ncounterbalance = { sin = [300.0, -120.0, 25.0], cos = [-80.0, 60.0] }',
+            1,
+        )
+    )
     (tmp_path / "arm.toml").write_text(text)
     assert flexgen.read(tmp_path / "arm.toml").elements == model.elements
     jsonschema = pytest.importorskip("jsonschema")

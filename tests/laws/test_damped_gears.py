@@ -1,6 +1,8 @@
-"""Damped gears: after the path their deflections decay with D / K, and the torques last until then.
+"""Damped gears: after the path their deflections decay with D / K, and the torques last until
+then.
 
-The reference shares no code with flexgen: the two masses of one axis of a gantry under the torque as a spline.
+The reference shares no code with flexgen: the two masses of one axis of a gantry under the torque
+as a spline.
 """
 
 from __future__ import annotations
@@ -28,7 +30,8 @@ from flexgen.sweeps.closed_form_batch import JointMoves
 
 GANTRY = ROOT / "tests" / "support" / "robots" / "gantry.toml"
 LAG = 600.0 / 9e5  # s: D / K of its belt
-STROKE, HELD = 0.4, 0.5  # m, s
+STROKE = 0.4  # m
+HELD = 0.5  # s
 
 
 def with_damping(model: RobotModel, factor: float) -> RobotModel:
@@ -46,16 +49,23 @@ def with_damping(model: RobotModel, factor: float) -> RobotModel:
 
 
 def error_at_the_end(solution: flexgen.Solution) -> float:
-    """How far the carriage of the gantry is from its goal in the half second after the last sample [m]."""
-    t, torque = solution.trajectory.time, solution.trajectory["tau_m"][:, 0]
-    curve, mass, rotor, ratio = CubicSpline(t, torque), 18.0, 0.002, 50.0
+    """How far the carriage of the gantry is from its goal in the half second after the last sample
+    [m].
+    """
+    t = solution.trajectory.time
+    torque = solution.trajectory["tau_m"][:, 0]
+    curve = CubicSpline(t, torque)
+    mass = 18.0
+    rotor = 0.002
+    ratio = 50.0
 
     def rate(now: float, x: np.ndarray) -> np.ndarray:
         belt = 9e5 * (x[1] / ratio - x[0]) + 600.0 * (x[3] / ratio - x[2])
         given = curve(now) if now < t[-1] else torque[-1]
         return np.array([x[2], x[3], belt / mass, (given - belt / ratio) / rotor])
 
-    x, worst = np.zeros(4), 0.0
+    x = np.zeros(4)
+    worst = 0.0
     for begin, end in ((t[0], t[-1]), (t[-1], t[-1] + HELD)):
         found = solve_ivp(
             rate, (begin, end), x, "DOP853", np.linspace(begin, end, 50), rtol=1e-12, atol=1e-13
@@ -86,7 +96,9 @@ def test_a_gear_that_decays_slowly_is_warned_of() -> None:
     model = with_damping(read(GANTRY), 500.0)
     solution = flexgen.solve(model, "fast", "closed-form", verify=False)
     assert len(solution.warnings) == 1 and "D/K = 0.333 s" in solution.warnings[0]
-    assert not flexgen.solve(with_damping(model, 0.1), "fast", "closed-form", verify=False).warnings
+    assert not flexgen.solve(
+        with_damping(model, 0.1), "fast", "closed-form", verify=False
+    ).warnings
 
 
 @pytest.mark.slow
@@ -121,7 +133,8 @@ def sampled(equations: Equations, period: float) -> dict:
 @needs_compiler
 def test_the_c_ends_where_the_gears_have_settled() -> None:
     equations = derive(with_damping(read(GANTRY), 10.0))  # D / K of 6.7 ms
-    given, n = sampled(equations, 2e-4), 401
+    given = sampled(equations, 2e-4)
+    n = 401
     library = inversion_library(equations, "lq")
     whole = library.invert(**given, n_pre=20, n_post=2000)
     found = library.invert(**given, n_pre=20, n_post=2000, settled=1e-8)
@@ -132,7 +145,8 @@ def test_the_c_ends_where_the_gears_have_settled() -> None:
     assert (found.tau_m[: rows - 1] == whole.tau_m[: rows - 1]).all() and not found.tau_m[-1].any()
     written = found.tau_m.base
     assert written is not None and len(written) == 20 + n + 2000 and not written[rows:].any()
-    assert np.abs(whole.tau_m[rows]).max() < 1e-6  # N m: what is left out; 4 at the end of the path
+    # N m: what is left out; 4 at the end of the path
+    assert np.abs(whole.tau_m[rows]).max() < 1e-6
     assert np.abs(whole.tau_m[20 + n]).max() > 1.0
     short = library.invert(**given, n_pre=20, n_post=100, settled=1e-8)
     assert short.n_post == 100 and (short.tau_m == whole.tau_m[: 20 + n + 100]).all()

@@ -1,4 +1,6 @@
-"""The defect: residuals of the equations of motion, at the output, over the directions that do not grow."""
+"""The defect: residuals of the equations of motion, at the output, over the directions that do not
+grow.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +27,9 @@ UPRIGHT = Path(__file__).parents[1] / "support" / "robots" / "upright.toml"
 
 
 def disturbed(t: Trajectory, share: float) -> Trajectory:
-    """The trajectory with torques that are wrong by a share of the largest, in a burst in the middle."""
+    """The trajectory with torques that are wrong by a share of the largest, in a burst in the
+    middle.
+    """
     burst = np.exp(-0.5 * ((t.time - t.time.mean()) / (0.05 * np.ptp(t.time))) ** 2)
     return replace(
         t,
@@ -38,7 +42,9 @@ def disturbed(t: Trajectory, share: float) -> Trajectory:
 
 @pytest.mark.parametrize("name", ["planar5_nmp", "elbow"])
 def test_the_defect_of_a_robot_that_does_not_fall_is_its_error_in_open_loop(name: str) -> None:
-    """A small wrong torque: the deviation of a simulation that shares no code, until the motion is at rest."""
+    """A small wrong torque: the deviation of a simulation that shares no code, until the motion is
+    at rest.
+    """
     equations = derive(name)
     right = flexgen.solve(equations, verify=False).trajectory
     wrong = disturbed(right, 1e-6)
@@ -62,7 +68,9 @@ def test_the_defect_of_a_robot_that_falls_does_not_grow_with_it() -> None:
 
 
 def test_the_growing_part_of_a_saddle_is_that_along_its_unstable_direction() -> None:
-    """Eigenvalues 3 and -3 of the saddle, with eigenvectors (1, 3) and (1, -3); none grows faster than 4."""
+    """Eigenvalues 3 and -3 of the saddle, with eigenvectors (1, 3) and (1, -3); none grows faster
+    than 4.
+    """
     saddle = np.array([[0.0, 1.0], [9.0, 0.0]])
     assert _growing_part(saddle, 1.0) @ [1.0, 3.0] == pytest.approx([1.0, 3.0])
     assert _growing_part(saddle, 1.0) @ [1.0, -3.0] == pytest.approx([0.0, 0.0], abs=1e-12)
@@ -80,12 +88,12 @@ def test_a_defect_that_overflows_does_not_warn(monkeypatch: pytest.MonkeyPatch) 
         lengths=np.full(k, 10.0),
         force=np.tile([[1.0]], (k, 1, 1)),
     )
-    monkeypatch.setattr(of_defect, "_output_rows", lambda equations, q_a: np.ones((len(q_a), 1, 1)))
-    monkeypatch.setattr(of_defect, "_units", lambda equations: ["m"])
-    equations, motion = (
-        SimpleNamespace(model=SimpleNamespace(n_a=1)),
-        SimpleNamespace(q_a=np.zeros((k + 1, 1))),
+    monkeypatch.setattr(
+        of_defect, "_output_rows", lambda equations, q_a: np.ones((len(q_a), 1, 1))
     )
+    monkeypatch.setattr(of_defect, "_units", lambda equations: ["m"])
+    equations = SimpleNamespace(model=SimpleNamespace(n_a=1))
+    motion = SimpleNamespace(q_a=np.zeros((k + 1, 1)))
     with warnings.catch_warnings():
         warnings.simplefilter("error", RuntimeWarning)
         in_m, in_rad = of_defect.propagate_residual(

@@ -1,7 +1,8 @@
-"""After the path: the solution lasts until the motion has decayed, and its error covers a hold of the last torque.
+"""After the path: the solution lasts until the motion has decayed, and its error covers a hold of
+the last torque.
 
-The reference is a simulation that shares no code with flexgen's: scipy's LSODA on the equations of motion by
-Lagrange, with the torque as a cubic spline of its own.
+The reference is a simulation that shares no code with flexgen's: scipy's LSODA on the equations of
+motion by Lagrange, with the torque as a cubic spline of its own.
 """
 
 from __future__ import annotations
@@ -40,16 +41,23 @@ def error_of(
     equations: Equations, solution: flexgen.Solution, torque: np.ndarray, later: float
 ) -> float:
     """Largest error of the output, to ``later`` [s] after the end with the last torque held."""
-    model, t = equations.model, solution.trajectory.time
-    n_a, n = model.n_a, model.dof
-    state_rate, end = equations.function("state_rate"), t[-1]
+    model = equations.model
+    t = solution.trajectory.time
+    n_a = model.n_a
+    n = model.dof
+    state_rate = equations.function("state_rate")
+    end = t[-1]
     spline = CubicSpline(t, torque)
 
     def rate(instant: float, x: np.ndarray) -> np.ndarray:
         return np.array(state_rate(x, spline(instant) if instant < end else torque[-1])).ravel()
 
     x = np.concatenate(
-        [solution.trajectory["q_a"][0], solution.trajectory["q_m"][0, list(model.i_m)], np.zeros(n)]
+        [
+            solution.trajectory["q_a"][0],
+            solution.trajectory["q_m"][0, list(model.i_m)],
+            np.zeros(n),
+        ]
     )
     worst = 0.0
     for begin, finish in ((t[0], end), (end, end + later)):
@@ -79,7 +87,9 @@ def test_the_claimed_error_covers_the_hold(name: str) -> None:
 
 @pytest.mark.slow
 def test_a_slow_zero_is_waited_for() -> None:
-    """The slowest stable zero of this arm has a time constant of 0.29 s; `test_claimed_errors` confirms the error."""
+    """The slowest stable zero of this arm has a time constant of 0.29 s; `test_claimed_errors`
+    confirms the error.
+    """
     equations = derive("manutec_r3_24")
     solution = flexgen.solve(equations, FIVE_BOUNDS)
     path = Path(equations, solution.move)
@@ -100,13 +110,18 @@ def test_the_last_sample_is_the_equilibrium() -> None:
 
 
 def test_the_last_samples_are_smooth() -> None:
-    """Second differences of the torque at the end are not larger than those before it, cut or not."""
+    """Second differences of the torque at the end are not larger than those before it, cut or
+    not.
+    """
     equations = derive("planar5_nmp")
     library = flexgen.load(flexgen.generate(equations.model).directory)
     path = Path(equations, equations.model.move(None))
-    n, period = 501, path.duration / 500
+    n = 501
+    period = path.duration / 500
     sample = path.sample(period * np.arange(n))
-    y, dy, ddy = sample.y[:, :, 0], sample.derivative(1), sample.derivative(2)
+    y = sample.y[:, :, 0]
+    dy = sample.derivative(1)
+    ddy = sample.derivative(2)
     found = library.invert(
         y,
         dy,
@@ -124,7 +139,9 @@ def test_the_last_samples_are_smooth() -> None:
 
 @pytest.mark.slow
 def test_the_end_is_at_rest_on_a_fine_mesh() -> None:
-    """The unstable zero of 271 1/s is slow in intervals of 0.05 ms, that of 708 1/s hides its cost."""
+    """The unstable zero of 271 1/s is slow in intervals of 0.05 ms, that of 708 1/s hides its
+    cost.
+    """
     trajectory = flexgen.solve("beam_arm", method="lq", mesh=5e-5, verify=False).trajectory
     q_a = trajectory["q_a"]
     # 6e-11 rad where the cost of the slower one has not converged
@@ -133,7 +150,9 @@ def test_the_end_is_at_rest_on_a_fine_mesh() -> None:
 
 @pytest.mark.slow
 def test_a_mesh_that_resolves_a_fast_zero_ends_at_rest_too() -> None:
-    """Unstable zeros of 2098 and 16 +- 249i 1/s, 98 um where the cost of the slow pair has not converged."""
+    """Unstable zeros of 2098 and 16 +- 249i 1/s, 98 um where the cost of the slow pair has not
+    converged.
+    """
     solution = flexgen.solve("manutec_r3_efjm", method="lq")
     assert (
         solution.status is flexgen.Status.SOLVED
@@ -144,7 +163,9 @@ def test_a_mesh_that_resolves_a_fast_zero_ends_at_rest_too() -> None:
 
 @pytest.mark.slow
 def test_joints_as_outputs_end_at_rest_too() -> None:
-    """The output does not depend on the deflection, but held torques do not stop the arm while it still swings."""
+    """The output does not depend on the deflection, but held torques do not stop the arm while it
+    still swings.
+    """
     model = last_joint(read("planar5_nmp"), 0.01, 0.2)
     rows = tuple(tuple(float(i == k) for k in range(model.n_a)) for i in model.i_g)
     joints = replace(model, output=Output("combination", "", rows, "rad"))

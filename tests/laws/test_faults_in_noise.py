@@ -1,4 +1,6 @@
-"""A fault of one channel is a model error, also where noise hides most of it, or most elements of the responses."""
+"""A fault of one channel is a model error, also where noise hides most of it, or most elements of
+the responses.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +36,8 @@ DEGREES = 180 / np.pi
 )
 def test_where_noise_hides_all_but_one_response_its_fault_counts(factor, words):
     """The median over all elements of what noise does not explain is zero."""
-    robot, rng = without_coulomb("planar5_nmp"), np.random.default_rng(2)
+    robot = without_coulomb("planar5_nmp")
+    rng = np.random.default_rng(2)
     data = exact_responses(another(robot, 1, 0.1), poses_of(robot, 3), W, Drive(5e-4))
     sd = NOISE * np.abs(data.G)
     x, y = rng.standard_normal((2, *data.G.shape)) / np.sqrt(2)
@@ -52,7 +55,9 @@ def test_where_noise_hides_all_but_one_response_its_fault_counts(factor, words):
 @pytest.fixture(scope="module")
 def experiment() -> Experiment:
     robot = without_coulomb("planar5_nmp")
-    plan = small_plan(robot, poses_of(robot, 2), lines=20, period_s=1.0, periods=4, hardware=DRIVES)
+    plan = small_plan(
+        robot, poses_of(robot, 2), lines=20, period_s=1.0, periods=4, hardware=DRIVES
+    )
     return flexgen.measure(plan, another(robot, 1, 0.15), seed=1, progress=False)
 
 
@@ -68,7 +73,9 @@ def fitted(experiment: Experiment, factor: float) -> flexgen.IdentificationResul
 def test_a_fault_that_noise_of_single_elements_covers_is_seen_by_its_structure(
     experiment, monkeypatch
 ):
-    """Torques 1 % wrong move a stiffness by four standard deviations; planted: nothing is sure enough."""
+    """Torques 1 % wrong move a stiffness by four standard deviations; planted: nothing is sure
+    enough.
+    """
     assert fitted(experiment, 1.0).status == FitStatus.FITTED
     found = fitted(experiment, FAULT)
     assert found.status == FitStatus.MODEL_ERROR and set(found.sd.values()) == {None}
@@ -80,7 +87,9 @@ def test_a_fault_that_noise_of_single_elements_covers_is_seen_by_its_structure(
 
 
 def test_a_missing_spring_that_noise_covers_is_seen_by_its_own_test(monkeypatch):
-    """The cost is that of noise, and a number is off by three deviations; planted: no decrease is large enough."""
+    """The cost is that of noise, and a number is off by three deviations; planted: no decrease is
+    large enough.
+    """
     robot = without_coulomb("planar5_nmp")
     (spring,) = (p for p in select(robot, ["stiffness"]) if p.name == "q3.stiffness")
     truth = with_values(robot, {spring.name: 16.0 * spring.value})

@@ -1,4 +1,6 @@
-"""The study of feedback linearization: its cells are runs of `flexgen.control`, and its question has an answer."""
+"""The study of feedback linearization: its cells are runs of `flexgen.control`, and its question
+has an answer.
+"""
 
 from __future__ import annotations
 
@@ -30,10 +32,16 @@ def test_a_cell_is_a_run_of_control(study):
     pushes = [flexgen.Disturbance("step", motor, 0.5, 0.1) for motor in ("m1", "m2", "m3")]
     pushes.append(flexgen.Disturbance("pulse", "tool.x", 300.0, 0.25, 0.02))
     run = flexgen.control(
-        ARM, controller=flexgen.LQ(float(cell.tuning.removeprefix("rho "))), sample_time=1e-3, delay=1e-3,
-        plants=PLANTS, disturbances={"disturbed": pushes}, encoder_noise=MOTOR_NOISE, solution=study.solution,
+        ARM,
+        controller=flexgen.LQ(float(cell.tuning.removeprefix("rho "))),
+        sample_time=1e-3,
+        delay=1e-3,
+        plants=PLANTS,
+        disturbances={"disturbed": pushes},
+        encoder_noise=MOTOR_NOISE,
+        solution=study.solution,
         progress=False,
-    )  # fmt: skip
+    )
     assert np.allclose(
         [np.linalg.norm(r.error, axis=1)[2000:].max() for r in run.runs], cell.error_m, rtol=1e-9
     )
@@ -69,7 +77,9 @@ def test_feedforward_with_lq_is_better_than_feedback_linearisation_where_noise_l
 
 @pytest.mark.slow
 def test_slow_poles_are_worse_under_wrong_stiffness(study):
-    """Linearizing feedback computes with the wrong model: 8 Hz is unstable where LQ of any weight is not."""
+    """Linearizing feedback computes with the wrong model: 8 Hz is unstable where LQ of any weight
+    is not.
+    """
     (setting,) = study.settings
     slow = study.of(setting, FL)[0]
     assert (

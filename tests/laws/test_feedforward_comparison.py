@@ -133,7 +133,9 @@ def test_a_robot_that_differs_is_unstable_by_its_own_linear_loop(run):
     }
     expected = {name for name, size in largest.items() if size > 1.0 + 1e-6}
     assert set(found.unstable) == expected
-    with pytest.raises(ArgumentError, match="robot: given 'hard', expected one of nominal, softer"):
+    with pytest.raises(
+        ArgumentError, match="robot: given 'hard', expected one of nominal, softer"
+    ):
         found.margins("hard")
 
 

@@ -17,7 +17,10 @@ from flexgen.identification.fit_grade import grade
 
 W = 2 * np.pi * np.geomspace(0.5, 60.0, 30)
 # rad/s^2 of a motor with rotor J and load behind a spring, the closed form below
-J, LOAD, STIFFNESS, DAMPING = 4e-3, 1e-2, 30.0, 0.02
+J = 4e-3
+LOAD = 1e-2
+STIFFNESS = 30.0
+DAMPING = 0.02
 
 
 def two_masses(load: float, w: np.ndarray) -> np.ndarray:

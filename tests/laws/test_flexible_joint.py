@@ -1,4 +1,6 @@
-"""Acceleration, jerk and torque of arms with elastic joints, against the integrated equations of motion."""
+"""Acceleration, jerk and torque of arms with elastic joints, against the integrated equations of
+motion.
+"""
 
 from __future__ import annotations
 
@@ -28,13 +30,17 @@ FIRST = np.array([-1.0, 9.0, -45.0, 0.0, 45.0, -9.0, 1.0]) / 60.0
 def states(model, count=3):
     rng = np.random.default_rng(5)
     for _ in range(count):
-        q, v = rng.uniform(-1, 1, 3), rng.uniform(-1, 1, 3)
-        deflection, rate = 3e-3 * rng.standard_normal(3), 3e-2 * rng.standard_normal(3)
+        q = rng.uniform(-1, 1, 3)
+        v = rng.uniform(-1, 1, 3)
+        deflection = 3e-3 * rng.standard_normal(3)
+        rate = 3e-2 * rng.standard_normal(3)
         yield q, v, model.eta @ (q + deflection), model.eta @ (v + rate), rng.uniform(-5, 5, 3)
 
 
 def flow(model, q, v, q_m, v_m, tau):
-    """Accelerations at seven instants around the state under a constant torque, by a tight integration."""
+    """Accelerations at seven instants around the state under a constant torque, by a tight
+    integration.
+    """
     f = derive(model).function("forward_dynamics")
 
     def rate(t, x):
@@ -66,8 +72,10 @@ def test_motion_and_torque_are_derivatives_along_the_equations_of_motion(name):
     for q, v, q_m, v_m, tau in states(model):
         samples = flow(model, q, v, q_m, v_m, tau)
         a, j = (x.full().ravel() for x in motion(q, v, q_m, v_m))
-        jerk, fourth = FIRST @ samples / STEP, SECOND @ samples / STEP**2
-        # the differences are of order six: halving STEP divides these errors, up to 6e-6 here, by 64
+        jerk = FIRST @ samples / STEP
+        fourth = SECOND @ samples / STEP**2
+        # the differences are of order six: halving STEP divides these errors, up to 6e-6 here, by
+        # 64
         assert np.allclose(a, samples[3], rtol=1e-12)
         assert np.allclose(j, jerk, rtol=0, atol=2e-5 * np.abs(jerk).max())
         found = torque(q, v, a, j, fourth, q_m, v_m).full().ravel()
@@ -76,7 +84,9 @@ def test_motion_and_torque_are_derivatives_along_the_equations_of_motion(name):
 
 @pytest.mark.parametrize("left_out", ["jerk", "speed", "acceleration"])
 def test_a_planted_bug_in_the_second_derivative_is_seen(left_out):
-    """Terms of T1'' left out: the torque differs from that of the equations by ten times the tolerance."""
+    """Terms of T1'' left out: the torque differs from that of the equations by ten times the
+    tolerance.
+    """
     model = arm(damped=False)
     equations = derive(model)
     motion, torque = (equations.function(f"flexible_joint_{x}") for x in ("motion", "torque"))
@@ -98,7 +108,8 @@ def test_a_planted_bug_in_the_second_derivative_is_seen(left_out):
 def test_the_emitted_functions_are_those_of_the_equations():
     model = arm()
     names = ("flexible_joint_motion", "flexible_joint_torque")
-    library, equations = library_with(model, names), derive(model)
+    library = library_with(model, names)
+    equations = derive(model)
     for q, v, q_m, v_m, tau in states(model):
         a, j = library.flexible_joint_motion(q, v, q_m, v_m)
         expected = [x.full().ravel() for x in equations.function(names[0])(q, v, q_m, v_m)]
@@ -112,7 +123,9 @@ def test_the_emitted_functions_are_those_of_the_equations():
 
 
 def test_stiff_springs_are_the_rigid_robot():
-    """With 1e4 of the stiffness the torque is M a + c + g + J_m eta^2 a + friction: the rest falls as 1/K."""
+    """With 1e4 of the stiffness the torque is M a + c + g + J_m eta^2 a + friction: the rest falls
+    as 1/K.
+    """
     rng = np.random.default_rng(2)
     q, v, a, j, s = rng.uniform(-1, 1, (5, 3))
     differences = []
@@ -129,11 +142,13 @@ def test_stiff_springs_are_the_rigid_robot():
         rigid = np.linalg.solve(model.eta.T, T) + inertia * (model.eta @ a) + friction
         differences.append(np.abs(found - rigid).max())
     assert differences[0] > 1e-5
-    assert differences[1] == pytest.approx(1e-4 * differences[0], rel=1e-2)  # rounding of q_m: 1e-3
+    # rounding of q_m: 1e-3
+    assert differences[1] == pytest.approx(1e-4 * differences[0], rel=1e-2)
 
 
 def test_the_three_axis_arm_is_the_manutec_with_a_locked_wrist():
-    arm3, whole = flexgen.read(ARM), flexgen.read("manutec_r3")
+    arm3 = flexgen.read(ARM)
+    whole = flexgen.read("manutec_r3")
     for q in ([0.0, 0.35, 1.2], [-1.0, -0.4, 0.7], [2.0, 1.0, -1.5]):
         six = np.array([*q, 0.0, np.radians(60.0), 0.0])
         for name in ("mass_matrix", "gravity"):
@@ -156,4 +171,6 @@ def test_other_models_are_refused_with_the_reason():
     loose = replace(loose, elements=(replace(loose.elements[0], dofs=(gap,)), *loose.elements[1:]))
     assert "a spring in q1 without stiffness somewhere" in flexible_joint_obstacle(loose)
     with pytest.raises(ArgumentError, match="coordinates without motor"):
-        flexgen.generate("planar5_nmp", "nowhere", functions=["flexible_joint_torque"], build=False)
+        flexgen.generate(
+            "planar5_nmp", "nowhere", functions=["flexible_joint_torque"], build=False
+        )

@@ -1,4 +1,6 @@
-"""FMUs of plants with hysteresis and bristles: their rates by laws of this test, their motion by `simulate`."""
+"""FMUs of plants with hysteresis and bristles: their rates by laws of this test, their motion by
+`simulate`.
+"""
 
 from __future__ import annotations
 
@@ -24,36 +26,46 @@ slow = pytest.mark.slow
 EXACT = 1e-11  # of the largest rate of its kind: rounding
 MOTION = 1e-10  # of the largest value of a channel, at least 1 rad
 # of the states: joints, deflections [rad], speeds of joints [rad/s]
-STILL, TURN, SPEED = 1e-3, 3e-4, 0.3
+STILL = 1e-3
+TURN = 3e-4
+SPEED = 0.3
 
 
 class Law:
-    """Rates of all states: Lagrange's equations without memory, and forces of own laws by their mass matrix."""
+    """Rates of all states: Lagrange's equations without memory, and forces of own laws by their
+    mass matrix.
+    """
 
     def __init__(
         self, model: flexgen.RobotModel, elements: tuple[Element, ...], bristles: bool
     ) -> None:
-        self.plain, self.m = fmus.Lagrange(without_lugre(without_hysteresis(model))), model
-        self.elements, self.K = elements, joint_stiffness(model) if elements else None
+        self.plain = fmus.Lagrange(without_lugre(without_hysteresis(model)))
+        self.m = model
+        self.elements = elements
+        self.K = joint_stiffness(model) if elements else None
         self.bristles = NUMBERS if bristles else None
         self.jacobians = self.plain.equations.function("residual_jacobians")
 
     def rate(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
-        m, n, n_m = self.m, self.m.dof, self.m.n_m
+        m = self.m
+        n = self.m.dof
+        n_m = self.m.n_m
         z = x[2 * n :]
         _, v_a, q_m, v_m = self.plain.split(x[: 2 * n])
-        out, forces, i_g, i_m = (
-            self.plain.rate(0.0, x[: 2 * n], u),
-            np.zeros(n),
-            list(m.i_g),
-            list(m.i_m),
-        )
-        on_motors, inverse, more = np.zeros(n_m), np.linalg.inv(m.eta), []
+        out = self.plain.rate(0.0, x[: 2 * n], u)
+        forces = np.zeros(n)
+        i_g = list(m.i_g)
+        i_m = list(m.i_m)
+        on_motors = np.zeros(n_m)
+        inverse = np.linalg.inv(m.eta)
+        more = []
         if self.elements:
-            d, total = inverse @ v_m - v_a[i_g], np.zeros(m.n_g)
+            d = inverse @ v_m - v_a[i_g]
+            total = np.zeros(m.n_g)
             for k, each in enumerate(self.elements):
                 own = z[k * m.n_g : (k + 1) * m.n_g]
-                part, s = own / (0.5 * each.lost * ARCMIN * self.K), np.sign(d)
+                part = own / (0.5 * each.lost * ARCMIN * self.K)
+                s = np.sign(d)
                 curve = (
                     np.abs(part) ** (each.exponent - 1)
                     * part
@@ -81,8 +93,12 @@ def states_of(
     model: flexgen.RobotModel, start: np.ndarray, slips: np.ndarray, seed: int
 ) -> np.ndarray:
     """A state with deflected gears that move, and torques within their slips."""
-    rng, m = np.random.default_rng(seed), model
-    x, n, i_g, i_m = start.copy(), m.dof, list(m.i_g), list(m.i_m)
+    rng = np.random.default_rng(seed)
+    m = model
+    x = start.copy()
+    n = m.dof
+    i_g = list(m.i_g)
+    i_m = list(m.i_m)
     x[: m.n_a] += STILL * rng.standard_normal(m.n_a)
     x[n : n + m.n_a] = SPEED * rng.standard_normal(m.n_a)
     x[m.n_a : n] = (m.eta @ (x[: m.n_a][i_g] + TURN * rng.standard_normal(m.n_g)))[i_m]
@@ -106,20 +122,22 @@ def case(kind: str) -> tuple[flexgen.RobotModel, tuple[Element, ...], bool]:
 
 
 def errors_of_rates(written: flexgen.Exported, law: Law) -> float:
-    """Largest difference of a rate in Model Exchange, relative to the largest one of its kind, at three states."""
-    fmu, worst = fmus.Instance(written, "ModelExchange"), 0.0
+    """Largest difference of a rate in Model Exchange, relative to the largest one of its kind, at
+    three states.
+    """
+    fmu = fmus.Instance(written, "ModelExchange")
+    worst = 0.0
     states, rates, inputs = (fmus.references(written, kind) for kind in (STATE, RATE, INPUT))
     slips = np.array(
         [v.nominal for v in written.details["variables"] if v.kind == STATE][2 * law.m.dof :]
     )
     for seed in range(3):
-        x, u = (
-            states_of(law.m, fmus.starts(written, STATE), slips, seed),
-            fmus.inputs_over(written, 3)[2],
-        )
+        x = states_of(law.m, fmus.starts(written, STATE), slips, seed)
+        u = fmus.inputs_over(written, 3)[2]
         fmu.put(states, x)
         fmu.put(inputs, u)
-        found, expected = fmu.get(rates), law.rate(x, u)
+        found = fmu.get(rates)
+        expected = law.rate(x, u)
         ends = (0, law.m.dof, law.m.dof + law.m.n_a, 2 * law.m.dof, len(x))
         for first, last in pairwise(ends):
             size = np.abs(expected[first:last]).max(initial=1e-300)
@@ -163,19 +181,20 @@ def test_states_are_described_and_derivatives_are_those_of_the_laws(version, tmp
     gears = [f"gear.{joint}.hysteresis[{k}]" for k in (1, 2, 3) for joint in ("q1", "q2")]
     assert [v.name for v in added] == [*gears, "motor.m1.bristles", "motor.m2.bristles"]
     assert {(v.unit, v.start) for v in added} == {("N.m", 0.0)}
-    law, slips = Law(model, elements, bristles), np.array([v.nominal for v in added])
-    x, u = states_of(model, fmus.starts(written, STATE), slips, 0), fmus.inputs_over(written, 3)[2]
+    law = Law(model, elements, bristles)
+    slips = np.array([v.nominal for v in added])
+    x = states_of(model, fmus.starts(written, STATE), slips, 0)
+    u = fmus.inputs_over(written, 3)[2]
     fmu = fmus.Instance(written, "ModelExchange")
     fmu.put(fmus.references(written, STATE), x)
     fmu.put(fmus.references(written, INPUT), u)
-    rates, states = fmus.references(written, RATE), fmus.references(written, STATE)
+    rates = fmus.references(written, RATE)
+    states = fmus.references(written, STATE)
     nominal = np.array([v.nominal for v in written.details["variables"] if v.kind == STATE])
     size = 1e-6 * np.where(np.arange(len(x)) < 2 * model.dof, 1.0, nominal)
     for k, state in enumerate(states):
-        found, step = (
-            fmu.fmu.getDirectionalDerivative(rates, [state], [1.0]),
-            size[k] * np.eye(len(x))[k],
-        )
+        found = fmu.fmu.getDirectionalDerivative(rates, [state], [1.0])
+        step = size[k] * np.eye(len(x))[k]
         expected = (law.rate(x + step, u) - law.rate(x - step, u)) / (2 * size[k])
         assert np.abs(np.array(found) - expected).max() < 1e-6 * (1.0 + np.abs(expected).max()), (
             state

@@ -1,4 +1,6 @@
-"""FMUs of the plant against Lagrange's equations integrated by SciPy: motion, derivatives, order; a planted bug."""
+"""FMUs of the plant against Lagrange's equations integrated by SciPy: motion, derivatives, order;
+a planted bug.
+"""
 
 from __future__ import annotations
 
@@ -73,7 +75,8 @@ def test_model_exchange_is_the_motion_of_lagranges_equations(model, version):
     inputs = fmus.inputs_over(written, STEPS)
     expected = fmus.lagrange(model).motion(fmus.starts(written, STATE), inputs)
     fmu = fmus.Instance(written, "ModelExchange")
-    states, rates = fmus.references(written, STATE), fmus.references(written, RATE)
+    states = fmus.references(written, STATE)
+    rates = fmus.references(written, RATE)
 
     def rate(t, x):
         fmu.put(states, x)
@@ -94,16 +97,23 @@ def test_model_exchange_is_the_motion_of_lagranges_equations(model, version):
 def test_fmpy_integrates_model_exchange_by_cvode(model, version):
     """With constant inputs: FMPy holds them during a step of its solver."""
     written = fmus.exported(model, version)
-    definition, end = fmus.lagrange(model), 0.01
+    definition = fmus.lagrange(model)
+    end = 0.01
     u = np.concatenate([fmus.starts(written, INPUT)[:-6] + 0.5, fmus.FORCE])
     names = [v.name for v in written.details["variables"] if v.kind == INPUT]
     signals = np.array(
         [(0.0, *u), (end, *u)], dtype=[("time", float), *((name, float) for name in names)]
     )
     result = fmpy.simulate_fmu(
-        str(written.path), stop_time=end, fmi_type="ModelExchange", solver="CVode", relative_tolerance=1e-11,
-        input=signals, output_interval=end, output=[v.name for v in written.details["variables"] if v.kind == STATE],
-    )  # fmt: skip
+        str(written.path),
+        stop_time=end,
+        fmi_type="ModelExchange",
+        solver="CVode",
+        relative_tolerance=1e-11,
+        input=signals,
+        output_interval=end,
+        output=[v.name for v in written.details["variables"] if v.kind == STATE],
+    )
 
     x0 = fmus.starts(written, STATE)
     found = solve_ivp(definition.rate, (0.0, end), x0, "DOP853", args=(u,), rtol=1e-12, atol=1e-13)
@@ -142,7 +152,9 @@ def stiff(tmp_path):
 
 @pytest.mark.slow
 def test_a_stiff_spring_needs_the_implicit_step(tmp_path):
-    """With a step far beyond the stability limit of Runge-Kutta the implicit step damps the mode and keeps the rest."""
+    """With a step far beyond the stability limit of Runge-Kutta the implicit step damps the mode
+    and keeps the rest.
+    """
     written = stiff(tmp_path)
     inputs = fmus.inputs_over(written, STEPS)
     inputs[:, -6:] = 0.0
@@ -159,7 +171,9 @@ def test_a_stiff_spring_needs_the_implicit_step(tmp_path):
 @pytest.mark.parametrize("version", VERSIONS)
 @pytest.mark.parametrize("model", MODELS)
 def test_directional_derivatives_are_those_of_lagranges_equations(model, version):
-    """Under a force on the tool: Jacobians of the definition by CasADi, and a planted change of one column is seen."""
+    """Under a force on the tool: Jacobians of the definition by CasADi, and a planted change of
+    one column is seen.
+    """
     written = fmus.exported(model, version)
     definition = fmus.lagrange(model)
     rng = np.random.default_rng(1)
@@ -188,12 +202,16 @@ def test_directional_derivatives_are_those_of_lagranges_equations(model, version
 def jacobians(definition, x, u):
     """A, B, C by CasADi from the definition."""
     m = definition.model
-    n_a, n, i_m = m.n_a, m.dof, list(m.i_m)
-    s, w = ca.SX.sym("s", len(x)), ca.SX.sym("w", len(u))
+    n_a = m.n_a
+    n = m.dof
+    i_m = list(m.i_m)
+    s = ca.SX.sym("s", len(x))
+    w = ca.SX.sym("w", len(u))
     q_m = ca.SX(m.eta) @ s[list(m.i_g)]
     v_m = ca.SX(m.eta) @ s[[n + i for i in m.i_g]]
     for k, j in enumerate(i_m):
-        q_m[j], v_m[j] = s[n_a + k], s[n + n_a + k]
+        q_m[j] = s[n_a + k]
+        v_m[j] = s[n + n_a + k]
     a_a, a_m, _ = definition.function(s[:n_a], s[n : n + n_a], q_m, v_m, w[: m.n_m], w[m.n_m :])
     rate = ca.vertcat(s[n:], a_a, *[a_m[j] for j in i_m])
     p, R = definition.equations.function("forward_kinematics")(s[:n_a])
@@ -235,7 +253,9 @@ def test_the_plant_rests_at_the_start_values():
 
 @pytest.mark.slow
 def test_a_wrong_sign_of_the_gear_torque_is_found(monkeypatch, tmp_path):
-    """The deflection of the gears is turned around in the exported mathematics: the law must fail."""
+    """The deflection of the gears is turned around in the exported mathematics: the law must
+    fail.
+    """
     exact = plant_module.mathematics_of
 
     def planted(equations, name):
@@ -267,7 +287,9 @@ def fnv_1a(data: bytes) -> int:
 
 @pytest.mark.parametrize("version", ["2.0", pytest.param("3.0", marks=pytest.mark.slow)])
 def test_a_saved_state_of_the_other_interface_or_with_wrong_numbers_is_refused(version):
-    """Bytes of a saved state: token (96), sum of the rest, times, x, u, y, p, ..., tick, changed, phase, memory."""
+    """Bytes of a saved state: token (96), sum of the rest, times, x, u, y, p, ..., tick, changed,
+    phase, memory.
+    """
     written = fmus.exported("four_mass", version)
     kinds = ("CoSimulation", "ModelExchange")
     instances = {kind: fmus.Instance(written, kind) for kind in kinds}

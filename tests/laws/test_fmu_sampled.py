@@ -1,4 +1,6 @@
-"""FMUs of the feedforward and of a controller: the bits of the stream and of the cascade, and planted errors."""
+"""FMUs of the feedforward and of a controller: the bits of the stream and of the cascade, and
+planted errors.
+"""
 
 from __future__ import annotations
 
@@ -61,10 +63,14 @@ def streamed(written, u, period=5e-3, samples=5):
 
 
 def stream_bits(model, written, u, begin=None):
-    """Torques, angles and speeds of motors, arm coordinates and speeds, residuals, by the stream of the library."""
+    """Torques, angles and speeds of motors, arm coordinates and speeds, residuals, by the stream
+    of the library.
+    """
     begin = fmus.starts(written, INPUT) if begin is None else begin
-    robot, start = flexgen.read(model), fmus.starts(written, OUTPUT)
-    n_y, first = robot.output.size, 3 * robot.n_m
+    robot = flexgen.read(model)
+    start = fmus.starts(written, OUTPUT)
+    n_y = robot.output.size
+    first = 3 * robot.n_m
     options = {"period": 5e-3, "intervals": 10, "samples_per_interval": 5}
     stream = stream_of(model).stream(begin[:n_y], start[first : first + robot.n_a], **options)
     rows = []
@@ -83,7 +89,8 @@ def stream_bits(model, written, u, begin=None):
 def test_the_feedforward_gives_the_bits_of_the_stream(model, version):
     written = fmus.exported(model, version, "feedforward")
     u = path(written, 45, 5e-3)
-    found, expected = streamed(written, u), stream_bits(model, written, u)
+    found = streamed(written, u)
+    expected = stream_bits(model, written, u)
     assert np.array_equal(found[:, : expected.shape[1]], expected)
     assert np.abs(np.diff(found[:, 0])).max() > 1e-3  # (it moves)
     late = np.vstack([u[:1], u[:-1]])  # planted: each sample one update late
@@ -93,8 +100,11 @@ def test_the_feedforward_gives_the_bits_of_the_stream(model, version):
 @pytest.mark.slow
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
 def test_gears_and_motors_with_memory_have_the_torques_of_solve(version, tmp_path):
-    """A second instance begins without torques of hysteresis and bristles; what a sample forgets is seen."""
-    model, given = remembering.remembering(), np.hstack(remembering.samples())
+    """A second instance begins without torques of hysteresis and bristles; what a sample forgets
+    is seen.
+    """
+    model = remembering.remembering()
+    given = np.hstack(remembering.samples())
 
     def torques(forgets):
         with pytest.MonkeyPatch.context() as patch:
@@ -145,7 +155,8 @@ def test_a_sample_out_of_reach_is_refused_and_changes_nothing():
     u = path(written, 6, 5e-3)
     whole = streamed(written, u)
     fmu = fmus.Instance(written)
-    inputs, outputs = fmus.references(written, INPUT), fmus.references(written, OUTPUT)
+    inputs = fmus.references(written, INPUT)
+    outputs = fmus.references(written, OUTPUT)
     for k in range(30):
         if k == 15:
             fmu.put(inputs, u[k // 5] + np.array([100.0, 0, 0, 0, 0, 0]))
@@ -159,13 +170,14 @@ def test_a_sample_out_of_reach_is_refused_and_changes_nothing():
 
 @pytest.mark.slow
 def test_plant_and_feedforward_track_the_path():
-    """Torques of one FMU to the other, a millisecond each: the tool is on the path, but for the held torque."""
-    plant, ahead = (
-        fmus.exported("planar5_nmp", "2.0"),
-        fmus.exported("planar5_nmp", "2.0", "feedforward"),
-    )
+    """Torques of one FMU to the other, a millisecond each: the tool is on the path, but for the
+    held torque.
+    """
+    plant = fmus.exported("planar5_nmp", "2.0")
+    ahead = fmus.exported("planar5_nmp", "2.0", "feedforward")
     u = path(ahead, 60, 5e-3)
-    # m: a torque that is held for a millisecond lags by half of it; the tool moves at up to 2.3 m/s
+    # m: a torque that is held for a millisecond lags by half of it; the tool moves at up to 2.3
+    # m/s
     errors = [tool_error(plant, ahead, u, True, late) for late in (0.0, 0.5e-3)]
     assert errors[0] < 1.2e-3 and errors[1] < 0.1 * errors[0], errors
     assert tool_error(plant, ahead, u, False, 0.5e-3) > 0.05  # with the torque of the start
@@ -173,8 +185,10 @@ def test_plant_and_feedforward_track_the_path():
 
 def tool_error(plant, ahead, u, used, late):
     """Largest distance of the tool from the path, which is ``late`` [s], in m."""
-    robot, drive = fmus.Instance(plant), fmus.Instance(ahead)
-    torques, tool = fmus.references(plant, INPUT)[:2], fmus.references(plant, OUTPUT)[4:6]
+    robot = fmus.Instance(plant)
+    drive = fmus.Instance(ahead)
+    torques = fmus.references(plant, INPUT)[:2]
+    tool = fmus.references(plant, OUTPUT)[4:6]
     away = []
     for k in range(300):
         drive.put(fmus.references(ahead, INPUT), u[k // 5])
@@ -189,7 +203,7 @@ def tool_error(plant, ahead, u, used, late):
     return max(away)
 
 
-# --- controller -------------------------------------------------------------------------------------------------------
+# --- controller ----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("version", VERSIONS)
@@ -230,7 +244,8 @@ def cascade_bits(start, u, cascade):
 
 
 def controlled(written, u, kind, version):
-    inputs, outputs = fmus.references(written, INPUT), fmus.references(written, OUTPUT)
+    inputs = fmus.references(written, INPUT)
+    outputs = fmus.references(written, OUTPUT)
     fmu = fmus.Instance(written, kind)
     rows = []
     if kind == "CoSimulation":
@@ -273,7 +288,7 @@ def test_a_step_of_more_samples_than_can_be_computed_is_discarded_at_once(block,
     fmu.close()
 
 
-# --- positions to send ------------------------------------------------------------------------------------------------
+# --- positions to send ---------------------------------------------------------------------------
 
 
 FILTERS = "notch = [{ frequency_hz = 60.0 }]\nlow_pass = [{ frequency_hz = 400.0 }]\n"
@@ -283,7 +298,10 @@ FILTERS = "notch = [{ frequency_hz = 60.0 }]\nlow_pass = [{ frequency_hz = 400.0
     ("integral", "filters"),
     [
         (6.0, ""),
-        *(pytest.param(x, text, marks=pytest.mark.slow) for x, text in ((0.0, ""), (6.0, FILTERS))),
+        *(
+            pytest.param(x, text, marks=pytest.mark.slow)
+            for x, text in ((0.0, ""), (6.0, FILTERS))
+        ),
     ],
 )
 def test_the_feedforward_of_a_robot_with_a_servo_gives_its_commands(integral, filters, tmp_path):
@@ -298,11 +316,9 @@ def test_the_feedforward_of_a_robot_with_a_servo_gives_its_commands(integral, fi
     library = flexgen.generate(
         file, tmp_path / "library", parameters=["payload"], parts=["position"]
     ).directory
-    robot, start, begin = (
-        flexgen.read(file),
-        fmus.starts(written, OUTPUT),
-        fmus.starts(written, INPUT),
-    )
+    robot = flexgen.read(file)
+    start = fmus.starts(written, OUTPUT)
+    begin = fmus.starts(written, INPUT)
     options = {"period": 5e-3, "intervals": 10, "samples_per_interval": 10, "servo": True}
     stream = flexgen.load(library).stream(begin[:2], start[6 : 6 + robot.n_a], **options)
     u = path(written, 45, 5e-3)

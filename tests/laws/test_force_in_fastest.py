@@ -1,4 +1,6 @@
-"""The fastest time law under a force over the place: limits of the found motion by `solve`, the place of the force."""
+"""The fastest time law under a force over the place: limits of the found motion by `solve`, the
+place of the force.
+"""
 
 from __future__ import annotations
 
@@ -23,8 +25,10 @@ from flexgen.spec.ports import Port
 from flexgen.trajectory import Trajectory
 
 pytestmark = needs_compiler
-MODEL, LIMITS = "planar5_nmp", flexgen.Limits(torque=(25.0, 12.0))
-SIZE, PLANE = 225.0, np.array([0.6, 0.8])
+MODEL = "planar5_nmp"
+LIMITS = flexgen.Limits(torque=(25.0, 12.0))
+SIZE = 225.0
+PLANE = np.array([0.6, 0.8])
 
 
 def grinding(place: np.ndarray) -> np.ndarray:
@@ -108,7 +112,9 @@ def test_vibrations_are_those_of_control(quick):
     run = flexgen.control(
         MODEL, quick.move, force=quick.force, plants=plants, sample_time=1e-3, torque_limits=False
     )
-    after = (run.reference.time >= quick.duration_s) & (run.reference.time < quick.duration_s + 0.4)
+    after = (run.reference.time >= quick.duration_s) & (
+        run.reference.time < quick.duration_s + 0.4
+    )
     for name, size in quick.vibration_m.items():
         error = run[name].error - run[name].error[-1]
         assert abs(np.linalg.norm(error[after], axis=1).max() - size) < 0.03 * size
@@ -117,7 +123,8 @@ def test_vibrations_are_those_of_control(quick):
 @pytest.mark.slow
 def test_a_program_keeps_the_limits_and_its_places():
     steps = (flexgen.MoveL((-0.12, 0.0, 0.0), pause=0.1), flexgen.MoveL((0.0, 0.12, 0.0)))
-    tool, joints = (0.4, 2.0, 30.0, 600.0), (1.0, 5.0, 60.0, 900.0)
+    tool = (0.4, 2.0, 30.0, 600.0)
+    joints = (1.0, 5.0, 60.0, 900.0)
     seam = flexgen.Program(
         "seam", start=(0.3, -1.1), smoothness=5, steps=steps, profile=tool, joint_profile=joints
     )
@@ -131,9 +138,12 @@ def test_a_program_keeps_the_limits_and_its_places():
             PLANE,
         )
 
-    quick = flexgen.fastest(MODEL, seam, limits=LIMITS, coefficients=6, force=force, progress=False)
+    quick = flexgen.fastest(
+        MODEL, seam, limits=LIMITS, coefficients=6, force=force, progress=False
+    )
     assert quick.solution.tool_error_max_m < 1e-7 and use_of_torque(quick.solution) < 1.001
-    path, y = flexgen.plan(MODEL, quick.move), quick.solution.trajectory["y_ref"]
+    path = flexgen.plan(MODEL, quick.move)
+    y = quick.solution.trajectory["y_ref"]
     t = quick.solution.trajectory.time
     corner, start = path.sample([path.segments[1].start, 0.0]).y[:, :, 0]
     way = np.linalg.norm(y - start, axis=1) / 0.12, np.linalg.norm(y - corner, axis=1) / 0.12
@@ -145,9 +155,12 @@ def test_a_program_keeps_the_limits_and_its_places():
 
 
 def test_the_bound_of_a_rigid_robot_has_the_force():
-    """Motors that just hold the robot under a force that carries a part of its weight can move it; weaker ones not."""
+    """Motors that just hold the robot under a force that carries a part of its weight can move it;
+    weaker ones not.
+    """
     equations = flexgen.derive("elbow")
-    path, eta = flexgen.plan(equations), equations.model.eta
+    path = flexgen.plan(equations)
+    eta = equations.model.eta
     poses = flexgen.solve(equations, progress=False).trajectory["q_a"][::50]
 
     def held(up: float) -> np.ndarray:
@@ -198,7 +211,9 @@ def test_file_command_and_errors(tmp_path, capsys):
 
 
 def test_the_feedback_of_many_robots_is_not_promised_within_curves():
-    """Its torque was compared with the largest one alone, not with what a curve leaves at a speed."""
+    """Its torque was compared with the largest one alone, not with what a curve leaves at a
+    speed.
+    """
     robot = flexgen.read(MODEL, overrides={"uncertainty": {"stiffness": 0.1}})
     limits = flexgen.Limits(torque_speed=(((0.0, 30.0), (900.0, 1.0)), ()))
     with pytest.raises(ArgumentError, match="against: given with torque-speed curves"):

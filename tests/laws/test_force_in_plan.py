@@ -1,4 +1,6 @@
-"""A force on the tool in planned motions: the simulation of the full model, `fastest`, equilibria, planted errors."""
+"""A force on the tool in planned motions: the simulation of the full model, `fastest`, equilibria,
+planted errors.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,9 @@ from flexgen.planning import transcribe
 from flexgen.planning.force import PlanForce, make_plan_force
 
 pytestmark = needs_compiler
-MODEL, PLANE, CONSTANT = "planar5_nmp", np.array([0.6, 0.8]), np.array([100.0, -150.0])
+MODEL = "planar5_nmp"
+PLANE = np.array([0.6, 0.8])
+CONSTANT = np.array([100.0, -150.0])
 
 
 def pressing(place: np.ndarray) -> np.ndarray:
@@ -41,7 +45,9 @@ def test_a_plan_under_a_constant_force_is_a_motion_of_the_robot(equations, monke
     found = least_torque(equations)
     assert found.status == Status.SOLVED and found.plan_error_max < 1e-5
     path = found.trajectory
-    np.testing.assert_allclose(path["force"], np.tile([*CONSTANT, 0, 0, 0, 0], (len(path.time), 1)))
+    np.testing.assert_allclose(
+        path["force"], np.tile([*CONSTANT, 0, 0, 0, 0], (len(path.time), 1))
+    )
     pushed = equations.pushed_by(np.array([*CONSTANT, 0.0, 0.0, 0.0, 0.0]))
     for k in (0, -1):
         rest = hold_motors(pushed, path["q_m"][k], path["q_a"][k])
@@ -66,7 +72,9 @@ def shortest(equations: flexgen.Equations, force) -> flexgen.Solution:
 
 @pytest.mark.slow
 def test_the_shortest_time_under_a_force_over_the_place(equations, monkeypatch):
-    """Torques may jump, so it is shorter than the smooth law of `fastest`, by as much as without the force."""
+    """Torques may jump, so it is shorter than the smooth law of `fastest`, by as much as without
+    the force.
+    """
     found = shortest(equations, pressing)
     assert found.status == Status.SOLVED and found.plan_error_max < 1e-6
     limits = flexgen.Limits(torque=(25.0, 12.0))
@@ -88,7 +96,8 @@ def test_the_shortest_time_under_a_force_over_the_place(equations, monkeypatch):
 
 def test_the_spline_in_casadi_is_the_force(equations):
     made = make_plan_force(pressing, equations, free=True)
-    s, places = ca.SX.sym("s"), np.linspace(0.0, 1.0, 333)
+    s = ca.SX.sym("s")
+    places = np.linspace(0.0, 1.0, 333)
     found = np.array(ca.Function("f", [s], [made.of(s)]).map(len(places))(places[None])).T
     np.testing.assert_allclose(found[:, :2], pressing(places), atol=0.2)
     np.testing.assert_allclose(found, made.at(places), atol=1e-10)

@@ -13,10 +13,15 @@ import flexgen
 from flexgen.errors import ArgumentError
 from flexgen.simulation.growth import Motion, linearize_along
 
-MASS, STIFFNESS, RATIO, ROTOR = 80.0, 2e6, 300.0, 1e-3
-SIZE, DURATION = 150.0, 0.5
+MASS = 80.0
+STIFFNESS = 2e6
+RATIO = 300.0
+ROTOR = 1e-3
+SIZE = 150.0
+DURATION = 0.5
 ELASTIC = (
-    f'{{ type = "elastic", side = "arm", spring = {{ type = "linear", stiffness = {STIFFNESS} }} }}'
+    f'{{ type = "elastic", side = "arm", spring = {{ type = "linear", stiffness = {STIFFNESS} '
+    "} }"
 )
 GANTRY = one_axis(
     "gantry", ELASTIC, mass=MASS, ratio=RATIO, rotor=ROTOR, way=0.3, duration=DURATION
@@ -35,10 +40,14 @@ def test_the_torques_of_a_gantry_under_a_force(tmp_path):
     assert solution.status and solution.tool_error_max_m < 1e-8
     path = np.polynomial.Polynomial(0.3 * bell())
     t = np.linspace(0.0, DURATION, 801)
-    s, w = t / DURATION, np.pi / DURATION
-    a, jounce = path.deriv(2)(s) / DURATION**2, path.deriv(4)(s) / DURATION**4
-    sin, cos = np.sin(w * t), np.cos(w * t)
-    F, ddF = SIZE * sin**6, SIZE * w**2 * (30 * sin**4 * cos**2 - 6 * sin**6)
+    s = t / DURATION
+    w = np.pi / DURATION
+    a = path.deriv(2)(s) / DURATION**2
+    jounce = path.deriv(4)(s) / DURATION**4
+    sin = np.sin(w * t)
+    cos = np.cos(w * t)
+    F = SIZE * sin**6
+    ddF = SIZE * w**2 * (30 * sin**4 * cos**2 - 6 * sin**6)
     expected = ROTOR * RATIO * (a + (MASS * jounce - ddF) / STIFFNESS) + (MASS * a - F) / RATIO
     found = solution.trajectory.at(t)["tau_m"][:, 0]
     np.testing.assert_allclose(found, expected, atol=1e-6 * np.abs(expected).max())
@@ -48,7 +57,8 @@ def change_of_dynamics(model: str, force: list[float]) -> float:
     """Largest difference of the linear dynamics at rest with a force on the tool and without."""
     equations = flexgen.derive(model)
     robot = equations.model
-    arm, motors = np.full((2, robot.n_a), 0.3), np.full((2, robot.n_m), 0.3)
+    arm = np.full((2, robot.n_a), 0.3)
+    motors = np.full((2, robot.n_m), 0.3)
     given = [arm, 0 * arm, 0 * arm, motors, 0 * motors, 0 * motors, 0 * motors]
     time = np.array([0.0, 1.0])
     plain = linearize_along(equations, Motion(time, *given))
@@ -66,7 +76,9 @@ def test_a_force_has_no_stiffness_where_the_tool_does_not_turn(tmp_path):
 
 
 def bell() -> np.ndarray:
-    """The polynomial from 0 to 1 whose first five derivatives vanish at both ends: its slope is as (s (1 - s))^5."""
+    """The polynomial from 0 to 1 whose first five derivatives vanish at both ends: its slope is as
+    (s (1 - s))^5.
+    """
     slope = (np.polynomial.Polynomial([0, 1]) * np.polynomial.Polynomial([1, -1])) ** 5
     rise = slope.integ()
     return rise.coef / rise(1.0)

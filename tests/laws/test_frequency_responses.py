@@ -1,4 +1,6 @@
-"""Frequency responses of simulated experiments: those of the linear model, with the noise that was predicted."""
+"""Frequency responses of simulated experiments: those of the linear model, with the noise that was
+predicted.
+"""
 
 from __future__ import annotations
 
@@ -90,7 +92,8 @@ def test_averages_of_realizations_agree_and_show_distortion():
     for other in means.values():
         away = np.abs(np.einsum("klaa->kla", other.G / first.G) - 1)
         assert np.median(away) < 0.05
-    # friction changes the responses from realization to realization; the noise-free experiment has no other scatter
+    # friction changes the responses from realization to realization; the noise-free experiment has
+    # no other scatter
     assert np.median(np.sqrt(first.total) / np.abs(first.G)) > 10 * first.relative_sd()
 
 
@@ -107,7 +110,7 @@ def test_the_coherence_falls_with_noise():
     assert np.median(1 - values[1]) > 2 * np.median(1 - values[0])
 
 
-# --- what is refused --------------------------------------------------------------------------------------------------
+# --- what is refused -----------------------------------------------------------------------------
 @pytest.fixture(scope="module")
 def experiment():
     model = without_coulomb("planar5_nmp")

@@ -1,4 +1,6 @@
-"""Friction of motors by gear torque and temperature: the law, closed forms, an own integrator, refusals."""
+"""Friction of motors by gear torque and temperature: the law, closed forms, an own integrator,
+refusals.
+"""
 
 from __future__ import annotations
 
@@ -47,7 +49,10 @@ end_rad = [1.5]
 duration = 1.0
 smoothness = 5
 """
-ELASTIC = '{ type = "elastic", side = "arm", spring = { type = "linear", stiffness = 4000.0 }, damping = 3.0 }'
+ELASTIC = (
+    '{ type = "elastic", side = "arm", spring = { type = "linear", stiffness = 4000.0 }, '
+    "damping = 3.0 }"
+)
 
 
 def drive(tmp_path: Any, gear: str = ELASTIC, **numbers: Any) -> flexgen.RobotModel:
@@ -64,7 +69,9 @@ def drive(tmp_path: Any, gear: str = ELASTIC, **numbers: Any) -> flexgen.RobotMo
 def test_the_law_is_that_of_the_documentation(
     temperature: float, changed: dict[str, float]
 ) -> None:
-    """At -40 degrees C Stribeck friction has fallen to zero and the Stribeck speed to its least."""
+    """At -40 degrees C Stribeck friction has fallen to zero and the Stribeck speed to its
+    least.
+    """
     function = flexgen.derive(loaded("elbow", temperature, **changed)).function("loaded_friction")
     v, load = (x.ravel() for x in np.meshgrid(SPEEDS, LOADS))
     found = evaluate(function, np.column_stack([v, v]), np.column_stack([load, -load]))[0].reshape(
@@ -92,7 +99,8 @@ def test_torques_of_one_mass_on_a_spring_are_the_closed_form(tmp_path: Any) -> N
     """Joint q(t): gear torque J q'', deflection p by K p + D p' = J q'', motor by hand."""
     solution = flexgen.solve(drive(tmp_path), verify=False, progress=False)
     path = solution.trajectory
-    t, x = path.time, np.clip(path.time / 1.0, 0.0, 1.0)
+    t = path.time
+    x = np.clip(path.time / 1.0, 0.0, 1.0)
     coefficients = np.polynomial.Polynomial.fromroots(
         [0.0] * 5 + [1.0] * 5
     ).integ()  # of smoothness 5: b' ~ (x (1-x))^5
@@ -107,7 +115,8 @@ def test_torques_of_one_mass_on_a_spring_are_the_closed_form(tmp_path: Any) -> N
     force = 2.0 * 1.5 * shape.deriv(2)(t[inside])
     dp = (force - 4000.0 * p) / 3.0
     ddp = (2.0 * 1.5 * shape.deriv(3)(t[inside]) - 4000.0 * dp) / 3.0
-    v, a = 10 * (1.5 * shape.deriv(1)(t[inside]) + dp), 10 * (1.5 * shape.deriv(2)(t[inside]) + ddp)
+    v = 10 * (1.5 * shape.deriv(1)(t[inside]) + dp)
+    a = 10 * (1.5 * shape.deriv(2)(t[inside]) + ddp)
     expected = 0.01 * a + torque(v, force / 10) + force / 10
     assert_allclose(path["tau_m"][inside, 0], expected, rtol=0, atol=1e-6 * np.abs(expected).max())
     without = expected - torque(v, force / 10) + torque(v, 0.0 * force)
@@ -116,7 +125,9 @@ def test_torques_of_one_mass_on_a_spring_are_the_closed_form(tmp_path: Any) -> N
 
 @pytest.mark.slow
 def test_an_own_integrator_under_the_torques_follows_the_path(tmp_path: Any) -> None:
-    """The two equations of motion, with the law in NumPy; with the load of the law left out it does not."""
+    """The two equations of motion, with the law in NumPy; with the load of the law left out it
+    does not.
+    """
     path = flexgen.solve(drive(tmp_path), verify=False, progress=False).trajectory
     times = np.linspace(0.0, 0.5, 50_001)
     torques = path.at(times)["tau_m"][:, 0]
@@ -126,7 +137,12 @@ def test_an_own_integrator_under_the_torques_follows_the_path(tmp_path: Any) -> 
             q, q_m, v, v_m = y
             gear = 4000.0 * (q_m / 10 - q) + 3.0 * (v_m / 10 - v)
             given = np.interp(t, times, torques)
-            return [v, v_m, gear / 2.0, (given - gear / 10 - torque(v_m, share * gear / 10)) / 0.01]
+            return [
+                v,
+                v_m,
+                gear / 2.0,
+                (given - gear / 10 - torque(v_m, share * gear / 10)) / 0.01,
+            ]
 
         found = solve_ivp(
             rate, (0.0, 0.5), [0.0] * 4, "Radau", rtol=1e-8, atol=1e-11, max_step=2e-3
@@ -139,7 +155,8 @@ def test_an_own_integrator_under_the_torques_follows_the_path(tmp_path: Any) -> 
 @pytest.mark.slow
 def test_simulation_and_loop_have_the_friction() -> None:
     """Under the torques of solve; those of a robot without load miss its path."""
-    robot, other = loaded("elbow"), loaded("elbow", load_coulomb=0.0, load_stribeck=0.0)
+    robot = loaded("elbow")
+    other = loaded("elbow", load_coulomb=0.0, load_stribeck=0.0)
     known, unknown = (flexgen.solve(each, verify=False, progress=False) for each in (robot, other))
     right, wrong = (
         flexgen.simulate(robot, x.trajectory, feedback="ppi").tool_error_max_m
@@ -153,7 +170,9 @@ def test_simulation_and_loop_have_the_friction() -> None:
 
 @pytest.mark.slow
 def test_hysteresis_is_in_the_load(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Simulation, residual of the status and loop; a planted error: the load of the springs alone in the simulation."""
+    """Simulation, residual of the status and loop; a planted error: the load of the springs alone
+    in the simulation.
+    """
     robot = loaded("elbow", lost_motion=3e-4)
     solution = flexgen.solve(robot, progress=False)
     assert solution.status == "solved" and solution.simulation.tool_error_max_m < 1e-9
@@ -169,11 +188,15 @@ def test_energy_that_is_lost_is_that_of_the_friction() -> None:
     """d(energy)/dt = P_motor - P_dissipated at random states."""
     e = flexgen.derive(loaded("elbow", 35.0))
     rng = np.random.default_rng(1)
-    q, v, tau = rng.uniform(-1, 1, 2), rng.uniform(-1, 1, 2), rng.uniform(-5, 5, 2)
-    q_m, v_m = e.model.eta @ q + 1e-3, e.model.eta @ v
+    q = rng.uniform(-1, 1, 2)
+    v = rng.uniform(-1, 1, 2)
+    tau = rng.uniform(-5, 5, 2)
+    q_m = e.model.eta @ q + 1e-3
+    v_m = e.model.eta @ v
     a, a_m = (np.asarray(x).ravel() for x in e.function("forward_dynamics")(q, v, q_m, v_m, tau))
     motor, lost = (float(x) for x in e.function("power")(q, v, q_m, v_m, tau))
-    h, energy = 1e-6, e.function("energy")
+    h = 1e-6
+    energy = e.function("energy")
 
     def at(s: float) -> float:
         states = q + s * v + s**2 / 2 * a, v + s * a, q_m + s * v_m + s**2 / 2 * a_m, v_m + s * a_m

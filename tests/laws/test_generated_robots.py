@@ -1,7 +1,7 @@
 """Robots that were not chosen for these solvers: solved, and confirmed by Pinocchio and numpy.
 
-`make robots` runs the 200 moves of 40 robots. ``FLEXGEN_ROBOTS=10-20`` runs robots 10 to 19 only; the file
-``FLEXGEN_ROBOTS_RESULTS`` keeps the results, and those in it are not computed again.
+`make robots` runs the 200 moves of 40 robots. ``FLEXGEN_ROBOTS=10-20`` runs robots 10 to 19 only;
+the file ``FLEXGEN_ROBOTS_RESULTS`` keeps the results, and those in it are not computed again.
 """
 
 from __future__ import annotations
@@ -99,7 +99,9 @@ def test_a_generated_robot_is_solved_and_confirmed(tmp_path: Path) -> None:
 def test_stated_errors_are_those_of_an_independent_simulation(
     number: int, move: str, tmp_path: Path
 ) -> None:
-    """With motor feedback (growth 5e3) and without; a torque that is 2 % off has a larger error."""
+    """With motor feedback (growth 5e3) and without; a torque that is 2 % off has a larger
+    error.
+    """
     assert FOLDER is not None
     solution = flexgen.solve(
         flexgen.derive(generated_robot(number, FOLDER, tmp_path)), move, ignore_limits=True
@@ -130,9 +132,11 @@ def test_the_growth_of_invert_in_c_is_that_of_solve(number: int, tmp_path: Path)
 @needs_robots
 @pytest.mark.robots
 def test_generated_robots() -> None:
-    """At least 98 % of the moves are solved and confirmed, none falsely, none takes longer than the limit.
+    """At least 98 % of the moves are solved and confirmed, none falsely, none takes longer than
+    the limit.
 
-    Confirmed includes the claimed error, by an independent simulation of the whole move where that is fast enough.
+    Confirmed includes the claimed error, by an independent simulation of the whole move where that
+    is fast enough.
     """
     first, last = map(int, os.environ.get("FLEXGEN_ROBOTS", f"0-{ROBOTS}").split("-"))
     results = os.environ.get("FLEXGEN_ROBOTS_RESULTS")
@@ -181,7 +185,9 @@ def test_moves_that_solve_verifies_have_status_ok_in_c(number: int, tmp_path: Pa
 def test_a_small_residual_does_not_hide_wrong_torques(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Where the reduced inertia is singular at a pose of the path; planted: a residual of 1e-8 is enough for OK."""
+    """Where the reduced inertia is singular at a pose of the path; planted: a residual of 1e-8 is
+    enough for OK.
+    """
     assert FOLDER is not None
     model = read(generated_robot(82, FOLDER, tmp_path))
     monkeypatch.setattr(inverted_in_c, "MESH", 1.25e-3)

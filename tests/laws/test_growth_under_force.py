@@ -20,7 +20,8 @@ def flow_growth(model, solution, force: np.ndarray) -> float:
     rate = equations.function("forward_dynamics_tool_force")
     path = solution.trajectory
     torque = make_interp_spline(path.time, path["tau_m"], k=5)
-    n_a, i_m = model.n_a, list(model.i_m)
+    n_a = model.n_a
+    i_m = list(model.i_m)
     side = np.ones(model.dof)
     side[n_a:] = np.abs(model.eta).max(axis=1)[i_m]
     start = np.concatenate([path["q_a"][0], path["q_m"][0][i_m]])

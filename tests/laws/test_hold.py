@@ -1,4 +1,6 @@
-"""Torques that a controller sends: values for its hold, verified with it, confirmed by Pinocchio from edge to edge."""
+"""Torques that a controller sends: values for its hold, verified with it, confirmed by Pinocchio
+from edge to edge.
+"""
 
 from __future__ import annotations
 
@@ -36,7 +38,9 @@ def planar() -> tuple[Equations, flexgen.Solution]:
 
 
 def with_samples(solution: flexgen.Solution, hold: Hold) -> TorqueCommand:
-    """The command of a controller that sends samples of the continuous torque: what most controllers do."""
+    """The command of a controller that sends samples of the continuous torque: what most
+    controllers do.
+    """
     command = torque_command(solution.trajectory, hold)
     curve = make_interp_spline(solution.trajectory.time, solution.trajectory["tau_m"], k=5)
     at = np.clip(command.time, solution.trajectory.time[0], solution.trajectory.time[-1])
@@ -68,7 +72,9 @@ def test_the_verified_error_is_confirmed_by_pinocchio(
     planar: tuple[Equations, flexgen.Solution], hold: Hold, samples: bool
 ) -> None:
     solution = planar[1]
-    command = with_samples(solution, hold) if samples else torque_command(solution.trajectory, hold)
+    command = (
+        with_samples(solution, hold) if samples else torque_command(solution.trajectory, hold)
+    )
     claimed = error_of(planar, command)
     assert claimed == pytest.approx(
         confirmed_error(solution, command, AFTER), rel=0.05, abs=MEASURABLE
@@ -79,10 +85,8 @@ def test_a_held_sample_is_half_a_sample_late_and_the_values_to_send_are_not(
     planar: tuple[Equations, flexgen.Solution],
 ) -> None:
     zoh = Hold("zoh", T)
-    late, right = (
-        error_of(planar, with_samples(planar[1], zoh)),
-        error_of(planar, torque_command(planar[1].trajectory, zoh)),
-    )
+    late = error_of(planar, with_samples(planar[1], zoh))
+    right = error_of(planar, torque_command(planar[1].trajectory, zoh))
     assert late == pytest.approx(785e-6, rel=0.01)
     assert right < 1e-9 and late > 100 * right
 
@@ -91,7 +95,9 @@ def test_a_held_sample_is_half_a_sample_late_and_the_values_to_send_are_not(
 def test_means_and_chords_leave_errors_that_the_values_to_send_do_not(
     planar: tuple[Equations, flexgen.Solution], kind: str
 ) -> None:
-    """At 4 ms: means of the torque and samples with straight lines between them are a thousand times worse."""
+    """At 4 ms: means of the torque and samples with straight lines between them are a thousand
+    times worse.
+    """
     trajectory = planar[1].trajectory
     hold = Hold(kind, 4 * T)
     command = torque_command(trajectory, hold)
@@ -118,7 +124,9 @@ def test_the_error_falls_with_the_fourth_power_of_the_sample_time(
 
 
 def test_a_delay_shifts_the_ticks_and_not_the_torque_of_the_motors() -> None:
-    """With a delay of whole samples the values are the same; with any delay they are those of a shifted torque."""
+    """With a delay of whole samples the values are the same; with any delay they are those of a
+    shifted torque.
+    """
     t = np.linspace(0.0, 0.1, 101)
     tau = np.stack([np.sin(20 * t) ** 4, t**3], axis=1)
     for kind in ("zoh", "linear", "spline"):
@@ -136,7 +144,9 @@ def test_a_delay_shifts_the_ticks_and_not_the_torque_of_the_motors() -> None:
 
 
 def test_values_of_limited_torques_are_means_within_their_range() -> None:
-    """A torque with a corner: each value is the integral by scipy, and straight lines do not exceed the torque."""
+    """A torque with a corner: each value is the integral by scipy, and straight lines do not
+    exceed the torque.
+    """
     t = np.linspace(0.0, 0.1, 101)
     tau = np.minimum(200 * t, 7.03)[:, None]
     time, values = hold_torque(t, tau, "zoh", 3 * T, 0.4 * T, limited=True)
@@ -187,11 +197,12 @@ def test_a_drive_that_gets_the_samples_exceeds_the_error(monkeypatch: pytest.Mon
 
 def test_a_solution_has_the_command_and_its_error_in_figures_and_texts() -> None:
     solution = flexgen.solve("planar5_nmp", hold="zoh", sample_time=2e-3, delay=1e-3)
-    command, run = solution.torque_command, solution.held_simulation
+    command = solution.torque_command
+    run = solution.held_simulation
     assert command is not None and run is not None and run.tool_error_max_m is not None
     assert command.title() == "zero-order hold at 2 ms, delay 1 ms"
     found = {figure.key: figure for figure in solution.figures()}
-    assert found["held_error_max_m"].value == run.tool_error_max_m > solution.tool_error_max_m  # type: ignore[operator]
+    assert found["held_error_max_m"].value == run.tool_error_max_m > solution.tool_error_max_m
     assert (
         found["held_error_max_m"].label == f"simulated tool error with {command.title()}, largest"
     )

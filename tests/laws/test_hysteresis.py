@@ -1,4 +1,6 @@
-"""Hysteresis of gears against closed forms of Dahl's law, an own integrator and energy; planted errors."""
+"""Hysteresis of gears against closed forms of Dahl's law, an own integrator and energy; planted
+errors.
+"""
 
 from __future__ import annotations
 
@@ -43,9 +45,12 @@ PERIOD = 0.2  # s, of the torques
 
 
 def cycles(t: np.ndarray, size: float) -> np.ndarray:
-    """Torques size sin(w t)^3 of the first gear, -0.4 of it of the second, and two derivatives (n, 2, 3)."""
+    """Torques size sin(w t)^3 of the first gear, -0.4 of it of the second, and two derivatives (n,
+    2, 3).
+    """
     w = 2 * np.pi / PERIOD
-    s, c = np.sin(w * t), np.cos(w * t)
+    s = np.sin(w * t)
+    c = np.cos(w * t)
     one = size * np.stack([s**3, 3 * w * s**2 * c, 3 * w**2 * s * (2 * c**2 - s**2)], axis=1)
     return np.stack([one, -0.4 * one], axis=1)
 
@@ -53,8 +58,11 @@ def cycles(t: np.ndarray, size: float) -> np.ndarray:
 def reversals(
     model: flexgen.RobotModel, size: float, count: int
 ) -> list[tuple[float, float, float]]:
-    """(p_r, z_r, s) of the branches of the first gear, undamped, whose torque turns at +-size in turns."""
-    K, law = joint_stiffness(model)[0], gear_hysteresis(model)
+    """(p_r, z_r, s) of the branches of the first gear, undamped, whose torque turns at +-size in
+    turns.
+    """
+    K = joint_stiffness(model)[0]
+    law = gear_hysteresis(model)
     found = [(0.0, 0.0, 1.0)]
     for k in range(count):
         p_r, z_r, s = found[-1]
@@ -73,7 +81,8 @@ def reversals(
 def test_the_lost_motion_is_the_width_of_the_loop() -> None:
     """Undamped gears under large cycles: at zero torque the two branches are 2 W/K apart."""
     model = elbow(0.0)
-    K, law = joint_stiffness(model), gear_hysteresis(model)
+    K = joint_stiffness(model)
+    law = gear_hysteresis(model)
     assert_allclose(2 * law.slip / K, ARCMIN, rtol=1e-12)
     assert_allclose(law.stiffness, K, rtol=1e-12)
     t = np.linspace(0.0, 0.3, 1201)
@@ -87,7 +96,8 @@ def test_the_lost_motion_is_the_width_of_the_loop() -> None:
 @pytest.mark.parametrize("size", [0.3, 3.0])
 def test_undamped_gears_follow_the_closed_form(size: float) -> None:
     model = elbow(0.0)
-    law, t = gear_hysteresis(model), np.linspace(0.0, 0.5, 701)
+    law = gear_hysteresis(model)
+    t = np.linspace(0.0, 0.5, 701)
     tau = cycles(t, size * law.slip[0])
     p, z = hysteretic_deflections(flexgen.derive(model), t, tau)
     for k, (p_r, z_r, s) in enumerate(reversals(model, size * law.slip[0], 5)):
@@ -100,10 +110,14 @@ def test_undamped_gears_follow_the_closed_form(size: float) -> None:
 def test_damped_gears_follow_an_own_integrator(damping: float | None) -> None:
     """D p' = tau - K p - z and z' by a library's integrator; p'' keeps the impulses."""
     model = elbow(damping)
-    K, law, D = joint_stiffness(model), gear_hysteresis(model), law_of.gears(model)[0][0].damping
-    t, size = np.linspace(0.0, 0.45, 1801), 4.0 * law.slip[0]
+    K = joint_stiffness(model)
+    law = gear_hysteresis(model)
+    D = law_of.gears(model)[0][0].damping
+    t = np.linspace(0.0, 0.45, 1801)
+    size = 4.0 * law.slip[0]
     p, z = hysteretic_deflections(flexgen.derive(model), t, cycles(t, size))
-    dp, ddp = time_derivative(p, t[1]), second_time_derivative(p, t[1])
+    dp = time_derivative(p, t[1])
+    ddp = second_time_derivative(p, t[1])
 
     def rate(at: float, x: np.ndarray) -> list[float]:
         r = (size * np.sin(2 * np.pi / PERIOD * at) ** 3 - K[0] * x[0] - x[1]) / D
@@ -112,10 +126,8 @@ def test_damped_gears_follow_an_own_integrator(damping: float | None) -> None:
     found = solve_ivp(
         rate, (0.0, t[-1]), [0.0, 0.0], "LSODA", t, rtol=1e-10, atol=[1e-14, 1e-9], max_step=1e-4
     )
-    rates, largest = (
-        np.array([rate(at, x)[0] for at, x in zip(t, found.y.T, strict=True)]),
-        np.abs(dp[:, 0]).max(),
-    )
+    rates = np.array([rate(at, x)[0] for at, x in zip(t, found.y.T, strict=True)])
+    largest = np.abs(dp[:, 0]).max()
     assert_allclose(p[:, 0], found.y[0], rtol=0, atol=1e-7 * np.abs(p[:, 0]).max())
     assert_allclose(z[:, 0], found.y[1], rtol=0, atol=1e-6 * law.slip[0])
     assert_allclose(dp[:-3, 0], rates[:-3], rtol=0, atol=2e-3 * largest)  # bends at the reversals
@@ -127,7 +139,9 @@ def test_damped_gears_follow_an_own_integrator(damping: float | None) -> None:
 
 @pytest.mark.slow
 def test_the_law_along_deflections_is_that_of_the_stage() -> None:
-    model, t = elbow(0.0), np.linspace(0.0, 0.45, 1801)  # reversals at samples
+    # reversals at samples
+    model = elbow(0.0)
+    t = np.linspace(0.0, 0.45, 1801)
     law = gear_hysteresis(model)
     p, z = hysteretic_deflections(flexgen.derive(model), t, cycles(t, 3.0 * law.slip[0]))
     assert_allclose(
@@ -137,10 +151,15 @@ def test_the_law_along_deflections_is_that_of_the_stage() -> None:
 
 @pytest.mark.slow
 def test_a_cycle_loses_the_area_of_the_loop() -> None:
-    """The work int z dp over one cycle, against the integral over both branches of the closed loop by quadrature."""
+    """The work int z dp over one cycle, against the integral over both branches of the closed loop
+    by quadrature.
+    """
     model = elbow(0.0)
-    K, law, t = joint_stiffness(model)[0], gear_hysteresis(model), np.linspace(0.0, 0.65, 5201)
-    K_h, W = law.stiffness[0], law.slip[0]
+    K = joint_stiffness(model)[0]
+    law = gear_hysteresis(model)
+    t = np.linspace(0.0, 0.65, 5201)
+    K_h = law.stiffness[0]
+    W = law.slip[0]
     p, z = hysteretic_deflections(flexgen.derive(model), t, cycles(t, 2.5 * W))
     dp = time_derivative(p, t[1])
     last = t >= t[-1] - PERIOD - 1e-9
@@ -164,9 +183,14 @@ def solved() -> flexgen.Solution:
     "planted",
     ["forgotten", *(pytest.param(x, marks=pytest.mark.slow) for x in ("sign", "no reversal"))],
 )
-def test_planted_errors_of_the_law_are_found(planted: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The simulation integrates z itself: a wrong stage leaves more than a hundred times the error."""
-    model, right = elbow(), solved()
+def test_planted_errors_of_the_law_are_found(
+    planted: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The simulation integrates z itself: a wrong stage leaves more than a hundred times the
+    error.
+    """
+    model = elbow()
+    right = solved()
     assert right.status == "solved" and right.tool_error_max_m < 2e-8
     if planted == "sign":
         own = stage._Branch.torque
@@ -200,11 +224,14 @@ def test_the_simulation_balances_the_energy_and_is_without_hysteresis_as_before(
     # the torques lack the hysteresis
     assert 0.5 < lossy.defect_max_m / lossy.tool_error_max_m < 5.0
     least = flexgen.simulate(elbow(lost_motion=1e-9), plain.trajectory)
-    assert least.tool_error_max_m == pytest.approx(0.0, abs=1e-8)  # the lost motion times the reach
+    # the lost motion times the reach
+    assert least.tool_error_max_m == pytest.approx(0.0, abs=1e-8)
 
 
 def test_the_torque_that_is_held_after_the_move_is_that_of_the_equilibrium() -> None:
-    """Its differences over the small jump to the equilibrium moved the tool by 2.9 um while it was held."""
+    """Its differences over the small jump to the equilibrium moved the tool by 2.9 um while it was
+    held.
+    """
     model = hysteretic("planar5_soft")
     solution = flexgen.solve(model, mesh=5e-4, progress=False)
     path = solution.trajectory

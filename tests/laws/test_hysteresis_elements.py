@@ -1,4 +1,6 @@
-"""Elements of Bouc and Wen in gears: closed forms, an own integrator, Masing's loop, energy, model files, errors."""
+"""Elements of Bouc and Wen in gears: closed forms, an own integrator, Masing's loop, energy, model
+files, errors.
+"""
 
 from __future__ import annotations
 
@@ -51,10 +53,14 @@ def torque(t: np.ndarray | float, size: float) -> Any:
 
 
 def samples(t: np.ndarray, size: float) -> np.ndarray:
-    """The torque of the first gear, -0.4 of it of the second, and two derivatives (n, 2, 3), by complex steps."""
+    """The torque of the first gear, -0.4 of it of the second, and two derivatives (n, 2, 3), by
+    complex steps.
+    """
     h = 1e-30
-    w, c = 2 * np.pi / PERIOD, 1.0 - 0.6 * t
-    s, cos = np.sin(w * t), np.cos(w * t)
+    w = 2 * np.pi / PERIOD
+    c = 1.0 - 0.6 * t
+    s = np.sin(w * t)
+    cos = np.cos(w * t)
     first = size * np.imag(np.sin(w * (t + 1j * h)) ** 3 * (1.0 - 0.6 * (t + 1j * h))) / h
     second = size * (3 * w**2 * s * (2 * cos**2 - s**2) * c - 2 * 0.6 * 3 * w * s**2 * cos)
     one = np.stack([torque(t, size), first, second], axis=1)
@@ -63,7 +69,9 @@ def samples(t: np.ndarray, size: float) -> np.ndarray:
 
 @pytest.mark.parametrize(("n", "gamma"), LAWS)
 def test_the_curve_is_the_hypergeometric_function(n: float, gamma: float) -> None:
-    """u = y F(1, 1/n; 1 + 1/n; y^n) while the torque grows, with -(1 - 2 gamma) |y|^n while it falls to zero."""
+    """u = y F(1, 1/n; 1 + 1/n; y^n) while the torque grows, with -(1 - 2 gamma) |y|^n while it
+    falls to zero.
+    """
     curve = law.curve_of(Hysteresis(1.0, 1.0, n, gamma))
     y = np.linspace(1e-6, 0.999, 400)
     grows = y * hyp2f1(1, 1 / n, 1 + 1 / n, y**n)
@@ -112,7 +120,8 @@ def test_invalid_laws_of_other_packages_are_refused(
 def test_the_first_loading_is_an_integral(n: float, gamma: float) -> None:
     """An undamped gear: K_h p/W = int_0^x dx/(1 - x^n) by quadrature, x = (tau - K p)/W."""
     model = elbow([Element(1.0, 0.7, n, gamma)])
-    K, (layer,) = joint_stiffness(model)[0], gear_layers(model)
+    K = joint_stiffness(model)[0]
+    (layer,) = gear_layers(model)
     t = np.linspace(0.0, 0.04, 81)
     tau = samples(t, 4.0 * layer.slip[0])
     p, z = hysteretic_deflections(flexgen.derive(model), t, tau)
@@ -127,11 +136,16 @@ def test_the_first_loading_is_an_integral(n: float, gamma: float) -> None:
     ("elements", "damping"),
     [(BENT, 9e3), *(pytest.param(x, 2e3, marks=pytest.mark.slow) for x in (SLIPS, BENT))],
 )
-def test_damped_gears_follow_an_own_integrator(elements: Sequence[Element], damping: float) -> None:
+def test_damped_gears_follow_an_own_integrator(
+    elements: Sequence[Element], damping: float
+) -> None:
     """D p' = tau - K p - sum z and each z' in the form with beta, by a library's integrator."""
     model = elbow(elements, damping)
-    K, D, layers = joint_stiffness(model)[:1], damping, gear_layers(model)
-    t, size = np.linspace(0.0, 0.45, 1801), 4.0 * sum(x.slip[0] for x in layers)
+    K = joint_stiffness(model)[:1]
+    D = damping
+    layers = gear_layers(model)
+    t = np.linspace(0.0, 0.45, 1801)
+    size = 4.0 * sum(x.slip[0] for x in layers)
     p, z = hysteretic_deflections(flexgen.derive(model), t, samples(t, size))
 
     def rate(at: float, x: np.ndarray) -> np.ndarray:
@@ -146,15 +160,19 @@ def test_damped_gears_follow_an_own_integrator(elements: Sequence[Element], damp
             ]
         )
 
-    start, least = np.zeros(1 + len(layers)), np.array([1e-14] + [1e-9] * len(layers))
+    start = np.zeros(1 + len(layers))
+    least = np.array([1e-14] + [1e-9] * len(layers))
     found = solve_ivp(rate, (0.0, t[-1]), start, "LSODA", t, rtol=1e-10, atol=least, max_step=1e-4)
     assert_allclose(p[:, 0], found.y[0], rtol=0, atol=1e-7 * np.abs(p[:, 0]).max())
     assert_allclose(z[:, 0], found.y[1:].sum(axis=0), rtol=0, atol=2e-6 * size / 4)
 
 
 def slips(p: np.ndarray, stiffness: np.ndarray, slip: np.ndarray) -> np.ndarray:
-    """Maxwell's slip model, springs with Coulomb friction behind them: torques (n,) along deflections from rest."""
-    z, out = np.zeros(len(slip)), np.zeros(len(p))
+    """Maxwell's slip model, springs with Coulomb friction behind them: torques (n,) along
+    deflections from rest.
+    """
+    z = np.zeros(len(slip))
+    out = np.zeros(len(p))
     for k, change in enumerate(np.diff(p), 1):
         z = np.clip(z + stiffness * change, -slip, slip)
         out[k] = z.sum()
@@ -163,7 +181,9 @@ def slips(p: np.ndarray, stiffness: np.ndarray, slip: np.ndarray) -> np.ndarray:
 
 @pytest.mark.slow
 def test_sharp_elements_are_maxwell_slip_with_masings_loop() -> None:
-    """Exponent 20: within 4 % of the slip torques; a loop is twice its first loading, and returns to where it began."""
+    """Exponent 20: within 4 % of the slip torques; a loop is twice its first loading, and returns
+    to where it began.
+    """
     model = elbow([Element(each.lost, each.stiffness, 20.0) for each in SLIPS])
     layers = gear_layers(model)
     K_h, W = (np.array([getattr(x, name)[0] for x in layers]) for name in ("stiffness", "slip"))
@@ -173,7 +193,8 @@ def test_sharp_elements_are_maxwell_slip_with_masings_loop() -> None:
     p = 1.2 * (W / K_h).max() * way
     z = torque_along(layers, np.stack([p, 0 * p], axis=1))[:, 0]
     assert_allclose(z, slips(p, K_h, W), rtol=0, atol=0.04 * W.sum())
-    first, back = z[:1500], z[1500:3000]
+    first = z[:1500]
+    back = z[1500:3000]
     half = np.interp((p[1499] - p[1500:3000]) / 2, p[:1500], first)
     assert_allclose((z[1499] - back) / 2, half, rtol=0, atol=0.04 * W.sum())
     # the small loop is closed and forgotten
@@ -183,9 +204,12 @@ def test_sharp_elements_are_maxwell_slip_with_masings_loop() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("elements", [SLIPS, pytest.param(BENT, marks=pytest.mark.full)])
 def test_a_cycle_loses_the_area_of_the_loop(elements: Sequence[Element]) -> None:
-    """Of the fourth one: int z dp, and the area between the branches that an integrator in p gives."""
+    """Of the fourth one: int z dp, and the area between the branches that an integrator in p
+    gives.
+    """
     model = elbow(elements)
-    layers, K = gear_layers(model), joint_stiffness(model)[:1]
+    layers = gear_layers(model)
+    K = joint_stiffness(model)[:1]
     a = 2e-4
     p = a * np.sin(np.linspace(0.0, 8 * np.pi, 16_001))
     z = torque_along(layers, np.stack([p, 0 * p], axis=1))[:, 0]
@@ -217,9 +241,12 @@ def solved() -> flexgen.Solution:
     "planted",
     ["one element", *(pytest.param(x, marks=pytest.mark.slow) for x in ("gamma", "exponent"))],
 )
-def test_planted_errors_of_the_law_are_found(planted: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_planted_errors_of_the_law_are_found(
+    planted: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Of the stage alone: the simulation integrates the elements itself."""
-    model, right = elbow(BENT, None), solved()
+    model = elbow(BENT, None)
+    right = solved()
     assert right.status == "solved" and right.tool_error_max_m < 2e-8
     own = law.curve_of
     changes = {
@@ -237,8 +264,11 @@ def test_planted_errors_of_the_law_are_found(planted: str, monkeypatch: pytest.M
 
 
 def test_one_element_by_dahls_law_in_parts_is_the_whole() -> None:
-    """Two elements of half the torque and half the stiffness have the bits of none of the others, but their motion."""
-    whole, parts = elbow([Element(1.0, 0.8)]), elbow([Element(0.5, 0.4)] * 2)
+    """Two elements of half the torque and half the stiffness have the bits of none of the others,
+    but their motion.
+    """
+    whole = elbow([Element(1.0, 0.8)])
+    parts = elbow([Element(0.5, 0.4)] * 2)
     t = np.linspace(0.0, 0.3, 301)
     found = [
         hysteretic_deflections(flexgen.derive(model), t, samples(t, 2e3))

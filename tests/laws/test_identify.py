@@ -46,7 +46,7 @@ def errors(found, true):
     return {name: float(np.log(found.values[name] / value)) for name, value in true.items()}
 
 
-# --- exact data -------------------------------------------------------------------------------------------------------
+# --- exact data ----------------------------------------------------------------------------------
 @pytest.mark.parametrize(
     "name", ["planar5_nmp", "manutec_r3", pytest.param("manutec_r3_18", marks=pytest.mark.slow)]
 )
@@ -111,7 +111,9 @@ def test_a_wrong_model_is_a_model_error(bug):
 
 @pytest.mark.parametrize("fault", ["mass of the last body 20 % larger", "sample time 1 % shorter"])
 def test_under_a_model_error_no_standard_deviations_are_stated(fault, tmp_path):
-    """The largest error is more than 10 formal deviations; result, report and model file state none."""
+    """The largest error is more than 10 formal deviations; result, report and model file state
+    none.
+    """
     truth = without_coulomb("planar5_nmp")
     last = truth.elements[-1]
     robot = (
@@ -135,9 +137,12 @@ def test_under_a_model_error_no_standard_deviations_are_stated(fault, tmp_path):
     assert cells == ["-"] * 3  # of the report
     old = tmp_path / "old.toml"  # whose comments are those of an earlier identification
     exact = flexgen.identify(
-        truth, exact_responses(truth, data.poses @ np.linalg.inv(truth.eta), W, DRIVE), free=FREE, starts=1,
+        truth,
+        exact_responses(truth, data.poses @ np.linalg.inv(truth.eta), W, DRIVE),
+        free=FREE,
+        starts=1,
         progress=False,
-    )  # fmt: skip
+    )
     assert "# q1.stiffness: sd " in exact.write(old).read_text()
     text = found.write(tmp_path / "new.toml", old).read_text()
     assert ": sd " not in text and "model error, no standard deviations" in text.splitlines()[0]
@@ -151,9 +156,15 @@ def test_a_parameter_at_its_bound_is_named():
     data = exact_responses(truth, poses_of(truth, 2), W, DRIVE)
     value = truth_of(truth)["q1.stiffness"]
     found = flexgen.identify(
-        truth, data, free=FREE, start={"q1.stiffness": 2 * value}, bounds={"q1.stiffness": (1.5 * value, 3 * value)},
-        starts=1, floor=0.0, progress=False,
-    )  # fmt: skip
+        truth,
+        data,
+        free=FREE,
+        start={"q1.stiffness": 2 * value},
+        bounds={"q1.stiffness": (1.5 * value, 3 * value)},
+        starts=1,
+        floor=0.0,
+        progress=False,
+    )
     assert found.status == FitStatus.AT_BOUND and found.at_bound == ("q1.stiffness",)
 
 
@@ -172,7 +183,9 @@ def test_parameters_that_the_data_do_not_show_are_reported_and_kept(tmp_path):
 
 @pytest.mark.parametrize(("scales", "weak"), [(("log", "linear"), 1), (("linear", "log"), 0)])
 def test_a_parameter_without_logarithm_is_weak_in_units_of_its_prior(scales, weak):
-    """Information 1 of both: a standard deviation of 1, a factor e, or a quarter of the prior of 4."""
+    """Information 1 of both: a standard deviation of 1, a factor e, or a quarter of the prior
+    of 4.
+    """
     vector = SimpleNamespace(
         unknowns=[SimpleNamespace(scale=scale) for scale in scales],
         prior_sd=np.array([4.0, 1e-3]),
@@ -204,10 +217,12 @@ def test_tied_parameters_keep_their_ratio():
     assert named["q1.damping"] == pytest.approx(true["q1.damping"], rel=1e-6)
 
 
-# --- experiments with noise -------------------------------------------------------------------------------------------
+# --- experiments with noise ----------------------------------------------------------------------
 @needs_compiler
 def test_an_experiment_gives_springs_within_their_standard_deviations(tmp_path):
-    """The whole chain: plan, experiment with noise on another robot, responses, fit, new model file."""
+    """The whole chain: plan, experiment with noise on another robot, responses, fit, new model
+    file.
+    """
     model = without_coulomb("planar5_nmp")
     truth = another(model, 7)
     plan = flexgen.excite(model, poses=4, speed_rms=0.02, hardware=NOISY, seed=2, progress=False)
@@ -251,7 +266,10 @@ def test_standard_deviations_are_those_of_repeated_experiments(name, chains):
         seed=2,
         progress=False,
     )
-    true, away, claimed, costs = truth_of(truth), [], [], []
+    true = truth_of(truth)
+    away = []
+    claimed = []
+    costs = []
     elementwise = []
     for chain in range(chains):
         data = flexgen.frf(flexgen.measure(plan, truth, seed=chain, progress=False))
@@ -270,7 +288,7 @@ def test_standard_deviations_are_those_of_repeated_experiments(name, chains):
     assert 0.8 < np.mean(costs) < 1.2
 
 
-# --- what is refused --------------------------------------------------------------------------------------------------
+# --- what is refused -----------------------------------------------------------------------------
 @pytest.fixture(scope="module")
 def exact():
     truth = without_coulomb("planar5_nmp")
@@ -291,7 +309,10 @@ def exact():
             {"free": ["m1.coulomb", "m1.beta"]},
             r"start of m1.coulomb: given 0.0 N m, expected a number > 0",
         ),
-        ({"start": {"q9.stiffness": 1.0}}, "start: given 'q9.stiffness', expected one of the free"),
+        (
+            {"start": {"q9.stiffness": 1.0}},
+            "start: given 'q9.stiffness', expected one of the free",
+        ),
         ({"start": {"q1.stiffness": -1.0}}, "start of q1.stiffness: given -1.0"),
         ({"bounds": {"q1.stiffness": (5.0, 1.0)}}, "bounds of q1.stiffness"),
         ({"priors": {"q1.stiffness": 0.0}}, "prior of q1.stiffness"),
@@ -325,7 +346,7 @@ def test_a_variant_that_sets_an_identified_number_is_refused(tmp_path):
         found.write(tmp_path / "new.toml")
 
 
-# --- refinement in the time domain ------------------------------------------------------------------------------------
+# --- refinement in the time domain ---------------------------------------------------------------
 def with_friction(name):
     """A model with Coulomb friction in its motors."""
     model = flexgen.read(name)
@@ -367,10 +388,8 @@ def test_coulomb_friction_is_found_in_the_time_domain(name):
     assert max(abs(away[name]) for name in true) < 0.02
     assert max(abs(away[name]) / fine.sd[name] for name in away) < 4.5
     assert 0.5 < fine.cost < 2.0 and fine.weights == "time domain"
-    checked, before = (
-        validate(fine, experiment),
-        validate(replace(fine, x=fine.vector.start), experiment),
-    )
+    checked = validate(fine, experiment)
+    before = validate(replace(fine, x=fine.vector.start), experiment)
     assert min(checked.fit_percent) > 97 and 0.5 < checked.cost < 2.0 and max(checked.white) > 0.7
     assert before.cost > 5 * checked.cost and min(before.fit_percent) < min(checked.fit_percent)
 
@@ -378,7 +397,9 @@ def test_coulomb_friction_is_found_in_the_time_domain(name):
 @needs_compiler
 @pytest.mark.slow
 def test_friction_of_the_load_is_found_and_missed_by_a_law_without_it():
-    """0.08 in the robot, 0.05 in the file; a law that fades less with the speed fits to 0.1 %, without deviations."""
+    """0.08 in the robot, 0.05 in the file; a law that fades less with the speed fits to 0.1 %,
+    without deviations.
+    """
     plan = flexgen.excite(
         loaded("elbow"),
         poses=3,
@@ -409,12 +430,20 @@ def test_friction_of_the_load_is_found_and_missed_by_a_law_without_it():
 @needs_compiler
 @pytest.mark.slow
 def test_a_wrong_mass_stays_a_model_error():
-    """The angles of one experiment hardly show 1.5 % of a mass, which moves the springs by many deviations."""
+    """The angles of one experiment hardly show 1.5 % of a mass, which moves the springs by many
+    deviations.
+    """
     model = without_coulomb("planar5_nmp")
     truth = another(model, 1, 0.15)
     mass = next(p.value for p in select(truth, ["arm3.mass"]))
     plan = small_plan(
-        model, poses_of(model, 2), hardware=NOISY, lines=20, period_s=1.0, periods=4, speed_rms=0.05
+        model,
+        poses_of(model, 2),
+        hardware=NOISY,
+        lines=20,
+        period_s=1.0,
+        periods=4,
+        speed_rms=0.05,
     )
     experiment = flexgen.measure(
         plan, with_values(truth, {"arm3.mass": 1.015 * mass}), seed=1, progress=False
@@ -431,7 +460,9 @@ def test_a_wrong_mass_stays_a_model_error():
 @needs_compiler
 @pytest.mark.slow
 def test_wrong_drive_gains_are_seen_in_the_cost_and_identified():
-    """Wrong gains are seen in the cost; as parameters they are found, and are not written to the model."""
+    """Wrong gains are seen in the cost; as parameters they are found, and are not written to the
+    model.
+    """
     model = with_friction("planar5_nmp")
     plan = small_plan(model, poses_of(model, 3), hardware=NOISY, periods=3, speed_rms=0.1)
     experiment = flexgen.measure(plan, another(model, 4, 0.2), seed=1, progress=False)
@@ -463,19 +494,31 @@ def test_wrong_drive_gains_are_seen_in_the_cost_and_identified():
 @needs_compiler
 @pytest.mark.full
 def test_gears_with_low_and_high_stiffness():
-    """Local models with averaged springs find the way; the simulation of the experiment gives the numbers."""
+    """Local models with averaged springs find the way; the simulation of the experiment gives the
+    numbers.
+    """
     model = flexgen.read(str(ROBOTS / "two_smooth_gears.toml"))
     names = [f"{joint}.{kind}" for joint in ("q1", "q2") for kind in ("low", "high", "break_at")]
-    true, rng = truth_of(model, names), np.random.default_rng(0)
+    true = truth_of(model, names)
+    rng = np.random.default_rng(0)
     friction = {
         f"{m.name}.{k}": x for m in model.motors for k, x in (("coulomb", 0.3), ("beta", 0.5))
     }
     for robot, speed in ((model, 0.003), (with_values(model, friction), 0.02)):
         drives = replace(NOISY, torque_noise_Nm=0.05)
         plan = flexgen.excite(
-            robot, poses=12, free=names, speed_rms=speed, periods=4, f_min=1.0, f_max=60.0, hardware=drives,
-            transients=2, realizations=3, progress=False,
-        )  # fmt: skip
+            robot,
+            poses=12,
+            free=names,
+            speed_rms=speed,
+            periods=4,
+            f_min=1.0,
+            f_max=60.0,
+            hardware=drives,
+            transients=2,
+            realizations=3,
+            progress=False,
+        )
         experiment = flexgen.measure(plan, robot, progress=False)
         start = with_values(
             robot, {name: value * np.exp(rng.uniform(-0.3, 0.3)) for name, value in true.items()}
@@ -485,7 +528,9 @@ def test_gears_with_low_and_high_stiffness():
             assert max(map(abs, errors(found, true).values())) < 0.03
             continue
         fine = flexgen.refine(found, experiment, progress=False)
-        assert max(map(abs, errors(fine, true).values())) < 3e-3 and fine.status == FitStatus.FITTED
+        assert (
+            max(map(abs, errors(fine, true).values())) < 3e-3 and fine.status == FitStatus.FITTED
+        )
         assert errors(fine, {"m1.coulomb": 0.3, "m2.coulomb": 0.3})["m1.coulomb"] == pytest.approx(
             0.0, abs=0.02
         )
@@ -517,11 +562,13 @@ def test_an_experiment_that_does_not_belong_to_the_fit_is_refused():
     )
 
 
-# --- what it is worth -------------------------------------------------------------------------------------------------
+# --- what it is worth ----------------------------------------------------------------------------
 @needs_compiler
 @pytest.mark.full
 def test_feedforward_with_the_identified_model_is_as_good_as_with_the_true_one():
-    """Also the distribution that is predicted without knowing the robot contains the error on the true one."""
+    """Also the distribution that is predicted without knowing the robot contains the error on the
+    true one.
+    """
     model = without_coulomb("planar5_nmp")
     truth = another(model, 7)
     plan = small_plan(model, poses_of(model, 4), hardware=NOISY, periods=4, period_s=4.0)
@@ -532,7 +579,9 @@ def test_feedforward_with_the_identified_model_is_as_good_as_with_the_true_one()
     before, after, rigid = (known[name].error_m[0] for name in ("file", "identified", "rigid"))
     assert after < 30e-6 and before > 20 * after and rigid > before
     guessed = found.verdict("line", samples=6, progress=False)
-    assert guessed["identified"].quantile(0.0) / 5 < after < 5 * guessed["identified"].quantile(1.0)
+    assert (
+        guessed["identified"].quantile(0.0) / 5 < after < 5 * guessed["identified"].quantile(1.0)
+    )
     with pytest.raises(ArgumentError, match="samples: given 0"):
         found.verdict("line", samples=0, progress=False)
 

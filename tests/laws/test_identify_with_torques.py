@@ -75,7 +75,8 @@ def sensed(
         ]
     no_coulomb = {f"motor.{m.name}.friction.coulomb": 0.0 for m in flexgen.read(name).motors}
     return flexgen.read(
-        name, overrides={"sensor": sensors, "payload": {"mass": payload}, **no_coulomb, **overrides}
+        name,
+        overrides={"sensor": sensors, "payload": {"mass": payload}, **no_coulomb, **overrides},
     )
 
 
@@ -84,13 +85,18 @@ def rubbing() -> RobotModel:
 
 
 def test_derivatives_are_those_of_central_differences() -> None:
-    """In springs, dampers, the payload and the friction of a joint, by which torques change directly too."""
+    """In springs, dampers, the payload and the friction of a joint, by which torques change
+    directly too.
+    """
     model = rubbing()
     local = LocalModel(
-        model, ["stiffness", "damping", "payload.mass", "q1.viscous", "q1.coulomb"], channels(model)
+        model,
+        ["stiffness", "damping", "payload.mass", "q1.viscous", "q1.coulomb"],
+        channels(model),
     )
     q_m = poses_of(model, 2, spread=0.2) @ model.eta.T
-    given, drive = {"speed_sd": np.full(2, 3.0)}, Drive(5e-4, 2e-4, has_images=False)
+    given = {"speed_sd": np.full(2, 3.0)}
+    drive = Drive(5e-4, 2e-4, has_images=False)
     exact = local.response(local.values, q_m, W, drive, **given).dG
     assert exact is not None and exact.shape[2] == 2 + 3 + 6 + 3
     for k, value in enumerate(local.values):
@@ -113,13 +119,16 @@ def test_derivatives_are_those_of_central_differences() -> None:
 def torques_by_springs(
     model: RobotModel, local: LocalModel, G: np.ndarray, q_a: np.ndarray, q_m: np.ndarray
 ) -> np.ndarray:
-    """Responses (lines, 2, n_m) of the torques of the two gears, from those of motors and link encoders."""
+    """Responses (lines, 2, n_m) of the torques of the two gears, from those of motors and link
+    encoders.
+    """
     gear = derive(model).function("gear_torque")
     symbols = [ca.SX.sym(name, n) for name, n in (("q", 3), ("v", 3), ("a", 2), ("b", 2))]
     tau = gear(*symbols)
     slopes = ca.Function("slopes", symbols, [ca.jacobian(tau, x) for x in symbols])
     by_q, by_v, by_m, by_r = (np.array(x) for x in slopes(q_a, np.zeros(3), q_m, np.zeros(2)))
-    s, names = 1j * W[:, None, None], list(local.outputs.names)
+    s = 1j * W[:, None, None]
+    names = list(local.outputs.names)
     links = G[:, [2 + names.index(f"e_q{k}") for k in (1, 2, 3)]] / s**2
     motors = G[:, :2] / s**2
     return np.asarray((by_q + s * by_v) @ links + (by_m + s * by_r) @ motors)
@@ -129,14 +138,17 @@ def torques_by_springs(
 def test_torques_of_gears_are_those_of_their_springs(
     planted: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """They follow from the motion of the arm; spring and damper of the gears are the other route."""
+    """They follow from the motion of the arm; spring and damper of the gears are the other
+    route.
+    """
     model = rubbing()
     q_m = poses_of(model, 1, spread=0.2) @ model.eta.T
     speeds = np.full(2, 3.0)
     if planted == "friction":
         monkeypatch.setattr(response_outputs, "is_linear", lambda friction: True)
     local = LocalModel(model, ["payload.mass"], channels(model))
-    rest, real = local.rest(local.values, q_m), local.outputs.at
+    rest = local.rest(local.values, q_m)
+    real = local.outputs.at
     if planted == "masses":
         monkeypatch.setattr(local.outputs, "at", lambda y, dy, p, sd: real(y, dy, 0.5 * p, sd))
     G = local.response(local.values, q_m, W, Drive(), speed_sd=speeds, derivatives=False).G[0]
@@ -165,12 +177,15 @@ def test_measured_responses_are_those_of_the_linear_model() -> None:
 
 
 def test_the_payload_and_springs_are_found(tmp_path: Path) -> None:
-    """With torques they are more accurate than with motors alone; errors are as large as stated."""
+    """With torques they are more accurate than with motors alone; errors are as large as
+    stated.
+    """
     names = ["stiffness", "damping", "payload.mass"]
     truth = sensed(
         "planar5_nmp", payload=23.0, **{"element.arm1.dof.q1.gear.spring.stiffness": 3.2e5}
     )
-    model, sd = sensed("planar5_nmp"), {}
+    model = sensed("planar5_nmp")
+    sd = {}
     for sensors in ((), ("t_q1", "t_q2", "flange.fx", "flange.fy", "flange.mz")):
         plan = flexgen.excite(
             model,

@@ -1,4 +1,6 @@
-"""Impedance at tool or joints and its feedback of torques: stiffness, contact, and passivity against closed forms."""
+"""Impedance at tool or joints and its feedback of torques: stiffness, contact, and passivity
+against closed forms.
+"""
 
 from __future__ import annotations
 
@@ -18,9 +20,15 @@ from flexgen.loop.plants import LocalDynamics
 from flexgen.numerics.evaluate import evaluate
 
 pytestmark = needs_compiler
-T, RATIO, MASS = 1e-3, 50.0, 5.0
-ROTOR, FRICTION = 0.25, 100.0  # kg, N s/m: of the motor, seen at the carriage
-SPRING, DAMPER = 2e6, 200.0  # of the elastic gear
+T = 1e-3
+RATIO = 50.0
+MASS = 5.0
+# kg, N s/m: of the motor, seen at the carriage
+ROTOR = 0.25
+FRICTION = 100.0
+# of the elastic gear
+SPRING = 2e6
+DAMPER = 200.0
 SLIDE = """
 name = "slide"
 description = "one axis: a carriage behind a motor"
@@ -99,7 +107,9 @@ CASES = [
 
 
 def bound(K: float, B: float, delay: float) -> float:
-    """Friction less what Colgate and Schenkel demand of a mass under a law with this stiffness and damping."""
+    """Friction less what Colgate and Schenkel demand of a mass under a law with this stiffness and
+    damping.
+    """
     theta = np.geomspace(2 * np.pi * 0.1 * T, np.pi, 20001)
     law = (K + B / T * (1 - np.exp(-1j * theta))) * np.exp(-1j * theta * delay / T)
     return float(
@@ -111,7 +121,8 @@ def bound(K: float, B: float, delay: float) -> float:
 def test_the_margin_of_a_mass_is_the_bound_of_colgate_and_schenkel(
     K: float, B: float, delay: float, tmp_path: Path
 ) -> None:
-    found, known = checked(tmp_path, RIGID, K, B, delay), bound(K, B, delay)
+    found = checked(tmp_path, RIGID, K, B, delay)
+    known = bound(K, B, delay)
     if delay == 0.0:
         assert known == pytest.approx(FRICTION - K * T / 2 - B, rel=1e-9)
     assert found.margin == pytest.approx(known, abs=2e-3 * (FRICTION - known))
@@ -133,7 +144,9 @@ def test_a_delay_that_the_check_forgets_is_noticed(
 def lifted(
     w: float, K: float, B: float, k_t: float, delay: float, n: int, damper: float = DAMPER
 ) -> float:
-    """``mu`` of the elastic slide by hand: impedances of carriage, gear and rotor at the frequencies w + k w_s."""
+    """``mu`` of the elastic slide by hand: impedances of carriage, gear and rotor at the
+    frequencies w + k w_s.
+    """
     s = 1j * (w + 2 * np.pi / T * np.arange(-n, n))
     hold = (1 - np.exp(-s * T)) / s * np.exp(-s * delay)
     law = K + B / T * (1 - np.exp(-1j * w * T))
@@ -152,10 +165,13 @@ def lifted(
 def test_the_margin_of_an_elastic_joint_is_that_of_its_impedances(
     k_t: float, delay: float, tmp_path: Path
 ) -> None:
-    K, B, damper = 2e4, 30.0, 0.0 if k_t else DAMPER
+    K = 2e4
+    B = 30.0
+    damper = 0.0 if k_t else DAMPER
     found = checked(tmp_path, UNDAMPED if k_t else ELASTIC, K, B, delay, torque_gain=k_t)
     at = slice(None, None, 13)
-    w, n = 2 * np.pi * found.hz[at], passivity.ALIASES
+    w = 2 * np.pi * found.hz[at]
+    n = passivity.ALIASES
     known = [
         2 * lifted(x, K, B, k_t, delay, n, damper) - lifted(x, K, B, k_t, delay, n // 2, damper)
         for x in w
@@ -170,14 +186,18 @@ def test_the_margin_of_an_elastic_joint_is_that_of_its_impedances(
 def test_torque_feedback_behind_a_damped_gear_is_refused_since_it_is_never_passive(
     tmp_path: Path,
 ) -> None:
-    """The torque has a part of the speed of the tool: with each alias the least damping falls, without end."""
+    """The torque has a part of the speed of the tool: with each alias the least damping falls,
+    without end.
+    """
     least = [lifted(2 * np.pi * 300.0, 2e4, 30.0, 0.3, 0.0, n) for n in (20, 80, 320)]
     assert least[2] < least[1] - 50 < least[0] - 100 and least[2] < 0.0
     with pytest.raises(
         ArgumentError, match="uses push, which a force on the tool changes as fast as a speed"
     ):
         checked(tmp_path, ELASTIC, 2e4, 30.0, torque_gain=0.3)
-    with pytest.raises(ArgumentError, match="uses push, which a force on the tool changes at once"):
+    with pytest.raises(
+        ArgumentError, match="uses push, which a force on the tool changes at once"
+    ):
         law = flexgen.Linear(
             *(np.array([x]) for x in ([[0.0]], [[0.0, 0.0]], [[0.0]], [[1.0, 1e-4]]))
         )
@@ -231,7 +251,7 @@ def test_a_passive_loop_is_stable_at_every_spring_and_another_is_not(tmp_path: P
     assert largest[True] < 1.0 < largest[False]
 
 
-# --- the law ----------------------------------------------------------------------------------------------------------
+# --- the law -------------------------------------------------------------------------------------
 
 
 def sensed(**more: Any) -> Any:
@@ -246,8 +266,11 @@ def sensed(**more: Any) -> Any:
 
 @pytest.mark.parametrize("k_t", [pytest.param(0.0, marks=pytest.mark.slow), 0.2])
 def test_the_tool_gives_way_as_a_spring_of_the_stated_stiffness(k_t: float) -> None:
-    """What the motors move the tool by under a force is force over stiffness, with and without torque feedback."""
-    model, K = sensed(), (3e4, 6e4, 1e4)
+    """What the motors move the tool by under a force is force over stiffness, with and without
+    torque feedback.
+    """
+    model = sensed()
+    K = (3e4, 6e4, 1e4)
     law = flexgen.Impedance(tool_stiffness=K, torque_gain=k_t)
     pushes = [flexgen.Disturbance("step", f"tool.{axis}", 20.0, start_s=-0.5) for axis in "xy"]
     for pushed in ((), pushes):
@@ -287,7 +310,8 @@ def test_joint_stiffness_and_damping_are_those_of_the_motors() -> None:
 
 @pytest.mark.parametrize("gain", [0.0, 0.5])
 def test_a_frequency_is_that_of_each_joint_alone_with_stiff_springs(gain: float) -> None:
-    """K = w^2 M of each joint, and 2 zeta times the critical damping of the mechanism of the motors.
+    """K = w^2 M of each joint, and 2 zeta times the critical damping of the mechanism of the
+    motors.
 
     Feedback of the torques makes rotors smaller by 1 + gain.
     """
@@ -389,20 +413,26 @@ def test_loops_that_cannot_be_checked_are_refused() -> None:
 
 
 def stepped(loop: LoopAtPose, push: np.ndarray, out: np.ndarray, hz: float, steps: int) -> float:
-    """The margin under forces that are constant between ``steps`` instants of each sample, by integration in time.
+    """The margin under forces that are constant between ``steps`` instants of each sample, by
+    integration in time.
 
     ``push`` (2 n, k): state changed by the forces; ``out`` (k, n): positions of the tool.
     """
-    m, n, k, dt = loop.model, len(loop.model.A) // 2, push.shape[1], loop.sample_s / steps
+    m = loop.model
+    n = len(loop.model.A) // 2
+    k = push.shape[1]
+    dt = loop.sample_s / steps
     A, B, C, D = (x[0] for x in loop.controller.matrices)
     size = 2 * n + len(A)
     rates = np.zeros((2 * n + len(D) + k,) * 2)
     rates[: 2 * n] = np.hstack([m.A, m.B, push])
     step = expm(rates * dt)[: 2 * n]
-    # all in terms of the state of robot and controller at the sample and of the forces of the sample
+    # all in terms of the state of robot and controller at the sample and of the forces of the
+    # sample
     x = np.eye(2 * n, size + steps * k)
     law = np.zeros((len(D), size + steps * k))
-    law[:, : 2 * n], law[:, 2 * n : size] = -D @ m.C, -C
+    law[:, : 2 * n] = -D @ m.C
+    law[:, 2 * n : size] = -C
     speeds = []
     for i in range(steps):
         force = np.eye(k, size + steps * k, size + i * k)
@@ -410,8 +440,10 @@ def stepped(loop: LoopAtPose, push: np.ndarray, out: np.ndarray, hz: float, step
         speeds.append(out @ (after - x)[:n] / dt)  # means
         x = after
     own = np.zeros((len(A), size + steps * k))
-    own[:, : 2 * n], own[:, 2 * n : size] = B @ m.C, A
-    S, v = np.vstack([x, own]), np.vstack(speeds)
+    own[:, : 2 * n] = B @ m.C
+    own[:, 2 * n : size] = A
+    S = np.vstack([x, own])
+    v = np.vstack(speeds)
     z = np.exp(2j * np.pi * hz * loop.sample_s)
     H = v[:, size:] + v[:, :size] @ np.linalg.solve(z * np.eye(size) - S[:, :size], S[:, size:])
     Z = np.linalg.inv(H)
@@ -420,19 +452,26 @@ def stepped(loop: LoopAtPose, push: np.ndarray, out: np.ndarray, hz: float, step
 
 @pytest.mark.parametrize("name", ["planar5_nmp", pytest.param("two_arm", marks=pytest.mark.slow)])
 def test_margins_of_arms_are_those_of_a_count_of_energy(name: str) -> None:
-    """Of forces in 24 steps of a sample, with the force on the masses of the arm: no series over frequencies."""
+    """Of forces in 24 steps of a sample, with the force on the masses of the arm: no series over
+    frequencies.
+    """
     run = flexgen.control(name, controller="ppi", sample_time=T, progress=False)
     found = flexgen.check_passivity(run)
-    model, equations = passivity._with_viscous_friction(run.model), flexgen.derive(run.model)
+    model = passivity._with_viscous_friction(run.model)
+    equations = flexgen.derive(run.model)
     at = np.array(list(run.pose_samples.values()))
     loop = loops_at(model, run.law, T, run.delay_s, run.reference.points(at), at)[0]
-    q_a, n, n_a = run.reference.motion["q_a"][at[0]], len(loop.model.A) // 2, model.n_a
+    q_a = run.reference.motion["q_a"][at[0]]
+    n = len(loop.model.A) // 2
+    n_a = model.n_a
     J = evaluate(equations.function("jacobian"), q_a[None])[0].reshape(6, n_a)[:3]
     mass = evaluate(equations.function("mass_matrix"), q_a[None])[0].reshape(n_a, n_a)
     U, sizes, _ = np.linalg.svd(J, full_matrices=False)
     U = U[:, sizes > 1e-6 * sizes[0]]
-    push, out = np.zeros((2 * n, U.shape[1])), np.zeros((U.shape[1], n))
-    push[n : n + n_a], out[:, :n_a] = np.linalg.solve(mass, J.T @ U), U.T @ J
+    push = np.zeros((2 * n, U.shape[1]))
+    out = np.zeros((U.shape[1], n))
+    push[n : n + n_a] = np.linalg.solve(mass, J.T @ U)
+    out[:, :n_a] = U.T @ J
     for k in (3, 40, 190):  # the integral part gives energy at low frequencies
         known = stepped(loop, push, out, float(found.hz[k]), 24)
         assert found.margins[0, k] == pytest.approx(known, rel=0.02)

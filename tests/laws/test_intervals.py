@@ -1,7 +1,9 @@
-"""Do 95 % of the true values lie inside the stated intervals, where noise moves the motors as much as the excitation?
+"""Do 95 % of the true values lie inside the stated intervals, where noise moves the motors as much
+as the excitation?
 
-Spectra of a closed loop are made here: exact responses of the robot, drives, noise of encoders and torques. Nothing of
-that is told to the fit. The whole chain, with simulated experiments, is in benchmarks/uncertainty/intervals.py.
+Spectra of a closed loop are made here: exact responses of the robot, drives, noise of encoders and
+torques. Nothing of that is told to the fit. The whole chain, with simulated experiments, is in
+benchmarks/uncertainty/intervals.py.
 """
 
 from __future__ import annotations
@@ -23,9 +25,14 @@ from flexgen.numerics.response_estimates import estimate
 from flexgen.numerics.trust_region import minimize
 
 pytestmark = pytest.mark.slow
-DRAWS, LEAST = 20, 0.9  # of 160 intervals, 2.9 standard deviations below 95 %
-PERIODS, LINES, SPEED = 4, 300, 0.5  # amplitude of the speed of a motor at a line, rad/s
-ENCODER, TORQUE = 6e-5, 6e-3  # amplitudes of the noise at a line, rad and N m
+DRAWS = 20  # of 160 intervals
+LEAST = 0.9  # 2.9 standard deviations below 95 %
+# amplitude of the speed of a motor at a line, rad/s
+PERIODS = 4
+LINES = 300
+SPEED = 0.5
+ENCODER = 6e-5  # amplitudes of the noise at a line
+TORQUE = 6e-3  # rad and N m
 GAIN = 50.0  # speed gain over inertia, 1/s
 LIGHT = {"m2.inertia": 2e-4, "m2.viscous": 1e-3}
 
@@ -44,7 +51,9 @@ class Loop:
         self.residuals = Residuals(self.vector, self.exact)
 
     def responses(self, rng: np.random.Generator) -> flexgen.Frf:
-        """Estimated from periods with noise: ``u = K (r - q - n_y)``, ``q = -G (u + n_u) / w^2``."""
+        """Estimated from periods with noise: ``u = K (r - q - n_y)``,
+        ``q = -G (u + n_u) / w^2``.
+        """
         w = self.exact.w[:, None, None]
         G = self.exact.G[:, None, None] / -(w**2)
 
@@ -53,21 +62,31 @@ class Loop:
             return x[0] + 1j * x[1]
 
         reference = SPEED / w * np.exp(2j * np.pi * rng.uniform(size=(2, 1, 1, LINES, 2, 2)))
-        encoder, torque = noise(ENCODER), noise(self.torque)
+        encoder = noise(ENCODER)
+        torque = noise(self.torque)
         away = self.gain @ (reference - encoder - G @ torque)
         U = np.linalg.solve(np.eye(2) + self.gain @ G, away)
         Y = -(w**2) * (G @ (U + torque) + encoder)
         found = estimate(U, Y)
         return replace(
-            self.exact, G=found.G, UU=found.UU, C=found.C, variance=found.variance, periods=PERIODS,
-            noise_UU=found.noise_UU, noise_YU=found.noise_YU,
-        )  # fmt: skip
+            self.exact,
+            G=found.G,
+            UU=found.UU,
+            C=found.C,
+            variance=found.variance,
+            periods=PERIODS,
+            noise_UU=found.noise_UU,
+            noise_YU=found.noise_YU,
+        )
 
     def errors(
         self, change: Callable[[flexgen.Frf], flexgen.Frf] = lambda data: data, draws: int = DRAWS
     ) -> np.ndarray:
-        """Errors over stated deviations (draws, n), from the same draws for each change of the responses."""
-        out, start = [], self.vector.start
+        """Errors over stated deviations (draws, n), from the same draws for each change of the
+        responses.
+        """
+        out = []
+        start = self.vector.start
         for seed in range(draws):
             fit = self.residuals.on(change(self.responses(np.random.default_rng(seed))))
             fit.use_structure(start)

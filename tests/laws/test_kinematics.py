@@ -68,7 +68,12 @@ def general_arm(seed: int):
     """A six-axis arm with random axes and offsets."""
     rng = np.random.default_rng(seed)
     elements = []
-    text = 'name = "arm"\ndescription = "random axes"\ngravity = [0.0, 0.0, -9.81]\nhome_rad = [0, 0, 0, 0, 0, 0]\n'
+    text = (
+        'name = "arm"\n'
+        'description = "random axes"\n'
+        "gravity = [0.0, 0.0, -9.81]\n"
+        "home_rad = [0, 0, 0, 0, 0, 0]\n"
+    )
     for k in range(6):
         axis = rng.standard_normal(3)
         axis /= np.linalg.norm(axis)
@@ -76,7 +81,11 @@ def general_arm(seed: int):
         elements.append(
             f'[[element]]\nname = "link{k}"\norigin = {{ position = {origin.tolist()} }}\n'
             "body = { mass = 1.0, inertia = [0.1, 0.1, 0.1] }\n"
-            f'[[element.dof]]\nname = "q{k}"\ntype = "rotation"\naxis = {axis.tolist()}\ngear = {{ type = "rigid" }}\n'
+            f"[[element.dof]]\n"
+            f'name = "q{k}"\n'
+            f'type = "rotation"\n'
+            f"axis = {axis.tolist()}\n"
+            f'gear = {{ type = "rigid" }}\n'
         )
     motors = "".join(
         f'[[motor]]\nname = "m{k}"\ndrives = "q{k}"\nratio = 100\ninertia = 1e-4\n'
@@ -117,9 +126,14 @@ def test_configurations_state_limits_branch_and_singularity():
     "name", ["kr300", pytest.param("manutec_r3", marks=pytest.mark.slow), str(ROBOTS / "ur5.toml")]
 )
 def test_eight_configurations_have_eight_flags(name):
-    """Random poses with eight solutions; the Jacobian's determinant is a constant times the product of the parts."""
-    model, rng = flexgen.read(name), np.random.default_rng(2)
-    solver, eights, ratios = _solver(model, ()), 0, []
+    """Random poses with eight solutions; the Jacobian's determinant is a constant times the
+    product of the parts.
+    """
+    model = flexgen.read(name)
+    rng = np.random.default_rng(2)
+    solver = _solver(model, ())
+    eights = 0
+    ratios = []
     for _ in range(15):
         full = rng.uniform(-np.pi, np.pi, 6)
         p, R = solver.library.forward_kinematics(full)
@@ -137,7 +151,9 @@ def test_eight_configurations_have_eight_flags(name):
 
 @pytest.mark.slow
 def test_the_elastic_robot_reaches_the_pose_at_rest():
-    """Motors at the found joints: the robot at rest, from its equations of motion, has its tool at the pose."""
+    """Motors at the found joints: the robot at rest, from its equations of motion, has its tool at
+    the pose.
+    """
     from flexgen.loop.plants import LocalDynamics
     from flexgen.mechanics.equations import derive
 

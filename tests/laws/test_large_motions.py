@@ -1,4 +1,6 @@
-"""Responses in large motions, corrected to those of small ones: against simulation in C, and in closed form."""
+"""Responses in large motions, corrected to those of small ones: against simulation in C, and in
+closed form.
+"""
 
 from __future__ import annotations
 
@@ -73,9 +75,12 @@ def left(speed: float) -> np.ndarray:
 def test_corrected_responses_of_a_simulation_are_those_of_small_motions(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Planted: a correction of the wrong sign; without the motion between the lines; of drives that hardly hold."""
+    """Planted: a correction of the wrong sign; without the motion between the lines; of drives
+    that hardly hold.
+    """
     residuals = measured(0.2)
-    raw, before = residuals.data, away(residuals, residuals.data.G)
+    raw = residuals.data
+    before = away(residuals, residuals.data.G)
     assert (before > 1e-6).all() and (left(0.2) < 0.05 * before).all()
     change = raw.G - correct_responses(residuals, residuals.vector.start)[0].G
     assert (away(residuals, raw.G + change) > 1.5 * before).all()
@@ -94,13 +99,17 @@ def test_what_is_left_falls_with_the_fourth_power_of_the_speed() -> None:
 
 
 def test_gravity_in_closed_form() -> None:
-    """A joint moves by ``A cos t``: of ``a sin(q + A cos t)`` the part ``2 J_1(A) a cos q`` is at the line.
+    """A joint moves by ``A cos t``: of ``a sin(q + A cos t)`` the part ``2 J_1(A) a cos q`` is at
+    the line.
 
-    The dynamic stiffness exchanges arm and motors, so that the motor angles show the torques that are not linear.
+    The dynamic stiffness exchanges arm and motors, so that the motor angles show the torques that
+    are not linear.
     """
     equations = derive("elbow")
     assert equations.model.dof == 4
-    rest, A, step = np.array([0.5, -0.3, 0.0, 0.0]), 0.3, 1e-4
+    rest = np.array([0.5, -0.3, 0.0, 0.0])
+    A = 0.3
+    step = 1e-4
     gravity = equations.function("gravity")
     up, down = (float(gravity(rest[:2] + np.array([s, 0.0]))[0]) for s in (step, -step))
     exchange = np.broadcast_to(np.eye(4)[[2, 3, 0, 1]], (17, 4, 4)).astype(complex)
@@ -109,18 +118,24 @@ def test_gravity_in_closed_form() -> None:
     found = LargeMotions(equations, np.zeros(0), [], lambda function: function).outputs(
         rest, np.array([8]), 1.0, exchange, 1e15 * exchange, linear
     )  # fmt: skip
-    assert found[0, 0, 0] == pytest.approx(-(up - down) / (2 * step) * (2 * jv(1, A) - A), rel=1e-6)
+    assert found[0, 0, 0] == pytest.approx(
+        -(up - down) / (2 * step) * (2 * jv(1, A) - A), rel=1e-6
+    )
 
 
 @needs_compiler
 @pytest.mark.slow
 def test_parameters_and_their_deviations_in_large_motions() -> None:
-    """Planted: responses that are not corrected. Gains that are not known make the deviations larger.
+    """Planted: responses that are not corrected. Gains that are not known make the deviations
+    larger.
 
     Without noise, and without what the simulation of small motions differs from the linear model.
     """
-    residuals, small = measured(0.4), measured(0.01)
-    model, data, exact = residuals.vector.model, residuals.data, residuals.vector.start
+    residuals = measured(0.4)
+    small = measured(0.01)
+    model = residuals.vector.model
+    data = residuals.data
+    exact = residuals.vector.start
     assert data.gains is not None
     data = replace(data, G=data.G - correct_responses(small, exact)[0].G + small.response(exact).G)
     found, plain, unsure = (

@@ -1,7 +1,9 @@
-"""Laws of mechanics, on every model of the collection and on synthetic chains; each law fails on a planted bug.
+"""Laws of mechanics, on every model of the collection and on synthetic chains; each law fails on a
+planted bug.
 
-A check is a function of the answers to be judged (`referee.Answers`), a model and some random states. It raises
-AssertionError where the law is broken; the controls hand it answers with a bug and expect just that.
+A check is a function of the answers to be judged (`referee.Answers`), a model and some random
+states. It raises AssertionError where the law is broken; the controls hand it answers with a bug
+and expect just that.
 """
 
 from __future__ import annotations
@@ -41,7 +43,8 @@ DIFFERENCE = 1e-8
 # the same for the accelerations, where friction bends over a few hundredths of a rad/s
 LINEAR = 1e-6
 ENERGY = 1e-8  # of the energy that moves, for an integration with a relative tolerance of 1e-12
-# [rad or m] of the differences: (10 STEP)^4 = 1e-12 for shapes that vary over a tenth of their unit
+# [rad or m] of the differences: (10 STEP)^4 = 1e-12 for shapes that vary over a tenth of their
+# unit
 STEP = 1e-4
 FINE = 1e-5  # the same for the accelerations: friction varies over a fiftieth of a rad/s
 # relative error of one evaluation of the accelerations, of stiff springs behind which positions
@@ -90,7 +93,7 @@ def steps(model: RobotModel, largest: float) -> tuple[np.ndarray, np.ndarray]:
     return np.array(list(h.values())), np.array(motors)
 
 
-# --- the checks ------------------------------------------------------------------------------------------------------
+# --- the checks ----------------------------------------------------------------------------------
 
 
 def check_mass_matrix(a: Answers, model: RobotModel, some: list[State]) -> None:
@@ -128,7 +131,8 @@ def check_residual(a: Answers, model: RobotModel, some: list[State]) -> None:
         def residual(a_a, a_m, s=s):
             return joined(a.residual(s.q_a, s.v_a, a_a, s.q_m, s.v_m, a_m, s.tau_m))
 
-        zero, still = residual(a_a, a_m), residual(0 * a_a, 0 * a_m)
+        zero = residual(a_a, a_m)
+        still = residual(0 * a_a, 0 * a_m)
         assert np.abs(still).max() > 0
         assert_close(zero, 0 * zero, SOLVED, np.abs(still).max())
         away = residual(a_a + s.a_a, a_m + s.tau_m)
@@ -138,12 +142,17 @@ def check_residual(a: Answers, model: RobotModel, some: list[State]) -> None:
 
 
 def check_ignored(a: Answers, model: RobotModel, some: list[State]) -> None:
-    """Motor positions and speeds behind rigid gears follow the joints, whatever is given for them."""
+    """Motor positions and speeds behind rigid gears follow the joints, whatever is given for
+    them.
+    """
     rigid = [j for j in range(model.n_m) if j not in model.i_m]
     for s in some:
-        q_m, v_m = s.q_m.copy(), s.v_m.copy()
-        q_m[rigid], v_m[rigid] = 7.0, -9.0
-        there, other = (s.q_a, s.v_a, q_m, v_m), s.x
+        q_m = s.q_m.copy()
+        v_m = s.v_m.copy()
+        q_m[rigid] = 7.0
+        v_m[rigid] = -9.0
+        there = (s.q_a, s.v_a, q_m, v_m)
+        other = s.x
         assert_close(
             joined(a.forward_dynamics(*there, s.tau_m)),
             joined(a.forward_dynamics(*other, s.tau_m)),
@@ -155,7 +164,9 @@ def check_ignored(a: Answers, model: RobotModel, some: list[State]) -> None:
 
 
 def check_passivity(a: Answers, model: RobotModel, some: list[State]) -> None:
-    """``v' (dM/dt v - 2 c) = 0``: centripetal forces do no work but that of the changing inertia."""
+    """``v' (dM/dt v - 2 c) = 0``: centripetal forces do no work but that of the changing
+    inertia.
+    """
     for s in some:
         v = s.v_a
         c = a.bias(s.q_a, v) - a.gravity(s.q_a)
@@ -168,7 +179,9 @@ def check_passivity(a: Answers, model: RobotModel, some: list[State]) -> None:
 def check_potential(a: Answers, model: RobotModel, some: list[State]) -> None:
     """Gravity and springs are the gradient of the potential energy."""
     h_a, h_m = steps(model, STEP)
-    i_g, i_e, i_m = list(model.i_g), list(model.i_e), list(model.i_m)
+    i_g = list(model.i_g)
+    i_e = list(model.i_e)
+    i_m = list(model.i_m)
     for s in some:
         still = 0 * s.v_a, 0 * s.v_m
 
@@ -227,16 +240,22 @@ def check_jacobian_dot(a: Answers, model: RobotModel, some: list[State]) -> None
 
 
 def check_linearize(a: Answers, model: RobotModel, some: list[State]) -> None:
-    """A and B are the derivatives of ``x' = (v, accelerations)``, ``x = (q_a, q_m, v_a, v_m)`` without rigid motors."""
-    n, i_m = model.dof, list(model.i_m)
+    """A and B are the derivatives of ``x' = (v, accelerations)``, ``x = (q_a, q_m, v_a, v_m)``
+    without rigid motors.
+    """
+    n = model.dof
+    i_m = list(model.i_m)
     h_a, h_m = steps(model, FINE)
     h = np.concatenate([h_a, h_m[i_m], np.full(n, FINE)])
     for s in some:
 
         def rate(x, tau, s=s):
-            q_m, v_m = s.q_m.copy(), s.v_m.copy()
-            q_a, v_a = x[: model.n_a], x[n : n + model.n_a]
-            q_m[i_m], v_m[i_m] = x[model.n_a : n], x[n + model.n_a :]
+            q_m = s.q_m.copy()
+            v_m = s.v_m.copy()
+            q_a = x[: model.n_a]
+            v_a = x[n : n + model.n_a]
+            q_m[i_m] = x[model.n_a : n]
+            v_m[i_m] = x[n + model.n_a :]
             a_a, a_m = a.forward_dynamics(q_a, v_a, q_m, v_m, tau)
             return np.concatenate([x[n:], a_a, a_m[i_m]])
 
@@ -254,11 +273,14 @@ def check_linearize(a: Answers, model: RobotModel, some: list[State]) -> None:
 
 def check_energy(a: Answers, model: RobotModel, start: State, time: float = 0.15) -> None:
     """What the motors put in and what friction and dampers take out is what the machine gains."""
-    n, i_m = model.dof, list(model.i_m)
+    n = model.dof
+    i_m = list(model.i_m)
 
     def split(x):
-        q_m, v_m = np.zeros(model.n_m), np.zeros(model.n_m)
-        q_m[i_m], v_m[i_m] = x[model.n_a : n], x[n + model.n_a : 2 * n]
+        q_m = np.zeros(model.n_m)
+        v_m = np.zeros(model.n_m)
+        q_m[i_m] = x[model.n_a : n]
+        v_m[i_m] = x[n + model.n_a : 2 * n]
         return x[: model.n_a], x[n : n + model.n_a], q_m, v_m
 
     def rate(t, x):
@@ -307,7 +329,7 @@ def test_energy_is_balanced(name):
     check_energy(answers(name), model, start)
 
 
-# --- controls: the checks see planted bugs ---------------------------------------------------------------------------
+# --- controls: the checks see planted bugs -------------------------------------------------------
 
 
 PLANTED = (

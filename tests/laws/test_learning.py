@@ -1,4 +1,6 @@
-"""Learning of a path: how far it gets, that nothing is learned from the model itself, that it never ends worse."""
+"""Learning of a path: how far it gets, that nothing is learned from the model itself, that it
+never ends worse.
+"""
 
 from __future__ import annotations
 
@@ -87,7 +89,8 @@ def test_the_feedforward_has_force_and_model_of_the_solution():
     found = flexgen.learn("elbow", solution=pushed, iterations=1, progress=False)
     assert max(found.errors_m) < 1e-9
     moved = {"element.upper.dof.q1.gear.hysteresis": {"lost_motion": 2.9e-4, "stiffness": 7e6}}
-    robot, plain = flexgen.read("elbow", overrides=moved), flexgen.solve("elbow", progress=False)
+    robot = flexgen.read("elbow", overrides=moved)
+    plain = flexgen.solve("elbow", progress=False)
     found = flexgen.learn(robot, solution=plain, iterations=3, progress=False)
     assert found.errors_m[0] == pytest.approx(
         flexgen.control(robot, solution=plain, progress=False).tool_error_max_m
@@ -128,9 +131,14 @@ def test_a_solution_that_leaves_the_path_is_not_learned(solution):
 @pytest.mark.parametrize(("frequency", "gain"), [(40.0, 2.0), (25.0, 1.9)])
 def test_learning_that_diverges_ends_with_its_best(solution, frequency, gain):
     found = flexgen.learn(
-        "planar5_nmp", plant={"stiffness": 0.6, "payload": 3.0}, solution=solution, iterations=12, gain=gain,
-        frequency_hz=frequency, progress=False,
-    )  # fmt: skip
+        "planar5_nmp",
+        plant={"stiffness": 0.6, "payload": 3.0},
+        solution=solution,
+        iterations=12,
+        gain=gain,
+        frequency_hz=frequency,
+        progress=False,
+    )
     assert found.stopped and found.errors_m[found.best] == min(found.errors_m)
     assert len(found.runs) < 13
 
@@ -138,7 +146,8 @@ def test_learning_that_diverges_ends_with_its_best(solution, frequency, gain):
 def test_angular_velocity_of_a_rotation_vector():
     rng = np.random.default_rng(0)
     for size in (1e-6, 0.3, 2.0):
-        r, dr = size * rng.normal(size=(5, 3)), rng.normal(size=(5, 3))
+        r = size * rng.normal(size=(5, 3))
+        dr = rng.normal(size=(5, 3))
         h = 1e-6
         R = [Rotation.from_rotvec(r + s * h * dr).as_matrix() for s in (-1, 0, 1)]
         spin = (R[2] - R[0]) / (2 * h) @ R[1].transpose(0, 2, 1)

@@ -1,6 +1,8 @@
-"""Limits of robots of another size: all lengths times a power of two and the same gravity scale every answer.
+"""Limits of robots of another size: all lengths times a power of two and the same gravity scale
+every answer.
 
-The deviation that keeps a limit grows with the robot, whatever it costs: no length in meters may decide.
+The deviation that keeps a limit grows with the robot, whatever it costs: no length in meters may
+decide.
 """
 
 from __future__ import annotations
@@ -17,7 +19,9 @@ from flexgen.inversion.reduced_problem import Reduction
 from flexgen.inversion.sampling import samples
 
 pytestmark = [needs_compiler, pytest.mark.slow]
-PERIOD, FACTOR = 5e-3, 16.0  # s of the robot of the model file
+# s of the robot of the model file
+PERIOD = 5e-3
+FACTOR = 16.0
 SAME = 1e-5  # relative: two programs in other units
 
 
@@ -33,9 +37,12 @@ def made(folder: Path, factor: float) -> tuple[flexgen.Equations, flexgen.Librar
 def streamed(
     robot: tuple[flexgen.Equations, flexgen.Library], factor: float, share: float
 ) -> tuple[float, float]:
-    """Largest torque over its limit, the `share` of the free motion, and largest deviation over the factor [m]."""
+    """Largest torque over its limit, the `share` of the free motion, and largest deviation over
+    the factor [m].
+    """
     equations, library = robot
-    path, period = flexgen.plan(equations, "line"), PERIOD * factor**0.5
+    path = flexgen.plan(equations, "line")
+    period = PERIOD * factor**0.5
     given = samples(Reduction(equations), path, period, round(path.duration / period) + 200)
     most = np.ones(2)
     for limited in (False, True):
@@ -62,7 +69,8 @@ def test_the_deviation_of_a_whole_path_grows_with_the_robot(tmp_path: Path) -> N
     found = []
     for factor in (1.0, FACTOR):
         equations, library = made(tmp_path, factor)
-        path, period = flexgen.plan(equations, "line"), 1e-3 * factor**0.5
+        path = flexgen.plan(equations, "line")
+        period = 1e-3 * factor**0.5
         y, dy, ddy = samples(Reduction(equations), path, period, round(path.duration / period) + 1)
         before, after = (np.repeat(y[k : k + 1], n, axis=0) for k, n in ((0, 300), (-1, 800)))
         still = [np.zeros_like(x[:, : dy.shape[1]]) for x in (before, after)]

@@ -1,4 +1,6 @@
-"""Limits of all kinds in planned motions, measured on the trajectory by `flexgen.mechanics.limit_use`, in numbers."""
+"""Limits of all kinds in planned motions, measured on the trajectory by
+`flexgen.mechanics.limit_use`, in numbers.
+"""
 
 from __future__ import annotations
 
@@ -43,8 +45,10 @@ def free(equations) -> flexgen.Solution:
 
 def lowered(kind: str, free: flexgen.Solution) -> flexgen.Limits:
     """A limit of one kind that the motion without it exceeds by about an eighth."""
-    path, size = free.trajectory, (1e-3, 1e-3)
-    torque, speed = np.abs(path["tau_m"]).max(axis=0), np.abs(path["v_m"]).max(axis=0)
+    path = free.trajectory
+    size = (1e-3, 1e-3)
+    torque = np.abs(path["tau_m"]).max(axis=0)
+    speed = np.abs(path["v_m"]).max(axis=0)
     if kind == "reserve":
         return flexgen.Limits(torque=tuple(torque), reserve=0.12)
     if kind == "torque_speed":
@@ -88,7 +92,9 @@ def test_a_torque_that_may_jump_exceeds_its_rate(equations, free, monkeypatch):
 
 @pytest.mark.slow
 def test_torques_of_rigid_gears():
-    """What goes through a rigid gear: the torque of the motor less those of its rotor and friction."""
+    """What goes through a rigid gear: the torque of the motor less those of its rotor and
+    friction.
+    """
     gears = {
         f"element.{e.name}.dof.{d.name}.gear": {"type": "rigid"}
         for e in flexgen.read(MODEL).elements
@@ -111,7 +117,9 @@ def test_effective_torques_and_further_phases_are_refused(equations):
 
 @pytest.mark.slow
 def test_a_plan_has_the_friction_of_the_load(monkeypatch):
-    """The simulation of the full model agrees up to the mesh; planted: a friction of half the load."""
+    """The simulation of the full model agrees up to the mesh; planted: a friction of half the
+    load.
+    """
 
     def least_torque() -> flexgen.Solution:
         problem = flexgen.plan_problem(loaded("elbow", 40.0), mesh=120)

@@ -35,7 +35,9 @@ def record(name: str, plant: dict, noise: float = 1e-4, move: str | None = None)
 @pytest.mark.slow
 @pytest.mark.parametrize("stiffness", [0.8, 1.2])
 def test_a_load_is_found_in_spite_of_wrong_springs(stiffness):
-    """60 g, 10 mm, within the interval; with the springs of the file 0.14 and 0.27 kg, without deflections further."""
+    """60 g, 10 mm, within the interval; with the springs of the file 0.14 and 0.27 kg, without
+    deflections further.
+    """
     data = record("manutec_r3_18", {"payload": 20.0, "stiffness": stiffness}, move="turning_line")
     found = flexgen.identify_load("manutec_r3_18", data)
     com = flexgen.read("manutec_r3_18").payload.com
@@ -48,7 +50,9 @@ def test_a_load_is_found_in_spite_of_wrong_springs(stiffness):
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [None, 1, 2])
 def test_intervals_of_a_load_hold_with_wrong_springs(seed, monkeypatch):
-    """Each spring up to 20 % off by itself, or none; planted: a motion without their factors is 6 deviations off."""
+    """Each spring up to 20 % off by itself, or none; planted: a motion without their factors is 6
+    deviations off.
+    """
     rng = np.random.default_rng(seed)
     springs = {p.key: p.value for p in select(flexgen.read("manutec_r3"), ["stiffness"])}
     if seed:
@@ -66,20 +70,25 @@ def test_intervals_of_a_load_hold_with_wrong_springs(seed, monkeypatch):
     if seed:
         motion = payload._Estimate.motion
         monkeypatch.setattr(
-            payload._Estimate, "motion", lambda self, load, softer: motion(self, load, 0.0 * softer)
+            payload._Estimate,
+            "motion",
+            lambda self, load, softer: motion(self, load, 0.0 * softer),
         )
         assert away()[0] > 6.0
 
 
 @pytest.mark.slow
 def test_the_error_is_within_three_standard_deviations():
-    """Noise of the torques, and what the filters leave of friction; the y of a planar arm is not determined at all."""
+    """Noise of the torques, and what the filters leave of friction; the y of a planar arm is not
+    determined at all.
+    """
     planar = flexgen.identify_load("elbow", record("elbow", {"payload": 50.0}, move="joints"))
     assert abs(planar.mass - 50.0) < 3 * planar.mass_sd and planar.com_sd[1] == pytest.approx(
         1.0, rel=0.02
     )
     assert planar.com_sd[[0, 2]].max() < 0.1
-    data, rng = record("manutec_r3", {"payload": 8.0}), np.random.default_rng(0)
+    data = record("manutec_r3", {"payload": 8.0})
+    rng = np.random.default_rng(0)
     noisy = {key: np.array(data[key]) for key in data}
     noisy["tau_m"] = noisy["tau_m"] + 0.05 * rng.standard_normal(noisy["tau_m"].shape)
     found = flexgen.identify_load(
@@ -92,7 +101,8 @@ def test_the_error_is_within_three_standard_deviations():
 @pytest.mark.slow
 def test_no_load_is_found_in_noise():
     """Steps between first moments that noise hides were refused."""
-    data, rng = record("manutec_r3", {"payload": 0.0}), np.random.default_rng(0)
+    data = record("manutec_r3", {"payload": 0.0})
+    rng = np.random.default_rng(0)
     tau = data["tau_m"] + 0.05 * rng.standard_normal(data["tau_m"].shape)
     noisy = type(data)(
         data.time, {**data.channels, "tau_m": tau}, data.ports, data.labels, data.meta, data.units
@@ -104,20 +114,25 @@ def test_no_load_is_found_in_noise():
 
 
 def test_friction_at_standstill_is_not_taken_for_a_load():
-    """Moves from pose to pose; with the friction of the file at rest, which is zero, masses were 0.1 to 0.6 kg off."""
-    model, friction = flexgen.read("elbow@rigid"), np.array([[0.8, 1.0], [0.5, 0.4]])
+    """Moves from pose to pose; with the friction of the file at rest, which is zero, masses were
+    0.1 to 0.6 kg off.
+    """
+    model = flexgen.read("elbow@rigid")
+    friction = np.array([[0.8, 1.0], [0.5, 0.4]])
     laws = {
         f"motor.{motor.name}.friction": {"viscous": float(v / r), "coulomb": float(c), "beta": 2.0}
         for motor, v, c, r in zip(model.motors, *friction, np.abs(np.diag(model.eta)), strict=True)
     }
-    known, away = flexgen.read("elbow@rigid", overrides=laws), []
+    known = flexgen.read("elbow@rigid", overrides=laws)
+    away = []
     ports = {
         name: Port(name, (2,), unit, "of motors")
         for name, unit in (("q_m", "rad"), ("tau_m", "N m"))
     }
     labels = {name: ("m1", "m2") for name in ports}
     for seed in range(4):
-        mass, com = 40.0 + 20 * seed, 1.2 + 0.03 * seed
+        mass = 40.0 + 20 * seed
+        com = 1.2 + 0.03 * seed
         loaded = flexgen.read(
             "elbow@rigid", overrides={"payload": {"mass": mass, "com": [com, 0.0, 0.0]}}
         )
@@ -145,7 +160,9 @@ def planned(mass: float) -> flexgen.Trajectory:
 
 @pytest.mark.slow
 def test_torques_that_are_recorded_late_do_not_change_the_load():
-    """Half a millisecond; planted: without the delay among the unknowns the mass falls by 5 of 5,000 g."""
+    """Half a millisecond; planted: without the delay among the unknowns the mass falls by 5 of
+    5,000 g.
+    """
     data = planned(20.0)
     shifted = np.array([np.interp(data.time - 5e-4, data.time, x) for x in data["tau_m"].T]).T
     late = type(data)(
@@ -224,7 +241,9 @@ def test_nothing_at_the_tool_and_other_units_are_told_apart():
 
 @pytest.mark.slow
 def test_a_search_that_did_not_converge_is_refused(monkeypatch):
-    """Were the last step not looked at, the load after one step would be returned: 1 kg off the right one."""
+    """Were the last step not looked at, the load after one step would be returned: 1 kg off the
+    right one.
+    """
     data = record("manutec_r3", {"payload": 8.0})
     monkeypatch.setattr("flexgen.performance.payload.STEPS", 1)
     with pytest.raises(SolverError, match=r"no solution in 1 steps.*manutec_r3"):
@@ -243,9 +262,15 @@ def runs(name: str, count: int, seed: int, solution, pushes=None):
     }
     disturbances = dict(zip(plants, pushes, strict=True)) if pushes else {}
     return flexgen.control(
-        name, plants=plants, disturbances=disturbances, sample_time=H, encoder_noise=1e-5, seed=seed, solution=solution,
+        name,
+        plants=plants,
+        disturbances=disturbances,
+        sample_time=H,
+        encoder_noise=1e-5,
+        seed=seed,
+        solution=solution,
         progress=False,
-    )  # fmt: skip
+    )
 
 
 @pytest.mark.slow
@@ -261,7 +286,9 @@ def test_pushes_are_found_in_time_without_false_alarms(count):
     rng = np.random.default_rng(3)
     starts = np.round(rng.uniform(0.1, 0.9, count) * free.reference.path_end / H) * H
     axes = rng.choice(["tool.x", "tool.y", "tool.z"], count)
-    pushed = [[flexgen.Disturbance("step", a, 100.0, t)] for a, t in zip(axes, starts, strict=True)]
+    pushed = [
+        [flexgen.Disturbance("step", a, 100.0, t)] for a, t in zip(axes, starts, strict=True)
+    ]
     hit = runs(name, count, 3, solution, pushed)
     late = []
     for run, start in zip(hit.runs[1:], starts, strict=True):
@@ -273,7 +300,9 @@ def test_pushes_are_found_in_time_without_false_alarms(count):
 
 @pytest.mark.slow
 def test_the_residual_is_a_low_pass_of_the_push():
-    """A rigid robot without noise: zero without contact, and then J' f on the motor side through 1/(1 + s/w)."""
+    """A rigid robot without noise: zero without contact, and then J' f on the motor side through
+    1/(1 + s/w).
+    """
     name = "elbow@rigid"
     solution = flexgen.solve(name, progress=False)
     push = flexgen.Disturbance("step", "tool.x", 200.0, 0.3)
@@ -293,7 +322,8 @@ def test_the_residual_is_a_low_pass_of_the_push():
     rise = 1 - np.exp(-2 * np.pi * 15 * np.maximum(since[::50], 0))
     expected = 200.0 * J[:, 0, :] @ np.linalg.inv(model.eta) * rise[:, None]
     size = np.abs(expected).max()
-    # The speed is a difference of samples, late by half of one: an error of first order in the sample time.
+    # The speed is a difference of samples, late by half of one: an error of first order in the
+    # sample time.
     assert np.abs(quiet).max() < 0.04 * size
     assert np.abs(loud[::50] - expected).max() < 0.06 * size
 

@@ -1,4 +1,6 @@
-"""Linear models at rest: derivatives in the parameters, poses of rest, friction of the same mean power."""
+"""Linear models at rest: derivatives in the parameters, poses of rest, friction of the same mean
+power.
+"""
 
 from __future__ import annotations
 
@@ -34,15 +36,17 @@ def worst_slope(
     speed_sd: np.ndarray | None,
     deflection_sd: np.ndarray | None = None,
 ) -> float:
-    """Largest difference between derivatives and central differences, over the largest derivative."""
+    """Largest difference between derivatives and central differences, over the largest
+    derivative.
+    """
     values = np.where(local.values == 0, 1e-3, local.values)
     sizes = {"speed_sd": speed_sd, "deflection_sd": deflection_sd}
     exact = local.response(values, q_m, W, DRIVE, **sizes).dG
     assert exact is not None
     worst = 0.0
     for k, value in enumerate(values):
-        # The error of a central difference falls with the square of its step; rounding of nearly singular poses of
-        # rest rises with its inverse.
+        # The error of a central difference falls with the square of its step; rounding of nearly
+        # singular poses of rest rises with its inverse.
         step = 1e-4 * abs(value)
         moved = [
             np.where(np.arange(len(values)) == k, values + s * step, values) for s in (1.0, -1.0)
@@ -85,7 +89,9 @@ def test_a_pose_that_does_not_move_with_the_springs_is_noticed(monkeypatch):
 
 @pytest.mark.parametrize("name", ["planar5_nmp", "elbow", "manutec_r3"])
 def test_the_linear_model_is_that_of_the_analysis(name):
-    """The same matrices as by `flexgen.analysis.linear`, whose pose of rest is found by other equations."""
+    """The same matrices as by `flexgen.analysis.linear`, whose pose of rest is found by other
+    equations.
+    """
     equations = flexgen.derive(name)
     model = equations.model
     rest = hold_joints(equations, np.array(model.home))
@@ -125,11 +131,9 @@ def test_friction_has_the_same_mean_power(beta, sd):
 )
 def test_friction_of_the_load_has_the_same_mean_power(load, load_sd):
     """Against sums over a fine grid of speeds and loads, by the equation of the documentation."""
-    law, sd, x = (
-        loaded("elbow").motors[0].friction,
-        1.3,
-        [ca.SX.sym(name) for name in ("sd", "load", "load_sd")],
-    )
+    law = loaded("elbow").motors[0].friction
+    sd = 1.3
+    x = [ca.SX.sym(name) for name in ("sd", "load", "load_sd")]
     change = ca.Function("f", x, [mean_viscous_change(law, x[0], 20.0, x[1], x[2])])
     t = np.linspace(-8.0, 8.0, 801)
     weight = np.exp(-(t**2) / 2) / np.exp(-(t**2) / 2).sum()
@@ -145,7 +149,8 @@ def test_derivatives_with_friction_of_the_load():
     """Of a robot whose gears carry its weight; also where motion is known to load them."""
     model = loaded("elbow")
     local = LocalModel(model, ["stiffness", "m1.load_coulomb", "m2.coulomb"])
-    q_m, speeds = poses_of(model, 2, spread=0.3) @ model.eta.T, np.full(model.n_m, 0.3)
+    q_m = poses_of(model, 2, spread=0.3) @ model.eta.T
+    speeds = np.full(model.n_m, 0.3)
     assert worst_slope(local, q_m, speeds) < 1e-5
     assert worst_slope(local, q_m, speeds, np.full((2, 2), 1e-4)) < 1e-5
 
@@ -155,7 +160,8 @@ def test_a_cubic_spring_is_averaged_in_closed_form():
     spring = {"type": "cubic", "stiffness": 10.0, "cubic": 1e5}
     model = flexgen.read("four_mass", overrides={"element.mass1.dof.q1.gear.spring": spring})
     local = LocalModel(model, ())
-    sd, q_m = 3e-3, np.zeros((1, 1))
+    sd = 3e-3
+    q_m = np.zeros((1, 1))
     plain, averaged = (
         local.matrices(local.values, q_m, None, x)[2][0] for x in (None, np.array([[sd]]))
     )

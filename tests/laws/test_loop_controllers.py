@@ -1,4 +1,6 @@
-"""The controllers of the sampled loop: Python, C and plug-ins agree bit by bit, and one that misbehaves is an error."""
+"""The controllers of the sampled loop: Python, C and plug-ins agree bit by bit, and one that
+misbehaves is an error.
+"""
 
 from __future__ import annotations
 
@@ -42,7 +44,8 @@ class Twin:
 
 
 def laws(model: RobotModel) -> list:
-    n, rng = model.n_m, np.random.default_rng(0)
+    n = model.n_m
+    rng = np.random.default_rng(0)
     gains = default_cascade(model)
     filtered = replace(
         gains,
@@ -65,11 +68,15 @@ def test_python_and_c_controllers_give_the_same_bits(k):
     for controller in (law, PythonController(Twin(law))):
         loop, at_rest, _, _ = loop_of(model, hardware, lanes=2, controller=controller, seed=3)
         runs.append(loop.run(moving(at_rest, 2, 400, 0.2), 400))
-    assert np.array_equal(runs[0].tau_m, runs[1].tau_m) and np.array_equal(runs[0].q_m, runs[1].q_m)
+    assert np.array_equal(runs[0].tau_m, runs[1].tau_m) and np.array_equal(
+        runs[0].q_m, runs[1].q_m
+    )
 
 
 def test_filters_have_their_frequency_responses():
-    """Sections at some frequencies against the continuous filter, its frequency axis bent by the bilinear transform."""
+    """Sections at some frequencies against the continuous filter, its frequency axis bent by the
+    bilinear transform.
+    """
     for f, b, a in (
         (LowPass(50.0, 0.6), lambda s: 1.0, lambda s: s * s + 1.2 * s + 1),
         (Notch(40.0, 0.1, 0.5), lambda s: s * s + 0.2 * s + 1, lambda s: s * s + 1.0 * s + 1),
@@ -154,7 +161,8 @@ def plug_in(
     folder: Path, abi: str = "FLEXGEN_CONTROLLER_ABI", reset: str = "setup->n_m > MOTORS"
 ) -> Path:
     """The example as a shared library, with another version or another result of its reset."""
-    source, made = folder / "mine.c", folder / f"mine{len(abi)}{len(reset)}.so"
+    source = folder / "mine.c"
+    made = folder / f"mine{len(abi)}{len(reset)}.so"
     text = EXAMPLE.read_text().replace("return FLEXGEN_CONTROLLER_ABI;", f"return {abi};")
     source.write_text(text.replace("setup->n_m > MOTORS", reset))
     flags = [
@@ -181,8 +189,11 @@ def test_a_plug_in_gives_the_bits_of_its_python_twin(tmp_path):
 
 
 def test_a_plug_in_that_does_not_return_ends_the_run(tmp_path, monkeypatch):
-    """Its step waits at sample 7 for half a minute; the run ends with a sentence after 0.3 s, other loops continue."""
-    source, made = tmp_path / "slow.c", tmp_path / "slow.so"
+    """Its step waits at sample 7 for half a minute; the run ends with a sentence after 0.3 s,
+    other loops continue.
+    """
+    source = tmp_path / "slow.c"
+    made = tmp_path / "slow.so"
     text = EXAMPLE.read_text().replace("(void)k;", "if (k == 7) sleep(30);")
     source.write_text(f"#include <unistd.h>\n{text}")
     flags = ["-O2", "-shared", "-fPIC", f"-I{HEADER.parent}"]
@@ -201,10 +212,14 @@ def test_a_plug_in_that_does_not_return_ends_the_run(tmp_path, monkeypatch):
 
 @pytest.mark.slow
 def test_an_interrupted_plug_in_has_its_arrays_and_stops(tmp_path, monkeypatch):
-    """Ctrl-C in a step of 2 s: the arrays are not freed before the thread has ended, which it does after the step."""
-    source, made = tmp_path / "slow.c", tmp_path / "slow.so"
+    """Ctrl-C in a step of 2 s: the arrays are not freed before the thread has ended, which it does
+    after the step.
+    """
+    source = tmp_path / "slow.c"
+    made = tmp_path / "slow.so"
     source.write_text(
-        f"#include <unistd.h>\n{EXAMPLE.read_text().replace('(void)k;', 'usleep(2000000 + 0 * (unsigned)k);')}"
+        "#include <unistd.h>\n"
+        f"{EXAMPLE.read_text().replace('(void)k;', 'usleep(2000000 + 0 * (unsigned)k);')}"
     )
     flags = ["-O2", "-shared", "-fPIC", f"-I{HEADER.parent}"]
     subprocess.run([*find_compiler().command, *flags, "-o", str(made), str(source)], check=True)
@@ -213,7 +228,8 @@ def test_an_interrupted_plug_in_has_its_arrays_and_stops(tmp_path, monkeypatch):
     )
     reference = np.ascontiguousarray(moving(at_rest, 2, 20, 0.1), dtype=float)
     freed = weakref.finalize(reference, lambda: None)
-    polls, before = iter(range(100)), set(threading.enumerate())
+    polls = iter(range(100))
+    before = set(threading.enumerate())
 
     def interrupted(self, timeout=None):
         if next(polls) == 2:

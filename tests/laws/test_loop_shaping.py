@@ -1,4 +1,6 @@
-"""H-infinity loop shaping: closed forms of the margin, the norm of the closed loop, loops in simulation."""
+"""H-infinity loop shaping: closed forms of the margin, the norm of the closed loop, loops in
+simulation.
+"""
 
 from __future__ import annotations
 
@@ -32,10 +34,13 @@ def response(s, w):
 
 
 def largest_norm(plant, controller):
-    """Largest singular value over frequencies of [I; K](I + PK)^-1 [I, P], the norm that the margin is about."""
+    """Largest singular value over frequencies of [I; K](I + PK)^-1 [I, P], the norm that the
+    margin is about.
+    """
     largest = 0.0
     for w in np.logspace(-4, 5, 4000):
-        P, K = response(plant, w), response(controller, w)
+        P = response(plant, w)
+        K = response(controller, w)
         S = np.linalg.inv(np.eye(len(P)) + P @ K)
         largest = max(
             largest, np.linalg.norm(np.vstack([S, K @ S]) @ np.hstack([np.eye(len(P)), P]), 2)
@@ -55,7 +60,8 @@ def test_the_largest_margin_of_integrators(plant, margin):
 @pytest.mark.parametrize("hz", [0.5, 3.0, 40.0, 300.0])
 def test_the_weight_of_the_loop_is_that_of_its_formula(hz):
     """Inertia times w_c^2, an integral part and a low pass of second order."""
-    law, s = LoopShaping(20.0, integral_hz=2.0, low_pass_hz=100.0), 2j * np.pi * hz
+    law = LoopShaping(20.0, integral_hz=2.0, low_pass_hz=100.0)
+    s = 2j * np.pi * hz
     w_c, w_i, w_l = 2 * np.pi * np.array([20.0, 2.0, 100.0])
     expected = w_c**2 * (1 + w_i / s) * w_l**2 / (s**2 + np.sqrt(2) * w_l * s + w_l**2)
     found = response(law._shape(np.array([0.3, 0.7])), 2 * np.pi * hz)
@@ -64,14 +70,18 @@ def test_the_weight_of_the_loop_is_that_of_its_formula(hz):
 
 @pytest.mark.parametrize("factor", [1.05, 1.3])
 def test_the_closed_loop_has_the_norm_that_is_promised(factor):
-    """At most gamma, at least gamma_min; with the sign of the controller changed the loop is unstable."""
+    """At most gamma, at least gamma_min; with the sign of the controller changed the loop is
+    unstable.
+    """
     for plant in (TWO_INTEGRATORS, series(pade(0.1, 1), TWO_INTEGRATORS)):
         controller, gamma = coprime_controller(plant, factor)
         norm = largest_norm(plant, controller)
         assert gamma / factor * (1 - 1e-4) <= norm <= gamma * (1 + 1e-9)
         closed = series(controller, plant)
         A, B, C, _ = closed
-        assert np.linalg.eigvals(A - B @ C).real.max() < 0 < np.linalg.eigvals(A + B @ C).real.max()
+        assert (
+            np.linalg.eigvals(A - B @ C).real.max() < 0 < np.linalg.eigvals(A + B @ C).real.max()
+        )
 
 
 def test_the_delay_is_approximated():
@@ -84,7 +94,8 @@ def test_the_delay_is_approximated():
 def test_the_plant_is_the_linearized_robot():
     """Against central differences of the forward dynamics, whose error is their step squared."""
     forward = derive("planar5_nmp").function("forward_dynamics")
-    model, start = flexgen.read("planar5_nmp"), np.array([0.3, -1.1, 0.0])
+    model = flexgen.read("planar5_nmp")
+    start = np.array([0.3, -1.1, 0.0])
     q_m = model.eta @ start[:2]
     q_a, tau = LocalDynamics(derive("planar5_nmp")).rest(q_m, np.zeros(0), start)
 
@@ -92,7 +103,8 @@ def test_the_plant_is_the_linearized_robot():
         a_a, a_m = forward(y[:3], v[:3], y[3:], v[3:], tau)
         return np.concatenate([a_a.full().ravel(), a_m.full().ravel()])
 
-    y, step = np.concatenate([q_a, q_m]), 1e-5
+    y = np.concatenate([q_a, q_m])
+    step = 1e-5
     assert np.abs(accelerations(y, np.zeros(5), tau)).max() < 1e-9
     parts = []
     for k, size in enumerate((5, 5, 2)):
@@ -110,7 +122,9 @@ def test_the_plant_is_the_linearized_robot():
     assert np.allclose(A[5:], np.hstack(parts[:2]), atol=1e-8 * np.abs(A).max())
     assert np.allclose(B[5:], parts[2], atol=1e-8 * np.abs(B).max())
     assert (
-        np.array_equal(C, np.eye(10)[3:5]) and not D.any() and np.array_equal(A[:5], np.eye(10)[5:])
+        np.array_equal(C, np.eye(10)[3:5])
+        and not D.any()
+        and np.array_equal(A[:5], np.eye(10)[5:])
     )
 
 
@@ -147,7 +161,9 @@ def test_wrong_numbers_are_refused(given, words):
 @needs_compiler
 @pytest.mark.slow
 def test_an_unstable_sampled_loop_is_refused():
-    """The refused controllers make the simulated robot run away; the frequency of the message does not."""
+    """The refused controllers make the simulated robot run away; the frequency of the message does
+    not.
+    """
     solution = flexgen.solve("planar5_nmp", progress=False)
     for crossover, sample_s in ((60.0, 4e-3), (150.0, 1e-3)):
         case = control_case(
@@ -166,7 +182,9 @@ def test_an_unstable_sampled_loop_is_refused():
             found = run_case(case, *case_controller(case, good))
             assert found.tool_error_max_m < 1e-5
             # the proposed frequency is that of the pose of the design, the first one
-            assert found.status == "done" or (good is lower and "loop at begin" not in found.status)
+            assert found.status == "done" or (
+                good is lower and "loop at begin" not in found.status
+            )
 
 
 @needs_compiler
@@ -181,7 +199,9 @@ def test_linear_controllers_ignore_the_exact_state(controller):
         )
         for exact in (True, False)
     ]
-    assert runs[0].status == "done" and np.array_equal(runs[0].nominal.tau_m, runs[1].nominal.tau_m)
+    assert runs[0].status == "done" and np.array_equal(
+        runs[0].nominal.tau_m, runs[1].nominal.tau_m
+    )
     sizes = [[m.largest_eigenvalue for m in r.margins().values()] for r in runs]
     assert sizes[0] and np.allclose(*sizes, rtol=1e-12, atol=0)
 
@@ -198,9 +218,12 @@ def test_sensors_of_the_model_are_not_fed_back():
     }
     runs = [
         flexgen.control(
-            flexgen.read("four_mass", overrides=changes), controller=flexgen.LoopShaping(), sample_time=1e-3,
-            plants={"soft": {"stiffness": 0.9}}, progress=False,
+            flexgen.read("four_mass", overrides=changes),
+            controller=flexgen.LoopShaping(),
+            sample_time=1e-3,
+            plants={"soft": {"stiffness": 0.9}},
+            progress=False,
         )["soft"]
         for changes in ({}, {"sensor": [sensor]})
-    ]  # fmt: skip
+    ]
     assert np.abs(runs[0].tau_m - runs[1].tau_m).max() < 1e-9 * np.abs(runs[0].tau_m).max()

@@ -1,4 +1,6 @@
-"""Friction of motors with a state against closed forms of the LuGre law, own integrators and energy; planted errors."""
+"""Friction of motors with a state against closed forms of the LuGre law, own integrators and
+energy; planted errors.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,13 @@ from flexgen.library.model_library import library_with
 from flexgen.memory import lugre as stage
 from flexgen.memory.lugre import MotorBristles, bristle_torques, motor_bristles, without_lugre
 
-NUMBERS = {"coulomb": 0.5, "static": 0.8, "stribeck_speed": 4.0, "stiffness": 800.0, "damping": 1.5}
+NUMBERS = {
+    "coulomb": 0.5,
+    "static": 0.8,
+    "stribeck_speed": 4.0,
+    "stiffness": 800.0,
+    "damping": 1.5,
+}
 TABLES = {"m1": NUMBERS, "m2": NUMBERS | {"coulomb": 1.0, "static": 1.4}}
 
 
@@ -41,10 +49,12 @@ def test_sliding_at_constant_speed_takes_the_torque_of_the_law(speed: float) -> 
 
 def test_before_they_slip_bristles_are_a_spring_and_a_damper() -> None:
     """Turned by 1e-5 of the angle at which they slip: s0 q + s1 v, to that part."""
-    t, w = np.linspace(0.0, 0.25, 501), 2 * np.pi * 4.0
+    t = np.linspace(0.0, 0.25, 501)
+    w = 2 * np.pi * 4.0
     size = 1e-5 * NUMBERS["static"] / NUMBERS["stiffness"]
     q, v, a = (
-        size * x for x in ((1 - np.cos(w * t)) / 2, w * np.sin(w * t) / 2, w**2 * np.cos(w * t) / 2)
+        size * x
+        for x in ((1 - np.cos(w * t)) / 2, w * np.sin(w * t) / 2, w**2 * np.cos(w * t) / 2)
     )
     torque = bristle_torques(law(), t, v[:, None], a[:, None])[3:-3, 0]
     expected = (NUMBERS["stiffness"] * q + NUMBERS["damping"] * v)[3:-3]
@@ -53,10 +63,13 @@ def test_before_they_slip_bristles_are_a_spring_and_a_damper() -> None:
 
 @pytest.mark.parametrize("peak", [0.02, 1.0, 60.0])
 def test_torques_are_those_of_an_own_integrator(peak: float) -> None:
-    """Their impulse from rest to each sample, through three reversals, against that of a library's stiff integrator."""
+    """Their impulse from rest to each sample, through three reversals, against that of a library's
+    stiff integrator.
+    """
     w = 2 * np.pi / 0.4
     t = np.linspace(0.0, 0.7, 1401)
-    v, a = peak * np.sin(w * t) ** 3, 3 * w * peak * np.sin(w * t) ** 2 * np.cos(w * t)
+    v = peak * np.sin(w * t) ** 3
+    a = 3 * w * peak * np.sin(w * t) ** 2 * np.cos(w * t)
 
     def rate(at: float, x: np.ndarray) -> list[float]:
         speed = peak * np.sin(w * at) ** 3
@@ -81,9 +94,13 @@ def test_torques_are_those_of_an_own_integrator(peak: float) -> None:
 
 
 def test_stiff_bristles_are_coulomb_friction() -> None:
-    """A hundred thousand times as stiff, they change sign at once: F_c sign(v) t, to the time of a reversal."""
-    t, w = np.linspace(0.0, 0.7, 1401), 2 * np.pi / 0.4
-    v, a = 60.0 * np.sin(w * t), 60.0 * w * np.cos(w * t)
+    """A hundred thousand times as stiff, they change sign at once: F_c sign(v) t, to the time of a
+    reversal.
+    """
+    t = np.linspace(0.0, 0.7, 1401)
+    w = 2 * np.pi / 0.4
+    v = 60.0 * np.sin(w * t)
+    a = 60.0 * w * np.cos(w * t)
     given = law(static=0.5, stiffness=8e7, damping=0.0)
     z, integral = stage._along(given, 0, t[1], v, a)
     assert_allclose(8e7 * z[1:], 0.5 * np.sign(v[1:]), rtol=0, atol=1.0)
@@ -93,13 +110,17 @@ def test_stiff_bristles_are_coulomb_friction() -> None:
 
 @pytest.mark.parametrize("shift", [0.0, 0.3])
 def test_reversals_at_samples_and_between_them_are_seen(shift: float) -> None:
-    """Fast sliding in both directions, through a standstill at an instant that is a sample, or is not."""
+    """Fast sliding in both directions, through a standstill at an instant that is a sample, or is
+    not.
+    """
     t = np.linspace(0.0, 0.4, 401) + 1e-3 * shift
     w = 2 * np.pi / 0.4
-    v, a = 300.0 * np.sin(w * t), 300.0 * w * np.cos(w * t)
+    v = 300.0 * np.sin(w * t)
+    a = 300.0 * w * np.cos(w * t)
     z, _ = stage._along(law(), 0, t[1] - t[0], v, a)
     fine = np.linspace(t[0], t[-1], 16001)
-    v, a = 300.0 * np.sin(w * fine), 300.0 * w * np.cos(w * fine)
+    v = 300.0 * np.sin(w * fine)
+    a = 300.0 * w * np.cos(w * fine)
     expected, _ = stage._along(law(), 0, fine[1] - fine[0], v, a)
     assert_allclose(z, expected[::40], rtol=0, atol=2e-4 * np.abs(expected).max())
 
@@ -121,8 +142,11 @@ def test_at_rest_bristles_stay_as_they_are(static: float) -> None:
 
 @pytest.mark.parametrize("static", [0.5, 0.8])
 def test_at_rest_rounding_does_not_turn_bristles(static: float) -> None:
-    """Speeds of 1e-14 rad/s of either sign, after the motor has slid: the torque stays, less than 1e-9 of it."""
-    t, noise = np.linspace(0.0, 1.0, 1001), 1e-14 * np.random.default_rng(3).normal(size=1001)
+    """Speeds of 1e-14 rad/s of either sign, after the motor has slid: the torque stays, less than
+    1e-9 of it.
+    """
+    t = np.linspace(0.0, 1.0, 1001)
+    noise = 1e-14 * np.random.default_rng(3).normal(size=1001)
     v, a = (
         np.where(t < 0.3, x, 0.0)
         for x in (1.0 - np.cos(2 * np.pi * t / 0.3), np.sin(2 * np.pi * t / 0.3))
@@ -135,10 +159,12 @@ def test_at_rest_rounding_does_not_turn_bristles(static: float) -> None:
 
 def test_half_the_sampling_interval_leaves_a_small_part_of_the_error() -> None:
     """Order four in the interval, that of the speed between the samples."""
-    errors, w = [], 2 * np.pi / 0.4
+    errors = []
+    w = 2 * np.pi / 0.4
     for count in (175, 350, 5600):
         t = np.linspace(0.0, 0.35, count + 1)
-        v, a = 20.0 * np.sin(w * t) ** 3, 60.0 * w * np.sin(w * t) ** 2 * np.cos(w * t)
+        v = 20.0 * np.sin(w * t) ** 3
+        a = 60.0 * w * np.sin(w * t) ** 2 * np.cos(w * t)
         errors.append(stage._along(law(), 0, t[1], v, a)[1][-1])
     coarse, fine = (abs(x - errors[-1]) for x in errors[:2])
     assert fine < coarse / 8
@@ -180,8 +206,11 @@ def solved() -> flexgen.Solution:
 def test_planted_errors_of_the_stage_are_found(
     planted: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The simulation integrates z itself: a wrong stage leaves more than a hundred times the error."""
-    model, right = bristled("elbow", TABLES), solved()
+    """The simulation integrates z itself: a wrong stage leaves more than a hundred times the
+    error.
+    """
+    model = bristled("elbow", TABLES)
+    right = solved()
     assert right.status == "solved" and right.tool_error_max_m < 1e-8
     own = stage.motor_bristles
 
@@ -247,7 +276,10 @@ def test_what_does_not_take_the_friction_refuses_it(tmp_path) -> None:
             {"coulomb": 0.5, "static": 0.4, "stribeck_speed": 1.0, "stiffness": 1.0},
             "a number >= coulomb",
         ),
-        ({"coulomb": 0.5, "static": 0.8, "stiffness": 1.0}, "stribeck_speed in addition to static"),
+        (
+            {"coulomb": 0.5, "static": 0.8, "stiffness": 1.0},
+            "stribeck_speed in addition to static",
+        ),
         ({"coulomb": 0.5, "stiffness": 1.0, "damping": -1.0}, "damping"),
         ({"coulomb": 0.5, "stiffness": 1.0, "viscous": 1.0}, "viscous"),
     ],
@@ -258,7 +290,9 @@ def test_wrong_numbers_are_refused(given: dict[str, float], told: str) -> None:
 
 
 def test_a_motor_with_ripple_sends_more_for_the_same_torque() -> None:
-    """The simulation has ripple and bristles from the equations of motion; planted: bristles without the ripple."""
+    """The simulation has ripple and bristles from the equations of motion; planted: bristles
+    without the ripple.
+    """
     model = bristled(
         "elbow", TABLES, **{"motor.m1.torque_ripple": {"harmonics": [6], "cos": [0.05]}}
     )

@@ -1,4 +1,6 @@
-"""The fastest time law: against closed forms, published optima, exact limits, and robots that swing."""
+"""The fastest time law: against closed forms, published optima, exact limits, and robots that
+swing.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,9 @@ def planar():
 
 
 def test_the_planar_arm_is_as_fast_as_its_torques_allow(planar):
-    """0.36 s instead of 0.5 s within the largest torques of the given law; verified by simulation."""
+    """0.36 s instead of 0.5 s within the largest torques of the given law; verified by
+    simulation.
+    """
     torque = np.abs(planar.solution.trajectory["tau_m"]).max(axis=0)
     given = np.abs(planar.default.trajectory["tau_m"]).max(axis=0)
     assert planar.duration_s <= 0.36 and planar.excess <= 5e-4
@@ -43,14 +47,17 @@ def test_the_planar_arm_is_as_fast_as_its_torques_allow(planar):
 
 @pytest.mark.slow
 def test_robots_in_other_units_of_time_are_as_fast():
-    """16 and 32 times as quick as `planar5_nmp`: all numbers of the search but rounding are the same."""
+    """16 and 32 times as quick as `planar5_nmp`: all numbers of the search but rounding are the
+    same.
+    """
 
     def duration(factor: float) -> float:
         gears = [
             f"element.arm{k}.dof.q{k}.{gear}" for k, gear in ((1, "gear."), (2, "gear."), (3, ""))
         ]
         changes = {
-            f"{gear}spring.stiffness": x for gear, x in zip(gears, (4e5, 2.5e5, 1.5e5), strict=True)
+            f"{gear}spring.stiffness": x
+            for gear, x in zip(gears, (4e5, 2.5e5, 1.5e5), strict=True)
         }
         changes = {key: x * factor**2 for key, x in changes.items()} | {
             "move.line.duration": 0.5 / factor
@@ -71,9 +78,13 @@ def test_robots_in_other_units_of_time_are_as_fast():
 
 @pytest.mark.slow
 def test_two_masses_against_their_minimum_time():
-    """Torques that jump need 0.098881 s (closed form), a rigid shaft 0.096954 s; continuous ones a tenth more."""
+    """Torques that jump need 0.098881 s (closed form), a rigid shaft 0.096954 s; continuous ones a
+    tenth more.
+    """
     found = flexgen.fastest(TWO_MASS, progress=False)
-    J, y, u = 0.047, 0.5, 10.0
+    J = 0.047
+    y = 0.5
+    u = 10.0
     assert found.rigid_s == pytest.approx(2 * np.sqrt(y * J / u), rel=1e-6)
     assert 0.098881 < found.duration_s < 1.1 * 0.098881
     assert found.excess <= 5e-4
@@ -86,7 +97,10 @@ def test_a_rigid_robot_needs_the_time_of_the_closed_form():
     path = paths.Path(
         derive(model), model.moves["turn"] if isinstance(model.moves, dict) else model.moves[0]
     )
-    J, y, u, v = 0.047, 0.5, 10.0, 6.0
+    J = 0.047
+    y = 0.5
+    u = 10.0
+    v = 6.0
     expected = y / v + v * J / u
     assert rigid_time(path, np.array([u]), np.array([v])) == pytest.approx(expected, rel=2e-3)
     heavy = flexgen.read("elbow")
@@ -106,7 +120,9 @@ def test_six_axes_save_more_than_a_quarter(name):
 
 @pytest.mark.slow
 def test_less_vibration_costs_a_little_time(planar):
-    """A third of the vibration of soft robots for at most 8 % more time; seen by another simulation."""
+    """A third of the vibration of soft robots for at most 8 % more time; seen by another
+    simulation.
+    """
     allowed = planar.vibration_m["soft"] / 3
     found = flexgen.fastest("planar5_nmp", vibration=allowed, progress=False)
     assert found.duration_s <= 1.08 * planar.duration_s and found.excess <= 5e-4
@@ -124,9 +140,12 @@ def test_less_vibration_costs_a_little_time(planar):
 
 @pytest.mark.slow
 def test_a_bound_of_the_rates_is_kept_and_costs_time(planar):
-    """Between the samples of the result too: on the mesh that `solve` begins with, its torques ripple."""
+    """Between the samples of the result too: on the mesh that `solve` begins with, its torques
+    ripple.
+    """
     found = flexgen.fastest("planar5_nmp", torque_rate=1.5, progress=False)
-    path, bound = found.solution.trajectory, np.array(found.limits.torque_rate)
+    path = found.solution.trajectory
+    bound = np.array(found.limits.torque_rate)
     t = np.linspace(path.time[0], path.time[-1], 8 * len(path.time))
     rate = np.abs(np.diff(path.at(t)["tau_m"], axis=0)).max(axis=0) / (t[1] - t[0])
     given = found.default.trajectory
@@ -162,7 +181,9 @@ def test_a_spline_law_is_at_rest_at_both_ends():
 def test_a_move_with_a_timing_is_a_move_like_others(planar):
     """The same torques again, and no table for the sampler in C."""
     mesh = time_search.MESH_S / time_search.FINER
-    again = flexgen.solve("planar5_nmp", planar.move, mesh=mesh, ignore_limits=True, progress=False)
+    again = flexgen.solve(
+        "planar5_nmp", planar.move, mesh=mesh, ignore_limits=True, progress=False
+    )
     assert np.array_equal(again.trajectory["tau_m"], planar.solution.trajectory["tau_m"])
     with pytest.raises(ArgumentError, match="spline as time law"):
         flexgen.plan("planar5_nmp", planar.move).table()
@@ -188,15 +209,16 @@ def test_limits_below_the_weight_are_refused():
 
 
 def test_the_largest_speed_at_a_point_is_that_of_a_linear_program():
-    """Random torques with and without a solution; the largest squared speeds are between 0 and 100, most below 1."""
-    rng, found = np.random.default_rng(4), []
+    """Random torques with and without a solution; the largest squared speeds are between 0 and
+    100, most below 1.
+    """
+    rng = np.random.default_rng(4)
+    found = []
     for _ in range(25):
         a, b, g = rng.normal(size=(3, 3))
-        b, torque, after = (
-            10 ** rng.uniform(-1, 2) * b,
-            rng.uniform(0.5, 2.0, 3),
-            float(rng.uniform(0.1, 5.0)),
-        )
+        b = 10 ** rng.uniform(-1, 2) * b
+        torque = rng.uniform(0.5, 2.0, 3)
+        after = float(rng.uniform(0.1, 5.0))
         rows = np.array([*np.stack([a, b], 1), *np.stack([-a, -b], 1), [0.2, 1.0], [-0.2, -1.0]])
         right = np.concatenate([torque - g, torque + g, [after, 0.0]])
         best = linprog([0.0, -1.0], A_ub=rows, b_ub=right, bounds=[(None, None), (0.0, 100.0)])
@@ -210,10 +232,12 @@ def test_the_largest_speed_at_a_point_is_that_of_a_linear_program():
 
 def test_no_step_has_less_vibration_than_that_of_the_linear_program():
     """Against random steps that keep the order of the nodes: the cost is computed here."""
-    rng, trust = np.random.default_rng(5), 0.1
+    rng = np.random.default_rng(5)
+    trust = 0.1
     x = np.concatenate([[2.0], np.linspace(0.0, 1.0, 5)[1:-1]])
     for _ in range(5):
-        g, s = rng.uniform(0.8, 1.3, 4) * rng.choice([-1, 1], 4), rng.uniform(-2.0, 2.0, 6)
+        g = rng.uniform(0.8, 1.3, 4) * rng.choice([-1, 1], 4)
+        s = rng.uniform(-2.0, 2.0, 6)
         G = rng.normal(size=(10, 3)) * 3
 
         def cost(step, g=g, s=s, G=G):
@@ -223,7 +247,8 @@ def test_no_step_has_less_vibration_than_that_of_the_linear_program():
 
         own = time_search.TimeSearch._calm_program(None, x, g, s, G, trust)
         assert (
-            np.abs(own).max() <= trust + 1e-9 and np.diff([0.0, *(x[1:] + own), 1.0]).min() >= -1e-9
+            np.abs(own).max() <= trust + 1e-9
+            and np.diff([0.0, *(x[1:] + own), 1.0]).min() >= -1e-9
         )
         assert cost(own) < cost(np.zeros(3))
         assert all(cost(own) <= cost(step) + 1e-9 for step in rng.uniform(-trust, trust, (300, 3)))

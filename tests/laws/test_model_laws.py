@@ -1,4 +1,6 @@
-"""Laws that evaluate the model: bounds of stability found by the loop, exact tracking, limits, bits, refusals."""
+"""Laws that evaluate the model: bounds of stability found by the loop, exact tracking, limits,
+bits, refusals.
+"""
 
 from __future__ import annotations
 
@@ -34,13 +36,15 @@ def run(case, law):
     return run_case(case, *case_controller(case, law))
 
 
-# --- four integrators ------------------------------------------------------------------------------------------------
+# --- four integrators ----------------------------------------------------------------------------
 
 
 def polynomial_bound(delay: int) -> float:
-    """Largest stable w of (s + w)^4 on four integrators with unit sample time: roots of the z-polynomial.
+    """Largest stable w of (s + w)^4 on four integrators with unit sample time: roots of the
+    z-polynomial.
 
-    The integrators with a hold are B(z) / (z - 1)^n over n! with the Euler polynomials B: a route without matrices.
+    The integrators with a hold are B(z) / (z - 1)^n over n! with the Euler polynomials B: a route
+    without matrices.
     """
     euler = {1: [1], 2: [1, 1], 3: [1, 4, 1], 4: [1, 11, 11, 1]}
     factorial = {1: 1.0, 2: 2.0, 3: 6.0, 4: 24.0}
@@ -54,7 +58,8 @@ def polynomial_bound(delay: int) -> float:
             closed = np.polyadd(closed, part)
         return float(np.abs(np.roots(closed)).max())
 
-    low, high = 0.1, 0.7
+    low = 0.1
+    high = 0.7
     for _ in range(40):
         middle = 0.5 * (low + high)
         low, high = (middle, high) if radius(middle) < 1 else (low, middle)
@@ -63,7 +68,9 @@ def polynomial_bound(delay: int) -> float:
 
 @pytest.mark.parametrize(("delay", "bound"), [(0, 0.5113), (1, 0.1983)])
 def test_bound_of_the_chain(delay, bound):
-    """The bounds are those of 1 + L(z) = 0; just above them, at 0.5113 and 0.1983, the largest |z| is 1.001."""
+    """The bounds are those of 1 + L(z) = 0; just above them, at 0.5113 and 0.1983, the largest |z|
+    is 1.001.
+    """
     found = 2 * np.pi * largest_frequency(4, "continuous", Timing(1.0, float(delay)))
     assert found == pytest.approx(polynomial_bound(delay), rel=1e-6)
     assert found == pytest.approx(bound, rel=3e-3) and found < bound
@@ -73,7 +80,8 @@ def test_bound_of_the_chain(delay, bound):
 
 def test_discrete_gains_place_the_poles_of_the_sampled_chain():
     for n in (2, 4):
-        gains, w = chain_gains(16.0, n, "discrete", H), 2 * np.pi * 16.0
+        gains = chain_gains(16.0, n, "discrete", H)
+        w = 2 * np.pi * 16.0
         whole = np.zeros((n + 1, n + 1))
         whole[:-1, 1:] = np.eye(n)
         held = expm(whole * H)
@@ -84,22 +92,29 @@ def test_discrete_gains_place_the_poles_of_the_sampled_chain():
 
 
 def growth(case, law) -> float:
-    """Growth of the error between two windows after a pulse on the motor, before the motion, in the loop in C."""
+    """Growth of the error between two windows after a pulse on the motor, before the motion, in
+    the loop in C.
+    """
     found = run(case, law)
     if found.nominal.failure:
         return np.inf
-    error, time = np.abs(found.nominal.error[:, 0]), case.reference.time
+    error = np.abs(found.nominal.error[:, 0])
+    time = case.reference.time
     early, late = (error[(time > begin) & (time < begin + 0.4)].max() for begin in (-1.6, -0.5))
     return late / early
 
 
 @pytest.mark.parametrize("delay", [0, 1])
 def test_the_loop_finds_the_bound_of_four_integrators(tmp_path, delay):
-    """A joint on a soft spring, in C at 1 ms: (1 rad/s / w)^2 < 3e-5 from four integrators; bisected to 5e-5."""
-    model, bound = one_joint(tmp_path), polynomial_bound(delay)
+    """A joint on a soft spring, in C at 1 ms: (1 rad/s / w)^2 < 3e-5 from four integrators;
+    bisected to 5e-5.
+    """
+    model = one_joint(tmp_path)
+    bound = polynomial_bound(delay)
     pulse = flexgen.Disturbance("pulse", "m1", 1e-3, -1.9, 0.01)
     case = case_of(model, H, delay * H, disturbances=[pulse])
-    low, high = 0.97 * bound, 1.03 * bound
+    low = 0.97 * bound
+    high = 1.03 * bound
     while high - low > 5e-5:
         w = 0.5 * (low + high)
         law = flexgen.FeedbackLinearisation(w / (2 * np.pi * H), allow_unstable=True)
@@ -109,14 +124,16 @@ def test_the_loop_finds_the_bound_of_four_integrators(tmp_path, delay):
         case_controller(case, flexgen.FeedbackLinearisation(1.001 * bound / (2 * np.pi * H)))
 
 
-# --- tracking --------------------------------------------------------------------------------------------------------
+# --- tracking ------------------------------------------------------------------------------------
 
 FL = flexgen.FeedbackLinearisation
 
 
 @pytest.mark.slow
 def test_the_error_of_the_nominal_arm_vanishes_with_the_sample_time():
-    """Without damping of the gears: first order in the sample time, second with the predicted state; no noise."""
+    """Without damping of the gears: first order in the sample time, second with the predicted
+    state; no noise.
+    """
     model = arm(damped=False)
     plain, predicted = (
         [run(case_of(model, h), FL(16.0, predict=p)).tool_error_max_m for h in (1e-3, 2.5e-4)]
@@ -157,7 +174,8 @@ class StaleTorque(BoundLaw):
     """Planted bug: the prediction uses a torque that is a sample too old."""
 
     def _integrate(self, x, tau, h, steps):
-        old, self._now["old"] = self._now.get("old", tau), tau
+        old = self._now.get("old", tau)
+        self._now["old"] = tau
         return super()._integrate(x, old, h, steps)
 
 
@@ -186,7 +204,9 @@ def test_feedback_linearisation_in_python_and_c_gives_the_same_bits():
     case = case_of(arm(), 2e-3, exact_state=False, encoder_noise=1e-5)
     made, name = case_controller(case, FL(14.0))
     runs = [run_case(case, x, name).nominal for x in (made, PythonController(made))]
-    assert np.array_equal(runs[0].tau_m, runs[1].tau_m) and np.array_equal(runs[0].q_a, runs[1].q_a)
+    assert np.array_equal(runs[0].tau_m, runs[1].tau_m) and np.array_equal(
+        runs[0].q_a, runs[1].q_a
+    )
     check_numbers("linearized", tau=runs[0].tau_m, table=made.table, gains=made.gains)
     other = replace(made, gains=np.nextafter(made.gains, np.inf))  # the comparison is one of bits
     assert not np.array_equal(runs[0].tau_m, run_case(case, other, name).nominal.tau_m)
@@ -197,7 +217,12 @@ def test_feedback_linearisation_in_python_and_c_gives_the_same_bits():
 @pytest.mark.parametrize("law", LAWS, ids=lambda law: law.title)
 def test_python_and_c_give_the_same_bits(law, exact):
     case = case_of(
-        arm(), H, 1.3e-3, exact_state=exact, encoder_noise=1e-5, plants={"soft": {"stiffness": 0.9}}
+        arm(),
+        H,
+        1.3e-3,
+        exact_state=exact,
+        encoder_noise=1e-5,
+        plants={"soft": {"stiffness": 0.9}},
     )
     made, name = case_controller(case, law)
     runs = [run_case(case, x, name) for x in (made, PythonController(made))]
@@ -208,7 +233,9 @@ def test_python_and_c_give_the_same_bits(law, exact):
 
 @pytest.mark.slow
 def test_motors_that_drive_several_joints():
-    """A full matrix of gear ratios: the error vanishes with the sample time, and both twins give the same bits."""
+    """A full matrix of gear ratios: the error vanishes with the sample time, and both twins give
+    the same bits.
+    """
     model = coupled()
     errors = [
         run(case_of(model, h), FL(16.0, predict=True)).tool_error_max_m for h in (1e-3, 2.5e-4)
@@ -238,9 +265,12 @@ def test_motors_that_drive_several_joints():
 
 @pytest.mark.slow
 def test_stiff_springs_make_feedback_linearisation_the_computed_torque():
-    """At states whose spring torque is that of the rigid robot both laws give one torque; the rest falls with K."""
+    """At states whose spring torque is that of the rigid robot both laws give one torque; the rest
+    falls with K.
+    """
     w = 2 * np.pi * 4.0
-    differences, soft = [], case_of(arm(), H).law_motion()
+    differences = []
+    soft = case_of(arm(), H).law_motion()
     for stiffness in (1.0, 1e4):
         model = arm(stiffness=stiffness)
         motion = replace(soft, model=model)
@@ -248,19 +278,26 @@ def test_stiff_springs_make_feedback_linearisation_the_computed_torque():
         rigid = flexgen.ComputedTorque(4.0, allow_unstable=True).bound(motion)
         k = int(np.searchsorted(soft.reference.time, 0.2))
         q_d, v_d, a_d = motion.arm(0.0)[k][:3]
-        q, v = q_d + 1e-3, v_d + 1e-2
+        q = q_d + 1e-3
+        v = v_d + 1e-2
         a = a_d - 2 * w * 1e-2 - w * w * 1e-3
         equations = flexgen.derive(model)
         T = equations.function("inverse_dynamics")(q, v, a).full().ravel()
         K = evaluate(equations.function("gear_law"), np.zeros((1, 3)))[1].ravel()
         x = np.array([q, v, model.eta @ (q + T / K), model.eta @ v])
-        differences.append(np.abs(linearising._linearize(x, linearising.table[k]) - rigid._computed_torque(
-            np.array([q, v, model.eta @ q, model.eta @ v]), rigid.table[k])).max())  # fmt: skip
+        differences.append(
+            np.abs(
+                linearising._linearize(x, linearising.table[k])
+                - rigid._computed_torque(
+                    np.array([q, v, model.eta @ q, model.eta @ v]), rigid.table[k]
+                )
+            ).max()
+        )
     assert differences[0] > 1e-3
     assert differences[1] < 2e-4 * differences[0]
 
 
-# --- the motors' laws -------------------------------------------------------------------------------------------------
+# --- the motors' laws ----------------------------------------------------------------------------
 
 
 @pytest.mark.slow
@@ -279,7 +316,8 @@ def test_joint_torque_feedback_places_the_poles_of_a_joint(tmp_path):
     case = control_case(model, sample_time=H, exact_state=True, solution=solution_of(model))
     law = flexgen.JointTorqueFeedback(2.0).bound(case.law_motion())
     k_p, k_d, k_t, k_s = law.gains[:, 0]
-    K, w = 0.5, 4 * np.pi
+    K = 0.5
+    w = 4 * np.pi
     spring = np.array([-K, 0.0, K, 0.0])  # torque of (q, v, q_m, v_m); both inertias are 1
     rate = np.array([0.0, -K, 0.0, K])
     torque = -(np.array([0, 0, k_p, k_d]) + k_t * spring + k_s * rate)
@@ -289,7 +327,9 @@ def test_joint_torque_feedback_places_the_poles_of_a_joint(tmp_path):
 
 @pytest.mark.slow
 def test_lq_is_the_regulator_of_the_sampled_model():
-    """The loop with the exact state has the eigenvalues of the regulator, with and without delay; all are stable."""
+    """The loop with the exact state has the eigenvalues of the regulator, with and without delay;
+    all are stable.
+    """
     for exact in (True, False):
         for delay in (0.0, H, 1.3e-3):
             case = case_of(arm(), H, delay, exact_state=exact)
@@ -302,7 +342,7 @@ def test_lq_is_the_regulator_of_the_sampled_model():
     assert found.tool_error_max_m < 2e-6
 
 
-# --- what is refused -------------------------------------------------------------------------------------------------
+# --- what is refused -----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -325,7 +365,8 @@ def test_computed_torque_refuses_friction_of_the_load():
     law = {"type": "gear", "beta": 1.0, "load_coulomb": 0.1, "load_smoothing": 0.1}
     model = flexgen.read("elbow", overrides={"motor.m1.friction": law})
     with pytest.raises(
-        ArgumentError, match="controller ComputedTorque: given elbow, whose motor m1 has a friction"
+        ArgumentError,
+        match="controller ComputedTorque: given elbow, whose motor m1 has a friction",
     ):
         flexgen.control(model, controller=flexgen.ComputedTorque(), progress=False)
 
@@ -390,7 +431,9 @@ def test_wrong_parameters_are_refused(made, words):
 
 @pytest.mark.slow
 def test_a_loop_that_is_unstable_at_some_poses_is_refused():
-    """In the middle of this move the loop at 40 Hz is stable; unstable near the start, the arm ran away by 1.5 m."""
+    """In the middle of this move the loop at 40 Hz is stable; unstable near the start, the arm ran
+    away by 1.5 m.
+    """
     move = flexgen.Move(
         "far", "joint", (0.0, 0.0, 0.0), 1.5, 5, end=tuple(np.deg2rad([30.0, 60.0, 150.0]))
     )
@@ -417,7 +460,9 @@ def stiff(*axes: int):
 @pytest.mark.slow
 @pytest.mark.parametrize("axes", [(0, 1, 2), (0, 2)])
 def test_computed_torque_with_rigid_gears_is_refused_where_it_is_unstable(axes):
-    """Joints alone, 2 ms delay, exact state: z^2 (z - 1)^2 + (w h)^2 (z + 1)/2 + 2 w h (z - 1) = 0."""
+    """Joints alone, 2 ms delay, exact state: z^2 (z - 1)^2 + (w h)^2 (z + 1)/2 + 2 w h
+    (z - 1) = 0.
+    """
 
     def radius(x: float) -> float:
         return float(np.abs(np.roots([1, -2, 1, x * x / 2 + 2 * x, x * x / 2 - 2 * x])).max())
@@ -426,14 +471,20 @@ def test_computed_torque_with_rigid_gears_is_refused_where_it_is_unstable(axes):
     bound = max(x for x in np.linspace(1e-3, 1.0, 1000) if radius(x) < 1) / (2 * np.pi * H)
     with pytest.raises(ArgumentError, match="a chain of 2 integrators is unstable") as error:
         case_controller(case, flexgen.ComputedTorque(100.0))
-    assert float(str(error.value).split("at most ")[1].split()[0]) == pytest.approx(bound, rel=5e-3)
+    assert float(str(error.value).split("at most ")[1].split()[0]) == pytest.approx(
+        bound, rel=5e-3
+    )
     assert run(case, flexgen.ComputedTorque(4.0)).status == "done"
 
 
 def test_the_state_gain_is_that_of_the_exact_state_or_of_differences_of_angles():
-    """A gain of random numbers, without torques under way: u = K (x_ref - x), each channel for itself."""
-    model, rng = arm(), np.random.default_rng(3)
-    n_a, n_m = model.n_a, model.n_m
+    """A gain of random numbers, without torques under way: u = K (x_ref - x), each channel for
+    itself.
+    """
+    model = arm()
+    rng = np.random.default_rng(3)
+    n_a = model.n_a
+    n_m = model.n_m
     K = rng.normal(size=(n_m, 2 * (n_a + n_m)))
     motion = SimpleNamespace(model=model, sample_s=H, exact_state=True, state_channel=5)
     _, _, C, D = LQ()._part(K, motion, None, 5 + 2 * (n_a + n_m))
@@ -454,7 +505,9 @@ def test_the_state_gain_is_that_of_the_exact_state_or_of_differences_of_angles()
 
 
 def test_late_link_encoders_are_refused():
-    """The laws take all angles at one instant: with 5 ms the loop is another one than that which was tested."""
+    """The laws take all angles at one instant: with 5 ms the loop is another one than that which
+    was tested.
+    """
     model = arm()
     first, *others = model.sensors
     late = replace(model, sensors=(replace(first, delay_s=5e-3), *others))
@@ -482,7 +535,10 @@ def test_a_law_needs_a_planned_motion():
     [
         (
             'type = "feedback_linearisation"\nhz = 3.0',
-            "2:hz: given an unknown key, expected one of allow_unstable, description, form, frequency_hz",
+            (
+                "2:hz: given an unknown key, expected one of allow_unstable, description, form, "
+                "frequency_hz"
+            ),
         ),
         ('type = "lq"\nrho = "big"', '2:rho: given "big", expected a finite number'),
         (

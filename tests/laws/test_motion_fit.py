@@ -1,4 +1,6 @@
-"""Parameters from recorded motions in short segments: exact on simulated robots, refusals, and the integrator in C."""
+"""Parameters from recorded motions in short segments: exact on simulated robots, refusals, and the
+integrator in C.
+"""
 
 from __future__ import annotations
 
@@ -41,7 +43,8 @@ def recorded(
             "noise": 0.01 * noise,
         }
         sensors = flexgen.read("planar5_nmp", overrides={"sensor": [sensor]}).sensors
-        model, robot = replace(model, sensors=sensors), replace(robot, sensors=sensors)
+        model = replace(model, sensors=sensors)
+        robot = replace(robot, sensors=sensors)
     drives = DriveHardware(5e-4, encoder_noise_rad=noise)
     plan: Plan = flexgen.excite(
         model,
@@ -125,8 +128,12 @@ def test_a_link_encoder_makes_stiffness_more_accurate(truth: RobotModel, tmp_pat
 
 
 @pytest.mark.full
-def test_the_stated_delay_of_a_link_encoder_is_taken_out(truth: RobotModel, tmp_path: Path) -> None:
-    """Its samples are two and a half samples old; unless the model file says so, the residuals are not noise."""
+def test_the_stated_delay_of_a_link_encoder_is_taken_out(
+    truth: RobotModel, tmp_path: Path
+) -> None:
+    """Its samples are two and a half samples old; unless the model file says so, the residuals are
+    not noise.
+    """
     path = recorded(tmp_path, truth, 1e-4, encoder=True)
     for file in tmp_path.glob("*.npz"):
         arrays = dict(np.load(file))
@@ -171,7 +178,8 @@ def test_segments_are_those_of_another_integrator(robots: int) -> None:
     power = ca.Function(
         "power", [x, u, p], [p * u * ca.mtimes(ca.DM(local.motor_rows), x[model.dof :])]
     )
-    segments, powers = Segments(local.rate, rows, 1e-3, 16), Segments(local.rate, power, 1e-3, 16)
+    segments = Segments(local.rate, rows, 1e-3, 16)
+    powers = Segments(local.rate, power, 1e-3, 16)
     rng = np.random.default_rng(0)
     start = 0.1 * rng.normal(size=(robots, 2 * model.dof))
     torques = rng.normal(size=(2, 5 * 16, 3, model.n_m))
@@ -180,7 +188,9 @@ def test_segments_are_those_of_another_integrator(robots: int) -> None:
     offset = rng.normal(size=(robots, model.n_m))
     sets = rng.integers(0, 2, robots)
     given = start, torques, sets, offset, k
-    y, whole, shown = segments(*given), segments(*given, states=True), powers(*given)
+    y = segments(*given)
+    whole = segments(*given, states=True)
+    shown = powers(*given)
     assert np.array_equal(y, whole @ rows.T) or np.abs(y - whole @ rows.T).max() < 1e-14
     rate = local.equations.function("state_rate")
     for robot in range(robots):

@@ -1,4 +1,5 @@
-"""The status of a fit of recorded motions: by the whiteness of its residuals and by recordings that were not fitted.
+"""The status of a fit of recorded motions: by the whiteness of its residuals and by recordings
+that were not fitted.
 
 The recordings are simulated here, by an integrator of two masses that shares no code with flexgen.
 """
@@ -16,8 +17,13 @@ from flexgen.identification.motion_fit import MotionFit, fit_motion
 from flexgen.identification.result import FitStatus
 
 BENCH = Path(__file__).resolve().parents[2] / "examples" / "motor_bench" / "bench.toml"
-T, STEPS, SAMPLES = 4e-4, 2, 1500
-J_M, J_L, VISCOUS = 3e-3, 4e-3, 1e-2  # as in the file
+T = 4e-4
+STEPS = 2
+SAMPLES = 1500
+# as in the file
+J_M = 3e-3
+J_L = 4e-3
+VISCOUS = 1e-2
 FREE = ["stiffness", "damping"]
 DESCRIPTION = """\
 model = "bench.toml"
@@ -50,7 +56,9 @@ def recorded(
     noise: float = 2e-4,
     size: float = 1.0,
 ) -> Path:
-    """A motion of two masses: spring k, Coulomb friction of the load, a spring that clamps the motor, encoder noise."""
+    """A motion of two masses: spring k, Coulomb friction of the load, a spring that clamps the
+    motor, encoder noise.
+    """
     rng = np.random.default_rng(seed)
     t = T * np.arange(SAMPLES)
     hz = np.arange(3.0, 120.0, 6.0)
@@ -68,7 +76,9 @@ def recorded(
             ]
         )
 
-    x, angle, h = np.zeros(4), np.empty(SAMPLES), T / STEPS
+    x = np.zeros(4)
+    angle = np.empty(SAMPLES)
+    h = T / STEPS
     for n, torque in enumerate(tau):
         angle[n] = x[0]
         for _ in range(STEPS):
@@ -85,12 +95,12 @@ def recorded(
 
 @pytest.fixture(scope="module")
 def fits(tmp_path_factory: pytest.TempPathFactory) -> dict[str, MotionFit]:
-    """Fits of a robot that is as the model, of one with friction that the model lacks, and others held out."""
+    """Fits of a robot that is as the model, of one with friction that the model lacks, and others
+    held out.
+    """
     folder = tmp_path_factory.mktemp("runs")
-    first, same = (
-        recorded(folder / "first", 330.0, 0),
-        recorded(folder / "same", 330.0, 1, size=0.5),
-    )
+    first = recorded(folder / "first", 330.0, 0)
+    same = recorded(folder / "same", 330.0, 1, size=0.5)
     rough = recorded(folder / "rough", 330.0, 0, coulomb=1.0)
     softer = recorded(folder / "softer", 250.0, 1)
 
@@ -112,7 +122,9 @@ def test_white_residuals_and_equal_errors_elsewhere_are_fitted(fits: dict[str, M
 def test_residuals_that_are_not_white_are_a_model_error(
     fits: dict[str, MotionFit], tmp_path: Path
 ) -> None:
-    """Friction that the model lacks: the fit explains most of the motion, but the residual is not noise."""
+    """Friction that the model lacks: the fit explains most of the motion, but the residual is not
+    noise.
+    """
     found = fits["friction"]
     assert min(found.fit_percent) > 60 and max(found.white) < 0.5
     assert found.status == FitStatus.MODEL_ERROR and set(found.sd.values()) == {None}
@@ -122,7 +134,9 @@ def test_residuals_that_are_not_white_are_a_model_error(
 def test_recordings_that_the_model_does_not_predict_are_a_poor_validation(
     fits: dict[str, MotionFit],
 ) -> None:
-    """A stiffness 24 % smaller in the other recording; the fitted one is explained within its noise."""
+    """A stiffness 24 % smaller in the other recording; the fitted one is explained within its
+    noise.
+    """
     found = fits["other robot"]
     assert (
         min(found.white) >= 0.85
@@ -134,7 +148,9 @@ def test_recordings_that_the_model_does_not_predict_are_a_poor_validation(
 def test_a_held_out_fit_of_minus_thousands_of_percent_forbids_the_new_file(
     fits: dict[str, MotionFit], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A brake that clamps the motor in the other recording, which the model lacks: it predicts far larger motions."""
+    """A brake that clamps the motor in the other recording, which the model lacks: it predicts far
+    larger motions.
+    """
     run = recorded(tmp_path / "run", 330.0, 0)
     clamped = recorded(tmp_path / "clamped", 330.0, 1, clamp=3e4, noise=1e-6)
     words = [
@@ -157,8 +173,8 @@ def test_a_held_out_fit_of_minus_thousands_of_percent_forbids_the_new_file(
     assert main([*words, "--json", "-q"]) in (0, 1)
     found = json.loads(capsys.readouterr().out)
     assert min(found["held_out_percent"]) < -1000 and min(found["fit_percent"]) > 98
-    assert found["status"] == "poorly validated" and {row["sd"] for row in found["parameters"]} == {
-        None
-    }
+    assert found["status"] == "poorly validated" and {
+        row["sd"] for row in found["parameters"]
+    } == {None}
     # the same recording, validated by one of the same robot
     assert fits["right"].status == FitStatus.FITTED

@@ -1,4 +1,6 @@
-"""Fourier sums of motor angles against an own drive of one joint, and by power balance; planted errors."""
+"""Fourier sums of motor angles against an own drive of one joint, and by power balance; planted
+errors.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,12 @@ from flexgen.mechanics.signatures import offered_functions
 from flexgen.recursion.functions import recursive_function
 from flexgen.spec.fourier import FourierSum
 
-J_A, J_M, N, K, D, VISCOUS = 2.0, 1e-3, 80.0, 5e4, 40.0, 2e-3
+J_A = 2.0
+J_M = 1e-3
+N = 80.0
+K = 5e4
+D = 40.0
+VISCOUS = 2e-3
 DRIVE = f"""
 name = "drive"
 gravity = [0, 0, -9.81]
@@ -33,7 +40,8 @@ body = {{ mass = 1.0, com = [0, 0, 0], inertia = [1.0, 1.0, {J_A}] }}
 name = "q1"
 type = "rotation"
 axis = [0, 0, 1]
-gear = {{ type = "elastic", side = "arm", spring = {{ type = "linear", stiffness = {K} }}, damping = {D} }}
+gear = {{ type = "elastic", side = "arm", spring = {{ type = "linear", stiffness = {K} }}, \
+damping = {D} }}
 [[motor]]
 name = "m1"
 drives = "q1"
@@ -68,8 +76,11 @@ def drive(tmp_path: Path) -> flexgen.RobotModel:
 def own_accelerations(
     q: float, v: float, q_m: np.ndarray, v_m: np.ndarray, tau: np.ndarray
 ) -> tuple[Any, Any]:
-    """By hand: virtual work of the spring torque in d = q_m/n - e(q_m) - q, with delta q and delta q_m."""
-    e, slope = value(ERROR, q_m), value(ERROR, q_m, 1)
+    """By hand: virtual work of the spring torque in d = q_m/n - e(q_m) - q, with delta q and delta
+    q_m.
+    """
+    e = value(ERROR, q_m)
+    slope = value(ERROR, q_m, 1)
     torque = K * (q_m / N - e - q) + D * (v_m / N - slope * v_m - v)
     motor = (
         tau * (1 + value(RIPPLE, q_m))
@@ -141,11 +152,17 @@ def test_the_energy_is_that_of_masses_spring_and_cogging(drive: flexgen.RobotMod
 
 @pytest.mark.parametrize("name", ["elbow", "manutec_r3_18"])
 def test_power_balance(name: str) -> None:
-    """The change of the energy is the power of the motors less that of the frictions, at random states."""
+    """The change of the energy is the power of the motors less that of the frictions, at random
+    states.
+    """
     model = harmonic(name)
-    equations, rng = flexgen.derive(model), np.random.default_rng(3)
-    n, n_m, i_g = model.n_a, model.n_m, list(model.i_g)
-    x, rates = ca.SX.sym("x", 2 * (n + n_m)), ca.SX.sym("rates", 2 * (n + n_m))
+    equations = flexgen.derive(model)
+    rng = np.random.default_rng(3)
+    n = model.n_a
+    n_m = model.n_m
+    i_g = list(model.i_g)
+    x = ca.SX.sym("x", 2 * (n + n_m))
+    rates = ca.SX.sym("rates", 2 * (n + n_m))
     stored = sum(
         equations.function("energy")(*ca.vertsplit(x, [0, n, 2 * n, 2 * n + n_m, 2 * (n + n_m)]))
     )
@@ -165,17 +182,19 @@ def test_power_balance(name: str) -> None:
 @pytest.mark.slow
 def test_the_recursion_is_the_lagrangian() -> None:
     model = harmonic("manutec_r3_18")
-    equations, rng = flexgen.derive(model), np.random.default_rng(1)
+    equations = flexgen.derive(model)
+    rng = np.random.default_rng(1)
     for name in ("forward_dynamics", "residual_jacobians", "forward_dynamics_tool_force"):
         fast = recursive_function(equations, name)
         assert fast is not None
         given = [rng.uniform(-1.0, 1.0, fast.size1_in(k)) for k in range(fast.n_in())]
         for one, other in zip(fast(*given), equations.function(name)(*given), strict=True):
-            one, other = np.array(one), np.array(other)
+            one = np.array(one)
+            other = np.array(other)
             assert_allclose(one, other, rtol=0, atol=1e-9 * np.abs(other).max())
 
 
-# --- the stage behind the inverse ----------------------------------------------------------------------------------
+# --- the stage behind the inverse ----------------------------------------------------------------
 
 
 @pytest.mark.parametrize("steep", [1e-6, 0.05, 0.49])
@@ -183,7 +202,9 @@ def test_the_recursion_is_the_lagrangian() -> None:
 def test_motor_angles_solve_their_equation(
     drive: flexgen.RobotModel, tmp_path: Path, steep: float, harmonics: tuple[int, ...]
 ) -> None:
-    """Of errors up to almost the steepest that a model may have, to rounding; speed and acceleration by differences."""
+    """Of errors up to almost the steepest that a model may have, to rounding; speed and
+    acceleration by differences.
+    """
     table = {
         "harmonics": list(harmonics),
         "cos": [1.0] * len(harmonics),
@@ -194,7 +215,8 @@ def test_motor_angles_solve_their_equation(
     key = "element.link.dof.q1.gear.transmission_error"
     model = flexgen.read(tmp_path / "drive.toml", overrides={**SUMS, key: table})
     stage = flexgen.derive(model).function("motor_harmonics")
-    t, h = np.linspace(0.0, 1.0, 101), 2e-5
+    t = np.linspace(0.0, 1.0, 101)
+    h = 2e-5
 
     def at(t: np.ndarray) -> list[np.ndarray]:
         w = [30 * np.sin(3 * t), 90 * np.cos(3 * t), -270 * np.sin(3 * t)]
@@ -211,7 +233,9 @@ def test_motor_angles_solve_their_equation(
 
 
 def inverse_error(model: flexgen.RobotModel) -> float:
-    """Largest distance of the simulated tool from its path under the torques of the inverse [rad]."""
+    """Largest distance of the simulated tool from its path under the torques of the inverse
+    [rad].
+    """
     solution = flexgen.solve(model, method="closed-form", verify=False, progress=False)
     return float(flexgen.simulate(model, solution.trajectory, feedback="ppi").tool_error_max_m)
 
@@ -247,7 +271,7 @@ def test_hysteresis_and_sums_together() -> None:
     assert flexgen.simulate(model, plain.trajectory, feedback="ppi").tool_error_max_m > 1e-5
 
 
-# --- model files, and what there is not ----------------------------------------------------------------------------
+# --- model files, and what there is not ----------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -280,7 +304,8 @@ def test_wrong_tables_are_refused(
 
 def test_a_description_has_the_tables_of_the_file(drive: flexgen.RobotModel) -> None:
     found = flexgen.describe(drive)
-    (motor,), (joint,) = found["motors"], found["coordinates"]
+    (motor,) = found["motors"]
+    (joint,) = found["coordinates"]
     for given, table in (
         (joint["gear"]["transmission_error"], ERROR),
         (motor["cogging"], COGGING),

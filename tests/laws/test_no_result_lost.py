@@ -113,7 +113,9 @@ FITS = {
         numbers="q1.stiffness",
     ),
     "identify-load": Fit("identify-load", "sampled.toml", ["record.csv"], ".json", numbers="load"),
-    "identify-servo": Fit("identify-servo", "sampled.toml", ["servo.csv"], numbers="position gain"),
+    "identify-servo": Fit(
+        "identify-servo", "sampled.toml", ["servo.csv"], numbers="position gain"
+    ),
 }
 # Verbs whose result has parts, with the words of the command line (OUT: the file or folder) and a
 # number of the parts in their text or JSON.
@@ -185,7 +187,9 @@ def sources(folder: Path) -> None:
 
 
 def responses(folder: Path) -> None:
-    """An experiment on a robot whose first spring is softer, its responses, and all its samples."""
+    """An experiment on a robot whose first spring is softer, its responses, and all its
+    samples.
+    """
     robot = flexgen.read(folder / "sampled.toml")
     softer = {"element.upper.dof.q1.gear.spring.stiffness": 1.1e5}
     truth = flexgen.read(folder / "sampled.toml", overrides=softer)
@@ -388,7 +392,9 @@ def test_a_fit_that_has_not_converged_writes_its_best_step(
 
 
 @pytest.mark.parametrize("name", SLOW)
-def test_relative_paths_lead_to_the_same_files_from_another_folder(name: str, folder: Path) -> None:
+def test_relative_paths_lead_to_the_same_files_from_another_folder(
+    name: str, folder: Path
+) -> None:
     fit = FITS[name]
     out = folder / "other" / "deep" / f"{name.replace(' ', '_')}{fit.ending}"
     done = run(folder, fit, out)

@@ -1,4 +1,6 @@
-"""Observers: the C against a twin with whole matrices, the linear Kalman filter, and their own claims."""
+"""Observers: the C against a twin with whole matrices, the linear Kalman filter, and their own
+claims.
+"""
 
 from __future__ import annotations
 
@@ -50,7 +52,9 @@ def noisy_record(name, outputs, sample_time, disturbances, samples=25, **more):
 
 
 def difference(ekf, found, twin, y, u) -> float:
-    """Largest difference from a twin: of states and innovations in their deviations, of covariances relative."""
+    """Largest difference from a twin: of states and innovations in their deviations, of
+    covariances relative.
+    """
     worst = 0.0
     for k in range(len(y)):
         nu, square = twin.step(y[k], u[k])
@@ -63,7 +67,9 @@ def difference(ekf, found, twin, y, u) -> float:
 
 @pytest.mark.parametrize(("name", "outputs", "sample_time", "disturbances"), CASES)
 def test_the_filter_in_c_is_its_twin(name, outputs, sample_time, disturbances):
-    """Measured 1e-9: rounding of the recursion and of Lagrange's equations over 25 samples, in units of the noise."""
+    """Measured 1e-9: rounding of the recursion and of Lagrange's equations over 25 samples, in
+    units of the noise.
+    """
     ekf, y, u = noisy_record(name, outputs, sample_time, disturbances)
     twin = KalmanTwin(ekf)
     assert difference(ekf, ekf.run(y, u), twin, y, u) < 1e-7
@@ -94,19 +100,24 @@ def test_for_this_processor_it_is_the_same_filter():
 
 @pytest.mark.parametrize("sample_time", [5e-4, 1e-3, 2e-3, 4e-3])
 def test_deviations_of_the_first_samples_are_those_of_the_exact_exponential(sample_time):
-    """Transition by `scipy.linalg.expm`; measured 2e-5 to 6.5e-4, and 1.4e-2 to 11 with a second order."""
+    """Transition by `scipy.linalg.expm`; measured 2e-5 to 6.5e-4, and 1.4e-2 to 11 with a second
+    order.
+    """
     ekf = flexgen.ExtendedKalmanFilter(
         "four_mass@high", ("motors", "link_encoders"), sample_time=sample_time
     )
-    n_x, n_m = 2 * ekf.model.dof, ekf.model.n_m
+    n_x = 2 * ekf.model.dof
+    n_m = ekf.model.n_m
     at = ekf._poses.at(ekf._at_rest(np.zeros(n_m)))
     whole = np.zeros((n_x + n_m, n_x + n_m))
-    whole[:n_x, :n_x], whole[:n_x, n_x:] = at.A, at.B
+    whole[:n_x, :n_x] = at.A
+    whole[:n_x, n_x:] = at.B
     F = expm(sample_time * whole)
     Q = process_noise(at, F[:n_x, n_x:], ekf.noises, sample_time)
     C = np.hstack([at.C, at.D])[ekf.channels.index]
     R = np.diag(ekf.channels.noise**2)
-    P, worst = ekf.covariance, 0.0
+    P = ekf.covariance
+    worst = 0.0
     for k in range(40):
         ekf.step(np.zeros(len(C)), np.zeros(n_m))
         if k:
@@ -119,14 +130,20 @@ def test_deviations_of_the_first_samples_are_those_of_the_exact_exponential(samp
 
 
 def test_on_a_linear_model_it_is_the_kalman_filter():
-    """Textbook recursion with constant matrices; the state by the polynomial that Runge-Kutta is for a linear model."""
+    """Textbook recursion with constant matrices; the state by the polynomial that Runge-Kutta is
+    for a linear model.
+    """
     h = 1e-3
-    ekf = flexgen.ExtendedKalmanFilter("four_mass@high", ("motors", "link_encoders"), sample_time=h)
-    n_x, n_m = 2 * ekf.model.dof, ekf.model.n_m
+    ekf = flexgen.ExtendedKalmanFilter(
+        "four_mass@high", ("motors", "link_encoders"), sample_time=h
+    )
+    n_x = 2 * ekf.model.dof
+    n_m = ekf.model.n_m
     at = ekf._poses.at(ekf._at_rest(np.zeros(n_m)))
     s = h / ekf._head.steps
     whole = np.zeros((n_x + n_m, n_x + n_m))
-    whole[:n_x, :n_x], whole[:n_x, n_x:] = at.A, at.B
+    whole[:n_x, :n_x] = at.A
+    whole[:n_x, n_x:] = at.B
     powers = [np.linalg.matrix_power(s * whole, k) for k in range(5)]
     moved = np.linalg.matrix_power(
         sum(x / f for x, f in zip(powers, (1, 1, 2, 6, 24), strict=True)), ekf._head.steps
@@ -138,39 +155,48 @@ def test_on_a_linear_model_it_is_the_kalman_filter():
     C = np.hstack([at.C, at.D])[ekf.channels.index]
     R = np.diag(ekf.channels.noise**2)
     rng = np.random.default_rng(1)
-    y, u = rng.normal(size=(300, 2)) * 1e-2, rng.normal(size=(300, n_m))
+    y = rng.normal(size=(300, 2)) * 1e-2
+    u = rng.normal(size=(300, n_m))
     found = ekf.run(y, u)
     fresh = flexgen.ExtendedKalmanFilter(
         "four_mass@high", ("motors", "link_encoders"), sample_time=h
     )
-    z, P = fresh.state, fresh.covariance
+    z = fresh.state
+    P = fresh.covariance
     for k in range(300):
         if k:
             z = moved @ np.concatenate([z[:n_x], z[n_x:] + u[k]])
             z[n_x:] -= u[k]
             P = F @ P @ F.T + Q
         K = P @ C.T @ np.linalg.inv(C @ P @ C.T + R)
-        z, P = z + K @ (y[k] - C @ z), P - K @ C @ P
+        z = z + K @ (y[k] - C @ z)
+        P = P - K @ C @ P
         assert np.abs(found.q_a[k] - z[: ekf.model.n_a]).max() < 1e-10
     assert np.abs(ekf.state - z).max() < 1e-10 * max(1.0, np.abs(z).max())
     assert np.abs(ekf.covariance - P).max() < 1e-10 * np.abs(P).max()
 
 
 def simulated(ekf, samples, rng, factor=1.0):
-    """Measurements of a robot whose noises are those of the filter, by the nonlinear equations of the twin."""
+    """Measurements of a robot whose noises are those of the filter, by the nonlinear equations of
+    the twin.
+    """
     twin = KalmanTwin(ekf)
-    n_x, n_m, h = twin.n_x, ekf.model.n_m, ekf.sample_time
+    n_x = twin.n_x
+    n_m = ekf.model.n_m
+    h = ekf.sample_time
     z = ekf.state + np.linalg.cholesky(ekf.covariance) @ rng.normal(size=len(ekf.state))
     hold = ekf._at_rest(ekf.model.eta @ np.array(ekf.model.home))[6][0]
     values, vectors = np.linalg.eigh(twin.process)
     process = vectors * np.sqrt(np.maximum(values, 0.0))
-    y, u = np.empty((samples, len(ekf.outputs))), np.empty((samples, n_m))
+    y = np.empty((samples, len(ekf.outputs)))
+    u = np.empty((samples, n_m))
     for k in range(samples):
         u[k] = hold + 0.2 * ekf.noises.largest * np.sin(0.02 * k + np.arange(n_m))
         tau = u[k] + z[n_x:]
         if k:
             acts = tau + ekf.noises.torque * ekf.noises.largest * rng.normal(size=n_m)
-            x, step = z[:n_x], h / 4
+            x = z[:n_x]
+            step = h / 4
             for _ in range(4):
                 k1 = np.array(twin.rate(x, acts)).ravel()
                 k2 = np.array(twin.rate(x + step / 2 * k1, acts)).ravel()
@@ -186,7 +212,9 @@ def simulated(ekf, samples, rng, factor=1.0):
 
 @pytest.mark.parametrize("factor", [1.0, 1.3])
 def test_innovations_are_as_large_as_the_filter_claims(factor):
-    """Sum of normalized squares within the bounds of chi-square (1e-4 each side); 30 % more noise is seen."""
+    """Sum of normalized squares within the bounds of chi-square (1e-4 each side); 30 % more noise
+    is seen.
+    """
     ekf = flexgen.ExtendedKalmanFilter(
         "planar5_nmp", ("motors", "tool_accelerometer"), sample_time=1e-3, tool_force=5.0
     )
@@ -200,10 +228,14 @@ def test_innovations_are_as_large_as_the_filter_claims(factor):
 @pytest.mark.slow
 def test_estimates_follow_a_disturbance():
     """A torque that was not commanded is found within two of its deviations."""
-    ekf = flexgen.ExtendedKalmanFilter("planar5_nmp", ("motors", "link_encoders"), sample_time=1e-3)
+    ekf = flexgen.ExtendedKalmanFilter(
+        "planar5_nmp", ("motors", "link_encoders"), sample_time=1e-3
+    )
     twin = KalmanTwin(ekf)
     hold = ekf._at_rest(ekf.model.eta @ np.array(ekf.model.home))[6][0]
-    x, pushed, h = ekf.state[: twin.n_x], hold + np.array([0.5, -0.3]), 2.5e-4
+    x = ekf.state[: twin.n_x]
+    pushed = hold + np.array([0.5, -0.3])
+    h = 2.5e-4
     y = np.empty((400, 4))
     for k in range(len(y)):
         y[k] = np.array(twin.g(x, pushed)[0]).ravel()
@@ -232,7 +264,8 @@ class Observed:
     """Feedback of estimated motor motion and, or not, of the disturbance that the filter finds."""
 
     def __init__(self, ekf, use):
-        self.ekf, self.use = ekf, use
+        self.ekf = ekf
+        self.use = use
 
     def reset(self):
         self.u = None
@@ -253,20 +286,27 @@ class Observed:
 
 @pytest.mark.slow
 def test_the_filter_works_inside_the_closed_loop(solution):
-    """A disturbance of 0.5 N m on both motors stays with a proportional law, and goes where it is estimated."""
+    """A disturbance of 0.5 N m on both motors stays with a proportional law, and goes where it is
+    estimated.
+    """
     errors = []
     for use in (0.0, 1.0):
         ekf = flexgen.ExtendedKalmanFilter("planar5_nmp", sample_time=1e-3)
         run = flexgen.control(
-            "planar5_nmp", controller=Observed(ekf, use), sample_time=1e-3, encoder_noise=1e-5, solution=solution,
-            disturbances=[flexgen.Disturbance("step", name, 0.5, 0.0) for name in ("m1", "m2")], progress=False,
-        )  # fmt: skip
+            "planar5_nmp",
+            controller=Observed(ekf, use),
+            sample_time=1e-3,
+            encoder_noise=1e-5,
+            solution=solution,
+            disturbances=[flexgen.Disturbance("step", name, 0.5, 0.0) for name in ("m1", "m2")],
+            progress=False,
+        )
         assert run.status == "done"
         errors.append(np.abs(run.nominal.q_m - run.reference.motion["q_m"])[-1].max())
     assert errors[0] > 0.5 and errors[1] < 0.05 * errors[0]
 
 
-# --- constant gains ---------------------------------------------------------------------------------------------------
+# --- constant gains ------------------------------------------------------------------------------
 @pytest.fixture(scope="module")
 def solution():
     return flexgen.solve("planar5_nmp", progress=False)
@@ -274,16 +314,21 @@ def solution():
 
 @pytest.mark.parametrize("outputs", ["motors", ("tool_accelerometer", "m2", "tool_gyro", "m1")])
 def test_constant_gains_are_the_limit_of_the_filter(solution, outputs):
-    """The recursion of the covariance itself, 4000 samples: the remaining effect of its start is below rounding."""
+    """The recursion of the covariance itself, 4000 samples: the remaining effect of its start is
+    below rounding.
+    """
     observer = flexgen.ConstantGainObserver(solution, outputs, parts=3)
     case = control_case(solution.model, solution=solution, sample_time=1e-3)
     motion = case.reference.parts(observer.samples)
     at = PoseModels(observer.model).at([x[1:2] for x in motion])
     F, G, C, D, M = (x[1] for x in observer.matrices)
     n_x, n_m = G.shape
-    whole, rows = np.eye(n_x + n_m), np.hstack([C, D])
-    whole[:n_x, :n_x], whole[:n_x, n_x:] = F, G
-    Q, R = process_noise(at, G, observer.noises, 1e-3), np.diag(observer.channels.noise**2)
+    whole = np.eye(n_x + n_m)
+    rows = np.hstack([C, D])
+    whole[:n_x, :n_x] = F
+    whole[:n_x, n_x:] = G
+    Q = process_noise(at, G, observer.noises, 1e-3)
+    R = np.diag(observer.channels.noise**2)
     P = np.eye(n_x + n_m)
     for _ in range(4000):
         K = np.linalg.solve(rows @ P @ rows.T + R, rows @ P).T
@@ -300,7 +345,8 @@ def test_constant_gains_are_the_limit_of_the_filter(solution, outputs):
 def test_constant_gains_in_c_are_the_equations(solution, outputs, native):
     observer = flexgen.ConstantGainObserver(solution, outputs, native=native)
     rng = np.random.default_rng(2)
-    count, n_x = 700, 2 * observer.model.dof
+    count = 700
+    n_x = 2 * observer.model.dof
     order = observer._order
     y_ref, u_ref, x_ref = (observer._tables[name] for name in ("y_ref", "u_ref", "x_ref"))
     y = np.empty((count, len(order)))
@@ -308,7 +354,8 @@ def test_constant_gains_in_c_are_the_equations(solution, outputs, native):
     y += 1e-3 * rng.normal(size=y.shape)
     u = u_ref[:count] + rng.normal(size=(count, observer.model.n_m))
     found = observer.run(y, u)
-    x, d = np.zeros(n_x), np.zeros(observer.model.n_m)
+    x = np.zeros(n_x)
+    d = np.zeros(observer.model.n_m)
     for k in range(count):
         F, G, C, D, M = (
             part[min(k // observer.samples, len(part) - 1)] for part in observer.matrices
@@ -317,19 +364,25 @@ def test_constant_gains_in_c_are_the_equations(solution, outputs, native):
         before = F @ x + G @ acts
         e = y[k] - C @ before - D @ acts
         e[order] -= y_ref[k]
-        x, d = before + M[:n_x] @ e, d + M[n_x:] @ e
+        x = before + M[:n_x] @ e
+        d = d + M[n_x:] @ e
         assert np.allclose(found[k], np.concatenate([x_ref[k] + x, d]), rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.slow
 def test_the_filter_comes_to_the_constant_gains():
-    """At rest, where the constant gains have the exponential as transition: measured 1.7e-4 of a deviation."""
-    model, found = "four_mass@high", []
+    """At rest, where the constant gains have the exponential as transition: measured 1.7e-4 of a
+    deviation.
+    """
+    model = "four_mass@high"
+    found = []
     solution = flexgen.solve(model, progress=False)
     for h in (5e-4, 2.5e-4):
         ekf = flexgen.ExtendedKalmanFilter(model, sample_time=h)
         observer = flexgen.ConstantGainObserver(solution, sample_time=h, parts=1)
-        count, n_m, i = round(10 / h), ekf.model.n_m, ekf.model.n_a
+        count = round(10 / h)
+        n_m = ekf.model.n_m
+        i = ekf.model.n_a
         ekf.run(np.zeros((count, n_m)), np.zeros((count, n_m)))
         P = ekf.covariance  # after the correction: M = P C' R^-1
         M = P[:, i : i + n_m] / ekf.channels.noise**2
@@ -339,11 +392,17 @@ def test_the_filter_comes_to_the_constant_gains():
 
 
 def test_observers_agree_along_a_motion(solution):
-    """A soft robot under control: the filter and the constant gains find the same tool, within 50 um of 1.8 mm."""
+    """A soft robot under control: the filter and the constant gains find the same tool, within 50
+    um of 1.8 mm.
+    """
     run = flexgen.control(
-        "planar5_nmp", sample_time=1e-3, plants={"soft": {"stiffness": 0.8}}, encoder_noise=1e-4, solution=solution,
+        "planar5_nmp",
+        sample_time=1e-3,
+        plants={"soft": {"stiffness": 0.8}},
+        encoder_noise=1e-4,
+        solution=solution,
         progress=False,
-    )  # fmt: skip
+    )
     soft = run["soft"]
     u = acting(soft.tau_m, 0, 0.0)
     ekf = flexgen.ExtendedKalmanFilter("planar5_nmp", sample_time=1e-3)
@@ -357,19 +416,20 @@ def test_observers_agree_along_a_motion(solution):
     assert np.abs(extended - soft.q_a)[1000:].max() > 2e-4
 
 
-# --- smoother ---------------------------------------------------------------------------------------------------------
+# --- smoother ------------------------------------------------------------------------------------
 @pytest.mark.slow
 def test_a_smoother_reconstructs_a_deviation_without_delay(solution):
-    """A deviation of the arm that follows from a force, seen without noise: found forwards as backwards."""
+    """A deviation of the arm that follows from a force, seen without noise: found forwards as
+    backwards.
+    """
     channels = channels_of(solution.model, ("motors", "tool_accelerometer"))
     case = control_case(channels.model, solution=solution, sample_time=1e-3)
     smoother = PathSmoother(channels, case.reference, 1e-3)
-    count, size = len(case.reference.time), smoother._F.shape[1]
-    z, dy, true = (
-        np.zeros(size),
-        np.zeros((count, len(channels.names))),
-        np.zeros((count, solution.model.n_a)),
-    )
+    count = len(case.reference.time)
+    size = smoother._F.shape[1]
+    z = np.zeros(size)
+    dy = np.zeros((count, len(channels.names)))
+    true = np.zeros((count, solution.model.n_a))
     n_x = 2 * solution.model.dof
     for k in range(count):
         p = min(k // smoother.samples, len(smoother._F) - 1)
@@ -377,7 +437,8 @@ def test_a_smoother_reconstructs_a_deviation_without_delay(solution):
             z = smoother._F[p] @ z
         z[n_x:] = 0.0
         z[n_x + 2 : n_x + 5] = 0.5 * np.exp(-(((k - 2250) / 60) ** 2)) * np.array([1.0, -0.5, 0.3])
-        dy[k], true[k] = smoother._C[p] @ z, z[: solution.model.n_a]
+        dy[k] = smoother._C[p] @ z
+        true[k] = z[: solution.model.n_a]
     found = smoother.deviation(dy, np.zeros((count, solution.model.n_m)))
     assert np.abs(found - true).max() < 0.15 * np.abs(true).max()
     assert smoother.deviation(0 * dy, np.zeros((count, solution.model.n_m))).any() == False  # noqa: E712
@@ -391,18 +452,26 @@ def test_torques_between_samples():
 
 @pytest.mark.slow
 def test_learning_from_accelerometers_removes_what_moves(solution):
-    """The dynamic error of the soft robot falls below 60 %; the error at rest stays, and that is said."""
+    """The dynamic error of the soft robot falls below 60 %; the error at rest stays, and that is
+    said.
+    """
     found = flexgen.learn(
-        "planar5_nmp", plant={"stiffness": 0.8}, solution=solution, iterations=3, sample_time=1e-3, encoder_noise=1e-4,
-        measured_by="accelerometer", progress=False,
-    )  # fmt: skip
+        "planar5_nmp",
+        plant={"stiffness": 0.8},
+        solution=solution,
+        iterations=3,
+        sample_time=1e-3,
+        encoder_noise=1e-4,
+        measured_by="accelerometer",
+        progress=False,
+    )
     assert found.dynamic_errors_m[-1] < 0.6 * found.dynamic_errors_m[0]
     assert min(found.errors_m) > 0.5e-3
     assert "dynamic" in str(found) and found.to_dict()["measured_by"] == "accelerometer"
     assert found.best == int(np.argmin(found.measured_m))
 
 
-# --- bad input --------------------------------------------------------------------------------------------------------
+# --- bad input -----------------------------------------------------------------------------------
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -499,7 +568,8 @@ def test_sensors_with_delay_and_wrong_samples_are_refused():
         with pytest.raises(ArgumentError, match="expected a whole number from 0 on"):
             observer.reset(wrong)
     other = copy.deepcopy(observer)
-    y, u = np.zeros(2), np.zeros(2)
+    y = np.zeros(2)
+    u = np.zeros(2)
     first = observer.step(y, u)
     assert np.array_equal(other.step(y, u), first) and not np.array_equal(
         observer.step(y, u), first

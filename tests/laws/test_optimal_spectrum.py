@@ -19,9 +19,13 @@ from flexgen.identification.parameters import ParameterVector
 
 
 def test_the_best_of_two_lines_in_closed_form() -> None:
-    """Two lines that each tell one parameter: variances 1/(p a) + 1/((1 - p) b), p = sqrt(b)/(sqrt(a) + sqrt(b))."""
+    """Two lines that each tell one parameter: variances 1/(p a) + 1/((1 - p) b), p =
+    sqrt(b)/(sqrt(a) + sqrt(b)).
+    """
     vector = ParameterVector(flexgen.read("planar5_nmp"), ["q1.stiffness", "q2.stiffness"])
-    a, b = 9e6, 1e6  # so large that the prior does not count
+    # so large that the prior does not count
+    a = 9e6
+    b = 1e6
     power = optimal_power(np.array([np.diag([a, 0.0]), np.diag([0.0, b])]), vector)
     assert power == pytest.approx([1 / 4, 3 / 4], abs=2e-3)
 

@@ -1,4 +1,6 @@
-"""Accuracy and repeatability of paths against closed forms: circles, delays, oscillators; planted errors."""
+"""Accuracy and repeatability of paths against closed forms: circles, delays, oscillators; planted
+errors.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +33,8 @@ def judged(*attained: np.ndarray, **options: float) -> flexgen.PathAccuracy:
 
 def test_a_robot_that_is_late_on_the_path_has_no_error_of_the_path() -> None:
     found = judged(circle(TIME - 0.03))
-    assert found.path_accuracy is not None and found.path_accuracy < 2e-7  # 5e-3 m at the same time
+    # 5e-3 m at the same time
+    assert found.path_accuracy is not None and found.path_accuracy < 2e-7
     assert found.path_repeatability is None and found.pose_repeatability is None
     assert found.pose_accuracy == pytest.approx(0.0, abs=1e-15)
     error = np.linalg.norm(circle(TIME - 0.03) - circle(TIME), axis=1).max()
@@ -74,7 +77,9 @@ def test_settling_and_overshoot_are_those_of_an_oscillator(
     damping: float, frequency: float
 ) -> None:
     """A e^(-d w t) cos(w_d t) after the path: its peaks decide."""
-    size, band, w = 1e-3, 1e-4, 2 * np.pi * frequency
+    size = 1e-3
+    band = 1e-4
+    w = 2 * np.pi * frequency
     after = np.maximum(TIME - END, 0.0)
     away = size * np.exp(-damping * w * after) * np.cos(w * np.sqrt(1 - damping**2) * after)
     wave = np.where(TIME >= END, away, 0.0)[:, None] * [0.6, 0.8]
@@ -122,7 +127,9 @@ def turned(angles: np.ndarray) -> np.ndarray:
     o = np.zeros(len(angles))
     hat = np.stack([o, -z, y, z, o, -x, -y, x, o], axis=1).reshape(-1, 3, 3)
     return np.asarray(
-        np.eye(3) + np.sinc(size / np.pi) * hat + 0.5 * np.sinc(size / (2 * np.pi)) ** 2 * hat @ hat
+        np.eye(3)
+        + np.sinc(size / np.pi) * hat
+        + 0.5 * np.sinc(size / (2 * np.pi)) ** 2 * hat @ hat
     )
 
 
@@ -136,21 +143,24 @@ PLANTED = np.array([[3e-4, -1e-4, 0.0], [1e-4, -2e-4, 5e-4], [-2e-4, -6e-4, 4e-4
 
 
 def oriented(errors: np.ndarray, late: float, *, reverse: bool = False) -> flexgen.PathAccuracy:
-    """Robots that are late on the path, with constant errors of the angles about the world axes."""
+    """Robots that are late on the path, with constant errors of the angles about the world
+    axes.
+    """
     each = [turned(np.tile(error, (len(TIME), 1))) for error in errors]
     R = np.array([command(TIME - late) @ x if reverse else x @ command(TIME - late) for x in each])
-    names, p = tuple("abc"[: len(errors)]), np.array([circle(TIME - late)] * len(errors))
+    names = tuple("abc"[: len(errors)])
+    p = np.array([circle(TIME - late)] * len(errors))
     return path_accuracy(TIME, circle(TIME), p, END, robots=names, orientations=(command(TIME), R))
 
 
 @pytest.mark.parametrize("late", [0.0, 0.03])
 def test_angles_that_were_planted_are_found_whatever_the_lateness(late: float) -> None:
-    """AP and AT are the means of the planted angles, RP and RT three standard deviations of each."""
+    """AP and AT are the means of the planted angles, RP and RT three standard deviations of
+    each.
+    """
     found = oriented(PLANTED, late)
-    mean, spread = (
-        PLANTED.mean(axis=0),
-        3 * np.sqrt(((PLANTED - PLANTED.mean(axis=0)) ** 2).sum(axis=0) / 2),
-    )
+    mean = PLANTED.mean(axis=0)
+    spread = 3 * np.sqrt(((PLANTED - PLANTED.mean(axis=0)) ** 2).sum(axis=0) / 2)
     assert_allclose(found.orientation_accuracy, mean, rtol=1e-9)
     assert_allclose(found.orientation_repeatability, spread, rtol=1e-9)
     # linear between the samples
@@ -166,7 +176,9 @@ def test_angles_about_the_axes_of_the_tool_are_a_planted_error() -> None:
     assert found is not None and np.abs(np.array(found) - PLANTED.mean(axis=0)).max() > 5e-5
 
 
-def test_orientations_at_the_same_time_are_a_planted_error(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_orientations_at_the_same_time_are_a_planted_error(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(figures, "ITERATIONS", 0)
     found = oriented(PLANTED, 0.03).orientation_path_accuracy
     assert found is not None and max(found) > 1e-2
@@ -181,7 +193,9 @@ def test_one_robot_has_angles_without_repeatability_and_a_position_has_none() ->
 
 @pytest.mark.slow
 def test_a_closed_loop_of_poses_states_angles_in_its_json() -> None:
-    """The norm of the mean angles at the end of one robot is its angle from the reference there."""
+    """The norm of the mean angles at the end of one robot is its angle from the reference
+    there.
+    """
     run = flexgen.control("kr300", plants={"heavy": {"payload": 20.0}}, progress=False)
     data = run.to_dict()["accuracy"]
     assert data["path_accuracy_m"] == run.accuracy().path_accuracy and len(data["robots"]) == 2
@@ -201,14 +215,19 @@ def test_a_closed_loop_of_poses_states_angles_in_its_json() -> None:
 def test_a_robot_that_stops_short_of_a_corner_is_measured_at_its_nearest(
     zone: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Two legs of 100 mm: the robot is 10 mm short of the end of the first one, so that it is 10 mm off the other."""
+    """Two legs of 100 mm: the robot is 10 mm short of the end of the first one, so that it is 10
+    mm off the other.
+    """
     s = np.clip(np.linspace(-0.02, 0.22, 2401), 0.0, 0.2)  # [m] along the legs
     s = np.concatenate([s[:1201], np.full(200, s[1200]), s[1201:]])  # with a stop in the corner
-    time, x, y = np.linspace(0.0, 2.6, len(s)), np.minimum(s, 0.1), np.clip(s - 0.1, 0.0, 0.1)
+    time = np.linspace(0.0, 2.6, len(s))
+    x = np.minimum(s, 0.1)
+    y = np.clip(s - 0.1, 0.0, 0.1)
     if zone:
         near = np.abs(s - 0.1) < zone
         part = (s[near] - 0.1 + zone) / (2 * zone)
-        x[near], y[near] = 0.1 - zone * (1 - part) ** 2, zone * part**2
+        x[near] = 0.1 - zone * (1 - part) ** 2
+        y[near] = zone * part**2
     line = np.column_stack([x, y])
     short = np.column_stack([np.minimum(x, 0.09), y])
     judge = partial(path_accuracy, time, line, np.array([short]), 2.5, robots=("short",))
@@ -233,7 +252,9 @@ def test_figures_of_a_reference_at_rest_are_not_stated() -> None:
 
 
 def test_an_output_with_one_axis_has_no_offsets_from_its_path() -> None:
-    """A robot that is a tenth too far is on the line of one axis: only its end and its speed show it."""
+    """A robot that is a tenth too far is on the line of one axis: only its end and its speed show
+    it.
+    """
     line = circle(TIME)[:, :1]
     found = path_accuracy(TIME, line, np.array([1.1 * line, line]), END, robots=("far", "right"))
     assert (

@@ -1,4 +1,6 @@
-"""Circles, corners and turns: every derivative against high precision, zones kept, planted bugs seen."""
+"""Circles, corners and turns: every derivative against high precision, zones kept, planted bugs
+seen.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,8 @@ from flexgen.paths import blended_curve
 from flexgen.paths.path import Path
 from flexgen.paths.segments import circle_through
 
-# Sums of up to some ten terms of the size of the largest, each rounded; the fifth derivative loses most.
+# Sums of up to some ten terms of the size of the largest, each rounded; the fifth derivative loses
+# most.
 EXACT = 1e-11
 
 
@@ -52,7 +55,10 @@ def sizes(values: np.ndarray) -> np.ndarray:
 
 def circle_error(robot, start, **changes) -> float:
     """Largest error of a circle with a turn, against the sine and cosine in high precision."""
-    center, axis, angle, rotation = (0.05, 0.12, -0.03), (0.3, -0.2, 1.0), 1.9, (0.2, 0.4, -0.3)
+    center = (0.05, 0.12, -0.03)
+    axis = (0.3, -0.2, 1.0)
+    angle = 1.9
+    rotation = (0.2, 0.4, -0.3)
     move = Move(
         "arc",
         "tool_circle",
@@ -108,11 +114,14 @@ def corner_path(robot, start) -> Path:
 
 @pytest.fixture(scope="module")
 def exact_corner(robot, start) -> tuple[float, np.ndarray]:
-    """An instant inside a rounded corner with turns, and the pose there: arc length by quadrature, 60 digits."""
+    """An instant inside a rounded corner with turns, and the pose there: arc length by quadrature,
+    60 digits.
+    """
     path = corner_path(robot, start)
     curve = path.segments[0].curve
     p0, R0 = path.reference.tool_pose(start)
-    R0, turns = mp.matrix(R0.tolist()), ((0.3, 0.1, 0.0), (0.0, 0.0, 0.5))
+    R0 = mp.matrix(R0.tolist())
+    turns = ((0.3, 0.1, 0.0), (0.0, 0.0, 0.5))
     law = polynomial_law(0.9, 6)
     with mp.workdps(DIGITS):
         zone = mp.mpf(0.05)
@@ -120,12 +129,14 @@ def exact_corner(robot, start) -> tuple[float, np.ndarray]:
         lengths = [mp.norm(way) for way in ways]
         d1, d2 = ([x / n for x in way] for way, n in zip(ways, lengths, strict=True))
         _, area = bump_integrals(4)
-        before, after = lengths[0] - zone, lengths[1] - zone
+        before = lengths[0] - zone
+        after = lengths[1] - zone
         inside = corner_length(d1, d2, zone)
 
     def place(t):
         x = corner_point(d1, d2, zone, law(t) * (before + inside + after) - before)
-        l1, l2 = lengths[0] - zone * area(-x), zone * area(x)
+        l1 = lengths[0] - zone * area(-x)
+        l2 = zone * area(x)
         p = [mp.mpf(p0[i]) + d1[i] * l1 + d2[i] * l2 for i in range(3)]
         R1 = turn(turns[0], mp.norm(mp.matrix(turns[0])) * l1 / lengths[0])
         R = turn(turns[1], mp.norm(mp.matrix(turns[1])) * l2 / lengths[1]) * R1 * R0
@@ -141,7 +152,8 @@ def corner_error(robot, start, exact_corner) -> float:
     """Largest error there."""
     t, right = exact_corner
     path = corner_path(robot, start)
-    sample, every = path.sample(np.array([t])), path.sample(np.linspace(0, 0.9, 301))
+    sample = path.sample(np.array([t]))
+    every = path.sample(np.linspace(0, 0.9, 301))
     return max(
         worst(sample.y[0], right[:3], sizes(every.y)),
         float(np.abs(sample.R[0].ravel() - right[3:, 0]).max()),
@@ -169,7 +181,8 @@ def test_a_wrong_arc_length_would_be_seen(
 def test_corners_have_unit_speed_and_join_smoothly(robot, start) -> None:
     curve = corner_path(robot, start).segments[0].curve
     s = np.zeros((20001, 6))
-    s[:, 0], s[:, 1] = np.linspace(0, curve.length, len(s)), 1.0
+    s[:, 0] = np.linspace(0, curve.length, len(s))
+    s[:, 1] = 1.0
     x = curve(s)[0]
     assert np.abs(np.linalg.norm(x[:, :, 1], axis=1) - 1).max() < 1e-13
     edges = np.cumsum([section.length for section in curve.sections])[:-1]
@@ -177,16 +190,21 @@ def test_corners_have_unit_speed_and_join_smoothly(robot, start) -> None:
     for order in range(6):
         around = [np.zeros((2, 6)), np.zeros((2, 6))]
         for side, shift in zip(around, (-1e-9, 1e-9), strict=True):
-            side[:, 0], side[:, 1] = edges + shift, 1.0
+            side[:, 0] = edges + shift
+            side[:, 1] = 1.0
         change = np.abs(curve(around[1])[0][:, :, order] - curve(around[0])[0][:, :, order]).max()
         assert change < 1e-5 * max(1.0, np.abs(x[:, :, order]).max()), order
 
 
 @pytest.mark.parametrize("seed", range(12))
 def test_zones_are_kept(robot, start, seed: int) -> None:
-    """Random chains of lines and arcs: outside of the corners they are the segments, inside within the zone."""
+    """Random chains of lines and arcs: outside of the corners they are the segments, inside within
+    the zone.
+    """
     rng = np.random.default_rng(seed)
-    legs, corner, ends = [], np.zeros(3), []
+    legs = []
+    corner = np.zeros(3)
+    ends = []
     count = 5
     zones = rng.uniform(0.005, 0.03, count - 1)
     for k in range(count):
@@ -202,10 +220,13 @@ def test_zones_are_kept(robot, start, seed: int) -> None:
         )
         corner = corner + way
         ends.append(corner)
-    path = Path(robot, Move("chain", "tool_polyline", start, 1.0, 5, legs=tuple(legs), radius=0.01))
+    path = Path(
+        robot, Move("chain", "tool_polyline", start, 1.0, 5, legs=tuple(legs), radius=0.01)
+    )
     curve = path.segments[0].curve
     s = np.zeros((8001, 6))
-    s[:, 0], s[:, 1] = np.linspace(0, curve.length, len(s)), 1.0
+    s[:, 0] = np.linspace(0, curve.length, len(s))
+    s[:, 1] = 1.0
     x = curve(s)[0]
     points = x[:, :, 0] - path.reference.tool_pose(start)[0]
     at = np.searchsorted(np.cumsum([section.length for section in curve.sections]), s[:, 0])
@@ -298,8 +319,11 @@ def test_paths_that_turn_back_or_overlap_are_refused(robot, start) -> None:
 
 
 def joint_error(path: Path, t: float) -> float:
-    """Largest error of the tool's derivatives while the joints of planar5 move, against its closed form."""
-    law, move = polynomial_law(path.duration, path.move.smoothness), path.move
+    """Largest error of the tool's derivatives while the joints of planar5 move, against its closed
+    form.
+    """
+    law = polynomial_law(path.duration, path.move.smoothness)
+    move = path.move
 
     def place(time):
         q1, q2 = (

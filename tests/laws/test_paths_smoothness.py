@@ -1,4 +1,6 @@
-"""Smoothness reports: every jump is found where it was put, and the cost is that of a simulation."""
+"""Smoothness reports: every jump is found where it was put, and the cost is that of a
+simulation.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,8 @@ from flexgen.paths.path import Path
 from flexgen.paths.smoothness import SmoothnessReport, smoothness_report
 from flexgen.paths.time_laws import TimeLaw
 
-# Estimates of the linear machine at one pose, compared with a simulation that moves on along the path.
+# Estimates of the linear machine at one pose, compared with a simulation that moves on along the
+# path.
 FACTOR = 2.0
 
 
@@ -56,7 +59,9 @@ def test_smooth_paths_have_no_jumps(arm) -> None:
 
 
 def path_error(solution: flexgen.Solution) -> float:
-    """Largest error of the output up to the end of the trajectory [m]: the estimate does not cover a hold after it."""
+    """Largest error of the output up to the end of the trajectory [m]: the estimate does not cover
+    a hold after it.
+    """
     assert solution.simulation is not None
     return float(np.linalg.norm(solution.simulation.trajectory["error"], axis=1).max())
 
@@ -92,7 +97,9 @@ def test_lq_and_bvp_drift_less_than_estimated(arm, method: str, smoothness: int)
 
 @pytest.mark.slow
 def test_kinks_of_the_torque_are_reported(monkeypatch) -> None:
-    """C3 with 1 ms: the corners of the torque fall between its samples; the exact derivatives there drift."""
+    """C3 with 1 ms: the corners of the torque fall between its samples; the exact derivatives
+    there drift.
+    """
     robot = flexgen.derive("manutec_r3")
     start = robot.model.move("line").start
     bounds = (1.7, 8.0, 140.0, 5000.0)
@@ -146,7 +153,9 @@ def test_rounded_corners_are_smooth_and_splines_jump_at_their_knots(
 
 
 def test_samples_that_begin_or_end_in_motion_are_a_warning(arm, tmp_path: FilePath) -> None:
-    """A part of a recorded motion; the speed at 0.355 of it is (0.355 0.645 / 0.25)^3 of the largest."""
+    """A part of a recorded motion; the speed at 0.355 of it is (0.355 0.645 / 0.25)^3 of the
+    largest.
+    """
     t = np.linspace(0.0, 0.5, 101)
     s = t / 0.5
     p = arm.model.move("line").displacement
@@ -162,10 +171,16 @@ def test_samples_that_begin_or_end_in_motion_are_a_warning(arm, tmp_path: FilePa
         found.append(InversionProblem(arm, Path(arm, move)).too_rough)
     assert found[0] == ()
     assert found[1] == (
-        "move part: its samples begin at 77 % of their largest speed, the path at rest: add samples from rest",
+        (
+            "move part: its samples begin at 77 % of their largest speed, the path at rest: add "
+            "samples from rest"
+        ),
     )
     assert found[2] == (
-        "move part: its samples end at 77 % of their largest speed, the path at rest: add samples until rest",
+        (
+            "move part: its samples end at 77 % of their largest speed, the path at rest: add "
+            "samples until rest"
+        ),
     )
 
 

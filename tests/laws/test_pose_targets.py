@@ -1,4 +1,6 @@
-"""Joint moves to poses of the tool: the joints that Lagrange's kinematics say, or an error with file, line and key."""
+"""Joint moves to poses of the tool: the joints that Lagrange's kinematics say, or an error with
+file, line and key.
+"""
 
 from __future__ import annotations
 
@@ -41,7 +43,9 @@ def robot() -> RobotModel:
 
 
 def pose(q: np.ndarray) -> tuple[tuple[float, ...], tuple[tuple[float, ...], ...]]:
-    """Position and rotation of the tool by Lagrange's kinematics, which share no code with the emitted ones."""
+    """Position and rotation of the tool by Lagrange's kinematics, which share no code with the
+    emitted ones.
+    """
     p, R = evaluate(flexgen.derive("manutec_r3").function("forward_kinematics"), q[None])
     return tuple(map(float, p.ravel())), tuple(tuple(map(float, row)) for row in R.reshape(3, 3))
 
@@ -75,14 +79,18 @@ def moved(target: PoseTarget, start: np.ndarray = START) -> Program:
 
 @pytest.mark.slow
 def test_a_configuration_leads_to_its_joints() -> None:
-    """Random joints: the pose of Lagrange's kinematics with their signs and turns gives them back."""
+    """Random joints: the pose of Lagrange's kinematics with their signs and turns gives them
+    back.
+    """
     checked = 0
     for q in joints(20):
         flags = configuration_at(robot(), q).flags
         target = PoseTarget(*pose(q), flags, (0,) * 6)
         same = [c for c in kinematics(robot(), *map(np.array, pose(q))) if c.flags == flags]
         if len(same) > 1:
-            with pytest.raises(ArgumentError, match="solutions within the limits have these signs"):
+            with pytest.raises(
+                ArgumentError, match="solutions within the limits have these signs"
+            ):
                 joints_of_target(robot(), target, START, refused)
             continue
         # the solutions are polished to 1e-12 of the pose, and singular values are above 1e-2
@@ -92,10 +100,8 @@ def test_a_configuration_leads_to_its_joints() -> None:
 
 
 def test_turns_are_those_that_are_named_or_the_closest_within_the_limits() -> None:
-    q, turn = (
-        START + np.array([0.1, -0.2, 0.2, 0.3, 0.2, 0.5]),
-        np.array([0, 0, 0, 0, 0, 2 * np.pi]),
-    )
+    q = START + np.array([0.1, -0.2, 0.2, 0.3, 0.2, 0.5])
+    turn = np.array([0, 0, 0, 0, 0, 2 * np.pi])
     target = PoseTarget(*pose(q), configuration_at(robot(), q).flags)
     assert np.abs(end_of(moved(target)) - q).max() < 1e-9
     assert np.abs(end_of(moved(target, START + turn)) - q - turn).max() < 1e-9
@@ -220,7 +226,8 @@ def test_arms_without_six_joints_and_bad_values_are_refused() -> None:
         MoveL((0.02, 0.0, 0.0), configuration=(1, 0, 1)),
     ]
     with pytest.raises(
-        ArgumentError, match=r"PoseTarget, position: given \(0\.5, nan, 0\.0\), expected a sequence"
+        ArgumentError,
+        match=r"PoseTarget, position: given \(0\.5, nan, 0\.0\), expected a sequence",
     ):
         PoseTarget((0.5, np.nan, 0.0), target.orientation)
     for step in wrong_steps:

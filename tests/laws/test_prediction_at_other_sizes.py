@@ -1,4 +1,6 @@
-"""Predicted errors of a robot of another size: all lengths times a power of two and the same gravity scale them."""
+"""Predicted errors of a robot of another size: all lengths times a power of two and the same
+gravity scale them.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +11,9 @@ from enlarged import enlarged
 
 import flexgen
 
-FACTOR, SAME = 1.0 / 256.0, 1e-6  # a sixteenth of the times; relative: two solutions in other units
+# a sixteenth of the times; relative: two solutions in other units
+FACTOR = 1.0 / 256.0
+SAME = 1e-6
 
 
 @pytest.mark.parametrize("known", ["stiffness = 0.1\nmasses = 0.03", "delay = {}"])

@@ -1,4 +1,6 @@
-"""The fastest time laws of programs: every limit is kept by torques of another simulation, and none is for free."""
+"""The fastest time laws of programs: every limit is kept by torques of another simulation, and
+none is for free.
+"""
 
 from __future__ import annotations
 
@@ -42,8 +44,11 @@ THREE = program(
 
 
 def measures(solution: flexgen.Solution) -> dict[str, np.ndarray]:
-    """What the limits bound, from the motion of the simulated robot and differences, without the code of the search."""
-    t, run = solution.trajectory, solution.simulation.trajectory
+    """What the limits bound, from the motion of the simulated robot and differences, without the
+    code of the search.
+    """
+    t = solution.trajectory
+    run = solution.simulation.trajectory
     h = t.time[1] - t.time[0]
     on_path = (t.time >= 0.0) & (t.time <= flexgen.plan(solution.model, solution.move).duration)
     place = evaluate(flexgen.derive(solution.model).function("forward_kinematics"), run["q_a"])[0]
@@ -86,7 +91,8 @@ def found(given: dict[str, np.ndarray]) -> flexgen.FastestMove:
 def test_a_program_is_faster_and_keeps_every_limit(
     given: dict[str, np.ndarray], found: flexgen.FastestMove
 ) -> None:
-    limits, now = limits_of(given), measures(found.solution)
+    limits = limits_of(given)
+    now = measures(found.solution)
     assert found.duration_s < 0.85 * found.default_s and found.excess <= KEPT
     assert found.solution.status == "solved" and found.solution.tool_error_max_m < 1e-6
     assert (now["torque"] <= 0.9 * np.array(limits.torque) * (1 + KEPT)).all()
@@ -123,7 +129,9 @@ def test_the_program_with_its_laws_is_a_program_like_others(found: flexgen.Faste
 def test_effective_torques_connect_the_motions(
     given: dict[str, np.ndarray], found: flexgen.FastestMove
 ) -> None:
-    """A bound in the middle between those of the slow and the fast program; better than the fast one slowed down."""
+    """A bound in the middle between those of the slow and the fast program; better than the fast
+    one slowed down.
+    """
     fast = measures(found.solution)["rms"]
     rms = tuple((given["rms"] + fast) / 2)
     limits = limits_of(given, torque_rms=rms)
@@ -149,7 +157,9 @@ def test_a_program_takes_its_motions_and_its_pauses() -> None:
 def test_planted_errors_are_found(
     planted: str, given: dict[str, np.ndarray], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A search that forgets the reserve, or the torques of the gears, exceeds a limit; `solve` notices."""
+    """A search that forgets the reserve, or the torques of the gears, exceeds a limit; `solve`
+    notices.
+    """
     own = limits_of(given, torque=tuple(9.0 * given["torque"])).without(
         "tool_speed", "deflection", "torque_rate"
     )
@@ -174,7 +184,8 @@ def test_planted_errors_are_found(
 
 def steepest(solution: flexgen.Solution) -> np.ndarray:
     """Largest rates of the torques, between their samples too."""
-    t, tau = solution.trajectory.time, solution.trajectory["tau_m"]
+    t = solution.trajectory.time
+    tau = solution.trajectory["tau_m"]
     rate = make_interp_spline(t, tau, k=5).derivative()
     return np.abs(rate(np.linspace(t[0], t[-1], 20 * len(t)))).max(axis=0)
 
@@ -183,9 +194,12 @@ def steepest(solution: flexgen.Solution) -> np.ndarray:
 def test_the_last_check_keeps_what_the_search_forgets(
     given: dict[str, np.ndarray], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Rates of torques between the samples of the solution, whose mesh is not that of the search."""
+    """Rates of torques between the samples of the solution, whose mesh is not that of the
+    search.
+    """
     own = Limits(torque=tuple(1.3 * given["torque"]), torque_rate=tuple(7.5 * given["rate"]))
-    excesses, seen = minimum_time._excesses, []
+    excesses = minimum_time._excesses
+    seen = []
 
     def forgetful(model: Any, limits: Limits, *more: Any, **end: Any) -> Iterator[LimitRow]:
         return limit_rows(model, replace(limits, torque_rate=None), *more, **end)

@@ -1,4 +1,6 @@
-"""Recordings with the references and gains of their drives: `refine` simulates them as it does an experiment."""
+"""Recordings with the references and gains of their drives: `refine` simulates them as it does an
+experiment.
+"""
 
 from __future__ import annotations
 
@@ -33,9 +35,16 @@ def recorded(tmp_path_factory):
     model = flexgen.read("planar5_nmp")
     drives = DriveHardware(1e-3, encoder_noise_rad=1e-7)
     plan = flexgen.excite(
-        model, poses=np.array([[0.3, -0.2]]), lines=20, period_s=1.0, periods=2, f_max=60.0, speed_rms=0.02,
-        hardware=drives, progress=False,
-    )  # fmt: skip
+        model,
+        poses=np.array([[0.3, -0.2]]),
+        lines=20,
+        period_s=1.0,
+        periods=2,
+        f_max=60.0,
+        speed_rms=0.02,
+        hardware=drives,
+        progress=False,
+    )
     writer = RecordingWriter(folder, plan, model)
     rough = with_values(
         model,
@@ -114,7 +123,8 @@ def test_scale_turns_a_channel_and_an_offset_shifts_it_in_one_file(recorded):
         ('[[recording]]\nfile = "pose1_realization1_experiment1.npz"\n',
          '[[recording]]\nfile = "pose1_realization1_experiment1.npz"\noffset = { m1 = 0.5 }\n'),
     )  # fmt: skip
-    found, before = read_experiment(turned), read_experiment(path)
+    found = read_experiment(turned)
+    before = read_experiment(path)
     assert np.allclose(found.q_m[..., 0], -2 * before.q_m[..., 0]) and np.allclose(
         found.q_m[..., 1], before.q_m[..., 1]
     )
@@ -158,7 +168,8 @@ def test_references_in_csv_files_are_those_of_the_recordings(recorded, tmp_path)
         names = file.read_text().partition("\n")[0].split(",")
         assert names == ["t", "m1_q_ref_rad", "m2_q_ref_rad", "m1_v_ref_rad_s", "m2_v_ref_rad_s"]
         t, *columns = np.loadtxt(file, delimiter=",", skiprows=1).T
-        q, v = np.array(columns[:2]).T, np.array(columns[2:]).T
+        q = np.array(columns[:2]).T
+        v = np.array(columns[2:]).T
         assert np.allclose(q, read_experiment(path).references[0, 0, k], atol=1e-9)
         slope = (np.roll(q, -1, axis=0) - np.roll(q, 1, axis=0)) / (2 * t[1])
         assert np.abs(slope - v).max() < 0.05 * np.abs(v).max()  # differences at up to 60 Hz

@@ -19,7 +19,9 @@ from flexgen.paths.path import Path
 from flexgen.paths.sample_files import read_samples
 from flexgen.paths.sample_smoothing import kinks_of, noise_of, smooth_spline
 
-T, N, SIZE = 2.0, 201, 0.3
+T = 2.0
+N = 201
+SIZE = 0.3
 
 
 def law(t: np.ndarray) -> np.ndarray:
@@ -70,7 +72,9 @@ def test_a_smooth_path_has_the_second_derivative_of_the_analytic_one(name: str) 
     """The spline through the samples has 2 to 100 times of it; the stated deviation is kept."""
     (t, x), smooth = CASES[name]
     fine = np.linspace(0.0, T, 2001)
-    through = make_interp_spline(t, x[:, None], k=7, bc_type=([(k, [0.0]) for k in (1, 2, 3)],) * 2)
+    through = make_interp_spline(
+        t, x[:, None], k=7, bc_type=([(k, [0.0]) for k in (1, 2, 3)],) * 2
+    )
     assert np.abs(through.derivative(2)(fine)).max() > 2.0 * LARGEST
     found = smooth_spline(t, x[:, None], 7, smooth, 0, rest=True)
     measured = np.abs(found.spline(t)[:, 0] - x).max()
@@ -167,7 +171,8 @@ def test_kinks_are_named_by_their_row(tmp_path: FilePath) -> None:
     """A corner of 40 deg of a path without times, and a jump of the speed with times."""
     s = np.linspace(0.0, 1.0, 30)
     corner = np.stack(
-        [s + np.where(s > 0.5, 0.0, 0.0), np.tan(np.radians(40)) * np.maximum(s - s[14], 0)], axis=1
+        [s + np.where(s > 0.5, 0.0, 0.0), np.tan(np.radians(40)) * np.maximum(s - s[14], 0)],
+        axis=1,
     )
     ((at, angle),) = kinks_of(s, corner, timed=False)
     assert at == 14 and np.degrees(angle) == pytest.approx(40.0)

@@ -1,4 +1,6 @@
-"""Errors planted in the fast path: the checks against the Lagrangian see them, and so does the test before use."""
+"""Errors planted in the fast path: the checks against the Lagrangian see them, and so does the
+test before use.
+"""
 
 from __future__ import annotations
 

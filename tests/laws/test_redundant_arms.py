@@ -1,4 +1,6 @@
-"""Arms with more motors than outputs: moves of the tool become motions of all joints, chosen by a stated rule."""
+"""Arms with more motors than outputs: moves of the tool become motions of all joints, chosen by a
+stated rule.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +41,8 @@ NANOMETER = 1e-9
 GEARS = "".join(
     f"""
 [joint.panda_joint{k}]
-gear = {{ type = "elastic", side = "arm", spring = {{ type = "linear", stiffness = {stiffness} }}, damping = 10.0 }}
+gear = {{ type = "elastic", side = "arm", spring = {{ type = "linear", stiffness = {stiffness} \
+}}, damping = 10.0 }}
 motor = {{ ratio = 100, inertia = 1e-4 }}
 """
     for k, stiffness in zip(range(1, 8), (2e4, 2e4, 1e4, 1e4, 5e3, 5e3, 5e3), strict=True)
@@ -66,8 +69,11 @@ def solved(gears: str = "", fixed_joint: str | None = None) -> Solution:
 def tool(model: RobotModel, q_a: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Positions, orientations and Jacobians of the tool by Pinocchio."""
     tree = Tree(model)
-    data, frame = tree.model.createData(), tree.model.getFrameId("tool")
-    p, R, J = [], [], []
+    data = tree.model.createData()
+    frame = tree.model.getFrameId("tool")
+    p = []
+    R = []
+    J = []
     for q in q_a:
         J.append(
             pin.computeFrameJacobian(
@@ -101,7 +107,8 @@ def test_the_tool_follows_the_line(gears):
 def test_the_joints_change_as_little_as_possible():
     """Their speeds have no part that leaves the tool where it is."""
     solution = solved()
-    q, v = solution.trajectory["q_a"], solution.trajectory["v_a"]
+    q = solution.trajectory["q_a"]
+    v = solution.trajectory["v_a"]
     _, _, J = tool(solution.model, q)
     idle = np.array([np.linalg.svd(jacobian)[2][-1] for jacobian in J])
     assert np.abs((idle * v).sum(axis=1)).max() < 1e-7
@@ -128,7 +135,8 @@ def test_a_joint_can_be_kept(name):
 @pytest.mark.slow
 def test_a_joint_move_needs_no_rule():
     move = panda().model.move("joints")
-    solution, expected = solve(panda(), move, progress=False), solve(PANDA, move, progress=False)
+    solution = solve(panda(), move, progress=False)
+    expected = solve(PANDA, move, progress=False)
     assert solution.status == Status.SOLVED and solution.move == move
     assert np.array_equal(solution.trajectory["tau_m"], expected.trajectory["tau_m"])
     assert solution.model.output == expected.model.output
@@ -150,12 +158,15 @@ def test_three_outputs_and_seven_motors():
 
 @pytest.mark.slow
 def test_rounded_corners():
-    """The tool of the undeflected arm is on the path of the move, with its speed and acceleration."""
+    """The tool of the undeflected arm is on the path of the move, with its speed and
+    acceleration.
+    """
     legs = (flexgen.MoveL((0.1, 0.0, 0.0), zone=0.03), flexgen.MoveL((0.0, 0.1, 0.0)))
     move = Move("corner", "tool_polyline", START, legs=legs, duration=1.5, smoothness=5)
     joints, path = joint_problem(panda(), move)
     t = np.linspace(0.0, path.duration, 3001)
-    q_g, expected = path.sample(t).q_g, Path(panda(), move).sample(t)
+    q_g = path.sample(t).q_g
+    expected = Path(panda(), move).sample(t)
     p, _, J = tool(joints.model, q_g[:, :, 0])
     v = np.einsum("nij,nj->ni", J, q_g[:, :, 1])
     assert np.abs(p - expected.y[:, :, 0]).max() < 5 * NANOMETER
@@ -176,7 +187,9 @@ def test_invalid_requests_for_redundant_arms_are_refused():
         ArgumentError, match=r"fixed_joint: given 'q1' for model elbow, expected None"
     ):
         solve("elbow", fixed_joint="q1")
-    with pytest.raises(SolverError, match=r"redundant arm: a singular pose after \d.* of the path"):
+    with pytest.raises(
+        SolverError, match=r"redundant arm: a singular pose after \d.* of the path"
+    ):
         solve(panda(), replace(LINE, displacement=(1.0, 0.0, 0.3)), progress=False)
     bearing = """
 [[joint.panda_joint1.after]]

@@ -1,6 +1,7 @@
 """`solve` resolves the motor torques; the references are motions by Fourier transforms.
 
-The tool hardly follows a ripple of the torque between the nodes of a mesh, so the verification does not show it.
+The tool hardly follows a ripple of the torque between the nodes of a mesh, so the verification
+does not show it.
 """
 
 from __future__ import annotations
@@ -23,17 +24,30 @@ from flexgen.inversion.sampling import samples
 from flexgen.mechanics.signatures import INVERSION
 from flexgen.paths.path import Path, find_move
 
-LENGTH, N = 8.0, 2**16  # s, samples: the motion rests long before the path and long after it
+LENGTH = 8.0  # s
+N = 2**16  # samples: the motion rests long before the path and long after it
 # gear and motor of four_mass, motor side
-STIFFNESS, DAMPING, RATIO, ROTOR, VISCOUS = 100.0, 0.08, 220.0, 5e-3, 6e-3
-J1, J2, J3, DRAG = 96.8, 968.0, 968.0, 48.4
-K2, D2, K3, D3 = 5.324e6, 2904.0, 3.872e6, 3872.0
+STIFFNESS = 100.0
+DAMPING = 0.08
+RATIO = 220.0
+ROTOR = 5e-3
+VISCOUS = 6e-3
+J1 = 96.8
+J2 = 968.0
+J3 = 968.0
+DRAG = 48.4
+K2 = 5.324e6
+D2 = 2904.0
+K3 = 3.872e6
+D3 = 3872.0
 ALLOWED = 5e-3  # of the largest torque: what C `invert` accepts
 
 
 @pytest.fixture
 def robot(tmp_path) -> flexgen.RobotModel:
-    """four_mass with a linear gear and a path read from a file, whose torque changes within hundredths of a second."""
+    """four_mass with a linear gear and a path read from a file, whose torque changes within
+    hundredths of a second.
+    """
     t = np.linspace(0, 1, 51)
     y = 0.05 * t**4 * (35 - 84 * t + 70 * t**2 - 20 * t**3) + 1e-4 * np.sin(
         np.pi * t
@@ -52,10 +66,14 @@ def robot(tmp_path) -> flexgen.RobotModel:
 def torque_of(
     robot: flexgen.RobotModel, move: str, to_motor: Callable[..., np.ndarray]
 ) -> make_interp_spline:
-    """Motor torque [N m] of a move over time [s]; to_motor: its transform, from s and that of the output's speed."""
+    """Motor torque [N m] of a move over time [s]; to_motor: its transform, from s and that of the
+    output's speed.
+    """
     t = np.arange(N) * LENGTH / N - LENGTH / 2
     path = Path(flexgen.derive(robot), find_move(robot, move))
-    speed = path.sample(np.clip(t, 0.0, path.duration)).y[:, 0, 1] * ((t > 0) & (t < path.duration))
+    speed = path.sample(np.clip(t, 0.0, path.duration)).y[:, 0, 1] * (
+        (t > 0) & (t < path.duration)
+    )
     s = 2j * np.pi * np.fft.rfftfreq(N, LENGTH / N)
     return make_interp_spline(t, np.fft.irfft(to_motor(s, np.fft.rfft(speed)), N), k=5)
 
@@ -63,13 +81,17 @@ def torque_of(
 def of_four_masses(s: np.ndarray, speed: np.ndarray) -> np.ndarray:
     """Torque of the motor of four_mass.
 
-    Ratios of the angles a, b, c of the three masses, of the output 0.02 a + 0.6 b + 1.53 c and of the torques are
-    functions of s; differences such as b - c are divided by s, so that the speed of the output is enough.
+    Ratios of the angles a, b, c of the three masses, of the output 0.02 a + 0.6 b + 1.53 c and of
+    the torques are functions of s; differences such as b - c are divided by s, so that the speed
+    of the output is enough.
     """
     of_c = J3 * s**2 + DRAG * s + K3 + D3 * s
-    c, lag_c = (K3 + D3 * s) / of_c, (J3 * s + DRAG) / of_c  # c/b and (1 - c/b)/s
+    # c/b and (1 - c/b)/s
+    c = (K3 + D3 * s) / of_c
+    lag_c = (J3 * s + DRAG) / of_c
     of_b = J2 * s**2 + DRAG * s + (K3 + D3 * s) * (1 - c) + K2 + D2 * s
-    b, lag_b = (K2 + D2 * s) / of_b, (J2 * s + DRAG + (K3 + D3 * s) * lag_c) / of_b
+    b = (K2 + D2 * s) / of_b
+    lag_b = (J2 * s + DRAG + (K3 + D3 * s) * lag_c) / of_b
     v = speed / (0.02 + 0.6 * b + 1.53 * b * c)
     gear = (J1 * s + DRAG + (K2 + D2 * s) * lag_b) * v / RATIO
     v_m = RATIO * v + s * gear / (STIFFNESS + DAMPING * s)
@@ -77,8 +99,13 @@ def of_four_masses(s: np.ndarray, speed: np.ndarray) -> np.ndarray:
 
 
 def of_three_masses(s: np.ndarray, speed: np.ndarray) -> np.ndarray:
-    """Torque of the motor of abb_arm with viscous friction: the gear follows the arm, whose spring its output gives."""
-    motor, gear, arm = 0.0058957518371728, 0.020147233212829, 0.006874013724158  # kg m^2
+    """Torque of the motor of abb_arm with viscous friction: the gear follows the arm, whose spring
+    its output gives.
+    """
+    # kg m^2
+    motor = 0.0058957518371728
+    gear = 0.020147233212829
+    arm = 0.006874013724158
     v = speed + s * (arm * s * speed) / (20.23072060978318 + 0.00987527995798 * s)  # of the gear
     torque = gear * s * v + arm * s * speed
     v_m = v + s * torque / (20.59269827430799 + 0.0624181404729 * s)
@@ -143,8 +170,11 @@ def test_a_last_element_without_inertia_is_a_motion_without_inertia(tmp_path):
 
 
 def torques_by_samples(period: float, folder: Path) -> tuple[np.ndarray, flexgen.Inversion]:
-    """Torques of planar5_nmp at each millisecond, on intervals of ten samples or 2 ms, and the inversion."""
-    equations, each = flexgen.derive("planar5_nmp"), max(1, round(1e-3 / period))
+    """Torques of planar5_nmp at each millisecond, on intervals of ten samples or 2 ms, and the
+    inversion.
+    """
+    equations = flexgen.derive("planar5_nmp")
+    each = max(1, round(1e-3 / period))
     written = flexgen.generate(equations, folder / str(each), functions=INVERSION, progress=False)
     library = flexgen.load(written.directory)
     path = flexgen.plan(equations)
@@ -158,7 +188,9 @@ def torques_by_samples(period: float, folder: Path) -> tuple[np.ndarray, flexgen
 
 @pytest.mark.slow
 def test_a_dense_sampling_leaves_no_noise_in_the_torques(tmp_path, monkeypatch):
-    """The difference of two positions has too few digits for accelerations. Planted: these as for longer periods."""
+    """The difference of two positions has too few digits for accelerations. Planted: these as for
+    longer periods.
+    """
     expected, _ = torques_by_samples(1e-3, tmp_path)
     torque, found = torques_by_samples(1e-3 / 32, tmp_path)
     assert (

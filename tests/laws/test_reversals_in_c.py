@@ -1,4 +1,6 @@
-"""Reversals of motors with steep friction in the emitted C: torques at the samples, and friction between them."""
+"""Reversals of motors with steep friction in the emitted C: torques at the samples, and friction
+between them.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,8 @@ PASSING = flexgen.Move(
     "pass", "tool_line", (0.5, -1.2), 0.8, 5, displacement=(0.8115538, 0.0, -1.3876623)
 )
 PERIOD = 1e-3  # s
-# Of the largest torque: the stream differentiates the gears' motion, samples 1 ms apart, within its horizon.
+# Of the largest torque: the stream differentiates the gears' motion, samples 1 ms apart, within
+# its horizon.
 AGREES = 1e-5
 
 
@@ -68,7 +71,9 @@ def friction(v: np.ndarray) -> np.ndarray:
 def off(
     solution: flexgen.Solution, time: np.ndarray, torque: np.ndarray, most: float = 1e-9
 ) -> float:
-    """Largest difference from the torques of a solution at the instants of both, of the largest torque."""
+    """Largest difference from the torques of a solution at the instants of both, of the largest
+    torque.
+    """
     own = solution.trajectory
     at = np.clip(np.searchsorted(own.time, time - most), 0, len(own.time) - 1)
     same = np.abs(own.time[at] - time) < most
@@ -101,13 +106,17 @@ def test_torques_of_a_stream_are_those_of_solve(
 def test_friction_between_the_samples_is_evaluated_in_the_loop(
     machine: Machine, solution: flexgen.Solution, whole: dict[str, np.ndarray]
 ) -> None:
-    """As docs/c_library.md says: interpolate what is smooth, and add `motor_friction` at the speed of the instant."""
+    """As docs/c_library.md says: interpolate what is smooth, and add `motor_friction` at the speed
+    of the instant.
+    """
     own = solution.trajectory
     inside = (own.time > whole["time"][1]) & (own.time < whole["time"][-2])
-    t, torque = own.time[inside], own["tau_m"][inside]
+    t = own.time[inside]
+    torque = own["tau_m"][inside]
     # the solution has samples between those of the library, around the reversals
     assert np.diff(t).min() < PERIOD / 5
-    time, law = whole["time"], machine.library.motor_friction
+    time = whole["time"]
+    law = machine.library.motor_friction
     smooth = whole["tau_m"] - np.array([law(v) for v in whole["v_m"]])
     speed = CubicSpline(time, whole["v_m"])(t)
     assert np.abs(np.array([law(v) for v in speed]) - friction(speed)).max() < 1e-12

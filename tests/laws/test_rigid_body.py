@@ -1,4 +1,6 @@
-"""Rigid-body identification: regressor, base parameters, feasible bodies, and recordings of a KUKA KR300."""
+"""Rigid-body identification: regressor, base parameters, feasible bodies, and recordings of a KUKA
+KR300.
+"""
 
 from __future__ import annotations
 
@@ -52,7 +54,9 @@ def test_the_torques_are_linear_in_the_bodies(name):
 
 
 def test_base_parameters_are_those_of_the_literature():
-    """Six joints, the first one vertical: 36 (M. Gautier and W. Khalil, 1990, for arms of this kind)."""
+    """Six joints, the first one vertical: 36 (M. Gautier and W. Khalil, 1990, for arms of this
+    kind).
+    """
     assert Regressor(flexgen.read("kr300")).base_parameters() == 36
 
 
@@ -61,7 +65,8 @@ def recorded(model, seed: int = 0, noise: float = 0.0) -> Motion:
     t = np.arange(1500) * 4e-3
     rng = np.random.default_rng(seed)
     w = 2 * np.pi * np.array([0.2, 0.37, 0.7])
-    amplitude, phase = rng.uniform(0.1, 0.5, (model.n_a, 3)), rng.uniform(0, 6, (model.n_a, 3))
+    amplitude = rng.uniform(0.1, 0.5, (model.n_a, 3))
+    phase = rng.uniform(0, 6, (model.n_a, 3))
     angle = w[:, None] * t + phase[:, :, None]
     q = (amplitude[:, :, None] * np.sin(angle)).sum(axis=1).T
     v = (amplitude[:, :, None] * w[:, None] * np.cos(angle)).sum(axis=1).T
@@ -76,10 +81,14 @@ def recorded(model, seed: int = 0, noise: float = 0.0) -> Motion:
 
 @pytest.mark.slow
 def test_another_robot_is_found_and_its_bodies_are_possible():
-    """Torques on motions that were not used; the reader refuses bodies that are not physically consistent."""
+    """Torques on motions that were not used; the reader refuses bodies that are not physically
+    consistent.
+    """
     model = flexgen.read("kr300")
     rng = np.random.default_rng(3)
-    heavier = tuple(replace(e, body=_scaled(e.body, rng.uniform(0.7, 1.4))) for e in model.elements)
+    heavier = tuple(
+        replace(e, body=_scaled(e.body, rng.uniform(0.7, 1.4))) for e in model.elements
+    )
     truth = replace(model, elements=heavier)
     found = identify_rigid(model, [recorded(truth, k, noise=0.02) for k in range(3)], parts=0)
     held_out = recorded(truth, 9)
@@ -98,7 +107,9 @@ def test_another_robot_is_found_and_its_bodies_are_possible():
 
 @pytest.mark.slow
 def test_a_zero_that_is_off_is_named():
-    """Of the third of six axes; the last one has none, since the body turned about it has the same torques."""
+    """Of the third of six axes; the last one has none, since the body turned about it has the same
+    torques.
+    """
     model = flexgen.read("kr300")
     motions = [recorded(model, k, noise=0.02) for k in range(3)]
     moved = [replace(motion, q=motion.q + 0.1 * np.eye(6)[2]) for motion in motions]
@@ -135,7 +146,9 @@ def runs():
 
 @pytest.mark.slow
 def test_recordings_of_a_kr300(runs):
-    """Both runs: at most 17 % of the torque is unexplained on any axis of B, of samples that move."""
+    """Both runs: at most 17 % of the torque is unexplained on any axis of B, of samples that
+    move.
+    """
     model = flexgen.read("kr300")
     joint = model.coordinates[model.i_g[1]].name
     found = identify_rigid(model, runs, counterbalance={joint: 2}, parts=0)
@@ -148,7 +161,9 @@ def test_recordings_of_a_kr300(runs):
 
 @pytest.mark.slow
 def test_gear_stiffness_of_a_kr300(runs):
-    """Link encoders of axes 1 to 3: skew near 3 ms, axes 2 and 3 with intervals, axis 1 not identifiable."""
+    """Link encoders of axes 1 to 3: skew near 3 ms, axes 2 and 3 with intervals, axis 1 not
+    identifiable.
+    """
     model = flexgen.read("kr300")
     joint = model.coordinates[model.i_g[1]].name
     found = identify_rigid(model, runs, counterbalance={joint: 2}, parts=0)
@@ -227,7 +242,8 @@ def test_arguments_that_do_not_fit_are_refused():
         identify_rigid(model, [])
 
 
-SINE, COSINE = 60.0, -25.0  # N m, of the second harmonic
+SINE = 60.0  # N m
+COSINE = -25.0  # of the second harmonic
 
 
 def balanced_elbow(path: Path) -> str:
@@ -239,9 +255,13 @@ def balanced_elbow(path: Path) -> str:
 
 
 def swung(model, center: float, width: float, seed: int, noise: float) -> Motion:
-    """A motion of both joints about a center of the first one; torques of the definition, noise, a bit of friction."""
-    t, rng = np.arange(2000) * 4e-3, np.random.default_rng(seed)
-    w, phase = 2 * np.pi * np.array([0.23, 0.41, 0.83]), rng.uniform(0, 6, (2, 3))
+    """A motion of both joints about a center of the first one; torques of the definition, noise, a
+    bit of friction.
+    """
+    t = np.arange(2000) * 4e-3
+    rng = np.random.default_rng(seed)
+    w = 2 * np.pi * np.array([0.23, 0.41, 0.83])
+    phase = rng.uniform(0, 6, (2, 3))
     angle = w[:, None] * t + phase[:, :, None]
     size = np.array([width, 0.6])[:, None, None] / 3
     q = (size * np.sin(angle)).sum(axis=1).T + np.array([center, 0.0])
@@ -256,7 +276,9 @@ def swung(model, center: float, width: float, seed: int, noise: float) -> Motion
 
 
 def test_a_fitted_counterbalance_and_its_deviations_are_in_the_new_file(tmp_path):
-    """A gas spring of the first joint: the written model has its torque, within the stated deviations."""
+    """A gas spring of the first joint: the written model has its torque, within the stated
+    deviations.
+    """
     model = flexgen.read("elbow@rigid")
     found = identify_rigid(
         model,
@@ -264,7 +286,8 @@ def test_a_fitted_counterbalance_and_its_deviations_are_in_the_new_file(tmp_path
         counterbalance={"q1": 1},
     )
     assert found.status == RigidStatus.FITTED and (found.left_out < 0.1).all()
-    numbers, sd = rigid_numbers(found), rigid_deviations(found)
+    numbers = rigid_numbers(found)
+    sd = rigid_deviations(found)
     for name, true in (("q1.counterbalance_sin_2", SINE), ("q1.counterbalance_cos_2", COSINE)):
         assert abs(numbers[name] - true) < 4 * sd[name] < 40.0
     assert abs(numbers["m1.coulomb"] - 0.3) < 4 * sd["m1.coulomb"]
@@ -287,9 +310,12 @@ def test_a_fitted_counterbalance_and_its_deviations_are_in_the_new_file(tmp_path
 
 
 def test_a_fit_that_fails_on_other_motions_has_no_deviations_and_says_so(tmp_path):
-    """Five harmonics fitted to a small motion: the torque elsewhere is anything; so says a held-out motion."""
+    """Five harmonics fitted to a small motion: the torque elsewhere is anything; so says a
+    held-out motion.
+    """
     model = flexgen.read("elbow@rigid")
-    near, far = swung(model, 0.0, 0.15, 0, 0.3), swung(model, 1.0, 1.2, 1, 0.3)
+    near = swung(model, 0.0, 0.15, 0, 0.3)
+    far = swung(model, 1.0, 1.2, 1, 0.3)
     found = identify_rigid(model, [near], counterbalance={"q1": 5}, parts=0)
     assert found.numbers_sd is not None
     failed = found.validated([near], [far])
@@ -305,7 +331,9 @@ def test_a_fit_that_fails_on_other_motions_has_no_deviations_and_says_so(tmp_pat
 
 @pytest.mark.slow
 def test_one_run_of_a_kr300_is_seen_not_to_determine_its_counterbalance(runs):
-    """Without the other run: quarters of the run that were left out tell what the other run shows."""
+    """Without the other run: quarters of the run that were left out tell what the other run
+    shows.
+    """
     model = flexgen.read("kr300")
     both = identify_rigid(model, runs, counterbalance={"q2": 2})
     assert both.status == RigidStatus.FITTED

@@ -1,4 +1,5 @@
-"""A robot without any spring: predictions, fastest motions, loop and self-test of a slide with a direct drive.
+"""A robot without any spring: predictions, fastest motions, loop and self-test of a slide with a
+direct drive.
 
 (m + J n^2) a = n u,     w = v_ref + k_p (q_ref - q) - v,     u = u_ff + k_v (w + k_i int w dt)
 """
@@ -17,8 +18,13 @@ from toolchain import needs_compiler, tool
 import flexgen
 from flexgen.errors import ArgumentError
 
-MASS, RATIO, ROTOR, SD = 80.0, 300.0, 1e-3, 0.03
-WAY, DURATION, LARGEST = 0.3, 0.5, 10.0  # m, s, N m
+MASS = 80.0
+RATIO = 300.0
+ROTOR = 1e-3
+SD = 0.03
+WAY = 0.3  # m
+DURATION = 0.5  # s
+LARGEST = 10.0  # N m
 RIGID = '{ type = "rigid" }'
 SLIDE = one_axis("slide", RIGID, mass=MASS, ratio=RATIO, rotor=ROTOR, way=WAY, duration=DURATION)
 SLIDE += f"[uncertainty]\nmasses = {SD}\n"
@@ -38,7 +44,9 @@ def acceleration(t: float) -> float:
 
 
 def largest_error(share: float, k_p: float, k_v: float, k_i: float) -> float:
-    """Largest error [m] of a slide that is heavier by this share, under the feedforward of the right one."""
+    """Largest error [m] of a slide that is heavier by this share, under the feedforward of the
+    right one.
+    """
     inertia = MASS / RATIO + ROTOR * RATIO  # u = inertia a
 
     def rate(t: float, x: np.ndarray) -> list[float]:
@@ -88,7 +96,11 @@ def test_the_fastest_motion_keeps_its_torque_and_has_no_vibration(slide):
 
 def test_a_direct_drive_with_bristles_moves_in_the_loop_as_its_equations(slide):
     """The torques of the loop, held, move a slide with the LuGre law as its own equations do."""
-    coulomb, static, speed, stiffness, damping = 0.2, 0.3, 5.0, 300.0, 0.4
+    coulomb = 0.2
+    static = 0.3
+    speed = 5.0
+    stiffness = 300.0
+    damping = 0.4
     law = {
         "coulomb": coulomb,
         "static": static,
@@ -100,18 +112,21 @@ def test_a_direct_drive_with_bristles_moves_in_the_loop_as_its_equations(slide):
     run = flexgen.control(
         robot, plants={"heavy": {"payload": 2.0}}, sample_time=1e-3, progress=False
     )
-    time, heavy = run.reference.time, run["heavy"]
+    time = run.reference.time
+    heavy = run["heavy"]
     assert np.abs(heavy.error).max() > 1e-5 and run.tool_error_max_m < 1e-8
     first, last = np.searchsorted(time, [-0.01, DURATION + 0.1])
     mass = (MASS + 2.0) / RATIO + ROTOR * RATIO
 
     def rate(t: float, x: np.ndarray, torque: float) -> list[float]:
-        v, z = RATIO * x[1], x[2]
+        v = RATIO * x[1]
+        z = x[2]
         sliding = coulomb + (static - coulomb) * np.exp(-((v / speed) ** 2))
         dz = v - stiffness * abs(v) * z / sliding
         return [x[1], (torque - stiffness * z - damping * dz) / mass, dz]
 
-    x, found = np.array([heavy.q_a[first, 0], 0.0, 0.0]), []
+    x = np.array([heavy.q_a[first, 0], 0.0, 0.0])
+    found = []
     for k in range(first, last):
         found.append(x[0])
         held = solve_ivp(
@@ -132,11 +147,13 @@ def test_the_self_test_of_one_coordinate_is_written_and_passes(slide, tmp_path):
 
 
 def test_an_excitation_of_a_robot_without_springs_asks_for_parameters(slide: Path) -> None:
-    """It named 'stiffness', which was not given; a viscous friction is a number that can be found."""
+    """It named 'stiffness', which was not given; a viscous friction is a number that can be
+    found.
+    """
     band = {"f_min": 1.0, "f_max": 50.0, "poses": 1, "lines": 5, "progress": False}
     with pytest.raises(
         ArgumentError, match="free: given none, expected names: slide has no springs"
     ):
         flexgen.excite(slide, **band)  # type: ignore[arg-type]
     viscous = flexgen.read(slide, overrides={"motor.m1.friction": {"viscous": 0.01}})
-    assert list(flexgen.excite(viscous, **band).predicted) == ["m1.viscous"]  # type: ignore[arg-type]
+    assert list(flexgen.excite(viscous, **band).predicted) == ["m1.viscous"]

@@ -14,11 +14,12 @@ from flexgen.model.reader import read
 from flexgen.numerics.evaluate import evaluate
 
 SAME = 1e-9
-NOMINAL, SOFT = PLANTS[0], PLANTS[2]
+NOMINAL = PLANTS[0]
+SOFT = PLANTS[2]
 METHODS = ("rigid", "fjm", "quasistatic", "collocation")
 
 
-def _table(equations, plants, controls=("feedforward", "feedback"), methods=METHODS):  # type: ignore[no-untyped-def]
+def _table(equations, plants, controls=("feedforward", "feedback"), methods=METHODS):
     solutions = {
         method: flexgen.solve(equations, method=method, verify=False) for method in methods
     }
@@ -34,7 +35,8 @@ def test_the_table_of_a_planar_arm() -> None:
     for control in ("feedforward", "feedback"):
         errors = [table["nominal", control, method]["error_max_m"] for method in METHODS]
         assert errors[0] > 10 * errors[1] > 1e3 * errors[2] > 1e4 * errors[3]
-        # with springs that are 5 % softer the elastic methods keep a lead, and are not to be told from each other
+        # with springs that are 5 % softer the elastic methods keep a lead, and are not to be told
+        # from each other
         soft = [table["stiffness -5 %", control, method]["error_max_m"] for method in METHODS]
         assert soft[0] > 10 * soft[3] and 1e-5 < soft[3] < 1e-3
         assert soft[2] == pytest.approx(soft[3], rel=0.1)
@@ -73,9 +75,11 @@ def test_perturbed_springs_and_masses(name: str) -> None:
     """Every spring's torque and every inertia is multiplied."""
     model = read(name)
     other = perturb(model, Plant("x", stiffness=1.2, mass=0.9))
-    one, two = flexgen.derive(model), flexgen.derive(other)
+    one = flexgen.derive(model)
+    two = flexgen.derive(other)
     rng = np.random.default_rng(3)
-    q, zero = 1e-3 * rng.standard_normal(model.n_a), np.zeros(model.n_a)
+    q = 1e-3 * rng.standard_normal(model.n_a)
+    zero = np.zeros(model.n_a)
     twist = 1e-3 * rng.standard_normal(model.n_g)
     springs = [evaluate(e.function("gear_law"), twist)[0][0] for e in (one, two)]
     assert springs[1] == pytest.approx(1.2 * springs[0], rel=1e-12)
@@ -99,7 +103,9 @@ def test_held_motors_are_the_inverse_of_held_joints() -> None:
 
 @pytest.mark.slow
 def test_a_feedback_of_the_wrong_sign_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Planted bug: position feedback of the wrong sign; the motors drift off, and the row shows it."""
+    """Planted bug: position feedback of the wrong sign; the motors drift off, and the row shows
+    it.
+    """
     equations = flexgen.derive("planar5_mp")
     solutions = {"rigid": flexgen.solve(equations, method="rigid", verify=False)}
     right = robustness._gains

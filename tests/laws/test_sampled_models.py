@@ -1,4 +1,6 @@
-"""Sampled linear models, their regulators and filters: against fine steps, sweeps and recursions."""
+"""Sampled linear models, their regulators and filters: against fine steps, sweeps and
+recursions.
+"""
 
 from __future__ import annotations
 
@@ -21,24 +23,27 @@ H = 1e-3
 
 def oscillator() -> tuple[np.ndarray, np.ndarray]:
     """Two masses, a spring and a damper, two torques."""
-    M, K, D = (
-        np.diag([1.0, 2.0]),
-        400.0 * np.array([[1, -1], [-1, 1]]),
-        0.5 * np.array([[1, -1], [-1, 1]]),
-    )
+    M = np.diag([1.0, 2.0])
+    K = 400.0 * np.array([[1, -1], [-1, 1]])
+    D = 0.5 * np.array([[1, -1], [-1, 1]])
     A = np.block([[np.zeros((2, 2)), np.eye(2)], [-np.linalg.solve(M, K), -np.linalg.solve(M, D)]])
     return A, np.vstack([np.zeros((2, 2)), np.linalg.inv(M)])
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.3, 1.0, 1.3, 2.0, 3.75])
 def test_delays_are_states(delay):
-    """Random torques through the sampled model, and in a hundred steps a sample with the delay itself."""
+    """Random torques through the sampled model, and in a hundred steps a sample with the delay
+    itself.
+    """
     A, B = oscillator()
     F, G = sample_model(A, B, H, delay * H)
-    rng, parts = np.random.default_rng(0), 100
+    rng = np.random.default_rng(0)
+    parts = 100
     u = rng.standard_normal((40, 2))
-    x, fine = np.zeros(len(F)), np.zeros(4)
-    phi, gamma = expm(A * H / parts), hold_effects(A, B, H / parts, 0.0)[1]
+    x = np.zeros(len(F))
+    fine = np.zeros(4)
+    phi = expm(A * H / parts)
+    gamma = hold_effects(A, B, H / parts, 0.0)[1]
     for k in range(40):
         assert np.allclose(x[:4], fine, atol=1e-12)
         x = F @ x + G @ u[k]
@@ -51,7 +56,8 @@ def test_the_regulator_is_the_limit_of_a_sweep():
     """Riccati's recursion backwards over a constant model against the algebraic solution."""
     A, B = oscillator()
     F, G = sample_model(A, B, H, H)
-    Q, R = np.eye(len(F)), 0.1 * np.eye(2)
+    Q = np.eye(len(F))
+    R = 0.1 * np.eye(2)
     P = np.zeros_like(Q)
     for _ in range(20000):
         K = np.linalg.solve(R + G.T @ P @ G, G.T @ P @ F)
@@ -63,7 +69,9 @@ def test_the_constant_gain_is_the_limit_of_the_filter():
     """The covariance of a time-varying Kalman filter goes to that of the stationary one."""
     A, B = oscillator()
     F, G = sample_model(A, B, H, 0.0)
-    C, W, V = np.eye(4)[:2], G @ G.T + 1e-12 * np.eye(4), 1e-6 * np.eye(2)
+    C = np.eye(4)[:2]
+    W = G @ G.T + 1e-12 * np.eye(4)
+    V = 1e-6 * np.eye(2)
     P = np.eye(4)
     for _ in range(20000):
         M = P @ C.T @ np.linalg.inv(C @ P @ C.T + V)
@@ -88,11 +96,13 @@ def test_a_cascade_is_its_linear_form():
     assert linear is not None
     law.reset()
     linear.reset()
-    rng, none = np.random.default_rng(0), np.zeros(0)
+    rng = np.random.default_rng(0)
+    none = np.zeros(0)
     still = np.zeros(2)
     for k in range(100):
         q = rng.standard_normal(2) if k else still
-        y, ref = Measurement(q, none), Reference(still, none, still, still, none, none)
+        y = Measurement(q, none)
+        ref = Reference(still, none, still, still, none, none)
         assert np.allclose(law.step(k, y, ref), linear.step(k, y, ref), rtol=1e-9, atol=1e-9)
 
 
@@ -108,17 +118,25 @@ def test_wrong_weights_are_refused(arguments):
 def test_outputs_with_feedthrough_and_late_sensors_are_those_of_the_exact_motion(
     delay: float,
 ) -> None:
-    """Torques held from sample to sample, exact pieces in between; the torque that acts when a sample is taken."""
-    rng, h, n, steps = np.random.default_rng(3), 0.1, 3, 40
+    """Torques held from sample to sample, exact pieces in between; the torque that acts when a
+    sample is taken.
+    """
+    rng = np.random.default_rng(3)
+    h = 0.1
+    n = 3
+    steps = 40
     A, B, C, D = (rng.normal(size=size) for size in ((n, n), (n, 2), (3, n), (3, 2)))
     late = np.array([0, 2, 1])
     F, G, Y = sampled_plant(A - 2 * np.eye(n), B, C, D, h, delay * h, late)
-    u, x = rng.normal(size=(steps, 2)), np.zeros(len(F))
+    u = rng.normal(size=(steps, 2))
+    x = np.zeros(len(F))
     found = []
     for torque in u:
         found.append(Y @ x)
         x = F @ x + G @ torque
-    fine, state, shown = 10, np.zeros(n), []
+    fine = 10
+    state = np.zeros(n)
+    shown = []
     E = expm(np.block([[A - 2 * np.eye(n), B], [np.zeros((2, n + 2))]]) * h / fine)
     for k in range(steps * fine):
         if k % fine == 0:

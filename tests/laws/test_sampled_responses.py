@@ -1,4 +1,6 @@
-"""Frequency responses of sampled drives, against the exact discretization of the linear model; fits to slow drives."""
+"""Frequency responses of sampled drives, against the exact discretization of the linear model;
+fits to slow drives.
+"""
 
 from __future__ import annotations
 
@@ -16,9 +18,12 @@ from flexgen.mechanics.parameters import select, with_values
 def sampled_response(
     local: LocalModel, q_m: np.ndarray, w: np.ndarray, T: float, late: float
 ) -> np.ndarray:
-    """``(j w)^2 C (z - A_d)^-1 (B_0 + B_1/z)``: from torques that are held from ``late`` after a sample on."""
+    """``(j w)^2 C (z - A_d)^-1 (B_0 + B_1/z)``: from torques that are held from ``late`` after a
+    sample on.
+    """
     M, D, K, B = (x[0] for x in local.matrices(local.values, q_m))
-    n, m = len(M), B.shape[1]
+    n = len(M)
+    m = B.shape[1]
     A = np.zeros((2 * n + m, 2 * n + m))
     A[:n, n : 2 * n] = np.eye(n)
     A[n : 2 * n] = np.linalg.solve(M, np.hstack([-K, -D, B]))
@@ -64,6 +69,8 @@ def test_a_right_robot_with_slow_drives_is_fitted(sample_s: float) -> None:
     true = with_values(
         model, {p.name: p.value * factors.get(p.name, 1.0) for p in select(model, list(factors))}
     )
-    plan = flexgen.excite(model, poses=4, lines=40, period_s=2.0, speed_rms=0.03, hardware=hardware)
+    plan = flexgen.excite(
+        model, poses=4, lines=40, period_s=2.0, speed_rms=0.03, hardware=hardware
+    )
     found = flexgen.identify(model, flexgen.frf(flexgen.measure(plan, true)))
     assert found.status == "fitted"

@@ -1,4 +1,6 @@
-"""Sensors of a model file: what they measure, their rows of the linear model, and what is refused."""
+"""Sensors of a model file: what they measure, their rows of the linear model, and what is
+refused.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +37,8 @@ ELASTIC = elastic_models()
 def with_sensors(name: str) -> RobotModel:
     """The model with one sensor of each kind."""
     plain = flexgen.read(name)
-    last, first = plain.elements[-1].name, plain.coordinates[0]
+    last = plain.elements[-1].name
+    first = plain.coordinates[0]
     sensors = [
         {
             "name": "acc",
@@ -85,7 +88,9 @@ def test_derivatives_of_sensor_rows_are_those_of_central_differences(name: str) 
         assert (worst <= 1e-5 * np.maximum(largest, least)).all()
 
 
-def test_a_row_that_does_not_move_with_the_pose_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_row_that_does_not_move_with_the_pose_is_noticed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """The tilt of an accelerometer changes with the deflections at rest."""
     model = with_sensors("manutec_r3_18")
     local = LocalModel(model, ["payload.mass"], channels(model))
@@ -101,13 +106,16 @@ def test_a_row_that_does_not_move_with_the_pose_is_noticed(monkeypatch: pytest.M
 
 @pytest.mark.parametrize("name", ["planar5_nmp", "manutec_r3_18", "beam_arm"])
 def test_what_sensors_measure_along_a_motion(name: str) -> None:
-    """Against differences of the positions of points that the kinematics gives, a second route to each signal."""
+    """Against differences of the positions of points that the kinematics gives, a second route to
+    each signal.
+    """
     model = with_sensors(name)
     equations = derive(model)
     y, dy, ddy = equations.y
     signals = ca.Function("signals", [y, dy, ddy], [sensor_signals(equations)])
     rng = np.random.default_rng(3)
-    n, n_a = model.dof, model.n_a
+    n = model.dof
+    n_a = model.n_a
     q0, v, a = rng.normal(size=(3, n)) * np.array([[0.3], [0.5], [2.0]])
     found = np.array(signals(q0, v, a)).ravel()
 
@@ -153,9 +161,11 @@ BAD = [
 def test_identified_delays_are_those_of_their_sensors() -> None:
     model = planar()
     found = with_sensor_delays(model, {"rate.delay": 3e-3, "m1.delay": 9.0})
-    assert [sensor.delay_s for sensor in found.sensors] == [0.0, 3e-3, 1e-3] and with_sensor_delays(
-        model, {}
-    ) is model
+    assert [sensor.delay_s for sensor in found.sensors] == [
+        0.0,
+        3e-3,
+        1e-3,
+    ] and with_sensor_delays(model, {}) is model
 
 
 @pytest.mark.parametrize(("entries", "key"), BAD)
@@ -164,7 +174,7 @@ def test_bad_sensors_are_refused(entries: dict[str, object], key: str) -> None:
         flexgen.read("planar5_nmp", overrides={"sensor": [{"name": "s", **entries}]})
 
 
-# --- experiments ------------------------------------------------------------------------------------------------------
+# --- experiments ---------------------------------------------------------------------------------
 
 TOOL = [
     {
@@ -226,7 +236,8 @@ def test_measured_responses_of_sensors_are_those_of_the_linear_model() -> None:
 @pytest.mark.slow
 def test_sensors_make_parameters_more_accurate_by_as_much_as_predicted(tmp_path: Path) -> None:
     model = planar()
-    errors, predicted = {}, {}
+    errors = {}
+    predicted = {}
     for sensors in ((), None):
         plan = flexgen.excite(
             model,
@@ -289,7 +300,9 @@ def saved_with_sensors(path: Path, delays: dict[str, float]) -> RobotModel:
 
 @pytest.mark.slow
 def test_delays_of_sensors_are_found_within_their_deviations(tmp_path: Path) -> None:
-    """Simulated in time with delays that the model file does not state; without them the fit is a model error."""
+    """Simulated in time with delays that the model file does not state; without them the fit is a
+    model error.
+    """
     late = {"acc": 5e-4, "rate": 0.0, "seen": 1.5e-3}
     truth = saved_with_sensors(tmp_path / "truth.toml", late)
     model = saved_with_sensors(tmp_path / "robot.toml", {"acc": 0.0, "rate": 0.0, "seen": 1e-3})

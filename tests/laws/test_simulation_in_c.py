@@ -1,4 +1,6 @@
-"""The explicit integrator in C: the steps of scipy's DOP853, closed forms, and what it reports where it fails."""
+"""The explicit integrator in C: the steps of scipy's DOP853, closed forms, and what it reports
+where it fails.
+"""
 
 from __future__ import annotations
 
@@ -18,13 +20,19 @@ from flexgen.simulation.compiled_rate import CompiledDop853
 from flexgen.simulation.integrators import Rates, _Scipy, integrate
 from flexgen.simulation.result import Simulation
 
-RTOL, ATOL = 1e-11, 1e-12
-OMEGA, SLOPE = 30.0, 1e4  # rad/s; of the ramp: a motion so large that the relative tolerance counts
+RTOL = 1e-11
+ATOL = 1e-12
+# rad/s; of the ramp: a motion so large that the relative tolerance counts
+OMEGA = 30.0
+SLOPE = 1e4
 
 
 def oscillator(t: np.ndarray) -> tuple[ca.Function, PPoly, np.ndarray]:
-    """``y'' = -w^2 y + u`` with a ramp that becomes constant at 0.5 s, and its exact motion (n, 2) from rest."""
-    x, u = ca.SX.sym("x", 2), ca.SX.sym("u", 1)
+    """``y'' = -w^2 y + u`` with a ramp that becomes constant at 0.5 s, and its exact motion (n, 2)
+    from rest.
+    """
+    x = ca.SX.sym("x", 2)
+    u = ca.SX.sym("u", 1)
     rate = ca.Function("rate", [x, u], [ca.vertcat(x[1], -(OMEGA**2) * x[0] + u)])
     torque = PPoly(SLOPE * np.array([[[1.0], [0.0]], [[0.0], [0.5]]]), [0.0, 0.5, 2.0])
 
@@ -109,7 +117,8 @@ def test_blocks_do_not_change_the_result() -> None:
     results = []
     for most in (1, 37, 10**6):
         solver = CompiledDop853(found, torque, t, np.zeros(2), RTOL, np.full(2, ATOL))
-        out, k = np.zeros((len(t), 2)), 1
+        out = np.zeros((len(t), 2))
+        k = 1
         while k < len(t):
             k = solver.advance(out, k, most)
         results.append(out)
@@ -145,10 +154,13 @@ def explosion(x: ca.SX, u: ca.SX) -> ca.SX:
 def test_a_state_beyond_all_bounds_is_an_error_with_its_time(
     law: Callable[[ca.SX, ca.SX], ca.SX], start: float
 ) -> None:
-    x, u = ca.SX.sym("x", 1), ca.SX.sym("u", 1)
+    x = ca.SX.sym("x", 1)
+    u = ca.SX.sym("u", 1)
     rate = ca.Function("rate", [x, u], [law(x, u)])
     torque = PPoly(np.full((1, 1, 1), 0.1), [0.0, 5.0])
-    with pytest.raises(SolverError, match=r"simulation: (failed|stopped) at t = (0.9|1.0|0.8|0.7)"):
+    with pytest.raises(
+        SolverError, match=r"simulation: (failed|stopped) at t = (0.9|1.0|0.8|0.7)"
+    ):
         in_c(rate, torque, np.linspace(0.0, 5.0, 6), np.full(1, start))
 
 
@@ -158,7 +170,8 @@ def test_the_limit_of_evaluations_is_that_of_the_explicit_method(
     monkeypatch.setattr(integrators, "EVALUATIONS", 6_000)
     monkeypatch.setattr(integrators, "LONG", 1_000.0)
     t = np.linspace(0.0, 2.0, 3)
-    x, u = ca.SX.sym("x", 2), ca.SX.sym("u", 1)
+    x = ca.SX.sym("x", 2)
+    u = ca.SX.sym("u", 1)
     rate = ca.Function("rate", [x, u], [ca.vertcat(x[1], -4e6 * x[0] + u)])
     with pytest.raises(SolverError, match="evaluations; check the units"):
         in_c(rate, PPoly(np.ones((1, 1, 1)), [0.0, 2.0]), t, np.ones(2))

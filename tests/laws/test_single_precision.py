@@ -1,4 +1,6 @@
-"""Single precision in the controller: invert and streams, judged by the full model in double precision."""
+"""Single precision in the controller: invert and streams, judged by the full model in double
+precision.
+"""
 
 from __future__ import annotations
 
@@ -68,7 +70,8 @@ def test_the_tool_follows_a_stream_in_single_precision(name, move, allowed, fold
     t, results = machine.followed()
     assert results["tau_m"].dtype == np.float32
     assert (
-        error(machine.simulation(t, {key: x.astype(float) for key, x in results.items()})) < allowed
+        error(machine.simulation(t, {key: x.astype(float) for key, x in results.items()}))
+        < allowed
     )
 
 
@@ -84,7 +87,9 @@ def test_torques_with_three_digits_are_seen(folder):
 
 @pytest.mark.parametrize("name", ["planar5_nmp", pytest.param("elbow", marks=pytest.mark.slow)])
 def test_a_whole_path_in_single_precision(name, folder):
-    """Torques within 0.2 % of the largest of those in double precision, and a status that says so."""
+    """Torques within 0.2 % of the largest of those in double precision, and a status that says
+    so.
+    """
     arguments = arguments_of(name)
     found = single(name, folder).invert(**arguments)
     expected = inversion_library(derive(name), "lq").invert(**arguments)
@@ -127,7 +132,9 @@ def test_bvp_in_single_precision_is_refused(folder):
 
 @pytest.mark.parametrize("parameters", [(), ("payload",)])
 def test_what_the_page_names_and_nothing_else_is_missing_in_single_precision(parameters):
-    """docs/c_library.md: but no `bvp` and `invert_limited`; each has a function for the size of its workspace."""
+    """docs/c_library.md: but no `bvp` and `invert_limited`; each has a function for the size of
+    its workspace.
+    """
     robot = read("planar5_nmp")
     more, less = (
         {

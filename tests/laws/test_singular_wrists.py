@@ -1,4 +1,6 @@
-"""Inverse kinematics near and at a wrist singularity, against forward kinematics by Lagrange's equations."""
+"""Inverse kinematics near and at a wrist singularity, against forward kinematics by Lagrange's
+equations.
+"""
 
 from __future__ import annotations
 
@@ -48,8 +50,16 @@ def test_a_configuration_near_a_wrist_singularity_is_found_once(q5):
             assert sum(np.abs(wrapped(row)).max() < 1e-6 for row in rows) == 1
 
 
-# The elbow is 0.0124 rad from stretched, so that small rotations of the goal one way are out of reach.
-STRETCHED = (0.759149969559, -0.182313203717, 0.265140327935, -1.117924583519, 0.0, -0.659752793832)
+# The elbow is 0.0124 rad from stretched, so that small rotations of the goal one way are out of
+# reach.
+STRETCHED = (
+    0.759149969559,
+    -0.182313203717,
+    0.265140327935,
+    -1.117924583519,
+    0.0,
+    -0.659752793832,
+)
 
 
 @pytest.mark.parametrize("q5", [1e-7, 1e-6])
@@ -67,7 +77,9 @@ def test_a_configuration_near_singular_wrist_and_elbow_is_found(q5):
 
 @pytest.mark.slow
 def test_configurations_that_rounding_cannot_separate_are_found_once():
-    """1e-10 rad from the singular wrist: four or eight configurations, or one of a family that is flagged."""
+    """1e-10 rad from the singular wrist: four or eight configurations, or one of a family that is
+    flagged.
+    """
     equations = flexgen.derive("manutec_r3")
     rng = np.random.default_rng(0)
     for q in rng.uniform(-1.5, 1.5, (12, 6)):
@@ -77,8 +89,8 @@ def test_configurations_that_rounding_cannot_separate_are_found_once():
         assert len(found) in (4, 8) or any(c.singular for c in found), len(found)
 
 
-# Three parallel axes before the wrist: a small rotation of the goal fixes the sum of their angles, and of the family of
-# configurations only an arc is in reach.
+# Three parallel axes before the wrist: a small rotation of the goal fixes the sum of their angles,
+# and of the family of configurations only an arc is in reach.
 ARCS = [
     (-0.3381, -1.8977, -0.0776, -2.25, 1e-10, -2.7236),
     (0.0819, 1.2251, -0.405, -0.5508, 1e-10, -2.0703),

@@ -35,11 +35,12 @@ COUPLED = {"motor.m2.drives": ["q1", "q2"], "motor.m2.ratio": [30.0, 100.0]}
 def errors_on_path(solution: flexgen.Solution) -> tuple[float, float]:
     """Largest error [m] and [rad] while the reference moves.
 
-    The claimed error covers the time after it too, without feedback, in which the arm drifts by its
-    remaining motion; a solved move keeps the accuracy there.
+    The claimed error covers the time after it too, without feedback, in which the arm drifts by
+    its remaining motion; a solved move keeps the accuracy there.
     """
     assert solution.simulation is not None
-    run, y_ref = solution.simulation.trajectory, solution.trajectory["y_ref"]
+    run = solution.simulation.trajectory
+    y_ref = solution.trajectory["y_ref"]
     moving = np.flatnonzero((y_ref != y_ref[-1]).any(axis=1))
     own = slice(0, moving[-1] + 1 if len(moving) else None)
     units = np.array(run.units["error"])
@@ -51,7 +52,12 @@ def errors_on_path(solution: flexgen.Solution) -> tuple[float, float]:
 
 @pytest.mark.parametrize(
     "name",
-    ["planar5_mp", "planar5_nmp", "planar5_soft", pytest.param("beam_arm", marks=pytest.mark.slow)],
+    [
+        "planar5_mp",
+        "planar5_nmp",
+        "planar5_soft",
+        pytest.param("beam_arm", marks=pytest.mark.slow),
+    ],
 )
 def test_collocation_is_verified_to_a_micron(name: str) -> None:
     solution = flexgen.solve(name, method="collocation")
@@ -85,12 +91,15 @@ def test_one_coordinate_is_enough(method: str) -> None:
     solution = flexgen.solve(ROBOTS / "one.toml", method=method)
     assert solution.simulation is not None
     assert np.abs(solution.simulation.trajectory["error"]).max() < MICRON
-    # optimal control ends at rest to the tolerance of its solver; then the arm drifts under the last torque
+    # optimal control ends at rest to the tolerance of its solver; then the arm drifts under the
+    # last torque
     assert (
         solution.tool_error_max_m is not None
         and solution.tool_error_max_m < (5 if method == "full" else 1) * MICRON
     )
-    link, ratio, inertia = 0.1 + 5.0 * 0.4**2, 50.0, 1e-4
+    link = 0.1 + 5.0 * 0.4**2
+    ratio = 50.0
+    inertia = 1e-4
     q, a, tau = (solution.trajectory[name][:, 0] for name in ("q_a", "a_a", "tau_m"))
     by_hand = ((link + ratio**2 * inertia) * a + 5.0 * 9.81 * 0.4 * np.cos(q)) / ratio
     # there the torque is a polynomial on every interval of the mesh
@@ -105,7 +114,8 @@ def test_collocation_needs_no_elastic_coordinate() -> None:
 
 def test_the_torque_of_a_non_minimum_phase_arm_begins_before_the_path() -> None:
     solution = flexgen.solve("planar5_nmp", verify=False, mesh=1e-3)
-    t, tau = solution.trajectory.time, solution.trajectory["tau_m"]
+    t = solution.trajectory.time
+    tau = solution.trajectory["tau_m"]
     before = np.abs(tau[t < 0] - tau[0]).max(axis=0)
     q3 = solution.trajectory["q_a"][:, 2]
     assert solution.preactuation_s > 0 and (before > 0).all()
@@ -114,7 +124,8 @@ def test_the_torque_of_a_non_minimum_phase_arm_begins_before_the_path() -> None:
     growth = np.polyfit(t[window], np.log(np.abs(q3[window] - q3[0])), 1)[0]
     assert growth == pytest.approx(892, rel=0.02)
     causal = flexgen.solve("planar5_mp", verify=False)
-    t, q3 = causal.trajectory.time, causal.trajectory["q_a"][:, 2]
+    t = causal.trajectory.time
+    q3 = causal.trajectory["q_a"][:, 2]
     assert np.abs(q3[t < 0] - q3[0]).max() < 1e-10
 
 
@@ -159,7 +170,9 @@ def test_a_sign_error_in_the_coriolis_term_is_seen() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("method", ["lq", pytest.param("collocation", marks=pytest.mark.full)])
 def test_a_zero_may_pass_through_infinity_along_the_path(method: str) -> None:
-    """There the rows that give the accelerations are singular between two samples; the motion itself is smooth."""
+    """There the rows that give the accelerations are singular between two samples; the motion
+    itself is smooth.
+    """
     solution = flexgen.solve(ROBOTS / "spatial.toml", method=method)
     assert solution.status == Status.SOLVED and (solution.tool_error_max_m or 1) < RIGHT
 
@@ -230,7 +243,8 @@ def test_a_path_out_of_reach_is_an_error() -> None:
         flexgen.solve("planar5_mp", move)
 
 
-# By collocation these take 10 s to some minutes of processor time for each move; the long tests solve one each.
+# By collocation these take 10 s to some minutes of processor time for each move; the long tests
+# solve one each.
 LARGE = ("manutec_r3_efjm", "manutec_r3_18", "manutec_r3_24", "manutec_r3_30", "kr300_efjm")
 
 
@@ -264,7 +278,9 @@ def test_the_other_move_with_twelve_elasticities() -> None:
 
 @pytest.mark.full
 def test_the_referee_moves_the_tool_along_the_path() -> None:
-    """The torque found, applied to Newton-Euler equations of another hand and integrated by another method."""
+    """The torque found, applied to Newton-Euler equations of another hand and integrated by
+    another method.
+    """
     model = read("planar5_nmp")
     solution = flexgen.solve(model, verify=False)
     trajectory = solution.trajectory
@@ -295,7 +311,9 @@ def test_the_referee_moves_the_tool_along_the_path() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("factor", [0.1, 0.01])
 def test_fast_moves_of_light_machines(factor: float) -> None:
-    """The same arm with time running faster: stiffness and gravity by factor^-2, damping by factor^-1."""
+    """The same arm with time running faster: stiffness and gravity by factor^-2, damping by
+    factor^-1.
+    """
     changes: dict[str, object] = {
         "gravity": [0.0, -9.81 / factor**2, 0.0],
         "move.line.duration": 0.5 * factor,

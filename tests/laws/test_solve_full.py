@@ -36,7 +36,8 @@ def test_full_and_reduced_agree() -> None:
         make_interp_spline(s.trajectory.time, s.trajectory["tau_m"], k=5)(t)
         for s in (reduced, full)
     ]
-    # what the tool does not feel is free: a torque ripple at the frequency of the mesh, a hundredth at most
+    # what the tool does not feel is free: a torque ripple at the frequency of the mesh, a
+    # hundredth at most
     assert np.abs(torques[0] - torques[1]).max() < 1e-2 * np.abs(torques[0]).max()
 
 
@@ -46,7 +47,9 @@ def test_torque_limits_are_kept_and_the_deviation_is_reported() -> None:
     bound = tuple(0.9 * np.abs(free.trajectory["tau_m"]).max(axis=0))
     solution = flexgen.solve(equations, method="full", limits=Limits(torque=bound))
     assert solution.method == "full" and solution.status == Status.LIMITS_ACTIVE
-    assert (np.abs(solution.trajectory["tau_m"]).max(axis=0) <= np.array(bound) * (1 + 1e-12)).all()
+    assert (
+        np.abs(solution.trajectory["tau_m"]).max(axis=0) <= np.array(bound) * (1 + 1e-12)
+    ).all()
     assert solution.tool_error_max_m is not None and 1e-4 < solution.tool_error_max_m < 1e-2
     # the plan itself is verified as closely as an exact path would be
     assert solution.plan_error_max is not None and solution.plan_error_max < 1e-5
@@ -92,7 +95,8 @@ def test_gear_torque_channel_is_that_of_the_gears() -> None:
             close = 1e-2
         else:
             state = [trajectory[x] for x in ("q_a", "v_a", "q_m", "v_m")]
-            right, close = evaluate(equations.function("gear_torque"), *state)[0], 1e-9
+            right = evaluate(equations.function("gear_torque"), *state)[0]
+            close = 1e-9
         assert np.abs(right - trajectory["tau_g"]).max() < close * np.abs(right).max()
 
 
@@ -124,7 +128,9 @@ def test_backlash_is_solved_when_the_closed_form_fails(method: str) -> None:
 
 @pytest.mark.slow
 def test_complete_motor_coupling() -> None:
-    """Rotors that turn with their carriers: solved by the full method; leaving the coupling out shows in the tool."""
+    """Rotors that turn with their carriers: solved by the full method; leaving the coupling out
+    shows in the tool.
+    """
     complete = flexgen.derive(read("planar5_nmp", overrides=COMPLETE))
     solution = flexgen.solve(complete)
     assert solution.method == "full" and solution.status == Status.SOLVED

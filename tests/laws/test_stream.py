@@ -1,4 +1,6 @@
-"""Streams: inverse dynamics on a moving horizon, judged by simulating the full model forward; the example in C."""
+"""Streams: inverse dynamics on a moving horizon, judged by simulating the full model forward; the
+example in C.
+"""
 
 from __future__ import annotations
 
@@ -21,13 +23,16 @@ from flexgen.model.reader import read
 
 pytestmark = needs_compiler
 
-PLANAR, SIX_AXES = "planar5_nmp", "manutec_r3_18"
+PLANAR = "planar5_nmp"
+SIX_AXES = "manutec_r3_18"
 # m and rad: 1e-10 and 1e-9 were measured; a user is promised 1 and 5 um
-PLANAR_ERROR, SIX_AXES_ERROR = 1e-8, 1e-7
-# What one sample per update leaves of the torque's second derivative: measured 0.12 um, with two samples 5 nm.
+PLANAR_ERROR = 1e-8
+SIX_AXES_ERROR = 1e-7
+# What one sample per update leaves of the torque's second derivative: measured 0.12 um, with two
+# samples 5 nm.
 ONE_PART_ERROR = 1e-6
-# Torque of the stream and of the whole path, relative to the largest: their motions agree to 1e-12 rad, their
-# derivatives, by differences, to 6e-6.
+# Torque of the stream and of the whole path, relative to the largest: their motions agree to 1e-12
+# rad, their derivatives, by differences, to 6e-6.
 AGREES = 2e-5
 # the same for gears that stiffen, whose deflection is integrated: measured 7e-6
 STIFF_AGREES = 1e-4
@@ -42,7 +47,7 @@ def machine(name: str = PLANAR, move: str | None = None) -> Machine:
     return Machine(name, move)
 
 
-# --- judged by the full model -----------------------------------------------------------------------------------------
+# --- judged by the full model --------------------------------------------------------------------
 @pytest.mark.parametrize(
     ("samples_per_interval", "allowed"),
     [(1, ONE_PART_ERROR), (5, PLANAR_ERROR), (10, PLANAR_ERROR)],
@@ -127,7 +132,9 @@ def test_a_short_horizon_is_reported_with_its_error(share: float) -> None:
 
 @pytest.mark.slow
 def test_steps_of_a_sufficient_horizon_do_not_estimate_the_error() -> None:
-    """What the documentation says: errors of mesh and samples are not in the steps of the output."""
+    """What the documentation says: errors of mesh and samples are not in the steps of the
+    output.
+    """
     soft, preview = soft_machine()
     ahead = int(np.ceil(1.3 * preview / UPDATE))
     steps = sum(interval.output_step_m for interval in soft.updates(ahead))
@@ -143,11 +150,14 @@ def test_near_rest_no_warning_is_reported(ahead: int) -> None:
     assert {interval.cause for interval in slow.updates(ahead)} == {""}
 
 
-# --- against the whole path -------------------------------------------------------------------------------------------
+# --- against the whole path ----------------------------------------------------------------------
 @cache
 def whole_path() -> tuple[np.ndarray, np.ndarray]:
-    """Instants and torques of the planar arm's whole path, the motion before and behind it included."""
-    planar, fine = machine(), UPDATE / PARTS
+    """Instants and torques of the planar arm's whole path, the motion before and behind it
+    included.
+    """
+    planar = machine()
+    fine = UPDATE / PARTS
     found = planar.library.invert(
         *samples(
             Reduction(planar.equations), planar.path, fine, round(planar.path.duration / fine) + 1
@@ -162,7 +172,9 @@ def whole_path() -> tuple[np.ndarray, np.ndarray]:
 
 
 def away_from_the_whole_path(ahead: int) -> float:
-    """Largest difference of the torque to that of the whole path, relative to the largest torque."""
+    """Largest difference of the torque to that of the whole path, relative to the largest
+    torque.
+    """
     t, results = machine().followed(ahead)
     instants, torque = whole_path()
     both = (t > instants[0]) & (t < instants[-1] - AFTER)  # the end of the whole motion is free
@@ -176,11 +188,11 @@ def test_a_long_look_ahead_gives_what_the_whole_path_gives():
 
 
 def test_a_short_look_ahead_does_not():
-    """One interval, some four time constants of the unstable zero; and that there are too few samples is told."""
-    stream, (outputs, rates, rates2) = (
-        machine().begun(1),
-        machine().samples(UPDATE * np.arange(1, 51)),
-    )
+    """One interval, some four time constants of the unstable zero; and that there are too few
+    samples is told.
+    """
+    stream = machine().begun(1)
+    (outputs, rates, rates2) = machine().samples(UPDATE * np.arange(1, 51))
     given = [stream.update(*sample) for sample in zip(outputs, rates, rates2, strict=True)]
     assert not any(interval.converged for interval in given[10:])
     assert away_from_the_whole_path(1) > 10 * AGREES
@@ -202,15 +214,18 @@ def test_the_motion_does_not_depend_on_the_samples_asked_for(samples_per_interva
     )
 
 
-# --- gears ---------------------------------------------------------------------------------------------------------
+# --- gears ---------------------------------------------------------------------------------------
 @cache
 def stiffening() -> Machine:
-    """The elbow with gears that stiffen; in some poses they are so stiff that they all but follow at once."""
+    """The elbow with gears that stiffen; in some poses they are so stiff that they all but follow
+    at once.
+    """
     model = read("elbow")
     spring = SmoothSpring(1e6, 8e6, 1.6e-3)
     elements = tuple(
         replace(
-            e, dofs=(replace(e.dofs[0], gear=replace(e.dofs[0].gear, spring=spring, damping=20.0)),)
+            e,
+            dofs=(replace(e.dofs[0], gear=replace(e.dofs[0].gear, spring=spring, damping=20.0)),),
         )
         for e in model.elements
     )
@@ -221,7 +236,8 @@ def stiffening() -> Machine:
 @pytest.mark.parametrize("samples_per_interval", [2, 5])
 @pytest.mark.slow
 def test_gears_that_stiffen_are_the_same_in_a_stream(samples_per_interval):
-    one, fine = stiffening(), UPDATE / samples_per_interval
+    one = stiffening()
+    fine = UPDATE / samples_per_interval
     t, results = one.followed(samples_per_interval=samples_per_interval)
     n = round(one.path.duration / fine) + 1
     whole = one.library.invert(
@@ -236,9 +252,11 @@ def test_gears_that_stiffen_are_the_same_in_a_stream(samples_per_interval):
     assert np.count_nonzero(both) > 400 and off < STIFF_AGREES
 
 
-# --- limits ----------------------------------------------------------------------------------------------------------
+# --- limits --------------------------------------------------------------------------------------
 def test_active_limits_are_reported_with_an_unmet_tolerance():
-    """With a tolerance that no step reaches every interval is inexact, and those that pass a bound are limited, too."""
+    """With a tolerance that no step reaches every interval is inexact, and those that pass a bound
+    are limited, too.
+    """
     one = machine()
     all_samples = list(zip(*one.samples(UPDATE * np.arange(1, 121)), strict=True))
     y = one.samples(np.zeros(1))[0][0]
@@ -262,10 +280,11 @@ def test_active_limits_are_reported_with_an_unmet_tolerance():
     )
 
 
-# --- rest, refusals, end ----------------------------------------------------------------------------------------------
+# --- rest, refusals, end -------------------------------------------------------------------------
 def test_a_stream_starts_at_rest_and_holds_at_the_end():
     stream = machine().begun()
-    y, still = machine().samples(np.array([machine().path.duration]))[0][0], np.zeros(2)
+    y = machine().samples(np.array([machine().path.duration]))[0][0]
+    still = np.zeros(2)
     begin = machine().samples(np.zeros(1))[0][0]
     first = [stream.update(begin, still, still) for _ in range(5)]
     n = round(machine().path.duration / UPDATE)
@@ -287,7 +306,8 @@ def test_a_stream_starts_at_rest_and_holds_at_the_end():
 
 
 def test_a_refused_sample_does_not_change_later_torques():
-    refused, spared = machine().begun(), machine().begun()
+    refused = machine().begun()
+    spared = machine().begun()
     all_samples = list(zip(*machine().samples(UPDATE * np.arange(1, 61)), strict=True))
     wrong = [
         (np.full(2, np.nan), np.zeros(2), np.zeros(2), ArgumentError),
@@ -300,7 +320,8 @@ def test_a_refused_sample_does_not_change_later_torques():
         *values, kind = wrong[k % len(wrong)]
         with pytest.raises(kind):
             refused.update(*values)
-        one, other = refused.update(*sample), spared.update(*sample)
+        one = refused.update(*sample)
+        other = spared.update(*sample)
         for name in ("q_a", "v_a", "tau_g", "q_m", "v_m", "tau_m", "residual"):
             assert np.array_equal(getattr(one, name), getattr(other, name)), (k, name)
 
@@ -309,7 +330,8 @@ def test_a_refused_sample_does_not_change_later_torques():
 @pytest.mark.parametrize("name", [PLANAR, "elbow"])
 def test_a_jump_of_the_path_is_reported_as_not_converged(name, samples_per_interval):
     """No torque follows it. What comes of it fades, and the stream is exact again at the new y."""
-    stream, still = machine(name).begun(samples_per_interval=samples_per_interval), np.zeros(2)
+    stream = machine(name).begun(samples_per_interval=samples_per_interval)
+    still = np.zeros(2)
     y = machine(name).samples(np.zeros(1))[0][0]
     stream.update(y, still, still)
     y = y - np.array([1e-3, 0.0])
@@ -324,7 +346,7 @@ def test_a_jump_of_the_path_is_reported_as_not_converged(name, samples_per_inter
     )
 
 
-# --- the example in C -------------------------------------------------------------------------------------------------
+# --- the example in C ----------------------------------------------------------------------------
 @pytest.mark.slow
 def test_the_stream_of_the_example_drives_a_robot(tmp_path):
     folder = made(PLANAR).directory
@@ -345,7 +367,8 @@ def test_the_stream_of_the_example_drives_a_robot(tmp_path):
         len(runs["stream"]) == 1
         and "t = 0.250 s refused: the path leaves the workspace" in runs["refused"][0]
     )
-    # what was sent at 0.25 s and after it is known before the tool gets there: it is stopped while still on its path
+    # what was sent at 0.25 s and after it is known before the tool gets there: it is stopped while
+    # still on its path
     assert runs["jump"][0].endswith("stopping") and strays["jump"] < 2.0
     assert float(runs["jump"][-1].split()[-2]) < 1e-2
 

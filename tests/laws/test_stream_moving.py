@@ -1,4 +1,6 @@
-"""Streams that start in motion give what streams from rest give; the full model under their torques."""
+"""Streams that start in motion give what streams from rest give; the full model under their
+torques.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,9 @@ def machine(name: str, move: str | None) -> Machine:
 def from_rest(
     name: str, move: str | None, hold: str = "spline"
 ) -> tuple[tuple[np.ndarray, ...], list[Interval]]:
-    """All samples of the path, and the intervals of a stream from rest; interval k is that of update k + 1."""
+    """All samples of the path, and the intervals of a stream from rest; interval k is that of
+    update k + 1.
+    """
     one = machine(name, move)
     n = int(np.ceil((one.path.duration + AFTER) / UPDATE)) + AHEAD
     samples = one.samples(UPDATE * np.arange(n + 1))
@@ -42,7 +46,8 @@ def from_rest(
 
 def moving(name: str, move: str | None, first: int, **options: Any) -> Stream:
     """A stream that starts with the samples of the path from ``first`` on."""
-    one, (samples, _) = machine(name, move), from_rest(name, move)
+    one = machine(name, move)
+    (samples, _) = from_rest(name, move)
     y, dy, ddy = (x[first : first + AHEAD + START_SAMPLES] for x in samples)
     given: dict[str, Any] = {"intervals": AHEAD, "samples_per_interval": PARTS, **options}
     return one.library.stream(y, one.path.q_start, period=UPDATE, dy=dy, ddy=ddy, **given)
@@ -90,7 +95,8 @@ def test_held_torques_from_motion_agree_with_those_from_rest(hold):
 )
 def test_the_tool_follows_where_one_stream_takes_over_from_another(name, move, allowed):
     """The torques of one stream, then those of another that starts in motion."""
-    one, first = machine(name, move), 20
+    one = machine(name, move)
+    first = 20
     _, before = from_rest(name, move)
     switch = first + AHEAD + START_SAMPLES - 1
     rest = len(before) - switch
@@ -106,7 +112,9 @@ def test_the_tool_follows_where_one_stream_takes_over_from_another(name, move, a
 
 @pytest.mark.slow
 def test_a_short_horizon_is_reported():
-    """An arm with a slow unstable zero: what the horizon does not contain is a torque step, or a residual."""
+    """An arm with a slow unstable zero: what the horizon does not contain is a torque step, or a
+    residual.
+    """
     first = updates(moving("planar5_nmp@soft", None, 40), "planar5_nmp@soft", None, 40, 2)
     assert not first[0].converged and not first[1].converged
 
@@ -131,7 +139,8 @@ def test_a_stream_from_motion_starts_at_rest_and_can_be_copied():
 
 def test_invalid_starts_from_motion_are_refused():
     samples, _ = from_rest("planar5_nmp", None)
-    library, q = machine("planar5_nmp", None).library, machine("planar5_nmp", None).path.q_start
+    library = machine("planar5_nmp", None).library
+    q = machine("planar5_nmp", None).path.q_start
     n = AHEAD + START_SAMPLES
     y, dy, ddy = (x[:n] for x in samples)
     options: dict[str, Any] = {"period": UPDATE, "intervals": AHEAD, "samples_per_interval": PARTS}

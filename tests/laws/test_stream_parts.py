@@ -1,4 +1,6 @@
-"""An update of a stream in parts has the bits of one that is done at once, wherever it is interrupted."""
+"""An update of a stream in parts has the bits of one that is done at once, wherever it is
+interrupted.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,12 @@ from flexgen.runtime.stream import Stream
 
 pytestmark = needs_compiler
 PLANAR = "planar5_nmp"
-OK, NULL_ARGUMENT, INPUT_NOT_FINITE, BAD_ARGUMENT, UNREACHABLE, NOT_STARTED = 0, -1, -2, -5, -7, -9
+OK = 0
+NULL_ARGUMENT = -1
+INPUT_NOT_FINITE = -2
+BAD_ARGUMENT = -5
+UNREACHABLE = -7
+NOT_STARTED = -9
 AHEAD = 40  # long enough for limits
 
 
@@ -77,7 +84,8 @@ def test_the_bits_are_those_of_one_call(name: str, hold: str) -> None:
 
 
 def test_a_stream_may_be_copied_within_an_update() -> None:
-    one, sample = machine(PLANAR).begun(AHEAD), sampled(PLANAR, 30)
+    one = machine(PLANAR).begun(AHEAD)
+    sample = sampled(PLANAR, 30)
     for each in sample[:-1]:
         one.update(*each)
     other = copy.copy(one)
@@ -96,7 +104,8 @@ def test_a_stream_may_be_copied_within_an_update() -> None:
 
 
 def test_calls_out_of_order_are_refused_and_change_nothing() -> None:
-    stream, sample = machine(PLANAR).begun(AHEAD), sampled(PLANAR, 3)
+    stream = machine(PLANAR).begun(AHEAD)
+    sample = sampled(PLANAR, 3)
     memory, y, dy, ddy, motion, info = stream._arguments
     begin, advance, finish, update, limits = (
         entry(PLANAR, what) for what in ("begin", "advance", "finish", "update", "limits")

@@ -1,4 +1,6 @@
-"""Which springs a robot needs: those that are missing are found, those that are not there are not added."""
+"""Which springs a robot needs: those that are missing are found, those that are not there are not
+added.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,9 @@ from flexgen.model.elements import RobotModel
 pytestmark = needs_compiler
 
 
-def measured(truth: RobotModel, model: RobotModel, seed: int = 0, **changes: object) -> flexgen.Frf:
+def measured(
+    truth: RobotModel, model: RobotModel, seed: int = 0, **changes: object
+) -> flexgen.Frf:
     """Frequency responses of a robot in the experiment that is planned for a model."""
     plan = small_plan(
         model, poses_of(model, 6, spread=0.6), hardware=NOISY, period_s=4.0, periods=4, **changes
@@ -59,7 +63,9 @@ def test_the_missing_torsion_of_a_body_is_found(capsys, tmp_path):
     new = next(dof for e in found.model.elements for dof in e.dofs if dof.name in found.added)
     element = next(e.name for e in found.model.elements if new in e.dofs)
     assert element == "body5" and np.abs(new.axis).tolist() == [0.0, 1.0, 0.0]
-    true = next(dof for e in another(model, 2, 0.2).elements for dof in e.dofs if dof.name == "t5y")
+    true = next(
+        dof for e in another(model, 2, 0.2).elements for dof in e.dofs if dof.name == "t5y"
+    )
     assert new.spring.stiffness == pytest.approx(true.spring.stiffness, rel=5e-3)
 
 

@@ -38,16 +38,18 @@ FULL_TURN = 2 * np.pi
 FOLLOWED = 1e-6  # m and rad: accuracy to which a move is solved
 
 
-# --- robots, and their kinematics by hand ---------------------------------------------------------
+# --- robots, and their kinematics by hand --------------------------------------------------------
 
 
 def about(axis: int, angle: float) -> np.ndarray:
     """Rotation matrix about x, y or z."""
-    c, s = np.cos(angle), np.sin(angle)
+    c = np.cos(angle)
+    s = np.sin(angle)
     i, j = [(1, 2), (2, 0), (0, 1)][axis]
     R = np.eye(3)
     R[i, i] = R[j, j] = c
-    R[j, i], R[i, j] = s, -s
+    R[j, i] = s
+    R[i, j] = -s
     return R
 
 
@@ -63,7 +65,8 @@ def scara(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def palletizer(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Of the template: the wrist is level in the frame of the carousel."""
     carousel = about(2, q[0])
-    upper, fore = carousel @ about(1, q[1]), carousel @ about(1, q[1] + q[2])
+    upper = carousel @ about(1, q[1])
+    fore = carousel @ about(1, q[1] + q[2])
     p = carousel @ [0.3, 0, 0.7] + upper @ [0, 0, 1.2] + fore @ [1.3, 0, 0]
     return p + carousel @ [0.2, 0, -0.3], carousel @ about(2, q[3])
 
@@ -131,7 +134,8 @@ def by_hand(name: str, q: np.ndarray) -> np.ndarray:
 
 def poses(name: str, count: int = 6) -> np.ndarray:
     """Poses of the arm with large angles, and with deflections of some degrees."""
-    model, rng = equations(name).model, np.random.default_rng(3)
+    model = equations(name).model
+    rng = np.random.default_rng(3)
     q = rng.uniform(-1.0, 1.0, (count, model.n_a)) * 0.05
     q[:, list(model.i_g)] = model.home + rng.uniform(-1.0, 1.0, (count, model.n_g))
     q[0, list(model.i_g)[-1]] += 2 * FULL_TURN
@@ -139,7 +143,7 @@ def poses(name: str, count: int = 6) -> np.ndarray:
     return q
 
 
-# --- the output and its derivatives ---------------------------------------------------------------
+# --- the output and its derivatives --------------------------------------------------------------
 
 
 def outputs(name: str, q: np.ndarray) -> np.ndarray:
@@ -170,8 +174,12 @@ def gradient(f: Callable[[np.ndarray], np.ndarray], x: np.ndarray, h: float = 1e
 @EACH
 def test_rates_are_derivatives_of_the_kinematics_by_hand(name):
     """W, W' v, and the derivatives of W v and W a + W' v, by differences; by both derivations."""
-    own, model, rng = equations(name), equations(name).model, np.random.default_rng(5)
-    q, v, a = poses(name)[0], rng.uniform(-1, 1, model.n_a), rng.uniform(-1, 1, model.n_a)
+    own = equations(name)
+    model = equations(name).model
+    rng = np.random.default_rng(5)
+    q = poses(name)[0]
+    v = rng.uniform(-1, 1, model.n_a)
+    a = rng.uniform(-1, 1, model.n_a)
     W = gradient(lambda x: by_hand(name, x), q)
 
     def first(x: np.ndarray, speed: np.ndarray) -> np.ndarray:
@@ -226,7 +234,8 @@ def test_mujoco_has_the_same_position_and_angle(name):
             data.qpos[at["level"]] = -one[1] - one[2]
         mujoco.mj_kinematics(machine, data)
         tool = machine.site("tool").id
-        p, R = data.site_xpos[tool], data.site_xmat[tool].reshape(3, 3)
+        p = data.site_xpos[tool]
+        R = data.site_xmat[tool].reshape(3, 3)
         _, _, axes, angle, _ = ROBOTS[name]
         y = outputs(name, one[None])[0]
         assert np.abs(y[:-1] - p[axes]).max() < ROUNDING * 10
@@ -234,7 +243,7 @@ def test_mujoco_has_the_same_position_and_angle(name):
         assert abs(off) < ROUNDING * 10
 
 
-# --- paths ----------------------------------------------------------------------------------------
+# --- paths ---------------------------------------------------------------------------------------
 
 PROFILE = (0.8, 6.0, 150.0, 8000.0)
 TURN = (0.0, 0.0, 1.0)
@@ -382,15 +391,20 @@ def test_sampled_orientations_that_tilt_and_angles_of_other_outputs_are_refused(
     model = equations("tilted_scara").model
     other = replace(model, output=replace(model.output, type="tool_position"))
     move = replace(move, file=write_samples(tmp_path, sampled_columns("angle")))
-    with pytest.raises(ModelError, match='an angle, expected none, or an output of type "tool_pos'):
+    with pytest.raises(
+        ModelError, match='an angle, expected none, or an output of type "tool_pos'
+    ):
         Path(derive(other), move)
 
 
 @needs_compiler
-@pytest.mark.parametrize(("name", "most"), [("planar3", 2), ("tilted_scara", 2), ("palletizer", 4)])
+@pytest.mark.parametrize(
+    ("name", "most"), [("planar3", 2), ("tilted_scara", 2), ("palletizer", 4)]
+)
 def test_kinematics_finds_the_joints_of_a_pose(name, most):
     """The joints of poses by hand are among the configurations; all of them reach the pose."""
-    model, rng = equations(name).model, np.random.default_rng(8)
+    model = equations(name).model
+    rng = np.random.default_rng(8)
     for _ in range(4):
         q = np.zeros(model.n_a)
         q[list(model.i_g)] = model.home + rng.uniform(-0.4, 0.4, model.n_g)
@@ -411,7 +425,7 @@ def test_kinematics_finds_the_joints_of_a_pose(name, most):
         flexgen.kinematics(model, p, R, sag=True)
 
 
-# --- whole moves ----------------------------------------------------------------------------------
+# --- whole moves ---------------------------------------------------------------------------------
 
 
 def follows(name: str, move: Move | str, **options: object) -> flexgen.Solution:
@@ -460,7 +474,7 @@ def test_two_methods_give_the_same_torques():
     assert np.abs(tau[0] - tau[1]).max() < 1e-4 * np.abs(tau[0]).max()
 
 
-# --- C --------------------------------------------------------------------------------------------
+# --- C -------------------------------------------------------------------------------------------
 
 
 @needs_compiler
@@ -524,8 +538,10 @@ def test_a_planted_angle_of_arcs_is_seen(monkeypatch):
 @pytest.mark.slow
 def test_a_stream_gives_the_torques_of_the_whole_path():
     own = equations("tilted_scara")
-    library, path = paths_library(own, "invert", "stream"), path_of("line")
-    period, ahead = 2e-3, 40
+    library = paths_library(own, "invert", "stream")
+    path = path_of("line")
+    period = 2e-3
+    ahead = 40
     t = np.arange(round(path.duration / period) + 1) * period
     y, dy, ddy = (path.sample(t).y[:, :, k] for k in range(3))
     whole = library.invert(y, dy, ddy, period=period, q_start=path.q_start, n_pre=40, n_post=40)
@@ -559,7 +575,7 @@ def test_limits_slow_the_tool_and_count_its_position_only():
     assert "m and" in tight.verdict and tight.details["deviation_max_m"] > 1e-4
 
 
-# --- redundant arms -------------------------------------------------------------------------------
+# --- redundant arms ------------------------------------------------------------------------------
 
 TRACK = """
 [[element]]
@@ -621,7 +637,7 @@ def test_a_robot_on_an_elastic_track_follows_a_path_of_its_tool(fixed, tmp_path)
         assert np.ptp(q[:, 0]) < 1e-3  # the deflection of its gear is left
 
 
-# --- refusals -------------------------------------------------------------------------------------
+# --- refusals ------------------------------------------------------------------------------------
 
 
 def changed(tmp_path: FilePath, *changes: tuple[str, str]) -> str:

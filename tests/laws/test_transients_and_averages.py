@@ -1,4 +1,6 @@
-"""Frequency responses from motions that have not settled, that are averaged by H1, and that have no period."""
+"""Frequency responses from motions that have not settled, that are averaged by H1, and that have
+no period.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +33,9 @@ REMAINS = "a transient remains: in the motion of m1; leave out more transient pe
 def unsettled(
     hardware: DriveHardware, periods: int = 4, seed: int = 0
 ) -> tuple[Experiment, np.ndarray]:
-    """An experiment that begins with its first period, and the responses of the settled robot without noise."""
+    """An experiment that begins with its first period, and the responses of the settled robot
+    without noise.
+    """
     model = without_coulomb("planar5_nmp")
     plan = flexgen.excite(
         model,
@@ -49,7 +53,9 @@ def unsettled(
 
 
 def test_transients_are_removed() -> None:
-    """The remaining error is below one percent of the error without the removal, which is the default."""
+    """The remaining error is below one percent of the error without the removal, which is the
+    default.
+    """
     experiment, truth = unsettled(DriveHardware(5e-4))
     experiment = replace(experiment, beside_later=None)  # all periods
     removed = np.abs(flexgen.frf(experiment, transients=True).G - truth)
@@ -86,7 +92,9 @@ def test_a_transient_that_decays_in_a_period_is_left_out_and_a_slower_one_is_sta
 
 
 def test_polynomials_leave_a_part_of_a_narrow_transient_and_the_later_periods_have_none() -> None:
-    """Of a robot after one period of 1 s, in deviations of the noise, against responses of the settled robot."""
+    """Of a robot after one period of 1 s, in deviations of the noise, against responses of the
+    settled robot.
+    """
     model = without_coulomb("elbow")
     noisy = DriveHardware(5e-4, encoder_noise_rad=1e-5, torque_noise_Nm=0.02)
     plan = flexgen.excite(model, poses=4, lines=40, period_s=1.0, speed_rms=0.03, hardware=noisy)
@@ -109,7 +117,9 @@ def test_a_removal_with_the_wrong_sign_is_seen(monkeypatch: pytest.MonkeyPatch) 
     experiment = replace(experiment, beside_later=None)
     real = spectra.without_transients
     monkeypatch.setattr(
-        frequency_response, "without_transients", lambda lines, beside, at: real(lines, -beside, at)
+        frequency_response,
+        "without_transients",
+        lambda lines, beside, at: real(lines, -beside, at),
     )
     wrong = np.abs(flexgen.frf(experiment, transients=True).G - truth)
     assert np.median(wrong / np.abs(truth)) > 1e-3
@@ -117,7 +127,9 @@ def test_a_removal_with_the_wrong_sign_is_seen(monkeypatch: pytest.MonkeyPatch) 
 
 @pytest.mark.slow
 def test_the_noise_beside_the_lines_is_that_at_the_lines() -> None:
-    """Errors over predicted deviations: mean square 1, as of a settled experiment with as many periods."""
+    """Errors over predicted deviations: mean square 1, as of a settled experiment with as many
+    periods.
+    """
     squares = []
     for seed in range(6):
         experiment, truth = unsettled(NOISY, seed=seed)
@@ -128,7 +140,9 @@ def test_the_noise_beside_the_lines_is_that_at_the_lines() -> None:
 
 def test_spectra_beside_the_lines_are_those_of_the_whole_record() -> None:
     rng = np.random.default_rng(0)
-    N, P, lines = 128, 3, np.array([3, 5, 11])
+    N = 128
+    P = 3
+    lines = np.array([3, 5, 11])
     x = rng.normal(size=(P, N, 2))
     offsets = line_offsets(lines, P)
     summed = sum(spectra_beside(x[p], lines, offsets, p, P) for p in range(P))
@@ -142,7 +156,9 @@ def test_spectra_beside_the_lines_are_those_of_the_whole_record() -> None:
 def test_a_quadratic_transient_is_removed_exactly() -> None:
     offsets = np.array([-4, -3, -2, -1, 1, 2, 3, 4])
     transient = 2.0 - 0.3j + (0.1 + 0.2j) * offsets + 0.05 * offsets**2
-    found = without_transients(np.full((1, 1), 7.0 + 2.0 - 0.3j), transient[:, None, None], offsets)
+    found = without_transients(
+        np.full((1, 1), 7.0 + 2.0 - 0.3j), transient[:, None, None], offsets
+    )
     assert found.lines[0, 0] == pytest.approx(7.0, abs=1e-13) and np.abs(found.noise).max() < 1e-13
     assert found.freedom == 5
 
@@ -173,7 +189,9 @@ def test_h1_without_noise_is_the_mean() -> None:
 
 
 def test_torque_noise_makes_h1_too_small() -> None:
-    """H1 = G S_uu / (S_uu + S_nn) where the noise of the recorded torques n does not move the robot."""
+    """H1 = G S_uu / (S_uu + S_nn) where the noise of the recorded torques n does not move the
+    robot.
+    """
     rng = np.random.default_rng(1)
     shape = (1, 1, 64, 1, 1, 1)
     U = np.ones(shape) + 0j
@@ -188,7 +206,9 @@ def test_torque_noise_makes_h1_too_small() -> None:
 def recorded_without_period(folder: Path) -> tuple[Path, LocalModel]:
     """A recording of `four_mass` under random torques, exact samples of the linear response."""
     model = without_coulomb("four_mass")
-    local, n, T = LocalModel(model, ()), 2**17, 1e-3
+    local = LocalModel(model, ())
+    n = 2**17
+    T = 1e-3
     w = 2 * np.pi * np.fft.rfftfreq(n, T)
     rng = np.random.default_rng(2)
     U = np.fft.rfft(rng.normal(size=n)) * (w > 2 * np.pi * 0.5) * (w < 2 * np.pi * 150)

@@ -12,7 +12,11 @@ from scipy.integrate import solve_ivp
 import flexgen
 from flexgen.errors import FlexgenError
 
-MASS, LENGTH, TROLLEY, RATIO, ROTOR = 5.0, 1.0, 20.0, 50.0, 1e-4
+MASS = 5.0
+LENGTH = 1.0
+TROLLEY = 20.0
+RATIO = 50.0
+ROTOR = 1e-4
 GRAVITY = 9.81
 CRANE = """
 name = "crane"

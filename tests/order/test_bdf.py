@@ -1,4 +1,6 @@
-"""BDF on the original DAE: its order, its lag, its agreement with exact methods and where it is refused."""
+"""BDF on the original DAE: its order, its lag, its agreement with exact methods and where it is
+refused.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,8 @@ EXACT = 1e-3  # relative: torques of order 3 against the exact methods
 
 
 def errors(order: int, counts: tuple[int, ...], **other: object) -> list[float]:
-    here, exact = problem("planar5_mp", SMOOTH), reference("planar5_mp", SMOOTH)
+    here = problem("planar5_mp", SMOOTH)
+    exact = reference("planar5_mp", SMOOTH)
     out = []
     for n in counts:
         t = np.linspace(0.0, here.path.duration, n + 1)
@@ -55,10 +58,11 @@ def test_the_coefficients_differentiate_polynomials(order: int) -> None:
 
 
 def test_order_one_lags_and_extrapolation_removes_the_lag() -> None:
-    here, exact = problem("planar5_mp", SMOOTH), reference("planar5_mp", SMOOTH)
+    here = problem("planar5_mp", SMOOTH)
+    exact = reference("planar5_mp", SMOOTH)
     t = np.linspace(0.0, here.path.duration, 201)
     h = t[1]
-    plain = here.torques(march(here.dae, here.path, t, here.x_eq, 1).x) - exact(t)  # type: ignore[operator]
+    plain = here.torques(march(here.dae, here.path, t, here.x_eq, 1).x) - exact(t)
     rate = exact.derivative()(t)  # type: ignore[attr-defined]
     lag = -np.sum(plain * rate) / np.sum(rate * rate) / h
     assert 0.5 < lag < 3.0  # steps
@@ -79,7 +83,7 @@ def test_the_answer_agrees_and_is_verified(name: str) -> None:
     assert solution.status == Status.SOLVED and (solution.tool_error_max_m or 0.0) < TOLD
     t = solution.trajectory.time
     on_path = (t >= 0) & (t <= problem(name).path.duration)
-    assert relative(solution.trajectory["tau_m"][on_path], reference(name)(t[on_path])) < EXACT  # type: ignore[operator]
+    assert relative(solution.trajectory["tau_m"][on_path], reference(name)(t[on_path])) < EXACT
 
 
 def test_richardson_on_request() -> None:
@@ -96,10 +100,14 @@ def test_richardson_on_request() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("move", ["line", "joints"])
 def test_six_axes(move: str) -> None:
-    """The joint move passes a singular pose of the wrist: no obstacle where all coordinates are actuated."""
+    """The joint move passes a singular pose of the wrist: no obstacle where all coordinates are
+    actuated.
+    """
     solution = flexgen.solve("manutec_r3", move, method="bdf")
     assert solution.status == Status.SOLVED
-    assert (solution.tool_error_max_m or 1) < TOLD and (solution.tool_error_max_rad or 1) < 2 * TOLD
+    assert (solution.tool_error_max_m or 1) < TOLD and (
+        solution.tool_error_max_rad or 1
+    ) < 2 * TOLD
 
 
 def test_a_path_through_a_singular_pose_is_an_error() -> None:
@@ -134,7 +142,9 @@ def test_a_spring_with_a_kink_is_not_differentiated() -> None:
 
 
 def test_without_damping_inside_the_stable_order_is_taken() -> None:
-    """Order 3 lets the undamped oscillation of the last joint grow: 532 rad/s, half a radian a step."""
+    """Order 3 lets the undamped oscillation of the last joint grow: 532 rad/s, half a radian a
+    step.
+    """
     assert stable_order(np.array([532j, -532j, -1000.0]), 1e-3) == 2
     assert stable_order(np.array([-142 + 513j, -142 - 513j]), 1e-3) == 3
     assert stable_order(np.zeros(0), 1e-3) == 3

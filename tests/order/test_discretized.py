@@ -1,4 +1,6 @@
-"""The DAE on an even grid: declared order, agreement with collocation, and what the optimisation is there for."""
+"""The DAE on an even grid: declared order, agreement with collocation, and what the optimisation
+is there for.
+"""
 
 from __future__ import annotations
 
@@ -46,7 +48,9 @@ def test_the_tool_follows_its_path(name: str) -> None:
 
 @pytest.mark.parametrize(("name", "mesh"), [("four_mass", None), ("four_mass@piecewise", 1e-3)])
 def test_springs_with_a_bend(name: str, mesh: float | None) -> None:
-    """Two seconds of settling after half a second of path: the error counts until 0.5 s after both."""
+    """Two seconds of settling after half a second of path: the error counts until 0.5 s after
+    both.
+    """
     solution = flexgen.solve(name, method="discretized", mesh=mesh)
     assert solution.status == Status.SOLVED and (solution.tool_error_max_m or 1) < MICRON
     assert solution.trajectory.time[-1] > 2.0
@@ -112,7 +116,9 @@ def test_the_error_falls_with_the_order_of_the_differences(
 
 
 def test_the_torque_begins_before_the_path() -> None:
-    """A softer third joint: the unstable zero is slower, and without time before the path the tool is thrown off."""
+    """A softer third joint: the unstable zero is slower, and without time before the path the tool
+    is thrown off.
+    """
     equations = flexgen.derive(
         read("planar5_nmp", overrides={"element.arm3.dof.q3.spring.stiffness": 1.5e4})
     )
@@ -146,7 +152,9 @@ def test_a_wrong_difference_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_without_the_weight_of_the_start_the_tolerance_is_not_met(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Planted bug: a start that is as good as any other, so that motions of the machine itself are let in."""
+    """Planted bug: a start that is as good as any other, so that motions of the machine itself are
+    let in.
+    """
     monkeypatch.setattr(discretized, "START", 0.0)
     wrong = flexgen.solve("four_mass", method="discretized", mesh=2e-3)
     assert wrong.status == Status.TOLERANCE_NOT_MET

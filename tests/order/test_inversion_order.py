@@ -1,4 +1,5 @@
-"""The order of ``lq`` and ``bvp``: how fast the motion at the nodes converges when the intervals are halved.
+"""The order of ``lq`` and ``bvp``: how fast the motion at the nodes converges when the intervals
+are halved.
 
 Judged by the finest mesh of ``bvp``, whose steps are not those of ``lq`` and which weighs nothing.
 """
@@ -22,10 +23,10 @@ pytestmark = needs_compiler
 
 METHODS = {"lq": lq.solve, "bvp": bvp.solve}
 FINEST = 1e-3  # s
-# Factors of stiffness and damping of the passive joint, and the bounds of the order. Gauss points, s = 3: order 2 s
-# where the zeros z are slow against the intervals, |z| h < 3; order s + 1, as of algebraic equations, where they are
-# fast, |z| h > 70. The arm as it is stands between, with |z| h from 2 to 18. Each within a third, because the meshes
-# are not yet in the limit.
+# Factors of stiffness and damping of the passive joint, and the bounds of the order. Gauss points,
+# s = 3: order 2 s where the zeros z are slow against the intervals, |z| h < 3; order s + 1, as of
+# algebraic equations, where they are fast, |z| h > 70. The arm as it is stands between, with |z| h
+# from 2 to 18. Each within a third, because the meshes are not yet in the limit.
 MODELS = {
     "slow": (0.03, 0.03, 6 - 1 / 3, 6 + 1 / 3),
     "as it is": (1.0, 1.0, 4.0, 6.0),
@@ -64,7 +65,9 @@ def test_each_method_has_its_stated_order(method: str, speed: str) -> None:
 
 @pytest.mark.parametrize("method", METHODS)
 def test_six_axes(method: str) -> None:
-    """Zeros of 160 to 1000 1/s. On finer meshes what the weights of lq leave, some 1e-10 rad, hides the error."""
+    """Zeros of 160 to 1000 1/s. On finer meshes what the weights of lq leave, some 1e-10 rad,
+    hides the error.
+    """
     assert 4 - 1 / 3 < order("manutec_r3_18", method, (4e-2, 2e-2, 1e-2)) < 6
 
 

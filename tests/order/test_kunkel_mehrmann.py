@@ -1,4 +1,6 @@
-"""The regularized DAE: the derivative array, its ranks, consistent points, and the order of its integration."""
+"""The regularized DAE: the derivative array, its ranks, consistent points, and the order of its
+integration.
+"""
 
 from __future__ import annotations
 
@@ -21,8 +23,8 @@ from flexgen.lab.strangeness_free import StrangenessFree
 from flexgen.numerics.tableaus import Tableau, radau
 
 ORDER = 2 * 3 - 1  # of Radau IIA with three stages
-# by how much an observed order may miss it: the zeros are fast, and the steps are not yet small for
-# them
+# by how much an observed order may miss it: the zeros are fast, and the steps are not yet small
+# for them
 NEAR = 0.7
 TOLD = 1e-8  # m and rad: what is reached with steps of a millisecond
 EXACT = 1e-5  # relative: torques against the exact methods
@@ -68,9 +70,13 @@ def test_too_short_an_array_does_not_satisfy_the_hypothesis() -> None:
 
 @pytest.mark.parametrize("name", ["planar5_mp", "manutec_r3"])
 def test_the_array_holds_the_derivatives_of_the_equations(name: str) -> None:
-    """Along some motion that solves nothing: F and its derivatives, and the slopes by automatic differentiation."""
+    """Along some motion that solves nothing: F and its derivatives, and the slopes by automatic
+    differentiation.
+    """
     here = problem(name)
-    dae, rng, mu = here.dae, np.random.default_rng(11), 3
+    dae = here.dae
+    rng = np.random.default_rng(11)
+    mu = 3
     motions = [Polynomial(s) for s in rng.normal(size=(dae.n_x, 7)) * 0.3]
     targets = [Polynomial(s) for s in rng.normal(size=(dae.n_u, 7)) * 0.3]
 
@@ -96,7 +102,8 @@ def test_the_array_holds_the_derivatives_of_the_equations(name: str) -> None:
             size = max(1.0, abs(expected), np.abs(values[:, i]).max() * 5.0**k)
             assert abs(F[k * dae.n_x + i, 0] - expected) < ALIKE * size, (i, k)
     if name == "planar5_mp":
-        x, u = ca.SX.sym("X", *X.shape), ca.SX.sym("U", *U.shape)
+        x = ca.SX.sym("X", *X.shape)
+        u = ca.SX.sym("U", *U.shape)
         slopes = ca.Function("slopes", [x, u], [ca.jacobian(array.function(x, u)[0], ca.vec(x))])(
             X, U
         ).full()
@@ -104,19 +111,22 @@ def test_the_array_holds_the_derivatives_of_the_equations(name: str) -> None:
 
 
 def test_the_split_selects_the_stated_equations() -> None:
-    here, found = problem("planar5_mp"), system("planar5_mp")
+    here = problem("planar5_mp")
+    found = system("planar5_mp")
     t = np.linspace(0.0, 0.25, 126)
     state = marched("planar5_mp", 125, 0.25)
     U = here.dae.targets(here.path.sample(t), found.mu)[-1]
     X = np.zeros((found.n, found.mu + 2))
-    X[:, 0], X[:, 1] = state.x[-1], state.dx[-1]
+    X[:, 0] = state.x[-1]
+    X[:, 1] = state.dx[-1]
     X = found.consistent(X, U)
     assert np.abs((X[:, 0] - state.x[-1]) / found.unit).max() < 1e-9  # it was consistent
     assert np.abs(found.rows(X, U)).max() < ZERO
     split = found.split(X, U)
     _, M = found._jacobians(X, U)
     assert (
-        np.abs(split.Z2.T @ M).max() < ZERO and np.abs(split.Z2.T @ split.N @ split.T2).max() < ZERO
+        np.abs(split.Z2.T @ M).max() < ZERO
+        and np.abs(split.Z2.T @ split.N @ split.T2).max() < ZERO
     )
     for basis in (split.Z1, split.Z2, split.T2):
         assert np.allclose(basis.T @ basis, np.eye(basis.shape[1]), atol=1e-12)
@@ -126,7 +136,8 @@ def test_the_split_selects_the_stated_equations() -> None:
 
 def test_without_freedom_the_path_alone_determines_everything() -> None:
     """A rigid arm has no state of its own: a consistent point at any instant holds the torque."""
-    here, found = problem("elbow@rigid"), system("elbow@rigid")
+    here = problem("elbow@rigid")
+    found = system("elbow@rigid")
     t = 0.4 * here.path.duration
     U = here.dae.targets(here.path.sample(np.array([t])), found.mu)[0]
     X = np.zeros((found.n, found.mu + 2))
@@ -138,7 +149,8 @@ def test_without_freedom_the_path_alone_determines_everything() -> None:
         found.consistent(X, U)
 
 
-# with damping the zeros at -1000 1/s want small steps before the order shows, without it rounding comes early
+# with damping the zeros at -1000 1/s want small steps before the order shows, without it rounding
+# comes early
 COUNTS = {"planar5_mp": (50, 100, 200), "planar5_mp@undamped": (25, 50, 100)}
 
 
@@ -150,7 +162,8 @@ def test_the_declared_order(name: str) -> None:
 def coordinate_errors(name: str, table: Tableau | None = None) -> list[float]:
     """Errors of the non-actuated coordinates, with 50 to 200 steps or half as many."""
     here = problem(name)
-    i_e, T = list(here.dae.model.i_e), here.path.duration
+    i_e = list(here.dae.model.i_e)
+    T = here.path.duration
     finest = 4 * COUNTS[name][-1]
     exact = marched(name, finest, T).x[:, i_e]
     out = []
@@ -171,7 +184,7 @@ def test_a_wrong_coefficient_is_seen() -> None:
     A = right.A.copy()
     A[1, 0] *= 1.001
     wrong = SimpleNamespace(c=right.c, A=A)
-    assert observed_order(coordinate_errors("planar5_mp@undamped", wrong)) < ORDER - 2 * NEAR  # type: ignore[arg-type]
+    assert observed_order(coordinate_errors("planar5_mp@undamped", wrong)) < ORDER - 2 * NEAR
     assert observed_order(coordinate_errors("planar5_mp@undamped", radau(2))) < ORDER - NEAR
 
 

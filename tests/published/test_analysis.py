@@ -72,10 +72,13 @@ def test_four_masses_as_published(
 
 
 def test_planar_zeros_in_closed_form() -> None:
-    """I_eff s^2 + kappa D s + kappa K = 0 for a straight continuation of the passive link; no gravity."""
+    """I_eff s^2 + kappa D s + kappa K = 0 for a straight continuation of the passive link; no
+    gravity.
+    """
     for name, xi, j in (("planar5_mp", 0.12, 2.2), ("planar5_nmp", 0.225, 0.45)):
         model = read(name, overrides={"gravity": [0.0, 0.0, 0.0]})
-        i_eff, kappa = j + 25 * xi**2 - 25 * xi * 0.45, (0.35 + 0.45) / 0.35
+        i_eff = j + 25 * xi**2 - 25 * xi * 0.45
+        kappa = (0.35 + 0.45) / 0.35
         expected = np.roots([i_eff, kappa * 150.0, kappa * 1.5e5])
         zeros = flexgen.analyze(model, POSE).zeros.zeros
         for zero in expected:
@@ -83,12 +86,15 @@ def test_planar_zeros_in_closed_form() -> None:
 
 
 def state_space_difference(equations: Equations, planted: float = 1.0) -> float:
-    """Variation of the equations at rest against the linearized, and the differenced, state-space right-hand side."""
+    """Variation of the equations at rest against the linearized, and the differenced, state-space
+    right-hand side.
+    """
     model = equations.model
     rest = hold_joints(equations, np.array(model.home))
     A, B = linearize(equations, rest).state_space()
     A = A * np.where(np.arange(len(A)) == len(A) - 1, planted, 1.0)[:, None]
-    zero_a, zero_m = np.zeros(model.n_a), np.zeros(model.n_m)
+    zero_a = np.zeros(model.n_a)
+    zero_m = np.zeros(model.n_m)
     exact = evaluate(
         equations.function("linearize"), rest.q_a, zero_a, rest.q_m, zero_m, rest.tau_m
     )
@@ -103,7 +109,8 @@ def state_space_difference(equations: Equations, planted: float = 1.0) -> float:
         np.abs((A - exact[0][0]) / size).max(),
         np.abs(B - exact[1][0].reshape(B.shape)).max() / B_size,
     )
-    # differences over 1e-6 rad see the curvature of a spring that stiffens within 3e-4 rad: 1e-4 must do
+    # differences over 1e-6 rad see the curvature of a spring that stiffens within 3e-4 rad: 1e-4
+    # must do
     return float(max(closed, 1e-7 * np.abs((differenced - exact[0][0]) / size).max()))
 
 
@@ -180,7 +187,8 @@ def test_equilibrium_balances_gravity() -> None:
     # by hand: 25 kg at 0.225 m, horizontal distance from joint 3 at the angle 0.3 - 1.1 + q3
     q3 = analysis.equilibrium.q_a[2]
     assert 1.5e5 * q3 == pytest.approx(-25 * 9.81 * 0.225 * np.cos(0.3 - 1.1 + q3), rel=1e-12)
-    lever1, lever2 = 0.80 * np.cos(0.3), 0.35 * np.cos(-0.8)
+    lever1 = 0.80 * np.cos(0.3)
+    lever2 = 0.35 * np.cos(-0.8)
     moment2 = 40 * 0.17 * np.cos(-0.8) + 25 * (lever2 + 0.225 * np.cos(-0.8 + q3))
     moment1 = (
         60 * 0.40 * np.cos(0.3)

@@ -38,7 +38,9 @@ def bench(tmp_path_factory):
 
 @pytest.mark.parametrize("residual", ["nls", "lls"])
 def test_the_motor_bench_has_its_known_parameters(bench, residual):
-    """A fit by other software: J_m 4.83e-3, J_l 4.71e-3, k 548, delay 0.106 ms; both within 2 %."""
+    """A fit by other software: J_m 4.83e-3, J_l 4.71e-3, k 548, delay 0.106 ms; both within 2
+    %.
+    """
     data = flexgen.frf(read_experiment(bench / "recordings.toml"))
     found = flexgen.identify(
         bench / "bench.toml", data, free=FREE, residual=residual, progress=False
@@ -82,7 +84,9 @@ def test_a_wrong_hold_is_a_wrong_delay(bench, tmp_path):
 
 
 def test_the_motor_bench_in_the_time_domain(bench):
-    """Segments of 50 ms with free start states: the same parameters without frequency responses."""
+    """Segments of 50 ms with free start states: the same parameters without frequency
+    responses.
+    """
     found = fit_motion(None, bench / "recordings.toml", free=FREE, segment_s=0.05, progress=False)
     assert found.values["m1.inertia"] == pytest.approx(4.83e-3, rel=0.02)
     assert found.values["load.inertia_zz"] == pytest.approx(4.71e-3, rel=0.02)
@@ -93,8 +97,12 @@ def test_the_motor_bench_in_the_time_domain(bench):
 
 @pytest.mark.slow
 def test_four_routes_to_the_damping_of_the_bench_state_no_interval(bench):
-    """They differ by a factor of five, and the formal intervals exclude each other: a model error, with its reason."""
-    experiment, damping, logs = read_experiment(bench / "recordings.toml"), [], []
+    """They differ by a factor of five, and the formal intervals exclude each other: a model error,
+    with its reason.
+    """
+    experiment = read_experiment(bench / "recordings.toml")
+    damping = []
+    logs = []
     fits = []
     for average, residual in (("arithmetic", "nls"), ("arithmetic", "lls"), ("h1", "nls")):
         data = flexgen.frf(experiment, average=average)
@@ -174,7 +182,9 @@ def test_responses_of_a_steering_mirror():
                 x[line, :, 3 * block : 3 * block + 3, :].mean(axis=-1) for x in (U, Y)
             )
             plain[block, k] = outputs @ np.linalg.inv(inputs)
-    assert np.allclose(found.G[0], plain.mean(axis=0), rtol=1e-10, atol=1e-12 * np.abs(plain).max())
+    assert np.allclose(
+        found.G[0], plain.mean(axis=0), rtol=1e-10, atol=1e-12 * np.abs(plain).max()
+    )
     assert found.total is not None
     assert np.median(np.sqrt(found.variance) / np.abs(found.G)) == pytest.approx(0.0022, rel=0.05)
     assert np.median(np.sqrt(found.total) / np.abs(found.G)) == pytest.approx(0.029, rel=0.05)

@@ -31,7 +31,8 @@ GRAVITY = 9.81
 
 @dataclass(frozen=True)
 class Elbow:
-    """Two-link elbow manipulator in a vertical plane: q1 from the vertical, q2 the elbow; inertias about the centers.
+    """Two-link elbow manipulator in a vertical plane: q1 from the vertical, q2 the elbow; inertias
+    about the centers.
 
     Numbers of axes 2 and 3 of a KUKA KR300 R2500 ultra (J. Weigand et al.) seen as such an arm.
     """
@@ -88,14 +89,17 @@ ROTORS = np.array([843.9, 751.3])  # kg m^2, on the arm side
 
 
 def assert_close(found, expected, tolerance: float) -> None:
-    found, expected = np.asarray(found), np.asarray(expected)
+    found = np.asarray(found)
+    expected = np.asarray(expected)
     assert found.shape == expected.shape
     assert np.abs(found - expected).max() <= tolerance * np.abs(expected).max()
 
 
 @pytest.mark.parametrize("name", ELBOWS)
 def test_elbow_is_its_closed_form(name):
-    a, elbow, rng = Answers(derive(read(name))), ELBOWS[name], np.random.default_rng(6)
+    a = Answers(derive(read(name)))
+    elbow = ELBOWS[name]
+    rng = np.random.default_rng(6)
     for _ in range(20):
         q, v, acc = rng.uniform(-3, 3, (3, 2))
         assert_close(a.forward_kinematics(q)[0].ravel(), elbow.tool(q), CLOSED_FORM)
@@ -112,8 +116,10 @@ def test_elbow_is_its_closed_form(name):
 
 
 def test_elbow_with_another_sign_of_its_coriolis_term_is_not():
-    a, elbow = Answers(derive(read("elbow"))), ELBOWS["elbow"]
-    q, v = np.array([0.4, -0.8]), np.array([1.0, -0.5])
+    a = Answers(derive(read("elbow")))
+    elbow = ELBOWS["elbow"]
+    q = np.array([0.4, -0.8])
+    v = np.array([1.0, -0.5])
     with pytest.raises(AssertionError):
         assert_close(2 * a.gravity(q) - a.bias(q, v), elbow.c(q, v) + elbow.g(q), CLOSED_FORM)
 
@@ -127,7 +133,9 @@ def test_rotors_of_the_elbow():
 
 def test_elbow_with_rigid_gears_accelerates_its_rotors():
     model = read("elbow@rigid")
-    a, elbow, rng = Answers(derive(model)), ELBOWS["elbow@rigid"], np.random.default_rng(6)
+    a = Answers(derive(model))
+    elbow = ELBOWS["elbow@rigid"]
+    rng = np.random.default_rng(6)
     rotors = model.eta.T @ np.diag([m.inertia for m in model.motors]) @ model.eta
     for _ in range(20):
         q, v, acc = rng.uniform(-3, 3, (3, 2))
@@ -140,11 +148,13 @@ def test_elbow_with_rigid_gears_accelerates_its_rotors():
         assert_close(a_m, model.eta @ a_a, CLOSED_FORM)
 
 
-# --- beams -----------------------------------------------------------------------------------------------------------
+# --- beams ---------------------------------------------------------------------------------------
 
 # of cos z cosh z = -1; R. D. Blevins, 1979, tab. 8-1
 ROOTS = (1.8751041, 4.6940911, 7.8547574, 10.9955407, 14.1371684)
-LENGTH, MASS, STIFFNESS = 0.7, 1.3, 210.0
+LENGTH = 0.7
+MASS = 1.3
+STIFFNESS = 210.0
 
 
 def beam_model(modes: int, directions: str = "y") -> RobotModel:
@@ -183,7 +193,9 @@ def test_frequencies_of_a_cantilever():
 
 
 def test_tip_of_a_cantilever_under_a_force():
-    """``F L^3 / (3 EI)``, and of its slope ``F L^2 / (2 EI)``, but for the modes that are left out."""
+    """``F L^3 / (3 EI)``, and of its slope ``F L^2 / (2 EI)``, but for the modes that are left
+    out.
+    """
     n = 6
     model = beam_model(n)
     a = Answers(derive(model))
@@ -197,7 +209,9 @@ def test_tip_of_a_cantilever_under_a_force():
 
 
 def test_beam_turned_about_its_axis_and_bent_back_stands_still():
-    """Equal bending in both planes: turning by v and bending by v x q the other way moves no mass at all."""
+    """Equal bending in both planes: turning by v and bending by v x q the other way moves no mass
+    at all.
+    """
     a = Answers(derive(beam_model(1, "yz")))
     q = np.array([0.3, 0.05, -0.08])
     v = np.array([1.0, q[2], -q[1]])

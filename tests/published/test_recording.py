@@ -1,4 +1,6 @@
-"""The KR300 model against a recording of the real robot; skipped where the recording is not at hand."""
+"""The KR300 model against a recording of the real robot; skipped where the recording is not at
+hand.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,8 @@ def test_kr300_torques_along_a_recorded_motion(tmp_path: Path) -> None:
     sys.modules[spec.name] = example
     spec.loader.exec_module(example)
     comparison = example.compare(RECORDING)
-    # payload and counterbalance are unknown: the bound only says that signs, ratios, units and poses are right
+    # payload and counterbalance are unknown: the bound only says that signs, ratios, units and
+    # poses are right
     assert (comparison.r2 > 0.6).all()
     # the table of docs/verification.md: friction and constant alone explain less on each axis
     assert np.allclose(comparison.r2, [0.86, 0.68, 0.64, 0.80, 0.81, 0.95], atol=0.006)

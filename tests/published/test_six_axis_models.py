@@ -1,4 +1,6 @@
-"""The six-axis elastic robots and the planar family: inertia, frequencies, zeros and verdicts as their files say."""
+"""The six-axis elastic robots and the planar family: inertia, frequencies, zeros and verdicts as
+their files say.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,8 @@ from flexgen.model.reader import read
 from flexgen.numerics.evaluate import evaluate
 from flexgen.paths.path import Path as ToolPath
 
-# Zeros of the non-actuated elements, unstable and all, at every pose of every move; slowest and fastest unstable rate.
+# Zeros of the non-actuated elements, unstable and all, at every pose of every move; slowest and
+# fastest unstable rate.
 ZEROS = {
     "manutec_r3_18": (2, 12, 200.0, 1400.0),
     "manutec_r3_24": (3, 24, 80.0, 1100.0),
@@ -45,9 +48,13 @@ def at_rest(equations: Equations, q_g: np.ndarray) -> tuple[Equilibrium, LinearM
 
 
 def follow(equations: Equations, path: ToolPath, poses: int) -> np.ndarray:
-    """Actuated coordinates (poses, n_g) with the tool on the path and no deflection, by Newton's method."""
+    """Actuated coordinates (poses, n_g) with the tool on the path and no deflection, by Newton's
+    method.
+    """
     i_g = list(equations.model.i_g)
-    asked, q, found = path.sample(np.linspace(0.0, path.duration, poses)), path.q_start.copy(), []
+    asked = path.sample(np.linspace(0.0, path.duration, poses))
+    q = path.q_start.copy()
+    found = []
     assert asked.R is not None
     for p_d, R_d in zip(asked.y[:, :3, 0], asked.R, strict=True):
         for _ in range(20):
@@ -69,11 +76,13 @@ def unstable(zeros: np.ndarray) -> np.ndarray:
     return zeros.real[zeros.real > 0]
 
 
-# --- six axes ---------------------------------------------------------------------------------------------------------
+# --- six axes ------------------------------------------------------------------------------------
 
 
 def test_the_larger_ones_contain_the_smaller_ones() -> None:
-    """The elasticities of the 18 are among those of the 24, and these among those of the 30, value for value."""
+    """The elasticities of the 18 are among those of the 24, and these among those of the 30, value
+    for value.
+    """
     small, middle, large = ({c.dof for c in read(name).coordinates} for name in MANUTEC)
     assert small < middle < large
 
@@ -129,7 +138,9 @@ def test_zeros_along_the_moves(name: str) -> None:
     ],
 )
 def test_another_direction_behind_joint_5_is_flat(name: str, change: dict[str, object]) -> None:
-    """With the tool held, body 5 can only turn about joint 6: any other elasticity there has no inertia of its own."""
+    """With the tool held, body 5 can only turn about joint 6: any other elasticity there has no
+    inertia of its own.
+    """
     equations = flexgen.derive(read(name, overrides=change))
     rest, linear = at_rest(equations, np.array(equations.model.home))
     A, _, _ = inner_pencil(equations, linear)
@@ -148,12 +159,13 @@ def test_eighteen_degrees_of_freedom_by_collocation() -> None:
     assert solution.status == Status.SOLVED and (solution.tool_error_max_m or 1) < 1e-7
 
 
-# --- the planar family ------------------------------------------------------------------------------------------------
+# --- the planar family ---------------------------------------------------------------------------
 
 
 def effective_inertia(model: RobotModel) -> float:
     """``j + m xi^2 - m xi l`` [kg m^2] of the third body."""
-    body, length = model.elements[2].body, model.tool.position[0]
+    body = model.elements[2].body
+    length = model.tool.position[0]
     xi = body.com[0]
     return body.inertia[2][2] + body.mass * xi**2 - body.mass * xi * length
 
@@ -179,11 +191,15 @@ def test_variants_have_the_zeros_of_their_descriptions(variant: str) -> None:
 
 
 def wrong_verdicts(arms: int, planted: float = 0.0) -> int:
-    """Arms whose verdict is not that of the closed form; ``planted`` is added to the tool's length in the form."""
+    """Arms whose verdict is not that of the closed form; ``planted`` is added to the tool's length
+    in the form.
+    """
     rng = np.random.default_rng(4)
     wrong = 0
     for k in range(arms):
-        mass, xi, length = rng.uniform(5.0, 60.0), rng.uniform(0.05, 0.4), rng.uniform(0.2, 1.2)
+        mass = rng.uniform(5.0, 60.0)
+        xi = rng.uniform(0.05, 0.4)
+        length = rng.uniform(0.2, 1.2)
         inertia = 10.0 ** rng.uniform(-3, 0) * (1 if k % 2 else -1)
         moment = inertia - mass * xi * (xi - length)
         if moment < 0.01:  # the tool is too short for this one: lengthen it

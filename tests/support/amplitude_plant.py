@@ -1,8 +1,10 @@
-"""A robot in the time domain with gears and frictions that its model lacks: an integrator of its own.
+"""A robot in the time domain with gears and frictions that its model lacks: an integrator of its
+own.
 
-The equations of the linear robot come from the model; the torque of each gear, as a function of its deflection, and the
-friction of each motor are added here. Classical Runge-Kutta steps, a drive with speed and position control, torques
-held between samples, white noise on the angles. Nothing is taken from the code that judges the measurement.
+The equations of the linear robot come from the model; the torque of each gear, as a function of
+its deflection, and the friction of each motor are added here. Classical Runge-Kutta steps, a drive
+with speed and position control, torques held between samples, white noise on the angles. Nothing
+is taken from the code that judges the measurement.
 """
 
 from __future__ import annotations
@@ -31,7 +33,8 @@ STEPS = 4  # in a sample
 class Law:
     """Torques in addition to the linear ones: of gears, arm side, and of motors.
 
-    ``gear(j, d, dd, z)``: torque and derivative of the state z of gear j; ``motor(j, w)``: friction of motor j.
+    ``gear(j, d, dd, z)``: torque and derivative of the state z of gear j; ``motor(j, w)``:
+    friction of motor j.
     """
 
     gear: Callable[[int, ca.SX, ca.SX, ca.SX], tuple[ca.SX, ca.SX]] = field(
@@ -52,7 +55,9 @@ def cubic(coefficient: np.ndarray) -> Law:
 
 
 def hysteresis(stiffness: np.ndarray, largest: np.ndarray) -> Law:
-    """Bouc-Wen: ``z' = k d' (1 - (1 + sgn(z d')) z^2 / (2 h^2))``, between -h and h, in parallel with the spring."""
+    """Bouc-Wen: ``z' = k d' (1 - (1 + sgn(z d')) z^2 / (2 h^2))``, between -h and h, in parallel
+    with the spring.
+    """
 
     def gear(j: int, d: ca.SX, dd: ca.SX, z: ca.SX) -> tuple[ca.SX, ca.SX]:
         return z, stiffness[j] * dd * (1 - (1 + ca.sign(z * dd)) / 2 * (z / largest[j]) ** 2)
@@ -75,7 +80,10 @@ def simulate(
     period = _period(plan, robot, law)
     local = LocalModel(robot, ())
     rest = local.rest(local.values, plan.poses)
-    rng, n, m, N = np.random.default_rng(seed), robot.dof, robot.n_m, plan.samples
+    rng = np.random.default_rng(seed)
+    n = robot.dof
+    m = robot.n_m
+    N = plan.samples
     t = np.arange(N) * plan.hardware.sample_s
     runs = [
         (k, r, e)
@@ -84,7 +92,8 @@ def simulate(
         for e in range(m)
     ]
     shape = (len(plan.poses), plan.realizations, m, plan.periods, len(plan.lines), m)
-    tau_m, q_m = np.empty(shape, complex), np.empty(shape, complex)
+    tau_m = np.empty(shape, complex)
+    q_m = np.empty(shape, complex)
     w = 2j * np.pi * np.fft.rfftfreq(N, plan.hardware.sample_s)[:, None]
     basis = np.exp(-2j * np.pi * plan.frequencies[:, None] * t) * 2 / N
     for k, r, e in runs:
@@ -99,10 +108,8 @@ def simulate(
             states, out = (np.asarray(x) for x in period(start, inputs))
             start = states[:, -1]
             if p >= 0:
-                tau_m[k, r, e, p], q_m[k, r, e, p] = (
-                    basis @ np.roll(out[:m], -late, axis=1).T,
-                    basis @ out[m:].T,
-                )
+                tau_m[k, r, e, p] = basis @ np.roll(out[:m], -late, axis=1).T
+                q_m[k, r, e, p] = basis @ out[m:].T
     speed = np.sqrt((np.abs(w_of(plan) * q_m) ** 2).sum(axis=-2).mean(axis=(1, 2, 3)) / 2)
     return Experiment(
         plan, tau_m, q_m, speed, np.zeros(len(plan.poses), np.int64), f"simulation of {robot.name}"
@@ -119,13 +126,17 @@ def at_level(plan: Plan, factor: float) -> Plan:
 
 
 def _period(plan: Plan, robot: RobotModel, law: Law) -> ca.Function:
-    """(state, inputs of all samples) -> states after each sample; torques and angles at its beginning.
+    """(state, inputs of all samples) -> states after each sample; torques and angles at its
+    beginning.
 
     State: y, dy, states of the gears, integrals of the speed errors.
     """
-    equations, n, m = Equations(robot), robot.dof, robot.n_m
+    equations = Equations(robot)
+    n = robot.dof
+    m = robot.n_m
     y, dy, ddy = equations.y
-    tau, z = equations.lagrangian.tau_m, ca.SX.sym("z", m)
+    tau = equations.lagrangian.tau_m
+    z = ca.SX.sym("z", m)
     C = motor_rows(robot)
     theta = np.linalg.inv(robot.eta) @ C
     extra = ca.SX.zeros(n)
@@ -141,7 +152,8 @@ def _period(plan: Plan, robot: RobotModel, law: Law) -> ca.Function:
     M = ca.jacobian(equations.residual, ddy)
     bias = ca.substitute(equations.residual, ddy, ca.SX.zeros(n)) + extra
     f = ca.Function("f", [ca.vertcat(y, dy, z), tau], [ca.vertcat(dy, -ca.solve(M, bias), *rates)])
-    x, s = ca.SX.sym("x", 2 * n + m), ca.SX.sym("s", m)
+    x = ca.SX.sym("x", 2 * n + m)
+    s = ca.SX.sym("s", m)
     inputs = ca.SX.sym("u", 5 * m)
     q_ref, v_ref, noise, pose, hold = ca.vertsplit(inputs, m)
     law_ = plan.controller
@@ -153,7 +165,8 @@ def _period(plan: Plan, robot: RobotModel, law: Law) -> ca.Function:
     )
     u = hold + ca.DM(law_.speed_gain) * (w + ca.DM(law_.integral_gain) * s)
     h = plan.hardware.sample_s / STEPS
-    held, now = ca.SX.sym("held", m), ca.SX.sym("now", 2 * n + m)
+    held = ca.SX.sym("held", m)
+    now = ca.SX.sym("now", 2 * n + m)
     a = f(now, held)
     b = f(now + h / 2 * a, held)
     c = f(now + h / 2 * b, held)
@@ -169,7 +182,9 @@ def _period(plan: Plan, robot: RobotModel, law: Law) -> ca.Function:
 
 
 def _compiled(function: ca.Function) -> ca.Function:
-    """The function in C, where there is a compiler: CasADi's interpreter takes eight times as long."""
+    """The function in C, where there is a compiler: CasADi's interpreter takes eight times as
+    long.
+    """
     if CC is None:
         return function
     with tempfile.TemporaryDirectory() as folder:

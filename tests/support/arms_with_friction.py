@@ -1,8 +1,8 @@
 """Six-axis arms with steep friction in their motors, of the template and of tables.
 
-The tables are those of Denavit and Hartenberg. `arm` draws one of them, `moves_of` ten moves of it:
-polylines, circles, lines and joint moves, all with motors that reverse. The numbers are those of no
-particular robot: masses, stiffnesses and rotors are scaled with the arm's size.
+The tables are those of Denavit and Hartenberg. `arm` draws one of them, `moves_of` ten moves of
+it: polylines, circles, lines and joint moves, all with motors that reverse. The numbers are those
+of no particular robot: masses, stiffnesses and rotors are scaled with the arm's size.
 """
 
 from __future__ import annotations
@@ -101,7 +101,8 @@ def _of_table(number: int, rng: np.random.Generator) -> str:
         "home_deg = [0, 20, 10, 0, 50, 0]",
     ]
     for k, (a, alpha, d) in enumerate(TABLES[kind]):
-        mass, radius = MASSES[k] * size**2, 0.2 * size
+        mass = MASSES[k] * size**2
+        radius = 0.2 * size
         com = [-0.5 * a * lengths, 0.0, 0.1 * d]
         moment = mass * (radius**2 + (0.3 * (a + d)) ** 2) / 2
         K = STIFFNESSES[k] * size**2
@@ -109,7 +110,10 @@ def _of_table(number: int, rng: np.random.Generator) -> str:
             "[[element]]",
             f'name = "body{k + 1}"',
             f"origin = {{ rpy_deg = [0, 0, {ZEROS[k]}] }}",
-            f"link = {{ position = [{a * lengths}, 0, {d * lengths}], rpy_deg = [{alpha}, 0, 0] }}",
+            (
+                f"link = {{ position = [{a * lengths}, 0, {d * lengths}], rpy_deg = [{alpha}, "
+                "0, 0] }"
+            ),
             f"body = {{ mass = {mass}, com = {com}, inertia = {[0.7 * moment, moment, moment]} }}",
             "[[element.dof]]",
             f'name = "q{k + 1}"',
@@ -147,7 +151,8 @@ def _of_table(number: int, rng: np.random.Generator) -> str:
 
 def moves_of(equations: flexgen.Equations, number: int) -> list[Move]:
     """Ten moves of an arm that it can follow, each slow enough for its motors."""
-    rng, out = np.random.default_rng(1000 + number), list[Move]()
+    rng = np.random.default_rng(1000 + number)
+    out = list[Move]()
     for _ in range(TRIES):
         if len(out) == MOVES:
             return out
@@ -175,7 +180,8 @@ def _draw(model: RobotModel, rng: np.random.Generator, kind: str) -> Move:
     size = 0.08 * min(reach, 2.5)
     duration = float(rng.uniform(1.0, 3.0))
     common: dict[str, Any] = {"start": tuple(start), "duration": duration, "smoothness": 5}
-    steps, turns = rng.uniform(-1.0, 1.0, (3, 3)) * size, rng.uniform(-0.2, 0.2, (3, 3))
+    steps = rng.uniform(-1.0, 1.0, (3, 3)) * size
+    turns = rng.uniform(-0.2, 0.2, (3, 3))
     if kind == "joints":
         end = start + rng.uniform(-0.4, 0.4, 6)
         return Move(kind, "joint", end=tuple(end), **common)

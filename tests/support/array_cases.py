@@ -1,4 +1,6 @@
-"""Libraries with derivatives, points, and differences of high order, for the tests of JAX and PyTorch."""
+"""Libraries with derivatives, points, and differences of high order, for the tests of JAX and
+PyTorch.
+"""
 
 from __future__ import annotations
 
@@ -34,8 +36,11 @@ def library(
 
 
 def drawn(robot: Library, name: str, count: int | None) -> list[np.ndarray]:
-    """Random inputs of a function, parameters near those of the model and the same for all points."""
-    rng, function = np.random.default_rng(3), robot.functions[name]
+    """Random inputs of a function, parameters near those of the model and the same for all
+    points.
+    """
+    rng = np.random.default_rng(3)
+    function = robot.functions[name]
     lead = () if count is None else (count,)
     real = function(*(np.zeros(p.shape) for p in function.inputs if p.name != "parameters"))
     real = (real[0] if isinstance(real, tuple) else real).dtype
@@ -63,7 +68,9 @@ def differences(function: Callable[..., np.ndarray], x: list[np.ndarray], i: int
 
 
 def checked_gradients(case, jacobians: Callable, names: Sequence[str] | None = None) -> None:
-    """Jacobians of all functions, ``jacobians(case, name, inputs)``, against differences of the library."""
+    """Jacobians of all functions, ``jacobians(case, name, inputs)``, against differences of the
+    library.
+    """
     robot = library(*case)
     for name in names or [name for name in robot.functions if name in DIFFERENTIATED]:
         function = robot.functions[name]

@@ -109,8 +109,9 @@ set = { "element.first.dof.q1.gear" = { type = "rigid" } }
 remove = ["motor.m1.friction"]
 """
 
-# Each case: edits of GOOD (the first occurrence of a text and what replaces it), the key that must be named, and words
-# that must follow in "given ..., expected ...". The comment "#!" marks the line that must be named.
+# Each case: edits of GOOD (the first occurrence of a text and what replaces it), the key that must
+# be named, and words that must follow in "given ..., expected ...". The comment "#!" marks the
+# line that must be named.
 CASES = {
     # the root
     "unknown key": ([("gravity =", "colour = 3 #!\ngravity =")], "colour", ["unknown key"]),
@@ -120,7 +121,11 @@ CASES = {
         ["unknown", "source"],
     ),
     "no name": ([('name = "robot"', "#!")], "name", ["given nothing", "string"]),
-    "name is not an identifier": ([('"robot"', '"my robot" #!')], "name", ['"my robot"', "letter"]),
+    "name is not an identifier": (
+        [('"robot"', '"my robot" #!')],
+        "name",
+        ['"my robot"', "letter"],
+    ),
     "name is a keyword": ([('"robot"', '"while" #!')], "name", ["while", "reserved"]),
     "name is a number": ([('"robot"', "3 #!")], "name", ["given 3", "a string"]),
     "gravity of two": (
@@ -289,7 +294,11 @@ CASES = {
     ),
     "unit of the body": ([("com =", "com_mm =")], "element.first.body.com_mm", ["unknown", "com"]),
     # degrees of freedom
-    "dof twice": ([('name = "q2"', 'name = "q1" #!')], "element.second.dof.q1.name", ["not taken"]),
+    "dof twice": (
+        [('name = "q2"', 'name = "q1" #!')],
+        "element.second.dof.q1.name",
+        ["not taken"],
+    ),
     "dof like a mode": (
         [('name = "e1"', 'name = "second_y1"')],
         "element.second.beam.bending[0].modes",

@@ -89,7 +89,8 @@ motor = { ratio = 50.0, inertia = 1e-3 }
 
 [joint.lift]
 rename = "q2"
-gear = { type = "elastic", side = "arm", spring = { type = "linear", stiffness = 1e4 }, damping = 5.0 }
+gear = { type = "elastic", side = "arm", spring = { type = "linear", stiffness = 1e4 }, damping = \
+5.0 }
 motor = { ratio = -80.0, inertia = 1e-3, friction = { viscous = 1e-3 } }
 
 [[joint.lift.after]]
@@ -123,7 +124,8 @@ JAW = """\
 LONG = "a_joint_name_of_forty_characters_or_more"
 RLO = "evil\u202e\x7f"
 
-# name: edits of the URDF file, end of the key, words of the message; the line of the error is marked by <!--!-->
+# name: edits of the URDF file, end of the key, words of the message; the line of the error is
+# marked by <!--!-->
 BAD_URDF = {
     "empty file": ([(URDF, "")], "file", ["not XML"]),
     "text": ([(URDF, "robot arm")], "file", ["not XML", "syntax error"]),
@@ -300,7 +302,10 @@ BAD_URDF = {
         [
             (
                 '<robot name="arm">',
-                '<robot name="arm"><joint name="back" type="fixed"><parent link="tip"/><child link="world"/></joint>',
+                (
+                    '<robot name="arm"><joint name="back" type="fixed"><parent '
+                    'link="tip"/><child link="world"/></joint>'
+                ),
             ),
             ('<link name="world"/>', '<link name="world"/><!--!-->'),
         ],
@@ -491,7 +496,10 @@ BAD_URDF = {
             (RAM, ""),
             (
                 JAW,
-                '<inertial><mass value="1"/><inertia ixx="0" ixy="0" ixz="0" iyy="0" iyz="0" izz="0"/></inertial>',
+                (
+                    '<inertial><mass value="1"/><inertia ixx="0" ixy="0" ixz="0" iyy="0" '
+                    'iyz="0" izz="0"/></inertial>'
+                ),
             ),
             (
                 'type="prismatic">\n    <parent link="boom"/>',
@@ -551,12 +559,18 @@ BAD_URDF = {
         ["\\u202e\\x7f"],
     ),
     "link with a slash": (
-        [('<link name="ram">', '<link name="/ram"><!--!-->'), *[('link="ram"', 'link="/ram"')] * 3],
+        [
+            ('<link name="ram">', '<link name="/ram"><!--!-->'),
+            *[('link="ram"', 'link="/ram"')] * 3,
+        ],
         'link."/ram".name',
         ['[link."/ram"] rename'],
     ),
     "link called base": (
-        [('<link name="ram">', '<link name="base"><!--!-->'), *[('link="ram"', 'link="base"')] * 3],
+        [
+            ('<link name="ram">', '<link name="base"><!--!-->'),
+            *[('link="ram"', 'link="base"')] * 3,
+        ],
         "link.base.name",
         ["base is the ground"],
     ),
@@ -737,7 +751,11 @@ BAD_OVERLAY = {
         [
             (
                 "[joint.turn]\nmotor = { ratio = 50.0, inertia = 1e-3 }",
-                '[joint.turn]\ngear = { type = "rigid" }\nspring = { type = "linear", stiffness = 1.0 } #!',
+                (
+                    "[joint.turn]\n"
+                    'gear = { type = "rigid" }\n'
+                    'spring = { type = "linear", stiffness = 1.0 } #!'
+                ),
             )
         ],
         "dof.turn.spring",

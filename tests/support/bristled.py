@@ -1,4 +1,6 @@
-"""Models whose motors have friction with a state, and such a robot in MuJoCo with a law of its own."""
+"""Models whose motors have friction with a state, and such a robot in MuJoCo with a law of its
+own.
+"""
 
 from __future__ import annotations
 
@@ -12,14 +14,22 @@ import flexgen
 from flexgen.exports.mujoco_checks import with_friction
 from flexgen.trajectory import Trajectory
 
-NUMBERS = {"coulomb": 0.5, "static": 0.8, "stribeck_speed": 4.0, "stiffness": 800.0, "damping": 1.5}
+NUMBERS = {
+    "coulomb": 0.5,
+    "static": 0.8,
+    "stribeck_speed": 4.0,
+    "stiffness": 800.0,
+    "damping": 1.5,
+}
 PRESLIDING = 1e-3  # rad at the motor: deflection of the bristles before they slip
 
 
 def tables(
     name: str, share: float = 0.1, presliding: float = PRESLIDING
 ) -> dict[str, dict[str, float]]:
-    """Numbers of each motor: Coulomb torque a ``share`` of the typical torque of its path, 1.5 times that at rest."""
+    """Numbers of each motor: Coulomb torque a ``share`` of the typical torque of its path, 1.5
+    times that at rest.
+    """
     model = with_friction(flexgen.read(name), "viscous")
     torque = flexgen.solve(model, verify=False, progress=False).trajectory["tau_m"].std(axis=0)
     out = {}
@@ -68,23 +78,29 @@ class _Bristle:
     def __init__(self, row: dict[str, float], q: float) -> None:
         names = "coulomb", "static", "stribeck_speed", "stiffness", "damping"
         self.c, self.s, self.vs, self.s0, self.s1 = (row[k] for k in names)
-        self.q, self.v, self.z, self.last = q, 0.0, 0.0, 0.0
+        self.q = q
+        self.v = 0.0
+        self.z = 0.0
+        self.last = 0.0
 
     def level(self, v: float) -> float:
         return self.c + (self.s - self.c) * math.exp(-((v / self.vs) ** 2))
 
     def at(self, q: float, v: float) -> float:
-        g, moved = self.level((self.v + v) / 2), q - self.q
+        g = self.level((self.v + v) / 2)
+        moved = q - self.q
         end = math.copysign(g / self.s0, moved)
         return end + (self.z - end) * math.exp(-abs(moved) * self.s0 / g)
 
     def torque(self, q: float, v: float) -> float:
-        z, self.last = self.at(q, v), v
+        z = self.at(q, v)
+        self.last = v
         return self.s0 * z + self.s1 * (v - self.s0 * abs(v) * z / self.level(v))
 
     def keep(self, q: float) -> None:
         self.z = self.at(q, self.last)
-        self.q, self.v = q, self.last
+        self.q = q
+        self.v = self.last
 
 
 def error_in_mujoco(

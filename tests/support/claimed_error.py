@@ -1,6 +1,8 @@
-"""The errors of the output that a solution states, against an independent simulation of the whole move.
+"""The errors of the output that a solution states, against an independent simulation of the whole
+move.
 
-Each error is simulated as the solution names it: in open loop or with the motor feedback, until its time after the end.
+Each error is simulated as the solution names it: in open loop or with the motor feedback, until
+its time after the end.
 """
 
 from __future__ import annotations
@@ -15,7 +17,8 @@ from flexgen.inversion.solution import Solution
 from flexgen.simulation.result import AFTER, Simulation
 from flexgen.trajectory import Trajectory
 
-FACTOR, ACCURACY = 1.2, 1e-9  # of a claim that holds; of the simulation here [m, rad]
+FACTOR = 1.2  # of a claim that holds
+ACCURACY = 1e-9  # of the simulation here [m, rad]
 
 
 class _Late(Exception):
@@ -38,8 +41,11 @@ def claimed_error(solution: Solution) -> float:
 
 
 def simulated_error(solution: Solution, trajectory: Trajectory | None = None) -> float:
-    """The same error [m, rad] of the whole move, without or with motor feedback, as in the solution."""
-    run, t = solution.simulation, solution.trajectory if trajectory is None else trajectory
+    """The same error [m, rad] of the whole move, without or with motor feedback, as in the
+    solution.
+    """
+    run = solution.simulation
+    t = solution.trajectory if trajectory is None else trajectory
     assert run is not None
     return largest(WholeMove(solution.model, gains_of(run)).errors(t, (run.held_s,))[0])
 
@@ -51,7 +57,8 @@ def largest(errors: Pair) -> float:
 
 def false_claims(solution: Solution) -> list[str]:
     """The stated errors that the simulation of the whole move contradicts."""
-    run, t = solution.simulation, solution.trajectory
+    run = solution.simulation
+    t = solution.trajectory
     assert run is not None
     title = "open loop" if run.feedback is None else "with motor feedback"
     found = WholeMove(solution.model, gains_of(run)).errors(t, (run.held_s, AFTER))

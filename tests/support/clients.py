@@ -1,8 +1,10 @@
-"""A C program that calls every function of a library in every way and writes down the results, made for the tests.
+"""A C program that calls every function of a library in every way and writes down the results,
+made for the tests.
 
-It reads the inputs of ``POINTS`` points (one function after the other, each array with its entries of all points side
-by side), and writes the results in the same order. On the way it compares the batches of odd sizes with the points,
-bit for bit, all in heap buffers of the exact size, aligned to one number only, and calls every function wrongly.
+It reads the inputs of ``POINTS`` points (one function after the other, each array with its entries
+of all points side by side), and writes the results in the same order. On the way it compares the
+batches of odd sizes with the points, bit for bit, all in heap buffers of the exact size, aligned
+to one number only, and calls every function wrongly.
 """
 
 from __future__ import annotations
@@ -31,7 +33,8 @@ _HEAD = """\
 
 typedef @_real real;
 
-/* Room for n numbers in a block that ends behind them; its start is aligned to a number and not to two. */
+/* Room for n numbers in a block that ends behind them; its start is aligned to a number and not \
+to two. */
 static real *room(int n)
 {
     char *block = malloc(((size_t)n + 1) * sizeof(real));
@@ -69,7 +72,9 @@ def size(port: dict[str, Any]) -> int:
 
 
 def inputs_of(manifest: dict[str, Any], states: dict[str, np.ndarray]) -> bytes:
-    """The bytes that the program reads: of states of shape (POINTS, size), in the library's precision."""
+    """The bytes that the program reads: of states of shape (POINTS, size), in the library's
+    precision.
+    """
     kind = np.float64 if manifest["precision"] == "double" else np.float32
     parts = []
     for f in manifest["functions"]:
@@ -88,7 +93,8 @@ def results_of(manifest: dict[str, Any], data: bytes) -> dict[str, np.ndarray]:
     """What the program wrote: per ``function.port`` an array (POINTS, size)."""
     kind = np.float64 if manifest["precision"] == "double" else np.float32
     all_of_it = np.frombuffer(data, dtype=kind)
-    out, at = {}, 0
+    out = {}
+    at = 0
     for f in manifest["functions"]:
         for port in f["outputs"]:
             n = size(port) * POINTS
@@ -130,7 +136,8 @@ def program(
         )
         bits = ", ".join(f"0x{x:x}u" for x in np.frombuffer(given, dtype=kind))
         parts.append(
-            f"static const union {{ {word} bits[{reads}]; real numbers[{reads}]; }} given_bits = {{{{{bits}}}}};\n"
+            f"static const union {{ {word} bits[{reads}]; real numbers[{reads}]; }} given_bits "
+            f"= {{{{{bits}}}}};\n"
         )
         parts.append("#define given given_bits.numbers\n")
         read = f"sizeof given_bits != {reads} * sizeof(real)"
@@ -182,14 +189,17 @@ int main(void)
 
 def _function(name: str, f: dict[str, Any], counts: tuple[int, ...]) -> str:
     """The C function ``call_<function>(in, out)``."""
-    inputs, outputs = given_ports(f), f["outputs"]
+    inputs = given_ports(f)
+    outputs = f["outputs"]
     # the parameters, where there are any
     shared = [port for port in f["inputs"] if port not in inputs]
     ports = [*inputs, *shared, *outputs]
-    symbol, NAME = f"{name}_{f['name']}", name.upper()
+    symbol = f"{name}_{f['name']}"
+    NAME = name.upper()
     arguments = ", ".join(p["name"] for p in ports)
     one = f"{arguments}, work" if f["work"] else arguments
-    per_in, per_out = sum(map(size, inputs)), sum(map(size, outputs))
+    per_in = sum(map(size, inputs))
+    per_out = sum(map(size, outputs))
 
     def rooms(n: str) -> str:
         text = "".join(
@@ -201,7 +211,8 @@ def _function(name: str, f: dict[str, Any], counts: tuple[int, ...]) -> str:
     clear = "".join(f"        clear({p['name']});\n" for p in ports) + "        clear(work);\n"
 
     def each(port_list: list[dict[str, Any]], body: str) -> str:
-        text, at = "", 0
+        text = ""
+        at = 0
         for p in port_list:
             text += body.format(p=p["name"], s=size(p), at=at)
             at += size(p)
@@ -217,12 +228,14 @@ def _function(name: str, f: dict[str, Any], counts: tuple[int, ...]) -> str:
     )
     fill_n = each(
         inputs,
-        "                for (int i = 0; i < {s}; ++i) {{ {p}[i * n + k] = in[({at} + i) * POINTS + k % POINTS]; }}\n",
+        "                for (int i = 0; i < {s}; ++i) {{ {p}[i * n + k] = in[({at} + i) * "
+        "POINTS + k % POINTS]; }}\n",
     )
     compare = each(
         outputs,
         "                for (int i = 0; i < {s}; ++i) {{\n"
-        "                    if (!same(&{p}[i * n + k], &out[({at} + i) * POINTS + k % POINTS], 1)) {{\n"
+        "                    if (!same(&{p}[i * n + k], &out[({at} + i) * POINTS + k % POINTS], "
+        "1)) {{\n"
         '                        fail("' + f["name"] + '_batch, {p}", n, k);\n'
         "                    }}\n                }}\n",
     )
@@ -265,7 +278,8 @@ def _function(name: str, f: dict[str, Any], counts: tuple[int, ...]) -> str:
         )
     return f"""\
 #define POINTS {POINTS}
-static void call_{f["name"]}(const real *in, real *out) /* {per_in} and {per_out} arrays of numbers */
+static void call_{f["name"]}(const real *in, real *out) /* {per_in} and {per_out} arrays of \
+numbers */
 {{
     static const int counts[] = {{{", ".join(map(str, counts))}}};
     {{
@@ -327,7 +341,9 @@ def answer(command: list[str], given: bytes, folder: Path) -> bytes:
 
 
 def point_sources(folder: Path) -> list[Path]:
-    """The sources of the functions of a point, without those of whole paths, which take longer to compile."""
+    """The sources of the functions of a point, without those of whole paths, which take longer to
+    compile.
+    """
     manifest = manifest_of(folder)
     stems = [manifest["name"], *(f"{manifest['name']}_{f['name']}" for f in manifest["functions"])]
     return [folder / "src" / f"{stem}.c" for stem in sorted(stems)]
@@ -356,10 +372,11 @@ def built(folder: Path, work: Path, compiler: str, *flags: str, **options: Any) 
 
 
 def stack_of_point(usage: Path, symbol: str) -> int:
-    """Bytes of stack of the entry for one point, from what ``-fstack-usage`` wrote: its own and its deepest callee's.
+    """Bytes of stack of the entry for one point, from what ``-fstack-usage`` wrote: its own and
+    its deepest callee's.
 
-    The functions of one point end in ``_1``; a piece of the mathematics is called by ``evaluate``, which the entry
-    calls, and may call what the kernel keeps out of line.
+    The functions of one point end in ``_1``; a piece of the mathematics is called by ``evaluate``,
+    which the entry calls, and may call what the kernel keeps out of line.
     """
     sizes = {}
     for line in usage.read_text(encoding="ascii").splitlines():

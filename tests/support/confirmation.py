@@ -1,12 +1,15 @@
-"""Confirmation of a solution by Pinocchio and numpy: nothing of the solvers, the verification or the mechanics is used.
+"""Confirmation of a solution by Pinocchio and numpy: nothing of the solvers, the verification or
+the mechanics is used.
 
-Figures, each a necessary condition, but for ``residual_end``, which is that of the last samples alone:
+Figures, each a necessary condition, but for ``residual_end``, which is that of the last samples
+alone:
 
-* ``kinematic``: speeds and accelerations against differences of the positions, relative to the largest.
+* ``kinematic``: speeds and accelerations against differences of the positions, relative to the
+  largest.
 * ``residual``: equations of motion at samples, each row relative to the largest force in it.
 * ``output``: the output of the motion against the reference [m, rad].
-* ``windows``: largest error of the output [m, rad] after integrating the whole robot over short windows that begin in
-  states of the motion.
+* ``windows``: largest error of the output [m, rad] after integrating the whole robot over short
+  windows that begin in states of the motion.
 """
 
 from __future__ import annotations
@@ -20,15 +23,22 @@ from scipy.spatial.transform import Rotation
 from flexgen.model.elements import RobotModel
 from flexgen.trajectory import Trajectory
 
-KINEMATIC, RESIDUAL, OUTPUT = 1e-4, 1e-4, 1e-5
+KINEMATIC = 1e-4
+RESIDUAL = 1e-4
+OUTPUT = 1e-5
 GROSS = 1e-2
-SAMPLES, WINDOWS, LENGTH = 120, 4, 0.02  # LENGTH in s
+# LENGTH in s
+SAMPLES = 120
+WINDOWS = 4
+LENGTH = 0.02
 EDGE = 5  # samples at either end that the first two figures leave out
 SMALLEST = 1e-3  # of the largest force of a kind: rows that carry less are measured by it
 
 
 def confirm(model: RobotModel, t: Trajectory, windows: int = WINDOWS) -> dict[str, float]:
-    """The figures of a solution's trajectory; no windows where sharp friction makes them stiff: zero."""
+    """The figures of a solution's trajectory; no windows where sharp friction makes them stiff:
+    zero.
+    """
     pin = PinocchioReferee(model)
     sharp = any(motor.friction.coulomb for motor in model.motors)
     return {
@@ -49,17 +59,20 @@ def holds(figures: dict[str, float]) -> bool:
 
 
 def is_false(figures: dict[str, float]) -> bool:
-    """Whether a tool that is said to follow does not, or motion and torques contradict each other by a hundredth.
+    """Whether a tool that is said to follow does not, or motion and torques contradict each other
+    by a hundredth.
 
-    What is neither confirmed nor false is coarse: the tool follows, but samples between which a torque or an
-    acceleration changes fast differ from their derivatives by more than the bounds.
+    What is neither confirmed nor false is coarse: the tool follows, but samples between which a
+    torque or an acceleration changes fast differ from their derivatives by more than the bounds.
     """
     bounds = {"kinematic": GROSS, "residual": GROSS, "output": OUTPUT, "windows": OUTPUT}
     return not all(figures[name] <= bound for name, bound in bounds.items())
 
 
 def kinematic_error(t: Trajectory) -> float:
-    """Largest difference of v and a from the derivatives of q, relative to the largest v and a of the same kind."""
+    """Largest difference of v and a from the derivatives of q, relative to the largest v and a of
+    the same kind.
+    """
     inside = slice(EDGE, -EDGE)  # a spline is less accurate at its ends
     worst = 0.0
     for part in "am":
@@ -73,9 +86,12 @@ def kinematic_error(t: Trajectory) -> float:
 
 
 def residual(pin: PinocchioReferee, t: Trajectory, at: np.ndarray) -> float:
-    """Largest residual of a row at the samples ``at`` over the largest force in that row along the motion."""
+    """Largest residual of a row at the samples ``at`` over the largest force in that row along the
+    motion.
+    """
     model = pin.model
-    rows, sizes = [], []
+    rows = []
+    sizes = []
     for i in np.unique([*at, *np.linspace(0, len(t.time) - 1, SAMPLES).astype(int)]):
         y, dy, ddy = (pin.minimal(t[f"{x}_a"][i], t[f"{x}_m"][i]) for x in "qva")
         inertia = pin.P.T @ pin.machine.inverse_dynamics(pin.P @ y, pin.P @ dy, pin.P @ ddy)
@@ -102,7 +118,8 @@ def output_error(
     for i, q in enumerate(q_a):
         p, R = pin.forward_kinematics(q)
         axes = [
-            "xyz".index(axis) for axis in (output.axes if output.type == "tool_position" else "xyz")
+            "xyz".index(axis)
+            for axis in (output.axes if output.type == "tool_position" else "xyz")
         ]
         error = float(np.linalg.norm(p[axes] - y_ref[i]))
         if R_ref is not None:
@@ -114,14 +131,19 @@ def output_error(
 
 
 def windows_error(pin: PinocchioReferee, t: Trajectory, windows: int) -> float:
-    """Largest error of the output after short windows; not finite where the integration broke down."""
+    """Largest error of the output after short windows; not finite where the integration broke
+    down.
+    """
     model = pin.model
-    n_a, i_m = model.n_a, list(model.i_m)
+    n_a = model.n_a
+    i_m = list(model.i_m)
     torque = make_interp_spline(t.time, t["tau_m"], k=5)
 
     def rate(instant: float, x: np.ndarray) -> np.ndarray:
-        q_m, v_m = np.zeros(model.n_m), np.zeros(model.n_m)
-        q_m[i_m], v_m[i_m] = x[n_a : model.dof], x[model.dof + n_a :]
+        q_m = np.zeros(model.n_m)
+        v_m = np.zeros(model.n_m)
+        q_m[i_m] = x[n_a : model.dof]
+        v_m[i_m] = x[model.dof + n_a :]
         v_a = x[model.dof : model.dof + n_a]
         a_a, a_m = pin.forward_dynamics(x[:n_a], v_a, q_m, v_m, torque(instant))
         return np.concatenate([x[model.dof :], a_a, a_m[i_m]])

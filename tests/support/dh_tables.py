@@ -64,7 +64,8 @@ def write(path, joints: list[Joint], rng: np.random.Generator) -> None:
     def number(value: float, kind: str) -> str:
         return repr(value / UNITS[kind][chosen[kind]])
 
-    length, angle = chosen["length"], chosen["angle"]
+    length = chosen["length"]
+    angle = chosen["angle"]
     header = ["joint", "type", f"a [{length}]", f"alpha [{angle}]", f"d [{length}]"]
     header += [f"theta [{angle}]", "direction", f"mass [{chosen['mass']}]"]
     header += [f"com_{axis} [{length}]" for axis in "xyz"]
@@ -87,7 +88,10 @@ def step(joint: Joint, convention: str, q: float) -> np.ndarray:
     rotary = joint.kind == "rotation"
     theta = joint.theta + (joint.direction * q if rotary else 0.0)
     d = joint.d + (0.0 if rotary else joint.direction * q)
-    ct, st, ca, sa = math.cos(theta), math.sin(theta), math.cos(joint.alpha), math.sin(joint.alpha)
+    ct = math.cos(theta)
+    st = math.sin(theta)
+    ca = math.cos(joint.alpha)
+    sa = math.sin(joint.alpha)
     if convention == "standard":
         rows = [
             [ct, -st * ca, st * sa, joint.a * ct],
@@ -128,7 +132,8 @@ def mass_matrix(joints: list[Joint], convention: str, q: np.ndarray) -> np.ndarr
     for k, (joint, T) in enumerate(zip(joints, frames(joints, convention, q), strict=True)):
         center = T[:3, :3] @ joint.com + T[:3, 3]
         tensor = T[:3, :3] @ joint.inertia @ T[:3, :3].T
-        J_v, J_w = np.zeros((3, n)), np.zeros((3, n))
+        J_v = np.zeros((3, n))
+        J_w = np.zeros((3, n))
         for i in range(k + 1):
             axis, point = lines[i]
             rotary = joints[i].kind == "rotation"
@@ -143,7 +148,8 @@ def pinocchio_model(joints: list[Joint], convention: str):
     import pinocchio as pin
 
     model = pin.Model()
-    parent, before = 0, pin.SE3.Identity()
+    parent = 0
+    before = pin.SE3.Identity()
     for k, joint in enumerate(joints):
         turn = pin.SE3(pin.utils.rotate("z", joint.theta), np.zeros(3))
         up = pin.SE3(np.eye(3), np.array([0.0, 0.0, joint.d]))

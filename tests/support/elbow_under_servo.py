@@ -1,4 +1,6 @@
-"""The elbow arm under a position servo, from Lagrange's equations written by hand; shares no code with flexgen."""
+"""The elbow arm under a position servo, from Lagrange's equations written by hand; shares no code
+with flexgen.
+"""
 
 from __future__ import annotations
 
@@ -7,13 +9,20 @@ from collections.abc import Callable
 import numpy as np
 from servo_in_mujoco import OwnServo
 
-H, PERIOD, SECONDS = 5e-4, 4e-3, 3.0  # of servo, interface and record
+# of servo, interface and record
+H = 5e-4
+PERIOD = 4e-3
+SECONDS = 3.0
 TIME = PERIOD * np.arange(round(SECONDS / PERIOD) + 1)
 START = np.radians([30.0, -20.0])
 RATIO = np.array([1872 / 7, 757 / 3])
 ROTOR = 0.0118  # kg m^2
-STIFFNESS, DAMPING = np.array([7.5189e6, 4.0999e6]), np.array([1400.0, 600.0])
-M, COM, INERTIA, UPPER = (339.12, 190.25), (0.441, 0.465), (88.67, 48.64), 1.150
+STIFFNESS = np.array([7.5189e6, 4.0999e6])
+DAMPING = np.array([1400.0, 600.0])
+M = (339.12, 190.25)
+COM = (0.441, 0.465)
+INERTIA = (88.67, 48.64)
+UPPER = 1.150
 
 
 def _gravity(q: np.ndarray) -> np.ndarray:
@@ -23,12 +32,20 @@ def _gravity(q: np.ndarray) -> np.ndarray:
 
 
 def _rates(x: np.ndarray, u: np.ndarray) -> np.ndarray:
-    """Of joints, motors and their speeds. The angle of the forearm is q1 + q2; T = A v1^2/2 + B w^2/2 + C v1 w."""
-    q, motors, v, speed = x[:2], x[2:4], x[4:6], x[6:]
+    """Of joints, motors and their speeds. The angle of the forearm is q1 + q2; T = A v1^2/2 + B
+    w^2/2 + C v1 w.
+    """
+    q = x[:2]
+    motors = x[2:4]
+    v = x[4:6]
+    speed = x[6:]
     spring = STIFFNESS * (motors / RATIO - q) + DAMPING * (speed / RATIO - v)
-    A, B = M[0] * COM[0] ** 2 + INERTIA[0] + M[1] * UPPER**2, M[1] * COM[1] ** 2 + INERTIA[1]
-    C, slope = -M[1] * UPPER * COM[1] * np.sin(q[1]), -M[1] * UPPER * COM[1] * np.cos(q[1])
-    w, held = v[0] + v[1], _gravity(q)
+    A = M[0] * COM[0] ** 2 + INERTIA[0] + M[1] * UPPER**2
+    B = M[1] * COM[1] ** 2 + INERTIA[1]
+    C = -M[1] * UPPER * COM[1] * np.sin(q[1])
+    slope = -M[1] * UPPER * COM[1] * np.cos(q[1])
+    w = v[0] + v[1]
+    held = _gravity(q)
     first = spring[0] - spring[1] - (held[0] - held[1]) - slope * w * w
     second = spring[1] - held[1] + slope * v[0] ** 2
     a, turn = np.array([B * first - C * second, A * second - C * first]) / (A * B - C * C)
@@ -48,11 +65,15 @@ def commands() -> np.ndarray:
 def follow(
     servo: Callable[..., OwnServo], command: Callable[[float], np.ndarray], late: int = 0
 ) -> np.ndarray:
-    """Motor angles over the ratios, each `PERIOD`; ``command`` of a time [s] gives joints; ``late``: samples."""
+    """Motor angles over the ratios, each `PERIOD`; ``command`` of a time [s] gives joints;
+    ``late``: samples.
+    """
     held = _gravity(START)
     at = (START + held / STIFFNESS) * RATIO
-    own, x = servo(hold=held / RATIO, start=START * RATIO), np.concatenate([START, at, np.zeros(4)])
-    sent, out = [held / RATIO] * (late + 1), []
+    own = servo(hold=held / RATIO, start=START * RATIO)
+    x = np.concatenate([START, at, np.zeros(4)])
+    sent = [held / RATIO] * (late + 1)
+    out = []
     for k in range(round(SECONDS / H) + 1):
         out.append(x[2:4])
         sent.append(own.torque(command(k * H) * RATIO, x[2:4] - at + START * RATIO))

@@ -1,4 +1,6 @@
-"""Any CasADi function as a small C library: written, compiled and called through its entry points, for the tests."""
+"""Any CasADi function as a small C library: written, compiled and called through its entry points,
+for the tests.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,8 @@ from flexgen.spec.ports import Port
 
 FLAGS = ("-std=c99", "-O2", "-ffp-contract=off")
 WARNINGS = (
-    "-pedantic -Wall -Wextra -Wconversion -Wshadow -Wstrict-prototypes -Wmissing-prototypes -Werror"
+    "-pedantic -Wall -Wextra -Wconversion -Wshadow -Wstrict-prototypes -Wmissing-prototypes "
+    "-Werror"
 ).split()
 
 
@@ -53,10 +56,13 @@ BEHIND = 40  # numbers behind an array that are watched: more than a vector
 
 
 class Small:
-    """The compiled library of one function, called by address: ``point`` and ``batch`` give (status, results)."""
+    """The compiled library of one function, called by address: ``point`` and ``batch`` give
+    (status, results).
+    """
 
     def __init__(self, spec: LibrarySpec, folder: Path, flags=FLAGS, compiler=CC) -> None:
-        self.spec, self.f = spec, spec.functions[0]
+        self.spec = spec
+        self.f = spec.functions[0]
         self.files = emit(spec)
         for name, text in self.files.items():
             (folder / name).parent.mkdir(exist_ok=True)
@@ -75,20 +81,22 @@ class Small:
             folder=folder,
         )
         library = ctypes.CDLL(str(folder / "small.so"))
-        self._point, self._batch = library.small_f, library.small_f_batch
+        self._point = library.small_f
+        self._batch = library.small_f_batch
         self._work = max(library.small_work(), library.small_batch_work())
         self.real = np.dtype(np.float64 if spec.precision == "double" else np.float32)
 
     def _call(self, function, count, inputs, shapes):
-        """Status and results; what is behind the workspace and behind each result must stay as it was."""
+        """Status and results; what is behind the workspace and behind each result must stay as it
+        was.
+        """
         sizes = [self._work, *(int(np.prod(shape)) for shape in shapes)]
         memory = [np.full(size + BEHIND, 7.0, self.real) for size in sizes]
         memory[0][: self._work] = np.nan  # what is read there was written before
-        work, results = (
-            memory[0],
-            [x[:-BEHIND].reshape(shape) for x, shape in zip(memory[1:], shapes, strict=True)],
-        )
-        # a function for one point takes the workspace only where it needs one; one argument more does no harm
+        work = memory[0]
+        results = [x[:-BEHIND].reshape(shape) for x, shape in zip(memory[1:], shapes, strict=True)]
+        # a function for one point takes the workspace only where it needs one; one argument more
+        # does no harm
         pointers = [ctypes.c_void_p(x.ctypes.data) for x in (*inputs, *results, work)]
         status = function(*count, *pointers)
         assert all((x[-BEHIND:] == 7.0).all() for x in memory), "written behind an array"

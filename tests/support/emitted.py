@@ -1,4 +1,6 @@
-"""Generated libraries for the tests: made once, compiled by the compiler that is there, compared with CasADi."""
+"""Generated libraries for the tests: made once, compiled by the compiler that is there, compared
+with CasADi.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +34,9 @@ def _folder() -> Path:
 
 
 def made(name: str, *parts: str) -> GeneratedLibrary:
-    """The library of a model, with optional parts; not to be changed. Each choice of the compiler has its own."""
+    """The library of a model, with optional parts; not to be changed. Each choice of the compiler
+    has its own.
+    """
     return _made(name, parts, os.environ.get("CC"))
 
 
@@ -84,10 +88,8 @@ def random_states(model, n: int) -> dict[str, np.ndarray]:
     x["f_tool"] = 100.0 * rng.normal(size=(n, 6))
     x["target"] = rng.normal(size=(n, model.output.target_size))
     x["deflection"] = 1e-3 * rng.normal(size=(n, model.n_g))
-    x["j_a"], x["s_a"] = (
-        50.0 * rng.normal(size=(n, model.n_a)),
-        500.0 * rng.normal(size=(n, model.n_a)),
-    )
+    x["j_a"] = 50.0 * rng.normal(size=(n, model.n_a))
+    x["s_a"] = 500.0 * rng.normal(size=(n, model.n_a))
     return x
 
 

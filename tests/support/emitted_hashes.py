@@ -37,7 +37,9 @@ def digest(text: str) -> str:
 
 
 def hashes(model: str) -> dict[str, str]:
-    """SHA-256 by file of the library of a model; of the manifest without what each version of flexgen changes."""
+    """SHA-256 by file of the library of a model; of the manifest without what each version of
+    flexgen changes.
+    """
     with tempfile.TemporaryDirectory() as folder:
         made = generate(model, folder, build=False, progress=False, **CHOICES[model])
         texts = {

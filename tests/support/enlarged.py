@@ -24,9 +24,11 @@ POWERS |= {"stiffness": 4.0, "damping": 4.5, "viscous": 4.5}  # of rotary spring
 
 
 def enlarged(name: str, factor: float) -> str:
-    """The text of the model `name` with lengths `factor` times as large, without its variants; rotary springs only.
+    """The text of the model `name` with lengths `factor` times as large, without its variants;
+    rotary springs only.
 
-    Density and gravity are the same: masses grow with the third power of the factor, times with its root.
+    Density and gravity are the same: masses grow with the third power of the factor, times with
+    its root.
     """
     text = (
         (Path(__file__).parents[2] / "models" / f"{name}.toml")
@@ -37,7 +39,8 @@ def enlarged(name: str, factor: float) -> str:
     def scaled(found: re.Match[str]) -> str:
         size = factor ** POWERS[found[1]]
         return (
-            f"{found[1]} = {re.sub(NUMBER, lambda number: repr(size * float(number[0])), found[2])}"
+            f"{found[1]} = "
+            f"{re.sub(NUMBER, lambda number: repr(size * float(number[0])), found[2])}"
         )
 
     return re.sub(rf"\b({'|'.join(POWERS)}) = (\[[^\]]*\]|{NUMBER})", scaled, text)
@@ -64,5 +67,9 @@ def rescaled(model: RobotModel, length: float, mass: float, time: float) -> Robo
     motors = tuple(replace(m, inertia=unit * m.inertia) for m in model.motors)
     gravity = tuple(x * length / time**2 for x in model.gravity)
     return replace(
-        model, elements=tuple(elements), motors=motors, gravity=gravity, payload=body(model.payload)
+        model,
+        elements=tuple(elements),
+        motors=motors,
+        gravity=gravity,
+        payload=body(model.payload),
     )

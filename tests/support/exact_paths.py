@@ -1,4 +1,6 @@
-"""Independent paths in 60 digits: positions from their definition, derivatives by differences in high precision."""
+"""Independent paths in 60 digits: positions from their definition, derivatives by differences in
+high precision.
+"""
 
 from __future__ import annotations
 
@@ -27,9 +29,11 @@ def polynomial_law(duration: float, k: int) -> Callable[[Any], Any]:
 
 
 def derivatives(f: Function, t: float, order: int) -> np.ndarray:
-    """Derivatives 0 to ``order`` of each entry of f at t, (entries, order + 1), from its values at nine instants.
+    """Derivatives 0 to ``order`` of each entry of f at t, (entries, order + 1), from its values at
+    nine instants.
 
-    The error of the polynomial through them is of the order h^(9 - order), negligible in double precision.
+    The error of the polynomial through them is of the order h^(9 - order), negligible in double
+    precision.
     """
     with mp.workdps(DIGITS):
         h = mp.mpf(10) ** -8
@@ -52,7 +56,9 @@ def turn(axis: Sequence[float], angle: Any) -> Any:
 
 
 def spin(entries: np.ndarray) -> np.ndarray:
-    """Angular velocity and derivatives (3, k) from the derivatives (9, k + 1) of a rotation matrix, rows in turn."""
+    """Angular velocity and derivatives (3, k) from the derivatives (9, k + 1) of a rotation
+    matrix, rows in turn.
+    """
     R = entries.reshape(3, 3, -1)
     out = np.zeros((3, R.shape[2] - 1))
     for k in range(out.shape[1]):
@@ -62,7 +68,9 @@ def spin(entries: np.ndarray) -> np.ndarray:
 
 
 def bump_integrals(k: int) -> tuple[Callable[[Any], Any], Callable[[Any], Any]]:
-    """The step a'(x) on [-1, 1] and its integral a(x), from the bump (1 - x^2)^k by exact integration."""
+    """The step a'(x) on [-1, 1] and its integral a(x), from the bump (1 - x^2)^k by exact
+    integration.
+    """
 
     def terms() -> tuple[list, Any]:
         parts = [((-1) ** i * mp.mpf(comb(k, i)), 2 * i) for i in range(k + 1)]

@@ -1,4 +1,6 @@
-"""The tables of exports in two pages, from the rows in `flexgen/__init__.py`: run this file to write them anew."""
+"""The tables of exports in two pages, from the rows in `flexgen/__init__.py`: run this file to
+write them anew.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,8 @@ import flexgen  # fills registry.EXPORTS
 from flexgen.registry import EXPORTS, Export
 
 ROOT = Path(flexgen.__file__).resolve().parents[1]
-README, COMMANDS = ROOT / "flexgen" / "exports" / "README.md", ROOT / "docs" / "command_line.md"
+README = ROOT / "flexgen" / "exports" / "README.md"
+COMMANDS = ROOT / "docs" / "command_line.md"
 HEAD = "| `flexgen export` | function | in | what it does | page |\n|---|---|---|---|---|\n"
 START = "| `export KIND` | writes the robot for another tool: "
 
@@ -21,15 +24,19 @@ def readme_table(exports: Mapping[str, Export]) -> str:
     lines = []
     for name, export in exports.items():
         file, _, inside = export.module.removeprefix("flexgen.exports.").partition(".")
-        what, page = export.summary.rstrip("."), export.page.replace("](", "](../../docs/")
+        what = export.summary.rstrip(".")
+        page = export.page.replace("](", "](../../docs/")
         lines.append(
-            f"| `{name}` | `export_{name}` | `{file}{'/' if inside else '.py'}` | {what} | {page} |\n"
+            f"| `{name}` | `export_{name}` | `{file}{'/' if inside else '.py'}` | {what} | "
+            f"{page} |\n"
         )
     return HEAD + "".join(lines)
 
 
 def command_row(exports: Mapping[str, Export]) -> str:
-    """The row of ``export`` in the table of commands: neighbors with the same page share its link."""
+    """The row of ``export`` in the table of commands: neighbors with the same page share its
+    link.
+    """
     groups = groupby(exports, key=lambda name: exports[name].page)
     return (
         START

@@ -1,8 +1,10 @@
-"""A GPU for tests without one: the calls of the CUDA driver that flexgen makes, on memory and kernels of the CPU.
+"""A GPU for tests without one: the calls of the CUDA driver that flexgen makes, on memory and
+kernels of the CPU.
 
-Kernels are the same texts, compiled by g++ with an empty ``__global__`` and with ``threadIdx`` and ``blockIdx`` as
-variables. A stream is a list of work that is done when it is waited for, as late as CUDA allows; memory has other
-values before it is written, and after it was given back. Handles and addresses that a card would refuse are refused.
+Kernels are the same texts, compiled by g++ with an empty ``__global__`` and with ``threadIdx`` and
+``blockIdx`` as variables. A stream is a list of work that is done when it is waited for, as late
+as CUDA allows; memory has other values before it is written, and after it was given back. Handles
+and addresses that a card would refuse are refused.
 """
 
 from __future__ import annotations
@@ -126,7 +128,9 @@ class FakeDriver:
     def __init__(
         self, cards: int = 2, memory: int = 2**28, capability: tuple[int, int] = (9, 0)
     ) -> None:
-        self.cards, self.free, self.capability = cards, [memory] * cards, capability
+        self.cards = cards
+        self.free = [memory] * cards
+        self.capability = capability
         self.contexts: list[int] = []
         self.streams: dict[int, list[Callable[[], None]]] = {0: []}
         self.blocks: dict[int, tuple[int, np.ndarray]] = {}  # card and memory by address
@@ -198,7 +202,9 @@ class FakeDriver:
             block[:] = 0x5A
             self.free[card] += block.size
 
-        return self._queue(stream, give_back) if address in self.blocks else (Status.INVALID_VALUE,)
+        return (
+            self._queue(stream, give_back) if address in self.blocks else (Status.INVALID_VALUE,)
+        )
 
     def cuMemsetD8Async(self, address: int, value: int, size: int, stream: int) -> Any:
         return self._queue(stream, lambda: ctypes.memset(address, value, size), (address, size))
@@ -274,11 +280,14 @@ class FakeDriver:
 
 
 class Foreign:
-    """An array of another package on the card: the interfaces of a `DeviceArray`, one of them or both."""
+    """An array of another package on the card: the interfaces of a `DeviceArray`, one of them or
+    both.
+    """
 
     def __init__(self, x: Any, dlpack: bool = True, **changes: Any) -> None:
         self._x = x
         if dlpack:
-            self.__dlpack_device__, self.__dlpack__ = x.__dlpack_device__, x.__dlpack__
+            self.__dlpack_device__ = x.__dlpack_device__
+            self.__dlpack__ = x.__dlpack__
         else:
             self.__cuda_array_interface__ = x.__cuda_array_interface__ | changes

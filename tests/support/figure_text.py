@@ -1,4 +1,6 @@
-"""A figure as lines of text: titles, labels, scales, limits, ticks, data and style of lines, entries of legends."""
+"""A figure as lines of text: titles, labels, scales, limits, ticks, data and style of lines,
+entries of legends.
+"""
 
 from __future__ import annotations
 
@@ -27,20 +29,28 @@ def row(values: Any) -> str:
 
 
 def data(values: Any) -> str:
-    """Short rows completely, long ones by their count, ends, smallest, largest and two weighted sums."""
+    """Short rows completely, long ones by their count, ends, smallest, largest and two weighted
+    sums.
+    """
     x = np.asarray(values, dtype=float)
     if len(x) <= 8:
         return f"[{row(x)}]"
     good = np.isfinite(x)
-    y, weights = x[good], np.arange(1.0, len(x) + 1.0)[good]
+    y = x[good]
+    weights = np.arange(1.0, len(x) + 1.0)[good]
     sums = (y.sum(), y @ weights / len(x), np.diff(y) @ np.diff(y)) if len(y) else ()
     ends = (x[0], x[-1], y.min(), y.max()) if len(y) else ()
     return f"[{len(x)} {good.sum()}: {row((*ends, *sums))}]"
 
 
 def style(line: Any) -> str:
-    """Color, widths, dashes, marker, transparency and order of a line, and whether files have it as pixels."""
-    marker = f" {line.get_marker()} {line.get_markersize():g} {line.get_markerfacecolor()} {line.get_markeredgecolor()}"
+    """Color, widths, dashes, marker, transparency and order of a line, and whether files have it
+    as pixels.
+    """
+    marker = (
+        f" {line.get_marker()} {line.get_markersize():g} {line.get_markerfacecolor()} "
+        f"{line.get_markeredgecolor()}"
+    )
     marked = (
         f"{marker} {line.get_markeredgewidth():g}"
         if line.get_marker() not in ("None", None, "")
@@ -51,8 +61,8 @@ def style(line: Any) -> str:
     # what was given, whatever `get_linestyle` shows
     dash = [number(x) for x in line._unscaled_dash_pattern[1] or ()]
     return (
-        f"{to_hex(line.get_color())} lw {line.get_linewidth():g} ls {line.get_linestyle()} {' '.join(dash)} "
-        f"a {line.get_alpha()} z {line.get_zorder():g}{marked}"
+        f"{to_hex(line.get_color())} lw {line.get_linewidth():g} ls {line.get_linestyle()} "
+        f"{' '.join(dash)} a {line.get_alpha()} z {line.get_zorder():g}{marked}"
     )
 
 
@@ -69,7 +79,10 @@ def of_legend(legend: Legend | None) -> Iterator[str]:
         texts = " | ".join(text.get_text() for text in legend.get_texts())
         title = legend.get_title().get_text()
         place = f"{legend._loc} at {row(corner)} columns {legend._ncols}"
-        place += f" spacing {legend.columnspacing:g} {legend.handletextpad:g} scale {legend.markerscale:g}"
+        place += (
+            f" spacing {legend.columnspacing:g} {legend.handletextpad:g} scale "
+            f"{legend.markerscale:g}"
+        )
         yield f"  legend {place} {title} frame {legend.get_frame_on()}: {texts}"
         lines = [handle for handle in legend.legend_handles if isinstance(handle, Line2D)]
         if lines:
@@ -87,7 +100,8 @@ def of_axes(ax: Axes) -> Iterator[str]:
     for name, axis in (("x", ax.xaxis), ("y", ax.yaxis)):
         low, high = axis.get_view_interval()
         labels = axis.get_tick_params()
-        grid, size = labels.get("grid_on", labels.get("gridOn")), labels.get("labelsize")
+        grid = labels.get("grid_on", labels.get("gridOn"))
+        size = labels.get("labelsize")
         # whose ticks depend on sizes of texts
         own = not isinstance(axis.get_major_locator(), AutoLocator)
         if isinstance(axis.get_major_locator(), FixedLocator):  # that of texts at their places
@@ -104,11 +118,14 @@ def of_axes(ax: Axes) -> Iterator[str]:
         scale = axis.get_scale() + (f" {number(linear)}" if linear is not None else "")
         yield (
             f"  {name} {scale} {row((low, high))} ticks {row(ticks)} {' '.join(texts)} minor "
-            f"{type(axis.get_minor_formatter()).__name__} shown {shown} grid {grid} size {size} inverted "
-            f"{axis.get_inverted()}: {axis.get_label_text()!r}"
+            f"{type(axis.get_minor_formatter()).__name__} shown {shown} grid {grid} size {size} "
+            f"inverted {axis.get_inverted()}: {axis.get_label_text()!r}"
         )
     for line in ax.lines:
-        yield f"  line {line.get_label()}: {style(line)} x {data(line.get_xdata())} y {data(line.get_ydata())}"
+        yield (
+            f"  line {line.get_label()}: {style(line)} x {data(line.get_xdata())} y "
+            f"{data(line.get_ydata())}"
+        )
     for patch in ax.patches:
         box = (
             patch.get_path().vertices @ np.eye(2)
@@ -117,13 +134,18 @@ def of_axes(ax: Axes) -> Iterator[str]:
         )
         inverse = ax.transData.inverted().transform(box.get_points())
         color = row(patch.get_facecolor())
-        yield f"  patch {row(inverse)} {color} z {patch.get_zorder():g} lw {patch.get_linewidth():g}"
+        yield (
+            f"  patch {row(inverse)} {color} z {patch.get_zorder():g} lw {patch.get_linewidth():g}"
+        )
     for group in ax.collections:
         points = np.concatenate([np.zeros((0, 2)), *(path.vertices for path in group.get_paths())])
         look = f"{row(group.get_facecolor())} lw {row(group.get_linewidth())}"
         yield f"  area {look} x {data(points[:, 0])} y {data(points[:, 1])}"
     for image in ax.images:
-        yield f"  image {image.cmap.name} {row(image.get_clim())} {data(np.ravel(image.get_array()))}"
+        yield (
+            f"  image {image.cmap.name} {row(image.get_clim())} "
+            f"{data(np.ravel(image.get_array()))}"
+        )
     for text in ax.texts:
         place = getattr(text, "xyann", text.get_position())
         where = f"{row(getattr(text, 'xy', ()))} {row(place)} {text.get_ha()} {text.get_va()}"
@@ -148,7 +170,8 @@ def of_part(part: Any) -> Iterator[str]:
 
 def figure_text(figure: Figure) -> list[str]:
     """All lines; no pixel is drawn."""
-    title, engine = figure._suptitle, figure.get_layout_engine()
+    title = figure._suptitle
+    engine = figure.get_layout_engine()
     pads = (
         ""
         if engine is None

@@ -1,4 +1,6 @@
-"""FMUs for the tests: exported once a run, instances by FMPy, and a reference from Lagrange's equations and SciPy."""
+"""FMUs for the tests: exported once a run, instances by FMPy, and a reference from Lagrange's
+equations and SciPy.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +27,9 @@ def folder() -> Path:
 
 
 @cache
-def exported(model: str, version: str, block: str = "plant", **options: object) -> flexgen.Exported:
+def exported(
+    model: str, version: str, block: str = "plant", **options: object
+) -> flexgen.Exported:
     given = dict(options)
     if block == "controller":
         given["controller"] = cascade(flexgen.read(model).n_m)
@@ -53,7 +57,8 @@ class Instance:
     """An instance in initialized state."""
 
     def __init__(self, written, kind="CoSimulation", start=(), time=0.0, hold_first=False):
-        self.version, self.described = written.details["version"][0], description(written.path)
+        self.version = written.details["version"][0]
+        self.described = description(written.path)
         self.of = {v.name: v for v in self.described.modelVariables}
         self.fmu = fmpy.instantiate_fmu(
             unzipped(written.path), self.described, fmi_type=kind, logger=quiet
@@ -112,7 +117,9 @@ def starts(written, kind):
 
 
 def inputs_over(written, n):
-    """Inputs of n communication steps, held in each, (n, n_u): torques about the equilibrium, a force on the tool."""
+    """Inputs of n communication steps, held in each, (n, n_u): torques about the equilibrium, a
+    force on the tool.
+    """
     u = np.tile(starts(written, INPUT), (n, 1))
     n_m = u.shape[1] - 6
     t = COMMUNICATION * np.arange(n)[:, None]
@@ -128,7 +135,9 @@ def lagrange(model):
 
 
 class Lagrange:
-    """The right-hand side of Lagrange's equations, evaluated by CasADi; nothing of it comes from emitted C."""
+    """The right-hand side of Lagrange's equations, evaluated by CasADi; nothing of it comes from
+    emitted C.
+    """
 
     def __init__(self, model):
         self.equations = flexgen.derive(model)
@@ -137,13 +146,19 @@ class Lagrange:
 
     def split(self, x):
         m = self.model
-        n_a, n, i_m, i_g = m.n_a, m.dof, list(m.i_m), list(m.i_g)
-        q_m, v_m = m.eta @ x[:n_a][i_g], m.eta @ x[n : n + n_a][i_g]
-        q_m[i_m], v_m[i_m] = x[n_a:n], x[n + n_a :]
+        n_a = m.n_a
+        n = m.dof
+        i_m = list(m.i_m)
+        i_g = list(m.i_g)
+        q_m = m.eta @ x[:n_a][i_g]
+        v_m = m.eta @ x[n : n + n_a][i_g]
+        q_m[i_m] = x[n_a:n]
+        v_m[i_m] = x[n + n_a :]
         return x[:n_a], x[n : n + n_a], q_m, v_m
 
     def rate(self, t, x, u):
-        n_m, i_m = self.model.n_m, list(self.model.i_m)
+        n_m = self.model.n_m
+        i_m = list(self.model.i_m)
         parts = self.split(x)
         a_a, a_m, _ = self.function(*parts, u[:n_m], u[n_m:])
         return np.concatenate(
@@ -158,7 +173,9 @@ class Lagrange:
         return self._known(tuple(x), tuple(map(tuple, inputs)))
 
     def _motion(self, x, inputs):
-        """States at the communication points: DOP853, a step of which is far below the tolerances of the tests."""
+        """States at the communication points: DOP853, a step of which is far below the tolerances
+        of the tests.
+        """
         out = [x]
         for u in inputs:
             found = solve_ivp(
@@ -188,8 +205,10 @@ class Lagrange:
 def co_simulated(written, inputs, start=()):
     """States and outputs at the communication points."""
     fmu = Instance(written, start=start)
-    states, outputs = references(written, STATE), references(written, OUTPUT)
-    x, y = [fmu.get(states)], [fmu.get(outputs)]
+    states = references(written, STATE)
+    outputs = references(written, OUTPUT)
+    x = [fmu.get(states)]
+    y = [fmu.get(outputs)]
     for k, u in enumerate(inputs):
         fmu.put(references(written, INPUT), u)
         fmu.step(k)
@@ -202,5 +221,7 @@ def co_simulated(written, inputs, start=()):
 def largest_difference(found, expected):
     """Largest difference of a channel, relative to its largest value (at least 1)."""
     return float(
-        (np.abs(found - expected).max(axis=0) / np.maximum(np.abs(expected).max(axis=0), 1.0)).max()
+        (
+            np.abs(found - expected).max(axis=0) / np.maximum(np.abs(expected).max(axis=0), 1.0)
+        ).max()
     )

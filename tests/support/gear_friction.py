@@ -1,4 +1,6 @@
-"""Models whose motors have friction that depends on load and temperature, and this law in NumPy."""
+"""Models whose motors have friction that depends on load and temperature, and this law in
+NumPy.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,9 @@ NUMBERS: dict[str, float] = {
 def loaded(
     name: str, temperature: float = 20.0, lost_motion: float = 0.0, **changed: float
 ) -> flexgen.RobotModel:
-    """A model of models/ all of whose motors have this friction; its gears have the ``lost_motion`` [rad]."""
+    """A model of models/ all of whose motors have this friction; its gears have the
+    ``lost_motion`` [rad].
+    """
     table: dict[str, Any] = {"type": "gear", **NUMBERS, **changed}
     model = flexgen.read(name)
     made: dict[str, Any] = {f"motor.{motor.name}.friction": table for motor in model.motors}
@@ -61,9 +65,13 @@ def error_in_mujoco(
     lost_motion: float = 0.0,
     **changed: float,
 ) -> float:
-    """Tool error [m] of a robot in MuJoCo whose motors have this friction, gear torques by its own springs."""
+    """Tool error [m] of a robot in MuJoCo whose motors have this friction, gear torques by its own
+    springs.
+    """
     model = flexgen.read(name)
-    K, inverse, own = joint_stiffness(model), np.linalg.inv(model.eta), _own_viscous(model)
+    K = joint_stiffness(model)
+    inverse = np.linalg.inv(model.eta)
+    own = _own_viscous(model)
     D = np.array([_damping(model, k) for k in range(model.n_g)])
 
     start = inverse @ path["q_m"][0] - path["q_a"][0][list(model.i_g)]

@@ -32,26 +32,31 @@ def record_in_mujoco(
     sample: float = 1e-3,
     noise: float = 0.0,
 ) -> Trajectory:
-    """Angles and torques about the home of a model; ``made(deflections at rest)``: law and kept of `Plant`.
+    """Angles and torques about the home of a model; ``made(deflections at rest)``: law and kept of
+    `Plant`.
 
-    Each joint follows ``lines`` sines up to ``fastest`` Hz, ``size`` [rad]: of their sum, about. ``noise`` [rad]: of
-    the angles that the feedback and the record have, white, held from sample to sample.
+    Each joint follows ``lines`` sines up to ``fastest`` Hz, ``size`` [rad]: of their sum, about.
+    ``noise`` [rad]: of the angles that the feedback and the record have, white, held from sample
+    to sample.
     """
     model = with_friction(flexgen.read(name), "viscous")
     rest = hold_joints(flexgen.derive(model), np.array(model.home))
-    frequencies, rng = np.geomspace(0.1, fastest, lines), np.random.default_rng(seed)
+    frequencies = np.geomspace(0.1, fastest, lines)
+    rng = np.random.default_rng(seed)
     phases = rng.uniform(0, 2 * np.pi, (lines, model.n_g))
     amplitudes = size / np.sqrt(lines) / (1 + frequencies / 0.7)
 
     # also in the middle of a step, for Runge and Kutta
     t = step / 2 * np.arange(2 * round(seconds / step) + 3)
     part = np.minimum(t / START_S, 1.0)[:, None]
-    grown, rate = part**3 * (10 - 15 * part + 6 * part**2), 30 * (part * (1 - part)) ** 2 / START_S
+    grown = part**3 * (10 - 15 * part + 6 * part**2)
+    rate = 30 * (part * (1 - part)) ** 2 / START_S
     s, ds = (np.zeros((len(t), model.n_g)) for _ in range(2))
     for f, phase, a in zip(frequencies, phases, amplitudes, strict=True):
         s += a * np.sin(2 * np.pi * f * t[:, None] + phase)
         ds += a * 2 * np.pi * f * np.cos(2 * np.pi * f * t[:, None] + phase)
-    r, dr = rest.q_m + (grown * s) @ model.eta.T, (rate * s + grown * ds) @ model.eta.T
+    r = rest.q_m + (grown * s) @ model.eta.T
+    dr = (rate * s + grown * ds) @ model.eta.T
 
     of_angles = noise * np.random.default_rng(seed + 50).normal(
         size=(round(seconds / sample) + 2, model.n_m)
@@ -59,7 +64,8 @@ def record_in_mujoco(
     of_speeds = np.diff(of_angles, axis=0, prepend=0.0) / sample
 
     def torque(t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        k, n = round(2 * t / step), int(t / sample + 1e-6)
+        k = round(2 * t / step)
+        n = int(t / sample + 1e-6)
         return (
             rest.tau_m
             + stiffness * (r[k] - q - of_angles[n])
@@ -67,13 +73,17 @@ def record_in_mujoco(
         )
 
     k_p, k_v = feedback_gains(model)
-    stiffness, damping = FIRM * k_p, np.sqrt(FIRM) * k_v
+    stiffness = FIRM * k_p
+    damping = np.sqrt(FIRM) * k_v
     law, kept = made(np.linalg.inv(model.eta) @ rest.q_m - rest.q_a[list(model.i_g)])
-    plant, rows, every = Plant(name, law, kept, torque, step), [], round(sample / step)
+    plant = Plant(name, law, kept, torque, step)
+    rows = []
+    every = round(sample / step)
 
     def look(k: int) -> None:
         if (k + 1) % every == 0:
-            q, v = plant.d.qpos[plant.rotors].copy(), plant.d.qvel[plant.rotors].copy()
+            q = plant.d.qpos[plant.rotors].copy()
+            v = plant.d.qvel[plant.rotors].copy()
             rows.append(np.concatenate([q + of_angles[len(rows) + 1], torque(plant.d.time, q, v)]))
 
     plant.run(0.0, np.concatenate([rest.q_a, rest.q_m]), round(seconds / step), look)
@@ -87,7 +97,8 @@ def motor_record(
     model: flexgen.RobotModel, time: np.ndarray, q_m: np.ndarray, tau_m: np.ndarray
 ) -> Trajectory:
     """A record as a trajectory."""
-    names, n = tuple(motor.name for motor in model.motors), model.n_m
+    names = tuple(motor.name for motor in model.motors)
+    n = model.n_m
     ports = {
         "q_m": Port("q_m", (n,), "rad", "angles"),
         "tau_m": Port("tau_m", (n,), "N m", "torques"),

@@ -1,8 +1,10 @@
-"""Elastic robots from public URDF files: chains of the package example-robot-data with seeded elasticity and moves.
+"""Elastic robots from public URDF files: chains of the package example-robot-data with seeded
+elasticity and moves.
 
-Robot number r is a chain of a family, a kind of elasticity and five moves; the same number gives the same robot. The
-stiffness of a gear follows the torque class of its joint, the damping a damping ratio, the rotor a share of the inertia
-that the joint feels. The text of a robot is an overlay model file.
+Robot number r is a chain of a family, a kind of elasticity and five moves; the same number gives
+the same robot. The stiffness of a gear follows the torque class of its joint, the damping a
+damping ratio, the rotor a share of the inertia that the joint feels. The text of a robot is an
+overlay model file.
 """
 
 from __future__ import annotations
@@ -24,14 +26,17 @@ KINDS = ("gears", "bend", "light rotors", "rigid gears", "bends", "combination")
 MARGIN = 0.1  # of the range of a joint, kept free at either end
 POSES = 6  # at which the load of the joints is estimated
 TRIES = 400  # random starts of a tool line
-# least singular value of the tool's Jacobian relative to the largest, lengths measured by the reach
+# least singular value of the tool's Jacobian relative to the largest, lengths measured by the
+# reach
 REGULAR = 0.08
 NEAR = 0.03  # the same for joint moves
 
 
 @dataclass(frozen=True)
 class Family:
-    """A chain in a URDF file of example-robot-data, its first and last link; ``tool``: type of its tool output."""
+    """A chain in a URDF file of example-robot-data, its first and last link; ``tool``: type of its
+    tool output.
+    """
 
     file: str
     base: str
@@ -114,7 +119,9 @@ def kind_of(number: int) -> tuple[str, str]:
 
 
 def generated_robot(number: int, folder: Path, out: Path) -> Path:
-    """Write the overlay of robot ``number`` into the folder ``out``; its path. It has the moves m0 ... m4."""
+    """Write the overlay of robot ``number`` into the folder ``out``; its path. It has the moves
+    m0 ... m4.
+    """
     family_name, kind = kind_of(number)
     rng = np.random.default_rng([11, number])
     out.mkdir(parents=True, exist_ok=True)
@@ -130,14 +137,15 @@ def generated_robot(number: int, folder: Path, out: Path) -> Path:
     return path
 
 
-# --- the rigid chain --------------------------------------------------------------------------------------------------
+# --- the rigid chain -----------------------------------------------------------------------------
 
 
 class _Chain:
     """The rigid chain: its joints, limits, inertia and load at random poses."""
 
     def __init__(self, family: Family, folder: Path, name: str, out: Path) -> None:
-        self.family, self.file = family, folder / family.file
+        self.family = family
+        self.file = folder / family.file
         urdf = Urdf(self.file, family.file)
         self.joints = _joints(urdf, family)
         self.locked = _side_joints(urdf, family, self.joints)
@@ -154,7 +162,8 @@ class _Chain:
         self.lower = np.array([max(low, -2.5) for low, _ in pairs])
         self.upper = np.array([min(high, 2.5) for _, high in pairs])
         margin = MARGIN * (self.upper - self.lower)
-        self.lower, self.upper = self.lower + margin, self.upper - margin
+        self.lower = self.lower + margin
+        self.upper = self.upper - margin
         poses = [rng.uniform(self.lower, self.upper) for _ in range(POSES)]
         still = np.zeros(self.n)
         inertia = [np.diag(self._call("mass_matrix", q)[0]) for q in poses]
@@ -162,14 +171,19 @@ class _Chain:
         self.inertia = np.maximum(np.mean(inertia, axis=0), 1e-7)
         need = np.max(load, axis=0) + 4.0 * self.inertia
         effort = np.array([0.0 if x is None else x.effort for x in limits])
-        # the class of a joint: what the file says, as far as it fits to what the joint has to carry
+        # the class of a joint: what the file says, as far as it fits to what the joint has to
+        # carry
         self.torque = np.clip(effort, 1.5 * need, 10.0 * need)
 
     def _call(self, function: str, *arguments: np.ndarray) -> list[np.ndarray]:
-        return [np.array(x.full()) for x in self.equations.function(function).call(list(arguments))]
+        return [
+            np.array(x.full()) for x in self.equations.function(function).call(list(arguments))
+        ]
 
     def head(self, name: str) -> str:
-        """The tables that the rigid and the elastic robot have in common; joints are q1 ..., links link1 ..."""
+        """The tables that the rigid and the elastic robot have in common; joints are q1 ..., links
+        link1 ...
+        """
         family = self.family
         lines = [
             f'name = "{name}"',
@@ -233,8 +247,12 @@ def _limit(urdf: Urdf, joint: Joint) -> Limit | None:
 
 
 def _side_joints(urdf: Urdf, family: Family, joints: list[Joint]) -> list[str]:
-    """Names of the moving joints that hang on the chain without being part of it: they are locked."""
-    chain, out, todo = {joint.name for joint in joints}, [], [joints[0].child]
+    """Names of the moving joints that hang on the chain without being part of it: they are
+    locked.
+    """
+    chain = {joint.name for joint in joints}
+    out = []
+    todo = [joints[0].child]
     while todo:
         for joint in urdf.child_joints[todo.pop()]:
             if joint.movable and joint.name not in chain:
@@ -243,7 +261,7 @@ def _side_joints(urdf: Urdf, family: Family, joints: list[Joint]) -> list[str]:
     return out
 
 
-# --- elasticity -------------------------------------------------------------------------------------------------------
+# --- elasticity ----------------------------------------------------------------------------------
 
 
 def _spread(rng: np.random.Generator, low: float, high: float) -> float:
@@ -251,18 +269,24 @@ def _spread(rng: np.random.Generator, low: float, high: float) -> float:
 
 
 def _elasticity(rng: np.random.Generator, kind: str, chain: _Chain) -> list[str]:
-    """Tables of gears, motors and bends; stiffness: 2.5 to 12 mrad at the torque class of the joint."""
+    """Tables of gears, motors and bends; stiffness: 2.5 to 12 mrad at the torque class of the
+    joint.
+    """
     lines: list[str] = []
     stiffness = np.array([torque * _spread(rng, 80, 400) for torque in chain.torque])
     friction = kind == "light rotors" and bool(rng.integers(2))
     for k, joint in enumerate(chain.joints):
         ratio = float(rng.integers(50, 160))
         share = _spread(rng, 2e-3, 2e-2) if kind == "light rotors" else _spread(rng, 0.2, 2.0)
-        rotor, load = share * chain.inertia[k], chain.inertia[k]
+        rotor = share * chain.inertia[k]
+        load = chain.inertia[k]
         law = ""
         # a twentieth of the class as Coulomb friction, full at 0.02 rad/s of the joint
         if friction:
-            law = f", friction = {{ coulomb = {0.05 * chain.torque[k] / ratio:.6g}, beta = {50 / ratio:.6g} }}"
+            law = (
+                f", friction = {{ coulomb = {0.05 * chain.torque[k] / ratio:.6g}, beta = "
+                f"{50 / ratio:.6g} }}"
+            )
         lines += [
             f"[joint.{quoted(joint.name)}.motor]",
             f"ratio = {ratio}",
@@ -277,7 +301,12 @@ def _elasticity(rng: np.random.Generator, kind: str, chain: _Chain) -> list[str]
             spring = f'type = "linear", stiffness = {stiffness[k]:.6g}'
             lines += [
                 f"[joint.{quoted(joint.name)}.gear]",
-                f'type = "elastic"\nside = "arm"\nspring = {{ {spring} }}\ndamping = {damping:.6g}',
+                (
+                    'type = "elastic"\n'
+                    'side = "arm"\n'
+                    f"spring = {{ {spring} }}\n"
+                    f"damping = {damping:.6g}"
+                ),
             ]
     low, high = {"gears": (0, 0), "bends": (2, 3), "rigid gears": (1, 3)}.get(kind, (1, 1))
     count = min(int(rng.integers(low, high + 1)), chain.n - 1)
@@ -287,12 +316,16 @@ def _elasticity(rng: np.random.Generator, kind: str, chain: _Chain) -> list[str]
 
 
 def _bend(rng: np.random.Generator, chain: _Chain, k: int, stiffness: float) -> list[str]:
-    """A non-actuated spring before or after joint k, across its axis: one to five times as stiff as the gear."""
+    """A non-actuated spring before or after joint k, across its axis: one to five times as stiff
+    as the gear.
+    """
     joint = chain.joints[k]
     along = int(
         np.argmax(
             np.abs(
-                next(c.dof.axis for c in chain.equations.model.coordinates if c.name == f"q{k + 1}")
+                next(
+                    c.dof.axis for c in chain.equations.model.coordinates if c.name == f"q{k + 1}"
+                )
             )
         )
     )
@@ -322,7 +355,7 @@ def _output(rng: np.random.Generator, kind: str, chain: _Chain) -> tuple[str, np
     return f'[output]\ntype = "combination"\nunit = "rad"\nrows = [{", ".join(rows)}]', weights
 
 
-# --- moves ------------------------------------------------------------------------------------------------------------
+# --- moves ---------------------------------------------------------------------------------------
 
 
 def _move(rng: np.random.Generator, k: int, chain: _Chain, weights: np.ndarray | None) -> str:
@@ -354,7 +387,9 @@ def rounded(x: np.ndarray) -> list[float]:
 
 
 def _line(rng: np.random.Generator, chain: _Chain) -> tuple[list[float], list[float]]:
-    """Start and displacement of a line of the tool without singular poses, 5 to 15 % of the reach."""
+    """Start and displacement of a line of the tool without singular poses, 5 to 15 % of the
+    reach.
+    """
     reach = chain.reach()
     for _ in range(TRIES):
         start = np.round(rng.uniform(chain.lower, chain.upper), 4)
@@ -368,7 +403,9 @@ def _line(rng: np.random.Generator, chain: _Chain) -> tuple[list[float], list[fl
 
 
 def _is_away(chain: _Chain, first: np.ndarray, last: np.ndarray) -> bool:
-    """Whether a joint move of the rigid chain stays away from singular poses, where the tool cannot be the output."""
+    """Whether a joint move of the rigid chain stays away from singular poses, where the tool
+    cannot be the output.
+    """
     rows = slice(0, 6 if chain.family.tool == "tool_pose" else 3)
     scale = np.r_[np.ones(3) / chain.reach(), np.ones(3)][rows]
     for share in np.linspace(0.0, 1.0, 41):
@@ -384,7 +421,8 @@ def _is_regular(chain: _Chain, start: np.ndarray, displacement: np.ndarray, reac
     """Whether the rigid chain follows the line within its limits and away from singular poses."""
     rows = slice(0, 6 if chain.family.tool == "tool_pose" else 3)
     scale = np.r_[np.ones(3) / reach, np.ones(3)][rows]
-    q, (p0, R0, _) = start.copy(), chain.pose(start)
+    q = start.copy()
+    (p0, R0, _) = chain.pose(start)
     steps = np.linspace(0.0, 1.0, 9)
     for _, share in pairwise(steps):
         for _ in range(5):

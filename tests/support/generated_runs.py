@@ -1,11 +1,14 @@
-"""Runs of generated robots: each robot is a separate process, whose moves are solved and confirmed one by one.
+"""Runs of generated robots: each robot is a separate process, whose moves are solved and confirmed
+one by one.
 
-    python tests/support/generated_runs.py FIRST LAST RESULTS.json    robots FIRST ... LAST-1; those in the file stay
+    python tests/support/generated_runs.py FIRST LAST RESULTS.json
+    robots FIRST ... LAST-1; those in the file stay
 
-A result has the outcome ``confirmed``, ``wrong`` (reported as solved, but the tool does not follow), ``coarse`` (the
-tool follows, but samples differ from their derivatives by more than 1e-4), ``doubted`` (tolerance not met), ``refused``
-(an error with its reason) or ``time`` (no result within the limit). ``false``: the stated errors that an independent
-simulation of the whole move contradicts, None where that takes too long; a solution with one is ``wrong``. ``in_c``:
+A result has the outcome ``confirmed``, ``wrong`` (reported as solved, but the tool does not
+follow), ``coarse`` (the tool follows, but samples differ from their derivatives by more than
+1e-4), ``doubted`` (tolerance not met), ``refused`` (an error with its reason) or ``time`` (no
+result within the limit). ``false``: the stated errors that an independent simulation of the whole
+move contradicts, None where that takes too long; a solution with one is ``wrong``. ``in_c``:
 whether `invert` in C converges at its default tolerance, ``growth_in_c``: the growth in its info.
 """
 
@@ -59,7 +62,8 @@ def solve_moves(number: int, first: int, last: int, out: Path) -> None:
         return
     for k in range(first, last):
         say({"begin": k})
-        wall, cpu = time.perf_counter(), time.process_time()
+        wall = time.perf_counter()
+        cpu = time.process_time()
         row: dict[str, Any] = {**robot, "move": k}
         try:
             # effort of the URDF file
@@ -79,11 +83,14 @@ def solve_moves(number: int, first: int, last: int, out: Path) -> None:
                 "growth": getattr(simulation, "growth", None),
                 "evaluations": getattr(simulation, "evaluations", None),
                 "energy": getattr(simulation, "energy_error", None),
-                "warnings": [text for text in solution.warnings if "exceeds its limit" not in text],
+                "warnings": [
+                    text for text in solution.warnings if "exceeds its limit" not in text
+                ],
                 "details": {key: str(value) for key, value in solution.details.items()},
             }
             row["figures"] = confirm(equations.model, solution.trajectory)
-            row["claimed"], row["false"] = claimed_error(solution), claims_within(solution, REFEREE)
+            row["claimed"] = claimed_error(solution)
+            row["false"] = claims_within(solution, REFEREE)
             row["feedback"] = simulation is not None and simulation.feedback is not None
             row |= invert_in_c(equations, f"m{k}")
             if solution.status == "solved":
@@ -96,7 +103,8 @@ def solve_moves(number: int, first: int, last: int, out: Path) -> None:
 
 
 def robot_of(number: int, folder: Path, out: Path) -> RobotModel:
-    """A generated robot; from `UPRIGHT` on with gravity turned over and moves that take twice as long.
+    """A generated robot; from `UPRIGHT` on with gravity turned over and moves that take twice as
+    long.
 
     Such a robot is an inverted pendulum wherever the other one hangs.
     """
@@ -117,7 +125,9 @@ def say(row: dict[str, Any]) -> None:
 
 
 def run_robot(number: int, done: set[int], moves: int, limit: float) -> list[dict[str, Any]]:
-    """Results of the moves of a robot; a process that takes too long over one is ended, and the next one is solved."""
+    """Results of the moves of a robot; a process that takes too long over one is ended, and the
+    next one is solved.
+    """
     rows: list[dict[str, Any]] = []
     first = next((k for k in range(moves) if k not in done), moves)
     while first < moves:
@@ -148,7 +158,8 @@ def run_robot(number: int, done: set[int], moves: int, limit: float) -> list[dic
             for line in process.stdout:
                 row = json.loads(line)
                 if "begin" in row:
-                    begun, deadline[0] = row["begin"], time.monotonic() + limit + START + REFEREE
+                    begun = row["begin"]
+                    deadline[0] = time.monotonic() + limit + START + REFEREE
                     continue
                 rows.append(row)
                 first = row["move"] + 1
@@ -174,7 +185,9 @@ def run_robot(number: int, done: set[int], moves: int, limit: float) -> list[dic
 def run(
     first: int, last: int, results: Path | None, moves: int, limit: float = LIMIT
 ) -> list[dict[str, Any]]:
-    """All results of robots first ... last - 1; with a file, those in it are not computed again."""
+    """All results of robots first ... last - 1; with a file, those in it are not computed
+    again.
+    """
     rows = json.loads(results.read_text()) if results is not None and results.is_file() else []
     for number in range(first, last):
         done = {row["move"] for row in rows if row["robot"] == number}

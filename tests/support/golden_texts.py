@@ -1,4 +1,6 @@
-"""Files of texts by name, ``== NAME`` before each: what they kept, what differs today, and how they are written."""
+"""Files of texts by name, ``== NAME`` before each: what they kept, what differs today, and how
+they are written.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,9 @@ NUMBER = re.compile(r"-?\d+\.\d{3,}(?:e[-+]\d+)?|-?\d(?:\.\d+)?e[-+]\d+")
 
 
 def nine_digits(text: str) -> str:
-    """A text with nine digits of each number: the last ones depend on how BLAS sums on a processor."""
+    """A text with nine digits of each number: the last ones depend on how BLAS sums on a
+    processor.
+    """
 
     def short(found: re.Match[str]) -> str:
         value = float(found.group())
@@ -28,9 +32,11 @@ def kept(golden: Path) -> dict[str, list[str]]:
 
 def changes(golden: Path, names: Iterable[str], lines: Callable[[str], list[str]]) -> list[str]:
     """The first lines of each of these texts that are not as in the file."""
-    before, out = kept(golden), []
+    before = kept(golden)
+    out = []
     for name in names:
-        found, expected = lines(name), before.get(name, [])
+        found = lines(name)
+        expected = before.get(name, [])
         pairs = [(a, b) for a, b in zip(expected, found, strict=False) if a != b]
         out += [f"{name}: was {a}\nnow {b}" for a, b in pairs[:3]]
         if len(found) != len(expected):

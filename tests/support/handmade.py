@@ -1,4 +1,6 @@
-"""A small library written by hand with the interface that flexgen emits: what the loader meets can be chosen freely."""
+"""A small library written by hand with the interface that flexgen emits: what the loader meets can
+be chosen freely.
+"""
 
 from __future__ import annotations
 
@@ -67,7 +69,8 @@ int NAME(square_batch)(int n, const real *q, real *s, real *work)
     return first;
 }
 
-int NAME(twist_batch)(int n, const real *q, const real *K, const real *p, real *s, real *S, real *work)
+int NAME(twist_batch)(int n, const real *q, const real *K, const real *p, real *s, real *S, real \
+*work)
 {
     int first = 0;
     if (n < 0 || !q || !K || !p || !s || !S || !work) {
@@ -76,9 +79,11 @@ int NAME(twist_batch)(int n, const real *q, const real *K, const real *p, real *
     for (int k = 0; k < n; ++k) {
         int status = finite(q + k, 2, n) && finite(K + k, 4, n) && finite(p, 2, 1) ? 0 : -2;
         for (ptrdiff_t r = 0; r < 2; ++r) {
-            s[r * n + k] = p[0] * q[r * n + k] + p[1] * (K[r * n + k] * q[k] + K[(r + 2) * n + k] * q[n + k]);
+            s[r * n + k] = p[0] * q[r * n + k] + p[1] * (K[r * n + k] * q[k] + K[(r + 2) * n + k] \
+* q[n + k]);
             for (ptrdiff_t c = 0; c < 3; ++c) {
-                S[(r + 2 * c) * n + k] = s[r * n + k] * (real)(c + 1) + K[(r + 2 * (c % 2)) * n + k];
+                S[(r + 2 * c) * n + k] = s[r * n + k] * (real)(c + 1) + K[(r + 2 * (c % 2)) * n + \
+k];
             }
         }
         status = status == 0 && !(finite(s + k, 2, n) && finite(S + k, 6, n)) ? -3 : status;
@@ -131,7 +136,8 @@ def interface() -> str:
 
 def twist(q_a, K, parameters=VALUES) -> tuple[np.ndarray, np.ndarray]:
     """What the function ``twist`` computes, at one point or at many."""
-    q_a, K = np.asarray(q_a, float), np.asarray(K, float)
+    q_a = np.asarray(q_a, float)
+    K = np.asarray(K, float)
     s = parameters[0] * q_a + parameters[1] * (K @ q_a[..., None])[..., 0]
     return s, s[..., None] * np.array([1.0, 2.0, 3.0]) + K[..., [0, 1, 0]]
 
@@ -153,7 +159,8 @@ def compiled(
 ) -> bytes:
     """Content of the shared library that says this of itself."""
     key = hashlib.sha256(repr((real, abi, sizeof_int, digest, name)).encode()).hexdigest()[:16]
-    source, library = _scratch() / f"{key}.c", _scratch() / f"{key}.so"
+    source = _scratch() / f"{key}.c"
+    library = _scratch() / f"{key}.so"
     texts = [f"#define REAL {real}", f"#define ABI {abi}", f"#define SIZEOF_INT {sizeof_int}"]
     texts += [
         f'#define DIGEST "{digest}"',
@@ -168,7 +175,9 @@ def compiled(
 
 
 def install(folder: Path, content: bytes, *, name: str = "hand", **changes: Any) -> Path:
-    """Put a library with its manifest into a folder, as flexgen does; ``changes`` replace what the manifest says."""
+    """Put a library with its manifest into a folder, as flexgen does; ``changes`` replace what the
+    manifest says.
+    """
     folder.mkdir(exist_ok=True)
     sha256 = hashlib.sha256(content).hexdigest()
     file = f"lib{name}-{sha256[:16]}.{'dylib' if sys.platform == 'darwin' else 'so'}"

@@ -1,4 +1,6 @@
-"""Models with Fourier sums of the motor angles, and such a robot in MuJoCo with sums of its own."""
+"""Models with Fourier sums of the motor angles, and such a robot in MuJoCo with sums of its
+own.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +27,9 @@ RIPPLE = {"harmonics": [1, 6], "cos": [0.02, 0.01], "sin": [-0.01, 0.015]}
 def harmonic(
     name: str, size: float = 1.0, error: bool = True, torque: bool = True
 ) -> flexgen.RobotModel:
-    """A model of models/ with sums of the motor angles in all gears and motors, ``size`` times those above."""
+    """A model of models/ with sums of the motor angles in all gears and motors, ``size`` times
+    those above.
+    """
 
     def sized(table: dict[str, Any]) -> dict[str, Any]:
         return table | {key: [size * x for x in table[key]] for key in ("cos", "sin")}
@@ -47,8 +51,11 @@ def harmonic(
 
 
 def value(table: dict[str, Any], q: np.ndarray, order: int = 0) -> np.ndarray:
-    """The sum at the angles ``q``, or a derivative; in numbers, since small arrays take five times as long."""
-    out, shift = [], order * math.pi / 2
+    """The sum at the angles ``q``, or a derivative; in numbers, since small arrays take five times
+    as long.
+    """
+    out = []
+    shift = order * math.pi / 2
     for angle in np.ravel(q).tolist():
         parts = zip(table["harmonics"], table["cos"], table["sin"], strict=True)
         out.append(
@@ -61,7 +68,9 @@ def value(table: dict[str, Any], q: np.ndarray, order: int = 0) -> np.ndarray:
 
 
 def law_with_sums(name: str, size: float = 1.0, ripple: float = 1.0) -> Law:
-    """Law of `Plant` for ``size`` times the sums above, ``ripple`` times the ripple; each motor has its joint."""
+    """Law of `Plant` for ``size`` times the sums above, ``ripple`` times the ripple; each motor
+    has its joint.
+    """
     model = flexgen.read(name)
     ratios = np.diag(model.eta)
     assert np.array_equal(np.diag(ratios), model.eta)
@@ -78,7 +87,8 @@ def law_with_sums(name: str, size: float = 1.0, ripple: float = 1.0) -> Law:
     def law(
         q_g: np.ndarray, v_g: np.ndarray, q_m: np.ndarray, v_m: np.ndarray, tau: np.ndarray
     ) -> Any:
-        e, slope = size * value(ERROR, q_m), size * value(ERROR, q_m, 1)
+        e = size * value(ERROR, q_m)
+        slope = size * value(ERROR, q_m, 1)
         plain = K * (q_m / ratios - q_g) + D * (v_m / ratios - v_g)  # MuJoCo has these
         torque = plain - K * e - D * slope * v_m
         on_motors = plain / ratios - torque * (1 / ratios - slope) + size * value(COGGING, q_m)

@@ -1,4 +1,6 @@
-"""The robot under torques that a controller holds: Pinocchio's equations and scipy's integrator, from edge to edge."""
+"""The robot under torques that a controller holds: Pinocchio's equations and scipy's integrator,
+from edge to edge.
+"""
 
 from __future__ import annotations
 
@@ -16,11 +18,17 @@ from flexgen.simulation.hold import TorqueCommand
 
 
 def confirmed_error(solution: Solution, command: TorqueCommand, after: float) -> float:
-    """Largest error of the output [m, rad] under a command, to the time ``after`` [s] after the last sample."""
-    model, t = solution.model, solution.trajectory
+    """Largest error of the output [m, rad] under a command, to the time ``after`` [s] after the
+    last sample.
+    """
+    model = solution.model
+    t = solution.trajectory
     pin = PinocchioReferee(model)
-    n_a, n, i_m = model.n_a, model.dof, list(model.i_m)
-    arrivals, values = command.time + command.delay, command.values
+    n_a = model.n_a
+    n = model.dof
+    i_m = list(model.i_m)
+    arrivals = command.time + command.delay
+    values = command.values
     spline = make_interp_spline(arrivals, values, k=5)
 
     def applied(begin: float, end: float) -> Callable[[float], np.ndarray]:
@@ -34,7 +42,9 @@ def confirmed_error(solution: Solution, command: TorqueCommand, after: float) ->
 
     time = np.append(t.time, t.time[-1] + np.linspace(0.0, after, 51)[1:])
     y_ref, R_ref = (
-        np.append(t[key], np.repeat(t[key][-1:], 50, axis=0), axis=0) if key in t.channels else None
+        np.append(t[key], np.repeat(t[key][-1:], 50, axis=0), axis=0)
+        if key in t.channels
+        else None
         for key in ("y_ref", "R_ref")
     )
     assert y_ref is not None
@@ -48,8 +58,10 @@ def confirmed_error(solution: Solution, command: TorqueCommand, after: float) ->
         tau = applied(begin, end)
 
         def rate(s: float, x: np.ndarray, tau: Callable[[float], np.ndarray] = tau) -> np.ndarray:
-            q_m, v_m = np.zeros(model.n_m), np.zeros(model.n_m)
-            q_m[i_m], v_m[i_m] = x[n_a:n], x[n + n_a :]
+            q_m = np.zeros(model.n_m)
+            v_m = np.zeros(model.n_m)
+            q_m[i_m] = x[n_a:n]
+            v_m[i_m] = x[n + n_a :]
             a_a, a_m = pin.forward_dynamics(x[:n_a], x[n : n + n_a], q_m, v_m, tau(s))
             return np.concatenate([x[n:], a_a, a_m[i_m]])
 

@@ -1,4 +1,6 @@
-"""Hostile calls of the inversion in C, made for the tests: by seed, with exactly sized arrays between sentinels."""
+"""Hostile calls of the inversion in C, made for the tests: by seed, with exactly sized arrays
+between sentinels.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +30,10 @@ NAMES = {value: name for name, value in CODES.items()}
 SENTINEL = -7.25e77
 OUTPUTS = ("q_a", "v_a", "a_a", "tau_g", "q_m", "v_m", "tau_m")
 ARRAYS = ("y", "dy", "ddy", "q_start")
-SAMPLES, BEFORE, AFTER = 41, 12, 8  # of the paths that are spoiled
+# of the paths that are spoiled
+SAMPLES = 41
+BEFORE = 12
+AFTER = 8
 STRUCTURES = ("path", "options", "motion", "info")  # of an inversion, passed by address
 
 
@@ -44,7 +49,9 @@ def untouched(block: np.ndarray) -> bool:
 
 @dataclass(frozen=True)
 class Target:
-    """A model with its library, called by address, and a path of its first move, from rest to rest."""
+    """A model with its library, called by address, and a path of its first move, from rest to
+    rest.
+    """
 
     equations: Equations
     library: Library
@@ -97,7 +104,9 @@ def target(model: Any, folder: FilePath, move: str | None = None, singular: int 
 
 @dataclass
 class Call:
-    """Arguments of one call of invert; ``null``: an argument that is a null pointer; ``short``: what work lacks."""
+    """Arguments of one call of invert; ``null``: an argument that is a null pointer; ``short``:
+    what work lacks.
+    """
 
     y: np.ndarray
     dy: np.ndarray
@@ -144,7 +153,8 @@ def pointer(x: np.ndarray | None) -> ctypes.c_void_p:
 
 def invert(target: Target, call: Call) -> MethodResult:
     """The call of C, with arrays of the exact size; structs lie between sentinels too."""
-    s, structs = target.sizes, target.structs
+    s = target.sizes
+    structs = target.structs
     n = len(call.y) if call.n is None else call.n
     options = guarded_struct(
         structs["inversion_options"],
@@ -194,7 +204,9 @@ def invert(target: Target, call: Call) -> MethodResult:
 def guarded_struct(
     structure: type[ctypes.Structure], **members: Any
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The bytes of a struct as numbers, and the block that it lies in, with sentinels on both sides."""
+    """The bytes of a struct as numbers, and the block that it lies in, with sentinels on both
+    sides.
+    """
     numbers, block = guarded(-(-ctypes.sizeof(structure) // 8))
     made = bytes(struct_of(structure, **members))
     numbers[:] = np.frombuffer(made.ljust(8 * len(numbers), bytes(1)))
@@ -212,7 +224,8 @@ class Streamed:
         short: int = 0,
         fill: float = 0.0,
     ) -> None:
-        self.target, self.samples_per_interval = target, samples_per_interval
+        self.target = target
+        self.samples_per_interval = samples_per_interval
         self.counts = {"intervals": intervals, "samples_per_interval": samples_per_interval}
         options = struct_of(target.structs["stream_options"], **self.counts)
         size = target.function("stream_work", ctypes.c_int64)(ctypes.byref(options))
@@ -241,7 +254,10 @@ class Streamed:
 
     def start(self, y: Any, q_start: Any, period: float, tolerance: float = 1e-6) -> int:
         options = struct_of(
-            self.target.structs["stream_options"], **self.counts, period=period, tolerance=tolerance
+            self.target.structs["stream_options"],
+            **self.counts,
+            period=period,
+            tolerance=tolerance,
         )
         return self.target.function("stream_start")(
             ctypes.byref(self.handle),
@@ -257,7 +273,10 @@ class Streamed:
     ) -> int:
         """``path``: members of its struct; arrays or None."""
         options = struct_of(
-            self.target.structs["stream_options"], **self.counts, period=period, tolerance=tolerance
+            self.target.structs["stream_options"],
+            **self.counts,
+            period=period,
+            tolerance=tolerance,
         )
         kept = {
             key: np.ascontiguousarray(x, float) if isinstance(x, np.ndarray) else x
@@ -307,7 +326,7 @@ class Streamed:
         return {key: x.reshape(self.samples_per_interval, -1) for key, (x, _) in self.out.items()}
 
 
-# --- what is wrong with a call ----------------------------------------------------------------------------------------
+# --- what is wrong with a call -------------------------------------------------------------------
 Spoiler = Callable[[Target, np.random.Generator], tuple[Call, set[str]]]
 FOUND = {"OK", "TOLERANCE_NOT_MET"}  # results that are there
 # results that are not, where the path is to blame
@@ -359,7 +378,8 @@ def bad_count(target: Target, rng: np.random.Generator) -> tuple[Call, set[str]]
 
 def held(target: Target, rng: np.random.Generator) -> tuple[Call, set[str]]:
     """A drive that holds the torques, or something that no drive does."""
-    hold, delay = int(rng.integers(0, 3)), float(rng.choice([0.0, 5e-324, 0.3, 1.0, 3.999, 4.0]))
+    hold = int(rng.integers(0, 3))
+    delay = float(rng.choice([0.0, 5e-324, 0.3, 1.0, 3.999, 4.0]))
     if rng.random() < 0.5:
         return call_of(target, hold=hold, delay=delay), FOUND
     if rng.random() < 0.5:
@@ -401,7 +421,8 @@ def singular(target: Target, rng: np.random.Generator) -> tuple[Call, set[str]]:
     """A path that joints without deflection would follow straight through a singular pose."""
     if target.singular < 0:
         return jump(target, rng)
-    joint, most = target.singular, rng.uniform(0.2, 0.6)
+    joint = target.singular
+    most = rng.uniform(0.2, 0.6)
     t = np.linspace(0.0, 1.0, SAMPLES)
     q = np.tile(target.path["q_start"], (3, SAMPLES, 1))
     apart = 1e-4
@@ -410,7 +431,8 @@ def singular(target: Target, rng: np.random.Generator) -> tuple[Call, set[str]]:
         row[:, joint] = most * (1.0 - share * s**3 * (10.0 - 15.0 * s + 6.0 * s**2))
     y, R = zip(*(output(target, row) for row in q), strict=True)
     h = apart * target.period * (SAMPLES - 1)
-    dy, ddy = (y[2] - y[0]) / (2 * h), (y[2] - 2 * y[1] + y[0]) / h**2
+    dy = (y[2] - y[0]) / (2 * h)
+    ddy = (y[2] - 2 * y[1] + y[0]) / h**2
     y = y[1]
     if R[1] is not None:
         spin = R[2] @ R[0].transpose(0, 2, 1)
@@ -424,7 +446,8 @@ def singular(target: Target, rng: np.random.Generator) -> tuple[Call, set[str]]:
 
 def jump(target: Target, rng: np.random.Generator) -> tuple[Call, set[str]]:
     call = call_of(target, samples_per_interval=int(rng.choice([1, 2, 5])))
-    k, j = rng.integers(1, len(call.y) - 1), rng.integers(min(3, target.sizes["n_y"]))
+    k = rng.integers(1, len(call.y) - 1)
+    j = rng.integers(min(3, target.sizes["n_y"]))
     call.y[k:, j] += rng.choice([-1.0, 1.0]) * 10.0 ** rng.uniform(-6, 0)
     return call, FOUND | LOST
 

@@ -1,7 +1,9 @@
-"""A C program that makes hostile calls of the inversion, read from its input, in heap blocks of the exact size.
+"""A C program that makes hostile calls of the inversion, read from its input, in heap blocks of
+the exact size.
 
-Every number of the input is a double. The program writes a line for each call: its status. Run under sanitizers it ends
-with another exit status where anything is read or written that must not be.
+Every number of the input is a double. The program writes a line for each call: its status. Run
+under sanitizers it ends with another exit status where anything is read or written that must not
+be.
 """
 
 from __future__ import annotations

@@ -23,7 +23,9 @@ FREQUENCY = 10.0  # Hz, of the motor feedback
 def hysteretic(
     name: str, lost_motion: float = ARCMIN, share: float = 1.0, **overrides: Any
 ) -> flexgen.RobotModel:
-    """A model of models/ whose elastic gears have hysteresis; K_h is ``share`` of their stiffness."""
+    """A model of models/ whose elastic gears have hysteresis; K_h is ``share`` of their
+    stiffness.
+    """
     made = dict(overrides)
     for element in flexgen.read(name).elements:
         for dof in element.dofs:
@@ -46,7 +48,9 @@ class Element:
     gamma: float = 0.0
 
     def slope(self, z: float, s: float, K: float) -> float:
-        """``dz/dp`` of a gear of stiffness ``K`` that turns in the direction ``s``; see `Elements`."""
+        """``dz/dp`` of a gear of stiffness ``K`` that turns in the direction ``s``; see
+        `Elements`.
+        """
         x = z / (0.5 * self.lost * ARCMIN * K)
         ahead = self.gamma if s * x > 0 else -self.gamma
         part = abs(x) ** (self.exponent - 1.0) * x * (1.0 - self.gamma + ahead)
@@ -86,7 +90,9 @@ BENT = (Element(0.2, 0.5, 1.0, 0.3), Element(0.3, 0.3, 2.0, 0.5), Element(0.5, 0
 def with_elements(
     name: str, elements: Sequence[Element], factor: float = 1.0, **overrides: Any
 ) -> flexgen.RobotModel:
-    """A model of models/ whose elastic gears have these elements; their lost motions add up to ``factor`` ARCMIN."""
+    """A model of models/ whose elastic gears have these elements; their lost motions add up to
+    ``factor`` ARCMIN.
+    """
     made = dict(overrides)
     for element in flexgen.read(name).elements:
         for dof in element.dofs:
@@ -104,7 +110,9 @@ def with_elements(
 
 
 def with_law(name: str, factor: float = 1.0, **overrides: Any) -> flexgen.RobotModel:
-    """A model of models/ whose elastic gears have hysteresis by `Logistic`, ``factor`` arcmin, K_h = K/2."""
+    """A model of models/ whose elastic gears have hysteresis by `Logistic`, ``factor`` arcmin,
+    K_h = K/2.
+    """
     model = hysteretic(name, factor * ARCMIN, 0.5, **overrides)
 
     def changed(dof: Any) -> Any:
@@ -132,15 +140,21 @@ def joint_stiffness(model: flexgen.RobotModel) -> np.ndarray:
 
 
 class Gears:
-    """Dahl's law in the deflections of gears, from where each began its step; in numbers, as `Elements`."""
+    """Dahl's law in the deflections of gears, from where each began its step; in numbers, as
+    `Elements`.
+    """
 
     def __init__(self, stiffness: np.ndarray, slip: np.ndarray, p: np.ndarray) -> None:
-        self.slip, self.rate = slip.tolist(), (-stiffness / slip).tolist()
-        self.p, self.z = p.tolist(), [0.0] * len(p)
+        self.slip = slip.tolist()
+        self.rate = (-stiffness / slip).tolist()
+        self.p = p.tolist()
+        self.z = [0.0] * len(p)
 
     def each_at(self, p: list[float]) -> list[float]:
         out = []
-        for now, before, z, slip, rate in zip(p, self.p, self.z, self.slip, self.rate, strict=True):
+        for now, before, z, slip, rate in zip(
+            p, self.p, self.z, self.slip, self.rate, strict=True
+        ):
             end = math.copysign(slip, now - before)
             out.append(end + (z - end) * math.exp(rate * abs(now - before)))
         return out
@@ -150,21 +164,27 @@ class Gears:
 
     def keep(self, p: np.ndarray) -> None:
         now = p.tolist()
-        self.z, self.p = self.each_at(now), now
+        self.z = self.each_at(now)
+        self.p = now
 
 
 class Elements:
-    """Bouc and Wen's law ``dz/dp = K (1 - s |x|^(n-1) x (beta + gamma sign(s x)))``, s = sign(dp), by Runge and Kutta.
+    """Bouc and Wen's law ``dz/dp = K (1 - s |x|^(n-1) x (beta + gamma sign(s x)))``, s = sign(dp),
+    by Runge and Kutta.
 
     ``stiffness``, ``slip`` (elements, n_g); the torques are those of all elements.
     """
 
     def __init__(self, elements: Sequence[Element], K: np.ndarray, p: np.ndarray) -> None:
-        self.elements, self.K, self.p = elements, K.tolist(), p.tolist()
+        self.elements = elements
+        self.K = K.tolist()
+        self.p = p.tolist()
         self.z = [[0.0] * len(elements) for _ in K]
 
     def each_at(self, p: np.ndarray) -> list[list[float]]:
-        """Torques of the elements of each gear; in numbers, since small arrays take three times as long."""
+        """Torques of the elements of each gear; in numbers, since small arrays take three times as
+        long.
+        """
         out = []
         for K, now, before, z in zip(self.K, p.tolist(), self.p, self.z, strict=True):
             h = now - before
@@ -175,7 +195,8 @@ class Elements:
         return np.array([sum(gear) for gear in self.each_at(p)])
 
     def keep(self, p: np.ndarray) -> None:
-        self.z, self.p = self.each_at(p), p.tolist()
+        self.z = self.each_at(p)
+        self.p = p.tolist()
 
 
 Law = Callable[..., tuple[np.ndarray, np.ndarray, np.ndarray]]
@@ -184,8 +205,9 @@ Law = Callable[..., tuple[np.ndarray, np.ndarray, np.ndarray]]
 class Plant:
     """A robot in MuJoCo with torques of its own on joints and rotors, RK4.
 
-    ``law(q_g, v_g, q_m, v_m, tau_m)``: torques on joints and rotors in addition to springs, dampers and frictions, and
-    what the motors give; ``kept(q_g, q_m)`` is called after each step; ``torque(t, q_m, v_m)``: what they shall give.
+    ``law(q_g, v_g, q_m, v_m, tau_m)``: torques on joints and rotors in addition to springs,
+    dampers and frictions, and what the motors give; ``kept(q_g, q_m)`` is called after each step;
+    ``torque(t, q_m, v_m)``: what they shall give.
     """
 
     def __init__(
@@ -198,38 +220,46 @@ class Plant:
     ) -> None:
         import mujoco
 
-        self.model, self.law, self.kept, self.torque = (
-            with_friction(flexgen.read(name), "viscous"),
-            law,
-            kept,
-            torque,
-        )
+        self.model = with_friction(flexgen.read(name), "viscous")
+        self.law = law
+        self.kept = kept
+        self.torque = torque
         self.m = mujoco.MjModel.from_xml_string(mjcf(self.model))
         self.d = mujoco.MjData(self.m)
         names = [c.name for c in self.model.coordinates] + [
             f"rotor.{motor.name}" for motor in self.model.motors
         ]
         self.at = self.m.jnt_dofadr[[self.m.joint(joint).id for joint in names]]
-        arm, self.rotors = self.at[: self.model.n_a], self.at[self.model.n_a :]
+        arm = self.at[: self.model.n_a]
+        self.rotors = self.at[self.model.n_a :]
         self.joints = arm[list(self.model.i_g)]
         self.motors = [self.m.actuator(motor.name).id for motor in self.model.motors]
-        self.m.opt.timestep, self.m.opt.integrator = step, mujoco.mjtIntegrator.mjINT_RK4
+        self.m.opt.timestep = step
+        self.m.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
 
     def run(self, start: float, q: np.ndarray, steps: int, look: Callable[[int], None]) -> None:
         """``look(k)`` after each step k, from rest at (q_a, q_m) at the time ``start`` [s]."""
         import mujoco
 
-        joints, rotors, motors = self.joints, self.rotors, self.motors
+        joints = self.joints
+        rotors = self.rotors
+        motors = self.motors
 
-        angles, speeds, applied, given = self.d.qpos, self.d.qvel, self.d.qfrc_applied, self.d.ctrl
-        law, torque = self.law, self.torque
+        angles = self.d.qpos
+        speeds = self.d.qvel
+        applied = self.d.qfrc_applied
+        given = self.d.ctrl
+        law = self.law
+        torque = self.torque
 
         def control(m: Any, d: Any) -> None:
-            q, v = angles[rotors], speeds[rotors]
+            q = angles[rotors]
+            v = speeds[rotors]
             own = law(angles[joints], speeds[joints], q, v, torque(d.time, q, v))
             applied[joints], applied[rotors], given[motors] = own
 
-        self.d.qpos[self.at], self.d.time = q, start
+        self.d.qpos[self.at] = q
+        self.d.time = start
         self.kept(self.d.qpos[joints], self.d.qpos[rotors])
         mujoco.set_mjcb_control(control)
         try:
@@ -243,7 +273,8 @@ class Plant:
 
 def feedback_gains(model: flexgen.RobotModel) -> tuple[np.ndarray, np.ndarray]:
     """Gains [N m/rad, N m s/rad] of a motor feedback of `FREQUENCY`."""
-    inertia, w = np.array([motor.inertia for motor in model.motors]), 2 * np.pi * FREQUENCY
+    inertia = np.array([motor.inertia for motor in model.motors])
+    w = 2 * np.pi * FREQUENCY
     return inertia * w**2, 2 * inertia * w
 
 
@@ -256,13 +287,15 @@ def tool_error_in_mujoco(
     step: float = 2e-4,
     feedback: bool = True,
 ) -> float:
-    """Largest distance [m] of MuJoCo's tool from the path until 0.1 s after it, PD about the torque of the path.
+    """Largest distance [m] of MuJoCo's tool from the path until 0.1 s after it, PD about the
+    torque of the path.
 
     ``law`` and ``kept``: see `Plant`.
     """
     import mujoco
 
-    start, end = float(path.time[0]), float(path.time[-1])
+    start = float(path.time[0])
+    end = float(path.time[-1])
     steps = round((end - start + 0.1) / step)
     given = path.at(np.clip(start + step / 2 * np.arange(2 * steps + 3), start, end))
 
@@ -272,8 +305,11 @@ def tool_error_in_mujoco(
 
     plant = Plant(name, law, kept, torque, step)
     k_p, k_v = (feedback * gain for gain in feedback_gains(plant.model))
-    tau, angles, speeds = given["tau_m"], given["q_m"], given["v_m"]
-    tool, seen = plant.d.site_xpos[plant.m.site("tool").id], np.empty((steps, 3))
+    tau = given["tau_m"]
+    angles = given["q_m"]
+    speeds = given["v_m"]
+    tool = plant.d.site_xpos[plant.m.site("tool").id]
+    seen = np.empty((steps, 3))
 
     def look(k: int) -> None:
         mujoco.mj_kinematics(plant.m, plant.d)
@@ -290,7 +326,9 @@ def tool_error_in_mujoco(
 def with_lost_motion(
     name: str, lost_motion: float, start: np.ndarray, share: float = 1.0
 ) -> tuple[Law, Any]:
-    """``law`` and ``kept`` of a robot whose gears have hysteresis; ``start``: their deflections (n_g,) at rest."""
+    """``law`` and ``kept`` of a robot whose gears have hysteresis; ``start``: their deflections
+    (n_g,) at rest.
+    """
     K = joint_stiffness(flexgen.read(name))
     return law_of_gears(name, Gears(share * K, 0.5 * lost_motion * K + 1e-30, start))
 
@@ -331,7 +369,9 @@ def error_in_mujoco(
     step: float = 2e-4,
     feedback: bool = True,
 ) -> float:
-    """`tool_error_in_mujoco` of a robot whose gears have ``lost_motion`` [rad]; zero: without hysteresis."""
+    """`tool_error_in_mujoco` of a robot whose gears have ``lost_motion`` [rad]; zero: without
+    hysteresis.
+    """
     model = flexgen.read(name)
     start = np.linalg.inv(model.eta) @ path["q_m"][0] - path["q_a"][0][list(model.i_g)]
     law, kept = with_lost_motion(name, lost_motion, start, share)

@@ -19,7 +19,9 @@ NOISY = DriveHardware(5e-4, encoder_noise_rad=1e-4, torque_noise_Nm=0.02)
 
 
 def without_coulomb(name: str) -> RobotModel:
-    """The model with viscous friction only: its frequency responses do not depend on the amplitude."""
+    """The model with viscous friction only: its frequency responses do not depend on the
+    amplitude.
+    """
     model = flexgen.read(name)
     motors = (
         replace(m, friction=replace(m.friction, coulomb=0.0, stribeck=0.0)) for m in model.motors
@@ -46,7 +48,9 @@ def poses_of(model: RobotModel, count: int, seed: int = 0, spread: float = 0.4) 
 def exact_responses(
     model: RobotModel, poses: np.ndarray, w: np.ndarray, drive: Drive, relative_sd: float = 1e-3
 ) -> Frf:
-    """Frequency responses of the linear model itself, as data: without noise, weights of equal relative size."""
+    """Frequency responses of the linear model itself, as data: without noise, weights of equal
+    relative size.
+    """
     local = LocalModel(model, ())
     q_m = poses @ model.eta.T
     G = local.response(local.values, q_m, w, drive, derivatives=False).G
@@ -56,9 +60,21 @@ def exact_responses(
     C = eye * variance.max(axis=-1)[..., None, :].swapaxes(-1, -2)
     motors = tuple(m.name for m in model.motors)
     return Frf(
-        model.name, motors, q_m, w, G, eye.copy(), C, variance, None, 1, n, drive.sample_s, drive.delay_s,
+        model.name,
+        motors,
+        q_m,
+        w,
+        G,
+        eye.copy(),
+        C,
+        variance,
+        None,
+        1,
+        n,
+        drive.sample_s,
+        drive.delay_s,
         np.zeros((len(poses), n)),
-    )  # fmt: skip
+    )
 
 
 def small_plan(model: RobotModel, poses: np.ndarray, **changes: object) -> Plan:

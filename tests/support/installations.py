@@ -1,4 +1,6 @@
-"""Installations of flexgen in empty environments: editable as `make setup` does, and from the wheel."""
+"""Installations of flexgen in empty environments: editable as `make setup` does, and from the
+wheel.
+"""
 
 from __future__ import annotations
 

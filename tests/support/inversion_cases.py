@@ -1,4 +1,6 @@
-"""Inputs of inverse dynamics: a sampled move for a loaded library, the problem of a model's first move."""
+"""Inputs of inverse dynamics: a sampled move for a loaded library, the problem of a model's first
+move.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,9 @@ from flexgen.mechanics.equations import derive
 from flexgen.model.elements import LinearSpring, RobotModel
 from flexgen.paths.path import Path
 
-MODEL, PERIOD, EVERY = "planar5_nmp", 1e-3, 5
+MODEL = "planar5_nmp"
+PERIOD = 1e-3
+EVERY = 5
 
 
 @cache
@@ -44,7 +48,7 @@ def given(**changes) -> dict:
 def question(model: str | FilePath | RobotModel, **options: float) -> InversionProblem:
     """The model's first move."""
     equations = derive(model)
-    return InversionProblem(equations, Path(equations, equations.model.move()), **options)  # type: ignore[arg-type]
+    return InversionProblem(equations, Path(equations, equations.model.move()), **options)
 
 
 def last_joint(model: RobotModel, stiffness: float, damping: float) -> RobotModel:

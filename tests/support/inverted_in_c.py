@@ -1,4 +1,6 @@
-"""`invert` in C on the grid of `flexgen.solve`, with its default tolerance and the growth in its info."""
+"""`invert` in C on the grid of `flexgen.solve`, with its default tolerance and the growth in its
+info.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,9 @@ MESH = 0.01  # s
 
 def inversion_in_c(equations: Equations, name: str) -> Inversion:
     """The motion of a move."""
-    functions = [each for each in INVERSION if each != "inversion_jacobians" or equations.model.n_e]
+    functions = [
+        each for each in INVERSION if each != "inversion_jacobians" or equations.model.n_e
+    ]
     library = library_with(equations.model, (*functions, "linearize"), ("invert", "growth"))
     path = Path(equations, equations.model.move(name))
     n, period, samples_per_interval, n_pre, n_post = grid(

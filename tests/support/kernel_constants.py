@@ -38,7 +38,8 @@ def read(precision: str) -> Precision:
     def parts(name: str) -> tuple[float, ...]:
         return tuple(numbers(key)[0] for key in sorted(macros) if re.fullmatch(rf"{name}_\d", key))
 
-    (angle,), (lowest,) = numbers("ANGLE_MAX"), numbers("LOWEST")
+    (angle,) = numbers("ANGLE_MAX")
+    (lowest,) = numbers("LOWEST")
     polynomials = (numbers(name) for name in ("SINE", "COSINE", "EXPONENTIAL"))
     return Precision(
         int(macros["DIGITS"]), parts("HALF_PI"), parts("LOG_2"), angle, lowest, *polynomials

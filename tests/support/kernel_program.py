@@ -1,4 +1,6 @@
-"""A C program around the kernel: it reads numbers, applies one of the kernel's functions and writes the results."""
+"""A C program around the kernel: it reads numbers, applies one of the kernel's functions and
+writes the results.
+"""
 
 from __future__ import annotations
 
@@ -23,14 +25,18 @@ NAME = "robot"
 TYPES = {"double": np.float64, "single": np.float32}
 C_TYPES = {"double": "double", "single": "float"}
 BITS = {"double": np.uint64, "single": np.uint32}
-STRICT = "-pedantic -Wall -Wextra -Wconversion -Wsign-conversion -Wshadow -Wdouble-promotion -Wunused -Werror".split()
+STRICT = (
+    "-pedantic -Wall -Wextra -Wconversion -Wsign-conversion -Wshadow -Wdouble-promotion "
+    "-Wunused -Werror"
+).split()
 
 OWN_OF_ONE = "exp tanh sin cos fabs floor ceil sign not".split()
 OWN_OF_TWO = "copysign fmin fmax lt le eq ne and or if_else_zero".split()
 LIBM_OF_ONE = "sqrt log expm1 log1p erf tan asin acos atan sinh cosh asinh acosh atanh".split()
 LIBM_OF_TWO = "atan2 pow fmod remainder hypot".split()
 
-# Reads numbers, a multiple of 32; writes the results of the form for one number, then those of the form for vectors.
+# Reads numbers, a multiple of 32; writes the results of the form for one number, then those of the
+# form for vectors.
 _PROGRAM = """\
 #include "robot_kernel.h"
 #include <stdio.h>
@@ -47,7 +53,8 @@ _PROGRAM = """\
     if (!strcmp(name, #f)) { \\
         const int h = n / 2; \\
         for (int i = 0; i < h; ++i) { y[i] = f##_1(x[i], x[h + i]); } \\
-        for (int i = 0; i < h; i += LANES) { store_v(y + h + i, f##_v(load_v(x + i), load_v(x + h + i))); } \\
+        for (int i = 0; i < h; i += LANES) { store_v(y + h + i, f##_v(load_v(x + i), load_v(x + h \
++ i))); } \\
         length = 2 * h; \\
     }
 
@@ -96,7 +103,8 @@ static int run(const char *name, const int n)
     int length = 0;
     if (x && y && fread(x, sizeof(real), (size_t)n, stdin) == (size_t)n) {
         length = apply(name, x, y, n);
-        if (length > 0 && fwrite(y, sizeof(real), (size_t)length, stdout) != (size_t)length) { length = 0; }
+        if (length > 0 && fwrite(y, sizeof(real), (size_t)length, stdout) != (size_t)length) { \
+length = 0; }
     }
     free(x);
     free(y);
@@ -123,7 +131,9 @@ def _folder() -> Path:
 
 
 def written(precision: str, edits: tuple[tuple[str, str], ...] = ()) -> Path:
-    """A folder with the headers and ``main.c``; every edit is a text of the kernel and its replacement."""
+    """A folder with the headers and ``main.c``; every edit is a text of the kernel and its
+    replacement.
+    """
     folder = _folder() / f"{precision}{next(_numbers)}"
     folder.mkdir()
     texts = kernel_files(NAME, precision)
@@ -179,7 +189,8 @@ def applied(
     Returns
     -------
     dict of str to array
-        For every function the results by numbers and by vectors, shape (2, n); for ``sincos`` (2, 2, n).
+        For every function the results by numbers and by vectors, shape (2, n); for ``sincos`` (2,
+        2, n).
     """
     arguments: list[str] = []
     blob = b""
@@ -199,7 +210,8 @@ def applied(
     out: dict[str, np.ndarray] = {}
     for name, (*forms, length, n) in zip(inputs, sizes, strict=True):
         size = int(np.prod(forms)) * length
-        out[name], y = y[:size].reshape(*forms, length)[..., :n], y[size:]
+        out[name] = y[:size].reshape(*forms, length)[..., :n]
+        y = y[size:]
     assert y.size == 0
     return out
 
@@ -223,7 +235,9 @@ def widths() -> dict[str, tuple[str, ...]]:
 
 
 COMPILERS = [
-    name for name in ("gcc", "clang", "g++", "clang++") if os.name == "posix" and shutil.which(name)
+    name
+    for name in ("gcc", "clang", "g++", "clang++")
+    if os.name == "posix" and shutil.which(name)
 ]
 COMPILER = next((name for name in COMPILERS if "+" not in name), None)
 needs_compiler = pytest.mark.skipif(

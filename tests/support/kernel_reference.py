@@ -1,4 +1,6 @@
-"""Minimax polynomials of the kernel by Remez' exchange, at 50 digits: where the kernel's coefficients come from."""
+"""Minimax polynomials of the kernel by Remez' exchange, at 50 digits: where the kernel's
+coefficients come from.
+"""
 
 from __future__ import annotations
 
@@ -14,10 +16,12 @@ DIGITS = 50
 def minimax(
     f: Function, weight: Function, low: mp.mpf, high: mp.mpf, count: int
 ) -> tuple[list[mp.mpf], float]:
-    """Polynomial with ``count`` coefficients that minimises the largest ``|weight (polynomial - f)|`` on an interval.
+    """Polynomial with ``count`` coefficients that minimises the largest
+    ``|weight (polynomial - f)|`` on an interval.
 
-    Remez' exchange: the error of the best polynomial takes its largest size at ``count + 1`` points with alternating
-    signs. Solve for the polynomial whose error does so at given points, move the points to the extrema, repeat.
+    Remez' exchange: the error of the best polynomial takes its largest size at ``count + 1``
+    points with alternating signs. Solve for the polynomial whose error does so at given points,
+    move the points to the extrema, repeat.
 
     Parameters
     ----------
@@ -34,7 +38,8 @@ def minimax(
         Coefficients of 1, x, x^2, ..., and the largest weighted error.
     """
     with mp.workdps(DIGITS):
-        middle, half = (high + low) / 2, (high - low) / 2
+        middle = (high + low) / 2
+        half = (high - low) / 2
         points = [middle - half * mp.cos(mp.pi * k / count) for k in range(count + 1)]
         for _ in range(8):
             rows = mp.matrix(count + 1, count + 1)
@@ -55,7 +60,9 @@ def minimax(
 
 
 def _extrema(error: Function, points: list[mp.mpf], low: mp.mpf, high: mp.mpf) -> list[mp.mpf]:
-    """The extrema of an error that alternates: one between each two zeros, by golden section, and the two ends."""
+    """The extrema of an error that alternates: one between each two zeros, by golden section, and
+    the two ends.
+    """
     ends = [low]
     for a, b in pairwise(points):  # a zero lies between two points of alternating sign
         fa = error(a)
@@ -70,13 +77,16 @@ def _extrema(error: Function, points: list[mp.mpf], low: mp.mpf, high: mp.mpf) -
     ratio = (mp.sqrt(5) - 1) / 2
     found = []
     for a, b in pairwise(ends):
-        c, d = b - ratio * (b - a), a + ratio * (b - a)
+        c = b - ratio * (b - a)
+        d = a + ratio * (b - a)
         for _ in range(40):
             if abs(error(c)) > abs(error(d)):
-                b, d = d, c
+                b = d
+                d = c
                 c = b - ratio * (b - a)
             else:
-                a, c = c, d
+                a = c
+                c = d
                 d = a + ratio * (b - a)
         found.append(max(a, b, (a + b) / 2, key=lambda x: abs(error(x))))
     found[0] = low if abs(error(low)) >= abs(error(found[0])) else found[0]

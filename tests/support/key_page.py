@@ -1,4 +1,6 @@
-"""The page of all keys of files, rendered from their rows: ``python tests/support/key_page.py`` writes it."""
+"""The page of all keys of files, rendered from their rows: ``python tests/support/key_page.py``
+writes it.
+"""
 
 from __future__ import annotations
 
@@ -104,13 +106,18 @@ OTHERS: dict[str, Form] = {
 TOP = """# Keys of model files
 
 This page lists all keys of [model files](../models/README.md). It is written from the rows in
-`flexgen/model/format*.py`, from which the reader, the JSON schema (`flexgen schema`) and the writer are made too. A
-required key that ends in `_rad` or `_deg` is given under one of the two. A name is a letter, then at most 30 letters,
+`flexgen/model/format*.py`, from which the reader, the JSON schema (`flexgen schema`) and the \
+writer are made too. A
+required key that ends in `_rad` or `_deg` is given under one of the two. A name is a letter, \
+then at most 30 letters,
 digits or underscores. Numbers have a magnitude of 1e-18 to 1e12, or are 0.
 
-The sections at the end are about files of [controllers](control.md#controllers), of the [grids](cluster.md) of sweeps
-and of the scenarios of benchmarks; their numbers have any magnitude. A controller file with the `type` of a feedback
-law has the parameters of its class as keys. A scenario of format 1 has `[[disturbance]]` instead of `rule`, `[draw]`
+The sections at the end are about files of [controllers](control.md#controllers), of the \
+[grids](cluster.md) of sweeps
+and of the scenarios of benchmarks; their numbers have any magnitude. A controller file with the \
+`type` of a feedback
+law has the parameters of its class as keys. A scenario of format 1 has `[[disturbance]]` instead \
+of `rule`, `[draw]`
 and `[[segment]]`, and no `version` of `[measures]`.
 """
 
@@ -136,7 +143,10 @@ def recordings_page() -> str:
 def page() -> str:
     """The text of the page."""
     return "\n".join(
-        [TOP, *(line for title, form in (TABLES | OTHERS).items() for line in section(title, form))]
+        [
+            TOP,
+            *(line for title, form in (TABLES | OTHERS).items() for line in section(title, form)),
+        ]
     )
 
 
@@ -174,10 +184,8 @@ def rows(keys: Sequence[Key]) -> list[str]:
         schemas = key_schemas(key)
         first = next(iter(schemas.values()))
         default = "required" if key.default is REQUIRED else str(first.get("default", "")).lower()
-        names, doc = (
-            ", ".join(f"`{name}`" for name in schemas),
-            first.get("description", "").removesuffix(key.type.rule),
-        )
+        names = ", ".join(f"`{name}`" for name in schemas)
+        doc = first.get("description", "").removesuffix(key.type.rule)
         out.append(f"| {names} | {value_text(first)} | {default} | {doc} |")
     return out
 
@@ -208,7 +216,8 @@ def value_text(schema: Schema) -> str:
 
 def _number_text(schema: Schema) -> str:
     """A number with its bounds, but for those that all numbers have."""
-    least, most = schema.get("minimum", -LARGEST), schema.get("maximum", LARGEST)
+    least = schema.get("minimum", -LARGEST)
+    most = schema.get("maximum", LARGEST)
     most = LARGEST if most >= HUGE else most
     bounds = [f"> {schema['exclusiveMinimum']:g}"] if "exclusiveMinimum" in schema else []
     if least > -LARGEST and most < LARGEST:

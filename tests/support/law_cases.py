@@ -59,7 +59,9 @@ def arm(
     stiffness: float = 1.0,
     drag: float = 0.0,
 ) -> RobotModel:
-    """The three-axis arm, with or without damping and friction of its drives, springs and frictions changed."""
+    """The three-axis arm, with or without damping and friction of its drives, springs and
+    frictions changed.
+    """
     model = flexgen.read(ARM)
     elements = []
     for element in model.elements:
@@ -78,12 +80,16 @@ def arm(
 
 
 def coupled() -> RobotModel:
-    """The same arm without damping, springs on the arm side, its third motor driving the second joint too."""
+    """The same arm without damping, springs on the arm side, its third motor driving the second
+    joint too.
+    """
     model = arm(damped=False)
     elements = []
     for element, motor in zip(model.elements, model.motors, strict=True):
         (dof,) = element.dofs
-        spring = replace(dof.gear.spring, stiffness=dof.gear.spring.stiffness * motor.ratio[0] ** 2)
+        spring = replace(
+            dof.gear.spring, stiffness=dof.gear.spring.stiffness * motor.ratio[0] ** 2
+        )
         elements.append(
             replace(
                 element, dofs=(replace(dof, gear=replace(dof.gear, side="arm", spring=spring)),)

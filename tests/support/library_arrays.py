@@ -10,14 +10,20 @@ from flexgen.mechanics.equations import derive
 from flexgen.paths.path import Path as ToolPath
 from flexgen.runtime.library import Library
 
-POINTS, SAMPLES = 37, 401
-PRE, POST, EACH = 30, 60, 5  # samples before and after the path, samples per interval
+POINTS = 37
+SAMPLES = 401
+# samples before and after the path, samples per interval
+PRE = 30
+POST = 60
+EACH = 5
 INTERVALS = 40  # of the stream
 MOTION = ("q_a", "v_a", "a_a", "tau_g", "q_m", "v_m", "tau_m")
 
 
 def arrays(library: Library) -> dict[str, np.ndarray]:
-    """Results of all functions at many points and at one, of invert, bvp, invert_limited and the stream."""
+    """Results of all functions at many points and at one, of invert, bvp, invert_limited and the
+    stream.
+    """
     rng = np.random.default_rng(1)
     out: dict[str, np.ndarray] = {}
     for name, function in library.functions.items():

@@ -107,7 +107,8 @@ class Arm:
 
     def joints(self, t: np.ndarray) -> np.ndarray:
         """Joint angles (n, 2) [rad]."""
-        s, grows = t - self.rest, 1.0
+        s = t - self.rest
+        grows = 1.0
         if self.rest:
             u = np.clip(s / 3.0, 0.0, 1.0)
             grows = u**5 * (126 - 420 * u + 540 * u**2 - 315 * u**3 + 70 * u**4)
@@ -126,8 +127,12 @@ class Arm:
         """Gear torques (n, 2) [N m] of two links and the point mass."""
         q = self.joints(t)
         v, a = self.differences("joints", t)
-        s, r = q[:, 0], q.sum(axis=1)
-        vs, vr, dds, ddr = v[:, 0], v.sum(axis=1), a[:, 0], a.sum(axis=1)
+        s = q[:, 0]
+        r = q.sum(axis=1)
+        vs = v[:, 0]
+        vr = v.sum(axis=1)
+        dds = a[:, 0]
+        ddr = a.sum(axis=1)
         length = 0.5
         tau = np.zeros_like(q)
         # link 1 about its joint: no other coordinate
@@ -193,11 +198,11 @@ CONSTANTS = (0.12, 0.08)
 
 @dataclass(frozen=True)
 class Log:
-    """Columns of a log as a recorder writes them: the time, motor angles, motor torques, with their
-    units.
+    """Columns of a log as a recorder writes them: the time, motor angles, motor torques, with
+    their units.
 
-    ``names``: of the columns of the angles, then of the torques; ``units``: of the time, the angles
-    and the torques; ``values``: (n, 5), time first; ``order``: of the columns in the file;
+    ``names``: of the columns of the angles, then of the torques; ``units``: of the time, the
+    angles and the torques; ``values``: (n, 5), time first; ``order``: of the columns in the file;
     ``constants`` [N m/A] are stated or not.
     """
 

@@ -24,7 +24,8 @@ def made_trajectory(
     t = np.linspace(-0.4, 1.3, 86)
     rise = np.clip(t / end, 0.0, 1.0)
     rise = rise**3 * (10 - 15 * rise + 6 * rise**2)
-    k, m = np.arange(model.n_a) + 1.0, np.arange(model.n_m) + 1.0
+    k = np.arange(model.n_a) + 1.0
+    m = np.arange(model.n_m) + 1.0
     q_a = (
         0.3 / k
         + rise[:, None] * (-1.0) ** k * 0.7 / k

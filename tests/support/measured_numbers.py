@@ -1,7 +1,9 @@
-"""Numbers of whole results as they were measured: a net for what has no second route in a quick test.
+"""Numbers of whole results as they were measured: a net for what has no second route in a quick
+test.
 
-`check_numbers` compares every number of a result with ``tests/golden/numbers/NAME.json``; arrays by their shape and
-three weighted sums. It does not prove that a number is right: other tests do that. Where an answer changes on purpose,
+`check_numbers` compares every number of a result with ``tests/golden/numbers/NAME.json``; arrays
+by their shape and three weighted sums. It does not prove that a number is right: other tests do
+that. Where an answer changes on purpose,
 
     WRITE_NUMBERS=1 make test
 
@@ -23,7 +25,8 @@ from flexgen.model.elements import RobotModel
 
 FOLDER = Path(__file__).parents[1] / "golden" / "numbers"
 ENDLESS = 1e300  # infinity in a file
-# times; counts and residuals at the level of rounding, which depend on how BLAS sums on a processor
+# times; counts and residuals at the level of rounding, which depend on how BLAS sums on a
+# processor
 OTHER = (
     "history",
     "residual",
@@ -81,7 +84,9 @@ def _flatten(name: str, value: Any, out: dict[str, Any]) -> None:
 
 
 def check_numbers(name: str, rtol: float = 1e-6, **found: Any) -> None:
-    """Compare all numbers of ``found`` with those of the file of this name, relative to the size of each array."""
+    """Compare all numbers of ``found`` with those of the file of this name, relative to the size
+    of each array.
+    """
     now: dict[str, Any] = {}
     _flatten("", found, now)
     file = FOLDER / f"{name}.json"
@@ -96,7 +101,8 @@ def check_numbers(name: str, rtol: float = 1e-6, **found: Any) -> None:
     for key, part in expected.items():
         assert now[key]["shape"] == part["shape"], key
         # errors of a nanometer are rounding, as is how far a computed motion leaves its path
-        size, least = part["sums"][0], 1e-8 if "error" in key or "defect" in key else 1e-13
+        size = part["sums"][0]
+        least = 1e-8 if "error" in key or "defect" in key else 1e-13
         # what is known up to a standard deviation is compared relative to that
         deviation = expected.get(key.replace(".values.", ".sd."), part)["sums"][0]
         deviation = max(deviation, expected.get(f"{key.removesuffix('.at')}.sd", part)["sums"][0])

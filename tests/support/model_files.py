@@ -1,4 +1,6 @@
-"""Model files with every kind of table, their mutations by key and value, and what reading a file gives as one line."""
+"""Model files with every kind of table, their mutations by key and value, and what reading a file
+gives as one line.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,8 @@ from flexgen.spec.tables import bare
 
 ROOT = Path(__file__).resolve().parents[2]
 
-# Kinds of tables that no file in models/ has, so that every table of the schema is compared with the reader.
+# Kinds of tables that no file in models/ has, so that every table of the schema is compared with
+# the reader.
 EVERYTHING = """
 name = "everything"
 gravity = [0, 0, -9.81]
@@ -52,7 +55,8 @@ smoothness = 5
 name = "corner"
 type = "tool_polyline"
 start_rad = [0.1, 0.2, 0.3, 0.4, 0.5, 0.0]
-legs = [{{ displacement = [0.1, 0, 0], zone = 0.01, speed = 0.1 }}, {{ displacement = [0, 0.1, 0], via = [0.1, 0, 0] }}]
+legs = [{{ displacement = [0.1, 0, 0], zone = 0.01, speed = 0.1 }}, {{ displacement = [0, 0.1, \
+0], via = [0.1, 0, 0] }}]
 profile = [0.5, 5, 50]
 [[move]]
 name = "track"
@@ -154,7 +158,10 @@ def everything(folder: Path) -> Path:
             ", transmission_error = { harmonics = [1, 2], cos = [1e-5, 2e-5] }" if k == 1 else ""
         )
         gear = (
-            f'{{ type = "elastic", side = "arm", spring = {SPRINGS[k]}, damping = 1{lossy}, torque_max = 9 }}'
+            (
+                f'{{ type = "elastic", side = "arm", spring = {SPRINGS[k]}, damping = 1{lossy}, '
+                "torque_max = 9 }"
+            )
             if k < 5
             else '{ type = "rigid", torque_rms_max = 9 }'
         )
@@ -164,13 +171,21 @@ def everything(folder: Path) -> Path:
             f'[[element.dof]]\nname = "q{k}"\ntype = "{kind}"\naxis = [0, 0, 1]\ngear = {gear}\n'
         )
         text += "friction = { viscous = 1, coulomb = 1, beta = 10 }\n"
-        text += "counterbalance = { sin = [1.0, 2.0], cos = [0.5] }\n" if kind == "rotation" else ""
+        text += (
+            "counterbalance = { sin = [1.0, 2.0], cos = [0.5] }\n" if kind == "rotation" else ""
+        )
     for k, spring in enumerate(SPRINGS):
         kind = "translation" if k == 0 else "rotation"
         text += (
             f'[[element]]\nname = "s{k}"\nbody = {{ mass = 2 }}\n[[element.dof]]\nname = "p{k}"\n'
         )
-        text += f'type = "{kind}"\naxis = [1, 0, 0]\nspring = {spring}\ndamping = 1\ndeflection_max = 1\n'
+        text += (
+            f'type = "{kind}"\n'
+            "axis = [1, 0, 0]\n"
+            f"spring = {spring}\n"
+            "damping = 1\n"
+            "deflection_max = 1\n"
+        )
     text += '[[element]]\nname = "b"\n[element.beam]\nlength = 1\nmass_per_length = 2\n'
     text += '[[element.beam.bending]]\ndirection = "y"\nstiffness = 100\nmodes = 1\n'
     for k in range(6):
@@ -178,10 +193,21 @@ def everything(folder: Path) -> Path:
         text += 'axis = [0, 0, 1]\ncarrier = "base"\n'
         loads = "load_coulomb = 0.1, load_smoothing = 1"
         text += f'friction = {{ type = "gear", coulomb = 1, beta = 10, {loads} }}\n' * (k == 1)
-        text += "torque_rate_max = 9e3\ntorque_rms_max = 9\nthermal_time = 60\ntorque_speed = [[0, 9], [300, 5]]\n"
-        text += "cogging = { harmonics = [6], sin = [0.1] }\ntorque_ripple = { harmonics = [6], cos = [0.01] }\n"
+        text += (
+            "torque_rate_max = 9e3\n"
+            "torque_rms_max = 9\n"
+            "thermal_time = 60\n"
+            "torque_speed = [[0, 9], [300, 5]]\n"
+        )
+        text += (
+            "cogging = { harmonics = [6], sin = [0.1] }\n"
+            "torque_ripple = { harmonics = [6], cos = [0.01] }\n"
+        )
         text += "encoder_error = { harmonics = [2], cos = [1e-4] }\n"
-        text += "lugre = { coulomb = 0.1, static = 0.2, stribeck_speed = 5, stiffness = 100, damping = 0.01 }\n"
+        text += (
+            "lugre = { coulomb = 0.1, static = 0.2, stribeck_speed = 5, stiffness = 100, "
+            "damping = 0.01 }\n"
+        )
     path = folder / "everything.toml"
     path.write_text(EVERYTHING.format(elements=text))
     return path
@@ -191,7 +217,12 @@ def overlay(folder: Path) -> Path:
     """An overlay with a link of its own."""
     text = (ROOT / "models" / "urdf_arm.toml").read_text()
     text = text.replace('"urdf_arm.urdf"', f'"{ROOT / "models" / "urdf_arm.urdf"}"')
-    text += '\n[link.boom]\nrename = "jib"\nbody = { mass = 20, com = [0.4, 0, 0], inertia = [0.1, 2, 2] }\n'
+    text += (
+        "\n"
+        "[link.boom]\n"
+        'rename = "jib"\n'
+        "body = { mass = 20, com = [0.4, 0, 0], inertia = [0.1, 2, 2] }\n"
+    )
     text += '[servo]\ntype = "ppi"\nposition_hz = 5\n'
     text += "low_pass = [{ frequency_hz = 300 }]\nnotch = [{ frequency_hz = 60 }]\n"
     path = folder / "overlay.toml"
@@ -199,7 +230,7 @@ def overlay(folder: Path) -> Path:
     return path
 
 
-# --- mutations by key and value ---------------------------------------------------------------------------------------
+# --- mutations by key and value ------------------------------------------------------------------
 
 VALUES: tuple[Any, ...] = (
     *(
@@ -260,11 +291,14 @@ def tables_of(data: Any) -> list[Any]:
 
 
 def mutate_data(rng: random.Random, data: dict[str, Any]) -> None:
-    """One key or entry of a random table: removed, renamed, copied from elsewhere, or with another value."""
+    """One key or entry of a random table: removed, renamed, copied from elsewhere, or with another
+    value.
+    """
     tables = tables_of(data)
     table = rng.choice(tables)
     if isinstance(table, list):
-        k, kind = rng.randrange(len(table)), rng.randrange(3)
+        k = rng.randrange(len(table))
+        kind = rng.randrange(3)
         if kind == 0:
             table.append(json.loads(json.dumps(table[k])))
         elif kind == 1 and len(table) > 1:
@@ -272,7 +306,8 @@ def mutate_data(rng: random.Random, data: dict[str, Any]) -> None:
         else:
             table.reverse()
         return
-    keys, kind = list(table), rng.randrange(10)
+    keys = list(table)
+    kind = rng.randrange(10)
     other = rng.choice([one for one in tables if isinstance(one, dict)])
     if kind == 9 and other:
         key = rng.choice(list(other))
@@ -313,13 +348,14 @@ def toml_text(data: dict[str, Any]) -> str:
 
 def mutated(name: str, number: int, valid: dict[str, Any]) -> str:
     """Mutation of a model file; the same name and number give the same text."""
-    rng, data = random.Random(f"{name} {number}"), json.loads(json.dumps(valid))
+    rng = random.Random(f"{name} {number}")
+    data = json.loads(json.dumps(valid))
     for _ in range(rng.choice([1, 1, 1, 1, 2, 3])):
         mutate_data(rng, data)
     return toml_text(data)
 
 
-# --- what reading gives -----------------------------------------------------------------------------------------------
+# --- what reading gives --------------------------------------------------------------------------
 
 
 def dump(value: Any) -> Any:

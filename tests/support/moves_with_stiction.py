@@ -1,4 +1,6 @@
-"""Moves of a rigid arm from pose to pose, with friction that jumps as they begin and end, and is any torque at rest."""
+"""Moves of a rigid arm from pose to pose, with friction that jumps as they begin and end, and is
+any torque at rest.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,8 @@ STEP = 2e-3  # s
 def poses(
     model: RobotModel, friction: np.ndarray, noise: float, seed: int, records: int
 ) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Times, angles of the joints and torques of the motors of records with seven moves, about 9 s.
+    """Times, angles of the joints and torques of the motors of records with seven moves, about 9
+    s.
 
     Parameters
     ----------
@@ -22,13 +25,17 @@ def poses(
     noise : float [N m]
         Of the torques.
     """
-    rng, n = np.random.default_rng(seed), model.n_m
-    inverse_dynamics, out = flexgen.derive(model).function("inverse_dynamics"), []
+    rng = np.random.default_rng(seed)
+    n = model.n_m
+    inverse_dynamics = flexgen.derive(model).function("inverse_dynamics")
+    out = []
     for _ in range(records):
         rows: list[np.ndarray] = []
-        stiction, at = [], rng.uniform(-0.8, 0.8, n)
+        stiction = []
+        at = rng.uniform(-0.8, 0.8, n)
         for _ in range(7):
-            move, to = rng.uniform(0.8, 1.3), rng.uniform(-0.8, 0.8, n)
+            move = rng.uniform(0.8, 1.3)
+            to = rng.uniform(-0.8, 0.8, n)
             x = np.arange(round(move / STEP))[:, None] * STEP / move
             s = x**4 * (35 - 84 * x + 70 * x**2 - 20 * x**3)
             rates = 140 * (x - x**2) ** 3 / move, 420 * (x - x**2) ** 2 * (1 - 2 * x) / move**2

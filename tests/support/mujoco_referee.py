@@ -1,14 +1,16 @@
 """An outside referee: the same machine in MuJoCo, rotors included.
 
-Every element becomes a MuJoCo body at ``origin`` with the element's degrees of freedom as joints in their order; the
-body's centre and principal axes are placed through ``link``. Massless bodies, point masses and regrouped inertias are
-refused by MuJoCo's compiler, not by its dynamics: the model is compiled with unit masses and inertias, and the true
-ones are written into the compiled model. A rotor is a massless body on a hinge with an axial inertia only; it hangs on
-its carrier (complete coupling) or on the world (simplified). It knows no beams.
+Every element becomes a MuJoCo body at ``origin`` with the element's degrees of freedom as joints
+in their order; the body's centre and principal axes are placed through ``link``. Massless bodies,
+point masses and regrouped inertias are refused by MuJoCo's compiler, not by its dynamics: the
+model is compiled with unit masses and inertias, and the true ones are written into the compiled
+model. A rotor is a massless body on a hinge with an axial inertia only; it hangs on its carrier
+(complete coupling) or on the world (simplified). It knows no beams.
 
-`MujocoReferee` leaves springs, frictions and gears outside and answers for the rigid-body part alone. `MujocoMachine`
-has them: elastic gears are fixed tendons between rotors and joints, the other springs and the viscous frictions those
-of the joints. Rigid gears are not soft constraints there but the projection ``(q_a, q_m) = P y``.
+`MujocoReferee` leaves springs, frictions and gears outside and answers for the rigid-body part
+alone. `MujocoMachine` has them: elastic gears are fixed tendons between rotors and joints, the
+other springs and the viscous frictions those of the joints. Rigid gears are not soft constraints
+there but the projection ``(q_a, q_m) = P y``.
 """
 
 from __future__ import annotations
@@ -34,7 +36,9 @@ def quaternion(rotation: np.ndarray) -> str:
 
 
 class MujocoReferee:
-    """MuJoCo's mass matrix, bias forces and inverse dynamics in the coordinates (q_a, q_m) of a model without beams."""
+    """MuJoCo's mass matrix, bias forces and inverse dynamics in the coordinates (q_a, q_m) of a
+    model without beams.
+    """
 
     def __init__(self, model: RobotModel, rotors: bool = True):
         if any(element.beam is not None for element in model.elements):
@@ -49,8 +53,10 @@ class MujocoReferee:
           <compiler angle="radian" inertiafromgeom="false" fusestatic="false"/>
           <option gravity="{text(model.gravity)}"/>
           <worldbody>{world}
-            <body name="base" pos="{text(model.base.position)}" quat="{quaternion(np.array(model.base.rotation))}">
-              {self._inertial("base", Body(), np.zeros(3), np.eye(3))}{self._carried("base", np.zeros(3), np.eye(3))}
+            <body name="base" pos="{text(model.base.position)}" \
+quat="{quaternion(np.array(model.base.rotation))}">
+              \
+{self._inertial("base", Body(), np.zeros(3), np.eye(3))}{self._carried("base", np.zeros(3), np.eye(3))}
               {self._children("base", np.zeros(3), np.eye(3))}
             </body>
           </worldbody>
@@ -60,29 +66,36 @@ class MujocoReferee:
         self.d = mujoco.MjData(self.m)
         for name, (mass, moments) in self._masses.items():
             k = self.m.body(name).id
-            self.m.body_mass[k], self.m.body_inertia[k] = mass, moments
+            self.m.body_mass[k] = mass
+            self.m.body_inertia[k] = moments
         names = [c.name for c in model.coordinates] + [
             f"rotor {m.name}" for m in model.motors if rotors
         ]
         joints = [self.m.joint(name).id for name in names]
-        self.at_q, self.at_v = self.m.jnt_qposadr[joints], self.m.jnt_dofadr[joints]
-        # a rotor without inertia would make the matrix singular that MuJoCo factorises: its armature is taken out again
+        self.at_q = self.m.jnt_qposadr[joints]
+        self.at_v = self.m.jnt_dofadr[joints]
+        # a rotor without inertia would make the matrix singular that MuJoCo factorises: its
+        # armature is taken out again
         for j, motor in enumerate(model.motors if rotors else ()):
             self.m.dof_armature[self.at_v[model.n_a + j]] = 0.0 if motor.inertia else 1.0
         mujoco.mj_setConst(self.m, self.d)
-        # the compiler takes frames for the same that are tilted by up to some 1e-7 rad, and drops the tilt
+        # the compiler takes frames for the same that are tilted by up to some 1e-7 rad, and drops
+        # the tilt
         self.m.body_sameframe[:] = 0
         self.m.site_sameframe[:] = 0
         assert self.m.nv == len(names)
 
-    # the description -----------------------------------------------------------------------------------------------
+    # the description -----------------------------------------------------------------------------
 
     def _inertial(self, name: str, body: Body, position: np.ndarray, rotation: np.ndarray) -> str:
         moments, axes = np.linalg.eigh(np.array(body.inertia))
         axes = axes * np.linalg.det(axes)
         self._masses[name] = (body.mass, moments)
         centre = position + rotation @ np.array(body.com)
-        return f'<inertial mass="1" diaginertia="1 1 1" pos="{text(centre)}" quat="{quaternion(rotation @ axes)}"/>'
+        return (
+            f'<inertial mass="1" diaginertia="1 1 1" pos="{text(centre)}" '
+            f'quat="{quaternion(rotation @ axes)}"/>'
+        )
 
     def _rotor(self, j: int, position=(0.0, 0.0, 0.0), axis=(0.0, 0.0, 1.0)) -> str:
         motor = self.model.motors[j]
@@ -112,12 +125,19 @@ class MujocoReferee:
 
     def _children(self, name: str, position: np.ndarray, rotation: np.ndarray) -> str:
         """What an element carries; its tip stands at this place in its MuJoCo body."""
-        model, out = self.model, ""
+        model = self.model
+        out = ""
         if name == model.tip:
             payload = self._inertial("payload", model.payload, np.zeros(3), np.eye(3))
             tool = model.tool
-            site = f'<site name="tool" pos="{text(tool.position)}" quat="{quaternion(np.array(tool.rotation))}"/>'
-            out = f'<body name="payload" pos="{text(position)}" quat="{quaternion(rotation)}">{payload}{site}</body>'
+            site = (
+                f'<site name="tool" pos="{text(tool.position)}" '
+                f'quat="{quaternion(np.array(tool.rotation))}"/>'
+            )
+            out = (
+                f'<body name="payload" pos="{text(position)}" '
+                f'quat="{quaternion(rotation)}">{payload}{site}</body>'
+            )
         before = ["base", *(element.name for element in model.elements)]
         for k, element in enumerate(model.elements):
             if (element.parent or before[k]) == name:
@@ -125,18 +145,24 @@ class MujocoReferee:
         return out
 
     def _element(self, element: Element, position: np.ndarray, rotation: np.ndarray) -> str:
-        """An element and what it carries; the tip of its parent stands at this place in the parent's MuJoCo body."""
+        """An element and what it carries; the tip of its parent stands at this place in the
+        parent's MuJoCo body.
+        """
         place = position + rotation @ np.array(element.origin.position)
         turn = rotation @ np.array(element.origin.rotation)
         types = {"rotation": "hinge", "translation": "slide"}
         joints = "".join(
-            f'<joint name="{dof.name}" type="{types[dof.type]}" axis="{text(dof.axis)}"{self._rub(dof)}/>'
+            (
+                f'<joint name="{dof.name}" type="{types[dof.type]}" '
+                f'axis="{text(dof.axis)}"{self._rub(dof)}/>'
+            )
             for dof in element.dofs
         )
         link = np.array(element.link.position), np.array(element.link.rotation)
         return (
             f'<body name="{element.name}" pos="{text(place)}" quat="{quaternion(turn)}">{joints}'
-            f"{self._inertial(element.name, element.body, *link)}{self._carried(element.name, *link)}"
+            f"{self._inertial(element.name, element.body, *link)}"
+            f"{self._carried(element.name, *link)}"
             f"{self._children(element.name, *link)}</body>"
         )
 
@@ -148,10 +174,11 @@ class MujocoReferee:
         """What acts between joints."""
         return ""
 
-    # the answers -------------------------------------------------------------------------------------------------
+    # the answers ---------------------------------------------------------------------------------
 
     def _set(self, q, v) -> None:
-        self.d.qpos[self.at_q], self.d.qvel[self.at_v] = q, v
+        self.d.qpos[self.at_q] = q
+        self.d.qvel[self.at_v] = v
         mujoco.mj_forward(self.m, self.d)
 
     def tool(self, q):
@@ -200,13 +227,16 @@ class MujocoMachine(MujocoReferee):
                 self.P[model.n_a + j, list(model.i_g)] = model.eta[j]
 
     def _rub(self, moved: Dof | Motor) -> str:
-        stiffness, damping = 0.0, moved.friction.viscous
+        stiffness = 0.0
+        damping = moved.friction.viscous
         if isinstance(moved, Dof) and moved.spring is not None:
-            stiffness, damping = moved.spring.stiffness, damping + moved.damping
+            stiffness = moved.spring.stiffness
+            damping = damping + moved.damping
         return f' stiffness="{text(stiffness)}" springref="0" damping="{text(damping)}"'
 
     def _tendons(self) -> str:
-        model, out = self.model, ""
+        model = self.model
+        out = ""
         inverse = np.linalg.inv(model.eta)
         for k, i in enumerate(model.i_g):
             dof = model.coordinates[i].dof
@@ -227,7 +257,10 @@ class MujocoMachine(MujocoReferee):
             joints = "".join(
                 f'<joint joint="{name}" coef="{text(coef)}"/>' for name, coef in ends.items()
             )
-            laws = f'stiffness="{text(dof.gear.spring.stiffness)}" damping="{text(dof.gear.damping)}" springlength="0"'
+            laws = (
+                f'stiffness="{text(dof.gear.spring.stiffness)}" '
+                f'damping="{text(dof.gear.damping)}" springlength="0"'
+            )
             out += f'<fixed name="gear {dof.name}" {laws}>{joints}</fixed>'
         return f"<tendon>{out}</tendon>" if out else ""
 
@@ -241,8 +274,11 @@ class MujocoMachine(MujocoReferee):
 
     def forward_dynamics(self, q_a, v_a, q_m, v_m, tau_m):
         """Accelerations (a_a, a_m) of the full model, all of a_m."""
-        model, n_a, i_m = self.model, self.model.n_a, list(self.model.i_m)
-        x, dx = self.P @ np.concatenate([q_a, q_m[i_m]]), self.P @ np.concatenate([v_a, v_m[i_m]])
+        model = self.model
+        n_a = self.model.n_a
+        i_m = list(self.model.i_m)
+        x = self.P @ np.concatenate([q_a, q_m[i_m]])
+        dx = self.P @ np.concatenate([v_a, v_m[i_m]])
         self.d.qfrc_applied[self.at_v[n_a:]] = tau_m
         self._set(x, dx)
         self.d.qfrc_applied[:] = 0.0

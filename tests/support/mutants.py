@@ -1,14 +1,16 @@
-"""Mutants: one changed operator, constant or condition on a line drawn at random; does a quick test fail?
+"""Mutants: one changed operator, constant or condition on a line drawn at random; does a quick
+test fail?
 
     python tests/support/mutants.py --count 200 --seed 1
 
-The quick tests run once in a copy whose lines report which test reaches them. The tests of a mutant are those that
-reach its statement: all in files that name its module, then one case of each other test function before the others,
-those in files that name its room first, then the shortest first. Of a line outside functions: those that call
-functions which use its names, and files that name its module, first those that have its names. Of it and of defaults
-in signatures: those that compare names, helps and defaults with files and pages, too. Numbers in texts and arguments
-that change no result are left out. Tests that fail without a mutant do not count. A mutant survives where all others
-pass, or where there are none. The source is changed in copies only.
+The quick tests run once in a copy whose lines report which test reaches them. The tests of a
+mutant are those that reach its statement: all in files that name its module, then one case of each
+other test function before the others, those in files that name its room first, then the shortest
+first. Of a line outside functions: those that call functions which use its names, and files that
+name its module, first those that have its names. Of it and of defaults in signatures: those that
+compare names, helps and defaults with files and pages, too. Numbers in texts and arguments that
+change no result are left out. Tests that fail without a mutant do not count. A mutant survives
+where all others pass, or where there are none. The source is changed in copies only.
 """
 
 from __future__ import annotations
@@ -38,15 +40,25 @@ COMPARED = {
     ast.Is: "is not",
 }
 COMPARED |= {ast.IsNot: "is", ast.In: "not in", ast.NotIn: "in"}
-COMPUTED = {ast.Add: "-", ast.Sub: "+", ast.Mult: "/", ast.Div: "*", ast.MatMult: "*", ast.Pow: "*"}
+COMPUTED = {
+    ast.Add: "-",
+    ast.Sub: "+",
+    ast.Mult: "/",
+    ast.Div: "*",
+    ast.MatMult: "*",
+    ast.Pow: "*",
+}
 QUICK = "not slow and not full and not robots and not fuzz"  # `make test`
 # of pages
 STATED = [f"tests/unit/test_{name}.py" for name in ("stated_numbers", "stated_defaults", "keys")]
 STATED += ["tests/golden/test_public_face.py"]
 SILENT = {"strict", "frozen", "repr", "slots", "eq"}  # arguments that change no result
-MOST_TESTS, MOST_FILES = 200, 6
+MOST_TESTS = 200
+MOST_FILES = 6
 # time of tests: at least; over that of the first run; of a file in it
-TIMEOUT_S, SLOWER, LONG_S = 240, 5.0, 60.0
+TIMEOUT_S = 240
+SLOWER = 5.0
+LONG_S = 60.0
 HITS = """import os
 _seen = set()
 
@@ -62,7 +74,9 @@ def hit(number):
 
 @dataclass(frozen=True)
 class Mutant:
-    """A part of a line of a file, its first and last column in bytes, and what stands there instead."""
+    """A part of a line of a file, its first and last column in bytes, and what stands there
+    instead.
+    """
 
     file: Path
     line: int
@@ -79,7 +93,8 @@ class Mutant:
     def text(self) -> str:
         """The file with the mutant."""
         lines = self.file.read_text(encoding="utf-8").splitlines(keepends=True)
-        line, (first, last) = lines[self.line - 1].encode(), self.columns
+        line = lines[self.line - 1].encode()
+        (first, last) = self.columns
         lines[self.line - 1] = (line[:first] + self.after.encode() + line[last:]).decode()
         return "".join(lines)
 
@@ -92,7 +107,9 @@ def _silent(tree: ast.Module) -> set[int]:
         for node in ast.walk(tree)
         if isinstance(node, ast.keyword) and node.arg in SILENT
     ]
-    return {id(node) for head in heads for node in ast.walk(head) if isinstance(node, ast.Constant)}
+    return {
+        id(node) for head in heads for node in ast.walk(head) if isinstance(node, ast.Constant)
+    }
 
 
 def mutants_of(file: Path) -> list[Mutant]:
@@ -105,7 +122,8 @@ def mutants_of(file: Path) -> list[Mutant]:
             continue
         new = None
         if isinstance(node, ast.Compare) and len(node.ops) == 1 and type(node.ops[0]) in COMPARED:
-            left, right = ast.unparse(node.left), ast.unparse(node.comparators[0])
+            left = ast.unparse(node.left)
+            right = ast.unparse(node.comparators[0])
             new = f"({left} {COMPARED[type(node.ops[0])]} {right})"
         elif (
             isinstance(node, ast.BinOp)
@@ -154,7 +172,9 @@ def functions_of(file: Path) -> list[ast.FunctionDef]:
 
 
 def function_of(mutant: Mutant) -> ast.FunctionDef | None:
-    """The innermost function around a mutant, its signature included; None for a line outside functions."""
+    """The innermost function around a mutant, its signature included; None for a line outside
+    functions.
+    """
     inside = [
         x for x in functions_of(mutant.file) if x.lineno <= mutant.line <= (x.end_lineno or 0)
     ]
@@ -176,7 +196,9 @@ def names_of(mutant: Mutant) -> set[str]:
 
 
 def reached_of(file: Path, number: int, function: ast.FunctionDef) -> ast.stmt:
-    """The innermost statement of a function around a line that begins a line, else the first one of its body."""
+    """The innermost statement of a function around a line that begins a line, else the first one
+    of its body.
+    """
     first = function.body[0]
     described = (
         isinstance(first, ast.Expr)
@@ -198,7 +220,9 @@ def reached_of(file: Path, number: int, function: ast.FunctionDef) -> ast.stmt:
 
 
 def users_of(mutant: Mutant) -> list[tuple[Path, ast.FunctionDef]]:
-    """Functions that a mutant changes: the one around it, or those that use the names which its statement assigns."""
+    """Functions that a mutant changes: the one around it, or those that use the names which its
+    statement assigns.
+    """
     function = function_of(mutant)
     if function is not None:
         return [(mutant.file, function)]
@@ -219,7 +243,9 @@ def users_of(mutant: Mutant) -> list[tuple[Path, ast.FunctionDef]]:
 
 
 def report_calls(mutants: list[Mutant], copy: Path) -> None:
-    """Make the statements of the mutants in the copy, or the functions that use their names, report that they run."""
+    """Make the statements of the mutants in the copy, or the functions that use their names,
+    report that they run.
+    """
     added: dict[Path, dict[int, str]] = {}
     for number, mutant in enumerate(mutants):
         for file, function in users_of(mutant):
@@ -240,7 +266,9 @@ def report_calls(mutants: list[Mutant], copy: Path) -> None:
 
 @dataclass(frozen=True)
 class Calls:
-    """The tests that call the function of each mutant, by its number, how long each takes [s], and which ones fail."""
+    """The tests that call the function of each mutant, by its number, how long each takes [s], and
+    which ones fail.
+    """
 
     tests: dict[int, set[str]]
     seconds: dict[str, float]
@@ -268,9 +296,13 @@ def failing_of(report: Path) -> set[str]:
 
 
 def calls_of(mutants: list[Mutant], copy: Path, workers: int) -> Calls:
-    """One run of the quick tests in the copy; those that fail run again, in a copy that reports no calls."""
+    """One run of the quick tests in the copy; those that fail run again, in a copy that reports no
+    calls.
+    """
     report_calls(mutants, copy)
-    hits, times, again = copy / "hits", copy / "times.xml", copy / "again.xml"
+    hits = copy / "hits"
+    times = copy / "times.xml"
+    again = copy / "again.xml"
     hits.mkdir()
     command = [
         sys.executable,
@@ -385,7 +417,9 @@ def survives(
 
 
 def main() -> None:
-    """Print the tests that fail without a mutant, then each mutant and the share that is killed."""
+    """Print the tests that fail without a mutant, then each mutant and the share that is
+    killed.
+    """
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--count", type=int, default=200)
     parser.add_argument("--seed", type=int, default=1)

@@ -1,7 +1,8 @@
 """Observers once more in Python: the same equations, with whole matrices, written without the C.
 
-The model comes from Lagrange's equations as CasADi graphs; derivatives of the measurements by automatic differentiation
-of the whole measurement, accelerations included; all channels of a sample are used at once, in Joseph's form.
+The model comes from Lagrange's equations as CasADi graphs; derivatives of the measurements by
+automatic differentiation of the whole measurement, accelerations included; all channels of a
+sample are used at once, in Joseph's form.
 """
 
 from __future__ import annotations
@@ -21,32 +22,46 @@ class KalmanTwin:
         self.mistake = mistake
         model = compiled.model
         equations = derive(model)
-        n, self.n_x, self.n_d, self.h = model.dof, 2 * model.dof, compiled.n_d, compiled.sample_time
-        self.steps, self.doublings = compiled._head.steps, compiled._head.doublings
-        x, tau = ca.SX.sym("x", self.n_x), ca.SX.sym("tau", model.n_m)
+        n = model.dof
+        self.n_x = 2 * model.dof
+        self.n_d = compiled.n_d
+        self.h = compiled.sample_time
+        self.steps = compiled._head.steps
+        self.doublings = compiled._head.doublings
+        x = ca.SX.sym("x", self.n_x)
+        tau = ca.SX.sym("tau", model.n_m)
         rate = equations.function("state_rate").expand()(x, tau)
         self.rate = ca.Function("rate", [x, tau], [rate])
         self.A = ca.Function("A", [x, tau], [ca.jacobian(rate, x), ca.jacobian(rate, tau)])
-        q_a, v_a, a_a = x[: model.n_a], x[n : n + model.n_a], rate[n : n + model.n_a]
+        q_a = x[: model.n_a]
+        v_a = x[n : n + model.n_a]
+        a_a = rate[n : n + model.n_a]
         elastic = list(model.i_m)
         geared = ca.mtimes(ca.DM(model.eta), q_a[list(model.i_g)])
         angles = [
-            x[model.n_a + elastic.index(j)] if j in elastic else geared[j] for j in range(model.n_m)
+            x[model.n_a + elastic.index(j)] if j in elastic else geared[j]
+            for j in range(model.n_m)
         ]
         signals = ca.vertcat(*angles)
         if model.sensors:
             signals = ca.vertcat(signals, equations.function("sensors").expand()(q_a, v_a, a_a))
         g = signals[compiled.channels.index.tolist()]
         self.g = ca.Function("g", [x, tau], [g, ca.jacobian(g, x), ca.jacobian(g, tau)])
-        noises, self.R = compiled.noises, np.diag(compiled.channels.noise**2)
+        noises = compiled.noises
+        self.R = np.diag(compiled.channels.noise**2)
         self.torque = np.diag((noises.torque * noises.largest) ** 2)
         self.walk = np.diag((noises.rate * noises.largest) ** 2 * self.h)[: self.n_d, : self.n_d]
         self.process = compiled._process[: self.n_x, : self.n_x].copy()
-        self.z, self.P, self.last = compiled.state, compiled.covariance, None
+        self.z = compiled.state
+        self.P = compiled.covariance
+        self.last = None
 
     def step(self, y: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, float]:
-        """One sample: innovation of each channel given those before it, and the normalized square."""
-        n_x, n_d = self.n_x, self.n_d
+        """One sample: innovation of each channel given those before it, and the normalized
+        square.
+        """
+        n_x = self.n_x
+        n_d = self.n_d
         tau = u + (self.z[n_x:] if n_d else 0.0)
         if self.last is not None:
             self.predict(tau)
@@ -62,18 +77,21 @@ class KalmanTwin:
         self.z = self.z + K @ nu
         kept = np.eye(n_x + n_d) - K @ H
         self.P = kept @ self.P @ kept.T + K @ self.R @ K.T
-        # One after the other: the innovations are those of the triangular factor of S, before they are scaled.
+        # One after the other: the innovations are those of the triangular factor of S, before they
+        # are scaled.
         L = np.linalg.cholesky(S)
         return np.diag(L) * np.linalg.solve(L, nu), float(nu @ np.linalg.solve(S, nu))
 
     def predict(self, tau: np.ndarray) -> None:
         """State and covariance of the next sample."""
-        n_x, n_d = self.n_x, self.n_d
+        n_x = self.n_x
+        n_d = self.n_d
         A, B = self.last
         s = self.h / 2**self.doublings
         order = 1 if self.mistake == "first order" else 4
         whole = np.zeros((n_x + B.shape[1],) * 2)
-        whole[:n_x, :n_x], whole[:n_x, n_x:] = A, B
+        whole[:n_x, :n_x] = A
+        whole[:n_x, n_x:] = B
         F = sum(np.linalg.matrix_power(s * whole, k) / math.factorial(k) for k in range(order + 1))
         F = np.linalg.matrix_power(F, 2**self.doublings)
         G = F[:n_x, n_x:]
@@ -82,7 +100,8 @@ class KalmanTwin:
         Q[:n_x, :n_x] = G @ self.torque @ G.T + self.process
         Q[n_x:, n_x:] = self.walk
         self.P = F @ self.P @ F.T + Q
-        x, h = self.z[:n_x], self.h / self.steps
+        x = self.z[:n_x]
+        h = self.h / self.steps
         for _ in range(self.steps):
             k1 = np.array(self.rate(x, tau)).ravel()
             k2 = np.array(self.rate(x + h / 2 * k1, tau)).ravel()

@@ -98,11 +98,13 @@ def _add_link(out: OddUrdf, rng: np.random.Generator, name: str) -> None:
     R = np.linalg.qr(rng.normal(size=(3, 3)))[0]
     a, b = rng.uniform(0.01, 0.05, 2)
     kind = rng.choice(["body", "triangle", "negative", "no mass"], p=[0.55, 0.2, 0.15, 0.1])
-    moments, twin = [a, b, 0.8 * (a + b)], None
+    moments = [a, b, 0.8 * (a + b)]
+    twin = None
     if kind == "triangle":
         moments[2] = 1.5 * (a + b)
     if kind == "negative":
-        moments[2], twin = -0.1 * a, [a, b, 0.0]
+        moments[2] = -0.1 * a
+        twin = [a, b, 0.0]
     out.count(kind)
     mass = 0.0 if kind == "no mass" else rng.uniform(0.5, 3.0)
     com = " ".join(map(repr, rng.uniform(-0.2, 0.2, 3).tolist()))

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-# Central differences of step 1e-4 s on quantities whose third derivative is below 1e6 of their own size.
+# Central differences of step 1e-4 s on quantities whose third derivative is below 1e6 of their own
+# size.
 DIFFERENCE = 2e-5
 
 
 def derivatives_agree(t: np.ndarray, values: np.ndarray) -> float:
-    """Largest relative difference between each derivative (last axis) and the finite difference of the one before."""
+    """Largest relative difference between each derivative (last axis) and the finite difference of
+    the one before.
+    """
     worst = 0.0
     inner = slice(2, -2)
     h = t[1] - t[0]

@@ -1,12 +1,14 @@
-"""Path deviation: smooth deviations from a path, as splines in time that are zero before and after them.
+"""Path deviation: smooth deviations from a path, as splines in time that are zero before and after
+them.
 
     position  p + d_p(t),    orientation  exp(d_r(t)) R,    d = sum_i c_i B_i(t)
 
-with B-splines B_i of degree seven, which have six continuous derivatives: the torque depends on four or five of them,
-and the fastest zeros of six-axis robots make a jump in the next one a kink of the torque.
+with B-splines B_i of degree seven, which have six continuous derivatives: the torque depends on
+four or five of them, and the fastest zeros of six-axis robots make a jump in the next one a kink
+of the torque.
 
-Source: C. de Boor, A Practical Guide to Splines, 2001, ch. IX; for the derivatives of a rotation vector:
-J. Stuelpnagel, SIAM Review 6(4), 1964.
+Source: C. de Boor, A Practical Guide to Splines, 2001, ch. IX; for the derivatives of a rotation
+vector: J. Stuelpnagel, SIAM Review 6(4), 1964.
 """
 
 from __future__ import annotations
@@ -76,7 +78,8 @@ def deviated_path(
     dy, ddy : ndarray (n, n_y)
         Its derivatives; for a pose linear and angular, world axes.
     d : three arrays (n, n_y)
-        Deviation and its first two time derivatives; of a pose the last three are a rotation vector, world axes.
+        Deviation and its first two time derivatives; of a pose the last three are a rotation
+        vector, world axes.
 
     Returns
     -------
@@ -102,7 +105,8 @@ def _matrices(f: np.ndarray) -> np.ndarray:
     """exp of rotation vectors (n, 3)."""
     S = np.zeros((len(f), 3, 3))
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        S[:, j, i], S[:, i, j] = f[:, k], -f[:, k]
+        S[:, j, i] = f[:, k]
+        S[:, i, j] = -f[:, k]
     angle = np.linalg.norm(f, axis=1)[:, None, None]
     return (
         np.eye(3) + np.sinc(angle / np.pi) * S + 0.5 * np.sinc(angle / (2 * np.pi)) ** 2 * (S @ S)
@@ -110,7 +114,9 @@ def _matrices(f: np.ndarray) -> np.ndarray:
 
 
 def _turn(f: np.ndarray, df: np.ndarray, ddf: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Angular velocity ``f' + A f x f' + B f x (f x f')`` of a rotation vector that moves, and its rate."""
+    """Angular velocity ``f' + A f x f' + B f x (f x f')`` of a rotation vector that moves, and its
+    rate.
+    """
     # angle squared; both factors as series, to 1e-12 up to one radian
     u = (f**2).sum(axis=1)[:, None]
     A = 1 / 2 - u / 24 * (1 - u / 30 * (1 - u / 56 * (1 - u / 90 * (1 - u / 132))))
@@ -118,8 +124,10 @@ def _turn(f: np.ndarray, df: np.ndarray, ddf: np.ndarray) -> tuple[np.ndarray, n
     dA = -1 / 24 + u / 360 - u**2 / 13440 + u**3 / 907200 - u**4 / 95800320
     dB = -1 / 120 + u / 2520 - u**2 / 120960 + u**3 / 9979200 - u**4 / 1245404160
     du = 2 * (f * df).sum(axis=1)[:, None]
-    once, twice = np.cross(f, df), np.cross(f, np.cross(f, df))
-    other, double = np.cross(f, ddf), np.cross(f, np.cross(f, ddf))
+    once = np.cross(f, df)
+    twice = np.cross(f, np.cross(f, df))
+    other = np.cross(f, ddf)
+    double = np.cross(f, np.cross(f, ddf))
     w = df + A * once + B * twice
     rate = ddf + dA * du * once + A * other + dB * du * twice + B * (np.cross(df, once) + double)
     return w, rate

@@ -1,10 +1,11 @@
 """An outside referee: the same machine in Pinocchio, built joint by joint.
 
-The arm alone answers for the functions of ``q_a``. The whole machine has a joint more for each rotor: on the world
-(simplified coupling) or on the body that carries it (complete). A rotor behind a rigid gear of one joint is that
-joint's armature instead; where it is carried or coupled, its joint is tied to those it follows by the projection
-``(q_a, q_m) = P y``. Springs, dampers, frictions and drags are assembled here, in numpy, from the laws of `referee`;
-their slopes only where all of them are linear. Pinocchio knows no beams.
+The arm alone answers for the functions of ``q_a``. The whole machine has a joint more for each
+rotor: on the world (simplified coupling) or on the body that carries it (complete). A rotor behind
+a rigid gear of one joint is that joint's armature instead; where it is carried or coupled, its
+joint is tied to those it follows by the projection ``(q_a, q_m) = P y``. Springs, dampers,
+frictions and drags are assembled here, in numpy, from the laws of `referee`; their slopes only
+where all of them are linear. Pinocchio knows no beams.
 """
 
 from __future__ import annotations
@@ -34,9 +35,11 @@ def spin_inertia(moment: float, axis) -> pin.Inertia:
 
 
 class Tree:
-    """A Pinocchio model of the chain, with a joint for each of some rotors, a locked one for each of some others.
+    """A Pinocchio model of the chain, with a joint for each of some rotors, a locked one for each
+    of some others.
 
-    ``at``: index among Pinocchio's velocities of each arm coordinate, then of each of those rotors.
+    ``at``: index among Pinocchio's velocities of each arm coordinate, then of each of those
+    rotors.
     """
 
     def __init__(
@@ -45,10 +48,13 @@ class Tree:
         self.model = m = pin.Model()
         m.gravity = pin.Motion(np.array(model.gravity), np.zeros(3))
         m.armature = np.zeros(0)
-        self._robot, self._rotors, self._locked = model, rotors, locked
+        self._robot = model
+        self._rotors = rotors
+        self._locked = locked
         self._joint: dict[str, int] = {}
         self._drags: list[tuple[int, float]] = []
-        joint, place = 0, se3(model.base)
+        joint = 0
+        place = se3(model.base)
         self._carry("base", joint, place)
         for element in model.elements:
             place = place * se3(element.origin)
@@ -128,7 +134,7 @@ class Tree:
     def _columns(self, matrix: np.ndarray) -> np.ndarray:
         return np.reshape(matrix, (6, self.model.nv))[:, self.at]
 
-    # the answers -------------------------------------------------------------------------------------------------
+    # the answers ---------------------------------------------------------------------------------
 
     def pose(self, q):
         """Position and rotation of the tool."""
@@ -179,10 +185,8 @@ class Tree:
     def energies(self, q, v):
         """Kinetic and potential energy; Pinocchio leaves out what stands on the ground."""
         q, v = self._in(q, v)
-        kinetic, ground = (
-            pin.computeKineticEnergy(self.model, self.data, q, v),
-            self.model.inertias[0],
-        )
+        kinetic = pin.computeKineticEnergy(self.model, self.data, q, v)
+        ground = self.model.inertias[0]
         standing = -ground.mass * self.model.gravity.linear @ ground.lever
         return kinetic, pin.computePotentialEnergy(self.model, self.data, q) + standing
 
@@ -232,7 +236,7 @@ class PinocchioReferee:
         self.whole = Tree(model, every)
         self._laws = Referee(model)
 
-    # arm ---------------------------------------------------------------------------------------------------------
+    # arm -----------------------------------------------------------------------------------------
 
     def forward_kinematics(self, q_a):
         """Position and rotation of the tool."""
@@ -267,15 +271,15 @@ class PinocchioReferee:
         return self.arm.inverse_derivatives(q_a, v_a, a_a)
 
     def rotor_torque(self, q_a, v_a, a_a, v_m, a_m):
-        """Rates of the rotors' axial momenta, every motor with the speed and acceleration given."""
-        q, v, a = (
-            np.concatenate([q_a, 0 * v_m]),
-            np.concatenate([v_a, v_m]),
-            np.concatenate([a_a, a_m]),
-        )
+        """Rates of the rotors' axial momenta, every motor with the speed and acceleration
+        given.
+        """
+        q = np.concatenate([q_a, 0 * v_m])
+        v = np.concatenate([v_a, v_m])
+        a = np.concatenate([a_a, a_m])
         return self.whole.inverse_dynamics(q, v, a)[self.model.n_a :]
 
-    # machine -----------------------------------------------------------------------------------------------------
+    # machine -------------------------------------------------------------------------------------
 
     def minimal(self, of_arm, of_motors):
         """y of arm and motor quantities."""
@@ -283,8 +287,10 @@ class PinocchioReferee:
 
     def forces(self, q_a, v_a, q_m, v_m, tau_m):
         """Springs, dampers, frictions, drags and motors as generalised forces on y."""
-        model, n_a = self.model, self.model.n_a
-        x, dx = self.all @ self.minimal(q_a, q_m), self.all @ self.minimal(v_a, v_m)
+        model = self.model
+        n_a = self.model.n_a
+        x = self.all @ self.minimal(q_a, q_m)
+        dx = self.all @ self.minimal(v_a, v_m)
         out = np.zeros(n_a + model.n_m)
         out[:n_a] -= self.arm.drag(q_a, v_a)
         for i, coordinate in enumerate(model.coordinates):
@@ -302,8 +308,11 @@ class PinocchioReferee:
 
     def forward_dynamics(self, q_a, v_a, q_m, v_m, tau_m):
         """Accelerations (a_a, a_m) of the full model, all of a_m."""
-        y, dy = self.minimal(q_a, q_m), self.minimal(v_a, v_m)
-        force, q, v = self.forces(q_a, v_a, q_m, v_m, tau_m), self.P @ y, self.P @ dy
+        y = self.minimal(q_a, q_m)
+        dy = self.minimal(v_a, v_m)
+        force = self.forces(q_a, v_a, q_m, v_m, tau_m)
+        q = self.P @ y
+        v = self.P @ dy
         if self.free:
             ddy = self.machine.accelerations(q, v, force)
         else:
@@ -319,9 +328,13 @@ class PinocchioReferee:
         return self.P.T @ self.machine.mass_matrix(self.P @ y) @ self.P
 
     def linear_laws(self):
-        """The linear springs, dampers and frictions: (row, stiffness, damping), ``row @ (q_a, q_m)`` is the strain."""
-        model, n_a = self.model, self.model.n_a
-        rows, inverse = np.eye(n_a + model.n_m), np.linalg.inv(model.eta)
+        """The linear springs, dampers and frictions: (row, stiffness, damping),
+        ``row @ (q_a, q_m)`` is the strain.
+        """
+        model = self.model
+        n_a = self.model.n_a
+        rows = np.eye(n_a + model.n_m)
+        inverse = np.linalg.inv(model.eta)
         out = []
         for i, coordinate in enumerate(model.coordinates):
             dof = coordinate.dof
@@ -352,7 +365,8 @@ class PinocchioReferee:
 
     def energies(self, q_a, v_a, q_m, v_m):
         """Kinetic and potential energy of a machine whose laws are all linear."""
-        y, dy = self.minimal(q_a, q_m), self.minimal(v_a, v_m)
+        y = self.minimal(q_a, q_m)
+        dy = self.minimal(v_a, v_m)
         kinetic, potential = self.whole.energies(self.all @ y, self.all @ dy)
         return kinetic, potential + sum(
             k * (row @ self.all @ y) ** 2 / 2 for row, k, _ in self.linear_laws()
@@ -360,17 +374,22 @@ class PinocchioReferee:
 
     def second_order(self, q_a, v_a, a_a, q_m, v_m, a_m):
         """M, D, K, B of a machine whose laws are all linear."""
-        y, dy, ddy = self.minimal(q_a, q_m), self.minimal(v_a, v_m), self.minimal(a_a, a_m)
+        y = self.minimal(q_a, q_m)
+        dy = self.minimal(v_a, v_m)
+        ddy = self.minimal(a_a, a_m)
         K, D = self.linear_matrices()
         slopes = self.machine.inverse_derivatives(self.P @ y, self.P @ dy, self.P @ ddy)
         dq, dv = (self.P.T @ slope @ self.P for slope in slopes)
         return self.machine_mass(q_a), D + dv, K + dq, self.motor_columns()
 
     def linearize(self, q_a, v_a, q_m, v_m, tau_m):
-        """A, B of a machine whose laws are all linear; None where a projection stands in the way of the algorithm."""
+        """A, B of a machine whose laws are all linear; None where a projection stands in the way
+        of the algorithm.
+        """
         if not self.free:
             return None
-        y, dy = self.minimal(q_a, q_m), self.minimal(v_a, v_m)
+        y = self.minimal(q_a, q_m)
+        dy = self.minimal(v_a, v_m)
         force = self.forces(q_a, v_a, q_m, v_m, tau_m)
         dq, dv, inverse = self.machine.acceleration_derivatives(self.P @ y, self.P @ dy, force)
         K, D = self.linear_matrices()

@@ -1,9 +1,12 @@
-"""Planar arms with two motors and a passive last joint, whose zero dynamics are known in closed form.
+"""Planar arms with two motors and a passive last joint, whose zero dynamics are known in closed
+form.
 
-Links of length l1, l2; body 3 (mass m, centre at xi on its axis, inertia j) beyond the passive joint, the tool at l on
-that axis. It may have a constant angle to link 2. With the tool held, body 3 turns about the tool point:
+Links of length l1, l2; body 3 (mass m, centre at xi on its axis, inertia j) beyond the passive
+joint, the tool at l on that axis. It may have a constant angle to link 2. With the tool held, body
+3 turns about the tool point:
 
-    I_eff s^2 + kappa (D s + K) = 0,    I_eff = j + m xi^2 - m xi l,    kappa = 1 + l sin(q2 + bend) / (l2 sin q2)
+    I_eff s^2 + kappa (D s + K) = 0,    I_eff = j + m xi^2 - m xi l,
+    kappa = 1 + l sin(q2 + bend) / (l2 sin q2)
 
 without gravity. The output is minimum phase where I_eff and kappa have the same sign.
 """
@@ -43,14 +46,14 @@ class PlanarArm:
 def planar_arm(
     rng: np.random.Generator, distance: float, bent: bool = False, gravity: bool = True
 ) -> PlanarArm:
-    """A random arm with ``I_eff = distance (j + m xi^2)``; ``bent``: with a link angle up to 60 degrees."""
+    """A random arm with ``I_eff = distance (j + m xi^2)``; ``bent``: with a link angle up to 60
+    degrees.
+    """
     base = read("planar5_nmp")
-    l1, l2, m, xi = (
-        rng.uniform(0.4, 1.2),
-        rng.uniform(0.2, 0.8),
-        rng.uniform(2.0, 40.0),
-        rng.uniform(0.05, 0.4),
-    )
+    l1 = rng.uniform(0.4, 1.2)
+    l2 = rng.uniform(0.2, 0.8)
+    m = rng.uniform(2.0, 40.0)
+    xi = rng.uniform(0.05, 0.4)
     j = m * xi**2 * rng.uniform(0.2, 3.0)
     length = (1 - distance) * (j + m * xi**2) / (m * xi)
     stiffness = m * length**2 * rng.uniform(200.0, 900.0) ** 2
@@ -64,7 +67,8 @@ def planar_arm(
         kappa = 1 + length * math.sin(pose[1] + bend) / (l2 * math.sin(pose[1]))
         if abs(kappa) > 0.1:
             break
-    c, s = math.cos(bend), math.sin(bend)
+    c = math.cos(bend)
+    s = math.sin(bend)
     turn = ((c, -s, 0.0), (s, c, 0.0), (0.0, 0.0, 1.0))
     arm1, arm2, arm3 = base.elements
 

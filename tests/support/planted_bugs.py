@@ -72,7 +72,9 @@ def slow_forward_dynamics(a: Answers, model: RobotModel) -> Answers:
 
 
 def scaled(name: str, factor):
-    """A bug: the answer of that name times a factor, of one number or one for each of several results."""
+    """A bug: the answer of that name times a factor, of one number or one for each of several
+    results.
+    """
 
     def bug(a: Answers, model: RobotModel) -> Answers:
         def answer(*x):

@@ -1,4 +1,6 @@
-"""Errors of robots that differ from the model: predicted, and by the nonlinear loop of `flexgen.control`."""
+"""Errors of robots that differ from the model: predicted, and by the nonlinear loop of
+`flexgen.control`.
+"""
 
 from __future__ import annotations
 
@@ -16,8 +18,11 @@ def in_the_loop(
     changes: list[dict[str, float]],
     solution: flexgen.Solution | None = None,
 ) -> np.ndarray:
-    """Largest errors [m] of robots whose numbers are multiplied by these factors; ``solution``: other torques."""
-    gains, plants = found.feedback, {f"r{k}": robot for k, robot in enumerate(changes)}
+    """Largest errors [m] of robots whose numbers are multiplied by these factors; ``solution``:
+    other torques.
+    """
+    gains = found.feedback
+    plants = {f"r{k}": robot for k, robot in enumerate(changes)}
     run = flexgen.control(
         found.solution.model,
         found.solution.move,

@@ -9,8 +9,10 @@ from flexgen.exports.mujoco import mjcf
 from flexgen.numerics.evaluate import evaluate
 from flexgen.trajectory import Trajectory
 
-HZ, SIZE = 40.0, 300.0  # of a cutter with four flutes at 600 1/min, N
-PLANE, SPACE = np.array([0.6, 0.8]), np.array([0.6, 0.48, 0.64])
+HZ = 40.0  # of a cutter with four flutes at 600 1/min
+SIZE = 300.0  # N
+PLANE = np.array([0.6, 0.8])
+SPACE = np.array([0.6, 0.48, 0.64])
 
 
 def milling(duration: float, direction: np.ndarray = SPACE, size: float = SIZE, hz: float = HZ):
@@ -31,7 +33,9 @@ def duration_of(equations) -> float:
 def error_in_mujoco(
     equations, path: Trajectory, sign: float = 1.0, step: float | None = None
 ) -> float:
-    """Largest distance [m] of MuJoCo's tool from the path, under the torque and ``sign`` times the force: RK4."""
+    """Largest distance [m] of MuJoCo's tool from the path, under the torque and ``sign`` times the
+    force: RK4.
+    """
     import mujoco
 
     model = equations.model
@@ -41,13 +45,17 @@ def error_in_mujoco(
         f"rotor.{model.motors[j].name}" for j in model.i_m
     ]
     at = m.jnt_dofadr[[m.joint(name).id for name in names]]
-    motors, site = [m.actuator(motor.name).id for motor in model.motors], m.site("tool").id
+    motors = [m.actuator(motor.name).id for motor in model.motors]
+    site = m.site("tool").id
     body = m.site_bodyid[site]
-    start, end = float(path.time[0]), float(path.time[-1])
+    start = float(path.time[0])
+    end = float(path.time[-1])
     steps = round((end - start) / (step or m.opt.timestep))
     m.opt.timestep = h = (end - start) / steps
     given = path.at(np.linspace(start, end, 2 * steps + 1))
-    torques, forces, i_m = given["tau_m"], sign * given["force"], list(model.i_m)
+    torques = given["tau_m"]
+    forces = sign * given["force"]
+    i_m = list(model.i_m)
 
     def control(m, d):
         k = min(round((d.time - start) / (h / 2)), 2 * steps)

@@ -30,12 +30,15 @@ SPRINGS = {
 
 
 def ten_motions() -> tuple[flexgen.RobotModel, flexgen.Program]:
-    """The robot manutec_r3_18 with limits of torque, rate, speed, heat, gears, bearings and tool, and a program."""
+    """The robot manutec_r3_18 with limits of torque, rate, speed, heat, gears, bearings and tool,
+    and a program.
+    """
     plain = flexgen.read("manutec_r3_18")
     keys: dict[str, object] = {"tool.speed_max": 1.2, "tool.acceleration_max": 8.0}
     for k, motor in enumerate(plain.motors):
         keys |= {f"motor.{motor.name}.{name}": values[k] for name, values in LIMITS.items()}
-        torque, speed = TORQUES[k], LIMITS["speed_max"][k]
+        torque = TORQUES[k]
+        speed = LIMITS["speed_max"][k]
         keys[f"motor.{motor.name}.torque_speed"] = [
             [0.0, torque],
             [0.5 * speed, torque],
@@ -65,7 +68,8 @@ def _program(home: np.ndarray) -> flexgen.Program:
         MoveJ(near(0, 0, 0, 0, 0, 0)),
     )
     # m/s, rad/s and their derivatives
-    tool, joints = (0.5, 2.0, 20.0, 200.0), (1.5, 6.0, 60.0, 600.0)
+    tool = (0.5, 2.0, 20.0, 200.0)
+    joints = (1.5, 6.0, 60.0, 600.0)
     return flexgen.Program(
         "ten", start=tuple(home), smoothness=5, steps=steps, profile=tool, joint_profile=joints
     )

@@ -1,4 +1,6 @@
-"""The public interface: its functions, constructors and methods, and those without a check of their types."""
+"""The public interface: its functions, constructors and methods, and those without a check of
+their types.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,8 @@ from flexgen.type_checks import FROM_FILES, checks_of
 
 # classes of results without a name in flexgen, documented in the reference
 RETURNED = (ImplicitDae,)
-# Called for each sample in a controller: they check their arrays themselves, and take anything that is one.
+# Called for each sample in a controller: they check their arrays themselves, and take anything
+# that is one.
 ARRAYS = {
     "Function.__call__",
     "Inverter.__call__",
@@ -48,7 +51,9 @@ class Entrance:
 
 
 def entrances() -> Iterator[Entrance]:
-    """All functions and constructors of `flexgen.__all__`, and the public methods of their classes."""
+    """All functions and constructors of `flexgen.__all__`, and the public methods of their
+    classes.
+    """
     for name in flexgen.__all__:
         what = getattr(flexgen, name)
         if inspect.isclass(what):
@@ -60,7 +65,9 @@ def entrances() -> Iterator[Entrance]:
 
 
 def of_class(what: type) -> Iterator[Entrance]:
-    """Its constructor and its public methods, inherited ones of flexgen too; errors and enumerations have none."""
+    """Its constructor and its public methods, inherited ones of flexgen too; errors and
+    enumerations have none.
+    """
     if issubclass(what, Exception | str) or getattr(what, "_is_protocol", False):
         return
     if what.__name__ not in MADE and what.__init__ is not object.__init__:  # type: ignore[misc]

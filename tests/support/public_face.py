@@ -66,7 +66,9 @@ def names() -> str:
 
 
 def _parameters(what: Any) -> str:
-    """Parameters and defaults of a function or class; empty for values, errors, protocols and enums."""
+    """Parameters and defaults of a function or class; empty for values, errors, protocols and
+    enums.
+    """
     kind = inspect.isclass(what) and (
         issubclass(what, Exception | Enum) or getattr(what, "_is_protocol", False)
     )
@@ -74,7 +76,9 @@ def _parameters(what: Any) -> str:
 
 
 def results() -> str:
-    """``repr`` and ``print`` of results that take little time, without what varies from run to run."""
+    """``repr`` and ``print`` of results that take little time, without what varies from run to
+    run.
+    """
     with tempfile.TemporaryDirectory() as folder:
         made = _made(Path(folder))
         parts = [f"=== {name}\n{what!r}\n--- print\n{what}\n" for name, what in made.items()]
@@ -96,7 +100,8 @@ def _has_html(what: Any) -> bool:
 
 def _made(folder: Path) -> dict[str, Any]:
     model = flexgen.read("elbow")
-    solution, path = flexgen.solve(model), flexgen.plan(model)
+    solution = flexgen.solve(model)
+    path = flexgen.plan(model)
     return {
         "model": model,
         "equations": flexgen.derive(model),

@@ -1,4 +1,6 @@
-"""The stub `flexgen/__init__.pyi`, from the tables of public names: run this file to write it anew."""
+"""The stub `flexgen/__init__.pyi`, from the tables of public names: run this file to write it
+anew.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +9,8 @@ from pathlib import Path
 import flexgen
 
 STUB = Path(flexgen.__file__).with_suffix(".pyi")
-HEAD = '''"""The public names for type checkers, from the tables in `__init__.py`; `make golden` writes this file."""
+HEAD = '''"""The public names for type checkers, from the tables in `__init__.py`; `make golden` \
+writes this file."""
 
 '''
 END = """

@@ -1,4 +1,6 @@
-"""Random calls of the public interface, drawn from the signatures: nonsense of all types and sizes."""
+"""Random calls of the public interface, drawn from the signatures: nonsense of all types and
+sizes.
+"""
 
 from __future__ import annotations
 
@@ -69,12 +71,14 @@ NONSENSE: tuple[Any, ...] = (
     ),
     *(object(), object, len, lambda *a, **k: None, Ellipsis, NotImplemented),
 )
-# Functions and methods that compute for seconds where nothing is wrong: called with one wrong type at least.
+# Functions and methods that compute for seconds where nothing is wrong: called with one wrong type
+# at least.
 HEAVY = set(
-    "solve sweep generate excite measure frf identify refine fit_motion control feedback_study tune fastest "
-    "identify_load identify_servo identify_gears command_positions learn predict compare export_fmu score export_mex "
-    "export_plcopen export_ros2 export_selftest export_simulink export_mujoco export_urdf view models kinematics "
-    "simulate load check report verdict then plot to_dataframe to_xarray to_control".split()
+    "solve sweep generate excite measure frf identify refine fit_motion control feedback_study "
+    "tune fastest identify_load identify_servo identify_gears command_positions learn predict "
+    "compare export_fmu score export_mex export_plcopen export_ros2 export_selftest "
+    "export_simulink export_mujoco export_urdf view models kinematics simulate load check "
+    "report verdict then plot to_dataframe to_xarray to_control".split()
 )
 # constructors that compute before types are checked
 COSTLY = {"ConstantGainObserver", "ExtendedKalmanFilter"}
@@ -92,7 +96,9 @@ def _stop(*_: Any) -> None:
 
 @dataclass
 class Outcome:
-    """Counts of exceptions, and calls from which another exception than an error of flexgen or a TypeError left."""
+    """Counts of exceptions, and calls from which another exception than an error of flexgen or a
+    TypeError left.
+    """
 
     calls: int = 0
     refused: int = 0
@@ -105,7 +111,8 @@ def known_objects() -> dict[type, Any]:
     """Objects that other calls need, and whose methods are called."""
     solution = flexgen.solve("elbow", verify=False)
     equations = flexgen.derive("elbow")
-    path, ones = flexgen.plan(equations), np.ones(2)
+    path = flexgen.plan(equations)
+    ones = np.ones(2)
     objects = [
         *(
             solution,
@@ -161,7 +168,8 @@ def more_objects(folder: Path) -> dict[type, Any]:
     spectra = flexgen.measure(plan, **quiet)
     responses = flexgen.frf(spectra)
     library = flexgen.load(flexgen.generate("elbow", folder, **quiet).directory)
-    path, t = known[flexgen.Path], np.arange(200) * 0.004
+    path = known[flexgen.Path]
+    t = np.arange(200) * 0.004
     moved = (1 - np.cos(2 * t)[:, None]) ** 2 * [0.1, -0.05]
     record = flexgen.ServoRecord(t, moved, moved)
     objects = [
@@ -195,7 +203,9 @@ def more_objects(folder: Path) -> dict[type, Any]:
         ),
         flexgen.CollisionDetector(robot, 1e-3),
         flexgen.predict(
-            flexgen.read("elbow", overrides={"uncertainty": {"stiffness": 0.1}}), robots=16, **quiet
+            flexgen.read("elbow", overrides={"uncertainty": {"stiffness": 0.1}}),
+            robots=16,
+            **quiet,
         ),
         *(
             calibrated(),
@@ -212,10 +222,8 @@ def more_objects(folder: Path) -> dict[type, Any]:
 def calibrated() -> flexgen.Calibration:
     """Of 20 poses of a robot with a tracker."""
     tracker = {"name": "p", "type": "tracker", "unit": "m", "position": [0.1, 0.0, 0.0]}
-    robot, q = (
-        flexgen.read("elbow", overrides={"sensor": [tracker]}),
-        np.random.default_rng(0).uniform(-1, 1, (20, 2)),
-    )
+    robot = flexgen.read("elbow", overrides={"sensor": [tracker]})
+    q = np.random.default_rng(0).uniform(-1, 1, (20, 2))
     seen = flexgen.tracker_positions(robot, q)
     return flexgen.calibrate(
         robot, flexgen.StaticPoses(q, seen), free=["zeros"], folds=0, progress=False
@@ -310,10 +318,13 @@ def wrong_type(call: Callable[..., Any], arguments: dict[str, Any]) -> bool:
 def call_at_random(
     seed: int, calls: int, seconds: float, objects: dict[type, Any], doors: Sequence[Entrance] = ()
 ) -> Outcome:
-    """Call the interface, or some entrances of it, until a number of calls or a time is reached."""
+    """Call the interface, or some entrances of it, until a number of calls or a time is
+    reached.
+    """
     rng = np.random.default_rng(seed)
     doors = doors or callables(objects)
-    outcome, end = Outcome(), time.process_time() + seconds
+    outcome = Outcome()
+    end = time.process_time() + seconds
     while outcome.calls < calls and time.process_time() < end:
         entrance = doors[int(rng.integers(0, len(doors)))]
         arguments, others = drawn(rng, entrance, objects)
@@ -363,12 +374,16 @@ def two_of_each_type(k: int) -> tuple[Any, ...]:
     for value in NONSENSE:
         types.setdefault(type(value), []).append(value)
     return tuple(
-        each[(k + more) % len(each)] for each in types.values() for more in range(min(2, len(each)))
+        each[(k + more) % len(each)]
+        for each in types.values()
+        for more in range(min(2, len(each)))
     )
 
 
 def accepted(entrance: Entrance, objects: dict[type, Any]) -> Iterator[str]:
-    """Values that the annotation of a parameter excludes and that a call does not refuse, the others plausible."""
+    """Values that the annotation of a parameter excludes and that a call does not refuse, the
+    others plausible.
+    """
     rng = np.random.default_rng(0)
     parameters = inspect.signature(entrance.call).parameters
     for k, (name, check) in enumerate(checks_of(entrance.call).items(), len(entrance.name)):

@@ -1,9 +1,10 @@
 """Random robots: hypothesis draws what a robot is made of, a seeded generator its numbers.
 
-Robots are `RobotModel` objects inside what the model format allows: chains of one to seven actuated axes, each with up
-to three elastic degrees of freedom around it. The special cases in which simplifications go wrong are as likely as the
-general ones: exact quarter turns, zero offsets, concentric and parallel axes, massless bodies, point masses, thin rods,
-poses at multiples of 90 degrees; some axes and quarter turns are tilted a little. `text_of` writes such a robot as a
+Robots are `RobotModel` objects inside what the model format allows: chains of one to seven
+actuated axes, each with up to three elastic degrees of freedom around it. The special cases in
+which simplifications go wrong are as likely as the general ones: exact quarter turns, zero
+offsets, concentric and parallel axes, massless bodies, point masses, thin rods, poses at multiples
+of 90 degrees; some axes and quarter turns are tilted a little. `text_of` writes such a robot as a
 model file.
 """
 
@@ -48,14 +49,16 @@ BODIES = ("full", "full", "centred", "rod", "point", "massless")
 
 @dataclass(frozen=True)
 class Case:
-    """A random robot with some states of it; ``linear``: every spring and friction is linear, no drag."""
+    """A random robot with some states of it; ``linear``: every spring and friction is linear, no
+    drag.
+    """
 
     model: RobotModel
     states: tuple[State, ...]
     linear: bool
 
 
-# --- numbers ---------------------------------------------------------------------------------------------------------
+# --- numbers -------------------------------------------------------------------------------------
 
 
 def spread(rng: np.random.Generator, low: float, high: float) -> float:
@@ -71,7 +74,9 @@ def quarter_turns(rng: np.random.Generator) -> np.ndarray:
 
 def tilt(rng: np.random.Generator) -> np.ndarray:
     """Mostly none; a rotation by 1e-15 to 1e-2 about any axis now and then."""
-    direction, digits, share = rng.normal(size=3), rng.uniform(2, 15), rng.uniform()
+    direction = rng.normal(size=3)
+    digits = rng.uniform(2, 15)
+    share = rng.uniform()
     if share > TILTED:
         return np.eye(3)
     return Rotation.from_rotvec(10.0**-digits * direction / np.linalg.norm(direction)).as_matrix()
@@ -79,7 +84,9 @@ def tilt(rng: np.random.Generator) -> np.ndarray:
 
 def placement(rng: np.random.Generator, kind: str) -> Placement:
     """A pose of a kind: with offsets of 0.05 m to 1.5 m along axes, or general."""
-    along = np.eye(3)[rng.integers(3)] * rng.choice([-1.0, 0.0, 1.0]) * spread(rng, 0.05, 1.5) + 0.0
+    along = (
+        np.eye(3)[rng.integers(3)] * rng.choice([-1.0, 0.0, 1.0]) * spread(rng, 0.05, 1.5) + 0.0
+    )
     if kind == "none":
         return Placement()
     if kind == "shifted":
@@ -104,20 +111,23 @@ def body(rng: np.random.Generator, kind: str, drag: float = 0.0) -> Body:
     """A body of 0.1 kg to 100 kg of a kind; full ones are made of eight point masses."""
     if kind == "massless":
         return Body()
-    mass, size = spread(rng, 0.1, 100.0), spread(rng, 0.05, 0.5)
+    mass = spread(rng, 0.1, 100.0)
+    size = spread(rng, 0.05, 0.5)
     com = vector(rng.uniform(-size, size, 3))
     if kind == "point":
         return Body(mass, com, rotational_drag=drag)
     if kind == "rod":
         moment = mass * size**2 / 3
         return Body(mass, (size, 0.0, 0.0), matrix(np.diag([0.0, moment, moment])), drag)
-    points, parts = rng.uniform(-size, size, (8, 3)), rng.dirichlet(np.ones(8)) * mass
+    points = rng.uniform(-size, size, (8, 3))
+    parts = rng.dirichlet(np.ones(8)) * mass
     points = points - parts @ points / mass
     inertia = np.einsum("i,ij,ij->", parts, points, points) * np.eye(3) - np.einsum(
         "i,ij,ik->jk", parts, points, points
     )
     if kind == "centred":
-        com, inertia = ZERO, np.diag(np.diag(inertia))
+        com = ZERO
+        inertia = np.diag(np.diag(inertia))
     return Body(mass, com, matrix((inertia + inertia.T) / 2), drag)
 
 
@@ -145,7 +155,7 @@ def friction(rng: np.random.Generator, size: float, linear: bool, rate: float = 
     return Friction(viscous, 2 * size, 1.5 * size, 0.4 * rate, rate, 0.3 * size)
 
 
-# --- the chain -------------------------------------------------------------------------------------------------------
+# --- the chain -----------------------------------------------------------------------------------
 
 
 @dataclass
@@ -175,7 +185,8 @@ class _Chain:
 
     def actuated(self, k: int, kind: str, general: bool, on_motor: bool) -> None:
         """The geared degree of freedom of axis k."""
-        rng, arm = self.rng, spread(self.rng, 1e3, 1e6) * (1.0 if kind == "rotation" else 10.0)
+        rng = self.rng
+        arm = spread(self.rng, 1e3, 1e6) * (1.0 if kind == "rotation" else 10.0)
         if self.rigid[k]:
             gear = Gear(rigid=True)
         else:
@@ -216,7 +227,9 @@ def robots(
     coupling: str | None = None,
     gears: str | None = None,
 ) -> RobotModel:
-    """Robots; ``linear``, ``coupling`` and ``gears`` ("elastic", "rigid", "mixed") where they are not left open."""
+    """Robots; ``linear``, ``coupling`` and ``gears`` ("elastic", "rigid", "mixed") where they are
+    not left open.
+    """
     linear = draw(st.booleans()) if linear is None else linear
     coupling = (
         draw(st.sampled_from(["simplified", "simplified", "complete"]))
@@ -240,7 +253,9 @@ def robots(
     ]
     alone = tuple(k not in (wrist, wrist - 1) or not wrist for k in range(n))
     chain = _Chain(rng, linear, tuple(rigid), alone, ratios, [], [])
-    places, bodies, left = st.sampled_from(PLACEMENTS), st.sampled_from(BODIES), 18 - n
+    places = st.sampled_from(PLACEMENTS)
+    bodies = st.sampled_from(BODIES)
+    left = 18 - n
 
     if draw(st.booleans()):
         chain.close(draw(places), draw(places), draw(bodies))  # a pedestal: nothing moves it
@@ -263,9 +278,11 @@ def robots(
     carriers = ["base", *(element.name for element in elements)]
     motors = []
     for k in range(n):
-        drives, ratio = (names[k],), (ratios[k],)
+        drives = (names[k],)
+        ratio = (ratios[k],)
         if wrist and k in (wrist, wrist - 1):
-            drives, ratio = (names[wrist - 1], names[wrist]), (ratios[wrist - 1], ratios[wrist])
+            drives = (names[wrist - 1], names[wrist])
+            ratio = (ratios[wrist - 1], ratios[wrist])
             if k == wrist:
                 ratio = (-0.4 * ratio[0], ratio[1])
         motors.append(
@@ -301,13 +318,18 @@ def robots(
 
 
 def state(model: RobotModel, rng: np.random.Generator, pose: str) -> State:
-    """A state: rotations anywhere or at multiples of 90 degrees, springs strained, motors near their joints."""
-    n_a, i_g = model.n_a, list(model.i_g)
+    """A state: rotations anywhere or at multiples of 90 degrees, springs strained, motors near
+    their joints.
+    """
+    n_a = model.n_a
+    i_g = list(model.i_g)
 
     def draw(n: int) -> np.ndarray:
         return rng.uniform(-1, 1, n)
 
-    q_a, v_a, a_a = np.zeros(n_a), 2 * draw(n_a), 3 * draw(n_a)
+    q_a = np.zeros(n_a)
+    v_a = 2 * draw(n_a)
+    a_a = 3 * draw(n_a)
     twist = np.zeros(model.n_g)
     for i, coordinate in enumerate(model.coordinates):
         dof = coordinate.dof
@@ -339,8 +361,9 @@ def state(model: RobotModel, rng: np.random.Generator, pose: str) -> State:
 def well_posed(model: RobotModel, states: tuple[State, ...]) -> bool:
     """Whether no motion of the arm is (nearly) without inertia, at zero and in the states.
 
-    Asked of the recursion, not of flexgen; at zero, because MuJoCo looks there before it is asked anything; without the
-    rotors, because those that the arm carries do not hold it while they are free to turn.
+    Asked of the recursion, not of flexgen; at zero, because MuJoCo looks there before it is asked
+    anything; without the rotors, because those that the arm carries do not hold it while they are
+    free to turn.
     """
     judge = Referee(replace(model, motor_coupling="simplified"))
     for q_a in (np.zeros(model.n_a), *(s.q_a for s in states)):
@@ -374,14 +397,17 @@ def is_linear(model: RobotModel) -> bool:
     )
 
 
-# --- the same as a model file ----------------------------------------------------------------------------------------
+# --- the same as a model file --------------------------------------------------------------------
 
 
 def roll_pitch_yaw(rotation) -> tuple[float, float, float]:
-    """Angles of ``Rz(yaw) Ry(pitch) Rx(roll)``; the roll is what yaw leaves: near right angles it holds all digits."""
+    """Angles of ``Rz(yaw) Ry(pitch) Rx(roll)``; the roll is what yaw leaves: near right angles it
+    holds all digits.
+    """
     R = np.array(rotation)
     yaw = math.atan2(R[1, 0], R[0, 0])
-    c, s = math.cos(yaw), math.sin(yaw)
+    c = math.cos(yaw)
+    s = math.sin(yaw)
     pitch = math.atan2(-R[2, 0], c * R[0, 0] + s * R[1, 0])
     return math.atan2(s * R[0, 2] - c * R[1, 2], c * R[1, 1] - s * R[0, 1]), pitch, yaw
 
@@ -399,7 +425,10 @@ def text_of(model: RobotModel) -> str:  # noqa: C901
     def solid(b: Body) -> str:
         (xx, xy, xz), (_, yy, yz), (_, _, zz) = b.inertia
         inertia = row((xx, yy, zz, xy, yz, xz))
-        return f"{{ mass = {b.mass!r}, com = {row(b.com)}, inertia = {inertia}, rotational_drag = {b.rotational_drag!r} }}"
+        return (
+            f"{{ mass = {b.mass!r}, com = {row(b.com)}, inertia = {inertia}, rotational_drag = "
+            f"{b.rotational_drag!r} }}"
+        )
 
     def law(s: Spring) -> str:
         kind = type(s).__name__.removesuffix("Spring").lower()
@@ -413,7 +442,10 @@ def text_of(model: RobotModel) -> str:  # noqa: C901
     def drive(g: Gear) -> str:
         if g.spring is None:
             return '{ type = "rigid" }'
-        return f'{{ type = "elastic", side = "{g.side}", spring = {law(g.spring)}, damping = {g.damping!r} }}'
+        return (
+            f'{{ type = "elastic", side = "{g.side}", spring = {law(g.spring)}, damping = '
+            f"{g.damping!r} }}"
+        )
 
     lines = [
         f'name = "{model.name}"',

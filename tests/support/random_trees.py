@@ -1,4 +1,6 @@
-"""Random trees: the random robots with the elements hung on each other, and the tool on one of them."""
+"""Random trees: the random robots with the elements hung on each other, and the tool on one of
+them.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,9 @@ def trees(draw: st.DrawFn) -> Case:
 
 
 def hang(model: RobotModel, rng: np.random.Generator) -> RobotModel:
-    """The robot with each element on any of those before it, with bodies at the ends, and the tool on a moving one."""
+    """The robot with each element on any of those before it, with bodies at the ends, and the tool
+    on a moving one.
+    """
     names = ["base", *(element.name for element in model.elements)]
     parents = [names[rng.integers(max(0, k - 2), k + 1)] for k in range(len(model.elements))]
     moved = {"base": False}

@@ -1,4 +1,6 @@
-"""Robots and states for the tests of the fast path, and the check of one of its functions against the Lagrangian."""
+"""Robots and states for the tests of the fast path, and the check of one of its functions against
+the Lagrangian.
+"""
 
 from __future__ import annotations
 
@@ -26,9 +28,10 @@ from flexgen.model.elements import Body, Dof, Element, Gear, Motor, Output, Plac
 from flexgen.model.reader import read
 from flexgen.recursion.functions import recursive_function
 
-# Of the largest entry of what is expected (or of a quantity of the same kind that does not vanish): rounding along
-# chains of some tens of frames, in another order. Accelerations are judged by the torques that they take, because a
-# mass matrix with a condition number c makes them uncertain by c times the rounding.
+# Of the largest entry of what is expected (or of a quantity of the same kind that does not
+# vanish): rounding along chains of some tens of frames, in another order. Accelerations are judged
+# by the torques that they take, because a mass matrix with a condition number c makes them
+# uncertain by c times the rounding.
 EXACT = 1e-12
 
 FUNCTIONS = (
@@ -50,12 +53,15 @@ ROBOTS = tuple(str(path) for path in sorted((Path(__file__).parent / "robots").g
 def dense_chain(n: int, seed: int, sliding: bool = False) -> RobotModel:
     """A chain of n actuated joints whose axes and placements have no structure at all."""
     rng = np.random.default_rng(seed)
-    elements, motors = [], []
+    elements = []
+    motors = []
     for k in range(n):
         kind = "translation" if sliding and k % 3 == 1 else "rotation"
         dof = Dof(f"q{k}", kind, random_axis(rng), gear=Gear(rigid=True))
         elements.append(
-            Element(f"b{k}", (dof,), random_placement(rng), random_placement(rng), random_body(rng))
+            Element(
+                f"b{k}", (dof,), random_placement(rng), random_placement(rng), random_body(rng)
+            )
         )
         motors.append(Motor(f"m{k}", 1e-3, (f"q{k}",), (1.0,)))
     return robot(
@@ -106,7 +112,8 @@ def six_axes() -> RobotModel:
         (0.1112, 0.2194),
         (0.017, 0.034),
     )
-    elements, motors = [], []
+    elements = []
+    motors = []
     for k, (place, axis, mass, com, (across, along)) in enumerate(
         zip(places, axes, masses, coms, inertias, strict=True)
     ):
@@ -189,7 +196,8 @@ def check(
             **({} if arm else {"a_a": expected[0].ravel(), "a_m": expected[1].ravel()}),
         }
         M = values(equations.function("mass_matrix" if arm else "residual_jacobians"), states)[0]
-        n_a, i_m = equations.model.n_a, list(equations.model.i_m)
+        n_a = equations.model.n_a
+        i_m = list(equations.model.i_m)
         a, b = (
             x[0].ravel() if arm else np.concatenate([x[0].ravel(), x[1].ravel()[i_m]])
             for x in (found, expected)
@@ -204,9 +212,9 @@ def check(
     scales = [largest(x) for x in expected]
     if name in ("bias", "gravity", "inverse_dynamics_derivatives"):
         # these may vanish: compared with the torques of the same state, and the mass matrix
-        torque = values(equations.function("inverse_dynamics"), {**given, "v_a": 0 * given["v_a"]})[
-            0
-        ]
+        torque = values(
+            equations.function("inverse_dynamics"), {**given, "v_a": 0 * given["v_a"]}
+        )[0]
         inertia = values(equations.function("mass_matrix"), given)[0]
         besides = [torque, inertia, inertia] if len(expected) == 3 else [torque]
         scales = [max(scale, largest(other)) for scale, other in zip(scales, besides, strict=True)]
@@ -221,14 +229,21 @@ def check(
     elif name == "arm_residual_jacobians":
         scales[1] = max(scales)
     for x, y, scale in zip(found, expected, scales, strict=True):
-        assert largest(x - y) <= EXACT * scale, f"{name}: error {largest(x - y):.3g} of {scale:.3g}"
+        assert largest(x - y) <= EXACT * scale, (
+            f"{name}: error {largest(x - y):.3g} of {scale:.3g}"
+        )
 
 
 def tilted_axes(tilt: float, seed: int = 6) -> RobotModel:
-    """A chain whose axes stand at that angle to their neighbours, about axes across that have no structure."""
+    """A chain whose axes stand at that angle to their neighbours, about axes across that have no
+    structure.
+    """
     rng = np.random.default_rng(seed)
     kinds = ("rotation", "rotation", "translation", "rotation", "rotation")
-    elements, motors, to_world, along = [], [], np.eye(3), np.array(random_axis(rng))
+    elements = []
+    motors = []
+    to_world = np.eye(3)
+    along = np.array(random_axis(rng))
     for k, kind in enumerate(kinds):
         place = random_placement(rng)
         to_world = to_world @ np.array(place.rotation)
@@ -244,7 +259,8 @@ def tilted_axes(tilt: float, seed: int = 6) -> RobotModel:
 
 
 def check_tilted(tilt: float) -> None:
-    equations, rng = derive(tilted_axes(tilt)), np.random.default_rng(2)
+    equations = derive(tilted_axes(tilt))
+    rng = np.random.default_rng(2)
     for s in some_states(equations.model, 1):
         given = arguments(s, rng)
         for name in (

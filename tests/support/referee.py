@@ -1,10 +1,10 @@
 """An independent referee of the equations of motion: recursive Newton-Euler in plain numpy.
 
-It shares nothing with ``flexgen.mechanics``: accelerations go outward along the chain and wrenches come back, in world
-axes and with moments about the world's origin. A beam is a cloud of point masses on its deflected axis, followed by the
-two translations and two rotations of its tip, each of them a linear function of the modal coordinates. A rotor is a
-body with the angular momentum ``J (v_m + a.omega) a``, a the axis of the rotor. Mass matrices come from unit
-accelerations.
+It shares nothing with ``flexgen.mechanics``: accelerations go outward along the chain and wrenches
+come back, in world axes and with moments about the world's origin. A beam is a cloud of point
+masses on its deflected axis, followed by the two translations and two rotations of its tip, each
+of them a linear function of the modal coordinates. A rotor is a body with the angular momentum
+``J (v_m + a.omega) a``, a the axis of the rotor. Mass matrices come from unit accelerations.
 """
 
 from __future__ import annotations
@@ -44,14 +44,15 @@ from flexgen.numerics.evaluate import Evaluator
 SLICES = 80
 
 
-# ---------------------------------------------------------------------------------------------------------------------
+# -------------------------------------------------------------------------------------------------
 # forces
-# ---------------------------------------------------------------------------------------------------------------------
+# -------------------------------------------------------------------------------------------------
 
 
 def spring_torque(spring: Spring, d: float) -> float:
     """The torque of a spring at twist d, from the formulas of the model's docstrings."""
-    size, sign = abs(d), (1.0 if d >= 0 else -1.0)
+    size = abs(d)
+    sign = 1.0 if d >= 0 else -1.0
     match spring:
         case LinearSpring(k):
             return k * d
@@ -79,13 +80,14 @@ def friction_torque(f: Friction, w: float) -> float:
     )
 
 
-# ---------------------------------------------------------------------------------------------------------------------
+# -------------------------------------------------------------------------------------------------
 # beams
-# ---------------------------------------------------------------------------------------------------------------------
+# -------------------------------------------------------------------------------------------------
 
 
 def clamped_free(k: int, s: np.ndarray) -> tuple[float, np.ndarray, float]:
-    """Mode k = 1, 2, ... of a clamped-free beam of unit length, scaled to a unit deflection of its tip.
+    """Mode k = 1, 2, ... of a clamped-free beam of unit length, scaled to a unit deflection of its
+    tip.
 
     Returns the root b of ``cos b cosh b = -1``, the shape at s and its slope at the tip.
     """
@@ -103,7 +105,8 @@ def clamped_free(k: int, s: np.ndarray) -> tuple[float, np.ndarray, float]:
 
 
 def bending_modes(beam: Beam, bending: Bending) -> list[tuple[float, float]]:
-    """Stiffness and damping of each modal coordinate, the deflection of the tip: ``m w^2``, ``2 zeta m w``.
+    """Stiffness and damping of each modal coordinate, the deflection of the tip: ``m w^2``,
+    ``2 zeta m w``.
 
     The modal mass is the integral of ``mass_per_length shape^2``.
     """
@@ -117,9 +120,9 @@ def bending_modes(beam: Beam, bending: Bending) -> list[tuple[float, float]]:
     return out
 
 
-# ---------------------------------------------------------------------------------------------------------------------
+# -------------------------------------------------------------------------------------------------
 # the chain as a list of steps
-# ---------------------------------------------------------------------------------------------------------------------
+# -------------------------------------------------------------------------------------------------
 
 
 @dataclass
@@ -132,7 +135,9 @@ class Fixed:
 
 @dataclass
 class Joint:
-    """Rotation about or translation along an axis; its value is a linear combination of coordinates."""
+    """Rotation about or translation along an axis; its value is a linear combination of
+    coordinates.
+    """
 
     type: str
     axis: np.ndarray
@@ -215,7 +220,9 @@ def chain_of(model: RobotModel) -> list:
 
 
 def beam_steps(beam: Beam, i: int) -> tuple[Cloud, list]:
-    """The point masses of a beam whose first modal coordinate is number i, and the steps from its root to its tip."""
+    """The point masses of a beam whose first modal coordinate is number i, and the steps from its
+    root to its tip.
+    """
     x, weight = np.polynomial.legendre.leggauss(SLICES)
     s = (x + 1) / 2
     axis = {"y": np.array([0.0, 1.0, 0.0]), "z": np.array([0.0, 0.0, 1.0])}
@@ -240,14 +247,17 @@ def beam_steps(beam: Beam, i: int) -> tuple[Cloud, list]:
     return cloud, tip
 
 
-# ---------------------------------------------------------------------------------------------------------------------
+# -------------------------------------------------------------------------------------------------
 # the referee
-# ---------------------------------------------------------------------------------------------------------------------
+# -------------------------------------------------------------------------------------------------
 
 
 def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """The cross product of vectors (3,) or rows (n, 3); `numpy.cross` takes seven times as long."""
-    (x, y, z), (u, v, w) = a.T, b.T
+    """The cross product of vectors (3,) or rows (n, 3); `numpy.cross` takes seven times as
+    long.
+    """
+    (x, y, z) = a.T
+    (u, v, w) = b.T
     return np.array([y * w - z * v, z * u - x * w, x * v - y * u]).T
 
 
@@ -271,28 +281,39 @@ class Referee:
                     for bending in element.beam.bendings
                     for mode in bending_modes(element.beam, bending)
                 ]
-                names = [c.name for c in coordinates if c.dof is None and c.element == element.name]
+                names = [
+                    c.name for c in coordinates if c.dof is None and c.element == element.name
+                ]
                 self.modal.update(zip(names, modes, strict=True))
 
     def sweep(self, q, v, a, v_m=None, a_m=None, gravity=True, drag=False):  # noqa: C901, PLR0915
         """Out along the chain with accelerations, back with wrenches.
 
-        Returns the generalised forces (n_a), the rotors' axial torques ``J (a_m + a.alpha)`` (n_m; without the
-        carrier's part where they are not carried), and the tool's (position, rotation, twist, acceleration).
+        Returns the generalised forces (n_a), the rotors' axial torques ``J (a_m + a.alpha)`` (n_m;
+        without the carrier's part where they are not carried), and the tool's (position, rotation,
+        twist, acceleration).
         """
         q, v, a = (np.asarray(x, dtype=float) for x in (q, v, a))
         v_m = np.zeros(self.model.n_m) if v_m is None else v_m
         a_m = np.zeros(self.model.n_m) if a_m is None else a_m
-        R, p = np.eye(3), np.zeros(3)
-        w, dw, u = np.zeros(3), np.zeros(3), np.zeros(3)
+        R = np.eye(3)
+        p = np.zeros(3)
+        w = np.zeros(3)
+        dw = np.zeros(3)
+        u = np.zeros(3)
         du = -np.array(self.model.gravity) if gravity else np.zeros(3)
         # one for each step: force, moment about the world's origin, direct generalised forces
         wrenches = []
         frames = []
-        before, last, tips = [], -1, {}  # the step before each one; where branches begin
+        # the step before each one; where branches begin
+        before = []
+        last = -1
+        tips = {}
         tau_m = self.inertia * a_m
         for k, step in enumerate(self.steps):
-            force, moment, direct = np.zeros(3), np.zeros(3), {}
+            force = np.zeros(3)
+            moment = np.zeros(3)
+            direct = {}
             if isinstance(step, Return):
                 last, R, p, w, dw, u, du = tips[step.name]
             before.append(last)
@@ -337,25 +358,31 @@ class Referee:
                     moment = rate * e + inertia * (v_m[j] + e @ w) * cross(w, e)
                     tau_m[j] = rate
                 case Cloud(masses, points, shapes):
-                    r, dr, ddr = points.copy(), np.zeros_like(points), np.zeros_like(points)
+                    r = points.copy()
+                    dr = np.zeros_like(points)
+                    ddr = np.zeros_like(points)
                     for k, shape in shapes.items():
-                        r, dr, ddr = r + q[k] * shape, dr + v[k] * shape, ddr + a[k] * shape
-                    r, dr, ddr = r @ R.T, dr @ R.T, ddr @ R.T
+                        r = r + q[k] * shape
+                        dr = dr + v[k] * shape
+                        ddr = ddr + a[k] * shape
+                    r = r @ R.T
+                    dr = dr @ R.T
+                    ddr = ddr @ R.T
                     acc = du + cross(dw, r) + cross(w, cross(w, r)) + 2 * cross(w, dr) + ddr
                     forces = masses[:, None] * acc
-                    force, moment = forces.sum(0), cross(p + r, forces).sum(0)
+                    force = forces.sum(0)
+                    moment = cross(p + r, forces).sum(0)
                     direct = {k: np.sum(forces * (shape @ R.T)) for k, shape in shapes.items()}
             wrenches.append((force, moment, direct))
             frames.append((R, p))
         tau = np.zeros(self.model.n_a)
-        behind = np.zeros((len(self.steps) + 1, 2, 3))  # force and moment; the last is of the world
+        # force and moment; the last is of the world
+        behind = np.zeros((len(self.steps) + 1, 2, 3))
         for k in reversed(range(len(self.steps))):
-            step, (R_k, p_k), (f, n, direct), (force, moment) = (
-                self.steps[k],
-                frames[k],
-                wrenches[k],
-                behind[k],
-            )
+            step = self.steps[k]
+            (R_k, p_k) = frames[k]
+            (f, n, direct) = wrenches[k]
+            (force, moment) = behind[k]
             if isinstance(step, Joint):
                 e = R_k @ step.axis  # a rotation leaves its own axis where it is
                 load = e @ (moment - cross(p_k, force)) if step.type == "rotation" else e @ force
@@ -367,7 +394,7 @@ class Referee:
         lift = -np.array(self.model.gravity) if gravity else np.zeros(3)
         return tau, tau_m, (p, R, np.concatenate([u, w]), np.concatenate([du - lift, dw]))
 
-    # the arm -----------------------------------------------------------------------------------------------------
+    # the arm -------------------------------------------------------------------------------------
 
     def tool(self, q):
         """Position and rotation of the tool."""
@@ -398,7 +425,7 @@ class Referee:
             [self.sweep(q, zero, e, gravity=False)[0] for e in np.eye(self.model.n_a)]
         ).T
 
-    # the extended flexible joint model -----------------------------------------------------------------------------
+    # the extended flexible joint model -----------------------------------------------------------
 
     def gear_torque(self, q_a, v_a, q_m, v_m):
         """Torques of the gears on the arm side, shape (n_g,); zero at the rigid ones."""
@@ -414,7 +441,8 @@ class Referee:
             gear = model.coordinates[i].dof.gear
             if gear.rigid:
                 continue
-            d, dd = behind[0, k] - q_a[i], behind[1, k] - v_a[i]
+            d = behind[0, k] - q_a[i]
+            dd = behind[1, k] - v_a[i]
             if gear.side == "arm":
                 out[k] = spring_torque(gear.spring, d) + gear.damping * dd
             else:
@@ -432,9 +460,13 @@ class Referee:
         return self.model.coordinates[i].name
 
     def _imbalance(self, q_a, v_a, q_m, v_m, tau_m, a_a, a_m):
-        """What is missing in the balance of (arm rows, rows of the motors behind elastic gears), linear in a."""
-        model, coordinates = self.model, self.model.coordinates
-        eta, i_g = model.eta, list(model.i_g)
+        """What is missing in the balance of (arm rows, rows of the motors behind elastic gears),
+        linear in a.
+        """
+        model = self.model
+        coordinates = self.model.coordinates
+        eta = model.eta
+        i_g = list(model.i_g)
         v_m = np.where(self.elastic_motor, v_m, eta @ v_a[i_g])
         a_m = np.where(self.elastic_motor, a_m, eta @ a_a[i_g])
         q_m = np.where(self.elastic_motor, q_m, eta @ q_a[i_g])
@@ -474,12 +506,16 @@ class Referee:
             a_m[elastic] = a[model.n_a :]
             return np.concatenate(self._imbalance(q_a, v_a, q_m, v_m, tau_m, a[: model.n_a], a_m))
 
-        # the part linear in a is swept alone: from the imbalance it would come with the rounding of the stiff springs
+        # the part linear in a is swept alone: from the imbalance it would come with the rounding
+        # of the stiff springs
         A = np.zeros((model.dof, model.dof))
-        i_g, eta, zero_m = list(model.i_g), model.eta, np.zeros(model.n_m)
+        i_g = list(model.i_g)
+        eta = model.eta
+        zero_m = np.zeros(model.n_m)
         rigid = ~self.elastic_motor
         for k, e in enumerate(np.eye(model.dof)):
-            a_a, a_m = e[: model.n_a], zero_m.copy()
+            a_a = e[: model.n_a]
+            a_m = zero_m.copy()
             a_m[elastic] = e[model.n_a :]
             a_m = np.where(self.elastic_motor, a_m, eta @ a_a[i_g])
             tau_a, rotor, _ = self.sweep(q_a, 0 * v_a, a_a, zero_m, a_m, gravity=False)
@@ -500,17 +536,19 @@ class Referee:
         )
 
 
-# ---------------------------------------------------------------------------------------------------------------------
+# -------------------------------------------------------------------------------------------------
 # the answers of flexgen, as numpy
-# ---------------------------------------------------------------------------------------------------------------------
+# -------------------------------------------------------------------------------------------------
 
 
 class Answers:
-    """The functions of ``Equations`` as plain numpy; any of them can be replaced, to plant a bug."""
+    """The functions of ``Equations`` as plain numpy; any of them can be replaced, to plant a
+    bug.
+    """
 
     NAMES = (
-        "forward_kinematics jacobian jacobian_dot mass_matrix bias gravity inverse_dynamics forward_dynamics residual "
-        "energy power gear_torque elastic_torque linearize"
+        "forward_kinematics jacobian jacobian_dot mass_matrix bias gravity inverse_dynamics "
+        "forward_dynamics residual energy power gear_torque elastic_torque linearize"
     ).split()
 
     def __init__(self, equations, **replaced):
@@ -550,9 +588,9 @@ class Answers:
         return Answers(self._equations, **replaced)
 
 
-# ---------------------------------------------------------------------------------------------------------------------
+# -------------------------------------------------------------------------------------------------
 # states and synthetic models
-# ---------------------------------------------------------------------------------------------------------------------
+# -------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -583,13 +621,18 @@ def twist_size(spring: Spring | None) -> float:
 
 
 def random_state(model: RobotModel, rng: np.random.Generator, speed: float = 1.0) -> State:
-    """A random state around the home pose; both halves of every spring are visited, motors follow their joints."""
+    """A random state around the home pose; both halves of every spring are visited, motors follow
+    their joints.
+    """
 
     def draw(n):
         return rng.uniform(-1, 1, n)
 
-    i_g, i_e = list(model.i_g), list(model.i_e)
-    q_a, v_a, a_a = np.zeros(model.n_a), speed * draw(model.n_a), 2 * draw(model.n_a)
+    i_g = list(model.i_g)
+    i_e = list(model.i_e)
+    q_a = np.zeros(model.n_a)
+    v_a = speed * draw(model.n_a)
+    a_a = 2 * draw(model.n_a)
     q_a[i_g] = np.array(model.home) + 0.7 * draw(model.n_g)
     q_a[i_e] = [
         0.02 if model.coordinates[i].dof is None else twist_size(model.coordinates[i].dof.spring)
@@ -612,7 +655,8 @@ def random_state(model: RobotModel, rng: np.random.Generator, speed: float = 1.0
 
 def random_body(rng: np.random.Generator, drag: float = 0.0) -> Body:
     """A body made of six random point masses."""
-    points, masses = rng.uniform(-0.3, 0.3, (6, 3)), rng.uniform(0.5, 2.0, 6)
+    points = rng.uniform(-0.3, 0.3, (6, 3))
+    masses = rng.uniform(0.5, 2.0, 6)
     com = masses @ points / masses.sum()
     r = points - com
     inertia = np.einsum(
@@ -666,8 +710,9 @@ def random_model(
 ) -> RobotModel:
     """A chain of four elements and nine degrees of freedom with everything the model format knows.
 
-    Five of the coordinates are actuated: two and two of the motors are coupled by their ratios, the fifth is alone and
-    has its spring on the motor side. ``gears``: "elastic", "rigid" or "mixed" (the second pair rigid).
+    Five of the coordinates are actuated: two and two of the motors are coupled by their ratios,
+    the fifth is alone and has its spring on the motor side. ``gears``: "elastic", "rigid" or
+    "mixed" (the second pair rigid).
     """
     rng = np.random.default_rng(seed)
 
@@ -688,7 +733,9 @@ def random_model(
         else:
             side = "motor" if k == 4 else "arm"
             soft = SPRINGS[(seed + k) % len(SPRINGS)] if side == "arm" else CubicSpring(0.4, 0.1)
-            gear = Gear(rigid=False, side=side, spring=soft, damping=1.5 if side == "arm" else 5e-4)
+            gear = Gear(
+                rigid=False, side=side, spring=soft, damping=1.5 if side == "arm" else 5e-4
+            )
         return Dof(f"g{k}", type_, random_axis(rng), gear=gear, friction=friction(k))
 
     def spring_dof(type_):
@@ -793,7 +840,8 @@ def answers(name: str) -> Answers:
 
 def assert_close(found, expected, tolerance: float, scale: float | None = None) -> None:
     """Largest difference, relative to the size of what is expected unless a scale is given."""
-    found, expected = np.asarray(found), np.asarray(expected)
+    found = np.asarray(found)
+    expected = np.asarray(expected)
     assert found.shape == expected.shape
     scale = np.max(np.abs(expected), initial=0.0) if scale is None else scale
     error = np.max(np.abs(found - expected), initial=0.0)

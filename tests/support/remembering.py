@@ -1,4 +1,6 @@
-"""A robot whose gears and motors have memory, for the exports: a path, the torques of `solve`, errors in the C."""
+"""A robot whose gears and motors have memory, for the exports: a path, the torques of `solve`,
+errors in the C.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,10 @@ from flexgen.exports.selftest.golden import output_at
 from flexgen.exports.selftest.motion import targets
 from flexgen.inversion.hold import Hold, torque_command
 
-NAME, PERIOD, INTERVALS, SAMPLES = "elbow", 5e-3, 10, 5
+NAME = "elbow"
+PERIOD = 5e-3
+INTERVALS = 10
+SAMPLES = 5
 GEARS = {"q1": "element.upper.dof.q1.gear", "q2": "element.fore.dof.q2.gear"}
 SLIPPING = [{"lost_motion": 2e-5, "stiffness": 4e6}, {"lost_motion": 5e-5, "stiffness": 2e6}]
 # a stream in its C that forgets at the end of each update how far its gears, or its bristles, are
@@ -28,14 +33,17 @@ FORGETS = {
     "hysteresis": ("hysteresis.h", "        copy(b->z_r[e], NG, x + (3 + e) * NG);\n", ""),
     "lugre": ("stream_update.h", "                kept[j] = z;\n", ""),
 }
-# of the largest torque of a motor; a held torque is a mean, of a quintic in C and of a spline in Python, which differ
-# where gears reverse; with one of the errors
-SAME, WRONG = {"spline": 1e-6, "zoh": 3e-5}, 1e-3
+# of the largest torque of a motor; a held torque is a mean, of a quintic in C and of a spline in
+# Python, which differ where gears reverse; with one of the errors
+SAME = {"spline": 1e-6, "zoh": 3e-5}
+WRONG = 1e-3
 
 
 @cache
 def remembering() -> flexgen.RobotModel:
-    """The model elbow with two elements of hysteresis in each gear, bristles and friction of the load in each motor."""
+    """The model elbow with two elements of hysteresis in each gear, bristles and friction of the
+    load in each motor.
+    """
     made: dict[str, object] = {f"{gear}.hysteresis": SLIPPING for gear in GEARS.values()}
     for motor in ("m1", "m2"):
         made |= {
@@ -56,7 +64,9 @@ def start() -> tuple[np.ndarray, np.ndarray]:
 
 @cache
 def samples() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """What a stream gets in its updates: the output of the move and its derivatives (n, 2), then as many at rest."""
+    """What a stream gets in its updates: the output of the move and its derivatives (n, 2), then
+    as many at rest.
+    """
     path = flexgen.plan(remembering())
     t = np.arange(1, round(path.duration / PERIOD) + INTERVALS) * PERIOD
     sample = path.sample(t)
@@ -65,33 +75,39 @@ def samples() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 @cache
 def solved(hold: Literal["spline", "zoh"]) -> np.ndarray:
-    """Torques (n, n_m) that a controller sends by `solve`, whose stages are in Python, at all samples of a stream."""
+    """Torques (n, n_m) that a controller sends by `solve`, whose stages are in Python, at all
+    samples of a stream.
+    """
     solution = flexgen.solve(remembering(), method="closed-form", verify=False, progress=False)
     given = solution.trajectory
-    time, tau = given.time, given["tau_m"]
+    time = given.time
+    tau = given["tau_m"]
     if hold != "spline":
         sent = torque_command(given, Hold(hold, PERIOD / SAMPLES))
-        time, tau = sent.time, sent.values
+        time = sent.time
+        tau = sent.values
     assert time[0] == 0.0 and np.allclose(np.diff(time), PERIOD / SAMPLES)
     n = SAMPLES * (len(samples()[0]) - INTERVALS)
     return np.concatenate([np.tile(tau[0], (SAMPLES * (INTERVALS - 1), 1)), tau[:n]])
 
 
 def torque_error(found: np.ndarray, hold: Literal["spline", "zoh"]) -> float:
-    """Largest difference of torques (n, n_m) to `solved`, relative to the largest torque of each motor."""
+    """Largest difference of torques (n, n_m) to `solved`, relative to the largest torque of each
+    motor.
+    """
     expected = solved(hold)[: len(found)]
     return float(
-        (np.abs(found[: len(expected)] - expected).max(axis=0) / np.abs(expected).max(axis=0)).max()
+        (
+            np.abs(found[: len(expected)] - expected).max(axis=0) / np.abs(expected).max(axis=0)
+        ).max()
     )
 
 
 @cache
 def compiled(forgets: str = "", parts: tuple[str, ...] = ()) -> Path:
     """The object file of the C of an export with these parts, with one of the errors."""
-    library, place = (
-        emit(remembering(), parts=parts),
-        folder() / "-".join(("remembering", forgets, *parts)),
-    )
+    library = emit(remembering(), parts=parts)
+    place = folder() / "-".join(("remembering", forgets, *parts))
     text = library.source
     if forgets:
         _, old, new = FORGETS[forgets]
@@ -105,7 +121,9 @@ def compiled(forgets: str = "", parts: tuple[str, ...] = ()) -> Path:
 
 
 def check(torques: Callable[[str], np.ndarray], hold: Literal["spline", "zoh"] = "spline") -> None:
-    """The torques (n, n_m) of an export are those of `solve`; ``torques``: with one of `FORGETS`, or an empty text."""
+    """The torques (n, n_m) of an export are those of `solve`; ``torques``: with one of `FORGETS`,
+    or an empty text.
+    """
     assert torque_error(torques(""), hold) < SAME[hold]
     for forgets in FORGETS:
         assert torque_error(torques(forgets), hold) > WRONG, forgets

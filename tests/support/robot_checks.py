@@ -1,7 +1,8 @@
-"""Checks of the results of flexgen for a robot against MuJoCo and Pinocchio, with their tolerances.
+"""Checks of the results of flexgen for a robot against MuJoCo and Pinocchio, with their
+tolerances.
 
-A check raises AssertionError where a result of `Found` is wrong. An error is relative to the terms of a sum, not
-to the sum.
+A check raises AssertionError where a result of `Found` is wrong. An error is relative to the terms
+of a sum, not to the sum.
 """
 
 from __future__ import annotations
@@ -35,14 +36,15 @@ SLOPE = 1e-11  # of the largest slope of the torques
 ACCELERATION = 1e-9
 
 
-# --- flexgen's results -----------------------------------------------------------------------------------------------
+# --- flexgen's results ---------------------------------------------------------------------------
 
 
 class Found:
-    """Results of flexgen: ``found("mass_matrix", q_a)`` is the list of a function's results as CasADi shapes them.
+    """Results of flexgen: ``found("mass_matrix", q_a)`` is the list of a function's results as
+    CasADi shapes them.
 
-    ``route``: source of the functions; those it does not have are from Lagrange's equations. ``planted``: results by
-    name, changed by a planted bug.
+    ``route``: source of the functions; those it does not have are from Lagrange's equations.
+    ``planted``: results by name, changed by a planted bug.
     """
 
     def __init__(
@@ -51,7 +53,9 @@ class Found:
         route: str = "lagrange",
         planted: dict[str, Callable] | None = None,
     ):
-        self.equations, self._route, self._planted = equations, route, planted or {}
+        self.equations = equations
+        self._route = route
+        self._planted = planted or {}
         self._functions: dict = {}
 
     def __call__(self, name: str, *arguments) -> list[np.ndarray]:
@@ -127,7 +131,8 @@ def check_mujoco(found: Found, case: Case) -> None:
         close("mass matrix", found("mass_matrix", s.q_a)[0], M, MASS, np.outer(size, size))
         for got, pose in zip(found("forward_kinematics", s.q_a), arm.tool(s.q_a), strict=True):
             close("tool", got, pose, MOTION, 1 + np.abs(pose).max())
-        gravity, bias = arm.bias(s.q_a, 0 * s.v_a), arm.bias(s.q_a, s.v_a)
+        gravity = arm.bias(s.q_a, 0 * s.v_a)
+        bias = arm.bias(s.q_a, s.v_a)
         rows = rows_of(M, s.a_a, bias - gravity, gravity)
         torque = arm.inverse_dynamics(s.q_a, s.v_a, s.a_a)
         close(
@@ -149,7 +154,8 @@ def check_mujoco(found: Found, case: Case) -> None:
 
 def check_pinocchio(found: Found, case: Case) -> None:
     """All quantities of Pinocchio, with springs and frictions added by hand."""
-    model, reference = case.model, PinocchioReferee(case.model)
+    model = case.model
+    reference = PinocchioReferee(case.model)
     for s in case.states:
         M = reference.mass_matrix(s.q_a)
         size = np.sqrt(np.diag(M))
@@ -158,7 +164,8 @@ def check_pinocchio(found: Found, case: Case) -> None:
             found("forward_kinematics", s.q_a), reference.forward_kinematics(s.q_a), strict=True
         ):
             close("tool", got, pose, MOTION, 1 + np.abs(pose).max())
-        J, dJ = reference.jacobian(s.q_a), reference.jacobian_dot(s.q_a, s.v_a)
+        J = reference.jacobian(s.q_a)
+        dJ = reference.jacobian_dot(s.q_a, s.v_a)
         close("jacobian", found("jacobian", s.q_a)[0], J, MOTION, 1 + np.abs(J).max())
         close(
             "rate of the jacobian",
@@ -167,7 +174,8 @@ def check_pinocchio(found: Found, case: Case) -> None:
             MOTION,
             1 + np.abs(dJ).max(),
         )
-        gravity, bias = reference.gravity(s.q_a), reference.bias(s.q_a, s.v_a)
+        gravity = reference.gravity(s.q_a)
+        bias = reference.bias(s.q_a, s.v_a)
         rows = rows_of(M, s.a_a, bias - gravity, gravity)
         torque = reference.inverse_dynamics(s.q_a, s.v_a, s.a_a)
         close(
@@ -197,7 +205,9 @@ def check_pinocchio(found: Found, case: Case) -> None:
 
 
 def torques(reference: PinocchioReferee, s: State) -> float:
-    """The largest term of the arm's inverse dynamics: slopes round with it, where they vanish as well."""
+    """The largest term of the arm's inverse dynamics: slopes round with it, where they vanish as
+    well.
+    """
     bias = reference.bias(s.q_a, s.v_a), reference.gravity(s.q_a)
     return rows_of(reference.mass_matrix(s.q_a), s.a_a, *bias).max()
 
@@ -205,7 +215,8 @@ def torques(reference: PinocchioReferee, s: State) -> float:
 def check_arm_slopes(found: Found, reference: PinocchioReferee, s: State) -> None:
     """Derivatives of the bodies' inverse dynamics: no stiff spring hides them."""
     by_q, by_v = reference.inverse_derivatives(s.q_a, s.v_a, s.a_a)
-    M, size = reference.mass_matrix(s.q_a), torques(reference, s)
+    M = reference.mass_matrix(s.q_a)
+    size = torques(reference, s)
     for x, y in zip(
         found("inverse_dynamics_derivatives", s.q_a, s.v_a, s.a_a), (by_q, by_v, M), strict=True
     ):
@@ -219,8 +230,11 @@ def check_arm_slopes(found: Found, reference: PinocchioReferee, s: State) -> Non
 
 
 def check_slopes(found: Found, reference: PinocchioReferee, s: State) -> None:
-    """Derivatives of the whole machine's equations and accelerations, its energies, where all laws are linear."""
-    a_m, size = motors_of(reference.model, s), torques(reference, s)
+    """Derivatives of the whole machine's equations and accelerations, its energies, where all laws
+    are linear.
+    """
+    a_m = motors_of(reference.model, s)
+    size = torques(reference, s)
     expected = reference.second_order(s.q_a, s.v_a, s.a_a, s.q_m, s.v_m, a_m)
     M, R = found("residual_jacobians", s.q_a, s.v_a, s.a_a, s.q_m, s.v_m, a_m, s.tau_m)
     for name, x, y in zip("MDKB", second_order_matrices(M, R), expected, strict=True):

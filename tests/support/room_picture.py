@@ -1,7 +1,8 @@
 """Picture of the rooms of flexgen, drawn from the imports of their modules.
 
-Run this file to write docs/rooms.svg; `tests/unit/test_architecture.py` compares it with the source. A wing is a room
-that only the rooms in front import. Arrows that follow from others are left out, and those of the front.
+Run this file to write docs/rooms.svg; `tests/unit/test_architecture.py` compares it with the
+source. A wing is a room that only the rooms in front import. Arrows that follow from others are
+left out, and those of the front.
 """
 
 from __future__ import annotations
@@ -14,7 +15,12 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 PICTURE = ROOT / "docs" / "rooms.svg"
 FRONT = ("cli", "reports", "plots")  # what a user sees: they may import everything
-MARGIN, ROW, HEIGHT, GAP, LETTER = 70, 64, 30, 14, 7.6  # the margin is for the labels
+# the margin is for the labels
+MARGIN = 70
+ROW = 64
+HEIGHT = 30
+GAP = 14
+LETTER = 7.6
 COLORS = {"front": "#f3d9b1", "wing": "#cfe3f5", "middle": "#dcebd2", "ground": "#e6e6e6"}
 
 
@@ -44,7 +50,9 @@ def reduced(graph: dict[str, set[str]]) -> dict[str, set[str]]:
 
 
 def rows_of(graph: dict[str, set[str]]) -> list[list[str]]:
-    """Rooms by rows from the ground up: a room stands above all that it imports; then the wings, then the front."""
+    """Rooms by rows from the ground up: a room stands above all that it imports; then the wings,
+    then the front.
+    """
     wings = [
         room
         for room in graph
@@ -77,7 +85,8 @@ def svg(graph: dict[str, set[str]]) -> str:
     at: dict[str, tuple[float, float, float]] = {}
     sizes = [[LETTER * len(room) + 22 for room in row] for row in rows]
     spans = [sum(row) + GAP * (len(row) - 1) for row in sizes]
-    width, height = round(max(spans) + 2 * MARGIN), ROW * len(rows)
+    width = round(max(spans) + 2 * MARGIN)
+    height = ROW * len(rows)
     for k, row in enumerate(rows):
         x = (width - spans[k]) / 2
         for room, size in zip(row, sizes[k], strict=True):
@@ -90,22 +99,30 @@ def svg(graph: dict[str, set[str]]) -> str:
     ]
     for room, seen in sorted(reduced(graph).items()):
         for other in sorted(seen if room not in FRONT else ()):
-            (x, y, size), (x2, y2, size2) = at[room], at[other]
-            a, b, c, d = x + size / 2, y + HEIGHT, x2 + size2 / 2, y2
+            (x, y, size) = at[room]
+            (x2, y2, size2) = at[other]
+            a = x + size / 2
+            b = y + HEIGHT
+            c = x2 + size2 / 2
+            d = y2
             bend = (d - b) / 2
             lines.append(
-                f'<path d="M{a:.0f} {b:.0f} C{a:.0f} {b + bend:.0f} {c:.0f} {d - bend:.0f} {c:.0f} {d:.0f}" '
-                'fill="none" stroke="#888" stroke-width="1"/>'
+                f'<path d="M{a:.0f} {b:.0f} C{a:.0f} {b + bend:.0f} {c:.0f} {d - bend:.0f} '
+                f'{c:.0f} {d:.0f}" fill="none" stroke="#888" stroke-width="1"/>'
             )
     for room, (x, y, size) in sorted(at.items()):
         lines.append(
-            f'<rect x="{x:.0f}" y="{y:.0f}" width="{size:.0f}" height="{HEIGHT}" rx="5" fill="{COLORS[kinds[room]]}" '
-            'stroke="#555"/>'
+            f'<rect x="{x:.0f}" y="{y:.0f}" width="{size:.0f}" height="{HEIGHT}" rx="5" '
+            f'fill="{COLORS[kinds[room]]}" stroke="#555"/>'
         )
         lines.append(
             f'<text x="{x + size / 2:.0f}" y="{y + 20:.0f}" text-anchor="middle">{room}</text>'
         )
-    for k, label in ((len(rows) - 1, "front"), (len(rows) - 2, "wings"), (len(rows) - 4, "middle")):
+    for k, label in (
+        (len(rows) - 1, "front"),
+        (len(rows) - 2, "wings"),
+        (len(rows) - 4, "middle"),
+    ):
         lines.append(f'<text x="8" y="{height - ROW * (k + 1) + 30}" fill="#777">{label}</text>')
     return "\n".join([*lines, "</svg>", ""])
 

@@ -3,7 +3,8 @@
 A test is slow where
 
 - its folder or file stands in ``SLOW``,
-- it runs on a model that is not in ``QUICK_MODELS``, by the words of its id; files in ``ANY_MODEL`` are excepted,
+- it runs on a model that is not in ``QUICK_MODELS``, by the words of its id; files in
+  ``ANY_MODEL`` are excepted,
 - its case stands in ``SLOW_CASES`` or ``FULL_CASES``,
 - it has ``@pytest.mark.slow``: for what the folder and the model do not say.
 """
@@ -15,8 +16,8 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 QUICK_MODELS = {"elbow", "planar5_nmp", "beam_arm", "manutec_r3"}
-# Folders (with a slash at the end) and files: convergence orders, cross compilers, sanitizers, the wheel, libraries
-# that only one file needs.
+# Folders (with a slash at the end) and files: convergence orders, cross compilers, sanitizers, the
+# wheel, libraries that only one file needs.
 SLOW = (
     "order/",
     "client/test_amalgamation.py",
@@ -41,8 +42,9 @@ ANY_MODEL = (
     "unit/test_structure.py",
     "unit/test_zero_path.py",
 )
-# Slow tests, by file or function, that compile much C and run it for a short time: without optimization its bits are
-# the same, and these tests take half the time, as do the quick ones. The others compile as users do.
+# Slow tests, by file or function, that compile much C and run it for a short time: without
+# optimization its bits are the same, and these tests take half the time, as do the quick ones. The
+# others compile as users do.
 UNOPTIMIZED = (
     "client/test_amalgamation.py",
     "client/test_docs.py",
@@ -107,7 +109,8 @@ UNOPTIMIZED = (
     "unit/test_solve_stages.py",
     "unit/test_stream_memory.py",
 )
-# Quick tests of optimized code, and tests and cases that run C for a long time: simulated experiments above all.
+# Quick tests of optimized code, and tests and cases that run C for a long time: simulated
+# experiments above all.
 OPTIMIZED = (
     "client/test_instruction_sets.py",
     "cross/test_loop_lugre.py",
@@ -123,7 +126,13 @@ OPTIMIZED = (
 )
 OPTIMIZED_CASES = {
     "client/test_docs.py": {"docs/control.md", "flexgen/benchmarks/README.md"},
-    "unit/test_docstring_examples.py": {"tune", "TuningResult", "score", "Score", "identify_servo"},
+    "unit/test_docstring_examples.py": {
+        "tune",
+        "TuningResult",
+        "score",
+        "Score",
+        "identify_servo",
+    },
 }
 # Cases whose robot or method takes long, by a word of the id or the whole id.
 SLOW_CASES = {
@@ -495,7 +504,8 @@ SLOW_CASES = {
     "unit/test_packed_mass_matrix.py": {"manutec_r3-parameters2"},
     "unit/test_program.py": {"tour"},
 }
-# Cases that have a shorter sibling, of the same code, with the slow or the quick tests: `make test-full` runs them.
+# Cases that have a shorter sibling, of the same code, with the slow or the quick tests: `make
+# test-full` runs them.
 FULL_CASES = {
     "client/test_cross_compile.py": {
         "four_mass-single-x86-64",

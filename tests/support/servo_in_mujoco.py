@@ -1,4 +1,6 @@
-"""A position servo as in textbooks, and a robot in MuJoCo under it; models with servos. Shares no code with flexgen."""
+"""A position servo as in textbooks, and a robot in MuJoCo under it; models with servos. Shares no
+code with flexgen.
+"""
 
 from __future__ import annotations
 
@@ -45,14 +47,18 @@ Section = tuple[np.ndarray, np.ndarray]  # numerator and denominator in 1/z
 
 
 def sampled(b: Sequence[float], a: Sequence[float], hz: float, h: float) -> Section:
-    """A filter of order two in s/w, highest power first, by the bilinear transform with the frequency in place."""
+    """A filter of order two in s/w, highest power first, by the bilinear transform with the
+    frequency in place.
+    """
     scale = np.tan(np.pi * hz * h) ** -np.arange(2.0, -1.0, -1.0)
     return bilinear(np.array(b) * scale, np.array(a) * scale, fs=0.5)
 
 
 @dataclass
 class OwnServo:
-    """A P-PI servo as in textbooks, sample by sample, about the torque that holds the robot where it begins."""
+    """A P-PI servo as in textbooks, sample by sample, about the torque that holds the robot where
+    it begins.
+    """
 
     k_p: np.ndarray
     k_v: np.ndarray
@@ -81,7 +87,8 @@ class OwnServo:
         )
         error = wanted - (angle - self.angle) / self.h
         self.integral = self.integral + self.h * error
-        self.before, self.angle = self.reference, angle
+        self.before = self.reference
+        self.angle = angle
         u = self.k_v * (error + self.k_i * self.integral)
         for k, (b, a) in enumerate(self.filters):
             out, self.memories[k] = lfilter(b, a, u[None], axis=0, zi=self.memories[k])
@@ -93,7 +100,8 @@ class InMujoco:
     """A robot in MuJoCo under servos."""
 
     def __init__(self, model: flexgen.RobotModel, q_a: np.ndarray, q_m: np.ndarray) -> None:
-        self.model, self.i_m = model, list(model.i_m)
+        self.model = model
+        self.i_m = list(model.i_m)
         self.m = mujoco.MjModel.from_xml_string(mjcf(model))
         self.d = mujoco.MjData(self.m)
         names = [c.name for c in model.coordinates] + [
@@ -115,7 +123,10 @@ class InMujoco:
         self, servo: OwnServo, command, first: float, last: float
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Instants, arm angles and motor angles at the samples of the servo."""
-        steps, times, arm, motors = round(servo.h / STEP), [], [], []
+        steps = round(servo.h / STEP)
+        times = []
+        arm = []
+        motors = []
         for k in range(round((last - first) / servo.h)):
             t = first + k * servo.h
             times.append(t)

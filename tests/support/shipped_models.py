@@ -1,4 +1,6 @@
-"""The models of flexgen, each read once: lists of names for parameters of tests, made when tests are collected."""
+"""The models of flexgen, each read once: lists of names for parameters of tests, made when tests
+are collected.
+"""
 
 from __future__ import annotations
 

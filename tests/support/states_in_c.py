@@ -41,7 +41,9 @@ def path_of(
 
 
 def difference(one: Any, other: Any, leave: int = 8) -> float:
-    """Largest relative difference of the motors' motion and torques, but for the last samples, held differently."""
+    """Largest relative difference of the motors' motion and torques, but for the last samples,
+    held differently.
+    """
     pairs = [(getattr(one, name), getattr(other, name)) for name in ("q_m", "v_m", "tau_m")]
     return max(float(np.abs(a - b)[:-leave].max() / np.abs(b).max()) for a, b in pairs)
 
@@ -50,7 +52,8 @@ def inverted(
     model: flexgen.RobotModel, monkeypatch: pytest.MonkeyPatch
 ) -> tuple[flexgen.Solution, Any, dict]:
     """The solution with the motors in Python, and how `solve` calls the C for the arm."""
-    calls, own = [], Inverter.__call__
+    calls = []
+    own = Inverter.__call__
     with monkeypatch.context() as patch:
         patch.setattr(
             Inverter,

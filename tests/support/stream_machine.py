@@ -1,4 +1,6 @@
-"""A model, a library of it, a sampled path, and what the full model does under the torques that the library gives."""
+"""A model, a library of it, a sampled path, and what the full model does under the torques that
+the library gives.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,9 @@ from flexgen.simulation.simulate import simulate
 from flexgen.spec.ports import Port
 from flexgen.trajectory import Trajectory
 
-UPDATE, AHEAD, PARTS = 5e-3, 20, 5  # s, intervals, samples in each
+UPDATE = 5e-3  # s
+AHEAD = 20  # intervals
+PARTS = 5  # samples in each
 AFTER = 0.1  # s: how long a stream continues after the end of its path
 DIFFERENCES = 6  # samples beyond an interval that derivatives need
 
@@ -56,8 +60,10 @@ class Machine:
         self, t: np.ndarray, results: dict[str, np.ndarray], hold: str = "", delay: float = 0.0
     ) -> Simulation:
         """What the full model does under the torques, from rest; ``delay`` in samples."""
-        model, sample = self.equations.model, self.path.sample(t)
-        arm, motors = tuple(c.name for c in model.coordinates), tuple(m.name for m in model.motors)
+        model = self.equations.model
+        sample = self.path.sample(t)
+        arm = tuple(c.name for c in model.coordinates)
+        motors = tuple(m.name for m in model.motors)
         labels = {"tau_m": motors, "q_a": arm, "q_m": motors, **output_labels(model)}
         channels = {name: results[name] for name in ("tau_m", "q_a", "q_m")} | {
             "y_ref": sample.y[:, :, 0]
@@ -65,7 +71,9 @@ class Machine:
         if sample.R is not None:
             channels["R_ref"] = sample.R.reshape(len(t), 9)
         units = {"tau_m": "N m", "q_a": "rad or m", "q_m": "rad", "y_ref": "m", "R_ref": "-"}
-        ports = {name: Port(name, (x.shape[1],), units[name], name) for name, x in channels.items()}
+        ports = {
+            name: Port(name, (x.shape[1],), units[name], name) for name, x in channels.items()
+        }
         trajectory = Trajectory(t, channels, ports, labels, {"model": model.name})
         if not hold:
             return simulate(self.equations, trajectory)

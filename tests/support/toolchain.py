@@ -1,4 +1,6 @@
-"""Compilers, emulators and other programs that a test needs: found, or the test skips and names the Debian package."""
+"""Compilers, emulators and other programs that a test needs: found, or the test skips and names
+the Debian package.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +11,10 @@ from pathlib import Path
 
 import pytest
 
-STRICT = "-std=c99 -pedantic -Wall -Wextra -Wconversion -Wshadow -Wstrict-prototypes -Wmissing-prototypes -Werror".split()
+STRICT = (
+    "-std=c99 -pedantic -Wall -Wextra -Wconversion -Wshadow -Wstrict-prototypes "
+    "-Wmissing-prototypes -Werror"
+).split()
 STRICT += ["-Wdouble-promotion", "-Wundef"]
 STRICT_CPP = "-x c++ -std=c++17 -pedantic -Wall -Wextra -Werror".split()
 
@@ -57,7 +62,9 @@ def tools(*names: str) -> None:
 
 
 def wine(folder: Path) -> tuple[str, dict[str, str]]:
-    """The loader of Wine and its environment, with a prefix of its own in a folder; skips the test without Wine."""
+    """The loader of Wine and its environment, with a prefix of its own in a folder; skips the test
+    without Wine.
+    """
     # of Debian's wine64, which is not on the PATH
     places = ("/usr/lib/wine", "/usr/lib/x86_64-linux-gnu/wine")
     found = (
@@ -73,6 +80,10 @@ def wine(folder: Path) -> tuple[str, dict[str, str]]:
         "WINEDLLOVERRIDES": "mscoree=",
     }
     subprocess.run(
-        [found, "cmd", "/c", "exit"], env=environment, capture_output=True, check=False, timeout=120
+        [found, "cmd", "/c", "exit"],
+        env=environment,
+        capture_output=True,
+        check=False,
+        timeout=120,
     )
     return found, environment

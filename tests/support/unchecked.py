@@ -1,4 +1,6 @@
-"""Objects with values that their constructors refuse, for tests of what stands behind these checks."""
+"""Objects with values that their constructors refuse, for tests of what stands behind these
+checks.
+"""
 
 from __future__ import annotations
 

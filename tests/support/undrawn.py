@@ -1,4 +1,6 @@
-"""Pictures that are empty frames, for tests of what is around them: matplotlib takes most of the time of a report."""
+"""Pictures that are empty frames, for tests of what is around them: matplotlib takes most of the
+time of a report.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,9 @@ from flexgen.plots import canvas
 
 
 def draw_nothing(replace: Callable[[Any, str, Any], None] = setattr) -> None:
-    """Let all figures of flexgen be written as empty files; ``replace``: as `setattr`, such as that of monkeypatch."""
+    """Let all figures of flexgen be written as empty files; ``replace``: as `setattr`, such as
+    that of monkeypatch.
+    """
 
     def frame(_: object, stream: TextIO, **options: object) -> None:
         stream.write('<svg xmlns="http://www.w3.org/2000/svg" id="figure_1"/>\n')

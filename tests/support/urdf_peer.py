@@ -1,8 +1,8 @@
 """The chain of an overlay in Pinocchio, from the URDF file and the text of the overlay alone.
 
 All joints of the file are free in Pinocchio. The coordinates x of the overlay move them by
-``q = T x + q0``: locked joints have a row of zeros, joints with <mimic> the factors of the joint at
-the beginning of their chain. Then
+``q = T x + q0``: locked joints have a row of zeros, joints with <mimic> the factors of the joint
+at the beginning of their chain. Then
 
     M = T' M_all T,    h = T' h_all(q, T v),    g = T' g_all(q)
 """
@@ -52,7 +52,8 @@ class UrdfPeer:
             joint = self.model.joints[index]
             if joint.nv == 1:
                 row, at = self._motion(self.model.names[index])
-                self.T[joint.idx_v], self.start[joint.idx_v] = row, at
+                self.T[joint.idx_v] = row
+                self.start[joint.idx_v] = at
         for name in tables["urdf"].get("drop", []):
             if self.model.existJointName(name):
                 for index in self.model.subtrees[self.model.getJointId(name)]:

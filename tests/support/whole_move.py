@@ -1,8 +1,9 @@
 """Errors of the output of a whole move, by a simulation that shares no code with flexgen.
 
-The robot is the list of steps of `referee.chain_of`; whole_move.c has its equations of motion and integrates them.
-Torques, reference angles and reference speeds are splines of scipy through the samples, held after the last one.
-Sharp friction needs an implicit method: scipy's Radau with the same equations.
+The robot is the list of steps of `referee.chain_of`; whole_move.c has its equations of motion and
+integrates them. Torques, reference angles and reference speeds are splines of scipy through the
+samples, held after the last one. Sharp friction needs an implicit method: scipy's Radau with the
+same equations.
 """
 
 from __future__ import annotations
@@ -35,11 +36,14 @@ from flexgen.model.elements import (
 )
 from flexgen.trajectory import Trajectory
 
-RTOL, ATOL = 1e-11, 1e-13
-RTOL_STIFF, ATOL_STIFF = 1e-9, 1e-11
+RTOL = 1e-11
+ATOL = 1e-13
+RTOL_STIFF = 1e-9
+ATOL_STIFF = 1e-11
 EVALUATIONS = 1.5e7  # more are stiff
 STEP = 2e-3  # s: after the end of the trajectory
-POWERS, ROW = 6, 16
+POWERS = 6
+ROW = 16
 SPRINGS = (LinearSpring, CubicSpring, SmoothSpring, PiecewiseSpring, BacklashSpring)
 # position [1/s], speed [N m s/rad], integral [1/s], (n_m,)
 Gains = tuple[np.ndarray, np.ndarray, np.ndarray]
@@ -98,7 +102,9 @@ def _step(step: Fixed | Joint | Mass | Rotor) -> list[float]:
 
 def _laws(model: RobotModel) -> list[list[float]]:
     """Rows of springs, dampers and frictions: the strain over (q_a, q_m), the numbers."""
-    n_a, rows, inverse = model.n_a, np.eye(model.n_a + model.n_m), np.linalg.inv(model.eta)
+    n_a = model.n_a
+    rows = np.eye(model.n_a + model.n_m)
+    inverse = np.linalg.inv(model.eta)
     out = []
     for i, coordinate in enumerate(model.coordinates):
         dof = coordinate.dof
@@ -120,14 +126,17 @@ class WholeMove:
     """A robot, alone or with feedback of its motors, simulated along trajectories."""
 
     def __init__(self, model: RobotModel, gains: Gains | None = None) -> None:
-        self.model, self.gains = model, gains
-        n_a, n_m = model.n_a, model.n_m
+        self.model = model
+        self.gains = gains
+        n_a = model.n_a
+        n_m = model.n_m
         assert not model.branched, "this referee knows chains only"
         assert not any(d.counterbalance or d.mimic for e in model.elements for d in e.dofs), (
             "... without counterbalances and mimics"
         )
         steps = [_step(step) for step in chain_of(model) if not isinstance(step, (Tip, Return))]
-        laws, spread = _laws(model), np.zeros((n_a + n_m, model.dof))
+        laws = _laws(model)
+        spread = np.zeros((n_a + n_m, model.dof))
         spread[:n_a, :n_a] = np.eye(n_a)
         for j in range(n_m):
             spread[n_a + j, list(model.i_g)] = model.eta[j]
@@ -157,7 +166,8 @@ class WholeMove:
 
     def rate(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
         """Rates of the state; ``u``: torques, with feedback also reference angles and speeds."""
-        out, tool = np.empty(self.n_x), np.empty(12)
+        out = np.empty(self.n_x)
+        tool = np.empty(12)
         given = [np.ascontiguousarray(a, float) for a in (x, u)]
         _library().rate(
             ctypes.byref(self._robot),
@@ -167,11 +177,14 @@ class WholeMove:
 
     def states(self, t: Trajectory, after: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Instants, states and places of the tool (n, 12) until ``after`` [s] beyond the end."""
-        model, time = self.model, t.time
+        model = self.model
+        time = t.time
         count = round(after / STEP)
         times = np.concatenate([time, time[-1] + after * np.arange(1, count + 1) / count])
-        torque, rest = _curve(t, "tau_m"), np.zeros((count, POWERS, model.n_m))
-        pieces, held = [_pieces(torque, time)], [t["tau_m"][-1]]
+        torque = _curve(t, "tau_m")
+        rest = np.zeros((count, POWERS, model.n_m))
+        pieces = [_pieces(torque, time)]
+        held = [t["tau_m"][-1]]
         if self.gains is not None:
             angle = make_interp_spline(time, t["q_m"], k=5)
             pieces += [_pieces(angle, time), _pieces(angle.derivative(), time)]
@@ -179,7 +192,9 @@ class WholeMove:
         after_end = [rest.copy() for _ in held]
         for piece, value in zip(after_end, held, strict=True):
             piece[:, 0] = value
-        inputs = np.concatenate([np.concatenate(pieces, axis=2), np.concatenate(after_end, axis=2)])
+        inputs = np.concatenate(
+            [np.concatenate(pieces, axis=2), np.concatenate(after_end, axis=2)]
+        )
         start = np.concatenate(
             [t["q_a"][0], t["q_m"][0][list(model.i_m)], np.zeros(self.n_x - model.dof)]
         )
@@ -188,12 +203,15 @@ class WholeMove:
     def _integrate(
         self, t: np.ndarray, inputs: np.ndarray, start: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        states, tools = np.zeros((len(t), self.n_x)), np.zeros((len(t), 12))
+        states = np.zeros((len(t), self.n_x))
+        tools = np.zeros((len(t), 12))
         states[0] = start
         n = dop853.N_STAGES
         parts = (dop853.C[:n], dop853.A[:n, :n], dop853.B, dop853.E3, dop853.E5)
-        tableau, inputs = np.concatenate([x.ravel() for x in parts]), np.ascontiguousarray(inputs)
-        double, address = ctypes.c_double, ctypes.c_void_p
+        tableau = np.concatenate([x.ravel() for x in parts])
+        inputs = np.ascontiguousarray(inputs)
+        double = ctypes.c_double
+        address = ctypes.c_void_p
         reached = _library().integrate(
             ctypes.byref(self._robot),
             len(t),
@@ -229,7 +247,8 @@ class WholeMove:
             k = min(int(np.searchsorted(t, instant, side="right")) - 1, len(inputs) - 1)
             return self.rate(x, (inputs[k] * (instant - t[k]) ** powers).sum(axis=0))
 
-        span, tolerances = (t[first], t[-1]), {"rtol": RTOL_STIFF, "atol": ATOL_STIFF}
+        span = (t[first], t[-1])
+        tolerances = {"rtol": RTOL_STIFF, "atol": ATOL_STIFF}
         found = solve_ivp(rate, span, states[first], "LSODA", t[first:], **tolerances)
         assert found.success, found.message
         states[first:] = found.y.T
@@ -278,11 +297,15 @@ def _choose(k: int, j: int) -> int:
 def _output_errors(
     model: RobotModel, t: Trajectory, q_a: np.ndarray, tools: np.ndarray
 ) -> tuple[np.ndarray | None, np.ndarray | None]:
-    """Distances [m] and angles [rad] between the output and its reference, which rests after its end."""
+    """Distances [m] and angles [rad] between the output and its reference, which rests after its
+    end.
+    """
     last = np.minimum(np.arange(len(q_a)), len(t.time) - 1)
-    y_ref, output = t["y_ref"][last], model.output
+    y_ref = t["y_ref"][last]
+    output = model.output
     if output.type == "combination":
-        error, units = q_a @ np.array(output.weights).T - y_ref, np.array(output_units(model))
+        error = q_a @ np.array(output.weights).T - y_ref
+        units = np.array(output_units(model))
         found = [
             np.linalg.norm(error[:, units == u], axis=1) if (units == u).any() else None
             for u in ("m", "rad")
@@ -294,7 +317,8 @@ def _output_errors(
     distance = np.linalg.norm(tools[:, axes] - y_ref, axis=1)
     if "R_ref" not in t.channels:
         return distance, None
-    R, wanted = tools[:, 3:].reshape(-1, 3, 3), t["R_ref"][last].reshape(-1, 3, 3)
+    R = tools[:, 3:].reshape(-1, 3, 3)
+    wanted = t["R_ref"][last].reshape(-1, 3, 3)
     if not np.isfinite(R).all():
         return distance, np.full(len(R), np.inf)
     return distance, Rotation.from_matrix(R @ wanted.transpose(0, 2, 1)).magnitude()

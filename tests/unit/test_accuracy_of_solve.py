@@ -1,4 +1,6 @@
-"""The accuracy that a user asks for: what ends the search, and what is true of a solution that is called solved."""
+"""The accuracy that a user asks for: what ends the search, and what is true of a solution that is
+called solved.
+"""
 
 from __future__ import annotations
 
@@ -47,7 +49,9 @@ def plant_error(monkeypatch: pytest.MonkeyPatch, error: float) -> None:
 
 
 def test_an_error_within_the_accuracy_ends_the_search(monkeypatch: pytest.MonkeyPatch) -> None:
-    """On a mesh of 80 ms the torques of the elbow are 0.4 mm off: solved for 1 mm, and not for 0.1 mm."""
+    """On a mesh of 80 ms the torques of the elbow are 0.4 mm off: solved for 1 mm, and not for 0.1
+    mm.
+    """
     runs = Runs(monkeypatch)
     coarse: dict[str, Any] = {"method": "full", "mesh": 0.08, "progress": False}
     found = flexgen.solve("elbow", accuracy=1e-3, **coarse)
@@ -83,7 +87,9 @@ def test_an_accuracy_that_is_met_starts_nothing_more(
 def test_an_error_of_105_percent_of_the_accuracy_starts_no_search_of_minutes(
     name: str, limited: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Planted. An error of a thousand times the accuracy does start one: the same test would see it."""
+    """Planted. An error of a thousand times the accuracy does start one: the same test would see
+    it.
+    """
     model = flexgen.read(name)
     limits = flexgen.Limits(torque=(1e4,) * model.n_m) if limited else None
     with monkeypatch.context() as patch:
@@ -102,10 +108,12 @@ def test_an_error_of_105_percent_of_the_accuracy_starts_no_search_of_minutes(
 
 @pytest.mark.slow
 def test_what_only_the_feedback_reaches_is_not_solved(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Torques 0.3 % too large, of an upright arm: 9 um with the motor feedback, which the accuracy allows.
+    """Torques 0.3 % too large, of an upright arm: 9 um with the motor feedback, which the accuracy
+    allows.
 
-    The residuals alone move the tool by 31 mm, so the error with feedback is that of its gains and not of
-    the torques; with other gains a user gets another one. The status is that of what the torques reach.
+    The residuals alone move the tool by 31 mm, so the error with feedback is that of its gains and
+    not of the torques; with other gains a user gets another one. The status is that of what the
+    torques reach.
     """
     Runs(monkeypatch, 1.003)
     given: dict[str, Any] = {"method": "closed-form", "ignore_limits": True, "progress": False}

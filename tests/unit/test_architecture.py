@@ -1,8 +1,9 @@
-"""The architecture: floors, no import circles, rooms without CasADi, nothing heavy behind --help, limits of size.
+"""The architecture: floors, no import circles, rooms without CasADi, nothing heavy behind --help,
+limits of size.
 
-Imports and sizes are read from the syntax tree of the source; nothing is imported. A text that is the name of a module
-counts as an import of it: such texts are imported when a function is called. A planted violation of each rule shows
-that the test sees it.
+Imports and sizes are read from the syntax tree of the source; nothing is imported. A text that is
+the name of a module counts as an import of it: such texts are imported when a function is called.
+A planted violation of each rule shows that the test sees it.
 """
 
 from __future__ import annotations
@@ -48,8 +49,8 @@ WINGS = (
     "uncertainty",
 )
 
-# A room (module or package below flexgen) imports from its own room and from rooms on lower floors only; rooms on the
-# ground floor may use each other.
+# A room (module or package below flexgen) imports from its own room and from rooms on lower floors
+# only; rooms on the ground floor may use each other.
 FLOORS = {
     "array_files": 0,
     "atomic_files": 0,
@@ -127,14 +128,16 @@ RUNTIME_NEEDS |= {
     "version",
 }  # the package itself, which is imported with its modules
 
-# Modules that import what a variable names: a name from a table that another module has handed down, or a user's file.
+# Modules that import what a variable names: a name from a table that another module has handed
+# down, or a user's file.
 IMPORT_BY_NAME = {"flexgen", "flexgen.registry"}
 
 MEASURED = ["flexgen", "benchmarks", "examples"]
 
 MOST = 8
-# Functions and methods of flexgen with more parameters (without self) than `MOST`; each number may only fall, and new
-# functions take a record of options. Those of verbs are the options of the command line, see test_former_names.py.
+# Functions and methods of flexgen with more parameters (without self) than `MOST`; each number may
+# only fall, and new functions take a record of options. Those of verbs are the options of the
+# command line, see test_former_names.py.
 PARAMETERS = {
     "benchmarks/tune.py tune": 10,  # a verb
     "benchmarks/tune_cascade.py tune_cascade": 14,  # a verb: the loop of the verb control
@@ -173,9 +176,11 @@ PARAMETERS = {
 }
 
 # loaded by `flexgen.solve`, before a call, and by `flexgen --version`
-MODULES_OF_SOLVE, MODULES_OF_VERSION = 90, 8
+MODULES_OF_SOLVE = 90
+MODULES_OF_VERSION = 8
 
-# Functions named by a participle, such as `turned`: public methods, decorators and changed copies; may only shrink.
+# Functions named by a participle, such as `turned`: public methods, decorators and changed copies;
+# may only shrink.
 PARTICIPLES = 25
 PARTICIPLE = re.compile(
     r"^ *(?P<property>@[\w.]*property\n *)?def _*(?!(?:speed|feed|need|seed)\()[a-z]+ed"
@@ -190,7 +195,8 @@ IMPORTERS = ("import_module", "__import__")
 class Import:
     """``module`` imports ``target`` (dotted names).
 
-    ``late``: inside a function, or for type checking only; ``text``: the name is in a text, imported when it is needed.
+    ``late``: inside a function, or for type checking only; ``text``: the name is in a text,
+    imported when it is needed.
     """
 
     module: str
@@ -211,7 +217,8 @@ class Source:
     functions : list of tuple
         Name, first line, number of lines, number of parameters without self.
     texts : list of tuple
-        Texts that may name a module, of f-strings the part before the first brace, and their lines.
+        Texts that may name a module, of f-strings the part before the first brace, and their
+        lines.
     unnamed : list of int
         Lines of imports of what a variable names.
     """
@@ -273,9 +280,13 @@ def source(text: str) -> Source:
 
 
 def imports_of(module: str, text: str, known: Collection[str]) -> list[Import]:
-    """All imports of a module's source; names that are modules among the ``known`` ones are targets themselves."""
+    """All imports of a module's source; names that are modules among the ``known`` ones are
+    targets themselves.
+    """
     found = [
-        Import(module, f"{base}.{name}" if name and f"{base}.{name}" in known else base, line, late)
+        Import(
+            module, f"{base}.{name}" if name and f"{base}.{name}" in known else base, line, late
+        )
         for base, name, line, late in source(text).imports
     ]
     for name, line in source(text).texts:
@@ -285,7 +296,8 @@ def imports_of(module: str, text: str, known: Collection[str]) -> list[Import]:
             targets = [other for other in known if other.startswith(head)]
         else:
             parts = head.split(".")
-            names = [".".join(parts[:k]) for k in range(len(parts), 1, -1)]  # "module.function" too
+            # "module.function" too
+            names = [".".join(parts[:k]) for k in range(len(parts), 1, -1)]
             targets = [other for other in names if other in known][:1]
         found += [Import(module, target, line, True, True) for target in targets]
     return found
@@ -322,7 +334,8 @@ def floor_violations(imports: Iterable[Import]) -> list[str]:
     """Imports that do not go down, late ones and those for types included."""
     out = []
     for found in inner(imports):
-        here, there = room(found.module), room(found.target)
+        here = room(found.module)
+        there = room(found.target)
         if here == there:
             continue
         if FLOORS[there] > FLOORS[here] or (FLOORS[there] == FLOORS[here] and FLOORS[here] > 0):
@@ -365,7 +378,9 @@ def circles(imports: Iterable[Import]) -> list[list[str]]:
 
 
 def reached(start: str, imports: Iterable[Import]) -> set[str]:
-    """All that importing a module imports, outside packages by their first name; parents of packages included."""
+    """All that importing a module imports, outside packages by their first name; parents of
+    packages included.
+    """
     graph: dict[str, set[str]] = {}
     for found in imports:
         if not found.late:
@@ -381,7 +396,9 @@ def reached(start: str, imports: Iterable[Import]) -> set[str]:
             todo += graph.get(module, ())
             if "." in module:
                 todo.append(module.rpartition(".")[0])
-    return {module if module.startswith("flexgen") else module.partition(".")[0] for module in seen}
+    return {
+        module if module.startswith("flexgen") else module.partition(".")[0] for module in seen
+    }
 
 
 def unnamed_imports(texts: dict[str, str]) -> list[str]:
@@ -427,7 +444,7 @@ def computing(imports: Iterable[Import]) -> list[str]:
     ]
 
 
-# --- the rules --------------------------------------------------------------------------------------------------------
+# --- the rules -----------------------------------------------------------------------------------
 def test_every_room_has_a_floor():
     unknown = {room(module) for module in sources()} - set(FLOORS)
     assert not unknown, f"add to FLOORS: {sorted(unknown)}"
@@ -458,7 +475,9 @@ def test_no_further_function_has_more_than_eight_parameters():
 
 def test_a_planted_method_with_nine_parameters_is_seen():
     planted = {
-        "flexgen/x.py": "class A:\n    def f(self, a, b, c, d, e, *, f, g, h, i): ...\n    def g(self): ...\n"
+        "flexgen/x.py": (
+            "class A:\n    def f(self, a, b, c, d, e, *, f, g, h, i): ...\n    def g(self): ...\n"
+        )
     }
     assert long_signatures(planted) == {"x.py f": 9}
 
@@ -524,7 +543,9 @@ def test_packages_of_the_wheel_are_those_of_the_tree():
         "setuptools"
     ]
     folders = [path.parent for path in (ROOT / "flexgen").rglob("__init__.py")]
-    expected = {".".join(folder.relative_to(ROOT).parts) for folder in folders} | {"flexgen.models"}
+    expected = {".".join(folder.relative_to(ROOT).parts) for folder in folders} | {
+        "flexgen.models"
+    }
     assert set(settings["packages"]) == expected
     assert settings["package-dir"] == {"": "."}  # an editable installation without an import hook
     assert (ROOT / "flexgen" / "models").resolve() == ROOT / "models"
@@ -557,7 +578,10 @@ def test_planted_arrow_changes_the_picture():
 
 
 def test_import_of_the_command_line_loads_nothing_heavy():
-    code = "import sys, flexgen.cli.main; print(*sorted({name.partition('.')[0] for name in sys.modules}))"
+    code = (
+        "import sys, flexgen.cli.main; print(*sorted({name.partition('.')[0] for name in "
+        "sys.modules}))"
+    )
     out = subprocess.run(
         [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True
     ).stdout
@@ -618,7 +642,7 @@ def test_verbs_are_public_and_not_hidden_by_modules_of_the_same_name():
     assert out == ""
 
 
-# --- planted bugs -----------------------------------------------------------------------------------------------------
+# --- planted bugs --------------------------------------------------------------------------------
 @pytest.mark.parametrize(
     ("module", "line"),
     [

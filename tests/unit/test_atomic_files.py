@@ -1,4 +1,6 @@
-"""Files are complete or as before; temporary files of killed processes are removed, those in use never."""
+"""Files are complete or as before; temporary files of killed processes are removed, those in use
+never.
+"""
 
 from __future__ import annotations
 
@@ -50,7 +52,9 @@ def test_the_old_file_is_replaced_and_keeps_its_mode(tmp_path):
         write_text(tmp_path / "link", "two\n")
         assert reader.read() == "one\n"  # an open file keeps its content
     assert path.read_text() == "two\n" and stat.S_IMODE(path.stat().st_mode) == 0o600
-    assert (tmp_path / "link").is_symlink() and [p.name for p in path.parent.iterdir()] == ["a.txt"]
+    assert (tmp_path / "link").is_symlink() and [p.name for p in path.parent.iterdir()] == [
+        "a.txt"
+    ]
 
 
 STICKY = 0o1777
@@ -65,8 +69,11 @@ def stranger(path) -> None:
 
 @pytest.mark.parametrize("mode", [STICKY, 0o777])
 @pytest.mark.parametrize("way", ["file", "folder", "chain"])
-def test_a_link_of_another_user_in_a_folder_open_to_every_user_is_not_followed(tmp_path, mode, way):
-    mine, shared = tmp_path / "mine", tmp_path / "shared"
+def test_a_link_of_another_user_in_a_folder_open_to_every_user_is_not_followed(
+    tmp_path, mode, way
+):
+    mine = tmp_path / "mine"
+    shared = tmp_path / "shared"
     mine.mkdir()
     shared.mkdir()
     shared.chmod(mode)
@@ -83,7 +90,8 @@ def test_a_link_of_another_user_in_a_folder_open_to_every_user_is_not_followed(t
     ):
         write_text(path, "changed\n")
     assert victim.read_text() == "secret\n" and [p.name for p in mine.iterdir()] == ["keys"]
-    os.chown(link, os.geteuid(), -1, follow_symlinks=False)  # the same link of the user is followed
+    # the same link of the user is followed
+    os.chown(link, os.geteuid(), -1, follow_symlinks=False)
     write_text(path, "changed\n")
     assert victim.read_text() == "changed\n" and link.is_symlink()
 
@@ -145,12 +153,14 @@ def test_the_mode_of_a_file_of_another_user_is_not_kept(tmp_path):
     stranger(path)
     write_text(path, "two\n")
     assert (
-        stat.S_IMODE(path.stat().st_mode) == 0o666 & ~umask() and path.stat().st_uid == os.geteuid()
+        stat.S_IMODE(path.stat().st_mode) == 0o666 & ~umask()
+        and path.stat().st_uid == os.geteuid()
     )
 
 
 def test_folders_to_be_written_through_a_link_of_another_user_are_refused(tmp_path):
-    shared, mine = tmp_path / "shared", tmp_path / "mine"
+    shared = tmp_path / "shared"
+    mine = tmp_path / "mine"
     shared.mkdir()
     mine.mkdir()
     shared.chmod(STICKY)
@@ -200,14 +210,17 @@ def test_reasons_have_advice():
         for code in (errno.EACCES, errno.EROFS, errno.EIO)
     }
     assert "choose a folder that you may write" in told[errno.EACCES]
-    assert "choose another path" in told[errno.EIO] and all("'x'" in text for text in told.values())
+    assert "choose another path" in told[errno.EIO] and all(
+        "'x'" in text for text in told.values()
+    )
 
 
 def test_leftovers_are_removed_but_never_those_in_use(tmp_path):
     program = (
         "import sys, time, pathlib\n"
         "from flexgen.atomic_files import atomic_file, staging_folder\n"
-        "with staging_folder(pathlib.Path(sys.argv[1])) as folder, atomic_file(sys.argv[1] + '/a.txt') as stream:\n"
+        "with staging_folder(pathlib.Path(sys.argv[1])) as folder, atomic_file(sys.argv[1] + "
+        "'/a.txt') as stream:\n"
         "    (folder / 'inside').write_text('x')\n"
         "    stream.write(b'half'), stream.flush()\n"
         "    print('ready', flush=True)\n"
@@ -275,7 +288,8 @@ def test_temporary_folders_of_killed_processes_are_removed(tmp_path, monkeypatch
 
 def test_a_folder_that_becomes_a_link_is_not_followed(tmp_path, monkeypatch):
     """Between the check of a path and the write another process puts a link into its place."""
-    given, mine = tmp_path / "given", tmp_path / "mine"
+    given = tmp_path / "given"
+    mine = tmp_path / "mine"
     given.mkdir()
     mine.mkdir()
     check = atomic_files.follow_links
@@ -294,7 +308,8 @@ def test_a_folder_that_becomes_a_link_is_not_followed(tmp_path, monkeypatch):
 
 def test_a_folder_that_becomes_a_link_while_it_is_written(tmp_path):
     """The file stays in the folder that was opened."""
-    given, mine = tmp_path / "given", tmp_path / "mine"
+    given = tmp_path / "given"
+    mine = tmp_path / "mine"
     mine.mkdir()
     with atomic_file(given / "a.txt") as stream:
         stream.write(b"x")

@@ -1,4 +1,6 @@
-"""Averages of frequency responses: arithmetic, harmonic and logarithmic means of numbers known in advance."""
+"""Averages of frequency responses: arithmetic, harmonic and logarithmic means of numbers known in
+advance.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""Calls of methods and constructors with invalid arguments: an ArgumentError that names the expected value."""
+"""Calls of methods and constructors with invalid arguments: an ArgumentError that names the
+expected value.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,8 @@ import flexgen
 from flexgen.errors import ArgumentError
 
 LONG = "x" * 5000
-NAN, INFINITE = np.full((2, 2), np.nan), np.full((2, 2), np.inf)
+NAN = np.full((2, 2), np.nan)
+INFINITE = np.full((2, 2), np.inf)
 GOOD = np.eye(2)
 
 

@@ -1,4 +1,6 @@
-"""Wrong model files: each is refused with the right file, line and key, and never with another exception."""
+"""Wrong model files: each is refused with the right file, line and key, and never with another
+exception.
+"""
 
 import random
 import re
@@ -15,7 +17,14 @@ def test_good_text_is_read(tmp_path):
     path.write_text(GOOD)
     model = read(path)
     assert (model.n_m, model.n_g, model.n_e, model.dof) == (3, 3, 3, 7)
-    assert [c.name for c in model.coordinates] == ["q1", "e1", "q2", "q3", "second_y1", "second_y2"]
+    assert [c.name for c in model.coordinates] == [
+        "q1",
+        "e1",
+        "q2",
+        "q3",
+        "second_y1",
+        "second_y2",
+    ]
     assert model.eta.tolist() == [[-100, 0, 0], [0, 50, 0.5], [0, 0, 40]]
     assert read(path, "stiff").dof == 6
 
@@ -99,7 +108,8 @@ def test_file_must_be_readable_text(tmp_path):
     good.write_text(GOOD)
     with pytest.raises(
         ModelError,
-        match=r"good\.toml, changed by --set or overrides: element: given \[\], expected a list of tables, not empty",
+        match=r"good\.toml, changed by --set or overrides: element: given \[\], expected a list "
+        r"of tables, not empty",
     ):
         read(good, overrides={"element": []})
     with pytest.raises(ArgumentError, match="not a file"):

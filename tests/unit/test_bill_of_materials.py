@@ -1,4 +1,6 @@
-"""The bill of materials, and the licenses in docs/licenses.md, compared with the metadata of the installed packages."""
+"""The bill of materials, and the licenses in docs/licenses.md, compared with the metadata of the
+installed packages.
+"""
 
 from __future__ import annotations
 

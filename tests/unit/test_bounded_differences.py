@@ -99,7 +99,8 @@ def test_long_tables_are_those_of_osqp_and_fast(shares: tuple[float | None, floa
     B, r = point_to_point()
     bounds = bounds_of(B, r, shares)
     limits = limits_of(bounds)
-    found, spent = np.empty(0), np.inf
+    found = np.empty(0)
+    spent = np.inf
     for _ in range(5):
         begin = time.process_time()
         found = fit_within(B, r, PERIOD, limits)[:, 0]
@@ -118,7 +119,8 @@ def test_rows_that_stay_unknowns_and_rows_that_are_removed_agree(
     instants = PERIOD / 4 * np.arange(4 * 80 + 1)
     B = basis(instants, PERIOD * np.arange(81), interpolation)
     r = np.sin(40.0 * instants) + 0.2 * np.sin(190.0 * instants)
-    H, g = csc_matrix(B.T @ B), -(B.T @ r)
+    H = csc_matrix(B.T @ B)
+    g = -(B.T @ r)
     free = fit_samples(B, r[:, None])[:, 0]
     bounds = {n: np.full(81 - n, 0.4 * np.abs(np.diff(free, n)).max()) for n in (1, 2)}
     found = solve_bounded_differences(H, g, bounds)
@@ -175,7 +177,8 @@ def test_a_point_that_is_not_optimal_is_refused(
 ) -> None:
     """Planted: searches that end too early."""
     B, r = point_to_point(150)
-    H, g = csc_matrix(B.T @ B), -(B.T @ (r[:, 0] - r[0, 0]))
+    H = csc_matrix(B.T @ B)
+    g = -(B.T @ (r[:, 0] - r[0, 0]))
     bounds = {n: np.full(151 - n, b) for n, b in bounds_of(B, r, (0.9, 0.8)).items()}
     assert solve_bounded_differences(H, g, bounds) is not None
     change(monkeypatch)

@@ -73,14 +73,23 @@ def trajectory(tmp_path_factory):
     return path
 
 
-# --- models, describe -------------------------------------------------------------------------------------------------
+# --- models, describe ----------------------------------------------------------------------------
 def test_models(ask, run):
     status, data, _ = ask("models")
     assert status == 0 and list(data) == ["models"]
     rows = {row["name"]: row for row in data["models"]}
     assert set(rows) == {path.stem for path in (ROOT / "models").glob("*.toml")}
     for row in rows.values():
-        assert set(row) == {"name", "source", "n_m", "n_g", "n_e", "dof", "description", "variants"}
+        assert set(row) == {
+            "name",
+            "source",
+            "n_m",
+            "n_g",
+            "n_e",
+            "dof",
+            "description",
+            "variants",
+        }
     row = rows["planar5_nmp"]
     assert [row[key] for key in ("n_m", "n_g", "n_e", "dof")] == [2, 2, 1, 5]
     assert row["variants"] == ["undamped", "soft"]
@@ -123,9 +132,9 @@ def test_tables_have_one_line_for_each_model(run, tmp_path, monkeypatch):
     (tmp_path / "arm.toml").write_text(
         text.replace("description =", 'description = """two\nlines"""\n#', 1)
     )
-    assert next(line for line in run("models")[1].splitlines() if line.startswith("arm ")).endswith(
-        "  two lines"
-    )
+    assert next(
+        line for line in run("models")[1].splitlines() if line.startswith("arm ")
+    ).endswith("  two lines")
     assert run("describe", "arm")[1].splitlines()[0] == "elbow: two lines"
 
 
@@ -210,7 +219,7 @@ def test_bad_set_is_a_usage_error(ask, text):
     assert status == 2 and "KEY=VALUE" in data["error"] and "usage:" in err
 
 
-# --- derive -----------------------------------------------------------------------------------------------------------
+# --- derive --------------------------------------------------------------------------------------
 def test_derive(ask, run, tmp_path):
     status, data, _ = ask("derive", "elbow")
     assert (
@@ -235,7 +244,7 @@ def test_derive_without_a_closed_form(ask, run):
     assert run("derive", "kr300", "--text", "--latex")[0] == 2
 
 
-# --- analyze ----------------------------------------------------------------------------------------------------------
+# --- analyze -------------------------------------------------------------------------------------
 def test_analyze(ask, run):
     status, data, _ = ask("analyze", "planar5_nmp")
     assert status == 0
@@ -267,7 +276,7 @@ def test_pose_of_the_wrong_length(ask):
     assert status == 1 and "q1, q2, q3" in data["error"]
 
 
-# --- generate ---------------------------------------------------------------------------------------------------------
+# --- generate ------------------------------------------------------------------------------------
 @needs_compiler
 def test_generate(ask, run, tmp_path):
     status, data, err = ask("generate", "elbow", "--out", tmp_path / "c")
@@ -293,7 +302,8 @@ def test_generate(ask, run, tmp_path):
         "--functions",
         "motor_friction, inverse_dynamics",
     ]
-    data, other = ask(*few)[1], ask(*few, "--set", "motor.m1.inertia=0.02")[1]
+    data = ask(*few)[1]
+    other = ask(*few, "--set", "motor.m1.inertia=0.02")[1]
     assert not other["cached"] and other["digest"] != data["digest"]
     status, text, _ = run("generate", "elbow", "--out", tmp_path / "c", "--force", "--no-build")
     assert status == 0 and "elbow.h" in text
@@ -348,15 +358,15 @@ def test_generate_without_a_compiler(ask, run, tmp_path, monkeypatch):
     )
 
 
-# --- solve, simulate --------------------------------------------------------------------------------------------------
+# --- solve, simulate -----------------------------------------------------------------------------
 def test_solve(ask, tmp_path):
     status, data, _ = ask(
         "solve", "planar5_nmp", "--move", "joints", "--out", tmp_path / "a" / "joints.csv"
     )
     assert status == 0
     keys = (
-        "status method move wall_s cpu_s tool_error_max_m tool_error_max_rad torque_max_Nm residual_max_Nm iterations "
-        "trajectory"
+        "status method move wall_s cpu_s tool_error_max_m tool_error_max_rad torque_max_Nm "
+        "residual_max_Nm iterations trajectory"
     )
     assert set(keys.split()) <= set(data)
     assert (data["status"], data["move"], data["tool_error_max_rad"]) == ("solved", "joints", None)
@@ -461,9 +471,10 @@ def test_simulate(ask, run, trajectory, tmp_path):
     status, data, _ = ask("simulate", "planar5_nmp", trajectory, "--out", tmp_path / "moved.npz")
     assert status == 0
     keys = (
-        "model tool_error_max_m tool_error_max_rad held_s later_error_max_m later_error_max_rad motor_feedback growth "
-        "growth_whole open_loop_error_max_m open_loop_error_max_rad defect_max_m defect_max_rad energy_error "
-        "torque_max_Nm speed_max_rad_s evaluations wall_s trajectory"
+        "model tool_error_max_m tool_error_max_rad held_s later_error_max_m later_error_max_rad "
+        "motor_feedback growth growth_whole open_loop_error_max_m open_loop_error_max_rad "
+        "defect_max_m defect_max_rad energy_error torque_max_Nm speed_max_rad_s evaluations "
+        "wall_s trajectory"
     )
     assert list(data) == keys.split()
     assert data["tool_error_max_m"] < 1e-6 and data["energy_error"] < 1e-9
@@ -483,7 +494,7 @@ def test_simulate_with_a_trajectory_of_another_model(ask, trajectory, tmp_path):
     assert ask("simulate", "elbow", tmp_path / "nosuch.npz")[0] == 1
 
 
-# --- what is wrong with files -----------------------------------------------------------------------------------------
+# --- what is wrong with files --------------------------------------------------------------------
 @pytest.mark.parametrize("verb", ["describe", "derive", "analyze", "generate", "solve", "run"])
 @pytest.mark.parametrize(
     "content",
@@ -542,7 +553,7 @@ def test_full_disk(ask):
     )
 
 
-# --- usage, interruption, noise ---------------------------------------------------------------------------------------
+# --- usage, interruption, noise ------------------------------------------------------------------
 def test_usage(run):
     for words in (
         ["nosuch"],
@@ -745,7 +756,7 @@ def test_output_in_an_ascii_terminal():
     )
 
 
-# --- printing ---------------------------------------------------------------------------------------------------------
+# --- printing ------------------------------------------------------------------------------------
 def test_tables_are_aligned():
     text = table([["a", 1.0, "m"], ["long", None, ""]], ("what", "value", "unit"))
     assert text.splitlines() == [
@@ -779,7 +790,9 @@ def test_numbers_as_text():
 
 def test_analysis_without_figures():
     data = dict.fromkeys(
-        "pose motor_torque_Nm modes_hz modes_damping zeros zeros_motor phase structural_index".split()
+        (
+            "pose motor_torque_Nm modes_hz modes_damping zeros zeros_motor phase structural_index"
+        ).split()
     )
     data |= {
         "pose": [None],
@@ -807,7 +820,7 @@ def test_json_types():
     assert json.loads(as_json({"x": float("-inf")})) == {"x": None}
 
 
-# --- the main job -----------------------------------------------------------------------------------------------------
+# --- the main job --------------------------------------------------------------------------------
 @pytest.mark.slow
 @needs_compiler
 @pytest.mark.usefixtures("undrawn")
@@ -815,7 +828,9 @@ def test_run_and_reports(ask, run, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     status, data, _ = ask("run", "planar5_nmp")
     assert (
-        status == 0 and data["solve"]["status"] == "solved" and data["load"]["difference_Nm"] < 1e-9
+        status == 0
+        and data["solve"]["status"] == "solved"
+        and data["load"]["difference_Nm"] < 1e-9
     )
     assert data["report"] == str(Path("reports", "planar5_nmp", "index.html"))
     assert "<svg" in Path(data["report"]).read_text(encoding="utf-8")

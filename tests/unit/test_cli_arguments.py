@@ -51,7 +51,9 @@ def test_a_negative_number_is_a_value_of_each_option(text):
 
 
 def test_noise_below_zero_is_refused_by_its_range():
-    with pytest.raises(UsageError, match=r"--encoder-noise: given '-1e-3', expected a number >= 0"):
+    with pytest.raises(
+        UsageError, match=r"--encoder-noise: given '-1e-3', expected a number >= 0"
+    ):
         parse(["control", "elbow", "--encoder-noise", "-1e-3"])
 
 
@@ -69,14 +71,17 @@ def test_options_of_several_numbers_take_them_with_spaces_or_commas(several):
         "rotation",
     }
     for verb, action in options:
-        option, model = action.option_strings[0], VERBS[verb]._positionals._group_actions[0].dest
+        option = action.option_strings[0]
+        model = VERBS[verb]._positionals._group_actions[0].dest
         for words in (
             [option, *several, "x"],
             ["x", option, *several],
             ["x", f"{option}={several[0]}", *several[1:]],
         ):
             args = PARSER.parse_args([*verb.split(), *words])
-            assert getattr(args, action.dest) == [-20.5, 10.0, -0.5] and getattr(args, model) == "x"
+            assert (
+                getattr(args, action.dest) == [-20.5, 10.0, -0.5] and getattr(args, model) == "x"
+            )
 
 
 @pytest.mark.parametrize("verb", VERBS)
@@ -100,7 +105,9 @@ def test_the_old_name_of_out_is_accepted_with_a_warning(verb, monkeypatch, capsy
     assert main(words) == 0
     out, err = capsys.readouterr()
     assert seen == [tmp_path] and json.loads(out) == {}
-    assert err == "flexgen: warning: --directory is the old name of --out, please use the new one\n"
+    assert (
+        err == "flexgen: warning: --directory is the old name of --out, please use the new one\n"
+    )
     with pytest.raises(UsageError, match="given twice"):
         parse([*words, "--out", "other"])
 
@@ -143,7 +150,10 @@ def test_each_option_is_in_a_named_section_of_the_help(verb):
         ),
         (["generate", "elbow", "--ouy", "x"], "; did you mean '--out'?"),
         (["fastest", "elbow", "--torque", "a"], "expected numbers such as"),
-        (["solve", "elbow", "--mesh", "fine"], "given 'fine', expected a number > 0, such as 0.01"),
+        (
+            ["solve", "elbow", "--mesh", "fine"],
+            "given 'fine', expected a number > 0, such as 0.01",
+        ),
         (["control", "elbow", "--seed", "1.5"], "given '1.5', expected an integer >= 0"),
         (["generate", "elbow", "--out", "a", "--out", "b"], "given twice (a and b), expected one"),
     ],

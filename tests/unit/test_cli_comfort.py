@@ -1,4 +1,6 @@
-"""The command line on a terminal: width of tables, poses, several moves, details, log file, completion, failures."""
+"""The command line on a terminal: width of tables, poses, several moves, details, log file,
+completion, failures.
+"""
 
 from __future__ import annotations
 
@@ -41,7 +43,7 @@ def run(capfd):
     return call
 
 
-# --- width ------------------------------------------------------------------------------------------------------------
+# --- width ---------------------------------------------------------------------------------------
 
 ROWS = [
     ["planar5_nmp", 2, "an arm with a very long description, of many words that fill a line", 1.5]
@@ -106,7 +108,7 @@ def test_no_line_is_wider_than_the_terminal(words, columns):
     assert max(map(len, text.splitlines())) <= columns
 
 
-# --- arguments --------------------------------------------------------------------------------------------------------
+# --- arguments -----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -155,7 +157,7 @@ def test_a_second_move_is_refused_elsewhere(run, verb):
     assert status == 2 and "--move: given twice (line and arc), expected one" in err
 
 
-# --- details and log --------------------------------------------------------------------------------------------------
+# --- details and log -----------------------------------------------------------------------------
 
 
 @pytest.mark.slow
@@ -191,7 +193,7 @@ def test_a_log_that_cannot_be_written_is_refused(run, tmp_path):
     )
 
 
-# --- completion -------------------------------------------------------------------------------------------------------
+# --- completion ----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("shell", LISTS["SHELLS"]())
@@ -237,7 +239,7 @@ def test_bash_completes(run, words, expected):
     assert done.stdout.split() == expected and done.stderr == ""
 
 
-# --- time and failures ------------------------------------------------------------------------------------------------
+# --- time and failures ---------------------------------------------------------------------------
 
 
 def test_a_long_compilation_is_announced(tmp_path):
@@ -274,7 +276,12 @@ def test_failures_are_grouped_by_reason():
 def test_a_sweep_prints_the_reasons(run, tmp_path):
     grid = tmp_path / "grid.toml"
     grid.write_text(
-        'models = ["elbow"]\nmoves = ["line", "nosuch"]\n\n[parameters]\n"element.upper.body.mass" = [10.0, 12.0]\n\n'
+        'models = ["elbow"]\n'
+        'moves = ["line", "nosuch"]\n'
+        "\n"
+        "[parameters]\n"
+        '"element.upper.body.mass" = [10.0, 12.0]\n'
+        "\n"
         "[options]\nverify = false\n"
     )
     words = ["sweep", grid, "--workers", "0", "--out"]

@@ -97,7 +97,8 @@ def test_a_wall_and_passivity_are_those_of_python(capsys):
 
 
 def test_a_simulation_with_a_wall_and_what_sensors_read(tmp_path, capsys):
-    path, seen = str(tmp_path / "line.npz"), str(tmp_path / "seen.csv")
+    path = str(tmp_path / "line.npz")
+    seen = str(tmp_path / "seen.csv")
     flexgen.solve("planar5_nmp", "line", verify=False, progress=False).trajectory.save(path)
     assert main(["simulate", "planar5_nmp", path, "--wall", WALL, "--json", "-q"]) == 0
     data = json.loads(capsys.readouterr().out)
@@ -120,8 +121,10 @@ def test_walls_that_cannot_be_read(given, capsys):
 
 
 def test_an_unstable_loop_fails(tmp_path, capsys):
-    (tmp_path / "hot.toml").write_text('type = "cascade"\nposition_gain = [900.0, 900.0]\n'
-                                       "speed_gain = [900.0, 900.0]\nintegral_gain = [0.0, 0.0]\n")  # fmt: skip
+    (tmp_path / "hot.toml").write_text(
+        'type = "cascade"\nposition_gain = [900.0, 900.0]\n'
+        "speed_gain = [900.0, 900.0]\nintegral_gain = [0.0, 0.0]\n"
+    )
     words = [
         "control",
         "planar5_nmp",
@@ -165,14 +168,18 @@ def test_options_that_are_repeated_are_robots_by_name(monkeypatch, capsys):
     assert main([*words, "--out", "positions.txt"]) == 2  # before the computation
     said = capsys.readouterr().err
     assert "plants: given soft, soft, expected different names" in said
-    assert "given 'positions.txt', expected a file name ending in .csv, .npz, .mat or .json" in said
+    assert (
+        "given 'positions.txt', expected a file name ending in .csv, .npz, .mat or .json" in said
+    )
 
 
 @pytest.mark.slow
 def test_score_and_its_refusals(tmp_path, capsys):
     assert main(["score", "four_mass", "-q", "--json"]) == 0
     data = json.loads(capsys.readouterr().out)
-    assert data["scores"][0]["score"] == pytest.approx(1.0219, abs=1e-4) and len(data["hash"]) == 64
+    assert (
+        data["scores"][0]["score"] == pytest.approx(1.0219, abs=1e-4) and len(data["hash"]) == 64
+    )
     (tmp_path / "hot.toml").write_text(
         'type = "cascade"\nposition_gain = [12.0]\nspeed_gain = [25.0]\nintegral_gain = [6.0]\n'
     )
@@ -213,7 +220,8 @@ def test_tune_writes_a_controller(tmp_path, capsys):
 
 @pytest.mark.parametrize(("report", "pages"), [(None, 0), ("page", 1)])
 def test_a_score_writes_a_page_where_one_is_asked(tmp_path, capsys, monkeypatch, report, pages):
-    written, parts = [], dict.fromkeys(["nominal", *scenario("four_mass").sets], 1.0)
+    written = []
+    parts = dict.fromkeys(["nominal", *scenario("four_mass").sets], 1.0)
     found = SimpleNamespace(
         controller="reference",
         total=1.5,
@@ -227,7 +235,8 @@ def test_a_score_writes_a_page_where_one_is_asked(tmp_path, capsys, monkeypatch,
         ended="",
         wall_s=0.1,
     )
-    found.to_dict, found.report = dict, lambda folder: written.append(folder) or folder
+    found.to_dict = dict
+    found.report = lambda folder: written.append(folder) or folder
     monkeypatch.setattr("flexgen.benchmarks.score.score", lambda *_, **__: found)
     words = ["score", "four_mass", "-q", *(["--report", str(tmp_path / report)] if report else [])]
     assert main(words) == 0 and len(written) == pages

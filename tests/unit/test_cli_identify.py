@@ -1,4 +1,6 @@
-"""The verbs of identification on the command line: the whole chain, its files, its exit statuses."""
+"""The verbs of identification on the command line: the whole chain, its files, its exit
+statuses.
+"""
 
 from __future__ import annotations
 
@@ -78,7 +80,8 @@ def run(capsys, *words):
 
 @pytest.mark.slow
 def test_a_spring_is_found_and_written(folder, capsys, tmp_path):
-    out, report = tmp_path / "new.toml", tmp_path / "report"
+    out = tmp_path / "new.toml"
+    report = tmp_path / "report"
     words = [
         "identify",
         "planar5_nmp",
@@ -113,7 +116,9 @@ def test_a_spring_is_found_and_written(folder, capsys, tmp_path):
 @pytest.mark.full
 @pytest.mark.usefixtures("undrawn")
 def test_a_second_level_says_whether_the_robot_is_nonlinear(folder, capsys, tmp_path):
-    """Coulomb friction of m1 that the model lacks: three times the speed of the experiment, and the experiment."""
+    """Coulomb friction of m1 that the model lacks: three times the speed of the experiment, and
+    the experiment.
+    """
     friction = ["--set", "motor.m1.friction.coulomb=0.04", "--set", "motor.m1.friction.beta=20"]
     plan = flexgen.Plan.load(folder / "plan.npz")
     replace(plan, amplitudes=3 * plan.amplitudes).save(tmp_path / "0.npz")
@@ -274,7 +279,10 @@ def test_measured_responses_have_a_report(folder, capsys, tmp_path):
             ["excite", "planar5_nmp", "--free", "weight", "--out", "p.npz"],
             "parameters: given 'weight'",
         ),
-        (["measure", "planar5_nmp", "none.npz", "--out", "d.npz"], "plan none.npz: cannot be read"),
+        (
+            ["measure", "planar5_nmp", "none.npz", "--out", "d.npz"],
+            "plan none.npz: cannot be read",
+        ),
         (["frf", "none.npz", "--out", "f.npz"], "experiment none.npz: cannot be read"),
         (["identify", "planar5_nmp", "none.npz"], "frf none.npz: cannot be read"),
     ],

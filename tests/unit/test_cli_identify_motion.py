@@ -1,4 +1,6 @@
-"""The command line from recorded motions to parameters: rigid bodies, segments, sensors, transients."""
+"""The command line from recorded motions to parameters: rigid bodies, segments, sensors,
+transients.
+"""
 
 from __future__ import annotations
 
@@ -27,11 +29,20 @@ noise = 0.01
 
 
 def rigid_recordings(folder: Path, phases: tuple[float, ...] = (0.0, 1.0)) -> list[Path]:
-    """Recordings of the rigid elbow with other bodies, friction and encoders on the links; one file each."""
+    """Recordings of the rigid elbow with other bodies, friction and encoders on the links; one
+    file each.
+    """
     path = flexgen.read("elbow@rigid").file
     text = Path(path).read_text()
     for joint in ("q1", "q2"):
-        text += f'\n[[sensor]]\nname = "on_{joint}"\ntype = "link_encoder"\ncoordinate = "{joint}"\nunit = "rad"\n'
+        text += (
+            "\n"
+            "[[sensor]]\n"
+            f'name = "on_{joint}"\n'
+            'type = "link_encoder"\n'
+            f'coordinate = "{joint}"\n'
+            'unit = "rad"\n'
+        )
     (folder / "robot.toml").write_text(text)
     model = flexgen.read(folder / "robot.toml", "rigid")
     equations = flexgen.derive(model)
@@ -55,7 +66,12 @@ def rigid_recordings(folder: Path, phases: tuple[float, ...] = (0.0, 1.0)) -> li
         for kind, unit, name in (("torque", "N m", "tau"), ("angle", "rad", "q")):
             for j, motor in enumerate(model.motors):
                 rows.append(
-                    f'[[{kind}]]\nmotor = "{motor.name}"\nname = "{name}"\nindex = {j}\nunit = "{unit}"\nside = "motor"'
+                    f"[[{kind}]]\n"
+                    f'motor = "{motor.name}"\n'
+                    f'name = "{name}"\n'
+                    f"index = {j}\n"
+                    f'unit = "{unit}"\n'
+                    'side = "motor"'
                 )
         for j, joint in enumerate(("q1", "q2")):
             rows.append(
@@ -92,7 +108,8 @@ def test_rigid_bodies_from_the_command_line(tmp_path, capsys):
     coulomb = next(row for row in found["parameters"] if row["name"] == "m1.coulomb")
     assert abs(coulomb["value"] - 0.5) < 5 * coulomb["sd"] < 0.1
     assert found["gear_stiffness"]["q1"]["stiffness"] == pytest.approx(1e6, rel=0.05)
-    fitted, old = flexgen.read(new, "rigid"), flexgen.read(robot)
+    fitted = flexgen.read(new, "rigid")
+    old = flexgen.read(robot)
     q = np.array([[0.3, -0.4]])
     gravity = [evaluate(flexgen.derive(m).function("gravity"), q)[0] for m in (fitted, old)]
     assert gravity[0] == pytest.approx(1.1 * gravity[1], rel=0.02)
@@ -159,7 +176,12 @@ def test_numbers_that_a_variant_sets_are_not_written(tmp_path, capsys):
     """The new file would not have the identified values in this variant; nothing is written."""
     first = rigid_recordings(tmp_path, (0.0,))[0]
     text = (tmp_path / "robot.toml").read_text()
-    set_mass = '\n[variant.heavy.set]\n"element.upper.body.mass" = 70.0\n"element.upper.dof.q1.gear" = { type = "rigid" }\n'
+    set_mass = (
+        "\n"
+        "[variant.heavy.set]\n"
+        '"element.upper.body.mass" = 70.0\n'
+        '"element.upper.dof.q1.gear" = { type = "rigid" }\n'
+    )
     set_mass += '"element.fore.dof.q2.gear" = { type = "rigid" }\n'
     (tmp_path / "robot.toml").write_text(text + "\n[variant.heavy]\n" + set_mass)
     new = tmp_path / "new.toml"

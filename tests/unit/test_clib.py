@@ -1,4 +1,6 @@
-"""The hand-written C: each file compiles on its own, its README lists every file, its comments are plain."""
+"""The hand-written C: each file compiles on its own, its README lists every file, its comments are
+plain.
+"""
 
 from __future__ import annotations
 
@@ -28,8 +30,9 @@ FILES = sorted(path.name for path in CLIB.iterdir() if path.suffix in (".c", ".h
 MACROS = {"kernel_functions.h", "precision_double.h", "precision_single.h", "function.h"}
 OF_SERVOS = ("servo.h", "position_samples.c")
 PRIVATE_WORDS = re.compile(
-    r"\b(twists?|twisted|fades?|fading|bends?|bent|told|tells?|uneven(ness)?|slopes?|felt|dear|calm|spoil(s|ed)?|drawn|"
-    r"judged?|referee|crowd|stranger|slow motion|non-actuated|metres?|neighbours?|lineari[s]e|minimi[s]e)\b",
+    r"\b(twists?|twisted|fades?|fading|bends?|bent|told|tells?|uneven(ness)?|slopes?|felt|dear|"
+    r"calm|spoil(s|ed)?|drawn|judged?|referee|crowd|stranger|slow "
+    r"motion|non-actuated|metres?|neighbours?|lineari[s]e|minimi[s]e)\b",
     re.IGNORECASE,
 )
 
@@ -37,10 +40,8 @@ PRIVATE_WORDS = re.compile(
 @cache
 def library(name: str, kind: str = "") -> Path:
     """The sources of a library, with what ``kind`` says: the fixed ones, renamed."""
-    folder, model = (
-        _folder() / f"{name}_clib_{kind}",
-        hysteretic(name) if kind == "hysteresis" else read(name),
-    )
+    folder = _folder() / f"{name}_clib_{kind}"
+    model = hysteretic(name) if kind == "hysteresis" else read(name)
     if kind == "lugre":
         model = bristled(name, {"m1": {"coulomb": 0.5, "stiffness": 800.0}})
     if kind == "servo":
@@ -65,7 +66,8 @@ def library(name: str, kind: str = "") -> Path:
     ],
 )
 def test_every_file_compiles_on_its_own(name, kind):
-    folder, failed = library(name, kind), []
+    folder = library(name, kind)
+    failed = []
     for file in ["inversion.c", *(file for file in FILES if file not in SOLVERS)]:
         path = folder / "src" / f"{name}_{file}"
         if file in MACROS:

@@ -32,15 +32,18 @@ pytestmark = needs_compiler
 STATES = 200
 
 
-# --- the numbers ------------------------------------------------------------------------------------------------------
-# C and the virtual machine run different algorithms (recursion against Lagrange's equations) and agree up to the
-# rounding of some hundred to some thousand operations. Accelerations are judged by the forces they take: rounding moves
-# light links by the condition number of the mass matrix, up to 1e6. It comes in where that cannot be: in motors behind
-# rigid gears, and in derivatives, which are taken at the accelerations that each route found itself.
-ROUNDING, ROUNDING_TIMES_CONDITION = 1e-11, 1e-9
+# --- the numbers ---------------------------------------------------------------------------------
+# C and the virtual machine run different algorithms (recursion against Lagrange's equations) and
+# agree up to the rounding of some hundred to some thousand operations. Accelerations are judged by
+# the forces they take: rounding moves light links by the condition number of the mass matrix, up
+# to 1e6. It comes in where that cannot be: in motors behind rigid gears, and in derivatives, which
+# are taken at the accelerations that each route found itself.
+ROUNDING = 1e-11
+ROUNDING_TIMES_CONDITION = 1e-9
 
 
-# Large ones need half a minute of two cores each: the slow tests compile one of them, the full ones the others.
+# Large ones need half a minute of two cores each: the slow tests compile one of them, the full
+# ones the others.
 LARGE = {"manutec_r3_24", "manutec_r3_30", "kr300_efjm", "manutec_r3_efjm"}
 FULL = LARGE - {"manutec_r3_24"}
 NAMES = [
@@ -66,16 +69,21 @@ def test_c_agrees_with_lagranges_equations(name):
         for port, c, vm in zip(
             function.outputs, given if isinstance(given, tuple) else [given], expected, strict=True
         ):
-            c, weight = c.reshape(vm.shape), None
+            c = c.reshape(vm.shape)
+            weight = None
             if port.name in ("a_a", "da_dq", "da_dv", "da_dtau"):
                 weight = M[:, :n, :n]
             elif port.name in ("A", "B"):
                 half = M.shape[1]
                 assert np.array_equal(c[:, :half], vm[:, :half])
-                c, vm, weight = c[:, half:], vm[:, half:], M
-            size, error = np.abs(vm), np.abs(c - vm)
+                c = c[:, half:]
+                vm = vm[:, half:]
+                weight = M
+            size = np.abs(vm)
+            error = np.abs(c - vm)
             if weight is not None:  # forces, and what they are the sum of
-                size, error = np.abs(weight) @ size, np.abs(weight @ (c - vm))
+                size = np.abs(weight) @ size
+                error = np.abs(weight @ (c - vm))
             scale = size.max(axis=(1, 2)) + size.max() * 1e-3
             error = error.max(axis=(1, 2)) / np.where(scale > 0, scale, 1.0)
             conditioned = port.name == "a_m" or function.name in (
@@ -111,7 +119,7 @@ def test_one_point_and_many_have_the_same_bits(name):
             assert all(np.array_equal(a, b[k]) for a, b in pairs), function.name
 
 
-# --- the text ---------------------------------------------------------------------------------------------------------
+# --- the text ------------------------------------------------------------------------------------
 def static_library(folder: Path) -> Path:
     """What was compiled when the sources were written."""
     (library,) = folder.glob("lib*.a")
@@ -163,7 +171,8 @@ position_gain = [30.0, 25.0]
 speed_gain = [1.5, 0.4]
 integral_gain = [6.0, 6.0]
 """
-NOTCH, LOW_PASS = "notch = [{ frequency_hz = 60.0 }]\n", "low_pass = [{ frequency_hz = 400.0 }]\n"
+NOTCH = "notch = [{ frequency_hz = 60.0 }]\n"
+LOW_PASS = "low_pass = [{ frequency_hz = 400.0 }]\n"
 
 
 @pytest.mark.parametrize(
@@ -305,7 +314,7 @@ def test_cpp_and_two_models_in_one_program(tmp_path):
         assert library.mass_matrix(np.zeros(library.sizes["n_a"]))[0, 0] == M11
 
 
-# --- clients ----------------------------------------------------------------------------------------------------------
+# --- clients -------------------------------------------------------------------------------------
 def test_the_example_prints_plausible_numbers(tmp_path):
     folder = made("planar5_nmp").directory
     run(
@@ -326,7 +335,8 @@ def test_the_example_prints_plausible_numbers(tmp_path):
     ]
     lines = printed.splitlines()
     at = lines.index("  p [m]")
-    q1, q2 = 0.3, -1.1
+    q1 = 0.3
+    q2 = -1.1
     expected = 0.8 * np.cos(q1) + 0.8 * np.cos(q1 + q2), 0.8 * np.sin(q1) + 0.8 * np.sin(q1 + q2)
     assert np.allclose([float(lines[at + 1]), float(lines[at + 2])], expected, atol=1e-5)
     at = lines.index("  g [N m]")
@@ -354,7 +364,9 @@ def test_the_library_agrees_with_the_model_in_c_only(tmp_path):
     (tmp_path / "client.c").write_text(
         '#include "elbow.h"\n#include <stdio.h>\n'
         "int main(void)\n{\n    double q[ELBOW_NA] = {0}, g[ELBOW_NA];\n"
-        '    printf("%d %d %s\\n", elbow_gravity(q, g), elbow_n_a(), elbow_digest());\n    return 0;\n}\n'
+        '    printf("%d %d %s\\n", elbow_gravity(q, g), elbow_n_a(), elbow_digest());\n'
+        "    return 0;\n"
+        "}\n"
     )
     run(
         CC,
@@ -371,7 +383,7 @@ def test_the_library_agrees_with_the_model_in_c_only(tmp_path):
     assert (status, n_a, digest) == ("0", "2", load(folder).digest)
 
 
-# --- names and operations ---------------------------------------------------------------------------------------------
+# --- names and operations ------------------------------------------------------------------------
 @pytest.mark.parametrize(
     "name",
     ["int", "sin", "a b", "x; system()", "*/", "two__scores", "9q", "", "a" * 32, "q\n", "ä"],
@@ -438,8 +450,10 @@ def test_ports_may_not_clash_with_the_functions_own_names():
             emit(dataclasses.replace(spec, functions=(dataclasses.replace(f, inputs=(port,)),)))
 
 
-X, Y = ca.SX.sym("x", 2), ca.SX.sym("y", 3)
-IN, OUT = (Port("x", (2,), "1", ""),), (Port("y", (2,), "1", ""),)
+X = ca.SX.sym("x", 2)
+Y = ca.SX.sym("y", 3)
+IN = (Port("x", (2,), "1", ""),)
+OUT = (Port("y", (2,), "1", ""),)
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,6 @@
-"""Bounds on torque, speed and deflection: kept at all instants, and the plan holds what it says in simulation."""
+"""Bounds on torque, speed and deflection: kept at all instants, and the plan holds what it says in
+simulation.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +31,9 @@ PLAN = 1e-7  # m: what the simulation of the polynomials differs from the plan b
 
 @pytest.mark.slow
 def test_torque_and_speed_together_are_planned_exactly() -> None:
-    """Both bounds act here; read through samples by anything but the polynomials, the torque misses by 0.1 mm."""
+    """Both bounds act here; read through samples by anything but the polynomials, the torque
+    misses by 0.1 mm.
+    """
     equations = flexgen.derive("planar5_nmp")
     solution = flexgen.solve(
         equations,
@@ -46,7 +50,8 @@ def test_torque_and_speed_together_are_planned_exactly() -> None:
     )
     fine = between(np.linspace(trajectory.time[0], trajectory.time[-1], 20_001))
     assert 100.0 * (1 - 1e-3) < np.abs(fine).max() < 100.0 * (1 + 10 * KEPT)
-    # planted bug: a torque that is not made of those polynomials is read as a monotone cubic, and that is seen
+    # planted bug: a torque that is not made of those polynomials is read as a monotone cubic, and
+    # that is seen
     meta = {**trajectory.meta, "torque": "limited"}
     cut = slice(0, len(trajectory.time) - 1)
     channels = {name: values[cut] for name, values in trajectory.channels.items()}
@@ -118,7 +123,8 @@ def test_bernstein_coefficients_enclose_their_polynomials(stages: int) -> None:
     theta = np.linspace(0, 1, 101)
     once, twice = table.weights(theta)
     for _ in range(20):
-        speed, acceleration = rng.standard_normal(), rng.standard_normal(stages)
+        speed = rng.standard_normal()
+        acceleration = rng.standard_normal(stages)
         rates = np.r_[speed, speed + rows[:, :stages] @ acceleration]
         curve = speed + once @ acceleration
         assert rates.min() - 1e-12 <= curve.min() and curve.max() <= rates.max() + 1e-12
@@ -135,7 +141,9 @@ def test_bernstein_coefficients_enclose_their_polynomials(stages: int) -> None:
 
 @pytest.mark.slow
 def test_bounds_at_the_gauss_points_alone_are_passed(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Planted bug: what is bounded at some points of an interval is passed between them, here by a thousandth."""
+    """Planted bug: what is bounded at some points of an interval is passed between them, here by a
+    thousandth.
+    """
 
     def points(table: Tableau) -> np.ndarray:
         return np.hstack([table.A, table.AA, table.c[:, None]])

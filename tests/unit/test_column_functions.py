@@ -1,4 +1,6 @@
-"""Functions of long arms in loops over the joints, step by step in NumPy: against the Lagrangian's, planted errors."""
+"""Functions of long arms in loops over the joints, step by step in NumPy: against the
+Lagrangian's, planted errors.
+"""
 
 from __future__ import annotations
 
@@ -83,7 +85,9 @@ def test_derivatives_and_mass_matrix_are_the_lagrangians(robot):
 
 @pytest.mark.parametrize("robot", [pytest.param("dense", marks=pytest.mark.slow), "hollow"])
 def test_derivatives_of_accelerations(robot):
-    """Against the implicit function theorem: M da = -dtau at the acceleration of the same state."""
+    """Against the implicit function theorem: M da = -dtau at the acceleration of the same
+    state.
+    """
     equations = derive(ROBOTS[robot]())
     program = program_of(equations, "arm_forward_derivatives")
     assert any(isinstance(step, Factor) for step in program.steps)
@@ -91,7 +95,8 @@ def test_derivatives_of_accelerations(robot):
     found = evaluate_routine(program, given)
     (a_a,) = values(recursive_function(equations, "arm_forward_dynamics"), given)
     by_q, by_v, M = values(
-        recursive_function(equations, "inverse_dynamics_derivatives"), {**given, "a_a": a_a.ravel()}
+        recursive_function(equations, "inverse_dynamics_derivatives"),
+        {**given, "a_a": a_a.ravel()},
     )
     for name, expected in (("da_dq", -by_q), ("da_dv", -by_v), ("da_dtau", np.eye(len(M)))):
         assert largest(M @ found[name] - expected) <= 1e-12 * largest(
@@ -183,7 +188,9 @@ def test_robots_that_fail_before_use_are_not_in_loops(bug, monkeypatch):
 
 
 def test_earlier_requests_do_not_change_the_functions():
-    """The route to accelerations is chosen once: the text does not depend on the order of the functions."""
+    """The route to accelerations is chosen once: the text does not depend on the order of the
+    functions.
+    """
     model = elastic(5, 6)
     texts = []
     for names in (

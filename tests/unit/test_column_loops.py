@@ -1,4 +1,6 @@
-"""Steps on columns of intermediate arrays as C: against NumPy, the same bits for one point and for many."""
+"""Steps on columns of intermediate arrays as C: against NumPy, the same bits for one point and for
+many.
+"""
 
 from __future__ import annotations
 
@@ -37,10 +39,17 @@ def function(name: str, inputs: dict[str, ca.SX], results: dict[str, ca.SX]) -> 
 
 
 def made(n: int) -> tuple[Routine, tuple[Port, ...], tuple[Port, ...]]:
-    """A routine with every step: sums both ways, over all columns and some, two triangles, a factor used twice."""
-    q, r, x, y = ca.SX.sym("q", 3, n), ca.SX.sym("r", n), ca.SX.sym("x", 3), ca.SX.sym("y", 3)
-    number, row = ca.SX.sym("number", 2), ca.SX.sym("row")
-    every, some = tuple(range(n)), tuple(range(1, n - 1, 2))
+    """A routine with every step: sums both ways, over all columns and some, two triangles, a
+    factor used twice.
+    """
+    q = ca.SX.sym("q", 3, n)
+    r = ca.SX.sym("r", n)
+    x = ca.SX.sym("x", 3)
+    y = ca.SX.sym("y", 3)
+    number = ca.SX.sym("number", 2)
+    row = ca.SX.sym("row")
+    every = tuple(range(n))
+    some = tuple(range(1, n - 1, 2))
     rng = np.random.default_rng(n)
     twisted = ca.vertcat(x[1] * number[0], x[2] - row, 2.0 * row - x[0] * number[1])
     S, W, G, U = (Rows(name, 0, 3) for name in ("S", "W", "G", "U"))
@@ -68,7 +77,10 @@ def made(n: int) -> tuple[Routine, tuple[Port, ...], tuple[Port, ...]]:
         ),
         Columns(function("third", {"a": row, "S": x}, {"scaled": row * x}), n),
         Products(
-            (Rows("scaled", 1, 2), Rows("S", 1, 2)), (Rows("S", 1, 2), Rows("scaled", 1, 2)), n, "B"
+            (Rows("scaled", 1, 2), Rows("S", 1, 2)),
+            (Rows("S", 1, 2), Rows("scaled", 1, 2)),
+            n,
+            "B",
         ),
         Solve(
             "A",
@@ -94,7 +106,8 @@ def test_every_step_is_that_of_numpy(n, flags, tmp_path):
     program, inputs, outputs = made(n)
     library = Small(spec_of(program, inputs, outputs), tmp_path, flags=(*OPTIONS, *flags))
     rng = np.random.default_rng(4)
-    q, r = rng.normal(size=(POINTS, 3, n)), rng.normal(size=(POINTS, n))
+    q = rng.normal(size=(POINTS, 3, n))
+    r = rng.normal(size=(POINTS, n))
     status, many = library.batch(q.transpose(0, 2, 1).reshape(POINTS, -1), r)
     assert status == 0
     for k in range(POINTS):
@@ -135,13 +148,17 @@ def test_vectors_of_every_width_give_the_same_bits(n, tmp_path):
 
 @needs_compiler
 @pytest.mark.parametrize(
-    "flags", [WIDTHS[1], *(pytest.param(x, marks=pytest.mark.slow) for x in (WIDTHS[0], WIDTHS[2]))]
+    "flags",
+    [WIDTHS[1], *(pytest.param(x, marks=pytest.mark.slow) for x in (WIDTHS[0], WIDTHS[2]))],
 )
 def test_single_precision(flags, tmp_path):
     program, inputs, outputs = made(9)
-    library = Small(spec_of(program, inputs, outputs, "single"), tmp_path, flags=(*OPTIONS, *flags))
+    library = Small(
+        spec_of(program, inputs, outputs, "single"), tmp_path, flags=(*OPTIONS, *flags)
+    )
     rng = np.random.default_rng(5)
-    q, r = rng.normal(size=(POINTS, 3, 9)), rng.normal(size=(POINTS, 9))
+    q = rng.normal(size=(POINTS, 3, 9))
+    r = rng.normal(size=(POINTS, 9))
     status, many = library.batch(q.transpose(0, 2, 1).reshape(POINTS, -1), r)
     assert status == 0
     status, one = library.point(q[0], r[0])

@@ -1,4 +1,6 @@
-"""Counts and times beyond what can be computed end with a message at once, and not in hours of work."""
+"""Counts and times beyond what can be computed end with a message at once, and not in hours of
+work.
+"""
 
 from __future__ import annotations
 
@@ -90,7 +92,8 @@ def test_starts_of_a_fit_out_of_range_are_refused():
         motors = tuple(motor.name for motor in robot.motors)
 
     with pytest.raises(
-        ArgumentError, match=f"starts: given 1000000000, expected a whole number from 1 to {STARTS}"
+        ArgumentError,
+        match=f"starts: given 1000000000, expected a whole number from 1 to {STARTS}",
     ):
         graybox._check(robot, Data(), "nls", None, 10**9, 2.0)  # type: ignore[arg-type]
 

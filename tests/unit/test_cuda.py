@@ -1,7 +1,9 @@
-"""The functions of a library on a GPU, by the whole path in Python, on a card that is played by the CPU.
+"""The functions of a library on a GPU, by the whole path in Python, on a card that is played by
+the CPU.
 
-The kernels give the bits of the C library, and what a card cannot do is refused with a sentence. Only speed, and what
-NVIDIA's compiler makes of the arithmetic, needs a card: `tests/cross/test_cuda_kernels.py` compiles for two of them.
+The kernels give the bits of the C library, and what a card cannot do is refused with a sentence.
+Only speed, and what NVIDIA's compiler makes of the arithmetic, needs a card:
+`tests/cross/test_cuda_kernels.py` compiles for two of them.
 """
 
 from __future__ import annotations
@@ -48,7 +50,8 @@ def inputs(function, n: int = N) -> list[np.ndarray]:
     "name", [pytest.param("inverse_dynamics", marks=pytest.mark.slow), "forward_kinematics"]
 )
 def test_function_has_the_bits_of_the_library(gpu, name):
-    library, on_card = robot("cpu"), robot()
+    library = robot("cpu")
+    on_card = robot()
     given = inputs(library.functions[name])
     expected = library.functions[name](*given)
     found = on_card.functions[name](*map(on_card.array, given))
@@ -65,10 +68,13 @@ def test_swapped_strides_are_seen(gpu, monkeypatch):
     monkeypatch.setattr(
         compiler,
         "compile_text",
-        lambda t, *rest: text(t.replace("q_a + k,", "q_a + 2 * k,").replace(", n)", ", 1)"), *rest),
+        lambda t, *rest: text(
+            t.replace("q_a + k,", "q_a + 2 * k,").replace(", n)", ", 1)"), *rest
+        ),
     )
     monkeypatch.setenv("FLEXGEN_CACHE", "")
-    library, on_card = robot("cpu"), robot()
+    library = robot("cpu")
+    on_card = robot()
     q = inputs(library.gravity)
     assert not np.array_equal(on_card.gravity(on_card.array(q[0])).numpy(), library.gravity(*q))
 
@@ -85,7 +91,8 @@ def test_arrays_of_other_packages_are_read_where_they_are(gpu):
     # (2, N) in the order of Fortran, then (N, 2) in that of C
     rows = on_card.array(q.numpy().T.copy(order="F")).T
     with pytest.raises(
-        ArgumentError, match=r"gravity, q_a: given strides \(16, 8\) of bytes, expected \(8, 1200\)"
+        ArgumentError,
+        match=r"gravity, q_a: given strides \(16, 8\) of bytes, expected \(8, 1200\)",
     ):
         on_card.gravity(rows)
     in_c = on_card.transpose(Foreign(q.T))  # as JAX has it: (2, N) in the order of C
@@ -94,7 +101,9 @@ def test_arrays_of_other_packages_are_read_where_they_are(gpu):
 
 
 def test_results_wait_for_the_stream_of_the_caller(gpu):
-    on_card, stream, other = robot(), gpu.new_stream(), gpu.new_stream()
+    on_card = robot()
+    stream = gpu.new_stream()
+    other = gpu.new_stream()
     q = on_card.array(inputs(on_card.gravity)[0])
     expected = on_card.gravity(q).numpy()
     later = on_card.gravity(q, stream=stream, check=False)
@@ -130,7 +139,8 @@ def test_a_point_that_fails_is_named_and_nan(gpu):
     on_card = robot()
     q = inputs(on_card.gravity)[0]
     q[[40, 70], 0] = np.nan
-    given, out = on_card.array(q), on_card.array(np.zeros((N, 2)))
+    given = on_card.array(q)
+    out = on_card.array(np.zeros((N, 2)))
     with pytest.raises(ArgumentError, match="gravity, point 40: an input is not finite"):
         on_card.gravity(given, out=out)
     assert np.flatnonzero(np.isnan(out.numpy()).all(axis=1)).tolist() == [40, 70]
@@ -197,7 +207,8 @@ def test_a_card_that_cannot_is_refused(gpu, monkeypatch):
     with pytest.raises(BuildError, match=r"of compute capability 6\.1, expected 7\.5 or newer"):
         robot()
     with pytest.raises(
-        BuildError, match="given 'cuda:2' on a computer with GPU 0 to 1, expected one that is there"
+        BuildError,
+        match="given 'cuda:2' on a computer with GPU 0 to 1, expected one that is there",
     ):
         robot("cuda:2")
     gpu.cards = 0

@@ -105,7 +105,8 @@ def test_units_of_the_header_are_used(made):
     _, path = made(GEARS, "standard")
     robot = flexgen.read(path)
     arcmin = math.pi / 180.0 / 60.0
-    gear, motor = robot.elements[0].dofs[0].gear, robot.motors[0]
+    gear = robot.elements[0].dofs[0].gear
+    motor = robot.motors[0]
     assert gear.spring.stiffness == pytest.approx(200.0 / arcmin, rel=1e-14)
     assert (gear.damping, motor.inertia) == (300.0, 2.5e-4)
     assert motor.speed_max == pytest.approx(100.0 * math.pi, rel=1e-14)
@@ -136,7 +137,8 @@ def test_assumed_numbers_are_marked_with_a_rule_of_the_head(made):
 
 def test_complete_tables_have_no_assumed_number(made):
     header = (
-        "a [m],alpha [deg],d [m],mass [kg],com_x [m],com_y [m],com_z [m],ixx [kg m^2],iyy [kg m^2],"
+        "a [m],alpha [deg],d [m],mass [kg],com_x [m],com_y [m],com_z [m],ixx [kg m^2],iyy [kg "
+        "m^2],"
     )
     header += "izz [kg m^2],ratio,gear_stiffness [N m/rad],gear_damping [N m s/rad],"
     header += "rotor_inertia [kg m^2]\n"
@@ -182,7 +184,9 @@ def test_a_tool_of_the_modified_convention_has_the_pose_of_its_row(made):
 
 
 def test_a_motor_that_cannot_hold_the_arm_is_reported(made):
-    """The torque of the joint in the column of the motor's is too large; that in N cm too small."""
+    """The torque of the joint in the column of the motor's is too large; that in N cm too
+    small.
+    """
     model, _ = made(GEARS.replace("torque_max [N m]", "torque_max [N cm]"), "standard")
     assert any("motor m2: gravity needs up to" in text for text in model.warnings)
 
@@ -230,7 +234,9 @@ def test_an_error_names_file_line_and_column(old, table):
     assert caught.value.file == str(path)
 
 
-HEAD = "joint,type,a [m],alpha [deg],d [m],theta [deg],lower [deg],upper [deg],direction,mass [kg],"
+HEAD = (
+    "joint,type,a [m],alpha [deg],d [m],theta [deg],lower [deg],upper [deg],direction,mass [kg],"
+)
 HEAD += "com_x [m],com_y [m],com_z [m],ixx [kg m^2],iyy [kg m^2],izz [kg m^2],ixy [kg m^2],"
 HEAD += "lead [mm],beta [s/rad]"
 ROWS = {

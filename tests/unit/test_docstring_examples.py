@@ -13,13 +13,17 @@ import flexgen
 NOT_RUN = {"export"}
 SLOW = set(
     """
-    export_mex export_plcopen export_fmu export_simulink export_ros2 plan_problem sweep refine fit_motion control
+    export_mex export_plcopen export_fmu export_simulink export_ros2 plan_problem sweep refine \
+fit_motion control
     feedback_study tune fastest identify_load learn predict score view
-    Cascade CollisionDetector ControlRun Disturbance ExtendedKalmanFilter Estimate FastestMove FeedbackStudy Inverter
+    Cascade CollisionDetector ControlRun Disturbance ExtendedKalmanFilter Estimate FastestMove \
+FeedbackStudy Inverter
     Library Load MotionFit PathSampler PID PlanProblem PPI Prediction Simulation Solution Stream
     SweepResult TorqueCommand Trajectory TuningResult
-    ManyInverter Impedance sense LearningResult identify_gears GearFit ComputedTorque PositionCommands
-    check_passivity Passivity LoopShaping identify_servo Trial Score identify Detection ServoFit Comparison
+    ManyInverter Impedance sense LearningResult identify_gears GearFit ComputedTorque \
+PositionCommands
+    check_passivity Passivity LoopShaping identify_servo Trial Score identify Detection ServoFit \
+Comparison
     Servo ConstantGainObserver
     """.split()
 )
@@ -27,7 +31,9 @@ SLOW = set(
 
 def functions() -> dict[str, object]:
     return {
-        name: what for name in flexgen.__all__ if inspect.isfunction(what := getattr(flexgen, name))
+        name: what
+        for name in flexgen.__all__
+        if inspect.isfunction(what := getattr(flexgen, name))
     }
 
 
@@ -63,7 +69,8 @@ def without_returns(named: dict[str, object]) -> set[str]:
 
 def failures(name: str, what: object) -> int:
     """Examples of a docstring that fail; they are run with flexgen imported."""
-    finder, runner = doctest.DocTestFinder(recurse=False), doctest.DocTestRunner(verbose=False)
+    finder = doctest.DocTestFinder(recurse=False)
+    runner = doctest.DocTestRunner(verbose=False)
     (test,) = finder.find(what, name, globs={"flexgen": flexgen})
     assert test.examples, f"{name}: an example begins with >>>"
     return runner.run(test, out=lambda text: None).failed
@@ -106,7 +113,8 @@ def test_planted_functions_without_or_with_a_wrong_example_are_seen():
         """
 
     assert (
-        without_example({"planted": functions}) == {"planted"} and failures("planted", planted) == 1
+        without_example({"planted": functions}) == {"planted"}
+        and failures("planted", planted) == 1
     )
 
 

@@ -1,4 +1,6 @@
-"""From expressions to C: the graph keeps its meaning while it shrinks, loops solve, no NaN or infinity goes unseen."""
+"""From expressions to C: the graph keeps its meaning while it shrinks, loops solve, no NaN or
+infinity goes unseen.
+"""
 
 from __future__ import annotations
 
@@ -25,10 +27,17 @@ X = ca.SX.sym("u", 4)
 A, B, C, D = (X[i] for i in range(4))
 
 CALLS = {
-    "sqrt": np.sqrt, "exp": np.exp, "sin": np.sin, "cos": np.cos, "tanh": np.tanh, "fabs": np.abs, "sign": np.sign,
-    "lt": lambda a, b: (a < b) * 1.0, "if_else_zero": lambda c, a: np.where(c != 0, a, 0.0),
+    "sqrt": np.sqrt,
+    "exp": np.exp,
+    "sin": np.sin,
+    "cos": np.cos,
+    "tanh": np.tanh,
+    "fabs": np.abs,
+    "sign": np.sign,
+    "lt": lambda a, b: (a < b) * 1.0,
+    "if_else_zero": lambda c, a: np.where(c != 0, a, 0.0),
     "not": lambda a: (a == 0) * 1.0,
-}  # fmt: skip
+}
 
 
 def function_of(*rows) -> ca.Function:
@@ -45,7 +54,8 @@ def value(graph: Graph, x: np.ndarray) -> np.ndarray:
         elif kind == "constant":
             node.append(np.full(len(x), graph.value[len(node)]))
         elif kind in ("add", "sub", "mul", "div"):
-            a, b = of(operands[0]), of(operands[1])
+            a = of(operands[0])
+            b = of(operands[1])
             node.append(
                 {"add": np.add, "sub": np.subtract, "mul": np.multiply, "div": np.divide}[kind](
                     a, b
@@ -57,7 +67,9 @@ def value(graph: Graph, x: np.ndarray) -> np.ndarray:
 
 
 def random_function(rng: np.random.Generator, length: int = 60) -> ca.Function:
-    """A function of random sums, differences, products, quotients and calls; denominators stay away from zero."""
+    """A function of random sums, differences, products, quotients and calls; denominators stay
+    away from zero.
+    """
     values = [X[i] for i in range(4)] + [ca.SX(float(c)) for c in (2.0, -0.5, 1.0, 3.0)]
     for _ in range(length):
         a, b = (values[int(k)] for k in rng.integers(len(values), size=2))
@@ -86,7 +98,7 @@ def worst(function: ca.Function, rng: np.random.Generator) -> float:
     return float(np.nanmax(np.abs(given - expected) / scale))
 
 
-# --- the graph --------------------------------------------------------------------------------------------------------
+# --- the graph -----------------------------------------------------------------------------------
 @pytest.mark.parametrize("seed", range(40))
 def test_the_graph_evaluates_to_the_values_of_the_function(seed):
     rng = np.random.default_rng(seed)
@@ -174,7 +186,7 @@ def test_the_longest_chain_is_begun_first():
     assert kinds[0] == "add" and kinds.index("mul") < kinds.index("sqrt")
 
 
-# --- the C ------------------------------------------------------------------------------------------------------------
+# --- the C ---------------------------------------------------------------------------------------
 def every_operation() -> ca.SX:
     """One row per operation of CasADi's scalar graphs."""
     rows = [
@@ -237,7 +249,8 @@ def test_every_operation_and_every_cut(chunk, flags, tmp_path, monkeypatch):
     assert ("evaluate_1_2" in written.text) == (chunk == 7) == (written.work > 0)
     library = small(function, tmp_path, flags=("-std=c99", "-O2", "-ffp-contract=off", *flags))
     x = np.random.default_rng(5).normal(size=(POINTS, 4))
-    x[0, :2], x[1, :2] = (1.0, 1.0), (2.0, -0.5)
+    x[0, :2] = (1.0, 1.0)
+    x[1, :2] = (2.0, -0.5)
     expected = machine(function, [x])[0][:, :, 0]
     status, (many,) = library.batch(x)
     assert status == 0
@@ -310,12 +323,13 @@ def test_results_that_are_not_finite_have_an_error_status(bad, chunk, tmp_path, 
     assert status == -3 and np.isnan(one).all()
 
 
-# --- loops ------------------------------------------------------------------------------------------------------------
+# --- loops ---------------------------------------------------------------------------------------
 def solve_program(
     n: int, columns: int, unit: bool, banded: bool
 ) -> tuple[Routine, tuple[Port, ...], tuple[Port, ...]]:
     """``X = -A^-1 R`` of a positive definite matrix given by its entries."""
-    q, r = ca.SX.sym("q", n, n), ca.SX.sym("r", n, columns)
+    q = ca.SX.sym("q", n, n)
+    r = ca.SX.sym("r", n, columns)
     mask = (
         np.ones((n, n))
         if not banded
@@ -339,7 +353,8 @@ def solve_program(
     [(2, 3, False, False), (5, 4, True, True), (9, 20, True, False)],
 )
 @pytest.mark.parametrize(
-    "flags", [(), pytest.param(("-march=native",), marks=pytest.mark.slow), ("-DSMALL_NO_VECTORS",)]
+    "flags",
+    [(), pytest.param(("-march=native",), marks=pytest.mark.slow), ("-DSMALL_NO_VECTORS",)],
 )
 def test_loops_solve(n, columns, unit, banded, flags, tmp_path):
     program, inputs, outputs = solve_program(n, columns, unit, banded)
@@ -347,7 +362,8 @@ def test_loops_solve(n, columns, unit, banded, flags, tmp_path):
     options = ("-std=c99", "-O2", "-ffp-contract=off", *flags)
     library = Small(spec_of(program, inputs, outputs), tmp_path, flags=options)
     rng = np.random.default_rng(3)
-    q, r = rng.normal(size=(POINTS, n, n)), rng.normal(size=(POINTS, n, columns))
+    q = rng.normal(size=(POINTS, n, n))
+    r = rng.normal(size=(POINTS, n, columns))
     stored = [x.transpose(0, 2, 1).reshape(POINTS, -1) for x in (q, r)]
     status, many = library.batch(*stored)
     assert status == 0
@@ -369,9 +385,11 @@ def test_loops_solve(n, columns, unit, banded, flags, tmp_path):
 @pytest.mark.parametrize("flags", [(), ("-march=native",), ("-DSMALL_NO_VECTORS",)])
 def test_products_fill_a_symmetric_matrix(n, flags, tmp_path):
     """Bits for many points as for one; what is behind the last entry stays."""
-    left, right = ca.SX.sym("left", 3, n), ca.SX.sym("right", 3, n)
+    left = ca.SX.sym("left", 3, n)
+    right = ca.SX.sym("right", 3, n)
     f = ca.Function("g", [left, right], [2 * left, 1 * right], ["left", "right"], ["S", "F"])
-    S, F = Rows("S", 0, 3), Rows("F", 0, 3)
+    S = Rows("S", 0, 3)
+    F = Rows("F", 0, 3)
     program = Routine((Expressions(f), Products((S, F), (F, S), n, "M")))
     options = ("-std=c99", "-O2", "-ffp-contract=off", *flags)
     library = Small(
@@ -386,7 +404,9 @@ def test_products_fill_a_symmetric_matrix(n, flags, tmp_path):
         assert status == 0 and np.array_equal(one, many[k])
         upper = np.triu(2 * S[k].T @ F[k])
         expected = upper + np.triu(upper, 1).T
-        assert np.allclose(one.reshape(n, n), expected, rtol=0, atol=1e-14 * np.abs(expected).max())
+        assert np.allclose(
+            one.reshape(n, n), expected, rtol=0, atol=1e-14 * np.abs(expected).max()
+        )
     F[0, 0, n - 1] = np.inf
     assert library.point(S[0], F[0])[0] != 0
 
@@ -395,7 +415,8 @@ def test_products_fill_a_symmetric_matrix(n, flags, tmp_path):
 def test_a_singular_matrix_has_an_error_status(tmp_path):
     program, inputs, outputs = solve_program(2, 3, False, False)
     f = program.steps[0].function
-    q, r = ca.SX.sym("q", 2, 2), ca.SX.sym("r", 2, 3)
+    q = ca.SX.sym("q", 2, 2)
+    r = ca.SX.sym("r", 2, 3)
     singular = ca.Function(
         "g", [q, r], [ca.densify(ca.mtimes(q, q.T)), r], ["q", "r"], f.name_out()
     )
@@ -412,7 +433,8 @@ def test_a_singular_matrix_has_an_error_status(tmp_path):
 def test_a_pivot_of_the_size_of_rounding_has_an_error_status(rows, tmp_path):
     """In exact arithmetic the second pivot is zero; its rounding error must not be a divisor."""
     program, inputs, outputs = solve_program(2, 3, False, False)
-    q, r = ca.SX.sym("q", 2, 2), ca.SX.sym("r", 2, 3)
+    q = ca.SX.sym("q", 2, 2)
+    r = ca.SX.sym("r", 2, 3)
     square = ca.Function("g", [q, r], [ca.densify(ca.mtimes(q, q.T)), r], ["q", "r"], ["M", "R"])
     library = Small(
         spec_of(Routine((Expressions(square), program.steps[1])), inputs, outputs), tmp_path

@@ -10,14 +10,17 @@ from flexgen.mechanics.equations import derive
 from flexgen.numerics.evaluate import Evaluator, evaluate
 
 RNG = np.random.default_rng(28)
-x, A, empty = ca.SX.sym("x", 3), ca.SX.sym("A", 2, 3), ca.SX.sym("none", 0)
+x = ca.SX.sym("x", 3)
+A = ca.SX.sym("A", 2, 3)
+empty = ca.SX.sym("none", 0)
 DENSE = ca.Function("dense", [x, A, empty], [ca.sin(A @ x), A * ca.repmat(x.T, 2, 1), ca.SX(0, 1)])
 SPARSE = ca.Function("sparse", [x], [ca.diag(x), x[0] * x])
 
 
 @pytest.mark.parametrize("n", [1, 2, 40])
 def test_dense_functions_have_the_bits_of_a_call_at_each_point(n: int) -> None:
-    points, matrix = RNG.normal(size=(n, 3)), RNG.normal(size=(2, 3))
+    points = RNG.normal(size=(n, 3))
+    matrix = RNG.normal(size=(2, 3))
     found = evaluate(DENSE, points, matrix, np.zeros(0))
     assert [y.shape for y in found] == [(n, 2), (n, 2, 3), (n, 0)]
     for k, point in enumerate(points):

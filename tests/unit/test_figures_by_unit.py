@@ -1,4 +1,6 @@
-"""Errors of outputs in metres and radians: a figure for each unit, none where the output has no such part."""
+"""Errors of outputs in metres and radians: a figure for each unit, none where the output has no
+such part.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,8 @@ body = { mass = 5.0, com = [0, 0, 0], inertia = [0.01, 0.01, 0.01] }
 name = "x"
 type = "translation"
 axis = [1, 0, 0]
-gear = { type = "elastic", side = "arm", spring = { type = "linear", stiffness = 1e6 }, damping = 200.0 }
+gear = { type = "elastic", side = "arm", spring = { type = "linear", stiffness = 1e6 }, damping = \
+200.0 }
 [[element]]
 name = "table"
 body = { mass = 2.0, com = [0, 0, 0], inertia = [0.01, 0.01, 0.02] }
@@ -38,7 +41,8 @@ body = { mass = 2.0, com = [0, 0, 0], inertia = [0.01, 0.01, 0.02] }
 name = "turn"
 type = "rotation"
 axis = [0, 0, 1]
-gear = { type = "elastic", side = "arm", spring = { type = "linear", stiffness = 500.0 }, damping = 0.05 }
+gear = { type = "elastic", side = "arm", spring = { type = "linear", stiffness = 500.0 }, damping \
+= 0.05 }
 [[motor]]
 name = "mx"
 drives = "x"
@@ -72,7 +76,9 @@ def table(tmp_path: Path) -> Path:
 def test_an_error_of_the_angle_alone_is_shown_in_radians(
     table: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The torque of the table is wrong: the error in metres is rounding, the one in radians decides."""
+    """The torque of the table is wrong: the error in metres is rounding, the one in radians
+    decides.
+    """
     solution = flexgen.solve(table)
     assert solution.status == flexgen.Status.SOLVED
     trajectory = solution.trajectory

@@ -1,4 +1,6 @@
-"""The files of an FMU: same bytes, escaped texts, no names of the model in its C; wrong arguments; the command."""
+"""The files of an FMU: same bytes, escaped texts, no names of the model in its C; wrong arguments;
+the command.
+"""
 
 from __future__ import annotations
 
@@ -52,10 +54,14 @@ def test_the_same_input_gives_the_same_bytes(version, tmp_path):
 
 @pytest.mark.parametrize("output", ["pose", "position", "combination"])
 def test_the_path_of_a_feedforward_begins_at_home_with_the_units_of_the_output(output):
-    """Of a pose: the position, and the rotation matrix by columns, which has no unit; its rates are rotations."""
+    """Of a pose: the position, and the rotation matrix by columns, which has no unit; its rates
+    are rotations.
+    """
     if output == "combination":
         model = flexgen.read("four_mass")
-        units, rates, start = ["m"], ["m"], [0.7 * np.array(model.output.weights).sum()]
+        units = ["m"]
+        rates = ["m"]
+        start = [0.7 * np.array(model.output.weights).sum()]
         q_a = np.full(model.n_a, 0.7)
     else:
         model = flexgen.read("elbow")
@@ -63,9 +69,12 @@ def test_the_path_of_a_feedforward_begins_at_home_with_the_units_of_the_output(o
         model = replace(model, output=replace(model.output, type=f"tool_{output}", axes=axes))
         q_a = np.array([0.3, 0.4])
         p, R = (np.array(x) for x in flexgen.derive(model).function("forward_kinematics")(q_a))
-        units, rates, start = ["m"] * 2, ["m"] * 2, [p[1, 0], p[0, 0]]
+        units = ["m"] * 2
+        rates = ["m"] * 2
+        start = [p[1, 0], p[0, 0]]
         if output == "pose":
-            units, rates = ["m"] * 3 + ["1"] * 9, ["m"] * 3 + ["rad"] * 3
+            units = ["m"] * 3 + ["1"] * 9
+            rates = ["m"] * 3 + ["rad"] * 3
             start = [*p.ravel(), *R[:, 0], *R[:, 1], *R[:, 2]]
     held = Held(q_a=q_a)
     found = feedforward._inputs(model, flexgen.derive(model), held, Held(look_ahead=0.25))
@@ -102,7 +111,9 @@ def test_with_a_binary_too(block, tmp_path):
 def test_the_fmu_contains_one_c_file_headers_and_description(tmp_path):
     """One C file and the headers of the standard."""
     files = sources_of(tmp_path)
-    standard = {f"sources/fmi2{name}.h" for name in ("Functions", "FunctionTypes", "TypesPlatform")}
+    standard = {
+        f"sources/fmi2{name}.h" for name in ("Functions", "FunctionTypes", "TypesPlatform")
+    }
     fixed = {"modelDescription.xml", "documentation/licenses/license.txt"}
     assert set(files) == {"sources/all.c"} | standard | fixed
     included = set(re.findall(rb'#\s*include "([^"]+)"', files["sources/all.c"]))
@@ -217,8 +228,17 @@ def test_a_robot_without_passive_coordinates_has_a_feedforward(tmp_path):
 
 
 # Names of fixed files without their prefix; names in C; a header of the standard; the prefix.
-NAMES = {"plant": "", "config": "", "fmi2": "", "controller": "", "warnings": "", "core": "core_status", "n": "N_WORK",
-         "fmi2Functions": "fmi2Functions.h", "Flexgen_fmu_x": "Flexgen_fmu_x.c"}  # fmt: skip
+NAMES = {
+    "plant": "",
+    "config": "",
+    "fmi2": "",
+    "controller": "",
+    "warnings": "",
+    "core": "core_status",
+    "n": "N_WORK",
+    "fmi2Functions": "fmi2Functions.h",
+    "Flexgen_fmu_x": "Flexgen_fmu_x.c",
+}
 
 
 @pytest.mark.parametrize(("name", "problem"), NAMES.items())
@@ -254,7 +274,9 @@ def test_names_of_models_do_not_collide_with_the_fixed_files(name, problem, tmp_
 
 
 def test_missing_declarations_stop_the_compiler(monkeypatch, tmp_path):
-    """A function that is nowhere declared gives no FMU, also with a compiler that only warns of it."""
+    """A function that is nowhere declared gives no FMU, also with a compiler that only warns of
+    it.
+    """
     texts = export_module._texts
     wrong = "void f(void);\nvoid f(void)\n{\n    nowhere_declared();\n}\n"
 
@@ -272,7 +294,8 @@ def test_the_payload_is_in_the_frame_that_the_tool_is_attached_to(tmp_path):
     root = ET.fromstring(sources_of(tmp_path)["modelDescription.xml"])
     texts = {v.get("name"): v.get("description") for v in root.iter("ScalarVariable")}
     assert (
-        texts["payload.com[1]"] == "its center of mass in the frame that the tool is attached to, x"
+        texts["payload.com[1]"]
+        == "its center of mass in the frame that the tool is attached to, x"
     )
 
 
@@ -280,7 +303,9 @@ def test_without_a_compiler(monkeypatch, tmp_path):
     monkeypatch.setattr(binaries, "find_compiler", lambda **options: None)
     old = tmp_path / "robot.fmu"
     old.write_bytes(b"before")
-    with pytest.raises(BuildError, match="binary=False in Python, --no-binary on the command line"):
+    with pytest.raises(
+        BuildError, match="binary=False in Python, --no-binary on the command line"
+    ):
         flexgen.export_fmu("four_mass", old)
     assert old.read_bytes() == b"before"
 
@@ -351,7 +376,9 @@ def test_the_command(tmp_path, capsys):
 def test_the_angles_and_torques_of_a_controller_are_discrete():
     model = flexgen.read("planar5_nmp")
     found = _variables(model, np.zeros(2), np.zeros(2), np.zeros((4, 2)))
-    kinds = {v.name.rpartition(".")[2]: v.variability for v in found if v.name.startswith("motor.")}
+    kinds = {
+        v.name.rpartition(".")[2]: v.variability for v in found if v.name.startswith("motor.")
+    }
     sampled = ("measured_angle", "reference_angle", "feedforward_torque", "torque")
     assert all(kinds[name] == "discrete" for name in sampled) and len(kinds) > len(sampled)
     assert not any(kind == "discrete" for name, kind in kinds.items() if name not in sampled)

@@ -1,4 +1,6 @@
-"""Former names of arguments work with a warning in the line of the caller; functions have few parameters."""
+"""Former names of arguments work with a warning in the line of the caller; functions have few
+parameters.
+"""
 
 from __future__ import annotations
 
@@ -16,13 +18,14 @@ from flexgen.verbs import VERBS
 
 MOST = 8  # parameters of a function; more of them belong into an object of options
 
-# Keyword-only parameters of a public verb that are options of the command line do not count: each is a row of
-# `flexgen.verbs`, with its help, and scripts of version 0.2 have them by name. Functions with more than that; each
-# number may only fall:
+# Keyword-only parameters of a public verb that are options of the command line do not count: each
+# is a row of `flexgen.verbs`, with its help, and scripts of version 0.2 have them by name.
+# Functions with more than that; each number may only fall:
 LARGER = {
     # what is free, its bounds and priors by name; how the errors of the responses are modelled
     "identify": 10,
-    # what drives the robot: a trajectory or a command, its hold, feedback, a start; what it touches
+    # what drives the robot: a trajectory or a command, its hold, feedback, a start; what it
+    # touches
     "simulate": 10,
 }
 # Verbs that call another function where their input is of another kind: their options are its
@@ -34,7 +37,9 @@ OTHERS = {
 
 
 def larger(functions: dict[str, Any]) -> dict[str, int]:
-    """Functions with more than `MOST` parameters outside of the command line, and how many they have."""
+    """Functions with more than `MOST` parameters outside of the command line, and how many they
+    have.
+    """
     counts = {}
     for name, what in functions.items():
         options = {
@@ -44,7 +49,9 @@ def larger(functions: dict[str, Any]) -> dict[str, int]:
             for o in verb.options()
         }
         parameters = inspect.signature(what).parameters.values()
-        counts[name] = sum(not (p.kind is p.KEYWORD_ONLY and p.name in options) for p in parameters)
+        counts[name] = sum(
+            not (p.kind is p.KEYWORD_ONLY and p.name in options) for p in parameters
+        )
     return {name: count for name, count in counts.items() if count > MOST}
 
 
@@ -66,7 +73,7 @@ def test_generate_takes_its_former_first_argument_with_a_warning(tmp_path):
     with pytest.warns(
         DeprecationWarning, match="given model_or_equations=, expected its new name, model="
     ) as caught:
-        made = flexgen.generate(model_or_equations="elbow", directory=tmp_path / "e", build=False)  # type: ignore[call-arg]
+        made = flexgen.generate(model_or_equations="elbow", directory=tmp_path / "e", build=False)
     assert made.directory == tmp_path / "e"
     assert [Path(warning.filename).name for warning in caught] == [Path(__file__).name]
 
@@ -102,7 +109,9 @@ def test_results_of_exports_work_as_in_version_0_2_with_a_warning(tmp_path):
         ):
             assert old() == expected
     urdf = flexgen.export_urdf("elbow", tmp_path / "arm.urdf")
-    with pytest.warns(DeprecationWarning, match="given a pair of paths, expected .files") as caught:
+    with pytest.warns(
+        DeprecationWarning, match="given a pair of paths, expected .files"
+    ) as caught:
         path, overlay = urdf
     assert (path, overlay) == urdf.files and overlay == urdf.details["overlay"]
     assert {Path(warning.filename).name for warning in caught} == {Path(__file__).name}

@@ -1,4 +1,6 @@
-"""A friction law is added in two files: its numbers in model/elements.py, its torque in mechanics/force_laws.py."""
+"""A friction law is added in two files: its numbers in model/elements.py, its torque in
+mechanics/force_laws.py.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""From a model to a directory: cached, complete or untouched, and refused by the loader where it is not right."""
+"""From a model to a directory: cached, complete or untouched, and refused by the loader where it
+is not right.
+"""
 
 from __future__ import annotations
 
@@ -63,7 +65,8 @@ def test_a_cached_library_needs_no_casadi():
 def test_the_runtime_imports_neither_casadi_nor_codegen():
     program = (
         "import sys, flexgen.runtime\n"
-        "assert not any(m == 'casadi' or m.startswith('flexgen.codegen') for m in sys.modules), 'floors'\n"
+        "assert not any(m == 'casadi' or m.startswith('flexgen.codegen') for m in sys.modules), "
+        "'floors'\n"
     )
     run(sys.executable, "-c", program, folder=ROOT)
 
@@ -217,7 +220,9 @@ def test_the_chosen_compiler_is_used(monkeypatch, tmp_path):
     assert levels == ["-O2", "-O1"]  # the last has priority
     monkeypatch.setenv("CC", str(CC))
     lines.clear()
-    assert not generate("elbow", out.directory, functions=["gravity"], progress=lines.append).cached
+    assert not generate(
+        "elbow", out.directory, functions=["gravity"], progress=lines.append
+    ).cached
     # the sources are there: nothing is derived
     assert lines[0].startswith("compiling") and lines[-1] == "linking"
     for text in (f"{CC} -g", f"{CC} -O2 -Wl,-rpath,x", f"{CC} -include x.h", f"{CC} @file"):
@@ -228,7 +233,9 @@ def test_the_chosen_compiler_is_used(monkeypatch, tmp_path):
 
 @pytest.mark.slow
 def test_options_of_the_build_are_kept_apart(tmp_path):
-    """Each has its flags in the manifest and is compiled anew; the sources of another precision are others."""
+    """Each has its flags in the manifest and is compiled anew; the sources of another precision
+    are others.
+    """
     seen = set()
     for options in (
         {},
@@ -288,7 +295,7 @@ def test_sources_only_keep_the_library_that_fits_them(tmp_path):
     }
 
 
-# --- the cache of objects ---------------------------------------------------------------------------------------------
+# --- the cache of objects ------------------------------------------------------------------------
 @pytest.fixture
 def objects(tmp_path, monkeypatch):
     folder = tmp_path / "objects"
@@ -346,7 +353,9 @@ def keys(
 
 
 def test_an_object_depends_on_what_its_source_includes(tmp_path, objects):
-    """Directly or not; a header that it does not include changes nothing, one that is not known makes all count."""
+    """Directly or not; a header that it does not include changes nothing, one that is not known
+    makes all count.
+    """
     headers = {"a.h": b'#include "c.h"\n', "sub/b.h": b"", "c.h": b"int c;\n", "d.h": b"int d;\n"}
     key = keys(tmp_path, headers)
     assert keys(tmp_path, {**headers, "d.h": b"int e;\n"}) == key
@@ -366,7 +375,8 @@ def test_an_object_depends_on_what_its_source_includes(tmp_path, objects):
 def test_corrupted_objects_are_rejected(spoil, tmp_path, objects):
     compiled(tmp_path / "a")
     one, two = sorted(objects.glob("*.o"))
-    first, second = one.read_bytes(), two.read_bytes()
+    first = one.read_bytes()
+    second = two.read_bytes()
     one.write_bytes(
         {"cut": first[:-9], "changed": first[:-1] + b"\1", "swapped": second, "empty": b""}[spoil]
     )
@@ -422,7 +432,9 @@ def test_the_size_of_the_cache_is_bounded(tmp_path, objects, monkeypatch):
 
 
 def test_folders_in_the_cache_of_objects_stay(tmp_path, objects, monkeypatch):
-    """The libraries of the solvers are in there as well; the objects next to them are removed nevertheless."""
+    """The libraries of the solvers are in there as well; the objects next to them are removed
+    nevertheless.
+    """
     compiled(tmp_path / "a")
     for path in objects.glob("*.o"):
         os.utime(path, (1e9, 1e9))

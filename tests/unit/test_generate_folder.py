@@ -1,4 +1,6 @@
-"""The directory of a library: what flexgen did not write there stays; killed runs leave nothing for ever."""
+"""The directory of a library: what flexgen did not write there stays; killed runs leave nothing
+for ever.
+"""
 
 from __future__ import annotations
 
@@ -56,7 +58,9 @@ def test_files_of_others_are_not_replaced(tmp_path, name):
 
 
 def test_a_file_next_to_the_library_is_not_replaced_later(tmp_path):
-    """The manifest lists what is flexgen's: a file that comes later under the name of one more source is not."""
+    """The manifest lists what is flexgen's: a file that comes later under the name of one more
+    source is not.
+    """
     sources(tmp_path)
     (tmp_path / "src" / "elbow_bias.c").write_text("mine\n")
     before = contents(tmp_path)

@@ -24,7 +24,8 @@ def test_the_growth_is_that_of_perturbed_starts_on_a_grid_that_resolves_the_cogg
 ) -> None:
     equations = derive(flexgen.read("elbow", overrides=COGGING))
     data = flexgen.solve(equations, method="closed-form", ignore_limits=True).trajectory
-    start, model = equilibrium_at(equations, data["q_a"][0]), equations.model
+    start = equilibrium_at(equations, data["q_a"][0])
+    model = equations.model
     side = np.abs(model.eta).max(axis=1)
 
     def position(change: np.ndarray) -> np.ndarray:

@@ -59,9 +59,12 @@ def expected(
 
 def locally(tau: np.ndarray, hold: str, delay: float) -> np.ndarray:
     """The same from polynomials through six samples, integrated by Gauss points."""
-    n, far, more = len(tau), 12, int(delay)
+    n = len(tau)
+    far = 12
+    more = int(delay)
     long = np.concatenate([np.repeat(tau[:1], far, axis=0), tau, np.repeat(tau[-1:], far, axis=0)])
-    x, near = delay - more, np.arange(-2, 4)
+    x = delay - more
+    near = np.arange(-2, 4)
     points, weights = np.polynomial.legendre.leggauss(4)
 
     def mean(k: int, begin: float, end: float) -> np.ndarray:
@@ -87,7 +90,9 @@ def locally(tau: np.ndarray, hold: str, delay: float) -> np.ndarray:
     return sent
 
 
-def stream_of(library, updates: int = 160, each: int = 5, **options: Any) -> tuple[np.ndarray, Any]:
+def stream_of(
+    library, updates: int = 160, each: int = 5, **options: Any
+) -> tuple[np.ndarray, Any]:
     """Motor torques of a stream along the model's move, and the stream."""
     path = samples()
     stream = library.stream(
@@ -98,7 +103,8 @@ def stream_of(library, updates: int = 160, each: int = 5, **options: Any) -> tup
         samples_per_interval=each,
         **options,
     )
-    tau, ends = [], len(path["y"]) - 1
+    tau = []
+    ends = len(path["y"]) - 1
     for k in range(1, updates + 1):
         at = min(k * each, ends)
         inside = 1.0 if k * each <= ends else 0.0
@@ -144,7 +150,8 @@ def test_a_stream_gives_the_torques_of_python(library, hold, delay, each):
     """Steps of 2e-4 from plan to plan are allowed; here they are smaller."""
     tau, _ = stream_of(library, 800 // each, each)
     held, _ = stream_of(library, 800 // each, each, hold=hold, delay=delay)
-    size, late = np.abs(tau).max(), 12
+    size = np.abs(tau).max()
+    late = 12
     wanted = expected(np.arange(len(tau)) * PERIOD, tau, hold, delay)
     assert np.abs(held - wanted)[:-late].max() < 1e-5 * size
     assert hold == "linear" or np.abs(held - tau)[:-late].max() > 1e-3 * size
@@ -164,7 +171,8 @@ def test_a_stream_with_limits_does_not_take_the_second_difference(library):
         for k in range(5, 500, 5):
             results.append(stream.update(path["y"][k], path["dy"][k], path["ddy"][k]).tau_m)
     tau, held = (np.concatenate(results) for results in found)
-    size, t = np.abs(tau).max(), np.arange(len(tau)) * PERIOD
+    size = np.abs(tau).max()
+    t = np.arange(len(tau)) * PERIOD
     means = expected(t, tau, "zoh", 0.0, limited=True)
     assert np.abs(held - means)[:-12].max() < 1e-5 * size
     # steps from plan to plan are as large as the second difference, but rare
@@ -243,7 +251,8 @@ def test_a_stream_in_c_refuses_invalid_holds_and_delays(library, hold, delay):
     refused = struct_of(entries.structs["stream_options"], **options, hold=hold, delay=delay)
     size = entries.work(ctypes.byref(accepted))
     assert entries.work(ctypes.byref(refused)) == -1 < size
-    path, memory = samples(), np.full(size, -7.25)
+    path = samples()
+    memory = np.full(size, -7.25)
     stream = struct_of(entries.structs["stream"], memory=memory, size=size)
     start = [ctypes.byref(stream), ctypes.byref(refused)]
     assert (
@@ -257,7 +266,9 @@ def test_a_stream_in_c_refuses_invalid_holds_and_delays(library, hold, delay):
 @pytest.mark.parametrize("name", ["invert", pytest.param("bvp", marks=pytest.mark.slow)])
 def test_a_solver_in_c_refuses_invalid_holds_and_delays(name, hold, delay):
     library = loaded(MODEL, *["bvp"] * (name == "bvp"))
-    entries, sizes, path = library.streams, library.sizes, samples()
+    entries = library.streams
+    sizes = library.sizes
+    path = samples()
     tau = np.full((len(path["y"]), sizes["n_m"]), -7.25)
     arrays = {key: np.ascontiguousarray(path[key]) for key in ("y", "dy", "ddy", "q_start")}
     given_path = {key: arrays[key].ctypes.data for key in ("y", "dy", "ddy")}
@@ -289,7 +300,9 @@ def test_a_solver_in_c_refuses_invalid_holds_and_delays(name, hold, delay):
 @pytest.mark.parametrize("hold", ["spline", "linear", "zoh"])
 @pytest.mark.parametrize("intervals", [1, 3, 5, 8, 16])
 def test_a_delay_beyond_the_horizon_is_reported(library, intervals, hold):
-    """One sample per interval, and a delay of four: with 15 samples ahead the torques depend on known samples only."""
+    """One sample per interval, and a delay of four: with 15 samples ahead the torques depend on
+    known samples only.
+    """
     path = samples()
     stream = library.stream(
         path["y"][0], path["q_start"], period=PERIOD, intervals=intervals, hold=hold, delay=4.0

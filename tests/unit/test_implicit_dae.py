@@ -1,4 +1,6 @@
-"""`Equations.dae` against forward dynamics, its index, its names; and the page of all functions."""
+"""`Equations.dae` against forward dynamics, its index, its names; and the page of all
+functions.
+"""
 
 from __future__ import annotations
 
@@ -19,10 +21,16 @@ PAGE = Path(__file__).parents[2] / "docs" / "equations.md"
 
 @pytest.mark.parametrize("name", ["elbow", "planar5_nmp", "beam_arm", "manutec_r3", "four_mass"])
 def test_the_dae_holds_on_the_forward_dynamics(name):
-    """Accelerations of `forward_dynamics` (L D L' of the mass matrix), gear torques and output satisfy all rows."""
+    """Accelerations of `forward_dynamics` (L D L' of the mass matrix), gear torques and output
+    satisfy all rows.
+    """
     equations = flexgen.derive(name)
-    model, dae = equations.model, equations.dae()
-    rng, n, n_a, i_m = np.random.default_rng(2), model.dof, model.n_a, list(model.i_m)
+    model = equations.model
+    dae = equations.dae()
+    rng = np.random.default_rng(2)
+    n = model.dof
+    n_a = model.n_a
+    i_m = list(model.i_m)
     assert dae.function.name_in() == ["xdot", "x", "z", "u"] and dae.function.size1_in(
         1
     ) == 2 * n == len(dae.x)
@@ -35,8 +43,10 @@ def test_the_dae_holds_on_the_forward_dynamics(name):
             size=len(i_m)
         )
         u = rng.normal(size=model.n_m)
-        q_m, v_m = np.zeros(model.n_m), np.zeros(model.n_m)
-        q_m[i_m], v_m[i_m] = x[n_a:n], x[n + n_a :]
+        q_m = np.zeros(model.n_m)
+        v_m = np.zeros(model.n_m)
+        q_m[i_m] = x[n_a:n]
+        v_m[i_m] = x[n + n_a :]
         state = (x[:n_a], x[n : n + n_a], q_m, v_m)
         a_a, a_m = (
             np.array(part).ravel() for part in equations.function("forward_dynamics")(*state, u)
@@ -86,7 +96,8 @@ def test_the_page_has_every_function_with_its_arrays():
         for output in row.outputs.split():
             extents = (PORTS | PYTHON_PORTS)[output][0]
             assert (
-                output + (f" ({', '.join(extents).replace(' * ', ' ')})" if extents else "") in line
+                output + (f" ({', '.join(extents).replace(' * ', ' ')})" if extents else "")
+                in line
             ), (name, output)
         arrays |= {*row.inputs.split(), *row.outputs.split()}
     assert {name for name in arrays if f"| `{name}` |" not in text} == set()

@@ -1,4 +1,6 @@
-"""Numbers of statuses and limits, members of enums and defaults of options of the C interface are stated once."""
+"""Numbers of statuses and limits, members of enums and defaults of options of the C interface are
+stated once.
+"""
 
 from __future__ import annotations
 
@@ -46,8 +48,8 @@ def _assigned(node: ast.AST) -> Iterable[tuple[ast.expr, ast.expr | None]]:
     if isinstance(node, ast.AnnAssign):
         yield node.target, node.value
     for target in node.targets if isinstance(node, ast.Assign) else ():
-        if isinstance(target, ast.Tuple) and isinstance(node.value, ast.Tuple):  # type: ignore[attr-defined]
-            yield from zip(target.elts, node.value.elts, strict=False)  # type: ignore[attr-defined]
+        if isinstance(target, ast.Tuple) and isinstance(node.value, ast.Tuple):
+            yield from zip(target.elts, node.value.elts, strict=False)
         yield target, node.value  # type: ignore[attr-defined]
 
 
@@ -59,12 +61,18 @@ def _compared(node: ast.AST) -> Iterable[str]:
                 other.elts if isinstance(other, ast.Tuple | ast.Set | ast.List) else [other]
             ):
                 value = _value(entry)
-                if isinstance(value, int) and value in CODES and "status" in ast.unparse(node.left):
+                if (
+                    isinstance(value, int)
+                    and value in CODES
+                    and "status" in ast.unparse(node.left)
+                ):
                     yield f"status {ast.unparse(entry)}"
 
 
 def restated(text: str) -> list[str]:
-    """Names that are given the number of a status or limit, statuses compared with numbers, members of an enum."""
+    """Names that are given the number of a status or limit, statuses compared with numbers,
+    members of an enum.
+    """
     found = []
     for node in ast.walk(ast.parse(text)):
         for target, value in _assigned(node):
@@ -123,7 +131,7 @@ def test_the_simulation_has_the_holds_of_the_c_interface():
     assert get_args(HoldName) == hold.names
 
 
-# --- defaults and names of options and results ------------------------------------------------------------------------
+# --- defaults and names of options and results ---------------------------------------------------
 
 FIELDS = {struct.name: {field.name: field for field in struct.fields} for struct in STRUCTS}
 CALLS = {
@@ -161,7 +169,9 @@ def different_options(struct: str, parameters: Mapping[str, inspect.Parameter]) 
         )
         if parameter is None:
             found += [name] if name not in OWN else []
-        elif expected and not expected.startswith("STREAM_") and str(parameter.default) != expected:
+        elif (
+            expected and not expected.startswith("STREAM_") and str(parameter.default) != expected
+        ):
             found.append(f"{name} = {parameter.default}, in C {expected}")
     return found
 
@@ -189,7 +199,10 @@ def test_a_planted_default_is_found():
 
 @pytest.mark.parametrize(
     ("result", "structs"),
-    [(Inversion, ("invert_info", "bvp_info", "invert_limited_info")), (Interval, ("stream_info",))],
+    [
+        (Inversion, ("invert_info", "bvp_info", "invert_limited_info")),
+        (Interval, ("stream_info",)),
+    ],
 )
 def test_results_in_python_have_all_members_that_c_reports(result, structs):
     text = inspect.getdoc(result) or ""

@@ -1,4 +1,6 @@
-"""The quadratic program of limited whole paths in C, against OSQP and the conditions of optimality."""
+"""The quadratic program of limited whole paths in C, against OSQP and the conditions of
+optimality.
+"""
 
 from __future__ import annotations
 
@@ -32,11 +34,13 @@ static inline void store_v(real *x, lanes v) { *(lanes *)x = v; }
 """
 CALL = """\
 #include "model_interior_point.h"
-int run(int n, int rows, int stride, real *H, real *g, real *A, real *x, int *range, real price, real *z, real *K,
+int run(int n, int rows, int stride, real *H, real *g, real *A, real *x, int *range, real price, \
+real *z, real *K,
     real *step, real *of_rows)
 {
     const int m = rows + 1;
-    interior_point p = {n, rows, stride, H, g, A, x, range, price, z, K, step, of_rows, of_rows + m, of_rows + 2 * m,
+    interior_point p = {n, rows, stride, H, g, A, x, range, price, z, K, step, of_rows, of_rows + \
+m, of_rows + 2 * m,
         of_rows + 3 * m, of_rows + 4 * m, of_rows + 5 * m};
     return solve_interior_point(&p);
 }
@@ -55,8 +59,10 @@ def program(
         folder: Path = tmp_path_factory.mktemp("program")
         text = section("invert_limited.c", "A quadratic program")
         assert text.count(BUG[0]) == 1
-        (folder / "model_inversion_common.h").write_text(SHIM + VECTORS + "static inline real sum_v(lanes v)\n{\n"
-            "    return v[0] + v[1] + v[2] + v[3];\n}\n")  # fmt: skip
+        (folder / "model_inversion_common.h").write_text(
+            SHIM + VECTORS + "static inline real sum_v(lanes v)\n{\n"
+            "    return v[0] + v[1] + v[2] + v[3];\n}\n"
+        )
         qp = section("limits.h", "A small quadratic program")
         text = "\n".join(
             ['#include "model_inversion_common.h"', qp, text.replace(*BUG) if wrong else text]
@@ -89,10 +95,13 @@ def program(
             nonzero = [np.flatnonzero(row) for row in A]
             ends = [(int(at[0]), int(at[-1]) + 1) if len(at) else (0, 0) for at in nonzero]
             span = np.array([*ends, (0, 0)], dtype=np.intc)
-            z, step = np.zeros(stride), np.zeros(stride)
+            z = np.zeros(stride)
+            step = np.zeros(stride)
             memory = [np.ascontiguousarray(H), np.array(g), padded, np.array(x), span]
             others = [z, np.zeros((stride, stride)), step, np.zeros(6 * (rows + 1))]
-            pointers = [[ctypes.c_void_p(m.ctypes.data) for m in part] for part in (memory, others)]
+            pointers = [
+                [ctypes.c_void_p(m.ctypes.data) for m in part] for part in (memory, others)
+            ]
             ok = run(n, rows, stride, *pointers[0], ctypes.c_double(PRICE), *pointers[1])
             return ok, z[:n].copy(), float(z[n])
 
@@ -102,12 +111,16 @@ def program(
 
 
 def problem(seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """A random program whose rows act on a part of the unknowns, and whose limits a known point keeps."""
+    """A random program whose rows act on a part of the unknowns, and whose limits a known point
+    keeps.
+    """
     rng = np.random.default_rng(seed)
-    n, rows = int(rng.integers(3, 60)), int(rng.integers(5, 150))
+    n = int(rng.integers(3, 60))
+    rows = int(rng.integers(5, 150))
     B = rng.normal(size=(n, n)) * np.logspace(0, -1, n)
     A = rng.normal(size=(rows, n))
-    first, width = rng.integers(0, n, rows), rng.integers(1, n + 1, rows)
+    first = rng.integers(0, n, rows)
+    width = rng.integers(1, n + 1, rows)
     for k in range(rows):
         A[k, : first[k]] = 0.0
         A[k, first[k] + width[k] :] = 0.0
@@ -137,7 +150,9 @@ def test_the_solution_is_that_of_osqp(program, seed: int) -> None:
 
 @pytest.mark.parametrize("seed", range(4))
 def test_a_wrong_factorization_is_seen(program, seed: int) -> None:
-    """Planted: products with an error of a hundredth. It does not converge, or to another point."""
+    """Planted: products with an error of a hundredth. It does not converge, or to another
+    point.
+    """
     H, g, A, x = problem(seed)
     ok, z, exceeded = program(True)(H, g, A, x)
     right = program(False)(H, g, A, x)

@@ -1,4 +1,6 @@
-"""Run-time parameters in invert, bvp and stream: the results of a library in which the same values are constants."""
+"""Run-time parameters in invert, bvp and stream: the results of a library in which the same values
+are constants.
+"""
 
 from __future__ import annotations
 
@@ -65,8 +67,11 @@ def values(flexible: Library) -> np.ndarray:
 
 
 def stream_torques(library: Library, renewed: bool = False, **options) -> np.ndarray:
-    """Torques of a move; ``renewed``: the same parameters are set before each update, so that it keeps no factor."""
-    path, each = samples(), 5
+    """Torques of a move; ``renewed``: the same parameters are set before each update, so that it
+    keeps no factor.
+    """
+    path = samples()
+    each = 5
     stream = library.stream(
         path["y"][0],
         path["q_start"],
@@ -78,7 +83,8 @@ def stream_torques(library: Library, renewed: bool = False, **options) -> np.nda
     last = len(path["y"]) - 1
     found = []
     for k in range(each, last + 20 * each, each):
-        at, moves = min(k, last), float(k <= last)
+        at = min(k, last)
+        moves = float(k <= last)
         if renewed:
             stream.set_parameters(library.parameters)
         found.append(
@@ -106,7 +112,8 @@ def test_six_axes(tmp_path):
         "n_post": 300,
         "samples_per_interval": 10,
     }
-    want, other = baked.invert(*y, **more), flexible.invert(*y, **more)
+    want = baked.invert(*y, **more)
+    other = flexible.invert(*y, **more)
     found = flexible.invert(*y, **more, parameters=values)
     size = np.abs(want.tau_m).max()
     assert (
@@ -141,15 +148,19 @@ def test_streams(flexible, baked, values):
 
 
 def test_factors_that_a_stream_keeps_do_not_change_its_torques(flexible):
-    """Updates that keep most factors of the update before, and updates that compute all of them again."""
-    kept, renewed = stream_torques(flexible), stream_torques(flexible, renewed=True)
+    """Updates that keep most factors of the update before, and updates that compute all of them
+    again.
+    """
+    kept = stream_torques(flexible)
+    renewed = stream_torques(flexible, renewed=True)
     assert not np.array_equal(kept, renewed)
     assert np.abs(kept - renewed).max() < KEPT * np.abs(renewed).max()
 
 
 def test_parameters_of_a_stream_change_at_rest(flexible, baked, values):
     """After a payload is gripped the stream has the torques of a stream that started with it."""
-    path, each = samples(), 5
+    path = samples()
+    each = 5
 
     def stream_at_rest(library: Library, **options):
         return library.stream(
@@ -163,13 +174,18 @@ def test_parameters_of_a_stream_change_at_rest(flexible, baked, values):
 
     def updates(stream, count: int) -> np.ndarray:
         zero = np.zeros_like(path["dy"][0])
-        return np.concatenate([stream.update(path["y"][0], zero, zero).tau_m for _ in range(count)])
+        return np.concatenate(
+            [stream.update(path["y"][0], zero, zero).tau_m for _ in range(count)]
+        )
 
-    stream, with_payload = stream_at_rest(flexible), stream_at_rest(flexible, parameters=values)
+    stream = stream_at_rest(flexible)
+    with_payload = stream_at_rest(flexible, parameters=values)
     before = updates(stream, 5)
     for twin in (copy.copy(stream), pickle.loads(pickle.dumps(stream))):
         twin.set_parameters(values)
-        after, held = updates(twin, 2), updates(with_payload, 1)[-1]  # at once
+        # at once
+        after = updates(twin, 2)
+        held = updates(with_payload, 1)[-1]
         assert (
             np.abs(after - held).max()
             < ROUNDING * np.abs(held).max()
@@ -179,8 +195,11 @@ def test_parameters_of_a_stream_change_at_rest(flexible, baked, values):
 
 
 def test_the_move_after_a_changed_payload_is_that_of_a_new_stream(flexible, values):
-    """A stream that rests is in the new equilibrium; one with a motion ahead is not, and its updates state it."""
-    path, each = samples(), 5
+    """A stream that rests is in the new equilibrium; one with a motion ahead is not, and its
+    updates state it.
+    """
+    path = samples()
+    each = 5
     options = {"period": each * PERIOD, "intervals": 20, "samples_per_interval": each}
     resting, moving, new = (
         flexible.stream(path["y"][0], path["q_start"], **options, **given)
@@ -188,11 +207,15 @@ def test_the_move_after_a_changed_payload_is_that_of_a_new_stream(flexible, valu
     )
     resting.set_parameters(values)
     last = len(path["y"]) - 1
-    worst, largest, stated = 0.0, 0.0, []
+    worst = 0.0
+    largest = 0.0
+    stated = []
     for k in range(each, last + 20 * each, each):
-        at, moves = min(k, last), float(k <= last)
+        at = min(k, last)
+        moves = float(k <= last)
         sample = path["y"][at], moves * path["dy"][at], moves * path["ddy"][at]
-        own, wanted = resting.update(*sample), new.update(*sample)
+        own = resting.update(*sample)
+        wanted = new.update(*sample)
         assert own.converged
         worst = max(worst, np.abs(own.tau_m - wanted.tau_m).max())
         largest = max(largest, np.abs(wanted.tau_m).max())
@@ -210,7 +233,8 @@ def test_the_move_after_a_changed_payload_is_that_of_a_new_stream(flexible, valu
     ],
 )
 def test_numbers_that_no_model_file_may_have_are_refused(flexible, values, name, value, words):
-    path, bad = samples(), np.array(values)
+    path = samples()
+    bad = np.array(values)
     bad[flexible.parameter_names.index(name)] = value
     one = {key: x for key, x in given().items() if key in ("y", "dy", "ddy", "period", "q_start")}
     stream = flexible.stream(path["y"][0], path["q_start"], period=5e-3, intervals=20)

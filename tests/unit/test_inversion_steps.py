@@ -1,4 +1,6 @@
-"""Steps of `flexgen.solve` alone: choice and refinement, limits, the end of a motion, the verification's figures."""
+"""Steps of `flexgen.solve` alone: choice and refinement, limits, the end of a motion, the
+verification's figures.
+"""
 
 from __future__ import annotations
 
@@ -36,7 +38,11 @@ def channels(model: Any, **values: np.ndarray) -> Trajectory:
     found = {name: np.zeros((len(T), n)) for name, n in widths.items()} | values
     ports = {name: Port(name, (x.shape[1],), "rad", "made up") for name, x in found.items()}
     return Trajectory(
-        T, found, ports, {n: tuple(f"{k}" for k in range(x.shape[1])) for n, x in found.items()}, {}
+        T,
+        found,
+        ports,
+        {n: tuple(f"{k}" for k in range(x.shape[1])) for n, x in found.items()},
+        {},
     )
 
 
@@ -126,7 +132,8 @@ def test_the_mesh_is_halved_until_the_verification_is_passed(
         solve, "make_solution", lambda problem, name, h: made(model, warnings=(f"{h:g}",))
     )
     monkeypatch.setattr(solve, "verify_by_simulation", verified)
-    problem, reached = Problem(), BestSolution()
+    problem = Problem()
+    reached = BestSolution()
     found = solve._refine(problem, find_method("lq"), reached)  # type: ignore[arg-type]
     h = max(min(0.02, solve.LONGEST), 2.0 / 5000)
     assert steps == [h, h / 2, h / 4]
@@ -137,7 +144,10 @@ def test_the_mesh_is_halved_until_the_verification_is_passed(
     )
     assert found.warnings == (f"{h / 4:g}", "rough") and found.status == Status.SOLVED
     assert problem.texts == [
-        f"verified error {w:.2e} is above 1e-05 [rad, and m for each meter of reach]: halving the mesh"
+        (
+            f"verified error {w:.2e} is above 1e-05 [rad, and m for each meter of reach]: "
+            "halving the mesh"
+        )
         for w in (3e-5, 9e-5)
     ]
     # the best of all meshes, with the reason, where none passes; a given mesh is taken as it is
@@ -161,7 +171,7 @@ def test_the_mesh_is_halved_until_the_verification_is_passed(
     assert steps == [0.125]
     monkeypatch.setattr(solve, "make_solution", lambda *_: made(model, status=Status.BASELINE))
     worst = iter([1.0])
-    assert solve._refine(Problem(), find_method("fjm"), reached).status == Status.BASELINE  # type: ignore[arg-type]
+    assert solve._refine(Problem(), find_method("fjm"), reached).status == Status.BASELINE
 
 
 @pytest.mark.parametrize(
@@ -178,8 +188,11 @@ def test_the_mesh_is_halved_until_the_verification_is_passed(
 def test_a_mesh_that_does_not_resolve_the_torques_is_halved(
     estimates, errors, kept, monkeypatch
 ) -> None:
-    """An accepted solution is never lost. Planted: torques that are resolved, which are taken at once."""
-    model, finest = flexgen.read("planar5_nmp"), solve.INTERVALS
+    """An accepted solution is never lost. Planted: torques that are resolved, which are taken at
+    once.
+    """
+    model = flexgen.read("planar5_nmp")
+    finest = solve.INTERVALS
     rest, worst = iter(estimates), iter(errors)
 
     def made_next(*_: Any, intervals: int = 100) -> Any:
@@ -238,7 +251,8 @@ def test_without_verification_the_residual_decides(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(
         solve, "make_solution", lambda *_: made(model, residual_relative=next(residuals))
     )
-    problem, reached = Problem(verify=False), BestSolution()
+    problem = Problem(verify=False)
+    reached = BestSolution()
     found = solve._refine(problem, find_method("lq"), reached)  # type: ignore[arg-type]
     assert found.residual_relative == solve.RESIDUAL and problem.texts == [
         "relative residual 1.0e-02: halving the mesh"
@@ -291,7 +305,7 @@ def test_under_a_feedback_the_residual_or_the_defect_is_small(
     monkeypatch.setattr(solve, "make_solution", lambda *_: made(model, residual_relative=residual))
     monkeypatch.setattr(solve, "verify_by_simulation", lambda *_: checked)
     reached = BestSolution()
-    assert solve._refine(Problem(), find_method("lq"), reached).status == status  # type: ignore[arg-type]
+    assert solve._refine(Problem(), find_method("lq"), reached).status == status
 
 
 def test_a_refusal_names_what_is_off() -> None:
@@ -300,9 +314,9 @@ def test_a_refusal_names_what_is_off() -> None:
         "the equations of motion do not hold between"
     )  # type: ignore[arg-type]
     energy = solve._refusal(problem, 1e-5, 2 * solve.ENERGY)  # type: ignore[arg-type]
-    assert (
-        energy
-        == f"the energy balance of the simulation is off by {2 * solve.ENERGY:.1e}, allowed are {solve.ENERGY:.0e}"
+    assert energy == (
+        f"the energy balance of the simulation is off by {2 * solve.ENERGY:.1e}, allowed "
+        f"are {solve.ENERGY:.0e}"
     )
     assert solve._refusal(problem, 1.01e-5, 0.0).startswith(
         "verified error 1.01e-05 is above 1e-05"
@@ -324,7 +338,7 @@ def test_methods_that_follow_the_default_one(monkeypatch: pytest.MonkeyPatch) ->
 
     def further(name: str, method: str, limits: Limits | None = None) -> list[str]:
         problem = Problem(name, limits=limits)
-        return [m.name for m in choice.further_methods(problem, find_method(method))]  # type: ignore[arg-type]
+        return [m.name for m in choice.further_methods(problem, find_method(method))]
 
     assert further("elbow", "closed-form") == ["lq", "full"]
     assert further("elbow", "lq") == ["full"]
@@ -385,7 +399,9 @@ def test_limits_of_a_model_and_of_arguments() -> None:
     assert given == Limits((2.0, 2.0, 2.0), None, (0.5,))
     torque, speed = given.arrays(3)
     assert torque.tolist() == [2.0] * 3 and speed.tolist() == [np.inf] * 3
-    assert given.deflections(1).tolist() == [0.5] and limits.deflections(2).tolist() == [np.inf] * 2
+    assert (
+        given.deflections(1).tolist() == [0.5] and limits.deflections(2).tolist() == [np.inf] * 2
+    )
     with pytest.raises(
         ArgumentError,
         match="limits: given deflection 3, expected a sequence of numbers, one for each non-",
@@ -448,7 +464,9 @@ def test_warnings_of_exceeded_limits_name_value_and_limit() -> None:
 
 
 def test_residuals_of_the_samples_at_rest() -> None:
-    """With zero motion the residual is the torque of gravity and of the motors; relative to each row's torque."""
+    """With zero motion the residual is the torque of gravity and of the motors; relative to each
+    row's torque.
+    """
     equations = derive("planar5_nmp")
     model = equations.model
     torque = np.tile([3.0, -2.0], (len(T), 1))
@@ -465,7 +483,8 @@ def test_residuals_of_the_samples_at_rest() -> None:
     np.testing.assert_allclose(rows, expected, rtol=1e-12, atol=1e-12)
     elastic = np.array(equations.function("elastic_torque")(zeros(3), zeros(3))).ravel()
     scale = zeros(3)
-    scale[list(model.i_g)], scale[list(model.i_e)] = [10.0, 5.0], np.abs(elastic)
+    scale[list(model.i_g)] = [10.0, 5.0]
+    scale[list(model.i_e)] = np.abs(elastic)
     motors = np.array([3.0, 2.0])[list(model.i_m)]
     scales = np.r_[np.maximum(scale, 1e-3 * scale.max()), motors]
     assert relative_residual(equations, trajectory, rows) == pytest.approx(
@@ -475,7 +494,8 @@ def test_residuals_of_the_samples_at_rest() -> None:
 
 def test_simpler_models_are_compared_with_a_solution(monkeypatch: pytest.MonkeyPatch) -> None:
     equations = derive("planar5_nmp")
-    model, said = equations.model, []
+    model = equations.model
+    said = []
 
     def solved(given: Any, move: Any, name: str, progress: bool) -> Any:
         assert given is equations and move is model.moves[0] and progress is False
@@ -535,8 +555,12 @@ class Timed:
 def test_a_solution_has_the_times_of_all_steps_and_all_warnings(
     fails: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """So has one that was found before the time was over; options without effect are named last."""
-    wall, cpu, told = iter((10.0, 13.5)), iter((2.0, 4.25)), []  # type: ignore[var-annotated]
+    """So has one that was found before the time was over; options without effect are named
+    last.
+    """
+    wall = iter((10.0, 13.5))  # type: ignore[var-annotated]
+    cpu = iter((2.0, 4.25))
+    told = []
 
     def find(problem: Any, method: str, reached: BestSolution) -> Timed:
         told.append((problem, method))
@@ -546,7 +570,9 @@ def test_a_solution_has_the_times_of_all_steps_and_all_warnings(
 
     clocks = Made(perf_counter=lambda: next(wall), process_time=lambda: next(cpu))
     monkeypatch.setattr(solve, "time", clocks)
-    monkeypatch.setattr(solve, "_problem", lambda model, *given: Made(model=model, limits="limits"))
+    monkeypatch.setattr(
+        solve, "_problem", lambda model, *given: Made(model=model, limits="limits")
+    )
     monkeypatch.setattr(solve, "_find_solution", find)
     monkeypatch.setattr(solve, "with_hold", lambda problem, solution, controller: solution)
     monkeypatch.setattr(solve, "within_limits", lambda solution, limits, ignored: solution)
@@ -555,7 +581,9 @@ def test_a_solution_has_the_times_of_all_steps_and_all_warnings(
     )
     monkeypatch.setattr(BestSolution, "finish", lambda self, stage, time_limit: Timed("full", ()))
     found = inspect.unwrap(solve.solve)("elbow", "line", mesh=0.01)
-    assert (found.wall_s, found.cpu_s) == (3.5, 2.25) and [method for _, method in told] == ["auto"]
+    assert (found.wall_s, found.cpu_s) == (3.5, 2.25) and [method for _, method in told] == [
+        "auto"
+    ]
     assert found.warnings == (("full: None, 0.01",) if fails else ("jerky", "lq: None, 0.01"))
 
 

@@ -1,4 +1,6 @@
-"""Inverse dynamics of a loaded library along paths, from Python: what it takes, gives and refuses."""
+"""Inverse dynamics of a loaded library along paths, from Python: what it takes, gives and
+refuses.
+"""
 
 from __future__ import annotations
 
@@ -21,8 +23,8 @@ from flexgen.runtime.structs import struct_of, structs_of
 
 pytestmark = needs_compiler
 
-# Between the mesh points the elastic coordinates are quintics: on a mesh of 5 ms they leave the equations by about 1e-6
-# of the torques at rest.
+# Between the mesh points the elastic coordinates are quintics: on a mesh of 5 ms they leave the
+# equations by about 1e-6 of the torques at rest.
 BETWEEN = 1e-5
 
 
@@ -39,7 +41,7 @@ def answer(library):
 BEYOND = 6  # samples after the last one, for the derivatives there
 
 
-# --- whole paths ------------------------------------------------------------------------------------------------------
+# --- whole paths ---------------------------------------------------------------------------------
 def test_a_path_is_inverted(library, answer):
     n = len(samples()["y"])
     assert (
@@ -76,8 +78,8 @@ def test_an_inverter_survives_pickling(answer):
     assert np.array_equal(invert(**given()).tau_m, answer.tau_m)
     assert copy.copy(invert) is invert and copy.deepcopy(invert) is invert
     assert repr(invert) == (
-        "invert(y, dy, ddy, *, period, q_start, n_pre=0, n_post=0, samples_per_interval=1, tolerance=1e-06, "
-        "hold='spline', delay=0, settled=0, growth=False)"
+        "invert(y, dy, ddy, *, period, q_start, n_pre=0, n_post=0, samples_per_interval=1, "
+        "tolerance=1e-06, hold='spline', delay=0, settled=0, growth=False)"
     )
 
 
@@ -122,7 +124,8 @@ def test_c_refuses_null_pointers_and_too_little_memory(library):
     s = samples()
     n = len(s["y"])
     arrays = {key: np.ascontiguousarray(s[key]) for key in ("y", "dy", "ddy")}
-    q, work = np.ascontiguousarray(s["q_start"]), np.zeros(10)
+    q = np.ascontiguousarray(s["q_start"])
+    work = np.zeros(10)
     options = struct_of(
         structs["inversion_options"], n_pre=100, n_post=100, samples_per_interval=5, tolerance=1e-9
     )
@@ -155,7 +158,8 @@ def test_c_refuses_null_pointers_and_too_little_memory(library):
     work = np.zeros(wanted(n, ctypes.byref(options)))
     assert status() == 0  # members of the motion may be null
     for n_post in range(100, 108):  # whatever is in the workspace, and wherever its arrays end
-        options.n_post, tau_m = n_post, np.empty((100 + n + n_post, 2))
+        options.n_post = n_post
+        tau_m = np.empty((100 + n + n_post, 2))
         work, motion = (
             np.full(wanted(n, ctypes.byref(options)), 1e300),
             struct_of(structs["motion"], tau_m=tau_m),
@@ -190,9 +194,12 @@ def test_a_closed_inverter_refuses_calls():
 
 
 def test_closing_a_library_closes_its_streams():
-    mine, other = load(made(MODEL).directory), load(made(MODEL).directory)
-    stream, open_stream = begun(mine), begun(other)
-    stored, path = pickle.dumps(stream), samples()
+    mine = load(made(MODEL).directory)
+    other = load(made(MODEL).directory)
+    stream = begun(mine)
+    open_stream = begun(other)
+    stored = pickle.dumps(stream)
+    path = samples()
     sample = (path["y"][0], 0 * path["dy"][0], 0 * path["ddy"][0])
     before = stream.update(*sample)
     mine.close()
@@ -210,7 +217,7 @@ def test_closing_a_library_closes_its_streams():
         assert np.array_equal(running.update(*sample).tau_m, before.tau_m)
 
 
-# --- streams ----------------------------------------------------------------------------------------------------------
+# --- streams -------------------------------------------------------------------------------------
 HORIZON = 40
 
 
@@ -237,7 +244,9 @@ def updates(stream, first: int, last: int):
 
 
 def test_a_stream_gives_the_torques_of_the_path(library):
-    """The stream sees 0.2 s ahead, the whole path all of it; both follow it exactly, and so agree."""
+    """The stream sees 0.2 s ahead, the whole path all of it; both follow it exactly, and so
+    agree.
+    """
     n = len(samples()["y"][::EVERY])
     intervals = updates(begun(library), 1, n + HORIZON + 20)
     assert all(x.converged for x in intervals) and max(x.residual for x in intervals) < 1e-6
@@ -258,7 +267,8 @@ def test_a_copied_stream_is_independent(library):
 
 
 def test_a_refused_sample_changes_nothing(library):
-    stream, other = begun(library), begun(library)
+    stream = begun(library)
+    other = begun(library)
     updates(stream, 1, 20)
     updates(other, 1, 20)
     s = samples()

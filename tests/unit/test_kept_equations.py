@@ -1,4 +1,6 @@
-"""Equations that are kept between calls are those that would be derived: another model, law or thread has its own."""
+"""Equations that are kept between calls are those that would be derived: another model, law or
+thread has its own.
+"""
 
 from __future__ import annotations
 
@@ -46,7 +48,8 @@ def test_the_last_models_are_kept():
 
 
 def test_another_thread_has_its_own():
-    robot, found = flexgen.read("elbow"), []
+    robot = flexgen.read("elbow")
+    found = []
     kept = kept_equations(robot)
     for _ in range(2):
         thread = threading.Thread(target=lambda: found.append(kept_equations(robot)))
@@ -79,7 +82,8 @@ def test_functions_do_not_depend_on_those_that_were_built_before():
     for function in names[::3]:
         new = Equations(robot)
         assert used.function(function).serialize() == new.function(function).serialize()
-        fast, other = fast_function(used, function), fast_function(new, function)
+        fast = fast_function(used, function)
+        other = fast_function(new, function)
         assert (fast is None and other is None) or fast.serialize() == other.serialize()
 
 

@@ -1,4 +1,6 @@
-"""The private header of the emitted C: how exact its functions are, and that every compiler gives the same bits."""
+"""The private header of the emitted C: how exact its functions are, and that every compiler gives
+the same bits.
+"""
 
 from __future__ import annotations
 
@@ -28,8 +30,11 @@ from kernel_reference import DIGITS, minimax
 from flexgen.codegen.clib_files import kernel_files
 from flexgen.errors import BuildError
 
-# As the header states them. Every single-precision number was tried once: 0.87 (sine, cosine), 0.95 (exp), 2.61 (tanh).
-SINCOS, EXP, TANH = ERRORS["sincos"], ERRORS["exp"], ERRORS["tanh"]
+# As the header states them. Every single-precision number was tried once: 0.87 (sine, cosine),
+# 0.95 (exp), 2.61 (tanh).
+SINCOS = ERRORS["sincos"]
+EXP = ERRORS["exp"]
+TANH = ERRORS["tanh"]
 # |r| passes pi/4 where k is rounded the wrong way
 MARGIN = {"double": mp.mpf(2) ** -20, "single": mp.mpf(2) ** -10}
 
@@ -37,14 +42,18 @@ MARGIN = {"double": mp.mpf(2) ** -20, "single": mp.mpf(2) ** -10}
 def results(
     precision: str, name: str, x: np.ndarray, edits: tuple[tuple[str, str], ...] = ()
 ) -> np.ndarray:
-    """One function's results, which are the same for numbers and vectors; (2, n) for sine and cosine."""
+    """One function's results, which are the same for numbers and vectors; (2, n) for sine and
+    cosine.
+    """
     by_numbers, by_vectors = applied(program(precision, edits), precision, {name: x})[name]
     assert same_bits(by_numbers, by_vectors)
     return by_vectors
 
 
 def near_quarters(precision: str) -> tuple[np.ndarray, np.ndarray, list[int]]:
-    """The number next to every multiple of pi/2 in the range, which multiple, and 2^200 (number - multiple)."""
+    """The number next to every multiple of pi/2 in the range, which multiple, and 2^200 (number -
+    multiple).
+    """
     with mp.workdps(90):
         quarter = int(mp.nint(mp.ldexp(mp.pi / 2, 200)))
     steps = int(PRECISIONS[precision].angle / (np.pi / 2))
@@ -58,7 +67,9 @@ def near_quarters(precision: str) -> tuple[np.ndarray, np.ndarray, list[int]]:
 
 
 def error_near_quarters(precision: str, edits: tuple[tuple[str, str], ...] = ()) -> float:
-    """Where the sine or cosine of an angle is next to zero it is r - r^3/6, up to its sign, with a tiny r."""
+    """Where the sine or cosine of an angle is next to zero it is r - r^3/6, up to its sign, with a
+    tiny r.
+    """
     x, k, distance = near_quarters(precision)
     distance = [d - d**3 // (6 << 400) for d in distance]
     s, c = results(precision, "sincos", x, edits)
@@ -71,7 +82,7 @@ def error_near_quarters(precision: str, edits: tuple[tuple[str, str], ...] = ())
     )
 
 
-# --- the numbers ------------------------------------------------------------------------------------------------------
+# --- the numbers ---------------------------------------------------------------------------------
 
 
 @pytest.mark.slow
@@ -80,7 +91,8 @@ def test_polynomials_have_the_minimax_error(precision):
     p = PRECISIONS[precision]
     with mp.workdps(DIGITS):
         margin = 1 + MARGIN[precision]
-        end, half = (mp.pi / 4 * margin) ** 2, mp.log(2) / 2 * margin
+        end = (mp.pi / 4 * margin) ** 2
+        half = mp.log(2) / 2 * margin
         sine = [(-1) ** (j + 1) / mp.factorial(2 * j + 3) for j in range(18)]
         cosine = [(-1) ** j / mp.factorial(2 * j + 4) for j in range(18)]
         exponential = [1 / mp.factorial(j + 2) for j in range(24)]
@@ -130,7 +142,7 @@ def test_kernel_files_are_ascii_with_short_lines():
         kernel_files(NAME, "half")
 
 
-# --- how exact --------------------------------------------------------------------------------------------------------
+# --- how exact -----------------------------------------------------------------------------------
 
 
 @needs_compiler
@@ -179,7 +191,8 @@ def test_exp_and_tanh(precision):
     wide = np.longdouble if precision == "double" else np.float64
     dtype = TYPES[precision]
     rng = np.random.default_rng(11)
-    low, high = math.log(float(np.finfo(dtype).tiny)), math.log(float(np.finfo(dtype).max))
+    low = math.log(float(np.finfo(dtype).tiny))
+    high = math.log(float(np.finfo(dtype).max))
     signs = rng.choice([-1.0, 1.0], POINTS)
     for span in (
         rng.uniform(low, high, POINTS),
@@ -219,7 +232,8 @@ def test_special_values(precision):
     assert np.all(np.isfinite(s[2:4])) and np.all(np.isfinite(c[2:4]))
     assert np.all(np.isnan(s[4:])) and np.all(np.isnan(c[4:]))
     tiny = np.array(
-        [np.finfo(dtype).smallest_subnormal, -np.finfo(dtype).tiny, 3 * np.finfo(dtype).tiny], dtype
+        [np.finfo(dtype).smallest_subnormal, -np.finfo(dtype).tiny, 3 * np.finfo(dtype).tiny],
+        dtype,
     )
     assert same_bits(results(precision, "sin", tiny), tiny)
     assert same_bits(results(precision, "tanh", tiny), tiny)
@@ -275,7 +289,8 @@ def test_comparisons_and_rounding(precision):
     edge += [-big, np.inf, -np.inf, np.nan, float(np.finfo(dtype).smallest_subnormal)]
     x = np.array(edge, dtype)
     a, b = (v.ravel() for v in np.meshgrid(x, x))
-    true_a, true_b = a != 0, b != 0
+    true_a = a != 0
+    true_b = b != 0
     of_one = {"fabs": np.abs(x), "floor": np.floor(x), "ceil": np.ceil(x), "not": x == 0}
     of_one["sign"] = np.where(x == 0, x, np.sign(x))
     for name, expected in of_one.items():
@@ -308,7 +323,8 @@ def test_functions_of_the_mathematical_library(precision):
         y = results(precision, name, 1 + x if name == "acosh" else x)
         exact = getattr(mp, name)(mp.mpf(float((1 + x if name == "acosh" else x)[5])))
         assert float(y[5]) == pytest.approx(float(exact), rel=8 * float(np.finfo(dtype).eps))
-    a, b = 7 * x, x[::-1] + dtype(0.5)
+    a = 7 * x
+    b = x[::-1] + dtype(0.5)
     expected = {"atan2": np.arctan2, "pow": np.power, "fmod": np.fmod, "hypot": np.hypot}
     expected["remainder"] = lambda a, b: np.array(
         [math.remainder(float(u), float(v)) for u, v in zip(a, b, strict=True)]
@@ -318,7 +334,7 @@ def test_functions_of_the_mathematical_library(precision):
         np.testing.assert_allclose(y, expected[name](a, b), rtol=8 * np.finfo(dtype).eps)
 
 
-# --- planted bugs -----------------------------------------------------------------------------------------------------
+# --- planted bugs --------------------------------------------------------------------------------
 
 
 @pytest.mark.slow

@@ -55,7 +55,9 @@ def keys_of(form: Form) -> Iterator[Key]:
 
 
 def stated_twice(tables: Mapping[str, Form], sources: Mapping[str, str]) -> list[str]:
-    """Rows that are written twice, texts of keys that are, and keys that are read outside of the rows."""
+    """Rows that are written twice, texts of keys that are, and keys that are read outside of the
+    rows.
+    """
     rows = [key for form in tables.values() for key in keys_of(form)]
     names = {name for key in rows for name in (*key.names, key.name)}
     docs = {key.doc for key in rows if len(key.doc) >= SHORT}
@@ -115,7 +117,10 @@ def test_each_key_is_stated_once(sources: dict[str, str]) -> None:
     ("text", "expected"),
     [
         ('Key("to", number())\nKey("to", number())', "2 times a row: Key('to', number())"),
-        ('mass = table.number("mass", least=0.0)', "flexgen/model/planted.py:1 reads the key mass"),
+        (
+            'mass = table.number("mass", least=0.0)',
+            "flexgen/model/planted.py:1 reads the key mass",
+        ),
         (repr(BODY["com"].doc), "2 times a text of a key: center of mass in the body frame"),
     ],
 )

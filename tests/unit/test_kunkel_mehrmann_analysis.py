@@ -1,4 +1,6 @@
-"""Strangeness index, a, d, v of the inverse dynamics: the theory's table, the general rule, and refusals."""
+"""Strangeness index, a, d, v of the inverse dynamics: the theory's table, the general rule, and
+refusals.
+"""
 
 from __future__ import annotations
 
@@ -69,7 +71,7 @@ def is_flat(name: str) -> bool:
     return name.partition("@")[0] in FLAT[:2] or name == FLAT[2]
 
 
-# --- what the theory says --------------------------------------------------------------------------------------------
+# --- what the theory says ------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -100,7 +102,8 @@ def test_the_general_rule_on_every_model_at_rest(name: str) -> None:
     kinds = {gear.rigid: gear.damping for gear, _ in gears(model)}
     if set(kinds) == {False}:  # all gears elastic: the rule as the theory states it
         damped = kinds[False] > 0
-        n_m, n_e = model.n_m, model.n_e
+        n_m = model.n_m
+        n_e = model.n_e
         assert expected[1:] == ((4 * n_m, model.n_g + 2 * n_e) if damped else (5 * n_m, 2 * n_e))
 
 
@@ -122,7 +125,9 @@ def test_the_general_rule_along_a_path(name: str) -> None:
 
 @pytest.mark.parametrize("name", model_names())
 def test_d_is_the_number_of_finite_zeros(name: str) -> None:
-    """Another route to d: the zero dynamics at rest have as many motions as the output has finite zeros."""
+    """Another route to d: the zero dynamics at rest have as many motions as the output has finite
+    zeros.
+    """
     analysis = flexgen.analyze(name)
     assert analysis.kunkel_mehrmann.d == len(analysis.zeros.zeros)
     assert analysis.kunkel_mehrmann.a == analysis.kunkel_mehrmann.n - len(analysis.zeros.zeros)
@@ -132,7 +137,9 @@ def test_d_is_the_number_of_finite_zeros(name: str) -> None:
 @hypothesis.given(cases(coupling="simplified"))
 @hypothesis.settings(max_examples=8, deadline=None, derandomize=True)
 def test_the_general_rule_on_random_robots(case: Case) -> None:
-    """Up to seven motors, all kinds of gears mixed, coupled motors; the output a random combination of coordinates."""
+    """Up to seven motors, all kinds of gears mixed, coupled motors; the output a random
+    combination of coordinates.
+    """
     model = case.model
     weights = np.random.default_rng(model.n_a).normal(size=(model.n_m, model.n_a))
     output = Output("combination", axes="", weights=tuple(map(tuple, weights)))
@@ -145,10 +152,17 @@ def test_the_general_rule_on_random_robots(case: Case) -> None:
         hypothesis.reject()
     found = analysis.kunkel_mehrmann
     hypothesis.assume(analysis.solvability.singular_values[-1] > 1e-5)
-    assert (found.verdict, (found.mu, found.a, found.d), found.v) == ("regular", rule(equations), 0)
+    assert (found.verdict, (found.mu, found.a, found.d), found.v) == (
+        "regular",
+        rule(equations),
+        0,
+    )
     assert found.d == len(analysis.zeros.zeros)
     assert analysis.structure_check.holds
-    assert (analysis.structure.index, analysis.structure.dof) == (found.differential_index, found.d)
+    assert (analysis.structure.index, analysis.structure.dof) == (
+        found.differential_index,
+        found.d,
+    )
 
 
 @pytest.mark.parametrize(
@@ -233,9 +247,11 @@ def test_eliminating_definitions_does_not_change_the_numbers(
 
 def chain(n: int) -> tuple[np.ndarray, np.ndarray]:
     """Series of F_x and F_x' of x1' = x2, ..., x1 = f(t): index n, everything algebraic."""
-    F_x, F_dx = np.zeros((n + 1, n, n)), np.zeros((n + 1, n, n))
+    F_x = np.zeros((n + 1, n, n))
+    F_dx = np.zeros((n + 1, n, n))
     for k in range(n - 1):
-        F_dx[0, k, k], F_x[0, k, k + 1] = 1.0, -1.0
+        F_dx[0, k, k] = 1.0
+        F_x[0, k, k + 1] = -1.0
     F_x[0, n - 1, 0] = 1.0
     return F_x, F_dx
 
@@ -246,7 +262,7 @@ def test_a_chain_of_integrators(n: int) -> None:
     assert numbers(found) == ("regular", n - 1, n, 0, 0, n)
 
 
-# --- planted bugs ----------------------------------------------------------------------------------------------------
+# --- planted bugs --------------------------------------------------------------------------------
 
 
 def test_gear_damping_that_is_ignored_is_seen() -> None:
@@ -271,12 +287,19 @@ def test_gear_damping_that_is_ignored_is_seen() -> None:
 def nested_array(
     dae: InverseDae, path: Path, t: float, jets: np.ndarray, mu: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """F_mu and its Jacobian by CasADi's own nested differentiation, in derivatives of x (not Taylor coefficients)."""
-    equations, model = dae.equations, dae.model
+    """F_mu and its Jacobian by CasADi's own nested differentiation, in derivatives of x (not
+    Taylor coefficients).
+    """
+    equations = dae.equations
+    model = dae.model
     levels = [ca.SX.sym(f"x{k}", dae.n_x) for k in range(mu + 2)]
     x, dx = levels[:2]
-    n_a, n = model.n_a, model.dof
-    q, q_m, v, v_m = x[:n_a], x[n_a:n], x[n : n + n_a], x[n + n_a : 2 * n]
+    n_a = model.n_a
+    n = model.dof
+    q = x[:n_a]
+    q_m = x[n_a:n]
+    v = x[n : n + n_a]
+    v_m = x[n + n_a : 2 * n]
     r_a, r_m = equations.function("residual")(
         q, v, dx[n : n + n_a], q_m, v_m, dx[n + n_a : 2 * n], x[2 * n :]
     )
@@ -299,7 +322,9 @@ def nested_array(
 @pytest.mark.parametrize("name", ["planar5_nmp", "planar5_soft@undamped", "four_mass", "elbow"])
 def test_the_array_against_nested_differentiation(name: str) -> None:
     equations = flexgen.derive(name)
-    dae, path, mu = InverseDae(equations), Path(equations, equations.model.move()), 3
+    dae = InverseDae(equations)
+    path = Path(equations, equations.model.move())
+    mu = 3
     series = TaylorArray(dae)
     t = 0.37 * path.duration
     x, scales = consistent(series, path, np.array([t]), mu)
@@ -329,13 +354,19 @@ def test_the_array_against_nested_differentiation(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["planar5_nmp", "elbow"])
 def test_both_evaluators_have_the_same_array(name: str) -> None:
-    """The Jacobian by Taylor series against the CasADi functions, in derivatives of x at a consistent point."""
+    """The Jacobian by Taylor series against the CasADi functions, in derivatives of x at a
+    consistent point.
+    """
     equations = flexgen.derive(name)
-    dae, path, mu = InverseDae(equations), Path(equations, equations.model.move()), 3
-    series, t = TaylorArray(dae), np.array([0.37 * path.duration])
+    dae = InverseDae(equations)
+    path = Path(equations, equations.model.move())
+    mu = 3
+    series = TaylorArray(dae)
+    t = np.array([0.37 * path.duration])
     x, scales = consistent(series, path, t, mu)
     factorials = np.array([math.factorial(k) for k in range(mu + 2)])
-    X, U = (x[0] * factorials[:, None]).T, dae.targets(path.sample(t), mu)[0]
+    X = (x[0] * factorials[:, None]).T
+    U = dae.targets(path.sample(t), mu)[0]
     F, N, M = (z.full() for z in DerivativeArray(dae, mu).function(X, U))
     units = np.concatenate(
         [scales[0].rows * scales[0].time ** k / math.factorial(k) for k in range(mu + 1)]
@@ -354,13 +385,13 @@ def test_both_evaluators_have_the_same_array(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["planar5_nmp", "kr300", "manutec_r3_18"])
 def test_a_consistent_point_follows_the_path(name: str) -> None:
-    """The Taylor polynomial of the coordinates, put into the forward kinematics, against the path itself."""
+    """The Taylor polynomial of the coordinates, put into the forward kinematics, against the path
+    itself.
+    """
     equations = flexgen.derive(name)
-    series, path, order = (
-        TaylorArray(InverseDae(equations)),
-        Path(equations, equations.model.move()),
-        4,
-    )
+    series = TaylorArray(InverseDae(equations))
+    path = Path(equations, equations.model.move())
+    order = 4
     t = 0.37 * path.duration
     x, _ = consistent(series, path, np.array([t]), order)
     n_a = equations.model.n_a
@@ -380,11 +411,12 @@ def test_a_consistent_point_follows_the_path(name: str) -> None:
     step = 4e-3 * path.duration
     assert error(0.0) < 1e-12
     assert error(step) < 1e-6
-    # the first term that is left out is of order + 1: half the step, one thirty-second of the error
+    # the first term that is left out is of order + 1: half the step, one thirty-second of the
+    # error
     assert 20 < error(2 * step) / error(step) < 48
 
 
-# --- ranks, series, refusals -----------------------------------------------------------------------------------------
+# --- ranks, series, refusals ---------------------------------------------------------------------
 
 
 def test_a_rank_without_a_gap_is_undecided() -> None:
@@ -428,7 +460,8 @@ def test_a_path_out_of_reach_is_refused() -> None:
 
 
 def test_series_of_every_operation() -> None:
-    x, t = ca.SX.sym("x", 4), ca.SX.sym("t")
+    x = ca.SX.sym("x", 4)
+    t = ca.SX.sym("t")
     a, b, c, d = ca.vertsplit(x)
     terms = [
         a * b + c,
@@ -440,7 +473,8 @@ def test_series_of_every_operation() -> None:
         ca.fabs(d) * ca.sign(d)
         + ca.if_else(a <= b, c, d)
         + ca.if_else(ca.logic_and(a < b, c > d), a * b, -c),
-        ca.fmin(a, b) * ca.fmax(c, d) + ca.if_else(ca.logic_or(a == b, ca.logic_not(c != d)), a, b),
+        ca.fmin(a, b) * ca.fmax(c, d)
+        + ca.if_else(ca.logic_or(a == b, ca.logic_not(c != d)), a, b),
         2 * a,
     ]
     function = ca.Function("f", [x], [ca.vertcat(*terms), ca.SX(ca.horzcat(a, 0, b))])

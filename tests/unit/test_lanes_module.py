@@ -1,4 +1,6 @@
-"""Functions in C for several points at once: values of CasADi, the same bits in every lane, and what has no C."""
+"""Functions in C for several points at once: values of CasADi, the same bits in every lane, and
+what has no C.
+"""
 
 from __future__ import annotations
 
@@ -30,8 +32,11 @@ void both(const double *x, const double *p, double *y, double *A, double *z, dou
 
 
 def functions(long: int = 1) -> dict[str, ca.Function]:
-    """Two functions, of vectors and with a matrix; ``long``: times as many operations, which are split then."""
-    x, p = ca.SX.sym("x", 3), ca.SX.sym("p", 2)
+    """Two functions, of vectors and with a matrix; ``long``: times as many operations, which are
+    split then.
+    """
+    x = ca.SX.sym("x", 3)
+    p = ca.SX.sym("p", 2)
     y = ca.vertcat(
         ca.sin(x[0]) * ca.cos(x[1]), ca.fmax(x[2], p[0]) ** 3, ca.tanh(p[1]) / (1 + x[0] ** 2)
     )
@@ -49,10 +54,16 @@ def functions(long: int = 1) -> dict[str, ca.Function]:
 def test_all_lanes_have_the_values_of_casadi_and_the_same_bits(long: int) -> None:
     made = functions(long)
     library = load_module(lanes_module("lanes_test", made, BODY))
-    n, rng = library.lanes_of(), np.random.default_rng(1)
-    x, p = rng.uniform(-1, 1, (3, n)), rng.uniform(0.5, 1, (2, n))
-    x[:, -1], p[:, -1] = x[:, 0], p[:, 0]
-    y, A, z, w = np.zeros((3, n)), np.zeros((6, n)), np.zeros((1, n)), np.zeros(10_000 * n)
+    n = library.lanes_of()
+    rng = np.random.default_rng(1)
+    x = rng.uniform(-1, 1, (3, n))
+    p = rng.uniform(0.5, 1, (2, n))
+    x[:, -1] = x[:, 0]
+    p[:, -1] = p[:, 0]
+    y = np.zeros((3, n))
+    A = np.zeros((6, n))
+    z = np.zeros((1, n))
+    w = np.zeros(10_000 * n)
     library.both(*(ctypes.c_void_p(each.ctypes.data) for each in (x, p, y, A, z, w)))
     for k in range(n):
         expected = made["FIRST"](x[:, k], p[:, k])

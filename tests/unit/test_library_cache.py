@@ -1,4 +1,6 @@
-"""The libraries that the solvers keep in the user's cache: bounded, rebuilt where they are missing, never torn away."""
+"""The libraries that the solvers keep in the user's cache: bounded, rebuilt where they are
+missing, never torn away.
+"""
 
 from __future__ import annotations
 
@@ -119,7 +121,7 @@ def test_another_process_that_prunes_does_no_harm(tmp_path, monkeypatch) -> None
     assert not any(path.exists() for path in libraries)
 
 
-# --- with a solver's library ------------------------------------------------------------------------------------------
+# --- with a solver's library ---------------------------------------------------------------------
 
 
 @pytest.fixture
@@ -141,7 +143,9 @@ def test_a_library_is_pruned_rebuilt_and_usable_all_the_while(
     monkeypatch.setattr(library_cache, "MOST", 1)
     equations = derive("elbow")
     first = inversion_library(equations, "lq")
-    assert list(folder.iterdir()) == [first.directory] and not any(path.exists() for path in others)
+    assert list(folder.iterdir()) == [first.directory] and not any(
+        path.exists() for path in others
+    )
     before = first.motor_friction(np.array([0.1, 0.2]))
 
     os.utime(first.directory, (1e9, 1e9))
@@ -170,7 +174,8 @@ def test_a_library_that_vanishes_while_it_is_loaded_is_rebuilt(
     equations = derive("elbow")
     first = inversion_library(equations, "lq")
     inverters._holder.cache_clear()
-    load, calls = inverters.load, []
+    load = inverters.load
+    calls = []
 
     def late(directory: Path):
         calls.append(directory)

@@ -68,7 +68,9 @@ def test_largest_values_over_their_bounds() -> None:
 
 
 def test_effective_torques_of_the_whole_motion_and_of_a_winding() -> None:
-    """A constant torque T heats to T sqrt(1 - exp(-t/30)); a sine of the amplitude 2 has 2/sqrt(2)."""
+    """A constant torque T heats to T sqrt(1 - exp(-t/30)); a sine of the amplitude 2 has
+    2/sqrt(2).
+    """
     found = parts(Limits(torque_rms=(1.0, 1.0)), tau_m=of_both(np.sin(2 * np.pi * TIME)))
     assert_allclose(list(found.values()), [np.sqrt(0.5), np.sqrt(2)], rtol=1e-3)
     warm = parts(
@@ -85,7 +87,8 @@ def test_effective_torques_of_the_whole_motion_and_of_a_winding() -> None:
 
 def test_the_rest_after_a_path_is_not_in_an_effective_torque() -> None:
     """2 N m on a path of 1 s, then none for 1 s: 2 N m; with the rest 2/sqrt(2)."""
-    limits, tau_m = Limits(torque_rms=(1.0, np.inf)), of_both(np.where(TIME <= 1.0, 2.0, 0.0))
+    limits = Limits(torque_rms=(1.0, np.inf))
+    tau_m = of_both(np.where(TIME <= 1.0, 2.0, 0.0))
     values = [
         uses_of_limits(flexgen.read("elbow"), limits, motion(tau_m=tau_m).__getitem__, TIME, end)[
             0
@@ -104,7 +107,9 @@ def test_the_rest_after_a_path_is_not_in_an_effective_torque() -> None:
 
 
 def test_a_torque_curve_bounds_the_torque_at_each_speed() -> None:
-    """At 300 rad/s the curve of m1 allows 30 N m, with a tenth in reserve 27 N m; beyond 500 rad/s nothing."""
+    """At 300 rad/s the curve of m1 allows 30 N m, with a tenth in reserve 27 N m; beyond 500 rad/s
+    nothing.
+    """
     curves = (((0.0, 40.0), (200.0, 40.0), (500.0, 10.0)), ())
     v = np.stack([np.full(2001, -300.0), np.full(2001, 9e9)], axis=1)
     for torque, reserve, limit in ((30.0, 0.0, 30.0), (-27.0, 0.1, 27.0)):
@@ -128,7 +133,8 @@ def test_the_motion_of_the_tool_against_differences() -> None:
         [0.3 + 0.2 * np.sin(3 * TIME), -1.1 + 0.1 * TIME**2, 0.01 * np.cos(20 * TIME)], axis=1
     )
     h = TIME[1]
-    v, a = (np.gradient(q, h, axis=0), np.gradient(np.gradient(q, h, axis=0), h, axis=0))
+    v = np.gradient(q, h, axis=0)
+    a = np.gradient(np.gradient(q, h, axis=0), h, axis=0)
     p = evaluate(equations.function("forward_kinematics"), q)[0]
     speed, acceleration = tool_motion(equations, q, v, a)
     dp = np.gradient(p, h, axis=0)
@@ -166,7 +172,9 @@ def test_keys_of_a_model_file_are_limits_and_warnings() -> None:
 
 def test_a_path_that_given_limits_changed_exceeds_others_of_the_file() -> None:
     """Which the given ones do not have."""
-    robot = flexgen.read("elbow", overrides={"motor.m1.torque_speed": [[0.0, 40.0], [100.0, 10.0]]})
+    robot = flexgen.read(
+        "elbow", overrides={"motor.m1.torque_speed": [[0.0, 40.0], [100.0, 10.0]]}
+    )
     solution = replace(
         flexgen.solve(robot, verify=False, progress=False), status=Status.LIMITS_ACTIVE
     )

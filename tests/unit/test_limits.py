@@ -60,7 +60,9 @@ def test_speed_limits_are_kept() -> None:
 
 @needs_compiler
 def test_limits_of_gears_rates_curves_and_the_tool_are_kept() -> None:
-    """All at once, with a reserve of torque; that of the heating is stated where it is exceeded."""
+    """All at once, with a reserve of torque; that of the heating is stated where it is
+    exceeded.
+    """
     free = flexgen.solve("planar5_nmp", method="lq", verify=False)
     tau, gear = (np.abs(free.trajectory[x]).max(axis=0) for x in ("tau_m", "tau_g"))
     curve = tuple(((0.0, 1.3 * t), (200.0, 1.25 * t), (2000.0, 0.3 * t)) for t in tau)
@@ -102,13 +104,17 @@ def test_the_modified_path_is_verified() -> None:
     )
     assert solution.status == Status.LIMITS_ACTIVE and not solution.warnings
     assert solution.plan_error_max is not None and solution.plan_error_max < 1e-6
-    assert solution.tool_error_max_m == pytest.approx(solution.details["deviation_max_m"], rel=1e-2)
+    assert solution.tool_error_max_m == pytest.approx(
+        solution.details["deviation_max_m"], rel=1e-2
+    )
 
 
 @pytest.mark.full
 @needs_compiler
 def test_all_limits_of_a_six_axis_robot_are_kept_and_verified() -> None:
-    """A tenth of each motor torque and 3 % of each motor speed and deflection less than the path needs."""
+    """A tenth of each motor torque and 3 % of each motor speed and deflection less than the path
+    needs.
+    """
     free = flexgen.solve("manutec_r3_24", "line", verify=False, ignore_limits=True)
     tau, v, q = (free.trajectory[name] for name in ("tau_m", "v_m", "q_a"))
     elastic = np.abs(q[:, list(free.model.i_e)])
@@ -170,12 +176,15 @@ def test_a_pose_deviates_with_its_derivatives() -> None:
     t = step * np.arange(-2, 3)
     turn = np.array([[0.2, -0.1, 0.3], [0.5, 0.4, -0.2], [-0.3, 0.6, 0.1]])
     f = turn[0] + np.outer(t, turn[1]) + np.outer(t**2, turn[2]) / 2
-    df, ddf = turn[1] + np.outer(t, turn[2]), np.tile(turn[2], (5, 1))
-    w, start = np.array([0.3, -0.7, 0.4]), Rotation.from_rotvec([0.4, 0.2, -0.5])
+    df = turn[1] + np.outer(t, turn[2])
+    ddf = np.tile(turn[2], (5, 1))
+    w = np.array([0.3, -0.7, 0.4])
+    start = Rotation.from_rotvec([0.4, 0.2, -0.5])
     R = (Rotation.from_rotvec(np.outer(t, w)) * start).as_matrix()
     zero = np.zeros((5, 3))
     place = np.hstack([zero, R.transpose(0, 2, 1).reshape(5, 9)])
-    rate, rate2 = np.hstack([zero, np.tile(w, (5, 1))]), np.zeros((5, 6))
+    rate = np.hstack([zero, np.tile(w, (5, 1))])
+    rate2 = np.zeros((5, 6))
     d = tuple(np.hstack([zero, x]) for x in (f, df, ddf))
     out, turning, rising = deviated_path(place, rate, rate2, d)  # type: ignore[arg-type]
     found = Rotation.from_matrix(out[:, 3:].reshape(5, 3, 3).transpose(0, 2, 1))
@@ -183,13 +192,17 @@ def test_a_pose_deviates_with_its_derivatives() -> None:
     assert (found * expected.inv()).magnitude().max() < 1e-12
     spin = [(found[k + 1] * found[k - 1].inv()).as_rotvec() / (2 * step) for k in (1, 2, 3)]
     assert np.abs(spin[1] - turning[2, 3:]).max() < DIFFERENCE
-    assert np.abs((turning[3, 3:] - turning[1, 3:]) / (2 * step) - rising[2, 3:]).max() < DIFFERENCE
+    assert (
+        np.abs((turning[3, 3:] - turning[1, 3:]) / (2 * step) - rising[2, 3:]).max() < DIFFERENCE
+    )
 
 
 def test_infeasible_limits_name_the_end_of_the_motion_and_the_excess(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """The samples reach half of the path and the support of a spline, 8 of 30 intervals of the path, beyond its end."""
+    """The samples reach half of the path and the support of a spline, 8 of 30 intervals of the
+    path, beyond its end.
+    """
     asked = {}
 
     def refuse(y: np.ndarray, *rest: np.ndarray, **given: object) -> None:
@@ -197,7 +210,8 @@ def test_infeasible_limits_name_the_end_of_the_motion_and_the_excess(
         raise LimitsInfeasibleError("", excess=0.0625)
 
     problem = question("planar5_nmp")
-    duration, period = problem.path.duration, 1e-3
+    duration = problem.path.duration
+    period = 1e-3
     monkeypatch.setattr(
         limits, "inversion_library", lambda *_, **__: SimpleNamespace(invert_limited=refuse)
     )

@@ -1,4 +1,6 @@
-"""Limits of the model file in the files for other programs, where only one end or only some are stated."""
+"""Limits of the model file in the files for other programs, where only one end or only some are
+stated.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""Limits on a moving horizon: the quadratic program in C against OSQP, and a stream that bends its path."""
+"""Limits on a moving horizon: the quadratic program in C against OSQP, and a stream that bends its
+path.
+"""
 
 from __future__ import annotations
 
@@ -43,7 +45,9 @@ pytestmark = needs_compiler
 
 CLOSE = 1e-4  # of z, after as many steps as it takes; OSQP's own tolerance is finer
 STEPS = 4000
-PERIOD, AHEAD = 5e-3, 20  # of the stream
+# of the stream
+PERIOD = 5e-3
+AHEAD = 20
 GONE = 1e-4  # m: a deviation that fades, two horizons after the path has ended
 SIX_AXES = [
     pytest.param("manutec_r3_18", 0, 20, id="18, line, 100 ms"),
@@ -56,7 +60,8 @@ FOLLOWED = 2e-6
 
 CALL = """\
 #include "model_qp.h"
-int run(int n, int rows, real *H, real *g, real *A, real *x, real *y, real *z, real *K, real *w, real *v, real *b,
+int run(int n, int rows, real *H, real *g, real *A, real *x, real *y, real *z, real *K, real *w, \
+real *v, real *b,
     real price, int steps)
 {
     qp p = {n, rows, H, g, A, x, y, z, K, w, v, b, 0.0};
@@ -106,7 +111,8 @@ def program(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., np.ndarra
 def problem(seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """A random program that zero does not solve, H with condition 100 or so."""
     rng = np.random.default_rng(seed)
-    n, rows = int(rng.integers(4, 30)), int(rng.integers(5, 60))
+    n = int(rng.integers(4, 30))
+    rows = int(rng.integers(5, 60))
     B = rng.normal(size=(n, n))
     A = 0.6 * rng.normal(size=(rows, n)) / np.sqrt(n)
     return B @ B.T / n + 0.1 * np.eye(n), 3 * rng.normal(size=n), A, rng.uniform(-0.9, 0.9, rows)
@@ -127,7 +133,9 @@ def test_the_program_in_c_finds_what_osqp_finds(
     assert np.abs(x + A @ free).max() > 1.1  # the bounds matter
     assert np.abs(program(H, g, A, x, 1e4) - expected).max() < CLOSE * (1 + np.abs(expected).max())
     # a planted bug: a price that is too low buys violations
-    assert np.abs(program(H, g, A, x, 1e-3) - expected).max() > CLOSE * (1 + np.abs(expected).max())
+    assert np.abs(program(H, g, A, x, 1e-3) - expected).max() > CLOSE * (
+        1 + np.abs(expected).max()
+    )
 
 
 def test_a_program_without_solution_passes_its_bounds_alike(
@@ -162,7 +170,8 @@ def given(model: str, move: int, ahead: int) -> tuple[np.ndarray, np.ndarray, np
 
 
 def test_a_stream_keeps_torque_limits_and_returns_to_its_path() -> None:
-    free, kept = streamed(), streamed(torque=(22.0, 22.0))
+    free = streamed()
+    kept = streamed(torque=(22.0, 22.0))
     worst = [max(float(np.abs(x.tau_m).max()) for x in run) for run in (free, kept)]
     assert worst[0] > 24.0 and worst[1] < 22.0 * 1.01
     off = np.array([x.deviation_m for x in kept])
@@ -189,15 +198,19 @@ def strays(model: str | flexgen.RobotModel, intervals: list[Interval]) -> float:
     equations = flexgen.derive(model)
     robot = equations.model
     channels = {
-        key: np.concatenate([getattr(x, key) for x in intervals]) for key in ("tau_m", "q_m", "q_a")
+        key: np.concatenate([getattr(x, key) for x in intervals])
+        for key in ("tau_m", "q_m", "q_a")
     }
-    y = evaluate(equations.function("output"), channels["q_a"])[0].reshape(len(channels["q_a"]), -1)
+    y = evaluate(equations.function("output"), channels["q_a"])[0].reshape(
+        len(channels["q_a"]), -1
+    )
     channels["y_ref"] = y[:, : len(output_labels(robot)["y_ref"])]
     if "R_ref" in output_labels(robot):
         channels["R_ref"] = evaluate(equations.function("forward_kinematics"), channels["q_a"])[
             1
         ].reshape(-1, 9)
-    arm, motors = tuple(c.name for c in robot.coordinates), tuple(m.name for m in robot.motors)
+    arm = tuple(c.name for c in robot.coordinates)
+    motors = tuple(m.name for m in robot.motors)
     labels = {"tau_m": motors, "q_m": motors, "q_a": arm, **output_labels(robot)}
     units = {"tau_m": "N m", "q_m": "rad", "q_a": "rad or m", "y_ref": "m", "R_ref": "-"}
     ports = {key: Port(key, (x.shape[1],), units[key], key) for key, x in channels.items()}
@@ -234,7 +247,9 @@ def test_six_axes_keep_torque_limits_that_bind_in_all_motors(
 
 @pytest.mark.slow
 def test_bends_that_come_too_soon_are_seen(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A planted bug: the path is bent right ahead, where zeros ask the motion that is under way to have known."""
+    """A planted bug: the path is bent right ahead, where zeros ask the motion that is under way to
+    have known.
+    """
     texts = clib_files.read_clib()
     wrong = texts["stream_update.h"].replace("preview_share = 1e-3;", "preview_share = 1e9;")
     assert wrong != texts["stream_update.h"]
@@ -270,7 +285,8 @@ def test_a_stream_keeps_speed_limits() -> None:
 
 
 def test_wide_limits_change_nothing_in_a_stream() -> None:
-    free, wide = streamed(), streamed(torque=(100.0, 100.0))
+    free = streamed()
+    wide = streamed(torque=(100.0, 100.0))
     assert all(np.array_equal(a.tau_m, b.tau_m) for a, b in zip(free, wide, strict=True))
 
 
@@ -285,7 +301,7 @@ def test_wrong_limits_of_a_stream_are_refused() -> None:
             streamed(**bad)
 
 
-# --- all limits ------------------------------------------------------------------------------------------------------
+# --- all limits ----------------------------------------------------------------------------------
 @cache
 def with_all_limits(model: str, force: bool = False) -> Library:
     folder = _folder() / f"{model}_all_limits{'_planted' * force}"
@@ -306,9 +322,12 @@ def bounded(model: str, ahead: int = 30, force: bool = False, **limits: Any) -> 
 
 
 def largest_uses(model: str, run: list[Interval]) -> dict[str, np.ndarray]:
-    """The largest values of all limited quantities at the ends of the intervals, by differences and the Jacobian."""
+    """The largest values of all limited quantities at the ends of the intervals, by differences
+    and the Jacobian.
+    """
     equations = flexgen.derive(model)
-    robot, n = equations.model, len(run[0].tau_m)
+    robot = equations.model
+    n = len(run[0].tau_m)
     tau, v_m, tau_g, q, v = (
         np.concatenate([getattr(x, key) for x in run])[::n]
         for key in ("tau_m", "v_m", "tau_g", "q_a", "v_a")
@@ -336,7 +355,8 @@ def largest_uses(model: str, run: list[Interval]) -> dict[str, np.ndarray]:
 def a_little_less(model: str) -> dict[str, np.ndarray]:
     """Limits of all kinds that take a tenth away from what motion adds to the values at rest."""
     free = bounded(model)
-    most, still = largest_uses(model, free), largest_uses(model, free[:1] * 2)
+    most = largest_uses(model, free)
+    still = largest_uses(model, free[:1] * 2)
     return {
         key: np.maximum(1.02 * still[key], still[key] + 0.9 * (x - still[key]))
         for key, x in most.items()
@@ -349,7 +369,8 @@ KEPT_IN_STREAMS = 4e-3  # relative: largest excess at the ends of the intervals
 @pytest.mark.parametrize("kind", sorted({*SIZES, *OF_TOOL}))
 def test_a_stream_keeps_a_limit_of_each_kind(kind: str) -> None:
     model = "planar5_nmp"
-    limit, free = a_little_less(model)[kind], largest_uses(model, bounded(model))[kind]
+    limit = a_little_less(model)[kind]
+    free = largest_uses(model, bounded(model))[kind]
     kept = bounded(model, **{kind: float(limit[0]) if kind in OF_TOOL else limit})
     assert (free / limit).max() > 1.01
     assert (largest_uses(model, kept)[kind] / limit).max() < 1.0 + KEPT_IN_STREAMS
@@ -360,8 +381,10 @@ def test_a_stream_keeps_a_limit_of_each_kind(kind: str) -> None:
 
 
 def test_a_stream_keeps_the_torque_speed_curves_of_motors() -> None:
-    model, curves = "planar5_nmp", [[(0.0, 27.0), (100.0, 21.0), (300.0, 5.0)], ()]
-    free, kept = bounded(model), bounded(model, torque_speed=curves)
+    model = "planar5_nmp"
+    curves = [[(0.0, 27.0), (100.0, 21.0), (300.0, 5.0)], ()]
+    free = bounded(model)
+    kept = bounded(model, torque_speed=curves)
 
     def use(run: list[Interval]) -> float:
         tau, v = (
@@ -433,7 +456,7 @@ def test_limits_of_a_stream_that_it_cannot_have() -> None:
         short.limit_all(gear_torque_max=[1.0, 1.0])
 
 
-# --- drives with memory, and with Fourier sums of the motor angles ---------------------------------------------------
+# --- drives with memory, and with Fourier sums of the motor angles -------------------------------
 DRIVES: dict[str, Callable[[str], flexgen.RobotModel]] = {
     "hysteresis": hysteretic,
     "lugre": lambda name: bristled(name, tables(name)),
@@ -483,7 +506,8 @@ def largest_of(run: list[Interval]) -> dict[str, np.ndarray]:
 @pytest.mark.parametrize(("name", "drive"), OF_DRIVES)
 def test_streams_of_drives_with_memory_or_sums_keep_limits(name: str, drive: str) -> None:
     free = kept_by_drives(name, drive)
-    most, still = largest_of(free), largest_of(free[:1])
+    most = largest_of(free)
+    still = largest_of(free[:1])
     for key in most:
         limit = np.maximum(1.1 * still[key], still[key] + 0.9 * (most[key] - still[key]))
         run = kept_by_drives(name, drive, **{key: limit})
@@ -513,7 +537,8 @@ def test_a_limit_that_ignores_the_drive_is_exceeded(
         flexgen.generate(robot, tmp_path, parts=["limits"], force=True).directory
     )
     free = kept_by_drives("elbow", drive)
-    most, still = largest_of(free)["torque_max"], largest_of(free[:1])["torque_max"]
+    most = largest_of(free)["torque_max"]
+    still = largest_of(free[:1])["torque_max"]
     limit = np.maximum(1.1 * still, still + 0.9 * (most - still))
     run = kept_by_drives("elbow", drive, library, torque_max=limit)
     assert (largest_of(run)["torque_max"] / limit).max() > 1.01
@@ -542,7 +567,8 @@ def test_swings_of_sums_follow_the_parameters(tmp_path: FilePath) -> None:
 @pytest.mark.slow
 def test_a_stream_that_exceeds_the_limit_of_a_rate_by_far_fails() -> None:
     """Torques of this motion jump: modifications cause one another."""
-    model, failed = "four_mass", 0
+    model = "four_mass"
+    failed = 0
     free = largest_uses(model, bounded(model))["torque_rate_max"]
     for share in (0.5, 0.3, 0.2):
         try:

@@ -19,11 +19,15 @@ def found_of(of_file: dict, true: dict) -> Load:
     """The load that the motion of an arm with the payload ``true`` shows."""
     robot = flexgen.read("manutec_r3", overrides={"payload": true})
     record = flexgen.solve(robot, verify=False, progress=False).trajectory
-    return flexgen.identify_load(flexgen.read("manutec_r3", overrides={"payload": of_file}), record)
+    return flexgen.identify_load(
+        flexgen.read("manutec_r3", overrides={"payload": of_file}), record
+    )
 
 
 def test_a_load_is_the_difference_from_the_payload_of_the_file() -> None:
-    """The total is a rigid body of both: its inertia by Steiner's rule, and torques that fit it."""
+    """The total is a rigid body of both: its inertia by Steiner's rule, and torques that fit
+    it.
+    """
     file = {"mass": 4.0, "com": [0.05, 0.1, 0.05], "inertia": SIX}
     point = np.array([0.1, -0.05, 0.2])
     total = 4.0 + 6.0

@@ -1,4 +1,6 @@
-"""Code that flexgen loads: refused where another user could have changed or exchanged it; a private copy is loaded."""
+"""Code that flexgen loads: refused where another user could have changed or exchanged it; a
+private copy is loaded.
+"""
 
 from __future__ import annotations
 
@@ -32,8 +34,10 @@ OTHER = 65534
 PLUG_IN = """#include "flexgen_controller.h"
 int flexgen_controller_abi(void) { return 1; }
 size_t flexgen_controller_size(const flexgen_controller_setup *setup) { (void)setup; return 8; }
-int flexgen_controller_reset(void *memory, const flexgen_controller_setup *setup) { return memory == 0 || setup == 0; }
-int flexgen_controller_step(void *memory, int64_t k, const double *y, const double *ref, double *u) {
+int flexgen_controller_reset(void *memory, const flexgen_controller_setup *setup) { return memory \
+== 0 || setup == 0; }
+int flexgen_controller_step(void *memory, int64_t k, const double *y, const double *ref, double \
+*u) {
     (void)memory; (void)k; (void)y; (void)ref; (void)u; return 0; }
 """
 ANSWER = '__attribute__((visibility("default"))) int answer(void) { return %d; }'
@@ -92,7 +96,12 @@ def made(folder: Path, kind: str) -> tuple[Path, Callable[[], object]]:
 
 
 KINDS = pytest.mark.parametrize("kind", ["plug-in", "python", "ctypes", "casadi"])
-NAMED = {"plug-in": BuildError, "python": ArgumentError, "ctypes": BuildError, "casadi": BuildError}
+NAMED = {
+    "plug-in": BuildError,
+    "python": ArgumentError,
+    "ctypes": BuildError,
+    "casadi": BuildError,
+}
 
 
 @pytest.fixture
@@ -151,7 +160,9 @@ def test_a_cut_library_is_refused_without_a_crash(path_and_load, kind):
 
 
 def test_a_module_that_is_exchanged_after_the_check_does_not_run(tmp_path, monkeypatch):
-    """The stranger's code is put in place between the check and the load: what was checked runs."""
+    """The stranger's code is put in place between the check and the load: what was checked
+    runs.
+    """
     monkeypatch.setenv("FLEXGEN_CACHE", str(tmp_path))
     ours, strangers = (compile_module("answer", ANSWER % k) for k in (1, 2))
     real = flexgen.runtime.files._load_copy
@@ -236,7 +247,9 @@ def test_a_planted_cache_of_bytecode_does_not_run(path_and_load, tmp_path):
 
 def loads_of(text: str) -> list[str]:
     """Calls in a source that load code from a file."""
-    wanted = re.compile(r".*(CDLL|LoadLibrary|dlopen|\bexternal|exec_module|run_path|load_dynamic)")
+    wanted = re.compile(
+        r".*(CDLL|LoadLibrary|dlopen|\bexternal|exec_module|run_path|load_dynamic)"
+    )
     # the tree of all of flexgen takes two seconds
     if not any(wanted.match(line) for line in text.splitlines()):
         return []

@@ -1,4 +1,6 @@
-"""What the loader refuses, each with its own words, none with a crash; handles that are pickled, copied and closed."""
+"""What the loader refuses, each with its own words, none with a crash; handles that are pickled,
+copied and closed.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,8 @@ from flexgen.runtime import load
 pytestmark = needs_compiler
 posix = pytest.mark.skipif(os.name != "posix", reason="needs POSIX permissions")
 linux = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="needs ELF")
-Q, K = np.array([0.5, -2.0]), np.array([[1.0, 2.0], [3.0, 4.0]])
+Q = np.array([0.5, -2.0])
+K = np.array([[1.0, 2.0], [3.0, 4.0]])
 
 
 @pytest.fixture
@@ -53,7 +56,7 @@ def python(program: str, *args: object) -> subprocess.CompletedProcess[str]:
     )
 
 
-# --- what the library says of itself ----------------------------------------------------------------------------------
+# --- what the library says of itself -------------------------------------------------------------
 @pytest.mark.parametrize(
     ("built", "told_to", "message"),
     [
@@ -65,7 +68,10 @@ def python(program: str, *args: object) -> subprocess.CompletedProcess[str]:
         (
             {},
             {"abi_version": 1},
-            "given ABI version 1, expected 5: the library was written by another version of flexgen",
+            (
+                "given ABI version 1, expected 5: the library was written by another version of "
+                "flexgen"
+            ),
         ),
         ({"sizeof_int": "8"}, {}, r"hand_sizeof_int: given 8, expected 4 \(bytes of an int"),
         (
@@ -135,7 +141,7 @@ def test_an_invalid_manifest_is_refused(folder):
             load(folder)
 
 
-# --- damaged files ----------------------------------------------------------------------------------------------------
+# --- damaged files -------------------------------------------------------------------------------
 def test_one_byte_or_a_cut_changes_the_hash(folder):
     file = library_file(folder)
     whole = file.read_bytes()
@@ -209,7 +215,7 @@ def test_cut_and_garbled_libraries_with_a_matching_hash_do_not_crash(tmp_path):
     assert python(LOAD_ALL, "blind", folders[lengths.index(end // 2)]).returncode != 0
 
 
-# --- files that others may change -------------------------------------------------------------------------------------
+# --- files that others may change ----------------------------------------------------------------
 @posix
 def test_files_that_every_user_may_write_are_refused(folder):
     for path in (folder, folder / "manifest.json", library_file(folder)):
@@ -289,7 +295,9 @@ def test_pipes_and_devices_are_refused_without_blocking(folder):
 
 
 def test_a_file_that_is_swapped_after_the_check_is_not_loaded(folder, monkeypatch, tmp_path):
-    """Another user swaps the file, or the whole folder, between the check and the load: what was checked is loaded."""
+    """Another user swaps the file, or the whole folder, between the check and the load: what was
+    checked is loaded.
+    """
     monkeypatch.setattr(flexgen.runtime.files, "_LOADED", {})
     stranger = tmp_path / "stranger"
     install(stranger, compiled(digest="e" * 64), model_digest="e" * 64)
@@ -322,7 +330,8 @@ def test_many_libraries_are_distinguished(folder, monkeypatch, in_memory):
 @posix
 def test_a_folder_above_of_another_user_is_refused(folder, monkeypatch):
     """Its owner could swap the folder between the check and the load."""
-    real, above = Path.stat, folder.resolve().parent
+    real = Path.stat
+    above = folder.resolve().parent
 
     def owned(path: Path, **options: object) -> os.stat_result:
         found = real(path, **options)
@@ -345,7 +354,7 @@ def test_a_library_replaced_while_the_old_one_is_loaded(folder):
     assert load(folder).digest == DIGEST
 
 
-# --- handles: pickled, copied, closed, used by threads and children ---------------------------------------------------
+# --- handles: pickled, copied, closed, used by threads and children ------------------------------
 def test_libraries_and_functions_survive_pickling(folder, monkeypatch):
     monkeypatch.chdir(folder.parent)
     library = load("hand")  # a relative path
@@ -410,7 +419,8 @@ def test_a_closed_library_refuses_every_call(folder):
 def test_closing_under_calls_of_other_threads_ends_them_with_an_error(folder):
     library = load(folder)
     points = np.asfortranarray(np.random.default_rng(1).normal(size=(2000, 2)))
-    started, ends = threading.Barrier(5), []
+    started = threading.Barrier(5)
+    ends = []
 
     def work() -> None:
         started.wait()

@@ -55,7 +55,9 @@ def columns_of(log: Log, style: str) -> list[str]:
 
 def written(folder: Path, log: Log, names: list[str]) -> Path:
     """The CSV file of a log."""
-    file = write_csv(folder / "log.csv", {names[k]: log.values[:, k] for k in log.order}, digits=15)
+    file = write_csv(
+        folder / "log.csv", {names[k]: log.values[:, k] for k in log.order}, digits=15
+    )
     if not log.header:
         file.write_text(file.read_text().partition("\n")[2])
     return file
@@ -201,9 +203,11 @@ def test_planted_errors_are_seen(
 def test_a_column_of_another_name_is_not_taken_by_its_place(tmp_path: Path) -> None:
     """The torques in the order m2, m1: each is that of its motor; a column twice is refused."""
     (tmp_path / "pl.toml").write_text(MODEL)
-    robot, arm = flexgen.read(tmp_path / "pl.toml"), Arm()
+    robot = flexgen.read(tmp_path / "pl.toml")
+    arm = Arm()
     t = 8e-3 * np.arange(300)
-    q, tau = arm.joints(t), arm.torques(t)
+    q = arm.joints(t)
+    tau = arm.torques(t)
     names = {"timestamp s": t, "m2 N m": tau[:, 1], "temperature degC": 20 + t, "m1_Nm": tau[:, 0]}
     file = write_csv(
         tmp_path / "a.csv", names | {"q2_deg": np.degrees(q[:, 1]), "q1 [rad]": q[:, 0]}
@@ -252,14 +256,18 @@ def test_positions_and_torques_in_two_files(tmp_path: Path) -> None:
     """1 kHz and 250 Hz, with clocks of their own; the same array twice is refused."""
     (tmp_path / "pl.toml").write_text(MODEL)
     arm = Arm()
-    fast, slow = 1e-3 * np.arange(6000), 5e-4 + 4e-3 * np.arange(1490)
-    q, tau = arm.motors(fast), arm.torques(slow)
+    fast = 1e-3 * np.arange(6000)
+    slow = 5e-4 + 4e-3 * np.arange(1490)
+    q = arm.motors(fast)
+    tau = arm.torques(slow)
     write_csv(tmp_path / "q.csv", {"t": fast, "a": q[:, 0], "b": q[:, 1]}, 15)
     write_csv(tmp_path / "tau.csv", {"t": slow, "c": tau[:, 0], "d": tau[:, 1]}, 15)
     text = 'model = "pl.toml"\n[time]\nname = "t"\nunit = "s"\n'
     for j, (angle, torque) in enumerate(("ac", "bd")):
         text += f'[[angle]]\nmotor = "m{j + 1}"\nname = "{angle}"\nunit = "rad"\nside = "motor"\n'
-        text += f'[[torque]]\nmotor = "m{j + 1}"\nname = "{torque}"\nunit = "N m"\nside = "motor"\n'
+        text += (
+            f'[[torque]]\nmotor = "m{j + 1}"\nname = "{torque}"\nunit = "N m"\nside = "motor"\n'
+        )
     file = tmp_path / "two.toml"
     file.write_text(text + '[[recording]]\nfiles = ["q.csv", "tau.csv"]\n')
     found = read_description(file)

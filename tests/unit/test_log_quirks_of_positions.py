@@ -34,7 +34,8 @@ SERVO_QUIRKS = (
 
 def servo_log(quirk: str, folder: Path) -> tuple[Path, list[str] | None, Arm]:
     """A log of commands and of angles 20 ms later; the names of its columns, if it has none."""
-    rng, arm = np.random.default_rng(2), Arm(rest=2.0)
+    rng = np.random.default_rng(2)
+    arm = Arm(rest=2.0)
     t = 8e-3 * np.arange(1500)
     if quirk in ("jitter of 20 us", "two rates"):
         t = 2e-3 * np.arange(6000)
@@ -110,7 +111,8 @@ def test_static_poses_have_units_and_labels(tmp_path: Path) -> None:
     (tmp_path / "pl.toml").write_text(MODEL + TRACKER)
     robot = flexgen.read(tmp_path / "pl.toml")
     rng = np.random.default_rng(1)
-    q, p = rng.uniform(-1, 1, (9, 2)), rng.uniform(-1, 1, (9, 3))
+    q = rng.uniform(-1, 1, (9, 2))
+    p = rng.uniform(-1, 1, (9, 3))
     columns = {
         "m0_z_mm": 1e3 * p[:, 2],
         "q2 [deg]": np.degrees(q[:, 1]),
@@ -151,7 +153,8 @@ def solved() -> flexgen.Trajectory:
 def renamed(solved: flexgen.Trajectory, changes: dict[str, tuple[str, float]]) -> list[str]:
     """The lines of a CSV file with other units: beginning of a name -> unit and factor."""
     lines = Path(solved.save("motion.csv")).read_text().splitlines()
-    header, rows = lines[1].split(","), [line.split(",") for line in lines[2:-1]]
+    header = lines[1].split(",")
+    rows = [line.split(",") for line in lines[2:-1]]
     for k, name in enumerate(header):
         for start, (unit, factor) in changes.items():
             if name.startswith(start):
@@ -201,7 +204,9 @@ def test_sensors_are_computed_in_any_unit_and_order(
     found = flexgen.sense(robot, flexgen.Trajectory.load("other.csv"))["y_s"]
     assert found == pytest.approx(usual, rel=1e-9, abs=1e-9 * np.abs(usual).max())
     Path("other.csv").write_text("\n".join(renamed(solved, {"v_a": ("rad", 1.0)})) + "\n")
-    with pytest.raises(ArgumentError, match="motion channel v_a, column q2: given 'rad', an angle"):
+    with pytest.raises(
+        ArgumentError, match="motion channel v_a, column q2: given 'rad', an angle"
+    ):
         flexgen.sense(robot, flexgen.Trajectory.load("other.csv"))
 
 

@@ -1,4 +1,6 @@
-"""`invert_many`: the bits of `invert` for each of many problems, on any number of threads; statuses, refusals."""
+"""`invert_many`: the bits of `invert` for each of many problems, on any number of threads;
+statuses, refusals.
+"""
 
 from __future__ import annotations
 
@@ -44,8 +46,11 @@ SUPPORT = FilePath(__file__).resolve().parents[1] / "support"
 
 @pytest.fixture(scope="module")
 def flexible(tmp_path_factory: pytest.TempPathFactory) -> Any:
-    """A library with run-time parameters, the one of test_inversion_parameters.py: it is compiled once."""
-    folder, kinds = tmp_path_factory.mktemp("many"), ["payload", "stiffness", "damping"]
+    """A library with run-time parameters, the one of test_inversion_parameters.py: it is compiled
+    once.
+    """
+    folder = tmp_path_factory.mktemp("many")
+    kinds = ["payload", "stiffness", "damping"]
     return flexgen.load(
         flexgen.generate(MODEL, folder / "flexible", parameters=kinds, parts=["bvp"]).directory
     )
@@ -73,7 +78,9 @@ def check_against_loop(
     outputs: tuple[str, ...],
     **solver: Any,
 ) -> None:
-    """Every bit of the problems whose status is not negative is that of `invert`, called one by one."""
+    """Every bit of the problems whose status is not negative is that of `invert`, called one by
+    one.
+    """
     assert len(found) == len(problems)
     for k, problem in enumerate(problems):
         if found.status[k] < 0:
@@ -95,7 +102,8 @@ def test_bits_are_those_of_invert_for_parameters_of_each_problem(
     flexible: Any, workers: int
 ) -> None:
     values = drawn(flexible, 12)
-    values[3, 1], values[8, 0] = np.nan, np.inf
+    values[3, 1] = np.nan
+    values[8, 0] = np.inf
     found = flexible.invert_many(
         **path(), parameters=values, outputs=RESULTS, options=options(workers=workers)
     )
@@ -122,7 +130,8 @@ def test_bits_are_those_of_invert_for_paths_of_each_problem(flexible: Any) -> No
 
 
 def test_a_model_without_unactuated_coordinates() -> None:
-    library, line = loaded("elbow"), samples("elbow")
+    library = loaded("elbow")
+    line = samples("elbow")
     starts = line["q_start"] + 1e-3 * np.arange(5)[:, None]
     problem = {key: line[key] for key in ("y", "dy", "ddy")} | {"period": PERIOD}
     found = library.invert_many(
@@ -140,7 +149,8 @@ def test_single_precision(tmp_path: Any) -> None:
     made = flexgen.generate(
         "elbow", tmp_path / "single", precision="single", parameters=["stiffness"], functions=names
     )
-    library, line = flexgen.load(made.directory), samples("elbow")
+    library = flexgen.load(made.directory)
+    line = samples("elbow")
     values = drawn(library, 5)
     problem = {**line, "period": PERIOD}
     found = library.invert_many(
@@ -163,7 +173,8 @@ def test_six_axes_with_18_degrees_of_freedom(tmp_path: Any, precision: Any) -> N
         parameters=kinds,
         functions=list(INVERSION),
     )
-    library, planned = flexgen.load(made.directory), flexgen.plan("manutec_r3_18", "line")
+    library = flexgen.load(made.directory)
+    planned = flexgen.plan("manutec_r3_18", "line")
     step = 1e-2 if precision == "single" else 5e-3
     reduction = Reduction(flexgen.derive("manutec_r3_18"))
     y, dy, ddy = path_samples(reduction, planned, step, round(planned.duration / step) + 1)
@@ -213,7 +224,8 @@ def test_chunks_are_reduced_as_they_come(flexible: Any) -> None:
 def test_a_planted_workspace_that_threads_share_changes_bits(
     flexible: Any, monkeypatch: Any
 ) -> None:
-    library, values = flexgen.load(flexible.directory), drawn(flexible, 400)
+    library = flexgen.load(flexible.directory)
+    values = drawn(flexible, 400)
     expected = flexible.invert_many(**path(), parameters=values, options=options(workers=1))
     shared = np.empty(10**6)
     monkeypatch.setattr(Inverter, "_workspace", lambda self, size: shared[:size])
@@ -227,10 +239,14 @@ def test_a_planted_workspace_that_threads_share_changes_bits(
     assert not differs(flexible)
 
 
-def test_planted_c_that_stops_at_the_first_failure_is_seen(flexible: Any, monkeypatch: Any) -> None:
+def test_planted_c_that_stops_at_the_first_failure_is_seen(
+    flexible: Any, monkeypatch: Any
+) -> None:
     """What C leaves unsolved raises an error: it is not reported as solved."""
-    many, values = flexible.invert_many, drawn(flexible, 4)
-    entry, first = many._inverter.entry_many, []
+    many = flexible.invert_many
+    values = drawn(flexible, 4)
+    entry = many._inverter.entry_many
+    first = []
 
     def stops(problems: Any, *others: Any) -> int:
         if first:
@@ -285,7 +301,8 @@ def test_no_problems_have_empty_results(flexible: Any) -> None:
 
 
 def test_a_library_without_parameters_or_inversion_says_so(tmp_path: Any) -> None:
-    library, one = loaded(MODEL), path()
+    library = loaded(MODEL)
+    one = path()
     with pytest.raises(ArgumentError, match="without run-time parameters"):
         library.invert_many(**one, parameters=np.zeros((2, 3)))
     starts = np.tile(one["q_start"], (2, 1))
@@ -306,7 +323,8 @@ def test_it_is_pickled_and_refused_once_closed(flexible: Any) -> None:
     )
     assert repr(again).startswith("invert_many(y, dy, ddy")
     library = flexgen.load(flexible.directory)
-    many, closing = library.invert_many, threading.Timer(0.05, library.close)
+    many = library.invert_many
+    closing = threading.Timer(0.05, library.close)
     closing.start()
     # a call under way ends as usual
     found = many(**path(), parameters=drawn(flexible, 600), options=options())
@@ -338,10 +356,13 @@ def test_ctrl_c_stops_soon_and_progress_is_reported(flexible: Any) -> None:
 def test_sanitized_c_has_the_bits_of_single_calls(tmp_path: Any) -> None:
     if not can_sanitize(tmp_path):
         pytest.skip("the compiler has no sanitizers; install the Debian package gcc")
-    planned, step = flexgen.plan(MODEL), 5e-3
+    planned = flexgen.plan(MODEL)
+    step = 5e-3
     sample = planned.sample(np.linspace(0.0, planned.duration, 61))
     ratio = planned.duration / (60 * step)  # the path in another time
-    y, dy, ddy = sample.y[:, :, 0], sample.derivative(1) * ratio, sample.derivative(2) * ratio**2
+    y = sample.y[:, :, 0]
+    dy = sample.derivative(1) * ratio
+    ddy = sample.derivative(2) * ratio**2
     scales = np.array([1.0, 0.995, 20.0, 1.003])[:, None, None]
     arrays = [y * scales, dy * scales, ddy * scales, np.tile(planned.q_start, (4, 1))]
     folder = made(MODEL).directory

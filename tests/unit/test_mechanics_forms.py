@@ -1,4 +1,6 @@
-"""Force laws, beams, energies and statics of `flexgen.mechanics` by integrals, differences and balances of power."""
+"""Force laws, beams, energies and statics of `flexgen.mechanics` by integrals, differences and
+balances of power.
+"""
 
 from __future__ import annotations
 
@@ -89,10 +91,12 @@ def test_modes_of_a_clamped_beam_are_those_of_the_textbook() -> None:
             zip(beam.mode_shape(k, 1.5, x - h), beam.mode_shape(k, 1.5, x + h), strict=True)
         ):
             if n < 2:
-                np.testing.assert_allclose((high - low) / (2 * h), (slope, curvature)[n], atol=1e-7)
+                np.testing.assert_allclose(
+                    (high - low) / (2 * h), (slope, curvature)[n], atol=1e-7
+                )
     bending = Made(modes=2, stiffness=30.0, damping_ratio=0.02, direction="y")
     other = Made(modes=1, stiffness=80.0, damping_ratio=0.05, direction="z")
-    made = beam.modal_beam(Made(length=1.5, mass_per_length=2.0, bendings=(bending, other)))  # type: ignore[arg-type]
+    made = beam.modal_beam(Made(length=1.5, mass_per_length=2.0, bendings=(bending, other)))
 
     def integral(f: Any) -> float:
         return 2.0 * float(quad(lambda s: f(np.array(s)), 0.0, 1.5, epsabs=1e-13)[0])
@@ -131,9 +135,13 @@ def complete() -> Equations:
 
 @pytest.mark.parametrize("name", ["elbow", "beam_arm", "kr300_efjm", "complete", "four_mass"])
 def test_the_energy_changes_by_the_power_of_motors_and_losses(name: str) -> None:
-    """At a random state, by differences along the motion; the momentum of a rotor is the derivative of the energy."""
+    """At a random state, by differences along the motion; the momentum of a rotor is the
+    derivative of the energy.
+    """
     equations = complete() if name == "complete" else derive(name)
-    lag, model, random = equations.lagrangian, equations.model, np.random.default_rng(4)
+    lag = equations.lagrangian
+    model = equations.model
+    random = np.random.default_rng(4)
     state = [lag.chain.q_a, lag.chain.v_a, lag.q_m, lag.v_m]
     kinetic = ca.gradient(lag.kinetic, lag.v_m)
     power = ca.Function(

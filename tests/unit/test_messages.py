@@ -21,7 +21,8 @@ from flexgen.errors import ArgumentError, ChannelError, ModelError, SolverError,
 @pytest.mark.parametrize("kind", [ArgumentError, ChannelError, SolverError])
 def test_an_error_escapes_control_characters_and_shortens_what_was_given(kind):
     error = kind(
-        f"key: given '\x1b[31m{'x' * 5000}\u202e', expected a name; choose another one\n\tsecond line"
+        f"key: given '\x1b[31m{'x' * 5000}\u202e', expected a name; choose another one\n"
+        "\tsecond line"
     )
     text = str(error)
     assert text.startswith(r"key: given '\x1b[31mxxx") and text.endswith(
@@ -33,7 +34,9 @@ def test_an_error_escapes_control_characters_and_shortens_what_was_given(kind):
 
 
 def test_messages_of_usual_length_are_unchanged():
-    expected = f"a.toml:3:x: given 'y', expected one of {', '.join(f'name{k}' for k in range(300))}"
+    expected = (
+        f"a.toml:3:x: given 'y', expected one of {', '.join(f'name{k}' for k in range(300))}"
+    )
     assert message_of(expected) == expected and message_of("äöü ώ \t\n") == "äöü ώ \t\n"
     assert len(message_of("y" * 10**6)) < 4000
     assert message_of(message_of("given " * 10**4)) == message_of("given " * 10**4)

@@ -1,4 +1,6 @@
-"""The page with the moving robot: its data, its safety, and its script, run with a canvas that records."""
+"""The page with the moving robot: its data, its safety, and its script, run with a canvas that
+records.
+"""
 
 from __future__ import annotations
 
@@ -36,11 +38,13 @@ def data_of(name: str, verify: bool = False):
 
 
 @pytest.mark.parametrize(
-    "name", ["elbow", "planar5_nmp", "beam_arm", pytest.param("manutec_r3", marks=pytest.mark.slow)]
+    "name",
+    ["elbow", "planar5_nmp", "beam_arm", pytest.param("manutec_r3", marks=pytest.mark.slow)],
 )
 def test_the_poses_are_those_of_the_robot(name):
     equations, solution = solved(name)
-    data, trajectory = data_of(name), solution.trajectory
+    data = data_of(name)
+    trajectory = solution.trajectory
     assert (
         len(data["time"]) == FRAMES
         and data["factors"][0] == 1
@@ -63,7 +67,8 @@ def test_the_poses_are_those_of_the_robot(name):
 
 def test_deflections_are_exaggerated_by_the_factor():
     equations, solution = solved("planar5_nmp")
-    data, model = data_of("planar5_nmp"), equations.model
+    data = data_of("planar5_nmp")
+    model = equations.model
     begun = begin(solution.trajectory, solution.move.duration)
     assert data["time"] == pytest.approx(
         np.linspace(begun, solution.trajectory.time[-1], FRAMES), abs=1e-5
@@ -113,7 +118,8 @@ def test_rigid_robots_are_not_exaggerated():
 def test_robots_without_extent_have_no_page(tmp_path):
     equations, solution = solved("four_mass@high")
     assert (
-        write_motion(equations, solution.trajectory, None, tmp_path, solution.move.duration) is None
+        write_motion(equations, solution.trajectory, None, tmp_path, solution.move.duration)
+        is None
     )
     assert list(tmp_path.iterdir()) == []
 
@@ -133,7 +139,8 @@ def test_the_page_needs_nothing_else_and_runs_no_text_of_a_model(tmp_path):
     with pytest.raises(ArgumentError, match=r"where motion\.html is of another program"):
         write_motion(equations, trajectory, None, tmp_path / "b", 1.0)
     assert (
-        write_motion(equations, trajectory, None, tmp_path, 1.0).read_text(encoding="utf-8") == text
+        write_motion(equations, trajectory, None, tmp_path, 1.0).read_text(encoding="utf-8")
+        == text
     )
 
 

@@ -1,4 +1,6 @@
-"""From gear torques to motors: gear lag, stiff integration, differences and meshes against closed forms."""
+"""From gear torques to motors: gear lag, stiff integration, differences and meshes against closed
+forms.
+"""
 
 from __future__ import annotations
 
@@ -51,7 +53,8 @@ UNEQUAL = np.array([0.0, 0.01, 0.02, 0.05, 0.08, 0.2, 0.2005])
 
 def test_damped_gears_follow_a_quintic_torque_exactly() -> None:
     """Fast, slow and nearly algebraic gears in one call, over unequal steps."""
-    stiffness, damping = np.array([900.0, 5.0, 4e4]), np.array([7.0, 1.5, 0.02])
+    stiffness = np.array([900.0, 5.0, 4e4])
+    damping = np.array([7.0, 1.5, 0.02])
     tau = rates(TORQUE, UNEQUAL).T[:, :, None] * np.array([1.0, -2.0, 0.5])
     start = np.array([0.01, -0.3, 2e-4])
     found = gear_lag(UNEQUAL, stiffness, damping).deflections(tau, start)
@@ -77,7 +80,9 @@ def test_springs_with_curvature_are_integrated_as_by_scipy() -> None:
     spring = ca.Function(
         "spring", [x], [torque, ca.vertcat(300 + 12e3 * x[0] ** 2, 90 + 150 * x[1] ** 2)]
     )
-    D, t, start = np.array([4.0, 11.0]), np.linspace(0.0, 0.2, 81), np.array([0.02, -0.1])
+    D = np.array([4.0, 11.0])
+    t = np.linspace(0.0, 0.2, 81)
+    start = np.array([0.02, -0.1])
     tau = np.stack([rates(TORQUE, t), -2 * rates(TORQUE, t)], axis=1)
     found = _integrate_deflections(spring, D, t, tau, start)
 
@@ -102,7 +107,8 @@ def test_quintic_hermite_interpolation_reproduces_a_quintic() -> None:
 
 
 def test_differences_of_order_six_are_exact_for_polynomials() -> None:
-    h, u = 0.1, np.arange(9) * 0.1
+    h = 0.1
+    u = np.arange(9) * 0.1
     x = np.stack([1 + u**6, 2 * u**5 - u], axis=1)
     inside = slice(3, 6)
     first = np.stack([6 * u**5, 10 * u**4 - 1], axis=1)
@@ -122,7 +128,9 @@ def test_differences_of_order_six_are_exact_for_polynomials() -> None:
 
 @pytest.mark.parametrize("lag", [0.0, 2e-6, 0.03])
 def test_motors_behind_damped_gears_satisfy_the_equation_of_the_gear(lag: float) -> None:
-    """``D p' + K p = tau_g`` with p from the motor, ``p''`` its derivative, and the torque balance of the rotors."""
+    """``D p' + K p = tau_g`` with p from the motor, ``p''`` its derivative, and the torque balance
+    of the rotors.
+    """
     robot = flexgen.read("planar5_nmp")
     elements = tuple(
         dataclasses.replace(
@@ -162,7 +170,8 @@ def test_motors_behind_damped_gears_satisfy_the_equation_of_the_gear(lag: float)
     np.testing.assert_allclose(
         np.gradient(dp, t, axis=0)[9:-9], ddp[9:-9], atol=2e-3 * np.abs(ddp).max()
     )
-    eta, J = equations.model.eta, np.array([m.inertia for m in equations.model.motors])
+    eta = equations.model.eta
+    J = np.array([m.inertia for m in equations.model.motors])
     np.testing.assert_allclose(found.q_m, p @ eta.T, rtol=1e-14)
     np.testing.assert_allclose(found.v_m, dp @ eta.T, rtol=1e-14)
     friction = np.array(
@@ -222,7 +231,10 @@ def test_the_sampling_grid_of_a_problem(
 
 
 def test_a_mesh_with_too_many_samples_is_refused() -> None:
-    message = r"mesh: given 1e-06 s, which makes 1\.35e\+06 intervals over 1\.35 s, expected at most 900000"
+    message = (
+        r"mesh: given 1e-06 s, which makes 1\.35e\+06 intervals over 1\.35 s, expected at most "
+        r"900000"
+    )
     with pytest.raises(ArgumentError, match=message):
         sampling.grid(made_problem(mesh=1e-6), 1e-6)
     kinked = made_problem(equations=derive("kr300_efjm"))
@@ -257,16 +269,19 @@ def test_meshes_before_on_and_after_the_path() -> None:
     assert len(problems._mesh(0.0, 1.0, 1.0, 0.0, 5e-5, np.inf)) == 20_001
     with pytest.raises(
         ArgumentError,
-        match=r"mesh: given 4.99e-05 s, which makes 20041 intervals over 1 s, expected at most 20000",
+        match=r"mesh: given 4.99e-05 s, which makes 20041 intervals over 1 s, expected at most "
+        r"20000",
     ):
         problems._mesh(0.0, 1.0, 1.0, 0.0, 4.99e-5, np.inf)
 
 
 def test_windows_and_intervals_follow_from_the_zeros(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Time constants: of an unstable zero at 20/s, of a stable one at -50/s; limits at 0.04 and 0.1 of 0.5 s."""
+    """Time constants: of an unstable zero at 20/s, of a stable one at -50/s; limits at 0.04 and
+    0.1 of 0.5 s.
+    """
 
     def of(zeros: list[complex], duration: float = 2.0, **values: Any) -> Any:
-        made = problems.InversionProblem(derive("planar5_nmp"), Made(duration=duration), **values)  # type: ignore[arg-type]
+        made = problems.InversionProblem(derive("planar5_nmp"), Made(duration=duration), **values)
         made.__dict__.update(zeros=[(0.0, np.array(zeros, dtype=complex))], gear_settling=0.07)
         return made
 
@@ -277,9 +292,9 @@ def test_windows_and_intervals_follow_from_the_zeros(monkeypatch: pytest.MonkeyP
     assert made.resolving == pytest.approx(3 / 20) and made.step == 1e-3
     assert of([20, 60]).resolving == pytest.approx(0.05)
     assert of([-50]).resolving == np.inf
-    assert of([-1e4]).windows == pytest.approx((0.02, 0.07)) and of([1e6]).windows == pytest.approx(
-        (0.02, 0.07)
-    )
+    assert of([-1e4]).windows == pytest.approx((0.02, 0.07)) and of(
+        [1e6]
+    ).windows == pytest.approx((0.02, 0.07))
     assert of([-1e4], 0.2).windows == pytest.approx((0.008, 0.07)) and of(
         [-1e4], 0.2
     ).step == pytest.approx(5e-4)

@@ -36,7 +36,8 @@ file = "/data/track.csv"
 
 def test_relative_paths_of_all_kinds_are_those_from_the_new_folder(tmp_path: Path) -> None:
     """Absolute paths, names, comments and package addresses stay, byte for byte."""
-    old, new = tmp_path / "a", tmp_path / "b" / "deep"
+    old = tmp_path / "a"
+    new = tmp_path / "b" / "deep"
     old.mkdir()
     text = relocate(TEXT, old, new)
     expected = TEXT.replace('"robots/arm.urdf"', '"../../a/robots/arm.urdf"')
@@ -51,7 +52,8 @@ def test_relative_paths_of_all_kinds_are_those_from_the_new_folder(tmp_path: Pat
 
 def test_paths_lead_to_their_files_through_a_linked_folder(tmp_path: Path) -> None:
     """``..`` of a linked folder is the parent of the folder that it leads to."""
-    old, real = tmp_path / "a", tmp_path / "far" / "away" / "real"
+    old = tmp_path / "a"
+    real = tmp_path / "far" / "away" / "real"
     old.mkdir()
     real.mkdir(parents=True)
     (old / "track.csv").write_text("t")

@@ -1,4 +1,6 @@
-"""`flexgen new`: templates and overlays for URDF files are read, plausible, and their default move is solved."""
+"""`flexgen new`: templates and overlays for URDF files are read, plausible, and their default move
+is solved.
+"""
 
 from __future__ import annotations
 
@@ -113,16 +115,26 @@ def test_an_existing_file_is_not_replaced(made, tmp_path, capsys):
 
 @pytest.mark.parametrize("ends", ["flor:tool_point", "floor:tool", "floor"])
 def test_an_end_that_is_not_a_link_is_refused_with_the_names_of_all(ends, tmp_path, capsys):
-    assert main(["new", "mine", "--urdf", f"{URDF}#{ends}", "--out", str(tmp_path / "x.toml")]) == 1
+    assert (
+        main(["new", "mine", "--urdf", f"{URDF}#{ends}", "--out", str(tmp_path / "x.toml")]) == 1
+    )
     said = capsys.readouterr().err
     assert (
-        f"expected a link of {URDF}: " in said and '"pedestal"' in said and "rigid.toml" not in said
+        f"expected a link of {URDF}: " in said
+        and '"pedestal"' in said
+        and "rigid.toml" not in said
     )
 
 
 def test_a_urdf_file_without_a_usable_name_and_a_move_without_a_tool_say_what_to_do(tmp_path):
-    joint = '<joint name="q" type="continuous"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/></joint>'
-    links = '<link name="a"/><link name="b"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" '
+    joint = (
+        '<joint name="q" type="continuous"><parent link="a"/><child link="b"/><axis xyz="0 0 '
+        '1"/></joint>'
+    )
+    links = (
+        '<link name="a"/><link name="b"><inertial><mass value="1"/><inertia ixx="1" iyy="1" '
+        'izz="1" '
+    )
     links += 'ixy="0" ixz="0" iyz="0"/></inertial></link>'
     (tmp_path / "arm.urdf").write_text(f'<robot name="arm-1">{links}{joint}</robot>')
     with pytest.raises(
@@ -130,7 +142,13 @@ def test_a_urdf_file_without_a_usable_name_and_a_move_without_a_tool_say_what_to
         match=r"name: given nothing.*'flexgen new NAME --urdf FILE' writes a file with one",
     ):
         read(f"{tmp_path / 'arm.urdf'}#a:b")
-    move = '[[move]]\nname = "m"\ntype = "tool_line"\nstart_deg = [0, 0, 0]\ndisplacement = [0, 0, 0.1]\n'
+    move = (
+        "[[move]]\n"
+        'name = "m"\n'
+        'type = "tool_line"\n'
+        "start_deg = [0, 0, 0]\n"
+        "displacement = [0, 0, 0.1]\n"
+    )
     with pytest.raises(
         ModelError, match=r'or a table \[output\] with type = "tool_pose" or "tool_position"'
     ):
@@ -148,7 +166,8 @@ def test_defaults_of_all_joints_fill_the_keys_that_a_joint_does_not_have(tmp_pat
         tmp_path,
         """
 [joint."*"]
-gear = { type = "elastic", side = "arm", spring = { type = "linear", stiffness = 1e5 }, damping = 10.0 }
+gear = { type = "elastic", side = "arm", spring = { type = "linear", stiffness = 1e5 }, damping = \
+10.0 }
 motor = { ratio = 100, inertia = 1e-4 }
 friction = { viscous = 2.0 }
 

@@ -35,7 +35,8 @@ def link(name: str, body: str = BODY) -> str:
 def joint(
     name: str, parent: str, child: str, inner: str = LIMIT, axis: str = "0 1 0", **more: str
 ) -> str:
-    kind, place = more.get("kind", "revolute"), more.get("place", ".4 0 0")
+    kind = more.get("kind", "revolute")
+    place = more.get("place", ".4 0 0")
     ends = f"<parent link={quoteattr(parent)}/><child link={quoteattr(child)}/>"
     head = f'<joint name={quoteattr(name)} type="{kind}">{ends}<origin xyz="{place}"/>'
     return f'{head}<axis xyz="{axis}"/>{inner}</joint>'
@@ -202,7 +203,9 @@ HOSTILE = (
 
 
 def test_names_are_data_wherever_they_are_written(make, tmp_path):
-    inner = "".join(joint(f"j{name}", f"l{name}", f"l{after}") for name, after in pairwise(HOSTILE))
+    inner = "".join(
+        joint(f"j{name}", f"l{name}", f"l{after}") for name, after in pairwise(HOSTILE)
+    )
     links = "".join(link(f"l{name}") for name in HOSTILE)
     ends = joint("in", "l1", f"l{HOSTILE[0]}") + joint("out", f"l{HOSTILE[-1]}", "tip")
     text = arm(FIRST, ends, links, inner)
@@ -210,7 +213,9 @@ def test_names_are_data_wherever_they_are_written(make, tmp_path):
     robot = read(path)
     assert robot.n_a == len(HOSTILE) + 2
     assert all(line.isprintable() for line in made.text.splitlines())
-    assert [one.name for one in robot.urdf_joints.values()][2:-1] == [f"j{x}" for x in HOSTILE[:-1]]
+    assert [one.name for one in robot.urdf_joints.values()][2:-1] == [
+        f"j{x}" for x in HOSTILE[:-1]
+    ]
     library = flexgen.generate(robot, functions=["gravity"], directory=tmp_path / "c", build=False)
     for file in (path for path in library.directory.rglob("*") if path.is_file()):
         assert not any(name.strip() in file.read_text() for name in HOSTILE[1:])
@@ -311,7 +316,7 @@ def test_the_move_is_within_the_limits_of_the_speeds(make):
     assert any("speeds" in one.quantity for one in flexgen.check(path).warnings)
 
 
-# --- joints that follow others --------------------------------------------------------------------
+# --- joints that follow others -------------------------------------------------------------------
 
 
 def mimic(leader: str, factor: float, offset: float) -> str:
@@ -421,7 +426,9 @@ def test_a_leader_outside_the_chain_is_named(make, tmp_path):
     text = arm(FIRST, second, link("s"), joint("side", "base", "s"))
     file = tmp_path / "r.urdf"
     file.write_text(text)
-    with pytest.raises(ModelError, match=r'follows "side", which is outside .* branches = \["s"\]'):
+    with pytest.raises(
+        ModelError, match=r'follows "side", which is outside .* branches = \["s"\]'
+    ):
         read(f"{file}#base:tip")
     path, made = make(text, "#base:tip")
     assert "fixed at 0" in made.repairs[0]
@@ -451,7 +458,7 @@ def test_degrees_of_freedom_before_a_follower_with_an_offset_are_refused(make):
         read(path)
 
 
-# --- limits, axes, prefixes -----------------------------------------------------------------------
+# --- limits, axes, prefixes ----------------------------------------------------------------------
 
 
 def test_limits_of_the_overlay_replace_wrong_ones(make, tmp_path):

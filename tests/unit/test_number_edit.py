@@ -1,4 +1,6 @@
-"""Numbers of a model file changed in its text: values arrive, comments and all other lines stay."""
+"""Numbers of a model file changed in its text: values arrive, comments and all other lines
+stay.
+"""
 
 from __future__ import annotations
 
@@ -43,7 +45,8 @@ def test_every_number_comes_back(name, tmp_path):
         old, {p.key: values[p.name] for p in chosen}, name, {p.key: "measured" for p in chosen}
     )
     (tmp_path / "new.toml").write_text(new)
-    found, expected = flexgen.read(tmp_path / "new.toml"), with_values(model, values)
+    found = flexgen.read(tmp_path / "new.toml")
+    expected = with_values(model, values)
     assert (found.elements, found.motors, found.payload) == (
         expected.elements,
         expected.motors,

@@ -1,4 +1,6 @@
-"""What is made of a solution afterwards: positions to send, torques of bristles, what encoders show, and statuses."""
+"""What is made of a solution afterwards: positions to send, torques of bristles, what encoders
+show, and statuses.
+"""
 
 from __future__ import annotations
 
@@ -42,7 +44,9 @@ class Solved:
 
 
 def test_positions_to_send_are_what_the_servo_inverts(monkeypatch: pytest.MonkeyPatch) -> None:
-    """At the samples of the solution, by a cubic spline; of the joints through the gears; rest on both sides."""
+    """At the samples of the solution, by a cubic spline; of the joints through the gears; rest on
+    both sides.
+    """
     seen: dict[str, Any] = {}
     servo = Made(sample_time=0.1, delay=0.03, feedback="gains")
 
@@ -148,7 +152,9 @@ def test_encoders_show_the_angle_with_their_error(monkeypatch: pytest.MonkeyPatc
 
 
 def test_statuses_of_fits_that_can_be_used() -> None:
-    """And those whose deviations are those of the parameters; each has a sentence and an advice."""
+    """And those whose deviations are those of the parameters; each has a sentence and an
+    advice.
+    """
     assert {status for status in FitStatus if status.agrees} == {
         FitStatus.FITTED,
         FitStatus.SMALL_ERROR,

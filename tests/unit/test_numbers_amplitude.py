@@ -1,4 +1,6 @@
-"""The amplitude test on responses that are made up: laws by closed forms, planted laws are found with their numbers."""
+"""The amplitude test on responses that are made up: laws by closed forms, planted laws are found
+with their numbers.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +39,9 @@ WIDE = 1.0 + 0.3 * np.array([[0.5, -0.5], [0.0, 0.0], [-0.5, 0.5]])
 def bench() -> Linearization:
     """Two motors with gears on two links that are coupled, at three poses, 12 lines."""
     w = 2 * np.pi * np.geomspace(2.0, 100.0, 12)
-    s, stiffness, inertia = 1j * w[:, None, None], np.array([4e3, 2e3]), np.array([0.05, 0.03])
+    s = 1j * w[:, None, None]
+    stiffness = np.array([4e3, 2e3])
+    inertia = np.array([0.05, 0.03])
     # deflections, then motor angles
     rows = np.block([[-np.eye(2), np.eye(2)], [np.zeros((2, 2)), np.eye(2)]])
     parts = []
@@ -46,7 +50,8 @@ def bench() -> Linearization:
         M[:2, :2] = [[0.6 + 0.2 * np.cos(pose), 0.1 * np.cos(pose)], [0.1 * np.cos(pose), 0.2]]
         K = rows[:2].T @ np.diag(stiffness) @ rows[:2]
         D = rows[:2].T @ np.diag([3.0, 2.0]) @ rows[:2] + np.diag([0.0, 0.0, 0.3, 0.2])
-        inverse, B = np.linalg.inv(s**2 * M + s * D + K), np.vstack([np.zeros((2, 2)), np.eye(2)])
+        inverse = np.linalg.inv(s**2 * M + s * D + K)
+        B = np.vstack([np.zeros((2, 2)), np.eye(2)])
         motors = rows[2:]
         parts.append(
             (
@@ -65,8 +70,11 @@ def motions(torque: float = 0.0) -> list[Motion]:
 
 
 def levels_with(name: str, z: list[list[float]], torque: float = 0.0) -> list[Level]:
-    """Responses of the bench where a law has the numbers ``z``, and the motions that the law was evaluated for."""
-    model, rng = bench(), np.random.default_rng(4)
+    """Responses of the bench where a law has the numbers ``z``, and the motions that the law was
+    evaluated for.
+    """
+    model = bench()
+    rng = np.random.default_rng(4)
     out = []
     for size, effect in zip(
         SIZES, BY_NAME[name].effects(np.array(z), motions(torque)), strict=True
@@ -97,9 +105,12 @@ def levels_with(name: str, z: list[list[float]], torque: float = 0.0) -> list[Le
 
 
 def test_effects_of_laws_by_closed_forms() -> None:
-    """Deflections of mean zero: a cubic spring adds its mean square, a dead band the part of the time outside of it."""
+    """Deflections of mean zero: a cubic spring adds its mean square, a dead band the part of the
+    time outside of it.
+    """
     sizes = np.array([size * WIDE for size in SIZES])
-    c, gap = np.array([0.3, 0.7]), np.array([0.4, 0.1])
+    c = np.array([0.3, 0.7])
+    gap = np.array([0.4, 0.1])
     found = BY_NAME["cubic"].effects(c[None], motions())
     mean = (1 + c * sizes[0] ** 2).mean(axis=0)
     for effect, sd in zip(found, sizes, strict=True):
@@ -126,7 +137,9 @@ def test_effects_of_laws_by_closed_forms() -> None:
     )
     assert_allclose(stuck[0].stiffness, 0.3)
     assert_allclose(stuck[0].loss, 0.0, atol=1e-12)
-    assert (slipping[0].stiffness < slipping[1].stiffness).all() and (slipping[0].loss > 0.01).all()
+    assert (slipping[0].stiffness < slipping[1].stiffness).all() and (
+        slipping[0].loss > 0.01
+    ).all()
     assert_allclose(slipping[1].changes()[:, 2:4], slipping[1].loss)
 
 
@@ -185,7 +198,9 @@ def test_levels_that_do_not_differ_have_no_cause() -> None:
 
 
 def test_the_difference_of_responses_by_hand() -> None:
-    """Over noise, a 500th of the responses and a 20th of what the model itself changes; the model's is subtracted."""
+    """Over noise, a 500th of the responses and a 20th of what the model itself changes; the
+    model's is subtracted.
+    """
     G = np.full((1, 2, 1, 1), 10.0 + 0j)
     one, other = (SimpleNamespace(G=g + 0 * G) for g in (10.0, 12.0))
     levels: list[Any] = [
@@ -207,8 +222,11 @@ def test_the_difference_of_responses_by_hand() -> None:
 
 
 def test_a_fit_of_changes_finds_those_of_the_responses() -> None:
-    """With its distortion: the part of the responses that is left beyond the noise, and nothing without any."""
-    model, x = bench(), np.array([0.2, -0.1, 0.05, 0.02, 0.1, 0.05, 0.1, 0.2])
+    """With its distortion: the part of the responses that is left beyond the noise, and nothing
+    without any.
+    """
+    model = bench()
+    x = np.array([0.2, -0.1, 0.05, 0.02, 0.1, 0.05, 0.1, 0.2])
     G = model.response(1, x)
     exact = fit_changes(model, 1, G, 1e-12 * np.abs(G) ** 2, np.zeros(8))
     assert_allclose(exact.x, x, atol=2e-3)
@@ -225,17 +243,23 @@ def test_a_fit_of_changes_finds_those_of_the_responses() -> None:
 def cause(law: str, numbers: dict[int, tuple[float, ...]]) -> str:
     robot = flexgen.read("elbow")
     found: Any = SimpleNamespace(deflection=np.array([2e-4, 5e-4]), friction=np.array([2.0, 4.0]))
-    return at_levels._say(Nonlinearity(law, 0.5, numbers, 0.0), found, robot, list(robot.i_g)).words
+    return at_levels._say(
+        Nonlinearity(law, 0.5, numbers, 0.0), found, robot, list(robot.i_g)
+    ).words
 
 
 def test_the_words_of_causes() -> None:
     assert (
-        cause("Coulomb", {0: (0.1,), 1: (0.2,)}) == "Coulomb friction of m1 (0.2 N m), m2 (0.8 N m)"
+        cause("Coulomb", {0: (0.1,), 1: (0.2,)})
+        == "Coulomb friction of m1 (0.2 N m), m2 (0.8 N m)"
     )
     assert cause("backlash", {1: (0.3,)}) == "backlash of q2 (+-0.15 mrad)"
     words = "a stiffness that rises with the deflection of q1 (12 % more at 0.2 mrad)"
     assert cause("cubic", {0: (0.12,)}) == words.replace("mrad)", "mrad rms)")
-    words = "hysteresis of q1 (30 % of the stiffness slips at 0.1 mrad), q2 (10 % of the stiffness slips at 1 mrad)"
+    words = (
+        "hysteresis of q1 (30 % of the stiffness slips at 0.1 mrad), q2 (10 % of the stiffness "
+        "slips at 1 mrad)"
+    )
     assert cause("hysteresis", {0: (0.3, 0.5), 1: (0.1, 2.0)}) == words
 
 
@@ -248,15 +272,16 @@ def test_the_sentence_of_the_amplitude_test() -> None:
     words = "the levels differ by 2.3 % of the responses; backlash of q1 explains 90 % of it, or "
     assert test.sentence == f"{words}hysteresis of q1 explains 88 % of it"
     assert replace(test, changed=False).sentence == (
-        "the levels differ by 2.3 % of the responses by distortion, and stiffness, loss and friction of gears and "
-        "motors do not"
+        "the levels differ by 2.3 % of the responses by distortion, and stiffness, loss and "
+        "friction of gears and motors do not"
     )
     assert replace(test, causes=()).sentence == (
-        "the levels differ by 2.3 % of the responses; backlash, a stiffness that rises with the deflection, "
-        "hysteresis, Coulomb friction of gears and motors do not explain it"
+        "the levels differ by 2.3 % of the responses; backlash, a stiffness that rises with the "
+        "deflection, hysteresis, Coulomb friction of gears and motors do not explain it"
     )
     assert (
-        replace(test, differs=False).sentence == "no difference between the levels beyond the noise"
+        replace(test, differs=False).sentence
+        == "no difference between the levels beyond the noise"
     )
     assert test.to_dict() == {
         "sentence": test.sentence,
@@ -299,8 +324,11 @@ def test_levels_of_other_experiments_and_of_the_same_speed_are_refused() -> None
 
 
 def test_a_spring_whose_distortion_is_that_of_the_other_does_not_exclude_it() -> None:
-    """A dead band distorts more at a smaller amplitude, a cubic spring less; the order of the levels does not count."""
-    sizes, falls = np.array([1.0, 0.3]), np.array([-3.1, -2.6])
+    """A dead band distorts more at a smaller amplitude, a cubic spring less; the order of the
+    levels does not count.
+    """
+    sizes = np.array([1.0, 0.3])
+    falls = np.array([-3.1, -2.6])
     for law, distortion, doubted in (
         ("cubic", falls, True),
         ("cubic", falls[::-1], False),

@@ -1,4 +1,6 @@
-"""Answers that are asked for with wrong or rare arguments: cards, frictions, files of others, methods of the lab."""
+"""Answers that are asked for with wrong or rare arguments: cards, frictions, files of others,
+methods of the lab.
+"""
 
 from __future__ import annotations
 
@@ -26,11 +28,12 @@ from flexgen.reports import texts
 from flexgen.runtime.many_inversion import InversionOptions
 
 
-# --- cards ------------------------------------------------------------------------------------------------------------
+# --- cards ---------------------------------------------------------------------------------------
 def made_inverter(parameters: int) -> Any:
     made: Any = object.__new__(CudaManyInverter)
     made._inverter = Made(_parameters=np.arange(float(parameters)), _refuse_closed=lambda: None)
-    made._card, made._stream = "card", None
+    made._card = "card"
+    made._stream = None
     return made
 
 
@@ -83,7 +86,8 @@ def test_arguments_of_a_card_are_released_and_parameters_are_those_of_the_model(
 
     class Given:
         def __init__(self, card: str, function: str, name: str, x: Any, stream: int) -> None:
-            self.name, self.x = name, x
+            self.name = name
+            self.x = x
 
         def release(self) -> None:
             seen.append(self.name)
@@ -106,12 +110,10 @@ def test_arguments_of_a_card_are_released_and_parameters_are_those_of_the_model(
     )
 
 
-# --- friction and hysteresis ------------------------------------------------------------------------------------------
+# --- friction and hysteresis ---------------------------------------------------------------------
 def test_frictions_say_what_they_lack() -> None:
-    w, law = (
-        ca.SX.sym("w"),
-        GearFriction(coulomb=0.1, beta=2.0, load_coulomb=0.5, load_smoothing=0.3),
-    )
+    w = ca.SX.sym("w")
+    law = GearFriction(coulomb=0.1, beta=2.0, load_coulomb=0.5, load_smoothing=0.3)
     for load, temperature, missing in (
         (ca.SX(1.0), None, "the temperature"),
         (None, 20.0, "the torque of the gear"),
@@ -131,7 +133,9 @@ def test_frictions_say_what_they_lack() -> None:
 
 
 def test_layers_are_the_elements_of_all_gears_one_after_the_other() -> None:
-    """Slip is half the lost motion times the stiffness of the spring; both grow with the square of the ratio."""
+    """Slip is half the lost motion times the stiffness of the spring; both grow with the square of
+    the ratio.
+    """
     elements = [
         {"stiffness": 2e5, "lost_motion": 1e-4},
         {"stiffness": 1e5, "lost_motion": 4e-4, "exponent": 3.0},
@@ -169,9 +173,10 @@ def test_layers_are_the_elements_of_all_gears_one_after_the_other() -> None:
     )  # type: ignore[index]
 
 
-# --- operations -------------------------------------------------------------------------------------------------------
+# --- operations ----------------------------------------------------------------------------------
 def test_operations_are_sums_products_roots_and_signs() -> None:
-    x, y = ca.SX.sym("x"), ca.SX.sym("y")
+    x = ca.SX.sym("x")
+    y = ca.SX.sym("y")
     for expression, count in (
         (x + y, 1),
         (ca.sin(x) * y, 1),
@@ -184,9 +189,10 @@ def test_operations_are_sums_products_roots_and_signs() -> None:
         assert operations_of(ca.Function("f", [x, y], [expression])) == count, expression
 
 
-# --- files and texts --------------------------------------------------------------------------------------------------
+# --- files and texts -----------------------------------------------------------------------------
 def test_files_of_others_are_not_replaced(tmp_path: Path) -> None:
-    own, other = tmp_path / "own.html", tmp_path / "other.html"
+    own = tmp_path / "own.html"
+    other = tmp_path / "other.html"
     own.write_bytes(b"x" * 4091 + b"marks" + b"y")
     other.write_bytes(b"x" * 4092 + b"marks")
     for path in (None, tmp_path / "new.html", tmp_path, own):
@@ -194,8 +200,8 @@ def test_files_of_others_are_not_replaced(tmp_path: Path) -> None:
     with pytest.raises(ArgumentError) as refused:
         check_own(other, b"marks")
     assert str(refused.value) == (
-        f"output: given {str(other)!r}, a file that flexgen did not write, expected a new one or one of its own; "
-        "choose another name, or move that file away"
+        f"output: given {str(other)!r}, a file that flexgen did not write, expected a new one "
+        "or one of its own; choose another name, or move that file away"
     )
 
 
@@ -228,7 +234,7 @@ def test_the_steps_of_a_robot_in_figures(
     assert rows[-1] == ("total time, wall", 60.0, "s") and ("own", 1.0, "m") in rows
 
 
-# --- methods of the lab -----------------------------------------------------------------------------------------------
+# --- methods of the lab --------------------------------------------------------------------------
 @pytest.mark.parametrize(("options", "order"), [({}, 2), ({"order": 4, "richardson": True}, 4)])
 def test_differences_have_a_fifth_of_the_step_and_a_stable_order(
     options: dict[str, Any], order: int, monkeypatch: pytest.MonkeyPatch

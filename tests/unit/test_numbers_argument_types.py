@@ -1,4 +1,6 @@
-"""Types of arguments of the command line: what a text becomes, and the words where it is refused."""
+"""Types of arguments of the command line: what a text becomes, and the words where it is
+refused.
+"""
 
 from __future__ import annotations
 
@@ -93,7 +95,10 @@ GOOD: list[tuple[Callable[[str], Any], str, Any]] = [
 ]
 NUMBERS = "expected numbers such as 0.3 -1.1 0 or 0.3,-1.1,0"
 INTEGERS = "expected integers such as 1 2 6 or 1,2,6"
-SETTING = "expected KEY=VALUE with a TOML value, such as motor.m1.inertia=0.004 or 'output.axes=\"xy\"' (text in quotes)"
+SETTING = (
+    "expected KEY=VALUE with a TOML value, such as motor.m1.inertia=0.004 or "
+    "'output.axes=\"xy\"' (text in quotes)"
+)
 PLANT = "expected such as soft:stiffness=0.8,payload=5"
 PUSH = "expected such as step:m1=2@0.5, pulse:tool.x=300@0.4+0.02 or chirp:m1=1@0+2,0.5-30"
 WALL = "expected X,Y,Z:NX,NY,NZ:K[:C[:GAP]], such as 1.2,0,0:-1,0,0:1e5:500"

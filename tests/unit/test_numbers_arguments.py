@@ -1,4 +1,6 @@
-"""Arguments at the edges of their ranges: numbers, seeds, plants of a loop, gains of a cascade, ends of a process."""
+"""Arguments at the edges of their ranges: numbers, seeds, plants of a loop, gains of a cascade,
+ends of a process.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,16 @@ from flexgen.spec import arguments
 
 
 def test_numbers_are_real_and_finite() -> None:
-    for value in (0, 1.5, -2, np.float64(3.0), np.int32(4), np.array(5.0), Fraction(1, 2), 10**300):
+    for value in (
+        0,
+        1.5,
+        -2,
+        np.float64(3.0),
+        np.int32(4),
+        np.array(5.0),
+        Fraction(1, 2),
+        10**300,
+    ):
         assert arguments.is_number(value)
     for value in (
         True,
@@ -44,7 +55,9 @@ def test_numbers_are_real_and_finite() -> None:
     for value in (0, True, 1.0, "1", 2**31, np.float64(2.0)):
         assert not arguments.is_whole(value)
     assert (
-        arguments.is_whole(0, 0) and arguments.is_whole(3, 3, 3) and not arguments.is_whole(4, 3, 3)
+        arguments.is_whole(0, 0)
+        and arguments.is_whole(3, 3, 3)
+        and not arguments.is_whole(4, 3, 3)
     )
 
 
@@ -177,11 +190,15 @@ def test_gains_of_a_cascade_are_one_for_each_motor() -> None:
 
 
 def test_limits_that_commands_reach_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Speeds by first differences, accelerations by second ones; where one is reached the samples are fitted again."""
+    """Speeds by first differences, accelerations by second ones; where one is reached the samples
+    are fitted again.
+    """
     samples = np.array([[0.0, 0.0], [1.0, 0.5], [3.0, 1.0], [4.0, 1.5]])
     monkeypatch.setattr(command, "fit_samples", lambda B, r: samples)
     monkeypatch.setattr(command, "fit_within", lambda B, r, period, limits: 0.5 * samples + 1.0)
-    names, h, B = ["q1", "q2"], 0.5, None
+    names = ["q1", "q2"]
+    h = 0.5
+    B = None
 
     def fit(speed: Any, acceleration: Any) -> tuple[bool, tuple[str, ...]]:
         limits = (
@@ -199,7 +216,8 @@ def test_limits_that_commands_reach_are_named(monkeypatch: pytest.MonkeyPatch) -
 
 def test_the_end_of_a_process_is_described() -> None:
     made: Any = object.__new__(ForeignController)
-    made._failure, made._process = "late", None
+    made._failure = "late"
+    made._process = None
     assert made._describe_end() == "late"
     made._failure = ""
     assert made._describe_end() == "the controller's process ended"
@@ -209,7 +227,7 @@ def test_the_end_of_a_process_is_described() -> None:
     assert made._describe_end() == "the controller's process ended"
 
 
-# --- of an inversion --------------------------------------------------------------------------------------------------
+# --- of an inversion -----------------------------------------------------------------------------
 MASS = {"name": "payload.mass", "unit": "kg", "bound": ">= 0"}
 SPRING = {"name": "q1.stiffness", "unit": "N m/rad", "bound": "> 0"}
 CENTER = {"name": "payload.com.x", "unit": "m"}
@@ -217,7 +235,8 @@ SIZES = {"n_t": 12, "n_y": 6}
 
 
 def test_parameters_of_an_inversion_are_those_of_the_model_or_checked() -> None:
-    own, rows = np.array([1.0, 2.0, 3.0]), (MASS, SPRING, CENTER)
+    own = np.array([1.0, 2.0, 3.0])
+    rows = (MASS, SPRING, CENTER)
     assert checked.parameters_of("invert", None, own, rows) is own
     found = checked.parameters_of("invert", [0, 1, -5], own, rows)
     assert found.dtype == float and found.tolist() == [0.0, 1.0, -5.0]
@@ -263,8 +282,12 @@ def test_parameters_of_an_inversion_are_those_of_the_model_or_checked() -> None:
 
 
 def test_samples_of_a_path_have_as_many_rows_each() -> None:
-    """One path, or one for each of several problems; forces have three columns for each row of dy."""
-    y, dy, push = np.zeros((5, 12)), np.ones((5, 6)), np.full((5, 18), 2.0)
+    """One path, or one for each of several problems; forces have three columns for each row of
+    dy.
+    """
+    y = np.zeros((5, 12))
+    dy = np.ones((5, 6))
+    push = np.full((5, 18), 2.0)
     real = np.dtype(float)
     found = checked.samples_of("invert", (y.tolist(), dy, dy.astype(int)), push, SIZES, real, True)
     assert {name: x.shape for name, x in found.items()} == {
@@ -323,12 +346,18 @@ def test_holds_of_an_inversion_have_a_number_and_a_delay() -> None:
         (
             "zoh",
             -0.1,
-            "f, delay: given -0.1 samples, expected 0 to 64; for a longer delay give the path earlier",
+            (
+                "f, delay: given -0.1 samples, expected 0 to 64; for a longer delay give the "
+                "path earlier"
+            ),
         ),
         (
             "zoh",
             64.5,
-            "f, delay: given 64.5 samples, expected 0 to 64; for a longer delay give the path earlier",
+            (
+                "f, delay: given 64.5 samples, expected 0 to 64; for a longer delay give the "
+                "path earlier"
+            ),
         ),
         ("zoh", np.nan, "f, delay: given nan samples, expected 0 to 64"),
         ("zoh", "1", "f, delay: given '1', expected a number"),

@@ -1,4 +1,6 @@
-"""Arrays of the runtime, figures of linear robots and curves of torques: rules by hand, limits at their edges."""
+"""Arrays of the runtime, figures of linear robots and curves of torques: rules by hand, limits at
+their edges.
+"""
 
 from __future__ import annotations
 
@@ -26,10 +28,11 @@ PORTS = [
     Port("R", (3, 3), "1", "rotation"),
     Port("p", (4,), "1", "parameters"),
 ]
-DOUBLE, SINGLE = np.dtype(float), np.dtype(np.float32)
+DOUBLE = np.dtype(float)
+SINGLE = np.dtype(np.float32)
 
 
-# --- arguments of functions in C --------------------------------------------------------------------------------------
+# --- arguments of functions in C -----------------------------------------------------------------
 def test_arguments_are_bound_by_place_and_name() -> None:
     ports = [*PORTS[:2], Port("parameters", (4,), "1", "of the model")]
     assert arguments.bind("f", ports, (1, 2), {}, 9) == [1, 2, 9]
@@ -46,12 +49,17 @@ def test_arguments_are_bound_by_place_and_name() -> None:
 
 
 def test_points_of_arguments_are_counted() -> None:
-    ports, p = [PORTS[0], PORTS[1], Port("p", (4,), "1", "shared")], np.zeros(4)
-    assert arguments.count_of_points("f", ports, [np.zeros(2), np.zeros((3, 3)), p], 9, "p") is None
+    ports = [PORTS[0], PORTS[1], Port("p", (4,), "1", "shared")]
+    p = np.zeros(4)
+    assert (
+        arguments.count_of_points("f", ports, [np.zeros(2), np.zeros((3, 3)), p], 9, "p") is None
+    )
     assert (
         arguments.count_of_points("f", ports, [np.zeros((9, 2)), np.zeros((3, 3)), p], 9, "p") == 9
     )
-    assert arguments.count_of_points("f", ports, [np.zeros(2), np.zeros((0, 3, 3)), p], 9, "p") == 0
+    assert (
+        arguments.count_of_points("f", ports, [np.zeros(2), np.zeros((0, 3, 3)), p], 9, "p") == 0
+    )
     for shapes, text in (
         (
             ((10, 2), (3, 3), (4,)),
@@ -76,7 +84,8 @@ def test_points_of_arguments_are_counted() -> None:
 
 
 def test_arrays_are_stored_with_the_points_side_by_side() -> None:
-    port, x = PORTS[0], np.arange(10.0).reshape(5, 2)
+    port = PORTS[0]
+    x = np.arange(10.0).reshape(5, 2)
     found = arguments.store(port, x, 5, DOUBLE)
     assert found.flags.f_contiguous and found.dtype == DOUBLE
     assert_array_equal(found, x)
@@ -151,9 +160,11 @@ def test_results_may_not_share_memory(
 
 
 def test_the_first_point_that_is_not_finite_is_told() -> None:
-    q, R = np.zeros((5, 2)), np.zeros((5, 3, 3))
+    q = np.zeros((5, 2))
+    R = np.zeros((5, 3, 3))
     arguments.refuse_not_finite("f", PORTS[:2], [q, R], DOUBLE)
-    q[3, 1], R[2, 0, 2] = np.nan, np.inf
+    q[3, 1] = np.nan
+    R[2, 0, 2] = np.inf
     with pytest.raises(
         ArgumentError, match=r"^f, R\[2, 0, 2\]: given inf, expected finite numbers$"
     ):
@@ -198,20 +209,31 @@ def test_numbers_for_c_are_numbers() -> None:
         arguments.numbers("f", PORTS[0], np.ma.masked_array([1, 2], [False, True]))
 
 
-# --- linear robots ----------------------------------------------------------------------------------------------------
+# --- linear robots -------------------------------------------------------------------------------
 def test_figures_of_two_masses_and_a_spring() -> None:
-    """``w^2 = k (1/m1 + 1/m2)`` free, ``k/m1`` with the motor locked; inertias with the spring stiff and soft."""
+    """``w^2 = k (1/m1 + 1/m2)`` free, ``k/m1`` with the motor locked; inertias with the spring
+    stiff and soft.
+    """
     made: Any = Made(dof=2, n_a=1, n_m=1, i_g=(0,), i_m=(0,), eta=np.array([[1.0]]))
-    m1, m2, k = 3.0, 0.5, 200.0
-    M, K, B = np.diag([m1, m2]), k * np.array([[1.0, -1.0], [-1.0, 1.0]]), np.array([[0.0], [1.0]])
+    m1 = 3.0
+    m2 = 0.5
+    k = 200.0
+    M = np.diag([m1, m2])
+    K = k * np.array([[1.0, -1.0], [-1.0, 1.0]])
+    B = np.array([[0.0], [1.0]])
     rows = second_order.motor_rows(made)
     assert_array_equal(rows, [[0.0, 1.0]])
     stiff, soft = second_order.motor_inertias(made, M, B, rows)
     assert_allclose([stiff[0], soft[0]], [m1 + m2, m2])
     assert second_order.with_motors_locked(made) == [0]
-    assert second_order.lowest_locked_hz(made, M, K) == pytest.approx(np.sqrt(k / m1) / (2 * np.pi))
-    fast, slow = np.zeros((2, 2)), np.diag([1e4, 1.0])
-    rate = second_order.largest_rate(np.stack([M, M]), np.stack([fast, fast]), np.stack([K, 4 * K]))
+    assert second_order.lowest_locked_hz(made, M, K) == pytest.approx(
+        np.sqrt(k / m1) / (2 * np.pi)
+    )
+    fast = np.zeros((2, 2))
+    slow = np.diag([1e4, 1.0])
+    rate = second_order.largest_rate(
+        np.stack([M, M]), np.stack([fast, fast]), np.stack([K, 4 * K])
+    )
     assert rate == pytest.approx(2 * np.sqrt(k * (1 / m1 + 1 / m2)))
     assert second_order.largest_rate(M[None], slow[None], K[None]) == pytest.approx(
         1e4 / m1, rel=1e-2
@@ -227,7 +249,8 @@ def test_figures_of_two_masses_and_a_spring() -> None:
 def test_matrices_of_a_robot_at_rest() -> None:
     """Modes of the elbow from its mass matrix and stiffness, motors and arm, without gravity."""
     equations = derive(flexgen.read("elbow", overrides={"gravity": [0.0, 0.0, 0.0]}))
-    model, q = equations.model, np.array([[0.2, 0.7]])
+    model = equations.model
+    q = np.array([[0.2, 0.7]])
     zero = np.zeros((1, 2))
     found = evaluate(
         equations.function("residual_jacobians"), q, zero, zero, q @ model.eta.T, zero, zero, zero
@@ -286,7 +309,7 @@ def test_a_coordinate_without_inertia_is_named() -> None:
         check_inertia(model, np.array([[1.0, 1.0 - 1e-15], [1.0 - 1e-15, 1.0]]))
 
 
-# --- curves -----------------------------------------------------------------------------------------------------------
+# --- curves --------------------------------------------------------------------------------------
 @pytest.mark.parametrize(
     ("points", "good"),
     [
@@ -316,13 +339,15 @@ def test_a_curve_of_torques_bounds_a_convex_region(points: list[list[float]], go
     assert checked_curves("m", [[], ()]) == ()
 
 
-# --- comparison -------------------------------------------------------------------------------------------------------
+# --- comparison ----------------------------------------------------------------------------------
 def test_a_comparison_tells_how_long_its_simulations_take(monkeypatch: pytest.MonkeyPatch) -> None:
     """A quarter of the verification each."""
     told: list[str] = []
     made: list[Any] = [Made(method="rigid"), Made(method="lq")]
     monkeypatch.setattr(comparison, "derive", lambda model: model)
-    monkeypatch.setattr(comparison, "compare_methods", lambda equations, solution, log: tuple(made))
+    monkeypatch.setattr(
+        comparison, "compare_methods", lambda equations, solution, log: tuple(made)
+    )
     monkeypatch.setattr(
         comparison, "compare_plants", lambda equations, named, progress: [{"named": sorted(named)}]
     )

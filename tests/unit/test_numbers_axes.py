@@ -1,4 +1,6 @@
-"""What figures take from a motion: windows of time, limits of axes, prefixes, planes of a robot, and early torques."""
+"""What figures take from a motion: windows of time, limits of axes, prefixes, planes of a robot,
+and early torques.
+"""
 
 from __future__ import annotations
 
@@ -99,7 +101,9 @@ def test_the_end_of_a_path_is_where_its_reference_rests() -> None:
         return canvas.path_end(equations, made)
 
     assert end() == 1.2 and end(("other", 1.25)) == 1.2 and end(("line", 1.1)) == 1.2
-    assert end(("line", 1.25)) == 1.25 and end(("line", 1.33)) == 1.33 and end(("line", 1.4)) == 1.2
+    assert (
+        end(("line", 1.25)) == 1.25 and end(("line", 1.33)) == 1.33 and end(("line", 1.4)) == 1.2
+    )
     made["R_ref"] = np.stack([[0.0, 0, 0, 0, 0, 0, 0, 0.5, 0.6]] * 9, axis=1)
     assert end() == 9.0
     del made["y_ref"]
@@ -175,7 +179,9 @@ def test_axes_of_motors_have_their_bounds_where_these_are_near(
     limits: tuple[float, float],
     titles: list[str],
 ) -> None:
-    """Within two and a half of the largest value; a line from two fifths of it on; 9 % of margin."""
+    """Within two and a half of the largest value; a line from two fifths of it on; 9 % of
+    margin.
+    """
     ax = Axis()
     solution._limits(ax, np.array(values), bound, 100.0, "N m")
     assert [y for (y,) in ax.of("axhline")] == lines and [
@@ -197,12 +203,12 @@ def test_torques_before_a_path_are_those_of_unstable_zeros() -> None:
     assert not solution._acts_early(made, zeros)
     tau[2] = 1.1e-6
     assert solution._acts_early(made, zeros) and not solution._acts_early(made, None)
-    assert not solution._acts_early(made, Made(zeros=Made(phase="minimum phase")))  # type: ignore[arg-type]
+    assert not solution._acts_early(made, Made(zeros=Made(phase="minimum phase")))
     made.meta["torque"] = "limited"
     assert not solution._acts_early(made, zeros)
 
 
-# --- planes of a robot ------------------------------------------------------------------------------------------------
+# --- planes of a robot ---------------------------------------------------------------------------
 @pytest.mark.parametrize(
     ("extent", "gravity", "views"),
     [

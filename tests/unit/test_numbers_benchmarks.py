@@ -1,4 +1,6 @@
-"""Numbers of flexgen/benchmarks by hand: measures, draws, scores, reasons, tuning of a function that is known."""
+"""Numbers of flexgen/benchmarks by hand: measures, draws, scores, reasons, tuning of a function
+that is known.
+"""
 
 from __future__ import annotations
 
@@ -50,10 +52,13 @@ def small(version: int = 1, **more: object) -> SimpleNamespace:
 
 
 def test_measures_of_a_window_by_hand() -> None:
-    s, chance = small(), np.random.default_rng(1)
-    z, u = chance.normal(size=(40, 2)), chance.normal(size=(40, 3))
+    s = small()
+    chance = np.random.default_rng(1)
+    z = chance.normal(size=(40, 2))
+    u = chance.normal(size=(40, 3))
     inside = slice(5, 30)
-    own, torque = z[inside], u[inside]
+    own = z[inside]
+    torque = u[inside]
     found = compute_measures(s, s.windows, z, u)
     rest = own[-10:].mean(axis=0)
     settled = [0.01 * np.flatnonzero(np.abs(own[:, k] - rest[k]) > 0.3)[-1] for k in range(2)]
@@ -74,7 +79,10 @@ def test_measures_of_a_window_by_hand() -> None:
         )
     assert compute_measures(s, s.windows, 0 * z, u)[4] == 0.0
     names = [(m.name, m.unit) for m in measures_of(s)]
-    assert names[:2] == [("first, peak to peak of tool", "mm"), ("first, peak to peak of q", "rad")]
+    assert names[:2] == [
+        ("first, peak to peak of tool", "mm"),
+        ("first, peak to peak of q", "rad"),
+    ]
     assert names[4] == ("first, settling time of tool", "s") and names[-1] == (
         "first, RMS torque",
         "N m",
@@ -101,12 +109,18 @@ def test_a_draw_follows_from_the_hash_of_its_words() -> None:
         ) / 2**53
 
     assert _uniform("key", "x") == number("x")
-    push, hold = Disturbance("step", "m1", 2.0, 0.1), Disturbance("pulse", "tool.x", 3.0, 0.0, 0.2)
-    segments = (Segment("a", 1.0, {"peak": 1.0}, (push, hold)), Segment("b", 2.0, {"rms": 2.0}, ()))
+    push = Disturbance("step", "m1", 2.0, 0.1)
+    hold = Disturbance("pulse", "tool.x", 3.0, 0.0, 0.2)
+    segments = (
+        Segment("a", 1.0, {"peak": 1.0}, (push, hold)),
+        Segment("b", 2.0, {"rms": 2.0}, ()),
+    )
     plan = Plan(3, (0.5, 1.5), (0.2, 0.4), (0.8, 1.2), 1.0, segments)
     last = Window("whole", 0.0, 9.0, {"peak": 1.0})
     found = _draw_runs(SimpleNamespace(plan=plan, sample_s=0.01, windows=(last,)), "key")
-    now, windows, expected = 0.5 + number("begin"), {}, []
+    now = 0.5 + number("begin")
+    windows = {}
+    expected = []
     for segment in sorted(segments, key=lambda s: number(f"order of {s.name}")):
         now = 0.01 * round((now + 0.2 + 0.2 * number(f"wait before {segment.name}")) / 0.01)
         for k, d in enumerate(segment.disturbances):
@@ -196,7 +210,8 @@ def test_a_score_by_hand() -> None:
     assert row["nominal"] == pytest.approx(values[:, 0, 1].mean())
     assert row["soft"] == pytest.approx(values[:, 1:3, 1].max(axis=1).mean())
     assert (
-        made.spread_words == f"worst draw {totals.max():.4f}, spread {made.spread:.4f} over 2 draws"
+        made.spread_words
+        == f"worst draw {totals.max():.4f}, spread {made.spread:.4f} over 2 draws"
     )
     data = made.to_dict()
     assert (
@@ -228,7 +243,8 @@ def test_a_score_by_hand() -> None:
 
 
 def test_broken_rules_of_a_score() -> None:
-    chosen, ours = SimpleNamespace(plan=1, version=2, seed=5, steps=4), Linear(*np.zeros((4, 1, 1)))
+    chosen = SimpleNamespace(plan=1, version=2, seed=5, steps=4)
+    ours = Linear(*np.zeros((4, 1, 1)))
     assert (
         _find_broken_rule(chosen, ours, None, None) == _find_broken_rule(chosen, ours, 5, 4) == ""
     )
@@ -267,7 +283,8 @@ def test_reasons_to_refuse_a_controller() -> None:
     bench.scenario = s
     draw = Draw(0, (), s.windows)
     z = np.zeros((40, 3, 2))
-    z[10, 1, 1], z[35, 0, 0] = 0.21, 5.0
+    z[10, 1, 1] = 0.21
+    z[35, 0, 0] = 5.0
     values = np.ones((2, 9))
     values[0, 6] = 0.51
     found = bench._reasons(draw, ["nominal", "soft", "late"], z, values, ("", "", "not finite"))
@@ -276,7 +293,8 @@ def test_reasons_to_refuse_a_controller() -> None:
         "late: not finite",
         "nominal: torque noise of 0.51 N m peak to peak, expected at most 0.5 N m",
     ]
-    values[0, 6], z[10, 1, 1] = 0.5, 0.2
+    values[0, 6] = 0.5
+    z[10, 1, 1] = 0.2
     assert bench._reasons(draw, ["nominal", "soft", "late"], z, values, ("", "", "")) == []
     values[1, 3] = np.inf
     found = bench._reasons(draw, ["nominal", "soft", "late"], z, values, ("", "", ""))
@@ -381,7 +399,8 @@ def test_versions_and_controllers_of_benchmarks() -> None:
     ):
         with pytest.raises(ArgumentError, match=text):
             scenario(*given)
-    first, second = find_shipped_controllers("two_link", 1), find_shipped_controllers("two_link", 2)
+    first = find_shipped_controllers("two_link", 1)
+    second = find_shipped_controllers("two_link", 2)
     assert set(first) <= set(second) and all("-2-" not in path.name for path in first.values())
     newer = [name for name, path in second.items() if "-2-" in path.name]
     assert newer and all(second[name] != first.get(name) for name in newer)
@@ -424,19 +443,34 @@ def test_numbers_of_a_cascade_are_logarithms_of_what_is_not_zero() -> None:
     assert tune.with_numbers(GIVEN, x * 0 + 99).speed_gain[0] == pytest.approx(np.exp(50))
     table = tune.cascade_table(GIVEN, 'a "b" \\')
     assert table == (
-        'description = "a \\"b\\" \\\\"\ntype = "cascade"\nposition_gain = [3.0, 0.0]\nspeed_gain = [2.0, 5.0]\n'
-        "integral_gain = [0.0, 0.0]\n\n[[low_pass]]\nfrequency_hz = 30.0\ndamping = 0.7\n\n[[notch]]\n"
+        'description = "a \\"b\\" \\\\"\n'
+        'type = "cascade"\n'
+        "position_gain = [3.0, 0.0]\n"
+        "speed_gain = [2.0, 5.0]\n"
+        "integral_gain = [0.0, 0.0]\n"
+        "\n"
+        "[[low_pass]]\n"
+        "frequency_hz = 30.0\n"
+        "damping = 0.7\n"
+        "\n"
+        "[[notch]]\n"
         "frequency_hz = 9.0\nzero_damping = 0.1\npole_damping = 0.5\n"
     )
     linear = Linear(np.eye(2), np.ones((2, 1)), np.zeros((1, 2)), np.full((1, 1), 2.5))
     assert tune.cascade_table(linear, "x") == (
-        'description = "x"\ntype = "linear"\nA = [[1.0, 0.0], [0.0, 1.0]]\nB = [[1.0], [1.0]]\nC = [[0.0, 0.0]]\n'
+        'description = "x"\n'
+        'type = "linear"\n'
+        "A = [[1.0, 0.0], [0.0, 1.0]]\n"
+        "B = [[1.0], [1.0]]\n"
+        "C = [[0.0, 0.0]]\n"
         "D = [[2.5]]\n"
     )
 
 
 def test_the_simplex_finds_the_least_of_a_known_score(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Score 1 + (log gain - 1)^2 in each of two gains; a refused controller counts 10 and 1 for each reason."""
+    """Score 1 + (log gain - 1)^2 in each of two gains; a refused controller counts 10 and 1 for
+    each reason.
+    """
     made = Cascade(np.array([1.0]), np.array([1.0]), np.array([0.0]))
     seen = []
 

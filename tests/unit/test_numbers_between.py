@@ -1,4 +1,6 @@
-"""Motions between samples whose accelerations are polynomials, and the law that holds the arm by gravity alone."""
+"""Motions between samples whose accelerations are polynomials, and the law that holds the arm by
+gravity alone.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,9 @@ from flexgen.torque_curve import POLYNOMIALS
 
 @pytest.mark.parametrize("degree", [0, 1, 3])
 def test_a_motion_whose_acceleration_jumps_is_its_integral(degree: int) -> None:
-    """Two intervals of ten steps with other polynomials; angle and speed continue, integrated by hand."""
+    """Two intervals of ten steps with other polynomials; angle and speed continue, integrated by
+    hand.
+    """
     parts = [
         np.array([2.0, -1.0, 0.5, 3.0])[: degree + 1],
         np.array([-4.0, 2.5, 1.0, -2.0])[: degree + 1],
@@ -53,7 +57,8 @@ def test_a_motion_whose_acceleration_jumps_is_its_integral(degree: int) -> None:
 
 
 def test_instants_outside_of_a_trajectory_are_refused() -> None:
-    t, channels = np.array([0.25, 0.5, 1.0]), {"x": np.array([[1.0], [2.0], [5.0]])}
+    t = np.array([0.25, 0.5, 1.0])
+    channels = {"x": np.array([[1.0], [2.0], [5.0]])}
     expected = "expected one or more instants from 0.25 to 1 s"
     for at, given in (
         (0.2, "0.2"),
@@ -76,7 +81,9 @@ def test_instants_outside_of_a_trajectory_are_refused() -> None:
 def test_a_law_of_gravity_holds_the_arm_where_it_will_be(
     feedforward: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """``u = eta^-T g(q)`` at the delayed arm, then motor angles and speeds, and zeros for what the law does not use."""
+    """``u = eta^-T g(q)`` at the delayed arm, then motor angles and speeds, and zeros for what the
+    law does not use.
+    """
     q = ca.SX.sym("q", 2)
     gravity = ca.Function("gravity", [q], [ca.vertcat(3 * q[0], q[0] * q[1])])
     eta = np.array([[2.0, 0.5], [0.0, 4.0]])
@@ -115,7 +122,9 @@ def test_a_law_of_gravity_holds_the_arm_where_it_will_be(
     )
     g = np.stack([3 * arm[:, 0, 0], arm[:, 0, 0] * arm[:, 0, 1]], axis=1)
     u = held if feedforward else np.array([np.linalg.solve(eta.T, row) for row in g])
-    table, gains, base = law[5], law[6], law[9]
+    table = law[5]
+    gains = law[6]
+    base = law[9]
     assert asked == ([] if feedforward else [3e-4]) and law[2] == ["forward_dynamics"]
     assert_allclose(table, np.hstack([u, -motors.reshape(3, 4), np.zeros((3, 4))]), rtol=1e-14)
     assert_allclose(gains, [[5.0, 6.0], [0.25, 0.5], [0.0, 0.0], [0.0, 0.0]])

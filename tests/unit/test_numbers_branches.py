@@ -1,4 +1,6 @@
-"""Recursions of a robot whose first joint carries two branches, the second one turned and shifted."""
+"""Recursions of a robot whose first joint carries two branches, the second one turned and
+shifted.
+"""
 
 from __future__ import annotations
 

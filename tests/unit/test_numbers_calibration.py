@@ -1,4 +1,6 @@
-"""Statics of a calibration by other routes: slopes by differences, loads and rests by the potential energy."""
+"""Statics of a calibration by other routes: slopes by differences, loads and rests by the
+potential energy.
+"""
 
 from __future__ import annotations
 
@@ -35,10 +37,8 @@ def robot(name: str) -> flexgen.RobotModel:
     """
     hand: dict[str, Any] = {}
     if name == "mechanism":
-        name, elements = (
-            "elbow",
-            tomllib.loads(Path(flexgen.read("elbow").file).read_text())["element"],
-        )
+        name = "elbow"
+        elements = tomllib.loads(Path(flexgen.read("elbow").file).read_text())["element"]
         turn = {
             "name": "q3",
             "type": "rotation",
@@ -71,10 +71,13 @@ def robot(name: str) -> flexgen.RobotModel:
 def case(name: str, seed: int = 1) -> tuple[Statics, Numbers, list[Any], np.ndarray]:
     """Four poses, all groups of numbers free, away from the model file."""
     model = robot(name)
-    tree, rng = Tree(model), np.random.default_rng(seed)
+    tree = Tree(model)
+    rng = np.random.default_rng(seed)
     groups = tuple(GROUPS)
     unknowns = unknowns_of(tree, groups, (), Priors())
-    x = np.array([u.start + 0.02 * rng.standard_normal() * (abs(u.start) or 0.1) for u in unknowns])
+    x = np.array(
+        [u.start + 0.02 * rng.standard_normal() * (abs(u.start) or 0.1) for u in unknowns]
+    )
     statics = Statics(tree, rng.uniform(-1.0, 1.0, (4, model.n_g)))
     return statics, Numbers.of(tree, unknowns, x), unknowns, x
 
@@ -119,7 +122,9 @@ def test_slopes_of_all_numbers_are_differences(name: str) -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_rest_balances_springs_and_gravity(name: str) -> None:
-    """Of the model itself: deflections times stiffness are the gradient of the potential energy of its equations."""
+    """Of the model itself: deflections times stiffness are the gradient of the potential energy of
+    its equations.
+    """
     model = robot(name)
     tree = Tree(model)
     commands = np.random.default_rng(3).uniform(-1.0, 1.0, (5, model.n_g))
@@ -145,7 +150,9 @@ def test_a_rest_balances_springs_and_gravity(name: str) -> None:
     assert_allclose(rigid.q[:, statics.actuated], commands)
     soft = replace(numbers, compliances=1e3 * numbers.compliances * np.ones(len(tree.elastic)))
     if name == "elbow":
-        with pytest.raises(SolverError, match=r"^calibration: (a pose has )?no static equilibrium"):
+        with pytest.raises(
+            SolverError, match=r"^calibration: (a pose has )?no static equilibrium"
+        ):
             statics.rest(replace(soft, compliances=0 * soft.compliances + 1.0))
     again = statics.rest(numbers, rest.near)
     assert_allclose(again.q, rest.q, atol=1e-12)
@@ -182,7 +189,8 @@ def test_a_point_of_a_frame_moves_with_the_nodes_before_it() -> None:
     """Rotations and translations, the first node included; a point of the base does not move."""
     tree = Tree(robot("elbow"))
     q = 0.1 * np.random.default_rng(2).standard_normal((3, len(tree.nodes)))
-    at, h = tree.posture(q), 1e-6
+    at = tree.posture(q)
+    h = 1e-6
     place = np.array([0.1, -0.2, 0.3])
     for mount in (tree.tool, tree.tip("upper"), tree.tip("base")):
         point = tree.point(at, mount, place)
@@ -207,7 +215,7 @@ def test_a_point_of_a_frame_moves_with_the_nodes_before_it() -> None:
     )
 
 
-# --- what a user reads ------------------------------------------------------------------------------------------------
+# --- what a user reads ---------------------------------------------------------------------------
 def test_poses_that_do_not_fit_the_model_are_refused() -> None:
     arm: Any = SimpleNamespace(n_g=2, name="arm")
 
@@ -236,7 +244,10 @@ def test_poses_that_do_not_fit_the_model_are_refused() -> None:
         ({"count": fewest - 1}, f"poses: given {fewest - 1}, expected at least {fewest}"),
         (
             {"different": 1},
-            f"poses: given {fewest} with 1 different commands, expected at least {fewest} that differ",
+            (
+                f"poses: given {fewest} with 1 different commands, expected at least {fewest} "
+                "that differ"
+            ),
         ),
         ({"folds": 1}, f"folds: given 1, expected 0, or 2 to {fewest}, the number of poses"),
         (
@@ -246,7 +257,10 @@ def test_poses_that_do_not_fit_the_model_are_refused() -> None:
         ({"folds": -1}, f"folds: given -1, expected 0, or 2 to {fewest}, the number of poses"),
         (
             {"lost": True},
-            "poses: given a tracker that was seen in no pose, expected at least one position of each",
+            (
+                "poses: given a tracker that was seen in no pose, expected at least one "
+                "position of each"
+            ),
         ),
     ):
         with pytest.raises(ArgumentError) as caught:
@@ -282,14 +296,13 @@ def test_warnings_of_a_calibration() -> None:
     held[3] = np.nan
     (text,) = calibrate._warnings(unknowns, found(), none, held)
     assert text.startswith(
-        f"the mean error on poses that were not fitted is {2 * calibrate.MANY:.2g} times that of the"
+        f"the mean error on poses that were not fitted is {2 * calibrate.MANY:.2g} times that "
+        "of the"
     )
     gross = errors.copy()
-    gross[4, 1], gross[7, 0], gross[9, 0] = (
-        1.01e-3 * calibrate.GROSS,
-        0.99e-3 * calibrate.GROSS,
-        np.nan,
-    )
+    gross[4, 1] = 1.01e-3 * calibrate.GROSS
+    gross[7, 0] = 0.99e-3 * calibrate.GROSS
+    gross[9, 0] = np.nan
     size = f"{calibrate.GROSS:.3g}"
     expected = (f"1 poses have an error above {size} mm: rows 5 of the poses",)
     assert calibrate._warnings(unknowns, found(errors=gross), none, None) == expected
@@ -317,7 +330,9 @@ def test_warnings_of_a_calibration() -> None:
 def test_a_mistake_in_the_poses_is_the_one_that_explains_most(
     errors: dict[str, float], named: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Where the model leaves much of the motion unexplained; what is left is over the scatter of the positions."""
+    """Where the model leaves much of the motion unexplained; what is left is over the scatter of
+    the positions.
+    """
     sizes: dict[Any, tuple[float, float]] = {"given": (1.0, 1.1)} | {
         name: (x, 1.0) for name, x in errors.items()
     }
@@ -338,8 +353,8 @@ def test_a_mistake_in_the_poses_is_the_one_that_explains_most(
     with pytest.raises(ArgumentError) as caught:
         mistakes.find_start(statics, data, (), told.append)
     assert str(caught.value) == (
-        "run.csv: given positions that scatter by 1.1 m, of which the model leaves 1 m unexplained, expected poses of "
-        f"arm: {named}"
+        "run.csv: given positions that scatter by 1.1 m, of which the model leaves 1 m "
+        f"unexplained, expected poses of arm: {named}"
     )
     first = "frame of the measurement, trackers and unknown places"
     assert told == [
@@ -352,20 +367,21 @@ def test_a_mistake_in_the_poses_is_the_one_that_explains_most(
 
 def test_slopes_of_a_pose_have_its_errors_in_a_fit_without_it() -> None:
     """Of a linear fit with priors; the third number is held at its bound."""
-    rng, free = np.random.default_rng(0), np.array([True, True, False, True])
-    rows, y, prior = (
-        rng.normal(size=(7, 6, 4)) * [1, 1, 1, 9],
-        rng.normal(size=(7, 6)),
-        np.diag([0.1, 0.2, 0.3, 0.4]),
-    )
+    rng = np.random.default_rng(0)
+    free = np.array([True, True, False, True])
+    rows = rng.normal(size=(7, 6, 4)) * [1, 1, 1, 9]
+    y = rng.normal(size=(7, 6))
+    prior = np.diag([0.1, 0.2, 0.3, 0.4])
     rows[3, :3] = y[3, :3] = 0.0  # not seen
 
     def best(poses: list[int]) -> np.ndarray:
-        J, gap = rows[poses][:, :, free].reshape(-1, 3), y[poses].ravel()
+        J = rows[poses][:, :, free].reshape(-1, 3)
+        gap = y[poses].ravel()
         return np.linalg.solve(J.T @ J + prior[np.ix_(free, free)], J.T @ gap)
 
     every = list(range(7))
-    x, J = best(every), rows[:, :, free]
+    x = best(every)
+    J = rows[:, :, free]
     inverse = np.linalg.inv(np.einsum("nrp,nrq->pq", J, J) + prior[np.ix_(free, free)])
     slopes = Slopes(np.eye(4), rows, J @ x - y, np.zeros(4), np.ones(y.shape), Near(y))
     for k, slope in enumerate(slopes.leave_out_each(free, inverse)):
@@ -380,9 +396,12 @@ class Lines(Problem):
 
 
 def lines(robust: bool, whitening: np.ndarray | None = None) -> tuple[Lines, np.ndarray]:
-    """Two points in 12 poses, one not seen once and one with a gross error; the first compliance comes out negative."""
+    """Two points in 12 poses, one not seen once and one with a gross error; the first compliance
+    comes out negative.
+    """
     rng = np.random.default_rng(5)
-    slopes, x = rng.normal(size=(12, 2, 3, 4)), np.array([-0.02, 0.3, 0.5, -0.7])
+    slopes = rng.normal(size=(12, 2, 3, 4))
+    x = np.array([-0.02, 0.3, 0.5, -0.7])
     measured = slopes @ x + 0.01 * rng.normal(size=(12, 2, 3))
     measured[4, 1], measured[7, 0, 2] = np.nan, measured[7, 0, 2] + 0.5
     rows = [
@@ -402,12 +421,15 @@ def lines(robust: bool, whitening: np.ndarray | None = None) -> tuple[Lines, np.
 
 @pytest.mark.parametrize("case", ["least squares", "robust", "whitened"])
 def test_a_fit_minimizes_its_documented_objective(case: str) -> None:
-    """With the scale of its own errors, found by a minimizer without slopes; a compliance ends at its bound."""
+    """With the scale of its own errors, found by a minimizer without slopes; a compliance ends at
+    its bound.
+    """
     root = 50 * (np.eye(6) + 0.2 * np.random.default_rng(2).normal(size=(12, 6, 6)))
     problem, slopes = lines(case != "least squares", root if case == "whitened" else None)
     told: list[str] = []
     found = fit(problem, np.array([0.1, 0.2, 0.0, -0.5]), progress=told.append)
-    start, sd = np.array([0.1, 0.2, 0.0, -0.5]), np.array([1.0, 0.05, np.inf, 0.5])
+    start = np.array([0.1, 0.2, 0.0, -0.5])
+    sd = np.array([1.0, 0.05, np.inf, 0.5])
     seen = np.isfinite(problem.measured).all(axis=2) & problem.valid
     assert seen.sum() == 23 and found.converged
 
@@ -417,27 +439,27 @@ def test_a_fit_minimizes_its_documented_objective(case: str) -> None:
         return np.asarray(gap)
 
     def cost(x: np.ndarray, scale: float) -> float:
-        u, times = np.sqrt((gaps(x) ** 2).sum(axis=2)) / scale, 1
+        u = np.sqrt((gaps(x) ** 2).sum(axis=2)) / scale
+        times = 1
         if case == "whitened":
-            u, times = (
-                np.sqrt(
-                    np.array(
-                        [
-                            (root[i] @ gaps(x)[i].ravel()) @ (root[i] @ gaps(x)[i].ravel())
-                            for i in range(12)
-                        ]
-                    )
-                    / 2
-                ),
-                2,
+            u = np.sqrt(
+                np.array(
+                    [
+                        (root[i] @ gaps(x)[i].ravel()) @ (root[i] @ gaps(x)[i].ravel())
+                        for i in range(12)
+                    ]
+                )
+                / 2
             )
+            times = 2
         loss = u**2 if case == "least squares" else np.where(u > 2.5, 5.0 * u - 6.25, u**2)
         return float(times * loss.sum() + (((x - start) / sd) ** 2).sum())
 
     x = start.copy()
     for _ in range(4):
         scale = float(np.median(np.sqrt((gaps(x) ** 2).sum(axis=2))[seen])) / 1.538172
-        args, bounds = (scale,), [(1e-4, None), (2e-4, None), (None, None), (None, None)]
+        args = (scale,)
+        bounds = [(1e-4, None), (2e-4, None), (None, None), (None, None)]
         x = minimize(cost, x, args=args, bounds=bounds, method="SLSQP", options={"ftol": 1e-10}).x
     assert_allclose(found.x, x, atol=1e-4)
     assert found.x[0] == 1e-4 and found.scale == pytest.approx(scale, rel=1e-2)
@@ -447,7 +469,9 @@ def test_a_fit_minimizes_its_documented_objective(case: str) -> None:
     assert told[0] == f"step 0: mean error {mean:.3f} mm" and len(told) < 12
     sure = accuracy_of(problem, found)
     assert (
-        not sure.covariance[0].any() and not sure.covariance[:, 0].any() and not sure.pull[1:].any()
+        not sure.covariance[0].any()
+        and not sure.covariance[:, 0].any()
+        and not sure.pull[1:].any()
     )
     # the objective is quadratic: where the compliance would be without a bound
     if case == "least squares":
@@ -474,10 +498,13 @@ def test_a_fit_that_ends_early_has_not_converged(monkeypatch: pytest.MonkeyPatch
 
 
 def test_errors_of_a_small_robot_keep_their_scale() -> None:
-    """A floor of 1 um made priors stronger than points of a robot of 2 cm that are measured to 0.1 um."""
+    """A floor of 1 um made priors stronger than points of a robot of 2 cm that are measured to 0.1
+    um.
+    """
     for size, least in ((0.02, 2e-8), (3.0, 1e-6), (0.0, 1e-6)):
         measured = np.zeros((3, 1, 3))
-        measured[1, 0, 2], measured[2, 0] = size, np.nan
+        measured[1, 0, 2] = size
+        measured[2, 0] = np.nan
         made = Problem(SimpleNamespace(touches=None), measured, [], True)  # type: ignore[arg-type]
         for error in (1e-7, 1e-12):
             found = made.scale(np.full((3, 1), error))

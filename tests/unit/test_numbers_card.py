@@ -1,4 +1,6 @@
-"""Numbers of a GPU: codes of CUDA as published, sizes of workspaces, shapes of many problems, calls of a function."""
+"""Numbers of a GPU: codes of CUDA as published, sizes of workspaces, shapes of many problems,
+calls of a function.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,9 @@ from flexgen.spec.ports import Port
 
 
 def test_codes_of_the_driver_are_those_of_its_header() -> None:
-    """Of cuda.h: CU_DEVICE_ATTRIBUTE_..., CU_POINTER_ATTRIBUTE_DEVICE_ORDINAL, CUDA_ERROR_..., and its largest grid."""
+    """Of cuda.h: CU_DEVICE_ATTRIBUTE_..., CU_POINTER_ATTRIBUTE_DEVICE_ORDINAL, CUDA_ERROR_..., and
+    its largest grid.
+    """
     assert (driver._MAJOR, driver._MINOR, driver._ORDINAL) == (75, 76, 9)
     assert (driver._OUT_OF_MEMORY, driver._NO_DEVICE, driver._LAUNCH_RESOURCES) == (2, 100, 701)
     assert driver._SMALLEST == (7, 5) and driver._MOST_BLOCKS == 2147483647
@@ -50,7 +54,8 @@ class Array:
     """An array on a card; what was demanded of it."""
 
     def __init__(self, *shape: int) -> None:
-        self.shape, self.demanded = shape, None
+        self.shape = shape
+        self.demanded = None
 
     def demand(self, shape: Any, real: Any, order: str) -> None:
         assert (real, order) == (np.float64, "C")
@@ -59,7 +64,9 @@ class Array:
 
 @pytest.mark.parametrize("own", [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 1)])
 def test_many_problems_share_what_they_do_not_have_of_their_own(own: tuple[int, int, int]) -> None:
-    """Paths with their rates, parameters, and starts: each of them one, or one for each of seven problems."""
+    """Paths with their rates, parameters, and starts: each of them one, or one for each of seven
+    problems.
+    """
     inverter = Made(
         _sizes={"n_t": 4, "n_y": 3, "n_a": 2}, _real=np.float64, _parameters=np.zeros(5)
     )
@@ -98,12 +105,14 @@ def test_many_problems_share_what_they_do_not_have_of_their_own(own: tuple[int, 
             made._demand(given)
 
 
-# --- calls of one function --------------------------------------------------------------------------------------------
+# --- calls of one function -----------------------------------------------------------------------
 class Kernel:
     """The kernel of y = p_0 q + (p_1, p_2), which fails with a status where q_1 is not finite."""
 
     def __init__(self, status: int = 3) -> None:
-        self.status, self.started, self.grids = status, [], []
+        self.status = status
+        self.started = []
+        self.grids = []
 
     def bind_arguments(self, where: ctypes.c_void_p) -> int:
         place = ctypes.cast(where, ctypes.POINTER(ctypes.c_void_p))
@@ -114,7 +123,8 @@ class Kernel:
         self.grids.append((blocks, threads))
         n, q, p, y, flag = self.started[(call.value or 0) - 1]
         columns = [
-            np.frombuffer((ctypes.c_double * (2 * n)).from_address(x)).reshape(2, n) for x in (q, y)
+            np.frombuffer((ctypes.c_double * (2 * n)).from_address(x)).reshape(2, n)
+            for x in (q, y)
         ]
         p_0, *rest = np.frombuffer((ctypes.c_double * 3).from_address(p))
         columns[1][:] = p_0 * columns[0] + np.array(rest)[:, None]
@@ -161,9 +171,12 @@ def sent(card: driver.Card, x: Any) -> DeviceArray:
 
 def test_parameters_are_those_of_the_model_where_none_are_given(gpu: FakeDriver) -> None:
     """They are written to the card once, and used on all streams; so are those of the caller."""
-    card, kernel = driver.Card(1), Kernel()
-    scaled, q = function_on(card, kernel), np.random.default_rng(2).normal(size=(150, 2))
-    given, free = sent(card, q), gpu.free[1]
+    card = driver.Card(1)
+    kernel = Kernel()
+    scaled = function_on(card, kernel)
+    q = np.random.default_rng(2).normal(size=(150, 2))
+    given = sent(card, q)
+    free = gpu.free[1]
     found = [scaled(given, stream=stream) for stream in (None, gpu.new_stream(), gpu.new_stream())]
     for x in found:
         assert_array_equal(x.numpy(), 3.0 * q + [0.5, -1.0])
@@ -179,9 +192,12 @@ def test_parameters_are_those_of_the_model_where_none_are_given(gpu: FakeDriver)
 
 
 def test_what_a_function_on_a_card_refuses(gpu: FakeDriver) -> None:
-    card, kernel = driver.Card(0), Kernel()
-    scaled, q = function_on(card, kernel), np.ones((9, 2))
-    bad, free = sent(card, np.where(np.arange(18).reshape(9, 2) == 12, np.nan, 1.0)), gpu.free[0]
+    card = driver.Card(0)
+    kernel = Kernel()
+    scaled = function_on(card, kernel)
+    q = np.ones((9, 2))
+    bad = sent(card, np.where(np.arange(18).reshape(9, 2) == 12, np.nan, 1.0))
+    free = gpu.free[0]
     with pytest.raises(SolverError, match=r"^scaled, point 6: no number$"):
         scaled(bad)
     kernel.status = 200
@@ -190,7 +206,8 @@ def test_what_a_function_on_a_card_refuses(gpu: FakeDriver) -> None:
     assert np.isnan(scaled(bad, check=False).numpy()).sum() == 1
     gpu.cuStreamSynchronize(0)
     assert gpu.free[0] == free - 3 * 8  # only the parameters are kept
-    given, both = sent(card, q), sent(card, np.zeros((9, 4)))
+    given = sent(card, q)
+    both = sent(card, np.zeros((9, 4)))
     half = DeviceArray(card, both._address + 8, (9, 2), (8, 72), np.dtype(float), None)
     first = DeviceArray(card, both._address, (9, 2), (8, 72), np.dtype(float), None)
     last = DeviceArray(card, both._address + 144, (9, 2), (8, 72), np.dtype(float), None)
@@ -227,7 +244,7 @@ def test_what_a_function_on_a_card_refuses(gpu: FakeDriver) -> None:
         scaled(given)
 
 
-# --- whole inversions -------------------------------------------------------------------------------------------------
+# --- whole inversions ----------------------------------------------------------------------------
 class Problems(ctypes.Structure):
     _fields_ = tuple(
         (name, ctypes.c_int64) for name in ("count", "own_path", "own_parameters", "own_q_start")
@@ -286,7 +303,9 @@ KINDS = (
 
 
 class Solver:
-    """A kernel whose torques are y + dy ddy, times the parameter and plus q_start; positions are -y, twice as many."""
+    """A kernel whose torques are y + dy ddy, times the parameter and plus q_start; positions are
+    -y, twice as many.
+    """
 
     def __init__(self) -> None:
         self.started: list[list[Any]] = []
@@ -307,7 +326,8 @@ class Solver:
         problems, samples, parameters, q_start, options, motion, info, status = self.started[
             (call.value or 0) - 1
         ]
-        n, total = samples.n, samples.n + options.n_pre + options.n_post
+        n = samples.n
+        total = samples.n + options.n_pre + options.n_post
 
         def numbers(address: int, *shape: int) -> np.ndarray:
             return np.frombuffer(
@@ -329,14 +349,18 @@ class Solver:
             if motion.q_a:
                 numbers(motion.q_a, problems.count, total, 2)[k, inside] = -y[:, None]
             told = Info.from_address(info.value + k * ctypes.sizeof(Info))
-            told.residual, told.iterations, told.n_post = samples.period * k, 3 + k, options.n_post
+            told.residual = samples.period * k
+            told.iterations = 3 + k
+            told.n_post = options.n_post
             ctypes.c_int.from_address(status.value + k * ctypes.sizeof(ctypes.c_int)).value = -k
 
 
 def many(
     card: driver.Card, solver: Solver, asked: list[int], reals: int = 100
 ) -> inversion.CudaManyInverter:
-    """Of a robot with one output, one motor and two coordinates, whose workspace has ``reals`` of a path of 5."""
+    """Of a robot with one output, one motor and two coordinates, whose workspace has ``reals`` of
+    a path of 5.
+    """
     inverter: Any = Made(
         _sizes={"n_t": 1, "n_y": 1, "n_a": 1},
         _real=np.dtype(float),
@@ -352,7 +376,7 @@ def many(
         _widths=lambda: {"q_a": 2, "v_a": 2, "a_a": 2, "tau_g": 1, "q_m": 1, "v_m": 1, "tau_m": 1},
         _interface=Made(sentences={0: "converged", -1: "not converged"}),
     )
-    return inversion.CudaManyInverter(inverter, card, lambda work: asked.append(work) or solver)  # type: ignore[func-returns-value]
+    return inversion.CudaManyInverter(inverter, card, lambda work: asked.append(work) or solver)
 
 
 def rows(card: driver.Card, x: Any) -> DeviceArray:
@@ -364,11 +388,15 @@ def rows(card: driver.Card, x: Any) -> DeviceArray:
 
 
 def test_many_problems_are_solved_by_one_kernel_with_their_own_numbers(gpu: FakeDriver) -> None:
-    card, solver, asked = driver.Card(0), Solver(), []
-    solve, rng = many(card, solver, asked), np.random.default_rng(5)
+    card = driver.Card(0)
+    solver = Solver()
+    asked = []
+    solve = many(card, solver, asked)
+    rng = np.random.default_rng(5)
     y, dy, ddy = rng.normal(size=(3, 40, 5, 1))
     options = InversionOptions(n_pre=2, n_post=3)
-    path, common = [rows(card, x) for x in (y, dy, ddy)], {"period": 0.25, "options": options}
+    path = [rows(card, x) for x in (y, dy, ddy)]
+    common = {"period": 0.25, "options": options}
     start = rows(card, [7.0])
     found = solve(*path, q_start=start, **common)
     assert_array_equal(found.tau_m.numpy()[:, 2:7], 2.0 * (y + dy * ddy) + 7.0)
@@ -384,7 +412,8 @@ def test_many_problems_are_solved_by_one_kernel_with_their_own_numbers(gpu: Fake
     assert found.sentence(1) == "not converged" and found.sentence(2) == "unknown status -2"
     # 40 threads; an eighth of 64 more than 100 reals, at most
     assert solver.grids == [(2, 32)] and asked == [104]
-    shared, factors = [rows(card, x[0]) for x in (y, dy, ddy)], rows(card, [[1.0], [3.0]])
+    shared = [rows(card, x[0]) for x in (y, dy, ddy)]
+    factors = rows(card, [[1.0], [3.0]])
     stream = gpu.new_stream()
     found = solve.on(stream)(
         *shared,
@@ -406,11 +435,18 @@ def test_many_problems_are_solved_by_one_kernel_with_their_own_numbers(gpu: Fake
 
 
 def test_what_whole_inversions_on_a_card_refuse(gpu: FakeDriver) -> None:
-    card, solver, asked = driver.Card(0), Solver(), []
-    path, start = [rows(card, np.ones((3, 5, 1))) for _ in range(3)], rows(card, [7.0])
-    two, free = rows(card, np.zeros((2, 1))), gpu.free[0]
+    card = driver.Card(0)
+    solver = Solver()
+    asked = []
+    path = [rows(card, np.ones((3, 5, 1))) for _ in range(3)]
+    start = rows(card, [7.0])
+    two = rows(card, np.zeros((2, 1)))
+    free = gpu.free[0]
     solve = many(card, solver, asked, 36865)
-    needed = "given problems that need 327680 bytes of workspace each, expected at most 300000 on the card; "
+    needed = (
+        "given problems that need 327680 bytes of workspace each, expected at most 300000 on "
+        "the card; "
+    )
     with pytest.raises(ArgumentError, match=f"^invert_many: {needed}"):
         solve(*path, period=0.25, q_start=start)
     solve = many(card, solver, asked, 36864)
@@ -444,7 +480,9 @@ def test_what_whole_inversions_on_a_card_refuse(gpu: FakeDriver) -> None:
         match=r"^invert_many, parameters: given to a library without run-time parameters",
     ):
         solve(*path, period=0.25, q_start=start, parameters=start)
-    with pytest.raises(ArgumentError, match="invert_many, stream: given 'mine', expected a stream"):
+    with pytest.raises(
+        ArgumentError, match="invert_many, stream: given 'mine', expected a stream"
+    ):
         solve.on("mine")
     gpu.cuStreamSynchronize(0)
     assert gpu.free[0] == free and not solver.started and not asked

@@ -1,8 +1,10 @@
-"""Faults of a record as changes of its responses, one by one; their words; poses and channels of recordings.
+"""Faults of a record as changes of its responses, one by one; their words; poses and channels of
+recordings.
 
 Of `flexgen.identification.causes.hypotheses`, `flexgen.identification.recordings.experiment_file`,
 `flexgen.records.description`, `flexgen.simulation.result`, `flexgen.mechanics.beam`,
-`flexgen.analysis.gear_changes`, `flexgen.identification.causes.explain`, `flexgen.inversion.verification`.
+`flexgen.analysis.gear_changes`, `flexgen.identification.causes.explain`,
+`flexgen.inversion.verification`.
 """
 
 from __future__ import annotations
@@ -37,7 +39,8 @@ def responses() -> Frf:
     def of(*shape: int) -> np.ndarray:
         return rng.normal(size=shape) + 1j * rng.normal(size=shape)
 
-    A, B = of(2, 3, 3, 3), of(2, 3, 2, 2)
+    A = of(2, 3, 3, 3)
+    B = of(2, 3, 2, 2)
     C, UU = (x @ x.conj().swapaxes(-1, -2) for x in (A, B))
     numbers = {"periods": 5, "experiments": 3, "sample_s": 1e-3, "delay_s": 2e-3, "warnings": ()}
     numbers |= {"model": "arm", "motors": ("m1", "m2"), "sensors": ("a.x",), "orders": (1,)}
@@ -55,8 +58,10 @@ def responses() -> Frf:
 
 def test_a_change_of_channels_is_one_of_responses_and_covariances() -> None:
     """``y -> L y`` and ``u -> R^-1 u``, as of each line; variances by squares."""
-    data, rng = responses(), np.random.default_rng(2)
-    L, R = rng.normal(size=(3, 3)), rng.normal(size=(2, 2))
+    data = responses()
+    rng = np.random.default_rng(2)
+    L = rng.normal(size=(3, 3))
+    R = rng.normal(size=(2, 2))
     found = hypotheses.transform(data, L, R)
     for at in np.ndindex(2, 3):
         assert_allclose(found.G[at], L @ data.G[at] @ R)
@@ -74,7 +79,9 @@ def test_a_change_of_channels_is_one_of_responses_and_covariances() -> None:
 
 
 def test_all_faults_of_a_record_are_tried() -> None:
-    """Words and changes of each, in their order; L and R are rows of what is exchanged, scaled or turned around."""
+    """Words and changes of each, in their order; L and R are rows of what is exchanged, scaled or
+    turned around.
+    """
     data = responses()
     found = list(hypotheses.changes_of(data))
     deg = np.pi / 180
@@ -182,7 +189,11 @@ def test_an_angle_is_that_of_poses_only(pose: str) -> None:
     y = np.array([np.array(output(x)).ravel() for x in q])
     R = np.array([np.array(forward(x)[1]) for x in q])
     turn = np.array(
-        [[math.cos(0.1), -math.sin(0.1), 0.0], [math.sin(0.1), math.cos(0.1), 0.0], [0.0, 0.0, 1.0]]
+        [
+            [math.cos(0.1), -math.sin(0.1), 0.0],
+            [math.sin(0.1), math.cos(0.1), 0.0],
+            [0.0, 0.0, 1.0],
+        ]
     )
     reference = {"y_ref": y - 0.25, "R_ref": np.array([R[0], turn @ R[1]]).reshape(2, 9)}
     error, distance, angle = output_error(equations, reference, q)
@@ -205,7 +216,9 @@ def test_modes_of_a_beam_bend_in_their_direction() -> None:
 
 
 def test_changes_of_gears_are_a_compromise_of_responses_and_prior() -> None:
-    """With much noise they are zero with the covariance of the prior; else the least squares of an own program."""
+    """With much noise they are zero with the covariance of the prior; else the least squares of an
+    own program.
+    """
     rng = np.random.default_rng(4)
 
     def of(*shape: int) -> np.ndarray:
@@ -220,7 +233,8 @@ def test_changes_of_gears_are_a_compromise_of_responses_and_prior() -> None:
         stiffness=np.array([3.0]),
         inertia=np.array([0.2]),
     )
-    x, h = np.array([0.3, -0.1, 0.2, 0.5]), 1e-6
+    x = np.array([0.3, -0.1, 0.2, 0.5])
+    h = 1e-6
     assert model.frequency == pytest.approx(10.0)
     assert_allclose(model.prior, [2.0, 0.5, 0.5, 5.0])
     assert_allclose(model.units, [[3.0], [3.0], [0.3], [2.0]])
@@ -248,7 +262,9 @@ def test_changes_of_gears_are_a_compromise_of_responses_and_prior() -> None:
 
 @pytest.mark.parametrize("kind", ["tool_pose", "tool_position", "combination"])
 def test_the_error_of_a_plan_is_the_distance_of_the_simulated_output(kind: str) -> None:
-    """The largest of all instants, and the angle of a pose; nothing for a unit that the output does not have."""
+    """The largest of all instants, and the angle of a pose; nothing for a unit that the output
+    does not have.
+    """
     equations = derive("elbow") if kind != "combination" else derive("four_mass")
     if kind == "tool_pose":
         equations = derive(replace(equations.model, output=Output("tool_pose")))
@@ -272,7 +288,8 @@ class Motion:
     """Arm coordinates at some instants."""
 
     def __init__(self, q_a: np.ndarray) -> None:
-        self.time, self.q_a = np.arange(float(len(q_a))), q_a
+        self.time = np.arange(float(len(q_a)))
+        self.q_a = q_a
 
     def __getitem__(self, name: str) -> np.ndarray:
         assert name == "q_a"
@@ -280,10 +297,13 @@ class Motion:
 
 
 def test_a_factor_of_the_responses_is_fitted_with_the_numbers_and_its_prior() -> None:
-    """Linear residuals in a number and in the logarithm of the factor: the minimum of the squares with both priors."""
+    """Linear residuals in a number and in the logarithm of the factor: the minimum of the squares
+    with both priors.
+    """
     rows = np.array([[2.0, 0.0], [0.0, 0.4], [0.3, 0.3]])
     target = np.array([3.0, 0.5, 0.2])
-    start, sd = np.array([0.8]), np.array([0.6])
+    start = np.array([0.8])
+    sd = np.array([0.6])
 
     def on(data: float) -> Any:
         def weight(x: np.ndarray, derivatives: bool) -> tuple[np.ndarray, np.ndarray | None]:
@@ -311,9 +331,9 @@ def test_a_factor_of_the_responses_is_fitted_with_the_numbers_and_its_prior() ->
     )
     cost, words, factor = explain.refit(on(1.0), change, np.array([2.5]))
     prior = np.diag(1 / np.array([0.6, explain.LARGEST_FACTOR]))
-    best = np.linalg.lstsq(np.vstack([rows, prior]), np.r_[target, prior @ [0.8, 0.0]], rcond=None)[
-        0
-    ]
+    best = np.linalg.lstsq(
+        np.vstack([rows, prior]), np.r_[target, prior @ [0.8, 0.0]], rcond=None
+    )[0]
     assert (
         factor == pytest.approx(np.exp(best[1]), rel=1e-5) and words == "late" and told == [factor]
     )

@@ -1,4 +1,6 @@
-"""Numbers of a checked model by hand; costs and bounds of a discretized motion; searches along a path in steps."""
+"""Numbers of a checked model by hand; costs and bounds of a discretized motion; searches along a
+path in steps.
+"""
 
 from __future__ import annotations
 
@@ -29,28 +31,28 @@ ELBOW: dict[str, Any] = {
 }
 
 
-# --- plausibility -----------------------------------------------------------------------------------------------------
+# --- plausibility --------------------------------------------------------------------------------
 def test_numbers_of_a_checked_model_are_those_of_its_file() -> None:
-    """Of the elbow at home: bodies, drives and springs, with masses and torques of gravity at the joints."""
+    """Of the elbow at home: bodies, drives and springs, with masses and torques of gravity at the
+    joints.
+    """
     model = flexgen.read("elbow", overrides=ELBOW)
-    equations, q = derive(model), np.radians([30.0, -20.0])
+    equations = derive(model)
+    q = np.radians([30.0, -20.0])
     M = np.diag(np.array(equations.function("mass_matrix")(q)))
     G = np.abs(np.array(equations.function("gravity")(q)).ravel())
-    m, trace, length = (
-        np.array([339.12, 190.25]),
-        np.array([88.67 + 88.67 + 7.5, 4.0 + 2 * 48.64]),
-        1.150 + 1.241,
-    )
-    K, D, ratio, rotor = (
-        np.array([7.5189e6, 4.0999e6]),
-        np.array([1400.0, 600.0]),
-        np.array([1872 / 7, 757 / 3]),
-        0.0118,
-    )
+    m = np.array([339.12, 190.25])
+    trace = np.array([88.67 + 88.67 + 7.5, 4.0 + 2 * 48.64])
+    length = 1.150 + 1.241
+    K = np.array([7.5189e6, 4.0999e6])
+    D = np.array([1400.0, 600.0])
+    ratio = np.array([1872 / 7, 757 / 3])
+    rotor = 0.0118
     ball = 2 / 5 * m * (3 * m / (4 * np.pi * 7850.0)) ** (2 / 3)
     expected: dict[tuple[str, str], float] = {}
     for k, (body, joint, motor) in enumerate((("upper", "q1", "m1"), ("fore", "q2", "m2"))):
-        place, spring = f"element.{body}.body", f"element.{body}.dof.{joint}.gear"
+        place = f"element.{body}.body"
+        spring = f"element.{body}.dof.{joint}.gear"
         expected |= {
             (f"{place}.mass", "inertia to that of a steel ball of this mass"): trace[k]
             / (3 * ball[k]),
@@ -66,7 +68,8 @@ def test_numbers_of_a_checked_model_are_those_of_its_file() -> None:
             (f"{spring}.spring.stiffness", "lowest mode of the spring"): np.sqrt(K[k] / M[k])
             / (2 * np.pi),
             (f"{spring}.spring.stiffness", "deflection by gravity at home"): G[k] / K[k],
-            (f"{spring}.damping", "damping ratio of the spring"): D[k] / (2 * np.sqrt(K[k] * M[k])),
+            (f"{spring}.damping", "damping ratio of the spring"): D[k]
+            / (2 * np.sqrt(K[k] * M[k])),
         }
     expected |= {
         ("motor.m1.speed_max", "motor speed"): 300.0,
@@ -153,11 +156,14 @@ def test_real_poles_are_told_where_they_are_fast() -> None:
     assert numbers.report_overdamped(poles, 60.0).value == "none"
 
 
-# --- the method full --------------------------------------------------------------------------------------------------
+# --- the method full -----------------------------------------------------------------------------
 def test_costs_and_bounds_of_a_discretized_motion() -> None:
-    """Two intervals of an arm with one joint and one motor: places of the terms in the unknowns."""
+    """Two intervals of an arm with one joint and one motor: places of the terms in the
+    unknowns.
+    """
     model: Any = Made(dof=2, n_m=1)
-    stages, size = full_model.STAGES, 3 * 6 + 2 * full_model.STAGES * 4
+    stages = full_model.STAGES
+    size = 3 * 6 + 2 * full_model.STAGES * 4
     accelerations = np.arange(18, 18 + 30).reshape(2 * stages, 3)
     errors = np.arange(48, 58).reshape(2 * stages, 1)
     mesh: Any = Made(N=2, n=3, n_nodes=18, size=size, own=(accelerations, errors))
@@ -168,7 +174,8 @@ def test_costs_and_bounds_of_a_discretized_motion() -> None:
     for finite, rho in ((np.zeros(0, int), 1e-9), (np.array([0]), 1e-3)):
         bounds: Any = Made(finite=finite.tolist(), torque=np.array([8.0]))
         weight, aim = full_model._cost(model, mesh, slow, 0.5, bounds)
-        expected, target = np.zeros(size), np.zeros(size)
+        expected = np.zeros(size)
+        target = np.zeros(size)
         expected[errors.ravel()] = 1 / (2 * stages)
         expected[accelerations[:, 2]] = rho / (2 * stages) * (full_model.ACCELERATION * 0.5) ** 2
         expected[12:18] = [1e3, 1e3, 0.0, 1e3, 1e3, 1e3]
@@ -185,12 +192,14 @@ def test_costs_and_bounds_of_a_discretized_motion() -> None:
         assert np.isinf(lower[others]).all() and np.isinf(upper[others]).all()
 
 
-# --- the derivative array ---------------------------------------------------------------------------------------------
+# --- the derivative array ------------------------------------------------------------------------
 @pytest.mark.parametrize("reach", [1.0, 0.5, 0.25, 0.125])
 def test_consistent_points_are_found_at_rising_speeds(
     reach: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Steps are halved where one fails, down to an eighth; derivatives of order k scale as the speed to the power k."""
+    """Steps are halved where one fails, down to an eighth; derivatives of order k scale as the
+    speed to the power k.
+    """
     asked: list[float] = []
 
     def newton(
@@ -207,7 +216,7 @@ def test_consistent_points_are_found_at_rising_speeds(
     guess = np.array([[[1.0], [2.0], [3.0]]])
     monkeypatch.setattr(taylor_array, "_quasistatic_motion", lambda *given: guess)
     series: Any = Made(dae=None, scales=lambda point: "scales")
-    out, scales = taylor_array.consistent(series, None, np.array([0.3]), 1)  # type: ignore[arg-type]
+    out, scales = taylor_array.consistent(series, None, np.array([0.3]), 1)
     assert_allclose(out[0, :, 0], [1.0, 2.0, 3.0])
     assert done == pytest.approx(np.arange(1, round(1 / reach) + 1) * reach) and scales == [
         "scales"
@@ -223,12 +232,15 @@ def test_a_path_without_consistent_points_is_refused(monkeypatch: pytest.MonkeyP
     )
     monkeypatch.setattr(taylor_array, "_quasistatic_motion", lambda *given: np.ones((1, 3, 1)))
     series: Any = Made(dae=None, scales=lambda point: None)
-    text = r"^derivative array of order 1 at t = 0\.3 s: no consistent point found beyond 0\.5 of the path's speed; try"
+    text = (
+        r"^derivative array of order 1 at t = 0\.3 s: no consistent point found beyond 0\.5 of "
+        r"the path's speed; try"
+    )
     with pytest.raises(SolverError, match=text):
         taylor_array.consistent(series, None, np.array([0.3]), 1)  # type: ignore[arg-type]
 
 
-# --- the verb solve ---------------------------------------------------------------------------------------------------
+# --- the verb solve ------------------------------------------------------------------------------
 def test_files_of_several_moves_have_their_names() -> None:
     assert (
         verbs._insert_name(Path("out/line.npz"), "a") == Path("out/line_a.npz")
@@ -249,7 +261,7 @@ def test_files_of_several_moves_have_their_names() -> None:
     robot.n_a -= 1
     verbs._announce(Namespace(method="full"), robot, told.append)
     assert len(told) == 1
-    assert verbs.failure_of(Made(status=verbs.Status.LIMITS_EXCEEDED)) == 3  # type: ignore[arg-type]
+    assert verbs.failure_of(Made(status=verbs.Status.LIMITS_EXCEEDED)) == 3
     assert verbs.failure_of(Made(status=verbs.Status.SOLVED)) == 1  # type: ignore[arg-type]
 
 
@@ -259,7 +271,7 @@ def full_largest() -> int:
     return FULL_LARGEST
 
 
-# --- identified numbers -----------------------------------------------------------------------------------------------
+# --- identified numbers --------------------------------------------------------------------------
 @pytest.mark.parametrize(
     ("weights", "sd", "scale", "weak"),
     [
@@ -273,7 +285,9 @@ def full_largest() -> int:
 def test_numbers_that_data_do_not_determine_are_weak(
     weights: str, sd: float, scale: str, weak: tuple[bool, bool], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Of two numbers the second is a viscous friction next to Coulomb friction: hidden in frequency responses."""
+    """Of two numbers the second is a viscous friction next to Coulomb friction: hidden in
+    frequency responses.
+    """
     monkeypatch.setattr(result, "with_coulomb", lambda model: ("m1.viscous",))
     names = ("q1.stiffness", "m1.viscous")
     made: Any = object.__new__(result.IdentificationResult)

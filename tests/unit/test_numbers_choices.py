@@ -1,4 +1,6 @@
-"""Controllers by name, torques of hysteresis along a motion, counterbalances of a fit, mistakes of a rigid model."""
+"""Controllers by name, torques of hysteresis along a motion, counterbalances of a fit, mistakes of
+a rigid model.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,9 @@ def layer(stiffness: float, slip: float) -> Layer:
 
 
 def test_torques_of_elements_follow_a_motion_with_reversals() -> None:
-    """``z' = K_h (1 - sign(p') z / W) p'`` by SciPy, the sum of two elements; a gear without one has none."""
+    """``z' = K_h (1 - sign(p') z / W) p'`` by SciPy, the sum of two elements; a gear without one
+    has none.
+    """
     p = np.array([0.0, 0.1, 0.4, 0.4, 0.25, -0.6, -0.6, 0.3])
     layers = (layer(30.0, 4.0), layer(50.0, 9.0))
     found = torque_along(layers, np.stack([p, p], axis=1))
@@ -57,7 +61,9 @@ def test_torques_of_elements_follow_a_motion_with_reversals() -> None:
 def test_before_a_reversal_an_element_is_its_tangent() -> None:
     """Where a search tries a deflection before it: value and slope continue."""
     one = layer(30.0, 4.0)
-    s, z_r, none = np.array([1.0, 1.0]), np.array([-1.5, 0.0]), np.zeros(2)
+    s = np.array([1.0, 1.0])
+    z_r = np.array([-1.5, 0.0])
+    none = np.zeros(2)
     (z, rise), (ahead, rise_ahead), (back, _) = (
         one.along(np.full(2, way), z_r, s, none) for way in (0.0, 1e-6, -1e-3)
     )
@@ -69,7 +75,9 @@ def test_before_a_reversal_an_element_is_its_tangent() -> None:
 
 
 def test_counterbalances_of_a_fit_relieve_the_motor() -> None:
-    """Harmonics from the second on, times the largest ratio of the joint, with the other sign; others are kept."""
+    """Harmonics from the second on, times the largest ratio of the joint, with the other sign;
+    others are kept.
+    """
     file = ((1.0, 2.0), (3.0, 4.0), (5.0, 6.0), (7.0, 8.0))
     dofs = [Made(name="q1", counterbalance=file), Made(name="q2", counterbalance=())]
     coordinates = [Made(name="q1"), Made(name="q2")]
@@ -85,13 +93,18 @@ def test_counterbalances_of_a_fit_relieve_the_motor() -> None:
 
 
 def test_a_mistake_that_explains_the_errors_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    """With its value to first order; not one that a term of the fit could explain, or one below noise."""
-    n, rng = 400, np.random.default_rng(2)
+    """With its value to first order; not one that a term of the fit could explain, or one below
+    noise.
+    """
+    n = 400
+    rng = np.random.default_rng(2)
     t = np.linspace(0.0, 8.0, n)
     terms = [np.sin(t)[:, None], np.cos(t)[:, None]]
-    wrong, other = np.zeros((n, 2)), np.zeros((n, 2))
+    wrong = np.zeros((n, 2))
+    other = np.zeros((n, 2))
     # the second one is a term of the fit
-    wrong[:, 0], other[:, 1] = np.sign(np.sin(3 * t)), np.cos(t)
+    wrong[:, 0] = np.sign(np.sin(3 * t))
+    other[:, 1] = np.cos(t)
     columns = np.stack([other, wrong, 0.2 * rng.normal(size=(n, 2))], axis=2)
     names = [("a ratio times", 1.0), ("a torque times", 1.0), ("gravity more by", 0.0)]
     falling = np.zeros((n, 2, 4))
@@ -99,7 +112,8 @@ def test_a_mistake_that_explains_the_errors_is_named(monkeypatch: pytest.MonkeyP
     fades = np.array([1.0, 1.0, 5.0, 5.0])
     monkeypatch.setattr(rigid_mistakes, "_candidates", lambda *given: (names, columns, 0.02))
     monkeypatch.setattr(rigid_mistakes, "_fade_columns", lambda *given: (fades, falling))
-    noise, whole = 0.05 * rng.normal(size=(n, 2)), Made(fades=np.zeros(2), period=2 / 3)
+    noise = 0.05 * rng.normal(size=(n, 2))
+    whole = Made(fades=np.zeros(2), period=2 / 3)
 
     def causes(error: np.ndarray) -> Any:
         search: Any = rigid_mistakes.find_causes
@@ -115,9 +129,8 @@ def test_a_mistake_that_explains_the_errors_is_named(monkeypatch: pytest.MonkeyP
     assert mistake.what == "a torque times" and mistake.value == pytest.approx(1.3, abs=0.02)
     left = 0.3 * wrong[:, 0] + noise[:, 0]
     assert 0.9 < mistake.share <= 1 - (noise[:, 0] ** 2).sum() / (left**2).sum() + 0.05
-    assert (
-        mistake.sentence
-        == f"a torque times about 1.3 explains {100 * mistake.share:.0f} % of the errors of a motor."
+    assert mistake.sentence == (
+        f"a torque times about 1.3 explains {100 * mistake.share:.0f} % of the errors of a motor."
     )
     assert found(noise) is None  # a small part of the errors
     assert found(0.01 * wrong + noise) is None
@@ -140,8 +153,11 @@ class Law:
 
 
 def test_controllers_by_name_file_or_object(monkeypatch: pytest.MonkeyPatch) -> None:
-    """With the title that results have; without elasticity there is no notch; unknown names list the known ones."""
-    model, motion = flexgen.read("elbow"), [np.zeros((3, 2))] * 7
+    """With the title that results have; without elasticity there is no notch; unknown names list
+    the known ones.
+    """
+    model = flexgen.read("elbow")
+    motion = [np.zeros((3, 2))] * 7
     asked: list[Any] = []
     asked_hz = {"position_hz": 12.345, "speed_hz": 1.0}
     used_hz = [1.0, 1.0]

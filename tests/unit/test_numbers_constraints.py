@@ -1,4 +1,6 @@
-"""Limits of a plan as constraints of its signals, and parameters of functions whose arguments are checked."""
+"""Limits of a plan as constraints of its signals, and parameters of functions whose arguments are
+checked.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,9 @@ class Phase:
 
     def __init__(self, model: Any, functions: Any = None, number: int = 0) -> None:
         self.equations = Made(model=model, function=lambda name: (functions or {})[name])
-        self.number, self.bounds, self.rows = number, dict[str, Any](), dict[str, Any]()
+        self.number = number
+        self.bounds = dict[str, Any]()
+        self.rows = dict[str, Any]()
         self.sizes = {
             "tau_m": 2,
             "v_m": 2,
@@ -70,7 +74,9 @@ def joint(name: str, **more: Any) -> Any:
 
 
 def test_ranges_and_rates_of_joints_are_the_smaller_ones() -> None:
-    """Of the file and of the limits that are given; without those of the file their ranges are none."""
+    """Of the file and of the limits that are given; without those of the file their ranges are
+    none.
+    """
     coordinates = [
         joint("q1", lower=-1.0, upper=2.0, speed_max=3.0),
         joint("p"),
@@ -79,7 +85,8 @@ def test_ranges_and_rates_of_joints_are_the_smaller_ones() -> None:
     model: Any = Made(coordinates=coordinates, i_g=(0, 2), n_g=2)
     given = {"joint_speed": np.array([2.0, 4.0]), "joint_acceleration": np.array([np.inf, 6.0])}
     kept: Any = Made(bounds=lambda name, n: given[name])
-    whole, alone = Phase(model), Phase(model)
+    whole = Phase(model)
+    alone = Phase(model)
     model_limits._bound_joints(whole, kept, True)  # type: ignore[arg-type]
     assert whole.bounds == {
         "q_a[q1]": (-1.0, 2.0),
@@ -114,7 +121,9 @@ def test_torques_at_speeds_are_lines_in_four_quadrants() -> None:
 def test_torques_of_gears_are_those_of_springs_or_of_the_motor(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Of a rigid one the torque that the rotors and frictions leave; not where rotors turn with other bodies."""
+    """Of a rigid one the torque that the rotors and frictions leave; not where rotors turn with
+    other bodies.
+    """
     motors = [Made(inertia=0.1), Made(inertia=0.2)]
     model: Any = Made(
         i_g=(0, 1),
@@ -140,9 +149,10 @@ def test_torques_of_gears_are_those_of_springs_or_of_the_motor(
     assert_allclose(phase.value("gear torque of q2", **state), [np.array([3.0, 20.0]) @ left])
     model.motor_coupling = "complete"
     with pytest.raises(
-        ArgumentError, match="limits: given gear_torque of the rigid gear q2, expected tau_m bounds"
+        ArgumentError,
+        match="limits: given gear_torque of the rigid gear q2, expected tau_m bounds",
     ):
-        model_limits._bound_gears(Phase(model, spring), np.array([50.0, 60.0]))  # type: ignore[arg-type]
+        model_limits._bound_gears(Phase(model, spring), np.array([50.0, 60.0]))
     free = Phase(model, spring)
     model_limits._bound_gears(free, np.array([50.0, np.inf]))  # type: ignore[arg-type]
     assert list(free.rows) == ["gear torque of q1"]
@@ -150,17 +160,18 @@ def test_torques_of_gears_are_those_of_springs_or_of_the_motor(
 
 def test_speed_and_acceleration_of_the_tool_are_squares_over_their_bounds() -> None:
     """``x'' = J a + J' v``, of the position only."""
-    J, dJ = np.arange(12.0).reshape(6, 2), np.ones((6, 2))
+    J = np.arange(12.0).reshape(6, 2)
+    dJ = np.ones((6, 2))
     functions = {"jacobian": lambda q: ca.DM(J), "jacobian_dot": lambda q, v: ca.DM(dJ)}
     phase = Phase(Made(), functions)
-    model_limits._bound_tool(phase, Made(tool_speed=2.0, tool_acceleration=5.0))  # type: ignore[arg-type]
+    model_limits._bound_tool(phase, Made(tool_speed=2.0, tool_acceleration=5.0))
     assert_allclose(phase.value("speed of the tool", tool_velocity=[1.0, 2.0, 2.0]), [9.0 / 4.0])
     x = J @ [0.5, -1.0] + dJ @ [3.0, 4.0]
     found = phase.value("acceleration of the tool", a_a=[0.5, -1.0], v_a=[3.0, 4.0])
     assert_allclose(found, [x[:3] @ x[:3] / 25.0])
     assert all(row[0][1:] == (-np.inf, 1.0) for row in phase.rows.values())
     none = Phase(Made(), functions)
-    model_limits._bound_tool(none, Made(tool_speed=None, tool_acceleration=None))  # type: ignore[arg-type]
+    model_limits._bound_tool(none, Made(tool_speed=None, tool_acceleration=None))
     assert none.rows == {}
 
 

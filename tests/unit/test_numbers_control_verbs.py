@@ -1,4 +1,6 @@
-"""The verbs score and kinematics with the search behind them replaced: what they ask for, print and refuse."""
+"""The verbs score and kinematics with the search behind them replaced: what they ask for, print
+and refuse.
+"""
 
 from __future__ import annotations
 
@@ -30,13 +32,14 @@ class Scored:
     """A score that was made up."""
 
     def __init__(self, controller: str, total: float, refused: tuple[str, ...] = ()) -> None:
-        self.controller, self.total, self.worst, self.spread = controller, total, total + 2, 0.25
-        self.parts, self.rule, self.refused, self.accepted = (
-            {name: 7.0 for name in ("nominal", *SETS)},
-            "",
-            refused,
-            not refused,
-        )
+        self.controller = controller
+        self.total = total
+        self.worst = total + 2
+        self.spread = 0.25
+        self.parts = {name: 7.0 for name in ("nominal", *SETS)}
+        self.rule = ""
+        self.refused = refused
+        self.accepted = not refused
         self.table: list[Any] = []
 
     def to_dict(self) -> dict[str, Any]:
@@ -109,7 +112,9 @@ def test_refused_controllers_are_a_failure_where_no_other_is_left(asked: list[An
 def test_controllers_that_come_with_a_benchmark(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    """Those for a later version replace the first ones, and are not offered to a version before."""
+    """Those for a later version replace the first ones, and are not offered to a version
+    before.
+    """
     (tmp_path / "controllers").mkdir()
     for name in ("x-ppi", "x-2-ppi", "x-2-new", "x-3-newest", "y-other"):
         (tmp_path / "controllers" / f"{name}.toml").touch()
@@ -124,7 +129,7 @@ def test_controllers_that_come_with_a_benchmark(
     assert leaderboard.find_shipped_controllers("x").keys() == {"ppi", "new"}
 
 
-# --- kinematics -------------------------------------------------------------------------------------------------------
+# --- kinematics ----------------------------------------------------------------------------------
 FLAGS = (1, -1, 1)
 
 
@@ -164,7 +169,9 @@ def asked_for(
 
 
 def test_configurations_of_a_position(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A rotation vector along z turns the tool about z; without one the axes of the tool are those of the world."""
+    """A rotation vector along z turns the tool about z; without one the axes of the tool are those
+    of the world.
+    """
     answer, calls = asked_for(
         monkeypatch,
         [configuration()],

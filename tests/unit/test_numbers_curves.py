@@ -22,9 +22,11 @@ from flexgen.paths.speed_planning import SpeedLaw, Stretch, speed_law
 from flexgen.paths.spline import SplineCurve
 
 
-# --- MuJoCo -----------------------------------------------------------------------------------------------------------
+# --- MuJoCo --------------------------------------------------------------------------------------
 def pull(tendons: ElementTree.Element, d: float) -> float:
-    """Torque of springs ``k x + k2 x^2 + k3 x^3`` of tendons at a deflection; x: beyond their range of rest."""
+    """Torque of springs ``k x + k2 x^2 + k3 x^3`` of tendons at a deflection; x: beyond their
+    range of rest.
+    """
     total = 0.0
     for tendon in tendons:
         ((joint, gain),) = ((each.get("joint"), float(each.get("coef", "0"))) for each in tendon)
@@ -40,7 +42,10 @@ def pull(tendons: ElementTree.Element, d: float) -> float:
 
 @pytest.mark.parametrize("d", [0.0, 0.7e-3, -1.3e-3, 2e-3, 2.9e-3, -5e-3])
 def test_springs_of_mujoco_are_those_of_the_model(d: float) -> None:
-    size, b, low, high = abs(d), 2e-3, 1e4, 5e4
+    size = abs(d)
+    b = 2e-3
+    low = 1e4
+    high = 5e4
     cases: list[tuple[Any, float]] = [
         (LinearSpring(low), low * size),
         (CubicSpring(low, 3e9), low * size + 3e9 * size**3),
@@ -85,7 +90,7 @@ def test_rigid_drives_of_several_joints_have_tendons() -> None:
     assert drive.get("frictionloss") is None
 
 
-# --- laws of speeds ---------------------------------------------------------------------------------------------------
+# --- laws of speeds ------------------------------------------------------------------------------
 def trapezoid(law: SpeedLaw) -> list[tuple[float, float, float]]:
     return [
         (phase.first, phase.last, phase.duration) for phase in law.phases if phase.duration > 1e-12
@@ -151,10 +156,11 @@ def test_bounds_of_a_law_of_speeds_are_checked() -> None:
     )
 
 
-# --- curves through samples -------------------------------------------------------------------------------------------
+# --- curves through samples ----------------------------------------------------------------------
 def jet(s: np.ndarray) -> np.ndarray:
     out = np.zeros((len(s), 6))
-    out[:, 0], out[:, 1] = s, 1.0
+    out[:, 0] = s
+    out[:, 1] = 1.0
     return out
 
 
@@ -179,7 +185,9 @@ def test_a_curve_through_samples_with_times_rests_at_its_ends(degree: int) -> No
 
 
 def test_a_curve_through_samples_without_times_has_arc_length() -> None:
-    """Speed one everywhere; its length is the integral of the speed of SciPy's spline over chords."""
+    """Speed one everywhere; its length is the integral of the speed of SciPy's spline over
+    chords.
+    """
     angle = np.linspace(0.0, 2.0, 9)
     values = np.stack([np.cos(angle), np.sin(angle), 0.3 * angle], axis=1)
     curve = SplineCurve(Samples("tool", values, None, None, False), 5, 1.0, np.eye(3))
@@ -201,7 +209,9 @@ def test_a_curve_through_samples_without_times_has_arc_length() -> None:
 def test_a_curve_that_only_turns_has_the_angle_times_the_radius_as_length() -> None:
     angles = np.linspace(0.0, 1.2, 13)
     q = np.roll(Rotation.from_rotvec(np.outer(angles, [0.0, 0.6, 0.8])).as_quat(), 1, axis=1)
-    curve = SplineCurve(Samples("tool", np.tile([1.0, 2.0, 3.0], (13, 1)), q, None, False), 5, 0.25)
+    curve = SplineCurve(
+        Samples("tool", np.tile([1.0, 2.0, 3.0], (13, 1)), q, None, False), 5, 0.25
+    )
     assert curve.length == pytest.approx(0.25 * 1.2, rel=1e-6)
     s = np.linspace(0.0, curve.length, 7)
     x, attitude = curve(jet(s))
@@ -209,7 +219,9 @@ def test_a_curve_that_only_turns_has_the_angle_times_the_radius_as_length() -> N
     assert attitude is not None
     expected = Rotation.from_rotvec(np.outer(s / 0.25, [0.0, 0.6, 0.8])).as_matrix()
     assert_allclose(attitude[0], expected, atol=1e-6)
-    assert_allclose(attitude[1][:, :, 0], np.tile([0.0, 0.6 / 0.25, 0.8 / 0.25], (7, 1)), atol=1e-4)
+    assert_allclose(
+        attitude[1][:, :, 0], np.tile([0.0, 0.6 / 0.25, 0.8 / 0.25], (7, 1)), atol=1e-4
+    )
 
 
 def test_samples_that_turn_back_or_begin_in_motion_are_told() -> None:

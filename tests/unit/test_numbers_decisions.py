@@ -1,4 +1,6 @@
-"""Decisions of searches and of ranks, with what they decide on given: gaps, halved steps, costs, frames at the base."""
+"""Decisions of searches and of ranks, with what they decide on given: gaps, halved steps, costs,
+frames at the base.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +31,8 @@ def with_array(
 ) -> StrangenessFree:
     """Two unknowns and an array of order one with these Jacobians."""
     made = object.__new__(StrangenessFree)
-    made.n, made.mu = 2, 1
+    made.n = 2
+    made.mu = 1
     made.__dict__["_ranks"] = corank, 2 - corank, 1e9
     made._at_rest = np.zeros((2, 3)), np.zeros((1, 2))
     monkeypatch.setattr(StrangenessFree, "_jacobians", lambda self, X, U: (N, M))
@@ -40,13 +43,17 @@ def with_array(
 def test_ranks_are_clear_from_a_gap_of_a_hundred_on(
     small: float, clear: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The part of the array that is left has no derivatives; the others are those that it reaches."""
+    """The part of the array that is left has no derivatives; the others are those that it
+    reaches.
+    """
     rng = np.random.default_rng(4)
-    M, N = np.diag([9.0, 7.0, 5.0, small])[:, [2, 0, 3, 1]], rng.normal(size=(4, 2))
+    M = np.diag([9.0, 7.0, 5.0, small])[:, [2, 0, 3, 1]]
+    N = rng.normal(size=(4, 2))
     made = with_array(monkeypatch, M, N, 1)
     if not clear:
         with pytest.raises(
-            SolverError, match="the rank of the derivative array changes on the path, at a singular"
+            SolverError,
+            match="the rank of the derivative array changes on the path, at a singular",
         ):
             made.split(np.zeros((2, 3)), np.zeros((1, 2)))
         return
@@ -55,9 +62,9 @@ def test_ranks_are_clear_from_a_gap_of_a_hundred_on(
     assert_allclose(split.Z2.T @ M, [[0.0, 0.0, small, 0.0]] * np.sign(split.Z2[3]), atol=1e-12)
     assert_allclose(split.Z2.T @ N @ split.T2, 0.0, atol=1e-12)
     assert_allclose(split.Z1 @ split.Z1.T @ M[:2, :2] @ split.T2, M[:2, :2] @ split.T2, atol=1e-12)
-    assert split.T2.shape == split.Z1.shape == (2, 1) and np.linalg.norm(split.T2) == pytest.approx(
-        1.0
-    )
+    assert split.T2.shape == split.Z1.shape == (2, 1) and np.linalg.norm(
+        split.T2
+    ) == pytest.approx(1.0)
     rows = rng.normal(size=4)
     left = split.factors[0].T @ (rows + M @ split.solve(rows))
     assert_allclose(left, 0.0, atol=1e-12)
@@ -99,7 +106,10 @@ class Steps:
     def __init__(
         self, sizes: list[float], violation: Any = lambda y: 0.0, torque: float = 0.0
     ) -> None:
-        self.sizes, self.of, self.torque, self.trials = sizes, violation, torque, list[float]()
+        self.sizes = sizes
+        self.of = violation
+        self.torque = torque
+        self.trials = list[float]()
 
     def start(self) -> tuple[np.ndarray, np.ndarray]:
         return np.zeros(1), np.zeros(1)
@@ -125,7 +135,9 @@ def discretize(system: Steps, monkeypatch: pytest.MonkeyPatch) -> tuple[Any, lis
 def test_steps_of_a_discretized_motion_are_halved_where_they_shrink_no_more(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """From 0.7 of the step before on; then doubled up to whole ones, until a step is below 1e-9."""
+    """From 0.7 of the step before on; then doubled up to whole ones, until a step is below
+    1e-9.
+    """
     sizes = [1.0, 0.71, 0.72, 0.5, 0.3, 0.2, 0.9e-9]
     lengths = [1.0, 0.5, 0.25, 0.5, 1.0, 1.0, 1.0]
     system = Steps(list(sizes))
@@ -152,9 +164,14 @@ def test_a_step_that_makes_the_residual_worse_is_halved(monkeypatch: pytest.Monk
 def test_a_discretized_motion_ends_with_small_torques_or_refuses(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Steps of torques are over those of the robot: 1e-5 of them ends; what is not finite ends at once."""
+    """Steps of torques are over those of the robot: 1e-5 of them ends; what is not finite ends at
+    once.
+    """
     assert discretize(Steps([1e-9] * 40, torque=4e-5), monkeypatch)[0][2] == 1
-    text = "no convergence in 40 steps, the last one 1.0e-09 rad or m and 1.1e-05 of the torque, residual 0.0e+00; try"
+    text = (
+        "no convergence in 40 steps, the last one 1.0e-09 rad or m and 1.1e-05 of the torque, "
+        "residual 0.0e+00; try"
+    )
     with pytest.raises(SolverError, match=re.escape(text)):
         discretize(Steps([1e-9] * 40, torque=4.4e-5), monkeypatch)
     with pytest.raises(SolverError, match=r"no convergence in 1 steps, .* residual nan"):
@@ -165,7 +182,8 @@ def test_loops_are_used_where_they_need_less_than_six_tenths(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Of the operations of one expression for each entry of the mass matrix."""
-    steps, at = ["steps"], {"chain": "chain", "direct": "direct", "cost": 59.9}
+    steps = ["steps"]
+    at = {"chain": "chain", "direct": "direct", "cost": 59.9}
     monkeypatch.setattr(column_functions, "long_chain", lambda equations: at["chain"])
     monkeypatch.setattr(column_functions, "fast_function", lambda equations, name: at["direct"])
     monkeypatch.setattr(column_functions.columns, "mass_matrix", lambda chain, target: steps)
@@ -186,7 +204,9 @@ def test_points_of_the_base_and_of_the_first_node() -> None:
     tree = Tree(flexgen.read("elbow"))
     q = np.zeros((2, len(tree.nodes)))
     q[:, 0] = 0.1, 0.3
-    at, shift, point = tree.posture(q), np.array([0.2, 0.0, -0.1]), np.array([0.5, 0.6, 0.7])
+    at = tree.posture(q)
+    shift = np.array([0.2, 0.0, -0.1])
+    point = np.array([0.5, 0.6, 0.7])
     turned = rotations(np.array([0.0, 0.0, 1.0]), np.array([np.pi / 2]))[0]
     moved = shift + np.array([-0.6, 0.5, 0.7])
     fixed = tree.point(at, Mount(-1, shift, turned), point)
@@ -201,17 +221,16 @@ def test_points_of_the_base_and_of_the_first_node() -> None:
 
 def test_stiffness_at_rest_is_that_of_small_deflections() -> None:
     """Of springs without motor whose stiffness rises, by their numbers in the torques."""
-    q, p = ca.SX.sym("q", 3), ca.SX.sym("v", 3)
+    q = ca.SX.sym("q", 3)
+    p = ca.SX.sym("v", 3)
     torque = ca.Function(
         "elastic_torque",
         [q, p],
         [ca.vertcat(-(30 * q[1] + 9 * q[1] ** 3), -(7 * q[2] + q[2] ** 3))],
     )
     made: Any = object.__new__(payload._Estimate)
-    made.robot, made.nominal = (
-        Made(n_a=3, i_e=(1, 2)),
-        Made(function=lambda name: {"elastic_torque": torque}[name]),
-    )
+    made.robot = Made(n_a=3, i_e=(1, 2))
+    made.nominal = Made(function=lambda name: {"elastic_torque": torque}[name])
     assert_allclose(made._stiffness(), [30.0, 7.0], rtol=1e-9)
 
 
@@ -233,7 +252,7 @@ def test_the_first_errors_of_a_program_are_told() -> None:
         ("a\n\nb\n  \nc\nd\ne\nf\n", ["a", "b", "c", "d", "e"]),
         (" \n", ["exit status 3, without a message"]),
     ):
-        assert compiler._errors(Made(stderr=stderr, returncode=3)) == "\n  ".join(expected)  # type: ignore[arg-type]
+        assert compiler._errors(Made(stderr=stderr, returncode=3)) == "\n  ".join(expected)
 
 
 def failed(status: Status, **more: Any) -> Any:
@@ -253,8 +272,11 @@ def failed(status: Status, **more: Any) -> Any:
 
 
 def test_what_a_solution_misses_is_told_with_advice(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The first reason that holds, of a search that ended, the energy, the equations, and the output."""
-    status, told = Status.TOLERANCE_NOT_MET, problem_text.problem_of
+    """The first reason that holds, of a search that ended, the energy, the equations, and the
+    output.
+    """
+    status = Status.TOLERANCE_NOT_MET
+    told = problem_text.problem_of
     monkeypatch.setattr(
         problem_text, "residual_is_small", lambda solution: solution.residual_relative < 1e-3
     )
@@ -293,15 +315,13 @@ def test_what_a_solution_misses_is_told_with_advice(monkeypatch: pytest.MonkeyPa
 def test_limits_that_a_solution_exceeds_are_told_with_advice(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """More time helps where a speed or a torque exceeds its limit, and not where a range is left."""
-    status, lines = (
-        Status.LIMITS_EXCEEDED,
-        ["m1 exceeds its limit", "q1 leaves its range", "q2 leaves its range"],
-    )
-    time, study = (
-        "give the move more time, or keep torques and speeds with --limits",
-        "for studies use --ignore-limits",
-    )
+    """More time helps where a speed or a torque exceeds its limit, and not where a range is
+    left.
+    """
+    status = Status.LIMITS_EXCEEDED
+    lines = ["m1 exceeds its limit", "q1 leaves its range", "q2 leaves its range"]
+    time = "give the move more time, or keep torques and speeds with --limits"
+    study = "for studies use --ignore-limits"
     other = "choose another target or path: more time does not help beyond a range"
     for shown, warnings, text in (
         (lines[:1], (), f"{lines[0]}; {time}; {study}"),

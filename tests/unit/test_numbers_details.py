@@ -1,4 +1,6 @@
-"""Details of exports and fits by hand: time steps, inertias, names, ranks, delays, legs of programs."""
+"""Details of exports and fits by hand: time steps, inertias, names, ranks, delays, legs of
+programs.
+"""
 
 from __future__ import annotations
 
@@ -47,7 +49,7 @@ def test_a_time_step_is_a_round_number_below_the_bound(
         monkeypatch.setattr(
             mujoco, "poles", lambda found, exact=exact: np.array([mujoco.STEP / exact])
         )
-        assert mujoco._step(None, "rest") == pytest.approx(min(exact, mujoco.STEP_MAX))  # type: ignore[arg-type]
+        assert mujoco._step(None, "rest") == pytest.approx(min(exact, mujoco.STEP_MAX))
     assert step is None or found <= mujoco.STEP_MAX
 
 
@@ -60,7 +62,9 @@ def test_an_inertia_lacks_what_its_largest_moment_exceeds() -> None:
     ):
         assert mujoco_inertia.missing(R @ np.diag(moments) @ R.T) == pytest.approx(lacks)
     axis = np.array([0.6, 0.0, 0.8])
-    assert_allclose(mujoco_inertia.free_directions([axis, -axis]), np.eye(3) - np.outer(axis, axis))
+    assert_allclose(
+        mujoco_inertia.free_directions([axis, -axis]), np.eye(3) - np.outer(axis, axis)
+    )
     assert_allclose(mujoco_inertia.free_directions([]), np.eye(3))
     assert mujoco_inertia.free_directions([axis, np.array([1.0, 0.0, 0.0])]) is None
 
@@ -119,7 +123,9 @@ def test_names_that_urdf_cannot_have_are_named_with_their_table(
 
 @pytest.mark.parametrize("elements", [SLIPS[:1], SLIPS])
 def test_states_of_a_plant_are_numbered_one_after_the_other(elements: Any) -> None:
-    """Coordinates, their speeds, then the torques of the elements of hysteresis; each has a derivative."""
+    """Coordinates, their speeds, then the torques of the elements of hysteresis; each has a
+    derivative.
+    """
     model = with_elements("elbow", elements)
     equations = derive(model, ("payload",))
     found = plant._states(model, plant._graphs(equations), np.arange(20.0))
@@ -145,7 +151,7 @@ def test_states_of_a_plant_are_numbered_one_after_the_other(elements: Any) -> No
     assert [v.unit for v in rates[3:5]] == ["rad/s", "rad/s2"] and rates[8].unit == "N.m/s"
 
 
-# --- fits of motions --------------------------------------------------------------------------------------------------
+# --- fits of motions -----------------------------------------------------------------------------
 def test_columns_of_start_states_span_those_of_their_derivatives() -> None:
     """Scaled before: a column of another unit counts as any; what is dependent has no column."""
     rng = np.random.default_rng(3)
@@ -179,12 +185,15 @@ def test_units_of_unknowns() -> None:
         ("linear", "b", -4.0),
         ("linear", "c", 1e-9),
     )
-    unknowns = [SimpleNamespace(scale=scale, name=name, start=start) for scale, name, start in rows]
-    made.vector, made.sample_s = SimpleNamespace(unknowns=unknowns), 0.02
+    unknowns = [
+        SimpleNamespace(scale=scale, name=name, start=start) for scale, name, start in rows
+    ]
+    made.vector = SimpleNamespace(unknowns=unknowns)
+    made.sample_s = 0.02
     assert [made._unit(k) for k in range(4)] == [1.0, 0.02, 4.0, 1e-3]
 
 
-# --- legs of programs -------------------------------------------------------------------------------------------------
+# --- legs of programs ----------------------------------------------------------------------------
 def test_the_last_leg_of_a_program_of_lines_has_no_zone() -> None:
     """It counts as 0; the others state one."""
     legs = [{"displacement": [0.1, 0.0, 0.0], "zone": 0.02}, {"displacement": [0.0, 0.1, 0.0]}]

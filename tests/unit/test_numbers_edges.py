@@ -1,10 +1,10 @@
 """Small functions of many rooms at the edges of their ranges, by hand.
 
-Of `flexgen.atomic_files`, `flexgen.npz_files`, `flexgen.spec.toml_lines`, `flexgen.library.object_cache`,
-`flexgen.inverse_kinematics.targets`, `flexgen.exports.mujoco`, `flexgen.identification.graybox`,
-`flexgen.lab.initial_value`, `flexgen.servo.fit_result`, `flexgen.benchmarks.bench`, `flexgen.analysis.amplitude`,
-`flexgen.exports.mujoco_inertia`, `flexgen.performance.smoother`, `flexgen.codegen.digest`,
-`flexgen.exports.urdf`.
+Of `flexgen.atomic_files`, `flexgen.npz_files`, `flexgen.spec.toml_lines`,
+`flexgen.library.object_cache`, `flexgen.inverse_kinematics.targets`, `flexgen.exports.mujoco`,
+`flexgen.identification.graybox`, `flexgen.lab.initial_value`, `flexgen.servo.fit_result`,
+`flexgen.benchmarks.bench`, `flexgen.analysis.amplitude`, `flexgen.exports.mujoco_inertia`,
+`flexgen.performance.smoother`, `flexgen.codegen.digest`, `flexgen.exports.urdf`.
 """
 
 from __future__ import annotations
@@ -141,7 +141,9 @@ def test_moving_bodies_in_mujoco_have_some_mass_and_inertia() -> None:
 
 
 def test_directions_that_data_do_not_determine_are_told_in_words() -> None:
-    """Standard deviations of logarithms, and of others over their prior; the largest entries first, two at most."""
+    """Standard deviations of logarithms, and of others over their prior; the largest entries
+    first, two at most.
+    """
 
     def lines(A: np.ndarray) -> tuple[str, ...]:
         unknowns = [Made(scale=scale) for scale in ("log", "log", "linear")]
@@ -184,7 +186,10 @@ def test_a_problem_without_zeros_has_none_along_its_path() -> None:
 def test_a_servo_that_explains_too_little_is_not_used(explained: float, used: bool) -> None:
     made = object.__new__(ServoFit)
     vars(made).update(explained=explained, converged=True)
-    text = f"the servo explains {100 * explained:.0f} % of the lag of the robot, expected 90 %: another structure"
+    text = (
+        f"the servo explains {100 * explained:.0f} % of the lag of the robot, expected 90 %: "
+        "another structure"
+    )
     assert made.problem.startswith(text) != used and (made.problem == "") == used
 
 
@@ -196,9 +201,12 @@ def test_a_prefix_stands_before_each_line() -> None:
 
 @pytest.mark.parametrize("law", ["cubic", "backlash"])
 def test_a_spring_in_place_of_the_linear_one_has_its_mean_stiffness(law: str) -> None:
-    """Of Gaussian deflections without mean torque, over that of the first level: 1 + c s^2, and P(|d| > gap)."""
+    """Of Gaussian deflections without mean torque, over that of the first level: 1 + c s^2, and
+    P(|d| > gap).
+    """
     effects = next(x.effects for x in amplitude.LAWS if x.name == law)
-    sizes, z = np.array([[[1.0, 1.0]], [[0.5, 2.0]]]), np.array([[0.4, 0.7]])
+    sizes = np.array([[[1.0, 1.0]], [[0.5, 2.0]]])
+    z = np.array([[0.4, 0.7]])
     motions = [amplitude.Motion(s, np.ones((1, 3)), np.zeros((1, 2))) for s in sizes]
     found = effects(z, motions)
     mean = 1.0 + z[0] * sizes**2 if law == "cubic" else erfc(z[0] / sizes / np.sqrt(2))
@@ -219,7 +227,9 @@ def test_inertias_that_rounding_makes_impossible_get_as_much_as_is_missing() -> 
 
 
 def test_a_smoother_goes_through_all_samples_twice() -> None:
-    """Forward and backward recursions of the textbook, with other matrices in each part of two samples."""
+    """Forward and backward recursions of the textbook, with other matrices in each part of two
+    samples.
+    """
     rng = np.random.default_rng(6)
     made = object.__new__(PathSmoother)
     shapes = {
@@ -233,10 +243,14 @@ def test_a_smoother_goes_through_all_samples_twice() -> None:
     for name, shape in shapes.items():
         setattr(made, name, 0.4 * rng.normal(size=shape))
     vars(made).update(samples=2, _begin=3, sample_s=0.25, model=Made(n_a=2))
-    y, u = rng.normal(size=(9, 3)), rng.normal(size=(9, 2))
+    y = rng.normal(size=(9, 3))
+    u = rng.normal(size=(9, 2))
     rest = slice(max(0, 3 - round(0.5 / 0.25)), 3)
-    dy, du = y - y[rest].mean(axis=0), u - u[rest].mean(axis=0)
-    z, before, after = np.zeros(4), [], []
+    dy = y - y[rest].mean(axis=0)
+    du = u - u[rest].mean(axis=0)
+    z = np.zeros(4)
+    before = []
+    after = []
     for k in range(9):
         F, G, C, D, M, _ = (getattr(made, name)[min(k // 2, 2)] for name in shapes)
         before.append(F @ z + G @ du[k])
@@ -269,7 +283,7 @@ def test_digests_leave_out_newer_numbers_that_a_model_does_not_have() -> None:
     ) and "torque_rate_max" not in digest._canonical(motor)
     gears = [dof.gear for element in model.elements for dof in element.dofs]
     assert "torque_max" not in digest._canonical(gears[0])
-    assert "torque_max=7.5" in digest._canonical(replace(gears[0], torque_max=7.5))  # type: ignore[type-var]
+    assert "torque_max=7.5" in digest._canonical(replace(gears[0], torque_max=7.5))
     assert "torque_max=" in digest._canonical(motor)  # that of motors is older
     assert "temperature=31.5" in digest._canonical(replace(model, temperature=31.5))
     assert digest._canonical({"a": (1, 2.5), "b": ["x"]}) == "{'a': [1, 2.5], 'b': ['x']}"
@@ -299,9 +313,12 @@ def test_new_names_of_links_are_short_and_not_taken(
 
 
 def test_rates_of_torques_are_bounded_at_both_ends_of_each_interval() -> None:
-    """Of `flexgen.planning.model_limits`: torques that are polynomials of second order have known slopes there."""
+    """Of `flexgen.planning.model_limits`: torques that are polynomials of second order have known
+    slopes there.
+    """
     mesh = gauss_mesh(np.array([0.5, 0.25]))
-    begin, c = np.array([0.0, 0.5]), mesh.table.c
+    begin = np.array([0.0, 0.5])
+    c = mesh.table.c
     t = (begin[:, None] + mesh.h[:, None] * c).ravel()
     tau = np.stack([3.0 * t**2 - t, 7.0 * t])
     seen: list[tuple[Any, float, float]] = []
@@ -336,13 +353,13 @@ def test_deflections_have_the_spectrum_of_the_torques_that_drives_give() -> None
     def of(*shape: int) -> np.ndarray:
         return rng.normal(size=shape)
 
-    M, D, K, B = (
-        np.eye(3) + 0.1 * np.diag(of(3)) ** 2,
-        0.1 * np.eye(3),
-        np.diag([5.0, 7.0, 9.0]),
-        of(3, 2),
-    )
-    rows, w, U = of(2, 3), np.array([0.7, 1.9]), of(1, 2, 2, 1) + 1j * of(1, 2, 2, 1)
+    M = np.eye(3) + 0.1 * np.diag(of(3)) ** 2
+    D = 0.1 * np.eye(3)
+    K = np.diag([5.0, 7.0, 9.0])
+    B = of(3, 2)
+    rows = of(2, 3)
+    w = np.array([0.7, 1.9])
+    U = of(1, 2, 2, 1) + 1j * of(1, 2, 2, 1)
     model: Any = Made(
         matrices=lambda *_: tuple(x[None] for x in (M, D, K, B)),
         springs=(0, 1),
@@ -370,7 +387,9 @@ def test_deflections_have_the_spectrum_of_the_torques_that_drives_give() -> None
     ("problems", "own"), [({"y": 5}, "y"), ({"parameters": 4, "q_start": 4}, "q_start"), ({}, "")]
 )
 def test_problems_of_a_card_are_as_many_in_each_array(problems: dict[str, int], own: str) -> None:
-    """Of `flexgen.cuda.inversion`: paths, parameters or begins, one of each or one for each problem."""
+    """Of `flexgen.cuda.inversion`: paths, parameters or begins, one of each or one for each
+    problem.
+    """
     shapes = {"y": (9, 3), "dy": (9, 3), "ddy": (9, 3), "q_start": (2,), "parameters": (6,)}
     asked: dict[str, tuple[int, ...]] = {}
     given: dict[str, Any] = {}
@@ -403,7 +422,9 @@ def test_problems_of_a_card_are_as_many_in_each_array(problems: dict[str, int], 
 def test_a_compiler_for_another_processor_has_its_own_default(
     fails: tuple[int, ...], target: bool | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Of `flexgen.library.compiler`: without -march=native where that fails, and refused where it fails then, too."""
+    """Of `flexgen.library.compiler`: without -march=native where that fails, and refused where it
+    fails then, too.
+    """
     calls: list[list[str]] = []
 
     def output(command: Any, text: str, folder: Any = None) -> Any:
@@ -451,7 +472,8 @@ def test_the_tool_of_translations_is_in_units_of_the_reach() -> None:
 def test_a_stream_takes_one_call_at_a_time(call: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of `flexgen.runtime.stream`: a second one is refused at once, not kept waiting."""
     made = object.__new__(stream.Stream)
-    lock, real = threading.Lock(), np.dtype(float)
+    lock = threading.Lock()
+    real = np.dtype(float)
     entries = Made(
         refuse_closed=lambda: None, model_parameters=(), rows=(), real=real, push=1, limits=1
     )
@@ -502,8 +524,11 @@ def test_defaults_of_parameters_are_literals_or_constants_of_modules(
 
 @pytest.mark.parametrize("code", taylor_series.RULES)
 def test_rules_of_series_are_repeated_derivatives(code: int) -> None:
-    """Of `flexgen.dae.taylor_series`: up to order 6 at two points, against CasADi's derivatives in time."""
-    t, rule = ca.SX.sym("t"), taylor_series.RULES[code]
+    """Of `flexgen.dae.taylor_series`: up to order 6 at two points, against CasADi's derivatives in
+    time.
+    """
+    t = ca.SX.sym("t")
+    rule = taylor_series.RULES[code]
     points = np.array(
         [[0.7, 0.4, -0.3, 0.2, 0.5, -0.1, 0.3], [1.3, -0.6, 0.2, 0.7, -0.4, 0.1, 0.2]]
     )
@@ -545,7 +570,10 @@ def test_rules_of_series_are_repeated_derivatives(code: int) -> None:
         )
         for order in range(7):
             expected = float(ca.Function("f", [t], [value])(0.0)) / math.factorial(order)
-            assert found[k, order, 0] == pytest.approx(expected, rel=1e-9, abs=1e-10), (code, order)
+            assert found[k, order, 0] == pytest.approx(expected, rel=1e-9, abs=1e-10), (
+                code,
+                order,
+            )
             value = ca.jacobian(value, t)
 
 
@@ -566,7 +594,9 @@ def test_powers_of_series_are_products_or_exponentials(base: float, power: float
 def test_drawn_robots_have_names_and_factors_of_their_sources(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Of `flexgen.uncertainty.in_loop`: 1 and the error, and what is added to the payload, counted from one."""
+    """Of `flexgen.uncertainty.in_loop`: 1 and the error, and what is added to the payload, counted
+    from one.
+    """
     model: Any = Made(uncertainty="table")
     sources = Made(
         root=np.zeros((2, 3)),
@@ -614,7 +644,9 @@ class Run:
     """Robots by name, and their figures."""
 
     def __init__(self, robots: dict[str, Any], found: Any) -> None:
-        self.robots, self.runs, self.figures = robots, found.runs, found.figures
+        self.robots = robots
+        self.runs = found.runs
+        self.figures = found.figures
 
     def __getitem__(self, name: str) -> Any:
         return self.robots[name]
@@ -622,7 +654,8 @@ class Run:
 
 def test_operations_at_random_states_are_those_of_c() -> None:
     """Of `flexgen.expressions.pivot_guards`: conditions are numbers, 1 where they hold."""
-    a, b = np.array([0.0, 1.0, 2.0, 2.0, -1.5]), np.array([0.0, 2.0, 1.0, 2.0, 0.0])
+    a = np.array([0.0, 1.0, 2.0, 2.0, -1.5])
+    b = np.array([0.0, 2.0, 1.0, 2.0, 0.0])
     pairs = list(zip(a.tolist(), b.tolist(), strict=True))
     expected: dict[str, Any] = {
         "add": [x + y for x, y in pairs],

@@ -1,4 +1,6 @@
-"""Small parts by hand: corners, describing functions, compliances, bodies, places of a force, speeds and tables."""
+"""Small parts by hand: corners, describing functions, compliances, bodies, places of a force,
+speeds and tables.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +34,9 @@ from flexgen.spec import schema
 
 
 def test_figures_of_a_corner_by_hand() -> None:
-    """Two robots around a right angle: how far they pass it, and how far they get beyond the second line."""
+    """Two robots around a right angle: how far they pass it, and how far they get beyond the
+    second line.
+    """
     corner = Corner(np.array([1.0, 2.0]), np.array([1.0, 0.0]), np.array([0.0, 1.0]), 1.0, 3.0)
     time = np.array([0.0, 1.0, 2.0, 3.0, 4.0])
     reference = np.array([[9.0, 9.0], [0.0, 2.0], [1.0, 2.1], [1.0, 3.0], [9.0, 9.0]])
@@ -58,7 +62,9 @@ def test_figures_of_a_corner_by_hand() -> None:
 
 @pytest.mark.parametrize("mean", [0.0, 0.8])
 def test_springs_in_a_gaussian_motion_by_quadrature(mean: float) -> None:
-    """The mean slope of ``d + d^3`` at the mean deflection that carries the torque, and what it leaves."""
+    """The mean slope of ``d + d^3`` at the mean deflection that carries the torque, and what it
+    leaves.
+    """
     sd = 0.4
     N, left = average_spring(lambda d: d + d**3, np.array([mean]), np.array([sd]))
     at = brentq(lambda m: m + m**3 + 3 * m * sd**2 - mean, -3.0, 3.0)
@@ -73,11 +79,14 @@ def test_springs_in_a_gaussian_motion_by_quadrature(mean: float) -> None:
 
 
 def test_frictions_in_a_gaussian_motion_by_quadrature() -> None:
-    """Coulomb friction has the mean of ``|v|``; an element that slips the mean over Rayleigh's amplitudes."""
+    """Coulomb friction has the mean of ``|v|``; an element that slips the mean over Rayleigh's
+    amplitudes.
+    """
     assert average_coulomb(np.array([2.0]))[0] == pytest.approx(
         quad(lambda e: abs(e) * norm.pdf(e), -9, 9)[0] / 2.0
     )
-    slip, sd = 0.5, 0.8
+    slip = 0.5
+    sd = 0.8
 
     def element(A: float) -> complex:
         t = np.arccos(1 - 2 * slip / A) if slip < A else np.pi
@@ -97,9 +106,13 @@ def test_frictions_in_a_gaussian_motion_by_quadrature() -> None:
 
 
 def test_the_compliance_of_two_springs_by_hand() -> None:
-    """A force moves the tool by the sum of both springs; its resonance is that of a damped mass."""
+    """A force moves the tool by the sum of both springs; its resonance is that of a damped
+    mass.
+    """
     J = np.zeros((6, 2))
-    J[0], J[2], J[4] = (0.6, 0.8), (0.8, -0.6), (1.0, 0.0)
+    J[0] = (0.6, 0.8)
+    J[2] = (0.8, -0.6)
+    J[4] = (1.0, 0.0)
     made = ToolCompliance(np.diag([2.0, 2.0]), np.diag([0.4, 0.4]), np.diag([800.0, 200.0]), J)
     assert_allclose(
         made.matrix[:3:2, :3:2],
@@ -116,7 +129,8 @@ def test_the_compliance_of_two_springs_by_hand() -> None:
     )
     peak = made.resonance()
     assert peak is not None
-    natural, ratio = np.sqrt(200 / 2.0), 0.4 / (2 * np.sqrt(2 * 200.0))
+    natural = np.sqrt(200 / 2.0)
+    ratio = 0.4 / (2 * np.sqrt(2 * 200.0))
     assert peak[0] == pytest.approx(natural * np.sqrt(1 - 2 * ratio**2) / (2 * np.pi), rel=1e-3)
     assert peak[1] == pytest.approx(1 / 200 / (2 * ratio * np.sqrt(1 - ratio**2)), rel=1e-3)
     ends = made.frequencies[[0, -1]] * 2 * np.pi
@@ -129,8 +143,12 @@ def test_the_compliance_of_two_springs_by_hand() -> None:
 
 
 def test_ten_numbers_of_a_body_and_back() -> None:
-    """A cuboid away from its frame: Steiner's theorem, and a pseudo-inertia of the integrals of its points."""
-    sides, com, mass = np.array([0.2, 0.4, 0.6]), np.array([0.1, -0.3, 0.2]), 6.0
+    """A cuboid away from its frame: Steiner's theorem, and a pseudo-inertia of the integrals of
+    its points.
+    """
+    sides = np.array([0.2, 0.4, 0.6])
+    com = np.array([0.1, -0.3, 0.2])
+    mass = 6.0
     own = mass / 12 * np.diag((sides**2).sum() - sides**2)
     body = Body(mass, tuple(com.tolist()), tuple(map(tuple, own.tolist())))
     numbers = feasible_bodies.numbers_of(body)
@@ -150,7 +168,9 @@ def test_ten_numbers_of_a_body_and_back() -> None:
     both = np.concatenate([numbers, 2 * numbers])
     x = made.x(both)
     assert_allclose(made.pi(x), both, rtol=1e-9, atol=1e-12)
-    slopes = np.stack([(made.pi(x + d) - made.pi(x - d)) / 2e-6 for d in 1e-6 * np.eye(20)], axis=1)
+    slopes = np.stack(
+        [(made.pi(x + d) - made.pi(x - d)) / 2e-6 for d in 1e-6 * np.eye(20)], axis=1
+    )
     assert_allclose(made.jacobian(x), slopes, atol=1e-6)
     flat = np.array([1.0, 0, 0, 0, 1.0, 1.0, 2.5, 0, 0, 0])  # no body has these moments
     assert (
@@ -169,7 +189,8 @@ class Law:
     """A time law: ``s = v t`` up to its duration."""
 
     def __init__(self, speed: float, duration: float) -> None:
-        self.speed, self.duration = speed, duration
+        self.speed = speed
+        self.duration = duration
 
     def __call__(self, t: np.ndarray, order: int) -> np.ndarray:
         at = np.clip(t, 0.0, self.duration)
@@ -215,7 +236,8 @@ def test_places_on_a_path_count_its_motions() -> None:
     others = (("labels", tuple("abcdef")), ("units", ("N",) * 6), (None, None))
     for name, value in others:
         table: Any = type("Data", (dict,), {})(data)
-        table.labels, table.units = given.labels, given.units
+        table.labels = given.labels
+        table.units = given.units
         if name is None:
             assert_array_equal(tool_force.read_force(table), samples)
             continue
@@ -232,7 +254,7 @@ def test_speeds_over_stated_ones_by_hand() -> None:
     points = StatedSpeeds(np.array([0.2, 0.5, 0.9]), np.array([2.0, 4.0, 8.0]))
     assert_allclose(points.parts(Law(3.0, 1 / 3)), [1.5, 0.75, 0.375])  # type: ignore[arg-type]
     assert points.of(Made(curve="other"), (1.0,), 0.5).s.size == 0  # type: ignore[arg-type]
-    assert StatedSpeeds(np.zeros(0), np.zeros(0)).parts(Law(3.0, 1.0)).size == 0  # type: ignore[arg-type]
+    assert StatedSpeeds(np.zeros(0), np.zeros(0)).parts(Law(3.0, 1.0)).size == 0
     legs = [Made(speed=s, zone=z) for s, z in ((1.0, 0.1), (None, 0.0), (0.5, 0.0), (2.0, 0.3))]
     assert stated_speeds(Made(legs=legs)) == [(1.0, None), (0.5,)]  # type: ignore[arg-type]
     assert stated_speeds(Made(legs=[])) == [()]  # type: ignore[arg-type]
@@ -249,7 +271,9 @@ def test_speeds_over_stated_ones_by_hand() -> None:
 def test_a_hold_that_makes_the_output_deviate_is_told(
     worst: float, before: Status, status: Status, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """With the error of the output, or that from the plan; the default hold sends the samples as they are."""
+    """With the error of the output, or that from the plan; the default hold sends the samples as
+    they are.
+    """
     told: list[str] = []
     problem: Any = Made(accuracy=1e-4, log=told.append)
     run = Made(tool_error_max_m=2e-3, tool_error_max_rad=None)
@@ -264,17 +288,20 @@ def test_a_hold_that_makes_the_output_deviate_is_told(
         given: Any = Made(command="torque", is_default=False)
         found: Any = hold.with_hold(problem, solution, given)
         assert found.status is status and found.held_simulation is run
-        text = f"the zero-order hold makes the output deviate by {size}, more than the accuracy 0.0001; use a shorter "
+        text = (
+            f"the zero-order hold makes the output deviate by {size}, more than the accuracy "
+            "0.0001; use a shorter "
+        )
         assert found.warnings == ("a",) or (
             status is Status.TOLERANCE_NOT_MET
             and found.warnings == ("a", text + "sample time or a linear hold")
         )
         assert (len(found.warnings) == 2) == (status is Status.TOLERANCE_NOT_MET)
     assert told == ["verifying the torques of the controller: zero-order hold"] * 2
-    default: Any = hold.with_hold(problem, solution, Made(command="torque", is_default=True))  # type: ignore[arg-type]
+    default: Any = hold.with_hold(problem, solution, Made(command="torque", is_default=True))
     assert vars(default) == vars(solution)
     solution.simulation = None
-    unchecked: Any = hold.with_hold(problem, solution, Made(command="torque", is_default=False))  # type: ignore[arg-type]
+    unchecked: Any = hold.with_hold(problem, solution, Made(command="torque", is_default=False))
     assert unchecked.torque_command.title() == "zero-order hold" and not hasattr(
         unchecked, "held_simulation"
     )
@@ -314,7 +341,9 @@ def test_objects_are_written_without_their_defaults() -> None:
 
 
 def test_poses_of_trackers_without_sag_are_those_of_the_arm() -> None:
-    """``x = l1 sin q1 + l2 cos(q1 + q2)``, ``z = l1 cos q1 - l2 sin(q1 + q2)``: the tool of the elbow."""
+    """``x = l1 sin q1 + l2 cos(q1 + q2)``, ``z = l1 cos q1 - l2 sin(q1 + q2)``: the tool of the
+    elbow.
+    """
     q = np.array([[0.3, -0.4], [0.1, 0.7]])
     found = flexgen.tracker_positions("elbow", q, sag=False)
     total = q.sum(axis=1)

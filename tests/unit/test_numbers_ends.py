@@ -1,4 +1,6 @@
-"""Ends of paths in views, the home pose of a robot with mechanisms in MuJoCo, and the commands of a feedforward."""
+"""Ends of paths in views, the home pose of a robot with mechanisms in MuJoCo, and the commands of
+a feedforward.
+"""
 
 from __future__ import annotations
 
@@ -23,10 +25,8 @@ class Motion(dict[str, Any]):
 
     def __init__(self, **channels: Any) -> None:
         super().__init__(channels)
-        self.time, self.meta = (
-            np.array([-1.0, 0.0, 0.5, 1.0, 2.0]),
-            {"model": "elbow", "variant": "soft"},
-        )
+        self.time = np.array([-1.0, 0.0, 0.5, 1.0, 2.0])
+        self.meta = {"model": "elbow", "variant": "soft"}
 
 
 def test_the_end_of_a_path_is_where_its_reference_stays() -> None:
@@ -61,13 +61,15 @@ def test_the_robot_of_a_trajectory_is_named_or_given(monkeypatch: pytest.MonkeyP
     with pytest.raises(ArgumentError) as refused:
         view._robot_of(made, None)
     assert str(refused.value) == (
-        "view: the trajectory is of model 'none' (there is none), expected also its model (model= in Python, --robot "
-        "on the command line)"
+        "view: the trajectory is of model 'none' (there is none), expected also its model "
+        "(model= in Python, --robot on the command line)"
     )
 
 
 def test_a_home_pose_has_mechanisms_and_rotors(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of each joint of the file in its order: coordinates, sums of coordinates, angles of motors."""
+    """Of each joint of the file in its order: coordinates, sums of coordinates, angles of
+    motors.
+    """
     root = Element("mujoco")
     for name in ("a", "sum", "rotor.m", "b"):
         SubElement(root, "joint", name=name)
@@ -77,7 +79,8 @@ def test_a_home_pose_has_mechanisms_and_rotors(monkeypatch: pytest.MonkeyPatch) 
         mujoco, "add", lambda parent, tag, **given: added.append((tag, given)) or Made()
     )  # type: ignore[func-returns-value]
     monkeypatch.setattr(mujoco, "mechanisms", lambda model: {"sum": {"a": 2.0, "b": -0.5}})
-    coordinates, motors = [Made(name="a"), Made(name="b")], [Made(name="m")]
+    coordinates = [Made(name="a"), Made(name="b")]
+    motors = [Made(name="m")]
     own: Any = Made(model=Made(coordinates=coordinates, motors=motors))
     rest: Any = Made(q_a=np.array([0.3, 4.0]), q_m=np.array([9.0]), tau_m=np.array([1.5]))
     (writer,) = [x for x in vars(mujoco).values() if isinstance(x, type) and hasattr(x, "_home")]
@@ -88,7 +91,7 @@ def test_a_home_pose_has_mechanisms_and_rotors(monkeypatch: pytest.MonkeyPatch) 
     assert_allclose(key["qpos"], [0.3, 2 * 0.3 - 0.5 * 4.0, 9.0, 4.0])
 
 
-# --- motors -----------------------------------------------------------------------------------------------------------
+# --- motors --------------------------------------------------------------------------------------
 def test_encoders_show_their_errors() -> None:
     error = {"harmonics": [2], "cos": [1e-3], "sin": [2e-3]}
     model = flexgen.read("elbow", overrides={"motor.m2.encoder_error": error})
@@ -100,7 +103,9 @@ def test_encoders_show_their_errors() -> None:
 
 @pytest.mark.parametrize("integral", [(0.0, 0.0), (5.0, 0.0)])
 def test_a_servo_without_integral_part_is_commanded_ahead(integral: tuple[float, float]) -> None:
-    """At rest it holds the torque by ``tau / (k_p k_v)`` on the motor side; joints turn by the inverse of the gears."""
+    """At rest it holds the torque by ``tau / (k_p k_v)`` on the motor side; joints turn by the
+    inverse of the gears.
+    """
     servo: Any = Made(position_gain=(20.0, 10.0), speed_gain=(0.5, 0.25), integral_gain=integral)
     names = [Made(name=name) for name in ("m1", "m2")]
     eta = np.array([[100.0, 0.0], [25.0, 50.0]])
@@ -134,4 +139,6 @@ def test_a_servo_without_integral_part_is_commanded_ahead(integral: tuple[float,
         0.0,
         "m/s",
     )
-    assert not any(row.name.endswith(".command") for row in feedforward._outputs(model, held, None))
+    assert not any(
+        row.name.endswith(".command") for row in feedforward._outputs(model, held, None)
+    )

@@ -1,4 +1,6 @@
-"""Experiments in files: all that is kept is read again, and arrays that do not fit are refused by name."""
+"""Experiments in files: all that is kept is read again, and arrays that do not fit are refused by
+name.
+"""
 
 from __future__ import annotations
 
@@ -84,10 +86,16 @@ def test_an_experiment_is_read_as_it_was_written(experiment: Experiment, tmp_pat
         )
     )
     assert found.offsets is not None and found.offsets.dtype == int
-    assert_array_equal(found.reference(1, 0, 1), experiment.references[1, 0, 1])  # type: ignore[index]
+    assert_array_equal(found.reference(1, 0, 1), experiment.references[1, 0, 1])
     plan = replace(experiment.plan, sensors=())
     plain = replace(
-        experiment, plan=plan, signals=None, offsets=None, beside=None, orders=None, references=None
+        experiment,
+        plan=plan,
+        signals=None,
+        offsets=None,
+        beside=None,
+        orders=None,
+        references=None,
     )
     found = Experiment.load(plain.save(tmp_path / "b.npz"))
     assert (found.signals, found.offsets, found.beside, found.orders, found.references) == (
@@ -155,7 +163,9 @@ def test_numbers_beyond_reason_are_refused(experiment: Experiment, name: str) ->
 
 
 def test_sensors_sample_at_multiples_of_the_drives() -> None:
-    """Which divide the period, and show the highest frequency; a difference of a millionth is none."""
+    """Which divide the period, and show the highest frequency; a difference of a millionth is
+    none.
+    """
     hardware = SimpleNamespace(sample_s=1e-3)
     frequencies = np.array([2.0, 20.0])
     plan: Any = SimpleNamespace(
@@ -169,7 +179,10 @@ def test_sensors_sample_at_multiples_of_the_drives() -> None:
         4,
         20,
     ]
-    words = r"^sensor channel acc\.x: given sample_s = .* s, expected a multiple of 0\.001 s, the sample time of the dri"
+    words = (
+        r"^sensor channel acc\.x: given sample_s = .* s, expected a multiple of 0\.001 s, the "
+        r"sample time of the dri"
+    )
     for wrong in (4e-3 + 2e-9, 3e-3, 4e-4, 1.5e-3):
         with pytest.raises(ArgumentError, match=words):
             step("acc.x", wrong, plan)

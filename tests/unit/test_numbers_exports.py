@@ -1,4 +1,6 @@
-"""Parts of exports by other routes: directions of bodies by rotations, frictions and limits by their definitions."""
+"""Parts of exports by other routes: directions of bodies by rotations, frictions and limits by
+their definitions.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,7 @@ from flexgen.numerics.evaluate import evaluate
 from flexgen.position_servo.filters import LowPass, Notch
 
 
-# --- MuJoCo -----------------------------------------------------------------------------------------------------------
+# --- MuJoCo --------------------------------------------------------------------------------------
 def turn_of(model: flexgen.RobotModel, name: str, q: dict[str, float]) -> np.ndarray:
     """Rotation of an element's body, joint after joint."""
     chain = [name]
@@ -47,9 +49,13 @@ def turn_of(model: flexgen.RobotModel, name: str, q: dict[str, float]) -> np.nda
     [("elbow", 2), ("planar5_nmp", None), ("manutec_r3", 1), ("four_mass@high", None)],
 )
 def test_bodies_with_one_direction_turn_about_it(name: str, turning: int | None) -> None:
-    """By differences of rotations at a pose: the sum over joints of sign times speed; else several directions."""
-    model, h = flexgen.read(name), 1e-6
-    rng, count = np.random.default_rng(3), 0
+    """By differences of rotations at a pose: the sum over joints of sign times speed; else several
+    directions.
+    """
+    model = flexgen.read(name)
+    h = 1e-6
+    rng = np.random.default_rng(3)
+    count = 0
     joints = [c.name for c in model.coordinates if c.dof is not None]
     q, v = (dict(zip(joints, rng.uniform(-1.0, 1.0, len(joints)), strict=True)) for _ in range(2))
     for element in model.elements:
@@ -118,14 +124,16 @@ def test_a_model_for_mujoco_has_the_frictions_that_are_asked_for() -> None:
     assert dof.gear is not None
     slack = replace(dof, gear=replace(dof.gear, spring=BacklashSpring(1e6, 1e-3, 1e-4)))
     with pytest.raises(
-        ModelError, match=r"dof\.q1\.gear\.spring: given a spring with a smooth dead band, expected"
+        ModelError,
+        match=r"dof\.q1\.gear\.spring: given a spring with a smooth dead band, expected",
     ):
         mujoco_checks.check_laws(replace(model, elements=(replace(first, dofs=(slack,)),)), True)
 
 
 def test_an_export_for_mujoco_says_which_friction_it_changes(tmp_path: Path) -> None:
     """Nothing where the file has all friction of the model, whatever was asked for."""
-    key, differ = "motor.m1.friction", "accelerations in MuJoCo differ from those of the model"
+    key = "motor.m1.friction"
+    differ = "accelerations in MuJoCo differ from those of the model"
     left_out = f"all friction but viscous is left out: {differ}"
     stick = f"Coulomb friction is a constraint with stick: {differ}"
     for friction, notes in (
@@ -156,7 +164,7 @@ def test_drives_have_the_ratios_of_their_joints() -> None:
     assert [drive.elastic for drive in rigid] == [False, False]
 
 
-# --- FMI --------------------------------------------------------------------------------------------------------------
+# --- FMI -----------------------------------------------------------------------------------------
 def test_the_block_of_a_cascade_has_its_gains_and_rests_at_home() -> None:
     model = flexgen.read("elbow")
     law = Cascade(
@@ -218,10 +226,16 @@ def test_the_block_of_a_cascade_has_its_gains_and_rests_at_home() -> None:
         [gains[f"motor.m{k}.position_gain"] for k in (1, 2)], expected.position_gain, rtol=1e-2
     )
     for given, text in (
-        ("none.toml", "controller: given 'none.toml', which does not exist, expected a file .toml"),
+        (
+            "none.toml",
+            "controller: given 'none.toml', which does not exist, expected a file .toml",
+        ),
         (
             3.0,
-            "controller: given float, expected a flexgen.Cascade or flexgen.PPI for the block 'controller'",
+            (
+                "controller: given float, expected a flexgen.Cascade or flexgen.PPI for the "
+                "block 'controller'"
+            ),
         ),
     ):
         with pytest.raises(ArgumentError) as caught:
@@ -229,7 +243,7 @@ def test_the_block_of_a_cascade_has_its_gains_and_rests_at_home() -> None:
         assert str(caught.value) == text
 
 
-# --- ROS 2 ------------------------------------------------------------------------------------------------------------
+# --- ROS 2 ---------------------------------------------------------------------------------------
 def test_limits_of_a_controller_are_those_of_the_model() -> None:
     """Zero where there is none."""
     change = {
@@ -261,14 +275,17 @@ def test_limits_of_a_controller_are_those_of_the_model() -> None:
     ("sample_s", "samples"), [(1e-3, 4), (4e-3, 1), (4e-3 / 3 * (1 + 0.9e-6), 3)]
 )
 def test_a_servo_has_whole_samples_in_an_interval(sample_s: float, samples: int) -> None:
-    assert ros2._servo_samples(Made(name="arm", servo=Made(sample_time=sample_s)), 4e-3) == samples  # type: ignore[arg-type]
+    assert ros2._servo_samples(Made(name="arm", servo=Made(sample_time=sample_s)), 4e-3) == samples
 
 
 @pytest.mark.parametrize("sample_s", [9e-3, 3e-3, 4e-3 / 3 * (1 + 1.1e-6)])
 def test_servos_without_whole_samples_in_an_interval_are_refused(sample_s: float) -> None:
     with pytest.raises(ArgumentError) as caught:
-        ros2._servo_samples(Made(name="arm", servo=Made(sample_time=sample_s)), 4e-3)  # type: ignore[arg-type]
-    text = f"servo.sample_time of arm: given {sample_s} s, expected a part of 0.004 s, an interval of the stream"
+        ros2._servo_samples(Made(name="arm", servo=Made(sample_time=sample_s)), 4e-3)
+    text = (
+        f"servo.sample_time of arm: given {sample_s} s, expected a part of 0.004 s, an interval "
+        "of the stream"
+    )
     assert str(caught.value) == text
 
 
@@ -299,7 +316,7 @@ def test_words_of_a_package_for_ros() -> None:
         ArgumentError,
         match="given force for arm, whose output is none of the tool, expected no parts",
     ):
-        ros2._wrench_rows(Made(name="arm", output=Made(type="combination")))  # type: ignore[arg-type]
+        ros2._wrench_rows(Made(name="arm", output=Made(type="combination")))
     units = (
         "position_gain: [1.0, 2.0]  # [1/s]",
         "speed_gain: [3.0, 0.0]  # [N m s/rad]",
@@ -307,7 +324,9 @@ def test_words_of_a_package_for_ros() -> None:
     )
     law = Cascade(np.array([1.0, 2.0]), np.array([3.0, 0.0]), np.array([5.0, 6.0]))
     text = ros2._gains_text(law, 2)
-    assert all(f"    {unit}" in text for unit in units) and text.startswith("    # P-PI control.\n")
+    assert all(f"    {unit}" in text for unit in units) and text.startswith(
+        "    # P-PI control.\n"
+    )
     assert "    # speed_gain: [..., ...]  # [N m s/rad]\n" in ros2._gains_text(None, 2)
     for wrong, words in (
         (
@@ -330,9 +349,11 @@ def test_words_of_a_package_for_ros() -> None:
     assert "position_window.hpp" in served and "cascade.hpp" not in served
 
 
-# --- PLCopen ----------------------------------------------------------------------------------------------------------
+# --- PLCopen -------------------------------------------------------------------------------------
 def test_blocks_of_a_controller_have_the_sizes_of_the_robot() -> None:
-    """Two motors, four samples in an interval; the memory of the stream by the numbers in the header."""
+    """Two motors, four samples in an interval; the memory of the stream by the numbers in the
+    header.
+    """
 
     def port(name: str, size: int, unit: str) -> dict[str, Any]:
         return {"name": name, "shape": [size], "unit": unit, "doc": f"the {name}"}

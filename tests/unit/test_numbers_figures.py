@@ -1,4 +1,6 @@
-"""Figures of paths, sweeps and runs by hand: accuracy on straight lines, rows of tables, steps of texts, defaults."""
+"""Figures of paths, sweeps and runs by hand: accuracy on straight lines, rows of tables, steps of
+texts, defaults.
+"""
 
 from __future__ import annotations
 
@@ -60,7 +62,9 @@ def test_offsets_of_robots_are_across_the_path(direction: list[float]) -> None:
     )
     assert found.pose_accuracy == pytest.approx(2e-3) and found.robots == ("a", "b", "c")
     alone = path_accuracy(T, reference, attained[1:2], PATH_END, robots=("b",))
-    assert alone.path_accuracy == pytest.approx(3e-3, rel=1e-3) and alone.path_repeatability is None
+    assert (
+        alone.path_accuracy == pytest.approx(3e-3, rel=1e-3) and alone.path_repeatability is None
+    )
     still = path_accuracy(
         T, 0 * reference, 0 * attained + 1e-3 * normal, PATH_END, robots=("a", "b", "c")
     )
@@ -75,7 +79,9 @@ def test_offsets_of_robots_are_across_the_path(direction: list[float]) -> None:
 
 
 def test_settling_begins_at_the_end_of_the_path() -> None:
-    """A step to the side that dies out, enters the band and stays; one that drifts does not settle."""
+    """A step to the side that dies out, enters the band and stays; one that drifts does not
+    settle.
+    """
     reference, normal = line([1.0, 0.0, 0.0])
     after = np.clip(T - PATH_END, 0.0, None)
     swing = 1e-2 * np.exp(-5 * after) * (T >= PATH_END)
@@ -113,20 +119,23 @@ def test_speeds_and_turns_along_a_path() -> None:
         0.02, rel=2e-2
     ) and found.speed_repeatability == pytest.approx(0.0)
     assert CRUISING == 0.95
-    assert_allclose(found.orientation_accuracy, [2e-3, -2e-3, 2e-3], atol=1e-9)  # type: ignore[arg-type]
+    assert_allclose(found.orientation_accuracy, [2e-3, -2e-3, 2e-3], atol=1e-9)
     assert_allclose(
         found.orientation_repeatability,
         [3 * np.sqrt(2) * 1e-3, 0.0, 3 * np.sqrt(2) * 1e-3],
         atol=1e-9,
     )  # type: ignore[arg-type]
-    assert_allclose(found.orientation_path_accuracy, [2e-3, 2e-3, 2e-3], atol=1e-9)  # type: ignore[arg-type]
+    assert_allclose(found.orientation_path_accuracy, [2e-3, 2e-3, 2e-3], atol=1e-9)
 
 
-# --- runs -------------------------------------------------------------------------------------------------------------
+# --- runs ----------------------------------------------------------------------------------------
 def test_figures_of_a_run_of_the_robustness_study(monkeypatch: pytest.MonkeyPatch) -> None:
-    """At the start, the largest, against the start, and at the end of the path; infinite where the run fails."""
+    """At the start, the largest, against the start, and at the end of the path; infinite where the
+    run fails.
+    """
     made: Any = object.__new__(robustness._Run)
-    made.equations, made.path = None, SimpleNamespace(duration=0.5)
+    made.equations = None
+    made.path = SimpleNamespace(duration=0.5)
     t = np.array([0.0, 0.25, 0.5, 0.75])
     error = np.array([[3.0, 4.0], [0.0, 13.0], [6.0, 8.0], [0.0, 1.0]])
     made._integrate = lambda: (t, "q_a", 7.0)
@@ -204,10 +213,8 @@ def test_iterations_of_learning_have_other_noise(monkeypatch: pytest.MonkeyPatch
         and asked["samples_per_interval"] == 2
     )
     assert asked["given"][-1] == "signals" and made.case(np.ones(2), 0).seed == 40
-    made._case, made._force = (
-        replace(made._case, force=SimpleNamespace(at=lambda t: 2 * t)),
-        "on the output",
-    )
+    made._case = replace(made._case, force=SimpleNamespace(at=lambda t: 2 * t))
+    made._force = "on the output"
     monkeypatch.setattr(
         commanded, "resting", lambda reference, *given: SimpleNamespace(motion=given)
     )
@@ -219,7 +226,9 @@ def test_iterations_of_learning_have_other_noise(monkeypatch: pytest.MonkeyPatch
 
 
 def test_rows_of_moves_in_closed_form(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Largest of the motors, work of all; nothing is iterated and nothing begins before the path."""
+    """Largest of the motors, work of all; nothing is iterated and nothing begins before the
+    path.
+    """
     peaks = SimpleNamespace(
         torque_max=np.array([[1.0, 3.0], [5.0, 2.0]]),
         torque_rms=np.array([[0.5, 0.25], [1.0, 2.0]]),
@@ -258,7 +267,7 @@ def test_rows_of_moves_in_closed_form(monkeypatch: pytest.MonkeyPatch) -> None:
     }
 
 
-# --- texts and files --------------------------------------------------------------------------------------------------
+# --- texts and files -----------------------------------------------------------------------------
 @pytest.mark.parametrize(
     "angles", [(0.3, -0.4, 0.5), (np.pi / 2, 0.2, -np.pi / 2), (np.pi, 0.0, 0.7), (0.0, 0.0, 0.0)]
 )
@@ -266,7 +275,9 @@ def test_rows_of_moves_in_closed_form(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_steps_of_a_placement_are_its_rotation(
     angles: tuple[float, ...], shift: tuple[float, float, float]
 ) -> None:
-    """Turns about z, y, x in this order, quarters as whole numbers, others as symbols with their values."""
+    """Turns about z, y, x in this order, quarters as whole numbers, others as symbols with their
+    values.
+    """
     R = Rotation.from_euler("ZYX", angles).as_matrix()
     symbols = Symbols()
     steps = placement_steps(
@@ -288,7 +299,9 @@ def test_steps_of_a_placement_are_its_rotation(
 
 
 def test_defaults_of_joints_fill_what_a_joint_does_not_state() -> None:
-    """Tables of the same type are merged, those of another one replace it; a spring excludes gear and motor."""
+    """Tables of the same type are merged, those of another one replace it; a spring excludes gear
+    and motor.
+    """
 
     def entry(value: Any, line: int = 1) -> Entry:
         wrapped = (

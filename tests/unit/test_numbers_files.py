@@ -1,4 +1,6 @@
-"""Numbers of the rooms runtime, spec, model, expressions, inverse_kinematics and loop: made files, cases by hand."""
+"""Numbers of the rooms runtime, spec, model, expressions, inverse_kinematics and loop: made files,
+cases by hand.
+"""
 
 from __future__ import annotations
 
@@ -38,7 +40,7 @@ from flexgen.model.elements import (
 from flexgen.runtime import files
 from flexgen.spec import keys, number_edit, tables, toml_lines
 
-# --- shared libraries in ELF -----------------------------------------------------------------------------------------
+# --- shared libraries in ELF ---------------------------------------------------------------------
 
 wide_little = pytest.mark.skipif(
     sys.maxsize <= 2**32 or sys.byteorder != "little", reason="made for 64 bits"
@@ -46,7 +48,9 @@ wide_little = pytest.mark.skipif(
 
 
 def elf(segments: Any = ((1, 0, 64, 64),), **changes: Any) -> bytes:
-    """A header of 64 bytes, then segments (kind, start, size, memory) of 56 bytes each, of the running processor."""
+    """A header of 64 bytes, then segments (kind, start, size, memory) of 56 bytes each, of the
+    running processor.
+    """
     given = {
         "magic": b"\x7fELF\x02\x01",
         "kind": 3,
@@ -118,7 +122,7 @@ def test_a_library_is_mapped_only_if_its_segments_are_whole(
     )
 
 
-# --- texts of models -------------------------------------------------------------------------------------------------
+# --- texts of models -----------------------------------------------------------------------------
 
 
 def table(text: str) -> tables.Table:
@@ -214,8 +218,11 @@ def test_values_of_tables_and_their_defaults() -> None:
 
 
 def test_lines_of_entries_and_the_longest_line() -> None:
-    root = toml_lines.parse("a = 1\n[x.y]\nb = [1,\n2]\n[[m]]\nc = 1\n[[m]]\nd = 2\n[m.n]\ne = 3\n")
-    y, m = root.value["x"].value["y"], root.value["m"].value
+    root = toml_lines.parse(
+        "a = 1\n[x.y]\nb = [1,\n2]\n[[m]]\nc = 1\n[[m]]\nd = 2\n[m.n]\ne = 3\n"
+    )
+    y = root.value["x"].value["y"]
+    m = root.value["m"].value
     assert (y.line, y.value["b"].line, y.value["b"].value[1].line) == (2, 3, 4)
     assert [entry.line for entry in m] == [5, 7] and m[1].value["n"].value["e"].line == 10
     assert toml_lines.parse("a = 1234", width=8).value["a"].value == 1234
@@ -277,7 +284,7 @@ def test_edits_of_numbers_find_what_is_there_and_name_what_is_not() -> None:
     assert number_edit._plain({"a": 1.0, "b": {"c": 2.0}}) == "{ a = 1.0, b = { c = 2.0 } }"
 
 
-# --- models ----------------------------------------------------------------------------------------------------------
+# --- models --------------------------------------------------------------------------------------
 
 
 def test_angles_in_degrees_are_exact_at_quarter_turns() -> None:
@@ -312,7 +319,7 @@ def test_coordinates_of_a_chain_have_names_units_and_modes() -> None:
     ]
     labels = output_labels(Made(output=Made(type="combination", size=3)))  # type: ignore[arg-type]
     assert labels == {"y_ref": ("y1", "y2", "y3")}
-    pose = output_labels(Made(output=Made(type="tool_pose", size=6)))["R_ref"]  # type: ignore[arg-type]
+    pose = output_labels(Made(output=Made(type="tool_pose", size=6)))["R_ref"]
     assert pose[:4] == ("xx", "xy", "xz", "yx") and len(pose) == 9
 
 
@@ -360,7 +367,8 @@ def test_principal_moments_of_a_link_are_those_of_a_body() -> None:
         "principal moments >= 0 (or in the overlay: [link.arm] body"
     )
     assert (
-        check([-5e-10, 1.0, 1.0], reduced=True) == 0 and check([-5e-9, 1.0, 1.0], reduced=True) == 1
+        check([-5e-10, 1.0, 1.0], reduced=True) == 0
+        and check([-5e-9, 1.0, 1.0], reduced=True) == 1
     )
     assert urdf.zero_tiny([1e-300, -2.0]) == [0.0, -2.0]
     many = [f"n{k}" for k in range(9)]
@@ -371,7 +379,7 @@ def test_principal_moments_of_a_link_are_those_of_a_body() -> None:
     )
 
 
-# --- steps of emitted functions --------------------------------------------------------------------------------------
+# --- steps of emitted functions ------------------------------------------------------------------
 
 
 def test_operations_of_steps_are_those_of_elimination_and_of_scalar_products() -> None:
@@ -381,7 +389,8 @@ def test_operations_of_steps_are_those_of_elimination_and_of_scalar_products() -
         width = columns + (n if unit else 0)
         pairs = [(i, j) for i in range(n) for j in range(profile[i], i)]
         factor = sum(1 + 2 * (n - i) for i, _ in pairs)
-        ahead, back = 2 * len(pairs), 2 * sum(range(n)) + n
+        ahead = 2 * len(pairs)
+        back = 2 * sum(range(n)) + n
         assert (
             solve.width == width
             and solve.operations == factor + sum(range(n)) + (ahead + back) * width
@@ -399,10 +408,8 @@ def test_operations_of_steps_are_those_of_elimination_and_of_scalar_products() -
         and factor.depth == 90
         and factor.matrix_stride == 80
     )
-    above, below = (
-        (routine.Rows("a", 0, 2), routine.Rows("b", 0, 2)),
-        (routine.Rows("c", 0, 5), routine.Rows("d", 0, 5)),
-    )
+    above = (routine.Rows("a", 0, 2), routine.Rows("b", 0, 2))
+    below = (routine.Rows("c", 0, 5), routine.Rows("d", 0, 5))
     product = routine.Products(above, below, 8, "M")
     assert (product.operations, product.depth, product.symmetric) == (9 * 36 + 3 * 28, 40, False)
     assert routine.Products(above, above[::-1], 8, "M").operations == 3 * 36
@@ -425,22 +432,29 @@ def test_sums_of_products_are_added_in_pairs() -> None:
     assert _total(one, "u", layout) == "w[100 + i] * u0"
 
 
-# --- poses at rest, parameters of loops ------------------------------------------------------------------------------
+# --- poses at rest, parameters of loops ----------------------------------------------------------
 
 
 def test_the_elastic_robot_at_rest_is_where_statics_hold_it(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Gear deflections and soft joints under gravity; the joints are moved until the tool is at the goal."""
+    """Gear deflections and soft joints under gravity; the joints are moved until the tool is at
+    the goal.
+    """
     model = replace(flexgen.read("planar5_nmp"), gravity=(0.0, -9.81, 0.0))
     equations = derive(model)
     solver: Any = Made(
-        model=model, i_g=list(model.i_g), free=list(model.i_g), length=0.7, _at=np.arange(model.n_g)
+        model=model,
+        i_g=list(model.i_g),
+        free=list(model.i_g),
+        length=0.7,
+        _at=np.arange(model.n_g),
     )
     solver._solve_deflections = lambda q: _Solver._solve_deflections(solver, q)
     solver._error = lambda *given: _Solver._error(solver, *given)
     solver._miss = lambda goal, full: _Solver._miss(solver, goal, full)
-    pose, jacobian = equations.function("forward_kinematics"), equations.function("jacobian")
+    pose = equations.function("forward_kinematics")
+    jacobian = equations.function("jacobian")
     solver.library = Made(
         forward_kinematics=lambda q: (np.array(pose(q)[0]).ravel(), np.array(pose(q)[1])),
         jacobian=lambda q: np.array(jacobian(q)),

@@ -1,4 +1,6 @@
-"""Start values of a calibration: elements and trackers of a made-up robot are found where they were placed."""
+"""Start values of a calibration: elements and trackers of a made-up robot are found where they
+were placed.
+"""
 
 from __future__ import annotations
 
@@ -50,14 +52,17 @@ def case(
 def test_a_turned_element_is_found_with_the_trackers_and_the_frame(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """In 60 rounds; without the element the search ends in the round that lowers the error by less than a part of it.
+    """In 60 rounds; without the element the search ends in the round that lowers the error by less
+    than a part of it.
 
-    Positions do not tell a shift along the axis before the element from one of the frame: they are what is equal.
+    Positions do not tell a shift along the axis before the element from one of the frame: they are
+    what is equal.
     """
     statics, true, _ = case(8)
     measured = statics.rest(true, rigid=True).measured.copy()
     measured[3, 0] = measured[5, 1] = np.nan
-    pose, calls = frames.best_pose, [0]
+    pose = frames.best_pose
+    calls = [0]
 
     def counted(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         calls[0] += 1
@@ -89,7 +94,9 @@ def test_a_turned_element_is_found_with_the_trackers_and_the_frame(
 
 
 def test_one_step_places_an_element_and_the_trackers_where_they_are() -> None:
-    """All else known; a tracker in front of the element, and positions that were not seen, tell nothing of it."""
+    """All else known; a tracker in front of the element, and positions that were not seen, tell
+    nothing of it.
+    """
     statics, true, at = case(6)
     shown = statics.rest(true, rigid=True).measured
     valid = np.ones(shown.shape[:2], bool)
@@ -122,7 +129,9 @@ def test_one_step_places_an_element_and_the_trackers_where_they_are() -> None:
 def test_the_search_begins_from_eight_attitudes_on_some_of_the_poses(
     lost: int, taken: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Every second one of 125 with all trackers; all where fewer than 60 were; then the best one with all poses."""
+    """Every second one of 125 with all trackers; all where fewer than 60 were; then the best one
+    with all poses.
+    """
     statics, true, at = case(130)
     measured = statics.rest(true, rigid=True).measured.copy()
     measured[:lost, 1, 2] = np.nan
@@ -151,7 +160,9 @@ def test_the_search_begins_from_eight_attitudes_on_some_of_the_poses(
 def test_a_search_from_the_frame_of_the_file_follows_where_the_first_error_is_large(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Larger than a twentieth of the mean distance of the points from their mean, which is 2 here."""
+    """Larger than a twentieth of the mean distance of the points from their mean, which is 2
+    here.
+    """
     statics, _, _ = case(6)
     measured = np.tile([[[3.0, 5.0, 0.0], [-1.0, 5.0, 0.0]]], (6, 1, 1))
     begun: list[np.ndarray] = []

@@ -1,4 +1,6 @@
-"""Gains of controllers on models at a pose: eigenvalues that separate, recursions by hand, and texts as LaTeX."""
+"""Gains of controllers on models at a pose: eigenvalues that separate, recursions by hand, and
+texts as LaTeX.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,9 @@ from flexgen.laws.state_lq import LQ
 
 
 def two_masses() -> Any:
-    """Two masses of 1 and 2 kg with a spring between them; the second one is driven, its position is measured."""
+    """Two masses of 1 and 2 kg with a spring between them; the second one is driven, its position
+    is measured.
+    """
     K = 40.0 * np.array([[1.0, -1.0], [-1.0, 1.0]])
     inverse = np.diag([1.0, 0.5])
     A = np.block(
@@ -31,24 +35,30 @@ def two_masses() -> Any:
             [-inverse @ K, -0.3 * inverse @ np.array([[1.0, -1.0], [-1.0, 1.0]])],
         ]
     )
-    drive, push = np.array([[0.0], [0.0], [0.0], [0.5]]), np.zeros((4, 3))
+    drive = np.array([[0.0], [0.0], [0.0], [0.5]])
+    push = np.zeros((4, 3))
     push[2, 0] = 1.0
-    C, D = np.array([[0.0, 1.0, 0.0, 0.0]]), np.zeros((1, 1))
+    C = np.array([[0.0, 1.0, 0.0, 0.0]])
+    D = np.zeros((1, 1))
     return Made(A=A, B=drive, push=push, C=C, D=D, W=np.array([[1.0, 0.0]]))
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.01, 0.015])
 def test_eigenvalues_of_a_loop_are_those_of_its_gain_and_of_its_observer(delay: float) -> None:
-    """Of the robot with the torques under way, and of the error with the disturbance (separation)."""
-    at, h = two_masses(), 0.01
+    """Of the robot with the torques under way, and of the error with the disturbance
+    (separation).
+    """
+    at = two_masses()
+    h = 0.01
     options = LQG(rho=0.5)
     made: Any = object.__new__(_Design)
-    made.model, made.sample_s, made.delay_s, made.options = Made(n_m=1), h, delay, options
-    made.poses, made.u_max, made.noise = (
-        Made(at=lambda motion: at),
-        np.array([3.0]),
-        np.array([1e-8]),
-    )
+    made.model = Made(n_m=1)
+    made.sample_s = h
+    made.delay_s = delay
+    made.options = options
+    made.poses = Made(at=lambda motion: at)
+    made.u_max = np.array([3.0])
+    made.noise = np.array([1e-8])
     made.tool_force = 50.0
     A, B, C, D = made.part([])
     F, G = sample_model(at.A, at.B, h, delay)
@@ -62,7 +72,8 @@ def test_eigenvalues_of_a_loop_are_those_of_its_gain_and_of_its_observer(delay: 
     for value in wanted:
         assert np.abs(found - value).min() < 1e-6
     assert np.abs(found).max() < 1.0 and len(found) == 2 * size + 1
-    # the disturbance is estimated: a constant torque on the drive leaves no error of the torque at rest
+    # the disturbance is estimated: a constant torque on the drive leaves no error of the torque at
+    # rest
     constant = np.zeros(2 * size + 1)
     constant[:4] = sample_model(at.A, at.B, h, 0.0)[1][:4, 0]
     rest = np.linalg.solve(np.eye(len(loop)) - loop, constant)
@@ -72,16 +83,19 @@ def test_eigenvalues_of_a_loop_are_those_of_its_gain_and_of_its_observer(delay: 
 
 def test_a_regulator_is_the_minimum_of_its_cost() -> None:
     """Of the sum over a long time from any state: another gain costs more."""
-    at, h = two_masses(), 0.01
+    at = two_masses()
+    h = 0.01
     F, G = sample_model(at.A, at.B, h, 0.0)
-    gain, u_max = regulator(at, F, G, 0.5, np.array([3.0])), np.array([3.0])
+    gain = regulator(at, F, G, 0.5, np.array([3.0]))
+    u_max = np.array([3.0])
     Q = np.zeros((4, 4))
     Q[0, 0] = 1 / lq.OUTPUT_SCALE**2
     Q[2, 2] = lq.SPEED_WEIGHT_S**2 / lq.OUTPUT_SCALE**2
     Q += lq.REGULAR * np.trace(Q) / 4 * np.eye(4)
 
     def cost(K: np.ndarray) -> float:
-        x, closed = np.array([1e-3, 2e-3, -0.01, 0.02]), F - G @ K
+        x = np.array([1e-3, 2e-3, -0.01, 0.02])
+        closed = F - G @ K
         each = Q + K.T @ (0.5 / u_max**2 * K)
         return float(x @ solve_discrete_lyapunov(closed.T, each) @ x)
 
@@ -95,15 +109,21 @@ def test_a_regulator_is_the_minimum_of_its_cost() -> None:
 def test_a_gain_on_the_state_is_a_recursion_in_angles(exact: bool) -> None:
     """Speeds are differences of two samples, or measured; torques under way are the last ones."""
     rng = np.random.default_rng(3)
-    n_a, n_m, h, under_way = 2, 2, 5e-3, 2
+    n_a = 2
+    n_m = 2
+    h = 5e-3
+    under_way = 2
     K = rng.normal(size=(n_m, 2 * 4 + under_way * n_m))
-    links, first = np.array([3, 2]), 4
+    links = np.array([3, 2])
+    first = 4
     motion: Any = Made(
         model=Made(n_a=n_a, n_m=n_m), sample_s=h, exact_state=exact, state_channel=first
     )
     n_y = 4 + 8 * exact
     A, B, C, D = LQ()._part(K, motion, None if exact else links, n_y)
-    z, torques, before = np.zeros(len(A)), [np.zeros(n_m)] * under_way, np.zeros(4)
+    z = np.zeros(len(A))
+    torques = [np.zeros(n_m)] * under_way
+    before = np.zeros(4)
     for e in rng.normal(size=(6, n_y)):
         if exact:
             angles = np.hstack([e[first : first + 2], e[first + 4 : first + 6]])
@@ -114,12 +134,15 @@ def test_a_gain_on_the_state_is_a_recursion_in_angles(exact: bool) -> None:
         u = C @ z + D @ e
         expected = K[:, :4] @ angles + K[:, 4:8] @ speeds - K[:, 8:] @ np.hstack(torques)
         assert_allclose(u, expected, rtol=1e-9)
-        z, before = A @ z + B @ e, angles
+        z = A @ z + B @ e
+        before = angles
         torques = [*torques[1:], u]
 
 
 def test_laws_on_the_motors_have_gains_of_their_frequency(monkeypatch: pytest.MonkeyPatch) -> None:
-    """``w^2`` and ``2 w``; a table of angle, speed and acceleration; the inertias of the first instant."""
+    """``w^2`` and ``2 w``; a table of angle, speed and acceleration; the inertias of the first
+    instant.
+    """
     model = flexgen.read("elbow")
     asked: list[Any] = []
     table = np.arange(5 * 4 * 2.0).reshape(5, 4, 2)
@@ -135,7 +158,8 @@ def test_laws_on_the_motors_have_gains_of_their_frequency(monkeypatch: pytest.Mo
         difference=lambda x: x,
         steps_per_s=7.0,
     )
-    motion.arm, motion.state_channel = lambda ahead: table, -1
+    motion.arm = lambda ahead: table
+    motion.state_channel = -1
     for name, value in (
         ("_rigid_obstacle", None),
         ("refuse_harmonics", None),
@@ -175,14 +199,18 @@ def test_texts_as_latex_and_as_comments_of_structured_text() -> None:
     assert Name("m", ("link1", "2", "a_b")).latex() == r"m_{\mathrm{link1},2,\text{a\_b}}"
     words = "word-with-hyphens " * 12
     lines = text._comment(words + "(* x *) $ \u00e9", "  ").splitlines()
-    assert len(lines) == 3 and lines[0].startswith("  (* word") and lines[-1] == "     * x * ) S *)"
+    assert (
+        len(lines) == 3 and lines[0].startswith("  (* word") and lines[-1] == "     * x * ) S *)"
+    )
     assert lines[1].startswith("     word") and lines[1].endswith("hyphens (")
     assert {part for line in lines[:-1] for part in line.split()} == {
         "(*",
         "word-with-hyphens",
         "(",
     }
-    assert text._comment("short", "") == "(* short *)\n" and all(len(line) <= 115 for line in lines)
+    assert text._comment("short", "") == "(* short *)\n" and all(
+        len(line) <= 115 for line in lines
+    )
 
 
 def test_the_force_that_the_filter_expects_is_small_for_small_robots() -> None:
@@ -197,20 +225,25 @@ def test_the_force_that_the_filter_expects_is_small_for_small_robots() -> None:
 def test_state_feedback_has_gains_of_its_own_for_each_part_of_a_motion(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """81 samples: 27 parts of 3, since at most 40; the poses of the parts have other masses, and so other gains."""
+    """81 samples: 27 parts of 3, since at most 40; the poses of the parts have other masses, and
+    so other gains.
+    """
 
     class Poses:
         def __init__(self, model: Any) -> None:
             assert model.name == "drive"
 
         def at(self, points: list[np.ndarray]) -> Any:
-            position, factor = float(points[0][0, 0]), float(points[1][0])
+            position = float(points[0][0, 0])
+            factor = float(points[1][0])
             assert position == factor - 1.0 and [len(x) for x in points] == [1, 1]
             made = two_masses()
             made.B = made.B * factor
             return made
 
-    model: Any = Made(name="drive", n_a=1, n_m=1, dof=2, sensors=(), motors=(Made(torque_max=3.0),))
+    model: Any = Made(
+        name="drive", n_a=1, n_m=1, dof=2, sensors=(), motors=(Made(torque_max=3.0),)
+    )
     asked: list[int] = []
 
     def parts(samples: int) -> list[np.ndarray]:

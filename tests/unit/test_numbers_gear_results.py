@@ -1,4 +1,6 @@
-"""Fits of gears with the simulation replaced: linear torques, numbers from their entries, bands, and refusals."""
+"""Fits of gears with the simulation replaced: linear torques, numbers from their entries, bands,
+and refusals.
+"""
 
 from __future__ import annotations
 
@@ -21,24 +23,26 @@ from flexgen.trajectory import Trajectory
 
 
 class Linear:
-    """Torques that are linear in theta: two parameters, and friction of two motors; angles with noise change them."""
+    """Torques that are linear in theta: two parameters, and friction of two motors; angles with
+    noise change them.
+    """
 
     def __init__(self, noise: float, late: float) -> None:
         rng = np.random.default_rng(7)
         self.parts = self.shapes = self.errors = self.bent = 2
-        self.count, self.start, self.sought = (
-            0,
-            np.array([1.0, 1.0, 0.0, 0.0]),
-            Made(exponents=False),
-        )
+        self.count = 0
+        self.start = np.array([1.0, 1.0, 0.0, 0.0])
+        self.sought = Made(exponents=False)
         waves = rng.normal(size=(1500, 6))
         self.J = np.zeros((1500, 2, 4))
         self.J[:, 0, 0], self.J[:, 1, 0], self.J[:, 0, 1], self.J[:, 1, 1] = waves[:, :4].T
         self.J[:, 0, 2], self.J[:, 1, 3] = waves[:, 4:].T
         self.change = noise * rng.normal(size=(64, *self.J.shape))
-        self.true, self.motion = np.array([1.2, 0.8, 0.3, -0.2]), (0, 0.0)
+        self.true = np.array([1.2, 0.8, 0.3, -0.2])
+        self.motion = (0, 0.0)
         self.measured = self.J @ self.true + late * rng.normal(size=(1500, 2))
-        self.signals, self.units = Made(sample_s=4e-3, band_hz=1e3), np.ones(2)
+        self.signals = Made(sample_s=4e-3, band_hz=1e3)
+        self.units = np.ones(2)
         self.J = self.J + noise * rng.normal(size=self.J.shape)  # as recorded, with noise
 
     def more_noise(self, seed: int, sign: float) -> tuple[int, float]:
@@ -69,7 +73,8 @@ def test_a_linear_fit_is_that_of_least_squares(monkeypatch: pytest.MonkeyPatch) 
     made: Any = Linear(0.0, 1e-2)
     found = fit.estimate(made, lines.append)
     faded = fit.tukey(1500, fit.TAPER)[:, None, None]
-    J, y = (faded * made.J).reshape(-1, 4), (faded[..., 0] * made.measured).ravel()
+    J = (faded * made.J).reshape(-1, 4)
+    y = (faded[..., 0] * made.measured).ravel()
     expected = np.linalg.lstsq(J, y, rcond=None)[0]
     sd = 1e-2 * np.sqrt(np.diag(np.linalg.inv(J.T @ J)))
     assert found.converged and (np.abs(found.theta - expected) < 1.2 * sd).all()
@@ -89,7 +94,8 @@ def test_noise_of_the_angles_does_not_make_the_numbers_smaller(
     monkeypatch.setattr(fit, "DRAWS", (4, 8))
     made: Any = Linear(0.3, 1e-2)
     found = fit.estimate(made, lambda line: None)
-    J, y = made.J.reshape(-1, 4), made.measured.ravel()
+    J = made.J.reshape(-1, 4)
+    y = made.measured.ravel()
     plain = np.linalg.lstsq(J, y, rcond=None)[0]
     sd = np.sqrt(np.diag(found.covariance))
     assert (np.abs(plain - made.true)[:2] > 5 * sd[:2]).all() and (
@@ -101,7 +107,9 @@ def test_noise_of_the_angles_does_not_make_the_numbers_smaller(
 def entries(
     harmonics: tuple[int, ...] = (1, 4), cogging: tuple[int, ...] = (2, 3)
 ) -> tuple[Any, np.ndarray]:
-    """A fit of both gears of `elbow`: a parameter, three elements, errors of both gears, and cogging."""
+    """A fit of both gears of `elbow`: a parameter, three elements, errors of both gears, and
+    cogging.
+    """
     elements = (Element(0, 4e6, 3e-5), Element(0, 2e6, 6e-5, 2.0), Element(1, 3e6, 4e-5, 1.5, 0.2))
     sought = fit.Sought(elements, True, (0, 1), harmonics, cogging)
     made: Any = Made(sought=sought, at=[0, 0, 1], n_m=2, shapes=4, parts=7, errors=10)
@@ -116,7 +124,8 @@ def entries(
 def test_numbers_of_a_fit_are_its_entries_times_their_units() -> None:
     robot = flexgen.read("elbow", overrides={"element.upper.dof.q1.gear.side": "motor"})
     made, theta = entries()
-    n, model_key = len(theta), "element.upper.dof.q1.gear"
+    n = len(theta)
+    model_key = "element.upper.dof.q1.gear"
     root = np.diag(0.01 * theta)
     root[1, 2] = 0.02
     covariance = root @ root.T
@@ -127,8 +136,11 @@ def test_numbers_of_a_fit_are_its_entries_times_their_units() -> None:
     found = {number.name: number for number in numbers.all()}
     sd = np.sqrt(np.diag(covariance))
     assert (found["q1.stiffness"].value, found["q1.stiffness"].change) == (2.0, ("k", "", -1))
-    assert found["q1.stiffness"].sd == pytest.approx(2 * sd[0]) and found["q1.stiffness"].determined
-    of_first, of_other = "q1.hysteresis.", "q2.hysteresis."
+    assert (
+        found["q1.stiffness"].sd == pytest.approx(2 * sd[0]) and found["q1.stiffness"].determined
+    )
+    of_first = "q1.hysteresis."
+    of_other = "q2.hysteresis."
     ratio = robot.motors[0].ratio[0] ** 2  # of its square: a stiffness on the side of the motor
     assert found[of_first + "stiffness_1"].value == pytest.approx(10 * theta[1] / ratio)
     assert found[of_first + "stiffness"].value == pytest.approx(
@@ -146,7 +158,11 @@ def test_numbers_of_a_fit_are_its_entries_times_their_units() -> None:
         "lost_motion",
         0,
     )
-    assert found[of_first + "lost_motion_2"].change == (f"{model_key}.hysteresis", "lost_motion", 1)
+    assert found[of_first + "lost_motion_2"].change == (
+        f"{model_key}.hysteresis",
+        "lost_motion",
+        1,
+    )
     assert (
         found[of_first + "lost_motion"].change == ("", "", -1)
         and of_other + "lost_motion_1" not in found
@@ -186,7 +202,10 @@ def test_numbers_are_determined_by_half_of_their_size(part: float, known: bool) 
     made, theta = entries((1,), ())
     theta[10:14] = [0.0, 1.0, -3.0, 4.0]
     sd = np.full(len(theta), 1e-3)
-    sd[0], sd[3], sd[11], sd[12] = part * theta[0], part * theta[3], part, 5 * part
+    sd[0] = part * theta[0]
+    sd[3] = part * theta[3]
+    sd[11] = part
+    sd[12] = 5 * part
     stiff: Any = Made(name="q1.stiffness", unit="N m/rad", key="k")
     found = fit.Estimate(theta, np.diag(sd**2), np.zeros((1, 2)), True)
     numbers = identify._Numbers(flexgen.read("elbow"), [stiff], made, found)
@@ -232,7 +251,8 @@ def test_the_status_of_gears_follows_from_residuals(
     status: str,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    robot, wave = flexgen.read("elbow"), np.array([[1.0], [-1.0]])
+    robot = flexgen.read("elbow")
+    wave = np.array([[1.0], [-1.0]])
     made: Any = Made(
         noise=lambda theta, e: np.array([2.0, 2.0]),
         measured=wave * [4000.0, 8000.0],
@@ -266,7 +286,11 @@ def test_the_status_of_gears_follows_from_residuals(
         ({30.0: "FITTED"}, [30.0], "FITTED"),
         ({30.0: "NOISE"}, [30.0], "NOISE"),
         ({30.0: "MODEL_ERROR", 18.0: "FITTED"}, [30.0, 18.0], "NOISE"),
-        ({30.0: "NOT_CONVERGED", 18.0: "MODEL_ERROR", 10.8: "FITTED"}, [30.0, 18.0, 10.8], "NOISE"),
+        (
+            {30.0: "NOT_CONVERGED", 18.0: "MODEL_ERROR", 10.8: "FITTED"},
+            [30.0, 18.0, 10.8],
+            "NOISE",
+        ),
         (
             {30.0: "MODEL_ERROR", 18.0: "MODEL_ERROR", 10.8: "MODEL_ERROR"},
             [30.0, 18.0, 10.8],
@@ -344,7 +368,8 @@ def test_narrower_bands_show_what_noise_hides(
 
 
 def test_harmonics_are_some_whole_numbers() -> None:
-    most, highest = identify.MOST, identify.HIGHEST
+    most = identify.MOST
+    highest = identify.HIGHEST
     assert identify._orders("cogging", [3, 1, highest]) == (1, 3, highest)
     assert identify._orders("cogging", list(range(1, most + 1))) == tuple(range(1, most + 1))
     text = f"expected at most {most} different whole numbers from 1 to {highest}"
@@ -369,20 +394,32 @@ def record(t: np.ndarray, q_m: np.ndarray) -> Trajectory:
 def test_records_that_cannot_be_compared_are_refused() -> None:
     t = 5.0 + 1e-3 * np.arange(3000)
     q = np.sin(9 * t[:, None] * [1.0, 1.3])
-    lost, still, uneven = q.copy(), q.copy(), t.copy()
+    lost = q.copy()
+    still = q.copy()
+    uneven = t.copy()
     lost[7, 1] = np.nan
     still[:, 1] = 3.0
     uneven[20] += 2.2e-5  # a little more than what counts as equal
     for given, motors, band, text in (
         (record(t, q), 3, None, "record: given 2 columns of q_m, expected 3"),
-        (record(t, lost), 2, None, "record: given NaN or infinity in q_m, expected finite numbers"),
+        (
+            record(t, lost),
+            2,
+            None,
+            "record: given NaN or infinity in q_m, expected finite numbers",
+        ),
         (
             record(uneven, q),
             2,
             None,
             "record: given unequal steps in time, expected the same step between all samples",
         ),
-        (record(t, still), 2, None, "record: given motor 2 at rest, expected that all motors move"),
+        (
+            record(t, still),
+            2,
+            None,
+            "record: given motor 2 at rest, expected that all motors move",
+        ),
         (
             record(t, 0 * q),
             2,
@@ -405,8 +442,11 @@ def test_records_that_cannot_be_compared_are_refused() -> None:
 
 
 def gear_fit(robot: flexgen.RobotModel, status: GearStatus = GearStatus.FITTED) -> GearFit:
-    """Two springs, of which one is not determined, an element of hysteresis, and a transmission error."""
-    q1, q2 = "element.upper.dof.q1.gear", "element.fore.dof.q2.gear"
+    """Two springs, of which one is not determined, an element of hysteresis, and a transmission
+    error.
+    """
+    q1 = "element.upper.dof.q1.gear"
+    q2 = "element.fore.dof.q2.gear"
     rows = (
         ("q1.stiffness", 6e6, (f"{q1}.spring.stiffness", "", -1), True),
         ("q2.stiffness", 9e6, (f"{q2}.spring.stiffness", "", -1), False),
@@ -443,8 +483,8 @@ def test_the_model_of_a_fit_has_what_the_record_determines(tmp_path: Path) -> No
     model = found.model
     first, second = (element.dofs[0].gear for element in model.elements)
     assert first is not None and second is not None
-    assert first.spring.stiffness == 6e6 and second.spring.stiffness == 4.0999e6  # type: ignore[union-attr]
-    assert (first.hysteresis.stiffness, first.hysteresis.lost_motion) == (5e5, 2e-4)  # type: ignore[union-attr]
+    assert first.spring.stiffness == 6e6 and second.spring.stiffness == 4.0999e6
+    assert (first.hysteresis.stiffness, first.hysteresis.lost_motion) == (5e5, 2e-4)
     error = second.transmission_error
     assert error is not None and tuple(error.harmonics) == (1, 4)
     assert tuple(error.cos) == (3e-5, 0.0) and tuple(error.sin) == (0.0, -4e-5)
@@ -465,7 +505,9 @@ def test_the_model_of_a_fit_has_what_the_record_determines(tmp_path: Path) -> No
 
 
 def test_a_fit_is_added_to_the_file_of_its_model_only(tmp_path: Path) -> None:
-    """On top of the variant that was identified; a file that has the variant, or no file, is refused."""
+    """On top of the variant that was identified; a file that has the variant, or no file, is
+    refused.
+    """
     heavy = gear_fit(flexgen.read("elbow@payload")).save(tmp_path / "heavy.toml")
     assert flexgen.read(f"{heavy}@identified").payload == flexgen.read("elbow@payload").payload
     with pytest.raises(

@@ -1,7 +1,9 @@
-"""Numbers of the fit of gears on a made-up record: signals, torques, derivatives, weights, steps, and the result.
+"""Numbers of the fit of gears on a made-up record: signals, torques, derivatives, weights, steps,
+and the result.
 
-Of `flexgen.gears.signals`, `flexgen.gears.driven_arm`, `flexgen.gears.fit`, `flexgen.gears.identify` and
-`flexgen.gears.result`. That they are right, long records of MuJoCo show (`tests/cross/test_identify_gears.py`).
+Of `flexgen.gears.signals`, `flexgen.gears.driven_arm`, `flexgen.gears.fit`,
+`flexgen.gears.identify` and `flexgen.gears.result`. That they are right, long records of MuJoCo
+show (`tests/cross/test_identify_gears.py`).
 """
 
 from __future__ import annotations
@@ -34,7 +36,8 @@ FREE = ["q1.stiffness", "q1.damping"]
 
 def record_of(seconds: float = 5.2, noise: float = 1e-6, **changes: Any) -> Trajectory:
     """Two motors of `elbow` in a motion by formulas, with torques by other ones."""
-    t, rng = 1e-3 * np.arange(int(1e3 * seconds)), np.random.default_rng(5)
+    t = 1e-3 * np.arange(int(1e3 * seconds))
+    rng = np.random.default_rng(5)
     waves = np.sin(9.0 * t[:, None] * [1.0, 1.3] + [0.0, 1.0]) + 0.4 * np.sin(
         31.0 * t[:, None] * [1.0, 0.8]
     )
@@ -65,7 +68,9 @@ def signals() -> Signals:
 
 @cache
 def made() -> fit.GearModel:
-    """Two elements at the first gear, one with another law at the second, whose transmission error is sought, too."""
+    """Two elements at the first gear, one with another law at the second, whose transmission error
+    is sought, too.
+    """
     elements = (Element(0, 4e6, 3e-5), Element(0, 2e6, 6e-5, 2.0), Element(1, 3e6, 4e-5, 1.5, 0.2))
     sought = Sought(elements, True, (1,), (1, 3), (2,))
     return fit.GearModel(derive(robot(), FREE), sought, signals())
@@ -100,14 +105,17 @@ def test_signals_in_the_band_of_a_record_are_what_they_were() -> None:
 def test_white_noise_of_a_record_has_its_standard_deviation_however_short_it_is(
     seconds: float,
 ) -> None:
-    """Its spectrum is the mean of pieces of 4 s; where these are few, the median over the lines is below the mean."""
+    """Its spectrum is the mean of pieces of 4 s; where these are few, the median over the lines is
+    below the mean.
+    """
     found = signals_of(record_of(seconds, 1e-4), 2, 12.0)
     assert_allclose(np.array([found.angle_sd, found.torque_sd]).mean(), 1e-4, rtol=0.05)
 
 
 def test_the_model_of_a_record_is_what_it_was() -> None:
     """Numbers of the arm, torques and derivatives; the loops, and what noise explains."""
-    model, theta = made(), moved()
+    model = made()
+    theta = moved()
     error, J = model.derivatives(theta, model.motion)
     J = np.moveaxis(J, -1, 0) / np.abs(J).max(axis=(0, 1))[:, None, None]
     check_numbers(
@@ -129,8 +137,11 @@ def test_the_model_of_a_record_is_what_it_was() -> None:
 
 
 def test_torques_of_a_noisy_loop_do_not_hide_a_wrong_law() -> None:
-    """White noise of the torques is no more than the quietest band of the residuals has, and hides no slow error."""
-    theta, rng = moved(), np.random.default_rng(8)
+    """White noise of the torques is no more than the quietest band of the residuals has, and hides
+    no slow error.
+    """
+    theta = moved()
+    rng = np.random.default_rng(8)
     quiet = made()
     noisy = copy(quiet)
     noisy.signals = replace(quiet.signals, torque_sd=1e3 * quiet.signals.torque_noise)
@@ -147,10 +158,13 @@ def test_torques_of_a_noisy_loop_do_not_hide_a_wrong_law() -> None:
 
 
 def test_white_torques_are_noise_in_bands_of_few_lines_too() -> None:
-    """The quietest of the bands has less than its part by chance, and most of all one of few lines."""
+    """The quietest of the bands has less than its part by chance, and most of all one of few
+    lines.
+    """
     model = copy(made())
     model.signals = replace(model.signals, torque_sd=np.ones(2))
-    rng, k = np.random.default_rng(3), len(model.measured)
+    rng = np.random.default_rng(3)
+    k = len(model.measured)
     lines = model._bands(model.measured)[0]
     assert lines.min() < 4
     level = (k * model.signals.torque_noise) ** 2 / (2 * lines.sum())
@@ -162,7 +176,8 @@ def test_white_torques_are_noise_in_bands_of_few_lines_too() -> None:
 
 
 def test_a_step_with_corrected_normal_equations_is_what_it_was() -> None:
-    model, theta = made(), moved()
+    model = made()
+    theta = moved()
     e = model.torques([theta], model.motion)[0] - model.measured
     white = fit.Whitening(e, model, fit.FLOOR[1])
     lower, upper = bounds = fit._bounds(model)
@@ -186,7 +201,8 @@ def test_a_step_with_corrected_normal_equations_is_what_it_was() -> None:
 
 @pytest.mark.parametrize("converged", [True, False])
 def test_the_result_of_a_fit_has_the_numbers_of_the_model(converged: bool) -> None:
-    model, theta = made(), moved()
+    model = made()
+    theta = moved()
     n = len(theta)
     spread = 1e-2 * np.diag(np.arange(1.0, n + 1)) + 1e-4
     error = model.torques([theta], model.motion)[0] - model.measured
@@ -216,8 +232,10 @@ TORQUES: Any = {"tau_m": np.outer([1.0, 0.0, 1.0, 0.0], [2.0, 6.0])}  # N m, of 
 
 
 def test_elements_begin_as_those_of_the_model_or_as_fractions_of_the_spring() -> None:
-    """n elements share the stiffness of the spring; their lost motions are around one arcmin, by factors of two."""
-    K = [dof.gear.spring.stiffness for element in robot().elements for dof in element.dofs]  # type: ignore[union-attr]
+    """n elements share the stiffness of the spring; their lost motions are around one arcmin, by
+    factors of two.
+    """
+    K = [dof.gear.spring.stiffness for element in robot().elements for dof in element.dofs]
     found = identify._first_elements(robot(), (0, 1), 3, False, TORQUES)
     arcmin = np.pi / 180 / 60
     assert [x.gear for x in found] == [0, 0, 0, 1, 1, 1]
@@ -261,15 +279,17 @@ def test_lost_motions_of_translations_are_found_against_their_deflections() -> N
 
 
 def test_errors_of_the_steps_are_taken_out_of_the_comparison() -> None:
-    """Residuals are those of a simulation with ten times as many steps, and stay so; none accumulate."""
+    """Residuals are those of a simulation with ten times as many steps, and stay so; none
+    accumulate.
+    """
     model = fit.GearModel(derive(robot(), FREE), Sought(()), signals())
-    fine, recorded, theta = copy(model), model.measured, model.start
+    fine = copy(model)
+    recorded = model.measured
+    theta = model.start
     fine.segments = model.arm.segments(model.signals.sample_s, 10 * model.segments.steps)
     motion = MotorMotion.through(model.signals.time, model.signals.q_m, fine.segments.steps)
-    exact, coarse = (
-        fine.torques([theta], motion)[0] - recorded,
-        model.torques([theta], model.motion)[0],
-    )
+    exact = fine.torques([theta], motion)[0] - recorded
+    coarse = model.torques([theta], model.motion)[0]
     before = np.abs(coarse - recorded - exact).max()
     for _ in range(2):
         model.take_out_step_errors(theta)
@@ -278,10 +298,13 @@ def test_errors_of_the_steps_are_taken_out_of_the_comparison() -> None:
 
 def test_a_further_element_is_one_of_a_model_that_has_it() -> None:
     """Its torques are those of a fit whose second gear has one element more, as weak."""
-    model, theta = made(), moved()
+    model = made()
+    theta = moved()
     further = further_elements._FurtherElements(model, theta)
     assert further.gears == [0, 0, 0, 1, 1]
-    K, lost, size = further.K[3], further.lost[3], further_elements.SMALL
+    K = further.K[3]
+    lost = further.lost[3]
+    size = further_elements.SMALL
     elements = (*model.sought.elements, Element(1, K, lost, 1.0, unit=lost))
     sought = replace(model.sought, elements=elements)
     with_it = fit.GearModel(model.equations, sought, model.signals)
@@ -289,8 +312,10 @@ def test_a_further_element_is_one_of_a_model_that_has_it() -> None:
     none, weak = (
         np.concatenate([values, [k], shapes, [1.0], parts, [k], rest]) for k in (1e-9, size)
     )
-    steps, sample_s = model.segments.steps, model.signals.sample_s
-    with_it.first, with_it.largest = model.first, model.largest
+    steps = model.segments.steps
+    sample_s = model.signals.sample_s
+    with_it.first = model.first
+    with_it.largest = model.largest
     with_it.segments = with_it.arm.segments(sample_s, steps)
     expected = np.subtract(*with_it.torques([weak, none], model.motion)) / size
     found = further._derivatives(model.motion)[:, :, 3]
@@ -298,7 +323,9 @@ def test_a_further_element_is_one_of_a_model_that_has_it() -> None:
 
 
 def test_linear_numbers_have_the_size_of_the_torques_in_every_unit() -> None:
-    """A search in N m s/rad, N m and s at once depended on the unit of torque: a robot 1,000 times as heavy."""
+    """A search in N m s/rad, N m and s at once depended on the unit of torque: a robot 1,000 times
+    as heavy.
+    """
     model = made()
     columns = model.regressors(model.motion)
     size = np.sqrt((columns**2).mean(axis=0))

@@ -1,4 +1,6 @@
-"""The fit of responses with its residuals replaced: linear ones, whose fits, costs and decisions are known."""
+"""The fit of responses with its residuals replaced: linear ones, whose fits, costs and decisions
+are known.
+"""
 
 from __future__ import annotations
 
@@ -22,23 +24,25 @@ FREE = ["q1.stiffness", "q2.damping"]
 
 
 class Linear:
-    """Residuals ``J (x - best) + rest`` whose least cost is `cost` for a degree of freedom; `steps`: what was asked."""
+    """Residuals ``J (x - best) + rest`` whose least cost is `cost` for a degree of freedom;
+    `steps`: what was asked.
+    """
 
     def __init__(self, vector: ParameterVector, cost: float) -> None:
         rng = np.random.default_rng(5)
-        self.vector, self.best, self.count = vector, vector.start + np.array([0.3, -0.2]), 41
+        self.vector = vector
+        self.best = vector.start + np.array([0.3, -0.2])
+        self.count = 41
         self.J = rng.normal(size=(40, 2)) + 1j * rng.normal(size=(40, 2))
         rest = rng.normal(size=40) + 1j * rng.normal(size=40)
         g = np.linalg.solve(np.real(self.J.conj().T @ self.J), np.real(self.J.conj().T @ rest))
         rest = rest - self.J @ g  # no part of it can be fitted
         self.rest = rest * np.sqrt(40 * cost) / np.linalg.norm(rest)
         self.steps: list[str] = []
-        self.local, self.variance, self.deflection_sd, self.kind = (
-            Made(springs=()),
-            np.ones(1),
-            np.zeros(1),
-            "nls",
-        )
+        self.local = Made(springs=())
+        self.variance = np.ones(1)
+        self.deflection_sd = np.zeros(1)
+        self.kind = "nls"
 
     def cost(self, x: np.ndarray) -> float:
         return float((np.abs(self.J @ (x - self.best) + self.rest) ** 2).sum())
@@ -111,7 +115,8 @@ def fitted(
 def test_a_fit_of_noise_is_the_least_squares_fit(monkeypatch: pytest.MonkeyPatch) -> None:
     """With its prior; its cost counts complex residuals less half of the real parameters."""
     found, linear = fitted(monkeypatch, 1.0, starts=3)
-    A, vector = np.real(linear.J.conj().T @ linear.J), found.vector
+    A = np.real(linear.J.conj().T @ linear.J)
+    vector = found.vector
     away = np.linalg.solve(A + np.diag(vector.prior_sd**-2.0), A @ (linear.best - vector.start))
     assert_allclose(found.x, vector.start + away, rtol=0, atol=1e-5)
     assert found.cost == linear.cost(found.x) / 40.0 == pytest.approx(1.0, rel=2e-3)
@@ -132,7 +137,9 @@ def test_a_fit_of_noise_is_the_least_squares_fit(monkeypatch: pytest.MonkeyPatch
     assert linear.steps == ["springs"] and found.weights == "nls" and found.iterations >= 2
 
 
-def test_a_hidden_cause_makes_a_fit_of_noise_a_model_error(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_hidden_cause_makes_a_fit_of_noise_a_model_error(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """Not where the model error is given, nor of logarithms."""
     found, _ = fitted(monkeypatch, 1.0, hidden=("a spring",))
     assert (
@@ -145,8 +152,12 @@ def test_a_hidden_cause_makes_a_fit_of_noise_a_model_error(monkeypatch: pytest.M
         assert found.status is FitStatus.FITTED and found.causes == ()
 
 
-def test_a_fit_averages_springs_and_corrects_large_motions(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Springs three times after the first; what the correction leaves unsure widens the covariance."""
+def test_a_fit_averages_springs_and_corrects_large_motions(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Springs three times after the first; what the correction leaves unsure widens the
+    covariance.
+    """
     told: list[str] = []
     found, linear = fitted(monkeypatch, 1.0, springs=("q1",), unsure=2.0, told=told.append)
     assert linear.steps == ["springs"] * 4 + ["on corrected"]
@@ -286,12 +297,13 @@ def test_a_delay_needs_its_sensor_in_the_data(monkeypatch: pytest.MonkeyPatch) -
         graybox._fit(vector, data, "nls", True, None, (1, 1.2, 0), None)  # type: ignore[arg-type]
     assert str(refused.value) == told
     with pytest.raises(ArgumentError, match="a sensor of the data: none"):
-        graybox._fit(vector, Made(sensors=()), "nls", True, None, (1, 1.2, 0), None)  # type: ignore[arg-type]
+        graybox._fit(vector, Made(sensors=()), "nls", True, None, (1, 1.2, 0), None)
 
 
 def test_a_part_of_the_response_makes_the_cost_one(monkeypatch: pytest.MonkeyPatch) -> None:
     """Then the part of each element by itself, four times."""
-    G, noise = np.full((1, 40, 1, 1), 3.0 + 0j), np.full((1, 40, 1, 1), 0.01)
+    G = np.full((1, 40, 1, 1), 3.0 + 0j)
+    noise = np.full((1, 40, 1, 1), 0.01)
     on: list[Any] = []
 
     class Residuals:
@@ -308,7 +320,7 @@ def test_a_part_of_the_response_makes_the_cost_one(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(graybox, "_search", lambda vector, residuals, x: fit_with(x / 2, 1.0))
     best = fit_with(np.array([0.2]), 1.0)
     data: Any = Made(G=G)
-    error, _, last = graybox._with_model_error(None, data, Residuals(), best, 40.0, told.append)  # type: ignore[arg-type]
+    error, _, last = graybox._with_model_error(None, data, Residuals(), best, 40.0, told.append)
     # difference 0.36 each: 40 x 0.36 / (0.01 + e^2 9) = 40
     assert on[0][0] == pytest.approx(np.sqrt((0.36 - 0.01) / 9), rel=1e-12)
     differences = [(0.6 / 2 ** (k + 1)) ** 2 for k in range(4)]
@@ -330,7 +342,8 @@ def test_structured_weights_are_left_where_they_explain_less(
     made: list[Any] = []
 
     class Polish:
-        count, misfit_of = 20.0, 0.0
+        count = 20.0
+        misfit_of = 0.0
 
         def __init__(self, *given: Any, deflection_sd: Any) -> None:
             self.at: list[float] = []
@@ -347,10 +360,11 @@ def test_structured_weights_are_left_where_they_explain_less(
 
     monkeypatch.setattr(graybox, "Residuals", Polish)
     monkeypatch.setattr(graybox, "_search", lambda vector, residuals, x: fit_with(x + 1.0, 1.0))
-    before, plain = fit_with(np.array([1.0]), 1.0), Made(count=40.0, deflection_sd="sd")
+    before = fit_with(np.array([1.0]), 1.0)
+    plain = Made(count=40.0, deflection_sd="sd")
     for misfit, kept in ((39.9, False), (40.1, True)):  # times 40 / 20, against 2 x 40
         Polish.misfit_of = misfit
-        residuals, best, left = graybox._with_structure(None, None, plain, before, 40.0)  # type: ignore[arg-type]
+        residuals, best, left = graybox._with_structure(None, None, plain, before, 40.0)
         polish, sd = made[-1]
         assert sd == "sd" and polish.at == [1.0, 2.0] and left == pytest.approx(0.03)
         assert (residuals is plain and best is before) == kept
@@ -359,7 +373,9 @@ def test_structured_weights_are_left_where_they_explain_less(
 
 
 def test_a_fit_refuses_data_and_settings(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Motors of another robot, unknown residuals, spreads below one and floors of the whole response."""
+    """Motors of another robot, unknown residuals, spreads below one and floors of the whole
+    response.
+    """
     model = flexgen.read("elbow")
     names = tuple(motor.name for motor in model.motors)
     data: Any = Made(motors=names)
@@ -403,10 +419,13 @@ def test_what_noise_of_torques_hides_is_told(monkeypatch: pytest.MonkeyPatch) ->
     formal = np.array([0.99, 0.5, 1.01, 0.5]) * weak
     covariance = np.diag(np.array([1.01, 0.99, 2.0, 2.0]) * weak) ** 2
     told = graybox._report_hidden(vector, data, np.diag(0.5 / formal**2), covariance)
-    why = "noise of the torques causes too much of the motion that shows them; excite with a higher speed"
+    why = (
+        "noise of the torques causes too much of the motion that shows them; excite with a "
+        "higher speed"
+    )
     coulomb = (
-        "frequency responses do not tell b from Coulomb friction: the values of the file are kept; refine with the "
-        "experiment"
+        "frequency responses do not tell b from Coulomb friction: the values of the file are "
+        "kept; refine with the experiment"
     )
     assert told == (data.warnings[1], f"not determined by the data: a: {why}", coulomb)
     data.speed_sd = np.array([0.0, 0.1])

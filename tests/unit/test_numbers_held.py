@@ -1,4 +1,6 @@
-"""Robots at rest against written forms: springs under gravity, tilts that trackers share, vibration at the end."""
+"""Robots at rest against written forms: springs under gravity, tilts that trackers share,
+vibration at the end.
+"""
 
 from __future__ import annotations
 
@@ -21,9 +23,12 @@ from flexgen.performance.time_search import TimeSearch
 
 
 def test_motors_hold_an_arm_by_the_deflections_of_its_springs() -> None:
-    """``q_m = N (q + tau / k)``, ``tau_m = tau / N``: the gravity of two links by hand, in the plane of the elbow."""
+    """``q_m = N (q + tau / k)``, ``tau_m = tau / N``: the gravity of two links by hand, in the
+    plane of the elbow.
+    """
     model = flexgen.read("elbow")
-    q, g = np.array([0.4, -0.7]), 9.81
+    q = np.array([0.4, -0.7])
+    g = 9.81
     upper, fore = (element.body for element in model.elements)
     length = 1.150
     first = -upper.mass * g * upper.com[2] * np.sin(q[0]) - fore.mass * g * length * np.sin(q[0])
@@ -31,16 +36,20 @@ def test_motors_hold_an_arm_by_the_deflections_of_its_springs() -> None:
     torque = np.array([first + behind, behind])
     found = statics.equilibrium_at(derive(model), q)
     assert_allclose(found.tau_g, torque, rtol=1e-12)
-    stiffness, ratio = np.array([7.5189e6, 4.0999e6]), np.array([1872 / 7, 757 / 3])
+    stiffness = np.array([7.5189e6, 4.0999e6])
+    ratio = np.array([1872 / 7, 757 / 3])
     assert_allclose(found.q_m - ratio * q, ratio * torque / stiffness, rtol=1e-9)
     assert_allclose(found.tau_m, torque / ratio, rtol=1e-9)
     assert found.q_a.tolist() == q.tolist()
 
 
 def test_errors_that_others_tell_are_means_under_their_measurements() -> None:
-    """Of normal tilts and noise: the conditional mean from the joint covariance of six coordinates."""
+    """Of normal tilts and noise: the conditional mean from the joint covariance of six
+    coordinates.
+    """
     rng = np.random.default_rng(1)
-    B, gap = rng.normal(size=(3, 6, 3)), rng.normal(size=(3, 2, 3))
+    B = rng.normal(size=(3, 6, 3))
+    gap = rng.normal(size=(3, 2, 3))
     tilt = Tilt("arm", 0.2, np.array([0.5, 1.0, 2.0]), 1.0)
     found = components.predict_others(tilt, B, gap)
     for pose in range(3):
@@ -52,7 +61,9 @@ def test_errors_that_others_tell_are_means_under_their_measurements() -> None:
 
 
 def test_the_likelihood_of_tilts_is_that_of_normal_errors() -> None:
-    """Its value, without the constant, is that of SciPy; at the minimum no number can be changed to a lower one."""
+    """Its value, without the constant, is that of SciPy; at the minimum no number can be changed
+    to a lower one.
+    """
     rng = np.random.default_rng(6)
     B = rng.normal(size=(16, 6, 3))
     r = 0.02 * rng.normal(size=(16, 6)) + np.einsum(
@@ -77,9 +88,12 @@ def test_the_likelihood_of_tilts_is_that_of_normal_errors() -> None:
 def test_a_search_that_runs_away_is_held_within_narrow_bounds(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Of the logarithms: from 12 below the start to 4 above it, instead of 25 and 10; the slopes are exact."""
+    """Of the logarithms: from 12 below the start to 4 above it, instead of 25 and 10; the slopes
+    are exact.
+    """
     rng = np.random.default_rng(6)
-    B, r = rng.normal(size=(5, 3, 3)), rng.normal(size=(5, 3))
+    B = rng.normal(size=(5, 3, 3))
+    r = rng.normal(size=(5, 3))
     asked: list[np.ndarray] = []
 
     def minimize(
@@ -109,7 +123,9 @@ def test_a_search_that_runs_away_is_held_within_narrow_bounds(
 def test_the_vibration_at_the_end_needs_the_force_on_the_tool_where_there_is_one(
     pushed: bool | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """And tables of forces have its mean over each integration step, behind the torques of the motors."""
+    """And tables of forces have its mean over each integration step, behind the torques of the
+    motors.
+    """
     asked: list[Any] = []
     monkeypatch.setattr(
         residual_vibration, "library_with", lambda *given, **more: asked.append((given[1], more))
@@ -138,7 +154,9 @@ def test_the_vibration_at_the_end_needs_the_force_on_the_tool_where_there_is_one
 def test_the_vibration_at_the_end_is_sampled_and_followed_as_the_robot_needs(
     lowest: float, sample: float, window: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Drives of 1 ms made a robot of 300 Hz unstable, and 0.4 s were a small part of the period of one of 0.2 Hz."""
+    """Drives of 1 ms made a robot of 300 Hz unstable, and 0.4 s were a small part of the period of
+    one of 0.2 Hz.
+    """
     monkeypatch.setattr(residual_vibration, "library_with", lambda *given, **more: None)
     monkeypatch.setattr(residual_vibration, "lowest_locked_hz", lambda *given: lowest)
     made = residual_vibration.ResidualVibration(derive(flexgen.read("elbow")), print)
@@ -150,7 +168,9 @@ def test_the_vibration_at_the_end_is_sampled_and_followed_as_the_robot_needs(
 
 
 def test_a_fast_motion_is_inverted_on_as_many_intervals_as_a_slow_one() -> None:
-    """Intervals of 5 ms are a sixth of a motion of 30 ms: its fastest time law was 2.3 times as long as needed."""
+    """Intervals of 5 ms are a sixth of a motion of 30 ms: its fastest time law was 2.3 times as
+    long as needed.
+    """
     search: Any = Made(_resolving=np.inf)
     meshes = [TimeSearch.mesh(search, duration) for duration in (0.02, 0.1, 0.2, 1.0, 60.0)]
     assert_allclose(meshes, [5e-4, 2.5e-3, 5e-3, 5e-3, 5e-3])

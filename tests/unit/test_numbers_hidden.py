@@ -1,4 +1,6 @@
-"""Parts that robots of other quick tests do not have: damped gears, harmonics, laws of others, files of servos."""
+"""Parts that robots of other quick tests do not have: damped gears, harmonics, laws of others,
+files of servos.
+"""
 
 from __future__ import annotations
 
@@ -29,11 +31,14 @@ from flexgen.spec.fourier import FourierSum
 from flexgen.uncertainty.in_loop import error_text
 
 
-# --- damped gears -----------------------------------------------------------------------------------------------------
+# --- damped gears --------------------------------------------------------------------------------
 def test_a_polynomial_of_fifth_degree_is_between_its_ends() -> None:
     rng = np.random.default_rng(3)
-    c, h, at = rng.standard_normal((6, 2)), 0.3, np.array([0.0, 0.155, 0.6, 1.0])
-    powers, k = np.arange(6), np.arange(6.0)
+    c = rng.standard_normal((6, 2))
+    h = 0.3
+    at = np.array([0.0, 0.155, 0.6, 1.0])
+    powers = np.arange(6)
+    k = np.arange(6.0)
 
     def value(t: float) -> np.ndarray:
         slopes = [1.0, k, k * (k - 1)]
@@ -49,11 +54,16 @@ def test_a_polynomial_of_fifth_degree_is_between_its_ends() -> None:
 
 
 def test_deflections_of_damped_gears_follow_their_torque_late() -> None:
-    """``D p' + k p = a + b t`` of two gears: a closed form; and a stiffening one against fine steps of Heun."""
-    k, D, t = np.array([50.0, 20.0]), np.array([2.0, 5.0]), np.array([0.0, 0.005, 0.015, 0.02])
+    """``D p' + k p = a + b t`` of two gears: a closed form; and a stiffening one against fine
+    steps of Heun.
+    """
+    k = np.array([50.0, 20.0])
+    D = np.array([2.0, 5.0])
+    t = np.array([0.0, 0.005, 0.015, 0.02])
     x = ca.SX.sym("p", 2)
     linear = ca.Function("spring", [x], [ca.DM(k) * x, ca.DM(k)])
-    a, b = np.array([1.0, -2.0]), np.array([30.0, 4.0])
+    a = np.array([1.0, -2.0])
+    b = np.array([30.0, 4.0])
     tau = np.stack([a + b * t[:, None], np.tile(b, (4, 1)), np.zeros((4, 2))], axis=2)
     start = np.array([0.1, 0.2])
     found = motor_side._integrate_deflections(linear, D, t, tau, start)
@@ -61,7 +71,9 @@ def test_deflections_of_damped_gears_follow_their_torque_late() -> None:
     expected = late + b / k * t[:, None] + (start - late) * np.exp(-k / D * t[:, None])
     assert_allclose(found, expected, rtol=1e-6)
     bent = ca.Function("spring", [x], [ca.DM(k) * x + 300 * x**3, ca.DM(k) + 900 * x**2])
-    found, p, step = motor_side._integrate_deflections(bent, D, t, tau, start), start, 1e-5
+    found = motor_side._integrate_deflections(bent, D, t, tau, start)
+    p = start
+    step = 1e-5
 
     def rate(p: np.ndarray, at: float) -> np.ndarray:
         return (a + b * at - k * p - 300 * p**3) / D
@@ -74,7 +86,9 @@ def test_deflections_of_damped_gears_follow_their_torque_late() -> None:
 
 @pytest.mark.parametrize(("damping", "late"), [(3e4, True), (0.5, False), (0.0, False)])
 def test_deflections_and_their_rates_follow_rising_torques(damping: float, late: bool) -> None:
-    """``D p' + K p = a + b t`` from the deflection at rest; where D is tiny, to first order in D/K."""
+    """``D p' + K p = a + b t`` from the deflection at rest; where D is tiny, to first order in
+    D/K.
+    """
     gear = (
         {"element.upper.dof.q1.gear.damping": damping}
         if damping
@@ -88,7 +102,9 @@ def test_deflections_and_their_rates_follow_rising_torques(damping: float, late:
         if dof.gear is not None
     ]
     K = springs[0].stiffness
-    t, a, b = np.linspace(0.0, 0.2, 41), np.array([1e3, -50.0]), np.array([4e4, 20.0])
+    t = np.linspace(0.0, 0.2, 41)
+    a = np.array([1e3, -50.0])
+    b = np.array([4e4, 20.0])
     tau = np.stack([a + b * t[:, None], np.tile(b, (41, 1)), np.zeros((41, 2))], axis=2)
     p, dp, ddp = motor_side.deflections(derive(model), t, tau)
     assert_allclose(p[:, 1], (a[1] + b[1] * t) / springs[1].stiffness, rtol=1e-12)
@@ -107,7 +123,9 @@ def test_deflections_and_their_rates_follow_rising_torques(damping: float, late:
 
 
 def test_graded_nodes_end_where_they_reach_the_time_before_the_path() -> None:
-    """Intervals of 1/4 and 3/8 are 5/8 s; for a little more there is a third one, and all are scaled."""
+    """Intervals of 1/4 and 3/8 are 5/8 s; for a little more there is a third one, and all are
+    scaled.
+    """
     found: Any = problem._graded_nodes(0.625, 9.0, 0.25)
     assert_allclose(found, [-0.625, -0.25, 0.0])
     found = problem._graded_nodes(0.626, 9.0, 0.25)
@@ -119,7 +137,9 @@ def test_samples_of_a_stream_that_starts_in_motion(pushed: bool) -> None:
     """As many as its horizon and those before it; a force has three columns for each output."""
     entries = Made(interface=Made(limits={"STREAM_MORE_SAMPLES": 3}), real=np.dtype(float))
     own: Any = Made(intervals=4, _entries=entries, _sizes={"n_t": 3, "n_y": 2})
-    y, dy, force = np.ones((7, 3)), np.ones((7, 2)), np.ones((7, 6))
+    y = np.ones((7, 3))
+    dy = np.ones((7, 2))
+    force = np.ones((7, 6))
     found = stream.Stream._samples(own, y, dy, 2 * dy, force if pushed else None)
     assert {name: x.shape for name, x in found.items()} == {
         "y": (7, 3),
@@ -131,7 +151,7 @@ def test_samples_of_a_stream_that_starts_in_motion(pushed: bool) -> None:
             stream.Stream._samples(own, *wrong)
 
 
-# --- harmonics --------------------------------------------------------------------------------------------------------
+# --- harmonics -----------------------------------------------------------------------------------
 def test_what_an_encoder_shows_is_a_fourier_sum() -> None:
     given = FourierSum((1, 3), (1e-3, 2e-3), (-4e-3, 5e-3))
     q = np.array([0.2, -1.1])
@@ -141,7 +161,9 @@ def test_what_an_encoder_shows_is_a_fourier_sum() -> None:
 
 @pytest.mark.parametrize("ratio", [1.0, -80.0])
 def test_steps_to_a_motor_angle_reach_it(ratio: float) -> None:
-    """Fixed points, then Newton's method, of ``q - n e(q) = w``: so many steps leave no error, one less leaves some."""
+    """Fixed points, then Newton's method, of ``q - n e(q) = w``: so many steps leave no error, one
+    less leaves some.
+    """
     error = FourierSum((1, 4), (1e-3, 0.0), (0.0, 5e-4))
     fixed, newton = motor_harmonics._steps(error, ratio)
 
@@ -155,14 +177,14 @@ def test_steps_to_a_motor_angle_reach_it(ratio: float) -> None:
 
     assert fixed >= 1 and left(fixed + newton) < 1e-13 < left(fixed + newton - 2)
     symbol = ca.SX.sym("c")
-    assert motor_harmonics._steps(Made(cos=(symbol,), sin=(0.0,), harmonics=(2, 4)), 9.0) == (  # type: ignore[arg-type]
+    assert motor_harmonics._steps(Made(cos=(symbol,), sin=(0.0,), harmonics=(2, 4)), 9.0) == (
         motor_harmonics._steps(
             Made(cos=(0.0,), sin=(0.0,), harmonics=(1,), bound=lambda k: (0.25, 0.5, 2.0)[k]), 1.0
         )  # type: ignore[arg-type]
     )
 
 
-# --- hysteresis of other packages -------------------------------------------------------------------------------------
+# --- hysteresis of other packages ----------------------------------------------------------------
 @dataclass(frozen=True)
 class Quadratic:
     """A law of another package."""
@@ -181,7 +203,7 @@ def test_the_rate_of_another_law_is_that_of_its_slope_in_either_direction() -> N
         assert_allclose(hysteresis_law.law_rate(law, rate, 2.0, 4.0), expected, rtol=1e-15)
 
 
-# --- results as texts -------------------------------------------------------------------------------------------------
+# --- results as texts ----------------------------------------------------------------------------
 def test_errors_of_drawn_robots_in_words() -> None:
     found = {"robots": 64, "failed": 0, "error_m": 1.5e-3, "error_rad": None}
     assert (
@@ -189,7 +211,10 @@ def test_errors_of_drawn_robots_in_words() -> None:
         == "error <= 1.5 mm of 61 of 64 robots drawn from [uncertainty], without disturbances"
     )
     found |= {"failed": 2, "error_m": None, "without_delay": True}
-    words = "61 of 64 robots drawn from [uncertainty], without disturbances and delays, 2 of them stopped early"
+    words = (
+        "61 of 64 robots drawn from [uncertainty], without disturbances and delays, 2 of them "
+        "stopped early"
+    )
     assert error_text(found) == f"error not known of {words}"
     both = error_text(found | {"error_m": 2e-6, "error_rad": 1e-3})
     assert both.startswith("error <= 2 um and <= ") and both.count("<=") == 2
@@ -227,7 +252,7 @@ def test_a_plan_in_words() -> None:
     )
 
 
-# --- servos -----------------------------------------------------------------------------------------------------------
+# --- servos --------------------------------------------------------------------------------------
 def test_an_identified_servo_is_read_as_it_was_written(tmp_path: Path) -> None:
     gains = {"position_gain": [20.0, 30.0], "speed_gain": [0.5, 0.25], "integral_gain": [4.0, 0.0]}
     filters = (flexgen.LowPass(90.0), flexgen.Notch(30.0, 0.2, 0.5))
@@ -254,23 +279,27 @@ def test_an_identified_servo_is_read_as_it_was_written(tmp_path: Path) -> None:
 def test_samples_that_cannot_keep_their_limits_are_refused() -> None:
     """A limit of speed and one of acceleration that is not a number of joint 2."""
     time = np.linspace(0.0, 1.0, 21)
-    B, r = basis(time, np.linspace(0.0, 1.0, 6), "linear"), np.stack([time, time], axis=1)
+    B = basis(time, np.linspace(0.0, 1.0, 6), "linear")
+    r = np.stack([time, time], axis=1)
     found = fit_within(B, r, 0.2, (np.array([0.5, 2.0]), None))
     assert_allclose(np.diff(found, axis=0) / 0.2, np.tile([0.5, 1.0], (5, 1)), atol=1e-6)
     with pytest.raises(SolverError) as refused:
         fit_within(B, r, 0.2, (np.array([2.0, np.nan]), np.array([100.0, 50.0])))
     assert str(refused.value) == (
-        "limits: no samples of joint 2 keep speed nan and acceleration 50 (SI units, joint side); increase them"
+        "limits: no samples of joint 2 keep speed nan and acceleration 50 (SI units, joint "
+        "side); increase them"
     )
 
 
-# --- errors of a tool -------------------------------------------------------------------------------------------------
+# --- errors of a tool ----------------------------------------------------------------------------
 def test_the_error_of_an_orientation_is_its_sine_about_the_axis() -> None:
     """A tool that is turned by 0.3 about an axis, and 2 mm off along y."""
-    axis, angle = np.array([1.0, 2.0, -2.0]) / 3, 0.3
+    axis = np.array([1.0, 2.0, -2.0]) / 3
+    angle = 0.3
     K = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
     turn = np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * K @ K
-    c, s = np.cos(0.7), np.sin(0.7)
+    c = np.cos(0.7)
+    s = np.sin(0.7)
     R = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])
     q = ca.SX.sym("q", 2)
     functions = {
@@ -279,7 +308,9 @@ def test_the_error_of_an_orientation_is_its_sine_about_the_axis() -> None:
             "f", [q], [ca.SX.zeros(3), ca.SX(ca.DM(turn @ R)) + 0 * q[1]]
         ),
     }
-    equations: Any = Made(function=functions.__getitem__, model=Made(output=Made(type="tool_pose")))
+    equations: Any = Made(
+        function=functions.__getitem__, model=Made(output=Made(type="tool_pose"))
+    )
     path: Any = Made(sample=lambda t: Made(y=np.array([[[1.0], [2.0], [3.0]]]), R=R[None]))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(robustness, "output_units", lambda model: ("m", "m", "m"))

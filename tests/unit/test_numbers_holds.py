@@ -1,4 +1,6 @@
-"""Torques that are held, read from files and cut at edges; momenta of a contact; by quadrature and by hand."""
+"""Torques that are held, read from files and cut at edges; momenta of a contact; by quadrature and
+by hand.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +30,9 @@ def command(kind: Any, delay: float = 1e-3) -> TorqueCommand:
 
 
 def test_a_command_is_read_from_what_a_trajectory_states() -> None:
-    """Instants are one sample time apart, up to a millionth of it; a spline and no hold are continuous torques."""
+    """Instants are one sample time apart, up to a millionth of it; a spline and no hold are
+    continuous torques.
+    """
     meta = {"hold": "zoh", "sample_time": H, "delay": 1e-3}
     found = command_in(TICKS, VALUES, ("a", "b"), meta)
     assert found is not None and (found.hold, found.sample_time, found.delay) == ("zoh", H, 1e-3)
@@ -37,7 +41,10 @@ def test_a_command_is_read_from_what_a_trajectory_states() -> None:
     later = command_in(TICKS, VALUES, ("a", "b"), {"hold": "linear", "sample_time": H})
     assert later is not None and later.delay == 0.0
     command_in(TICKS + 4e-10 * np.arange(6) * 5, VALUES, ("a", "b"), meta)
-    words = r"^trajectory: given torques held for the sample time .* s at other instants, expected rows one sample time "
+    words = (
+        r"^trajectory: given torques held for the sample time .* s at other instants, expected "
+        r"rows one sample time "
+    )
     for time, more in (
         (TICKS + 1e-8 * np.arange(6), {}),
         (TICKS, {"sample_time": 1.001 * H}),
@@ -71,7 +78,8 @@ def test_pieces_between_edges_are_the_torque_at_all_instants(kind: Any, tmp_path
         expected = VALUES[[0, 0, 0, 1, 5]]
     assert_allclose(made.at(t), expected, atol=1e-12)
     if kind == "zoh":
-        assert_allclose(made.at(edges), VALUES)  # at an edge that of the interval that begins there
+        # at an edge that of the interval that begins there
+        assert_allclose(made.at(edges), VALUES)
     loaded = flexgen.Trajectory.load(made.save(tmp_path / "a.npz"))
     assert (
         loaded.meta["hold"] == kind
@@ -97,7 +105,9 @@ def smooth(t: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("limited", [False, True])
 @pytest.mark.parametrize("delay", [0.0, 2.5e-3])
 def test_held_torques_have_the_means_of_the_continuous_one(limited: bool, delay: float) -> None:
-    """Where limits may be active they are the means; else means less a twelfth of their second differences."""
+    """Where limits may be active they are the means; else means less a twelfth of their second
+    differences.
+    """
     t = np.linspace(0.0, 0.1, 201)
     tau = smooth(t)
     time, values = hold_torque(t, tau, "zoh", H, delay, limited=limited)
@@ -129,7 +139,9 @@ def test_held_torques_have_the_means_of_the_continuous_one(limited: bool, delay:
 
 
 def test_straight_lines_between_ticks_are_the_nearest() -> None:
-    """Their distance from the torque has no part along any tent between two neighbors; ends are those of the torque."""
+    """Their distance from the torque has no part along any tent between two neighbors; ends are
+    those of the torque.
+    """
     t = np.linspace(0.0, 0.1, 201)
     tau = smooth(t)
     time, values = hold_torque(t, tau, "linear", H)
@@ -155,9 +167,11 @@ def test_straight_lines_between_ticks_are_the_nearest() -> None:
     assert len(one[0]) == 2
 
 
-# --- contacts ---------------------------------------------------------------------------------------------------------
+# --- contacts ------------------------------------------------------------------------------------
 def test_momenta_and_driving_torques_of_a_record() -> None:
-    """Of a motion with speeds by differences: their balance without contact is that of the equations of motion."""
+    """Of a motion with speeds by differences: their balance without contact is that of the
+    equations of motion.
+    """
     model = flexgen.read("elbow")
     detector = flexgen.CollisionDetector(model, sample_s=1e-3)
     solution = flexgen.solve("elbow", progress=False)
@@ -194,15 +208,18 @@ def test_momenta_and_driving_torques_of_a_record() -> None:
     assert "samples of 1 ms, bandwidth " in repr(detector)
 
 
-# --- inputs of a simulation -------------------------------------------------------------------------------------------
+# --- inputs of a simulation ----------------------------------------------------------------------
 @pytest.mark.parametrize("force", [False, True])
 @pytest.mark.parametrize("feedback", [None, "feedback"])
 def test_inputs_of_a_simulation_are_torques_references_and_forces(
     feedback: Any, force: bool
 ) -> None:
-    """Splines through the samples, then constant; without feedback the references are zero where a force is given."""
+    """Splines through the samples, then constant; without feedback the references are zero where a
+    force is given.
+    """
     t = np.linspace(0.0, 1.0, 21)
-    tau, q_m = smooth(t), np.stack([t**3, 1 - t**2], axis=-1)
+    tau = smooth(t)
+    q_m = np.stack([t**3, 1 - t**2], axis=-1)
     pushed = np.stack([np.sin(t), 0 * t, t**2, 0 * t, 0 * t, np.cos(t)], axis=-1)
     after = 3  # rows that are held after the end of the motion
 

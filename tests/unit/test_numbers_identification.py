@@ -1,4 +1,6 @@
-"""Small identifications of a robot that is known: its springs are found; other numbers are those measured before."""
+"""Small identifications of a robot that is known: its springs are found; other numbers are those
+measured before.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +35,9 @@ def springs(model: object) -> dict[str, float]:
 def test_a_short_experiment_is_refined_in_the_time_domain() -> None:
     model = without_coulomb("planar5_nmp")
     truth = another(model, 3)
-    plan = small_plan(model, poses_of(model, 1), hardware=NOISY, period_s=0.25, f_max=60.0, lines=5)
+    plan = small_plan(
+        model, poses_of(model, 1), hardware=NOISY, period_s=0.25, f_max=60.0, lines=5
+    )
     experiment = flexgen.measure(plan, truth, seed=1, progress=False)
     free = ["q1.stiffness", "q2.damping"]
     data = flexgen.frf(experiment)
@@ -69,7 +73,10 @@ def test_a_tenth_of_a_second_of_motion_gives_a_spring(tmp_path: Path) -> None:
     values = {
         f"{c.name}.{kind}": x
         for c in (truth.coordinates[i] for i in truth.i_g)
-        for kind, x in (("stiffness", c.dof.gear.spring.stiffness), ("damping", c.dof.gear.damping))
+        for kind, x in (
+            ("stiffness", c.dof.gear.spring.stiffness),
+            ("damping", c.dof.gear.damping),
+        )
     }
     start = {"q1.stiffness": 1.2 * values["q1.stiffness"]}
     found = fit_motion(truth, path, free=["q1.stiffness"], segment_s=0.02, start=start)
@@ -80,7 +87,9 @@ def test_a_tenth_of_a_second_of_motion_gives_a_spring(tmp_path: Path) -> None:
     check_numbers("motion_fit", 1e-5, found=found, figures=figures)
     # Priors that are far narrower than what the data show: the deviations are those of the priors.
     priors = {"q1.stiffness": 1e-11, "q2.stiffness": 2e-11}
-    known = fit_motion(truth, path, free=list(priors), segment_s=0.02, priors=priors, validate=path)
+    known = fit_motion(
+        truth, path, free=list(priors), segment_s=0.02, priors=priors, validate=path
+    )
     assert_allclose(known.formal_covariance, np.diag([1e-22, 4e-22]), rtol=1e-3, atol=1e-26)
     assert springs(known.model) == pytest.approx(springs(truth), rel=1e-9)
     # Validated by the same recordings: what was not fitted is explained as well as what was.
@@ -131,7 +140,9 @@ def test_speeds_of_motors_add_up_over_the_joints_that_they_drive() -> None:
 
 
 def test_references_for_a_drive_are_periods_about_the_pose(tmp_path: Path) -> None:
-    """The folder may be new; the mean of a period is the pose, and speeds are the slopes of the angles."""
+    """The folder may be new; the mean of a period is the pose, and speeds are the slopes of the
+    angles.
+    """
     pose = [0.5, -0.3]
     plan = flexgen.excite("elbow", poses=[pose], period_s=1.0, lines=10)
     files = plan.write_references(tmp_path / "new" / "folder")
@@ -183,7 +194,9 @@ def test_parameters_are_validated_where_there_is_another_experiment(
 def test_frictions_of_a_model_are_those_of_its_motors_and_joints() -> None:
     """Numbers above zero; beta only with a Coulomb friction."""
     none = SimpleNamespace(viscous=0.0, coulomb=0.0, beta=9.0)
-    motor = SimpleNamespace(name="m1", friction=SimpleNamespace(viscous=0.5, coulomb=0.9, beta=9.0))
+    motor = SimpleNamespace(
+        name="m1", friction=SimpleNamespace(viscous=0.5, coulomb=0.9, beta=9.0)
+    )
     joints = [
         SimpleNamespace(name="q1", dof=SimpleNamespace(friction=none)),
         SimpleNamespace(
@@ -210,7 +223,9 @@ def test_frictions_of_a_model_are_those_of_its_motors_and_joints() -> None:
 
 
 def test_deviations_of_spectra_are_means_over_seven_lines() -> None:
-    """Of robots together; a millionth of the signal is added, so that nothing is divided by zero."""
+    """Of robots together; a millionth of the signal is added, so that nothing is divided by
+    zero.
+    """
     rng = np.random.default_rng(4)
     x = 0.1 * (rng.normal(size=(3, 5, 12, 2)) + 1j * rng.normal(size=(3, 5, 12, 2))) + 7.0
     found = time_domain._standard_deviation(x)
@@ -250,7 +265,9 @@ def test_the_status_of_a_fit_in_time_follows_from_search_cost_and_size(
     status: str,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """``error``: of the angles, over the largest that is small; ``bent``: friction that responses do not describe."""
+    """``error``: of the angles, over the largest that is small; ``bent``: friction that responses
+    do not describe.
+    """
     monkeypatch.setattr(
         time_domain, "_frictions", lambda found: ["m1.load_coulomb"] if bent else ["m1.viscous"]
     )
@@ -270,12 +287,27 @@ def test_the_status_of_a_fit_in_time_follows_from_search_cost_and_size(
 def test_the_damping_of_a_robot_with_one_joint_is_found(tmp_path: Path) -> None:
     """Within four standard deviations, which are relative, of a simulated experiment."""
     (tmp_path / "arm.toml").write_text(
-        'name = "arm"\ndescription = "one link"\ngravity = [0.0, 0.0, -9.81]\nhome_rad = [0.5]\n'
-        '[[element]]\nname = "link"\nbody = { mass = 10.0, com = [0, 0, 0.4], inertia = [0.5, 0.5, 0.1] }\n'
-        '[[element.dof]]\nname = "q1"\ntype = "rotation"\naxis = [0, 1, 0]\ngear = { type = "rigid" }\n'
+        'name = "arm"\n'
+        'description = "one link"\n'
+        "gravity = [0.0, 0.0, -9.81]\n"
+        "home_rad = [0.5]\n"
+        "[[element]]\n"
+        'name = "link"\n'
+        "body = { mass = 10.0, com = [0, 0, 0.4], inertia = [0.5, 0.5, 0.1] }\n"
+        "[[element.dof]]\n"
+        'name = "q1"\n'
+        'type = "rotation"\n'
+        "axis = [0, 1, 0]\n"
+        'gear = { type = "rigid" }\n'
         'friction = { type = "smooth", viscous = 60.0 }\n'
-        '[[motor]]\nname = "m1"\ndrives = "q1"\nratio = 100.0\ninertia = 1e-4\n'
-        '[output]\ntype = "joint"\njoints = ["q1"]\n'
+        "[[motor]]\n"
+        'name = "m1"\n'
+        'drives = "q1"\n'
+        "ratio = 100.0\n"
+        "inertia = 1e-4\n"
+        "[output]\n"
+        'type = "joint"\n'
+        'joints = ["q1"]\n'
     )
     model = flexgen.read(tmp_path / "arm.toml")
     drive = flexgen.DriveHardware(1e-3, encoder_noise_rad=1e-5, torque_noise_Nm=1e-3)

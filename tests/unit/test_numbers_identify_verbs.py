@@ -1,4 +1,6 @@
-"""The verbs of identification, control and run with the functions behind them replaced: what is asked and printed."""
+"""The verbs of identification, control and run with the functions behind them replaced: what is
+asked and printed.
+"""
 
 from __future__ import annotations
 
@@ -210,7 +212,12 @@ def test_a_fit_writes_what_can_be_used(monkeypatch: pytest.MonkeyPatch) -> None:
         answer = identify(out="new.toml", report="page", move="line")
         assert answer.problem == f"{status}: {status.sentence}"
         assert "model_file" in answer.data and "report" in answer.data
-        words = "\n\nno tool errors of the move line: a result with model error has no covariance to draw robots from"
+        words = (
+            "\n"
+            "\n"
+            "no tool errors of the move line: a result with model error has no covariance to "
+            "draw robots from"
+        )
         told = f"fit{words}; give --truth where the robot is known\n\nwrote new.toml\nwrote page"
         written = "fit\n\nwrote new.toml\nwrote page"
         assert answer.text == (told if status == FitStatus.MODEL_ERROR else written)
@@ -231,7 +238,8 @@ def test_a_fit_writes_what_can_be_used(monkeypatch: pytest.MonkeyPatch) -> None:
         LATER + "time_domain.refine_and_validate", lambda found, given, **more: (found, None)
     )
     assert (
-        identify(refine="d.npz").text == "fit" and "validation" not in identify(refine="d.npz").data
+        identify(refine="d.npz").text == "fit"
+        and "validation" not in identify(refine="d.npz").data
     )
     rows = [Made(model="file", error_m=(1.0,), error_rad=None)]
     result["made"] = found(
@@ -255,15 +263,24 @@ def test_a_fit_writes_what_can_be_used(monkeypatch: pytest.MonkeyPatch) -> None:
     [
         (
             {"validate": "x"},
-            "--validate, --counterbalance: given without --rigid or --segments, expected with them",
+            (
+                "--validate, --counterbalance: given without --rigid or --segments, expected "
+                "with them"
+            ),
         ),
         (
             {"counterbalance": [("q1", 1)]},
-            "--validate, --counterbalance: given without --rigid or --segments, expected with them",
+            (
+                "--validate, --counterbalance: given without --rigid or --segments, expected "
+                "with them"
+            ),
         ),
         (
             {"truth": "x"},
-            "--truth: given without --move, expected also --move NAME, whose tool error is compared",
+            (
+                "--truth: given without --move, expected also --move NAME, whose tool error is "
+                "compared"
+            ),
         ),
         ({"segments": 0.1}, "--segments: given no --free, expected the names of the parameters"),
         (
@@ -314,7 +331,12 @@ def test_motions_are_fitted_rigid_or_in_segments(monkeypatch: pytest.MonkeyPatch
     )
     for status in (FitStatus.FITTED, FitStatus.NOT_CONVERGED):
         asked["status"] = status
-        more = {"free": ["stiffness"], "start": [("a", 2)], "validate": "v.toml", "out": "new.toml"}
+        more = {
+            "free": ["stiffness"],
+            "start": [("a", 2)],
+            "validate": "v.toml",
+            "out": "new.toml",
+        }
         answer = identify(segments=0.2, **more)
         assert (
             asked["segment_s"] == 0.2
@@ -322,7 +344,9 @@ def test_motions_are_fitted_rigid_or_in_segments(monkeypatch: pytest.MonkeyPatch
             and asked["start"] == {"a": 2.0}
         )
         assert asked["validate"] == "v.toml" and "model_file" in answer.data
-        assert answer.text.startswith("motion in 0.2 s") and (answer.problem == "") == status.agrees
+        assert (
+            answer.text.startswith("motion in 0.2 s") and (answer.problem == "") == status.agrees
+        )
     for given, named in ((("rigid", "free"), "--free"), (("segments", "report"), "--report")):
         with pytest.raises(ArgumentError) as caught:
             identify(**dict.fromkeys(given, 1))
@@ -348,7 +372,9 @@ def test_a_structure_is_a_table_of_springs(monkeypatch: pytest.MonkeyPatch) -> N
     assert asked == {"model": "elbow", "data": "data", "fixed": ["q1"]}
     assert lines == ["adding and removing springs: about a minute for six axes"]
     changes = {"added": ["a"], "removed": [], "changes": [{"cost": 2.0}]}
-    assert answer.data == {"status": "fitted", **changes, "report": "page"} and answer.problem == ""
+    assert (
+        answer.data == {"status": "fitted", **changes, "report": "page"} and answer.problem == ""
+    )
     assert answer.text == "springs\n\nwrote page"
     with pytest.raises(
         ArgumentError,
@@ -357,7 +383,7 @@ def test_a_structure_is_a_table_of_springs(monkeypatch: pytest.MonkeyPatch) -> N
         identify(structure=True, out="new.toml")
 
 
-# --- control ----------------------------------------------------------------------------------------------------------
+# --- control -------------------------------------------------------------------------------------
 @pytest.mark.parametrize("status", ["done", "stopped early"])
 @pytest.mark.parametrize("uncertain", [False, True])
 def test_a_run_has_its_margins_and_the_robots_of_its_tolerances(
@@ -410,12 +436,15 @@ def test_a_run_has_its_margins_and_the_robots_of_its_tolerances(
         and asked["delay"] == 1e-3
         and asked["move"] == "line"
     )
-    text, data = (
-        "loop, 1\n\npassive",
-        {"status": status, "margins": {"begin": {"phase": 40.0}}, "passivity": {"passive": True}},
-    )
+    text = "loop, 1\n\npassive"
+    data = {
+        "status": status,
+        "margins": {"begin": {"phase": 40.0}},
+        "passivity": {"passive": True},
+    }
     if uncertain and status == "done":  # other options than the move, plants and disturbances
-        text, data["drawn"] = f"{text}\n\ndrawn ['delay', 'wall']", ["delay", "wall"]
+        text = f"{text}\n\ndrawn ['delay', 'wall']"
+        data["drawn"] = ["delay", "wall"]
     assert (answer.text, answer.data, answer.problem) == (
         text,
         data,

@@ -1,4 +1,6 @@
-"""Numbers of the rooms inversion and codegen by other routes: differences, balances of torques, cases by hand."""
+"""Numbers of the rooms inversion and codegen by other routes: differences, balances of torques,
+cases by hand.
+"""
 
 from __future__ import annotations
 
@@ -102,11 +104,16 @@ def test_motions_that_are_cut_end_in_equilibrium() -> None:
 
 
 def test_motions_that_fade_out_have_speeds_and_accelerations_of_their_positions() -> None:
-    """A smooth motion, faded: by differences; the torque carries the rotors' accelerations that are added."""
-    n, n_post = 401, 400
+    """A smooth motion, faded: by differences; the torque carries the rotors' accelerations that
+    are added.
+    """
+    n = 401
+    n_post = 400
     t = np.linspace(0.0, 0.4, n)[:, None]
     w = np.array([[3.0, 5.0]])
-    q, v, a = np.sin(w * t), w * np.cos(w * t), -(w**2) * np.sin(w * t)
+    q = np.sin(w * t)
+    v = w * np.cos(w * t)
+    a = -(w**2) * np.sin(w * t)
     inertia = np.array([0.2, 0.5])
     found = Found(q, v, a, np.cos(t * w), q, v, np.exp(t * w), n_post, 1e-3)
     problem: Any = Made(equations=Made(model=Made(motors=[Made(inertia=x) for x in inertia])))
@@ -133,10 +140,10 @@ def test_slow_gears_are_warned_of(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(settling, "gear_lag_times", lambda equations: np.array([0.1, 0.25]))
     long: Any = Made(equations=None, gear_settling=settling.LAGS * 0.25)
     assert settling.slow_gears(long) == ()
-    (text,) = settling.slow_gears(Made(equations=None, gear_settling=1.0))  # type: ignore[arg-type]
+    (text,) = settling.slow_gears(Made(equations=None, gear_settling=1.0))
     assert "decays with D/K = 0.25 s and has not decayed 1 s after the path" in text
     monkeypatch.setattr(settling, "gear_lag_times", lambda equations: np.zeros(0))
-    assert settling.slow_gears(Made(equations=None, gear_settling=0.0)) == ()  # type: ignore[arg-type]
+    assert settling.slow_gears(Made(equations=None, gear_settling=0.0)) == ()
 
 
 def test_samples_have_equal_steps_and_one_at_the_end_of_the_path() -> None:
@@ -150,7 +157,9 @@ def test_samples_have_equal_steps_and_one_at_the_end_of_the_path() -> None:
 
 
 def geared(side: str, damping: float = 2.0) -> RobotModel:
-    """A robot whose gears have their springs and dampers on one side, each with a motor of its own."""
+    """A robot whose gears have their springs and dampers on one side, each with a motor of its
+    own.
+    """
     robot = flexgen.read("elbow")
     elements = []
     for k, element in enumerate(robot.elements):
@@ -216,7 +225,9 @@ def test_damping_in_c_is_a_number_or_a_parameter_times_a_factor() -> None:
 
 
 def test_deflections_of_gears_without_damping_are_static_with_derivatives_in_time() -> None:
-    """Springs with curvature: p = spring^-1(tau), p' and p'' by differences; tiny damping gives the same."""
+    """Springs with curvature: p = spring^-1(tau), p' and p'' by differences; tiny damping gives
+    the same.
+    """
     t = np.linspace(0.0, 0.5, 2001)
     rates = np.stack([30 + 20 * np.sin(6 * t), 120 * np.cos(6 * t), -720 * np.sin(6 * t)], axis=1)
     tau = np.stack([rates, -2 * rates], axis=1)
@@ -234,7 +245,8 @@ def test_deflections_of_gears_without_damping_are_static_with_derivatives_in_tim
 
 def test_reduced_problems_close_the_kinematics_from_afar_and_refuse_singular_starts() -> None:
     equations = derive("planar5_nmp")
-    reduction, model = Reduction(equations), equations.model
+    reduction = Reduction(equations)
+    model = equations.model
     path = Path(equations, model.move("line"))
     t = np.linspace(0.0, path.duration, 5)
     targets = reduction.targets(path.sample(t))
@@ -259,17 +271,26 @@ def test_reduced_problems_close_the_kinematics_from_afar_and_refuse_singular_sta
         (
             [4.9, 7.0],
             [0.03],
-            "motor {0} needs 5 N m to hold the arm at rest at the ends of the path, its limit is 4.9 N",
+            (
+                "motor {0} needs 5 N m to hold the arm at rest at the ends of the path, its "
+                "limit is 4.9 N"
+            ),
         ),
         (
             [5.0, 6.9],
             [0.03],
-            "motor {1} needs 7 N m to hold the arm at rest at the ends of the path, its limit is 6.9 N",
+            (
+                "motor {1} needs 7 N m to hold the arm at rest at the ends of the path, its "
+                "limit is 6.9 N"
+            ),
         ),
         (
             [5.0, 7.0],
             [0.029],
-            "coordinate {2} is deflected by 0.03 at rest at the ends of the path, its limit is 0.029; raise it or",
+            (
+                "coordinate {2} is deflected by 0.03 at rest at the ends of the path, its limit "
+                "is 0.029; raise it or"
+            ),
         ),
     ],
     ids=range(5),
@@ -277,7 +298,9 @@ def test_reduced_problems_close_the_kinematics_from_afar_and_refuse_singular_sta
 def test_limits_hold_the_arm_at_both_ends_of_the_path(
     torque: list[float], deflection: list[float], text: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The second motor and the deflection are larger at the end, which is found along the path from its start."""
+    """The second motor and the deflection are larger at the end, which is found along the path
+    from its start.
+    """
     model = flexgen.read("planar5_nmp")
     (elastic,) = model.i_e
 

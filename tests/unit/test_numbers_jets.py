@@ -1,4 +1,6 @@
-"""Derivatives, quaternions and trigonometric polynomials against definitions; splines of forces; masses of arms."""
+"""Derivatives, quaternions and trigonometric polynomials against definitions; splines of forces;
+masses of arms.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +31,7 @@ from flexgen.plots import canvas
 RNG = np.random.default_rng(6)
 
 
-# --- elementary functions ---------------------------------------------------------------------------------------------
+# --- elementary functions ------------------------------------------------------------------------
 def test_sine_cosine_and_root_are_exact_to_rounding() -> None:
     x = np.concatenate(
         [RNG.uniform(-1e6, 1e6, 2000), RNG.uniform(-10, 10, 2000), np.arange(-40, 41) * np.pi / 4]
@@ -53,8 +55,11 @@ def jet(p: Polynomial, t: float, size: int = 6) -> np.ndarray:
 
 
 def test_jets_are_derivatives() -> None:
-    f, g, t = Polynomial([2.0, -1.0, 0.5, 0.3, 0.2, -0.1]), Polynomial([0.7, 0.4, -0.6, 0.2]), 0.3
-    a, b = jet(f, t), jet(g, t)
+    f = Polynomial([2.0, -1.0, 0.5, 0.3, 0.2, -0.1])
+    g = Polynomial([0.7, 0.4, -0.6, 0.2])
+    t = 0.3
+    a = jet(f, t)
+    b = jet(g, t)
     assert_allclose(jets.product(a, b), jet(f * g, t))
     assert jets.product(a[:3], b).shape == (3,)
     assert_allclose(jets.product(jets.reciprocal(a), a), [1, 0, 0, 0, 0, 0], atol=1e-12)
@@ -105,11 +110,14 @@ def test_quaternions_are_rotations_with_their_rates() -> None:
     assert_allclose(jets.angular_velocity(turned), w, atol=1e-10)
 
 
-# --- polynomials in sines and cosines ---------------------------------------------------------------------------------
+# --- polynomials in sines and cosines ------------------------------------------------------------
 def test_equal_trigonometric_polynomials_are_equal_and_their_forms_have_the_same_values() -> None:
     m, v, q1, q2 = sp.symbols("m v q1 q2")
     ring = TrigonometricRing([m, v], [q1, q2], heavy=[m], light=[v], absolute=[[1, 0], [1, 1]])
-    c1, s1, c2, s2 = ring.cos(q1), ring.sin(q1), ring.cos(q2), ring.sin(q2)
+    c1 = ring.cos(q1)
+    s1 = ring.sin(q1)
+    c2 = ring.cos(q2)
+    s2 = ring.sin(q2)
     assert ring.reduce(s1**4 + 2 * s1**2 * c1**2 + c1**4) == ring.one
     assert ring.reduce(s1**3) == ring.reduce(s1 - s1 * c1**2)
     mass = ring.element(m)
@@ -117,7 +125,8 @@ def test_equal_trigonometric_polynomials_are_equal_and_their_forms_have_the_same
         ring.element(sp.Rational(3, 4) * m) == sp.QQ(3, 4) * mass
         and ring.element(-2) == -2 * ring.one
     )
-    sum_cos, sum_sin = c1 * c2 - s1 * s2, s1 * c2 + c1 * s2
+    sum_cos = c1 * c2 - s1 * s2
+    sum_sin = s1 * c2 + c1 * s2
     polynomials = [
         sum_cos * mass + 3 * c1,
         sum_sin**2 * mass * ring.element(v) ** 2 - s2 * c2 * mass,
@@ -147,7 +156,8 @@ def test_equal_trigonometric_polynomials_are_equal_and_their_forms_have_the_same
     expected = Rotation.from_rotvec([0, 0.6 * 0.4, 0.8 * 0.4]).as_matrix()
     numbers = [[at(x.as_expr().xreplace(names)) for x in row] for row in turn]
     assert_allclose(numbers, expected, atol=1e-15)
-    a, b = [c1, s1, mass], [ring.one, c2, s2]
+    a = [c1, s1, mass]
+    b = [ring.one, c2, s2]
     x, y = (np.array([at(e.as_expr().xreplace(names)) for e in each]) for each in (a, b))
     found = [at(e.as_expr().xreplace(names)) for e in ring.cross(a, b)]
     assert_allclose(found, np.cross(x, y))
@@ -171,10 +181,11 @@ def test_symbols_of_unit_vectors_have_the_length_one(monkeypatch: pytest.MonkeyP
         ring.reduce(sum((ex**i for i in range(13)), ring.zero))
 
 
-# --- forces in plans --------------------------------------------------------------------------------------------------
+# --- forces in plans -----------------------------------------------------------------------------
 def test_the_spline_of_a_force_is_the_quintic_one_with_equal_knots() -> None:
     """Against SciPy's; in a plan it is an expression of the path parameter."""
-    count, coefficients = 25, RNG.normal(size=(30, 6))
+    count = 25
+    coefficients = RNG.normal(size=(30, 6))
     spline = BSpline((np.arange(36) - 5.0) / count, coefficients, 5)
     s = np.linspace(0.0, 1.0, 77)
     made = planned.PlanForce(coefficients, None)  # type: ignore[arg-type]
@@ -203,7 +214,8 @@ def held_everywhere(held: Any, s: np.ndarray, value: np.ndarray) -> bool:
 
 def test_forces_that_change_quickly_are_refused_in_a_plan() -> None:
     """Waves along the path: with as many intervals as they need, up to a hundred."""
-    equations, s = derive("elbow"), np.linspace(0.0, 1.0, 801)
+    equations = derive("elbow")
+    s = np.linspace(0.0, 1.0, 801)
     intervals = []
     for waves in (1, 6, 14):
         wave = np.outer(np.sin(2 * np.pi * waves * s), [30.0, 0.0, 20.0])
@@ -217,24 +229,27 @@ def test_forces_that_change_quickly_are_refused_in_a_plan() -> None:
         planned.make_plan_force(
             np.outer(np.sin(2 * np.pi * 40 * s), [30.0, 0.0, 20.0]), equations, True
         )
-    with pytest.raises(ArgumentError, match="which the motion need not follow with timing='given'"):
+    with pytest.raises(
+        ArgumentError, match="which the motion need not follow with timing='given'"
+    ):
         planned.make_plan_force(wave, equations, False)
     assert planned.make_plan_force([3.0, 0.0, 1.0], equations, False).constant
 
 
-# --- masses -----------------------------------------------------------------------------------------------------------
+# --- masses --------------------------------------------------------------------------------------
 @pytest.mark.parametrize("name", ["elbow", "manutec_r3", "two_arm"])
 def test_the_numeric_mass_matrix_is_that_of_the_equations(name: str) -> None:
     model = flexgen.read(name)
     q = RNG.uniform(-1, 1, model.n_a)
     M = np.array(derive(model).function("mass_matrix")(q))
-    i_g, rigid = list(model.i_g), [j for j in range(model.n_m) if j not in model.i_m]
+    i_g = list(model.i_g)
+    rigid = [j for j in range(model.n_m) if j not in model.i_m]
     rotors = np.diag([model.motors[j].inertia for j in rigid])
     M[np.ix_(i_g, i_g)] += model.eta[rigid].T @ rotors @ model.eta[rigid]  # of rigid gears
     assert_allclose(mass_matrix(model, q), M, atol=1e-10 * np.abs(M).max())
 
 
-# --- plots ------------------------------------------------------------------------------------------------------------
+# --- plots ---------------------------------------------------------------------------------------
 @pytest.mark.parametrize(
     ("largest", "unit", "prefix"),
     [

@@ -1,4 +1,6 @@
-"""What caches keep: compiled modules up to their limits, kernels by the text of all that they depend on."""
+"""What caches keep: compiled modules up to their limits, kernels by the text of all that they
+depend on.
+"""
 
 from __future__ import annotations
 
@@ -56,7 +58,9 @@ class Nvrtc:
     """The compiler of kernels: it keeps what it was asked, and answers with what it is told."""
 
     def __init__(self, status: int = 0) -> None:
-        self.status, self.asked, self.version = status, list[Any](), (0, 13, 1)
+        self.status = status
+        self.asked = list[Any]()
+        self.version = (0, 13, 1)
 
     def nvrtcVersion(self) -> tuple[int, ...]:
         return self.version
@@ -86,7 +90,9 @@ class Nvrtc:
         self.asked.append("destroyed")
 
 
-def test_a_kernel_is_compiled_with_its_headers_and_options(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_kernel_is_compiled_with_its_headers_and_options(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """The log is told where it fails; the program is always given back."""
     options = compiler.options_of("arm", "sm_90")
     assert options == [
@@ -115,8 +121,12 @@ def test_a_kernel_is_compiled_with_its_headers_and_options(monkeypatch: pytest.M
 def test_a_kernel_is_compiled_again_where_something_differs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The text, a header or its name, the architecture, or the version of the compiler without its status."""
-    made, cache, compiled = Nvrtc(), dict[str, bytes](), list[str]()
+    """The text, a header or its name, the architecture, or the version of the compiler without its
+    status.
+    """
+    made = Nvrtc()
+    cache = dict[str, bytes]()
+    compiled = list[str]()
 
     def compile_text(text: str, headers: Any, options: list[str]) -> tuple[bytes, str]:
         compiled.append(text)
@@ -132,7 +142,12 @@ def test_a_kernel_is_compiled_again_where_something_differs(
     monkeypatch.setattr(compiler, "one_at_a_time", lambda folder, entry: contextlib.nullcontext())
     monkeypatch.setattr(compiler, "fetch_entry", lambda folder, entry: cache.get(entry))
     monkeypatch.setattr(compiler, "keep_entry", keep)
-    first: tuple[str, str, dict[str, str], str] = ("arm", "text", {"a.h": "A", "b.h": "B"}, "sm_90")
+    first: tuple[str, str, dict[str, str], str] = (
+        "arm",
+        "text",
+        {"a.h": "A", "b.h": "B"},
+        "sm_90",
+    )
     assert compiler.compile_cached(*first) == b"cubin 1" == compiler.compile_cached(*first)
     assert compiler.compile_cached("arm", "text", {"b.h": "B", "a.h": "A"}, "sm_90") == b"cubin 1"
     for k, other in enumerate(

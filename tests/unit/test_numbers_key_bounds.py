@@ -1,4 +1,6 @@
-"""Keys of model files at the edge of their bounds: the largest amplitude, turn or place that is read, and the next."""
+"""Keys of model files at the edge of their bounds: the largest amplitude, turn or place that is
+read, and the next.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +11,8 @@ import pytest
 import flexgen
 from flexgen.errors import ModelError
 
-M1, Q1 = "motor.m1", "element.upper.dof.q1"
+M1 = "motor.m1"
+Q1 = "element.upper.dof.q1"
 ELLIPTIC: dict[str, Any] = {
     "harmonics": [1, 3],
     "cos": [0.3, 0.1],
@@ -102,7 +105,9 @@ def test_a_profile_has_two_to_eight_bounds(count: int, good: bool) -> None:
         flexgen.read("elbow", overrides={"move": moves})
 
 
-@pytest.mark.parametrize(("turns", "good"), [(100, True), (-100, True), (101, False), (0.5, False)])
+@pytest.mark.parametrize(
+    ("turns", "good"), [(100, True), (-100, True), (101, False), (0.5, False)]
+)
 def test_turns_are_whole_and_at_most_a_hundred(turns: float, good: bool) -> None:
     given = {"position": [1.2, 0.1, 1.0], "rpy_deg": [0, 90, 0], "turns": [0, 0, 0, 0, 0, turns]}
     moves: Any = [

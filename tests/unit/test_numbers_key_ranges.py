@@ -1,9 +1,10 @@
 """Ranges and defaults of all keys of model files, as editors and the reader have them.
 
-A smaller range refuses files that were read before, and another default changes robots whose file leaves a key out.
-The keys are those of `flexgen.model.format`, `flexgen.model.format_robot`, `flexgen.model.format_devices`,
-`flexgen.model.format_tasks`, `flexgen.model.format_programs`, `flexgen.spec.fourier`, `flexgen.position_servo.keys`,
-`flexgen.spec.keys`. A number behind a name is how often it is a key of tables.
+A smaller range refuses files that were read before, and another default changes robots whose file
+leaves a key out. The keys are those of `flexgen.model.format`, `flexgen.model.format_robot`,
+`flexgen.model.format_devices`, `flexgen.model.format_tasks`, `flexgen.model.format_programs`,
+`flexgen.spec.fourier`, `flexgen.position_servo.keys`, `flexgen.spec.keys`. A number behind a name
+is how often it is a key of tables.
 """
 
 from __future__ import annotations
@@ -57,9 +58,10 @@ RANGES = {
     "minimum 0, maximum 1": "delay:2 reference_filter_s:2 viscous_share",
     "minimum 0, maximum 100000": "integral_hz",
     "minimum 0, maximum 1e+12": (
-        "alpha:2 beta:2 coulomb:2 cubic:2 damping:5 damping_ratio delay delay_s:7 gap:2 inertia:2 load_alpha "
-        "load_coulomb load_smoothing load_stribeck mass:2 moment_noise noise:7 pause:6 payload "
-        "rotational_drag stiffness stribeck:2 viscous:2 viscous_decay zone:4 zone_deg:2 zone_rad:2"
+        "alpha:2 beta:2 coulomb:2 cubic:2 damping:5 damping_ratio delay delay_s:7 gap:2 "
+        "inertia:2 load_alpha load_coulomb load_smoothing load_stribeck mass:2 moment_noise "
+        "noise:7 pause:6 payload rotational_drag stiffness stribeck:2 viscous:2 viscous_decay "
+        "zone:4 zone_deg:2 zone_rad:2"
     ),
     "minimum 0, maximum 2": "speed_feedforward:2",
     "minimum 0, maximum 5": "damping friction lost_motion masses motor_inertia stiffness",

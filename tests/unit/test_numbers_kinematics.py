@@ -1,4 +1,6 @@
-"""The search of configurations on a gantry whose wrist is a closed form: distances, families, turns and limits."""
+"""The search of configurations on a gantry whose wrist is a closed form: distances, families,
+turns and limits.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,9 @@ LENGTH = 2.0  # m, of the arm
 
 
 class Gantry:
-    """Three slides along x, y, z and a wrist about z, y, z; the library of a solver, and all solutions of a pose."""
+    """Three slides along x, y, z and a wrist about z, y, z; the library of a solver, and all
+    solutions of a pose.
+    """
 
     def forward_kinematics(self, q: np.ndarray) -> Any:
         R = Rotation.from_euler("ZYZ", np.atleast_2d(q)[:, 3:]).as_matrix()
@@ -28,10 +32,13 @@ class Gantry:
         return Pair(one.p, one.R)
 
     def jacobian(self, q: np.ndarray) -> np.ndarray:
-        first, second = Rotation.from_euler("Z", q[3]), Rotation.from_euler("ZY", q[3:5])
+        first = Rotation.from_euler("Z", q[3])
+        second = Rotation.from_euler("ZY", q[3:5])
         J = np.zeros((6, 6))
         J[:3, :3] = np.eye(3)
-        J[3:, 3], J[3:, 4], J[3:, 5] = [0, 0, 1], first.apply([0, 1, 0]), second.apply([0, 0, 1])
+        J[3:, 3] = [0, 0, 1]
+        J[3:, 4] = first.apply([0, 1, 0])
+        J[3:, 5] = second.apply([0, 0, 1])
         return J
 
     def inverse_kinematics(
@@ -53,7 +60,8 @@ class Pair(tuple[Any, Any]):
 
     def __new__(cls, p: Any, R: Any) -> Pair:
         made = super().__new__(cls, (p, R))
-        made.p, made.R = p, R
+        made.p = p
+        made.R = R
         return made
 
 
@@ -85,7 +93,8 @@ def goal_of(q: np.ndarray) -> np.ndarray:
 
 
 def test_distances_and_errors_of_a_configuration() -> None:
-    made, q = solver(), np.array([0.2, -0.3, 0.5, 0.4, 0.02, -1.0])
+    made = solver()
+    q = np.array([0.2, -0.3, 0.5, 0.4, 0.02, -1.0])
     J = np.diag([0.5, 0.5, 0.5, 1.0, 1.0, 1.0]) @ Gantry().jacobian(q)
     sizes = np.linalg.svd(J, compute_uv=False)
     assert made._distance(q) == pytest.approx(sizes[-1] / sizes[0], rel=1e-9)
@@ -107,8 +116,11 @@ def test_distances_and_errors_of_a_configuration() -> None:
 
 
 def test_configurations_are_one_up_to_whole_turns() -> None:
-    """Slides do not turn; near a singular wrist along what rounding moves; at it along the whole family."""
-    made, q = solver(), np.array([0.2, -0.3, 0.5, 0.4, 0.8, -1.0])
+    """Slides do not turn; near a singular wrist along what rounding moves; at it along the whole
+    family.
+    """
+    made = solver()
+    q = np.array([0.2, -0.3, 0.5, 0.4, 0.8, -1.0])
     goal = goal_of(q)
     assert made._same(goal, q, q + 5e-6) and not made._same(goal, q, q + 2e-5)
     assert made._same(goal, q, q + np.array([0, 0, 0, 2 * np.pi, 0, -2 * np.pi]))
@@ -127,8 +139,12 @@ def test_configurations_are_one_up_to_whole_turns() -> None:
 
 
 def test_a_configuration_is_refined_to_rounding() -> None:
-    """Also where the wrist is singular, at the configuration of the family that is nearest to home."""
-    made, q, home = solver(), np.array([0.2, -0.3, 0.5, 0.4, 0.8, -1.0]), np.zeros(6)
+    """Also where the wrist is singular, at the configuration of the family that is nearest to
+    home.
+    """
+    made = solver()
+    q = np.array([0.2, -0.3, 0.5, 0.4, 0.8, -1.0])
+    home = np.zeros(6)
     found = made._refine(goal_of(q), q + 0.05 * np.cos(np.arange(6)), home)
     assert_allclose(found, q, atol=1e-13)
     singular = np.array([0.2, -0.3, 0.5, 0.4, 0.0, -1.0])
@@ -143,7 +159,8 @@ def test_a_configuration_is_refined_to_rounding() -> None:
 
 def test_all_configurations_of_a_pose_are_found_once() -> None:
     """Two of a regular wrist, also next to the singular one, and one of the family at it."""
-    made, home = solver(), np.zeros(6)
+    made = solver()
+    home = np.zeros(6)
     for bent in (0.8, 0.01, 1e-3):
         q = np.array([0.2, -0.3, 0.5, 0.4, bent, -1.0])
         found = made.all_at(goal_of(q), home)
@@ -161,7 +178,8 @@ def test_all_configurations_of_a_pose_are_found_once() -> None:
 
 
 def test_small_turns_are_across_the_last_axis() -> None:
-    made, R = solver(), Rotation.random(random_state=1).as_matrix()
+    made = solver()
+    R = Rotation.random(random_state=1).as_matrix()
     found = made._turns(R)
     assert len(found) == search.TURNS
     vectors = np.array([Rotation.from_matrix(x).as_rotvec() for x in found])
@@ -200,8 +218,12 @@ def test_a_configuration_is_turned_into_its_limits() -> None:
 
 
 def test_parts_of_an_arm_with_six_rotations_by_hand() -> None:
-    """Axes of an elbow arm in the plane of x and z: distances over the reach, sines of angles, volumes of axes."""
-    a, b, c = 0.3, 1.1, -0.6
+    """Axes of an elbow arm in the plane of x and z: distances over the reach, sines of angles,
+    volumes of axes.
+    """
+    a = 0.3
+    b = 1.1
+    c = -0.6
     points = np.zeros((6, 3))
     points[1] = points[0]
     points[2] = [np.sin(a), 0.0, np.cos(a)]
@@ -249,8 +271,10 @@ def test_deflections_at_rest_are_those_of_an_equilibrium(name: str) -> None:
         if name == "elbow"
         else derive(flexgen.read(name, overrides={"gravity": [0.0, -9.81, 0.0]}))
     )
-    made, model = solver(), equations.model
-    made.model, made.i_g = model, list(model.i_g)
+    made = solver()
+    model = equations.model
+    made.model = model
+    made.i_g = list(model.i_g)
     q = np.array([0.4, -0.7])
     full = made._solve_deflections(q)
     zero = np.zeros(model.n_a)

@@ -1,4 +1,6 @@
-"""Numbers of flexgen/lab on a few steps: the stated equations are evaluated again, and texts of errors are complete."""
+"""Numbers of flexgen/lab on a few steps: the stated equations are evaluated again, and texts of
+errors are complete.
+"""
 
 from __future__ import annotations
 
@@ -31,11 +33,15 @@ def arm():
 
 @pytest.mark.parametrize("order", [1, 2, 3, 4])
 def test_states_of_bdf_satisfy_the_equations_with_its_differences(order: int) -> None:
-    """The first steps see equal states before the start; F is measured by the torque that would remove it."""
-    case, c = arm(), bdf.COEFFICIENTS[order]
+    """The first steps see equal states before the start; F is measured by the torque that would
+    remove it.
+    """
+    case = arm()
+    c = bdf.COEFFICIENTS[order]
     t = np.linspace(0.0, case.path.duration, 21)
     found = bdf.march(case.dae, case.path, t, case.x_eq, order)
-    h, u = t[1], case.dae.targets(case.path.sample(t), 0)[:, :, 0]
+    h = t[1]
+    u = case.dae.targets(case.path.sample(t), 0)[:, :, 0]
     assert_array_equal(found.x[0], case.x_eq)
     assert not found.dx[0].any() and 2 * 20 <= found.iterations <= 8 * 20
     x = np.vstack([np.tile(case.x_eq, (4, 1)), found.x])
@@ -51,7 +57,8 @@ def test_states_of_bdf_satisfy_the_equations_with_its_differences(order: int) ->
 
 
 def test_iterations_of_bdf_are_the_equations_that_newtons_method_solves() -> None:
-    case, seen = arm(), []
+    case = arm()
+    seen = []
 
     def rows(*x: np.ndarray) -> list[ca.DM]:
         seen.append(x)
@@ -67,7 +74,8 @@ def test_iterations_of_bdf_are_the_equations_that_newtons_method_solves() -> Non
 
 
 def test_extrapolation_removes_the_leading_error() -> None:
-    case, t = arm(), np.linspace(0.0, 0.4, 6)
+    case = arm()
+    t = np.linspace(0.0, 0.4, 6)
     coarse = bdf.march(case.dae, case.path, t, case.x_eq, 2)
     fine = bdf.march(case.dae, case.path, np.linspace(0.0, 0.4, 11), case.x_eq, 2)
     found = bdf.extrapolate(case.dae, case.path, t, case.x_eq, 2)
@@ -83,7 +91,8 @@ def test_extrapolation_removes_the_leading_error() -> None:
 
 
 def test_bdf_names_the_instant_where_newton_fails_and_where_the_equations_are_singular() -> None:
-    case, t = arm(), np.linspace(0.0, 0.5, 6)
+    case = arm()
+    t = np.linspace(0.0, 0.5, 6)
 
     def altered(rows: Callable) -> SimpleNamespace:
         names = ("n", "n_x", "targets", "scales")
@@ -155,11 +164,16 @@ def test_zeros_along_a_problem_are_those_of_all_poses() -> None:
     assert initial_value.zeros_along(SimpleNamespace(zeros=[])).shape == (0,)
 
 
-def test_where_initial_value_methods_do_not_apply_the_reason_and_another_method_are_named() -> None:
+def test_where_initial_value_methods_do_not_apply_the_reason_and_another_method_are_named() -> (
+    None
+):
     equations = flexgen.derive("planar5_nmp")
     path = Path(equations, equations.model.moves[0])
     name = equations.model.moves[0].name
-    text = rf"the zero dynamics of model planar5_nmp along move {name} is unstable, with a zero at \+[\d.]+ 1/s at t = "
+    text = (
+        rf"the zero dynamics of model planar5_nmp along move {name} is unstable, with a zero at "
+        rf"\+[\d.]+ 1/s at t = "
+    )
     with pytest.raises(ArgumentError, match=text):
         initial_value.check_causal(InversionProblem(equations, path), "bdf")
     initial_value.check_causal(arm().problem, "bdf")
@@ -185,7 +199,8 @@ def test_the_result_of_states_has_accelerations_and_gear_torques() -> None:
         verdict="v",
         details={"a": 1},
     )
-    model, n = case.dae.model, case.dae.n
+    model = case.dae.model
+    n = case.dae.n
     assert (made.preactuation, made.verdict, made.iterations, made.intervals) == (0.1, "v", 7, 33)
     assert made.details == {"a": 1}
     assert_array_equal(made.q, found.x[:, :2])
@@ -237,13 +252,16 @@ def torques(case: object, t: np.ndarray) -> np.ndarray:
 def test_steps_of_radau_keep_the_path_and_its_rate_and_have_the_torques_of_bdf() -> None:
     """Every hidden constraint holds at each instant: output, its rate and its second rate."""
     case = arm()
-    dae, system = case.dae, kunkel_mehrmann.regularize(case.dae, case.x_eq)
+    dae = case.dae
+    system = kunkel_mehrmann.regularize(case.dae, case.x_eq)
     assert (system.mu, system.a, system.d) == (3, 8, 2) and system.gap > 1e6
     t = np.linspace(0.0, 1.0, 13)
     found = kunkel_mehrmann.integrate(system, case.path, t, case.x_eq)
     sample = case.path.sample(t)
     for k in (1, 6, 12):
-        q, v, a = found.x[k, :2], found.x[k, 4:6], found.dx[k, 4:6]
+        q = found.x[k, :2]
+        v = found.x[k, 4:6]
+        a = found.dx[k, 4:6]
         y, dy, ddy = outputs(case, q, v, a)
         assert_allclose(y, sample.y[k, :, 0], atol=1e-11)
         assert_allclose(dy, sample.y[k, :, 1], atol=1e-9)
@@ -257,7 +275,8 @@ def test_steps_of_radau_keep_the_path_and_its_rate_and_have_the_torques_of_bdf()
 
 def outputs(case: object, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> list[np.ndarray]:
     """Output and its first two rates, by differentiation in time of the emitted function."""
-    s, function = ca.SX.sym("s"), case.problem.equations.function("output")
+    s = ca.SX.sym("s")
+    function = case.problem.equations.function("output")
     motion = ca.DM(q) + s * ca.DM(v) + s**2 / 2 * ca.DM(a)
     y = function(motion)
     dy = ca.jacobian(y, s)
@@ -267,7 +286,8 @@ def outputs(case: object, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> list[n
 
 def test_a_taylor_expansion_of_a_polynomial_is_exact() -> None:
     """x = (t^3, 2 - t) at t = 0.5, moved by 0.4."""
-    t, to = 0.5, 0.9
+    t = 0.5
+    to = 0.9
     rows = [[s**3, 3 * s**2, 6 * s, 6.0] for s in (t, to)]
     lines = [[2 - s, -1.0, 0.0, 0.0] for s in (t, to)]
     found = kunkel_mehrmann._taylor(np.array([rows[0], lines[0]]), to - t)
@@ -289,7 +309,9 @@ def test_the_split_of_the_array_satisfies_its_definitions() -> None:
     )
     split = system.split(X, U)
     N, M = system._jacobians(X, U)
-    n, a, d = system.n, 8, 2
+    n = system.n
+    a = 8
+    d = 2
     assert split.Z2.shape == (4 * n, a) and split.T2.shape == (n, d) and split.Z1.shape == (n, d)
     assert np.abs(split.Z2.T @ M).max() < 1e-9 and np.abs(split.Z2.T @ N @ split.T2).max() < 1e-9
     assert_allclose(split.T2.T @ split.T2, np.eye(d), atol=1e-12)
@@ -328,7 +350,8 @@ def test_an_array_that_is_too_short_or_of_negative_order_is_refused() -> None:
 
 def test_a_null_space_is_that_of_scipy() -> None:
     A = np.random.default_rng(2).normal(size=(3, 5))
-    found, expected = _null(A, 2), null_space(A)
+    found = _null(A, 2)
+    expected = null_space(A)
     assert_allclose(found @ found.T, expected @ expected.T, atol=1e-12)
 
 
@@ -359,7 +382,8 @@ def test_the_reduced_system_has_consistent_values_and_a_good_choice_of_states() 
     G, slope = (np.array(z) for z in dummies.system(found, U))
     assert np.abs(G[:, 0] / (np.abs(slope * scale).max(axis=1))).max() < 1e-12 and 2 <= count < 12
     assert_array_equal(found[list(choice.states)], Y[list(choice.states)])
-    s, z = found[list(choice.states)], found[list(choice.algebraic)]
+    s = found[list(choice.states)]
+    z = found[list(choice.algebraic)]
     ds, again = (np.array(v).ravel() for v in dummies.index_one(choice)(s, z, U))
     assert_array_equal(ds, found[list(choice.rates)])
     assert_array_equal(again, G[:, 0])
@@ -369,7 +393,8 @@ def test_the_reduced_system_has_consistent_values_and_a_good_choice_of_states() 
     J = J / np.abs(J).max(axis=1)[:, None]
     worst = 1.0
     for k in range(1, dummies.orders + 1):
-        rows, columns = np.array(dummies.c) >= k, np.array(choice.depth) >= k
+        rows = np.array(dummies.c) >= k
+        columns = np.array(choice.depth) >= k
         least = [np.linalg.svd(A, compute_uv=False)[-1] for A in (J[rows][:, columns], J[rows])]
         worst = min(worst, least[0] / least[1])
     assert_allclose(quality, worst, rtol=1e-10)
@@ -406,8 +431,10 @@ def test_a_discretized_motion_satisfies_the_equations_with_central_differences(o
     h = 1.0 / 19
     assert_allclose(found.t, h * np.arange(-2, 22))
     assert found.path_error < 1e-8 and found.iterations < 12
-    arm_side, motor_side = found.arm, found.motor
-    r_a, r_m = [], []
+    arm_side = found.arm
+    motor_side = found.motor
+    r_a = []
+    r_m = []
     for k in range(len(found.t)):
         parts = [*(x[k] for x in arm_side), *(x[k] for x in motor_side), found.tau_m[k]]
         a, m = case.problem.equations.function("residual")(*parts)
@@ -416,20 +443,22 @@ def test_a_discretized_motion_satisfies_the_equations_with_central_differences(o
     scale = np.abs(found.tau_m).max()
     assert np.abs(r_m).max() < 1e-4 * scale and np.abs(r_a).max() < 1e-4 * scale * 100
     m = order // 2
-    first, second = (
-        {2: (0.5,), 4: (2 / 3, -1 / 12), 6: (3 / 4, -3 / 20, 1 / 60)}[order],
-        {2: (1,), 4: (4 / 3, -1 / 12), 6: (3 / 2, -3 / 20, 1 / 90)}[order],
-    )
+    first = {2: (0.5,), 4: (2 / 3, -1 / 12), 6: (3 / 4, -3 / 20, 1 / 60)}[order]
+    second = {2: (1,), 4: (4 / 3, -1 / 12), 6: (3 / 2, -3 / 20, 1 / 90)}[order]
     for q, v, a in (arm_side, motor_side):
         for k in (m, 10, len(q) - 1 - m):
             rate = sum(w * (q[k + j] - q[k - j]) for j, w in enumerate(first, 1)) / h
-            bend = sum(w * (q[k + j] - 2 * q[k] + q[k - j]) for j, w in enumerate(second, 1)) / h**2
+            bend = (
+                sum(w * (q[k + j] - 2 * q[k] + q[k - j]) for j, w in enumerate(second, 1)) / h**2
+            )
             assert_allclose(v[k], rate, atol=1e-8 * np.abs(v).max())
             assert_allclose(a[k], bend, atol=1e-7 * np.abs(a).max())
 
 
 def test_a_step_of_the_discretized_problem_is_the_minimum_of_its_quadratic_model() -> None:
-    """The same system with dense matrices, the cost and the output's softness as stated at the top of the module."""
+    """The same system with dense matrices, the cost and the output's softness as stated at the top
+    of the module.
+    """
     case = arm()
     system = discretized._System(case.problem, 0.25, 2, 0.0, 0.3)
     assert (system.N, system.m, system.h) == (7, 1, 0.25) and system.delta == pytest.approx(
@@ -451,13 +480,16 @@ def test_a_step_of_the_discretized_problem_is_the_minimum_of_its_quadratic_model
     # the Jacobian by differences in the scaled unknowns
     _, output = system.errors(y)
     A = system.jacobian(y, tau, output).toarray()
-    chance, e = np.random.default_rng(3), 1e-5
-    dy, dtau = chance.normal(size=y.shape), chance.normal(size=tau.shape)
+    chance = np.random.default_rng(3)
+    e = 1e-5
+    dy = chance.normal(size=y.shape)
+    dtau = chance.normal(size=tau.shape)
 
     def rows(s: float) -> np.ndarray:
         moved = y + s * dy * system.scale_y, tau + s * dtau * system.tau_0
         return np.r_[
-            (system.residual(*moved) * system.row_scale).ravel(), system.errors(moved[0])[0].ravel()
+            (system.residual(*moved) * system.row_scale).ravel(),
+            system.errors(moved[0])[0].ravel(),
         ]
 
     slope = (rows(e) - rows(-e)) / (2 * e)
@@ -473,7 +505,8 @@ def test_a_step_of_the_discretized_problem_is_the_minimum_of_its_quadratic_model
     assert_allclose(system.row_scale, 0.25**2 / np.abs(M * system.scale_y).max(axis=1))
     for _ in range(4):
         step = system.step(y, tau)
-        y, tau = y + step[0], tau + step[1]
+        y = y + step[0]
+        tau = tau + step[1]
     assert system.violation(y, tau) < 1e-7 and np.abs(system.errors(y)[0]).max() < 1e-7
     assert_allclose(y[:2] / system.scale_y, system.aim[:2] / system.scale_y, atol=1e-4)
 
@@ -497,7 +530,8 @@ def test_too_many_nodes_and_missing_convergence_name_what_to_do(
 def test_solutions_of_the_methods_say_how_they_were_made() -> None:
     """Windows, mesh and options reach the method: counts of nodes, steps and details."""
     case = arm()
-    equations, path = case.problem.equations, case.path
+    equations = case.problem.equations
+    path = case.path
     problem = InversionProblem(equations, path, mesh=0.1, options={"order": 2}, preview=0.2)
     made = discretized.solve(problem, 0.1)
     assert made.preactuation == pytest.approx(0.2) and made.details["spacing_s"] == pytest.approx(
@@ -531,25 +565,24 @@ def test_the_dae_of_a_joint_move_has_the_coordinates_as_output() -> None:
 def test_a_step_with_a_soft_output_weighs_its_error_by_the_softness(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Dense: ``min x' H x / 2 + |e|^2 / (2 delta)`` on the linear equations of motion, about the point of the step."""
+    """Dense: ``min x' H x / 2 + |e|^2 / (2 delta)`` on the linear equations of motion, about the
+    point of the step.
+    """
     monkeypatch.setattr(discretized, "DELTA", 1e-2)
     system = discretized._System(arm().problem, 0.25, 2, 0.0, 0.3)
     chance = np.random.default_rng(5)
     y, tau = system.start()
-    y, tau = (
-        y + 1e-2 * chance.normal(size=y.shape) * system.scale_y,
-        tau + chance.normal(size=tau.shape),
-    )
+    y = y + 1e-2 * chance.normal(size=y.shape) * system.scale_y
+    tau = tau + chance.normal(size=tau.shape)
     error, output = system.errors(y)
-    A, H, cut = (
-        system.jacobian(y, tau, output).toarray(),
-        system.hessian.toarray(),
-        system.N * system.n,
-    )
+    A = system.jacobian(y, tau, output).toarray()
+    H = system.hessian.toarray()
+    cut = system.N * system.n
     c = np.r_[(system.residual(y, tau) * system.row_scale).ravel(), error.ravel()]
     offset = np.r_[((y - system.aim) / system.scale_y).ravel(), (tau / system.tau_0).ravel()]
     scale = np.diag(1 / np.sqrt(1.0 + np.diag(H)))
-    dynamic, soft = A[:cut] @ scale, A[cut:] @ scale
+    dynamic = A[:cut] @ scale
+    soft = A[cut:] @ scale
     curvature = scale @ H @ scale + soft.T @ soft / system.delta
     slope = scale @ H @ offset + soft.T @ c[cut:] / system.delta
     whole = np.block([[curvature, dynamic.T], [dynamic, np.zeros((cut, cut))]])
@@ -606,6 +639,6 @@ def test_an_integration_that_fails_is_tried_again_and_named_by_its_last_words(
     factors = [factor for _, factor in reduced.RETRIES]
     assert tolerances == [1e-6 * factor for factor in factors]
     assert str(caught.value) == (
-        f"method reduced: IDAS failed after t = 0.25 s with a tolerance of {1e-6 * factors[-1]:.0e}: "
-        f"IDA_CONV_FAIL at {len(factors)}; try lq or bdf"
+        "method reduced: IDAS failed after t = 0.25 s with a tolerance of "
+        f"{1e-6 * factors[-1]:.0e}: IDA_CONV_FAIL at {len(factors)}; try lq or bdf"
     )

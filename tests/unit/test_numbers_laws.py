@@ -1,4 +1,6 @@
-"""Numbers of flexgen/laws: exact solutions of sampled chains, Riccati equations, transfer functions."""
+"""Numbers of flexgen/laws: exact solutions of sampled chains, Riccati equations, transfer
+functions.
+"""
 
 from __future__ import annotations
 
@@ -33,10 +35,8 @@ def test_gains_of_a_chain_place_its_poles() -> None:
     w = 2 * np.pi * 1.5
     assert_allclose(chain.chain_gains(1.5, 3, "continuous", H), [w**3, 3 * w**2, 3 * w])
     gains = chain.chain_gains(1.5, 3, "discrete", H)
-    A, B = (
-        np.eye(3) + np.diag([H, H], 1) + np.diag([H**2 / 2], 2),
-        np.array([H**3 / 6, H**2 / 2, H]),
-    )
+    A = np.eye(3) + np.diag([H, H], 1) + np.diag([H**2 / 2], 2)
+    B = np.array([H**3 / 6, H**2 / 2, H])
     poles = np.linalg.eigvals(A - np.outer(B, gains))
     assert_allclose(np.poly(poles), np.poly([math.exp(-w * H)] * 3), atol=1e-9)
 
@@ -47,8 +47,11 @@ def test_gains_of_a_chain_place_its_poles() -> None:
 def test_the_matrix_of_a_sampled_chain_is_its_simulation(
     delay: float, predicted: bool, differences: bool
 ) -> None:
-    """Ten samples of a chain of three integrators under late held inputs, by its exact solution."""
-    gains, timing = np.array([200.0, 90.0, 15.0]), Timing(H, delay, predicted, differences)
+    """Ten samples of a chain of three integrators under late held inputs, by its exact
+    solution.
+    """
+    gains = np.array([200.0, 90.0, 15.0])
+    timing = Timing(H, delay, predicted, differences)
 
     def move(x: np.ndarray, s: float, h: float) -> np.ndarray:
         A = expm(np.array([[0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1], [0, 0, 0, 0.0]]) * h)
@@ -57,11 +60,9 @@ def test_the_matrix_of_a_sampled_chain_is_its_simulation(
     loop = chain.chain_loop(gains, timing)
     whole = timing.whole
     assert loop.shape == (6 + whole + 2,) * 2
-    x, last, inputs = (
-        np.array([1.0, -2.0, 3.0]),
-        np.array([0.9, -1.0, 2.0]),
-        [0.5, -0.7, 0.3][: whole + 2],
-    )
+    x = np.array([1.0, -2.0, 3.0])
+    last = np.array([0.9, -1.0, 2.0])
+    inputs = [0.5, -0.7, 0.3][: whole + 2]
     z = np.r_[x, last, inputs]
     for _ in range(10):
         seen = x.copy()
@@ -76,7 +77,9 @@ def test_the_matrix_of_a_sampled_chain_is_its_simulation(
         all_inputs = [new, *inputs]
         moved = move(x, all_inputs[whole + 1], timing.rest_s) if timing.rest_s else x
         moved = move(moved, all_inputs[whole], H - timing.rest_s)
-        last, x, inputs = x, moved, all_inputs[: whole + 2]
+        last = x
+        x = moved
+        inputs = all_inputs[: whole + 2]
         z = loop @ z
         assert_allclose(z, np.r_[x, last, inputs], rtol=1e-9)
 
@@ -86,7 +89,8 @@ def test_the_spectral_radius_of_a_chain_and_its_largest_frequency() -> None:
     gains = chain.chain_gains(2.0, 2, "continuous", H)
     radius = np.abs(np.linalg.eigvals(chain.chain_loop(gains, timing))).max()
     assert chain.largest_eigenvalue(gains, timing) == pytest.approx(radius, rel=1e-9)
-    for n, delay, bound_wh in ((4, 0.0, 0.5111), (4, H, 0.1979)):  # stated at the top of the module
+    # stated at the top of the module
+    for n, delay, bound_wh in ((4, 0.0, 0.5111), (4, H, 0.1979)):
         found = chain.largest_frequency(n, "continuous", Timing(H, delay))
         assert 2 * np.pi * found * H == pytest.approx(bound_wh, abs=1e-4)
     largest = chain.largest_frequency(2, "continuous", timing)
@@ -94,7 +98,10 @@ def test_the_spectral_radius_of_a_chain_and_its_largest_frequency() -> None:
         chain.stable_gains(0.99 * largest, 2, "continuous", timing),
         chain.chain_gains(0.99 * largest, 2, "continuous", H),
     )
-    text = r"given .* Hz, with which a chain of 2 integrators is unstable at 10 ms and a delay of 4 ms \(largest"
+    text = (
+        r"given .* Hz, with which a chain of 2 integrators is unstable at 10 ms and a delay of "
+        r"4 ms \(largest"
+    )
     with pytest.raises(ArgumentError, match=text):
         chain.stable_gains(1.01 * largest, 2, "continuous", timing)
     with pytest.raises(ArgumentError, match="4 ms, speeds by differences"):
@@ -175,10 +182,12 @@ def test_a_lower_frequency_is_named_where_the_loop_is_unstable() -> None:
 
 def pose(n: int = 2, n_m: int = 1, n_y: int = 2) -> PoseModel:
     chance = np.random.default_rng(4)
-    K, D = 30 * np.eye(n), 0.5 * np.eye(n)
+    K = 30 * np.eye(n)
+    D = 0.5 * np.eye(n)
     A = np.block([[np.zeros((n, n)), np.eye(n)], [-K, -D]])
     B = np.vstack([np.zeros((n, n_m)), chance.normal(size=(n, n_m))])
-    push, arm = np.vstack([np.zeros((n, 3)), chance.normal(size=(n, 3))]), np.zeros((2 * n, 1))
+    push = np.vstack([np.zeros((n, 3)), chance.normal(size=(n, 3))])
+    arm = np.zeros((2 * n, 1))
     C = np.hstack([chance.normal(size=(n_y, n)), np.zeros((n_y, n))])
     return PoseModel(
         A, B, push, arm, C, np.zeros((n_y, n_m)), np.zeros((n_y, 1)), chance.normal(size=(1, n))
@@ -186,7 +195,8 @@ def pose(n: int = 2, n_m: int = 1, n_y: int = 2) -> PoseModel:
 
 
 def test_the_regulator_minimizes_the_cost_of_the_module() -> None:
-    at, u_max = pose(), np.array([4.0])
+    at = pose()
+    u_max = np.array([4.0])
     F, G = sample_model(at.A, at.B, H, 0.6 * H)
     Q = np.zeros((5, 5))
     Q[:2, :2] = at.W.T @ at.W / 1e-6
@@ -204,19 +214,24 @@ def test_the_regulator_minimizes_the_cost_of_the_module() -> None:
 
 def at_rest(model: object) -> list[np.ndarray]:
     q = np.full(model.n_a, 0.3)
-    zero_a, zero_m = np.zeros((1, model.n_a)), np.zeros((1, model.n_m))
+    zero_a = np.zeros((1, model.n_a))
+    zero_m = np.zeros((1, model.n_m))
     return [q[None], zero_a, zero_a, (model.eta @ q)[None], zero_m, zero_m, zero_m]
 
 
 @pytest.mark.parametrize("delay", [0.0, 1.4e-3])
 def test_lqg_is_a_stationary_filter_and_the_regulator_on_its_estimate(delay: float) -> None:
-    """The filter's gain from SciPy's Riccati solver on noises written out; one step of the controller by hand."""
+    """The filter's gain from SciPy's Riccati solver on noises written out; one step of the
+    controller by hand.
+    """
     model = channels_of(flexgen.read("elbow"), "tool_accelerometer").model
     options = LQG(7.0, 2e-4, True, 0.03, 0.5)
     made = options.linear(model, 1e-3, delay, at_rest(model))
     at = PoseModels(model).at(at_rest(model))
     F, G = sample_model(at.A, at.B, 1e-3, delay)
-    n, size, u_max = 8, len(F), torque_scale(model)
+    n = 8
+    size = len(F)
+    u_max = torque_scale(model)
     gain = regulator(at, F, G, 7.0, u_max)
 
     def held(B: np.ndarray) -> np.ndarray:
@@ -236,7 +251,8 @@ def test_lqg_is_a_stationary_filter_and_the_regulator_on_its_estimate(delay: flo
     P = solve_discrete_are(full.T, C.T, Q, R)
     M = P @ C.T @ np.linalg.inv(C @ P @ C.T + R)
     z, e = np.random.default_rng(2).normal(size=(2, max(size + 2, 5)))
-    z, y = z[: size + 2], -e[:5]
+    z = z[: size + 2]
+    y = -e[:5]
     estimate = z + M @ (y - C @ z)
     u = -np.hstack([gain, np.eye(2)]) @ estimate
     A, B, C_, D = (x[0] for x in made.matrices)
@@ -255,7 +271,8 @@ def test_lqg_is_a_stationary_filter_and_the_regulator_on_its_estimate(delay: flo
 @pytest.mark.parametrize("differences", [False, True])
 def test_the_eigenvalue_of_a_feedback_of_angles_and_speeds(differences: bool) -> None:
     at = pose()
-    K, D = np.array([[3.0, 1.0]]), np.array([[0.4, -0.2]])
+    K = np.array([[3.0, 1.0]])
+    D = np.array([[0.4, -0.2]])
     F, G = sample_model(at.A, at.B, H, 0.6 * H)
     found = stability.pose_eigenvalue(at, K, D, H, 0.6 * H, differences)
     z = np.random.default_rng(5).normal(size=7)  # state, torque under way, last angles
@@ -295,9 +312,13 @@ def test_an_unstable_pose_is_named() -> None:
     motion = motion_of(model)
     none = np.zeros((2, 4))
     k = np.hstack([np.zeros((2, 2)), np.eye(2)])
-    J, w = np.diag(motor_laws.motor_inertias(model, at_rest(model))[0]), 2 * np.pi * 3
+    J = np.diag(motor_laws.motor_inertias(model, at_rest(model))[0])
+    w = 2 * np.pi * 3
     stability.check_pose_loop(motion, lambda q: (w**2 * J @ k, 2 * w * J @ k), "x: given 1")
-    text = r"controller, x: given 1, with which the loop is unstable at the pose 1 s after the begin of the motion, at 1"
+    text = (
+        r"controller, x: given 1, with which the loop is unstable at the pose 1 s after the "
+        r"begin of the motion, at 1"
+    )
     with pytest.raises(ArgumentError, match=text):
         stability.check_pose_loop(motion, lambda q: (-50 * k, none), "x: given 1")
 
@@ -320,14 +341,15 @@ def test_gains_of_tomei_and_of_joint_torque_feedback() -> None:
         motor_laws._check_gravity(motion, np.array([1e-9, 1e-9]))
     K = np.array([2e4, 1e4])
     gains = motor_laws.JointTorqueFeedback(2.0)._gains(motion, K)
-    ratio, M = (
-        np.diag(model.eta),
-        np.diag(np.array(motion.equations.function("mass_matrix")(at_rest(model)[0][0]))),
-    )
-    rotor, w = np.array([m.inertia for m in model.motors]) * ratio**2, 2 * np.pi * 2.0
+    ratio = np.diag(model.eta)
+    M = np.diag(np.array(motion.equations.function("mass_matrix")(at_rest(model)[0][0])))
+    rotor = np.array([m.inertia for m in model.motors]) * ratio**2
+    w = 2 * np.pi * 2.0
     for j in range(2):  # the polynomial of the comment, arm side
         p, d, t, s = gains[:, j] * [ratio[j] ** 2, ratio[j] ** 2, 1, 1]
-        J_, M_, K_ = rotor[j], M[j], K[j]
+        J_ = rotor[j]
+        M_ = M[j]
+        K_ = K[j]
         found = [J_ * M_ / K_, d * M_ / K_ + s * M_, J_ + M_ + p * M_ / K_ + t * M_, d, p]
         assert_allclose(found, J_ * M_ / K_ * np.poly([-w] * 4), rtol=1e-9)
     given = motor_laws.JointTorqueFeedback(k_p=(1, 2), k_d=(3, 4), k_t=(-5, 6), k_s=(7, 8))
@@ -393,20 +415,25 @@ def test_matrices_of_state_feedback_are_the_feedback_of_the_state(
     model = flexgen.read("elbow")
     late = round(delay / 1e-3)
     chance = np.random.default_rng(6)
-    K, h = chance.normal(size=(2, 8 + 2 * late)), 1e-3
+    K = chance.normal(size=(2, 8 + 2 * late))
+    h = 1e-3
     n_y = 2 + 2 + (8 if exact else 0)
     motion = SimpleNamespace(
         model=model, sample_s=h, exact_state=exact, state_channel=4 if exact else -1
     )
     A, B, C, D = LQ(1.0)._part(K, motion, None if exact else np.array([3, 2]), n_y)
-    z, under_way, last = np.zeros(len(A)), np.zeros((late, 2)), np.zeros(4)
+    z = np.zeros(len(A))
+    under_way = np.zeros((late, 2))
+    last = np.zeros(4)
     for _ in range(4):
         y = chance.normal(size=n_y)
         if exact:
-            angles, speeds = np.r_[y[4:6], y[8:10]], np.r_[y[6:8], y[10:12]]
+            angles = np.r_[y[4:6], y[8:10]]
+            speeds = np.r_[y[6:8], y[10:12]]
         else:
             angles = np.r_[y[[3, 2]], y[:2]]
-            speeds, last = (angles - last) / h, angles
+            speeds = (angles - last) / h
+            last = angles
         u = -K @ np.r_[angles, speeds, under_way.ravel()]
         e = -y
         assert_allclose(C @ z + D @ e, u, rtol=1e-9)
@@ -421,7 +448,8 @@ class Functions(dict):
     """A library of a linear robot: accelerations ``a = M^-1 (...)`` written out."""
 
     def __init__(self) -> None:
-        self.M, self.K = np.array([[2.0, 0.3], [0.3, 1.0]]), np.diag([50.0, 80.0])
+        self.M = np.array([[2.0, 0.3], [0.3, 1.0]])
+        self.K = np.diag([50.0, 80.0])
         rows = {
             "forward_dynamics": lambda q, v, p, w, u: (self.rest(q, p) - 0.1 * v, 3.0 * u - p),
             "flexible_joint_motion": lambda q, v, p, w: (self.rest(q, p), self.rest(v, w)),
@@ -459,7 +487,8 @@ def law(
 
 def steps_of(made: bound.BoundLaw, count: int = 3) -> tuple[np.ndarray, list[np.ndarray]]:
     chance = np.random.default_rng(8)
-    y, none = chance.normal(size=(count, 4)), np.zeros(0)
+    y = chance.normal(size=(count, 4))
+    none = np.zeros(0)
     made.reset()
     planned = Reference(none, none, none, none, none, none)
     return y, [made.step(k, Measurement(y[k, :2], y[k, 2:]), planned) for k in range(count)]
@@ -478,7 +507,9 @@ def steps_of(made: bound.BoundLaw, count: int = 3) -> tuple[np.ndarray, list[np.
 def test_a_prediction_has_steps_for_each_torque_under_way(
     delay: float, parts: list[tuple[int, float, int]]
 ) -> None:
-    """The oldest torque first; then half a sample, in which the new one acts. At 10,000 steps in a second."""
+    """The oldest torque first; then half a sample, in which the new one acts. At 10,000 steps in a
+    second.
+    """
     none = np.zeros((2, 2))
     made = law("joint_torque", none, none, (), Timing(1e-3, delay, True), steps_per_s=9999.0)
     found, half = made._segments()
@@ -496,18 +527,18 @@ def test_a_prediction_has_steps_for_each_torque_under_way(
 
 def test_steps_of_computed_torque_and_joint_torque_by_hand() -> None:
     chance = np.random.default_rng(9)
-    functions, eta = Functions(), np.array([[10.0, 2.0], [0.0, -20.0]])
+    functions = Functions()
+    eta = np.array([[10.0, 2.0], [0.0, -20.0]])
     back = np.linalg.inv(eta)
-    g, table = (
-        np.array([[4.0, 4.0], [3.0, 2.0], [0.2, 0.3], [0.05, 0.04]]),
-        chance.normal(size=(2, 6)),
-    )
+    g = np.array([[4.0, 4.0], [3.0, 2.0], [0.2, 0.3], [0.05, 0.04]])
+    table = chance.normal(size=(2, 6))
     made = law("computed_torque", g, table, ("rows", "friction"), Timing(H))
     y, found = steps_of(made)
     for k in range(3):
         d = table[min(k, 1)].reshape(3, 2)
         v_m = (y[k, :2] - y[k - 1, :2]) / H if k else np.zeros(2)
-        q, v = back @ y[k, :2], back @ v_m
+        q = back @ y[k, :2]
+        v = back @ v_m
         a = d[2] + g[1] * (d[1] - v) + g[0] * (d[0] - q)
         expected = [0.1, 0.2] * (eta @ a) + 0.7 * v_m + back.T @ (a @ functions.M + q)
         assert_allclose(found[k], expected, rtol=1e-9)
@@ -517,7 +548,8 @@ def test_steps_of_computed_torque_and_joint_torque_by_hand() -> None:
         y, found = steps_of(made)
         for k in range(3):
             d = table[k].reshape(5, 2)
-            q_m, q_a = y[k, :2], y[k, [3, 2]]
+            q_m = y[k, :2]
+            q_a = y[k, [3, 2]]
             v_m, v_a = (
                 ((y[k, :2] - y[k - 1, :2]) / H, (q_a - y[k - 1, [3, 2]]) / H)
                 if k
@@ -525,21 +557,22 @@ def test_steps_of_computed_torque_and_joint_torque_by_hand() -> None:
             )
             u = d[0] + g[0] * (d[1] - q_m) + g[1] * (d[2] - v_m)
             if uses:
-                T, dT = (
-                    back.T @ ((back @ q_m - q_a) @ functions.K),
-                    back.T @ ((back @ v_m - v_a) @ functions.K),
-                )
+                T = back.T @ ((back @ q_m - q_a) @ functions.K)
+                dT = back.T @ ((back @ v_m - v_a) @ functions.K)
                 u = u + g[2] * (d[3] - T) + g[3] * (d[4] - dT)
             assert_allclose(found[k], u, rtol=1e-9)
 
 
 @pytest.mark.parametrize(("delay", "predicted"), [(0.0, False), (0.0, True), (1.4 * H, True)])
 def test_steps_of_linearization_predict_by_runge_kutta(delay: float, predicted: bool) -> None:
-    chance, functions = np.random.default_rng(10), Functions()
-    g, table = chance.uniform(1, 2, (4, 2)), chance.normal(size=(3, 20))
+    chance = np.random.default_rng(10)
+    functions = Functions()
+    g = chance.uniform(1, 2, (4, 2))
+    table = chance.normal(size=(3, 20))
     timing = Timing(H, delay, predicted)
     made = law("linearisation", g, table, (), timing, state=4, channels=None)
-    y, none = chance.normal(size=(3, 12)), np.zeros(0)
+    y = chance.normal(size=(3, 12))
+    none = np.zeros(0)
     made.reset()
     planned = Reference(none, none, none, none, none, none)
     past = [np.array([0.5, -0.5])] * 2
@@ -561,7 +594,8 @@ def test_steps_of_linearization_predict_by_runge_kutta(delay: float, predicted: 
     def torque(x: np.ndarray, d: np.ndarray) -> np.ndarray:
         q, v, p, w = x
         q_d, v_d, a_d, j_d, s_d = d.reshape(5, 2)
-        a, j = functions.rest(q, p), functions.rest(v, w)
+        a = functions.rest(q, p)
+        j = functions.rest(v, w)
         s = s_d + g[3] * (j_d - j) + g[2] * (a_d - a) + g[1] * (v_d - v) + g[0] * (q_d - q)
         return 2 * s + a - 0.5 * j + q - v + p - w
 
@@ -617,7 +651,8 @@ def trial(
 
 
 def test_the_table_of_a_study_by_hand() -> None:
-    exact, noisy = study.Setting(5e-4, 0.0, True), study.Setting(1e-3, 2e-3, False)
+    exact = study.Setting(5e-4, 0.0, True)
+    noisy = study.Setting(1e-3, 2e-3, False)
     trials = (
         trial(exact, study.PD, "a", (1e-3, 4e-3), 99.0),
         trial(exact, study.PD, "b", (2e-3, 3e-3)),
@@ -644,9 +679,12 @@ def test_the_table_of_a_study_by_hand() -> None:
     assert made.best(noisy, study.FL) is None and made.ratio(exact) == pytest.approx(2.5)
     assert [t.worst_m for t in trials[:3]] == [4e-3, 3e-3, np.inf] and trials[-1].worst_m == np.inf
     assert made.table == (
-        "| state exact | motor PD | motor PID | FL | FL, predicted | LQ |\n|---|---|---|---|---|---|\n"
-        "| 0.5 ms, no delay | 3.00 (b) | none | 6.00 (d) | 5.00 (e) | 2.00 (f) |\n\n"
-        "| measured angles | motor PD | motor PID | FL | FL, predicted | LQ |\n|---|---|---|---|---|---|\n"
+        "| state exact | motor PD | motor PID | FL | FL, predicted | LQ |\n"
+        "|---|---|---|---|---|---|\n"
+        "| 0.5 ms, no delay | 3.00 (b) | none | 6.00 (d) | 5.00 (e) | 2.00 (f) |\n"
+        "\n"
+        "| measured angles | motor PD | motor PID | FL | FL, predicted | LQ |\n"
+        "|---|---|---|---|---|---|\n"
         "| 1 ms, 2 samples | 7.00 at 4.0 N m (h) | none | none | none | none |\n"
     )
     assert str(made) == made.table and str(study.Setting(1e-3, 1e-3, True)) == "1 ms, 1 sample"
@@ -734,7 +772,9 @@ def test_laws_of_a_study_and_its_disturbances(monkeypatch: pytest.MonkeyPatch) -
 def test_gains_of_an_elastic_joint_are_those_of_four_integrators(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """From the torque to the joint; the frequency and whether an unstable loop is allowed are those of the law."""
+    """From the torque to the joint; the frequency and whether an unstable loop is allowed are
+    those of the law.
+    """
 
     def gains(*given: object) -> None:
         raise StopIteration(given)

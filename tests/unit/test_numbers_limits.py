@@ -65,9 +65,12 @@ def test_a_function_that_cannot_be_expanded_says_why() -> None:
 def test_the_least_share_makes_a_tensor_that_a_body_can_have(
     sizes: tuple[float, float, float],
 ) -> None:
-    """No moment is larger than the sum of the others: of moments about two axes it is half of what is missing."""
+    """No moment is larger than the sum of the others: of moments about two axes it is half of what
+    is missing.
+    """
     turned = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
-    inertia, free = turned @ np.diag(sizes) @ turned.T, turned @ np.diag([1.0, 1.0, 0.0]) @ turned.T
+    inertia = turned @ np.diag(sizes) @ turned.T
+    free = turned @ np.diag([1.0, 1.0, 0.0]) @ turned.T
     expected = max(sizes[2] - sizes[0] - sizes[1], 0.0) / 2
     found = _find_least(inertia, free)
     assert (

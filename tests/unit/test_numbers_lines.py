@@ -48,7 +48,9 @@ class Root:
 def lines_of(
     root: Root, amplitudes: dict[int, float], samples: int = 40, least: float = EXCITED
 ) -> list[int]:
-    """Of sines with these amplitudes, as the second motor of the second experiment, and half of it of another."""
+    """Of sines with these amplitudes, as the second motor of the second experiment, and half of it
+    of another.
+    """
     t = np.arange(samples) / samples
     tau = np.zeros((1, 2, 3, samples, 2))
     for line, size in amplitudes.items():
@@ -60,10 +62,13 @@ def lines_of(
 
 
 def test_lines_of_recordings_are_excited_odd_or_all() -> None:
-    """Above a fiftieth of the largest amplitude; of references above a thousandth of the largest speed."""
+    """Above a fiftieth of the largest amplitude; of references above a thousandth of the largest
+    speed.
+    """
     sizes = {1: 1.0, 3: 0.021, 4: 0.5, 5: 0.019, 9: 0.03}
     assert lines_of(Root(), sizes) == [1, 3, 4, 9]
-    assert lines_of(Root(lines="all"), sizes) == list(range(1, 19))  # up to 0.45 of the sample rate
+    # up to 0.45 of the sample rate
+    assert lines_of(Root(lines="all"), sizes) == list(range(1, 19))
     assert lines_of(Root(lines="odd"), sizes) == list(range(1, 19, 2))
     speeds = {1: 1.0, 2: 0.00049, 4: 0.00026, 5: 0.00019}
     assert lines_of(Root(), speeds, least=REFERENCE) == [1, 4]
@@ -100,11 +105,17 @@ def test_lines_by_number_are_whole_and_below_half_of_the_samples() -> None:
 
 
 def test_spectra_next_to_lines_are_those_of_the_whole_record() -> None:
-    """Amplitudes of unexcited frequencies around each line; none where there are too few periods."""
-    rng, lines, periods, samples = np.random.default_rng(1), np.array([2, 5]), 4, 16
+    """Amplitudes of unexcited frequencies around each line; none where there are too few
+    periods.
+    """
+    rng = np.random.default_rng(1)
+    lines = np.array([2, 5])
+    periods = 4
+    samples = 16
     x = rng.normal(size=(1, 2, periods, samples, 3))
     kept = all_spectra_beside(x, lines)
-    offsets, found = kept["offsets"], kept["beside"]
+    offsets = kept["offsets"]
+    found = kept["beside"]
     assert 0 not in offsets % periods and found.shape == (1, 1, 2, len(offsets), 2, 3)
     whole = x.reshape(1, 2, periods * samples, 3)
     t = np.arange(periods * samples) / (periods * samples)
@@ -113,7 +124,8 @@ def test_spectra_next_to_lines_are_those_of_the_whole_record() -> None:
             wave = np.exp(-2j * np.pi * (periods * line + d) * t)
             expected = 2 * np.einsum("t,petc->pec", wave, whole) / len(t)
             assert_allclose(found[:, 0, :, k, j], expected, atol=1e-12)
-    later = all_spectra_beside(x[:, :, 1:], lines)  # three periods have no record without the first
+    # three periods have no record without the first
+    later = all_spectra_beside(x[:, :, 1:], lines)
     assert set(later) == {"offsets", "beside"} and all_spectra_beside(x[:, :, :1], lines) == {}
     assert_allclose(kept["offsets_later"], later["offsets"])
     assert_allclose(kept["beside_later"], later["beside"], atol=1e-14)

@@ -1,4 +1,6 @@
-"""The search for a load, with torques that are linear in its mass, its first moment and a delay: a linear fit."""
+"""The search for a load, with torques that are linear in its mass, its first moment and a delay: a
+linear fit.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,8 @@ from flexgen.model.elements import Body
 from flexgen.performance import payload
 from flexgen.performance.compliances import stiffness_deviations
 
-SAMPLES, KEPT = 80, slice(10, -10)
+SAMPLES = 80
+KEPT = slice(10, -10)
 
 
 def estimate(
@@ -27,23 +30,33 @@ def estimate(
     shown: int = 4,
     own: float = 2.0,
 ) -> Any:
-    """Two motors; the payload of the file has a mass of ``own``, the torques are those of ``true`` and a delay."""
+    """Two motors; the payload of the file has a mass of ``own``, the torques are those of ``true``
+    and a delay.
+    """
     rng = np.random.default_rng(8)
     made: Any = object.__new__(payload._Estimate)
-    made.robot, made.to_arm = (
-        Made(n_a=3, i_g=(0, 2), name="arm", eta=np.eye(2), payload=Body()),
-        np.eye(2),
-    )
-    made._rests, made.moving = [Rests(np.ones(SAMPLES), 0.0, 0.1, lambda x: x, 1, 1, 10)] * 2, 60
+    made.robot = Made(n_a=3, i_g=(0, 2), name="arm", eta=np.eye(2), payload=Body())
+    made.to_arm = np.eye(2)
+    made._rests = [Rests(np.ones(SAMPLES), 0.0, 0.1, lambda x: x, 1, 1, 10)] * 2
+    made.moving = 60
     made.of_file = np.array([7.0, own, 0.1, -0.05, 0.2])
-    made.kept, made.h, made.effective, made.farthest = KEPT, 0.01, 30.0, 3.0
-    made.length, made.unit, made.block = 1.0, 1.0, 0.5
+    made.kept = KEPT
+    made.h = 0.01
+    made.effective = 30.0
+    made.farthest = 3.0
+    made.length = 1.0
+    made.unit = 1.0
+    made.block = 0.5
     made.slopes = rng.normal(size=(SAMPLES, 3, 4)) * [1, 2, 3, 4]
     made.slopes[:, :, shown:] = 0.0
-    made.in_arm, made.late = rng.normal(size=(SAMPLES, 3)), rng.normal(size=(SAMPLES, 2))
+    made.in_arm = rng.normal(size=(SAMPLES, 3))
+    made.late = rng.normal(size=(SAMPLES, 2))
     # of motors is known; rigid
-    made.friction, made.stiffness_sd = np.zeros((SAMPLES, 0, 2)), np.zeros(3)
-    mass, com, delay = true[0], np.array(true[1:4]), true[4]
+    made.friction = np.zeros((SAMPLES, 0, 2))
+    made.stiffness_sd = np.zeros(3)
+    mass = true[0]
+    com = np.array(true[1:4])
+    delay = true[4]
     load = made.slopes[:, [0, 2]] @ np.array([mass, *(mass * com)])
     made.tau_g = load - delay * made.late + noise * rng.normal(size=(SAMPLES, 2))
     made.tau_g[:9] = 1e3  # spoiled by the low pass
@@ -69,14 +82,17 @@ def forces(self: Any, q: Any, v: Any, a: Any, values: np.ndarray) -> np.ndarray:
 def linear_fit(
     made: Any, chosen: list[int] | slice = slice(None)
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Chosen of mass, first moments, delay; residuals, scales, covariance of the numbers, torques over the scales."""
+    """Chosen of mass, first moments, delay; residuals, scales, covariance of the numbers, torques
+    over the scales.
+    """
     tau = made.tau_g[KEPT]
     scale = np.abs(tau).max(axis=0)
     rows = (
         np.concatenate([made.slopes[KEPT][:, [0, 2]], -made.late[KEPT][:, :, None]], axis=2)
         / scale[:, None]
     )
-    J, y = rows.reshape(-1, 5)[:, chosen], (tau / scale).ravel()
+    J = rows.reshape(-1, 5)[:, chosen]
+    y = (tau / scale).ravel()
     found = np.linalg.lstsq(J, y, rcond=None)[0]
     r = (J @ found - y).reshape(-1, 2)
     variance = (np.mean(r**2) + 1e-8 * np.mean(y**2)) * r.size / (30.0 * 2 - 5)
@@ -88,7 +104,8 @@ def test_a_load_is_the_linear_fit_of_its_first_moments(monkeypatch: pytest.Monke
     made = estimate(monkeypatch, [5.0, 0.3, -0.2, 0.1, 0.02])
     load = made.solve()
     found, r, scale, covariance, _ = linear_fit(made)
-    mass, com = found[0] - 2.0, (found[1:4] - 2.0 * np.array([0.1, -0.05, 0.2])) / (found[0] - 2.0)
+    mass = found[0] - 2.0
+    com = (found[1:4] - 2.0 * np.array([0.1, -0.05, 0.2])) / (found[0] - 2.0)
     # the center of mass is held by 1 m, millimeters show here
     assert load.mass == pytest.approx(mass, rel=1e-6) and load.delay_s == pytest.approx(
         found[4], rel=1e-5
@@ -163,7 +180,9 @@ def test_a_load_that_the_record_does_not_show_is_refused(monkeypatch: pytest.Mon
 def test_a_last_step_below_a_tenth_of_the_deviations_is_none(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """The search is stopped early: its last step is that of the refusal, in kg, and in kg m for an arm of 1 m."""
+    """The search is stopped early: its last step is that of the refusal, in kg, and in kg m for an
+    arm of 1 m.
+    """
     monkeypatch.setattr(payload, "STEPS", 2)
     made = estimate(monkeypatch, [5.0, 0.3, -0.2, 0.1, 0.02])
     with pytest.raises(SolverError, match="no solution in 2 steps") as refused:
@@ -184,7 +203,9 @@ def test_a_last_step_below_a_tenth_of_the_deviations_is_none(
 def test_steps_between_masses_that_noise_hides_end_alike_for_light_arms(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """A first step of which a deviation of 4 kg hides all, and the same with a thousandth of all masses."""
+    """A first step of which a deviation of 4 kg hides all, and the same with a thousandth of all
+    masses.
+    """
     monkeypatch.setattr(payload, "STEPS", 1)
     masses = []
     for size in (1.0, 1e-3):
@@ -201,7 +222,9 @@ def test_steps_between_masses_that_noise_hides_end_alike_for_light_arms(
 def test_a_direction_that_no_motion_shows_is_known_by_the_file(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Within a meter of the center of mass of its payload; the other numbers are those of a fit without it."""
+    """Within a meter of the center of mass of its payload; the other numbers are those of a fit
+    without it.
+    """
     made = estimate(monkeypatch, [5.0, 0.3, -0.2, 0.1, 0.02], shown=3)
     load = made.solve()
     known = linear_fit(made, [0, 1, 2, 4])[0]
@@ -221,7 +244,9 @@ def test_a_direction_that_no_motion_of_a_short_arm_shows_is_not_determined(
 ) -> None:
     """All lengths of the arm of the test before by this size: its deviation is the reach."""
     made = estimate(monkeypatch, [5.0, 0.3, -0.2, 0.1, 0.02], shown=3)
-    made.of_file[-3:], made.length, made.farthest = size * made.of_file[-3:], size, 3.0 * size
+    made.of_file[-3:] = size * made.of_file[-3:]
+    made.length = size
+    made.farthest = 3.0 * size
     made.slopes[:, :, 1:] /= size
     load = made.solve()
     assert load.com_sd[2] == pytest.approx(size, rel=1e-4) and load.com[2] == pytest.approx(
@@ -241,7 +266,9 @@ def test_the_center_of_a_mass_that_is_nearly_zero_is_near() -> None:
 
 
 def test_springs_that_are_softer_change_no_load(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A ridge fit with one number more for each spring; a deviation of blocks has what their priors leave open, too."""
+    """A ridge fit with one number more for each spring; a deviation of blocks has what their
+    priors leave open, too.
+    """
     made = estimate(monkeypatch, [5.0, 0.3, -0.2, 0.1, 0.02])
     made.stiffness_sd = np.array([0.2, 0.0, 0.1])
     # as a mass
@@ -272,12 +299,16 @@ def test_springs_that_are_softer_change_no_load(monkeypatch: pytest.MonkeyPatch)
     assert made.solve().mass_sd == pytest.approx(np.sqrt(both[0, 0]), rel=1e-4)
     assert load.total_mass == pytest.approx(found[0], rel=2e-5) and abs(load.mass - 3.0) < 0.1
     made.stiffness_sd = np.zeros(3)
-    monkeypatch.setattr(payload._Estimate, "_left_out", lambda self, r, J, weight: np.zeros((5, 5)))
+    monkeypatch.setattr(
+        payload._Estimate, "_left_out", lambda self, r, J, weight: np.zeros((5, 5))
+    )
     assert made.solve().mass - 3.0 > 0.3
 
 
 def test_the_deviation_of_a_spring_is_that_of_the_model_file() -> None:
-    """By name, else that of all stiffnesses, else a fifth; rigid gears and springs that are known have none."""
+    """By name, else that of all stiffnesses, else a fifth; rigid gears and springs that are known
+    have none.
+    """
     model = flexgen.read("planar5_nmp")
     assert stiffness_deviations(model).tolist() == [0.2, 0.2, 0.2]
     stated = {"stiffness": 0.1, "parameters": ["q2.stiffness", "q3.stiffness"], "sd": [0.05, 0.0]}

@@ -1,4 +1,6 @@
-"""Numbers of flexgen/loop by other routes: SciPy's integrators, matrices by hand, sums written out."""
+"""Numbers of flexgen/loop by other routes: SciPy's integrators, matrices by hand, sums written
+out.
+"""
 
 from __future__ import annotations
 
@@ -52,7 +54,8 @@ from flexgen.spec.ports import Port
 from flexgen.trajectory import Trajectory
 
 CHANCE = np.random.default_rng(7)
-A3, B3 = CHANCE.normal(size=(3, 3)), CHANCE.normal(size=(3, 2))
+A3 = CHANCE.normal(size=(3, 3))
+B3 = CHANCE.normal(size=(3, 2))
 H = 0.1
 
 
@@ -63,7 +66,8 @@ def test_a_sampled_model_with_delay_is_the_solution_with_late_steps(delay: float
     late = math.ceil(delay / H - 1e-9)
     assert F.shape == (3 + 2 * late, 3 + 2 * late) and G.shape == (3 + 2 * late, 2)
     sent = CHANCE.normal(size=(7, 2))
-    z, x = np.zeros(len(F)), np.zeros(3)
+    z = np.zeros(len(F))
+    x = np.zeros(3)
 
     def move(x: np.ndarray, u: np.ndarray, h: float) -> np.ndarray:
         whole = expm(np.block([[A3, (B3 @ u)[:, None]], [np.zeros((1, 4))]]) * h)
@@ -101,18 +105,23 @@ def cascade() -> Cascade:
 
 
 def test_a_cascade_as_matrices_has_the_torques_of_its_steps() -> None:
-    """Random angles and references through both; the matrices see only their difference. A sensor is not used."""
-    law, h = cascade(), 2e-3
+    """Random angles and references through both; the matrices see only their difference. A sensor
+    is not used.
+    """
+    law = cascade()
+    h = 2e-3
     law.begin(h).reset()
     linear = as_linear(law, h, 3)
     assert linear.order == 2 * (2 + 4)
     linear.reset()
     q = np.zeros((12, 2))
-    q[1:], ref = CHANCE.normal(size=(11, 2)), np.zeros((12, 2))
+    q[1:] = CHANCE.normal(size=(11, 2))
+    ref = np.zeros((12, 2))
     ref[1:] = CHANCE.normal(size=(11, 2))
     for k in range(12):
         tau = CHANCE.normal(size=2)
-        y, wanted = measured(q[k], (5.0,)), planned(ref[k], tau, (4.0,))
+        y = measured(q[k], (5.0,))
+        wanted = planned(ref[k], tau, (4.0,))
         assert_allclose(linear.step(k, y, wanted), law.step(k, y, wanted), rtol=1e-9, atol=1e-9)
     assert as_linear(object(), h, 3) is None
     given = Linear(
@@ -162,11 +171,14 @@ def test_filters_keep_their_response_at_their_frequency() -> None:
 
 
 def test_parts_of_a_linear_controller_follow_each_other() -> None:
-    A, B = np.array([[[0.5]], [[-0.2]]]), np.array([[[1.0, 2.0]], [[0.0, 1.0]]])
-    C, D = np.array([[[3.0]], [[4.0]]]), np.array([[[1.0, 0.0]], [[0.0, 5.0]]])
+    A = np.array([[[0.5]], [[-0.2]]])
+    B = np.array([[[1.0, 2.0]], [[0.0, 1.0]]])
+    C = np.array([[[3.0]], [[4.0]]])
+    D = np.array([[[1.0, 0.0]], [[0.0, 5.0]]])
     law = Linear(A, B, C, D, 2)
     law.reset()
-    z, e = 0.0, np.array([0.3, -0.7])
+    z = 0.0
+    e = np.array([0.3, -0.7])
     for k in range(5):
         p = min(k // 2, 1)
         u = law.step(
@@ -191,7 +203,9 @@ def test_a_compiled_controller_runs_in_the_same_thread_one_robot_after_another()
 
 
 def test_gains_of_a_pid_are_those_of_its_cascade() -> None:
-    k_p, k_i, k_d = np.array([10.0, 6.0]), np.array([8.0, 0.0]), np.array([2.0, 3.0])
+    k_p = np.array([10.0, 6.0])
+    k_i = np.array([8.0, 0.0])
+    k_d = np.array([2.0, 3.0])
     found = PID(k_p, k_i, k_d).cascade()
     assert_allclose(found.position_gain + found.integral_gain, k_p / k_d)
     assert_allclose(found.position_gain * found.integral_gain, k_i / k_d)
@@ -210,7 +224,8 @@ def rest_of(model: object, q_a: np.ndarray | None = None) -> list[np.ndarray]:
     """One point of a motion at rest without torque."""
     q = np.full(model.n_a, 0.3) if q_a is None else q_a
     q_m = model.eta @ q[list(model.i_g)]
-    zero_a, zero_m = np.zeros((1, model.n_a)), np.zeros((1, model.n_m))
+    zero_a = np.zeros((1, model.n_a))
+    zero_m = np.zeros((1, model.n_m))
     return [q[None], zero_a, zero_a, q_m[None], zero_m, zero_m, zero_m]
 
 
@@ -235,7 +250,9 @@ def test_gains_by_frequencies() -> None:
         "integral_hz": 3.0,
     }
     part = PPI(speed_hz=7.0).frequencies(model, motion)
-    assert part["speed_hz"] == 7.0 and part["position_hz"] == pytest.approx(5 * part["integral_hz"])
+    assert part["speed_hz"] == 7.0 and part["position_hz"] == pytest.approx(
+        5 * part["integral_hz"]
+    )
     for bad in ({"position_hz": -1.0}, {"speed_hz": 1.1e5}, {"filters": 3}):
         with pytest.raises(ArgumentError):
             PPI(**bad)
@@ -258,7 +275,9 @@ def simple_loop(gain: float, delay: float = 0.0) -> LoopAtPose:
 
 
 def test_margins_of_an_integrator_with_proportional_control() -> None:
-    """Eigenvalue 1 - k h; stable up to k h = 2; with a delay d < h: z^2 - z (1 - k (h - d)) + k d."""
+    """Eigenvalue 1 - k h; stable up to k h = 2; with a delay d < h: z^2 - z (1 - k (h - d)) + k
+    d.
+    """
     loop = simple_loop(4.0)
     assert loop.largest_eigenvalue() == pytest.approx(0.6)
     assert loop.largest_eigenvalue(4.0) == pytest.approx(0.6)
@@ -268,14 +287,16 @@ def test_margins_of_an_integrator_with_proportional_control() -> None:
         and found.largest_eigenvalue == pytest.approx(0.6)
         and found.gain == pytest.approx(5.0, rel=1e-5)
     )
-    k, d = 4.0, 0.05
+    k = 4.0
+    d = 0.05
     assert loop.largest_eigenvalue(1.0, d) == pytest.approx(
         np.abs(np.roots([1, -(1 - k * (H - d)), k * d])).max()
     )
     assert simple_loop(4.0, d).largest_eigenvalue() == pytest.approx(
         loop.largest_eigenvalue(1.0, d)
     )
-    # whole samples: z^(m+1) - z^m + k h; at the margin the rest is interpolated by the search itself
+    # whole samples: z^(m+1) - z^m + k h; at the margin the rest is interpolated by the search
+    # itself
     assert (
         loop.largest_eigenvalue(1.0, found.delay_s - 1e-4)
         < 1.0
@@ -300,7 +321,9 @@ def test_margins_of_an_integrator_with_proportional_control() -> None:
 
 
 def test_the_response_of_a_loop_is_its_transfer_function() -> None:
-    """Plant h/(z - 1), controller 2 + 3 * 0.5/(z - 0.2); the frequencies are spaced evenly in the logarithm."""
+    """Plant h/(z - 1), controller 2 + 3 * 0.5/(z - 0.2); the frequencies are spaced evenly in the
+    logarithm.
+    """
     none = np.zeros((1, 0))
     plant = PoseModel(
         np.zeros((1, 1)), np.ones((1, 1)), none, none, np.ones((1, 1)), none, none, none
@@ -312,7 +335,8 @@ def test_the_response_of_a_loop_is_its_transfer_function() -> None:
     L = H / (z - 1) * (2 + 1.5 / (z - 0.2))
     assert_allclose(found.gains[:, 0], np.abs(L), rtol=1e-9)
     assert_allclose(found.nyquist, 1 + L, rtol=1e-9)
-    two, rest = np.eye(2), np.zeros((2, 0))
+    two = np.eye(2)
+    rest = np.zeros((2, 0))
     plant = PoseModel(
         np.zeros((2, 2)), np.array([[1.0, 0.5], [0.0, 2.0]]), rest, rest, two, rest, rest, rest
     )
@@ -344,11 +368,16 @@ def test_the_largest_stable_value_is_found_by_bisection() -> None:
 
 
 def test_the_linear_model_of_a_pose_is_the_slope_of_the_accelerations() -> None:
-    """A, B, forces on the arm and on the tool, output: by differences of `forward_dynamics` with sensors."""
+    """A, B, forces on the arm and on the tool, output: by differences of `forward_dynamics` with
+    sensors.
+    """
     model = channels_of(flexgen.read("elbow"), ("tool_accelerometer", "tool_gyro")).model
-    equations, motion = derive(model), rest_of(model)
-    motion[1], motion[4] = np.array([[0.4, -0.3]]), (model.eta @ [0.4, -0.3])[None]
-    found, n = PoseModels(model).at(motion), model.dof
+    equations = derive(model)
+    motion = rest_of(model)
+    motion[1] = np.array([[0.4, -0.3]])
+    motion[4] = (model.eta @ [0.4, -0.3])[None]
+    found = PoseModels(model).at(motion)
+    n = model.dof
     x0 = np.r_[motion[0][0], motion[3][0], motion[1][0], motion[4][0]]
     forward = equations.function("forward_dynamics")
 
@@ -358,7 +387,8 @@ def test_the_linear_model_of_a_pose_is_the_slope_of_the_accelerations() -> None:
 
     for x, u, expected in ((np.eye(8), 0, found.A.T), (0, np.eye(2), found.B.T)):
         for k, row in enumerate(expected):
-            dx, du = (x[k] if np.ndim(x) else np.zeros(8)), (u[k] if np.ndim(u) else np.zeros(2))
+            dx = x[k] if np.ndim(x) else np.zeros(8)
+            du = u[k] if np.ndim(u) else np.zeros(2)
             slope = (rate(x0 + 1e-5 * dx, 1e-5 * du) - rate(x0 - 1e-5 * dx, -1e-5 * du)) / 2e-5
             # at other angles the motion of this point is not an equilibrium: see the next
             if k >= 4 or np.ndim(u):
@@ -394,7 +424,8 @@ def test_the_linear_model_of_a_pose_is_the_slope_of_the_accelerations() -> None:
 def test_other_robots_rest_where_their_springs_hold_them() -> None:
     model = flexgen.read("planar5_nmp")
     made = plants_of(
-        model, {"model": {}, "soft": {"stiffness": 0.8}, "loaded": {"payload": 2.0, "damping": 3.0}}
+        model,
+        {"model": {}, "soft": {"stiffness": 0.8}, "loaded": {"payload": 2.0, "damping": 3.0}},
     )
     assert made.names == ("model", "soft", "loaded") and made.loads[:2] == ("", "")
     assert made.loads[2].startswith("+2 kg at ") and made.values.shape == (3, len(made.parameters))
@@ -409,10 +440,12 @@ def test_other_robots_rest_where_their_springs_hold_them() -> None:
         )
         assert_allclose(column, expected)
     local = LocalDynamics(derive(model, tuple(p.name for p in made.parameters)))
-    q_m, start = model.eta @ [0.2, 0.4], np.array([0.2, 0.4, *[0.0] * (model.n_a - 2)])
+    q_m = model.eta @ [0.2, 0.4]
+    start = np.array([0.2, 0.4, *[0.0] * (model.n_a - 2)])
     q_a, tau = local.rest(q_m, made.values[1], start)
     residual = derive(model, tuple(p.name for p in made.parameters)).function("residual")
-    still, none = np.zeros(model.n_a), np.zeros(model.n_m)
+    still = np.zeros(model.n_a)
+    none = np.zeros(model.n_m)
     r_a, r_m = residual(q_a, still, still, q_m, none, none, tau, made.values[1])
     assert np.abs(np.array(ca.vertcat(r_a, r_m))).max() < 1e-8
     for plant, text in (
@@ -435,7 +468,9 @@ def test_other_robots_rest_where_their_springs_hold_them() -> None:
 
 
 def test_the_fastest_rate_of_a_loop_with_states_by_hand() -> None:
-    """Swings of springs with elements and bristles that stick, slips n |d'| K_h/W, slides |v| s0/F of the motors."""
+    """Swings of springs with elements and bristles that stick, slips n |d'| K_h/W, slides |v| s0/F
+    of the motors.
+    """
     elements = [
         {"stiffness": 2e5, "lost_motion": 1e-4},
         {"stiffness": 1e5, "lost_motion": 4e-4, "exponent": 3.0},
@@ -457,10 +492,8 @@ def test_the_fastest_rate_of_a_loop_with_states_by_hand() -> None:
     (states,) = hysteresis.split_plants(model, plants_of(model, {"model": {}}))[1]
     plain = hysteresis.without_states(model)
     local = LocalDynamics(derive(plain))
-    ratio, K = (
-        np.diag(model.eta),
-        [dof.gear.spring.stiffness for element in model.elements for dof in element.dofs],
-    )
+    ratio = np.diag(model.eta)
+    K = [dof.gear.spring.stiffness for element in model.elements for dof in element.dofs]
     q = np.array([0.2, 0.4])
     still = np.zeros((1, 2))
     points = [q[None], still, still, (model.eta @ q)[None], still, still, still]
@@ -490,18 +523,19 @@ def test_the_fastest_rate_of_a_loop_with_states_by_hand() -> None:
 def test_accuracy_of_a_pose_takes_the_orientations_of_the_robots(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Errors are added to the reference; orientations are those of the joints; robots that failed are left out."""
+    """Errors are added to the reference; orientations are those of the joints; robots that failed
+    are left out.
+    """
     model = flexgen.read("elbow")
-    equations, q = (
-        derive(model),
-        np.array([[[0.1, 0.2], [0.3, 0.4], [0.5, 0.6]], [[0.2, 0.2], [0.3, 0.3], [0.4, 0.7]]]),
-    )
+    equations = derive(model)
+    q = np.array([[[0.1, 0.2], [0.3, 0.4], [0.5, 0.6]], [[0.2, 0.2], [0.3, 0.3], [0.4, 0.7]]])
     runs = [
         SimpleNamespace(name=f"r{k}", failure="", q_a=x, error=np.full((3, 3), 0.01 * k))
         for k, x in enumerate(q)
     ]
     runs.append(SimpleNamespace(name="r2", failure="diverged", q_a=q[0], error=np.zeros((3, 3))))
-    R, y = np.arange(27.0).reshape(3, 9), np.arange(9.0).reshape(3, 3)
+    R = np.arange(27.0).reshape(3, 9)
+    y = np.arange(9.0).reshape(3, 3)
     reference = SimpleNamespace(y_ref=y, R_ref=R, time=np.arange(3.0), path_end=1.5)
     seen: dict[str, object] = {}
 
@@ -518,7 +552,11 @@ def test_accuracy_of_a_pose_takes_the_orientations_of_the_robots(
     monkeypatch.setattr(result, "corner_figures", lambda corners, *motion: {"corner": len(motion)})
     monkeypatch.setattr(result, "columns_in", lambda *_: [0, 2])
     made = SimpleNamespace(
-        runs=runs, reference=reference, model=model, unit="m", solution=SimpleNamespace(move="line")
+        runs=runs,
+        reference=reference,
+        model=model,
+        unit="m",
+        solution=SimpleNamespace(move="line"),
     )
     assert ControlRun.accuracy(made, band=0.5).corner == 3  # type: ignore[arg-type]
     time, planned, attained, end = seen["motion"]  # type: ignore[misc]
@@ -534,7 +572,10 @@ def test_accuracy_of_a_pose_takes_the_orientations_of_the_robots(
 
 def test_numbers_of_a_linear_controller_that_do_not_change_come_first() -> None:
     """Sizes, the count of samples and the address of the matrices; then states, which are zero."""
-    A, B, C, D = np.zeros((2, 2, 2)), np.zeros((2, 2, 3)), np.zeros((2, 1, 2)), np.ones((2, 1, 3))
+    A = np.zeros((2, 2, 2))
+    B = np.zeros((2, 2, 3))
+    C = np.zeros((2, 1, 2))
+    D = np.ones((2, 1, 3))
     setup = Setup(q_m=np.zeros((4, 1)), sample_s=1e-3, n_a=2, n_y=3, n_ref=2)
     made = Linear(A, B, C, D, samples=7).compiled(setup)
     head = made.memory[:, : made.fixed].copy().view(np.int64)
@@ -568,10 +609,8 @@ def test_disturbances_as_functions_of_time() -> None:
     long = np.arange(0.0, 4.0, 1e-3)
     x = noise.values(long, 3)
     lines = 40
-    f, phase = (
-        10 + 10 * (np.arange(lines) + 0.5) / lines,
-        2 * np.pi * np.random.default_rng(3).random(lines),
-    )
+    f = 10 + 10 * (np.arange(lines) + 0.5) / lines
+    phase = 2 * np.pi * np.random.default_rng(3).random(lines)
     assert_allclose(
         x,
         0.5 * np.sqrt(2 / lines) * np.sin(2 * np.pi * np.outer(long, f) + phase).sum(axis=1),
@@ -589,7 +628,10 @@ def test_disturbances_as_functions_of_time() -> None:
 @pytest.mark.parametrize(
     ("given", "text"),
     [
-        (("bump", "m1", 1.0), "given kind 'bump', expected one of step, pulse, ramp, chirp, noise"),
+        (
+            ("bump", "m1", 1.0),
+            "given kind 'bump', expected one of step, pulse, ramp, chirp, noise",
+        ),
         (("step", "m1", np.inf), "step on m1, size: given inf"),
         (("step", "m1", 1.0, np.nan), "start_s: given nan"),
         (("pulse", "m1", 1.0), "length_s: given none"),
@@ -608,7 +650,8 @@ def test_wrong_disturbances(given: tuple, text: str) -> None:
 
 
 def test_disturbances_of_robots_side_by_side() -> None:
-    push, twist = Disturbance("step", "tool.y", 5.0), Disturbance("step", "m2", 1.0, 0.5)
+    push = Disturbance("step", "tool.y", 5.0)
+    twist = Disturbance("step", "m2", 1.0, 0.5)
     noise = Disturbance("noise", "m1", 1.0, 0.0, 1.0, (1.0, 9.0))
     t = np.array([0.25, 0.75])
     table = disturbance_table({0: (push,), 1: (twist, noise)}, ["m1", "m2"], t, 2, 4)
@@ -691,7 +734,8 @@ def test_sensors_of_a_model_have_whole_delays_of_the_controller() -> None:
     assert not found.bias.any() and not found.resolution.any()
     one.delay_s = 1.4e-3
     with pytest.raises(
-        ArgumentError, match=r"sensor a: given delay_s = 0\.0014 s, expected a multiple of 0\.001 s"
+        ArgumentError,
+        match=r"sensor a: given delay_s = 0\.0014 s, expected a multiple of 0\.001 s",
     ):
         control._channels(SimpleNamespace(sensors=(one,)), 1e-3)
     with pytest.raises(
@@ -729,10 +773,13 @@ def test_steps_of_the_integration_make_the_delay_whole() -> None:
 
 
 def test_seeds_are_those_of_split_mix() -> None:
-    """The published sequence of SplitMix64 for seed 1234567, whose state the first number shifts."""
+    """The published sequence of SplitMix64 for seed 1234567, whose state the first number
+    shifts.
+    """
 
     def numbers(state: int, count: int) -> list[int]:
-        out, mask = [], 2**64 - 1
+        out = []
+        mask = 2**64 - 1
         for _ in range(count):
             state = (state + 0x9E3779B97F4A7C15) & mask
             z = state
@@ -757,7 +804,11 @@ def test_timing_of_a_law() -> None:
         (k, pytest.approx(s)) for k, s in [(3, 0.25e-3), (2, 1e-3), (1, 1e-3)]
     ] == made.segments()
     whole = Timing(1e-3, 3e-3, True)
-    assert (whole.whole, whole.rest_s) == (3, 0.0) and [k for k, _ in whole.segments()] == [3, 2, 1]
+    assert (whole.whole, whole.rest_s) == (3, 0.0) and [k for k, _ in whole.segments()] == [
+        3,
+        2,
+        1,
+    ]
     assert (
         Timing(1e-3).ahead_s == 0.0
         and Timing(1e-3, 2e-3).segments() == []
@@ -868,7 +919,9 @@ def test_samples_around_a_motion_and_their_parts() -> None:
 
 
 def run_of(**more: object) -> tuple[ControlRun, PlantRun]:
-    """A run of a planar robot whose errors are given: 6 samples, motion from 0.1 to 0.4 s, path until 0.4 s."""
+    """A run of a planar robot whose errors are given: 6 samples, motion from 0.1 to 0.4 s, path
+    until 0.4 s.
+    """
     time = 0.1 * np.arange(6)
     error = np.array([[1, 0], [3, 4], [0, -6], [0, 1], [2, 0], [1, 1.0]]) * 1e-3
     robot = PlantRun(
@@ -886,10 +939,8 @@ def run_of(**more: object) -> tuple[ControlRun, PlantRun]:
     )
     robot = replace(robot, **more)
     still = {"y_ref": np.zeros((6, 2)), "R_ref": None}
-    model, reference = (
-        flexgen.read("elbow"),
-        SimpleNamespace(time=time, begin=0.1, end=0.4, path_end=0.4, **still),
-    )
+    model = flexgen.read("elbow")
+    reference = SimpleNamespace(time=time, begin=0.1, end=0.4, path_end=0.4, **still)
     made = object.__new__(ControlRun)
     fields = {
         "model": model,
@@ -1036,7 +1087,10 @@ def test_hardware_out_of_range() -> None:
 
 @pytest.mark.parametrize("dt", [0, None, 0.1, True, 0.2])
 def test_systems_of_python_control_are_sampled_by_the_trapezoidal_rule(dt: object) -> None:
-    A, B, C, D = -np.eye(2) * [1, 3], np.ones((2, 3)), np.array([[1.0, 2.0]]), np.ones((1, 3))
+    A = -np.eye(2) * [1, 3]
+    B = np.ones((2, 3))
+    C = np.array([[1.0, 2.0]])
+    D = np.ones((1, 3))
     system = SimpleNamespace(A=A, B=B, C=C, D=D, dt=dt)
     if dt == 0.2:
         with pytest.raises(
@@ -1045,7 +1099,9 @@ def test_systems_of_python_control_are_sampled_by_the_trapezoidal_rule(dt: objec
             system_controller(system, 0.1)
         return
     found = system_controller(system, 0.1)
-    expected = cont2discrete((A, B, C, D), 0.1, "bilinear")[:4] if dt in (0, None) else (A, B, C, D)
+    expected = (
+        cont2discrete((A, B, C, D), 0.1, "bilinear")[:4] if dt in (0, None) else (A, B, C, D)
+    )
     for x, y in zip((found.A, found.B, found.C, found.D), expected, strict=True):
         assert_allclose(x, y)
     none = system_controller(SimpleNamespace(A=np.zeros((0, 0)), B=[], C=[], D=2.0, dt=dt), 0.1)
@@ -1101,7 +1157,9 @@ def test_robots_with_other_springs_and_masses() -> None:
 
 @pytest.mark.parametrize("feedback", [False, True])
 def test_the_simulation_of_another_robot_is_that_of_scipy(feedback: bool) -> None:
-    """14 ms of a robot with other springs under torques that push it; feedback with the integrator of the speed lag."""
+    """14 ms of a robot with other springs under torques that push it; feedback with the integrator
+    of the speed lag.
+    """
     model = flexgen.read("elbow")
     nominal = derive(model)
     robot = derive(robustness.perturb(model, robustness.Plant("soft", 0.8)))
@@ -1124,7 +1182,8 @@ def test_the_simulation_of_another_robot_is_that_of_scipy(feedback: bool) -> Non
         else None
     )
     if gains is not None:
-        M, back = np.array(nominal.function("mass_matrix")(q[0])), np.linalg.inv(model.eta)
+        M = np.array(nominal.function("mass_matrix")(q[0]))
+        back = np.linalg.inv(model.eta)
         inertia = np.diag(back.T @ M @ back) + [m.inertia for m in model.motors]
         assert_allclose(gains[0], 50 * inertia)
         assert gains[1:] == (20.0, 10.0)
@@ -1140,7 +1199,8 @@ def test_the_simulation_of_another_robot_is_that_of_scipy(feedback: bool) -> Non
         u = 3.0 * np.array([np.cos(40 * inside), np.sin(40 * inside)])
         if gains is None:
             return u, np.zeros(2)
-        ref, rate = run.angle(inside), (run.angle(inside, 1) if t == inside else 0.0)
+        ref = run.angle(inside)
+        rate = run.angle(inside, 1) if t == inside else 0.0
         lag = rate + 20.0 * (ref - x[2:4]) - x[6:8]
         return u + gains[0] * lag + x[8:], gains[0] * 10.0 * lag
 
@@ -1174,8 +1234,11 @@ def test_equilibria_with_held_motors() -> None:
     model = equations.model
     q_m = model.eta @ [0.3, -0.2]
     found = hold_motors(equations, q_m, np.array([0.3, -0.2, *[0.0] * (model.n_a - 2)]))
-    still, none = np.zeros(model.n_a), np.zeros(model.n_m)
-    r_a, r_m = equations.function("residual")(found.q_a, still, still, q_m, none, none, found.tau_m)
+    still = np.zeros(model.n_a)
+    none = np.zeros(model.n_m)
+    r_a, r_m = equations.function("residual")(
+        found.q_a, still, still, q_m, none, none, found.tau_m
+    )
     assert (
         np.abs(np.array(ca.vertcat(r_a, r_m))).max() < 1e-7
         and np.abs(found.q_a[:2] - [0.3, -0.2]).max() < 0.1
@@ -1189,7 +1252,9 @@ def test_equilibria_with_held_motors() -> None:
         solutions = {name: SimpleNamespace(move=SimpleNamespace(name=name)) for name in names}
         with pytest.raises(ArgumentError, match=text):
             robustness.compare_plants(equations, solutions, controls=(control_name,))
-    with pytest.raises(ArgumentError, match="control: given 'x', expected feedforward or feedback"):
+    with pytest.raises(
+        ArgumentError, match="control: given 'x', expected feedforward or feedback"
+    ):
         robustness.tool_errors(equations, equations, None, "x")
     names = [(p.name, p.stiffness, p.mass) for p in robustness.PLANTS]
     stiff = [(f"stiffness {x:+d} %", 1 + x / 100, 1) for x in (5, -5, 20, -20)]
@@ -1210,7 +1275,8 @@ def test_a_run_that_fails_has_infinite_errors() -> None:
 @pytest.mark.parametrize("moments", [False, True])
 def test_figures_of_a_force_are_largest_sizes_of_its_parts(moments: bool) -> None:
     made = object.__new__(ControlRun)
-    force, assumed = np.zeros((3, 6)), np.zeros((3, 6))
+    force = np.zeros((3, 6))
+    assumed = np.zeros((3, 6))
     force[:, :3] = [[3.0, 4.0, 12.0], [0.0, 0.0, 5.0], [1.0, 2.0, 2.0]]
     assumed[:, :3] = [[3.0, 4.0, 0.0], [0.0, 0.0, 5.0], [1.0, 2.0, 2.0]]
     if moments:
@@ -1218,11 +1284,14 @@ def test_figures_of_a_force_are_largest_sizes_of_its_parts(moments: bool) -> Non
     reference = SimpleNamespace(motion={result.CHANNEL: assumed}, time=np.zeros(3))
     vars(made).update(force=force, reference=reference)
     found = {"force_max_N": 13.0, "assumed_force_max_N": 5.0, "force_error_max_N": 12.0}
-    lines = ["force of the process up to 13 N, in the feedforward up to 5 N, difference up to 12 N"]
+    lines = [
+        "force of the process up to 13 N, in the feedforward up to 5 N, difference up to 12 N"
+    ]
     if moments:
         found |= {"force_max_Nm": 10.0, "assumed_force_max_Nm": 0.0, "force_error_max_Nm": 10.0}
         lines.append(
-            "moment of the process up to 10 N m, in the feedforward up to 0 N m, difference up to 10 N m"
+            "moment of the process up to 10 N m, in the feedforward up to 0 N m, difference up "
+            "to 10 N m"
         )
     assert made.force_figures() == found and made.force_lines() == tuple(lines)
     vars(made).update(force=None)
@@ -1231,7 +1300,7 @@ def test_figures_of_a_force_are_largest_sizes_of_its_parts(moments: bool) -> Non
     assert made.assumed_force.shape == (4, 6) and not made.assumed_force.any()
 
 
-# --- loops that cannot be ---------------------------------------------------------------------------------------------
+# --- loops that cannot be ------------------------------------------------------------------------
 def test_a_loop_is_refused_where_its_numbers_do_not_fit() -> None:
     model = flexgen.read("elbow")
     library = SimpleNamespace(precision="double", sizes={"n_a": 2, "n_s": 3})
@@ -1269,13 +1338,18 @@ def test_a_loop_is_refused_where_its_numbers_do_not_fit() -> None:
         ({"steps": 1001}, "steps: given 1001, expected a whole number from 1 to 1000"),
         (
             {"steps": 3, "rate": 7600.0},  # 2.53 steps in a time constant
-            r"steps: 3 integration steps a sample of 0\.001 s, and the fastest eigenvalue is 7\.6e\+03 1/s: "
-            "expected at most 1000 and a step below 2.5 over the eigenvalue; use a smaller sample time",
+            r"steps: 3 integration steps a sample of 0\.001 s, and the fastest eigenvalue is "
+            r"7\.6e\+03 1/s: "
+            "expected at most 1000 and a step below 2.5 over the eigenvalue; use a smaller "
+            "sample time",
         ),
         ({"rate": 1.1e6}, r"steps: 1100 integration steps a sample of 0\.001 s, .* at most 1000"),
         (
             {"hardware": DriveHardware(1e-3, 0.4e-3), "steps": 2},
-            r"delay_s: given 0\.0004, expected a whole number of integration steps of 0\.0005 s; take a multiple",
+            (
+                r"delay_s: given 0\.0004, expected a whole number of integration steps of "
+                r"0\.0005 s; take a multiple"
+            ),
         ),
         (
             {"hardware": DriveHardware(1e-3, 0.5022e-3), "steps": 2},
@@ -1303,17 +1377,15 @@ def test_a_loop_is_refused_where_its_numbers_do_not_fit() -> None:
         ({"sensors": SensorChannels.ideal(3), "exact_state": True}, 13),
     ):
         with pytest.raises(Stop, match=f"^{n_y}$"):
-            closed_loop.ClosedLoop(**{**usual, "controller": Last(), **changes})  # type: ignore[arg-type]
+            closed_loop.ClosedLoop(**{**usual, "controller": Last(), **changes})
 
 
 def test_disturbances_of_a_loop_have_a_row_for_each_step() -> None:
     loop: Any = object.__new__(closed_loop.ClosedLoop)
-    loop.model, loop.steps, loop.lanes, loop._robots = (
-        flexgen.read("elbow"),
-        2,
-        3,
-        SimpleNamespace(pushed=0, disturbed=9),
-    )
+    loop.model = flexgen.read("elbow")
+    loop.steps = 2
+    loop.lanes = 3
+    loop._robots = SimpleNamespace(pushed=0, disturbed=9)
     assert loop._disturb(None, 5) == () and loop._robots.disturbed == 0
     torques = np.zeros((10, 8, 1))
     torques[:, :2] = 1.0

@@ -1,4 +1,6 @@
-"""Hysteresis along reversing deflections, gears with transmission errors, and rotors that turn with their carriers."""
+"""Hysteresis along reversing deflections, gears with transmission errors, and rotors that turn
+with their carriers.
+"""
 
 from __future__ import annotations
 
@@ -27,9 +29,11 @@ def stepped(law: Hysteresis, K: float, W: float, p: np.ndarray, parts: int = 40)
         power = abs(x) ** law.exponent
         return K * (s * (1 - law.gamma * power) - (1 - law.gamma) * power * np.sign(x))
 
-    z, out = 0.0, [0.0]
+    z = 0.0
+    out = [0.0]
     for change in np.diff(p):
-        h, s = abs(change) / parts, float(np.sign(change))
+        h = abs(change) / parts
+        s = float(np.sign(change))
         for _ in range(parts):
             a = rate(z, s)
             b = rate(z + h * a / 2, s)
@@ -53,7 +57,8 @@ def test_torques_of_two_layers_along_reversing_deflections() -> None:
             [1.5, -2.0],
         ]
     )
-    dahl, sharp = Hysteresis(1.0, 1.0), Hysteresis(1.0, 1.0, 2.0, 0.5)
+    dahl = Hysteresis(1.0, 1.0)
+    sharp = Hysteresis(1.0, 1.0, 2.0, 0.5)
     laws = [(dahl, sharp), (dahl, dahl)]
     numbers = [
         (np.array([4.0, 2.0]), np.array([3.0, 1.0])),
@@ -85,16 +90,16 @@ def test_forces_of_a_hysteresis_after_a_motion() -> None:
     assert residual_vibration.ResidualVibration._memory(made, 0, np.zeros(4), np.zeros(2)) == 0.0
 
 
-# --- transmission errors ----------------------------------------------------------------------------------------------
+# --- transmission errors -------------------------------------------------------------------------
 def test_gears_with_a_transmission_error_along_a_motion() -> None:
     """``q_g = q_m/n - e(q_m)``, and motors carry ``(1/n - e') tau_g``, by hand."""
     error = {"harmonics": [1, 2], "cos": [1e-4, 0.0], "sin": [0.0, 2e-4]}
-    model = flexgen.read("elbow", overrides={"element.upper.dof.q1.gear.transmission_error": error})
-    n = np.diag(model.eta)
-    q, tau = (
-        np.array([[0.3, 5.0], [40.0, -7.0], [2.0, 0.1]]),
-        np.array([[2.0, 3.0], [-100.0, 5.0], [7.0, 0.0]]),
+    model = flexgen.read(
+        "elbow", overrides={"element.upper.dof.q1.gear.transmission_error": error}
     )
+    n = np.diag(model.eta)
+    q = np.array([[0.3, 5.0], [40.0, -7.0], [2.0, 0.1]])
+    tau = np.array([[2.0, 3.0], [-100.0, 5.0], [7.0, 0.0]])
     e = 1e-4 * np.cos(q[:, 0]) + 2e-4 * np.sin(2 * q[:, 0])
     rate = -1e-4 * np.sin(q[:, 0]) + 4e-4 * np.cos(2 * q[:, 0])
     assert_allclose(
@@ -114,11 +119,13 @@ def test_gears_with_a_transmission_error_along_a_motion() -> None:
     )
 
 
-# --- rotors for MuJoCo ------------------------------------------------------------------------------------------------
+# --- rotors for MuJoCo ---------------------------------------------------------------------------
 def test_a_rigid_rotor_turns_with_the_joints_of_its_carrier(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """By the cosine between its axis and theirs; not at all across, and refused where they turn about several."""
+    """By the cosine between its axis and theirs; not at all across, and refused where they turn
+    about several.
+    """
     motor = {"name": "m", "carrier": "arm", "inertia": 1e-3, "axis": (0.0, 0.6, 0.8)}
     spins: dict[str, Any] = {
         "arm": (np.array([0.0, 0.0, 1.0]), {"q1": 1.0, "q2": -1.0}),

@@ -1,4 +1,6 @@
-"""Frictions with states against closed forms, the power that goes into them, and what an export returns."""
+"""Frictions with states against closed forms, the power that goes into them, and what an export
+returns.
+"""
 
 from __future__ import annotations
 
@@ -20,12 +22,16 @@ from flexgen.simulation.hysteretic_rate import memory_of
 
 @pytest.mark.parametrize("path", [0.02, 1.0, 25.0, 400.0, 1e5])
 def test_bristles_of_constant_level_follow_the_path_of_the_motor(path: float) -> None:
-    """``dz/dx = 1 -+ z/limit``, from rest and after a reversal; ``path``: of the motor, in limits of z."""
-    h, limit = 0.05, 0.25
+    """``dz/dx = 1 -+ z/limit``, from rest and after a reversal; ``path``: of the motor, in limits
+    of z.
+    """
+    h = 0.05
+    limit = 0.25
     t = h * np.arange(31)
     c = path * limit * 6
     # forward until 1 s, then back; cubics between the samples are exact
-    v, a = c * t * (1 - t), c * (1 - 2 * t)
+    v = c * t * (1 - t)
+    a = c * (1 - 2 * t)
     law = MotorBristles(*(np.array([x]) for x in (2.0, 2.0, 1.0, 2.0 / limit, 0.0)))
     z, w = lugre._along(law, 0, h, v, a)
     fine = np.linspace(0.0, 1.5, 30 * 2000 + 1)
@@ -42,7 +48,9 @@ def test_bristles_of_constant_level_follow_the_path_of_the_motor(path: float) ->
 
 @pytest.mark.parametrize("bristles", [False, True])
 def test_the_power_of_memories_is_what_their_forces_take(bristles: bool) -> None:
-    """Forces times speeds of the motion, for gears whose hysteresis changes the friction of the motors too."""
+    """Forces times speeds of the motion, for gears whose hysteresis changes the friction of the
+    motors too.
+    """
     model = loaded("elbow", lost_motion=1e-3)
     if bristles:
         law = {
@@ -54,7 +62,9 @@ def test_the_power_of_memories_is_what_their_forces_take(bristles: bool) -> None
         }
         model = flexgen.read("elbow", overrides={"motor.m2.lugre": law})
     equations = Equations(model)
-    made, lag, (y, dy, _) = memory_of(equations), equations.lagrangian, equations.y
+    made = memory_of(equations)
+    lag = equations.lagrangian
+    (y, dy, _) = equations.y
     inputs = [y, dy, made.z]
     found = ca.Function(
         "power", inputs, [made.taken, ca.dot(made.forces, dy)], {"allow_free": True}
@@ -67,7 +77,9 @@ def test_the_power_of_memories_is_what_their_forces_take(bristles: bool) -> None
 
 
 def test_what_an_export_returns(tmp_path: Path) -> None:
-    """A path of its main file, the lines that are printed, and entries for JSON; equal exports have one hash."""
+    """A path of its main file, the lines that are printed, and entries for JSON; equal exports
+    have one hash.
+    """
     model = flexgen.read("elbow")
     files = (tmp_path / "a.xml", tmp_path / "b.toml")
     made = exported(

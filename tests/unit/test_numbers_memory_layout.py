@@ -1,4 +1,6 @@
-"""Arrays on a card without one, axes of batches, files of forces and of robots: layouts and messages by hand."""
+"""Arrays on a card without one, axes of batches, files of forces and of robots: layouts and
+messages by hand.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,7 @@ from flexgen.paths import force_files
 from flexgen.spec.ports import Port
 
 
-# --- arrays on the GPU ------------------------------------------------------------------------------------------------
+# --- arrays on the GPU ---------------------------------------------------------------------------
 class Card:
     """Memory of the CPU in place of a card, as number 2; other addresses are of card 3."""
 
@@ -84,7 +86,8 @@ def test_streams_are_handles_or_objects_that_have_one() -> None:
     assert stream_handle("f", Made(__cuda_stream__=(0, 4))) == 4
     for bad in (True, -1, "s", 1.0, Made(ptr=-3)):
         with pytest.raises(
-            ArgumentError, match=r"^f, stream: given .*, expected a stream of CuPy, PyTorch or cuda"
+            ArgumentError,
+            match=r"^f, stream: given .*, expected a stream of CuPy, PyTorch or cuda",
         ):
             stream_handle("f", bad)
     card: Any = Card()
@@ -172,7 +175,7 @@ def test_arrays_of_others_are_taken_by_their_interface() -> None:
             Given(card, "f", "q", x, 0)
 
 
-# --- batches ----------------------------------------------------------------------------------------------------------
+# --- batches -------------------------------------------------------------------------------------
 def test_axes_of_a_batch_are_before_those_of_a_point() -> None:
     ports = [Port("q", (2,), "rad", "angles"), Port("R", (3, 3), "1", "rotation")]
     for shapes, lead in (
@@ -185,7 +188,10 @@ def test_axes_of_a_batch_are_before_those_of_a_point() -> None:
     for wrong, text in (
         (((3,), (3, 3)), r"^f, q: given shape \(3,\), expected \(2,\) or \(\.\.\., 2\)$"),
         (((), (3, 3)), r"^f, q: given shape \(\), expected \(2,\) or"),
-        (((5, 2), (4, 3, 3)), r"^f, R: given shape \(4, 3, 3\), expected \(3, 3\) or \(5, 3, 3\)$"),
+        (
+            ((5, 2), (4, 3, 3)),
+            r"^f, R: given shape \(4, 3, 3\), expected \(3, 3\) or \(5, 3, 3\)$",
+        ),
         (((5, 2), (3,)), r"^f, R: given shape \(3,\), expected"),
     ):
         with pytest.raises(ArgumentError, match=text):
@@ -199,7 +205,7 @@ def test_axes_of_a_batch_are_before_those_of_a_point() -> None:
     assert "case 1: return ((int (*)(void *))f)(a[0]);" in points._call("single", 0)
 
 
-# --- forces -----------------------------------------------------------------------------------------------------------
+# --- forces --------------------------------------------------------------------------------------
 def test_files_of_forces_are_tables_of_numbers(tmp_path: Path) -> None:
     file = tmp_path / "force.csv"
 
@@ -219,7 +225,10 @@ def test_files_of_forces_are_tables_of_numbers(tmp_path: Path) -> None:
             "^force: given the columns s, fx, fy in .*, expected the columns s, fx, fy, fz",
         ),
         ("t,fx,fy,fz\n0,1,2,3\n1,1,2,3\n", "^force: given the columns t, fx, fy, fz in"),
-        ("s,fx,fy,fz,mx\n0,1,2,3,4\n1,1,2,3,4\n", "^force: given the columns s, fx, fy, fz, mx in"),
+        (
+            "s,fx,fy,fz,mx\n0,1,2,3,4\n1,1,2,3,4\n",
+            "^force: given the columns s, fx, fy, fz, mx in",
+        ),
         (
             "s,fx,fy,fz\n0,1,2,3\n",
             r"^force: given 1 rows in .*, expected two or more of 4 numbers$",
@@ -240,7 +249,9 @@ def test_files_of_forces_are_tables_of_numbers(tmp_path: Path) -> None:
     ):
         with pytest.raises(ArgumentError, match=told):
             read(text)
-    with pytest.raises(ArgumentError, match=r"^force: file .* cannot be read .*, expected a file$"):
+    with pytest.raises(
+        ArgumentError, match=r"^force: file .* cannot be read .*, expected a file$"
+    ):
         force_files.read_force(tmp_path / "none.csv", "s", "a file")
     assert force_files.is_table(file) and not force_files.is_table(tmp_path / "none.csv")
     for text, ours in (("# flexgen", False), ("\ufeff# flexgen", False), ("s,fx", True)):
@@ -249,7 +260,7 @@ def test_files_of_forces_are_tables_of_numbers(tmp_path: Path) -> None:
     assert not force_files.is_table(file.rename(tmp_path / "force.txt"))
 
 
-# --- robots -----------------------------------------------------------------------------------------------------------
+# --- robots --------------------------------------------------------------------------------------
 def test_packages_are_searched_in_the_folders_of_their_variables(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -269,7 +280,9 @@ def test_packages_are_searched_in_the_folders_of_their_variables(
         "package://arm/../arm/urdf/a.urdf",
     ):
         assert urdf_source.locate(bad, Path("/")) is None
-    assert urdf_source.locate("ros1/arm/urdf/a.urdf", tmp_path) == tmp_path / "ros1/arm/urdf/a.urdf"
+    assert (
+        urdf_source.locate("ros1/arm/urdf/a.urdf", tmp_path) == tmp_path / "ros1/arm/urdf/a.urdf"
+    )
     assert (
         urdf_source.locate("ros1/arm", tmp_path) is None
         and urdf_source.locate("a\0b", tmp_path) is None
@@ -288,7 +301,11 @@ def test_files_that_a_robot_was_read_from(tmp_path: Path, monkeypatch: pytest.Mo
         "own.toml": ["own.toml"],
         "over.toml": ["over.toml", "arm.urdf"],
     }
-    names |= {"bad.toml": ["bad.toml"], "arm.urdf#base:tip": ["arm.urdf"], "arm.urdf": ["arm.urdf"]}
+    names |= {
+        "bad.toml": ["bad.toml"],
+        "arm.urdf#base:tip": ["arm.urdf"],
+        "arm.urdf": ["arm.urdf"],
+    }
     for given, files in names.items():
         assert [path.name for path in urdf_source.source_files(given)] == files
     assert urdf_source.from_here(tmp_path / "own.toml") == "own.toml"

@@ -1,4 +1,5 @@
-"""Numbers of the rooms mechanics, analysis, codegen, inverse_kinematics and expressions by other routes.
+"""Numbers of the rooms mechanics, analysis, codegen, inverse_kinematics and expressions by other
+routes.
 
 Balances of energy and of torques, polynomials with known roots, cases by hand.
 """
@@ -34,7 +35,9 @@ TAU = 2 * np.pi
 
 
 def loaded() -> RobotModel:
-    """A robot with everything that stores or takes energy: payload, drag, frictions, counterbalances, soft joints."""
+    """A robot with everything that stores or takes energy: payload, drag, frictions,
+    counterbalances, soft joints.
+    """
     robot = flexgen.read("planar5_nmp")
     elements = []
     for k, element in enumerate(robot.elements):
@@ -61,9 +64,12 @@ def loaded() -> RobotModel:
 
 
 def test_a_payload_is_a_body_on_the_last_element_and_energies_balance() -> None:
-    """By differences along the motion: springs, counterbalances, drags and frictions of joints and motors."""
+    """By differences along the motion: springs, counterbalances, drags and frictions of joints and
+    motors.
+    """
     model = loaded()
-    n_a, n_m = model.n_a, model.n_m
+    n_a = model.n_a
+    n_m = model.n_m
     rng = np.random.default_rng(3)
     equations = Equations(model)
     lag = equations.lagrangian
@@ -88,7 +94,8 @@ def test_a_payload_is_a_body_on_the_last_element_and_energies_balance() -> None:
     h = 1e-5
     rate = (8 * (energy(h) - energy(-h)) - (energy(2 * h) - energy(-2 * h))) / (12 * h)
     assert rate == pytest.approx(into - lost, rel=1e-7)
-    last, load = model.elements[-1], model.payload
+    last = model.elements[-1]
+    load = model.payload
     assert last.beam is None and last.body.mass > 0
     mass = last.body.mass + load.mass
     com = (last.body.mass * np.array(last.body.com) + load.mass * np.array(load.com)) / mass
@@ -97,7 +104,7 @@ def test_a_payload_is_a_body_on_the_last_element_and_energies_balance() -> None:
         r = np.array(body.com) - com
         tensor += np.array(body.inertia) + body.mass * (r @ r * np.eye(3) - np.outer(r, r))
     drag = last.body.rotational_drag + load.rotational_drag
-    one = Body(mass, tuple(com.tolist()), tuple(map(tuple, tensor.tolist())), drag)  # type: ignore[arg-type]
+    one = Body(mass, tuple(com.tolist()), tuple(map(tuple, tensor.tolist())), drag)
     joined = replace(
         model, elements=(*model.elements[:-1], replace(last, body=one)), payload=Body()
     )
@@ -108,7 +115,9 @@ def test_a_payload_is_a_body_on_the_last_element_and_energies_balance() -> None:
 
 
 def test_an_equilibrium_stays_at_rest_under_its_torques() -> None:
-    """Forward dynamics at the equilibrium, from a start far away: gravity, frictions at rest, soft joints, payload."""
+    """Forward dynamics at the equilibrium, from a start far away: gravity, frictions at rest, soft
+    joints, payload.
+    """
     equations = Equations(loaded())
     model = equations.model
     zero = np.zeros(model.n_a)
@@ -131,8 +140,10 @@ def test_an_equilibrium_stays_at_rest_under_its_torques() -> None:
 def test_a_pose_error_is_the_sine_of_the_angle_about_its_axis() -> None:
     from scipy.spatial.transform import Rotation
 
-    R, E = Rotation.random(random_state=1), Rotation.from_rotvec([0.2, -0.3, 0.4])
-    place, target = np.array([1.0, 2.0, 3.0]), np.array([0.5, 2.5, 2.0])
+    R = Rotation.random(random_state=1)
+    E = Rotation.from_rotvec([0.2, -0.3, 0.4])
+    place = np.array([1.0, 2.0, 3.0])
+    target = np.array([0.5, 2.5, 2.0])
     flat = np.concatenate([target, R.as_matrix().T.ravel()])
     symbols = [ca.SX.sym("p", 3), ca.SX.sym("R", 3, 3), ca.SX.sym("t", 12)]
     f = ca.Function("f", symbols, [outputs.pose_error(*symbols)])
@@ -164,11 +175,13 @@ def test_unknown_parameters_are_answered_with_the_names_of_groups() -> None:
     assert [p.inertia for p in chosen if p.name == "payload.mass"] == [False]
 
 
-# --- analysis --------------------------------------------------------------------------------------------------------
+# --- analysis ------------------------------------------------------------------------------------
 
 
 def exact_zeros(at: LinearModel, count: int) -> np.ndarray:
-    """The ``count`` zeros, from the determinant at count + 1 points, a polynomial, in 60 digits."""
+    """The ``count`` zeros, from the determinant at count + 1 points, a polynomial, in 60
+    digits.
+    """
     with mpmath.workdps(60):
         M, D, K, B, W = (mpmath.matrix(x.tolist()) for x in (at.M, at.D, at.K, at.B, at.W))
         n, m = at.B.shape
@@ -185,19 +198,27 @@ def exact_zeros(at: LinearModel, count: int) -> np.ndarray:
         values = [determinant(p) for p in points]
         polynomial = list(mpmath.lu_solve(powers, mpmath.matrix(values)))
         further = mpmath.mpf(-777)
-        assert mpmath.polyval(polynomial, further) == pytest.approx(determinant(further), rel=1e-30)
+        assert mpmath.polyval(polynomial, further) == pytest.approx(
+            determinant(further), rel=1e-30
+        )
         return np.array([complex(r) for r in mpmath.polyroots(polynomial, 500, extraprec=500)])
 
 
 @pytest.mark.parametrize("phase", ["minimum phase", "non-minimum phase"])
-def test_zeros_of_robots_whose_rotors_turn_with_the_arm_are_those_of_the_pencil(phase: str) -> None:
+def test_zeros_of_robots_whose_rotors_turn_with_the_arm_are_those_of_the_pencil(
+    phase: str,
+) -> None:
     """Roots of det [[M s^2 + D s + K, B], [W, 0]] in 60 digits.
 
     A double one is accurate to the root of rounding. They do not depend on a library of linear
     algebra: an eigenvalue solver for this pencil is off by 1.5e-5 with the kernels of some
     processors.
     """
-    turning = {"motor_coupling": "complete", "motor.m1.carrier": "base", "motor.m2.carrier": "arm1"}
+    turning = {
+        "motor_coupling": "complete",
+        "motor.m1.carrier": "base",
+        "motor.m2.carrier": "arm1",
+    }
     turning |= {"motor.m1.axis": [0, 0, 1], "motor.m2.axis": [0, 0, 1]}
     robot = flexgen.read(
         "planar5_mp" if phase == "minimum phase" else "planar5_nmp", overrides=turning
@@ -218,9 +239,12 @@ def test_zeros_of_robots_whose_rotors_turn_with_the_arm_are_those_of_the_pencil(
 
 
 def test_zeros_of_pencils_and_state_spaces_are_the_roots_of_their_polynomials() -> None:
-    """Also with a singular leading matrix, very different units, and systems without zeros or without an answer."""
+    """Also with a singular leading matrix, very different units, and systems without zeros or
+    without an answer.
+    """
     rng = np.random.default_rng(4)
-    T, S = rng.normal(size=(3, 3)), rng.normal(size=(3, 3))
+    T = rng.normal(size=(3, 3))
+    S = rng.normal(size=(3, 3))
     polynomials = [(2.0, 0.4, 50.0), (0.0, 3.0, -12.0), (1e-6, 1e-3, 5.0)]
     A, D, K = (T @ np.diag([p[k] for p in polynomials]) @ S for k in range(3))
     expected = np.concatenate(
@@ -240,9 +264,11 @@ def test_zeros_of_pencils_and_state_spaces_are_the_roots_of_their_polynomials() 
         found = zeros.pencil_zeros(*args)
         assert found is not None
         assert_allclose(found, roots, atol=1e-9)
-    # (s + 2)(s - 3) / ((s + 1)(s + 4)(s + 5)) in controller form, hidden by a change of states and of units
+    # (s + 2)(s - 3) / ((s + 1)(s + 4)(s + 5)) in controller form, hidden by a change of states and
+    # of units
     plant = np.array([[-10.0, -29.0, -20.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-    B, C = np.array([[1.0], [0.0], [0.0]]), np.array([[1.0, -1.0, -6.0]])
+    B = np.array([[1.0], [0.0], [0.0]])
+    C = np.array([[1.0, -1.0, -6.0]])
     change = T @ np.diag([1.0, 1e4, 1e-3])
     back = np.linalg.inv(change)
     found = zeros._invariant_zeros(change @ plant @ back, change @ B, C @ back, np.zeros((1, 1)))
@@ -253,7 +279,9 @@ def test_zeros_of_pencils_and_state_spaces_are_the_roots_of_their_polynomials() 
     assert_allclose(
         np.sort_complex(found), np.sort_complex(np.roots([2.0, 21.0, 57.0, 34.0])), rtol=1e-9
     )
-    assert len(zeros._invariant_zeros(plant, B, np.array([[0.0, 0.0, 1.0]]), np.zeros((1, 1)))) == 0  # type: ignore[arg-type]
+    assert (
+        len(zeros._invariant_zeros(plant, B, np.array([[0.0, 0.0, 1.0]]), np.zeros((1, 1)))) == 0
+    )
 
 
 def path_of(changes: int, **rest: Any) -> Any:
@@ -315,7 +343,8 @@ def test_verdicts_of_zeros_along_a_path_name_rates_changes_and_methods() -> None
 
 
 def test_results_of_zeros_along_a_path_follow_from_their_roots() -> None:
-    t, q = np.array([0.0, 1.0, 2.0]), np.zeros((3, 1))
+    t = np.array([0.0, 1.0, 2.0])
+    q = np.zeros((3, 1))
 
     def made(
         roots: list[list[complex]],
@@ -393,7 +422,7 @@ def test_the_largest_entries_of_a_vector_are_named_in_order() -> None:
     )
 
 
-# --- tables and poses ------------------------------------------------------------------------------------------------
+# --- tables and poses ----------------------------------------------------------------------------
 
 
 def slider(lower: float | None, upper: float | None, unit: str = "m") -> Any:
@@ -409,7 +438,7 @@ def test_starts_of_slides_are_spread_between_their_limits_and_of_rotations_over_
         slider(-1.0, 1.0, "rad"),
         Made(unit="m", dof=None),
     ]
-    found = kinematic_constants(Made(coordinates=cases, n_a=6, i_g=np.array([0, 2])))  # type: ignore[arg-type]
+    found = kinematic_constants(Made(coordinates=cases, n_a=6, i_g=np.array([0, 2])))
     assert found.lower == (-1.0, 0.5, -1.5, 0.1, -np.pi, -1.0) and found.upper == (
         1.0,
         2.5,
@@ -423,7 +452,9 @@ def test_starts_of_slides_are_spread_between_their_limits_and_of_rotations_over_
 
 
 def test_turns_are_those_asked_for_or_the_closest_within_the_limits() -> None:
-    def chosen(q: float, before: float, turns: tuple[int, ...] = (), **limits: Any) -> float | None:
+    def chosen(
+        q: float, before: float, turns: tuple[int, ...] = (), **limits: Any
+    ) -> float | None:
         coordinate = slider(limits.get("lower"), limits.get("upper"), limits.get("unit", "rad"))
         model: Any = Made(i_g=(0,), coordinates=[coordinate])
         found = targets._choose_turns(model, np.array([q]), np.array([before]), turns)
@@ -431,9 +462,9 @@ def test_turns_are_those_asked_for_or_the_closest_within_the_limits() -> None:
 
     assert chosen(0.5, 0.0) == pytest.approx(0.5) and chosen(0.5, 4.0) == pytest.approx(0.5 + TAU)
     assert chosen(0.5 + 3 * TAU, -6.0) == pytest.approx(0.5 - TAU)
-    assert chosen(3.5, 0.0) == pytest.approx(3.5 - TAU) and chosen(3.5, 0.0, (1,)) == pytest.approx(
-        3.5
-    )
+    assert chosen(3.5, 0.0) == pytest.approx(3.5 - TAU) and chosen(
+        3.5, 0.0, (1,)
+    ) == pytest.approx(3.5)
     assert chosen(0.5, 0.0, (-2,)) == pytest.approx(0.5 - 2 * TAU) and chosen(
         0.5, 9.0, (0,)
     ) == pytest.approx(0.5)
@@ -445,7 +476,8 @@ def test_turns_are_those_asked_for_or_the_closest_within_the_limits() -> None:
         and chosen(0.5, 0.0, lower=20.0) is None
     )
     assert (
-        chosen(0.5, 0.0, lower=1.0, upper=6.0) is None and chosen(0.5, 0.0, (1,), upper=3.0) is None
+        chosen(0.5, 0.0, lower=1.0, upper=6.0) is None
+        and chosen(0.5, 0.0, (1,), upper=3.0) is None
     )
     assert (
         chosen(0.5, 0.0, lower=0.5 + 0.5 * targets.SLACK) == 0.5
@@ -462,7 +494,8 @@ def test_solutions_of_a_routine_go_to_the_blocks_of_their_ports() -> None:
     found = evaluate_routine(Routine((Zeros("z", 2, 3), solve)), {"A": np.triu(A), "R": R})
     X = -np.linalg.solve(A, np.hstack([R, -np.eye(2)]))
     expected = np.zeros((6, 3))
-    expected[:2, :2], expected[2:4, 2:] = X[:, :2], X[:, 2:3]
+    expected[:2, :2] = X[:, :2]
+    expected[2:4, 2:] = X[:, 2:3]
     expected[5, 0] = 1.0
     assert_allclose(found["a"], expected)
     assert_allclose(found["b"], [[0.0, 1.0], *X[:, 3:]])
@@ -471,11 +504,13 @@ def test_solutions_of_a_routine_go_to_the_blocks_of_their_ports() -> None:
 
 
 def test_a_line_is_as_long_as_its_path_or_as_its_rotation_on_the_radius() -> None:
-    total, turn = np.array([0.3, 0.0, -0.4]), np.array([0.0, 1.5, 2.0])
+    total = np.array([0.3, 0.0, -0.4])
+    turn = np.array([0.0, 1.5, 2.0])
     # no radius: no length
     assert (Line(total, turn).length, Line(0 * total, turn).length) == (pytest.approx(0.5), 1.0)
     assert (
-        Line(total, turn, 0.1).length == pytest.approx(0.5) and Line(total, turn, 0.1).by_arc_length
+        Line(total, turn, 0.1).length == pytest.approx(0.5)
+        and Line(total, turn, 0.1).by_arc_length
     )
     assert (
         Line(total, turn, 0.3).length == pytest.approx(0.75)
@@ -486,13 +521,16 @@ def test_a_line_is_as_long_as_its_path_or_as_its_rotation_on_the_radius() -> Non
         and not Line(total, 0 * turn, largest=True).by_arc_length
     )
     assert (
-        not Line(0 * total, turn, 0.3).by_arc_length and not Line(0 * total, 0 * turn).by_arc_length
+        not Line(0 * total, turn, 0.3).by_arc_length
+        and not Line(0 * total, 0 * turn).by_arc_length
     )
 
 
 @pytest.mark.parametrize("angle", [0.5, 2.0, 3.1, 5.5])
 def test_a_circle_goes_through_three_points(angle: float) -> None:
-    """Radius 2 about (0, 2, 0) from the origin, in the plane z = 0; ``via`` at 0.3 of the angle."""
+    """Radius 2 about (0, 2, 0) from the origin, in the plane z = 0; ``via`` at 0.3 of the
+    angle.
+    """
     on = [np.array([2 * np.sin(x), 2 - 2 * np.cos(x), 0.0]) for x in (0.3 * angle, angle)]
     found = circle_through(*on)
     assert found is not None
@@ -503,7 +541,8 @@ def test_a_circle_goes_through_three_points(angle: float) -> None:
 
 
 def test_points_that_coincide_or_lie_on_a_line_have_no_circle() -> None:
-    far, near = np.array([1.0, 0.0, 0.0]), np.array([1.0, 1e-10, 0.0])
+    far = np.array([1.0, 0.0, 0.0])
+    near = np.array([1.0, 1e-10, 0.0])
     assert circle_through(far, near) is None and circle_through(far, 2 * far) is None
     assert circle_through(1e-10 * far + 1e-10 * near[[1, 0, 2]], far) is None
     # almost a full line, but a circle
@@ -512,9 +551,11 @@ def test_points_that_coincide_or_lie_on_a_line_have_no_circle() -> None:
 
 @pytest.mark.parametrize("side", ["arm", "motor"])
 def test_constants_of_motors_are_those_of_their_gears(side: str) -> None:
-    """A damper of the motor side acts on the arm by the ratio squared; a rigid gear has none, whatever it states."""
+    """A damper of the motor side acts on the arm by the ratio squared; a rigid gear has none,
+    whatever it states.
+    """
     model = flexgen.read("elbow")
-    gear = replace(model.elements[1].dofs[0].gear, side=side, damping=3.0)  # type: ignore[type-var]
+    gear = replace(model.elements[1].dofs[0].gear, side=side, damping=3.0)
     dofs = [
         replace(e.dofs[0], gear=g)
         for e, g in zip(model.elements, (Gear(True, side, None, 7.0), gear), strict=True)

@@ -1,4 +1,6 @@
-"""Residuals at the midpoints of motions with states, and the forces of a process on the page of a run."""
+"""Residuals at the midpoints of motions with states, and the forces of a process on the page of a
+run.
+"""
 
 from __future__ import annotations
 
@@ -15,18 +17,23 @@ from flexgen.simulation import residual
 
 
 def test_a_hysteresis_loads_springs_and_frictions() -> None:
-    """Its torque z is taken from the arm, and z/n added to the motors, with the friction under the larger load."""
+    """Its torque z is taken from the arm, and z/n added to the motors, with the friction under the
+    larger load.
+    """
     model = loaded("elbow", lost_motion=1e-3)
     plain = loaded("elbow")
     n = np.diag(model.eta)
     t = np.linspace(0.0, 0.5, 7)
     q_g = np.stack([0.3 * t**2, -0.2 * t**3], axis=1)
-    v_g, a_g = np.stack([0.6 * t, -0.6 * t**2], axis=1), np.stack([0.6 + 0 * t, -1.2 * t], axis=1)
+    v_g = np.stack([0.6 * t, -0.6 * t**2], axis=1)
+    a_g = np.stack([0.6 + 0 * t, -1.2 * t], axis=1)
     bend = np.array([1e-4, -2e-4])
     motion: Any = Made(
         t=t, q_a=q_g, v_a=v_g, a_a=a_g, q_m=(q_g + bend) * n, v_m=v_g * n, a_m=a_g * n
     )
-    motion.tau_m, motion.force, motion.tau_b = np.zeros((7, 2)), None, None
+    motion.tau_m = np.zeros((7, 2))
+    motion.force = None
+    motion.tau_b = None
     z = np.stack([200.0 + 100 * t, -50.0 + 0 * t], axis=1)
     motion.tau_h = z
     found = residual.midpoint_residual(derive(model), motion)

@@ -1,4 +1,6 @@
-"""Numbers of motions by hand: pictures of a video, large motions of an oscillator, parts of a closed loop."""
+"""Numbers of motions by hand: pictures of a video, large motions of an oscillator, parts of a
+closed loop.
+"""
 
 from __future__ import annotations
 
@@ -40,14 +42,18 @@ def moving(factor: int, sign: float = 1.0, views: Any = ((0, 2), (0, 1))) -> dic
 
 
 def test_a_video_shows_the_robot_between_its_instants() -> None:
-    """Three quarters of the way from the second to the third instant; axes with a margin of 7 %."""
-    figure, data = Figure(), moving(10)
+    """Three quarters of the way from the second to the third instant; axes with a margin of 7
+    %.
+    """
+    figure = Figure()
+    data = moving(10)
     video._begin(figure, data, "arm")(3.5)
     assert figure._suptitle.get_text() == "arm, deflections \u00d7 10, 3.500 s"
     truth, robot = (np.array(x).reshape(3, 4, 3) for x in data["poses"])
     tool = np.array(data["tool"])
     everything = np.concatenate([robot.reshape(-1, 3), tool])
-    low, high = everything.min(axis=0), everything.max(axis=0)
+    low = everything.min(axis=0)
+    high = everything.max(axis=0)
     margin = 0.07 * (high - low).max()
     assert len(figure.axes) == 2
     for axes, (right, up), names in zip(figure.axes, data["views"], ("xz", "xy"), strict=True):
@@ -70,11 +76,11 @@ def test_a_video_shows_the_robot_between_its_instants() -> None:
 
 
 def test_a_video_of_a_robot_as_it_is_shows_it_once() -> None:
-    """Without a reference, in one view, with the vertical axis downwards; also before and after its instants."""
-    figure, data = (
-        Figure(),
-        moving(1, -1.0, [(0, 2)]) | {"reference": None, "beams": [], "joints": []},
-    )
+    """Without a reference, in one view, with the vertical axis downwards; also before and after
+    its instants.
+    """
+    figure = Figure()
+    data = moving(1, -1.0, [(0, 2)]) | {"reference": None, "beams": [], "joints": []}
     move = video._begin(figure, data, "arm")
     (axes,) = figure.axes
     trail, arm, last = axes.lines
@@ -86,9 +92,9 @@ def test_a_video_of_a_robot_as_it_is_shows_it_once() -> None:
         points = np.array(data["poses"][0][k]).reshape(4, 3)[:, [0, 2]]
         assert_allclose(arm.get_xydata(), points, atol=1e-15)
         assert_allclose(last.get_xydata(), points[-1:], atol=1e-15)
-        shown = [row for time, row in zip(data["time"], data["tool"], strict=True) if time <= t] + [
-            data["tool"][k]
-        ]
+        shown = [
+            row for time, row in zip(data["time"], data["tool"], strict=True) if time <= t
+        ] + [data["tool"][k]]
         assert_allclose(trail.get_xydata(), np.array(shown)[:, [0, 2]], atol=1e-15)
 
 
@@ -96,8 +102,14 @@ def test_a_video_of_a_robot_as_it_is_shows_it_once() -> None:
 def test_large_motions_of_oscillators_follow_from_sums(
     channels: list[int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Two masses, a spring of `sin`, two steps by sums over 15 samples; a sensor of a product of three rates."""
-    m, k, speed, lines, rest = 0.5, 8.0, 2.0, np.array([1, 3]), np.array([0.3, 0.1])
+    """Two masses, a spring of `sin`, two steps by sums over 15 samples; a sensor of a product of
+    three rates.
+    """
+    m = 0.5
+    k = 8.0
+    speed = 2.0
+    lines = np.array([1, 3])
+    rest = np.array([0.3, 0.1])
     q, v, a = (ca.SX.sym(name, 2) for name in ("q", "v", "a"))
     symbol = ca.SX.sym("m")
     force = k * ca.sin(q[0] - q[1])
@@ -107,10 +119,13 @@ def test_large_motions_of_oscillators_follow_from_sums(
     monkeypatch.setattr(
         large_motions, "sensor_signals", lambda equations: ca.vertcat(v[0] ** 2 * a[1], q)
     )
-    made = large_motions.LargeMotions(equations, np.array([m]), channels, lambda function: function)
+    made = large_motions.LargeMotions(
+        equations, np.array([m]), channels, lambda function: function
+    )
     s = 1j * speed * np.arange(7)[:, None, None]
     K = k * np.cos(0.2) * np.array([[1, -1], [-1, 1]]) + np.diag([0, 3])
-    Z, held = s**2 * np.diag([m, 1.0]) + 0.4 * s * np.eye(2) + K, 0.1 * s * np.ones((2, 2))
+    Z = s**2 * np.diag([m, 1.0]) + 0.4 * s * np.eye(2) + K
+    held = 0.1 * s * np.ones((2, 2))
     linear = np.array([[0.2 + 0.1j, 0.1], [-0.1j, 0.05j]])  # lines, coordinates
     found = made.outputs(rest, lines, speed, Z, held, linear[:, :, None])
     # samples, multiples
@@ -134,7 +149,8 @@ def test_large_motions_of_oscillators_follow_from_sums(
     Y[lines] = linear - np.linalg.solve(Z, N)[lines, :, 0]
     Y[lines] = linear - np.linalg.solve(Z, nonlinear(Y)[:, :, None])[lines, :, 0]
     expected = [Y[lines] @ [2.0, 1.0]]
-    assert np.abs(linear @ [2.0, 1.0] - expected[0]).min() > 2e-4  # not those of linear oscillators
+    # not those of linear oscillators
+    assert np.abs(linear @ [2.0, 1.0] - expected[0]).min() > 2e-4
     if channels:
         _, rates, accelerations = motion(Y)
         expected.append(spectrum(rates[:, 0] ** 2 * accelerations[:, 1])[lines])
@@ -149,7 +165,9 @@ class Local:
     equations: Any
 
     def __init__(self, equations: Any) -> None:
-        self.equations, self.forces, self.seen = equations, list[Any](), list[Any]()
+        self.equations = equations
+        self.forces = list[Any]()
+        self.seen = list[Any]()
 
     def under(self, process: Any, time: float) -> Local:
         self.seen.append((process, time))
@@ -168,8 +186,11 @@ class Local:
 def test_a_closed_loop_begins_with_the_parts_of_its_move(
     delay: float, whole: int, rest: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Its delay as samples and the rest of one; a force of the trajectory begins with its first value."""
-    robot, seen = flexgen.read("elbow"), dict[str, Any]()
+    """Its delay as samples and the rest of one; a force of the trajectory begins with its first
+    value.
+    """
+    robot = flexgen.read("elbow")
+    seen = dict[str, Any]()
     force = np.arange(12.0).reshape(2, 6)
 
     class Path:
@@ -226,7 +247,10 @@ def test_a_closed_loop_begins_with_the_parts_of_its_move(
     made = case.control_case(
         robot, solution=solution, sample_time=1e-3, delay=delay, encoder_noise=1e-6
     )
-    assert seen["force"] == (Trajectory, 0.7) and seen["pushed"] == ("pushed by", force[0].tolist())
+    assert seen["force"] == (Trajectory, 0.7) and seen["pushed"] == (
+        "pushed by",
+        force[0].tolist(),
+    )
     assert seen["late"] == delay and made.delay == pytest.approx(delay)
     assert (made.delay_samples, made.hardware.delay_s) == (whole, pytest.approx(rest, abs=1e-15))
     assert (made.hardware.delay_s == 0) == (rest == 0) and made.hardware.encoder_noise_rad == 1e-6
@@ -256,7 +280,9 @@ def test_numbers_of_an_observer_lie_as_its_program_reads_them(
 ) -> None:
     """Panels of 24 rows, 4 outputs side by side, and each part from a cache line on."""
     model = flexgen.read("elbow")
-    n_a, n_m, n_x = model.n_a, model.n_m, 2 * model.dof
+    n_a = model.n_a
+    n_m = model.n_m
+    n_x = 2 * model.dof
     made: Any = object.__new__(ConstantGainObserver)
     rng = np.random.default_rng(2)
     order = np.array([1, 0, 2])  # a motor angle, then two outputs that are sums
@@ -284,7 +310,8 @@ def test_numbers_of_an_observer_lie_as_its_program_reads_them(
     }
     torque = rng.normal(size=(5, n_m))
     ConstantGainObserver._make(made, motion, torque, False)
-    tables, (F, G, C, D, M) = made._tables, matrices
+    tables = made._tables
+    (F, G, C, D, M) = matrices
     size = 24 * (n_x + n_m) + 4 * (n_x + n_m) + 3 * (n_x + 2)
     part = -(-size // 8) * 8
     assert tables["matrices"].shape == (2, part)

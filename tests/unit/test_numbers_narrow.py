@@ -1,4 +1,6 @@
-"""Elements of gears that a record does not show, delays of laws, and noises that filters expect."""
+"""Elements of gears that a record does not show, delays of laws, and noises that filters
+expect.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,8 @@ from flexgen.identification.result import Estimated
 from flexgen.loop.noises import Noises
 from flexgen.loop.timing import Timing
 
-# two springs, two elements with exponents, their lost motions, one more number; as in `flexgen.gears.fit.GearModel`
+# two springs, two elements with exponents, their lost motions, one more number; as in
+# `flexgen.gears.fit.GearModel`
 MODEL: Any = Made(
     start=np.ones(9),
     units=np.array([1.0, 1.0, 1.0, 1.0, 2.0, 4.0, 1.0, 1.0, 1.0]),
@@ -30,7 +33,9 @@ MODEL: Any = Made(
 
 
 def test_bounds_of_the_numbers_of_gears() -> None:
-    """Springs and elements within a factor, exponents from 1 on, lost motions in parts of their units, others free."""
+    """Springs and elements within a factor, exponents from 1 on, lost motions in parts of their
+    units, others free.
+    """
     lower, upper = fit._bounds(MODEL)
     assert_allclose(
         lower,
@@ -75,7 +80,7 @@ def test_an_element_without_a_loop_is_fixed_at_none(
     assert not fit._drop(MODEL, theta, lower, upper)
 
 
-# --- laws and filters -------------------------------------------------------------------------------------------------
+# --- laws and filters ----------------------------------------------------------------------------
 @pytest.mark.parametrize(
     ("delay", "whole", "rest", "segments"),
     [
@@ -119,9 +124,11 @@ def test_noises_are_parts_of_the_largest_torques() -> None:
     assert Noises(robot, tool_force=0.0).tool_force == 0.0
 
 
-# --- identified numbers -----------------------------------------------------------------------------------------------
+# --- identified numbers --------------------------------------------------------------------------
 def test_relative_errors_of_numbers_are_those_of_their_logarithms() -> None:
-    """Of others over their values; tied numbers as theirs; numbers of the drives and those that are zero left out."""
+    """Of others over their values; tied numbers as theirs; numbers of the drives and those that
+    are zero left out.
+    """
     unknowns = [
         Made(name="a.stiffness", tied=("b.stiffness",), scale="log"),
         Made(name="m.coulomb", tied=(), scale="linear"),

@@ -1,7 +1,8 @@
-"""Limits, thresholds and times that a user meets: whose change is a change of what is refused, warned of or shown.
+"""Limits, thresholds and times that a user meets: whose change is a change of what is refused,
+warned of or shown.
 
-They are the numbers behind sentences of messages and pages that do not print them. Numerical tolerances stand here only
-where a status or a warning depends on them.
+They are the numbers behind sentences of messages and pages that do not print them. Numerical
+tolerances stand here only where a status or a warning depends on them.
 """
 
 from __future__ import annotations

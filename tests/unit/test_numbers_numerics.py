@@ -1,4 +1,6 @@
-"""Numbers of flexgen/numerics by other routes: closed forms, NumPy, SciPy and small cases by hand."""
+"""Numbers of flexgen/numerics by other routes: closed forms, NumPy, SciPy and small cases by
+hand.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,9 @@ from flexgen.numerics.trust_region import _step, minimize
 
 
 def test_known_tableaus_of_gauss_radau_and_lobatto() -> None:
-    """Butcher tables from the literature, and the double integrals by exact integration of monomials."""
+    """Butcher tables from the literature, and the double integrals by exact integration of
+    monomials.
+    """
     two = gauss(2)
     r = np.sqrt(3) / 6
     assert (two.name, two.order) == ("Gauss 2", 4)
@@ -59,7 +63,9 @@ def test_known_tableaus_of_gauss_radau_and_lobatto() -> None:
     ("name", "allowed"), [("c", 3e-16), ("b", 3e-16), ("A", 1e-13), ("AA", 3e-16)]
 )
 def test_the_tables_in_c_are_those_of_three_gauss_points(name: str, allowed: float) -> None:
-    """A wrong digit would be an error of the motion that no law shows; A[0][2] has one of 6e-14, less than rounding."""
+    """A wrong digit would be an error of the motion that no law shows; A[0][2] has one of 6e-14,
+    less than rounding.
+    """
     found = re.search(rf"gauss_{name}\b[^=;]*= (\{{[^;]*);", read_clib()["inversion_common.h"])
     assert found is not None
     numbers = [
@@ -79,30 +85,36 @@ def test_a_tableau_that_breaks_an_order_condition_is_refused(which: str, size: f
 
 def test_angles_between_rotations_from_tiny_to_half_a_turn() -> None:
     angles = np.array([1e-9, 0.4, 2.0, np.pi - 1e-7])
-    axis = np.array([[1, 2, 3], [3, -1, 2], [0, 0, 1], [1, 1, 0]]) / np.sqrt([[14], [14], [1], [2]])
+    axis = np.array([[1, 2, 3], [3, -1, 2], [0, 0, 1], [1, 1, 0]]) / np.sqrt(
+        [[14], [14], [1], [2]]
+    )
     start = Rotation.from_rotvec([[0.3, 1.1, -0.4]] * 4).as_matrix()
     R = Rotation.from_rotvec(axis * angles[:, None]).as_matrix() @ start
     assert_allclose(turn_angle(R, start), angles, rtol=1e-6)
 
 
 def test_the_riccati_equation_holds_and_a_hopeless_one_is_reported() -> None:
-    F, G, Q, R = (
-        np.array([[1.1, 0.2], [0.0, 0.9]]),
-        np.array([[0.0], [1.0]]),
-        np.diag([1.0, 2.0]),
-        np.array([[0.5]]),
-    )
+    F = np.array([[1.1, 0.2], [0.0, 0.9]])
+    G = np.array([[0.0], [1.0]])
+    Q = np.diag([1.0, 2.0])
+    R = np.array([[0.5]])
     assert_allclose(riccati(F, G, Q, R), solve_discrete_are(F, G, Q, R), rtol=1e-14)
     with pytest.raises(SolverError, match="use other weights, or other sensors"):
         riccati(np.diag([2.0, 3.0]), np.zeros((2, 1)), Q, R)
 
 
 def test_functions_are_evaluated_at_many_points_as_one_by_one() -> None:
-    """Outputs: a matrix, a column and a scalar; inputs with and without points, a matrix, one without elements."""
-    x, A, s, none = ca.SX.sym("x", 3), ca.SX.sym("A", 2, 3), ca.SX.sym("s"), ca.SX.sym("e", 0)
+    """Outputs: a matrix, a column and a scalar; inputs with and without points, a matrix, one
+    without elements.
+    """
+    x = ca.SX.sym("x", 3)
+    A = ca.SX.sym("A", 2, 3)
+    s = ca.SX.sym("s")
+    none = ca.SX.sym("e", 0)
     function = ca.Function("f", [x, A, s, none], [s * A + 1, A @ x, ca.sumsqr(x)])
     chance = np.random.default_rng(1)
-    X, B = chance.normal(size=(4, 3)), chance.normal(size=(2, 3))
+    X = chance.normal(size=(4, 3))
+    B = chance.normal(size=(2, 3))
     found = evaluate(function, X, B, 2.5 * np.ones(4)[:, None], np.zeros((4, 0)))
     assert [y.shape for y in found] == [(4, 2, 3), (4, 2), (4, 1)]
     assert_allclose(found[0], np.repeat(2.5 * B[None] + 1, 4, axis=0), rtol=1e-14)
@@ -130,7 +142,8 @@ def test_functions_with_structural_zeros_are_not_dense_and_have_the_same_values(
 
 
 def test_an_evaluator_keeps_no_result_of_an_earlier_call() -> None:
-    A, none = ca.SX.sym("A", 2, 3), ca.SX.sym("e", 0)
+    A = ca.SX.sym("A", 2, 3)
+    none = ca.SX.sym("e", 0)
     call = Evaluator(ca.Function("f", [A, none], [A.T, ca.SX(0, 1)]))
     B = np.arange(6.0).reshape(2, 3)
     first = call(B, np.zeros(0))
@@ -152,9 +165,11 @@ def test_collocation_is_exact_for_polynomials_of_its_degree() -> None:
     """y = t^4 and -2 t^3: continuity, motion at all instants, places in the vector of unknowns."""
     of = mesh()
     assert (of.N, of.s, of.n_nodes, of.n_inner, of.size) == (3, 3, 16, 9, 16 + 27)
-    t, u = MESH[:, None], of.times[:, None]
+    t = MESH[:, None]
+    u = of.times[:, None]
     states = np.hstack([t**4, -2 * t**3, 4 * t**3, -6 * t**2])
-    accelerations, w = np.hstack([12 * u**2, -12 * u]), np.sin(u)
+    accelerations = np.hstack([12 * u**2, -12 * u])
+    w = np.sin(u)
     x = of.pack(states, accelerations, w)
     assert x.shape == (of.size,)
     y, dy, ddy, back = of.unpack(x)
@@ -179,14 +194,17 @@ def test_collocation_is_exact_for_polynomials_of_its_degree() -> None:
 
 
 def test_the_assembled_jacobian_is_that_of_the_assembled_constraints() -> None:
-    """Also: every row of the instants is scaled by the largest scaled entry among five instants."""
+    """Also: every row of the instants is scaled by the largest scaled entry among five
+    instants.
+    """
     of = mesh(1, 1)
     z, row, h, (y, dy, ddy), w = of.instant()
     p = ca.SX.sym("p")
     rows = ca.vertcat(ddy + p * y**2 - w, dy * w)
     x = ca.MX.sym("x", of.size)
     chance = np.random.default_rng(2)
-    scale_x, x0 = chance.uniform(0.5, 2.0, of.size), chance.normal(size=of.size)
+    scale_x = chance.uniform(0.5, 2.0, of.size)
+    x0 = chance.normal(size=of.size)
     extra = np.arange(1.0, 10.0)[None]
     g, jacobian, scale = of.constraints(
         x, rows, [z, row, h, p], [*of.parameters, extra], scale_x, x0
@@ -195,7 +213,8 @@ def test_the_assembled_jacobian_is_that_of_the_assembled_constraints() -> None:
     point = chance.normal(size=of.size)
     values, assembled, differentiated = (np.array(v) for v in at(point))
     assert_allclose(assembled, differentiated, atol=1e-12)
-    true, here = scale_x * point, ca.Function("rows", [z, row, h, p], [rows])
+    true = scale_x * point
+    here = ca.Function("rows", [z, row, h, p], [rows])
     local = [
         np.array(here(true[of.where[k]], *[v[:, k] for v in [*of.parameters, extra]])).ravel()
         for k in range(9)
@@ -213,8 +232,10 @@ def test_the_assembled_jacobian_is_that_of_the_assembled_constraints() -> None:
 
 
 def test_motion_at_an_instant_is_the_taylor_polynomial_for_constant_acceleration() -> None:
-    z, h = ca.SX([2.0, -1.0, 0.5, 3.0, 4.0, -6.0, 4.0, -6.0]), ca.SX(0.5)
-    table, i = gauss(2), 1
+    z = ca.SX([2.0, -1.0, 0.5, 3.0, 4.0, -6.0, 4.0, -6.0])
+    h = ca.SX(0.5)
+    table = gauss(2)
+    i = 1
     row = ca.SX(np.r_[table.c[i], table.A[i], table.AA[i], np.eye(2)[i]])
     y, dy, ddy = (np.array(ca.DM(v)).ravel() for v in motion_at(z, row, h, 2, 2))
     t = 0.5 * table.c[i]
@@ -233,8 +254,10 @@ def linear(J: np.ndarray, d: np.ndarray) -> tuple:
 
 def test_a_linear_fit_with_prior_and_bounds_is_that_of_scipy() -> None:
     chance = np.random.default_rng(3)
-    J, d = chance.normal(size=(8, 3)), 4 * chance.normal(size=8)
-    center, sd = np.array([0.5, -0.3, 0.2]), np.array([0.7, 2.0, 5.0])
+    J = chance.normal(size=(8, 3))
+    d = 4 * chance.normal(size=8)
+    center = np.array([0.5, -0.3, 0.2])
+    sd = np.array([0.7, 2.0, 5.0])
     whole = np.vstack([J, np.diag(1 / sd)]), np.r_[d, center / sd]
     free = np.linalg.lstsq(*whole, rcond=None)[0]
     for bounds in (
@@ -266,7 +289,9 @@ def test_a_fit_at_a_corner_ends_at_once() -> None:
 
 
 def test_the_trust_region_follows_the_curved_valley_and_refuses_bad_steps() -> None:
-    """Rosenbrock's function; where the model has no solution (y > 1.2) the step is made shorter."""
+    """Rosenbrock's function; where the model has no solution (y > 1.2) the step is made
+    shorter.
+    """
     asked: list[np.ndarray] = []
     steps: list[np.ndarray] = []
 
@@ -275,7 +300,8 @@ def test_the_trust_region_follows_the_curved_valley_and_refuses_bad_steps() -> N
 
     def sums(x: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
         steps.append(x.copy())
-        r, J = residual(x), np.array([[-20 * x[0], 10.0], [-1.0, 0.0]])
+        r = residual(x)
+        J = np.array([[-20 * x[0], 10.0], [-1.0, 0.0]])
         return float(r @ r), J.T @ r, J.T @ J
 
     def cost(x: np.ndarray) -> float:
@@ -298,23 +324,28 @@ def test_the_trust_region_follows_the_curved_valley_and_refuses_bad_steps() -> N
 
 
 def test_a_search_with_a_wrong_model_stops_where_it_gains_little() -> None:
-    """Rosenbrock's function and a residual that nothing explains; where that is noise, the search goes to its end."""
+    """Rosenbrock's function and a residual that nothing explains; where that is noise, the search
+    goes to its end.
+    """
 
     def fitted(unexplained: float) -> trust_region.Fit:
         def residual(x: np.ndarray) -> np.ndarray:
             return np.array([10 * (x[1] - x[0] ** 2), 1 - x[0], unexplained])
 
         def sums(x: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
-            r, J = residual(x), np.array([[-20 * x[0], 10.0], [-1.0, 0.0], [0.0, 0.0]])
+            r = residual(x)
+            J = np.array([[-20 * x[0], 10.0], [-1.0, 0.0], [0.0, 0.0]])
             return float(r @ r), J.T @ r, J.T @ J
 
         def cost(x: np.ndarray) -> float:
             return float(np.sum(residual(x) ** 2))
 
-        bounds, start = (np.full(2, -4.0), np.full(2, 4.0)), np.array([-1.2, 1.0])
+        bounds = (np.full(2, -4.0), np.full(2, 4.0))
+        start = np.array([-1.2, 1.0])
         return minimize(sums, cost, start, np.zeros(2), np.full(2, 1e6), bounds, count=3)
 
-    wrong, right = fitted(100.0), fitted(1.0)
+    wrong = fitted(100.0)
+    right = fitted(1.0)
     assert wrong.wrong and not wrong.converged and wrong.iterations < right.iterations
     assert right.converged and not right.wrong
     assert_allclose(right.x, 1.0, atol=1e-5)
@@ -337,7 +368,9 @@ def test_the_radius_grows_on_a_long_way_and_stays_below_its_limit() -> None:
 
 
 def test_a_cost_that_never_falls_ends_the_fit_and_says_whether_it_converged() -> None:
-    """The gradient is wrong: no step lowers the cost, the radius becomes a quarter each time until the fit ends."""
+    """The gradient is wrong: no step lowers the cost, the radius becomes a quarter each time until
+    the fit ends.
+    """
     calls = []
 
     def cost(x: np.ndarray) -> float:
@@ -356,10 +389,13 @@ def test_a_cost_that_never_falls_ends_the_fit_and_says_whether_it_converged() ->
 
 @pytest.mark.parametrize("radius", [0.01, 0.3, 5.0, 1e3])
 def test_a_step_is_the_minimum_within_the_sphere(radius: float) -> None:
-    """Optimal: (A + shift I) s = -g with shift >= 0, and on the sphere (within 5 %) where shift > 0."""
+    """Optimal: (A + shift I) s = -g with shift >= 0, and on the sphere (within 5 %) where
+    shift > 0.
+    """
     chance = np.random.default_rng(4)
     B = chance.normal(size=(4, 4))
-    A, g = B @ B.T + 0.05 * np.eye(4), chance.normal(size=4) * 3
+    A = B @ B.T + 0.05 * np.eye(4)
+    g = chance.normal(size=4) * 3
     step = _step(A, g, radius)
     rest = -(A @ step + g)
     shift = float(rest @ step / (step @ step))
@@ -377,7 +413,8 @@ def test_directions_without_curvature_do_not_make_a_step_infinite() -> None:
 
 
 def test_the_largest_violation_of_bounds() -> None:
-    lower, upper = np.array([-1.0, 0.0, 2.0]), np.array([1.0, 0.0, 5.0])
+    lower = np.array([-1.0, 0.0, 2.0])
+    upper = np.array([1.0, 0.0, 5.0])
     assert nlp._violation(np.array([0.5, 0.0, 2.0]), lower, upper) == 0.0
     assert nlp._violation(np.array([0.5, -0.25, 2.0]), lower, upper) == 0.25
     assert nlp._violation(np.array([1.75, 0.0, 2.5]), lower, upper) == 0.75
@@ -386,9 +423,12 @@ def test_the_largest_violation_of_bounds() -> None:
 
 
 def test_a_nonlinear_program_with_all_that_can_be_given() -> None:
-    """min (x - 2)^2 + y^2 with x y = 1 and x <= 1.5, with own derivatives, then warm from its solution."""
+    """min (x - 2)^2 + y^2 with x y = 1 and x <= 1.5, with own derivatives, then warm from its
+    solution.
+    """
     x = ca.MX.sym("x", 2)
-    cost, g = (x[0] - 2) ** 2 + x[1] ** 2, x[0] * x[1]
+    cost = (x[0] - 2) ** 2 + x[1] ** 2
+    g = x[0] * x[1]
     lines: list[str] = []
 
     def hessian(lam_f: ca.MX, lam_g: ca.MX) -> ca.MX:

@@ -21,8 +21,11 @@ def check(
     damping: float = 0.1,
     torques: int = 1,
 ) -> None:
-    """Two masses of 1 with a spring between them, another one from the arm to the ground, and dampers."""
-    M, K = np.eye(2), np.array([[stiffness + ground, -stiffness], [-stiffness, stiffness]])
+    """Two masses of 1 with a spring between them, another one from the arm to the ground, and
+    dampers.
+    """
+    M = np.eye(2)
+    K = np.array([[stiffness + ground, -stiffness], [-stiffness, stiffness]])
     D = damping * np.array([[1.0, -1.0], [-1.0, 1.0]])
     A = np.block([[np.zeros((2, 2)), np.eye(2)], [-np.linalg.solve(M, K), -np.linalg.solve(M, D)]])
     at: Any = SimpleNamespace(A=A, B=np.array([[0.0], [0.0], [0.0], [1.0]]), C=np.array(outputs))
@@ -42,7 +45,9 @@ def test_a_motor_angle_determines_the_arm_behind_its_spring() -> None:
 
 
 def test_states_that_no_output_shows_are_named() -> None:
-    """An arm without a spring; places where speeds alone are seen; a torque that a spring to the ground hides."""
+    """An arm without a spring; places where speeds alone are seen; a torque that a spring to the
+    ground hides.
+    """
     with pytest.raises(
         ArgumentError,
         match=r"^outputs: given y0, which do not determine q; measure more, such as all m",
@@ -60,7 +65,8 @@ def test_what_decays_by_itself_need_not_be_seen() -> None:
     """An arm that its own spring and damper bring to rest, without a connection to the motor."""
     A = np.zeros((4, 4))
     A[:2, 2:] = np.eye(2)
-    A[2, 0], A[2, 2] = -400.0, -30.0
+    A[2, 0] = -400.0
+    A[2, 2] = -30.0
     model = SimpleNamespace(n_a=1, eta=np.array([[100.0]]), i_m=(0,))
     channels: Any = SimpleNamespace(model=model, index=np.array([0]), names=("motor",))
     noises: Any = SimpleNamespace(largest=np.array([20.0]))

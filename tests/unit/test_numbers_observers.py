@@ -1,4 +1,6 @@
-"""Observers by other routes: the momentum of a detector, the model behind a gain, rank tests, copies and messages."""
+"""Observers by other routes: the momentum of a detector, the model behind a gain, rank tests,
+copies and messages.
+"""
 
 from __future__ import annotations
 
@@ -30,13 +32,18 @@ def moved(model: Any, count: int = 60) -> tuple[np.ndarray, np.ndarray]:
 
 def residual_of(model: Any, q_m: np.ndarray, tau: np.ndarray, bandwidth: float) -> np.ndarray:
     """The residual sample by sample from the definition of the equations."""
-    e, inverse = flexgen.derive(model), np.linalg.inv(model.eta)
+    e = flexgen.derive(model)
+    inverse = np.linalg.inv(model.eta)
     inertia = np.diag([m.inertia for m in model.motors])
     friction = e.function("motor_friction")
-    r, first, total, before = [], None, np.zeros(2), None
+    r = []
+    first = None
+    total = np.zeros(2)
+    before = None
     for k in range(len(q_m)):
         v_m = (q_m[k] - q_m[max(k - 1, 0)]) / H
-        q, v = inverse @ q_m[k], inverse @ v_m
+        q = inverse @ q_m[k]
+        v = inverse @ v_m
         M = np.array(e.function("mass_matrix")(q))
         bias = np.array(e.function("inverse_dynamics")(q, v, np.zeros(2))).ravel()
         p = inverse.T @ M @ v + inertia @ v_m
@@ -44,12 +51,15 @@ def residual_of(model: Any, q_m: np.ndarray, tau: np.ndarray, bandwidth: float) 
         r.append(2 * np.pi * bandwidth * (p - first - total))
         change = (M - (M if before is None else before)) / H
         force = tau[k] - np.array(friction(v_m)).ravel() + inverse.T @ (change @ v - bias)
-        total, before = total + H * (force + r[-1]), M
+        total = total + H * (force + r[-1])
+        before = M
     return np.array(r)
 
 
 def test_a_detector_integrates_the_momentum_of_the_definition() -> None:
-    """Shown to see: each sign, the first difference, the motor side, the bandwidth and the margin."""
+    """Shown to see: each sign, the first difference, the motor side, the bandwidth and the
+    margin.
+    """
     model = flexgen.read("elbow@rigid")
     detector = flexgen.CollisionDetector(model, H, 20.0)
     assert repr(detector) == f"<CollisionDetector {model.title}: samples of 1 ms, bandwidth 20 Hz>"
@@ -105,11 +115,9 @@ def linear(
 def pose(seed: int = 0) -> PoseModel:
     """A stable random linear model: 6 states, 2 motors, 2 outputs."""
     rng = np.random.default_rng(seed)
-    A, B, C = (
-        rng.normal(size=(6, 6)) - 4 * np.eye(6),
-        rng.normal(size=(6, 2)),
-        rng.normal(size=(2, 6)),
-    )
+    A = rng.normal(size=(6, 6)) - 4 * np.eye(6)
+    B = rng.normal(size=(6, 2))
+    C = rng.normal(size=(2, 6))
     return linear(A, B, C, 0.1 * rng.normal(size=(2, 2)), rng.normal(size=(6, 3)))
 
 
@@ -140,10 +148,13 @@ def test_the_stationary_gain_solves_the_riccati_equation_of_scipy() -> None:
 
 
 def test_states_that_do_not_show_are_named() -> None:
-    """Rank of ``(A - lambda; C)``: slow hidden modes are named, fast ones are allowed, disturbances count."""
+    """Rank of ``(A - lambda; C)``: slow hidden modes are named, fast ones are allowed,
+    disturbances count.
+    """
     model = flexgen.read("planar5_nmp")
     n = model.dof
-    channels, noises = channels_of(model, "motors", None), Noises(model, 0.05, 1.0, 0.0)
+    channels = channels_of(model, "motors", None)
+    noises = Noises(model, 0.05, 1.0, 0.0)
     names = design.state_names(channels.model, True)
     assert names == (
         "q1",
@@ -161,13 +172,15 @@ def test_states_that_do_not_show_are_named() -> None:
     )
     assert design.state_names(channels.model, False) == names[:-2]
     C = np.zeros((2, 2 * n))
-    C[0, model.n_a], C[1, model.n_a + 1] = 1.0, 1.0
+    C[0, model.n_a] = 1.0
+    C[1, model.n_a + 1] = 1.0
 
     def check(rates: np.ndarray, B: np.ndarray, n_d: int) -> None:
         at = linear(np.diag(rates), B, C, np.zeros((2, 2)), np.zeros((2 * n, 3)))
         design.check_observable(at, channels, names, noises, n_d)
 
-    fast, B = np.full(2 * n, -1.0), np.zeros((2 * n, 2))
+    fast = np.full(2 * n, -1.0)
+    B = np.zeros((2 * n, 2))
     check(fast, B, 0)
     slow = fast.copy()
     slow[2] = -1e-4
@@ -181,7 +194,8 @@ def test_states_that_do_not_show_are_named() -> None:
     slow[model.n_a] = 0.5  # grows, and shows
     check(slow, B, 0)
     with pytest.raises(
-        ArgumentError, match=r"which do not determine disturbance of m1, disturbance of m2; measure"
+        ArgumentError,
+        match=r"which do not determine disturbance of m1, disturbance of m2; measure",
     ):
         check(fast, B, 2)
     B[model.n_a, 0] = B[model.n_a + 1, 1] = 1.0
@@ -210,10 +224,14 @@ def test_arrays_of_observers_are_checked_and_aligned() -> None:
 
 
 def test_a_filter_begins_at_rest_or_at_a_state() -> None:
-    """Deviations of the start, covariances that are refused, motor angles from states, words and messages."""
+    """Deviations of the start, covariances that are refused, motor angles from states, words and
+    messages.
+    """
     model = flexgen.read("planar5_nmp")
     ekf = flexgen.ExtendedKalmanFilter(model)
-    n, n_a, n_m = model.dof, model.n_a, model.n_m
+    n = model.dof
+    n_a = model.n_a
+    n_m = model.n_m
     assert (
         repr(ekf) == f"<ExtendedKalmanFilter {model.title}: 2 outputs, 12 states, samples of 1 ms>"
     )
@@ -279,7 +297,8 @@ def test_torque_of_a_disturbance_is_in_the_estimate() -> None:
     model = flexgen.read("planar5_nmp")
     for with_them in (True, False):
         ekf = flexgen.ExtendedKalmanFilter(model, disturbances=with_them)
-        n, n_a = model.dof, model.n_a
+        n = model.dof
+        n_a = model.n_a
         z = np.random.default_rng(0).normal(size=(4, len(ekf.states)))
         found = ekf._estimate(z, z + 1, z[:, :2], z[:, 0])
         assert_allclose(found.q_a, z[:, :n_a])
@@ -301,7 +320,8 @@ def test_false_alarms_are_as_rare_as_the_number_of_runs_states(
     own = detector.detect
     rng = np.random.default_rng(0)
     draw = lambda: np.exp(rng.standard_normal((1, 2)))  # noqa: E731
-    alarms, bound = 0, 2 / 10
+    alarms = 0
+    bound = 2 / 10
     for _ in range(2000):
         monkeypatch.setattr(detector, "detect", lambda q_m, tau_m: Detection(q_m, None))
         thresholds = detector.calibrate([(draw(), draw()) for _ in range(9)], margin=1.0)

@@ -1,4 +1,6 @@
-"""Options of a servo in a library, circles and legs of moves, outputs of an exported plant, and rings of angles."""
+"""Options of a servo in a library, circles and legs of moves, outputs of an exported plant, and
+rings of angles.
+"""
 
 from __future__ import annotations
 
@@ -38,12 +40,17 @@ class Robot(ctypes.Structure):
 
 
 def entry(status: int = 0) -> ServoEntry:
-    """Of two motors at 4 ms with a delay of 6 ms; its positions are every second command and the kind of curve."""
+    """Of two motors at 4 ms with a delay of 6 ms; its positions are every second command and the
+    kind of curve.
+    """
 
     def fit(commands: Any, count: Any, robot: Any, out: Any, work: Any, size: Any) -> int:
         given = ctypes.cast(robot, ctypes.POINTER(Robot)).contents
-        n, each = count.value, given.samples_per_position
-        rows = np.ctypeslib.as_array(ctypes.cast(commands, ctypes.POINTER(ctypes.c_double)), (n, 3))
+        n = count.value
+        each = given.samples_per_position
+        rows = np.ctypeslib.as_array(
+            ctypes.cast(commands, ctypes.POINTER(ctypes.c_double)), (n, 3)
+        )
         to = np.ctypeslib.as_array(
             ctypes.cast(out, ctypes.POINTER(ctypes.c_double)), ((n - 1) // each + 1, 3)
         )
@@ -141,7 +148,9 @@ class Table:
 
 
 def test_circles_and_legs_of_moves_are_checked() -> None:
-    """A center is not on the axis; the last leg has no zone; speeds need the profile of the move."""
+    """A center is not on the axis; the last leg has no zone; speeds need the profile of the
+    move.
+    """
     table: Any = Table()
 
     def circle(*center: float) -> None:
@@ -195,15 +204,20 @@ def test_circles_and_legs_of_moves_are_checked() -> None:
 
 
 def test_outputs_of_a_plant_have_the_deflections_of_all_coordinates() -> None:
-    """Of an elastic gear the motor less the arm, of a rigid one zero, of a passive coordinate itself."""
+    """Of an elastic gear the motor less the arm, of a rigid one zero, of a passive coordinate
+    itself.
+    """
     gear = [Made(rigid=False), Made(rigid=True)]
     coordinates = [Made(dof=Made(gear=gear[0])), Made(dof=None), Made(dof=Made(gear=gear[1]))]
     model: Any = Made(
         eta=np.array([[100.0, 0.0], [50.0, 20.0]]), i_g=(0, 2), coordinates=coordinates
     )
-    p, R = ca.SX([1.0, 2.0, 3.0]), ca.SX(np.arange(9.0).reshape(3, 3))
+    p = ca.SX([1.0, 2.0, 3.0])
+    R = ca.SX(np.arange(9.0).reshape(3, 3))
     called = {"forward_kinematics": (p, R)}.__getitem__
-    q_m, v_m, q_a = ca.SX([30.0, 40.0]), ca.SX([5.0, 6.0]), ca.SX([0.25, 0.7, 1.2])
+    q_m = ca.SX([30.0, 40.0])
+    v_m = ca.SX([5.0, 6.0])
+    q_a = ca.SX([0.25, 0.7, 1.2])
     found = plant._output(model, called, q_m, v_m, q_a[[0, 2]], q_a, ca.SX([7.0, 8.0, 9.0]))
     values = np.array(ca.DM(found)).ravel()
     assert values[:7].tolist() == [30.0, 40.0, 5.0, 6.0, 1.0, 2.0, 3.0]

@@ -1,4 +1,6 @@
-"""Small parts of several rooms by hand: trials of controllers, tables of zeros, states of motors, chains of joints."""
+"""Small parts of several rooms by hand: trials of controllers, tables of zeros, states of motors,
+chains of joints.
+"""
 
 from __future__ import annotations
 
@@ -27,9 +29,11 @@ from flexgen.planning import problem as planned
 from flexgen.reports import html
 
 
-# --- benchmarks -------------------------------------------------------------------------------------------------------
+# --- benchmarks ----------------------------------------------------------------------------------
 def trial(draws: int, monkeypatch: pytest.MonkeyPatch, **more: Any) -> Any:
-    """Two robots, and the nominal one with another gain and another delay; measures are the largest outputs."""
+    """Two robots, and the nominal one with another gain and another delay; measures are the
+    largest outputs.
+    """
     outputs = [Made(name="tool", unit="m"), Made(name="elbow", unit="rad")][
         : more.pop("outputs", 1)
     ]
@@ -53,8 +57,10 @@ def trial(draws: int, monkeypatch: pytest.MonkeyPatch, **more: Any) -> Any:
         asked.append((lanes, gains.tolist(), delays.tolist(), draw))
         if tell:
             tell("step")
-        z, u = np.zeros((5, 4, len(outputs))), np.full((5, 4, 1), 0.4)
-        z[2], u[2] = 0.1 * np.arange(4)[:, None], 0.5
+        z = np.zeros((5, 4, len(outputs)))
+        u = np.full((5, 4, 1), 0.4)
+        z[2] = 0.1 * np.arange(4)[:, None]
+        u[2] = 0.5
         for k, value in more.get("last", {}).items():
             z[-1, k, -1] = value
         u[3, 0] = more.get("noise", 0.0)
@@ -87,7 +93,10 @@ def test_robots_of_a_benchmark_have_margins_of_gain_and_delay(
         2,
     )
     made, _ = trial(1, monkeypatch, last={2: 5e-3, 0: np.nan}, outputs=2)
-    text = "nominal, gain 1.5 times as large: elbow not at rest in the end: 0.005 rad peak to peak, expected 0.001 rad"
+    text = (
+        "nominal, gain 1.5 times as large: elbow not at rest in the end: 0.005 rad peak to "
+        "peak, expected 0.001 rad"
+    )
     assert (
         text in made.run("controller").refused
         and "nominal: tool error is not a finite number" in made.run("c").refused
@@ -98,9 +107,11 @@ def test_robots_of_a_benchmark_have_margins_of_gain_and_delay(
     assert made.run("controller").refused == ("soft: soft fell", reasons[-1])
 
 
-# --- reports ----------------------------------------------------------------------------------------------------------
+# --- reports -------------------------------------------------------------------------------------
 def test_zeros_in_a_page_are_pairs_or_real(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of a pair the upper one; rounding of either sign, relative to the size of the zero, is none."""
+    """Of a pair the upper one; rounding of either sign, relative to the size of the zero, is
+    none.
+    """
     monkeypatch.setattr(
         html,
         "html_table",
@@ -133,12 +144,13 @@ def test_zeros_in_a_page_are_pairs_or_real(monkeypatch: pytest.MonkeyPatch) -> N
         "<p>Minimum phase. Preview required for exact tracking (14 time constants): 12.3 ms.</p>\n"
     )
     assert found.endswith(text)
-    analysis.modes, analysis.zeros = [], Made(zeros=[], preview_s=0.0)
+    analysis.modes = []
+    analysis.zeros = Made(zeros=[], preview_s=0.0)
     assert "<p>No oscillatory mode.</p>" in html.dynamics_tables(analysis)
     assert html.dynamics_tables(analysis).endswith("<p>Minimum phase.</p>\n")
 
 
-# --- mechanics --------------------------------------------------------------------------------------------------------
+# --- mechanics -----------------------------------------------------------------------------------
 def test_states_of_motors_do_not_divide_by_zero_where_there_are_none() -> None:
     motors = MotorBristles(
         *(np.array(x) for x in ([0.0, 2.0, 3.0], [0.0, 2.5, 1.0], [0.0, 0.1, 0.2])),
@@ -176,8 +188,11 @@ def test_joints_of_one_chain_are_those_of_an_element_and_its_parents() -> None:
 
 @pytest.mark.parametrize(("factor", "seen"), [(0.98, False), (1.02, True)])
 def test_a_transient_is_one_beyond_six_deviations_of_the_ratio(factor: float, seen: bool) -> None:
-    """All lines of the same power: the ratio of two means of ``count`` real numbers scatters by sqrt(4 / count)."""
-    lines, records = 50, 3
+    """All lines of the same power: the ratio of two means of ``count`` real numbers scatters by
+    sqrt(4 / count).
+    """
+    lines = 50
+    records = 3
     count = 2 * records * lines
     ratio = 1.0 + factor * 6.0 * np.sqrt(4 / count)
     X = (
@@ -193,7 +208,7 @@ def test_a_transient_is_one_beyond_six_deviations_of_the_ratio(factor: float, se
     assert_allclose(first_period_excess(X[:, :2]), [1.0])
 
 
-# --- bounds of arguments ----------------------------------------------------------------------------------------------
+# --- bounds of arguments -------------------------------------------------------------------------
 @pytest.mark.parametrize(
     ("given", "text"),
     [
@@ -214,7 +229,10 @@ def test_a_transient_is_one_beyond_six_deviations_of_the_ratio(factor: float, se
         ),
         (
             {"vibration": 0.0},
-            "vibration: given 0.0, expected a size > 0 in m, or rad where the output has no lengths",
+            (
+                "vibration: given 0.0, expected a size > 0 in m, or rad where the output has no "
+                "lengths"
+            ),
         ),
         ({"against": "90 %"}, "against: given '90 %', expected '95 %' or None"),
     ],
@@ -244,8 +262,8 @@ def test_a_search_for_the_fastest_move_ends_with_its_time(monkeypatch: pytest.Mo
     with pytest.raises(SolverError) as caught:
         flexgen.fastest("elbow", time_limit=2.5)
     assert str(caught.value) == (
-        "fastest: the time limit of 2.5 s is over (in the middle); allow more with time_limit= (--time-limit SECONDS), "
-        "or take fewer coefficients"
+        "fastest: the time limit of 2.5 s is over (in the middle); allow more with time_limit= "
+        "(--time-limit SECONDS), or take fewer coefficients"
     )
 
 
@@ -277,14 +295,20 @@ def test_fastest_takes_the_stated_counts(count: int, monkeypatch: pytest.MonkeyP
             100,
             0,
             0,
-            "given a sample time of 0.0099 s, expected a whole number of samples in period_s = 0.2 s, ",
+            (
+                "given a sample time of 0.0099 s, expected a whole number of samples in "
+                "period_s = 0.2 s, "
+            ),
         ),
         (
             0.2,
             100,
             0,
             0,
-            "given a sample time of 0.2 s, expected a whole number of samples in period_s = 0.2 s, not 1",
+            (
+                "given a sample time of 0.2 s, expected a whole number of samples in period_s = "
+                "0.2 s, not 1"
+            ),
         ),
     ],
 )
@@ -340,7 +364,9 @@ def test_a_calibrated_model_is_of_the_same_variant(monkeypatch: pytest.MonkeyPat
         object.__setattr__(made, "nominal", Made(file="arm.toml", variant=variant, overrides={}))
         assert made.model is None and asked[-1] == ("arm.toml", expected, {"key": 1.0})
     object.__setattr__(made, "nominal", Made(file="", variant=""))
-    text = "calibration: given a model without a file, expected one that was read from a .toml file"
+    text = (
+        "calibration: given a model without a file, expected one that was read from a .toml file"
+    )
     with pytest.raises(ArgumentError) as caught:
         _ = made.model
     assert str(caught.value) == text
@@ -349,7 +375,8 @@ def test_a_calibrated_model_is_of_the_same_variant(monkeypatch: pytest.MonkeyPat
 def test_a_redundant_arm_moves_its_free_joints_as_little_as_it_can() -> None:
     made: Any = object.__new__(redundancy._Follower)
     made.free = np.array([True, False, True, True])
-    jacobian, rate = np.array([[1.0, 9.0, 2.0, 0.0], [0.0, 9.0, 1.0, 1.0]]), np.array([0.3, -0.2])
+    jacobian = np.array([[1.0, 9.0, 2.0, 0.0], [0.0, 9.0, 1.0, 1.0]])
+    rate = np.array([0.3, -0.2])
     found = made._solve_least_norm(jacobian, rate, 0.25)
     assert_allclose(found[made.free], np.linalg.pinv(jacobian[:, made.free]) @ rate)
     assert found[1] == 0.0

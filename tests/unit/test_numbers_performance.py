@@ -1,4 +1,6 @@
-"""Numbers of flexgen/performance: known loads, bang-bang times, linear programs by hand, rules of the searches."""
+"""Numbers of flexgen/performance: known loads, bang-bang times, linear programs by hand, rules of
+the searches.
+"""
 
 from __future__ import annotations
 
@@ -35,9 +37,12 @@ LOADED = ("payload.mass", "payload.com_x", "payload.com_y", "payload.com_z")
 
 
 def record(name: str | RobotModel, change: np.ndarray, h: float = 5e-3) -> Trajectory:
-    """Motors of a robot that carries a payload changed by ``change``, along sines of its joints, gears bent."""
+    """Motors of a robot that carries a payload changed by ``change``, along sines of its joints,
+    gears bent.
+    """
     equations = flexgen.derive(name)
-    model, known = equations.model, equations.model.payload
+    model = equations.model
+    known = equations.model.payload
     around = np.array(known.inertia)  # of the payload and a point mass about their center together
     if change[0]:
         part = known.mass * (known.mass + change[0]) / change[0]
@@ -47,14 +52,14 @@ def record(name: str | RobotModel, change: np.ndarray, h: float = 5e-3) -> Traje
     full = derive(
         replace(model, payload=replace(known, inertia=tuple(map(tuple, around.tolist())))), LOADED
     )
-    t, g = h * np.arange(400), list(equations.model.i_g)
-    w, phase = np.array([5.0, 3.7, 6.1, 4.3, 3.1, 5.3])[: len(g)], np.arange(len(g))
+    t = h * np.arange(400)
+    g = list(equations.model.i_g)
+    w = np.array([5.0, 3.7, 6.1, 4.3, 3.1, 5.3])[: len(g)]
+    phase = np.arange(len(g))
     q, v, a = (np.zeros((len(t), model.n_a)) for _ in range(3))
     q[:, g] = 0.6 * np.sin(np.outer(t, w) + phase) + 0.3 * phase
-    v[:, g], a[:, g] = (
-        0.6 * w * np.cos(np.outer(t, w) + phase),
-        -0.6 * w**2 * np.sin(np.outer(t, w) + phase),
-    )
+    v[:, g] = 0.6 * w * np.cos(np.outer(t, w) + phase)
+    a[:, g] = -0.6 * w**2 * np.sin(np.outer(t, w) + phase)
     values = np.array([p.value for p in full.parameters]) + change
     tau = evaluate(full.function("inverse_dynamics"), q, v, a, values)[0].reshape(q.shape)
     tau = (tau - evaluate(equations.function("arm_forces"), q, v)[0].reshape(q.shape))[:, g]
@@ -96,20 +101,23 @@ def test_a_known_load_is_identified() -> None:
 
 
 def test_the_load_of_a_tiny_quick_arm_is_that_of_the_large_one() -> None:
-    """Lengths, masses and times by powers of two; its motion is 16 times as quick, as the low pass is."""
-    given, length, mass, time = (
-        record("elbow", np.array([2.0, 0.0, 0.0, 0.0])),
-        2.0**-6,
-        2.0**-20,
-        2.0**-4,
-    )
+    """Lengths, masses and times by powers of two; its motion is 16 times as quick, as the low pass
+    is.
+    """
+    given = record("elbow", np.array([2.0, 0.0, 0.0, 0.0]))
+    length = 2.0**-6
+    mass = 2.0**-20
+    time = 2.0**-4
     large = flexgen.read("elbow@rigid")
     unit = mass * length**2
     tiny = rescaled(large, length, mass, time)
     channels = {"q_m": given["q_m"], "tau_m": given["tau_m"] * unit / time**2}
     found = [
         identify_load(*x)
-        for x in ((large, given), (tiny, replace(given, time=time * given.time, channels=channels)))
+        for x in (
+            (large, given),
+            (tiny, replace(given, time=time * given.time, channels=channels)),
+        )
     ]
     assert found[1].mass / mass == pytest.approx(found[0].mass, rel=0.02)
     assert found[1].mass_sd / mass < 2 * found[0].mass_sd
@@ -118,8 +126,12 @@ def test_the_load_of_a_tiny_quick_arm_is_that_of_the_large_one() -> None:
 
 @pytest.mark.slow  # the quick one is a linear fit, see test_numbers_load
 def test_the_mass_of_a_load_is_part_of_the_deviation_of_its_place() -> None:
-    """1 kg far from the 15 kg of the file: the place follows from the total one by the mass, known to a tenth."""
-    load, own, found = np.array([0.6, -0.3, 0.5]), np.array([0.1, 0.25, 0.1]), []
+    """1 kg far from the 15 kg of the file: the place follows from the total one by the mass, known
+    to a tenth.
+    """
+    load = np.array([0.6, -0.3, 0.5])
+    own = np.array([0.1, 0.25, 0.1])
+    found = []
     given = record("manutec_r3", np.r_[1.0, (15 * own + load) / 16 - own])
     for seed in range(8):
         noise = 0.05 * np.random.default_rng(seed).standard_normal(given["tau_m"].shape)
@@ -127,12 +139,14 @@ def test_the_mass_of_a_load_is_part_of_the_deviation_of_its_place() -> None:
         one = identify_load("manutec_r3", noisy, low_pass_hz=6.0)
         found.append(((one.com - load) / one.com_sd, one.com_sd))
     z, sd = np.array(found).transpose(1, 0, 2)
-    assert 0.4 < np.sqrt((z**2).mean()) < 1.6 and np.median(sd[:, 0]) > 0.02  # 2.6 without the mass
+    # 2.6 without the mass
+    assert 0.4 < np.sqrt((z**2).mean()) < 1.6 and np.median(sd[:, 0]) > 0.02
 
 
 def test_noise_of_the_angles_does_not_enter_by_the_friction() -> None:
     """Coulomb friction of speeds that are noise has a mean; with it masses scattered by 9.5 g."""
-    given, found = record("manutec_r3", np.array([3.0, 0.1, 0.05, -0.08])), []
+    given = record("manutec_r3", np.array([3.0, 0.1, 0.05, -0.08]))
+    found = []
     for seed in range(6):
         noise = 3e-3 * np.random.default_rng(seed).standard_normal(given["q_m"].shape)
         channels = given.channels | {"q_m": given["q_m"] + noise}
@@ -166,7 +180,8 @@ def test_records_that_do_not_determine_a_load_are_refused() -> None:
     ):
         identify_load(flat, quiet)
     short = {name: given[name][:199] for name in ("q_m", "tau_m")}
-    ports, labels = given.ports, given.labels
+    ports = given.ports
+    labels = given.labels
     with pytest.raises(ArgumentError, match=r"record: given 199 samples, expected at least 200"):
         identify_load("elbow", Trajectory(given.time[:199], short, ports, labels))
     # seconds since 1970, in double precision
@@ -190,7 +205,9 @@ def test_records_that_do_not_determine_a_load_are_refused() -> None:
 
 
 def test_the_estimate_of_a_load_filters_torques_and_motion() -> None:
-    """Gear torques of the record by hand; the stiffness of a spring without a motor is that of the model file."""
+    """Gear torques of the record by hand; the stiffness of a spring without a motor is that of the
+    model file.
+    """
     given = record("elbow", np.zeros(4))
     model = flexgen.read("elbow")
     found = payload._Estimate(model, given, 8.0, False)
@@ -200,7 +217,8 @@ def test_the_estimate_of_a_load_filters_torques_and_motion() -> None:
 
     def rate(x: np.ndarray) -> np.ndarray:
         """Differences of sixth order; beyond the ends the signal is turned over."""
-        n, y = len(x), np.concatenate([2 * x[:1] - x[3:0:-1], x, 2 * x[-1:] - x[-2:-5:-1]])
+        n = len(x)
+        y = np.concatenate([2 * x[:1] - x[3:0:-1], x, 2 * x[-1:] - x[-2:-5:-1]])
         parts = [
             c * (y[3 + k : 3 + k + n] - y[3 - k : 3 - k + n])
             for k, c in ((1, 45.0), (2, -9.0), (3, 1.0))
@@ -229,18 +247,23 @@ def test_the_estimate_of_a_load_filters_torques_and_motion() -> None:
     assert_allclose(a, rate(v), atol=1e-10)
     soft = flexgen.read("planar5_nmp")
     estimate = object.__new__(payload._Estimate)
-    estimate.robot, estimate.nominal = soft, derive(soft)
+    estimate.robot = soft
+    estimate.nominal = derive(soft)
     springs = [soft.coordinates[i].dof.spring.stiffness for i in soft.i_e]
     assert_allclose(estimate._stiffness(), springs, rtol=1e-6)
 
 
 def test_deflections_of_coordinates_without_motor_hold_the_forces() -> None:
-    """Spring equation ``k q_e = -(1 + softer) forces`` after three substitutions, slow motion; gears likewise."""
+    """Spring equation ``k q_e = -(1 + softer) forces`` after three substitutions, slow motion;
+    gears likewise.
+    """
     model = flexgen.read("planar5_nmp")
     given = record("planar5_nmp", np.zeros(4))
     found = payload._Estimate(model, given, 5.0, False)
     values = found.of_file[-4:]
-    softer, i_e, i_g = np.array([0.2, -0.1, 0.15]), list(model.i_e), list(model.i_g)
+    softer = np.array([0.2, -0.1, 0.15])
+    i_e = list(model.i_e)
+    i_g = list(model.i_g)
     q, v, a = found.motion(values, softer)
     forces = found._smooth(found.forces(q, v, a, values))[found.kept][:, i_e]
     left = q[found.kept][:, i_e] * found.stiffness + (1 + softer[i_e]) * forces
@@ -261,22 +284,28 @@ def test_torques_that_acted_are_those_sent_late() -> None:
 
 @pytest.mark.parametrize("size", [1e-6, 9e-5, 1.1e-4, 0.5, 3.0])
 def test_the_angular_velocity_of_a_rotation_vector(size: float) -> None:
-    r, dr, e = np.array([[0.6, -0.48, 0.64]]) * size, np.array([[0.3, 1.1, -0.7]]), 1e-5
+    r = np.array([[0.6, -0.48, 0.64]]) * size
+    dr = np.array([[0.3, 1.1, -0.7]])
+    e = 1e-5
     ahead, back = (Rotation.from_rotvec(r + s * e * dr) for s in (1, -1))
     expected = (ahead * back.inv()).as_rotvec() / (2 * e)
     assert_allclose(commanded._left_jacobian(r, dr), expected, rtol=1e-7, atol=1e-8)
 
 
 def test_the_low_pass_of_learning_ends_in_constants() -> None:
-    """Filtered inside, mean of half the blend at each end, an odd polynomial of degree 7 between."""
+    """Filtered inside, mean of half the blend at each end, an odd polynomial of degree 7
+    between.
+    """
     chance = np.random.default_rng(1)
-    error, period = chance.normal(size=(200, 2)).cumsum(axis=0), 4e-3
+    error = chance.normal(size=(200, 2)).cumsum(axis=0)
+    period = 4e-3
     found = commanded.CommandedPath.filter(SimpleNamespace(period=period), error, 7.0)
     b, a = butter(2, 2 * 7.0 * period)
     smooth = filtfilt(b, a, error, axis=0, padlen=36)
     blend = 25  # 0.1 s
     assert_allclose(found[blend:-blend], smooth[blend:-blend], atol=1e-12)
-    first, last = error[:12].mean(axis=0), error[-12:].mean(axis=0)
+    first = error[:12].mean(axis=0)
+    last = error[-12:].mean(axis=0)
     assert_allclose(found[[0, -1]], [first, last], atol=1e-12)
     u = np.linspace(0, 1, blend)[:, None]
     ramp = 35 * u**4 - 84 * u**5 + 70 * u**6 - 20 * u**7
@@ -293,13 +322,11 @@ class Learned:
     """A robot whose errors are given."""
 
     def __init__(self, errors: list[float], fails: int = -1) -> None:
-        self.errors, self.asked, self.time, self.outputs, self.fails = (
-            errors,
-            [],
-            np.zeros(3),
-            1,
-            fails,
-        )
+        self.errors = errors
+        self.asked = []
+        self.time = np.zeros(3)
+        self.outputs = 1
+        self.fails = fails
 
     def case(self, correction: np.ndarray, iteration: int) -> tuple[float, int]:
         if len(self.asked) == self.fails:
@@ -423,23 +450,20 @@ def test_the_largest_squared_speed_is_that_of_a_linear_program() -> None:
         a, b, g = chance.normal(size=(3, 3))
         torque = chance.uniform(0.3, 2.0, 3)
         top = np.inf if k % 3 == 0 else chance.uniform(0.1, 2.0)
-        h, after = chance.uniform(0.01, 0.5), chance.uniform(0.0, 2.0)
-        found, expected = (
-            _extreme(a, b, g, torque, top, h, after),
-            extreme(a, b, g, torque, top, h, after),
-        )
+        h = chance.uniform(0.01, 0.5)
+        after = chance.uniform(0.0, 2.0)
+        found = _extreme(a, b, g, torque, top, h, after)
+        expected = extreme(a, b, g, torque, top, h, after)
         assert (found is None) == (expected is None)
         if found is not None and found < 1e11:
             assert found == pytest.approx(expected, rel=1e-6, abs=1e-7)
 
 
 def test_the_next_squared_speed_is_that_of_the_weakest_motor() -> None:
-    a, b, g, torque = (
-        np.array([2.0, -1.0, 0.0]),
-        np.array([0.5, 0.1, 9.0]),
-        np.array([1.0, 0.2, 0.0]),
-        np.full(3, 5.0),
-    )
+    a = np.array([2.0, -1.0, 0.0])
+    b = np.array([0.5, 0.1, 9.0])
+    g = np.array([1.0, 0.2, 0.0])
+    torque = np.full(3, 5.0)
     limits = [(5 - 1 - 0.5 * 3) / 2, (-5 - 0.2 - 0.1 * 3) / -1]
     assert _accelerate(a, b, g, torque, 3.0, 0.25) == pytest.approx(3.0 + 0.5 * min(limits))
     assert _accelerate(-a, b, g, torque, 3.0, 0.25) == pytest.approx(
@@ -452,16 +476,20 @@ def test_the_next_squared_speed_is_that_of_the_weakest_motor() -> None:
 
 
 def test_the_shortest_time_of_a_mass_is_bang_bang() -> None:
-    """2 sqrt(L m / F); with a largest speed v: L / v + m v / F; with weight the force that lifts is smaller."""
+    """2 sqrt(L m / F); with a largest speed v: L / v + m v / F; with weight the force that lifts
+    is smaller.
+    """
     s = np.linspace(0.0, 2.0, 101)
-    ones, none = np.ones((101, 1)), np.zeros((101, 1))
+    ones = np.ones((101, 1))
+    none = np.zeros((101, 1))
     free = np.full(101, np.inf)
     assert _time(s, 3 * ones, none, none, np.array([6.0]), free) == pytest.approx(
         2 * np.sqrt(2 * 3 / 6), rel=1e-6
     )
     slow = _time(s, 3 * ones, none, none, np.array([6.0]), np.full(101, 0.49))
     assert slow == pytest.approx(2 / 0.7 + 3 * 0.7 / 6, rel=1e-2)
-    up, down = (6 - 1.5) / 3, (6 + 1.5) / 3
+    up = (6 - 1.5) / 3
+    down = (6 + 1.5) / 3
     peak = np.sqrt(2 * 2.0 * up * down / (up + down))
     assert _time(s, 3 * ones, none, 1.5 * ones, np.array([6.0]), free) == pytest.approx(
         peak / up + peak / down, rel=2e-3
@@ -476,7 +504,11 @@ def test_the_shortest_time_of_a_mass_is_bang_bang() -> None:
 def search(n: int = 3, **more: object) -> TimeSearch:
     """A search without a robot."""
     out = object.__new__(TimeSearch)
-    out.n, out.tell, out.programs, out.inversions, out.swings = n, lambda line: None, 0, 0, None
+    out.n = n
+    out.tell = lambda line: None
+    out.programs = 0
+    out.inversions = 0
+    out.swings = None
     for name, value in more.items():
         setattr(out, name, value)
     return out
@@ -489,7 +521,8 @@ def test_the_first_law_is_the_polynomial_a_little_slower() -> None:
     assert (
         x[0] == 2.04 and len(x) == 13 and np.all(np.diff(x[1:]) >= 0) and x[1] >= 0 and x[-1] <= 1
     )
-    law, t = made.law(x), np.linspace(0, 2.04, 50)
+    law = made.law(x)
+    t = np.linspace(0, 2.04, 50)
     assert_allclose(law(t, 0)[:, 0], TimeLaw(2.04, 5)(t, 0)[:, 0], atol=5e-3)
     move = flexgen.read("elbow").moves[0]
     made.path.move = replace(move, profile=(1.0, 2.0, 3.0), smoothness=3)
@@ -506,7 +539,8 @@ def test_limits_are_those_given_then_those_of_the_model_then_the_torques_of_the_
     own = {"motor.m1.torque_max": 5.0, "motor.m2.speed_max": 7.0, "motor.m1.torque_rate_max": 80.0}
     model = flexgen.read("elbow", overrides=own)
     tau = np.array([[9.0, -3.0], [-8.0, 2.0], [-8.0, 2.0]])
-    port, labels = Port("tau_m", (2,), "N m", "of motors"), ("m1", "m2")
+    port = Port("tau_m", (2,), "N m", "of motors")
+    labels = ("m1", "m2")
     moved = Trajectory(
         np.array([0.0, 0.1, 0.2]), {"tau_m": tau}, {"tau_m": port}, {"tau_m": labels}
     )
@@ -529,14 +563,19 @@ def test_samples_of_a_search_are_as_many_for_every_duration() -> None:
 
 
 def test_the_linear_program_of_a_step() -> None:
-    """min dT + 5 sigma + 1e-3 |dc|, rows near a limit only; the order of the coefficients stays."""
+    """min dT + 5 sigma + 1e-3 |dc|, rows near a limit only; the order of the coefficients
+    stays.
+    """
     made = search(2)
-    x, scale, trust = np.array([2.0, 0.3, 0.6]), 2.0, 0.08
+    x = np.array([2.0, 0.3, 0.6])
+    scale = 2.0
+    trust = 0.08
     g = np.array([0.9, -0.95, 0.2])
     G = np.array([[-0.6, 0.5, 0.0], [0.4, 0.1, -0.7], [-99.0, 0.0, 0.0]])
     step = made._program(x, g, G, trust, scale)
     A = G[:2] * [2.0, 1.0, 1.0]
-    e, o = np.eye(2), np.zeros((2, 1))
+    e = np.eye(2)
+    o = np.zeros((2, 1))
     rows = np.vstack(
         [
             np.c_[A, -np.ones(2), np.zeros((2, 2))],
@@ -557,11 +596,17 @@ def test_the_linear_program_of_a_step() -> None:
 
 
 def test_the_linear_program_of_less_vibration() -> None:
-    made, trust = search(2), 0.1
-    x, g, s = np.array([2.0, 0.3, 0.6]), np.array([0.95, -0.99, 0.1]), np.array([1.5, -1.2])
+    made = search(2)
+    trust = 0.1
+    x = np.array([2.0, 0.3, 0.6])
+    g = np.array([0.95, -0.99, 0.1])
+    s = np.array([1.5, -1.2])
     G = np.array([[0.5, 0.1], [0.2, 0.4], [9.0, 9.0], [-2.0, 1.0], [1.0, 3.0]])
     step = made._calm_program(x, g, s, G, trust)
-    A, B, one, none = G[:2], G[3:], np.ones((2, 1)), np.zeros((2, 1))
+    A = G[:2]
+    B = G[3:]
+    one = np.ones((2, 1))
+    none = np.zeros((2, 1))
     order = [[-1, 0, 0, 0], [1, -1, 0, 0], [0, 1, 0, 0]]
     rows = np.vstack(
         [
@@ -624,7 +669,9 @@ def test_the_search_ends_at_the_shortest_time_within_the_limits() -> None:
     with pytest.raises(
         SolverError, match=r"the first time law cannot be inverted \(a torque is not finite\)"
     ):
-        search(2, constraints=lambda x, finer=1: np.array([np.nan]), start=lambda: np.ones(3)).run()
+        search(
+            2, constraints=lambda x, finer=1: np.array([np.nan]), start=lambda: np.ones(3)
+        ).run()
 
     def refuses(x: np.ndarray, finer: int = 1) -> np.ndarray:
         raise SolverError("the path passes a singular pose")
@@ -681,7 +728,9 @@ def test_less_vibration_takes_the_shortest_of_the_longer_durations() -> None:
 
 
 def test_vibrations_after_a_move_are_those_of_robots_with_other_springs() -> None:
-    """Of `flexgen.performance.residual_vibration`: the static part is left out; without motion there is none."""
+    """Of `flexgen.performance.residual_vibration`: the static part is left out; without motion
+    there is none.
+    """
     solution = flexgen.solve("planar5_nmp", verify=False, progress=False)
     made = residual_vibration.ResidualVibration(derive("planar5_nmp"), lambda line: None)
     found = made(solution.trajectory, solution.move.duration)
@@ -698,7 +747,9 @@ def test_vibrations_after_a_move_are_those_of_robots_with_other_springs() -> Non
 
 @pytest.mark.slow
 def test_vibration_does_not_include_what_hysteresis_holds_at_rest() -> None:
-    """The tool comes to rest 0.15 mm from where the springs alone would hold it; it vibrates as without hysteresis."""
+    """The tool comes to rest 0.15 mm from where the springs alone would hold it; it vibrates as
+    without hysteresis.
+    """
     gears = {
         f"element.arm{k}.dof.q{k}.gear.hysteresis": {"lost_motion": 2.9e-4, "stiffness": 4e5}
         for k in (1, 2)
@@ -732,7 +783,8 @@ def test_a_bound_of_the_vibration_is_one_of_its_size() -> None:
     motion = SimpleNamespace(
         _vibration=lambda *_: np.array([[[0.9, 0.8], [0.3, -0.4]]]), swings=1.0, force=None
     )
-    motion.found, motion.model = None, SimpleNamespace(name="")
+    motion.found = None
+    motion.model = SimpleNamespace(name="")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(time_search, "trajectory_of", lambda *_: None)
         assert_allclose(TimeSearch.swing(motion, np.array([1.0])), [np.hypot(0.9, 0.8), 0.5])
@@ -742,7 +794,8 @@ def test_a_bound_of_the_vibration_is_one_of_its_size() -> None:
 def test_joints_along_a_path_have_the_derivatives_of_their_differences(move: str) -> None:
     """Moves of the joints and of the tool; they begin at the start of the path."""
     path = flexgen.plan("elbow", move)
-    s, h = np.linspace(0.2, 0.8, 5) * path.duration, 1e-4
+    s = np.linspace(0.2, 0.8, 5) * path.duration
+    h = 1e-4
     q, dq, ddq = joint_motion(path, s)
     more, less = (joint_motion(path, s + x)[0] for x in (h, -h))
     assert_allclose(dq, (more - less) / (2 * h), rtol=1e-5, atol=1e-6)
@@ -752,18 +805,24 @@ def test_joints_along_a_path_have_the_derivatives_of_their_differences(move: str
 
 
 def test_a_corrected_pose_is_turned_and_has_the_rates_of_its_rotation() -> None:
-    """Position plus, rotation by the vector from the left; rates by differences of the corrected motion."""
-    h, n = 2e-3, 201
+    """Position plus, rotation by the vector from the left; rates by differences of the corrected
+    motion.
+    """
+    h = 2e-3
+    n = 201
     t = h * np.arange(n)
     rise = (t / t[-1]) ** 4 * (1 - t / t[-1]) ** 4 * 256
     turns = rise[:, None] * [0.3, -0.2, 0.5]
     R = Rotation.from_rotvec(turns)
     w = np.array([(R[k + 1] * R[k - 1].inv()).as_rotvec() / (2 * h) for k in range(1, n - 1)])
     w = np.vstack([0 * w[:1], w, 0 * w[:1]])
-    y = np.hstack([rise[:, None] * [1.0, 2.0, 3.0], R.as_matrix().transpose(0, 2, 1).reshape(n, 9)])
+    y = np.hstack(
+        [rise[:, None] * [1.0, 2.0, 3.0], R.as_matrix().transpose(0, 2, 1).reshape(n, 9)]
+    )
     v = np.gradient(y[:, :3], h, axis=0)
     made = object.__new__(commanded.CommandedPath)
-    dy, ddy = np.hstack([v, w]), np.gradient(np.hstack([v, w]), h, axis=0)
+    dy = np.hstack([v, w])
+    ddy = np.gradient(np.hstack([v, w]), h, axis=0)
     vars(made).update(time=t, period=h, _R=R.as_matrix(), _y=y, _rates=(dy, ddy))
     correction = rise[:, None] * [1e-2, -2e-2, 3e-2, 0.05, 0.1, -0.08]
     found, rates, second = made._correct(correction)
@@ -785,7 +844,7 @@ def test_a_corrected_pose_is_turned_and_has_the_rates_of_its_rotation() -> None:
 def test_the_mesh_of_a_search_is_a_part_of_the_duration() -> None:
     """Of `flexgen.performance.time_search`: what resolves the force, at most 5 ms."""
     search = SimpleNamespace(_resolving=0.004)
-    found = [TimeSearch.mesh(search, duration) for duration in (0.5, 1.2, 8.0)]  # type: ignore[arg-type]
+    found = [TimeSearch.mesh(search, duration) for duration in (0.5, 1.2, 8.0)]
     assert found == pytest.approx([0.002, 0.0048, 0.005])
 
 
@@ -793,8 +852,10 @@ def test_deviations_of_a_load_are_those_of_leaving_out_half_a_second() -> None:
     """Fewer than six blocks tell nothing."""
     rng = np.random.default_rng(0)
     estimate = object.__new__(payload._Estimate)
-    estimate.h, estimate.block = 0.01, 0.5
-    r, J = rng.standard_normal((400, 2)), rng.standard_normal((800, 5))
+    estimate.h = 0.01
+    estimate.block = 0.5
+    r = rng.standard_normal((400, 2))
+    J = rng.standard_normal((800, 5))
     best = np.linalg.lstsq(J, r.ravel(), rcond=None)[0]
     r -= (J @ best).reshape(r.shape)  # at the minimum
     changes = []
@@ -819,13 +880,15 @@ def test_deviations_of_a_load_are_those_of_leaving_out_half_a_second() -> None:
 
 def test_frictions_that_changed_with_temperature_change_no_load() -> None:
     """Viscous friction 30 % less and the other 20 % more than in the model, motor by motor."""
-    model, change = flexgen.read("manutec_r3"), np.array([3.0, 0.1, 0.05, -0.08])
+    model = flexgen.read("manutec_r3")
+    change = np.array([3.0, 0.1, 0.05, -0.08])
     laws = [
         Friction(viscous=0.7 * 2e-3, coulomb=1.2 * 0.2, beta=10.0),
         Friction(viscous=2e-3, coulomb=0.2, beta=10.0),
     ]
     robots = [
-        replace(model, motors=tuple(replace(m, friction=law) for m in model.motors)) for law in laws
+        replace(model, motors=tuple(replace(m, friction=law) for m in model.motors))
+        for law in laws
     ]
     given = record(robots[0], change)
     found = identify_load(robots[1], given, low_pass_hz=6.0)

@@ -1,4 +1,6 @@
-"""Pieces of several rooms by hand: searches, memory of gears, steps of chains, recordings at their limits, plug-ins."""
+"""Pieces of several rooms by hand: searches, memory of gears, steps of chains, recordings at their
+limits, plug-ins.
+"""
 
 from __future__ import annotations
 
@@ -29,11 +31,13 @@ from flexgen.servo import identify
 from flexgen.simulation.hysteretic_rate import hysteretic_rate, slip_torques
 
 
-# --- servos -----------------------------------------------------------------------------------------------------------
+# --- servos --------------------------------------------------------------------------------------
 def search(
     sums: list[float], monkeypatch: pytest.MonkeyPatch, weight: float = 1e-4
 ) -> tuple[list[float], Any]:
-    """Weights of the steps of a search whose trials have these sums of squares; of a trial below 0 no motion."""
+    """Weights of the steps of a search whose trials have these sums of squares; of a trial below 0
+    no motion.
+    """
     weights: list[float] = []
     left = iter(sums)
 
@@ -61,7 +65,9 @@ def search(
 def test_a_search_of_a_servo_weighs_its_steps_by_their_success(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """A step that lowers the sum divides the weight by 8, another multiplies it by 10 and is not taken."""
+    """A step that lowers the sum divides the weight by 8, another multiplies it by 10 and is not
+    taken.
+    """
     weights, found = search([0.5, 0.6, -1.0, 0.25, 0.25 * (1 - 0.9e-5)], monkeypatch)
     assert_allclose(weights, np.array([1.0, 1 / 8, 10 / 8, 100 / 8, 100 / 64]) * 1e-4)
     # lowered by less than a part of 1e-5
@@ -74,18 +80,23 @@ def test_a_search_of_a_servo_weighs_its_steps_by_their_success(
     assert weights[-1] == 1e-10
 
 
-# --- memory -----------------------------------------------------------------------------------------------------------
+# --- memory --------------------------------------------------------------------------------------
 def test_torques_of_hysteresis_follow_the_law_of_dahl() -> None:
-    """``dz/dt = K_h (w - |w| z / W)``: w is the rate of deflection, W the torque at which gears slip."""
+    """``dz/dt = K_h (w - |w| z / W)``: w is the rate of deflection, W the torque at which gears
+    slip.
+    """
     model = hysteretic("elbow", share=0.4)
     inputs, outputs = hysteretic_rate(derive(model))
     at = ca.Function("at", inputs, outputs[:2])
-    rng, n = np.random.default_rng(3), model.dof
-    x, z = 0.1 * rng.normal(size=2 * n), np.array([0.3, -0.6]) * slip_torques(model)
+    rng = np.random.default_rng(3)
+    n = model.dof
+    x = 0.1 * rng.normal(size=2 * n)
+    z = np.array([0.3, -0.6]) * slip_torques(model)
     _, found = at(x, z, np.zeros(2))
-    arm, motor = x[n : n + 2], x[n + 2 :]
+    arm = x[n : n + 2]
+    motor = x[n + 2 :]
     rate = np.linalg.inv(model.eta) @ motor - arm
-    springs = np.array([e.dofs[0].gear.spring.stiffness for e in model.elements])  # type: ignore[union-attr]
+    springs = np.array([e.dofs[0].gear.spring.stiffness for e in model.elements])
     slip = 0.5 * np.pi / 180 / 60 * springs
     assert_allclose(slip_torques(model), slip)
     expected = 0.4 * springs * (rate - np.abs(rate) * z / slip)
@@ -93,7 +104,9 @@ def test_torques_of_hysteresis_follow_the_law_of_dahl() -> None:
 
 
 def test_torques_of_bristles_follow_their_law() -> None:
-    """``z' = v - |v| s0 z / g(v)``, torque ``s0 z + s1 z'``: in expressions, and along a motion that reverses."""
+    """``z' = v - |v| s0 z / g(v)``, torque ``s0 z + s1 z'``: in expressions, and along a motion
+    that reverses.
+    """
     rows = [(0.4, 0.6, 2.0, 300.0, 0.5), (0.3, 0.3, 1.0, 200.0, 0.2), (0.0, 0.0, 1.0, 0.0, 0.0)]
     law = MotorBristles(*np.array(rows).T)
 
@@ -103,12 +116,15 @@ def test_torques_of_bristles_follow_their_law() -> None:
 
     v, y = (ca.SX.sym(name, 3) for name in "vy")
     at = ca.Function("at", [v, y], list(bristle_rates(law, v, y)))
-    speeds, torques = [1.3, -0.7, 2.0], [0.2, -0.1, 0.0]
+    speeds = [1.3, -0.7, 2.0]
+    torques = [0.2, -0.1, 0.0]
     found = [np.array(x).ravel() for x in at(speeds, torques)]
     z = [rate(j, speeds[j], torques[j]) for j in range(2)]
     assert_allclose(found[0], [300.0 * z[0], 200.0 * z[1], 0.0])
     assert_allclose(found[1], [0.2 + 0.5 * z[0], -0.1 + 0.2 * z[1], 0.0])
-    t, w = np.linspace(0.0, 0.5, 501), 4 * np.pi  # from rest to rest
+    # from rest to rest
+    t = np.linspace(0.0, 0.5, 501)
+    w = 4 * np.pi
     way = np.outer(3.0 * np.sin(w * t) ** 3, [1.0, -0.5, 1.0])
     slope = np.outer(9.0 * w * np.sin(w * t) ** 2 * np.cos(w * t), [1.0, -0.5, 1.0])
     along = bristle_torques(law, t, way, slope)
@@ -124,7 +140,7 @@ def test_torques_of_bristles_follow_their_law() -> None:
     assert not along[:, 2].any()
 
 
-# --- equations as text ------------------------------------------------------------------------------------------------
+# --- equations as text ---------------------------------------------------------------------------
 @pytest.mark.parametrize("name", ["elbow", "manutec_r3", "two_arm"])
 def test_steps_return_where_a_branch_begins_and_for_the_tool(name: str) -> None:
     model = flexgen.read(name)
@@ -133,7 +149,8 @@ def test_steps_return_where_a_branch_begins_and_for_the_tool(name: str) -> None:
         for step in chain_steps(model, Symbols(), [0] * model.n_m)
         if isinstance(step, Return)
     ]
-    expected, here = [], "base"
+    expected = []
+    here = "base"
     for element in model.elements:
         if model.parents[element.name] != here:
             expected.append(model.parents[element.name])
@@ -142,7 +159,7 @@ def test_steps_return_where_a_branch_begins_and_for_the_tool(name: str) -> None:
     assert bool(found) is model.branched
 
 
-# --- headers ----------------------------------------------------------------------------------------------------------
+# --- headers -------------------------------------------------------------------------------------
 def test_contents_of_a_library_are_those_of_its_functions() -> None:
     def spec(**function: str) -> Any:
         return Made(
@@ -155,12 +172,15 @@ def test_contents_of_a_library_are_those_of_its_functions() -> None:
     assert header.filter_sizes(spec()) == (0, 0, 0)
 
 
-# --- models -----------------------------------------------------------------------------------------------------------
+# --- models --------------------------------------------------------------------------------------
 def test_coordinates_without_inertia_are_named() -> None:
-    """Those that carry the direction in which nothing moves: at least a tenth of its largest part."""
+    """Those that carry the direction in which nothing moves: at least a tenth of its largest
+    part.
+    """
     model: Any = Made(coordinates=[Made(name=f"q{k}") for k in range(3)])
     v = np.array([0.6, 0.04, 1.0])
-    v, scale = v / np.linalg.norm(v), np.diag([1.0, 10.0, 100.0])
+    v = v / np.linalg.norm(v)
+    scale = np.diag([1.0, 10.0, 100.0])
 
     def matrix(least: float) -> np.ndarray:
         M = np.eye(3) - (1.0 - least) * np.outer(v, v)
@@ -178,7 +198,7 @@ def test_coordinates_without_inertia_are_named() -> None:
     assert inertia._massless(model, np.diag([1.0, 0.0, 2.0])) == ("q1",)
 
 
-# --- recordings -------------------------------------------------------------------------------------------------------
+# --- recordings ----------------------------------------------------------------------------------
 def recording(
     monkeypatch: pytest.MonkeyPatch, limit: float | None = None, **arrays: np.ndarray
 ) -> Any:
@@ -194,11 +214,9 @@ def recording(
     names = {"torque": "tau", "angle": "q", "signal": "a"}
     factors = {"torque": 0.5, "angle": description.ANGLE_UNITS["deg"], "signal": 2.0}
     kinds: Any = tuple([description._Channel("m1", names[k], factors[k], 0.25)] for k in names)
-    clock, model = (
-        description._Channel("", "t", description.TIME_UNITS["ms"]),
-        Made(motors=[Made(torque_max=limit)]),
-    )
-    return description.Recording(Path("run.csv"), clock, (*kinds, []), model)  # type: ignore[arg-type]
+    clock = description._Channel("", "t", description.TIME_UNITS["ms"])
+    model = Made(motors=[Made(torque_max=limit)])
+    return description.Recording(Path("run.csv"), clock, (*kinds, []), model)
 
 
 def test_columns_of_a_recording_are_in_si_units(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -218,10 +236,15 @@ def test_columns_of_a_recording_are_in_si_units(monkeypatch: pytest.MonkeyPatch)
 
 
 def test_recordings_at_a_limit_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Three equal samples in a row at the largest torque, or 99.9 % of the limit of the motor; where time jumps."""
+    """Three equal samples in a row at the largest torque, or 99.9 % of the limit of the motor;
+    where time jumps.
+    """
     tau = np.sin(0.1 * np.arange(200.0))
     recording(monkeypatch, tau=np.where(np.isin(np.arange(200), (50, 51)), 2.0, tau))
-    text = r"^run\.csv: torque of motor m1 \('tau'\): at its limit of 1\.125 N m at t = 0\.05 s: excite less$"
+    text = (
+        r"^run\.csv: torque of motor m1 \('tau'\): at its limit of 1\.125 N m at t = 0\.05 s: "
+        r"excite less$"
+    )
     for more in (0.0, 1e-10):  # rounding of the file
         clipped = np.where(np.isin(np.arange(200), (50, 51, 52)), 2.0, tau)
         clipped[51] -= more
@@ -250,7 +273,8 @@ def test_recordings_at_a_limit_are_refused(monkeypatch: pytest.MonkeyPatch) -> N
     ):
         recording(monkeypatch, q=angle + np.rad2deg(1.1) * (np.arange(200) > 77))
     with pytest.raises(
-        ArgumentError, match=r"signal of m1 \('a'\): given 199 samples, expected 200 as of the time"
+        ArgumentError,
+        match=r"signal of m1 \('a'\): given 199 samples, expected 200 as of the time",
     ):
         recording(monkeypatch, a=np.sin(np.arange(199.0)))
 
@@ -299,10 +323,13 @@ def test_signals_have_units_of_their_channels(
         assert set(asked["unit"]) == set(units) and asked["sensor"] == ("a", "b")
 
 
-# --- identification ---------------------------------------------------------------------------------------------------
+# --- identification ------------------------------------------------------------------------------
 def test_directions_that_are_noise_of_the_torques_are_not_determined() -> None:
-    """Those of which more than 8 % of the information is noise: they get a deviation of the logarithm of 1."""
-    share, A = np.array([0.05, 0.0799, 0.0801, 0.5]), np.diag([4.0, 9.0, 16.0, 25.0])
+    """Those of which more than 8 % of the information is noise: they get a deviation of the
+    logarithm of 1.
+    """
+    share = np.array([0.05, 0.0799, 0.0801, 0.5])
+    A = np.diag([4.0, 9.0, 16.0, 25.0])
     made: Any = object.__new__(Residuals)
     J = np.sqrt(np.diag(A))[:, None] * np.eye(4)
     vars(made).update(
@@ -322,7 +349,7 @@ def test_directions_that_are_noise_of_the_torques_are_not_determined() -> None:
     )
 
 
-# --- controllers of a user --------------------------------------------------------------------------------------------
+# --- controllers of a user -----------------------------------------------------------------------
 @pytest.mark.parametrize(("size", "taken"), [(0, 16), (8, 16), (16, 16), (17, 32), (1000, 1008)])
 def test_memory_of_a_plug_in_is_its_size_in_steps_of_16_bytes(size: int, taken: int) -> None:
     setups: list[tuple[int, ...]] = []
@@ -351,6 +378,9 @@ def test_memory_of_a_plug_in_is_its_size_in_steps_of_16_bytes(size: int, taken: 
     assert (found.fixed, found.errors, found.keep, found.foreign) == (0, {}, "library", True)
     assert found.address == ctypes.cast(step, ctypes.c_void_p).value
     setup.q_m = np.array([[6.0, 2.0]])
-    text = r"^own\.so: its reset refused the robot with status 7 \(2 motors, 4 measured channels, 0\.001 s\)$"
+    text = (
+        r"^own\.so: its reset refused the robot with status 7 \(2 motors, 4 measured channels, "
+        r"0\.001 s\)$"
+    )
     with pytest.raises(ArgumentError, match=text):
         made.compiled(setup)

@@ -1,4 +1,6 @@
-"""Controllers of others in a separate process: messages in and out, of `flexgen.benchmarks.foreign_process`."""
+"""Controllers of others in a separate process: messages in and out, of
+`flexgen.benchmarks.foreign_process`.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,9 @@ TOLD = {
 
 
 class Mine:
-    """Torques that tell what was seen; it fails where a sensor shows more than 5, or a robot is at 0.5."""
+    """Torques that tell what was seen; it fails where a sensor shows more than 5, or a robot is at
+    0.5.
+    """
 
     def reset(self) -> None:
         self.steps = 0
@@ -41,7 +45,9 @@ class Mine:
 
 
 def numbers(k: int) -> tuple[np.ndarray, np.ndarray]:
-    """Measurements (3, 3) and references (3, 13) of a sample; the second robot fails at sample 2."""
+    """Measurements (3, 3) and references (3, 13) of a sample; the second robot fails at
+    sample 2.
+    """
     y = 0.1 * np.arange(9.0).reshape(3, 3) + k
     y[1, 2] = 9.0 if k == 2 else 1.0
     return y, np.arange(39.0).reshape(3, 13) + 0.5 * k
@@ -60,7 +66,9 @@ def answers(
     given: bytes, monkeypatch: pytest.MonkeyPatch, loads: Any
 ) -> tuple[io.BytesIO, list[Any]]:
     """What the process writes, and what it does with its files."""
-    taken, written, done = io.BytesIO(given), io.BytesIO(), []
+    taken = io.BytesIO(given)
+    written = io.BytesIO()
+    done = []
     files: dict[Any, Any] = {(100, "rb"): taken, (101, "wb"): written}
 
     def fdopen(number: int, mode: str, **more: Any) -> Any:
@@ -149,7 +157,8 @@ def test_compiled_controllers_fail_by_their_status() -> None:
     library.compiled = lambda setup: Made(address=address, memory=np.zeros((3, 8), np.uint8))
     made = foreign_process._Robots(library, TOLD)
     for k in (4, 5):
-        size, u = 8, made.answer(k, io.BytesIO(samples(k)[8:]))
+        size = 8
+        u = made.answer(k, io.BytesIO(samples(k)[8:]))
         found = np.frombuffer(u[size : size + 48]).reshape(3, 2)
         expected: Any = [[k, 0], [np.nan, np.nan], [k, 2]]
         assert_allclose(found, expected)

@@ -1,4 +1,6 @@
-"""Where things lie: rows of arrays in a workspace, sensors and outputs in the overlay of a URDF file."""
+"""Where things lie: rows of arrays in a workspace, sensors and outputs in the overlay of a URDF
+file.
+"""
 
 from __future__ import annotations
 
@@ -90,7 +92,9 @@ def test_what_an_overlay_has_no_key_for_is_refused() -> None:
 
 
 def test_texts_of_loops_state_their_operations(monkeypatch: pytest.MonkeyPatch) -> None:
-    """And which outputs they take, in the order of the outputs, and whether they check their results."""
+    """And which outputs they take, in the order of the outputs, and whether they check their
+    results.
+    """
     names = ("solve", "factor", "products", "columns", "sums", "selected", "zeros")
     seen: dict[str, Any] = {}
 

@@ -1,4 +1,6 @@
-"""What a plan is told and what is read from its unknowns: rows, bounds, nodes, samples, scaled programs, texts."""
+"""What a plan is told and what is read from its unknowns: rows, bounds, nodes, samples, scaled
+programs, texts.
+"""
 
 from __future__ import annotations
 
@@ -31,8 +33,10 @@ def unknowns(
     problem: Any, T: float, seed: int = 2
 ) -> tuple[Layout, np.ndarray, np.ndarray, np.ndarray]:
     """Polynomials of degree four in time, and of degree two, as unknowns."""
-    rng, mesh = np.random.default_rng(seed), problem.mesh
-    c, u = rng.standard_normal((mesh.n, 5)), rng.standard_normal((problem.equations.model.n_m, 3))
+    rng = np.random.default_rng(seed)
+    mesh = problem.mesh
+    c = rng.standard_normal((mesh.n, 5))
+    u = rng.standard_normal((problem.equations.model.n_m, 3))
     layout = Layout(tuple(problem.phases), tuple(p.symbol for p in problem.parameters))
     states = np.hstack([of(c, T * mesh.nodes), T * of(c, T * mesh.nodes, 1)])
     packed = mesh.pack(states, T**2 * of(c, T * mesh.times, 2), of(u, T * mesh.times))
@@ -45,12 +49,12 @@ def of(c: np.ndarray, t: np.ndarray, order: int = 0) -> np.ndarray:
 
 
 def test_the_reference_of_a_plan_along_a_pose_is_that_of_the_move() -> None:
-    """A line whose rotation is in proportion to its length, at parameters that another motion of the joints has."""
-    equations, away, turn = (
-        derive("manutec_r3"),
-        np.array([0.2, 0.2, -0.1]),
-        np.array([0.3, -0.2, 0.5]),
-    )
+    """A line whose rotation is in proportion to its length, at parameters that another motion of
+    the joints has.
+    """
+    equations = derive("manutec_r3")
+    away = np.array([0.2, 0.2, -0.1])
+    turn = np.array([0.3, -0.2, 0.5])
     start = tuple(np.radians([0.0, 20.0, 70.0, 0.0, 60.0, 0.0]).tolist())
     move = Move(
         "line",
@@ -61,8 +65,11 @@ def test_the_reference_of_a_plan_along_a_pose_is_that_of_the_move() -> None:
         displacement=tuple(away.tolist()),
         rotation=tuple(turn.tolist()),
     )
-    model, s = equations.model, np.array([0.0, 0.15, 0.6, 1.0])
-    states = np.hstack([0.1 * np.random.default_rng(1).standard_normal((4, model.dof)), s[:, None]])
+    model = equations.model
+    s = np.array([0.0, 0.15, 0.6, 1.0])
+    states = np.hstack(
+        [0.1 * np.random.default_rng(1).standard_normal((4, model.dof)), s[:, None]]
+    )
     problem: Any = SimpleNamespace(
         equations=equations, path=Path(equations, move), tracks=True, timing="free", push=None
     )
@@ -79,7 +86,8 @@ def test_the_reference_of_a_plan_along_a_pose_is_that_of_the_move() -> None:
 
 
 def test_samples_of_a_plan_are_its_polynomials() -> None:
-    problem, T = planar(), 1.7
+    problem = planar()
+    T = 1.7
     layout, x, c, u = unknowns(problem, T)
     places = np.array([0.0, 0.3, 0.9])
     found = result.samples(layout, problem, x, places)
@@ -105,16 +113,19 @@ def test_samples_of_a_plan_are_its_polynomials() -> None:
 
 def test_signals_at_the_nodes_are_those_of_the_motion() -> None:
     """States and the time at the nodes, accelerations and torques at the collocation points."""
-    problem, T = planar(), 1.7
+    problem = planar()
+    T = 1.7
     _, x, c, u = unknowns(problem, T)
-    mesh, n_a = problem.mesh, problem.equations.model.n_a
+    mesh = problem.mesh
+    n_a = problem.equations.model.n_a
     y, dy, ddy, tau = mesh.unpack(x[: mesh.size])
     given = [y.T, dy.T, ddy.reshape(-1, mesh.n).T, tau.reshape(-1, tau.shape[-1]).T, T, 3.0]
 
     def at(name: str) -> np.ndarray:
         return np.array(ca.Function("f", problem.node_symbols, [problem.nodes(name)])(*given))
 
-    nodes, times = T * mesh.nodes, T * mesh.times
+    nodes = T * mesh.nodes
+    times = T * mesh.times
     assert_allclose(at("q_a"), of(c, nodes).T[:n_a])
     assert_allclose(at("v_a"), of(c, nodes, 1).T[:n_a], rtol=1e-9)
     assert_allclose(at("a_a"), of(c, times, 2).T[:n_a], rtol=1e-9)
@@ -126,7 +137,8 @@ def test_signals_at_the_nodes_are_those_of_the_motion() -> None:
 def test_rows_and_bounds_of_a_phase() -> None:
     """Names are counted over all places; comparisons become rows below zero, or zero."""
     problem = planar()
-    v, tau = problem["v_m"], problem["tau_m"]
+    v = problem["v_m"]
+    tau = problem["tau_m"]
     problem.subject_to(tau, [-1.0, -2.0], 3.0)
     problem.subject_to(v[0] <= 10.0, at="end", slack=0.5)
     problem.subject_to(v[1] == 2.0, name="speed")
@@ -173,13 +185,13 @@ def test_rows_and_bounds_of_a_phase() -> None:
 
 
 def test_distances_from_the_path_and_from_obstacles_have_their_slack() -> None:
-    """In phases that are added afterwards as well; a tenth of the tolerance is left between the points."""
+    """In phases that are added afterwards as well; a tenth of the tolerance is left between the
+    points.
+    """
     problem = planar()
     problem.follow(1e-3)
-    wall, ball = (
-        flexgen.HalfSpace((0.0, 1.0, 0.0), -9.0),
-        flexgen.Sphere((9.0, 9.0, 0.0), 0.02, "ball"),
-    )
+    wall = flexgen.HalfSpace((0.0, 1.0, 0.0), -9.0)
+    ball = flexgen.Sphere((9.0, 9.0, 0.0), 0.02, "ball")
     problem.avoid(ball, wall, margin=0.01)
     later = problem.then(0.5, mesh=2)
     for phase in (problem, later):
@@ -202,12 +214,16 @@ def test_distances_from_the_path_and_from_obstacles_have_their_slack() -> None:
     assert costly.tracks
 
 
-# --- programs ---------------------------------------------------------------------------------------------------------
+# --- programs ------------------------------------------------------------------------------------
 def small(**more: Any) -> Any:
-    """Two instants of ``a x^2 + y`` between bounds with the cost ``(x - 1)^2 a``, a linear row, five unknowns."""
-    z, p = ca.SX.sym("z", 2), ca.SX.sym("p")
+    """Two instants of ``a x^2 + y`` between bounds with the cost ``(x - 1)^2 a``, a linear row,
+    five unknowns.
+    """
+    z = ca.SX.sym("z", 2)
+    p = ca.SX.sym("p")
     where = np.array([[0, 1], [2, 3]])
-    low, high = np.array([[-1.0, -2.0]]), np.array([[4.0, np.inf]])
+    low = np.array([[-1.0, -2.0]])
+    high = np.array([[4.0, np.inf]])
     times = np.array([[0.0, 0.25], [0.0, 0.75]])
     block = Block(
         z,
@@ -223,7 +239,8 @@ def small(**more: Any) -> Any:
         times,
     )
     matrix = np.array([[0.0, 1.0, 0.0, -1.0, 2.0]])
-    scale, guess = np.array([1.0, 2.0, 0.5, 4.0, 10.0]), np.array([2.0, 1.0, -1.0, 3.0, 5.0])
+    scale = np.array([1.0, 2.0, 0.5, 4.0, 10.0])
+    guess = np.array([2.0, 1.0, -1.0, 3.0, 5.0])
     return (
         program(
             5, [block], (sp.csc_matrix(matrix), ["linear"], np.array([0.1])), scale, guess, **more
@@ -240,7 +257,8 @@ def test_a_program_is_its_blocks_in_scaled_unknowns() -> None:
     f = ca.Function("f", [made.x], [made.cost, made.gradient, made.g, made.jacobian])
     cost, gradient, g, jacobian = (np.array(v) for v in f(x))
     rows = np.array([2 * true[0] ** 2 + true[1], 3 * true[2] ** 2 + true[3]])
-    # a change of the unknowns by their scales changes a row by one at most, at the point of the guess
+    # a change of the unknowns by their scales changes a row by one at most, at the point of the
+    # guess
     factor = 1 / max(4 * guess[0] * scale[0], 6 * abs(guess[2]) * scale[2], scale[1], scale[3])
     assert_allclose(
         g[:, 0], [*(factor * rows), 0.1 * (true[1] - true[3] + 2 * true[4])], rtol=1e-12
@@ -258,9 +276,12 @@ def test_a_program_is_its_blocks_in_scaled_unknowns() -> None:
     slopes = [4 * (true[0] - 1), 0.0, 6 * (true[2] - 1) * 0.5, 0.0, 0.0]
     assert_allclose(gradient[:, 0], np.array(slopes) / steep, atol=1e-12)
     J = np.zeros((3, 5))
-    J[0, :2], J[1, 2:4], J[2, [1, 3, 4]] = [4 * true[0], 1.0], [6 * true[2], 1.0], [1.0, -1.0, 2.0]
+    J[0, :2] = [4 * true[0], 1.0]
+    J[1, 2:4] = [6 * true[2], 1.0]
+    J[2, [1, 3, 4]] = [1.0, -1.0, 2.0]
     assert_allclose(jacobian, np.array([factor, factor, 0.1])[:, None] * J * scale, atol=1e-12)
-    lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", 3)
+    lam_f = ca.MX.sym("lam_f")
+    lam_g = ca.MX.sym("lam_g", 3)
     curves = np.array(
         ca.Function("h", [made.x, lam_f, lam_g], [made.hessian(lam_f, lam_g)])(
             x, 0.7, [1.0, -2.0, 5.0]
@@ -297,7 +318,8 @@ def test_costs_and_rows_outside_of_blocks() -> None:
     inner = float(ca.Function("f", [plain.x], [plain.cost])(x)) / plain.cost_scale
     assert float(cost[0, 0]) == pytest.approx((inner + 5 * true[4] ** 2) / steep)
     assert gradient[4, 0] == pytest.approx(10 * true[4] * scale[4] / steep)
-    lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", 4)
+    lam_f = ca.MX.sym("lam_f")
+    lam_g = ca.MX.sym("lam_g", 4)
     curves = np.array(
         ca.Function("h", [made.x, lam_f, lam_g], [made.hessian(lam_f, lam_g)])(
             x, 1.0, [0, 0, 0, 2.0]
@@ -343,7 +365,11 @@ def test_what_is_not_finite_is_named() -> None:
 
     def made(cost: Any, row: Any) -> Any:
         return SimpleNamespace(
-            x=x, cost=cost, gradient=ca.gradient(cost, x), g=ca.vertcat(x[0], row), names=["a", "b"]
+            x=x,
+            cost=cost,
+            gradient=ca.gradient(cost, x),
+            g=ca.vertcat(x[0], row),
+            names=["a", "b"],
         )
 
     good = ca.sumsqr(x)
@@ -361,7 +387,9 @@ def test_what_is_not_finite_is_named() -> None:
 
 
 def test_the_worst_row_is_named_with_its_time() -> None:
-    """Of two phases: the time counts from the beginning of the problem; sizes are those before they were scaled."""
+    """Of two phases: the time counts from the beginning of the problem; sizes are those before
+    they were scaled.
+    """
     made: Any = SimpleNamespace(
         lower=np.array([-1.0, 0.0, 0.0]),
         upper=np.array([1.0, 0.0, 2.0]),
@@ -373,14 +401,17 @@ def test_the_worst_row_is_named_with_its_time() -> None:
     x = np.array([0.0, 0.0, 0.0, 2.0, 4.0, 9.0])
 
     def text(*g: float) -> str:
-        return result.describe_worst(made, SimpleNamespace(g=np.array(g)), x, layout)  # type: ignore[arg-type]
+        return result.describe_worst(made, SimpleNamespace(g=np.array(g)), x, layout)
 
     start = "the largest violated constraint is "
     assert text(-1.5, 0.1, 0.0) == f"{start}'a', by 5 at t = 1 s"
     assert text(0.0, -0.7, 2.5) == f"{start}'b', by 0.35"
     assert text(0.0, 0.0, 3.0) == f"{start}'c', by 2 at t = 3 s"
     assert text(0.0, np.nan, 3.0).startswith(f"{start}'b'")
-    words = "all constraints hold, the cost is not at its minimum; raise max_iterations or change the guess"
+    words = (
+        "all constraints hold, the cost is not at its minimum; raise max_iterations or change "
+        "the guess"
+    )
     assert text(1.0, 0.0, 0.0) == text(1.0 + 1e-10, 0.0, 0.0) == words
     with pytest.raises(
         SolverError,

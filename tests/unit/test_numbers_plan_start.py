@@ -1,4 +1,6 @@
-"""Where the search for a planned motion begins: guesses at the nodes of each phase, and what is refused there."""
+"""Where the search for a planned motion begins: guesses at the nodes of each phase, and what is
+refused there.
+"""
 
 from __future__ import annotations
 
@@ -53,9 +55,11 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
 @pytest.mark.parametrize("free", [False, True])
 def test_a_guess_is_spread_over_the_phases(free: bool, asked: list[str]) -> None:
-    """Phases of 1 and 3 s take the first and the other part of it; derivatives are those in relative time.
+    """Phases of 1 and 3 s take the first and the other part of it; derivatives are those in
+    relative time.
 
-    With a free path parameter, the time law of the path (s^2 over a length of 5, in 4 s) is one more coordinate.
+    With a free path parameter, the time law of the path (s^2 over a length of 5, in 4 s) is one
+    more coordinate.
     """
     packed: list[Any] = []
 
@@ -66,20 +70,24 @@ def test_a_guess_is_spread_over_the_phases(free: bool, asked: list[str]) -> None
     def law(t: np.ndarray, order: int) -> np.ndarray:
         return (
             5
-            * np.stack([np.minimum(t, 4.0) ** 2 / 16, t / 8, 1 / 8 + 0 * t], axis=1)[:, : order + 1]
+            * np.stack([np.minimum(t, 4.0) ** 2 / 16, t / 8, 1 / 8 + 0 * t], axis=1)[
+                :, : order + 1
+            ]
         )
 
     path: Any = Made(equations=None, duration=4.0, segments=[Made(law=law)])
-    ends, layout = (np.zeros(2), np.zeros(2)), layout_of(1.0, 3.0)
+    ends = (np.zeros(2), np.zeros(2))
+    layout = layout_of(1.0, 3.0)
     for phase in layout.phases:
         phase.mesh.pack = pack
-    found = start_of(layout, path, ends, None, [Made(guess=7.0)], free=free)  # type: ignore[list-item]
+    found = start_of(layout, path, ends, None, [Made(guess=7.0)], free=free)
     assert found.tolist() == [1.0, 1.0, 2.0, 2.0, 1.0, 3.0, 7.0]
     assert asked == (["from_inversion"] if free else ["between"])
     first, second = packed
     for (nodes, acceleration, torque), begun, T in ((first, 0.0, 1.0), (second, 1.0, 3.0)):
         t = (begun + T * np.array([0.0, 0.5, 1.0])) / 2  # of the guess, which takes half as long
-        y, dy = [t**2, 3 * t], [2 * t, 3 + 0 * t]
+        y = [t**2, 3 * t]
+        dy = [2 * t, 3 + 0 * t]
         if free:
             y.append((2 * t) ** 2 / 16)
             dy.append(2 * (2 * t) / 8)
@@ -92,7 +100,8 @@ def test_a_guess_is_spread_over_the_phases(free: bool, asked: list[str]) -> None
 
 def test_guesses_by_name(asked: list[str]) -> None:
     path: Any = Made(equations=None, duration=2.0, segments=[])
-    ends, layout = (np.zeros(2), np.zeros(2)), layout_of(2.0)
+    ends = (np.zeros(2), np.zeros(2))
+    layout = layout_of(2.0)
     layout.phases[0].mesh.pack = lambda *parts: np.zeros(3)
     for guess, name in (("lq", "from_inversion"), ("rest", "between"), (None, "between")):
         assert start_of(layout, path, ends, guess, [], free=False).tolist() == [0.0, 0.0, 0.0, 2.0]
@@ -113,8 +122,12 @@ def test_guesses_by_name(asked: list[str]) -> None:
 
 
 def test_constraints_hold_at_rest() -> None:
-    """By a millionth of their size; those of other signals than coordinates and speeds are not known there."""
-    y, dy, tau = ca.SX.sym("y", 2), ca.SX.sym("dy", 2), ca.SX.sym("tau")
+    """By a millionth of their size; those of other signals than coordinates and speeds are not
+    known there.
+    """
+    y = ca.SX.sym("y", 2)
+    dy = ca.SX.sym("dy", 2)
+    tau = ca.SX.sym("tau")
 
     def check(
         value: ca.SX, low: float, high: float, band: bool = False, where: str = "end"
@@ -141,5 +154,6 @@ def test_constraints_hold_at_rest() -> None:
     with pytest.raises(ArgumentError) as unknown:
         check(1 / dy[0], 0.0, 1.0)
     assert (
-        str(unknown.value) == "plan: 'mine' is NaN or infinite at the end, expected a finite number"
+        str(unknown.value)
+        == "plan: 'mine' is NaN or infinite at the end, expected a finite number"
     )

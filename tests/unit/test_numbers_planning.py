@@ -1,4 +1,6 @@
-"""Numbers of flexgen/planning by other routes: guesses by derivatives and equilibria, paths by samples, distances."""
+"""Numbers of flexgen/planning by other routes: guesses by derivatives and equilibria, paths by
+samples, distances.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +31,9 @@ class Part:
 
 
 def test_a_guess_between_equilibria_begins_and_ends_there() -> None:
-    """Rates by differences; torques of the rigid robot; the motors' sag fades from one end to the other."""
+    """Rates by differences; torques of the rigid robot; the motors' sag fades from one end to the
+    other.
+    """
     equations = flexgen.derive("elbow")
     model = equations.model
     ends = (
@@ -38,7 +42,9 @@ def test_a_guess_between_equilibria_begins_and_ends_there() -> None:
     )
     made = guesses.between(equations, ends, 0.8, None)
     assert made.duration == 0.8
-    t, e = np.linspace(0.0, 0.8, 5), 1e-5  # knots of the splines
+    # knots of the splines
+    t = np.linspace(0.0, 0.8, 5)
+    e = 1e-5
     y, dy, ddy, tau = made.at(t)
     assert_allclose(y[[0, -1]], ends, atol=1e-9)
     assert_allclose(dy[[0, -1], :2], 0.0, atol=1e-6)
@@ -142,7 +148,8 @@ def test_distances_of_the_arm_from_obstacles() -> None:
     assert points.shape[1] == 2 * corners.shape[1]
     assert_allclose(points[:, 1::2], corners)
     assert_allclose(points[:, 2::2], (corners[:, :-1] + corners[:, 1:]) / 2)
-    center, half = np.array([0.5, 1.5, 0.2]), np.array([3.0, -4.0, 0.0])
+    center = np.array([0.5, 1.5, 0.2])
+    half = np.array([3.0, -4.0, 0.0])
     at = ca.Function(
         "d",
         [q],
@@ -159,7 +166,9 @@ def test_distances_of_the_arm_from_obstacles() -> None:
         with pytest.raises(ArgumentError, match=r"samples: given .*, expected 0 to 20"):
             arm_points(equations, q, samples)
     arm_points(equations, q, 20)
-    with pytest.raises(ArgumentError, match=r"obstacle: given 3, expected a Sphere or a HalfSpace"):
+    with pytest.raises(
+        ArgumentError, match=r"obstacle: given 3, expected a Sphere or a HalfSpace"
+    ):
         distance_rows(equations, q, 3, 0.0, 0)
     with pytest.raises(ArgumentError, match="margin"):
         distance_rows(equations, q, Sphere((0.0, 0.0, 0.0), 0.1), -0.1, 0)

@@ -1,4 +1,6 @@
-"""Plans of experiments by other routes: spectra of the loop, information by differences, choices by trying all."""
+"""Plans of experiments by other routes: spectra of the loop, information by differences, choices
+by trying all.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,10 @@ from flexgen.identification.experiments import operating_points as op
 from flexgen.identification.experiments import plan as plans
 from flexgen.identification.experiments.excitation import Plan
 from flexgen.identification.experiments.experiment import Experiment
-from flexgen.identification.experiments.optimal_spectrum import optimal_power, with_optimal_spectrum
+from flexgen.identification.experiments.optimal_spectrum import (
+    optimal_power,
+    with_optimal_spectrum,
+)
 from flexgen.identification.local_model import LocalModel
 from flexgen.identification.parameters import ParameterVector
 from flexgen.loop.controllers import Cascade
@@ -71,14 +76,16 @@ def planned() -> tuple[RobotModel, Plan]:
 
 def gains_of(plan: Plan, w: float) -> np.ndarray:
     """``kv (d + kp) (1 + ki / d)`` at one frequency, d: backward difference."""
-    c, d = plan.controller, (1 - np.exp(-1j * w * plan.hardware.sample_s)) / plan.hardware.sample_s
+    c = plan.controller
+    d = (1 - np.exp(-1j * w * plan.hardware.sample_s)) / plan.hardware.sample_s
     return np.diag(c.speed_gain * (d + c.position_gain) * (1 + c.integral_gain / d))
 
 
 def test_torques_of_the_loop_and_their_noise_are_those_of_each_line(
     planned: tuple[RobotModel, Plan],
 ) -> None:
-    """Line by line, for experiments whose references are orthogonal; white noise of N samples has 4 / N of its power.
+    """Line by line, for experiments whose references are orthogonal; white noise of N samples has
+    4 / N of its power.
 
     Shown to see: each sign and factor of both functions.
     """
@@ -99,7 +106,8 @@ def test_files_of_plans_are_checked(planned: tuple[RobotModel, Plan]) -> None:
     """Each array that does not fit, and numbers next to their bounds on both sides."""
     plan = planned[1]
     arrays, meta = plan.data()
-    sample_s, period = meta["hardware"]["sample_s"], meta["period_s"]
+    sample_s = meta["hardware"]["sample_s"]
+    period = meta["period_s"]
     n = len(meta["motors"])
     bad: list[tuple[dict[str, Any], dict[str, Any], str]] = [
         ({"poses": arrays["poses"][:, :1]}, {}, "poses: given the shape"),
@@ -180,7 +188,9 @@ def test_references_are_sums_of_sines_that_turn_from_experiment_to_experiment(
 
 
 def test_noise_of_outputs_has_the_power_of_its_kind() -> None:
-    """Angles twice, rates once, accelerations not differentiated; a sensor that samples half as often has twice."""
+    """Angles twice, rates once, accelerations not differentiated; a sensor that samples half as
+    often has twice.
+    """
     model = sensed()
     plan = small_plan(
         model, poses_of(model, 1), hardware=replace(NOISY, encoder_resolution_rad=3e-5), lines=4
@@ -221,7 +231,9 @@ def test_noise_of_outputs_has_the_power_of_its_kind() -> None:
 
 
 def test_information_is_that_of_differences_of_the_responses() -> None:
-    """``2 P R sum Re tr (dG U)^H C^-1 (dG U)`` with central differences in x: delays, constants and ties included."""
+    """``2 P R sum Re tr (dG U)^H C^-1 (dG U)`` with central differences in x: delays, constants
+    and ties included.
+    """
     model = flexgen.read("planar5_nmp", overrides={"sensor": SENSORS[1:2]})
     more = {
         "hardware": NOISY,
@@ -244,7 +256,8 @@ def test_information_is_that_of_differences_of_the_responses() -> None:
         model, free, ties={"q2.stiffness": "q1.stiffness"}, start={"m1.torque_constant": 1.1}
     )
     local = LocalModel(model, vector.of_model, plan.sensors)
-    w, x = 2 * np.pi * plan.frequencies, vector.start
+    w = 2 * np.pi * plan.frequencies
+    x = vector.start
 
     def responses(x: np.ndarray) -> np.ndarray:
         named = vector.named(x)
@@ -260,7 +273,8 @@ def test_information_is_that_of_differences_of_the_responses() -> None:
         for h, e in zip(steps, np.eye(len(x)), strict=True)
     ]
     G = responses(x)
-    U2, C = op.torque_spectra(G[:, :2], w, plan), op.noise_covariance(G, w, plan, model)
+    U2 = op.torque_spectra(G[:, :2], w, plan)
+    C = op.noise_covariance(G, w, plan, model)
     expected = np.zeros((5, len(x), len(x)))
     for k in range(5):
         inverse = np.linalg.inv(C[k])
@@ -284,7 +298,9 @@ def test_information_is_that_of_differences_of_the_responses() -> None:
 
 
 def test_the_best_poses_are_those_of_all_pairs() -> None:
-    """Variances and determinants of all pairs, priors included; frictions do not count unless they are named."""
+    """Variances and determinants of all pairs, priors included; frictions do not count unless they
+    are named.
+    """
     model = flexgen.read("planar5_nmp")
     vector = ParameterVector(
         model, ["q1.stiffness", "q2.stiffness", "m1.viscous"], priors={"q1.stiffness": 0.7}
@@ -353,7 +369,9 @@ def test_candidates_fill_the_limits_of_the_joints() -> None:
 
 
 def test_the_optimal_spectrum_keeps_half_of_the_power_and_its_sum() -> None:
-    """Two lines that each show one parameter: power in proportion to the root of their variances."""
+    """Two lines that each show one parameter: power in proportion to the root of their
+    variances.
+    """
     model = flexgen.read("planar5_nmp")
     vector = ParameterVector(
         model,
@@ -364,7 +382,9 @@ def test_the_optimal_spectrum_keeps_half_of_the_power_and_its_sum() -> None:
     power = optimal_power(F, vector)
     assert_allclose(power[:2], [0.75, 0.25], atol=2e-3)
     assert power[2] < 1e-3
-    plan = small_plan(model, poses_of(model, 2), hardware=NOISY, period_s=0.25, f_max=90.0, lines=5)
+    plan = small_plan(
+        model, poses_of(model, 2), hardware=NOISY, period_s=0.25, f_max=90.0, lines=5
+    )
     found = with_optimal_spectrum(plan, vector)
     assert_allclose((found.amplitudes**2).sum(axis=0), (plan.amplitudes**2).sum(axis=0))
     share = plan.amplitudes[:, 0] ** 2 / (plan.amplitudes[:, 0] ** 2).sum()
@@ -378,7 +398,9 @@ def test_the_optimal_spectrum_keeps_half_of_the_power_and_its_sum() -> None:
 
 
 def test_the_drive_of_a_plan_follows_from_the_inertias() -> None:
-    """8 Hz with stiff springs; less where the motors alone are light: 0.3 of the inertia over the sample time."""
+    """8 Hz with stiff springs; less where the motors alone are light: 0.3 of the inertia over the
+    sample time.
+    """
     model = flexgen.read("elbow")
     q = np.array(model.home)
     M = np.array(flexgen.derive(model).function("mass_matrix")(q))
@@ -402,7 +424,9 @@ def test_a_band_reaches_from_an_eighth_of_the_lowest_frequency() -> None:
     w = np.sqrt(squares[model.n_m :]) / (2 * np.pi)  # Hz; the motors are free
     hardware = replace(NOISY, sample_s=1e-4)
     low, high = plans._band(model, None, None, hardware)
-    assert low == pytest.approx(w[0] / 8, rel=1e-6) and high == pytest.approx(1.5 * w[-1], rel=1e-6)
+    assert low == pytest.approx(w[0] / 8, rel=1e-6) and high == pytest.approx(
+        1.5 * w[-1], rel=1e-6
+    )
     assert plans._band(model, 1.0, None, replace(NOISY, sample_s=0.01)) == (
         1.0,
         pytest.approx(20.0),
@@ -423,7 +447,9 @@ def test_a_band_reaches_from_an_eighth_of_the_lowest_frequency() -> None:
 
 
 def test_a_plan_that_leaves_limits_is_refused() -> None:
-    """Reach: angle and swing of a joint; speed: differences of the references, of motors and of joints."""
+    """Reach: angle and swing of a joint; speed: differences of the references, of motors and of
+    joints.
+    """
     model = flexgen.read("elbow")
     plan = small_plan(model, np.array([[0.1, 0.2]]), period_s=0.5, lines=4)
     swing = np.max(

@@ -1,4 +1,6 @@
-"""Pools of processes that break, and poses that are proposed: made-up pools, differences, and searches by hand."""
+"""Pools of processes that break, and poses that are proposed: made-up pools, differences, and
+searches by hand.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +37,9 @@ def solved(part: Shard) -> Rows:
 
 
 class Pool:
-    """A pool that is broken for good by a deadly case; it counts those that were begun, and how they end."""
+    """A pool that is broken for good by a deadly case; it counts those that were begun, and how
+    they end.
+    """
 
     deadly: frozenset[int] = frozenset()
     made: list[int] = []  # noqa: RUF012
@@ -66,7 +70,10 @@ class Pool:
 @pytest.fixture
 def pool(monkeypatch: pytest.MonkeyPatch) -> type[Pool]:
     monkeypatch.setattr(executors, "_Pool", Pool)
-    Pool.deadly, Pool.made, Pool.ends, Pool.sent = frozenset(), [], [], []
+    Pool.deadly = frozenset()
+    Pool.made = []
+    Pool.ends = []
+    Pool.sent = []
     return Pool
 
 
@@ -88,7 +95,9 @@ def test_a_pool_solves_all_shards_and_takes_more_as_they_end(pool: type[Pool]) -
 
 
 def test_a_case_that_kills_its_process_becomes_a_row(pool: type[Pool]) -> None:
-    """Shards of the broken pool are solved again, each alone, halved until the case is found; nothing is lost."""
+    """Shards of the broken pool are solved again, each alone, halved until the case is found;
+    nothing is lost.
+    """
     pool.deadly = frozenset({7})
     shards = [
         shard(0, 0, 1),
@@ -123,7 +132,9 @@ def test_a_case_that_kills_its_process_becomes_a_row(pool: type[Pool]) -> None:
 
 
 def test_a_pool_that_does_not_start_names_the_reason(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Tasks of a broken pool are futures with the error; after an error processes are ended, else waited for."""
+    """Tasks of a broken pool are futures with the error; after an error processes are ended, else
+    waited for.
+    """
 
     class Broken:
         calls: list[Any] = []  # noqa: RUF012
@@ -153,7 +164,7 @@ def test_a_pool_that_does_not_start_names_the_reason(monkeypatch: pytest.MonkeyP
     assert Broken.calls[1:] == [{"wait": False, "cancel_futures": True}, "ended"]
 
 
-# --- calibration ------------------------------------------------------------------------------------------------------
+# --- calibration ---------------------------------------------------------------------------------
 TRACKERS = [
     {"name": "a", "type": "tracker", "unit": "m", "position": [0.1, 0.0, 0.05]},
     {"name": "b", "type": "tracker", "unit": "m", "element": "upper", "position": [0.0, 0.1, 0.0]},
@@ -201,12 +212,15 @@ def made_up(**more: Any) -> Calibration:
 
 
 def test_proposed_poses_are_those_of_the_largest_determinants() -> None:
-    """One after the other among candidates, with derivatives by differences of the predicted positions."""
+    """One after the other among candidates, with derivatives by differences of the predicted
+    positions.
+    """
     found = made_up()
     candidates = np.random.default_rng(1).uniform(-1.5, 1.5, (15, 2))
     chosen = found.propose_poses(3, candidates)
     tree = Tree(found.nominal)
-    statics, h = Statics(tree, candidates), 1e-6
+    statics = Statics(tree, candidates)
+    h = 1e-6
     slopes = []
     for k in range(len(found.x)):
         more, less = (
@@ -217,7 +231,8 @@ def test_proposed_poses_are_those_of_the_largest_determinants() -> None:
         )
         slopes.append((more - less).reshape(15, -1) / (2 * h))
     J = np.stack(slopes, axis=2) / 2e-4
-    information, expected = np.linalg.inv(found.covariance), []
+    information = np.linalg.inv(found.covariance)
+    expected = []
     for _ in range(3):
         gains = [
             np.linalg.slogdet(information + j.T @ j)[1] if k not in expected else -np.inf
@@ -229,7 +244,8 @@ def test_proposed_poses_are_those_of_the_largest_determinants() -> None:
     before = found.covariance.copy()
     drawn = found.propose_poses(2)
     assert drawn.shape == (2, 2) and np.array_equal(found.covariance, before)
-    low, high = found.poses.commands.min(axis=0), found.poses.commands.max(axis=0)
+    low = found.poses.commands.min(axis=0)
+    high = found.poses.commands.max(axis=0)
     assert (
         (drawn >= low).all()
         and (drawn <= high).all()
@@ -272,7 +288,8 @@ def test_numbers_and_words_of_a_calibration(tmp_path: Path) -> None:
     written = found.write(tmp_path / "a.toml")
     variant = tomllib.loads(written.read_text())["variant"]["calibrated"]
     assert (
-        variant["set"] == found.changes and variant["description"] == f"poses.csv: {found.sentence}"
+        variant["set"] == found.changes
+        and variant["description"] == f"poses.csv: {found.sentence}"
     )
     # the trackers are overrides: the new file has them, and so has the calibrated model
     again = flexgen.read(f"{written}@calibrated")

@@ -1,4 +1,6 @@
-"""Loops of laws at poses, step by step: stiffness and damping, eigenvalues, and where they are refused."""
+"""Loops of laws at poses, step by step: stiffness and damping, eigenvalues, and where they are
+refused.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,8 @@ from flexgen.loop.sampled_model import PoseModels
 from flexgen.mechanics.equations import derive
 from flexgen.mechanics.statics import hold_joints
 
-H, DELAY = 1e-3, 1.4e-3
+H = 1e-3
+DELAY = 1.4e-3
 
 
 def at_rest(*poses: list[float]) -> tuple[flexgen.RobotModel, list[np.ndarray]]:
@@ -28,17 +31,24 @@ def at_rest(*poses: list[float]) -> tuple[flexgen.RobotModel, list[np.ndarray]]:
     equations = derive("elbow")
     model = equations.model
     held = [hold_joints(equations, np.array(pose), None) for pose in poses]
-    q_a, q_m, tau = (np.array([getattr(h, name) for h in held]) for name in ("q_a", "q_m", "tau_m"))
+    q_a, q_m, tau = (
+        np.array([getattr(h, name) for h in held]) for name in ("q_a", "q_m", "tau_m")
+    )
     return model, [q_a, 0 * q_a, 0 * q_a, q_m, 0 * q_m, 0 * q_m, tau]
 
 
 def test_an_impedance_has_the_stiffness_and_damping_of_its_springs() -> None:
-    """At the joints through the ratios, by frequency and inertia, at the tool through the Jacobian of each pose."""
+    """At the joints through the ratios, by frequency and inertia, at the tool through the Jacobian
+    of each pose.
+    """
     model, motion = at_rest([0.3, -0.8], [0.6, 0.4])
-    inverse, eta = np.linalg.inv(model.eta), model.eta
+    inverse = np.linalg.inv(model.eta)
+    eta = model.eta
     K, D = Impedance(joint_stiffness=(2e4, 1e4), damping=(300.0, 200.0))._of_motors(model, motion)
     assert_allclose(K, np.tile(inverse.T @ np.diag([2e4, 1e4]) @ inverse, (2, 1, 1)), rtol=1e-9)
-    assert_allclose(D, np.tile(inverse.T @ np.diag([300.0, 200.0]) @ inverse, (2, 1, 1)), rtol=1e-9)
+    assert_allclose(
+        D, np.tile(inverse.T @ np.diag([300.0, 200.0]) @ inverse, (2, 1, 1)), rtol=1e-9
+    )
     K, D = Impedance(frequency_hz=3.0, damping_ratio=0.5)._of_motors(model, motion)
     equations = derive(model)
     inertia = []
@@ -71,7 +81,9 @@ def test_an_impedance_has_the_stiffness_and_damping_of_its_springs() -> None:
 
 
 def test_an_impedance_is_refused_where_its_loop_grows() -> None:
-    """Its matrices; just below the bound of the stiffness it is stable, just above it grows by less than a doubling."""
+    """Its matrices; just below the bound of the stiffness it is stable, just above it grows by
+    less than a doubling.
+    """
     model, motion = at_rest([0.3, -0.8])
     made = Impedance(frequency_hz=4.0, damping_ratio=0.7)
     found = made.linear(model, H, DELAY, motion)
@@ -80,7 +92,8 @@ def test_an_impedance_is_refused_where_its_loop_grows() -> None:
     assert not A.any() and np.array_equal(B, np.eye(2))
     assert_allclose(C, -D / H)
     assert_allclose(direct, K + D / H)
-    low, high = 4.0, 400.0
+    low = 4.0
+    high = 400.0
 
     def largest(hz: float) -> float:
         law = Impedance(frequency_hz=hz, damping_ratio=0.7)
@@ -96,7 +109,10 @@ def test_an_impedance_is_refused_where_its_loop_grows() -> None:
     with pytest.raises(ArgumentError) as caught:
         Impedance(frequency_hz=1.01 * high, damping_ratio=0.7).linear(model, H, DELAY, motion)
     size = f"{largest(1.01 * high):.6g}"
-    words = f"with which the sampled loop is unstable at 1 ms and a delay of 1.4 ms (largest eigenvalue {size})"
+    words = (
+        "with which the sampled loop is unstable at 1 ms and a delay of 1.4 ms (largest "
+        f"eigenvalue {size})"
+    )
     assert str(caught.value).startswith("controller, frequency_hz: given ") and words in str(
         caught.value
     )
@@ -109,12 +125,17 @@ def test_the_eigenvalue_of_a_pose_is_the_growth_of_its_loop(differences: bool) -
     A = np.block([[np.zeros((2, 2)), np.eye(2)], [-np.diag([40.0, 900.0]), -np.diag([0.5, 1.0])]])
     B = np.vstack([np.zeros((2, 1)), [[1.0], [0.4]]])
     pose: Any = SimpleNamespace(A=A, B=B)
-    of_angles, of_speeds = np.array([[60.0, -20.0]]), np.array([[9.0, 2.0]])
-    h, late = 5e-3, 7e-3
+    of_angles = np.array([[60.0, -20.0]])
+    of_speeds = np.array([[9.0, 2.0]])
+    h = 5e-3
+    late = 7e-3
     found = stability.pose_eigenvalue(pose, of_angles, of_speeds, h, late, differences)
     whole = np.block([[A, B], [np.zeros((1, 5))]])
-    first, second = expm(whole * 2e-3)[:4], expm(whole * 3e-3)[:4]
-    x, last, sent = rng.standard_normal(4), np.zeros(2), [0.0, 0.0]
+    first = expm(whole * 2e-3)[:4]
+    second = expm(whole * 3e-3)[:4]
+    x = rng.standard_normal(4)
+    last = np.zeros(2)
+    sent = [0.0, 0.0]
     sizes = []
     for _ in range(3000):
         speed = (x[:2] - last) / h if differences else x[2:]
@@ -124,7 +145,8 @@ def test_the_eigenvalue_of_a_pose_is_the_growth_of_its_loop(differences: bool) -
         x = second @ [*x, sent[0]]
         sent = [u, sent[0]]
         sizes.append(np.abs(x).max())
-    early, late_part = np.log(sizes)[500:1000], np.log(sizes)[2000:2500]
+    early = np.log(sizes)[500:1000]
+    late_part = np.log(sizes)[2000:2500]
     steps = 1500 + int(np.argmax(late_part)) - int(np.argmax(early))
     growth = np.exp((late_part.max() - early.max()) / steps)
     assert growth == pytest.approx(found, rel=5e-3)
@@ -174,12 +196,14 @@ def test_a_loop_is_checked_at_seven_poses(monkeypatch: pytest.MonkeyPatch) -> No
     )
     sizes[10] = 1.0 + 1e-10
     stability.check_pose_loop(motion, feedback, "k: given 1")
-    sizes[10], sizes[8] = 1.25, 1.01
+    sizes[10] = 1.25
+    sizes[8] = 1.01
     with pytest.raises(ArgumentError) as caught:
         stability.check_pose_loop(motion, feedback, "k: given 1")
     assert str(caught.value).startswith(
-        "controller, k: given 1, with which the loop is unstable at the pose 0.8 s after the begin of the motion, at "
-        "2 ms and a delay of 1 ms (largest eigenvalue 1.25); expected eigenvalues below 1"
+        "controller, k: given 1, with which the loop is unstable at the pose 0.8 s after the "
+        "begin of the motion, at 2 ms and a delay of 1 ms (largest eigenvalue 1.25); expected "
+        "eigenvalues below 1"
     )
     sizes[10] = 1.0001
     with pytest.raises(ArgumentError, match=r"unstable at the pose 0\.6 s"):

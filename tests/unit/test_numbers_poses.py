@@ -80,7 +80,9 @@ def test_files_of_poses_that_are_refused(
 def test_the_largest_numbers_and_counts_of_poses(
     tmp_path: Path, model: flexgen.RobotModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A number is below 1e6 before its unit; a file may have so many poses, and a line of names."""
+    """A number is below 1e6 before its unit; a file may have so many poses, and a line of
+    names.
+    """
     assert (poses.LARGEST, poses.FAR) == (100_000, 1e6)
     found = read(tmp_path, f"{HEAD}\n{LINE.replace('0.25', '-999999')}", model)
     assert found.commands[0, 0] == -999999
@@ -91,7 +93,8 @@ def test_the_largest_numbers_and_counts_of_poses(
 
 
 def test_arrays_of_poses_that_are_refused() -> None:
-    q, p = np.zeros((2, 2)), np.full((2, 1, 3), np.nan)
+    q = np.zeros((2, 2))
+    p = np.full((2, 1, 3), np.nan)
     assert_array_equal(StaticPoses(q, p).positions, p)
     assert StaticPoses(q, p).source == "arrays"
     shapes = "expected (N, n_g) and (N, k, 3)"
@@ -99,7 +102,8 @@ def test_arrays_of_poses_that_are_refused() -> None:
         with pytest.raises(ArgumentError) as refused:
             StaticPoses(a, b)
         assert (
-            str(refused.value) == f"poses: given arrays of shapes {a.shape} and {b.shape}, {shapes}"
+            str(refused.value)
+            == f"poses: given arrays of shapes {a.shape} and {b.shape}, {shapes}"
         )
     said = "poses: given commands or positions that are not finite; nan marks a position not seen"
     for a, b in ((q + np.nan, p), (q - np.inf, p), (q, np.full((2, 1, 3), -np.inf))):

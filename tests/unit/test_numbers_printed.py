@@ -1,4 +1,6 @@
-"""Laws of springs and frictions in printed equations, by their integrals, and functions on a card without one."""
+"""Laws of springs and frictions in printed equations, by their integrals, and functions on a card
+without one.
+"""
 
 from __future__ import annotations
 
@@ -70,8 +72,11 @@ def test_printed_torques_of_springs_are_integrals_of_their_stiffness(
     spring: Any, stiffness: Any, told: Any
 ) -> None:
     """Odd in the deflection, without a jump where the stiffness changes."""
-    symbols, d = Symbols(), sp.Symbol("d", real=True)
-    found = values_of(spring_law(symbols, spring, d, "q1", ("N m", "rad")), symbols, d, DEFLECTIONS)
+    symbols = Symbols()
+    d = sp.Symbol("d", real=True)
+    found = values_of(
+        spring_law(symbols, spring, d, "q1", ("N m", "rad")), symbols, d, DEFLECTIONS
+    )
     expected = [
         np.sign(x) * quad(stiffness, 0.0, abs(x), points=[0.1, 0.2])[0] for x in DEFLECTIONS
     ]
@@ -91,7 +96,8 @@ def test_printed_torques_of_springs_are_integrals_of_their_stiffness(
 
 def test_printed_frictions_have_the_parts_that_are_not_zero() -> None:
     """Viscous, an offset, and a level with and without the rise at small speeds."""
-    w, at = sp.Symbol("w", real=True), np.array([-3.0, -0.1, 0.0, 0.2, 5.0])
+    w = sp.Symbol("w", real=True)
+    at = np.array([-3.0, -0.1, 0.0, 0.2, 5.0])
     for given, count in (
         ({"viscous": 2.0}, 1),
         ({"viscous": 2.0, "offset": 0.5}, 2),
@@ -99,7 +105,8 @@ def test_printed_frictions_have_the_parts_that_are_not_zero() -> None:
         ({"coulomb": 3.0, "stribeck": 1.5, "alpha": 0.7, "beta": 4.0}, 4),
         ({"stribeck": 1.5, "alpha": 0.7, "beta": 4.0}, 3),
     ):
-        law, symbols = Friction(**given), Symbols()
+        law = Friction(**given)
+        symbols = Symbols()
         found = values_of(friction_law(symbols, law, w, "m1", ("N m", "rad")), symbols, w, at)
         level = law.coulomb + law.stribeck / np.cosh(law.alpha * at)
         assert_allclose(
@@ -112,14 +119,17 @@ class Port:
     """A port of a function."""
 
     def __init__(self, name: str, *shape: int) -> None:
-        self.name, self.shape, self.size = name, shape, int(np.prod(shape))
+        self.name = name
+        self.shape = shape
+        self.size = int(np.prod(shape))
 
 
 class Card:
     """A card that keeps what it is asked, and reports a number of its kernel."""
 
     def __init__(self, reported: int | None = None) -> None:
-        self.reported, self.asked = reported, list[Any]()
+        self.reported = reported
+        self.asked = list[Any]()
 
     def allocate(self, size: int, stream: int) -> int:
         self.asked.append(("allocate", size, stream))
@@ -151,7 +161,8 @@ def function(card: Card, per_point: bool = False) -> Any:
         _failures={-5: (SolverError, "no answer")},
         _parameters=None,
     )
-    cpu.inputs, cpu.outputs = ports.inputs, ports.outputs
+    cpu.inputs = ports.inputs
+    cpu.outputs = ports.outputs
     return functions.CudaFunction(
         cpu, card, np.dtype(np.float64), lambda name: f"kernel {name}", per_point
     )  # type: ignore[arg-type]
@@ -182,7 +193,11 @@ def test_a_kernel_runs_on_its_points_and_reports_the_first_that_failed() -> None
 def test_results_on_a_card_have_memory_of_their_own() -> None:
     """Parameters are one vector for all points, or one for each."""
     made = function(Card())
-    q, p, M, g = 1000, 2000, 3000, 4000  # 5 points: 80, 24, 160 and 80 bytes
+    # 5 points: 80, 24, 160 and 80 bytes
+    q = 1000
+    p = 2000
+    M = 3000
+    g = 4000
     for addresses, name in (
         ((q, p, M, g), None),
         ((q, M - 24, M, M + 160), None),

@@ -1,4 +1,6 @@
-"""Time laws of a program: effective torques by integrals, windows of its motions, and what slows them down."""
+"""Time laws of a program: effective torques by integrals, windows of its motions, and what slows
+them down.
+"""
 
 from __future__ import annotations
 
@@ -28,19 +30,26 @@ def motion(T: float, torque: list[float], before: int = 7, after: int = 4) -> An
     """An inversion with constant torques on its path, and others before and after it."""
     t = np.linspace(0.0, T, 21)
     h = t[1]
-    early, late = -h * np.arange(before, 0, -1), T + h * np.arange(1, after + 1)
-    tau = np.vstack([np.full((before, 2), 1e3), np.tile(torque, (21, 1)), np.full((after, 2), 1e3)])
+    early = -h * np.arange(before, 0, -1)
+    late = T + h * np.arange(1, after + 1)
+    tau = np.vstack(
+        [np.full((before, 2), 1e3), np.tile(torque, (21, 1)), np.full((after, 2), 1e3)]
+    )
     return Made(t=np.concatenate([early, t, late]), n_pre=before, n_post=after, tau_m=tau)
 
 
 def test_effective_torques_are_integrals_over_all_motions_and_pauses() -> None:
-    """Torques are straight lines in a pause; what is inverted before and after a path is none of it."""
+    """Torques are straight lines in a pause; what is inverted before and after a path is none of
+    it.
+    """
     model = flexgen.read("elbow")
     made = search(
         model=model, connecting=Limits(torque_rms=(2.0, np.inf)), pauses=[0.5, 0.0], legs=[]
     )
     x = [np.array([1.5, 0.4]), np.array([0.8, 0.2]), np.array([0.7, 0.3])]
-    a, b, c = 3.0, -1.0, 2.0
+    a = 3.0
+    b = -1.0
+    c = 2.0
     found = made._effective(
         x, [motion(1.5, [a, 9.0]), motion(0.8, [b, 9.0]), motion(0.7, [c, 9.0], 0, 1)]
     )
@@ -72,7 +81,9 @@ def test_the_largest_part_of_a_limit_is_that_of_finite_bounds() -> None:
 
 
 def test_a_program_is_checked_as_a_whole(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Three times as fine as its finest motion; each motion has the largest limit of its window and of its speeds."""
+    """Three times as fine as its finest motion; each motion has the largest limit of its window
+    and of its speeds.
+    """
     asked: list[Any] = []
     t = np.arange(0.0, 4.01, 0.01)
     parts = np.where(t < 1.4, 0.5, 1.2)[:, None] * np.where(t < 2.0, 1.0, -1.1)[:, None]
@@ -141,7 +152,10 @@ def test_motions_are_slowed_down_until_the_whole_program_keeps_its_limits() -> N
     made.slower = lambda x, excess: x
     with pytest.raises(SolverError) as caught:
         made._slow_down([np.array([0.4])])
-    text = "cannot be kept in this program at the speeds that were tried, up to 0.4 s; increase them: it needs 1.5 of a"
+    text = (
+        "cannot be kept in this program at the speeds that were tried, up to 0.4 s; increase "
+        "them: it needs 1.5 of a"
+    )
     assert str(caught.value) == f"fastest: the limits {text} limit" and len(lines) > 200
     made.slower = lambda x, excess: [1.3 * part for part in x]
     with pytest.raises(
@@ -164,7 +178,9 @@ def test_motions_are_slowed_down_until_the_whole_program_keeps_its_limits() -> N
 
 
 def test_stages_of_the_search_of_a_program() -> None:
-    """Each motion alone, then the effective torques where there are limits of them, then the whole program."""
+    """Each motion alone, then the effective torques where there are limits of them, then the whole
+    program.
+    """
     legs = [
         Made(
             quick_start=lambda k=k: k,
@@ -186,7 +202,9 @@ def test_stages_of_the_search_of_a_program() -> None:
 
 
 def test_a_program_is_searched_again_from_the_laws_as_given() -> None:
-    """Where only much time takes an excess away, or none: the shortest of all laws that keep the limits."""
+    """Where only much time takes an excess away, or none: the shortest of all laws that keep the
+    limits.
+    """
     given = [np.array([5.0]), np.array([6.0])]
     legs = [
         Made(

@@ -1,4 +1,6 @@
-"""Rates of robots whose gears and motors have states: those of the closed loop are those of the simulation."""
+"""Rates of robots whose gears and motors have states: those of the closed loop are those of the
+simulation.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,9 @@ BRISTLES = {
 
 @pytest.mark.parametrize("bristled", [False, True])
 def test_rates_of_a_loop_are_those_of_the_simulation(bristled: bool) -> None:
-    """In the loop states are parts of the largest torques, and motors stand before the arm's speeds."""
+    """In the loop states are parts of the largest torques, and motors stand before the arm's
+    speeds.
+    """
     changes: dict[str, Any] = {"element.upper.dof.q1.gear.hysteresis": ELEMENTS}
     changes |= {"motor.m2.lugre": BRISTLES} if bristled else {}
     model = flexgen.read("elbow", overrides=changes)
@@ -38,9 +42,12 @@ def test_rates_of_a_loop_are_those_of_the_simulation(bristled: bool) -> None:
     equations = derive(hysteresis.without_states(model))
     found = hysteresis._rate(equations, states.gears, bristled)
     rng = np.random.default_rng(4)
-    q, v, tau = rng.standard_normal(4) * 0.1, rng.standard_normal(4), rng.standard_normal(2)
+    q = rng.standard_normal(4) * 0.1
+    v = rng.standard_normal(4)
+    tau = rng.standard_normal(2)
     slip = np.concatenate([layer.slip for layer in states.gears])
-    share, bent = rng.uniform(-0.9, 0.9, 4) * (slip > 0), np.array([0.0, 0.4]) * bristled
+    share = rng.uniform(-0.9, 0.9, 4) * (slip > 0)
+    bent = np.array([0.0, 0.4]) * bristled
     numbers = [plants.values[0] if plants.parameters else np.zeros(0), states.numbers()]
     numbers += [states.of_motors()] if bristled else []
     x = np.concatenate([q[:2], v[:2], q[2:], v[2:], share, bent[: 2 * bristled]])

@@ -1,4 +1,6 @@
-"""Elements of XML with their lines, classes in Python files, and products of derivatives against written forms."""
+"""Elements of XML with their lines, classes in Python files, and products of derivatives against
+written forms.
+"""
 
 from __future__ import annotations
 
@@ -36,11 +38,17 @@ def test_elements_of_a_file_have_their_lines() -> None:
         ),
         (
             b"<a xmlns:x='http://xacro'>\n<x:if/></a>",
-            'line 2: given the element "if" of xacro, expected a URDF file that xacro has expanded',
+            (
+                'line 2: given the element "if" of xacro, expected a URDF file that xacro has '
+                "expanded"
+            ),
         ),
         (
             b'<?xml version="1.0"?>\n<!DOCTYPE a>\n<a/>',
-            "line 2: given a document type or entities, expected a URDF file without <!DOCTYPE ...>",
+            (
+                "line 2: given a document type or entities, expected a URDF file without "
+                "<!DOCTYPE ...>"
+            ),
         ),
         (
             b"<a>\n<b>\n</a>",
@@ -59,9 +67,11 @@ def test_texts_that_are_refused_as_a_urdf_file(text: bytes, said: str) -> None:
 
 
 def test_a_file_may_have_sixty_four_levels() -> None:
-    node, depth = xml_lines.parse(b"<a>" * 64 + b"</a>" * 64), 1
+    node = xml_lines.parse(b"<a>" * 64 + b"</a>" * 64)
+    depth = 1
     while node.children:
-        (node,), depth = node.children, depth + 1
+        (node,) = node.children
+        depth = depth + 1
     assert depth == 64
 
 
@@ -100,7 +110,10 @@ def test_classes_of_a_python_file(tmp_path: Path) -> None:
         ),
         (
             f"{tmp_path}/no.py:A",
-            f"controller: given '{tmp_path}/no.py:A', expected a file {tmp_path}/no.py that is there",
+            (
+                f"controller: given '{tmp_path}/no.py:A', expected a file {tmp_path}/no.py that "
+                "is there"
+            ),
         ),
     ):
         with pytest.raises(ArgumentError) as refused:
@@ -122,10 +135,14 @@ def test_classes_of_a_python_file(tmp_path: Path) -> None:
 
 def test_products_of_derivatives_of_a_written_function() -> None:
     """f = [[x_0^2, x_0 x_1], [0, x_0 y]], g = x y: both products by hand."""
-    x, y = ca.SX.sym("x", 2), ca.SX.sym("y")
+    x = ca.SX.sym("x", 2)
+    y = ca.SX.sym("y")
     f = ca.vertcat(ca.horzcat(x[0] ** 2, x[0] * x[1]), ca.horzcat(0, x[0] * y))
     g = x * y
-    at, to, one, step = np.array([2.0, -3.0]), np.array([0.5, 0.25]), 1.5, -2.0
+    at = np.array([2.0, -3.0])
+    to = np.array([0.5, 0.25])
+    one = 1.5
+    step = -2.0
     given, names, found, named = products.jvp([x, y], ["x", "y"], [f, g], ["f", "g"])
     assert (names, named) == (["x", "y", "x_tangent", "y_tangent"], ["f_tangent", "g_tangent"])
     df, dg = (np.array(v) for v in ca.Function("jvp", given, found)(at, one, to, step))
@@ -136,7 +153,8 @@ def test_products_of_derivatives_of_a_written_function() -> None:
         ["x", "y", "f_cotangent", "g_cotangent"],
         ["x_cotangent", "y_cotangent"],
     )
-    F, G = np.array([[1.0, 2.0], [3.0, 4.0]]), np.array([5.0, 6.0])
+    F = np.array([[1.0, 2.0], [3.0, 4.0]])
+    G = np.array([5.0, 6.0])
     back, of_y = (np.array(v) for v in ca.Function("vjp", given, found)(at, one, F, G))
     assert_allclose(
         back[:, 0], [2 * 2 * 1 + -3 * 2 + 1.5 * 4 + 1.5 * 5, 2 * 2 + 1.5 * 6], rtol=1e-15

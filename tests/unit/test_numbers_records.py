@@ -18,14 +18,22 @@ from flexgen.inversion.methods import collocation
 
 
 def test_groups_of_runs_have_noise_of_their_own(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A generator for each group: the first run of it is added to a multiple of the seed, which no other has."""
+    """A generator for each group: the first run of it is added to a multiple of the seed, which no
+    other has.
+    """
     made: list[Any] = []
 
     class Stop(Exception):
         """The second group has begun."""
 
     def loop(
-        robot: Any, library: Any, hardware: Any, controller: Any, q_a: Any, *given: Any, **more: Any
+        robot: Any,
+        library: Any,
+        hardware: Any,
+        controller: Any,
+        q_a: Any,
+        *given: Any,
+        **more: Any,
     ) -> Any:
         made.append((q_a.tolist(), more))
         if len(made) == 3:
@@ -56,7 +64,9 @@ def test_groups_of_runs_have_noise_of_their_own(monkeypatch: pytest.MonkeyPatch)
         sensors=(),
         samples=2,
     )
-    given.hardware, given.controller, given.transients = None, None, 0
+    given.hardware = None
+    given.controller = None
+    given.transients = 0
     given.reference = lambda r, e: np.zeros((2, 1))
     with pytest.raises(Stop):
         inspect.unwrap(experiment.measure)(given, None, seed=5)
@@ -70,7 +80,9 @@ def test_groups_of_runs_have_noise_of_their_own(monkeypatch: pytest.MonkeyPatch)
 
 
 def test_poses_of_a_plan_are_chosen_among_many(monkeypatch: pytest.MonkeyPatch) -> None:
-    """At random as many as are asked for, else the best of 300; without those whose motion leaves a range."""
+    """At random as many as are asked for, else the best of 300; without those whose motion leaves
+    a range.
+    """
     model = flexgen.read("elbow")
     asked: list[Any] = []
 
@@ -78,7 +90,9 @@ def test_poses_of_a_plan_are_chosen_among_many(monkeypatch: pytest.MonkeyPatch) 
         asked.append((count, seed))
         return np.arange(2.0 * 6).reshape(6, 2)
 
-    def information(vector: Any, given: Any, offered: np.ndarray, every: int, progress: Any) -> Any:
+    def information(
+        vector: Any, given: Any, offered: np.ndarray, every: int, progress: Any
+    ) -> Any:
         asked.append((len(offered), every))
         return "F", np.array([0, 2, 3])
 
@@ -95,7 +109,7 @@ def test_poses_of_a_plan_are_chosen_among_many(monkeypatch: pytest.MonkeyPatch) 
     given: Any = Made(lines=np.arange(90))
 
     def poses(count: Any, criterion: str) -> np.ndarray:
-        return np.asarray(plan._with_poses(given, model, None, count, criterion, 7, None).poses)  # type: ignore[arg-type]
+        return np.asarray(plan._with_poses(given, model, None, count, criterion, 7, None).poses)
 
     left = np.delete(np.arange(12.0).reshape(6, 2), 1, axis=0)
     assert_allclose(poses(3, "random"), left)
@@ -121,14 +135,20 @@ def test_poses_of_a_plan_are_chosen_among_many(monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_segments_start_with_the_angles_and_speeds_of_the_motors() -> None:
-    """Differences of second order: exact for parabolas. Outputs of link encoders are coordinates, later ones moved."""
+    """Differences of second order: exact for parabolas. Outputs of link encoders are coordinates,
+    later ones moved.
+    """
     model = flexgen.read("elbow")
     made: Any = object.__new__(_Shooting)
     t = np.arange(3) * 0.1
     motors = np.stack([1 + 2 * t + 3 * t**2, -1 + 4 * t - t**2], axis=1)
-    made.model, made.sample_s, made.starts, made.y = model, 0.1, [(0, 0)], motors[None]
+    made.model = model
+    made.sample_s = 0.1
+    made.starts = [(0, 0)]
+    made.y = motors[None]
     found = made._start_states()
-    arm, n = np.linalg.inv(model.eta), model.dof
+    arm = np.linalg.inv(model.eta)
+    n = model.dof
     assert_allclose(found[0, :2], arm @ [1.0, -1.0])
     assert_allclose(found[0, 2:n], [1.0, -1.0])
     assert_allclose(found[0, n : n + 2], arm @ [2.0, 4.0])
@@ -136,10 +156,8 @@ def test_segments_start_with_the_angles_and_speeds_of_the_motors() -> None:
     sensors = [Made(name="e", type="link_encoder", channels=("e",), place="q2", delay_s=0.15)]
     sensors.append(Made(name="f", type="link_encoder", channels=("f",), place="q1", delay_s=0.0))
     coordinates = [Made(name="q1"), Made(name="q2")]
-    made.model, made.local = (
-        Made(coordinates=coordinates, sensors=sensors, dof=4),
-        Made(motor_rows=np.eye(4)[2:]),
-    )
+    made.model = Made(coordinates=coordinates, sensors=sensors, dof=4)
+    made.local = Made(motor_rows=np.eye(4)[2:])
     run = Made(
         t=np.arange(9) * 0.1,
         q_m=np.zeros((9, 2)),
@@ -163,8 +181,11 @@ def test_segments_start_with_the_angles_and_speeds_of_the_motors() -> None:
 def test_the_motion_with_the_smaller_residual_is_taken(
     first: str | None, doubtful: bool, expected: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Of the collocation or of a spline, where the first one is in doubt; a single one is not compared."""
-    nodes, compared = np.array([-0.1, 0.0, 0.5]), list[str]()
+    """Of the collocation or of a spline, where the first one is in doubt; a single one is not
+    compared.
+    """
+    nodes = np.array([-0.1, 0.0, 0.5])
+    compared = list[str]()
     nlp = Made(status="solved", iterations=3)
     dense = (np.zeros(2), np.zeros((2, 1)), np.zeros((2, 1)), np.zeros((2, 3)))
     found = Made(nlp=nlp, q_e=None, dense=lambda table, count: dense)
@@ -188,11 +209,9 @@ def test_the_motion_with_the_smaller_residual_is_taken(
     problem: Any = Made(
         check_options=lambda name: None, limits=None, progress=None, nodes=lambda h: (0.1, nodes)
     )
-    problem.equations, problem.path, problem.step = (
-        Made(model=Made(i_e=(1,))),
-        Made(sample=lambda t: None),
-        0.1,
-    )
+    problem.equations = Made(model=Made(i_e=(1,)))
+    problem.path = Made(sample=lambda t: None)
+    problem.step = 0.1
     chosen: Any = collocation.solve(problem, 0.5)
     assert chosen == (
         expected,

@@ -1,8 +1,10 @@
-"""Each form of the recursions alone, with numbers instead of symbols: against the Lagrangian, differences and SciPy.
+"""Each form of the recursions alone, with numbers instead of symbols: against the Lagrangian,
+differences and SciPy.
 
-A robot whose recursion is wrong uses the Lagrangian, which hides errors from tests of results: here no form is compared
-with another that would replace it, and counts of operations show where one was replaced. Of 278 mutants of the room
-drawn at random (one changed operator or constant each) this file alone kills 237.
+A robot whose recursion is wrong uses the Lagrangian, which hides errors from tests of results:
+here no form is compared with another that would replace it, and counts of operations show where
+one was replaced. Of 278 mutants of the room drawn at random (one changed operator or constant
+each) this file alone kills 237.
 """
 
 from __future__ import annotations
@@ -51,13 +53,18 @@ from flexgen.recursion.functions import operations_of, recursive_function
 from flexgen.recursion.regrouping import KEPT_ALL
 from flexgen.recursion.tape import Tape, Value
 
-Z, X, Y = (0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
+Z = (0.0, 0.0, 1.0)
+X = (1.0, 0.0, 0.0)
+Y = (0.0, 1.0, 0.0)
 
 
 def made(rows: list[tuple[str, Any, Placement, Body]], seed: int, **rest: Any) -> RobotModel:
-    """A robot of rows (kind, axes, place, body); several axes are coordinates of one element on one point."""
+    """A robot of rows (kind, axes, place, body); several axes are coordinates of one element on
+    one point.
+    """
     rng = np.random.default_rng(seed)
-    elements, motors = [], []
+    elements = []
+    motors = []
     for k, (kind, axes, place, body) in enumerate(rows):
         dofs = []
         for i, axis in enumerate(axes):
@@ -81,7 +88,9 @@ def at(*position: float, about: str = "z", degrees: float = 0.0) -> Placement:
 
 
 def parallel() -> RobotModel:
-    """Parallel and opposite axes, a slide among them, quarter turns and frames on common normals."""
+    """Parallel and opposite axes, a slide among them, quarter turns and frames on common
+    normals.
+    """
     bodies = [random_body(np.random.default_rng(k)) for k in range(6)]
     ball = replace(bodies[2], com=(0.1, 0.0, 0.0), inertia=matrix(0.2 * np.eye(3)))
     rows = [
@@ -96,7 +105,9 @@ def parallel() -> RobotModel:
 
 
 def on_points() -> RobotModel:
-    """Three axes on one point without a body between them, twice; after a slide, gravity along no axis."""
+    """Three axes on one point without a body between them, twice; after a slide, gravity along no
+    axis.
+    """
     rng = np.random.default_rng(5)
     rows = [
         ("translation", (Y,), at(0.1, 0.2, 0.0), random_body(rng)),
@@ -143,12 +154,18 @@ def groupings(name: str) -> Iterator[Chain]:
     """The chain as it is, and with inertia moved to the body before in several ways."""
     chain = make_chain(equations_of(name).model)
     yield chain
-    for kept in (KeptInertia(), KEPT_ALL, KeptInertia("balance"), KeptInertia("none", True, False)):
+    for kept in (
+        KeptInertia(),
+        KEPT_ALL,
+        KeptInertia("balance"),
+        KeptInertia("none", True, False),
+    ):
         yield regroup(chain, [kept] * len(chain.joints))
 
 
 def states(name: str, count: int = 2) -> list[Made]:
-    rng, n = np.random.default_rng(7), equations_of(name).model.n_a
+    rng = np.random.default_rng(7)
+    n = equations_of(name).model.n_a
     return [
         Made(**{x: rng.uniform(-2.0, 2.0, n).tolist() for x in ("q", "v", "a")})
         for _ in range(count)
@@ -170,7 +187,8 @@ def difference(f: Callable[[np.ndarray], np.ndarray], x: Any, h: float = 1e-4) -
 
 
 def close(found: Any, expected: Any, tolerance: float = 1e-12) -> None:
-    found, expected = np.array(found, dtype=float), np.array(expected, dtype=float)
+    found = np.array(found, dtype=float)
+    expected = np.array(expected, dtype=float)
     assert found.shape == expected.shape
     np.testing.assert_allclose(
         found, expected, rtol=0, atol=tolerance * max(1e-3, np.abs(expected).max())
@@ -180,7 +198,8 @@ def close(found: Any, expected: Any, tolerance: float = 1e-12) -> None:
 @each_robot
 def test_torques_and_mass_matrices_of_all_groupings_are_the_lagrangians(name: str) -> None:
     for s in states(name):
-        n, still = len(s.q), [0.0] * len(s.q)
+        n = len(s.q)
+        still = [0.0] * len(s.q)
         expected = torque(name, s.q, s.v, s.a)
         M = np.array(equations_of(name).function("mass_matrix")(s.q))
         gravity = torque(name, s.q, still, still)
@@ -201,7 +220,9 @@ def test_torques_and_mass_matrices_of_all_groupings_are_the_lagrangians(name: st
 
 
 @each_robot
-def test_derivatives_of_all_groupings_are_differences_of_the_lagrangians_torques(name: str) -> None:
+def test_derivatives_of_all_groupings_are_differences_of_the_lagrangians_torques(
+    name: str,
+) -> None:
     s = states(name, 1)[0]
     expected = [
         difference(lambda x: torque(name, x, s.v, s.a), s.q),
@@ -220,17 +241,17 @@ def test_accelerations_balance_the_torques_with_and_without_rotors(name: str) ->
     n = equations_of(name).model.n_a
     joined = 0
     for s in states(name):
-        M, h = (
-            np.array(equations_of(name).function("mass_matrix")(s.q)),
-            torque(name, s.q, s.v, [0.0] * n),
-        )
+        M = np.array(equations_of(name).function("mass_matrix")(s.q))
+        h = torque(name, s.q, s.v, [0.0] * n)
         for chain in groupings(name):
             turns = [
                 newton_euler.turn_of(Tape(), joint, q)
                 for joint, q in zip(chain.joints, s.q, strict=True)
             ]
             for armature in ([0.0] * n, [0.0] * (n - 1) + [0.7], [0.3 + k for k in range(n)]):
-                moving = newton_euler.motions(Tape(), chain, turns, s.q, s.v, [0.0] * n, [True] * n)
+                moving = newton_euler.motions(
+                    Tape(), chain, turns, s.q, s.v, [0.0] * n, [True] * n
+                )
                 loads = newton_euler.loads(chain, moving)
                 found = articulated_body.forward_dynamics(
                     Tape(), chain, s.q, loads, turns, s.a, armature
@@ -245,7 +266,8 @@ def test_accelerations_balance_the_torques_with_and_without_rotors(name: str) ->
                     1e-9,
                 )
                 joined += sum(articulated_body._find_joints_on_one_point(chain, armature))
-    # with the inertia at its bodies both points, and that before the rotor; elsewhere the groupings fill empty bodies
+    # with the inertia at its bodies both points, and that before the rotor; elsewhere the
+    # groupings fill empty bodies
     assert joined == (2 * 2 * (4 + 2) if name == "on points" else 0)
 
 
@@ -296,7 +318,7 @@ def test_tool_moves_as_its_pose_says(name: str) -> None:
         close([*found.w, *found.dw], [*(jacobian(q) @ v)[3:], *motion[3:]], 1e-9)
 
 
-# --- loops over columns ----------------------------------------------------------------------------------------------
+# --- loops over columns --------------------------------------------------------------------------
 
 
 def long_hollow() -> RobotModel:
@@ -327,11 +349,15 @@ def long_groupings(name: str) -> list[Chain]:
 
 @pytest.mark.parametrize("name", LONG)
 def test_loops_over_columns_give_the_torques_and_derivatives_of_the_recursions(name: str) -> None:
-    """Of chains that no library computes in loops as well: no other form takes the place of these."""
-    rng, n = np.random.default_rng(3), 8
+    """Of chains that no library computes in loops as well: no other form takes the place of
+    these.
+    """
+    rng = np.random.default_rng(3)
+    n = 8
     q, v, a = rng.uniform(-2.0, 2.0, (3, n))
     given = {"q_a": q, "v_a": v, "a_a": a}
-    chains, carried = long_groupings(name)[:2], [True] * n
+    chains = long_groupings(name)[:2]
+    carried = [True] * n
     moved = tuple(x.tolist() for x in (q, v, a))
     Q, V, M = (
         np.array(x, dtype=float)
@@ -344,7 +370,9 @@ def test_loops_over_columns_give_the_torques_and_derivatives_of_the_recursions(n
         )
         close(found["R"], np.hstack([Q, V]), 1e-11)
         close(found["M"], M)
-        close(evaluate_routine(Routine(tuple(columns.mass_matrix(chain, "M"))), {"q_a": q})["M"], M)
+        close(
+            evaluate_routine(Routine(tuple(columns.mass_matrix(chain, "M"))), {"q_a": q})["M"], M
+        )
         steps = columns.bias(chain, "M")
         at_rest = evaluate_routine(Routine(tuple(steps)), {"q_a": q, "v_a": v})
         close(at_rest["bias"].ravel(), rest, 1e-11)
@@ -363,7 +391,8 @@ def test_steps_of_loops_carry_only_columns_of_bodies_and_rows_of_numbers_that_di
             x.function.name(): (x.n, sum(len(table) for table in x.tables.values())) for x in made
         }
 
-    # rows of numbers: turning or not, 10 of an inertia, the mass of a body, the mass behind a joint
+    # rows of numbers: turning or not, 10 of an inertia, the mass of a body, the mass behind a
+    # joint
     turning, hollow = (arrays(long_groupings(name)[0]) for name in ("equal", "hollow"))
     expected = {
         "axes": 0,
@@ -402,12 +431,18 @@ def inertias(chain: Chain) -> np.ndarray:
     return np.array([[x.mass, *x.first, *x.second[np.triu_indices(3)]] for x in bodies])
 
 
-def test_the_check_of_loops_sees_errors_from_one_billionth(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_check_of_loops_sees_errors_from_one_billionth(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     chain = long_groupings("equal")[1]
     equations: Any = Made(model=Made(n_a=8))
-    symbols, tape = [ca.SX.sym(name, 8) for name in ("q_a", "v_a", "a_a")], Tape()
-    tau = newton_euler.inverse_dynamics(tape, chain, *(tape.vector(x) for x in symbols), [True] * 8)
-    right, names = ca.vertcat(*tape.build(tau)), ["q_a", "v_a", "a_a"]
+    symbols = [ca.SX.sym(name, 8) for name in ("q_a", "v_a", "a_a")]
+    tape = Tape()
+    tau = newton_euler.inverse_dynamics(
+        tape, chain, *(tape.vector(x) for x in symbols), [True] * 8
+    )
+    right = ca.vertcat(*tape.build(tau))
+    names = ["q_a", "v_a", "a_a"]
 
     def agrees(changed: ca.SX) -> bool:
         f = ca.Function("f", symbols, [changed], names, ["tau"])
@@ -456,11 +491,9 @@ def test_loops_are_taken_from_twelve_joints_where_they_are_much_shorter(
             branched: bool = False,
             moves: object = None,
         ) -> None:
-            self.model, self.loaded, self.recursion = (
-                Made(n_a=n, branched=branched),
-                loaded,
-                recursion,
-            )
+            self.model = Made(n_a=n, branched=branched)
+            self.loaded = loaded
+            self.recursion = recursion
             self.moves = moves
 
     monkeypatch.setattr(column_functions, "_chain_of", lambda asked: "chain")
@@ -483,7 +516,8 @@ def test_loops_are_taken_from_twelve_joints_where_they_are_much_shorter(
 def test_costs_of_steps_count_lanes_rows_and_both_triangles() -> None:
     x = ca.SX.sym("x", 2)
     f = ca.Function("f", [x], [x[0] * x[1] - 2 * x[0]], ["x"], ["y"])  # 3 operations
-    above, below = (Rows("a", 0, 2), Rows("b", 0, 2)), (Rows("c", 0, 3), Rows("d", 0, 3))
+    above = (Rows("a", 0, 2), Rows("b", 0, 2))
+    below = (Rows("c", 0, 3), Rows("d", 0, 3))
     assert operations_of(f) == 3
     assert column_functions.cost([Expressions(f)]) == 3
     assert [column_functions.cost([Columns(f, n)]) for n in (1, 8, 9, 17)] == [3, 3, 6, 9]
@@ -496,14 +530,17 @@ def test_costs_of_steps_count_lanes_rows_and_both_triangles() -> None:
     )
 
 
-# --- numbers on a tape -----------------------------------------------------------------------------------------------
+# --- numbers on a tape ---------------------------------------------------------------------------
 
 
 def test_a_tape_of_random_operations_has_the_values_and_derivatives_of_casadi() -> None:
-    """Sums, differences, products, multiples, sines, reciprocals with all signs; gradients and tangents."""
+    """Sums, differences, products, multiples, sines, reciprocals with all signs; gradients and
+    tangents.
+    """
     rng = np.random.default_rng(2)
     for _ in range(12):
-        tape, x = Tape(), ca.SX.sym("x", 3)
+        tape = Tape()
+        x = ca.SX.sym("x", 3)
         symbols = tape.vector(x)
         pool: list[tuple[Any, ca.SX]] = list(zip(symbols, ca.vertsplit(x), strict=True))
         for kind in rng.choice(11, 14):
@@ -524,7 +561,8 @@ def test_a_tape_of_random_operations_has_the_values_and_derivatives_of_casadi() 
                 (tape.inverse(a * a + 2.0), 1 / (A * A + 2)),
             ]
             pool.append(new[kind])
-        results, expected = [u for u, _ in pool[3:]], ca.vertcat(*[ca.SX(U) for _, U in pool[3:]])
+        results = [u for u, _ in pool[3:]]
+        expected = ca.vertcat(*[ca.SX(U) for _, U in pool[3:]])
         at = rng.uniform(-1.0, 1.0, 3)
         count = tape.count(results)
         close(
@@ -548,7 +586,9 @@ def test_a_tape_folds_constants_shares_operations_and_counts_what_is_left() -> N
         return tape.count(list(results))
 
     assert (x * 0.0, 0.0 * y, tape.inverse(4.0)) == (0.0, 0.0, 0.25)
-    assert count(x, 1.0 * x, x + 0.0, 0.0 + x, 5.0) == 0 and count(-x) == 1 and count(-1.0 * x) == 1
+    assert (
+        count(x, 1.0 * x, x + 0.0, 0.0 + x, 5.0) == 0 and count(-x) == 1 and count(-1.0 * x) == 1
+    )
     assert count(x + y) == count(y + x) == count(x + y, y + x) == 1
     assert count(x - y) == count(y - x) == count(-(x - y)) == 1
     assert count(-(x + y)) == 2 and count(x - y, y - x) == 2
@@ -565,9 +605,9 @@ def test_a_tape_folds_constants_shares_operations_and_counts_what_is_left() -> N
         count(tape.sine(x), tape.sine(x, cosine=True)) == 0
         and count(tape.sine(x) * tape.sine(x)) == 1
     )
-    assert tape.sine(-x).negative and not tape.sine(-x, cosine=True).negative  # type: ignore[union-attr]
+    assert tape.sine(-x).negative and not tape.sine(-x, cosine=True).negative
     assert tape.find_needed([x * y + 2.0 * y, 3.0]) == sorted(tape.find_needed([x * y + 2.0 * y]))
-    assert tape.operands(x.node) == () and tape.operands((2.0 * x).node) == (x.node,)  # type: ignore[union-attr]
+    assert tape.operands(x.node) == () and tape.operands((2.0 * x).node) == (x.node,)
     assert tape.gradient(3.0, [x, y]) == [0.0, 0.0] and tape.tangents([2.0, y], x) == [0.0, 0.0]
     assert tape.gradient(-x, [x, y, 7.0]) == [-1.0, 0.0, 0.0] and tape.tangents([-x], x) == [-1.0]
     with pytest.raises(ZeroDivisionError):
@@ -576,7 +616,9 @@ def test_a_tape_folds_constants_shares_operations_and_counts_what_is_left() -> N
 
 def test_turns_moments_and_articulated_inertias_are_those_of_matrices() -> None:
     rng = np.random.default_rng(4)
-    A, p, v = rng.normal(size=(3, 3)), rng.normal(size=3), rng.normal(size=3)
+    A = rng.normal(size=(3, 3))
+    p = rng.normal(size=3)
+    v = rng.normal(size=3)
 
     def skew(x: Any) -> np.ndarray:
         return np.array([[0, -x[2], x[1]], [x[2], 0, -x[0]], [-x[1], x[0], 0]])
@@ -611,7 +653,9 @@ def test_turns_moments_and_articulated_inertias_are_those_of_matrices() -> None:
     close(own.J, tensor)
     close(own.H, skew(body.first))
     close(own.M, body.mass * np.eye(3))
-    J, H, M = tensor + np.eye(3), skew(body.first) + A, np.diag([1.0, 2.0, 3.0]) + 0.1
+    J = tensor + np.eye(3)
+    H = skew(body.first) + A
+    M = np.diag([1.0, 2.0, 3.0]) + 0.1
     some = articulated_body.Articulated(J.tolist(), H.tolist(), M.tolist())
     assert some.shifted([0.0, 0.0, 0.0]) is some
     far = some.shifted(p.tolist())
@@ -624,7 +668,7 @@ def test_turns_moments_and_articulated_inertias_are_those_of_matrices() -> None:
     close([half.J, half.H, half.M], [R @ J @ R.T, R @ H @ R.T, R @ M @ R.T])
 
 
-# --- no robot falls back ---------------------------------------------------------------------------------------------
+# --- no robot falls back -------------------------------------------------------------------------
 
 FORMS = (
     *FUNCTIONS,
@@ -634,8 +678,8 @@ FORMS = (
     "inversion_jacobians",
     "inversion_rows",
 )
-# Operations of each of these functions; a change of them says why. Those that rounding on another processor changes are
-# left out.
+# Operations of each of these functions; a change of them says why. Those that rounding on another
+# processor changes are left out.
 OPERATIONS: dict[str, tuple[int, ...]] = {
     "elbow": (13, 19, 6, 31, 49, 35, 49, 55, 52, 8, 10, 73, 34, 24, 34, 31),
     "planar5_nmp": (39, 37, 7, 61, 152, 98, 152, 126, 155, 13, 16, 154, 56, 41, 125, 65),

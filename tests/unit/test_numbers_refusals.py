@@ -1,4 +1,6 @@
-"""Options given twice, arrays that do not fit, long paths, usual ranges, and residuals between samples."""
+"""Options given twice, arrays that do not fit, long paths, usual ranges, and residuals between
+samples.
+"""
 
 from __future__ import annotations
 
@@ -75,7 +77,10 @@ def test_an_option_is_given_once() -> None:
         (["--mesh", "3", "--coarse"], "given twice (3 and coarse), expected one"),
         (
             ["--move", "a", "--move", "b"],
-            "given twice (a and b), expected one; 'flexgen solve' takes several moves, the other verbs one at a time",
+            (
+                "given twice (a and b), expected one; 'flexgen solve' takes several moves, the "
+                "other verbs one at a time"
+            ),
         ),
     ):
         with pytest.raises(argparse.ArgumentError) as refused:
@@ -103,9 +108,15 @@ def array(
 
 
 def test_arrays_on_a_card_fit_or_are_refused() -> None:
-    """By extents, type of numbers and strides; axes of one entry and arrays without any have no stride."""
+    """By extents, type of numbers and strides; axes of one entry and arrays without any have no
+    stride.
+    """
     double = np.dtype("<f8")
-    assert steps_of((4, 3, 2), 8, "C") == (48, 16, 8) and steps_of((4, 3, 2), 8, "F") == (8, 32, 96)
+    assert steps_of((4, 3, 2), 8, "C") == (48, 16, 8) and steps_of((4, 3, 2), 8, "F") == (
+        8,
+        32,
+        96,
+    )
     array((4, 3)).demand((None, 3), double, "C")
     array((4, 3), strides=(8, 32)).demand((4, 3), double, "F")
     array((1, 3)).demand((None, 3), double, "F")  # as well in the order of C
@@ -137,12 +148,14 @@ def test_states_between_samples_are_those_of_a_polynomial() -> None:
     """Of order five: exact at the middle, with two derivatives."""
     rng = np.random.default_rng(1)
     t = np.array([0.0, 0.3, 0.7, 1.2])
-    h, middle = np.diff(t)[:, None], (t[1:] + t[:-1]) / 2
+    h = np.diff(t)[:, None]
+    middle = (t[1:] + t[:-1]) / 2
     curves = [np.polynomial.Polynomial(rng.normal(size=6)) for _ in range(2)]
 
     def at(instants: np.ndarray, order: int) -> np.ndarray:
         return np.stack(
-            [curve.deriv(order)(instants) if order else curve(instants) for curve in curves], axis=1
+            [curve.deriv(order)(instants) if order else curve(instants) for curve in curves],
+            axis=1,
         )
 
     found = residual._half_way(h, *(at(t, order) for order in range(3)))

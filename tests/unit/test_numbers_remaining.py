@@ -1,4 +1,6 @@
-"""Small parts that no other quick test calls: written variants, exporters of others, curves in C, graphs."""
+"""Small parts that no other quick test calls: written variants, exporters of others, curves in C,
+graphs.
+"""
 
 from __future__ import annotations
 
@@ -46,7 +48,9 @@ remove = ["payload"]
 
 
 def test_a_variant_is_added_to_the_text_of_a_model_file(tmp_path: Path) -> None:
-    """With the changes of its base first, which it may set otherwise; the description is one line of 300 characters."""
+    """With the changes of its base first, which it may set otherwise; the description is one line
+    of 300 characters.
+    """
     file = tmp_path / "arm.toml"
     file.write_text(FILE)
     text = add_variant(
@@ -59,16 +63,19 @@ def test_a_variant_is_added_to_the_text_of_a_model_file(tmp_path: Path) -> None:
     )
     found = tomllib.loads(text)["variant"]["new"]
     assert found["set"] == {"q2.stiffness": 3.0, "q1.stiffness": 5.0, "m.mass": [1, 2]}
-    assert list(found["set"]) == ["q2.stiffness", "q1.stiffness", "m.mass"] and found["remove"] == [
-        "payload"
-    ]
+    assert list(found["set"]) == ["q2.stiffness", "q1.stiffness", "m.mass"] and found[
+        "remove"
+    ] == ["payload"]
     assert found["description"] == ("two lines " + 400 * "x")[:300]
     alone = tomllib.loads(add_variant(file, "new", {"a": 1.0}, "x"))["variant"]
     assert (
         alone["new"] == {"description": "x", "set": {"a": 1.0}}
         and alone["stiff"]["set"]["q1.stiffness"] == 2.0
     )
-    advice = "expected one of a .toml file without that variant; the numbers are in the result and in --json"
+    advice = (
+        "expected one of a .toml file without that variant; the numbers are in the result and "
+        "in --json"
+    )
     with pytest.raises(ArgumentError) as caught:
         add_variant(file, "stiff", {}, "x")
     assert (
@@ -178,7 +185,9 @@ def test_a_library_is_compared_with_the_equations() -> None:
 
 @pytest.mark.parametrize(("exponent", "gamma"), [(1.0, 0.3), (2.0, 0.5), (3.7, -0.4)])
 def test_the_table_of_a_curve_in_c_is_the_curve(exponent: float, gamma: float) -> None:
-    """Each row holds until the next one begins; the last one ends where the torque slips; C reads all of a row."""
+    """Each row holds until the next one begins; the last one ends where the torque slips; C reads
+    all of a row.
+    """
     curve = curve_of(Hysteresis(1.0, 1.0, exponent, gamma))
     (first, dense, late), rows = curve.table()
     source = (Path(flexgen.__file__).parent / "clib" / "hysteresis.h").read_text(encoding="utf-8")
@@ -214,10 +223,11 @@ def test_curves_in_a_header_are_numbered_one_after_the_other() -> None:
     assert text.endswith("    {1, 1, 1, 1, 1, 1, 1, 1, 1, 1}};\n")
 
 
-# --- graphs -----------------------------------------------------------------------------------------------------------
+# --- graphs --------------------------------------------------------------------------------------
 def value_of(graph: Graph, r: int, inputs: list[float]) -> float:
     """A reference by its operations."""
-    node, sign = r >> 1, -1.0 if r & 1 else 1.0
+    node = r >> 1
+    sign = -1.0 if r & 1 else 1.0
     kind = graph.kind[node]
     if kind == "constant":
         return sign * graph.value[node]
@@ -236,10 +246,13 @@ def value_of(graph: Graph, r: int, inputs: list[float]) -> float:
 
 
 def test_a_graph_computes_what_its_operations_say() -> None:  # noqa: C901
-    """Random operations against numbers; each value is computed once, signs and constants are folded."""
+    """Random operations against numbers; each value is computed once, signs and constants are
+    folded.
+    """
     rng = np.random.default_rng(7)
     for _ in range(20):
-        graph, inputs = Graph(), rng.uniform(0.5, 2.0, 3).tolist()
+        graph = Graph()
+        inputs = rng.uniform(0.5, 2.0, 3).tolist()
         known = [(graph.input(0, k), x) for k, x in enumerate(inputs)]
         known += [(graph.constant(x), x) for x in (0.0, 1.0, -1.0, 2.5, -0.5)]
         for _ in range(60):
@@ -278,8 +291,10 @@ def test_a_graph_computes_what_its_operations_say() -> None:  # noqa: C901
 
 def test_a_graph_has_each_value_once() -> None:
     graph = Graph()
-    a, b = graph.input(0, 0), graph.input(0, 1)
-    two, half = graph.constant(2.0), graph.constant(0.5)
+    a = graph.input(0, 0)
+    b = graph.input(0, 1)
+    two = graph.constant(2.0)
+    half = graph.constant(0.5)
     assert graph.add(a, b) == graph.add(b, a) and graph.add(a, b ^ 1) == graph.add(b, a ^ 1) ^ 1
     assert graph.add(a, a ^ 1) == graph.constant(0.0) and graph.add(a, graph.constant(0.0)) == a
     assert graph.add(graph.constant(0.0), b) == b and graph.add(two, half) == graph.constant(2.5)

@@ -1,4 +1,6 @@
-"""Texts of reports of made-up results: drives of robots, failures of sweeps, segments of paths, and errors of poses."""
+"""Texts of reports of made-up results: drives of robots, failures of sweeps, segments of paths,
+and errors of poses.
+"""
 
 from __future__ import annotations
 
@@ -106,13 +108,15 @@ def test_reasons_of_failed_cases() -> None:
     ]
     more = [{"cases": [k, k + 100], "reason": f"r{k}"} for k in range(7)]
     found = texts.failure_lines(more, "results.npz")
-    assert len(found) == 6 and found[-1] == "4 more cases failed for other reasons; see results.npz"
+    assert (
+        len(found) == 6 and found[-1] == "4 more cases failed for other reasons; see results.npz"
+    )
 
 
 def test_details_of_a_solution(monkeypatch: pytest.MonkeyPatch) -> None:
     """Details that are empty are left out; the simulation has its own figures."""
     rows: list[Any] = []
-    monkeypatch.setattr(texts, "figures", lambda given: rows.extend(given) or "figures")  # type: ignore[func-returns-value]
+    monkeypatch.setattr(texts, "figures", lambda given: rows.extend(given) or "figures")
     details = {"a_b": 2.5, "c": [], "d": None, "e": {}, "f": "", "g": [1, 2], "h": 0}
     run = Made(integrator="DOP853", evaluations=120, wall_s=0.5)
     for simulation, more in ((None, 0), (run, 3)):
@@ -161,9 +165,16 @@ def test_segments_of_a_path_and_files_of_a_library(monkeypatch: pytest.MonkeyPat
         files=files,
     )
     assert texts.library_text(robot, library) == (
-        "r@v: built in 1.3 s in o\n\nfunctions: f, g\n\nwrote o/r.h\nwrote o/README.md\nwrote o/src (2 sources)"
+        "r@v: built in 1.3 s in o\n"
+        "\n"
+        "functions: f, g\n"
+        "\n"
+        "wrote o/r.h\n"
+        "wrote o/README.md\n"
+        "wrote o/src (2 sources)"
     )
-    library.cached, library.written = True, []
+    library.cached = True
+    library.written = []
     assert texts.library_text(robot, library) == (
         "r@v: nothing has changed in o\n\nfunctions: f, g\n\n"
         "not in this library: invert and stream, because it has a beam"
@@ -175,7 +186,8 @@ def test_errors_of_a_pose_are_lengths_and_an_angle() -> None:
     q = ca.SX.sym("q", 2)
 
     def turn(x: Any) -> Any:
-        c, s = ca.cos(x), ca.sin(x)
+        c = ca.cos(x)
+        s = ca.sin(x)
         return ca.vertcat(ca.horzcat(c, -s, 0), ca.horzcat(s, c, 0), ca.horzcat(0, 0, 1))
 
     functions = {
@@ -195,15 +207,23 @@ def test_errors_of_a_pose_are_lengths_and_an_angle() -> None:
 
 
 def test_a_report_says_why_the_torque_begins_early() -> None:
-    early, late = (Made(method="lq", trajectory=Made(time=np.array([t, 1.0]))) for t in (-0.1, 0.0))
+    early, late = (
+        Made(method="lq", trajectory=Made(time=np.array([t, 1.0]))) for t in (-0.1, 0.0)
+    )
     full = Made(method="full", trajectory=early.trajectory)
     unstable, stable = (
         Made(zeros=Made(phase=phase)) for phase in ("non-minimum phase", "minimum phase")
     )
     told = {
-        "because": "It starts before the path because the zero dynamics is unstable: only pre-actuation keeps it",
+        "because": (
+            "It starts before the path because the zero dynamics is unstable: only "
+            "pre-actuation keeps it"
+        ),
         "none": "No zero is unstable, so no pre-actuation is needed.",
-        "full": "Before the path it results from the optimization, which weighs the tool error and changes of torque.",
+        "full": (
+            "Before the path it results from the optimization, which weighs the tool error and "
+            "changes of torque."
+        ),
     }
     for solution, analysis, key in (
         (early, unstable, "because"),
@@ -211,7 +231,7 @@ def test_a_report_says_why_the_torque_begins_early() -> None:
         (early, stable, "none"),
         (full, unstable, "full"),
     ):
-        assert pictures._early_torque(solution, analysis).startswith(told[key])  # type: ignore[arg-type]
+        assert pictures._early_torque(solution, analysis).startswith(told[key])
     assert pictures._early_torque(early, None) == ""  # type: ignore[arg-type]
 
 
@@ -227,7 +247,9 @@ def test_a_report_says_where_errors_grow_after_the_samples() -> None:
         run = Made(tool_error_max_m=m, tool_error_max_rad=rad, **drawn)
         text = pictures._after_the_samples(Made(simulation=run))  # type: ignore[arg-type]
         assert (
-            text.startswith(" The errors in the summary are larger: they also cover the time after")
+            text.startswith(
+                " The errors in the summary are larger: they also cover the time after"
+            )
             == told
         )
         assert bool(text) == told
@@ -268,7 +290,7 @@ def test_zeros_along_a_path_are_drawn_where_there_are_any(monkeypatch: pytest.Mo
     assert len(drawn) == 1
 
 
-# --- pages ------------------------------------------------------------------------------------------------------------
+# --- pages ---------------------------------------------------------------------------------------
 Page = tuple[Path, str, list[str]]
 
 
@@ -322,9 +344,9 @@ def test_the_page_of_a_score_has_its_parts_or_why_it_is_refused(
     assert folder == Path("page") and drawn == ["score"]
     assert "<h1>Two &lt;masses&gt;: mine</h1>" in text and "two masses, 2 &amp; 3" in text
     assert (
-        "<b>V = 0.9877</b> (nominal 0.9000, soft 1.2346; worst draw 1.1); the reference controller has about"
-        in text
-    )
+        "<b>V = 0.9877</b> (nominal 0.9000, soft 1.2346; worst draw 1.1); the reference "
+        "controller has about"
+    ) in text
     for part in (
         "Published: a plant",
         "Of this project: a draw",
@@ -368,7 +390,8 @@ def test_the_page_of_an_analysis_has_pictures_of_what_there_is(
     rest = Made(q_a=np.array([0.5, -0.25]), tau_m=np.array([12.5]))
     some = Made(zeros=np.array([[np.nan, -3.0]]), verdict="all are stable")
     none = Made(zeros=np.full((2, 2), np.nan), verdict="none")
-    soft, stiff = Made(matrix=np.eye(6)), Made(matrix=np.zeros((6, 6)))
+    soft = Made(matrix=np.eye(6))
+    stiff = Made(matrix=np.zeros((6, 6)))
     base = ["at this equilibrium"]
     for compliance, path, warnings, names in (
         (soft, some, ("beware & look",), [*base, "compliance", "zeros_along"]),
@@ -409,7 +432,9 @@ def test_the_page_of_another_result_is_its_table(monkeypatch: pytest.MonkeyPatch
 
 
 def test_the_page_of_a_result_with_tables_has_all_rows(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The table of notebooks has four entries of a dictionary: a page of a calibration had four numbers of 260."""
+    """The table of notebooks has four entries of a dictionary: a page of a calibration had four
+    numbers of 260.
+    """
     written = pages_of(result_page, monkeypatch)
     rows = [[f"q{k}.zero", f"{k} < {k + 1}" + " and wide" * 20] for k in range(40)]
     monkeypatch.setattr(flexgen.Equilibrium, "to_text", lambda self: text_tables.table(rows))

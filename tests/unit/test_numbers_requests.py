@@ -1,4 +1,6 @@
-"""What is asked for and how it is answered: samples of an inversion, versions, folders, noise, digests, log files."""
+"""What is asked for and how it is answered: samples of an inversion, versions, folders, noise,
+digests, log files.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,9 @@ from flexgen.types_of_values import _is_any_array
 
 
 def problem(**more: Any) -> Any:
-    """Of a path of one second, with a window of half a second before it and a quarter behind it."""
+    """Of a path of one second, with a window of half a second before it and a quarter behind
+    it.
+    """
     gear = Made(rigid=False, spring=LinearSpring(1e4))
     fields: dict[str, Any] = {
         "mesh": None,
@@ -48,7 +52,9 @@ def problem(**more: Any) -> Any:
 
 
 def test_samples_of_an_inversion_by_hand() -> None:
-    """Steps on the path, their period, steps in an interval, and steps before and behind the path."""
+    """Steps on the path, their period, steps in an interval, and steps before and behind the
+    path.
+    """
     assert sampling.grid(problem(), 0.01) == (1001, 1e-3, 10, 500, 250)
     assert sampling.grid(problem(), 0.004) == (2001, 5e-4, 8, 1000, 500)  # eight to an interval
     program = Made(duration=1.0, segments=(1, 2))
@@ -70,13 +76,18 @@ def test_samples_of_an_inversion_by_hand() -> None:
 
 
 def test_samples_of_an_inversion_have_a_largest_number() -> None:
-    """900,000 with those before and behind the path: coarser ones, or a refusal where an interval has none."""
+    """900,000 with those before and behind the path: coarser ones, or a refusal where an interval
+    has none.
+    """
     long = Made(duration=2.0, segments=(1,))
     n, period, inside, before, after = sampling.grid(problem(path=long, step=1e-6), 0.01)
     assert (n, period, inside, before, after) == (654546, 2 / 654545, 3273, 163637, 81819)
     with pytest.raises(ArgumentError, match="mesh: given") as refused:
         sampling.grid(problem(path=long, mesh=1, step=3e-6), 3e-6)
-    told = "mesh: given 3e-06 s, which makes 9.17e+05 intervals over 2.75 s, expected at most 900000; take a coarser"
+    told = (
+        "mesh: given 3e-06 s, which makes 9.17e+05 intervals over 2.75 s, expected at most "
+        "900000; take a coarser"
+    )
     assert str(refused.value).startswith(told)
     # below the number
     assert sampling.grid(problem(path=long, mesh=1, step=3.1e-6), 3.1e-6)[0] == 645163
@@ -111,7 +122,8 @@ def test_arrays_are_what_has_entries_or_a_type_of_numbers() -> None:
 
 def test_moments_of_mass_that_rounding_left_are_zero_or_alike() -> None:
     """Relative to the largest second moment, to the mass, and to the root of their product."""
-    small, mass = 0.9 * ROUNDING, 3.0
+    small = 0.9 * ROUNDING
+    mass = 3.0
     second = np.array(
         [[4.0, 4 * small, 1e-9], [0.0, 4.0 + 4 * small, 0.0], [1e-9, 0.0, 4.0 - 4 * small]]
     )
@@ -127,7 +139,9 @@ def test_moments_of_mass_that_rounding_left_are_zero_or_alike() -> None:
 
 
 def test_noise_of_drives_and_sensors_adds_up_by_hand(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Angles as accelerations, ``w^2``; a sensor that is read less often counts more; torques through G."""
+    """Angles as accelerations, ``w^2``; a sensor that is read less often counts more; torques
+    through G.
+    """
     sensor = Made(name="acc", channels=("acc.x", "acc.y"), sample_s=4e-3)
     model: Any = Made(sensors=[sensor])
     hardware = Made(
@@ -136,7 +150,8 @@ def test_noise_of_drives_and_sensors_adds_up_by_hand(monkeypatch: pytest.MonkeyP
     plan: Any = Made(hardware=hardware, motors=("m1",), samples=200, sensors=("acc.y",))
     monkeypatch.setattr(operating_points, "noises", lambda model, names: np.array([0.02]))
     monkeypatch.setattr(operating_points, "output_orders", lambda model, names: np.array([2, 0]))
-    w, G = np.array([2.0, 3.0]), np.array([[[1.0 + 1j], [2.0]], [[0.5], [1j]]])
+    w = np.array([2.0, 3.0])
+    G = np.array([[[1.0 + 1j], [2.0]], [[0.5], [1j]]])
     found = operating_points.noise_covariance(G, w, plan, model)
     for k in range(2):
         angle = (1e-8 + 36e-8 / 12) * w[k] ** 4
@@ -169,7 +184,8 @@ def test_what_a_digest_depends_on(tmp_path: Path) -> None:
     assert text.index('"a": 2.5') < text.index('"b": 1.0')
     assert (
         canonical(
-            dict(reversed(entries.items())) | {"description": "b", "source": "c", "uncertainty": {}}
+            dict(reversed(entries.items()))
+            | {"description": "b", "source": "c", "uncertainty": {}}
         )
         == text
     )
@@ -230,7 +246,9 @@ def test_progress_is_told_with_its_time_or_not_at_all(
 
 def test_versions_of_benchmarks_by_name_and_number(monkeypatch: pytest.MonkeyPatch) -> None:
     """The newest by default; a version that the name states, too, is the same."""
-    monkeypatch.setattr(scenario_file, "_parse_table", lambda path, data, known: (path.name, known))
+    monkeypatch.setattr(
+        scenario_file, "_parse_table", lambda path, data, known: (path.name, known)
+    )
     found: Any = scenario_file.scenario
     for name, version, number in (
         ("four_mass", None, 2),
@@ -279,7 +297,8 @@ def test_a_sweep_needs_an_empty_folder(tmp_path: Path) -> None:
     def made(path: Path, size: int | None = 3) -> Any:
         return folder.Folder(path, grid, "code", size, False, lambda line: None)
 
-    file, full = tmp_path / "file", tmp_path / "full"
+    file = tmp_path / "file"
+    full = tmp_path / "full"
     file.write_text("x")
     with pytest.raises(
         ArgumentError, match=r"sweep: given .*file', which is a file, expected a folder"

@@ -1,4 +1,6 @@
-"""Responses of robots with errors: the same equations by another method of integration, and by steps half as long."""
+"""Responses of robots with errors: the same equations by another method of integration, and by
+steps half as long.
+"""
 
 from __future__ import annotations
 
@@ -14,20 +16,22 @@ from flexgen.uncertainty import response as responses
 END = 0.4
 C = np.array([[0.0, 0.0, 3.0, 0.0], [0.0, 0.0, 0.0, 2.0]])  # motors behind springs of two masses
 B = np.vstack([np.zeros((2, 2)), np.diag([3.0, 2.0])])
-K_S, K_P, K_I = np.array([2.0, 1.5]), np.array([12.0, 9.0]), np.array([7.0, 5.0])
+K_S = np.array([2.0, 1.5])
+K_P = np.array([12.0, 9.0])
+K_I = np.array([7.0, 5.0])
 SPRINGS = np.array(
     [[400.0, -100.0, -300.0, 0.0], [-100.0, 350.0, 0.0, -250.0], [-300.0, 0.0, 300.0, 0.0]]
 )
 SPRINGS = np.vstack([SPRINGS, [0.0, -250.0, 0.0, 250.0]])
-W, TWIST = (
-    np.array([[1.0, 0.4, 0.0, 0.0], [0.0, 1.0, 0.1, 0.0], [0.2, 0.0, 0.0, 1.0]]),
-    np.array([[1.0, 0.0, -1.0, 0.0]]),
-)
+W = np.array([[1.0, 0.4, 0.0, 0.0], [0.0, 1.0, 0.1, 0.0], [0.2, 0.0, 0.0, 1.0]])
+TWIST = np.array([[1.0, 0.0, -1.0, 0.0]])
 
 
 def of_time(t: float) -> Any:
     """M, D and K of the model at an instant."""
-    M = np.diag([2.0 + t, 1.5, 0.5, 0.4]) + 0.2 * np.cos(3 * t) * (np.eye(4, k=1) + np.eye(4, k=-1))
+    M = np.diag([2.0 + t, 1.5, 0.5, 0.4]) + 0.2 * np.cos(3 * t) * (
+        np.eye(4, k=1) + np.eye(4, k=-1)
+    )
     return M, 0.02 * SPRINGS * (1 + t), SPRINGS + 40 * t * np.eye(4)
 
 
@@ -62,11 +66,11 @@ def along(steps: int) -> Any:
         constant=CONSTANT,
     )
     made.force = np.array([forces(x) for x in t]).transpose(1, 0, 2)
-    made.W, made.twist, made.varying = np.tile(W, (len(t), 1, 1)), TWIST, varying
-    made.linear, made.late = (
-        np.array([True, True]),
-        lambda errors: np.array([late(x, errors) for x in t]),
-    )
+    made.W = np.tile(W, (len(t), 1, 1))
+    made.twist = TWIST
+    made.varying = varying
+    made.linear = np.array([True, True])
+    made.late = lambda errors: np.array([late(x, errors) for x in t])
     return made
 
 
@@ -86,12 +90,15 @@ def exact(errors: np.ndarray, first_order: bool) -> Any:
         return np.asarray(errors @ forces(t) + (0.0 if first_order else late(t, errors[None])[0]))
 
     def torque(x: np.ndarray) -> np.ndarray:
-        d, v, total = x[:4], x[4:8], x[8:]
+        d = x[:4]
+        v = x[4:8]
+        total = x[8:]
         return np.asarray(K_S * (-K_P * (C @ d) - C @ v + K_I * total))
 
     def rate(t: float, x: np.ndarray) -> np.ndarray:
         M, D, K = matrices(t)
-        d, v = x[:4], x[4:8]
+        d = x[:4]
+        v = x[4:8]
         return np.concatenate(
             [
                 v,
@@ -140,7 +147,8 @@ def test_responses_to_first_order_are_those_of_the_model() -> None:
             ("error", "tau_m", "deflection"), exact(np.eye(2)[source], True), strict=True
         ):
             coarse, fine = (
-                getattr(x, name)[:: n // 20, source] for x, n in zip(found, (100, 200), strict=True)
+                getattr(x, name)[:: n // 20, source]
+                for x, n in zip(found, (100, 200), strict=True)
             )
             assert np.abs(coarse - expected).max() <= 8e-3 * np.abs(expected).max()
             assert np.abs(fine - expected).max() <= 0.3 * np.abs(coarse - expected).max() + 1e-9
@@ -164,7 +172,8 @@ def test_an_element_with_a_state_acts_with_its_torque_and_its_slope() -> None:
             assert k == len(self.kept)
             self.kept.append(d)
 
-    made, stiffer = along(100), along(100)
+    made = along(100)
+    stiffer = along(100)
     spring = Spring()
     made.force[:, 0, :] = stiffer.force[:, 0, :] = 0.0  # at rest the spring is not bent
     made.states = (Made(linear=lambda: spring),)

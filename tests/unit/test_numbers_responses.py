@@ -1,4 +1,6 @@
-"""Frequency responses and their residuals by other routes: loops over lines, differences, closed forms, whole files."""
+"""Frequency responses and their residuals by other routes: loops over lines, differences, closed
+forms, whole files.
+"""
 
 from __future__ import annotations
 
@@ -32,26 +34,33 @@ def complex_(rng: np.random.Generator, *shape: int) -> np.ndarray:
 
 @pytest.mark.parametrize("average", ["arithmetic", "harmonic", "logarithmic", "h1"])
 def test_an_estimate_is_that_of_each_line(average: str) -> None:
-    """Least squares, covariance of the misfit and means over realizations, line by line; with noise as given, too.
+    """Least squares, covariance of the misfit and means over realizations, line by line; with
+    noise as given, too.
 
     Shown to see: each count of periods, experiments and realizations, and each mean.
     """
-    k, R, P, L, n, E = 2, 3, 4, 3, 2, 3
+    k = 2
+    R = 3
+    P = 4
+    L = 3
+    n = 2
+    E = 3
     rng = RNG(0)
-    U, G = complex_(rng, k, R, P, L, n, E), complex_(rng, k, 1, 1, L, n, n)
+    U = complex_(rng, k, R, P, L, n, E)
+    G = complex_(rng, k, 1, 1, L, n, n)
     Y = (G + 0.1 * complex_(rng, k, R, 1, L, n, n)) @ U + 0.1 * complex_(rng, k, R, P, L, n, E)
     noise = 0.1 * complex_(rng, k, R, 5, L, n, E), 0.1 * complex_(rng, k, R, 5, L, n, E)
-    plain, given = fr.estimate(U, Y, average), fr.estimate(U, Y, average, noise)
+    plain = fr.estimate(U, Y, average)
+    given = fr.estimate(U, Y, average, noise)
     for a in range(k):
         for line in range(L):
-            each, UU, C, Cn = (
-                [],
-                np.zeros((n, n), complex),
-                np.zeros((n, n), complex),
-                np.zeros((n, n), complex),
-            )
+            each = []
+            UU = np.zeros((n, n), complex)
+            C = np.zeros((n, n), complex)
+            Cn = np.zeros((n, n), complex)
             for r in range(R):
-                u, y = U[a, r, :, line], Y[a, r, :, line]
+                u = U[a, r, :, line]
+                y = Y[a, r, :, line]
                 one = np.hstack(list(u)) if average == "h1" else u.mean(axis=0)
                 two = np.hstack(list(y)) if average == "h1" else y.mean(axis=0)
                 g = np.linalg.lstsq(one.T, two.T, rcond=None)[0].T
@@ -94,7 +103,9 @@ def test_an_estimate_is_that_of_each_line(average: str) -> None:
 
 
 def test_a_period_that_differs_is_named() -> None:
-    """Six times the scatter of the others; an error from a tenth of the signal on, fewer than three periods never."""
+    """Six times the scatter of the others; an error from a tenth of the signal on, fewer than
+    three periods never.
+    """
     rng = RNG(1)
     Y = 1.0 + 1e-3 * complex_(rng, 2, 1, 4, 40, 2, 3)
     assert fr._check_repeats(Y, "data") == ()
@@ -102,7 +113,8 @@ def test_a_period_that_differs_is_named() -> None:
     some[1, 0, 2, :, :, 1] += 0.05
     (text,) = fr._check_repeats(some, "data")
     assert text.startswith(
-        "pose 2, realization 1, experiment 2: period 3 differs from the others by 0.049 of the signal"
+        "pose 2, realization 1, experiment 2: period 3 differs from the others by 0.049 of the "
+        "signal"
     )
     assert fr._check_repeats(some[:, :, 1:3], "data") == ()
     some[1, 0, 2, :, :, 1] += 0.1
@@ -129,7 +141,8 @@ def data() -> flexgen.Frf:
     w = 2 * np.pi * np.array([3.0, 8.0, 21.0, 55.0])
     made = exact_responses(model, poses_of(model, 2), w, Drive(1e-3, 1e-3), 1e-2)
     rng = RNG(2)
-    root, other = complex_(rng, 2, 4, 2, 2), complex_(rng, 2, 4, 2, 3)
+    root = complex_(rng, 2, 4, 2, 2)
+    other = complex_(rng, 2, 4, 2, 3)
     C = root @ root.conj().swapaxes(-1, -2) * np.abs(made.G).mean() ** 2 * 1e-4
     UU = other @ other.conj().swapaxes(-1, -2)
     S = np.linalg.inv(UU).real / 5
@@ -144,9 +157,11 @@ def moved(vector: ParameterVector) -> np.ndarray:
 
 
 def test_springs_are_averaged_over_the_deflections_of_one_experiment() -> None:
-    """The matrix of a cubic spring averaged over a deviation, k + 3 k3 sd^2, has the deviation that the torques cause:
-    the mean over three experiments, which `UU` adds."""
-    stiffness, cubic = 10.0, 3e4
+    """The matrix of a cubic spring averaged over a deviation, k + 3 k3 sd^2, has the deviation
+    that the torques cause: the mean over three experiments, which `UU` adds.
+    """
+    stiffness = 10.0
+    cubic = 3e4
     spring = {"type": "cubic", "stiffness": stiffness, "cubic": cubic}
     model = flexgen.read("four_mass", overrides={"element.mass1.dof.q1.gear.spring": spring})
     w = 2 * np.pi * np.array([0.11, 0.6, 1.7])
@@ -159,7 +174,8 @@ def test_springs_are_averaged_over_the_deflections_of_one_experiment() -> None:
     residuals.average_springs(vector.start)
     local = residuals.local
     M, D, K, B = (x[0] for x in local.matrices(local.values, made.poses))
-    row, sd = local.deflection_rows[0], 0.0
+    row = local.deflection_rows[0]
+    sd = 0.0
     for _ in range(50):
         K_mean = K + 3 * cubic * sd**2 * np.outer(row, row)
         X = np.array([row @ np.linalg.solve(K_mean + 1j * s * D - s**2 * M, B[:, 0]) for s in w])
@@ -170,10 +186,12 @@ def test_springs_are_averaged_over_the_deflections_of_one_experiment() -> None:
 
 def test_a_response_of_zero_has_no_logarithm(data: flexgen.Frf) -> None:
     """Axes at right angles; the logarithm was minus infinity, and eigenvalues did not converge."""
-    vector, G = ParameterVector(without_coulomb("planar5_nmp"), ["q1.stiffness"]), data.G.copy()
+    vector = ParameterVector(without_coulomb("planar5_nmp"), ["q1.stiffness"])
+    G = data.G.copy()
     G[1, 2, 0, 1] = 0.0
     with pytest.raises(
-        ArgumentError, match='residual: given "lls", expected "nls": a response is zero, and has no'
+        ArgumentError,
+        match='residual: given "lls", expected "nls": a response is zero, and has no',
     ):
         Residuals(vector, replace(data, G=G), "lls").weight(moved(vector), False)
     assert np.isfinite(Residuals(vector, replace(data, G=G)).weight(moved(vector), False)[0]).all()
@@ -183,7 +201,9 @@ def test_a_response_of_zero_has_no_logarithm(data: flexgen.Frf) -> None:
 def test_residuals_have_their_weights_and_derivatives(data: flexgen.Frf, kind: str) -> None:
     """Residuals by loops, derivatives by differences, sums, and the covariance of all entries."""
     model = without_coulomb("planar5_nmp")
-    vector = ParameterVector(model, ["q1.stiffness", "q3.stiffness", "m2.torque_constant", "delay"])
+    vector = ParameterVector(
+        model, ["q1.stiffness", "q3.stiffness", "m2.torque_constant", "delay"]
+    )
     made = Residuals(vector, data, "nls" if kind == "structured" else kind, 0.02)
     made.drive = replace(made.drive, has_images=False)  # which derivatives leave out
     x = moved(vector)
@@ -241,8 +261,11 @@ def test_residuals_have_their_weights_and_derivatives(data: flexgen.Frf, kind: s
 
 
 def test_levels_of_noise_are_found_in_exact_covariances(data: flexgen.Frf) -> None:
-    """``G S_u G^H + w^4 S_y`` gives its variances back; means over neighboring lines are those of slices."""
-    torque, output = np.array([0.3, 0.02]), np.array([2e-9, 7e-9])
+    """``G S_u G^H + w^4 S_y`` gives its variances back; means over neighboring lines are those of
+    slices.
+    """
+    torque = np.array([0.3, 0.02])
+    output = np.array([2e-9, 7e-9])
     powers = weights.output_powers(data, data.w)
     assert_allclose(powers, np.stack([data.w**4] * 2, axis=1))
     C = structured_covariance(data.G, powers, torque, output)
@@ -264,7 +287,9 @@ def test_levels_of_noise_are_found_in_exact_covariances(data: flexgen.Frf) -> No
     relative = weights.over_lines(variance / np.abs(data.G) ** 2, 7)
     assert_allclose(weights._smooth_variances(variance, data.G), relative * np.abs(data.G) ** 2)
     model = without_coulomb("planar5_nmp")
-    total = Residuals(ParameterVector(model, ["stiffness"]), replace(data, total=variance)).variance
+    total = Residuals(
+        ParameterVector(model, ["stiffness"]), replace(data, total=variance)
+    ).variance
     assert_allclose(
         total,
         np.maximum(relative * np.abs(data.G) ** 2, data.variance) + 1e-18 * np.abs(data.G) ** 2,
@@ -279,7 +304,9 @@ def test_files_of_responses_are_checked(data: flexgen.Frf) -> None:
     assert (again.periods, again.experiments, again.sample_s, again.delay_s) == (5, 3, 1e-3, 1e-3)
     assert repr(again) == "<Frf planar5_nmp: 2 poses, 4 lines 3 .. 55 Hz, 2 x 2>"
     assert again.relative_sd() == pytest.approx(np.median(np.sqrt(data.variance) / np.abs(data.G)))
-    skew, flat, large = data.C.copy(), data.UU.copy(), data.UU * 1e101
+    skew = data.C.copy()
+    flat = data.UU.copy()
+    large = data.UU * 1e101
     skew[..., 0, 1] *= 1.01
     flat[0, 0] = np.outer([1.0, 2.0], [1.0, 2.0])
     bad: list[tuple[dict[str, Any], dict[str, Any], str]] = [
@@ -289,7 +316,11 @@ def test_files_of_responses_are_checked(data: flexgen.Frf) -> None:
         ({"total": np.zeros((1, 1))}, {}, "arrays of different sizes"),
         ({}, {"orders": [1]}, "arrays of different sizes"),
         ({"noise_UU": data.UU}, {}, "noise_UU, noise_YU: expected both"),
-        ({"noise_UU": data.UU[:, 1:], "noise_YU": data.G}, {}, "noise_UU, noise_YU: expected both"),
+        (
+            {"noise_UU": data.UU[:, 1:], "noise_YU": data.G},
+            {},
+            "noise_UU, noise_YU: expected both",
+        ),
         ({"w": data.w[::-1]}, {}, "expected rising frequencies > 0 and variances >= 0"),
         ({"w": data.w * 0}, {}, "expected rising frequencies > 0"),
         ({"w": data.w[[0, 1, 1, 3]]}, {}, "expected rising frequencies > 0"),
@@ -312,8 +343,10 @@ def test_files_of_responses_are_checked(data: flexgen.Frf) -> None:
     for changed, other, text in bad:
         with pytest.raises(ValueError, match=text):
             flexgen.Frf.from_data({**arrays, **changed}, {**meta, **other})
-    k, n = len(data.poses), len(data.motors)
-    numbers, torques = np.array([1, 2, 4, 7]), np.ones((k, 1, 4, n, n), complex)
+    k = len(data.poses)
+    n = len(data.motors)
+    numbers = np.array([1, 2, 4, 7])
+    torques = np.ones((k, 1, 4, n, n), complex)
     motion = {"torques": torques, "numbers": numbers, "gains": np.ones((3, n))}
     moved: list[tuple[dict[str, Any], str]] = [
         ({"numbers": numbers - 1}, "those of lines rising from 1"),
@@ -331,10 +364,8 @@ def test_files_of_responses_are_checked(data: flexgen.Frf) -> None:
     fr._check_motion([None, None, None], k, 4, n)
     wide = {"G": np.ones((k, 4, n + 3, n), complex), "variance": np.ones((k, 4, n + 3, n))}
     wide["C"] = np.tile(np.eye(n + 3, dtype=complex), (k, 4, 1, 1))
-    plain, named = (
-        {x: y for x, y in arrays.items() if x != "total"},
-        {"sensors": ["a.x", "b.y", "c"]},
-    )
+    plain = {x: y for x, y in arrays.items() if x != "total"}
+    named = {"sensors": ["a.x", "b.y", "c"]}
     for orders in ([0, 1, 2], [2, 2, 0], [0, 0, 0]):
         assert flexgen.Frf.from_data(
             plain | wide, meta | named | {"orders": orders}
@@ -488,7 +519,8 @@ def test_a_vector_of_parameters_has_scales_bounds_and_messages() -> None:
         d
     ] == pytest.approx(0.102)
     assert (
-        vector.dvalues(at)[k] == pytest.approx(value * np.exp(0.1)) and vector.dvalues(at)[d] == 1.0
+        vector.dvalues(at)[k] == pytest.approx(value * np.exp(0.1))
+        and vector.dvalues(at)[d] == 1.0
     )
     assert_allclose(vector.x(vector.values(at)), at)
     tied = ParameterVector(

@@ -1,4 +1,6 @@
-"""Fits of rigid arms and of motions, part by part: columns, covariances, deflections and statuses by closed forms."""
+"""Fits of rigid arms and of motions, part by part: columns, covariances, deflections and statuses
+by closed forms.
+"""
 
 from __future__ import annotations
 
@@ -59,7 +61,8 @@ def swung(model: RobotModel, count: int = 600) -> Motion:
 
 
 def test_columns_are_those_of_bodies_rotors_frictions_and_harmonics() -> None:
-    """Term by term on filtered samples, for harmonics that the file has and for those that are fitted.
+    """Term by term on filtered samples, for harmonics that the file has and for those that are
+    fitted.
 
     Shown to see: each column, ratio, sign and harmonic.
     """
@@ -91,7 +94,8 @@ def test_columns_are_those_of_bodies_rotors_frictions_and_harmonics() -> None:
     inertia = np.array([m.inertia for m in model.motors])
     assert_allclose(found.known[0], inertia * (a @ model.eta.T))
     inverse = np.linalg.inv(model.eta)
-    pi, friction = Regressor(model).of_model(), np.arange(16.0).reshape(2, 8) / 10
+    pi = Regressor(model).of_model()
+    friction = np.arange(16.0).reshape(2, 8) / 10
     e = flexgen.derive(model).function("inverse_dynamics").map(600)
     arm = np.array(e(q.T, v.T, a.T)).T
     first = np.stack([40.0 * np.sin(q[:, 0]) - 15.0 * np.cos(q[:, 0]), zero], axis=1)
@@ -108,13 +112,16 @@ def test_columns_are_those_of_bodies_rotors_frictions_and_harmonics() -> None:
     assert len(part.Y) == 1 and part.measured[0].shape == (50, 2)
     error, scale = found.errors(pi, friction)
     for j in range(2):
-        tau, at = motion.torques[:, j], moving[:, j]
+        tau = motion.torques[:, j]
+        at = moving[:, j]
         assert error[j] == pytest.approx(np.sqrt(((tau - total[:, j])[at] ** 2).mean()))
         assert scale[j] == pytest.approx(tau[at].std())
 
 
 def test_the_sample_time_of_a_rounded_clock_is_that_of_all_samples() -> None:
-    """At 2048 Hz the median of steps in whole microseconds is 0.06 % short, and frictions were four deviations off."""
+    """At 2048 Hz the median of steps in whole microseconds is 0.06 % short, and frictions were
+    four deviations off.
+    """
     t = 1.7e9 + np.round(1e6 * np.arange(600) / 2048) / 1e6
     assert Motion(t, np.zeros((600, 2)), np.zeros((600, 2))).step == pytest.approx(
         1 / 2048, rel=3e-6
@@ -166,7 +173,8 @@ def test_a_fit_without_noise_returns_bodies_rotors_and_frictions(
             "offset": 0.0
         }
     columns = Columns(Regressor(model), [motion], {})
-    pi, phi = found.pi, found.friction
+    pi = found.pi
+    phi = found.friction
     error = motion.torques - columns.torques(pi, phi)[0]
     X = [
         np.hstack(
@@ -183,7 +191,8 @@ def test_a_fit_without_noise_returns_bodies_rotors_and_frictions(
     information = np.r_[prior.sd**-2.0, np.zeros(8), prior.lags_sd**-2.0]
     sd = np.array([0.1, 0.3])
     expected = dense_covariance(X, error, 1 / (sd * np.sqrt(50)), information, 125)
-    terms, weights = columns.by_motor(), prior.information(2 * columns.F[0].shape[2])
+    terms = columns.by_motor()
+    weights = prior.information(2 * columns.F[0].shape[2])
     assert_allclose(weights, information)
     monkeypatch.setattr(residual_statistics, "_student", lambda shares: np.ones(shares.shape[1]))
     made = residual_statistics.covariance(
@@ -195,8 +204,13 @@ def test_a_fit_without_noise_returns_bodies_rotors_and_frictions(
 
 @pytest.mark.slow
 def test_a_tiny_quick_arm_has_the_numbers_of_the_large_one() -> None:
-    """Lengths, masses and times by powers of two: the torques are those of the large arm, scaled."""
-    large, length, mass, time = flexgen.read("elbow@rigid"), 2.0**-6, 2.0**-20, 2.0**-4
+    """Lengths, masses and times by powers of two: the torques are those of the large arm,
+    scaled.
+    """
+    large = flexgen.read("elbow@rigid")
+    length = 2.0**-6
+    mass = 2.0**-20
+    time = 2.0**-4
     unit = mass * length**2
     tiny = rescaled(large, length, mass, time)
     motion = swung(large, 1500)
@@ -214,12 +228,15 @@ def test_a_tiny_quick_arm_has_the_numbers_of_the_large_one() -> None:
 def dense_covariance(
     X: list[np.ndarray], error: np.ndarray, weight: np.ndarray, prior: np.ndarray, block: int
 ) -> Any:
-    """``H (sum g g' + P) H`` of blocks, each g that of a fit without its block; with scales for the inverse."""
+    """``H (sum g g' + P) H`` of blocks, each g that of a fit without its block; with scales for
+    the inverse.
+    """
     P = np.diag(prior)
     A = sum(w**2 * x.T @ x for x, w in zip(X, weight, strict=True)) + P
     s = 1 / np.sqrt(np.diag(A))
     inverse = np.linalg.inv(A * np.outer(s, s))
-    H_, G = inverse * np.outer(s, s), P.copy()
+    H_ = inverse * np.outer(s, s)
+    G = P.copy()
     for k in range(0, len(error), block):
         rows = [x[k : k + block] * w for x, w in zip(X, weight, strict=True)]
         g = (
@@ -236,10 +253,13 @@ def dense_covariance(
 
 
 def test_deviations_of_numbers_of_the_file_follow_by_their_derivatives() -> None:
-    """Mass, center, inertia about the center from (m, m c, I about the origin); rotors and frictions by the ratio."""
+    """Mass, center, inertia about the center from (m, m c, I about the origin); rotors and
+    frictions by the ratio.
+    """
     model = flexgen.read("elbow@rigid")
     pi = Regressor(model).of_model()
-    n, rng = len(pi), np.random.default_rng(0)
+    n = len(pi)
+    rng = np.random.default_rng(0)
     root = rng.normal(size=(n + 15, n + 15)) * 1e-3
     covariance = root @ root.T
     fit = RigidFit(
@@ -272,14 +292,13 @@ def test_deviations_of_numbers_of_the_file_follow_by_their_derivatives() -> None
     assert sd["q2.counterbalance_sin_2"] == pytest.approx(phi[1, 4] * eta[1])
     assert sd["q2.counterbalance_cos_2"] == pytest.approx(phi[1, 5] * eta[1])
     for k, element in enumerate(model.elements):
-        row, block = (
-            pi[10 * k : 10 * k + 10],
-            covariance[10 * k : 10 * k + 10, 10 * k : 10 * k + 10],
-        )
+        row = pi[10 * k : 10 * k + 10]
+        block = covariance[10 * k : 10 * k + 10, 10 * k : 10 * k + 10]
         assert sd[f"{element.name}.mass"] == pytest.approx(np.sqrt(block[0, 0]), rel=1e-6)
         for axis, name in enumerate(("com_x", "com_y", "com_z")):
             slope = np.zeros(10)
-            slope[0], slope[1 + axis] = -row[1 + axis] / row[0] ** 2, 1 / row[0]
+            slope[0] = -row[1 + axis] / row[0] ** 2
+            slope[1 + axis] = 1 / row[0]
             assert sd[f"{element.name}.{name}"] == pytest.approx(
                 np.sqrt(slope @ block @ slope), rel=1e-4
             )
@@ -326,7 +345,9 @@ def test_the_last_body_carries_the_payload() -> None:
 
 
 def test_each_part_is_predicted_by_a_fit_to_all_others(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The torques predict the mean of the samples that are fitted: the part itself is none of them."""
+    """The torques predict the mean of the samples that are fitted: the part itself is none of
+    them.
+    """
     motion = swung(flexgen.read("elbow@rigid"), 61)
     columns = Columns(Regressor(flexgen.read("elbow@rigid")), [motion, motion], {})
     columns.moving = [np.ones_like(x, bool) for x in columns.measured]
@@ -342,14 +363,16 @@ def test_each_part_is_predicted_by_a_fit_to_all_others(monkeypatch: pytest.Monke
     found = rigid_body._leave_out(
         columns, rigid_body._Prior(at.pi, at.pi, at.lags), at, np.ones(2), 3
     )
-    x, error = np.vstack(columns.measured), []
+    x = np.vstack(columns.measured)
+    error = []
     for begin, end in ((0, 20), (20, 40), (40, 61), (61, 81), (81, 101), (101, 122)):
         error.append(x[begin:end] - np.delete(x, np.s_[begin:end], axis=0).mean(axis=0))
     assert_allclose(found, np.sqrt((np.vstack(error) ** 2).mean(axis=0)))
 
 
 def test_errors_of_a_rigid_fit_decide_on_its_status() -> None:
-    one, scale = np.array([1.0, 1.0]), np.array([10.0, 10.0])
+    one = np.array([1.0, 1.0])
+    scale = np.array([10.0, 10.0])
     status = rigid_accuracy.status_of
     assert status(np.array([3.34, 1.0]), scale, None, None) == RigidStatus.MODEL_ERROR
     assert status(np.array([3.33, 1.0]), scale, None, None) == RigidStatus.NOT_CHECKED
@@ -357,7 +380,8 @@ def test_errors_of_a_rigid_fit_decide_on_its_status() -> None:
     assert status(one, scale, np.array([1.0, 1.99]), scale) == RigidStatus.FITTED
     # of the torque not worse
     assert status(one, scale, np.array([1.0, 2.5]), 2 * scale) == RigidStatus.FITTED
-    assert status(0.1 * one, scale, np.array([0.1, 0.99]), scale) == RigidStatus.FITTED  # too small
+    # too small
+    assert status(0.1 * one, scale, np.array([0.1, 0.99]), scale) == RigidStatus.FITTED
     assert residual_statistics.parts_of([10, 7], 3) == [
         (0, slice(0, 3)),
         (0, slice(3, 6)),
@@ -366,10 +390,8 @@ def test_errors_of_a_rigid_fit_decide_on_its_status() -> None:
         (1, slice(2, 4)),
         (1, slice(4, 7)),
     ]
-    error, moving = (
-        np.array([[3.0, 1.0], [4.0, 1.0], [9.0, 1.0]]),
-        np.array([[1, 0], [1, 0], [0, 0]], bool),
-    )
+    error = np.array([[3.0, 1.0], [4.0, 1.0], [9.0, 1.0]])
+    moving = np.array([[1, 0], [1, 0], [0, 0]], bool)
     assert residual_statistics.rms(error, moving)[0] == pytest.approx(np.sqrt(12.5))
     assert np.isnan(residual_statistics.rms(error, moving)[1])
     t = np.r_[0.0, 0.1, 0.2, 0.31, np.arange(0.4, 9.0, 0.1)]
@@ -386,10 +408,13 @@ def test_errors_of_a_rigid_fit_decide_on_its_status() -> None:
 
 
 def test_a_deflection_is_that_of_least_squares() -> None:
-    """Compliance and skew by `numpy.linalg.lstsq`; the interval by blocks of half a second; words of each result."""
+    """Compliance and skew by `numpy.linalg.lstsq`; the interval by blocks of half a second; words
+    of each result.
+    """
     rng = np.random.default_rng(0)
     t = np.arange(1400) * H
-    q, tau = 0.5 * np.sin(2.5 * t), 900.0 * np.sin(4.4 * t + 1)
+    q = 0.5 * np.sin(2.5 * t)
+    tau = 900.0 * np.sin(4.4 * t + 1)
     link = np.interp(t - 2e-3, t, q - tau / 1e7) - 1e-3 + 2e-6 * rng.standard_normal(len(t))
     found = gear_deflection(t, q, link, tau)
     columns = np.column_stack([tau, np.gradient(q, H), np.ones_like(t)])
@@ -399,7 +424,8 @@ def test_a_deflection_is_that_of_least_squares() -> None:
         x[1], rel=1e-6
     )
     without = np.linalg.lstsq(columns[:, 1:], q - link, rcond=None)[0]
-    rest, whole = q - link - columns @ x, q - link - columns[:, 1:] @ without
+    rest = q - link - columns @ x
+    whole = q - link - columns[:, 1:] @ without
     assert found.explained == pytest.approx(1 - rest.var() / whole.var(), rel=1e-3)
     each = [
         np.linalg.lstsq(columns[k : k + 125], (q - link)[k : k + 125], rcond=None)[0][0]
@@ -412,10 +438,8 @@ def test_a_deflection_is_that_of_least_squares() -> None:
         == f"{found.stiffness:.3g} ({low:.3g} to {high:.3g}), skew {1e3 * found.skew_s:.2f} ms"
     )
     assert gear_deflection(t, q, link, tau, seed=1).interval != found.interval
-    open_end, none = (
-        replace(found, stiffness=None, interval=(5e6, np.inf)),
-        replace(found, stiffness=None, interval=(np.inf,) * 2),
-    )
+    open_end = replace(found, stiffness=None, interval=(5e6, np.inf))
+    none = replace(found, stiffness=None, interval=(np.inf,) * 2)
     assert (
         open_end.sentence
         == "not identifiable: the stiffness is above 5e+06, a rigid gear is possible"
@@ -442,7 +466,8 @@ def test_a_motion_fit_is_judged_by_percent_whiteness_and_other_recordings() -> N
     assert status(fit, (99.0, 99.95), (1.0, fits.WHITE - 0.01)) == FitStatus.SMALL_ERROR
     assert status(fit, (98.0, 99.95), (fits.WHITE - 0.01, 0.0)) == FitStatus.MODEL_ERROR
     assert status(fit, (fits.POORLY_EXPLAINED - 0.1, 99.0), (1.0, 1.0)) == FitStatus.MODEL_ERROR
-    worse, best = np.array([fits.WORSE + 0.1, 1.0]), (99.0, 99.0)
+    worse = np.array([fits.WORSE + 0.1, 1.0])
+    best = (99.0, 99.0)
     there = 100 - 1.1 * fits.WORSE
     assert fits._fails(best, (there, 99.0), worse) and not fits._fails(
         best, (there, 99.0), worse / 2
@@ -453,7 +478,8 @@ def test_a_motion_fit_is_judged_by_percent_whiteness_and_other_recordings() -> N
     assert not fits._fails((99.999, 99.0), (99.95, 99.0), worse)
     assert fits._fails(best, (99.0, fits.POORLY_EXPLAINED - 0.1), np.ones(2))
     rng = np.random.default_rng(0)
-    y, e = rng.normal(size=(3, 30, 2)).cumsum(axis=1), rng.normal(size=(3, 30, 2))
+    y = rng.normal(size=(3, 30, 2)).cumsum(axis=1)
+    e = rng.normal(size=(3, 30, 2))
     e[:, :, 1] = np.sin(0.2 * np.arange(30))
     n = np.arange(30)
     line = np.array(
@@ -470,7 +496,9 @@ def test_a_motion_fit_is_judged_by_percent_whiteness_and_other_recordings() -> N
     white = fits.whiteness(e, Q)
     P = Q.reshape(3, 30, 2, 4)
     for j in range(2):
-        left, power, inside = 90 - (P[:, :, j] ** 2).sum(), (e[..., j] ** 2).sum(), []
+        left = 90 - (P[:, :, j] ** 2).sum()
+        power = (e[..., j] ** 2).sum()
+        inside = []
         for lag in range(1, min(residual_statistics.LAGS, 29) + 1):
             found = (
                 sum(e[s, k + lag, j] * e[s, k, j] for s in range(3) for k in range(30 - lag))

@@ -1,4 +1,6 @@
-"""Rules and formulas of several rooms against definitions: singular motions, passivity, steps of users, drives."""
+"""Rules and formulas of several rooms against definitions: singular motions, passivity, steps of
+users, drives.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +37,7 @@ from flexgen.simulation.motor_feedback import default_feedback
 from flexgen.spec.tables import Table, parse_bytes
 
 
-# --- inversion --------------------------------------------------------------------------------------------------------
+# --- inversion -----------------------------------------------------------------------------------
 @pytest.mark.parametrize(
     ("gaps", "solved", "doubtful"),
     [
@@ -62,7 +64,8 @@ def test_a_motion_is_doubtful_where_its_rows_are_nearly_singular(
         _motion=lambda chain: chain,
     )
     sample: Any = Made(derivative=lambda k: np.full((2, 1), float(k)))
-    q, v_e = np.array([[0.1, 0.2], [0.3, 0.4]]), np.array([[0.5], [0.6]])
+    q = np.array([[0.1, 0.2], [0.3, 0.4]])
+    v_e = np.array([[0.5], [0.6]])
     found, seen = made.motion(sample, q, v_e)
     assert (found is not None, seen) == (solved, doubtful)
     if solved:
@@ -75,7 +78,7 @@ def test_a_motion_is_doubtful_where_its_rows_are_nearly_singular(
             )
 
 
-# --- laws -------------------------------------------------------------------------------------------------------------
+# --- laws ----------------------------------------------------------------------------------------
 @pytest.mark.parametrize("seed", range(4))
 def test_the_least_power_of_a_force_is_an_eigenvalue(seed: int) -> None:
     """``min Re(f^* v) / |v|^2`` for ``v = Q f``, sizes of forces far apart."""
@@ -93,15 +96,20 @@ def test_the_least_power_of_a_force_is_an_eigenvalue(seed: int) -> None:
 def test_a_law_takes_from_the_passivity_of_a_damped_joint(
     delay: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """``(d + Re((D + K/s) e^(-s t)))/l^2``: damping d, a fast law with D < 0, torques t late, a tool at l."""
-    m, d, K, D, length, T = 2.0, 8.0, 100.0, -3.0, 0.5, 1e-5
+    """``(d + Re((D + K/s) e^(-s t)))/l^2``: damping d, a fast law with D < 0, torques t late, a
+    tool at l.
+    """
+    m = 2.0
+    d = 8.0
+    K = 100.0
+    D = -3.0
+    length = 0.5
+    T = 1e-5
     none = np.zeros((1, 0))
     push = np.array([[0.0, 0.0, 0.0], [length / m, 0.0, 0.0]])
-    A, B, C = (
-        np.array([[0.0, 1.0], [0.0, -d / m]]),
-        np.array([[0.0], [1 / m]]),
-        np.array([[1.0, 0.0]]),
-    )
+    A = np.array([[0.0, 1.0], [0.0, -d / m]])
+    B = np.array([[0.0], [1 / m]])
+    C = np.array([[1.0, 0.0]])
     robot = PoseModel(A, B, push, none, C, none, none, none)
     law = Linear(np.zeros((1, 1)), np.ones((1, 1)), np.array([[-D / T]]), np.array([[K + D / T]]))
     monkeypatch.setattr(
@@ -121,7 +129,9 @@ def test_a_law_takes_from_the_passivity_of_a_damped_joint(
 
 
 def test_controllers_with_signals_that_a_force_changes_at_once_have_no_passivity() -> None:
-    """A torque behind a spring does not jump with a force: what the force does to the links takes time. Others do."""
+    """A torque behind a spring does not jump with a force: what the force does to the links takes
+    time. Others do.
+    """
     sensors = [
         {"name": "torque1", "type": "joint_torque", "coordinate": "q1", "unit": "N m"},
         {
@@ -132,10 +142,8 @@ def test_controllers_with_signals_that_a_force_changes_at_once_have_no_passivity
             "unit": "m/s^2",
         },
     ]
-    equations, q = (
-        derive(flexgen.read("elbow", overrides={"sensor": sensors})),
-        np.array([0.3, 0.5]),
-    )
+    equations = derive(flexgen.read("elbow", overrides={"sensor": sensors}))
+    q = np.array([0.3, 0.5])
     mass, J = (np.array(equations.function(name)(q)) for name in ("mass_matrix", "jacobian"))
     push = np.zeros((8, 3))
     push[4:6] = np.linalg.solve(mass, J[:3].T)
@@ -198,14 +206,17 @@ def test_torques_of_gears_need_a_sensor_each_without_delay() -> None:
         2 + 6 + 1 + 3,
         2 + 6,
     ]
-    text = r"^controller, torque_gain: given 2 and the model arm without a sensor of type joint_torque, with delay_s = "
+    text = (
+        r"^controller, torque_gain: given 2 and the model arm without a sensor of type "
+        r"joint_torque, with delay_s = "
+    )
     with pytest.raises(ArgumentError, match=text + r"0, at q1, expected one at each gear$"):
         channels(*both, sensor("joint_torque", "q1", 1e-3))
     with pytest.raises(ArgumentError, match=r"0, at q1, q2, expected"):
         channels()
 
 
-# --- loop -------------------------------------------------------------------------------------------------------------
+# --- loop ----------------------------------------------------------------------------------------
 def test_steps_of_a_controller_of_a_user_are_checked(monkeypatch: pytest.MonkeyPatch) -> None:
     clock = iter([0.0, 0.5, 10.0, 11.0, 20.0, 21.005, *np.zeros(20)])
     monkeypatch.setattr(interface.time, "perf_counter", lambda: next(clock))
@@ -230,11 +241,14 @@ def test_steps_of_a_controller_of_a_user_are_checked(monkeypatch: pytest.MonkeyP
     assert step("x") == "raised ValueError: could not convert string to float: 'x'"
 
 
-# --- simulation -------------------------------------------------------------------------------------------------------
+# --- simulation ----------------------------------------------------------------------------------
 def test_the_default_feedback_of_motors_is_below_the_lowest_locked_frequency() -> None:
-    """A half, three times and a tenth of it; gravity changes it little. Speed gains by the inertia of stiff gears."""
+    """A half, three times and a tenth of it; gravity changes it little. Speed gains by the inertia
+    of stiff gears.
+    """
     equations = derive("elbow")
-    model, q = equations.model, np.array([0.3, -0.4])
+    model = equations.model
+    q = np.array([0.3, -0.4])
     found = default_feedback(equations, q, model.eta @ q, np.zeros(2))
     M = np.array(equations.function("mass_matrix")(q))
     springs: list[Any] = [element.dofs[0].gear for element in model.elements]
@@ -247,10 +261,12 @@ def test_the_default_feedback_of_motors_is_below_the_lowest_locked_frequency() -
     assert_allclose(found.speed_gain, 6 * np.pi * lowest * inertia, rtol=1e-3)
     names = ["position_hz", "speed_hz", "integral_hz"]
     assert list(found.frequencies) == names
-    assert_allclose(list(found.frequencies.values()), np.array([0.5, 3.0, 0.1]) * lowest, rtol=1e-3)
+    assert_allclose(
+        list(found.frequencies.values()), np.array([0.5, 3.0, 0.1]) * lowest, rtol=1e-3
+    )
 
 
-# --- memory -----------------------------------------------------------------------------------------------------------
+# --- memory --------------------------------------------------------------------------------------
 def test_speeds_between_samples_are_cubic_and_reverse_at_their_roots() -> None:
     roots = [[0.25, 0.5, 0.75], [-0.5, 0.4, 2.0], [1.5, 3.0, -1.0], [0.2, 0.9, 5.0]]
     cubic = np.array([Polynomial.fromroots(each).coef for each in roots]).T * [1.0, -3.0, 2.0, 0.1]
@@ -263,7 +279,8 @@ def test_speeds_between_samples_are_cubic_and_reverse_at_their_roots() -> None:
     ]
     assert_allclose(found.T, expected, atol=1e-9)
     assert_allclose(lugre._reversals(cubic, 1e9)[1:], 1.0)
-    low, high = np.array([0.0, 0.1, 0.2, 0.5]), np.array([1.0, 0.4, 0.9, 0.6])
+    low = np.array([0.0, 0.1, 0.2, 0.5])
+    high = np.array([1.0, 0.4, 0.9, 0.6])
     whole: list[Any] = [Polynomial(cubic[:, k]).integ() for k in range(4)]
     areas: list[Any] = [f(b) - f(a) for f, a, b in zip(whole, low, high, strict=True)]
     assert_allclose(lugre._integral(cubic, low, high), areas)
@@ -273,14 +290,16 @@ def test_speeds_between_samples_are_cubic_and_reverse_at_their_roots() -> None:
 
 def test_time_constants_since_a_reversal() -> None:
     """Within an interval, or between two of opposite ways; a rest between them changes nothing."""
-    turned, way = np.arange(1.0, 8.0), np.array([1.0, 1.0, 0.0, -1.0, -1.0, -1.0, -1.0])
+    turned = np.arange(1.0, 8.0)
+    way = np.array([1.0, 1.0, 0.0, -1.0, -1.0, -1.0, -1.0])
     reverses = np.array([False] * 4 + [True, False, False])
     assert_allclose(lugre._since_reversal(turned, way, reverses), [0, 1, 3, 0, 4, 0, 6])
 
 
 def test_torques_between_samples_are_quintics() -> None:
     # in the part of the step
-    h, gears = 0.02, [Polynomial([1, -2, 3, 4, -5, 6]), Polynomial([0, 1, 0, -2, 0, 3])]
+    h = 0.02
+    gears = [Polynomial([1, -2, 3, 4, -5, 6]), Polynomial([0, 1, 0, -2, 0, 3])]
     left, right = (
         np.array([[p.deriv(k)(x) / h**k for k in range(3)] for p in gears]) for x in (0.0, 1.0)
     )
@@ -289,7 +308,7 @@ def test_torques_between_samples_are_quintics() -> None:
     )
 
 
-# --- identification ---------------------------------------------------------------------------------------------------
+# --- identification ------------------------------------------------------------------------------
 def drive(text: str) -> Any:
     root = Table("bench.toml", parse_bytes(text.encode(), "bench.toml"), "")
     return experiment_file._drive(root, 1e-3, 2)
@@ -300,7 +319,8 @@ def test_drives_of_recordings_have_gains_filters_and_noise() -> None:
     assert (hardware.sample_s, hardware.delay_s) == (1e-3, 2e-4)
     assert not found.position_gain.any() and not found.speed_gain.any() and found.filters == ()
     assert_array_equal(
-        [hardware.encoder_resolution_rad, hardware.encoder_noise_rad, hardware.torque_noise_Nm], 0.0
+        [hardware.encoder_resolution_rad, hardware.encoder_noise_rad, hardware.torque_noise_Nm],
+        0.0,
     )
     gains = "[drive]\nposition_gain = [3, 0]\nspeed_gain = [1, 2]\n"
     noise = "encoder_resolution_rad = 1e-4\nencoder_noise_rad = 2e-4\ntorque_noise_Nm = 0.3\n"
@@ -331,7 +351,9 @@ def test_drives_of_recordings_have_gains_filters_and_noise() -> None:
 
 
 def test_the_part_that_noise_does_not_explain_is_of_the_worst_element() -> None:
-    """Squares of residuals above their number by 8 deviations, 30 where the variances are of single elements."""
+    """Squares of residuals above their number by 8 deviations, 30 where the variances are of
+    single elements.
+    """
     made: Any = object.__new__(Residuals)
     G = np.ones((1, 100, 1, 2), complex)
     size = np.sqrt(np.array([1.5, 4.5]) + 0j)  # of a residual
@@ -350,7 +372,7 @@ def test_the_part_that_noise_does_not_explain_is_of_the_worst_element() -> None:
     assert made.misfit(np.zeros(1)) == 29.0
 
 
-# --- servos -----------------------------------------------------------------------------------------------------------
+# --- servos --------------------------------------------------------------------------------------
 def test_bounds_of_commands_are_one_for_each_joint() -> None:
     model = flexgen.read("elbow")
     assert command._limit(model, "speed", None) is None
@@ -363,7 +385,10 @@ def test_bounds_of_commands_are_one_for_each_joint() -> None:
     servo: Any = Made(sample_time=4e-3)
     for period in (4e-3, 4e-3 * (1 - 1e-10), command.LONGEST_S):
         command._check_period(period, servo)
-    text = rf"^period: given .*, expected from 0\.004 s, the sample time of the servo, to {command.LONGEST_S:g} s$"
+    text = (
+        rf"^period: given .*, expected from 0\.004 s, the sample time of the servo, to "
+        rf"{command.LONGEST_S:g} s$"
+    )
     for wrong in (4e-3 * (1 - 1e-8), 1.001 * command.LONGEST_S, "fast", np.nan):
         with pytest.raises(ArgumentError, match=text):
             command._check_period(wrong, servo)
@@ -371,7 +396,8 @@ def test_bounds_of_commands_are_one_for_each_joint() -> None:
 
 def test_limits_that_commands_reach_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
     """Differences of the samples over the period, and of these once more."""
-    r, h = np.array([[0.0, 0.0], [1.0, 0.2], [3.0, 0.4], [4.0, 0.7]]), 0.1
+    r = np.array([[0.0, 0.0], [1.0, 0.2], [3.0, 0.4], [4.0, 0.7]])
+    h = 0.1
     within: list[Any] = []
 
     def fit_within(*given: Any) -> np.ndarray:
@@ -395,7 +421,7 @@ def test_limits_that_commands_reach_are_named(monkeypatch: pytest.MonkeyPatch) -
     )
 
 
-# --- exports ----------------------------------------------------------------------------------------------------------
+# --- exports -------------------------------------------------------------------------------------
 @pytest.mark.parametrize(
     ("fastest", "step"),
     [
@@ -411,7 +437,9 @@ def test_limits_that_commands_reach_are_named(monkeypatch: pytest.MonkeyPatch) -
 def test_steps_of_a_block_are_short_numbers(
     fastest: float, step: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The largest 1, 2 or 5 times a power of ten below a twentieth of the shortest time constant, and 1 ms."""
+    """The largest 1, 2 or 5 times a power of ten below a twentieth of the shortest time constant,
+    and 1 ms.
+    """
     # M a + R x = 0, M of diagonal 1, 2
     K = np.array([[fastest**2, 0.0, 0.5 * fastest, 0.0], [0.0, 0.0, 0.0, 0.0]])
     asked: list[Any] = []
@@ -460,10 +488,16 @@ def test_outputs_of_a_block_are_named_in_their_order(monkeypatch: pytest.MonkeyP
     assert found[-1].depends == (1000 * plant.STATE, 1000 * plant.STATE + 4)
 
 
-def test_libraries_have_one_vector_of_parameters_and_run_on_other_processors_unless_asked() -> None:
+def test_libraries_have_one_vector_of_parameters_and_run_on_other_processors_unless_asked() -> (
+    None
+):
     """Both would change the digits or the shapes of arrays of a user."""
     assert LibrarySpec.__dataclass_fields__["per_point"].default is False
     assert LibrarySpec.__dataclass_fields__["force"].default is False
     assert LibrarySpec.__dataclass_fields__["precision"].default == "double"
     defaults = {name: one.default for name, one in signature(library_with).parameters.items()}
-    assert (defaults["per_point"], defaults["native"], defaults["parameters"]) == (False, False, ())
+    assert (defaults["per_point"], defaults["native"], defaults["parameters"]) == (
+        False,
+        False,
+        (),
+    )

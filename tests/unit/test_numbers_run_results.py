@@ -1,4 +1,6 @@
-"""Results of closed loops: their channels with names and units, the samples of their poses, and robots that failed."""
+"""Results of closed loops: their channels with names and units, the samples of their poses, and
+robots that failed.
+"""
 
 from __future__ import annotations
 
@@ -92,11 +94,14 @@ def test_channels_of_a_robot_have_names_and_units(force: np.ndarray | None) -> N
 
 
 def test_poses_of_a_run_are_its_begin_middle_and_end() -> None:
-    """The first samples at or after 0.25, 0.25 and 0.6 s; an end behind the last one is the last one."""
+    """The first samples at or after 0.25, 0.25 and 0.6 s; an end behind the last one is the last
+    one.
+    """
     run = made_run()
     assert run.pose_samples == {"begin": 1, "middle": 1, "end": 3}
     reference: Any = run.reference
-    reference.path_end, reference.end = 0.9, 5.0
+    reference.path_end = 0.9
+    reference.end = 5.0
     assert run.pose_samples == {"begin": 1, "middle": 2, "end": 3}
 
 

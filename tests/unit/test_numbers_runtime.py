@@ -1,4 +1,6 @@
-"""Numbers of flexgen/runtime by other routes: headers of shared libraries written by the rules of ELF."""
+"""Numbers of flexgen/runtime by other routes: headers of shared libraries written by the rules of
+ELF.
+"""
 
 from __future__ import annotations
 
@@ -13,9 +15,13 @@ WIDE = sys.maxsize > 2**32
 pytestmark = pytest.mark.skipif(
     not files._ELF_SYSTEM or not WIDE, reason="no system with ELF of 64 bits"
 )
-LOAD, DYNAMIC = 1, 2  # kinds of segments
+# kinds of segments
+LOAD = 1
+DYNAMIC = 2
 HERE = files._machine("<", 62)
-HEADER, ENTRY = 64, 56  # bytes
+# bytes
+HEADER = 64
+ENTRY = 56
 
 
 def library(*segments: tuple[int, int, int, int], size: int = 400, **fields: int) -> bytes:

@@ -1,4 +1,6 @@
-"""Searches and filters by other routes: programs, smoothers, loops that are shaped, experiments that are simulated."""
+"""Searches and filters by other routes: programs, smoothers, loops that are shaped, experiments
+that are simulated.
+"""
 
 from __future__ import annotations
 
@@ -31,10 +33,15 @@ from flexgen.performance.smoother import PathSmoother
 
 
 class Leg:
-    """A motion whose two limits are reached by a short duration T and by a coefficient c off its best one."""
+    """A motion whose two limits are reached by a short duration T and by a coefficient c off its
+    best one.
+    """
 
     def __init__(self, work: float, best: float) -> None:
-        self.work, self.best, self.found, self.lost = work, best, SimpleNamespace(), 0.0
+        self.work = work
+        self.best = best
+        self.found = SimpleNamespace()
+        self.lost = 0.0
 
     def try_constraints(self, x: np.ndarray) -> np.ndarray | None:
         if x[0] <= self.lost:
@@ -52,8 +59,11 @@ class Leg:
 def search(
     monkeypatch: pytest.MonkeyPatch, heat: float, *legs: Leg
 ) -> tuple[ProgramSearch, list[str]]:
-    """A search whose effective torques fall with the durations, as ``sqrt(mean of work / T^2)`` over ``heat``."""
-    made, lines = object.__new__(ProgramSearch), []
+    """A search whose effective torques fall with the durations, as ``sqrt(mean of work / T^2)``
+    over ``heat``.
+    """
+    made = object.__new__(ProgramSearch)
+    lines = []
     vars(made).update(
         legs=list(legs), pauses=[0.25] * (len(legs) - 1), programs=0, tell=lines.append
     )
@@ -73,7 +83,9 @@ def search(
 def test_effective_torques_connect_the_motions_of_a_program(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """The durations are those of a nonlinear program by another solver; without the limit each motion is alone."""
+    """The durations are those of a nonlinear program by another solver; without the limit each
+    motion is alone.
+    """
     legs = Leg(1.0, 0.4), Leg(0.5, 0.7)
     made, lines = search(monkeypatch, 0.55, *legs)
     first = [np.array([1.0, 0.4]), np.array([np.sqrt(0.5), 0.7])]
@@ -81,7 +93,9 @@ def test_effective_torques_connect_the_motions_of_a_program(
     state = made._state(first)
     assert state is not None and state.duration == pytest.approx(1.0 + np.sqrt(0.5))
     assert state.excess() == pytest.approx(state.c[0] - 1.0) and state.c[0] > 1.0
-    calm = program_time._State(first, [np.array([0.3, -1.7]), np.array([0.1])], [], np.array([1.2]))
+    calm = program_time._State(
+        first, [np.array([0.3, -1.7]), np.array([0.1])], [], np.array([1.2])
+    )
     assert calm.excess() == pytest.approx(0.7)
     x = made._connect(first)
     found = made._state(x)
@@ -101,7 +115,9 @@ def test_effective_torques_connect_the_motions_of_a_program(
     assert found.duration == pytest.approx(best.fun, rel=5e-3) and best.success
     assert_allclose([x[0][0], x[1][0]], best.x[[0, 2]], rtol=0.05)
     assert made.programs >= len(lines) > 1
-    assert lines[-1] == f"{made.duration(x):.4f} s, limits exceeded by {max(found.excess(), 0):.1e}"
+    assert (
+        lines[-1] == f"{made.duration(x):.4f} s, limits exceeded by {max(found.excess(), 0):.1e}"
+    )
     easy, lines = search(monkeypatch, 100.0, *legs)
     assert easy._connect(first) is first and lines == [] and easy.programs == 0
 
@@ -109,7 +125,9 @@ def test_effective_torques_connect_the_motions_of_a_program(
 def test_a_program_is_slowed_down_as_much_as_its_torques_need(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """By bisection: the factor of all durations at which the effective torques are those that are allowed."""
+    """By bisection: the factor of all durations at which the effective torques are those that are
+    allowed.
+    """
     legs = Leg(1.0, 0.4), Leg(0.5, 0.7)
     made, _ = search(monkeypatch, 0.4, *legs)
     first = [np.array([1.0, 0.4]), np.array([np.sqrt(0.5), 0.7])]
@@ -162,22 +180,27 @@ def test_slopes_of_a_program_are_derivatives(monkeypatch: pytest.MonkeyPatch) ->
     assert connecting[1].shape == (2, 2) and own[1].shape == (2, 2)
 
 
-# --- smoothers --------------------------------------------------------------------------------------------------------
+# --- smoothers -----------------------------------------------------------------------------------
 def test_gains_of_a_smoother_are_those_of_a_long_recursion() -> None:
     """Filter and smoother of the textbook, repeated until their gains change no more."""
     rng = np.random.default_rng(3)
-    h, n, m, forces = 0.01, 4, 2, 2
+    h = 0.01
+    n = 4
+    m = 2
+    forces = 2
     A = np.block([[np.zeros((2, 2)), np.eye(2)], [-np.diag([900.0, 400.0]), -np.diag([3.0, 2.0])]])
-    B, arm = (
-        np.vstack([np.zeros((2, 2)), [[5.0, 1.0], [0.5, 4.0]]]),
-        np.vstack([np.zeros((2, 2)), np.eye(2)]),
-    )
-    C, D, D_arm = rng.standard_normal((3, n)), np.zeros((3, m)), np.zeros((3, forces))
-    D[2], D_arm[2] = [0.3, 0.1], [0.2, 0.4]
+    B = np.vstack([np.zeros((2, 2)), [[5.0, 1.0], [0.5, 4.0]]])
+    arm = np.vstack([np.zeros((2, 2)), np.eye(2)])
+    C = rng.standard_normal((3, n))
+    D = np.zeros((3, m))
+    D_arm = np.zeros((3, forces))
+    D[2] = [0.3, 0.1]
+    D_arm[2] = [0.2, 0.4]
     at: Any = SimpleNamespace(A=A, B=B, arm=arm, C=C, D=D, D_arm=D_arm)
     motors = tuple(SimpleNamespace(torque_max=x) for x in (20.0, None))
     model: Any = SimpleNamespace(motors=motors, n_m=m)
-    made, force = object.__new__(PathSmoother), np.array([2.0, 0.7])
+    made = object.__new__(PathSmoother)
+    force = np.array([2.0, 0.7])
     index = np.array([0, 2])
     vars(made).update(
         model=model,
@@ -187,7 +210,8 @@ def test_gains_of_a_smoother_are_those_of_a_long_recursion() -> None:
         channels=SimpleNamespace(index=index, noise=np.array([1e-3, 2e-3])),
     )
     F, G, C_all, D_own, M, J = made._gains(at)
-    largest, size = np.array([20.0, 20.0]), n + m + forces
+    largest = np.array([20.0, 20.0])
+    size = n + m + forces
     whole = expm(h * np.block([[A, B, arm * force], [np.zeros((m + forces, size))]]))
     fade = np.exp(-h / 0.3)
     state = np.eye(size)
@@ -199,10 +223,12 @@ def test_gains_of_a_smoother_are_those_of_a_long_recursion() -> None:
     assert not G[n:].any() and G.shape == (size, m)
     assert_allclose(C_all, np.hstack([C, D * largest, D_arm * force])[index])
     assert_allclose(D_own, D[index])
-    Q, noisy = np.zeros((size, size)), whole[:n, n : n + m] * largest * 1e-3
+    Q = np.zeros((size, size))
+    noisy = whole[:n, n : n + m] * largest * 1e-3
     Q[:n, :n] = noisy @ noisy.T
     Q[n:, n:] = np.diag([0.1**2 * h] * m + [1 - fade**2] * forces)
-    R, P = np.diag([1e-6, 4e-6]), np.eye(size)
+    R = np.diag([1e-6, 4e-6])
+    P = np.eye(size)
     for _ in range(20000):
         gain = P @ C_all.T @ np.linalg.inv(C_all @ P @ C_all.T + R)
         after = (np.eye(size) - gain @ C_all) @ P
@@ -216,7 +242,9 @@ def test_gains_of_a_smoother_are_those_of_a_long_recursion() -> None:
 def test_forces_that_a_smoother_expects_are_shares_of_their_change(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """A fifth of the change of springs, a fiftieth of other coordinates; no coordinate feels none."""
+    """A fifth of the change of springs, a fiftieth of other coordinates; no coordinate feels
+    none.
+    """
     tau = np.array([[1.0, 5.0, 0.0], [3.0, 5.0, 0.0], [-2.0, 5.5, 0.0]])
     monkeypatch.setattr(
         smoother,
@@ -234,7 +262,7 @@ def test_forces_that_a_smoother_expects_are_shares_of_their_change(
     )
 
 
-# --- loops that are shaped --------------------------------------------------------------------------------------------
+# --- loops that are shaped -----------------------------------------------------------------------
 def at_rest() -> tuple[flexgen.RobotModel, list[np.ndarray]]:
     """The robot elbow at its home pose, under the torques that hold it there."""
     equations = derive("elbow")
@@ -246,9 +274,12 @@ def at_rest() -> tuple[flexgen.RobotModel, list[np.ndarray]]:
 
 
 def test_a_shaped_loop_is_the_continuous_one_by_the_bilinear_rule() -> None:
-    """Frequency responses at ``s = 2/T (z - 1)/(z + 1)``; the margin is that of the perturbation of the plant."""
+    """Frequency responses at ``s = 2/T (z - 1)/(z + 1)``; the margin is that of the perturbation
+    of the plant.
+    """
     model, motion = at_rest()
-    law, h = LoopShaping(2.0, integral_hz=0.2), 1e-3
+    law = LoopShaping(2.0, integral_hz=0.2)
+    h = 1e-3
     made, margin = law.design(model, h, 2e-3, motion)
     A, B, C, D = (x[0] for x in made.matrices)
     assert 0.2 < margin < 1.0
@@ -280,7 +311,8 @@ def test_a_shaped_loop_that_is_unstable_names_a_frequency_that_is_stable() -> No
         LoopShaping(12.0).linear(model, 5e-3, 2e-2, motion)
     text = str(caught.value)
     assert text.startswith(
-        "controller LoopShaping, crossover_hz: given 12 Hz, with which the sampled loop is unstable"
+        "controller LoopShaping, crossover_hz: given 12 Hz, with which the sampled loop is "
+        "unstable"
     )
     assert "at 5 ms and a delay of 20 ms (largest eigenvalue " in text
     named = float(
@@ -290,7 +322,7 @@ def test_a_shaped_loop_that_is_unstable_names_a_frequency_that_is_stable() -> No
     LoopShaping(named).linear(model, 5e-3, 2e-2, motion)
 
 
-# --- experiments that are simulated -----------------------------------------------------------------------------------
+# --- experiments that are simulated --------------------------------------------------------------
 def experiment_of(hardware: DriveHardware) -> tuple[Simulated, np.ndarray]:
     """An experiment with a robot whose first spring differs, and its parameters."""
     given = {"poses": [[0.5, -0.3]], "period_s": 0.5, "lines": 6, "periods": 2, "transients": 3}
@@ -329,7 +361,9 @@ def test_the_simulated_experiment_is_the_one_that_was_measured(
 def test_derivatives_of_an_experiment_are_those_of_whole_simulations(
     quiet: tuple[Simulated, np.ndarray],
 ) -> None:
-    """Also where their simulations begin late; they are used again where x and the cost are near."""
+    """Also where their simulations begin late; they are used again where x and the cost are
+    near.
+    """
     made, x = quiet
     x = x + np.array([0.05, 0.1])
     cost, gradient, A = made.sums(x)

@@ -1,4 +1,6 @@
-"""Fits of positions, causes of a misfit and limits: made-up problems, quadratic programs by all active sets."""
+"""Fits of positions, causes of a misfit and limits: made-up problems, quadratic programs by all
+active sets.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,7 @@ from flexgen.errors import ArgumentError, SolverError
 from flexgen.identification.causes import explain
 from flexgen.inversion import limits
 
-# --- fits of positions ------------------------------------------------------------------------------------------------
+# --- fits of positions ---------------------------------------------------------------------------
 POINTS = np.random.default_rng(4).uniform(-1.0, 1.0, (14, 2, 3))
 
 
@@ -29,7 +31,8 @@ class Rests:
     tree = None
 
     def turned(self, x: np.ndarray) -> np.ndarray:
-        c, s = np.cos(x[0]), np.sin(x[0])
+        c = np.cos(x[0])
+        s = np.sin(x[0])
         R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0 + x[2]]])
         return POINTS @ R.T + [0.0, x[1], x[1] * x[2]]
 
@@ -65,7 +68,9 @@ def problem(
 def test_a_fit_of_positions_is_the_minimum_of_its_objective(
     robust: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """By another search, with the scale that the fit ends with; a gross error moves it less where the fit is robust."""
+    """By another search, with the scale that the fit ends with; a gross error moves it less where
+    the fit is robust.
+    """
     true = np.array([0.4, -0.2, 0.3])
     noise = 1e-3 * np.random.default_rng(1).standard_normal(POINTS.shape)
     measured = Rests().turned(true) + noise
@@ -103,7 +108,9 @@ def test_a_fit_of_positions_is_the_minimum_of_its_objective(
 
 
 def test_losses_are_squares_up_to_their_bend(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of lengths over the scale, or of whitened poses; what was not measured counts for nothing."""
+    """Of lengths over the scale, or of whitened poses; what was not measured counts for
+    nothing.
+    """
     measured = Rests().turned(np.zeros(3))
     measured[0, 0] = np.nan
     gap = np.zeros(POINTS.shape)
@@ -138,11 +145,9 @@ def test_slopes_of_an_objective_are_its_derivatives(monkeypatch: pytest.MonkeyPa
     whitening = np.tile(np.diag([30.0, 20.0, 10.0, 5.0, 40.0, 15.0]), (len(POINTS), 1, 1))
     for more in ({}, {"whitening": whitening}):
         for robust in (False, True):
-            made, x, h = (
-                problem(monkeypatch, measured, robust, **more),
-                np.array([0.3, -0.1, 0.25]),
-                1e-6,
-            )
+            made = problem(monkeypatch, measured, robust, **more)
+            x = np.array([0.3, -0.1, 0.25])
+            h = 1e-6
             rest, gap, _ = made.evaluate(x, None)
             slopes = made.slopes(x, rest, gap, 0.05)
             central = [
@@ -176,12 +181,11 @@ def test_a_bounded_step_is_that_of_the_best_active_set() -> None:
     rng = np.random.default_rng(3)
     for _ in range(30):
         root = rng.standard_normal((4, 4))
-        A, g, least = (
-            root @ root.T + 0.1 * np.eye(4),
-            rng.standard_normal(4),
-            -rng.uniform(0.0, 0.6, 4),
-        )
-        best, lowest = np.zeros(4), np.inf
+        A = root @ root.T + 0.1 * np.eye(4)
+        g = rng.standard_normal(4)
+        least = -rng.uniform(0.0, 0.6, 4)
+        best = np.zeros(4)
+        lowest = np.inf
         for held in product([False, True], repeat=4):
             h = np.array(held)
             step = np.where(h, least, 0.0)
@@ -189,14 +193,18 @@ def test_a_bounded_step_is_that_of_the_best_active_set() -> None:
                 step[~h] = -np.linalg.solve(A[np.ix_(~h, ~h)], g[~h] + A[np.ix_(~h, h)] @ least[h])
             value = 2 * g @ step + step @ A @ step
             if (step >= least - 1e-12).all() and value < lowest:
-                best, lowest = step, value
+                best = step
+                lowest = value
         assert_allclose(fitting._bounded_step(A, g, least), best, atol=1e-9)
 
 
-# --- causes of a misfit -----------------------------------------------------------------------------------------------
+# --- causes of a misfit --------------------------------------------------------------------------
 def test_causes_are_named_by_the_part_that_they_explain(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The best one from seven tenths on, and those within a twentieth; small faults are tried where none is gross."""
-    residuals: Any = SimpleNamespace(count=100, vector=[1, 2], data="data")  # 99 degrees of freedom
+    """The best one from seven tenths on, and those within a twentieth; small faults are tried
+    where none is gross.
+    """
+    # 99 degrees of freedom
+    residuals: Any = SimpleNamespace(count=100, vector=[1, 2], data="data")
     best = SimpleNamespace(cost=1099.0, x=np.zeros(2))
     monkeypatch.setattr(explain, "_search", lambda residuals, x: best)
     monkeypatch.setattr(explain, "changes_of", lambda data: ["change"])
@@ -258,18 +266,21 @@ def test_gross_faults_are_those_that_bring_the_responses_nearest(
         response=lambda x: SimpleNamespace(G="G"), vector=SimpleNamespace(start=0), data="data"
     )
     changes = [changed(name, name != "f") for name in "abcdef"]
-    assert [change.name for change in explain._find_gross(residuals, changes)] == ["c", "a", "d"]  # type: ignore[union-attr]
+    assert [change.name for change in explain._find_gross(residuals, changes)] == ["c", "a", "d"]
 
 
 def test_a_score_is_the_decrease_by_the_best_step() -> None:
     rng = np.random.default_rng(2)
-    J, r, column = rng.standard_normal((20, 3)), rng.standard_normal(20), rng.standard_normal(20)
+    J = rng.standard_normal((20, 3))
+    r = rng.standard_normal(20)
+    column = rng.standard_normal(20)
     basis = np.linalg.qr(J)[0]
     rest = r - basis @ (basis.T @ r)  # at the minimum in the other parameters
     whole = np.column_stack([J, column])
     left = rest - whole @ np.linalg.lstsq(whole, rest, rcond=None)[0]
     assert explain.score(basis, rest, column) == pytest.approx(rest @ rest - left @ left)
-    assert explain.score(basis, rest, J @ [1.0, 2.0, -1.0]) == 0.0  # what the parameters do already
+    # what the parameters do already
+    assert explain.score(basis, rest, J @ [1.0, 2.0, -1.0]) == 0.0
 
 
 def test_distances_of_responses_count_large_differences_alike() -> None:
@@ -283,7 +294,7 @@ def test_distances_of_responses_count_large_differences_alike() -> None:
     assert explain._distance(residuals, data, G + away) == pytest.approx(expected)
 
 
-# --- limits -----------------------------------------------------------------------------------------------------------
+# --- limits --------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class Result:
     """What an inversion with limits returns, of which only this is asked."""
@@ -301,7 +312,9 @@ class Result:
 def test_limits_are_kept_by_another_path_where_they_are_active(
     memory: bool, active: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A robot with states is inverted with limits at any rate; where none is active its own motion remains."""
+    """A robot with states is inverted with limits at any rate; where none is active its own motion
+    remains.
+    """
     found = SimpleNamespace(
         limits_active=active,
         deviation_m=2e-3,

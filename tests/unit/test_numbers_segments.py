@@ -1,4 +1,6 @@
-"""Timed segments by hand: breaks of law and curve, norms, speeds that curvature allows, rest at the end."""
+"""Timed segments by hand: breaks of law and curve, norms, speeds that curvature allows, rest at
+the end.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +27,9 @@ from flexgen.paths.timed_segments import TimedSegment
 class Squared:
     """s = t^2 on [0, 1]."""
 
-    smoothness, duration, breaks = 3, 1.0, np.array([0.0, 0.5, 1.0])
+    smoothness = 3
+    duration = 1.0
+    breaks = np.array([0.0, 0.5, 1.0])
 
     def __call__(self, t: np.ndarray, order: int = 5) -> np.ndarray:
         t = np.clip(t, 0.0, 1.0)
@@ -39,7 +43,8 @@ class Squared:
 class Straight:
     """p = (3 s, -4 s)."""
 
-    length, smoothness = 1.0, 2
+    length = 1.0
+    smoothness = 2
 
     def __init__(self, *breaks: float) -> None:
         self.breaks = np.array(breaks)
@@ -71,7 +76,8 @@ def test_norms_of_a_segment_are_euclidean_for_the_tool_only() -> None:
     turn = np.zeros((2, 3, 5))
     turn[:, 2] = [[60.0, 1.0, 0.0, 0.0, 90.0], [-1.0, 2.0, 3.0, 4.0, 5.0]]
     assert_allclose(
-        timed_segments.derivative_norms("joint", x, None, 9.0), [4.0 * np.arange(1, 6), np.zeros(5)]
+        timed_segments.derivative_norms("joint", x, None, 9.0),
+        [4.0 * np.arange(1, 6), np.zeros(5)],
     )
     assert_allclose(
         timed_segments.derivative_norms("tool", x, None, 9.0), [5.0 * np.arange(1, 6), np.zeros(5)]
@@ -124,7 +130,9 @@ def test_largest_derivatives_between_instants_are_found() -> None:
             )
 
     class Same:
-        length, smoothness, breaks = 1.0, 9, np.zeros(0)
+        length = 1.0
+        smoothness = 9
+        breaks = np.zeros(0)
 
         def __call__(self, s: np.ndarray) -> tuple[np.ndarray, None]:
             return s[:, None, :], None
@@ -144,7 +152,9 @@ def test_the_configuration_after_a_joint_segment_is_its_end() -> None:
     start = reference.outputs(q)
 
     class There:
-        length, smoothness, breaks = 1.0, 2, np.zeros(0)
+        length = 1.0
+        smoothness = 2
+        breaks = np.zeros(0)
 
         def __call__(self, s: np.ndarray) -> tuple[np.ndarray, None]:
             x = s[:, None, :] * np.array([[-0.1], [0.05]])
@@ -160,10 +170,13 @@ def test_the_configuration_after_a_joint_segment_is_its_end() -> None:
 def test_a_segment_that_would_become_too_slow_passes_a_singular_pose(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Bounds slow a law down by the root of their excess; joint limits by their own factor, up to 10,000."""
+    """Bounds slow a law down by the root of their excess; joint limits by their own factor, up to
+    10,000.
+    """
 
     class Law:
-        duration, breaks = 2.0, np.array([0.0, 0.7, 2.0])
+        duration = 2.0
+        breaks = np.array([0.0, 0.7, 2.0])
 
         def __call__(self, t: np.ndarray, order: int = 5) -> np.ndarray:
             return t
@@ -207,19 +220,30 @@ def test_a_segment_that_would_become_too_slow_passes_a_singular_pose(
 
 def swing(t: np.ndarray) -> list[np.ndarray]:
     """Joints of the elbow over time, their speeds and accelerations, (n, 2) each."""
-    w, turn = np.array([1.0, 2.0]), np.array([0.0, np.pi / 2])
+    w = np.array([1.0, 2.0])
+    turn = np.array([0.0, np.pi / 2])
     rows = [w**k * np.sin(w * t[:, None] + turn + k * np.pi / 2) * [0.4, 0.3] for k in range(3)]
     return [rows[0] + [0.3, 0.5], rows[1], rows[2]]
 
 
 def test_joints_along_a_path_are_those_of_the_closed_form() -> None:
-    """Of the elbow: x = l1 sin q1 + l2 cos s, z = l1 cos q1 - l2 sin s, s = q1 + q2, with two derivatives by hand."""
-    l1, l2 = 1.15, 1.241
+    """Of the elbow: x = l1 sin q1 + l2 cos s, z = l1 cos q1 - l2 sin s, s = q1 + q2, with two
+    derivatives by hand.
+    """
+    l1 = 1.15
+    l2 = 1.241
     t = np.linspace(0.0, 2.0, 41)
     q, v, a = swing(t)
-    q1, s = q[:, 0], q.sum(axis=1)
-    v1, vs, a1, as_ = v[:, 0], v.sum(axis=1), a[:, 0], a.sum(axis=1)
-    sin1, cos1, sins, coss = np.sin(q1), np.cos(q1), np.sin(s), np.cos(s)
+    q1 = q[:, 0]
+    s = q.sum(axis=1)
+    v1 = v[:, 0]
+    vs = v.sum(axis=1)
+    a1 = a[:, 0]
+    as_ = a.sum(axis=1)
+    sin1 = np.sin(q1)
+    cos1 = np.cos(q1)
+    sins = np.sin(s)
+    coss = np.cos(s)
     rates = {
         1: [l1 * cos1 * v1 - l2 * sins * vs, -l1 * sin1 * v1 - l2 * coss * vs],
         2: [
@@ -240,8 +264,11 @@ def test_joints_along_a_path_are_those_of_the_closed_form() -> None:
 
 
 def test_limits_of_joints_and_motors_slow_a_motion_down() -> None:
-    """Speeds by their factor, accelerations by its root, motors through their ratios; also between the instants."""
-    first, t = "element.upper.dof.q1", np.linspace(0.0, 3.0, 21)
+    """Speeds by their factor, accelerations by its root, motors through their ratios; also between
+    the instants.
+    """
+    first = "element.upper.dof.q1"
+    t = np.linspace(0.0, 3.0, 21)
     _, v, a = swing(t)
     for changes, factor in (
         ({f"{first}.speed_max": 0.1}, 0.4 / 0.1),
@@ -253,7 +280,7 @@ def test_limits_of_joints_and_motors_slow_a_motion_down() -> None:
         ({"motor.m2.speed_max": 10.0, "motor.m1.speed_max": 1e3}, 0.6 * 757 / 3 / 10.0),
         ({}, 0.0),
     ):
-        made = InverseKinematics(Made(model=flexgen.read("elbow", overrides=changes)))  # type: ignore[arg-type]
+        made = InverseKinematics(Made(model=flexgen.read("elbow", overrides=changes)))
         assert made.has_limits == bool(changes)
         assert made.slowdown(v, a) == pytest.approx(factor, rel=2e-3)
 
@@ -266,7 +293,8 @@ def test_a_path_across_the_axes_of_the_output_is_refused() -> None:
 
     def segment(z: float, space: str = "tool") -> Any:
         x = np.zeros((65, 3, 6))
-        x[:, 0, 0], x[:, 2, 0] = np.linspace(0.0, 1.0, 65), np.linspace(0.0, z, 65)
+        x[:, 0, 0] = np.linspace(0.0, 1.0, 65)
+        x[:, 2, 0] = np.linspace(0.0, z, 65)
         return Made(space=space, start=0.0, law=Made(duration=1.0), at=lambda t: (x, None))
 
     planner._check_axes(segment(0.3, "joint"))
@@ -281,7 +309,7 @@ def test_a_path_across_the_axes_of_the_output_is_refused() -> None:
     planner._check_axes(segment(0.3))
 
 
-# --- steps ------------------------------------------------------------------------------------------------------------
+# --- steps ---------------------------------------------------------------------------------------
 def planner(pose: bool = True, **move: Any) -> Any:
     """Of a robot whose output is the pose of the tool."""
     made: Any = object.__new__(move_planner._Planner)
@@ -289,7 +317,13 @@ def planner(pose: bool = True, **move: Any) -> Any:
     vars(made).update(reference=Made(pose=pose, tool=True), name="move m", q_g=np.zeros(6))
     vars(made).update(model=Made(output=output))
     made.move = Made(
-        **{"profile": (1.0, 2.0), "timing": (), "where": None, "name": "m", "type": "tool_polyline"}
+        **{
+            "profile": (1.0, 2.0),
+            "timing": (),
+            "where": None,
+            "name": "m",
+            "type": "tool_polyline",
+        }
         | move
     )
     return made
@@ -304,7 +338,9 @@ def legs(*zones: float) -> list[Any]:
 
 
 def test_rounded_corners_of_steps_fit_between_them() -> None:
-    """Zones of two corners may fill a step, not more; the step that is blamed is the one with the zone."""
+    """Zones of two corners may fill a step, not more; the step that is blamed is the one with the
+    zone.
+    """
     made = planner()
     curve, speeds = made._polyline(np.zeros(3), np.eye(3), legs(0.4, 0.6, 0.0), 1.0)
     assert speeds == [1.0, 1.0, 1.0] and [segment.length for segment in curve.segments] == [
@@ -317,14 +353,20 @@ def test_rounded_corners_of_steps_fit_between_them() -> None:
     for zones, text in (
         (
             (0.4, 0.61, 0.0),
-            r"step 2: .*given zone 0\.4 and 0\.61, expected zones that fit into the length 1 of step 2",
+            (
+                r"step 2: .*given zone 0\.4 and 0\.61, expected zones that fit into the length "
+                r"1 of step 2"
+            ),
         ),
         ((0.4, 0.4, 1.01, 0.0), r"step 3: .*given zone 0\.4 and 1\.01, .* the length 1 of step 3"),
         ((1.01, 0.0), r"step 1: .*given zone 0 and 1\.01, .* of step 1"),
         ((0.3, 0.3), r"step 2: .*given zone 0\.3, expected 0 at the end"),
         (
             (0.0, 0.0),
-            r"step 1: .*given zone 0\.0, expected a radius > 0 \[m\], because the tool does not stop here",
+            (
+                r"step 1: .*given zone 0\.0, expected a radius > 0 \[m\], because the tool does "
+                r"not stop here"
+            ),
         ),
         ((), "given legs none, expected one or more"),
     ):
@@ -343,7 +385,8 @@ def test_rounded_corners_of_steps_fit_between_them() -> None:
 
 
 def test_speeds_of_steps_need_a_profile() -> None:
-    made, step = planner(), MoveL((1.0, 0.0, 0.0), speed=0.4)
+    made = planner()
+    step = MoveL((1.0, 0.0, 0.0), speed=0.4)
     assert (
         made._speed(step, 0, (2.0, 1.0)) == 0.4
         and made._speed(MoveL((1.0, 0.0, 0.0)), 0, (2.0, 1.0)) == 2.0
@@ -362,11 +405,9 @@ def test_speeds_of_steps_need_a_profile() -> None:
 
 
 def test_steps_are_lines_and_arcs_from_where_the_tool_is() -> None:
-    made, here, turn = (
-        planner(),
-        np.array([1.0, 2.0, 3.0]),
-        Rotation.from_rotvec([0.0, 0.0, 0.5]).as_matrix(),
-    )
+    made = planner()
+    here = np.array([1.0, 2.0, 3.0])
+    turn = Rotation.from_rotvec([0.0, 0.0, 0.5]).as_matrix()
     R = Rotation.from_rotvec([0.0, 0.0, 0.2]).as_matrix()
     line = made._segment(MoveL((1.0, 0.0, 0.0)), 0, here, R, 1.0)
     assert_allclose(line.total, [1, 0, 0])
@@ -377,7 +418,8 @@ def test_steps_are_lines_and_arcs_from_where_the_tool_is() -> None:
     assert_allclose(line.rotation, [0, 0, 0.3], atol=1e-12)
     assert line.length == pytest.approx(0.25 * 0.3)
     for absolute in (False, True):
-        end, via = np.array([1.0, 1.0, 0.0]), np.array([np.sqrt(0.5), 1 - np.sqrt(0.5), 0.0])
+        end = np.array([1.0, 1.0, 0.0])
+        via = np.array([np.sqrt(0.5), 1 - np.sqrt(0.5), 0.0])
         given: Any = {"position": tuple(end + here)} if absolute else {"displacement": tuple(end)}
         arc = made._segment(MoveC(via=tuple(via + here * absolute), **given), 0, here, R, 1.0)
         assert arc.length == pytest.approx(np.pi / 2)

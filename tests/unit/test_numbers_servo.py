@@ -1,4 +1,6 @@
-"""Position servos by other routes: the servo sample by sample, interpolations of scipy, a program by scipy's solver."""
+"""Position servos by other routes: the servo sample by sample, interpolations of scipy, a program
+by scipy's solver.
+"""
 
 from __future__ import annotations
 
@@ -27,14 +29,21 @@ H = 1e-3
 
 def gains(integral: float, **others: object) -> Cascade:
     return Cascade(
-        np.array([20.0, 31.0]), np.array([5.0, 0.7]), np.array([integral, 0.5 * integral]), **others
+        np.array([20.0, 31.0]),
+        np.array([5.0, 0.7]),
+        np.array([integral, 0.5 * integral]),
+        **others,
     )  # type: ignore[arg-type]
 
 
 def servo_torque(servo: Servo, law: Cascade, r: np.ndarray, q: np.ndarray) -> np.ndarray:
     """The textbook's servo, one sample after the other, at rest before the first one."""
     share = 1.0 - np.exp(-H / servo.reference_filter_s) if servo.reference_filter_s else 1.0
-    filtered, before, last, total, out = r[0].copy(), r[0].copy(), q[0], 0.0, []
+    filtered = r[0].copy()
+    before = r[0].copy()
+    last = q[0]
+    total = 0.0
+    out = []
     for r_k, q_k in zip(r, q, strict=True):
         filtered = filtered + share * (r_k - filtered)
         w = (
@@ -44,7 +53,8 @@ def servo_torque(servo: Servo, law: Cascade, r: np.ndarray, q: np.ndarray) -> np
         )
         total = total + H * w
         out.append(law.speed_gain * (w + law.integral_gain * total))
-        before, last = filtered, q_k
+        before = filtered
+        last = q_k
     return np.array(out)
 
 
@@ -61,7 +71,8 @@ def motion(n: int = 400) -> tuple[np.ndarray, np.ndarray]:
 def test_the_inverse_of_a_servo_makes_it_send_the_torque(
     integral: float, feedforward: float, filter_s: float
 ) -> None:
-    law, (q, torque) = gains(integral), motion()
+    law = gains(integral)
+    (q, torque) = motion()
     servo = Servo(law, speed_feedforward=feedforward, reference_filter_s=filter_s, sample_time=H)
     r = invert_servo(servo, law, torque, q)
     assert_allclose(r[0], q[0], rtol=0, atol=1e-12)
@@ -125,8 +136,11 @@ def test_each_sample_of_a_long_table_acts_at_its_own_instant() -> None:
 
 @pytest.mark.parametrize("part", [0.9, 0.4, 0.02])
 def test_a_long_table_keeps_a_limit_of_acceleration(part: float) -> None:
-    """A search of first order does not end: differences are 1e-4 of the samples, as those of a move of 1.2 s."""
-    T, n = 4e-3, 600
+    """A search of first order does not end: differences are 1e-4 of the samples, as those of a
+    move of 1.2 s.
+    """
+    T = 4e-3
+    n = 600
     time = T / 8 * np.arange(8 * n + 1)
     s = np.clip((time - 0.6) / 1.2, 0.0, 1.0)
     r = 48.0 * (s**4 * (35 - 84 * s + 70 * s**2 - 20 * s**3))[:, None]
@@ -149,16 +163,17 @@ def test_samples_within_limits_are_those_of_another_solver() -> None:
     B = basis(time, edges, "linear")
     r = (0.02 * np.sin(2 * np.pi * time / edges[-1]) ** 3)[:, None]
     free = fit_samples(B, r)
-    speed, acceleration = (
-        np.abs(np.diff(free[:, 0])).max() / T,
-        np.abs(np.diff(free[:, 0], 2)).max() / T**2,
-    )
+    speed = np.abs(np.diff(free[:, 0])).max() / T
+    acceleration = np.abs(np.diff(free[:, 0], 2)).max() / T**2
     assert_allclose(fit_within(B, r, T, (np.array([1.1 * speed]), None)), free, atol=1e-7)
     bound = 0.8 * acceleration * T**2
     found = fit_within(B, r, T, (None, np.array([0.8 * acceleration])))
     assert np.abs(np.diff(found[:, 0], 2)).max() <= bound
     D = np.diff(np.eye(20), 2, axis=0)
-    kept = {"type": "ineq", "fun": lambda c: np.concatenate([bound - D @ c, bound + D @ c]) / bound}
+    kept = {
+        "type": "ineq",
+        "fun": lambda c: np.concatenate([bound - D @ c, bound + D @ c]) / bound,
+    }
     other = minimize(
         lambda c: 1e4 * np.sum((B @ c - r[:, 0]) ** 2),
         free[:, 0],
@@ -170,11 +185,13 @@ def test_samples_within_limits_are_those_of_another_solver() -> None:
     assert cost[0] <= cost[1] * (1 + 1e-4)
 
 
-# --- the positions ----------------------------------------------------------------------------------------------------
+# --- the positions -------------------------------------------------------------------------------
 def positions(
     eigenvalue: float = 0.9, saturated: int = 0, failure: str = "", **changes: Any
 ) -> PositionCommands:
-    """Three positions of the elbow, the second joint made to slide, with runs that were made up."""
+    """Three positions of the elbow, the second joint made to slide, with runs that were made
+    up.
+    """
     model = flexgen.read("elbow")
     solution = Made(status=flexgen.Status.SOLVED, move=Made(name="line"))
     loops = {
@@ -240,12 +257,17 @@ def test_positions_are_saved_in_the_units_of_a_robot(tmp_path: Path) -> None:
 
 
 def test_positions_of_an_unstable_loop_are_not_sent() -> None:
-    """It is looked for where the error is not much smaller than that of the planned angles: here not below half."""
+    """It is looked for where the error is not much smaller than that of the planned angles: here
+    not below half.
+    """
     worse = {"today": Made(tool_error_max_m=1.9e-4, tool_error_max_rad=None)}
     grows = np.exp(np.log(1e3) / 1000)  # a thousandfold over the motion
     assert positions(grows * 1.001).status == "solved"
     assert positions(grows * 0.999, **worse).status == "solved"
-    text = "failed: the loop of servo and robot is unstable, eigenvalue {:.5g} in the end of the motion"
+    text = (
+        "failed: the loop of servo and robot is unstable, eigenvalue {:.5g} in the end of the "
+        "motion"
+    )
     assert positions(grows * 1.001, **worse).status == text.format(grows * 1.001)
     assert positions(saturated=3).problem == "3 samples at the torque limit"
     assert positions(failure="it fell", saturated=3).problem == "it fell"

@@ -1,4 +1,6 @@
-"""Identification of servos with the simulation replaced: searches of linear problems, deviations, records, filters."""
+"""Identification of servos with the simulation replaced: searches of linear problems, deviations,
+records, filters.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +30,9 @@ def cascade(integral: float = 2.0) -> Cascade:
 
 
 def made(**more: Any) -> Any:
-    """A fit of two motors without a simulation; parameters: logarithms of six gains, then three others."""
+    """A fit of two motors without a simulation; parameters: logarithms of six gains, then three
+    others.
+    """
     out = object.__new__(identify._Fit)
     servo = Servo(
         cascade(), speed_feedforward=0.5, reference_filter_s=0.0, sample_time=H, delay=2.3e-3
@@ -44,7 +48,8 @@ def made(**more: Any) -> Any:
 
 @pytest.mark.parametrize("T", [2e-4, 1e-3, 7e-3])
 def test_the_delay_of_a_filter_is_that_of_a_ramp(T: float) -> None:
-    x, r = 0.0, 0.0
+    x = 0.0
+    r = 0.0
     for _ in range(2000):
         r += 3.0 * H
         x += (1.0 - np.exp(-H / T)) * (r - x)
@@ -54,7 +59,8 @@ def test_the_delay_of_a_filter_is_that_of_a_ramp(T: float) -> None:
 
 
 def test_parameters_are_logarithms_of_gains_and_numbers_within_bounds() -> None:
-    fit, p = made(), np.concatenate([np.log([1.0, 2.0, 3.0, 4.0, 5.0, 6.0]), [3.0, -1.0, 0.5]])
+    fit = made()
+    p = np.concatenate([np.log([1.0, 2.0, 3.0, 4.0, 5.0, 6.0]), [3.0, -1.0, 0.5]])
     assert fit.gains == 6
     assert_allclose(fit.first_gains, [[20.0, 30.0], [5.0, 4.0], [2.0, 0.0]])
     # a gain that is zero stays zero
@@ -154,7 +160,7 @@ def test_a_search_begins_again_with_lower_gains_until_noise_is_left(
     )
     zero = np.zeros((100, 2))
     record = ServoRecord(4e-3 * np.arange(100), zero, zero)
-    assert flexgen.identify_servo("elbow", record).first == 1.5 and begun == [1.0, 1.5, 2.5]  # type: ignore[attr-defined]
+    assert flexgen.identify_servo("elbow", record).first == 1.5 and begun == [1.0, 1.5, 2.5]
     for changed, first, expected in (
         ({1.5: 1.0}, 1.5, [1.0, 1.5]),
         ({1.0: 1.0}, 1.0, [1.0]),
@@ -191,8 +197,11 @@ def test_deviations_are_those_of_leaving_out_blocks(gain: float, n: int, block: 
 
 
 def test_a_result_tells_what_is_explained_and_what_is_noise() -> None:
-    """White noise is what third differences show, over the square root of 20; a ten thousandth of the lag at least."""
-    rng, n = np.random.default_rng(5), 4000
+    """White noise is what third differences show, over the square root of 20; a ten thousandth of
+    the lag at least.
+    """
+    rng = np.random.default_rng(5)
+    n = 4000
     command = np.outer(np.linspace(0.0, 1.0, n), [1.0, 2.0])
     # zeros of the angles are not known
     angle = command - 0.02 * np.sin(np.arange(n) / 300)[:, None] + [0.3, -0.1]
@@ -240,7 +249,9 @@ def test_commands_with_a_latency_are_mixed_between_samples_where_they_are_held()
             held._late(late) @ steps, (1 - part) * sent(whole) + part * sent(whole + 1), atol=1e-9
         )
     lines = made(record=record, time=time)
-    assert_allclose(lines._late(2.25e-3) @ steps, np.maximum(time - 2.25e-3, 0.0) / 4e-3, atol=1e-9)
+    assert_allclose(
+        lines._late(2.25e-3) @ steps, np.maximum(time - 2.25e-3, 0.0) / 4e-3, atol=1e-9
+    )
 
 
 def test_records_that_do_not_fit_a_robot_are_refused() -> None:
@@ -275,13 +286,14 @@ def test_records_that_do_not_fit_a_robot_are_refused() -> None:
         ),
         (
             record(beyond),
-            "run.csv: given commands of q1 from 100 to 150 rad, all beyond its limits, expected some within; the unit "
-            "of its columns?",
+            "run.csv: given commands of q1 from 100 to 150 rad, all beyond its limits, expected "
+            "some within; the unit of its columns?",
         ),
         (
             record(move, 5.01 * move),
-            "run.csv: given angles of q1 that move 5.01 times as far as its commands, expected angles of the joint: "
-            "those of the motor over the gear ratio, in the unit of the column",
+            "run.csv: given angles of q1 that move 5.01 times as far as its commands, expected "
+            "angles of the joint: those of the motor over the gear ratio, in the unit of the "
+            "column",
         ),
         (record(early), f"run.csv: given a command that moves within the first 50 ms, {rest}"),
     ):
@@ -291,19 +303,21 @@ def test_records_that_do_not_fit_a_robot_are_refused() -> None:
 
 
 class Loop:
-    """A robot whose speed controller is perfect: its angles are what the cascade with full feedforward is sent."""
+    """A robot whose speed controller is perfect: its angles are what the cascade with full
+    feedforward is sent.
+    """
 
     made: ClassVar[list[Loop]] = []
     wrong: ClassVar[list[str]] = []
 
-    def __init__(self, *given: Any, delay_samples: int, parameters: Any, steps: int | None) -> None:
-        self.given, self.late, self.parameters, self.asked, self.steps = (
-            given,
-            delay_samples,
-            parameters,
-            steps,
-            steps or 7,
-        )
+    def __init__(
+        self, *given: Any, delay_samples: int, parameters: Any, steps: int | None
+    ) -> None:
+        self.given = given
+        self.late = delay_samples
+        self.parameters = parameters
+        self.asked = steps
+        self.steps = steps or 7
         self.failures = [Loop.wrong.pop(0) if Loop.wrong else "", ""]
         Loop.made.append(self)
 
@@ -318,13 +332,19 @@ class Loop:
 def servo_angles(
     p: np.ndarray, time: np.ndarray, record: ServoRecord, eta: np.ndarray
 ) -> np.ndarray:
-    """Angles of the motors at the instants of the record, by the recursions of a servo whose speeds are perfect."""
-    k_p, (f, d, late) = np.exp(p[:2]), p[6:]
+    """Angles of the motors at the instants of the record, by the recursions of a servo whose
+    speeds are perfect.
+    """
+    k_p = np.exp(p[:2])
+    (f, d, late) = p[6:]
     motors = record.command @ eta.T
     late_times = np.maximum(time - late, record.time[0])
     r = np.stack([np.interp(late_times, record.time, column) for column in motors.T], axis=1)
     share = 1.0 - d / (d + H)  # d = h (1 - a)/a
-    q, filtered, last, out = motors[0], motors[0], motors[0], []
+    q = motors[0]
+    filtered = motors[0]
+    last = motors[0]
+    out = []
     for r_k in r:
         filtered = filtered + share * (r_k - filtered)
         q = (q / H + f * (filtered - last) / H + k_p * filtered) / (1 / H + k_p)
@@ -334,7 +354,9 @@ def servo_angles(
 
 
 def test_residuals_and_slopes_are_those_of_the_servo(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Their means are taken off, since zeros of the angles are not known; a loop that slips fast gets finer steps."""
+    """Their means are taken off, since zeros of the angles are not known; a loop that slips fast
+    gets finer steps.
+    """
     monkeypatch.setattr(identify, "ClosedLoop", Loop)
     t = 2.0 + 4e-3 * np.arange(130)
     rise = np.clip((t - 2.1) / 0.3, 0.0, 1.0)
@@ -401,7 +423,9 @@ def test_residuals_and_slopes_are_those_of_the_servo(monkeypatch: pytest.MonkeyP
 
 
 def test_a_fit_begins_at_rest_where_the_record_begins(monkeypatch: pytest.MonkeyPatch) -> None:
-    """With the gains of a P-PI for one sample time and the delay, and angles that begin at the command."""
+    """With the gains of a P-PI for one sample time and the delay, and angles that begin at the
+    command.
+    """
     monkeypatch.setattr(identify, "library_with", lambda model, functions: functions)
     robot = flexgen.read("elbow")
     t = 1.0 + 4e-3 * np.arange(251)
@@ -416,7 +440,7 @@ def test_a_fit_begins_at_rest_where_the_record_begins(monkeypatch: pytest.Monkey
     weight = evaluate(derive(robot).function("gravity"), fit.rest[0][None])[0].ravel()
     # the motors carry the arm, which hangs in its springs
     assert_allclose(eta @ fit.rest[1], weight, rtol=1e-6)
-    K = [dof.gear.spring.stiffness for element in robot.elements for dof in element.dofs]  # type: ignore[union-attr]
+    K = [dof.gear.spring.stiffness for element in robot.elements for dof in element.dofs]
     assert_allclose(command[0] - fit.rest[0], weight / K, rtol=1e-3)
     still = np.zeros((1, 2))
     motion = (fit.rest[0][None], still, still, command[:1] @ eta, still, still, still)
@@ -425,7 +449,8 @@ def test_a_fit_begins_at_rest_where_the_record_begins(monkeypatch: pytest.Monkey
     assert_allclose(fit.cascade.position_gain, expected.position_gain, rtol=1e-2)
     own = Servo(cascade(), sample_time=H)
     assert (
-        identify._Fit.begin(robot, record, own, "linear", lambda line: None).cascade is own.feedback
+        identify._Fit.begin(robot, record, own, "linear", lambda line: None).cascade
+        is own.feedback
     )
 
 
@@ -461,6 +486,6 @@ def test_angles_that_repeat_while_the_command_moves_are_stated() -> None:
     # the second joint crosses each step in one sample
     assert fit(8e-3).repeated == pytest.approx(1 / 2, abs=0.01)
     assert fit(8e-3).sentence() == (
-        "servo identified, 100 % of the lag of the robot explained; angles repeat in 50 % of the samples: finer "
-        "angles, or a faster motion"
+        "servo identified, 100 % of the lag of the robot explained; angles repeat in 50 % of "
+        "the samples: finer angles, or a faster motion"
     )

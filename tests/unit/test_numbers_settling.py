@@ -1,4 +1,6 @@
-"""The end of a solution with the inversion replaced: what decays like an exponential ends where it is small enough."""
+"""The end of a solution with the inversion replaced: what decays like an exponential ends where it
+is small enough.
+"""
 
 from __future__ import annotations
 
@@ -105,7 +107,9 @@ def kept(found: Motion, n_post: int) -> None:
 
 
 def test_a_motion_ends_after_the_last_sample_that_moves(case: Callable[..., Any]) -> None:
-    """0.01 exp(-t/T) is below a thousandth of the accuracy from T ln(1e4) on; 50 ms after the path at least."""
+    """0.01 exp(-t/T) is below a thousandth of the accuracy from T ln(1e4) on; 50 ms after the path
+    at least.
+    """
     problem, invert, _, asked = case(0.05)
     found, warnings = until_settled(problem, invert, 100)
     last = int(np.floor(0.05 * np.log(1e4) / PERIOD))  # that still moves
@@ -134,7 +138,8 @@ def test_a_motion_that_needs_more_time_gets_it(case: Callable[..., Any]) -> None
     problem, invert, _, asked = case(1.0, window=4.9)
     found, _ = until_settled(problem, invert, 500)
     assert asked == [500] and found.n_post == 500
-    before, u = motion(500, 1.0, 0.01), np.linspace(0.0, 1.0, 250)
+    before = motion(500, 1.0, 0.01)
+    u = np.linspace(0.0, 1.0, 250)
     assert_allclose(found.q_a[:260], before.q_a[:260])
     w = 1 - 35 * u**4 + 84 * u**5 - 70 * u**6 + 20 * u**7
     assert_allclose(found.q_a[260:, 1], w * before.q_a[260:, 1], atol=1e-15)
@@ -154,9 +159,10 @@ def test_a_motion_that_does_not_decay_is_told(case: Callable[..., Any]) -> None:
     assert asked == [500] and found.n_post == 500 and found.q_a[-1, 1] > 0.0
     size = 0.01 * np.exp(-5.0 / 500)
     assert warnings == (
-        "the motion has not decayed 5 s after the path: the deflections still move the output by about "
-        f"{size:.1e} m or rad, with a time constant of 500 s; the simulated error covers 0.5 s with the last torque "
-        "held; damp the springs that are not actuated, or excite them less by a slower or smoother move",
+        "the motion has not decayed 5 s after the path: the deflections still move the output "
+        f"by about {size:.1e} m or rad, with a time constant of 500 s; the simulated error "
+        "covers 0.5 s with the last torque held; damp the springs that are not actuated, or "
+        "excite them less by a slower or smoother move",
     )
     # a tenth may be left of what is extended to 200 s, and no more than the accuracy
     for decay, size, again in ((80.0, 0.005, True), (90.0, 0.005, False), (80.0, 0.02, False)):
@@ -175,8 +181,9 @@ def test_deflections_of_slow_gears_are_told(monkeypatch: pytest.MonkeyPatch) -> 
     assert settling.slow_gears(problem) == ()
     lag[0] = 0.201
     assert settling.slow_gears(problem) == (
-        "the deflection of a damped gear decays with D/K = 0.201 s and has not decayed 4 s after the path; the "
-        "simulated error covers 0.5 s with the last torque held; check the stiffness and the damping of the gear",
+        "the deflection of a damped gear decays with D/K = 0.201 s and has not decayed 4 s "
+        "after the path; the simulated error covers 0.5 s with the last torque held; check the "
+        "stiffness and the damping of the gear",
     )
     monkeypatch.setattr(settling, "gear_lag_times", lambda equations: np.zeros(0))
     assert settling.slow_gears(problem) == ()

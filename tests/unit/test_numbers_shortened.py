@@ -1,4 +1,6 @@
-"""Messages of errors and short texts of values: where they are cut, and what stands in place of the rest."""
+"""Messages of errors and short texts of values: where they are cut, and what stands in place of
+the rest.
+"""
 
 from __future__ import annotations
 
@@ -28,15 +30,19 @@ from flexgen.display import (
 from flexgen.errors import ArgumentError, ModelError, message_of, printable, suggestion
 
 
-# --- errors -----------------------------------------------------------------------------------------------------------
+# --- errors --------------------------------------------------------------------------------------
 def test_long_messages_have_their_begin_and_their_end() -> None:
-    """Of 4000 characters three fifths from the begin and a quarter from the end; the same of 600 that are given."""
+    """Of 4000 characters three fifths from the begin and a quarter from the end; the same of 600
+    that are given.
+    """
     assert message_of("x" * 4000) == "x" * 4000
     text = "a" * 3000 + "b" * 3000
     assert message_of(text) == f"{'a' * 2400} ... (2000 characters) ... {'b' * 1000}"
     for count, cut in ((600, None), (601, 1), (1000, 400)):
         given = "c" * (count - 200) + "d" * 200
-        short = given if cut is None else f"{given[:360]} ... ({cut} characters) ... {given[-150:]}"
+        short = (
+            given if cut is None else f"{given[:360]} ... ({cut} characters) ... {given[-150:]}"
+        )
         assert message_of(f"x: given {given}, expected y") == f"x: given {short}, expected y"
     assert str(ArgumentError("a\x1b[1mb\n\tc")) == "a\\x1b[1mb\n\tc"
     assert printable("é\x00") == "é\\x00" and printable("plain") == "plain"
@@ -62,7 +68,7 @@ def test_errors_of_files_have_their_place_and_are_pickled() -> None:
     )
 
 
-# --- values -----------------------------------------------------------------------------------------------------------
+# --- values --------------------------------------------------------------------------------------
 @pytest.mark.parametrize(
     ("value", "text"),
     [

@@ -62,7 +62,9 @@ def test_a_run_is_shown_with_its_errors_torques_and_forces() -> None:
     top, bottom, force, wall = figure.axes
     wave = np.sin(TIME)
     lines = shown(top)
-    assert list(lines) == ["a", "b: unstable at 1 s", "c"] and len(lines["b: unstable at 1 s"]) == 0
+    assert (
+        list(lines) == ["a", "b: unstable at 1 s", "c"] and len(lines["b: unstable at 1 s"]) == 0
+    )
     assert_allclose(lines["a"], np.abs(wave))
     assert_allclose(lines["c"], 2 * np.abs(wave))
     assert top.get_ylabel() == "output error, mm" and len(top.collections) == 1
@@ -72,7 +74,8 @@ def test_a_run_is_shown_with_its_errors_torques_and_forces() -> None:
     assert force.get_ylabel() == "force, N" and list(shown(wall)) == ["a"]
     assert_allclose(shown(wall)["a"], 5.0 * np.abs(wave))
     assert (
-        top.get_xlim() == pytest.approx((-0.2, 3.0)) and wall.get_xlabel() == "time, s (grey: path)"
+        top.get_xlim() == pytest.approx((-0.2, 3.0))
+        and wall.get_xlabel() == "time, s (grey: path)"
     )
     assert figure.get_size_inches()[1] == pytest.approx(5.4 + 2 * 1.8)
     given = run_of()
@@ -91,7 +94,9 @@ def test_a_run_without_forces_has_two_axes() -> None:
 
 
 def test_errors_of_methods_begin_shortly_before_the_path(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Six hundredths of its time; zeros are shown at half of the floor, a thousandth of the least error."""
+    """Six hundredths of its time; zeros are shown at half of the floor, a thousandth of the least
+    error.
+    """
     t = np.linspace(-0.5, 2.2, 28)
     sizes = {
         "lq": {"m": 1e-6 * np.linspace(0.0, 1.0, 28)},
@@ -107,7 +112,8 @@ def test_errors_of_methods_begin_shortly_before_the_path(monkeypatch: pytest.Mon
     first, second = figure.axes
     lines = shown(first)
     assert (
-        list(lines)[:2] == ["lq: 1 µm", "bvp: 4 µm"] and next(iter(shown(second))) == "bvp: 10 µrad"
+        list(lines)[:2] == ["lq: 1 µm", "bvp: 4 µm"]
+        and next(iter(shown(second))) == "bvp: 10 µrad"
     )
     assert_allclose(lines["bvp: 4 µm"], 4.0)
     assert_allclose(lines["lq: 1 µm"], np.maximum(np.linspace(0.0, 1.0, 28), 0.5e-3))
@@ -132,7 +138,9 @@ def test_errors_of_methods_begin_shortly_before_the_path(monkeypatch: pytest.Mon
 def test_the_worst_of_seven_poses_is_named(
     sizes: list[float], instant: str | None, monkeypatch: Any
 ) -> None:
-    """Equally spaced from the start of the motion to its end; gains are those of the model's coordinates."""
+    """Equally spaced from the start of the motion to its end; gains are those of the model's
+    coordinates.
+    """
     model = Made(n_a=1, dof=2)
     reference = Made(
         begin=4.0, end=7.0, time=np.arange(0.0, 10.0, 0.5), points=lambda k: (np.array([k]),)
@@ -140,7 +148,8 @@ def test_the_worst_of_seven_poses_is_named(
     motion: Any = Made(
         reference=reference, model=model, sample_s=2e-3, delay_s=1e-3, exact_state=False
     )
-    asked, left = list[Any](), list(sizes)
+    asked = list[Any]()
+    left = list(sizes)
     monkeypatch.setattr(stability, "motor_rows", lambda model: np.array([[0.0, 1.0]]))
     monkeypatch.setattr(stability, "PoseModels", lambda model: Made(at=lambda points: points))
 

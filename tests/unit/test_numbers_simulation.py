@@ -1,4 +1,6 @@
-"""Numbers of flexgen/simulation by other routes: closed forms, SciPy, quadrature and differences."""
+"""Numbers of flexgen/simulation by other routes: closed forms, SciPy, quadrature and
+differences.
+"""
 
 from __future__ import annotations
 
@@ -33,12 +35,14 @@ TICKS = 0.3 + 0.1 * np.arange(7)
 
 
 def command(kind: str, delay: float = 0.02) -> hold.TorqueCommand:
-    return hold.TorqueCommand(TICKS, VALUES, LABELS, kind, 0.1, delay, {"model": "x"})  # type: ignore[arg-type]
+    return hold.TorqueCommand(TICKS, VALUES, LABELS, kind, 0.1, delay, {"model": "x"})
 
 
 @pytest.mark.parametrize("kind", ["zoh", "linear", "spline"])
 def test_a_held_torque_is_the_same_at_instants_and_between_edges(kind: str) -> None:
-    """A step, a line and a spline between arrivals; constant before the first and after the last."""
+    """A step, a line and a spline between arrivals; constant before the first and after the
+    last.
+    """
     held = command(kind)
     edges = TICKS + 0.02
     assert_allclose(held.edges, edges[[0, -1]] if kind == "spline" else edges)
@@ -82,11 +86,15 @@ def test_polynomial_torques_jump_at_the_ends_of_their_intervals(tmp_path: Any) -
     torque = hold.PolynomialTorque(
         np.array([0.0, 0.5, 1.0]), curve([0.0, 0.5, 1.0]), LABELS, "spline", 0.5, 0.0, {}, curve
     )
-    assert torque.title() == "polynomials of degree 1 on 2 intervals" and torque.edges.tolist() == [
-        0.0,
-        0.5,
-        1.0,
-    ]
+    assert (
+        torque.title() == "polynomials of degree 1 on 2 intervals"
+        and torque.edges.tolist()
+        == [
+            0.0,
+            0.5,
+            1.0,
+        ]
+    )
     assert_allclose(
         torque.at(np.array([-1.0, 0.25, 0.5, 0.75, 2.0])),
         [[1, 3], [1.5, 3], [5, 0], [5.25, -0.25], [5.5, -0.5]],
@@ -140,7 +148,9 @@ def test_a_trajectory_with_held_torques_states_sample_time_and_delay() -> None:
 
 
 def test_held_torques_have_the_means_of_the_continuous_one() -> None:
-    """By quadrature: means with the second difference taken back, and the straight lines of least squared distance."""
+    """By quadrature: means with the second difference taken back, and the straight lines of least
+    squared distance.
+    """
     t = 0.2 + np.linspace(0.0, 1.0, 41)
     tau = np.stack([np.sin(3.0 * t), t**2], axis=1)
     curve = hold.extend_constant(t, tau, False)
@@ -155,7 +165,8 @@ def test_held_torques_have_the_means_of_the_continuous_one() -> None:
             return weight((s - edges[k]) / 0.1) * curve(np.array([s]))[0]
 
         knots = np.unique(np.clip([edges[k], edges[k + 1], *t], edges[k], edges[k + 1]))
-        points, weights = np.polynomial.legendre.leggauss(5)  # exact for degree 9 between the knots
+        # exact for degree 9 between the knots
+        points, weights = np.polynomial.legendre.leggauss(5)
         out = np.zeros(2)
         for a, b in pairwise(knots):
             out += sum(
@@ -196,7 +207,8 @@ def test_held_torques_have_the_means_of_the_continuous_one() -> None:
 
 
 def test_ticks_cover_the_motion_and_are_at_most_a_million(monkeypatch: pytest.MonkeyPatch) -> None:
-    t, tau = np.array([1.0, 1.5, 2.0]), np.zeros((3, 1))
+    t = np.array([1.0, 1.5, 2.0])
+    tau = np.zeros((3, 1))
     for delay, first, last in (
         (0.0, 1.0, 2.0),
         (0.3, 0.5, 1.75),
@@ -209,24 +221,28 @@ def test_ticks_cover_the_motion_and_are_at_most_a_million(monkeypatch: pytest.Mo
         assert_allclose(np.diff(time), 0.25)
     monkeypatch.setattr(hold, "MOST", 8)
     assert len(hold.hold_torque(t, tau, "zoh", 0.125)[0]) == 9
-    words = r"sample_time: given 0\.1 s, which makes 10 ticks, expected at most 8; take a longer sample time"
+    words = (
+        r"sample_time: given 0\.1 s, which makes 10 ticks, expected at most 8; take a longer "
+        r"sample time"
+    )
     with pytest.raises(ArgumentError, match=words):
         hold.hold_torque(t + 4.0, tau, "zoh", 0.1, 0.4)
 
 
-# --- integration -----------------------------------------------------------------------------------------------------
+# --- integration ---------------------------------------------------------------------------------
 
 A = np.array([[0.0, 1.0], [-4.0, -0.3]])
 
 
 def linear(matrix: np.ndarray, compiled: Any = None) -> integrators.Rates:
-    return integrators.Rates(lambda t, x: matrix @ x, lambda t, x: matrix, compiled, None)  # type: ignore[arg-type]
+    return integrators.Rates(lambda t, x: matrix @ x, lambda t, x: matrix, compiled, None)
 
 
 def test_linear_motions_are_exponentials_and_stiff_ones_change_the_method(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    t, x = np.linspace(0.5, 2.5, 9), np.array([1.0, -2.0])
+    t = np.linspace(0.5, 2.5, 9)
+    x = np.array([1.0, -2.0])
     found = integrators.integrate(linear(A), x, t, 1e-11, np.full(2, 1e-12))
     assert_allclose(found.states, [expm(A * (s - 0.5)) @ x for s in t], atol=1e-9)
     assert found.method == "DOP853" and 50 < found.evaluations < 5000
@@ -278,12 +294,16 @@ def test_the_implicit_method_has_to_advance_within_its_patience(
     def check(nfev: int, at: float, mark: tuple[float, int] = (1.0, 0)) -> Any:
         return integrators._check_advance(Made(nfev=nfev, t=at), mark, t)  # type: ignore[arg-type]
 
-    patience, most = integrators.PATIENCE, integrators.EVALUATIONS_STIFF
+    patience = integrators.PATIENCE
+    most = integrators.EVALUATIONS_STIFF
     assert (patience, most, integrators.ADVANCE) == (100_000, 400_000, 1e-3)
     assert check(patience - 1, 1.0) == (1.0, 0)
     assert check(patience, 1.011) == (1.011, patience)
     assert check(2 * patience, 1.02, (1.011, patience + 1)) == (1.011, patience + 1)
-    words = r"stopped at t = 1\.009 of 10 s after 100000 evaluations of the implicit method: the equations of motion are"
+    words = (
+        r"stopped at t = 1\.009 of 10 s after 100000 evaluations of the implicit method: the "
+        r"equations of motion are"
+    )
     with pytest.raises(SolverError, match=words):
         check(patience, 1.009)
     with pytest.raises(SolverError, match="after 400000 evaluations"):
@@ -291,7 +311,8 @@ def test_the_implicit_method_has_to_advance_within_its_patience(
 
 
 def test_the_motion_after_the_end_is_that_of_the_linearization() -> None:
-    f, x = np.array([0.3, -0.1]), np.array([1.0, 2.0])
+    f = np.array([0.3, -0.1])
+    x = np.array([1.0, 2.0])
     found: Any = Made(
         last=x, rates=Made(jacobian=lambda t, at: A * (t == 4.0), rate=lambda t, at: f * (at == x))
     )
@@ -308,7 +329,8 @@ def test_the_motion_after_the_end_is_that_of_the_linearization() -> None:
 def test_rates_with_and_without_feedback_have_the_derivatives_they_state() -> None:
     equations = derive("elbow")
     robot = equations.model
-    n, n_m = robot.dof, robot.n_m
+    n = robot.dof
+    n_m = robot.n_m
     rng = np.random.default_rng(1)
     motors = MotorFeedback(
         rng.normal(size=(n_m, n)),
@@ -327,9 +349,10 @@ def test_rates_with_and_without_feedback_have_the_derivatives_they_state() -> No
         size = 2 * n + 2 + (n_m if feedback else 0)
         x = 0.1 * rng.normal(size=size)
         reference = np.concatenate([u, rng.normal(size=2 * n_m)]) if feedback else u
-        rates = runs.rates_of(equations, function, None, lambda t, r=reference: r, feedback)  # type: ignore[arg-type]
+        rates = runs.rates_of(equations, function, None, lambda t, r=reference: r, feedback)
         if feedback:
-            q, v = feedback.rows @ x[:n], feedback.rows @ x[n : 2 * n]
+            q = feedback.rows @ x[:n]
+            v = feedback.rows @ x[n : 2 * n]
             w = reference[2 * n_m :] + feedback.position_gain * (reference[n_m : 2 * n_m] - q) - v
             torque = u + feedback.speed_gain * (w + feedback.integral_gain * x[2 * n + 2 :])
             assert_allclose(
@@ -347,7 +370,8 @@ def test_rates_with_and_without_feedback_have_the_derivatives_they_state() -> No
             ],
             axis=1,
         )
-        found, observers = rates.jacobian(0.0, x), [2 * n, 2 * n + 1]
+        found = rates.jacobian(0.0, x)
+        observers = [2 * n, 2 * n + 1]
         assert not found[observers].any() and not found[:, observers].any()
         slope[observers] = slope[:, observers] = 0.0
         assert_allclose(found, slope, rtol=1e-5, atol=1e-6 * np.abs(slope).max())
@@ -356,7 +380,9 @@ def test_rates_with_and_without_feedback_have_the_derivatives_they_state() -> No
 def test_the_method_of_a_run_is_the_implicit_one_if_any_part_needed_it(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """States, evaluations and methods of the parts between corners, put together by a stand-in of the integrator."""
+    """States, evaluations and methods of the parts between corners, put together by a stand-in of
+    the integrator.
+    """
     calls: list[tuple[float, float]] = []
     methods = iter(["DOP853", "LSODA", "DOP853"])
 
@@ -381,7 +407,7 @@ def test_the_method_of_a_run_is_the_implicit_one_if_any_part_needed_it(
     assert_allclose(found.last, found.states[-1])
 
 
-# --- around the integration ------------------------------------------------------------------------------------------
+# --- around the integration ----------------------------------------------------------------------
 
 
 def test_edges_of_torques_are_instants_of_the_integration() -> None:
@@ -398,7 +424,8 @@ def test_edges_of_torques_are_instants_of_the_integration() -> None:
 
 
 def test_the_time_after_the_end_holds_the_last_values() -> None:
-    t, given = np.array([0.0, 0.5, 1.0]), {"x": np.array([[1.0], [2.0], [7.0]])}
+    t = np.array([0.0, 0.5, 1.0])
+    given = {"x": np.array([[1.0], [2.0], [7.0]])}
     for held in (0.0, 1.5 * simulate.HELD_STEP, 10 * simulate.HELD_STEP):
         instants, channels = simulate._with_held_end(t, given, held)
         more = int(np.ceil(held / simulate.HELD_STEP))
@@ -411,12 +438,18 @@ def test_the_time_after_the_end_holds_the_last_values() -> None:
 def test_the_error_of_the_energy_is_relative_to_what_is_exchanged_at_any_height(
     height: float,
 ) -> None:
-    """A weight of 2 N is lifted by 1 m with 3 J, of which 0.9 J are lost and 0.06 J too little are there at the end."""
-    q, v, none = ca.SX.sym("q"), ca.SX.sym("v"), ca.SX.sym("none", 0)
+    """A weight of 2 N is lifted by 1 m with 3 J, of which 0.9 J are lost and 0.06 J too little are
+    there at the end.
+    """
+    q = ca.SX.sym("q")
+    v = ca.SX.sym("v")
+    none = ca.SX.sym("none", 0)
     energy = ca.Function("energy", [q, v, none, none], [v**2 / 2, 2.0 * q])
     made: Any = Made(function={"energy": energy}.__getitem__)
-    lifted, speed = np.array([[0.0], [0.5], [1.0]]), np.array([[0.0], [0.4], [np.sqrt(0.08)]])
-    work, loss = np.array([0.0, 1.5, 3.0]), np.array([0.0, 0.42, 0.9])
+    lifted = np.array([[0.0], [0.5], [1.0]])
+    speed = np.array([[0.0], [0.4], [np.sqrt(0.08)]])
+    work = np.array([0.0, 1.5, 3.0])
+    loss = np.array([0.0, 0.42, 0.9])
     motion = lifted + height, speed, np.empty((3, 0)), np.empty((3, 0))
     assert simulate._energy_error(made, motion, work, loss) == pytest.approx(0.06 / 3.0, rel=1e-6)
     still = np.full((3, 1), height), np.zeros((3, 1)), *motion[2:]
@@ -445,9 +478,12 @@ def test_errors_of_outputs_are_in_metres_and_radians() -> None:
 
 
 def test_the_error_of_a_pose_is_a_distance_and_an_angle() -> None:
-    """The reference is the pose of the tool, moved and turned by known amounts; the last sample is after the record."""
+    """The reference is the pose of the tool, moved and turned by known amounts; the last sample is
+    after the record.
+    """
     equations = derive("manutec_r3")
-    robot, rng = equations.model, np.random.default_rng(3)
+    robot = equations.model
+    rng = np.random.default_rng(3)
     assert robot.output.type == "tool_pose"
     q_a = rng.uniform(-0.5, 0.5, (4, robot.n_a))
     places = [[np.array(x) for x in equations.function("forward_kinematics")(q)] for q in q_a]
@@ -456,7 +492,9 @@ def test_the_error_of_a_pose_is_a_distance_and_an_angle() -> None:
     turns = Rotation.from_rotvec(angles[:, None] * [0.6, 0.0, 0.8]).as_matrix()
     given = {
         "y_ref": np.array([p.ravel() for p, _ in places]) - off,
-        "R_ref": np.array([(turn @ R).ravel() for turn, (_, R) in zip(turns, places, strict=True)]),
+        "R_ref": np.array(
+            [(turn @ R).ravel() for turn, (_, R) in zip(turns, places, strict=True)]
+        ),
         "tau_m": rng.normal(size=(4, robot.n_m)),
     }
     data: Any = Made(time=np.array([0.0, 0.1, 0.2]))
@@ -481,10 +519,8 @@ def test_the_error_of_a_pose_is_a_distance_and_an_angle() -> None:
 
 def test_speeds_of_the_start_come_from_the_first_sample_or_are_zero() -> None:
     robot = flexgen.read("elbow")
-    names_a, names_m = (
-        [c.name for c in robot.coordinates],
-        [robot.motors[j].name for j in robot.i_m],
-    )
+    names_a = [c.name for c in robot.coordinates]
+    names_m = [robot.motors[j].name for j in robot.i_m]
 
     def data(unit: str = "rad/s", value: float = 2.0, names: list[str] = names_a[::-1]) -> Any:
         labels = {"v_a": tuple(names), "v_m": tuple(names_m)}
@@ -526,7 +562,9 @@ def test_speeds_of_the_start_come_from_the_first_sample_or_are_zero() -> None:
 
 
 def test_growth_of_perturbations_is_that_of_the_exponential() -> None:
-    """A saddle: cosh along one axis; sizes beyond every number; the grid has 50 intervals at least."""
+    """A saddle: cosh along one axis; sizes beyond every number; the grid has 50 intervals at
+    least.
+    """
     saddle = np.array([[0.0, 1.0], [9.0, 0.0]])
     step = expm(0.01 * saddle)
     found = growth._log_growth(np.array([step] * 200), 1)
@@ -535,9 +573,12 @@ def test_growth_of_perturbations_is_that_of_the_exponential() -> None:
         1000 * np.log(10)
     )
     equations = derive("four_mass")
-    n_a, n_m, n = equations.model.n_a, equations.model.n_m, equations.model.dof
+    n_a = equations.model.n_a
+    n_m = equations.model.n_m
+    n = equations.model.dof
     t = np.linspace(0.0, 0.1, 201)
-    arm, motors = np.zeros((201, n_a)), np.zeros((201, n_m))
+    arm = np.zeros((201, n_a))
+    motors = np.zeros((201, n_m))
     along = growth.linearize_along(
         equations, growth.Motion(t, arm, arm, arm, motors, motors, motors, motors)
     )
@@ -555,7 +596,7 @@ def test_growth_of_perturbations_is_that_of_the_exponential() -> None:
     assert_allclose(product, expected, atol=1e-9 * np.abs(expected).max())
 
 
-# --- what is given ----------------------------------------------------------------------------------------------------
+# --- what is given -------------------------------------------------------------------------------
 def recorded(
     meta: dict[str, Any] | None = None, **changes: tuple[Any, tuple[str, ...], str] | None
 ) -> Trajectory:
@@ -569,7 +610,9 @@ def recorded(
         "v_a": (numbers * [[0], [1], [1]], ("q1", "q2"), "rad/s"),
     }
     rows = {name: row for name, row in (rows | changes).items() if row is not None}
-    ports = {name: Port(name, (len(labels),), unit, "") for name, (_, labels, unit) in rows.items()}
+    ports = {
+        name: Port(name, (len(labels),), unit, "") for name, (_, labels, unit) in rows.items()
+    }
     labels = {name: row[1] for name, row in rows.items()}
     return Trajectory(
         0.1 * np.arange(3),
@@ -581,7 +624,8 @@ def recorded(
 
 
 def test_channels_of_a_simulation_have_the_columns_of_the_model() -> None:
-    robot, numbers = flexgen.read("elbow"), np.arange(6.0).reshape(3, 2)
+    robot = flexgen.read("elbow")
+    numbers = np.arange(6.0).reshape(3, 2)
     found, warnings = simulate._read_channels(robot, recorded({"model": "elbow", "variant": ""}))
     assert sorted(found) == ["q_a", "q_m", "tau_m", "y_ref"] and warnings == ()
     assert_array_equal(found["tau_m"], numbers[:, ::-1])
@@ -619,8 +663,8 @@ def test_channels_of_a_simulation_have_the_columns_of_the_model() -> None:
         ),
         (
             {"q_m": (np.zeros((3, 2)), ("m1", "m2"), "gon")},
-            "trajectory channel q_m, column m1: given 'gon', an unknown unit, expected an angle in "
-            "rad, mrad, urad, deg, arcmin, rev",
+            "trajectory channel q_m, column m1: given 'gon', an unknown unit, expected an angle "
+            "in rad, mrad, urad, deg, arcmin, rev",
         ),
         (
             {"q_m": (np.zeros((3, 2)), ("m1", "m2"), "rad or m")},

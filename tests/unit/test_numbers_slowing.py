@@ -1,4 +1,6 @@
-"""Time laws slowed down by steps, growing steps and bisection; words about speeds at which limits are exceeded."""
+"""Time laws slowed down by steps, growing steps and bisection; words about speeds at which limits
+are exceeded.
+"""
 
 from __future__ import annotations
 
@@ -43,7 +45,8 @@ def test_what_no_time_takes_away_and_what_has_no_inversion() -> None:
 
     assert slow_down([np.array([1.0, 0.4])], lost, slower, KEPT) == (None, [(1.0, np.inf)])
     assert (
-        len(slow_down([np.array([1.0, 0.4])], lambda x: np.ones(1), lambda x, e: x, KEPT)[1]) == 200
+        len(slow_down([np.array([1.0, 0.4])], lambda x: np.ones(1), lambda x, e: x, KEPT)[1])
+        == 200
     )
 
     def edge(x: list[np.ndarray]) -> np.ndarray:  # no inversion between the last steps

@@ -1,4 +1,6 @@
-"""The smoother along a motion: the mean of a normal distribution that is conditioned on all measurements at once."""
+"""The smoother along a motion: the mean of a normal distribution that is conditioned on all
+measurements at once.
+"""
 
 from __future__ import annotations
 
@@ -20,29 +22,29 @@ H = 4e-3
 
 
 def pose() -> PoseModel:
-    """Two masses with springs and a motor each; their angles, a channel that is not used, an accelerometer."""
-    K, D, n = np.array([[3e3, -2e3], [-2e3, 2.5e3]]), np.array([[4.0, -1.0], [-1.0, 3.0]]), 2
+    """Two masses with springs and a motor each; their angles, a channel that is not used, an
+    accelerometer.
+    """
+    K = np.array([[3e3, -2e3], [-2e3, 2.5e3]])
+    D = np.array([[4.0, -1.0], [-1.0, 3.0]])
+    n = 2
     A = np.block([[np.zeros((n, n)), np.eye(n)], [-K, -D]])
-    B, arm = (
-        np.array([[0.0, 0.0], [0.0, 0.0], [1.0, 0.0], [0.2, 0.8]]),
-        np.array([[0.0, 0.0], [0.0, 0.0], [0.0, 1.0], [1.0, -1.0]]),
-    )
+    B = np.array([[0.0, 0.0], [0.0, 0.0], [1.0, 0.0], [0.2, 0.8]])
+    arm = np.array([[0.0, 0.0], [0.0, 0.0], [0.0, 1.0], [1.0, -1.0]])
     C = np.vstack([[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], np.zeros(4), A[3]])
-    D_u, D_arm = (
-        np.vstack([np.zeros((3, 2)), [0.2, 0.8]]),
-        np.vstack([np.zeros((3, 2)), [1.0, -1.0]]),
-    )
+    D_u = np.vstack([np.zeros((3, 2)), [0.2, 0.8]])
+    D_arm = np.vstack([np.zeros((3, 2)), [1.0, -1.0]])
     return PoseModel(A, B, np.zeros((4, 3)), arm, C, D_u, D_arm, np.zeros((1, 4)))
 
 
 def test_gains_give_the_mean_of_all_states_under_all_measurements() -> None:
-    """Forces fade in 0.3 s; noise of the torque 1e-3 of the largest one; disturbances grow by 0.1 of it in a second."""
-    at, force, noise, largest = (
-        pose(),
-        np.array([2.0, 0.7]),
-        np.array([1e-4, 2e-4, 0.05]),
-        np.array([40.0, 25.0]),
-    )
+    """Forces fade in 0.3 s; noise of the torque 1e-3 of the largest one; disturbances grow by 0.1
+    of it in a second.
+    """
+    at = pose()
+    force = np.array([2.0, 0.7])
+    noise = np.array([1e-4, 2e-4, 0.05])
+    largest = np.array([40.0, 25.0])
     model: Any = Made(motors=[Made(torque_max=x) for x in largest], n_m=2, n_a=2)
     made = object.__new__(PathSmoother)
     channels = Made(index=np.array([0, 1, 3]), noise=noise)
@@ -60,19 +62,23 @@ def test_gains_give_the_mean_of_all_states_under_all_measurements() -> None:
     made._F, made._G, made._C, made._D, made._M, made._J = (x[None] for x in gains)
 
     # states: 4 of the masses, disturbances of both motors, two forces
-    n, fade = 25, np.exp(-H / 0.3)
+    n = 25
+    fade = np.exp(-H / 0.3)
     held = expm(H * np.block([[at.A, at.B * largest, at.arm * force], [np.zeros((4, 8))]]))
     F = np.vstack([held[:4], np.eye(8)[4:] * [1, 1, 1, 1, 1, 1, fade, fade]])
     G = np.vstack([held[:4, 4:6] / largest, np.zeros((4, 2))])
-    C, D = np.hstack([at.C, at.D * largest, at.D_arm * force])[[0, 1, 3]], at.D[[0, 1, 3]]
+    C = np.hstack([at.C, at.D * largest, at.D_arm * force])[[0, 1, 3]]
+    D = at.D[[0, 1, 3]]
     w = np.vstack([held[:4, 4:6] * 1e-3, np.zeros((4, 2))])
     Q = w @ w.T + np.diag([0.0] * 4 + [0.1**2 * H] * 2 + [1 - fade**2] * 2)
     R = np.diag(noise**2)
     first = solve_discrete_are(F.T, C.T, Q, R)
     rng = np.random.default_rng(2)
-    dy, du = rng.normal(size=(n, 3)) * noise * 3, rng.normal(size=(n, 2))
+    dy = rng.normal(size=(n, 3)) * noise * 3
+    du = rng.normal(size=(n, 2))
     dy[0] = du[0] = 0.0  # what is taken off
-    driven, z = [], np.zeros(8)
+    driven = []
+    z = np.zeros(8)
     for k in range(n):
         z = F @ z + G @ du[k]
         driven.append(z)
@@ -94,13 +100,16 @@ def test_gains_give_the_mean_of_all_states_under_all_measurements() -> None:
 def test_expected_forces_are_shares_of_their_change_along_the_motion(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """A fiftieth of the loads of coordinates with elastic gears, a fifth of the others and of the springs of gears."""
+    """A fiftieth of the loads of coordinates with elastic gears, a fifth of the others and of the
+    springs of gears.
+    """
     model = flexgen.read("planar5_nmp")
     geared = [c.dof is not None and c.dof.gear is not None for c in model.coordinates]
     made = object.__new__(PathSmoother)
     made.model = model
     tau = np.zeros((3, model.n_a))
-    tau[:, 0], tau[:, 1] = [7.0, 9.0, -3.0], [5.0, 5.0, 5.0]
+    tau[:, 0] = [7.0, 9.0, -3.0]
+    tau[:, 1] = [5.0, 5.0, 5.0]
     tau[1, 2:] = -2.0
     library = Made(inverse_dynamics=lambda *_: tau)
     monkeypatch.setattr(smoother, "library_with", lambda model, names: library)
@@ -112,7 +121,7 @@ def test_expected_forces_are_shares_of_their_change_along_the_motion(
     found = made._forces(Made(motion=motion))  # type: ignore[arg-type]
     assert_allclose(found, np.concatenate([share * change, 0.2 * change[geared]]))
     tau[:] = 4.0
-    assert_allclose(made._forces(Made(motion=motion))[: model.n_a], share * 1e-6)  # type: ignore[arg-type]
+    assert_allclose(made._forces(Made(motion=motion))[: model.n_a], share * 1e-6)
 
 
 def test_a_motion_has_gains_at_forty_places(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,4 +1,6 @@
-"""Torques with a memory as states of an exported plant, joints of an exported URDF file, and views of a robot."""
+"""Torques with a memory as states of an exported plant, joints of an exported URDF file, and views
+of a robot.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +39,9 @@ BRISTLES = Made(
 def test_states_of_a_plant_with_memory_and_their_fastest_rate(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Elements without a largest torque have no state; the bound is that of gears and of bristles."""
+    """Elements without a largest torque have no state; the bound is that of gears and of
+    bristles.
+    """
     q_a, v_a, q_m, v_m, whole = (
         ca.SX.sym(name, n) for name, n in (("q", 2), ("v", 2), ("m", 2), ("w", 2), ("z", 4))
     )
@@ -75,7 +79,9 @@ def test_states_of_a_plant_with_memory_and_their_fastest_rate(
 
 
 def test_names_of_states_with_a_memory(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Elements of a gear are numbered where it has several; nominal values are the largest torques."""
+    """Elements of a gear are numbered where it has several; nominal values are the largest
+    torques.
+    """
     other = layer(present=np.array([False, True]), slip=np.array([0.0, 8.0]))
     monkeypatch.setattr(plant_memory, "gear_layers", lambda model: [layer(), other])
     monkeypatch.setattr(plant_memory, "motor_bristles", lambda model: BRISTLES)
@@ -115,7 +121,9 @@ def frames(*extent: float) -> np.ndarray:
 def test_views_of_a_robot_have_gravity_upright(extent: Any, gravity: Any, expected: Any) -> None:
     """From one side where it is flat, from three where it is not."""
     model: Any = Made(gravity=np.array(gravity))
-    assert tuple(tuple(int(k) for k in view) for view in _views(model, frames(*extent))) == expected
+    assert (
+        tuple(tuple(int(k) for k in view) for view in _views(model, frames(*extent))) == expected
+    )
 
 
 def joint_of(**more: Any) -> ET.Element:

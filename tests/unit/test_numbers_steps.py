@@ -1,4 +1,6 @@
-"""Small steps of larger answers by other routes: horizons, splines, bounds of plans, changes of models, frames."""
+"""Small steps of larger answers by other routes: horizons, splines, bounds of plans, changes of
+models, frames.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +35,7 @@ from flexgen.servo.identify import LONGEST_STEP, _change
 from flexgen.spec.fourier import FourierSum
 
 
-# --- options and laws -------------------------------------------------------------------------------------------------
+# --- options and laws ----------------------------------------------------------------------------
 def test_horizons_of_a_block_are_whole_periods() -> None:
     options = StreamDefaults(2.0, 0.2, 0.02, 10, 4, 1e-6, 1e-3)
     found = _with(options, 0.3)
@@ -80,7 +82,8 @@ def test_a_motion_through_a_spline_has_its_derivatives() -> None:
     nodes = np.linspace(0.0, 2.0, 101)
     rate = np.array([1.0, 2.0])
     q_e = (nodes[:, None] ** 8 / 256) * rate
-    t, kept = np.linspace(0.1, 1.9, 30), {}
+    t = np.linspace(0.1, 1.9, 30)
+    kept = {}
 
     class Kept:
         i_e = (1, 2)
@@ -100,7 +103,8 @@ def test_a_motion_through_a_spline_has_its_derivatives() -> None:
     reduction: Any = Kept()
     sample: Any = "sample"
     assert (
-        _smooth_by_spline(reduction, sample, t, before, nodes, q_e) == "sample" and not before.any()
+        _smooth_by_spline(reduction, sample, t, before, nodes, q_e) == "sample"
+        and not before.any()
     )
     assert_allclose(kept["q"][:, 1:] - 1.0, t[:, None] ** 8 / 256 * rate, atol=1e-9)
     assert_allclose(kept["q"][:, 0], 1.0)
@@ -112,7 +116,8 @@ def test_a_motion_through_a_spline_has_its_derivatives() -> None:
 
 
 def test_a_wrong_pose_of_the_tool_is_refused() -> None:
-    p, R = np.array([0.5, 0.6, 1.2]), np.eye(3)
+    p = np.array([0.5, 0.6, 1.2])
+    R = np.eye(3)
     for wrong in (
         np.diag([1.0, 1.0, -1.0]),
         np.diag([1.0, 1.0, 1.1]),
@@ -125,7 +130,10 @@ def test_a_wrong_pose_of_the_tool_is_refused() -> None:
         ):
             kinematics("manutec_r3", p, wrong)
     for position, rotation in ((p[:2], R), (p, R[:2]), (p[:, None], R)):
-        shapes = f"pose: given shapes {position.shape}, {rotation.shape}, expected (3,) and (3, 3), finite"
+        shapes = (
+            f"pose: given shapes {position.shape}, {rotation.shape}, expected (3,) and (3, 3), "
+            "finite"
+        )
         with pytest.raises(ArgumentError) as caught:
             kinematics("manutec_r3", position, rotation)
         assert str(caught.value) == shapes
@@ -136,10 +144,14 @@ def test_a_wrong_pose_of_the_tool_is_refused() -> None:
 
 
 def test_a_step_of_levenberg_and_marquardt_stays_within_bounds() -> None:
-    """Without bounds the damped normal equations; a number that would leave stays, the others are solved again."""
+    """Without bounds the damped normal equations; a number that would leave stays, the others are
+    solved again.
+    """
     rng = np.random.default_rng(5)
-    J, e = rng.standard_normal((20, 4)), 0.05 * rng.standard_normal(20)
-    p, weight = np.zeros(4), 0.3
+    J = rng.standard_normal((20, 4))
+    e = 0.05 * rng.standard_normal(20)
+    p = np.zeros(4)
+    weight = 0.3
     scale = np.linalg.norm(J, axis=0)
 
     def solved(free: list[int]) -> np.ndarray:
@@ -152,7 +164,8 @@ def test_a_step_of_levenberg_and_marquardt_stays_within_bounds() -> None:
     expected = solved([0, 1, 2, 3])
     assert_allclose(_change(fit, p, e, J, weight), expected, rtol=1e-9)
     sign = np.sign(expected[1])
-    low, high = np.full(4, -np.inf), np.full(4, np.inf)
+    low = np.full(4, -np.inf)
+    high = np.full(4, np.inf)
     (high if sign > 0 else low)[1] = 0.0
     fit.within = lambda x: np.clip(x, low, high)
     assert_allclose(_change(fit, p, e, J, weight), solved([0, 2, 3]), rtol=1e-9)
@@ -165,7 +178,9 @@ def test_a_step_of_levenberg_and_marquardt_stays_within_bounds() -> None:
 def test_a_smoothed_run_has_the_errors_of_the_estimated_motion(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """What is given to the smoother: measurements minus the reference, torques as they acted; a lost robot stays."""
+    """What is given to the smoother: measurements minus the reference, torques as they acted; a
+    lost robot stays.
+    """
     given: dict[str, Any] = {}
 
     class Smoother:
@@ -180,11 +195,9 @@ def test_a_smoothed_run_has_the_errors_of_the_estimated_motion(
 
     monkeypatch.setattr(learn, "output_errors", output_errors)
     made: Any = object.__new__(learn._Smoothed)
-    made._case, made._channels, made._name = (
-        SimpleNamespace(equations=None),
-        SimpleNamespace(index=[2, 0]),
-        "a",
-    )
+    made._case = SimpleNamespace(equations=None)
+    made._channels = SimpleNamespace(index=[2, 0])
+    made._name = "a"
     made._smoother = Smoother()
 
     @dataclass(frozen=True)
@@ -229,13 +242,15 @@ def test_a_smoothed_run_has_the_errors_of_the_estimated_motion(
     assert made(lost) is lost
 
 
-# --- bounds of plans --------------------------------------------------------------------------------------------------
+# --- bounds of plans -----------------------------------------------------------------------------
 class Bounded(dict[str, Any]):
     """A phase that keeps what it is subject to."""
 
     def __init__(self, equations: Any, **symbols: Any) -> None:
         super().__init__(symbols)
-        self.equations, self.rows, self.number = equations, {}, 0
+        self.equations = equations
+        self.rows = {}
+        self.number = 0
 
     def subject_to(self, value: Any, low: Any, high: Any, *, name: str) -> None:
         self.rows[name] = value, low, high
@@ -274,7 +289,8 @@ def test_the_tool_of_a_plan_keeps_its_speed_and_acceleration() -> None:
 def test_torques_of_a_plan_keep_their_curves() -> None:
     """Two edges: full torque to 2 rad/s, then falling to a quarter at 4 rad/s; a tenth is left."""
     model: Any = SimpleNamespace(motors=[SimpleNamespace(name="a"), SimpleNamespace(name="b")])
-    tau, v = ca.SX.sym("tau"), ca.SX.sym("v")
+    tau = ca.SX.sym("tau")
+    v = ca.SX.sym("v")
     symbols = {"tau_m[a]": tau, "v_m[a]": v}
     phase: Any = Bounded(SimpleNamespace(model=model), **symbols)
     curve = ((0.0, 8.0), (2.0, 8.0), (4.0, 2.0))
@@ -297,8 +313,12 @@ def row(name: str, value: Any, low: float, high: float, slack: float | None = No
 
 
 def test_rows_of_a_plan_hold_where_the_arm_rests() -> None:
-    """Speeds are zero there, unknown symbols are left out, and a millionth of a value is forgiven."""
-    y, dy, free = ca.SX.sym("y", 3), ca.SX.sym("dy", 3), ca.SX.sym("free")
+    """Speeds are zero there, unknown symbols are left out, and a millionth of a value is
+    forgiven.
+    """
+    y = ca.SX.sym("y", 3)
+    dy = ca.SX.sym("dy", 3)
+    free = ca.SX.sym("free")
     rows: dict[str, list[Any]] = {"path": [], "start": [], "end": []}
     phase: Any = SimpleNamespace(
         signals=SimpleNamespace(y=y, dy=dy), content=SimpleNamespace(rows=rows, bands={})
@@ -345,9 +365,12 @@ class Planned:
 
 
 def test_rows_of_a_plan_are_checked_between_its_points(monkeypatch: pytest.MonkeyPatch) -> None:
-    """An excess of a hundredth of a bound, a thousandth of the range, or what is too small to matter is forgiven."""
+    """An excess of a hundredth of a bound, a thousandth of the range, or what is too small to
+    matter is forgiven.
+    """
     y, dy, ddy, tau, t = (ca.SX.sym(x) for x in ("y", "dy", "ddy", "tau", "t"))
-    reference, duration = ca.SX.sym("reference", 2), ca.SX.sym("T")
+    reference = ca.SX.sym("reference", 2)
+    duration = ca.SX.sym("T")
     rows: dict[str, list[Any]] = {"path": []}
     mesh = SimpleNamespace(N=2, nodes=np.array([0.0, 0.5, 1.0]), h=np.array([0.5, 0.5]))
     signals = SimpleNamespace(symbols=[y, dy, ddy, tau, t, reference], reference=reference)
@@ -375,16 +398,16 @@ def test_rows_of_a_plan_are_checked_between_its_points(monkeypatch: pytest.Monke
 
     def warnings(*given: Any) -> tuple[str, ...]:
         rows["path"] = list(given)
-        found: Any = result._check_bounds(problem, layout, made, at, Planned())  # type: ignore[arg-type]
+        found: Any = result._check_bounds(problem, layout, made, at, Planned())
         assert (found.status == flexgen.Status.TOLERANCE_NOT_MET) == bool(found.warnings)
         return tuple(
             text.partition("; take a finer mesh or a margin")[0] for text in found.warnings
         )
 
     inf = np.inf
-    assert warnings(row("y", y, -inf, 2.0)) == () and warnings(row("y", y, -inf, 2.001 - 0.02)) == (
-        "'y' is violated by 0.029 between the collocation points",
-    )
+    assert warnings(row("y", y, -inf, 2.0)) == () and warnings(
+        row("y", y, -inf, 2.001 - 0.02)
+    ) == ("'y' is violated by 0.029 between the collocation points",)
     assert warnings(row("z", y, -inf, 0.0)) == (
         "'z' is violated by 2.01 between the collocation points",
     )
@@ -406,7 +429,8 @@ def test_rows_of_a_plan_are_checked_between_its_points(monkeypatch: pytest.Monke
     assert warnings() == ("'bound of q' is violated by 0.51 between the collocation points",)
     assert warnings(row("n", ca.sqrt(y - 1.0), -inf, inf)) == warnings()
     both = row("two", ca.vertcat(y, 2 * y), -inf, inf)
-    both.lower, both.upper = np.array([-inf, -inf]), np.array([1.9, 100.0])
+    both.lower = np.array([-inf, -inf])
+    both.upper = np.array([1.9, 100.0])
     assert warnings(both)[0] == "'two' is violated by 0.11 between the collocation points"
     both.value = ca.vertcat(y, y + 98.04)  # that one exceeds 100 by less than a hundredth
     both.upper = np.array([1.9, 100.0])
@@ -414,16 +438,23 @@ def test_rows_of_a_plan_are_checked_between_its_points(monkeypatch: pytest.Monke
 
 
 def test_steps_to_a_motor_angle_are_as_many_as_its_bound_needs() -> None:
-    """Fixed points until Newton's method halves at least; then the error is squared until it is below rounding."""
+    """Fixed points until Newton's method halves at least; then the error is squared until it is
+    below rounding.
+    """
     for size, harmonic in ((1e-6, 3), (0.02, 5), (0.1, 4), (1e-3, 40)):
         error = FourierSum((harmonic,), (size,), (0.0,))
-        slope, bend = size * harmonic, size * harmonic**2
-        curvature, left, fixed = bend / (2 * (1 - slope)), size * slope, 1
+        slope = size * harmonic
+        bend = size * harmonic**2
+        curvature = bend / (2 * (1 - slope))
+        left = size * slope
+        fixed = 1
         while curvature * left > 0.5:
-            left, fixed = slope * left, fixed + 1
+            left = slope * left
+            fixed = fixed + 1
         newton = 0
         while left > 1e-17:
-            left, newton = curvature * left**2, newton + 1
+            left = curvature * left**2
+            newton = newton + 1
         assert motor_harmonics._steps(error, 1.0) == (fixed, newton)
         assert motor_harmonics._steps(FourierSum((harmonic,), (0.0,), (-size / 3,)), -3.0) == (
             fixed,
@@ -431,12 +462,13 @@ def test_steps_to_a_motor_angle_are_as_many_as_its_bound_needs() -> None:
         )
         q = 0.7
         for step in range(fixed + newton):
-            value, rate = size * np.cos(harmonic * q), -size * harmonic * np.sin(harmonic * q)
+            value = size * np.cos(harmonic * q)
+            rate = -size * harmonic * np.sin(harmonic * q)
             q = 0.7 + value if step < fixed else q - (q - value - 0.7) / (1 - rate)
         assert abs(q - size * np.cos(harmonic * q) - 0.7) < 5e-16
 
 
-# --- results ----------------------------------------------------------------------------------------------------------
+# --- results -------------------------------------------------------------------------------------
 def test_changes_of_a_model_from_identified_gears() -> None:
     def number(
         name: str, value: float, change: tuple[str, str, int], determined: bool = True
@@ -481,7 +513,8 @@ def test_the_best_pose_of_points_is_a_rotation_and_a_shift() -> None:
     rng = np.random.default_rng(8)
     for flat in (1.0, 0.0):
         a = rng.standard_normal((10, 3)) * [1.0, 1.0, flat]
-        R, t = Rotation.random(random_state=3).as_matrix(), np.array([0.3, -2.0, 5.0])
+        R = Rotation.random(random_state=3).as_matrix()
+        t = np.array([0.3, -2.0, 5.0])
         found = frames.best_pose(a, a @ R.T + t)
         assert_allclose(found[0], R, atol=1e-12)
         assert_allclose(found[1], t, atol=1e-12)
@@ -492,7 +525,9 @@ def test_the_best_pose_of_points_is_a_rotation_and_a_shift() -> None:
 
 
 def test_the_frame_of_a_measurement_is_found_from_few_points() -> None:
-    """Of a rigid robot at known commands, seen from a frame that is far off; some points were not seen."""
+    """Of a rigid robot at known commands, seen from a frame that is far off; some points were not
+    seen.
+    """
     trackers = [
         {
             "name": f"t{k}",

@@ -1,4 +1,6 @@
-"""Bounds of streams as they were compared with the C: each content changes the numbers that it is counted with."""
+"""Bounds of streams as they were compared with the C: each content changes the numbers that it is
+counted with.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,9 @@ OPERATIONS = {
     "inversion_jacobians": 100003,
 }
 PLAIN = Contents(0, False, False, False, False, False, (0, 0, 0))
-SIZE, COUNT = (6672, 683, 65), (20656842, 973445, 246511)  # of the plain stream
+# of the plain stream
+SIZE = (6672, 683, 65)
+COUNT = (20656842, 973445, 246511)
 # and what is more with a content
 WITH: list[tuple[dict[str, Any], tuple[int, int, int], tuple[int, int, int]]] = [
     ({"elements": 3}, (25, 0, 0), (90671174, 0, 4121417)),

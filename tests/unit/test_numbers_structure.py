@@ -1,4 +1,6 @@
-"""Structure search, validation and verdicts on exact or scripted data: each branch, by closed forms."""
+"""Structure search, validation and verdicts on exact or scripted data: each branch, by closed
+forms.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +39,8 @@ def responses(model: RobotModel, lines: int, poses: int = 2) -> flexgen.Frf:
 def test_a_stiff_spring_is_removed_from_ten_strong_evidence_on(
     lines: int, removed: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Two numbers less are worth ``2 log(2 N)``, N = 8 per line: 9.94 of nine lines, 10.15 of ten; more than 10 counts.
+    """Two numbers less are worth ``2 log(2 N)``, N = 8 per line: 9.94 of nine lines, 10.15 of ten;
+    more than 10 counts.
 
     Shown to see: N, 2 N, the factor of n_p, the order of both fits, and the threshold.
     """
@@ -69,14 +72,17 @@ def test_springs_are_changed_by_name_only() -> None:
     for before, after in zip(model.elements, stiff.elements, strict=True):
         for a, b in zip(before.dofs, after.dofs, strict=True):
             assert b == (replace(a, spring=b.spring, damping=4.0) if a.name == "q3" else a)
-    assert [d.spring.stiffness for e in stiff.elements for d in e.dofs if d.name == "q3"] == [123.0]
+    assert [d.spring.stiffness for e in stiff.elements for d in e.dofs if d.name == "q3"] == [
+        123.0
+    ]
     names = [d.name for e in missing_springs.without(model, "q3").elements for d in e.dofs]
     assert names == ["q1", "q2"]
     now: Any = SimpleNamespace(vector=SimpleNamespace(model=missing_springs.without(model, "q3")))
     full: Any = SimpleNamespace(vector=SimpleNamespace(model=model))
     assert searched._removable(model, full, ()) == ["q3"]
     assert (
-        searched._removable(model, full, ["q3"]) == [] and searched._removable(model, now, ()) == []
+        searched._removable(model, full, ["q3"]) == []
+        and searched._removable(model, now, ()) == []
     )
     data = responses(model, 3, 3)
     last = searched._part(data, slice(1, None))
@@ -89,7 +95,9 @@ def test_springs_are_changed_by_name_only() -> None:
 
 
 def test_a_new_spring_is_searched_from_three_frequencies(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Stiffness ``J w^2`` and 3 % damping, J: inertia that the spring carries, all others stiff."""
+    """Stiffness ``J w^2`` and 3 % damping, J: inertia that the spring carries, all others
+    stiff.
+    """
     model = without_coulomb("elbow")
     data = responses(model, 3)
     dof, changed = next((d, m) for d, m in missing_springs.additions(model) if d.name == "q2_v")
@@ -117,7 +125,9 @@ def test_a_new_spring_is_searched_from_three_frequencies(monkeypatch: pytest.Mon
 
 
 def test_the_search_keeps_what_is_better_elsewhere_too(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Scripted gains: the best change must also be better at poses that were held out; then it begins again."""
+    """Scripted gains: the best change must also be better at poses that were held out; then it
+    begins again.
+    """
     model = without_coulomb("planar5_nmp")
     data = responses(model, 2)
     worth = {
@@ -178,7 +188,10 @@ def test_costs_of_poses_that_were_held_out_are_compared(monkeypatch: pytest.Monk
     data = responses(model, 4)
     wrong = missing_springs.without(model, "q3")
     assert (
-        searched._hold_out(wrong, model, data) < 1e-6 < 1e3 < searched._hold_out(model, wrong, data)
+        searched._hold_out(wrong, model, data)
+        < 1e-6
+        < 1e3
+        < searched._hold_out(model, wrong, data)
     )
     asked = []
 
@@ -197,17 +210,21 @@ def test_costs_of_poses_that_were_held_out_are_compared(monkeypatch: pytest.Monk
 
 
 def test_validation_compares_spectra_of_other_experiments(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Fit in percent, mean square and whiteness of scripted residuals; which experiments are simulated."""
+    """Fit in percent, mean square and whiteness of scripted residuals; which experiments are
+    simulated.
+    """
     rng = np.random.default_rng(0)
     r = rng.normal(size=(2, 40, 2)) + 1j * rng.normal(size=(2, 40, 2))
     r[:, :, 1] = np.cos(0.05 * np.arange(40))[None]  # not white
-    sd, measured = rng.uniform(0.1, 0.2, (1, 40, 2)), rng.normal(size=(2, 40, 2)) + 3j
+    sd = rng.uniform(0.1, 0.2, (1, 40, 2))
+    measured = rng.normal(size=(2, 40, 2)) + 3j
     asked = []
 
     class Simulated:
         def __init__(self, vector: Any, experiment: Any, runs: Any, tell: Any) -> None:
             asked.append(runs)
-            self.sd, self.measured = sd, measured
+            self.sd = sd
+            self.measured = measured
 
         def use_noise(self, x: Any) -> None:
             asked.append("noise")
@@ -247,7 +264,9 @@ def fitted(
 ) -> IdentificationResult:
     """A result with scripted numbers."""
     vector = ParameterVector(
-        model, ["q1.stiffness", "q2.stiffness", "q3.damping"], ties={"q3.stiffness": "q1.stiffness"}
+        model,
+        ["q1.stiffness", "q2.stiffness", "q3.damping"],
+        ties={"q3.stiffness": "q1.stiffness"},
     )
     covariance = np.diag([0.01, 0.04, 1.0]) + 0.012 * (np.eye(3)[::-1] - np.diag([0.0, 1.0, 0.0]))
     values: dict[str, Any] = {
@@ -297,11 +316,17 @@ def test_frictions_of_a_refinement_are_those_of_the_file() -> None:
     other = replace(model, motors=motors)
     names = time_domain._frictions(fitted(other))
     joints = [name for name in names if name[0] == "q"]
-    assert [name for name in names if name not in joints] == ["m1.viscous", "m1.coulomb", "m1.beta"]
+    assert [name for name in names if name not in joints] == [
+        "m1.viscous",
+        "m1.coulomb",
+        "m1.beta",
+    ]
 
 
 def test_figures_of_a_result_and_robots_drawn_from_it() -> None:
-    """Weak parameters (sd of the logarithm above a half) keep the value of the file; the others have the covariance."""
+    """Weak parameters (sd of the logarithm above a half) keep the value of the file; the others
+    have the covariance.
+    """
     model = flexgen.read("planar5_nmp")
     found = fitted(model)
     assert (
@@ -351,7 +376,9 @@ def test_figures_of_a_result_and_robots_drawn_from_it() -> None:
 
 
 def test_a_verdict_compares_four_torques(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Which model and method make the torques, which robots they are sent to, and the largest errors of each."""
+    """Which model and method make the torques, which robots they are sent to, and the largest
+    errors of each.
+    """
     model = flexgen.read("planar5_nmp")
     found = fitted(model)
     asked: list[tuple[float, str]] = []
@@ -373,7 +400,8 @@ def test_a_verdict_compares_four_torques(monkeypatch: pytest.MonkeyPatch) -> Non
     monkeypatch.setattr(verdict, "tool_errors", errors)
     said: list[str] = []
     made = verdict.verdict(found, truth=found.model, progress=said.append)
-    old, new = stiffness(SimpleNamespace(model=model)), found.used()["q1.stiffness"]
+    old = stiffness(SimpleNamespace(model=model))
+    new = found.used()["q1.stiffness"]
     assert asked == [(old, "auto"), (new, "auto"), (new, "rigid"), (new, "fjm")]
     assert (
         made.known

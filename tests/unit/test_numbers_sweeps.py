@@ -1,4 +1,6 @@
-"""Numbers of flexgen/sweeps and flexgen/dae: batches against flexgen's functions, series against derivatives."""
+"""Numbers of flexgen/sweeps and flexgen/dae: batches against flexgen's functions, series against
+derivatives.
+"""
 
 from __future__ import annotations
 
@@ -55,7 +57,8 @@ def test_parts_of_batches_by_hand() -> None:
     for k in range(3):
         terms = [s[:, k + i] * 0.2**i / [1, 1, 2, 6, 24][i] for i in range(5 - k)]
         assert_allclose(found[k], sum(terms))
-    A, x = np.array([[2.0, 0.0], [1.0, -3.0]]), np.random.default_rng(2).normal(size=(2, 3, 4))
+    A = np.array([[2.0, 0.0], [1.0, -3.0]])
+    x = np.random.default_rng(2).normal(size=(2, 3, 4))
     assert_allclose(closed_form_batch._multiply(A, x), np.einsum("ij,jkl->ikl", A, x))
     assert_array_equal(closed_form_batch._largest(x), np.abs(x).max(axis=1))
     t = 0.1 * np.arange(3)
@@ -63,18 +66,20 @@ def test_parts_of_batches_by_hand() -> None:
 
 
 def test_torques_of_a_batch_are_the_inverse_dynamics_of_the_elastic_robot() -> None:
-    """The gear torque, its second derivative by differences of the exact function, and the motors, at five instants."""
+    """The gear torque, its second derivative by differences of the exact function, and the motors,
+    at five instants.
+    """
     equations = flexgen.derive("elbow")
-    model, law = equations.model, TimeLaw(0.8, 6)
+    model = equations.model
+    law = TimeLaw(0.8, 6)
     moves = JointMoves(equations, law, step=2e-3)
-    starts, ends = (
-        np.array([[0.1, 0.4], [0.5, -0.3], [0.2, 0.9]]),
-        np.array([[0.6, 0.2], [0.1, 0.8], [0.2, 0.1]]),
-    )
+    starts = np.array([[0.1, 0.4], [0.5, -0.3], [0.2, 0.9]])
+    ends = np.array([[0.6, 0.2], [0.1, 0.8], [0.2, 0.1]])
     tau = moves.torques(starts, ends)
     peaks = moves.peaks(starts, ends)
     t = moves.t
-    inverse, h = np.linalg.inv(model.eta), 1e-4
+    inverse = np.linalg.inv(model.eta)
+    h = 1e-4
     function = equations.function("inverse_dynamics")
     stiffness = [c.dof.gear.spring.stiffness for c in model.coordinates]
     damping = [c.dof.gear.damping for c in model.coordinates]
@@ -82,15 +87,14 @@ def test_torques_of_a_batch_are_the_inverse_dynamics_of_the_elastic_robot() -> N
         1.0 if c.dof.gear.side == "arm" else abs(model.eta[k, k])
         for k, c in enumerate(model.coordinates)
     ]
-    K, D = np.array(stiffness) * np.square(side), np.array(damping) * np.square(side)
+    K = np.array(stiffness) * np.square(side)
+    D = np.array(damping) * np.square(side)
 
     def needed(k: int, at: float) -> np.ndarray:
         s = law(np.array([at]), 2)[0]
-        q, v, a = (
-            starts[k] + (ends[k] - starts[k]) * s[0],
-            (ends[k] - starts[k]) * s[1],
-            (ends[k] - starts[k]) * s[2],
-        )
+        q = starts[k] + (ends[k] - starts[k]) * s[0]
+        v = (ends[k] - starts[k]) * s[1]
+        a = (ends[k] - starts[k]) * s[2]
         return np.array(function(q, v, a)).ravel(), v, a
 
     for k in (0, 1, 2):
@@ -103,7 +107,8 @@ def test_torques_of_a_batch_are_the_inverse_dynamics_of_the_elastic_robot() -> N
             d1 = rate / K - lag * bend / K
             d2 = bend / K - lag * jolt / K
             _, v, a = needed(k, t[i])
-            v_m, a_m = model.eta @ (v + d1), model.eta @ (a + d2)
+            v_m = model.eta @ (v + d1)
+            a_m = model.eta @ (a + d2)
             motor = np.array(equations.function("motor_friction")(v_m)).ravel()
             expected = inverse.T @ torques[2] + [m.inertia for m in model.motors] * a_m + motor
             assert_allclose(tau[k, i], expected, rtol=2e-2, atol=2e-2 * np.abs(expected).max())
@@ -197,16 +202,21 @@ def test_a_batch_that_fails_is_halved(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_random_moves_are_within_the_limits() -> None:
-    """Draws of NumPy's generator for (seed, number), the way bounded by position, speed and acceleration."""
+    """Draws of NumPy's generator for (seed, number), the way bounded by position, speed and
+    acceleration.
+    """
     made = cases.RandomMove(3, 5, 0.5, 4)
     unlimited = SimpleNamespace(
-        dof=SimpleNamespace(lower=None, upper=None, speed_max=None, acceleration_max=None), unit="m"
+        dof=SimpleNamespace(lower=None, upper=None, speed_max=None, acceleration_max=None),
+        unit="m",
     )
     tight = SimpleNamespace(
-        dof=SimpleNamespace(lower=-1.0, upper=2.0, speed_max=0.4, acceleration_max=None), unit="rad"
+        dof=SimpleNamespace(lower=-1.0, upper=2.0, speed_max=0.4, acceleration_max=None),
+        unit="rad",
     )
     slow = SimpleNamespace(
-        dof=SimpleNamespace(lower=-1.0, upper=2.0, speed_max=99.0, acceleration_max=0.3), unit="rad"
+        dof=SimpleNamespace(lower=-1.0, upper=2.0, speed_max=99.0, acceleration_max=0.3),
+        unit="rad",
     )
     move = unwrap(cases.RandomMove.of)(
         made, SimpleNamespace(n_g=3, i_g=(0, 1, 2), coordinates=[unlimited, tight, slow])
@@ -216,23 +226,29 @@ def test_random_moves_are_within_the_limits() -> None:
     ways = [1.0, 0.999 * 0.4 * 0.5 / s[1], 0.999 * 0.3 * 0.25 / s[2]]
     for k, (low, high) in enumerate([(-0.5, 0.5), (-1, 2), (-1, 2)]):
         start = low + (high - low) * draw[0, k]
-        first, last = max(low, start - ways[k]), min(high, start + ways[k])
+        first = max(low, start - ways[k])
+        last = min(high, start + ways[k])
         assert move.start[k] == pytest.approx(start) and move.end[k] == pytest.approx(
             first + (last - first) * draw[1, k]
         )
     assert (move.name, move.duration, move.smoothness, move.type) == ("random3", 0.5, 4, "joint")
     default = cases.RandomMove(7)
     assert (default.seed, default.duration, default.smoothness) == (0, 1.0, 5)
-    assert [m.number for m in cases.random_moves(3, 1, 2.0, 6)] == [0, 1, 2] and cases.random_moves(
-        0
-    ) == ()
+    assert [m.number for m in cases.random_moves(3, 1, 2.0, 6)] == [
+        0,
+        1,
+        2,
+    ] and cases.random_moves(0) == ()
 
 
 def test_a_grid_counts_models_slowest_and_methods_fastest() -> None:
     grid = cases.Grid(["elbow", "planar5_nmp"], ["a", None, "b"], ["x", "y"], [{}, {"k": 1}])
     assert len(grid) == 24 and [c.number for c in grid] == list(range(24))
     for k in (0, 1, 2, 6, 13, 23):
-        m, p, v, w = k // 12, k // 6 % 2, k // 2 % 3, k % 2
+        m = k // 12
+        p = k // 6 % 2
+        v = k // 2 % 3
+        w = k % 2
         case = grid[k]
         expected = (grid.models[m], grid.parameters[p], grid.moves[v], grid.methods[w])
         assert (case.model, case.parameters, case.move, case.method) == expected
@@ -245,7 +261,10 @@ def test_a_grid_counts_models_slowest_and_methods_fastest() -> None:
     assert list(sweep._numbers(grid, 2, 10)) == [20, 21, 22, 23] and list(
         sweep._numbers(grid, 1, 10)
     ) == list(range(10, 20))
-    assert cases.combinations({"a": [1, 2], "b": ["x"]}) == ({"a": 1, "b": "x"}, {"a": 2, "b": "x"})
+    assert cases.combinations({"a": [1, 2], "b": ["x"]}) == (
+        {"a": 1, "b": "x"},
+        {"a": 2, "b": "x"},
+    )
     for bad, text in (
         ({"models": "elbow"}, "models"),
         ({"models": []}, "one or more"),
@@ -351,7 +370,8 @@ def test_tables_and_their_summary() -> None:
 
 
 def test_wrong_arguments_of_a_sweep() -> None:
-    grid, none = cases.Grid(["elbow"]), [None] * 5
+    grid = cases.Grid(["elbow"])
+    none = [None] * 5
     sweep._check_arguments(grid, "x", 0, None, 1, True, 1)
     for given, text in (
         ((5, *none[:4], False, None), "grid: given 5, expected a Grid"),
@@ -399,10 +419,14 @@ UNARY = {
 
 @pytest.mark.parametrize("name", list(UNARY))
 def test_series_of_an_operation_are_its_derivatives_along_a_curve(name: str) -> None:
-    """x(t) = x0 + 0.7 t - 0.4 t^2 + 0.9 t^3 - 0.2 t^4 at two points; derivatives in t by CasADi, over the factorial."""
-    x, t = ca.SX.sym("x"), ca.SX.sym("t")
+    """x(t) = x0 + 0.7 t - 0.4 t^2 + 0.9 t^3 - 0.2 t^4 at two points; derivatives in t by CasADi,
+    over the factorial.
+    """
+    x = ca.SX.sym("x")
+    t = ca.SX.sym("t")
     found = SeriesFunction(ca.Function("f", [x], [UNARY[name](x)]))
-    start, more = np.array([0.6, 1.4]), [0.7, -0.4, 0.9, -0.2]
+    start = np.array([0.6, 1.4])
+    more = [0.7, -0.4, 0.9, -0.2]
     series = np.stack([start, *(np.full(2, c) for c in more)], axis=1)[:, :, None]
     value = found(series)[0]
     y = UNARY[name](x)
@@ -415,7 +439,8 @@ def test_series_of_an_operation_are_its_derivatives_along_a_curve(name: str) -> 
 
 
 def test_series_of_functions_with_many_entries() -> None:
-    x, y = ca.SX.sym("x", 2), ca.SX.sym("y")
+    x = ca.SX.sym("x", 2)
+    y = ca.SX.sym("y")
     function = ca.Function("f", [x, y], [ca.vertcat(x[0] * y, 3.0), ca.diag(x * y)])
     series = (
         np.random.default_rng(4).normal(size=(3, 2, 2)),
@@ -444,7 +469,8 @@ def test_targets_of_a_pose_are_the_derivatives_of_its_rotation() -> None:
     t = ca.SX.sym("t")
     angle = 0.3 + 0.8 * t + 0.5 * t**2
     R = ca.DM.eye(3) + ca.sin(angle) * ca.DM(hat) + (1 - ca.cos(angle)) * ca.DM(hat @ hat)
-    expected, rate = [], R
+    expected = []
+    rate = R
     for _ in range(4):
         expected.append(np.array(ca.Function("R", [t], [rate])(0.0)))
         rate = ca.reshape(ca.jacobian(ca.vec(rate), t), 3, 3)
@@ -472,7 +498,8 @@ def test_targets_of_a_pose_are_the_derivatives_of_its_rotation() -> None:
 
 def test_rows_and_scales_of_the_dae_at_an_equilibrium() -> None:
     equations = flexgen.derive("planar5_nmp")
-    dae, model = InverseDae(equations), equations.model
+    dae = InverseDae(equations)
+    model = equations.model
     assert (dae.n, dae.n_x, dae.m, dae.n_u) == (model.dof, 2 * model.dof + 2, 2 * model.dof + 2, 2)
     chance = np.random.default_rng(8)
     x, dx = 0.2 * chance.normal(size=(2, dae.n_x))
@@ -572,8 +599,9 @@ def test_scales_and_ratios_of_blocks() -> None:
 def test_rows_that_depend_on_each_other_but_for_rounding_are_solved_by_least_squares(
     rows: list[list[float]],
 ) -> None:
-    """Rows r and 3 r with the right side (1, 4): x = 1.3 r / |r|^2. Neither array is singular in its last digit: one
-    factorization has a residual of 0.4, the other one a solution of 2e16."""
+    """Rows r and 3 r with the right side (1, 4): x = 1.3 r / |r|^2. Neither array is singular in
+    its last digit: one factorization has a residual of 0.4, the other one a solution of 2e16.
+    """
     found = taylor_array._solve_least_norm(np.array(rows), np.array([1.0, 4.0]))
     assert_allclose(found, 1.3 * np.array(rows[0]) / np.dot(rows[0], rows[0]), rtol=1e-9)
 
@@ -596,7 +624,8 @@ def test_a_move_of_a_batch_is_warned_of_each_limit_that_it_exceeds() -> None:
     )
     motors = tuple(replace(m, torque_max=5.0, speed_max=100.0) for m in robot.motors)
     robot = replace(robot, elements=elements, motors=motors)
-    inside, above = np.array([[4.0, 5.0]]), np.array([[5.5, 5.0]])
+    inside = np.array([[4.0, 5.0]])
+    above = np.array([[5.5, 5.0]])
     two = np.vstack([inside, above])
     peaks = Peaks(
         two,
@@ -606,7 +635,8 @@ def test_a_move_of_a_batch_is_warned_of_each_limit_that_it_exceeds() -> None:
         np.array([[2.0, 3.0], [2.5, 3.0]]),
         np.array([[9.0, 99.0], [10.5, 99.0]]),
     )
-    starts, ends = np.array([[-1.0, 0.0], [-1.5, 0.0]]), np.array([[1.0, 9.0], [1.25, 9.0]])
+    starts = np.array([[-1.0, 0.0], [-1.5, 0.0]])
+    ends = np.array([[1.0, 9.0], [1.25, 9.0]])
     assert batches._warnings(robot, peaks, starts, ends, 0) == ()
     names = [motor.name for motor in robot.motors], [c.name for c in robot.coordinates]
     assert batches._warnings(robot, peaks, starts, ends, 1) == (
@@ -622,7 +652,10 @@ def test_a_move_of_a_batch_is_warned_of_each_limit_that_it_exceeds() -> None:
 def test_the_digest_of_a_table_is_of_texts_as_json_and_of_the_bits_of_numbers() -> None:
     """SHA-256 of the lines that `Table.digest` states, computed here."""
     columns = Column("model", "text", "", ""), Column("tool_error_max", "float", "m", "")
-    values = {"model": np.array(["elbow", "planar5_nmp"]), "tool_error_max": np.array([1e-9, -0.0])}
+    values = {
+        "model": np.array(["elbow", "planar5_nmp"]),
+        "tool_error_max": np.array([1e-9, -0.0]),
+    }
     content = b"model text  2\n" + b'["elbow", "planar5_nmp"]' + b"tool_error_max float m 2\n"
     content += struct.pack("=2d", 1e-9, -0.0)
     assert Table(columns, values).digest == hashlib.sha256(content).hexdigest()
@@ -682,7 +715,9 @@ def test_moves_of_a_model_are_computed_at_once_or_it_says_why_not(
 
 
 def test_a_grid_is_described_with_its_models_and_the_samples_of_its_moves(tmp_path: Path) -> None:
-    """A sweep continues only where all of it is the same: a changed file of samples is another grid."""
+    """A sweep continues only where all of it is the same: a changed file of samples is another
+    grid.
+    """
     file = tmp_path / "path.csv"
     file.write_text("t s,x m\n0,0\n")
     move = Move("along", "sampled", (0.1, 0.2), 1.0, 5, file=str(file))
@@ -721,7 +756,9 @@ def test_a_grid_is_described_with_its_models_and_the_samples_of_its_moves(tmp_pa
 
 
 def test_moves_that_a_batch_takes_and_that_it_leaves(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Joint moves with a polynomial law, of a robot that fits, without verification; one batch for each time law."""
+    """Joint moves with a polynomial law, of a robot that fits, without verification; one batch for
+    each time law.
+    """
     robots = {
         "a": flexgen.read("elbow"),
         "b": flexgen.read("planar5_nmp"),
@@ -757,7 +794,8 @@ def test_moves_that_a_batch_takes_and_that_it_leaves(monkeypatch: pytest.MonkeyP
         job(14, "odd"),
         job(15, of=lambda robot: robot.moves[0].name),  # a line of the tool
     ]
-    made, sizes = [], []
+    made = []
+    sizes = []
 
     def moves(equations: str, law: TimeLaw, library: str) -> tuple[str, float]:
         made.append((equations, law.duration, law.smoothness, library))
@@ -779,7 +817,7 @@ def test_moves_that_a_batch_takes_and_that_it_leaves(monkeypatch: pytest.MonkeyP
     shard = SimpleNamespace(
         jobs=jobs, robots=robots, options={"verify": False, "batch": True, "mesh": None}
     )
-    asked = batches.Batches(shard, lambda key, robot: f"equations of {key}")  # type: ignore[arg-type, return-value]
+    asked = batches.Batches(shard, lambda key, robot: f"equations of {key}")
     found = asked.rows()
     assert {number: row["torque_max"] for number, (row, _) in found.items()} == {
         0: 0.0,
@@ -787,7 +825,8 @@ def test_moves_that_a_batch_takes_and_that_it_leaves(monkeypatch: pytest.MonkeyP
         2: 0.0,
     }
     assert all(
-        row["move"] == "swing" and sorted(times) == ["cpu", "wall"] for row, times in found.values()
+        row["move"] == "swing" and sorted(times) == ["cpu", "wall"]
+        for row, times in found.values()
     )
     assert sizes == [
         (1.0, [[0.1, 0.2], [0.1, 0.2]], [[0.3, -0.4], [0.0, 0.0]]),
@@ -804,9 +843,7 @@ def test_moves_that_a_batch_takes_and_that_it_leaves(monkeypatch: pytest.MonkeyP
     for options in ({"verify": True}, {}, {"verify": False, "mesh": 1e-3}):
         shard.options = options
         assert asked.rows() == {}
-    shard.options, shard.jobs = (
-        {"verify": False},
-        [job(k, duration=3.0 + k) for k in range(batches.KEPT)],
-    )
+    shard.options = {"verify": False}
+    shard.jobs = [job(k, duration=3.0 + k) for k in range(batches.KEPT)]
     assert len(asked.rows()) == len(batches._MOVERS) == batches.KEPT == 4
     assert sorted(duration for _, duration, _ in batches._MOVERS) == [3.0, 4.0, 5.0, 6.0]

@@ -1,4 +1,6 @@
-"""The symbolic chain of printed equations against frames in numbers, whose Jacobians are differences."""
+"""The symbolic chain of printed equations against frames in numbers, whose Jacobians are
+differences.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +34,8 @@ VALUES = {
 def steps_of(symbols: Symbols) -> list[Any]:
     """A turn, a slide, a branch with a rotor, and turns about fixed and quarter angles."""
     s = {name: symbols.parameter(name, (), value, "1", name) for name, value in VALUES.items()}
-    zero, one = sp.Integer(0), sp.Integer(1)
+    zero = sp.Integer(0)
+    one = sp.Integer(1)
     inertia = {(i, j): zero for i in range(3) for j in range(3)}
     body = inertia | {
         (0, 0): s["i"],
@@ -65,7 +68,9 @@ class Frames:
 
     def __init__(self, steps: list[Any], values: dict[Any, float], q: np.ndarray) -> None:
         # spin: angular velocities of the coordinates, world
-        R, p, spin = np.eye(3), np.zeros(3), np.zeros((3, 3))
+        R = np.eye(3)
+        p = np.zeros(3)
+        spin = np.zeros((3, 3))
         self.bodies: list[Any] = []
         self.rotors: list[Any] = []
         tips: dict[str, Any] = {}
@@ -111,8 +116,12 @@ class Frames:
 
 
 def test_inertia_potential_drag_and_speeds_of_a_symbolic_chain() -> None:
-    """Bodies, a rotor that is carried along, and a branch; Christoffel terms by differences of the inertia."""
-    symbols, q_a, v = Symbols(), sp.symbols("q1:4", real=True), sp.symbols("v1:6", real=True)
+    """Bodies, a rotor that is carried along, and a branch; Christoffel terms by differences of the
+    inertia.
+    """
+    symbols = Symbols()
+    q_a = sp.symbols("q1:4", real=True)
+    v = sp.symbols("v1:6", real=True)
     steps = steps_of(symbols)
     ring = polynomial_ring(symbols, steps, q_a, v)
     chain = SymbolicChain(ring, q_a, 2, (sp.Integer(0), sp.Integer(0), sp.Rational(-981, 100)))
@@ -121,7 +130,8 @@ def test_inertia_potential_drag_and_speeds_of_a_symbolic_chain() -> None:
     values: dict[Any, float] = {
         entry.symbol: float(entry.value or 0.0) for entry in symbols.entries
     }
-    at, speeds = np.array([0.3, 0.2, -0.8]), np.array([0.5, -0.7, 0.9, 3.0, -2.0])
+    at = np.array([0.3, 0.2, -0.8])
+    speeds = np.array([0.5, -0.7, 0.9, 3.0, -2.0])
     numbers = values | dict(zip(q_a, at, strict=True)) | dict(zip(v, speeds, strict=True))
 
     point = [numbers[x] for x in ring.constants] + [
@@ -134,7 +144,8 @@ def test_inertia_potential_drag_and_speeds_of_a_symbolic_chain() -> None:
         )
 
     def inertia(q: np.ndarray) -> np.ndarray:
-        M, h = np.zeros((5, 5)), 1e-6
+        M = np.zeros((5, 5))
+        h = 1e-6
         here = Frames(steps, values, q)
         moved = [[Frames(steps, values, q + s * h * e) for s in (1, -1)] for e in np.eye(3)]
         for k, (mass, _, turned, spin, _) in enumerate(here.bodies):
@@ -163,7 +174,9 @@ def test_inertia_potential_drag_and_speeds_of_a_symbolic_chain() -> None:
 
 
 def test_what_a_library_has_is_told_by_its_functions_and_numbers() -> None:
-    """Laws of hysteresis and frictions, streams with limits, growth, and the filters of a servo."""
+    """Laws of hysteresis and frictions, streams with limits, growth, and the filters of a
+    servo.
+    """
 
     def spec(*names: str, constants: Any = None, c_functions: Any = ()) -> Any:
         return Made(

@@ -1,4 +1,6 @@
-"""What tables of names hold: signals of a plan, joints of a URDF file, rows of sweeps, printed sines."""
+"""What tables of names hold: signals of a plan, joints of a URDF file, rows of sweeps, printed
+sines.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,7 @@ from flexgen.planning.signals import Signals
 from flexgen.sweeps import worker
 
 
-# --- planning ---------------------------------------------------------------------------------------------------------
+# --- planning ------------------------------------------------------------------------------------
 def test_signals_of_a_plan_by_their_definitions() -> None:
     """Of an arm with a joint without motor: names, labels, units and values."""
     equations = derive("planar5_nmp")
@@ -29,13 +31,16 @@ def test_signals_of_a_plan_by_their_definitions() -> None:
     made = Signals(equations, with_path=True, tracked=False, name="_1")
     rng = np.random.default_rng(4)
     y, dy, ddy = (rng.normal(size=model.dof + 1) for _ in range(3))
-    tau, time = rng.normal(size=model.n_m), 0.7
+    tau = rng.normal(size=model.n_m)
+    time = 0.7
     names = list(made._signals)
     at = ca.Function("at", made.symbols, [made[name] for name in names])
     values = dict(
         zip(names, (np.array(x).ravel() for x in at(y, dy, ddy, tau, time, [])), strict=True)
     )
-    n_a, i_g, i_e = model.n_a, list(model.i_g), list(model.i_e)
+    n_a = model.n_a
+    i_g = list(model.i_g)
+    i_e = list(model.i_e)
     motors = [model.n_a + k for k in range(model.n_m)]
     assert model.n_m == len(model.i_m) == 2 and len(i_e) == 1
     p, R = (np.array(x) for x in equations.function("forward_kinematics")(y[:n_a]))
@@ -70,10 +75,11 @@ def test_signals_of_a_plan_by_their_definitions() -> None:
     for name, (value, unit) in expected.items():
         signal, entries = made.find(name)
         assert_allclose(values[name], value, atol=1e-7, err_msg=name)
-        assert signal.units == (unit,) * len(entries) and len(entries) == len(signal.labels) == len(
-            values[name]
-        )
-    arm, motor = tuple(c.name for c in model.coordinates), tuple(m.name for m in model.motors)
+        assert signal.units == (unit,) * len(entries) and len(entries) == len(
+            signal.labels
+        ) == len(values[name])
+    arm = tuple(c.name for c in model.coordinates)
+    motor = tuple(m.name for m in model.motors)
     assert made.find("a_a")[0].labels == arm and made.find("power_m")[0].labels == motor
     assert made.find(f"v_a[{arm[1]}]")[1] == [1]
     assert len(made) == len(expected) and made.reference.numel() == 0
@@ -108,7 +114,7 @@ def test_a_plan_is_searched_within_its_time_limit(
     assert asked == [seconds]
 
 
-# --- exports ----------------------------------------------------------------------------------------------------------
+# --- exports -------------------------------------------------------------------------------------
 def joint(**dof: Any) -> Any:
     """The element of a joint between two links."""
     friction = Made(viscous=dof.pop("viscous", 0.0), coulomb=dof.pop("coulomb", 0.0))
@@ -177,7 +183,7 @@ def test_joints_of_a_file_have_the_kind_of_their_limits() -> None:
     assert limits == {"effort": 4.0, "velocity": 3.0, "lower": -1.0, "upper": 2.0}
 
 
-# --- sweeps -----------------------------------------------------------------------------------------------------------
+# --- sweeps --------------------------------------------------------------------------------------
 def test_a_worker_solves_a_case_with_the_options_of_the_sweep(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -199,13 +205,15 @@ def test_a_worker_solves_a_case_with_the_options_of_the_sweep(
 
     def one(move: str, robot: Any = 1.5, **options: Any) -> Any:
         job: Any = Made(key="a", method="lq", move_of=lambda robot: move)
-        row, took = worker._one(job, Made(robots={"a": robot}, options=options))  # type: ignore[arg-type]
+        row, took = worker._one(job, Made(robots={"a": robot}, options=options))
         assert set(took) == {"wall", "cpu"} and all(0.0 <= value < 5.0 for value in took.values())
         return row
 
     assert one("line", batch=True, samples=9) == {"move": "done"}
     assert asked.pop() == (("a", 1.5), "line", "lq", {"time_limit": None, "samples": 9})
-    assert one("line", time_limit=3.0) == {"move": "done"} and asked.pop()[3] == {"time_limit": 3.0}
+    assert one("line", time_limit=3.0) == {"move": "done"} and asked.pop()[3] == {
+        "time_limit": 3.0
+    }
     assert one("line", "no such file") == {"failed": "no such file"} and len(asked) == 0
     assert one("refused") == {"failed": "move: given refused"}
     assert one("bad") == {"failed": "ZeroDivisionError: 0"}
@@ -229,7 +237,7 @@ def test_a_worker_keeps_the_equations_of_the_last_two_models(
     assert made == ["a", "b", "c", "b"]
 
 
-# --- equations as text ------------------------------------------------------------------------------------------------
+# --- equations as text ---------------------------------------------------------------------------
 def test_sines_are_printed_with_their_abbreviations_and_powers() -> None:
     q, w = sp.symbols("q1 w")
     latex = printing._Latex({sp.sin(q): "s_{1}"}, {q: "q_1", w: r"\omega"})

@@ -1,4 +1,6 @@
-"""Expressions on a tape against the same ones in NumPy, their derivatives against CasADi's, and tables as texts."""
+"""Expressions on a tape against the same ones in NumPy, their derivatives against CasADi's, and
+tables as texts.
+"""
 
 from __future__ import annotations
 
@@ -15,23 +17,33 @@ from flexgen.reports.text_tables import figures, fit_tables, number, paragraph, 
 
 
 def drawn(seed: int) -> tuple[Tape, list[Any], list[Any], ca.SX, list[ca.SX]]:
-    """The same random expressions on a tape and in CasADi: the tape, its symbols and results, those of CasADi."""
+    """The same random expressions on a tape and in CasADi: the tape, its symbols and results,
+    those of CasADi.
+    """
     rng = np.random.default_rng(seed)
-    tape, x = Tape(), ca.SX.sym("x", 4)
+    tape = Tape()
+    x = ca.SX.sym("x", 4)
     symbols: list[Any] = tape.vector(x)
-    ours, theirs = list(symbols), ca.vertsplit(x)
-    c, s = tape.sine(symbols[0], cosine=True), tape.sine(-symbols[0])
+    ours = list(symbols)
+    theirs = ca.vertsplit(x)
+    c = tape.sine(symbols[0], cosine=True)
+    s = tape.sine(-symbols[0])
     ours += [
         c * symbols[1] + s * symbols[2],
         s * symbols[2] - c * symbols[3],
         -(c * symbols[1]) - s * symbols[3],
     ]
-    C, S = ca.cos(x[0]), -ca.sin(x[0])
+    C = ca.cos(x[0])
+    S = -ca.sin(x[0])
     theirs += [C * x[1] + S * x[2], S * x[2] - C * x[3], -(C * x[1]) - S * x[3]]
     for _ in range(30):
         i, j = rng.integers(len(ours), size=2)
-        kind, k = int(rng.integers(9)), float(rng.choice([0.5, -2.0, 1.0, -1.0, 3.0]))
-        a, b, A, B = ours[i], ours[j], theirs[i], theirs[j]
+        kind = int(rng.integers(9))
+        k = float(rng.choice([0.5, -2.0, 1.0, -1.0, 3.0]))
+        a = ours[i]
+        b = ours[j]
+        A = theirs[i]
+        B = theirs[j]
         pairs: list[tuple[Any, Any]] = [
             (a + b, A + B),
             (a - b, A - B),
@@ -56,7 +68,8 @@ def values(tape: Tape, results: list[Any], x: ca.SX, at: np.ndarray) -> np.ndarr
 @pytest.mark.parametrize("seed", range(4))
 def test_expressions_of_a_tape_and_their_derivatives(seed: int) -> None:
     tape, symbols, ours, x, theirs = drawn(seed)
-    at, rng = np.array([0.4, -0.7, 1.1, 0.3]), np.random.default_rng(99)
+    at = np.array([0.4, -0.7, 1.1, 0.3])
+    rng = np.random.default_rng(99)
     whole = ca.vertcat(*theirs)
     expected, J = (np.array(y) for y in ca.Function("g", [x], [whole, ca.jacobian(whole, x)])(at))
     close: Any = {"rtol": 1e-10, "atol": 1e-10}
@@ -65,7 +78,8 @@ def test_expressions_of_a_tape_and_their_derivatives(seed: int) -> None:
         assert_allclose(values(tape, tape.tangents(ours, symbol), x, at), J[:, k], **close)
     for k, result in enumerate(ours[:3]):
         assert_allclose(values(tape, tape.gradient(result, symbols), x, at), J[k], **close)
-    dx, w = rng.standard_normal(4), rng.standard_normal(8)
+    dx = rng.standard_normal(4)
+    w = rng.standard_normal(8)
     assert_allclose(
         values(tape, tape.jvp(ours, list(zip(symbols, dx.tolist(), strict=True))), x, at),
         J @ dx,
@@ -80,7 +94,8 @@ def test_expressions_of_a_tape_and_their_derivatives(seed: int) -> None:
 
 def test_what_costs_nothing_on_a_tape() -> None:
     """Operations that are counted: equal ones once, numbers and inner signs not at all."""
-    tape, x = Tape(), ca.SX.sym("x", 2)
+    tape = Tape()
+    x = ca.SX.sym("x", 2)
     a, b = tape.vector(x)
     for results, count in (
         ([a + b, b + a, -(a + b)], 2),
@@ -98,7 +113,7 @@ def test_what_costs_nothing_on_a_tape() -> None:
     assert (a * 0.0, a - a, tape.inverse(4.0)) == (0.0, 0.0, 0.25)
 
 
-# --- tables -----------------------------------------------------------------------------------------------------------
+# --- tables --------------------------------------------------------------------------------------
 def test_numbers_and_roots_as_texts() -> None:
     cases: list[tuple[Any, str]] = [
         (None, "-"),
@@ -147,7 +162,9 @@ def test_a_table_has_aligned_columns() -> None:
 
 
 def test_a_table_is_not_wider_than_its_terminal() -> None:
-    """Texts are wrapped to 16 characters at least; then the last columns are left out, and named."""
+    """Texts are wrapped to 16 characters at least; then the last columns are left out, and
+    named.
+    """
     long = [["a sentence of seven words in all", 1.0, "short", 2.0]]
     with fit_tables(41):
         lines = table(long, ("what", "x", "y", "z")).splitlines()

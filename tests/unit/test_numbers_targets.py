@@ -1,4 +1,6 @@
-"""Targets of poses, plans with several phases, messages of errors, statuses of fits: small rules by hand."""
+"""Targets of poses, plans with several phases, messages of errors, statuses of fits: small rules
+by hand.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +37,7 @@ def wrong(key: str, given: Any, expected: str) -> Wrong:
     return Wrong(f"{key}: {expected}")
 
 
-# --- poses ------------------------------------------------------------------------------------------------------------
+# --- poses ---------------------------------------------------------------------------------------
 GOOD = PoseTarget(
     (1.0, 0.2, 0.3), tuple(map(tuple, Rotation.from_rotvec([0.1, 2, 3]).as_matrix().tolist()))
 )
@@ -67,7 +69,9 @@ GOOD = PoseTarget(
 )
 def test_wrong_targets_are_refused(changes: dict[str, Any], text: str) -> None:
     model = flexgen.read("manutec_r3")
-    targets._check(model, replace(GOOD, configuration=(1, -1, 1), turns=(0, 1, -2, 0, 0, 0)), wrong)
+    targets._check(
+        model, replace(GOOD, configuration=(1, -1, 1), turns=(0, 1, -2, 0, 0, 0)), wrong
+    )
     targets._check(model, GOOD, wrong)
     with pytest.raises(Wrong, match=f"^{text}$"):
         targets._check(model, replace(GOOD, **changes), wrong)
@@ -78,7 +82,8 @@ def test_wrong_targets_are_refused(changes: dict[str, Any], text: str) -> None:
 
 
 def test_poses_of_a_stream_have_their_rotation_by_columns() -> None:
-    y, R = np.arange(12.0).reshape(2, 3, 2), Rotation.random(2, random_state=1).as_matrix()
+    y = np.arange(12.0).reshape(2, 3, 2)
+    R = Rotation.random(2, random_state=1).as_matrix()
     made: Any = Made(y=y, R=R)
     found = motion.targets(made)
     assert_allclose(found, [[*y[k, :, 0], *R[k].T.ravel()] for k in range(2)])
@@ -100,14 +105,19 @@ def test_a_move_through_a_singular_pose_has_no_stream(
     if not singular:
         motion._refuse_singular(equations, np.zeros((2, 3)), "line")
         return
-    text = r"^self-test of the stream, move line: given a move through a singular pose, which no stream passes; choose"
+    text = (
+        r"^self-test of the stream, move line: given a move through a singular pose, which no "
+        r"stream passes; choose"
+    )
     with pytest.raises(SolverError, match=text):
         motion._refuse_singular(equations, np.zeros((2, 3)), "line")
 
 
-# --- plans ------------------------------------------------------------------------------------------------------------
+# --- plans ---------------------------------------------------------------------------------------
 def test_targets_of_a_plan_follow_the_phases() -> None:
-    """Relative times in each phase of its own duration; an instant between two belongs to the later one."""
+    """Relative times in each phase of its own duration; an instant between two belongs to the
+    later one.
+    """
     phases = [Made(number=0), Made(number=1)]
     problem: Any = Made(
         reference_at=lambda phase: lambda s: np.stack([s, np.full(len(s), phase.number)], axis=1)
@@ -118,7 +128,7 @@ def test_targets_of_a_plan_follow_the_phases() -> None:
     assert_allclose(found, [[0.0, 0], [0.5, 0], [0.75, 0], [0.0, 1], [0.5, 1], [1.0, 1]])
 
 
-# --- fits -------------------------------------------------------------------------------------------------------------
+# --- fits ----------------------------------------------------------------------------------------
 @pytest.mark.parametrize(
     ("changes", "status"),
     [
@@ -148,7 +158,7 @@ def test_the_status_of_a_fit_of_responses(changes: dict[str, Any], status: str) 
     assert graybox._status(fit, given["cost"], given["error"], data) is FitStatus[status.upper()]
 
 
-# --- messages ---------------------------------------------------------------------------------------------------------
+# --- messages ------------------------------------------------------------------------------------
 def test_files_that_cannot_be_read_are_named_with_the_reason(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -180,7 +190,10 @@ def test_files_that_cannot_be_read_are_named_with_the_reason(
         (MemoryError(), "not enough memory"),
         (
             AttributeError("q"),
-            "internal error, please report it with the output of FLEXGEN_DEBUG=1: AttributeError: q",
+            (
+                "internal error, please report it with the output of FLEXGEN_DEBUG=1: "
+                "AttributeError: q"
+            ),
         ),
         (
             ModuleNotFoundError("x", name="other.part"),

@@ -1,4 +1,6 @@
-"""Refinement by simulation with the simulation replaced: linear residuals, whose fit is known in closed form."""
+"""Refinement by simulation with the simulation replaced: linear residuals, whose fit is known in
+closed form.
+"""
 
 from __future__ import annotations
 
@@ -65,12 +67,16 @@ class Linear:
 
     def __init__(self, vector: ParameterVector, size: float) -> None:
         rng = np.random.default_rng(5)
-        self.vector, self.told = vector, list[str]()
+        self.vector = vector
+        self.told = list[str]()
         n = len(vector)
         self.J = rng.normal(size=(40, n)) + 1j * rng.normal(size=(40, n))
         self.rest = size * (rng.normal(size=40) + 1j * rng.normal(size=40))
         self.best = vector.start + 0.02
-        self.count, self.sd, self.measured, self.local = 40, 1.0, np.full(40, 1e9), Made(springs=())
+        self.count = 40
+        self.sd = 1.0
+        self.measured = np.full(40, 1e9)
+        self.local = Made(springs=())
 
     def residual(self, x: np.ndarray) -> np.ndarray:
         return np.asarray(self.J @ (x - self.best) + self.rest)
@@ -108,7 +114,8 @@ def test_a_refinement_is_the_least_squares_fit_with_its_prior(
         found, "used", lambda: {"q1.stiffness": 5e6, "q2.damping": 500.0, "delay": 1e-3}
     )
     fine = refine(found, experiment(), start={"q2.damping": 550.0}, runs=2)
-    linear, vector = made["linear"], fine.vector
+    linear = made["linear"]
+    vector = fine.vector
     assert made["runs"] == [(0, 0, 0), (0, 0, 1), (1, 0, 1), (1, 0, 2)] and linear.told == [
         "noise",
         "whole",
@@ -117,7 +124,8 @@ def test_a_refinement_is_the_least_squares_fit_with_its_prior(
     assert fine.grade is None
     assert vector.names == first.names == ("q1.stiffness", "q2.damping")
     assert_allclose(vector.values(vector.start), [5e6, 550.0])
-    A, weight = np.real(linear.J.conj().T @ linear.J), np.diag(vector.prior_sd**-2.0)
+    A = np.real(linear.J.conj().T @ linear.J)
+    weight = np.diag(vector.prior_sd**-2.0)
     move = np.linalg.solve(
         A + weight, np.real(linear.J.conj().T @ (linear.J @ np.full(2, 0.02) - linear.rest))
     )
@@ -125,7 +133,9 @@ def test_a_refinement_is_the_least_squares_fit_with_its_prior(
     cost = linear.cost(fine.x) / (40 - 1)
     assert fine.cost == pytest.approx(cost) and (cost > 1) == (size > 1)
     inverse = np.linalg.inv(A + weight)
-    assert_allclose(fine.formal_covariance, inverse @ (0.5 * max(cost, 1.0) * A + weight) @ inverse)
+    assert_allclose(
+        fine.formal_covariance, inverse @ (0.5 * max(cost, 1.0) * A + weight) @ inverse
+    )
     assert fine.status == (FitStatus.FITTED if size < 1 else FitStatus.SMALL_ERROR)
     assert (fine.model_error, fine.starts, fine.agreed, fine.weights) == (0.0, 1, 1, "time domain")
     assert fine.found_delays is found.sensor_delays and fine.at_bound == () and fine.weak == ()
@@ -140,8 +150,9 @@ def test_parameters_and_experiments_that_cannot_be_simulated_are_refused() -> No
     object.__setattr__(found, "used", dict)
     others = "experiment: given other motors or poses than those of the frequency responses"
     no_drive = (
-        "experiment: given runs.toml, without the gains and references of its drives, expected tables [drive] and "
-        "[[reference]] in the description of the recordings, or an experiment of 'measure'"
+        "experiment: given runs.toml, without the gains and references of its drives, expected "
+        "tables [drive] and [[reference]] in the description of the recordings, or an "
+        "experiment of 'measure'"
     )
     runs = "expected 1 to 6, the experiments at each pose"
     sensor = (
@@ -184,8 +195,12 @@ def test_experiments_are_others_from_pose_to_pose() -> None:
 def test_a_validation_compares_accelerations_and_correlations_of_lines(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Residuals of the first motor are noise about a mean; those of the second one are the same at all lines."""
-    rng, runs, lines = np.random.default_rng(3), 8, 30
+    """Residuals of the first motor are noise about a mean; those of the second one are the same at
+    all lines.
+    """
+    rng = np.random.default_rng(3)
+    runs = 8
+    lines = 30
     r = rng.normal(size=(runs, lines, 2)) + 1j * rng.normal(size=(runs, lines, 2))
     r[..., 0] += 0.7
     r[..., 1] = 0.5 + 0.3j
@@ -224,7 +239,8 @@ def test_a_validation_compares_accelerations_and_correlations_of_lines(
             str(caught.value)
             == f"used: given {used}, expected fewer than the {count} experiments at each pose"
         )
-    r, measured = r[:, :2], measured[:, :2]
+    r = r[:, :2]
+    measured = measured[:, :2]
     assert validate(found, experiment(3)).white[1] == 0.0  # of the one lag between two lines
     assert made["chosen"] == [(0, 0, 1), (1, 0, 2)]
 
@@ -253,9 +269,13 @@ class Quadratic(Simulated):
     def __init__(self) -> None:
         hardware = Made(encoder_noise_rad=0.0, encoder_resolution_rad=0.0, torque_noise_Nm=0.0)
         self.plan: Any = Made(hardware=hardware, periods=4, duration_s=7.6)
-        self.measured, self.sd = np.array([[[1.0 + 1j], [2.0]]]), np.array([[[0.5], [0.25]]])
+        self.measured = np.array([[[1.0 + 1j], [2.0]]])
+        self.sd = np.array([[[0.5], [0.25]]])
         self.shift = np.array([[[0.1], [0.2j]]])
-        self.simulations, self.progress, self.whole, self._known = 0, None, False, None
+        self.simulations = 0
+        self.progress = None
+        self.whole = False
+        self._known = None
         self._before: Any = ("a period", "shortly")
         self.begun: list[Any] = []
 
@@ -267,8 +287,11 @@ class Quadratic(Simulated):
 
 
 def test_sums_of_a_simulation_are_those_of_its_differences() -> None:
-    """Derivatives begin shortly before the period, then a whole one before it; small steps use the same ones."""
-    made, x = Quadratic(), np.array([1.2, -0.4])
+    """Derivatives begin shortly before the period, then a whole one before it; small steps use the
+    same ones.
+    """
+    made = Quadratic()
+    x = np.array([1.2, -0.4])
     r = (np.array([1.44 - 0.4j + 0.1, -1.44 + 0.2j]) - [1.0 + 1j, 2.0]) / [0.5, 0.25]
     assert_allclose(made.residual(x).ravel(), r)
     assert made.cost(x) == pytest.approx((np.abs(r) ** 2).sum())
@@ -282,7 +305,8 @@ def test_sums_of_a_simulation_are_those_of_its_differences() -> None:
     ] and cost == pytest.approx(made.cost(x))
     assert_allclose(A, np.real(J.conj().T @ J), rtol=1e-3)
     assert_allclose(g, np.real(J.conj().T @ r), rtol=1e-3)
-    # Known derivatives serve again where x moved by at most 0.01, or the cost changed by at most 0.06 of it.
+    # Known derivatives serve again where x moved by at most 0.01, or the cost changed by at most
+    # 0.06 of it.
     for step, change, count in (
         (0.0099, 0.9, 1),
         (0.0101, 0.059, 1),
@@ -299,7 +323,9 @@ def test_sums_of_a_simulation_are_those_of_its_differences() -> None:
     made.sums(x)
     assert made.begun == [(None, None), ("a period", None), ("a period", None)]
     lines: list[str] = []
-    made.progress, made._known, made.simulations = lines.append, None, 4
+    made.progress = lines.append
+    made._known = None
+    made.simulations = 4
     made.sums(x)
     assert lines == [
         "simulation 6, 8 s of robot in the plan",
@@ -308,11 +334,14 @@ def test_sums_of_a_simulation_are_those_of_its_differences() -> None:
 
 
 def test_noise_shifts_spectra_by_its_mean_over_sixteen_simulations() -> None:
-    made, x, lines = Quadratic(), np.array([1.2, -0.4]), list[str]()
+    made = Quadratic()
+    x = np.array([1.2, -0.4])
+    lines = list[str]()
     before = made.shift, made.sd
     made.use_noise(x)
     assert (made.shift, made.sd) == before and not made.begun
-    made.progress, made.plan.hardware.torque_noise_Nm = lines.append, 1e-3
+    made.progress = lines.append
+    made.plan.hardware.torque_noise_Nm = 1e-3
     made.use_noise(x)
     assert made.begun == [(None, None)] + [(None, 7_919_000 + k) for k in range(16)]
     assert_allclose(made.shift, [[[7.5e-3], [0.0]]], atol=1e-15)
@@ -321,13 +350,19 @@ def test_noise_shifts_spectra_by_its_mean_over_sixteen_simulations() -> None:
 
 
 class Loop:
-    """A closed loop whose motors follow the reference with a gain, and with a deviation that fades."""
+    """A closed loop whose motors follow the reference with a gain, and with a deviation that
+    fades.
+    """
 
     made: ClassVar[list[Loop]] = []
 
     def __init__(self, *given: Any, seed: int, steps: int, parameters: np.ndarray) -> None:
-        self.given, self.seed, self.steps, self.parameters = given, seed, steps, parameters
-        self.sample, self.calls = 0, list[Any]()
+        self.given = given
+        self.seed = seed
+        self.steps = steps
+        self.parameters = parameters
+        self.sample = 0
+        self.calls = list[Any]()
         Loop.made.append(self)
 
     def hold(self, torque: np.ndarray) -> None:
@@ -354,11 +389,16 @@ class Loop:
 def test_spectra_are_those_of_a_period_after_the_transients(
     gain: float, last: int, transients: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Derivatives begin ten time constants of the position control before it, a quarter of a period at least."""
-    poses, n, h = np.array([[0.5, -0.3], [0.1, 0.2], [7.0, 7.0]]), 200, 1e-3
+    """Derivatives begin ten time constants of the position control before it, a quarter of a
+    period at least.
+    """
+    poses = np.array([[0.5, -0.3], [0.1, 0.2], [7.0, 7.0]])
+    n = 200
+    h = 1e-3
     hardware = DriveHardware(h, 0.0, 1e-5, 1e-4, 0.2)
     cascade = Cascade(np.array([gain, 2 * gain]), np.ones(2), np.zeros(2))
-    lines, f = np.array([1, 3, 7]), np.array([5.0, 15.0, 35.0])
+    lines = np.array([1, 3, 7])
+    f = np.array([5.0, 15.0, 35.0])
     plan = Made(
         poses=poses,
         samples=n,

@@ -1,4 +1,6 @@
-"""The search of a time law with the inversion replaced: what it is asked, which samples count, and their vibration."""
+"""The search of a time law with the inversion replaced: what it is asked, which samples count, and
+their vibration.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +39,9 @@ def search(**more: Any) -> Any:
 def test_an_inversion_of_a_search_has_the_samples_of_its_period(
     period: float, mesh: float, before: int, after: int, each: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """As many before and after the path as its windows need, and intervals of the mesh of whole samples."""
+    """As many before and after the path as its windows need, and intervals of the mesh of whole
+    samples.
+    """
     asked: list[Any] = []
     force = Made(name="force")
     pushed = Made(on_output=lambda model, t: (model, t))
@@ -103,7 +107,9 @@ def test_the_motion_of_the_tool_is_that_of_the_reference_where_the_output_has_it
 def test_constraints_are_limits_at_the_same_number_of_samples(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """The last check looks at all samples of a mesh that is three times as fine; infinite bounds do not count."""
+    """The last check looks at all samples of a mesh that is three times as fine; infinite bounds
+    do not count.
+    """
     asked: list[Any] = []
     parts = np.arange(60.0)[:, None] * [1.0, 2.0]
     rows = [
@@ -185,7 +191,8 @@ def test_vibrations_are_norms_over_the_allowed_one(monkeypatch: pytest.MonkeyPat
         2.0,
         None,
     )
-    made.force, made.retime = "push", lambda x: f"T = {x[0]}"
+    made.force = "push"
+    made.retime = lambda x: f"T = {x[0]}"
     made.swing(np.array([1.5, 0.2]))
     assert asked[-1][2] == "push along T = 1.5"
     made.vibrations(solution)
@@ -193,7 +200,9 @@ def test_vibrations_are_norms_over_the_allowed_one(monkeypatch: pytest.MonkeyPat
 
 
 def test_a_search_begins_as_fast_as_the_limits_allow() -> None:
-    """By halves, eight times: the duration at which the limits are kept, within 2^-8 of that of the first law."""
+    """By halves, eight times: the duration at which the limits are kept, within 2^-8 of that of
+    the first law.
+    """
     made = search()
     made.start = lambda: np.array([4.0, 0.3])
     made.try_constraints = lambda x: (

@@ -1,4 +1,6 @@
-"""Trajectories: what their constructor refuses, channels by name, tables of other packages; the verb `run`."""
+"""Trajectories: what their constructor refuses, channels by name, tables of other packages; the
+verb `run`.
+"""
 
 from __future__ import annotations
 
@@ -35,12 +37,18 @@ def made(**changes: Any) -> Trajectory:
 
 
 def test_wrong_parts_of_a_trajectory_are_refused() -> None:
-    grid = "trajectory: given a time grid that does not increase, expected at least 2 increasing instants"
+    grid = (
+        "trajectory: given a time grid that does not increase, expected at least 2 increasing "
+        "instants"
+    )
     other = Port("tau_m", (1,), "N m", "torques")
     named = (
-        "trajectory: given channels, ports and labels with different names, expected the same names"
+        "trajectory: given channels, ports and labels with different names, expected the same "
+        "names"
     )
-    channels, ports, labels = made().channels, made().ports, made().labels
+    channels = made().channels
+    ports = made().ports
+    labels = made().labels
     for changes, text in (
         ({"time": np.array([0.0, 0.5, 0.5])}, grid),
         ({"time": np.array([0.0, np.nan, 1.0])}, grid),
@@ -87,7 +95,10 @@ def test_channels_that_are_not_there_are_told_with_those_that_are() -> None:
         ("tau", "trajectory channel: given 'tau', expected tau_m (there are: tau_m, q_a)"),
         (
             "time",
-            "trajectory channel: given 'time', expected one of tau_m, q_a; the time is the attribute .time",
+            (
+                "trajectory channel: given 'time', expected one of tau_m, q_a; the time is the "
+                "attribute .time"
+            ),
         ),
         (3, "trajectory channel: given 3, expected one of tau_m, q_a"),
         ([1], "trajectory channel: given [1], expected one of tau_m, q_a"),
@@ -136,7 +147,7 @@ def test_tables_of_other_packages_have_units_and_labels(monkeypatch: pytest.Monk
         assert str(caught.value) == text
 
 
-# --- the verb run -----------------------------------------------------------------------------------------------------
+# --- the verb run --------------------------------------------------------------------------------
 @pytest.mark.parametrize("interrupted", [False, True])
 @pytest.mark.parametrize("variant", ["", "stiff"])
 def test_the_verb_run_tells_each_step(
@@ -158,9 +169,12 @@ def test_the_verb_run_tells_each_step(
     monkeypatch.setattr(verb, "read_model", lambda args: robot)
     monkeypatch.setattr(verb, "derive_model", lambda args: "equations")
     monkeypatch.setattr(
-        "flexgen.analysis.analyze.analyze", lambda equations: Made(to_dict=lambda: {"modes": [1.0]})
+        "flexgen.analysis.analyze.analyze",
+        lambda equations: Made(to_dict=lambda: {"modes": [1.0]}),
     )
-    monkeypatch.setattr("flexgen.library.generate.generate", lambda robot, out, progress: generated)
+    monkeypatch.setattr(
+        "flexgen.library.generate.generate", lambda robot, out, progress: generated
+    )
     monkeypatch.setattr("flexgen.runtime.load", lambda directory: f"library of {directory}")
     monkeypatch.setattr("flexgen.inversion.solve.solve", lambda equations, **more: solution)
     monkeypatch.setattr(
@@ -182,7 +196,10 @@ def test_the_verb_run_tells_each_step(
     answer = verb.run(arguments("solve"), lines.append)
     folder = Path("reports", "arm_stiff" if variant else "arm")
     assert lines[0] == "describe: an arm, two links in a plane" and answer.warnings == ["beware"]
-    assert lines[1:3] == ["analyze: modes, poles and zeros at the home pose", "generate: C library"]
+    assert lines[1:3] == [
+        "analyze: modes, poles and zeros at the home pose",
+        "generate: C library",
+    ]
     assert answer.problem == f"not within {1e-5:g}" and answer.interrupted == interrupted
     if interrupted:
         assert answer.text == f"figures\n\nwrote {folder / 'line.npz'}" and "report" not in lines

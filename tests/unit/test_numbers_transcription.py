@@ -1,4 +1,6 @@
-"""The blocks of a plan at a motion of polynomials: rows, costs and connections are those of its signals."""
+"""The blocks of a plan at a motion of polynomials: rows, costs and connections are those of its
+signals.
+"""
 
 from __future__ import annotations
 
@@ -20,25 +22,31 @@ T = np.array([2.0, 0.6])  # s, of both phases
 
 
 class Motion:
-    """Coordinates that are polynomials of degree four in time, from phase to phase; torques of degree two."""
+    """Coordinates that are polynomials of degree four in time, from phase to phase; torques of
+    degree two.
+    """
 
     def __init__(self, problem: Any, seed: int = 1) -> None:
         rng = np.random.default_rng(seed)
-        self.problem, self.n, self.n_m = problem, problem.mesh.n, problem.equations.model.n_m
+        self.problem = problem
+        self.n = problem.mesh.n
+        self.n_m = problem.equations.model.n_m
         ratio = np.concatenate([np.ones(problem.equations.model.n_a), 100.0 * np.ones(self.n_m)])
-        self.c, self.u = (
-            0.1 * rng.standard_normal((5, self.n)) * ratio,
-            rng.standard_normal((3, self.n_m)),
-        )
+        self.c = 0.1 * rng.standard_normal((5, self.n)) * ratio
+        self.u = rng.standard_normal((3, self.n_m))
         self.layout = Layout(tuple(problem.phases), tuple(p.symbol for p in problem.parameters))
-        parts, begin = [], 0.0
+        parts = []
+        begin = 0.0
         for phase, own in zip(problem.phases, T, strict=False):
             mesh = phase.mesh
-            nodes, times = begin + own * mesh.nodes, begin + own * mesh.times
+            nodes = begin + own * mesh.nodes
+            times = begin + own * mesh.times
             states = np.hstack([self.y(nodes), own * self.y(nodes, 1)])
             parts.append(mesh.pack(states, own**2 * self.y(times, 2), self.tau(times)))
             begin += own
-        self.x = np.concatenate([*parts, T[: len(problem.phases)], [7.0] * len(problem.parameters)])
+        self.x = np.concatenate(
+            [*parts, T[: len(problem.phases)], [7.0] * len(problem.parameters)]
+        )
 
     def y(self, t: np.ndarray, order: int = 0) -> np.ndarray:
         return np.stack(
@@ -82,7 +90,8 @@ def reference_of(phase: Any) -> Any:
 def test_rows_of_motion_are_the_equations_at_the_collocation_points() -> None:
     problem = two_phases()
     motion = Motion(problem)
-    model, begin = problem.equations.model, 0.0
+    model = problem.equations.model
+    begin = 0.0
     for phase, own in zip(problem.phases, T, strict=True):
         block = blocks_of(motion.layout, phase, reference_of(phase), True)[0]
         rows, cost, squares = values_of(block, motion.x)
@@ -121,16 +130,20 @@ def test_costs_of_a_plan_are_integrals_and_values_at_the_ends() -> None:
     later.bound("tau_m", -1e3, 1e3)
     motion = Motion(problem)
     names = [c.name for c in problem.equations.model.coordinates]
-    q1, q2 = names.index("q1"), names.index("q2")
-    total, squared = 0.0, 0.0
+    q1 = names.index("q1")
+    q2 = names.index("q2")
+    total = 0.0
+    squared = 0.0
     for block in blocks_of(motion.layout, later, reference_of(later), True):
         _, cost, squares = values_of(block, motion.x)
         total += float(cost.sum())
         squared += float((squares**2).sum())
     t, weight = np.polynomial.legendre.leggauss(8)
-    t, weight = T[0] + T[1] * (t + 1) / 2, T[1] * weight / 2
+    t = T[0] + T[1] * (t + 1) / 2
+    weight = T[1] * weight / 2
     integral = float(weight @ (motion.y(t)[:, q1] * motion.tau(t)[:, 0]))
-    end, start = np.array([T.sum()]), T[:1]
+    end = np.array([T.sum()])
+    start = T[:1]
     ends = float(motion.y(end)[0, q2] * T.sum() + 5.0 * motion.y(start, 1)[0, q1])
     assert total == pytest.approx(integral + ends, rel=1e-9)
     squares_of = 3.0 * float(weight @ (motion.tau(t)[:, 1] - 1.0) ** 2)
@@ -138,7 +151,9 @@ def test_costs_of_a_plan_are_integrals_and_values_at_the_ends() -> None:
 
 
 def test_bounds_of_polynomials_are_those_of_their_bernstein_coefficients() -> None:
-    """Of torques, speeds and coordinates; a polynomial with these coefficients is that of the motion."""
+    """Of torques, speeds and coordinates; a polynomial with these coefficients is that of the
+    motion.
+    """
     problem = two_phases()
     later = problem.phases[1]
     later.bound("tau_m[m1]", -2.0, 3.0)
@@ -154,7 +169,8 @@ def test_bounds_of_polynomials_are_those_of_their_bernstein_coefficients() -> No
     assert block.lower[:, 0].tolist() == [-2.0] * 3 + [-np.inf] * 3 + [-5.0] * 4
     assert block.upper[:, 1].tolist() == [3.0] * 3 + [4.0] * 3 + [np.inf] * 4
     names = [c.name for c in problem.equations.model.coordinates]
-    q1, q2 = names.index("q1"), names.index("q2")
+    q1 = names.index("q1")
+    q2 = names.index("q2")
     nodes = T[0] + T[1] * later.mesh.nodes
     signals = (
         (motion.tau, 0, 2, rows[:3]),
@@ -176,16 +192,20 @@ def test_bounds_of_polynomials_are_those_of_their_bernstein_coefficients() -> No
 
 
 def test_connections_hold_for_a_smooth_motion_alone() -> None:
-    """Nodes of each phase, torques that do not jump, and the ends of phases; speeds by their durations."""
+    """Nodes of each phase, torques that do not jump, and the ends of phases; speeds by their
+    durations.
+    """
     problem = two_phases()
     problem.continuous_torque()
     motion = Motion(problem)
     blocks, matrix, names = links(motion.layout, False)
-    n, n_m = motion.n, motion.n_m
+    n = motion.n
+    n_m = motion.n_m
     assert names[: 8 * n] == ["continuity of the states"] * (8 * n)
     assert names[8 * n : 8 * n + 3 * n_m] == ["continuity of the torques"] * (3 * n_m)
     assert (
-        names[-n:] == ["connection of the phases"] * n and len(names) == 8 * n + 3 * n_m + 4 * n + n
+        names[-n:] == ["connection of the phases"] * n
+        and len(names) == 8 * n + 3 * n_m + 4 * n + n
     )
     size = abs(matrix) @ np.abs(motion.x)
     assert np.abs(matrix @ motion.x).max() < 1e-12 * size.max()
@@ -223,17 +243,22 @@ def test_connections_hold_for_a_smooth_motion_alone() -> None:
     )
 
 
-# --- other small parts ------------------------------------------------------------------------------------------------
+# --- other small parts ---------------------------------------------------------------------------
 def test_friction_changes_by_additional_gear_torques() -> None:
-    """The friction with all of the load less that of the springs alone, by the equation of the documentation."""
+    """The friction with all of the load less that of the springs alone, by the equation of the
+    documentation.
+    """
     equations = derive(loaded("elbow", 35.0))
-    model, lag = equations.model, equations.lagrangian
+    model = equations.model
+    lag = equations.lagrangian
     z = ca.SX.sym("z", model.n_g)
     state = [lag.chain.q_a, lag.chain.v_a, lag.q_m, lag.v_m]
     f = ca.Function("f", [*state, z], [hysteretic_rate.friction_changes(equations, z)])
     inner = ca.Function("load", state, [lag.tau_gm])
-    q, v = np.array([0.3, -0.6]), np.array([0.4, 0.9])
-    q_m, v_m = model.eta @ q + 0.02, model.eta @ v
+    q = np.array([0.3, -0.6])
+    v = np.array([0.4, 0.9])
+    q_m = model.eta @ q + 0.02
+    v_m = model.eta @ v
     extra = np.array([300.0, -200.0])
     load = np.array(inner(q, v, q_m, v_m)).ravel()
     more = load + np.linalg.inv(model.eta).T @ extra

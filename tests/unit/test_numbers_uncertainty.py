@@ -1,4 +1,6 @@
-"""Numbers of flexgen/uncertainty: laws with a state by integration, robots by matrices, shares and texts by hand."""
+"""Numbers of flexgen/uncertainty: laws with a state by integration, robots by matrices, shares and
+texts by hand.
+"""
 
 from __future__ import annotations
 
@@ -28,10 +30,13 @@ from flexgen.uncertainty.sources import NONE, Sources, of_equations, sources_of
 
 
 def test_gears_follow_their_law_in_small_steps() -> None:
-    """Against an integration of the law; planted numbers of two robots, two layers, two gears, one of them without."""
+    """Against an integration of the law; planted numbers of two robots, two layers, two gears, one
+    of them without.
+    """
     K = np.array([[[100.0, 50.0], [30.0, 0.0]], [[80.0, 60.0], [20.0, 0.0]]])
     W = np.array([[[0.2, 0.1], [0.3, 0.0]], [[0.25, 0.15], [0.2, 0.0]]])
-    n, gamma = np.array([[1.0, 2.0], [1.7, 1.0]]), np.array([[0.0, 0.5], [-0.4, 0.0]])
+    n = np.array([[1.0, 2.0], [1.7, 1.0]])
+    gamma = np.array([[0.0, 0.5], [-0.4, 0.0]])
     laws = [
         [Hysteresis(1.0, 1.0, *pair) for pair in zip(*layer, strict=True)]
         for layer in zip(n, gamma, strict=True)
@@ -41,7 +46,8 @@ def test_gears_follow_their_law_in_small_steps() -> None:
     assert [float(x) for x in gears.weights] == [1.0, 0.0]
 
     def rate(z: float, s: float, at: tuple[int, ...]) -> float:
-        x, g = z / W[at], gamma[at[1:]]
+        x = z / W[at]
+        g = gamma[at[1:]]
         return K[at] * (1.0 - s * abs(x) ** n[at[1:]] * (np.sign(x) * (1 - g) + s * g))
 
     for way in (1e-5, -2e-5):
@@ -62,7 +68,8 @@ def test_gears_follow_their_law_in_small_steps() -> None:
             )
             assert found[at] == pytest.approx(exact.y[0, -1], rel=1e-7)
     dp = np.array([[2e-4, -1e-4], [-2e-4, 3e-4]])
-    after, h = gears.step(z0, dp), 1e-8
+    after = gears.step(z0, dp)
+    h = 1e-8
     rise = (gears.step(z0, dp + h) - gears.step(z0, dp - h)) / (2 * h)
     assert_allclose(gears.rise(z0, after, dp), rise, rtol=1e-5, atol=1e-6)
     assert_allclose(gears.slope(0 * z0, np.zeros((2, 2)) + 1.0), np.where(W > 0, K, 0.0))
@@ -71,10 +78,14 @@ def test_gears_follow_their_law_in_small_steps() -> None:
 
 
 def test_bristles_follow_their_law_at_a_constant_speed() -> None:
-    h, numbers = (
-        1e-3,
-        {"coulomb": 0.5, "static": 0.8, "stribeck_speed": 0.2, "stiffness": 300.0, "damping": 0.7},
-    )
+    h = 1e-3
+    numbers = {
+        "coulomb": 0.5,
+        "static": 0.8,
+        "stribeck_speed": 0.2,
+        "stiffness": 300.0,
+        "damping": 0.7,
+    }
     given = {name: np.array([[[x, 0.0]]]) for name, x in numbers.items()}
     given["stribeck_speed"][..., 1] = 1.0  # the second motor has none
     law = Bristles(**given, h=h)
@@ -91,7 +102,8 @@ def test_bristles_follow_their_law_at_a_constant_speed() -> None:
             rtol=1e-11,
             atol=1e-13,
         )
-        y, dp = np.array([[[y0, 0.0]]]), np.array([[v * h, v * h]])
+        y = np.array([[[y0, 0.0]]])
+        dp = np.array([[v * h, v * h]])
         found = law.step(y, dp)
         assert_allclose(found[0, 0], [exact.y[0, -1], 0.0], rtol=1e-7)
         slope = (
@@ -123,7 +135,9 @@ def states_of(kind: str) -> tuple[flexgen.RobotModel, Sources, Any, np.ndarray]:
 
 @pytest.mark.parametrize("kind", ["gears", "bristles"])
 def test_robots_with_states_differ_as_their_laws_do(kind: str) -> None:
-    """Forces along a deviation are those of each robot's own law less those of the plan; derivatives by differences."""
+    """Forces along a deviation are those of each robot's own law less those of the plan;
+    derivatives by differences.
+    """
     model, table, law_of, rows = states_of(kind)
     t = np.linspace(0.0, 1.0, 40)[:, None]
     p = (3e-4 if kind == "gears" else 0.02) * np.sin(7 * t + [0.0, 1.0]) * [1.0, -0.6]
@@ -147,15 +161,14 @@ def test_robots_with_states_differ_as_their_laws_do(kind: str) -> None:
     names = [x.name for x in table.parameters]
     robots = [with_values(model, dict(zip(names, row.tolist(), strict=True))) for row in values]
     laws = [law_of([robot]) for robot in robots]
-    y, planned = (
-        [np.zeros((1, *law.largest.shape[1:])) for law in laws],
-        np.zeros((1, *own.largest.shape[1:])),
-    )
+    y = [np.zeros((1, *law.largest.shape[1:])) for law in laws]
+    planned = np.zeros((1, *own.largest.shape[1:]))
     for k in range(1, len(p)):
         force, rise = states.at(k, d[k])
         A, B = own.weights
         after = own.step(planned, (p[k] - p[k - 1])[None])
-        base, planned = (A * after - B * planned).sum(axis=1)[0], after
+        base = (A * after - B * planned).sum(axis=1)[0]
+        planned = after
         for i, law in enumerate(laws):
             dp = p[k] - p[k - 1] + rows @ (d[k, i] - d[k - 1, i])
             A, B = law.weights
@@ -170,7 +183,9 @@ def test_robots_with_states_differ_as_their_laws_do(kind: str) -> None:
 
 @pytest.mark.parametrize("kind", ["gears", "bristles"])
 def test_states_to_first_order_are_differences_of_robots(kind: str) -> None:
-    """Small errors and deviations: forces of robots over the error, minus those with the other sign."""
+    """Small errors and deviations: forces of robots over the error, minus those with the other
+    sign.
+    """
     model, table, law_of, rows = states_of(kind)
     t = np.linspace(0.0, 1.0, 60)[:, None]
     # no reversal, where slopes jump
@@ -178,7 +193,8 @@ def test_states_to_first_order_are_differences_of_robots(kind: str) -> None:
     plan = plan_states(model, table, law_of, rows, p)
     n = len(table.names)
     linear = plan.linear()
-    small, shape = 1e-4, np.random.default_rng(1).standard_normal((n, model.dof))
+    small = 1e-4
+    shape = np.random.default_rng(1).standard_normal((n, model.dof))
     size = 0.02 * np.abs(np.diff(p, axis=0)).max()
     pair = [plan.robots(sign * small * np.eye(n)) for sign in (1.0, -1.0)]
     for states in (linear, *pair):
@@ -198,14 +214,17 @@ def test_states_to_first_order_are_differences_of_robots(kind: str) -> None:
             states.keep(k, factor * d)
     step = 1e-6 * size * rows.T @ np.ones(len(rows))
     change = (linear.at(40, d + step)[0] - linear.at(40, d)[0])[0]
-    assert_allclose(linear.at(40, d)[1] @ step, change, rtol=1e-6, atol=1e-9 * np.abs(change).max())
+    assert_allclose(
+        linear.at(40, d)[1] @ step, change, rtol=1e-6, atol=1e-9 * np.abs(change).max()
+    )
     assert np.abs(force).max() > 0 and rise.shape == (model.dof, model.dof)
 
 
 def test_rows_of_gears_are_deflections() -> None:
     model = flexgen.read("manutec_r3")
     rng = np.random.default_rng(0)
-    q_a, q_m = rng.standard_normal(model.n_a), rng.standard_normal(model.n_m)
+    q_a = rng.standard_normal(model.n_a)
+    q_m = rng.standard_normal(model.n_m)
     y = np.concatenate([q_a, q_m[list(model.i_m)]])
     expected = np.linalg.solve(model.eta, q_m) - q_a[list(model.i_g)]
     elastic = [
@@ -285,7 +304,9 @@ def test_numbers_of_robots_follow_from_the_errors_of_their_sources() -> None:
 
 
 def test_sources_of_a_table_have_its_numbers_and_correlations() -> None:
-    """Common errors are one column; numbers that are named belong to no group; roots give the correlation back."""
+    """Common errors are one column; numbers that are named belong to no group; roots give the
+    correlation back.
+    """
     table = {
         "stiffness": 0.1,
         "masses": 0.05,
@@ -317,7 +338,14 @@ def test_sources_of_a_table_have_its_numbers_and_correlations() -> None:
     assert C[k["upper.mass"], k["fore.mass"]] == pytest.approx(1.0)
     rest = [
         k[x]
-        for x in ("q1.stiffness", "m1.inertia", "m2.inertia", "payload.mass", "delay", "upper.mass")
+        for x in (
+            "q1.stiffness",
+            "m1.inertia",
+            "m2.inertia",
+            "payload.mass",
+            "delay",
+            "upper.mass",
+        )
     ]
     assert_allclose(C[np.ix_(rest, rest)], np.eye(6), atol=1e-12)
     assert_allclose(np.diag(C), 1.0)
@@ -374,7 +402,9 @@ def test_states_of_a_robot_are_sources() -> None:
     assert len(of_q1) == len(BENT) and all("lost_motion" in name for name in of_q1)
     model, found, _, _ = states_of("bristles")
     bristles = [name for name in found.names if name.endswith(".lugre")]
-    assert bristles and all(found.kinds[found.names.index(name)] == "friction" for name in bristles)
+    assert bristles and all(
+        found.kinds[found.names.index(name)] == "friction" for name in bristles
+    )
     numbers = [
         p.name
         for p, i in zip(found.parameters, found.owner, strict=True)
@@ -384,18 +414,23 @@ def test_states_of_a_robot_are_sources() -> None:
 
 
 def test_instants_of_matrices_are_denser_where_the_arm_moves() -> None:
-    """One of four parts of the weight is for the time, three for the speed; the ends are among them."""
+    """One of four parts of the weight is for the time, three for the speed; the ends are among
+    them.
+    """
     speed = np.zeros((1001, 2))
     speed[500:, 1] = -2.0
     found = response._knots(speed)
     assert found[0] == 0 and found[-1] == 1000 and len(found) == 60
-    still, moving = np.diff(found[found < 500]), np.diff(found[found >= 500])
+    still = np.diff(found[found < 500])
+    moving = np.diff(found[found >= 500])
     assert np.median(still) == pytest.approx(4 * np.median(moving), rel=0.15)
     assert_allclose(response._knots(np.zeros((5, 1))), np.arange(5))
 
 
 def test_figures_of_drawn_robots_by_hand() -> None:
-    """Largest errors, the quantile of robots on a line, shares of the variance, bands and what halves the error."""
+    """Largest errors, the quantile of robots on a line, shares of the variance, bands and what
+    halves the error.
+    """
     # two instants, two sources, two parts
     rows = np.array([[[3.0, 4.0], [0.0, 1.0]], [[0.0, 0.0], [0.0, 2.0]]])
     errors = np.array([[1.0, 0.0], [0.0, 1.0], [0.2, -1.0]])
@@ -413,7 +448,8 @@ def test_figures_of_drawn_robots_by_hand() -> None:
         root=np.array([[1.0, 0.0], [0.5, np.sqrt(0.75)]]),
     )
     shares = prediction._shares(one, rows)
-    own, both = (0.3**2 + 0.4**2, 0.2**2), 0.4 * 0.2 * 0.5
+    own = (0.3**2 + 0.4**2, 0.2**2)
+    both = 0.4 * 0.2 * 0.5
     total = sum(own) + 2 * both
     assert [(s.name, s.kind) for s in shares] == [("a", "x"), ("b", "y")]
     assert_allclose([s.share for s in shares], [(own[0] + both) / total, (own[1] + both) / total])
@@ -478,7 +514,10 @@ def test_the_text_of_a_prediction() -> None:
     made = a_prediction()
     assert str(made).splitlines() == [
         "Arm, move line",
-        "tool error 95 % <= 150 um and <= 2 mrad with motor feedback (3 uncertain numbers, 48 robots simulated)",
+        (
+            "tool error 95 % <= 150 um and <= 2 mrad with motor feedback (3 uncertain numbers, "
+            "48 robots simulated)"
+        ),
         "cascade",
         "shares of the variance: a 75 %, b 25 %",
         "to halve the error, measure a, b",
@@ -518,7 +557,12 @@ def test_the_table_of_a_model_file_has_the_deviations_and_correlations() -> None
     covariance = np.array([[0.04, -0.01], [-0.01, 36.0]])
     text = with_uncertainty('name = "x"\n', ["a.b", "c.d"], covariance)
     assert text.startswith(
-        'name = "x"\n\n[uncertainty]\nparameters = ["a.b", "c.d"]\nsd = [0.2, 5]\ncorrelation = [\n'
+        'name = "x"\n'
+        "\n"
+        "[uncertainty]\n"
+        'parameters = ["a.b", "c.d"]\n'
+        "sd = [0.2, 5]\n"
+        "correlation = [\n"
     )
     found = tomllib.loads(text)["uncertainty"]
     r = -0.01 / (0.2 * 6.0)

@@ -1,4 +1,6 @@
-"""Unknowns of plans and of DAEs: which are bound at rest, their sizes, where a search starts; bounds of files."""
+"""Unknowns of plans and of DAEs: which are bound at rest, their sizes, where a search starts;
+bounds of files.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +33,9 @@ def layout_of(problem: flexgen.PlanProblem) -> Layout:
 
 
 def test_a_plan_rests_at_the_ends_that_are_stated() -> None:
-    """Two phases: the problem begins and ends at rest; the rest between them is stated once or twice alike."""
+    """Two phases: the problem begins and ends at rest; the rest between them is stated once or
+    twice alike.
+    """
     problem = flexgen.plan_problem("planar5_nmp", mesh=4)
     model = problem.equations.model
     rests = problem._rests()
@@ -45,7 +49,10 @@ def test_a_plan_rests_at_the_ends_that_are_stated() -> None:
         and rests[0][2].shape == (model.dof,)
     )
     later = problem.then(0.5, mesh=3)
-    assert [(number, where) for number, where, *_ in problem._rests()] == [(0, "start"), (1, "end")]
+    assert [(number, where) for number, where, *_ in problem._rests()] == [
+        (0, "start"),
+        (1, "end"),
+    ]
     middle = np.zeros(model.n_a)
     middle[list(model.i_g)] = [0.3, -0.9]
     problem.end_at(middle)
@@ -92,7 +99,8 @@ def test_bounds_of_a_plan_hold_it_at_rest_and_its_numbers_in_their_ranges(timing
     problem.parameter("mass", 1.0, 3.0, 2.0)
     middle = np.zeros(problem.equations.model.n_a)
     problem.end_at(middle)
-    layout, rests = layout_of(problem), problem._rests()
+    layout = layout_of(problem)
+    rests = problem._rests()
     scale = np.linspace(1.0, 2.0, layout.size)
     low, high = (x * scale for x in problem._bounds(layout, scale, rests))
     n = problem.equations.model.dof
@@ -112,14 +120,19 @@ def test_bounds_of_a_plan_hold_it_at_rest_and_its_numbers_in_their_ranges(timing
 
 
 def test_sizes_of_unknowns_follow_from_the_start() -> None:
-    """Motors by their ratios, accelerations by a rate, torques by the largest of each, at least a part of all."""
+    """Motors by their ratios, accelerations by a rate, torques by the largest of each, at least a
+    part of all.
+    """
     problem = flexgen.plan_problem("planar5_nmp", mesh=3)
     problem.parameter("mass", guess=-4.0)
     problem.parameter("small", guess=0.1)
-    layout, mesh, model = layout_of(problem), problem.mesh, problem.equations.model
+    layout = layout_of(problem)
+    mesh = problem.mesh
+    model = problem.equations.model
     start = np.zeros(layout.size)
     tau = np.zeros((3 * mesh.s, model.n_m))
-    tau[2, 0], tau[4, 0] = -6.0, 5.0
+    tau[2, 0] = -6.0
+    tau[4, 0] = 5.0
     n = mesh.n
     start[: mesh.size] = mesh.pack(
         np.zeros((4, 2 * n)), np.zeros((3, mesh.s, n)), tau.reshape(3, mesh.s, model.n_m)
@@ -160,7 +173,7 @@ def test_a_free_time_is_clipped_into_its_bounds() -> None:
         problem.free_time(2.0, 1.0)
 
 
-# --- files ------------------------------------------------------------------------------------------------------------
+# --- files ---------------------------------------------------------------------------------------
 def test_a_file_of_arrays_has_at_most_a_thousand_of_them(tmp_path: Path) -> None:
     """And as many bytes as are allowed, packed and unpacked."""
     for count in (1000, 1001):
@@ -276,7 +289,9 @@ def test_a_manifest_is_complete_with_what_is_read_of_it(
     manifest = {name: value for name, value in (manifest | changes).items() if value is not ...}
     assert directory._is_complete(manifest) is complete
     if complete:
-        assert directory.libraries(manifest) == (["liba.so", "liba.a"] if manifest["build"] else [])
+        assert directory.libraries(manifest) == (
+            ["liba.so", "liba.a"] if manifest["build"] else []
+        )
     assert directory.libraries(None) == []
 
 
@@ -303,7 +318,8 @@ def test_the_search_of_a_plan_begins_at_the_scaled_start(monkeypatch: pytest.Mon
 
 def test_files_of_a_library_are_marked_at_their_top(tmp_path: Path) -> None:
     """By the program and the name; a file that is not there is neither marked nor the same."""
-    file, none = tmp_path / "arm.h", tmp_path / "none.h"
+    file = tmp_path / "arm.h"
+    none = tmp_path / "none.h"
     file.write_bytes(b"/* arm: " + directory._MARK + b" */\n")
     assert directory._is_marked(file, "arm") is True and directory._is_marked(file, "leg") is False
     assert directory._is_marked(none, "arm") is False

@@ -92,8 +92,8 @@ def test_ratios_and_rotors_by_hand() -> None:
     assert shown(slides)[0] == (UNUSUAL, "1 rad/m", "5 to 2e+04 rad/m")
     assert slides[0].quantity == "ratio of a translation" and slides[2].key == "motor.m1.inertia"
     assert slides[0].advice == (
-        "the ratio is q_motor / q_joint in rad/m: 2 pi over the lead of a screw, 1 over the radius of a pinion, times "
-        "the gear; not a percentage, and not its inverse"
+        "the ratio is q_motor / q_joint in rad/m: 2 pi over the lead of a screw, 1 over the "
+        "radius of a pinion, times the gear; not a percentage, and not its inverse"
     )
     assert len(list(numbers._ratio_findings(motor(inertia=0.0), joint(), 100.0, 2.0))) == 1
     assert len(list(numbers._ratio_findings(motor(), joint(), 100.0, 0.0))) == 2
@@ -141,7 +141,7 @@ def test_torques_of_motors_by_hand() -> None:
         rest: Any = Made(tau_m=np.array([torque]))
         assert shown(numbers.drives(robot, np.eye(1), rest))[3:] == expected
     robot.motors = [motor()]
-    assert len(list(numbers.drives(robot, np.eye(1), Made(tau_m=np.ones(1))))) == 3  # type: ignore[arg-type]
+    assert len(list(numbers.drives(robot, np.eye(1), Made(tau_m=np.ones(1))))) == 3
 
 
 def test_springs_by_hand() -> None:
@@ -158,7 +158,8 @@ def test_springs_by_hand() -> None:
         "key.damping",
     ]
     assert found[0].advice == (
-        "stiffness in N m/rad: 1 N m/deg is 57.3 N m/rad, 1 N m/arcmin is 3438; side of the gear; masses and inertias"
+        "stiffness in N m/rad: 1 N m/deg is 57.3 N m/rad, 1 N m/arcmin is 3438; side of the "
+        "gear; masses and inertias"
     )
     slides = list(numbers._spring(joint("m"), "key", "low", (4e6, 2 * math.sqrt(4e6), 1.0, 0.0)))
     assert shown(slides) == [(UNUSUAL, "318.3 Hz", "3 to 300 Hz"), (UNUSUAL, "1", "0.001 to 0.4")]
@@ -167,7 +168,8 @@ def test_springs_by_hand() -> None:
         and slides[0].key == "key.spring.low"
     )
     assert (
-        slides[0].advice == "stiffness in N/m: 1 N/um is 1e6; side of the gear; masses and inertias"
+        slides[0].advice
+        == "stiffness in N/m: 1 N/um is 1e6; side of the gear; masses and inertias"
     )
     assert slides[1].advice == "damping in N s/m on the side of the spring, or the stiffness"
     still = list(numbers._spring(joint(), "key", "stiffness", (4e4, 0.0, 1.0, 0.0)))
@@ -182,8 +184,11 @@ def test_springs_by_hand() -> None:
 
 
 def test_springs_of_gears_are_on_their_side(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A gear whose spring is at the motor counts with the square of its factor; a passive one with its own numbers."""
-    spring, passive = Made(stiffness=10.0), Made(low=5.0, stiffness=7.0)
+    """A gear whose spring is at the motor counts with the square of its factor; a passive one with
+    its own numbers.
+    """
+    spring = Made(stiffness=10.0)
+    passive = Made(low=5.0, stiffness=7.0)
     gear = Made(spring=spring, damping=0.2)
     robot: Any = Made(
         coordinates=[joint(), joint(spring=passive, damping=0.3), Made(dof=None)], i_g=(0,)
@@ -264,7 +269,8 @@ def test_lengths_and_gravity_by_hand() -> None:
         (UNUSUAL, "30.06 m/s^2", "at most 30 m/s^2"),
         (UNUSUAL, "120 m", "0.001 to 100 m"),
     ]
-    robot.elements, robot.gravity = [], (0.0, 0.0, -9.81)
+    robot.elements = []
+    robot.gravity = (0.0, 0.0, -9.81)
     assert numbers._length(robot) == 0.0 and list(numbers.sizes(robot)) == []
 
 
@@ -291,7 +297,9 @@ def test_overdamped_modes_are_listed() -> None:
 
 
 def test_ranges_and_speeds_of_moves_by_hand() -> None:
-    """Each joint beyond a limit is named; the fastest joint of each unit; motors beyond their limits."""
+    """Each joint beyond a limit is named; the fastest joint of each unit; motors beyond their
+    limits.
+    """
     first = Made(name="q1", unit="rad", dof=Made(lower=-1.0, upper=2.0, speed_max=3.0))
     second = Made(name="q2", unit="m", dof=Made(lower=None, upper=0.5, speed_max=None))
     motors = [Made(name="m1", speed_max=300.0), Made(name="m2", speed_max=None)]
@@ -308,7 +316,8 @@ def test_ranges_and_speeds_of_moves_by_hand() -> None:
     found = moves._range(robot, "move.a", np.array([[-1.5, -9.0], [2.5, 0.75]]))
     assert (found.mark, found.distance) == (ERROR, 1.0)
     assert found.value == (
-        "q1 reaches -1.5 rad, limit -1 rad; q1 reaches 2.5 rad, limit 2 rad; q2 reaches 0.75 m, limit 0.5 m"
+        "q1 reaches -1.5 rad, limit -1 rad; q1 reaches 2.5 rad, limit 2 rad; q2 reaches 0.75 m, "
+        "limit 0.5 m"
     )
     rates = np.array([[1.0, 20.0], [-3.0, 5.0], [2.0, 0.0]])
     assert shown(moves._speeds(robot, "move.a", rates)) == [
@@ -320,14 +329,17 @@ def test_ranges_and_speeds_of_moves_by_hand() -> None:
         beyond.value == "q1 4.5 rad/s, limit 3; m1 450 rad/s, limit 300" and beyond.distance == 0.5
     )
     assert beyond.advice.startswith("speed_max (rad/s, not rpm); duration of the move in s")
-    robot.i_g, robot.eta = (0,), np.array([[100.0]])
+    robot.i_g = (0,)
+    robot.eta = np.array([[100.0]])
     robot.motors = motors[:1]
     assert [one.value for one in moves._speeds(robot, "move.a", rates[:, :1])] == ["3 rad/s"]
 
 
 def test_moves_that_have_no_path_are_errors(monkeypatch: pytest.MonkeyPatch) -> None:
     """Programs too; where more joints than outputs move, ranges are not checked."""
-    a, b, c = Made(name="a"), Made(name="b"), Made(name="c")
+    a = Made(name="a")
+    b = Made(name="b")
+    c = Made(name="c")
     equations: Any = Made(model=Made(moves=(a, b), programs=(c,), output=Made(size=2), n_m=2))
 
     def joints(equations: Any, move: Any) -> Any:

@@ -1,4 +1,6 @@
-"""Verbs that take long, with the function behind them replaced; recordings and results that they read and print."""
+"""Verbs that take long, with the function behind them replaced; recordings and results that they
+read and print.
+"""
 
 from __future__ import annotations
 
@@ -38,7 +40,9 @@ def clock(*instants: float) -> SimpleNamespace:
 class Found:
     """A calibration that was made up."""
 
-    problem, warnings, ended = "not good", ("beware",), ""
+    problem = "not good"
+    warnings = ("beware",)
+    ended = ""
 
     def __init__(self) -> None:
         self.asked: list[Any] = []
@@ -61,7 +65,8 @@ class Found:
 
 
 def test_the_verb_calibrate(monkeypatch: pytest.MonkeyPatch) -> None:
-    found, given = Found(), {}
+    found = Found()
+    given = {}
     monkeypatch.setattr(StaticPoses, "read", lambda path, model: (path, model.name))
 
     def calibrate(model: Any, poses: Any, **more: Any) -> Found:
@@ -110,7 +115,10 @@ def test_the_verb_calibrate(monkeypatch: pytest.MonkeyPatch) -> None:
             calibration.calibrate(
                 arguments("calibrate", model="elbow", poses="p", prior=[(name, value)]), print
             )
-        start = f"--prior: given {name}={value}, expected a number for one of zero, position, rotation, compliance"
+        start = (
+            f"--prior: given {name}={value}, expected a number for one of zero, position, "
+            "rotation, compliance"
+        )
         assert str(caught.value).startswith(start)
     text = r"^--out: given manutec_r3@planar, expected a \.toml model file without @variant$"
     monkeypatch.setattr(
@@ -203,7 +211,8 @@ def test_the_verbs_derive_and_measure_say_how_long_they_took(
     ]
 
     class Run:
-        speed_sd, saturated = np.array([0.25, 0.5]), np.array([0, 3])
+        speed_sd = np.array([0.25, 0.5])
+        saturated = np.array([0, 3])
 
         def save(self, path: str) -> str:
             return path
@@ -216,7 +225,9 @@ def test_the_verbs_derive_and_measure_say_how_long_they_took(
     monkeypatch.setattr(identify, "read_model", lambda args: made)
     monkeypatch.setattr(identify, "time", clock(7.0, 7.75, 8.0, 12.0))
     monkeypatch.setattr(experiment, "measure", lambda plan, robot, **given: Run())
-    answer = identify.measure(arguments("measure", plan="p", raw=None, out="run.npz"), lines.append)
+    answer = identify.measure(
+        arguments("measure", plan="p", raw=None, out="run.npz"), lines.append
+    )
     assert lines == ["simulating 12 s of arm"]
     assert answer.data == {
         **{"model": "arm", "experiment": "run.npz", "duration_s": 12.25, "wall_s": 0.75},
@@ -226,11 +237,13 @@ def test_the_verbs_derive_and_measure_say_how_long_they_took(
     (warning,) = answer.warnings
     assert warning.startswith("torques were at their limits: 'flexgen frf' refuses these data")
     monkeypatch.setattr(Run, "saturated", np.array([0, 0]))
-    answer = identify.measure(arguments("measure", plan="p", raw=None, out="run.npz"), lines.append)
+    answer = identify.measure(
+        arguments("measure", plan="p", raw=None, out="run.npz"), lines.append
+    )
     assert answer.data["wall_s"] == 4.0 and not answer.warnings
 
 
-# --- recordings -------------------------------------------------------------------------------------------------------
+# --- recordings ----------------------------------------------------------------------------------
 HEAD = """\
 model = "bench.toml"
 period_s = 0.2
@@ -286,7 +299,9 @@ def test_recordings_have_as_many_periods_at_every_pose(tmp_path: Path) -> None:
 
 
 def test_a_recording_of_periods_is_their_mean_twice() -> None:
-    """After the transients, which are left out; a rest of a period at the end counts for nothing."""
+    """After the transients, which are left out; a rest of a period at the end counts for
+    nothing.
+    """
     values = {"period_s": 0.4, "transients": 1}
 
     class Root(dict[str, Any]):
@@ -322,7 +337,9 @@ def test_a_recording_of_periods_is_their_mean_twice() -> None:
 
 
 def test_torques_of_segments_are_those_of_the_recording() -> None:
-    """Held from sample to sample, or along a curve; later by the delay, and none after the end of the recording."""
+    """Held from sample to sample, or along a curve; later by the delay, and none after the end of
+    the recording.
+    """
     made: Any = object.__new__(motion_fit._Shooting)
     held = np.arange(10.0)[:, None] * [1.0, -2.0]
     curve = lambda t: np.stack([np.asarray(t) ** 2, 1.0 + np.asarray(t)], axis=-1)  # noqa: E731
@@ -350,7 +367,9 @@ def test_torques_of_segments_are_those_of_the_recording() -> None:
 
 
 def test_differences_of_a_motion_fit_are_of_the_size_of_its_motion() -> None:
-    """Angles by the scatter of the steps of the record, speeds by those of a sample, torques by their scatter."""
+    """Angles by the scatter of the steps of the record, speeds by those of a sample, torques by
+    their scatter.
+    """
     made: Any = object.__new__(motion_fit._Shooting)
     held = np.r_[5.0, np.zeros(5)][:, None] * [1.0, 0.0]
     vars(made).update(
@@ -364,10 +383,12 @@ def test_differences_of_a_motion_fit_are_of_the_size_of_its_motion() -> None:
     assert_allclose(made._scales()[:4], [1e-9, 1e-9, 2e-9, 2e-9])
 
 
-# --- laws -------------------------------------------------------------------------------------------------------------
+# --- laws ----------------------------------------------------------------------------------------
 @pytest.mark.parametrize("predicted", [False, True])
 def test_a_chain_is_stable_up_to_its_largest_frequency(predicted: bool) -> None:
-    """Two integrators with a hold and a delay of 1.4 samples, step by step; also with a state that is predicted."""
+    """Two integrators with a hold and a delay of 1.4 samples, step by step; also with a state that
+    is predicted.
+    """
     timing = chain.Timing(1e-3, 1.4e-3, predicted, False)
 
     def moved(x: np.ndarray, u: float, h: float) -> np.ndarray:
@@ -375,7 +396,10 @@ def test_a_chain_is_stable_up_to_its_largest_frequency(predicted: bool) -> None:
 
     def growth(frequency: float) -> float:
         g = chain.chain_gains(frequency, 2, "continuous", 1e-3)
-        x, last, before, sizes = np.array([1.0, 0.0]), 0.0, 0.0, []
+        x = np.array([1.0, 0.0])
+        last = 0.0
+        before = 0.0
+        sizes = []
         for _ in range(1200):
             ahead = moved(moved(x, before, 0.4e-3), last, 1e-3) if predicted else x
             new = float(-g @ ahead)
@@ -403,13 +427,15 @@ def test_a_chain_is_stable_up_to_its_largest_frequency(predicted: bool) -> None:
 
 @pytest.mark.parametrize("coupled", [False, True])
 def test_gains_of_tomei_hold_the_arm_against_gravity(coupled: bool) -> None:
-    """The least eigenvalue of springs and gains is above the largest change of gravity, by differences.
+    """The least eigenvalue of springs and gains is above the largest change of gravity, by
+    differences.
 
     ``coupled``: the first motor turns both joints.
     """
     drives = {"motor.m1.drives": ["q1", "q2"], "motor.m1.ratio": [250.0, -90.0]}
     equations = derive(flexgen.read("elbow", overrides=drives if coupled else {}))
-    model, shares = equations.model, np.array([1.0, 3.0])
+    model = equations.model
+    shares = np.array([1.0, 3.0])
     assert np.count_nonzero(model.eta) == 2 + coupled
     poses = np.linspace([0.2, -0.8], [1.2, 0.9], 20)
     motion: Any = SimpleNamespace(
@@ -417,7 +443,8 @@ def test_gains_of_tomei_hold_the_arm_against_gravity(coupled: bool) -> None:
         equations=equations,
         reference=SimpleNamespace(time=np.arange(20.0), motion={"q_a": poses}),
     )
-    gravity, h = equations.function("gravity"), 1e-6
+    gravity = equations.function("gravity")
+    h = 1e-6
     alpha = 0.0
     for q in poses:
         change = [
@@ -431,14 +458,18 @@ def test_gains_of_tomei_hold_the_arm_against_gravity(coupled: bool) -> None:
         outer = model.eta.T @ (k_p * np.diag(shares)) @ model.eta
         return float(np.linalg.eigvalsh(np.block([[K, -K], [-K, K + outer]])).min())
 
-    low, high = 1e-6, 1e6
+    low = 1e-6
+    high = 1e6
     for _ in range(100):
         middle = np.sqrt(low * high)
         low, high = (middle, high) if least(middle) <= alpha else (low, middle)
     motor_laws._check_gravity(motion, 1.01 * high * shares)
     with pytest.raises(ArgumentError) as caught:
         motor_laws._check_gravity(motion, 0.99 * low * shares)
-    words = f"springs and gains is {least(0.99 * low):.4g} and gravity changes by {alpha:.4g} N m/rad; expected the first"
+    words = (
+        f"springs and gains is {least(0.99 * low):.4g} and gravity changes by {alpha:.4g} N "
+        "m/rad; expected the first"
+    )
     assert words in str(caught.value)
 
 

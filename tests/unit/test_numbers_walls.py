@@ -1,4 +1,6 @@
-"""Walls that push a tool, by hand; what a URDF file means where it leaves something out; bodies that are one."""
+"""Walls that push a tool, by hand; what a URDF file means where it leaves something out; bodies
+that are one.
+"""
 
 from __future__ import annotations
 
@@ -27,14 +29,17 @@ from flexgen.spec.ports import Port
 from flexgen.trajectory import Trajectory
 
 
-# --- walls ------------------------------------------------------------------------------------------------------------
+# --- walls ---------------------------------------------------------------------------------------
 def test_a_wall_pushes_with_spring_and_damper_and_never_pulls() -> None:
-    """``f = max(0, k d - c n' v) n`` where the depth d is above zero; none along the wall, no torque."""
+    """``f = max(0, k d - c n' v) n`` where the depth d is above zero; none along the wall, no
+    torque.
+    """
     equations = derive("elbow")
     wall = flexgen.Wall((1.0, 0.2, 0.0), (-3.0, 4.0, 0.0), 2e3, 150.0, 0.05)
     n = np.array([-0.6, 0.8, 0.0])
     rng = np.random.default_rng(0)
-    q, v = rng.uniform(-1, 1, (40, 2)), rng.normal(size=(40, 2))
+    q = rng.uniform(-1, 1, (40, 2))
+    v = rng.normal(size=(40, 2))
     found = contact_force(wall, equations, q, v)
     seen = set()
     for k in range(40):
@@ -44,7 +49,8 @@ def test_a_wall_pushes_with_spring_and_damper_and_never_pulls() -> None:
             np.array(equations.function("forward_kinematics")(q[k] + s * h * v[k])[0]).ravel()
             for s in (1, -1)
         )
-        depth, rate = n @ (wall.point - 0.05 * n - p), n @ (ahead - behind) / (2 * h)
+        depth = n @ (wall.point - 0.05 * n - p)
+        rate = n @ (ahead - behind) / (2 * h)
         push = 2e3 * depth - 150.0 * rate if depth > 0 else 0.0
         seen.add((bool(depth > 0), bool(push > 0)))
         assert_allclose(found[k], max(push, 0.0) * n, rtol=1e-6, atol=1e-6)
@@ -64,18 +70,20 @@ def test_a_wall_is_in_the_frame_of_the_base() -> None:
     model = flexgen.read("elbow")
     R = Rotation.from_rotvec([0.3, -0.2, 0.9]).as_matrix()
     base = replace(model.base, rotation=tuple(map(tuple, R.tolist())), position=(1.0, 2.0, 3.0))
-    moved, wall = (
-        replace(model, base=base),
-        flexgen.Wall((0.4, 0.0, -0.1), (0.0, 0.0, 2.0), 5.0, gap=0.25),
-    )
+    moved = replace(model, base=base)
+    wall = flexgen.Wall((0.4, 0.0, -0.1), (0.0, 0.0, 2.0), 5.0, gap=0.25)
     point, normal = in_world(wall, moved)
     assert_allclose(normal, R @ [0, 0, 1])
     assert_allclose(point, [1, 2, 3] + R @ [0.4, 0.0, -0.1 - 0.25])
     assert_allclose(numbers_of(wall, moved), [*point, *normal, 5.0, 0.0])
-    equations, q = derive("elbow"), np.array([0.2, 0.4])
+    equations = derive("elbow")
+    q = np.array([0.2, 0.4])
     p = np.array(equations.function("forward_kinematics")(q)[0]).ravel()
     check_start(flexgen.Wall(tuple(p - 1e-9 * np.eye(3)[0]), (1.0, 0.0, 0.0), 5.0), equations, q)
-    text = r"^wall: given a wall in which the tool begins, 0\.25 m deep, expected the tool before it; turn the normal"
+    text = (
+        r"^wall: given a wall in which the tool begins, 0\.25 m deep, expected the tool before "
+        r"it; turn the normal"
+    )
     with pytest.raises(ArgumentError, match=text):
         check_start(
             flexgen.Wall(tuple(p + 0.25 * np.eye(3)[0]), (1.0, 0.0, 0.0), 5.0), equations, q
@@ -107,9 +115,15 @@ def test_numbers_of_a_wall_are_checked(given: dict[str, object], text: str) -> N
         flexgen.Wall(**(good | given))  # type: ignore[arg-type]
 
 
-# --- URDF -------------------------------------------------------------------------------------------------------------
+# --- URDF ----------------------------------------------------------------------------------------
 def urdf_of(folder: Path, inside: str, kind: str = "continuous") -> Urdf:
-    text = f'<robot name="r">\n<link name="a"/>\n<link name="b"/>\n<joint name="j" type="{kind}">\n<parent link="a"/>'
+    text = (
+        '<robot name="r">\n'
+        '<link name="a"/>\n'
+        '<link name="b"/>\n'
+        f'<joint name="j" type="{kind}">\n'
+        '<parent link="a"/>'
+    )
     (folder / "r.urdf").write_text(f'{text}<child link="b"/>{inside}</joint>\n</robot>\n')
     return Urdf(folder / "r.urdf", "r.urdf")
 
@@ -137,7 +151,10 @@ def test_what_a_joint_leaves_out_has_the_defaults_of_the_format(tmp_path: Path) 
     assert (mimic.leader, mimic.factor, mimic.offset) == ("k", 1.0, 0.0)
     assert found.dynamics(joint)[1:] == (0.0, 0.4)
     assert_allclose(found.axis(joint), [0.0, 0.6, 0.8])
-    more = '<origin rpy="0.1 0.2 0.3"/><mimic joint="k" multiplier="-2" offset="0.5"/><dynamics damping="0.3"/>'
+    more = (
+        '<origin rpy="0.1 0.2 0.3"/><mimic joint="k" multiplier="-2" offset="0.5"/><dynamics '
+        'damping="0.3"/>'
+    )
     found = urdf_of(tmp_path, more)
     joint = found.joints["j"]
     assert_allclose(
@@ -191,7 +208,8 @@ def test_the_axis_of_a_joint_is_normalized(tmp_path: Path) -> None:
 def test_bodies_that_are_fixed_to_each_other_are_one() -> None:
     """Point masses of three bodies: mass, center and inertia are those of all points."""
     rng = np.random.default_rng(2)
-    m, r = rng.uniform(0.5, 2.0, (3, 6)), rng.normal(size=(3, 6, 3))
+    m = rng.uniform(0.5, 2.0, (3, 6))
+    r = rng.normal(size=(3, 6, 3))
 
     def body(m: np.ndarray, r: np.ndarray, reduced: bool = False) -> Inertial:
         com = (m[:, None] * r).sum(axis=0) / m.sum()

@@ -1,4 +1,6 @@
-"""Texts, figures and small numbers of results that are long to compute: from scripted parts, against written texts."""
+"""Texts, figures and small numbers of results that are long to compute: from scripted parts,
+against written texts.
+"""
 
 from __future__ import annotations
 
@@ -111,8 +113,11 @@ def test_learning_is_told_by_iterations(monkeypatch: pytest.MonkeyPatch) -> None
 def test_a_margin_for_the_feedback_grows_by_what_torques_exceed(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Of both signs, of the worst instant of each motor; up to a thousandth of the limit is accepted."""
-    limits, margins = np.array([10.0, 4.0]), []
+    """Of both signs, of the worst instant of each motor; up to a thousandth of the limit is
+    accepted.
+    """
+    limits = np.array([10.0, 4.0])
+    margins = []
 
     @dataclass(frozen=True)
     class Move:
@@ -150,7 +155,8 @@ def test_a_margin_for_the_feedback_grows_by_what_torques_exceed(
         assert found.margin == pytest.approx(expected[-1] or (0.0, 0.0))
     monkeypatch.setattr(minimum_time, "find_function", torques([0.0, 4.0]))
     with pytest.raises(
-        SolverError, match=r"95 % of the robots needs \[0.0, 4.0\] N m or more of the torque limits"
+        SolverError,
+        match=r"95 % of the robots needs \[0.0, 4.0\] N m or more of the torque limits",
     ):
         minimum_time._with_margin(find, None)
     monkeypatch.setattr(
@@ -163,7 +169,9 @@ def test_a_margin_for_the_feedback_grows_by_what_torques_exceed(
 
 
 def test_causes_of_nonlinear_responses_are_told_with_their_sizes() -> None:
-    """A dead band and a slip over the deflection of the gear, both in its unit; a growth in percent."""
+    """A dead band and a slip over the deflection of the gear, both in its unit; a growth in
+    percent.
+    """
     assert levels._size("backlash", [0.25], 0.8, "mrad") == "+-0.2 mrad"
     assert levels._size("cubic", [0.375], 0.8, "mm") == "38 % more at 0.8 mm rms"
     assert (
@@ -173,7 +181,9 @@ def test_causes_of_nonlinear_responses_are_told_with_their_sizes() -> None:
 
 
 def test_an_error_of_a_pose_has_its_rotation_vector() -> None:
-    """Position as it is, rotation from the reference to the tool, both at the samples of the path."""
+    """Position as it is, rotation from the reference to the tool, both at the samples of the
+    path.
+    """
     equations = flexgen.derive("elbow")
     q = np.array([[0.1, 0.3], [0.2, 0.5], [0.3, 0.6]])
     R = np.array([np.array(equations.function("forward_kinematics")(x)[1]) for x in q])
@@ -254,13 +264,14 @@ def test_a_fast_move_and_a_load_are_told_in_words(monkeypatch: pytest.MonkeyPatc
         total_com_sd=np.array([1e-3, 1e-3, 0.4]),
     )
     words = (
-        "load 1.500 +- 0.250 kg, center of mass x 10.0 +- 1.0 mm, y 20.0 +- 2.0 mm, z -30.0 +- 3.0 mm in the frame of "
-        "the last tip\nthis is the difference from the payload of the model file, 0.500 kg; total "
-        "at the tool 2.000 +- 0.250 kg, center of mass x 0.0 +- 1.0 mm, y 0.0 +- 1.0 mm, "
-        "z 0.0 +- 400.0 mm in the frame of the last tip\ninertia is not identified: the load is "
-        "taken for a point mass, the inertia of the payload of the file stays, 0 kg m^2; of both "
-        "together 0 kg m^2\nfriction of the motors over that of the model: viscous 0.70, 1.00; "
-        "other 1.20, 0.95"
+        "load 1.500 +- 0.250 kg, center of mass x 10.0 +- 1.0 mm, y 20.0 +- 2.0 mm, z -30.0 +- "
+        "3.0 mm in the frame of the last tip\n"
+        "this is the difference from the payload of the model file, 0.500 kg; total at the tool "
+        "2.000 +- 0.250 kg, center of mass x 0.0 +- 1.0 mm, y 0.0 +- 1.0 mm, z 0.0 +- 400.0 mm "
+        "in the frame of the last tip\n"
+        "inertia is not identified: the load is taken for a point mass, the inertia of the "
+        "payload of the file stays, 0 kg m^2; of both together 0 kg m^2\n"
+        "friction of the motors over that of the model: viscous 0.70, 1.00; other 1.20, 0.95"
     )
     assert str(load) == words
     assert str(load.to_dict()["mass"]) == "1.5"
@@ -361,7 +372,8 @@ def test_meshes_are_counts_lengths_or_nodes() -> None:
 
 def test_comparisons_become_expressions_below_zero() -> None:
     for kind in (ca.SX, ca.MX):
-        x, y = kind.sym("x"), kind.sym("y")
+        x = kind.sym("x")
+        y = kind.sym("y")
         value, equal = signals.split_comparison(x <= 2 * y, "rule")
         assert ca.Function("f", [x, y], [value])(5.0, 2.0) == 1.0 and equal == [False]
         value, equal = signals.split_comparison(x == y, "rule")
@@ -390,7 +402,9 @@ def test_comparisons_become_expressions_below_zero() -> None:
 
 
 def test_the_worst_constraint_is_named_with_its_instant() -> None:
-    """Excess above or below a bound, in the unit of the row; the instant adds the durations of earlier phases."""
+    """Excess above or below a bound, in the unit of the row; the instant adds the durations of
+    earlier phases.
+    """
     made: Any = SimpleNamespace(
         lower=np.array([0.0, -1.0, -np.inf]),
         upper=np.array([0.0, 1.0, 5.0]),
@@ -446,9 +460,13 @@ def test_the_tables_of_new_springs_can_be_read_again() -> None:
     assert text.startswith(
         "planar: added q2_x, removed nothing\nfit of the result: fitted, cost 1.25 (1 expected)"
     )
-    rows = [line.split() for line in text.splitlines() if line.split()[:1] in (["add"], ["remove"])]
+    rows = [
+        line.split() for line in text.splitlines() if line.split()[:1] in (["add"], ["remove"])
+    ]
     assert rows == [["add", "q2_x", "52", "0.5", "kept"], ["remove", "q1_y", "3"]]
-    assert text.count("[[element.dof]]") == 1 and "in the element arm2 behind the joint q2:" in text
+    assert (
+        text.count("[[element.dof]]") == 1 and "in the element arm2 behind the joint q2:" in text
+    )
     (table,) = tomllib.loads(text[text.index("[[element.dof]]") :])["element"]["dof"]
     assert table == {
         "name": "q2_x",

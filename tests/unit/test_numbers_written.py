@@ -21,7 +21,9 @@ from flexgen.servo.record import ServoRecord
 
 
 def test_figures_of_an_output_by_hand() -> None:
-    """Peak to peak, root mean square about the mean, and the time until it stays within the tolerance."""
+    """Peak to peak, root mean square about the mean, and the time until it stays within the
+    tolerance.
+    """
     z = np.array([0.0, 3.0, -1.0, 0.5, 0.25, -0.125, 0.0, 0.0, 0.0, 0.0])
     scenario: Any = Made(sample_s=0.05, tolerance=0.25, measures_version=1)
     assert measures.LAST_S == 0.1  # two samples: what it settles to

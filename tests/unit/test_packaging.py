@@ -1,4 +1,6 @@
-"""The distribution: its name and version, the data files of the package, the extras of the Makefile."""
+"""The distribution: its name and version, the data files of the package, the extras of the
+Makefile.
+"""
 
 from __future__ import annotations
 
@@ -108,10 +110,14 @@ def test_every_example_is_in_the_sdist_and_the_wheel():
 
 
 def test_the_container_copies_what_the_wheel_needs():
-    """The image is not built here: every file that it copies exists, and its parts are named as in the Makefile."""
+    """The image is not built here: every file that it copies exists, and its parts are named as in
+    the Makefile.
+    """
     text = (ROOT / ".devcontainer" / "Dockerfile").read_text(encoding="utf-8")
     copied = {
-        word for line in re.findall(r"^COPY (.*) \S+$", text, re.MULTILINE) for word in line.split()
+        word
+        for line in re.findall(r"^COPY (.*) \S+$", text, re.MULTILINE)
+        for word in line.split()
     }
     assert all((ROOT / name).exists() for name in copied)
     assert {"pyproject.toml", "README.md", "LICENSE", "flexgen", "models", "examples"} <= copied

@@ -1,4 +1,6 @@
-"""Numbers of the model that a generated library takes at run time: as good as baked in, at whatever value."""
+"""Numbers of the model that a generated library takes at run time: as good as baked in, at
+whatever value.
+"""
 
 from __future__ import annotations
 
@@ -111,7 +113,8 @@ def check_run_time_values(name, names, overrides, changes, tmp_path, functions=N
                 given = {}
                 if other is baked:
                     continue
-            made, expected = f(**inputs, **given), other.functions[f.name](**inputs)
+            made = f(**inputs, **given)
+            expected = other.functions[f.name](**inputs)
             pairs = (
                 zip(made, expected, strict=True) if isinstance(made, tuple) else [(made, expected)]
             )
@@ -121,8 +124,11 @@ def check_run_time_values(name, names, overrides, changes, tmp_path, functions=N
                     other.name,
                 )
         if any(port.name == "parameters" for port in f.inputs):
-            moved, still = f(**inputs, parameters=parameters), f(**inputs)
-            pairs = zip(moved, still, strict=True) if isinstance(moved, tuple) else [(moved, still)]
+            moved = f(**inputs, parameters=parameters)
+            still = f(**inputs)
+            pairs = (
+                zip(moved, still, strict=True) if isinstance(moved, tuple) else [(moved, still)]
+            )
             touched += any(not np.array_equal(a, b) for a, b in pairs)
     assert touched >= 2  # the changes are felt
 
@@ -151,9 +157,12 @@ def test_every_parameter_has_a_description():
         p.name: p.doc
         for p in put_symbols(read("manutec_r3"), ["stiffness", "damping", "friction"]).parameters
     }
-    said |= {p.name: p.doc for p in put_symbols(read("elbow"), ["stiffness", "payload"]).parameters}
+    said |= {
+        p.name: p.doc for p in put_symbols(read("elbow"), ["stiffness", "payload"]).parameters
+    }
     said |= {p.name: p.doc for p in put_symbols(read("abb_arm"), ["stiffness"]).parameters}
-    motor, joint = read("manutec_r3").motors[0].name, read("manutec_r3").coordinates[5].name
+    motor = read("manutec_r3").motors[0].name
+    joint = read("manutec_r3").coordinates[5].name
     assert said["q1.damping"] == "damping of q1, motor side"
     assert said[f"{motor}.coulomb"] == f"friction of motor {motor}, motor side"
     assert said[f"{joint}.coulomb"] == f"friction of {joint}, arm side"
@@ -196,7 +205,8 @@ def test_numbers_stated_on_the_motor_side_have_units_of_the_motor():
 )
 def test_force_laws_follow_the_parameters(model, name):
     """Every law takes the numbers given, as a model with these numbers does."""
-    equations, rng = derive(model, ["stiffness", "damping", "friction"]), np.random.default_rng(3)
+    equations = derive(model, ["stiffness", "damping", "friction"])
+    rng = np.random.default_rng(3)
     numbers = np.array([p.value for p in equations.parameters]) * rng.uniform(
         0.5, 2.0, len(equations.parameters)
     )
@@ -219,11 +229,13 @@ def changed_model(model, numbers):
         return x and replace(x, **{k: numbers.get(f"{owner}.{k}", v) for k, v in vars(x).items()})
 
     def joint(dof: Dof) -> Dof:
-        gear, damping = dof.gear, numbers.get(f"{dof.name}.damping", dof.damping)
+        gear = dof.gear
+        damping = numbers.get(f"{dof.name}.damping", dof.damping)
         if gear is not None:
             own = numbers.get(f"{dof.name}.damping", gear.damping)
             gear = replace(gear, spring=law(dof.name, gear.spring), damping=own)
-        friction, spring = law(dof.name, dof.friction), law(dof.name, dof.spring)
+        friction = law(dof.name, dof.friction)
+        spring = law(dof.name, dof.spring)
         return replace(dof, gear=gear, spring=spring, friction=friction, damping=damping)
 
     elements = tuple(replace(e, dofs=tuple(joint(dof) for dof in e.dofs)) for e in model.elements)

@@ -130,7 +130,8 @@ def close(a: Any, b: Any) -> bool:
     """Equal texts; numbers that differ by rounding of the same sums in another order."""
     if isinstance(a, str):
         return bool(a == b)
-    x, y = np.asarray(a), np.asarray(b)
+    x = np.asarray(a)
+    y = np.asarray(b)
     return bool(np.abs(x - y).max() <= 1e-9 * max(float(np.abs(y).max()), 1e-300))
 
 

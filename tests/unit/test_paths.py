@@ -101,11 +101,13 @@ def test_tool_line_with_rotation_turns_about_its_axis() -> None:
     start = equations.model.move("line").start
     turn = (0.0, 0.0, 0.7)
     path = Path(
-        equations, Move("turn", "tool_line", start, 1.0, 5, displacement=(0.1, 0, 0), rotation=turn)
+        equations,
+        Move("turn", "tool_line", start, 1.0, 5, displacement=(0.1, 0, 0), rotation=turn),
     )
     sample = path.sample(np.array([0.0, 1.0]))
     assert sample.R is not None
-    c, s = np.cos(0.7), np.sin(0.7)
+    c = np.cos(0.7)
+    s = np.sin(0.7)
     about_z = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
     assert np.abs(sample.R[1] @ sample.R[0].T - about_z).max() < 1e-14
     assert np.allclose(sample.y[1, :, 0] - sample.y[0, :, 0], [0.1, 0, 0], atol=1e-15)
@@ -142,13 +144,18 @@ def test_paths_and_planned_moves_are_pickled(tmp_path: FilePath) -> None:
             joint_profile=(2.0, 9.0),
         ),
         Program(
-            "smooth", start=(0.3, -1.1), steps=swing, joint_profile=(2.0, 10.0, 200.0), smoothness=4
+            "smooth",
+            start=(0.3, -1.1),
+            steps=swing,
+            joint_profile=(2.0, 10.0, 200.0),
+            smoothness=4,
         ),
     ]
     for move in moves:
         path = Path(arm, move)
         t = np.linspace(-0.01, path.duration + 0.01, 50)
-        sample, planned = path.sample(t), plan_move(path.reference, move)
+        sample = path.sample(t)
+        planned = plan_move(path.reference, move)
         copy, segments = pickle.loads(pickle.dumps((path, planned)))
         again = copy.sample(t)
         for name in ("y", "R", "w", "q_g"):
@@ -163,7 +170,9 @@ def test_paths_and_planned_moves_are_pickled(tmp_path: FilePath) -> None:
 
 LINE = {"start": (0.3, -1.1), "type": "tool_line", "displacement": (0.1, 0.05, 0.0)}
 AGAIN = {
-    "trapezoids": Move("trapezoids", duration=0.0, smoothness=0, profile=(0.5, 5.0, 100.0), **LINE),
+    "trapezoids": Move(
+        "trapezoids", duration=0.0, smoothness=0, profile=(0.5, 5.0, 100.0), **LINE
+    ),
     "smooth steps": Move("steps", duration=0.0, smoothness=5, profile=(0.5, 5.0, 100.0), **LINE),
     "duration": Move("duration", duration=0.5, smoothness=5, **LINE),
     "program": Program(
@@ -264,7 +273,9 @@ def test_a_file_with_motion_that_is_not_an_output_is_refused(tmp_path: FilePath)
 
 
 def test_sections_of_a_blended_curve_follow_each_other() -> None:
-    """Lines and corners of three zones: one begins where the other ends, from 0 to the sum of the lengths."""
+    """Lines and corners of three zones: one begins where the other ends, from 0 to the sum of the
+    lengths.
+    """
     lines = [
         Line(np.array(x), np.zeros(3), largest=True)
         for x in ([1.0, 0.0], [0.5, 2.0], [-3.0, 0.0], [0.0, 1.0])

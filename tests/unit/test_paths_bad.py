@@ -1,4 +1,6 @@
-"""Wrong moves and programs in files: each mistake is reported with the file, the line and the key."""
+"""Wrong moves and programs in files: each mistake is reported with the file, the line and the
+key.
+"""
 
 from __future__ import annotations
 
@@ -286,7 +288,13 @@ BAD = {
         "tour.duration",
         "unknown key",
     ),
-    "program too rough": (PROGRAM, "smoothness = 4", "smoothness = 1", "tour.smoothness", "3 to 9"),
+    "program too rough": (
+        PROGRAM,
+        "smoothness = 4",
+        "smoothness = 1",
+        "tour.smoothness",
+        "3 to 9",
+    ),
     "step of another kind": (PROGRAM, '"MoveL"', '"MoveX"', "tour.step[2].type", "MoveL"),
     "step without kind": (
         PROGRAM,
@@ -318,7 +326,13 @@ BAD = {
         "has to stop there",
     ),
     "negative pause": (PROGRAM, "pause = 0.1", "pause = -0.1", "tour.step[1].pause", ">= 0"),
-    "pause in a zone": (PROGRAM, "speed_deg = 50", "pause = 1.0", "tour.step[0].pause", "no pause"),
+    "pause in a zone": (
+        PROGRAM,
+        "speed_deg = 50",
+        "pause = 1.0",
+        "tour.step[0].pause",
+        "no pause",
+    ),
     "speed zero": (PROGRAM, "speed = 0.2", "speed = 0", "tour.step[2].speed", "> 0"),
     "negative zone": (PROGRAM, "zone = 0.01", "zone = -0.01", "tour.step[2].zone", ">= 0"),
     "zone at the end": (
@@ -396,7 +410,9 @@ def robot():
 
 @pytest.fixture
 def folder(tmp_path: FilePath, robot) -> FilePath:
-    p, _ = Path(robot, robot.model.move("line")).reference.tool_pose(robot.model.move("line").start)
+    p, _ = Path(robot, robot.model.move("line")).reference.tool_pose(
+        robot.model.move("line").start
+    )
     u = np.linspace(0, 1, 12)
     rows = np.column_stack([p[0] + 0.1 * u, p[1] - 0.05 * np.sin(2 * u), p[2] + 0 * u])
     (tmp_path / "track.csv").write_text(

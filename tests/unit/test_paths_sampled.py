@@ -1,4 +1,6 @@
-"""Paths through the samples of files: what was sampled comes back, at rest at its ends, with exact derivatives."""
+"""Paths through the samples of files: what was sampled comes back, at rest at its ends, with exact
+derivatives.
+"""
 
 from __future__ import annotations
 
@@ -59,8 +61,10 @@ def test_a_sampled_path_with_time_comes_back(robot, tmp_path: FilePath) -> None:
     path = Path(robot, Move("again", "sampled", move.start, 0.0, 0, file=file))
     assert abs(path.duration - move.duration) < 1e-12 and path.smoothness == 3
     fine = np.linspace(0, move.duration, 777)
-    found, right = path.sample(fine), original.sample(fine)
-    # a septic spline of 100 intervals: some 1e-13 of the size and a factor of 1e2 more for each derivative
+    found = path.sample(fine)
+    right = original.sample(fine)
+    # a septic spline of 100 intervals: some 1e-13 of the size and a factor of 1e2 more for each
+    # derivative
     for k in range(4):
         assert np.abs(found.y[:, :, k] - right.y[:, :, k]).max() < 1e-11 * 10 ** (1.5 * k) * max(
             1, np.abs(right.y[:, :, k]).max()
@@ -160,7 +164,9 @@ def test_a_tool_that_only_turns(robot, tmp_path: FilePath) -> None:
 
 
 def test_a_path_that_turns_back_stops_at_the_turn(arm, tmp_path: FilePath) -> None:
-    """Out and back along a line: the speed is zero at the turn, where the tool is at its sample."""
+    """Out and back along a line: the speed is zero at the turn, where the tool is at its
+    sample.
+    """
     p = Path(arm, arm.model.move("line")).reference.tool_pose(START)[0]
     u = np.linspace(0, 2, 41)
     columns = {"x": p[0] - 0.1 * (1 - np.abs(u - 1)), "y": p[1] + 0 * u, "z": 0 * u}
@@ -246,7 +252,8 @@ def test_bad_files_are_reported_with_line_and_column(arm, tmp_path: FilePath, wh
 
 
 def test_bad_orientations_are_reported(robot, tmp_path: FilePath) -> None:
-    head, row = "x,y,z,qw,qx,qy,qz\n", "{0},0,0,1,0,0,0\n"
+    head = "x,y,z,qw,qx,qy,qz\n"
+    row = "{0},0,0,1,0,0,0\n"
     rows = "".join(row.format(k) for k in range(9))
     cases = {
         head
@@ -266,7 +273,8 @@ def test_bad_orientations_are_reported(robot, tmp_path: FilePath) -> None:
 
 
 def test_bad_arrays_are_reported(arm, tmp_path: FilePath) -> None:
-    p, t = np.random.default_rng(0).normal(size=(9, 3)), np.arange(9.0)
+    p = np.random.default_rng(0).normal(size=(9, 3))
+    t = np.arange(9.0)
     cases: list[tuple[dict, str]] = [
         (
             {"p": p[:, :2], "t": t},

@@ -1,4 +1,6 @@
-"""Public objects are pickled and come back with the same contents: equations, analyses, models, paths and solutions."""
+"""Public objects are pickled and come back with the same contents: equations, analyses, models,
+paths and solutions.
+"""
 
 from __future__ import annotations
 
@@ -40,8 +42,11 @@ def same(a: Any, b: Any) -> bool:
 
 
 def results(equations: Equations, name: str) -> list[np.ndarray]:
-    """Results of a function at a fixed random state, parameters at 1.1 times the values of the file."""
-    function, rng = equations.function(name), np.random.default_rng(0)
+    """Results of a function at a fixed random state, parameters at 1.1 times the values of the
+    file.
+    """
+    function = equations.function(name)
+    rng = np.random.default_rng(0)
     numbers = 1.1 * np.array([parameter.value for parameter in equations.parameters])
     given = {port: rng.normal(size=function.numel_in(port)) for port in function.name_in()} | {
         "parameters": numbers

@@ -20,7 +20,7 @@ ROOT = Path(__file__).resolve().parents[2]
 URDF = f"{ROOT / 'tests/support/urdf/two_link.urdf'}#ground:tip"
 
 
-# --- arguments --------------------------------------------------------------------------------------------------------
+# --- arguments -----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("overrides", [[1], "payload.mass=2", 3, [("payload.mass", 2)]])
@@ -55,7 +55,7 @@ def test_a_model_without_moves_says_how_to_get_some(tmp_path, capsys):
         assert "has no moves; write [[move]] tables" in capsys.readouterr().err
 
 
-# --- compilers --------------------------------------------------------------------------------------------------------
+# --- compilers -----------------------------------------------------------------------------------
 
 
 @pytest.mark.skipif(shutil.which("true") is None, reason="needs the program true")
@@ -73,18 +73,21 @@ def test_a_compiler_that_does_nothing_is_refused(tmp_path, monkeypatch):
 def test_a_compiler_that_writes_no_object_is_refused(tmp_path, monkeypatch):
     wrapper = tmp_path / "cc"
     wrapper.write_text(
-        f'#!{sys.executable}\nimport os, sys\n"-c" in sys.argv or os.execvp("cc", ["cc", *sys.argv[1:]])\n'
+        f"#!{sys.executable}\n"
+        "import os, sys\n"
+        '"-c" in sys.argv or os.execvp("cc", ["cc", *sys.argv[1:]])\n'
     )
     wrapper.chmod(0o755)
     monkeypatch.setenv("CC", str(wrapper))
     with pytest.raises(
-        BuildError, match=r"reported success but wrote no \S+\.o; the directory is as it was before"
+        BuildError,
+        match=r"reported success but wrote no \S+\.o; the directory is as it was before",
     ):
         flexgen.generate("elbow", tmp_path / "out", functions=["gravity"], force=True)
     assert not (tmp_path / "out").exists()
 
 
-# --- names ------------------------------------------------------------------------------------------------------------
+# --- names ---------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", ["j1", "y0", "gamma", "time", "double", "index", "while"])
@@ -99,7 +102,9 @@ def test_names_of_the_c_library_are_fine_names_of_joints(tmp_path, name):
 
 @needs_compiler
 def test_such_names_make_the_same_library(tmp_path):
-    """Joints and motors that are called like keywords of C and functions of libm: they are never identifiers."""
+    """Joints and motors that are called like keywords of C and functions of libm: they are never
+    identifiers.
+    """
     text = Path(flexgen.read("elbow").file).read_text()
     names = {
         "q1": "j1",
@@ -134,7 +139,7 @@ def test_reserved_words_of_c_are_refused_as_names_of_robots(tmp_path):
         flexgen.read(path)
 
 
-# --- magnitudes -------------------------------------------------------------------------------------------------------
+# --- magnitudes ----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("number", [1e-300, 5e-324, -1e-19, 1e13, -1e300])

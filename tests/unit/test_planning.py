@@ -1,4 +1,6 @@
-"""`flexgen.plan_problem`: known optima, bounds, phases, obstacles, and what the verification catches."""
+"""`flexgen.plan_problem`: known optima, bounds, phases, obstacles, and what the verification
+catches.
+"""
 
 from __future__ import annotations
 
@@ -52,19 +54,22 @@ def bang_bang():
     return problem
 
 
-# --- known optima -----------------------------------------------------------------------------------------------------
+# --- known optima --------------------------------------------------------------------------------
 @pytest.mark.parametrize("scheme", SCHEMES)
 def test_double_integrator_with_least_energy(tmp_path, scheme):
     problem = least_torque(flexgen.read(str(double_integrator(tmp_path))), 4, scheme=scheme)
     found = problem.solve()
-    way, T = 1.5, 2.0
+    way = 1.5
+    T = 2.0
     exact = INERTIA * 6 * way / T**2 * (1 - 2 * found.trajectory.time / T)
     assert found.status == Status.SOLVED
-    # the optimum is linear in time, which all schemes represent: rounding and the tolerance of IPOPT are left
+    # the optimum is linear in time, which all schemes represent: rounding and the tolerance of
+    # IPOPT are left
     assert np.abs(found.trajectory["tau_m"][:, 0] - exact).max() < 1e-7
     assert found.details["cost"] == pytest.approx(12 * INERTIA**2 * way**2 / T**3, rel=1e-9)
     assert found.plan_error_max < 1e-9
-    t, channels = found.trajectory.time, found.trajectory
+    t = found.trajectory.time
+    channels = found.trajectory
     assert (
         t[0] == 0.0
         and t[-1] == found.move.duration == T
@@ -75,7 +80,8 @@ def test_double_integrator_with_least_energy(tmp_path, scheme):
     motion = (way * (3 * s**2 - 2 * s**3), 6 * way / T * (s - s**2), 6 * way / T**2 * (1 - 2 * s))
     for name, law in zip(("q_a", "v_a", "a_a"), motion, strict=True):
         assert (
-            np.abs(channels[name][:, 0] - channels[name][0, 0] * (name == "q_a") - law).max() < 1e-7
+            np.abs(channels[name][:, 0] - channels[name][0, 0] * (name == "q_a") - law).max()
+            < 1e-7
         )
     assert found.residual_max_Nm < 1e-7 and found.residual_relative < 1e-7 and not found.warnings
     assert (
@@ -86,7 +92,9 @@ def test_double_integrator_with_least_energy(tmp_path, scheme):
 
 
 def test_least_time_of_two_masses_is_the_closed_form():
-    """Bang-bang with three switches within intervals of 1 ms: the time is right to a thousandth of an interval."""
+    """Bang-bang with three switches within intervals of 1 ms: the time is right to a thousandth of
+    an interval.
+    """
     problem = flexgen.plan_problem(str(TWO_MASS), mesh=100)
     problem.free_time(0.05, 0.3, guess=0.15)
     problem.add_cost(problem.duration, at="end")
@@ -99,7 +107,8 @@ def test_least_time_of_two_masses_is_the_closed_form():
 
 def test_phases_find_the_switches_of_two_masses(monkeypatch):
     """Four phases of constant torque and free duration: no switch lies within an interval."""
-    wall, cpu = iter((5.0, 7.5)), iter((100.0, 101.25))
+    wall = iter((5.0, 7.5))
+    cpu = iter((100.0, 101.25))
     clocks = SimpleNamespace(perf_counter=lambda: next(wall), process_time=lambda: next(cpu))
     monkeypatch.setattr(planning_problem, "time", clocks)
     found = bang_bang().solve()
@@ -108,7 +117,8 @@ def test_phases_find_the_switches_of_two_masses(monkeypatch):
     assert found.status == Status.SOLVED
     # the digits of the closed form
     assert durations.sum() == pytest.approx(TWO_MASS_TIME, abs=1e-6)
-    w, T = np.sqrt(50.0 * (1 / 0.005 + 1 / 0.042)), durations.sum()
+    w = np.sqrt(50.0 * (1 / 0.005 + 1 / 0.042))
+    T = durations.sum()
     a = durations[1]  # half the distance of the outer switches
     assert durations[2] == pytest.approx(a, rel=1e-6)
     assert 1 + np.cos(w * T / 2) - 2 * np.cos(w * a) == pytest.approx(0.0, abs=1e-5)
@@ -130,7 +140,9 @@ def test_phases_find_the_switches_of_two_masses(monkeypatch):
 
 @pytest.mark.slow
 def test_a_free_time_law_beats_the_spline_law_on_the_same_path(planar):
-    """Same path and torque limits as `flexgen.fastest`: the plan has more freedom, the rigid robot is the bound."""
+    """Same path and torque limits as `flexgen.fastest`: the plan has more freedom, the rigid robot
+    is the bound.
+    """
     fastest = flexgen.fastest(planar.model, "line", coefficients=40)
     problem = flexgen.plan_problem(planar, "line", mesh=60, timing="free", limits=fastest.limits)
     problem.free_time(0.2, 1.0)
@@ -141,16 +153,23 @@ def test_a_free_time_law_beats_the_spline_law_on_the_same_path(planar):
     assert found.status == Status.SOLVED
     assert fastest.rigid_s < found.move.duration < 1.01 * fastest.duration_s
     assert found.path_distance_max_m < 1.5e-5  # two rows of 1e-5
-    assert (np.abs(found.trajectory["tau_m"]) <= np.array(fastest.limits.torque) * (1 + 1e-6)).all()
+    assert (
+        np.abs(found.trajectory["tau_m"]) <= np.array(fastest.limits.torque) * (1 + 1e-6)
+    ).all()
 
 
-# --- the transcription ------------------------------------------------------------------------------------------------
+# --- the transcription ---------------------------------------------------------------------------
 @pytest.mark.slow
-@pytest.mark.parametrize(("scheme", "order"), [("gauss3", 6), ("radau", 5), ("hermite-simpson", 4)])
+@pytest.mark.parametrize(
+    ("scheme", "order"), [("gauss3", 6), ("radau", 5), ("hermite-simpson", 4)]
+)
 def test_order_under_halving_of_the_mesh(planar, scheme, order):
-    """A prescribed torque: the last node against an integration of the Lagrangian by another method."""
+    """A prescribed torque: the last node against an integration of the Lagrangian by another
+    method.
+    """
     torque = [lambda t: 12 + 8 * np.sin(9 * t), lambda t: 1 - 4 * np.sin(7 * t)]
-    T, errors = 0.2, []
+    T = 0.2
+    errors = []
     rate = planar.function("state_rate")
     for mesh in (8, 16):
         problem = flexgen.plan_problem(planar, mesh=mesh, scheme=scheme)
@@ -164,9 +183,13 @@ def test_order_under_halving_of_the_mesh(planar, scheme, order):
         if not errors:
             start = np.r_[problem.y_start, np.zeros(planar.model.dof)]
             exact = solve_ivp(
-                lambda t, x: np.array(rate(x, [f(t) for f in torque])).ravel(), (0, T), start, "Radau", rtol=1e-11,
+                lambda t, x: np.array(rate(x, [f(t) for f in torque])).ravel(),
+                (0, T),
+                start,
+                "Radau",
+                rtol=1e-11,
                 atol=1e-12,
-            ).y[:, -1]  # fmt: skip
+            ).y[:, -1]
         errors.append(np.abs(found.trajectory["q_a"][-1] - exact[:3]).max())
     assert np.log2(errors[0] / errors[1]) > order - 0.7, errors
 
@@ -182,7 +205,8 @@ def test_derivatives_are_those_of_casadi(planar):
     problem.subject_to(problem.nodes("time")[1] >= 0.02)
     problem.then(0.1, mesh=2).add_cost(problem.phases[1]["time"], at="end")
     made, x = program_of(problem)
-    lam, sigma = ca.MX.sym("lam", made.g.numel()), ca.MX.sym("sigma")
+    lam = ca.MX.sym("lam", made.g.numel())
+    sigma = ca.MX.sym("sigma")
     lagrangian = sigma * made.cost + ca.dot(lam, made.g)
     pairs = [
         (made.gradient, ca.gradient(made.cost, made.x)),
@@ -193,14 +217,17 @@ def test_derivatives_are_those_of_casadi(planar):
     of_program = ca.Function("f", [made.x], [made.cost, made.g, made.jacobian])(point[0])
     check_numbers("program", start=x, at=[np.array(v) for v in of_program], scale=made.scale)
     for ours, theirs in pairs:
-        a, b = (np.array(v) for v in ca.Function("f", [made.x, lam, sigma], [ours, theirs])(*point))
+        a, b = (
+            np.array(v) for v in ca.Function("f", [made.x, lam, sigma], [ours, theirs])(*point)
+        )
         assert np.abs(a - b).max() <= 1e-12 * np.abs(b).max()
     # the Hessian of squares is the Gauss-Newton one: compare without them
     ours = made.hessian(sigma, lam) - made.hessian(ca.MX(0), 0 * lam)
     problem.content.squares.clear()
     made, x = program_of(problem)
     lagrangian = sigma * made.cost + ca.dot(lam, made.g)
-    ours, theirs = made.hessian(sigma, lam), ca.triu(ca.hessian(lagrangian, made.x)[0])
+    ours = made.hessian(sigma, lam)
+    theirs = ca.triu(ca.hessian(lagrangian, made.x)[0])
     a, b = (np.array(v) for v in ca.Function("f", [made.x, lam, sigma], [ours, theirs])(*point))
     assert np.abs(a - b).max() <= 1e-11 * np.abs(b).max()
 
@@ -228,7 +255,8 @@ def test_exact_and_gauss_newton_hessian_find_the_same_motion(planar):
 def test_saved_plan_with_torque_jumps_simulates_with_the_claimed_error(tmp_path, ending):
     robot = flexgen.derive(str(TWO_MASS))
     found = bang_bang().solve()
-    torque, t = found.trajectory["tau_m"], found.trajectory.time
+    torque = found.trajectory["tau_m"]
+    t = found.trajectory.time
     assert np.abs(np.diff(torque[:, 0])).max() == pytest.approx(20.0)  # N m
     assert found.status == Status.SOLVED and found.plan_error_max < 1e-6
     file = found.trajectory.save(tmp_path / f"plan.{ending}")
@@ -239,8 +267,10 @@ def test_saved_plan_with_torque_jumps_simulates_with_the_claimed_error(tmp_path,
     for saved in (file, command):
         between = flexgen.Trajectory.load(saved).at(fine)["tau_m"]
         assert np.abs(between - found.torque_command.at(fine)).max() < 1e-11 * np.abs(torque).max()
-    # At the collocation points, which are not samples, the interpolated motion obeys the equations of motion.
-    nodes, c = t[::10], 0.5 + np.sqrt(0.15) * np.array([-1, 0, 1])
+    # At the collocation points, which are not samples, the interpolated motion obeys the equations
+    # of motion.
+    nodes = t[::10]
+    c = 0.5 + np.sqrt(0.15) * np.array([-1, 0, 1])
     at = (nodes[:-1, None] + np.diff(nodes)[:, None] * c).ravel()
     motion = found.trajectory.at(at)
     rows = evaluate(robot.function("residual"), *(motion[name] for name in MOTION))
@@ -256,11 +286,12 @@ def test_edited_torques_of_a_plan_are_refused_by_simulate(planar, tmp_path):
         flexgen.simulate(planar, found.trajectory)
 
 
-# --- constraints ------------------------------------------------------------------------------------------------------
+# --- constraints ---------------------------------------------------------------------------------
 def test_least_torques_need_less_than_a_straight_line(planar):
     found = least_torque(planar, 40).solve()
     line = flexgen.solve(planar, "line", verify=False).trajectory
-    tau, t = line["tau_m"], line.time
+    tau = line["tau_m"]
+    t = line.time
     assert found.status == Status.SOLVED and found.plan_error_max < 1e-5
     assert found.details["cost"] < 0.6 * ((tau[:-1] ** 2).sum(axis=1) * np.diff(t)).sum()
     assert found.trajectory["y_ref"][0] == pytest.approx(line["y_ref"][0], abs=1e-6)
@@ -270,7 +301,8 @@ def test_least_torques_need_less_than_a_straight_line(planar):
 @pytest.mark.slow
 def test_bounds_hold_at_all_instants(planar):
     free = least_torque(planar, 60).solve(verify=False).trajectory
-    torque, speed = 0.8 * np.abs(free["tau_m"]).max(axis=0), 0.9 * np.abs(free["v_m"]).max(axis=0)
+    torque = 0.8 * np.abs(free["tau_m"]).max(axis=0)
+    speed = 0.9 * np.abs(free["v_m"]).max(axis=0)
     found = least_torque(planar, 60, tau_m=torque, v_m=speed).solve()
     assert found.status == Status.SOLVED
     check_numbers("bounds", 1e-5, found=found.to_dict(), motion=dict(found.trajectory.channels))
@@ -345,7 +377,8 @@ def test_a_periodic_motion_ends_as_it_begins(planar):
     problem.bound("q_a[q1]", 0.2, 1.0)
     problem.bound("q_a[q2]", -1.6, -0.8)
     found = problem.solve(accuracy=1e-4)
-    q, v = found.simulation.trajectory["q_a"], found.simulation.trajectory["v_a"]
+    q = found.simulation.trajectory["q_a"]
+    v = found.simulation.trajectory["v_a"]
     assert found.status == Status.SOLVED
     check_numbers("periodic", 1e-5, found=found.to_dict(), motion=dict(found.trajectory.channels))
     assert np.abs(v[0]).max() > 1e-2  # it does not start at rest
@@ -354,7 +387,9 @@ def test_a_periodic_motion_ends_as_it_begins(planar):
 
 
 def test_an_unknown_number_is_found(tmp_path):
-    """The least bound of the torque with which the double integrator makes its way in time: 4 J y / T^2."""
+    """The least bound of the torque with which the double integrator makes its way in time: 4 J
+    y / T^2.
+    """
     problem = flexgen.plan_problem(flexgen.read(str(double_integrator(tmp_path))), mesh=20)
     problem.parameter("unused")
     assert vars(problem.parameters[0]) | {"symbol": None} == {
@@ -390,7 +425,7 @@ def test_a_warm_start_takes_fewer_iterations(planar):
     assert warm.details["cost"] == pytest.approx(again.details["cost"], rel=1e-6)
 
 
-# --- several phases ---------------------------------------------------------------------------------------------------
+# --- several phases ------------------------------------------------------------------------------
 @pytest.mark.parametrize("where", ["end", "start"])
 def test_the_rest_between_two_phases_holds(tmp_path, where):
     problem = least_torque(flexgen.read(str(double_integrator(tmp_path))), 5)
@@ -398,7 +433,8 @@ def test_the_rest_between_two_phases_holds(tmp_path, where):
     phase.add_squares(phase["tau_m"])
     (problem.end_at if where == "end" else phase.start_at)([2.0])
     found = problem.solve()
-    k, at = int(np.abs(found.trajectory.time - 2.0).argmin()), found.trajectory
+    k = int(np.abs(found.trajectory.time - 2.0).argmin())
+    at = found.trajectory
     assert found.status == Status.SOLVED and at["q_a"][k] == pytest.approx(2.0, abs=1e-8)
     assert at["v_a"][k] == pytest.approx(0.0, abs=1e-8)
     (problem if where == "end" else phase).bound("q_a", -9, 1.9)
@@ -418,16 +454,20 @@ def test_obstacles_and_paths_hold_in_phases_that_are_added_afterwards(planar):
         problem.avoid(flexgen.Sphere((0.5, 1.5, 0), 0.1), margin=0.01)
         problem.follow(1e-3)
         phase = phase or problem.then(0.1, mesh=2)
-        stated.append([(row.name, row.slack, str(row.value)) for row in phase.content.rows["path"]])
+        stated.append(
+            [(row.name, row.slack, str(row.value)) for row in phase.content.rows["path"]]
+        )
     assert stated[0] == stated[1] and [row[0] for row in stated[0]] == [
         "sphere 1",
         "distance from the path",
     ]
 
 
-# --- what must not be called a solution -------------------------------------------------------------------------------
+# --- what must not be called a solution ----------------------------------------------------------
 def test_a_mesh_that_is_too_coarse_is_seen_by_the_simulation():
-    """On 20 intervals IPOPT finds a solution that is not a motion of the robot: the simulation rejects it."""
+    """On 20 intervals IPOPT finds a solution that is not a motion of the robot: the simulation
+    rejects it.
+    """
     found = least_torque("planar5_nmp@soft", 20, "joints").solve()
     assert found.verdict == "Solve_Succeeded" and found.status == Status.TOLERANCE_NOT_MET
     assert found.plan_error_max > 0.1 and "finer mesh" in found.warnings[-1]
@@ -460,7 +500,9 @@ def test_a_constraint_broken_between_the_points_is_seen(planar):
     tool = np.array(
         [np.array(planar.function("forward_kinematics")(q)[0]) for q in found.trajectory["q_a"]]
     )[:, :, 0]
-    assert np.linalg.norm(tool - middle, axis=1).min() < 1e-3 and found.verdict == "Solve_Succeeded"
+    assert (
+        np.linalg.norm(tool - middle, axis=1).min() < 1e-3 and found.verdict == "Solve_Succeeded"
+    )
     assert (
         found.status == Status.TOLERANCE_NOT_MET and "'sphere 1' is violated" in found.warnings[0]
     )
@@ -506,7 +548,7 @@ def test_infeasible_problems_name_the_constraint(planar):
         problem.solve()
 
 
-# --- what a plan offers -----------------------------------------------------------------------------------------------
+# --- what a plan offers --------------------------------------------------------------------------
 @pytest.mark.slow
 def test_a_plan_can_be_drawn_reported_and_simulated(planar, tmp_path):
     found = least_torque(planar, 10).solve(accuracy=1e-2)
@@ -520,7 +562,9 @@ def test_a_plan_can_be_drawn_reported_and_simulated(planar, tmp_path):
 
 @pytest.mark.parametrize(("duration", "count"), [(1e-4, 10), (0.04, 20), (10.0, 1000)])
 def test_a_solution_is_checked_each_millisecond_between_its_nodes(duration, count):
-    """At least as often as a torque has samples on an interval, at most 1000 times; the longest interval is a half."""
+    """At least as often as a torque has samples on an interval, at most 1000 times; the longest
+    interval is a half.
+    """
     phase = SimpleNamespace(number=1, mesh=SimpleNamespace(h=np.array([0.2, 0.5, 0.3])))
     assert _between(phase, np.array([9.0, duration])) == pytest.approx(
         (np.arange(count) + 0.5) / count

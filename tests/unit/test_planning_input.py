@@ -92,10 +92,8 @@ def test_bad_input_is_refused(planar, call, text):
 def test_a_warm_start_has_the_size_of_the_problem(planar, more, monkeypatch):
     problem = flexgen.plan_problem(planar, mesh=5)
     size = Layout(tuple(problem.phases), ()).size
-    problem._warm, problem._warm_x = (
-        SimpleNamespace(x=np.zeros(size + more)),
-        "where the last one ended",
-    )
+    problem._warm = SimpleNamespace(x=np.zeros(size + more))
+    problem._warm_x = "where the last one ended"
 
     def program(layout, scale, start, exact, compiled):
         raise StopIteration(start)

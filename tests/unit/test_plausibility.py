@@ -1,4 +1,6 @@
-"""`flexgen.check`: all models pass, and wrong units and powers of ten that are planted are found by their key."""
+"""`flexgen.check`: all models pass, and wrong units and powers of ten that are planted are found
+by their key.
+"""
 
 from __future__ import annotations
 
@@ -91,7 +93,9 @@ def test_a_cause_that_cannot_be_found_leaves_the_error(monkeypatch):
 
 
 def test_an_error_of_the_search_for_a_cause_has_no_cause_itself(monkeypatch):
-    """The search for implausible numbers calls functions of models, too: their errors are as they are."""
+    """The search for implausible numbers calls functions of models, too: their errors are as they
+    are.
+    """
     asked = []
 
     @checked_types
@@ -116,7 +120,8 @@ def test_an_error_of_the_search_for_a_cause_has_no_cause_itself(monkeypatch):
             call()
         text = str(caught.value)
         assert text.startswith(
-            "outer: the computation failed (too large); check the numbers of the model with flexgen."
+            "outer: the computation failed (too large); check the numbers of the model with "
+            "flexgen."
         )
         assert text.endswith("; gravity is large") and isinstance(
             caught.value.__cause__, OverflowError
@@ -148,7 +153,9 @@ def test_lengths_in_millimeters_are_found():
 
 
 def planted(robot: RobotModel, kind: str) -> list[tuple[str, float]]:
-    """Keys of the model file with the numbers of a wrong unit, one for each motor, gear or body."""
+    """Keys of the model file with the numbers of a wrong unit, one for each motor, gear or
+    body.
+    """
     gears = [
         (f"element.{c.element}.dof.{c.name}.gear", c.dof.gear)
         for c in robot.coordinates
@@ -266,5 +273,7 @@ def test_ratios_of_translations_have_their_unit(ask):
 
 def test_one_error_has_no_plural(ask):
     steep = "motor.m1.friction.beta=245321638"
-    out = ask("check", "planar5_nmp", "--set", "motor.m1.friction.coulomb=0.572", "--set", steep)[1]
+    out = ask("check", "planar5_nmp", "--set", "motor.m1.friction.coulomb=0.572", "--set", steep)[
+        1
+    ]
     assert " 1 error, " in out

@@ -1,4 +1,6 @@
-"""What a user of Python prints, draws, saves and converts: short texts, figures, reports, tables, interpolation."""
+"""What a user of Python prints, draws, saves and converts: short texts, figures, reports, tables,
+interpolation.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +36,7 @@ def without(monkeypatch, package):
     monkeypatch.setitem(sys.modules, package, None)
 
 
-# --- texts ------------------------------------------------------------------------------------------------------------
+# --- texts ---------------------------------------------------------------------------------------
 
 
 def test_a_printed_solution_has_six_lines(solution):
@@ -43,7 +45,9 @@ def test_a_printed_solution_has_six_lines(solution):
     assert lines[0].startswith(
         f"elbow, move {solution.move.name}: solved by method {solution.method} in "
     )
-    assert lines[1].startswith("  tool error open loop up to ") and lines[2].startswith("  defect ")
+    assert lines[1].startswith("  tool error open loop up to ") and lines[2].startswith(
+        "  defect "
+    )
     largest = f"{np.abs(solution.trajectory['tau_m']).max():.4g} N m"
     assert largest in lines[3] and f"{len(solution.trajectory.time)} samples" in lines[4]
     assert lines[5] == "  warnings: none"
@@ -88,7 +92,7 @@ def test_the_table_for_notebooks_is_escaped(solution):
     )
 
 
-# --- figures and reports ----------------------------------------------------------------------------------------------
+# --- figures and reports -------------------------------------------------------------------------
 
 
 def test_solutions_and_analyses_plot_themselves(solution):
@@ -141,7 +145,7 @@ def test_the_methods_import_nothing_before_they_are_called():
     assert out.splitlines()[-1] == "False False"
 
 
-# --- trajectories -----------------------------------------------------------------------------------------------------
+# --- trajectories --------------------------------------------------------------------------------
 
 
 def test_a_trajectory_has_keys(solution):
@@ -266,7 +270,7 @@ def test_without_xarray_the_error_names_it(solution, monkeypatch):
         solution.trajectory.to_xarray()
 
 
-# --- python-control ---------------------------------------------------------------------------------------------------
+# --- python-control ------------------------------------------------------------------------------
 
 
 def test_without_control_the_error_names_it(monkeypatch):
@@ -279,7 +283,8 @@ def test_without_control_the_error_names_it(monkeypatch):
 def test_the_control_system_has_the_poles_and_the_response(name):
     pytest.importorskip("control")
     analysis = flexgen.analyze(name)
-    system, model = analysis.to_control(), analysis.model
+    system = analysis.to_control()
+    model = analysis.model
     assert system.nstates == 2 * model.dof and system.ninputs == model.n_m
     assert system.noutputs == model.output.size + model.n_m
     motors = [m.name for m in model.motors]

@@ -1,4 +1,6 @@
-"""Programs: continuous, at rest at stops, within zones and bounds, with the correct joint configuration."""
+"""Programs: continuous, at rest at stops, within zones and bounds, with the correct joint
+configuration.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,8 @@ from flexgen.paths.path import Path
 
 HERE = FilePath(__file__).parents[1] / "support"
 EXAMPLE = HERE.parents[1] / "examples" / "program.toml"
-PROFILE, JOINTS = (0.5, 5.0, 100.0, 4000.0), (2.0, 10.0, 200.0, 8000.0)
+PROFILE = (0.5, 5.0, 100.0, 4000.0)
+JOINTS = (2.0, 10.0, 200.0, 8000.0)
 WITHIN = 1e-6  # relative, excess of a bound before a segment is slowed down
 
 
@@ -43,10 +46,13 @@ def tour(robot):
 
 
 def roughness(path: Path) -> float:
-    """Largest jump of a derivative up to the path's smoothness, at all breaks, relative to its size."""
+    """Largest jump of a derivative up to the path's smoothness, at all breaks, relative to its
+    size.
+    """
     d = 1e-9 * path.duration
     every = path.sample(np.linspace(0, path.duration, 2001))
-    left, right = path.sample(path.breaks - d), path.sample(path.breaks + d)
+    left = path.sample(path.breaks - d)
+    right = path.sample(path.breaks + d)
     worst = 0.0
     for k in range(1, path.smoothness + 1):
         scale = np.abs(every.derivative(k)).max()
@@ -107,9 +113,11 @@ def test_bounds_and_speeds_are_kept(seam, tour) -> None:
             t = leg.start + np.linspace(0, leg.law.duration, 20001)
             x, turn = leg.at(t)
             if leg.space == "joint":
-                peaks, bounds = np.abs(x[:, :, 1:]).max(axis=(0, 1)), program.joint_profile
+                peaks = np.abs(x[:, :, 1:]).max(axis=(0, 1))
+                bounds = program.joint_profile
             else:
-                peaks, bounds = np.linalg.norm(x[:, :, 1:], axis=1).max(axis=0), program.profile
+                peaks = np.linalg.norm(x[:, :, 1:], axis=1).max(axis=0)
+                bounds = program.profile
                 if turn is not None:
                     peaks = np.maximum(
                         peaks, program.radius * np.linalg.norm(turn[1], axis=1).max(axis=0)
@@ -207,10 +215,12 @@ def test_absolute_and_relative_ends_agree(robot) -> None:
             MoveC((0, 0.1, 0), via=(0.05, 0.05, 0.02)),
         ),
     )
-    c, s = np.cos(0.3), np.sin(0.3)
+    c = np.cos(0.3)
+    s = np.sin(0.3)
     turned = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]) @ R
     corner = p + np.array([0.1, 0, 0])
-    far, via = corner + np.array([0, 0.1, 0]), corner + np.array([0.05, 0.05, 0.02])
+    far = corner + np.array([0, 0.1, 0])
+    via = corner + np.array([0.05, 0.05, 0.02])
     to = replace(
         by,
         steps=(
@@ -218,7 +228,8 @@ def test_absolute_and_relative_ends_agree(robot) -> None:
             MoveC(position=tuple(far), via=tuple(via)),
         ),
     )
-    a, b = Path(robot, by), Path(robot, to)
+    a = Path(robot, by)
+    b = Path(robot, to)
     t = np.linspace(0, a.duration, 301)
     assert abs(a.duration - b.duration) < 1e-12
     assert np.abs(a.sample(t).y[:, :, :3] - b.sample(t).y[:, :, :3]).max() < 1e-9
@@ -269,7 +280,8 @@ GOOD = Program(
     profile=PROFILE,
     joint_profile=JOINTS,
 )
-L, J = MoveL((-0.1, 0.0, 0.0)), MoveJ((0.6, -1.4))
+L = MoveL((-0.1, 0.0, 0.0))
+J = MoveJ((0.6, -1.4))
 BAD = {
     "no steps": ({"steps": ()}, "given step none, expected one or more steps"),
     "no profile": ({"profile": ()}, "given profile none, expected bounds"),
@@ -323,7 +335,10 @@ BAD = {
         {"steps": (MoveL((0.1, 0, 0), (1, 1, 0)),)},
         "expected either displacement or position",
     ),
-    "turn without a pose": ({"steps": (MoveL((0.1, 0, 0), rotation=(0, 0, 1)),)}, "given rotation"),
+    "turn without a pose": (
+        {"steps": (MoveL((0.1, 0, 0), rotation=(0, 0, 1)),)},
+        "given rotation",
+    ),
     "via on the line": ({"steps": (MoveC((0.1, 0, 0), via=(0.05, 0, 0)),)}, "given via"),
     "no via": ({"steps": (MoveC((0.1, 0, 0)),)}, "given via"),
     "no rotation matrix": (

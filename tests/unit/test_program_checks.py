@@ -1,4 +1,6 @@
-"""Checks of `plan` in long programs: ranges, reach and limits of joints in short sections, against closed forms."""
+"""Checks of `plan` in long programs: ranges, reach and limits of joints in short sections, against
+closed forms.
+"""
 
 from __future__ import annotations
 
@@ -57,7 +59,9 @@ def test_a_range_left_for_a_short_time_of_a_long_program_is_refused(pause: float
         return replace(flexgen.read("planar5_nmp", overrides=changes), programs=(program(*steps),))
 
     flexgen.plan(with_range(largest + 1e-4), program(*steps))
-    with pytest.raises(SolverError, match=r"coordinate q1 goes to .*choose another target or path"):
+    with pytest.raises(
+        SolverError, match=r"coordinate q1 goes to .*choose another target or path"
+    ):
         flexgen.plan(with_range(largest - 0.01), program(*steps))
     flexgen.plan(with_range(largest - 0.01), program(*steps), ignore_limits=True)
     (found,) = [
@@ -70,7 +74,11 @@ def test_a_range_left_for_a_short_time_of_a_long_program_is_refused(pause: float
 
 def test_a_path_out_of_reach_for_a_short_time_of_a_long_program_is_refused() -> None:
     """1.70 m from the base of an arm that reaches 1.6 m, for less than 1 s of 200 s."""
-    steps = MoveL((0.345, 0.0, 0.0)), MoveL((-0.345, 0.0, 0.0), pause=200.0), MoveL((0.0, 0.1, 0.0))
+    steps = (
+        MoveL((0.345, 0.0, 0.0)),
+        MoveL((-0.345, 0.0, 0.0), pause=200.0),
+        MoveL((0.0, 0.1, 0.0)),
+    )
     path = Path(flexgen.derive("planar5_nmp"), program(*steps))
     far = (
         np.linalg.norm(path.sample(np.linspace(0.0, path.duration, 100_001)).y[:, :, 0], axis=1)
@@ -104,12 +112,15 @@ def test_accelerations_of_joints_are_kept_in_short_corners_of_long_programs(
 
 @pytest.mark.parametrize("distance", [0.01, 0.002])
 def test_speeds_of_joints_are_kept_near_a_singular_pose_in_a_program(distance: float) -> None:
-    """A line of 1.8 m past the base, where the first joint turns half around within some millimeters."""
+    """A line of 1.8 m past the base, where the first joint turns half around within some
+    millimeters.
+    """
     robot = flexgen.read("planar5_nmp", overrides={"element.arm1.dof.q1.speed_max": 2.0})
     start = tuple(joints(np.array([[-0.9, distance]]))[0])
     steps = MoveL((1.8, 0.0, 0.0), zone=0.01), MoveL((0.0, 0.2, 0.0))
     path = flexgen.plan(
-        robot, Program("p", start=start, smoothness=5, steps=steps, profile=(0.5, 2.0, 30.0, 600.0))
+        robot,
+        Program("p", start=start, smoothness=5, steps=steps, profile=(0.5, 2.0, 30.0, 600.0)),
     )
     t = np.linspace(0.0, path.duration, 400_001)
     q1 = joints(path.sample(t).y[:, :, 0])[:, 0]
@@ -123,10 +134,8 @@ def test_single_moves_and_programs_are_checked_at_instants_in_each_section() -> 
     )
     assert q.shape == v.shape == (CHECKED, 2)
     path = Path(robot, program(SLOW, *DETOUR, MoveL((-0.05, 0.0, 0.0))))
-    t, ends = (
-        path.segments[0].instants(CHECKED),
-        np.cumsum([s.length for s in path.segments[0].curve.sections]),
-    )
+    t = path.segments[0].instants(CHECKED)
+    ends = np.cumsum([s.length for s in path.segments[0].curve.sections])
     place = path.segments[0].law(t)[:, 0]
     inside = np.histogram(place, [0.0, *ends])[0]
     assert (inside >= 16).all() and len(inside) == 9 and (np.diff(t) > 0).all()
@@ -146,7 +155,8 @@ def test_many_instants_are_solved_as_one_by_one() -> None:
     robot = flexgen.derive("planar5_nmp")
     path = Path(robot, program(SLOW, *DETOUR, MoveL((-0.05, 0.0, 0.0))))
     t = path.segments[0].instants(401)
-    sample, kinematics = path.sample(t), InverseKinematics(robot)
+    sample = path.sample(t)
+    kinematics = InverseKinematics(robot)
     expected = joints(sample.y[:, :, 0])
     for found in (
         kinematics.follow_many(sample, np.array(START), t / path.duration),

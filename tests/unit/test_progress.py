@@ -16,7 +16,12 @@ import flexgen
 from flexgen import progress
 from flexgen.errors import ArgumentError
 
-CODE = "import flexgen, flexgen.progress as p\np.QUIET = 0.0\ns = flexgen.solve('elbow', {arguments})\nprint(s.status)\n"
+CODE = (
+    "import flexgen, flexgen.progress as p\n"
+    "p.QUIET = 0.0\n"
+    "s = flexgen.solve('elbow', {arguments})\n"
+    "print(s.status)\n"
+)
 
 
 def on_a_terminal(code: str) -> tuple[str, str]:
@@ -27,7 +32,8 @@ def on_a_terminal(code: str) -> tuple[str, str]:
             [sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=slave, text=True
         ) as process:
             os.close(slave)
-            out, seen = process.communicate()[0], b""
+            out = process.communicate()[0]
+            seen = b""
             while True:
                 try:
                     part = os.read(master, 4096)

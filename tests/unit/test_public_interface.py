@@ -1,4 +1,6 @@
-"""The public interface: nouns and verbs of `flexgen`, resolved on first use, and the verb `plan`."""
+"""The public interface: nouns and verbs of `flexgen`, resolved on first use, and the verb
+`plan`.
+"""
 
 from __future__ import annotations
 
@@ -57,7 +59,8 @@ def test_a_plan_takes_names_moves_and_equations():
 
 
 def test_a_plan_is_the_path_that_solve_follows():
-    path, solution = flexgen.plan("elbow"), flexgen.solve("elbow", verify=False)
+    path = flexgen.plan("elbow")
+    solution = flexgen.solve("elbow", verify=False)
     t = solution.trajectory.time
     assert (
         np.array_equal(path.sample(t).y[:, :, 0], solution.trajectory["y_ref"])
@@ -86,7 +89,8 @@ gravity = [0, 0, -9.81]
 home_rad = [0.0]
 [[element]]
 name = "carriage"
-dof = [{ name = "x", type = "translation", axis = [1, 0, 0], lower = -1.0, upper = 1.0, gear = { type = "rigid" } }]
+dof = [{ name = "x", type = "translation", axis = [1, 0, 0], lower = -1.0, upper = 1.0, gear = { \
+type = "rigid" } }]
 body = { mass = 4.0 }
 [[motor]]
 name = "m1"
@@ -122,7 +126,9 @@ smoothness = 5
 
 
 @pytest.mark.slow
-def test_move_beyond_the_range_of_a_joint_is_refused_and_more_time_is_not_advised(tmp_path, capsys):
+def test_move_beyond_the_range_of_a_joint_is_refused_and_more_time_is_not_advised(
+    tmp_path, capsys
+):
     file = tmp_path / "gantry.toml"
     file.write_text(GANTRY)
     for move, far in (("far", "61 m"), ("back", "-1.5 m")):

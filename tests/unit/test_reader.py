@@ -1,4 +1,6 @@
-"""The reader: the shipped models, variants, overrides, units, frames, and the closed form of the elbow arm."""
+"""The reader: the shipped models, variants, overrides, units, frames, and the closed form of the
+elbow arm.
+"""
 
 import dataclasses
 import json
@@ -111,12 +113,13 @@ def test_moves_of_the_manutec_respect_its_speeds():
 
 
 def chain(model, q):
-    """Frames of the bodies (rotation, position) and the joints' axes, for a chain of rotations; own equations."""
-    turn, place = (
-        np.array(model.base.rotation, dtype=complex),
-        np.array(model.base.position, dtype=complex),
-    )
-    bodies, axes = [], []
+    """Frames of the bodies (rotation, position) and the joints' axes, for a chain of rotations;
+    own equations.
+    """
+    turn = np.array(model.base.rotation, dtype=complex)
+    place = np.array(model.base.position, dtype=complex)
+    bodies = []
+    axes = []
     for element in model.elements:
         for constant in (element.origin, None, element.link):
             if constant is None:
@@ -138,12 +141,14 @@ def chain(model, q):
 def energy(model, q):
     """Mass matrix and potential energy, for complex q too."""
     bodies, axes, _, _ = chain(model, q)
-    mass, potential = np.zeros((model.n_a, model.n_a), dtype=complex), 0.0
+    mass = np.zeros((model.n_a, model.n_a), dtype=complex)
+    potential = 0.0
     for body, turn, place, count in bodies:
         centre = place + turn @ body.com
         speed, spin = np.zeros((2, 3, model.n_a), dtype=complex)
         for i, (axis, point) in enumerate(axes[:count]):
-            speed[:, i], spin[:, i] = np.cross(axis, centre - point), axis
+            speed[:, i] = np.cross(axis, centre - point)
+            spin[:, i] = axis
         mass = (
             mass
             + body.mass * speed.T @ speed
@@ -164,17 +169,26 @@ def derivatives(model, q):
 @pytest.mark.parametrize("variant", [None, "payload"])
 def test_elbow_has_the_closed_form(variant):
     model = read("elbow", variant)
-    l1, l2, m1, x1, j1, g = 1.150, 1.241, 339.12, 0.441, 88.67, 9.81
+    l1 = 1.150
+    l2 = 1.241
+    m1 = 339.12
+    x1 = 0.441
+    j1 = 88.67
+    g = 9.81
     m2, x2, j2 = (190.25, 0.465, 48.64) if variant is None else (340.25, 0.851, 112.7)
     rng = np.random.default_rng(1)
     for _ in range(5):
         (q1, q2), (v1, v2) = q, v = rng.uniform(-2, 2, (2, 2))
-        sin, cos, both = np.sin, np.cos, q1 + q2
+        sin = np.sin
+        cos = np.cos
+        both = q1 + q2
         m12 = j2 + m2 * (x2**2 - l1 * x2 * sin(q2))
         m11 = j1 + m1 * x1**2 + j2 + m2 * (l1**2 + x2**2 - 2 * l1 * x2 * sin(q2))
         h = m2 * l1 * x2 * cos(q2)
         slope, gravity = derivatives(model, q)
-        coriolis = np.einsum("kij,k,j->i", slope, v, v) - 0.5 * np.einsum("ijk,j,k->i", slope, v, v)
+        coriolis = np.einsum("kij,k,j->i", slope, v, v) - 0.5 * np.einsum(
+            "ijk,j,k->i", slope, v, v
+        )
         assert np.allclose(
             energy(model, q)[0], [[m11, m12], [m12, j2 + m2 * x2**2]], rtol=1e-13, atol=1e-10
         )
@@ -210,12 +224,10 @@ def test_kr300_follows_its_table():
     q = np.array([0.3, -1.2, 1.4, 0.5, -0.6, 0.7])
     pose = np.diag([1.0, -1.0, -1.0, 1.0])
     for angle, (a, d, alpha, offset) in zip(q, table, strict=True):
-        ct, st, ca, sa = (
-            math.cos(angle + offset),
-            math.sin(angle + offset),
-            math.cos(alpha),
-            math.sin(alpha),
-        )
+        ct = math.cos(angle + offset)
+        st = math.sin(angle + offset)
+        ca = math.cos(alpha)
+        sa = math.sin(alpha)
         pose = pose @ [
             [ct, -st * ca, st * sa, a * ct],
             [st, ct * ca, -ct * sa, a * st],
@@ -236,7 +248,9 @@ def test_four_mass_output_and_inertias():
     absolute = np.tril(np.ones((3, 3)))  # absolute angles from the relative ones
     assert np.allclose(weights, np.array([0.020, 0.600, 1.530]) @ absolute)
     assert np.allclose([e.body.inertia[2][2] / 220**2 for e in model.elements], [2e-3, 0.02, 0.02])
-    assert np.allclose([e.dofs[0].spring.stiffness / 220**2 for e in model.elements[1:]], [110, 80])
+    assert np.allclose(
+        [e.dofs[0].spring.stiffness / 220**2 for e in model.elements[1:]], [110, 80]
+    )
     assert model.elements[0].dofs[0].gear.spring == nouns.SmoothSpring(16.7, 100.0, 0.064)
     kinked = read("four_mass@piecewise")
     assert kinked.elements[0].dofs[0].gear.spring == nouns.PiecewiseSpring(16.7, 100.0, 0.064)
@@ -297,14 +311,16 @@ def test_a_principal_moment_too_large_passes_where_regrouped(good):
 
 
 def test_variants_set_and_remove(good):
-    plain, stiff = read(good), read(f"{good}@stiff")
+    plain = read(good)
+    stiff = read(f"{good}@stiff")
     assert plain.motors[0].friction == nouns.Friction(coulomb=0.3, beta=10.0)
     assert stiff.motors[0].friction == nouns.NO_FRICTION
     assert stiff.elements[0].dofs[0].gear == nouns.Gear(rigid=True)
     assert (plain.variant, stiff.variant, stiff.variants) == ("", "stiff", ("stiff",))
     assert read(good, "stiff") == stiff
     assert (
-        read(good, "stiff", {"motor.m1.friction": {"viscous": 2}}).motors[0].friction.viscous == 2.0
+        read(good, "stiff", {"motor.m1.friction": {"viscous": 2}}).motors[0].friction.viscous
+        == 2.0
     )
 
 
@@ -330,12 +346,14 @@ def test_overrides(good):
     assert read(good, overrides={"payload.mass": np.float64(3)}).payload.mass == 3.0
     with pytest.raises(
         ModelError,
-        match=r"good\.toml, changed by --set or overrides: payload\.weight: given an unknown key, expected ",
+        match=r"good\.toml, changed by --set or overrides: payload\.weight: given an unknown key, "
+        r"expected ",
     ):
         read(good, overrides={"payload.weight": 1})
     with pytest.raises(
         ModelError,
-        match=r"overrides: motor\.m9\.inertia: given a path that does not exist, expected one of m1, m2, m3 instead",
+        match=r"overrides: motor\.m9\.inertia: given a path that does not exist, expected one of "
+        r"m1, m2, m3 instead",
     ):
         read(good, overrides={"motor.m9.inertia": 1})
     loop = []
@@ -355,8 +373,15 @@ def test_overrides(good):
 
 
 def test_legs_of_a_move_are_lines_and_arcs():
-    """Zones where the tool does not stop, none in the last leg; speeds in a move with a profile only."""
-    first = {"displacement": [0.1, 0, -0.2], "zone": 0.05, "rotation_deg": [0, 90, 0], "speed": 0.5}
+    """Zones where the tool does not stop, none in the last leg; speeds in a move with a profile
+    only.
+    """
+    first = {
+        "displacement": [0.1, 0, -0.2],
+        "zone": 0.05,
+        "rotation_deg": [0, 90, 0],
+        "speed": 0.5,
+    }
     last = {"displacement": [0.3, 0, 0], "via": [0.15, 0, 0.1]}
     row = {
         "name": "corner",
@@ -420,8 +445,11 @@ def test_lookup(good, monkeypatch):
 
 
 def test_the_users_own_models_go_first(good, monkeypatch):
-    """A name means the file that its error messages and its description show, seen from the current directory."""
-    own, named = good.parent / "models" / "elbow.toml", good.parent / "named" / "elbow.toml"
+    """A name means the file that its error messages and its description show, seen from the
+    current directory.
+    """
+    own = good.parent / "models" / "elbow.toml"
+    named = good.parent / "named" / "elbow.toml"
     for path, text in ((own, "own"), (named, "named")):
         path.parent.mkdir()
         path.write_text(GOOD.replace("for tests", text))

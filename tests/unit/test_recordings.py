@@ -110,7 +110,8 @@ def test_whole_periods_without_a_gap_are_read(gap: str, tmp_path: Path) -> None:
     for name in ("tau_m", "q_m"):
         right = getattr(whole, name)[:, :, :, periods]
         assert np.allclose(getattr(found, name), right, rtol=1e-6, atol=1e-9 * np.abs(right).max())
-    first, last = 0.2 * periods[0], 0.2 * (periods[-1] + 1) - T
+    first = 0.2 * periods[0]
+    last = 0.2 * (periods[-1] + 1) - T
     words = f"{len(periods)} whole periods from {first:.6g} to {last:.6g} s are used: gap of"
     assert any(words in line and "rows" in line for line in told)
 
@@ -146,7 +147,9 @@ def test_units_and_sides_are_converted(tmp_path):
 
 
 def test_recordings_with_a_rounded_clock_have_one_sample_time(tmp_path):
-    """Whole microseconds at 1024 Hz, in files of different lengths; a clock that is 0.1 % slow is another one."""
+    """Whole microseconds at 1024 Hz, in files of different lengths; a clock that is 0.1 % slow is
+    another one.
+    """
     t = np.round(1e6 * np.arange(1000) / 1024) / 1e6
     file = written(tmp_path, TEXT + '\n[[recording]]\nfile = "other.npz"\npose_rad = [0.0]\n', t=t)
     for rate in (1.0, 1.001):
@@ -173,7 +176,10 @@ def test_recordings_with_a_rounded_clock_have_one_sample_time(tmp_path):
         ),
         ({"t": TIME * 1e3}, "expected at least two periods|whole number"),
         ({"t": -TIME}, "time goes from"),
-        ({"current": 0 * TORQUE}, r"torque of motor m1 \('current'\): the same value at all times"),
+        (
+            {"current": 0 * TORQUE},
+            r"torque of motor m1 \('current'\): the same value at all times",
+        ),
         ({"angle": 0 * ANGLE + 1}, r"angle of motor m1 \('angle'\): the same value"),
         (
             {"current": np.clip(TORQUE, -0.9, 0.9)},

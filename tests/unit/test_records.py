@@ -1,4 +1,6 @@
-"""Records: lost samples and transients against simulated ones, with noise, coarse encoders, and none."""
+"""Records: lost samples and transients against simulated ones, with noise, coarse encoders, and
+none.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,9 @@ def hold(x: np.ndarray, count: int, burst: int) -> np.ndarray:
     ("noise", "count"), [(0.0, 0.0), (1e-5, 0.0), (1e-5, 2e-5), (1e-4, 2e-5), (0.0, 1e-4)]
 )
 def test_lost_samples_are_found_and_friction_is_not_one(noise: float, count: float) -> None:
-    """Bursts of five are found with noise and with coarse encoders; an axis that sticks where it turns is not."""
+    """Bursts of five are found with noise and with coarse encoders; an axis that sticks where it
+    turns is not.
+    """
 
     def seen(x: np.ndarray) -> np.ndarray:
         x = x + noise * np.random.default_rng(1).normal(size=len(x))
@@ -35,7 +39,9 @@ def test_lost_samples_are_found_and_friction_is_not_one(noise: float, count: flo
 
 
 def spectra(transient: float, periods: int = 4, seed: int = 0) -> np.ndarray:
-    """Noise, and a mode that decays by a factor of e in each period, in the first of two channels."""
+    """Noise, and a mode that decays by a factor of e in each period, in the first of two
+    channels.
+    """
     rng = np.random.default_rng(seed)
     X = rng.normal(size=(8, periods, 40, 2)) + 1j * rng.normal(size=(8, periods, 40, 2))
     X[..., 0] += transient * np.exp(-np.arange(periods))[:, None] / (1 + 0.1j * np.arange(40))
@@ -43,7 +49,9 @@ def spectra(transient: float, periods: int = 4, seed: int = 0) -> np.ndarray:
 
 
 def test_a_transient_is_found_and_noise_is_not_one() -> None:
-    """None of 300 records of noise, also where few lines have most of it; each with a transient, in its channel."""
+    """None of 300 records of noise, also where few lines have most of it; each with a transient,
+    in its channel.
+    """
     assert all((first_period_excess(spectra(0.0, seed=k)) == 1.0).all() for k in range(300))
     colored = np.r_[np.full(3, 30.0), np.ones(37)][:, None]
     assert all(
@@ -56,7 +64,9 @@ def test_a_transient_is_found_and_noise_is_not_one() -> None:
 
 
 def test_a_slow_transient_is_in_all_periods() -> None:
-    """A mode that decays by a factor in each of four periods; the others are seen in the first period alone."""
+    """A mode that decays by a factor in each of four periods; the others are seen in the first
+    period alone.
+    """
     for factor, slow in ((0.999, True), (0.9, True), (0.7, True), (0.2, False), (0.005, False)):
         X = 0.01 * spectra(0.0) + 3.0
         turned = factor * np.exp(2.1j)  # of a vibration whose frequency is between the lines
@@ -75,7 +85,8 @@ def test_a_slow_transient_is_in_all_periods() -> None:
 
 def test_counts_of_an_encoder_at_rest_are_not_lost_samples() -> None:
     """Rest and one count of noise, at steps of 10 and 12 ms, and interpolated to 10 ms."""
-    rng, count = np.random.default_rng(3), 1.2e-5
+    rng = np.random.default_rng(3)
+    count = 1.2e-5
     for rest in (0.0, 3.0, 20.0):
         t = np.cumsum(rng.choice([0.010, 0.012], size=2600, p=[0.67, 0.33]))
         s = np.clip(t - rest, 0.0, None)

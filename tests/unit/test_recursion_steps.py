@@ -1,4 +1,6 @@
-"""The steps of the fast path's specialization, each alone: frames, regrouping, rounding, massless bodies."""
+"""The steps of the fast path's specialization, each alone: frames, regrouping, rounding, massless
+bodies.
+"""
 
 from __future__ import annotations
 
@@ -34,11 +36,14 @@ from flexgen.recursion.tape import Tape
 
 
 def torques(chain, given, columns=True) -> np.ndarray:
-    n, tape = len(chain.joints), Tape()
+    n = len(chain.joints)
+    tape = Tape()
     symbols = [ca.SX.sym(name, n) for name in ("q_a", "v_a", "a_a")]
     tau = inverse_dynamics(tape, chain, *(tape.vector(x) for x in symbols), [columns] * n)
     return values(
-        ca.Function("tau", symbols, [ca.vertcat(*tape.build(tau))], ["q_a", "v_a", "a_a"], ["tau"]),
+        ca.Function(
+            "tau", symbols, [ca.vertcat(*tape.build(tau))], ["q_a", "v_a", "a_a"], ["tau"]
+        ),
         given,
     )[0]
 
@@ -56,7 +61,8 @@ def torques(chain, given, columns=True) -> np.ndarray:
 def test_regrouping_changes_no_torque(name):
     """Whatever is kept or moved on, torques and mass matrix stay."""
     equations = equations_of(name)
-    chain, rng = make_chain(equations.model), np.random.default_rng(9)
+    chain = make_chain(equations.model)
+    rng = np.random.default_rng(9)
     n = len(chain.joints)
     for s in some_states(equations.model, 2):
         given = arguments(s, rng)
@@ -73,7 +79,8 @@ def test_regrouping_changes_no_torque(name):
             ]
             grouped = regroup(chain, kept)
             check(equations, "inverse_dynamics", given, [torques(grouped, given)])
-            tape, q = Tape(), ca.SX.sym("q", n)
+            tape = Tape()
+            q = ca.SX.sym("q", n)
             M = tape.build([x for row in mass_matrix(tape, grouped, tape.vector(q)) for x in row])
             check(
                 equations,
@@ -89,14 +96,18 @@ def test_regrouping_empties_what_it_can():
         assert (body.mass, body.first[2], body.second[2, 2]) == (0.0, 0.0, 0.0)
     balanced = regroup(make_chain(dense_chain(6, 4)), [KeptInertia("balance")] * 6).joints
     for before, joint in pairwise(balanced[1:]):
-        assert before.inertia.first[np.argmax(np.abs(joint.place))] == pytest.approx(0.0, abs=1e-12)
+        assert before.inertia.first[np.argmax(np.abs(joint.place))] == pytest.approx(
+            0.0, abs=1e-12
+        )
 
 
 @pytest.mark.parametrize(
     "name", ["manutec_r3_efjm", "synthetic_mixed", "dense7", "sliding8", "six_axes"]
 )
 def test_frames_are_modified_denavit_hartenberg(name):
-    """Modified Denavit-Hartenberg: no way across the axes' normals, one angle about x; the tool is where it was."""
+    """Modified Denavit-Hartenberg: no way across the axes' normals, one angle about x; the tool is
+    where it was.
+    """
     equations = equations_of(name)
     chain = make_chain(equations.model)
     for before, joint in pairwise(chain.joints):
@@ -110,9 +121,12 @@ def test_frames_are_modified_denavit_hartenberg(name):
             # on the plane of the normal and of the joint's axis
             assert joint.place @ np.array([0.0, c, s]) == pytest.approx(0.0, abs=1e-14)
         assert abs(joint.turn) <= np.pi / 4 + 1e-12
-    tape, q = Tape(), ca.SX.sym("q", len(chain.joints))
+    tape = Tape()
+    q = ca.SX.sym("q", len(chain.joints))
     p, R = tool_pose(tape, chain, tape.vector(q))
-    pose = ca.Function("pose", [q], [ca.vertcat(*tape.build([*p, *(x for row in R for x in row)]))])
+    pose = ca.Function(
+        "pose", [q], [ca.vertcat(*tape.build([*p, *(x for row in R for x in row)]))]
+    )
     for s in some_states(equations.model):
         expected = values(equations.function("forward_kinematics"), {"q_a": s.q_a})
         found = pose(s.q_a).full().ravel()
@@ -139,7 +153,9 @@ def two_joints(angle: float) -> RobotModel:
 
 
 def test_entries_below_rounding_are_set_to_zero():
-    """A right angle typed with 15 digits is one; one typed with 8 digits is an angle of its own."""
+    """A right angle typed with 15 digits is one; one typed with 8 digits is an angle of its
+    own.
+    """
     assert make_chain(two_joints(1.57079632679490)).joints[1].twist == (0.0, 1.0)
     assert make_chain(two_joints(-np.pi / 2 + 3e-16)).joints[1].twist == (0.0, 1.0)
     assert make_chain(two_joints(3e-16)).joints[1].twist == (1.0, 0.0)
@@ -162,7 +178,8 @@ def test_axes_that_nearly_meet(distance):
         replace(element, origin=replace(element.origin, position=(distance, 0.5 * distance, 0.0)))
         for element in dense_chain(4, 5).elements
     ]
-    equations, rng = derive(robot(elements, dense_chain(4, 5).motors)), np.random.default_rng(2)
+    equations = derive(robot(elements, dense_chain(4, 5).motors))
+    rng = np.random.default_rng(2)
     for s in some_states(equations.model):
         given = arguments(s, rng)
         for name in ("inverse_dynamics", "mass_matrix", "arm_forward_dynamics"):
@@ -190,7 +207,8 @@ def test_axes_that_are_nearly_along_a_coordinate_axis(tilt):
         )
         for element, axis in zip(plain.elements, axes, strict=True)
     ]
-    equations, rng = derive(robot(elements, plain.motors)), np.random.default_rng(2)
+    equations = derive(robot(elements, plain.motors))
+    rng = np.random.default_rng(2)
     for s in some_states(equations.model, 1):
         given = arguments(s, rng)
         for name in (
@@ -213,7 +231,8 @@ def test_massless_bodies_add_no_operations():
     """Massless bodies, bodies in several parts, rigid elements and the payload: all merged."""
     rng = np.random.default_rng(12)
     places = [random_placement(rng) for _ in range(4)]
-    body, last = random_body(rng), random_body(rng)
+    body = random_body(rng)
+    last = random_body(rng)
     motors = [Motor(f"m{k}", 1e-3, (f"q{k}",), (1.0,)) for k in range(3)]
     dofs = [Dof(f"q{k}", "rotation", random_axis(rng), gear=Gear(rigid=True)) for k in range(3)]
     half = replace(body, mass=body.mass / 2, inertia=matrix(np.array(body.inertia) / 2))

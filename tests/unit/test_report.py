@@ -1,4 +1,6 @@
-"""Reports and pictures: well-formed, self-contained, safe against what a model file says, the same every time."""
+"""Reports and pictures: well-formed, self-contained, safe against what a model file says, the same
+every time.
+"""
 
 from __future__ import annotations
 
@@ -59,7 +61,10 @@ class Page(HTMLParser):
 
     def __init__(self, text):
         super().__init__(convert_charrefs=True)
-        self.open, self.tags, self.attributes, self.text = [], [], [], []
+        self.open = []
+        self.tags = []
+        self.attributes = []
+        self.text = []
         self.feed(text)
         self.close()
         assert not self.open, f"not closed: {self.open}"
@@ -293,9 +298,11 @@ class Motion(dict):
 
 @pytest.mark.parametrize(("simulated", "label"), [(False, "output"), (True, "output, simulated")])
 def test_a_row_of_masses_shows_the_output_of_the_motion_that_is_given(simulated, label):
-    equations, time = flexgen.derive("four_mass@high"), np.linspace(0.0, 0.2, 21)
+    equations = flexgen.derive("four_mass@high")
+    time = np.linspace(0.0, 0.2, 21)
     planned, other = (Motion(q_a=k * np.outer(time, np.ones(equations.model.n_a))) for k in (1, 2))
-    planned.time, planned["tau_m"] = time, np.zeros((21, 1))
+    planned.time = time
+    planned["tau_m"] = np.zeros((21, 1))
     figure = canvas.new_figure(5.0, 3.0, "")
     simulation = SimpleNamespace(trajectory=other) if simulated else None
     figures_of._outputs(figure, equations, planned, simulation, 0.2)
@@ -439,7 +446,8 @@ def test_a_motor_without_torque_has_an_axis_of_the_size_of_the_others():
 
 def test_a_gear_without_deflection_has_an_axis_of_one_milliradian():
     equations, solution = solved("planar5_nmp", "line", verify=False)
-    q_a, model = solution.trajectory["q_a"], equations.model
+    q_a = solution.trajectory["q_a"]
+    model = equations.model
     q_m = q_a[:, list(model.i_g)] @ model.eta.T
     channels = {**solution.trajectory.channels, "q_m": q_m}
     figure = figures_of.deflections(
@@ -492,7 +500,9 @@ def test_figures_of_the_page_do_not_repeat_its_title(monkeypatch, tmp_path):
     _equations, solution = solved("elbow", None, verify=False)
     drawn = {}
     monkeypatch.setattr(
-        canvas, "svg", lambda figure, prefix="": drawn.setdefault(prefix, figure) and "<svg ></svg>"
+        canvas,
+        "svg",
+        lambda figure, prefix="": drawn.setdefault(prefix, figure) and "<svg ></svg>",
     )
     monkeypatch.setattr(figures_of, "svg", canvas.svg)
     solution.report(tmp_path)
@@ -552,7 +562,9 @@ def test_an_error_after_the_samples_is_explained():
 
 @pytest.mark.slow
 def test_the_picture_of_the_readme_is_the_overview_of_today():
-    """After a change: ``canvas.save(flexgen.solve("planar5_nmp@soft", "line").plot(), path)`` writes it again."""
+    """After a change: ``canvas.save(flexgen.solve("planar5_nmp@soft", "line").plot(), path)``
+    writes it again.
+    """
 
     def words(text):
         found = re.findall(r"<!-- (.*?) -->", text)

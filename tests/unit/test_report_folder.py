@@ -1,4 +1,6 @@
-"""The folder of a report: files of other programs stay, those of flexgen are replaced, whole or not at all."""
+"""The folder of a report: files of other programs stay, those of flexgen are replaced, whole or
+not at all.
+"""
 
 from __future__ import annotations
 

@@ -8,7 +8,8 @@ from numpy.testing import assert_allclose
 from flexgen.analysis.rests_of_motors import Rests
 from flexgen.numerics.low_pass import LowPass
 
-STEP, LIMIT = 2e-3, 4.0  # s, Hz
+STEP = 2e-3  # s
+LIMIT = 4.0  # Hz
 
 
 def taken(speed: np.ndarray, least: float = 0.0) -> tuple[Rests, LowPass]:
@@ -18,7 +19,8 @@ def taken(speed: np.ndarray, least: float = 0.0) -> tuple[Rests, LowPass]:
 
 def test_any_torque_at_standstill_is_taken_out_and_others_are_kept() -> None:
     """Random torques, with jumps at the ends of rests; of a motion with none, all is kept."""
-    rng, n = np.random.default_rng(0), 3000
+    rng = np.random.default_rng(0)
+    n = 3000
     still = np.zeros(n, bool)
     for first, last in ((0, 200), (701, 760), (1200, 2100), (2301, 2380), (2950, n)):
         still[first:last] = True
@@ -45,7 +47,8 @@ def test_any_torque_at_standstill_is_taken_out_and_others_are_kept() -> None:
 
 def test_a_short_pass_through_zero_is_kept() -> None:
     """A quarter of 1 / limit, 31.25 samples, and a little more; on the way forward only."""
-    speed, x = np.ones(2000), np.ones(3)
+    speed = np.ones(2000)
+    x = np.ones(3)
     speed[800:831] = 0.0
     assert taken(speed)[0].project(x) is x
     speed[800:832] = 0.0
@@ -54,18 +57,20 @@ def test_a_short_pass_through_zero_is_kept() -> None:
 
 
 def test_friction_turns_late_after_a_reversal() -> None:
-    """By a distance s: 2 F exp(-x / s) is missing after a travel x; one number for all reversals of a record."""
+    """By a distance s: 2 F exp(-x / s) is missing after a travel x; one number for all reversals
+    of a record.
+    """
     t = STEP * np.arange(5000)
-    w, size = 2 * np.pi * np.array([0.3, 0.8]), np.array([0.5, 0.3])
-    speed, travel, sign, x = (
-        (size * w * np.cos(w * t[:, None])).sum(axis=1),
-        1e9,
-        1.0,
-        np.zeros(len(t)),
-    )
+    w = 2 * np.pi * np.array([0.3, 0.8])
+    size = np.array([0.5, 0.3])
+    speed = (size * w * np.cos(w * t[:, None])).sum(axis=1)
+    travel = 1e9
+    sign = 1.0
+    x = np.zeros(len(t))
     for k, v in enumerate(speed):
         travel = abs(v) * STEP if v * sign < 0 else travel + abs(v) * STEP
-        sign, x[k] = np.sign(v), travel
+        sign = np.sign(v)
+        x[k] = travel
     missing = -2 * np.sign(speed) * np.exp(-x / 2e-4)
     rests, low = taken(speed, 0.01 * np.abs(speed).max())
     before = low(missing)

@@ -1,4 +1,6 @@
-"""The protocol of public results: `to_dict`, `save`, `plot`, `report`, `_repr_html_`; exceptions have a reason."""
+"""The protocol of public results: `to_dict`, `save`, `plot`, `report`, `_repr_html_`; exceptions
+have a reason.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,8 @@ from flexgen import registry
 from flexgen.errors import ArgumentError
 from flexgen.results import Result
 
-FEW, FILES = "a few numbers, which its table has", "files, which are listed"
+FEW = "a few numbers, which its table has"
+FILES = "files, which are listed"
 # Results without a picture, with the reason.
 NO_PICTURE = {
     "CascadeTuning": "its runs, before and after, have pictures",
@@ -34,7 +37,10 @@ NO_PICTURE = {
 INPUT = "an argument of functions"
 NO_RESULT = {
     **dict.fromkeys(
-        "Cascade ComputedTorque FeedbackLinearisation JointTorqueFeedback Linear LowPass LQ Servo ServoRecord".split(),
+        (
+            "Cascade ComputedTorque FeedbackLinearisation JointTorqueFeedback Linear LowPass LQ "
+            "Servo ServoRecord"
+        ).split(),
         INPUT,
     ),
     **dict.fromkeys(
@@ -46,7 +52,10 @@ NO_RESULT = {
         INPUT,
     ),
     **dict.fromkeys(
-        "Impedance Wall Scenario Segment Window Setting Port InversionOptions Priors StaticPoses".split(),
+        (
+            "Impedance Wall Scenario Segment Window Setting Port InversionOptions Priors "
+            "StaticPoses"
+        ).split(),
         INPUT,
     ),
     **dict.fromkeys(["Measurement", "Reference"], "one sample of a running controller"),
@@ -93,7 +102,8 @@ def made(tmp_path_factory):
     """Results that take little time."""
     rows = np.random.default_rng(0).normal(size=(20, 2))
     model = flexgen.read("elbow")
-    solution, path = flexgen.solve(model), flexgen.plan(model)
+    solution = flexgen.solve(model)
+    path = flexgen.plan(model)
     analysis = flexgen.analyze(model)
     parts = [
         solution,
@@ -121,7 +131,9 @@ def test_each_result_is_json_a_file_and_a_table(made, tmp_path):
     for result in made:
         text = json.dumps(result.to_dict(), allow_nan=False)
         html = result._repr_html_()
-        assert "<table" in html and html.count("<tr>") and " at 0x" not in html + text, type(result)
+        assert "<table" in html and html.count("<tr>") and " at 0x" not in html + text, type(
+            result
+        )
         if not isinstance(result, flexgen.Trajectory):  # has formats of its own
             assert json.loads(result.save(tmp_path / "a.json").read_text()) == json.loads(text)
     margins = next(result for result in made if isinstance(result, flexgen.Margins))
@@ -138,7 +150,8 @@ def test_each_result_is_json_a_file_and_a_table(made, tmp_path):
 
 
 def test_results_save_their_trajectory_or_their_arrays(made, tmp_path):
-    solution, run = made[0], next(result for result in made if isinstance(result, flexgen.PlantRun))
+    solution = made[0]
+    run = next(result for result in made if isinstance(result, flexgen.PlantRun))
     saved = flexgen.Trajectory.load(solution.save(tmp_path / "a.npz"))
     assert (saved["tau_m"] == solution.trajectory["tau_m"]).all()
     with np.load(run.save(tmp_path / "b.npz")) as arrays:

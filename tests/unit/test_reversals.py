@@ -77,7 +77,9 @@ def test_the_torque_holds_the_equations_of_the_motors_at_all_samples(
 ) -> None:
     """By hand: inertia, friction and the gear with linear spring and damper of each motor."""
     data = solution.trajectory
-    v, a, q = data["v_m"], data["a_m"], data["q_m"]
+    v = data["v_m"]
+    a = data["a_m"]
+    q = data["q_m"]
     for j, motor in enumerate(steep.model.motors):
         friction = 1e-3 * v[:, j] + 0.3 * np.tanh(50.0 * v[:, j])
         dof = steep.model.coordinates[j].dof
@@ -115,7 +117,7 @@ def test_robots_without_steep_friction_keep_their_samples() -> None:
         assert np.ptp(np.diff(found.trajectory.time)) < 1e-9
 
 
-# --- searches and reasons -------------------------------------------------------------------------
+# --- searches and reasons ------------------------------------------------------------------------
 
 
 def test_a_search_of_minutes_needs_something_to_gain(steep: Equations) -> None:
@@ -190,7 +192,7 @@ def test_check_compares_the_friction_with_the_change_of_speed_in_a_sample(
     )
 
 
-# --- Coulomb friction without beta ----------------------------------------------------------------
+# --- Coulomb friction without beta ---------------------------------------------------------------
 
 
 def test_coulomb_friction_without_beta_is_an_error_everywhere(tmp_path: Path) -> None:
@@ -220,7 +222,7 @@ def test_the_steepness_of_a_law_is_that_of_its_fastest_part() -> None:
     assert steepness(Friction(stribeck=0.1, alpha=70.0, beta=5.0)) == 70.0
 
 
-# --- frictions with a state -----------------------------------------------------------------------
+# --- frictions with a state ----------------------------------------------------------------------
 
 
 def test_the_error_two_seconds_after_the_end_is_that_of_a_simulation_with_bristles() -> None:
@@ -236,7 +238,9 @@ def test_the_error_two_seconds_after_the_end_is_that_of_a_simulation_with_bristl
     model = bristled("elbow", {"m1": NUMBERS, "m2": NUMBERS})
     data = flexgen.solve(model, method="closed-form").trajectory
     pushed = replace(data, channels={**data.channels, "tau_m": 1.001 * data["tau_m"]})
-    near, far = (flexgen.simulate(model, pushed, held=held, feedback="none") for held in (0.5, 2.0))
+    near, far = (
+        flexgen.simulate(model, pushed, held=held, feedback="none") for held in (0.5, 2.0)
+    )
     assert near.later_error_max_m == pytest.approx(far.tool_error_max_m, rel=1e-3)
     assert simulating.has_memory(model)
     with pytest.MonkeyPatch.context() as patch:

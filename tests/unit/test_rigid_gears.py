@@ -1,4 +1,6 @@
-"""Rigid fits of arms whose gears bend, and of torques that are late: records by the exact inverse of elastic gears."""
+"""Rigid fits of arms whose gears bend, and of torques that are late: records by the exact inverse
+of elastic gears.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +27,9 @@ H = 4e-3
 N = 2500  # samples of a period of 10 s
 STIFFNESS = np.array([6e5, 4e5])  # N m/rad: deflections of 5 mrad
 DAMPING = np.array([300.0, 150.0])  # N m s/rad
-VISCOUS, COULOMB, OFFSET = np.array([0.02, 0.03]), np.array([0.5, 0.8]), np.array([0.1, -0.2])
+VISCOUS = np.array([0.02, 0.03])
+COULOMB = np.array([0.5, 0.8])
+OFFSET = np.array([0.1, -0.2])
 
 
 def soft(stiffness: np.ndarray = STIFFNESS) -> RobotModel:
@@ -45,17 +49,23 @@ def derivative(x: np.ndarray, order: int) -> np.ndarray:
 def recorded(
     late: float = 0.0, noise: float = 0.0, seed: int = 0, damping: np.ndarray = DAMPING
 ) -> Motion:
-    """A periodic motion of the links; motors ahead of them by the deflections of springs and dampers."""
-    model, rng = flexgen.read("elbow@rigid"), np.random.default_rng(seed)
-    t, lines = H * np.arange(N), np.array([2, 5, 9, 14])
-    size, phase = rng.uniform(0.1, 0.4, (2, 4)) / np.sqrt(lines), rng.uniform(0, 6, (2, 4))
+    """A periodic motion of the links; motors ahead of them by the deflections of springs and
+    dampers.
+    """
+    model = flexgen.read("elbow@rigid")
+    rng = np.random.default_rng(seed)
+    t = H * np.arange(N)
+    lines = np.array([2, 5, 9, 14])
+    size = rng.uniform(0.1, 0.4, (2, 4)) / np.sqrt(lines)
+    phase = rng.uniform(0, 6, (2, 4))
     angle = 2 * np.pi * lines * t[:, None, None] / (N * H) + phase
     q = (size * np.sin(angle)).sum(axis=2)
     e = flexgen.derive(model).function("inverse_dynamics").map(N)
     arm = np.array(e(q.T, derivative(q, 1).T, derivative(q, 2).T)).T
     w = 2j * np.pi * np.fft.rfftfreq(N, H)[:, None]
     motors = q + np.fft.irfft(np.fft.rfft(arm, axis=0) / (STIFFNESS + w * damping), N, axis=0)
-    v, a = derivative(motors, 1) @ model.eta.T, derivative(motors, 2) @ model.eta.T
+    v = derivative(motors, 1) @ model.eta.T
+    a = derivative(motors, 2) @ model.eta.T
     tau = arm @ np.linalg.inv(model.eta) + np.array([m.inertia for m in model.motors]) * a
     tau += VISCOUS * v + COULOMB * np.tanh(v / np.abs(np.diag(model.eta)) / 5e-4) + OFFSET
     shifted = np.fft.irfft(np.fft.rfft(tau, axis=0) * np.exp(-w * late), N, axis=0)
@@ -63,7 +73,9 @@ def recorded(
 
 
 def check(found: RigidFit, compliance: np.ndarray, late: float, other: Motion) -> None:
-    """Numbers within four deviations, which are small; the torques of a motion that was not fitted."""
+    """Numbers within four deviations, which are small; the torques of a motion that was not
+    fitted.
+    """
     assert found.status == RigidStatus.FITTED and found.lags_sd is not None
     away = (found.lags - np.append(compliance, late)) / found.lags_sd
     assert (
@@ -100,7 +112,9 @@ def test_gears_that_the_file_leaves_out_and_late_torques_are_found(file: str, la
     check(found, missing, late, recorded(late, 0.0, 7, damping))
     answer = RigidIdentification(found, {}, {}, "")
     text = answer.to_text().replace("\n", " ")
-    assert ("Gears of q1, q2 deflect otherwise than in the model file" in text) == (file != "right")
+    assert ("Gears of q1, q2 deflect otherwise than in the model file" in text) == (
+        file != "right"
+    )
     assert "q1.compliance" in text and f"below {found.limit_hz:.3g} Hz" in text
     data = answer.to_dict()
     assert [lag["name"] for lag in data["lags"]] == ["q1.compliance", "q2.compliance", "delay"]
@@ -113,7 +127,9 @@ def test_gears_that_the_file_leaves_out_and_late_torques_are_found(file: str, la
     "late, status", [(0.05, RigidStatus.NOT_CHECKED), (0.3, RigidStatus.MODEL_ERROR)]
 )
 def test_long_delays_are_found_or_refused(late: float, status: RigidStatus) -> None:
-    """Some samples are found in a few rounds more; a third of a second of motions of 0.2 to 1.4 Hz is none of them."""
+    """Some samples are found in a few rounds more; a third of a second of motions of 0.2 to 1.4 Hz
+    is none of them.
+    """
     found = identify_rigid(soft(), [recorded(late, 0.02)], parts=0)
     assert found.status == status
     if status == RigidStatus.NOT_CHECKED:
@@ -122,12 +138,13 @@ def test_long_delays_are_found_or_refused(late: float, status: RigidStatus) -> N
 
 @pytest.mark.parametrize("motors", [[1], pytest.param([0, 1], marks=SLOW)])
 def test_friction_that_falls_with_speed_is_found(motors: list[int], tmp_path: Path) -> None:
-    """Numbers within four deviations, also from the new model file; without it nothing of the kind is found."""
-    model, plain = soft(), recorded(noise=0.02)
-    size, alpha = (
-        np.array([0.3, 0.4]) * [k in motors for k in (0, 1)],
-        np.array([1 / 25.0, 1 / 40.0]),
-    )
+    """Numbers within four deviations, also from the new model file; without it nothing of the kind
+    is found.
+    """
+    model = soft()
+    plain = recorded(noise=0.02)
+    size = np.array([0.3, 0.4]) * [k in motors for k in (0, 1)]
+    alpha = np.array([1 / 25.0, 1 / 40.0])
     w = derivative(plain.q, 1) @ model.eta.T
     more = size / np.cosh(alpha * w) * np.tanh(w / np.abs(np.diag(model.eta)) / 5e-4)
     motion = replace(plain, tau_m=plain.tau_m + more)
@@ -195,7 +212,8 @@ def test_one_mistake_in_the_recording_or_the_file_is_named(
     mistake: str, words: str, value: float
 ) -> None:
     """It explains the errors, and the fit has no deviations."""
-    model, motion = soft(), recorded(noise=0.02)
+    model = soft()
+    motion = recorded(noise=0.02)
     if mistake == "torque":
         motion = replace(motion, tau_m=motion.tau_m * [1.0, 1.2])
     # that of q2 is larger in the file than in the robot, and so its angles are too small
@@ -215,7 +233,8 @@ def test_one_mistake_in_the_recording_or_the_file_is_named(
     )
     # only quotients of the two motors act: as good, but for rounding
     if found.mistake.what == "torques of m1 times":
-        words, value = found.mistake.what, 1 / value
+        words = found.mistake.what
+        value = 1 / value
     near = 2.0 if mistake == "gravity" else 0.15  # to first order
     assert found.mistake.what == words and found.mistake.value == pytest.approx(value, rel=near)
     answer = RigidIdentification(found, {}, {}, "")
@@ -225,14 +244,14 @@ def test_one_mistake_in_the_recording_or_the_file_is_named(
 
 def test_the_torque_changes_with_lags_as_its_columns() -> None:
     """By differences of the whole torque."""
-    model, motion = soft(), recorded()
+    model = soft()
+    motion = recorded()
     regressor = Regressor(model)
-    pi, friction, lags = (
-        regressor.of_model(),
-        np.arange(8.0).reshape(2, 4) / 8,
-        np.array([1e-7, 2e-7, H / 2]),
-    )
-    whole, limit = Columns(regressor, [motion], {}), band_of(regressor, [motion])
+    pi = regressor.of_model()
+    friction = np.arange(8.0).reshape(2, 4) / 8
+    lags = np.array([1e-7, 2e-7, H / 2])
+    whole = Columns(regressor, [motion], {})
+    limit = band_of(regressor, [motion])
 
     def torque(x: np.ndarray) -> np.ndarray:
         return whole.bent(pi, friction, x, limit).torques(pi, friction)[0]
@@ -254,9 +273,12 @@ def test_the_torque_changes_with_lags_as_its_columns() -> None:
 
 
 def test_band_and_filter() -> None:
-    """Sines far below and above the limit; the band of two sines; a limit of 5 times the band, or none."""
+    """Sines far below and above the limit; the band of two sines; a limit of 5 times the band, or
+    none.
+    """
     t = 1e-3 * np.arange(4000)
-    low, high = np.sin(2 * np.pi * 1.5 * t), np.sin(2 * np.pi * 17.0 * t)
+    low = np.sin(2 * np.pi * 1.5 * t)
+    high = np.sin(2 * np.pi * 17.0 * t)
     keep = LowPass(1e-3, 8.0)
     found = keep(np.stack([low, high], axis=1))
     assert_allclose(found[:, 0], keep.kept(low), atol=2e-3)  # ripples of -60 dB

@@ -1,4 +1,6 @@
-"""What the intervals of rigid fits stand on: one filter for forces and accelerations, and blocks that are left out."""
+"""What the intervals of rigid fits stand on: one filter for forces and accelerations, and blocks
+that are left out.
+"""
 
 from __future__ import annotations
 
@@ -20,9 +22,12 @@ from flexgen.numerics.residual_statistics import covariance
 
 
 def test_forces_pass_the_filter_of_accelerations() -> None:
-    """A step of the acceleration, between two samples; the polynomials of the force itself are 9 % off there."""
+    """A step of the acceleration, between two samples; the polynomials of the force itself are 9 %
+    off there.
+    """
     t = 1e-3 * (np.arange(101) - 50.4)
-    found, mean = derivatives(np.abs(t) * t / 2, 1e-3)[2], smooth_forces(np.sign(t))
+    found = derivatives(np.abs(t) * t / 2, 1e-3)[2]
+    mean = smooth_forces(np.sign(t))
     assert_allclose(found[INNER], mean[INNER], atol=0.03)
     smooth = np.sin(20 * t)
     assert_allclose(
@@ -32,16 +37,17 @@ def test_forces_pass_the_filter_of_accelerations() -> None:
 
 
 def test_scores_are_those_of_fits_without_a_block() -> None:
-    """The covariance of blocks, by a fit without each of them; along principal axes with Student's quantiles."""
+    """The covariance of blocks, by a fit without each of them; along principal axes with Student's
+    quantiles.
+    """
     rng = np.random.default_rng(0)
-    X, weight, prior = (
-        list(rng.normal(size=(2, 60, 5))),
-        np.array([1.0, 3.0]),
-        np.array([0.0, 0.0, 4.0, 4.0, 0.0]),
-    )
+    X = list(rng.normal(size=(2, 60, 5)))
+    weight = np.array([1.0, 3.0])
+    prior = np.array([0.0, 0.0, 4.0, 4.0, 0.0])
     y = rng.normal(size=(60, 2))
     W = np.repeat(weight, 60) ** 2
-    rows, target = np.vstack(X), y.T.ravel()
+    rows = np.vstack(X)
+    target = y.T.ravel()
 
     def fitted(kept: np.ndarray) -> np.ndarray:
         A = (rows[kept] * W[kept, None]).T @ rows[kept] + np.diag(prior)
@@ -72,7 +78,8 @@ def test_scores_are_those_of_fits_without_a_block() -> None:
 def test_torques_of_the_wrong_sign_are_a_model_error(sign, status) -> None:
     """Of a horizontal arm, all torques are explained by negative frictions and rotors."""
     model = replace(flexgen.read("elbow@rigid"), gravity=(0.0, 0.0, 0.0))
-    t, w = 4e-3 * np.arange(500), np.array([3.1, 4.3])
+    t = 4e-3 * np.arange(500)
+    w = np.array([3.1, 4.3])
     q, v, a = (
         size * f(np.outer(t, w))
         for f, size in ((np.sin, 0.9 / w), (np.cos, 0.9), (lambda x: -np.sin(x), 0.9 * w))
@@ -90,14 +97,18 @@ def test_torques_of_the_wrong_sign_are_a_model_error(sign, status) -> None:
 
 
 def test_motors_give_no_energy() -> None:
-    """Each of friction and rotor; what is within the doubt, or a small part of the torque, can be."""
+    """Each of friction and rotor; what is within the doubt, or a small part of the torque, can
+    be.
+    """
     model = flexgen.read("elbow@rigid")
     ratio = np.abs(model.eta).max(axis=1)
     v = np.sin(np.arange(200.0))
     F = np.stack(
         [np.stack([v, np.sign(v), np.ones(200), np.cos(np.arange(200.0))], axis=1)] * 2, axis=1
     )
-    fine, sure, torque = np.array([[0.5, 1.0, -9.0, 0.0]] * 2), 1e-6 * np.eye(8), np.ones(2)
+    fine = np.array([[0.5, 1.0, -9.0, 0.0]] * 2)
+    sure = 1e-6 * np.eye(8)
+    torque = np.ones(2)
     none = np.zeros(2)
     assert is_possible(model, F, fine, sure, torque, none)
     for column, value in ((0, -3.0), (1, -1.0), (3, -0.1 - model.motors[1].inertia * ratio[1])):
@@ -110,7 +121,8 @@ def test_motors_give_no_energy() -> None:
 
 def test_a_friction_that_falls_with_speed_is_larger_at_rest() -> None:
     """Not smaller, and no friction makes up for another: a model file has none below zero."""
-    model, v = flexgen.read("elbow@rigid"), np.sin(np.arange(200.0))
+    model = flexgen.read("elbow@rigid")
+    v = np.sin(np.arange(200.0))
     rows = [
         v,
         np.sign(v),
@@ -119,7 +131,9 @@ def test_a_friction_that_falls_with_speed_is_larger_at_rest() -> None:
         np.sign(v) / np.cosh(3 * v),
         0 * v,
     ]
-    F, torque, sure = np.stack([np.stack(rows, axis=1)] * 2, axis=1), np.ones(2), 1e-6 * np.eye(12)
+    F = np.stack([np.stack(rows, axis=1)] * 2, axis=1)
+    torque = np.ones(2)
+    sure = 1e-6 * np.eye(12)
     numbers = np.array([[0.5, 1.0, 0.0, 0.0, -0.3, 0.0]] * 2)
     assert not is_possible(model, F, numbers, sure, torque, np.array([0.0, 3.0]))
     # a harmonic of a counterbalance
@@ -133,8 +147,11 @@ def test_a_friction_that_falls_with_speed_is_larger_at_rest() -> None:
 
 @pytest.mark.parametrize("noise", [2e-3, 0.02])
 def test_friction_at_standstill_is_any_torque(noise: float) -> None:
-    """Moves from pose to pose, with friction that jumps as they begin and end: numbers within their deviations."""
-    model, true = flexgen.read("elbow@rigid"), np.array([[0.8, 1.0], [1.0, 1.5]])
+    """Moves from pose to pose, with friction that jumps as they begin and end: numbers within
+    their deviations.
+    """
+    model = flexgen.read("elbow@rigid")
+    true = np.array([[0.8, 1.0], [1.0, 1.5]])
     away = []
     for seed in range(4):
         found = identify_rigid(

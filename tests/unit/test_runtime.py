@@ -1,4 +1,6 @@
-"""Functions of a loaded library: one point and many, layouts, precisions, arguments that are refused, threads."""
+"""Functions of a loaded library: one point and many, layouts, precisions, arguments that are
+refused, threads.
+"""
 
 from __future__ import annotations
 
@@ -48,7 +50,7 @@ def points(n: int) -> tuple[np.ndarray, np.ndarray]:
     return rng.normal(size=(n, 2)), rng.normal(size=(n, 2, 2))
 
 
-# --- one point and many -----------------------------------------------------------------------------------------------
+# --- one point and many --------------------------------------------------------------------------
 @pytest.mark.parametrize("name", SMALL)
 def test_many_points_equal_single_points(name):
     library = loaded(name)
@@ -79,7 +81,9 @@ def test_many_points_equal_single_points(name):
 
 @pytest.mark.parametrize("n", [2**17, 120_007])
 def test_results_that_do_not_fit_the_cache_are_the_same(planar, n):
-    """From some megabytes of results on they are written past the cache, also where columns begin at odd addresses."""
+    """From some megabytes of results on they are written past the cache, also where columns begin
+    at odd addresses.
+    """
     function = planar.functions["mass_matrix"]
     cache = int(read_clib()["function.h"].partition("#define CACHE ")[2].split()[0])
     assert 2 * cache > n * 8 * sum(port.size for port in function.outputs) > cache
@@ -99,10 +103,8 @@ def test_no_points_give_empty_arrays(planar, hand):
 def test_results_are_named_by_their_ports(planar):
     pose = planar.forward_kinematics([0.0, 0.0, 0.0])
     assert np.allclose(pose.p, [1.6, 0.0, 0.0]) and np.allclose(pose.R, np.eye(3))
-    named, placed = (
-        planar.bias(v_a=np.zeros(3), q_a=np.ones(3)),
-        planar.bias(np.ones(3), np.zeros(3)),
-    )
+    named = planar.bias(v_a=np.zeros(3), q_a=np.ones(3))
+    placed = planar.bias(np.ones(3), np.zeros(3))
     assert np.array_equal(named, placed) and np.allclose(
         named, planar.gravity(np.ones(3)), rtol=1e-14
     )
@@ -127,7 +129,7 @@ class Subclass(np.ndarray):
     """What other packages make of arrays."""
 
 
-# --- memory -----------------------------------------------------------------------------------------------------------
+# --- memory --------------------------------------------------------------------------------------
 def spied(function, monkeypatch) -> list[int]:
     """Addresses that the batch in C is called with from now on."""
     seen: list[int] = []
@@ -144,7 +146,8 @@ def spied(function, monkeypatch) -> list[int]:
 def test_structures_of_arrays_are_neither_copied_nor_moved(hand, monkeypatch):
     seen = spied(hand.twist, monkeypatch)
     q_a, K = (np.asfortranarray(x) for x in points(50))
-    s, S = np.empty((50, 2), order="F"), np.empty((50, 2, 3), order="F")
+    s = np.empty((50, 2), order="F")
+    S = np.empty((50, 2, 3), order="F")
     results = hand.twist(q_a, K, out=(s, S))
     assert results.s is s and results.S is S
     assert [seen[i] for i in (0, 1, 3, 4)] == [x.ctypes.data for x in (q_a, K, s, S)]
@@ -189,7 +192,8 @@ def test_every_layout_gives_the_same(hand):
 def test_one_point_writes_to_any_memory(hand):
     q_a, K = points(1)
     expected = hand.twist(q_a[0], K[0])
-    s, S = np.zeros(4)[::2], np.zeros((3, 2)).T
+    s = np.zeros(4)[::2]
+    S = np.zeros((3, 2)).T
     results = hand.twist(q_a[0], K[0], out=[s, S])
     assert results.s is s and results.S is S
     assert np.array_equal(s, expected.s) and np.array_equal(S, expected.S)
@@ -211,7 +215,10 @@ def test_one_point_writes_to_any_memory(hand):
         (np.zeros((5, 2), ">f8"), "of >f8, expected"),
         (
             np.zeros((5, 2)),
-            r"given an array in another order, expected points side by side: np.empty\(\(5, 2\), order",
+            (
+                r"given an array in another order, expected points side by side: np.empty\(\(5, "
+                r"2\), order"
+            ),
         ),
         ((np.zeros((5, 2)),) * 2, "out: given 2 arrays, expected 1: s"),
         ([], "out: given 0 arrays"),
@@ -237,7 +244,8 @@ def test_memory_that_overlaps_is_refused(hand):
     q_a = np.zeros((5, 2), order="F")
     K = np.zeros((5, 2, 2), order="F")
     both = np.zeros(1000)
-    s, S = both[:10].reshape((5, 2), order="F"), both[9:39].reshape((5, 2, 3), order="F")
+    s = both[:10].reshape((5, 2), order="F")
+    S = both[9:39].reshape((5, 2, 3), order="F")
     apart = np.zeros((5, 2, 3), order="F")
     for call in (
         lambda: hand.square(q_a, out=q_a),
@@ -251,7 +259,7 @@ def test_memory_that_overlaps_is_refused(hand):
     hand.square(np.ascontiguousarray(q_a), out=q_a)
 
 
-# --- precision and parameters -----------------------------------------------------------------------------------------
+# --- precision and parameters --------------------------------------------------------------------
 def test_single_precision_rounds_what_it_is_given(single):
     q_a, K = points(6)
     assert single.precision == "single" and single.parameters.dtype == np.float32
@@ -277,7 +285,8 @@ def test_a_generated_library_of_single_precision(planar, tmp_path):
     )
     states = random_states(read("planar5_nmp"), 40)
     motion = [states[name] for name in ("q_a", "v_a", "a_a")]
-    expected, found = planar.inverse_dynamics(*motion), library.inverse_dynamics(*motion)
+    expected = planar.inverse_dynamics(*motion)
+    found = library.inverse_dynamics(*motion)
     assert found.dtype == np.float32
     # a hundred operations in a row
     assert np.abs(found - expected).max() < 10 * SINGLE * np.abs(expected).max()
@@ -297,7 +306,8 @@ def test_parameters_are_those_of_the_model_or_given(hand):
     q_a, K = points(4)
     changed = np.array([-1.0, 3.0])
     for q, k in ((q_a, K), (q_a[0], K[0])):
-        expected, other = twist(q, k, VALUES), twist(q, k, changed)
+        expected = twist(q, k, VALUES)
+        other = twist(q, k, changed)
         for found in (
             hand.twist(q, k),
             hand.twist(q, k, hand.parameters),
@@ -317,14 +327,15 @@ def test_parameters_are_those_of_the_model_or_given(hand):
             hand.twist(q, k, [1.0, np.nan])
 
 
-# --- threads ----------------------------------------------------------------------------------------------------------
+# --- threads -------------------------------------------------------------------------------------
 def test_threads_do_not_share_buffers(hand):
     """Eight threads, each with its own points, one by one and many at once."""
     q_a, K = points(8)
     rng = np.random.default_rng(3)
     many = rng.normal(size=(8, 3000, 2))
     expected = [(hand.twist(q_a[k], K[k]).S, hand.square(many[k])) for k in range(8)]
-    wrong, start = [], threading.Barrier(8)
+    wrong = []
+    start = threading.Barrier(8)
 
     def work(k: int) -> None:
         start.wait()
@@ -343,7 +354,7 @@ def test_threads_do_not_share_buffers(hand):
     assert not wrong
 
 
-# --- arguments --------------------------------------------------------------------------------------------------------
+# --- arguments -----------------------------------------------------------------------------------
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
@@ -423,7 +434,7 @@ def test_integers_lists_and_strided_arrays_are_accepted(planar):
     assert np.array_equal(planar.gravity(columns), np.tile(expected, (5, 1)))
 
 
-# --- failures ---------------------------------------------------------------------------------------------------------
+# --- failures ------------------------------------------------------------------------------------
 def test_entries_that_are_not_finite_are_found_wherever_they_are(hand):
     """C notices every entry; the message names the first point, and of it the first entry."""
     q_a, K = points(30)
@@ -436,8 +447,10 @@ def test_entries_that_are_not_finite_are_found_wherever_they_are(hand):
                 match=rf"twist, {port}\[{', '.join(map(str, at))}\]: given nan, expected",
             ):
                 hand.twist(**given)
-    late, early = q_a.copy(), K.copy()
-    late[9, 0], early[4, 0, 1] = np.inf, np.nan
+    late = q_a.copy()
+    early = K.copy()
+    late[9, 0] = np.inf
+    early[4, 0, 1] = np.nan
     with pytest.raises(ArgumentError, match=r"twist, K\[4, 0, 1\]: given nan"):
         hand.twist(late, early)
     with pytest.raises(ArgumentError, match=r"twist, K\[0, 1\]: given nan"):  # held for all points
@@ -452,7 +465,8 @@ def test_a_result_that_is_not_finite_is_an_error(planar, hand):
         planar.inverse_dynamics(
             np.zeros(3), np.array([[1.0] * 3, [1e200] * 3, [1.0] * 3]), np.zeros(3)
         )
-    q_a, out = np.ones((7, 2)), np.zeros((7, 2), order="F")
+    q_a = np.ones((7, 2))
+    out = np.zeros((7, 2), order="F")
     q_a[5, 1] = 1e200
     with pytest.raises(SolverError, match="square, point 5: a result is not finite"):
         hand.square(q_a, out=out)
@@ -470,12 +484,13 @@ def test_c_returns_a_status_and_sets_failed_results_to_nan(planar):
     library = ctypes.CDLL(
         str(next(path for path in made("planar5_nmp").files if path.suffix in (".so", ".dylib")))
     )
-    function, batch = library.planar5_nmp_gravity, library.planar5_nmp_gravity_batch
-    function.argtypes, batch.argtypes = (
-        [ctypes.c_void_p] * 2,
-        [ctypes.c_int] + [ctypes.c_void_p] * 3,
-    )
-    q_a, g = np.zeros((3, 3)), np.full((3, 3), 5.0)  # entries by points
+    function = library.planar5_nmp_gravity
+    batch = library.planar5_nmp_gravity_batch
+    function.argtypes = [ctypes.c_void_p] * 2
+    batch.argtypes = [ctypes.c_int] + [ctypes.c_void_p] * 3
+    # entries by points
+    q_a = np.zeros((3, 3))
+    g = np.full((3, 3), 5.0)
     work = np.zeros(library.planar5_nmp_batch_work())
     where = [x.ctypes.data for x in (q_a, g, work)]
     code = {status.name: status.code for status in STATUSES}

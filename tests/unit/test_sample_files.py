@@ -1,4 +1,6 @@
-"""Files of path samples: refused before memory is taken where they are not what they claim to be."""
+"""Files of path samples: refused before memory is taken where they are not what they claim to
+be.
+"""
 
 from __future__ import annotations
 

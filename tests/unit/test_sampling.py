@@ -37,12 +37,14 @@ def test_planted_straight_lines_are_above_the_bound(monkeypatch: pytest.MonkeyPa
 
 def gain(f: float) -> float:
     """Amplitude at 250 Hz of a sine sampled at 1 kHz, in the middle of the record."""
-    fast, slow = 1e-3 * np.arange(8000), 4e-3 * np.arange(2000)
+    fast = 1e-3 * np.arange(8000)
+    slow = 4e-3 * np.arange(2000)
     signals = [np.sin(2 * np.pi * f * fast), np.sin(2 * np.pi * slow)]
     found = resample("a", [fast, slow], signals, [True, True])
     assert found.step == pytest.approx(4e-3) and found.resampled
     piece = found.pieces[0]
-    x, t = piece.values[300:-300, 0], piece.time[300:-300]
+    x = piece.values[300:-300, 0]
+    t = piece.time[300:-300]
     # as which a frequency above half the rate is seen
     seen = f if f < 125.0 else 250.0 - f
     basis = np.stack([np.sin(2 * np.pi * seen * t), np.cos(2 * np.pi * seen * t)], axis=1)
@@ -60,7 +62,8 @@ def test_a_higher_rate_keeps_the_band_and_is_not_aliased(monkeypatch: pytest.Mon
 
 def test_rest_is_kept() -> None:
     """A constant exactly up to rounding; counts of an encoder at rest within one count."""
-    t, rng = unequal(3000), np.random.default_rng(1)
+    t = unequal(3000)
+    rng = np.random.default_rng(1)
     counts = 1e-4 * rng.integers(0, 2, len(t))
     found = resample("a", [t, t], [np.full(len(t), 0.7), counts], [True, True]).pieces[0]
     assert found.values[:, 0] == pytest.approx(0.7, abs=1e-12)

@@ -1,4 +1,6 @@
-"""The JSON schema of model files accepts what the reader accepts, key by key, and knows every key of the reader."""
+"""The JSON schema of model files accepts what the reader accepts, key by key, and knows every key
+of the reader.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +31,7 @@ FILES = sorted(
 )
 PROGRAM = ROOT / "examples" / "program.toml"
 
-# --- a walk through a file and the schema at once ---------------------------------------------------------------------
+# --- a walk through a file and the schema at once ------------------------------------------------
 
 
 def branches(schema: dict, root: dict) -> list[dict]:
@@ -72,7 +74,8 @@ def compare(
     # else its keys are names
     if id(entry.value) in known and any("properties" in t for t in tables):
         last, here, _ = known[id(entry.value)]
-        # the reader refuses some combinations after it has accepted the key: both a spring and a gear
+        # the reader refuses some combinations after it has accepted the key: both a spring and a
+        # gear
         unions = [set().union(*(t["properties"] for t in group)) for group in (fitting, tables)]
         assert set(last) in unions, (
             f"{here}: the reader knows {sorted(last)}, the schema {sorted(unions[0])}"
@@ -88,10 +91,14 @@ def compare(
 
 @pytest.fixture
 def recorded(monkeypatch):
-    """What `Table.only` is called with by the identity of the table; the trees of the files that were read."""
+    """What `Table.only` is called with by the identity of the table; the trees of the files that
+    were read.
+    """
     known: dict[int, tuple] = {}
     trees: list[Entry] = []
-    only, parse, expand = Table.only, reader.parse_file, overlay_module.expand
+    only = Table.only
+    parse = reader.parse_file
+    expand = overlay_module.expand
 
     def recording(self, *keys):
         before = known.get(id(self.entries), (keys,))[0]
@@ -166,7 +173,7 @@ def test_a_missing_key_is_seen(recorded, tmp_path):
             compare(trees[0], root, root, known, set())
 
 
-# --- files ------------------------------------------------------------------------------------------------------------
+# --- files ---------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -178,7 +185,9 @@ def validator():
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
 def test_files_are_valid(path, validator):
-    assert [error.message for error in validator.iter_errors(tomllib.loads(path.read_text()))] == []
+    assert [
+        error.message for error in validator.iter_errors(tomllib.loads(path.read_text()))
+    ] == []
 
 
 def test_all_kinds_of_tables_are_valid(tmp_path, validator):

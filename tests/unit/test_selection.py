@@ -1,4 +1,6 @@
-"""The selection of the quick tests: its tables name what is there, and every room of flexgen has a quick test."""
+"""The selection of the quick tests: its tables name what is there, and every room of flexgen has a
+quick test.
+"""
 
 from __future__ import annotations
 
@@ -71,7 +73,8 @@ def imported_rooms(path: Path) -> set[str]:
     """The rooms that a test file imports from, itself and through the helpers in tests/support."""
     out: set[str] = set()
     helpers = {file.stem: file for file in (TESTS / "support").glob("*.py")}
-    seen, todo = set(), [path]
+    seen = set()
+    todo = [path]
     while todo:
         file = todo.pop()
         seen.add(file)

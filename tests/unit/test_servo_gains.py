@@ -1,4 +1,6 @@
-"""Gains of a servo by frequencies: against the mass matrix, and in the C library against the same gains in the file."""
+"""Gains of a servo by frequencies: against the mass matrix, and in the C library against the same
+gains in the file.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +30,8 @@ def test_gains_of_a_stiff_arm_are_those_of_its_mass_matrix() -> None:
     assert_allclose(made.position_gain, 8 * np.pi)
     assert_allclose(made.integral_gain, np.pi)
     soft = 1 / (
-        ratio**2 * np.diag(np.linalg.inv(M + np.diag(ratio**2 * [m.inertia for m in model.motors])))
+        ratio**2
+        * np.diag(np.linalg.inv(M + np.diag(ratio**2 * [m.inertia for m in model.motors])))
     )
     assert_allclose(made.speed_gain, np.minimum(60 * np.pi * J, 0.3 * soft / 3e-3), rtol=1e-9)
     fast = servo_with_gains(replace(model, servo=replace(given, speed_hz=1.0)))
@@ -47,8 +50,11 @@ def test_frequencies_that_are_not_given_are_parts_of_the_lowest_one() -> None:
     model = replace(
         flexgen.read("elbow"), gravity=(0.0, 0.0, 0.0), servo=ServoTable("ppi", integral_hz=0.0)
     )
-    soft, equations, home = servo_with_gains(model), flexgen.derive(model), np.array(model.home)
-    torque, still = equations.function("gear_torque"), np.zeros(2)
+    soft = servo_with_gains(model)
+    equations = flexgen.derive(model)
+    home = np.array(model.home)
+    torque = equations.function("gear_torque")
+    still = np.zeros(2)
     K = np.array(
         [
             np.array(torque(home + each, still, model.eta @ home, still)).ravel()

@@ -1,4 +1,6 @@
-"""What the terminal and a notebook show of public objects: short texts without addresses, escaped tables."""
+"""What the terminal and a notebook show of public objects: short texts without addresses, escaped
+tables.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,8 @@ def solution(robot):
 def objects(robot, solution, tmp_path_factory):
     """Results that need little time, and large objects where the size depends on the user."""
     folder = tmp_path_factory.mktemp("texts")
-    path, problem = flexgen.plan(robot), flexgen.plan_problem(robot)
+    path = flexgen.plan(robot)
+    problem = flexgen.plan_problem(robot)
     rows = MANY[:, 0]
     steps = tuple(flexgen.MoveJ(end=(0.01 * k, 0.02 * k)) for k in range(80))
     return [
@@ -95,7 +98,9 @@ def test_a_text_says_what_the_object_is(robot):
     assert repr(flexgen.plan(robot)).startswith(f"<Path elbow, move {robot.moves[0].name}: 1 s, ")
     assert repr(flexgen.Program(name="p", start=(1.0,))) == "Program(name='p', start=(1.0,))"
     assert repr(flexgen.Limits(torque=(3.0, 4.0))) == "Limits(torque=(3.0, 4.0))"
-    assert repr(flexgen.Detection(MANY[:, 0], 7)) == "Detection(residual=<array 400 x 6>, sample=7)"
+    assert (
+        repr(flexgen.Detection(MANY[:, 0], 7)) == "Detection(residual=<array 400 x 6>, sample=7)"
+    )
 
 
 def test_the_tables_for_notebooks_show_and_escape_the_names(robot, solution):

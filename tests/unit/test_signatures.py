@@ -1,4 +1,6 @@
-"""The table of functions: every function of `Equations` has a row, with the names and shapes that it really has."""
+"""The table of functions: every function of `Equations` has a row, with the names and shapes that
+it really has.
+"""
 
 from __future__ import annotations
 
@@ -23,10 +25,16 @@ ROWS = {row.name: row for row in (*TABLE, *PYTHON_TABLE) if row.name not in IN_C
 
 def differences(equations: Equations, row: Row) -> list[str]:
     """What a row states differently from the function: names and shapes."""
-    model, function = equations.model, equations.function(row.name)
+    model = equations.model
+    function = equations.function(row.name)
     n_x = 2 * model.dof
     sizes = {key: getattr(model, key) for key in ("n_a", "n_g", "n_e", "n_m")}
-    sizes |= {"n": model.dof, "n_x": n_x, "n_y": model.output.size, "n_t": model.output.target_size}
+    sizes |= {
+        "n": model.dof,
+        "n_x": n_x,
+        "n_y": model.output.size,
+        "n_t": model.output.target_size,
+    }
     sizes["n_s"] = sum(len(sensor.channels) for sensor in model.sensors)
     if row.name == "output" and model.output.type == "tool_pose":
         sizes["n_y"] = 3

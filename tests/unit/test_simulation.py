@@ -39,7 +39,7 @@ def test_a_trajectory_of_another_model_is_refused() -> None:
 
 
 @pytest.mark.parametrize("suffix", ["npz", "csv"])
-def test_trajectories_survive_a_file(tmp_path, suffix: str) -> None:  # type: ignore[no-untyped-def]
+def test_trajectories_survive_a_file(tmp_path, suffix: str) -> None:
     equations = flexgen.derive("planar5_mp")
     solution = flexgen.solve(equations, verify=False)
     path = solution.trajectory.save(tmp_path / f"line.{suffix}")
@@ -56,14 +56,17 @@ def test_trajectories_survive_a_file(tmp_path, suffix: str) -> None:  # type: ig
 
 
 def test_columns_are_known_by_their_labels(tmp_path) -> None:  # type: ignore[no-untyped-def]
-    """A file whose columns are in another order is the same file; other units or names are refused."""
+    """A file whose columns are in another order is the same file; other units or names are
+    refused.
+    """
     equations = flexgen.derive("elbow")
     trajectory = flexgen.solve(equations, verify=False).trajectory
     text = trajectory.save(tmp_path / "elbow.csv").read_text().splitlines()
     header = text[1].split(",")
 
     def swapped_pair(lines: list[str], first: str, second: str) -> list[str]:
-        one, two = header.index(first), header.index(second)
+        one = header.index(first)
+        two = header.index(second)
         rows = [line.split(",") for line in lines]
         for cells in rows:
             cells[one], cells[two] = cells[two], cells[one]
@@ -121,7 +124,9 @@ def test_speeds_of_the_start_have_their_units():
 
 
 def test_a_clock_that_counts_from_1970_gives_the_errors_of_the_motion() -> None:
-    """Its resolution is a quarter of a microsecond; the integrator failed on it, or was 55 um wrong."""
+    """Its resolution is a quarter of a microsecond; the integrator failed on it, or was 55 um
+    wrong.
+    """
     trajectory = flexgen.solve("elbow", verify=False).trajectory
     found = flexgen.simulate(
         "elbow", dataclasses.replace(trajectory, time=trajectory.time + 1.7e9), held=0.0

@@ -1,8 +1,9 @@
-"""Modules below the rooms, at the edges of their ranges: texts of values, time limits, curves, arrays, lost workers.
+"""Modules below the rooms, at the edges of their ranges: texts of values, time limits, curves,
+arrays, lost workers.
 
-Of `flexgen.display`, `flexgen.counts`, `flexgen.deadline`, `flexgen.progress`, `flexgen.numerics.executors`,
-`flexgen.interpolation`, `flexgen.torque_curve`, `flexgen.array_files`, `flexgen.atomic_files` and
-`flexgen.types_of_values`.
+Of `flexgen.display`, `flexgen.counts`, `flexgen.deadline`, `flexgen.progress`,
+`flexgen.numerics.executors`, `flexgen.interpolation`, `flexgen.torque_curve`,
+`flexgen.array_files`, `flexgen.atomic_files` and `flexgen.types_of_values`.
 """
 
 from __future__ import annotations
@@ -55,7 +56,9 @@ def test_short_texts_show_four_entries_and_a_hundred_characters() -> None:
         "array([ 0., 1.,"
     )
     assert display.short_text(np.zeros((13, 1))) == "<array 13 x 1>"
-    exact, long = Made(a="x" * 85), Made(a="x" * 86)  # of 100 and 101 characters
+    # of 100 and 101 characters
+    exact = Made(a="x" * 85)
+    long = Made(a="x" * 86)
     assert len(repr(exact)) == 100 and display.short_text(exact) == repr(exact)
     assert display.short_text(long) == repr(long)[:97] + "..."
     assert (
@@ -164,7 +167,8 @@ def test_time_limits_end_at_their_time(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_one_line_of_progress_is_replaced_and_removed(monkeypatch: pytest.MonkeyPatch) -> None:
-    now, stream = [0.0], StringIO()
+    now = [0.0]
+    stream = StringIO()
     monkeypatch.setattr(progress.time, "perf_counter", lambda: now[0])
     monkeypatch.setattr(progress.sys, "stderr", stream)
     monkeypatch.setattr(progress.shutil, "get_terminal_size", lambda: Made(columns=30))
@@ -193,10 +197,13 @@ def test_long_calls_compute_on_one_thread_of_blas() -> None:
 
     def threads() -> set[int]:
         return {
-            library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"
+            library["num_threads"]
+            for library in threadpool_info()
+            if library["user_api"] == "blas"
         }
 
-    first, second = progress._one_blas_thread(), progress._one_blas_thread()
+    first = progress._one_blas_thread()
+    second = progress._one_blas_thread()
     with threadpool_limits(limits=2, user_api="blas"):
         with progress.reporting(False, "solve"), progress.reporting(False, "simulate"):
             assert threads() == {1}
@@ -275,7 +282,8 @@ def test_a_motion_between_its_samples_is_the_polynomial_that_was_sampled() -> No
         ("x", "'x'"),
     ):
         with pytest.raises(
-            ArgumentError, match=f"^t: given {words}, expected one or more instants from 0 to 0.6 s"
+            ArgumentError,
+            match=f"^t: given {words}, expected one or more instants from 0 to 0.6 s",
         ):
             interpolate(t, two, {}, given)
 
@@ -299,7 +307,8 @@ def test_torques_that_jump_between_ten_samples_are_read_back() -> None:
     assert (both([0.1, 0.3, 0.6])[:, 2] == 3.0).all() and both.x.tolist() == [0.1, 0.5, 0.7]
     with pytest.raises(
         ArgumentError,
-        match="given 20 instants, expected intervals of 10 equal steps for polynomials of degree 2",
+        match="given 20 instants, expected intervals of 10 equal steps for polynomials of "
+        "degree 2",
     ):
         torque_curve.interval_polynomials(t[:-1], tau[:-1], 2)
     tau[3, 0] += 1e-3
@@ -394,7 +403,8 @@ def test_abandoned_files_are_removed_after_their_time(
         for given in ((errno.ENOSPC, "full"), (1234, "odd"), ())
     ]
     assert texts[0].endswith(
-        "(full); free space on this disk or choose a path on another one; a file that was there is unchanged"
+        "(full); free space on this disk or choose a path on another one; a file that was there "
+        "is unchanged"
     )
     assert "(odd); choose another path;" in texts[1] and "); choose another path;" in texts[2]
 
@@ -469,7 +479,11 @@ def test_annotations_pass_their_values_and_no_others() -> None:
         )
         == [True, True] + [False] * 4
     )
-    assert passing(np.ndarray, [np.array(["a"]), [object()], 3], result=True) == [True, True, False]
+    assert passing(np.ndarray, [np.array(["a"]), [object()], 3], result=True) == [
+        True,
+        True,
+        False,
+    ]
     assert passing(Named, [Named(), Made()]) == [True, False]
     late = Names()["Late"]
     assert (

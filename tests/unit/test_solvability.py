@@ -1,4 +1,6 @@
-"""Solvability of the inverse dynamics at a pose and along a path, and controllability of the linearization."""
+"""Solvability of the inverse dynamics at a pose and along a path, and controllability of the
+linearization.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +33,9 @@ def at_pose(equations: Equations, pose: tuple[float, ...]):
 
 
 def effect_of_the_drives(equations: Equations, pose: tuple[float, ...]) -> np.ndarray:
-    """P from the state-space linearization: how motor speeds, angles or torques accelerate the output."""
+    """P from the state-space linearization: how motor speeds, angles or torques accelerate the
+    output.
+    """
     model = equations.model
     rest = hold_joints(equations, np.array(pose))
     A, B = linearize(equations, rest).state_space()
@@ -89,13 +93,16 @@ def test_coupled_rigid_and_elastic_gears() -> None:
 
 
 def test_the_determinant_explains_the_verdict() -> None:
-    """det(W M^-1 S_g) = +-det(W_g) det(A) / det(M): the regular matrix fails with either factor."""
+    """det(W M^-1 S_g) = +-det(W_g) det(A) / det(M): the regular matrix fails with either
+    factor.
+    """
     for distance in (0.3, -0.3, 1e-3):
         arm = planar_arm(np.random.default_rng(8), distance)
         equations = Equations(arm.model)
         rest = hold_joints(equations, np.array(arm.pose))
         linear = linearize(equations, rest)
-        M, W = linear.M[:3, :3], linear.W[:, :3]
+        M = linear.M[:3, :3]
+        W = linear.W[:, :3]
         A = arm.i_eff / arm.kappa
         expected = np.linalg.det(W[:, :2]) * A / np.linalg.det(M)
         found = solvability(equations, rest, linear)
@@ -161,7 +168,7 @@ def test_a_dead_band_gear_without_slope_transmits_no_torque() -> None:
     model = read("elbow")
     upper = model.elements[0]
     # without smoothing the dead band has no slope at all at its center, where gravity is off
-    gear = replace(upper.dofs[0].gear, spring=BacklashSpring(7.5e6, 1e-3, 1e-9), damping=0.0)  # type: ignore[type-var]
+    gear = replace(upper.dofs[0].gear, spring=BacklashSpring(7.5e6, 1e-3, 1e-9), damping=0.0)
     loose = replace(upper, dofs=(replace(upper.dofs[0], gear=gear),))
     equations = Equations(
         replace(model, elements=(loose, *model.elements[1:]), gravity=(0.0, 0.0, 0.0))
@@ -189,7 +196,7 @@ def test_a_single_rigid_axis_has_no_rate_of_its_own() -> None:
     assert np.abs(analysis.poles).max() == 0.0
 
 
-# --- controllability -------------------------------------------------------------------------------------------------
+# --- controllability -----------------------------------------------------------------------------
 
 
 def masses(spring: float, coupling: float) -> LinearModel:
@@ -219,7 +226,9 @@ def test_controllability_of_two_masses() -> None:
 
 
 def test_an_element_across_the_plane_is_not_controllable() -> None:
-    """A bearing that bends across the plane of a planar arm without gravity across it: no motor moves it."""
+    """A bearing that bends across the plane of a planar arm without gravity across it: no motor
+    moves it.
+    """
     model = read("planar5_nmp")
     last = model.elements[-1]
     across = replace(last.dofs[0], name="across", axis=(0.0, 1.0, 0.0))
@@ -231,7 +240,7 @@ def test_an_element_across_the_plane_is_not_controllable() -> None:
     assert any(text.startswith("not controllable") for text in found.warnings)
 
 
-# --- along a path, and as data ---------------------------------------------------------------------------------------
+# --- along a path, and as data -------------------------------------------------------------------
 
 
 def test_along_a_path() -> None:
@@ -287,15 +296,23 @@ def test_the_analysis_contains_the_verdict_and_its_matrix() -> None:
 
 @pytest.mark.parametrize("light", [1e-3, 1e-6, 1e-9, 1e-12])
 def test_slow_poles_are_those_without_a_light_mass_on_a_stiff_spring(light: float) -> None:
-    """Two masses on a spring and a stiffer one in series; its pole is up to 5e16 1/s, theirs are 0.5 and 146 1/s."""
-    k, d, stiff = 4e4, 5.0, 1e4
+    """Two masses on a spring and a stiffer one in series; its pole is up to 5e16 1/s, theirs are
+    0.5 and 146 1/s.
+    """
+    k = 4e4
+    d = 5.0
+    stiff = 1e4
 
     def chain(spring: np.ndarray, masses: list[float]) -> LinearModel:
         n = len(masses)
         ground = np.zeros((n, n))
         ground[-1, -1] = 2.0
         return LinearModel(
-            np.diag(masses), d * spring, k * spring + ground, *[np.eye(n)[:, :1]] * 2, np.eye(n)[:1]
+            np.diag(masses),
+            d * spring,
+            k * spring + ground,
+            *[np.eye(n)[:, :1]] * 2,
+            np.eye(n)[:1],
         )
 
     three = np.array([[stiff, -stiff, 0.0], [-stiff, stiff + 1.0, -1.0], [0.0, -1.0, 1.0]])
@@ -316,7 +333,8 @@ def test_poles_next_to_a_much_faster_one_are_exact(light: float) -> None:
     off by eps times the fastest one.
     """
     masses = np.diag([3.0, light, 5.0])
-    k, soft = 4e8, 2.0
+    k = 4e8
+    soft = 2.0
     spring = np.array([[k, -k, 0.0], [-k, k + 4e4, -4e4], [0.0, -4e4, 4e4 + soft]])
     damping = np.array([[5e4, -5e4, 0.0], [-5e4, 5e4 + 5.0, -5.0], [0.0, -5.0, 5.0]])
     unit = np.eye(3)[:, :1]

@@ -1,4 +1,6 @@
-"""What the default method does after an error of the solver: finer meshes, further methods, and a report of them."""
+"""What the default method does after an error of the solver: finer meshes, further methods, and a
+report of them.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +33,9 @@ def equations() -> Equations:
 
 @pytest.fixture
 def calls(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[str, int], bool]], list[str]]:
-    """Make the methods fail where a function of name and number of earlier calls says so; the names called."""
+    """Make the methods fail where a function of name and number of earlier calls says so; the
+    names called.
+    """
 
     def install(fails: Callable[[str, int], bool], message: str = "planted") -> list[str]:
         names: list[str] = []
@@ -49,7 +53,7 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[str, int], boo
     return install
 
 
-def test_a_finer_mesh_is_tried(equations: Equations, calls) -> None:  # type: ignore[no-untyped-def]
+def test_a_finer_mesh_is_tried(equations: Equations, calls) -> None:
     names = calls(lambda name, count: count == 1)
     solution = flexgen.solve(equations)
     assert names == ["lq", "lq"] and solution.status == Status.SOLVED and solution.method == "lq"
@@ -60,7 +64,8 @@ def test_each_attempt_halves_the_intervals(
     equations: Equations, calls, monkeypatch: pytest.MonkeyPatch
 ) -> None:  # type: ignore[no-untyped-def]
     """Those of the method, and those that an error of the time limit names."""
-    steps, named = list[float](), list[str]()
+    steps = list[float]()
+    named = list[str]()
     calls(lambda name, count: count < 3)
     planted = solve_module.run_method
     monkeypatch.setattr(
@@ -74,7 +79,7 @@ def test_each_attempt_halves_the_intervals(
 
 
 @pytest.mark.slow
-def test_further_methods_are_tried(equations: Equations, calls) -> None:  # type: ignore[no-untyped-def]
+def test_further_methods_are_tried(equations: Equations, calls) -> None:
     names = calls(lambda name, count: name == "lq")
     solution = flexgen.solve(equations)
     assert (
@@ -89,7 +94,9 @@ def test_further_methods_are_tried(equations: Equations, calls) -> None:  # type
 def test_lq_is_tried_after_a_closed_form_that_misses_and_the_reason_is_reported(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Planted: the closed form ends with the path, although the deflections of damped gears decay after it."""
+    """Planted: the closed form ends with the path, although the deflections of damped gears decay
+    after it.
+    """
     monkeypatch.setattr(
         closed_form, "instants", lambda duration, step, settling: instants(duration, step, 0.0)
     )
@@ -112,7 +119,9 @@ def test_lq_is_tried_after_a_closed_form_that_misses_and_the_reason_is_reported(
     "method", [name for name, m in methods().items() if not m.module.endswith(".baselines")]
 )
 def test_the_verification_of_every_method_covers_half_a_second_after_its_end(method: str) -> None:
-    """Planted: a last torque that is 5 N m too high, whatever the method, moves the tool while it is held."""
+    """Planted: a last torque that is 5 N m too high, whatever the method, moves the tool while it
+    is held.
+    """
     problem = question("elbow")
     result = solve_module.run_method(methods()["closed-form"], problem, 0.0)
     tau_m = result.motors.tau_m.copy()
@@ -128,7 +137,7 @@ def test_the_verification_of_every_method_covers_half_a_second_after_its_end(met
     assert errors[0] < 1e-8 and errors[1] > 0.01
 
 
-def test_the_error_lists_what_was_tried(equations: Equations, calls) -> None:  # type: ignore[no-untyped-def]
+def test_the_error_lists_what_was_tried(equations: Equations, calls) -> None:
     names = calls(lambda name, count: True)
     with pytest.raises(SolverError) as caught:
         flexgen.solve(equations)
@@ -138,7 +147,7 @@ def test_the_error_lists_what_was_tried(equations: Equations, calls) -> None:  #
     assert all(f"{name}, intervals of" in text for name in set(names))
 
 
-def test_no_further_method_after_its_time(equations: Equations, calls, monkeypatch) -> None:  # type: ignore[no-untyped-def]
+def test_no_further_method_after_its_time(equations: Equations, calls, monkeypatch) -> None:
     monkeypatch.setattr(solve_module, "FURTHER", 0.0)
     names = calls(lambda name, count: True)
     with pytest.raises(SolverError, match="bvp: not started, 0 s are over"):
@@ -146,14 +155,14 @@ def test_no_further_method_after_its_time(equations: Equations, calls, monkeypat
     assert names == ["lq"] * 3
 
 
-def test_a_method_that_was_asked_for_is_the_only_one(equations: Equations, calls) -> None:  # type: ignore[no-untyped-def]
+def test_a_method_that_was_asked_for_is_the_only_one(equations: Equations, calls) -> None:
     names = calls(lambda name, count: True)
     with pytest.raises(SolverError, match=r"^lq planted$"):
         flexgen.solve(equations, method="lq")
     assert names == ["lq"]
 
 
-def test_a_path_out_of_reach_is_refused_at_once(equations: Equations, calls) -> None:  # type: ignore[no-untyped-def]
+def test_a_path_out_of_reach_is_refused_at_once(equations: Equations, calls) -> None:
     names = calls(lambda name, count: False)
     move = flexgen.Move(
         "far",
@@ -168,7 +177,7 @@ def test_a_path_out_of_reach_is_refused_at_once(equations: Equations, calls) -> 
     assert len(names) <= 1
 
 
-def test_a_singular_pose_ends_the_attempts(equations: Equations, calls) -> None:  # type: ignore[no-untyped-def]
+def test_a_singular_pose_ends_the_attempts(equations: Equations, calls) -> None:
     """The library reports that the tool cannot follow the path: no further method is tried."""
     text = next(status.text for status in STATUSES if status.name == "UNREACHABLE")
     names = calls(lambda name, count: True, f"planted: {text}")

@@ -1,4 +1,6 @@
-"""The parts of an inversion: collocation methods, gears and motors, residuals and the guards of the verdict."""
+"""The parts of an inversion: collocation methods, gears and motors, residuals and the guards of
+the verdict.
+"""
 
 from __future__ import annotations
 
@@ -38,7 +40,8 @@ def test_the_error_falls_with_the_order_of_the_method() -> None:
         found = collocate(reduction, path, np.linspace(0.0, 0.5, n + 1), stages=stages)
         return found.q_e[:: n // 10, 0]
 
-    # the shortest mesh with three stages is the reference; 20 ms and 10 ms are in the asymptotic range
+    # the shortest mesh with three stages is the reference; 20 ms and 10 ms are in the asymptotic
+    # range
     best = deflections(0.00125, 3)
     for stages, order in ((1, 2), (2, 4)):
         coarse, fine = (np.abs(deflections(h, stages) - best).max() for h in (0.01, 0.005))
@@ -54,7 +57,9 @@ def test_gears_with_next_to_no_damping(damping: float) -> None:
 
 
 def test_flexible_joint_closed_form_against_the_textbook() -> None:
-    """tau = J q_m'' + f + M a + c + g with q_m = q + K^-1 (M a + c + g), two undamped gears, derivatives by splines."""
+    """tau = J q_m'' + f + M a + c + g with q_m = q + K^-1 (M a + c + g), two undamped gears,
+    derivatives by splines.
+    """
     changes = {
         f"element.{e}.dof.{q}.gear.damping": 0.0 for e, q in (("upper", "q1"), ("fore", "q2"))
     }
@@ -97,7 +102,8 @@ def test_drives_with_a_nonlinear_damped_gear_against_an_integrator() -> None:
         atol=1e-14,
         t_eval=t,
     )
-    # the spring's curvature jumps at its break, which costs the fixed steps of 1 ms some digits there
+    # the spring's curvature jumps at its break, which costs the fixed steps of 1 ms some digits
+    # there
     assert np.abs(p[:, 0] - exact.y[0]).max() < 1e-4 * np.abs(p).max()
     fine = make_interp_spline(t, exact.y[0], k=5)
     # from the break, where a spline through samples cannot follow
@@ -150,12 +156,14 @@ def test_an_undamped_nonlinear_gear() -> None:
 
 
 def test_guards_of_the_verdicts(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Planted bugs: a simulation that loses energy, and an NLP that calls open constraints a success."""
+    """Planted bugs: a simulation that loses energy, and an NLP that calls open constraints a
+    success.
+    """
     import flexgen.inversion.verification as solving
     import flexgen.numerics.nlp as nlp
 
     def leaking(*arguments: object, **options: object) -> object:
-        return dataclasses.replace(simulate(*arguments, **options), energy_error=1e-3)  # type: ignore[arg-type]
+        return dataclasses.replace(simulate(*arguments, **options), energy_error=1e-3)
 
     monkeypatch.setattr(solving, "simulate", leaking)
     assert (

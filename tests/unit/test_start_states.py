@@ -36,7 +36,9 @@ def shooting(tmp_path_factory: pytest.TempPathFactory) -> fits._Shooting:
     folder = tmp_path_factory.mktemp("mast")
     text = (MODELS / "elbow.toml").read_text(encoding="utf-8")
     at = text.index("# Rotation about +y")
-    (folder / "mast.toml").write_text(text[:at] + MAST.format(x=1e-5) + text[at:], encoding="utf-8")
+    (folder / "mast.toml").write_text(
+        text[:at] + MAST.format(x=1e-5) + text[at:], encoding="utf-8"
+    )
     model = flexgen.read(folder / "mast.toml")
     plan = flexgen.excite(model, poses=[[0.5, -0.3]], period_s=1.0, lines=6)
     writer = RecordingWriter(folder, plan, model)
@@ -49,7 +51,9 @@ def shooting(tmp_path_factory: pytest.TempPathFactory) -> fits._Shooting:
 def test_states_that_no_output_shows_stay(
     shooting: fits._Shooting, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Of noisy angles. Without the prior the mast moves a thousand times as far, and takes part in the noise."""
+    """Of noisy angles. Without the prior the mast moves a thousand times as far, and takes part in
+    the noise.
+    """
     first = shooting.z
     y = [c.name for c in shooting.model.coordinates].index("y")
     shooting.y = shooting.y + 1e-3 * np.std(shooting.y) * np.random.default_rng(0).standard_normal(

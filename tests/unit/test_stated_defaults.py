@@ -27,8 +27,8 @@ PAGES = [
 ]
 PAGES.remove(ROOT / "flexgen" / "models" / "README.md")  # a link to models/
 STATED = re.compile(
-    r"(?:(?P<first>(?<![\w.])\d[-.\de]*) (?:s )?\(default\)|\b(?P<zero>0) by default"
-    r"|default:? (?:accuracy is |is |tolerance |of )?(?P<after>\d[-+.\de]*+)(?!/| (?:of\b|%|to\b)))"
+    r"(?:(?P<first>(?<![\w.])\d[-.\de]*) (?:s )?\(default\)|\b(?P<zero>0) by default|default:? "
+    r"(?:accuracy is |is |tolerance |of )?(?P<after>\d[-+.\de]*+)(?!/| (?:of\b|%|to\b)))"
 )
 
 

@@ -1,6 +1,7 @@
 """Numbers that pages state in their sentences and tables, and units, are those of the program.
 
-A constant that a page states cannot change alone: the sentence has the number where the program has it.
+A constant that a page states cannot change alone: the sentence has the number where the program
+has it.
 """
 
 from __future__ import annotations

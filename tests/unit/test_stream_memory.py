@@ -1,4 +1,6 @@
-"""Memory of streams: that of another robot, of another stream, or a part of it is refused in every call."""
+"""Memory of streams: that of another robot, of another stream, or a part of it is refused in every
+call.
+"""
 
 from __future__ import annotations
 
@@ -43,7 +45,9 @@ def libraries(tmp_path_factory: pytest.TempPathFactory) -> dict[str, flexgen.Lib
         model = folder / name / "elbow.toml"
         model.write_text(content, encoding="utf-8")
         options: dict[str, Any] = {"parameters": ["payload.mass"], "parts": ["force"]}
-        out[name] = flexgen.load(flexgen.generate(model, folder / f"{name}_c", **options).directory)
+        out[name] = flexgen.load(
+            flexgen.generate(model, folder / f"{name}_c", **options).directory
+        )
     return out
 
 
@@ -112,7 +116,9 @@ def test_memory_of_a_stream_of_other_sizes_is_refused(
 def test_no_result_with_an_infinite_number_in_its_info(
     libraries: dict[str, flexgen.Library], power: int
 ) -> None:
-    """A force near the largest number [N]: the step of the output had no bound, with the status OK."""
+    """A force near the largest number [N]: the step of the output had no bound, with the status
+    OK.
+    """
     stream = at_rest(libraries["elbow"])
     stream.set_force(np.array([10.0**power, 0.0, 0.0, 0.0, 0.0, 0.0]))
     with pytest.raises(SolverError, match="not finite"):

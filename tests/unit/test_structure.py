@@ -1,4 +1,6 @@
-"""Pryce's structural analysis: offsets, index, degrees of freedom, blocks, and where the structure is misleading."""
+"""Pryce's structural analysis: offsets, index, degrees of freedom, blocks, and where the structure
+is misleading.
+"""
 
 from __future__ import annotations
 
@@ -38,7 +40,7 @@ def at_home(name: str):
     return check_at_rest(equations, hold_joints(equations, np.array(equations.model.home)))
 
 
-# --- what the theory says --------------------------------------------------------------------------------------------
+# --- what the theory says ------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -71,7 +73,9 @@ def test_the_table_of_the_planar_arm(
 
 @pytest.mark.parametrize("name", model_names())
 def test_structure_agrees_with_the_numbers_or_is_marked_as_wrong(name: str) -> None:
-    """Index and degrees of freedom against the general rule, and the verdict against Kunkel and Mehrmann's numbers."""
+    """Index and degrees of freedom against the general rule, and the verdict against Kunkel and
+    Mehrmann's numbers.
+    """
     equations = flexgen.derive(name)
     rest = hold_joints(equations, np.array(equations.model.home))
     found, check = check_at_rest(equations, rest)
@@ -86,7 +90,8 @@ def test_structure_agrees_with_the_numbers_or_is_marked_as_wrong(name: str) -> N
 
 def test_the_verdict_along_a_path() -> None:
     equations = flexgen.derive("planar5_soft")
-    series, path = TaylorArray(InverseDae(equations)), Path(equations, equations.model.move())
+    series = TaylorArray(InverseDae(equations))
+    path = Path(equations, equations.model.move())
     x, _ = consistent(series, path, np.array([0.2, 0.5, 0.8]) * path.duration, 1)
     for point in x:
         assert check_structure(series, structure(equations), point[:2]).holds
@@ -149,7 +154,7 @@ def test_an_output_that_no_motor_moves() -> None:
     assert "too few equations" in check.verdict
 
 
-# --- oracles ---------------------------------------------------------------------------------------------------------
+# --- oracles -------------------------------------------------------------------------------------
 
 
 def offsets_hold(found: Structure) -> bool:
@@ -187,7 +192,9 @@ def test_degrees_of_freedom_by_enumeration() -> None:
 
 
 def test_the_system_jacobian_is_the_derivative_of_differentiated_equations() -> None:
-    """Block of the planar arm by hand: rows W, and M of the passive row, up to the scaling of rows and columns."""
+    """Block of the planar arm by hand: rows W, and M of the passive row, up to the scaling of rows
+    and columns.
+    """
     equations = flexgen.derive("planar5_nmp")
     found = structure(equations)
     analysis = flexgen.analyze(equations)
@@ -198,7 +205,9 @@ def test_the_system_jacobian_is_the_derivative_of_differentiated_equations() -> 
     )
     by_hand = np.vstack([analysis.linear.M[2, :3], analysis.linear.W[:, :3]])
     scales = series.scales(dae.pack(analysis.equilibrium))
-    rows = np.concatenate([scales.rows[dae.dynamic[2:3]] / scales.time**2, scales.rows[dae.output]])
+    rows = np.concatenate(
+        [scales.rows[dae.dynamic[2:3]] / scales.time**2, scales.rows[dae.output]]
+    )
     block = by_hand * rows[:, None] * scales.x[:3]
     assert np.allclose(J[[2, 5, 6]][:, :3], block, rtol=1e-13, atol=1e-15)
     assert J[2, 5] == 0
@@ -215,7 +224,8 @@ def test_blocks_of_a_random_triangular_pattern() -> None:
         pattern[ring, ring] = True
         pattern[ring, np.roll(ring, 1)] = True  # a ring holds the block together
         pattern[ring[0], : end - size] |= rng.uniform(size=end - size) < 0.4
-    rows, columns = rng.permutation(11), rng.permutation(11)
+    rows = rng.permutation(11)
+    columns = rng.permutation(11)
     form = block_form(pattern[np.ix_(rows, columns)])
     assert not any(form.surplus + form.deficit)
     assert sorted(len(block[0]) for block in form.blocks) == sorted(sizes)

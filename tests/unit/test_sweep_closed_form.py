@@ -1,4 +1,6 @@
-"""Many joint moves at once: the torques are those of `flexgen.solve`, and no neighbour in the lot changes a bit."""
+"""Many joint moves at once: the torques are those of `flexgen.solve`, and no neighbour in the lot
+changes a bit.
+"""
 
 from __future__ import annotations
 
@@ -44,7 +46,9 @@ def difference(equations: Equations, mover: JointMoves, count: int = 1) -> float
         worst = max(
             worst,
             float(
-                (np.abs(torque - one["tau_m"]).max(axis=0) / np.abs(one["tau_m"]).max(axis=0)).max()
+                (
+                    np.abs(torque - one["tau_m"]).max(axis=0) / np.abs(one["tau_m"]).max(axis=0)
+                ).max()
             ),
         )
     return worst
@@ -69,7 +73,8 @@ def with_gears(
 def coupled(model: RobotModel) -> RobotModel:
     """The second motor drives the first joint as well."""
     first, second = model.motors[:2]
-    drives, ratio = (*first.drives, *second.drives), (0.3 * second.ratio[0], *second.ratio)
+    drives = (*first.drives, *second.drives)
+    ratio = (0.3 * second.ratio[0], *second.ratio)
     return dataclasses.replace(
         model, motors=(first, dataclasses.replace(second, drives=drives, ratio=ratio))
     )
@@ -113,7 +118,8 @@ def test_figures_are_those_of_the_torques() -> None:
     equations = derive(ELBOW)
     mover = JointMoves(equations, TimeLaw(0.5, 6), step=1e-3)
     moves, starts, ends = moves_of(ELBOW, 3)
-    peaks, tau = mover.peaks(starts, ends), mover.torques(starts, ends)
+    peaks = mover.peaks(starts, ends)
+    tau = mover.torques(starts, ends)
     assert (peaks.torque_max == np.abs(tau).max(axis=1)).all()
     assert peaks.torque_rms == pytest.approx(
         np.sqrt(trapezoid(tau**2, mover.t, axis=1) / mover.t[-1]), rel=1e-12
@@ -135,7 +141,8 @@ def test_other_cases_of_the_batch_do_not_change_a_bit() -> None:
     both = mover.torques(starts, ends)
     assert (mover.torques(starts[7:8], ends[7:8])[0] == both[7]).all()
     assert (mover.torques(starts[::-1], ends[::-1])[::-1] == both).all()
-    peaks, one = mover.peaks(starts, ends), mover.peaks(starts[-1:], ends[-1:])
+    peaks = mover.peaks(starts, ends)
+    one = mover.peaks(starts[-1:], ends[-1:])
     assert all(
         (getattr(one, f.name)[0] == getattr(peaks, f.name)[-1]).all()
         for f in dataclasses.fields(one)
@@ -185,7 +192,7 @@ def test_models_without_the_closed_form_are_refused() -> None:
         )
 
 
-# --- the same through a sweep -----------------------------------------------------------------------------------------
+# --- the same through a sweep --------------------------------------------------------------------
 
 
 def test_the_bits_of_one_two_and_seven_shards() -> None:
@@ -197,7 +204,8 @@ def test_the_bits_of_one_two_and_seven_shards() -> None:
 
 @pytest.mark.slow
 def test_batched_and_single_cases_are_chosen_by_model_and_method() -> None:
-    start, end = (0.1, 0.2), (0.4, -0.3)
+    start = (0.1, 0.2)
+    end = (0.4, -0.3)
     moves = (
         Move("plain", "joint", start, 1.0, 5, end=end),
         # the torque jumps at its ends: solve judges
@@ -229,7 +237,8 @@ def test_batched_and_single_cases_are_chosen_by_model_and_method() -> None:
 
 
 def test_a_bad_move_has_no_neighbours() -> None:
-    start, end = (0.1, 0.2), (0.4, -0.3)
+    start = (0.1, 0.2)
+    end = (0.4, -0.3)
     moves = [
         Move(f"m{k}", "joint", start, 1.0, 5, end=(end[0] + 0.01 * k, end[1])) for k in range(7)
     ]
@@ -268,14 +277,16 @@ def test_without_a_compiler_casadi_does_it(monkeypatch) -> None:
     assert table["torque_max"] == pytest.approx(compiled["torque_max"], rel=1e-12)
 
 
-# --- the lag of a damped gear -----------------------------------------------------------------------------------------
+# --- the lag of a damped gear --------------------------------------------------------------------
 
 
 STIFFNESS = 20.0
 
 
 def lag_error(t: np.ndarray, damping: float, w: float, start: float) -> float:
-    """Largest one of the twist under the torque sin(w t), against the solution by hand; relative to 1/K."""
+    """Largest one of the twist under the torque sin(w t), against the solution by hand; relative
+    to 1/K.
+    """
     tau = np.stack([np.sin(w * t), w * np.cos(w * t), -(w**2) * np.sin(w * t)])[:, :, None]
     found = gear_lag(t, np.array([STIFFNESS]), np.array([damping])).deflections(
         tau, np.array([start])
@@ -307,7 +318,9 @@ def test_the_lag_is_of_sixth_order_and_exact_at_rest() -> None:
 
 @pytest.mark.slow
 def test_a_sweep_of_a_model_with_hysteresis_is_that_of_solve() -> None:
-    """One by one, as batches do not know the gears: the largest torque is another one than without hysteresis."""
+    """One by one, as batches do not know the gears: the largest torque is another one than without
+    hysteresis.
+    """
     lossy = {"element.upper.dof.q1.gear.hysteresis": {"lost_motion": 3e-3, "stiffness": 7e6}}
     found = []
     for more in ({}, lossy):

@@ -1,4 +1,6 @@
-"""Shards in this process, pools, threads and executors of any kind give the same bits, and lose nothing."""
+"""Shards in this process, pools, threads and executors of any kind give the same bits, and lose
+nothing.
+"""
 
 from __future__ import annotations
 
@@ -98,7 +100,8 @@ class Future:
     """What an executor of another kind may return."""
 
     def __init__(self, call) -> None:
-        self.call, self.asked = call, 0
+        self.call = call
+        self.asked = 0
 
     def done(self) -> bool:
         self.asked += 1
@@ -115,7 +118,9 @@ class Executor:
     """Counts what is under way, and loses the first ``losses`` of it."""
 
     def __init__(self, losses: int = 0) -> None:
-        self.now, self.most, self.losses = 0, 0, losses
+        self.now = 0
+        self.most = 0
+        self.losses = losses
 
     def submit(self, function, argument) -> Future:
         self.now += 1

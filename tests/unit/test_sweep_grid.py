@@ -1,4 +1,6 @@
-"""What a sweep consists of: the order of its cases, the digest of its content, random moves, and grid files."""
+"""What a sweep consists of: the order of its cases, the digest of its content, random moves, and
+grid files.
+"""
 
 from __future__ import annotations
 
@@ -72,7 +74,9 @@ def test_the_digest_is_of_the_content(tmp_path) -> None:
 
 
 def accelerations(bound: float | None) -> np.ndarray:
-    """Largest accelerations of random moves (50, n_g): those of the time law by differences, times the way."""
+    """Largest accelerations of random moves (50, n_g): those of the time law by differences, times
+    the way.
+    """
     model = read("manutec_r3")
     changed = [
         replace(e, dofs=tuple(replace(d, acceleration_max=bound) for d in e.dofs))
@@ -148,8 +152,16 @@ def test_more_cases_and_moves_than_can_be_computed_are_refused() -> None:
 def test_grid_files(tmp_path) -> None:
     file = tmp_path / "grid.toml"
     file.write_text(
-        'models = ["elbow"]\nmoves = ["line"]\nmethods = ["auto", "full"]\n[random]\ncount = 2\nseed = 7\n'
-        '[parameters]\n"motor.m1.inertia" = [1e-3, 2e-3]\n[options]\nverify = false\n',
+        'models = ["elbow"]\n'
+        'moves = ["line"]\n'
+        'methods = ["auto", "full"]\n'
+        "[random]\n"
+        "count = 2\n"
+        "seed = 7\n"
+        "[parameters]\n"
+        '"motor.m1.inertia" = [1e-3, 2e-3]\n'
+        "[options]\n"
+        "verify = false\n",
         encoding="utf-8",
     )
     grid = read_grid(file)

@@ -75,14 +75,15 @@ def test_planted_bugs_change_the_bits(monkeypatch) -> None:
     assert len({sweep(grid, workers=0, shard_size=size).results.digest for size in (2, 3)}) == 2
 
 
-# --- shards on disk ---------------------------------------------------------------------------------------------------
+# --- shards on disk ------------------------------------------------------------------------------
 
 
 class Stop:
     """Ctrl-C after some shards."""
 
     def __init__(self, shards: int) -> None:
-        self.shards, self.lines = shards, []
+        self.shards = shards
+        self.lines = []
 
     def __call__(self, line: str) -> None:
         self.lines.append(line)
@@ -93,7 +94,8 @@ class Stop:
 @pytest.mark.slow
 @pytest.mark.parametrize("workers", [0, 2])
 def test_an_interruption_loses_what_was_running_and_nothing_else(tmp_path, workers) -> None:
-    grid, out = batch_grid(7), tmp_path / "out"
+    grid = batch_grid(7)
+    out = tmp_path / "out"
     with sources_stay():
         ended = sweep(grid, out, workers=workers, shard_size=2, progress=Stop(2))
     kept = {file.name: file.read_bytes() for file in (out / "shards").iterdir()}
@@ -111,11 +113,14 @@ def test_an_interruption_loses_what_was_running_and_nothing_else(tmp_path, worke
     assert all((out / "shards" / name).read_bytes() == content for name, content in kept.items())
     assert swept.results.digest == sweep(grid, workers=0).results.digest
     again = sweep(grid, out, workers=0, resume=True)  # nothing is left to do
-    assert again.results.digest == swept.results.digest and again.times.digest == swept.times.digest
+    assert (
+        again.results.digest == swept.results.digest and again.times.digest == swept.times.digest
+    )
 
 
 def test_damaged_shards_are_computed_again(tmp_path) -> None:
-    grid, out = batch_grid(6), tmp_path / "out"
+    grid = batch_grid(6)
+    out = tmp_path / "out"
     right = sweep(grid, out, workers=0, shard_size=2).results.digest
     shards = [out / "shards" / f"{k:06d}.json" for k in range(3)]
     whole = [file.read_bytes() for file in shards]
@@ -139,7 +144,9 @@ def test_damaged_shards_are_computed_again(tmp_path) -> None:
 
 
 def test_what_belongs_to_another_sweep_is_refused(tmp_path, monkeypatch) -> None:
-    grid, out, other = batch_grid(4), tmp_path / "out", tmp_path / "other"
+    grid = batch_grid(4)
+    out = tmp_path / "out"
+    other = tmp_path / "other"
     sweep(grid, out, workers=0, shard_size=2)
     sweep(batch_grid(5), other, workers=0, shard_size=2)
     with pytest.raises(ArgumentError, match="of another grid"):
@@ -196,7 +203,8 @@ def test_a_file_appears_whole_or_not_at_all(tmp_path, monkeypatch) -> None:
 def test_a_shard_with_a_right_checksum_and_wrong_content_is_computed_again(
     tmp_path, content
 ) -> None:
-    grid, out = batch_grid(4), tmp_path / "out"
+    grid = batch_grid(4)
+    out = tmp_path / "out"
     right = sweep(grid, out, workers=0, shard_size=2).results.digest
     file = out / "shards" / "000000.json"
     about = json.loads(file.read_text().partition("\n")[2])
@@ -212,8 +220,11 @@ def test_a_shard_with_a_right_checksum_and_wrong_content_is_computed_again(
 
 
 @pytest.mark.parametrize("size", ["1e999", "0", "-1", '"2"', "1" * 5000, "null"])
-def test_a_damaged_description_of_a_sweep_is_an_error_that_names_the_folder(tmp_path, size) -> None:
-    grid, out = batch_grid(4), tmp_path / "out"
+def test_a_damaged_description_of_a_sweep_is_an_error_that_names_the_folder(
+    tmp_path, size
+) -> None:
+    grid = batch_grid(4)
+    out = tmp_path / "out"
     sweep(grid, out, workers=0, shard_size=2)
     head = out / "sweep.json"
     head.write_text(head.read_text().replace('"shard_size": 2', f'"shard_size": {size}'))
@@ -282,7 +293,8 @@ def test_a_worker_without_a_compiler_is_refused(monkeypatch) -> None:
 def test_native_libraries_bind_a_sweep_to_its_processor() -> None:
     assert wants_native({"options": {"native": True}})
     assert not any(
-        wants_native(options) for options in ({}, {"options": None}, {"options": {"native": False}})
+        wants_native(options)
+        for options in ({}, {"options": None}, {"options": {"native": False}})
     )
 
 

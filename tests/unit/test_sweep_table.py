@@ -1,4 +1,6 @@
-"""What comes out of a sweep: tables that keep every bit, as files, and what the command line says."""
+"""What comes out of a sweep: tables that keep every bit, as files, and what the command line
+says.
+"""
 
 from __future__ import annotations
 
@@ -90,9 +92,12 @@ def test_a_damaged_table_is_an_error_that_names_the_file(tmp_path, damage) -> No
 
 def test_each_changed_byte_of_a_table_is_read_or_refused(tmp_path) -> None:
     path = table_of(RESULTS, ROWS).save(tmp_path / "a.npz")
-    whole, rng = path.read_bytes(), np.random.default_rng(1)
+    whole = path.read_bytes()
+    rng = np.random.default_rng(1)
     for at in rng.integers(len(whole), size=150):
-        path.write_bytes(whole[:at] + bytes([whole[at] ^ (1 << rng.integers(8))]) + whole[at + 1 :])
+        path.write_bytes(
+            whole[:at] + bytes([whole[at] ^ (1 << rng.integers(8))]) + whole[at + 1 :]
+        )
         try:
             assert len(Table.load(path)) == 2
         except ArgumentError as error:
@@ -132,7 +137,8 @@ def arguments(*words: str) -> argparse.Namespace:
 
 
 def test_the_command_line(tmp_path) -> None:
-    file, out = tmp_path / "grid.toml", tmp_path / "out"
+    file = tmp_path / "grid.toml"
+    out = tmp_path / "out"
     file.write_text(
         'models = ["elbow", "nowhere"]\nmethods = ["closed-form"]\n[random]\ncount = 3\n'
         "[options]\nverify = false\nbatch = true\n",
@@ -142,7 +148,10 @@ def test_the_command_line(tmp_path) -> None:
         arguments(str(file), "--out", str(out), "--workers", "0", "--shard-size", "2"),
         lambda line: None,
     )
-    data, text, warnings, details = found.data, found.text, found.warnings, found.details
+    data = found.data
+    text = found.text
+    warnings = found.warnings
+    details = found.details
     assert (data["cases"], data["failed"], found.problem) == (6, 3, "") and len(
         details.splitlines()
     ) == 3

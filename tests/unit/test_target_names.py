@@ -1,4 +1,6 @@
-"""Names of targets, what is refused, and what each platform as a host would get, by faking the platform."""
+"""Names of targets, what is refused, and what each platform as a host would get, by faking the
+platform.
+"""
 
 from __future__ import annotations
 
@@ -47,7 +49,9 @@ def test_names_in_fmi():
         "x86_64-macos": ("darwin64", "x86_64-darwin"),
         "aarch64-macos": ("aarch64-darwin", "aarch64-darwin"),
     }
-    assert {name: (t.fmi_name("2.0"), t.fmi_name("3.0")) for name, t in TARGETS.items()} == expected
+    assert {
+        name: (t.fmi_name("2.0"), t.fmi_name("3.0")) for name, t in TARGETS.items()
+    } == expected
 
 
 @pytest.mark.parametrize(
@@ -74,7 +78,10 @@ def test_what_a_target_excludes(options, message, tmp_path):
 def test_a_target_without_the_package(monkeypatch, tmp_path, capsys):
     monkeypatch.setattr(compilers, "_packaged_compiler", lambda: None)
     compilers._find_compiler.cache_clear()
-    sentence = "target: given 'x86_64-windows', for which the package ziglang compiles, and it is not installed"
+    sentence = (
+        "target: given 'x86_64-windows', for which the package ziglang compiles, and it is not "
+        "installed"
+    )
     with pytest.raises(flexgen.BuildError, match=sentence):
         flexgen.generate("elbow", tmp_path / "elbow", target="x86_64-windows")
     assert (
@@ -115,14 +122,18 @@ def test_files_of_windows_are_known_in_a_directory(tmp_path):
     )
 
 
-# --- Windows as a host, faked ----------------------------------------------------------------------------------------
+# --- Windows as a host, faked --------------------------------------------------------------------
 class FakeLocks:
-    """The module msvcrt: locks of the first byte of files, of which another process may have some."""
+    """The module msvcrt: locks of the first byte of files, of which another process may have
+    some.
+    """
 
-    LK_NBLCK, LK_UNLCK = 2, 0
+    LK_NBLCK = 2
+    LK_UNLCK = 0
 
     def __init__(self, held: int) -> None:
-        self.held, self.calls = held, []
+        self.held = held
+        self.calls = []
 
     def locking(self, descriptor: int, mode: int, size: int) -> None:
         assert os.lseek(descriptor, 0, os.SEEK_CUR) == 0 and size == 1
@@ -134,7 +145,8 @@ class FakeLocks:
 
 @pytest.mark.parametrize("held", [0, 3])
 def test_windows_locks_the_first_byte(held, monkeypatch, tmp_path):
-    locks, lines = FakeLocks(held), []
+    locks = FakeLocks(held)
+    lines = []
     monkeypatch.setattr(object_cache, "fcntl", None)
     monkeypatch.setattr(object_cache, "msvcrt", locks)
     monkeypatch.setattr(object_cache, "_PAUSE", 0.0)

@@ -1,4 +1,6 @@
-"""Time laws: as many derivatives vanish at both ends as their smoothness says, and the next one does not."""
+"""Time laws: as many derivatives vanish at both ends as their smoothness says, and the next one
+does not.
+"""
 
 from __future__ import annotations
 

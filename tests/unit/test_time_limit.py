@@ -1,4 +1,6 @@
-"""The time limit of a solve, Ctrl-C, and the status of a solution beyond the limits of the model."""
+"""The time limit of a solve, Ctrl-C, and the status of a solution beyond the limits of the
+model.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +31,8 @@ class Clock:
     """A clock that advances by one second whenever it is read, and can be stopped."""
 
     def __init__(self) -> None:
-        self.now, self.step = 0.0, 1.0
+        self.now = 0.0
+        self.step = 1.0
 
     def perf_counter(self) -> float:
         self.now += self.step
@@ -68,7 +71,9 @@ def model_of(method: str) -> str:
     ],
 )
 def test_a_solve_ends_at_its_time_limit_whenever_that_is(method: str, clock: Clock) -> None:
-    """At some twenty instants of the computation: the best solution, marked, or an error; never a success."""
+    """At some twenty instants of the computation: the best solution, marked, or an error; never a
+    success.
+    """
     count = reads(clock, method)
     assert count > 4
     found = 0
@@ -101,7 +106,9 @@ def test_without_a_time_limit_a_solve_is_not_ended(clock: Clock) -> None:
 
 @pytest.mark.parametrize("given", [-1.0, float("nan"), float("inf"), "60", True])
 def test_invalid_time_limits_are_refused(given: object) -> None:
-    with pytest.raises(ArgumentError, match=r"time_limit: given .*, expected a positive time in s"):
+    with pytest.raises(
+        ArgumentError, match=r"time_limit: given .*, expected a positive time in s"
+    ):
         flexgen.solve("elbow", time_limit=given, progress=False)
 
 
@@ -195,7 +202,7 @@ def test_exit_status_of_exceeded_limits(tmp_path, capfd) -> None:
     assert main([*words, "--ignore-limits"]) == 0
 
 
-# --- stages ----------------------------------------------------------------------------------------------------------
+# --- stages --------------------------------------------------------------------------------------
 
 # Method -> beginnings of the stages in which its time can end.
 STAGES = {
@@ -221,7 +228,9 @@ STAGES = {
 def end_in(
     monkeypatch: pytest.MonkeyPatch, clock: Clock, stage: str, skipped: int = 0
 ) -> list[str]:
-    """The clock stands still until a stage has begun, and is far beyond the limit then; the stages of all looks."""
+    """The clock stands still until a stage has begun, and is far beyond the limit then; the stages
+    of all looks.
+    """
     clock.step = 0.0
     seen: list[str] = []
     look = deadline.Deadline.check
@@ -270,7 +279,9 @@ def test_ipopt_ends_at_the_iteration_at_which_the_time_ends(
     assert sum(text == "iteration of IPOPT" for text in seen) == 2
 
 
-def test_the_clock_of_ipopt_ends_a_solve_too(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_clock_of_ipopt_ends_a_solve_too(
+    clock: Clock, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """It counts from the first iteration on, and may end before the other one."""
     clock.step = 0.0
     monkeypatch.setattr("flexgen.numerics.nlp.time_left", lambda: 1e-9)
@@ -283,7 +294,9 @@ def test_the_clock_of_ipopt_ends_a_solve_too(clock: Clock, monkeypatch: pytest.M
 def test_a_solve_looks_at_the_clock_all_the_time(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """By processor time: between two looks of the second solve of an arm, less than a quarter of it."""
+    """By processor time: between two looks of the second solve of an arm, less than a quarter of
+    it.
+    """
     model = arm(0, str(tmp_path))
     equations = flexgen.derive(model)
     move = moves_of(equations, 0)[0]

@@ -1,4 +1,6 @@
-"""Time laws under bounds: exact derivatives, bounds kept and reached, durations of the textbooks, stretches in turn."""
+"""Time laws under bounds: exact derivatives, bounds kept and reached, durations of the textbooks,
+stretches in turn.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,8 @@ BOUNDS = [(0.5, 4.0), (0.5, 4.0, 60.0), (0.5, 4.0, 60.0, 2000.0), (0.5, 4.0, 60.
 
 def exact_step(times: tuple[float, ...], t: float, order: int) -> Fraction:
     """Derivative of the convolution of boxes by truncated powers, in rational numbers."""
-    boxes, p = [Fraction(x) for x in times], len(times)
+    boxes = [Fraction(x) for x in times]
+    p = len(times)
     total = Fraction(0)
     for size in range(p + 1):
         for chosen in combinations(boxes, size):
@@ -33,7 +36,9 @@ def exact_step(times: tuple[float, ...], t: float, order: int) -> Fraction:
 
 
 def worst_step(step: TrapezoidStep) -> float:
-    """Largest error of the integral, the step and its derivatives, relative to the size of each."""
+    """Largest error of the integral, the step and its derivatives, relative to the size of
+    each.
+    """
     t = step.duration * np.array([0.013, 0.11, 0.29, 0.46, 0.5001, 0.63, 0.81, 0.97])
     found = step.with_integral(t)
     worst = 0.0
@@ -44,7 +49,8 @@ def worst_step(step: TrapezoidStep) -> float:
 
 
 @pytest.mark.parametrize(
-    "times", [(0.3,), (0.3, 0.2), (0.5, 0.2, 0.1), (0.5, 0.2, 0.1, 0.03), (1.6, 0.8, 0.4, 0.2, 0.2)]
+    "times",
+    [(0.3,), (0.3, 0.2), (0.5, 0.2, 0.1), (0.5, 0.2, 0.1, 0.03), (1.6, 0.8, 0.4, 0.2, 0.2)],
 )
 def test_trapezoid_steps_are_exact(times: tuple[float, ...]) -> None:
     assert worst_step(TrapezoidStep(times)) < ROUNDING
@@ -74,7 +80,11 @@ def test_steps_keep_all_bounds_and_reach_the_highest(
 
 
 def test_seven_and_fifteen_segments_last_as_the_textbooks_say() -> None:
-    d, v, a, j, s = 1.0, 0.5, 4.0, 60.0, 2000.0
+    d = 1.0
+    v = 0.5
+    a = 4.0
+    j = 60.0
+    s = 2000.0
     seven = speed_law([Stretch(d, v)], (v, a, j))
     assert len(seven.breaks) == 8 and abs(seven.duration - (d / v + v / a + a / j)) < ROUNDING
     fifteen = speed_law([Stretch(d, v)], (v, a, j, s))
@@ -140,7 +150,8 @@ def test_laws_keep_speeds_and_bounds(bounds: tuple[float, ...], smoothness: int,
 
 
 def test_wrong_laws_would_be_seen() -> None:
-    bounds, way = BOUNDS[2], WAYS["slow corner"]
+    bounds = BOUNDS[2]
+    way = WAYS["slow corner"]
     law = speed_law(way, bounds)
     assert "bound 4" in law_errors(law.slow_down(0.999), bounds, way)
     assert law_errors(speed_law(way, (*bounds[:2], 61.0, bounds[3])), bounds, way) == ["bound 3"]
@@ -153,7 +164,8 @@ def test_wrong_laws_would_be_seen() -> None:
 def test_more_time_is_never_taken_for_looser_bounds() -> None:
     for way in WAYS.values():
         times = [
-            speed_law(way, (0.5, 4.0, 60.0 * f, 2000.0 * f)).duration for f in (1.0, 2.0, 5.0, 50.0)
+            speed_law(way, (0.5, 4.0, 60.0 * f, 2000.0 * f)).duration
+            for f in (1.0, 2.0, 5.0, 50.0)
         ]
         assert all(b <= a * (1 + 1e-9) for a, b in pairwise(times))
 

@@ -1,4 +1,6 @@
-"""The table ``[uncertainty]``: wrong ones are refused, an identification writes one, draws have its distribution."""
+"""The table ``[uncertainty]``: wrong ones are refused, an identification writes one, draws have
+its distribution.
+"""
 
 from __future__ import annotations
 
@@ -46,7 +48,13 @@ def test_wrong_tables_are_refused(table, expected):
 
 def test_a_wrong_name_is_found_with_its_file_and_line(tmp_path):
     text = (Path(flexgen.__file__).parent / "models/elbow.toml").read_text()
-    lines = [*text.splitlines(), "[uncertainty]", "sd = [0.1]", 'parameters = ["q9.stiffness"]', ""]
+    lines = [
+        *text.splitlines(),
+        "[uncertainty]",
+        "sd = [0.1]",
+        'parameters = ["q9.stiffness"]',
+        "",
+    ]
     file = tmp_path / "elbow.toml"
     file.write_text("\n".join(lines))
     with pytest.raises(
@@ -74,7 +82,8 @@ def test_predict_refuses_a_model_without_table_and_solutions_of_a_baseline():
 
 def test_the_table_changes_nothing_else():
     """Neither the canonical text of a model, by which libraries are kept, nor its torques."""
-    plain, with_table = flexgen.read("elbow"), elbow(stiffness=0.1)
+    plain = flexgen.read("elbow")
+    with_table = elbow(stiffness=0.1)
     assert plain.text == with_table.text
     torques = [flexgen.solve(m, progress=False).trajectory["tau_m"] for m in (plain, with_table)]
     assert np.array_equal(*torques)
@@ -111,7 +120,9 @@ def test_plants_for_the_loop_are_the_same_robots():
     values = sources.values(errors)
     for robot, row in zip(plants.values(), values, strict=True):
         for parameter, value in zip(sources.parameters, row, strict=True):
-            found = parameter.value + robot["payload"] if parameter.name == "payload.mass" else None
+            found = (
+                parameter.value + robot["payload"] if parameter.name == "payload.mass" else None
+            )
             found = parameter.value * robot[parameter.name] if found is None else found
             assert abs(found - value) <= 1e-12 * abs(value)
 
@@ -142,7 +153,8 @@ def test_an_identification_writes_deviations_relative_to_the_values():
         and set(values) < set(names)
         and "q2.damping" in names
     )
-    sd, n = dict(zip(names, found["sd"], strict=True)), len(names)
+    sd = dict(zip(names, found["sd"], strict=True))
+    n = len(names)
     correlation = np.array(found["correlation"]).reshape(n, n)
     assert sd["q1.stiffness"] == pytest.approx(0.02) and sd["q2.damping"] == pytest.approx(
         np.hypot(0.01, 0.6), rel=1e-5
@@ -163,6 +175,8 @@ def test_the_header_states_the_deviations(tmp_path):
     assert "Standard deviations" not in (tmp_path / "elbow.h").read_text()
     table = {"parameters": ["q2.stiffness"], "sd": [0.004]}
     flexgen.generate(elbow(damping=0.3, payload=0.5, **table), tmp_path, functions=["gravity"])
-    assert "damping 30 %, payload 0.5 kg, q2.stiffness 0.4 %." in (tmp_path / "elbow.h").read_text()
+    assert (
+        "damping 30 %, payload 0.5 kg, q2.stiffness 0.4 %." in (tmp_path / "elbow.h").read_text()
+    )
     with pytest.raises(flexgen.FlexgenError, match=r'given "q2 \*/"'):
         flexgen.generate(elbow(parameters=["q2 */"], sd=[0.1]), tmp_path, functions=["gravity"])

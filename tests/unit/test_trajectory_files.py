@@ -1,4 +1,6 @@
-"""Files of trajectories: complete or refused, in their unit, read by other programs, never half written."""
+"""Files of trajectories: complete or refused, in their unit, read by other programs, never half
+written.
+"""
 
 from __future__ import annotations
 
@@ -42,7 +44,7 @@ def changed(path: Path, old: str, new: str) -> Path:
     return path
 
 
-# --- csv --------------------------------------------------------------------------------------------------------------
+# --- csv -----------------------------------------------------------------------------------------
 
 
 SIZES = {  # bytes at most, and what is said of a file of zeros
@@ -69,7 +71,9 @@ SIZES = {  # bytes at most, and what is said of a file of zeros
 
 @pytest.mark.parametrize("kind", SIZES)
 def test_files_have_at_most_the_stated_bytes(kind, tmp_path):
-    """Sparse files, which take no space: one of this size is looked into, one with a byte more is not."""
+    """Sparse files, which take no space: one of this size is looked into, one with a byte more is
+    not.
+    """
     most, load, unknown, large = SIZES[kind]
     for size, words in ((most, unknown), (most + 1, large)):
         path = tmp_path / f"{size}.npz"
@@ -149,16 +153,18 @@ def test_csv_files_that_are_refused(tmp_path, trajectory, old, new, expected):
     assert len(str(caught.value)) < 1000
 
 
-# --- npz --------------------------------------------------------------------------------------------------------------
+# --- npz -----------------------------------------------------------------------------------------
 
 
 def test_an_array_that_claims_a_billion_rows_is_refused_before_it_is_read(tmp_path, trajectory):
     head = json.dumps({"meta": {}, "ports": {}, "labels": {}})
     path = packed(
-        tmp_path / "a.npz", {"head": array_bytes(np.array(head)), "time": claiming("(1000000000,)")}
+        tmp_path / "a.npz",
+        {"head": array_bytes(np.array(head)), "time": claiming("(1000000000,)")},
     )
     with pytest.raises(
-        ArgumentError, match=r"a\.npz: .*'time' of shape \(1000000000,\) and 0 bytes\), expected 80"
+        ArgumentError,
+        match=r"a\.npz: .*'time' of shape \(1000000000,\) and 0 bytes\), expected 80",
     ):
         Trajectory.load(path)
 
@@ -231,20 +237,27 @@ def test_arrays_come_back_as_numpy_reads_them(tmp_path):
     with np.load(tmp_path / "a.npz") as data:
         assert list(found) == list(data.files)
         for name in data.files:
-            assert np.array_equal(found[name], data[name]) and found[name].dtype == data[name].dtype
+            assert (
+                np.array_equal(found[name], data[name]) and found[name].dtype == data[name].dtype
+            )
 
 
-# --- channels and writing ---------------------------------------------------------------------------------------------
+# --- channels and writing ------------------------------------------------------------------------
 
 
 HEAD = {"meta": {}, "ports": {"tau_m": [[1], "N m", "torque"]}, "labels": {"tau_m": ["m1"]}}
-TIME, TORQUE = np.array([0.0, 0.5, 1.0]), np.array([[1.0], [2.0], [4.0]])
+TIME = np.array([0.0, 0.5, 1.0])
+TORQUE = np.array([[1.0], [2.0], [4.0]])
 
 
 @pytest.mark.parametrize(
     ("head", "arrays", "text"),
     [
-        (HEAD, {"head": np.array(["a", "b"])}, r"head: given <U1 of shape \(2,\), expected a text"),
+        (
+            HEAD,
+            {"head": np.array(["a", "b"])},
+            r"head: given <U1 of shape \(2,\), expected a text",
+        ),
         (HEAD, {"head": np.array(3.0)}, r"head: given float64 of shape \(\), expected a text"),
         (
             HEAD,
@@ -367,7 +380,9 @@ INVALID = (
 
 
 def test_arrays_with_invalid_headers_are_refused(tmp_path):
-    """So are those with fewer numbers than the header states, and texts of characters that do not exist."""
+    """So are those with fewer numbers than the header states, and texts of characters that do not
+    exist.
+    """
     right = "{'descr': '<f8', 'fortran_order': False, 'shape': (2,)}"
     rows = [(header(text), told) for text, told in INVALID]
     rows += [(header(right, version=3), "without a header that can be read")]
@@ -465,7 +480,10 @@ def test_a_mat_file_has_channels_names_and_units(tmp_path, trajectory):
 @pytest.mark.slow
 def test_octave_reads_the_mat_file(tmp_path, trajectory):
     trajectory.save(tmp_path / "a.mat")
-    code = "d = load('a.mat'); printf('%.17g %s %s\\n', d.q_a(end, 1), d.labels.q_a{1}, d.units.q_a{1})"
+    code = (
+        "d = load('a.mat'); printf('%.17g %s %s\\n', d.q_a(end, 1), d.labels.q_a{1}, "
+        "d.units.q_a{1})"
+    )
     done = subprocess.run(
         ["octave-cli", "--eval", code], cwd=tmp_path, capture_output=True, text=True, check=True
     )
@@ -481,7 +499,10 @@ def test_a_table_without_comments_is_read(tmp_path, mark):
     text = "time s,q_m[m1] rad,q_m[m2] rad,tau_m[m1] N m\r\n0.0,1,2,3\r\n0.001,4,5,6\r\n"
     path.write_text(mark + text, encoding="utf-8", newline="")
     found = Trajectory.load(path)
-    assert found.time.tolist() == [0.0, 0.001] and found["q_m"].tolist() == [[1.0, 2.0], [4.0, 5.0]]
+    assert found.time.tolist() == [0.0, 0.001] and found["q_m"].tolist() == [
+        [1.0, 2.0],
+        [4.0, 5.0],
+    ]
     assert (
         found.labels["tau_m"] == ("m1",) and found.units["tau_m"] == ("N m",) and found.meta == {}
     )

@@ -24,7 +24,8 @@ body = { mass = 20.0, com = [0, 0, 0], inertia = [0.1, 0.1, 0.1] }
 name = "x"
 type = "translation"
 axis = [1, 0, 0]
-gear = { type = "elastic", side = "arm", spring = { type = "linear", stiffness = 9e5 }, damping = 600.0 }
+gear = { type = "elastic", side = "arm", spring = { type = "linear", stiffness = 9e5 }, damping = \
+600.0 }
 [[element]]
 name = "load"
 body = { mass = 5.0, com = [0, 0, -1.0], inertia = [0.01, 0.01, 0.01] }
@@ -69,7 +70,8 @@ def test_a_small_damping_is_a_number() -> None:
     """The ratio of 1e-4 gives half of its inverse; that of zero gives infinity."""
     J = np.zeros((6, 1))
     J[0] = 1.0
-    M, K = np.array([[2.0]]), np.array([[200.0]])
+    M = np.array([[2.0]])
+    K = np.array([[200.0]])
     peak = ToolCompliance(M, np.array([[4e-3]]), K, J).resonance()
     assert peak is not None and peak[1] == pytest.approx(1 / 200 / 2e-4, rel=1e-3)
     peak = ToolCompliance(M, np.zeros((1, 1)), K, J).resonance()

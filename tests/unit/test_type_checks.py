@@ -1,4 +1,6 @@
-"""Checks of types at public entrances: what passes, what is refused, and what a decorated function keeps."""
+"""Checks of types at public entrances: what passes, what is refused, and what a decorated function
+keeps.
+"""
 
 from __future__ import annotations
 
@@ -110,7 +112,7 @@ def test_a_decorated_function_keeps_name_signature_documentation_and_pickles() -
         and call.__name__ == "verb"
     )
     assert call(1, 2, 3, flag=np.True_) == "1 (2, 3) True"
-    for wrong in (lambda: call("1"), lambda: call(1.0, 2.5), lambda: call(1.0, flag=1)):  # type: ignore[arg-type]
+    for wrong in (lambda: call("1"), lambda: call(1.0, 2.5), lambda: call(1.0, flag=1)):
         with pytest.raises(ArgumentError):
             wrong()
     with pytest.raises(TypeError):

@@ -1,4 +1,6 @@
-"""Growth of perturbations of open loops, verification of unstable ones, and integration of stiff ones."""
+"""Growth of perturbations of open loops, verification of unstable ones, and integration of stiff
+ones.
+"""
 
 from __future__ import annotations
 
@@ -50,7 +52,9 @@ def pendulum(tilt: float) -> tuple[RobotModel, float]:
 
 @pytest.mark.parametrize("tilt", [0.0, 0.5, np.pi])
 def test_growth_of_a_pendulum_is_known(tilt: float) -> None:
-    """At rest at an angle from upright: cosh(w t) with J w^2 = m g l cos(tilt); hanging, it does not grow."""
+    """At rest at an angle from upright: cosh(w t) with J w^2 = m g l cos(tilt); hanging, it does
+    not grow.
+    """
     robot, inertia = pendulum(tilt)
     t = np.linspace(0.0, 3.0, 601)
     q = np.full((len(t), 1), robot.home[0])
@@ -66,7 +70,8 @@ def test_growth_of_a_pendulum_is_known(tilt: float) -> None:
 def test_the_growth_is_the_simulated_one(upright: tuple[Equations, flexgen.Solution]) -> None:
     """A small change of the first state grows as estimated."""
     equations, solution = upright
-    trajectory, n = solution.trajectory, 601
+    trajectory = solution.trajectory
+    n = 601
     short = Trajectory(
         trajectory.time[:n],
         {name: values[:n] for name, values in trajectory.channels.items()},
@@ -78,12 +83,15 @@ def test_the_growth_is_the_simulated_one(upright: tuple[Equations, flexgen.Solut
     estimated = growth_along(
         linearize_along(equations, Motion(short.time, *(short[name] for name in names)))
     ).movement
-    rng, grown = np.random.default_rng(1), 0.0
+    rng = np.random.default_rng(1)
+    grown = 0.0
     still = simulate(equations, short, feedback="none").trajectory
     for _ in range(4):
-        moved, size = rng.normal(size=5), 1e-6
+        moved = rng.normal(size=5)
+        size = 1e-6
         moved *= size / np.linalg.norm(moved)
-        q_a, q_m = short["q_a"].copy(), short["q_m"].copy()
+        q_a = short["q_a"].copy()
+        q_m = short["q_m"].copy()
         q_a[0] += moved[:3]
         q_m[0] += 20 * moved[3:]
         other = simulate(equations, changed(short, q_a=q_a, q_m=q_m), feedback="none").trajectory
@@ -104,7 +112,8 @@ def test_an_upright_arm_is_verified_with_motor_feedback(
     assert simulation.growth > 1e8 > UNSTABLE and simulation.feedback is not None
     assert solution.tool_error_max_rad is not None and solution.tool_error_max_rad < ACCURATE
     assert simulation.energy_error < 1e-9
-    # a simulation of the whole move without feedback shows the growth of rounding errors, not the error of the torque
+    # a simulation of the whole move without feedback shows the growth of rounding errors, not the
+    # error of the torque
     assert simulation.open_loop is None and "open loop not determined" in str(solution)
     for text in (str(solution), " ".join(solution.warnings), solution._repr_html_()):
         assert simulation.feedback.title in text
@@ -175,7 +184,8 @@ def test_a_system_that_stays_stiff_is_an_error_with_the_reason(
 def test_the_grid_of_the_growth_does_not_depend_on_the_rounding_of_times(samples: int) -> None:
     """Durations that differ in their last digits have the same grid, and growths as near."""
     equations = derive("planar5_nmp")
-    n, n_m = equations.model.n_a, equations.model.n_m
+    n = equations.model.n_a
+    n_m = equations.model.n_m
     zero = np.zeros((samples, n))
     moving = np.ones((samples, n))
     motor = np.zeros((samples, n_m))

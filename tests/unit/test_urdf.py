@@ -1,4 +1,6 @@
-"""URDF files and overlays: values by hand and by Pinocchio, what an overlay can say, and what is refused and how."""
+"""URDF files and overlays: values by hand and by Pinocchio, what an overlay can say, and what is
+refused and how.
+"""
 
 from __future__ import annotations
 
@@ -54,16 +56,21 @@ def edit(path: Path, *edits: tuple[str, str]) -> Path:
     return path
 
 
-# --- values -----------------------------------------------------------------------------------------------------------
+# --- values --------------------------------------------------------------------------------------
 
 
 def test_two_links_by_hand():
     """Closed form of a planar arm with two links, the second with a camera lumped into it."""
     model = read(TWO_LINK, base="ground", tip="tip")
-    l1, l2 = 0.6, 0.5
-    m1, c1, j1 = 5.0, 0.3, 0.21
-    m2, c2 = 3.5, (3.0 * 0.2 + 0.5 * 0.1) / 3.5
-    # the camera is turned by 90 degrees about x: its Iyy is about z; its centre lies at (0.1, 0, 0.06)
+    l1 = 0.6
+    l2 = 0.5
+    m1 = 5.0
+    c1 = 0.3
+    j1 = 0.21
+    m2 = 3.5
+    c2 = (3.0 * 0.2 + 0.5 * 0.1) / 3.5
+    # the camera is turned by 90 degrees about x: its Iyy is about z; its centre lies at (0.1, 0,
+    # 0.06)
     j2 = 0.08 + 3.0 * (0.2 - c2) ** 2 + 0.0015 + 0.5 * (0.1 - c2) ** 2
     answers = Answers(derive(model))
     for q1, q2 in np.random.default_rng(1).uniform(-2, 2, (5, 2)):
@@ -147,11 +154,13 @@ def test_tiny_numbers_of_converters_are_zero(arm):
     assert model.elements[1].origin.position == (0.0, 0.0, 0.0)
 
 
-# --- against Pinocchio ------------------------------------------------------------------------------------------------
+# --- against Pinocchio ---------------------------------------------------------------------------
 
 
 class Peer:
-    """The arm of a URDF file in Pinocchio, other joints locked; elastic coordinates of ours are not in it."""
+    """The arm of a URDF file in Pinocchio, other joints locked; elastic coordinates of ours are
+    not in it.
+    """
 
     def __init__(self, model, urdf: Path, tip: str, locked: dict[str, float]):
         self.pin = pin = pytest.importorskip("pinocchio")
@@ -203,11 +212,9 @@ def close(found, expected, tolerance, size=None):
 
 def compare(model, urdf: Path, tip: str, locked) -> None:
     """Tool, inertia matrix and inverse dynamics of the arm at random states."""
-    peer, answers, rng = (
-        Peer(model, urdf, tip, locked),
-        Answers(derive(model)),
-        np.random.default_rng(3),
-    )
+    peer = Peer(model, urdf, tip, locked)
+    answers = Answers(derive(model))
+    rng = np.random.default_rng(3)
     block = np.ix_(peer.ours, peer.ours)
     for _ in range(10):
         q, v, a = np.zeros((3, model.n_a))
@@ -273,7 +280,7 @@ def test_a_wrong_inertia_is_seen(arm):
         compare(read(arm), arm.with_name("arm.urdf"), "tip", {"finger": 0.05})
 
 
-# --- overlays ---------------------------------------------------------------------------------------------------------
+# --- overlays ------------------------------------------------------------------------------------
 
 
 def test_what_the_overlay_says(arm):
@@ -310,7 +317,11 @@ def test_defaults_of_an_overlay(arm):
 
 def test_springs_bodies_limits_and_further_keys(arm):
     joint = (
-        '[joint.slide]\nspring = { type = "linear", stiffness = 1e4 }\ndamping = 3.0\nlower = -0.5\nlimits = false\n'
+        "[joint.slide]\n"
+        'spring = { type = "linear", stiffness = 1e4 }\n'
+        "damping = 3.0\n"
+        "lower = -0.5\n"
+        "limits = false\n"
         'before = [{ name = "early", type = "rotation", axis = [0, 2, 0], '
         'spring = { type = "linear", stiffness = 5.0 } }]\n'
         "[link.ram]\nbody = { mass = 1.0, com = [0.1, 0, 0], inertia = [1, 1, 1] }\n"
@@ -379,7 +390,8 @@ def test_joints_of_the_chain_can_be_locked(arm):
         ("[joint.turn]\nmotor = { ratio = 50.0, inertia = 1e-3 }\n", ""),
         ("motor.m2", "motor.m1"),
     )
-    turned, free = Answers(derive(read(arm))), None
+    turned = Answers(derive(read(arm)))
+    free = None
     arm.write_text(OVERLAY)
     free = Answers(derive(read(arm)))
     for found, expected in zip(
@@ -391,7 +403,10 @@ def test_joints_of_the_chain_can_be_locked(arm):
 
 
 def test_bodies_fixed_to_the_ground_do_not_change_the_torques(arm):
-    hung = '<joint name="other" type="floating"><parent link="foot"/><child link="x"/></joint><link name="x"/>'
+    hung = (
+        '<joint name="other" type="floating"><parent link="foot"/><child '
+        'link="x"/></joint><link name="x"/>'
+    )
     before = read(arm)
     edit(arm.with_name("arm.urdf"), ('<link name="foot"/>', '<link name="foot"/>' + hung))
     assert read(arm).text == before.text
@@ -406,13 +421,18 @@ def test_the_digest_follows_the_urdf_file(arm):
     after = read(arm)
     assert after.text != before.text and model_digest(after) != model_digest(before)
     data = json.loads(after.text)
-    assert data["element"][1]["body"]["mass"] == 6.001 and not {"urdf", "joint", "link"} & set(data)
+    assert data["element"][1]["body"]["mass"] == 6.001 and not {"urdf", "joint", "link"} & set(
+        data
+    )
 
 
 def test_direct_drives_need_no_rotor(arm):
-    """The inertia of a motor behind a rigid gear may be zero: forward dynamics undo inverse dynamics."""
+    """The inertia of a motor behind a rigid gear may be zero: forward dynamics undo inverse
+    dynamics.
+    """
     model = read(f"{TWO_LINK}#ground:tip")
-    answers, rng = Answers(derive(model)), np.random.default_rng(5)
+    answers = Answers(derive(model))
+    rng = np.random.default_rng(5)
     for _ in range(3):
         q, v, tau = rng.uniform(-1, 1, (3, 2))
         a = answers.forward_dynamics(q, v, np.zeros(2), np.zeros(2), tau)[0]
@@ -450,7 +470,7 @@ def test_massless_coordinates_are_found(arm):
         read(arm)
 
 
-# --- where files are --------------------------------------------------------------------------------------------------
+# --- where files are -----------------------------------------------------------------------------
 
 
 def test_packages(arm, tmp_path, monkeypatch):
@@ -524,13 +544,14 @@ def test_verbs_take_urdf_files(capsys, tmp_path):
     assert analysis.model.n_e == 1
 
 
-# --- what is refused --------------------------------------------------------------------------------------------------
+# --- what is refused -----------------------------------------------------------------------------
 
 
 def refused(path: Path, key: str, words: list[str], mark: str, text: str, file: Path) -> None:
     with pytest.raises(ModelError) as caught:
         read(path)
-    error, message = caught.value, str(caught.value)
+    error = caught.value
+    message = str(caught.value)
     assert (
         message
         == f"{error.file}:{error.line}:{error.key}: given {error.given}, expected {error.expected}"
@@ -599,7 +620,9 @@ def test_mutations_raise_nothing_else(seed, arm):
     places = [i for i, token in enumerate(tokens) if not token.isspace()]
     for _ in range(rng.randrange(1, 3)):
         at = rng.choice(places)
-        tokens[at] = rng.choice(["", rng.choice(WORDS), tokens[at] * 2, tokens[rng.choice(places)]])
+        tokens[at] = rng.choice(
+            ["", rng.choice(WORDS), tokens[at] * 2, tokens[rng.choice(places)]]
+        )
     path.write_text("".join(tokens), encoding="utf-8")
     try:
         read(arm)

@@ -1,4 +1,6 @@
-"""Rows of `flexgen.verbs`: names and defaults are those of the public functions; exceptions have a reason each."""
+"""Rows of `flexgen.verbs`: names and defaults are those of the public functions; exceptions have a
+reason each.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,8 @@ from flexgen.verb_rows import Verb, verbs_of
 from flexgen.verb_texts import choices_of
 from flexgen.verbs import VERBS
 
-WRITTEN = {"out", "report", "force"}  # what is written, by the function or by methods of its result
+# what is written, by the function or by methods of its result
+WRITTEN = {"out", "report", "force"}
 
 # Options without a parameter of the function, with the reason.
 OPTIONS = {
@@ -169,7 +172,10 @@ def test_a_former_option_is_accepted_with_a_note(verb, option, old):
         ]
     )
     assert args.notes == [
-        f"{word} is the old name of {' '.join(filter(None, (option.option, value)))}, please use the new one"
+        (
+            f"{word} is the old name of {' '.join(filter(None, (option.option, value)))}, "
+            "please use the new one"
+        )
     ]
     assert option.parameter in args.given and (
         not value or getattr(args, option.parameter) == value
@@ -223,7 +229,9 @@ main(["export", "planted", "--help"])
 
 
 def plant(folder: Path, room: str, module: str, rows: dict[str, str], used: str) -> str:
-    """What a script prints with a copy of the package with one more module and changes in ``__init__.py``."""
+    """What a script prints with a copy of the package with one more module and changes in
+    ``__init__.py``.
+    """
     package = Path(flexgen.__file__).parent
     for source, copy in (
         (package, folder / "flexgen"),
@@ -267,8 +275,10 @@ class Weight(Result):
     def problem(self):
         return "too heavy" if self.kg > 100.0 else ""
 
-def weigh(model: str | Path | RobotModel, load: float, *, factor: float = 2.0, parts: Sequence[str] = (),
-          unit: Literal["kg", "g"] = "kg", round: bool = True, hook: Any = None, progress: Any = None) -> Weight:
+def weigh(model: str | Path | RobotModel, load: float, *, factor: float = 2.0, parts: \
+Sequence[str] = (),
+          unit: Literal["kg", "g"] = "kg", round: bool = True, hook: Any = None, progress: Any = \
+None) -> Weight:
     """Weigh a robot.
 
     Parameters
@@ -315,10 +325,15 @@ def test_a_new_verb_and_its_command_need_a_module_and_rows_of_one_file(tmp_path)
 
 
 def test_a_new_export_needs_its_module_and_its_row(tmp_path):
-    out = plant(tmp_path, "exports", PLANTED_MODULE, {"registry.EXPORTS |= {\n": PLANTED_ROW}, USED)
+    out = plant(
+        tmp_path, "exports", PLANTED_MODULE, {"registry.EXPORTS |= {\n": PLANTED_ROW}, USED
+    )
     for found in (
         "elbow elbow.txt 7 True",
-        "| `planted` | `export_planted` | `planted.py` | Write a name | [planted](../../docs/planted.md) |",
+        (
+            "| `planted` | `export_planted` | `planted.py` | Write a name | "
+            "[planted](../../docs/planted.md) |"
+        ),
         "writes the robot for another tool: `planted` ([planted](planted.md)), `fmu`",
         "usage: flexgen export planted",
         "of the name; default: 7",
@@ -349,7 +364,9 @@ def test_a_word_without_meaning_is_refused():
 
 
 def restated_defaults(help_text: str, default: object) -> bool:
-    """Whether a help states the number that is the default of the function, instead of ``{default}``."""
+    """Whether a help states the number that is the default of the function, instead of
+    ``{default}``.
+    """
     stated = re.findall(r"default: ([-+.\de]+)(?=[;,. ]|$)", help_text)
     return isinstance(default, int | float) and any(
         float(text.rstrip(".")) == default for text in stated

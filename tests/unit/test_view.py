@@ -1,4 +1,6 @@
-"""The verb view: the page and the video of a robot, a solution or a trajectory, and what it refuses."""
+"""The verb view: the page and the video of a robot, a solution or a trajectory, and what it
+refuses.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,9 @@ def solution():
 
 
 def data_in(page):
-    return json.loads(page.read_text(encoding="utf-8").split('id="data">')[1].split("</script>")[0])
+    return json.loads(
+        page.read_text(encoding="utf-8").split('id="data">')[1].split("</script>")[0]
+    )
 
 
 def test_a_robot_a_solution_and_a_trajectory_show_the_same_motion(tmp_path):
@@ -93,7 +97,9 @@ def test_a_row_of_masses_has_nothing_to_show(tmp_path):
     "length", [1e-3, 0.037, 0.8, 1.0, 3.99, 4.0, 7.77, 29.9, 30.0, 61.0, 4000.0]
 )
 def test_frames_have_the_speed_of_the_title(length):
-    """The time between frames as a GIF stores it, in 10 ms, is that of the speed, also where frames are left out."""
+    """The time between frames as a GIF stores it, in 10 ms, is that of the speed, also where
+    frames are left out.
+    """
     shown = 1000 // video.RATE  # ms
     assert shown % 10 == 0 and shown * video.RATE == 1000
     speed, times = video.frames(2.0, 2.0 + length)
@@ -108,7 +114,8 @@ def test_frames_have_the_speed_of_the_title(length):
 
 def test_the_pictures_are_drawn_one_after_the_other(tmp_path):
     """Nothing waits in memory; a program that ends early is reported with its message."""
-    alive, most = [], []
+    alive = []
+    most = []
 
     def pictures(n):
         for _ in range(n):
@@ -148,7 +155,15 @@ def test_a_gif_shows_the_motion(tmp_path, monkeypatch):
 def test_an_mp4_has_all_frames(tmp_path):
     path = flexgen.view(solution(), tmp_path / "arm.html", video=tmp_path / "arm.mp4")
     assert path.suffix == ".html"
-    command = ["ffprobe", "-v", "error", "-count_frames", "-select_streams", "v:0", "-show_entries"]
+    command = [
+        "ffprobe",
+        "-v",
+        "error",
+        "-count_frames",
+        "-select_streams",
+        "v:0",
+        "-show_entries",
+    ]
     command += ["stream=nb_read_frames,width,height", "-of", "csv=p=0", str(tmp_path / "arm.mp4")]
     width, height, frames = map(
         int, subprocess.run(command, capture_output=True, check=True).stdout.split(b",")

@@ -53,7 +53,8 @@ def verdict_along(arm: PlanarArm, plant: Break = lambda x: x) -> bool:
 @pytest.mark.slow
 @pytest.mark.parametrize("bent", [pytest.param(False, marks=pytest.mark.full), True])
 def test_no_wrong_verdict_on_a_hundred_planar_arms(bent: bool) -> None:
-    wrong, sides = 0, []
+    wrong = 0
+    sides = []
     for arm in arms(bent):
         equations = Equations(arm.model)
         rest = hold_joints(equations, np.array(arm.pose))
@@ -88,7 +89,9 @@ def test_zeros_of_planar_arms_in_closed_form(bent: bool) -> None:
     for arm in arms(bent, gravity=False)[:8]:
         equations = Equations(arm.model)
         rest = hold_joints(equations, np.array(arm.pose))
-        roots, _, _ = zeros_at(equations, arm_linearization(equations, rest.q_a[None]), np.zeros(1))
+        roots, _, _ = zeros_at(
+            equations, arm_linearization(equations, rest.q_a[None]), np.zeros(1)
+        )
         for zero in arm.zeros():
             # the effective inertia of the nearest arms is a difference that has lost six digits
             allowed = max(CLOSED, 1e-14 * abs(zero) ** 2)
@@ -124,7 +127,8 @@ def test_poses_lie_on_the_path_at_rest() -> None:
     assert np.abs(R - sample.R).max() < 1e-12
     load = evaluate(equations.function("gravity"), q)[0]
     spring = evaluate(equations.function("elastic_torque"), q, np.zeros_like(q))[0]
-    assert np.abs(load[:, list(equations.model.i_e)] - spring).max() < 1e-8  # N m, of some thousand
+    # N m, of some thousand
+    assert np.abs(load[:, list(equations.model.i_e)] - spring).max() < 1e-8
 
 
 def test_verdict_of_the_planar_arm() -> None:
@@ -136,7 +140,8 @@ def test_verdict_of_the_planar_arm() -> None:
     assert found.slowest == pytest.approx(891.8, rel=1e-3)
     assert found.preview_s == pytest.approx(np.log(1e6) / 891.8, rel=1e-3)
     assert found.verdict.startswith(
-        "non-minimum phase: 1 of 4 zeros unstable, 892 1/s; preview required for exact tracking 15.5 ms; use lq"
+        "non-minimum phase: 1 of 4 zeros unstable, 892 1/s; preview required for exact tracking "
+        "15.5 ms; use lq"
     )
 
 
@@ -158,7 +163,9 @@ def test_verdicts(name: str, start: str, methods: tuple[str, ...]) -> None:
 
 
 def telescope() -> tuple[Equations, Path, float]:
-    """A driven slide along the last body moves the tool through the flat point; the time at which it is there [s]."""
+    """A driven slide along the last body moves the tool through the flat point; the time at which
+    it is there [s].
+    """
     model = read("planar5_nmp")
     upper, fore, last = model.elements
     slide = replace(fore.dofs[0], name="slide", type="translation", axis=(1.0, 0.0, 0.0))
@@ -199,7 +206,9 @@ def test_a_zero_passes_through_infinity_where_the_closed_form_says_so() -> None:
 def test_an_oscillating_pair_passes_through_the_imaginary_axis() -> None:
     equations = flexgen.derive("manutec_r3_efjm")
     found = zero_path(equations, Path(equations, equations.model.move()))
-    assert [(c.before, c.after, c.through) for c in found.changes] == [(3, 5, "the imaginary axis")]
+    assert [(c.before, c.after, c.through) for c in found.changes] == [
+        (3, 5, "the imaginary axis")
+    ]
     assert found.preview_s <= equations.model.move().duration
     assert (found.sigma_min < 1e-12).all()
     assert "a zero at infinity at all poses" in found.verdict
@@ -229,16 +238,21 @@ def test_complete_coupling_goes_by_the_state_space() -> None:
 def on_path(
     equations: Equations, sample: PathSample, guess: np.ndarray, e: np.ndarray
 ) -> list[np.ndarray]:
-    """Coordinates, speeds, accelerations (1, n_a) on the path, for deflections ``e`` (n_e, 3) and two derivatives."""
+    """Coordinates, speeds, accelerations (1, n_a) on the path, for deflections ``e`` (n_e, 3) and
+    two derivatives.
+    """
     model = equations.model
-    i_g, i_e = list(model.i_g), list(model.i_e)
+    i_g = list(model.i_g)
+    i_e = list(model.i_e)
     constraint = equations.function("output_constraint")
     target = (
         sample.y[0, :, 0]
         if sample.R is None
         else np.concatenate([sample.y[0, :, 0], sample.R[0].T.ravel()])
     )
-    q, v, a = guess.copy(), np.zeros(model.n_a), np.zeros(model.n_a)
+    q = guess.copy()
+    v = np.zeros(model.n_a)
+    a = np.zeros(model.n_a)
     q[i_e], v[i_e], a[i_e] = e.T
     for _ in range(8):
         error, W, _ = (np.array(x) for x in constraint(q, v, target))
@@ -259,7 +273,8 @@ def test_the_pencil_of_a_moving_machine_by_differences(name: str) -> None:
     t = np.array([0.08])
     q, v, a = quasistatic_motion(equations, path, t)
     sample = path.sample(t)
-    i_e, rows = list(model.i_e), equations.function("inversion_rows")
+    i_e = list(model.i_e)
+    rows = equations.function("inversion_rows")
     e = np.stack([q[0, i_e], v[0, i_e], a[0, i_e]], axis=1)
     found = moving_pencil(equations, *on_path(equations, sample, q[0], e))
     resting = arm_linearization(equations, q).inner()
@@ -283,7 +298,8 @@ def test_the_pencil_of_a_moving_machine_by_differences(name: str) -> None:
 def test_moving_slowly_is_rest(name: str) -> None:
     equations = flexgen.derive(name)
     slow = Path(equations, replace(equations.model.move(), duration=1e3))
-    rest, moving = zero_path(equations, slow, n=3), zero_path(equations, slow, n=3, moving=True)
+    rest = zero_path(equations, slow, n=3)
+    moving = zero_path(equations, slow, n=3, moving=True)
     assert np.abs(moving.zeros / rest.zeros - 1).max() < 1e-3
     # the last body turns about a point that accelerates: speed hardly matters
     if name == "planar5_nmp":
@@ -306,14 +322,19 @@ def test_no_zeros_along_a_path_without_as_many_outputs_as_motors() -> None:
 
 
 def test_the_quasistatic_motion_keeps_the_output_on_its_path():
-    """The velocity and acceleration of the output by differences along the motion, in equal steps of its parameter."""
+    """The velocity and acceleration of the output by differences along the motion, in equal steps
+    of its parameter.
+    """
     equations = flexgen.derive("planar5_nmp")
-    path, output, h = flexgen.plan(equations), equations.function("output"), 1e-4
+    path = flexgen.plan(equations)
+    output = equations.function("output")
+    h = 1e-4
     t = path.duration * np.array([0.3, 0.5, 0.7])
     q, v, a = quasistatic_motion(equations, path, t)
     sample = path.sample(t)
     y = [
-        evaluate(output, q + s * h * v + (s * h) ** 2 / 2 * a)[0].reshape(3, -1) for s in (-1, 0, 1)
+        evaluate(output, q + s * h * v + (s * h) ** 2 / 2 * a)[0].reshape(3, -1)
+        for s in (-1, 0, 1)
     ]
     for k, found in enumerate((y[1], (y[2] - y[0]) / (2 * h), (y[2] - 2 * y[1] + y[0]) / h**2)):
         expected = sample.derivative(k)[:, : found.shape[1]]

@@ -20,7 +20,9 @@ from flexgen.progress import throttle
 
 
 def calibrate(args: Namespace, log: Progress) -> VerbResult:
-    """Calibrate a model with static poses: joint zeros, kinematics, compliances, masses; write a new model file."""
+    """Calibrate a model with static poses: joint zeros, kinematics, compliances, masses; write a
+    new model file.
+    """
     import flexgen
     from flexgen.calibration.poses import StaticPoses
     from flexgen.reports.text_tables import number, table
@@ -35,7 +37,8 @@ def calibrate(args: Namespace, log: Progress) -> VerbResult:
     for name, value in args.prior or ():
         if name not in vars(priors) or not isinstance(value, int | float):
             raise ArgumentError(
-                f"--prior: given {name}={value}, expected a number for one of {', '.join(vars(priors))}"
+                f"--prior: given {name}={value}, expected a number for one of "
+                f"{', '.join(vars(priors))}"
             )
         priors = flexgen.Priors(**(vars(priors) | {name: float(value)}))
     poses = StaticPoses.read(args.poses, model, args.columns)
@@ -49,7 +52,13 @@ def calibrate(args: Namespace, log: Progress) -> VerbResult:
         proposed = found.propose_poses(args.add_poses)
         data["proposed_poses"] = [dict(zip(names, row, strict=True)) for row in proposed.tolist()]
         rows = [[number(float(x)) for x in row] for row in proposed]
-        text += f"\n\nposes that tell most, rad or m; check them for collisions:\n\n{table(rows, names)}"
+        text += (
+            "\n"
+            "\n"
+            "poses that tell most, rad or m; check them for collisions:\n"
+            "\n"
+            f"{table(rows, names)}"
+        )
     if args.out is not None:
         files["model_file"] = partial(found.write, args.out, args.world or "robot")
     if args.report is not None:

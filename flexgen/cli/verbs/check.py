@@ -12,7 +12,9 @@ HINTED = ("analyze", "solve", "simulate", "run", "control", "fastest", "learn")
 
 
 def implausible(args: Namespace, problem: str) -> str:
-    """The worst error that `check` finds in the model of a verb that failed, as the end of a message; else empty."""
+    """The worst error that `check` finds in the model of a verb that failed, as the end of a
+    message; else empty.
+    """
     if args.verb not in HINTED or "implausible" in problem:
         return ""
     from flexgen.plausibility.check import implausible_number

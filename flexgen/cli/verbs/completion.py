@@ -1,4 +1,6 @@
-"""The verb ``completion``: scripts that complete the command line in bash, zsh and fish, made from the parser."""
+"""The verb ``completion``: scripts that complete the command line in bash, zsh and fish, made from
+the parser.
+"""
 
 from __future__ import annotations
 
@@ -86,7 +88,8 @@ def bash(parser: argparse.ArgumentParser, models: list[str]) -> str:
         cases.append("\n".join(lines))
     return f"""# Completion of flexgen for bash. Use: source <(flexgen completion bash)
 _flexgen() {{
-    local word="${{COMP_WORDS[COMP_CWORD]}}" before="${{COMP_WORDS[COMP_CWORD-1]}}" options="" words=""
+    local word="${{COMP_WORDS[COMP_CWORD]}}" before="${{COMP_WORDS[COMP_CWORD-1]}}" options="" \
+words=""
     COMPREPLY=()
     if [ "$COMP_CWORD" -eq 1 ]; then
         COMPREPLY=($(compgen -W "{" ".join(verbs(parser))} --help --version" -- "$word"))
@@ -125,7 +128,8 @@ def zsh(parser: argparse.ArgumentParser, models: list[str]) -> str:
         cases.append(f"        {name}) _arguments {' '.join(specs)} '*:file:_files' ;;")
     listed = " ".join(f"'{name}:{_help_of(verb)}'" for name, verb in verbs(parser).items())
     return f"""#compdef flexgen
-# Completion of flexgen for zsh. Use: flexgen completion zsh > a file _flexgen in a folder of $fpath
+# Completion of flexgen for zsh. Use: flexgen completion zsh > a file _flexgen in a folder of \
+$fpath
 _flexgen_models() {{
     _alternative 'names:model:({" ".join(models)})' 'files:file:_files'
 }}
@@ -149,7 +153,10 @@ if [ "$funcstack[1]" = "_flexgen" ]; then _flexgen "$@"; else compdef _flexgen f
 def fish(parser: argparse.ArgumentParser, models: list[str]) -> str:
     """The script for fish."""
     lines = [
-        "# Completion of flexgen for fish. Use: flexgen completion fish > ~/.config/fish/completions/flexgen.fish",
+        (
+            "# Completion of flexgen for fish. Use: flexgen completion fish > "
+            "~/.config/fish/completions/flexgen.fish"
+        ),
     ]
     for name, verb in verbs(parser).items():
         lines.append(

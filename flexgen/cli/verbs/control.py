@@ -57,7 +57,9 @@ OF_MODELS = (
 
 
 def control(args: Namespace, log: Progress) -> VerbResult:
-    """Simulate a move in the closed loop with feedforward, for the model and robots that differ from it."""
+    """Simulate a move in the closed loop with feedforward, for the model and robots that differ
+    from it.
+    """
     from flexgen.display import choose_scales
     from flexgen.environment.disturbances import Disturbance
     from flexgen.loop.control import control as simulate
@@ -268,7 +270,9 @@ def _tune_model(args: Namespace, log: Progress) -> VerbResult:
 
 
 def fastest(args: Namespace, log: Progress) -> VerbResult:
-    """Find the fastest time law of a move within the limits, by exact inverse dynamics; solve and verify it."""
+    """Find the fastest time law of a move within the limits, by exact inverse dynamics; solve and
+    verify it.
+    """
     from flexgen.mechanics.limits import Limits
     from flexgen.performance.minimum_time import fastest as search
 
@@ -332,5 +336,7 @@ def kinematics(args: Namespace, log: Progress) -> VerbResult:
         return VerbResult(data, "", f"the pose cannot be reached: {pose}")
     return VerbResult(
         data,
-        f"{model.name}: {len(found)} configurations at {pose}\n\n{configurations_text(model, found)}",
+        f"{model.name}: {len(found)} configurations at {pose}\n"
+        "\n"
+        f"{configurations_text(model, found)}",
     )

@@ -13,7 +13,9 @@ from flexgen.reports.text_tables import paragraph, table
 
 
 def export(args: Namespace, log: Progress) -> VerbResult:
-    """Call the public function of the row, or an exporter of another package, and print what it wrote."""
+    """Call the public function of the row, or an exporter of another package, and print what it
+    wrote.
+    """
     robot = read_model(args)
     made = (
         call(args, log, robot, args.out)

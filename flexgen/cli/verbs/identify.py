@@ -79,7 +79,8 @@ def measure(args: Namespace, log: Progress) -> VerbResult:
     from flexgen.identification.experiments.excitation import Plan
     from flexgen.identification.experiments.experiment import measure as simulate
 
-    plan, robot = Plan.load(args.plan), read_model(args)
+    plan = Plan.load(args.plan)
+    robot = read_model(args)
     log(f"simulating {plan.duration_s:.0f} s of {robot.name}")
     began = time.perf_counter()
     writer = None
@@ -154,7 +155,9 @@ def frf(args: Namespace, log: Progress) -> VerbResult:
 
 
 def identify(args: Namespace, log: Progress) -> VerbResult:
-    """Fit parameters of a model to frequency responses or to recorded motions; write a new model file."""
+    """Fit parameters of a model to frequency responses or to recorded motions; write a new model
+    file.
+    """
     if args.rigid or args.segments is not None:
         return _rigid(args, log) if args.rigid else _segments(args, log)
     if args.validate is not None or args.counterbalance:
@@ -163,7 +166,8 @@ def identify(args: Namespace, log: Progress) -> VerbResult:
         )
     if args.truth is not None and args.move is None:
         raise ArgumentError(
-            "--truth: given without --move, expected also --move NAME, whose tool error is compared"
+            "--truth: given without --move, expected also --move NAME, whose tool error is "
+            "compared"
         )
     from flexgen.identification.frequency_response import Frf
     from flexgen.identification.graybox import identify as fit
@@ -171,7 +175,8 @@ def identify(args: Namespace, log: Progress) -> VerbResult:
     from flexgen.identification.result import FitStatus
     from flexgen.reports.identification_texts import text_of_identification, validation_text
 
-    model, data = read_model(args), Frf.load(args.data)
+    model = read_model(args)
+    data = Frf.load(args.data)
     _check_out(args, model)
     if args.structure:
         return _structure(model, data, args, log)
@@ -182,7 +187,9 @@ def identify(args: Namespace, log: Progress) -> VerbResult:
     }
     experiment = None if args.refine is None else load_experiment(args.refine)
     given["levels"] = [Frf.load(path) for path in args.levels or ()]
-    found, validation, tell = fit(model, data, **given, progress=throttle(log)), [], throttle(log)
+    found = fit(model, data, **given, progress=throttle(log))
+    validation = []
+    tell = throttle(log)
     checked: dict[str, Any] = {}
     if experiment is not None and not found.status.ended_early:
         log("refining by simulation: up to two minutes for six axes, seconds for planar arms")
@@ -191,10 +198,8 @@ def identify(args: Namespace, log: Progress) -> VerbResult:
         if validated is not None:
             checked["validation"] = vars(validated)
             validation.append(validation_text(validated, experiment.plan.motors))
-    text, usable = (
-        text_of_identification(found, *validation),
-        found.status != FitStatus.NOT_CONVERGED,
-    )
+    text = text_of_identification(found, *validation)
+    usable = found.status != FitStatus.NOT_CONVERGED
     if args.move is not None and usable and not found.status.ended_early:
         checked["tool_errors"], words = _verdict(found, args, log)
         text += f"\n\n{words}"
@@ -232,7 +237,9 @@ def _check_out(args: Namespace, model: Any) -> None:
 
 
 def _structure(model: Any, data: Any, args: Namespace, log: Progress) -> VerbResult:
-    """Which springs without motor the data ask for: a table, and the tables of new springs for the model file."""
+    """Which springs without motor the data ask for: a table, and the tables of new springs for the
+    model file.
+    """
     from flexgen.identification.structure import structure
     from flexgen.reports.identification_texts import structure_text
 
@@ -257,7 +264,9 @@ def _structure(model: Any, data: Any, args: Namespace, log: Progress) -> VerbRes
 
 
 def _rigid(args: Namespace, log: Progress) -> VerbResult:
-    """Bodies, rotors and friction from recorded motions, and the stiffness of gears with encoders on both sides."""
+    """Bodies, rotors and friction from recorded motions, and the stiffness of gears with encoders
+    on both sides.
+    """
     from flexgen.identification.recordings.rigid_file import identify_bodies
 
     alone(
@@ -324,7 +333,10 @@ def _verdict(found: Any, args: Namespace, log: Progress) -> tuple[list[dict[str,
     from flexgen.reports.identification_texts import verdict_text
 
     if found.covariance is None and args.truth is None:
-        words = f"no tool errors of the move {args.move}: a result with {found.status} has no covariance to draw robots"
+        words = (
+            f"no tool errors of the move {args.move}: a result with {found.status} has no "
+            "covariance to draw robots"
+        )
         return [], f"{words} from; give --truth where the robot is known"
     log(f"tool errors of the move {args.move}: a few minutes for six axes")
     verdict = found.verdict(args.move, truth=args.truth, progress=throttle(log))

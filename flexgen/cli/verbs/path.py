@@ -1,4 +1,6 @@
-"""The verb that plans a path: its segments, and the table that the path sampler of the emitted C reads."""
+"""The verb that plans a path: its segments, and the table that the path sampler of the emitted C
+reads.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,9 @@ def path(args: Namespace, log: Progress) -> VerbResult:
     planned = plan(
         robot, find_move_in(args.moves, args.move, robot), ignore_limits=args.ignore_limits
     )
-    files: dict[str, Writer] = {} if args.out is None else {"table": partial(_write, planned, args)}
+    files: dict[str, Writer] = (
+        {} if args.out is None else {"table": partial(_write, planned, args)}
+    )
     notes = [f"move {planned.move.name}: {line}" for line in planned.warnings]
     return with_files(planned.to_text(), planned.to_dict(), files, warnings=notes)
 

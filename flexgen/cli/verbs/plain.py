@@ -19,7 +19,9 @@ from flexgen.display import plain as as_plain
 
 
 def plain(args: Namespace, log: Progress) -> VerbResult:
-    """Call the public function of the row; print its result, and write it where ``--out`` and ``--report`` ask."""
+    """Call the public function of the row; print its result, and write it where ``--out`` and
+    ``--report`` ask.
+    """
     given = () if args.row.model == "none" else (read_model(args),)
     check_model_file(args, *given)
     result = call(args, log, *given)

@@ -36,7 +36,9 @@ def describe(args: Namespace, log: Progress) -> VerbResult:
 
 
 def derive(args: Namespace, log: Progress) -> VerbResult:
-    """Derive the equations of motion and print them; of large models, print the sizes of the functions."""
+    """Derive the equations of motion and print them; of large models, print the sizes of the
+    functions.
+    """
     form = "latex" if args.latex else "text" if args.text else ""
     if not form and args.out is not None:
         form = "latex" if args.out.suffix == ".tex" else "text"
@@ -62,7 +64,8 @@ def derive(args: Namespace, log: Progress) -> VerbResult:
             if form:
                 raise
             warnings.append(
-                f"the equations are not printed ({error}); the table shows the sizes of the functions"
+                f"the equations are not printed ({error}); the table shows the sizes of the "
+                "functions"
             )
     if form:
         data[form] = text
@@ -77,7 +80,8 @@ def analyze(args: Namespace, log: Progress) -> VerbResult:
     """Analyze the robot at rest at a pose: modes, poles, zeros, phase, structural index."""
     from flexgen.analysis.analyze import analyze as analyze_model
 
-    equations, path = derive_model(args), None
+    equations = derive_model(args)
+    path = None
     if args.move is not None:
         from flexgen.paths.path import Path as ToolPath
         from flexgen.paths.path import find_move

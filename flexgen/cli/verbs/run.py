@@ -1,4 +1,6 @@
-"""The verb ``run``: all steps from a model file to a loaded C library and verified motor torques."""
+"""The verb ``run``: all steps from a model file to a loaded C library and verified motor
+torques.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,9 @@ from flexgen.reports.text_tables import one_line
 
 
 def run(args: Namespace, log: Progress) -> VerbResult:
-    """Run all steps: describe, analyze, generate and load the C library, solve, verify, write the report."""
+    """Run all steps: describe, analyze, generate and load the C library, solve, verify, write the
+    report.
+    """
     began = time.perf_counter()
     robot = read_model(args)
     name = robot.name + (f"_{robot.variant}" if robot.variant else "")
@@ -48,7 +52,8 @@ def run(args: Namespace, log: Progress) -> VerbResult:
     library = load(generated.directory)
     log("solve: inverse dynamics of the move, verified by forward simulation")
     solution = solve_move(equations, **keywords(args), progress=log)
-    problem, trajectory = problem_of(solution, ACCURACY), directory / f"{solution.move.name}.npz"
+    problem = problem_of(solution, ACCURACY)
+    trajectory = directory / f"{solution.move.name}.npz"
     if solution.interrupted:  # without the report
         data: dict[str, Any] = {
             "solve": solution.to_dict() | {"trajectory": str(solution.trajectory.save(trajectory))}
@@ -61,7 +66,12 @@ def run(args: Namespace, log: Progress) -> VerbResult:
     report = write_report(equations, solution, directory, generated=generated, compared=compared)
     solution.trajectory.save(trajectory)
     seconds = time.perf_counter() - began
-    text = f"{steps_text(analysis, generated, checked, solution, seconds)}\n\nwrote {report}\nwrote {trajectory}\n"
+    text = (
+        f"{steps_text(analysis, generated, checked, solution, seconds)}\n"
+        "\n"
+        f"wrote {report}\n"
+        f"wrote {trajectory}\n"
+    )
     text += f"{'wrote' if generated.written else 'unchanged'} {generated.directory}"
     data = {
         "model": robot.name,

@@ -31,10 +31,13 @@ COMMAND = "command"  # ending of the file with the torques that the controller s
 
 
 def solve(args: Namespace, log: Progress) -> VerbResult:
-    """Compute the motor torques that make the output follow a move, and verify them by simulation."""
+    """Compute the motor torques that make the output follow a move, and verify them by
+    simulation.
+    """
     if args.robustness and args.report is None:
         raise ArgumentError(
-            "--robustness: given without --report, expected also --report DIR, because the table is part of the report"
+            "--robustness: given without --report, expected also --report DIR, because the "
+            "table is part of the report"
         )
     if not args.verify:
         alone(args, "--no-verify", "accuracy", "robustness")
@@ -98,7 +101,8 @@ def _announce(args: Namespace, robot: RobotModel, log: Progress) -> None:
 
     if args.method == "full" and robot.n_a > FULL_LARGEST:
         log(
-            f"method full with {robot.n_a} coordinates takes many minutes; --method lq takes seconds"
+            f"method full with {robot.n_a} coordinates takes many minutes; --method lq takes "
+            "seconds"
         )
 
 
@@ -121,10 +125,10 @@ def _solve_one(
     if args.fastest:
         from flexgen.performance.minimum_time import fastest
 
-        move, limits = (
-            fastest(equations, move, limits=limits, time_limit=args.time_limit, progress=log).move,
-            None,
-        )
+        move = fastest(
+            equations, move, limits=limits, time_limit=args.time_limit, progress=log
+        ).move
+        limits = None
     solution = solve_move(
         equations,
         move,
@@ -133,7 +137,8 @@ def _solve_one(
         **given,
         progress=log,
     )
-    data, files = solution.to_dict(), {}
+    data = solution.to_dict()
+    files = {}
     if out is not None:
         files["trajectory"] = solution.trajectory.save(out)
         if solution.torque_command is not None:
@@ -181,7 +186,11 @@ def simulate(args: Namespace, log: Progress) -> VerbResult:
     data = {"model": equations.model.name, **simulation.to_dict()}
     warnings = data.pop("warnings")
     files = {"trajectory": None if args.out is None else simulation.save(args.out)}
-    text = f"{equations.model.title} under the motor torques of {args.trajectory}\n\n{simulation.to_text()}"
+    text = (
+        f"{equations.model.title} under the motor torques of {args.trajectory}\n"
+        "\n"
+        f"{simulation.to_text()}"
+    )
     return with_files(text, data, files, warnings=warnings)
 
 
@@ -192,7 +201,8 @@ def sense(args: Namespace, log: Progress) -> VerbResult:
 
     equations = derive_model(args, log)
     seen = sense_motion(equations, Trajectory.load(args.motion))
-    rows, ranges = [], {}
+    rows = []
+    ranges = {}
     for name in seen.channels:
         for label, unit, x in zip(seen.labels[name], seen.units[name], seen[name].T, strict=True):
             rows.append([label, unit, float(x.min()), float(x.max()), float((x**2).mean() ** 0.5)])
@@ -205,4 +215,6 @@ def sense(args: Namespace, log: Progress) -> VerbResult:
     data = {"model": equations.model.name, "sensors": ranges}
     text = f"{equations.model.title}: sensors along {args.motion}\n\n"
     text += table(rows, ("", "unit", "least", "largest", "effective"))
-    return with_files(text, data, {"trajectory": None if args.out is None else seen.save(args.out)})
+    return with_files(
+        text, data, {"trajectory": None if args.out is None else seen.save(args.out)}
+    )

@@ -38,11 +38,13 @@ def binaries_of(version: str, binary: bool, platforms: Any) -> tuple[Binary, ...
     if not binary:
         return ()
     if platforms is None:
-        compiler, here = _compiler(), this_target()
+        compiler = _compiler()
+        here = this_target()
         if here is None:
             raise BuildError(
-                f"platform: given {sys.platform} on {platform.machine()}, expected Linux, Windows or macOS on x86-64 "
-                "or ARM; write the sources only (binary=False) and compile them with the importing program"
+                f"platform: given {sys.platform} on {platform.machine()}, expected Linux, "
+                "Windows or macOS on x86-64 or ARM; write the sources only (binary=False) and "
+                "compile them with the importing program"
             )
         return (Binary(here.fmi_name(version), compiler),)
     made = []
@@ -60,7 +62,9 @@ def _chosen(platforms: Any, version: str) -> list[Target]:
     if not names or unknown:
         offered = ", ".join(target.fmi_name(version) for target in TARGETS.values())
         shown = unknown[0] if unknown else platforms
-        raise ArgumentError(f"platforms: given {shown!r}, expected all or one or more of {offered}")
+        raise ArgumentError(
+            f"platforms: given {shown!r}, expected all or one or more of {offered}"
+        )
     if "all" in names:
         return list(TARGETS.values())
     return list(dict.fromkeys(known[name] for name in names))
@@ -74,7 +78,8 @@ def _compiler() -> Compiler:
     )
     if found is None:
         raise BuildError(
-            f"{NO_COMPILER}, or write the sources only: binary=False in Python, --no-binary on the command line"
+            f"{NO_COMPILER}, or write the sources only: binary=False in Python, --no-binary on "
+            "the command line"
         )
     return found
 

@@ -80,7 +80,9 @@ def time_variable() -> Variable:
 
 
 def config(block: Block, token: str) -> str:
-    """The file flexgen_fmu_config.h: sizes, start values, functions of the model; no names of variables."""
+    """The file flexgen_fmu_config.h: sizes, start values, functions of the model; no names of
+    variables.
+    """
     lines = [
         "/* Sizes, start values and functions of the model. Written by flexgen. */",
         "#ifndef FLEXGEN_FMU_CONFIG_H",
@@ -130,4 +132,7 @@ def c_array(name: str, values: Sequence[float], whole: bool = False) -> str:
     written = [str(int(x)) if whole else repr(float(x)) for x in values] or ["0"]
     rows = [", ".join(written[k : k + 5]) for k in range(0, len(written), 5)]
     inner = ",\n    ".join(rows)
-    return f"static const {'int32_t' if whole else 'double'} {name}[{len(written)}] = {{\n    {inner}}};"
+    return (
+        f"static const {'int32_t' if whole else 'double'} {name}[{len(written)}] = {{\n"
+        f"    {inner}}};"
+    )

@@ -1,4 +1,6 @@
-"""A P-PI cascade as a block: measured angles, reference angles and feedforward torques in, motor torques out."""
+"""A P-PI cascade as a block: measured angles, reference angles and feedforward torques in, motor
+torques out.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +37,8 @@ def controller(model: RobotModel, given: Any, sample_time: float) -> Block:
     model : RobotModel
         Its motors, and the equilibrium at home for the start values.
     given : Cascade, PPI, path of a file .toml with one of them, or None
-        The gains of a `PPI` are those for the pose at home, with one sample time of delay; None: a `PPI`.
+        The gains of a `PPI` are those for the pose at home, with one sample time of delay; None: a
+        `PPI`.
     sample_time : float
         [s].
     """
@@ -45,20 +48,22 @@ def controller(model: RobotModel, given: Any, sample_time: float) -> Block:
             raise ArgumentError(
                 f"controller: given {str(given)!r}, which does not exist, expected a file .toml"
             )
-        file, given = given, file_controller(str(given)) if str(given).endswith(".toml") else None
+        file = given
+        given = file_controller(str(given)) if str(given).endswith(".toml") else None
         if given is None:
             raise ArgumentError(
                 f"controller: given {str(file)!r}, expected a file .toml of type ppi or cascade"
             )
     given = PPI() if given is None else given
     if isinstance(given, PPI):
-        rest_a, rest_m = np.zeros((1, model.n_a)), np.zeros((1, model.n_m))
+        rest_a = np.zeros((1, model.n_a))
+        rest_m = np.zeros((1, model.n_m))
         motion = (held.q_a[None], rest_a, rest_a, held.q_m[None], rest_m, rest_m, held.tau_m[None])
         given = given.cascade(model, 2.0 * sample_time, motion)
     if not isinstance(given, Cascade):
         raise ArgumentError(
-            f"controller: given {type(given).__name__}, expected a flexgen.Cascade or flexgen.PPI for the block "
-            "'controller'"
+            f"controller: given {type(given).__name__}, expected a flexgen.Cascade or "
+            "flexgen.PPI for the block 'controller'"
         )
     n = model.n_m
     # checks the gains and the filters
@@ -92,7 +97,9 @@ def controller(model: RobotModel, given: Any, sample_time: float) -> Block:
     )
 
 
-def _variables(model: RobotModel, q_m: np.ndarray, tau_m: np.ndarray, gains: Any) -> list[Variable]:
+def _variables(
+    model: RobotModel, q_m: np.ndarray, tau_m: np.ndarray, gains: Any
+) -> list[Variable]:
     n = model.n_m
     out = [time_variable()]
     for first, what, unit, starts, text in (
@@ -113,7 +120,8 @@ def _variables(model: RobotModel, q_m: np.ndarray, tau_m: np.ndarray, gains: Any
                 )
             )
     for k, m in enumerate(model.motors):
-        name, text = f"motor.{m.name}.torque", "commanded motor torque, motor side"
+        name = f"motor.{m.name}.torque"
+        text = "commanded motor torque, motor side"
         out.append(Variable(name, OUTPUT, k, "N.m", text, float(tau_m[k]), sampled=True))
     for i, (what, unit, text) in enumerate(_GAINS):
         for k, m in enumerate(model.motors):

@@ -23,7 +23,9 @@ def element(name: str, attributes: Mapping[str, object], inner: Sequence[str] = 
     ]
     head = " ".join([f"<{name}", *words])
     return (
-        [f"{head}/>"] if not inner else [f"{head}>", *(f"  {line}" for line in inner), f"</{name}>"]
+        [f"{head}/>"]
+        if not inner
+        else [f"{head}>", *(f"  {line}" for line in inner), f"</{name}>"]
     )
 
 
@@ -60,7 +62,7 @@ def _experiment(block: Block) -> list[str]:
     )
 
 
-# --- FMI 2.0 ----------------------------------------------------------------------------------------------------------
+# --- FMI 2.0 -------------------------------------------------------------------------------------
 
 
 def description_2(block: Block, token: str, sources: Sequence[str]) -> str:
@@ -98,7 +100,11 @@ def description_2(block: Block, token: str, sources: Sequence[str]) -> str:
         "numberOfEventIndicators": "0",
     }
     return "\n".join(
-        ['<?xml version="1.0" encoding="UTF-8"?>', *element("fmiModelDescription", root, inner), ""]
+        [
+            '<?xml version="1.0" encoding="UTF-8"?>',
+            *element("fmiModelDescription", root, inner),
+            "",
+        ]
     )
 
 
@@ -107,8 +113,14 @@ def _scalar_2(v: Variable, position: Mapping[int, int]) -> list[str]:
     value: dict[str, object] = {"start": number(v.start)}
     if not v.whole:
         value = {"unit": v.unit, "nominal": number(v.nominal), "derivative": of, **value}
-    outer = {"name": v.name, "valueReference": v.reference, "description": v.text, "causality": v.causality,
-             "variability": v.variability, "initial": v.initial}  # fmt: skip
+    outer = {
+        "name": v.name,
+        "valueReference": v.reference,
+        "description": v.text,
+        "causality": v.causality,
+        "variability": v.variability,
+        "initial": v.initial,
+    }
     return element("ScalarVariable", outer, element("Integer" if v.whole else "Real", value))
 
 
@@ -130,7 +142,7 @@ def _structure_2(block: Block, position: Mapping[int, int]) -> list[str]:
     return element("ModelStructure", {}, inner)
 
 
-# --- FMI 3.0 ----------------------------------------------------------------------------------------------------------
+# --- FMI 3.0 -------------------------------------------------------------------------------------
 
 
 def description_3(block: Block, token: str) -> str:
@@ -160,14 +172,23 @@ def description_3(block: Block, token: str) -> str:
         "variableNamingConvention": "structured",
     }
     return "\n".join(
-        ['<?xml version="1.0" encoding="UTF-8"?>', *element("fmiModelDescription", root, inner), ""]
+        [
+            '<?xml version="1.0" encoding="UTF-8"?>',
+            *element("fmiModelDescription", root, inner),
+            "",
+        ]
     )
 
 
 def _variable_3(v: Variable) -> list[str]:
-    attributes: dict[str, object] = {"name": v.name, "valueReference": v.reference, "description": v.text,
-                                     "causality": v.causality, "variability": v.variability,
-                                     "initial": v.initial}  # fmt: skip
+    attributes: dict[str, object] = {
+        "name": v.name,
+        "valueReference": v.reference,
+        "description": v.text,
+        "causality": v.causality,
+        "variability": v.variability,
+        "initial": v.initial,
+    }
     if v.kind == TIME:
         attributes.pop("initial")
     attributes["start"] = number(v.start)

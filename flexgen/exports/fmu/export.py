@@ -1,4 +1,6 @@
-"""A robot as a Functional Mock-up Unit: sources, binary and description in one file with reproducible bytes."""
+"""A robot as a Functional Mock-up Unit: sources, binary and description in one file with
+reproducible bytes.
+"""
 
 from __future__ import annotations
 
@@ -31,14 +33,20 @@ VERSIONS: tuple[FmiVersion, ...] = get_args(FmiVersion)
 BlockName = Literal["plant", "feedforward", "controller"]
 BLOCKS: tuple[BlockName, ...] = get_args(BlockName)
 _FOLDER = Path(__file__).parent
-_PREFIX = "flexgen_fmu_"  # of all files that are the same for every model, and of the configuration
+# of all files that are the same for every model, and of the configuration
+_PREFIX = "flexgen_fmu_"
 _FIXED = {
     "FMU_PLANT": "plant.h",
     "FMU_FEEDFORWARD": "feedforward.h",
     "FMU_CONTROLLER": "controller.h",
 }
-_OF_BLOCK = {"method": "plant", "step": "plant", "controller": "controller", "sample_time": "controller",
-             "look_ahead": "feedforward"}  # fmt: skip
+_OF_BLOCK = {
+    "method": "plant",
+    "step": "plant",
+    "controller": "controller",
+    "sample_time": "controller",
+    "look_ahead": "feedforward",
+}
 _INCLUDE = re.compile(r'\s*#\s*include "([^"]+)"')
 _MACRO = re.compile(r"^\s*#\s*define (\w+)", re.MULTILINE)
 _WORD = re.compile(r"[A-Za-z_]\w*")
@@ -64,42 +72,49 @@ def export_fmu(
     look_ahead: float | None = None,
     progress: Choice = None,
 ) -> Exported:
-    """Write a Functional Mock-up Unit (FMU): a robot, its feedforward or a controller, for other simulation programs.
+    """Write a Functional Mock-up Unit (FMU): a robot, its feedforward or a controller, for other
+    simulation programs.
 
-    It has both interfaces, Model Exchange and Co-Simulation, sources in C99 and a binary for this platform. The same
-    arguments and compiler give the same bytes. Several instances may run at the same time, each in its own thread.
+    It has both interfaces, Model Exchange and Co-Simulation, sources in C99 and a binary for this
+    platform. The same arguments and compiler give the same bytes. Several instances may run at the
+    same time, each in its own thread.
 
     Parameters
     ----------
     model : str, Path or RobotModel
         A name in models/, a path (either with ``@variant``), or a model.
     path : str or Path, optional
-        Where to write; default: ``generated/<name>.fmu``, with ``_feedforward`` or ``_controller`` behind the name.
+        Where to write; default: ``generated/<name>.fmu``, with ``_feedforward`` or ``_controller``
+        behind the name.
     version : str
         Of FMI: ``"2.0"`` or ``"3.0"``.
     block : str
-        ``"plant"``: the elastic robot, motor torques and tool forces in, motor angles, tool pose and deflections out.
-        ``"feedforward"``: inverse dynamics on a moving horizon, path samples in, torques and references out.
-        ``"controller"``: a P-PI cascade, measured angles and references in, motor torques out.
+        ``"plant"``: the elastic robot, motor torques and tool forces in, motor angles, tool pose
+        and deflections out. ``"feedforward"``: inverse dynamics on a moving horizon, path samples
+        in, torques and references out. ``"controller"``: a P-PI cascade, measured angles and
+        references in, motor torques out.
     binary : bool
         False: sources only, which need no compiler here.
     platforms : str or sequence of str, optional
-        Binaries for these platforms, compiled by the package ziglang: ``"all"``, or names of FMI, such as ``"win64"``,
-        ``"linux64"``, ``"darwin64"``, ``"aarch64-linux"``, ``"aarch64-darwin"`` (or ``"x86_64-windows"``, ... of FMI
-        3.0); default: a binary for this platform, by the compiler that is here.
+        Binaries for these platforms, compiled by the package ziglang: ``"all"``, or names of FMI,
+        such as ``"win64"``, ``"linux64"``, ``"darwin64"``, ``"aarch64-linux"``,
+        ``"aarch64-darwin"`` (or ``"x86_64-windows"``, ... of FMI 3.0); default: a binary for this
+        platform, by the compiler that is here.
     method : str, optional
-        Of the plant in Co-Simulation: ``"rk4"`` (default), the explicit Runge-Kutta method of order 4, or ``"sdirk4"``,
-        an implicit L-stable method of order 4 for stiff springs. ``integration.method`` changes it before a simulation.
+        Of the plant in Co-Simulation: ``"rk4"`` (default), the explicit Runge-Kutta method of
+        order 4, or ``"sdirk4"``, an implicit L-stable method of order 4 for stiff springs.
+        ``integration.method`` changes it before a simulation.
     step : float, optional
-        Its largest step [s]; default: from the fastest pole of the robot at home. A communication step is divided into
-        equal steps that are not longer.
+        Its largest step [s]; default: from the fastest pole of the robot at home. A communication
+        step is divided into equal steps that are not longer.
     controller : Cascade, PPI, str or Path, optional
-        For the block ``"controller"``, or a file ``.toml`` with one; default: a `PPI`. It gets its gains at the home
-        pose, with one sample time of delay.
+        For the block ``"controller"``, or a file ``.toml`` with one; default: a `PPI`. It gets its
+        gains at the home pose, with one sample time of delay.
     sample_time : float, optional
         Of a controller [s]; default: 0.001.
     look_ahead : float, optional
-        Of the feedforward [s]: from a path sample to the output that reaches it; default: as the generated library.
+        Of the feedforward [s]: from a path sample to the output that reaches it; default: as the
+        generated library.
     progress : bool or callable, optional
         As for `flexgen.solve`.
 
@@ -110,9 +125,11 @@ def export_fmu(
     Raises
     ------
     ArgumentError
-        An argument is out of range or of another block, or the model has no inverse dynamics for the feedforward.
+        An argument is out of range or of another block, or the model has no inverse dynamics for
+        the feedforward.
     BuildError
-        There is no C compiler, or it fails, or the name of the model is taken in C; nothing is written then.
+        There is no C compiler, or it fails, or the name of the model is taken in C; nothing is
+        written then.
     ModelError
         The model cannot be read.
 
@@ -122,7 +139,8 @@ def export_fmu(
     >>> written.details["version"]
     '2.0'
 
-    Source: Functional Mock-up Interface for Model Exchange and Co-Simulation, 2.0.5 and 3.0.2, Modelica Association.
+    Source: Functional Mock-up Interface for Model Exchange and Co-Simulation, 2.0.5 and 3.0.2,
+    Modelica Association.
     """
     given = dict(
         method=method,
@@ -146,7 +164,8 @@ def _written(
     log: Callable[[str], None],
 ) -> Exported:
     """Write the FMU; ``what``: the version of FMI, the block, and the binaries."""
-    began, (version, block, binaries) = time.perf_counter(), what
+    began = time.perf_counter()
+    (version, block, binaries) = what
     log(f"deriving {robot.name}")
     made = _block(robot, block, given)
     target = Path("generated", f"{made.name}.fmu") if path is None else Path(path)
@@ -184,8 +203,10 @@ def _content(
 def _check(version: str, block: str, path: Any, given: Mapping[str, Any]) -> None:
     method = "rk4" if given["method"] is None else given["method"]
     for name, value, expected in (
-        ("version", version, VERSIONS), ("block", block, BLOCKS), ("method", method, ("rk4", "sdirk4"))
-    ):  # fmt: skip
+        ("version", version, VERSIONS),
+        ("block", block, BLOCKS),
+        ("method", method, ("rk4", "sdirk4")),
+    ):
         if value not in expected:
             raise ArgumentError(f"{name}: given {value!r}, expected one of {', '.join(expected)}")
     for name, of in _OF_BLOCK.items():
@@ -196,12 +217,16 @@ def _check(version: str, block: str, path: Any, given: Mapping[str, Any]) -> Non
     for name in ("step", "sample_time", "look_ahead"):
         value = given[name]
         if value is not None and not (isinstance(value, int | float) and 1e-9 <= value <= 1e3):
-            raise ArgumentError(f"{name}: given {value!r}, expected a time between 1e-9 and 1000 s")
+            raise ArgumentError(
+                f"{name}: given {value!r}, expected a time between 1e-9 and 1000 s"
+            )
     if path is not None and not (
         isinstance(path, str | os.PathLike) and Path(path).suffix == ".fmu"
     ):
         shown = os.fspath(path) if isinstance(path, os.PathLike) else path
-        raise ArgumentError(f"path: given {shown!r}, expected the path of a file that ends in .fmu")
+        raise ArgumentError(
+            f"path: given {shown!r}, expected the path of a file that ends in .fmu"
+        )
 
 
 def _block(model: RobotModel, block: str, given: Mapping[str, Any]) -> Block:
@@ -262,7 +287,9 @@ def _texts(block: Block, version: str) -> tuple[dict[str, str], str]:
 
 
 def _merge(block: Block, texts: Mapping[str, str], interface: str, standard: set[str]) -> str:
-    """One C file: the interface with its headers put in, then the model, which must not see macros of the former."""
+    """One C file: the interface with its headers put in, then the model, which must not see macros
+    of the former.
+    """
     seen: set[str] = set()
 
     def put_in(name: str) -> str:
@@ -308,18 +335,21 @@ def _check_name(block: Block, fixed: Mapping[str, str]) -> None:
     own = {word for word in header if stem and word.lower().startswith(f"{stem}_".lower())}
     if found := sorted([*files, *(own & words)]):
         raise BuildError(
-            f"name of the model, with its variant: given {stem!r}, which gives {found[0]}, a name of the fixed "
-            "files of an FMU; expected another name"
+            f"name of the model, with its variant: given {stem!r}, which gives {found[0]}, a "
+            "name of the fixed files of an FMU; expected another name"
         )
 
 
 def _zip(files: Mapping[str, bytes]) -> bytes:
-    """A zip file without times: the same files give the same bytes. modelDescription.xml comes first."""
+    """A zip file without times: the same files give the same bytes. modelDescription.xml comes
+    first.
+    """
     out = BytesIO()
     with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive:
         for name in sorted(files, key=lambda name: (name != "modelDescription.xml", name)):
             info = zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0))
-            info.create_system, info.compress_type = 3, zipfile.ZIP_DEFLATED
+            info.create_system = 3
+            info.compress_type = zipfile.ZIP_DEFLATED
             info.external_attr = (0o755 if name.startswith("binaries/") else 0o644) << 16
             archive.writestr(info, files[name], compresslevel=9)
     return out.getvalue()

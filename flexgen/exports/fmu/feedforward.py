@@ -1,4 +1,6 @@
-"""Inverse dynamics on a moving horizon as a block: path samples in, torques and references of the motors out."""
+"""Inverse dynamics on a moving horizon as a block: path samples in, torques and references of the
+motors out.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,10 @@ _FIGURES = (
     (
         "quality.residual",
         "1",
-        "residual of the unactuated rows, relative to the torques of a deflection of 0.01 rad or m",
+        (
+            "residual of the unactuated rows, relative to the torques of a deflection of 0.01 "
+            "rad or m"
+        ),
     ),
     (
         "quality.output_step",
@@ -52,21 +57,21 @@ def feedforward(model: RobotModel, look_ahead: float | None) -> Block:
     """
     if (obstacle := inversion_reason(model, offered_functions(model))) is not None:
         raise ArgumentError(
-            f"block 'feedforward': {obstacle}; the blocks plant and controller need no inverse dynamics"
+            f"block 'feedforward': {obstacle}; the blocks plant and controller need no inverse "
+            "dynamics"
         )
     equations = derive(model, ("payload",))
     offered = offered_functions(model)
     spec = with_defaults(
         model, library_spec(equations, [x for x in INVERTING if x in offered], parts=(POSITION,))
     )
-    options, servo = (
-        spec.stream,
-        None if spec.motor_constants is None else spec.motor_constants.servo,
-    )
+    options = spec.stream
+    servo = None if spec.motor_constants is None else spec.motor_constants.servo
     if options is None:
         raise ArgumentError(
-            f"block 'feedforward': model {model.name} has no equilibrium at its home pose, or a singular one; expected "
-            "a home pose that the tool can leave in all directions of the output"
+            f"block 'feedforward': model {model.name} has no equilibrium at its home pose, or a "
+            "singular one; expected a home pose that the tool can leave in all directions of "
+            "the output"
         )
     options = options if servo is None else _at_samples(options, servo.sample_time)
     options = options if look_ahead is None else _with(options, look_ahead)
@@ -79,7 +84,8 @@ def feedforward(model: RobotModel, look_ahead: float | None) -> Block:
     )
     texts = merge_files(spec.name, emit(spec, function_texts(spec)))
     held = hold_joints(derive(model), np.array(model.home))
-    name, prefix = f"{library_name(model)}_feedforward", spec.name
+    name = f"{library_name(model)}_feedforward"
+    prefix = spec.name
     sizes = {
         "N_A": model.n_a,
         "N_M": model.n_m,
@@ -128,7 +134,8 @@ def _with(options: StreamDefaults, look_ahead: float) -> StreamDefaults:
         intervals * options.period, look_ahead, rel_tol=1e-6
     ):
         raise ArgumentError(
-            f"look_ahead: given {look_ahead} s, expected 1 to {INTERVALS_MAX} times the period of {options.period:g} s"
+            f"look_ahead: given {look_ahead} s, expected 1 to {INTERVALS_MAX} times the period "
+            f"of {options.period:g} s"
         )
     return replace(options, look_ahead=intervals * options.period, intervals=intervals)
 
@@ -147,7 +154,9 @@ def _at_samples(options: StreamDefaults, h: float) -> StreamDefaults:
 
 
 def home_output(model: RobotModel, equations: Equations, q_a: np.ndarray) -> np.ndarray:
-    """The output at a pose, (n_t,): for a pose of the tool its position, then the rotation matrix by columns."""
+    """The output at a pose, (n_t,): for a pose of the tool its position, then the rotation matrix
+    by columns.
+    """
     p, R = (x[0] for x in evaluate(equations.function("forward_kinematics"), q_a))
     if model.output.type == "tool_pose":
         return np.concatenate([p.ravel(), R.reshape(3, 3).T.ravel()])
@@ -181,7 +190,8 @@ def _variables(
 def _inputs(
     model: RobotModel, equations: Equations, held: Equilibrium, options: StreamDefaults
 ) -> list[Variable]:
-    n_y, n_t = model.output.size, model.output.target_size
+    n_y = model.output.size
+    n_t = model.output.target_size
     ahead = f"of the path, {options.look_ahead:g} s ahead"
     start = home_output(model, equations, held.q_a)
     pose = model.output.type == "tool_pose"

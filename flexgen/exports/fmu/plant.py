@@ -1,9 +1,10 @@
-"""The elastic robot as a block: motor torques and tool forces in, motor angles, tool pose and deflections out.
+"""The elastic robot as a block: motor torques and tool forces in, motor angles, tool pose and
+deflections out.
 
     dx/dt = f(x, u, payload),   y = g(x),   x = (q_a, q_m, v_a, v_m, z),   u = (tau_m, f_tool)
 
-of the motors only those behind elastic gears; z: see `flexgen.exports.fmu.plant_memory`. The outputs do not depend on
-the inputs. The Jacobians are emitted, too.
+of the motors only those behind elastic gears; z: see `flexgen.exports.fmu.plant_memory`. The
+outputs do not depend on the inputs. The Jacobians are emitted, too.
 """
 
 from __future__ import annotations
@@ -50,7 +51,8 @@ STEP_MAX = 1e-3  # s
 
 @dataclass(frozen=True)
 class _Graphs:
-    """The functions of the block as CasADi functions; ``jacobians`` has the outputs ``M_y`` and ``R_y``.
+    """The functions of the block as CasADi functions; ``jacobians`` has the outputs ``M_y`` and
+    ``R_y``.
 
     ``fastest``: the bound of `PlantMemory`; None where the robot has no torques with states.
     """
@@ -106,21 +108,28 @@ def plant(model: RobotModel, method: str, step: float | None) -> Block:
     )
 
 
-# --- mathematics ------------------------------------------------------------------------------------------------------
+# --- mathematics ---------------------------------------------------------------------------------
 
 
 def _graphs(equations: Equations) -> _Graphs:
     """The functions in the state x and the input u."""
-    model, memory = equations.model, plant_memory(equations)
-    n_a, n, i_m, n_z = model.n_a, model.dof, model.i_m, 0 if memory is None else memory.size
+    model = equations.model
+    memory = plant_memory(equations)
+    n_a = model.n_a
+    n = model.dof
+    i_m = model.i_m
+    n_z = 0 if memory is None else memory.size
     robot = equations if memory is None else memory.equations
-    x, u = ca.SX.sym("state", 2 * n + n_z), ca.SX.sym("input", model.n_m + 6)
+    x = ca.SX.sym("state", 2 * n + n_z)
+    u = ca.SX.sym("input", model.n_m + 6)
     p = ca.SX.sym("parameters", len(equations.parameters))
-    q_a, v_a = x[:n_a], x[n : n + n_a]
+    q_a = x[:n_a]
+    v_a = x[n : n + n_a]
     q_g, v_g = (ca.vertcat(*[part[i] for i in model.i_g]) for part in (q_a, v_a))
     q_m, v_m = (ca.mtimes(ca.SX(ca.DM(model.eta)), part) for part in (q_g, v_g))
     for k, j in enumerate(i_m):
-        q_m[j], v_m[j] = x[n_a + k], x[n + n_a + k]
+        q_m[j] = x[n_a + k]
+        v_m[j] = x[n + n_a + k]
     f_tool = u[model.n_m :]
     values = {
         "q_a": q_a,
@@ -139,8 +148,11 @@ def _graphs(equations: Equations) -> _Graphs:
         return out
 
     a_a, a_m, _ = call("forward_dynamics_tool_force")
-    inputs, names = [x, u, p], ["state", "input", "parameters"]
-    z_rates, fastest, by_z = ca.SX(0, 1), None, ca.SX(n, 0)
+    inputs = [x, u, p]
+    names = ["state", "input", "parameters"]
+    z_rates = ca.SX(0, 1)
+    fastest = None
+    by_z = ca.SX(n, 0)
     if memory is not None:
         z_rates, bound, by_z = memory.function(q_a, v_a, q_m, v_m, x[2 * n :])
         fastest = ca.Function("plant_fastest", [x], [bound], ["state"], ["fastest"])
@@ -153,9 +165,11 @@ def _graphs(equations: Equations) -> _Graphs:
         ["rate"],
     )
     accelerations = ca.Function("plant_accelerations", inputs, [a_a, a_m], names, ["a_a", "a_m"])
-    s_a, s_m = ca.SX.sym("a_a", n_a), ca.SX.sym("a_m", model.n_m)
+    s_a = ca.SX.sym("a_a", n_a)
+    s_m = ca.SX.sym("a_m", model.n_m)
     M, R = call("residual_jacobians", {"a_a": s_a, "a_m": s_m})
-    R, R_f = ca.SX(R), ca.SX.zeros(n, 6)
+    R = ca.SX(R)
+    R_f = ca.SX.zeros(n, 6)
     J = call("jacobian")[0]
     R[:n_a, :n_a] = R[:n_a, :n_a] - ca.jacobian(ca.mtimes(J.T, f_tool), q_a)
     R_f[:n_a, :] = -J.T
@@ -172,14 +186,18 @@ def _graphs(equations: Equations) -> _Graphs:
     )
     y = _output(model, call, q_m, v_m, q_g, q_a, ca.mtimes(J, v_a))
     output = ca.Function("plant_output", [x], [y], ["state"], ["output"])
-    C = ca.Function("plant_output_jacobian", [x], [ca.densify(ca.jacobian(y, x))], ["state"], ["C"])
+    C = ca.Function(
+        "plant_output_jacobian", [x], [ca.densify(ca.jacobian(y, x))], ["state"], ["C"]
+    )
     return _Graphs(rate, accelerations, jacobians, output, C, fastest)
 
 
 def _output(
     model: RobotModel, called: Any, q_m: ca.SX, v_m: ca.SX, q_g: ca.SX, q_a: ca.SX, v_tool: ca.SX
 ) -> ca.SX:
-    """Motor angles and speeds, tool position, rotation by rows and velocity, deflections of all arm coordinates."""
+    """Motor angles and speeds, tool position, rotation by rows and velocity, deflections of all
+    arm coordinates.
+    """
     p, R = called("forward_kinematics")
     gear = ca.mtimes(ca.SX(ca.DM(np.linalg.inv(model.eta))), q_m) - q_g
     deflection = ca.SX(q_a)
@@ -191,11 +209,16 @@ def _output(
 
 
 def _emit(equations: Equations, graphs: _Graphs) -> tuple[dict[str, str], dict[str, str], str]:
-    """The model part: its files, how flexgen_fmu_config.h calls its functions, and the size of the workspace."""
+    """The model part: its files, how flexgen_fmu_config.h calls its functions, and the size of the
+    workspace.
+    """
     model = equations.model
     base = library_spec(equations, ("forward_kinematics",))
-    n, n_u, n_x = model.dof, model.n_m + 6, graphs.rate.size1_in(0)
-    n_y, rows = graphs.output.size1_out(0), n_x - model.dof
+    n = model.dof
+    n_u = model.n_m + 6
+    n_x = graphs.rate.size1_in(0)
+    n_y = graphs.output.size1_out(0)
+    rows = n_x - model.dof
     behind = "; torques of hysteresis and bristles" if graphs.fastest else ""
     text = f"q_a, q_m, v_a, v_m; of the motors those behind elastic gears{behind}"
     ports = {
@@ -220,14 +243,39 @@ def _emit(equations: Equations, graphs: _Graphs) -> tuple[dict[str, str], dict[s
     )
     steps = (Expressions(graphs.accelerations, pivots=True), Expressions(graphs.jacobians), solve)
     table = [
-        ("plant_rate", "Right-hand side of the equations of motion.", "dx/dt = f(x, u)", "state input parameters",
-         "rate", Routine((Expressions(graphs.rate, pivots=True),))),
-        ("plant_linearization", "Its Jacobians.", "d(dx/dt) = A dx + B du", "state input parameters", "A B",
-         Routine(steps)),
-        ("plant_output", "Outputs.", "y = g(x)", "state", "output", Routine((Expressions(graphs.output),))),
-        ("plant_output_jacobian", "Their Jacobian.", "dy = C dx", "state", "C",
-         Routine((Expressions(graphs.output_jacobian),))),
-    ]  # fmt: skip
+        (
+            "plant_rate",
+            "Right-hand side of the equations of motion.",
+            "dx/dt = f(x, u)",
+            "state input parameters",
+            "rate",
+            Routine((Expressions(graphs.rate, pivots=True),)),
+        ),
+        (
+            "plant_linearization",
+            "Its Jacobians.",
+            "d(dx/dt) = A dx + B du",
+            "state input parameters",
+            "A B",
+            Routine(steps),
+        ),
+        (
+            "plant_output",
+            "Outputs.",
+            "y = g(x)",
+            "state",
+            "output",
+            Routine((Expressions(graphs.output),)),
+        ),
+        (
+            "plant_output_jacobian",
+            "Their Jacobian.",
+            "dy = C dx",
+            "state",
+            "C",
+            Routine((Expressions(graphs.output_jacobian),)),
+        ),
+    ]
     if graphs.fastest is not None:
         summary = "Largest rate at which torques of hysteresis and bristles fade."
         table.append(
@@ -262,10 +310,13 @@ def _write(spec: LibrarySpec) -> tuple[dict[str, str], dict[str, str], str]:
         "C": "r",
         "fastest": "r",
     }
-    macros = {"plant_rate": "MODEL_RATE(x, u, p, r, w)", "plant_linearization": "MODEL_LINEARIZATION(x, u, p, r, s, w)",
-              "plant_output": "MODEL_OUTPUT(x, u, p, r, w)",
-              "plant_output_jacobian": "MODEL_OUTPUT_JACOBIAN(x, u, p, r, w)",
-              "plant_fastest": FASTEST}  # fmt: skip
+    macros = {
+        "plant_rate": "MODEL_RATE(x, u, p, r, w)",
+        "plant_linearization": "MODEL_LINEARIZATION(x, u, p, r, s, w)",
+        "plant_output": "MODEL_OUTPUT(x, u, p, r, w)",
+        "plant_output_jacobian": "MODEL_OUTPUT_JACOBIAN(x, u, p, r, w)",
+        "plant_fastest": FASTEST,
+    }
     for f in spec.functions:
         given = [arguments[port.name] for port in (*f.inputs, *f.outputs)]
         given += ["w"] if written[f.name].work > 0 else []
@@ -273,7 +324,7 @@ def _write(spec: LibrarySpec) -> tuple[dict[str, str], dict[str, str], str]:
     return merge_files(spec.name, emit(spec, written)), calls, f"{spec.name.upper()}_WORK"
 
 
-# --- numbers ----------------------------------------------------------------------------------------------------------
+# --- numbers -------------------------------------------------------------------------------------
 
 
 def _start(model: RobotModel, held: Equilibrium, size: int) -> np.ndarray:
@@ -281,9 +332,14 @@ def _start(model: RobotModel, held: Equilibrium, size: int) -> np.ndarray:
     return np.concatenate([held.q_a, held.q_m[list(model.i_m)], np.zeros(size - model.dof)])
 
 
-def _default_step(graphs: _Graphs, equations: Equations, x: np.ndarray, held: Equilibrium) -> float:
-    """1, 2 or 5 times a power of ten [s]: a twentieth of the time constant of the fastest pole at home, at most."""
-    n, u = equations.model.dof, np.concatenate([held.tau_m, np.zeros(6)])
+def _default_step(
+    graphs: _Graphs, equations: Equations, x: np.ndarray, held: Equilibrium
+) -> float:
+    """1, 2 or 5 times a power of ten [s]: a twentieth of the time constant of the fastest pole at
+    home, at most.
+    """
+    n = equations.model.dof
+    u = np.concatenate([held.tau_m, np.zeros(6)])
     p = np.array([parameter.value for parameter in equations.parameters])
     a_a, a_m = evaluate(graphs.accelerations, x, u, p)
     M, R = evaluate(graphs.jacobians, x, u, p, a_a[0], a_m[0])
@@ -312,10 +368,18 @@ def _variables(
         *_outputs(model, graphs),
         *_states(model, graphs, x),
         *payload_variables(equations),
-        Variable("integration.step", PARAMETER, 4, "s", "Co-Simulation: largest step", step, fixed=True),
-        Variable("integration.method", SETTING, 0, "", "Co-Simulation: 1 Runge-Kutta 4 (explicit), 2 SDIRK 4 "
-                 "(implicit, L-stable)", METHODS[method]),
-    ]  # fmt: skip
+        Variable(
+            "integration.step", PARAMETER, 4, "s", "Co-Simulation: largest step", step, fixed=True
+        ),
+        Variable(
+            "integration.method",
+            SETTING,
+            0,
+            "",
+            "Co-Simulation: 1 Runge-Kutta 4 (explicit), 2 SDIRK 4 (implicit, L-stable)",
+            METHODS[method],
+        ),
+    ]
 
 
 def payload_variables(equations: Equations) -> list[Variable]:
@@ -333,10 +397,16 @@ def payload_variables(equations: Equations) -> list[Variable]:
 
 def _inputs(model: RobotModel, held: Equilibrium) -> list[Variable]:
     torques = [
-        Variable(f"motor.{m.name}.torque", INPUT, k, "N.m", "motor torque, motor side; at the start of equilibrium",
-                 float(held.tau_m[k]))
+        Variable(
+            f"motor.{m.name}.torque",
+            INPUT,
+            k,
+            "N.m",
+            "motor torque, motor side; at the start of equilibrium",
+            float(held.tau_m[k]),
+        )
         for k, m in enumerate(model.motors)
-    ]  # fmt: skip
+    ]
     axes = [f"on the tool at its origin, world axis {axis}" for axis in "xyz"]
     zero = [0.0, 0.0, 0.0]
     force = array("tool.force", INPUT, model.n_m, "N", [f"force {text}" for text in axes], zero)
@@ -405,10 +475,15 @@ def _states(model: RobotModel, graphs: _Graphs, x: np.ndarray) -> list[Variable]
         for c in model.coordinates
     ]
     half += [
-        (f"rotor.{model.motors[j].name}", "angle", "rad", "of the rotor behind an elastic gear, motor side",
-         float(np.abs(model.eta[j]).max()))
+        (
+            f"rotor.{model.motors[j].name}",
+            "angle",
+            "rad",
+            "of the rotor behind an elastic gear, motor side",
+            float(np.abs(model.eta[j]).max()),
+        )
         for j in model.i_m
-    ]  # fmt: skip
+    ]
     n = len(half)
     out = []
     for k, (name, what, unit, text, nominal) in enumerate(half):
@@ -424,7 +499,8 @@ def _states(model: RobotModel, graphs: _Graphs, x: np.ndarray) -> list[Variable]
             )
         )
     out += memory_variables(model, 2 * n)
-    by_state, by_input = _pattern(graphs.rate, 0), _pattern(graphs.rate, 1)
+    by_state = _pattern(graphs.rate, 0)
+    by_input = _pattern(graphs.rate, 1)
     for k, state in enumerate(out[:]):
         own = f"der({state.name})"
         rate = f"{state.unit}2" if state.unit.endswith("/s") else f"{state.unit}/s"

@@ -1,6 +1,7 @@
 """Torques of hysteresis and bristles as states of the plant, behind those of its motion.
 
-x = (q_a, q_m, v_a, v_m, z),    z: torques of elements of gears, arm side; s0 times deflections of bristles
+x = (q_a, q_m, v_a, v_m, z),
+z: torques of elements of gears, arm side; s0 times deflections of bristles
 """
 
 from __future__ import annotations
@@ -28,9 +29,10 @@ from flexgen.simulation.hysteretic_rate import (
 class PlantMemory:
     """The equations of motion with the torques z (n_z,) among their forces.
 
-    The functions of ``equations`` have z as their argument ``memory``. ``function``, from q_a, v_a, q_m, v_m, z: the
-    rates of z (n_z,); a bound of those at which small changes of z fade, ``n (|gamma| + 1 - gamma) K_h |d'|/W`` and
-    ``s0 |v|/F_c`` [1/s]; and the derivatives of the forces on (q_a, q_m) in z (n, n_z).
+    The functions of ``equations`` have z as their argument ``memory``. ``function``, from q_a,
+    v_a, q_m, v_m, z: the rates of z (n_z,); a bound of those at which small changes of z fade,
+    ``n (|gamma| + 1 - gamma) K_h |d'|/W`` and ``s0 |v|/F_c`` [1/s]; and the derivatives of the
+    forces on (q_a, q_m) in z (n, n_z).
     """
 
     equations: Equations
@@ -43,14 +45,16 @@ def plant_memory(equations: Equations) -> PlantMemory | None:
     model = equations.model
     if not (hysteretic_joints(model) or bristled_motors(model)):
         return None
-    made, slip = memory_of(equations), slip_torques(model)
+    made = memory_of(equations)
+    slip = slip_torques(model)
     kept = np.flatnonzero(slip)
     z = ca.SX.sym("memory", len(kept))
     full = ca.SX.zeros(len(slip))
     full[kept.tolist()] = z
     forces, rates = ca.substitute([made.forces, made.rates], [made.z], [full])
     fading = []
-    turning, speeds = ca.fabs(deflection_rates(equations)), ca.fabs(motor_speeds(equations))
+    turning = ca.fabs(deflection_rates(equations))
+    speeds = ca.fabs(motor_speeds(equations))
     for layer in gear_layers(model):
         fading.append(ca.DM(layer.bend * layer.stiffness / layer.divisor) * turning)
     law = motor_bristles(model)
@@ -66,7 +70,8 @@ def plant_memory(equations: Equations) -> PlantMemory | None:
 
 def memory_variables(model: RobotModel, first: int) -> list[Variable]:
     """The states, indices from ``first`` on, in the order of `PlantMemory.z`."""
-    rows, layers = [], gear_layers(model)
+    rows = []
+    layers = gear_layers(model)
     for k, layer in enumerate(layers):
         for gear in np.flatnonzero(layer.present):
             coordinate = model.coordinates[model.i_g[gear]]

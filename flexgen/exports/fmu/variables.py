@@ -1,4 +1,6 @@
-"""Variables of an FMU: names, value references, units, and which other variables they depend on."""
+"""Variables of an FMU: names, value references, units, and which other variables they depend
+on.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +8,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-# Kinds of variables in flexgen_fmu_core.h; the value reference is 1000 times the kind, plus the index.
+# Kinds of variables in flexgen_fmu_core.h; the value reference is 1000 times the kind, plus the
+# index.
 TIME, STATE, RATE, INPUT, OUTPUT, PARAMETER, SETTING, STATUS = range(8)
 
 # Unit -> powers of the SI base units kg, m, s and of rad.

@@ -20,9 +20,12 @@ WIDTH = 92  # of the help
 # Words that neither language takes as a name.
 KEYWORDS = frozenset(
     """
-    arguments case catch classdef continue do else elseif end end_try_catch end_unwind_protect endclassdef
-    endenumeration endevents endfor endfunction endif endmethods endparfor endproperties endspmd endswitch endwhile
-    enumeration events for function global if methods otherwise parfor persistent properties return spmd switch try
+    arguments case catch classdef continue do else elseif end end_try_catch end_unwind_protect \
+endclassdef
+    endenumeration endevents endfor endfunction endif endmethods endparfor endproperties endspmd \
+endswitch endwhile
+    enumeration events for function global if methods otherwise parfor persistent properties \
+return spmd switch try
     until unwind_protect unwind_protect_cleanup while
     """.split()
 )
@@ -34,10 +37,11 @@ def export_mex(
 ) -> Exported:
     """Write the emitted library as a package of functions for MATLAB and GNU Octave.
 
-    ``addpath(folder); build_<name>`` compiles it. Then ``<name>.inverse_dynamics(q_a, v_a, a_a)`` and all other
-    functions of one point take matrices with a column for each point; ``<name>.invert`` inverts a whole path, and
-    ``<name>.Stream`` is a stream as an object. ``help <name>.inverse_dynamics`` shows equation, sizes and units. The
-    results have the bits of the library in Python.
+    ``addpath(folder); build_<name>`` compiles it. Then ``<name>.inverse_dynamics(q_a, v_a, a_a)``
+    and all other functions of one point take matrices with a column for each point;
+    ``<name>.invert`` inverts a whole path, and ``<name>.Stream`` is a stream as an object.
+    ``help <name>.inverse_dynamics`` shows equation, sizes and units. The results have the bits of
+    the library in Python.
 
     Parameters
     ----------
@@ -65,7 +69,8 @@ def export_mex(
     name = library.name
     if name in KEYWORDS:
         raise BuildError(
-            f"name of the model, with its variant: given {name!r}, a keyword of MATLAB or Octave, expected another name"
+            f"name of the model, with its variant: given {name!r}, a keyword of MATLAB or "
+            "Octave, expected another name"
         )
     words = _words(library)
     texts = library.texts() | {
@@ -87,8 +92,11 @@ def export_mex(
 
 
 def _words(library: Emitted) -> dict[str, str]:
-    """Names and numbers of the templates; a home pose without recommended options gets those of a short horizon."""
-    sizes, options = library.sizes, library.stream
+    """Names and numbers of the templates; a home pose without recommended options gets those of a
+    short horizon.
+    """
+    sizes = library.sizes
+    options = library.stream
     return {
         "NAME": library.name,
         "NAMECAPITAL": library.name.upper(),
@@ -105,7 +113,8 @@ def _words(library: Emitted) -> dict[str, str]:
 
 def _function(name: str, f: Mapping[str, Any]) -> str:
     """A function of one point, with its help."""
-    inputs, outputs = [p["name"] for p in f["inputs"]], [p["name"] for p in f["outputs"]]
+    inputs = [p["name"] for p in f["inputs"]]
+    outputs = [p["name"] for p in f["outputs"]]
     left = outputs[0] if len(outputs) == 1 else f"[{', '.join(outputs)}]"
     call = f"{left} = {name}.{f['name']} ({', '.join(inputs)})"
     lines = [f"{f['name'].upper()}  {f['summary']}", "", *_wrap(call, "  ", "      ")]
@@ -116,11 +125,20 @@ def _function(name: str, f: Mapping[str, Any]) -> str:
     for kind, p in rows:
         lines += [""] * (p is f["outputs"][0])
         shape = " x ".join(map(str, (*p["shape"], "n")))
-        head = f"  {'in ' if kind == 'inputs' else 'out'} {p['name'].ljust(wide)}  {shape}  [{p['unit']}]  "
+        head = (
+            f"  {'in ' if kind == 'inputs' else 'out'} {p['name'].ljust(wide)}  {shape}  "
+            f"[{p['unit']}]  "
+        )
         lines += _wrap(head + p["doc"], "", "        ")
     text = "".join(f"%{line}".rstrip() + "\n" for line in [*_wrap(lines[0], "", "  "), *lines[1:]])
     call = f"{left} = {name}_mex ('{f['name']}', {', '.join(inputs)});"
-    return f"function {left} = {f['name']} ({', '.join(inputs)})\n{text}%   Written by flexgen.\n\n  {call}\nend\n"
+    return (
+        f"function {left} = {f['name']} ({', '.join(inputs)})\n"
+        f"{text}%   Written by flexgen.\n"
+        "\n"
+        f"  {call}\n"
+        "end\n"
+    )
 
 
 def _wrap(text: str, first: str, rest: str) -> list[str]:
@@ -136,9 +154,12 @@ def _wrap(text: str, first: str, rest: str) -> list[str]:
 
 def _table(library: Emitted) -> str:
     """The header with the functions of one point and the names of the statuses."""
-    name, text, rows = library.name, "", []
+    name = library.name
+    text = ""
+    rows = []
     for f in library.functions:
-        inputs, outputs = f["inputs"], f["outputs"]
+        inputs = f["inputs"]
+        outputs = f["outputs"]
         names = ", ".join(quote(p["name"]) for p in inputs)
         sizes = ", ".join(str(p["shape"][0]) for p in inputs)
         heights = ", ".join(str(p["shape"][0]) for p in outputs)
@@ -150,7 +171,8 @@ def _table(library: Emitted) -> str:
         own = f["name"]
         text += f"""\
 static const char *const {own}_in[] = {{{names}}};
-static const int {own}_size[] = {{{sizes}}}, {own}_rows[] = {{{heights}}}, {own}_columns[] = {{{widths}}};
+static const int {own}_size[] = {{{sizes}}}, {own}_rows[] = {{{heights}}}, {own}_columns[] = \
+{{{widths}}};
 static {name}_status call_{own}(const double *const *in, double *const *out, double *work)
 {{
     (void)work;
@@ -159,14 +181,21 @@ static {name}_status call_{own}(const double *const *in, double *const *out, dou
 
 """
         rows.append(
-            f"    {{{quote(own)}, {len(inputs)}, {len(outputs)}, {own}_in, {own}_size, {own}_rows, {own}_columns, "
-            f"call_{own}}},\n"
+            f"    {{{quote(own)}, {len(inputs)}, {len(outputs)}, {own}_in, {own}_size, "
+            f"{own}_rows, {own}_columns, call_{own}}},\n"
         )
     statuses = "".join(
         f"    {{{s['code']}, {quote(s['name'])}}},\n" for s in library.manifest["statuses"]
     )
-    head = comment(f"{name}: functions of one point. Written by flexgen; included by {name}_mex.c.")
+    head = comment(
+        f"{name}: functions of one point. Written by flexgen; included by {name}_mex.c."
+    )
     return (
-        f"/*\n{head} */\n{text}static const point_function POINT_FUNCTIONS[] = {{\n{''.join(rows)}}};\n\n"
-        f"static const status_name STATUS_NAMES[] = {{\n{statuses}}};\n"
+        "/*\n"
+        f"{head} */\n"
+        f"{text}static const point_function POINT_FUNCTIONS[] = {{\n"
+        f"{''.join(rows)}}};\n"
+        "\n"
+        "static const status_name STATUS_NAMES[] = {\n"
+        f"{statuses}}};\n"
     )

@@ -1,4 +1,6 @@
-"""The function blocks: their variables, once, from which the ST, the XML and the struct in C are written."""
+"""The function blocks: their variables, once, from which the ST, the XML and the struct in C are
+written.
+"""
 
 from __future__ import annotations
 
@@ -64,8 +66,10 @@ def blocks(library: Emitted, stream: bool) -> tuple[Block, ...]:
     """The blocks of a library: inverse dynamics of the arm and, where asked for, a stream."""
     (function,) = (f for f in library.functions if f["name"] == "inverse_dynamics")
     prefix = f"FB_{library.name}"
-    ports = {p["name"]: Variable(p["name"], "LREAL", p["shape"][0], f"[{p['unit']}] {p['doc']}") for p in
-             (*function["inputs"], *function["outputs"])}  # fmt: skip
+    ports = {
+        p["name"]: Variable(p["name"], "LREAL", p["shape"][0], f"[{p['unit']}] {p['doc']}")
+        for p in (*function["inputs"], *function["outputs"])
+    }
     inputs = tuple(ports[p["name"]] for p in function["inputs"])
     outputs = tuple(ports[p["name"]] for p in function["outputs"])
     dynamics = Block(
@@ -75,12 +79,13 @@ def blocks(library: Emitted, stream: bool) -> tuple[Block, ...]:
 
 
 def _stream(library: Emitted, prefix: str) -> Block:
-    options, sizes = library.stream, library.sizes
+    options = library.stream
+    sizes = library.sizes
     if options is None:
         raise ArgumentError(
-            f"model {library.model.name}: given a home pose at which no stream can start (singular, or without "
-            "equilibrium), expected another one; change `home` in the model file, or leave the stream out: "
-            "stream=False (--no-stream)"
+            f"model {library.model.name}: given a home pose at which no stream can start "
+            "(singular, or without equilibrium), expected another one; change `home` in the "
+            "model file, or leave the stream out: stream=False (--no-stream)"
         )
     n = sizes["n_m"] * options.samples_per_interval
     inputs = (
@@ -122,9 +127,10 @@ def _stream(library: Emitted, prefix: str) -> Block:
         Variable("started", "DINT", 0, "1: the stream is active, -1: it has failed"),
     )
     doc = (
-        f"Inverse dynamics of {library.name} on a moving horizon of {options.intervals} intervals. Call it every "
-        f"{options.period!r} s with the next sample of the path; the output reaches it {options.intervals} calls "
-        "later. A sample that is refused changes nothing; after another failure set enable to FALSE once."
+        f"Inverse dynamics of {library.name} on a moving horizon of {options.intervals} "
+        f"intervals. Call it every {options.period!r} s with the next sample of the path; the "
+        f"output reaches it {options.intervals} calls later. A sample that is refused changes "
+        "nothing; after another failure set enable to FALSE once."
     )
     return Block(f"{prefix}_stream", doc, inputs, (*results, *_RESULT), memory)
 
@@ -133,7 +139,8 @@ def stream_size(library: Emitted, intervals: int, samples: int) -> int:
     """Numbers of the memory of a stream: the macro of the header, evaluated."""
     pattern = (
         rf"#define {library.name.upper()}_STREAM_SIZE\(intervals, samples_per_interval\) \\\n"
-        r"    \(INT64_C\((\d+)\) \+ INT64_C\((\d+)\) \* \(intervals\) \+ INT64_C\((\d+)\) \* \(samples_per_interval\)\)"
+        r"    \(INT64_C\((\d+)\) \+ INT64_C\((\d+)\) \* \(intervals\) \+ INT64_C\((\d+)\) \* "
+        r"\(samples_per_interval\)\)"
     )
     found = re.search(pattern, library.header)
     assert found is not None, "STREAM_SIZE"

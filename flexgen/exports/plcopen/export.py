@@ -27,9 +27,9 @@ def export_plcopen(
 ) -> Exported:
     """Write function blocks for a PLC: inverse dynamics of the arm, and a stream.
 
-    ``<name>.xml`` (PLCopen TC6 2.01) and ``<name>.st`` declare them. ``<name>_fb.h`` has the same variables in the same
-    order as a struct in C, and ``<name>_fb.c`` the bodies, which take the address of an instance. Numbers are
-    ``LREAL``. How a body in C is linked depends on the PLC.
+    ``<name>.xml`` (PLCopen TC6 2.01) and ``<name>.st`` declare them. ``<name>_fb.h`` has the same
+    variables in the same order as a struct in C, and ``<name>_fb.c`` the bodies, which take the
+    address of an instance. Numbers are ``LREAL``. How a body in C is linked depends on the PLC.
 
     Parameters
     ----------
@@ -48,8 +48,8 @@ def export_plcopen(
     Raises
     ------
     ModelError, ArgumentError, BuildError
-        The model cannot be read, has no streams, or has a name that IEC 61131-3 does not allow; the folder holds other
-        files.
+        The model cannot be read, has no streams, or has a name that IEC 61131-3 does not allow;
+        the folder holds other files.
 
     Examples
     --------
@@ -60,8 +60,8 @@ def export_plcopen(
     name = library.name
     if name.endswith("_") or re.search(r"__", name):
         raise BuildError(
-            f"name of the model, with its variant: given {name!r}, expected one without an underscore at its end or "
-            "two in a row, as IEC 61131-3 demands"
+            f"name of the model, with its variant: given {name!r}, expected one without an "
+            "underscore at its end or two in a row, as IEC 61131-3 demands"
         )
     made = blocks(library, stream)
     texts = library.texts() | {
@@ -79,17 +79,22 @@ def export_plcopen(
 
 def _header(library: Emitted, made: tuple[Block, ...]) -> str:
     """The structs of the blocks and the functions that are their bodies."""
-    name, NAME, options = library.name, library.name.upper(), library.stream
+    name = library.name
+    NAME = library.name.upper()
+    options = library.stream
     text = comment(
-        f"{name}: variables and bodies of the function blocks. A block of {name}.st or {name}.xml has the same "
-        "variables in the same order, with natural alignment. Written by flexgen."
+        f"{name}: variables and bodies of the function blocks. A block of {name}.st or "
+        f"{name}.xml has the same variables in the same order, with natural alignment. Written "
+        "by flexgen."
     )
     text = f"/*\n{text} */\n#ifndef {NAME}_FB_H\n#define {NAME}_FB_H\n\n#include <stdint.h>\n\n"
     if len(made) > 1 and options is not None:
         text += (
             f"#define FB_PERIOD {options.period!r} /* [s] between two calls of the stream */\n"
-            f"#define FB_INTERVALS {options.intervals}\n#define FB_SAMPLES {options.samples_per_interval}\n"
-            f"#define FB_TOLERANCE {options.tolerance!r}\n\n"
+            f"#define FB_INTERVALS {options.intervals}\n"
+            f"#define FB_SAMPLES {options.samples_per_interval}\n"
+            f"#define FB_TOLERANCE {options.tolerance!r}\n"
+            "\n"
         )
     text += '#ifdef __cplusplus\nextern "C" {\n#endif\n\n'
     for block in made:
@@ -100,7 +105,8 @@ def _header(library: Emitted, made: tuple[Block, ...]) -> str:
 
 def _dynamics(library: Emitted) -> str:
     """The body of the inverse dynamics."""
-    name, own = library.name, f"fb_{library.name.lower()}_inverse_dynamics"
+    name = library.name
+    own = f"fb_{library.name.lower()}_inverse_dynamics"
     (function,) = (f for f in library.functions if f["name"] == "inverse_dynamics")
     work = f"    double work[{name.upper()}_WORK];\n" if function["work"] else ""
     last = ", work" if function["work"] else ""

@@ -33,7 +33,10 @@ def _type(v: Variable) -> str:
 
 
 def _body(block: Block) -> str:
-    return f"The body is the function {block.name.lower()}_call in C: it takes the address of the instance."
+    return (
+        f"The body is the function {block.name.lower()}_call in C: it takes the address of the "
+        "instance."
+    )
 
 
 def _comment(text: str, indent: str) -> str:
@@ -41,8 +44,10 @@ def _comment(text: str, indent: str) -> str:
     clean = "".join(c if c.isascii() and c.isprintable() else " " for c in text)
     clean = clean.replace("*)", "* )").replace("(*", "( *").replace("$", "S")
     lines = textwrap.wrap(clean, 110, break_on_hyphens=False)
-    return "".join(f"{indent}{'(* ' if k == 0 else '   '}{line}" + (" *)\n" if k == len(lines) - 1 else "\n")
-                   for k, line in enumerate(lines))  # fmt: skip
+    return "".join(
+        f"{indent}{'(* ' if k == 0 else '   '}{line}" + (" *)\n" if k == len(lines) - 1 else "\n")
+        for k, line in enumerate(lines)
+    )
 
 
 def xml(name: str, blocks: Sequence[Block]) -> str:
@@ -54,7 +59,8 @@ def xml(name: str, blocks: Sequence[Block]) -> str:
     return f"""\
 <?xml version="1.0" encoding="utf-8"?>
 <project xmlns="http://www.plcopen.org/xml/tc6_0201" xmlns:xhtml="http://www.w3.org/1999/xhtml">
-  <fileHeader companyName="" productName="flexgen" productVersion="{xml_text(__version__)}" creationDateTime="{DATE}"/>
+  <fileHeader companyName="" productName="flexgen" productVersion="{xml_text(__version__)}" \
+creationDateTime="{DATE}"/>
   <contentHeader name="{xml_text(name)}">
     <coordinateInfo>
 {scaling}    </coordinateInfo>
@@ -94,7 +100,10 @@ def _section(keyword: str, variables: Sequence[Variable]) -> str:
     kind = _XML_SECTIONS[keyword]
     text = f"          <{kind}>\n"
     for v in variables:
-        array = f'<array><dimension lower="0" upper="{v.size - 1}"/><baseType><{v.type}/></baseType></array>'
+        array = (
+            '<array><dimension lower="0" '
+            f'upper="{v.size - 1}"/><baseType><{v.type}/></baseType></array>'
+        )
         text += f"""\
             <variable name="{xml_text(v.name)}">
               <type>{array if v.size else f"<{v.type}/>"}</type>

@@ -1,4 +1,6 @@
-"""`export_ros2`: a ROS 2 package with the library, a plugin of inverse dynamics and a controller."""
+"""`export_ros2`: a ROS 2 package with the library, a plugin of inverse dynamics and a
+controller.
+"""
 
 from __future__ import annotations
 
@@ -27,8 +29,13 @@ from flexgen.type_checks import checked_types
 from flexgen.version import __version__
 
 PACKAGE = "flexgen.exports.ros2"
-OPEN_GAINS = "the gains in config/controller.yaml are open: the controller refuses to start until they are set"
-PARTS, WHOLE = ("force", "limits", "position"), 1e-6  # relative error of a whole number of samples
+OPEN_GAINS = (
+    "the gains in config/controller.yaml are open: the controller refuses to start until they "
+    "are set"
+)
+# relative error of a whole number of samples
+PARTS = ("force", "limits", "position")
+WHOLE = 1e-6
 STEP_TOLERANCE = 0.001  # rad or m, arm side: largest first step of a position
 START_TOLERANCE = 0.01  # rad or m, arm side: largest distance from the start of the stream
 _NAME = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*\Z")
@@ -64,9 +71,10 @@ def export_ros2(
 ) -> Exported:
     """Write a ROS 2 package (ament_cmake, C++17, Jazzy or later) around the emitted library.
 
-    It has a plugin of ``inverse_dynamics_interface`` whose torques have the bits of the library, and a chainable
-    controller of ``ros2_control``: the samples of a path in, motor torques out, by a stream with P-PI control of the
-    motors around it. The controller allocates nothing in its updates.
+    It has a plugin of ``inverse_dynamics_interface`` whose torques have the bits of the library,
+    and a chainable controller of ``ros2_control``: the samples of a path in, motor torques out, by
+    a stream with P-PI control of the motors around it. The controller allocates nothing in its
+    updates.
 
     Parameters
     ----------
@@ -79,12 +87,14 @@ def export_ros2(
     controller : bool
         False: the plugin only, for models without streams.
     gains : Cascade, "proposed", False or None
-        Gains for ``config/controller.yaml``, motor side, as of ``flexgen.PPI().cascade(...)``; "proposed": those at
-        home; False or None: open, and the controller refuses to start until they are set.
+        Gains for ``config/controller.yaml``, motor side, as of ``flexgen.PPI().cascade(...)``;
+        "proposed": those at home; False or None: open, and the controller refuses to start until
+        they are set.
     parts : sequence of str
-        ``"force"``: the controller takes a known force on the tool, with the samples and from a topic. ``"limits"``:
-        its stream keeps limits, by parameters; those of the model but root mean squares. ``"position"``: it sends
-        positions for the servos of the model, table ``[servo]``, in place of torques; without gains.
+        ``"force"``: the controller takes a known force on the tool, with the samples and from a
+        topic. ``"limits"``: its stream keeps limits, by parameters; those of the model but root
+        mean squares. ``"position"``: it sends positions for the servos of the model, table
+        ``[servo]``, in place of torques; without gains.
     maintainer, email, license_name : str
         For ``package.xml``.
     force : bool
@@ -97,7 +107,8 @@ def export_ros2(
     Raises
     ------
     ModelError, ArgumentError, BuildError
-        The model cannot be read, or has no streams; a name is not allowed; the folder holds other files.
+        The model cannot be read, or has no streams; a name is not allowed; the folder holds other
+        files.
 
     Examples
     --------
@@ -106,14 +117,17 @@ def export_ros2(
     """
     if set(parts) - set(PARTS) or (parts and not controller):
         raise ArgumentError(
-            f"parts: given {', '.join(parts)}, expected some of {', '.join(PARTS)}, and a controller"
+            f"parts: given {', '.join(parts)}, expected some of {', '.join(PARTS)}, and a "
+            "controller"
         )
     positions = "position" in parts
     library = emit(model, streams=controller, parts=tuple(dict.fromkeys(parts)))
     name = library.name
     chosen = _package_name(package, name)
     if not _EMAIL.match(email):
-        raise ArgumentError(f"email: given {email!r}, expected an address such as name@example.com")
+        raise ArgumentError(
+            f"email: given {email!r}, expected an address such as name@example.com"
+        )
     if gains == "proposed":
         gains = propose_gains(library.equations) if controller and not positions else None
     if gains and positions:
@@ -122,7 +136,8 @@ def export_ros2(
         )
     if gains and not controller:
         raise ArgumentError(
-            "gains: given without a controller, expected none; they are parameters of the controller"
+            "gains: given without a controller, expected none; they are parameters of the "
+            "controller"
         )
     words = _words(library, chosen, controller, gains or None, parts)
     words |= {
@@ -146,18 +161,20 @@ def export_ros2(
 
 
 def _package_name(package: str | None, name: str) -> str:
-    """The name of the package, or the default for a library; BuildError for one that is not allowed."""
+    """The name of the package, or the default for a library; BuildError for one that is not
+    allowed.
+    """
     chosen = f"flexgen_{name.lower()}" if package is None else package
     if not isinstance(chosen, str) or not _NAME.match(chosen) or len(chosen) > 60:
         raise BuildError(
-            f"package: given {chosen!r}, expected small letters, digits and single underscores, beginning with a "
-            "letter; choose it with package= (--package)"
+            f"package: given {chosen!r}, expected small letters, digits and single underscores, "
+            "beginning with a letter; choose it with package= (--package)"
         )
     if chosen in _RESERVED or chosen in _NEEDED:
         reason = "a word of C++" if chosen in _RESERVED else "a package that this one needs"
         raise BuildError(
-            f"package: given {chosen!r}, which is {reason}, expected another name, such as {chosen + '_dynamics'!r}; "
-            "choose it with package= (--package)"
+            f"package: given {chosen!r}, which is {reason}, expected another name, such as "
+            f"{chosen + '_dynamics'!r}; choose it with package= (--package)"
         )
     return chosen
 
@@ -197,7 +214,8 @@ def _render(
 ) -> str:
     """A template with the names of the library, of the package and of its namespace.
 
-    The namespace begins with flexgen_, so that a package may be called as a function of C, such as div or signal.
+    The namespace begins with flexgen_, so that a package may be called as a function of C, such as
+    div or signal.
     """
     space = package if package.startswith("flexgen_") else f"flexgen_{package}"
     names = {"flexgen_model": package, "FLEXGEN_MODEL": package.upper(), "flexgen_space": space}
@@ -208,7 +226,8 @@ def _words(
     library: Emitted, package: str, controller: bool, gains: Cascade | None, parts: Sequence[str]
 ) -> dict[str, str]:
     """The numbers and names of the templates."""
-    model, equations = library.model, library.equations
+    model = library.model
+    equations = library.equations
     home, zero = np.zeros((2, model.n_a))
     home[list(model.i_g)] = model.home
     torques = evaluate(equations.function("inverse_dynamics"), home, zero, zero)[0][0]
@@ -228,17 +247,19 @@ def _words(
     options = library.stream
     if options is None:
         raise ArgumentError(
-            f"model {model.name}: given a home pose at which no stream can start (singular, or without equilibrium), "
-            "expected another one; change `home` in the model file, or leave the controller out: controller=False "
-            "(--no-controller)"
+            f"model {model.name}: given a home pose at which no stream can start (singular, or "
+            "without equilibrium), expected another one; change `home` in the model file, or "
+            "leave the controller out: controller=False (--no-controller)"
         )
     tolerance = STEP_TOLERANCE if "position" in parts else START_TOLERANCE
-    start, tolerance = output_at(equations, home), tolerance * float(np.abs(model.eta).max())
+    start = output_at(equations, home)
+    tolerance = tolerance * float(np.abs(model.eta).max())
     n = model.n_m
     own = getattr(gains, "torque_max", None)
     largest = [motor.torque_max or 0.0 for motor in model.motors] if own is None else own
     stream = f"""
-// Of the stream controller, where its parameters say nothing else: the output at home, the largest difference of a
+// Of the stream controller, where its parameters say nothing else: the output at home, the \
+largest difference of a
 // motor angle from the start of the stream [rad], and the largest torques.
 inline constexpr std::array<double, {len(start)}> START_OUTPUT = {{{numbers(start)}}};
 inline constexpr double START_TOLERANCE = {tolerance!r};
@@ -247,7 +268,10 @@ inline constexpr std::array<double, {n}> TORQUE_MAX = {{{numbers(largest)}}}; //
     samples = options.samples_per_interval
     limits = _limits(model) if "limits" in parts else {}
     for key, x in limits.items():  # 0: no limit
-        stream += f"inline constexpr std::array<double, {len(x)}> LIMIT_{key.upper()} = {{{numbers(x)}}};\n"
+        stream += (
+            f"inline constexpr std::array<double, {len(x)}> LIMIT_{key.upper()} = "
+            f"{{{numbers(x)}}};\n"
+        )
     if "position" in parts:
         samples = _servo_samples(model, options.period)
         stream += f"inline constexpr int SAMPLES_PER_INTERVAL = {samples}; // as of the servo\n"
@@ -259,8 +283,9 @@ inline constexpr std::array<double, {n}> TORQUE_MAX = {{{numbers(largest)}}}; //
         )
         + "  <exec_depend>controller_manager</exec_depend>\n",
         "CONTROLLER": _render("controller.cmake", package, library.name, {}, parts),
-        "README_CONTROLLER": f"- `{package}/StreamController`: a chainable controller of ros2_control; its "
-        "parameters are in `config/`,\n  `launch/` starts it.\n",
+        "README_CONTROLLER": f"- `{package}/StreamController`: a chainable controller of "
+        "ros2_control; its parameters are in `config/`,\n"
+        "  `launch/` starts it.\n",
         "RATE": str(round(samples / options.period)),
         "JOINTS": ", ".join(yaml_text(name) for name, _ in _hardware(model)),
         "RATIOS": numbers(ratio for _, ratio in _hardware(model)),
@@ -283,8 +308,8 @@ inline constexpr std::array<double, {n}> TORQUE_MAX = {{{numbers(largest)}}}; //
 def _hardware(model: RobotModel) -> list[tuple[str, float]]:
     """Joint of the hardware and its gear ratio for each motor.
 
-    The joints of the URDF file, by their names in it, where each motor drives one of them; else the
-    motors themselves.
+    The joints of the URDF file, by their names in it, where each motor drives one of them; else
+    the motors themselves.
     """
     out = []
     for motor in model.motors:
@@ -296,7 +321,9 @@ def _hardware(model: RobotModel) -> list[tuple[str, float]]:
 
 
 def _limits(model: RobotModel) -> dict[str, np.ndarray]:
-    """Limits of the stream by their member in C, those of the model file; 0: none, no points: no curves."""
+    """Limits of the stream by their member in C, those of the model file; 0: none, no points: no
+    curves.
+    """
     sizes = {"n_m": model.n_m, "n_e": model.n_e, "n_g": model.n_g}
     out = {member: np.zeros(sizes[size]) for member, size in SIZES.items()}
     out |= {member: np.zeros(1) for member in OF_TOOL}
@@ -315,8 +342,8 @@ def _servo_samples(model: RobotModel, period: float) -> int:
     samples = round(period / model.servo.sample_time)
     if samples < 1 or abs(samples * model.servo.sample_time / period - 1.0) > WHOLE:
         raise ArgumentError(
-            f"servo.sample_time of {model.name}: given {model.servo.sample_time} s, expected a part of {period} s, an "
-            "interval of the stream"
+            f"servo.sample_time of {model.name}: given {model.servo.sample_time} s, expected a "
+            f"part of {period} s, an interval of the stream"
         )
     return samples
 
@@ -325,7 +352,8 @@ def _wrench_rows(model: RobotModel) -> str:
     """Components of the output among those of a force and a torque on the tool."""
     if model.output.type == "combination":
         raise ArgumentError(
-            f"parts: given force for {model.name}, whose output is none of the tool, expected no parts"
+            f"parts: given force for {model.name}, whose output is none of the tool, expected "
+            "no parts"
         )
     if model.output.has_angle:
         raise ArgumentError(
@@ -337,14 +365,20 @@ def _wrench_rows(model: RobotModel) -> str:
 
 
 def _refused_friction(model: RobotModel) -> str:
-    """A line that refuses a friction for which the interface, which has the velocities alone, lacks a number."""
+    """A line that refuses a friction for which the interface, which has the velocities alone,
+    lacks a number.
+    """
     if names := bristled_motors(model):
         reason = f"motor {names[0]} has lugre, which depends on the motion before"
     elif names := loaded_motors(model):
         reason = f"motor {names[0]} has a friction that depends on the torque of its gear"
     else:
         return ""
-    return f"\n    throw std::runtime_error({quote(f'friction: given velocities, expected none: {reason}')});"
+    return (
+        "\n"
+        "    throw "
+        f"std::runtime_error({quote(f'friction: given velocities, expected none: {reason}')});"
+    )
 
 
 def _gains_text(gains: Cascade | None, n: int) -> str:

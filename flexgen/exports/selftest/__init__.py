@@ -1,1 +1,3 @@
-"""A program in C that tests an emitted library on its target, against numbers of the definition: `export_selftest`."""
+"""A program in C that tests an emitted library on its target, against numbers of the definition:
+`export_selftest`.
+"""

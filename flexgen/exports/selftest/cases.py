@@ -1,4 +1,6 @@
-"""The header ``<name>_selftest_cases.h`` of a self-test: states, expected results and the calls of the library."""
+"""The header ``<name>_selftest_cases.h`` of a self-test: states, expected results and the calls of
+the library.
+"""
 
 from __future__ import annotations
 
@@ -15,11 +17,12 @@ from flexgen.exports.selftest.motion import Motion
 # of the expected results: the last bits depend on the mathematics library of the computer that
 # exports
 DIGITS = 14
-# Largest errors and the part of the largest entry that an entry counts at least. Double: an error of 1e-9 is a wrong
-# formula or a wrong argument, rounding is below 1e-11. Single: deflections of stiff gears are differences of large
-# angles, whose rounding the stiffness multiplies.
+# Largest errors and the part of the largest entry that an entry counts at least. Double: an error
+# of 1e-9 is a wrong formula or a wrong argument, rounding is below 1e-11. Single: deflections of
+# stiff gears are differences of large angles, whose rounding the stiffness multiplies.
 LIMITS = {"double": (1e-9, 1e-3), "single": (2e-2, 1e-1)}
-# Of streams: their residual is 1e-6 of a torque, and the horizon is finite; the reference has another mesh.
+# Of streams: their residual is 1e-6 of a torque, and the horizon is finite; the reference has
+# another mesh.
 STREAM_LIMITS = {"double": 1e-4, "single": 5e-2}
 REST_LIMITS = {"double": 1e-6, "single": 1e-2}
 
@@ -41,13 +44,16 @@ def cases(
     rest, motion : Rest and Motion, optional
         The tests of a stream; None where the library has none, or not this one.
     """
-    name, precision = library.name, library.manifest["precision"]
+    name = library.name
+    precision = library.manifest["precision"]
     tolerance, part = LIMITS[precision]
-    functions, end = library.functions, "f" if precision == "single" else ""
+    functions = library.functions
+    end = "f" if precision == "single" else ""
     used = [x for x in given if any(p["name"] == x for f in functions for p in f["inputs"])]
     tables = "".join(_table(f"given_{x}", given[x], f"const {name}_real", 9, end) for x in used)
     tables += "".join(
-        _table(f"expected_{key.replace('.', '_')}", results[key], "const double") for key in results
+        _table(f"expected_{key.replace('.', '_')}", results[key], "const double")
+        for key in results
     )
     text = f"""\
 {_head(name)}
@@ -74,8 +80,8 @@ static void selftest_points(selftest_result *result)
 
 def _head(name: str) -> str:
     text = (
-        f"{name}: states and expected results of the self-test, from Lagrange's equations of the model. "
-        f"Written by flexgen; included by {name}_selftest.c."
+        f"{name}: states and expected results of the self-test, from Lagrange's equations of "
+        f"the model. Written by flexgen; included by {name}_selftest.c."
     )
     return "/*\n" + comment(text) + " */\n"
 
@@ -91,7 +97,8 @@ def _table(name: str, rows: np.ndarray, kind: str, digits: int = DIGITS, end: st
     """A static array of (rows, columns) numbers."""
     lines = []
     for row in np.atleast_2d(rows):
-        words, line = [_number(x, digits, end) for x in row], ""
+        words = [_number(x, digits, end) for x in row]
+        line = ""
         out = []
         for word in words:
             if len(line) + len(word) > 108:
@@ -99,8 +106,13 @@ def _table(name: str, rows: np.ndarray, kind: str, digits: int = DIGITS, end: st
                 line = ""
             line += f"{word}, "
         out.append(line)
-        lines.append("    {" + "\n     ".join(piece.rstrip() for piece in out).rstrip(",") + "},\n")
-    return f"static {kind} {name}[{len(lines)}][{np.atleast_2d(rows).shape[1]}] = {{\n{''.join(lines)}}};\n"
+        lines.append(
+            "    {" + "\n     ".join(piece.rstrip() for piece in out).rstrip(",") + "},\n"
+        )
+    return (
+        f"static {kind} {name}[{len(lines)}][{np.atleast_2d(rows).shape[1]}] = {{\n"
+        f"{''.join(lines)}}};\n"
+    )
 
 
 def _call(name: str, function: Mapping[str, Any], tolerance: float, part: float) -> str:
@@ -117,7 +129,10 @@ def _call(name: str, function: Mapping[str, Any], tolerance: float, part: float)
     )
     lines += [f'check_status(result, "{f}", {name}_{f}({", ".join(words)}));']
     lines += [
-        f'compare(result, "{f}.{port}", {port}, expected_{f}_{port}[k], {size}, {tolerance!r}, {part!r});'
+        (
+            f'compare(result, "{f}.{port}", {port}, expected_{f}_{port}[k], {size}, '
+            f"{tolerance!r}, {part!r});"
+        )
         for port, size in sizes.items()
     ]
     return "        {\n" + "".join(f"            {line}\n" for line in lines) + "        }\n"
@@ -140,10 +155,12 @@ def _stream(name: str, options: StreamOptions, end: str) -> str:
     """The declarations of a stream with static memory."""
     NAME = name.upper()
     return f"""\
-    static {name}_real memory[{NAME}_STREAM_SIZE({options.intervals}, {options.samples_per_interval})];
+    static {name}_real memory[{NAME}_STREAM_SIZE({options.intervals}, \
+{options.samples_per_interval})];
     static {name}_real q_m[{options.samples_per_interval} * {NAME}_NM];
     static {name}_real tau_m[{options.samples_per_interval} * {NAME}_NM];
-    const {name}_stream stream = {{.memory = memory, .size = (int64_t)(sizeof memory / sizeof memory[0])}};
+    const {name}_stream stream = {{.memory = memory, .size = (int64_t)(sizeof memory / sizeof \
+memory[0])}};
     {_options(name, options, end)}
     {name}_motion motion = {{.q_m = q_m, .tau_m = tau_m}};
     {name}_stream_info info;
@@ -151,7 +168,9 @@ def _stream(name: str, options: StreamOptions, end: str) -> str:
 
 
 def _at_rest(name: str, options: StreamOptions, rest: Rest, tolerance: float, end: str) -> str:
-    """A stream that stays at the home pose: its motors hold the robot as the static equations say."""
+    """A stream that stays at the home pose: its motors hold the robot as the static equations
+    say.
+    """
     NAME = name.upper()
     tables = _table("rest_y", rest.y, f"const {name}_real", 17, end) + _table(
         "rest_q_a", rest.q_a, f"const {name}_real", 17, end
@@ -164,20 +183,27 @@ def _at_rest(name: str, options: StreamOptions, rest: Rest, tolerance: float, en
 static void selftest_at_rest(selftest_result *result)
 {{
 {_stream(name, options, end)}    const {name}_real zero[{NAME}_NY] = {{0}};
-    check_status(result, "stream_start, at rest", {name}_stream_start(&stream, &options, rest_y[0], rest_q_a[0]));
+    check_status(result, "stream_start, at rest", {name}_stream_start(&stream, &options, \
+rest_y[0], rest_q_a[0]));
     for (int k = 0; k < {options.intervals + 2}; ++k) {{
-        const {name}_status status = {name}_stream_update(&stream, rest_y[0], zero, zero, &motion, &info);
+        const {name}_status status = {name}_stream_update(&stream, rest_y[0], zero, zero, \
+&motion, &info);
         check_status(result, "stream_update, at rest", status);
-        compare(result, "stream_update.q_m, at rest", q_m, rest_q_m[0], {NAME}_NM, {tolerance!r}, 1e-3);
-        compare(result, "stream_update.tau_m, at rest", tau_m, rest_tau_m[0], {NAME}_NM, {tolerance!r}, 1e-3);
+        compare(result, "stream_update.q_m, at rest", q_m, rest_q_m[0], {NAME}_NM, {tolerance!r}, \
+1e-3);
+        compare(result, "stream_update.tau_m, at rest", tau_m, rest_tau_m[0], {NAME}_NM, \
+{tolerance!r}, 1e-3);
     }}
 }}
 """
 
 
 def _in_motion(name: str, motion: Motion, tolerance: float, end: str) -> str:
-    """A stream along a move: torques as another method found them. The error is relative to the largest torque."""
-    NAME, options = name.upper(), motion.options
+    """A stream along a move: torques as another method found them. The error is relative to the
+    largest torque.
+    """
+    NAME = name.upper()
+    options = motion.options
     tables = "".join(
         _table(f"move_{key}", getattr(motion, key), f"const {name}_real", 17, end)
         for key in ("y", "dy", "ddy", "q_start")
@@ -187,10 +213,12 @@ def _in_motion(name: str, motion: Motion, tolerance: float, end: str) -> str:
 static void selftest_in_motion(selftest_result *result)
 {{
 {_stream(name, options, end)}    static {name}_real found[{len(motion.tau_m)} * {NAME}_NM];
-    check_status(result, "stream_start", {name}_stream_start(&stream, &options, move_y[0], move_q_start[0]));
+    check_status(result, "stream_start", {name}_stream_start(&stream, &options, move_y[0], \
+move_q_start[0]));
     for (int k = 0; k < {len(motion.tau_m)}; ++k) {{
         const {name}_status status =
-            {name}_stream_update(&stream, move_y[k + 1], move_dy[k + 1], move_ddy[k + 1], &motion, &info);
+            {name}_stream_update(&stream, move_y[k + 1], move_dy[k + 1], move_ddy[k + 1], \
+&motion, &info);
         if (status < 0) {{
             check_status(result, "stream_update", status);
             return;
@@ -199,6 +227,7 @@ static void selftest_in_motion(selftest_result *result)
             found[k * {NAME}_NM + j] = tau_m[j];
         }}
     }}
-    compare_rows(result, "stream_update.tau_m", found, move_tau_m[0], {len(motion.tau_m)}, {NAME}_NM, {tolerance!r});
+    compare_rows(result, "stream_update.tau_m", found, move_tau_m[0], {len(motion.tau_m)}, \
+{NAME}_NM, {tolerance!r});
 }}
 """

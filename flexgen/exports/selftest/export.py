@@ -1,4 +1,6 @@
-"""`export_selftest`: the emitted library with a program that compares it with the definition on its target."""
+"""`export_selftest`: the emitted library with a program that compares it with the definition on
+its target.
+"""
 
 from __future__ import annotations
 
@@ -31,12 +33,13 @@ def export_selftest(
 ) -> Exported:
     """Write a program in ISO C99 that tests the emitted library on the computer that it runs on.
 
-    The program calls every function of one point at two states and compares the results with those of the definition,
-    Lagrange's equations, which CasADi evaluates while it is exported. Where the model has streams, one stays at the
-    home pose, and one follows a move; the torques are those of the static equations, and of a solution that a
-    simulation of the definition verifies. It prints PASS or FAIL and the largest error, and returns 0 or 1. It opens no
-    file and allocates nothing. The largest error of a point function is 1e-9 of an entry plus 1e-3 of the largest entry
-    of its array (single precision: 2e-2 and 1e-1).
+    The program calls every function of one point at two states and compares the results with those
+    of the definition, Lagrange's equations, which CasADi evaluates while it is exported. Where the
+    model has streams, one stays at the home pose, and one follows a move; the torques are those of
+    the static equations, and of a solution that a simulation of the definition verifies. It prints
+    PASS or FAIL and the largest error, and returns 0 or 1. It opens no file and allocates nothing.
+    The largest error of a point function is 1e-9 of an entry plus 1e-3 of the largest entry of its
+    array (single precision: 2e-2 and 1e-1).
 
     Parameters
     ----------
@@ -59,8 +62,8 @@ def export_selftest(
     Raises
     ------
     ModelError, ArgumentError, BuildError, SolverError
-        The model cannot be read or has a name that C does not allow; the folder holds other files; the torques of the
-        move are not found.
+        The model cannot be read or has a name that C does not allow; the folder holds other files;
+        the torques of the move are not found.
 
     Examples
     --------
@@ -68,10 +71,12 @@ def export_selftest(
     exports/elbow_selftest
     """
     library = emit(model, precision=precision)
-    name, equations = library.name, library.equations
+    name = library.name
+    equations = library.equations
     given = states(equations, precision, library.functions)
     results = compute_expected(equations, library.functions, given)
-    rest, moving = None, None
+    rest = None
+    moving = None
     if library.streams and library.stream is not None:
         try:
             rest = at_rest(equations)

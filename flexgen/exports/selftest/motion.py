@@ -1,4 +1,6 @@
-"""A move of a self-test: samples of its path, and motor torques that a method of the definition finds for it."""
+"""A move of a self-test: samples of its path, and motor torques that a method of the definition
+finds for it.
+"""
 
 from __future__ import annotations
 
@@ -54,10 +56,11 @@ def motion_of(
 ) -> Motion:
     """The first move of a model, or the named one.
 
-    The torques are those of the method "collocation" on the definition, which shares no code with the stream (without
-    coordinates without motor: "closed-form"). Of robots with more than `SMALL` coordinates, for which it takes minutes,
-    and of those whose gears or motors have memory, they are those of `flexgen.solve`. A simulation of the full model by
-    the definition verifies them in each case.
+    The torques are those of the method "collocation" on the definition, which shares no code with
+    the stream (without coordinates without motor: "closed-form"). Of robots with more than `SMALL`
+    coordinates, for which it takes minutes, and of those whose gears or motors have memory, they
+    are those of `flexgen.solve`. A simulation of the full model by the definition verifies them in
+    each case.
 
     Raises
     ------
@@ -77,11 +80,12 @@ def motion_of(
             raise SolverError(f"method {method}: {found.status}")
     except FlexgenError as error:
         raise SolverError(
-            f"self-test of the stream, move {chosen.name}: {error}; choose another move, or leave this test out: "
-            "motion=False (--no-motion)"
+            f"self-test of the stream, move {chosen.name}: {error}; choose another move, or "
+            "leave this test out: motion=False (--no-motion)"
         ) from error
     trajectory = found.trajectory
-    # update k takes sample k, which is the end of the horizon; the interval that begins is `intervals` updates earlier
+    # update k takes sample k, which is the end of the horizon; the interval that begins is
+    # `intervals` updates earlier
     t = (np.arange(1, n + 1) - options.intervals) * options.period
     at = trajectory.at(np.clip(t, trajectory.time[0], trajectory.time[-1]))
     _refuse_singular(equations, at["q_a"], chosen.name)
@@ -102,8 +106,9 @@ def _refuse_singular(equations: Equations, q_a: np.ndarray, move: str) -> None:
     values = np.linalg.svd(W[:, :, list(model.i_g)], compute_uv=False)
     if (values[:, -1] < SINGULAR * values[:, 0]).any():
         raise SolverError(
-            f"self-test of the stream, move {move}: given a move through a singular pose, which no stream passes; "
-            "choose another move (move=, --move), or leave this test out: motion=False (--no-motion)"
+            f"self-test of the stream, move {move}: given a move through a singular pose, which "
+            "no stream passes; choose another move (move=, --move), or leave this test out: "
+            "motion=False (--no-motion)"
         )
 
 

@@ -1,4 +1,6 @@
-"""`export_simulink`: the emitted library as blocks of Simulink, for C Caller and as S-functions."""
+"""`export_simulink`: the emitted library as blocks of Simulink, for C Caller and as
+S-functions.
+"""
 
 from __future__ import annotations
 
@@ -23,9 +25,10 @@ def export_simulink(
 ) -> Exported:
     """Write the emitted library as blocks of Simulink.
 
-    ``<name>_ccaller.h`` has all functions of one point for blocks of type C Caller: plain arrays of ``double``, sizes
-    as numbers, the status as an ``int``. ``<name>_stream_sfun.c`` and ``<name>_inverse_dynamics_sfun.c`` are level-2
-    S-functions in C; ``setup_<name>.m`` compiles them.
+    ``<name>_ccaller.h`` has all functions of one point for blocks of type C Caller: plain arrays
+    of ``double``, sizes as numbers, the status as an ``int``. ``<name>_stream_sfun.c`` and
+    ``<name>_inverse_dynamics_sfun.c`` are level-2 S-functions in C; ``setup_<name>.m`` compiles
+    them.
 
     Parameters
     ----------
@@ -68,12 +71,15 @@ def export_simulink(
 
 def _ccaller(library: Emitted) -> tuple[str, str]:
     """Header and source of the functions for C Caller: no typedefs, no structs, no workspace."""
-    name, NAME = library.name, library.name.upper()
+    name = library.name
+    NAME = library.name.upper()
     head = comment(
-        f"{name}: functions of one point for C Caller blocks of Simulink: arrays of double, matrices by columns. They "
-        f"return 0 or a negative status; see {name}.h. Written by flexgen."
+        f"{name}: functions of one point for C Caller blocks of Simulink: arrays of double, "
+        f"matrices by columns. They return 0 or a negative status; see {name}.h. Written by "
+        "flexgen."
     )
-    header, source = "", ""
+    header = ""
+    source = ""
     for f in library.functions:
         sizes = {"const double": f["inputs"], "double": f["outputs"]}
         arguments = ", ".join(
@@ -85,11 +91,24 @@ def _ccaller(library: Emitted) -> tuple[str, str]:
         header += f"/*\n{comment(f['summary'])} */\n{prototype};\n\n"
         words = [p["name"] for p in (*f["inputs"], *f["outputs"])] + ["work"] * f["work"]
         work = f"    double work[{NAME}_WORK];\n" if f["work"] else ""
-        source += f"{prototype}\n{{\n{work}    return (int){name}_{f['name']}({', '.join(words)});\n}}\n\n"
+        source += (
+            f"{prototype}\n"
+            "{\n"
+            f"{work}    return (int){name}_{f['name']}({', '.join(words)});\n"
+            "}\n"
+            "\n"
+        )
     guard = f"{NAME}_CCALLER_H"
     top = f"/*\n{head} */\n"
     return (
-        f'{top}#ifndef {guard}\n#define {guard}\n\n#ifdef __cplusplus\nextern "C" {{\n#endif\n\n{header}'
+        f"{top}#ifndef {guard}\n"
+        f"#define {guard}\n"
+        f"\n"
+        f"#ifdef __cplusplus\n"
+        f'extern "C" {{\n'
+        f"#endif\n"
+        f"\n"
+        f"{header}"
         "#ifdef __cplusplus\n}\n#endif\n\n#endif\n",
         f'{top}#include "{name}_ccaller.h"\n#include "{name}.h"\n\n{source.rstrip()}\n',
     )

@@ -1,18 +1,18 @@
 """Explain: which single fault of the model or of the record explains the misfit of a fit.
 
-A hypothesis adds one number, or two, to a fit: a mass, a delay, the scale of a channel, a spring. The decrease of the
-cost is predicted by a score step from the residuals r at the fit, their derivatives J in its parameters, and j in the
-number of the hypothesis,
+A hypothesis adds one number, or two, to a fit: a mass, a delay, the scale of a channel, a spring.
+The decrease of the cost is predicted by a score step from the residuals r at the fit, their
+derivatives J in its parameters, and j in the number of the hypothesis,
 
     gain = (a^T r)^2 / a^T a,    a = j - J J^+ j
 
-Faults that are too large for a step (signs, exchanged channels, degrees for radians) are compared by the responses of
-the model file. The best ones are fitted, together with all parameters:
+Faults that are too large for a step (signs, exchanged channels, degrees for radians) are compared
+by the responses of the model file. The best ones are fitted, together with all parameters:
 
     share = (cost - cost with the hypothesis) / (cost - degrees of freedom)
 
-A fit that noise explains is asked for hidden causes as well: of a small fault the gain of its own hypothesis is seen
-long before the cost, which has the noise of all data in it.
+A fit that noise explains is asked for hidden causes as well: of a small fault the gain of its own
+hypothesis is seen long before the cost, which has the noise of all data in it.
 
 Source: C. R. Rao, Proc. Cambridge Philosophical Society 44, 1948 (score test).
 """
@@ -56,7 +56,9 @@ ALIKE = 0.3  # relative difference of responses up to which they are alike
 
 @dataclass(frozen=True)
 class Cause:
-    """A possible cause of a misfit: words, the part of the misfit that it explains, and the size of the fault."""
+    """A possible cause of a misfit: words, the part of the misfit that it explains, and the size
+    of the fault.
+    """
 
     words: str
     share: float
@@ -68,7 +70,9 @@ class Cause:
 
 @dataclass(frozen=True)
 class Spring:
-    """A missing spring without motor: the coordinate, and the model that has it with some stiffness."""
+    """A missing spring without motor: the coordinate, and the model that has it with some
+    stiffness.
+    """
 
     name: str
     model: RobotModel
@@ -90,7 +94,8 @@ def explain(residuals: Residuals, x: np.ndarray) -> tuple[Cause, ...]:
     Returns
     -------
     tuple of Cause
-        The best one, if it explains `LEAST_SHARE` of the misfit, and those that explain nearly as much.
+        The best one, if it explains `LEAST_SHARE` of the misfit, and those that explain nearly as
+        much.
     """
     best = _search(residuals, x)
     misfit = best.cost - (residuals.count - len(residuals.vector) / 2)
@@ -114,7 +119,8 @@ def explain(residuals: Residuals, x: np.ndarray) -> tuple[Cause, ...]:
 
 
 def hidden_causes(residuals: Residuals, x: np.ndarray) -> tuple[Cause, ...]:
-    """Causes that decrease chi-square by more than noise does, of a fit whose cost is that of the noise.
+    """Causes that decrease chi-square by more than noise does, of a fit whose cost is that of the
+    noise.
 
     Shares are those of the largest decrease.
     """
@@ -175,10 +181,8 @@ def _find_small(
     ]
     rated: dict[object, tuple[float, Hypothesis]] = {}
     for hypothesis, column in columns:
-        gain, key = (
-            score(basis, r, column),
-            hypothesis.name if isinstance(hypothesis, Spring) else hypothesis,
-        )
+        gain = score(basis, r, column)
+        key = hypothesis.name if isinstance(hypothesis, Spring) else hypothesis
         if key not in rated or rated[key][0] < gain:  # of one spring the best stiffness
             rated[key] = gain, hypothesis
     large = [pair for pair in rated.values() if pair[0] >= least]
@@ -186,8 +190,11 @@ def _find_small(
 
 
 def _every_spring(residuals: Residuals) -> list[Hypothesis]:
-    """All missing springs, of two stiffnesses: searches from stiffer ones can end where there is no spring."""
-    added, pose = additions(residuals.vector.model), residuals.data.poses[:1]
+    """All missing springs, of two stiffnesses: searches from stiffer ones can end where there is
+    no spring.
+    """
+    added = additions(residuals.vector.model)
+    pose = residuals.data.poses[:1]
     return [
         Spring(dof.name, model)
         for dof, made in added
@@ -196,7 +203,9 @@ def _every_spring(residuals: Residuals) -> list[Hypothesis]:
 
 
 def score(basis: np.ndarray, r: np.ndarray, column: np.ndarray) -> float:
-    """Decrease of ``|r|^2`` by the best step along a column and the columns of an orthonormal basis."""
+    """Decrease of ``|r|^2`` by the best step along a column and the columns of an orthonormal
+    basis.
+    """
     away = column - basis @ (basis.T @ column)
     size = float(away @ away)
     return float(away @ r) ** 2 / size if size > 1e-12 * float(column @ column) else 0.0
@@ -218,7 +227,9 @@ def refit(residuals: Residuals, hypothesis: Hypothesis, x: np.ndarray) -> tuple[
 def _refit_names(
     residuals: Residuals, names: tuple[str, ...], x: np.ndarray, model: RobotModel | None = None
 ) -> tuple[float, float]:
-    """The cost with more numbers free, and the first of them: over that of the file, where it is positive there."""
+    """The cost with more numbers free, and the first of them: over that of the file, where it is
+    positive there.
+    """
     vector = extend(residuals.vector, names, model)
     more = residuals.of(vector)
     fit = _search(more, _at(vector, residuals.vector, x))
@@ -229,7 +240,8 @@ def _refit_names(
 
 def _refit_change(residuals: Residuals, hypothesis: Changed, x: np.ndarray) -> tuple[float, float]:
     """The cost with changed responses, and the factor of the change."""
-    data, vector = residuals.data, residuals.vector
+    data = residuals.data
+    vector = residuals.vector
     if hypothesis.gross:  # from the start values: the fit was misled
         return _search(residuals.on(hypothesis.change(data, 1.0)), vector.start).cost, 1.0
 
@@ -258,7 +270,9 @@ def _refit_change(residuals: Residuals, hypothesis: Changed, x: np.ndarray) -> t
 def _columns_of_numbers(
     residuals: Residuals, x: np.ndarray
 ) -> Iterator[tuple[Hypothesis, np.ndarray]]:
-    """Derivatives of the residuals in the numbers that are not free; those without ties by one call."""
+    """Derivatives of the residuals in the numbers that are not free; those without ties by one
+    call.
+    """
     numbers = numbers_of(residuals.vector)
     single = [number for number in numbers if len(number.names) == 1]
     for group in (single, *([number] for number in numbers if len(number.names) > 1)):
@@ -282,7 +296,9 @@ def _at(vector: ParameterVector, old: ParameterVector, x: np.ndarray) -> np.ndar
 def _columns_of_springs(
     residuals: Residuals, x: np.ndarray, r: np.ndarray
 ) -> Iterator[tuple[Hypothesis, np.ndarray]]:
-    """Differences of the residuals by springs that the model does not have, of several stiffnesses."""
+    """Differences of the residuals by springs that the model does not have, of several
+    stiffnesses.
+    """
     old = residuals.vector
     for dof, changed in additions(old.model):
         for model in with_sizes(changed, dof.name, residuals.data.poses[:1]):
@@ -304,7 +320,9 @@ def _slope(residuals: Residuals, change: Change, x: np.ndarray, at: float) -> np
 
 
 def _search(residuals: Residuals, start: np.ndarray) -> Fit:
-    """The fit, ended where the cost is near its minimum in terms of itself: the share needs no more."""
+    """The fit, ended where the cost is near its minimum in terms of itself: the share needs no
+    more.
+    """
     vector = residuals.vector
     return minimize(
         residuals.sums, residuals.cost, start, vector.start, vector.prior_sd, vector.bounds,
@@ -313,11 +331,15 @@ def _search(residuals: Residuals, start: np.ndarray) -> Fit:
 
 
 def _distance_to_end(residuals: Residuals) -> float:
-    """Distance to the minimum in standard deviations at which the cost per degree of freedom is near enough."""
+    """Distance to the minimum in standard deviations at which the cost per degree of freedom is
+    near enough.
+    """
     return NEAR * float(np.sqrt(residuals.count))
 
 
 def _distance(residuals: Residuals, data: Frf, G: np.ndarray) -> float:
-    """Mean difference of responses from a model's, on a scale on which all large differences count alike."""
+    """Mean difference of responses from a model's, on a scale on which all large differences count
+    alike.
+    """
     away = np.abs(G - data.G) ** 2 / (residuals.on(data).variance + ALIKE**2 * np.abs(data.G) ** 2)
     return float(np.log1p(away).mean())

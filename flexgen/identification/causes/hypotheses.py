@@ -1,7 +1,10 @@
-"""What can be wrong with a model or a record, each with one size: numbers of the model, changes of the responses.
+"""What can be wrong with a model or a record, each with one size: numbers of the model, changes of
+the responses.
 
-G -> L G R,   var -> |L|^2 var |R|^2,   C -> L C L^T,   U U^H -> R^-1 U U^H R^-T      angles and torques
-w -> w/z,     G -> z^-m G     (m: time derivatives of an output)           true sample time over the stated one: z
+G -> L G R,   var -> |L|^2 var |R|^2,   C -> L C L^T,   U U^H -> R^-1 U U^H R^-T
+angles and torques
+w -> w/z,     G -> z^-m G     (m: time derivatives of an output)
+true sample time over the stated one: z
 """
 
 from __future__ import annotations
@@ -27,10 +30,11 @@ Change = Callable[[Frf, float], Frf]
 
 @dataclass(frozen=True)
 class Number:
-    """Numbers of model or drives that are not free, which change by the same factor; ``say``: words for its value.
+    """Numbers of model or drives that are not free, which change by the same factor; ``say``:
+    words for its value.
 
-    ``names``: the first is fitted, the others are tied to it. The value is a factor to that of the file, but for a
-    number that is zero there.
+    ``names``: the first is fitted, the others are tied to it. The value is a factor to that of the
+    file, but for a number that is zero there.
     """
 
     names: tuple[str, ...]
@@ -39,7 +43,9 @@ class Number:
 
 @dataclass(frozen=True)
 class Changed:
-    """A change of the responses by a factor that undoes the fault; ``gross``: only as a whole, with the factor 1."""
+    """A change of the responses by a factor that undoes the fault; ``gross``: only as a whole,
+    with the factor 1.
+    """
 
     change: Change
     say: Words
@@ -95,13 +101,17 @@ def masses_of(model: RobotModel) -> tuple[str, ...]:
 def extend(
     vector: ParameterVector, names: tuple[str, ...], model: RobotModel | None = None
 ) -> ParameterVector:
-    """The vector of a fit with more names: the first is free, the others follow it; with a model given all are free."""
+    """The vector of a fit with more names: the first is free, the others follow it; with a model
+    given all are free.
+    """
     ties = {name: u.name for u in vector.unknowns for name in u.tied}
     more = names[:1] if model is None else names
     ties |= {name: names[0] for name in names[len(more) :]}
     robot = model or vector.model
     zero = [n for n in more if n.endswith(".viscous") or n == "payload.mass"]
-    least = {p.name: LEAST[p.name.partition(".")[2]] for p in select(robot, zero) if p.value == 0.0}
+    least = {
+        p.name: LEAST[p.name.partition(".")[2]] for p in select(robot, zero) if p.value == 0.0
+    }
     return ParameterVector(
         robot,
         [*vector.names, *more],
@@ -119,7 +129,8 @@ def changes_of(data: Frf) -> Iterator[Changed]:
     )
     for i, motor in enumerate(data.motors):
         yield Changed(_scale_of_angle(i), _say_recorded(f"angle of {motor}"))
-    n, motors = len(data.motors), data.motors
+    n = len(data.motors)
+    motors = data.motors
     whole = np.eye(len(data.outputs)), np.eye(n)
     units = (("degrees, read as radians", np.pi / 180), ("radians, read as degrees", 180 / np.pi))
     for name, factor in units:
@@ -184,7 +195,8 @@ def _gross(words: str, left: np.ndarray, right: np.ndarray) -> Changed:
 
 def _swap(count: int, i: int, k: int) -> list[int]:
     order = list(range(count))
-    order[i], order[k] = k, i
+    order[i] = k
+    order[k] = i
     return order
 
 
@@ -202,7 +214,10 @@ def _say_recorded(what: str, inverse: bool = False) -> Words:
 
 
 def _say_delay(seconds: float) -> str:
-    return f"torques that act {1e3 * abs(seconds):.3g} ms {'later' if seconds > 0 else 'earlier'} than stated"
+    return (
+        f"torques that act {1e3 * abs(seconds):.3g} ms {'later' if seconds > 0 else 'earlier'} "
+        "than stated"
+    )
 
 
 def _say_value(what: str, scale: float, unit: str) -> Words:

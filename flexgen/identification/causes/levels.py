@@ -1,6 +1,8 @@
-"""The amplitude test of a fit: whether responses at other levels of the excitation differ, and by which nonlinearity.
+"""The amplitude test of a fit: whether responses at other levels of the excitation differ, and by
+which nonlinearity.
 
-See `flexgen.analysis.amplitude`, which compares; here are the linear model and the motions at each level.
+See `flexgen.analysis.amplitude`, which compares; here are the linear model and the motions at each
+level.
 """
 
 from __future__ import annotations
@@ -32,7 +34,9 @@ WORDS = {
 
 @dataclass(frozen=True)
 class NonlinearCause:
-    """A nonlinearity that explains the differences between levels: words, and the part that it explains."""
+    """A nonlinearity that explains the differences between levels: words, and the part that it
+    explains.
+    """
 
     words: str
     share: float
@@ -52,9 +56,11 @@ class AmplitudeTest:
     size : float
         Median difference, as a part of the responses.
     differs, changed : bool
-        Whether the responses differ beyond the noise, and gears or motors beyond the distortion too.
+        Whether the responses differ beyond the noise, and gears or motors beyond the distortion
+        too.
     causes : tuple of NonlinearCause
-        Those that the data do not distinguish, the most probable first; empty where none explains the differences.
+        Those that the data do not distinguish, the most probable first; empty where none explains
+        the differences.
     """
 
     ratio: float
@@ -82,7 +88,10 @@ class AmplitudeTest:
             return "no difference between the levels beyond the noise"
         start = f"the levels differ by {100 * self.size:.2g} % of the responses"
         if not self.changed:
-            return f"{start} by distortion, and stiffness, loss and friction of gears and motors do not"
+            return (
+                f"{start} by distortion, and stiffness, loss and friction of gears and motors "
+                "do not"
+            )
         if not self.causes:
             return f"{start}; {', '.join(WORDS.values())} of gears and motors do not explain it"
         return f"{start}; {', or '.join(map(str, self.causes))}"
@@ -122,13 +131,15 @@ def _check(data: Frf, others: Sequence[Frf]) -> None:
         )
         if not same:
             raise ArgumentError(
-                f"levels, {k}: given responses of other motors, poses or frequencies, expected those of data at "
-                "another level: plan it with poses=plan.joints(model) and the same arguments but speed_rms"
+                f"levels, {k}: given responses of other motors, poses or frequencies, expected "
+                "those of data at another level: plan it with poses=plan.joints(model) and the "
+                "same arguments but speed_rms"
             )
         factor = float(np.mean(other.speed_sd / data.speed_sd))
         if max(factor, 1 / factor) < LEAST_FACTOR:
             raise ArgumentError(
-                f"levels, {k}: given {factor:.3g} times the speeds of data, expected another level, such as a third"
+                f"levels, {k}: given {factor:.3g} times the speeds of data, expected another "
+                "level, such as a third"
             )
 
 
@@ -142,8 +153,9 @@ def _gears(robot: RobotModel) -> tuple[list[int], np.ndarray]:
     for i, (gear, _) in zip(robot.i_g, gears(robot), strict=True):
         if isinstance(gear.spring, BacklashSpring):
             raise ArgumentError(
-                f"levels: given a model with backlash in the gear of {robot.coordinates[i].name}, expected other "
-                "springs: the levels are compared by the stiffness at zero, which a dead band does not have"
+                "levels: given a model with backlash in the gear of "
+                f"{robot.coordinates[i].name}, expected other springs: the levels are compared "
+                "by the stiffness at zero, which a dead band does not have"
             )
     elastic = [k for k, (gear, _) in enumerate(gears(robot)) if gear.spring is not None]
     return [robot.i_g[k] for k in elastic], gear_stiffness(robot)[elastic]
@@ -153,19 +165,24 @@ def _level(residuals: Residuals, data: Frf, x: np.ndarray, stiffness: np.ndarray
     """The responses, the linear model and the motions at one level."""
     at = residuals.on(data)
     at.average_springs(x)
-    local, model, n = at.local, at.vector.model, len(data.motors)
+    local = at.local
+    model = at.vector.model
+    n = len(data.motors)
     values = np.array(list(_numbers(at, x).values()))
     M, D, K, B = local.matrices(values, data.poses, data.speed_sd, at.deflection_sd)
     rest = local.rest(values, data.poses, at.deflection_sd)
     elastic = [j for j, (gear, _) in enumerate(gears(model)) if gear.spring is not None]
     turned = np.linalg.inv(model.eta) @ local.motor_rows
     deflection = (turned - np.eye(model.dof)[list(model.i_g)])[elastic]
-    rows, s = np.vstack([deflection, local.motor_rows]), 1j * data.w[:, None, None]
+    rows = np.vstack([deflection, local.motor_rows])
+    s = 1j * data.w[:, None, None]
     Z = s**2 * M[:, None] + s * D[:, None] + K[:, None]
     inward = at.vector.drive_at(x, at.drive).transfer(data.w, n)[:, None, :]
     inverse = np.linalg.inv(Z)
-    L, S = s**2 * (local.motor_rows @ inverse @ rows.T), rows @ inverse @ rows.T
-    P, inertia = rows @ (inverse @ B[:, None]) * inward, np.array([m.inertia for m in model.motors])
+    L = s**2 * (local.motor_rows @ inverse @ rows.T)
+    S = rows @ inverse @ rows.T
+    P = rows @ (inverse @ B[:, None]) * inward
+    inertia = np.array([m.inertia for m in model.motors])
     linear = Linearization(data.w, at.response(x).G[:, :, :n], L, S, P, stiffness, inertia)
     G = data.G[:, :, :n]
     # torque of the gears

@@ -1,13 +1,16 @@
-"""Excitation: multisine references of the motor speeds, orthogonal over the motors, and the plan of an experiment.
+"""Excitation: multisine references of the motor speeds, orthogonal over the motors, and the plan
+of an experiment.
 
-    w_ref,j(t) = sum_l A_lj cos(2 pi f_l t + phi_rlj + 2 pi j e / n_m)          experiment e of realization r
+    w_ref,j(t) = sum_l A_lj cos(2 pi f_l t + phi_rlj + 2 pi j e / n_m)
+    experiment e of realization r
 
-Lines f_l are odd multiples of 1 over the period, spaced logarithmically; the phases phi are random. The phases of the
-n_m experiments of a realization differ by those of a discrete Fourier transform: with equal drives their inputs are
-orthogonal, so that the frequency responses of all motors are measured with all of them moving.
+Lines f_l are odd multiples of 1 over the period, spaced logarithmically; the phases phi are
+random. The phases of the n_m experiments of a realization differ by those of a discrete Fourier
+transform: with equal drives their inputs are orthogonal, so that the frequency responses of all
+motors are measured with all of them moving.
 
-Source: R. Pintelon and J. Schoukens, System Identification, 2nd ed. 2012, ch. 5; T. Dobrowiecki and J. Schoukens,
-Automatica 43(9), 2007 (orthogonal random-phase multisines).
+Source: R. Pintelon and J. Schoukens, System Identification, 2nd ed. 2012, ch. 5; T. Dobrowiecki
+and J. Schoukens, Automatica 43(9), 2007 (orthogonal random-phase multisines).
 """
 
 from __future__ import annotations
@@ -28,7 +31,8 @@ from flexgen.model.elements import RobotModel
 from flexgen.results import ArrayResult
 from flexgen.type_checks import checked_result
 
-MOST_SAMPLES, MOST_PERIODS = 10_000_000, 100_000  # in a period; of one experiment
+MOST_SAMPLES = 10_000_000  # in a period
+MOST_PERIODS = 100_000  # of one experiment
 
 
 @checked_result
@@ -91,9 +95,10 @@ class Plan(ArrayResult):
 
     def __repr__(self) -> str:
         return (
-            f"<Plan {self.model}: {len(self.poses)} poses, {self.realizations} x {self.experiments} experiments of "
-            f"{self.transients} + {self.periods} periods of {self.period_s:g} s, {len(self.lines)} lines "
-            f"{self.frequencies[0]:.3g} .. {self.frequencies[-1]:.3g} Hz: {self.duration_s:.0f} s>"
+            f"<Plan {self.model}: {len(self.poses)} poses, {self.realizations} x "
+            f"{self.experiments} experiments of {self.transients} + {self.periods} periods of "
+            f"{self.period_s:g} s, {len(self.lines)} lines {self.frequencies[0]:.3g} .. "
+            f"{self.frequencies[-1]:.3g} Hz: {self.duration_s:.0f} s>"
         )
 
     @property
@@ -148,15 +153,16 @@ class Plan(ArrayResult):
         Returns
         -------
         tuple of Path
-            CSV files. Columns: ``t`` [s], then ``<motor>_q_ref_rad`` and ``<motor>_v_ref_rad_s``, motor side; the
-            period is repeated ``transients + periods`` times.
+            CSV files. Columns: ``t`` [s], then ``<motor>_q_ref_rad`` and ``<motor>_v_ref_rad_s``,
+            motor side; the period is repeated ``transients + periods`` times.
 
         Raises
         ------
         ArgumentError
             The folder cannot be made or written.
         """
-        target, out = Path(folder), []
+        target = Path(folder)
+        out = []
         names = [
             "t",
             *(f"{motor}_{kind}" for kind in ("q_ref_rad", "v_ref_rad_s") for motor in self.motors),
@@ -218,7 +224,9 @@ class Plan(ArrayResult):
         hardware = DriveHardware(
             **meta["hardware"], torque_max_Nm=tuple(arrays["torque_max"].ravel().tolist())
         )
-        n, lines, phases = len(meta["motors"]), arrays["lines"], arrays["phases"]
+        n = len(meta["motors"])
+        lines = arrays["lines"]
+        phases = arrays["phases"]
         shapes = {
             "poses": (arrays["poses"], (len(arrays["poses"]), n)),
             "amplitudes": (arrays["amplitudes"], (len(lines), n)),
@@ -235,7 +243,8 @@ class Plan(ArrayResult):
             or not np.all((lines > 0) & (lines < samples / 2))
         ):
             raise ValueError(
-                f"lines and period: expected lines below half of 2 to {MOST_SAMPLES} samples in a period"
+                f"lines and period: expected lines below half of 2 to {MOST_SAMPLES} samples in "
+                "a period"
             )
         if (
             not 1 <= int(meta["periods"]) <= MOST_PERIODS
@@ -243,15 +252,27 @@ class Plan(ArrayResult):
         ):
             raise ValueError(f"periods, transients: expected at most {MOST_PERIODS}")
         return cls(
-            meta["model"], meta["digest"], tuple(meta["motors"]), arrays["poses"], arrays["lines"].astype(int),
-            float(meta["period_s"]), arrays["amplitudes"], arrays["phases"], int(meta["periods"]),
-            int(meta["transients"]), hardware, Cascade(gains[0], gains[1], gains[2]), dict(meta["predicted"]),
-            tuple(map(str, meta.get("sensors", ()))), str(meta.get("plan_ended", "")),
-        )  # fmt: skip
+            meta["model"],
+            meta["digest"],
+            tuple(meta["motors"]),
+            arrays["poses"],
+            arrays["lines"].astype(int),
+            float(meta["period_s"]),
+            arrays["amplitudes"],
+            arrays["phases"],
+            int(meta["periods"]),
+            int(meta["transients"]),
+            hardware,
+            Cascade(gains[0], gains[1], gains[2]),
+            dict(meta["predicted"]),
+            tuple(map(str, meta.get("sensors", ()))),
+            str(meta.get("plan_ended", "")),
+        )
 
 
 def odd_lines(f_min: float, f_max: float, count: int, period_s: float) -> np.ndarray:
-    """At most ``count`` odd multiples of ``1 / period_s`` from ``f_min`` to ``f_max`` [Hz], spaced logarithmically.
+    """At most ``count`` odd multiples of ``1 / period_s`` from ``f_min`` to ``f_max`` [Hz], spaced
+    logarithmically.
 
     Raises
     ------
@@ -262,8 +283,10 @@ def odd_lines(f_min: float, f_max: float, count: int, period_s: float) -> np.nda
         raise ArgumentError(
             f"f_min, f_max: given {f_min!r}, {f_max!r}, expected 0 < f_min < f_max in Hz"
         )
-    least, most = math.ceil(f_min * period_s - 1e-9), math.floor(f_max * period_s + 1e-9)
-    least, most = least + (least % 2 == 0), most - (most % 2 == 0)
+    least = math.ceil(f_min * period_s - 1e-9)
+    most = math.floor(f_max * period_s + 1e-9)
+    least = least + (least % 2 == 0)
+    most = most - (most % 2 == 0)
     lines = np.zeros(0, int)
     for points in range(count, 10 * count):  # lines that fall together make room for others
         if least > most:
@@ -275,24 +298,29 @@ def odd_lines(f_min: float, f_max: float, count: int, period_s: float) -> np.nda
         lines = np.unique(found)
     if len(lines) == 0:
         raise ArgumentError(
-            f"period_s: given {period_s} s, which has no odd multiple of {1 / period_s:g} Hz between {f_min} and "
-            f"{f_max} Hz; take a longer period"
+            f"period_s: given {period_s} s, which has no odd multiple of {1 / period_s:g} Hz "
+            f"between {f_min} and {f_max} Hz; take a longer period"
         )
     return lines
 
 
 def motor_speeds(model: RobotModel, speed: float | np.ndarray) -> np.ndarray:
-    """Motor-side speeds (n_m,) for a speed of each joint, arm side [rad/s or m/s]; one number: the same for all."""
+    """Motor-side speeds (n_m,) for a speed of each joint, arm side [rad/s or m/s]; one number: the
+    same for all.
+    """
     given = np.broadcast_to(np.asarray(speed, dtype=float), (model.n_g,))
     if not np.all(np.isfinite(given) & (given > 0)):
         raise ArgumentError(
-            f"speed_rms: given {speed!r}, expected a speed > 0 in rad/s or m/s, or one for each joint"
+            f"speed_rms: given {speed!r}, expected a speed > 0 in rad/s or m/s, or one for each "
+            "joint"
         )
     return np.sqrt((model.eta**2) @ given**2)
 
 
 def speed_amplitudes(frequencies: np.ndarray, speed: np.ndarray, exponent: float) -> np.ndarray:
-    """Amplitudes (lines, n_m) proportional to ``f^exponent``, with the given rms ``speed`` (n_m,)."""
+    """Amplitudes (lines, n_m) proportional to ``f^exponent``, with the given rms ``speed``
+    (n_m,).
+    """
     shape = frequencies**exponent
     shape = shape / np.sqrt((shape**2).sum() / 2)
     return shape[:, None] * speed[None, :]

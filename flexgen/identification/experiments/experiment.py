@@ -1,8 +1,9 @@
-"""`measure`: a simulated experiment. Robots under their drives follow the references of a plan; spectra are kept.
+"""`measure`: a simulated experiment. Robots under their drives follow the references of a plan;
+spectra are kept.
 
-Raw samples of an experiment take megabytes for each second of robot; the spectra at the excited lines are all that the
-frequency responses need, see `flexgen.numerics.spectra`. Raw samples are kept on demand, in the form
-in which recordings of real robots are read.
+Raw samples of an experiment take megabytes for each second of robot; the spectra at the excited
+lines are all that the frequency responses need, see `flexgen.numerics.spectra`. Raw samples are
+kept on demand, in the form in which recordings of real robots are read.
 """
 
 from __future__ import annotations
@@ -91,7 +92,9 @@ class Experiment(ArrayResult):
 
     Examples
     --------
-    >>> experiment = flexgen.measure(flexgen.excite("elbow", poses=[[0.5, -0.3]], period_s=1.0, lines=10))
+    >>> experiment = flexgen.measure(
+    ...     flexgen.excite("elbow", poses=[[0.5, -0.3]], period_s=1.0, lines=10)
+    ... )
     >>> experiment.q_m.shape  # poses, realizations, experiments, periods, frequencies, motors
     (1, 1, 2, 4, 10, 2)
     """
@@ -162,7 +165,9 @@ class Experiment(ArrayResult):
             arrays[name] for name in ("tau_m", "q_m", "speed_sd", "saturated")
         )
         plan = Plan.from_data(arrays, meta)
-        k, n, lines = len(plan.poses), len(plan.motors), len(plan.lines)
+        k = len(plan.poses)
+        n = len(plan.motors)
+        lines = len(plan.lines)
         given = (k, *tau_m.shape[1:4], lines, n)
         if (
             tau_m.shape != given
@@ -195,11 +200,21 @@ class Experiment(ArrayResult):
         filters = tuple(kinds[str(f[0])](*map(float, f[1:])) for f in meta.get("filters", ()))
         plan = replace(plan, controller=replace(plan.controller, filters=filters))
         return cls(
-            plan, tau_m, q_m, speed_sd, saturated, str(meta["source"]), str(meta["hold"]), signals, orders=orders,
-            periodic=bool(meta.get("periodic", True)), references=references,
+            plan,
+            tau_m,
+            q_m,
+            speed_sd,
+            saturated,
+            str(meta["source"]),
+            str(meta["hold"]),
+            signals,
+            orders=orders,
+            periodic=bool(meta.get("periodic", True)),
+            references=references,
             lines_by_torque=bool(meta.get("lines_by_torque", False)),
-            ended=str(meta.get("ended", "")), **kept,
-        )  # fmt: skip
+            ended=str(meta.get("ended", "")),
+            **kept,
+        )
 
 
 @checked_types(own=("steps",))
@@ -227,10 +242,11 @@ def measure(
     steps : int, optional
         Integration steps in a sample; default: at most 1/16 over the fastest eigenvalue.
     beside : bool
-        An error where there are too few periods for the spectra beside the lines, by which `frf` removes transients.
+        An error where there are too few periods for the spectra beside the lines, by which `frf`
+        removes transients.
     raw : callable, optional
-        Called with pose, realization, experiment, angles and torques (samples, n_m) and sensor signals (samples,
-        channels) of the measured periods.
+        Called with pose, realization, experiment, angles and torques (samples, n_m) and sensor
+        signals (samples, channels) of the measured periods.
     time_limit : float, optional [s]
         Then, or after Ctrl-C, the experiment is that of the poses which are done, and ``ended``
         says so. With a limit one pose is simulated after the other; then the noise of sensors is
@@ -253,7 +269,9 @@ def measure(
     Examples
     --------
     >>> plan = flexgen.excite("elbow", poses=[[0.5, -0.3]], period_s=1.0, lines=10)
-    >>> robot = flexgen.read("elbow", overrides={"element.upper.dof.q1.gear.spring.stiffness": 6e6})
+    >>> robot = flexgen.read(
+    ...     "elbow", overrides={"element.upper.dof.q1.gear.spring.stiffness": 6e6}
+    ... )
     >>> experiment = flexgen.measure(plan, robot)
     >>> experiment.tau_m.shape  # poses, realizations, experiments, periods, frequencies, motors
     (1, 1, 2, 4, 10, 2)
@@ -281,7 +299,8 @@ class _Simulation:
     def start(self, group: list[Run], first: int) -> tuple[ClosedLoop, np.ndarray]:
         """The loop of some runs, and its reference; ``first``: number of the first run."""
         at = [k for k, _, _ in group]
-        n_m, plan = self.robot.n_m, self.plan
+        n_m = self.robot.n_m
+        plan = self.plan
         whole = first // LANES * LANES
         loop = ClosedLoop(
             self.robot, self.library, plan.hardware, plan.controller, self.rest_a[at],
@@ -308,7 +327,8 @@ def _measure(
     """The experiment, of the poses that were done before the end of the time."""
     library = library_with(robot, ("forward_dynamics",), progress=tell)
     local = LocalModel(robot, ())
-    rest, rate = local.rest(local.values, plan.poses), largest_rate(local, plan.poses)
+    rest = local.rest(local.values, plan.poses)
+    rate = largest_rate(local, plan.poses)
     steps = integration_steps(plan.hardware, FINER * rate) if steps is None else steps
     rest_a = rest.y[:, : robot.n_a]
     simulation = _Simulation(plan, robot, library, rest_a, rest.tau_m, rate, seed, steps)
@@ -316,7 +336,8 @@ def _measure(
     kept = _Spectra(plan, robot, sensors, beside)
     saturated = np.zeros(len(plan.poses), np.int64)
     groups, each = _groups(plan)
-    runs, done = len(plan.poses) * each, 0
+    runs = len(plan.poses) * each
+    done = 0
     for group in groups:
         began = perf_counter()
         with keep_best():
@@ -368,7 +389,8 @@ def _write_raw(raw: Raw, group: list[Run], recorded: Sequence[tuple[np.ndarray, 
 
 
 def _groups(plan: Plan) -> tuple[list[list[Run]], int]:
-    """Runs that are simulated together, and how many runs a pose has; with a limit those of a pose.
+    """Runs that are simulated together, and how many runs a pose has; with a limit those of a
+    pose.
 
     A group begins at the latest where one begins without a limit: the noise is the same.
     """
@@ -392,20 +414,21 @@ class _Spectra:
     def __init__(
         self, plan: Plan, robot: RobotModel, sensors: SensorSignals | None, beside: bool
     ) -> None:
-        self.plan, self.sensors = plan, sensors
-        runs, n, c = (
-            (len(plan.poses), plan.realizations, plan.experiments),
-            robot.n_m,
-            len(plan.sensors),
-        )
+        self.plan = plan
+        self.sensors = sensors
+        runs = (len(plan.poses), plan.realizations, plan.experiments)
+        n = robot.n_m
+        c = len(plan.sensors)
         shape = (*runs, plan.periods, len(plan.lines))
-        self.tau_m, self.q_m = np.empty((*shape, n), complex), np.empty((*shape, n), complex)
+        self.tau_m = np.empty((*shape, n), complex)
+        self.q_m = np.empty((*shape, n), complex)
         self.signals = np.empty((*shape, c), complex) if c else None
         self._records: dict[str, tuple[int, np.ndarray]] = {}
         try:
             if sensors is not None and max(sensors.steps) > 1:
                 raise ArgumentError(
-                    "transients: given sensors that are slower than the drives, expected none of them"
+                    "transients: given sensors that are slower than the drives, expected none "
+                    "of them"
                 )
             self._records = records_beside(plan.lines, plan.periods)
         except ArgumentError:
@@ -425,8 +448,11 @@ class _Spectra:
     def add(
         self, group: list[tuple[int, int, int]], period: int, samples: Samples, keep: bool
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """One period of some runs; its samples of angles, torques and signals where they are kept."""
-        lines, empty = self.plan.lines, np.zeros((*samples.q_m.shape[:2], 0))
+        """One period of some runs; its samples of angles, torques and signals where they are
+        kept.
+        """
+        lines = self.plan.lines
+        empty = np.zeros((*samples.q_m.shape[:2], 0))
         signals = empty
         if self.sensors is not None and samples.motion is not None:
             signals = self.sensors(samples.motion)
@@ -456,7 +482,8 @@ def _robot(plan: Plan, truth: RobotModel | str | Path | None) -> RobotModel:
     robot = given if isinstance(given, RobotModel) else read(given)
     if truth is None and model_digest(robot) != plan.digest:
         raise ArgumentError(
-            f"truth: given none, and {plan.model} is another model than the one of the plan; name the robot to simulate"
+            f"truth: given none, and {plan.model} is another model than the one of the plan; "
+            "name the robot to simulate"
         )
     motors = tuple(motor.name for motor in robot.motors)
     if motors != plan.motors:
@@ -467,7 +494,9 @@ def _robot(plan: Plan, truth: RobotModel | str | Path | None) -> RobotModel:
 
 
 def settle(loop: ClosedLoop, reference: np.ndarray, periods: int) -> None:
-    """Run periods that are not measured: the reference (samples, lanes, 2 n_m) fades in over the first one."""
+    """Run periods that are not measured: the reference (samples, lanes, 2 n_m) fades in over the
+    first one.
+    """
     if periods == 0:
         return
     loop.run_in_parts(fade_in(reference), len(reference))
@@ -476,7 +505,9 @@ def settle(loop: ClosedLoop, reference: np.ndarray, periods: int) -> None:
 
 
 def fade_in(reference: np.ndarray) -> np.ndarray:
-    """A period of the reference (samples, lanes, 2 n_m) that begins at rest, smooth at both ends."""
+    """A period of the reference (samples, lanes, 2 n_m) that begins at rest, smooth at both
+    ends.
+    """
     n_m = reference.shape[2] // 2
     ramp = np.linspace(0.0, 1.0, len(reference))
     weight = (ramp**3 * (10 - 15 * ramp + 6 * ramp**2))[:, None, None]

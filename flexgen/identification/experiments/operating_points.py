@@ -1,13 +1,14 @@
-"""Poses of an experiment: the information that each pose gives about the parameters, and the best set of poses.
+"""Poses of an experiment: the information that each pose gives about the parameters, and the best
+set of poses.
 
     F = 2 P sum_l sum_e Re (dG U_e)^H C^-1 (dG U_e),      C = G S_u G^H + w^(2 m) S_y
 
-U: spectra of the torques in the closed loop, S_u, S_y: spectra of the noise of torques and outputs (motor angles: m =
-2). The frictions are eliminated (Schur complement), because a friction that cannot be identified would otherwise decide
-alone.
+U: spectra of the torques in the closed loop, S_u, S_y: spectra of the noise of torques and outputs
+(motor angles: m = 2). The frictions are eliminated (Schur complement), because a friction that
+cannot be identified would otherwise decide alone.
 
-Source: E. Wernholt and J. Lofberg, CDC 2007 (optimal operating points for robots); A. Atkinson, A. Donev and R. Tobias,
-Optimum Experimental Designs, 2007 (exchange).
+Source: E. Wernholt and J. Lofberg, CDC 2007 (optimal operating points for robots); A. Atkinson, A.
+Donev and R. Tobias, Optimum Experimental Designs, 2007 (exchange).
 """
 
 from __future__ import annotations
@@ -45,7 +46,8 @@ CRITERIA: tuple[CriterionName, ...] = get_args(CriterionName)
 def candidates(model: RobotModel, count: int, seed: int) -> np.ndarray:
     """Random motor angles (count, n_m) [rad] within the limits of the joints."""
     home = np.array(model.home)
-    lower, upper = home - RANGE, home + RANGE
+    lower = home - RANGE
+    upper = home + RANGE
     for k, i in enumerate(model.i_g):
         dof = model.coordinates[i].dof
         assert dof is not None  # an actuated coordinate
@@ -56,11 +58,14 @@ def candidates(model: RobotModel, count: int, seed: int) -> np.ndarray:
 
 
 def torque_spectra(G: np.ndarray, w: np.ndarray, plan: Plan) -> np.ndarray:
-    """``U U^H`` (lines, n_m, n_m) over the experiments of one realization, of the commanded torques at one pose.
+    """``U U^H`` (lines, n_m, n_m) over the experiments of one realization, of the commanded
+    torques at one pose.
 
-    ``G`` (lines, n_m, n_m): from commanded torques to motor accelerations, hold and delay included.
+    ``G`` (lines, n_m, n_m): from commanded torques to motor accelerations, hold and delay
+    included.
     """
-    T, n = plan.hardware.sample_s, len(plan.motors)
+    T = plan.hardware.sample_s
+    n = len(plan.motors)
     difference = (1 - np.exp(-1j * w * T)) / T
     c = plan.controller
     gain = c.speed_gain * (difference[:, None] + c.position_gain)
@@ -71,8 +76,11 @@ def torque_spectra(G: np.ndarray, w: np.ndarray, plan: Plan) -> np.ndarray:
 
 
 def noise_covariance(G: np.ndarray, w: np.ndarray, plan: Plan, model: RobotModel) -> np.ndarray:
-    """Covariance (lines, n_o, n_o) of the error of ``Y - G U`` in one period, from the noise of drives and sensors."""
-    hardware, n = plan.hardware, len(plan.motors)
+    """Covariance (lines, n_o, n_o) of the error of ``Y - G U`` in one period, from the noise of
+    drives and sensors.
+    """
+    hardware = plan.hardware
+    n = len(plan.motors)
     scale = 4.0 / plan.samples  # of a Fourier coefficient that is an amplitude
     angle = hardware.encoder_noise_rad**2 + hardware.encoder_resolution_rad**2 / 12
     # A drive without noise still rounds: what is predicted must stay finite.
@@ -123,7 +131,8 @@ def information(
     """
     local = LocalModel(vector.model, vector.of_model, plan.sensors)
     thinned = plan_lines(plan, slice(every // 2, None, every))
-    out, used = [], []
+    out = []
+    used = []
     for k, pose in enumerate(poses):
         began = perf_counter()
         with keep_best() if fewest is not None else nullcontext():
@@ -160,7 +169,8 @@ def _by_line(
     )
     response = local.response(local.values, pose[None], w, drive, speed_sd=plan.speed_sd)
     assert response.dG is not None
-    G, dG = response.G[0], along_x(vector, local, vector.start, response.G, response.dG, w)[0]
+    G = response.G[0]
+    dG = along_x(vector, local, vector.start, response.G, response.dG, w)[0]
     U = np.linalg.cholesky(torque_spectra(G[:, : len(plan.motors)], w, plan))
     L = np.linalg.cholesky(noise_covariance(G, w, plan, vector.model))
     J = np.linalg.solve(L, np.einsum("labp,lbe->lape", dG, U).reshape(*L.shape[:2], -1))
@@ -169,7 +179,9 @@ def _by_line(
         .transpose(0, 2, 1, 3)
         .reshape(len(w), len(vector), -1)
     )
-    return np.asarray(2 * plan.periods * plan.realizations * np.real(J.conj() @ J.swapaxes(-1, -2)))
+    return np.asarray(
+        2 * plan.periods * plan.realizations * np.real(J.conj() @ J.swapaxes(-1, -2))
+    )
 
 
 def plan_lines(plan: Plan, lines: slice) -> Plan:
@@ -191,7 +203,8 @@ def along_x(
     w: np.ndarray,
 ) -> np.ndarray:
     """Derivatives of G (k, lines, outputs, n_m, n) in x from those in the numbers of the model."""
-    values, change = vector.named(x), vector.dvalues(x)
+    values = vector.named(x)
+    change = vector.dvalues(x)
     motors = [motor.name for motor in vector.model.motors]
     out = np.zeros((*G.shape, len(vector)), complex)
     at = {name: k for k, name in enumerate(local.names)}
@@ -250,7 +263,9 @@ def choose(
     def cost(total: np.ndarray) -> np.ndarray:
         block = covariance(total, vector.prior_sd)[..., target, :][..., target]
         return (
-            np.trace(block, axis1=-2, axis2=-1) if criterion == "A" else np.linalg.slogdet(block)[1]
+            np.trace(block, axis1=-2, axis2=-1)
+            if criterion == "A"
+            else np.linalg.slogdet(block)[1]
         )
 
     chosen: list[int] = []
@@ -261,7 +276,8 @@ def choose(
         best = int(np.argmin(costs))
         chosen.append(best)
         total = total + F[best]
-    improved, now = True, float(cost(total))
+    improved = True
+    now = float(cost(total))
     while improved:
         improved = False
         for k in range(count):
@@ -270,12 +286,17 @@ def choose(
             costs[[c for c in chosen if c != chosen[k]]] = np.inf
             best = int(np.argmin(costs))
             if costs[best] < now - 1e-9 * abs(now):
-                chosen[k], total, now, improved = best, rest + F[best], float(costs[best]), True
+                chosen[k] = best
+                total = rest + F[best]
+                now = float(costs[best])
+                improved = True
     return chosen
 
 
 def count_parameters(vector: ParameterVector, names: Sequence[str] | None = None) -> np.ndarray:
-    """Which parameters count: the named ones, by default all but the frictions; all where there are no others."""
+    """Which parameters count: the named ones, by default all but the frictions; all where there
+    are no others.
+    """
     out = np.array(
         [not n.endswith(FRICTIONS) if names is None else n in names for n in vector.names]
     )

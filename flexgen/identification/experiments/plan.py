@@ -1,4 +1,6 @@
-"""`excite`: plan an experiment: drives, multisines and poses, with the accuracy that it will have."""
+"""`excite`: plan an experiment: drives, multisines and poses, with the accuracy that it will
+have.
+"""
 
 from __future__ import annotations
 
@@ -73,14 +75,16 @@ def excite(
     poses : int or array (k, n_g)
         Number of poses to choose, or joint positions [rad or m].
     criterion : str
-        ``"A"``: least sum of variances of the parameters; ``"D"``: least determinant; ``"random"``.
+        ``"A"``: least sum of variances of the parameters; ``"D"``: least determinant;
+        ``"random"``.
     free : sequence of str, optional
         Parameters whose accuracy counts; default: as of `identify`.
     speed_rms : float or sequence (n_g,) [rad/s or m/s]
         Of the excitation, joint side.
     f_min, f_max, lines : optional [Hz]
-        Band and largest number of frequencies; default: from an eighth of the lowest to 1.5 times the highest natural
-        frequency of the elastic modes at home, and at most a fifth of the sampling frequency.
+        Band and largest number of frequencies; default: from an eighth of the lowest to 1.5 times
+        the highest natural frequency of the elastic modes at home, and at most a fifth of the
+        sampling frequency.
     spectrum : float or "optimal"
         Amplitudes of the speed rise with this power of the frequency; see `optimal_spectrum`.
     period_s : float [s]
@@ -99,7 +103,8 @@ def excite(
     Returns
     -------
     Plan
-        Its ``predicted`` has the expected standard deviation of the logarithm of each free parameter.
+        Its ``predicted`` has the expected standard deviation of the logarithm of each free
+        parameter.
 
     Raises
     ------
@@ -116,10 +121,8 @@ def excite(
     >>> list(plan.predicted)
     ['q1.stiffness', 'q1.damping', 'q2.stiffness', 'q2.damping']
     """
-    robot, hardware = (
-        model if isinstance(model, RobotModel) else read(model),
-        hardware or DriveHardware(),
-    )
+    robot = model if isinstance(model, RobotModel) else read(model)
+    hardware = hardware or DriveHardware()
     _check_counts(periods, transients, realizations)
     seconds_of("period_s", period_s, SAMPLES * hardware.sample_s)
     lines_ = odd_lines(*_band(robot, f_min, f_max, hardware), lines, period_s)
@@ -178,7 +181,9 @@ def _check_counts(periods: int, transients: int, realizations: int) -> None:
 
 
 def default_free(model: RobotModel) -> list[str]:
-    """Stiffness and damping, and the viscous frictions that the model has; ArgumentError where it has none of them."""
+    """Stiffness and damping, and the viscous frictions that the model has; ArgumentError where it
+    has none of them.
+    """
     viscous = [f"{motor.name}.viscous" for motor in model.motors if motor.friction.viscous != 0.0]
     names = [name for name in (*FREE, *viscous) if has_group(model, name)]
     if not names:
@@ -189,10 +194,11 @@ def default_free(model: RobotModel) -> list[str]:
 
 
 def default_cascade(model: RobotModel, sample_s: float = 5e-4) -> Cascade:
-    """Gains from the motor inertias with all springs stiff: 8 Hz of speed control, position gain 8 1/s.
+    """Gains from the motor inertias with all springs stiff: 8 Hz of speed control, position gain 8
+    1/s.
 
-    Less where the inertia that a motor moves at high frequencies, with all springs soft, is so small that a sampled
-    control would be unstable; ``sample_s``: sample time and delay together.
+    Less where the inertia that a motor moves at high frequencies, with all springs soft, is so
+    small that a sampled control would be unstable; ``sample_s``: sample time and delay together.
     """
     home = np.array(model.home)
     equations = derive(model)
@@ -215,15 +221,16 @@ def _band(
         ]
         if len(squares) == 0:
             raise ArgumentError(
-                f"f_min, f_max: the model {model.name} has no elastic natural frequency; name a band in Hz"
+                f"f_min, f_max: the model {model.name} has no elastic natural frequency; name a "
+                "band in Hz"
             )
         lowest, highest = np.sqrt(squares[[0, -1]]) / (2 * np.pi)
         f_min = lowest / 8 if f_min is None else f_min
         f_max = min(1.5 * highest, most) if f_max is None else f_max
     if f_max > 0.45 / hardware.sample_s:
         raise ArgumentError(
-            f"f_max: given {f_max} Hz, expected at most {0.45 / hardware.sample_s:.4g} Hz for a sample time of "
-            f"{hardware.sample_s} s"
+            f"f_max: given {f_max} Hz, expected at most {0.45 / hardware.sample_s:.4g} Hz for a "
+            f"sample time of {hardware.sample_s} s"
         )
     return f_min, f_max
 
@@ -243,7 +250,8 @@ def _with_poses(
         if poses < 1 or criterion not in operating_points.CRITERIA:
             expected = ", ".join(operating_points.CRITERIA)
             raise ArgumentError(
-                f"poses, criterion: given {poses!r}, {criterion!r}, expected >= 1 and one of {expected}"
+                f"poses, criterion: given {poses!r}, {criterion!r}, expected >= 1 and one of "
+                f"{expected}"
             )
         swing = _swing(plan)
         offered = operating_points.candidates(
@@ -252,7 +260,8 @@ def _with_poses(
         offered = offered[[_within(model, pose, swing) is None for pose in offered]]
         if len(offered) == 0:
             raise ArgumentError(
-                "speed_rms: the motion leaves the limits of the joints at every pose; expected less"
+                "speed_rms: the motion leaves the limits of the joints at every pose; expected "
+                "less"
             )
         if criterion == "random":
             plan = replace(plan, poses=offered)
@@ -268,7 +277,8 @@ def _with_poses(
         q_g = np.atleast_2d(np.asarray(poses, dtype=float))
         if q_g.ndim != 2 or q_g.shape[1] != model.n_g or not np.isfinite(q_g).all():
             raise ArgumentError(
-                f"poses: given an array of shape {q_g.shape}, expected (poses, {model.n_g}) in rad or m"
+                f"poses: given an array of shape {q_g.shape}, expected (poses, {model.n_g}) in "
+                "rad or m"
             )
         plan = replace(plan, poses=q_g @ model.eta.T)
         _check_reach(plan, model)
@@ -311,19 +321,24 @@ def _swing(plan: Plan) -> np.ndarray:
 def _within(model: RobotModel, pose: np.ndarray, swing: np.ndarray) -> str | None:
     """Why the motion about a pose leaves the joint limits, or None."""
     inverse = np.linalg.inv(model.eta)
-    q, room = inverse @ pose, np.abs(inverse) @ swing
+    q = inverse @ pose
+    room = np.abs(inverse) @ swing
     for k, i in enumerate(model.i_g):
         dof = model.coordinates[i].dof
         assert dof is not None
         for limit, side in ((dof.lower, -1.0), (dof.upper, 1.0)):
             if limit is not None and side * (q[k] + side * room[k] - limit) > 0:
-                return f"the motion of {dof.name} reaches {q[k] + side * room[k]:.4g}, expected within {limit:.4g}"
+                return (
+                    f"the motion of {dof.name} reaches {q[k] + side * room[k]:.4g}, expected "
+                    f"within {limit:.4g}"
+                )
     return None
 
 
 def _check_speeds(plan: Plan, model: RobotModel) -> None:
     """ArgumentError where a motor or a joint would have to be faster than its limit."""
-    motors, joints = np.zeros(model.n_m), np.zeros(model.n_g)
+    motors = np.zeros(model.n_m)
+    joints = np.zeros(model.n_g)
     inverse = np.linalg.inv(model.eta).T
     for r in range(plan.realizations):
         for e in range(plan.experiments):
@@ -338,13 +353,17 @@ def _check_speeds(plan: Plan, model: RobotModel) -> None:
     for i, v in zip(model.i_g, joints, strict=True):
         dof = model.coordinates[i].dof
         limits.append(
-            (f"joint {model.coordinates[i].name}", None if dof is None else dof.speed_max, float(v))
+            (
+                f"joint {model.coordinates[i].name}",
+                None if dof is None else dof.speed_max,
+                float(v),
+            )
         )
     for name, limit, largest in limits:
         if limit is not None and largest > limit:
             raise ArgumentError(
-                f"speed_rms: {name} would reach {largest:.4g}, expected at most {limit:.4g} (speed_max, rad/s or m/s); "
-                "take less speed_rms"
+                f"speed_rms: {name} would reach {largest:.4g}, expected at most {limit:.4g} "
+                "(speed_max, rad/s or m/s); take less speed_rms"
             )
 
 

@@ -1,4 +1,6 @@
-"""Signals of the sensors of a simulated robot: from its motion at the samples of the drives, with noise."""
+"""Signals of the sensors of a simulated robot: from its motion at the samples of the drives, with
+noise.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +39,9 @@ class SensorSignals:
     """
 
     def __init__(self, robot: RobotModel, plan: Plan, library: Library, seed: int) -> None:
-        self.robot, self.library, self.names = robot, library, check_channels(robot, plan.sensors)
+        self.robot = robot
+        self.library = library
+        self.names = check_channels(robot, plan.sensors)
         of = {name: sensor for sensor in robot.sensors for name in sensor.channels}
         sensors = [of[name] for name in self.names]
         self.noise = noises(robot, self.names)
@@ -56,22 +60,26 @@ class SensorSignals:
         step = round(ratio)
         if step < 1 or abs(ratio - step) > WHOLE or plan.samples % step:
             raise ArgumentError(
-                f"sensor channel {name}: given sample_s = {sample_s} s, expected a multiple of {own} s, the sample "
-                f"time of the drives, that divides the period of {plan.period_s} s"
+                f"sensor channel {name}: given sample_s = {sample_s} s, expected a multiple of "
+                f"{own} s, the sample time of the drives, that divides the period of "
+                f"{plan.period_s} s"
             )
         if plan.lines[-1] >= plan.samples / step / 2:
             raise ArgumentError(
-                f"sensor channel {name}: given sample_s = {sample_s} s, expected less than half a period of the "
-                f"highest frequency, {plan.frequencies[-1]:.4g} Hz"
+                f"sensor channel {name}: given sample_s = {sample_s} s, expected less than half "
+                f"a period of the highest frequency, {plan.frequencies[-1]:.4g} Hz"
             )
         return step
 
     def __call__(self, motion: np.ndarray) -> np.ndarray:
-        """Signals (samples, lanes, channels) with noise, of a motion (samples, 2 n_a + 3 n_m, lanes).
+        """Signals (samples, lanes, channels) with noise, of a motion (samples, 2 n_a + 3 n_m,
+        lanes).
 
         Delays are not in them: they turn the phases of the spectra.
         """
-        n_a, n_m, i_m = self.robot.n_a, self.robot.n_m, list(self.robot.i_m)
+        n_a = self.robot.n_a
+        n_m = self.robot.n_m
+        i_m = list(self.robot.i_m)
         samples, _, lanes = motion.shape
         ends = np.cumsum([n_a, n_a, n_m, n_m])
         flat = motion.transpose(0, 2, 1).reshape(samples * lanes, -1)

@@ -1,4 +1,5 @@
-"""Recordings of periodic excitation, or of motions without period, turned into the spectra of an experiment.
+"""Recordings of periodic excitation, or of motions without period, turned into the spectra of an
+experiment.
 
 The files are described by `flexgen.records.description`.
 """
@@ -63,7 +64,8 @@ def read_experiment(path: str | Path, progress: Callable[[str], None] | None = N
     if progress is not None:
         for note in found.notes:
             progress(note)
-    root, model = found.root, found.model
+    root = found.root
+    model = found.model
     periodic = "segment_s" not in root
     if not periodic and ("period_s" in root or "transients" in root):
         raise root.fail("segment_s", "either period_s, or segment_s without transients")
@@ -96,14 +98,17 @@ def _last_periods(
 def _parts(
     recording: Recording, period_s: float, transients: int, periodic: bool
 ) -> tuple[np.ndarray, ...]:
-    """Torques, angles and signals in whole periods, or in segments that overlap by half: (parts, samples, n)."""
-    file, n = recording.file, len(recording.t)
+    """Torques, angles and signals in whole periods, or in segments that overlap by half: (parts,
+    samples, n).
+    """
+    file = recording.file
+    n = len(recording.t)
     whole = period_s / recording.sample_s
     samples = round(whole)
     if samples < 2 or abs(whole - samples) > 1e-3:
         raise ArgumentError(
-            f"{file}: given a sample time of {recording.sample_s:.6g} s, expected a whole number of samples in "
-            f"period_s = {period_s} s, not {whole:.4f}"
+            f"{file}: given a sample time of {recording.sample_s:.6g} s, expected a whole "
+            f"number of samples in period_s = {period_s} s, not {whole:.4f}"
         )
     if recording.periods_before is not None:
         # the part that is read begins after the transient periods
@@ -111,8 +116,8 @@ def _parts(
     periods = n // samples - transients
     if periods < 2:
         raise ArgumentError(
-            f"{file}: given {n} samples, expected at least two periods of {samples} samples after {transients} "
-            "transient ones"
+            f"{file}: given {n} samples, expected at least two periods of {samples} samples "
+            f"after {transients} transient ones"
         )
     step = samples if periodic else max(samples // 2, 1)
     starts = range(transients * samples, n - samples + 1, step)
@@ -126,7 +131,9 @@ def _experiment(
     found: Description, poses: dict[tuple[float, ...], list[tuple[np.ndarray, ...]]]
 ) -> Experiment:
     """The spectra at the lines, (poses, 1, experiments, periods, lines, n_m)."""
-    root, model, sensors = found.root, found.model, found.sensors
+    root = found.root
+    model = found.model
+    sensors = found.sensors
     sample_s = found.recordings[0][1].sample_s
     counts = {len(runs) for runs in poses.values()}
     lengths = {x.shape[:2] for runs in poses.values() for run in runs for x in run}
@@ -135,7 +142,8 @@ def _experiment(
             "recording",
             "the same number of recordings, and of whole periods in each, at every pose",
         )
-    experiments, (periods, _) = counts.pop(), lengths.pop()
+    experiments = counts.pop()
+    (periods, _) = lengths.pop()
     if experiments < model.n_m:
         raise root.fail(
             "recording", f"at least {model.n_m} recordings at each pose, one for each motor"
@@ -190,7 +198,8 @@ def _experiment(
 
 def _drive(root: Table, sample_s: float, n: int) -> tuple[DriveHardware, Cascade]:
     """The drives of the table ``[drive]``; without it all gains are zero: not known."""
-    delay, table = root.number("delay_s", 0.0, least=0.0), root.table("drive")
+    delay = root.number("delay_s", 0.0, least=0.0)
+    table = root.table("drive")
     if table is None:
         return DriveHardware(sample_s, delay), Cascade(*np.zeros((3, n)))
     table.only(*GAINS, *NOISES, "low_pass", "notch")
@@ -212,7 +221,9 @@ def _drive(root: Table, sample_s: float, n: int) -> tuple[DriveHardware, Cascade
 
 
 def load_experiment(path: str | Path, progress: Callable[[str], None] | None = None) -> Experiment:
-    """The experiment of a file of `flexgen.measure`, or of a ``.toml`` file that describes recordings."""
+    """The experiment of a file of `flexgen.measure`, or of a ``.toml`` file that describes
+    recordings.
+    """
     if not is_description(path):
         return Experiment.load(path)
     if progress is not None:
@@ -225,7 +236,9 @@ def _choice_of_lines(root: Table) -> str:
 
 
 def _lines(root: Table, tau: np.ndarray, period: float, least: float) -> np.ndarray:
-    """The excited multiples of ``1 / period``: those of torques, or references, with an amplitude above ``least``."""
+    """The excited multiples of ``1 / period``: those of torques, or references, with an amplitude
+    above ``least``.
+    """
     samples = tau.shape[3]
     if "line_numbers" in root:
         if "lines" in root or "f_min" in root or "f_max" in root:

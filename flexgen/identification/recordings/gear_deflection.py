@@ -1,10 +1,12 @@
-"""Stiffness of gears from encoders on both sides: the deflection along a recorded motion over the torque of the gear.
+"""Stiffness of gears from encoders on both sides: the deflection along a recorded motion over the
+torque of the gear.
 
-    q_motor - q_link = tau / k + s v + c        c: offset of the encoders, s: skew, the time by which one encoder lags
+    q_motor - q_link = tau / k + s v + c
+    c: offset of the encoders, s: skew, the time by which one encoder lags
 
-The skew matters: a millisecond at full speed looks like a large deflection. The interval of the stiffness comes from a
-bootstrap over blocks of the record, since errors of neighboring samples are alike. Where it contains an infinite
-stiffness, the record does not determine the stiffness.
+The skew matters: a millisecond at full speed looks like a large deflection. The interval of the
+stiffness comes from a bootstrap over blocks of the record, since errors of neighboring samples are
+alike. Where it contains an infinite stiffness, the record does not determine the stiffness.
 
 Source: B. Efron and R. Tibshirani, An Introduction to the Bootstrap, 1993, ch. 8 (blocks).
 """
@@ -26,9 +28,10 @@ INTERVAL = (0.05, 0.95)
 class GearDeflection:
     """Stiffness of one gear, arm side.
 
-    ``stiffness`` [N m/rad or N/m], or None where it is not determined; ``interval``: 90 % interval, the upper end
-    infinite where the record allows a rigid gear; ``skew_s`` [s]: lag of the link encoder; ``explained``: part of the
-    variance of the deflection that the torque explains in addition to skew and offset.
+    ``stiffness`` [N m/rad or N/m], or None where it is not determined; ``interval``: 90 %
+    interval, the upper end infinite where the record allows a rigid gear; ``skew_s`` [s]: lag of
+    the link encoder; ``explained``: part of the variance of the deflection that the torque
+    explains in addition to skew and offset.
     """
 
     stiffness: float | None
@@ -66,12 +69,14 @@ def gear_deflection(
     Raises
     ------
     ArgumentError
-        Arrays of different lengths, numbers that are not finite, or a record shorter than ten blocks.
+        Arrays of different lengths, numbers that are not finite, or a record shorter than ten
+        blocks.
     """
     arrays = [np.asarray(x, dtype=float) for x in (t, q_motor, q_link, tau)]
     if any(x.shape != arrays[0].shape or x.ndim != 1 for x in arrays):
         raise ArgumentError(
-            f"deflection: given shapes {', '.join(str(x.shape) for x in arrays)}, expected four (n,)"
+            f"deflection: given shapes {', '.join(str(x.shape) for x in arrays)}, expected four "
+            "(n,)"
         )
     if not all(np.isfinite(x).all() for x in arrays):
         raise ArgumentError("deflection: given numbers that are not finite, expected finite ones")
@@ -87,10 +92,8 @@ def gear_deflection(
     columns = np.column_stack([arrays[3], speed, np.ones_like(speed)])
     scale = np.maximum(np.abs(columns).max(axis=0), 1e-300)
     # normal equations of each block: a draw is a sum of them
-    X, y = (
-        (columns / scale)[: blocks * length].reshape(blocks, length, 3),
-        difference[: blocks * length],
-    )
+    X = (columns / scale)[: blocks * length].reshape(blocks, length, 3)
+    y = difference[: blocks * length]
     A = np.einsum("bij,bik->bjk", X, X)
     b = np.einsum("bij,bi->bj", X, y.reshape(blocks, length))
     found = np.linalg.solve(A.sum(axis=0), b.sum(axis=0)) / scale
@@ -100,7 +103,8 @@ def gear_deflection(
     )
     low, high = np.quantile(compliance, INTERVAL)
     without = np.linalg.lstsq(columns[:, 1:], difference, rcond=None)[0]
-    rest, all_of_it = difference - columns @ found, difference - columns[:, 1:] @ without
+    rest = difference - columns @ found
+    all_of_it = difference - columns[:, 1:] @ without
     return GearDeflection(
         stiffness=None if low <= 0 or found[0] <= 0 else float(1 / found[0]),
         interval=(

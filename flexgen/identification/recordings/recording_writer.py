@@ -1,4 +1,6 @@
-"""Recordings of a simulated experiment: written in the form in which those of real robots are read."""
+"""Recordings of a simulated experiment: written in the form in which those of real robots are
+read.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,8 @@ from flexgen.model.elements import RobotModel
 
 
 class RecordingWriter:
-    """Writes the samples of a simulated experiment as recordings: a file for each, and their description.
+    """Writes the samples of a simulated experiment as recordings: a file for each, and their
+    description.
 
     Parameters
     ----------
@@ -28,7 +31,9 @@ class RecordingWriter:
     """
 
     def __init__(self, folder: Path, plan: Plan, model: RobotModel) -> None:
-        self.folder, self.plan, self.model = folder, plan, model
+        self.folder = folder
+        self.plan = plan
+        self.model = model
         self.files: list[tuple[int, str]] = []
         follow_links(folder).mkdir(parents=True, exist_ok=True)
 
@@ -49,7 +54,9 @@ class RecordingWriter:
         arrays |= {f"s_{c + 1}": signals[:, c] for c in range(signals.shape[1])}
         reference = self.plan.poses[pose] + self.plan.reference(realization, experiment)
         times = -(-len(q_m) // len(reference))
-        arrays |= {f"ref_{j + 1}": np.tile(x, times)[: len(q_m)] for j, x in enumerate(reference.T)}
+        arrays |= {
+            f"ref_{j + 1}": np.tile(x, times)[: len(q_m)] for j, x in enumerate(reference.T)
+        }
         with atomic_file(self.folder / name) as stream:
             np.savez_compressed(stream, **arrays)  # type: ignore[arg-type]
         self.files.append((pose, name))
@@ -77,10 +84,17 @@ class RecordingWriter:
         ):
             for j, motor in enumerate(plan.motors):
                 rows.append(
-                    f'\n[[{kind}]]\nmotor = "{motor}"\nname = "{letter}_{j + 1}"\nunit = "{unit}"\nside = "motor"'
+                    "\n"
+                    f"[[{kind}]]\n"
+                    f'motor = "{motor}"\n'
+                    f'name = "{letter}_{j + 1}"\n'
+                    f'unit = "{unit}"\n'
+                    'side = "motor"'
                 )
         units = {
-            c: unit for s in self.model.sensors for c, unit in zip(s.channels, s.units, strict=True)
+            c: unit
+            for s in self.model.sensors
+            for c, unit in zip(s.channels, s.units, strict=True)
         }
         for c, sensor in enumerate(plan.sensors):
             rows.append(
@@ -91,7 +105,8 @@ class RecordingWriter:
             for name in ("position_gain", "speed_gain", "integral_gain")
         }
         rows.append(
-            "\n[drive]" + "".join(f"\n{name} = {values.tolist()}" for name, values in gains.items())
+            "\n[drive]"
+            + "".join(f"\n{name} = {values.tolist()}" for name, values in gains.items())
         )
         for name in ("encoder_noise_rad", "encoder_resolution_rad", "torque_noise_Nm"):
             rows.append(f"{name} = {getattr(plan.hardware, name)!r}")

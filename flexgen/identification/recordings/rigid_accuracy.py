@@ -1,9 +1,12 @@
-"""Accuracy of a fit of a rigid arm: standard deviations, and errors on parts of the recordings that were left out.
+"""Accuracy of a fit of a rigid arm: standard deviations, and errors on parts of the recordings
+that were left out.
 
-See also `flexgen.numerics.residual_statistics`. A model that is fitted to motions which do not excite it can be wrong
-elsewhere by any factor; that shows where a part of the recordings is left out of the fit.
+See also `flexgen.numerics.residual_statistics`. A model that is fitted to motions which do not
+excite it can be wrong elsewhere by any factor; that shows where a part of the recordings is left
+out of the fit.
 
-Source: B. Efron and R. Tibshirani, An Introduction to the Bootstrap, 1993, ch. 17 (cross-validation).
+Source: B. Efron and R. Tibshirani, An Introduction to the Bootstrap, 1993, ch. 17
+(cross-validation).
 """
 
 from __future__ import annotations
@@ -15,7 +18,8 @@ from flexgen.spec.explained_status import OUT_OF_TIME, STOPPED, ExplainedStatus
 # errors on recordings that were left out over those of the fit, from which on the fit fails there
 WORSE = 2.0
 # errors over the deviation of the torque: too small to fail, and a model error
-SMALL, LARGE = 0.1, 1 / 3
+SMALL = 0.1
+LARGE = 1 / 3
 
 NOTICED = 1e-3  # errors over the deviation of the torque, below which no mistake is looked for
 
@@ -36,15 +40,17 @@ class RigidStatus(ExplainedStatus):
     POORLY_VALIDATED = (
         "poorly validated",
         "The model fails on motions that were not fitted.",
-        "Do not use the new model file: the recordings do not determine its numbers. Fit more recordings that move all "
-        "joints over their range, and fewer harmonics of a counterbalance.",
+        "Do not use the new model file: the recordings do not determine its numbers. Fit more "
+        "recordings that move all joints over their range, and fewer harmonics of a "
+        "counterbalance.",
     )
     MODEL_ERROR = (
         "model error",
-        "The model leaves more than a third of the torque of a motor unexplained, has a friction or a rotor below zero "
-        "or errors that one mistake explains, or the fit does not converge.",
-        "Check units, signs, sides and offsets of the recordings, the directions of the joints, gear ratios, gravity, "
-        "payload and counterbalance.",
+        "The model leaves more than a third of the torque of a motor unexplained, has a "
+        "friction or a rotor below zero or errors that one mistake explains, or the fit does "
+        "not converge.",
+        "Check units, signs, sides and offsets of the recordings, the directions of the joints, "
+        "gear ratios, gravity, payload and counterbalance.",
     )
     TIME_LIMIT = OUT_OF_TIME
     INTERRUPTED = STOPPED

@@ -1,16 +1,19 @@
 """Rigid-body parameters from the torques along recorded motions: base parameters, feasible fit.
 
-See `flexgen.analysis.rigid_columns` for the torques: they are linear in the numbers pi of the bodies (10 of each, the
-payload in the last one), in friction and rotors, and nearly so in compliances of gears and in a delay. Only some
-combinations of the bodies' numbers, the base parameters, can be determined. An unconstrained fit gives bodies that are
-not physically consistent: here the pseudo-inertia
+See `flexgen.analysis.rigid_columns` for the torques: they are linear in the numbers pi of the
+bodies (10 of each, the payload in the last one), in friction and rotors, and nearly so in
+compliances of gears and in a delay. Only some combinations of the bodies' numbers, the base
+parameters, can be determined. An unconstrained fit gives bodies that are not physically
+consistent: here the pseudo-inertia
 
     P = [[tr(I)/2 1 - I, h], [h', m]] = L L'
 
-of each body is positive definite by its factor L, and the bodies of the model file are a weak prior.
+of each body is positive definite by its factor L, and the bodies of the model file are a weak
+prior.
 
-Source: M. Gautier and W. Khalil, IEEE TRA 6(3), 1990 (base parameters); P. Wensing, S. Kim and J.-J. Slotine, IEEE RA-L
-3(1), 2018 (pseudo-inertia); C. Rucker and P. Wensing, IEEE RA-L 7(2), 2022 (log-Cholesky parameters).
+Source: M. Gautier and W. Khalil, IEEE TRA 6(3), 1990 (base parameters); P. Wensing, S. Kim and
+J.-J. Slotine, IEEE RA-L 3(1), 2018 (pseudo-inertia); C. Rucker and P. Wensing, IEEE RA-L 7(2),
+2022 (log-Cholesky parameters).
 """
 
 from __future__ import annotations
@@ -46,11 +49,15 @@ LARGEST = 0.01
 # of the period of the band: deviation of the delay of the torques; a sample where that is more
 LATE = 1.5e-3
 # of fits with deviations from the residuals of the last one, at least and at most
-ROUNDS, MOST = 4, 25
+ROUNDS = 4
+MOST = 25
 FADES_SETTLED = 1e-3  # relative change
 # change of the delay, in such periods, and over its deviation: it has settled
-SETTLED, SETTLED_SD = 3e-6, 0.2
-PARTS, PARTS_MOST = 4, 100  # parts of each recording that are left out in turn
+SETTLED = 3e-6
+SETTLED_SD = 0.2
+# parts of each recording that are left out in turn
+PARTS = 4
+PARTS_MOST = 100
 
 
 class _Numbers(NamedTuple):
@@ -77,16 +84,18 @@ class _Prior(NamedTuple):
 class RigidFit:
     """Result of `identify_rigid`.
 
-    ``model``: with the new bodies, rotors, frictions and counterbalance; ``file``: the model before; ``pi``
-    (10 bodies,); ``friction`` (n_m, columns): coefficients of each motor, motor side: viscous [N m s/rad of the joint],
-    Coulomb and constant [N m], rotor [N m s^2/rad of the joint], then those of the counterbalance [N m], and,
-    where ``fades`` has one, friction at rest that falls with speed [N m] and a change of its fade; ``sd`` (n_m,)
-    [N m]: deviation of the torques from the model; ``covariance``: of ``pi``, then of ``friction`` row by row, then of
-    ``lags``; ``left_out`` (n_m,): errors on parts of the recordings that were left out of the fit, as
-    `relative_errors`; None: not computed; ``status``: from these; ``lags`` (n_g + 1,): compliances of the gears that
-    the file does not have [rad/(N m) or m/N, arm side], and the delay of the torques [s]; ``fades`` (n_m,) [s/rad
-    or s/m, of the joint]: of friction that falls with speed as sigma / cosh(fade v), 0: none; ``speed`` (n_m,): see
-    `Columns`; ``limit_hz``: all torques are compared below it; ``mistake``: what explains a large part of the errors.
+    ``model``: with the new bodies, rotors, frictions and counterbalance; ``file``: the model
+    before; ``pi`` (10 bodies,); ``friction`` (n_m, columns): coefficients of each motor, motor
+    side: viscous [N m s/rad of the joint], Coulomb and constant [N m], rotor [N m s^2/rad of the
+    joint], then those of the counterbalance [N m], and, where ``fades`` has one, friction at rest
+    that falls with speed [N m] and a change of its fade; ``sd`` (n_m,) [N m]: deviation of the
+    torques from the model; ``covariance``: of ``pi``, then of ``friction`` row by row, then of
+    ``lags``; ``left_out`` (n_m,): errors on parts of the recordings that were left out of the fit,
+    as `relative_errors`; None: not computed; ``status``: from these; ``lags`` (n_g + 1,):
+    compliances of the gears that the file does not have [rad/(N m) or m/N, arm side], and the
+    delay of the torques [s]; ``fades`` (n_m,) [s/rad or s/m, of the joint]: of friction that falls
+    with speed as sigma / cosh(fade v), 0: none; ``speed`` (n_m,): see `Columns`; ``limit_hz``: all
+    torques are compared below it; ``mistake``: what explains a large part of the errors.
     """
 
     model: RobotModel
@@ -107,7 +116,9 @@ class RigidFit:
 
     @property
     def numbers_sd(self) -> np.ndarray | None:
-        """Standard deviations of all numbers, as in ``covariance``; None where the status has none."""
+        """Standard deviations of all numbers, as in ``covariance``; None where the status has
+        none.
+        """
         return np.sqrt(np.diag(self.covariance)) if self.status.has_deviations else None
 
     @property
@@ -131,7 +142,9 @@ class RigidFit:
         return replace(self, status=rigid_accuracy.status_of(error, scale, there, there_scale))
 
     def _columns(self, motions: Sequence[Motion], limit: float = np.inf) -> Columns:
-        """The terms along motions whose links bend under the torques of this fit, of all samples."""
+        """The terms along motions whose links bend under the torques of this fit, of all
+        samples.
+        """
         columns = Columns(Regressor(self.file), motions, self.counterbalance, limit, self.speed)
         columns = columns.with_fades(self.fades, self.friction[:, -2])
         return columns.bent(self.pi, self.friction, self.lags, self.limit_hz)
@@ -149,13 +162,16 @@ class RigidFit:
         return np.asarray(self._columns([motion]).torques(self.pi, self.friction)[0])
 
     def gear_torques(self, motion: Motion) -> np.ndarray:
-        """Torques through the gears (n, n_g), arm side: those of the motors less friction and rotors."""
+        """Torques through the gears (n, n_g), arm side: those of the motors less friction and
+        rotors.
+        """
         columns = self._columns([motion])
         friction = columns.of_motors(0, self.friction)  # a counterbalance is a load
         return np.asarray((columns.measured[0] - columns.known[0] - friction) @ self.file.eta)
 
     def relative_errors(self, motion: Motion) -> np.ndarray:
-        """Rms of the error over the standard deviation of the torque of each motor, of samples that move (n_m,).
+        """Rms of the error over the standard deviation of the torque of each motor, of samples
+        that move (n_m,).
 
         Both below ``limit_hz``.
         """
@@ -180,13 +196,14 @@ def identify_rigid(
     motions : sequence of Motion
         Of one sample time.
     counterbalance : mapping, optional
-        Name of a joint -> number of harmonics of its angle, from the second one, that the torque of its motor may have
-        in addition to gravity, which has the first. Harmonics of the file that are not fitted stay.
+        Name of a joint -> number of harmonics of its angle, from the second one, that the torque
+        of its motor may have in addition to gravity, which has the first. Harmonics of the file
+        that are not fitted stay.
     prior : float
         Relative standard deviation of the bodies of the file.
     parts : int
-        Each recording is cut into so many parts; the fit is repeated without each of them, and judged by its errors
-        there. 0: it is not checked.
+        Each recording is cut into so many parts; the fit is repeated without each of them, and
+        judged by its errors there. 0: it is not checked.
 
     Raises
     ------
@@ -197,30 +214,33 @@ def identify_rigid(
     regressor = Regressor(robot)
     extra = dict(counterbalance or {})
     _check(robot, motions, extra, prior, parts)
-    limit, file = band_of(regressor, motions), regressor.of_model()
+    limit = band_of(regressor, motions)
+    file = regressor.of_model()
     flat = Columns(regressor, motions, extra, limit)
     load = np.sqrt(np.mean((np.vstack(flat.measured) @ robot.eta) ** 2, axis=0))
     size = np.where(
-        [robot.coordinates[i].unit == "rad" for i in robot.i_g], 1.0, np.divide(*units(file)[1::-1])
+        [robot.coordinates[i].unit == "rad" for i in robot.i_g],
+        1.0,
+        np.divide(*units(file)[1::-1]),
     )
     lags_sd = np.append(
         LARGEST * size / np.maximum(load, 1e-12), max(LATE * flat.period, motions[0].step)
     )
     weak = _Prior(file, prior * scales(file), lags_sd)
     at = _Numbers(file, np.zeros((robot.n_m, flat.F[0].shape[2])), np.zeros(robot.n_g + 1))
-    mistake, sd = None, np.maximum(np.std(np.vstack(flat.below(limit).measured), axis=0), 1e-12)
+    mistake = None
+    sd = np.maximum(np.std(np.vstack(flat.below(limit).measured), axis=0), 1e-12)
     for _ in range(1 + robot.n_m):  # more only where friction falls with speed
         flat, at, sd, change = _settle(flat, limit, weak, at, sd)
         whole = flat.bent(*at, limit)
         columns = whole.below(limit)
         error = np.vstack(columns.measured) - np.vstack(columns.torques(at.pi, at.friction))
         error_rms, scale = columns.errors(at.pi, at.friction)
-        terms, information = columns.by_motor(), weak.information(at.friction.size)
-        weight, n, m = (
-            1.0 / (sd * np.sqrt(columns.correlated)),
-            len(file),
-            len(file) + at.friction.size,
-        )
+        terms = columns.by_motor()
+        information = weak.information(at.friction.size)
+        weight = 1.0 / (sd * np.sqrt(columns.correlated))
+        n = len(file)
+        m = len(file) + at.friction.size
         found = covariance(
             terms, error, weight, information, max(1, round(BLOCK * flat.period / columns.step))
         )
@@ -267,15 +287,17 @@ def identify_rigid(
 def _settle(
     flat: Columns, limit: float, prior: _Prior, at: _Numbers, sd: np.ndarray
 ) -> tuple[Columns, _Numbers, np.ndarray, float]:
-    """The numbers where the weights follow the errors, the links the torques, the torques the delay, and fades theirs.
+    """The numbers where the weights follow the errors, the links the torques, the torques the
+    delay, and fades theirs.
 
-    Returns the columns before gears deflect, the numbers, the deviations of the torques, and the last change of the
-    delay [s].
+    Returns the columns before gears deflect, the numbers, the deviations of the torques, and the
+    last change of the delay [s].
     """
     columns = (flat.bent(*at, limit) if at.friction.any() else flat).below(limit)
     began = time.perf_counter()
     for k in range(MOST):
-        before, at = at, _fit_bodies(columns, prior, at, sd)
+        before = at
+        at = _fit_bodies(columns, prior, at, sd)
         new = flat.fades
         if new.any():
             new = np.clip(new + at.friction[:, -1], new / 2, 2 * new)
@@ -298,7 +320,9 @@ def _with_fades(flat: Columns, fades: np.ndarray, at: _Numbers) -> tuple[Columns
     if not fades.any():
         return flat, at
     kept = at.friction[:, :-1] if flat.fades.any() else np.pad(at.friction, ((0, 0), (0, 1)))
-    return flat.with_fades(fades, kept[:, -1]), at._replace(friction=np.pad(kept, ((0, 0), (0, 1))))
+    return flat.with_fades(fades, kept[:, -1]), at._replace(
+        friction=np.pad(kept, ((0, 0), (0, 1)))
+    )
 
 
 def _check(
@@ -313,11 +337,13 @@ def _check(
     for name, count in counterbalance.items():
         if name not in joints or not isinstance(count, int) or count < 1:
             raise ArgumentError(
-                f"counterbalance: given {name!r}: {count!r}, expected one of {', '.join(joints)} and >= 1"
+                f"counterbalance: given {name!r}: {count!r}, expected one of "
+                f"{', '.join(joints)} and >= 1"
             )
         if count > HARMONICS - 1:
             raise ArgumentError(
-                f"counterbalance: given {count} harmonics for {name!r}, expected {HARMONICS - 1} at most"
+                f"counterbalance: given {count} harmonics for {name!r}, expected "
+                f"{HARMONICS - 1} at most"
             )
         if (
             np.count_nonzero(robot.eta[:, joints.index(name)]) > 1
@@ -329,12 +355,13 @@ def _check(
     for motion in motions:
         if motion.q.shape[1] != robot.n_g or motion.tau_m.shape[1] != robot.n_m:
             raise ArgumentError(
-                f"motion: given {motion.q.shape[1]} joints and {motion.tau_m.shape[1]} motors, expected {robot.n_g}, "
-                f"{robot.n_m}"
+                f"motion: given {motion.q.shape[1]} joints and {motion.tau_m.shape[1]} motors, "
+                f"expected {robot.n_g}, {robot.n_m}"
             )
         if abs(motion.step - motions[0].step) > 0.01 * motions[0].step:
             raise ArgumentError(
-                f"motion: given samples every {motion.step:.4g} s, expected {motions[0].step:.4g} s as in the first one"
+                f"motion: given samples every {motion.step:.4g} s, expected "
+                f"{motions[0].step:.4g} s as in the first one"
             )
     if not motions or not prior > 0:
         raise ArgumentError("motions, prior: expected at least one motion and a deviation > 0")
@@ -346,7 +373,9 @@ def _leave_out(
     columns: Columns, prior: _Prior, at: _Numbers, sd: np.ndarray, parts: int
 ) -> np.ndarray:
     """Rms errors (n_m,) on each part of the recordings of the fit to all others."""
-    pieces, error, moving = parts_of([len(m) for m in columns.measured], parts), [], []
+    pieces = parts_of([len(m) for m in columns.measured], parts)
+    error = []
+    moving = []
     for one in pieces:
         others = columns.part([piece for piece in pieces if piece is not one])
         found = _fit_bodies(others, prior, at, sd)
@@ -358,13 +387,18 @@ def _leave_out(
 
 
 def _fit_bodies(columns: Columns, prior: _Prior, start: _Numbers, sd: np.ndarray) -> _Numbers:
-    """The numbers of least weighted squares; friction and lags are eliminated, since the torques are linear in them."""
+    """The numbers of least weighted squares; friction and lags are eliminated, since the torques
+    are linear in them.
+    """
     Y, F, Z, known, held = (
         np.concatenate(x) for x in (columns.Y, columns.F, columns.Z, columns.known, columns.held)
     )
     target = np.concatenate(columns.measured) - known - held
     weight = 1.0 / (sd * np.sqrt(columns.correlated))
-    X, reduced_X, reduced_t, solvers = np.concatenate([Y, Z], axis=2), [], [], []
+    X = np.concatenate([Y, Z], axis=2)
+    reduced_X = []
+    reduced_t = []
+    solvers = []
     for j in range(len(sd)):  # the part of rows that friction cannot explain
         U, s, Vt = np.linalg.svd(F[:, j], full_matrices=False)
         keep = s > 1e-9 * s[0]
@@ -372,14 +406,17 @@ def _fit_bodies(columns: Columns, prior: _Prior, start: _Numbers, sd: np.ndarray
         solvers.append(solve)
         reduced_X.append((X[:, j] - U @ (U.T @ X[:, j])) * weight[j])
         reduced_t.append((target[:, j] - U @ (U.T @ target[:, j])) * weight[j])
-    big, n = np.vstack(reduced_X), len(prior.pi)
-    N, b = big.T @ big, big.T @ np.concatenate(reduced_t)
+    big = np.vstack(reduced_X)
+    n = len(prior.pi)
+    N = big.T @ big
+    b = big.T @ np.concatenate(reduced_t)
     P = prior.lags_sd**-2.0
     lagged = np.linalg.solve(
         N[n:, n:] + np.diag(P), np.column_stack([N[n:, :n], b[n:] - P * start.lags])
     )
     N, b = N[:n, :n] - N[:n, n:] @ lagged[:, :n], b[:n] - N[:n, n:] @ lagged[:, n]
-    maps, square = Feasible(n // 10, units(prior.pi)), sum(float(t @ t) for t in reduced_t)
+    maps = Feasible(n // 10, units(prior.pi))
+    square = sum(float(t @ t) for t in reduced_t)
 
     def cost(x: np.ndarray) -> float:
         pi = maps.pi(x)
@@ -387,7 +424,8 @@ def _fit_bodies(columns: Columns, prior: _Prior, start: _Numbers, sd: np.ndarray
         return float(square + pi @ N @ pi - 2 * b @ pi + away @ away)
 
     def sums(x: np.ndarray) -> Sums:
-        pi, J = maps.pi(x), maps.jacobian(x)
+        pi = maps.pi(x)
+        J = maps.jacobian(x)
         gradient = N @ pi - b + (pi - prior.pi) / prior.sd**2
         return cost(x), J.T @ gradient, J.T @ (N + np.diag(prior.sd**-2.0)) @ J
 

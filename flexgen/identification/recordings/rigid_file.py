@@ -1,4 +1,6 @@
-"""Identification of a rigid arm from described files: motions, fit, errors, and the way back to a model file."""
+"""Identification of a rigid arm from described files: motions, fit, errors, and the way back to a
+model file.
+"""
 
 from __future__ import annotations
 
@@ -34,11 +36,13 @@ FALLING = ("stribeck", "alpha")
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RigidIdentification(Result):
-    """Result of `identify_bodies`: bodies, rotors and frictions of a rigid arm, and stiffnesses of its gears.
+    """Result of `identify_bodies`: bodies, rotors and frictions of a rigid arm, and stiffnesses of
+    its gears.
 
-    ``fit``; ``errors``: those of each motor relative to the standard deviation of its torque, one row for each
-    recording, by ``fitted``, and ``validated`` or ``left out``; ``gears``: by the joint, where a link has an encoder;
-    ``source``: of the recordings; ``notes``: what was done to their files, as sentences.
+    ``fit``; ``errors``: those of each motor relative to the standard deviation of its torque, one
+    row for each recording, by ``fitted``, and ``validated`` or ``left out``; ``gears``: by the
+    joint, where a link has an encoder; ``source``: of the recordings; ``notes``: what was done to
+    their files, as sentences.
     """
 
     fit: RigidFit
@@ -59,8 +63,11 @@ class RigidIdentification(Result):
 
     @property
     def lags(self) -> list[tuple[str, str, float, float | None]]:
-        """Name, unit, value and deviation of each compliance that the file does not have, and of the delay."""
-        fit, model = self.fit, self.fit.file
+        """Name, unit, value and deviation of each compliance that the file does not have, and of
+        the delay.
+        """
+        fit = self.fit
+        model = self.fit.file
         units = ["rad/(N m)" if model.coordinates[i].unit == "rad" else "m/N" for i in model.i_g]
         names = [f"{model.coordinates[i].name}.compliance" for i in model.i_g]
         sd = [None] * len(fit.lags) if fit.lags_sd is None else fit.lags_sd.tolist()
@@ -115,12 +122,12 @@ def identify_bodies(
     ----------
     model : RobotModel
     recordings, validate : str or Path
-        Descriptions of the recordings that are fitted, and of others that the fit must predict; without these, it is
-        judged on parts of the recordings that are left out in turn.
+        Descriptions of the recordings that are fitted, and of others that the fit must predict;
+        without these, it is judged on parts of the recordings that are left out in turn.
     counterbalance : mapping, optional
     time_limit : float, optional [s]
-        Then, or after Ctrl-C, the result is the best step so far, with the status ``time limit`` or
-        ``interrupted``.
+        Then, or after Ctrl-C, the result is the best step so far, with the status ``time limit``
+        or ``interrupted``.
     progress : callable or bool, optional
     """
     data = read_description(recordings)
@@ -169,8 +176,11 @@ def motions_of(data: Description) -> list[Motion]:
 
 
 def rigid_numbers(fit: RigidFit) -> dict[str, float]:
-    """Name -> value of all bodies, rotors and frictions; the payload is a part of the last body."""
-    model, out = fit.model, {}
+    """Name -> value of all bodies, rotors and frictions; the payload is a part of the last
+    body.
+    """
+    model = fit.model
+    out = {}
     names = [f"{element.name}.{name}" for element in model.elements for name in BODY]
     names += [f"{motor.name}.{name}" for motor in model.motors for name in (*FRICTION, "inertia")]
     for motor, before in zip(model.motors, fit.file.motors, strict=True):
@@ -184,7 +194,8 @@ def rigid_numbers(fit: RigidFit) -> dict[str, float]:
 
 def _balance_places(fit: RigidFit) -> dict[str, tuple[int, int]]:
     """Names of the fitted numbers of counterbalances -> their place in the frictions."""
-    model, out = fit.file, {}
+    model = fit.file
+    out = {}
     joints = [model.coordinates[i].name for i in model.i_g]
     for name, count in fit.counterbalance.items():
         j = int(np.argmax(np.abs(model.eta[:, joints.index(name)])))
@@ -195,18 +206,23 @@ def _balance_places(fit: RigidFit) -> dict[str, tuple[int, int]]:
 
 
 def rigid_deviations(fit: RigidFit) -> dict[str, float]:
-    """Name -> standard deviation of the numbers of the fit, in their units; empty where the status has none.
+    """Name -> standard deviation of the numbers of the fit, in their units; empty where the status
+    has none.
 
-    The rotors' and bodies' numbers are combinations of those of the fit; their deviations follow by differences.
+    The rotors' and bodies' numbers are combinations of those of the fit; their deviations follow
+    by differences.
     """
     if not fit.status.has_deviations:
         return {}
-    model, n = fit.model, len(fit.pi)
+    model = fit.model
+    n = len(fit.pi)
     body = fit.covariance[:n, :n]
     out: dict[str, float] = {}
     for k, element in enumerate(model.elements):
-        row, rows = fit.pi[10 * k : 10 * k + 10], slice(10 * k, 10 * k + 10)
-        J, at = np.empty((10, 10)), _in_file(row)
+        row = fit.pi[10 * k : 10 * k + 10]
+        rows = slice(10 * k, 10 * k + 10)
+        J = np.empty((10, 10))
+        at = _in_file(row)
         for i, size in enumerate(scales(row)):
             J[:, i] = (_in_file(row + STEP * size * (np.arange(10) == i)) - at) / (STEP * size)
         sd = np.sqrt(np.maximum(np.diag(J @ body[rows, rows] @ J.T), 0.0))
@@ -214,9 +230,11 @@ def rigid_deviations(fit: RigidFit) -> dict[str, float]:
     sd = np.sqrt(np.diag(fit.covariance)[n : n + fit.friction.size]).reshape(fit.friction.shape)
     for j, motor in enumerate(model.motors):
         ratio = float(np.abs(model.eta[j]).max())
-        columns, names = [0, 1, 2, 3], ["viscous", "coulomb", "offset", "inertia"]
+        columns = [0, 1, 2, 3]
+        names = ["viscous", "coulomb", "offset", "inertia"]
         if motor.friction.stribeck:
-            columns, names = [*columns, -2, -1], [*names, *FALLING]
+            columns = [*columns, -2, -1]
+            names = [*names, *FALLING]
         size = [ratio, 1.0, 1.0, ratio, 1.0, ratio][: len(names)]
         out |= {
             f"{motor.name}.{name}": float(x)
@@ -237,19 +255,23 @@ def _in_file(row: np.ndarray) -> np.ndarray:
 
 
 def write_rigid(fit: RigidFit, path: str | Path, source: str) -> Path:
-    """Write the new model file: the old text with the numbers of bodies, rotors and frictions replaced.
+    """Write the new model file: the old text with the numbers of bodies, rotors and frictions
+    replaced.
 
     Raises
     ------
     ArgumentError
-        The model is not from a ``.toml`` file with ``[[element]]`` tables, or has a payload with an inertia.
+        The model is not from a ``.toml`` file with ``[[element]]`` tables, or has a payload with
+        an inertia.
     """
     if fit.file.payload.mass:
         raise ArgumentError(
-            "model file: given a payload, expected none: the fit cannot tell it from the last body; remove [payload]"
+            "model file: given a payload, expected none: the fit cannot tell it from the last "
+            "body; remove [payload]"
         )
     head = (
-        "# Bodies: only combinations of these numbers are determined; each body by itself may be another one.\n"
+        "# Bodies: only combinations of these numbers are determined; each body by itself may "
+        "be another one.\n"
         "# Standard deviations are in the units of the numbers.\n"
     )
     note = "" if fit.status.has_deviations else f"{fit.status}, no standard deviations"
@@ -259,7 +281,9 @@ def write_rigid(fit: RigidFit, path: str | Path, source: str) -> Path:
 
 
 def _with_places(fit: RigidFit) -> RobotModel:
-    """The model before the fit, with zero counterbalances where the fit has some: so that their numbers have names."""
+    """The model before the fit, with zero counterbalances where the fit has some: so that their
+    numbers have names.
+    """
     longer = {
         dof.name: len(dof.counterbalance) for element in fit.model.elements for dof in element.dofs
     }

@@ -1,21 +1,26 @@
 """Baselines for comparison: rigid, flexible-joint and quasi-static feedforward.
 
-All three follow the path with the kinematics of their own simpler model and take the torque from it; simulated on the
-full model they have a tool error. None starts before the path. With q_e the non-actuated coordinates and q_g the
-actuated ones:
+All three follow the path with the kinematics of their own simpler model and take the torque from
+it; simulated on the full model they have a tool error. None starts before the path. With q_e the
+non-actuated coordinates and q_g the actuated ones:
 
-rigid         q_e = 0, gears stiff:      q_m = eta q_g,         tau_m = J_m a_m + f(v_m) + eta^-T (M a + c + g)_g
-fjm           q_e = 0, gears elastic:    q_m = eta (q_g + p),   D p' + spring(p) = tau_g = (M a + c + g)_g
-quasistatic   q_e in equilibrium,        [M(q) a + c(q, v) + g(q)]_e + spring_e(q_e) = 0  with  v_e = a_e = 0 in it,
+rigid         q_e = 0, gears stiff:      q_m = eta q_g,
+tau_m = J_m a_m + f(v_m) + eta^-T (M a + c + g)_g
+fjm           q_e = 0, gears elastic:    q_m = eta (q_g + p),
+D p' + spring(p) = tau_g = (M a + c + g)_g
+quasistatic   q_e in equilibrium,
+[M(q) a + c(q, v) + g(q)]_e + spring_e(q_e) = 0  with  v_e = a_e = 0 in it,
               then v_e ... from the derivatives of q_e(t); gears as in fjm
 
-Quasi-static deflections are the first term of an expansion in the squares of (frequency of the path / frequency of the
-elasticity); each of ``rounds`` inserts the derivatives of the previous term and adds one term.
+Quasi-static deflections are the first term of an expansion in the squares of (frequency of the
+path / frequency of the elasticity); each of ``rounds`` inserts the derivatives of the previous
+term and adds one term.
 
 The motor coupling is simplified, as the closed form of the gears requires.
 
-Source: A. De Luca, W. Book, in Springer Handbook of Robotics, 2016, ch. 11; P. Kokotovic, H. Khalil, J. O'Reilly,
-Singular Perturbation Methods in Control, 1986, ch. 1 (expansion of the slow motion).
+Source: A. De Luca, W. Book, in Springer Handbook of Robotics, 2016, ch. 11; P. Kokotovic, H.
+Khalil, J. O'Reilly, Singular Perturbation Methods in Control, 1986, ch. 1 (expansion of the slow
+motion).
 """
 
 from __future__ import annotations
@@ -82,7 +87,9 @@ def quasistatic(problem: InversionProblem, h: float) -> MethodResult:
 
 
 def stiff_motion(reduction: Reduction, path: Path, t: np.ndarray) -> Motion:
-    """The arm along the path with undeflected elements, at the instants ``t`` (n,) [s], and its gear torques."""
+    """The arm along the path with undeflected elements, at the instants ``t`` (n,) [s], and its
+    gear torques.
+    """
     sample = path.sample(t)
     still = np.zeros((len(t), len(reduction.i_e)))
     if sample.q_g is not None:  # the joints are given: singular poses do no harm
@@ -132,7 +139,8 @@ def quasistatic_motion(reduction: Reduction, path: Path, t: np.ndarray, rounds: 
     for _ in range(rounds + 1):
         q = _solve_deflections(reduction, sample, q, rate, second)
         smooth = make_interp_spline(wide, q[:, reduction.i_e], k=min(7, len(wide) - 1))
-        rate, second = smooth(wide, 1), smooth(wide, 2)
+        rate = smooth(wide, 1)
+        second = smooth(wide, 2)
     motion = reduction.motion_through(sample, q, [smooth(wide, k) for k in (1, 2, 3, 4)])
     return Motion(*(getattr(motion, name)[inside] for name in ("q", "v", "a", "j", "s", "tau_g")))
 
@@ -140,12 +148,14 @@ def quasistatic_motion(reduction: Reduction, path: Path, t: np.ndarray, rounds: 
 def _solve_deflections(
     reduction: Reduction, sample: PathSample, q: np.ndarray, v_e: np.ndarray, a_e: np.ndarray
 ) -> np.ndarray:
-    """Arm coordinates (n, n_a) on the path whose non-actuated rows hold with the given ``v_e``, ``a_e`` (n, n_e).
+    """Arm coordinates (n, n_a) on the path whose non-actuated rows hold with the given ``v_e``,
+    ``a_e`` (n, n_e).
 
     Newton's method at all instants at once, for q, v_g and a_g; ``q``: where it starts.
     """
     n, n_a = q.shape
-    i_g, i_e = reduction.i_g, reduction.i_e
+    i_g = reduction.i_g
+    i_e = reduction.i_e
     stage = reduction.stage
     symbols = [ca.SX.sym(f"x{i}", stage.size_in(i)[0]) for i in range(4)]
     rows = stage(*symbols)
@@ -155,14 +165,17 @@ def _solve_deflections(
     )
     X = np.zeros((n, 3 * n_a))
     X[:, :n_a] = q
-    X[:, [n_a + i for i in i_e]], X[:, [2 * n_a + i for i in i_e]] = v_e, a_e
-    targets, first, second = reduction.targets(sample), sample.derivative(1), sample.derivative(2)
+    X[:, [n_a + i for i in i_e]] = v_e
+    X[:, [2 * n_a + i for i in i_e]] = a_e
+    targets = reduction.targets(sample)
+    first = sample.derivative(1)
+    second = sample.derivative(2)
     for _ in range(NEWTON_STEPS):
         residual, jacobian = evaluate(newton, X, targets, first, second)
         try:
-            step = np.linalg.solve(jacobian.reshape(n, len(free), -1), -residual.reshape(n, -1, 1))[
-                :, :, 0
-            ]
+            step = np.linalg.solve(
+                jacobian.reshape(n, len(free), -1), -residual.reshape(n, -1, 1)
+            )[:, :, 0]
         except np.linalg.LinAlgError:
             raise SolverError(
                 "quasi-static deflections: singular pose on the path; choose another path"
@@ -173,8 +186,8 @@ def _solve_deflections(
         if np.abs(step).max() <= CLOSE * (1 + np.abs(X).max()):
             return X[:, :n_a].copy()
     raise SolverError(
-        "quasi-static deflections: Newton's method does not converge, the springs do not carry the loads; "
-        "give the move more time"
+        "quasi-static deflections: Newton's method does not converge, the springs do not carry "
+        "the loads; give the move more time"
     )
 
 
@@ -195,8 +208,8 @@ def _instants(problem: InversionProblem) -> np.ndarray:
 def _result(t: np.ndarray, motion: Motion, motors: MotorMotion) -> MethodResult:
     if not np.isfinite(motors.tau_m).all():
         raise SolverError(
-            "the torque is not finite: a gear spring has no stiffness, or the path is not smooth; check the model, or "
-            "raise the smoothness of the move"
+            "the torque is not finite: a gear spring has no stiffness, or the path is not "
+            "smooth; check the model, or raise the smoothness of the move"
         )
     return MethodResult(
         t, motion.q, motion.v, motion.a, motion.tau_g[:, :, 0], motors, status=Status.BASELINE

@@ -4,10 +4,11 @@ The motion of the arm follows from the path and its derivatives at each instant,
 
     Gamma(q) = Z,   W v = Z',   W a + W' v = Z'',  ...,      tau_g = M(q) a + c(q, v) + g(q)
 
-and the motors follow from the gear torques (`flexgen.inversion.motor_side`). Where the path gives the torque kinks, its
-samples do not have the impulse of the torque, and the robot drifts; derivatives of the gear torques by differences over
-the samples, also before the path, have it. After the path the arm rests while the
-deflections of damped gears decay, with the time constant D / K; the last sample is the equilibrium.
+and the motors follow from the gear torques (`flexgen.inversion.motor_side`). Where the path gives
+the torque kinks, its samples do not have the impulse of the torque, and the robot drifts;
+derivatives of the gear torques by differences over the samples, also before the path, have it.
+After the path the arm rests while the deflections of damped gears decay, with the time constant
+D / K; the last sample is the equilibrium.
 """
 
 from __future__ import annotations
@@ -33,14 +34,16 @@ SAMPLES = 200_000  # at most
 def solve(problem: InversionProblem, h: float) -> MethodResult:
     """Solve in closed form at each sample; ``h`` is not used. No options."""
     problem.check_options("closed-form")
-    equations, path = problem.equations, problem.path
+    equations = problem.equations
+    path = problem.path
     if equations.model.n_e:
         raise ArgumentError(
-            f"method closed-form: model {equations.model.name} has {equations.model.n_e} non-actuated coordinates, "
-            "expected none; use lq"
+            f"method closed-form: model {equations.model.name} has {equations.model.n_e} "
+            "non-actuated coordinates, expected none; use lq"
         )
     t, n_post = instants(path.duration, problem.sampling, problem.gear_settling)
-    step, kinks = t[1] - t[0], problem.smoothness.has_kinks
+    step = t[1] - t[0]
+    kinks = problem.smoothness.has_kinks
     n_pre = int(np.ceil(problem.windows[0] / step)) if kinks else 0
     t = np.r_[-step * np.arange(n_pre, 0, -1), t]
     sample = path.sample(t)
@@ -71,7 +74,8 @@ def solve(problem: InversionProblem, h: float) -> MethodResult:
 
 
 def instants(duration: float, step: float, settling: float) -> tuple[np.ndarray, int]:
-    """Instants [s] at most ``step`` apart from the start of a path to ``settling`` after it, and their number after it.
+    """Instants [s] at most ``step`` apart from the start of a path to ``settling`` after it, and
+    their number after it.
 
     All intervals are equal, and the end of the path is one of the instants.
     """
@@ -84,7 +88,8 @@ def instants(duration: float, step: float, settling: float) -> tuple[np.ndarray,
 
 def _append_equilibrium(equations: Equations, result: MethodResult) -> MethodResult:
     """The result with the equilibrium as its last sample."""
-    end, motors = equilibrium_at(equations, result.q[-1]), result.motors
+    end = equilibrium_at(equations, result.q[-1])
+    motors = result.motors
     last = {"q_m": end.q_m, "v_m": 0.0, "a_m": 0.0, "tau_m": end.tau_m}
     arrays = {name: getattr(motors, name).copy() for name in last}
     for name, value in last.items():

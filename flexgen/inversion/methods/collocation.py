@@ -1,16 +1,20 @@
 """Inverse dynamics as collocation optimal control on the reduced problem, solved by IPOPT.
 
-Unknown are the non-actuated coordinates (q_e, v_e) at the nodes of a mesh and the arm's (q, v, a) at the Gauss points
-of each interval. The equations of motion and the path are constraints. The initial state of the zero dynamics is free,
-and the cost is the distance from equilibrium at both ends:
+Unknown are the non-actuated coordinates (q_e, v_e) at the nodes of a mesh and the arm's (q, v, a)
+at the Gauss points of each interval. The equations of motion and the path are constraints. The
+initial state of the zero dynamics is free, and the cost is the distance from equilibrium at both
+ends:
 
     min  |y(0) - y_eq|^2 + |y(T) - y_eq|^2      s.t.   Gamma(q) = Z,  W v = Z',  W a + W' v = Z'',
-                                                       [M a + c + g]_e = tau_e   at the Gauss points
+                                                       [M a + c + g]_e = tau_e
+                                                       at the Gauss points
 
-With an unstable zero dynamics the second term selects the bounded motion, and the first term determines the
-pre-actuation. The reference enters by its exact derivatives, which keeps the order of the Gauss points.
+With an unstable zero dynamics the second term selects the bounded motion, and the first term
+determines the pre-actuation. The reference enters by its exact derivatives, which keeps the order
+of the Gauss points.
 
-Source: L. Biegler, Nonlinear Programming, 2010, ch. 10 (collocation); A. Waechter, L. Biegler, Math. Prog. 106, 2006.
+Source: L. Biegler, Nonlinear Programming, 2010, ch. 10 (collocation); A. Waechter, L. Biegler,
+Math. Prog. 106, 2006.
 """
 
 from __future__ import annotations
@@ -45,8 +49,8 @@ BEFORE = 8  # samples at rest before the mesh, for the derivatives of a spline a
 class Collocated:
     """Solution on the mesh.
 
-    ``nodes`` (N + 1,) [s]; ``q_e``, ``v_e`` (N + 1, n_e); ``a_e`` (N, s, n_e) and ``q`` (N, s, n_a) at the Gauss
-    points; ``nlp``: result of IPOPT.
+    ``nodes`` (N + 1,) [s]; ``q_e``, ``v_e`` (N + 1, n_e); ``a_e`` (N, s, n_e) and ``q`` (N, s,
+    n_a) at the Gauss points; ``nlp``: result of IPOPT.
     """
 
     nodes: np.ndarray
@@ -59,11 +63,14 @@ class Collocated:
     def dense(
         self, table: Tableau, count: int
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Times, q_e, v_e and approximate q_a on a grid ``count`` times finer, from the collocation polynomials."""
+        """Times, q_e, v_e and approximate q_a on a grid ``count`` times finer, from the
+        collocation polynomials.
+        """
         h = np.diff(self.nodes)[:, None, None]
         theta = np.arange(count) / count
         once, twice = table.weights(theta)
-        q_k, v_k = self.q_e[:-1, None, :], self.v_e[:-1, None, :]
+        q_k = self.q_e[:-1, None, :]
+        v_k = self.v_e[:-1, None, :]
         q = q_k + h * theta[None, :, None] * v_k + h**2 * np.einsum("ps,nse->npe", twice, self.a_e)
         v = v_k + h * np.einsum("ps,nse->npe", once, self.a_e)
         t = (self.nodes[:-1, None] + np.diff(self.nodes)[:, None] * theta).ravel()
@@ -79,11 +86,14 @@ class Collocated:
 
 
 def solve(problem: InversionProblem, h: float) -> MethodResult:
-    """Solve the reduced problem on intervals of ``h`` [s]; with limits the full model, see `full_model`. No options."""
+    """Solve the reduced problem on intervals of ``h`` [s]; with limits the full model, see
+    `full_model`. No options.
+    """
     problem.check_options("collocation")
     if problem.limits is not None:
         return full_model.solve(problem, h)
-    reduction, path = Reduction(problem.equations), problem.path
+    reduction = Reduction(problem.equations)
+    path = problem.path
     preactuation, nodes = problem.nodes(h)
     found = collocate(reduction, path, nodes, stages=STAGES, progress=problem.progress)
     count = max(1, int(np.ceil(np.diff(nodes).max() / problem.step - 1e-9)))
@@ -120,7 +130,9 @@ def _smooth_by_spline(
     nodes: np.ndarray,
     q_e: np.ndarray,
 ) -> Motion:
-    """The motion whose non-actuated coordinates and derivatives are those of a spline through the solution."""
+    """The motion whose non-actuated coordinates and derivatives are those of a spline through the
+    solution.
+    """
     # at rest before: without samples from then the derivatives of a spline are poor at its start
     before = nodes[0] - (nodes[1] - nodes[0]) * np.arange(BEFORE, 0, -1)
     smooth = make_interp_spline(
@@ -159,8 +171,11 @@ def collocate(
     SolverError
         IPOPT does not converge; its status is in the text.
     """
-    n_e, i_e, i_g = len(reduction.i_e), reduction.i_e, reduction.i_g
-    n_a, n_g = reduction.model.n_a, reduction.model.n_g
+    n_e = len(reduction.i_e)
+    i_e = reduction.i_e
+    i_g = reduction.i_g
+    n_a = reduction.model.n_a
+    n_g = reduction.model.n_g
     mesh = Transcription(nodes, gauss(stages), n_e, 3 * n_g)
     sample = path.sample(mesh.times)
     guess, ends = _guess(reduction, path, mesh)
@@ -188,10 +203,13 @@ def collocate(
     g, jacobian, _ = mesh.constraints(x, rows, [z, row, h, target, y1, y2], values, scale_x, guess)
 
     check_time(BUILDING)
-    # the cost is quadratic and the constraints leave few freedoms: the Hessian of the cost is curvature enough
+    # the cost is quadratic and the constraints leave few freedoms: the Hessian of the cost is
+    # curvature enough
     first_and_last = np.r_[0 : 2 * n_e, mesh.n_nodes - 2 * n_e : mesh.n_nodes]
-    weight, aim = np.zeros(mesh.size), np.zeros(mesh.size)
-    weight[first_and_last], aim[first_and_last] = 1.0, np.concatenate(ends)
+    weight = np.zeros(mesh.size)
+    aim = np.zeros(mesh.size)
+    weight[first_and_last] = 1.0
+    aim[first_and_last] = np.concatenate(ends)
     cost = ca.dot(ca.DM(weight), (x - ca.DM(aim / scale_x)) ** 2) / 2
     hessian = ca.MX(ca.DM(sp.diags(weight).tocsc()))
     result = solve_nlp(
@@ -202,8 +220,9 @@ def collocate(
     )
     if not result.success:
         raise SolverError(
-            f"method collocation: IPOPT ended with {result.status!r} after {result.iterations} iterations, "
-            f"largest violation {result.violation:.2e}; try a longer --preview, a finer --mesh or --method full"
+            f"method collocation: IPOPT ended with {result.status!r} after {result.iterations} "
+            f"iterations, largest violation {result.violation:.2e}; try a longer --preview, a "
+            "finer --mesh or --method full"
         )
     q_e, v_e, a_e, found = mesh.unpack(result.x * scale_x)
     q = np.zeros((mesh.N, stages, n_a))
@@ -215,7 +234,10 @@ def _guess(
     reduction: Reduction, path: Path, mesh: Transcription
 ) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:
     """Quasi-static motion as a first guess, and the equilibria before and after the path."""
-    i_e, i_g, nodes, times = reduction.i_e, reduction.i_g, mesh.nodes, mesh.times
+    i_e = reduction.i_e
+    i_g = reduction.i_g
+    nodes = mesh.nodes
+    times = mesh.times
     both = np.unique(np.concatenate([nodes, times]))
     slow = CubicSpline(both, reduction.follow(path, both, reduction.start(path).q_a))
     states = np.hstack([slow(nodes)[:, i_e], slow(nodes, 1)[:, i_e]])

@@ -1,15 +1,16 @@
 """Inverse dynamics as optimal control of the full model, with bounds on motor torque and speed.
 
-Nothing is reduced. All coordinates y = (q_a, q_me) are collocated, the motor torques are unknowns, the robot starts in
-equilibrium, and the tool tracks the path in the sense of least squares:
+Nothing is reduced. All coordinates y = (q_a, q_me) are collocated, the motor torques are unknowns,
+the robot starts in equilibrium, and the tool tracks the path in the sense of least squares:
 
     min  mean |e(q_a) / e_0|^2 + rho mean |tau_m' T / tau_0|^2
          + sigma |y(end) - y_eq|^2 + sigma |y'(end)|^2 + sigma |(tau_m(end) - tau_eq) / tau_0|^2
     s.t. the equations of motion at the Gauss points,  |tau_m| <= tau_max,  |v_m| <= v_max,  |q_e| <= deflection_max
 
-The torque is continuous: it is collocated as the speed of further coordinates u, ``u' = tau_m``. Five Gauss points an
-interval, one more than the index of the inverse problem: with fewer the torque loses its order. The tracking error is a
-small fraction of ``e_0``, and larger where limits are active.
+The torque is continuous: it is collocated as the speed of further coordinates u, ``u' = tau_m``.
+Five Gauss points an interval, one more than the index of the inverse problem: with fewer the
+torque loses its order. The tracking error is a small fraction of ``e_0``, and larger where limits
+are active.
 
 Source: J. Betts, Practical Methods for Optimal Control, 2010, ch. 4.
 """
@@ -155,15 +156,18 @@ def collocate_full(
     )
     if not result.success:
         raise SolverError(
-            f"method full: IPOPT ended with {result.status!r} after {result.iterations} iterations, largest "
-            f"violation {result.violation:.2e}; give the move more time, loosen the limits or change --mesh"
+            f"method full: IPOPT ended with {result.status!r} after {result.iterations} "
+            f"iterations, largest violation {result.violation:.2e}; give the move more time, "
+            "loosen the limits or change --mesh"
         )
     return _samples(equations, mesh, result, scales.x, bounds)
 
 
 @dataclass(frozen=True)
 class _Bounds:
-    """Bounds of motor torque (n_m), motor speed (n_m) and deflection (n_e); infinite where there is none."""
+    """Bounds of motor torque (n_m), motor speed (n_m) and deflection (n_e); infinite where there
+    is none.
+    """
 
     torque: np.ndarray
     speed: np.ndarray
@@ -176,12 +180,16 @@ class _Bounds:
     @property
     def finite(self) -> list[int]:
         """Numbers of the finite ones: speeds, torques, deflections."""
-        return np.flatnonzero(np.isfinite(np.r_[self.speed, self.torque, self.deflection])).tolist()
+        return np.flatnonzero(
+            np.isfinite(np.r_[self.speed, self.torque, self.deflection])
+        ).tolist()
 
 
 @dataclass(frozen=True)
 class _SlowMotion:
-    """The quasi-static motion ``y`` (spline over time), and the equilibria ``ends`` and ``torques`` (2, n_m) of it."""
+    """The quasi-static motion ``y`` (spline over time), and the equilibria ``ends`` and
+    ``torques`` (2, n_m) of it.
+    """
 
     reduction: Reduction
     ends: list[np.ndarray]
@@ -200,12 +208,14 @@ class _Scales:
     @staticmethod
     def of(equations: Equations, mesh: Transcription, slow: _SlowMotion) -> _Scales:
         model = equations.model
-        n_a, i_m = model.n_a, list(model.i_m)
-        ratio, inertia = np.abs(model.eta).max(axis=1), np.array([m.inertia for m in model.motors])
+        n_a = model.n_a
+        i_m = list(model.i_m)
+        ratio = np.abs(model.eta).max(axis=1)
+        inertia = np.array([m.inertia for m in model.motors])
         scale_y = np.r_[np.ones(n_a), ratio[i_m]]
-        M = evaluate(equations.function("mass_matrix"), slow.y(mesh.nodes[:1])[:, :n_a])[0].reshape(
-            n_a, n_a
-        )
+        M = evaluate(equations.function("mass_matrix"), slow.y(mesh.nodes[:1])[:, :n_a])[
+            0
+        ].reshape(n_a, n_a)
         arm = np.diag(M)[list(model.i_g)]
         # a direct drive accelerates the arm, not its rotor
         turned = np.where(inertia > 0.0, inertia * ratio, np.abs(np.linalg.inv(model.eta)).T @ arm)
@@ -222,15 +232,17 @@ def _check_equilibrium(model: RobotModel, slow: _SlowMotion, bounds: _Bounds) ->
         needed = float(np.abs(slow.torques[:, j]).max())
         if needed > bounds.torque[j]:
             raise SolverError(
-                f"limits: motor {motor.name} needs {needed:.4g} N m to hold the arm at rest at the ends of the path, "
-                f"its limit is {bounds.torque[j]:.4g} N m; raise the limit or choose another path"
+                f"limits: motor {motor.name} needs {needed:.4g} N m to hold the arm at rest at "
+                f"the ends of the path, its limit is {bounds.torque[j]:.4g} N m; raise the "
+                "limit or choose another path"
             )
     for i, bound in zip(model.i_e, bounds.deflection, strict=True):
         needed = max(abs(end[i]) for end in slow.ends)
         if needed > bound:
             raise SolverError(
-                f"limits: coordinate {model.coordinates[i].name} is deflected by {needed:.4g} at rest at the ends of "
-                f"the path, its limit is {bound:.4g}; raise the limit or choose another path"
+                f"limits: coordinate {model.coordinates[i].name} is deflected by {needed:.4g} "
+                f"at rest at the ends of the path, its limit is {bound:.4g}; raise the limit or "
+                "choose another path"
             )
 
 
@@ -238,7 +250,8 @@ def _guess(
     model: RobotModel, mesh: Transcription, slow: _SlowMotion, bounds: _Bounds
 ) -> np.ndarray:
     """The quasi-static motion as unknowns of the mesh."""
-    n_m, n_y = model.n_m, model.output.size
+    n_m = model.n_m
+    n_y = model.output.size
     torque = np.linspace(slow.torques[0], slow.torques[1], mesh.N + 1).clip(
         -bounds.torque, bounds.torque
     )
@@ -254,9 +267,13 @@ def _guess(
 def _instant(
     equations: Equations, mesh: Transcription, bounds: _Bounds
 ) -> tuple[ca.SX, list[ca.SX], ca.SX, ca.SX, np.ndarray]:
-    """Rows of one instant, the symbols they depend on (unknowns, target, Bernstein weights), and their bounds."""
+    """Rows of one instant, the symbols they depend on (unknowns, target, Bernstein weights), and
+    their bounds.
+    """
     model = equations.model
-    n, n_a, n_y = model.dof, model.n_a, model.output.size
+    n = model.dof
+    n_a = model.n_a
+    n_y = model.output.size
     z, row, h, (y, dy, ddy), e = mesh.instant()
     output = output_map(equations)
     target = ca.SX.sym("target", output.target.shape[0])
@@ -264,8 +281,8 @@ def _instant(
     error = ca.substitute(output.error, symbols, ca.vertcat(y[:n_a], target))
     residual = _instant_rows(equations, y, dy, ddy)
     scale_e = ERROR * min(1.0, reach(equations))
-    # speeds, torques and deflections are polynomials on each interval: their Bernstein coefficients are bounded, which
-    # bounds them everywhere and not at the Gauss points alone
+    # speeds, torques and deflections are polynomials on each interval: their Bernstein
+    # coefficients are bounded, which bounds them everywhere and not at the Gauss points alone
     bernstein = ca.SX.sym("bernstein", 2 * STAGES + 1)
     rates = z[mesh.n : 2 * mesh.n]
     positions = z[: mesh.n] + h * bernstein[2 * STAGES] * rates
@@ -284,11 +301,13 @@ def _cost(
     model: RobotModel, mesh: Transcription, slow: _SlowMotion, duration: float, bounds: _Bounds
 ) -> tuple[np.ndarray, np.ndarray]:
     """Weights and targets of the unknowns: all terms of the cost are squares of unknowns."""
-    n, n_m = model.dof, model.n_m
+    n = model.dof
+    n_m = model.n_m
     count = mesh.N * STAGES
     smooth = SMOOTH_LIMITED if bounds.finite else SMOOTH
     accelerations, errors = mesh.own
-    weight, aim = np.zeros(mesh.size), np.zeros(mesh.size)
+    weight = np.zeros(mesh.size)
+    aim = np.zeros(mesh.size)
     weight[errors.ravel()] = 1.0 / count
     weight[accelerations[:, n:].ravel()] = smooth / count * (ACCELERATION * duration) ** 2
     last = np.arange(mesh.n_nodes - 2 * mesh.n, mesh.n_nodes)
@@ -301,11 +320,16 @@ def _cost(
 def _bounds_of_unknowns(
     model: RobotModel, mesh: Transcription, slow: _SlowMotion, scales: _Scales, bounds: _Bounds
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Lower and upper bounds of the unknowns: torques at the nodes, and equilibrium at the first one."""
-    n, n_m = model.dof, model.n_m
-    lower, upper = np.full(mesh.size, -np.inf), np.full(mesh.size, np.inf)
+    """Lower and upper bounds of the unknowns: torques at the nodes, and equilibrium at the first
+    one.
+    """
+    n = model.dof
+    n_m = model.n_m
+    lower = np.full(mesh.size, -np.inf)
+    upper = np.full(mesh.size, np.inf)
     torques = np.arange(mesh.N + 1)[:, None] * 2 * mesh.n + 2 * mesh.n - n_m + np.arange(n_m)
-    lower[torques], upper[torques] = -bounds.torque / scales.torque, bounds.torque / scales.torque
+    lower[torques] = -bounds.torque / scales.torque
+    upper[torques] = bounds.torque / scales.torque
     first = np.r_[slow.ends[0], np.zeros(n_m), np.zeros(n), slow.torques[0]] / scales.state
     lower[: 2 * mesh.n] = upper[: 2 * mesh.n] = first
     return lower, upper
@@ -340,7 +364,10 @@ def _slow_motion(equations: Equations, path: Path, mesh: Transcription) -> _Slow
 def _instant_rows(equations: Equations, y: ca.SX, dy: ca.SX, ddy: ca.SX) -> ca.SX:
     """Equations of motion (n) at one instant, from (q_a, q_me, u) and their derivatives."""
     model = equations.model
-    n, n_a, n_m, i_m = model.dof, model.n_a, model.n_m, list(model.i_m)
+    n = model.dof
+    n_a = model.n_a
+    n_m = model.n_m
+    i_m = list(model.i_m)
     q_m, v_m, a_m = (ca.SX.zeros(n_m) for _ in range(3))
     for full, part in ((q_m, y), (v_m, dy), (a_m, ddy)):
         for k, j in enumerate(i_m):
@@ -358,12 +385,14 @@ def _speeds(equations: Equations, rates: ca.SX) -> ca.SX:
 
 
 def bernstein_rows(table: Tableau) -> np.ndarray:
-    """Weights of the Bernstein coefficients of speed and position on an interval, from accelerations at its s points.
+    """Weights of the Bernstein coefficients of speed and position on an interval, from
+    accelerations at its s points.
 
-    Row i (of s; 2 s + 1 columns): for coefficient i + 1 of the speed, a polynomial of degree s, the weights of the
-    accelerations; the same for coefficient i + 2 of the position, of degree s + 1; and the weight of the first speed in
-    it. A polynomial lies within the range of its coefficients. The coefficients left out are, up to the order of the
-    method, the last ones of the interval before.
+    Row i (of s; 2 s + 1 columns): for coefficient i + 1 of the speed, a polynomial of degree s,
+    the weights of the accelerations; the same for coefficient i + 2 of the position, of degree s +
+    1; and the weight of the first speed in it. A polynomial lies within the range of its
+    coefficients. The coefficients left out are, up to the order of the method, the last ones of
+    the interval before.
     """
     s = len(table.c)
     out = []
@@ -386,9 +415,14 @@ def _samples(
     scale_x: np.ndarray,
     bounds: _Bounds,
 ) -> FullSolution:
-    """Motion and torques on a grid ``SAMPLES`` times finer than the mesh, from the collocation polynomials."""
+    """Motion and torques on a grid ``SAMPLES`` times finer than the mesh, from the collocation
+    polynomials.
+    """
     model = equations.model
-    n, n_a, i_m, i_g = model.dof, model.n_a, list(model.i_m), list(model.i_g)
+    n = model.dof
+    n_a = model.n_a
+    i_m = list(model.i_m)
+    i_g = list(model.i_g)
     y, dy, ddy, w = mesh.unpack(result.x * scale_x)
     theta = np.arange(SAMPLES) / SAMPLES
     once, twice = mesh.table.weights(theta)
@@ -407,7 +441,8 @@ def _samples(
     ]
     t = np.r_[(mesh.nodes[:-1, None] + mesh.h[:, None] * theta).ravel(), mesh.nodes[-1]]
     sampled = [
-        np.vstack([level.reshape(-1, mesh.n), end]) for level, end in zip(levels, ends, strict=True)
+        np.vstack([level.reshape(-1, mesh.n), end])
+        for level, end in zip(levels, ends, strict=True)
     ]
     arm = [level[:, :n_a] for level in sampled]
     motor = []

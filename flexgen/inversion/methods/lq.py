@@ -1,16 +1,19 @@
-"""Stable inversion by linear-quadratic Gauss-Newton steps, in C: the default method of elastic arms.
+"""Stable inversion by linear-quadratic Gauss-Newton steps, in C: the default method of elastic
+arms.
 
-Unknown are the accelerations of the non-actuated coordinates at three Gauss points of each interval, the control of the
-double integrator y = (q_e, v_e). The squared residuals of the non-actuated rows R(q_e, v_e, a_e, t) of the reduced
-problem are minimized, with small weights on the unknowns that only select the bounded motion among all motions that
-satisfy the rows. The motion starts in equilibrium. No eigenvalues are needed, and points with a zero at infinity, where
+Unknown are the accelerations of the non-actuated coordinates at three Gauss points of each
+interval, the control of the double integrator y = (q_e, v_e). The squared residuals of the
+non-actuated rows R(q_e, v_e, a_e, t) of the reduced problem are minimized, with small weights on
+the unknowns that only select the bounded motion among all motions that satisfy the rows. The
+motion starts in equilibrium. No eigenvalues are needed, and points with a zero at infinity, where
 the rows do not determine the acceleration, do no harm.
 
-Order: the motion at the nodes is of order six in the interval length where the zero dynamics is slow against it, and of
-order four where it is fast.
+Order: the motion at the nodes is of order six in the interval length where the zero dynamics is
+slow against it, and of order four where it is fast.
 
-Source: cf. D. Chen, B. Paden, Int. J. Control 64(1), 1996 (stable inversion); J. B. Rawlings, D. Q. Mayne, M. Diehl,
-Model Predictive Control, 2017, sec. 8.8 (Riccati recursion of Gauss-Newton steps).
+Source: cf. D. Chen, B. Paden, Int. J. Control 64(1), 1996 (stable inversion); J. B. Rawlings, D.
+Q. Mayne, M. Diehl, Model Predictive Control, 2017, sec. 8.8 (Riccati recursion of Gauss-Newton
+steps).
 """
 
 from __future__ import annotations
@@ -44,10 +47,12 @@ PARTS = (2, 4)  # of an interval, where an inversion is not accurate by its own 
 
 
 def solve(problem: InversionProblem, h: float) -> MethodResult:
-    """Solve on intervals of 2 ``h`` [s], at most 10 ms. Option ``native``: compile for this processor.
+    """Solve on intervals of 2 ``h`` [s], at most 10 ms. Option ``native``: compile for this
+    processor.
 
-    Where the inversion has not converged, since its mesh does not resolve the torques, shorter intervals are taken
-    where they help. A simulation does not show such torques: the tool hardly follows ripples between the nodes.
+    Where the inversion has not converged, since its mesh does not resolve the torques, shorter
+    intervals are taken where they help. A simulation does not show such torques: the tool hardly
+    follows ripples between the nodes.
     """
     settled = SETTLED * problem.accuracy
     found, warnings, samples_per_interval = invert_path(problem, "lq", h, settled=settled)
@@ -63,7 +68,8 @@ def solve(problem: InversionProblem, h: float) -> MethodResult:
         except (SolverError, OutOfTime):
             break
         if finer.converged or finer.torque_error <= HELPS * found.torque_error:
-            found, warnings = finer, noted
+            found = finer
+            warnings = noted
     if problem.limits is not None:
         return replace(
             enforce_limits(problem, found, samples_per_interval, TOLERANCE), warnings=warnings
@@ -79,7 +85,8 @@ def invert_path(
 ) -> tuple[Inversion, tuple[str, ...], int]:
     """The inversion by "lq" or "bvp", its warnings, and the samples of each interval.
 
-    The intervals have the length 2 ``h`` [s], at most 10 ms, or ``problem.mesh``, divided by ``parts``.
+    The intervals have the length 2 ``h`` [s], at most 10 ms, or ``problem.mesh``, divided by
+    ``parts``.
     """
     problem.check_options(method, "native")
     library = inversion_library(

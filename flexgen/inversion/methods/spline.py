@@ -9,8 +9,8 @@ squared residuals of the non-actuated rows
     min  sum_k | R(q_e, v_e, a_e, t_k) |^2,        R = [M a + c + g]_e - tau_e
 
 by Gauss-Newton steps. The actuated coordinates follow from the output and its derivatives. The
-motion is at rest before the path and after it. Whether the residuals are small enough is decided by
-the simulation, as for every method.
+motion is at rest before the path and after it. Whether the residuals are small enough is decided
+by the simulation, as for every method.
 
 Source: cf. M. Fliess, J. Levine, P. Martin, P. Rouchon, Int. J. Control 61(6), 1995 (flatness);
 K. Khorasani, P. V. Kokotovic, IEEE TAC 31(2), 1986 (slow manifold of flexible joints).
@@ -34,8 +34,8 @@ from flexgen.paths.path import PathSample
 
 # Four derivatives of the deflections reach the motor torque, and the last is still smooth.
 DEGREE = 7
-# Intervals of the splines on the path, for the usual mesh of a hundredth of the path: fewer than of
-# the mesh, since shorter intervals let the fast oscillation in.
+# Intervals of the splines on the path, for the usual mesh of a hundredth of the path: fewer than
+# of the mesh, since shorter intervals let the fast oscillation in.
 COARSER = 4
 # Residuals of each interval; more than unknowns, so that their squares have one minimum.
 PER_INTERVAL = 6
@@ -169,7 +169,8 @@ def _residual_function(
     symbols = [ca.SX.sym(f"x{i}", *stage.size_in(i)) for i in range(4)]
     value = stage(*symbols)
     both = ca.Function("rows", symbols, [value, ca.densify(ca.jacobian(value, symbols[0]))])
-    n_a, n_e = reduction.model.n_a, len(reduction.i_e)
+    n_a = reduction.model.n_a
+    n_e = len(reduction.i_e)
     outer = [level * n_a + i for level in range(3) for i in reduction.i_g]
     inner = [level * n_a + i for level in range(3) for i in reduction.i_e]
     targets = reduction.targets(sample)

@@ -1,6 +1,8 @@
-"""A program for libasan: modules of loop, controllers, observers and integrator with sanitizers, and hostile numbers.
+"""A program for libasan: modules of loop, controllers, observers and integrator with sanitizers,
+and hostile numbers.
 
-Arguments: a folder for a library of manutec_r3_18; ``planted``, to end with the first controller, which has a bug.
+Arguments: a folder for a library of manutec_r3_18; ``planted``, to end with the first controller,
+which has a bug.
 """
 
 from __future__ import annotations
@@ -49,7 +51,9 @@ def tried(call: Any, *arguments: Any) -> None:
 
 
 def controllers() -> Any:
-    """Runs of a robot with coordinates without motor, and of one without, under every controller in C."""
+    """Runs of a robot with coordinates without motor, and of one without, under every controller
+    in C.
+    """
     plants = {"heavy": {"payload": 3.0, "stiffness": 0.8}}
     push = [flexgen.Disturbance("pulse", "tool.x", 300.0, 0.1, 0.02)]
     laws = {
@@ -67,18 +71,29 @@ def controllers() -> Any:
         for law in own:
             exact = not isinstance(law, flexgen.PPI | flexgen.LQG)
             run = flexgen.control(
-                name, controller=law, plants=plants, disturbances=push, delay=0.0 if exact else 2.5e-4,
-                sample_time=1e-3, encoder_noise=1e-4, solution=solution, exact_state=exact, progress=False,
-            )  # fmt: skip
+                name,
+                controller=law,
+                plants=plants,
+                disturbances=push,
+                delay=0.0 if exact else 2.5e-4,
+                sample_time=1e-3,
+                encoder_noise=1e-4,
+                solution=solution,
+                exact_state=exact,
+                progress=False,
+            )
             assert len(run.runs) == 2
     return run
 
 
 def observers(run: Any) -> None:
-    """Records with numbers that are not finite or huge, for observers and the detector of collisions."""
+    """Records with numbers that are not finite or huge, for observers and the detector of
+    collisions.
+    """
     rng = np.random.default_rng(2)
     detector = flexgen.CollisionDetector(flexgen.read("elbow"), 1e-3)
-    q, tau = run.runs[0].measured, run.runs[0].tau_m
+    q = run.runs[0].measured
+    tau = run.runs[0].tau_m
     detector.calibrate([(q, tau)])
     ekf = flexgen.ExtendedKalmanFilter("manutec_r3_18", sample_time=1e-3)
     observer = flexgen.ConstantGainObserver(flexgen.solve("planar5_nmp", progress=False), parts=3)
@@ -94,9 +109,13 @@ def observers(run: Any) -> None:
 
 
 def motions() -> None:
-    """Short motions of more robots than are computed at once, and of one, with inputs of their own."""
-    local, rng = LocalModel(flexgen.read("planar5_nmp"), ["q1.stiffness"]), np.random.default_rng(4)
-    n, n_m = 2 * local.model.dof, local.model.n_m
+    """Short motions of more robots than are computed at once, and of one, with inputs of their
+    own.
+    """
+    local = LocalModel(flexgen.read("planar5_nmp"), ["q1.stiffness"])
+    rng = np.random.default_rng(4)
+    n = 2 * local.model.dof
+    n_m = local.model.n_m
     simulate = Segments(local.rate, np.eye(n)[:3], 1e-3, 4)
     for robots in (1, 2, 19):
         for bad in (1.0, *BAD):
@@ -114,7 +133,7 @@ def motions() -> None:
 def poses(folder: Path) -> None:
     """Inverse kinematics and functions of an arm with 18 joints, compiled with sanitizers."""
     rng = np.random.default_rng(3)
-    generate_module.find_compiler = sanitized  # type: ignore[assignment]  # (for this library, not those of the cache)
+    generate_module.find_compiler = sanitized  # (for this library, not those of the cache)
     names = ["forward_kinematics", "jacobian", "gravity", "mass_matrix"]
     library = flexgen.load(
         flexgen.generate("manutec_r3_18", folder, functions=names, progress=False).directory
