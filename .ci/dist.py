@@ -38,7 +38,8 @@ def epoch() -> int:
 def normalized(archive: Path, time: int) -> None:
     """Write a .tar.gz again: files sorted, with one time, owner and mode."""
     with tarfile.open(archive) as old:
-        members = [(m, old.extractfile(m).read()) for m in old.getmembers() if m.isfile()]  # type: ignore[union-attr]
+        files = [m for m in old.getmembers() if m.isfile()]
+        members = [(m, old.extractfile(m).read()) for m in files]  # type: ignore[union-attr]
     raw = io.BytesIO()
     with tarfile.open(fileobj=raw, mode="w", format=tarfile.PAX_FORMAT) as new:
         for member, data in sorted(members, key=lambda pair: pair[0].name):

@@ -1,4 +1,4 @@
-"""The public names for type checkers, from the tables in `__init__.py`; `make golden` writes this file."""
+"""The public names for type checkers; `make golden` writes this from `__init__.py`."""
 
 from flexgen.accuracy.figures import PathAccuracy as PathAccuracy
 from flexgen.analysis.analyze import Analysis as Analysis

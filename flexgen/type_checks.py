@@ -110,7 +110,9 @@ def checks_of(function: Callable[..., Any]) -> dict[str, Check]:
     """What the annotations of a function, method or class demand of its parameters, by name,
     decorated or not.
     """
-    constructor: Any = function.__init__ if isinstance(function, type) else function  # type: ignore[misc]
+    constructor: Any = function
+    if isinstance(function, type):
+        constructor = function.__init__  # type: ignore[misc]
     entrance = getattr(constructor, "__checks__", None) or _Entrance(constructor)
     return replace(entrance, own=(), made=None).plan().by_name
 

@@ -56,7 +56,9 @@ def is_infinite(value: Any) -> bool:
     return isinstance(value, float) and math.isinf(value)
 
 
-def check_of(annotation: Any, *, infinite: bool = False, result: bool = False) -> Check | None:  # noqa: C901
+def check_of(  # noqa: C901
+    annotation: Any, *, infinite: bool = False, result: bool = False
+) -> Check | None:
     """The check of an annotation; None where every value passes.
 
     Parameters

@@ -63,7 +63,11 @@ def command_of(function: str) -> Verb:
     names = [arg.arg for arg, _ in _parameters(node)]
     model = "none" if names[:1] != ["model"] else "optional" if "model" in defaults else "required"
     verb = Verb(
-        function.replace("_", "-"), "", function, model, summary=docstring.partition("\n")[0]
+        function.replace("_", "-"),
+        "",
+        function,
+        model,
+        summary=" ".join(docstring.partition("\n\n")[0].split()),
     )
     for arg, value in _parameters(node):
         option = _option(arg, defaults.get(arg.arg), docstring, required=value is None)

@@ -272,6 +272,7 @@ def worst(rows: list[Row], times: Callable[[Row], float]) -> str:
 def table(rows: list[Row], times: Callable[[Row], float]) -> str:
     """The smallest ratio of each model, instruction set and number of points."""
     counts = (*COUNTS, MEMORY)
+    version = subprocess.run([CC, "--version"], capture_output=True, text=True)
     lines = [
         "| robot | instruction set | " + " | ".join(f"{n} points" for n in counts) + " |",
         "| --- | --- |" + " --- |" * len(counts),

@@ -68,7 +68,8 @@ def arm(data: dict[str, Any], prefix: str, parent: str) -> dict[str, Any]:
         for dof in element.get("dof", []):
             dof["name"] = prefix + dof["name"]
     for motor in found["motor"]:
-        motor["name"], motor["drives"] = prefix + motor["name"], prefix + motor["drives"]
+        motor["name"] = prefix + motor["name"]
+        motor["drives"] = prefix + motor["drives"]
     return found
 
 

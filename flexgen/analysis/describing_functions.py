@@ -1,10 +1,9 @@
 """Describing functions: the linear elements that replace nonlinear ones in a Gaussian motion.
 
     spring       N = E[tau(m + s e) e] / s,   E[tau(m + s e)] = T
-    m, s: mean and deviation of the deflection,
-                                                                      T: mean torque, e: standard Gaussian
+                 m, s: mean and deviation of the deflection, T: mean torque, e: standard Gaussian
     Coulomb      N = j w F sqrt(2/pi) / v
-    torque F sgn, v: standard deviation of the speed
+                 torque F sgn, v: standard deviation of the speed
     hysteresis   N = k E[A^2 H(A/x)] / E[A^2]       A of Rayleigh's distribution with the scale s
                  H(a) = (t - sin(2 t)/2 + j sin(t)^2) / pi,  cos(t) = 1 - 2/a;  H = 1 for a < 1
 

@@ -98,7 +98,8 @@ def numbers_of(body: Body) -> np.ndarray:
     """The ten numbers of a body."""
     c = np.array(body.com, dtype=float)
     h = body.mass * c
-    I = np.array(body.inertia, dtype=float) + body.mass * (c @ c * np.eye(3) - np.outer(c, c))  # noqa: E741
+    about = body.mass * (c @ c * np.eye(3) - np.outer(c, c))
+    I = np.array(body.inertia, dtype=float) + about  # noqa: E741
     return np.array([body.mass, *h, I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[1, 2], I[0, 2]])
 
 

@@ -200,7 +200,8 @@ def time_constants(zeros: np.ndarray) -> tuple[float, float]:
     """
     unstable = zeros.real[zeros.real > ON_AXIS * np.abs(zeros)]
     stable = -zeros.real[zeros.real < -ON_AXIS * np.abs(zeros)]
-    return tuple(float(1 / x.min()) if len(x) else 0.0 for x in (unstable, stable))  # type: ignore[return-value]
+    slowest = [float(1 / x.min()) if len(x) else 0.0 for x in (unstable, stable)]
+    return slowest[0], slowest[1]
 
 
 def preview(time_constant: float, share: float = PREVIEW_SHARE) -> float:

@@ -54,11 +54,13 @@ def scenario_controller(
     """
     title = ""
     if isinstance(given, str) and given == "reference":
-        given, title = chosen.reference, given
+        title = given
+        given = chosen.reference
     if isinstance(given, str):
         files = find_shipped_controllers(chosen.name, chosen.version)
         if given in files:
-            given, title = files[given], given
+            title = given
+            given = files[given]
         elif "." not in given:
             known = ", ".join(["reference", *files])
             raise ArgumentError(

@@ -4,7 +4,7 @@
 |---|---|---|
 | frames | pose of the world in the frame of the measurement; positions of the trackers | m, rad |
 | zeros | zero of each actuated coordinate | rad or m |
-| placements | pose of each element at its parent: three shifts, then three rotations about the same axes | m, rad |
+| placements | pose of each element at its parent: three shifts, then three rotations | m, rad |
 | compliances | of gears and of axes without a motor | rad/(N m), m/N |
 | mechanisms | factors of ``mimic`` | - |
 | masses | masses and centers of mass | kg, m |

@@ -88,7 +88,8 @@ class Numbers:
             "surface": new.surfaces,
         }
         for unknown, value in zip(unknowns, x, strict=True):
-            arrays[unknown.kind][unknown.at if len(unknown.at) > 1 else unknown.at[0]] = value  # type: ignore[index]
+            place: tuple[int, ...] | int = unknown.at if len(unknown.at) > 1 else unknown.at[0]
+            arrays[unknown.kind][place] = value  # type: ignore[index]
         return new
 
 

@@ -175,14 +175,15 @@ def _action(verb: Verb) -> Any:
 
 
 def _summary(verb: Verb) -> str:
-    """What a verb does: of its row, or the first line of the docstring of its function."""
+    """What a verb does: of its row, or the first paragraph of the docstring of its function."""
     if not (verb.summary or verb.action):
         return command_of(verb.function).summary
-    return verb.summary or (_action(verb).__doc__ or "").strip().partition("\n")[0]
+    paragraph = (_action(verb).__doc__ or "").strip().partition("\n\n")[0]
+    return verb.summary or " ".join(paragraph.split())
 
 
 def _add_verb(group: Any, name: str, verb: Verb, root: Parser) -> None:
-    """Add a verb; the first line of the docstring of its function is its help."""
+    """Add a verb; the first paragraph of the docstring of its function is its help."""
     action = _action(verb)
     summary = _summary(verb)
     parser: Parser = group.add_parser(name, help=summary, description=summary)

@@ -255,9 +255,9 @@ def inversion_header(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> 
 {comment(f"{name}: inverse dynamics along a path, written by flexgen. Do not edit.")} *
 {
         comment(
-            "invert takes a whole path. A stream takes one sample of the path per update and returns the current "
-            "torques. Both give the motor torques for exact tracking of the output, also where the zero dynamics is "
-            "unstable."
+            "invert takes a whole path. A stream takes one sample of the path per update and "
+            "returns the current torques. Both give the motor torques for exact tracking of the "
+            "output, also where the zero dynamics is unstable."
         )
     } */
 #ifndef {guard}

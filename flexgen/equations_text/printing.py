@@ -377,7 +377,8 @@ def _pieces(expr: sp.Expr, printer: LatexPrinter) -> list[str]:
                 sp.Mul(*[part for part in term.args if part is not brackets[0]])
             )
             inner = _pieces(brackets[0], printer)
-            inner[0], inner[-1] = rf"{sign}{outside} \bigl( {inner[0]}", rf"{inner[-1]} \bigr)"
+            inner[0] = rf"{sign}{outside} \bigl( {inner[0]}"
+            inner[-1] = rf"{inner[-1]} \bigr)"
             out += inner
         else:
             out.append(sign + source)

@@ -282,7 +282,8 @@ class TrigonometricRing:
             )
             for frequency, (c, s) in _expand(monomial[self.n :]).items():
                 pair = waves.setdefault(frequency, [self.zero, self.zero])
-                pair[0], pair[1] = pair[0] + rest * c, pair[1] + rest * s
+                pair[0] = pair[0] + rest * c
+                pair[1] = pair[1] + rest * s
         return {frequency: pair for frequency, pair in waves.items() if any(pair)}
 
     def _powers(self, frequency: tuple[int, ...]) -> tuple[Element, Element]:

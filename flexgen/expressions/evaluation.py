@@ -20,7 +20,9 @@ from flexgen.expressions.routine import (
 )
 
 
-def evaluate_routine(program: Routine, inputs: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:  # noqa: C901
+def evaluate_routine(  # noqa: C901
+    program: Routine, inputs: Mapping[str, np.ndarray]
+) -> dict[str, np.ndarray]:
     """Ports and intermediate arrays of a routine.
 
     Parameters

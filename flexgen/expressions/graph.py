@@ -137,7 +137,8 @@ class Graph:
         if x is not None and y is not None:
             return self.constant(x * y)
         if y is not None:
-            a, b, x = b, a, y
+            a, b = b, a
+            x = y
         if x is not None:
             if x == 0.0:
                 return self.constant(0.0)

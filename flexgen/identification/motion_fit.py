@@ -263,7 +263,8 @@ class _Shooting:
                 out[s] = curve[np.clip(index, 0, len(curve) - 1)]
             else:
                 last = self._times[r] + self.sample_s * (len(self.measured[r]) - 1)
-                out[s] = curve(np.clip(self._times[r] + at, self._times[r], last))  # type: ignore[operator]
+                instants = np.clip(self._times[r] + at, self._times[r], last)
+                out[s] = curve(instants)  # type: ignore[operator]
         return out
 
     def _of(self, x: np.ndarray) -> tuple[np.ndarray, float, np.ndarray]:

@@ -92,7 +92,8 @@ class Solution(Result):
     >>> solution = flexgen.solve("elbow")
     >>> print(solution.status, solution.warnings)
     solved ()
-    >>> f"{solution.simulation.torque_max_Nm:.2f} N m, {solution.simulation.speed_max_rad_s:.0f} rad/s"
+    >>> simulated = solution.simulation
+    >>> f"{simulated.torque_max_Nm:.2f} N m, {simulated.speed_max_rad_s:.0f} rad/s"
     '19.76 N m, 331 rad/s'
     """
 
@@ -129,10 +130,9 @@ class Solution(Result):
         """Status, tool error, largest torque and speed, trajectory, warnings; methods that were
         left before.
         """
-        t, torque, speed = (
-            self.trajectory.time,
-            *(np.abs(self.trajectory[x]).max() for x in ("tau_m", "v_m")),
-        )
+        t = self.trajectory.time
+        torque = np.abs(self.trajectory["tau_m"]).max()
+        speed = np.abs(self.trajectory["v_m"]).max()
         attempts = [f"  tried before: {text}" for text in self.details.get("attempts", ())]
         return "\n".join(
             [

@@ -400,8 +400,7 @@ def _refine(  # noqa: C901
     attempts = 1 if (problem.mesh is not None or not method.refines) else ATTEMPTS
     best = None
     least = (True, np.inf)
-    hidden = False
-    near = False
+    hidden = near = False
     for attempt in range(attempts + (RETRIES if attempts > 1 else 0)):
         last = attempt + 1 >= attempts
         if attempt >= attempts and (not least[0] or not (hidden or near)):

@@ -59,8 +59,8 @@ class DummyDerivatives:
     c, d : sequences of int
         Offsets of the rows (motion, output) and of the unknowns (y, tau_m).
 
-    ``place[j][r]``: where the r-th derivative of unknown j stands in Y; ``orders``: highest derivative of the target;
-    ``freedom``: number of states.
+    ``place[j][r]``: where the r-th derivative of unknown j stands in Y; ``orders``: highest
+    derivative of the target; ``freedom``: number of states.
     """
 
     def __init__(self, dae: InverseDae, c: Sequence[int], d: Sequence[int]) -> None:

@@ -73,8 +73,8 @@ class StrangenessFree:
     x_rest : array (n_x,)
         A static equilibrium, for the scales.
 
-    ``a``, ``d``: numbers of algebraic and differential equations; SolverError where the ranks are not clear, or do not
-    satisfy the hypothesis (``a + d = n_x``) for this mu.
+    ``a``, ``d``: numbers of algebraic and differential equations; SolverError where the ranks are
+    not clear, or do not satisfy the hypothesis (``a + d = n_x``) for this mu.
     """
 
     def __init__(self, dae: InverseDae, mu: int, x_rest: np.ndarray) -> None:

@@ -7,7 +7,8 @@ it touches.
 f: force on the tool, v: its speed. A force at one frequency makes speeds at all of these, since
 the controller samples and holds:
 
-    v_k = G_vf(j w_k) f_k - G_vu(j w_k) H(j w_k) exp(-j w_k t_d) (1 + C P)^-1 C  1/T sum_m G_yf(j w_m) f_m
+    v_k = G_vf(j w_k) f_k
+          - G_vu(j w_k) H(j w_k) exp(-j w_k t_d) (1 + C P)^-1 C  1/T sum_m G_yf(j w_m) f_m
 
 H: hold, t_d: delay, T: sample time, P: sampled robot, C: controller. The loop is passive where
 mu >= 0 at all frequencies up to half of w_s; then no passive surrounding makes it unstable.

@@ -5,8 +5,8 @@ Each solution is simulated on plants whose springs or masses differ from the mod
 
 feedforward    the torque alone, open loop; the arm drifts where the torque does not carry it.
 feedback       the torque and a cascade controller of the motor angles, with the reference of the
-               same solution, tau = tau_ff + k_v (e_v + k_i int e_v dt), e_v = v_ref + k_p (q_ref -
-               q_m) - v_m
+               same solution,
+               tau = tau_ff + k_v (e_v + k_i int e_v dt),  e_v = v_ref + k_p (q_ref - q_m) - v_m
 
 The robot starts in equilibrium with the motors at the first reference; with feedback the
 integrator starts with the torque that the feedforward lacks. So rigid and fjm start with the

@@ -56,6 +56,18 @@ BUILDERS: dict[str, Builder] = (
     | {name: _flexible_joint(name) for name in FLEXIBLE_JOINT}
 )
 
+# Rows of the functions in the docstring of the equations.
+_DESCRIBED = [row for row in (*TABLE, *PYTHON_TABLE) if row.name in BUILDERS]
+
+# Rows of the functions in the docstring of the equations.
+_DESCRIBED = [row for row in (*TABLE, *PYTHON_TABLE) if row.name in BUILDERS]
+
+# Rows of the functions in the docstring of the equations.
+_DESCRIBED = [row for row in (*TABLE, *PYTHON_TABLE) if row.name in BUILDERS]
+
+# Rows of the functions in the docstring of the equations.
+_DESCRIBED = [row for row in (*TABLE, *PYTHON_TABLE) if row.name in BUILDERS]
+
 
 @checked_class
 class Equations(System):  # noqa: D101, its docstring is made from the table
@@ -64,7 +76,7 @@ class Equations(System):  # noqa: D101, its docstring is made from the table
     `function` gives these functions, with sizes as in the model, SI units, and arm quantities on \
 the arm side::
 
-{textwrap.indent(reference([row for row in (*TABLE, *PYTHON_TABLE) if row.name in BUILDERS]), 8 * " ")}
+{textwrap.indent(reference(_DESCRIBED), 8 * " ")}
 
     ``NAME_jvp`` and ``NAME_vjp`` are products with the derivatives of a function: see \
 `flexgen.mechanics.products`.

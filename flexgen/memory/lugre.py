@@ -219,7 +219,8 @@ def _along(
     z = np.zeros(len(v))
     w = np.zeros(len(v))
     for k in range(len(v) - 1):
-        z[k + 1], w[k + 1] = E[k] * z[k] + F[k], w[k] + G[k] * z[k] + H[k]
+        z[k + 1] = E[k] * z[k] + F[k]
+        w[k + 1] = w[k] + G[k] * z[k] + H[k]
     return z, w
 
 

@@ -169,7 +169,8 @@ def _find(model: str | Path, variant: str | None) -> tuple[Path, str, str]:
         )
     path = Path(text)
     try:
-        exists, regular = path.exists(), path.is_file()
+        exists = path.exists()
+        regular = path.is_file()
     except (OSError, ValueError):
         exists = regular = False
     if not exists:

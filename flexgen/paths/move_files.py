@@ -40,8 +40,8 @@ def read_moves(file: str | Path, model: RobotModel) -> tuple[Move, ...]:
     Examples
     --------
     >>> from pathlib import Path
-    >>> text = "type = 'joint'\\nstart_deg = [0, 0]\\nend_deg = [30, 0]\\nduration = 0.8\\nsmoothness = 5"
-    >>> length = Path("moves.toml").write_text("[[move]]\\nname = 'lift'\\n" + text)
+    >>> text = "[[move]]\\nname = 'lift'\\ntype = 'joint'\\nstart_deg = [0, 0]\\nend_deg = [30, 0]"
+    >>> length = Path("moves.toml").write_text(text + "\\nduration = 0.8\\nsmoothness = 5")
     >>> (lift,) = flexgen.read_moves("moves.toml", flexgen.read("elbow"))
     >>> print(flexgen.solve("elbow", lift).status)
     solved

@@ -7,22 +7,23 @@ can skip it; "n x" are n numbers.
     path     length, LAYOUT, n_t, n_y, n_a, segments, duration, n_a x q_start, n_y x column of a
              curve of the tool (0 to 2: position, 3: angle) of an output; then the segments
     segment  length, start, duration, space, law, curve
-    law
-    a polynomial, or: length, 2, time_scale, its powers 1 and 2, phases m, (m + 1) x start of a phase,
-             (m + 1) x distance there, m x first speed, m x last speed; then m steps (a block of length 1: none)
-    step
-    a polynomial, or: length, 1, duration, knots m, derivatives k, m x knot, m k x derivatives -1 to k - 2
-    polynomial  length, 0, duration, its powers 1 and 2, scale, n, 4 x n coefficients: integral, value, two derivatives
+    law      a polynomial, or: length, 2, time_scale, its powers 1 and 2, phases m, (m + 1) x start
+             of a phase, (m + 1) x distance there, m x first speed, m x last speed; then m steps
+             (a block of length 1: none)
+    step     a polynomial, or: length, 1, duration, knots m, derivatives k, m x knot,
+             m k x derivatives -1 to k - 2
+    polynomial  length, 0, duration, its powers 1 and 2, scale, n, 4 x n coefficients: integral,
+             value, two derivatives
     curve    length, dimension d, 1 with an orientation, sections; then the sections
     straight length, 0, arc length at its start, parameter there, d x position, 9 x R, geometry
-    corner
-    length, 1, arc length at its start, first and last parameter, length of the segment before, resolution,
-             d x position, 4 x quaternion, knots m (0: no table), m x knot, m x arc length there;
+    corner   length, 1, arc length at its start, first and last parameter, length of the segment
+             before, resolution, d x position, 4 x quaternion, knots m (0: no table), m x knot,
+             m x arc length there;
              then the polynomial, the geometry before and the geometry after it
-    geometry length, kind (0: line, 1: arc), its range, rate of rotation, 3 x rotation, 3 x axis, 9 x square of the
-             cross-product matrix; line: d x displacement; arc: 3 x radius vector, 3 x the same
-             turned by 90 deg, rate, (d - 3) x displacement of an angle, in proportion to the
-             parameter
+    geometry length, kind (0: line, 1: arc), its range, rate of rotation, 3 x rotation, 3 x axis,
+             9 x square of the cross-product matrix; line: d x displacement; arc: 3 x radius
+             vector, 3 x the same turned by 90 deg, rate, (d - 3) x displacement of an angle, in
+             proportion to the parameter
 
 Matrices are stored by rows. Parameters of corners are those of the curve, see
 `flexgen.paths.blended_curve`.

@@ -113,7 +113,8 @@ class CommandedPath:
         d, dd, ddd = (np.asarray(spline(self.time, order)) for order in range(3))
         dy, ddy = self._rates
         if self._R is None:
-            return tuple(np.ascontiguousarray(x) for x in (self._y + d, dy + dd, ddy + ddd))  # type: ignore[return-value]
+            moved = self._y + d, dy + dd, ddy + ddd
+            return tuple(np.ascontiguousarray(x) for x in moved)  # type: ignore[return-value]
         turn = Rotation.from_rotvec(d[:, 3:])
         R = turn.as_matrix() @ self._R
         w = _left_jacobian(d[:, 3:], dd[:, 3:]) + turn.apply(dy[:, 3:])

@@ -53,7 +53,9 @@ from flexgen.type_checks import checked_result, checked_types
 ITERATIONS = 6
 SHARE = 0.7  # of the lowest locked frequency
 GROWS = 1.05  # an error that is that much larger than the best ends learning
-TRACKER, ACCELEROMETER = MEASURED_BY = ("tracker", "accelerometer")
+TRACKER = "tracker"
+ACCELEROMETER = "accelerometer"
+MEASURED_BY = (TRACKER, ACCELEROMETER)
 SETTLED = 2e-2  # of the error before learning: changes below it are noise
 
 

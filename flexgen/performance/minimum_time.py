@@ -1,6 +1,7 @@
 """The fastest motion along a path: a time law whose exact torques keep all limits.
 
-    minimize T  subject to  |tau_m| <= tau_max,  |v_m| <= v_max,  |dtau_m/dt| <= rate_max,  |deflection| <= limit
+    minimize T  subject to  |tau_m| <= tau_max,  |v_m| <= v_max,  |dtau_m/dt| <= rate_max,
+                            |deflection| <= limit
 
 over T and the inner coefficients c of a spline time law (`flexgen.paths.time_laws.SplineLaw`).
 Torques and motion are those of the exact inversion of the elastic robot in C, before, on and after

@@ -527,17 +527,11 @@ class _Estimate:
             )
             return self.see(tau[:, list(self.robot.i_g)] - needed)
 
-        prior = np.zeros((count, count))
+        prior = self._prior(count, first, soft)
         last = np.zeros(count)
         part = 1.0
         change = np.inf
-        prior[LOAD:, LOAD:] = np.diag(
-            np.r_[np.full(first - LOAD, FRICTION_SD), self.stiffness_sd[soft]] ** -2.0
-        )
-        J = np.zeros((tau.size, count))
-        J[:, 4] = -self.see(self.late).ravel()
-        for k in range(LOAD, first):
-            J[:, k] = self.see(self.friction[:, k - LOAD]).ravel()
+        J = self._fixed_slopes(tau.size, count, first)
         with keep_best():
             for k in range(STEPS):
                 if k and is_over():
@@ -574,27 +568,53 @@ class _Estimate:
                     break
         r = residual(x)
         weight = prior * self._variance(r)
-        inverse = np.linalg.inv(J.T @ J + weight) * self._variance(r)
-        # what their priors leave open
-        of_springs = inverse[:, first:] @ prior[first:, first:] @ inverse[first:]
-        covariances = [inverse, self._left_out(r, J, weight) + of_springs]
+        covariances = self._covariances(r, J, weight, prior[first:, first:])
         sd = np.sqrt(np.max([np.diag(each) for each in covariances], axis=0))
         is_nothing = max(x[0], moved) < 2 * sd[0]  # steps between masses that noise hides
         reason = reason_of_end()
         is_hidden = (np.abs(x - before)[:4] < OF_DEVIATION * sd[:4]).all()
-        if not (change < NOT_CLOSE or is_nothing or is_hidden or reason):
+        if not reason:
+            self._check_end(change, is_nothing or is_hidden, r, tau)
+        return replace(self._result(x[:first], r, sd[0], covariances), ended=reason)
+
+    def _prior(self, count: int, first: int, soft: np.ndarray) -> np.ndarray:
+        """The precision of the unknowns (count, count) before the record."""
+        sd = np.r_[np.full(first - LOAD, FRICTION_SD), self.stiffness_sd[soft]]
+        prior = np.zeros((count, count))
+        prior[LOAD:, LOAD:] = np.diag(sd**-2.0)
+        return prior
+
+    def _fixed_slopes(self, rows: int, count: int, first: int) -> np.ndarray:
+        """The columns of the Jacobian (rows, count) of delay and frictions."""
+        J = np.zeros((rows, count))
+        J[:, 4] = -self.see(self.late).ravel()
+        for k in range(LOAD, first):
+            J[:, k] = self.see(self.friction[:, k - LOAD]).ravel()
+        return J
+
+    def _covariances(
+        self, r: np.ndarray, J: np.ndarray, weight: np.ndarray, of_springs: np.ndarray
+    ) -> list[np.ndarray]:
+        """By residuals, and by parts left out with what the springs leave open."""
+        inverse = np.linalg.inv(J.T @ J + weight) * self._variance(r)
+        count = len(of_springs)
+        springs = inverse[:, -count:] @ of_springs @ inverse[-count:] if count else 0.0
+        return [inverse, self._left_out(r, J, weight) + springs]
+
+    def _check_end(self, change: float, is_small: bool, r: np.ndarray, tau: np.ndarray) -> None:
+        """SolverError where the last change was too large, or the torques are not explained."""
+        if not (change < NOT_CLOSE or is_small):
             raise SolverError(
                 f"load: no solution in {STEPS} steps, the last changed the load by "
                 f"{change:.1e}; does the record belong to the model {self.robot.name}?"
             )
         unexplained = float(np.linalg.norm(r) / np.linalg.norm(tau))
-        if not (unexplained < UNEXPLAINED or reason):
+        if not unexplained < UNEXPLAINED:
             raise SolverError(
                 f"load: no load explains the record, {100 * unexplained:.0f} % of the torques "
                 f"are left; does it belong to the model {self.robot.name}, in rad and N m of "
                 "the motors?"
             )
-        return replace(self._result(x[:first], r, sd[0], covariances), ended=reason)
 
     def _result(
         self, x: np.ndarray, r: np.ndarray, mass_sd: float, covariances: list[np.ndarray]

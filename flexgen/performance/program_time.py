@@ -331,7 +331,8 @@ class ProgramSearch:
         shared = []
         for x, g, G, C in zip(state.x, state.g, own, connecting, strict=True):
             cost, rows, right, limits = linear_program(x, g, G, trust, float(x[0]), penalty)
-            cost[0], cost[len(x) + 1 :] = x[0] / total, cost[len(x) + 1 :] / count
+            cost[0] = x[0] / total
+            cost[len(x) + 1 :] = cost[len(x) + 1 :] / count
             costs.append(cost)
             blocks.append(csr_matrix(rows))
             rights.append(right)

@@ -54,10 +54,8 @@ def plot_path(path: Path) -> Figure:
     if len(set(units)) == 1:
         unit = f", {units[0]}"
     else:
-        unit, labels = (
-            "",
-            tuple(f"{label}, {unit}" for label, unit in zip(labels, units, strict=True)),
-        )
+        labels = tuple(f"{label}, {unit}" for label, unit in zip(labels, units, strict=True))
+        unit = ""
     per = ("/s", "/s^2") if unit else ("", "")
     names = (f"y{unit}", f"dy{unit}{per[0]}", f"ddy{unit}{per[1]}")
     rows = [(name, y[:, :, k], labels) for k, name in enumerate(names)]

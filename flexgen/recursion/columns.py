@@ -276,7 +276,9 @@ def _changes(chain: Chain, by_q: Target, by_v: Target) -> list[Step]:
     }
     inputs = {name: ca.SX.sym(name, size) for name, size in sizes.items()}
     axis, rate, speed, acceleration, moments, motion, force, momentum = inputs.values()
-    (z, b), (k, K), (n_all, f) = _halves(axis), _halves(motion), _halves(force)
+    z, b = _halves(axis)
+    k, K = _halves(motion)
+    n_all, f = _halves(force)
     h = moments[:3]
     H = _symmetric(moments[3:])
     K = ca.reshape(K, 3, 3)

@@ -195,7 +195,8 @@ def _flatten(model: RobotModel) -> tuple[list[_Raw], Pose, int]:
     and its joint.
     """
     raws: list[_Raw] = []
-    last, pose = -1, pose_of(model.base)
+    last = -1
+    pose = pose_of(model.base)
 
     def carry(body: Body, carrier: str = "") -> None:
         if last < 0:
@@ -215,7 +216,8 @@ def _flatten(model: RobotModel) -> tuple[list[_Raw], Pose, int]:
         axis = np.array(dof.axis, dtype=float)
         turn = (_axis_frame(axis / np.linalg.norm(axis)), np.zeros(3))
         raws.append(_Raw(dof.type == "rotation", compose(pose, turn), NOTHING, last))
-        last, pose = len(raws) - 1, inverse(turn)
+        last = len(raws) - 1
+        pose = inverse(turn)
 
     tips = {"base": (last, pose)}
     for element in model.elements:

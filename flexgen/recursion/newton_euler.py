@@ -361,7 +361,9 @@ def project_wrenches(
     for i in reversed(range(len(chain.joints))):
         joint = chain.joints[i]
         load = carried[i]
-        force, moment = sums[i] = plus(load[0], beyond[i][0]), plus(load[1], beyond[i][1])
+        force = plus(load[0], beyond[i][0])
+        moment = plus(load[1], beyond[i][1])
+        sums[i] = force, moment
         tau.insert(0, moment[Z] if joint.revolute else force[Z])
         if joint.before >= 0:
             on, about = beyond[joint.before]

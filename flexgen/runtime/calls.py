@@ -198,7 +198,8 @@ class Function:
             buffers = pool.pop()
         except IndexError:
             buffers = self._buffers()
-        for x, memory, shape in zip(args, buffers.inputs, self._shapes):  # noqa: B905 (as many: bound above)
+        # As many of each: they were bound above.
+        for x, memory, shape in zip(args, buffers.inputs, self._shapes):  # noqa: B905
             if type(x) is not _ARRAY or x.dtype is not real or x.shape != shape:
                 pool.append(buffers)
                 return self._general(args, out)

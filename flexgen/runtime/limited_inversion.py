@@ -143,9 +143,10 @@ class LimitedInverter(Inverter):
 
         Parameters
         ----------
-        y, dy, ddy, period, q_start, n_pre, n_post, samples_per_interval, tolerance, hold, delay, settled, growth
-            As of `Library.invert`, like ``parameters``, ``force`` and ``servo``. The deviation is zero at the first and
-            the last sample: repeat these at rest where the motion may take longer than the path.
+        y, dy, ddy, period, q_start, n_pre, n_post, samples_per_interval, tolerance, hold, delay
+            As of `Library.invert`, like ``settled``, ``growth``, ``parameters``, ``force`` and
+            ``servo``. The deviation is zero at the first and the last sample: repeat these at rest
+            where the motion may take longer than the path.
         torque_max, speed_max, torque_rate_max : array (n_m,), optional
             Largest motor torques [N m], motor speeds [rad/s], and rates of the torques between samples [N m/s].
         deflection_max : array (n_e,), optional

@@ -61,7 +61,8 @@ def command_positions(
 ) -> PositionCommands:
     """Positions to send to a robot that takes no torques, so that its tool follows a move exactly.
 
-        servo(samples, interpolated) sends the torques of inverse dynamics along the motor angles of the solution
+        servo(samples, interpolated) sends the torques of inverse dynamics
+        along the motor angles of the solution
 
     Parameters
     ----------

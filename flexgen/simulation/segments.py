@@ -69,7 +69,8 @@ class Segments:
     def with_steps(self, steps: int) -> Segments:
         """The same simulation in so many steps from one sample to the next."""
         made = copy(self)
-        made.steps, made.step = steps, self.step * self.steps / steps
+        made.steps = steps
+        made.step = self.step * self.steps / steps
         return made
 
     def __call__(

@@ -125,10 +125,8 @@ def _plain(value: Any) -> str:
     if not isinstance(value, dict):
         return repr(value)
     if all(is_count(key) for key in value):
-        return (
-            f"[{', '.join(repr(value.get(str(k), 0.0)) for k in range(max(3, *(int(k) + 1 for k in value))))}"
-            "]"
-        )
+        count = max(3, *(int(key) + 1 for key in value))
+        return f"[{', '.join(repr(value.get(str(k), 0.0)) for k in range(count))}]"
     return f"{{ {', '.join(f'{key} = {_plain(x)}' for key, x in value.items())} }}"
 
 

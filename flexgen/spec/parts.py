@@ -146,9 +146,9 @@ class GearFriction(Friction):
     """Friction of a motor and its gear, ``type = "gear"``: against speed w, gear torque tau and
     temperature T.
 
-        f = F_v w + (coulomb + load_coulomb L + F_s / cosh(a w) + load_stribeck L / cosh(load_alpha w)) tanh(beta w)
-            + offset,    L = sqrt(tau^2 + s^2) - s,    s = load_smoothing,
-            d = T + temperature_rise - T_r
+        f = F_v w + offset + tanh(beta w) (coulomb + load_coulomb L
+            + F_s / cosh(a w) + load_stribeck L / cosh(load_alpha w))
+        L = sqrt(tau^2 + s^2) - s,    s = load_smoothing,    d = T + temperature_rise - T_r
 
         F_v = viscous (1 - viscous_share + viscous_share exp(-d / viscous_decay))
         F_s = max(0, stribeck + stribeck_slope d),

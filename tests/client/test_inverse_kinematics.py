@@ -32,7 +32,9 @@ CLIENT = r"""
 #include <stdio.h>
 #include <stdlib.h>
 
-#define ALL(most) manutec_r3_inverse_kinematics(p, R, q, NULL, MANUTEC_R3_STARTS, most, found, &count, work, size)
+#define ASK(q_min, starts, most, size) \\
+    manutec_r3_inverse_kinematics(p, R, q, q_min, starts, most, found, &count, work, size)
+#define ALL(most) ASK(NULL, MANUTEC_R3_STARTS, most, size)
 
 int main(void)
 {
@@ -52,9 +54,9 @@ int main(void)
     printf("%d", ALL(0));
     printf(" %d", ALL(17));
     printf(" %d", manutec_r3_inverse_kinematics(p, R, q, twice, 9, 1, found, &count, work, size));
-    printf(" %d", manutec_r3_inverse_kinematics(p, R, q, outside, 9, 1, found, &count, work, size));
+    printf(" %d", ASK(outside, 9, 1, size));
     printf(" %d", manutec_r3_inverse_kinematics(p, R, q, NULL, 0, 1, found, &count, work, size));
-    printf(" %d", manutec_r3_inverse_kinematics(p, R, q, NULL, 9, 1, found, &count, work, size - 1));
+    printf(" %d", ASK(NULL, 9, 1, size - 1));
     printf(" %d", manutec_r3_inverse_kinematics(p, R, q, NULL, 9, 1, NULL, &count, work, size));
     printf(" %d", manutec_r3_inverse_kinematics(p, R, q, NULL, 9, 1, found, &count, NULL, size));
     R[4] *= 1.001;

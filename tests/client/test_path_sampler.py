@@ -45,7 +45,8 @@ int main(void)
     static double work[10000];
     double y[PLANAR5_NMP_NT], dy[PLANAR5_NMP_NY], ddy[PLANAR5_NMP_NY];
     if (planar5_nmp_path_work() > 10000 ||
-        planar5_nmp_path_sample(planar5_nmp_path_line, PLANAR5_NMP_PATH_LINE_SIZE, 0.2, y, dy, ddy, work, 10000) != 0) {
+        planar5_nmp_path_sample(planar5_nmp_path_line, PLANAR5_NMP_PATH_LINE_SIZE, 0.2,
+                                y, dy, ddy, work, 10000) != 0) {
         return 1;
     }
     printf("%a %a %a %a %a %a\n", y[0], y[1], dy[0], dy[1], ddy[0], ddy[1]);

@@ -154,7 +154,7 @@ def test_a_planted_swap_of_arguments_is_seen(built, tmp_path):
 def test_invert_and_stream_have_the_bits_of_python(built):
     path = flexgen.plan(NAME)
     y = path.sample(np.arange(501) * 1e-3).y
-    y, dy, ddy = y[:, :, 0], y[:, :, 1], y[:, :, 2]
+    y, dy, ddy = (y[:, :, k] for k in range(3))
     script = f"""
 [m, info] = {NAME}.invert (y, dy, ddy, 1e-3, q, struct ('n_pre', 20, 'n_post', 50, \
 'samples_per_interval', 10));

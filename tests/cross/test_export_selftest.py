@@ -139,8 +139,16 @@ CASES = "planar5_nmp_selftest_cases.h"
             lambda m: m[1] + str((int(m[2]) + 5) % 10),
             "forward_dynamics.a_m",
         ),
-        (r"_inverse_dynamics\((\w+\[k\]), (\w+\[k\])", r"_inverse_dynamics(\2, \1", "inverse_dynamics.tau_a"),
-        (r"(rest_tau_m\[1\]\[2\] = \{\s*\{-?\d+\.\d{4})(\d)", lambda m: m[1] + str((int(m[2]) + 5) % 10), "at rest"),
+        (
+            r"_inverse_dynamics\((\w+\[k\]), (\w+\[k\])",
+            r"_inverse_dynamics(\2, \1",
+            "inverse_dynamics.tau_a",
+        ),
+        (
+            r"(rest_tau_m\[1\]\[2\] = \{\s*\{-?\d+\.\d{4})(\d)",
+            lambda m: m[1] + str((int(m[2]) + 5) % 10),
+            "at rest",
+        ),
         (r"move_y\[k \+ 1\], move_dy", "move_y[k], move_dy", "stream_update.tau_m"),
     ],
 )  # fmt: skip

@@ -129,7 +129,8 @@ def test_the_stream_has_the_bits_of_python(blocks, flags):
 @pytest.mark.parametrize(
     ("old", "new"),
     [
-        ("memcpy(ssGetDWork(S, KEPT), ssGetDWork(S, SCRATCH),", "memcpy(ssGetDWork(S, SCRATCH), ssGetDWork(S, KEPT),"),
+        ("memcpy(ssGetDWork(S, KEPT), ssGetDWork(S, SCRATCH),",
+         "memcpy(ssGetDWork(S, SCRATCH), ssGetDWork(S, KEPT),"),
         ("ssGetInputPortRealSignal(S, 1), ssGetInputPortRealSignal(S, 2)",
          "ssGetInputPortRealSignal(S, 2), ssGetInputPortRealSignal(S, 1)"),
     ],

@@ -306,7 +306,8 @@ def flipped_offset(model: RobotModel) -> RobotModel:
 def flipped_product(model: RobotModel) -> RobotModel:
     """A product of inertia with the wrong sign."""
     inertia = np.array(model.elements[0].body.inertia)
-    inertia[0, 1], inertia[1, 0] = -inertia[0, 1], -inertia[1, 0]
+    inertia[0, 1] = -inertia[0, 1]
+    inertia[1, 0] = -inertia[1, 0]
     return change(
         model, 3, body=replace(model.elements[3].body, inertia=tuple(map(tuple, inertia)))
     )

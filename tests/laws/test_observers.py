@@ -441,7 +441,7 @@ def test_a_smoother_reconstructs_a_deviation_without_delay(solution):
         true[k] = z[: solution.model.n_a]
     found = smoother.deviation(dy, np.zeros((count, solution.model.n_m)))
     assert np.abs(found - true).max() < 0.15 * np.abs(true).max()
-    assert smoother.deviation(0 * dy, np.zeros((count, solution.model.n_m))).any() == False  # noqa: E712
+    assert not smoother.deviation(0 * dy, np.zeros((count, solution.model.n_m))).any()
 
 
 def test_torques_between_samples():

@@ -502,7 +502,8 @@ def two_samples(target: Target, rng: np.random.Generator) -> tuple[Call, set[str
     ends = {
         key: target.path[key][[0, -1 if rng.random() < 0.5 else 0]] for key in ("y", "dy", "ddy")
     }
-    ends["dy"], ends["ddy"] = 0 * ends["dy"], 0 * ends["ddy"]
+    ends["dy"] = 0 * ends["dy"]
+    ends["ddy"] = 0 * ends["ddy"]
     period = float(rng.choice([1e-3, 0.3, 3.0]))
     sizes = {key: int(rng.choice([0, 1, 5])) for key in ("n_pre", "n_post")}
     return call_of(

@@ -33,7 +33,7 @@ _TEXT = r"""
 
 enum { NA = @_NA, NG = @_NG, NM = @_NM, NY = @_NY, NT = @_NT };
 
-/* Room for n numbers in a block that ends behind them; it is aligned to a number and not to two. */
+/* Room for n numbers in a block that ends behind them; it is aligned to a number, not to two. */
 static double *room(long long n)
 {
     double *block = malloc(((size_t)n + 1) * sizeof(double));
@@ -67,19 +67,20 @@ static double *numbers(long long n)
 }
 
 typedef @_status solver(
-    const @_samples *, const double *, const @_inversion_options *, @_motion *, int, double *, int64_t);
+    const @_samples *, const double *, const @_inversion_options *, @_motion *, int, double *,
+    int64_t);
 
 /* Solvers with the same arguments; reported: whether they are given an info. */
-static @_status invert(const @_samples *samples, const double *q_start, const @_inversion_options *options,
-    @_motion *motion, int reported, double *work, int64_t size)
+static @_status invert(const @_samples *samples, const double *q_start,
+    const @_inversion_options *options, @_motion *motion, int reported, double *work, int64_t size)
 {
     @_invert_info info;
     return @_invert(samples, q_start, options, motion, reported ? &info : NULL, work, size);
 }
 
 #if @_NE > 0
-static @_status bvp(const @_samples *samples, const double *q_start, const @_inversion_options *options,
-    @_motion *motion, int reported, double *work, int64_t size)
+static @_status bvp(const @_samples *samples, const double *q_start,
+    const @_inversion_options *options, @_motion *motion, int reported, double *work, int64_t size)
 {
     @_bvp_info info;
     return @_bvp(samples, q_start, options, motion, reported ? &info : NULL, work, size);
@@ -95,7 +96,8 @@ static int whole_path(solver *function, int64_t (*wanted)(int, const @_inversion
     const double delay = next();
     const int null = (int)next();
     const long long lacking = (long long)next();
-    const @_inversion_options options = {n_pre, n_post, samples_per_interval, tolerance, hold, delay, 0.0, 0};
+    const @_inversion_options options = {
+        n_pre, n_post, samples_per_interval, tolerance, hold, delay, 0.0, 0};
     const int64_t most = wanted(n, &options);
     const long long size = most > 0 ? (most > lacking ? most - lacking : 0) : 8;
     const long long total = most > 0 ? (long long)n + n_pre + n_post : 1;
@@ -130,7 +132,8 @@ static @_stream stream; /* in this memory */
 
 static int step(const double *y, const double *dy, const double *ddy)
 {
-    @_motion motion = {results[0], results[1], NULL, results[2], results[3], results[4], results[5]};
+    @_motion motion = {
+        results[0], results[1], NULL, results[2], results[3], results[4], results[5]};
     @_stream_info info;
     return (int)@_stream_update(&stream, y, dy, ddy, &motion, &info);
 }
@@ -142,7 +145,8 @@ static int begin(void)
     const double period = next(), tolerance = next();
     const @_hold hold = (@_hold)(int)next();
     const double delay = next();
-    const @_stream_options options = {intervals, samples_per_interval, period, tolerance, hold, delay};
+    const @_stream_options options = {
+        intervals, samples_per_interval, period, tolerance, hold, delay};
     const int64_t most = @_stream_work(&options);
     const long long size = most > lacking ? most - lacking : 8;
     const int widths[6] = {NA, NA, NG, NM, NM, NM};

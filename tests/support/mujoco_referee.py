@@ -56,7 +56,8 @@ class MujocoReferee:
             <body name="base" pos="{text(model.base.position)}" \
 quat="{quaternion(np.array(model.base.rotation))}">
               \
-{self._inertial("base", Body(), np.zeros(3), np.eye(3))}{self._carried("base", np.zeros(3), np.eye(3))}
+{self._inertial("base", Body(), np.zeros(3), np.eye(3))}\
+{self._carried("base", np.zeros(3), np.eye(3))}
               {self._children("base", np.zeros(3), np.eye(3))}
             </body>
           </worldbody>

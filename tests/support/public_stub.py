@@ -9,8 +9,7 @@ from pathlib import Path
 import flexgen
 
 STUB = Path(flexgen.__file__).with_suffix(".pyi")
-HEAD = '''"""The public names for type checkers, from the tables in `__init__.py`; `make golden` \
-writes this file."""
+HEAD = '''"""The public names for type checkers; `make golden` writes this from `__init__.py`."""
 
 '''
 END = """

@@ -193,7 +193,8 @@ def test_a_mesh_that_does_not_resolve_the_torques_is_halved(
     """
     model = flexgen.read("planar5_nmp")
     finest = solve.INTERVALS
-    rest, worst = iter(estimates), iter(errors)
+    rest = iter(estimates)
+    worst = iter(errors)
 
     def made_next(*_: Any, intervals: int = 100) -> Any:
         error = next(rest)
@@ -218,7 +219,9 @@ def test_a_mesh_that_does_not_resolve_the_torques_is_halved(
     )
     assert bool(found.warnings) == (estimates[kept] != 0.0)
     for planted, first in (([0.0, 0.1], 100), (estimates, finest + 1)):
-        rest, worst, reached = iter(planted), iter([1e-6]), BestSolution()
+        rest = iter(planted)
+        worst = iter([1e-6])
+        reached = BestSolution()
         monkeypatch.setattr(solve, "make_solution", lambda *x, n=first: made_next(*x, intervals=n))
         found = solve._refine(Problem(), find_method("lq"), reached)  # type: ignore[arg-type]
         assert found is not None and found.details["torque_error"] == planted[0]

@@ -129,7 +129,8 @@ def test_c_refuses_null_pointers_and_too_little_memory(library):
     options = struct_of(
         structs["inversion_options"], n_pre=100, n_post=100, samples_per_interval=5, tolerance=1e-9
     )
-    motion, info = structs["motion"](), structs["invert_info"]()
+    motion = structs["motion"]()
+    info = structs["invert_info"]()
 
     def status(null: int | None = None, member: str = "") -> int:
         path = struct_of(

@@ -69,7 +69,9 @@ class Motion(dict[str, Any]):
 
     def __init__(self, **channels: Any) -> None:
         super().__init__(channels)
-        self.time, self.channels, self.meta = TIME, self, {"move": "line"}
+        self.time = TIME
+        self.channels = self
+        self.meta = {"move": "line"}
 
 
 def test_windows_of_time_hold_path_and_torques() -> None:

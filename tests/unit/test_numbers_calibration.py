@@ -403,7 +403,8 @@ def lines(robust: bool, whitening: np.ndarray | None = None) -> tuple[Lines, np.
     slopes = rng.normal(size=(12, 2, 3, 4))
     x = np.array([-0.02, 0.3, 0.5, -0.7])
     measured = slopes @ x + 0.01 * rng.normal(size=(12, 2, 3))
-    measured[4, 1], measured[7, 0, 2] = np.nan, measured[7, 0, 2] + 0.5
+    measured[4, 1] = np.nan
+    measured[7, 0, 2] += 0.5
     rows = [
         ("compliance", 0.1, 1.0),
         ("compliance", 0.2, 0.05),

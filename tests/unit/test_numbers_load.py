@@ -210,7 +210,9 @@ def test_steps_between_masses_that_noise_hides_end_alike_for_light_arms(
     masses = []
     for size in (1.0, 1e-3):
         made = estimate(monkeypatch, [3.0, 0.3, -0.2, 0.1, 0.02])
-        made.of_file[1], made.unit, made.slopes = 2.0 * size, size, made.slopes / size
+        made.of_file[1] = 2.0 * size
+        made.unit = size
+        made.slopes = made.slopes / size
         left = np.diag([16.0, 0.0, 0.0, 0.0, 0.0]) * size**2
         monkeypatch.setattr(
             payload._Estimate, "_left_out", lambda self, r, J, weight, left=left: left

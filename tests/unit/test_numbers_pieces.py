@@ -131,7 +131,10 @@ def test_torques_of_bristles_follow_their_law() -> None:
     for j, gain in enumerate((1.0, -0.5)):
         speed = lambda x, gain=gain: gain * 3.0 * np.sin(w * x) ** 3  # noqa: E731
         stiffness, damping = rows[j][3:]
-        right = lambda x, y, j=j, speed=speed, k=stiffness: [k * rate(j, speed(x), y[0])]  # noqa: E731
+
+        def right(x, y, j=j, speed=speed, k=stiffness):
+            return [k * rate(j, speed(x), y[0])]
+
         exact = solve_ivp(
             right, (0.0, 0.5), [0.0], "LSODA", t, rtol=1e-8, atol=1e-10, max_step=2e-3
         ).y[0]

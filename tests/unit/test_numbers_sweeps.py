@@ -553,9 +553,7 @@ def test_ranks_and_what_they_rest_on() -> None:
     assert (full.rank, full.below) == (2, 0.0) and full.gap == pytest.approx(1 / 2.2e-16)
 
 
-def test_arrays_without_the_equations_that_only_name_a_rate_have_ranks_smaller_by_their_number() -> (
-    None
-):
+def test_without_the_equations_that_only_name_a_rate_ranks_are_smaller_by_their_number() -> None:
     """x0' = x1 and a second equation: rows of order 0 and 1."""
     F_x = np.array([[[0.0, -1.0], [2.0, 3.0]], [[0.0, 0.0], [1.0, 0.5]]])
     F_dx = np.array([[[1.0, 0.0], [0.0, 4.0]], [[0.0, 0.0], [0.0, 1.0]]])

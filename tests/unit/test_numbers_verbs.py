@@ -405,7 +405,8 @@ def test_a_chain_is_stable_up_to_its_largest_frequency(predicted: bool) -> None:
             new = float(-g @ ahead)
             new = float(-g @ moved(ahead, new, 0.5e-3)) if predicted else new
             x = moved(moved(x, before, 0.4e-3), last, 0.6e-3)
-            last, before = new, last
+            before = last
+            last = new
             sizes.append(np.abs(x * [1.0, 1e-3]).max())
         return float(np.max(sizes[-300:]) / np.max(sizes[300:600]))
 

@@ -194,12 +194,26 @@ def test_a_file_appears_whole_or_not_at_all(tmp_path, monkeypatch) -> None:
 @pytest.mark.parametrize(
     "content",
     [
-        [], 5, {}, {"results": 5, "times": 5}, {"results": [5, 6], "times": [{}, {}]}, {"results": [], "times": []},
-        {"results": [{"case": 0, "samples": 2**70}, {"case": 1}], "times": [{"case": 0}, {"case": 1}]},
-        {"results": [{"case": 0, "torque_max": "x"}, {"case": 1}], "times": [{"case": 0}, {"case": 1}]},
-        {"results": [{"case": 0, "samples": [1]}, {"case": 1}], "times": [{"case": 0}, {"case": 1}]},
+        [],
+        5,
+        {},
+        {"results": 5, "times": 5},
+        {"results": [5, 6], "times": [{}, {}]},
+        {"results": [], "times": []},
+        {
+            "results": [{"case": 0, "samples": 2**70}, {"case": 1}],
+            "times": [{"case": 0}, {"case": 1}],
+        },
+        {
+            "results": [{"case": 0, "torque_max": "x"}, {"case": 1}],
+            "times": [{"case": 0}, {"case": 1}],
+        },
+        {
+            "results": [{"case": 0, "samples": [1]}, {"case": 1}],
+            "times": [{"case": 0}, {"case": 1}],
+        },
     ],
-)  # fmt: skip
+)
 def test_a_shard_with_a_right_checksum_and_wrong_content_is_computed_again(
     tmp_path, content
 ) -> None:

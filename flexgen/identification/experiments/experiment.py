@@ -74,8 +74,11 @@ class Experiment(ArrayResult):
         Of the torques between samples: ``"zoh"`` or ``"none"``.
     signals : complex array (k, realizations, experiments, periods, lines, channels) or None
         Of the sensor channels ``plan.sensors``, SI units.
-    offsets, beside : arrays (offsets,), (k, realizations, experiments, offsets, lines, 2 n_m + channels), or None
-        Spectra of torques, angles and signals of the whole record beside the lines, see `spectra`; None: not kept.
+    offsets : array (offsets,) or None
+        Of the lines of ``beside`` from those of the plan; None: not kept.
+    beside : array (k, realizations, experiments, offsets, lines, 2 n_m + channels) or None
+        Spectra of torques, angles and signals of the whole record beside the lines, see `spectra`;
+        None: not kept.
     offsets_later, beside_later : the same
         Of the record without its first period, for a transient there; None: fewer than three periods are left.
     orders : tuple of int or None

@@ -26,8 +26,8 @@ class RecordingWriter:
     model : RobotModel
         The model of the plan; its file is named in the description.
 
-    Call it with pose, realization, experiment, angles and torques (samples, n_m) and signals (samples, channels), as
-    `measure` does; then `finish`.
+    Call it with pose, realization, experiment, angles and torques (samples, n_m) and signals
+    (samples, channels), as `measure` does; then `finish`.
     """
 
     def __init__(self, folder: Path, plan: Plan, model: RobotModel) -> None:

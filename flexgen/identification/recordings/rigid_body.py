@@ -402,7 +402,8 @@ def _fit_bodies(columns: Columns, prior: _Prior, start: _Numbers, sd: np.ndarray
     for j in range(len(sd)):  # the part of rows that friction cannot explain
         U, s, Vt = np.linalg.svd(F[:, j], full_matrices=False)
         keep = s > 1e-9 * s[0]
-        U, solve = U[:, keep], (Vt[keep].T / s[keep]) @ U[:, keep].T
+        U = U[:, keep]
+        solve = (Vt[keep].T / s[keep]) @ U.T
         solvers.append(solve)
         reduced_X.append((X[:, j] - U @ (U.T @ X[:, j])) * weight[j])
         reduced_t.append((target[:, j] - U @ (U.T @ target[:, j])) * weight[j])
@@ -414,7 +415,8 @@ def _fit_bodies(columns: Columns, prior: _Prior, start: _Numbers, sd: np.ndarray
     lagged = np.linalg.solve(
         N[n:, n:] + np.diag(P), np.column_stack([N[n:, :n], b[n:] - P * start.lags])
     )
-    N, b = N[:n, :n] - N[:n, n:] @ lagged[:, :n], b[:n] - N[:n, n:] @ lagged[:, n]
+    b = b[:n] - N[:n, n:] @ lagged[:, n]
+    N = N[:n, :n] - N[:n, n:] @ lagged[:, :n]
     maps = Feasible(n // 10, units(prior.pi))
     square = sum(float(t @ t) for t in reduced_t)
 

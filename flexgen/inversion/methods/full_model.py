@@ -5,7 +5,8 @@ the robot starts in equilibrium, and the tool tracks the path in the sense of le
 
     min  mean |e(q_a) / e_0|^2 + rho mean |tau_m' T / tau_0|^2
          + sigma |y(end) - y_eq|^2 + sigma |y'(end)|^2 + sigma |(tau_m(end) - tau_eq) / tau_0|^2
-    s.t. the equations of motion at the Gauss points,  |tau_m| <= tau_max,  |v_m| <= v_max,  |q_e| <= deflection_max
+    s.t. the equations of motion at the Gauss points,
+         |tau_m| <= tau_max,  |v_m| <= v_max,  |q_e| <= deflection_max
 
 The torque is continuous: it is collocated as the speed of further coordinates u, ``u' = tau_m``.
 Five Gauss points an interval, one more than the index of the inverse problem: with fewer the
