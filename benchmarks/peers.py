@@ -326,7 +326,8 @@ def measure(row: Prepared, builds: Builds, timer: Path, args: argparse.Namespace
             side = "pinocchio_clang" if label.endswith("_clang") else "pinocchio"
             best[side] = min(best.get(side, label), label, key=row.row.ns.__getitem__)
     for side, label in best.items():
-        row.row.ns[side], row.row.median[side] = row.row.ns[label], row.row.median[label]
+        row.row.ns[side] = row.row.ns[label]
+        row.row.median[side] = row.row.median[label]
     shown = "  ".join(f"{label} {ns:.4g}" for label, ns in row.row.ns.items())
     say(f"  {row.spec.name}: {shown}")
 

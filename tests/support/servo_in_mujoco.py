@@ -72,11 +72,9 @@ class OwnServo:
 
     def __post_init__(self) -> None:
         self.memories = [np.zeros((2, len(self.start))) for _ in self.filters]
-        self.reference, self.before, self.angle = (
-            self.start.copy(),
-            self.start.copy(),
-            self.start.copy(),
-        )
+        self.reference = self.start.copy()
+        self.before = self.start.copy()
+        self.angle = self.start.copy()
         self.integral = np.zeros_like(self.start)
 
     def torque(self, command: np.ndarray, angle: np.ndarray) -> np.ndarray:

@@ -161,10 +161,8 @@ def test_c_refuses_null_pointers_and_too_little_memory(library):
     for n_post in range(100, 108):  # whatever is in the workspace, and wherever its arrays end
         options.n_post = n_post
         tau_m = np.empty((100 + n + n_post, 2))
-        work, motion = (
-            np.full(wanted(n, ctypes.byref(options)), 1e300),
-            struct_of(structs["motion"], tau_m=tau_m),
-        )
+        work = np.full(wanted(n, ctypes.byref(options)), 1e300)
+        motion = struct_of(structs["motion"], tau_m=tau_m)
         assert status() == 0
         expected = library.invert(**given(n_pre=100, n_post=n_post, tolerance=1e-9))
         assert (
