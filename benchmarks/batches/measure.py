@@ -272,7 +272,6 @@ def worst(rows: list[Row], times: Callable[[Row], float]) -> str:
 def table(rows: list[Row], times: Callable[[Row], float]) -> str:
     """The smallest ratio of each model, instruction set and number of points."""
     counts = (*COUNTS, MEMORY)
-    version = subprocess.run([CC, "--version"], capture_output=True, text=True)
     lines = [
         "| robot | instruction set | " + " | ".join(f"{n} points" for n in counts) + " |",
         "| --- | --- |" + " --- |" * len(counts),
@@ -314,8 +313,7 @@ many points. Slower as a batch, of {len(rows)} functions and numbers of points: 
 The loop reads 64 points in turn and writes all results to one place, so that both stay in the
 cache, while the batch reads and writes the arrays of all points. Where a point has hundreds of
 results (derivatives), or few operations, moving them through memory can take longer than computing
-them, and the ratio is below 1: it says what the arrays cost, not that a loop would fill them \
-faster.
+them, and the ratio is below 1: it says what the arrays cost, not that a loop fills them faster.
 benchmarks/peers.md compares in this way.
 
 {table(rows, lambda row: row.not_kept)}

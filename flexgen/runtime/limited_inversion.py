@@ -148,15 +148,18 @@ class LimitedInverter(Inverter):
             ``servo``. The deviation is zero at the first and the last sample: repeat these at rest
             where the motion may take longer than the path.
         torque_max, speed_max, torque_rate_max : array (n_m,), optional
-            Largest motor torques [N m], motor speeds [rad/s], and rates of the torques between samples [N m/s].
+            Largest motor torques [N m], motor speeds [rad/s], and rates of the torques between
+            samples [N m/s].
         deflection_max : array (n_e,), optional
             Largest deflections of the unactuated coordinates [rad or m].
         gear_torque_max, joint_speed_max, joint_acceleration_max : array (n_g,), optional
-            Largest torques of the gears, arm side, and speeds and accelerations of their joints [SI units].
+            Largest torques of the gears, arm side, and speeds and accelerations of their joints
+            [SI units].
         tool_speed_max, tool_acceleration_max : float
             Of a path of the tool: its largest speed [m/s] and acceleration [m/s^2]; 0: no limit.
         torque_speed : sequence of arrays (points, 2), optional
-            For each motor points [rad/s, N m] of its largest torque over the speed: a convex region; () for none.
+            For each motor points [rad/s, N m] of its largest torque over the speed: a convex
+            region; () for none.
         knot_samples : int
             Samples between two knots of the deviation; 0: a thirtieth of the path.
 

@@ -80,18 +80,20 @@ class Experiment(ArrayResult):
         Spectra of torques, angles and signals of the whole record beside the lines, see `spectra`;
         None: not kept.
     offsets_later, beside_later : the same
-        Of the record without its first period, for a transient there; None: fewer than three periods are left.
+        Of the record without its first period, for a transient there; None: fewer than three
+        periods are left.
     orders : tuple of int or None
         Time derivatives from each sensor channel to an acceleration.
     periodic : bool
         False: the periods are windowed segments of a motion without period.
     references : array (k, realizations, experiments, samples, n_m) or None
-        One period of the reference angles of recordings [rad], motor side; None: those of the plan.
+        One period of the reference angles of recordings [rad], motor side; None: those of the
+        plan.
     lines_by_torque : bool
         The lines are those where the torques are large: lines of distortion can be among them.
     ended : str
-        Empty; ``"time limit"`` or ``"interrupted"`` where poses of the plan were not measured: they
-        are left out.
+        Empty; ``"time limit"`` or ``"interrupted"`` where poses of the plan were not measured:
+        they are left out.
 
     Examples
     --------
