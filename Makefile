@@ -77,10 +77,10 @@ test-slow: $(VENV)/.test           ## the other tests (about half an hour on two
 # OpenBLAS has kernels for each kind of processor, and their last bits differ: with vectors of 128, 256 and 512 bits. The
 # last ones need such a processor.
 KERNELS := Nehalem Haswell $(if $(shell grep -s -m 1 -o avx512f /proc/cpuinfo),SkylakeX)
-OF_NUMBERS := tests/unit/test_blas_kernels.py tests/unit/test_solvability.py tests/unit/test_numbers_middle.py \
-    tests/unit/test_structure.py tests/unit/test_zero_path.py tests/unit/test_unstable_open_loop.py \
-    tests/unit/test_planning.py tests/laws/test_minimum_time.py tests/laws/test_observers.py tests/laws/test_identify.py \
-    tests/laws/test_frequency_responses.py tests/laws/test_hold.py tests/cross/test_calibration.py tests/cross/test_growth.py \
+OF_NUMBERS := tests/base/test_blas_kernels.py tests/analysis/test_solvability.py tests/codegen/test_numbers_middle.py \
+    tests/dynamics/test_structure.py tests/analysis/test_zero_path.py tests/inversion/test_unstable_open_loop.py \
+    tests/planning/test_planning.py tests/planning/test_minimum_time.py tests/feedback/test_observers.py tests/identification/test_identify.py \
+    tests/identification/test_frequency_responses.py tests/inversion/test_hold.py tests/cross/test_calibration.py tests/cross/test_growth.py \
     tests/published/test_analysis.py
 
 test-kernels: $(VENV)/.test        ## tests of linear algebra with the kernels of other processors (2 minutes)
@@ -100,13 +100,13 @@ test-arrays: $(VENV)/.arrays       ## also the tests of PyTorch (TORCH=..., defa
 
 robots: $(VENV)/.test              ## 200 moves of elastic robots made from public URDF files
 	@echo "flexgen: generated robots, about 80 minutes on an idle core"
-	@$(BIN)/python -m pytest -m robots tests/laws/test_generated_robots.py $(PYTEST)
+	@$(BIN)/python -m pytest -m robots tests/inversion/test_generated_robots.py $(PYTEST)
 
 fuzz: $(VENV)/.test                ## 10,000 mutated files for each reader of files
 	@echo "flexgen: mutated files, about 5 minutes on two cores"
 	@$(RUN_TESTS) -m fuzz tests/fuzz $(PYTEST)
 
-C_FILES := $(wildcard flexgen/clib/*.[ch] flexgen/loop/*.[ch] flexgen/simulation/*.c flexgen/identification/*.c flexgen/laws/*.c flexgen/observers/*.c flexgen/autodiff/*.c flexgen/exports/*/*.[ch] flexgen/exports/fmu/c/*.[ch] examples/*.[ch] examples/motion_control/*.h examples/motion_control/*/*.h benchmarks/*.[ch] tests/support/*/*.[ch])
+C_FILES := $(wildcard flexgen/codegen/clib/*.[ch] flexgen/feedback/loop/*.[ch] flexgen/simulation/*/*.c flexgen/feedback/laws/*.c flexgen/feedback/observers/*.c flexgen/backends/autodiff/*.c flexgen/exports/c_code/*/*.[ch] flexgen/exports/fmu/c/*.[ch] examples/*.[ch] examples/motion_control/*.h examples/motion_control/*/*.h benchmarks/*.[ch] tests/support/*/*.[ch])
 
 lint: $(VENV)/.lint                ## check format and style
 	$(BIN)/ruff format --check .
@@ -147,6 +147,7 @@ golden: $(VENV)/.installed         ## write generated/elbow, the stub and tests/
 	$(BIN)/python tests/support/emitted_hashes.py
 	$(BIN)/python tests/support/public_stub.py
 	$(BIN)/python tests/support/room_picture.py
+	$(BIN)/python tests/support/room_pages.py
 	$(BIN)/python tests/support/public_face.py
 	$(BIN)/python tests/golden/test_model_files.py
 	$(BIN)/python tests/golden/test_pictures.py

@@ -79,7 +79,7 @@ def license_of(package: PackageMetadata) -> str:
 
 def version() -> str:
     """Of flexgen, from the text of the package."""
-    text = (ROOT / "flexgen" / "version.py").read_text(encoding="utf-8")
+    text = (ROOT / "flexgen" / "base" / "version.py").read_text(encoding="utf-8")
     return text.partition('__version__ = "')[2].partition('"')[0]
 
 

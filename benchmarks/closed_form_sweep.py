@@ -21,10 +21,10 @@ from pathlib import Path
 import numpy as np
 
 import flexgen
-from flexgen.paths.time_laws import TimeLaw
-from flexgen.sweeps.cases import Grid, random_moves
-from flexgen.sweeps.closed_form_batch import JointMoves
-from flexgen.sweeps.sweep import sweep
+from flexgen.paths.timing.time_laws import TimeLaw
+from flexgen.studies.sweeps.cases import Grid, random_moves
+from flexgen.studies.sweeps.closed_form_batch import JointMoves
+from flexgen.studies.sweeps.sweep import sweep
 
 MODEL = "manutec_r3"
 COUNT = 10_000

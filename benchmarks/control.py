@@ -17,7 +17,7 @@ from control_parts.observers import learned_errors, observer_errors, observer_ti
 from control_parts.robots import collisions, halved_steps, learning_settings, loads, time_settings
 
 import flexgen
-from flexgen.benchmarks.leaderboard import find_shipped_controllers
+from flexgen.studies.scenarios.leaderboard import find_shipped_controllers
 
 TARGET = Path(__file__).with_suffix(".md")
 ROBOTS = ("planar5_nmp", "manutec_r3_18", "manutec_r3_24")

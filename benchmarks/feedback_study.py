@@ -13,11 +13,11 @@ from pathlib import Path
 import numpy as np
 
 import flexgen
-from flexgen.laws.chain import largest_frequency
-from flexgen.laws.study import ARM, FAMILIES, FeedbackStudy, feedback_study
-from flexgen.loop.case import control_case
-from flexgen.loop.control import case_controller, run_case
-from flexgen.loop.timing import Timing
+from flexgen.feedback.laws.chain import largest_frequency
+from flexgen.feedback.laws.study import ARM, FAMILIES, FeedbackStudy, feedback_study
+from flexgen.feedback.loop.case import control_case
+from flexgen.feedback.loop.control import case_controller, run_case
+from flexgen.feedback.loop.timing import Timing
 
 TARGET = Path(__file__).with_suffix(".md")
 PICTURE = Path(__file__).resolve().parent.parent / "docs" / "pictures" / "feedback_study.svg"

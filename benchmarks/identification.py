@@ -24,12 +24,12 @@ import identification_choices as choices
 import numpy as np
 
 import flexgen
-from flexgen.analysis.response_inputs import Drive
+from flexgen.dynamics.mechanics.parameters import select, with_values
 from flexgen.identification.experiments import operating_points
 from flexgen.identification.experiments.plan import default_free
-from flexgen.identification.local_model import LocalModel
-from flexgen.identification.parameters import ParameterVector
-from flexgen.mechanics.parameters import select, with_values
+from flexgen.identification.responses.local_model import LocalModel
+from flexgen.identification.responses.parameters import ParameterVector
+from flexgen.identification.responses.response_inputs import Drive
 from flexgen.model.elements import RobotModel
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 
 import flexgen
-from flexgen.analysis.missing_springs import without
-from flexgen.analysis.response_inputs import Drive
-from flexgen.identification.frequency_response import Frf
-from flexgen.identification.local_model import LocalModel
-from flexgen.mechanics.parameters import select, with_values
+from flexgen.dynamics.mechanics.parameters import select, with_values
+from flexgen.identification.responses.frequency_response import Frf
+from flexgen.identification.responses.local_model import LocalModel
+from flexgen.identification.responses.response_inputs import Drive
+from flexgen.identification.rigid.missing_springs import without
 from flexgen.model.elements import RobotModel
 
 SMOOTH = (

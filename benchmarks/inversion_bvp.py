@@ -19,12 +19,12 @@ from scipy.interpolate import CubicSpline
 from scipy.linalg import schur
 
 from flexgen.analysis.linear import linearize
-from flexgen.analysis.zeros import inner_pencil
-from flexgen.inversion.method_result import MethodResult, with_motors
-from flexgen.inversion.problem import InversionProblem
-from flexgen.inversion.reduced_problem import Reduction
-from flexgen.mechanics.equations import Equations
-from flexgen.mechanics.statics import equilibrium_at
+from flexgen.analysis.zero_dynamics.zeros import inner_pencil
+from flexgen.dynamics.mechanics.equations import Equations
+from flexgen.dynamics.mechanics.statics import equilibrium_at
+from flexgen.inversion.methods.method_result import MethodResult, with_motors
+from flexgen.inversion.problem.problem import InversionProblem
+from flexgen.inversion.problem.reduced_problem import Reduction
 from flexgen.paths.path import Path
 from flexgen.runtime.library import Library
 

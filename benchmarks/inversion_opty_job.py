@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
-from flexgen.equations_text.equations import symbolic
-from flexgen.inversion.problem import InversionProblem
-from flexgen.inversion.reduced_problem import Reduction
-from flexgen.mechanics.output_columns import output_labels
-from flexgen.spec.ports import Port
-from flexgen.trajectory import Trajectory
+from flexgen.analysis.printing.equations import symbolic
+from flexgen.base.motion.trajectory import Trajectory
+from flexgen.base.spec.ports import Port
+from flexgen.dynamics.mechanics.output_columns import output_labels
+from flexgen.inversion.problem.problem import InversionProblem
+from flexgen.inversion.problem.reduced_problem import Reduction
 
 # weights and bound that served opty best, of those tried
 TRACKING = 1e6

@@ -13,16 +13,16 @@ from importlib.util import find_spec
 import numpy as np
 
 import flexgen
-from flexgen.errors import FlexgenError
-from flexgen.inversion import sampling
-from flexgen.inversion.model_library import inversion_library
-from flexgen.inversion.problem import InversionProblem
-from flexgen.inversion.reduced_problem import Reduction
-from flexgen.inversion.settling import SETTLED
+from flexgen.base.errors import FlexgenError
+from flexgen.dynamics.mechanics.equations import Equations, derive
+from flexgen.inversion.judge.settling import SETTLED
+from flexgen.inversion.problem import sampling
+from flexgen.inversion.problem.model_library import inversion_library
+from flexgen.inversion.problem.problem import InversionProblem
+from flexgen.inversion.problem.reduced_problem import Reduction
 from flexgen.inversion.solution import Solution
-from flexgen.mechanics.equations import Equations, derive
 from flexgen.paths.path import Path
-from flexgen.runtime.path_inversion import TOLERANCE, Inversion, Inverter
+from flexgen.runtime.inversion.path_inversion import TOLERANCE, Inversion, Inverter
 
 EXACT = 1e-6  # m and rad: what the tool may stray in simulation
 MESHES = (20e-3, 10e-3, 5e-3, 2.5e-3)  # s, tried in this order

@@ -20,12 +20,12 @@ from inversion_bvp import ReducedProblem, Setting
 from inversion_opty_job import job, torque_of
 from inversion_paths import EXACT, MESHES, PathRow, least_ms
 
-from flexgen.errors import FlexgenError
+from flexgen.base.errors import FlexgenError
+from flexgen.dynamics.mechanics.equations import derive
 from flexgen.inversion.methods import collocation
-from flexgen.inversion.model_library import inversion_library
-from flexgen.inversion.problem import InversionProblem
+from flexgen.inversion.problem.model_library import inversion_library
+from flexgen.inversion.problem.problem import InversionProblem
 from flexgen.inversion.solve import make_solution
-from flexgen.mechanics.equations import derive
 from flexgen.paths.path import Path
 from flexgen.simulation.simulate import simulate
 

@@ -12,15 +12,15 @@ from pathlib import Path as FilePath
 import numpy as np
 from peers_builds import HERE, Builds
 
-from flexgen.inversion.model_library import inversion_library
-from flexgen.inversion.reduced_problem import Reduction
-from flexgen.mechanics.equations import Equations, derive
-from flexgen.mechanics.output_columns import output_labels
+from flexgen.base.motion.trajectory import Trajectory
+from flexgen.base.spec.ports import Port
+from flexgen.dynamics.mechanics.equations import Equations, derive
+from flexgen.dynamics.mechanics.output_columns import output_labels
+from flexgen.inversion.problem.model_library import inversion_library
+from flexgen.inversion.problem.reduced_problem import Reduction
 from flexgen.paths.path import Path
 from flexgen.runtime.library import Library
 from flexgen.simulation.simulate import Simulation, simulate
-from flexgen.spec.ports import Port
-from flexgen.trajectory import Trajectory
 
 ROBOT = "manutec_r3_24"
 MOVE = "line"

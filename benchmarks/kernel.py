@@ -14,7 +14,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from flexgen.codegen.clib_files import kernel_files
+from flexgen.codegen.emission.clib_files import kernel_files
 
 FLAGS = ("-O2", "-O2 -mavx2", "-O2 -march=native")
 ANGLES = (1, 6, 18)

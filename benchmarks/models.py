@@ -15,7 +15,7 @@ import time
 from pathlib import Path
 
 import flexgen
-from flexgen.codegen.spec import library_spec
+from flexgen.codegen.emission.spec import library_spec
 from flexgen.model.reader import model_names
 
 HEAD = (

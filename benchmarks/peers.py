@@ -38,10 +38,10 @@ from peers_builds import (
 from peers_robots import ROBOTS, pinocchio_text, write_mujoco
 
 import flexgen
-from flexgen.codegen.interface import ABI_VERSION
-from flexgen.codegen.spec import FUNCTIONS, FunctionSpec, library_spec
-from flexgen.expressions.routine import Expressions
-from flexgen.mechanics.equations import Equations
+from flexgen.codegen.emission.interface import ABI_VERSION
+from flexgen.codegen.emission.spec import FUNCTIONS, FunctionSpec, library_spec
+from flexgen.codegen.statements.routine import Expressions
+from flexgen.dynamics.mechanics.equations import Equations
 from flexgen.model.elements import RobotModel
 
 # What is compared, by its name in the library, and what Pinocchio's side calls it: the faster of

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from flexgen.library import compiler
+from flexgen.codegen.build import compiler
 
 # The flags of our two builds, for CasADi's C too.
 REPRODUCIBLE = (*compiler.REPRODUCIBLE, "-fPIC", "-shared")

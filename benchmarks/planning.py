@@ -23,12 +23,12 @@ from planning_peers import opti
 from planning_peers.opti import by_hand, check_by_hand, with_flexgen
 
 import flexgen
-from flexgen.inversion.problem import InversionProblem
-from flexgen.numerics.evaluate import evaluate
-from flexgen.planning.start import scales
-from flexgen.planning.transcribe import Layout
+from flexgen.base.motion.trajectory import Trajectory
+from flexgen.base.numerics.evaluate import evaluate
+from flexgen.inversion.problem.problem import InversionProblem
+from flexgen.planning.optimal.start import scales
+from flexgen.planning.optimal.transcribe import Layout
 from flexgen.simulation.simulate import simulate
-from flexgen.trajectory import Trajectory
 
 TARGET = Path(__file__).with_suffix(".md")
 CASES = (("planar5_nmp", "line", 50, "tau_m", 5), ("manutec_r3_18", "joints", 40, "a_m", 1))

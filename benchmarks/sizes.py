@@ -22,9 +22,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from flexgen.library.compiler import REPRODUCIBLE
-from flexgen.library.generate import generate
-from flexgen.mechanics.signatures import INVERSION
+from flexgen.codegen.build.compiler import REPRODUCIBLE
+from flexgen.codegen.build.generate import generate
+from flexgen.dynamics.mechanics.signatures import INVERSION
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT / "tests" / "support"))

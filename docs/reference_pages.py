@@ -11,13 +11,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import flexgen
-from flexgen.codegen.kinematic_functions import USED
-from flexgen.codegen.kinematics_header import kinematics_header
-from flexgen.codegen.spec import library_spec
-from flexgen.mechanics.signatures import PORTS, TABLE
+from flexgen.codegen.emission.kinematic_functions import USED
+from flexgen.codegen.emission.kinematics_header import kinematics_header
+from flexgen.codegen.emission.spec import library_spec
+from flexgen.dynamics.mechanics.signatures import PORTS, TABLE
 
 # Classes of the objects that verbs return and that have no name in `flexgen` itself.
-RETURNED = {"flexgen.mechanics.implicit_dae": ["ImplicitDae"]}
+RETURNED = {"flexgen.dynamics.mechanics.implicit_dae": ["ImplicitDae"]}
 
 
 def _title(text: str, line: str) -> list[str]:

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 import flexgen
-from flexgen.plots import canvas as cv
+from flexgen.views.plots import canvas as cv
 
 PICTURE = Path(__file__).resolve().parent.parent / "docs" / "pictures" / "contact.svg"
 LAWS = {

@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 import flexgen
-from flexgen.mechanics.parameters import select, with_values
+from flexgen.dynamics.mechanics.parameters import select, with_values
 from flexgen.model.elements import RobotModel
 
 DRIVES = flexgen.DriveHardware(sample_s=5e-4, encoder_noise_rad=1e-4, torque_noise_Nm=0.02)

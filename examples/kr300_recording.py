@@ -26,8 +26,8 @@ from matplotlib.figure import Figure
 from scipy.signal import savgol_filter
 
 import flexgen
+from flexgen.base.numerics.evaluate import evaluate
 from flexgen.model.elements import RobotModel
-from flexgen.numerics.evaluate import evaluate
 
 HOME_DEG = (0.0, -90.0, 90.0, 0.0, 0.0, 0.0)
 # samples and degree of the smoothing polynomial: 0.12 s, below the lowest resonance of the arm

@@ -18,7 +18,7 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from flexgen.numerics.response_estimates import Estimate, estimate
+from flexgen.identification.responses.response_estimates import Estimate, estimate
 
 EXCITED = 0.1  # of the largest amplitude
 

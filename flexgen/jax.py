@@ -6,12 +6,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from flexgen.errors import BuildError
+from flexgen.base.checks.type_checks import checked_types
+from flexgen.base.errors import BuildError
 from flexgen.runtime.library import Library
-from flexgen.type_checks import checked_types
 
 if TYPE_CHECKING:
-    from flexgen.autodiff.points import Functions
+    from flexgen.backends.autodiff.points import Functions
 
 
 @checked_types
@@ -43,7 +43,7 @@ def functions(library: Library) -> Functions:
         JAX is not installed, or there is no C compiler.
     """
     try:
-        from flexgen.autodiff.jax_functions import functions_of
+        from flexgen.backends.autodiff.jax_functions import functions_of
     except ModuleNotFoundError as error:
         if not (error.name or "").startswith("jax"):
             raise

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from flexgen.errors import BuildError
+from flexgen.base.checks.type_checks import checked_types
+from flexgen.base.errors import BuildError
 from flexgen.runtime.library import Library
-from flexgen.type_checks import checked_types
 
 if TYPE_CHECKING:
-    from flexgen.autodiff.points import Functions
+    from flexgen.backends.autodiff.points import Functions
 
 
 @checked_types
@@ -41,7 +41,7 @@ def functions(library: Library) -> Functions:
         PyTorch is not installed, or there is no C compiler.
     """
     try:
-        from flexgen.autodiff.torch_functions import functions_of
+        from flexgen.backends.autodiff.torch_functions import functions_of
     except ModuleNotFoundError as error:
         if error.name != "torch":
             raise

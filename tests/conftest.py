@@ -21,9 +21,9 @@ from selection import ROOT, SLOW, full, slow, unoptimized
 from toolchain import CC
 from undrawn import draw_nothing
 
-from flexgen.errors import BuildError
-from flexgen.library.object_cache import cache_folder
-from flexgen.mechanics import equations
+from flexgen.base.errors import BuildError
+from flexgen.codegen.build.object_cache import cache_folder
+from flexgen.dynamics.mechanics import equations
 
 USERS_CC = os.environ.get("CC")
 HARMLESS = ("chdir", "setenv", "delenv")
@@ -159,9 +159,9 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
     else:
         os.environ["CC"] = f"{shlex.quote(CC)} -O0"
     os.environ["FLEXGEN_CACHE"] = str(folder.parent if before else folder / "unoptimized")
-    from flexgen.library import c_module, model_library
-    from flexgen.simulation import compiled_rate
-    from flexgen.sweeps.version import code_version
+    from flexgen.codegen.build import c_module, model_library
+    from flexgen.simulation.integration import compiled_rate
+    from flexgen.studies.sweeps.version import code_version
 
     for kept in (model_library._holder, c_module.c_module, compiled_rate._advance, code_version):
         kept.cache_clear()

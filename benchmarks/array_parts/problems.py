@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 import flexgen
-from flexgen.inversion.reduced_problem import Reduction
-from flexgen.inversion.sampling import samples
-from flexgen.mechanics.signatures import INVERSION
+from flexgen.dynamics.mechanics.signatures import INVERSION
+from flexgen.inversion.problem.reduced_problem import Reduction
+from flexgen.inversion.problem.sampling import samples
 
 SAMPLES = 501
 BEFORE = 20

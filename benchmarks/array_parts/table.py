@@ -25,7 +25,7 @@ from array_parts.problems import (
 )
 from peers_table import _cpu
 
-from flexgen.runtime.many_inversion import count_cores
+from flexgen.runtime.inversion.many_inversion import count_cores
 
 MODELS = ("planar5_nmp", "manutec_r3_18", "manutec_r3_24")
 HEADER = (

@@ -24,10 +24,10 @@ from pathlib import Path
 import numpy as np
 
 import flexgen
-from flexgen.inversion.reduced_problem import Reduction
-from flexgen.inversion.sampling import samples
-from flexgen.library.compiler import find_compiler
-from flexgen.mechanics.equations import derive
+from flexgen.codegen.build.compiler import find_compiler
+from flexgen.dynamics.mechanics.equations import derive
+from flexgen.inversion.problem.reduced_problem import Reduction
+from flexgen.inversion.problem.sampling import samples
 
 HERE = Path(__file__).resolve().parent
 MODELS = ("manutec_r3_18", "manutec_r3_24", "manutec_r3_30")

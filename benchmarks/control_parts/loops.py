@@ -14,10 +14,10 @@ from control_parts.observers import ACCELEROMETER
 from control_parts.robots import PythonCascade
 
 import flexgen
-from flexgen.loop.case import control_case
-from flexgen.loop.control import run_case
-from flexgen.loop.named_controllers import controller_of
-from flexgen.mechanics.limits import Limits
+from flexgen.dynamics.mechanics.limits import Limits
+from flexgen.feedback.loop.case import control_case
+from flexgen.feedback.loop.control import run_case
+from flexgen.feedback.loop.named_controllers import controller_of
 
 SIZES = {"four_mass": 4, "planar5_nmp": 5, "manutec_r3_18": 18, "manutec_r3_24": 24}
 

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 
 import flexgen
-from flexgen.library.c_module import compile_module
-from flexgen.library.model_library import library_with
-from flexgen.mechanics.equations import derive
-from flexgen.numerics.evaluate import evaluate
-from flexgen.performance.smoother import acting
+from flexgen.base.numerics.evaluate import evaluate
+from flexgen.codegen.build.c_module import compile_module
+from flexgen.codegen.build.model_library import library_with
+from flexgen.dynamics.mechanics.equations import derive
+from flexgen.planning.learning.smoother import acting
 
 ACCELEROMETER = {
     "name": "acc",

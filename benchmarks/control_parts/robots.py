@@ -9,11 +9,11 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 
 import flexgen
-from flexgen.loop.case import control_case
-from flexgen.loop.control import run_case
-from flexgen.loop.interface import Measurement, Reference
-from flexgen.loop.named_controllers import controller_of
-from flexgen.mechanics.limits import Limits
+from flexgen.dynamics.mechanics.limits import Limits
+from flexgen.feedback.loop.case import control_case
+from flexgen.feedback.loop.control import run_case
+from flexgen.feedback.loop.interface import Measurement, Reference
+from flexgen.feedback.loop.named_controllers import controller_of
 
 SAMPLE_S = 1e-3
 Row = tuple[object, ...]

@@ -20,11 +20,11 @@ from typing import Any
 import numpy as np
 
 import flexgen
-from flexgen.inversion.memory import with_memory
-from flexgen.inversion.sampling import from_library
-from flexgen.memory.hysteresis import without_hysteresis
-from flexgen.memory.lugre import without_lugre
-from flexgen.runtime.path_inversion import Inverter
+from flexgen.dynamics.hysteresis.hysteresis import without_hysteresis
+from flexgen.dynamics.hysteresis.lugre import without_lugre
+from flexgen.inversion.problem.memory import with_memory
+from flexgen.inversion.problem.sampling import from_library
+from flexgen.runtime.inversion.path_inversion import Inverter
 
 ROBOTS = ("planar5_nmp", "manutec_r3_18")
 ARCMIN = np.pi / 180 / 60

@@ -20,11 +20,11 @@ import numpy as np
 from scipy.interpolate import PPoly
 
 import flexgen
-from flexgen.inversion.reduced_problem import Reduction
-from flexgen.inversion.sampling import samples
-from flexgen.mechanics.equations import Equations
-from flexgen.paths.process_force import ProcessForce, make_force
-from flexgen.trajectory import Trajectory
+from flexgen.base.motion.trajectory import Trajectory
+from flexgen.dynamics.mechanics.equations import Equations
+from flexgen.inversion.problem.reduced_problem import Reduction
+from flexgen.inversion.problem.sampling import samples
+from flexgen.paths.force.process_force import ProcessForce, make_force
 
 ROBOTS = {"planar5_nmp": (0.6, 0.8), "manutec_r3_24": (0.6, 0.48, 0.64)}
 HZ = 40.0  # Hz

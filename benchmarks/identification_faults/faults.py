@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 
 import flexgen
-from flexgen.analysis.missing_springs import without
+from flexgen.dynamics.mechanics.parameters import select, with_values
 from flexgen.identification.experiments.experiment import Experiment
-from flexgen.mechanics.parameters import select, with_values
+from flexgen.identification.rigid.missing_springs import without
 from flexgen.model.elements import BacklashSpring, RobotModel, SmoothSpring
 from flexgen.model.friction import Friction
 

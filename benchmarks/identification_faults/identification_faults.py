@@ -20,11 +20,11 @@ import numpy as np
 from faults import FAULTS, LINES, NOISE, PERIOD_S, POSES, SPEED, Fault, another, plain
 
 import flexgen
-from flexgen.errors import FlexgenError
+from flexgen.base.errors import FlexgenError
+from flexgen.dynamics.mechanics.parameters import select
 from flexgen.identification.experiments.experiment import Experiment
-from flexgen.identification.recordings.experiment_file import read_experiment
-from flexgen.identification.recordings.recording_writer import RecordingWriter
-from flexgen.mechanics.parameters import select
+from flexgen.identification.records.experiment_file import read_experiment
+from flexgen.identification.records.recording_writer import RecordingWriter
 
 FOLDER = Path(__file__).resolve().parent
 HEAD = (

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 import flexgen
-from flexgen.spec.toml_text import toml
+from flexgen.base.spec.toml_text import toml
 
 ROUNDS = 60
 UPDATES = 100

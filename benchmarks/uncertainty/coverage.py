@@ -21,8 +21,8 @@ from typing import Any
 import numpy as np
 
 import flexgen
-from flexgen.mechanics.equations import derive
-from flexgen.mechanics.parameters import select
+from flexgen.dynamics.mechanics.equations import derive
+from flexgen.dynamics.mechanics.parameters import select
 
 ROBOTS = 600
 SEED = 4711

@@ -23,8 +23,8 @@ from typing import Any
 import numpy as np
 
 import flexgen
+from flexgen.dynamics.mechanics.parameters import select, with_values
 from flexgen.identification.experiments.plan import default_free
-from flexgen.mechanics.parameters import select, with_values
 from flexgen.model.elements import (
     Body,
     Dof,

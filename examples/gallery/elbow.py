@@ -4,7 +4,7 @@ import numpy as np
 from exhibit import Page, exhibit
 
 import flexgen
-from flexgen.numerics.evaluate import evaluate
+from flexgen.base.numerics.evaluate import evaluate
 
 QUESTION = "What does the torque of a two-link arm consist of, and is it that of the textbook?"
 LITERATURE = """

@@ -14,7 +14,7 @@ import matplotlib
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 
-from flexgen.plots import canvas
+from flexgen.views.plots import canvas
 
 FOLDER = "reports/gallery"
 

@@ -4,7 +4,7 @@ import numpy as np
 from exhibit import Page, exhibit
 
 import flexgen
-from flexgen.laws.study import FAMILIES, Setting
+from flexgen.feedback.laws.study import FAMILIES, Setting
 
 QUESTION = (
     "Is it better to linearize an elastic arm by feedback, or to put feedback around its "

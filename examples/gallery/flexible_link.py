@@ -4,8 +4,8 @@ import numpy as np
 from exhibit import Page, exhibit
 
 import flexgen
-from flexgen.mechanics.equations import Equations
-from flexgen.numerics.evaluate import evaluate
+from flexgen.base.numerics.evaluate import evaluate
+from flexgen.dynamics.mechanics.equations import Equations
 
 QUESTION = (
     "How many modes does an elastic link need, and why does its tip begin to move backwards?"

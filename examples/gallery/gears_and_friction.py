@@ -4,7 +4,7 @@ import numpy as np
 from exhibit import Page, exhibit
 
 import flexgen
-from flexgen.numerics.evaluate import evaluate
+from flexgen.base.numerics.evaluate import evaluate
 
 QUESTION = "How do a gear that stiffens with its load, and friction, look in the model?"
 LITERATURE = """

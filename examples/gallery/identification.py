@@ -5,8 +5,8 @@ from exhibit import Page, exhibit
 
 import flexgen
 from flexgen.analysis.linear import linearize
-from flexgen.loop.robustness import hold_motors
-from flexgen.mechanics.parameters import select, with_values
+from flexgen.dynamics.mechanics.parameters import select, with_values
+from flexgen.feedback.loop.robustness import hold_motors
 
 QUESTION = (
     "Are the springs and dampers of a robot found from its motors alone, and how accurately?"

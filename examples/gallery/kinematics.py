@@ -4,8 +4,8 @@ import numpy as np
 from exhibit import Page, exhibit
 
 import flexgen
-from flexgen.inverse_kinematics.search import arm_parts
-from flexgen.numerics.evaluate import evaluate
+from flexgen.base.numerics.evaluate import evaluate
+from flexgen.paths.inverse_kinematics.search import arm_parts
 
 QUESTION = "In how many ways does a six-axis arm reach a pose, and where is it singular?"
 LITERATURE = """

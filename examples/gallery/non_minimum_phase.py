@@ -4,7 +4,7 @@ import numpy as np
 from exhibit import Page, exhibit
 
 import flexgen
-from flexgen.errors import FlexgenError
+from flexgen.base.errors import FlexgenError
 
 QUESTION = (
     "Why must the torque of an elastic arm begin before its tool moves, and how long before?"

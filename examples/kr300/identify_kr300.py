@@ -20,11 +20,11 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from flexgen.analysis.rigid_regressor import Motion
-from flexgen.identification.recordings.gear_deflection import gear_deflection
-from flexgen.identification.recordings.rigid_body import RigidFit, identify_rigid
-from flexgen.identification.recordings.rigid_file import motions_of
-from flexgen.records.description import read_description
+from flexgen.identification.records.description import read_description
+from flexgen.identification.records.gear_deflection import gear_deflection
+from flexgen.identification.rigid.rigid_body import RigidFit, identify_rigid
+from flexgen.identification.rigid.rigid_file import motions_of
+from flexgen.identification.rigid.rigid_regressor import Motion
 
 COUNTERBALANCE = {"q2": 2}  # harmonics of the angle in the torque of the second motor
 

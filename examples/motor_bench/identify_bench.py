@@ -15,9 +15,9 @@ import sys
 from pathlib import Path
 
 import flexgen
-from flexgen.identification.motion_fit import fit_motion
-from flexgen.identification.recordings.experiment_file import read_experiment
-from flexgen.plots.identification import response_grid
+from flexgen.identification.motions.motion_fit import fit_motion
+from flexgen.identification.records.experiment_file import read_experiment
+from flexgen.views.plots.identification import response_grid
 
 FREE = ["stiffness", "damping", "m1.viscous", "m1.inertia", "load.inertia_zz", "delay"]
 SEGMENT = 0.05  # s

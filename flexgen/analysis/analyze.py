@@ -13,24 +13,24 @@ import numpy as np
 
 from flexgen.analysis.compliance import ToolCompliance, tool_compliance
 from flexgen.analysis.linear import LinearModel, linearize, modes, poles
-from flexgen.analysis.solvability import (
+from flexgen.analysis.zero_dynamics.solvability import (
     Solvability,
     SolvabilityPath,
     solvability,
     solvability_path,
 )
-from flexgen.analysis.zeros import ZeroReport, motor_zeros, zero_report
-from flexgen.analysis.zeros_along_path import ZeroPath, zero_path
-from flexgen.dae.strangeness_index import KunkelMehrmann, kunkel_mehrmann_at_rest
-from flexgen.dae.structure import Structure, StructureCheck, check_at_rest, to_dict
-from flexgen.errors import ArgumentError
-from flexgen.mechanics.equations import Equations, derive
-from flexgen.mechanics.quasistatic import OutputPath
-from flexgen.mechanics.statics import Equilibrium, hold_joints
+from flexgen.analysis.zero_dynamics.zeros import ZeroReport, motor_zeros, zero_report
+from flexgen.analysis.zero_dynamics.zeros_along_path import ZeroPath, zero_path
+from flexgen.base.checks.type_checks import checked_result, checked_types
+from flexgen.base.errors import ArgumentError
+from flexgen.base.registry import find_function
+from flexgen.base.results import Result
+from flexgen.dynamics.dae.strangeness_index import KunkelMehrmann, kunkel_mehrmann_at_rest
+from flexgen.dynamics.dae.structure import Structure, StructureCheck, check_at_rest, to_dict
+from flexgen.dynamics.mechanics.equations import Equations, derive
+from flexgen.dynamics.mechanics.quasistatic import OutputPath
+from flexgen.dynamics.mechanics.statics import Equilibrium, hold_joints
 from flexgen.model.elements import RobotModel
-from flexgen.registry import find_function
-from flexgen.results import Result
-from flexgen.type_checks import checked_result, checked_types
 
 
 @checked_result

@@ -14,12 +14,12 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from flexgen.errors import SolverError
-from flexgen.mechanics.equations import Equations
-from flexgen.mechanics.outputs import output_map
-from flexgen.mechanics.statics import gear_deflection
+from flexgen.base.errors import SolverError
+from flexgen.base.numerics.evaluate import evaluate
+from flexgen.dynamics.mechanics.equations import Equations
+from flexgen.dynamics.mechanics.outputs import output_map
+from flexgen.dynamics.mechanics.statics import gear_deflection
 from flexgen.model.elements import RobotModel
-from flexgen.numerics.evaluate import evaluate
 
 
 @dataclass(frozen=True)

@@ -20,9 +20,9 @@ import numpy as np
 
 from flexgen.analysis.linear import UNDAMPED, LinearModel
 from flexgen.analysis.second_order import with_motors_locked
-from flexgen.mechanics.equations import Equations
-from flexgen.mechanics.statics import Equilibrium
-from flexgen.numerics.evaluate import evaluate
+from flexgen.base.numerics.evaluate import evaluate
+from flexgen.dynamics.mechanics.equations import Equations
+from flexgen.dynamics.mechanics.statics import Equilibrium
 
 NEAR = np.linspace(-3.0, 3.0, 61)  # half widths of a resonance about which it is sampled
 # of the frequencies, in parts of the lowest and the highest natural frequency with held motors

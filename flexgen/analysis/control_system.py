@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from flexgen.analysis.analyze import Analysis
-from flexgen.errors import ArgumentError
-from flexgen.mechanics.output_columns import output_labels, output_units
+from flexgen.base.errors import ArgumentError
+from flexgen.dynamics.mechanics.output_columns import output_labels, output_units
 
 
 def control_system(analysis: Analysis, units: bool = False) -> Any:

@@ -12,11 +12,11 @@ import numpy as np
 from scipy.linalg import eigvals
 
 from flexgen.analysis.second_order import motor_rows
-from flexgen.mechanics.equations import Equations
-from flexgen.mechanics.linearization import check_inertia, second_order_matrices
-from flexgen.mechanics.outputs import output_map
-from flexgen.mechanics.statics import Equilibrium
-from flexgen.numerics.evaluate import evaluate
+from flexgen.base.numerics.evaluate import evaluate
+from flexgen.dynamics.mechanics.equations import Equations
+from flexgen.dynamics.mechanics.linearization import check_inertia, second_order_matrices
+from flexgen.dynamics.mechanics.outputs import output_map
+from flexgen.dynamics.mechanics.statics import Equilibrium
 
 # of the fastest pole over typical ones, from which on slow ones are computed by themselves
 SPREAD = 1e7

@@ -12,12 +12,12 @@ from dataclasses import replace
 import numpy as np
 
 from flexgen.analysis import second_order
-from flexgen.mechanics.equations import Equations, derive
-from flexgen.mechanics.linearization import second_order_matrices
-from flexgen.mechanics.statics import hold_joints
+from flexgen.base.numerics.evaluate import evaluate
+from flexgen.dynamics.mechanics.equations import Equations, derive
+from flexgen.dynamics.mechanics.linearization import second_order_matrices
+from flexgen.dynamics.mechanics.statics import hold_joints
 from flexgen.model.elements import RobotModel
-from flexgen.numerics.evaluate import evaluate
-from flexgen.position_servo.keys import FREQUENCIES, GAINS, ServoTable
+from flexgen.model.position_servo.keys import FREQUENCIES, GAINS, ServoTable
 
 # Frequencies over the lowest natural one with locked motors, and what takes its place where
 # nothing is elastic [Hz].

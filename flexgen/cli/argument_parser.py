@@ -9,8 +9,8 @@ import re
 from collections.abc import Iterator, Sequence
 from typing import Any, NoReturn
 
+from flexgen.base.errors import suggestion
 from flexgen.cli.argument_types import integers, numbers
-from flexgen.errors import suggestion
 
 _NEGATIVE = re.compile(r"-(\.?\d|inf|nan)", re.IGNORECASE)  # no option begins like a number
 _NUMBERS = re.compile(r"[-+]?\.?\d[-+.,\deE]*\Z")  # one number, or several with commas

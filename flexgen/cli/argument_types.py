@@ -1,4 +1,4 @@
-"""Types of arguments of the command line: each turns a text into a value, or says what was
+"""Types of arguments of the command line: each turns a text into a value, or states what was
 expected.
 """
 
@@ -12,7 +12,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from flexgen.counts import number_in
+from flexgen.base.checks.counts import number_in
 
 _DISTURBANCE = re.compile(
     r"(?P<kind>\w+):(?P<where>[\w.]+)=(?P<size>[-+.\deE]+)@(?P<start>[-+]?[.\d]+(?:[eE][-+]?\d+)?)"

@@ -20,8 +20,7 @@ import warnings
 from collections.abc import Iterator, Sequence
 from datetime import datetime
 
-from flexgen.atomic_files import follow_links
-from flexgen.errors import (
+from flexgen.base.errors import (
     ArgumentError,
     FlexgenError,
     SolverError,
@@ -30,7 +29,8 @@ from flexgen.errors import (
     message_of,
     printable,
 )
-from flexgen.version import __version__
+from flexgen.base.files.atomic_files import follow_links
+from flexgen.base.version import __version__
 
 PACKAGES = ("casadi", "numpy", "scipy", "sympy", "matplotlib")
 
@@ -172,8 +172,8 @@ def _main(words: list[str]) -> int:
     if words == ["--version"]:  # without the parser of all verbs
         _print(f"flexgen {__version__}")
         return SUCCESS
+    from flexgen.base.display import as_json
     from flexgen.cli.parser import UsageError, build_parser, parse
-    from flexgen.display import as_json
 
     try:
         args = parse(words)
@@ -208,11 +208,11 @@ def _main(words: list[str]) -> int:
 
 def _run(args: argparse.Namespace, messages: _Messages) -> int:
     """Run the verb, print its result, return the exit status."""
+    from flexgen.base.calls.deadline import Deadline, interrupts_recorded
+    from flexgen.base.display import as_json
     from flexgen.cli.result import check_outputs
     from flexgen.cli.verbs.check import implausible
-    from flexgen.deadline import Deadline, interrupts_recorded
-    from flexgen.display import as_json
-    from flexgen.reports.text_tables import fit_tables, terminal_width
+    from flexgen.views.reports.text_tables import fit_tables, terminal_width
 
     result = None
     problem = ""

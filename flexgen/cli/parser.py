@@ -1,5 +1,5 @@
-"""The parser of the command line, from the rows of `flexgen.verbs`: arguments, help texts and
-usage errors.
+"""The parser of the command line, from the rows of `flexgen.cli.verb_tables.verbs`: arguments,
+help texts and usage errors.
 
 Only the standard library and light modules are imported, and only the module of the verb that is
 run, so that help and usage errors appear at once.
@@ -14,14 +14,14 @@ from collections.abc import Sequence
 from importlib import import_module
 from typing import Any
 
+from flexgen.base.registry import added_names
+from flexgen.base.version import __version__
 from flexgen.cli import argument_types
 from flexgen.cli.argument_parser import MESSAGES, OldName, Once, Parser, UsageError
-from flexgen.registry import added_names
-from flexgen.verb_parameters import command_of, defaults_of
-from flexgen.verb_rows import PATHS, Option, Verb
-from flexgen.verb_texts import choices_of, help_of
-from flexgen.verbs import VERBS, export_row
-from flexgen.version import __version__
+from flexgen.cli.verb_tables.verb_parameters import command_of, defaults_of
+from flexgen.cli.verb_tables.verb_rows import PATHS, Option, Verb
+from flexgen.cli.verb_tables.verb_texts import choices_of, help_of
+from flexgen.cli.verb_tables.verbs import VERBS, export_row
 
 __all__ = ["EXAMPLES", "UsageError", "build_parser", "parse"]
 
@@ -281,8 +281,8 @@ def _add_message_arguments(parser: Parser) -> None:
 
 
 def _function_list() -> str:
-    """The functions of `flexgen.mechanics.signatures`, one paragraph each."""
-    from flexgen.mechanics.signatures import PRODUCTS, TABLE, split_product
+    """The functions of `flexgen.dynamics.mechanics.signatures`, one paragraph each."""
+    from flexgen.dynamics.mechanics.signatures import PRODUCTS, TABLE, split_product
 
     width = max(min(100, shutil.get_terminal_size().columns - 2), 60)
     layout: dict[str, Any] = {"subsequent_indent": " " * 32, "break_on_hyphens": False}

@@ -13,17 +13,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import flexgen
-from flexgen.atomic_files import check_writable
-from flexgen.deadline import INTERRUPTED
-from flexgen.errors import ArgumentError, FlexgenError
-from flexgen.registry import find_function
-from flexgen.verb_parameters import defaults_of
+from flexgen.base.calls.deadline import INTERRUPTED
+from flexgen.base.errors import ArgumentError, FlexgenError
+from flexgen.base.files.atomic_files import check_writable
+from flexgen.base.registry import find_function
+from flexgen.cli.verb_tables.verb_parameters import defaults_of
 
 if TYPE_CHECKING:
-    from flexgen.environment.wall import Wall
-    from flexgen.mechanics.equations import Equations
+    from flexgen.base.results import Result
+    from flexgen.dynamics.mechanics.equations import Equations
     from flexgen.model.elements import RobotModel
-    from flexgen.results import Result
+    from flexgen.simulation.environment.wall import Wall
 
 Progress = Callable[[str], None]  # prints a progress message
 Writer = Callable[[], Path]  # writes a file of a result and returns its path
@@ -98,7 +98,7 @@ def read_model(args: Namespace) -> RobotModel:
 
 def derive_model(args: Namespace, log: Progress | None = None) -> Equations:
     """Derive the equations of motion of the model of the command line."""
-    from flexgen.mechanics.equations import derive
+    from flexgen.dynamics.mechanics.equations import derive
 
     robot = read_model(args)
     if log is not None:
@@ -108,7 +108,7 @@ def derive_model(args: Namespace, log: Progress | None = None) -> Equations:
 
 def wall_of(args: Namespace) -> Wall | None:
     """The wall of ``--wall``."""
-    from flexgen.environment.wall import Wall
+    from flexgen.simulation.environment.wall import Wall
 
     return None if args.wall is None else Wall(**args.wall)
 
@@ -233,7 +233,7 @@ def check_report(directory: Path | None) -> None:
     """Refuse a folder of a report that cannot be written, or that has the page of another
     program.
     """
-    from flexgen.reports.folder import check_folder
+    from flexgen.views.reports.folder import check_folder
 
     check_folder(directory)
     check_writable(directory, folder=True)

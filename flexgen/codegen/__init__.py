@@ -1,1 +1,1 @@
-"""Equations written down as C."""
+"""From equations to C: fewer operations, statements, files, compiled libraries."""

@@ -7,11 +7,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from flexgen.deprecation import warn_of_old
-from flexgen.display import short_repr
+from flexgen.base.calls.deprecation import warn_of_old
+from flexgen.base.checks.type_checks import checked_result
+from flexgen.base.display import short_repr
+from flexgen.base.results import Result
 from flexgen.model.elements import RobotModel
-from flexgen.results import Result
-from flexgen.type_checks import checked_result
 
 
 @checked_result

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from flexgen.model.elements import Placement
-from flexgen.paths.jets import quaternion
+from flexgen.paths.geometry.jets import quaternion
 
 
 def chain(first: Placement, second: Placement) -> Placement:

@@ -7,7 +7,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from flexgen.spec.toml_text import exact
+from flexgen.base.spec.toml_text import exact
 
 
 def numbers(values: float | Iterable[float] | np.ndarray) -> str:

@@ -6,11 +6,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from flexgen.errors import ArgumentError, SolverError
-from flexgen.inversion.method_table import Method, find_method, methods
-from flexgen.inversion.problem import InversionProblem
+from flexgen.base.errors import ArgumentError, SolverError
+from flexgen.dynamics.mechanics.limits import Limits
+from flexgen.inversion.methods.method_table import Method, find_method, methods
+from flexgen.inversion.problem.problem import InversionProblem
 from flexgen.inversion.solution import has_kinks
-from flexgen.mechanics.limits import Limits
 from flexgen.model.elements import RobotModel
 from flexgen.model.friction import (
     bristled_motors,
@@ -32,7 +32,7 @@ FULL_LARGEST = 8
 def _inverts(robot: RobotModel) -> bool:
     """Whether "lq" applies: the model can be reduced, and there is a C compiler."""
     # here: other methods need no code generation
-    from flexgen.inversion.model_library import has_compiler
+    from flexgen.inversion.problem.model_library import has_compiler
 
     return robot.inversion_obstacle() is None and has_compiler()
 

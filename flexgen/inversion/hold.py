@@ -5,16 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
-from flexgen.display import both_measured
-from flexgen.inversion.problem import InversionProblem
+from flexgen.base.display import both_measured
+from flexgen.base.motion.torque_curve import read_degree
+from flexgen.base.motion.trajectory import Trajectory
+from flexgen.base.registry import find_function
+from flexgen.inversion.judge.status import Status
+from flexgen.inversion.judge.verification import verify_by_simulation
+from flexgen.inversion.problem.problem import InversionProblem
 from flexgen.inversion.solution import Solution
-from flexgen.inversion.status import Status
-from flexgen.inversion.verification import verify_by_simulation
-from flexgen.registry import find_function
-from flexgen.simulation.hold import SAMPLE_TIME, TorqueCommand, check_hold, hold_torque
-from flexgen.simulation.hold_names import HoldName
-from flexgen.torque_curve import read_degree
-from flexgen.trajectory import Trajectory
+from flexgen.simulation.integration.hold import SAMPLE_TIME, TorqueCommand, check_hold, hold_torque
+from flexgen.simulation.integration.hold_names import HoldName
 
 CommandName = Literal["torque", "position"]
 

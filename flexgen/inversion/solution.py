@@ -8,23 +8,23 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from flexgen.display import Figure, both_measured, choose_scales, figure_rows, format_size
-from flexgen.errors import ArgumentError
-from flexgen.inversion.method_result import MethodResult
-from flexgen.inversion.status import Status
-from flexgen.mechanics.equations import Equations, derive
-from flexgen.mechanics.limits import KEPT, KEPT_TO, Limits, limits_of_model
-from flexgen.mechanics.output_columns import columns_in, unit_of
+from flexgen.base.checks.type_checks import checked_result
+from flexgen.base.display import Figure, both_measured, choose_scales, figure_rows, format_size
+from flexgen.base.errors import ArgumentError
+from flexgen.base.motion.trajectory import Trajectory
+from flexgen.base.numerics.evaluate import evaluate
+from flexgen.base.results import Result
+from flexgen.dynamics.mechanics.equations import Equations, derive
+from flexgen.dynamics.mechanics.limits import KEPT, KEPT_TO, Limits, limits_of_model
+from flexgen.dynamics.mechanics.output_columns import columns_in, unit_of
+from flexgen.inversion.judge.status import Status
+from flexgen.inversion.methods.method_result import MethodResult
 from flexgen.model.elements import Move, PiecewiseSpring, RobotModel
-from flexgen.numerics.evaluate import evaluate
-from flexgen.results import Result
-from flexgen.simulation.hold import TorqueCommand
+from flexgen.simulation.integration.hold import TorqueCommand
 from flexgen.simulation.result import Simulation, error_figures, error_lines
-from flexgen.trajectory import Trajectory
-from flexgen.type_checks import checked_result
 
 if TYPE_CHECKING:
-    from flexgen.accuracy.figures import PathAccuracy
+    from flexgen.paths.accuracy.figures import PathAccuracy
 
 STATE_CHANNELS = ("q_a", "v_a", "a_a", "q_m", "v_m", "a_m", "tau_m")
 INTERRUPTED = "interrupted by Ctrl-C"  # why a solution is the best so far
@@ -236,8 +236,8 @@ class Solution(Result):
         ArgumentError
             The solution was not verified by a simulation; the band is not a positive number.
         """
-        from flexgen.accuracy.corners import corner_figures, find_corners
-        from flexgen.accuracy.figures import path_accuracy
+        from flexgen.paths.accuracy.corners import corner_figures, find_corners
+        from flexgen.paths.accuracy.figures import path_accuracy
 
         if self.simulation is None or self._unverified:
             raise ArgumentError(
@@ -365,8 +365,8 @@ def residual_rows(equations: Equations, trajectory: Trajectory) -> np.ndarray:
 
     Rows: arm coordinates, then the motors behind elastic gears.
     """
-    from flexgen.simulation.growth import Motion
-    from flexgen.simulation.residual import midpoint_residual
+    from flexgen.simulation.verification.growth import Motion
+    from flexgen.simulation.verification.residual import midpoint_residual
 
     names = (*STATE_CHANNELS, "force", "tau_h")
     channels = trajectory.channels
@@ -381,8 +381,8 @@ def motion_residual(equations: Equations, result: MethodResult) -> np.ndarray:
     """Largest residual of each equation of motion (dof,) of a method result, as
     `residual_rows`.
     """
-    from flexgen.simulation.growth import Motion
-    from flexgen.simulation.residual import midpoint_residual
+    from flexgen.simulation.verification.growth import Motion
+    from flexgen.simulation.verification.residual import midpoint_residual
 
     m = result.motors
     motion = Motion(result.t, result.q, result.v, result.a, m.q_m, m.v_m, m.a_m, m.tau_m)
@@ -461,7 +461,7 @@ def exceeded_limits(
     """Which of some limits the trajectory exceeds, by more than the relative ``slack``."""
     if limits.without("thermal_time") == Limits(reserve=limits.reserve):
         return ()
-    from flexgen.mechanics.limit_use import uses_of_limits
+    from flexgen.dynamics.mechanics.limit_use import uses_of_limits
 
     moving = np.flatnonzero(np.diff(trajectory["y_ref"], axis=0).any(axis=1))
     end = float(trajectory.time[moving[-1] + 1]) if len(moving) else np.inf

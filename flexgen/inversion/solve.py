@@ -12,8 +12,17 @@ from typing import Any
 
 import numpy as np
 
-from flexgen.deadline import check_time, running
-from flexgen.errors import ArgumentError, SolverError
+from flexgen.base.calls.deadline import check_time, running
+from flexgen.base.calls.progress import Choice, reported
+from flexgen.base.checks.type_checks import checked_types
+from flexgen.base.errors import ArgumentError, SolverError
+from flexgen.base.files.trajectory_files import common_unit
+from flexgen.base.motion.trajectory import Trajectory
+from flexgen.base.registry import find_function, import_object
+from flexgen.base.spec.ports import Port
+from flexgen.dynamics.mechanics.equations import Equations, kept_equations, robot_of
+from flexgen.dynamics.mechanics.limits import Limits
+from flexgen.dynamics.mechanics.output_columns import output_labels, output_units
 from flexgen.inversion.choice import (
     check_applies,
     default_method,
@@ -21,16 +30,19 @@ from flexgen.inversion.choice import (
     is_worth_a_search,
 )
 from flexgen.inversion.hold import CommandName, Hold, with_hold
-from flexgen.inversion.method_result import MethodResult
-from flexgen.inversion.method_table import AUTO, Method, find_method
-from flexgen.inversion.problem import (
+from flexgen.inversion.judge.reached import BestSolution, stage_of
+from flexgen.inversion.judge.status import Status
+from flexgen.inversion.judge.verification import verify_by_simulation, with_simulation
+from flexgen.inversion.methods.method_result import MethodResult
+from flexgen.inversion.methods.method_table import AUTO, Method, find_method
+from flexgen.inversion.problem.problem import (
     ACCURACY,
     HELPS,
     INTERVALS,
     LONGEST_SETTLING,
     InversionProblem,
 )
-from flexgen.inversion.reached import BestSolution, stage_of
+from flexgen.inversion.problem.solve_arguments import check_arguments, without_effect
 from flexgen.inversion.solution import (
     Solution,
     limit_warnings,
@@ -38,23 +50,11 @@ from flexgen.inversion.solution import (
     residual_rows,
     within_limits,
 )
-from flexgen.inversion.solve_arguments import check_arguments, without_effect
-from flexgen.inversion.status import Status
-from flexgen.inversion.verification import verify_by_simulation, with_simulation
-from flexgen.mechanics.equations import Equations, kept_equations, robot_of
-from flexgen.mechanics.limits import Limits
-from flexgen.mechanics.output_columns import output_labels, output_units
 from flexgen.model.elements import Move, RobotModel
 from flexgen.model.friction import bristled_motors, hysteretic_joints
 from flexgen.paths.path import find_move
-from flexgen.progress import Choice, reported
-from flexgen.registry import find_function, import_object
-from flexgen.simulation.hold_names import HoldName
+from flexgen.simulation.integration.hold_names import HoldName
 from flexgen.simulation.simulate import HELD_KEY
-from flexgen.spec.ports import Port
-from flexgen.trajectory import Trajectory
-from flexgen.trajectory_files import common_unit
-from flexgen.type_checks import checked_types
 
 LONGEST = 5e-3  # s: longest interval of a mesh, unless the move takes minutes
 ATTEMPTS = 3  # meshes, each with intervals half as long as the one before
@@ -122,14 +122,14 @@ def solve(
     move : str or Move, optional
         A move of the model file; default: its first.
     method : str
-        A name of `flexgen.inversion.method_table.method_names`, or ``"auto"``: "full" for complete
-        motor coupling and springs with a kink; "lq" with limits or non-actuated coordinates, else
-        "closed-form" (without a C compiler "full", "collocation"). If it fails, finer meshes and
-        other methods are tried: ``details["attempts"]``.
+        A name of `flexgen.inversion.methods.method_table.method_names`, or ``"auto"``: "full" for
+        complete motor coupling and springs with a kink; "lq" with limits or non-actuated
+        coordinates, else "closed-form" (without a C compiler "full", "collocation"). If it fails,
+        finer meshes and other methods are tried: ``details["attempts"]``.
     preview, mesh : float, optional [s]
         How long before the path the motion may begin; default, at most 60 s:
-        `flexgen.analysis.zeros.preview`. Length of the intervals or steps; default, or less: a
-        hundredth of the move, at most 5 ms ("lq" and "bvp" 10 ms).
+        `flexgen.analysis.zero_dynamics.zeros.preview`. Length of the intervals or steps; default,
+        or less: a hundredth of the move, at most 5 ms ("lq" and "bvp" 10 ms).
     limits : Limits, optional
         "lq" modifies the path and keeps all but effective torques; "full", "collocation" torque,
         speed, deflection.
@@ -149,7 +149,7 @@ def solve(
         exceeded").
     fixed_joint : str, optional
         Keeps its value in a move of the tool, of an arm with more motors than outputs: see
-        `flexgen.paths.redundancy`.
+        `flexgen.paths.geometry.redundancy`.
     fastest : bool
         Old (a DeprecationWarning): the fastest time law within ``limits``; now
         ``solve(model, fastest(model).move)``.
@@ -211,8 +211,8 @@ def _problem(
     """The problem of a move, or of its fastest time law, which keeps the limits; ``given``: from
     ``preview`` on.
     """
-    from flexgen.deprecation import warn_of_old
-    from flexgen.paths.redundancy import problem_of_move
+    from flexgen.base.calls.deprecation import warn_of_old
+    from flexgen.paths.geometry.redundancy import problem_of_move
 
     preview, mesh, limits, verify, accuracy, log, options, force = given
     equations = _derive(model, log)
@@ -228,7 +228,7 @@ def _problem(
         equations, find_move(equations.model, move), fixed_joint, log
     )
     if force is not None:
-        from flexgen.paths.process_force import make_force
+        from flexgen.paths.force.process_force import make_force
 
         force = make_force(force, equations.model, path.duration)
     return InversionProblem(
@@ -331,7 +331,7 @@ def _undamped_reason(problem: InversionProblem) -> str:
     """Undamped internal motion as the reason why no method was successful; empty: there is
     none.
     """
-    from flexgen.inversion.undamped import advise_undamped
+    from flexgen.inversion.judge.undamped import advise_undamped
 
     try:
         undamped = problem.undamped
@@ -346,7 +346,7 @@ def _raise_path_error(problem: InversionProblem) -> None:
     Then the arm has no equilibrium along the path, or the limits do not let it rest at an end of
     the path.
     """
-    from flexgen.inversion.limits import check_limits_at_rest
+    from flexgen.inversion.problem.limits import check_limits_at_rest
 
     for checked in ("windows", "equilibrium"):  # computed on the first use
         getattr(problem, checked)
@@ -374,7 +374,7 @@ def run_method(method: Method, problem: InversionProblem, h: float) -> MethodRes
     result = solver(problem, h)
     robot = problem.equations.model
     if hysteretic_joints(robot) or bristled_motors(robot):
-        from flexgen.inversion.memory import with_memory
+        from flexgen.inversion.problem.memory import with_memory
 
         return with_memory(problem.equations, result)
     return result
@@ -487,7 +487,7 @@ def _friction_cause(problem: InversionProblem, solution: Solution) -> str:
     """The friction that no mesh resolves, where that is why the equations fail between samples."""
     if residual_is_small(solution):
         return ""
-    from flexgen.inversion.reversals import unresolved_friction
+    from flexgen.inversion.judge.reversals import unresolved_friction
 
     return unresolved_friction(problem.equations, solution.trajectory)
 
@@ -646,7 +646,7 @@ def make_solution(problem: InversionProblem, method: str, result: MethodResult) 
         or result.status == Status.BASELINE
     ):
         return solution
-    from flexgen.inversion.reversals import with_reversals
+    from flexgen.inversion.judge.reversals import with_reversals
 
     check_time("samples around the reversals of motors")
     finer = with_reversals(problem.equations, result, problem.force)

@@ -15,22 +15,22 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from flexgen.display import table_html
-from flexgen.errors import ArgumentError
+from flexgen.base.checks.type_checks import checked_result, checked_types
+from flexgen.base.display import table_html
+from flexgen.base.errors import ArgumentError
+from flexgen.base.spec.fourier import FourierSum
+from flexgen.base.spec.parts import Beam as Beam
+from flexgen.base.spec.parts import Bending as Bending
+from flexgen.base.spec.parts import Tolerances
+from flexgen.base.spec.sensors import Sensor
 from flexgen.model.friction import FRICTION_LAWS as FRICTION_LAWS
 from flexgen.model.friction import NO_FRICTION, Friction
 from flexgen.model.friction import friction_key as friction_key
 from flexgen.model.moves import Move as Move
 from flexgen.model.moves import Program, check_name, unknown_move
-from flexgen.sensors import Sensor
-from flexgen.spec.fourier import FourierSum
-from flexgen.spec.parts import Beam as Beam
-from flexgen.spec.parts import Bending as Bending
-from flexgen.spec.parts import Tolerances
-from flexgen.type_checks import checked_result, checked_types
 
 if TYPE_CHECKING:
-    from flexgen.spec.memory import HysteresisLaw, LuGre
+    from flexgen.base.spec.memory import HysteresisLaw, LuGre
 
 Vector = tuple[float, ...]
 Matrix = tuple[tuple[float, ...], ...]
@@ -252,11 +252,12 @@ class Output:
 
     ``type``: ``"tool_position"`` (rows chosen by ``axes``, a subset of "xyz"),
     ``"tool_position_angle"`` (these rows, then the angle of the tool about ``rotation_axis``, see
-    `flexgen.mechanics.tool_angle`), ``"tool_pose"`` (position and rotation) or ``"combination"``
-    (``y = weights q_a``; a joint output is a combination with one weight of 1). Weighted sums may
-    also follow the position and angle of the tool: `flexgen.paths.redundancy` adds them.
-    ``unit``: that of the rows. ``rotation_axis``: unit vector in world axes; ``reference``: the
-    axis of the tool frame whose direction gives the angle.
+    `flexgen.dynamics.mechanics.tool_angle`), ``"tool_pose"`` (position and rotation) or
+    ``"combination"`` (``y = weights q_a``; a joint output is a combination with one weight of 1).
+    Weighted sums may also follow the position and angle of the tool:
+    `flexgen.paths.geometry.redundancy` adds them. ``unit``: that of the rows. ``rotation_axis``:
+    unit vector in world axes; ``reference``: the axis of the tool frame whose direction gives the
+    angle.
     """
 
     type: str
@@ -379,7 +380,7 @@ class RobotModel:
     text: str = ""  # canonical text of the data; caches use its hash
     sensors: tuple[Sensor, ...] = ()
     uncertainty: Tolerances | None = None
-    servo: Any = None  # ServoTable of flexgen.position_servo.keys
+    servo: Any = None  # ServoTable of flexgen.model.position_servo.keys
     temperature: Any = 20.0  # [deg C], a number; a symbol where it is a run-time parameter
     # by the name of the degree of freedom; no part of the data of the robot
     urdf_joints: Mapping[str, UrdfJoint] = field(default_factory=dict, compare=False, repr=False)

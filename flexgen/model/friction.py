@@ -1,8 +1,8 @@
 """Friction laws: the default law, those of other packages by their ``type`` in a model file;
 models with states.
 
-The torque of a law is in `flexgen.mechanics.force_laws`; a law of another package has a method
-``torque(w)``.
+The torque of a law is in `flexgen.dynamics.mechanics.force_laws`; a law of another package has a
+method ``torque(w)``.
 """
 
 from __future__ import annotations
@@ -11,18 +11,18 @@ import sys
 from pathlib import Path
 from typing import Any, TypeVar
 
-from flexgen.errors import ArgumentError
-from flexgen.registry import extension
-from flexgen.spec.parts import Friction as Friction
-from flexgen.spec.parts import GearFriction as GearFriction
-from flexgen.spec.parts import friction_key as friction_key
+from flexgen.base.errors import ArgumentError
+from flexgen.base.registry import extension
+from flexgen.base.spec.parts import Friction as Friction
+from flexgen.base.spec.parts import GearFriction as GearFriction
+from flexgen.base.spec.parts import friction_key as friction_key
 
 NO_FRICTION = Friction()
 Law = TypeVar("Law")
 
 # Value of the key ``type`` in the model file -> law. A new law is a subclass of Friction with its
-# own numbers, one entry here, and its torque in `flexgen.mechanics.force_laws`; the first entry is
-# the default.
+# own numbers, one entry here, and its torque in `flexgen.dynamics.mechanics.force_laws`; the first
+# entry is the default.
 FRICTION_LAWS: dict[str, type[Friction]] = {"smooth": Friction, "gear": GearFriction}
 
 

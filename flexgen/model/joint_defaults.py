@@ -4,7 +4,7 @@ joint.
 
 from __future__ import annotations
 
-from flexgen.spec.toml_lines import Entry
+from flexgen.base.spec.toml_lines import Entry
 
 EVERY = "*"
 

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
-from flexgen.counts import show_value
-from flexgen.display import short_repr
-from flexgen.errors import ArgumentError, suggestion
-from flexgen.spec.ports import identifier_problem
-from flexgen.spec.tables import Where as Where
-from flexgen.type_checks import checked_class
+from flexgen.base.checks.counts import show_value
+from flexgen.base.checks.type_checks import checked_class
+from flexgen.base.display import short_repr
+from flexgen.base.errors import ArgumentError, suggestion
+from flexgen.base.spec.ports import identifier_problem
+from flexgen.base.spec.tables import Where as Where
 
 Vector = Sequence[float]
 Matrix = tuple[tuple[float, ...], ...]
@@ -171,7 +171,8 @@ class Move:
     profile, ``smoothness`` 0 means that the derivative before the last bounded one is trapezoidal
     (two bounds: the speed, three: the acceleration, ...); another value means polynomial changes
     of speed. A rotation of the tool by an angle is counted as a path length of ``radius`` [m]
-    times the angle. Or ``duration`` and ``timing``, see `flexgen.paths.time_laws.SplineLaw`.
+    times the angle. Or ``duration`` and ``timing``, see
+    `flexgen.paths.timing.time_laws.SplineLaw`.
 
     Examples
     --------
@@ -226,7 +227,7 @@ class Program(Move):
     the joints; both and ``smoothness`` as in `Move`. A step without ``zone`` ends at rest. A step
     with ``zone`` continues into the next one without a stop; both must be of the same space,
     joints or tool. ``laws``: for each motion from rest to rest its duration [s] and the
-    coefficients of a `flexgen.paths.time_laws.SplineLaw`, in place of the profiles.
+    coefficients of a `flexgen.paths.timing.time_laws.SplineLaw`, in place of the profiles.
 
     Examples
     --------

@@ -13,14 +13,14 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from flexgen.atomic_files import check_writable, temporary_folder, write_text
-from flexgen.errors import ArgumentError, ModelError
+from flexgen.base.errors import ArgumentError, ModelError
+from flexgen.base.files.atomic_files import check_writable, temporary_folder, write_text
+from flexgen.base.spec.toml_lines import Path as KeyPath
+from flexgen.base.spec.toml_lines import Scanner
+from flexgen.base.spec.toml_text import toml
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
-from flexgen.model.urdf_source import PACKAGE
-from flexgen.spec.toml_lines import Path as KeyPath
-from flexgen.spec.toml_lines import Scanner
-from flexgen.spec.toml_text import toml
+from flexgen.model.urdf.urdf_source import PACKAGE
 
 # Name of the keys whose values are paths: of the samples of a move, and of the URDF file of an
 # overlay.

@@ -13,18 +13,18 @@ from typing import Any
 
 import numpy as np
 
-from flexgen.errors import ArgumentError, ModelError
+from flexgen.base.checks.type_checks import checked_types
+from flexgen.base.errors import ArgumentError, ModelError
+from flexgen.base.registry import find_function
+from flexgen.base.spec import toml_lines
+from flexgen.base.spec.keys import Context
+from flexgen.base.spec.keys import read as read_table
+from flexgen.base.spec.ports import identifier_problem
+from flexgen.base.spec.tables import Table, closest, parse_file, part_of, show
+from flexgen.base.spec.toml_lines import Entry
 from flexgen.model.elements import RobotModel, UrdfJoint
-from flexgen.model.format import MODEL, VARIANT
-from flexgen.model.urdf_source import from_here, plain_urdf
-from flexgen.registry import find_function
-from flexgen.spec import toml_lines
-from flexgen.spec.keys import Context
-from flexgen.spec.keys import read as read_table
-from flexgen.spec.ports import identifier_problem
-from flexgen.spec.tables import Table, closest, parse_file, part_of, show
-from flexgen.spec.toml_lines import Entry
-from flexgen.type_checks import checked_types
+from flexgen.model.format.format import MODEL, VARIANT
+from flexgen.model.urdf.urdf_source import from_here, plain_urdf
 
 
 @checked_types(own=("model",))
@@ -82,7 +82,7 @@ def read(
     urdf = "urdf" in root.value
     joints: Mapping[str, UrdfJoint] = {}
     if urdf:
-        from flexgen.model.overlay import expand
+        from flexgen.model.urdf.overlay import expand
 
         joints = expand(root, folder, shown)
     variants = _variants(root, shown)
@@ -135,7 +135,7 @@ def _folders() -> list[Path]:
 
 def packaged_models() -> Path:
     """The folder of the models that come with flexgen."""
-    return (Path(__file__).parents[1] / "models").resolve()
+    return Path(__file__).with_name("shipped").resolve()
 
 
 def _find(model: str | Path, variant: str | None) -> tuple[Path, str, str]:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from flexgen.errors import ArgumentError, suggestion
+from flexgen.base.checks.type_checks import checked_types
+from flexgen.base.errors import ArgumentError, suggestion
+from flexgen.base.spec.keys import Context, read
+from flexgen.base.spec.tables import Table, parse_file
 from flexgen.model.elements import RobotModel
-from flexgen.model.format import PROGRAMS
+from flexgen.model.format.format import PROGRAMS
 from flexgen.model.moves import Move
-from flexgen.model.urdf_source import from_here
-from flexgen.spec.keys import Context, read
-from flexgen.spec.tables import Table, parse_file
-from flexgen.type_checks import checked_types
+from flexgen.model.urdf.urdf_source import from_here
 
 
 @checked_types(own=("file",))

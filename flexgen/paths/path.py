@@ -11,19 +11,19 @@ from typing import Any
 
 import numpy as np
 
-from flexgen.counts import show_value
-from flexgen.errors import ArgumentError, SolverError
-from flexgen.mechanics.equations import Equations, derive
+from flexgen.base.checks.counts import show_value
+from flexgen.base.checks.type_checks import checked_class, checked_types
+from flexgen.base.errors import ArgumentError, SolverError
+from flexgen.base.results import Result
+from flexgen.base.spec.arguments import is_whole
+from flexgen.dynamics.mechanics.equations import Equations, derive
 from flexgen.model.elements import RobotModel
 from flexgen.model.moves import Move
-from flexgen.paths.jets import JET, ORDER, chain_rule
-from flexgen.paths.joint_limits import InverseKinematics, beyond_range
-from flexgen.paths.move_planner import plan_move
+from flexgen.paths.geometry.jets import JET, ORDER, chain_rule
 from flexgen.paths.reference import PathSample, Reference
-from flexgen.paths.timed_segments import TimedSegment
-from flexgen.results import Result
-from flexgen.spec.arguments import is_whole
-from flexgen.type_checks import checked_class, checked_types
+from flexgen.paths.timing.joint_limits import InverseKinematics, beyond_range
+from flexgen.paths.timing.move_planner import plan_move
+from flexgen.paths.timing.timed_segments import TimedSegment
 
 __all__ = ["ORDER", "Path", "PathSample", "chain_rule", "find_move", "plan"]
 

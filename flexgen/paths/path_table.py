@@ -26,7 +26,7 @@ can skip it; "n x" are n numbers.
              proportion to the parameter
 
 Matrices are stored by rows. Parameters of corners are those of the curve, see
-`flexgen.paths.blended_curve`.
+`flexgen.paths.geometry.blended_curve`.
 """
 
 from __future__ import annotations
@@ -36,15 +36,15 @@ from typing import Any
 
 import numpy as np
 
-from flexgen.errors import ArgumentError
-from flexgen.paths.blended_curve import BUMP, BlendedCurve, Section
-from flexgen.paths.jets import quaternion
+from flexgen.base.errors import ArgumentError
+from flexgen.paths.geometry.blended_curve import BUMP, BlendedCurve, Section
+from flexgen.paths.geometry.jets import quaternion
+from flexgen.paths.geometry.segments import Arc, Line, Segment, WithAngle
 from flexgen.paths.reference import Reference
-from flexgen.paths.segments import Arc, Line, Segment, WithAngle
-from flexgen.paths.speed_planning import SpeedLaw
-from flexgen.paths.time_laws import Law, SplineLaw, TimeLaw
-from flexgen.paths.timed_segments import TimedSegment
-from flexgen.paths.velocity_profiles import SpeedStep, TrapezoidStep
+from flexgen.paths.timing.speed_planning import SpeedLaw
+from flexgen.paths.timing.time_laws import Law, SplineLaw, TimeLaw
+from flexgen.paths.timing.timed_segments import TimedSegment
+from flexgen.paths.timing.velocity_profiles import SpeedStep, TrapezoidStep
 
 LAYOUT = 1  # changes with the layout of the table
 SPACES = {"tool": 0, "output": 1, "joint": 2}

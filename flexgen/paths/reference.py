@@ -7,16 +7,16 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from flexgen.counts import show_value
-from flexgen.display import short_repr
-from flexgen.errors import ArgumentError
-from flexgen.mechanics.equations import Equations
-from flexgen.numerics.evaluate import evaluate
-from flexgen.paths.jets import Attitude
-from flexgen.paths.segments import POSITION
-from flexgen.results import Result
-from flexgen.spec.arguments import is_whole
-from flexgen.type_checks import checked_result, checked_types
+from flexgen.base.checks.counts import show_value
+from flexgen.base.checks.type_checks import checked_result, checked_types
+from flexgen.base.display import short_repr
+from flexgen.base.errors import ArgumentError
+from flexgen.base.numerics.evaluate import evaluate
+from flexgen.base.results import Result
+from flexgen.base.spec.arguments import is_whole
+from flexgen.dynamics.mechanics.equations import Equations
+from flexgen.paths.geometry.jets import Attitude
+from flexgen.paths.geometry.segments import POSITION
 
 
 @checked_result

@@ -1,1 +1,1 @@
-"""Optimal control with costs and constraints of the user: collocation as an object."""
+"""Optimal control, shortest time and learning along a path."""

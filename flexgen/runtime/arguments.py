@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from flexgen.counts import show_value
-from flexgen.errors import ArgumentError
-from flexgen.spec.ports import Port
+from flexgen.base.checks.counts import show_value
+from flexgen.base.errors import ArgumentError
+from flexgen.base.spec.ports import Port
 
 PARAMETERS = "parameters"  # the port that has one vector for all points, and that may be left out
 _SINGLE = np.dtype(np.float32)

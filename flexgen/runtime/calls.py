@@ -17,7 +17,9 @@ from typing import Any
 
 import numpy as np
 
-from flexgen.errors import ArgumentError
+from flexgen.base.checks.type_checks import checked_types
+from flexgen.base.errors import ArgumentError
+from flexgen.base.spec.ports import Port
 from flexgen.runtime.arguments import (
     PARAMETERS,
     address,
@@ -30,8 +32,6 @@ from flexgen.runtime.arguments import (
     store,
 )
 from flexgen.runtime.structs import Failures, closed_error, failure_of
-from flexgen.spec.ports import Port
-from flexgen.type_checks import checked_types
 
 _MOST_POINTS = 2 ** (8 * ctypes.sizeof(ctypes.c_int) - 1) - 1
 _ARRAY = np.ndarray

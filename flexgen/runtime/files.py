@@ -29,7 +29,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from flexgen.errors import BuildError
+from flexgen.base.errors import BuildError
 
 AGAIN = "generate it again with flexgen.generate(..., force=True)"
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from flexgen.errors import BuildError
+from flexgen.base.errors import BuildError
 from flexgen.runtime.files import AGAIN, read_verified, verify_folder
 
 ABI_VERSION = 5  # of the interface between Python and C

@@ -15,24 +15,24 @@ from typing import Any
 
 import numpy as np
 
-from flexgen import errors, registry
-from flexgen.errors import ArgumentError, BuildError, FlexgenError
+from flexgen.base import errors, registry
+from flexgen.base.checks.type_checks import checked_methods, checked_types
+from flexgen.base.errors import ArgumentError, BuildError, FlexgenError
+from flexgen.base.spec.ports import Port, c_name_problem
 from flexgen.runtime.arguments import PARAMETERS
 from flexgen.runtime.calls import Entries, Function
 from flexgen.runtime.files import AGAIN, load_verified
-from flexgen.runtime.growth import Growth, growth_of
 from flexgen.runtime.identity import REALS, entry_of, read_manifest, read_parameters, verify
-from flexgen.runtime.inverse_kinematics import InverseKinematics, inverse_kinematics_of
-from flexgen.runtime.limited_inversion import LimitedInverter
-from flexgen.runtime.many_inversion import ManyInverter
-from flexgen.runtime.path_inversion import Inverter, inverter_of
-from flexgen.runtime.path_sampler import PathSampler, SamplerEntries, samplers_of
-from flexgen.runtime.stream import Stream
-from flexgen.runtime.stream_entries import StreamEntries, streams_of
+from flexgen.runtime.inversion.growth import Growth, growth_of
+from flexgen.runtime.inversion.inverse_kinematics import InverseKinematics, inverse_kinematics_of
+from flexgen.runtime.inversion.limited_inversion import LimitedInverter
+from flexgen.runtime.inversion.many_inversion import ManyInverter
+from flexgen.runtime.inversion.path_inversion import Inverter, inverter_of
+from flexgen.runtime.inversion.targets import refuse_other_computer
+from flexgen.runtime.streams.path_sampler import PathSampler, SamplerEntries, samplers_of
+from flexgen.runtime.streams.stream import Stream
+from flexgen.runtime.streams.stream_entries import StreamEntries, streams_of
 from flexgen.runtime.structs import Failures, closed_error
-from flexgen.runtime.targets import refuse_other_computer
-from flexgen.spec.ports import Port, c_name_problem
-from flexgen.type_checks import checked_methods, checked_types
 
 _LIBRARY_FILE = re.compile(
     r"lib(?P<name>[A-Za-z][A-Za-z0-9_]*)-(?P<hash>[0-9a-f]{16})\.(so|dylib|dll)\Z"
@@ -482,7 +482,7 @@ def _load(folder: Path, sha256: str | None) -> Library:
 def _exception(name: str) -> type[FlexgenError]:
     found = getattr(errors, name, None)
     if not (isinstance(found, type) and issubclass(found, FlexgenError)):
-        raise ValueError(f"given the exception {name!r}, expected a class of flexgen.errors")
+        raise ValueError(f"given the exception {name!r}, expected a class of flexgen.base.errors")
     return found
 
 

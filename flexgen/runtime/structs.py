@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from flexgen.errors import ArgumentError, BuildError, FlexgenError
+from flexgen.base.errors import ArgumentError, BuildError, FlexgenError
 from flexgen.runtime.arguments import address
 from flexgen.runtime.files import AGAIN
 

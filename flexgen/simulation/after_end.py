@@ -13,8 +13,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg import expm
 
-from flexgen.errors import SolverError
-from flexgen.simulation.integrators import integrate
+from flexgen.base.errors import SolverError
+from flexgen.simulation.integration.integrators import integrate
 from flexgen.simulation.result import AFTER
 from flexgen.simulation.run import Run
 

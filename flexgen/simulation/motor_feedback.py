@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexgen.mechanics.equations import Equations
+from flexgen.dynamics.mechanics.equations import Equations
 
 
 @dataclass(frozen=True)

@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from flexgen.deadline import check_time
-from flexgen.mechanics.equations import Equations
-from flexgen.simulation.defect import propagate_residual
-from flexgen.simulation.growth import Growth, growth_along, linearize_along, motion_of
-from flexgen.simulation.residual import midpoint_residual
+from flexgen.base.calls.deadline import check_time
+from flexgen.base.motion.trajectory import Trajectory
+from flexgen.dynamics.mechanics.equations import Equations
 from flexgen.simulation.result import Simulation
-from flexgen.trajectory import Trajectory
+from flexgen.simulation.verification.defect import propagate_residual
+from flexgen.simulation.verification.growth import Growth, growth_along, linearize_along, motion_of
+from flexgen.simulation.verification.residual import midpoint_residual
 
 # growth of perturbations from which on the torques are verified with motor feedback
 UNSTABLE = 100.0

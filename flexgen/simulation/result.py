@@ -9,16 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from flexgen.display import Figure, both_measured, choose_scales, figure_rows, plain
-from flexgen.mechanics.equations import Equations
-from flexgen.mechanics.output_columns import output_labels, output_units, turn_angle
-from flexgen.numerics.evaluate import evaluate
-from flexgen.results import Result
+from flexgen.base.checks.type_checks import checked_result
+from flexgen.base.display import Figure, both_measured, choose_scales, figure_rows, plain
+from flexgen.base.files.trajectory_files import common_unit
+from flexgen.base.motion.trajectory import Trajectory
+from flexgen.base.numerics.evaluate import evaluate
+from flexgen.base.results import Result
+from flexgen.base.spec.ports import Port
+from flexgen.dynamics.mechanics.equations import Equations
+from flexgen.dynamics.mechanics.output_columns import output_labels, output_units, turn_angle
 from flexgen.simulation.motor_feedback import MotorFeedback
-from flexgen.spec.ports import Port
-from flexgen.trajectory import Trajectory
-from flexgen.trajectory_files import common_unit
-from flexgen.type_checks import checked_result
 
 AFTER = 2.0  # s after the end of the trajectory: of the second figure of the error
 
@@ -50,8 +50,8 @@ class Simulation(Result):
         None where it was not estimated. ``growth_whole``: until ``held_s`` after the last sample.
     defect_max_m, defect_max_rad : float or None [m], [rad]
         Defect: the residual of the equations of motion between the samples, propagated to the
-        output over the directions that do not grow, see `flexgen.simulation.defect`; None where
-        the trajectory has no accelerations.
+        output over the directions that do not grow, see `flexgen.simulation.verification.defect`;
+        None where the trajectory has no accelerations.
     integrator : str
         ``DOP853``, or ``LSODA`` where the problem is stiff.
     held_s : float [s]

@@ -11,12 +11,12 @@ import casadi as ca
 import numpy as np
 from scipy.interpolate import PPoly
 
-from flexgen.deadline import check_time
-from flexgen.mechanics.equations import Equations
+from flexgen.base.calls.deadline import check_time
+from flexgen.dynamics.mechanics.equations import Equations
 from flexgen.model.elements import RobotModel
 from flexgen.model.friction import bristled_motors, hysteretic_joints
-from flexgen.simulation.compiled_rate import CompiledRate, compiled_rate
-from flexgen.simulation.integrators import EXPLICIT, Rates, integrate
+from flexgen.simulation.integration.compiled_rate import CompiledRate, compiled_rate
+from flexgen.simulation.integration.integrators import EXPLICIT, Rates, integrate
 from flexgen.simulation.motor_feedback import MotorFeedback
 
 Input = Callable[[float, float], PPoly]
@@ -83,7 +83,7 @@ def run(
     function, in_c = _rates(equations, progress)
     slip = np.zeros(0)
     if has_memory(robot):
-        from flexgen.simulation.hysteretic_rate import slip_torques
+        from flexgen.simulation.integration.hysteretic_rate import slip_torques
 
         slip = slip_torques(robot)
     parts = [
@@ -207,7 +207,7 @@ def _rate(equations: Equations) -> ca.Function:
     remembers = has_memory(robot)
     held = 0
     if remembers:
-        from flexgen.simulation.hysteretic_rate import hysteretic_rate
+        from flexgen.simulation.integration.hysteretic_rate import hysteretic_rate
 
         inputs, outputs = hysteretic_rate(equations)
         held = inputs[1].numel()

@@ -31,26 +31,32 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from flexgen.deadline import check_time, limit_call
-from flexgen.errors import ArgumentError, SolverError
-from flexgen.mechanics.equations import Equations, derive
-from flexgen.mechanics.output_columns import channel_units, output_labels, output_units
-from flexgen.mechanics.statics import Equilibrium
+from flexgen.base.calls.deadline import check_time, limit_call
+from flexgen.base.calls.progress import Choice, reported
+from flexgen.base.checks.type_checks import checked_types
+from flexgen.base.errors import ArgumentError, SolverError
+from flexgen.base.motion.torque_curve import (
+    constant,
+    side_by_side,
+    spline,
+    then_constant,
+    torque_curve,
+)
+from flexgen.base.motion.trajectory import Trajectory, channel_values, convert_to_si
+from flexgen.base.numerics.evaluate import evaluate
+from flexgen.dynamics.mechanics.equations import Equations, derive
+from flexgen.dynamics.mechanics.output_columns import channel_units, output_labels, output_units
+from flexgen.dynamics.mechanics.statics import Equilibrium
 from flexgen.model.elements import RobotModel
-from flexgen.numerics.evaluate import evaluate
-from flexgen.progress import Choice, reported
-from flexgen.simulation.hold import SAME, TorqueCommand, command_in
+from flexgen.simulation.integration.hold import SAME, TorqueCommand, command_in
 from flexgen.simulation.motor_feedback import MotorFeedback, default_feedback
 from flexgen.simulation.result import Simulation, growth_text, output_error, record_motion
 from flexgen.simulation.run import Input, Run, has_memory, run
 from flexgen.simulation.start import start_state
-from flexgen.torque_curve import constant, side_by_side, spline, then_constant, torque_curve
-from flexgen.trajectory import Trajectory, channel_values, convert_to_si
-from flexgen.type_checks import checked_types
 
 if TYPE_CHECKING:
-    from flexgen.environment.wall import Wall
-    from flexgen.simulation.growth import Growth
+    from flexgen.simulation.environment.wall import Wall
+    from flexgen.simulation.verification.growth import Growth
 
 FORCE = 6  # entries of a force and a torque on the tool
 # of the meta data: how long the verification of a solution holds its last torque
@@ -103,7 +109,7 @@ def _read_channels(
             )
         found[name] = data[name][:, [data.labels[name].index(label) for label in labels]]
     if "force" in data.channels:
-        from flexgen.paths.tool_force import read_force
+        from flexgen.paths.force.tool_force import read_force
 
         found["force"] = read_force(data)
     warnings = []
@@ -324,7 +330,7 @@ def _before_wall(
     wall: Wall, equations: Equations, given: dict[str, np.ndarray]
 ) -> dict[str, np.ndarray]:
     """The force on the tool without the wall; ArgumentError where the tool begins behind it."""
-    from flexgen.environment.wall import check_start
+    from flexgen.simulation.environment.wall import check_start
 
     check_start(wall, equations, given["q_a"][0])
     return {"force": given.get("force", np.zeros((len(given["q_a"]), FORCE)))}
@@ -334,7 +340,7 @@ def _push(task: _Task) -> _Task:
     """The task with equations for the force on its tool."""
     equations = task.equations
     if task.wall is not None:
-        from flexgen.environment.wall import contact_function
+        from flexgen.simulation.environment.wall import contact_function
 
         return replace(task, equations=equations.touching(contact_function(task.wall, equations)))
     return replace(task, equations=equations.pushed) if "force" in task.given else task
@@ -370,7 +376,7 @@ def _simulate_once(
         equations, task.data, {**task.given, "tau_m": applied}, (q_a, v_a, q_m, v_m)
     )
     if task.wall is not None:
-        from flexgen.environment.wall import add_contact
+        from flexgen.simulation.environment.wall import add_contact
 
         recorded = add_contact(task.wall, equations, recorded)
     check_time("simulation of the time after the end")
@@ -464,7 +470,7 @@ def _input(task: _Task, feedback: MotorFeedback | None) -> Input:
     angles = then_constant(angles, samples[-1])
     more = []
     if "force" in task.given:
-        from flexgen.paths.tool_force import interpolate_force
+        from flexgen.paths.force.tool_force import interpolate_force
 
         more = [interpolate_force(task.data.time, task.given["force"])]
         angles, speeds = (

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from flexgen.errors import ArgumentError
-from flexgen.mechanics.statics import Equilibrium
+from flexgen.base.errors import ArgumentError
+from flexgen.base.motion.trajectory import Trajectory
+from flexgen.dynamics.mechanics.statics import Equilibrium
 from flexgen.model.elements import RobotModel
-from flexgen.trajectory import Trajectory
 
 
 def start_state(

@@ -11,7 +11,7 @@ import pytest
 from emitted import _folder, made, random_states, run
 from toolchain import CC, STRICT, STRICT_CPP, needs_compiler, tool
 
-from flexgen.library.generate import GeneratedLibrary, generate
+from flexgen.codegen.build.generate import GeneratedLibrary, generate
 from flexgen.model.reader import read
 from flexgen.runtime import load
 from flexgen.runtime.library import Library

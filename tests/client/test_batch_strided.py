@@ -15,7 +15,7 @@ from emitted import library_of, random_states
 from toolchain import needs_compiler
 
 import flexgen
-from flexgen.library.generate import GeneratedLibrary
+from flexgen.codegen.build.generate import GeneratedLibrary
 
 pytestmark = needs_compiler
 GUARD = -7.25

@@ -15,7 +15,7 @@ import pytest
 from emitted import _folder, made, random_states, run, sources
 from toolchain import needs_compiler, tools
 
-from flexgen.library.generate import generate, generate_parts
+from flexgen.codegen.build.generate import generate, generate_parts
 from flexgen.model.reader import read
 from flexgen.runtime import load
 

@@ -28,17 +28,17 @@ py-modules = ["stranger"]
 "flexgen.methods".softened = "stranger:METHOD"
 "flexgen.exports".inertias = "stranger:write_inertias"
 "flexgen.frictions".quadratic = "stranger:Quadratic"
-"flexgen.laws".quiet = "stranger:Quiet"
+"flexgen.feedback.laws".quiet = "stranger:Quiet"
 "flexgen.hysteresis".logistic = "stranger:Logistic"
 """
 MODULE = """
 from dataclasses import dataclass
 import casadi as ca
-from flexgen.inversion.method_table import Method
+from flexgen.inversion.methods.method_table import Method
 from flexgen.inversion.methods.lq import solve as lq
-from flexgen.laws.lq import LQG
+from flexgen.feedback.laws.lq import LQG
 from flexgen.model.elements import Friction, friction_key
-from flexgen.spec.memory import HysteresisLaw
+from flexgen.base.spec.memory import HysteresisLaw
 
 METHOD = Method("softened", "lq, with a message", "stranger", "softened")
 def softened(problem, h):

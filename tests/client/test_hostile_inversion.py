@@ -34,15 +34,15 @@ from hostile import (
 )
 from toolchain import needs_compiler
 
-from flexgen.codegen.interface import START_SAMPLES
-from flexgen.errors import ArgumentError, FlexgenError, SolverError
-from flexgen.inversion.sampling import time_derivative
+from flexgen.base.errors import ArgumentError, FlexgenError, SolverError
+from flexgen.base.numerics.evaluate import evaluate
+from flexgen.codegen.emission.interface import START_SAMPLES
+from flexgen.dynamics.mechanics.statics import reach
+from flexgen.inversion.judge.status import Status
+from flexgen.inversion.problem.sampling import time_derivative
 from flexgen.inversion.solve import solve
-from flexgen.inversion.status import Status
-from flexgen.mechanics.statics import reach
 from flexgen.model.reader import read
-from flexgen.numerics.evaluate import evaluate
-from flexgen.runtime.limited_inversion import SIZES
+from flexgen.runtime.inversion.limited_inversion import SIZES
 
 pytestmark = needs_compiler
 

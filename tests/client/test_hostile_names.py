@@ -10,14 +10,14 @@ from emitted import ROOT, run
 from toolchain import CC, needs_compiler
 from unchecked import unchecked
 
-from flexgen.codegen.path_header import path_header
-from flexgen.errors import ArgumentError, BuildError, FlexgenError, ModelError
-from flexgen.library.generate import generate
+from flexgen.base.errors import ArgumentError, BuildError, FlexgenError, ModelError
+from flexgen.base.spec.sensors import Sensor
+from flexgen.codegen.build.generate import generate
+from flexgen.codegen.emission.path_header import path_header
 from flexgen.model.moves import Program
 from flexgen.model.reader import read
 from flexgen.paths.path import plan
-from flexgen.reports.view import view
-from flexgen.sensors import Sensor
+from flexgen.views.reports.view import view
 
 pytestmark = needs_compiler
 

@@ -25,8 +25,8 @@ from hostile_client import (
 )
 from toolchain import CC, needs_compiler, tools
 
-from flexgen.codegen.spec import library_name
-from flexgen.library.generate import generate
+from flexgen.codegen.build.generate import generate
+from flexgen.codegen.emission.spec import library_name
 
 pytestmark = needs_compiler
 

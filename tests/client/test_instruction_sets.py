@@ -15,8 +15,8 @@ from library_arrays import POINTS, arrays
 from toolchain import needs_compiler
 
 import flexgen
-from flexgen.errors import ArgumentError, BuildError
-from flexgen.library.compiler import ISAS, find_compiler
+from flexgen.base.errors import ArgumentError, BuildError
+from flexgen.codegen.build.compiler import ISAS, find_compiler
 from flexgen.runtime import processor
 from flexgen.runtime.library import Library
 

@@ -15,9 +15,9 @@ from hostile_client import SANITIZE, can_sanitize
 from toolchain import CC, STRICT, STRICT_CPP, needs_compiler, tool
 
 import flexgen
-from flexgen.codegen import kinematics_header
-from flexgen.errors import ArgumentError, SolverError
-from flexgen.library.compiler import find_compiler
+from flexgen.base.errors import ArgumentError, SolverError
+from flexgen.codegen.build.compiler import find_compiler
+from flexgen.codegen.emission import kinematics_header
 from flexgen.runtime import processor
 from flexgen.runtime.library import Library
 

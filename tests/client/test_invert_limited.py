@@ -17,15 +17,15 @@ from path_deviation import DEGREE, DeviationBasis, deviated_path
 from toolchain import CC, needs_compiler
 
 import flexgen
-from flexgen.codegen import clib_files
-from flexgen.codegen.path_header import path_header
-from flexgen.errors import ArgumentError, SolverError
-from flexgen.inversion.reduced_problem import Reduction
-from flexgen.mechanics.limits import Limits
-from flexgen.mechanics.signatures import INVERSION
+from flexgen.base.errors import ArgumentError, SolverError
+from flexgen.codegen.emission import clib_files
+from flexgen.codegen.emission.path_header import path_header
+from flexgen.dynamics.mechanics.limits import Limits
+from flexgen.dynamics.mechanics.signatures import INVERSION
+from flexgen.inversion.problem.reduced_problem import Reduction
 from flexgen.paths.path import plan
+from flexgen.runtime.inversion.path_inversion import Inversion
 from flexgen.runtime.library import Library, load
-from flexgen.runtime.path_inversion import Inversion
 
 pytestmark = needs_compiler
 SUPPORT = Path(__file__).resolve().parents[1] / "support"

@@ -19,9 +19,9 @@ from scipy.optimize import root
 from toolchain import needs_compiler
 
 import flexgen
+from flexgen.base.motion.trajectory import Trajectory
 from flexgen.cli.main import main
-from flexgen.exports.mujoco import mjcf
-from flexgen.trajectory import Trajectory
+from flexgen.exports.mujoco.mujoco import mjcf
 
 pytestmark = [needs_compiler, pytest.mark.slow]
 ZERO = np.array([0.0, 3e-3])  # rad: what the joints turn more than is commanded

@@ -18,11 +18,11 @@ from motion_control_program import EXAMPLE, PROGRAMS, planned
 from toolchain import CC, STRICT, needs_compiler, tool
 
 import flexgen
-from flexgen.codegen.path_header import path_header
-from flexgen.errors import ArgumentError
-from flexgen.numerics.evaluate import evaluate
+from flexgen.base.errors import ArgumentError
+from flexgen.base.motion.trajectory import Trajectory
+from flexgen.base.numerics.evaluate import evaluate
+from flexgen.codegen.emission.path_header import path_header
 from flexgen.simulation.simulate import simulate
-from flexgen.trajectory import Trajectory
 
 pytestmark = needs_compiler
 # intervals of 5 ms; the path begins when the first one has passed

@@ -20,7 +20,7 @@ from motion_control_program import EXAMPLE, PROGRAMS, planned
 from toolchain import CC, STRICT, needs_compiler
 
 import flexgen
-from flexgen.codegen.path_header import path_header
+from flexgen.codegen.emission.path_header import path_header
 
 pytestmark = needs_compiler
 FAULTS = ROOT / "tests" / "support" / "motion_control" / "faults.c"

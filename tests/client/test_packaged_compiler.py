@@ -10,7 +10,7 @@ from library_arrays import arrays
 from toolchain import needs_compiler
 
 import flexgen
-from flexgen.library.compiler import find_compiler
+from flexgen.codegen.build.compiler import find_compiler
 
 pytest.importorskip("ziglang", reason="the package ziglang is not installed (extra compiler)")
 

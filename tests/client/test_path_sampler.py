@@ -19,15 +19,16 @@ from hostile_client import SANITIZE, can_sanitize
 from toolchain import CC, needs_compiler
 
 import flexgen
-from flexgen.codegen.path_header import path_header
-from flexgen.errors import ArgumentError, FlexgenError
-from flexgen.inversion.reduced_problem import Reduction
+from flexgen.base.errors import ArgumentError, FlexgenError
+from flexgen.codegen.emission.path_header import path_header
+from flexgen.inversion.problem.reduced_problem import Reduction
 from flexgen.model.moves import Move, MoveC, MoveJ, MoveL, Program
-from flexgen.paths import blended_curve, time_laws
+from flexgen.paths.geometry import blended_curve
+from flexgen.paths.geometry.trigonometry import root, sine_cosine
 from flexgen.paths.path import Path, plan
-from flexgen.paths.trigonometry import root, sine_cosine
+from flexgen.paths.timing import time_laws
 from flexgen.runtime.library import Library
-from flexgen.runtime.path_sampler import PathSampler
+from flexgen.runtime.streams.path_sampler import PathSampler
 
 pytestmark = needs_compiler
 SUPPORT = FilePath(__file__).resolve().parents[1] / "support"
@@ -194,7 +195,9 @@ def test_a_planted_change_of_an_operation_changes_the_bits(
     elif bug == "corner":
         monkeypatch.setattr(blended_curve, "BUMP", 3)
     else:
-        monkeypatch.setattr("flexgen.paths.segments.sine_cosine", lambda x: (np.sin(x), np.cos(x)))
+        monkeypatch.setattr(
+            "flexgen.paths.geometry.segments.sine_cosine", lambda x: (np.sin(x), np.cos(x))
+        )
     changed = right(Path(path.equations, path.move), t)
     assert not all(np.array_equal(a, b) for a, b in zip(found, changed, strict=True))
 

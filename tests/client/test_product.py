@@ -15,11 +15,11 @@ import pytest
 from emitted import ROOT, SMALL, _folder, library_of, made, random_states, run, sources
 from toolchain import CC, STRICT, STRICT_CPP, needs_compiler, tool
 
-from flexgen.codegen.emit import symbols
-from flexgen.codegen.spec import library_spec
-from flexgen.library.compiler import REPRODUCIBLE
-from flexgen.library.generate import generate
-from flexgen.mechanics.equations import derive
+from flexgen.codegen.build.compiler import REPRODUCIBLE
+from flexgen.codegen.build.generate import generate
+from flexgen.codegen.emission.emit import symbols
+from flexgen.codegen.emission.spec import library_spec
+from flexgen.dynamics.mechanics.equations import derive
 from flexgen.model.reader import read
 from flexgen.runtime import load
 

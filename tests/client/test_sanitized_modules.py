@@ -17,19 +17,19 @@ from hostile_client import can_sanitize
 from toolchain import CC, needs_compiler, tool
 
 import flexgen.runtime.files
-from flexgen.library.lanes_module import lanes_text
+from flexgen.codegen.build.lanes_module import lanes_text
 
 pytestmark = needs_compiler
 PROGRAM = Path(__file__).parents[1] / "support" / "programs" / "sanitized_modules.py"
 SOURCE = Path(flexgen.runtime.files.__file__).parents[1]
 MODULES = [
-    "simulation/segments.c",
-    "loop/closed_loop.c",
-    "observers/collision.c",
-    "laws/model_laws.c",
-    "observers/constant_gain.c",
-    "observers/extended_kalman.c",
-    "simulation/dop853.c",
+    "simulation/integration/segments.c",
+    "feedback/loop/closed_loop.c",
+    "feedback/observers/collision.c",
+    "feedback/laws/model_laws.c",
+    "feedback/observers/constant_gain.c",
+    "feedback/observers/extended_kalman.c",
+    "simulation/integration/dop853.c",
 ]
 SHIM = """#define _GNU_SOURCE
 #include <dlfcn.h>
@@ -95,7 +95,9 @@ def test_modules_have_no_variables_that_threads_could_share(tmp_path):
     }
     for k, name in enumerate(MODULES):
         path = SOURCE / name
-        if name == "simulation/segments.c":  # with functions, which are written in front of it
+        if (
+            name == "simulation/integration/segments.c"
+        ):  # with functions, which are written in front of it
             (tmp_path / "whole.c").write_text(lanes_text(functions, path.read_text()))
             path = tmp_path / "whole.c"
         run(CC, "-std=c99", "-O1", "-c", f"-I{path.parent}", path, "-o", f"{k}.o", folder=tmp_path)

@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 
 import flexgen
-from flexgen.mechanics.equations import BUILDERS
-from flexgen.mechanics.signatures import TABLE
+from flexgen.dynamics.mechanics.equations import BUILDERS
+from flexgen.dynamics.mechanics.signatures import TABLE
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -18,14 +18,14 @@ from hysteretic import BENT, SLIPS, with_elements
 from toolchain import CC, needs_compiler, tool
 
 from flexgen.analysis.analyze import analyze
-from flexgen.analysis.zeros import preview
-from flexgen.codegen.spec import LibrarySpec, library_spec
-from flexgen.inversion.reduced_problem import Reduction
-from flexgen.inversion.sampling import samples
-from flexgen.library.generate import GeneratedLibrary, generate
-from flexgen.library.stream_defaults import stream_defaults
-from flexgen.mechanics.equations import Equations, derive
-from flexgen.mechanics.signatures import INVERSION
+from flexgen.analysis.zero_dynamics.zeros import preview
+from flexgen.codegen.build.generate import GeneratedLibrary, generate
+from flexgen.codegen.build.stream_defaults import stream_defaults
+from flexgen.codegen.emission.spec import LibrarySpec, library_spec
+from flexgen.dynamics.mechanics.equations import Equations, derive
+from flexgen.dynamics.mechanics.signatures import INVERSION
+from flexgen.inversion.problem.reduced_problem import Reduction
+from flexgen.inversion.problem.sampling import samples
 from flexgen.paths.path import Path
 from flexgen.runtime import load
 

@@ -17,8 +17,8 @@ from toolchain import needs_compiler, tool, wine
 
 import flexgen
 from flexgen.cli.main import main
-from flexgen.library.compiler import Compiler, find_compiler
-from flexgen.runtime.targets import TARGETS, refuse_other_computer
+from flexgen.codegen.build.compiler import Compiler, find_compiler
+from flexgen.runtime.inversion.targets import TARGETS, refuse_other_computer
 
 pytest.importorskip("ziglang", reason="the package ziglang is not installed (extra compiler)")
 SUPPORT = Path(__file__).resolve().parents[1] / "support" / "programs"

@@ -17,8 +17,8 @@ import pytest
 from installations import ROOT, built, clone_at, environment_at, install, need_setuptools
 
 import flexgen
-from flexgen.inversion.method_table import method_names
-from flexgen.simulation.hold_names import HOLDS, HoldName
+from flexgen.inversion.methods.method_table import method_names
+from flexgen.simulation.integration.hold_names import HOLDS, HoldName
 
 RIGHT = """
 from pathlib import Path

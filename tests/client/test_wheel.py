@@ -45,15 +45,17 @@ def test_it_contains_all_that_is_in_the_packages(wheel: Path) -> None:
     }
     expected = {name for name in expected if "__pycache__" not in name}
     expected |= {
-        f"flexgen/models/{path.name}" for path in (ROOT / "models").iterdir() if path.is_file()
+        f"flexgen/model/shipped/{path.name}"
+        for path in (ROOT / "models").iterdir()
+        if path.is_file()
     }
     data = f"flexgen_robotics-{flexgen.__version__}.data/data/share/flexgen/"
     expected |= {data + name for name in examples()}
     assert {
         name for name in names if not name.partition("/")[0].endswith(".dist-info")
     } == expected
-    assert "flexgen/py.typed" in names and "flexgen/models/elbow.toml" in names
-    assert any(name.startswith("flexgen/clib/") and name.endswith(".c") for name in names)
+    assert "flexgen/py.typed" in names and "flexgen/model/shipped/elbow.toml" in names
+    assert any(name.startswith("flexgen/codegen/clib/") and name.endswith(".c") for name in names)
 
 
 def test_the_sdist_contains_all_that_the_wheel_needs(wheel: Path) -> None:
@@ -69,7 +71,7 @@ def test_the_sdist_contains_all_that_the_wheel_needs(wheel: Path) -> None:
     assert (
         packaged
         | examples()
-        | {"pyproject.toml", "LICENSE", "README.md", "flexgen/models/elbow.toml"}
+        | {"pyproject.toml", "LICENSE", "README.md", "flexgen/model/shipped/elbow.toml"}
         <= names
     )
 
@@ -85,7 +87,7 @@ def test_the_bytes_of_both_repeat(wheel: Path) -> None:
         sorted(wheel.parent.iterdir()), sorted(again.parent.iterdir()), strict=True
     ):
         assert first.name == second.name and first.read_bytes() == second.read_bytes()
-    source = other / "flexgen" / "errors.py"
+    source = other / "flexgen" / "base" / "errors.py"
     source.write_text(source.read_text("utf-8") + "\n", "utf-8")  # planted: another source
     changed = built(other, other.parent / "changed", 0o022)
     assert changed.read_bytes() != again.read_bytes()

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 import flexgen
-from flexgen.errors import ArgumentError, SolverError
+from flexgen.base.errors import ArgumentError, SolverError
+from flexgen.base.numerics.evaluate import evaluate
+from flexgen.inversion.judge.status import Status
 from flexgen.inversion.methods import baselines
 from flexgen.inversion.methods.baselines import quasistatic_motion, stiff_motion
-from flexgen.inversion.reduced_problem import Reduction
+from flexgen.inversion.problem.reduced_problem import Reduction
 from flexgen.inversion.solution import Solution
-from flexgen.inversion.status import Status
 from flexgen.model.elements import Move
 from flexgen.model.reader import read
-from flexgen.numerics.evaluate import evaluate
 from flexgen.paths.path import Path
 from flexgen.simulation.simulate import simulate
 

@@ -20,15 +20,15 @@ from toolchain import CC, STRICT, STRICT_CPP, needs_compiler, tool
 
 import flexgen
 from flexgen.analysis.linear import linearize
-from flexgen.analysis.zeros import inner_zeros
-from flexgen.errors import ArgumentError, SolverError
+from flexgen.analysis.zero_dynamics.zeros import inner_zeros
+from flexgen.base.errors import ArgumentError, SolverError
+from flexgen.dynamics.mechanics.equations import Equations
+from flexgen.dynamics.mechanics.signatures import INVERSION
+from flexgen.dynamics.mechanics.statics import equilibrium_at
+from flexgen.inversion.judge.status import Status
 from flexgen.inversion.methods import bvp, collocation, lq
-from flexgen.inversion.problem import InversionProblem
+from flexgen.inversion.problem.problem import InversionProblem
 from flexgen.inversion.solve import make_solution
-from flexgen.inversion.status import Status
-from flexgen.mechanics.equations import Equations
-from flexgen.mechanics.signatures import INVERSION
-from flexgen.mechanics.statics import equilibrium_at
 from flexgen.model.elements import Placement, RobotModel
 from flexgen.model.reader import read
 from flexgen.runtime import load

@@ -20,12 +20,12 @@ from measured_numbers import check_numbers
 from scipy.spatial.transform import Rotation
 
 import flexgen
-from flexgen.calibration import components, frames, mistakes
-from flexgen.calibration.model_file import changes_of
-from flexgen.calibration.parameters import GROUPS, Priors, unknowns_of
-from flexgen.calibration.statics import Numbers, Statics
-from flexgen.calibration.tree import Tree
-from flexgen.errors import ArgumentError, ModelError
+from flexgen.base.errors import ArgumentError, ModelError
+from flexgen.identification.poses import components, frames, mistakes
+from flexgen.identification.poses.model_file import changes_of
+from flexgen.identification.poses.parameters import GROUPS, Priors, unknowns_of
+from flexgen.identification.poses.statics import Numbers, Statics
+from flexgen.identification.poses.tree import Tree
 from flexgen.model.elements import RobotModel
 
 ROOT = Path(__file__).resolve().parents[2]

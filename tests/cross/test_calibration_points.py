@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 import flexgen
-from flexgen.calibration.model_file import changes_of
-from flexgen.calibration.parameters import Priors, Unknown, points_of, unknowns_of
-from flexgen.calibration.statics import Numbers, Statics
-from flexgen.calibration.tree import Tree
-from flexgen.errors import ArgumentError
+from flexgen.base.errors import ArgumentError
+from flexgen.identification.poses.model_file import changes_of
+from flexgen.identification.poses.parameters import Priors, Unknown, points_of, unknowns_of
+from flexgen.identification.poses.statics import Numbers, Statics
+from flexgen.identification.poses.tree import Tree
 from flexgen.model.elements import RobotModel
 
 TIP = [{"name": "tip", "type": "tracker", "unit": "m", "position": [0.03, 0.02, 0.15]}]

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 import flexgen
-from flexgen.calibration.parameters import GROUPS, Priors, unknowns_of
-from flexgen.calibration.statics import Numbers, Statics
-from flexgen.calibration.tree import Tree
-from flexgen.errors import ArgumentError
+from flexgen.base.errors import ArgumentError
+from flexgen.identification.poses.parameters import GROUPS, Priors, unknowns_of
+from flexgen.identification.poses.statics import Numbers, Statics
+from flexgen.identification.poses.tree import Tree
 from flexgen.model.elements import RobotModel
 
 TRACKERS = [

@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 
 import flexgen
-from flexgen.calibration.parameters import Priors
-from flexgen.errors import ArgumentError
+from flexgen.base.errors import ArgumentError
+from flexgen.identification.poses.parameters import Priors
 
 AXES = np.array([[0, 0, 1], [0, 1, 0], [0, 1, 0], [1, 0, 0], [0, 1, 0], [1, 0, 0]], float)
 GRAVITY = np.array([0.0, 0.0, -9.81])
@@ -343,15 +343,15 @@ def test_readings_with_stated_deviations_count_by_them(tmp_path: Path) -> None:
 
 
 def test_derivatives_of_touches_are_differences(tmp_path: Path) -> None:
-    from flexgen.calibration.parameters import unknowns_of
-    from flexgen.calibration.statics import Numbers, Statics
-    from flexgen.calibration.tree import Tree
+    from flexgen.identification.poses.parameters import unknowns_of
+    from flexgen.identification.poses.statics import Numbers, Statics
+    from flexgen.identification.poses.tree import Tree
 
     rng = np.random.default_rng(2)
     tree = Tree(robot_of(text_of(nominal(0)), tmp_path))
     texts = [f.text for f in (*BLOCK, *GAUGES)] + ["coordinate -z", "gauge nest -tool.y"]
     q = rng.uniform(-1.0, 1.0, (len(texts), 6))
-    touches = flexgen.calibration.touches.Touches.of(
+    touches = flexgen.identification.poses.touches.Touches.of(
         np.array(texts)[:, None], rng.uniform(0, 0.1, (len(texts), 1))
     )
     free = ("zeros", "placements", "compliances", "masses")

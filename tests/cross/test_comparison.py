@@ -11,15 +11,15 @@ import numpy as np
 import pytest
 
 import flexgen
-from flexgen.inversion.comparison import compare_methods, error_rows, error_sizes
+from flexgen.dynamics.mechanics.equations import derive
+from flexgen.feedback.loop.robustness import Plant, compare_plants, output_errors
+from flexgen.inversion.comparison.comparison import compare_methods, error_rows, error_sizes
+from flexgen.inversion.judge.verification import plan_error
 from flexgen.inversion.solution import INTERRUPTED
-from flexgen.inversion.verification import plan_error
-from flexgen.loop.robustness import Plant, compare_plants, output_errors
-from flexgen.mechanics.equations import derive
 from flexgen.model.elements import Output
 from flexgen.model.reader import read
 from flexgen.paths.path import Path
-from flexgen.reports.html import write_report
+from flexgen.views.reports.html import write_report
 
 
 @pytest.fixture(scope="module")

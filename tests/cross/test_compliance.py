@@ -12,7 +12,7 @@ import pytest
 import flexgen
 from flexgen.analysis.analyze import Analysis
 from flexgen.analysis.compliance import ToolCompliance, tool_compliance
-from flexgen.mechanics.equations import derive
+from flexgen.dynamics.mechanics.equations import derive
 
 mujoco = pytest.importorskip("mujoco")
 MODELS = ["planar5_nmp", "carried_arm", "manutec_r3_24"]

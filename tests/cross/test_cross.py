@@ -25,7 +25,7 @@ from referee import (
     random_state,
 )
 
-from flexgen.mechanics.equations import derive
+from flexgen.dynamics.mechanics.equations import derive
 from flexgen.model.elements import BacklashSpring, RobotModel
 
 TORQUE = 1e-11  # of the largest torque: rounding along chains of some ten bodies, in another order

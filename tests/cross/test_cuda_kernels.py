@@ -20,7 +20,7 @@ from fake_gpu import FakeDriver, compile_on_cpu
 from inversion_cases import PERIOD, samples
 
 import flexgen
-from flexgen.cuda import compiler, driver, sources
+from flexgen.backends.cuda import compiler, driver, sources
 
 TABLE = Path(__file__).resolve().parents[1] / "golden" / "cuda_kernels.json"
 ARCHITECTURES = ("sm_80", "sm_90")

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 import flexgen
-from flexgen.mechanics.equations import derive
-from flexgen.numerics.evaluate import evaluate
-from flexgen.templates.dh_model import model_from_dh
+from flexgen.base.numerics.evaluate import evaluate
+from flexgen.dynamics.mechanics.equations import derive
+from flexgen.studies.templates.dh_model import model_from_dh
 
 TOLERANCE = 1e-12  # relative to the largest entry, of chains of at most seven joints
 CONVENTIONS = ("standard", "modified")

@@ -11,10 +11,10 @@ import pytest
 from inversion_cases import last_joint
 from toolchain import needs_compiler
 
-from flexgen.inversion.model_library import inversion_library
-from flexgen.inversion.reduced_problem import Reduction
-from flexgen.inversion.sampling import samples
-from flexgen.mechanics.equations import derive
+from flexgen.dynamics.mechanics.equations import derive
+from flexgen.inversion.problem.model_library import inversion_library
+from flexgen.inversion.problem.reduced_problem import Reduction
+from flexgen.inversion.problem.sampling import samples
 from flexgen.model.reader import read
 from flexgen.paths.path import Path
 

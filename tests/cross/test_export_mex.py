@@ -17,11 +17,11 @@ from remembering import check, compiled, remembering, samples, start
 from toolchain import STRICT, needs_compiler, tool
 
 import flexgen
+from flexgen.base.errors import BuildError
 from flexgen.cli.main import main
-from flexgen.codegen.clib_files import render
-from flexgen.errors import BuildError
-from flexgen.mechanics.signatures import TABLE
-from flexgen.runtime.limited_inversion import OF_TOOL, SIZES
+from flexgen.codegen.emission.clib_files import render
+from flexgen.dynamics.mechanics.signatures import TABLE
+from flexgen.runtime.inversion.limited_inversion import OF_TOOL, SIZES
 
 STUBS = Path(__file__).resolve().parents[1] / "support" / "mex_stubs"
 NAME = "planar5_nmp"

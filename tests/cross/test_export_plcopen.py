@@ -21,9 +21,9 @@ from remembering import check, compiled, remembering, samples, start
 from toolchain import STRICT, needs_compiler, tool
 
 import flexgen
+from flexgen.base.errors import ArgumentError, BuildError
 from flexgen.cli.main import main
-from flexgen.errors import ArgumentError, BuildError
-from flexgen.exports.selftest.motion import targets
+from flexgen.exports.c_code.selftest.motion import targets
 
 NAME = "planar5_nmp"
 TC6 = "{http://www.plcopen.org/xml/tc6_0201}"

@@ -25,15 +25,15 @@ from exports import library_object, without_streams
 from toolchain import needs_compiler, tool
 
 import flexgen
+from flexgen.base.errors import ArgumentError, BuildError
 from flexgen.cli.main import main
-from flexgen.codegen.clib_files import render
-from flexgen.errors import ArgumentError, BuildError
-from flexgen.exports.emitted import emit
-from flexgen.exports.selftest.golden import output_at
-from flexgen.exports.selftest.motion import targets
-from flexgen.loop.controllers import Cascade
-from flexgen.mechanics.statics import hold_joints
-from flexgen.templates.new_model import new_model
+from flexgen.codegen.emission.clib_files import render
+from flexgen.dynamics.mechanics.statics import hold_joints
+from flexgen.exports.c_code.emitted import emit
+from flexgen.exports.c_code.selftest.golden import output_at
+from flexgen.exports.c_code.selftest.motion import targets
+from flexgen.feedback.loop.controllers import Cascade
+from flexgen.studies.templates.new_model import new_model
 
 STUBS = Path(__file__).resolve().parents[1] / "support" / "ros2_stubs"
 STRICT = ["-std=c++17", "-Wall", "-Wextra", "-Werror", "-O0"]

@@ -19,9 +19,9 @@ from remembering import FORGETS, SLIPPING, compiled, remembering
 from toolchain import STRICT, needs_compiler, tool
 
 import flexgen
+from flexgen.base.errors import ArgumentError, BuildError, SolverError
 from flexgen.cli.main import main
-from flexgen.errors import ArgumentError, BuildError, SolverError
-from flexgen.library.source_folder import RECORD, write_folder
+from flexgen.codegen.build.source_folder import RECORD, write_folder
 
 
 def program(
@@ -320,7 +320,7 @@ def test_a_file_in_the_place_of_a_folder_leaves_the_folder_as_it_was(tmp_path):
 
 
 def test_a_move_through_a_singular_pose_is_refused(monkeypatch, tmp_path):
-    from flexgen.exports.selftest import motion
+    from flexgen.exports.c_code.selftest import motion
 
     monkeypatch.setattr(motion, "SINGULAR", 1e3)  # every pose counts as one
     with pytest.raises(SolverError, match=r"singular pose.*motion=False"):

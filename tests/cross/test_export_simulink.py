@@ -15,11 +15,11 @@ from remembering import check, compiled, remembering, samples, start
 from toolchain import STRICT, needs_compiler, tool
 
 import flexgen
+from flexgen.base.errors import ArgumentError
 from flexgen.cli.main import main
-from flexgen.errors import ArgumentError
-from flexgen.exports.selftest.golden import output_at
-from flexgen.exports.selftest.motion import targets
-from flexgen.mechanics.signatures import TABLE
+from flexgen.dynamics.mechanics.signatures import TABLE
+from flexgen.exports.c_code.selftest.golden import output_at
+from flexgen.exports.c_code.selftest.motion import targets
 
 STUBS = Path(__file__).resolve().parents[1] / "support" / "simulink_stubs"
 NAME = "planar5_nmp"

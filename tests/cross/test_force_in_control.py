@@ -17,12 +17,12 @@ from process_forces import PLANE, duration_of, milling
 from toolchain import needs_compiler
 
 import flexgen
+from flexgen.base.errors import ArgumentError
 from flexgen.cli.main import main
-from flexgen.errors import ArgumentError
-from flexgen.exports.mujoco import mjcf
-from flexgen.loop import case as loop_case
-from flexgen.loop.plants import LocalDynamics
-from flexgen.paths.process_force import ProcessForce, make_force
+from flexgen.exports.mujoco.mujoco import mjcf
+from flexgen.feedback.loop import case as loop_case
+from flexgen.feedback.loop.plants import LocalDynamics
+from flexgen.paths.force.process_force import ProcessForce, make_force
 
 pytestmark = needs_compiler
 mujoco = pytest.importorskip("mujoco")

@@ -8,17 +8,17 @@ import pytest
 from mujoco_referee import MujocoMachine, text
 
 import flexgen
-from flexgen.analysis.response_inputs import Drive
-from flexgen.environment.sense import shown_angles
-from flexgen.errors import ArgumentError, ModelError
-from flexgen.identification.local_model import LocalModel
-from flexgen.library.model_library import library_with
-from flexgen.mechanics import sensors as sensor_graphs
-from flexgen.mechanics.beam import modal_beam
-from flexgen.mechanics.equations import derive
+from flexgen.base.errors import ArgumentError, ModelError
+from flexgen.base.motion.trajectory import Trajectory
+from flexgen.base.spec.ports import Port
+from flexgen.codegen.build.model_library import library_with
+from flexgen.dynamics.mechanics import sensors as sensor_graphs
+from flexgen.dynamics.mechanics.beam import modal_beam
+from flexgen.dynamics.mechanics.equations import derive
+from flexgen.identification.responses.local_model import LocalModel
+from flexgen.identification.responses.response_inputs import Drive
 from flexgen.model.elements import RobotModel
-from flexgen.spec.ports import Port
-from flexgen.trajectory import Trajectory
+from flexgen.simulation.environment.sense import shown_angles
 
 ROBOTS = ("planar5_nmp", "elbow", "manutec_r3_18")
 WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")

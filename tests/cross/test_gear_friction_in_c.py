@@ -16,10 +16,10 @@ from states_in_c import GEARS, path_of, stream_errors
 from toolchain import needs_compiler
 
 import flexgen
-from flexgen.codegen import clib_files
-from flexgen.library.generate import generate_parts
-from flexgen.library.model_library import library_with
-from flexgen.mechanics.signatures import INVERTING, offered_functions
+from flexgen.codegen.build.generate import generate_parts
+from flexgen.codegen.build.model_library import library_with
+from flexgen.codegen.emission import clib_files
+from flexgen.dynamics.mechanics.signatures import INVERTING, offered_functions
 from flexgen.runtime.library import Library
 
 pytestmark = needs_compiler

@@ -21,7 +21,7 @@ from hysteretic import (
 )
 
 import flexgen
-from flexgen.exports.mujoco_checks import with_friction
+from flexgen.exports.mujoco.mujoco_checks import with_friction
 
 pytest.importorskip("mujoco")
 KNOWN = 5e-8  # m

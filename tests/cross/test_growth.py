@@ -14,18 +14,18 @@ from emitted import loaded
 from scipy.linalg import expm
 from toolchain import needs_compiler
 
-from flexgen.errors import ArgumentError
-from flexgen.inversion.problem import HELD
-from flexgen.inversion.reduced_problem import Reduction
-from flexgen.inversion.sampling import samples
-from flexgen.library.generate import generate
-from flexgen.mechanics.equations import derive
+from flexgen.base.errors import ArgumentError
+from flexgen.codegen.build.generate import generate
+from flexgen.dynamics.mechanics.equations import derive
+from flexgen.inversion.problem.problem import HELD
+from flexgen.inversion.problem.reduced_problem import Reduction
+from flexgen.inversion.problem.sampling import samples
 from flexgen.model.reader import read
+from flexgen.paths.force.process_force import make_force
 from flexgen.paths.path import Path
-from flexgen.paths.process_force import make_force
+from flexgen.runtime.inversion.path_inversion import Inversion
 from flexgen.runtime.library import Library, load
-from flexgen.runtime.path_inversion import Inversion
-from flexgen.simulation.growth import Motion, growth_along, linearize_along
+from flexgen.simulation.verification.growth import Motion, growth_along, linearize_along
 
 pytestmark = needs_compiler
 

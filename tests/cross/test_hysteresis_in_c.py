@@ -27,13 +27,13 @@ from states_in_c import (
 from toolchain import needs_compiler
 
 import flexgen
-from flexgen.codegen import clib_files
-from flexgen.errors import ArgumentError, SolverError
-from flexgen.inversion.memory import with_hysteresis
-from flexgen.inversion.motor_side import MotorMotion
-from flexgen.inversion.sampling import from_library
-from flexgen.library.generate import generate_parts
-from flexgen.memory.hysteresis import without_hysteresis
+from flexgen.base.errors import ArgumentError, SolverError
+from flexgen.codegen.build.generate import generate_parts
+from flexgen.codegen.emission import clib_files
+from flexgen.dynamics.hysteresis.hysteresis import without_hysteresis
+from flexgen.inversion.problem.memory import with_hysteresis
+from flexgen.inversion.problem.motor_side import MotorMotion
+from flexgen.inversion.problem.sampling import from_library
 
 pytestmark = needs_compiler
 CUBIC = {"type": "cubic", "stiffness": 1e5, "cubic": 4e10}

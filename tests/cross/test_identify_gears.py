@@ -29,9 +29,9 @@ from toolchain import needs_compiler
 
 import flexgen
 from flexgen.cli.main import main
-from flexgen.exports.mujoco_checks import with_friction
-from flexgen.gears.result import GearStatus
-from flexgen.records.motor_record import read_motor_record
+from flexgen.exports.mujoco.mujoco_checks import with_friction
+from flexgen.identification.gears.result import GearStatus
+from flexgen.identification.records.motor_record import read_motor_record
 
 pytestmark = needs_compiler
 NOISE = 1e-4  # rad, motor side

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 import flexgen
-from flexgen.inversion.status import Status
-from flexgen.mechanics.equations import derive
+from flexgen.base.motion.trajectory import Trajectory
+from flexgen.dynamics.mechanics.equations import derive
+from flexgen.inversion.judge.status import Status
 from flexgen.simulation.simulate import simulate
-from flexgen.trajectory import Trajectory
 
 PLANAR = 1e-7  # m
 SIX_AXES = 1e-6  # m and rad

@@ -12,17 +12,17 @@ import numpy as np
 import pytest
 from shipped_models import shipped
 
-from flexgen.codegen.emit import emit
-from flexgen.codegen.spec import choose_functions, library_spec
-from flexgen.errors import ArgumentError
-from flexgen.library.generate import generate
-from flexgen.mechanics import inversion_functions
-from flexgen.mechanics.equations import Equations, derive
-from flexgen.mechanics.signatures import FUNCTIONS, INVERSION, offered_functions
+from flexgen.base.errors import ArgumentError
+from flexgen.codegen.build.generate import generate
+from flexgen.codegen.emission.emit import emit
+from flexgen.codegen.emission.spec import choose_functions, library_spec
+from flexgen.codegen.recursion import inversion_functions as by_recursion
+from flexgen.codegen.recursion.functions import fast_function, recursive_function
+from flexgen.dynamics.mechanics import inversion_functions
+from flexgen.dynamics.mechanics.equations import Equations, derive
+from flexgen.dynamics.mechanics.signatures import FUNCTIONS, INVERSION, offered_functions
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import model_names, read
-from flexgen.recursion import inversion_functions as by_recursion
-from flexgen.recursion.functions import fast_function, recursive_function
 
 MADE_OF_TAPES = ("output_constraint", "inversion_jacobians", "inversion_rows")
 ROBOTS = ("one", "spatial", "ur5_elastic")

@@ -11,8 +11,8 @@ import pytest
 from array_cases import checked_gradients, drawn, library
 
 import flexgen
-from flexgen.codegen.spec import choose_functions
-from flexgen.errors import ArgumentError
+from flexgen.base.errors import ArgumentError
+from flexgen.codegen.emission.spec import choose_functions
 
 jax = pytest.importorskip("jax", reason="the package jax is not installed")
 jnp = jax.numpy
@@ -113,7 +113,7 @@ def flat_results(result):
 
 @pytest.mark.slow
 def test_a_planted_sign_of_the_transpose_is_caught(monkeypatch) -> None:
-    from flexgen.autodiff import jax_functions
+    from flexgen.backends.autodiff import jax_functions
 
     rule = jax_functions._transpose
 
@@ -271,7 +271,7 @@ def test_a_closed_library_refuses_new_programs_and_compiled_ones_still_run() -> 
 
 
 def test_a_program_finds_no_function_of_a_library_that_is_not_loaded() -> None:
-    from flexgen.autodiff import jax_functions
+    from flexgen.backends.autodiff import jax_functions
 
     pair(CASES[0].values[0])
     lowering = jax.ffi.ffi_call(jax_functions.TARGET, jax.ShapeDtypeStruct((2,), np.float64))

@@ -18,12 +18,12 @@ from process_forces import error_in_mujoco as error_under_force
 from toolchain import needs_compiler
 
 import flexgen
-from flexgen.errors import SolverError
-from flexgen.exports.mujoco_checks import with_friction
-from flexgen.inversion import limits
-from flexgen.numerics.evaluate import evaluate
-from flexgen.performance import minimum_time, time_search
-from flexgen.trajectory import Trajectory
+from flexgen.base.errors import SolverError
+from flexgen.base.motion.trajectory import Trajectory
+from flexgen.base.numerics.evaluate import evaluate
+from flexgen.exports.mujoco.mujoco_checks import with_friction
+from flexgen.inversion.problem import limits
+from flexgen.planning.fastest import minimum_time, time_search
 
 pytest.importorskip("mujoco")
 pytestmark = [needs_compiler, pytest.mark.slow]

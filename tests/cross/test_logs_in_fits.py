@@ -16,10 +16,10 @@ from logs import GRAVITY, MODEL, write_csv
 from toolchain import needs_compiler
 
 import flexgen
-from flexgen import units
+from flexgen.base.spec import units
 from flexgen.cli.main import main
-from flexgen.identification.recordings.experiment_file import read_experiment
-from flexgen.identification.recordings.recording_writer import RecordingWriter
+from flexgen.identification.records.experiment_file import read_experiment
+from flexgen.identification.records.recording_writer import RecordingWriter
 
 TRACKER = """
 [[sensor]]

@@ -14,10 +14,10 @@ import pytest
 from logs import CONSTANTS, MODEL, QUIRKS, Arm, Log, quirky, write_csv
 
 import flexgen
-from flexgen import units
+from flexgen.base.spec import units
 from flexgen.cli.main import main
-from flexgen.identification.recordings.experiment_file import read_experiment
-from flexgen.identification.recordings.rigid_file import identify_bodies
+from flexgen.identification.records.experiment_file import read_experiment
+from flexgen.identification.rigid.rigid_file import identify_bodies
 
 pytestmark = pytest.mark.slow
 

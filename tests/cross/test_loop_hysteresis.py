@@ -21,16 +21,16 @@ from numpy.testing import assert_allclose
 from toolchain import needs_compiler
 
 import flexgen
-from flexgen.errors import ArgumentError
-from flexgen.exports.mujoco_checks import with_friction
-from flexgen.inversion.sampling import second_time_derivative, time_derivative
-from flexgen.loop import hysteresis as loop
-from flexgen.loop.case import control_case
-from flexgen.loop.channels import ACCELEROMETER, channels_of
-from flexgen.loop.control import case_controller, run_case
-from flexgen.mechanics.lagrangian import gears
-from flexgen.memory.hysteresis import gear_hysteresis, gear_layers, torque_along
-from flexgen.numerics.evaluate import evaluate
+from flexgen.base.errors import ArgumentError
+from flexgen.base.numerics.evaluate import evaluate
+from flexgen.dynamics.hysteresis.hysteresis import gear_hysteresis, gear_layers, torque_along
+from flexgen.dynamics.mechanics.lagrangian import gears
+from flexgen.exports.mujoco.mujoco_checks import with_friction
+from flexgen.feedback.loop import hysteresis as loop
+from flexgen.feedback.loop.case import control_case
+from flexgen.feedback.loop.channels import ACCELEROMETER, channels_of
+from flexgen.feedback.loop.control import case_controller, run_case
+from flexgen.inversion.problem.sampling import second_time_derivative, time_derivative
 
 pytestmark = needs_compiler
 OPEN = {"controller": "none", "sample_time": 1e-4, "torque_limits": False, "progress": False}

@@ -13,8 +13,8 @@ from numpy.testing import assert_allclose
 from toolchain import needs_compiler
 
 import flexgen
-from flexgen.exports.mujoco_checks import with_friction
-from flexgen.loop import hysteresis as loop
+from flexgen.exports.mujoco.mujoco_checks import with_friction
+from flexgen.feedback.loop import hysteresis as loop
 
 pytestmark = needs_compiler
 OPEN = {"controller": "none", "sample_time": 1e-4, "torque_limits": False, "progress": False}

@@ -23,16 +23,16 @@ from states_in_c import (
 from toolchain import needs_compiler
 
 import flexgen
-from flexgen.codegen import clib_files
-from flexgen.codegen.c_functions import inversion_reason
-from flexgen.errors import ArgumentError
-from flexgen.inversion.memory import with_memory
-from flexgen.inversion.motor_side import MotorMotion
-from flexgen.inversion.sampling import from_library
-from flexgen.library.generate import generate_parts
-from flexgen.mechanics.signatures import offered_functions
-from flexgen.memory.hysteresis import without_hysteresis
-from flexgen.memory.lugre import without_lugre
+from flexgen.base.errors import ArgumentError
+from flexgen.codegen.build.generate import generate_parts
+from flexgen.codegen.emission import clib_files
+from flexgen.codegen.emission.c_functions import inversion_reason
+from flexgen.dynamics.hysteresis.hysteresis import without_hysteresis
+from flexgen.dynamics.hysteresis.lugre import without_lugre
+from flexgen.dynamics.mechanics.signatures import offered_functions
+from flexgen.inversion.problem.memory import with_memory
+from flexgen.inversion.problem.motor_side import MotorMotion
+from flexgen.inversion.problem.sampling import from_library
 
 pytestmark = needs_compiler
 SAME = 1e-8  # relative: rates of the motors are differences of rounded deflections

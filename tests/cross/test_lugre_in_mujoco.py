@@ -9,7 +9,7 @@ import pytest
 from bristled import bristled, error_in_mujoco, tables
 
 import flexgen
-from flexgen.exports.mujoco_checks import with_friction
+from flexgen.exports.mujoco.mujoco_checks import with_friction
 
 pytest.importorskip("mujoco")
 # m; s: with steps of 1e-4 s the law of the tests itself has an error of 0.12 um

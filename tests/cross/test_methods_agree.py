@@ -15,9 +15,9 @@ from scipy.interpolate import make_interp_spline
 from toolchain import needs_compiler
 
 import flexgen
-from flexgen.errors import ArgumentError
-from flexgen.inversion.method_table import AUTO, methods
-from flexgen.mechanics.equations import derive
+from flexgen.base.errors import ArgumentError
+from flexgen.dynamics.mechanics.equations import derive
+from flexgen.inversion.methods.method_table import AUTO, methods
 
 # of the largest torque of the motor; the first differences of tau_g in the C methods are good to
 # some 1e-5, the torque of the full method ripples between its Gauss points

@@ -17,21 +17,21 @@ from mujoco_referee import MujocoReferee
 from random_trees import trees
 
 import flexgen
-from flexgen.analysis.mechanisms import mechanisms as mechanisms_of
-from flexgen.errors import ModelError
-from flexgen.exports import mujoco_forces
-from flexgen.mechanics.equations import derive
-from flexgen.model.elements import RobotModel
-from flexgen.model.inertia import mass_matrix
-from flexgen.model.reader import read
-from flexgen.recursion.arm import Arm
-from flexgen.recursion.functions import (
+from flexgen.base.errors import ModelError
+from flexgen.codegen.recursion.arm import Arm
+from flexgen.codegen.recursion.functions import (
     _BUILDERS,
     agrees,
     fast_function,
     operations_of,
     recursive_function,
 )
+from flexgen.dynamics.mechanics.equations import derive
+from flexgen.exports.mechanisms import mechanisms as mechanisms_of
+from flexgen.exports.mujoco import mujoco_forces
+from flexgen.model.elements import RobotModel
+from flexgen.model.inertia import mass_matrix
+from flexgen.model.reader import read
 
 CLOSE = 1e-10  # of the largest entry
 COUNT = 12

@@ -21,14 +21,14 @@ from random_robots import Case, cases
 from shipped_models import all_variants
 
 import flexgen
+from flexgen.base.errors import ArgumentError, ModelError
+from flexgen.base.numerics.evaluate import evaluate
 from flexgen.cli.main import main
-from flexgen.errors import ArgumentError, ModelError
-from flexgen.exports import mujoco_checks
-from flexgen.exports.mujoco import _Writer, mjcf
-from flexgen.exports.mujoco_checks import with_friction
-from flexgen.exports.mujoco_inertia import regroup
+from flexgen.exports.mujoco import mujoco_checks
+from flexgen.exports.mujoco.mujoco import _Writer, mjcf
+from flexgen.exports.mujoco.mujoco_checks import with_friction
+from flexgen.exports.mujoco.mujoco_inertia import regroup
 from flexgen.model.elements import Body, CubicSpring, PiecewiseSpring, RobotModel, SmoothSpring
-from flexgen.numerics.evaluate import evaluate
 
 # Relative to the largest acceleration of the arm, and of all: rounding, amplified by the condition
 # of the mass matrix (1e4 in these robots); up to 9e-12 was measured on 80 random robots, 2e-13 on

@@ -14,12 +14,12 @@ from odd_urdfs import OddUrdf, odd_urdf
 from urdf_peer import UrdfPeer
 
 import flexgen
-from flexgen.mechanics.equations import derive
+from flexgen.base.spec.toml_text import toml_key
+from flexgen.dynamics.mechanics.equations import derive
 from flexgen.model.inertia import mass_matrix
 from flexgen.model.reader import read
-from flexgen.model.urdf_mimic import Motion
-from flexgen.spec.toml_text import toml_key
-from flexgen.templates.new_model import new_overlay
+from flexgen.model.urdf.urdf_mimic import Motion
+from flexgen.studies.templates.new_model import new_overlay
 
 ROBOTS = Path(
     sysconfig.get_paths()["purelib"], "cmeel.prefix", "share", "example-robot-data", "robots"

@@ -20,9 +20,9 @@ from scipy.interpolate import CubicSpline
 from servo_in_mujoco import GAINS, PLAIN, TABLE, InMujoco, OwnServo, robot_of, with_servo
 
 import flexgen
-from flexgen.errors import ArgumentError, ModelError
-from flexgen.inversion.status import Status
-from flexgen.numerics.evaluate import evaluate
+from flexgen.base.errors import ArgumentError, ModelError
+from flexgen.base.numerics.evaluate import evaluate
+from flexgen.inversion.judge.status import Status
 
 
 def position_at(time: np.ndarray, rows: np.ndarray, t: float, interpolation: str) -> np.ndarray:

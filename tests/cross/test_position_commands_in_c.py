@@ -22,15 +22,15 @@ from servo_in_mujoco import GAINS, PLAIN, InMujoco, OwnServo, robot_of, sampled,
 from toolchain import needs_compiler
 
 import flexgen
-from flexgen.codegen import clib_files
-from flexgen.errors import ArgumentError
-from flexgen.inversion.reduced_problem import Reduction
-from flexgen.inversion.sampling import samples
-from flexgen.numerics.evaluate import evaluate
+from flexgen.base.errors import ArgumentError
+from flexgen.base.numerics.evaluate import evaluate
+from flexgen.codegen.emission import clib_files
+from flexgen.feedback.positions.inverse import invert_servo
+from flexgen.feedback.positions.samples import basis, fit_samples
+from flexgen.feedback.positions.servo import servo_of
+from flexgen.inversion.problem.reduced_problem import Reduction
+from flexgen.inversion.problem.sampling import samples
 from flexgen.runtime.library import Library
-from flexgen.servo.inverse import invert_servo
-from flexgen.servo.samples import basis, fit_samples
-from flexgen.servo.servo import servo_of
 
 pytestmark = needs_compiler
 H = 5e-4  # s, of the servo

@@ -17,10 +17,10 @@ import pytest
 from measured_numbers import check_numbers
 
 import flexgen
-from flexgen.mechanics.equations import derive
-from flexgen.spec.parts import Tolerances
-from flexgen.uncertainty import prediction
-from flexgen.uncertainty.sources import WEAK
+from flexgen.base.spec.parts import Tolerances
+from flexgen.dynamics.mechanics.equations import derive
+from flexgen.studies.tolerances import prediction
+from flexgen.studies.tolerances.sources import WEAK
 
 ROBOTS = 200
 ALL = {"stiffness": 0.1, "friction": 0.2, "masses": 0.03, "motor_inertia": 0.05, "payload": 0.2}
@@ -143,8 +143,8 @@ def test_95_percent_of_the_robots_keep_the_error_and_planted_errors_are_seen(cas
 
 def test_each_robot_has_the_error_that_is_simulated():
     """Of the same robots, not only of their distribution."""
-    from flexgen.uncertainty.response import linearize, response
-    from flexgen.uncertainty.sources import sources_of
+    from flexgen.studies.tolerances.response import linearize, response
+    from flexgen.studies.tolerances.sources import sources_of
 
     model = solved().model
     sources = sources_of(model, Tolerances(stiffness=0.1, masses=0.03))

@@ -14,9 +14,9 @@ from predicted import Drawn, in_the_loop
 from toolchain import needs_compiler
 
 import flexgen
-from flexgen.spec.parts import Tolerances
-from flexgen.uncertainty import bristle_states, response
-from flexgen.uncertainty.sources import sources_of
+from flexgen.base.spec.parts import Tolerances
+from flexgen.studies.tolerances import bristle_states, response
+from flexgen.studies.tolerances.sources import sources_of
 
 pytestmark = needs_compiler
 # rad at the motor: softer bristles than usual, which the loop simulates in less time

@@ -13,8 +13,8 @@ from hysteretic import BENT, SLIPS, Element, hysteretic, with_elements
 from predicted import Drawn, in_the_loop
 
 import flexgen
-from flexgen.spec.parts import Tolerances
-from flexgen.uncertainty import gear_states, memory_states
+from flexgen.base.spec.parts import Tolerances
+from flexgen.studies.tolerances import gear_states, memory_states
 
 ONE = (Element(1.0, 1.0),)
 BOTH = Tolerances(lost_motion=0.3, stiffness=0.02)

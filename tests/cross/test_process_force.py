@@ -17,18 +17,18 @@ from hysteretic import hysteretic
 from process_forces import PLANE, SIZE, duration_of, error_in_mujoco, milling
 
 import flexgen
+from flexgen.base.errors import ArgumentError
+from flexgen.base.motion.trajectory import Trajectory
+from flexgen.base.numerics.evaluate import evaluate
+from flexgen.base.spec.ports import Port
 from flexgen.cli.main import main
-from flexgen.codegen import clib_files
-from flexgen.errors import ArgumentError
-from flexgen.exports.mujoco_checks import with_friction
+from flexgen.codegen.emission import clib_files
+from flexgen.dynamics.mechanics.statics import hold_motors
+from flexgen.exports.mujoco.mujoco_checks import with_friction
 from flexgen.inversion.methods import lq
-from flexgen.inversion.problem import InversionProblem
+from flexgen.inversion.problem.problem import InversionProblem
 from flexgen.inversion.solve import make_solution
-from flexgen.mechanics.statics import hold_motors
-from flexgen.numerics.evaluate import evaluate
-from flexgen.paths.process_force import make_force, scale_force
-from flexgen.spec.ports import Port
-from flexgen.trajectory import Trajectory
+from flexgen.paths.force.process_force import make_force, scale_force
 
 pytest.importorskip("mujoco")
 

@@ -26,10 +26,15 @@ from recursion_cases import (
 )
 from referee import ALL_MODELS, model_of
 
-from flexgen.mechanics.equations import Equations, derive
+from flexgen.codegen.recursion import functions as fast_room
+from flexgen.codegen.recursion.functions import (
+    agrees,
+    fast_function,
+    operations_of,
+    recursive_function,
+)
+from flexgen.dynamics.mechanics.equations import Equations, derive
 from flexgen.model.elements import Body, Dof, Element, Gear, Motor, Placement, RobotModel
-from flexgen.recursion import functions as fast_room
-from flexgen.recursion.functions import agrees, fast_function, operations_of, recursive_function
 
 
 @pytest.mark.parametrize("name", [*ALL_MODELS, *ROBOTS, *MADE], ids=lambda name: Path(name).stem)

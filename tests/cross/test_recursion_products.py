@@ -11,13 +11,13 @@ from recursion_cases import MADE, ROBOTS, equations_of, values
 from referee import ALL_MODELS
 
 import flexgen
-from flexgen.codegen.spec import choose_functions
-from flexgen.mechanics.equations import Equations, derive
-from flexgen.mechanics.signatures import DIFFERENTIATED, offered_functions, split_product
+from flexgen.codegen.emission.spec import choose_functions
+from flexgen.codegen.recursion import products
+from flexgen.codegen.recursion.functions import recursive_function
+from flexgen.codegen.recursion.tape import Tape
+from flexgen.dynamics.mechanics.equations import Equations, derive
+from flexgen.dynamics.mechanics.signatures import DIFFERENTIATED, offered_functions, split_product
 from flexgen.model.reader import read
-from flexgen.recursion import products
-from flexgen.recursion.functions import recursive_function
-from flexgen.recursion.tape import Tape
 
 EXACT = 1e-13  # of the largest term of a product
 QUICK = ("elbow", "planar5_nmp", "manutec_r3", "urdf_arm")

@@ -11,13 +11,13 @@ from causal_cases import InitialValueCase, problem, reference, relative
 from numpy.polynomial import Chebyshev
 
 import flexgen
-from flexgen.dae.system import InverseDae
-from flexgen.errors import ArgumentError, SolverError
-from flexgen.inversion.problem import InversionProblem
-from flexgen.inversion.status import Status
-from flexgen.lab import reduced as dummy_derivatives
-from flexgen.lab.dummy_derivatives import Choice, DummyDerivatives
-from flexgen.lab.reduced import POOR, integrate, offsets, solve
+from flexgen.base.errors import ArgumentError, SolverError
+from flexgen.dynamics.dae.system import InverseDae
+from flexgen.inversion.comparison import reduced as dummy_derivatives
+from flexgen.inversion.comparison.dummy_derivatives import Choice, DummyDerivatives
+from flexgen.inversion.comparison.reduced import POOR, integrate, offsets, solve
+from flexgen.inversion.judge.status import Status
+from flexgen.inversion.problem.problem import InversionProblem
 
 TOLD = 5e-7  # m and rad: what is reached with the default tolerance
 EXACT = 1e-4  # relative: torques against the exact methods

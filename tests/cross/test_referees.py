@@ -2,8 +2,8 @@
 
 Whatever flexgen computes of the mechanics is compared on random robots, on each of its routes:
 Lagrange's equations (`Equations.function`) and the recursive code of
-`flexgen.recursion.functions`. A sample of robots always runs; a thousand run under the marker
-``full``. Bugs planted in flexgen's robots and answers must be seen by each referee.
+`flexgen.codegen.recursion.functions`. A sample of robots always runs; a thousand run under the
+marker ``full``. Bugs planted in flexgen's robots and answers must be seen by each referee.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ from robot_checks import (
     fast_function,
 )
 
-from flexgen.errors import FlexgenError
-from flexgen.mechanics.equations import derive
+from flexgen.base.errors import FlexgenError
+from flexgen.dynamics.mechanics.equations import derive
 from flexgen.model.elements import (
     Body,
     Dof,

@@ -15,9 +15,9 @@ from servo_in_mujoco import OwnServo, sampled
 from toolchain import needs_compiler
 
 import flexgen
-from flexgen.servo import identify
-from flexgen.servo.fit_result import GAINS, ServoFit
-from flexgen.servo.identify import COMMON
+from flexgen.identification.servo import identify
+from flexgen.identification.servo.fit_result import GAINS, ServoFit
+from flexgen.identification.servo.identify import COMMON
 
 pytestmark = needs_compiler
 

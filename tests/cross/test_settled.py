@@ -20,22 +20,22 @@ from inversion_cases import last_joint
 from toolchain import needs_compiler
 
 import flexgen
-from flexgen.codegen import clib_files
-from flexgen.errors import ArgumentError
-from flexgen.inversion import settling
-from flexgen.inversion.model_library import inversion_library
-from flexgen.inversion.problem import HELD, LAGS
-from flexgen.inversion.reduced_problem import Reduction
-from flexgen.inversion.sampling import samples
-from flexgen.inversion.settling import SHORTEST, _fade_to_equilibrium
-from flexgen.mechanics.equations import Equations, derive
-from flexgen.mechanics.statics import Equilibrium, equilibrium_at
+from flexgen.base.errors import ArgumentError
+from flexgen.base.numerics.evaluate import evaluate
+from flexgen.codegen.emission import clib_files
+from flexgen.dynamics.mechanics.equations import Equations, derive
+from flexgen.dynamics.mechanics.statics import Equilibrium, equilibrium_at
+from flexgen.inversion.judge import settling
+from flexgen.inversion.judge.settling import SHORTEST, _fade_to_equilibrium
+from flexgen.inversion.problem.model_library import inversion_library
+from flexgen.inversion.problem.problem import HELD, LAGS
+from flexgen.inversion.problem.reduced_problem import Reduction
+from flexgen.inversion.problem.sampling import samples
 from flexgen.model.elements import Output
 from flexgen.model.reader import read
-from flexgen.numerics.evaluate import evaluate
 from flexgen.paths.path import Path
+from flexgen.runtime.inversion.path_inversion import Inversion
 from flexgen.runtime.library import Library, load
-from flexgen.runtime.path_inversion import Inversion
 
 pytestmark = needs_compiler
 

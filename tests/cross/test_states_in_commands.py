@@ -29,8 +29,8 @@ from servo_in_mujoco import InMujoco, OwnServo
 from toolchain import needs_compiler
 
 import flexgen
-from flexgen.exports.mujoco_checks import with_friction
-from flexgen.numerics.evaluate import evaluate
+from flexgen.base.numerics.evaluate import evaluate
+from flexgen.exports.mujoco.mujoco_checks import with_friction
 
 pytestmark = needs_compiler
 NUMBERS = tables("elbow")

@@ -13,17 +13,17 @@ from scipy.interpolate import make_interp_spline
 from toolchain import needs_compiler
 
 import flexgen
-from flexgen.codegen.interface import STATUSES
-from flexgen.inversion.model_library import inversion_library
-from flexgen.inversion.problem import InversionProblem
-from flexgen.inversion.reduced_problem import Reduction
-from flexgen.inversion.sampling import grid, samples
+from flexgen.codegen.emission.interface import STATUSES
+from flexgen.dynamics.mechanics.equations import derive
+from flexgen.dynamics.mechanics.statics import reach
+from flexgen.inversion.problem.model_library import inversion_library
+from flexgen.inversion.problem.problem import InversionProblem
+from flexgen.inversion.problem.reduced_problem import Reduction
+from flexgen.inversion.problem.sampling import grid, samples
 from flexgen.inversion.solve import ACCURACY
-from flexgen.mechanics.equations import derive
-from flexgen.mechanics.statics import reach
 from flexgen.model.reader import read
 from flexgen.paths.path import Path
-from flexgen.runtime.path_inversion import Inversion
+from flexgen.runtime.inversion.path_inversion import Inversion
 
 pytestmark = needs_compiler
 UPRIGHT = FilePath(__file__).parents[1] / "support" / "robots" / "upright.toml"

@@ -18,11 +18,11 @@ from scipy.spatial.transform import Rotation
 from unchecked import unchecked
 
 import flexgen
-from flexgen.equations_text.equations import SymbolicEquations, symbolic
-from flexgen.equations_text.printing import escape_latex
-from flexgen.equations_text.trigonometric import TrigonometricRing, accumulate_angles
-from flexgen.errors import ArgumentError
-from flexgen.mechanics.equations import derive
+from flexgen.analysis.printing.equations import SymbolicEquations, symbolic
+from flexgen.analysis.printing.printing import escape_latex
+from flexgen.analysis.printing.trigonometric import TrigonometricRing, accumulate_angles
+from flexgen.base.errors import ArgumentError
+from flexgen.dynamics.mechanics.equations import derive
 from flexgen.model.elements import (
     BacklashSpring,
     Beam,
@@ -355,12 +355,15 @@ def test_a_wrong_sign_would_be_seen():
 def test_symbolic_equations_share_no_code_with_the_casadi_equations():
     own = {"equations", "chain", "elements", "trigonometric", "printing"}
     for name in own:
-        source = (Path(flexgen.__file__).parent / "equations_text" / f"{name}.py").read_text(
-            encoding="utf-8"
-        )
+        source = (
+            Path(flexgen.__file__).parent / "analysis" / "printing" / f"{name}.py"
+        ).read_text(encoding="utf-8")
         assert "import casadi" not in source and "from casadi" not in source
         assert set(re.findall(r"from flexgen\.equations_text\.(\w+) import", source)) <= own
-        assert "flexgen.mechanics" not in source and "flexgen.recursion" not in source
+        assert (
+            "flexgen.dynamics.mechanics" not in source
+            and "flexgen.codegen.recursion" not in source
+        )
 
 
 @pytest.mark.slow

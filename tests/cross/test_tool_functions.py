@@ -11,10 +11,10 @@ from emitted import random_states
 from mujoco_referee import MujocoReferee
 
 import flexgen
-from flexgen.library.model_library import library_with
-from flexgen.mechanics.equations import Equations, derive
-from flexgen.mechanics.parameters import with_values
-from flexgen.recursion.functions import fast_function, recursive_function
+from flexgen.codegen.build.model_library import library_with
+from flexgen.codegen.recursion.functions import fast_function, recursive_function
+from flexgen.dynamics.mechanics.equations import Equations, derive
+from flexgen.dynamics.mechanics.parameters import with_values
 
 MODELS = ("elbow", "planar5_nmp", "manutec_r3_18", "kr300", "manutec_r3_24")
 

@@ -15,7 +15,7 @@ import pytest
 from array_cases import checked_gradients, drawn, library
 
 import flexgen
-from flexgen.errors import ArgumentError
+from flexgen.base.errors import ArgumentError
 
 torch = pytest.importorskip("torch", reason="the package torch is not installed: make test-arrays")
 # of torch, in its forward mode
@@ -116,7 +116,7 @@ def test_gradcheck_of_torch(case) -> None:
 
 
 def test_a_planted_sign_is_caught(monkeypatch) -> None:
-    from flexgen.autodiff import torch_functions
+    from flexgen.backends.autodiff import torch_functions
 
     def planted(points, name, arrays, evaluate=torch_functions._evaluate):
         return tuple(-y if name.endswith("_vjp") else y for y in evaluate(points, name, arrays))

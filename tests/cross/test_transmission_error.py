@@ -13,12 +13,12 @@ from harmonic import error_in_mujoco, harmonic
 from toolchain import needs_compiler
 
 import flexgen
-from flexgen.codegen import clib_files
+from flexgen.codegen.build.generate import generate_parts
+from flexgen.codegen.emission import clib_files
+from flexgen.dynamics.mechanics.parameters import with_values
+from flexgen.dynamics.mechanics.signatures import INVERTING, offered_functions
 from flexgen.exports.fmu.variables import STATE
-from flexgen.exports.mujoco_checks import with_friction
-from flexgen.library.generate import generate_parts
-from flexgen.mechanics.parameters import with_values
-from flexgen.mechanics.signatures import INVERTING, offered_functions
+from flexgen.exports.mujoco.mujoco_checks import with_friction
 from flexgen.runtime.library import Library
 
 KNOWN = 5e-8  # m

@@ -17,12 +17,12 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import make_interp_spline
 
 import flexgen
-from flexgen.errors import ModelError
-from flexgen.mechanics.equations import derive
+from flexgen.base.errors import ModelError
+from flexgen.codegen.recursion import dh_chain
+from flexgen.codegen.recursion.functions import _BUILDERS, arm_of, recursive_function
+from flexgen.dynamics.mechanics.equations import derive
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
-from flexgen.recursion import dh_chain
-from flexgen.recursion.functions import _BUILDERS, arm_of, recursive_function
 
 ROOT = Path(__file__).resolve().parents[2]
 SAMPLE = 2

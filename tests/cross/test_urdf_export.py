@@ -18,12 +18,13 @@ from shipped_models import all_variants
 from unchecked import unchecked
 
 import flexgen
-from flexgen.atomic_files import write_text
+from flexgen.base.errors import ArgumentError, ModelError
+from flexgen.base.files.atomic_files import write_text
+from flexgen.base.numerics.evaluate import evaluate
 from flexgen.cli.main import main
-from flexgen.errors import ArgumentError, ModelError
-from flexgen.exports import urdf as urdf_module
 from flexgen.exports.poses import roll_pitch_yaw
-from flexgen.exports.urdf import _groups, export_urdf
+from flexgen.exports.urdf import urdf as urdf_module
+from flexgen.exports.urdf.urdf import _groups, export_urdf
 from flexgen.model.elements import (
     BacklashSpring,
     Body,
@@ -37,8 +38,7 @@ from flexgen.model.elements import (
     RobotModel,
     SmoothSpring,
 )
-from flexgen.model.format_robot import rotation_matrix
-from flexgen.numerics.evaluate import evaluate
+from flexgen.model.format.format_robot import rotation_matrix
 
 pin = pytest.importorskip("pinocchio", reason="no pin; run: make setup-test")
 

@@ -13,10 +13,10 @@ from mujoco_referee import MujocoMachine
 from scipy.integrate import solve_ivp
 
 import flexgen
-from flexgen.environment import wall as walls
-from flexgen.errors import ArgumentError
-from flexgen.mechanics.equations import derive
-from flexgen.numerics.evaluate import evaluate
+from flexgen.base.errors import ArgumentError
+from flexgen.base.numerics.evaluate import evaluate
+from flexgen.dynamics.mechanics.equations import derive
+from flexgen.simulation.environment import wall as walls
 
 STIFFNESS = 2e4
 DAMPING = 150.0
@@ -96,7 +96,7 @@ def test_a_simulation_with_a_wall_is_that_of_mujoco_with_the_force_of_the_test()
     tau = solved().trajectory
     begin = np.concatenate([motion[name][0] for name in ("q_a", "v_a", "q_m", "v_m")])
     t = motion.time
-    from flexgen.torque_curve import torque_curve
+    from flexgen.base.motion.torque_curve import torque_curve
 
     curve = torque_curve(t, tau["tau_m"], limited=tau.meta.get("torque") == "limited")
     known = solve_ivp(

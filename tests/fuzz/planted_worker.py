@@ -12,7 +12,7 @@ from typing import Any
 import targets
 import worker
 
-from flexgen.errors import ArgumentError
+from flexgen.base.errors import ArgumentError
 
 KEPT: list[bytes] = []
 

@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 
 import flexgen
-from flexgen.benchmarks.scenario_file import scenario
-from flexgen.identification.recordings.experiment_file import read_experiment
-from flexgen.library import generate
-from flexgen.library.directory import read_manifest
-from flexgen.loop.controller_files import file_controller
-from flexgen.paths.sample_files import read_samples
-from flexgen.spec.ports import Port
-from flexgen.sweeps.grid_file import read_grid
+from flexgen.base.spec.ports import Port
+from flexgen.codegen.build import generate
+from flexgen.codegen.build.directory import read_manifest
+from flexgen.feedback.loop.controller_files import file_controller
+from flexgen.identification.records.experiment_file import read_experiment
+from flexgen.paths.samples.sample_files import read_samples
+from flexgen.studies.scenarios.scenario_file import scenario
+from flexgen.studies.sweeps.grid_file import read_grid
 
 ROOT = Path(__file__).resolve().parents[2]
 LINKED = "linked"  # a folder among the seeds: what a mutated file refers to, unchanged
@@ -308,7 +308,7 @@ LAWS = {
 
 
 def _table_seeds(folder: Path) -> None:
-    for path in sorted((ROOT / "flexgen" / "benchmarks").glob("*.toml")):
+    for path in sorted((ROOT / "flexgen" / "studies" / "scenarios").glob("*.toml")):
         shutil.copy(path, folder)
     shutil.copy(ROOT / "examples" / "sweep.toml", folder)
     for kind, text in LAWS.items():

@@ -16,8 +16,8 @@ from public_entrances import Entrance, entrances, unchecked
 from random_calls import accepted, call_at_random, callables, known_objects, more_objects
 
 import flexgen
-from flexgen.errors import ArgumentError
-from flexgen.type_checks import checks_of
+from flexgen.base.checks.type_checks import checks_of
+from flexgen.base.errors import ArgumentError
 
 # Objects of these classes take minutes to make, or have the methods of all results only; their
 # methods are checked, and not called here.

@@ -24,7 +24,7 @@ from pathlib import Path
 from mutations import mutate
 from targets import LINKED, TARGETS, Target
 
-from flexgen.errors import FlexgenError
+from flexgen.base.errors import FlexgenError
 
 MEMORY = 400 * 2**20  # bytes that a case may take beyond those of the process at its begin
 

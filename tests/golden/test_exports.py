@@ -4,17 +4,19 @@
 A net, not a proof: ``make golden`` writes them again; compare the exports of two commits to see
 which lines changed.
 
-Of `flexgen.exports.added`, `flexgen.exports.emitted`, `flexgen.exports.exported`,
+Of `flexgen.exports.c_code.added`, `flexgen.exports.c_code.emitted`, `flexgen.exports.exported`,
 `flexgen.exports.fmu.block`, `flexgen.exports.fmu.controller`, `flexgen.exports.fmu.description`,
 `flexgen.exports.fmu.export`, `flexgen.exports.fmu.feedforward`, `flexgen.exports.fmu.plant`,
-`flexgen.exports.fmu.variables`, `flexgen.exports.mex.export`, `flexgen.exports.mujoco`,
-`flexgen.exports.mujoco_checks`, `flexgen.exports.mujoco_forces`, `flexgen.exports.mujoco_inertia`,
-`flexgen.exports.overlay_tables`, `flexgen.exports.plcopen.blocks`,
-`flexgen.exports.plcopen.export`, `flexgen.exports.plcopen.text`, `flexgen.exports.poses`,
-`flexgen.exports.ros2.export`, `flexgen.exports.selftest.cases`, `flexgen.exports.selftest.export`,
-`flexgen.exports.selftest.golden`, `flexgen.exports.selftest.motion`,
-`flexgen.exports.simulink.export`, `flexgen.library.source_folder`,
-`flexgen.library.template_files`, `flexgen.exports.urdf`, `flexgen.exports.xml_text`.
+`flexgen.exports.fmu.variables`, `flexgen.exports.c_code.mex.export`,
+`flexgen.exports.mujoco.mujoco`, `flexgen.exports.mujoco.mujoco_checks`,
+`flexgen.exports.mujoco.mujoco_forces`, `flexgen.exports.mujoco.mujoco_inertia`,
+`flexgen.exports.urdf.overlay_tables`, `flexgen.exports.c_code.plcopen.blocks`,
+`flexgen.exports.c_code.plcopen.export`, `flexgen.exports.c_code.plcopen.text`,
+`flexgen.exports.poses`, `flexgen.exports.ros2.export`, `flexgen.exports.c_code.selftest.cases`,
+`flexgen.exports.c_code.selftest.export`, `flexgen.exports.c_code.selftest.golden`,
+`flexgen.exports.c_code.selftest.motion`, `flexgen.exports.c_code.simulink.export`,
+`flexgen.codegen.build.source_folder`, `flexgen.codegen.build.template_files`,
+`flexgen.exports.urdf.urdf`, `flexgen.exports.xml_text`.
 """
 
 from __future__ import annotations
@@ -37,7 +39,7 @@ from emitted_hashes import GOLDEN_CASADI
 from golden_texts import changes, kept, nine_digits, write
 
 import flexgen
-from flexgen.errors import FlexgenError
+from flexgen.base.errors import FlexgenError
 
 GOLDEN = Path(__file__).with_name("exports.txt")
 OF_TODAY = re.compile(

@@ -9,7 +9,7 @@ import pytest
 from emitted import ROOT
 from emitted_hashes import GOLDEN_CASADI
 
-from flexgen.library.generate import generate
+from flexgen.codegen.build.generate import generate
 
 GOLDEN = ROOT / "generated" / "elbow"
 

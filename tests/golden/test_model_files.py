@@ -23,7 +23,7 @@ from bad_urdfs import BAD_OVERLAY, BAD_URDF, OVERLAY, URDF
 from model_files import ROOT, everything, mutated, outcome, overlay
 
 import flexgen
-from flexgen.templates.new_model import TEMPLATES, new_model
+from flexgen.studies.templates.new_model import TEMPLATES, new_model
 
 GOLDEN = Path(__file__).with_name("model_files.txt")
 MUTATIONS = {

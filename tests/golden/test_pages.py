@@ -4,12 +4,14 @@ digits, captions.
 A net, not a proof: ``make golden`` writes `pages.txt` again; read the difference before you commit
 it.
 
-Of `flexgen.reports.analysis_page`, `flexgen.reports.control_page`, `flexgen.reports.folder`,
-`flexgen.reports.html`, `flexgen.reports.identification_page`, `flexgen.reports.motion`,
-`flexgen.reports.pictures`, `flexgen.reports.result_page`, `flexgen.reports.sentence`,
-`flexgen.reports.video`, `flexgen.reports.view`, `flexgen.reports.texts`,
-`flexgen.inversion.solution`, `flexgen.inversion.comparison`, `flexgen.plots.stick_figure`,
-`flexgen.plausibility.numbers`, `flexgen.plausibility.moves`, `flexgen.plausibility.check`.
+Of `flexgen.views.reports.analysis_page`, `flexgen.views.reports.control_page`,
+`flexgen.views.reports.folder`, `flexgen.views.reports.html`,
+`flexgen.views.reports.identification_page`, `flexgen.views.reports.motion`,
+`flexgen.views.reports.pictures`, `flexgen.views.reports.result_page`,
+`flexgen.views.reports.sentence`, `flexgen.views.reports.video`, `flexgen.views.reports.view`,
+`flexgen.views.reports.texts`, `flexgen.inversion.solution`,
+`flexgen.inversion.comparison.comparison`, `flexgen.views.plots.stick_figure`,
+`flexgen.studies.check.numbers`, `flexgen.studies.check.moves`, `flexgen.studies.check.check`.
 """
 
 from __future__ import annotations
@@ -33,16 +35,17 @@ from made_results import Indexed, derived, made_run, made_simulation, made_traje
 from matplotlib.figure import Figure
 
 import flexgen
-from flexgen import display
-from flexgen.accuracy.figures import PathAccuracy
-from flexgen.errors import BuildError
-from flexgen.identification.result import FitStatus
+from flexgen.base import display
+from flexgen.base.errors import BuildError
+from flexgen.dynamics.mechanics.limits import Limits
+from flexgen.feedback.loop.margins import Margins
+from flexgen.identification.responses.result import FitStatus
+from flexgen.inversion.judge.status import Status
 from flexgen.inversion.solution import Solution
-from flexgen.inversion.status import Status
-from flexgen.loop.margins import Margins
-from flexgen.mechanics.limits import Limits
-from flexgen.plots.canvas import apply_style
-from flexgen.reports import (
+from flexgen.paths.accuracy.figures import PathAccuracy
+from flexgen.simulation.result import Simulation
+from flexgen.views.plots.canvas import apply_style
+from flexgen.views.reports import (
     analysis_page,
     control_page,
     html,
@@ -54,7 +57,6 @@ from flexgen.reports import (
     texts,
     video,
 )
-from flexgen.simulation.result import Simulation
 
 GOLDEN = File(__file__).with_name("pages.txt")
 analyzed = functools.cache(flexgen.analyze)
@@ -513,8 +515,8 @@ def test_the_file_has_all_texts() -> None:
 def test_a_video_has_a_frame_for_each_instant(
     tmp_path: File, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """`flexgen.reports.video`: as many frames as instants, each 50 ms, without end, in the size of
-    the figure.
+    """`flexgen.views.reports.video`: as many frames as instants, each 50 ms, without end, in the
+    size of the figure.
     """
     monkeypatch.setattr(video, "DPI", 10)
     monkeypatch.setattr(video, "LENGTH", 0.1)

@@ -4,13 +4,15 @@ jumps, tables.
 A net, not a proof (`tests/support/exact_paths.py` has the proof for some of them): ``make golden``
 writes `path_texts.txt` again; read the difference before you commit it.
 
-Of `flexgen.paths.arc_length`, `flexgen.paths.blended_curve`, `flexgen.paths.jets`,
-`flexgen.paths.joint_limits`, `flexgen.paths.move_planner`, `flexgen.paths.path`,
-`flexgen.paths.path_distance`, `flexgen.paths.path_table`, `flexgen.paths.redundancy`,
-`flexgen.paths.reference`, `flexgen.paths.sample_files`, `flexgen.paths.segments`,
-`flexgen.paths.smoothness`, `flexgen.paths.speed_planning`, `flexgen.paths.spline`,
-`flexgen.paths.time_laws`, `flexgen.paths.timed_segments`, `flexgen.paths.trigonometry`,
-`flexgen.paths.velocity_profiles`, `flexgen.analysis.linear`.
+Of `flexgen.paths.geometry.arc_length`, `flexgen.paths.geometry.blended_curve`,
+`flexgen.paths.geometry.jets`, `flexgen.paths.timing.joint_limits`,
+`flexgen.paths.timing.move_planner`, `flexgen.paths.path`, `flexgen.paths.geometry.path_distance`,
+`flexgen.paths.path_table`, `flexgen.paths.geometry.redundancy`, `flexgen.paths.reference`,
+`flexgen.paths.samples.sample_files`, `flexgen.paths.geometry.segments`,
+`flexgen.paths.geometry.smoothness`, `flexgen.paths.timing.speed_planning`,
+`flexgen.paths.geometry.spline`, `flexgen.paths.timing.time_laws`,
+`flexgen.paths.timing.timed_segments`, `flexgen.paths.geometry.trigonometry`,
+`flexgen.paths.timing.velocity_profiles`, `flexgen.analysis.linear`.
 """
 
 from __future__ import annotations
@@ -30,14 +32,14 @@ sys.path.append(str(File(__file__).resolve().parents[1] / "support"))
 from golden_texts import changes, kept, write
 
 import flexgen
-from flexgen.errors import FlexgenError
-from flexgen.mechanics.equations import Equations
+from flexgen.base.errors import FlexgenError
+from flexgen.dynamics.mechanics.equations import Equations
 from flexgen.model.moves import Move, MoveC, MoveJ, MoveL, Program
+from flexgen.paths.geometry.path_distance import distance_from_path
+from flexgen.paths.geometry.redundancy import joint_problem
+from flexgen.paths.geometry.smoothness import Jump, SmoothnessReport, smoothness_report
 from flexgen.paths.path import Path
-from flexgen.paths.path_distance import distance_from_path
 from flexgen.paths.path_table import path_table
-from flexgen.paths.redundancy import joint_problem
-from flexgen.paths.smoothness import Jump, SmoothnessReport, smoothness_report
 
 GOLDEN = File(__file__).with_name("path_texts.txt")
 TOOL = (0.5, 5.0, 100.0, 4000.0)

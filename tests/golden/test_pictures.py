@@ -4,11 +4,13 @@ colors, sizes.
 A net, not a proof: ``make golden`` writes `pictures.txt` again; read the difference before you
 commit it.
 
-Of `flexgen.plots.along_path`, `flexgen.plots.calibration`, `flexgen.plots.canvas`,
-`flexgen.plots.compliance`, `flexgen.plots.control`, `flexgen.plots.feedback_study`,
-`flexgen.plots.gears`, `flexgen.plots.identification`, `flexgen.plots.linear`,
-`flexgen.plots.passivity`, `flexgen.plots.servo`, `flexgen.plots.signals`,
-`flexgen.plots.solution`, `flexgen.plots.stick_figure`, `flexgen.plots.uncertainty`.
+Of `flexgen.views.plots.along_path`, `flexgen.views.plots.calibration`,
+`flexgen.views.plots.canvas`, `flexgen.views.plots.compliance`, `flexgen.views.plots.control`,
+`flexgen.views.plots.feedback_study`, `flexgen.views.plots.gears`,
+`flexgen.views.plots.identification`, `flexgen.views.plots.linear`,
+`flexgen.views.plots.passivity`, `flexgen.views.plots.servo`, `flexgen.views.plots.signals`,
+`flexgen.views.plots.solution`, `flexgen.views.plots.stick_figure`,
+`flexgen.views.plots.uncertainty`.
 """
 
 from __future__ import annotations
@@ -30,9 +32,10 @@ from golden_texts import changes, kept, write
 from made_results import Indexed, derived, made_run, made_simulation, made_trajectory
 
 import flexgen
-from flexgen.errors import ArgumentError
+from flexgen.base.errors import ArgumentError
+from flexgen.base.motion.trajectory import Trajectory
 from flexgen.paths.path import Path
-from flexgen.plots import (
+from flexgen.views.plots import (
     along_path,
     calibration,
     compliance,
@@ -47,8 +50,7 @@ from flexgen.plots import (
     solution,
     uncertainty,
 )
-from flexgen.plots import canvas as cv
-from flexgen.trajectory import Trajectory
+from flexgen.views.plots import canvas as cv
 
 GOLDEN = File(__file__).with_name("pictures.txt")
 

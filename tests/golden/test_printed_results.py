@@ -4,9 +4,10 @@ figures as JSON.
 A net, not a proof: ``make golden`` writes `results.txt` again; read the difference before you
 commit it.
 
-Of `flexgen.uncertainty.result`, `flexgen.laws.passivity`, `flexgen.servo.fit_result`,
-`flexgen.servo.result`, `flexgen.gears.result`, `flexgen.calibration.result`,
-`flexgen.reports.calibration_texts`.
+Of `flexgen.studies.tolerances.result`, `flexgen.feedback.laws.passivity`,
+`flexgen.identification.servo.fit_result`, `flexgen.feedback.positions.result`,
+`flexgen.identification.gears.result`, `flexgen.identification.poses.result`,
+`flexgen.views.reports.calibration_texts`.
 """
 
 from __future__ import annotations
@@ -25,14 +26,14 @@ sys.path.append(str(File(__file__).resolve().parents[1] / "support"))
 from golden_texts import changes, kept, write
 
 import flexgen
-from flexgen.calibration.components import Tilt
-from flexgen.calibration.result import Calibration
-from flexgen.gears.result import GearFit, GearStatus, Number
-from flexgen.laws.passivity import Passivity
-from flexgen.reports.calibration_texts import text_of_calibration
-from flexgen.servo.fit_result import ServoFit
-from flexgen.servo.result import PositionCommands
-from flexgen.uncertainty.result import Band, Prediction, Share
+from flexgen.feedback.laws.passivity import Passivity
+from flexgen.feedback.positions.result import PositionCommands
+from flexgen.identification.gears.result import GearFit, GearStatus, Number
+from flexgen.identification.poses.components import Tilt
+from flexgen.identification.poses.result import Calibration
+from flexgen.identification.servo.fit_result import ServoFit
+from flexgen.studies.tolerances.result import Band, Prediction, Share
+from flexgen.views.reports.calibration_texts import text_of_calibration
 
 FRAME = ("x", "y", "z", "rx", "ry", "rz")  # of the measurement
 GOLDEN = File(__file__).with_name("results.txt")

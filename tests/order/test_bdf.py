@@ -9,11 +9,11 @@ import pytest
 from causal_cases import observed_order, problem, reference, relative
 
 import flexgen
-from flexgen.dae.system import InverseDae
-from flexgen.errors import ArgumentError, SolverError
-from flexgen.inversion.problem import InversionProblem
-from flexgen.inversion.status import Status
-from flexgen.lab.bdf import COEFFICIENTS, extrapolate, march, solve, stable_order
+from flexgen.base.errors import ArgumentError, SolverError
+from flexgen.dynamics.dae.system import InverseDae
+from flexgen.inversion.comparison.bdf import COEFFICIENTS, extrapolate, march, solve, stable_order
+from flexgen.inversion.judge.status import Status
+from flexgen.inversion.problem.problem import InversionProblem
 from flexgen.model.reader import read
 
 SMOOTH = 9  # continuous derivatives of a path on which an order can be seen

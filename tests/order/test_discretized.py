@@ -11,12 +11,12 @@ import pytest
 from scipy.interpolate import make_interp_spline
 
 import flexgen
-from flexgen.errors import ArgumentError, SolverError
-from flexgen.inversion.problem import InversionProblem
-from flexgen.inversion.status import Status
-from flexgen.lab import discretized
-from flexgen.lab.discretized import Discretized, discretize
-from flexgen.mechanics.equations import Equations
+from flexgen.base.errors import ArgumentError, SolverError
+from flexgen.dynamics.mechanics.equations import Equations
+from flexgen.inversion.comparison import discretized
+from flexgen.inversion.comparison.discretized import Discretized, discretize
+from flexgen.inversion.judge.status import Status
+from flexgen.inversion.problem.problem import InversionProblem
 from flexgen.model.reader import read
 from flexgen.paths.path import Path
 from flexgen.simulation.simulate import simulate

@@ -13,9 +13,9 @@ import pytest
 from inversion_cases import last_joint, question
 from toolchain import needs_compiler
 
-from flexgen.codegen import clib_files
+from flexgen.codegen.build import model_library
+from flexgen.codegen.emission import clib_files
 from flexgen.inversion.methods import bvp, lq
-from flexgen.library import model_library
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
 

@@ -14,13 +14,13 @@ from causal_cases import observed_order, problem, reference, relative
 from numpy.polynomial import Chebyshev, Polynomial
 
 import flexgen
-from flexgen.dae.derivative_array import DerivativeArray
-from flexgen.errors import ArgumentError, SolverError
-from flexgen.inversion.problem import InversionProblem
-from flexgen.inversion.status import Status
-from flexgen.lab.kunkel_mehrmann import Regular, integrate, regularize, solve
-from flexgen.lab.strangeness_free import StrangenessFree
-from flexgen.numerics.tableaus import Tableau, radau
+from flexgen.base.errors import ArgumentError, SolverError
+from flexgen.base.numerics.tableaus import Tableau, radau
+from flexgen.dynamics.dae.derivative_array import DerivativeArray
+from flexgen.inversion.comparison.kunkel_mehrmann import Regular, integrate, regularize, solve
+from flexgen.inversion.comparison.strangeness_free import StrangenessFree
+from flexgen.inversion.judge.status import Status
+from flexgen.inversion.problem.problem import InversionProblem
 
 ORDER = 2 * 3 - 1  # of Radau IIA with three stages
 # by how much an observed order may miss it: the zeros are fast, and the steps are not yet small

@@ -7,13 +7,13 @@ import pytest
 
 import flexgen
 from flexgen.analysis.linear import linearize
-from flexgen.analysis.zeros import inner_zeros, is_structured, transmission_zeros
-from flexgen.dae.signature import structural_index
-from flexgen.errors import ArgumentError
-from flexgen.mechanics.equations import Equations
-from flexgen.mechanics.statics import hold_joints
+from flexgen.analysis.zero_dynamics.zeros import inner_zeros, is_structured, transmission_zeros
+from flexgen.base.errors import ArgumentError
+from flexgen.base.numerics.evaluate import evaluate
+from flexgen.dynamics.dae.signature import structural_index
+from flexgen.dynamics.mechanics.equations import Equations
+from flexgen.dynamics.mechanics.statics import hold_joints
 from flexgen.model.reader import model_names, read
-from flexgen.numerics.evaluate import evaluate
 
 POSE = (0.3, -1.1, 0.0)
 PUBLISHED = 1e-3  # relative; the numbers are printed with four digits

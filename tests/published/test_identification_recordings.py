@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 import flexgen
-from flexgen.identification.motion_fit import fit_motion
-from flexgen.identification.recordings.experiment_file import read_experiment
-from flexgen.identification.result import FitStatus
-from flexgen.numerics.response_estimates import estimate
+from flexgen.identification.motions.motion_fit import fit_motion
+from flexgen.identification.records.experiment_file import read_experiment
+from flexgen.identification.responses.response_estimates import estimate
+from flexgen.identification.responses.result import FitStatus
 
 ROOT = Path(__file__).resolve().parents[2]
 DATA = Path(os.environ.get("FLEXGEN_DATA", ROOT.parent / "shared" / "data"))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from referee import Answers
 
-from flexgen.mechanics.equations import derive
+from flexgen.dynamics.mechanics.equations import derive
 from flexgen.model.elements import (
     Beam,
     Bending,

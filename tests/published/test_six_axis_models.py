@@ -14,13 +14,13 @@ import scipy.linalg
 
 import flexgen
 from flexgen.analysis.linear import LinearModel, linearize
-from flexgen.analysis.zeros import inner_pencil, inner_zeros, zero_report
-from flexgen.inversion.status import Status
-from flexgen.mechanics.equations import Equations
-from flexgen.mechanics.statics import Equilibrium, hold_joints
+from flexgen.analysis.zero_dynamics.zeros import inner_pencil, inner_zeros, zero_report
+from flexgen.base.numerics.evaluate import evaluate
+from flexgen.dynamics.mechanics.equations import Equations
+from flexgen.dynamics.mechanics.statics import Equilibrium, hold_joints
+from flexgen.inversion.judge.status import Status
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
-from flexgen.numerics.evaluate import evaluate
 from flexgen.paths.path import Path as ToolPath
 
 # Zeros of the non-actuated elements, unstable and all, at every pose of every move; slowest and

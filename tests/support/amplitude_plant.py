@@ -20,10 +20,10 @@ import numpy as np
 from toolchain import CC
 
 from flexgen.analysis.second_order import motor_rows
+from flexgen.dynamics.mechanics.equations import Equations
 from flexgen.identification.experiments.excitation import Plan
 from flexgen.identification.experiments.experiment import Experiment
-from flexgen.identification.local_model import LocalModel
-from flexgen.mechanics.equations import Equations
+from flexgen.identification.responses.local_model import LocalModel
 from flexgen.model.elements import RobotModel
 
 STEPS = 4  # in a sample

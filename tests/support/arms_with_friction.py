@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 
 import flexgen
-from flexgen.errors import FlexgenError
+from flexgen.base.errors import FlexgenError
 from flexgen.model.elements import RobotModel
 from flexgen.model.friction import Friction
 from flexgen.model.moves import Move, MoveL
 from flexgen.paths.path import Path, joints_along
-from flexgen.templates.new_model import new_model
+from flexgen.studies.templates.new_model import new_model
 
 ARMS = 30
 MOVES = 10

@@ -13,8 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from flexgen.codegen.spec import DIFFERENTIATED
-from flexgen.library.generate import generate
+from flexgen.codegen.build.generate import generate
+from flexgen.codegen.emission.spec import DIFFERENTIATED
 from flexgen.runtime import Library, load
 
 # Central differences of order 8: coefficients of f(x + k h) - f(x - k h), k = 1 to 4.

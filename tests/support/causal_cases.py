@@ -9,9 +9,9 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 
 import flexgen
-from flexgen.dae.system import InverseDae
-from flexgen.inversion.problem import InversionProblem
-from flexgen.lab.initial_value import dae_of
+from flexgen.dynamics.dae.system import InverseDae
+from flexgen.inversion.comparison.initial_value import dae_of
+from flexgen.inversion.problem.problem import InversionProblem
 from flexgen.model.reader import read
 from flexgen.paths.path import Path
 

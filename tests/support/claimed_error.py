@@ -13,9 +13,9 @@ from typing import Any
 
 from whole_move import Gains, Pair, WholeMove
 
+from flexgen.base.motion.trajectory import Trajectory
 from flexgen.inversion.solution import Solution
 from flexgen.simulation.result import AFTER, Simulation
-from flexgen.trajectory import Trajectory
 
 FACTOR = 1.2  # of a claim that holds
 ACCURACY = 1e-9  # of the simulation here [m, rad]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from flexgen.codegen import clib_files
+from flexgen.codegen.emission import clib_files
 
 
 def plant_in_c(monkeypatch: pytest.MonkeyPatch, file: str, old: str, new: str) -> None:

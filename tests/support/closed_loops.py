@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from flexgen.codegen.build.model_library import library_with
+from flexgen.feedback.loop.closed_loop import ClosedLoop
+from flexgen.feedback.loop.controllers import Cascade
+from flexgen.feedback.loop.hardware import DriveHardware
 from flexgen.identification.experiments.experiment import largest_rate
 from flexgen.identification.experiments.plan import default_cascade
-from flexgen.identification.local_model import LocalModel
-from flexgen.library.model_library import library_with
-from flexgen.loop.closed_loop import ClosedLoop
-from flexgen.loop.controllers import Cascade
-from flexgen.loop.hardware import DriveHardware
+from flexgen.identification.responses.local_model import LocalModel
 from flexgen.model.elements import RobotModel
 
 T = 5e-4

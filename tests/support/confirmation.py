@@ -20,8 +20,8 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import make_interp_spline
 from scipy.spatial.transform import Rotation
 
+from flexgen.base.motion.trajectory import Trajectory
 from flexgen.model.elements import RobotModel
-from flexgen.trajectory import Trajectory
 
 KINEMATIC = 1e-4
 RESIDUAL = 1e-4

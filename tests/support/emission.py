@@ -14,11 +14,11 @@ import numpy as np
 from emitted import run
 from toolchain import CC
 
-from flexgen.codegen.emit import emit
-from flexgen.codegen.spec import FunctionSpec, LibrarySpec, library_spec
-from flexgen.expressions.routine import Expressions, Routine
-from flexgen.mechanics.equations import derive
-from flexgen.spec.ports import Port
+from flexgen.base.spec.ports import Port
+from flexgen.codegen.emission.emit import emit
+from flexgen.codegen.emission.spec import FunctionSpec, LibrarySpec, library_spec
+from flexgen.codegen.statements.routine import Expressions, Routine
+from flexgen.dynamics.mechanics.equations import derive
 
 FLAGS = ("-std=c99", "-O2", "-ffp-contract=off")
 WARNINGS = (

@@ -15,9 +15,9 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 
-from flexgen.inversion.model_library import inversion_library
-from flexgen.library.generate import GeneratedLibrary, generate
-from flexgen.mechanics.equations import Equations
+from flexgen.codegen.build.generate import GeneratedLibrary, generate
+from flexgen.dynamics.mechanics.equations import Equations
+from flexgen.inversion.problem.model_library import inversion_library
 from flexgen.model.reader import read
 from flexgen.runtime import Library, load
 

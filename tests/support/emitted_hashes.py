@@ -14,7 +14,7 @@ from typing import Any
 
 from golden_texts import nine_digits
 
-from flexgen.library.generate import generate
+from flexgen.codegen.build.generate import generate
 
 GOLDEN_CASADI = "3.8"  # another CasADi may order the operations of the same mathematics otherwise
 GOLDEN = Path(__file__).parents[1] / "golden" / "emitted.txt"

@@ -10,7 +10,7 @@ from itertools import groupby
 from pathlib import Path
 
 import flexgen  # fills registry.EXPORTS
-from flexgen.registry import EXPORTS, Export
+from flexgen.base.registry import EXPORTS, Export
 
 ROOT = Path(flexgen.__file__).resolve().parents[1]
 README = ROOT / "flexgen" / "exports" / "README.md"

@@ -13,7 +13,7 @@ from pathlib import Path
 from toolchain import tool
 
 import flexgen
-from flexgen.exports.emitted import Emitted, emit
+from flexgen.exports.c_code.emitted import Emitted, emit
 from flexgen.model.elements import RobotModel
 
 # the library's own warnings are tested elsewhere

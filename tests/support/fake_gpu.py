@@ -74,7 +74,9 @@ extern "C" void run(void *given, unsigned blocks, unsigned threads)
 
 
 def compile_on_cpu(text: str, headers: Mapping[str, str], options: list[str]) -> tuple[bytes, str]:
-    """In place of `flexgen.cuda.compiler.compile_text`: a shared object of the kernel, by g++."""
+    """In place of `flexgen.backends.cuda.compiler.compile_text`: a shared object of the kernel, by
+    g++.
+    """
     defines = [option for option in options if option.startswith("-D")]
     kernel = text.rpartition("void k_")[2].partition("(")[0]
     with tempfile.TemporaryDirectory() as folder:
@@ -115,7 +117,7 @@ class Status(IntEnum):
 
 
 class FakeDriver:
-    """The functions of `cuda.bindings.driver` that `flexgen.cuda.driver` calls.
+    """The functions of `cuda.bindings.driver` that `flexgen.backends.cuda.driver` calls.
 
     Parameters
     ----------

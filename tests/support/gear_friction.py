@@ -10,7 +10,7 @@ import numpy as np
 from hysteretic import joint_stiffness, tool_error_in_mujoco, with_lost_motion
 
 import flexgen
-from flexgen.trajectory import Trajectory
+from flexgen.base.motion.trajectory import Trajectory
 
 NUMBERS: dict[str, float] = {
     "viscous": 2e-3,

@@ -9,10 +9,10 @@ import numpy as np
 from hysteretic import Plant, feedback_gains
 
 import flexgen
-from flexgen.exports.mujoco_checks import with_friction
-from flexgen.mechanics.statics import hold_joints
-from flexgen.spec.ports import Port
-from flexgen.trajectory import Trajectory
+from flexgen.base.motion.trajectory import Trajectory
+from flexgen.base.spec.ports import Port
+from flexgen.dynamics.mechanics.statics import hold_joints
+from flexgen.exports.mujoco.mujoco_checks import with_friction
 
 # factor of the feedback's stiffness, twice that of its damping: the natural frequency is doubled
 FIRM = 4.0

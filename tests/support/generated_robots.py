@@ -16,10 +16,10 @@ from pathlib import Path
 
 import numpy as np
 
-from flexgen.errors import FlexgenError, ModelError
-from flexgen.mechanics.equations import Equations, derive
+from flexgen.base.errors import FlexgenError, ModelError
+from flexgen.dynamics.mechanics.equations import Equations, derive
 from flexgen.model.reader import read
-from flexgen.model.urdf import Joint, Limit, Urdf
+from flexgen.model.urdf.urdf import Joint, Limit, Urdf
 
 MOVES = 5  # of each robot
 KINDS = ("gears", "bend", "light rotors", "rigid gears", "bends", "combination")

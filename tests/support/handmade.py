@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from toolchain import CC
 
-from flexgen.codegen.interface import ABI_VERSION, STATUSES
+from flexgen.codegen.emission.interface import ABI_VERSION, STATUSES
 from flexgen.runtime.identity import FORMAT
 
 PORTS = {"q_a": [2], "K": [2, 2], "parameters": [2], "s": [2], "S": [2, 3]}

@@ -11,8 +11,8 @@ import numpy as np
 from hysteretic import ARCMIN, Law, joint_stiffness, tool_error_in_mujoco
 
 import flexgen
-from flexgen.exports.mujoco_checks import with_friction
-from flexgen.trajectory import Trajectory
+from flexgen.base.motion.trajectory import Trajectory
+from flexgen.exports.mujoco.mujoco_checks import with_friction
 
 # rad
 ERROR = {

@@ -14,7 +14,7 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import make_interp_spline
 
 from flexgen.inversion.solution import Solution
-from flexgen.simulation.hold import TorqueCommand
+from flexgen.simulation.integration.hold import TorqueCommand
 
 
 def confirmed_error(solution: Solution, command: TorqueCommand, after: float) -> float:

@@ -14,13 +14,13 @@ from typing import Any
 import numpy as np
 from emitted import library_of
 
-from flexgen.codegen.interface import STATUSES
-from flexgen.codegen.spec import library_name
-from flexgen.library.generate import generate
-from flexgen.mechanics.equations import Equations, derive
-from flexgen.mechanics.signatures import INVERSION
+from flexgen.base.numerics.evaluate import evaluate
+from flexgen.codegen.build.generate import generate
+from flexgen.codegen.emission.interface import STATUSES
+from flexgen.codegen.emission.spec import library_name
+from flexgen.dynamics.mechanics.equations import Equations, derive
+from flexgen.dynamics.mechanics.signatures import INVERSION
 from flexgen.model.elements import RobotModel
-from flexgen.numerics.evaluate import evaluate
 from flexgen.paths.path import Path
 from flexgen.runtime import Library, load
 from flexgen.runtime.structs import struct_of, structs_of

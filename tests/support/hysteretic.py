@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 
 import flexgen
-from flexgen.exports.mujoco import mjcf
-from flexgen.exports.mujoco_checks import with_friction
+from flexgen.base.motion.trajectory import Trajectory
+from flexgen.base.spec.memory import HysteresisLaw
+from flexgen.exports.mujoco.mujoco import mjcf
+from flexgen.exports.mujoco.mujoco_checks import with_friction
 from flexgen.model.friction import friction_key
-from flexgen.spec.memory import HysteresisLaw
-from flexgen.trajectory import Trajectory
 
 ARCMIN = np.pi / 180 / 60
 FREQUENCY = 10.0  # Hz, of the motor feedback

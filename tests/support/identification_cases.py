@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 
 import flexgen
-from flexgen.analysis.response_inputs import Drive
+from flexgen.dynamics.mechanics.parameters import select, with_values
+from flexgen.feedback.loop.hardware import DriveHardware
 from flexgen.identification.experiments.excitation import Plan
-from flexgen.identification.frequency_response import Frf
-from flexgen.identification.local_model import LocalModel
-from flexgen.loop.hardware import DriveHardware
-from flexgen.mechanics.parameters import select, with_values
+from flexgen.identification.responses.frequency_response import Frf
+from flexgen.identification.responses.local_model import LocalModel
+from flexgen.identification.responses.response_inputs import Drive
 from flexgen.model.elements import RobotModel
 
 NOISY = DriveHardware(5e-4, encoder_noise_rad=1e-4, torque_noise_Nm=0.02)

@@ -10,8 +10,8 @@ from pathlib import Path as FilePath
 
 import numpy as np
 
-from flexgen.inversion.problem import InversionProblem
-from flexgen.mechanics.equations import derive
+from flexgen.dynamics.mechanics.equations import derive
+from flexgen.inversion.problem.problem import InversionProblem
 from flexgen.model.elements import LinearSpring, RobotModel
 from flexgen.paths.path import Path
 

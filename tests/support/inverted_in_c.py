@@ -6,15 +6,15 @@ from __future__ import annotations
 
 from typing import Any
 
-from flexgen.errors import FlexgenError
-from flexgen.inversion.problem import InversionProblem
-from flexgen.inversion.reduced_problem import Reduction
-from flexgen.inversion.sampling import grid, samples
-from flexgen.library.model_library import library_with
-from flexgen.mechanics.equations import Equations
-from flexgen.mechanics.signatures import INVERSION
+from flexgen.base.errors import FlexgenError
+from flexgen.codegen.build.model_library import library_with
+from flexgen.dynamics.mechanics.equations import Equations
+from flexgen.dynamics.mechanics.signatures import INVERSION
+from flexgen.inversion.problem.problem import InversionProblem
+from flexgen.inversion.problem.reduced_problem import Reduction
+from flexgen.inversion.problem.sampling import grid, samples
 from flexgen.paths.path import Path
-from flexgen.runtime.path_inversion import Inversion
+from flexgen.runtime.inversion.path_inversion import Inversion
 
 MESH = 0.01  # s
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexgen.codegen.clib_files import read_clib
+from flexgen.codegen.emission.clib_files import read_clib
 
 ERRORS = {"sincos": 1.0, "exp": 1.0, "tanh": 3.0}  # units in the last place, as kernel.h states
 _NUMBER = r"-?\d+\.\d+(?:e[-+]?\d+)?|-?\d+e[-+]?\d+"

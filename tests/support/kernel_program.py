@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 from kernel_constants import PRECISIONS
 
-from flexgen.codegen.clib_files import kernel_files
+from flexgen.codegen.emission.clib_files import kernel_files
 
 NAME = "robot"
 TYPES = {"double": np.float64, "single": np.float32}

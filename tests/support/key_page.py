@@ -8,9 +8,13 @@ import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from flexgen.benchmarks import scenario_file as scenario
-from flexgen.loop.controller_files import CONTROLLER
-from flexgen.model.format import (
+from flexgen.base.spec.keys import REQUIRED, Form, Key, Kinds, Schema
+from flexgen.base.spec.memory import HYSTERESIS, LUGRE
+from flexgen.base.spec.schema import key_schemas
+from flexgen.base.spec.tables import LARGEST
+from flexgen.feedback.loop.controller_files import CONTROLLER
+from flexgen.identification.records import keys as records
+from flexgen.model.format.format import (
     BEAM,
     BENDING,
     ELEMENT,
@@ -22,9 +26,9 @@ from flexgen.model.format import (
     URDF,
     VARIANT,
 )
-from flexgen.model.format_devices import MOTOR, SENSOR
-from flexgen.model.format_programs import PROGRAM, STEP
-from flexgen.model.format_robot import (
+from flexgen.model.format.format_devices import MOTOR, SENSOR
+from flexgen.model.format.format_programs import PROGRAM, STEP
+from flexgen.model.format.format_robot import (
     BODY,
     COGGING,
     COUNTERBALANCE,
@@ -38,14 +42,10 @@ from flexgen.model.format_robot import (
     SPRING,
     friction,
 )
-from flexgen.model.format_tasks import LEG, MOVE, OUTPUT
-from flexgen.position_servo.keys import LOW_PASS, NOTCH, SERVO_TABLE
-from flexgen.records import keys as records
-from flexgen.spec.keys import REQUIRED, Form, Key, Kinds, Schema
-from flexgen.spec.memory import HYSTERESIS, LUGRE
-from flexgen.spec.schema import key_schemas
-from flexgen.spec.tables import LARGEST
-from flexgen.sweeps.grid_file import GRID, RANDOM
+from flexgen.model.format.format_tasks import LEG, MOVE, OUTPUT
+from flexgen.model.position_servo.keys import LOW_PASS, NOTCH, SERVO_TABLE
+from flexgen.studies.scenarios import scenario_file as scenario
+from flexgen.studies.sweeps.grid_file import GRID, RANDOM
 
 HUGE = 1e9  # bounds that no user reaches
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "model_keys.md"
@@ -125,7 +125,8 @@ and `[[segment]]`, and no `version` of `[measures]`.
 RECORDINGS_TOP = """# Keys of descriptions of recordings
 
 This page lists all keys of the `.toml` files that describe [records of a real robot](records.md).
-It is written from the rows in `flexgen/records/keys.py`, which the reader takes too.
+It is written from the rows in `flexgen/identification/records/keys.py`, which the reader takes \
+too.
 """
 
 

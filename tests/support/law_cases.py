@@ -7,8 +7,8 @@ from functools import cache
 from pathlib import Path
 
 import flexgen
-from flexgen.laws.study import ARM
-from flexgen.loop.case import Case, control_case
+from flexgen.feedback.laws.study import ARM
+from flexgen.feedback.loop.case import Case, control_case
 from flexgen.model.elements import CubicSpring, Friction, RobotModel
 
 ONE_JOINT = """

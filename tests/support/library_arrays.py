@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from flexgen.inversion.reduced_problem import Reduction
-from flexgen.inversion.sampling import samples
-from flexgen.mechanics.equations import derive
+from flexgen.dynamics.mechanics.equations import derive
+from flexgen.inversion.problem.reduced_problem import Reduction
+from flexgen.inversion.problem.sampling import samples
 from flexgen.paths.path import Path as ToolPath
 from flexgen.runtime.library import Library
 

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from flexgen.mechanics.equations import Equations, derive
-from flexgen.mechanics.output_columns import output_labels
-from flexgen.spec.ports import Port
-from flexgen.trajectory import Trajectory
+from flexgen.base.motion.trajectory import Trajectory
+from flexgen.base.spec.ports import Port
+from flexgen.dynamics.mechanics.equations import Equations, derive
+from flexgen.dynamics.mechanics.output_columns import output_labels
 
 derived = functools.cache(derive)
 

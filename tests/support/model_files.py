@@ -13,8 +13,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from flexgen.errors import FlexgenError
-from flexgen.spec.tables import bare
+from flexgen.base.errors import FlexgenError
+from flexgen.base.spec.tables import bare
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -50,7 +50,11 @@ COMPUTED = {
 }
 QUICK = "not slow and not full and not robots and not fuzz"  # `make test`
 # of pages
-STATED = [f"tests/unit/test_{name}.py" for name in ("stated_numbers", "stated_defaults", "keys")]
+STATED = [
+    "tests/repository/test_stated_numbers.py",
+    "tests/repository/test_stated_defaults.py",
+    "tests/model/test_keys.py",
+]
 STATED += ["tests/golden/test_public_face.py"]
 SILENT = {"strict", "frozen", "repr", "slots", "eq"}  # arguments that change no result
 MOST_TESTS = 200

@@ -12,7 +12,7 @@ import math
 import casadi as ca
 import numpy as np
 
-from flexgen.mechanics.equations import derive
+from flexgen.dynamics.mechanics.equations import derive
 
 
 class KalmanTwin:

@@ -7,8 +7,8 @@ from __future__ import annotations
 import numpy as np
 
 import flexgen
-from flexgen.uncertainty.response import linearize, response
-from flexgen.uncertainty.sources import sources_of
+from flexgen.studies.tolerances.response import linearize, response
+from flexgen.studies.tolerances.sources import sources_of
 
 SAMPLE_S = 2.5e-4
 

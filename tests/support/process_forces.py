@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 import flexgen
-from flexgen.exports.mujoco import mjcf
-from flexgen.numerics.evaluate import evaluate
-from flexgen.trajectory import Trajectory
+from flexgen.base.motion.trajectory import Trajectory
+from flexgen.base.numerics.evaluate import evaluate
+from flexgen.exports.mujoco.mujoco import mjcf
 
 HZ = 40.0  # of a cutter with four flutes at 600 1/min
 SIZE = 300.0  # N

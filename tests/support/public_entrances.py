@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import flexgen
-from flexgen.mechanics.system import ImplicitDae
-from flexgen.type_checks import FROM_FILES, checks_of
+from flexgen.base.checks.type_checks import FROM_FILES, checks_of
+from flexgen.dynamics.mechanics.system import ImplicitDae
 
 # classes of results without a name in flexgen, documented in the reference
 RETURNED = (ImplicitDae,)

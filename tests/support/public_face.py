@@ -16,8 +16,8 @@ from unittest import mock
 
 import flexgen
 from flexgen.cli.parser import build_parser
+from flexgen.cli.verb_tables.verb_texts import LISTS
 from flexgen.cli.verbs import completion
-from flexgen.verb_texts import LISTS
 
 FOLDER = Path(__file__).resolve().parents[1] / "golden" / "face"
 MODELS = ["elbow", "four_mass"]  # that the completion scripts know

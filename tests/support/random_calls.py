@@ -20,8 +20,8 @@ import numpy as np
 from public_entrances import Entrance, entrances
 
 import flexgen
-from flexgen.errors import FlexgenError
-from flexgen.type_checks import checks_of
+from flexgen.base.checks.type_checks import checks_of
+from flexgen.base.errors import FlexgenError
 
 NONSENSE: tuple[Any, ...] = (
     *(None, True, False, 0, -1, 1, 3, 10**400, -(10**25), 2**63, 1e308, -1e308, 1e-320, 0.5, -2.5),

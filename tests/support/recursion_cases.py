@@ -22,11 +22,11 @@ from referee import (
 )
 from scipy.spatial.transform import Rotation
 
-from flexgen.errors import ModelError
-from flexgen.mechanics.equations import Equations, derive
+from flexgen.base.errors import ModelError
+from flexgen.codegen.recursion.functions import recursive_function
+from flexgen.dynamics.mechanics.equations import Equations, derive
 from flexgen.model.elements import Body, Dof, Element, Gear, Motor, Output, Placement, RobotModel
 from flexgen.model.reader import read
-from flexgen.recursion.functions import recursive_function
 
 # Of the largest entry of what is expected (or of a quantity of the same kind that does not
 # vanish): rounding along chains of some tens of frames, in another order. Accelerations are judged

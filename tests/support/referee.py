@@ -1,10 +1,11 @@
 """An independent referee of the equations of motion: recursive Newton-Euler in plain numpy.
 
-It shares nothing with ``flexgen.mechanics``: accelerations go outward along the chain and wrenches
-come back, in world axes and with moments about the world's origin. A beam is a cloud of point
-masses on its deflected axis, followed by the two translations and two rotations of its tip, each
-of them a linear function of the modal coordinates. A rotor is a body with the angular momentum
-``J (v_m + a.omega) a``, a the axis of the rotor. Mass matrices come from unit accelerations.
+It shares nothing with ``flexgen.dynamics.mechanics``: accelerations go outward along the chain and
+wrenches come back, in world axes and with moments about the world's origin. A beam is a cloud of
+point masses on its deflected axis, followed by the two translations and two rotations of its tip,
+each of them a linear function of the modal coordinates. A rotor is a body with the angular
+momentum ``J (v_m + a.omega) a``, a the axis of the rotor. Mass matrices come from unit
+accelerations.
 """
 
 from __future__ import annotations
@@ -17,7 +18,8 @@ from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 from shipped_models import all_variants
 
-from flexgen.mechanics.equations import derive
+from flexgen.base.numerics.evaluate import Evaluator
+from flexgen.dynamics.mechanics.equations import derive
 from flexgen.model.elements import (
     BacklashSpring,
     Beam,
@@ -38,7 +40,6 @@ from flexgen.model.elements import (
     Spring,
 )
 from flexgen.model.reader import model_names, read
-from flexgen.numerics.evaluate import Evaluator
 
 # Gauss points along a beam: integrates products of the first ten or so modes to rounding
 SLICES = 80

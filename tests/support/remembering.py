@@ -17,9 +17,9 @@ from gear_friction import NUMBERS as LOADED
 from toolchain import tool
 
 import flexgen
-from flexgen.exports.emitted import emit
-from flexgen.exports.selftest.golden import output_at
-from flexgen.exports.selftest.motion import targets
+from flexgen.exports.c_code.emitted import emit
+from flexgen.exports.c_code.selftest.golden import output_at
+from flexgen.exports.c_code.selftest.motion import targets
 from flexgen.inversion.hold import Hold, torque_command
 
 NAME = "elbow"

@@ -14,8 +14,8 @@ from mujoco_referee import MujocoMachine, MujocoReferee
 from random_robots import Case
 from referee import State
 
-from flexgen.mechanics.equations import Equations, derive
-from flexgen.mechanics.linearization import second_order_matrices
+from flexgen.dynamics.mechanics.equations import Equations, derive
+from flexgen.dynamics.mechanics.linearization import second_order_matrices
 from flexgen.model.elements import RobotModel
 
 try:
@@ -24,7 +24,7 @@ except ModuleNotFoundError:
     PinocchioReferee = None
 try:
     # also where it is wrong
-    from flexgen.recursion.functions import recursive_function as fast_function
+    from flexgen.codegen.recursion.functions import recursive_function as fast_function
 except ModuleNotFoundError:
     fast_function = None
 

@@ -1,6 +1,6 @@
 """Picture of the rooms of flexgen, drawn from the imports of their modules.
 
-Run this file to write docs/rooms.svg; `tests/unit/test_architecture.py` compares it with the
+Run this file to write docs/rooms.svg; `tests/repository/test_architecture.py` compares it with the
 source. A wing is a room that only the rooms in front import. Arrows that follow from others are
 left out, and those of the front.
 """
@@ -14,25 +14,26 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 PICTURE = ROOT / "docs" / "rooms.svg"
-FRONT = ("cli", "reports", "plots")  # what a user sees: they may import everything
+FRONT = ("cli", "views")  # what a user sees: they may import everything
 # the margin is for the labels
 MARGIN = 70
 ROW = 64
 HEIGHT = 30
 GAP = 14
 LETTER = 7.6
-COLORS = {"front": "#f3d9b1", "wing": "#cfe3f5", "middle": "#dcebd2", "ground": "#e6e6e6"}
+COLORS = {"front": "#f3d9b1", "wing": "#cfe3f5", "middle": "#dcebd2"}
 
 
 def graph_of(arrows: Iterable[tuple[str, str]], single: set[str]) -> dict[str, set[str]]:
-    """Rooms and what they import; modules outside of folders are the ground."""
+    """Rooms and what they import, without the modules outside of folders."""
     graph: dict[str, set[str]] = {}
     for here, there in arrows:
-        a, b = ("ground" if x in single else x for x in (here, there))
-        graph.setdefault(a, set())
-        graph.setdefault(b, set())
-        if a != b and a != "ground":
-            graph[a].add(b)
+        if here in single or there in single:
+            continue
+        graph.setdefault(here, set())
+        graph.setdefault(there, set())
+        if here != there:
+            graph[here].add(there)
     return graph
 
 
@@ -80,7 +81,7 @@ def rows_of(graph: dict[str, set[str]]) -> list[list[str]]:
 def svg(graph: dict[str, set[str]]) -> str:
     """The picture as text."""
     rows = rows_of(graph)
-    kinds = {room: "middle" for row in rows[:-3] for room in row} | {"ground": "ground"}
+    kinds = {room: "middle" for row in rows[:-3] for room in row}
     kinds |= dict.fromkeys([*rows[-3], *rows[-2]], "wing") | dict.fromkeys(rows[-1], "front")
     at: dict[str, tuple[float, float, float]] = {}
     sizes = [[LETTER * len(room) + 22 for room in row] for row in rows]
@@ -118,11 +119,7 @@ def svg(graph: dict[str, set[str]]) -> str:
         lines.append(
             f'<text x="{x + size / 2:.0f}" y="{y + 20:.0f}" text-anchor="middle">{room}</text>'
         )
-    for k, label in (
-        (len(rows) - 1, "front"),
-        (len(rows) - 2, "wings"),
-        (len(rows) - 4, "middle"),
-    ):
+    for k, label in ((len(rows) - 1, "front"), (len(rows) - 2, "wings"), (0, "middle")):
         lines.append(f'<text x="8" y="{height - ROW * (k + 1) + 30}" fill="#777">{label}</text>')
     return "\n".join([*lines, "</svg>", ""])
 
@@ -150,5 +147,5 @@ def picture() -> str:
 
 
 if __name__ == "__main__":
-    sys.path[:0] = [str(ROOT / "tests" / "unit"), str(ROOT / "tests" / "support")]
+    sys.path[:0] = [str(ROOT / "tests" / "repository"), str(ROOT / "tests" / "support")]
     PICTURE.write_text(picture(), encoding="utf-8")

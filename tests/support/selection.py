@@ -30,17 +30,17 @@ SLOW = (
     "client/test_wheel.py",
     "cross/test_states_in_commands.py",
     "fuzz/test_fuzz.py",
-    "laws/test_single_precision.py",
-    "unit/test_inversion_parameters.py",
+    "codegen/test_single_precision.py",
+    "inversion/test_inversion_parameters.py",
 )
 # Files that read or analyze each model in some milliseconds.
 ANY_MODEL = (
     "golden/test_emitted_hashes.py",
     "published/test_analysis.py",
-    "unit/test_reader.py",
-    "unit/test_solvability.py",
-    "unit/test_structure.py",
-    "unit/test_zero_path.py",
+    "model/test_reader.py",
+    "analysis/test_solvability.py",
+    "dynamics/test_structure.py",
+    "analysis/test_zero_path.py",
 )
 # Slow tests, by file or function, that compile much C and run it for a short time: without
 # optimization its bits are the same, and these tests take half the time, as do the quick ones. The
@@ -78,55 +78,55 @@ UNOPTIMIZED = (
     "cross/test_settled.py",
     "cross/test_transmission_error.py",
     "cross/test_trees.py::test_the_joints_of_all_branches_follow_in_mujoco",
-    "laws/test_end_of_the_move.py",
-    "laws/test_fmu_memory.py",
-    "laws/test_fmu_plant.py",
-    "laws/test_fmu_sampled.py",
-    "laws/test_generated_robots.py",
-    "laws/test_impedance.py",
-    "laws/test_learning.py",
-    "laws/test_load_and_collision.py::test_a_load_is_found_in_spite_of_wrong_springs",
-    "laws/test_loop_shaping.py",
-    "laws/test_model_laws.py",
-    "laws/test_observers.py",
-    "laws/test_single_precision.py",
-    "laws/test_solve.py",
-    "laws/test_stream.py",
-    "laws/test_stream_moving.py",
-    "laws/test_stream_parts.py",
+    "inversion/test_end_of_the_move.py",
+    "exports/test_fmu_memory.py",
+    "exports/test_fmu_plant.py",
+    "exports/test_fmu_sampled.py",
+    "inversion/test_generated_robots.py",
+    "feedback/test_impedance.py",
+    "planning/test_learning.py",
+    "identification/test_load_and_collision.py::test_a_load_is_found_in_spite_of_wrong_springs",
+    "feedback/test_loop_shaping.py",
+    "feedback/test_model_laws.py",
+    "feedback/test_observers.py",
+    "codegen/test_single_precision.py",
+    "inversion/test_solve.py",
+    "runtime/test_stream.py",
+    "runtime/test_stream_moving.py",
+    "runtime/test_stream_parts.py",
     "order/test_inversion_order.py::test_points_of_a_lower_order_are_seen",
-    "unit/test_cli.py::test_a_missed_tolerance_is_a_failure_with_its_figures",
-    "unit/test_cli.py::test_generate_with_options",
-    "unit/test_codegen.py",
-    "unit/test_cuda.py",
-    "unit/test_docstring_examples.py",
-    "unit/test_generate.py",
-    "unit/test_held_torques.py",
-    "unit/test_inversion_parameters.py",
-    "unit/test_limits_stream.py",
-    "unit/test_many_inversion.py",
-    "unit/test_parameters.py",
-    "unit/test_solve_stages.py",
-    "unit/test_stream_memory.py",
+    "cli/test_cli.py::test_a_missed_tolerance_is_a_failure_with_its_figures",
+    "cli/test_cli.py::test_generate_with_options",
+    "codegen/test_codegen.py",
+    "backends/test_cuda.py",
+    "repository/test_docstring_examples.py",
+    "codegen/test_generate.py",
+    "simulation/test_held_torques.py",
+    "inversion/test_inversion_parameters.py",
+    "runtime/test_limits_stream.py",
+    "runtime/test_many_inversion.py",
+    "dynamics/test_parameters.py",
+    "inversion/test_solve_stages.py",
+    "runtime/test_stream_memory.py",
 )
 # Quick tests of optimized code, and tests and cases that run C for a long time: simulated
 # experiments above all.
 OPTIMIZED = (
     "client/test_instruction_sets.py",
     "cross/test_loop_lugre.py",
-    "laws/test_benchmark_draws.py",
-    "laws/test_benchmarks.py",
-    "laws/test_causes.py",
-    "laws/test_frequency_responses.py",
-    "laws/test_identify.py",
-    "laws/test_identify_with_torques.py",
-    "laws/test_structure_search.py",
-    "laws/test_transients_and_averages.py",
-    "unit/test_cli_identify.py",
+    "studies/test_benchmark_draws.py",
+    "studies/test_benchmarks.py",
+    "identification/test_causes.py",
+    "identification/test_frequency_responses.py",
+    "identification/test_identify.py",
+    "identification/test_identify_with_torques.py",
+    "identification/test_structure_search.py",
+    "identification/test_transients_and_averages.py",
+    "identification/test_cli_identify.py",
 )
 OPTIMIZED_CASES = {
-    "client/test_docs.py": {"docs/control.md", "flexgen/benchmarks/README.md"},
-    "unit/test_docstring_examples.py": {
+    "client/test_docs.py": {"docs/control.md", "flexgen/studies/scenarios/README.md"},
+    "repository/test_docstring_examples.py": {
         "tune",
         "TuningResult",
         "score",
@@ -136,13 +136,18 @@ OPTIMIZED_CASES = {
 }
 # Cases whose robot or method takes long, by a word of the id or the whole id.
 SLOW_CASES = {
-    "unit/test_numbers_structure.py": {"10"},
-    "unit/test_numbers_amplitude.py": {"backlash", "Coulomb", "cubic", "hysteresis-z1-1"},
-    "unit/test_limits_stream.py": {
+    "identification/test_numbers_structure.py": {"10"},
+    "identification/test_numbers_amplitude.py": {
+        "backlash",
+        "Coulomb",
+        "cubic",
+        "hysteresis-z1-1",
+    },
+    "runtime/test_limits_stream.py": {
         *("load", "sums", "lugre", "joint_acceleration_max", "joint_speed_max"),
         *("motor_speed_max", "tool_acceleration_max", "tool_speed_max", "elbow-hysteresis"),
     },
-    "unit/test_codegen.py": {"parts0", "parts1", "parts2", "parts3"},
+    "codegen/test_codegen.py": {"parts0", "parts1", "parts2", "parts3"},
     "client/test_docs.py": {
         "docs/calibration.md",
         "README.md",
@@ -173,8 +178,8 @@ SLOW_CASES = {
         "docs/process_force.md",
         "docs/jax.md",
         "docs/verification.md",
-        "flexgen/gears/README.md",
-        "flexgen/servo/README.md",
+        "flexgen/identification/gears/README.md",
+        "flexgen/feedback/positions/README.md",
         "generated/README.md",
     },
     "client/test_instruction_sets.py": {"beam_arm", "elbow", "planar5_nmp", "v2", "v3", "v4"},
@@ -268,9 +273,14 @@ SLOW_CASES = {
         "arm-complete-rigid",
         "arm-simplified",
     },
-    "laws/test_amplitude.py": {"nothing", "Coulomb friction"},
-    "laws/test_hysteresis_elements.py": {"3.7--0.4", "1.5-0.0", "elements0-9000.0", "one element"},
-    "laws/test_causes.py": {
+    "identification/test_amplitude.py": {"nothing", "Coulomb friction"},
+    "dynamics/test_hysteresis_elements.py": {
+        "3.7--0.4",
+        "1.5-0.0",
+        "elements0-9000.0",
+        "one element",
+    },
+    "identification/test_causes.py": {
         "a missing payload of 2 kg",
         "mass of arm3 150 % larger",
         "rotor inertia of m1 10 % smaller",
@@ -285,10 +295,10 @@ SLOW_CASES = {
         "the sign of the angle of m2",
         "mass of arm3 20 % larger",
     },
-    "laws/test_end_of_the_move.py": {"planar5_nmp", "beam_arm"},
-    "laws/test_fmu_sampled.py": {"6.0"},
-    "laws/test_hold.py": {"hold1-False", "hold2", "hold3-True", "hold4", "hold5", "hold6"},
-    "laws/test_identify.py": {
+    "inversion/test_end_of_the_move.py": {"planar5_nmp", "beam_arm"},
+    "exports/test_fmu_sampled.py": {"6.0"},
+    "inversion/test_hold.py": {"hold1-False", "hold2", "hold3-True", "hold4", "hold5", "hold6"},
+    "identification/test_identify.py": {
         "transposed",
         "hold",
         "damper",
@@ -296,7 +306,7 @@ SLOW_CASES = {
         "lls-manutec_r3",
         "nls-manutec_r3",
     },
-    "laws/test_laws.py": {
+    "dynamics/test_laws.py": {
         "synthetic_beam",
         "synthetic_complete",
         "synthetic_mixed",
@@ -306,7 +316,7 @@ SLOW_CASES = {
         "payload",
         "soft",
     },
-    "laws/test_observers.py": {
+    "feedback/test_observers.py": {
         "1.0",
         "case0-first order",
         "outputs2",
@@ -318,9 +328,9 @@ SLOW_CASES = {
         "0.002",
         "1.3",
     },
-    "laws/test_paths_smoothness.py": {"lq-3", "bvp-2", "bvp-3"},
-    "laws/test_program_time.py": {"gears", "reserve"},
-    "laws/test_recursion_planted.py": {
+    "paths/test_paths_smoothness.py": {"lq-3", "bvp-2", "bvp-3"},
+    "planning/test_program_time.py": {"gears", "reserve"},
+    "codegen/test_recursion_planted.py": {
         "wrong_sign_of_a_frames_angle-inverse_dynamics",
         "bias",
         "forward_dynamics",
@@ -328,8 +338,8 @@ SLOW_CASES = {
         "mass_matrix",
         "wrong_sign_in_the_regrouping-inverse_dynamics",
     },
-    "laws/test_singular_wrists.py": {"1e-09", "1e-06", "q1", "q3"},
-    "laws/test_solve.py": {"manutec_r3-line", "manutec_r3-joints", "beam_arm"},
+    "paths/test_singular_wrists.py": {"1e-09", "1e-06", "q1", "q3"},
+    "inversion/test_solve.py": {"manutec_r3-line", "manutec_r3-joints", "beam_arm"},
     "published/test_analysis.py": {
         "manutec_r3_24",
         "manutec_r3_30",
@@ -339,8 +349,8 @@ SLOW_CASES = {
         "carried_arm",
         "two_arm",
     },
-    "unit/test_clib.py": {"elbow-servo", "elbow-lugre", "planar5_nmp", "elbow-hysteresis"},
-    "unit/test_cli_comfort.py": {
+    "codegen/test_clib.py": {"elbow-servo", "elbow-lugre", "planar5_nmp", "elbow-hysteresis"},
+    "cli/test_cli_comfort.py": {
         "fish",
         "zsh",
         "100-words0",
@@ -350,10 +360,10 @@ SLOW_CASES = {
         "words2",
         "60-words0",
     },
-    "unit/test_cli_identify.py": {"words2"},
-    "unit/test_column_functions.py": {"hollow"},
-    "unit/test_column_loops.py": {"flags0", "flags2"},
-    "unit/test_emission.py": {
+    "identification/test_cli_identify.py": {"words2"},
+    "codegen/test_column_functions.py": {"hollow"},
+    "codegen/test_column_loops.py": {"flags0", "flags2"},
+    "codegen/test_emission.py": {
         "flags1-19",
         "flags2-19",
         "flags1-9",
@@ -371,8 +381,8 @@ SLOW_CASES = {
         "1000--inf",
         "flags0-7",
     },
-    "unit/test_motion_page.py": {"beam_arm", "manutec_r3"},
-    "unit/test_recursion_steps.py": {
+    "views/test_motion_page.py": {"beam_arm", "manutec_r3"},
+    "codegen/test_recursion_steps.py": {
         "12-False",
         "8-True",
         "2-False",
@@ -392,9 +402,9 @@ SLOW_CASES = {
         for against in (False, True)
         if digits not in (8, 12)
     },
-    "unit/test_report.py": {"beam_arm-line", "manutec_r3-line", "planar5_nmp-line"},
-    "unit/test_solve_stages.py": {"1.0", "0.01", "1e-06"},
-    "unit/test_structure.py": {
+    "views/test_report.py": {"beam_arm-line", "manutec_r3-line", "planar5_nmp-line"},
+    "inversion/test_solve_stages.py": {"1.0", "0.01", "1e-06"},
+    "dynamics/test_structure.py": {
         "manutec_r3_18",
         "manutec_r3_24",
         "manutec_r3_30",
@@ -405,15 +415,15 @@ SLOW_CASES = {
         "two_arm",
         "manutec_r3",
     },
-    "unit/test_time_limit.py": {"bdf", "closed-form", "kunkel-mehrmann", "reduced"},
-    "unit/test_timing.py": {f"bounds{k}-{m}-many" for k in range(4) for m in (3, 6)}
+    "inversion/test_time_limit.py": {"bdf", "closed-form", "kunkel-mehrmann", "reduced"},
+    "feedback/test_timing.py": {f"bounds{k}-{m}-many" for k in range(4) for m in (3, 6)}
     - {"bounds3-6-many"},
     "cross/test_methods_agree.py": {"planar5_nmp"},
-    "laws/test_hysteresis.py": {"forgotten", "9000.0", "3.0"},
-    "laws/test_redundant_arms.py": {"rigid"},
+    "dynamics/test_hysteresis.py": {"forgotten", "9000.0", "3.0"},
+    "inversion/test_redundant_arms.py": {"rigid"},
     "cross/test_position_commands.py": {"elbow", "cubic"},
     "cross/test_reduced.py": {"elbow"},
-    "unit/test_held_torques.py": {
+    "simulation/test_held_torques.py": {
         "linear-2.7-1",
         "zoh-4.0-1",
         "zoh-1.0-1",
@@ -440,8 +450,8 @@ SLOW_CASES = {
         "5-linear",
         "3-spline",
     },
-    "unit/test_plausibility.py": {"manutec_r3"},
-    "laws/test_impedance.py": {
+    "studies/test_plausibility.py": {"manutec_r3"},
+    "feedback/test_impedance.py": {
         "1000.0-20.0-0.0",
         "45000.0-20.0-0.002",
         "30000.0-30.0-0.001",
@@ -451,22 +461,30 @@ SLOW_CASES = {
         "100000.0-40.0-0.0",
         "100000.0-60.0-0.0",
     },
-    "unit/test_solve_attempts.py": {"discretized", "kunkel-mehrmann", "bdf", "full", "bvp"},
-    "laws/test_stream_parts.py": {"elbow-zoh", "elbow-spline", "planar5_nmp-spline"},
-    "laws/test_lugre.py": {"forgotten", "static", "damping", "60.0", "1.0", "sign", "no reversal"},
-    "unit/test_fmu_export.py": {"config-", "warnings-", "plant-", "controller-"},
-    "unit/test_generate.py": {"empty", "swapped"},
-    "laws/test_damped_gears.py": {"four_bounds-auto", "fast-auto"},
-    "laws/test_limits_in_plan.py": {
+    "inversion/test_solve_attempts.py": {"discretized", "kunkel-mehrmann", "bdf", "full", "bvp"},
+    "runtime/test_stream_parts.py": {"elbow-zoh", "elbow-spline", "planar5_nmp-spline"},
+    "dynamics/test_lugre.py": {
+        "forgotten",
+        "static",
+        "damping",
+        "60.0",
+        "1.0",
+        "sign",
+        "no reversal",
+    },
+    "exports/test_fmu_export.py": {"config-", "warnings-", "plant-", "controller-"},
+    "codegen/test_generate.py": {"empty", "swapped"},
+    "inversion/test_damped_gears.py": {"four_bounds-auto", "fast-auto"},
+    "planning/test_limits_in_plan.py": {
         "tool_acceleration",
         "joint_acceleration",
         "torque_rate",
         "tool_speed",
     },
-    "laws/test_force_in_fastest.py": {"time", "sign"},
-    "unit/test_library_cache.py": {"bvp-bvp"},
+    "paths/test_force_in_fastest.py": {"time", "sign"},
+    "codegen/test_library_cache.py": {"bvp-bvp"},
     "cross/test_prediction_with_hysteresis.py": {"elements0-known0"},
-    "unit/test_docstring_examples.py": {
+    "repository/test_docstring_examples.py": {
         "Controller",
         "FeedbackLinearisation",
         "Configuration",
@@ -479,7 +497,7 @@ SLOW_CASES = {
         "TomeiPD",
     },
     "cross/test_force_in_control.py": {"lqg", "ppi"},
-    "laws/test_stream.py": {
+    "runtime/test_stream.py": {
         "planar5_nmp-10-zoh-0.0-1e-08-0.0003925",
         "planar5_nmp-5-zoh-1.4-1e-08-0.002983",
     },
@@ -489,20 +507,20 @@ SLOW_CASES = {
         "positions in a left-handed frame",
         "justin",
     },
-    "unit/test_solvability.py": {
+    "analysis/test_solvability.py": {
         "manutec_r3_18",
         "manutec_r3_24",
         "manutec_r3_30",
         "manutec_r3_efjm",
         "kr300_efjm",
     },
-    "unit/test_paths.py": {"manutec_r3-joints"},
-    "laws/test_loop_shaping.py": {"1.3"},
+    "paths/test_paths.py": {"manutec_r3-joints"},
+    "feedback/test_loop_shaping.py": {"1.3"},
     "client/test_gallery.py": {"gears_and_friction", "flexible_link", "elbow"},
     "cross/test_urdf_export.py": {"soft", "undamped", "payload"},
     "cross/test_mujoco_export.py": {"soft", "undamped", "payload"},
-    "unit/test_packed_mass_matrix.py": {"manutec_r3-parameters2"},
-    "unit/test_program.py": {"tour"},
+    "codegen/test_packed_mass_matrix.py": {"manutec_r3-parameters2"},
+    "paths/test_program.py": {"tour"},
 }
 # Cases that have a shorter sibling, of the same code, with the slow or the quick tests: `make
 # test-full` runs them.
@@ -598,7 +616,7 @@ FULL_CASES = {
     },
     "cross/test_lugre_in_mujoco.py": {"elbow", "manutec_r3_18"},
     "cross/test_symbolic.py": {"arm-complete-rigid", "planar5_mp", "skew"},
-    "laws/test_amplitude.py": {
+    "identification/test_amplitude.py": {
         "backlash",
         "elbow",
         "planar5_nmp-Coulomb friction-1",
@@ -655,14 +673,14 @@ FULL_CASES = {
         "encoders",
     },
     "fuzz/test_random_calls.py": {"1", "2"},
-    "laws/test_claims_of_unstable_moves.py": {"16.0", "32.2"},
-    "laws/test_fmu_plant.py": {"manutec_r3_24"},
-    "laws/test_fmu_sampled.py": {"elbow", "four_mass", "6.0"},
-    "laws/test_learning.py": {"manutec_r3_18", "manutec_r3_24"},
-    "laws/test_load_and_collision.py": {"1.0", "1.2"},
-    "laws/test_minimum_time.py": {"manutec_r3_18", "manutec_r3_24"},
-    "laws/test_observers.py": {"outputs5", "manutec_r3_18-motors-0.001-True"},
-    "laws/test_claimed_errors.py": {
+    "inversion/test_claims_of_unstable_moves.py": {"16.0", "32.2"},
+    "exports/test_fmu_plant.py": {"manutec_r3_24"},
+    "exports/test_fmu_sampled.py": {"elbow", "four_mass", "6.0"},
+    "planning/test_learning.py": {"manutec_r3_18", "manutec_r3_24"},
+    "identification/test_load_and_collision.py": {"1.0", "1.2"},
+    "planning/test_minimum_time.py": {"manutec_r3_18", "manutec_r3_24"},
+    "feedback/test_observers.py": {"outputs5", "manutec_r3_18-motors-0.001-True"},
+    "inversion/test_claimed_errors.py": {
         "elbow@joints-zoh",
         "planar5_nmp@joints-zoh",
         "abb_arm",
@@ -676,8 +694,13 @@ FULL_CASES = {
         "planar5_soft@line-zoh",
         "urdf_arm@line",
     },
-    "laws/test_sensors.py": {"kr300_efjm", "manutec_r3_24", "manutec_r3_30", "manutec_r3_efjm"},
-    "unit/test_codegen.py": {
+    "identification/test_sensors.py": {
+        "kr300_efjm",
+        "manutec_r3_24",
+        "manutec_r3_30",
+        "manutec_r3_efjm",
+    },
+    "codegen/test_codegen.py": {
         "elbow--O1",
         "carried_arm",
         "kr300",
@@ -692,18 +715,18 @@ FULL_CASES = {
         "urdf_arm",
         "four_mass",
     },
-    "unit/test_time_limit.py": {"bdf", "kunkel-mehrmann", "reduced", "lq", "bvp"},
+    "inversion/test_time_limit.py": {"bdf", "kunkel-mehrmann", "reduced", "lq", "bvp"},
     "client/test_kernel_compilers.py": {"gcc-single"},
-    "laws/test_single_precision.py": {"line"},
-    "laws/test_generated_robots.py": {"10", "4", "4-m1"},
-    "laws/test_hysteresis_elements.py": {
+    "codegen/test_single_precision.py": {"line"},
+    "inversion/test_generated_robots.py": {"10", "4", "4-m1"},
+    "dynamics/test_hysteresis_elements.py": {
         "elements0-9000.0",
         "elements2-2000.0",
         "exponent",
         "one element",
     },
-    "laws/test_benchmarks.py": {"two_link-0.31"},
-    "laws/test_stream.py": {"manutec_r3_24", "20"},
+    "studies/test_benchmarks.py": {"two_link-0.31"},
+    "runtime/test_stream.py": {"manutec_r3_24", "20"},
     "cross/test_recursion_products.py": {
         "dense12",
         "dense7",
@@ -770,7 +793,7 @@ FULL_CASES = {
         "backlash",
         "encoders",
     },
-    "unit/test_parameters.py": {
+    "dynamics/test_parameters.py": {
         "planar5_nmp-names0-overrides0-changes0",
         "planar5_nmp-names2-overrides2-changes2",
     },
@@ -783,7 +806,7 @@ FULL_CASES = {
         "planar5_mp@undamped",
     },
     "cross/test_jax.py": {"planar5_nmp"},
-    "unit/test_plausibility.py": {
+    "studies/test_plausibility.py": {
         "manutec_r3_18",
         "manutec_r3_24",
         "manutec_r3_30",
@@ -797,7 +820,7 @@ FULL_CASES = {
         "kr300-rotor in g cm^2",
         "kr300-N m/deg",
     },
-    "laws/test_solve.py": {"manutec_r3-joints", "kr300-joints", "0.01", "carried_arm-joints"},
+    "inversion/test_solve.py": {"manutec_r3-joints", "kr300-joints", "0.01", "carried_arm-joints"},
     "cross/test_referees.py": {
         "linear-simplified",
         "any-simplified",
@@ -806,7 +829,7 @@ FULL_CASES = {
         "linearize",
         "residual_jacobians",
     },
-    "laws/test_model_laws.py": {
+    "feedback/test_model_laws.py": {
         "LQ, rho 1-False",
         "Tomei PD, 6 Hz-False",
         "feedback linearization, continuous, 16 Hz-False",
@@ -817,7 +840,7 @@ FULL_CASES = {
         "WrongAcceleration",
         "StaleTorque",
     },
-    "laws/test_fmu_memory.py": {"manutec_r3_18", "1-1000"},
+    "exports/test_fmu_memory.py": {"manutec_r3_18", "1-1000"},
     "cross/test_prediction_with_hysteresis.py": {"elements2-known2", "elements1-known1"},
     "client/test_types.py": {"make setup"},
     "client/test_amalgamation.py": {"planar5_nmp"},
@@ -831,14 +854,20 @@ FULL_CASES = {
         "manutec_r3_efjm",
         "ur5_elastic",
     },
-    "laws/test_hysteresis.py": {"sign", "forgotten"},
+    "dynamics/test_hysteresis.py": {"sign", "forgotten"},
     "client/test_inverse_kinematics.py": {"manutec_r3_18"},
     "client/test_invert_limited.py": {"manutec_r3-0.9"},
     "cross/test_comparison.py": {"manutec_r3_18"},
-    "laws/test_frequency_responses.py": {"manutec_r3_18"},
-    "laws/test_hold.py": {"hold2-False", "hold4-False", "hold6-False", "hold3-True", "hold5-True"},
-    "laws/test_stream_moving.py": {"manutec_r3_18", "manutec_r3_24"},
-    "unit/test_recursion_steps.py": {
+    "identification/test_frequency_responses.py": {"manutec_r3_18"},
+    "inversion/test_hold.py": {
+        "hold2-False",
+        "hold4-False",
+        "hold6-False",
+        "hold3-True",
+        "hold5-True",
+    },
+    "runtime/test_stream_moving.py": {"manutec_r3_18", "manutec_r3_24"},
+    "codegen/test_recursion_steps.py": {
         "sliding8",
         "3-False",
         "3-True",
@@ -859,16 +888,16 @@ FULL_CASES = {
         "14-False",
         "14-True",
     },
-    "unit/test_report.py": {
+    "views/test_report.py": {
         "four_mass@high-step",
         "beam_arm-line",
         "manutec_r3-line",
         "manutec_r3",
         "manutec_r3_efjm",
     },
-    "unit/test_motion_page.py": {"manutec_r3"},
+    "views/test_motion_page.py": {"manutec_r3"},
     "published/test_analysis.py": {"manutec_r3_24", "manutec_r3_30", "manutec_r3_efjm"},
-    "unit/test_kunkel_mehrmann_analysis.py": {
+    "dynamics/test_kunkel_mehrmann_analysis.py": {
         "manutec_r3_24",
         "manutec_r3_30",
         "manutec_r3_efjm",
@@ -884,8 +913,8 @@ FULL_CASES = {
         "encoders",
         "kr300_efjm",
     },
-    "unit/test_structure.py": {"manutec_r3_24", "manutec_r3_30", "manutec_r3_efjm"},
-    "laws/test_laws.py": {
+    "dynamics/test_structure.py": {"manutec_r3_24", "manutec_r3_30", "manutec_r3_efjm"},
+    "dynamics/test_laws.py": {
         "manutec_r3_24",
         "manutec_r3_30",
         "manutec_r3_efjm",
@@ -902,8 +931,8 @@ FULL_CASES = {
         "synthetic_spinning",
         "synthetic_mixed",
     },
-    "laws/test_local_model.py": {"manutec_r3_24", "manutec_r3_30", "manutec_r3_efjm"},
-    "unit/test_signatures.py": {"manutec_r3_24", "manutec_r3_30", "manutec_r3_efjm"},
+    "identification/test_local_model.py": {"manutec_r3_24", "manutec_r3_30", "manutec_r3_efjm"},
+    "dynamics/test_signatures.py": {"manutec_r3_24", "manutec_r3_30", "manutec_r3_efjm"},
     "cross/test_export_ros2.py": {
         "signal",
         "5-False-False-False",
@@ -920,14 +949,18 @@ FULL_CASES = {
     },
     "cross/test_prediction.py": {"heavy"},
     "order/test_bdf.py": {"joints", "four_mass@high", "elbow@rigid", "planar5_mp@undamped"},
-    "laws/test_end_of_the_move.py": {"beam_arm"},
-    "laws/test_identify.py": {"transposed", "damper"},
-    "laws/test_singular_wrists.py": {"1e-09", "1e-06"},
-    "unit/test_limits_stream.py": {"24, line, 200 ms", "24, circle, 200 ms", "18, line, 100 ms"},
+    "inversion/test_end_of_the_move.py": {"beam_arm"},
+    "identification/test_identify.py": {"transposed", "damper"},
+    "paths/test_singular_wrists.py": {"1e-09", "1e-06"},
+    "runtime/test_limits_stream.py": {
+        "24, line, 200 ms",
+        "24, circle, 200 ms",
+        "18, line, 100 ms",
+    },
     "cross/test_process_force.py": {"elbow", "gears", "sign"},
-    "unit/test_many_inversion.py": {"single"},
+    "runtime/test_many_inversion.py": {"single"},
     "cross/test_limits_on_real_drives.py": {"hysteresis-elbow"},
-    "laws/test_kinematics.py": {
+    "paths/test_kinematics.py": {
         "1",
         "2",
         "4",
@@ -947,22 +980,22 @@ FULL_CASES = {
         "manutec_r3_18-turning_line-0.04-True",
     },
     "cross/test_bvp.py": {"rows swapped", "wrong interval length", "planar5_soft"},
-    "laws/test_solve_full.py": {"full"},
+    "inversion/test_solve_full.py": {"full"},
     "cross/test_states_in_commands.py": {"lugre"},
-    "unit/test_column_loops.py": {"flags0-19", "flags0-9", "flags2-8", "flags2-19", "flags1-9"},
-    "laws/test_recursion_planted.py": {
+    "codegen/test_column_loops.py": {"flags0-19", "flags0-9", "flags2-8", "flags2-19", "flags1-9"},
+    "codegen/test_recursion_planted.py": {
         "missing_coriolis_term-forward_dynamics",
         "missing_coriolis_term-bias",
     },
     "cross/test_transmission_error.py": {"ripple", "share of points"},
-    "unit/test_held_torques.py": {
+    "simulation/test_held_torques.py": {
         "zoh-1.0-1",
         "zoh-4.0-1",
         "linear-2.7-1",
         "zoh-0.4-1",
         "linear-0.0-1",
     },
-    "unit/test_emission.py": {
+    "codegen/test_emission.py": {
         "flags0-9-20-True-False",
         "flags2-9-20-True-False",
         "flags2-5-4-True-True",
@@ -971,22 +1004,22 @@ FULL_CASES = {
     "cross/test_end_of_path.py": {"bvp"},
     "cross/test_baselines.py": {"urdf_arm"},
     "cross/test_trees.py": {"carried_arm", "on_the_last_joint"},
-    "laws/test_program_time.py": {"gears"},
-    "unit/test_solve_stages.py": {"1.0"},
+    "planning/test_program_time.py": {"gears"},
+    "inversion/test_solve_stages.py": {"1.0"},
     "cross/test_tool_functions.py": {"manutec_r3_24"},
-    "laws/test_lugre.py": {"sign", "no reversal", "60.0"},
-    "laws/test_impedance.py": {"0.0-0.0", "100000.0-40.0-0.0"},
-    "laws/test_force_in_fastest.py": {"time"},
-    "unit/test_docstring_examples.py": {
+    "dynamics/test_lugre.py": {"sign", "no reversal", "60.0"},
+    "feedback/test_impedance.py": {"0.0-0.0", "100000.0-40.0-0.0"},
+    "paths/test_force_in_fastest.py": {"time"},
+    "repository/test_docstring_examples.py": {
         "GearFit",
         "ServoFit",
         "TuningResult",
         "MotionFit",
         "Passivity",
     },
-    "unit/test_planning.py": {"hermite-simpson-4"},
+    "planning/test_planning.py": {"hermite-simpson-4"},
     "order/test_inversion_order.py": {"fast-lq", "slow-lq"},
-    "unit/test_column_functions.py": {"dense"},
+    "codegen/test_column_functions.py": {"dense"},
 }
 OTHER_MODELS = {path.stem for path in (ROOT / "models").glob("*.toml")} - QUICK_MODELS
 

@@ -13,8 +13,8 @@ import numpy as np
 from scipy.signal import bilinear, lfilter
 
 import flexgen
-from flexgen.exports.mujoco import mjcf
-from flexgen.exports.mujoco_checks import with_friction
+from flexgen.exports.mujoco.mujoco import mjcf
+from flexgen.exports.mujoco.mujoco_checks import with_friction
 
 STEP = 1e-4  # s, of MuJoCo
 TABLE = """

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import flexgen
-from flexgen.library.model_library import library_with
-from flexgen.mechanics.signatures import INVERSION
+from flexgen.codegen.build.model_library import library_with
+from flexgen.dynamics.mechanics.signatures import INVERSION
+from flexgen.runtime.inversion.path_inversion import Inverter
 from flexgen.runtime.library import Library
-from flexgen.runtime.path_inversion import Inverter
 
 GEARS = {"q1": "element.upper.dof.q1.gear", "q2": "element.fore.dof.q2.gear"}  # of elbow
 HORIZON = 20  # intervals of a stream

@@ -9,18 +9,18 @@ from typing import Any
 import numpy as np
 from emitted import paths_library
 
-from flexgen.inversion.reduced_problem import Reduction
-from flexgen.mechanics.equations import Equations, derive
-from flexgen.mechanics.output_columns import output_labels
+from flexgen.base.motion.trajectory import Trajectory
+from flexgen.base.spec.ports import Port
+from flexgen.dynamics.mechanics.equations import Equations, derive
+from flexgen.dynamics.mechanics.output_columns import output_labels
+from flexgen.inversion.problem.reduced_problem import Reduction
 from flexgen.model.elements import RobotModel
 from flexgen.paths.path import Path
 from flexgen.runtime.library import Library
-from flexgen.runtime.stream import Interval, Stream
-from flexgen.simulation.hold import TorqueCommand
+from flexgen.runtime.streams.stream import Interval, Stream
+from flexgen.simulation.integration.hold import TorqueCommand
 from flexgen.simulation.result import Simulation
 from flexgen.simulation.simulate import simulate
-from flexgen.spec.ports import Port
-from flexgen.trajectory import Trajectory
 
 UPDATE = 5e-3  # s
 AHEAD = 20  # intervals

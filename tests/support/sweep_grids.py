@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from flexgen.sweeps.cases import Grid, combinations, random_moves
-from flexgen.sweeps.version import code_version
-from flexgen.sweeps.worker import WrongCode
+from flexgen.studies.sweeps.cases import Grid, combinations, random_moves
+from flexgen.studies.sweeps.version import code_version
+from flexgen.studies.sweeps.worker import WrongCode
 
 ROBOTS = Path(__file__).parent / "robots"
 ONE = str(ROBOTS / "one.toml")

@@ -8,7 +8,7 @@ import functools
 from collections.abc import Callable
 from typing import Any, BinaryIO, TextIO
 
-from flexgen.plots import canvas
+from flexgen.views.plots import canvas
 
 
 def draw_nothing(replace: Callable[[Any, str, Any], None] = setattr) -> None:

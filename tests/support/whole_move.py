@@ -23,7 +23,8 @@ from scipy.integrate._ivp import dop853_coefficients as dop853
 from scipy.interpolate import PchipInterpolator, make_interp_spline
 from scipy.spatial.transform import Rotation
 
-from flexgen.mechanics.output_columns import output_units
+from flexgen.base.motion.trajectory import Trajectory
+from flexgen.dynamics.mechanics.output_columns import output_units
 from flexgen.model.elements import (
     BacklashSpring,
     CubicSpring,
@@ -34,7 +35,6 @@ from flexgen.model.elements import (
     SmoothSpring,
     Spring,
 )
-from flexgen.trajectory import Trajectory
 
 RTOL = 1e-11
 ATOL = 1e-13

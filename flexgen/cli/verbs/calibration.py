@@ -5,6 +5,8 @@ from __future__ import annotations
 from argparse import Namespace
 from functools import partial
 
+from flexgen.base.calls.progress import throttle
+from flexgen.base.errors import ArgumentError
 from flexgen.cli.result import (
     Progress,
     VerbResult,
@@ -15,8 +17,6 @@ from flexgen.cli.result import (
     read_model,
     with_files,
 )
-from flexgen.errors import ArgumentError
-from flexgen.progress import throttle
 
 
 def calibrate(args: Namespace, log: Progress) -> VerbResult:
@@ -24,8 +24,8 @@ def calibrate(args: Namespace, log: Progress) -> VerbResult:
     new model file.
     """
     import flexgen
-    from flexgen.calibration.poses import StaticPoses
-    from flexgen.reports.text_tables import number, table
+    from flexgen.identification.poses.poses import StaticPoses
+    from flexgen.views.reports.text_tables import number, table
 
     model = read_model(args)
     if args.out is not None and (model.variant or not model.file.endswith(".toml")):

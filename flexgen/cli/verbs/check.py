@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from argparse import Namespace
 
+from flexgen.base.errors import FlexgenError
 from flexgen.cli.result import derive_model
-from flexgen.errors import FlexgenError
 
 # verbs that compute with all numbers
 HINTED = ("analyze", "solve", "simulate", "run", "control", "fastest", "learn")
@@ -17,7 +17,7 @@ def implausible(args: Namespace, problem: str) -> str:
     """
     if args.verb not in HINTED or "implausible" in problem:
         return ""
-    from flexgen.plausibility.check import implausible_number
+    from flexgen.studies.check.check import implausible_number
 
     try:
         found = implausible_number(derive_model(args))

@@ -15,7 +15,7 @@ FILES = ("FILE", "DIR", "GRID", "TRAJECTORY")  # placeholders of arguments that 
 def completion(args: argparse.Namespace, log: Callable[[str], None]) -> Any:
     """Print a script that completes verbs, options and models in a shell."""
     from flexgen.cli.result import VerbResult
-    from flexgen.model_files.catalogue import models
+    from flexgen.model.catalogue.catalogue import models
 
     names = [str(row["name"]) for row in models({})]
     script = {"bash": bash, "zsh": zsh, "fish": fish}[args.shell](args.root, names)

@@ -11,6 +11,17 @@ from functools import partial
 from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Any
 
+from flexgen.base.calls.deadline import (
+    INTERRUPTED,
+    OutOfTime,
+    is_over,
+    keep_best,
+    limit_fit,
+    part_known,
+    reason_of_end,
+)
+from flexgen.base.calls.progress import throttle
+from flexgen.base.errors import ArgumentError
 from flexgen.cli.result import (
     Progress,
     VerbResult,
@@ -23,21 +34,10 @@ from flexgen.cli.result import (
     with_files,
     written,
 )
-from flexgen.deadline import (
-    INTERRUPTED,
-    OutOfTime,
-    is_over,
-    keep_best,
-    limit_fit,
-    part_known,
-    reason_of_end,
-)
-from flexgen.errors import ArgumentError
-from flexgen.progress import throttle
-from flexgen.reports.text_tables import number, table
+from flexgen.views.reports.text_tables import number, table
 
 if TYPE_CHECKING:
-    from flexgen.display import Scales
+    from flexgen.base.display import Scales
     from flexgen.model.elements import RobotModel
 
 ROBOTS = 8
@@ -60,10 +60,10 @@ def control(args: Namespace, log: Progress) -> VerbResult:
     """Simulate a move in the closed loop with feedforward, for the model and robots that differ
     from it.
     """
-    from flexgen.display import choose_scales
-    from flexgen.environment.disturbances import Disturbance
-    from flexgen.loop.control import control as simulate
-    from flexgen.reports.control_texts import lengths_of_run, text_of_control
+    from flexgen.base.display import choose_scales
+    from flexgen.feedback.loop.control import control as simulate
+    from flexgen.simulation.environment.disturbances import Disturbance
+    from flexgen.views.reports.control_texts import lengths_of_run, text_of_control
 
     model = read_model(args)
     acting = {
@@ -134,8 +134,8 @@ def _further(
     is_done = run.status == "done" or bool(run.ended)
 
     def feedforward() -> Part:
-        from flexgen.loop.feedforward import compare_feedforward
-        from flexgen.reports.control_texts import feedforward_text, lengths_of_comparison
+        from flexgen.feedback.loop.feedforward import compare_feedforward
+        from flexgen.views.reports.control_texts import feedforward_text, lengths_of_comparison
 
         log("control: the same without feedforward, and with that of the rigid robot")
         options = {key: value for key, value in acting.items() if key != "time_limit"}
@@ -146,13 +146,13 @@ def _further(
         return Part(compared.to_dict(), words, lengths_of_comparison(compared))
 
     def passivity() -> Part:
-        from flexgen.laws.passivity import check_passivity
+        from flexgen.feedback.laws.passivity import check_passivity
 
         found = check_passivity(run)
         return Part(found.to_dict(), lambda scales: str(found))
 
     def draw_robots() -> Part:
-        from flexgen.uncertainty.in_loop import error_in_loop, error_text
+        from flexgen.studies.tolerances.in_loop import error_in_loop, error_text
 
         options = keywords(args, "move", "plants", "disturbances", "wall", "assumed_force")
         found = error_in_loop(run, progress=throttle(log), wall=wall_of(args), **options)
@@ -169,10 +169,10 @@ def _further(
 
 def score(args: Namespace, log: Progress) -> VerbResult:
     """Score controllers in a benchmark: one axis with four masses, or an arm with two links."""
-    from flexgen.benchmarks.leaderboard import controller_names
-    from flexgen.benchmarks.scenario_file import scenario
-    from flexgen.benchmarks.score import score as compute
-    from flexgen.reports.control_texts import scores_text
+    from flexgen.studies.scenarios.leaderboard import controller_names
+    from flexgen.studies.scenarios.scenario_file import scenario
+    from flexgen.studies.scenarios.score import score as compute
+    from flexgen.views.reports.control_texts import scores_text
 
     chosen = scenario(args.scenario)
     given = controller_names(chosen, args.controller or ["reference"])
@@ -212,7 +212,7 @@ def tune(args: Namespace, log: Progress) -> VerbResult:
     """Tune the P-PI cascade of a robot on its model set, or on the score of a benchmark."""
     if not _is_benchmark(args.scenario):
         return _tune_model(args, log)
-    from flexgen.benchmarks.tune import tune as improve
+    from flexgen.studies.scenarios.tune import tune as improve
 
     alone(args, "a benchmark", *OF_MODELS)
     log(f"tune: {args.starts * args.evaluations} evaluations, about two seconds each")
@@ -229,7 +229,7 @@ def tune(args: Namespace, log: Progress) -> VerbResult:
 
 def _is_benchmark(name: str) -> bool:
     """Whether a name is that of a benchmark, or of a .toml file that is not a model."""
-    from flexgen.benchmarks.scenario_file import NAMES
+    from flexgen.studies.scenarios.scenario_file import NAMES
 
     if str(name).partition("@")[0] in NAMES:
         return True
@@ -242,10 +242,10 @@ def _is_benchmark(name: str) -> bool:
 
 def _tune_model(args: Namespace, log: Progress) -> VerbResult:
     """The cascade of a model, on the robots of its tolerances or those that are given."""
-    from flexgen.benchmarks.tune_cascade import TUNED, tune_cascade
-    from flexgen.environment.disturbances import Disturbance
     from flexgen.model.reader import read
-    from flexgen.reports.control_texts import tuning_text
+    from flexgen.simulation.environment.disturbances import Disturbance
+    from flexgen.studies.scenarios.tune_cascade import TUNED, tune_cascade
+    from flexgen.views.reports.control_texts import tuning_text
 
     alone(args, "a model", "starts", "workers")
     model = read(args.scenario)
@@ -254,7 +254,7 @@ def _tune_model(args: Namespace, log: Progress) -> VerbResult:
     if "plants" in given:
         given["plants"] = dict(given["plants"])
     elif model.uncertainty is not None:
-        from flexgen.uncertainty.in_loop import draw_plants
+        from flexgen.studies.tolerances.in_loop import draw_plants
 
         given["plants"] = draw_plants(model, ROBOTS)
     if "disturbances" in given:
@@ -273,8 +273,8 @@ def fastest(args: Namespace, log: Progress) -> VerbResult:
     """Find the fastest time law of a move within the limits, by exact inverse dynamics; solve and
     verify it.
     """
-    from flexgen.mechanics.limits import Limits
-    from flexgen.performance.minimum_time import fastest as search
+    from flexgen.dynamics.mechanics.limits import Limits
+    from flexgen.planning.fastest.minimum_time import fastest as search
 
     model = read_model(args)
     own = {"torque": args.torque, "speed": args.speed}
@@ -291,7 +291,7 @@ def fastest(args: Namespace, log: Progress) -> VerbResult:
 
 def _command(model: RobotModel, command: list[float]) -> VerbResult:
     """Positions of the trackers at rest, with and without deflections."""
-    from flexgen.inverse_kinematics.forward import tracker_positions
+    from flexgen.paths.inverse_kinematics.forward import tracker_positions
 
     named = [sensor.name for sensor in model.sensors if sensor.type == "tracker"] or ["tool"]
     at_rest = tracker_positions(model, [command])[0]
@@ -315,9 +315,9 @@ def _command(model: RobotModel, command: list[float]) -> VerbResult:
 
 def kinematics(args: Namespace, log: Progress) -> VerbResult:
     """Find all joint configurations of a six-axis arm that bring the tool to a pose."""
-    from flexgen.inverse_kinematics.search import kinematics as search
-    from flexgen.inverse_kinematics.tool_pose import ToolPose
-    from flexgen.reports.texts import configurations_text
+    from flexgen.paths.inverse_kinematics.search import kinematics as search
+    from flexgen.paths.inverse_kinematics.tool_pose import ToolPose
+    from flexgen.views.reports.texts import configurations_text
 
     model = read_model(args)
     if args.command is not None:

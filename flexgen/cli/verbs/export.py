@@ -6,10 +6,10 @@ import json
 from argparse import Namespace
 
 import flexgen
-from flexgen.atomic_files import write_text
+from flexgen.base.errors import ArgumentError
+from flexgen.base.files.atomic_files import write_text
 from flexgen.cli.result import Progress, VerbResult, call, keywords, read_model
-from flexgen.errors import ArgumentError
-from flexgen.reports.text_tables import paragraph, table
+from flexgen.views.reports.text_tables import paragraph, table
 
 
 def export(args: Namespace, log: Progress) -> VerbResult:

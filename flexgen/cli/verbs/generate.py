@@ -9,8 +9,8 @@ from flexgen.cli.result import Progress, VerbResult, keywords, read_model
 
 def generate(args: Namespace, log: Progress) -> VerbResult:
     """Write and compile the C library."""
-    from flexgen.library.generate import generate as generate_library
-    from flexgen.reports.texts import library_text
+    from flexgen.codegen.build.generate import generate as generate_library
+    from flexgen.views.reports.texts import library_text
 
     given = keywords(args)
     robot = read_model(args)

@@ -9,6 +9,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from flexgen.base.calls.deadline import OutOfTime, limit_fit
+from flexgen.base.calls.progress import throttle
+from flexgen.base.errors import ArgumentError
 from flexgen.cli.result import (
     Progress,
     VerbResult,
@@ -20,10 +23,7 @@ from flexgen.cli.result import (
     read_model,
     with_files,
 )
-from flexgen.deadline import OutOfTime, limit_fit
-from flexgen.errors import ArgumentError
-from flexgen.progress import throttle
-from flexgen.reports.text_tables import number
+from flexgen.views.reports.text_tables import number
 
 HARDWARE = {  # options of `excite` and the fields of DriveHardware
     "sample_time": "sample_s",
@@ -38,9 +38,9 @@ OF_RESPONSES = ("residual", "floor", "starts", "levels", "refine", "move", "trut
 
 def excite(args: Namespace, log: Progress) -> VerbResult:
     """Plan an experiment for identification: poses, multisines, expected accuracy."""
+    from flexgen.feedback.loop.hardware import DriveHardware
     from flexgen.identification.experiments.plan import excite as plan_experiment
-    from flexgen.loop.hardware import DriveHardware
-    from flexgen.reports.identification_texts import plan_text
+    from flexgen.views.reports.identification_texts import plan_text
 
     model = read_model(args)
     hardware = DriveHardware.from_model(
@@ -85,7 +85,7 @@ def measure(args: Namespace, log: Progress) -> VerbResult:
     began = time.perf_counter()
     writer = None
     if args.raw is not None:
-        from flexgen.identification.recordings.recording_writer import RecordingWriter
+        from flexgen.identification.records.recording_writer import RecordingWriter
 
         writer = RecordingWriter(args.raw, plan, robot)
     experiment = simulate(plan, robot, raw=writer, **keywords(args, "raw"), progress=throttle(log))
@@ -123,8 +123,8 @@ def measure(args: Namespace, log: Progress) -> VerbResult:
 
 def frf(args: Namespace, log: Progress) -> VerbResult:
     """Estimate frequency responses and their noise from an experiment."""
-    from flexgen.identification.frequency_response import frf as estimate
-    from flexgen.identification.recordings.experiment_file import load_experiment
+    from flexgen.identification.records.experiment_file import load_experiment
+    from flexgen.identification.responses.frequency_response import frf as estimate
 
     with limit_fit("frf", args.time_limit, throttle(log), first="pose"):
         experiment = load_experiment(args.experiment, log)
@@ -169,11 +169,11 @@ def identify(args: Namespace, log: Progress) -> VerbResult:
             "--truth: given without --move, expected also --move NAME, whose tool error is "
             "compared"
         )
-    from flexgen.identification.frequency_response import Frf
-    from flexgen.identification.graybox import identify as fit
-    from flexgen.identification.recordings.experiment_file import load_experiment
-    from flexgen.identification.result import FitStatus
-    from flexgen.reports.identification_texts import text_of_identification, validation_text
+    from flexgen.identification.records.experiment_file import load_experiment
+    from flexgen.identification.responses.frequency_response import Frf
+    from flexgen.identification.responses.graybox import identify as fit
+    from flexgen.identification.responses.result import FitStatus
+    from flexgen.views.reports.identification_texts import text_of_identification, validation_text
 
     model = read_model(args)
     data = Frf.load(args.data)
@@ -217,8 +217,8 @@ def _refine(found: Any, experiment: Any, time_limit: float | None, tell: Progres
 
     The fit as it was where the time is over before a step.
     """
-    from flexgen.identification.fit_status import FitStatus
-    from flexgen.identification.time_domain import refine_and_validate
+    from flexgen.identification.estimator.fit_status import FitStatus
+    from flexgen.identification.motions.time_domain import refine_and_validate
 
     try:
         return refine_and_validate(found, experiment, time_limit=time_limit, progress=tell)
@@ -230,7 +230,7 @@ def _refine(found: Any, experiment: Any, time_limit: float | None, tell: Progres
 
 def _check_out(args: Namespace, model: Any) -> None:
     """Check before a fit that the new model file can be written with its numbers."""
-    from flexgen.mechanics.parameters import has_group
+    from flexgen.dynamics.mechanics.parameters import has_group
 
     names = [name for name in args.free or () if has_group(model, name)]
     check_model_file(args, model, names)
@@ -240,8 +240,8 @@ def _structure(model: Any, data: Any, args: Namespace, log: Progress) -> VerbRes
     """Which springs without motor the data ask for: a table, and the tables of new springs for the
     model file.
     """
-    from flexgen.identification.structure import structure
-    from flexgen.reports.identification_texts import structure_text
+    from flexgen.identification.responses.structure import structure
+    from flexgen.views.reports.identification_texts import structure_text
 
     alone(args, "--structure", *OF_RESPONSES, "free", "start", "out")
     log("adding and removing springs: about a minute for six axes")
@@ -267,7 +267,7 @@ def _rigid(args: Namespace, log: Progress) -> VerbResult:
     """Bodies, rotors and friction from recorded motions, and the stiffness of gears with encoders
     on both sides.
     """
-    from flexgen.identification.recordings.rigid_file import identify_bodies
+    from flexgen.identification.rigid.rigid_file import identify_bodies
 
     alone(
         args, "--rigid", "structure", "segments", *OF_RESPONSES, "free", "fixed", "start", "report"
@@ -299,8 +299,8 @@ def _rigid(args: Namespace, log: Progress) -> VerbResult:
 
 def _segments(args: Namespace, log: Progress) -> VerbResult:
     """Parameters of the nonlinear model from recorded torques and motions, in short segments."""
-    from flexgen.identification.motion_fit import fit_motion
-    from flexgen.reports.identification_texts import text_of_motion_fit
+    from flexgen.identification.motions.motion_fit import fit_motion
+    from flexgen.views.reports.identification_texts import text_of_motion_fit
 
     alone(args, "--segments", "structure", "rigid", *OF_RESPONSES, "counterbalance", "report")
     if args.free is None:
@@ -330,7 +330,7 @@ def _segments(args: Namespace, log: Progress) -> VerbResult:
 
 def _verdict(found: Any, args: Namespace, log: Progress) -> tuple[list[dict[str, Any]], str]:
     """Tool errors of feedforward before and after: as data and as text."""
-    from flexgen.reports.identification_texts import verdict_text
+    from flexgen.views.reports.identification_texts import verdict_text
 
     if found.covariance is None and args.truth is None:
         words = (

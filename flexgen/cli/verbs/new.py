@@ -7,18 +7,18 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from flexgen.atomic_files import check_writable, write_text
+from flexgen.base.errors import ArgumentError
+from flexgen.base.files.atomic_files import check_writable, write_text
+from flexgen.base.spec.tables import show
 from flexgen.cli.result import Progress, VerbResult
-from flexgen.errors import ArgumentError
-from flexgen.spec.tables import show
 
 if TYPE_CHECKING:
-    from flexgen.templates.dh_model import DhModel
+    from flexgen.studies.templates.dh_model import DhModel
 
 
 def new(args: Namespace, log: Progress) -> VerbResult:
     """Write a model file with plausible numbers, from a template, a URDF file or a DH table."""
-    from flexgen.templates.dh_model import model_from_dh
+    from flexgen.studies.templates.dh_model import model_from_dh
 
     path = args.out or Path(f"{args.name}.toml")
     check_writable(path)
@@ -47,7 +47,7 @@ def _next_steps(path: Path, *, has_moves: bool = True) -> str:
 
 def _from_template(args: Namespace, path: Path) -> VerbResult:
     """Write a template, or the overlay of a URDF file with its repairs."""
-    from flexgen.templates.new_model import new_overlay
+    from flexgen.studies.templates.new_model import new_overlay
 
     made = new_overlay(args.name, args.template or "planar", args.urdf, path.parent)
     write_text(path, made.text)

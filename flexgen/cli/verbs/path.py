@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path as FilePath
 from typing import TYPE_CHECKING
 
-from flexgen.atomic_files import write_text
+from flexgen.base.files.atomic_files import write_text
 from flexgen.cli.result import Progress, VerbResult, Writer, check_own, read_model, with_files
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ def path(args: Namespace, log: Progress) -> VerbResult:
 
 def _write(planned: Path, args: Namespace) -> FilePath:
     """Write the table of a path as a C header."""
-    from flexgen.codegen.path_header import path_header
+    from flexgen.codegen.emission.path_header import path_header
 
     model = planned.equations.model
     header = path_header(model, planned.move.name, planned.table(), planned.duration)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from argparse import Namespace
 
+from flexgen.base.display import as_json
+from flexgen.base.display import plain as as_plain
 from flexgen.cli.result import (
     Progress,
     VerbResult,
@@ -14,8 +16,6 @@ from flexgen.cli.result import (
     with_files,
     written,
 )
-from flexgen.display import as_json
-from flexgen.display import plain as as_plain
 
 
 def plain(args: Namespace, log: Progress) -> VerbResult:

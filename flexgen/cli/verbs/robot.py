@@ -6,18 +6,18 @@ import time
 from argparse import Namespace
 from typing import Any
 
-from flexgen.atomic_files import write_text
+from flexgen.base.calls.progress import throttle
+from flexgen.base.display import plain
+from flexgen.base.errors import ArgumentError
+from flexgen.base.files.atomic_files import write_text
 from flexgen.cli.result import Progress, VerbResult, derive_model, with_files
-from flexgen.display import plain
-from flexgen.errors import ArgumentError
-from flexgen.progress import throttle
-from flexgen.reports.text_tables import paragraph, roots, table
+from flexgen.views.reports.text_tables import paragraph, roots, table
 
 
 def models(args: Namespace, log: Progress) -> VerbResult:
     """List the models by name."""
-    from flexgen.model_files.catalogue import models as list_models
-    from flexgen.reports.texts import models_text
+    from flexgen.model.catalogue.catalogue import models as list_models
+    from flexgen.views.reports.texts import models_text
 
     broken: dict[str, str] = {}
     rows = list_models(broken)
@@ -28,8 +28,8 @@ def models(args: Namespace, log: Progress) -> VerbResult:
 
 def describe(args: Namespace, log: Progress) -> VerbResult:
     """Describe a model: coordinates, motors, moves, variants."""
-    from flexgen.model_files.catalogue import describe as describe_model
-    from flexgen.reports.texts import description_text
+    from flexgen.model.catalogue.catalogue import describe as describe_model
+    from flexgen.views.reports.texts import description_text
 
     data = describe_model(args.model, overrides=dict(args.set or ()))
     return VerbResult(data, description_text(data))
@@ -55,7 +55,7 @@ def derive(args: Namespace, log: Progress) -> VerbResult:
     warnings: list[str] = []
     text = ""
     if form or not args.json:
-        from flexgen.equations_text.equations import symbolic
+        from flexgen.analysis.printing.equations import symbolic
 
         try:
             sheet = symbolic(robot)

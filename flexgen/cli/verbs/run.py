@@ -9,6 +9,7 @@ from argparse import Namespace
 from pathlib import Path
 from typing import Any
 
+from flexgen.base.display import plain
 from flexgen.cli.result import (
     Progress,
     VerbResult,
@@ -18,8 +19,7 @@ from flexgen.cli.result import (
     read_model,
 )
 from flexgen.cli.verbs.solve import failure_of
-from flexgen.display import plain
-from flexgen.reports.text_tables import one_line
+from flexgen.views.reports.text_tables import one_line
 
 
 def run(args: Namespace, log: Progress) -> VerbResult:
@@ -33,15 +33,15 @@ def run(args: Namespace, log: Progress) -> VerbResult:
     check_report(directory)
 
     from flexgen.analysis.analyze import analyze as analyze_model
-    from flexgen.inversion.comparison import compare_methods
-    from flexgen.inversion.problem_text import problem_of
+    from flexgen.codegen.build.agreement import compare_library
+    from flexgen.codegen.build.generate import generate as generate_library
+    from flexgen.inversion.comparison.comparison import compare_methods
+    from flexgen.inversion.problem.problem_text import problem_of
     from flexgen.inversion.solve import ACCURACY
     from flexgen.inversion.solve import solve as solve_move
-    from flexgen.library.agreement import compare_library
-    from flexgen.library.generate import generate as generate_library
-    from flexgen.reports.html import write_report
-    from flexgen.reports.texts import figure_rows, figures, steps_text
     from flexgen.runtime import load
+    from flexgen.views.reports.html import write_report
+    from flexgen.views.reports.texts import figure_rows, figures, steps_text
 
     log(f"describe: {robot.title}, {one_line(robot.description)}")
     equations = derive_model(args)

@@ -6,7 +6,8 @@ from argparse import Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from flexgen.atomic_files import check_writable
+from flexgen.base.errors import ArgumentError
+from flexgen.base.files.atomic_files import check_writable
 from flexgen.cli.result import (
     Progress,
     VerbResult,
@@ -17,13 +18,12 @@ from flexgen.cli.result import (
     wall_of,
     with_files,
 )
-from flexgen.errors import ArgumentError
-from flexgen.inversion.status import Status
-from flexgen.reports.text_tables import table
+from flexgen.inversion.judge.status import Status
+from flexgen.views.reports.text_tables import table
 
 if TYPE_CHECKING:
+    from flexgen.dynamics.mechanics.equations import Equations
     from flexgen.inversion.solution import Solution
-    from flexgen.mechanics.equations import Equations
     from flexgen.model.elements import RobotModel
 
 EXCEEDED = 3  # exit status of a solution beyond the limits of the model file
@@ -114,16 +114,16 @@ def _solve_one(
     log: Progress,
 ) -> VerbResult:
     """Solve one move; write trajectory and report to the two paths, where given."""
-    from flexgen.inversion.problem_text import problem_of
+    from flexgen.dynamics.mechanics.limits import Limits
+    from flexgen.inversion.problem.problem_text import problem_of
     from flexgen.inversion.solve import solve as solve_move
-    from flexgen.mechanics.limits import Limits
-    from flexgen.reports.texts import solution_details, summary_of_solution
+    from flexgen.views.reports.texts import solution_details, summary_of_solution
 
     out, report = outputs
     given = keywords(args, "move", "limits", "ignore_limits", "fastest")
     limits = Limits.from_model(equations.model) if args.limits else None
     if args.fastest:
-        from flexgen.performance.minimum_time import fastest
+        from flexgen.planning.fastest.minimum_time import fastest
 
         move = fastest(
             equations, move, limits=limits, time_limit=args.time_limit, progress=log
@@ -146,14 +146,14 @@ def _solve_one(
                 out.with_name(f"{out.stem}_{COMMAND}{out.suffix}")
             )
     if report is not None and not solution.interrupted:
-        from flexgen.loop.comparison import compare
+        from flexgen.feedback.loop.comparison import compare
 
         comparison = compare(solution, robustness=args.robustness, progress=log)
         data |= comparison.to_dict()
         files["report"] = comparison.report(report)
     text = solution.to_text() if args.details else summary_of_solution(solution)
     if equations.model.uncertainty is not None and not problem_of(solution, args.accuracy):
-        from flexgen.uncertainty.prediction import predict
+        from flexgen.studies.tolerances.prediction import predict
 
         prediction = predict(equations, solution=solution, progress=log)
         data["prediction"] = prediction.to_dict()
@@ -196,8 +196,8 @@ def simulate(args: Namespace, log: Progress) -> VerbResult:
 
 def sense(args: Namespace, log: Progress) -> VerbResult:
     """Compute what the sensors of a model read along a motion."""
-    from flexgen.environment.sense import sense as sense_motion
-    from flexgen.trajectory import Trajectory
+    from flexgen.base.motion.trajectory import Trajectory
+    from flexgen.simulation.environment.sense import sense as sense_motion
 
     equations = derive_model(args, log)
     seen = sense_motion(equations, Trajectory.load(args.motion))

@@ -5,16 +5,16 @@ from __future__ import annotations
 from argparse import Namespace
 from importlib.util import find_spec
 
+from flexgen.base.calls.deadline import INTERRUPTED
 from flexgen.cli.result import Progress, VerbResult, keywords
-from flexgen.deadline import INTERRUPTED
 
 
 def sweep(args: Namespace, log: Progress) -> VerbResult:
     """Solve all cases of a grid of models, parameters, moves and methods."""
-    from flexgen.errors import ArgumentError
-    from flexgen.reports.texts import failure_lines
-    from flexgen.sweeps.grid_file import read_grid
-    from flexgen.sweeps.sweep import sweep as sweep_grid
+    from flexgen.base.errors import ArgumentError
+    from flexgen.studies.sweeps.grid_file import read_grid
+    from flexgen.studies.sweeps.sweep import sweep as sweep_grid
+    from flexgen.views.reports.texts import failure_lines
 
     if args.parquet and find_spec("pyarrow") is None:  # checked before the sweep runs
         raise ArgumentError("--parquet: needs the package pyarrow; run: pip install pyarrow")

@@ -9,12 +9,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from flexgen.atomic_files import temporary_folder
-from flexgen.errors import ArgumentError, BuildError
+from flexgen.base.checks.types_of_values import items_of
+from flexgen.base.errors import ArgumentError, BuildError
+from flexgen.base.files.atomic_files import temporary_folder
+from flexgen.codegen.build.compiler import NO_COMPILER, Compiler, find_compiler, run_compiler
 from flexgen.exports.fmu.block import Block
-from flexgen.library.compiler import NO_COMPILER, Compiler, find_compiler, run_compiler
-from flexgen.runtime.targets import TARGETS, Target, this_target
-from flexgen.types_of_values import items_of
+from flexgen.runtime.inversion.targets import TARGETS, Target, this_target
 
 SOURCE = "all.c"  # the only one
 _FLAGS = ("-Werror=implicit-function-declaration",)

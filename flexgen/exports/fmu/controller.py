@@ -9,16 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from flexgen.codegen.spec import library_name
-from flexgen.errors import ArgumentError
+from flexgen.base.errors import ArgumentError
+from flexgen.codegen.emission.spec import library_name
+from flexgen.dynamics.mechanics.equations import derive
+from flexgen.dynamics.mechanics.statics import hold_joints
 from flexgen.exports.fmu.block import Block, time_variable
 from flexgen.exports.fmu.variables import INPUT, OUTPUT, PARAMETER, Variable
-from flexgen.loop.controller_files import file_controller
-from flexgen.loop.controllers import SOURCE, Cascade
-from flexgen.loop.gains import PPI
-from flexgen.loop.interface import Setup
-from flexgen.mechanics.equations import derive
-from flexgen.mechanics.statics import hold_joints
+from flexgen.feedback.loop.controller_files import file_controller
+from flexgen.feedback.loop.controllers import SOURCE, Cascade
+from flexgen.feedback.loop.gains import PPI
+from flexgen.feedback.loop.interface import Setup
 from flexgen.model.elements import RobotModel
 
 _GAINS = (

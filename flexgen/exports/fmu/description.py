@@ -6,9 +6,9 @@ import re
 from collections.abc import Mapping, Sequence
 from xml.sax.saxutils import quoteattr
 
+from flexgen.base.version import __version__
 from flexgen.exports.fmu.block import Block
 from flexgen.exports.fmu.variables import OUTPUT, RATE, STATE, STATUS, TIME, UNITS, Variable
-from flexgen.version import __version__
 
 _NOT_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 _BASE = ("kg", "m", "s", "rad")

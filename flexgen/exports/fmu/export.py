@@ -14,19 +14,19 @@ from io import BytesIO
 from pathlib import Path
 from typing import Any, Literal, get_args
 
-from flexgen.atomic_files import atomic_file
-from flexgen.codegen.clib_files import keep_parts
-from flexgen.errors import ArgumentError, BuildError
+from flexgen.base.calls.progress import Choice, reported
+from flexgen.base.checks.type_checks import checked_types
+from flexgen.base.errors import ArgumentError, BuildError
+from flexgen.base.files.atomic_files import atomic_file
+from flexgen.base.version import __version__
+from flexgen.codegen.emission.clib_files import keep_parts
 from flexgen.exports.exported import Exported, exported, left_out
 from flexgen.exports.fmu.binaries import SOURCE, Binary, binaries_of, compile_binary
 from flexgen.exports.fmu.block import FASTEST, Block, config
 from flexgen.exports.fmu.description import build_description, description_2, description_3
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
-from flexgen.progress import Choice, reported
-from flexgen.simulation.hold import SAMPLE_TIME
-from flexgen.type_checks import checked_types
-from flexgen.version import __version__
+from flexgen.simulation.integration.hold import SAMPLE_TIME
 
 FmiVersion = Literal["2.0", "3.0"]
 VERSIONS: tuple[FmiVersion, ...] = get_args(FmiVersion)

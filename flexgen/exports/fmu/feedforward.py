@@ -9,23 +9,23 @@ from dataclasses import replace
 
 import numpy as np
 
-from flexgen.codegen.amalgamation import merge_files
-from flexgen.codegen.c_functions import inversion_reason
-from flexgen.codegen.emit import emit, function_texts
-from flexgen.codegen.interface import INTERVALS_MAX, POSITION, STATUSES
-from flexgen.codegen.spec import StreamDefaults, library_name, library_spec
-from flexgen.errors import ArgumentError
+from flexgen.base.errors import ArgumentError
+from flexgen.base.numerics.evaluate import evaluate
+from flexgen.codegen.build.stream_defaults import with_defaults
+from flexgen.codegen.emission.amalgamation import merge_files
+from flexgen.codegen.emission.c_functions import inversion_reason
+from flexgen.codegen.emission.emit import emit, function_texts
+from flexgen.codegen.emission.interface import INTERVALS_MAX, POSITION, STATUSES
+from flexgen.codegen.emission.spec import StreamDefaults, library_name, library_spec
+from flexgen.dynamics.mechanics.equations import Equations, derive
+from flexgen.dynamics.mechanics.output_columns import output_units
+from flexgen.dynamics.mechanics.signatures import INVERTING, offered_functions
+from flexgen.dynamics.mechanics.statics import Equilibrium, hold_joints
 from flexgen.exports.fmu.block import Block, time_variable
 from flexgen.exports.fmu.plant import payload_variables
 from flexgen.exports.fmu.variables import INPUT, OUTPUT, STATUS, Variable
-from flexgen.library.stream_defaults import with_defaults
-from flexgen.mechanics.equations import Equations, derive
-from flexgen.mechanics.output_columns import output_units
-from flexgen.mechanics.signatures import INVERTING, offered_functions
-from flexgen.mechanics.statics import Equilibrium, hold_joints
 from flexgen.model.elements import RobotModel
-from flexgen.numerics.evaluate import evaluate
-from flexgen.position_servo.keys import ServoTable
+from flexgen.model.position_servo.keys import ServoTable
 
 # Numbers of a figure of the stream: its name, unit and meaning.
 _FIGURES = (

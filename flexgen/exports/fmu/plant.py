@@ -17,10 +17,17 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from flexgen.codegen.amalgamation import merge_files
-from flexgen.codegen.emit import emit, function_texts
-from flexgen.codegen.routines import expand, mathematics_of
-from flexgen.codegen.spec import FunctionSpec, LibrarySpec, library_name, library_spec
+from flexgen.base.numerics.evaluate import evaluate
+from flexgen.base.spec.ports import Port
+from flexgen.codegen.build.stream_defaults import PERIOD
+from flexgen.codegen.emission.amalgamation import merge_files
+from flexgen.codegen.emission.emit import emit, function_texts
+from flexgen.codegen.emission.routines import expand, mathematics_of
+from flexgen.codegen.emission.spec import FunctionSpec, LibrarySpec, library_name, library_spec
+from flexgen.codegen.statements.routine import Block as Part
+from flexgen.codegen.statements.routine import Expressions, Routine, Solve, profile
+from flexgen.dynamics.mechanics.equations import Equations, derive
+from flexgen.dynamics.mechanics.statics import Equilibrium, hold_joints
 from flexgen.exports.fmu.block import FASTEST, Block, time_variable
 from flexgen.exports.fmu.plant_memory import memory_variables, plant_memory
 from flexgen.exports.fmu.variables import (
@@ -33,14 +40,7 @@ from flexgen.exports.fmu.variables import (
     Variable,
     array,
 )
-from flexgen.expressions.routine import Block as Part
-from flexgen.expressions.routine import Expressions, Routine, Solve, profile
-from flexgen.library.stream_defaults import PERIOD
-from flexgen.mechanics.equations import Equations, derive
-from flexgen.mechanics.statics import Equilibrium, hold_joints
 from flexgen.model.elements import RobotModel
-from flexgen.numerics.evaluate import evaluate
-from flexgen.spec.ports import Port
 
 METHODS = {"rk4": 1, "sdirk4": 2}  # numbers of flexgen_fmu_plant.h
 PAYLOAD = ("payload.mass", "payload.com_x", "payload.com_y", "payload.com_z")

@@ -11,13 +11,13 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
+from flexgen.dynamics.hysteresis.hysteresis import gear_layers
+from flexgen.dynamics.hysteresis.lugre import motor_bristles
+from flexgen.dynamics.mechanics.equations import Equations, with_forces
 from flexgen.exports.fmu.variables import STATE, Variable
-from flexgen.mechanics.equations import Equations, with_forces
-from flexgen.memory.hysteresis import gear_layers
-from flexgen.memory.lugre import motor_bristles
 from flexgen.model.elements import RobotModel
 from flexgen.model.friction import bristled_motors, hysteretic_joints
-from flexgen.simulation.hysteretic_rate import (
+from flexgen.simulation.integration.hysteretic_rate import (
     deflection_rates,
     memory_of,
     motor_speeds,

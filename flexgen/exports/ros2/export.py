@@ -11,22 +11,22 @@ from typing import Literal
 
 import numpy as np
 
-from flexgen.codegen.c_text import quote
-from flexgen.errors import ArgumentError, BuildError
-from flexgen.exports.emitted import Emitted, ModelLike, emit
+from flexgen.base.checks.type_checks import checked_types
+from flexgen.base.errors import ArgumentError, BuildError
+from flexgen.base.numerics.evaluate import evaluate
+from flexgen.base.spec.ports import CPP_KEYWORDS
+from flexgen.base.version import __version__
+from flexgen.codegen.build.template_files import template, xml_text, yaml_text
+from flexgen.codegen.emission.c_text import quote
+from flexgen.dynamics.mechanics.limits import limits_of_model
+from flexgen.exports.c_code.emitted import Emitted, ModelLike, emit
+from flexgen.exports.c_code.selftest.golden import output_at
 from flexgen.exports.exported import Exported
-from flexgen.exports.selftest.golden import output_at
-from flexgen.library.template_files import template, xml_text, yaml_text
-from flexgen.loop.controllers import Cascade
-from flexgen.loop.gains import propose_gains
-from flexgen.mechanics.limits import limits_of_model
+from flexgen.feedback.loop.controllers import Cascade
+from flexgen.feedback.loop.gains import propose_gains
 from flexgen.model.elements import RobotModel
 from flexgen.model.friction import bristled_motors, loaded_motors
-from flexgen.numerics.evaluate import evaluate
-from flexgen.runtime.limited_inversion import OF_TOOL, SIZES, limit_members
-from flexgen.spec.ports import CPP_KEYWORDS
-from flexgen.type_checks import checked_types
-from flexgen.version import __version__
+from flexgen.runtime.inversion.limited_inversion import OF_TOOL, SIZES, limit_members
 
 PACKAGE = "flexgen.exports.ros2"
 OPEN_GAINS = (

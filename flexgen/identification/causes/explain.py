@@ -25,8 +25,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from flexgen.analysis.missing_springs import additions
-from flexgen.errors import ArgumentError, SolverError
+from flexgen.base.errors import ArgumentError, SolverError
+from flexgen.base.numerics.trust_region import Fit, as_real, minimize, normal, stack
 from flexgen.identification.causes.hypotheses import (
     Change,
     Changed,
@@ -35,12 +35,12 @@ from flexgen.identification.causes.hypotheses import (
     extend,
     numbers_of,
 )
-from flexgen.identification.frequency_response import Frf
-from flexgen.identification.local_model import with_sizes
-from flexgen.identification.parameters import ParameterVector
-from flexgen.identification.residuals import Residuals
+from flexgen.identification.responses.frequency_response import Frf
+from flexgen.identification.responses.local_model import with_sizes
+from flexgen.identification.responses.parameters import ParameterVector
+from flexgen.identification.responses.residuals import Residuals
+from flexgen.identification.rigid.missing_springs import additions
 from flexgen.model.elements import RobotModel
-from flexgen.numerics.trust_region import Fit, as_real, minimize, normal, stack
 
 REFITS = 3  # of the hypotheses with the largest score steps, and as many of gross ones
 LEAST_SHARE = 0.7  # of the misfit that a cause must explain to be named

@@ -15,10 +15,10 @@ from itertools import combinations
 
 import numpy as np
 
-from flexgen.analysis.response_outputs import ANGLE
-from flexgen.identification.frequency_response import Frf
-from flexgen.identification.parameters import CONSTANT, DELAY, ParameterVector
-from flexgen.mechanics.parameters import select
+from flexgen.dynamics.mechanics.parameters import select
+from flexgen.identification.responses.frequency_response import Frf
+from flexgen.identification.responses.parameters import CONSTANT, DELAY, ParameterVector
+from flexgen.identification.responses.response_outputs import ANGLE
 from flexgen.model.elements import RobotModel
 
 # where the search for what the model does not have begins [N m s/rad], [kg]

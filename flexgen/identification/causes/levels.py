@@ -1,8 +1,8 @@
 """The amplitude test of a fit: whether responses at other levels of the excitation differ, and by
 which nonlinearity.
 
-See `flexgen.analysis.amplitude`, which compares; here are the linear model and the motions at each
-level.
+See `flexgen.identification.responses.amplitude`, which compares; here are the linear model and the
+motions at each level.
 """
 
 from __future__ import annotations
@@ -13,15 +13,15 @@ from typing import Any
 
 import numpy as np
 
-from flexgen.analysis.amplitude import Comparison, Level, Nonlinearity, compare
-from flexgen.analysis.gear_changes import Linearization
-from flexgen.errors import ArgumentError
-from flexgen.identification.frequency_response import Frf
-from flexgen.identification.residuals import Residuals, noise_levels, output_powers
-from flexgen.mechanics.lagrangian import gear_stiffness, gears
-from flexgen.mechanics.parameters import with_values
+from flexgen.base.errors import ArgumentError
+from flexgen.dynamics.mechanics.lagrangian import gear_stiffness, gears
+from flexgen.dynamics.mechanics.parameters import with_values
+from flexgen.identification.responses.amplitude import Comparison, Level, Nonlinearity, compare
+from flexgen.identification.responses.frequency_response import Frf
+from flexgen.identification.responses.gear_changes import Linearization
+from flexgen.identification.responses.noise_structure import structured_covariance
+from flexgen.identification.responses.residuals import Residuals, noise_levels, output_powers
 from flexgen.model.elements import BacklashSpring, RobotModel
-from flexgen.numerics.noise_structure import structured_covariance
 
 LEAST_FACTOR = 1.3  # between the speeds of two levels
 WORDS = {

@@ -22,14 +22,14 @@ from typing import Any
 
 import numpy as np
 
-from flexgen.atomic_files import write_text
-from flexgen.counts import count_of
-from flexgen.errors import ArgumentError
-from flexgen.loop.controllers import Cascade
-from flexgen.loop.hardware import DriveHardware
+from flexgen.base.checks.counts import count_of
+from flexgen.base.checks.type_checks import checked_result
+from flexgen.base.errors import ArgumentError
+from flexgen.base.files.atomic_files import write_text
+from flexgen.base.results import ArrayResult
+from flexgen.feedback.loop.controllers import Cascade
+from flexgen.feedback.loop.hardware import DriveHardware
 from flexgen.model.elements import RobotModel
-from flexgen.results import ArrayResult
-from flexgen.type_checks import checked_result
 
 MOST_SAMPLES = 10_000_000  # in a period
 MOST_PERIODS = 100_000  # of one experiment

@@ -2,8 +2,8 @@
 spectra are kept.
 
 Raw samples of an experiment take megabytes for each second of robot; the spectra at the excited
-lines are all that the frequency responses need, see `flexgen.numerics.spectra`. Raw samples are
-kept on demand, in the form in which recordings of real robots are read.
+lines are all that the frequency responses need, see `flexgen.identification.responses.spectra`.
+Raw samples are kept on demand, in the form in which recordings of real robots are read.
 """
 
 from __future__ import annotations
@@ -17,30 +17,37 @@ from typing import Any
 import numpy as np
 
 from flexgen.analysis import second_order
-from flexgen.analysis.response_outputs import output_orders
-from flexgen.codegen.digest import model_digest
-from flexgen.counts import count_of
-from flexgen.deadline import has_limit, is_over, keep_best, limit_fit, part_known, reason_of_end
-from flexgen.errors import ArgumentError
+from flexgen.base.calls.deadline import (
+    has_limit,
+    is_over,
+    keep_best,
+    limit_fit,
+    part_known,
+    reason_of_end,
+)
+from flexgen.base.calls.progress import Choice, reported
+from flexgen.base.checks.counts import count_of
+from flexgen.base.checks.type_checks import checked_result, checked_types
+from flexgen.base.errors import ArgumentError
+from flexgen.base.results import ArrayResult
+from flexgen.base.spec.arguments import seed_of
+from flexgen.codegen.build.model_library import library_with
+from flexgen.codegen.emission.digest import model_digest
+from flexgen.feedback.loop.closed_loop import ClosedLoop, Samples, integration_steps
 from flexgen.identification.experiments.excitation import Plan
 from flexgen.identification.experiments.sensor_simulation import SensorSignals
-from flexgen.identification.local_model import LocalModel
-from flexgen.library.model_library import library_with
-from flexgen.loop.closed_loop import ClosedLoop, Samples, integration_steps
-from flexgen.model.elements import RobotModel
-from flexgen.model.reader import read
-from flexgen.numerics.spectra import (
+from flexgen.identification.responses.local_model import LocalModel
+from flexgen.identification.responses.response_outputs import output_orders
+from flexgen.identification.responses.spectra import (
     SPECTRA_BESIDE,
     checked_beside,
     records_beside,
     spectra_beside,
     spectrum,
 )
-from flexgen.position_servo.filters import LowPass, Notch
-from flexgen.progress import Choice, reported
-from flexgen.results import ArrayResult
-from flexgen.spec.arguments import seed_of
-from flexgen.type_checks import checked_result, checked_types
+from flexgen.model.elements import RobotModel
+from flexgen.model.position_servo.filters import LowPass, Notch
+from flexgen.model.reader import read
 
 LARGEST = 1e100  # of a spectrum in a file
 HOLDS = ("zoh", "none")

@@ -21,18 +21,18 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from flexgen.analysis.response_inputs import Drive
-from flexgen.analysis.response_outputs import noises, output_orders
-from flexgen.deadline import check_time, is_over, keep_best, part_known
-from flexgen.errors import ArgumentError, SolverError
+from flexgen.base.calls.deadline import check_time, is_over, keep_best, part_known
+from flexgen.base.errors import ArgumentError, SolverError
 from flexgen.identification.experiments.excitation import Plan
-from flexgen.identification.local_model import LocalModel
-from flexgen.identification.parameters import (
+from flexgen.identification.responses.local_model import LocalModel
+from flexgen.identification.responses.parameters import (
     SENSOR_DELAY,
     ParameterVector,
     is_of_drive,
     is_of_sensor,
 )
+from flexgen.identification.responses.response_inputs import Drive
+from flexgen.identification.responses.response_outputs import noises, output_orders
 from flexgen.model.elements import RobotModel
 
 FRICTIONS = (".viscous", ".coulomb", ".stribeck", ".alpha", ".beta", ".offset")

@@ -26,7 +26,7 @@ from flexgen.identification.experiments.operating_points import (
     covariance,
     information_by_line,
 )
-from flexgen.identification.parameters import ParameterVector
+from flexgen.identification.responses.parameters import ParameterVector
 
 KEPT = 0.5  # part of the power that stays where it was
 STEPS = 500  # of the algorithm

@@ -11,12 +11,18 @@ from pathlib import Path
 import numpy as np
 
 from flexgen.analysis.linear import linearize
-from flexgen.analysis.response_outputs import channels, check_channels
 from flexgen.analysis.second_order import motor_inertias
-from flexgen.codegen.digest import model_digest
-from flexgen.counts import PERIODS, SAMPLES, count_of, seconds_of
-from flexgen.deadline import keep_best, limit_fit, part_known, reason_of_end
-from flexgen.errors import ArgumentError
+from flexgen.base.calls.deadline import keep_best, limit_fit, part_known, reason_of_end
+from flexgen.base.calls.progress import Choice, reported
+from flexgen.base.checks.counts import PERIODS, SAMPLES, count_of, seconds_of
+from flexgen.base.checks.type_checks import checked_types
+from flexgen.base.errors import ArgumentError
+from flexgen.codegen.emission.digest import model_digest
+from flexgen.dynamics.mechanics.equations import derive
+from flexgen.dynamics.mechanics.parameters import has_group
+from flexgen.dynamics.mechanics.statics import hold_joints
+from flexgen.feedback.loop.controllers import Cascade
+from flexgen.feedback.loop.hardware import DriveHardware
 from flexgen.identification.experiments import operating_points
 from flexgen.identification.experiments.excitation import (
     Plan,
@@ -25,16 +31,10 @@ from flexgen.identification.experiments.excitation import (
     speed_amplitudes,
 )
 from flexgen.identification.experiments.optimal_spectrum import with_optimal_spectrum
-from flexgen.identification.parameters import ParameterVector
-from flexgen.loop.controllers import Cascade
-from flexgen.loop.hardware import DriveHardware
-from flexgen.mechanics.equations import derive
-from flexgen.mechanics.parameters import has_group
-from flexgen.mechanics.statics import hold_joints
+from flexgen.identification.responses.parameters import ParameterVector
+from flexgen.identification.responses.response_outputs import channels, check_channels
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
-from flexgen.progress import Choice, reported
-from flexgen.type_checks import checked_types
 
 BANDWIDTH = 8.0  # Hz, of the speed control
 POSITION_GAIN = 8.0  # 1/s

@@ -7,14 +7,14 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from flexgen.analysis.response_outputs import channels, check_channels, noises
-from flexgen.errors import ArgumentError
+from flexgen.base.errors import ArgumentError
+from flexgen.base.numerics.evaluate import evaluate
+from flexgen.codegen.build.casadi_module import in_c
+from flexgen.dynamics.mechanics.equations import derive
+from flexgen.dynamics.mechanics.sensors import sensor_signals
 from flexgen.identification.experiments.excitation import Plan
-from flexgen.library.casadi_module import in_c
-from flexgen.mechanics.equations import derive
-from flexgen.mechanics.sensors import sensor_signals
+from flexgen.identification.responses.response_outputs import channels, check_channels, noises
 from flexgen.model.elements import RobotModel
-from flexgen.numerics.evaluate import evaluate
 from flexgen.runtime.library import Library
 
 WHOLE = 1e-6  # of a sample time: largest difference of whole multiples

@@ -31,14 +31,14 @@ import casadi as ca
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
-from flexgen.errors import ArgumentError, SolverError
-from flexgen.inversion.method_result import MethodResult
-from flexgen.inversion.motor_side import MotorMotion, motor_motion, motors_behind
-from flexgen.inversion.problem import InversionProblem
-from flexgen.inversion.reduced_problem import Motion, Reduction
-from flexgen.inversion.status import Status
-from flexgen.mechanics.equations import Equations
-from flexgen.numerics.evaluate import evaluate
+from flexgen.base.errors import ArgumentError, SolverError
+from flexgen.base.numerics.evaluate import evaluate
+from flexgen.dynamics.mechanics.equations import Equations
+from flexgen.inversion.judge.status import Status
+from flexgen.inversion.methods.method_result import MethodResult
+from flexgen.inversion.problem.motor_side import MotorMotion, motor_motion, motors_behind
+from flexgen.inversion.problem.problem import InversionProblem
+from flexgen.inversion.problem.reduced_problem import Motion, Reduction
 from flexgen.paths.path import Path, PathSample
 
 SAMPLES = 200_000  # at most

@@ -25,11 +25,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from flexgen.errors import ArgumentError
-from flexgen.inversion.method_result import MethodResult
+from flexgen.base.errors import ArgumentError
 from flexgen.inversion.methods.lq import invert_path
-from flexgen.inversion.problem import InversionProblem
-from flexgen.inversion.sampling import from_library
+from flexgen.inversion.methods.method_result import MethodResult
+from flexgen.inversion.problem.problem import InversionProblem
+from flexgen.inversion.problem.sampling import from_library
 
 
 def solve(problem: InversionProblem, h: float) -> MethodResult:

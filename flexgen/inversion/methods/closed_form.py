@@ -4,8 +4,9 @@ The motion of the arm follows from the path and its derivatives at each instant,
 
     Gamma(q) = Z,   W v = Z',   W a + W' v = Z'',  ...,      tau_g = M(q) a + c(q, v) + g(q)
 
-and the motors follow from the gear torques (`flexgen.inversion.motor_side`). Where the path gives
-the torque kinks, its samples do not have the impulse of the torque, and the robot drifts;
+and the motors follow from the gear torques (`flexgen.inversion.problem.motor_side`). Where the
+path gives the torque kinks, its samples do not have the impulse of the torque, and the robot
+drifts;
 derivatives of the gear torques by differences over the samples, also before the path, have it.
 After the path the arm rests while the deflections of damped gears decay, with the time constant
 D / K; the last sample is the equilibrium.
@@ -17,16 +18,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from flexgen.errors import ArgumentError, SolverError
-from flexgen.inversion.method_result import MethodResult, with_motors
-from flexgen.inversion.motor_side import MotorMotion
-from flexgen.inversion.problem import InversionProblem
-from flexgen.inversion.reduced_problem import Reduction
-from flexgen.inversion.sampling import differentiate
-from flexgen.inversion.settling import slow_gears
-from flexgen.mechanics.equations import Equations
-from flexgen.mechanics.statics import equilibrium_at
-from flexgen.progress import EVERY, tell_every
+from flexgen.base.calls.progress import EVERY, tell_every
+from flexgen.base.errors import ArgumentError, SolverError
+from flexgen.dynamics.mechanics.equations import Equations
+from flexgen.dynamics.mechanics.statics import equilibrium_at
+from flexgen.inversion.judge.settling import slow_gears
+from flexgen.inversion.methods.method_result import MethodResult, with_motors
+from flexgen.inversion.problem.motor_side import MotorMotion
+from flexgen.inversion.problem.problem import InversionProblem
+from flexgen.inversion.problem.reduced_problem import Reduction
+from flexgen.inversion.problem.sampling import differentiate
 
 SAMPLES = 200_000  # at most
 

@@ -26,16 +26,16 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.interpolate import CubicSpline, make_interp_spline
 
-from flexgen.deadline import check_time
-from flexgen.errors import SolverError
-from flexgen.inversion.method_result import MethodResult, with_motors
+from flexgen.base.calls.deadline import check_time
+from flexgen.base.errors import SolverError
+from flexgen.base.numerics.nlp import BUILDING, NlpResult, NonlinearProgram, Progress, solve_nlp
+from flexgen.base.numerics.tableaus import Tableau, gauss
+from flexgen.base.numerics.transcription import Transcription
 from flexgen.inversion.methods import full_model
-from flexgen.inversion.problem import ACCELERATION, InversionProblem
-from flexgen.inversion.reduced_problem import Motion, Reduction
+from flexgen.inversion.methods.method_result import MethodResult, with_motors
+from flexgen.inversion.problem.problem import ACCELERATION, InversionProblem
+from flexgen.inversion.problem.reduced_problem import Motion, Reduction
 from flexgen.inversion.solution import motion_residual
-from flexgen.numerics.nlp import BUILDING, NlpResult, NonlinearProgram, Progress, solve_nlp
-from flexgen.numerics.tableaus import Tableau, gauss
-from flexgen.numerics.transcription import Transcription
 from flexgen.paths.path import Path, PathSample
 
 STAGES = 3

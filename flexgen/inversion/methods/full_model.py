@@ -27,22 +27,22 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.interpolate import CubicSpline
 
-from flexgen.deadline import check_time
-from flexgen.errors import SolverError
-from flexgen.inversion.method_result import MethodResult
-from flexgen.inversion.motor_side import MotorMotion, gear_torques
-from flexgen.inversion.problem import ACCELERATION, InversionProblem
-from flexgen.inversion.reduced_problem import Motion, Reduction
-from flexgen.inversion.status import Status
-from flexgen.mechanics.equations import Equations
-from flexgen.mechanics.limits import Limits
-from flexgen.mechanics.outputs import output_map
-from flexgen.mechanics.statics import equilibrium_at, reach
+from flexgen.base.calls.deadline import check_time
+from flexgen.base.errors import SolverError
+from flexgen.base.numerics.evaluate import evaluate
+from flexgen.base.numerics.nlp import BUILDING, NlpResult, NonlinearProgram, Progress, solve_nlp
+from flexgen.base.numerics.tableaus import Tableau, gauss
+from flexgen.base.numerics.transcription import Transcription
+from flexgen.dynamics.mechanics.equations import Equations
+from flexgen.dynamics.mechanics.limits import Limits
+from flexgen.dynamics.mechanics.outputs import output_map
+from flexgen.dynamics.mechanics.statics import equilibrium_at, reach
+from flexgen.inversion.judge.status import Status
+from flexgen.inversion.methods.method_result import MethodResult
+from flexgen.inversion.problem.motor_side import MotorMotion, gear_torques
+from flexgen.inversion.problem.problem import ACCELERATION, InversionProblem
+from flexgen.inversion.problem.reduced_problem import Motion, Reduction
 from flexgen.model.elements import RobotModel
-from flexgen.numerics.evaluate import evaluate
-from flexgen.numerics.nlp import BUILDING, NlpResult, NonlinearProgram, Progress, solve_nlp
-from flexgen.numerics.tableaus import Tableau, gauss
-from flexgen.numerics.transcription import Transcription
 from flexgen.paths.path import Path
 
 STAGES = 5

@@ -24,20 +24,20 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from flexgen.codegen.interface import STATUSES
-from flexgen.deadline import OutOfTime
-from flexgen.errors import SolverError
-from flexgen.inversion.limits import enforce_limits
-from flexgen.inversion.method_result import MethodResult
-from flexgen.inversion.model_library import SOLVERS, inversion_library
-from flexgen.inversion.problem import HELPS, INTERVALS, InversionProblem
-from flexgen.inversion.reduced_problem import Reduction
-from flexgen.inversion.sampling import from_library, grid, sample_force, samples
-from flexgen.inversion.settling import SETTLED, invert_until_settled
-from flexgen.runtime.path_inversion import TOLERANCE
+from flexgen.base.calls.deadline import OutOfTime
+from flexgen.base.errors import SolverError
+from flexgen.codegen.emission.interface import STATUSES
+from flexgen.inversion.judge.settling import SETTLED, invert_until_settled
+from flexgen.inversion.methods.method_result import MethodResult
+from flexgen.inversion.problem.limits import enforce_limits
+from flexgen.inversion.problem.model_library import SOLVERS, inversion_library
+from flexgen.inversion.problem.problem import HELPS, INTERVALS, InversionProblem
+from flexgen.inversion.problem.reduced_problem import Reduction
+from flexgen.inversion.problem.sampling import from_library, grid, sample_force, samples
+from flexgen.runtime.inversion.path_inversion import TOLERANCE
 
 if TYPE_CHECKING:
-    from flexgen.runtime.path_inversion import Inversion
+    from flexgen.runtime.inversion.path_inversion import Inversion
 
 UNREACHABLE = next(status.text for status in STATUSES if status.name == "UNREACHABLE")
 # part of the reason where an iteration ended so, though the path is within reach

@@ -24,12 +24,12 @@ import casadi as ca
 import numpy as np
 from scipy.interpolate import BSpline
 
-from flexgen.deadline import check_time
-from flexgen.errors import ArgumentError
-from flexgen.inversion.method_result import MethodResult, with_motors
-from flexgen.inversion.problem import InversionProblem
-from flexgen.inversion.reduced_problem import Reduction
-from flexgen.numerics.evaluate import evaluate
+from flexgen.base.calls.deadline import check_time
+from flexgen.base.errors import ArgumentError
+from flexgen.base.numerics.evaluate import evaluate
+from flexgen.inversion.methods.method_result import MethodResult, with_motors
+from flexgen.inversion.problem.problem import InversionProblem
+from flexgen.inversion.problem.reduced_problem import Reduction
 from flexgen.paths.path import PathSample
 
 # Four derivatives of the deflections reach the motor torque, and the last is still smooth.

@@ -18,12 +18,12 @@ from typing import Any
 import numpy as np
 
 import flexgen
-import flexgen.library.c_module as c_module
-import flexgen.library.generate as generate_module
-from flexgen.errors import FlexgenError
-from flexgen.identification.local_model import LocalModel
-from flexgen.library.compiler import Compiler, find_compiler
-from flexgen.simulation.segments import Segments
+import flexgen.codegen.build.c_module as c_module
+import flexgen.codegen.build.generate as generate_module
+from flexgen.base.errors import FlexgenError
+from flexgen.codegen.build.compiler import Compiler, find_compiler
+from flexgen.identification.responses.local_model import LocalModel
+from flexgen.simulation.integration.segments import Segments
 
 SANITIZE = (
     "-g",

@@ -1,0 +1,1 @@
+"""Zeros, zero dynamics and solvability of the inverse dynamics."""

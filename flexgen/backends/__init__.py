@@ -1,0 +1,1 @@
+"""The functions of a library on GPUs, in JAX and in PyTorch."""

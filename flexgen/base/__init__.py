@@ -1,0 +1,1 @@
+"""Files, texts, checks, calls and numerical methods that know no robot."""

@@ -1,0 +1,1 @@
+"""Time limit, interruption, progress and former names of public calls."""

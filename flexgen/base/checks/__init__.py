@@ -1,0 +1,1 @@
+"""Arguments of public functions against their annotations and bounds."""

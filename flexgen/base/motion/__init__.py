@@ -1,0 +1,1 @@
+"""Sampled motions and what is between their samples."""

@@ -1,0 +1,1 @@
+"""Rows of the verbs and options of the command line."""

@@ -1,0 +1,1 @@
+"""Equations written down as C."""

@@ -1,0 +1,173 @@
+"""The functions of `flexgen.dynamics.mechanics.inversion_functions` by recursion.
+
+The order of derivatives in time and in coordinates may be changed: the derivative of the tool's
+velocity in a coordinate is the time derivative of that column of the Jacobian, and so on. Angular
+velocities are not derivatives of coordinates, which adds a term:
+
+    d(W v)/dq = W' - (0, w x z),    d(W a + W' v)/dq = W'' - (0, w' x z + w x z'),
+    d(W' v)/dv = 2 W' - (0, w x z)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import casadi as ca
+
+from flexgen.codegen.recursion import kinematics
+from flexgen.codegen.recursion.arm import Arm, Columns, matrix_of
+from flexgen.codegen.recursion.dh_chain import Chain, make_chain
+from flexgen.codegen.recursion.newton_euler import Vector3, cross
+from flexgen.codegen.recursion.tape import Scalar, Tape
+from flexgen.dynamics.mechanics import inversion_functions as definition
+from flexgen.dynamics.mechanics.inversion_functions import (
+    constraint_ports,
+    derivative_ports,
+    row_ports,
+)
+from flexgen.dynamics.mechanics.outputs import pose_error
+from flexgen.dynamics.mechanics.system import Built
+from flexgen.dynamics.mechanics.tool_angle import tool_angle
+
+
+def _output_constraint(arm: Arm) -> Built:
+    equations = arm.equations
+    output = arm.model.output
+    if output.type == "combination":
+        return definition.output_constraint(equations)
+    q_a, v_a = arm.symbols("q_a", "v_a")
+    tape = Tape()
+    chain = make_chain(arm.model, to_mass=False)
+    q = tape.vector(q_a)
+    v = tape.vector(v_a)
+    still: list[Scalar] = [0.0] * arm.model.n_a
+    p, R = kinematics.tool_pose(tape, chain, arm.to_joints(q))
+    moving = kinematics.rates(tape, chain, *(arm.to_joints(x) for x in (q, v, still)))
+    kept = _rate_rows(arm)
+    chosen = [
+        [arm.jacobian(tape, chain, q)[i] for i in kept],
+        [arm.to_coordinates([J[i] for J, _, _ in moving.columns]) for i in kept],
+    ]
+    bias = [moving.bias[i] for i in kept]
+    W = min(chosen, key=lambda A: tape.count([*bias, *(x for row in A for x in row)]))
+    n_y = len(kept)
+    n_a = arm.model.n_a
+    flat = tape.build([*p, *(x for row in R for x in row), *bias, *(x for row in W for x in row)])
+    place = ca.vertcat(*flat[:3])
+    turn = matrix_of(flat[3:12], 3)
+    flat = flat[12:]
+    target = ca.SX.sym("target", output.target_size)
+    W = matrix_of(flat[n_y:], n_a)
+    bias_rows = ca.vertcat(*flat[:n_y])
+    if output.type == "tool_pose":
+        error = pose_error(place, turn, target)
+    elif output.has_angle:
+        angle = tool_angle(equations)
+        rate = _angle_rate(arm)
+        error = ca.vertcat(place[kept], angle.value) - target[: output.tool_size]
+        W = ca.vertcat(W, angle.rate)
+        bias_rows = ca.vertcat(bias_rows, ca.jtimes(rate, q_a, v_a))
+    else:
+        error = place[kept] - target[: len(kept)]
+    if output.type != "combination" and output.weights:
+        sums = ca.SX(ca.DM(output.weights))
+        error = ca.vertcat(error, ca.mtimes(sums, q_a) - target[output.tool_size :])
+        W = ca.vertcat(W, sums)
+        bias_rows = ca.vertcat(bias_rows, ca.SX.zeros(len(output.weights)))
+    return constraint_ports(equations, target, error, W, bias_rows)
+
+
+def _angle_rate(arm: Arm) -> ca.SX:
+    """Rate of the angle of the tool about one axis."""
+    return ca.mtimes(tool_angle(arm.equations).rate, arm.symbols("v_a")[0])
+
+
+def _rate_rows(arm: Arm) -> list[int]:
+    """Rows of the tool's twist that are rates of the output; without the angle about one axis."""
+    output = arm.model.output
+    return list(range(6)) if output.type == "tool_pose" else list(output.tool_rows)
+
+
+def _inversion_rows(arm: Arm) -> Built:
+    inputs = arm.symbols("q_a", "v_a", "a_a")
+
+    def route(tape: Tape, chain: Chain, columns: Columns) -> list[Scalar]:
+        q, v, a = (tape.vector(x) for x in inputs)
+        return arm.torques(tape, chain, q, v, a, columns)
+
+    return row_ports(arm.equations, ca.vertcat(*arm.shortest([route], several=False)))
+
+
+def _inversion_jacobians(arm: Arm) -> Built:
+    return derivative_ports(arm.equations, _output_jacobians(arm), _row_jacobians(arm))
+
+
+def _output_jacobians(arm: Arm) -> list[ca.SX]:
+    """Derivatives of ``W v`` in q, and of ``W a + W' v`` in q and v, (n_y, n_a) each."""
+    if arm.model.output.type == "combination":
+        return [ca.SX.zeros(arm.model.output.size, arm.model.n_a) for _ in range(3)]
+    tape = Tape()
+    q, v, a = (arm.to_joints(tape.vector(x)) for x in arm.symbols("q_a", "v_a", "a_a"))
+    moving = kinematics.rates(tape, make_chain(arm.model, to_mass=False), q, v, a)
+    still: Vector3 = [0.0] * 3
+    found: list[list[list[Scalar]]] = [[], [], []]  # columns
+    for J, first, second in moving.columns:
+        turned = [*still, *cross(moving.w, J[3:])]
+        again = [
+            *still,
+            *(
+                x + y
+                for x, y in zip(cross(moving.dw, J[3:]), cross(moving.w, first[3:]), strict=True)
+            ),
+        ]
+        found[0].append([x - y for x, y in zip(first, turned, strict=True)])
+        found[1].append([x - y for x, y in zip(second, again, strict=True)])
+        found[2].append([2.0 * x - y for x, y in zip(first, turned, strict=True)])
+    kept = _rate_rows(arm)
+    n = arm.model.n_a
+    flat = tape.build(
+        [column[i] for columns in found for i in kept for column in arm.to_coordinates(columns)]
+    )
+    size = len(kept) * n
+    rows = [matrix_of(flat[k * size : (k + 1) * size], n) for k in range(3)]
+    output = arm.model.output
+    if output.has_angle:
+        rows = [ca.vertcat(*pair) for pair in zip(rows, _angle_jacobians(arm), strict=True)]
+    return [ca.vertcat(x, ca.SX.zeros(len(output.weights), n)) for x in rows]
+
+
+def _angle_jacobians(arm: Arm) -> list[ca.SX]:
+    """The derivatives of `_output_jacobians` of the angle about one axis, (1, n_a) each."""
+    q_a, v_a, a_a = arm.symbols("q_a", "v_a", "a_a")
+    rate = _angle_rate(arm)
+    second = ca.jtimes(rate, ca.vertcat(q_a, v_a), ca.vertcat(v_a, a_a))
+    return [ca.jacobian(rate, q_a), ca.jacobian(second, q_a), ca.jacobian(second, v_a)]
+
+
+def _row_jacobians(arm: Arm) -> list[ca.SX]:
+    """The rows without motor of ``M a + c + g`` (n_e), and their derivatives in q, v and a (n_e,
+    n_a).
+    """
+    inputs = arm.symbols("q_a", "v_a", "a_a")
+    e = arm.model.i_e
+    n = arm.model.n_a
+    if not e:
+        return []
+
+    def by_recursion(tape: Tape, chain: Chain, columns: Columns) -> list[Scalar]:
+        q, v, a = (tape.vector(x) for x in inputs)
+        tau = arm.torques(tape, chain, q, v, a, columns)
+        found = arm.torque_changes(tape, chain, q, v, a, columns)
+        return [*(tau[i] for i in e), *(x for A in found for i in e for x in A[i])]
+
+    flat = arm.shortest([by_recursion])
+    size = len(e) * n
+    parts = [flat[len(e) + k * size : len(e) + (k + 1) * size] for k in range(3)]
+    return [ca.vertcat(*flat[: len(e)]), *(matrix_of(part, n) for part in parts)]
+
+
+BUILDERS: dict[str, Callable[[Arm], Built]] = {
+    "output_constraint": _output_constraint,
+    "inversion_jacobians": _inversion_jacobians,
+    "inversion_rows": _inversion_rows,
+}

@@ -1,0 +1,1 @@
+"""Equations of motion, their friction and hysteresis, and inverse dynamics as a DAE."""

@@ -1,0 +1,300 @@
+"""Kinematics of a chain or a tree as CasADi graphs: frames, velocities, and the energies of the
+bodies.
+
+Velocities are carried along in the moving frames, which keeps the graphs small:
+
+    constant placement (r, C):    w <- C' w,             v <- C' (v + w x r)
+    rotation about a by q:        w <- E' w + a q',      v <- E' v,             E = exp(a q)
+    translation along a by q:     w <- w,                v <- v + w x (a q) + a q'
+
+Source: R. Featherstone, Rigid Body Dynamics Algorithms, 2008, ch. 2-4.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+import casadi as ca
+import numpy as np
+
+from flexgen.model.elements import Body, Element, Matrix, Placement, RobotModel
+
+if TYPE_CHECKING:
+    from flexgen.dynamics.mechanics.beam import ModalBeam
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A frame F: ``p`` (3) and ``R`` (3x3) in the world; ``w``, ``v`` (3) of F in its own axes."""
+
+    p: ca.SX
+    R: ca.SX
+    w: ca.SX
+    v: ca.SX
+
+
+@dataclass(frozen=True)
+class Kinematics:
+    """Kinematics of all elements and the energies that follow from it.
+
+    ``q_a``, ``v_a`` (n_a): the symbols. ``tool``: the tool frame. ``kinetic``: kinetic energy of
+    the bodies and beams [J], without the rotors. ``gravity``: their potential energy [J].
+    ``drag``: half the power that body drags dissipate [W]. ``spin``: angular velocity (3) of each
+    element's body in its own axes, for the rotors that it carries. ``modal``: the integrals of
+    each beam with the index of its first coordinate in q_a. ``points``: positions in the world of
+    the `corners`, for drawing. ``frames``: the frame of each element's body.
+    """
+
+    q_a: ca.SX
+    v_a: ca.SX
+    tool: Frame
+    kinetic: ca.SX
+    gravity: ca.SX
+    drag: ca.SX
+    spin: dict[str, ca.SX]
+    modal: tuple[tuple[int, ModalBeam], ...]
+    points: tuple[ca.SX, ...]
+    frames: dict[str, Frame]
+
+
+def cross_matrix(a: ca.SX) -> ca.SX:
+    """The matrix ``A`` with ``A b = a x b``."""
+    return ca.vertcat(
+        ca.horzcat(0, -a[2], a[1]), ca.horzcat(a[2], 0, -a[0]), ca.horzcat(-a[1], a[0], 0)
+    )
+
+
+def rotation(axis: np.ndarray, q: ca.SX) -> ca.SX:
+    """``exp(axis q)``: rotation about a constant unit axis (Rodrigues); exact zeros for coordinate
+    axes.
+    """
+    outer, other, hat = _parts(axis.astype(float).tobytes())
+    return outer + other * ca.cos(q) + hat * ca.sin(q)
+
+
+@lru_cache(maxsize=64)
+def _parts(axis: bytes) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """``a a'``, ``1 - a a'``, ``a x`` of an axis, given by its bytes: -0.0 is not 0.0."""
+    a = ca.SX(ca.DM(np.frombuffer(axis)))
+    outer = ca.mtimes(a, a.T)
+    return outer, ca.SX.eye(3) - outer, cross_matrix(a)
+
+
+def place(frame: Frame, placement: Placement) -> Frame:
+    """The frame fixed to ``frame`` at a constant placement."""
+    r, C, back = _constants(
+        *(np.array(x, float).tobytes() for x in (placement.position, placement.rotation))
+    )
+    return Frame(
+        p=frame.p + ca.mtimes(frame.R, r),
+        R=ca.mtimes(frame.R, C),
+        w=ca.mtimes(back, frame.w),
+        v=ca.mtimes(back, frame.v + ca.cross(frame.w, r)),
+    )
+
+
+@lru_cache(maxsize=64)
+def _constants(position: bytes, rotation: bytes) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """A position, a rotation matrix and its inverse, from their bytes; CasADi converts arrays
+    slowly.
+    """
+    C = ca.SX(ca.DM(np.frombuffer(rotation).reshape(3, 3)))
+    return ca.SX(ca.DM(np.frombuffer(position))), C, C.T
+
+
+def _matrix(rows: Matrix) -> ca.SX:
+    """A matrix of numbers, some of which may be symbols."""
+    if any(isinstance(x, ca.SX) for row in rows for x in row):
+        return ca.vertcat(*[ca.horzcat(*map(ca.SX, row)) for row in rows])
+    return ca.SX(ca.DM(np.array(rows)))
+
+
+def body_energies(frame: Frame, body: Body, gravity: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """Kinetic and potential energy [J] of a body in its frame, and half the power of its drag
+    [W].
+    """
+    com = ca.vertcat(*map(ca.SX, body.com))
+    inertia = _matrix(body.inertia)
+    v_com = frame.v + ca.cross(frame.w, com)
+    turning = ca.dot(frame.w, ca.mtimes(inertia, frame.w)) / 2
+    kinetic = body.mass * ca.dot(v_com, v_com) / 2 + turning
+    potential = -body.mass * ca.dot(gravity, frame.p + ca.mtimes(frame.R, com))
+    return kinetic, potential, body.rotational_drag * ca.dot(frame.w, frame.w) / 2
+
+
+def beam_energies(
+    frame: Frame, beam: ModalBeam, q: ca.SX, v: ca.SX, gravity: ca.SX
+) -> tuple[ca.SX, ca.SX]:
+    """Kinetic and potential energy [J] of a beam rooted in ``frame`` with modal coordinates ``q``
+    and velocities ``v``.
+
+    With r = x e_x + u, u = sum phi_k q_k d_k:
+    T = m |v0|^2/2 + v0.(w x S + S') + w.I w/2 + w.H + (modal), S = int r dm, I = int (r.r 1 - r
+    r') dm, H = int r x r' dm.
+    """
+    d = beam.direction.T  # (3, n)
+    ex = np.array([1.0, 0.0, 0.0])
+    first = ca.SX(ca.DM(beam.s0 * ex)) + ca.mtimes(ca.SX(ca.DM(d * beam.s1)), q)
+    rate = ca.mtimes(ca.SX(ca.DM(d * beam.s1)), v)
+    # second moments P = int r r' dm
+    j1 = ca.mtimes(ca.SX(ca.DM(d * beam.j1)), q)  # int x u dm
+    e = ca.SX(ca.DM(ex))
+    P = beam.j0 * ca.mtimes(e, e.T) + ca.mtimes(e, j1.T) + ca.mtimes(j1, e.T)
+    spin = ca.cross(e, ca.mtimes(ca.SX(ca.DM(d * beam.j1)), v))
+    for i in range(len(beam.slope)):
+        for k in range(len(beam.slope)):
+            if beam.m2[i, k] != 0.0:
+                di = ca.SX(ca.DM(d[:, i]))
+                dk = ca.SX(ca.DM(d[:, k]))
+                P += beam.m2[i, k] * q[i] * q[k] * ca.mtimes(di, dk.T)
+                spin += beam.m2[i, k] * q[i] * v[k] * ca.cross(di, dk)
+    inertia = ca.trace(P) * ca.SX.eye(3) - P
+    w = frame.w
+    v0 = frame.v
+    kinetic = (
+        beam.mass * ca.dot(v0, v0) / 2
+        + ca.dot(v0, ca.cross(w, first) + rate)
+        + ca.dot(w, ca.mtimes(inertia, w)) / 2
+        + ca.dot(w, spin)
+        + ca.dot(v, ca.mtimes(ca.SX(ca.DM(beam.m2 * (d.T @ d))), v)) / 2
+    )
+    potential = -ca.dot(gravity, beam.mass * frame.p + ca.mtimes(frame.R, first))
+    return kinetic, potential
+
+
+def beam_tip(frame: Frame, element: Element, beam: ModalBeam, q: ca.SX, v: ca.SX) -> Frame:
+    """Frame at the beam's tip: deflected by the modes, turned by the slopes (first about z, then
+    about y).
+    """
+    assert element.beam is not None
+    d = ca.SX(ca.DM(beam.direction.T))
+    r = ca.SX(ca.DM([element.beam.length, 0.0, 0.0])) + ca.mtimes(d, q)
+    moved = Frame(
+        frame.p + ca.mtimes(frame.R, r),
+        frame.R,
+        frame.w,
+        frame.v + ca.cross(frame.w, r) + ca.mtimes(d, v),
+    )
+    for axis, row, sign in (
+        (np.array([0.0, 0.0, 1.0]), 1, 1.0),
+        (np.array([0.0, 1.0, 0.0]), 2, -1.0),
+    ):
+        slope = ca.SX(ca.DM(sign * beam.slope * beam.direction[:, row]))
+        moved = _turn(moved, axis, ca.dot(slope, q), ca.dot(slope, v))
+    return moved
+
+
+def _turn(frame: Frame, axis: np.ndarray, q: ca.SX, v: ca.SX) -> Frame:
+    E = rotation(axis, q)
+    w = ca.mtimes(E.T, frame.w) + ca.SX(ca.DM(axis)) * v
+    return Frame(frame.p, ca.mtimes(frame.R, E), w, ca.mtimes(E.T, frame.v))
+
+
+def _slide(frame: Frame, axis: np.ndarray, q: ca.SX, v: ca.SX) -> Frame:
+    a = ca.SX(ca.DM(axis))
+    return Frame(
+        frame.p + ca.mtimes(frame.R, a) * q,
+        frame.R,
+        frame.w,
+        frame.v + ca.cross(frame.w, a * q) + a * v,
+    )
+
+
+def corners(model: RobotModel) -> list[tuple[str, int]]:
+    """The corner points of a robot as one line: pairs of element and point, a line that ends at
+    the tool.
+
+    Points of an element: 0 its origin, 1 its joints, 2 its body frame, 3 the tip of its beam, 4
+    the center of mass of a body at the end of a branch; ``("base", 0)``, and ``("", 0)`` the tool.
+    From the end of a branch the line goes back to where the next one begins.
+    """
+    trails = {"base": [("base", 0)]}
+    line = [("base", 0)]
+    here = trails["base"]
+
+    def walk(parent: str, own: list[tuple[str, int]]) -> list[tuple[str, int]]:
+        there = trails[parent]
+        shared = sum(a == b for a, b in zip(here, there, strict=False))
+        line.extend([*here[max(shared - 1, 0) : -1][::-1], *there[shared:], *own])
+        return [*there, *own]
+
+    for element in model.elements:
+        own = [(element.name, k) for k in range(3 if element.beam is None else 4)]
+        if element.name not in model.parents.values() and element.name != model.tip:
+            own.append((element.name, 4))
+        here = trails[element.name] = walk(model.parents[element.name], own)
+    walk(model.tip, [("", 0)])
+    return line
+
+
+def kinematics(model: RobotModel) -> Kinematics:
+    """Build the `Kinematics` of a model from its data."""
+    from flexgen.dynamics.mechanics.beam import modal_beam
+
+    q_a = ca.SX.sym("q_a", model.n_a)
+    v_a = ca.SX.sym("v_a", model.n_a)
+    gravity = ca.SX(ca.DM(model.gravity))
+    frame = place(Frame(ca.SX.zeros(3), ca.SX.eye(3), ca.SX.zeros(3), ca.SX.zeros(3)), model.base)
+    tips = {"base": frame}
+    kinetic = potential = drag = ca.SX(0)
+    spin = {"base": ca.SX.zeros(3)}
+    frames = {}
+    modal: list[tuple[int, ModalBeam]] = []
+    points = {("base", 0): frame.p}
+    i = 0
+    at = {coordinate.name: k for k, coordinate in enumerate(model.coordinates)}
+    for element in model.elements:
+        frame = place(tips[model.parents[element.name]], element.origin)
+        points[element.name, 0] = frame.p
+        for dof in element.dofs:
+            step = _turn if dof.type == "rotation" else _slide
+            moved = dict(dof.mimic)
+            if not moved:
+                moved = {dof.name: 1.0}
+                i = i + 1
+            q, v = (
+                sum(factor * x[at[name]] for name, factor in moved.items()) for x in (q_a, v_a)
+            )
+            frame = step(frame, np.array(dof.axis), q, v)
+        points[element.name, 1] = frame.p
+        frame = place(frame, element.link)
+        points[element.name, 2] = frame.p
+        spin[element.name] = frame.w
+        frames[element.name] = frame
+        points[element.name, 4] = frame.p + ca.mtimes(
+            frame.R, ca.vertcat(*map(ca.SX, element.body.com))
+        )
+        terms = body_energies(frame, element.body, gravity)
+        kinetic = kinetic + terms[0]
+        potential = potential + terms[1]
+        drag = drag + terms[2]
+        if element.beam is not None:
+            beam = modal_beam(element.beam)
+            n = len(beam.slope)
+            q = q_a[i : i + n]
+            v = v_a[i : i + n]
+            energies = beam_energies(frame, beam, q, v, gravity)
+            kinetic = kinetic + energies[0]
+            potential = potential + energies[1]
+            modal.append((i, beam))
+            frame = beam_tip(frame, element, beam, q, v)
+            points[element.name, 3] = frame.p
+            i += n
+        tips[element.name] = frame
+    terms = body_energies(tips[model.tip], model.payload, gravity)
+    tool = place(tips[model.tip], model.tool)
+    points["", 0] = tool.p
+    return Kinematics(
+        q_a=q_a,
+        v_a=v_a,
+        tool=tool,
+        kinetic=kinetic + terms[0],
+        gravity=potential + terms[1],
+        drag=drag + terms[2],
+        spin=spin,
+        modal=tuple(modal),
+        points=tuple(points[corner] for corner in corners(model)),
+        frames=frames,
+    )

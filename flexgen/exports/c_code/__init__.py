@@ -1,0 +1,1 @@
+"""The emitted C for other programs: MATLAB, Simulink, PLC, self-test."""

@@ -1,0 +1,1 @@
+"""The robot as a URDF file with an overlay."""

@@ -1,0 +1,1 @@
+"""The sampled closed loop, feedback laws, observers and commands of position."""

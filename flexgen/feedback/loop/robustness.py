@@ -1,0 +1,377 @@
+"""Robustness: tool errors of solutions on plants that differ from the model, with and without
+feedback.
+
+Each solution is simulated on plants whose springs or masses differ from the model's, in two ways:
+
+feedforward    the torque alone, open loop; the arm drifts where the torque does not carry it.
+feedback       the torque and a cascade controller of the motor angles, with the reference of the
+               same solution,
+               tau = tau_ff + k_v (e_v + k_i int e_v dt),  e_v = v_ref + k_p (q_ref - q_m) - v_m
+
+The robot starts in equilibrium with the motors at the first reference; with feedback the
+integrator starts with the torque that the feedforward lacks. So rigid and fjm start with the
+static deflection as tool error; errors are given against the path and against the position at the
+start.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal, get_args
+
+import numpy as np
+from scipy.integrate import DOP853
+from scipy.interpolate import make_interp_spline
+
+from flexgen.base.errors import ArgumentError, SolverError
+from flexgen.base.motion.trajectory import Trajectory
+from flexgen.base.numerics.evaluate import Evaluator, evaluate
+from flexgen.dynamics.mechanics.equations import Equations
+from flexgen.dynamics.mechanics.output_columns import output_units
+from flexgen.dynamics.mechanics.statics import hold_motors
+from flexgen.inversion.solution import Solution
+from flexgen.model.elements import (
+    BacklashSpring,
+    Body,
+    CubicSpring,
+    Element,
+    LinearSpring,
+    RobotModel,
+    Spring,
+)
+from flexgen.paths.path import Path
+
+RTOL = 1e-8  # a tenth of a micrometer
+ATOL = 1e-10  # the measured errors are millimeters
+SAMPLE = 2e-3  # s: longest sampling interval of the error
+ControlName = Literal["feedforward", "feedback"]
+CONTROLS: tuple[ControlName, ...] = get_args(ControlName)
+
+
+@dataclass(frozen=True)
+class Plant:
+    """A robot that differs from the model: all springs ``stiffness`` times as stiff, all masses
+    ``mass`` times.
+    """
+
+    name: str
+    stiffness: float = 1.0
+    mass: float = 1.0
+
+
+PLANTS = (
+    Plant("nominal"),
+    Plant("stiffness +5 %", stiffness=1.05),
+    Plant("stiffness -5 %", stiffness=0.95),
+    Plant("stiffness +20 %", stiffness=1.2),
+    Plant("stiffness -20 %", stiffness=0.8),
+    Plant("mass +5 %", mass=1.05),
+    Plant("mass -5 %", mass=0.95),
+)
+
+
+@dataclass(frozen=True)
+class Bandwidth:
+    """Bandwidth of the motor controllers: ``speed`` k_v / J [rad/s], ``position`` k_p and
+    ``integral`` k_i [1/s].
+
+    J: inertia that a motor sees with stiff gears at the start of the move, by the nominal model.
+    Common values for industrial robots with elastic gears: a few ten Hz for the speed loop, 10 to
+    30 1/s for the position loop.
+    """
+
+    speed: float = 2 * np.pi * 20
+    position: float = 20.0
+    integral: float = 10.0
+
+
+def perturb(model: RobotModel, plant: Plant) -> RobotModel:
+    """The model with other stiffnesses (gears, joints, beams) and other masses (bodies with
+    inertias, payload, beams).
+
+    Dampings, frictions, rotors and geometry are unchanged.
+    """
+    for name in ("stiffness", "mass"):
+        value = getattr(plant, name)
+        if not (np.isfinite(value) and value > 0):
+            raise ArgumentError(
+                f"plant {plant.name}: given {name} {value}, expected a positive factor"
+            )
+    elements = tuple(_element(element, plant) for element in model.elements)
+    return replace(model, elements=elements, payload=_body(model.payload, plant.mass))
+
+
+def _element(element: Element, plant: Plant) -> Element:
+    dofs = []
+    for dof in element.dofs:
+        gear = dof.gear
+        spring = dof.spring
+        if gear is not None and gear.spring is not None:
+            gear = replace(gear, spring=_spring(gear.spring, plant.stiffness))
+        dofs.append(
+            replace(
+                dof, gear=gear, spring=None if spring is None else _spring(spring, plant.stiffness)
+            )
+        )
+    beam = element.beam
+    if beam is not None:
+        bendings = tuple(
+            replace(b, stiffness=b.stiffness * plant.stiffness) for b in beam.bendings
+        )
+        beam = replace(beam, bendings=bendings, mass_per_length=beam.mass_per_length * plant.mass)
+    return replace(element, dofs=tuple(dofs), body=_body(element.body, plant.mass), beam=beam)
+
+
+def _spring(spring: Spring, factor: float) -> Spring:
+    """A spring with all its torques multiplied; breaks and gaps are unchanged."""
+    if isinstance(spring, LinearSpring | BacklashSpring):
+        return replace(spring, stiffness=spring.stiffness * factor)
+    if isinstance(spring, CubicSpring):
+        return replace(spring, stiffness=spring.stiffness * factor, cubic=spring.cubic * factor)
+    return replace(spring, low=spring.low * factor, high=spring.high * factor)
+
+
+def _body(body: Body, factor: float) -> Body:
+    inertia = tuple(tuple(x * factor for x in row) for row in body.inertia)
+    return replace(body, mass=body.mass * factor, inertia=inertia)
+
+
+def compare_plants(
+    equations: Equations,
+    solutions: Mapping[str, Solution],
+    plants: Sequence[Plant] = PLANTS,
+    controls: Sequence[str] = CONTROLS,
+    bandwidth: Bandwidth | None = None,
+    *,
+    progress: Callable[[str], None] | None = None,
+) -> list[dict[str, Any]]:
+    """Errors of the tool for each plant, control and solution.
+
+    Parameters
+    ----------
+    equations : Equations
+        Of the nominal model.
+    solutions : mapping
+        Solutions of one and the same move by name, say ``{"rigid": solve(..., "rigid"), ...}``.
+    plants, controls, bandwidth
+        What to simulate; controls: of ``CONTROLS``.
+    progress : callable, optional
+        Called with one line of text for each simulation.
+
+    Returns
+    -------
+    list of dicts, SI units
+        ``plant``, ``stiffness``, ``mass`` (factors), ``control``, ``method``; largest errors of
+        the tool against the path, ``error_max_m`` and ``error_max_rad``, at the start,
+        ``error_start_*``, against the position at the start, ``error_moved_*``, and at the end of
+        the path, ``error_end_*`` (None where the output has no such part); ``torque_max_Nm``,
+        motor side. A simulation that fails has infinite errors.
+    """
+    for control in controls:
+        if control not in CONTROLS:
+            raise ArgumentError(f"controls: given {control!r}, expected {' or '.join(CONTROLS)}")
+    moves = {solution.move.name for solution in solutions.values()}
+    if len(moves) != 1:
+        raise ArgumentError(
+            f"solutions: given moves {', '.join(sorted(moves)) or 'none'}, expected solutions "
+            "of one move"
+        )
+    path = Path(equations, next(iter(solutions.values())).move)
+    until = max(solution.trajectory.time[-1] for solution in solutions.values())
+    gains = _gains(equations, path, bandwidth or Bandwidth())
+    out = []
+    for plant in plants:
+        same = plant.stiffness == 1.0 and plant.mass == 1.0
+        perturbed_robot = equations if same else Equations(perturb(equations.model, plant))
+        for control in controls:
+            for method, solution in solutions.items():
+                if progress is not None:
+                    progress(f"robustness: {plant.name}, {control}, {method}")
+                run = _Run(
+                    perturbed_robot,
+                    path,
+                    solution.trajectory,
+                    until,
+                    gains if control == "feedback" else None,
+                )
+                row = {"plant": plant.name, "stiffness": plant.stiffness, "mass": plant.mass}
+                out.append({**row, "control": control, "method": method, **run.figures()})
+    return out
+
+
+def tool_errors(
+    robot: Equations,
+    nominal: Equations,
+    solution: Solution,
+    control: str = "feedback",
+    bandwidth: Bandwidth | None = None,
+) -> dict[str, Any]:
+    """Errors of the tool of one robot under the torques of a solution, as in a row of
+    `compare_plants`.
+
+    Parameters
+    ----------
+    robot : Equations
+        The robot that moves.
+    nominal : Equations
+        Of the model that the gains of the motor controllers come from.
+    solution : Solution
+    control : str
+        ``"feedforward"`` or ``"feedback"``.
+    bandwidth : Bandwidth, optional
+    """
+    if control not in CONTROLS:
+        raise ArgumentError(f"control: given {control!r}, expected {' or '.join(CONTROLS)}")
+    path = Path(nominal, solution.move)
+    gains = _gains(nominal, path, bandwidth or Bandwidth()) if control == "feedback" else None
+    return _Run(
+        robot, path, solution.trajectory, float(solution.trajectory.time[-1]), gains
+    ).figures()
+
+
+def _gains(
+    equations: Equations, path: Path, bandwidth: Bandwidth
+) -> tuple[np.ndarray, float, float]:
+    """k_v (n_m) [N m s/rad], k_p and k_i [1/s]."""
+    model = equations.model
+    M = evaluate(equations.function("mass_matrix"), path.q_start)[0].reshape(model.n_a, model.n_a)
+    inverse = np.linalg.inv(model.eta)
+    i_g = list(model.i_g)
+    inertia = np.diag(inverse.T @ M[np.ix_(i_g, i_g)] @ inverse) + np.array(
+        [motor.inertia for motor in model.motors]
+    )
+    return bandwidth.speed * inertia, bandwidth.position, bandwidth.integral
+
+
+class _Run:
+    """One simulation: a plant under the torque of a trajectory, with or without feedback."""
+
+    def __init__(
+        self,
+        equations: Equations,
+        path: Path,
+        trajectory: Trajectory,
+        until: float,
+        gains: tuple[np.ndarray, float, float] | None,
+    ) -> None:
+        self.equations = equations
+        self.path = path
+        self.gains = gains
+        t = trajectory.time
+        k = min(5, len(trajectory.time) - 1)
+        self.first = float(t[0])
+        self.last = float(t[-1])
+        self.until = float(until)
+        self.torque, self.angle = (
+            make_interp_spline(t, trajectory[name], k=k) for name in ("tau_m", "q_m")
+        )
+        self.speed = self.angle.derivative()
+        self.q_start = trajectory["q_a"][0]
+        self.q_m_start = trajectory["q_m"][0]
+
+    def figures(self) -> dict[str, Any]:
+        """The figures of one row."""
+        names = [
+            f"error_{what}_{unit}"
+            for what in ("max", "start", "moved", "end")
+            for unit in ("m", "rad")
+        ]
+        try:
+            t, q_a, torque_max = self._integrate()
+        except SolverError:
+            return {**dict.fromkeys(names, np.inf), "torque_max_Nm": np.inf}
+        out: dict[str, Any] = dict.fromkeys(names)
+        end = int(np.searchsorted(t, self.path.duration - 1e-12))
+        for unit, error in output_errors(self.equations, self.path, t, q_a).items():
+            size = np.linalg.norm(error, axis=1)
+            out[f"error_max_{unit}"] = float(size.max())
+            out[f"error_start_{unit}"] = float(size[0])
+            out[f"error_moved_{unit}"] = float(np.linalg.norm(error - error[0], axis=1).max())
+            out[f"error_end_{unit}"] = float(size[min(end, len(size) - 1)])
+        return {**out, "torque_max_Nm": torque_max}
+
+    def _integrate(self) -> tuple[np.ndarray, np.ndarray, float]:
+        """Instants, arm coordinates and the largest motor torque."""
+        model = self.equations.model
+        n = model.dof
+        n_a = model.n_a
+        n_m = model.n_m
+        i_m = list(model.i_m)
+        i_g = list(model.i_g)
+        equilibrium = hold_motors(self.equations, self.q_m_start, self.q_start)
+        state_rate = Evaluator(self.equations.function("state_rate"))
+        largest = 0.0
+
+        def motors(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            q_m = model.eta @ x[i_g]
+            v_m = model.eta @ x[n : n + n_a][i_g]
+            q_m[i_m] = x[n_a:n]
+            v_m[i_m] = x[n + n_a : 2 * n]
+            return q_m, v_m
+
+        def torque(t: float, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            """Torque and the derivative of the integrator."""
+            inside = min(max(t, self.first), self.last)
+            tau = self.torque(inside)
+            if self.gains is None:
+                return tau, np.zeros(n_m)
+            k_v, k_p, k_i = self.gains
+            q_m, v_m = motors(x)
+            v_ref = self.speed(inside) if t == inside else 0.0
+            lag = v_ref + k_p * (self.angle(inside) - q_m) - v_m
+            return tau + k_v * lag + x[2 * n :], k_v * k_i * lag
+
+        def rate(t: float, x: np.ndarray) -> np.ndarray:
+            nonlocal largest
+            tau, integrator = torque(t, x)
+            largest = max(largest, float(np.abs(tau).max()))
+            return np.concatenate([state_rate(x[: 2 * n], tau)[0].ravel(), integrator])
+
+        held = np.zeros(n_m) if self.gains is None else equilibrium.tau_m - self.torque(self.first)
+        start = np.concatenate([equilibrium.q_a, equilibrium.q_m[i_m], np.zeros(n), held])
+        t = np.linspace(
+            self.first, self.until, int(np.ceil((self.until - self.first) / SAMPLE)) + 1
+        )
+        atol = np.concatenate([np.full(2 * n, ATOL), np.full(n_m, 1e-6)])
+        solver = DOP853(rate, t[0], start, t[-1], rtol=RTOL, atol=atol)
+        out = np.empty((len(t), n_a))
+        k = 1
+        out[0] = start[:n_a]
+        while k < len(t):
+            solver.step()
+            if (
+                solver.status == "failed"
+                or not np.isfinite(solver.y).all()
+                or solver.nfev > 1_000_000
+            ):
+                raise SolverError(f"simulation: failed at t = {solver.t:.6g} s")
+            dense = solver.dense_output()
+            while k < len(t) and t[k] <= solver.t:
+                out[k] = dense(t[k])[:n_a]
+                k += 1
+        return t, out, largest
+
+
+def output_errors(
+    equations: Equations, path: Path, t: np.ndarray, q_a: np.ndarray
+) -> dict[str, np.ndarray]:
+    """Errors of the output against the path at the instants ``t`` (n,): by unit, "m" and "rad",
+    arrays (n, parts).
+
+    Of an orientation: sine of the angle times the axis, in world axes.
+    """
+    sample = path.sample(t)
+    units = np.array(output_units(equations.model))
+    error = evaluate(equations.function("output"), q_a)[0].reshape(len(t), -1) - sample.y[:, :, 0]
+    out = {unit: error[:, units == unit] for unit in ("m", "rad") if (units == unit).any()}
+    if equations.model.output.type == "combination" or sample.R is None:
+        return out
+    E = evaluate(equations.function("forward_kinematics"), q_a)[1] @ sample.R.transpose(0, 2, 1)
+    turn = (
+        np.stack(
+            [E[:, 2, 1] - E[:, 1, 2], E[:, 0, 2] - E[:, 2, 0], E[:, 1, 0] - E[:, 0, 1]], axis=1
+        )
+        / 2
+    )
+    return {**out, "rad": turn}

@@ -1,0 +1,1 @@
+"""Statistics, grade and status of a fit."""

@@ -1,0 +1,1 @@
+"""Payload from a recorded motion."""

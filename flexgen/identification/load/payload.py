@@ -1,0 +1,722 @@
+"""Load at the tool from one motion: mass and center of mass with their standard deviations.
+
+The torques of the gears follow from the motors, those that the robot needs from its equations with
+a load (m, c):
+
+    eta' (tau_m + d tau_m' - J_m a_m - f(v_m; s)) = [M(q_a; m, c) a_a + c + g]_g,
+    all low-passed both ways
+
+The motion is low-passed at a higher frequency first: squares of smoothed speeds are not what is
+smoothed of squares. d: time by which torques are recorded late; minus half a sample where a torque
+is held from its sample on. s: the friction of each motor changes with temperature, f = (1 + s_1)
+f(v) + s_2 v f'(v), s = 0 +- `FRICTION_SD`. Where a motor with Coulomb friction stands still, its
+friction is any torque, and is taken out (`flexgen.identification.rigid.rests_of_motors`). Gears
+and links deflect, each spring by 1 + e_i times as much as in the model:
+
+    q_g = eta^-1 q_m - (1 + e_i) tau_g/k,    q_e = -(1 + e_i) f_e(q, v, a; m, c)/k
+
+where f_e are the forces on the coordinates without motor. A rigid model would put these
+deflections into the load, and so would one with other springs: e_i = 0 +- the deviation of the
+stiffness (`flexgen.identification.load.compliances`). Gauss-Newton in (m, m c, d, s, e); a load is
+within `CENTER_SD` of the center of mass in the file, for what the motion does not show, such as
+the height in the tool of a palletizer. Standard deviations are the larger ones of two: of
+residuals whose correlation in time is that of the low pass, at least `LEAST_ERROR` of the torques,
+and of what leaving out four periods of the low pass changes, half a second at most, since errors
+of the model last longer. Leaving out samples does not change what is known of springs beforehand:
+H^-1 P H^-1 is added, with H of all numbers and P of e.
+
+Source: cf. P. Khosla, T. Kanade, IEEE CDC 1985 (parameters of loads from torques).
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path as FilePath
+from typing import Any
+
+import numpy as np
+from scipy.ndimage import correlate1d
+from scipy.signal import butter, filtfilt
+
+from flexgen.base.calls.deadline import best_known, is_over, keep_best, limit_fit, reason_of_end
+from flexgen.base.calls.progress import Choice, Progress, reported, silent
+from flexgen.base.checks.type_checks import checked_result, checked_types
+from flexgen.base.display import short_repr
+from flexgen.base.errors import ArgumentError, SolverError
+from flexgen.base.motion.trajectory import Trajectory
+from flexgen.base.numerics.evaluate import evaluate
+from flexgen.base.numerics.low_pass import bandwidth
+from flexgen.base.results import Result
+from flexgen.base.spec.arguments import is_number
+from flexgen.dynamics.hysteresis.hysteresis import without_hysteresis
+from flexgen.dynamics.mechanics.equations import Equations, derive, robot_of
+from flexgen.dynamics.mechanics.statics import gear_deflection, reach
+from flexgen.feedback.loop.gains import lowest_locked_hz
+from flexgen.identification.load.compliances import stiffness_deviations
+from flexgen.identification.records.motor_record import read_motor_record
+from flexgen.identification.rigid.rests_of_motors import MOVING, Rests, largest_of_unit
+from flexgen.model.elements import RobotModel
+from flexgen.model.friction import refuse_harmonics
+
+# of the torques; at most, times the lowest natural frequency with motors at rest
+LOW_PASS_HZ = 8.0
+OF_LOWEST = 1.5
+# the same of quick motions, times their band; at most, of the sample rate
+OF_BAND = 5.0
+HALF = 0.1
+# low pass of the motion: times that of the torques; at most, times the sample rate
+OF_MOTION = 3.0
+HIGHEST = 0.4
+STEPS = 20
+CLOSE = 1e-9
+# of a step: largest difference of a time from that of equal steps, such as by the rounding of a
+# clock
+EVEN = 0.02
+NOT_CLOSE = 1e-4  # a last step that is larger, relative, changes digits that a user reads
+# a last step that is smaller, over the deviations of the numbers, changes none that is known
+OF_DEVIATION = 0.1
+# deflections change the torques by little, these change the deflections by less
+DEFLECTION_STEPS = 3
+ENDS = 0.5  # s at both ends of a record that the low pass spoils
+LEAST = 0.05  # and between them
+# of white noise through the low pass, both sides, over its frequency
+NOISE_BAND = 3 * np.pi / 4 / np.sqrt(2)
+FEWEST = 200  # samples
+FARTHEST = 3.0  # m, center of mass of the whole payload; the reach of a robot with a longer one
+# of central differences
+RATES = np.array([-1.0, 9.0, -45.0, 0.0, 45.0, -9.0, 1.0]) / 60
+SIDE = 3
+AXES = ("xx", "yy", "zz", "xy", "yz", "xz")  # of an inertia, in the order of the parameters
+UNEXPLAINED = 0.5  # of the torques, root mean square, at most
+FRICTION_SD = 0.3  # relative, of each motor
+# of the mass of the robot, 1 kg at most: where the search begins, and what it takes for exact
+UNIT = 0.01
+# m, or the reach: of the center of mass about that of the file, for directions that no motion
+# shows
+CENTER_SD = 1.0
+LEAST_LOAD = 1e-3  # of the whole payload, for that deviation
+UNKNOWN = 0.3  # m, or of the reach: a center of mass with a larger deviation is not known
+LEAST_ERROR = 1e-4  # of the torques: deflections and filters are not more exact
+# of a record, each left out once; fewer tell too little about five numbers
+BLOCK_S = 0.5
+FEWEST_BLOCKS = 6
+# of the friction at the largest speed, at that one: a motor with less has no friction at
+# standstill
+STICKS = 0.05
+# of the load: after smaller steps, relative, what springs change of the torques is not computed
+# anew
+FRESH = 1e-2
+SOFTER = 1e-2  # of a compliance, a step of differences
+LOAD = 5  # numbers before the frictions: mass, center of mass, delay
+
+
+@checked_result
+@dataclass(frozen=True)
+class Load(Result):
+    """A load: ``mass`` [kg] and ``com`` (3,) [m] in the frame that the tool is attached to, with
+    standard deviations.
+
+    ``mass`` and ``com`` are the difference from the payload of the model file (``file_mass``,
+    ``file_com``, ``file_inertia`` (3, 3) [kg m^2] about its center of mass); `is_total` where that
+    has no mass.
+
+    These are those of a model with right masses and dimensions; frictions of motors and springs
+    may be off. The load is taken for a point mass: its inertia is not identified, and that of the
+    payload of the file stays. Directions that the motion does not show have a deviation of about 1
+    m, or the reach of a shorter arm: those with more than ``unknown_m`` [m] are printed as not
+    determined. ``total_mass``, ``total_com``, ``total_com_sd``, ``total_inertia`` (3, 3) about
+    ``total_com``:
+    of the load and the payload of the model file together; the deviation of the mass is
+    ``mass_sd``. ``residual_Nm``: root mean square of the residual gear torques (n_g,), arm side.
+    ``delay_s``: time by which torques were recorded late [s].
+    ``friction`` (2, n_m): viscous and other friction of each motor over those of the model.
+    ``notes``: what was done to the record, as sentences. ``ended``: "time limit" or "interrupted"
+    where the search was ended from outside, and the load is that of its best step; else empty.
+
+    Examples
+    --------
+    >>> record = flexgen.solve(
+    ...     flexgen.read("manutec_r3", overrides={"payload.mass": 20.0}), verify=False
+    ... ).trajectory
+    >>> load = flexgen.identify_load("manutec_r3", record)  # payload in the file: 15 kg
+    >>> f"{load.mass:.1f} kg of {load.total_mass:.1f} kg"
+    '5.0 kg of 20.0 kg'
+    """
+
+    mass: float
+    mass_sd: float
+    com: np.ndarray
+    com_sd: np.ndarray
+    total_mass: float
+    total_com: np.ndarray
+    residual_Nm: np.ndarray
+    delay_s: float
+    friction: np.ndarray
+    unknown_m: float = UNKNOWN
+    notes: tuple[str, ...] = ()
+    ended: str = ""
+    file_mass: float = 0.0
+    file_com: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    file_inertia: np.ndarray = field(default_factory=lambda: np.zeros((3, 3)))
+    total_com_sd: np.ndarray = field(default_factory=lambda: np.full(3, np.nan))
+    total_inertia: np.ndarray = field(default_factory=lambda: np.zeros((3, 3)))
+
+    __repr__ = short_repr
+
+    @property
+    def problem(self) -> str:
+        """Why the load cannot be used: the search was ended from outside."""
+        if not self.ended:
+            return ""
+        return f"{self.ended}: the load is that of the best step of the search"
+
+    @property
+    def is_total(self) -> bool:
+        """Whether ``mass`` and ``com`` are all at the tool: the payload of the file has no
+        mass.
+        """
+        return self.file_mass == 0.0
+
+    def _entries(self) -> dict[str, Any]:
+        of = "total at the tool" if self.is_total else "difference from the payload of the file"
+        inertia = "not identified: point mass, and the inertia of the payload of the file"
+        return {"mass_and_com_are": of, "inertia_is": inertia, **super()._entries()}
+
+    def __str__(self) -> str:
+        """Mass, center of mass, of which payload, inertia that was assumed, and frictions."""
+        viscous, other = (", ".join(f"{x:.2f}" for x in row) for row in self.friction)
+        friction = (
+            f"\nfriction of the motors over that of the model: viscous {viscous}; other {other}"
+        )
+        friction += "".join(f"\nrecord: {note}" for note in self.notes)
+        shown = self.com_sd < self.unknown_m
+        is_found = 2 * self.mass_sd < abs(self.mass)
+        load = f"load {self.mass:.3f} +- {self.mass_sd:.3f} kg, center of mass "
+        load += _center(self.com, self.com_sd, shown) if is_found else "not determined"
+        inertia = "\ninertia is not identified: the load is taken for a point mass"
+        if self.is_total:
+            of = "\nthis is the total at the tool: the payload of the model file has no mass"
+            if self.file_inertia.any():
+                inertia += f", with the inertia of that payload, {_six(self.file_inertia)}"
+            return load + of + inertia + friction
+        # what a small difference does not show is that of the file
+        known = shown if is_found else self.total_com_sd < self.unknown_m
+        of = (
+            "\nthis is the difference from the payload of the model file, "
+            f"{self.file_mass:.3f} kg; total at the tool {self.total_mass:.3f} +- "
+            f"{self.mass_sd:.3f} kg, center of mass "
+            + _center(self.total_com, self.total_com_sd, known)
+        )
+        inertia += (
+            f", the inertia of the payload of the file stays, {_six(self.file_inertia)}; "
+            f"of both together {_six(self.total_inertia)}"
+        )
+        return load + of + inertia + friction
+
+
+def _center(com: np.ndarray, sd: np.ndarray, known: np.ndarray) -> str:
+    """A center of mass (3,) [m] as text; ``known`` (3,): directions that are determined."""
+    each = (
+        f"{axis} {1e3 * x:.1f} +- {1e3 * s:.1f} mm" if is_known else f"{axis} not determined"
+        for axis, x, s, is_known in zip("xyz", com, sd, known, strict=True)
+    )
+    return ", ".join(each) + " in the frame of the last tip"
+
+
+def _six(inertia: np.ndarray) -> str:
+    """An inertia tensor (3, 3) as text."""
+    if not inertia.any():
+        return "0 kg m^2"
+    numbers = ", ".join(
+        f"{inertia['xyz'.index(name[0]), 'xyz'.index(name[1])]:.3g}" for name in AXES
+    )
+    return f"({numbers}) kg m^2 about its center of mass ({', '.join(AXES)})"
+
+
+@checked_types(own=("time_limit",))
+@reported("identify_load")
+def identify_load(
+    model: str | FilePath | RobotModel | Equations,
+    record: Trajectory | str | FilePath,
+    *,
+    low_pass_hz: float | None = None,
+    rigid: bool = False,
+    columns: Sequence[str] | None = None,
+    time_limit: float | None = None,
+    progress: Choice = None,
+) -> Load:
+    """Identify the load at the tool, mass and center of mass, from a record of motor angles and
+    torques.
+
+    Frictions of the motors, and how soft the springs are, are found with it. The springs are known
+    as the table ``[uncertainty]`` states (``stiffness``, or a number by name), or up to 20 %
+    (standard deviation) where it has none.
+
+    Parameters
+    ----------
+    model : name, path, RobotModel or Equations
+        Without the load, or with another one as payload.
+    record : Trajectory, or the name of its file
+        Channels ``q_m`` [rad] and ``tau_m`` [N m], motor side, as of `ControlRun.trajectory`; a
+        CSV or MAT file of a logger, or a ``.toml`` file that describes one, see
+        `flexgen.identification.records.motor_record`.
+    low_pass_hz : float, optional [Hz]
+        Of the torques; that of the motion is three times as high. Default: 8, or five times the
+        band of a quick motion, but at most 1.5 times the lowest natural frequency with the motors
+        at rest.
+    rigid : bool
+        Without deflections, for comparison.
+    columns : sequence of str, optional
+        Names of the columns of a CSV file without a header, such as ``t,q1,q2,m1,m2`` (SI units,
+        or with a unit).
+    time_limit : float, optional [s]
+        Then, or after Ctrl-C, the result is the best step so far; 0: no limit.
+    progress : callable or bool, optional
+
+    Returns
+    -------
+    Load
+
+    Raises
+    ------
+    ArgumentError
+        The record is too short, is of other motors, or has units or times that cannot be used.
+    SolverError
+        The motion does not determine the mass, or no load was found.
+
+    Examples
+    --------
+    >>> loaded = flexgen.control(
+    ...     "manutec_r3", plants={"loaded": {"payload": 8.0}}, sample_time=1e-3
+    ... )
+    >>> load = flexgen.identify_load("manutec_r3", loaded.trajectory("loaded"))
+    >>> f"{load.mass:.1f} kg"
+    '8.0 kg'
+    """
+    robot = robot_of(model)
+    refuse_harmonics(robot, "identify_load")
+    found = read_motor_record(robot, record, columns)
+    tell: Progress = progress if callable(progress) else silent
+    with limit_fit("identify_load", time_limit, tell):
+        load = _Estimate(robot, found.trajectory, low_pass_hz, rigid).solve(tell)
+    return replace(load, notes=found.notes) if found.notes else load
+
+
+class _Estimate:
+    """Filtered torques and motion, and the residuals of a load."""
+
+    def __init__(
+        self, robot: RobotModel, record: Trajectory, low_pass_hz: float | None, rigid: bool
+    ) -> None:
+        time = record.time - record.time[0]
+        h = float(time[-1]) / (len(time) - 1)
+        if len(time) < FEWEST or np.abs(time - h * np.arange(len(time))).max() > EVEN * h:
+            raise ArgumentError(
+                f"record: given {len(time)} samples, expected at least {FEWEST}, equidistant"
+            )
+        for name in ("q_m", "tau_m"):
+            if record[name].shape[1] != robot.n_m:
+                raise ArgumentError(
+                    f"record: given {record[name].shape[1]} columns of {name}, expected "
+                    f"{robot.n_m}"
+                )
+        if low_pass_hz is None:
+            low_pass_hz = _default_low_pass(robot, record["q_m"], h, rigid)
+        if not (is_number(low_pass_hz) and 0 < low_pass_hz < 0.2 / h):
+            raise ArgumentError(
+                f"low_pass_hz: given {low_pass_hz!r}, expected more than 0, below {0.2 / h:.4g} Hz"
+            )
+        quick = max(1.0, low_pass_hz / LOW_PASS_HZ)
+        ends = ENDS / quick
+        self.block = BLOCK_S / quick
+        if h * len(time) < 2 * ends + LEAST / quick:
+            raise ArgumentError(
+                f"record: given {h * len(time):.3g} s, expected at least "
+                f"{2 * ends + LEAST / quick:.3g} s: the low pass spoils {ends:.3g} s at both "
+                "ends; begin before the motion and end after it"
+            )
+        self.robot = robot
+        self.h = h
+        self.rigid = rigid
+        self._filter = butter(2, 2 * low_pass_hz * h)
+        self._of_motion = butter(2, 2 * min(OF_MOTION * low_pass_hz * h, HIGHEST))
+        self.spoiled = round(ends / h)
+        self.kept = slice(self.spoiled, -self.spoiled)
+        q_m = record["q_m"]
+        v_m = self._rate(self._smooth(q_m))
+        a_m = self._rate(v_m)
+        carrier = next(element for element in robot.elements if element.name == robot.tip)
+        # else its axes are others
+        turned = [f"{robot.tip}.inertia_{axes}" for axes in AXES if carrier.beam is None]
+        self.names = (*turned, "payload.mass", "payload.com_x", "payload.com_y", "payload.com_z")
+        self.equations: Equations = derive(without_hysteresis(robot), self.names)
+        self.of_file = np.array([p.value for p in self.equations.parameters])
+        friction, faster = (  # of noise it would have a mean
+            evaluate(self.equations.function("motor_friction"), x)[0].reshape(q_m.shape)
+            for x in (v_m, 1.01 * v_m)
+        )
+        inertia = np.array([m.inertia for m in robot.motors])
+        needed = self._smooth(record["tau_m"] - friction) - inertia * a_m
+        tau_g = needed @ robot.eta
+        self.tau_g = self._low_pass(tau_g)
+        largest = np.abs(self.tau_g[self.kept]).max(axis=0)
+        self.scale = np.maximum(largest, 1e-3 * largest.max())
+        self.late = self._low_pass(self._rate(self._smooth(record["tau_m"])) @ robot.eta)
+        # the second has viscous friction alone
+        parts = np.hstack([friction, (faster - friction) / 0.01])
+        self.friction = self._low_pass(
+            self._smooth(parts)[:, :, None] * np.vstack([robot.eta, robot.eta])
+        )
+        self.to_arm = np.linalg.inv(robot.eta).T
+        self.q_m = self._smooth(q_m)
+        self.nominal = derive(robot)
+        self.length = reach(self.nominal)
+        self.farthest = max(FARTHEST, self.length)
+        self.unit = min(1.0, UNIT * sum(element.body.mass for element in robot.elements)) or 1.0
+        # arm angles behind the gears; they do not depend on the load
+        self.q_geared = np.zeros((len(q_m), robot.n_a))
+        self.q_geared[:, list(robot.i_g)] = self.q_m @ self.to_arm
+        # of the gears, with the springs of the model
+        self.deflection = np.zeros((len(q_m), robot.n_g))
+        self.stiffness_sd = np.zeros(robot.n_a)
+        if not rigid:
+            self.deflection = gear_deflection(self.nominal, tau_g).reshape(len(q_m), -1)
+            self.q_geared[:, list(robot.i_g)] -= self.deflection
+            self.stiffness = self._stiffness()
+            self.stiffness_sd = stiffness_deviations(robot)
+        self._rests, share = self._standstill(v_m, low_pass_hz)
+        self.moving = share * len(time[self.kept])  # samples that are judged
+        self.effective = self.moving * min(1.0, NOISE_BAND * low_pass_hz * h)  # independent ones
+
+    def _standstill(self, v_m: np.ndarray, low_pass_hz: float) -> tuple[list[Rests], float]:
+        """What friction at standstill does behind the filter, for each motor, and the share of
+        samples without it.
+        """
+        ratio = np.abs(self.robot.eta).max(axis=1)
+        most = ratio * largest_of_unit(self.robot, v_m / ratio)
+        slow, fast = (
+            np.abs(evaluate(self.equations.function("motor_friction"), x[None])[0].ravel())
+            for x in (MOVING * most, most)
+        )
+        least = np.where(slow > STICKS * fast, MOVING * most, -1.0)
+        rests = [
+            Rests(
+                v,
+                x,
+                low_pass_hz * self.h,
+                lambda y: self._low_pass(self._smooth(y)),
+                1,
+                self.spoiled,
+                self.spoiled,
+            )
+            for v, x in zip(v_m.T, least, strict=True)
+        ]
+        return rests, float(np.mean(np.abs(v_m[self.kept]) > least))
+
+    def see(self, tau: np.ndarray) -> np.ndarray:
+        """Gear torques (n, n_g) over their scale, without what friction at standstill can do, of
+        the samples kept.
+        """
+        motors = tau[self.kept] @ self.to_arm.T
+        known = np.stack(
+            [rest.project(x) for rest, x in zip(self._rests, motors.T, strict=True)], axis=1
+        )
+        return np.asarray(known @ self.robot.eta / self.scale)
+
+    def _smooth(self, x: np.ndarray) -> np.ndarray:
+        return np.asarray(filtfilt(*self._of_motion, x, axis=0))
+
+    def _low_pass(self, x: np.ndarray) -> np.ndarray:
+        return np.asarray(filtfilt(*self._filter, x, axis=0))
+
+    def motion(
+        self, values: np.ndarray, softer: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Arm coordinates with deflections, velocities and accelerations (n, n_a), for a load.
+
+        ``softer`` (n_a,): compliances over those of the model, less 1.
+        """
+        q = self.q_geared.copy()
+        i_e = list(self.robot.i_e)
+        i_g = list(self.robot.i_g)
+        q[:, i_g] -= softer[i_g] * self.deflection
+        if i_e and not self.rigid:
+            for _ in range(DEFLECTION_STEPS):
+                v = self._rate(q)
+                forces = self.forces(q, v, self._rate(v), values)[:, i_e]
+                q[:, i_e] = -self._smooth(forces) * (1.0 + softer[i_e]) / self.stiffness
+        v = self._rate(q)
+        return q, v, self._rate(v)
+
+    def _rate(self, x: np.ndarray) -> np.ndarray:
+        """Central differences of sixth order: those of second order are 1e-4 off at 1 Hz and 4 ms,
+        which is seen.
+        """
+        padded = np.pad(x, ((SIDE, SIDE), (0, 0)), mode="reflect", reflect_type="odd")
+        return np.asarray(correlate1d(padded, RATES, axis=0)[SIDE:-SIDE] / self.h)
+
+    def _stiffness(self) -> np.ndarray:
+        """Stiffness of the springs without motor at rest (n_e,)."""
+        zero = np.zeros((1, self.robot.n_a))
+        step = 1e-6
+        out = []
+        for i in self.robot.i_e:
+            moved = zero.copy()
+            moved[0, i] = step
+            tau = evaluate(self.nominal.function("elastic_torque"), moved, zero)[0].ravel()
+            out.append(-tau[list(self.robot.i_e).index(i)] / step)
+        return np.array(out)
+
+    def forces(
+        self, q: np.ndarray, v: np.ndarray, a: np.ndarray, values: np.ndarray
+    ) -> np.ndarray:
+        """Forces that the arm needs (n, n_a)."""
+        body = np.concatenate(
+            [self.of_file[:-4] + self._inertia(values)[: len(self.of_file) - 4], values]
+        )
+        return evaluate(self.equations.function("inverse_dynamics"), q, v, a, body)[0].reshape(
+            q.shape
+        )
+
+    def _inertia(self, values: np.ndarray) -> np.ndarray:
+        """What the inertia of the payload of the file and the load, a point mass, is more than
+        that of the payload.
+        """
+        mass = self.of_file[-4]
+        com = self.of_file[-3:]
+        load = values[0] - mass
+        moved = values[0] * (values[1:] - com)
+        if np.linalg.norm(moved) >= abs(load) * self.farthest:
+            return np.zeros(len(AXES))
+        x, y, z = moved / load
+        own = np.array([y * y + z * z, x * x + z * z, x * x + y * y, -x * y, -y * z, -x * z])
+        return own * mass * load / values[0]
+
+    def solve(self, tell: Progress = silent) -> Load:
+        """Gauss-Newton in mass and first moments of the whole payload, delay of the torques,
+        frictions, compliances.
+        """
+        own = self.of_file[-4]
+        center = self.of_file[-3:]
+        soft = np.flatnonzero(self.stiffness_sd)
+        first = LOAD + self.friction.shape[1]
+        count = first + len(soft)
+        unit = self.unit
+        length = min(1.0, self.length) or 1.0
+        x = np.concatenate([[own + unit], (own + unit) * center, np.zeros(count - 4)])
+        # first moments about the center of mass of the file
+        about = np.column_stack([-center, np.eye(3)])
+        tau = self.see(self.tau_g)
+        start = values_of(x, self.farthest)
+        softer = np.zeros(len(self.stiffness_sd))
+        q, v, _ = self.motion(start, softer)
+        friction = evaluate(self.nominal.function("arm_forces"), q, v)[0].reshape(
+            -1, self.robot.n_a
+        )
+
+        def residual(x: np.ndarray) -> np.ndarray:
+            load = values_of(x, self.farthest)
+            softer[soft] = x[first:]
+            tau = self._low_pass(self.forces(*self.motion(load, softer), load) - friction)
+            needed = (
+                self.tau_g
+                + x[4] * self.late
+                - np.einsum("njg,j->ng", self.friction, x[LOAD:first])
+            )
+            return self.see(tau[:, list(self.robot.i_g)] - needed)
+
+        prior = self._prior(count, first, soft)
+        last = np.zeros(count)
+        part = 1.0
+        change = np.inf
+        J = self._fixed_slopes(tau.size, count, first)
+        with keep_best():
+            for k in range(STEPS):
+                if k and is_over():
+                    break
+                tell(f"step {k + 1}: load {x[0] - own:.3f} kg")
+                began = time.perf_counter()
+                r = residual(x)
+                arm = 1e-4 * length * max(x[0], unit)
+                steps = np.r_[
+                    1e-3 * unit, arm, arm, arm, np.full(len(soft) if change > FRESH else 0, SOFTER)
+                ]
+                for k, size in zip((*range(4), *range(first, count)), steps, strict=False):
+                    J[:, k] = (residual(x + size * (np.arange(count) == k)) - r).ravel() / size
+                hidden = CENTER_SD * length * max(abs(x[0] - own), LEAST_LOAD * x[0])
+                prior[:4, :4] = about.T @ about / hidden**2
+                weight = prior * self._variance(r)
+                if not _is_determined(J[:, :LOAD], about * np.sqrt(self._variance(r)) / hidden):
+                    raise SolverError(
+                        "load: the motion does not determine the mass; move the joints that carry "
+                        "the load"
+                    )
+                A = J.T @ J + weight
+                step = np.linalg.solve(A, -J.T @ r.ravel() - weight @ x)
+                # steps that turn back are too long
+                part = part / 2 if last @ A @ step < 0 else min(2 * part, 1.0)
+                before = x
+                x = x + part * step
+                x[0] = max(x[0], 1e-6 * unit)
+                last = part * step
+                moved = np.abs((x - before)[:4] / [1.0, length, length, length]).max()
+                change = moved / (unit + np.abs(x[0]))
+                best_known(time.perf_counter() - began)
+                if change < CLOSE:
+                    break
+        r = residual(x)
+        weight = prior * self._variance(r)
+        covariances = self._covariances(r, J, weight, prior[first:, first:])
+        sd = np.sqrt(np.max([np.diag(each) for each in covariances], axis=0))
+        is_nothing = max(x[0], moved) < 2 * sd[0]  # steps between masses that noise hides
+        reason = reason_of_end()
+        is_hidden = (np.abs(x - before)[:4] < OF_DEVIATION * sd[:4]).all()
+        if not reason:
+            self._check_end(change, is_nothing or is_hidden, r, tau)
+        return replace(self._result(x[:first], r, sd[0], covariances), ended=reason)
+
+    def _prior(self, count: int, first: int, soft: np.ndarray) -> np.ndarray:
+        """The precision of the unknowns (count, count) before the record."""
+        sd = np.r_[np.full(first - LOAD, FRICTION_SD), self.stiffness_sd[soft]]
+        prior = np.zeros((count, count))
+        prior[LOAD:, LOAD:] = np.diag(sd**-2.0)
+        return prior
+
+    def _fixed_slopes(self, rows: int, count: int, first: int) -> np.ndarray:
+        """The columns of the Jacobian (rows, count) of delay and frictions."""
+        J = np.zeros((rows, count))
+        J[:, 4] = -self.see(self.late).ravel()
+        for k in range(LOAD, first):
+            J[:, k] = self.see(self.friction[:, k - LOAD]).ravel()
+        return J
+
+    def _covariances(
+        self, r: np.ndarray, J: np.ndarray, weight: np.ndarray, of_springs: np.ndarray
+    ) -> list[np.ndarray]:
+        """By residuals, and by parts left out with what the springs leave open."""
+        inverse = np.linalg.inv(J.T @ J + weight) * self._variance(r)
+        count = len(of_springs)
+        springs = inverse[:, -count:] @ of_springs @ inverse[-count:] if count else 0.0
+        return [inverse, self._left_out(r, J, weight) + springs]
+
+    def _check_end(self, change: float, is_small: bool, r: np.ndarray, tau: np.ndarray) -> None:
+        """SolverError where the last change was too large, or the torques are not explained."""
+        if not (change < NOT_CLOSE or is_small):
+            raise SolverError(
+                f"load: no solution in {STEPS} steps, the last changed the load by "
+                f"{change:.1e}; does the record belong to the model {self.robot.name}?"
+            )
+        unexplained = float(np.linalg.norm(r) / np.linalg.norm(tau))
+        if not unexplained < UNEXPLAINED:
+            raise SolverError(
+                f"load: no load explains the record, {100 * unexplained:.0f} % of the torques "
+                f"are left; does it belong to the model {self.robot.name}, in rad and N m of "
+                "the motors?"
+            )
+
+    def _result(
+        self, x: np.ndarray, r: np.ndarray, mass_sd: float, covariances: list[np.ndarray]
+    ) -> Load:
+        """The load of these numbers, without those of the springs, and residuals (n, n_g)."""
+        own = self.of_file[-4]
+        center = self.of_file[-3:]
+        mass = x[0] - own
+        com = (
+            (x[1:4] - own * center) / mass if abs(mass) > 1e-9 * self.unit else np.full(3, np.nan)
+        )
+        slopes = np.column_stack([-com, np.eye(3)]) / (mass or np.nan)  # of com in x
+        com_sd = np.sqrt(
+            np.max([np.diag(slopes @ each[:4, :4] @ slopes.T) for each in covariances], axis=0)
+        )
+        left = np.sqrt((r**2).sum(axis=0) / self.moving) * self.scale
+        friction = 1.0 + x[LOAD:].reshape(2, -1).cumsum(axis=0)[::-1]
+        total = values_of(x, self.farthest)
+        of_total = np.column_stack([-total[1:], np.eye(3)]) / total[0]
+        total_com_sd = np.sqrt(
+            np.max([np.diag(of_total @ each[:4, :4] @ of_total.T) for each in covariances], axis=0)
+        )
+        of_file = np.array(self.robot.payload.inertia)
+        # that of a payload on a beam stays: see the names of the inertia
+        is_added = len(self.of_file) == len(AXES) + 4
+        of_load = _tensor(self._inertia(total)) if is_added else np.zeros((3, 3))
+        numbers = (
+            float(mass),
+            float(mass_sd),
+            com,
+            com_sd,
+            float(x[0]),
+            total[1:],
+            left,
+            float(x[4]),
+        )
+        return Load(
+            *numbers,
+            friction,
+            UNKNOWN * (min(1.0, self.length) or 1.0),
+            file_mass=float(own),
+            file_com=center,
+            file_inertia=of_file,
+            total_com_sd=total_com_sd,
+            total_inertia=of_file + of_load,
+        )
+
+    def _variance(self, r: np.ndarray) -> float:
+        """Of an error that is independent of the others: more than that of the samples (n, n_g),
+        which are alike.
+        """
+        tau = self.see(self.tau_g)
+        return float((r**2).sum() + LEAST_ERROR**2 * (tau**2).sum()) / max(
+            self.effective * r.shape[1] - LOAD, 1.0
+        )
+
+    def _left_out(self, r: np.ndarray, J: np.ndarray, weight: np.ndarray) -> np.ndarray:
+        """Covariance of what leaving out a block of the record changes (jackknife); zero for few
+        blocks.
+        """
+        n, m = r.shape
+        blocks = np.arange(0, n, max(round(self.block / self.h), 1))
+        if len(blocks) < FEWEST_BLOCKS:
+            return np.zeros((J.shape[1], J.shape[1]))
+        Js = J.reshape(n, m, -1)
+        own = np.add.reduceat(np.einsum("nmp,nmq->npq", Js, Js), blocks)
+        scores = np.add.reduceat(np.einsum("nmp,nm->np", Js, r), blocks)
+        changes = np.linalg.solve(own.sum(axis=0) + weight - own, scores[..., None])[..., 0]
+        return np.asarray(changes.T @ changes * (1.0 - 1.0 / len(blocks)))
+
+
+def _tensor(six: np.ndarray) -> np.ndarray:
+    """The tensor (3, 3) of an inertia in the order of `AXES`."""
+    xx, yy, zz, xy, yz, xz = six
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
+def values_of(x: np.ndarray, farthest: float) -> np.ndarray:
+    """Mass and center of mass from mass and first moments; that of a mass that is nearly zero is
+    kept near.
+    """
+    return np.concatenate([x[:1], np.clip(x[1:4] / x[0], -farthest, farthest)])
+
+
+def _is_determined(J: np.ndarray, prior: np.ndarray) -> bool:
+    """Whether the first number has a column of its own; ``prior`` (3, 4): rows of the first
+    four.
+    """
+    rows = np.vstack([J, np.pad(prior, ((0, 0), (0, J.shape[1] - 4)))])
+    own = rows[:, 0]
+    others = rows[:, 1:] / np.maximum(np.linalg.norm(rows[:, 1:], axis=0), 1e-300)
+    left = own - others @ np.linalg.lstsq(others, own, rcond=None)[0]
+    return bool(np.linalg.norm(left) > 1e-6 * np.linalg.norm(own))
+
+
+def _default_low_pass(robot: RobotModel, q_m: np.ndarray, h: float, rigid: bool) -> float:
+    """Low pass of the torques [Hz] for motor angles (n, n_m) every h [s]."""
+    most = min(max(LOW_PASS_HZ, OF_BAND * bandwidth([np.diff(q_m, axis=0)], h)), HALF / h)
+    q_m = q_m[:1]
+    q_a, still, quiet = (np.zeros((1, n)) for n in (robot.n_a, robot.n_a, robot.n_m))
+    q_a[:, list(robot.i_g)] = q_m @ np.linalg.inv(robot.eta).T
+    lowest = (
+        0.0 if rigid else lowest_locked_hz(robot, (q_a, still, still, q_m, quiet, quiet, quiet))
+    )
+    return min(most, OF_LOWEST * lowest) if lowest else most

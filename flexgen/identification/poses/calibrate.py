@@ -1,0 +1,439 @@
+"""Calibration of an elastic robot from static poses: kinematics, compliances, mechanisms, masses,
+in one least squares.
+
+    q = command + zero + compliance * load of gravity,
+    y = pose of the world in the measurement * kinematics(q)
+
+Sources: S. Moberg, Linkoeping 2010 (extended flexible joint model); J. Tenhumberg and B. Baeuml,
+Calibration of an elastic humanoid upper body and efficient compensation for motion planning, IEEE
+Humanoids 2021 (lateral compliances).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from flexgen.base.calls.deadline import is_over, keep_best, limit_fit, reason_of_end
+from flexgen.base.calls.progress import Choice, reported
+from flexgen.base.checks.type_checks import checked_types
+from flexgen.base.errors import ArgumentError
+from flexgen.identification.poses.accuracy import Accuracy, accuracy_of
+from flexgen.identification.poses.components import (
+    Tilt,
+    find_tilt,
+    seen_others,
+    tilt_slopes,
+    whitening_of,
+)
+from flexgen.identification.poses.fit import Minimum, Problem, fit
+from flexgen.identification.poses.mistakes import (
+    DOUBTFUL,
+    find_start,
+    place_points,
+    place_surfaces,
+    start_at_points,
+)
+from flexgen.identification.poses.parameters import (
+    GROUPS,
+    Priors,
+    Unknown,
+    length_of_scale,
+    points_of,
+    trackers_of,
+    unknowns_of,
+)
+from flexgen.identification.poses.poses import StaticPoses
+from flexgen.identification.poses.result import Calibration
+from flexgen.identification.poses.statics import Numbers, Statics
+from flexgen.identification.poses.tree import Tree
+from flexgen.model.elements import RobotModel
+from flexgen.model.friction import refuse_harmonics
+from flexgen.model.reader import read
+
+FEWEST = 5  # poses
+PULL = -2.0  # standard deviations below its bound at which a compliance is a sign of a wrong model
+MANY = 1.5  # held-out error over that of the fit above which the poses are too few
+GROSS = 6.0  # scales from which an error is gross
+
+
+@checked_types
+@reported("calibrate")
+def calibrate(
+    model: RobotModel | str | Path,
+    poses: StaticPoses | str | Path,
+    *,
+    free: Sequence[str] = GROUPS,
+    place: Sequence[str] = (),
+    priors: Priors | None = None,
+    folds: int = 5,
+    robust: bool = True,
+    columns: Sequence[str] | None = None,
+    time_limit: float | None = None,
+    progress: Choice = None,
+) -> Calibration:
+    """Calibrate a model with static poses: where trackers were measured at commanded joints.
+
+    Minimizes ``sum rho(|y - y_measured|) + sum ((x - x_0)/sd)^2`` over the frame of the
+    measurement, the positions of the trackers and the free numbers; compliances stay above 0. Only
+    products of compliance and mass can be seen at rest: the priors fix what remains.
+
+    Parameters
+    ----------
+    model : RobotModel, str or Path
+        With linear springs, and a ``[[sensor]]`` of type ``tracker`` for each measured point.
+    poses : StaticPoses, str or Path
+        Or the CSV file with one line for each pose; see `StaticPoses.read`. Trackers that touch
+        fixed points, without measured positions, determine neither the place of the base nor the
+        zero of a joint about which all points turn, and no length scale: with ``placements`` one
+        length is held.
+    free : sequence of str
+        Groups of numbers: ``zeros`` of the joints, ``placements`` of the elements,
+        ``compliances``, ``mechanisms`` (factors of ``mimic``), ``masses`` (with centers of mass).
+        Default: all.
+    place : sequence of str
+        Elements whose place at their parent is not known at all; found in closed form first.
+    priors : Priors, optional
+        Standard deviations about the numbers of the model.
+    folds : int
+        Parts of the poses that are left out in turn to measure the error on poses that were not
+        fitted; 0: none.
+    robust : bool
+        Huber's loss, which limits the weight of gross errors; False: plain least squares.
+    columns : sequence of str, optional
+        Names of the columns of a file without a header, such as ``q1 deg,q2 deg,-,p_x,p_y,p_z``;
+        without unit in SI units.
+    time_limit : float, optional [s]
+        Then, or after Ctrl-C, the result is the best step so far; its ``ended`` says so. None or
+        0: unlimited.
+    progress : callable or bool, optional
+
+    Returns
+    -------
+    Calibration
+
+    Raises
+    ------
+    ArgumentError
+        The poses do not belong to the model, for instance with wrong units or signs; or a name is
+        unknown.
+    ModelError
+        The model has a beam, or a spring that is not linear.
+    SolverError
+        A pose has no static equilibrium.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> tracker = {"name": "p", "type": "tracker", "unit": "m", "element": "tool"}
+    >>> robot = flexgen.read("elbow", overrides={"sensor": [tracker]})
+    >>> # file: 7.5e6 N m/rad
+    >>> softer = {"sensor": [tracker], "element.upper.dof.q1.gear.spring.stiffness": 4e6}
+    >>> q = np.random.default_rng(0).uniform(-1.5, 1.5, (40, 2))
+    >>> seen = flexgen.tracker_positions(flexgen.read("elbow", overrides=softer), q)
+    >>> found = flexgen.calibrate(robot, flexgen.StaticPoses(q, seen), free=["compliances"])
+    >>> f"{1 / found.values['q1.compliance']:.2g} N m/rad"
+    '4e+06 N m/rad'
+    """
+    tell = progress if callable(progress) else None
+    robot = model if isinstance(model, RobotModel) else read(model)
+    refuse_harmonics(robot, "calibrate")
+    tree = Tree(robot)
+    trackers = trackers_of(robot)
+    if columns is not None and isinstance(poses, StaticPoses):
+        raise ArgumentError("columns: given with poses in memory, expected a .csv file")
+    data = poses if isinstance(poses, StaticPoses) else StaticPoses.read(poses, robot, columns)
+    _check(robot, data, len(trackers), folds)
+    _check_points(robot, data, place)
+    touches = data.surfaces
+    unknowns, held = _unknowns(tree, free, place, priors or Priors(), data)
+    with limit_fit("calibrate", time_limit, tell):
+        statics = Statics(tree, data.commands, data.groups)
+        if data.is_measured:
+            found = find_start(statics, data, place, tell)
+        else:
+            found = start_at_points(statics, data)
+        centers = place_points(statics, found, data.groups, len(data.point_names))
+        found = replace(found, points=centers)
+        frames, _ = _unknowns(tree, (), place, priors or Priors(), data)
+        if touches is not None:
+            touches, surfaces = place_surfaces(statics, found, touches)
+            found = replace(found, surfaces=surfaces)
+            frames += touches.unknowns()
+            unknowns += touches.unknowns()
+            statics = Statics(tree, data.commands, data.groups, touches)
+        study = _Study(statics, data.targets, unknowns, robust, data.weights)
+        known = dict(zip((u.name for u in frames), _start(frames, found), strict=True))
+        before = fit(study.problem(frames), np.array(list(known.values())))
+        result, accuracy, tilt = study.fit(
+            np.array([known.get(u.name, u.start) for u in unknowns]), tell
+        )
+        reason = reason_of_end()
+        checked = folds > 0 and not reason
+        held_out = None
+        seen = None
+        if checked:
+            with keep_best():
+                held_out, seen = study.cross_validate(result, tilt, folds, tell)
+    stiff = study.statics.rest(Numbers.of(tree, unknowns, result.x), rigid=True)
+    return Calibration(
+        robot,
+        data,
+        tuple(unknowns),
+        result.x,
+        accuracy.covariance,
+        before.errors,
+        result.errors,
+        held_out,
+        seen,
+        np.linalg.norm(result.rest.points - stiff.points, axis=2),
+        tilt,
+        result.converged and not reason,
+        _warn_scale(held)
+        + _warn_unexplained(result, data.positions)
+        + _warnings(unknowns, result, accuracy.pull, held_out),
+        reason,
+    )
+
+
+class _Study:
+    """Fits to all poses and to parts of them."""
+
+    def __init__(
+        self,
+        statics: Statics,
+        measured: np.ndarray,
+        unknowns: Sequence[Unknown],
+        robust: bool,
+        weights: np.ndarray | None = None,
+    ) -> None:
+        self.weights = weights
+        self.statics = statics
+        self.measured = measured
+        self.unknowns = unknowns
+        self.robust = robust
+        self.valid = np.isfinite(measured).all(axis=2)
+
+    def problem(self, unknowns: Sequence[Unknown], whitening: np.ndarray | None = None) -> Problem:
+        """That of all poses."""
+        given = (self.statics, self.measured, unknowns, self.robust)
+        return Problem(*given, whitening, self.weights)
+
+    def fit(
+        self, start: np.ndarray, tell: Callable[[str], None] | None
+    ) -> tuple[Minimum, Accuracy, Tilt | None]:
+        """Each point by itself first; then, where trackers share a tilt, with the covariance of
+        each pose.
+        """
+        problem = self.problem(self.unknowns)
+        found = fit(problem, start, progress=tell)
+        tilt = self._tilt(found)
+        if tilt is None or is_over():
+            return found, accuracy_of(problem, found), None
+        whitening = self._whitening(self.statics, found, tilt, self.valid)
+        problem = self.problem(self.unknowns, whitening)
+        found = fit(problem, found.x, found.rest.near, progress=tell)
+        return found, accuracy_of(problem, found), self._tilt(found)
+
+    def _tilt(self, found: Minimum) -> Tilt | None:
+        if self.statics.groups is not None and (self.statics.groups >= 0).any():
+            return None  # it would move the poses at a fixed point against each other
+        if self.statics.touches is not None or self.weights is not None:
+            return None  # a tilt is told from noise of three numbers with one deviation
+        gross = (np.nan_to_num(found.sizes) > GROSS).any(axis=1)
+        numbers = Numbers.of(self.statics.tree, self.unknowns, found.x)
+        return find_tilt(self.statics, numbers, found.rest, self.measured, ~gross)
+
+    def _whitening(
+        self, statics: Statics, found: Minimum, tilt: Tilt, valid: np.ndarray
+    ) -> np.ndarray:
+        numbers = Numbers.of(statics.tree, self.unknowns, found.x)
+        return whitening_of(
+            tilt, tilt_slopes(statics, numbers, found.rest, [tilt.element])[0], valid
+        )
+
+    def cross_validate(
+        self, whole: Minimum, tilt: Tilt | None, folds: int, tell: Callable[[str], None] | None
+    ) -> tuple[np.ndarray | None, np.ndarray | None]:
+        """Errors on poses left out, alone and with the other trackers of the pose; None: ended."""
+        order = np.random.default_rng(0).permutation(len(self.measured))
+        errors = np.full(self.measured.shape[:2], np.nan)
+        seen = None if tilt is None else errors.copy()
+        whitening = (
+            None if tilt is None else self._whitening(self.statics, whole, tilt, self.valid)
+        )
+        for k in range(folds):
+            if tell:
+                tell(f"cross-validation {k + 1} of {folds}")
+            left_out = np.sort(order[k::folds])
+            kept = np.setdiff1d(np.arange(len(order)), left_out)
+            inner = None if whitening is None else whitening[kept]
+            weights = None if self.weights is None else self.weights[kept]
+            part = (self.statics.among(kept), self.measured[kept], self.unknowns, self.robust)
+            problem = Problem(*part, inner, weights)
+            if is_over():
+                return None, None
+            one = fit(problem, whole.x, whole.rest.near.among(kept), whole.damping)
+            numbers = problem.numbers(one.x)
+            others = self.statics.among(left_out)
+            rest = others.rest(numbers, whole.rest.near.among(left_out))
+            errors[left_out] = np.linalg.norm(rest.measured - self.measured[left_out], axis=2)
+            if self.statics.groups is not None:
+                # the place of a point that no other pose touches is not known
+                groups = self.statics.groups
+                known = (groups < 0) | np.isin(groups, groups[kept])
+                errors[left_out] = np.where(known[left_out], errors[left_out], np.nan)
+            if self.statics.touches is not None:
+                known = self.statics.touches.find_known(kept)
+                errors[left_out] = np.where(known[left_out], errors[left_out], np.nan)
+            if seen is not None and tilt is not None:
+                seen[left_out] = seen_others(others, numbers, rest, self.measured[left_out], tilt)
+        return errors, seen
+
+
+def _check(robot: RobotModel, data: StaticPoses, count: int, folds: int) -> None:
+    expected = (robot.n_g, count)
+    given = (data.commands.shape[1], data.positions.shape[1])
+    if given != expected:
+        raise ArgumentError(
+            f"poses: given {given[0]} joints and {given[1]} trackers, expected {expected[0]} "
+            f"and {expected[1]}, those of model {robot.name}"
+        )
+    if len(data) < FEWEST:
+        raise ArgumentError(f"poses: given {len(data)}, expected at least {FEWEST}")
+    different = len(np.unique(data.commands, axis=0))
+    if different < FEWEST:
+        raise ArgumentError(
+            f"poses: given {len(data)} with {different} different commands, expected at least "
+            f"{FEWEST} that differ"
+        )
+    if folds != 0 and not 2 <= folds <= len(data):
+        raise ArgumentError(
+            f"folds: given {folds}, expected 0, or 2 to {len(data)}, the number of poses"
+        )
+    if not np.isfinite(data.targets).all(axis=2).any(axis=0).all():
+        raise ArgumentError(
+            "poses: given a tracker that was seen in no pose, expected at least one position of "
+            "each"
+        )
+
+
+def _check_points(robot: RobotModel, data: StaticPoses, place: Sequence[str]) -> None:
+    """Refuse what fixed points with measured positions, or without any, cannot start from."""
+    seen = np.isfinite(data.positions).all(axis=2)
+    if not data.point_names and not np.any(data.touches != ""):
+        return
+    if not data.is_measured:
+        if place:
+            raise ArgumentError(
+                f"place: given {', '.join(place)} and touches only, expected measured "
+                "positions for elements without a known place"
+            )
+        return
+    trackers = [sensor.name for sensor in trackers_of(robot)]
+    for name, count in zip(trackers, seen.sum(axis=0).tolist(), strict=True):
+        if count < FEWEST:
+            raise ArgumentError(
+                f"poses: given {count} measured positions of {name} beside touches, expected "
+                f"none of any tracker, or at least {FEWEST} of each"
+            )
+
+
+def _unknowns(
+    tree: Tree, free: Sequence[str], place: Sequence[str], priors: Priors, data: StaticPoses
+) -> tuple[list[Unknown], str]:
+    """The free numbers of the model and the fixed points; and the one that is held for the scale.
+
+    Touches alone have no frame of the measurement, and where none states a length all lengths can
+    grow alike.
+    """
+    found = unknowns_of(tree, free, place, priors)
+    held = ""
+    if not data.is_measured:
+        touches = data.surfaces
+        lengths = touches is not None and touches.has_scale
+        held = length_of_scale(tree) if "placements" in free and not lengths else ""
+        found = [u for u in found if u.kind != "frame" and u.name != held]
+    return [*found, *points_of(data.point_names)], held
+
+
+def _warn_scale(held: str) -> tuple[str, ...]:
+    if not held:
+        return ()
+    return (
+        f"touches without a length have no length scale: {held} is held at the model file, the "
+        "other lengths and their deviations are relative to it; a few measured positions "
+        "determine it",
+    )
+
+
+def _start(unknowns: Sequence[Unknown], found: Numbers) -> np.ndarray:
+    """Values of the frame of the measurement, the trackers and the places, from the search in
+    closed form.
+    """
+    arrays = {
+        "frame": found.frame,
+        "tracker": found.trackers,
+        "node": found.shifts,
+        "point": found.points,
+        "surface": found.surfaces,
+    }
+    return np.array([arrays[u.kind][u.at if len(u.at) > 1 else u.at[0]] for u in unknowns])
+
+
+def _warn_unexplained(found: Minimum, measured: np.ndarray) -> tuple[str, ...]:
+    """The part of the motion that the calibrated model does not explain, where that is more than a
+    tenth.
+    """
+    seen = np.isfinite(measured).all(axis=2)
+    if not seen.any():
+        return ()
+    distance = np.linalg.norm(measured - np.nanmean(measured, axis=0), axis=2)
+    part = float(np.median(found.errors[seen]) / max(np.nanmedian(distance), 1e-9))
+    if part <= DOUBTFUL:
+        return ()
+    return (
+        f"the calibrated model leaves {100 * part:.0f} % of the motion of the trackers "
+        "unexplained: check units, signs and the order of the columns, and the joints and "
+        "mechanisms of the model",
+    )
+
+
+def _warnings(
+    unknowns: Sequence[Unknown], found: Minimum, pulls: np.ndarray, held_out: np.ndarray | None
+) -> tuple[str, ...]:
+    """What a user has to know before he trusts the numbers."""
+    out = []
+    wrong = [
+        u.name.removesuffix(".compliance")
+        for u, pull in zip(unknowns, pulls, strict=True)
+        if pull < PULL
+    ]
+    if wrong:
+        out.append(
+            f"the measurements ask for a negative compliance of {', '.join(wrong)}: a "
+            "mechanism, a spring below it or a mass of the model is wrong or missing"
+        )
+    ratio = (
+        1.0
+        if held_out is None
+        else float(np.nanmean(held_out) / max(np.nanmean(found.errors), 1e-9))
+    )
+    if ratio > MANY:
+        out.append(
+            f"the mean error on poses that were not fitted is {ratio:.2g} times that of the "
+            "fit: measure more poses or free fewer groups"
+        )
+    gross = np.flatnonzero((np.nan_to_num(found.sizes) > GROSS).any(axis=1))
+    if len(gross):
+        shown = ", ".join(str(k + 1) for k in gross[:10]) + (", ..." if len(gross) > 10 else "")
+        out.append(
+            f"{len(gross)} poses have an error above {1e3 * GROSS * found.scale:.3g} mm: rows "
+            f"{shown} of the poses"
+        )
+    if not found.converged:
+        out.append("the search did not end at a minimum")
+    return tuple(out)

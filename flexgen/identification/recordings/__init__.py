@@ -1,1 +1,0 @@
-"""Recordings of real robots: files of experiments, bodies of rigid arms, deflections of gears."""

@@ -1,0 +1,1 @@
+"""Elastic parameters from frequency responses."""

@@ -1,0 +1,492 @@
+"""`identify`: fit the physical parameters of a model to frequency responses at several poses.
+
+One vector of parameters for all poses; first element by element, then, where the noise explains
+the residuals, with weights from the structure of the noise. Several starts show whether the
+minimum is the global one.
+
+Source: E. Wernholt and S. Moberg, Automatica 47(6), 2011 (nonlinear gray-box identification using
+local models).
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from flexgen.base.calls.deadline import is_over, keep_best, limit_fit, reason_of_end
+from flexgen.base.calls.progress import Choice, reported
+from flexgen.base.checks.counts import STARTS, count_of, show_value
+from flexgen.base.checks.type_checks import checked_types
+from flexgen.base.errors import ArgumentError, FlexgenError, SolverError
+from flexgen.base.numerics.records import TRANSIENT
+from flexgen.base.numerics.trust_region import Fit, minimize
+from flexgen.base.spec.arguments import is_number
+from flexgen.dynamics.mechanics.parameters import with_values
+from flexgen.feedback.loop.gains import lowest_locked_hz
+from flexgen.identification.causes.explain import Cause, explain, hidden_causes
+from flexgen.identification.causes.levels import compare_levels
+from flexgen.identification.estimator.fit_grade import Grade, grade
+from flexgen.identification.estimator.fit_status import status_of_end
+from flexgen.identification.experiments.plan import default_free
+from flexgen.identification.motions.motion_correction import (
+    correct_responses,
+    find_shift,
+    obstacle,
+)
+from flexgen.identification.responses.frequency_response import Frf
+from flexgen.identification.responses.parameters import SENSOR_DELAY, ParameterVector, is_of_sensor
+from flexgen.identification.responses.residuals import (
+    RESIDUALS,
+    ResidualName,
+    Residuals,
+    over_lines,
+)
+from flexgen.identification.responses.result import (
+    WEAK,
+    FitStatus,
+    IdentificationResult,
+    with_coulomb,
+)
+from flexgen.model.elements import RobotModel
+from flexgen.model.reader import read
+
+COST_LEAST = 0.5  # of a good fit
+COST_MOST = 2.0  # for one degree of freedom
+POLISHES = 2  # fits with weights from the structure of the noise
+AVERAGINGS = 3  # fits with springs averaged over the deflections that follow from the last fit
+REWEIGHTINGS = 4  # fits with a model error
+NEIGHBORS = 15  # and lines over which it is averaged
+SMALL_ERROR = 1e-3  # a model error that is too small to mention
+SAME = 1e-3  # relative difference of costs at the same minimum
+SPREAD = 1.5  # further starts are off by up to this factor
+
+
+@checked_types
+@reported("identify")
+def identify(
+    model: RobotModel | str | Path,
+    data: Frf,
+    *,
+    free: Sequence[str] | None = None,
+    fixed: Sequence[str] = (),
+    start: Mapping[str, float] | None = None,
+    bounds: Mapping[str, tuple[float, float]] | None = None,
+    priors: Mapping[str, float] | None = None,
+    ties: Mapping[str, str] | None = None,
+    residual: ResidualName = "nls",
+    structured: bool = True,
+    floor: float | None = None,
+    starts: int = 3,
+    spread: float = SPREAD,
+    seed: int = 0,
+    source: str = "",
+    levels: Sequence[Frf] = (),
+    time_limit: float | None = None,
+    progress: Choice = None,
+) -> IdentificationResult:
+    """Fit parameters of a model to frequency responses.
+
+    Parameters
+    ----------
+    model : RobotModel, str or Path
+    data : Frf
+    free : sequence of str, optional
+        Names of the parameters; see `flexgen.dynamics.mechanics.parameters`, and ``delay``,
+        ``torque_constant``, ``sensor_delay`` (of one sensor: ``acc.delay``). Default:
+        stiffness, damping, and the viscous frictions that the model has.
+    fixed, start, bounds, priors, ties
+        See `flexgen.identification.responses.parameters.ParameterVector`.
+    residual : str
+        ``"nls"``: differences; ``"lls"``: differences of complex logarithms, less sensitive to bad
+        start values.
+    structured : bool
+        End with weights from the structure of the noise, where the noise explains the residuals.
+    floor : float, optional
+        Model error as a part of ``|G|``, added to the standard deviations of the data; default: as
+        much as the residuals need.
+    starts : int
+        Number of searches: one from the start values, the others from random ones.
+    spread : float
+        The random start values are off by up to this factor.
+    seed : int
+    source : str
+        Of the data, for the new model file.
+    levels : sequence of Frf
+        Responses of the same experiment with other amplitudes, such as a third: the result's
+        ``amplitude`` tells whether the robot is nonlinear, and whether hysteresis, backlash, a
+        stiffness that rises with the deflection or Coulomb friction, which the model lacks,
+        explains it.
+    time_limit : float, optional [s]
+        Then, or after Ctrl-C, the result is the best step so far, with the status ``time limit``
+        or ``interrupted``. None or 0: unlimited.
+    progress : callable or bool, optional
+
+    Returns
+    -------
+    IdentificationResult
+
+    Raises
+    ------
+    ArgumentError
+        A name is unknown, the data belong to another robot, or the levels are of other poses or
+        alike.
+    SolverError
+        The model has no equilibrium at the poses of the data.
+
+    Examples
+    --------
+    >>> plan = flexgen.excite("elbow", poses=[[0.5, -0.3]], period_s=1.0, lines=10)
+    >>> # file: 7.5e6
+    >>> robot = flexgen.read(
+    ...     "elbow", overrides={"element.upper.dof.q1.gear.spring.stiffness": 6e6}
+    ... )
+    >>> found = flexgen.identify("elbow", flexgen.frf(flexgen.measure(plan, robot)), starts=1)
+    >>> f"{found.values['q1.stiffness']:.2e} N m/rad"
+    '6.00e+06 N m/rad'
+    """
+    tell = progress if callable(progress) else None
+    robot = model if isinstance(model, RobotModel) else read(model)
+    _check(robot, data, residual, floor, starts, spread)
+    names = default_free(robot) if free is None else free
+    vector = ParameterVector(
+        robot, names, fixed=fixed, start=start, bounds=bounds, priors=priors, ties=ties
+    )
+    with limit_fit("identify", time_limit, tell):
+        found = _fit(vector, data, residual, structured, floor, (starts, spread, seed), tell)
+        tested = None
+        if levels and not is_over():
+            with keep_best():
+                tested = compare_levels(
+                    Residuals(vector, data, deflection_sd=found.deflection_sd), found.x, levels
+                )
+    return replace(found, source=source, amplitude=tested)
+
+
+def _confirm(status: FitStatus, causes: tuple[Cause, ...]) -> FitStatus:
+    """The status after the search for causes: of a fit that agrees, a hidden one is a model
+    error.
+    """
+    if status is not FitStatus.FITTED:
+        return status
+    if causes:
+        return FitStatus.MODEL_ERROR
+    # A search that was ended early may have missed the cause that matters.
+    return status_of_end(status, reason_of_end())
+
+
+def _fit(
+    vector: ParameterVector,
+    data: Frf,
+    residual: str,
+    structured: bool,
+    floor: float | None,
+    starts: tuple[int, float, int],
+    tell: Callable[[str], None] | None,
+) -> IdentificationResult:
+    """The fit: element by element from several starts, then with a model error or with the
+    structure of the noise.
+    """
+    began = time.perf_counter()
+    recorded = {
+        sensor.name for sensor in vector.model.sensors if set(sensor.channels) & set(data.sensors)
+    }
+    for name in vector.names:
+        if is_of_sensor(name) and name.removesuffix(SENSOR_DELAY) not in recorded:
+            raise ArgumentError(
+                f"free: given {name!r}, expected a sensor of the data: "
+                f"{', '.join(recorded) or 'none'}"
+            )
+    residuals = Residuals(vector, data, residual, floor or 0.0)
+    residuals.average_springs(vector.start)
+    degrees = max(residuals.count - len(vector) / 2, 1.0)  # complex residuals, real parameters
+    fits = _searches(vector, residuals, *starts, tell)
+    best = min(fits, key=lambda fit: fit.objective)
+    agreed = sum(fit.objective <= best.objective * (1 + SAME) + 1e-9 * degrees for fit in fits)
+    if residuals.local.springs:
+        for _ in range(AVERAGINGS):
+            residuals.average_springs(best.x)
+            if is_over():
+                break
+            best = _search(vector, residuals, best.x)
+    measured = data
+    unsure = 0.0
+    if not obstacle(data) and not is_over():
+        if tell is not None:
+            tell("correction for large motions")
+        data, unsure = correct_responses(residuals, best.x)
+        residuals = residuals.on(data, floor or 0.0)
+        best = _search(vector, residuals, best.x)
+    error = floor or 0.0
+    if floor is None and best.cost > COST_MOST * degrees and not is_over():
+        left = residuals.find_unexplained(best.x)
+        error, residuals, best = _with_model_error(vector, data, residuals, best, degrees, tell)
+        error = left if error <= SMALL_ERROR < left else error
+    explained = (
+        data.total is None and error == 0.0 and COST_LEAST <= best.cost / degrees <= COST_MOST
+    )
+    if structured and explained and residual == "nls" and not is_over():
+        residuals, best, left = _with_structure(vector, data, residuals, best, degrees)
+        error = (
+            left if floor is None and data.noise_UU is not None and left > SMALL_ERROR else error
+        )
+    cost = best.cost / degrees
+    status = status_of_end(_status(best, cost, error, data, floor is not None), reason_of_end())
+    causes: tuple[Cause, ...] = ()
+    explicable = floor is None and residual == "nls" and status is not FitStatus.NOISE_TOO_LARGE
+    if explicable and not is_over():
+        fitted = status is FitStatus.FITTED
+        with keep_best():
+            causes = (
+                hidden_causes(residuals, best.x) if fitted else explain(residuals.on(data), best.x)
+            )
+        causes = () if is_over() else causes  # of a part of the causes one may seem the best
+        status = _confirm(status, causes)
+    covariance = residuals.covariance(best.x, best.A)
+    if unsure:
+        away = unsure * find_shift(residuals, best.x, best.A, measured.G)
+        covariance = covariance + np.outer(away, away)
+    return IdentificationResult(
+        vector=vector,
+        x=best.x,
+        formal_covariance=covariance,
+        status=status,
+        cost=cost,
+        model_error=error,
+        starts=len(fits),
+        agreed=agreed,
+        iterations=best.iterations,
+        at_bound=tuple(
+            name for name, held in zip(vector.names, best.at_bound, strict=True) if held
+        ),
+        weak=(*weak_directions(vector, best.A), *_report_hidden(vector, data, best.A, covariance)),
+        data=measured,
+        variance=residuals.variance,
+        deflection_sd=residuals.deflection_sd,
+        weights=residuals.kind,
+        causes=causes,
+        grade=_grade(residuals, best.x, measured),
+        wall_s=time.perf_counter() - began,
+    )
+
+
+def _grade(residuals: Residuals, x: np.ndarray, data: Frf) -> Grade | None:
+    """The grade of the model at x; None where its responses cannot be inverted."""
+    vector = residuals.vector
+    named = vector.named(x)
+    model = with_values(vector.model, {name: named[name] for name in vector.of_model})
+    still = np.zeros((1, model.n_a))
+    quiet = np.zeros((1, model.n_m))
+    arm = np.zeros((1, model.n_a))
+    arm[:, list(model.i_g)] = data.poses[:1] @ np.linalg.inv(model.eta).T
+    motion = (arm, still, still, data.poses[:1], quiet, quiet, quiet)
+    try:
+        return grade(data, residuals.response(x).G, lowest_locked_hz(model, motion))
+    except (np.linalg.LinAlgError, FlexgenError):
+        return None
+
+
+def _check(
+    robot: RobotModel, data: Frf, residual: str, floor: float | None, starts: int, spread: float
+) -> None:
+    """ArgumentError where data or settings cannot be used."""
+    motors = tuple(motor.name for motor in robot.motors)
+    if motors != data.motors:
+        raise ArgumentError(
+            f"data: given the motors {', '.join(data.motors)}, expected {', '.join(motors)} in "
+            f"this order, those of {robot.name}"
+        )
+    if residual not in RESIDUALS:
+        raise ArgumentError(
+            f"residual: given {residual!r}, expected one of {', '.join(RESIDUALS)}"
+        )
+    count_of("starts", starts, STARTS)
+    if not (is_number(spread) and spread >= 1.0):
+        raise ArgumentError(f"spread: given {show_value(spread)}, expected a number >= 1")
+    if floor is not None and not 0 <= floor < 1:
+        raise ArgumentError(f"floor: given {floor!r}, expected a part of |G| between 0 and 1")
+
+
+def _with_structure(
+    vector: ParameterVector, data: Frf, residuals: Residuals, best: Fit, degrees: float
+) -> tuple[Residuals, Fit, float]:
+    """The fit with weights from the structure of the noise, or the given one where the data have
+    no such structure.
+
+    A transient or a wrong model breaks the structure: then the weights of single elements are the
+    better ones. The last number is the part of the responses that the structure does not explain.
+    """
+    polish = Residuals(vector, data, deflection_sd=residuals.deflection_sd)
+    fit = best
+    for _ in range(POLISHES):  # the levels of the noise depend on the responses
+        if is_over():
+            return residuals, best, residuals.find_unexplained(best.x)
+        polish.use_structure(fit.x)
+        fit = _search(vector, polish, fit.x)
+    misfit = polish.misfit(fit.x) * residuals.count / polish.count
+    left = polish.find_unexplained(fit.x)
+    return (
+        (residuals, best, left)
+        if misfit > COST_MOST * degrees
+        else (polish, replace(fit, cost=misfit), left)
+    )
+
+
+def _search(vector: ParameterVector, residuals: Residuals, start: np.ndarray) -> Fit:
+    return minimize(
+        residuals.sums, residuals.cost, start, vector.start, vector.prior_sd, vector.bounds
+    )
+
+
+def _searches(
+    vector: ParameterVector,
+    residuals: Residuals,
+    starts: int,
+    spread: float,
+    seed: int,
+    tell: Callable[[str], None] | None,
+) -> list[Fit]:
+    """The search from the start values, and others from random ones; those without an equilibrium
+    are left out.
+    """
+    rng = np.random.default_rng(seed)
+    fits: list[Fit] = []
+    reason: SolverError | None = None
+    for k in range(starts):
+        away = rng.uniform(-1, 1, len(vector)) * np.log(spread) if k else np.zeros(len(vector))
+        log = np.array([u.scale == "log" for u in vector.unknowns])
+        if tell is not None:
+            tell(f"start {k + 1} of {starts}")
+        if fits and is_over():
+            break
+        try:
+            fits.append(_search(vector, residuals, vector.start + np.where(log, away, 0.0)))
+        except SolverError as error:
+            reason = error
+    if not fits:
+        raise reason or SolverError("identify: no search was possible")
+    return fits
+
+
+def _with_model_error(
+    vector: ParameterVector,
+    data: Frf,
+    plain: Residuals,
+    best: Fit,
+    degrees: float,
+    tell: Callable[[str], None] | None,
+) -> tuple[float, Residuals, Fit]:
+    """The size of the model error, the residuals with it in their weights, and their fit.
+
+    First one part of ``|G|`` for all elements, for which the cost is 1 for each degree of freedom.
+    Then, for each element by itself, the part of its residuals above the noise, averaged over
+    neighboring lines: friction and missing springs do not disturb all channels in the same way.
+    """
+    noise = plain.variance
+    size = np.abs(data.G) ** 2
+    difference = np.abs(plain.response(best.x).G - data.G) ** 2
+    low = 0.0
+    high = 1.0
+    for _ in range(60):
+        middle = (low + high) / 2
+        low, high = (
+            (middle, high)
+            if (difference / (noise + middle**2 * size)).sum() > degrees
+            else (low, middle)
+        )
+    residuals = plain.on(data, high)
+    best = _search(vector, residuals, best.x)
+    error = high
+    for k in range(REWEIGHTINGS):
+        if is_over():
+            break
+        difference = np.abs(residuals.response(best.x).G - data.G) ** 2
+        extra = np.maximum(over_lines(difference - noise, NEIGHBORS), 0.0)
+        error = float(np.sqrt(np.median(extra / size)))
+        if tell is not None:
+            tell(
+                f"model error {100 * error:.2g} % of the responses, fit {k + 1} of {REWEIGHTINGS}"
+            )
+        residuals = residuals.on(data, extra=extra)
+        best = _search(vector, residuals, best.x)
+    return error, residuals, best
+
+
+def _status(fit: Fit, cost: float, error: float, data: Frf, stated: bool) -> FitStatus:
+    """The status of a fit; ``stated``: the user has stated the model error."""
+    if not fit.converged:
+        return FitStatus.NOT_CONVERGED
+    if fit.at_bound.any():
+        return FitStatus.AT_BOUND
+    if error > SMALL_ERROR or any(TRANSIENT in line for line in data.warnings):
+        return FitStatus.MODEL_ERROR
+    if cost > COST_MOST:
+        # A misfit that is known to be small, as that of responses without noise, is no model
+        # error.
+        return FitStatus.SMALL_ERROR if error > 0.0 and not stated else FitStatus.MODEL_ERROR
+    # Responses without noise fit better than any noise allows, and rightly.
+    if cost < COST_LEAST and data.relative_sd() > 1e-7:
+        return FitStatus.NOISE_TOO_LARGE
+    return FitStatus.FITTED
+
+
+def _report_hidden(
+    vector: ParameterVector, data: Frf, A: np.ndarray, covariance: np.ndarray
+) -> tuple[str, ...]:
+    """Sentences on a transient, on what noise of torques hides, and on viscous frictions with
+    Coulomb friction.
+    """
+    found = [line for line in data.warnings if TRANSIENT in line]
+    if data.speed_sd.any() and (reason := obstacle(data)):
+        found.append(f"the responses are not corrected for large motions: {reason}")
+    rows = zip(
+        vector.unknowns,
+        np.diag(np.linalg.pinv(2 * A, hermitian=True)),
+        np.diag(covariance),
+        strict=True,
+    )
+    if names := [
+        u.name for u, formal, variance in rows if u.scale == "log" and formal < WEAK**2 < variance
+    ]:
+        why = (
+            "noise of the torques causes too much of the motion that shows them; excite with a "
+            "higher speed"
+        )
+        found.append(f"not determined by the data: {', '.join(names)}: {why}")
+    if names := [name for name in with_coulomb(vector.model) if name in vector.names]:
+        found.append(
+            f"frequency responses do not tell {', '.join(names)} from Coulomb friction: the "
+            "values of the file are kept; refine with the experiment"
+        )
+    return tuple(found)
+
+
+def weak_directions(vector: ParameterVector, A: np.ndarray) -> tuple[str, ...]:
+    """Sentences on combinations of parameters that the data do not determine: ``2 A`` is their
+    information.
+    """
+    log = np.array([u.scale == "log" for u in vector.unknowns])
+    scale = np.where(log, 1.0, vector.prior_sd)  # a unit for those without logarithm
+    values, vectors = np.linalg.eigh(2 * A * np.outer(scale, scale))
+    out = []
+    for value, direction in zip(values, vectors.T, strict=True):
+        sd = 1.0 / np.sqrt(max(value, 1e-300))
+        if sd < WEAK:
+            break
+        order = np.argsort(-np.abs(direction))
+        main = [k for k in order if abs(direction[k]) > 0.3][:4]
+        size = f"{100 * sd:.0f} %" if sd < 10 else "more than a factor of 10"
+        if len(main) == 1:
+            out.append(f"{vector.names[main[0]]} is not determined by the data (sd {size})")
+            continue
+        sign = np.sign(direction[main[0]])
+        up = [vector.names[k] for k in main if np.sign(direction[k]) == sign]
+        down = [vector.names[k] for k in main if np.sign(direction[k]) != sign]
+        words = f"{', '.join(up)} can change together" + (
+            f", and {', '.join(down)} against them" if down else ""
+        )
+        out.append(f"{words} (sd {size})")
+    return tuple(out)

@@ -1,0 +1,1 @@
+"""Masses and friction of the rigid arm."""

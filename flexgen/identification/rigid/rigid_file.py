@@ -1,0 +1,304 @@
+"""Identification of a rigid arm from described files: motions, fit, errors, and the way back to a
+model file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from flexgen.base.calls.deadline import limit_fit
+from flexgen.base.calls.progress import Choice, reported
+from flexgen.base.display import plain
+from flexgen.base.errors import ArgumentError
+from flexgen.base.results import Result
+from flexgen.dynamics.mechanics.parameters import select
+from flexgen.identification.records.description import Description, read_description
+from flexgen.identification.records.gear_deflection import GearDeflection, gear_deflection
+from flexgen.identification.responses.result import FileWords, write_model
+from flexgen.identification.rigid.feasible_bodies import body_of, scales
+from flexgen.identification.rigid.rigid_accuracy import RigidStatus
+from flexgen.identification.rigid.rigid_body import RigidFit, identify_rigid
+from flexgen.identification.rigid.rigid_regressor import BODY, Motion
+from flexgen.model.elements import RobotModel
+
+STEP = 1e-6  # of differences
+# kg, m, kg m^2: smaller numbers are rounding errors, and a model file has none below 1e-18
+ROUNDING = 1e-15
+FRICTION = ("viscous", "coulomb", "beta", "offset")
+FALLING = ("stribeck", "alpha")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class RigidIdentification(Result):
+    """Result of `identify_bodies`: bodies, rotors and frictions of a rigid arm, and stiffnesses of
+    its gears.
+
+    ``fit``; ``errors``: those of each motor relative to the standard deviation of its torque, one
+    row for each recording, by ``fitted``, and ``validated`` or ``left out``; ``gears``: by the
+    joint, where a link has an encoder; ``source``: of the recordings; ``notes``: what was done to
+    their files, as sentences.
+    """
+
+    fit: RigidFit
+    errors: dict[str, list[list[float]]]
+    gears: dict[str, GearDeflection]
+    source: str
+    notes: tuple[str, ...] = ()
+
+    @cached_property
+    def numbers(self) -> dict[str, float]:
+        """See `rigid_numbers`."""
+        return rigid_numbers(self.fit)
+
+    @cached_property
+    def deviations(self) -> dict[str, float]:
+        """See `rigid_deviations`."""
+        return rigid_deviations(self.fit)
+
+    @property
+    def lags(self) -> list[tuple[str, str, float, float | None]]:
+        """Name, unit, value and deviation of each compliance that the file does not have, and of
+        the delay.
+        """
+        fit = self.fit
+        model = self.fit.file
+        units = ["rad/(N m)" if model.coordinates[i].unit == "rad" else "m/N" for i in model.i_g]
+        names = [f"{model.coordinates[i].name}.compliance" for i in model.i_g]
+        sd = [None] * len(fit.lags) if fit.lags_sd is None else fit.lags_sd.tolist()
+        return list(zip([*names, "delay"], [*units, "s"], fit.lags.tolist(), sd, strict=True))
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON types, SI units; stiffnesses on the arm side with their 90 % interval."""
+        fit = self.fit
+        names = ("stiffness", "interval", "skew_s")
+        gears = {
+            joint: {name: getattr(gear, name) for name in names}
+            for joint, gear in self.gears.items()
+        }
+        data = {
+            "model": fit.model.name,
+            "status": fit.status,
+            "parameters": [
+                {"name": k, "value": x, "sd": self.deviations.get(k)}
+                for k, x in self.numbers.items()
+            ],
+            "base_parameters": fit.base_parameters,
+            "mistake": None if fit.mistake is None else vars(fit.mistake),
+            "motors": [motor.name for motor in fit.model.motors],
+            "relative_errors": self.errors,
+            "notes": list(self.notes),
+            "limit_hz": fit.limit_hz if np.isfinite(fit.limit_hz) else None,
+            "lags": [
+                {"name": k, "unit": unit, "value": x, "sd": sd} for k, unit, x, sd in self.lags
+            ],
+            "bodies": {element.name: vars(element.body) for element in fit.model.elements},
+        }
+        return dict(plain(data | ({"gear_stiffness": gears} if gears else {})))
+
+    def write(self, path: str | Path) -> Path:
+        """Write the new model file, see `write_rigid`."""
+        return write_rigid(self.fit, path, self.source)
+
+
+@reported("identify_bodies")
+def identify_bodies(
+    model: RobotModel,
+    recordings: str | Path,
+    *,
+    validate: str | Path | None = None,
+    counterbalance: Mapping[str, int] | None = None,
+    time_limit: float | None = None,
+    progress: Choice = None,
+) -> RigidIdentification:
+    """Fit bodies and friction of a rigid arm to described recordings; see `identify_rigid`.
+
+    Parameters
+    ----------
+    model : RobotModel
+    recordings, validate : str or Path
+        Descriptions of the recordings that are fitted, and of others that the fit must predict;
+        without these, it is judged on parts of the recordings that are left out in turn.
+    counterbalance : mapping, optional
+    time_limit : float, optional [s]
+        Then, or after Ctrl-C, the result is the best step so far, with the status ``time limit``
+        or ``interrupted``.
+    progress : callable or bool, optional
+    """
+    data = read_description(recordings)
+    others = None if validate is None else motions_of(read_description(validate))
+    if callable(progress):
+        progress(f"fitting the bodies of {model.name} to {len(data.recordings)} recordings")
+    fitted = motions_of(data)
+    tell = progress if callable(progress) else None
+    more = {} if others is None else {"parts": 0}
+    with limit_fit("identify", time_limit, tell):
+        fit = identify_rigid(model, fitted, counterbalance=counterbalance, **more)
+    errors = {"fitted": [fit.relative_errors(motion).tolist() for motion in fitted]}
+    if others is not None:
+        errors["validated"] = [fit.relative_errors(motion).tolist() for motion in others]
+        ended = fit.status in (RigidStatus.TIME_LIMIT, RigidStatus.INTERRUPTED)
+        fit = fit if ended else fit.validated(fitted, others)
+    elif fit.left_out is not None:
+        errors["left out"] = [fit.left_out.tolist()]
+    gears = gear_deflections(fit, data)
+    return RigidIdentification(fit, errors, gears, str(recordings), data.notes)
+
+
+def gear_deflections(fit: RigidFit, data: Description) -> dict[str, GearDeflection]:
+    """The gears of the joints that have a link encoder in the recordings, by the joint."""
+    model = data.model
+    names = [model.coordinates[i].name for i in model.i_g]
+    sensors = {name: sensor for sensor in model.sensors for name in sensor.channels}
+    motions = motions_of(data)
+    torques, joints = (
+        np.vstack(x) for x in ([fit.gear_torques(m) for m in motions], [m.q for m in motions])
+    )
+    t = data.recordings[0][1].sample_s * np.arange(len(joints))
+    out = {}
+    for c, sensor in enumerate(sensors[channel] for channel in data.sensors):
+        if sensor.type == "link_encoder" and sensor.place in names:
+            j = names.index(sensor.place)
+            link = np.concatenate([run.signals[:, c] for _, run in data.recordings])
+            out[sensor.place] = gear_deflection(t, joints[:, j], link, torques[:, j])
+    return out
+
+
+def motions_of(data: Description) -> list[Motion]:
+    """The recordings as motions of the joints; springs of the gears are small."""
+    inverse = np.linalg.inv(data.model.eta).T
+    return [Motion(run.t, run.q_m @ inverse, run.tau_m) for _, run in data.recordings]
+
+
+def rigid_numbers(fit: RigidFit) -> dict[str, float]:
+    """Name -> value of all bodies, rotors and frictions; the payload is a part of the last
+    body.
+    """
+    model = fit.model
+    out = {}
+    names = [f"{element.name}.{name}" for element in model.elements for name in BODY]
+    names += [f"{motor.name}.{name}" for motor in model.motors for name in (*FRICTION, "inertia")]
+    for motor, before in zip(model.motors, fit.file.motors, strict=True):
+        if motor.friction.stribeck or before.friction.stribeck:
+            names += [f"{motor.name}.{name}" for name in FALLING]
+    names += list(_balance_places(fit))
+    for parameter in select(model, names):
+        out[parameter.name] = parameter.value if abs(parameter.value) > ROUNDING else 0.0
+    return out
+
+
+def _balance_places(fit: RigidFit) -> dict[str, tuple[int, int]]:
+    """Names of the fitted numbers of counterbalances -> their place in the frictions."""
+    model = fit.file
+    out = {}
+    joints = [model.coordinates[i].name for i in model.i_g]
+    for name, count in fit.counterbalance.items():
+        j = int(np.argmax(np.abs(model.eta[:, joints.index(name)])))
+        for k in range(count):
+            out[f"{name}.counterbalance_sin_{k + 2}"] = j, 4 + 2 * k
+            out[f"{name}.counterbalance_cos_{k + 2}"] = j, 5 + 2 * k
+    return out
+
+
+def rigid_deviations(fit: RigidFit) -> dict[str, float]:
+    """Name -> standard deviation of the numbers of the fit, in their units; empty where the status
+    has none.
+
+    The rotors' and bodies' numbers are combinations of those of the fit; their deviations follow
+    by differences.
+    """
+    if not fit.status.has_deviations:
+        return {}
+    model = fit.model
+    n = len(fit.pi)
+    body = fit.covariance[:n, :n]
+    out: dict[str, float] = {}
+    for k, element in enumerate(model.elements):
+        row = fit.pi[10 * k : 10 * k + 10]
+        rows = slice(10 * k, 10 * k + 10)
+        J = np.empty((10, 10))
+        at = _in_file(row)
+        for i, size in enumerate(scales(row)):
+            J[:, i] = (_in_file(row + STEP * size * (np.arange(10) == i)) - at) / (STEP * size)
+        sd = np.sqrt(np.maximum(np.diag(J @ body[rows, rows] @ J.T), 0.0))
+        out |= {f"{element.name}.{name}": float(x) for name, x in zip(BODY, sd, strict=True)}
+    sd = np.sqrt(np.diag(fit.covariance)[n : n + fit.friction.size]).reshape(fit.friction.shape)
+    for j, motor in enumerate(model.motors):
+        ratio = float(np.abs(model.eta[j]).max())
+        columns = [0, 1, 2, 3]
+        names = ["viscous", "coulomb", "offset", "inertia"]
+        if motor.friction.stribeck:
+            columns = [*columns, -2, -1]
+            names = [*names, *FALLING]
+        size = [ratio, 1.0, 1.0, ratio, 1.0, ratio][: len(names)]
+        out |= {
+            f"{motor.name}.{name}": float(x)
+            for name, x in zip(names, sd[j, columns] / size, strict=True)
+        }
+    names = [model.coordinates[i].name for i in model.i_g]
+    for name, (j, column) in _balance_places(fit).items():
+        ratio = float(abs(model.eta[j, names.index(name.partition(".")[0])]))
+        out[name] = float(sd[j, column]) * ratio
+    return out
+
+
+def _in_file(row: np.ndarray) -> np.ndarray:
+    """The numbers of a model file, in the order of `BODY`, of a body with these ten numbers."""
+    body = body_of(row)
+    I = body.inertia  # noqa: E741
+    return np.array([body.mass, *body.com, I[0][0], I[1][1], I[2][2], I[0][1], I[1][2], I[0][2]])
+
+
+def write_rigid(fit: RigidFit, path: str | Path, source: str) -> Path:
+    """Write the new model file: the old text with the numbers of bodies, rotors and frictions
+    replaced.
+
+    Raises
+    ------
+    ArgumentError
+        The model is not from a ``.toml`` file with ``[[element]]`` tables, or has a payload with
+        an inertia.
+    """
+    if fit.file.payload.mass:
+        raise ArgumentError(
+            "model file: given a payload, expected none: the fit cannot tell it from the last "
+            "body; remove [payload]"
+        )
+    head = (
+        "# Bodies: only combinations of these numbers are determined; each body by itself may "
+        "be another one.\n"
+        "# Standard deviations are in the units of the numbers.\n"
+    )
+    note = "" if fit.status.has_deviations else f"{fit.status}, no standard deviations"
+    sd = {name: f"{value:.2g}" for name, value in rigid_deviations(fit).items()}
+    words = FileWords(source, head, note)
+    return write_model(path, _with_places(fit), rigid_numbers(fit), sd, words)
+
+
+def _with_places(fit: RigidFit) -> RobotModel:
+    """The model before the fit, with zero counterbalances where the fit has some: so that their
+    numbers have names.
+    """
+    longer = {
+        dof.name: len(dof.counterbalance) for element in fit.model.elements for dof in element.dofs
+    }
+    elements = tuple(
+        replace(
+            e,
+            dofs=tuple(
+                replace(
+                    dof,
+                    counterbalance=dof.counterbalance
+                    + ((0.0, 0.0),) * (longer[dof.name] - len(dof.counterbalance)),
+                )
+                for dof in e.dofs
+            ),
+        )
+        for e in fit.file.elements
+    )
+    return replace(fit.file, elements=elements)

@@ -1,0 +1,215 @@
+"""What a recording of a rigid arm may have wrong: the torques of one motor, a gear ratio, the zero
+of an angle.
+
+Friction that falls with speed is found in the same way.
+
+Each changes the torques by a column z times a number x, to first order. With the residuals e of
+the fit, its terms X, the weights W and the information P of its priors,
+
+    z_p = z - X (X' W X + P)^-1 X' W z,      x = z_p' W e / z_p' W z_p,
+    share_j = 1 - |e_j - x z_pj|^2 / |e_j|^2
+
+and a mistake is named where it explains half of the residuals of a motor j, by far more than their
+blocks let doubt.
+
+Source: C. R. Rao, Proceedings of the Cambridge Philosophical Society 44, 1948 (score test).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from flexgen.base.numerics.low_pass import LowPass
+from flexgen.identification.rigid.rigid_columns import BLOCK, Columns
+from flexgen.identification.rigid.rigid_regressor import Regressor
+
+SHARE = 0.5  # of the residuals of a motor that a mistake explains
+FALLS = 0.05  # of the residuals of a motor that friction explains which falls with speed
+SURE = 5.0  # deviations from zero
+SPEEDS = (0.02, 0.06, 0.2, 0.6)  # over the largest speed, to which friction falls
+NOTHING = 1e-9  # of a column that is left where the fit has others for it
+
+
+@dataclass(frozen=True)
+class Mistake:
+    """A mistake that explains the residuals: ``what``, its ``value`` to first order, and the
+    largest ``share``.
+    """
+
+    what: str
+    value: float
+    share: float
+
+    @property
+    def sentence(self) -> str:
+        """The mistake in words."""
+        return (
+            f"{self.what} about {self.value:.2g} explains {100 * self.share:.0f} % of the "
+            "errors of a motor."
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Scores:
+    """Of columns (n_m n, candidates), by motors: what the fit leaves of them, their numbers, and
+    what they explain.
+    """
+
+    left: np.ndarray
+    size: np.ndarray
+    value: np.ndarray
+    gain: np.ndarray
+    shares: np.ndarray
+    error: np.ndarray
+    block: int
+
+    def is_sure(self, k: int) -> bool:
+        """Whether a number is far from zero, by the blocks of the errors."""
+        rows = self.left[:, k] * (self.error - self.value[k] * self.left[:, k])
+        rest = rows.reshape(len(self.shares), -1).sum(axis=0)
+        sums = np.array([rest[i : i + self.block].sum() for i in range(0, len(rest), self.block)])
+        return bool(abs(self.value[k]) * self.size[k] > SURE * np.sqrt(sums @ sums))
+
+
+def find_causes(
+    whole: Columns,
+    limit: float,
+    numbers: tuple[np.ndarray, np.ndarray],
+    terms: list[np.ndarray],
+    error: np.ndarray,
+    weight: np.ndarray,
+    prior: np.ndarray,
+) -> tuple[Mistake | None, np.ndarray]:
+    """The mistake that explains most of the residuals, or fades of frictions that fall with speed
+    and explain more.
+
+    None and zeros (n_m,) [s/rad or s/m, of the joint]: nothing explains a large part of them.
+
+    Parameters
+    ----------
+    whole : Columns
+        Not filtered.
+    limit : float [Hz]
+        Of the filter of all else.
+    numbers : arrays (10 bodies,), (n_m, columns)
+        Of the bodies, and frictions.
+    terms : list of arrays (n, parameters)
+        Terms of the fit, one array for each motor.
+    error : array (n, n_m) [N m]
+    weight, prior : arrays (n_m,), (parameters,)
+        Of the errors, and information.
+    """
+    names, columns, step = _candidates(whole, limit, *numbers)
+    fades, falling = _fade_columns(whole, limit)
+    scores = _scores(
+        np.concatenate([columns, falling], axis=2),
+        terms,
+        error,
+        weight,
+        prior,
+        round(BLOCK * whole.period / step),
+    )
+    motors = len(weight)
+    found = np.zeros(len(weight))
+    scores.gain[len(names) :][scores.value[len(names) :] <= 0] = 0.0  # it falls
+    best = int(np.argmax(scores.gain))
+    if best < len(names):
+        share = float(scores.shares[:, best].max())
+        if share >= SHARE and scores.is_sure(best):
+            what, nominal = names[best]
+            return Mistake(what, nominal + float(scores.value[best]), share), found
+    for j in range(motors):
+        own = np.arange(len(names) + j, len(scores.gain), motors)
+        k = int(own[np.argmax(scores.gain[own])])
+        if (
+            whole.fades[j] == 0
+            and scores.gain[k] > 0
+            and scores.shares[j, k] >= FALLS
+            and scores.is_sure(k)
+        ):
+            found[j] = fades[k - len(names)]
+    return None, found
+
+
+def _scores(
+    columns: np.ndarray,
+    terms: list[np.ndarray],
+    error: np.ndarray,
+    weight: np.ndarray,
+    prior: np.ndarray,
+    block: int,
+) -> _Scores:
+    """What columns (n, n_m, candidates) explain of the errors besides the terms of the fit."""
+    X = np.vstack([x * w for x, w in zip(terms, weight, strict=True)])
+    scale = np.sqrt((X**2).sum(axis=0) + prior)
+    scale = np.where(scale > 0, scale, 1.0)
+    X = X / scale
+    e = (error * weight).T.ravel()
+    Z = (columns * weight[:, None]).transpose(1, 0, 2).reshape(len(e), -1)
+    A = X.T @ X + np.diag(prior / scale**2)
+    left = Z - X @ np.linalg.lstsq(A, X.T @ Z, rcond=1e-14)[0]
+    size = (left**2).sum(axis=0)
+    score = left.T @ e
+    known = size > NOTHING * (Z**2).sum(axis=0)
+    value = np.where(known, score / np.where(known, size, 1.0), 0.0)
+    better = (e**2)[:, None] - (e[:, None] - left * value) ** 2
+    by_motor = (e**2).reshape(len(weight), -1).sum(axis=1)
+    shares = (
+        better.reshape(len(weight), -1, Z.shape[1]).sum(axis=1)
+        / np.maximum(by_motor, 1e-300)[:, None]
+    )
+    return _Scores(left, size, value, value * score, shares, e, max(1, block))
+
+
+def _fade_columns(whole: Columns, limit: float) -> tuple[np.ndarray, np.ndarray]:
+    """Fades and columns (n, n_m, candidates) of friction that falls with speed, of each motor at
+    several speeds.
+    """
+    speed = np.maximum(whole.largest_speeds(), 1e-12)
+    fades = np.concatenate([1.0 / (part * speed) for part in SPEEDS])
+    rows = []
+    for part in SPEEDS:
+        one = [
+            level[:, :, None] * np.eye(len(speed))
+            for level, _ in whole.fade_columns(1.0 / (part * speed))
+        ]
+        rows.append(np.concatenate([whole.slow(k, x, limit) for k, x in enumerate(one)]))
+    return fades, np.concatenate(rows, axis=2)
+
+
+def _candidates(
+    whole: Columns, limit: float, pi: np.ndarray, friction: np.ndarray
+) -> tuple[list[tuple[str, float]], np.ndarray, float]:
+    """Names with the value where nothing is wrong, columns (n, n_m, candidates) of changes from
+    it, and the step.
+    """
+    model = whole.regressor.model
+    found = []
+    joints = [model.coordinates[i] for i in model.i_g]
+    names = [(f"torques of {motor.name} times", 1.0) for motor in model.motors]
+    names += [(f"a zero of {c.name} [{c.unit}] off by", 0.0) for c in joints]
+    names += [(f"a ratio of the gear of {c.name} times", 1.0) for c in joints]
+    names += [(f"gravity along {axis} of the base [m/s^2] more by", 0.0) for axis in "xyz"]
+    gravities = [Regressor(replace(model, gravity=tuple(row))) for row in np.eye(3).tolist()]
+    motors = np.abs(model.eta).argmax(axis=0)
+    every = 1 if np.isinf(limit) else LowPass(whole.step, limit).every
+    for k, (Y, total, links) in enumerate(
+        zip(whole.Y, whole.torques(pi, friction), whole.links, strict=True)
+    ):
+        one = np.ones_like(links[0])
+        load = Y @ pi
+        zeros = whole.regressor.changes(links, pi, [-one, 0 * one, 0 * one])
+        gravity = np.stack(
+            [weight(links[0], 0 * one, 0 * one) @ pi for weight in gravities], axis=2
+        )
+        ratios = whole.motor_side(whole.regressor.changes(links, pi, [-x for x in links]))
+        for i, j in enumerate(motors):
+            ratios[:, j, i] -= load[:, j]
+        torques = total[:, :, None] * np.eye(model.n_m)
+        changes = np.concatenate(
+            [torques, whole.motor_side(zeros), ratios, whole.motor_side(gravity)], axis=2
+        )
+        found.append(whole.slow(k, changes, limit))
+    return names, np.concatenate(found), whole.step * every

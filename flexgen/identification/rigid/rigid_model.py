@@ -1,0 +1,71 @@
+"""The model of a rigid fit: its bodies, counterbalances, frictions and rotors."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from flexgen.identification.rigid.counterbalances import fitted_balances
+from flexgen.identification.rigid.rigid_columns import COULOMB_SPEED
+from flexgen.model.elements import Body, Friction, Motor, RobotModel
+
+
+def rigid_model(
+    robot: RobotModel,
+    bodies: Sequence[Body],
+    counterbalance: Mapping[str, int],
+    friction: np.ndarray,
+    fades: np.ndarray,
+    speed: np.ndarray,
+) -> RobotModel:
+    """The model with what was found; the payload is in the last body.
+
+    Parameters
+    ----------
+    robot : RobotModel
+    bodies : sequence of Body
+    counterbalance : mapping
+        Name of a joint -> number of harmonics that were fitted.
+    friction, fades, speed : arrays (n_m, columns), (n_m,), (n_m,)
+        As in `flexgen.identification.rigid.rigid_columns.Columns`.
+    """
+    balances = fitted_balances(robot, counterbalance, friction)
+    elements = tuple(
+        replace(
+            e,
+            body=body,
+            dofs=tuple(replace(dof, counterbalance=balances[dof.name]) for dof in e.dofs),
+        )
+        for e, body in zip(robot.elements, bodies, strict=True)
+    )
+    return replace(
+        robot, elements=elements, payload=Body(), motors=_motors(robot, friction, fades, speed)
+    )
+
+
+def _motors(
+    model: RobotModel, friction: np.ndarray, fades: np.ndarray, speed: np.ndarray
+) -> tuple[Motor, ...]:
+    """The motors with the friction and the inertia that were found; a number below zero is not a
+    valid result.
+    """
+    out = []
+    for j, motor in enumerate(model.motors):
+        ratio = float(np.abs(model.eta[j]).max())
+        viscous, coulomb, offset, rotor = friction[j, :4].tolist()
+        falling = max(float(friction[j, -2]), 0.0) if fades[j] else 0.0
+        law = Friction(
+            viscous=max(viscous / ratio, 0.0),
+            coulomb=max(coulomb, 0.0),
+            beta=1.0 / (COULOMB_SPEED * float(speed[j]) * ratio)
+            if max(coulomb, falling) > 0
+            else 0.0,
+            stribeck=falling,
+            alpha=float(fades[j]) / ratio if falling else 0.0,
+            offset=offset,
+        )
+        inertia = motor.inertia + rotor / ratio
+        out.append(replace(motor, friction=law, inertia=inertia if inertia > 0 else motor.inertia))
+    return tuple(out)

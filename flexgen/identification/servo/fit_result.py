@@ -1,0 +1,238 @@
+"""What `flexgen.identify_servo` returns: the servo with standard deviations."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from flexgen.base.checks.type_checks import checked_result
+from flexgen.base.display import Figure, figure_rows, plain
+from flexgen.base.files.atomic_files import write_text
+from flexgen.base.results import Result
+from flexgen.base.spec.toml_text import toml
+from flexgen.feedback.positions.servo import Servo
+from flexgen.identification.servo.record import ServoRecord
+
+ENOUGH = 0.9  # explained, of the lag of the robot
+LEFT = 1.5  # unexplained, over the noise
+# of the samples where a command moves: from here on steps of the angles are not like noise
+REPEATED = 0.4
+GAINS = ("position_gain", "speed_gain", "integral_gain")
+
+
+@checked_result
+@dataclass(frozen=True, repr=False)
+class ServoFit(Result):
+    """A position servo that was identified.
+
+    Attributes
+    ----------
+    servo : Servo
+        With the gains of each motor.
+    latency_s : float [s]
+        From the time of a command in the record to its effect; for ``"hold"`` to the sample of the
+        servo that it changes first.
+    gain_sd : array (3, n_m)
+        Relative standard deviations of position, speed and integral gains, those of a right model:
+        texts have them where it `is_explained` only; zero of a gain that stayed zero.
+    common_sd : mapping of str to float
+        Standard deviations of the numbers that all motors share.
+    unexplained : array (n_m,) [rad]
+        Root mean square of the difference of measured and simulated angles, motor side.
+    noise : array (n_m,) [rad]
+        Its part that changes from sample to sample, as the noise of the angles does.
+    explained : float
+        Part of the sum of squares of commands minus angles that the servo explains.
+    converged : bool
+        Whether the search ended.
+    motors : tuple of str
+        Names of the motors.
+    record : ServoRecord
+        That was fitted.
+    interpolation : str
+        Of the robot between two commands.
+    model : str
+        Of the robot.
+    ended : str
+        ``"time limit"`` or ``"interrupted"`` where the search was ended from outside: the servo is
+        that of its best step. Else empty.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> # a robot that is sent the planned motor angles
+    >>> run = flexgen.command_positions("elbow").today
+    >>> joints = np.linalg.inv(run.model.eta).T
+    >>> sent, measured = run.reference.motion["q_m"] @ joints, run.nominal.measured @ joints
+    >>> found = flexgen.identify_servo(
+    ...     "elbow", flexgen.ServoRecord(run.reference.time, sent, measured)
+    ... )
+    >>> found.servo.sample_time, found.motors
+    (0.0005, ('m1', 'm2'))
+    """
+
+    servo: Servo
+    latency_s: float
+    gain_sd: np.ndarray
+    common_sd: Mapping[str, float]
+    unexplained: np.ndarray
+    noise: np.ndarray
+    explained: float
+    converged: bool
+    motors: tuple[str, ...]
+    record: ServoRecord
+    interpolation: str
+    model: str
+    ended: str = ""
+
+    def __repr__(self) -> str:
+        return f"<ServoFit {self.model}: {self.sentence()}>"
+
+    def __str__(self) -> str:
+        """The figures as lines."""
+        return "\n".join(
+            [
+                f"{self.model}: {self.sentence()}",
+                *(f"  {name}: {text}" for name, text in self._rows()),
+                *(f"  record: {note}" for note in self.record.notes),
+            ]
+        )
+
+    @property
+    def left(self) -> float:
+        """What is unexplained over the noise, of the motor with the most."""
+        return float((self.unexplained / np.maximum(self.noise, 1e-300)).max())
+
+    @property
+    def is_explained(self) -> bool:
+        """Whether noise explains the difference of measured and simulated angles."""
+        return self.converged and self.left < LEFT
+
+    @property
+    def repeated(self) -> float:
+        """Part of the samples with a command that moves in which the measured angle repeats, of
+        the worst joint.
+        """
+        moves = np.diff(self.record.command, axis=0) != 0.0
+        same = np.diff(self.record.angle, axis=0) == 0.0
+        return float(((moves & same).sum(axis=0) / np.maximum(moves.sum(axis=0), 1)).max())
+
+    @property
+    def problem(self) -> str:
+        """Why the servo cannot be used: it explains too little, or the search did not end."""
+        if self.ended:
+            return f"{self.ended}: the servo is that of the best step of the search"
+        if self.explained >= ENOUGH:
+            return (
+                ""
+                if self.converged
+                else "the search did not end; begin with gains nearer to those of the robot"
+            )
+        return (
+            f"the servo explains {100 * self.explained:.0f} % of the lag of the robot, expected "
+            f"{100 * ENOUGH:.0f} %: another structure, interpolation, sample time or delay, or "
+            "another model"
+        )
+
+    def sentence(self) -> str:
+        """The fit in words."""
+        more = (
+            f"; {self.left:.2g} times the noise is left: other torque filters, structure, delay "
+            "or model"
+        )
+        found = f"servo identified, {100 * self.explained:.4g} % of the lag of the robot explained"
+        coarse = (
+            f"; angles repeat in {100 * self.repeated:.0f} % of the samples: finer angles, or a "
+            "faster motion"
+        )
+        return self.problem or found + more * (not self.is_explained) + coarse * (
+            self.repeated > REPEATED
+        )
+
+    def figures(self) -> tuple[Figure, ...]:
+        """The figures in SI units, for tables."""
+        rows = []
+        servo = self.servo
+
+        def with_sd(value: str, sd: str) -> str:
+            return f"{value} +- {sd}" if self.is_explained else value
+
+        for word, unit, sd in zip(GAINS, ("1/s", "N m s/rad", "1/s"), self.gain_sd, strict=True):
+            for name, value, own in zip(
+                self.motors, np.asarray(getattr(servo.feedback, word)), sd, strict=True
+            ):
+                label = f"{word.replace('_', ' ')} of {name}"
+                rows.append(
+                    Figure(
+                        label,
+                        with_sd(f"{value:.5g}", f"{100 * own:.2g} %"),
+                        unit,
+                        f"{word}_{name}",
+                    )
+                )
+        common = (servo.speed_feedforward, servo.reference_filter_s, self.latency_s)
+        for (name, sd), value in zip(self.common_sd.items(), common, strict=True):
+            unit = "s" if name.endswith("_s") else ""
+            text = with_sd(f"{value:.4g}", f"{sd:.2g}")
+            rows.append(Figure(name.removesuffix("_s").replace("_", " "), text, unit, name))
+        worst = float(self.unexplained.max())
+        return (
+            *rows,
+            Figure("unexplained, root mean square, motor side", worst, "rad", "unexplained"),
+        )
+
+    def _rows(self) -> list[tuple[str, str]]:
+        return figure_rows(self.figures())
+
+    def to_dict(self) -> dict[str, Any]:
+        """Gains, standard deviations and figures as JSON types, SI units."""
+        own = {
+            name: getattr(self.servo, name)
+            for name in ("speed_feedforward", "reference_filter_s", "sample_time", "delay")
+        }
+        gains = {name: plain(np.asarray(getattr(self.servo.feedback, name))) for name in GAINS}
+        kept = (
+            "latency_s",
+            "gain_sd",
+            "common_sd",
+            "unexplained",
+            "noise",
+            "explained",
+            "converged",
+            "motors",
+            "interpolation",
+            "model",
+            "ended",
+        )
+        return own | gains | {name: plain(getattr(self, name)) for name in kept}
+
+    def save(self, path: str | Path) -> Path:
+        """Write the servo to a file ``.toml`` that `Servo.read` and the command line take;
+        ``.json``: all figures.
+        """
+        if Path(path).suffix != ".toml":
+            return super().save(path)
+        servo = self.servo
+        values = {name: np.asarray(getattr(servo.feedback, name)).tolist() for name in GAINS}
+        values |= {
+            name: getattr(servo, name)
+            for name in ("speed_feedforward", "reference_filter_s", "sample_time", "delay")
+        }
+        description = (
+            f"servo of {self.model}, identified from {Path(self.record.source).name or 'a record'}"
+            + (f"; {self.ended}: best step of the search" if self.ended else "")
+        )
+        lines = [f"description = {toml(description)}", 'type = "cascade"']
+        lines += [f"{name} = {toml(value)}" for name, value in values.items()]
+        for each in getattr(servo.feedback, "filters", ()):
+            kind = {"LowPass": "low_pass", "Notch": "notch"}[type(each).__name__]
+            lines += [
+                "",
+                f"[[{kind}]]",
+                *(f"{name} = {toml(value)}" for name, value in vars(each).items()),
+            ]
+        return write_text(Path(path), "\n".join(lines) + "\n")

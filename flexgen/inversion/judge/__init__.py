@@ -1,0 +1,1 @@
+"""Whether a motion that was found is a solution."""

@@ -1,0 +1,1 @@
+"""The problem of inverse dynamics of a move."""

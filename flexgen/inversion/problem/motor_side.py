@@ -1,0 +1,207 @@
+"""From gear torques to motors: the stable stage behind the reduced inverse dynamics.
+
+A gear with the deflection p carries ``D p' + spring(p) = tau_g``; the motor follows from
+``eta^-1 q_m = q_g + p``:
+
+    tau_m = J_m eta (a_g + p'') + f(v_m) + eta^-T tau_g
+
+With Fourier sums of the motor angles: `flexgen.dynamics.mechanics.motor_harmonics`.
+Without damping p is algebraic and p'' needs tau_g'' (the fourth derivative of the path); with
+damping p obeys a stable first-order equation, which starts at rest, and p'' needs tau_g' only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from scipy.interpolate import make_interp_spline
+
+from flexgen.base.numerics.evaluate import evaluate
+from flexgen.dynamics.mechanics.equations import Equations
+from flexgen.dynamics.mechanics.lagrangian import gears
+from flexgen.dynamics.mechanics.motor_harmonics import carried_along, friction_along, motor_stage
+from flexgen.dynamics.mechanics.statics import gear_damping, gear_deflection
+from flexgen.model.elements import LinearSpring
+
+# of a sampling interval: gears with a time constant D / K below it are nearly algebraic
+INSTANT = 5e-3
+
+
+@dataclass(frozen=True)
+class MotorMotion:
+    """Motors at n instants: ``q_m v_m a_m tau_m`` (n, n_m), motor side."""
+
+    q_m: np.ndarray
+    v_m: np.ndarray
+    a_m: np.ndarray
+    tau_m: np.ndarray
+
+
+def motor_motion(
+    equations: Equations,
+    t: np.ndarray,
+    q: np.ndarray,
+    v: np.ndarray,
+    a: np.ndarray,
+    tau_g: np.ndarray,
+) -> MotorMotion:
+    """Motor motion and torque.
+
+    Parameters
+    ----------
+    equations : Equations
+    t : array (n,) [s]
+        Instants; the first one at rest.
+    q, v, a : arrays (n, n_a)
+        Motion of the arm.
+    tau_g : array (n, n_g, 3)
+        Gear torque on the arm side and its first two time derivatives [N m, N m/s, N m/s^2].
+    """
+    i_g = list(equations.model.i_g)
+    p, dp, ddp = deflections(equations, t, tau_g)
+    return motors_behind(
+        equations, [q[:, i_g] + p, v[:, i_g] + dp, a[:, i_g] + ddp], tau_g[:, :, 0]
+    )
+
+
+def motors_behind(
+    equations: Equations, theta: Sequence[np.ndarray], tau_g: np.ndarray
+) -> MotorMotion:
+    """Motors behind gears, whose angles over the ratios and two derivatives are ``theta`` (3, n,
+    n_g).
+    """
+    model = equations.model
+    found = motor_stage(equations.function, model, theta, tau_g)
+    friction = friction_along(equations.function, model, found.v_m, found.carried)
+    inertia = np.array([motor.inertia for motor in model.motors])
+    tau_m = (inertia * found.a_m + friction + found.carried - found.cogging) / found.gain
+    return MotorMotion(found.q_m, found.v_m, found.a_m, tau_m)
+
+
+def deflections(
+    equations: Equations, t: np.ndarray, tau_g: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Gear deflections p, p', p'' on the arm side, each (n, n_g); zero for rigid gears."""
+    from flexgen.base.numerics.gear_lag import gear_lag
+
+    spring = equations.function("gear_law")
+    D = gear_damping(equations)
+    elastic = np.array([not gear.rigid for gear, _ in gears(equations.model)])
+    damped = elastic & (D > 0)
+    static = gear_deflection(equations, tau_g[:, :, 0])
+    stiffness, curvature = _stiffness(equations, static)
+    p = static.copy()
+    safe = np.where(elastic, stiffness, 1.0)
+    dp = np.where(elastic, tau_g[:, :, 1] / safe, 0.0)
+    ddp = np.where(elastic, (tau_g[:, :, 2] - curvature * dp**2) / safe, 0.0)
+    if damped.any():
+        linear = damped & np.array(
+            [isinstance(gear.spring, LinearSpring) for gear, _ in gears(equations.model)]
+        )
+        moving = static.copy()
+        if (damped & ~linear).any():
+            moving = _integrate_deflections(spring, np.where(damped, D, 1.0), t, tau_g, static[0])
+        if linear.any():
+            lag_steps = gear_lag(t, stiffness[0, linear], D[linear])
+            moving[:, linear] = lag_steps.deflections(
+                tau_g[:, linear].transpose(2, 0, 1), static[0, linear]
+            )
+        rigidity, _ = _stiffness(equations, moving)
+        torque = evaluate(spring, moving)[0].reshape(moving.shape)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            rate = (tau_g[:, :, 0] - torque) / D
+            second = (tau_g[:, :, 1] - rigidity * rate) / D
+        # where D is tiny, p' and p'' would be differences of large numbers divided by it; there
+        # the expansion p = p_s - (D / K) p_s' + ... about the static value p_s has an error of the
+        # square of D / K
+        lag = -D / safe * dp
+        nearly = damped & ((D / safe).max(axis=0) < INSTANT * np.median(np.diff(t)))
+        late = make_interp_spline(t, lag, k=min(5, len(t) - 1))
+        slow = damped & ~nearly
+        p = np.where(slow, moving, p + np.where(nearly, lag, 0.0))
+        dp = np.where(slow, rate, dp + np.where(nearly, late(t, 1), 0.0))
+        ddp = np.where(slow, second, ddp + np.where(nearly, late(t, 2), 0.0))
+    return p, dp, ddp
+
+
+def gear_torques(
+    equations: Equations, q: np.ndarray, v: np.ndarray, a: np.ndarray, motors: MotorMotion
+) -> np.ndarray:
+    """Torques of the gears (n, n_g), arm side.
+
+    Elastic gears: torque of spring and damper. Rigid gears: torque of the motor less that of its
+    rotor and friction.
+    """
+    elastic_torque = evaluate(equations.function("gear_torque"), q, v, motors.q_m, motors.v_m)[
+        0
+    ].reshape(len(q), -1)
+    rotor = evaluate(equations.function("rotor_torque"), q, v, a, motors.v_m, motors.a_m)[
+        0
+    ].reshape(len(q), -1)
+    carried = carried_along(equations.model, motors.q_m, elastic_torque)
+    friction = friction_along(equations.function, equations.model, motors.v_m, carried)
+    given = evaluate(equations.function("given_torque"), motors.q_m, motors.tau_m)[0].reshape(
+        len(q), -1
+    )
+    through = (given - rotor - friction) @ equations.model.eta
+    rigid = np.array([gear.rigid for gear, _ in gears(equations.model)])
+    return np.where(rigid, through, elastic_torque)
+
+
+def _stiffness(equations: Equations, deflection: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Stiffness of the gear springs and its derivative in the deflection, each (n, n_g)."""
+    spring = equations.function("gear_law")
+    x = ca.SX.sym("deflection", equations.model.n_g)
+    second = ca.Function("second", [x], [ca.jtimes(spring(x)[1], x, ca.SX.ones(x.shape))])
+    stiffness = evaluate(spring, deflection)[1].reshape(deflection.shape)
+    return stiffness, evaluate(second, deflection)[0].reshape(deflection.shape)
+
+
+def _integrate_deflections(
+    spring: ca.Function, D: np.ndarray, t: np.ndarray, tau_g: np.ndarray, start: np.ndarray
+) -> np.ndarray:
+    """Integrate ``D p' + spring(p) = tau_g(t)`` from ``start`` (n_g) by Radau IIA, with quintic
+    Hermite torque.
+    """
+    from flexgen.base.numerics.tableaus import radau
+
+    table = radau(3)
+    n, n_g = tau_g.shape[:2]
+    out = np.empty((n, n_g))
+    out[0] = p = start
+    for k in range(n - 1):
+        h = t[k + 1] - t[k]
+        torque = _hermite(table.c, h, tau_g[k], tau_g[k + 1])  # (s, n_g)
+        stages = np.tile(p, (3, 1))
+        for _ in range(30):
+            value, stiffness = (x.reshape(3, n_g) for x in evaluate(spring, stages))
+            defect = stages - p - h * table.A @ ((torque - value) / D)
+            matrix = np.eye(3)[None] + h * table.A[None] * (stiffness / D).T[:, None, :]
+            step = np.linalg.solve(matrix, defect.T[:, :, None])[:, :, 0].T
+            stages = stages - step
+            if np.abs(step).max() <= 1e-15 * (1e-3 + np.abs(stages).max()):
+                break
+        out[k + 1] = p = stages[-1]
+    return out
+
+
+def _hermite(c: np.ndarray, h: float, left: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Quintic Hermite interpolation (s, m) at ``c`` (s,) in [0, 1]; value and two derivatives
+    (m, 3) at both ends.
+    """
+    x = c[:, None]
+    y = 1 - x
+
+    def half(u: np.ndarray, values: np.ndarray, sign: float) -> np.ndarray:
+        # share of one end: its weight functions vanish to third order at the other end
+        w = (1 - u) ** 3
+        return w * (
+            values[:, 0] * (1 + 3 * u + 6 * u**2)
+            + sign * h * values[:, 1] * (u + 3 * u**2)
+            + h**2 * values[:, 2] * u**2 / 2
+        )
+
+    return half(x, left, 1.0) + half(y, right, -1.0)

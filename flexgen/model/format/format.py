@@ -1,0 +1,437 @@
+"""Rows of a model file: its root, variants, and the tables of an overlay on a URDF file."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from flexgen.base.registry import import_object
+from flexgen.base.spec.keys import (
+    Context,
+    Format,
+    Key,
+    Schema,
+    Type,
+    angle,
+    any_table,
+    choice,
+    flag,
+    known,
+    listed,
+    name,
+    number,
+    sub,
+    text,
+    vector,
+    whole,
+    words,
+)
+from flexgen.base.spec.parts import KINDS, Tolerances
+from flexgen.base.spec.ports import c_name_problem, identifier_problem
+from flexgen.base.spec.schema import table_schema
+from flexgen.base.spec.tables import IDENTIFIER, Table
+from flexgen.model.elements import Beam, Bending, Body, Element, Matrix, Placement, Tool, Vector
+from flexgen.model.format import format_robot as robot
+from flexgen.model.format.format_devices import MOST, MOTOR, SENSOR, check_motors
+from flexgen.model.format.format_programs import PROGRAM
+from flexgen.model.format.format_tasks import MOVE, OUTPUT, joint_position
+
+
+def _tool(position: Vector, rotation: Matrix, rpy: Matrix | None, **more: Any) -> Placement:
+    pose = position, rotation if rpy is None else rpy
+    return Tool(*pose, **more) if any(more.values()) else Placement(*pose)
+
+
+_CARRIER = "the element that carries tool and payload; default: the last one"
+TOOL = Format(
+    "tool frame, from the tip of the element that carries it",
+    (
+        *robot.PLACEMENT.keys,
+        Key("element", known(lambda here: [*here.names["element"]]), _CARRIER, default=""),
+        Key("speed_max", number(above=0.0), "limit of the speed of its origin", "m/s", None),
+        Key(
+            "acceleration_max",
+            number(above=0.0),
+            "limit of the acceleration of its origin",
+            "m/s^2",
+            None,
+        ),
+    ),
+    make=_tool,
+)
+
+
+# --- elements ------------------------------------------------------------------------------------
+
+
+def _check_direction(table: Table, here: Context) -> None:
+    if any(other.direction == here.values["direction"] for other in here.before):
+        raise table.fail("direction", "each direction at most once")
+
+
+def _name_modes(table: Table, here: Context) -> None:
+    """Add the names of modal coordinates; ModelError where one cannot be a name."""
+    taken = here.names["coordinate"]
+    element = list(here.names["element"])[-1]
+    for k in range(here.values["modes"]):
+        name = f"{element}_{here.values['direction']}{k + 1}"
+        problem = "a name that is not taken yet" if name in taken else identifier_problem(name)
+        if problem is not None:
+            raise table.fail("modes", problem, f"a modal coordinate {name}")
+        taken[name] = table
+
+
+def _check_ratio(table: Table, here: Context) -> None:
+    if here.values["damping_ratio"] >= 1.0:
+        raise table.fail("damping_ratio", "a number >= 0 and below 1")
+
+
+BENDING = Format(
+    "bending",
+    (
+        Key(
+            "direction",
+            choice("y", "z"),
+            "axis of the deflection, across the beam",
+            check=_check_direction,
+        ),
+        Key("modes", whole(1, 8), "number of modes", check=_name_modes),
+        Key(
+            "damping_ratio",
+            number(least=0.0),
+            "damping ratio of each mode, below 1",
+            "",
+            0.0,
+            check=_check_ratio,
+        ),
+        Key("stiffness", number(above=0.0), "flexural stiffness EI", "N m^2"),
+    ),
+    make=Bending,
+)
+BEAM = Format(
+    "slender elastic link, clamped at the body frame",
+    (
+        Key("length", number(above=0.0), "length along the x axis of the body", "m"),
+        Key("mass_per_length", number(above=0.0), "mass per length", "kg/m"),
+        Key("bending", listed(BENDING), "bending in one direction"),
+    ),
+    make=Beam,
+)
+
+
+_BASE = "base"
+
+
+def _check_name(table: Table, here: Context) -> None:
+    if here.values["name"] == _BASE:
+        raise table.fail("name", "another name (base is the ground)")
+
+
+def _check_parent(table: Table, here: Context) -> None:
+    if "parent" in table and isinstance(table.entries["parent"].value, list):
+        raise table.fail(
+            "parent", "the name of one element, since a robot is a tree without closed loops"
+        )
+
+
+ELEMENT = Format(
+    "a link; parents before their children",
+    (
+        Key("name", name("element"), "name of the element", check=_check_name),
+        Key(
+            "parent",
+            known(lambda here: [_BASE, *list(here.names["element"])[:-1]]),
+            f'element that carries it, or "{_BASE}"; default: the one before',
+            default=None,
+        ),
+        Key("dof", listed(robot.DOF, least=0), "degrees of freedom, in their order", default=()),
+        Key("origin", sub(robot.PLACEMENT), "from the tip of the parent", default=Placement()),
+        Key(
+            "link",
+            sub(robot.PLACEMENT),
+            "from the last degree of freedom to the body frame",
+            default=Placement(),
+        ),
+        Key("body", sub(robot.BODY), "rigid body, in the body frame", default=Body()),
+        Key("beam", sub(BEAM), BEAM.doc, default=None),
+    ),
+    make=Element,
+    before=_check_parent,
+)
+
+
+def _check_elements(table: Table, here: Context) -> None:
+    """Raise an error for too many coordinates, and for mechanisms without coordinates."""
+    known = here.names["coordinate"]
+    free = [name for name, own in known.items() if "mimic" not in own]
+    for own in known.values():
+        factors = own.table("mimic")
+        if factors is not None:
+            factors.only(*free)
+    count = len(here.names["coordinate"])
+    if count > robot.COORDINATES_MAX:
+        raise table.fail(
+            "element", f"at most {robot.COORDINATES_MAX} coordinates", f"{count} coordinates"
+        )
+
+
+# --- the file ------------------------------------------------------------------------------------
+
+
+ROUNDING = 1e-9  # relative to the largest eigenvalue of a correlation matrix
+_SD = number(least=0.0, most=5.0)
+_SPREAD = "standard deviation of {}, relative"
+
+
+def _each(power: int) -> Type:
+    return vector(size=lambda here: len(here.values["parameters"]) ** power)
+
+
+def _check_uncertainty(table: Table, here: Context) -> None:
+    n, sd, rows = (here.values[x] for x in ("parameters", "sd", "correlation"))
+    if len(sd) != len(n) or any(not 0.0 <= x <= 5.0 for x in sd):
+        raise table.fail("sd", "a number from 0 to 5 for each of the parameters")
+    if not {*here.values["common"]} <= {*KINDS}:
+        raise table.fail("common", f"some of {', '.join(KINDS)}")
+    entries = {
+        (i, j): x for (i, j), x in zip(product(range(len(n)), repeat=2), rows, strict=False)
+    }
+    if any(x != entries[j, i] or (i == j and x != 1.0) for (i, j), x in entries.items()):
+        raise table.fail("correlation", "a symmetric matrix with ones on its diagonal, row by row")
+    values = np.linalg.eigvalsh(np.reshape(rows, (len(n), -1))) if rows else np.ones(1)
+    if values[0] < -ROUNDING * values[-1]:
+        raise table.fail(
+            "correlation",
+            "a matrix without negative eigenvalues",
+            f"the eigenvalue {values[0]:.3g}",
+        )
+
+
+UNCERTAINTY = Format(
+    "what is known about the accuracy of the numbers",
+    (
+        *(
+            Key(
+                kind,
+                _SD,
+                _SPREAD.format(f"each {kind.replace('_', ' ').removesuffix('es')}"),
+                default=0.0,
+            )
+            for kind in KINDS
+        ),
+        Key(
+            "payload",
+            number(least=0.0),
+            "standard deviation of the mass of the payload",
+            "kg",
+            0.0,
+        ),
+        Key(
+            "delay",
+            number(least=0.0),
+            "standard deviation of what the torques are late in addition",
+            "s",
+            0.0,
+        ),
+        Key(
+            "common", words(0), "kinds whose numbers all have the same relative error", default=()
+        ),
+        Key(
+            "parameters", words(0), "numbers by name, in place of those of their kinds", default=()
+        ),
+        Key("sd", _each(1), _SPREAD.format("each of the parameters"), default=()),
+        Key(
+            "correlation",
+            _each(2),
+            "of the parameters, row by row",
+            default=(),
+            check=_check_uncertainty,
+        ),
+    ),
+    make=Tolerances,
+)
+_FLANGE = "pose of the tool frame, from the tip of the element that carries it"
+_COMPLETE = "complete: rotors also turn with the bodies that carry them"
+_LOAD = (
+    "load, in the frame of the tip of the element that carries the tool; com: by default at the "
+    "tool"
+)
+_WARM = 'temperature of motors and gears, on which friction of type = "gear" depends'
+_SENSORS = "sensors in addition to the motor encoders"
+MODEL = Format(
+    "robot model of flexgen",  # keys in the order of reading
+    (
+        Key("motor_coupling", choice("simplified", "complete"), _COMPLETE, default="simplified"),
+        Key(
+            "element",
+            listed(ELEMENT),
+            "the links, parents before their children",
+            check=_check_elements,
+        ),
+        Key("tool", sub(TOOL), _FLANGE, default=Placement()),
+        Key(
+            "name",
+            name(problem_of=c_name_problem),
+            "name of the robot, the prefix of every C symbol",
+        ),
+        Key("description", text(), "one line", default=""),
+        Key("source", text(), "where the numbers come from", default=""),
+        Key("gravity", vector(3), "gravity, world axes", "m/s^2", note="m/s^2, world axes"),
+        Key("base", sub(robot.PLACEMENT), "pose of the base in the world", default=Placement()),
+        Key("temperature", number(least=-100.0, most=300.0), _WARM, "deg C", 20.0),
+        Key("motor", listed(MOTOR), "motors, as many as actuated coordinates", check=check_motors),
+        Key(
+            "payload",
+            sub(robot.BODY),
+            _LOAD,
+            default=lambda table, here: Body(com=here.values["tool"].position),
+        ),
+        Key("output", sub(OUTPUT), OUTPUT.doc, note="the output that a reference prescribes"),
+        Key(
+            "move", listed(MOVE, least=0), "reference moves that start and end at rest", default=()
+        ),
+        joint_position("home", "home position"),
+        Key("sensor", listed(SENSOR, most=MOST), _SENSORS, default=(), note="sensors"),
+        Key("program", listed(PROGRAM, least=0), "sequences of steps", default=()),
+        Key("uncertainty", sub(UNCERTAINTY), UNCERTAINTY.doc, default=None),
+        Key(
+            "servo",
+            sub(lambda: import_object("flexgen.model.position_servo.keys:SERVO_TABLE")),
+            "its servo",
+            default=None,
+        ),
+    ),
+)
+PROGRAMS = Format("moves and programs of flexgen", (MODEL["move"], MODEL["program"]))
+VARIANT = Format(
+    "changes",
+    (
+        MODEL["description"],
+        Key(
+            "set",
+            any_table(),
+            'new values by dotted path, such as "element.arm1.dof.q1.gear.damping" = 0.0',
+            default=None,
+        ),
+        Key("remove", words(0), "dotted paths of keys that are removed before", default=()),
+    ),
+)
+
+# --- overlays on URDF files ----------------------------------------------------------------------
+
+
+def _read_lock(table: Table, key: Key, here: Context) -> dict[str, float]:
+    """Positions of joints: a table of positions, or a list of joints fixed at zero."""
+    if isinstance(table.entries[key.name].value, dict):
+        inner = table.table(key.name)
+        return {joint: inner.number(joint) for joint in inner.entries} if inner is not None else {}
+    return dict.fromkeys(table.words(key.name, 0), 0.0)
+
+
+_FIXED = "joints fixed at a position [rad or m]"
+_POSITION = number().schema | {"description": "position [rad or m]"}
+_LOCK = {"anyOf": [words(0).schema, {"type": "object", "additionalProperties": _POSITION}]}
+_LIMITS = Key("limits", flag(), "use the limits of the URDF file", default=True)
+URDF = Format(
+    "the chain is in a URDF file",
+    (
+        Key(
+            "file",
+            text(),
+            "path of the URDF file, relative to the folder of this file, or package://NAME/PATH",
+        ),
+        Key("base", text(), "the link that is the ground"),
+        Key("tip", text(), "the link that carries the tool"),
+        Key("branches", words(0), "links at the ends of other branches", default=()),
+        Key(
+            "lock",
+            Type(_read_lock, _LOCK),
+            f"{_FIXED}, or a list of joints fixed at zero",
+            default={},
+        ),
+        Key(
+            "drop",
+            words(0),
+            "joints outside the chain, left out with all links behind them",
+            default=(),
+        ),
+        _LIMITS,
+        replace(_LIMITS, name="dynamics", doc="use the friction of the URDF file"),
+        Key(
+            "unfinished",
+            words(0),
+            "links whose bodies are to be filled in: the file is refused while one has no mass",
+            default=(),
+        ),
+    ),
+)
+_EXTRA = "degrees of freedom {} the joint, at the same point"
+JOINT = Format(
+    "joint of the URDF file",
+    (
+        Key("rename", name(), robot.DOF.shared[0].doc, default=None),
+        Key("gear", sub(robot.GEAR), "gear of the joint; default: rigid", default=None),
+        Key("spring", sub(robot.JOINT_SPRING), "spring instead of a gear: no motor", default=None),
+        Key(
+            "mimic",
+            any_table(),
+            "factors of the coordinates that move it by a mechanism",
+            default=None,
+        ),
+        robot.DAMPING,
+        replace(robot.FRICTION, doc="instead of <dynamics>"),
+        replace(robot.BALANCE, doc="torque by the angle, of a rotation"),
+        _LIMITS,
+        Key("motor", sub(MOTOR.without("drives").optional()), "motor of the joint", default=None),
+        Key("before", listed(robot.DOF, least=0), _EXTRA.format("before"), default=()),
+        Key("after", listed(robot.DOF, least=0), _EXTRA.format("after"), default=()),
+        *robot.limits(number(), "m"),
+        *robot.limits(angle(), "rad"),
+        *robot.RATES,
+    ),
+)
+LINK = Format(
+    "link of the URDF file",
+    (
+        Key("rename", name(), ELEMENT["name"].doc, default=None),
+        Key(
+            "body",
+            sub(robot.BODY.without("rotational_drag")),
+            "instead of <inertial>",
+            default=None,
+        ),
+        Key("inertia_reduced", flag(), robot.REDUCED, default=False),
+    ),
+)
+
+
+# --- JSON schema ---------------------------------------------------------------------------------
+
+
+def model_schema() -> Schema:
+    """The JSON schema of model files and overlays."""
+
+    def describe(doc: str, form: Format) -> Schema:
+        return {"type": "object", "description": doc, "additionalProperties": table_schema(form)}
+
+    root = table_schema(MODEL)
+    root["properties"] |= {
+        "urdf": table_schema(URDF),
+        "joint": describe(
+            "what a URDF file cannot contain, for each moving joint by its name there", JOINT
+        ),
+        "link": describe("changes of links, by their name in the URDF file", LINK),
+        "variant": describe("named sets of changes, selected with MODEL@variant", VARIANT)
+        | {"propertyNames": {"pattern": IDENTIFIER}},
+    }
+    needed = root.pop("required")
+    root["oneOf"] = [
+        {"required": needed, "not": {"required": ["urdf"]}},
+        {"required": ["urdf"], "not": {"required": ["element"]}},
+    ]
+    every = (*vars(robot).values(), robot.friction(), robot.hysteresis(), robot.lugre())
+    forms = [form for form in every if getattr(form, "definition", "")]
+    return root | {"definitions": {form.definition: table_schema(form) for form in forms}}

@@ -1,0 +1,1 @@
+"""Robots in URDF, and the overlay with what URDF cannot contain."""

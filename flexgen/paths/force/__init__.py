@@ -1,0 +1,1 @@
+"""Forces of a process along a path."""

@@ -1,0 +1,1 @@
+"""Time laws along curves."""

@@ -1,0 +1,1 @@
+"""Iterative learning along a path."""

@@ -1,0 +1,1 @@
+"""Inversion of paths and poses by a loaded library."""

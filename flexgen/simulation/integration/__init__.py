@@ -1,0 +1,1 @@
+"""Integrators of the full model, in C and in Python."""

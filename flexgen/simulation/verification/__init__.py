@@ -1,0 +1,1 @@
+"""Residual and growth of errors of a motion."""

@@ -1,0 +1,1 @@
+"""Many cases of one robot: tolerances, sweeps, scenarios, plausibility, templates."""

@@ -1,0 +1,61 @@
+"""New model files with plausible numbers: from a template, or as an overlay on a URDF file."""
+
+from __future__ import annotations
+
+from importlib.resources import files
+from pathlib import Path
+
+from flexgen.base.errors import ArgumentError
+from flexgen.base.spec.ports import c_name_problem
+from flexgen.studies.templates.template_names import TEMPLATES
+from flexgen.studies.templates.urdf_overlay import Overlay, overlay_of_urdf
+
+
+def new_model(
+    name: str, template: str = "planar", urdf: str | None = None, folder: str | Path = "."
+) -> str:
+    """The text of a new model file.
+
+    Parameters
+    ----------
+    name : str
+        Of the robot.
+    template : str
+        One of `TEMPLATES`.
+    urdf : str, optional
+        Instead of a template: ``FILE.urdf#BASE:TIP``; without ``#BASE:TIP`` from the root to the
+        link behind the most
+        moving joints. What the file lacks or has wrong is repaired by keys of the overlay, each
+        with a comment.
+    folder : path
+        Where the file will be, for the path to the URDF file.
+
+    Returns
+    -------
+    str
+        Comments state the unit of each number.
+
+    Raises
+    ------
+    ArgumentError, ModelError
+        The name is not an identifier; there is no such template; the URDF file has errors that no
+        overlay repairs.
+    """
+    return new_overlay(name, template, urdf, folder).text
+
+
+def new_overlay(
+    name: str, template: str = "planar", urdf: str | None = None, folder: str | Path = "."
+) -> Overlay:
+    """A new model file, and what was repaired for it; the arguments are those of `new_model`."""
+    problem = c_name_problem(name)
+    if problem is not None:
+        raise ArgumentError(f"name: given {name!r}, expected {problem}")
+    if urdf is not None:
+        return overlay_of_urdf(name, urdf, Path(folder))
+    if template not in TEMPLATES:
+        raise ArgumentError(
+            f"template: given {template!r}, expected one of {', '.join(TEMPLATES)}"
+        )
+    text = (files("flexgen.studies.templates") / f"{template}.toml").read_text(encoding="utf-8")
+    return Overlay(f'name = "{name}"\n' + text.partition("\n")[2])

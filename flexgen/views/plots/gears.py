@@ -1,0 +1,39 @@
+"""Plot of the hysteresis of gears that was identified."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from flexgen.identification.gears.result import GearFit
+from flexgen.views.plots import canvas as cv
+
+MOST = 6000  # points of a loop, at most
+
+
+@cv.apply_style
+def plot_loops(found: GearFit) -> Figure:
+    """Torque of the hysteresis of each gear over its deflection: of the model, and of the
+    record.
+    """
+    count = len(found.joints)
+    columns = min(count, 3)
+    rows = -(-count // columns)
+    figure = cv.new_figure(cv.WIDTH, 1.0 + 2.6 * rows, f"{found.robot.title}: {found.sentence()}")
+    axes = np.atleast_1d(figure.subplots(rows, columns)).ravel()
+    units = {c.name: c.unit for c in found.robot.coordinates}
+    every = -(-len(found.loops) // MOST)
+    for k, (name, ax) in enumerate(zip(found.joints, axes, strict=False)):
+        d, z, measured = found.loops[::every, k].T
+        unit = "mrad" if units[name] == "rad" else "mm"
+        ax.plot(1e3 * d, measured, ".", ms=1.5, color=cv.GREY, label="record")
+        ax.plot(1e3 * d, z, lw=0.8, color=cv.BLUE, label="model")
+        ax.set(
+            title=name,
+            xlabel=f"deflection, {unit}",
+            ylabel="z, N m" if units[name] == "rad" else "z, N",
+        )
+    for ax in axes[count:]:
+        ax.set_visible(False)
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
+    return figure

@@ -1,0 +1,512 @@
+"""Results as text with tables: what ``to_text`` returns and the command line prints.
+
+A number that is not finite is a dash, as None in JSON.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from flexgen.base.display import choose_scales, plain
+from flexgen.views.reports.text_tables import figures, number, one_line, paragraph, roots, table
+
+if TYPE_CHECKING:
+    from flexgen.analysis.analyze import Analysis
+    from flexgen.codegen.build.generate import GeneratedLibrary
+    from flexgen.inversion.solution import Solution
+    from flexgen.model.elements import RobotModel
+    from flexgen.paths.inverse_kinematics.search import Configuration
+    from flexgen.paths.path import Path
+    from flexgen.simulation.result import Simulation
+    from flexgen.studies.check.finding import Check, Finding
+    from flexgen.studies.sweeps.sweep import SweepResult
+
+SHOWN = 5  # reasons of failures of a sweep that are named, and cases that are named for each
+
+# keys of the figures in the short text of a solution, of which it has six rows, seven with angles
+SUMMARY = frozenset(
+    {
+        "status",
+        "cpu_s",
+        "preactuation_s",
+        "torque_max_Nm",
+        "speed_max_rad_s",
+        "tool_error_max_m",
+        "tool_error_max_rad",
+    }
+)
+
+Row = tuple[str, Any, str]  # quantity, value, unit
+
+
+def description_text(data: dict[str, Any]) -> str:
+    """The description of a model as text, from the data of `flexgen.describe`."""
+    name = data["name"]
+    parts = [
+        paragraph(
+            name
+            + (f"@{data['variant']}" if data["variant"] else "")
+            + f": {one_line(data['description'])}"
+        ),
+        figures(
+            [
+                ("file", data["file"], ""),
+                ("motors n_m", data["n_m"], ""),
+                ("actuated arm coordinates n_g", data["n_g"], ""),
+                ("non-actuated arm coordinates n_e", data["n_e"], ""),
+                ("degrees of freedom", data["dof"], ""),
+                ("mass of the arm", sum(body["mass"] for body in data["bodies"]), "kg"),
+                ("motor coupling", data["motor_coupling"], ""),
+                ("output", _output(data["output"]), ""),
+            ]
+        ),
+        table(
+            [
+                [c["name"], c["unit"], c["element"], c["type"], _drive(c), *_stiffness(c)]
+                for c in data["coordinates"]
+            ],
+            ("coordinate", "unit", "element", "type", "drive or spring", "stiffness", "damping"),
+        ),
+        table(
+            [
+                [
+                    m["name"],
+                    ", ".join(m["drives"]),
+                    ", ".join(
+                        _ratio(*row) for row in zip(m["ratio"], m["ratio_unit"], strict=True)
+                    ),
+                    m["inertia"],
+                    m["torque_max"],
+                    m["speed_max"],
+                ]
+                for m in data["motors"]
+            ],
+            ("motor", "drives", "ratio", "inertia kg m^2", "torque max N m", "speed max rad/s"),
+        ),
+    ]
+    if data["sensors"]:
+        rows = [
+            [s["name"], s["type"], s["place"], ", ".join(s["channels"]), s["unit"], s["noise"]]
+            for s in data["sensors"]
+        ]
+        parts.append(table(rows, ("sensor", "type", "place", "channels", "unit", "noise")))
+    if data["moves"]:
+        rows = [[m["name"], m["type"], m["duration"], m["smoothness"]] for m in data["moves"]]
+        parts.append(table(rows, ("move", "type", "duration s", "smoothness")))
+    if data["variants"]:
+        parts.append(
+            paragraph(
+                "variants: " + ", ".join(f"{name}@{variant}" for variant in data["variants"])
+            )
+        )
+    if data["source"]:
+        parts.append(paragraph(f"source: {one_line(data['source'])}"))
+    return "\n\n".join(parts)
+
+
+def _ratio(ratio: float, unit: str) -> str:
+    """A gear ratio; of a translation with its unit."""
+    return number(float(ratio)) + ("" if unit == "rad/rad" else f" {unit}")
+
+
+def _output(output: dict[str, Any]) -> str:
+    axes = f" {output['axes']}" if output["axes"] else ""
+    return f"{output['type']}{axes} ({output['size']} scalars)"
+
+
+def _drive(coordinate: dict[str, Any]) -> str:
+    """The gear of a coordinate, or its spring if no motor drives it."""
+    gear = coordinate.get("gear")
+    spring = coordinate.get("spring")
+    if gear is not None:
+        elastic = gear["type"] != "rigid"
+        loop = gear.get("hysteresis")
+        lost = (
+            sum(each["lost_motion"] for each in (loop if isinstance(loop, list) else [loop]))
+            if loop
+            else 0.0
+        )
+        lossy = f", lost motion {lost:.3g} {coordinate['unit']}" if loop else ""
+        return (
+            f"elastic gear, {gear['spring']['type']}, {gear['side']} side{lossy}"
+            if elastic
+            else "rigid gear"
+        )
+    return "beam bending" if spring is None else f"spring, {spring['type']}"
+
+
+def _stiffness(coordinate: dict[str, Any]) -> tuple[str | None, str | None]:
+    """Stiffness (of a nonlinear spring the low one) and damping, on the side given in the model
+    file.
+    """
+    holder = coordinate.get("gear") or coordinate
+    spring = holder.get("spring")
+    if spring is None:
+        return None, None
+    stiffness = float(spring.get("stiffness", spring.get("low")))
+    damping = float(holder.get("damping") or 0.0)
+    force, unit = (
+        ("N m", "rad")
+        if coordinate["unit"] == "rad" or holder.get("side") == "motor"
+        else ("N", "m")
+    )
+    return f"{number(stiffness)} {force}/{unit}", f"{number(damping)} {force} s/{unit}"
+
+
+def text_of_analysis(analysis: Analysis) -> str:
+    """The equilibrium, modes and zeros of an analysis, and its verdicts."""
+    coordinates = [(c.name, c.unit) for c in analysis.model.coordinates]
+    text = analysis_text(
+        plain(analysis.to_dict()), coordinates, [motor.name for motor in analysis.model.motors]
+    )
+    return f"{analysis.model.title} in equilibrium\n\n{text}"
+
+
+def analysis_text(
+    data: dict[str, Any], coordinates: Sequence[tuple[str, str]], motors: Sequence[str]
+) -> str:
+    """The data of an analysis as text; needs the names and units of coordinates and the names of
+    motors.
+    """
+    equilibrium = table(
+        [[name, q, unit] for (name, unit), q in zip(coordinates, data["pose"], strict=True)],
+        ("coordinate", "equilibrium", "unit"),
+    )
+    torques = table(
+        [[name, tau, "N m"] for name, tau in zip(motors, data["motor_torque_Nm"], strict=True)],
+        ("motor", "torque", "unit"),
+    )
+    rows = zip(data["modes_hz"] or [], data.get("modes_damping") or [], strict=True)
+    modes = table(
+        [[k, f, damping_text(d)] for k, (f, d) in enumerate(rows, 1)],
+        ("mode", "frequency Hz", "damping ratio"),
+    )
+    zeros = roots(data["zeros"] or [])
+    inner = data["zeros_motor"] or []
+    notches = sorted(
+        math.hypot(*root) / (2 * math.pi) for root in inner if None not in root and root[1] > 0
+    )
+    verdict = figures(
+        [
+            ("phase of the output", data["phase"], ""),
+            ("zeros of the output", ", ".join(zeros) if zeros else "none", "1/s" if zeros else ""),
+            ("zeros, motor torque to motor angle", ", ".join(map(number, notches)) or None, "Hz"),
+            (
+                "time constant of the slowest unstable zero",
+                data["unstable_time_constant_s"] or None,
+                "s",
+            ),
+            ("structural index", data["structural_index"], ""),
+            ("preview required for exact tracking", data["preview_s"], "s"),
+            *_dae_rows(data),
+            *_compliance_rows(data.get("compliance")),
+        ]
+    )
+    warnings = "\n".join(
+        paragraph(f"note: {line}") for line in (data.get("solvability") or {}).get("warnings", ())
+    )
+    along = data.get("zeros_along_path")
+    along_text = paragraph(f"along the path, {along['verdict']}") if along else ""
+    return "\n\n".join(
+        part for part in (equilibrium, torques, modes, verdict, warnings, along_text) if part
+    )
+
+
+def damping_text(ratio: float | None, factor: float = 1.0) -> float | str | None:
+    """A damping ratio times a factor; a bound where it is that of rounding errors."""
+    from flexgen.analysis.linear import UNDAMPED
+
+    if ratio is None:
+        return None
+    return factor * ratio if abs(ratio) >= UNDAMPED else f"< {factor * UNDAMPED:g}"
+
+
+def _dae_rows(data: dict[str, Any]) -> list[Row]:
+    """Rows of the DAE of inverse dynamics, if it was analyzed."""
+    structure, ranks, solvable = (
+        data.get(key) or {} for key in ("structure", "kunkel_mehrmann", "solvability")
+    )
+    rows: list[Row] = []
+    if structure.get("blocks"):
+        sizes = ", ".join(str(len(block["equations"])) for block in structure["blocks"])
+        rows.append(("equations per block of the DAE", sizes, ""))
+        rows.append(("structural analysis at this pose", structure["verdict"], ""))
+    if ranks.get("verdict") == "regular":
+        rows.append(
+            (
+                "strangeness index; a, d, v",
+                f"{ranks['mu']}; {ranks['a']}, {ranks['d']}, {ranks['v']}",
+                "",
+            )
+        )
+        rows.append(("singular value gap of the rank decisions", ranks["gap"], "relative"))
+    elif ranks:
+        rows.append(("strangeness index", ranks.get("verdict"), ""))
+    if solvable.get("singular_values"):
+        rows.append(
+            ("solvability, smallest singular value", min(solvable["singular_values"]), "relative")
+        )
+    if solvable.get("controllability") is not None:
+        rows.append(
+            ("controllability, smallest singular value", solvable["controllability"], "relative")
+        )
+    return rows
+
+
+def _compliance_rows(data: dict[str, Any] | None) -> list[Row]:
+    """Rows of the compliance of the tool."""
+    if data is None or not any(data["principal_m_per_N"]):
+        return []
+    along = ", ".join(f"{round(x, 2) + 0.0:.2f}" for x in data["directions"][0])
+    rows: list[Row] = [
+        (
+            "compliance of the tool with held motors",
+            _millionths(data["principal_m_per_N"]),
+            "um/N",
+        ),
+        ("direction of the largest, in the world", along, ""),
+        (
+            "rotation of the tool with held motors",
+            _millionths(data["principal_rad_per_Nm"]),
+            "urad/(N m)",
+        ),
+    ]
+    if data["resonance_hz"] is not None:
+        peak = data["resonance_m_per_N"]
+        largest = "not bounded: a mode without damping" if peak is None else 1e6 * peak
+        rows.append(
+            (
+                f"compliance at {number(data['resonance_hz'])} Hz, largest of all frequencies",
+                largest,
+                "" if peak is None else "um/N",
+            )
+        )
+    return rows
+
+
+def _millionths(values: Sequence[float]) -> str:
+    """Values in millionths; those that are zero but for rounding as 0."""
+    return ", ".join(
+        number(1e6 * x) if abs(x) > 1e-9 * max(map(abs, values)) else "0" for x in values
+    )
+
+
+def figure_rows(result: Solution | Simulation) -> list[Row]:
+    """Label, value and unit of the figures of a result; lengths have one unit, angles too."""
+    found = [figure._replace(value=plain(figure.value)) for figure in result.figures()]
+    scales = choose_scales(found)
+    rows: list[Row] = []
+    for label, value, unit, _ in found:
+        if value is None or value == "":
+            rows.append((label, None, ""))
+        elif unit in scales:
+            rows.append((label, scales[unit].cell(float(value)), scales[unit].unit))
+        else:
+            rows.append((label, value, unit))
+    return rows
+
+
+def summary_of_solution(solution: Solution) -> str:
+    """Six rows of a solution: status, errors, torque, speed, pre-actuation and computing time."""
+    wanted = {figure.label for figure in solution.figures() if figure.key in SUMMARY}
+    rows = [row for row in figure_rows(solution) if row[0] in wanted]
+    title = f"{solution.model.title}, move {solution.move.name}"
+    return "\n\n".join([f"{title}\n\n{figures(rows)}", *_further(solution)])
+
+
+def _further(solution: Solution) -> list[str]:
+    """Notes on the path and the methods that were tried before, each as one text, where any."""
+    notes = [paragraph(f"note: {line}") for line in solution.details.get("notes", ())]
+    lines = [f"tried before: {line}" for line in solution.details.get("attempts", ())]
+    return ["\n".join(each) for each in (notes, lines) if each]
+
+
+def text_of_solution(solution: Solution) -> str:
+    """The figures of a solution, and the methods that were tried before."""
+    text = f"{solution.model.title}, move {solution.move.name}\n\n{figures(figure_rows(solution))}"
+    return "\n\n".join([text, *_further(solution)])
+
+
+def solution_details(solution: Solution) -> str:
+    """Further figures of the method and of the simulation of a solution, and what its status
+    means.
+    """
+    rows: list[Row] = [
+        (key.replace("_", " "), value if isinstance(value, int | float) else str(value), "")
+        for key, value in plain(dict(solution.details)).items()
+        if value not in (None, [], {}, "") and key not in ("notes", "attempts")
+    ]
+    if solution.simulation is not None:
+        run = solution.simulation
+        rows += [
+            ("integrator of the simulation", run.integrator, ""),
+            ("evaluations of the equations of motion", run.evaluations, ""),
+            ("wall time of the simulation", run.wall_s, "s"),
+        ]
+    meaning = paragraph(f"{solution.status}: {solution.status.sentence} {solution.status.advice}")
+    return f"{figures(rows)}\n\n{meaning}" if rows else meaning
+
+
+def steps_text(
+    analysis: Analysis,
+    library: GeneratedLibrary,
+    checked: Mapping[str, float],
+    solution: Solution,
+    seconds: float,
+) -> str:
+    """The main figures of all steps: analysis, library, its comparison with the equations,
+    solution; wall time [s].
+    """
+    robot = analysis.model
+    facts = plain(analysis.to_dict())
+    slowest = facts["unstable_time_constant_s"]
+    rows: list[Row] = [
+        ("model", robot.title, ""),
+        ("motors, degrees of freedom", f"{robot.n_m}, {robot.dof}", ""),
+        ("lowest mode", facts["modes_hz"][0] if facts["modes_hz"] else None, "Hz"),
+        ("phase of the output", facts["phase"], ""),
+        ("slowest unstable zero", 1 / slowest if slowest else None, "1/s"),
+        ("structural index", facts["structural_index"], ""),
+        ("C functions generated", len(library.functions), ""),
+        ("C library built in", None if library.cached else library.seconds, "s"),
+        ("C inverse_dynamics, one call from Python", checked["call_us"], "us"),
+        ("difference of C and equations, largest", checked["difference_Nm"], "N m"),
+        ("move", solution.move.name, ""),
+        *figure_rows(solution),
+        ("total time, wall", seconds, "s"),
+    ]
+    return figures(rows)
+
+
+def text_of_simulation(simulation: Simulation) -> str:
+    """The figures of a simulation."""
+    return figures(figure_rows(simulation))
+
+
+def text_of_check(check: Check) -> str:
+    """One line, and the numbers that are unusual or wrong, with what to look at, once each."""
+    found = (*check.errors, *check.warnings)
+    each = [
+        "\n".join(
+            [
+                paragraph(f"{f.mark}: {f.key}"),
+                paragraph(f"  {f.quantity}: {f.value}, usual {f.usual}"),
+                *([paragraph(f"  look at: {f.advice}")] if f.advice else []),
+            ]
+        )
+        for f in found
+    ]
+    return "\n\n".join([check.summary(), *each])
+
+
+def findings_of_check(check: Check) -> str:
+    """A table of all numbers that were checked."""
+    return _findings_table(check.findings)
+
+
+def _findings_table(findings: Sequence[Finding]) -> str:
+    rows = [[f.mark, f.key, f.quantity, f.value, f.usual] for f in findings]
+    return table(rows, ("mark", "key", "quantity", "value", "usual"))
+
+
+def models_text(rows: Sequence[Mapping[str, Any]]) -> str:
+    """The list of `flexgen.models` as a table."""
+    head = ("name", "motors", "actuated", "elastic", "dof", "description")
+    text = table(
+        [
+            [r["name"], r["n_m"], r["n_g"], r["n_e"], r["dof"], one_line(r["description"])]
+            for r in rows
+        ],
+        head,
+    )
+    variants = [f"{row['name']}@{name}" for row in rows for name in row["variants"]]
+    return text + ("\n\n" + paragraph("variants: " + ", ".join(variants)) if variants else "")
+
+
+def library_text(robot: RobotModel, library: GeneratedLibrary) -> str:
+    """The functions of a library, and the files that were written: those a user needs by name."""
+    from flexgen.codegen.emission.c_functions import inversion_reason
+
+    done = f"built in {library.seconds:.1f} s" if not library.cached else "written, not compiled"
+    lines = [
+        (
+            f"{robot.title}: {done if library.written else 'nothing has changed'} in "
+            f"{library.directory}"
+        )
+    ]
+    lines += ["", paragraph("functions: " + ", ".join(library.functions))]
+    reason = inversion_reason(robot, library.functions)
+    if reason is not None:
+        lines += ["", paragraph(f"not in this library: invert and stream, because {reason}")]
+    if library.written:
+        sources = [
+            path for path in library.files if path.suffix == ".c" or path.parent.name == "src"
+        ]
+        lines += ["", *(f"wrote {path}" for path in library.files if path not in sources)]
+        lines += [f"wrote {sources[0].parent} ({len(sources)} sources)"] if sources else []
+    return "\n".join(lines)
+
+
+def text_of_path(path: Path) -> str:
+    """The segments of a planned path."""
+    segments = enumerate(path.to_dict()["segments"], 1)
+    rows = [[k, s["space"], s["start_s"], s["duration_s"], s["smoothness"]] for k, s in segments]
+    head = ("segment", "space", "start, s", "duration, s", "continuous derivatives")
+    title = f"{path.equations.model.name}, {path.move.name}: {number(path.duration)} s"
+    remarks = [line for line in path.notes if line not in path.warnings]
+    notes = "\n".join(paragraph(f"note: {line}") for line in remarks)
+    return "\n\n".join([title, table(rows, head), *([notes] if notes else [])])
+
+
+def configurations_text(robot: RobotModel, found: Sequence[Configuration]) -> str:
+    """The configurations of `flexgen.kinematics` as a table."""
+    rows = []
+    for c in found:
+        flags = " ".join(f"{sign:+d}" for sign in c.flags)
+        near = f"{c.distance:.3g} {c.nearest_singularity}{', singular' if c.singular else ''}"
+        rows.append([*map(float, c.q), "yes" if c.within_limits else "no", flags, near])
+    joints = (f"{c.name}, {c.unit}" for c in (robot.coordinates[i] for i in robot.i_g))
+    return table(rows, (*joints, "in limits", "shoulder elbow wrist", "singularity distance"))
+
+
+def text_of_sweep(swept: SweepResult) -> str:
+    """The cases of a sweep by model, method and status."""
+    head = (
+        "model",
+        "method",
+        "status",
+        "cases",
+        "tool error m",
+        "tool error rad",
+        "torque N m",
+        "processor s",
+    )
+    keys = (
+        "model",
+        "method",
+        "status",
+        "cases",
+        "tool_error_max",
+        "turn_error_max",
+        "torque_max",
+        "cpu",
+    )
+    data = swept.to_dict()
+    rows = [[group[key] for key in keys] for group in data["groups"]]
+    early = f"; {swept.status}" if swept.ended else ""
+    return f"{data['cases']} cases, {data['failed']} failed{early}\n\n{table(rows, head)}"
+
+
+def failure_lines(groups: Sequence[Mapping[str, Any]], where: str) -> list[str]:
+    """A line for each of the first reasons of failed cases of a sweep; ``where``: where the other
+    reasons are.
+    """
+    out = []
+    for cases, reason in ((group["cases"], group["reason"]) for group in groups[:SHOWN]):
+        names = ", ".join(map(str, cases[:SHOWN])) + (", ..." if len(cases) > SHOWN else "")
+        many = f"{len(cases)} cases failed ({names}), for example case {cases[0]}"
+        out.append(f"{many if len(cases) > 1 else f'case {cases[0]} failed'}: {reason}")
+    more = sum(len(group["cases"]) for group in groups[SHOWN:])
+    return [*out, *([f"{more} more cases failed for other reasons; see {where}"] if more else [])]

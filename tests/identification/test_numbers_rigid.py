@@ -1,0 +1,519 @@
+"""Fits of rigid arms and of motions, part by part: columns, covariances, deflections and statuses
+by closed forms.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from enlarged import rescaled
+from numpy.testing import assert_allclose
+from scipy.interpolate import CubicSpline
+
+import flexgen
+from flexgen.base.errors import ArgumentError
+from flexgen.base.numerics.polynomial_filter import smooth_forces
+from flexgen.identification.estimator import residual_statistics
+from flexgen.identification.motions import motion_fit as fits
+from flexgen.identification.records.gear_deflection import gear_deflection
+from flexgen.identification.responses.result import FitStatus
+from flexgen.identification.rigid import rigid_accuracy, rigid_body, rigid_file, rigid_model
+from flexgen.identification.rigid.rests_of_motors import MOVING
+from flexgen.identification.rigid.rigid_accuracy import RigidStatus
+from flexgen.identification.rigid.rigid_body import RigidFit, identify_rigid
+from flexgen.identification.rigid.rigid_columns import COULOMB_SPEED, Columns
+from flexgen.identification.rigid.rigid_regressor import Motion, Regressor
+from flexgen.model.elements import Body, RobotModel
+
+H = 4e-3
+
+
+def balanced() -> RobotModel:
+    """The rigid elbow with two harmonics in the counterbalance of q1."""
+    model = flexgen.read("elbow@rigid")
+    e0 = model.elements[0]
+    dofs = tuple(
+        replace(d, counterbalance=((40.0, -15.0), (9.0, 4.0))) if d.name == "q1" else d
+        for d in e0.dofs
+    )
+    return replace(model, elements=(replace(e0, dofs=dofs), *model.elements[1:]))
+
+
+def swung(model: RobotModel, count: int = 600) -> Motion:
+    t = H * np.arange(count)
+    q = np.stack([0.9 * np.sin(3.1 * t + 0.3), 0.7 * np.cos(4.3 * t)], axis=1)
+    v = np.stack([0.9 * 3.1 * np.cos(3.1 * t + 0.3), -0.7 * 4.3 * np.sin(4.3 * t)], axis=1)
+    a = -(np.array([3.1, 4.3]) ** 2) * q
+    e = flexgen.derive(model).function("inverse_dynamics").map(count)
+    arm = np.array(e(q.T, v.T, a.T)).T
+    inertia = np.array([m.inertia for m in model.motors])
+    friction = (
+        np.array([0.02, 0.03]) * (v @ model.eta.T)
+        + np.array([0.5, 0.8]) * np.tanh(v / 5e-4)
+        + np.array([0.1, -0.2])
+    )
+    return Motion(t, q, arm @ np.linalg.inv(model.eta) + inertia * (a @ model.eta.T) + friction)
+
+
+def test_columns_are_those_of_bodies_rotors_frictions_and_harmonics() -> None:
+    """Term by term on filtered samples, for harmonics that the file has and for those that are
+    fitted.
+
+    Shown to see: each column, ratio, sign and harmonic.
+    """
+    model = balanced()
+    motion = swung(model)
+    found = Columns(Regressor(model), [motion, motion], {"q2": 2, "q1": 1})
+    q, v, a = motion.derivatives
+    ratio = np.abs(np.diag(model.eta))
+    assert found.step == pytest.approx(H) and found.F[0].shape == (600, 2, 8)
+    F = found.F[1]
+    assert_allclose(F[:, :, 0], v * np.sign(np.diag(model.eta)))
+    top = np.abs(v).max()
+    slope = smooth_forces(np.tanh(v * np.diag(model.eta) / (COULOMB_SPEED * top * ratio)))
+    assert_allclose(F[:, :, 1], slope)
+    assert_allclose(F[:, :, 2], 1.0)
+    assert_allclose(F[:, :, 3], a * np.sign(np.diag(model.eta)))
+    zero = np.zeros(600)
+    for column, (first, second) in enumerate(
+        (
+            (np.sin(2 * q[:, 0]), np.sin(2 * q[:, 1])),
+            (np.cos(2 * q[:, 0]), np.cos(2 * q[:, 1])),
+            (zero, np.sin(3 * q[:, 1])),
+            (zero, np.cos(3 * q[:, 1])),
+        ),
+        4,
+    ):
+        assert_allclose(F[:, 0, column], first)
+        assert_allclose(F[:, 1, column], second)
+    inertia = np.array([m.inertia for m in model.motors])
+    assert_allclose(found.known[0], inertia * (a @ model.eta.T))
+    inverse = np.linalg.inv(model.eta)
+    pi = Regressor(model).of_model()
+    friction = np.arange(16.0).reshape(2, 8) / 10
+    e = flexgen.derive(model).function("inverse_dynamics").map(600)
+    arm = np.array(e(q.T, v.T, a.T)).T
+    first = np.stack([40.0 * np.sin(q[:, 0]) - 15.0 * np.cos(q[:, 0]), zero], axis=1)
+    second = np.stack([9.0 * np.sin(2 * q[:, 0]) + 4.0 * np.cos(2 * q[:, 0]), zero], axis=1)
+    held = found.held[0] @ model.eta
+    assert min(np.abs(held + x).max() for x in (first, first + second)) < 1e-9
+    body = np.einsum("nip,p->ni", Regressor(model)(q, v, a), pi)
+    total = body @ inverse + found.held[0] + found.known[0] + np.einsum("njc,jc->nj", F, friction)
+    assert_allclose(found.torques(pi, friction)[1], total, rtol=1e-9, atol=1e-9)
+    del arm
+    moving = np.abs(v * ratio) > MOVING * top * ratio
+    assert (found.moving[0] == moving).all()
+    part = found.part([(1, slice(0, 50))])
+    assert len(part.Y) == 1 and part.measured[0].shape == (50, 2)
+    error, scale = found.errors(pi, friction)
+    for j in range(2):
+        tau = motion.torques[:, j]
+        at = moving[:, j]
+        assert error[j] == pytest.approx(np.sqrt(((tau - total[:, j])[at] ** 2).mean()))
+        assert scale[j] == pytest.approx(tau[at].std())
+
+
+def test_the_sample_time_of_a_rounded_clock_is_that_of_all_samples() -> None:
+    """At 2048 Hz the median of steps in whole microseconds is 0.06 % short, and frictions were
+    four deviations off.
+    """
+    t = 1.7e9 + np.round(1e6 * np.arange(600) / 2048) / 1e6
+    assert Motion(t, np.zeros((600, 2)), np.zeros((600, 2))).step == pytest.approx(
+        1 / 2048, rel=3e-6
+    )
+
+
+def test_a_fit_without_noise_returns_bodies_rotors_and_frictions(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    model = flexgen.read("elbow@rigid")
+    motion = swung(model)
+    found = identify_rigid(model, [motion], parts=2)
+    assert (
+        found.status == RigidStatus.FITTED
+        and found.left_out is not None
+        and (found.left_out < 0.02).all()
+    )
+    assert (found.relative_errors(motion) < 0.01).all()
+    e = found.torques(motion) - motion.torques
+    assert np.sqrt((e**2).mean()) < 0.01 * np.std(motion.tau_m)
+    eta = np.diag(model.eta)
+    found = replace(found, lags=np.zeros(3))  # torques at the times of the angles
+    gear = (found.torques(motion) - Columns(Regressor(model), [motion], {}).known[0]) @ model.eta
+    F = Columns(Regressor(model), [motion], {}).F[0]
+    load = gear - np.einsum("njc,jc->nj", F, found.friction) @ model.eta
+    assert_allclose(
+        found.gear_torques(motion),
+        load + (motion.torques - found.torques(motion)) @ model.eta,
+        atol=1e-6,
+    )
+    for j, motor in enumerate(found.model.motors):
+        viscous, coulomb, offset, rotor = found.friction[j, :4]
+        assert (
+            motor.friction.viscous == pytest.approx(viscous / abs(eta[j]))
+            and motor.friction.offset == offset
+        )
+        assert motor.friction.viscous == pytest.approx([0.02, 0.03][j], rel=0.05)
+        assert motor.friction.coulomb == coulomb == pytest.approx([0.5, 0.8][j], rel=0.05)
+        assert motor.friction.beta == pytest.approx(
+            1 / (COULOMB_SPEED * found.speed[j] * abs(eta[j]))
+        )
+        assert motor.inertia == pytest.approx(model.motors[j].inertia + rotor / abs(eta[j]))
+    negative = rigid_model._motors(
+        model, np.array([[-1.0, -1.0, 0.5, -1e9]] * 2), np.zeros(2), np.ones(2)
+    )
+    for motor, old in zip(negative, model.motors, strict=True):
+        assert motor.inertia == old.inertia
+        assert vars(motor.friction) | {"offset": 0.0} == vars(type(motor.friction)()) | {
+            "offset": 0.0
+        }
+    columns = Columns(Regressor(model), [motion], {})
+    pi = found.pi
+    phi = found.friction
+    error = motion.torques - columns.torques(pi, phi)[0]
+    X = [
+        np.hstack(
+            [
+                columns.Y[0][:, j],
+                *(columns.F[0][:, j] if k == j else 0 * columns.F[0][:, j] for k in range(2)),
+                columns.Z[0][:, j],
+            ]
+        )
+        for j in range(2)
+    ]
+    file = Regressor(model).of_model()
+    prior = rigid_body._Prior(file, 0.3 * rigid_body.scales(file), np.array([1.0, 2.0, 3.0]))
+    information = np.r_[prior.sd**-2.0, np.zeros(8), prior.lags_sd**-2.0]
+    sd = np.array([0.1, 0.3])
+    expected = dense_covariance(X, error, 1 / (sd * np.sqrt(50)), information, 125)
+    terms = columns.by_motor()
+    weights = prior.information(2 * columns.F[0].shape[2])
+    assert_allclose(weights, information)
+    monkeypatch.setattr(residual_statistics, "_student", lambda shares: np.ones(shares.shape[1]))
+    made = residual_statistics.covariance(
+        terms, error, 1 / (sd * np.sqrt(columns.correlated)), weights, 125
+    )
+    size = np.sqrt(np.diag(expected))
+    assert np.abs((made - expected) / np.outer(size, size)).max() < 1e-3
+
+
+@pytest.mark.slow
+def test_a_tiny_quick_arm_has_the_numbers_of_the_large_one() -> None:
+    """Lengths, masses and times by powers of two: the torques are those of the large arm,
+    scaled.
+    """
+    large = flexgen.read("elbow@rigid")
+    length = 2.0**-6
+    mass = 2.0**-20
+    time = 2.0**-4
+    unit = mass * length**2
+    tiny = rescaled(large, length, mass, time)
+    motion = swung(large, 1500)
+    found = identify_rigid(large, [motion], parts=2)
+    scaled = identify_rigid(
+        tiny, [Motion(time * motion.t, motion.q, motion.tau_m * (unit / time**2))], parts=2
+    )
+    assert scaled.status == found.status == RigidStatus.FITTED
+    assert_allclose(scaled.friction[:, 1] * time**2 / unit, found.friction[:, 1], rtol=1e-5)
+    # of it
+    assert_allclose(scaled.numbers_sd[21] * time**2 / unit, found.numbers_sd[21], rtol=0.02)
+    assert_allclose(scaled.left_out, found.left_out, rtol=0.02)
+
+
+def dense_covariance(
+    X: list[np.ndarray], error: np.ndarray, weight: np.ndarray, prior: np.ndarray, block: int
+) -> Any:
+    """``H (sum g g' + P) H`` of blocks, each g that of a fit without its block; with scales for
+    the inverse.
+    """
+    P = np.diag(prior)
+    A = sum(w**2 * x.T @ x for x, w in zip(X, weight, strict=True)) + P
+    s = 1 / np.sqrt(np.diag(A))
+    inverse = np.linalg.inv(A * np.outer(s, s))
+    H_ = inverse * np.outer(s, s)
+    G = P.copy()
+    for k in range(0, len(error), block):
+        rows = [x[k : k + block] * w for x, w in zip(X, weight, strict=True)]
+        g = (
+            sum(
+                x.T @ error[k : k + block, j] * w
+                for j, (x, w) in enumerate(zip(rows, weight, strict=True))
+            )
+            * s
+        )
+        own = sum(x.T @ x for x in rows) * np.outer(s, s)
+        g = np.linalg.solve(np.eye(len(s)) - own @ inverse, g) / s
+        G = G + np.outer(g, g)
+    return H_ @ G @ H_
+
+
+def test_deviations_of_numbers_of_the_file_follow_by_their_derivatives() -> None:
+    """Mass, center, inertia about the center from (m, m c, I about the origin); rotors and
+    frictions by the ratio.
+    """
+    model = flexgen.read("elbow@rigid")
+    pi = Regressor(model).of_model()
+    n = len(pi)
+    rng = np.random.default_rng(0)
+    root = rng.normal(size=(n + 15, n + 15)) * 1e-3
+    covariance = root @ root.T
+    fit = RigidFit(
+        model,
+        model,
+        pi,
+        np.zeros((2, 6)),
+        np.ones(2),
+        7,
+        {"q2": 1},
+        covariance,
+        None,
+        RigidStatus.FITTED,
+        np.zeros(3),
+        np.zeros(2),
+        np.ones(2),
+        5.0,
+    )
+    assert_allclose(fit.lags_sd, np.sqrt(np.diag(covariance))[-3:])
+    sd = rigid_file.rigid_deviations(fit)
+    eta = np.abs(np.diag(model.eta))
+    phi = np.sqrt(np.diag(covariance)[n : n + 12]).reshape(2, 6)
+    for j, motor in enumerate(model.motors):
+        assert sd[f"{motor.name}.viscous"] == pytest.approx(phi[j, 0] / eta[j])
+        assert (
+            sd[f"{motor.name}.coulomb"] == pytest.approx(phi[j, 1])
+            and sd[f"{motor.name}.offset"] == phi[j, 2]
+        )
+        assert sd[f"{motor.name}.inertia"] == pytest.approx(phi[j, 3] / eta[j])
+    assert sd["q2.counterbalance_sin_2"] == pytest.approx(phi[1, 4] * eta[1])
+    assert sd["q2.counterbalance_cos_2"] == pytest.approx(phi[1, 5] * eta[1])
+    for k, element in enumerate(model.elements):
+        row = pi[10 * k : 10 * k + 10]
+        block = covariance[10 * k : 10 * k + 10, 10 * k : 10 * k + 10]
+        assert sd[f"{element.name}.mass"] == pytest.approx(np.sqrt(block[0, 0]), rel=1e-6)
+        for axis, name in enumerate(("com_x", "com_y", "com_z")):
+            slope = np.zeros(10)
+            slope[0] = -row[1 + axis] / row[0] ** 2
+            slope[1 + axis] = 1 / row[0]
+            assert sd[f"{element.name}.{name}"] == pytest.approx(
+                np.sqrt(slope @ block @ slope), rel=1e-4
+            )
+    assert rigid_file.rigid_deviations(replace(fit, status=RigidStatus.MODEL_ERROR)) == {}
+    numbers = rigid_file.rigid_numbers(
+        replace(fit, model=rigid_file._with_places(fit), counterbalance={})
+    )
+    assert (
+        numbers["m1.inertia"] == model.motors[0].inertia
+        and numbers["upper.mass"] == model.elements[0].body.mass
+    )
+    longer = rigid_file._with_places(replace(fit, model=balanced()))
+    assert [d.counterbalance for e in longer.elements for d in e.dofs] == [((0.0, 0.0),) * 2, ()]
+    same = rigid_file._with_places(replace(fit, model=balanced(), file=balanced()))
+    assert next(d.counterbalance for e in same.elements for d in e.dofs) == (
+        (40.0, -15.0),
+        (9.0, 4.0),
+    )
+    with pytest.raises(
+        ArgumentError,
+        match=r"model file: given a payload, expected none: the fit cannot tell it from",
+    ):
+        rigid_file.write_rigid(replace(fit, file=replace(model, payload=Body(1.0))), "x.toml", "")
+    run = SimpleNamespace(
+        t=np.arange(60) * H, q_m=np.ones((60, 2)) @ model.eta.T, tau_m=np.zeros((60, 2))
+    )
+    data: Any = SimpleNamespace(model=model, recordings=[("a", run)])
+    assert_allclose(rigid_file.motions_of(data)[0].q, 1.0)
+
+
+def test_the_last_body_carries_the_payload() -> None:
+    """Mass, first and second moments about the joint add up."""
+    model = flexgen.read("elbow@rigid")
+    payload = Body(3.0, (0.1, -0.2, 0.3), ((0.4, 0.01, 0.0), (0.01, 0.5, 0.0), (0.0, 0.0, 0.6)))
+    plain, loaded = (
+        Regressor(replace(model, payload=x)).of_model().reshape(-1, 10) for x in (Body(), payload)
+    )
+    assert_allclose(loaded[:-1], plain[:-1])
+    more = loaded[-1] - plain[-1]
+    c = np.array(payload.com)
+    second = np.array(payload.inertia) + 3.0 * (c @ c * np.eye(3) - np.outer(c, c))
+    assert more[0] == pytest.approx(3.0) and sorted(more[1:4]) == pytest.approx(sorted(3.0 * c))
+    assert sorted(more[4:]) == pytest.approx(sorted(second[np.triu_indices(3)]))
+
+
+def test_each_part_is_predicted_by_a_fit_to_all_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The torques predict the mean of the samples that are fitted: the part itself is none of
+    them.
+    """
+    motion = swung(flexgen.read("elbow@rigid"), 61)
+    columns = Columns(Regressor(flexgen.read("elbow@rigid")), [motion, motion], {})
+    columns.moving = [np.ones_like(x, bool) for x in columns.measured]
+    at = rigid_body._Numbers(np.zeros(0), np.zeros(0), np.zeros(3))
+    monkeypatch.setattr(
+        rigid_body,
+        "_fit_bodies",
+        lambda part, *_: at._replace(pi=np.vstack(part.measured).mean(axis=0)),
+    )
+    monkeypatch.setattr(
+        Columns, "torques", lambda part, mean, _: [0 * x + mean for x in part.measured]
+    )
+    found = rigid_body._leave_out(
+        columns, rigid_body._Prior(at.pi, at.pi, at.lags), at, np.ones(2), 3
+    )
+    x = np.vstack(columns.measured)
+    error = []
+    for begin, end in ((0, 20), (20, 40), (40, 61), (61, 81), (81, 101), (101, 122)):
+        error.append(x[begin:end] - np.delete(x, np.s_[begin:end], axis=0).mean(axis=0))
+    assert_allclose(found, np.sqrt((np.vstack(error) ** 2).mean(axis=0)))
+
+
+def test_errors_of_a_rigid_fit_decide_on_its_status() -> None:
+    one = np.array([1.0, 1.0])
+    scale = np.array([10.0, 10.0])
+    status = rigid_accuracy.status_of
+    assert status(np.array([3.34, 1.0]), scale, None, None) == RigidStatus.MODEL_ERROR
+    assert status(np.array([3.33, 1.0]), scale, None, None) == RigidStatus.NOT_CHECKED
+    assert status(one, scale, np.array([1.0, 2.01]), scale) == RigidStatus.POORLY_VALIDATED
+    assert status(one, scale, np.array([1.0, 1.99]), scale) == RigidStatus.FITTED
+    # of the torque not worse
+    assert status(one, scale, np.array([1.0, 2.5]), 2 * scale) == RigidStatus.FITTED
+    # too small
+    assert status(0.1 * one, scale, np.array([0.1, 0.99]), scale) == RigidStatus.FITTED
+    assert residual_statistics.parts_of([10, 7], 3) == [
+        (0, slice(0, 3)),
+        (0, slice(3, 6)),
+        (0, slice(6, 10)),
+        (1, slice(0, 2)),
+        (1, slice(2, 4)),
+        (1, slice(4, 7)),
+    ]
+    error = np.array([[3.0, 1.0], [4.0, 1.0], [9.0, 1.0]])
+    moving = np.array([[1, 0], [1, 0], [0, 0]], bool)
+    assert residual_statistics.rms(error, moving)[0] == pytest.approx(np.sqrt(12.5))
+    assert np.isnan(residual_statistics.rms(error, moving)[1])
+    t = np.r_[0.0, 0.1, 0.2, 0.31, np.arange(0.4, 9.0, 0.1)]
+    for bad, text in (
+        ({"t": t}, r"the time goes from 0\.2 to 0\.31 s, expected equal steps"),
+        (
+            {"t": np.r_[t[:60], 5.0] * 0 + np.r_[np.arange(60) * H, 1.0]},
+            r"the time goes from 0\.236 to 1 s",
+        ),
+    ):
+        n = len(bad["t"])
+        with pytest.raises(ArgumentError, match=text):
+            Motion(bad["t"], np.zeros((n, 2)), np.zeros((n, 2)))
+
+
+def test_a_deflection_is_that_of_least_squares() -> None:
+    """Compliance and skew by `numpy.linalg.lstsq`; the interval by blocks of half a second; words
+    of each result.
+    """
+    rng = np.random.default_rng(0)
+    t = np.arange(1400) * H
+    q = 0.5 * np.sin(2.5 * t)
+    tau = 900.0 * np.sin(4.4 * t + 1)
+    link = np.interp(t - 2e-3, t, q - tau / 1e7) - 1e-3 + 2e-6 * rng.standard_normal(len(t))
+    found = gear_deflection(t, q, link, tau)
+    columns = np.column_stack([tau, np.gradient(q, H), np.ones_like(t)])
+    used = (len(t) // 125) * 125
+    x = np.linalg.lstsq(columns[:used], (q - link)[:used], rcond=None)[0]
+    assert found.stiffness == pytest.approx(1 / x[0], rel=1e-6) and found.skew_s == pytest.approx(
+        x[1], rel=1e-6
+    )
+    without = np.linalg.lstsq(columns[:, 1:], q - link, rcond=None)[0]
+    rest = q - link - columns @ x
+    whole = q - link - columns[:, 1:] @ without
+    assert found.explained == pytest.approx(1 - rest.var() / whole.var(), rel=1e-3)
+    each = [
+        np.linalg.lstsq(columns[k : k + 125], (q - link)[k : k + 125], rcond=None)[0][0]
+        for k in range(0, used, 125)
+    ]
+    low, high = found.interval
+    assert 1 / max(each) < low < found.stiffness < high < 1 / min(each)
+    assert (
+        found.sentence
+        == f"{found.stiffness:.3g} ({low:.3g} to {high:.3g}), skew {1e3 * found.skew_s:.2f} ms"
+    )
+    assert gear_deflection(t, q, link, tau, seed=1).interval != found.interval
+    open_end = replace(found, stiffness=None, interval=(5e6, np.inf))
+    none = replace(found, stiffness=None, interval=(np.inf,) * 2)
+    assert (
+        open_end.sentence
+        == "not identifiable: the stiffness is above 5e+06, a rigid gear is possible"
+    )
+    assert none.sentence == "not identifiable: no deflection follows the torque"
+    assert gear_deflection(t[:1250], q[:1250], link[:1250], tau[:1250]).stiffness is not None
+    with pytest.raises(ArgumentError, match=r"deflection: given 5 s, expected 5\.0 s at least"):
+        gear_deflection(t[:1249], q[:1249], link[:1249], tau[:1249])
+
+
+def test_a_motion_fit_is_judged_by_percent_whiteness_and_other_recordings() -> None:
+    fit: Any = SimpleNamespace(converged=True, at_bound=np.zeros(2, bool))
+    status = fits._status
+    assert status(fit, (99.0, 98.0), (1.0, 1.0)) == FitStatus.FITTED
+    assert (
+        status(SimpleNamespace(converged=False, at_bound=fit.at_bound), (99.0,), (1.0,))
+        == FitStatus.NOT_CONVERGED
+    )
+    assert (
+        status(SimpleNamespace(converged=True, at_bound=np.array([False, True])), (99.0,), (1.0,))
+        == FitStatus.AT_BOUND
+    )
+    assert status(fit, (99.0, 98.0), (1.0, fits.WHITE - 0.01)) == FitStatus.MODEL_ERROR
+    assert status(fit, (99.0, 99.95), (1.0, fits.WHITE - 0.01)) == FitStatus.SMALL_ERROR
+    assert status(fit, (98.0, 99.95), (fits.WHITE - 0.01, 0.0)) == FitStatus.MODEL_ERROR
+    assert status(fit, (fits.POORLY_EXPLAINED - 0.1, 99.0), (1.0, 1.0)) == FitStatus.MODEL_ERROR
+    worse = np.array([fits.WORSE + 0.1, 1.0])
+    best = (99.0, 99.0)
+    there = 100 - 1.1 * fits.WORSE
+    assert fits._fails(best, (there, 99.0), worse) and not fits._fails(
+        best, (there, 99.0), worse / 2
+    )
+    assert not fits._fails(best, (99.0, there), worse) and not fits._fails(
+        best, (100 - 0.9 * fits.WORSE, 99.0), worse
+    )
+    assert not fits._fails((99.999, 99.0), (99.95, 99.0), worse)
+    assert fits._fails(best, (99.0, fits.POORLY_EXPLAINED - 0.1), np.ones(2))
+    rng = np.random.default_rng(0)
+    y = rng.normal(size=(3, 30, 2)).cumsum(axis=1)
+    e = rng.normal(size=(3, 30, 2))
+    e[:, :, 1] = np.sin(0.2 * np.arange(30))
+    n = np.arange(30)
+    line = np.array(
+        [[np.polyval(np.polyfit(n, y[s, :, j], 1), n) for j in range(2)] for s in range(3)]
+    ).swapaxes(1, 2)
+    away = [np.sqrt((e[..., j] ** 2).sum() / ((y - line)[..., j] ** 2).sum()) for j in range(2)]
+    assert_allclose(fits._percent(y, e), [100 * (1 - x) for x in away])
+    Jz = rng.normal(size=(3, 60, 4))
+    Jz[:, :, 3] = 2 * Jz[:, :, 0]
+    Q = fits._basis(Jz)
+    for q, J in zip(Q, Jz, strict=True):
+        assert_allclose(q @ q.T @ J, J, atol=1e-9)
+        assert_allclose(np.trace(q @ q.T), 3.0)
+    white = fits.whiteness(e, Q)
+    P = Q.reshape(3, 30, 2, 4)
+    for j in range(2):
+        left = 90 - (P[:, :, j] ** 2).sum()
+        power = (e[..., j] ** 2).sum()
+        inside = []
+        for lag in range(1, min(residual_statistics.LAGS, 29) + 1):
+            found = (
+                sum(e[s, k + lag, j] * e[s, k, j] for s in range(3) for k in range(30 - lag))
+                / power
+            )
+            wanted = (
+                -sum(P[s, k + lag, j] @ P[s, k, j] for s in range(3) for k in range(30 - lag))
+                / left
+            )
+            inside.append(abs(found - wanted) < 2.58 / np.sqrt(90))
+        assert white[j] == pytest.approx(np.mean(inside))
+    t = H * np.arange(40)
+    signals = np.stack([np.sin(5 * t), np.cos(7 * t)], axis=1)
+    assert fits._remove_delays(t, signals, np.zeros(2)) is signals
+    late = fits._remove_delays(t, signals, np.array([0.0, 6e-3]))
+    assert_allclose(late[:, 0], signals[:, 0], atol=1e-12)
+    at = np.minimum(t + 6e-3, t[-1])
+    assert_allclose(late[:, 1], CubicSpline(t, signals[:, 1], bc_type="not-a-knot")(at), atol=1e-6)
+    assert_allclose(late[:-2, 1], np.cos(7 * (t[:-2] + 6e-3)), atol=1e-5)
