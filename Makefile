@@ -143,19 +143,7 @@ sbom: $(VENV)/.installed           ## write the bill of materials dist/sbom.cdx.
 	$(BIN)/python .ci/sbom.py dist/sbom.cdx.json
 
 golden: $(VENV)/.installed         ## write generated/elbow, the stub and tests/golden again; tests compare them
-	$(BIN)/python cli.py generate elbow --no-build --force
-	$(BIN)/python tests/support/emitted_hashes.py
-	$(BIN)/python tests/support/public_stub.py
-	$(BIN)/python tests/support/room_picture.py
-	$(BIN)/python tests/support/room_pages.py
-	$(BIN)/python tests/support/public_face.py
-	$(BIN)/python tests/golden/test_model_files.py
-	$(BIN)/python tests/golden/test_pictures.py
-	$(BIN)/python tests/golden/test_pages.py
-	$(BIN)/python tests/golden/test_printed_results.py
-	$(BIN)/python tests/golden/test_path_texts.py
-	$(BIN)/python tests/golden/test_exports.py
-	$(BIN)/python tests/support/key_page.py
+	$(BIN)/python tests/golden/update.py
 
 clean:                             ## remove what was built (not .venv)
 	rm -rf build dist reports *.egg-info .pytest_cache .mypy_cache .ruff_cache

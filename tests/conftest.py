@@ -16,6 +16,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import durations
 import pytest
 from selection import ROOT, SLOW, full, slow, unoptimized
 from toolchain import CC
@@ -42,6 +43,37 @@ def derive_once(model: Any, parameters: Sequence[str] = ()) -> equations.Equatio
 
 equations.derive = derive_once  # before a test module imports it
 equations.KEPT = 8
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """The option that records how long tests take."""
+    parser.addoption(
+        "--record-durations",
+        action="store_true",
+        help="write the durations of slow tests to tests/durations.json",
+    )
+
+
+class DurationsOfRun:
+    """Plugin: the time of each test that passes, written to the file of durations at the end."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+        self.failed: set[str] = set()
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        """Add the time of a phase."""
+        self.seconds[report.nodeid] = self.seconds.get(report.nodeid, 0.0) + report.duration
+        if not report.passed:
+            self.failed.add(report.nodeid)
+
+    def pytest_sessionfinish(self) -> None:
+        """Write the file."""
+        shortest: dict[str, str] = {}
+        for test in sorted(self.seconds, key=lambda test: self.seconds[test]):
+            shortest.setdefault(test.partition("[")[0], test)
+        passed = {x: time for x, time in self.seconds.items() if x not in self.failed}
+        durations.write(durations.updated(durations.read(), passed, shortest.values()))
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
@@ -84,10 +116,12 @@ def pytest_sessionstart(session: pytest.Session) -> None:
             spec.loader.exec_module(module)
 
 
-def pytest_configure() -> None:
+def pytest_configure(config: pytest.Config) -> None:
     """Forget equations where something is changed: those with a planted error are for no other
     test.
     """
+    if config.getoption("record_durations") and "PYTEST_XDIST_WORKER" not in os.environ:
+        config.pluginmanager.register(DurationsOfRun())
 
     def forgetting(method: Callable[..., Any]) -> Callable[..., Any]:
         @functools.wraps(method)
@@ -125,9 +159,10 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         path = item.path.relative_to(ROOT / "tests").as_posix()
         case = getattr(item, "callspec", None)
         words = "" if case is None else case.id
-        if slow(path, words):
+        name = getattr(item, "originalname", item.name)
+        if slow(path, name, words):
             item.add_marker("slow")
-        if full(path, words):
+        if full(path, name, words):
             item.add_marker("full")
 
 

@@ -200,11 +200,6 @@ def test_the_page_of_the_command_line_names_each_verb_once():
     assert sorted(named) == sorted({name.partition(" ")[0] for name in VERBS})
 
 
-def test_the_tables_of_exports_are_those_of_the_rows():
-    for page, text in export_tables.pages().items():
-        assert page.read_text(encoding="utf-8") == text, f"{page}: make golden writes it"
-
-
 PLANTED_MODULE = """
 def export_planted(model, path, *, digits: int = 7):
     return f"{model} {path} {digits}"

@@ -25,3 +25,11 @@ def test_a_path_that_rests() -> None:
     assert distance_from_path(np.array([[0.0, 2.0], [3.0, 0.0]]), rests) == pytest.approx(
         [2.0, 2.0]
     )
+
+
+def test_distances_from_a_path_are_those_from_its_chords() -> None:
+    corner = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 1.0]])
+    points = np.array([[-3.0, 4.0], [1.0, -0.5], [2.5, 0.5], [2.0, 3.0], [1.5, 0.75], [2.0, 0.0]])
+    np.testing.assert_allclose(
+        distance_from_path(points, corner), [5.0, 0.5, 0.5, 2.0, 0.5, 0.0], atol=1e-15
+    )

@@ -11,19 +11,8 @@ from functools import cache
 from pathlib import Path
 
 import pytest
-from selection import (
-    ANY_MODEL,
-    OPTIMIZED,
-    OTHER_MODELS,
-    QUICK_MODELS,
-    ROOT,
-    SLOW,
-    SLOW_CASES,
-    UNOPTIMIZED,
-    slow,
-)
-
-from flexgen.model.reader import model_names
+from durations import Recorded, parts_of, read, updated, write
+from selection import OPTIMIZED, RECORDED, ROOT, SLOW, UNOPTIMIZED, full, slow
 
 TESTS = ROOT / "tests"
 
@@ -48,7 +37,7 @@ def quick_files() -> list[Path]:
         quick = any(
             "pytest.mark.slow" not in mark and "pytest.mark.full" not in mark for mark in marks
         )
-        if quick and not slow(path.relative_to(TESTS).as_posix(), ""):
+        if quick and not slow(path.relative_to(TESTS).as_posix(), "", ""):
             out.append(path)
     return out
 
@@ -106,30 +95,77 @@ def test_a_room_without_a_quick_test_is_seen():
 
 
 def test_the_tables_name_existing_folders_and_files():
-    for entry in (*SLOW, *ANY_MODEL, *UNOPTIMIZED, *OPTIMIZED, *SLOW_CASES):
+    for entry in (*SLOW, *UNOPTIMIZED, *OPTIMIZED):
         file, _, name = entry.partition("::")
         assert (TESTS / file).exists() and (
             not name or f"def {name}(" in (TESTS / file).read_text("utf-8")
         ), entry
-    assert set(model_names()) >= QUICK_MODELS
-    assert set(model_names()) == QUICK_MODELS | OTHER_MODELS
+
+
+def test_the_durations_are_those_of_existing_tests():
+    """A name that no test has was renamed: its cases would be quick without a word."""
+    files = {path.name: path for path in TESTS.glob("*/test_*.py")}
+    assert set(RECORDED.laws) <= set(files)
+    for table in (RECORDED.full, RECORDED.slow):
+        for file, functions in table.items():
+            text = files[file].read_text(encoding="utf-8")
+            assert [name for name in functions if f"def {name}(" not in text] == [], file
+
+
+def test_file_and_duration_decide():
+    """A folder of slow tests, a recorded case, a test that nobody recorded."""
+    file, functions = next(iter(RECORDED.slow.items()))
+    name, cases = next(iter(functions.items()))
+    words = next(iter(cases))
+    assert slow("order/test_bdf.py", "test_new", "")
+    assert slow(f"anywhere/{file}", name, words)
+    assert not slow(f"anywhere/{file}", name, "a case that nobody recorded")
+    assert not slow(f"anywhere/{file}", "test_new", words)
+    assert not slow("unit/test_new.py", name, words)
+    assert not full("unit/test_new.py", name, words)
+
+
+BEFORE = Recorded(
+    ["test_laws.py"],
+    {"test_b.py": {"test_two": ["big"]}},
+    {"test_a.py": {"test_one": {"x": None, "y": 5.0, "z": 4.0}}},
+)
 
 
 @pytest.mark.parametrize(
-    ("path", "words", "expected"),
+    ("test", "seconds", "expected"),
     [
-        ("dynamics/test_laws.py", "planar5_nmp@undamped-potential", False),
-        ("dynamics/test_laws.py", "manutec_r3_30-potential", True),
-        ("dynamics/test_laws.py", "kr300@backlash-potential", True),
-        ("order/test_bdf.py", "", True),
-        ("model/test_reader.py", "manutec_r3_30", False),
-        ("cross/test_symbolic.py", "skew", True),
-        ("cross/test_bvp.py", "zeros change", True),
-        ("paths/test_paths.py", "", False),
+        ("unit/test_a.py::test_one[x]", 2.5, {"x": 2.5, "y": 5.0, "z": 4.0}),
+        ("unit/test_a.py::test_one[x]", 1.9, {"y": 5.0, "z": 4.0}),
+        ("unit/test_a.py::test_one[w]", 2.9, {"x": None, "y": 5.0, "z": 4.0}),
+        ("unit/test_a.py::test_one[w-[1]]", 3.14, {"x": None, "y": 5.0, "z": 4.0, "w-[1]": 3.1}),
     ],
 )
-def test_folder_and_model_decide(path, words, expected):
-    assert slow(path, words) is expected
+def test_a_run_changes_what_it_measured(test, seconds, expected):
+    """A slow case becomes quick below 2 s, a quick one slow above 3 s."""
+    after = updated(BEFORE, {test: seconds}, [])
+    assert after == Recorded(BEFORE.laws, BEFORE.full, {"test_a.py": {"test_one": expected}})
+
+
+def test_the_shortest_case_of_a_law_stays_quick():
+    tests = {
+        "dynamics/test_laws.py::test_energy[a]": 7.0,
+        "dynamics/test_laws.py::test_energy[b]": 7.0,
+    }
+    shortest = ["dynamics/test_laws.py::test_energy[a]"]
+    assert updated(BEFORE, tests, shortest).slow["test_laws.py"] == {"test_energy": {"b": 7.0}}
+    tests[shortest[0]] = 11.0
+    assert updated(BEFORE, tests, shortest).slow["test_laws.py"]["test_energy"] == {
+        "a": 11.0,
+        "b": 7.0,
+    }
+
+
+def test_durations_are_read_as_they_were_written(tmp_path):
+    write(BEFORE, tmp_path / "durations.json")
+    assert read(tmp_path / "durations.json") == BEFORE
+    assert parts_of("unit/test_a.py::test_one[w-[1]]") == ("test_a.py", "test_one", "w-[1]")
+    assert parts_of("test_a.py::test_one") == ("test_a.py", "test_one", "")
 
 
 def test_no_module_of_tests_imports_another():

@@ -1,7 +1,4 @@
-"""Hashes of all files that flexgen emits for six models, with nine digits of their numbers.
-
-Run this file to write ``tests/golden/emitted.txt`` anew.
-"""
+"""Hashes of all files that flexgen emits for six models, with nine digits of their numbers."""
 
 from __future__ import annotations
 
@@ -9,7 +6,6 @@ import hashlib
 import json
 import re
 import tempfile
-from pathlib import Path
 from typing import Any
 
 from golden_texts import nine_digits
@@ -17,7 +13,6 @@ from golden_texts import nine_digits
 from flexgen.codegen.build.generate import generate
 
 GOLDEN_CASADI = "3.8"  # another CasADi may order the operations of the same mathematics otherwise
-GOLDEN = Path(__file__).parents[1] / "golden" / "emitted.txt"
 # The models differ in output, gears and number of joints; each has another choice of `generate`.
 CHOICES: dict[str, dict[str, Any]] = {
     "elbow": {"amalgamate": True},
@@ -52,23 +47,6 @@ def hashes(model: str) -> dict[str, str]:
     return {file: digest(text) for file, text in sorted(texts.items())}
 
 
-def table(models: dict[str, dict[str, str]]) -> str:
+def rows(model: str) -> str:
     """One line for each file: model, file and hash."""
-    return "".join(
-        f"{model} {file} {found}\n"
-        for model, files in models.items()
-        for file, found in files.items()
-    )
-
-
-def read() -> dict[str, dict[str, str]]:
-    """The hashes in the golden file, by model and file."""
-    found: dict[str, dict[str, str]] = {}
-    for line in GOLDEN.read_text(encoding="ascii").splitlines():
-        model, file, value = line.split()
-        found.setdefault(model, {})[file] = value
-    return found
-
-
-if __name__ == "__main__":
-    GOLDEN.write_text(table({model: hashes(model) for model in CHOICES}), encoding="ascii")
+    return "".join(f"{model} {file} {found}\n" for file, found in hashes(model).items())

@@ -1,6 +1,4 @@
-"""The tables of exports in two pages, from the rows in `flexgen/__init__.py`: run this file to
-write them anew.
-"""
+"""The tables of exports in two pages, from the rows in `flexgen/__init__.py`."""
 
 from __future__ import annotations
 
@@ -23,11 +21,12 @@ def readme_table(exports: Mapping[str, Export]) -> str:
     """Command, function, file or folder, summary and page of each export."""
     lines = []
     for name, export in exports.items():
-        file, _, inside = export.module.removeprefix("flexgen.exports.").partition(".")
+        *folders, module = export.module.removeprefix("flexgen.exports.").split(".")
+        place = "/".join(folders) + "/" if folders else f"{module}.py"
         what = export.summary.rstrip(".")
         page = export.page.replace("](", "](../../docs/")
         lines.append(
-            f"| `{name}` | `export_{name}` | `{file}{'/' if inside else '.py'}` | {what} | "
+            f"| `{name}` | `export_{name}` | `{place}` | {what} | "
             f"{page} |\n"
         )
     return HEAD + "".join(lines)
@@ -54,8 +53,3 @@ def pages(exports: Mapping[str, Export] = EXPORTS) -> dict[Path, str]:
         README: table.sub(lambda _: readme_table(exports), readme),
         COMMANDS: row.sub(lambda _: command_row(exports), commands),
     }
-
-
-if __name__ == "__main__":
-    for file, text in pages().items():
-        file.write_text(text, encoding="utf-8")

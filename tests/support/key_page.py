@@ -1,6 +1,4 @@
-"""The page of all keys of files, rendered from their rows: ``python tests/support/key_page.py``
-writes it.
-"""
+"""The page of all keys of files, rendered from their rows."""
 
 from __future__ import annotations
 
@@ -245,8 +243,3 @@ def _list_text(schema: Schema) -> str:
         " or ".join(str(low) if low == high else f"{low} to {high}" for low, high in sizes)
         + f" {of}"
     )
-
-
-if __name__ == "__main__":
-    PAGE.write_text(page(), encoding="utf-8")
-    RECORDINGS.write_text(recordings_page(), encoding="utf-8")

@@ -1,7 +1,4 @@
-"""What a user reads of the public interface, as texts: helps, completion, names, printed results.
-
-Run this file to write the texts in `tests/golden/face` anew.
-"""
+"""Texts of the public interface: helps, completion, names, printed results."""
 
 from __future__ import annotations
 
@@ -123,7 +120,3 @@ def _made(folder: Path) -> dict[str, Any]:
 
 
 TEXTS = {"helps": helps, "scripts": scripts, "names": names, "results": results}
-
-if __name__ == "__main__":
-    for text_name, text_of in TEXTS.items():
-        (FOLDER / f"{text_name}.txt").write_text(text_of(), encoding="utf-8")

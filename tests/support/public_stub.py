@@ -1,6 +1,4 @@
-"""The stub `flexgen/__init__.pyi`, from the tables of public names: run this file to write it
-anew.
-"""
+"""The stub `flexgen/__init__.pyi`, from the tables of public names."""
 
 from __future__ import annotations
 
@@ -27,7 +25,3 @@ def stub() -> str:
     rows = sorted(flexgen._PUBLIC.items(), key=order)
     lines = [*(f"from {module} import {name} as {name}\n" for name, module in rows), END]
     return HEAD + "".join([*lines, *(f"{old} = {new}\n" for old, new in flexgen._FORMER.items())])
-
-
-if __name__ == "__main__":
-    STUB.write_text(stub(), encoding="utf-8")

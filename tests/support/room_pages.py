@@ -1,5 +1,4 @@
-"""The README of each room, rendered from the docstrings of its modules:
-``python tests/support/room_pages.py``.
+"""The README of each room, rendered from the docstrings of its modules.
 
 `ORDER` states in which order a reader opens the entries of a room; the rest is the first sentence
 of their docstrings. Rooms with a page of their own, such as `exports`, are not rendered.
@@ -66,8 +65,3 @@ def pages(source: Path = SOURCE) -> dict[Path, str]:
         source / name / "README.md": page(source / name, order.split())
         for name, order in ORDER.items()
     }
-
-
-if __name__ == "__main__":
-    for path, text in pages().items():
-        path.write_text(text, encoding="utf-8")

@@ -1,13 +1,11 @@
 """Picture of the rooms of flexgen, drawn from the imports of their modules.
 
-Run this file to write docs/rooms.svg; `tests/repository/test_architecture.py` compares it with the
-source. A wing is a room that only the rooms in front import. Arrows that follow from others are
-left out, and those of the front.
+A wing is a room that only the rooms in front import. Arrows that follow from others are left out,
+and those of the front.
 """
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
@@ -144,8 +142,3 @@ def graph() -> dict[str, set[str]]:
 def picture() -> str:
     """Their picture."""
     return svg(graph())
-
-
-if __name__ == "__main__":
-    sys.path[:0] = [str(ROOT / "tests" / "repository"), str(ROOT / "tests" / "support")]
-    PICTURE.write_text(picture(), encoding="utf-8")

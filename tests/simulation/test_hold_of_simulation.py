@@ -1,28 +1,29 @@
-"""Torques that are held, read from files and cut at edges; momenta of a contact; by quadrature and
-by hand.
-"""
+"""Laws, referees and refused input of `flexgen.simulation.integration.hold`."""
 
 from __future__ import annotations
 
 from itertools import pairwise
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from scipy.integrate import quad
-from scipy.interpolate import make_interp_spline
+from scipy.interpolate import PPoly, make_interp_spline
 
 import flexgen
 from flexgen.base.errors import ArgumentError
-from flexgen.simulation import simulate
+from flexgen.base.motion.torque_curve import SAMPLES
 from flexgen.simulation.integration import hold
 from flexgen.simulation.integration.hold import TorqueCommand, command_in, hold_torque
 
 H = 4e-3
+
+
 TICKS = 0.1 + H * np.arange(6)
+
+
 VALUES = np.array([[0.0, 1.0], [2.0, 1.0], [3.0, -1.0], [1.0, 0.5], [-1.0, 2.0], [-1.0, 2.0]])
 
 
@@ -168,82 +169,70 @@ def test_straight_lines_between_ticks_are_the_nearest() -> None:
     assert len(one[0]) == 2
 
 
-# --- contacts ------------------------------------------------------------------------------------
-def test_momenta_and_driving_torques_of_a_record() -> None:
-    """Of a motion with speeds by differences: their balance without contact is that of the
-    equations of motion.
-    """
-    model = flexgen.read("elbow")
-    detector = flexgen.CollisionDetector(model, sample_s=1e-3)
-    solution = flexgen.solve("elbow", progress=False)
-    t = np.arange(0.0, 1.0, 1e-3)
-    found = solution.trajectory.at(t)
-    p, driven = detector._terms(found["q_m"], found["tau_m"])
-    assert p.shape == driven.shape == (1000, 2)
-    rate = np.gradient(p, 1e-3, axis=0)
-    size = np.abs(driven).max(axis=0)
-    assert (np.abs(rate - driven)[20:-20].mean(axis=0) < 0.05 * size).all() and np.abs(p).max() > 0
-    for q, tau in (
-        (found["q_m"][:2], found["tau_m"][:2]),
-        (found["q_m"], found["tau_m"][:5]),
-        (t, t),
-    ):
-        with pytest.raises(
-            ArgumentError, match=r"^record: given shapes .*, expected \(n, 2\) twice$"
-        ):
-            detector._terms(q, tau)
-    free = detector.calibrate([(found["q_m"], found["tau_m"])], margin=2.0)
-    again = detector.detect(found["q_m"], found["tau_m"])
-    assert again.sample is None
-    assert_allclose(free, 2.0 * np.abs(again.residual).max(axis=0))
-    pushed = detector.detect(found["q_m"], found["tau_m"] + 50.0 * free * (t > 0.5)[:, None])
-    assert pushed.sample is not None and 500 <= pushed.sample < 560
-    with pytest.raises(
-        ArgumentError, match=r"^records: given none with motion, expected runs without contact$"
-    ):
-        detector.calibrate([])
-    with pytest.raises(
-        ArgumentError, match=r"^bandwidth_hz: given 100\.0, expected more than 0, below 100$"
-    ):
-        flexgen.CollisionDetector(model, sample_s=1e-3, bandwidth_hz=100.0)
-    assert "samples of 1 ms, bandwidth " in repr(detector)
-
-
-# --- inputs of a simulation ----------------------------------------------------------------------
-@pytest.mark.parametrize("force", [False, True])
-@pytest.mark.parametrize("feedback", [None, "feedback"])
-def test_inputs_of_a_simulation_are_torques_references_and_forces(
-    feedback: Any, force: bool
-) -> None:
-    """Splines through the samples, then constant; without feedback the references are zero where a
-    force is given.
-    """
-    t = np.linspace(0.0, 1.0, 21)
-    tau = smooth(t)
-    q_m = np.stack([t**3, 1 - t**2], axis=-1)
-    pushed = np.stack([np.sin(t), 0 * t, t**2, 0 * t, 0 * t, np.cos(t)], axis=-1)
-    after = 3  # rows that are held after the end of the motion
-
-    def extended(x: np.ndarray) -> np.ndarray:
-        return np.vstack([x, np.tile(x[-1], (after, 1))])
-
-    given = {"tau_m": extended(tau), "q_m": extended(q_m)} | (
-        {"force": extended(pushed)} if force else {}
+def test_polynomial_torques_jump_at_the_ends_of_their_intervals(tmp_path: Any) -> None:
+    curve = PPoly(np.array([[[2.0, 0.0], [1.0, -1.0]], [[1.0, 3.0], [5.0, 0.0]]]), [0.0, 0.5, 1.0])
+    torque = hold.PolynomialTorque(
+        np.array([0.0, 0.5, 1.0]),
+        curve([0.0, 0.5, 1.0]),
+        ("a", "b"),
+        "spline",
+        0.5,
+        0.0,
+        {},
+        curve,
     )
-    task: Any = SimpleNamespace(data=SimpleNamespace(time=t, meta={}), given=given, command=None)
-    made = simulate._input(task, feedback)
-    for at in (0.1234, 0.5, 0.987, 1.5):
-        found = made(at - 1e-3, at + 1e-3)(np.array([at]))[0]
-        inside = min(at, 1.0)
-        curve = make_interp_spline(t, tau, k=5)
-        expected = [*(tau[-1] if at > 1 else curve(inside))]
-        if feedback is None and not force:
-            assert len(found) == 2
-        elif feedback is None:
-            expected += [0.0] * 4
-        else:
-            angles = make_interp_spline(t, q_m, k=5)
-            expected += [*angles(inside), *(angles(inside, 1) if at < 1 else np.zeros(2))]
-        if force:
-            expected += [*make_interp_spline(t, pushed, k=5)(inside)]
-        assert_allclose(found, expected, atol=1e-9)
+    assert (
+        torque.title() == "polynomials of degree 1 on 2 intervals"
+        and torque.edges.tolist()
+        == [
+            0.0,
+            0.5,
+            1.0,
+        ]
+    )
+    assert_allclose(
+        torque.at(np.array([-1.0, 0.25, 0.5, 0.75, 2.0])),
+        [[1, 3], [1.5, 3], [5, 0], [5.25, -0.25], [5.5, -0.5]],
+    )
+    for begin, end, at, expected in (
+        (0.0, 0.5, 0.25, [1.5, 3.0]),
+        (0.5, 1.0, 0.75, [5.25, -0.25]),
+        (-0.5, 0.0, -0.2, [1.0, 3.0]),
+        (1.0, 2.0, 1.5, [5.5, -0.5]),
+    ):
+        assert_allclose(torque.between(begin, end)(at), expected)
+    made = torque.trajectory()
+    assert (
+        len(made.time) == 2 * SAMPLES + 1
+        and made.meta["torque_degree"] == 1
+        and made.meta["torque"] == "limited"
+    )
+    again = hold.command_in(
+        made.time, made["tau_m"], ("a", "b"), {**made.meta, "move": "line", "other": 1}
+    )
+    assert isinstance(again, hold.PolynomialTorque) and again.meta == {"move": "line"}
+    assert (again.sample_time, again.delay, again.hold) == (0.5, 0.0, "spline")
+    assert_allclose(again.curve.c, curve.c, atol=1e-12)
+
+
+def test_ticks_cover_the_motion_and_are_at_most_a_million(monkeypatch: pytest.MonkeyPatch) -> None:
+    t = np.array([1.0, 1.5, 2.0])
+    tau = np.zeros((3, 1))
+    for delay, first, last in (
+        (0.0, 1.0, 2.0),
+        (0.3, 0.5, 1.75),
+        (0.25, 0.75, 1.75),
+        (5.0, -4.0, -3.0),
+    ):
+        time, _ = hold.hold_torque(t, tau, "zoh", 0.25, delay)
+        assert_allclose(time[[0, -1]], [first, last], atol=1e-12)
+        assert time[0] + delay <= t[0] + 1e-9 and time[-1] + delay >= t[-1] - 1e-9
+        assert_allclose(np.diff(time), 0.25)
+    monkeypatch.setattr(hold, "MOST", 8)
+    assert len(hold.hold_torque(t, tau, "zoh", 0.125)[0]) == 9
+    words = (
+        r"sample_time: given 0\.1 s, which makes 10 ticks, expected at most 8; take a longer "
+        r"sample time"
+    )
+    with pytest.raises(ArgumentError, match=words):
+        hold.hold_torque(t + 4.0, tau, "zoh", 0.1, 0.4)

@@ -24,24 +24,17 @@ from __future__ import annotations
 import functools
 import hashlib
 import re
-import sys
 import tempfile
 import zipfile
 from collections.abc import Callable
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-import pytest
-
-sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
-from emitted_hashes import GOLDEN_CASADI
-from golden_texts import changes, kept, nine_digits, write
+from golden_texts import nine_digits
 
 import flexgen
 from flexgen.base.errors import FlexgenError
 
-GOLDEN = Path(__file__).with_name("exports.txt")
 OF_TODAY = re.compile(
     rf"{re.escape(flexgen.__version__)}|\d{{4}}-\d\d-\d\dT[0-9:]+Z|"
     rf"\{{?[0-9a-f]{{8}}-[0-9a-f-]{{27}}\}}?|\b[0-9a-f]{{32,64}}\b"
@@ -131,45 +124,3 @@ def lines(name: str) -> list[str]:
         except FlexgenError as error:
             return [f"{type(error).__name__}: " + re.sub(r"\S*models/", "models/", str(error))]
         return hashes(Path(made.path))
-
-
-def changed(*begins: str) -> list[str]:
-    """The exports whose names begin so and which differ from the file."""
-    if not version("casadi").startswith(f"{GOLDEN_CASADI}."):
-        pytest.skip(
-            f"recorded with CasADi {GOLDEN_CASADI}, which orders the operations in its own way"
-        )
-    return changes(GOLDEN, [name for name in cases() if name.startswith(begins)], lines)
-
-
-def test_mujoco_files_are_what_they_were() -> None:
-    assert changed("mujoco") == []
-
-
-def test_urdf_files_are_what_they_were() -> None:
-    assert changed("urdf") == []
-
-
-def test_fmus_are_what_they_were() -> None:
-    assert changed("fmu") == []
-
-
-def test_files_for_matlab_ros2_and_plcs_are_what_they_were() -> None:
-    assert changed("mex", "plc", "simulink", "ros2") == []
-
-
-def test_self_tests_are_what_they_were() -> None:
-    assert changed("self test") == []
-
-
-def test_the_file_has_all_exports() -> None:
-    assert list(kept(GOLDEN)) == list(cases())
-
-
-def test_a_digit_of_a_number_changes_the_hash_and_rounding_does_not() -> None:
-    assert digest("a 0.123456789 b") == digest("a 0.1234567890001 b") != digest("a 0.123456788 b")
-    assert digest("2 steps") != digest("3 steps")
-
-
-if __name__ == "__main__":
-    write(GOLDEN, cases(), lines)

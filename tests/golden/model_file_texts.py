@@ -9,7 +9,6 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
-import sys
 import tempfile
 import tomllib
 from collections.abc import Callable, Iterator
@@ -17,7 +16,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
 from bad_models import CASES, edited
 from bad_urdfs import BAD_OVERLAY, BAD_URDF, OVERLAY, URDF
 from model_files import ROOT, everything, mutated, outcome, overlay
@@ -25,7 +23,6 @@ from model_files import ROOT, everything, mutated, outcome, overlay
 import flexgen
 from flexgen.studies.templates.new_model import TEMPLATES, new_model
 
-GOLDEN = Path(__file__).with_name("model_files.txt")
 MUTATIONS = {
     "everything": 60,
     "overlay": 20,
@@ -145,14 +142,3 @@ def today() -> list[str]:
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder)
         return [*schemas(), *valid_files(place), *edited_files(place), *mutated_files(place)]
-
-
-def test_files_are_read_refused_and_written_as_before():
-    kept = GOLDEN.read_text(encoding="utf-8").splitlines()
-    found = today()
-    changed = [line for line in found if line not in set(kept)]
-    assert found == kept, "\n".join(["run: make golden", *changed[:40]])
-
-
-if __name__ == "__main__":
-    GOLDEN.write_text("\n".join(today()) + "\n", encoding="utf-8")

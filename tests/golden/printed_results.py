@@ -14,16 +14,11 @@ from __future__ import annotations
 
 import functools
 import json
-import sys
 from collections.abc import Callable, Iterator
-from pathlib import Path as File
 from types import SimpleNamespace as Made
 from typing import Any
 
 import numpy as np
-
-sys.path.append(str(File(__file__).resolve().parents[1] / "support"))
-from golden_texts import changes, kept, write
 
 import flexgen
 from flexgen.feedback.laws.passivity import Passivity
@@ -36,7 +31,6 @@ from flexgen.studies.tolerances.result import Band, Prediction, Share
 from flexgen.views.reports.calibration_texts import text_of_calibration
 
 FRAME = ("x", "y", "z", "rx", "ry", "rz")  # of the measurement
-GOLDEN = File(__file__).with_name("results.txt")
 
 
 def made(kind: type, **fields: Any) -> Any:
@@ -272,15 +266,3 @@ def lines(name: str) -> list[str]:
         for key, value in found.to_dict().items()
     ]
     return [line.rstrip() for line in [*out, *figures]]
-
-
-def test_printed_results_are_what_they_were() -> None:
-    assert changes(GOLDEN, cases(), lines) == []
-
-
-def test_the_file_has_all_results() -> None:
-    assert list(kept(GOLDEN)) == list(cases())
-
-
-if __name__ == "__main__":
-    write(GOLDEN, cases(), lines)

@@ -16,19 +16,14 @@ Of `flexgen.views.plots.along_path`, `flexgen.views.plots.calibration`,
 from __future__ import annotations
 
 import functools
-import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from pathlib import Path as File
 from types import SimpleNamespace as Made
 from typing import Any
 
 import numpy as np
 import pytest
-
-sys.path.append(str(File(__file__).resolve().parents[1] / "support"))
 from figure_text import figure_text
-from golden_texts import changes, kept, write
 from made_results import Indexed, derived, made_run, made_simulation, made_trajectory
 
 import flexgen
@@ -51,8 +46,6 @@ from flexgen.views.plots import (
     uncertainty,
 )
 from flexgen.views.plots import canvas as cv
-
-GOLDEN = File(__file__).with_name("pictures.txt")
 
 
 @functools.cache
@@ -544,34 +537,3 @@ def lines(name: str) -> list[str]:
 def cases() -> dict[str, Callable[[], Any]]:
     """All pictures by name."""
     return {name: make for group in GROUPS.values() for name, make in group()}
-
-
-def test_pictures_of_made_up_motions_are_what_they_were() -> None:
-    assert changes(GOLDEN, [name for name, _ in solutions()], lines) == []
-
-
-def test_pictures_of_linearized_robots_are_what_they_were() -> None:
-    assert changes(GOLDEN, [name for name, _ in linearized()], lines) == []
-
-
-def test_pictures_of_closed_loops_are_what_they_were() -> None:
-    assert changes(GOLDEN, [name for name, _ in controlled()], lines) == []
-
-
-def test_pictures_of_identifications_are_what_they_were() -> None:
-    assert changes(GOLDEN, [name for name, _ in identified()], lines) == []
-
-
-def test_pictures_of_measured_robots_are_what_they_were() -> None:
-    assert changes(GOLDEN, [name for name, _ in measured()], lines) == []
-
-
-def test_the_file_has_all_pictures_and_a_change_is_seen() -> None:
-    assert list(kept(GOLDEN)) == list(cases())
-    assert changes(GOLDEN, ["control"], lambda name: [*kept(GOLDEN)[name][:-1], "x"])[
-        1
-    ].startswith("control: was ")
-
-
-if __name__ == "__main__":
-    write(GOLDEN, cases(), lines)

@@ -18,25 +18,18 @@ from __future__ import annotations
 
 import functools
 import json
-import sys
 from collections.abc import Callable, Iterator
-from pathlib import Path as File
 from types import SimpleNamespace as Made
 from typing import Any
 
 import numpy as np
 import pytest
-from PIL import Image
-
-sys.path.append(str(File(__file__).resolve().parents[1] / "support"))
 from figure_text import figure_text
-from golden_texts import changes, kept, write
 from made_results import Indexed, derived, made_run, made_simulation, made_trajectory
 from matplotlib.figure import Figure
 
 import flexgen
 from flexgen.base import display
-from flexgen.base.errors import BuildError
 from flexgen.dynamics.mechanics.limits import Limits
 from flexgen.feedback.loop.margins import Margins
 from flexgen.identification.responses.result import FitStatus
@@ -58,7 +51,6 @@ from flexgen.views.reports import (
     video,
 )
 
-GOLDEN = File(__file__).with_name("pages.txt")
 analyzed = functools.cache(flexgen.analyze)
 
 
@@ -490,72 +482,3 @@ def lines(name: str) -> list[str]:
     found = cases()[name]()
     text = found if isinstance(found, str) else "\n".join(found)
     return [line.rstrip() for line in text.splitlines()]
-
-
-def test_texts_of_solutions_are_what_they_were() -> None:
-    assert changes(GOLDEN, [name for name, _ in solved()], lines) == []
-
-
-def test_printed_models_and_analyses_are_what_they_were() -> None:
-    assert changes(GOLDEN, [name for name, _ in printed()], lines) == []
-
-
-def test_pages_are_what_they_were() -> None:
-    assert changes(GOLDEN, [name for name, _ in pages()], lines) == []
-
-
-def test_moving_robots_are_what_they_were() -> None:
-    assert changes(GOLDEN, [name for name, _ in moving()], lines) == []
-
-
-def test_the_file_has_all_texts() -> None:
-    assert list(kept(GOLDEN)) == list(cases())
-
-
-def test_a_video_has_a_frame_for_each_instant(
-    tmp_path: File, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """`flexgen.views.reports.video`: as many frames as instants, each 50 ms, without end, in the
-    size of the figure.
-    """
-    monkeypatch.setattr(video, "DPI", 10)
-    monkeypatch.setattr(video, "LENGTH", 0.1)
-    monkeypatch.setattr(
-        video, "frames", lambda first, last: (0.5, np.array([first, 0.5 * (first + last), last]))
-    )
-    path = video.write_video(moved("planar5_nmp"), "title", tmp_path / "a.gif")
-    with Image.open(path) as image:
-        assert (image.n_frames, image.size, image.info["duration"], image.info["loop"]) == (
-            3,
-            (72, 54),
-            50,
-            0,
-        )
-
-
-@pytest.mark.parametrize(("status", "written"), [(0, True), (1, True), (0, False), (1, False)])
-def test_a_video_of_ffmpeg_is_kept_where_it_ends_well(
-    status: int, written: bool, tmp_path: File, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def feed(command: list[str], pictures: Any) -> tuple[int, str]:
-        if written:
-            File(command[-1]).write_bytes(b"frames")
-        return status, "no such codec"
-
-    monkeypatch.setattr(video, "_feed", feed)
-    path = tmp_path / "made" / "a.mp4"
-    if status == 0 and written:
-        video._write_mp4(iter(()), path)
-        assert path.read_bytes() == b"frames"
-    else:
-        with pytest.raises(
-            BuildError,
-            match=f"ffmpeg ended with status {status}: no such codec; try a name that ends",
-        ):
-            video._write_mp4(iter(()), path)
-        assert not path.exists()
-    assert [x.name for x in path.parent.iterdir()] == ["a.mp4"] * path.exists()
-
-
-if __name__ == "__main__":
-    write(GOLDEN, cases(), lines)

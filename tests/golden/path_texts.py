@@ -19,29 +19,22 @@ from __future__ import annotations
 
 import functools
 import re
-import sys
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
-from pathlib import Path as File
 from typing import Any
 
 import numpy as np
-
-sys.path.append(str(File(__file__).resolve().parents[1] / "support"))
-from golden_texts import changes, kept, write
 
 import flexgen
 from flexgen.base.errors import FlexgenError
 from flexgen.dynamics.mechanics.equations import Equations
 from flexgen.model.moves import Move, MoveC, MoveJ, MoveL, Program
-from flexgen.paths.geometry.path_distance import distance_from_path
 from flexgen.paths.geometry.redundancy import joint_problem
 from flexgen.paths.geometry.smoothness import Jump, SmoothnessReport, smoothness_report
 from flexgen.paths.path import Path
 from flexgen.paths.path_table import path_table
 
-GOLDEN = File(__file__).with_name("path_texts.txt")
 TOOL = (0.5, 5.0, 100.0, 4000.0)
 JOINTS = (2.0, 10.0, 200.0)
 derived = functools.cache(flexgen.derive)
@@ -341,11 +334,6 @@ def lines(name: str) -> list[str]:
     return list(cases()[name]())
 
 
-def named(*begins: str) -> list[str]:
-    """The texts whose names begin so."""
-    return [name for name in cases() if name.startswith(begins)]
-
-
 ROBOTS = (
     "planar5_nmp",
     "manutec_r3",
@@ -355,36 +343,3 @@ ROBOTS = (
     "urdf_arm",
     "abb_arm",
 )
-
-
-def test_paths_of_the_moves_of_models_are_what_they_were() -> None:
-    assert changes(GOLDEN, named(*ROBOTS), lines) == []
-
-
-def test_paths_of_made_up_moves_and_programs_are_what_they_were() -> None:
-    others = set(cases()) - set(named(*ROBOTS, "move, ", "jumps, ", "reports", "redundant"))
-    assert changes(GOLDEN, sorted(others), lines) == []
-
-
-def test_what_the_planner_refuses_is_what_it_was() -> None:
-    assert changes(GOLDEN, named("move, "), lines) == []
-
-
-def test_jumps_and_redundant_arms_are_what_they_were() -> None:
-    assert changes(GOLDEN, named("jumps, ", "reports", "redundant"), lines) == []
-
-
-def test_the_file_has_all_paths() -> None:
-    assert list(kept(GOLDEN)) == list(cases())
-
-
-def test_distances_from_a_path_are_those_from_its_chords() -> None:
-    corner = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 1.0]])
-    points = np.array([[-3.0, 4.0], [1.0, -0.5], [2.5, 0.5], [2.0, 3.0], [1.5, 0.75], [2.0, 0.0]])
-    np.testing.assert_allclose(
-        distance_from_path(points, corner), [5.0, 0.5, 0.5, 2.0, 0.5, 0.0], atol=1e-15
-    )
-
-
-if __name__ == "__main__":
-    write(GOLDEN, cases(), lines)
