@@ -38,7 +38,8 @@ CONTENTS = {
     "in_a_controller motion_control cluster paths control planning equations extensions",
     "Arrays": "arrays cuda jax pytorch",
     "Other programs": "fmu fmu_tools ros2 matlab plc exchange",
-    "Use": "command_line python c_library methods verification real_machines platforms",
+    "Use": "command_line python c_library methods support_matrix verification real_machines "
+    "platforms",
     "Reference": "python_reference c_reference model_files emitted_library",
     "Figures": "benchmarks "
     + " ".join(sorted(name for name in OTHERS.values() if name.startswith("benchmark_"))),

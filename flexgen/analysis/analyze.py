@@ -30,6 +30,7 @@ from flexgen.dynamics.dae.structure import Structure, StructureCheck, check_at_r
 from flexgen.dynamics.mechanics.equations import Equations, derive
 from flexgen.dynamics.mechanics.quasistatic import OutputPath
 from flexgen.dynamics.mechanics.statics import Equilibrium, hold_joints
+from flexgen.model.abilities import obstacle
 from flexgen.model.elements import RobotModel
 
 
@@ -198,7 +199,7 @@ def analyze(
         equilibrium = hold_joints(equations, values)
     linear = linearize(equations, equilibrium)
     roots = poles(linear)
-    simple = robot.motor_coupling == "simplified"
+    simple = obstacle(robot, "simplified coupling") is None
     structure, check = check_at_rest(equations, equilibrium)
     return Analysis(
         model=robot,

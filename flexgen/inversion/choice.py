@@ -10,15 +10,8 @@ from flexgen.base.errors import ArgumentError, SolverError
 from flexgen.dynamics.mechanics.limits import Limits
 from flexgen.inversion.methods.method_table import Method, find_method, methods
 from flexgen.inversion.problem.problem import InversionProblem
-from flexgen.inversion.solution import has_kinks
+from flexgen.model.abilities import obstacle
 from flexgen.model.elements import RobotModel
-from flexgen.model.friction import (
-    bristled_motors,
-    has_harmonics,
-    hysteretic_joints,
-    refuse_harmonics,
-    refuse_hysteresis,
-)
 
 # methods that search for minutes (IPOPT)
 SEARCHES = ("collocation", "full")
@@ -27,6 +20,9 @@ SEARCHES = ("collocation", "full")
 NEARLY = 100.0
 # coordinates: "auto" takes the full method up to here; with 12 it needs many minutes
 FULL_LARGEST = 8
+# Parts of the table of abilities, of methods without a force on the tool: without limits, and
+# within limits.
+FORCELESS = ("path without force", "limits without force")
 
 
 def _inverts(robot: RobotModel) -> bool:
@@ -34,7 +30,7 @@ def _inverts(robot: RobotModel) -> bool:
     # here: other methods need no code generation
     from flexgen.inversion.problem.model_library import has_compiler
 
-    return robot.inversion_obstacle() is None and has_compiler()
+    return obstacle(robot, "reduced problem") is None and has_compiler()
 
 
 def _has_undamped_motion(problem: InversionProblem) -> bool:
@@ -47,7 +43,7 @@ def _has_undamped_motion(problem: InversionProblem) -> bool:
 
 def default_method(robot: RobotModel, limits: Limits | None) -> str:
     """Name of the default method."""
-    if robot.motor_coupling != "simplified" or has_kinks(robot):
+    if obstacle(robot, "differentiated equations") is not None:
         return "full"
     if limits is not None:
         return "lq" if _inverts(robot) else "full"
@@ -72,9 +68,8 @@ def further_methods(problem: InversionProblem, method: Method) -> tuple[Method, 
             names.append("full")
     found = (find_method(name) for name in names)
     able = (method for method in found if problem.limits is None or method.keeps_limits)
-    known = problem.force is None and not (
-        hysteretic_joints(robot) or bristled_motors(robot) or has_harmonics(robot)
-    )
+    part = FORCELESS[problem.limits is not None]
+    known = problem.force is None and obstacle(robot, part) is None
     return tuple(method for method in able if known or method.takes_force)
 
 
@@ -104,18 +99,19 @@ def check_applies(
             raise ArgumentError(
                 f"force: given with method {method.name!r}, expected one of the methods {able}"
             )
-        what = f"method {method.name!r} (not one of {able})"
-        refuse_hysteresis(robot, what)
-        refuse_harmonics(robot, what, load=limits is not None)
+        if (reason := obstacle(robot, FORCELESS[limits is not None])) is not None:
+            given = f"given {robot.title}, whose {reason.removeprefix('the ')}"
+            raise ArgumentError(
+                f"method {method.name!r}: {given}, or one of the methods {able}, "
+                "which take it into account"
+            )
     if limits is not None and not method.keeps_limits:
         able = ", ".join(m.name for m in methods().values() if m.keeps_limits)
         raise ArgumentError(
             f"limits: method {method.name!r} tracks the path exactly and cannot keep limits, "
             f"expected one of {able}"
         )
-    if robot.motor_coupling != "simplified" and not method.any_coupling:
+    reason = None if method.any_coupling else obstacle(robot, "simplified coupling")
+    if reason is not None:
         able = ", ".join(m.name for m in methods().values() if m.any_coupling)
-        raise ArgumentError(
-            f"method {method.name}: model {robot.name} has motor_coupling "
-            f"{robot.motor_coupling!r}, expected 'simplified', or one of the methods {able}"
-        )
+        raise ArgumentError(f"method {method.name}: {reason}, or one of the methods {able}")

@@ -19,7 +19,7 @@ from flexgen.dynamics.mechanics.limits import KEPT, KEPT_TO, Limits, limits_of_m
 from flexgen.dynamics.mechanics.output_columns import columns_in, unit_of
 from flexgen.inversion.judge.status import Status
 from flexgen.inversion.methods.method_result import MethodResult
-from flexgen.model.elements import Move, PiecewiseSpring, RobotModel
+from flexgen.model.elements import Move, RobotModel
 from flexgen.simulation.integration.hold import TorqueCommand
 from flexgen.simulation.result import Simulation, error_figures, error_lines
 
@@ -494,13 +494,3 @@ def within_limits(solution: Solution, given: Limits | None, ignore: bool) -> Sol
             else limit_warnings(robot, path)
         )
     return replace(solution, status=Status.LIMITS_EXCEEDED) if more else solution
-
-
-def has_kinks(robot: RobotModel) -> bool:
-    """Whether a gear spring has a kink, where the torque of exact tracking jumps."""
-    springs = [
-        c.dof.gear.spring
-        for c in robot.coordinates
-        if c.dof is not None and c.dof.gear is not None
-    ]
-    return any(isinstance(spring, PiecewiseSpring) for spring in springs)

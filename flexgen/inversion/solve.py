@@ -50,8 +50,8 @@ from flexgen.inversion.solution import (
     residual_rows,
     within_limits,
 )
+from flexgen.model.abilities import needs
 from flexgen.model.elements import Move, RobotModel
-from flexgen.model.friction import bristled_motors, hysteretic_joints
 from flexgen.paths.path import find_move
 from flexgen.simulation.integration.hold_names import HoldName
 from flexgen.simulation.simulate import HELD_KEY
@@ -87,6 +87,7 @@ FURTHER = 60.0  # s: "auto" starts no further method after this time
     )
 )
 @reported("solve")
+@needs("solve")
 def solve(
     model: str | FilePath | RobotModel | Equations,
     move: str | Move | None = None,
@@ -372,12 +373,9 @@ def run_method(method: Method, problem: InversionProblem, h: float) -> MethodRes
         f"{method.module}:{method.function}"
     )
     result = solver(problem, h)
-    robot = problem.equations.model
-    if hysteretic_joints(robot) or bristled_motors(robot):
-        from flexgen.inversion.problem.memory import with_memory
+    from flexgen.inversion.problem.memory import with_memory  # here: it needs CasADi
 
-        return with_memory(problem.equations, result)
-    return result
+    return with_memory(problem.equations, result)
 
 
 def _refine(  # noqa: C901

@@ -8,8 +8,9 @@ method ``torque(w)``.
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from flexgen.base.errors import ArgumentError
 from flexgen.base.registry import extension
@@ -76,11 +77,30 @@ def loaded_motors(model: Any) -> list[str]:
     """Names of the motors of a `RobotModel` whose friction depends on the torques of their
     gears.
     """
-    return [
-        each.name
-        for each in model.motors
-        if isinstance(each.friction, GearFriction) and each.friction.loaded
-    ]
+    return [motor.name for motor in model.motors if motor.friction.loaded]
+
+
+class MemoryLaw(NamedTuple):
+    """A law with a state.
+
+    ``key``: of its table in a model file. ``find``: names of the parts of a robot that have it.
+    ``exponential``: its C calls the mathematical library.
+    """
+
+    key: str
+    find: Callable[[Any], Sequence[str]]
+    exponential: bool
+
+
+LAWS = (
+    MemoryLaw("hysteresis", hysteretic_joints, exponential=False),
+    MemoryLaw("lugre", bristled_motors, exponential=True),
+)
+
+
+def memory_laws(model: Any) -> tuple[MemoryLaw, ...]:
+    """The laws with a state that a robot has, in the order of `LAWS`."""
+    return tuple(law for law in LAWS if law.find(model))
 
 
 def steepness(law: Friction) -> float:
@@ -92,44 +112,6 @@ def steepness(law: Friction) -> float:
     if not (law.coulomb or law.stribeck or getattr(law, "load_coulomb", 0.0)):
         return 0.0
     return max(law.beta, law.alpha if law.stribeck else 0.0, getattr(law, "load_alpha", 0.0))
-
-
-def refuse_load(model: Any, what: str) -> None:
-    """ArgumentError for a model with such a friction: ``what`` does not take it into account."""
-    if names := loaded_motors(model):
-        raise ArgumentError(
-            f"{what}: given {model.title}, whose motor {names[0]} has a friction that depends "
-            "on the torque of its gear, expected motors without it, which only solve (within "
-            "limits by lq), simulate, control, learn, predict, fastest, plan_problem, "
-            "command_positions, identify, generate and exports other than that of MuJoCo take "
-            "into account; set load_coulomb, load_stribeck and load_smoothing of its friction "
-            "to 0"
-        )
-
-
-def refuse_lugre(model: Any, what: str) -> None:
-    """ArgumentError for a model with such a friction: ``what`` does not take it into account."""
-    if names := bristled_motors(model):
-        raise ArgumentError(
-            f"{what}: given {model.title}, whose motor {names[0]} has lugre, expected motors "
-            "without it, which only solve, simulate, control, learn, predict, fastest, "
-            "command_positions, generate and exports other than that of MuJoCo take into "
-            "account; remove the table lugre"
-        )
-
-
-def refuse_hysteresis(model: Any, what: str) -> None:
-    """ArgumentError for a model with elements that have a state: ``what`` does not take them into
-    account.
-    """
-    refuse_lugre(model, what)
-    if names := hysteretic_joints(model):
-        raise ArgumentError(
-            f"{what}: given {model.title}, whose gear of {names[0]} has hysteresis, expected "
-            "gears without it, which only solve, simulate, control, learn, predict, fastest, "
-            "command_positions, generate, identify_gears and exports other than that of MuJoCo "
-            "take into account; remove the table hysteresis of the gear from the model file"
-        )
 
 
 def harmonic_sums(model: Any) -> dict[str, Any]:
@@ -146,29 +128,3 @@ def harmonic_sums(model: Any) -> dict[str, Any]:
             if getattr(motor, key) is not None:
                 found[f"motor {motor.name} has {key}"] = getattr(motor, key)
     return found
-
-
-def has_harmonics(model: Any) -> str:
-    """The first Fourier sum of a motor angle in a `RobotModel`, such as "motor m1 has cogging";
-    empty: none.
-    """
-    return next(iter(harmonic_sums(model)), "")
-
-
-def refuse_harmonics(model: Any, what: str, *, load: bool = True) -> None:
-    """ArgumentError for a model with Fourier sums of a motor angle or friction with a state, which
-    ``what`` ignores.
-
-    ``load``: it also ignores that a friction depends on the torque of a gear.
-    """
-    if load:
-        refuse_load(model, what)
-    refuse_lugre(model, what)
-    if found := has_harmonics(model):
-        raise ArgumentError(
-            f"{what}: given {model.title}, whose {found}, expected gears and motors without "
-            "transmission_error, cogging and torque_ripple, which only solve, simulate, "
-            "control, learn, measure, predict, fastest, command_positions, generate and "
-            "exports other than that of MuJoCo take into account; remove these tables from the "
-            "model file"
-        )

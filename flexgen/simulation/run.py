@@ -13,8 +13,7 @@ from scipy.interpolate import PPoly
 
 from flexgen.base.calls.deadline import check_time
 from flexgen.dynamics.mechanics.equations import Equations
-from flexgen.model.elements import RobotModel
-from flexgen.model.friction import bristled_motors, hysteretic_joints
+from flexgen.model.friction import memory_laws
 from flexgen.simulation.integration.compiled_rate import CompiledRate, compiled_rate
 from flexgen.simulation.integration.integrators import EXPLICIT, Rates, integrate
 from flexgen.simulation.motor_feedback import MotorFeedback
@@ -82,7 +81,7 @@ def run(
     integrals = 0 if feedback is None else robot.n_m
     function, in_c = _rates(equations, progress)
     slip = np.zeros(0)
-    if has_memory(robot):
+    if memory_laws(robot):
         from flexgen.simulation.integration.hysteretic_rate import slip_torques
 
         slip = slip_torques(robot)
@@ -187,11 +186,6 @@ def _rates(
     return _known[equations]
 
 
-def has_memory(robot: RobotModel) -> bool:
-    """Whether gears or frictions have a state."""
-    return bool(hysteretic_joints(robot) or bristled_motors(robot))
-
-
 def _rate(equations: Equations) -> ca.Function:
     """The derivative of (q_a, q_me, v_a, v_me, work, loss) as a function of this state and the
     torque.
@@ -204,7 +198,7 @@ def _rate(equations: Equations) -> ca.Function:
     n = robot.dof
     n_m = robot.n_m
     pushed = equations.force is not None  # the force is behind the references of a feedback
-    remembers = has_memory(robot)
+    remembers = bool(memory_laws(robot))
     held = 0
     if remembers:
         from flexgen.simulation.integration.hysteretic_rate import hysteretic_rate

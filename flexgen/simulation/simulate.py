@@ -48,10 +48,11 @@ from flexgen.dynamics.mechanics.equations import Equations, derive
 from flexgen.dynamics.mechanics.output_columns import channel_units, output_labels, output_units
 from flexgen.dynamics.mechanics.statics import Equilibrium
 from flexgen.model.elements import RobotModel
+from flexgen.model.friction import memory_laws
 from flexgen.simulation.integration.hold import SAME, TorqueCommand, command_in
 from flexgen.simulation.motor_feedback import MotorFeedback, default_feedback
 from flexgen.simulation.result import Simulation, growth_text, output_error, record_motion
-from flexgen.simulation.run import Input, Run, has_memory, run
+from flexgen.simulation.run import Input, Run, run
 from flexgen.simulation.start import start_state
 
 if TYPE_CHECKING:
@@ -411,7 +412,7 @@ def _later_errors(
     if task.held <= 0.0 or "y_ref" not in task.given:
         return None, None
     n_a = task.equations.model.n_a
-    follow = simulate_after_end if has_memory(task.equations.model) else errors_after_end
+    follow = simulate_after_end if memory_laws(task.equations.model) else errors_after_end
     q_a = follow(found, float(task.t[-1]), task.held)[:, :n_a]
     last = {name: np.repeat(values[-1:], len(q_a), axis=0) for name, values in task.given.items()}
     _, in_m, in_rad = output_error(task.equations, last, q_a)

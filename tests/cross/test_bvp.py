@@ -197,7 +197,7 @@ def test_bvp_solves_near_the_flat_point() -> None:
 
 
 def test_it_needs_coordinates_without_motor() -> None:
-    with pytest.raises(ArgumentError, match=r"no non-actuated coordinates.*use closed-form"):
+    with pytest.raises(ArgumentError, match=r"no coordinates without motor.*use closed-form"):
         bvp.solve(question("elbow"), 5e-3)
     with pytest.raises(
         ArgumentError,

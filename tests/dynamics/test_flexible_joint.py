@@ -15,9 +15,9 @@ from toolchain import needs_compiler
 import flexgen
 from flexgen.base.errors import ArgumentError
 from flexgen.codegen.build.model_library import library_with
-from flexgen.dynamics.mechanics.elastic_joints import flexible_joint_obstacle
 from flexgen.dynamics.mechanics.equations import derive
 from flexgen.feedback.laws.study import ARM
+from flexgen.model.abilities import obstacle
 from flexgen.model.elements import BacklashSpring
 
 # s, of the differences: their error is STEP^6 times an eighth derivative, rounding 1e-13 / STEP^2
@@ -162,14 +162,16 @@ def test_the_three_axis_arm_is_the_manutec_with_a_locked_wrist():
 
 
 def test_other_models_are_refused_with_the_reason():
-    assert flexible_joint_obstacle(flexgen.read("elbow")) is None
-    assert "coordinates without motor (q3)" in flexible_joint_obstacle(flexgen.read("planar5_nmp"))
-    assert "a rigid gear in q4" in flexible_joint_obstacle(flexgen.read("manutec_r3"))
+    assert obstacle(flexgen.read("elbow"), "elastic joints") is None
+    assert "coordinates without motor (q3)" in obstacle(
+        flexgen.read("planar5_nmp"), "elastic joints"
+    )
+    assert "a rigid gear in q4" in obstacle(flexgen.read("manutec_r3"), "elastic joints")
     loose = arm()
     (dof,) = loose.elements[0].dofs
     gap = replace(dof, gear=replace(dof.gear, spring=BacklashSpring(40.0, 1e-3, 1e-4)))
     loose = replace(loose, elements=(replace(loose.elements[0], dofs=(gap,)), *loose.elements[1:]))
-    assert "a spring in q1 without stiffness somewhere" in flexible_joint_obstacle(loose)
+    assert "a spring in q1 without stiffness somewhere" in obstacle(loose, "elastic joints")
     with pytest.raises(ArgumentError, match="coordinates without motor"):
         flexgen.generate(
             "planar5_nmp", "nowhere", functions=["flexible_joint_torque"], build=False

@@ -16,10 +16,11 @@ from scipy.optimize import brentq
 
 import flexgen
 from flexgen.base.errors import SolverError
-from flexgen.dynamics.mechanics import beam, elastic_joints, force_laws, ports, signatures, statics
+from flexgen.dynamics.mechanics import beam, force_laws, ports, signatures, statics
 from flexgen.dynamics.mechanics.equations import Equations, derive
 from flexgen.dynamics.mechanics.implicit_dae import implicit_dae
 from flexgen.dynamics.mechanics.quasistatic import poses_along
+from flexgen.model.abilities import is_stiff, obstacle
 from flexgen.model.elements import (
     BacklashSpring,
     CubicSpring,
@@ -327,7 +328,7 @@ def test_the_units_of_the_dae_are_those_of_its_rows() -> None:
 
 def test_obstacles_of_flexible_joints_name_what_is_given() -> None:
     model = flexgen.read("planar5_nmp")
-    found = elastic_joints.flexible_joint_obstacle(model)
+    found = obstacle(model, "elastic joints")
     assert (
         found is not None
         and "given coordinates without motor (q3), expected a motor and a spring" in found
@@ -343,4 +344,4 @@ def test_obstacles_of_flexible_joints_name_what_is_given() -> None:
         SmoothSpring(1.0, 0.0, 0.1): False,
         BacklashSpring(1.0, 0.1, 0.1): False,
     }
-    assert {spring: elastic_joints._stiff(spring) for spring in stiff} == stiff
+    assert {spring: is_stiff(spring) for spring in stiff} == stiff

@@ -51,8 +51,7 @@ def test_states_of_a_plant_with_memory_and_their_fastest_rate(
         z=whole, forces=ca.vertcat(2 * whole[0] - whole[3], 5 * whole[3]), rates=v_a[0] * whole
     )
     for name, value in (
-        ("hysteretic_joints", [1]),
-        ("bristled_motors", []),
+        ("memory_laws", [1]),
         ("memory_of", memory),
         ("slip_torques", np.array([6.0, 0.0, 0.0, 4.0])),
         ("deflection_rates", v_a),
@@ -74,7 +73,7 @@ def test_states_of_a_plant_with_memory_and_their_fastest_rate(
         gears = np.array([2.0 * 30.0 / 5.0, 1.5 * 50.0 / 4.0]) * np.abs(speeds)
         assert float(fastest) == pytest.approx(max(*gears, 30.0 * abs(motors[0])))
         assert_allclose(slopes.full(), [[2.0, -1.0], [0.0, 5.0]])
-    monkeypatch.setattr(plant_memory, "hysteretic_joints", lambda model: [])
+    monkeypatch.setattr(plant_memory, "memory_laws", lambda model: [])
     assert plant_memory.plant_memory(equations) is None
 
 

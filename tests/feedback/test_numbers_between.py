@@ -109,7 +109,7 @@ def test_a_law_of_gravity_holds_the_arm_where_it_will_be(
         steps_per_s=8000.0,
     )
     loops: list[Any] = []
-    monkeypatch.setattr(motor_laws, "flexible_joint_obstacle", lambda model: None)
+    monkeypatch.setattr(motor_laws, "obstacle", lambda model, part: None)
     monkeypatch.setattr(motor_laws, "_check_gravity", lambda motion, k_p: loops.append(k_p))
     monkeypatch.setattr(
         motor_laws, "check_pose_loop", lambda motion, gains, text: loops.append((gains(0), text))

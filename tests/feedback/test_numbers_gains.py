@@ -161,8 +161,7 @@ def test_laws_on_the_motors_have_gains_of_their_frequency(monkeypatch: pytest.Mo
     motion.arm = lambda ahead: table
     motion.state_channel = -1
     for name, value in (
-        ("_rigid_obstacle", None),
-        ("refuse_harmonics", None),
+        ("obstacle", None),
         ("library_with", "library"),
     ):
         monkeypatch.setattr(linearising, name, lambda *given, value=value: value)

@@ -15,6 +15,7 @@ from scipy.linalg import expm, solve_discrete_are
 
 import flexgen
 from flexgen.base.errors import ArgumentError, SolverError
+from flexgen.base.spec.parts import Friction
 from flexgen.dynamics.mechanics.equations import derive
 from flexgen.feedback.laws import (
     bound,
@@ -481,7 +482,7 @@ class Functions(dict):
 def law(
     name: str, gains: np.ndarray, table: np.ndarray, uses: tuple, timing: Timing, **more: object
 ) -> bound.BoundLaw:
-    made = {"cogging": None, "torque_ripple": None, "lugre": None, "friction": None}
+    made = {"cogging": None, "torque_ripple": None, "lugre": None, "friction": Friction()}
     motors = [SimpleNamespace(inertia=x, **made) for x in (0.1, 0.2)]
     model = SimpleNamespace(
         n_m=2, eta=np.array([[10.0, 2.0], [0.0, -20.0]]), motors=motors, coordinates=()

@@ -21,6 +21,7 @@ import flexgen
 from flexgen.base.errors import ArgumentError, SolverError
 from flexgen.base.motion.trajectory import Trajectory
 from flexgen.base.spec.ports import Port
+from flexgen.dynamics.hysteresis.lugre import without_states
 from flexgen.dynamics.mechanics.equations import derive
 from flexgen.dynamics.mechanics.statics import hold_motors
 from flexgen.feedback.loop import (
@@ -490,7 +491,7 @@ def test_the_fastest_rate_of_a_loop_with_states_by_hand() -> None:
     }
     model = flexgen.read("elbow", overrides=changes)
     (states,) = hysteresis.split_plants(model, plants_of(model, {"model": {}}))[1]
-    plain = hysteresis.without_states(model)
+    plain = without_states(model)
     local = LocalDynamics(derive(plain))
     ratio = np.diag(model.eta)
     K = [dof.gear.spring.stiffness for element in model.elements for dof in element.dofs]

@@ -12,6 +12,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import flexgen
+from flexgen.dynamics.hysteresis.lugre import without_states
 from flexgen.dynamics.mechanics.equations import derive
 from flexgen.feedback.loop import hysteresis
 from flexgen.feedback.loop.plants import plants_of
@@ -39,7 +40,7 @@ def test_rates_of_a_loop_are_those_of_the_simulation(bristled: bool) -> None:
     changes |= {"motor.m2.lugre": BRISTLES} if bristled else {}
     model = flexgen.read("elbow", overrides=changes)
     plants, (states,) = hysteresis.split_plants(model, plants_of(model, {"model": {}}))
-    equations = derive(hysteresis.without_states(model))
+    equations = derive(without_states(model))
     found = hysteresis._rate(equations, states.gears, bristled)
     rng = np.random.default_rng(4)
     q = rng.standard_normal(4) * 0.1

@@ -19,6 +19,7 @@ import public_face
 import public_stub
 import room_pages
 import room_picture
+import support_page
 from golden_texts import Files, Golden, Rows, Sections
 
 from flexgen.codegen.build.generate import generate
@@ -105,6 +106,9 @@ GOLDEN: dict[str, Golden] = {
     "keys": Files(ROOT / "docs", lambda: [key_page.PAGE.name], lambda _: key_page.page()),
     "recording_keys": Files(
         ROOT / "docs", lambda: [key_page.RECORDINGS.name], lambda _: key_page.recordings_page()
+    ),
+    "support": Files(
+        ROOT / "docs", lambda: [support_page.PAGE.name], lambda _: support_page.page()
     ),
     "export_tables": Files(
         ROOT,

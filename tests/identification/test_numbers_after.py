@@ -119,11 +119,15 @@ def test_torques_of_bristles_are_added_once(monkeypatch: pytest.MonkeyPatch) -> 
     assert found.tau_b.tolist() == [3.0, 3.0] and found.motors.tau_m.tolist() == [10.0, 11.0]
     assert memory.with_lugre(equations, found) is found
     steps: list[str] = []
-    monkeypatch.setattr(
-        memory, "with_hysteresis", lambda equations, result: steps.append("hysteresis") or result
+    monkeypatch.setitem(
+        memory.AFTER_THE_ARM,
+        "hysteresis",
+        lambda equations, result: steps.append("hysteresis") or result,
     )  # type: ignore[func-returns-value]
-    monkeypatch.setattr(
-        memory, "with_lugre", lambda equations, result: steps.append("bristles") or result
+    monkeypatch.setitem(
+        memory.AFTER_THE_ARM,
+        "lugre",
+        lambda equations, result: steps.append("bristles") or result,
     )  # type: ignore[func-returns-value]
     for gears, motors, expected in (
         ([], [], []),
@@ -131,8 +135,8 @@ def test_torques_of_bristles_are_added_once(monkeypatch: pytest.MonkeyPatch) -> 
         ([], [1], ["bristles"]),
         ([1], [1], ["hysteresis", "bristles"]),
     ):
-        monkeypatch.setattr(memory, "hysteretic_joints", lambda model, gears=gears: gears)
-        monkeypatch.setattr(memory, "bristled_motors", lambda model, motors=motors: motors)
+        laws = [Made(key="hysteresis")] * len(gears) + [Made(key="lugre")] * len(motors)
+        monkeypatch.setattr(memory, "memory_laws", lambda model, laws=laws: laws)
         steps.clear()
         assert memory.with_memory(equations, result) is result and steps == expected
 

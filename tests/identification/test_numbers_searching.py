@@ -346,7 +346,7 @@ def test_limits_are_kept_by_another_path_where_they_are_active(
         "_Bounds": Bounds,
         "from_library": result,
         "_modify_path": lambda *given: (5, found),
-        "hysteretic_joints": lambda robot: ["q1"] if memory else [],
+        "memory_laws": lambda robot: ["hysteresis"] if memory else [],
         "bristled_motors": lambda robot: [],
         "reach": lambda equations: 0.02,
     }.items():

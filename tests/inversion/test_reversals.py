@@ -20,7 +20,7 @@ from flexgen.inversion.judge.reversals import unresolved_friction
 from flexgen.inversion.methods.method_table import methods
 from flexgen.inversion.problem.problem import InversionProblem
 from flexgen.model.elements import RobotModel
-from flexgen.model.friction import Friction, GearFriction, steepness
+from flexgen.model.friction import Friction, GearFriction, memory_laws, steepness
 from flexgen.paths.path import Path as MovePath
 
 ROBOTS = ROOT / "tests" / "support" / "robots"
@@ -232,7 +232,6 @@ def test_the_error_two_seconds_after_the_end_is_that_of_a_simulation_with_bristl
     """
     from bristled import NUMBERS, bristled
 
-    from flexgen.simulation import simulate as simulating
     from flexgen.simulation.after_end import errors_after_end
 
     model = bristled("elbow", {"m1": NUMBERS, "m2": NUMBERS})
@@ -242,7 +241,7 @@ def test_the_error_two_seconds_after_the_end_is_that_of_a_simulation_with_bristl
         flexgen.simulate(model, pushed, held=held, feedback="none") for held in (0.5, 2.0)
     )
     assert near.later_error_max_m == pytest.approx(far.tool_error_max_m, rel=1e-3)
-    assert simulating.has_memory(model)
+    assert memory_laws(model)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("flexgen.simulation.after_end.simulate_after_end", errors_after_end)
         predicted = flexgen.simulate(model, pushed, held=0.5, feedback="none")

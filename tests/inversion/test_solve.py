@@ -221,7 +221,7 @@ def test_coarse_meshes_are_refused_or_seen() -> None:
             "move: given 'nowhere', expected one of model planar5_mp: line, joints",
         ),
         ({"method": "magic"}, "method: given 'magic', expected one of"),
-        ({"method": "closed-form"}, "has 1 non-actuated coordinates"),
+        ({"method": "closed-form"}, "given coordinates without motor .q3."),
         ({"mesh": -1.0}, "mesh: given -1.0"),
         ({"preview": float("nan")}, "preview: given nan"),
         ({"preview": -1.0}, "preview: given -1.0, expected zero or a positive time"),

@@ -130,6 +130,7 @@ def test_torques_of_gears_are_those_of_springs_or_of_the_motor(
         coordinates=[joint("q1"), joint("q2")],
         motors=motors,
         motor_coupling="simplified",
+        name="arm",
     )
     model.eta = np.array([[10.0, 3.0], [0.0, 20.0]])
     monkeypatch.setattr(

@@ -164,14 +164,14 @@ def test_friction_and_its_derivatives_against_casadi() -> None:
 
 def test_models_without_the_closed_form_are_refused() -> None:
     law = TimeLaw(1.0, 5)
-    for name, why in (("planar5_mp", "non-actuated"), ("four_mass", "non-actuated")):
+    for name, why in (("planar5_mp", "without motor"), ("four_mass", "without motor")):
         assert why in unfit(read(name))
         with pytest.raises(ArgumentError, match=r"use flexgen\.solve for each of them"):
             JointMoves(derive(name), law)
     q1 = "element.upper.dof.q1.gear"
     lossy = {f"{q1}.hysteresis": {"lost_motion": 3e-4, "stiffness": 1e5}}
     for more, why in (
-        (lossy, "hysteresis in the gear of q1"),
+        (lossy, "the gear of q1 has hysteresis"),
         ({f"{q1}.torque_max": 1.0}, "limits other than of motor"),
     ):
         model = read("elbow", overrides=more)

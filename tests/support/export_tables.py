@@ -25,10 +25,7 @@ def readme_table(exports: Mapping[str, Export]) -> str:
         place = "/".join(folders) + "/" if folders else f"{module}.py"
         what = export.summary.rstrip(".")
         page = export.page.replace("](", "](../../docs/")
-        lines.append(
-            f"| `{name}` | `export_{name}` | `{place}` | {what} | "
-            f"{page} |\n"
-        )
+        lines.append(f"| `{name}` | `export_{name}` | `{place}` | {what} | {page} |\n")
     return HEAD + "".join(lines)
 
 

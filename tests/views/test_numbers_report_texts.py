@@ -272,7 +272,8 @@ def test_zeros_along_a_path_are_drawn_where_there_are_any(monkeypatch: pytest.Mo
     monkeypatch.setattr(
         pictures.along_path, "zeros_along", lambda model, found: drawn.append(found) or b"svg"
     )
-    equations: Any = Made(model=Made(n_e=1, inversion_obstacle=lambda: None))
+    monkeypatch.setattr(pictures, "obstacle", lambda model, part: model.reason)
+    equations: Any = Made(model=Made(n_e=1, reason=None))
     solution: Any = Made(move="line")
     some = Made(zeros=np.array([[np.nan, -3.0]]), verdict="all poses are minimum phase")
     monkeypatch.setattr(pictures, "zero_path", lambda equations, path: some)
@@ -292,8 +293,8 @@ def test_zeros_along_a_path_are_drawn_where_there_are_any(monkeypatch: pytest.Mo
     monkeypatch.setattr(pictures, "zero_path", fail)
     assert pictures._zeros_along(equations, solution) == []
     monkeypatch.setattr(pictures, "zero_path", lambda equations, path: some)
-    for changes in ({"n_e": 0}, {"inversion_obstacle": lambda: "rigid"}):
-        model = Made(**({"n_e": 1, "inversion_obstacle": lambda: None} | changes))
+    for changes in ({"n_e": 0}, {"reason": "rigid"}):
+        model = Made(**({"n_e": 1, "reason": None} | changes))
         assert pictures._zeros_along(Made(model=model), solution) == []  # type: ignore[arg-type]
     assert len(drawn) == 1
 

@@ -27,8 +27,8 @@ from flexgen.analysis.printing.chain import SymbolicChain, polynomial_ring
 from flexgen.analysis.printing.elements import Expr3, Forces, Symbols, chain_steps, placement_steps
 from flexgen.analysis.printing.printing import Entry, Name, Row, Section, Sheet
 from flexgen.base.errors import ArgumentError
+from flexgen.model.abilities import check_ability
 from flexgen.model.elements import Coordinate, RobotModel
-from flexgen.model.friction import refuse_harmonics, refuse_hysteresis
 
 MAX_COORDINATES = 4
 
@@ -298,26 +298,7 @@ def _output(model: RobotModel, q_a: tuple[sp.Symbol, ...], position: sp.Matrix) 
 def _check_small(model: RobotModel) -> None:
     """ArgumentError where the equations would be too long to be read."""
     numeric = "the numeric (CasADi) equations are available for any model"
-    beams = [element.name for element in model.elements if element.beam is not None]
-    if beams:
-        raise ArgumentError(
-            f"symbolic: given a model with beams ({', '.join(beams)}), expected rigid bodies; "
-            f"{numeric}"
-        )
-    passive = [dof.name for element in model.elements for dof in element.dofs if dof.mimic]
-    if passive:
-        raise ArgumentError(
-            f"symbolic: given a model with axes moved by mechanisms ({', '.join(passive)}), "
-            f"expected none; {numeric}"
-        )
-    balanced = [c.name for c in model.coordinates if c.dof is not None and c.dof.counterbalance]
-    if balanced:
-        raise ArgumentError(
-            f"symbolic: given a model with a counterbalance ({', '.join(balanced)}), expected "
-            f"none; {numeric}"
-        )
-    refuse_hysteresis(model, "symbolic")
-    refuse_harmonics(model, "symbolic")
+    check_ability(model, "symbolic")
     if model.n_a > MAX_COORDINATES:
         raise ArgumentError(
             f"symbolic: given a model with {model.n_a} arm coordinates, expected at most "

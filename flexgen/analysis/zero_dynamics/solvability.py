@@ -32,6 +32,7 @@ from flexgen.dynamics.mechanics.equations import Equations
 from flexgen.dynamics.mechanics.lagrangian import gears
 from flexgen.dynamics.mechanics.quasistatic import OutputPath, poses_along
 from flexgen.dynamics.mechanics.statics import Equilibrium, gear_damping, reach
+from flexgen.model.abilities import obstacle
 from flexgen.model.elements import RobotModel
 
 SINGULAR = 1e-9  # relative: below it a matrix is singular but for rounding
@@ -128,7 +129,7 @@ def solvability(equations: Equations, rest: Equilibrium, linear: LinearModel) ->
     """The `Solvability` of a robot in a static equilibrium, from its linearization there."""
     model = equations.model
     arm = arm_linearization(equations, rest.q_a[None])
-    simple = model.motor_coupling == "simplified"
+    simple = obstacle(model, "simplified coupling") is None
     drive, degree = _drive(equations, arm.stiffness[0])
     i_g = list(model.i_g)
     matrix = (
@@ -137,7 +138,7 @@ def solvability(equations: Equations, rest: Equilibrium, linear: LinearModel) ->
     values = np.linalg.svd(_scale_rows_and_columns(arm)[0], compute_uv=False)
     tool = np.linalg.svd(_tool(equations, arm)[0], compute_uv=False)
     warnings = _tool_warnings(equations, arm)
-    square = model.inversion_obstacle(any_coupling=True) is None
+    square = obstacle(model, "full problem") is None
     inertia = None
     if square and model.n_e and tool[-1] > SINGULAR * tool[0]:
         inertia = float(np.linalg.svd(arm.relative_inertia()[0], compute_uv=False)[-1])
@@ -171,7 +172,7 @@ def solvability_path(equations: Equations, path: OutputPath, n: int = 41) -> Sol
         The path leaves the workspace, or passes a singular pose.
     """
     model = equations.model
-    reason = model.inversion_obstacle()
+    reason = obstacle(model, "reduced problem")
     if reason is not None:
         raise ArgumentError(f"solvability along a path: {reason}")
     if n < 1:

@@ -24,6 +24,7 @@ from flexgen.base.numerics.evaluate import evaluate
 from flexgen.dynamics.mechanics.equations import Equations
 from flexgen.dynamics.mechanics.motor_harmonics import gear_angles_along
 from flexgen.dynamics.mechanics.statics import Equilibrium, gear_damping
+from flexgen.model.abilities import obstacle
 
 # part of a motion that may lie outside of a preview: the tolerance of lq and of streams
 PREVIEW_SHARE = 1e-6
@@ -168,14 +169,14 @@ def pencil_zeros(A: np.ndarray, D: np.ndarray, K: np.ndarray) -> np.ndarray | No
 
 def is_structured(equations: Equations) -> bool:
     """Whether the reduction applies: simplified coupling and as many outputs as motors."""
-    return equations.model.inversion_obstacle() is None
+    return obstacle(equations.model, "reduced problem") is None
 
 
 def zero_report(equations: Equations, linear: LinearModel, rest: Equilibrium) -> ZeroReport:
     """Zeros of the declared output in a static equilibrium, and the verdict."""
     model = equations.model
     zeros: np.ndarray | None = None
-    if model.inversion_obstacle(any_coupling=True) is None:
+    if obstacle(model, "full problem") is None:
         if is_structured(equations):
             blocks = np.linalg.svd(linear.W[:, list(model.i_g)], compute_uv=False)
             if blocks[-1] > RANK * max(blocks[0], 1e-300):

@@ -28,6 +28,7 @@ from flexgen.base.errors import ArgumentError, SolverError
 from flexgen.dynamics.mechanics.equations import Equations
 from flexgen.dynamics.mechanics.quasistatic import OutputPath, equilibria_along, poses_along
 from flexgen.dynamics.mechanics.statics import gear_damping
+from flexgen.model.abilities import obstacle
 
 FLAT = 1e-9  # of its size: an inertia A that is more singular has a zero at infinity
 NEAR = 1e-5  # the same: a zero near infinity
@@ -142,7 +143,7 @@ def zero_path(
         The path leaves the workspace, or passes a singular pose.
     """
     model = equations.model
-    reason = model.inversion_obstacle(any_coupling=True)
+    reason = obstacle(model, "full problem")
     if reason is not None:
         raise ArgumentError(f"zeros along a path: {reason}")
     if n < 2:
@@ -157,7 +158,8 @@ def zero_path(
             pencil = None
         roots, sigma, sign = zeros_at(equations, arm_linearization(equations, q), t, pencil)
     elif moving:
-        raise ArgumentError(f"zeros along a path of a moving robot: {model.inversion_obstacle()}")
+        reason = obstacle(model, "reduced problem")
+        raise ArgumentError(f"zeros along a path of a moving robot: {reason}")
     else:
         rests = equilibria_along(equations, path, t)
         q = np.array([rest.q_a for rest in rests])

@@ -118,6 +118,11 @@ class Friction:
     beta: float = friction_key("s/rad", "steepness of the Coulomb friction at zero speed")
     offset: float = friction_key("N m", "constant torque against positive motion", signed=True)
 
+    @property
+    def loaded(self) -> bool:
+        """Whether it depends on the torque of the gear."""
+        return False
+
     def __post_init__(self) -> None:
         """ArgumentError for a number without effect, as ``coulomb`` without ``beta``."""
         for key in fields(self):

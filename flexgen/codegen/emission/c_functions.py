@@ -29,8 +29,8 @@ from flexgen.codegen.emission.motor_constants import position_obstacle
 from flexgen.codegen.emission.position_functions import POSITION_FUNCTIONS
 from flexgen.codegen.emission.sampler_functions import SAMPLER_FUNCTIONS
 from flexgen.dynamics.mechanics.signatures import INVERTING, offered_functions
+from flexgen.model.abilities import obstacle
 from flexgen.model.elements import RobotModel
-from flexgen.model.friction import bristled_motors, has_harmonics
 
 _N = "n_pre + n + n_post"
 _PARAMETERS = "run-time parameters, listed in the header of the functions"
@@ -503,12 +503,10 @@ def inversion_reason(model: RobotModel, functions: Sequence[str]) -> str | None:
     missing = [
         name for name in offered_functions(model) if name in INVERTING and name not in functions
     ]
-    obstacle = (
+    not_chosen = (
         f"they need the functions {', '.join(missing)}, which were not chosen" if missing else None
     )
-    if (motors := bristled_motors(model)) and (found := has_harmonics(model)):
-        return f"motor {motors[0]} has lugre and {found}, of which C has one or the other"
-    return model.inversion_obstacle() or obstacle
+    return obstacle(model, "inversion in C") or obstacle(model, "reduced problem") or not_chosen
 
 
 def _with_force(function: CFunction) -> CFunction:

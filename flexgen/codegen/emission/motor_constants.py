@@ -10,7 +10,6 @@ import numpy as np
 
 from flexgen.dynamics.mechanics.output_columns import output_units
 from flexgen.model.elements import LinearSpring, RobotModel
-from flexgen.model.friction import bristled_motors, harmonic_sums
 from flexgen.model.position_servo.keys import ServoTable
 
 if TYPE_CHECKING:
@@ -107,11 +106,11 @@ def position_obstacle(model: RobotModel) -> str | None:
 
 def _lugre(model: RobotModel) -> dict[str, tuple[float, ...]]:
     """The numbers of the frictions with a state, by their names in C."""
-    if not bristled_motors(model):
-        return {}
     from flexgen.dynamics.hysteresis.lugre import motor_bristles
 
     law = motor_bristles(model)
+    if not law.present.any():
+        return {}
     numbers = (law.coulomb, law.static, law.stribeck_speed, law.stiffness, law.damping)
     names = ("coulomb", "static", "speed", "stiffness", "damping")
     return {
@@ -142,6 +141,7 @@ def motor_constants(
     from flexgen.dynamics.hysteresis.hysteresis import gear_layers  # here, as these need CasADi
     from flexgen.dynamics.hysteresis.hysteresis_law import curve_of
     from flexgen.dynamics.mechanics.lagrangian import gears
+    from flexgen.dynamics.mechanics.motor_harmonics import highest_harmonics
 
     def rows(A: Iterable[np.ndarray]) -> tuple[tuple[float, ...], ...]:
         return tuple(tuple(float(x) for x in row) for row in A)
@@ -176,9 +176,7 @@ def motor_constants(
             (part, rows(table)) for part, table in (curve_of(law).table() for law in laws)
         ),
         lugre=_lugre(model),
-        highest_harmonic=max(
-            (k for one in harmonic_sums(model).values() for k in one.harmonics), default=0
-        ),
+        highest_harmonic=int(highest_harmonics(model).max(initial=0)),
         arm_side=(*(1.0,) * model.n_a, *(float(abs(model.eta[i]).max()) for i in model.i_m)),
         servo=model.servo if position and position_obstacle(model) is None else None,
         pose=model.output.type == "tool_pose",

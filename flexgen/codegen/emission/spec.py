@@ -40,6 +40,7 @@ from flexgen.dynamics.mechanics.signatures import (
     function_obstacles,
     split_product,
 )
+from flexgen.model.abilities import obstacle
 from flexgen.model.elements import RobotModel
 
 if TYPE_CHECKING:
@@ -447,7 +448,7 @@ def _sizes(model: RobotModel, functions: Sequence[str], parameters: int) -> dict
                 f"model {model.name}: given {what} = 0, expected at least one coordinate and "
                 "one motor"
             )
-    if model.inversion_obstacle() is None:
+    if obstacle(model, "reduced problem") is None:
         sizes |= {"n_y": model.output.size, "n_t": model.output.target_size}
     if model.sensors:
         sizes["n_s"] = sum(len(sensor.channels) for sensor in model.sensors)

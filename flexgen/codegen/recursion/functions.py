@@ -27,6 +27,7 @@ from flexgen.codegen.recursion.tape import Scalar, Tape
 from flexgen.dynamics.mechanics.equations import Equations
 from flexgen.dynamics.mechanics.signatures import split_product
 from flexgen.dynamics.mechanics.system import Built
+from flexgen.model.abilities import obstacle
 
 # with the motors
 _WHOLE = ("forward_dynamics", "forward_dynamics_tool_force", "residual_jacobians")
@@ -80,17 +81,12 @@ def recursive_function(equations: Equations, name: str) -> ca.Function | None:
     """
     model = equations.model
     base, product = split_product(name)
-    carried = model.motor_coupling == "complete" and base in _WHOLE
+    carried = base in _WHOLE and obstacle(model, "simplified coupling") is not None
     carried = carried or (
-        name in inversion_functions.BUILDERS and model.inversion_obstacle() is not None
+        name in inversion_functions.BUILDERS and obstacle(model, "reduced problem") is not None
     )
     inertias = any(parameter.inertia for parameter in equations.parameters)
-    if (
-        base not in _BUILDERS
-        or carried
-        or inertias
-        or any(e.beam is not None for e in model.elements)
-    ):
+    if base not in _BUILDERS or carried or inertias or obstacle(model, "recursion") is not None:
         return None
     arm = arm_of(equations)
     if name not in arm.functions:

@@ -45,6 +45,7 @@ from flexgen.dynamics.mechanics.equations import Equations
 from flexgen.dynamics.mechanics.lagrangian import gears
 from flexgen.dynamics.mechanics.quasistatic import OutputPath
 from flexgen.dynamics.mechanics.statics import Equilibrium, hold_joints
+from flexgen.model.abilities import obstacle
 
 ZERO = 1e-14  # of the largest: a singular value below it is zero; rounding leaves 1e-16
 CLEAR = 1e-11  # of the largest: above it one is not zero; between the two nothing is decided
@@ -318,7 +319,7 @@ def rule(equations: Equations) -> tuple[int, int, int] | None:
     None for complete motor coupling, and where outputs and motors differ in number.
     """
     model = equations.model
-    if model.inversion_obstacle() is not None:
+    if obstacle(model, "reduced problem") is not None:
         return None
     kinds = [gear for gear, _ in gears(model)]
     rigid = sum(gear.rigid for gear in kinds)

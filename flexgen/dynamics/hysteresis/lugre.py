@@ -28,6 +28,7 @@ import numpy as np
 from flexgen.base.errors import SolverError
 from flexgen.base.numerics.evaluate import evaluate
 from flexgen.base.numerics.tableaus import radau
+from flexgen.dynamics.hysteresis.hysteresis import without_hysteresis
 from flexgen.dynamics.mechanics.equations import Equations
 from flexgen.model.elements import RobotModel
 from flexgen.model.friction import bristled_motors
@@ -89,6 +90,11 @@ def without_lugre(model: RobotModel) -> RobotModel:
     if not bristled_motors(model):
         return model
     return replace(model, motors=tuple(replace(motor, lugre=None) for motor in model.motors))
+
+
+def without_states(model: RobotModel) -> RobotModel:
+    """The model without elements that have a state; the same object where it has none."""
+    return without_lugre(without_hysteresis(model))
 
 
 def bristle_rates(law: MotorBristles, v: ca.SX, y: ca.SX) -> tuple[ca.SX, ca.SX]:

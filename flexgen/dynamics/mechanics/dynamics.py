@@ -19,7 +19,7 @@ from flexgen.dynamics.mechanics.force_laws import friction_torque, spring_torque
 from flexgen.dynamics.mechanics.lagrangian import gears
 from flexgen.dynamics.mechanics.motor_harmonics import given_torques, motors_of_gears
 from flexgen.dynamics.mechanics.system import Builder, Built, System, solve_symmetric
-from flexgen.model.friction import loaded_motors
+from flexgen.model.abilities import obstacle
 
 STATE = ["q_a", "v_a", "q_m", "v_m", "tau_m"]
 MOTION = ["q_a", "v_a", "a_a", "q_m", "v_m", "a_m", "tau_m"]
@@ -142,10 +142,8 @@ def motor_friction(system: System) -> Built:
     """Friction torques of the motors."""
     v_m = system.lagrangian.v_m
     model = system.with_symbols
-    if loaded := loaded_motors(system.model):
-        raise ArgumentError(
-            f"motor_friction: that of motor {loaded[0]} depends on its load; use loaded_friction"
-        )
+    if (reason := obstacle(system.model, "friction of speeds")) is not None:
+        raise ArgumentError(f"motor_friction: {reason}; use loaded_friction")
     friction = [
         friction_torque(m.friction, v_m[j], None, model.temperature)
         for j, m in enumerate(model.motors)

@@ -24,6 +24,7 @@ from flexgen.base.errors import ArgumentError
 from flexgen.dynamics.mechanics.force_laws import friction_torque, spring_torque
 from flexgen.dynamics.mechanics.lagrangian import gears
 from flexgen.dynamics.mechanics.system import Builder, Built, System, solve_symmetric
+from flexgen.model.abilities import obstacle
 
 MOTION = "flexible_joint_motion"
 TORQUE = "flexible_joint_torque"
@@ -36,11 +37,9 @@ def _arm_torque(system: System) -> ca.SX:
 
 def _springs(system: System) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
     """``T``, ``k``, ``k'`` and ``d'``, (n_a,) each, in the symbols of angles and speeds."""
-    from flexgen.dynamics.mechanics.elastic_joints import flexible_joint_obstacle
-
     lag = system.lagrangian
     model = system.with_symbols
-    reason = flexible_joint_obstacle(system.model)
+    reason = obstacle(system.model, "elastic joints")
     if reason is not None:
         raise ArgumentError(f"functions of elastic joints: {reason}")
     inverse = ca.SX(ca.DM(np.linalg.inv(model.eta)))

@@ -22,6 +22,7 @@ import numpy as np
 from flexgen.base.errors import ArgumentError
 from flexgen.dynamics.mechanics.outputs import output_map
 from flexgen.dynamics.mechanics.system import Builder, Built, System
+from flexgen.model.abilities import obstacle
 from flexgen.model.elements import RobotModel
 
 MASSLESS = 1e-9  # relative: an inertia that is rounding
@@ -29,7 +30,7 @@ MASSLESS = 1e-9  # relative: an inertia that is rounding
 
 def _check(system: System, name: str) -> None:
     """ArgumentError where the model does not have the function."""
-    reason = system.model.inversion_obstacle()
+    reason = obstacle(system.model, "reduced problem")
     if reason is not None:
         raise ArgumentError(f"function {name}: {reason}")
 

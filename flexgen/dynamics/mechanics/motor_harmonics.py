@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import casadi as ca
 import numpy as np
@@ -24,7 +25,9 @@ import numpy as np
 from flexgen.base.numerics.evaluate import evaluate
 from flexgen.base.spec.fourier import STEEPEST, FourierSum
 from flexgen.model.elements import RobotModel
-from flexgen.model.friction import has_harmonics, loaded_motors
+from flexgen.model.friction import loaded_motors
+
+T = TypeVar("T", np.ndarray, ca.SX)
 
 SOLVED = 1e-17  # rad: error of a motor angle after its last step, by its bound
 
@@ -237,7 +240,7 @@ def motor_stage(
     """
     w, dw, ddw = (x @ model.eta.T for x in theta)
     carried = np.linalg.solve(model.eta.T, tau_g.T).T
-    if not has_harmonics(model):
+    if not highest_harmonics(model).any():
         return MotorStage(w, dw, ddw, carried)
     found = evaluate(function("motor_harmonics"), w, dw, ddw)
     q_m, v_m, a_m, share, cogging, gain = (x.reshape(carried.shape) for x in found)
@@ -250,6 +253,16 @@ def friction_along(
     """Friction torques of the motors (n, n_m) at their speeds and the torques of the gears on the
     motor side.
     """
+    name, given = friction_function(model, v_m, carried)
+    return evaluate(function(name), *given)[0].reshape(v_m.shape)
+
+
+def friction_function(model: RobotModel, v_m: T, carried: T) -> tuple[str, tuple[T, ...]]:
+    """The function of the friction torques of a robot's motors, and its arguments.
+
+    ``v_m``: speeds of the motors; ``carried``: torques of the gears on the motor side, an argument
+    where a friction depends on them.
+    """
     if loaded_motors(model):
-        return evaluate(function("loaded_friction"), v_m, carried)[0].reshape(v_m.shape)
-    return evaluate(function("motor_friction"), v_m)[0].reshape(v_m.shape)
+        return "loaded_friction", (v_m, carried)
+    return "motor_friction", (v_m,)

@@ -42,8 +42,8 @@ import casadi as ca
 from flexgen.base.errors import ArgumentError
 from flexgen.base.spec.fourier import FourierSum
 from flexgen.base.spec.parts import GearFriction
+from flexgen.model.abilities import obstacle
 from flexgen.model.elements import Body, Dof, Friction, Gear, Motor, RobotModel, Spring
-from flexgen.model.friction import refuse_hysteresis
 
 if TYPE_CHECKING:
     from flexgen.base.spec.memory import HysteresisLaw
@@ -114,7 +114,12 @@ def put_symbols(model: RobotModel, names: Sequence[str]) -> Parametrized:
         raise ArgumentError(f"parameters: given the text {names!r}, expected a sequence of names")
     chosen = select(model, names)
     if any(not parameter.key.startswith("payload") for parameter in chosen):
-        refuse_hysteresis(model, "parameters other than those of the payload")
+        reason = obstacle(model, "parameters")
+        if reason is not None:
+            raise ArgumentError(
+                f"parameters other than those of the payload: given {model.title}, of which "
+                f"{reason}"
+            )
     symbols = ca.SX.sym("parameters", len(chosen))
     values = {parameter.name: symbols[k] for k, parameter in enumerate(chosen)}
     return Parametrized(with_values(model, values), model, symbols, chosen)

@@ -12,8 +12,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from flexgen.model.friction import bristled_motors, has_harmonics, hysteretic_joints, loaded_motors
-
 if TYPE_CHECKING:
     from flexgen.model.elements import RobotModel
 
@@ -403,6 +401,17 @@ INVERTING = (*INVERSION, "motor_harmonics", "loaded_friction")
 # with the springs of the gears
 GEARED = ("forward_dynamics", "forward_dynamics_tool_force", "linearize")
 FLEXIBLE_JOINT = ("flexible_joint_motion", "flexible_joint_torque")  # of arms with elastic joints
+# The functions that a robot may lack, by the part of the table of abilities with the reason.
+PARTS: dict[str, tuple[str, ...]] = {
+    "elastic joints": FLEXIBLE_JOINT,
+    "sensors": ("sensors", "sensor_derivatives"),
+    "reduced problem": INVERSION,
+    "forces of an instant": (*FLEXIBLE_JOINT, *GEARED),
+    "friction of speeds": ("motor_friction",),
+    "friction of loads": ("loaded_friction",),
+    "harmonics in C": ("motor_harmonics",),
+    "inversion Jacobians": ("inversion_jacobians",),
+}
 
 # name: sizes, unit (templates: see _unit), meaning
 PORTS: dict[str, tuple[tuple[str, ...], str, str]] = {
@@ -584,38 +593,12 @@ def function_obstacles(model: RobotModel) -> dict[str, str | None]:
     """Why a model's library cannot have a function, for each row of the table; None where it
     can.
     """
-    # (it needs numpy, the names here do not)
-    from flexgen.dynamics.mechanics.elastic_joints import flexible_joint_obstacle
+    from flexgen.model.abilities import obstacle  # here: it needs numpy, the names do not
 
-    obstacles = dict.fromkeys(FLEXIBLE_JOINT, flexible_joint_obstacle(model))
-    if not model.sensors:
-        obstacles |= dict.fromkeys(
-            ("sensors", "sensor_derivatives"), f"model {model.name} has no sensors"
-        )
-    obstacles |= dict.fromkeys(INVERSION, model.inversion_obstacle())
-    if joints := hysteretic_joints(model):
-        reason = (
-            f"the gear of {joints[0]} has hysteresis, whose torque depends on the motion before"
-        )
-        obstacles |= dict.fromkeys((*FLEXIBLE_JOINT, *GEARED), reason)
-    if motors := bristled_motors(model):
-        reason = f"motor {motors[0]} has lugre, a friction that depends on the motion before"
-        obstacles |= dict.fromkeys((*FLEXIBLE_JOINT, *GEARED), reason)
-    if loaded := loaded_motors(model):
-        obstacles["motor_friction"] = (
-            f"friction of motor {loaded[0]} depends on its load; it is loaded_friction"
-        )
-    else:
-        obstacles["loaded_friction"] = (
-            f"model {model.name} has no friction that depends on the load"
-        )
-    if not has_harmonics(model):
-        obstacles["motor_harmonics"] = (
-            f"model {model.name} has no transmission error, cogging or torque ripple"
-        )
-    if not model.i_e:
-        missing = f"model {model.name} has no coordinates without motor"
-        obstacles["inversion_jacobians"] = obstacles["inversion_jacobians"] or missing
+    obstacles: dict[str, str] = {}
+    for part, names in PARTS.items():
+        if (reason := obstacle(model, part)) is not None:
+            obstacles |= dict.fromkeys(names, reason) | obstacles
     return {row.name: obstacles.get(split_product(row.name)[0]) for row in TABLE}
 
 

@@ -16,7 +16,7 @@ from flexgen.dynamics.hysteresis.lugre import motor_bristles
 from flexgen.dynamics.mechanics.equations import Equations, with_forces
 from flexgen.exports.fmu.variables import STATE, Variable
 from flexgen.model.elements import RobotModel
-from flexgen.model.friction import bristled_motors, hysteretic_joints
+from flexgen.model.friction import memory_laws
 from flexgen.simulation.integration.hysteretic_rate import (
     deflection_rates,
     memory_of,
@@ -43,7 +43,7 @@ class PlantMemory:
 def plant_memory(equations: Equations) -> PlantMemory | None:
     """The states of a model; None where it has none."""
     model = equations.model
-    if not (hysteretic_joints(model) or bristled_motors(model)):
+    if not memory_laws(model):
         return None
     made = memory_of(equations)
     slip = slip_torques(model)

@@ -46,8 +46,8 @@ from flexgen.exports.mujoco.mujoco_forces import FAR, add_actuators, add_constra
 from flexgen.exports.mujoco.mujoco_inertia import principal, regroup
 from flexgen.exports.poses import chain, frame_about, pose_attributes
 from flexgen.exports.xml_text import add, document, numbers
+from flexgen.model.abilities import check_ability
 from flexgen.model.elements import Dof, LinearSpring, RobotModel
-from flexgen.model.friction import refuse_harmonics, refuse_hysteresis
 from flexgen.model.inertia import mass_matrix
 from flexgen.model.reader import read
 from flexgen.paths.geometry.jets import quaternion
@@ -129,8 +129,7 @@ def export_mujoco(
     if path.suffix != ".xml":
         raise ArgumentError(f"path: given {path.name!r}, expected a name that ends in .xml")
     robot = model if isinstance(model, RobotModel) else read(model)
-    refuse_hysteresis(robot, "export")
-    refuse_harmonics(robot, "export")
+    check_ability(robot, "export_mujoco")
     write_text(path, mjcf(robot, friction))
     what = f"{robot.title}, {robot.dof} joints, {robot.n_m} motors"
     notes: tuple[str, ...] = (

@@ -24,8 +24,8 @@ from flexgen.exports.c_code.selftest.golden import output_at
 from flexgen.exports.exported import Exported
 from flexgen.feedback.loop.controllers import Cascade
 from flexgen.feedback.loop.gains import propose_gains
+from flexgen.model.abilities import obstacle
 from flexgen.model.elements import RobotModel
-from flexgen.model.friction import bristled_motors, loaded_motors
 from flexgen.runtime.inversion.limited_inversion import OF_TOOL, SIZES, limit_members
 
 PACKAGE = "flexgen.exports.ros2"
@@ -153,7 +153,7 @@ def export_ros2(
     sections = (
         *parts,
         *["limited"] * ("limits" in parts),
-        *["load"] * bool(loaded_motors(library.model)),
+        *["load"] * any(row["name"] == "loaded_friction" for row in library.functions),
     )
     for file, path in _files(chosen, controller, parts).items():
         texts[path] = _render(file, chosen, name, words, sections)
@@ -368,11 +368,8 @@ def _refused_friction(model: RobotModel) -> str:
     """A line that refuses a friction for which the interface, which has the velocities alone,
     lacks a number.
     """
-    if names := bristled_motors(model):
-        reason = f"motor {names[0]} has lugre, which depends on the motion before"
-    elif names := loaded_motors(model):
-        reason = f"motor {names[0]} has a friction that depends on the torque of its gear"
-    else:
+    reason = obstacle(model, "velocities of ROS 2")
+    if reason is None:
         return ""
     return (
         "\n"

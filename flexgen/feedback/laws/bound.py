@@ -19,8 +19,8 @@ from flexgen.codegen.build.c_module import c_module
 from flexgen.feedback.loop.controllers import times
 from flexgen.feedback.loop.interface import Compiled, Measurement, Reference, Setup
 from flexgen.feedback.loop.timing import Timing
+from flexgen.model.abilities import obstacle
 from flexgen.model.elements import RobotModel
-from flexgen.model.friction import refuse_harmonics
 from flexgen.runtime.library import Library
 
 SOURCE = Path(__file__).with_name("model_laws.c")
@@ -96,7 +96,9 @@ class BoundLaw:
         """The law in C; ArgumentError where the loop measures other channels than those it was
         bound to.
         """
-        refuse_harmonics(self.model, "control law")
+        reason = obstacle(self.model, "control laws")
+        if reason is not None:
+            raise ArgumentError(f"control law: {reason}")
         n = self.model.n_m
         needed = self.model.n_m
         if self.state >= 0:

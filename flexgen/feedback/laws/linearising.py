@@ -23,15 +23,13 @@ from flexgen.base.errors import ArgumentError
 from flexgen.base.numerics.evaluate import evaluate
 from flexgen.base.spec.arguments import is_number
 from flexgen.codegen.build.model_library import library_with
-from flexgen.dynamics.mechanics.elastic_joints import flexible_joint_obstacle
 from flexgen.dynamics.mechanics.signatures import FLEXIBLE_JOINT
 from flexgen.feedback.laws.bound import COMPUTED_TORQUE, LINEARISATION, BoundLaw
 from flexgen.feedback.laws.chain import FORMS, FormName, stable_gains
 from flexgen.feedback.laws.stability import check_pose_loop
 from flexgen.feedback.loop.law_motion import LawMotion
 from flexgen.feedback.loop.model_law import ModelLaw
-from flexgen.model.elements import RobotModel
-from flexgen.model.friction import refuse_harmonics
+from flexgen.model.abilities import obstacle
 
 HIGHEST_HZ = 1e5
 
@@ -101,7 +99,7 @@ class FeedbackLinearisation(ModelLaw):
     def bound(self, motion: LawMotion) -> BoundLaw:
         """The law for a planned motion."""
         model = motion.model
-        reason = flexible_joint_obstacle(model)
+        reason = obstacle(model, "elastic joints")
         if reason is not None:
             raise ArgumentError(f"controller FeedbackLinearisation: {reason}")
         timing = motion.timing(self.predict)
@@ -168,10 +166,9 @@ class ComputedTorque(ModelLaw):
         """The law for a planned motion."""
         model = motion.model
         timing = motion.timing()
-        reason = _rigid_obstacle(model)
+        reason = obstacle(model, "computed torque")
         if reason is not None:
             raise ArgumentError(f"controller ComputedTorque: {reason}")
-        refuse_harmonics(model, "controller ComputedTorque")
         w = 2 * np.pi * self.frequency_hz
         gains = np.array([w * w, 2 * w, 0.0, 0.0])
         if not self.allow_unstable:
@@ -213,13 +210,3 @@ class ComputedTorque(ModelLaw):
             return np.hstack([none, gains[0] * per]), np.hstack([none, gains[1] * per])
 
         check_pose_loop(motion, feedback, f"frequency_hz: given {self.frequency_hz:g} Hz")
-
-
-def _rigid_obstacle(model: RobotModel) -> str | None:
-    if model.n_e:
-        names = ", ".join(model.coordinates[i].name for i in model.i_e)
-        return (
-            f"model {model.name}: given coordinates without motor ({names}), expected a motor "
-            "for each"
-        )
-    return model.inversion_obstacle()

@@ -19,13 +19,13 @@ from flexgen.base.errors import ArgumentError
 from flexgen.base.numerics.evaluate import evaluate
 from flexgen.base.spec.arguments import is_number
 from flexgen.codegen.build.model_library import library_with
-from flexgen.dynamics.mechanics.elastic_joints import flexible_joint_obstacle
 from flexgen.feedback.laws.bound import JOINT_TORQUE, BoundLaw
 from flexgen.feedback.laws.linearising import check_frequency
 from flexgen.feedback.laws.stability import check_pose_loop
 from flexgen.feedback.loop.gains import motor_inertias
 from flexgen.feedback.loop.law_motion import LawMotion
 from flexgen.feedback.loop.model_law import ModelLaw
+from flexgen.model.abilities import obstacle
 
 POSES = 40  # of the motion where Tomei's condition is tested
 
@@ -127,7 +127,7 @@ class TomeiPD(ModelLaw):
         """The law for a planned motion."""
         model = motion.model
         n = motion.model.n_m
-        _refuse(flexible_joint_obstacle(model), "TomeiPD")
+        _refuse(obstacle(model, "elastic joints"), "TomeiPD")
         k_p, k_d = self._gains(motion)
         _check_gravity(motion, k_p)
         none = np.zeros((n, model.n_a))
@@ -266,8 +266,8 @@ class JointTorqueFeedback(ModelLaw):
         """The law for a planned motion."""
         model = motion.model
         n = motion.model.n_m
-        _refuse(flexible_joint_obstacle(model), "JointTorqueFeedback")
-        _refuse(model.inversion_obstacle(), "JointTorqueFeedback")
+        _refuse(obstacle(model, "elastic joints"), "JointTorqueFeedback")
+        _refuse(obstacle(model, "reduced problem"), "JointTorqueFeedback")
         law = motion.equations.function("gear_law")
         inverse = np.linalg.inv(model.eta)
         K = evaluate(law, np.zeros((1, n)))[1].ravel()

@@ -26,7 +26,6 @@ from flexgen.base.checks.type_checks import checked_class, checked_result, check
 from flexgen.base.display import short_repr
 from flexgen.base.errors import ArgumentError, SolverError
 from flexgen.base.results import Result
-from flexgen.dynamics.mechanics.elastic_joints import flexible_joint_obstacle
 from flexgen.dynamics.mechanics.equations import Equations, robot_of
 from flexgen.dynamics.mechanics.output_columns import unit_of
 from flexgen.feedback.laws.chain import FORMS
@@ -39,8 +38,8 @@ from flexgen.feedback.loop.gains import motor_inertias
 from flexgen.feedback.loop.interface import Controller
 from flexgen.inversion.solution import Solution
 from flexgen.inversion.solve import solve
+from flexgen.model.abilities import check_ability, obstacle
 from flexgen.model.elements import RobotModel
-from flexgen.model.friction import refuse_harmonics, refuse_hysteresis
 from flexgen.simulation.environment.disturbances import Disturbance
 
 ARM = Path(__file__).with_name("three_axis_arm.toml")
@@ -310,14 +309,13 @@ def feedback_study(
     """
     tell = progress if callable(progress) else (lambda line: None)
     robot = robot_of(ARM if model is None else model)
-    refuse_hysteresis(robot, "feedback study")
-    refuse_harmonics(robot, "feedback study")
+    check_ability(robot, "feedback_study")
     if unit_of(robot) != "m":
         raise ArgumentError(
             f"feedback_study: given the model {robot.name} whose output is an angle, expected "
             "lengths"
         )
-    reason = flexible_joint_obstacle(robot)
+    reason = obstacle(robot, "elastic joints")
     if reason is not None:
         raise ArgumentError(f"feedback_study: {reason}")
     unknown = [family for family in families if family not in FAMILIES]

@@ -17,6 +17,7 @@ from flexgen.base.errors import ArgumentError
 from flexgen.base.numerics.evaluate import evaluate
 from flexgen.base.spec.arguments import check_not_negative, is_number, mapping_of, seed_of
 from flexgen.codegen.build.model_library import library_with
+from flexgen.dynamics.hysteresis.lugre import without_states
 from flexgen.dynamics.mechanics.equations import Equations, derive, robot_of
 from flexgen.feedback.loop.hardware import DriveHardware
 from flexgen.feedback.loop.hysteresis import (
@@ -24,7 +25,6 @@ from flexgen.feedback.loop.hysteresis import (
     hysteretic_robots,
     largest_rate,
     split_plants,
-    without_states,
 )
 from flexgen.feedback.loop.law_motion import LawMotion
 from flexgen.feedback.loop.plants import NOMINAL, LocalDynamics, Plants, plants_of

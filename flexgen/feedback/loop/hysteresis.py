@@ -17,18 +17,13 @@ import casadi as ca
 import numpy as np
 
 from flexgen.analysis import second_order
-from flexgen.dynamics.hysteresis.hysteresis import Layer, gear_layers, without_hysteresis
-from flexgen.dynamics.hysteresis.lugre import (
-    MotorBristles,
-    motor_bristles,
-    sliding_torque,
-    without_lugre,
-)
+from flexgen.dynamics.hysteresis.hysteresis import Layer, gear_layers
+from flexgen.dynamics.hysteresis.lugre import MotorBristles, motor_bristles, sliding_torque
 from flexgen.dynamics.mechanics.equations import Equations
 from flexgen.dynamics.mechanics.parameters import with_values
 from flexgen.feedback.loop.plants import LocalDynamics, Plants
 from flexgen.model.elements import RobotModel
-from flexgen.model.friction import bristled_motors, hysteretic_joints
+from flexgen.model.friction import memory_laws
 from flexgen.simulation.environment.robot_function import RobotFunction
 from flexgen.simulation.integration.hysteretic_rate import (
     deflection_rates,
@@ -69,16 +64,11 @@ class States:
         )
 
 
-def without_states(model: RobotModel) -> RobotModel:
-    """The model without elements that have a state."""
-    return without_lugre(without_hysteresis(model))
-
-
 def split_plants(model: RobotModel, plants: Plants) -> tuple[Plants, tuple[States, ...]]:
     """The robots without elements that have a state, and these elements; none for a model without
     any.
     """
-    if not (hysteretic_joints(model) or bristled_motors(model)):
+    if not memory_laws(model):
         return plants, ()
     names = [p.name for p in plants.parameters]
     numbers = [dict(zip(names, map(float, row), strict=True)) for row in plants.values]

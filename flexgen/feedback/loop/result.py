@@ -16,6 +16,7 @@ from flexgen.base.motion.trajectory import Trajectory
 from flexgen.base.numerics.evaluate import evaluate
 from flexgen.base.results import Result
 from flexgen.base.spec.ports import Port
+from flexgen.dynamics.hysteresis.lugre import without_states
 from flexgen.dynamics.mechanics.equations import Equations, derive
 from flexgen.dynamics.mechanics.output_columns import (
     columns_in,
@@ -27,7 +28,6 @@ from flexgen.dynamics.mechanics.output_columns import (
 from flexgen.feedback.loop.closed_loop import NOT_FINITE, TOO_LONG
 from flexgen.feedback.loop.controllers import Cascade, Linear
 from flexgen.feedback.loop.hardware import DriveHardware
-from flexgen.feedback.loop.hysteresis import without_states
 from flexgen.feedback.loop.interface import Controller
 from flexgen.feedback.loop.margins import LoopAtPose, Margins, loops_at
 from flexgen.feedback.loop.named_controllers import FeedforwardOnly

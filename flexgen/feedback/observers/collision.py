@@ -32,8 +32,8 @@ from flexgen.base.results import Result
 from flexgen.base.spec.arguments import check_positive, is_number
 from flexgen.codegen.build.c_module import c_module
 from flexgen.codegen.build.model_library import library_with
+from flexgen.model.abilities import check_ability
 from flexgen.model.elements import RobotModel
-from flexgen.model.friction import refuse_harmonics
 
 SOURCE = Path(__file__).with_name("collision.c")
 BANDWIDTH_HZ = 15.0
@@ -103,7 +103,7 @@ class CollisionDetector:
                 f"bandwidth_hz: given {bandwidth_hz!r}, expected more than 0, below "
                 f"{0.1 / sample_s:.4g}"
             )
-        refuse_harmonics(model, "CollisionDetector")
+        check_ability(model, "CollisionDetector")
         self.model = model
         self.sample_s = sample_s
         self.bandwidth_hz = bandwidth_hz

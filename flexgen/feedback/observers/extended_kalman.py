@@ -42,8 +42,8 @@ from flexgen.feedback.observers.design import (
     tool_force_noise,
     vector,
 )
+from flexgen.model.abilities import check_ability
 from flexgen.model.elements import RobotModel
-from flexgen.model.friction import refuse_hysteresis
 from flexgen.runtime.calls import Function
 
 SOURCE = Path(__file__).with_name("extended_kalman.c")
@@ -168,7 +168,7 @@ class ExtendedKalmanFilter:
         if not (is_number(sample_time) and 1e-6 <= sample_time <= 1.0):
             raise ArgumentError(f"sample_time: given {sample_time!r}, expected 1e-6 to 1 s")
         robot = robot_of(model)
-        refuse_hysteresis(robot, "ExtendedKalmanFilter")
+        check_ability(robot, "ExtendedKalmanFilter")
         self.channels: Channels = channels_of(robot, outputs, noise)
         self.model = self.channels.model
         self.outputs = self.channels.names

@@ -45,6 +45,7 @@ from flexgen.identification.responses.spectra import (
     spectra_beside,
     spectrum,
 )
+from flexgen.model.abilities import check_ability
 from flexgen.model.elements import RobotModel
 from flexgen.model.position_servo.filters import LowPass, Notch
 from flexgen.model.reader import read
@@ -497,6 +498,7 @@ def _robot(plan: Plan, truth: RobotModel | str | Path | None) -> RobotModel:
             f"truth: given none, and {plan.model} is another model than the one of the plan; "
             "name the robot to simulate"
         )
+    check_ability(robot, "measure")
     motors = tuple(motor.name for motor in robot.motors)
     if motors != plan.motors:
         raise ArgumentError(

@@ -33,6 +33,7 @@ from flexgen.identification.experiments.excitation import (
 from flexgen.identification.experiments.optimal_spectrum import with_optimal_spectrum
 from flexgen.identification.responses.parameters import ParameterVector
 from flexgen.identification.responses.response_outputs import channels, check_channels
+from flexgen.model.abilities import check_ability
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
 
@@ -123,6 +124,7 @@ def excite(
     """
     robot = model if isinstance(model, RobotModel) else read(model)
     hardware = hardware or DriveHardware()
+    check_ability(robot, "excite")
     _check_counts(periods, transients, realizations)
     seconds_of("period_s", period_s, SAMPLES * hardware.sample_s)
     lines_ = odd_lines(*_band(robot, f_min, f_max, hardware), lines, period_s)

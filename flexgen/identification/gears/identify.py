@@ -24,16 +24,17 @@ from flexgen.dynamics.hysteresis.hysteresis_law import is_dahl
 from flexgen.dynamics.mechanics.equations import derive, robot_of
 from flexgen.dynamics.mechanics.lagrangian import gear_stiffness
 from flexgen.dynamics.mechanics.lagrangian import gears as gears_of
-from flexgen.dynamics.mechanics.parameters import Parameter, select
+from flexgen.dynamics.mechanics.parameters import Parameter, names_of_numbers, select
 from flexgen.identification.gears.driven_arm import ARCMIN, Element, Sought
 from flexgen.identification.gears.fit import FRICTIONS, NO_LOST, Estimate, GearModel, estimate
 from flexgen.identification.gears.further_elements import gears_that_lack_elements
 from flexgen.identification.gears.result import WEAK, GearFit, GearStatus, Number
 from flexgen.identification.gears.signals import Signals, signals_of
 from flexgen.identification.records.motor_record import read_motor_record
+from flexgen.model.abilities import needs
 from flexgen.model.elements import Coordinate, RobotModel
 from flexgen.model.format.format_robot import ELEMENTS
-from flexgen.model.friction import hysteretic_joints, refuse_harmonics
+from flexgen.model.friction import hysteretic_joints
 
 SHARP = 2.0  # exponent where the search for it begins, at least
 # residuals over those that noise explains, and over the torques: more is a model error
@@ -48,6 +49,7 @@ ENDS = (GearStatus.FITTED, GearStatus.NOISE)
 
 @checked_types(own=("band_hz", "harmonics", "cogging", "time_limit"))
 @reported("identify_gears")
+@needs("identify_gears")
 def identify_gears(
     model: str | FilePath | RobotModel,
     record: Trajectory | str | FilePath,
@@ -133,24 +135,21 @@ def identify_gears(
     """
     tell: Callable[[str], None] = progress if callable(progress) else lambda line: None
     robot = robot_of(model)
-    refuse_harmonics(robot, "identify_gears")
     read = read_motor_record(robot, record, columns)
     data = read.trajectory
     chosen = _choose(robot, joints)
     gears = chosen if hysteresis else ()
     _refuse_ignored(robot, gears)
     names = [robot.coordinates[robot.i_g[k]].name for k in chosen]
-    free = (
-        [f"{name}.{kind}" for name in names for kind in ("stiffness", "damping")]
-        if free is None
-        else list(free)
-    )
     plain = without_hysteresis(robot)
+    free = _default_free(plain, names) if free is None else list(free)
     fitted = (
         [parameter for parameter in select(plain, free) if parameter.value > 0.0] if free else []
     )
     orders = _orders("harmonics", harmonics)
     of_motors = _orders("cogging", cogging)
+    if orders:
+        _refuse_coupled(robot, names)
     first = _first_elements(robot, gears, elements, exponents, data)
     sought = Sought(first, exponents, chosen if orders else (), orders, of_motors)
     equations = derive(plain, [parameter.name for parameter in fitted])
@@ -176,6 +175,25 @@ def _estimate(model: GearModel, tell: Callable[[str], None]) -> Estimate:
         return found
     tell("leaving out what friction does at standstill")
     return estimate(model, tell)
+
+
+def _default_free(robot: RobotModel, joints: Sequence[str]) -> list[str]:
+    """Stiffness and damping of the gears of joints, where their springs have one stiffness."""
+    known = set(names_of_numbers(robot))
+    wanted = [f"{joint}.{kind}" for joint in joints for kind in ("stiffness", "damping")]
+    return [name for name in wanted if name in known]
+
+
+def _refuse_coupled(robot: RobotModel, joints: Sequence[str]) -> None:
+    """ArgumentError where a joint has no motor of its own: errors follow the angle of one."""
+    own = {motor.drives[0] for motor in robot.motors if len(motor.drives) == 1}
+    coupled = [name for name in joints if name not in own]
+    if coupled:
+        raise ArgumentError(
+            f"harmonics: given for {', '.join(coupled)}, whose motors drive other joints too, "
+            "expected joints with a motor of their own; choose them with joints, or leave "
+            "harmonics out"
+        )
 
 
 def _refuse_ignored(robot: RobotModel, gears: Sequence[int]) -> None:

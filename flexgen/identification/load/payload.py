@@ -57,8 +57,8 @@ from flexgen.feedback.loop.gains import lowest_locked_hz
 from flexgen.identification.load.compliances import stiffness_deviations
 from flexgen.identification.records.motor_record import read_motor_record
 from flexgen.identification.rigid.rests_of_motors import MOVING, Rests, largest_of_unit
+from flexgen.model.abilities import needs
 from flexgen.model.elements import RobotModel
-from flexgen.model.friction import refuse_harmonics
 
 # of the torques; at most, times the lowest natural frequency with motors at rest
 LOW_PASS_HZ = 8.0
@@ -237,6 +237,7 @@ def _six(inertia: np.ndarray) -> str:
 
 @checked_types(own=("time_limit",))
 @reported("identify_load")
+@needs("identify_load")
 def identify_load(
     model: str | FilePath | RobotModel | Equations,
     record: Trajectory | str | FilePath,
@@ -296,7 +297,6 @@ def identify_load(
     '8.0 kg'
     """
     robot = robot_of(model)
-    refuse_harmonics(robot, "identify_load")
     found = read_motor_record(robot, record, columns)
     tell: Progress = progress if callable(progress) else silent
     with limit_fit("identify_load", time_limit, tell):

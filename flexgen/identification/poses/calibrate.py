@@ -50,8 +50,8 @@ from flexgen.identification.poses.poses import StaticPoses
 from flexgen.identification.poses.result import Calibration
 from flexgen.identification.poses.statics import Numbers, Statics
 from flexgen.identification.poses.tree import Tree
+from flexgen.model.abilities import needs
 from flexgen.model.elements import RobotModel
-from flexgen.model.friction import refuse_harmonics
 from flexgen.model.reader import read
 
 FEWEST = 5  # poses
@@ -62,6 +62,7 @@ GROSS = 6.0  # scales from which an error is gross
 
 @checked_types
 @reported("calibrate")
+@needs("calibrate")
 def calibrate(
     model: RobotModel | str | Path,
     poses: StaticPoses | str | Path,
@@ -140,7 +141,6 @@ def calibrate(
     """
     tell = progress if callable(progress) else None
     robot = model if isinstance(model, RobotModel) else read(model)
-    refuse_harmonics(robot, "calibrate")
     tree = Tree(robot)
     trackers = trackers_of(robot)
     if columns is not None and isinstance(poses, StaticPoses):

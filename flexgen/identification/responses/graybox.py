@@ -51,6 +51,7 @@ from flexgen.identification.responses.result import (
     IdentificationResult,
     with_coulomb,
 )
+from flexgen.model.abilities import needs
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
 
@@ -67,6 +68,7 @@ SPREAD = 1.5  # further starts are off by up to this factor
 
 @checked_types
 @reported("identify")
+@needs("identify")
 def identify(
     model: RobotModel | str | Path,
     data: Frf,

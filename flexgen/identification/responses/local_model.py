@@ -45,7 +45,6 @@ from flexgen.identification.responses.response_outputs import OutputRows
 from flexgen.identification.rigid.mean_friction import is_linear, mean_viscous_change, normal_nodes
 from flexgen.identification.rigid.missing_springs import with_spring
 from flexgen.model.elements import LinearSpring, RobotModel, Spring
-from flexgen.model.friction import loaded_motors
 
 NEWTON_STEPS = 50
 # Hz: of a new spring and the inertia that it carries, where its search begins
@@ -124,7 +123,7 @@ class LocalModel:
         """
         model = self.equations.with_symbols
         C = self.motor_rows
-        loaded = bool(loaded_motors(self.model))
+        loaded = any(motor.friction.loaded for motor in self.model.motors)
         theta = np.linalg.inv(model.eta) @ C
         out = []
         factors = iter(zip(gears(model), theta, strict=True))

@@ -57,8 +57,9 @@ def _mean_load(friction: Friction, load: ca.SX, sd: ca.SX) -> ca.SX:
     """The load at which the friction is its mean over a Gaussian load, of whose rounded magnitude
     it is a multiple.
     """
-    if not (isinstance(friction, GearFriction) and friction.loaded):
+    if not friction.loaded:
         return load
+    assert isinstance(friction, GearFriction)
     s = friction.load_smoothing
     size = ca.SX(0)
     for node, weight in zip(*_half_normal(), strict=True):

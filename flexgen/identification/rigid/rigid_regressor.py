@@ -18,10 +18,11 @@ import numpy as np
 from flexgen.base.errors import ArgumentError
 from flexgen.base.numerics.evaluate import evaluate
 from flexgen.base.numerics.polynomial_filter import WINDOW, derivatives, smooth_forces
+from flexgen.dynamics.hysteresis.hysteresis import without_hysteresis
 from flexgen.dynamics.mechanics.equations import Equations
 from flexgen.identification.rigid.feasible_bodies import body_of, numbers_of
+from flexgen.model.abilities import check_ability
 from flexgen.model.elements import Body, RobotModel
-from flexgen.model.friction import refuse_harmonics
 
 RANK = 1e-9  # of singular values of base parameters
 BODY = (
@@ -97,15 +98,10 @@ class Regressor:
     """
 
     def __init__(self, model: RobotModel) -> None:
-        if model.n_e:
-            raise ArgumentError(
-                f"model {model.name}: given {model.n_e} coordinates without motor, expected a "
-                "rigid arm"
-            )
-        refuse_harmonics(model, "identify_rigid")
+        check_ability(model, "identify_rigid")
         self.model = model
         names = [f"{element.name}.{name}" for element in model.elements for name in BODY]
-        empty = replace(model, payload=Body())
+        empty = replace(without_hysteresis(model), payload=Body())
         equations = Equations(empty, names)
         lag = equations.lagrangian
         # The torques are linear in mass, mass x center and inertia about the origin: their

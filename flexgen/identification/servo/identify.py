@@ -31,18 +31,14 @@ from flexgen.base.calls.progress import Choice, reported
 from flexgen.base.checks.type_checks import checked_types
 from flexgen.base.errors import ArgumentError, SolverError
 from flexgen.codegen.build.model_library import library_with
+from flexgen.dynamics.hysteresis.lugre import without_states
 from flexgen.dynamics.mechanics.equations import derive, robot_of
 from flexgen.feedback.loop.closed_loop import MOST_STEPS, TOO_LONG, ClosedLoop
 from flexgen.feedback.loop.control import FINER
 from flexgen.feedback.loop.controllers import Cascade
 from flexgen.feedback.loop.gains import PPI
 from flexgen.feedback.loop.hardware import DriveHardware
-from flexgen.feedback.loop.hysteresis import (
-    hysteretic_robots,
-    largest_rate,
-    split_plants,
-    without_states,
-)
+from flexgen.feedback.loop.hysteresis import hysteretic_robots, largest_rate, split_plants
 from flexgen.feedback.loop.plants import NOMINAL, LocalDynamics, plants_of
 from flexgen.feedback.positions.samples import Interpolation, basis
 from flexgen.feedback.positions.servo import Servo, filter_reference, servo_of

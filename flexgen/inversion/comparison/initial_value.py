@@ -18,7 +18,7 @@ from flexgen.dynamics.dae.system import InverseDae
 from flexgen.inversion.methods.method_result import MethodResult
 from flexgen.inversion.problem.motor_side import MotorMotion, gear_torques
 from flexgen.inversion.problem.problem import InversionProblem
-from flexgen.inversion.solution import has_kinks
+from flexgen.model.abilities import obstacle
 
 STEPS = 200_000  # at most
 
@@ -30,14 +30,12 @@ def check_causal(problem: InversionProblem, method: str, differentiates: bool = 
     ``differentiates``: the method differentiates the equations of motion.
     """
     model = problem.equations.model
-    if differentiates and has_kinks(model):
-        raise ArgumentError(
-            f"method {method}: a gear of model {model.name} has a spring with a kink, where the "
-            "torque jumps and the equations cannot be differentiated; use bdf or full"
-        )
-    reason = model.inversion_obstacle()
+    reason = obstacle(model, "reduced problem")
     if reason is not None:
         raise ArgumentError(f"method {method}: {reason}; use full")
+    reason = obstacle(model, "differentiated equations") if differentiates else None
+    if reason is not None:
+        raise ArgumentError(f"method {method}: {reason}; use bdf or full")
     zero = problem.unstable_zero
     if zero is None:
         return

@@ -39,6 +39,7 @@ from flexgen.inversion.methods.method_result import MethodResult
 from flexgen.inversion.problem.motor_side import MotorMotion, motor_motion, motors_behind
 from flexgen.inversion.problem.problem import InversionProblem
 from flexgen.inversion.problem.reduced_problem import Motion, Reduction
+from flexgen.model.abilities import obstacle
 from flexgen.paths.path import Path, PathSample
 
 SAMPLES = 200_000  # at most
@@ -193,7 +194,7 @@ def _solve_deflections(
 
 def simply_coupled(equations: Equations) -> Reduction:
     """The reduced problem of the model, in simplified motor coupling."""
-    if equations.model.motor_coupling == "simplified":
+    if obstacle(equations.model, "simplified coupling") is None:
         return Reduction(equations)
     return Reduction(Equations(replace(equations.model, motor_coupling="simplified")))
 

@@ -30,6 +30,7 @@ from flexgen.inversion.methods.lq import invert_path
 from flexgen.inversion.methods.method_result import MethodResult
 from flexgen.inversion.problem.problem import InversionProblem
 from flexgen.inversion.problem.sampling import from_library
+from flexgen.model.abilities import obstacle
 
 
 def solve(problem: InversionProblem, h: float) -> MethodResult:
@@ -37,11 +38,8 @@ def solve(problem: InversionProblem, h: float) -> MethodResult:
     processor.
     """
     model = problem.equations.model
-    if not model.n_e:
-        raise ArgumentError(
-            f"method bvp: model {model.name} has no non-actuated coordinates and no zero "
-            "dynamics, expected some; use closed-form"
-        )
+    if (reason := obstacle(model, "zero dynamics")) is not None:
+        raise ArgumentError(f"method bvp: {reason}; use closed-form")
     found, warnings, _ = invert_path(problem, "bvp", h)
     solved = from_library(found, warnings)
     start = found.unstable_zeros_start

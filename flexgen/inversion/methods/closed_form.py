@@ -28,6 +28,7 @@ from flexgen.inversion.problem.motor_side import MotorMotion
 from flexgen.inversion.problem.problem import InversionProblem
 from flexgen.inversion.problem.reduced_problem import Reduction
 from flexgen.inversion.problem.sampling import differentiate
+from flexgen.model.abilities import obstacle
 
 SAMPLES = 200_000  # at most
 
@@ -37,11 +38,8 @@ def solve(problem: InversionProblem, h: float) -> MethodResult:
     problem.check_options("closed-form")
     equations = problem.equations
     path = problem.path
-    if equations.model.n_e:
-        raise ArgumentError(
-            f"method closed-form: model {equations.model.name} has {equations.model.n_e} "
-            "non-actuated coordinates, expected none; use lq"
-        )
+    if (reason := obstacle(equations.model, "closed form")) is not None:
+        raise ArgumentError(f"method closed-form: {reason}; use lq")
     t, n_post = instants(path.duration, problem.sampling, problem.gear_settling)
     step = t[1] - t[0]
     kinks = problem.smoothness.has_kinks

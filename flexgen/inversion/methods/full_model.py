@@ -42,6 +42,7 @@ from flexgen.inversion.methods.method_result import MethodResult
 from flexgen.inversion.problem.motor_side import MotorMotion, gear_torques
 from flexgen.inversion.problem.problem import ACCELERATION, InversionProblem
 from flexgen.inversion.problem.reduced_problem import Motion, Reduction
+from flexgen.model.abilities import obstacle
 from flexgen.model.elements import RobotModel
 from flexgen.paths.path import Path
 
@@ -341,7 +342,9 @@ def _slow_motion(equations: Equations, path: Path, mesh: Transcription) -> _Slow
     model = equations.model
     # has the same equilibria, and can be reduced
     simple = dataclasses.replace(model, motor_coupling="simplified")
-    reduction = Reduction(Equations(simple) if model.motor_coupling == "complete" else equations)
+    reduction = Reduction(
+        Equations(simple) if obstacle(model, "simplified coupling") is not None else equations
+    )
     times = np.unique(np.concatenate([mesh.nodes, mesh.times]))
     arm = reduction.follow(path, times, reduction.start(path).q_a)
     ends = [equilibrium_at(equations, arm[0]), equilibrium_at(equations, arm[-1])]

@@ -30,6 +30,7 @@ from flexgen.base.numerics.evaluate import evaluate
 from flexgen.inversion.methods.method_result import MethodResult, with_motors
 from flexgen.inversion.problem.problem import InversionProblem
 from flexgen.inversion.problem.reduced_problem import Reduction
+from flexgen.model.abilities import obstacle
 from flexgen.paths.path import PathSample
 
 # Four derivatives of the deflections reach the motor torque, and the last is still smooth.
@@ -55,11 +56,8 @@ def solve(problem: InversionProblem, h: float) -> MethodResult:
     problem.check_options("spline")
     model = problem.equations.model
     path = problem.path
-    if not model.n_e:
-        raise ArgumentError(
-            f"method spline: model {model.name} has no non-actuated coordinates, expected some; "
-            "use closed-form"
-        )
+    if (reason := obstacle(model, "zero dynamics")) is not None:
+        raise ArgumentError(f"method spline: {reason}; use closed-form")
     reduction = Reduction(problem.equations)
     length = COARSER * h if problem.mesh is None else h
     count = max(DEGREE, round(path.duration / length))

@@ -39,7 +39,7 @@ from flexgen.inversion.problem.model_library import inversion_library
 from flexgen.inversion.problem.problem import InversionProblem
 from flexgen.inversion.problem.reduced_problem import Reduction
 from flexgen.inversion.problem.sampling import from_library, sample_force
-from flexgen.model.friction import bristled_motors, hysteretic_joints
+from flexgen.model.friction import bristled_motors, memory_laws
 from flexgen.runtime.inversion.limited_inversion import LimitsInfeasibleError
 from flexgen.runtime.inversion.path_inversion import Inversion
 
@@ -123,7 +123,7 @@ def enforce_limits(
     assert problem.limits is not None
     bounds = _Bounds(problem.equations, problem.limits)
     robot = problem.equations.model
-    memory = bool(hysteretic_joints(robot) or bristled_motors(robot))
+    memory = memory_laws(robot)
     if not memory and bounds.are_kept(problem, unlimited):
         return from_library(unlimited)
     bounds.check_equilibrium(problem)

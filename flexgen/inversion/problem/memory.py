@@ -9,6 +9,7 @@ four orders of magnitude more.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 from flexgen.dynamics.hysteresis.hysteretic_gears import hysteretic_deflections
@@ -17,16 +18,16 @@ from flexgen.dynamics.mechanics.equations import Equations
 from flexgen.inversion.methods.method_result import MethodResult
 from flexgen.inversion.problem.motor_side import motors_behind
 from flexgen.inversion.problem.sampling import differentiate
-from flexgen.model.friction import bristled_motors, hysteretic_joints
+from flexgen.model.friction import memory_laws
 
 
 def with_memory(equations: Equations, result: MethodResult) -> MethodResult:
     """The result of a method with hysteresis of gears and friction of motors that has a state,
     where there are any.
     """
-    if hysteretic_joints(equations.model):
-        result = with_hysteresis(equations, result)
-    return with_lugre(equations, result) if bristled_motors(equations.model) else result
+    for law in memory_laws(equations.model):
+        result = AFTER_THE_ARM[law.key](equations, result)
+    return result
 
 
 def with_lugre(equations: Equations, result: MethodResult) -> MethodResult:
@@ -57,3 +58,10 @@ def with_hysteresis(equations: Equations, result: MethodResult) -> MethodResult:
     return replace(
         result, motors=motors_behind(equations, motion, result.tau_g), tau_h=z, tau_b=None
     )
+
+
+# What a law with a state adds to the motion of the arm, by its key.
+AFTER_THE_ARM: dict[str, Callable[[Equations, MethodResult], MethodResult]] = {
+    "hysteresis": with_hysteresis,
+    "lugre": with_lugre,
+}

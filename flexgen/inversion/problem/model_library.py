@@ -11,6 +11,7 @@ from flexgen.base.calls.deadline import check_time
 from flexgen.base.errors import ArgumentError
 from flexgen.dynamics.mechanics.equations import Equations
 from flexgen.dynamics.mechanics.signatures import INVERTING, offered_functions
+from flexgen.model.abilities import obstacle
 
 if TYPE_CHECKING:
     from flexgen.runtime.library import Library
@@ -62,16 +63,15 @@ def inversion_library(
     """
     from flexgen.codegen.build.model_library import library_with
     from flexgen.codegen.emission.c_functions import inversion_reason
-    from flexgen.dynamics.hysteresis.hysteresis import without_hysteresis
-    from flexgen.dynamics.hysteresis.lugre import without_lugre
+    from flexgen.dynamics.hysteresis.lugre import without_states
     from flexgen.inversion.problem.reduced_problem import advise_full
 
-    model = equations.model if memory else without_lugre(without_hysteresis(equations.model))
+    model = equations.model if memory else without_states(equations.model)
     offered = offered_functions(model)
     functions = tuple(name for name in INVERTING if name in offered)
     if (reason := inversion_reason(model, functions)) is not None:
         advice = advise_full(model)
-        if model.inversion_obstacle() is None:
+        if obstacle(model, "reduced problem") is None:
             advice = "; remove one of them"
         raise ArgumentError(f"method {method}: {reason}{advice}")
     check_time(f"method {method}")

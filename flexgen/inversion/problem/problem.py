@@ -18,7 +18,7 @@ from flexgen.dynamics.mechanics.limits import Limits
 from flexgen.dynamics.mechanics.motor_harmonics import highest_harmonics
 from flexgen.dynamics.mechanics.statics import Equilibrium, equilibrium_at, gear_lag_times
 from flexgen.inversion.problem.reduced_problem import Reduction
-from flexgen.model.friction import has_harmonics
+from flexgen.model.abilities import obstacle
 from flexgen.paths.path import Path
 
 if TYPE_CHECKING:
@@ -144,7 +144,7 @@ class InversionProblem:
         path = self.path
         if equations.model.n_e == 0:
             return []
-        if equations.model.motor_coupling != "simplified":
+        if obstacle(equations.model, "simplified coupling") is not None:
             equations = Equations(replace(equations.model, motor_coupling="simplified"))
         reduction = Reduction(equations)
         stride = 16
@@ -221,9 +221,14 @@ class InversionProblem:
         angles.
         """
         longest = min(STEP, self.path.duration / 400)
+        return max(min(longest, self.harmonic_step), longest / FINEST)
+
+    @cached_property
+    def harmonic_step(self) -> float:
+        """Sampling interval [s] that resolves the harmonics of motor angles; infinite: none."""
         robot = self.equations.model
-        if not has_harmonics(robot):
-            return longest
+        if not highest_harmonics(robot).any():
+            return np.inf
         from flexgen.dynamics.mechanics.quasistatic import poses_along
 
         t = np.linspace(0.0, self.path.duration, SPEEDS + 1)
@@ -231,7 +236,7 @@ class InversionProblem:
         speeds = np.abs(np.diff(q, axis=0)).max(axis=0) / t[1]
         fastest = float((speeds * highest_harmonics(robot)).max())
         phase = PHASE if self.limits is None else PHASE_WITH_LIMITS
-        return max(min(longest, phase / max(fastest, 1e-9)), longest / FINEST)
+        return float(phase / max(fastest, 1e-9))
 
     @property
     def sampling(self) -> float:

@@ -29,13 +29,8 @@ from flexgen.base.numerics.evaluate import Evaluator, evaluate
 from flexgen.dynamics.mechanics.equations import Equations
 from flexgen.dynamics.mechanics.outputs import OutputMap, output_map
 from flexgen.dynamics.mechanics.statics import Equilibrium, balance, hold_output
+from flexgen.model.abilities import obstacle
 from flexgen.model.elements import RobotModel
-from flexgen.model.friction import (
-    bristled_motors,
-    has_harmonics,
-    hysteretic_joints,
-    loaded_motors,
-)
 from flexgen.paths.path import Path, PathSample
 
 # Samples at which the equations are evaluated between two looks at the time limit: some 0.5 s.
@@ -61,13 +56,8 @@ class Motion:
 
 def advise_full(model: RobotModel) -> str:
     """End of a message about a model without a reduced problem: method full, if that solves it."""
-    refused = (
-        model.inversion_obstacle(any_coupling=True)
-        or hysteretic_joints(model)
-        or bristled_motors(model)
-        or loaded_motors(model)
-        or has_harmonics(model)
-    )
+    parts = ("full problem", "limits without force")
+    refused = any(obstacle(model, part) is not None for part in parts)
     return "" if refused else "; use --method full"
 
 
@@ -80,7 +70,7 @@ class Reduction:
         """
         model = equations.model
         self._force = [] if force is None else np.split(force, 3, axis=1)
-        reason = model.inversion_obstacle()
+        reason = obstacle(model, "reduced problem")
         if reason is not None:
             raise ArgumentError(f"reduced problem: {reason}{advise_full(model)}")
         self.equations = equations

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from flexgen.base.registry import added_names
+from flexgen.base.registry import names
 from flexgen.base.spec.fourier import fourier_sum
 from flexgen.base.spec.keys import (
     Context,
@@ -308,7 +308,7 @@ class _Laws(Mapping[str, Format]):
 
     def __iter__(self) -> Iterator[str]:
         yield from self.own
-        yield from (name for name in added_names(self.group) if name not in self.own)
+        yield from (name for name in names(self.group) if name not in self.own)
 
     def __len__(self) -> int:
         return sum(1 for _ in self)

@@ -42,6 +42,7 @@ from flexgen.dynamics.mechanics.limits import Limits
 from flexgen.dynamics.mechanics.output_columns import unit_of
 from flexgen.inversion.solution import Solution
 from flexgen.inversion.solve import solve
+from flexgen.model.abilities import needs
 from flexgen.model.elements import Move, RobotModel
 from flexgen.model.moves import Program
 from flexgen.paths.force.place_force import force_along, make_place_force, of_motion
@@ -222,6 +223,7 @@ class FastestMove(Result):
 
 @checked_types(own=("time_limit", "force"))
 @reported("fastest")
+@needs("fastest")
 def fastest(
     model: str | FilePath | RobotModel | Equations,
     move: str | Move | None = None,

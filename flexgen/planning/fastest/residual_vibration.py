@@ -13,6 +13,7 @@ from scipy.interpolate import CubicSpline
 from flexgen.base.motion.trajectory import Trajectory
 from flexgen.base.numerics.evaluate import evaluate
 from flexgen.codegen.build.model_library import library_with
+from flexgen.dynamics.hysteresis.lugre import without_states
 from flexgen.dynamics.mechanics.equations import Equations, derive
 from flexgen.dynamics.mechanics.output_columns import columns_in, unit_of
 from flexgen.dynamics.mechanics.parameters import has_group
@@ -21,12 +22,7 @@ from flexgen.feedback.loop.closed_loop import TOOL, ClosedLoop
 from flexgen.feedback.loop.controllers import Cascade
 from flexgen.feedback.loop.gains import PPI, lowest_locked_hz
 from flexgen.feedback.loop.hardware import DriveHardware
-from flexgen.feedback.loop.hysteresis import (
-    hysteretic_robots,
-    largest_rate,
-    split_plants,
-    without_states,
-)
+from flexgen.feedback.loop.hysteresis import hysteretic_robots, largest_rate, split_plants
 from flexgen.feedback.loop.plants import LocalDynamics, plants_of
 from flexgen.feedback.loop.reference import hold_torques, time_grid
 from flexgen.model.elements import RobotModel

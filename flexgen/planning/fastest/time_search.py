@@ -24,7 +24,6 @@ from flexgen.inversion.problem.problem import InversionProblem
 from flexgen.inversion.problem.reduced_problem import Reduction
 from flexgen.inversion.solution import Solution
 from flexgen.model.elements import Move
-from flexgen.model.friction import has_harmonics
 from flexgen.paths.force.place_force import in_time
 from flexgen.paths.force.process_force import ProcessForce, make_force
 from flexgen.paths.path import Path
@@ -107,7 +106,7 @@ class TimeSearch:
         self._resolving = resolving
         self._reduction = Reduction(equations)
         problem = InversionProblem(equations, path)
-        if has_harmonics(model):
+        if np.isfinite(problem.harmonic_step):
             self.samples = max(self.samples, int(np.ceil(path.duration / problem.step)))
         before, after = problem.windows
         self._before = before

@@ -53,6 +53,7 @@ from flexgen.feedback.loop.gains import lowest_locked_hz
 from flexgen.feedback.loop.named_controllers import controller_of
 from flexgen.feedback.loop.result import ControlRun, output_errors
 from flexgen.inversion.solution import Solution
+from flexgen.model.abilities import needs
 from flexgen.model.elements import Move, RobotModel
 from flexgen.planning.learning.commanded import CommandedPath
 from flexgen.planning.learning.smoother import PathSmoother, acting
@@ -200,6 +201,7 @@ class LearningResult(Result):
 
 @checked_types
 @reported("learn")
+@needs("learn")
 def learn(
     model: str | FilePath | RobotModel | Equations,
     move: str | Move | None = None,

@@ -14,6 +14,7 @@ import numpy as np
 from flexgen.base.errors import ArgumentError
 from flexgen.dynamics.mechanics.lagrangian import gears
 from flexgen.dynamics.mechanics.limits import Limits
+from flexgen.model.abilities import obstacle
 from flexgen.planning.optimal.phase import Phase
 from flexgen.planning.optimal.signals import motor_frictions
 
@@ -133,7 +134,7 @@ def _bound_gears(phase: Phase, most: np.ndarray) -> None:
     for k in np.flatnonzero(np.isfinite(most)):
         value = elastic[int(k)]
         if rigid[k]:
-            if model.motor_coupling != "simplified":
+            if obstacle(model, "simplified coupling") is not None:
                 raise ArgumentError(
                     f"limits: given gear_torque of the rigid gear {names[k]}, expected tau_m "
                     "bounds"

@@ -38,8 +38,8 @@ from flexgen.dynamics.mechanics.limits import Limits
 from flexgen.dynamics.mechanics.outputs import output_map
 from flexgen.dynamics.mechanics.quasistatic import targets
 from flexgen.inversion.solution import Solution
+from flexgen.model.abilities import check_ability
 from flexgen.model.elements import Move, RobotModel
-from flexgen.model.friction import refuse_harmonics, refuse_hysteresis
 from flexgen.paths.path import Path, find_move
 from flexgen.planning.optimal import guesses, reference_curve
 from flexgen.planning.optimal.arguments import (
@@ -117,8 +117,7 @@ class PlanProblem(Phase):
         model_limits: bool,
         push: PlanForce | None = None,
     ) -> None:
-        refuse_hysteresis(equations.model, "plan_problem")
-        refuse_harmonics(equations.model, "plan_problem", load=False)
+        check_ability(equations.model, "plan_problem")
         self.path = path
         self.timing = timing
         self._table = table

@@ -17,8 +17,9 @@ import casadi as ca
 from flexgen.base.errors import ArgumentError
 from flexgen.codegen.recursion.functions import fast_function
 from flexgen.dynamics.mechanics.equations import Equations
+from flexgen.dynamics.mechanics.motor_harmonics import friction_function
 from flexgen.dynamics.mechanics.output_columns import output_labels, output_units
-from flexgen.model.friction import loaded_motors
+from flexgen.model.abilities import obstacle
 
 COMPARED = (ca.OP_LE, ca.OP_LT, ca.OP_EQ)
 
@@ -203,7 +204,7 @@ def residual_of(
     q_a, q_m, v_a, v_m, a_a, a_m = full
     inverse = (
         fast_function(equations, "inverse_dynamics")
-        if model.motor_coupling == "simplified"
+        if obstacle(model, "simplified coupling") is None
         else None
     )
     if inverse is None or len(model.i_m) < model.n_m:
@@ -226,10 +227,9 @@ def motor_frictions(equations: Equations, v_m: ca.SX, tau_g: ca.SX) -> ca.SX:
     """Friction torques of the motors (n_m,) at their speeds and the torques of the elastic gears,
     arm side.
     """
-    if not loaded_motors(equations.model):
-        return equations.function("motor_friction")(v_m)
     carried = ca.mtimes(ca.inv(ca.DM(equations.model.eta)).T, tau_g)
-    return equations.function("loaded_friction")(v_m, carried)
+    name, given = friction_function(equations.model, v_m, carried)
+    return equations.function(name)(*given)
 
 
 def split_comparison(expression: ca.SX | ca.MX, what: str) -> tuple[ca.SX | ca.MX, list[bool]]:

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from flexgen.base.spec.parts import GearFriction
 from flexgen.dynamics.hysteresis.hysteresis import gear_layers
 from flexgen.dynamics.hysteresis.lugre import bristle_rates, motor_bristles
 from flexgen.dynamics.mechanics.equations import Equations
@@ -40,7 +39,7 @@ def friction_changes(equations: Equations, z: ca.SX) -> ca.SX:
     changes = ca.SX.zeros(equations.model.n_m)
     on_motors = ca.mtimes(gear_rates(model, lag.q_m).T, z)
     for j, motor in enumerate(model.motors):
-        if isinstance(motor.friction, GearFriction) and motor.friction.loaded:
+        if motor.friction.loaded:
             loads = lag.tau_gm[j] + on_motors[j], lag.tau_gm[j]
             more, less = (
                 friction_torque(motor.friction, lag.v_m[j], load, model.temperature)

@@ -26,7 +26,6 @@ from flexgen.dynamics.mechanics.equations import Equations
 from flexgen.dynamics.mechanics.linearization import check_inertia, second_order_matrices
 from flexgen.dynamics.mechanics.motor_harmonics import highest_harmonics
 from flexgen.model.elements import RobotModel
-from flexgen.model.friction import has_harmonics
 from flexgen.simulation.result import AFTER
 
 # of the grid: its step [s], intervals
@@ -123,8 +122,7 @@ def linearize_along(equations: Equations, motion: Motion) -> Linearized:
     # an instant of the grid that is a sample up to rounding is that sample, not the next one
     instants = np.linspace(t[0], t[last], count + 1) - SAME * (t[last] - t[0])
     at = np.unique(np.searchsorted(t, instants).clip(0, last))
-    if has_harmonics(model):
-        at = np.union1d(at, _samples_of_harmonics(model, motion.q_m[: last + 1]))
+    at = np.union1d(at, _samples_of_harmonics(model, motion.q_m[: last + 1]))
     arguments = [
         motion.q_a,
         motion.v_a,

@@ -14,7 +14,7 @@ from flexgen.dynamics.mechanics.motor_harmonics import (
     friction_along,
     gear_angles_along,
 )
-from flexgen.model.friction import bristled_motors, hysteretic_joints, loaded_motors
+from flexgen.model.friction import memory_laws
 from flexgen.simulation.verification.growth import Motion
 
 
@@ -33,10 +33,9 @@ def midpoint_residual(equations: Equations, motion: Motion, limited: bool = Fals
     parts = (motion.q_a, motion.v_a, motion.a_a), (motion.q_m, motion.v_m, motion.a_m)
     between = [x for part in parts for x in _half_way(h, *part)]
     more: dict[str, Any] = {"force": motion.force}
-    if hysteretic_joints(model):
-        more["tau_h"] = _hysteresis(equations, motion)
-    if bristled_motors(model):
-        more["tau_b"] = _bristles(equations, motion)
+    for law in memory_laws(model):
+        channel, torques = STATES[law.key]
+        more[channel] = torques(equations, motion)
     more = {name: None if x is None else spline(t, x)(middle) for name, x in more.items()}
     tau = torque_curve(t, motion.tau_m, limited=limited)(middle)
     q_a, v_a, a_a, q_m, v_m, a_m = between
@@ -58,26 +57,10 @@ def residual_at(equations: Equations, motion: Motion) -> np.ndarray:
     model = equations.model
     r_a = r_a.reshape(n, -1)
     r_m = r_m.reshape(n, -1)
-    z = motion.tau_h
-    if z is not None and hysteretic_joints(model):
-        r_a[:, list(model.i_g)] -= z
-        more = carried_along(model, between[3], z)
-        r_m += more
-        if loaded_motors(model):
-            q_a, v_a, _, q_m, v_m, _ = between
-            springs = evaluate(equations.function("gear_torque"), q_a, v_a, q_m, v_m)[0].reshape(
-                n, -1
-            )
-            carried = carried_along(model, q_m, springs)
-            law = equations.function
-            r_m += friction_along(law, model, v_m, carried + more) - friction_along(
-                law, model, v_m, carried
-            )
-    braking = motion.tau_b
-    if braking is not None and bristled_motors(model):
-        r_m += braking
-        rigid = [j for j in range(model.n_m) if j not in model.i_m]
-        r_a[:, list(model.i_g)] += braking[:, rigid] @ model.eta[rigid]
+    for law in memory_laws(model):
+        of_arm, of_motors = ACTING[law.key](equations, motion)
+        r_a[:, list(model.i_g)] += of_arm
+        r_m += of_motors
     return np.hstack([r_a, r_m[:, list(model.i_m)]])
 
 
@@ -103,6 +86,33 @@ def _bristles(equations: Equations, motion: Motion) -> np.ndarray:
     return bristle_torques(motor_bristles(equations.model), motion.t, motion.v_m, motion.a_m)
 
 
+def _acting_hysteresis(equations: Equations, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
+    """What torques of hysteresis add to the residuals of actuated coordinates and of motors."""
+    z = motion.tau_h
+    model = equations.model
+    if z is None:
+        return np.zeros(model.n_g), np.zeros(model.n_m)
+    more = carried_along(model, motion.q_m, z)
+    springs = evaluate(
+        equations.function("gear_torque"), motion.q_a, motion.v_a, motion.q_m, motion.v_m
+    )[0].reshape(z.shape)
+    # friction depends on these torques where it depends on the load; else the difference is zero
+    carried = carried_along(model, motion.q_m, springs)
+    law = equations.function
+    friction = [friction_along(law, model, motion.v_m, x) for x in (carried + more, carried)]
+    return -z, more + friction[0] - friction[1]
+
+
+def _acting_bristles(equations: Equations, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
+    """What torques of bristles add to the residuals of actuated coordinates and of motors."""
+    braking = motion.tau_b
+    model = equations.model
+    if braking is None:
+        return np.zeros(model.n_g), np.zeros(model.n_m)
+    rigid = [j for j in range(model.n_m) if j not in model.i_m]
+    return braking[:, rigid] @ model.eta[rigid], braking
+
+
 def _half_way(
     h: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray
 ) -> tuple[np.ndarray, ...]:
@@ -120,3 +130,9 @@ def _half_way(
         15 / 8 * (q1 - q0) / h - 7 / 16 * (v0 + v1) + h / 32 * (a1 - a0),
         3 / 2 * (v1 - v0) / h - (a0 + a1) / 4,
     )
+
+
+# By the key of a law with a state: the channel of its torques, and their values along a motion.
+STATES = {"hysteresis": ("tau_h", _hysteresis), "lugre": ("tau_b", _bristles)}
+# What these torques add to the residual of the arm and of the motors.
+ACTING = {"hysteresis": _acting_hysteresis, "lugre": _acting_bristles}

@@ -31,8 +31,8 @@ from flexgen.dynamics.mechanics.statics import gear_damping
 from flexgen.inversion.methods.closed_form import instants
 from flexgen.inversion.problem.motor_side import INSTANT
 from flexgen.inversion.problem.problem import STEP, gear_settling
+from flexgen.model.abilities import obstacle
 from flexgen.model.elements import Friction, LinearSpring, RobotModel
-from flexgen.model.friction import bristled_motors, has_harmonics, hysteretic_joints
 from flexgen.paths.timing.time_laws import TimeLaw
 
 WIDTH = 32  # moves of a batch, at most: their arrays fit into the cache
@@ -62,36 +62,18 @@ class Peaks:
     acceleration: np.ndarray
 
 
-def unfit(model: RobotModel) -> str:  # noqa: C901
+def unfit(model: RobotModel) -> str:
     """Why the moves of a model cannot be computed in batches; empty where they can."""
-    if model.n_e:
-        return f"model {model.name} has {model.n_e} non-actuated coordinates"
-    if model.motor_coupling != "simplified":
-        return f"model {model.name} has motor_coupling {model.motor_coupling!r}"
-    for gear, _ in gears(model):
-        if not gear.rigid and not isinstance(gear.spring, LinearSpring):
-            return f"model {model.name} has a gear with a {type(gear.spring).__name__}"
+    if (reason := obstacle(model, "batches of moves")) is not None:
+        return reason
     for friction in (
         *(c.dof.friction for c in model.coordinates if c.dof),
         *(m.friction for m in model.motors),
     ):
         if type(friction) is not Friction:
             return f"model {model.name} has a friction law {type(friction).__name__}"
-    if joints := hysteretic_joints(model):
-        return f"model {model.name} has hysteresis in the gear of {joints[0]}"
-    if motors := bristled_motors(model):
-        return f"model {model.name} has lugre in motor {motors[0]}"
-    if found := has_harmonics(model):
-        return f"model {model.name}: {found}"
     if limits_of_model(model).without("torque", "speed") != Limits():
         return f"model {model.name} has limits other than of motor torque and speed"
-    if any(c.dof.counterbalance for c in model.coordinates if c.dof):
-        return f"model {model.name} has a counterbalance"
-    if (
-        any(element.body.rotational_drag for element in model.elements)
-        or model.payload.rotational_drag
-    ):
-        return f"model {model.name} has a body with rotational_drag"
     return ""
 
 

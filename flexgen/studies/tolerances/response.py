@@ -31,15 +31,14 @@ from scipy.interpolate import make_interp_spline
 from flexgen.base.calls.deadline import check_time
 from flexgen.base.motion.trajectory import Trajectory
 from flexgen.base.numerics.evaluate import evaluate
-from flexgen.dynamics.hysteresis.hysteresis import without_hysteresis
-from flexgen.dynamics.hysteresis.lugre import without_lugre
+from flexgen.dynamics.hysteresis.lugre import without_states
 from flexgen.dynamics.mechanics.equations import Equations, derive
 from flexgen.dynamics.mechanics.motor_harmonics import gear_angles_along
 from flexgen.feedback.loop.plants import LocalDynamics
 from flexgen.feedback.loop.reference import MOTION
 from flexgen.feedback.loop.sampled_model import output_jacobian
 from flexgen.model.elements import RobotModel
-from flexgen.model.friction import bristled_motors, hysteretic_joints
+from flexgen.model.friction import memory_laws
 from flexgen.simulation.motor_feedback import MotorFeedback, default_feedback
 from flexgen.studies.tolerances.bristle_states import bristles_of
 from flexgen.studies.tolerances.gear_states import gear_rows, gears_of
@@ -135,9 +134,7 @@ def linearize(equations: Equations, trajectory: Trajectory, sources: Sources) ->
     motion = trajectory.at(t)
     states = _states(model, sources, motion, float(t[1] - t[0]), feedback.rows)
     sources = of_equations(sources, model)
-    changed = derive(
-        without_lugre(without_hysteresis(model)), [p.name for p in sources.parameters]
-    )
+    changed = derive(without_states(model), [p.name for p in sources.parameters])
     force = _forces(changed, tuple(motion[name] for name in MOTION), sources)
     knots = _knots(motion["v_a"])
     local = LocalDynamics(changed)
@@ -300,20 +297,18 @@ def _states(
     """States of gears and of frictions along a motion in steps of ``h`` [s]; ``motors``: rows to
     the motor angles.
     """
-    out = []
-    if hysteretic_joints(model):
-        out.append(
-            plan_states(
-                model, sources, gears_of, gear_rows(model), _gear_deflections(model, motion)
-            )
+
+    def of_gears() -> PlannedStates:
+        deflections = _gear_deflections(model, motion)
+        return plan_states(model, sources, gears_of, gear_rows(model), deflections)
+
+    def of_frictions() -> PlannedStates:
+        return plan_states(
+            model, sources, lambda robots: bristles_of(robots, h), motors, motion["q_m"]
         )
-    if bristled_motors(model):
-        out.append(
-            plan_states(
-                model, sources, lambda robots: bristles_of(robots, h), motors, motion["q_m"]
-            )
-        )
-    return tuple(out)
+
+    planned = {"hysteresis": of_gears, "lugre": of_frictions}
+    return tuple(planned[law.key]() for law in memory_laws(model))
 
 
 def linear_response(along: Along) -> Response:

@@ -14,6 +14,7 @@ from flexgen.dynamics.mechanics.equations import Equations
 from flexgen.dynamics.mechanics.limits import Limits
 from flexgen.inversion.judge.status import Status
 from flexgen.inversion.solution import Solution
+from flexgen.model.abilities import obstacle
 from flexgen.paths.path import Path
 from flexgen.views.plots import along_path
 from flexgen.views.plots import solution as plots
@@ -175,7 +176,7 @@ def linear_pictures(analysis: Analysis, where: str) -> list[Picture]:
 def _zeros_along(equations: Equations, solution: Solution) -> list[Picture]:
     """Zeros at the poses along the path; empty if there are none."""
     model = equations.model
-    if not (model.n_e and model.inversion_obstacle() is None):
+    if not (model.n_e and obstacle(model, "reduced problem") is None):
         return []
     try:
         found = zero_path(equations, Path(equations, solution.move))

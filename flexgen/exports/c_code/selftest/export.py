@@ -15,7 +15,7 @@ from flexgen.exports.c_code.selftest.cases import cases
 from flexgen.exports.c_code.selftest.golden import at_rest, compute_expected, states
 from flexgen.exports.c_code.selftest.motion import motion_of
 from flexgen.exports.exported import Exported
-from flexgen.model.friction import bristled_motors
+from flexgen.model.friction import memory_laws
 from flexgen.model.moves import Move
 
 PACKAGE = "flexgen.exports.c_code.selftest"
@@ -84,7 +84,8 @@ def export_selftest(
             rest = None
         if motion and equations.model.moves:
             moving = motion_of(equations, library.stream, move)
-    words = {"LIBM": " -lm" * bool(bristled_motors(equations.model))}
+    exponential = any(law.exponential for law in memory_laws(equations.model))
+    words = {"LIBM": " -lm" * exponential}
     texts = library.texts() | {
         f"{name}_selftest.c": template(PACKAGE, "selftest.c", name, words),
         f"{name}_selftest_cases.h": cases(library, given, results, rest, moving),

@@ -18,6 +18,7 @@ import numpy as np
 from flexgen.base.numerics.evaluate import evaluate
 from flexgen.dynamics.mechanics.equations import Equations
 from flexgen.dynamics.mechanics.statics import hold_joints
+from flexgen.model.abilities import obstacle
 
 POINTS = 2
 
@@ -63,7 +64,7 @@ def states(
     x["tau_a"] = rows(model.n_a, 100.0)
     x["f_tool"] = rows(6, 100.0)
     x["deflection"] = rows(model.n_g, 2e-3)
-    if model.inversion_obstacle() is None:
+    if obstacle(model, "reduced problem") is None:
         near = x["q_a"] + rows(model.n_a, 1e-2)
         x["target"] = np.array([np.round(output_at(equations, q), 6) for q in near])
     for port in (port for function in functions for port in function["inputs"]):

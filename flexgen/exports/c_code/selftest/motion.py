@@ -15,7 +15,7 @@ from flexgen.dynamics.mechanics.equations import Equations
 from flexgen.exports.c_code.emitted import StreamOptions
 from flexgen.inversion.judge.status import Status
 from flexgen.inversion.solve import solve
-from flexgen.model.friction import bristled_motors, hysteretic_joints
+from flexgen.model.friction import memory_laws
 from flexgen.model.moves import Move
 from flexgen.paths.path import Path, PathSample, find_move
 
@@ -72,7 +72,7 @@ def motion_of(
     path = Path(equations, chosen)
     n = min(math.ceil(path.duration / options.period), UPDATES) + options.intervals
     sample = path.sample(np.arange(n + 1) * options.period)
-    quick = model.n_a <= SMALL and not (hysteretic_joints(model) or bristled_motors(model))
+    quick = model.n_a <= SMALL and not memory_laws(model)
     method = "closed-form" if not model.n_e else "collocation" if quick else "auto"
     try:
         found = solve(equations, chosen, method, ignore_limits=True, progress=False)
