@@ -22,7 +22,7 @@ from flexgen.feedback.loop import robustness
 from flexgen.identification.rigid.rigid_body import identify_rigid
 from flexgen.model.elements import Placement
 from flexgen.model.format.format_robot import HARMONICS
-from flexgen.model.joint_defaults import merge
+from flexgen.model.urdf.joint_defaults import merge
 from flexgen.paths.accuracy.figures import CRUISING, path_accuracy
 from flexgen.planning.learning import commanded
 from flexgen.studies.sweeps import batches

@@ -21,10 +21,11 @@ from flexgen.base.calls.deadline import (
     reason_of_end,
 )
 from flexgen.base.errors import ArgumentError
-from flexgen.base.numerics.trust_region import Fit, minimize
+from flexgen.identification.estimator.minimize import Minimum, minimize
+from flexgen.identification.estimator.problem import Prior, Problem
 
 
-def search(count: list[int], stop: int, event: str) -> Fit:
+def search(count: list[int], stop: int, event: str) -> Minimum:
     """Rosenbrock's valley; at an evaluation the time is over, or Ctrl-C is pressed."""
 
     def residual(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -42,7 +43,8 @@ def search(count: list[int], stop: int, event: str) -> Fit:
 
     start = np.array([-1.2, 1.0])
     wide = np.full(2, 1e6)
-    return minimize(sums, lambda x: sums(x)[0], start, start, wide, (-wide, wide))
+    prior = Prior.of_sd(start, wide)
+    return minimize(Problem.of_sums(sums, lambda x: sums(x)[0], prior, (-wide, wide)), start)
 
 
 @pytest.mark.parametrize(("event", "reason"), [("interrupt", INTERRUPTED), ("time", TIME_LIMIT)])

@@ -23,9 +23,9 @@ import pytest
 from toolchain import needs_compiler
 
 import flexgen
-from flexgen.base.numerics.trust_region import minimize
 from flexgen.cli.main import main
 from flexgen.cli.verb_tables.verbs import VERBS
+from flexgen.identification.estimator.minimize import minimize
 from flexgen.identification.records.recording_writer import RecordingWriter
 
 pytestmark = needs_compiler

@@ -30,7 +30,7 @@ from toolchain import needs_compiler
 import flexgen
 from flexgen.cli.main import main
 from flexgen.exports.mujoco.mujoco_checks import with_friction
-from flexgen.identification.gears.result import GearStatus
+from flexgen.identification.estimator.status import FitStatus
 from flexgen.identification.records.motor_record import read_motor_record
 
 pytestmark = needs_compiler
@@ -66,7 +66,7 @@ def short() -> flexgen.Trajectory:
 
 def check_hysteresis(found: flexgen.GearFit) -> None:
     """Numbers within 5 %, and as far from the truth as their standard deviations say."""
-    assert found.status is GearStatus.FITTED, str(found)
+    assert found.status is FitStatus.FITTED, str(found)
     for joint in found.joints:
         name = f"{joint}.hysteresis.lost_motion"
         assert found.values[name] == pytest.approx(ARCMIN, rel=CLOSE)
@@ -81,15 +81,15 @@ def test_noise_that_hides_a_gear_is_not_a_model_error() -> None:
     record = hysteretic_record("elbow", 12.0, step=5e-4)
     model = model_of("elbow")
     found = flexgen.identify_gears(model, with_noise(record, 10 * NOISE), progress=False)
-    assert found.status in (GearStatus.NOISE, GearStatus.FITTED)
+    assert found.status in (FitStatus.NOISE_TOO_LARGE, FitStatus.FITTED)
     wide = {
         x.name: x
         for x in found.numbers
-        if found.status is GearStatus.FITTED and x.name.endswith("lost_motion")
+        if found.status is FitStatus.FITTED and x.name.endswith("lost_motion")
     }
     assert all(abs(number.value - ARCMIN) < 3 * number.sd for number in wide.values())
     found = flexgen.identify_gears(model, with_noise(record, NOISE), progress=False)
-    assert found.status is GearStatus.FITTED
+    assert found.status is FitStatus.FITTED
     assert found.values["q1.hysteresis.lost_motion"] == pytest.approx(ARCMIN, rel=CLOSE)
     sd = found.sd["q2.hysteresis.lost_motion"]
     assert sd is not None and abs(found.values["q2.hysteresis.lost_motion"] - ARCMIN) < 3 * sd
@@ -143,7 +143,7 @@ def test_quiet_torques_of_a_tree_give_springs_within_their_deviations() -> None:
     found = flexgen.identify_gears(
         model_of("two_arm"), record, joints=["r1", "l2"], hysteresis=False, progress=False
     )
-    assert found.status is GearStatus.FITTED and found.sd is not None
+    assert found.status is FitStatus.FITTED and found.sd is not None
     true = {"r1.stiffness": 1e5, "r1.damping": 60.0, "l2.stiffness": 5e4, "l2.damping": 30.0}
     for name, value in true.items():
         assert abs(found.values[name] - value) < 3.0 * found.sd[name], name
@@ -167,7 +167,7 @@ def test_elements_are_found_one_by_one(tmp_path: Path) -> None:
     found = flexgen.identify_gears(
         model_of("planar5_nmp"), record, joints=["q1"], elements=3, progress=False
     )
-    assert found.status is GearStatus.FITTED, str(found)
+    assert found.status is FitStatus.FITTED, str(found)
     assert found.values["q1.hysteresis.lost_motion"] == pytest.approx(ARCMIN, rel=2e-3)
     assert found.values["q1.hysteresis.stiffness"] == pytest.approx(4e5, rel=2e-3)
     gear = flexgen.read(f"{found.save(tmp_path / 'arm.toml')}@identified").elements[0].dofs[0].gear
@@ -184,7 +184,7 @@ def test_an_exponent_is_found_and_dahls_law_is_a_model_error_there() -> None:
     found = flexgen.identify_gears(
         model_of("planar5_nmp"), record, joints=["q1"], exponents=True, progress=False
     )
-    assert found.status is GearStatus.FITTED, str(found)
+    assert found.status is FitStatus.FITTED, str(found)
     assert found.values["q1.hysteresis.exponent"] == pytest.approx(6.0, rel=1e-2)
     assert found.values["q1.hysteresis.lost_motion"] == pytest.approx(ARCMIN, rel=2e-3)
     assert (
@@ -194,7 +194,7 @@ def test_an_exponent_is_found_and_dahls_law_is_a_model_error_there() -> None:
     planted = flexgen.identify_gears(
         model_of("planar5_nmp"), record, joints=["q1"], progress=False
     )
-    assert planted.status is GearStatus.MODEL_ERROR
+    assert planted.status is FitStatus.MODEL_ERROR
 
 
 @pytest.mark.full
@@ -213,10 +213,10 @@ def test_two_elements_for_three_are_a_model_error(elements: int, seed: int) -> N
         model_of("planar5_nmp"), record, elements=elements, progress=False
     )
     if elements == 2:
-        assert found.status is GearStatus.MODEL_ERROR and found.lacking == ("q1",)
+        assert found.status is FitStatus.MODEL_ERROR and found.lacking == ("q1",)
         assert "q1. Fit one element more" in found.problem and set(found.sd.values()) == {None}
         return
-    assert found.status is GearStatus.FITTED, str(found)
+    assert found.status is FitStatus.FITTED, str(found)
     for joint in found.joints:
         name = f"{joint}.hysteresis.lost_motion"
         assert found.sd[name] is not None and abs(found.values[name] - ARCMIN) < 4 * found.sd[name]
@@ -290,7 +290,7 @@ def test_a_third_of_a_minute_with_noise_gives_the_harmonics() -> None:
     record = with_noise(harmonic_record(20.0), NOISE)
     given = {"harmonics": ERROR["harmonics"], "cogging": COGGING["harmonics"]}
     found = flexgen.identify_gears(model_of("planar5_nmp"), record, progress=False, **given)
-    assert found.status is GearStatus.FITTED, str(found)
+    assert found.status is FitStatus.FITTED, str(found)
     sums = {f"{q}.transmission_error": ERROR for q in ("q1", "q2")} | {
         f"{m}.cogging": COGGING for m in ("m1", "m2")
     }
@@ -308,7 +308,7 @@ def test_a_third_of_a_minute_with_noise_gives_the_harmonics() -> None:
 def test_a_wrong_payload_is_a_model_error(short: flexgen.Trajectory) -> None:
     wrong = model_of("planar5_nmp", **{"element.arm3.body.mass": 28.0})
     found = flexgen.identify_gears(wrong, short, progress=False)
-    assert found.status is GearStatus.MODEL_ERROR and "wrong mass" in found.problem
+    assert found.status is FitStatus.MODEL_ERROR and "wrong mass" in found.problem
     assert set(found.sd.values()) == {None}
 
 
@@ -323,7 +323,7 @@ def test_a_planted_gear_whose_motor_does_not_feel_it_is_a_model_error() -> None:
 
     record = record_in_mujoco("planar5_nmp", made, 12.0, step=5e-4)
     found = flexgen.identify_gears(model_of("planar5_nmp"), record, progress=False)
-    assert found.status is not GearStatus.FITTED
+    assert found.status is not FitStatus.FITTED
 
 
 # --- the command line and bad input --------------------------------------------------------------

@@ -23,7 +23,8 @@ import numpy as np
 import flexgen
 from flexgen.feedback.laws.passivity import Passivity
 from flexgen.feedback.positions.result import PositionCommands
-from flexgen.identification.gears.result import GearFit, GearStatus, Number
+from flexgen.identification.estimator.status import FitStatus
+from flexgen.identification.gears.result import GearFit, Number
 from flexgen.identification.poses.components import Tilt
 from flexgen.identification.poses.result import Calibration
 from flexgen.identification.servo.fit_result import ServoFit
@@ -121,7 +122,7 @@ def commands(failure: str, saturated: int, active: tuple[str, ...]) -> PositionC
     )
 
 
-def gears(status: GearStatus) -> GearFit:
+def gears(status: FitStatus) -> GearFit:
     key = "element.upper.dof.q1.gear"
     numbers = (
         Number(
@@ -244,7 +245,15 @@ def _cases() -> Iterator[tuple[str, Callable[[], Any]]]:
     yield "commands at limits", lambda: commands("", 0, ("speed of q1", "acceleration of q2"))
     yield "commands of a saturated loop", lambda: commands("", 17, ())
     yield "commands of a loop that fails", lambda: commands("diverged at 0.3 s", 0, ())
-    for status in GearStatus:
+    of_gears = (
+        "fitted",
+        "model error",
+        "not converged",
+        "noise too large",
+        "time limit",
+        "interrupted",
+    )
+    for status in map(FitStatus.of_value, of_gears):
         yield f"gears, {status}", functools.partial(gears, status)
     yield "calibration", lambda: calibration(True)
     yield "calibration without parts", lambda: calibration(False, converged=False)

@@ -85,7 +85,7 @@ def test_the_size_is_that_of_a_fit_not_of_one_step(monkeypatch):
     """
     found = explained(measured(times(1.2, ["arm3.mass"])))
     assert found.causes[0].size == pytest.approx(1.2, abs=1e-3)
-    monkeypatch.setattr("flexgen.base.numerics.trust_region.ITERATIONS", 1)
+    monkeypatch.setattr("flexgen.identification.estimator.minimize.ITERATIONS", 1)
     forgotten = causes.explain(Residuals(found.vector, found.data), found.x)
     assert not forgotten or forgotten[0].share < 0.99 or abs(forgotten[0].size - 1.2) > 0.01
 

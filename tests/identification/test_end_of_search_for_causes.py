@@ -8,7 +8,7 @@ import pytest
 
 import flexgen
 from flexgen.base.calls.deadline import OutOfTime
-from flexgen.identification.estimator.fit_status import FitStatus
+from flexgen.identification.estimator.status import FitStatus
 from flexgen.identification.responses import graybox
 
 

@@ -16,8 +16,8 @@ import pytest
 from identification_cases import exact_responses, poses_of, without_coulomb
 
 import flexgen
-from flexgen.base.numerics.trust_region import minimize
 from flexgen.dynamics.mechanics.parameters import with_values
+from flexgen.identification.estimator.minimize import minimize
 from flexgen.identification.responses import residuals
 from flexgen.identification.responses.parameters import ParameterVector
 from flexgen.identification.responses.residuals import Residuals
@@ -90,9 +90,7 @@ class Loop:
         for seed in range(draws):
             fit = self.residuals.on(change(self.responses(np.random.default_rng(seed))))
             fit.use_structure(start)
-            found = minimize(
-                fit.sums, fit.cost, start, start, self.vector.prior_sd, self.vector.bounds
-            )
+            found = minimize(fit.problem, start)
             assert found.converged
             out.append((found.x - start) / np.sqrt(np.diag(fit.covariance(found.x, found.A))))
         return np.array(out)

@@ -17,7 +17,7 @@ from scipy.interpolate import CubicSpline
 import flexgen
 from flexgen.base.errors import ArgumentError
 from flexgen.feedback.loop.hardware import DriveHardware
-from flexgen.identification.estimator.residual_statistics import whiteness
+from flexgen.identification.estimator.residuals import whiteness
 from flexgen.identification.experiments.excitation import Plan
 from flexgen.identification.motions.motion_fit import fit_motion
 from flexgen.identification.records.recording_writer import RecordingWriter

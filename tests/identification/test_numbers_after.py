@@ -16,7 +16,7 @@ from numpy.testing import assert_allclose
 from flexgen.base.errors import ArgumentError
 from flexgen.dynamics.mechanics.equations import derive
 from flexgen.feedback.positions import reference
-from flexgen.identification.estimator.fit_status import FitStatus
+from flexgen.identification.estimator.status import FitStatus
 from flexgen.inversion.problem import memory
 from flexgen.simulation.environment import sense as sense_module
 
@@ -165,6 +165,7 @@ def test_statuses_of_fits_that_can_be_used() -> None:
     }
     assert {status for status in FitStatus if status.has_deviations} == {
         FitStatus.FITTED,
+        FitStatus.NOT_CHECKED,
         FitStatus.NOISE_TOO_LARGE,
     }
     assert all(

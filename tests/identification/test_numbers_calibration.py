@@ -22,7 +22,7 @@ from flexgen.dynamics.mechanics.equations import derive
 from flexgen.identification.poses import calibrate, mistakes
 from flexgen.identification.poses import fit as fits
 from flexgen.identification.poses.accuracy import accuracy_of
-from flexgen.identification.poses.fit import Problem, Slopes, fit
+from flexgen.identification.poses.fit import Poses, fit
 from flexgen.identification.poses.parameters import GROUPS, Priors, Unknown, unknowns_of
 from flexgen.identification.poses.statics import (
     Near,
@@ -371,30 +371,7 @@ def test_a_mistake_in_the_poses_is_the_one_that_explains_most(
     assert mistakes.find_start(statics, data, (), told.append) == "start" and told[2:] == [first]
 
 
-def test_slopes_of_a_pose_have_its_errors_in_a_fit_without_it() -> None:
-    """Of a linear fit with priors; the third number is held at its bound."""
-    rng = np.random.default_rng(0)
-    free = np.array([True, True, False, True])
-    rows = rng.normal(size=(7, 6, 4)) * [1, 1, 1, 9]
-    y = rng.normal(size=(7, 6))
-    prior = np.diag([0.1, 0.2, 0.3, 0.4])
-    rows[3, :3] = y[3, :3] = 0.0  # not seen
-
-    def best(poses: list[int]) -> np.ndarray:
-        J = rows[poses][:, :, free].reshape(-1, 3)
-        gap = y[poses].ravel()
-        return np.linalg.solve(J.T @ J + prior[np.ix_(free, free)], J.T @ gap)
-
-    every = list(range(7))
-    x = best(every)
-    J = rows[:, :, free]
-    inverse = np.linalg.inv(np.einsum("nrp,nrq->pq", J, J) + prior[np.ix_(free, free)])
-    slopes = Slopes(np.eye(4), rows, J @ x - y, np.zeros(4), np.ones(y.shape), Near(y))
-    for k, slope in enumerate(slopes.leave_out_each(free, inverse)):
-        assert_allclose(inverse @ slope, best(every[:k] + every[k + 1 :]) - x, rtol=1e-10)
-
-
-class Lines(Problem):
+class Lines(Poses):
     """Positions that are linear in the unknowns."""
 
     def numbers(self, x: np.ndarray) -> Any:
@@ -512,7 +489,7 @@ def test_errors_of_a_small_robot_keep_their_scale() -> None:
         measured = np.zeros((3, 1, 3))
         measured[1, 0, 2] = size
         measured[2, 0] = np.nan
-        made = Problem(SimpleNamespace(touches=None), measured, [], True)  # type: ignore[arg-type]
+        made = Poses(SimpleNamespace(touches=None), measured, [], True)  # type: ignore[arg-type]
         for error in (1e-7, 1e-12):
             found = made.scale(np.full((3, 1), error))
             assert found == pytest.approx(max(error / fits.MEDIAN_LENGTH, least), rel=1e-12)

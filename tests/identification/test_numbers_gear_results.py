@@ -16,9 +16,10 @@ import flexgen
 from flexgen.base.errors import ArgumentError
 from flexgen.base.motion.trajectory import Trajectory
 from flexgen.base.spec.ports import Port
+from flexgen.identification.estimator.status import FitStatus
 from flexgen.identification.gears import fit, identify
 from flexgen.identification.gears.driven_arm import Element
-from flexgen.identification.gears.result import GearFit, GearStatus, Number
+from flexgen.identification.gears.result import GearFit, Number
 from flexgen.identification.gears.signals import signals_of
 
 
@@ -29,7 +30,18 @@ class Linear:
 
     def __init__(self, noise: float, late: float) -> None:
         rng = np.random.default_rng(7)
-        self.parts = self.shapes = self.errors = self.bent = 2
+        self.layout = fit.Numbers.of(
+            parameters=2,
+            stiffness=0,
+            exponents=0,
+            lost=0,
+            errors=0,
+            viscous=2,
+            coulomb=0,
+            constant=0,
+            cogging=0,
+            delay=0,
+        )
         self.count = 0
         self.start = np.array([1.0, 1.0, 0.0, 0.0])
         self.sought = Made(exponents=False)
@@ -112,9 +124,12 @@ def entries(
     """
     elements = (Element(0, 4e6, 3e-5), Element(0, 2e6, 6e-5, 2.0), Element(1, 3e6, 4e-5, 1.5, 0.2))
     sought = fit.Sought(elements, True, (0, 1), harmonics, cogging)
-    made: Any = Made(sought=sought, at=[0, 0, 1], n_m=2, shapes=4, parts=7, errors=10)
-    made.bent = 10 + 4 * len(harmonics)
-    n = made.bent + (3 + 2 * len(cogging)) * 2 + 1
+    made: Any = Made(sought=sought, at=[0, 0, 1], n_m=2)
+    made.layout = fit.Numbers.of(
+        parameters=1, stiffness=3, exponents=3, lost=3, errors=4 * len(harmonics),
+        viscous=2, coulomb=2, constant=2, cogging=4 * len(cogging), delay=1,
+    )  # fmt: skip
+    n = made.layout.size
     made.units = np.concatenate(
         [[2.0, 10.0, 20.0, 30.0, 1.0, 2.0, 1.5], np.full(3, 1e-3), np.ones(n - 10)]
     )
@@ -237,7 +252,7 @@ def test_numbers_are_determined_by_half_of_their_size(part: float, known: bool) 
         ([1.0, 3.7], [0.0, 0.0], True, "FITTED"),
         ([3.7, 1.0], [0.0, 0.0], True, "MODEL_ERROR"),
         ([3.5, 1.0], [3.1, 0.0], True, "MODEL_ERROR"),
-        ([1.0, 1.0], [[0.0, 3.1], [0.0, 2.9]], True, "NOISE"),
+        ([1.0, 1.0], [[0.0, 3.1], [0.0, 2.9]], True, "NOISE_TOO_LARGE"),
         ([1.0, 1.0], [[0.0, 3.1], [0.0, 2.9]], False, "NOT_CONVERGED"),
         ([3.7, 1.0], [[0.0, 3.1], [0.0, 2.9]], True, "MODEL_ERROR"),
         ([1.0, 1.0], [0.0, 0.0], False, "NOT_CONVERGED"),
@@ -257,6 +272,7 @@ def test_the_status_of_gears_follows_from_residuals(
         noise=lambda theta, e: np.array([2.0, 2.0]),
         measured=wave * [4000.0, 8000.0],
         units=np.array([1.0, 2.0]),
+        layout=Made(delay=slice(1, 2)),
         excess=lambda theta, e, covariance: np.array(excess) * np.ones((2, 2)),
         loops=lambda theta, e: "loops",
         signals=Made(band_hz=30.0),
@@ -269,27 +285,27 @@ def test_the_status_of_gears_follows_from_residuals(
     found = fit.Estimate(np.array([1.0, 5e-4]), np.eye(2), wave * error, converged)
     result: Any = identify._result(robot, (), made, found)
     assert (
-        result.status is GearStatus[status] and result.joints == ("q2",) and result.delay_s == 1e-3
+        result.status is FitStatus[status] and result.joints == ("q2",) and result.delay_s == 1e-3
     )
     assert_allclose(result.unexplained, error)
     asked.append(1)
     lacking: Any = identify._result(robot, (), made, found)
-    assert lacking.status is (GearStatus.MODEL_ERROR if status == "FITTED" else GearStatus[status])
+    assert lacking.status is (FitStatus.MODEL_ERROR if status == "FITTED" else FitStatus[status])
     assert (result.lacking, lacking.lacking) == ((), ("q2",) if status == "FITTED" else ())
     wide = fit.Estimate(found.theta, np.diag([1.0, np.inf]), wave * 1.0, True)
-    assert identify._result(robot, (), made, wide).status is not GearStatus.FITTED
+    assert identify._result(robot, (), made, wide).status is not FitStatus.FITTED
 
 
 @pytest.mark.parametrize(
     ("answers", "asked", "status"),
     [
         ({30.0: "FITTED"}, [30.0], "FITTED"),
-        ({30.0: "NOISE"}, [30.0], "NOISE"),
-        ({30.0: "MODEL_ERROR", 18.0: "FITTED"}, [30.0, 18.0], "NOISE"),
+        ({30.0: "NOISE_TOO_LARGE"}, [30.0], "NOISE_TOO_LARGE"),
+        ({30.0: "MODEL_ERROR", 18.0: "FITTED"}, [30.0, 18.0], "NOISE_TOO_LARGE"),
         (
             {30.0: "NOT_CONVERGED", 18.0: "MODEL_ERROR", 10.8: "FITTED"},
             [30.0, 18.0, 10.8],
-            "NOISE",
+            "NOISE_TOO_LARGE",
         ),
         (
             {30.0: "MODEL_ERROR", 18.0: "MODEL_ERROR", 10.8: "MODEL_ERROR"},
@@ -319,7 +335,7 @@ def test_narrower_bands_show_what_noise_hides(
     def result(robot: Any, fitted: Any, model: Any, found: Any) -> Any:
         made = object.__new__(flexgen.GearFit)
         vars(made).update(
-            status=GearStatus[answers[bands[-1]]], band_hz=bands[-1], numbers=fitted, joints=model
+            status=FitStatus[answers[bands[-1]]], band_hz=bands[-1], numbers=fitted, joints=model
         )
         return made
 
@@ -346,8 +362,8 @@ def test_narrower_bands_show_what_noise_hides(
     )
     first = answers[30.0]
     assert bands == (asked[:1] if given else asked) and found.band_hz == 30.0
-    assert found.status is GearStatus[first if given else status]
-    words = GearStatus[first]
+    assert found.status is FitStatus[first if given else status]
+    words = FitStatus[first]
     told = [f"{words}: comparing motions below {band:.3g} Hz only" for band in asked[1:]]
     assert [line for line in lines if "comparing" in line] == ([] if given else told)
     if asked == [30.0]:
@@ -441,7 +457,7 @@ def test_records_that_cannot_be_compared_are_refused() -> None:
     assert signals_of(record(t, q), 2, 49.9).band_hz == 49.9
 
 
-def gear_fit(robot: flexgen.RobotModel, status: GearStatus = GearStatus.FITTED) -> GearFit:
+def gear_fit(robot: flexgen.RobotModel, status: FitStatus = FitStatus.FITTED) -> GearFit:
     """Two springs, of which one is not determined, an element of hysteresis, and a transmission
     error.
     """
@@ -495,7 +511,7 @@ def test_the_model_of_a_fit_has_what_the_record_determines(tmp_path: Path) -> No
     again = flexgen.read(f"{file}@identified")
     assert again.elements == model.elements and again.motors == model.motors
     assert "gears identified from motor angles and torques: fitted" in file.read_text()
-    wrong = gear_fit(robot, GearStatus.MODEL_ERROR)
+    wrong = gear_fit(robot, FitStatus.MODEL_ERROR)
     assert wrong.sd["q1.stiffness"] is None and found.sd["q1.stiffness"] == 6e4
     assert (
         wrong.problem.startswith("model error: The model differs from the record")

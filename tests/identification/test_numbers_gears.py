@@ -81,10 +81,9 @@ def moved() -> np.ndarray:
     """A theta none of whose entries is where the search begins."""
     model = made()
     theta = model.start * (1.0 + 0.1 * np.cos(np.arange(len(model.start))))
-    theta[model.errors : model.bent] = 2e-5 * np.arange(1.0, 1.0 + model.bent - model.errors)
-    theta[model.bent :] = (
-        1e-4 * np.arange(1.0, 1.0 + len(theta) - model.bent) / model.units[model.bent :]
-    )
+    at = model.layout
+    theta[at.errors] = 2e-5 * np.arange(1.0, 1.0 + len(theta[at.errors]))
+    theta[at.linear] = 1e-4 * np.arange(1.0, 1.0 + len(theta[at.linear])) / model.units[at.linear]
     return theta
 
 
@@ -183,7 +182,7 @@ def test_a_step_with_corrected_normal_equations_is_what_it_was() -> None:
     white = fit.Whitening(e, model, fit.FLOOR[1])
     lower, upper = bounds = fit._bounds(model)
     weak = theta.copy()
-    weak[model.parts + 1] = 0.01
+    weak[model.layout.lost.start + 1] = 0.01
     dropped = fit._drop(model, weak, lower, upper)
     _, change, covariance = fit._correct(model, theta, white, lower < upper, 2)
     sd = np.sqrt(np.diag(covariance))
@@ -309,7 +308,10 @@ def test_a_further_element_is_one_of_a_model_that_has_it() -> None:
     elements = (*model.sought.elements, Element(1, K, lost, 1.0, unit=lost))
     sought = replace(model.sought, elements=elements)
     with_it = fit.GearModel(model.equations, sought, model.signals)
-    values, shapes, parts, rest = np.split(theta, [model.shapes, model.parts, model.errors])
+    values, shapes, parts, rest = np.split(
+        theta,
+        [x.stop for x in (model.layout.stiffness, model.layout.exponents, model.layout.lost)],
+    )
     none, weak = (
         np.concatenate([values, [k], shapes, [1.0], parts, [k], rest]) for k in (1e-9, size)
     )

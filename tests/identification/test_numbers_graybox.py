@@ -15,7 +15,8 @@ from numpy.testing import assert_allclose
 
 import flexgen
 from flexgen.base.errors import ArgumentError, SolverError
-from flexgen.base.numerics.trust_region import Fit
+from flexgen.identification.estimator.minimize import Minimum
+from flexgen.identification.estimator.problem import Problem
 from flexgen.identification.responses import graybox
 from flexgen.identification.responses.parameters import ParameterVector
 from flexgen.identification.responses.result import FitStatus
@@ -50,6 +51,10 @@ class Linear:
     def sums(self, x: np.ndarray) -> Any:
         r = self.J @ (x - self.best) + self.rest
         return self.cost(x), np.real(self.J.conj().T @ r), np.real(self.J.conj().T @ self.J)
+
+    @property
+    def problem(self) -> Problem:
+        return self.vector.problem(self.sums, self.cost)
 
     def average_springs(self, x: np.ndarray) -> None:
         self.steps.append("springs")
@@ -195,7 +200,7 @@ def test_a_model_error_is_searched_where_noise_does_not_explain_the_cost(
     degrees: list[float] = []
 
     def with_error(
-        vector: Any, data: Any, residuals: Any, best: Fit, count: float, tell: Any
+        vector: Any, data: Any, residuals: Any, best: Minimum, count: float, tell: Any
     ) -> Any:
         degrees.append(count)
         return found_error, residuals, best
@@ -233,7 +238,7 @@ def test_structured_weights_end_a_fit_that_noise_explains(
     """Of which the rest is a model error only where the noise of the torques is known."""
     calls: list[float] = []
 
-    def with_structure(vector: Any, data: Any, residuals: Any, best: Fit, count: float) -> Any:
+    def with_structure(vector: Any, data: Any, residuals: Any, best: Minimum, count: float) -> Any:
         calls.append(count)
         return residuals, replace(best, cost=48.0), left
 
@@ -244,8 +249,8 @@ def test_structured_weights_end_a_fit_that_noise_explains(
     assert fitted(monkeypatch, cost, structured=True, floor=0.02, data=data)[0].model_error == 0.02
 
 
-def fit_with(x: np.ndarray, objective: float) -> Fit:
-    return Fit(x, 40.0, objective, np.eye(len(x)), 2, True, np.zeros(len(x), bool))
+def fit_with(x: np.ndarray, objective: float) -> Minimum:
+    return Minimum(x, 40.0, objective, np.eye(len(x)), 2, True, np.zeros(len(x), bool))
 
 
 def test_starts_agree_within_a_thousandth(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -270,7 +275,7 @@ def test_starts_are_drawn_within_the_spread(monkeypatch: pytest.MonkeyPatch) -> 
     starts: list[np.ndarray] = []
     failing = {2}
 
-    def search(given: Any, residuals: Any, start: np.ndarray) -> Any:
+    def search(residuals: Any, start: np.ndarray) -> Any:
         starts.append(start)
         if len(starts) - 1 in failing:
             raise SolverError(f"no rest {len(starts)}")
@@ -317,7 +322,7 @@ def test_a_part_of_the_response_makes_the_cost_one(monkeypatch: pytest.MonkeyPat
             return self
 
     told: list[str] = []
-    monkeypatch.setattr(graybox, "_search", lambda vector, residuals, x: fit_with(x / 2, 1.0))
+    monkeypatch.setattr(graybox, "_search", lambda residuals, x: fit_with(x / 2, 1.0))
     best = fit_with(np.array([0.2]), 1.0)
     data: Any = Made(G=G)
     error, _, last = graybox._with_model_error(None, data, Residuals(), best, 40.0, told.append)
@@ -359,7 +364,7 @@ def test_structured_weights_are_left_where_they_explain_less(
             return 0.01 * float(x[0])
 
     monkeypatch.setattr(graybox, "Residuals", Polish)
-    monkeypatch.setattr(graybox, "_search", lambda vector, residuals, x: fit_with(x + 1.0, 1.0))
+    monkeypatch.setattr(graybox, "_search", lambda residuals, x: fit_with(x + 1.0, 1.0))
     before = fit_with(np.array([1.0]), 1.0)
     plain = Made(count=40.0, deflection_sd="sd")
     for misfit, kept in ((39.9, False), (40.1, True)):  # times 40 / 20, against 2 x 40

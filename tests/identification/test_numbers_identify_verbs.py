@@ -304,7 +304,9 @@ def test_motions_are_fitted_rigid_or_in_segments(monkeypatch: pytest.MonkeyPatch
 
     def bodies(model: Any, data: Any, **more: Any) -> Any:
         asked.update(model=model.name, data=data, **more)
-        return found(asked["status"], fit=Made(status=asked["status"]))
+        status = asked["status"]
+        texts = (status.sentence, status.advice)
+        return found(status, fit=Made(status=status, texts=texts))
 
     monkeypatch.setattr(LATER + "recordings.rigid_file.identify_bodies", bodies)
     for status in (FitStatus.FITTED, FitStatus.NOT_CONVERGED):

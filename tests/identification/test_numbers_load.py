@@ -4,7 +4,6 @@ linear fit.
 
 from __future__ import annotations
 
-import re
 from types import SimpleNamespace as Made
 from typing import Any
 
@@ -138,13 +137,13 @@ def test_deviations_are_those_of_blocks_where_these_are_larger(
     """Each number by itself."""
     made = estimate(monkeypatch, [5.0, 0.3, -0.2, 0.1, 0.02])
     left = np.diag([0.25, 0.0, 0.0, 0.0, 0.0])
-    monkeypatch.setattr(payload._Estimate, "_left_out", lambda self, r, J, weight: left)
+    monkeypatch.setattr(payload._Estimate, "_left_out", lambda self, r, J, prior: left)
     load = made.solve()
     assert load.mass_sd == 0.5
     # of com where the mass changes and first moments stay
     along = np.abs(load.com) / load.mass * 0.5
     alone = estimate(monkeypatch, [5.0, 0.3, -0.2, 0.1, 0.02])
-    monkeypatch.setattr(payload._Estimate, "_left_out", lambda self, r, J, weight: 0 * left)
+    monkeypatch.setattr(payload._Estimate, "_left_out", lambda self, r, J, prior: 0 * left)
     assert_allclose(load.com_sd, np.maximum(along, alone.solve().com_sd), rtol=1e-9)
 
 
@@ -170,55 +169,12 @@ def test_a_load_that_the_record_does_not_show_is_refused(monkeypatch: pytest.Mon
     ):
         made.solve()
     monkeypatch.setattr(payload, "STEPS", 1)
+    monkeypatch.setattr(payload, "SEARCHES", 1)
     with pytest.raises(
         SolverError,
-        match=r"no solution in 1 steps, the last changed the load by .*to the model arm\?",
+        match=r"load: no solution in 1 steps; does the record belong to the model arm\?",
     ):
         estimate(monkeypatch, [5.0, 0.3, -0.2, 0.1, 0.02]).solve()
-
-
-def test_a_last_step_below_a_tenth_of_the_deviations_is_none(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """The search is stopped early: its last step is that of the refusal, in kg, and in kg m for an
-    arm of 1 m.
-    """
-    monkeypatch.setattr(payload, "STEPS", 2)
-    made = estimate(monkeypatch, [5.0, 0.3, -0.2, 0.1, 0.02])
-    with pytest.raises(SolverError, match="no solution in 2 steps") as refused:
-        made.solve()
-    step = float(re.findall(r"changed the load by (\S+);", str(refused.value))[0]) * (
-        made.unit + 5.0
-    )
-    assert 0.01 < step < 0.1
-    left = np.eye(5) * (9.0 * step) ** 2
-    monkeypatch.setattr(payload._Estimate, "_left_out", lambda self, r, J, weight: left)
-    with pytest.raises(SolverError, match="no solution in 2 steps"):
-        made.solve()
-    left = np.eye(5) * (11.0 * step) ** 2
-    load = made.solve()
-    assert load.mass == pytest.approx(linear_fit(made)[0][0] - 2.0, abs=0.1 * step)
-
-
-def test_steps_between_masses_that_noise_hides_end_alike_for_light_arms(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """A first step of which a deviation of 4 kg hides all, and the same with a thousandth of all
-    masses.
-    """
-    monkeypatch.setattr(payload, "STEPS", 1)
-    masses = []
-    for size in (1.0, 1e-3):
-        made = estimate(monkeypatch, [3.0, 0.3, -0.2, 0.1, 0.02])
-        made.of_file[1] = 2.0 * size
-        made.unit = size
-        made.slopes = made.slopes / size
-        left = np.diag([16.0, 0.0, 0.0, 0.0, 0.0]) * size**2
-        monkeypatch.setattr(
-            payload._Estimate, "_left_out", lambda self, r, J, weight, left=left: left
-        )
-        masses.append(made.solve().mass / size)
-    assert masses[1] == pytest.approx(masses[0], rel=1e-6) and abs(masses[0] - 1.0) < 1.0
 
 
 def test_a_direction_that_no_motion_shows_is_known_by_the_file(
@@ -268,9 +224,7 @@ def test_the_center_of_a_mass_that_is_nearly_zero_is_near() -> None:
 
 
 def test_springs_that_are_softer_change_no_load(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A ridge fit with one number more for each spring; a deviation of blocks has what their
-    priors leave open, too.
-    """
+    """A ridge fit with one number more for each spring."""
     made = estimate(monkeypatch, [5.0, 0.3, -0.2, 0.1, 0.02])
     made.stiffness_sd = np.array([0.2, 0.0, 0.1])
     # as a mass
@@ -295,15 +249,11 @@ def test_springs_that_are_softer_change_no_load(monkeypatch: pytest.MonkeyPatch)
     H = np.linalg.inv(J.T @ J + prior * variance)
     load = made.solve()
     assert load.mass_sd == pytest.approx(np.sqrt(variance * H[0, 0]), rel=1e-4)
-    monkeypatch.setattr(payload._Estimate, "_left_out", lambda self, r, J, weight: H * variance)
-    both = H * variance + H @ prior @ H * variance**2
-    assert both[0, 0] > 1.05 * variance * H[0, 0]
-    assert made.solve().mass_sd == pytest.approx(np.sqrt(both[0, 0]), rel=1e-4)
-    assert load.total_mass == pytest.approx(found[0], rel=2e-5) and abs(load.mass - 3.0) < 0.1
+    # where the search ends
+    assert abs(load.total_mass - found[0]) < payload.DISTANCE * load.mass_sd
+    assert abs(load.mass - 3.0) < 0.1
     made.stiffness_sd = np.zeros(3)
-    monkeypatch.setattr(
-        payload._Estimate, "_left_out", lambda self, r, J, weight: np.zeros((5, 5))
-    )
+    monkeypatch.setattr(payload._Estimate, "_left_out", lambda self, r, J, prior: np.zeros((5, 5)))
     assert made.solve().mass - 3.0 > 0.3
 
 

@@ -25,9 +25,18 @@ MODEL: Any = Made(
     start=np.ones(9),
     units=np.array([1.0, 1.0, 1.0, 1.0, 2.0, 4.0, 1.0, 1.0, 1.0]),
     count=2,
-    shapes=4,
-    parts=6,
-    errors=8,
+    layout=fit.Numbers.of(
+        parameters=2,
+        stiffness=2,
+        exponents=2,
+        lost=2,
+        errors=1,
+        viscous=0,
+        coulomb=0,
+        constant=0,
+        cogging=0,
+        delay=0,
+    ),
     sought=Made(exponents=1),
 )
 

@@ -26,58 +26,8 @@ from flexgen.dynamics.mechanics.equations import derive
 from flexgen.feedback.loop.interface import PlugIn
 from flexgen.identification.records import description
 from flexgen.identification.responses.residuals import Residuals
-from flexgen.identification.servo import identify
 from flexgen.model import inertia
 from flexgen.simulation.integration.hysteretic_rate import hysteretic_rate, slip_torques
-
-
-# --- servos --------------------------------------------------------------------------------------
-def search(
-    sums: list[float], monkeypatch: pytest.MonkeyPatch, weight: float = 1e-4
-) -> tuple[list[float], Any]:
-    """Weights of the steps of a search whose trials have these sums of squares; of a trial below 0
-    no motion.
-    """
-    weights: list[float] = []
-    left = iter(sums)
-
-    def change(fit: Any, p: np.ndarray, e: np.ndarray, J: np.ndarray, weight: float) -> np.ndarray:
-        weights.append(weight)
-        return np.ones(1)
-
-    def run(p: np.ndarray) -> Any:
-        found = next(left)
-        return None if found < 0 else (np.array([np.sqrt(found), 0.0]), np.ones((2, 1)))
-
-    monkeypatch.setattr(identify, "_change", change)
-    monkeypatch.setattr(identify, "WEIGHT", weight)
-    made: Any = Made(
-        within=lambda p: p, run=run, result=lambda p, e, J, ended: (p[0], e @ e, ended)
-    )
-    told: list[str] = []
-    found = identify._search(made, np.zeros(1), np.array([1.0, 0.0]), np.ones((2, 1)), told.append)
-    assert told[0] == "step 1: 7.07e+05 urad of the motors' angles unexplained" and len(
-        told
-    ) == len(weights)
-    return weights, found
-
-
-def test_a_search_of_a_servo_weighs_its_steps_by_their_success(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """A step that lowers the sum divides the weight by 8, another multiplies it by 10 and is not
-    taken.
-    """
-    weights, found = search([0.5, 0.6, -1.0, 0.25, 0.25 * (1 - 0.9e-5)], monkeypatch)
-    assert_allclose(weights, np.array([1.0, 1 / 8, 10 / 8, 100 / 8, 100 / 64]) * 1e-4)
-    # lowered by less than a part of 1e-5
-    assert found == (3.0, pytest.approx(0.25 * (1 - 0.9e-5)), True)
-    weights, found = search([1.0] * 40, monkeypatch, 0.5)
-    assert_allclose(weights, [0.5, 5.0, 50.0, 500.0, 5000.0])  # no step lowers it
-    assert found == (0.0, 1.0, True)
-    weights, found = search((0.9 ** np.arange(1, 41)).tolist(), monkeypatch)
-    assert len(weights) == 40 and not found[2]  # steps
-    assert weights[-1] == 1e-10
 
 
 # --- memory --------------------------------------------------------------------------------------

@@ -17,13 +17,15 @@ from scipy.interpolate import CubicSpline
 import flexgen
 from flexgen.base.errors import ArgumentError
 from flexgen.base.numerics.polynomial_filter import smooth_forces
-from flexgen.identification.estimator import residual_statistics
+from flexgen.identification.estimator import covariance as covariances
+from flexgen.identification.estimator import residuals as of_residuals
+from flexgen.identification.estimator import validation
+from flexgen.identification.estimator.covariance import Blocks, covariance_of
+from flexgen.identification.estimator.status import FitStatus
 from flexgen.identification.motions import motion_fit as fits
 from flexgen.identification.records.gear_deflection import gear_deflection
-from flexgen.identification.responses.result import FitStatus
 from flexgen.identification.rigid import rigid_accuracy, rigid_body, rigid_file, rigid_model
 from flexgen.identification.rigid.rests_of_motors import MOVING
-from flexgen.identification.rigid.rigid_accuracy import RigidStatus
 from flexgen.identification.rigid.rigid_body import RigidFit, identify_rigid
 from flexgen.identification.rigid.rigid_columns import COULOMB_SPEED, Columns
 from flexgen.identification.rigid.rigid_regressor import Motion, Regressor
@@ -134,7 +136,7 @@ def test_a_fit_without_noise_returns_bodies_rotors_and_frictions(
     motion = swung(model)
     found = identify_rigid(model, [motion], parts=2)
     assert (
-        found.status == RigidStatus.FITTED
+        found.status == FitStatus.FITTED
         and found.left_out is not None
         and (found.left_out < 0.02).all()
     )
@@ -193,10 +195,9 @@ def test_a_fit_without_noise_returns_bodies_rotors_and_frictions(
     terms = columns.by_motor()
     weights = prior.information(2 * columns.F[0].shape[2])
     assert_allclose(weights, information)
-    monkeypatch.setattr(residual_statistics, "_student", lambda shares: np.ones(shares.shape[1]))
-    made = residual_statistics.covariance(
-        terms, error, 1 / (sd * np.sqrt(columns.correlated)), weights, 125
-    )
+    monkeypatch.setattr(covariances, "student", lambda shares: np.ones(shares.shape[1]))
+    blocks = Blocks.of_outputs(terms, error, 1 / (sd * np.sqrt(columns.correlated)), 125)
+    made = covariance_of(blocks, np.diag(weights))
     size = np.sqrt(np.diag(expected))
     assert np.abs((made - expected) / np.outer(size, size)).max() < 1e-3
 
@@ -217,7 +218,7 @@ def test_a_tiny_quick_arm_has_the_numbers_of_the_large_one() -> None:
     scaled = identify_rigid(
         tiny, [Motion(time * motion.t, motion.q, motion.tau_m * (unit / time**2))], parts=2
     )
-    assert scaled.status == found.status == RigidStatus.FITTED
+    assert scaled.status == found.status == FitStatus.FITTED
     assert_allclose(scaled.friction[:, 1] * time**2 / unit, found.friction[:, 1], rtol=1e-5)
     # of it
     assert_allclose(scaled.numbers_sd[21] * time**2 / unit, found.numbers_sd[21], rtol=0.02)
@@ -271,7 +272,7 @@ def test_deviations_of_numbers_of_the_file_follow_by_their_derivatives() -> None
         {"q2": 1},
         covariance,
         None,
-        RigidStatus.FITTED,
+        FitStatus.FITTED,
         np.zeros(3),
         np.zeros(2),
         np.ones(2),
@@ -301,7 +302,7 @@ def test_deviations_of_numbers_of_the_file_follow_by_their_derivatives() -> None
             assert sd[f"{element.name}.{name}"] == pytest.approx(
                 np.sqrt(slope @ block @ slope), rel=1e-4
             )
-    assert rigid_file.rigid_deviations(replace(fit, status=RigidStatus.MODEL_ERROR)) == {}
+    assert rigid_file.rigid_deviations(replace(fit, status=FitStatus.MODEL_ERROR)) == {}
     numbers = rigid_file.rigid_numbers(
         replace(fit, model=rigid_file._with_places(fit), counterbalance={})
     )
@@ -373,26 +374,13 @@ def test_errors_of_a_rigid_fit_decide_on_its_status() -> None:
     one = np.array([1.0, 1.0])
     scale = np.array([10.0, 10.0])
     status = rigid_accuracy.status_of
-    assert status(np.array([3.34, 1.0]), scale, None, None) == RigidStatus.MODEL_ERROR
-    assert status(np.array([3.33, 1.0]), scale, None, None) == RigidStatus.NOT_CHECKED
-    assert status(one, scale, np.array([1.0, 2.01]), scale) == RigidStatus.POORLY_VALIDATED
-    assert status(one, scale, np.array([1.0, 1.99]), scale) == RigidStatus.FITTED
+    assert status(np.array([3.34, 1.0]), scale, None, None) == FitStatus.MODEL_ERROR
+    assert status(np.array([3.33, 1.0]), scale, None, None) == FitStatus.NOT_CHECKED
+    assert status(one, scale, np.array([1.0, 2.01]), scale) == FitStatus.POORLY_VALIDATED
+    assert status(one, scale, np.array([1.0, 1.99]), scale) == FitStatus.FITTED
     # of the torque not worse
-    assert status(one, scale, np.array([1.0, 2.5]), 2 * scale) == RigidStatus.FITTED
-    # too small
-    assert status(0.1 * one, scale, np.array([0.1, 0.99]), scale) == RigidStatus.FITTED
-    assert residual_statistics.parts_of([10, 7], 3) == [
-        (0, slice(0, 3)),
-        (0, slice(3, 6)),
-        (0, slice(6, 10)),
-        (1, slice(0, 2)),
-        (1, slice(2, 4)),
-        (1, slice(4, 7)),
-    ]
-    error = np.array([[3.0, 1.0], [4.0, 1.0], [9.0, 1.0]])
-    moving = np.array([[1, 0], [1, 0], [0, 0]], bool)
-    assert residual_statistics.rms(error, moving)[0] == pytest.approx(np.sqrt(12.5))
-    assert np.isnan(residual_statistics.rms(error, moving)[1])
+    assert status(one, scale, np.array([1.0, 2.5]), 2 * scale) == FitStatus.FITTED
+    assert status(0.1 * one, scale, np.array([0.1, 0.99]), scale) == FitStatus.FITTED  # too small
     t = np.r_[0.0, 0.1, 0.2, 0.31, np.arange(0.4, 9.0, 0.1)]
     for bad, text in (
         ({"t": t}, r"the time goes from 0\.2 to 0\.31 s, expected equal steps"),
@@ -465,14 +453,14 @@ def test_a_motion_fit_is_judged_by_percent_whiteness_and_other_recordings() -> N
     assert status(fit, (99.0, 99.95), (1.0, fits.WHITE - 0.01)) == FitStatus.SMALL_ERROR
     assert status(fit, (98.0, 99.95), (fits.WHITE - 0.01, 0.0)) == FitStatus.MODEL_ERROR
     assert status(fit, (fits.POORLY_EXPLAINED - 0.1, 99.0), (1.0, 1.0)) == FitStatus.MODEL_ERROR
-    worse = np.array([fits.WORSE + 0.1, 1.0])
+    worse = np.array([validation.WORSE + 0.1, 1.0])
     best = (99.0, 99.0)
-    there = 100 - 1.1 * fits.WORSE
+    there = 100 - 1.1 * validation.WORSE
     assert fits._fails(best, (there, 99.0), worse) and not fits._fails(
         best, (there, 99.0), worse / 2
     )
     assert not fits._fails(best, (99.0, there), worse) and not fits._fails(
-        best, (100 - 0.9 * fits.WORSE, 99.0), worse
+        best, (100 - 0.9 * validation.WORSE, 99.0), worse
     )
     assert not fits._fails((99.999, 99.0), (99.95, 99.0), worse)
     assert fits._fails(best, (99.0, fits.POORLY_EXPLAINED - 0.1), np.ones(2))
@@ -498,7 +486,7 @@ def test_a_motion_fit_is_judged_by_percent_whiteness_and_other_recordings() -> N
         left = 90 - (P[:, :, j] ** 2).sum()
         power = (e[..., j] ** 2).sum()
         inside = []
-        for lag in range(1, min(residual_statistics.LAGS, 29) + 1):
+        for lag in range(1, min(of_residuals.LAGS, 29) + 1):
             found = (
                 sum(e[s, k + lag, j] * e[s, k, j] for s in range(3) for k in range(30 - lag))
                 / power

@@ -5,7 +5,6 @@ active sets.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import product
 from types import SimpleNamespace
 from typing import Any
 
@@ -29,6 +28,7 @@ class Rests:
     """Points that two angles turn and a number stretches, in place of a robot at rest."""
 
     tree = None
+    touches = None
 
     def turned(self, x: np.ndarray) -> np.ndarray:
         c = np.cos(x[0])
@@ -51,7 +51,7 @@ class Rests:
 
 def problem(
     monkeypatch: pytest.MonkeyPatch, measured: np.ndarray, robust: bool = True, **more: Any
-) -> fitting.Problem:
+) -> fitting.Poses:
     kinds = ("node", "node", "compliance")
     unknowns: Any = [
         SimpleNamespace(start=start, sd=sd, kind=kind, name=name)
@@ -59,9 +59,9 @@ def problem(
             (0.0, 0.0, 0.1), (1.0, 2.0, 0.5), kinds, "abc", strict=True
         )
     ]
-    monkeypatch.setattr(fitting.Problem, "numbers", lambda self, x: x)
+    monkeypatch.setattr(fitting.Poses, "numbers", lambda self, x: x)
     statics: Any = Rests()
-    return fitting.Problem(statics, measured, unknowns, robust, **more)
+    return fitting.Poses(statics, measured, unknowns, robust, **more)
 
 
 @pytest.mark.parametrize("robust", [pytest.param(False, marks=pytest.mark.slow), True])
@@ -84,7 +84,7 @@ def test_a_fit_of_positions_is_the_minimum_of_its_objective(
     )
 
     def objective(x: np.ndarray) -> float:
-        return made.objective(x, made.evaluate(x, None)[1], found.scale)
+        return made.loss.value(made.residual(x), found.scale) + made.prior.value(x)
 
     best = minimize(
         objective,
@@ -119,24 +119,26 @@ def test_losses_are_squares_up_to_their_bend(monkeypatch: pytest.MonkeyPatch) ->
     x = np.array([1.0, -2.0, 0.1])
     prior = 1.0 + 1.0
     plain, robust = (problem(monkeypatch, measured, kind) for kind in (False, True))
-    assert plain.objective(x, gap, 0.1) == pytest.approx(0.5**2 + 5.0**2 + prior)
+    r = gap.ravel()
     k = fitting.TUNING
-    assert 0.5 < k < 5.0 and robust.objective(x, gap, 0.1) == pytest.approx(
-        0.5**2 + 2 * k * 5.0 - k**2 + prior
-    )
+    assert plain.loss.value(r, 0.1) == pytest.approx(0.5**2 + 5.0**2)
+    assert 0.5 < k < 5.0
+    assert robust.loss.value(r, 0.1) == pytest.approx(0.5**2 + 2 * k * 5.0 - k**2)
+    assert plain.prior.value(x) == pytest.approx(prior)
     whitening = np.tile(10.0 * np.eye(6), (len(POINTS), 1, 1))
     white = problem(monkeypatch, measured, True, whitening=whitening)
     sizes = np.array([0.5, 5.0]) / np.sqrt(2)
-    assert white.objective(x, gap, 1.0) == pytest.approx(
-        2 * (sizes[0] ** 2 + 2 * k * sizes[1] - k**2) + prior
+    assert white.loss.value(10 * r, 1.0) == pytest.approx(
+        2 * (sizes[0] ** 2 + 2 * k * sizes[1] - k**2)
     )
+    assert_allclose(white.residual(x), 10 * plain.residual(x))
     assert plain.scale(np.full(plain.valid.shape, 0.2)) == pytest.approx(
         0.2 / fitting.MEDIAN_LENGTH
     )
     assert plain.scale(np.zeros(plain.valid.shape)) == fitting.SHARPEST
     assert plain.lower.tolist() == [-np.inf, -np.inf, fitting.LEAST * 0.1]
-    rest, found, lengths = plain.evaluate(np.zeros(3), None)
-    assert not found.any() and lengths.shape == (14, 2) and rest.measured.shape == POINTS.shape
+    lengths = plain.lengths(plain.rest(np.zeros(3)))
+    assert not plain.residual(np.zeros(3)).any() and not lengths.any() and lengths.shape == (14, 2)
 
 
 def test_slopes_of_an_objective_are_its_derivatives(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -148,18 +150,10 @@ def test_slopes_of_an_objective_are_its_derivatives(monkeypatch: pytest.MonkeyPa
             made = problem(monkeypatch, measured, robust, **more)
             x = np.array([0.3, -0.1, 0.25])
             h = 1e-6
-            rest, gap, _ = made.evaluate(x, None)
-            slopes = made.slopes(x, rest, gap, 0.05)
-            central = [
-                (
-                    made.objective(x + z, made.evaluate(x + z, None)[1], 0.05)
-                    - made.objective(x - z, made.evaluate(x - z, None)[1], 0.05)
-                )
-                / (2 * h)
-                for z in h * np.eye(3)
-            ]
-            assert_allclose(2 * slopes.whole, central, rtol=1e-5, atol=1e-4)
-            assert slopes.rows.shape[::2] == (14, 3) and np.linalg.eigvalsh(slopes.A).min() > 0
+            here = made.linearize(x)
+            central = [(here.cost(x + z) - here.cost(x - z)) / (2 * h) for z in h * np.eye(3)]
+            assert_allclose(2 * here.slope, central, rtol=1e-5, atol=1e-4)
+            assert here.rows.shape == (84, 3) and np.linalg.eigvalsh(here.matrix).min() > 0
 
 
 def test_a_compliance_stays_at_its_bound(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -175,27 +169,6 @@ def test_a_compliance_stays_at_its_bound(monkeypatch: pytest.MonkeyPatch) -> Non
     exact = problem(monkeypatch, Rests().turned(np.array([0.0, 0.0, 0.1])))
     ended = fitting.fit(exact, np.array([0.0, 0.0, 0.1]))
     assert ended.converged and np.array_equal(ended.x, [0.0, 0.0, 0.1])
-
-
-def test_a_bounded_step_is_that_of_the_best_active_set() -> None:
-    rng = np.random.default_rng(3)
-    for _ in range(30):
-        root = rng.standard_normal((4, 4))
-        A = root @ root.T + 0.1 * np.eye(4)
-        g = rng.standard_normal(4)
-        least = -rng.uniform(0.0, 0.6, 4)
-        best = np.zeros(4)
-        lowest = np.inf
-        for held in product([False, True], repeat=4):
-            h = np.array(held)
-            step = np.where(h, least, 0.0)
-            if (~h).any():
-                step[~h] = -np.linalg.solve(A[np.ix_(~h, ~h)], g[~h] + A[np.ix_(~h, h)] @ least[h])
-            value = 2 * g @ step + step @ A @ step
-            if (step >= least - 1e-12).all() and value < lowest:
-                best = step
-                lowest = value
-        assert_allclose(fitting._bounded_step(A, g, least), best, atol=1e-9)
 
 
 # --- causes of a misfit --------------------------------------------------------------------------

@@ -18,6 +18,7 @@ from flexgen.dynamics.mechanics.equations import derive
 from flexgen.feedback.loop.controllers import Cascade
 from flexgen.feedback.loop.gains import PPI
 from flexgen.feedback.positions.servo import Servo
+from flexgen.identification.estimator.covariance import block_covariance
 from flexgen.identification.servo import identify
 from flexgen.identification.servo.fit_result import ServoFit
 from flexgen.identification.servo.record import ServoRecord
@@ -61,15 +62,17 @@ def test_the_delay_of_a_filter_is_that_of_a_ramp(T: float) -> None:
 def test_parameters_are_logarithms_of_gains_and_numbers_within_bounds() -> None:
     fit = made()
     p = np.concatenate([np.log([1.0, 2.0, 3.0, 4.0, 5.0, 6.0]), [3.0, -1.0, 0.5]])
-    assert fit.gains == 6
+    assert fit.layout.gains == slice(0, 6) and fit.layout.size == 9
     assert_allclose(fit.first_gains, [[20.0, 30.0], [5.0, 4.0], [2.0, 0.0]])
     # a gain that is zero stays zero
     assert_allclose(fit.gains_of(p), [[1.0, 2.0], [3.0, 4.0], [5.0, 0.0]])
     assert_allclose(
         fit.gains_of(np.array([p, p + np.log(2.0)]))[1], [[2.0, 4.0], [6.0, 8.0], [10.0, 0.0]]
     )
-    assert_allclose(fit.within(p), [*p[:6], 2.0, 0.0, 0.2])
-    assert fit.within(p + 9.0)[7] == 0.19 and p[6] == 3.0
+    lower, upper = fit.bounds
+    assert lower[6:].tolist() == [0.0] * 3 and upper[6:].tolist() == [2.0, 0.19, 0.2]
+    assert np.isinf(lower[:6]).all() and np.isinf(upper[:6]).all()
+    assert fit.units.tolist() == [1.0] * 7 + [10 * H] * 2
     servo = fit.servo_of(np.array([*p[:6], 0.7, 5e-3, 1e-3]))
     assert (servo.speed_feedforward, servo.sample_time) == (0.7, H)
     assert identify.delay_of_filter(servo.reference_filter_s, H) == pytest.approx(5e-3)
@@ -95,17 +98,17 @@ def test_a_search_begins_with_lower_gains_where_the_loop_is_unstable(
 
     monkeypatch.setattr(identify._Fit, "run", run)
     fit = made()
-    p, _, _ = fit.start()
+    p = fit.start()
     first = np.log([20.0, 30.0, 5.0, 4.0, 2.0, 1.0])
     assert_allclose(p[:6], first)
     # a filter of four samples at least
     assert_allclose(p[6:], [0.5, identify.delay_of_filter(4e-3, H), H])
     slow = made(servo=Servo(cascade(), reference_filter_s=9e-3, sample_time=H))
-    assert slow.start()[0][7] == pytest.approx(identify.delay_of_filter(9e-3, H))
-    assert_allclose(fit.start(2.5)[0][:5], first[:5] - np.log(2.5))
+    assert slow.start()[7] == pytest.approx(identify.delay_of_filter(9e-3, H))
+    assert_allclose(fit.start(2.5)[:5], first[:5] - np.log(2.5))
     limits[0] = 5
     tried.clear()
-    assert_allclose(fit.start()[0][:6], first - 5 * np.log(1.5))
+    assert_allclose(fit.start()[:6], first - 5 * np.log(1.5))
     assert len(tried) == 6
     limits[0] = 6
     tried.clear()
@@ -115,23 +118,32 @@ def test_a_search_begins_with_lower_gains_where_the_loop_is_unstable(
     assert str(caught.value) == text
 
 
-def test_a_search_of_a_linear_problem_ends_at_its_minimum() -> None:
+def test_a_search_of_a_linear_problem_ends_at_its_minimum(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Runs that are unstable are refused; where all are, the search does not end."""
     rng = np.random.default_rng(8)
     J = rng.normal(size=(60, 9))
-    best = 0.3 * rng.normal(size=9)
+    best = np.abs(0.1 * rng.normal(size=9))
+    J[:, 7:] *= 100.0
+    best[7:] /= 10.0
     noise = 0.01 * rng.normal(size=60)
     lines: list[str] = []
-    fit: Any = Made(within=lambda p: p, gains=6, result=lambda *given: given)
+    limit = [9.0]
+
+    def run(self: Any, p: np.ndarray) -> Any:
+        return None if np.abs(p).max() > limit[0] else (J @ (p - best) + noise, J)
+
+    monkeypatch.setattr(identify._Fit, "run", run)
+    monkeypatch.setattr(identify._Fit, "result", lambda self, *given: given)
     search: Any = identify._search
-    fit.run = lambda p: None if p[0] > 0.9 * abs(best[0]) + 9 else (J @ (p - best) + noise, J)
-    p, _, _, ended = search(fit, np.zeros(9), J @ -best + noise, J, lines.append)
+    p, e, _, ended = search(made(), np.zeros(9), lines.append)
     expected = best - np.linalg.lstsq(J, noise, rcond=None)[0]
-    assert ended and np.abs(p - expected).max() < 1e-3
+    assert ended and (np.abs(p - expected) < 1e-3 * np.maximum(1.0, np.abs(J)[0])).all()
+    assert_allclose(e, J @ (p - best) + noise)
     rms = 1e6 * np.sqrt(((J @ -best + noise) ** 2).mean())
     assert lines[0] == f"step 1: {rms:.3g} urad of the motors' angles unexplained"
-    fit.run = lambda p: None  # unstable everywhere: the weight grows until the search ends
-    p, _, _, ended = search(fit, np.zeros(9), J @ -best + noise, J, lines.append)
-    assert ended and not p.any()
+    limit[0] = 0.0
+    p, _, _, ended = search(made(), np.zeros(9), lines.append)
+    assert not ended and not p.any()
 
 
 def test_a_search_begins_again_with_lower_gains_until_noise_is_left(
@@ -145,18 +157,18 @@ def test_a_search_begins_again_with_lower_gains_until_noise_is_left(
         def begin(cls, *given: Any) -> Any:
             return cls()
 
-        def start(self, lower: float = 1.0) -> tuple[float, int, int]:
+        def start(self, lower: float = 1.0) -> float:
             begun.append(lower)
             if left[lower] < 0:
                 raise SolverError("unstable")
-            return lower, 0, 0
+            return lower
 
     monkeypatch.setattr(identify, "_Fit", Fit)
     monkeypatch.setattr(identify, "_check_record", lambda record, robot: None)
     monkeypatch.setattr(
         identify,
         "_search",
-        lambda fit, p, e, J, tell: Made(left=left[p], is_explained=left[p] < 1.5, first=p),
+        lambda fit, p, tell: Made(left=left[p], is_explained=left[p] < 1.5, first=p),
     )
     zero = np.zeros((100, 2))
     record = ServoRecord(4e-3 * np.arange(100), zero, zero)
@@ -183,17 +195,14 @@ def test_deviations_are_those_of_leaving_out_blocks(gain: float, n: int, block: 
     record = Made(period=5e-3, time=5e-3 * np.arange(n))
     J = rng.normal(size=(2 * n, 4)) * [1.0, 1e3, 1e-3, 0.0]
     e = rng.normal(size=2 * n)
-    known = J[:, :3]
-    e -= known @ np.linalg.lstsq(known, e, rcond=None)[0]  # at the minimum
-    changes = []
-    for first in range(0, n, block):
-        kept = np.ones(2 * n, bool)
-        kept[2 * first : 2 * (first + block)] = False
-        changes.append(np.linalg.lstsq(known[kept], -e[kept], rcond=None)[0])
-    expected = np.sqrt((np.array(changes) ** 2).sum(axis=0) * (1 - block / n))
+    blocks = range(0, n, block)
+    s = np.sqrt((e**2).mean())
+    rows = (J / s).reshape(n, 2, 4)
+    errors = (e / s).reshape(n, 2)
+    expected = block_covariance(rows, errors, blocks, np.zeros((4, 4)))
     found = made(record=record, cascade=feedback)._deviations(p, e, J)
-    assert_allclose(found[:3], expected, rtol=1e-6)
-    assert found[3] == 0.0
+    assert_allclose(found, np.sqrt(np.diag(expected)))
+    assert found[3] == 0.0 and found[:3].all()
 
 
 def test_a_result_tells_what_is_explained_and_what_is_noise() -> None:

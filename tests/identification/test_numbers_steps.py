@@ -22,11 +22,11 @@ from flexgen.dynamics.mechanics import motor_harmonics
 from flexgen.dynamics.mechanics.equations import derive
 from flexgen.dynamics.mechanics.limits import Limits
 from flexgen.exports.fmu.feedforward import _at_samples, _with
-from flexgen.identification.gears.result import GearFit, GearStatus, Number
+from flexgen.identification.estimator.status import FitStatus
+from flexgen.identification.gears.result import GearFit, Number
 from flexgen.identification.poses import frames
 from flexgen.identification.poses.statics import Numbers, Statics
 from flexgen.identification.poses.tree import Tree
-from flexgen.identification.servo.identify import LONGEST_STEP, _change
 from flexgen.inversion.judge import settling
 from flexgen.inversion.methods.collocation import _smooth_by_spline
 from flexgen.paths.inverse_kinematics.search import kinematics
@@ -141,38 +141,6 @@ def test_a_wrong_pose_of_the_tool_is_refused() -> None:
         ArgumentError, match=r"^fixed: given joint 'q9', expected some of q1, q2, q3, q4, q5, q6$"
     ):
         kinematics("manutec_r3", p, R, fixed={"q9": 0.0})
-
-
-def test_a_step_of_levenberg_and_marquardt_stays_within_bounds() -> None:
-    """Without bounds the damped normal equations; a number that would leave stays, the others are
-    solved again.
-    """
-    rng = np.random.default_rng(5)
-    J = rng.standard_normal((20, 4))
-    e = 0.05 * rng.standard_normal(20)
-    p = np.zeros(4)
-    weight = 0.3
-    scale = np.linalg.norm(J, axis=0)
-
-    def solved(free: list[int]) -> np.ndarray:
-        out = np.zeros(4)
-        A = (J / scale)[:, free]
-        out[free] = -np.linalg.solve(A.T @ A + weight * np.eye(len(free)), A.T @ e) / scale[free]
-        return out
-
-    fit: Any = SimpleNamespace(within=lambda x: x, gains=3)
-    expected = solved([0, 1, 2, 3])
-    assert_allclose(_change(fit, p, e, J, weight), expected, rtol=1e-9)
-    sign = np.sign(expected[1])
-    low = np.full(4, -np.inf)
-    high = np.full(4, np.inf)
-    (high if sign > 0 else low)[1] = 0.0
-    fit.within = lambda x: np.clip(x, low, high)
-    assert_allclose(_change(fit, p, e, J, weight), solved([0, 2, 3]), rtol=1e-9)
-    fit.within = lambda x: x
-    far = _change(fit, p, 1e3 * e, J, weight)
-    assert_allclose(far / np.abs(far[:3]).max(), expected / np.abs(expected[:3]).max(), rtol=1e-9)
-    assert np.abs(far[:3]).max() == pytest.approx(LONGEST_STEP)
 
 
 def test_a_smoothed_run_has_the_errors_of_the_estimated_motion(
@@ -503,7 +471,7 @@ def test_changes_of_a_model_from_identified_gears() -> None:
         "motor.m1.cogging": {"harmonics": [4, 6], "cos": [0.0, 0.0], "sin": [0.0, 0.4]},
         "a.transmission_error": {"harmonics": [1], "cos": [0.5], "sin": [0.0]},
     }
-    object.__setattr__(made, "status", GearStatus.FITTED)
+    object.__setattr__(made, "status", FitStatus.FITTED)
     assert made.problem == ""
     assert laws["a.hysteresis"][1] == {"exponent": 3.0}  # what is given stays
 

@@ -13,9 +13,9 @@ import pytest
 import flexgen
 from flexgen.base.errors import ArgumentError
 from flexgen.base.numerics.evaluate import evaluate
+from flexgen.identification.estimator.status import FitStatus
 from flexgen.identification.records.gear_deflection import gear_deflection
 from flexgen.identification.rigid.feasible_bodies import pseudo_inertia
-from flexgen.identification.rigid.rigid_accuracy import RigidStatus
 from flexgen.identification.rigid.rigid_body import identify_rigid
 from flexgen.identification.rigid.rigid_file import (
     rigid_deviations,
@@ -115,8 +115,7 @@ def test_a_zero_that_is_off_is_named():
     moved = [replace(motion, q=motion.q + 0.1 * np.eye(6)[2]) for motion in motions]
     found = identify_rigid(model, moved, parts=0)
     assert (
-        found.status == RigidStatus.MODEL_ERROR
-        and found.mistake.what == "a zero of q3 [rad] off by"
+        found.status == FitStatus.MODEL_ERROR and found.mistake.what == "a zero of q3 [rad] off by"
     )
     assert found.mistake.value == pytest.approx(0.1, rel=0.15)
 
@@ -285,7 +284,7 @@ def test_a_fitted_counterbalance_and_its_deviations_are_in_the_new_file(tmp_path
         [swung(model, c, 1.2, k, 0.02) for k, c in enumerate((0.0, 0.8))],
         counterbalance={"q1": 1},
     )
-    assert found.status == RigidStatus.FITTED and (found.left_out < 0.1).all()
+    assert found.status == FitStatus.FITTED and (found.left_out < 0.1).all()
     numbers = rigid_numbers(found)
     sd = rigid_deviations(found)
     for name, true in (("q1.counterbalance_sin_2", SINE), ("q1.counterbalance_cos_2", COSINE)):
@@ -305,7 +304,7 @@ def test_a_fitted_counterbalance_and_its_deviations_are_in_the_new_file(tmp_path
         again, [swung(model, 0.4, 1.2, 3, 0.02)], counterbalance={"q1": 1}, parts=0
     )
     # the file's counterbalance is fitted anew, and not added
-    assert refit.status == RigidStatus.NOT_CHECKED
+    assert refit.status == FitStatus.NOT_CHECKED
     assert refit.model.elements[0].dofs[0].counterbalance[1][0] == pytest.approx(SINE, rel=0.5)
 
 
@@ -321,7 +320,7 @@ def test_a_fit_that_fails_on_other_motions_has_no_deviations_and_says_so(tmp_pat
     failed = found.validated([near], [far])
     assert failed.relative_errors(far)[0] > 0.5
     assert (
-        failed.status == RigidStatus.POORLY_VALIDATED
+        failed.status == FitStatus.POORLY_VALIDATED
         and failed.numbers_sd is None
         and rigid_deviations(failed) == {}
     )
@@ -336,9 +335,7 @@ def test_one_run_of_a_kr300_is_seen_not_to_determine_its_counterbalance(runs):
     """
     model = flexgen.read("kr300")
     both = identify_rigid(model, runs, counterbalance={"q2": 2})
-    assert both.status == RigidStatus.FITTED
+    assert both.status == FitStatus.FITTED
     alone = identify_rigid(model, runs[:1], counterbalance={"q2": 2})
     assert alone.relative_errors(runs[1])[1] > 1.0  # more than the torque itself
-    assert (
-        alone.status == alone.validated(runs[:1], runs[1:]).status == RigidStatus.POORLY_VALIDATED
-    )
+    assert alone.status == alone.validated(runs[:1], runs[1:]).status == FitStatus.POORLY_VALIDATED

@@ -14,7 +14,7 @@ from numpy.testing import assert_allclose
 import flexgen
 from flexgen.base.errors import ArgumentError
 from flexgen.base.numerics.low_pass import LowPass, bandwidth
-from flexgen.identification.rigid.rigid_accuracy import RigidStatus
+from flexgen.identification.estimator.status import FitStatus
 from flexgen.identification.rigid.rigid_body import RigidFit, identify_rigid
 from flexgen.identification.rigid.rigid_columns import Columns, band_of
 from flexgen.identification.rigid.rigid_file import RigidIdentification
@@ -76,7 +76,7 @@ def check(found: RigidFit, compliance: np.ndarray, late: float, other: Motion) -
     """Numbers within four deviations, which are small; the torques of a motion that was not
     fitted.
     """
-    assert found.status == RigidStatus.FITTED and found.lags_sd is not None
+    assert found.status == FitStatus.FITTED and found.lags_sd is not None
     away = (found.lags - np.append(compliance, late)) / found.lags_sd
     assert (
         (np.abs(away) < 4).all()
@@ -124,15 +124,15 @@ def test_gears_that_the_file_leaves_out_and_late_torques_are_found(file: str, la
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "late, status", [(0.05, RigidStatus.NOT_CHECKED), (0.3, RigidStatus.MODEL_ERROR)]
+    "late, status", [(0.05, FitStatus.NOT_CHECKED), (0.3, FitStatus.MODEL_ERROR)]
 )
-def test_long_delays_are_found_or_refused(late: float, status: RigidStatus) -> None:
+def test_long_delays_are_found_or_refused(late: float, status: FitStatus) -> None:
     """Some samples are found in a few rounds more; a third of a second of motions of 0.2 to 1.4 Hz
     is none of them.
     """
     found = identify_rigid(soft(), [recorded(late, 0.02)], parts=0)
     assert found.status == status
-    if status == RigidStatus.NOT_CHECKED:
+    if status == FitStatus.NOT_CHECKED:
         assert found.lags[2] == pytest.approx(late, abs=1e-3)
 
 
@@ -149,7 +149,7 @@ def test_friction_that_falls_with_speed_is_found(motors: list[int], tmp_path: Pa
     more = size / np.cosh(alpha * w) * np.tanh(w / np.abs(np.diag(model.eta)) / 5e-4)
     motion = replace(plain, tau_m=plain.tau_m + more)
     found = identify_rigid(model, [motion], parts=2)
-    assert found.status == RigidStatus.FITTED and found.mistake is None
+    assert found.status == FitStatus.FITTED and found.mistake is None
     assert np.flatnonzero(found.fades).tolist() == motors
     answer = RigidIdentification(found, {}, {}, "")
     answer.write(tmp_path / "found.toml")
@@ -227,7 +227,7 @@ def test_one_mistake_in_the_recording_or_the_file_is_named(
         motion = other_gravity(model, motion)
     found = identify_rigid(model, [motion], parts=0)
     assert (
-        found.status == RigidStatus.MODEL_ERROR
+        found.status == FitStatus.MODEL_ERROR
         and found.mistake is not None
         and found.numbers_sd is None
     )

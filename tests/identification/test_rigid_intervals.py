@@ -14,9 +14,9 @@ from scipy.stats import t as student
 
 import flexgen
 from flexgen.base.numerics.polynomial_filter import INNER, derivatives, smooth_forces
-from flexgen.identification.estimator.residual_statistics import covariance
+from flexgen.identification.estimator.covariance import Blocks, covariance_of
+from flexgen.identification.estimator.status import FitStatus
 from flexgen.identification.rigid.feasible_motors import is_possible
-from flexgen.identification.rigid.rigid_accuracy import RigidStatus
 from flexgen.identification.rigid.rigid_body import identify_rigid
 from flexgen.identification.rigid.rigid_regressor import Motion
 
@@ -69,12 +69,11 @@ def test_scores_are_those_of_fits_without_a_block() -> None:
     # a score in the axes is H^-1 times the change, without the prior
     G = np.array(changes) @ np.linalg.inv(H) * size @ axes * quantiles @ axes.T / size
     expected = H @ (G.T @ G + np.diag(prior)) @ H
-    assert_allclose(covariance(X, error, weight, prior, 12), expected, rtol=1e-6, atol=1e-12)
+    found = covariance_of(Blocks.of_outputs(X, error, weight, 12), np.diag(prior))
+    assert_allclose(found, expected, rtol=1e-6, atol=1e-12)
 
 
-@pytest.mark.parametrize(
-    "sign, status", [(1.0, RigidStatus.FITTED), (-1.0, RigidStatus.MODEL_ERROR)]
-)
+@pytest.mark.parametrize("sign, status", [(1.0, FitStatus.FITTED), (-1.0, FitStatus.MODEL_ERROR)])
 def test_torques_of_the_wrong_sign_are_a_model_error(sign, status) -> None:
     """Of a horizontal arm, all torques are explained by negative frictions and rotors."""
     model = replace(flexgen.read("elbow@rigid"), gravity=(0.0, 0.0, 0.0))

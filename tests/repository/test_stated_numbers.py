@@ -21,6 +21,7 @@ from flexgen.exports.mujoco import mujoco
 from flexgen.feedback.laws import lq, state_lq, study
 from flexgen.feedback.loop import closed_loop, control, interface
 from flexgen.feedback.observers import collision, constant_gain
+from flexgen.identification.estimator import validation
 from flexgen.identification.experiments import plan
 from flexgen.identification.motions import motion_fit
 from flexgen.identification.responses import graybox, result
@@ -99,8 +100,8 @@ SENTENCES = {
         ("a parameter with more than {:g} % keeps", 100 * result.WEAK),
         ("fewer than {:g} % of the correlations", 100 * motion_fit.WHITE),
         ("residuals are below {:g} % of the motion", 100 * graybox.SMALL_ERROR),
-        ("explained badly, or {} as well as those that were", WORDS.get(1 / motion_fit.WORSE)),
-        ("is more than {} that of the fit and above 10 %", WORDS.get(rigid_accuracy.WORSE)),
+        ("explained badly, or {} as well as those that were", WORDS.get(1 / validation.WORSE)),
+        ("is more than {} that of the fit and above 10 %", WORDS.get(validation.WORSE)),
         ("that of the fit and above {:g} % of the torque", 100 * rigid_accuracy.SMALL),
     ),
     "docs/planning.md": (

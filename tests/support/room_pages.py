@@ -12,8 +12,8 @@ from pathlib import Path
 SOURCE = Path(__file__).resolve().parents[2] / "flexgen"
 ORDER = {
     "base": "errors results files spec checks calls motion numerics display registry version",
-    "model": "elements moves friction reader format urdf catalogue new_file joint_defaults "
-    "inertia position_servo",
+    "model": "elements moves friction abilities reader format urdf catalogue new_file inertia "
+    "position_servo",
     "runtime": "library calls inversion streams structs arguments identity files processor",
     "dynamics": "mechanics hysteresis dae",
     "analysis": "analyze linear second_order compliance zero_dynamics arm_linearization "

@@ -217,7 +217,7 @@ def _refine(found: Any, experiment: Any, time_limit: float | None, tell: Progres
 
     The fit as it was where the time is over before a step.
     """
-    from flexgen.identification.estimator.fit_status import FitStatus
+    from flexgen.identification.estimator.status import FitStatus
     from flexgen.identification.motions.time_domain import refine_and_validate
 
     try:
@@ -284,9 +284,7 @@ def _rigid(args: Namespace, log: Progress) -> VerbResult:
         progress=log,
     )
     problem = (
-        ""
-        if found.fit.status.has_deviations
-        else f"{found.fit.status}: {found.fit.status.sentence}"
+        "" if found.fit.status.has_deviations else f"{found.fit.status}: {found.fit.texts[0]}"
     )
     return with_files(
         found.to_text(),

@@ -26,7 +26,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from flexgen.base.errors import ArgumentError, SolverError
-from flexgen.base.numerics.trust_region import Fit, as_real, minimize, normal, stack
 from flexgen.identification.causes.hypotheses import (
     Change,
     Changed,
@@ -35,6 +34,8 @@ from flexgen.identification.causes.hypotheses import (
     extend,
     numbers_of,
 )
+from flexgen.identification.estimator.minimize import Minimum, Search, minimize
+from flexgen.identification.estimator.problem import Prior, Problem, as_real, normal, stack
 from flexgen.identification.responses.frequency_response import Frf
 from flexgen.identification.responses.local_model import with_sizes
 from flexgen.identification.responses.parameters import ParameterVector
@@ -143,7 +144,7 @@ def _best(causes: Sequence[Cause]) -> tuple[Cause, ...]:
     )
 
 
-def _refits(residuals: Residuals, hypotheses: Sequence[Hypothesis], best: Fit) -> list[Cause]:
+def _refits(residuals: Residuals, hypotheses: Sequence[Hypothesis], best: Minimum) -> list[Cause]:
     """The decrease of the cost by each hypothesis, with all parameters fitted, as a share."""
     out = []
     for hypothesis in hypotheses:
@@ -255,15 +256,13 @@ def _refit_change(residuals: Residuals, hypothesis: Changed, x: np.ndarray) -> t
         return r, np.concatenate([J, slope[..., None]], axis=-1)
 
     lower, upper = vector.bounds
-    fit = minimize(
+    problem = Problem.of_sums(
         lambda z: normal(*weight(z, True)),
         lambda z: float((np.abs(weight(z, False)[0]) ** 2).sum()),
-        np.append(x, 0.0),
-        np.append(vector.start, 0.0),
-        np.append(vector.prior_sd, LARGEST_FACTOR),
+        Prior.of_sd(np.append(vector.start, 0.0), np.append(vector.prior_sd, LARGEST_FACTOR)),
         (np.append(lower, -LARGEST_FACTOR), np.append(upper, LARGEST_FACTOR)),
-        distance=_distance_to_end(residuals),
     )
+    fit = minimize(problem, np.append(x, 0.0), Search(_distance_to_end(residuals)))
     return fit.cost, float(np.exp(fit.x[-1]))
 
 
@@ -319,15 +318,11 @@ def _slope(residuals: Residuals, change: Change, x: np.ndarray, at: float) -> np
     return np.asarray((up - down) / (2 * STEP))
 
 
-def _search(residuals: Residuals, start: np.ndarray) -> Fit:
+def _search(residuals: Residuals, start: np.ndarray) -> Minimum:
     """The fit, ended where the cost is near its minimum in terms of itself: the share needs no
     more.
     """
-    vector = residuals.vector
-    return minimize(
-        residuals.sums, residuals.cost, start, vector.start, vector.prior_sd, vector.bounds,
-        distance=_distance_to_end(residuals),
-    )  # fmt: skip
+    return minimize(residuals.problem, start, Search(_distance_to_end(residuals)))
 
 
 def _distance_to_end(residuals: Residuals) -> float:

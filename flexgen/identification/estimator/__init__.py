@@ -1,1 +1,3 @@
-"""Statistics, grade and status of a fit."""
+"""Estimation: least squares with priors and bounds, covariances from blocks, held-out parts,
+statuses.
+"""

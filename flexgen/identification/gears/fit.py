@@ -1,4 +1,4 @@
-"""Numbers of gears from motor angles and torques in the band of a record: Gauss-Newton on the
+"""Numbers of gears from motor angles and torques in the band of a record: least squares on the
 driven arm.
 
     min over theta of sum over f, j of |tau_j(f) - tau_j(f; q_m, theta)|^2 / S_j(f)
@@ -15,13 +15,11 @@ that is added to the record,
 
     G(theta) = 2 J' r - mean J_+' r_+
 
-Standard deviations are those of the jackknife over blocks b, since errors of neighboring samples
-are alike: of changes (A - A_b)^-1 g_b by leaving out a block, whose part of the matrix A is A_b,
-and of the gradient g_b.
+Standard deviations are those of blocks, see `flexgen.identification.estimator.covariance`, with
+these corrected matrices and scores.
 
 Source: W. Fuller, Measurement Error Models, 1987, ch. 3 (corrected normal equations); L. Ljung,
-System Identification, 2nd ed. 1999, sec. 9.3 (covariance); B. Efron, The Jackknife, the Bootstrap
-and Other Resampling Plans, 1982, ch. 3.
+System Identification, 2nd ed. 1999, sec. 9.3 (covariance).
 """
 
 from __future__ import annotations
@@ -37,12 +35,15 @@ from scipy.stats import chi2
 
 from flexgen.base.calls.deadline import check_time, is_over, keep_best
 from flexgen.base.errors import ArgumentError
-from flexgen.base.numerics.trust_region import Fit, Sums, minimize
 from flexgen.base.spec.memory import SHARPEST
 from flexgen.dynamics.mechanics.equations import Equations, derive
 from flexgen.dynamics.mechanics.lagrangian import gear_stiffness
 from flexgen.dynamics.mechanics.motor_harmonics import friction_along
 from flexgen.dynamics.mechanics.parameters import with_values
+from flexgen.identification.estimator.covariance import Blocks, covariance_of
+from flexgen.identification.estimator.layout import Layout
+from flexgen.identification.estimator.minimize import Minimum, Search, minimize
+from flexgen.identification.estimator.problem import Prior, Problem, Sums
 from flexgen.identification.gears.driven_arm import DrivenArm, MotorMotion, Sought
 from flexgen.identification.gears.motor_friction import MotorFriction
 from flexgen.identification.gears.signals import Signals
@@ -89,8 +90,44 @@ ROUNDING = 2.5e-6  # of the torques: errors of the simulation in a band
 STICKS = 3.0
 SOME = 2e-3
 HOLDS = 0.1
-FRICTIONS = 3  # regressors of each motor besides cogging: viscous, Coulomb, constant
 ERROR_STEP = 1e-6  # rad or m, of differences in a transmission error
+
+
+@dataclass(frozen=True)
+class Numbers(Layout):
+    """Entries of theta.
+
+    Over their values at the start: numbers of the model (``parameters``), of each element its
+    stiffness K_h (``stiffness``) and exponent; lost motions, coefficients of transmission errors;
+    then, of each motor, numbers that the torques are linear in: a viscous and a Coulomb friction,
+    a constant torque, cogging; and the delay of all.
+    """
+
+    parameters: slice
+    stiffness: slice
+    exponents: slice
+    lost: slice
+    errors: slice
+    viscous: slice
+    coulomb: slice
+    constant: slice
+    cogging: slice
+    delay: slice
+
+    @property
+    def positive(self) -> slice:
+        """Those over their values at the start."""
+        return slice(0, self.exponents.stop)
+
+    @property
+    def simulated(self) -> slice:
+        """Those of which the simulation depends."""
+        return slice(0, self.errors.stop)
+
+    @property
+    def linear(self) -> slice:
+        """Those that the torques are linear in."""
+        return slice(self.errors.stop, self.size)
 
 
 @dataclass(frozen=True)
@@ -128,29 +165,33 @@ class GearModel:
         self.at = [each.gear for each in sought.elements]
         self.n_m = equations.model.n_m
         self.count = len(start)
-        # entries of theta: over their start (parameters, K_h, exponents), lost motions, errors,
-        # linear ones
-        self.shapes = len(values) + self.count
-        self.parts = self.shapes + self.count * sought.exponents
-        self.errors = self.parts + self.count
-        # of which the simulation depends
-        self.bent = self.errors + 2 * len(sought.errors) * len(sought.harmonics)
-        linear = (FRICTIONS + 2 * len(sought.cogging)) * self.n_m + 1
-        self.start = np.zeros(self.bent + linear)
-        self.units = np.ones(len(self.start))
-        self.units[: self.shapes] = np.concatenate([values, start[:, 0]])
-        self.units[self.shapes : self.parts] = start[: self.parts - self.shapes, 1]
-        self.units[self.parts : self.errors] = start[:, 3]
-        self.start[: self.parts] = 1.0
-        self.start[self.parts : self.errors] = np.clip(
-            start[:, 2] / start[:, 3], LEAST_LOST, MOST_LOST
+        self.layout = Numbers.of(
+            parameters=len(values),
+            stiffness=self.count,
+            exponents=self.count * sought.exponents,
+            lost=self.count,
+            errors=2 * len(sought.errors) * len(sought.harmonics),
+            viscous=self.n_m,
+            coulomb=self.n_m,
+            constant=self.n_m,
+            cogging=2 * len(sought.cogging) * self.n_m,
+            delay=1,
         )
+        at = self.layout
+        self.units = np.ones(at.size)
+        self.units[at.parameters] = values
+        self.units[at.stiffness] = start[:, 0]
+        self.units[at.exponents] = start[: at.exponents.stop - at.exponents.start, 1]
+        self.units[at.lost] = start[:, 3]
+        self.start = np.zeros(at.size)
+        self.start[at.positive] = 1.0
+        self.start[at.lost] = np.clip(start[:, 2] / start[:, 3], LEAST_LOST, MOST_LOST)
         self.arm = DrivenArm(
             equations, sought.elements, sought.exponents, sought.errors, sought.harmonics
         )
         poses = signals.q_m[np.linspace(0, len(signals.time) - 1, POSES).astype(int)]
         steep = self.start.copy()
-        steep[len(values) : self.shapes] *= STIFFER
+        steep[at.stiffness] *= STIFFER
         self.largest = 1e12
         steps = self.arm.steps(signals.sample_s, self.arm.fastest(poses, self.numbers(steep)))
         self.segments = self.arm.segments(signals.sample_s, steps)
@@ -163,21 +204,28 @@ class GearModel:
         self.first = self._forgets()
         self.measured = self.measured[self.first :]
         self.late = self.late[self.first :]
-        self.units[self.bent :] = self._sizes()
+        self.units[at.linear] = self._sizes()
         self.step_errors = np.zeros_like(self.measured)
 
     def numbers(self, theta: np.ndarray) -> np.ndarray:
         """Numbers of the driven arm."""
         found = self.units * theta
-        n = len(self.names)
-        values, K_h, shapes, lost, errors = np.split(
-            found[: self.bent], [n, self.shapes, self.parts, self.errors]
-        )
+        at = self.layout
+        values = found[at.parameters]
         model = with_values(
             self.equations.model, dict(zip(self.names, values.tolist(), strict=True))
         )
-        W = lost * gear_stiffness(model, np.inf)[self.at] / 2
-        return np.concatenate([values, K_h, W, shapes, errors, [self.largest]])
+        W = found[at.lost] * gear_stiffness(model, np.inf)[self.at] / 2
+        return np.concatenate(
+            [
+                values,
+                found[at.stiffness],
+                W,
+                found[at.exponents],
+                found[at.errors],
+                [self.largest],
+            ]
+        )
 
     def torques(
         self, points: Sequence[np.ndarray], motion: MotorMotion, start: np.ndarray | None = None
@@ -188,7 +236,10 @@ class GearModel:
         linear = self.regressors(motion)
         found = self.arm_torques([self.numbers(x) for x in points], motion, start)
         return np.array(
-            [x + linear @ theta[self.bent :] for theta, x in zip(points, found, strict=True)]
+            [
+                x + linear @ theta[self.layout.linear]
+                for theta, x in zip(points, found, strict=True)
+            ]
         )
 
     def arm_torques(
@@ -208,10 +259,13 @@ class GearModel:
         Motors with Coulomb friction, which the model has, or which this estimate of all torques
         found.
         """
-        at = self.bent + self.n_m + np.arange(self.n_m)
-        least = STICKS * self.units[at] * np.sqrt(np.diag(found.covariance)[at])
-        least = np.maximum(least, SOME * np.std(self.measured, axis=0))
-        found_some = np.abs(self.units[at] * found.theta[at]) > least
+        coulomb = self.layout.coulomb
+        units = self.units[coulomb]
+        variances = np.diag(found.covariance)[coulomb]
+        least = np.maximum(
+            STICKS * units * np.sqrt(variances), SOME * np.std(self.measured, axis=0)
+        )
+        found_some = np.abs(units * found.theta[coulomb]) > least
         largest = np.abs(self.motion.samples[:, self.n_m : 2 * self.n_m]).max(axis=0)
         model = self.equations.model
         speeds = np.array([MOVING * largest, largest])
@@ -255,7 +309,7 @@ class GearModel:
                 out[:, j, k * n + j] = part[:, j]
         out = self.friction.project(out[self.first :])
         out[:, :, -1] = -self.late
-        return out * self.units[self.bent :]
+        return out * self.units[self.layout.linear]
 
     def _sizes(self) -> np.ndarray:
         """Linear numbers whose torques are as large as those of the record, at the motor that each
@@ -269,7 +323,8 @@ class GearModel:
 
     def derivatives(self, theta: np.ndarray, motion: MotorMotion) -> tuple[np.ndarray, np.ndarray]:
         """Residuals (k, n_m) and their derivatives (k, n_m, n) at theta."""
-        steps = np.where(np.arange(self.bent) < self.errors, STEP, ERROR_STEP)
+        at = self.layout
+        steps = np.where(np.arange(at.errors.stop) < at.errors.start, STEP, ERROR_STEP)
         moved = [theta + step * (np.arange(len(theta)) == k) for k, step in enumerate(steps)]
         linear = self.regressors(motion)
         own, *changed = self.arm_torques([self.numbers(x) for x in (theta, *moved)], motion)
@@ -278,9 +333,8 @@ class GearModel:
             if changed
             else np.zeros((*own.shape, 0))
         )
-        return own + linear @ theta[self.bent :] - self.measured, np.concatenate(
-            [J, linear], axis=2
-        )
+        error = own + linear @ theta[at.linear] - self.measured
+        return error, np.concatenate([J, linear], axis=2)
 
     def more_noise(self, seed: int, factor: float = 1.0) -> MotorMotion:
         """The motion with as much noise of the angles as the record has, once more, times a
@@ -392,7 +446,8 @@ class GearModel:
         rest = self.arm.rest(at[: self.n_m], p)
         moving = rest.copy()
         full = rest.copy()
-        slip = p[self.shapes : self.shapes + self.count]
+        first = self.layout.stiffness.stop
+        slip = p[first : first + self.count]
         moving[2 * n :] = -slip
         full[2 * n :] = slip
         moving[n : 2 * n] = self.arm.joint_speeds(at[self.n_m : 2 * self.n_m])
@@ -418,7 +473,7 @@ class GearModel:
 
 
 def estimate(model: GearModel, tell: Callable[[str], None]) -> Estimate:
-    """Fit theta: least squares with two sets of weights, then steps with corrected normal
+    """Minimum theta: least squares with two sets of weights, then steps with corrected normal
     equations.
     """
     theta = model.start
@@ -440,16 +495,8 @@ def estimate(model: GearModel, tell: Callable[[str], None]) -> Estimate:
         return float(r @ r), J.T @ r, J.T @ J
 
     for close in CLOSE:
-        fit = minimize(
-            sums,
-            cost,
-            theta,
-            theta,
-            free,
-            (lower, upper),
-            distance=close,
-            count=model.measured.size,
-        )
+        problem = Problem.of_sums(sums, cost, Prior.of_sd(theta, free), (lower, upper))
+        fit = minimize(problem, theta, Search(close, count=model.measured.size))
         theta = fit.x
         if is_over():
             return _best_step(model, fit, white)
@@ -466,10 +513,10 @@ def estimate(model: GearModel, tell: Callable[[str], None]) -> Estimate:
             tell(f"subtracting the part of the noise: step {n}")
             model.take_out_step_errors(theta)
             error, change, covariance = _correct(model, theta, white, lower < upper, draws)
-            here = theta[: model.parts]
+            positive = model.layout.positive
+            here = theta[positive]
             theta = theta - change
-            # never negative
-            theta[: model.parts] = here * np.exp(np.clip(-change[: model.parts] / here, -1.0, 1.0))
+            theta[positive] = here * np.exp(np.clip(-change[positive] / here, -1.0, 1.0))
             theta = np.clip(theta, lower, upper)
             deviations = np.sqrt(np.diag(covariance))
             size = float((np.abs(change) / np.maximum(deviations, 1e-300)).max())
@@ -479,7 +526,7 @@ def estimate(model: GearModel, tell: Callable[[str], None]) -> Estimate:
     return _best_step(model, fit, white) if found is None else found
 
 
-def _best_step(model: GearModel, fit: Fit, white: Whitening) -> Estimate:
+def _best_step(model: GearModel, fit: Minimum, white: Whitening) -> Estimate:
     """The estimate of a search that was ended.
 
     Without the correction for noise, with the formal covariance.
@@ -495,37 +542,43 @@ def _best_step(model: GearModel, fit: Fit, white: Whitening) -> Estimate:
 
 def _bounds(model: GearModel) -> tuple[np.ndarray, np.ndarray]:
     """Least and largest theta."""
-    lower = np.full(len(model.start), -np.inf)
-    upper = np.full(len(model.start), np.inf)
-    lower[: model.parts] = 1 / REACH
-    upper[: model.parts] = REACH
-    lower[model.shapes - model.count : model.shapes] = STIFF
-    exponent = model.units[model.shapes : model.parts]
-    lower[model.shapes : model.parts] = 1.0 / exponent
-    upper[model.shapes : model.parts] = SHARPEST / exponent
-    lower[model.parts : model.errors] = LEAST_LOST
-    upper[model.parts : model.errors] = MOST_LOST
+    at = model.layout
+    lower = np.full(at.size, -np.inf)
+    upper = np.full(at.size, np.inf)
+    lower[at.positive] = 1 / REACH
+    upper[at.positive] = REACH
+    lower[at.stiffness] = STIFF
+    exponent = model.units[at.exponents]
+    lower[at.exponents] = 1.0 / exponent
+    upper[at.exponents] = SHARPEST / exponent
+    lower[at.lost] = LEAST_LOST
+    upper[at.lost] = MOST_LOST
     return lower, upper
+
+
+def element_entries(model: GearModel, k: int) -> tuple[int, int, slice]:
+    """Entries of theta of an element: its stiffness, its lost motion, and its exponent, where that
+    is fitted.
+    """
+    at = model.layout
+    first = at.exponents.start + k
+    shape = slice(first, first + model.sought.exponents)
+    return at.stiffness.start + k, at.lost.start + k, shape
 
 
 def _drop(model: GearModel, theta: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> bool:
     """Fix elements at none whose loop is narrow, or whose K_h is at a bound, as part of a spring;
     whether any.
     """
-    n = model.shapes - model.count
     any_dropped = False
     for k in range(model.count):
-        K_h = n + k
-        lost = model.parts + k
+        K_h, lost, shape = element_entries(model, k)
         inside = lower[K_h] * NEAR < theta[K_h] < upper[K_h] / NEAR and theta[lost] > NO_LOST
-        if not inside and lower[lost] < upper[lost]:
-            theta[K_h] = 1.0
-            theta[lost] = LEAST_LOST
-            any_dropped = True
-            lower[K_h] = upper[K_h] = 1.0
-            lower[lost] = upper[lost] = LEAST_LOST
-            shape = slice(model.shapes + k, model.shapes + k + model.sought.exponents)
-            theta[shape] = lower[shape] = upper[shape] = 1.0
+        if inside or lower[lost] == upper[lost]:
+            continue
+        any_dropped = True
+        for entries, value in ((K_h, 1.0), (lost, LEAST_LOST), (shape, 1.0)):
+            theta[entries] = lower[entries] = upper[entries] = value
     return any_dropped
 
 
@@ -574,7 +627,7 @@ def _correct(
         # of the part of the noise, which the record has by chance more or less of
         spread += parts.T @ parts / draws
     blocks = np.add.reduceat(scores, cut)
-    return error, *_solve(A, raw.sum(axis=0), blocks, spread, free, model.errors)
+    return error, *_solve(A, raw.sum(axis=0), blocks, spread, free, model.layout.errors.start)
 
 
 def _solve(
@@ -605,13 +658,13 @@ def _solve(
     hidden = directions[:, ~known]
     values = values[known]
     inverse = (found / values) @ found.T
-    left = np.diag(values) - found.T @ A @ found
-    left_out = np.linalg.solve(left, (blocks @ found)[:, :, None])[:, :, 0] @ found.T
+    along = Blocks(found.T @ A @ found, blocks @ found)
+    of_blocks = found @ covariance_of(along, np.zeros((len(values), len(values)))) @ found.T
     lost = np.eye(n)[:, [k for k in range(n) if k not in part]]
     # as large as the number that it moves most
     hidden = hidden / np.abs(hidden[:numbers]).max(axis=0, initial=1e-300)
     unknown = inverse @ spread @ inverse + lost @ lost.T + hidden @ hidden.T
-    return inverse @ blocks.sum(axis=0), left_out.T @ left_out + unknown
+    return inverse @ blocks.sum(axis=0), of_blocks + unknown
 
 
 def _misfit(error: np.ndarray, measured: np.ndarray) -> float:

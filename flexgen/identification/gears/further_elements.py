@@ -33,6 +33,7 @@ from flexgen.identification.gears.fit import (
     RANK,
     Estimate,
     GearModel,
+    element_entries,
 )
 from flexgen.identification.gears.whitening import Whitening
 
@@ -67,7 +68,7 @@ def gears_that_lack_elements(model: GearModel, found: Estimate) -> tuple[int, ..
         part = np.append(base, added)
         step, covariance = _step(A[np.ix_(part, part)], raw[np.ix_(part, part)], gradient[part])
         of_gear = np.zeros(len(found.theta))
-        at = model.parts + np.flatnonzero(np.equal(model.at, gear))
+        at = model.layout.entries(model.layout.lost)[np.equal(model.at, gear)]
         of_gear[at] = model.units[at]
         change = -(np.append(of_gear[base], lost) @ step)
         moves = abs(change) > MOVES * np.sqrt(of_gear @ found.covariance @ of_gear)
@@ -79,10 +80,9 @@ def gears_that_lack_elements(model: GearModel, found: Estimate) -> tuple[int, ..
 def _free(model: GearModel, theta: np.ndarray) -> np.ndarray:
     """Entries of theta but those of elements that the fit has dropped."""
     free = np.ones(len(theta), bool)
-    n = model.shapes - model.count
-    for k in np.flatnonzero(theta[model.parts : model.errors] <= LEAST_LOST):
-        free[[n + k, model.parts + k]] = False
-        free[model.shapes + k : model.shapes + k + model.sought.exponents] = False
+    for k in np.flatnonzero(theta[model.layout.lost] <= LEAST_LOST).tolist():
+        for entries in element_entries(model, k):
+            free[entries] = False
     return free
 
 
@@ -116,7 +116,7 @@ class _FurtherElements:
         given = dict(zip(model.names, values.tolist(), strict=True))
         K = gear_stiffness(with_values(model.equations.model, given), np.inf)
         sought = model.sought
-        wide = theta[model.parts : model.errors] > NO_LOST
+        wide = theta[model.layout.lost] > NO_LOST
         for gear in sought.gears:
             s = np.sort((W / K_h)[wide & np.equal(model.at, gear)])
             slips = np.concatenate([s[:1] / APART, np.sqrt(s[1:] * s[:-1]), s[-1:] * APART])

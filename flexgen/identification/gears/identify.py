@@ -25,10 +25,11 @@ from flexgen.dynamics.mechanics.equations import derive, robot_of
 from flexgen.dynamics.mechanics.lagrangian import gear_stiffness
 from flexgen.dynamics.mechanics.lagrangian import gears as gears_of
 from flexgen.dynamics.mechanics.parameters import Parameter, names_of_numbers, select
+from flexgen.identification.estimator.status import FitStatus
 from flexgen.identification.gears.driven_arm import ARCMIN, Element, Sought
-from flexgen.identification.gears.fit import FRICTIONS, NO_LOST, Estimate, GearModel, estimate
+from flexgen.identification.gears.fit import NO_LOST, Estimate, GearModel, estimate
 from flexgen.identification.gears.further_elements import gears_that_lack_elements
-from flexgen.identification.gears.result import WEAK, GearFit, GearStatus, Number
+from flexgen.identification.gears.result import WEAK, GearFit, Number
 from flexgen.identification.gears.signals import Signals, signals_of
 from flexgen.identification.records.motor_record import read_motor_record
 from flexgen.model.abilities import needs
@@ -44,7 +45,7 @@ EXCESS = 3.0  # the same in a band of frequencies
 # times the band: where noise hides a gear, the model agrees in a narrower one
 NARROWER = (0.6, 0.36)
 # Statuses after which narrower bands show nothing more.
-ENDS = (GearStatus.FITTED, GearStatus.NOISE)
+ENDS = (FitStatus.FITTED, FitStatus.NOISE_TOO_LARGE)
 
 
 @checked_types(own=("band_hz", "harmonics", "cogging", "time_limit"))
@@ -215,13 +216,13 @@ def _in_narrower_bands(
         band = part * result.band_hz
         tell(f"{result.status}: comparing motions below {band:.3g} Hz only")
         try:
-            agrees = fit(band).status is GearStatus.FITTED
+            agrees = fit(band).status is FitStatus.FITTED
         except ArgumentError:  # the record is too short for it
             break
         if is_over():
             break
         if agrees:
-            return replace(result, status=GearStatus.NOISE)
+            return replace(result, status=FitStatus.NOISE_TOO_LARGE)
     return result
 
 
@@ -307,25 +308,25 @@ def _result(
     reason = reason_of_end()
     known = found.covariance if finite else np.zeros_like(found.covariance)
     excess = np.ones((2, robot.n_m)) if reason else fit.excess(found.theta, found.error, known)
-    status = GearStatus.FITTED
+    status = FitStatus.FITTED
     if not found.converged or not finite:
-        status = GearStatus.NOT_CONVERGED
+        status = FitStatus.NOT_CONVERGED
     if (error > np.hypot(NOISE * noise, LEAST * size)).any() or (excess[1] > EXCESS).any():
-        status = GearStatus.MODEL_ERROR
-    elif status is GearStatus.FITTED and (excess[0] > EXCESS).any():
+        status = FitStatus.MODEL_ERROR
+    elif status is FitStatus.FITTED and (excess[0] > EXCESS).any():
         # what is left may be the errors of numbers that the noise lets determine poorly
-        status = GearStatus.NOISE
-    status = GearStatus.of_value(reason) if reason else status
-    lacking = gears_that_lack_elements(fit, found) if status is GearStatus.FITTED else ()
+        status = FitStatus.NOISE_TOO_LARGE
+    status = FitStatus.of_value(reason) if reason else status
+    lacking = gears_that_lack_elements(fit, found) if status is FitStatus.FITTED else ()
     numbers = _Numbers(robot, fitted, fit, found)
     return GearFit(
         robot=robot,
         numbers=numbers.all(),
-        status=GearStatus.MODEL_ERROR if lacking else status,
+        status=FitStatus.MODEL_ERROR if lacking else status,
         unexplained=error,
         noise=noise,
         band_hz=fit.signals.band_hz,
-        delay_s=float(fit.units[-1] * found.theta[-1]),
+        delay_s=(fit.units * found.theta)[fit.layout.delay].item(),
         joints=tuple(robot.coordinates[robot.i_g[k]].name for k in fit.sought.gears),
         lacking=tuple(robot.coordinates[robot.i_g[k]].name for k in lacking),
         laws=numbers.laws(),
@@ -367,20 +368,20 @@ class _Numbers:
             joint, key = self._joint(k)
             unit = joint.unit
             ratio = gears_of(self.robot)[k][1]
-            rows = [("lost_motion", unit, 1.0, fit.parts)]
+            rows = [("lost_motion", unit, 1.0, fit.layout.lost.start)]
             rows.append(
                 (
                     "stiffness",
                     "N/m" if unit == "m" and ratio == 1.0 else "N m/rad",
                     ratio**2,
-                    len(self.fitted),
+                    fit.layout.stiffness.start,
                 )
             )
-            shape = [("exponent", "", 1.0, fit.shapes)] * fit.sought.exponents
+            shape = [("exponent", "", 1.0, fit.layout.exponents.start)] * fit.sought.exponents
             sums = [
                 self._sum_of([first + each for each in at], scale) for _, _, scale, first in rows
             ]
-            wide = self.found.theta[[fit.parts + each for each in at]] > NO_LOST
+            wide = self.found.theta[fit.layout.lost][at] > NO_LOST
             known = bool(wide.all()) and all(sd < WEAK * x for x, sd in sums)
             for (name, own, _, _), found in zip(rows, sums, strict=True):
                 if len(at) > 1:
@@ -426,7 +427,7 @@ class _Numbers:
 
     def _errors(self) -> list[Number]:
         out = []
-        k = self.fit.errors
+        k = self.fit.layout.errors.start
         orders = self.fit.sought.harmonics
         for gear in self.fit.sought.errors:
             joint, key = self._joint(gear)
@@ -445,7 +446,7 @@ class _Numbers:
         out = []
         n = self.fit.n_m
         orders = self.fit.sought.cogging
-        first = self.fit.bent + FRICTIONS * n
+        first = self.fit.layout.cogging.start
         for j, motor in enumerate(self.robot.motors):
             pairs = [
                 (first + 2 * at * n + j, first + (2 * at + 1) * n + j) for at in range(len(orders))

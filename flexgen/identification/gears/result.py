@@ -15,8 +15,8 @@ import numpy as np
 from flexgen.base.checks.type_checks import checked_result
 from flexgen.base.display import Figure, figure_rows, plain
 from flexgen.base.results import Result
-from flexgen.base.spec.explained_status import OUT_OF_TIME, STOPPED, ExplainedStatus
 from flexgen.base.spec.variants import with_variant
+from flexgen.identification.estimator.status import FitStatus
 from flexgen.model.elements import RobotModel
 from flexgen.model.new_file import text_of_model, with_overrides, write_model_text
 from flexgen.model.reader import read
@@ -30,37 +30,27 @@ LACKING = (
 )
 
 
-class GearStatus(ExplainedStatus):
-    """Status of the identification of gears."""
-
-    FITTED = (
-        "fitted",
-        "The model agrees with the record within the noise.",
-        "Use the changes of the model.",
-    )
-    MODEL_ERROR = (
-        "model error",
+# Where sentence and advice are not those of measured responses.
+TEXTS = {
+    FitStatus.MODEL_ERROR: (
         "The model differs from the record by more than the noise.",
         "Look at the loops of the picture: a wrong mass or payload, a missing spring, another "
         "friction, hysteresis or transmission error. Standard deviations are not given: the "
         "errors may be many times those that noise causes.",
-    )
-    NOT_CONVERGED = (
-        "not converged",
+    ),
+    FitStatus.NOT_CONVERGED: (
         "The search for the best numbers did not come to an end.",
         (
             "Do not use the numbers; begin with a model that is nearer to the robot, or fit "
             "fewer numbers."
         ),
-    )
-    NOISE = (
-        "noise too large",
+    ),
+    FitStatus.NOISE_TOO_LARGE: (
         "The model agrees with the record below a part of the frequencies only, or but for "
         "large standard deviations: noise of the angles hides a gear, or an error of the model.",
         "Do not use the numbers; record a longer or a larger motion, or angles with less noise.",
-    )
-    TIME_LIMIT = OUT_OF_TIME
-    INTERRUPTED = STOPPED
+    ),
+}
 
 
 @dataclass(frozen=True)
@@ -121,7 +111,7 @@ class GearFit(Result):
         ``JOINT.hysteresis.exponent``, of several elements the sums and with ``_1``, ``_2``, ...
         each, ``JOINT.transmission_error.cos_K`` and ``sin_K`` of the harmonic K [rad or m at the
         joint], ``MOTOR.cogging.cos_K`` and ``sin_K`` [N m].
-    status : GearStatus
+    status : FitStatus
     unexplained, noise : arrays (n_m,) [N m]
         Root mean square of measured minus computed torques in the band, and the part of it that
         noise explains.
@@ -159,7 +149,7 @@ class GearFit(Result):
 
     robot: RobotModel
     numbers: tuple[Number, ...]
-    status: GearStatus
+    status: FitStatus
     unexplained: np.ndarray
     noise: np.ndarray
     band_hz: float
@@ -186,11 +176,9 @@ class GearFit(Result):
         """Why the numbers cannot be used as they are."""
         if self.lacking:
             return f"{self.status}: {LACKING.format(', '.join(self.lacking))}"
-        return (
-            ""
-            if self.status is GearStatus.FITTED
-            else f"{self.status}: {self.status.sentence} {self.status.advice}"
-        )
+        if self.status is FitStatus.FITTED:
+            return ""
+        return f"{self.status}: {' '.join(self.status.texts(TEXTS))}"
 
     @property
     def values(self) -> dict[str, float]:
@@ -200,7 +188,7 @@ class GearFit(Result):
     @property
     def sd(self) -> dict[str, float | None]:
         """Name -> standard deviation; None unless the status is "fitted"."""
-        stated = self.status is GearStatus.FITTED
+        stated = self.status is FitStatus.FITTED
         return {number.name: number.sd if stated else None for number in self.numbers}
 
     def sentence(self) -> str:
@@ -214,7 +202,7 @@ class GearFit(Result):
             ", ".join(name.replace("_", " ") for name in found)
             or "nothing that the record determines"
         )
-        return words if self.status is GearStatus.FITTED else f"{self.status}, {words}"
+        return words if self.status is FitStatus.FITTED else f"{self.status}, {words}"
 
     @cached_property
     def changes(self) -> dict[str, Any]:
@@ -273,7 +261,7 @@ class GearFit(Result):
         rows = []
         for number in self.numbers:
             text = f"{number.value:.4g}" if number.determined else "not determined"
-            if number.determined and self.status is GearStatus.FITTED:
+            if number.determined and self.status is FitStatus.FITTED:
                 text += f" +- {number.sd:.2g}"
             rows.append(
                 Figure(number.name, text, number.unit if number.determined else "", number.name)

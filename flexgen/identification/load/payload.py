@@ -17,20 +17,18 @@ and links deflect, each spring by 1 + e_i times as much as in the model:
 
 where f_e are the forces on the coordinates without motor. A rigid model would put these
 deflections into the load, and so would one with other springs: e_i = 0 +- the deviation of the
-stiffness (`flexgen.identification.load.compliances`). Gauss-Newton in (m, m c, d, s, e); a load is
-within `CENTER_SD` of the center of mass in the file, for what the motion does not show, such as
-the height in the tool of a palletizer. Standard deviations are the larger ones of two: of
-residuals whose correlation in time is that of the low pass, at least `LEAST_ERROR` of the torques,
-and of what leaving out four periods of the low pass changes, half a second at most, since errors
-of the model last longer. Leaving out samples does not change what is known of springs beforehand:
-H^-1 P H^-1 is added, with H of all numbers and P of e.
+stiffness (`flexgen.identification.load.compliances`). Least squares in (m, m c, d, s, e), see
+`flexgen.identification.estimator`; a load is within `CENTER_SD` of the center of mass in the file,
+for what the motion does not show, such as the height in the tool of a palletizer. Standard
+deviations are the larger ones of two: of residuals whose correlation in time is that of the low
+pass, at least `LEAST_ERROR` of the torques, and of what leaving out four periods of the low pass
+changes, half a second at most, since errors of the model last longer.
 
 Source: cf. P. Khosla, T. Kanade, IEEE CDC 1985 (parameters of loads from torques).
 """
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path as FilePath
@@ -40,7 +38,7 @@ import numpy as np
 from scipy.ndimage import correlate1d
 from scipy.signal import butter, filtfilt
 
-from flexgen.base.calls.deadline import best_known, is_over, keep_best, limit_fit, reason_of_end
+from flexgen.base.calls.deadline import is_over, limit_fit, reason_of_end
 from flexgen.base.calls.progress import Choice, Progress, reported, silent
 from flexgen.base.checks.type_checks import checked_result, checked_types
 from flexgen.base.display import short_repr
@@ -54,6 +52,10 @@ from flexgen.dynamics.hysteresis.hysteresis import without_hysteresis
 from flexgen.dynamics.mechanics.equations import Equations, derive, robot_of
 from flexgen.dynamics.mechanics.statics import gear_deflection, reach
 from flexgen.feedback.loop.gains import lowest_locked_hz
+from flexgen.identification.estimator.covariance import block_covariance
+from flexgen.identification.estimator.layout import Layout
+from flexgen.identification.estimator.minimize import Minimum, Search, minimize
+from flexgen.identification.estimator.problem import Linearization, Prior, Problem, Squares
 from flexgen.identification.load.compliances import stiffness_deviations
 from flexgen.identification.records.motor_record import read_motor_record
 from flexgen.identification.rigid.rests_of_motors import MOVING, Rests, largest_of_unit
@@ -69,14 +71,19 @@ HALF = 0.1
 # low pass of the motion: times that of the torques; at most, times the sample rate
 OF_MOTION = 3.0
 HIGHEST = 0.4
+# Steps of a search, at most; searches, each with the prior of the center of mass that follows from
+# the mass of the last one; relative change of its width, below which there are no more.
 STEPS = 20
-CLOSE = 1e-9
+SEARCHES = 4
+SETTLED = 1e-2
+# Standard deviations from the minimum where the first search ends, whose prior is not the last
+# one.
+ROUGH = 1.0
+# The same of the others: derivatives by differences show no more of springs, and a user sees less.
+DISTANCE = 0.05
 # of a step: largest difference of a time from that of equal steps, such as by the rounding of a
 # clock
 EVEN = 0.02
-NOT_CLOSE = 1e-4  # a last step that is larger, relative, changes digits that a user reads
-# a last step that is smaller, over the deviations of the numbers, changes none that is known
-OF_DEVIATION = 0.1
 # deflections change the torques by little, these change the deflections by less
 DEFLECTION_STEPS = 3
 ENDS = 0.5  # s at both ends of a record that the low pass spoils
@@ -105,11 +112,11 @@ FEWEST_BLOCKS = 6
 # of the friction at the largest speed, at that one: a motor with less has no friction at
 # standstill
 STICKS = 0.05
-# of the load: after smaller steps, relative, what springs change of the torques is not computed
-# anew
+# Changes of the load, relative, and of compliances, after which what springs change of the torques
+# is computed anew.
 FRESH = 1e-2
 SOFTER = 1e-2  # of a compliance, a step of differences
-LOAD = 5  # numbers before the frictions: mass, center of mass, delay
+FITTED = 5  # numbers of a load without a prior of their own: mass, center of mass, delay
 
 
 @checked_result
@@ -304,6 +311,23 @@ def identify_load(
     return replace(load, notes=found.notes) if found.notes else load
 
 
+@dataclass(frozen=True)
+class Numbers(Layout):
+    """Numbers x of a load: mass and first moments of the whole payload, delay of the torques,
+    frictions, compliances.
+    """
+
+    body: slice
+    delay: slice
+    friction: slice
+    springs: slice
+
+    @property
+    def found(self) -> slice:
+        """All without a prior of the springs: body and delay."""
+        return slice(self.body.start, self.delay.stop)
+
+
 class _Estimate:
     """Filtered torques and motion, and the residuals of a load."""
 
@@ -495,147 +519,85 @@ class _Estimate:
         return own * mass * load / values[0]
 
     def solve(self, tell: Progress = silent) -> Load:
-        """Gauss-Newton in mass and first moments of the whole payload, delay of the torques,
-        frictions, compliances.
+        """The load of least squares.
+
+        Raises
+        ------
+        SolverError
+            The motion does not determine the mass, or no load explains the record.
         """
-        own = self.of_file[-4]
-        center = self.of_file[-3:]
-        soft = np.flatnonzero(self.stiffness_sd)
-        first = LOAD + self.friction.shape[1]
-        count = first + len(soft)
-        unit = self.unit
-        length = min(1.0, self.length) or 1.0
-        x = np.concatenate([[own + unit], (own + unit) * center, np.zeros(count - 4)])
-        # first moments about the center of mass of the file
-        about = np.column_stack([-center, np.eye(3)])
-        tau = self.see(self.tau_g)
-        start = values_of(x, self.farthest)
-        softer = np.zeros(len(self.stiffness_sd))
-        q, v, _ = self.motion(start, softer)
-        friction = evaluate(self.nominal.function("arm_forces"), q, v)[0].reshape(
-            -1, self.robot.n_a
-        )
-
-        def residual(x: np.ndarray) -> np.ndarray:
-            load = values_of(x, self.farthest)
-            softer[soft] = x[first:]
-            tau = self._low_pass(self.forces(*self.motion(load, softer), load) - friction)
-            needed = (
-                self.tau_g
-                + x[4] * self.late
-                - np.einsum("njg,j->ng", self.friction, x[LOAD:first])
-            )
-            return self.see(tau[:, list(self.robot.i_g)] - needed)
-
-        prior = self._prior(count, first, soft)
-        last = np.zeros(count)
-        part = 1.0
-        change = np.inf
-        J = self._fixed_slopes(tau.size, count, first)
-        with keep_best():
-            for k in range(STEPS):
-                if k and is_over():
-                    break
-                tell(f"step {k + 1}: load {x[0] - own:.3f} kg")
-                began = time.perf_counter()
-                r = residual(x)
-                arm = 1e-4 * length * max(x[0], unit)
-                steps = np.r_[
-                    1e-3 * unit, arm, arm, arm, np.full(len(soft) if change > FRESH else 0, SOFTER)
-                ]
-                for k, size in zip((*range(4), *range(first, count)), steps, strict=False):
-                    J[:, k] = (residual(x + size * (np.arange(count) == k)) - r).ravel() / size
-                hidden = CENTER_SD * length * max(abs(x[0] - own), LEAST_LOAD * x[0])
-                prior[:4, :4] = about.T @ about / hidden**2
-                weight = prior * self._variance(r)
-                if not _is_determined(J[:, :LOAD], about * np.sqrt(self._variance(r)) / hidden):
-                    raise SolverError(
-                        "load: the motion does not determine the mass; move the joints that carry "
-                        "the load"
-                    )
-                A = J.T @ J + weight
-                step = np.linalg.solve(A, -J.T @ r.ravel() - weight @ x)
-                # steps that turn back are too long
-                part = part / 2 if last @ A @ step < 0 else min(2 * part, 1.0)
-                before = x
-                x = x + part * step
-                x[0] = max(x[0], 1e-6 * unit)
-                last = part * step
-                moved = np.abs((x - before)[:4] / [1.0, length, length, length]).max()
-                change = moved / (unit + np.abs(x[0]))
-                best_known(time.perf_counter() - began)
-                if change < CLOSE:
-                    break
-        r = residual(x)
-        weight = prior * self._variance(r)
-        covariances = self._covariances(r, J, weight, prior[first:, first:])
-        sd = np.sqrt(np.max([np.diag(each) for each in covariances], axis=0))
-        is_nothing = max(x[0], moved) < 2 * sd[0]  # steps between masses that noise hides
+        residuals = _Residuals(self)
+        x = residuals.start
+        distance = ROUGH
+        for _ in range(SEARCHES):
+            hidden = residuals.hidden(x)
+            found = self._search(residuals, x, distance, tell)
+            x = found.x
+            change = abs(residuals.hidden(found.x) / hidden - 1.0)
+            if is_over() or (change < SETTLED and distance < ROUGH):
+                break
+            distance = DISTANCE
+        prior = residuals.prior(x)
+        r = residuals(x).reshape(-1, self.scale.size)
+        J = residuals.jacobian(x)
+        size = np.sqrt(self._variance(r))
+        formal = np.linalg.inv(J.T @ J / size**2 + prior.information)
+        covariances = [formal, self._left_out(r / size, J / size, prior.information)]
         reason = reason_of_end()
-        is_hidden = (np.abs(x - before)[:4] < OF_DEVIATION * sd[:4]).all()
-        if not reason:
-            self._check_end(change, is_nothing or is_hidden, r, tau)
-        return replace(self._result(x[:first], r, sd[0], covariances), ended=reason)
-
-    def _prior(self, count: int, first: int, soft: np.ndarray) -> np.ndarray:
-        """The precision of the unknowns (count, count) before the record."""
-        sd = np.r_[np.full(first - LOAD, FRICTION_SD), self.stiffness_sd[soft]]
-        prior = np.zeros((count, count))
-        prior[LOAD:, LOAD:] = np.diag(sd**-2.0)
-        return prior
-
-    def _fixed_slopes(self, rows: int, count: int, first: int) -> np.ndarray:
-        """The columns of the Jacobian (rows, count) of delay and frictions."""
-        J = np.zeros((rows, count))
-        J[:, 4] = -self.see(self.late).ravel()
-        for k in range(LOAD, first):
-            J[:, k] = self.see(self.friction[:, k - LOAD]).ravel()
-        return J
-
-    def _covariances(
-        self, r: np.ndarray, J: np.ndarray, weight: np.ndarray, of_springs: np.ndarray
-    ) -> list[np.ndarray]:
-        """By residuals, and by parts left out with what the springs leave open."""
-        inverse = np.linalg.inv(J.T @ J + weight) * self._variance(r)
-        count = len(of_springs)
-        springs = inverse[:, -count:] @ of_springs @ inverse[-count:] if count else 0.0
-        return [inverse, self._left_out(r, J, weight) + springs]
-
-    def _check_end(self, change: float, is_small: bool, r: np.ndarray, tau: np.ndarray) -> None:
-        """SolverError where the last change was too large, or the torques are not explained."""
-        if not (change < NOT_CLOSE or is_small):
+        if not (found.converged or reason):
             raise SolverError(
-                f"load: no solution in {STEPS} steps, the last changed the load by "
-                f"{change:.1e}; does the record belong to the model {self.robot.name}?"
+                f"load: no solution in {found.iterations} steps; does the record belong to the "
+                f"model {self.robot.name}?"
             )
-        unexplained = float(np.linalg.norm(r) / np.linalg.norm(tau))
-        if not unexplained < UNEXPLAINED:
+        unexplained = float(np.linalg.norm(r) / np.linalg.norm(self.see(self.tau_g)))
+        if not (unexplained < UNEXPLAINED or reason):
             raise SolverError(
                 f"load: no load explains the record, {100 * unexplained:.0f} % of the torques "
                 f"are left; does it belong to the model {self.robot.name}, in rad and N m of "
                 "the motors?"
             )
+        return replace(self._result(x, residuals.layout, r, covariances), ended=reason)
+
+    def _search(
+        self, residuals: _Residuals, x: np.ndarray, distance: float, tell: Progress
+    ) -> Minimum:
+        """The least squares from x (n,), with the variance of the errors that are left."""
+
+        def tell_load(step: int, here: Linearization) -> None:
+            tell(f"step {step}: load {here.x[0] - self.of_file[-4]:.3f} kg")
+
+        def scale(r: np.ndarray) -> float:
+            return float(np.sqrt(self._variance(r.reshape(-1, self.scale.size))))
+
+        # numbers of different units
+        search = Search(
+            distance, curvature=True, steps=STEPS, stage="identify_load", tell=tell_load
+        )
+        prior = residuals.prior(x)
+        problem = Problem(residuals, residuals.jacobian, prior, residuals.bounds, Squares(scale))
+        return minimize(problem, x, search)
 
     def _result(
-        self, x: np.ndarray, r: np.ndarray, mass_sd: float, covariances: list[np.ndarray]
+        self, x: np.ndarray, layout: Numbers, r: np.ndarray, covariances: list[np.ndarray]
     ) -> Load:
-        """The load of these numbers, without those of the springs, and residuals (n, n_g)."""
+        """The load of these numbers and residuals (n, n_g)."""
         own = self.of_file[-4]
         center = self.of_file[-3:]
-        mass = x[0] - own
-        com = (
-            (x[1:4] - own * center) / mass if abs(mass) > 1e-9 * self.unit else np.full(3, np.nan)
-        )
-        slopes = np.column_stack([-com, np.eye(3)]) / (mass or np.nan)  # of com in x
-        com_sd = np.sqrt(
-            np.max([np.diag(slopes @ each[:4, :4] @ slopes.T) for each in covariances], axis=0)
-        )
+        body = x[layout.body]
+        bodies = [each[layout.body, layout.body] for each in covariances]
+        mass = body[0] - own
+        mass_sd = np.sqrt(max(each[0, 0] for each in bodies))
+        is_some = abs(mass) > 1e-9 * self.unit
+        com = (body[1:] - own * center) / mass if is_some else np.full(3, np.nan)
+        # of com in the mass and the first moments
+        slopes = np.column_stack([-com, np.eye(3)]) / (mass or np.nan)
+        com_sd = np.sqrt(np.max([np.diag(slopes @ each @ slopes.T) for each in bodies], axis=0))
         left = np.sqrt((r**2).sum(axis=0) / self.moving) * self.scale
-        friction = 1.0 + x[LOAD:].reshape(2, -1).cumsum(axis=0)[::-1]
-        total = values_of(x, self.farthest)
+        friction = 1.0 + x[layout.friction].reshape(2, -1).cumsum(axis=0)[::-1]
+        total = values_of(body, self.farthest)
         of_total = np.column_stack([-total[1:], np.eye(3)]) / total[0]
         total_com_sd = np.sqrt(
-            np.max([np.diag(of_total @ each[:4, :4] @ of_total.T) for each in covariances], axis=0)
+            np.max([np.diag(of_total @ each @ of_total.T) for each in bodies], axis=0)
         )
         of_file = np.array(self.robot.payload.inertia)
         # that of a payload on a beam stays: see the names of the inertia
@@ -646,10 +608,10 @@ class _Estimate:
             float(mass_sd),
             com,
             com_sd,
-            float(x[0]),
+            float(body[0]),
             total[1:],
             left,
-            float(x[4]),
+            x[layout.delay].item(),
         )
         return Load(
             *numbers,
@@ -668,22 +630,119 @@ class _Estimate:
         """
         tau = self.see(self.tau_g)
         return float((r**2).sum() + LEAST_ERROR**2 * (tau**2).sum()) / max(
-            self.effective * r.shape[1] - LOAD, 1.0
+            self.effective * r.shape[1] - FITTED, 1.0
         )
 
-    def _left_out(self, r: np.ndarray, J: np.ndarray, weight: np.ndarray) -> np.ndarray:
-        """Covariance of what leaving out a block of the record changes (jackknife); zero for few
+    def _left_out(self, r: np.ndarray, J: np.ndarray, prior: np.ndarray) -> np.ndarray:
+        """Covariance from blocks of the record, of weighted residuals (n, n_g); zero for few
         blocks.
         """
-        n, m = r.shape
-        blocks = np.arange(0, n, max(round(self.block / self.h), 1))
-        if len(blocks) < FEWEST_BLOCKS:
-            return np.zeros((J.shape[1], J.shape[1]))
-        Js = J.reshape(n, m, -1)
-        own = np.add.reduceat(np.einsum("nmp,nmq->npq", Js, Js), blocks)
-        scores = np.add.reduceat(np.einsum("nmp,nm->np", Js, r), blocks)
-        changes = np.linalg.solve(own.sum(axis=0) + weight - own, scores[..., None])[..., 0]
-        return np.asarray(changes.T @ changes * (1.0 - 1.0 / len(blocks)))
+        starts = range(0, len(r), max(round(self.block / self.h), 1))
+        if len(starts) < FEWEST_BLOCKS:
+            return np.zeros(prior.shape)
+        # the priors of frictions and springs are wide already
+        return block_covariance(J.reshape(*r.shape, -1), r, starts, prior, by_axis=False)
+
+
+class _Residuals:
+    """Residuals of the torques over their scale, as functions of the `Numbers` x."""
+
+    def __init__(self, of: _Estimate) -> None:
+        self.of = of
+        self.soft = np.flatnonzero(of.stiffness_sd)
+        self.layout = Numbers.of(
+            body=4, delay=1, friction=of.friction.shape[1], springs=len(self.soft)
+        )
+        own = of.of_file[-4]
+        center = of.of_file[-3:]
+        mass = own + of.unit
+        self.start = self.layout.join(body=np.r_[mass, mass * center])
+        self.length = min(1.0, of.length) or 1.0
+        # first moments about the center of mass of the file
+        self.about = np.column_stack([-center, np.eye(3)])
+        q, v, _ = of.motion(self._load(self.start), np.zeros(len(of.stiffness_sd)))
+        friction = evaluate(of.nominal.function("arm_forces"), q, v)[0]
+        self.arm_friction = friction.reshape(-1, of.robot.n_a)
+        self._J = np.zeros((of.see(of.tau_g).size, self.layout.size))
+        self._J[:, self.layout.delay] = -of.see(of.late).reshape(-1, 1)
+        for j, k in enumerate(self.layout.entries(self.layout.friction)):
+            self._J[:, k] = of.see(of.friction[:, j]).ravel()
+        self._last = np.zeros(0), np.zeros(0)
+        # x where the columns of the springs were computed
+        self._of_springs = np.full(self.layout.size, np.inf)
+
+    @property
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """The mass is positive."""
+        lower = np.full(self.layout.size, -np.inf)
+        lower[self.layout.body.start] = 1e-6 * self.of.unit
+        return lower, np.full(self.layout.size, np.inf)
+
+    def hidden(self, x: np.ndarray) -> float:
+        """Deviation of the first moments [kg m] about the center of mass of the file."""
+        mass = x[0]
+        own = self.of.of_file[-4]
+        return CENTER_SD * self.length * max(abs(mass - own), LEAST_LOAD * mass)
+
+    def prior(self, x: np.ndarray) -> Prior:
+        """The prior for a load of the mass that x has."""
+        at = self.layout
+        n = self.layout.size
+        information = np.zeros((n, n))
+        information[at.body, at.body] = self.about.T @ self.about / self.hidden(x) ** 2
+        known = self.layout.join(
+            friction=FRICTION_SD**-2.0, springs=self.of.stiffness_sd[self.soft] ** -2.0
+        )
+        return Prior(np.zeros(n), information + np.diag(known))
+
+    def __call__(self, x: np.ndarray) -> np.ndarray:
+        """Residuals (n,); those of the last x are kept."""
+        if not np.array_equal(self._last[0], x):
+            self._last = x.copy(), self._residual(x)
+        return self._last[1]
+
+    def _residual(self, x: np.ndarray) -> np.ndarray:
+        of = self.of
+        at = self.layout
+        softer = np.zeros(len(of.stiffness_sd))
+        softer[self.soft] = x[at.springs]
+        load = self._load(x)
+        tau = of._low_pass(of.forces(*of.motion(load, softer), load) - self.arm_friction)
+        friction = np.einsum("njg,j->ng", of.friction, x[at.friction])
+        needed = of.tau_g + x[at.delay] * of.late - friction
+        return of.see(tau[:, list(of.robot.i_g)] - needed).ravel()
+
+    def jacobian(self, x: np.ndarray) -> np.ndarray:
+        """Derivatives of the residuals (n, numbers), by differences; those in the springs only
+        after large changes.
+
+        Raises
+        ------
+        SolverError
+            The motion does not determine the mass.
+        """
+        at = self.layout
+        unit = self.of.unit
+        arm = 1e-4 * self.length * max(x[0], unit)
+        sizes = dict(zip(at.entries(at.body), (1e-3 * unit, arm, arm, arm), strict=True))
+        away = x - self._of_springs
+        of_load = np.abs(away[at.body] / [1.0, *3 * [self.length]]).max() / (unit + abs(x[0]))
+        if not max(of_load, np.abs(away[at.springs]).max(initial=0.0)) < FRESH:
+            sizes |= dict.fromkeys(at.entries(at.springs), SOFTER)
+            self._of_springs = x.copy()
+        r = self(x)
+        for k, size in sizes.items():
+            there = self._residual(x + size * (np.arange(at.size) == k))
+            self._J[:, k] = (there - r) / size
+        deviation = np.sqrt(self.of._variance(r.reshape(-1, self.of.scale.size)))
+        if not _is_determined(self._J[:, at.found], self.about * deviation / self.hidden(x)):
+            raise SolverError(
+                "load: the motion does not determine the mass; move the joints that carry the load"
+            )
+        return self._J
+
+    def _load(self, x: np.ndarray) -> np.ndarray:
+        return values_of(x[self.layout.body], self.of.farthest)
 
 
 def _tensor(six: np.ndarray) -> np.ndarray:
@@ -692,11 +751,11 @@ def _tensor(six: np.ndarray) -> np.ndarray:
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
-def values_of(x: np.ndarray, farthest: float) -> np.ndarray:
+def values_of(body: np.ndarray, farthest: float) -> np.ndarray:
     """Mass and center of mass from mass and first moments; that of a mass that is nearly zero is
     kept near.
     """
-    return np.concatenate([x[:1], np.clip(x[1:4] / x[0], -farthest, farthest)])
+    return np.concatenate([body[:1], np.clip(body[1:4] / body[0], -farthest, farthest)])
 
 
 def _is_determined(J: np.ndarray, prior: np.ndarray) -> bool:

@@ -18,8 +18,8 @@ import casadi as ca
 import numpy as np
 
 from flexgen.base.errors import BuildError
-from flexgen.base.numerics.trust_region import normal
 from flexgen.codegen.build.casadi_module import in_c
+from flexgen.identification.estimator.problem import normal
 from flexgen.identification.experiments.plan import default_cascade
 from flexgen.identification.responses.frequency_response import Frf, gains_of
 from flexgen.identification.responses.large_motions import OVERSAMPLING, LargeMotions

@@ -10,8 +10,8 @@ need not be known, and unstable or badly modeled slow motion does no harm. Start
 constant torques are eliminated segment by segment; constant torques take effects outside of the
 model, such as the offset of a second encoder. What no output shows is held by a wide prior.
 
-Of a periodic motion the mean of the periods is fitted. Deviations are those of a sandwich over the
-segments, since errors of neighboring samples are alike.
+Of a periodic motion the mean of the periods is fitted. Deviations are those of blocks, see
+`flexgen.identification.estimator.covariance`: a block is a segment.
 
 Source: H. Bock, 1983 (multiple shooting); G. Golub and V. Pereyra, SIAM J. Numer. Anal. 10(2),
 1973 (elimination); L. Ljung, System Identification, 2nd ed. 1999, sec. 16.5 (validation,
@@ -33,9 +33,12 @@ from flexgen.base.calls.deadline import is_over, limit_fit, reason_of_end
 from flexgen.base.calls.progress import Choice, reported
 from flexgen.base.checks.type_checks import checked_result, checked_types
 from flexgen.base.errors import ArgumentError
-from flexgen.base.numerics.trust_region import Fit, Sums, minimize
-from flexgen.identification.estimator.fit_status import status_of_end
-from flexgen.identification.estimator.residual_statistics import whiteness
+from flexgen.identification.estimator.covariance import block_covariance
+from flexgen.identification.estimator.minimize import Minimum, Search, minimize
+from flexgen.identification.estimator.problem import Sums
+from flexgen.identification.estimator.residuals import whiteness
+from flexgen.identification.estimator.status import status_of_end
+from flexgen.identification.estimator.validation import Errors, fails_elsewhere
 from flexgen.identification.experiments.experiment import largest_rate
 from flexgen.identification.records.description import Description, Recording, read_description
 from flexgen.identification.responses.graybox import SMALL_ERROR, weak_directions
@@ -59,9 +62,6 @@ LEAST_SEGMENTS = 4
 POORLY_EXPLAINED = 50.0  # %: a fit below it is a model error
 # part of the lags of white residuals within the 99 % band: less has a probability below 1e-4
 WHITE = 0.85
-# errors on recordings that were not fitted over those of the fit, from which on the model fails
-# there
-WORSE = 2.0
 
 
 @checked_result
@@ -402,7 +402,7 @@ def fit_motion(
     time_limit: float | None = None,
     progress: Choice = None,
 ) -> MotionFit:
-    """Fit parameters of a model to recorded torques and motions.
+    """Minimum parameters of a model to recorded torques and motions.
 
     Parameters
     ----------
@@ -467,10 +467,7 @@ def fit_motion(
         fit = _minimize(shooting, vector, tell)
         reason = reason_of_end()
     r, J = shooting.parts(fit.x)
-    prior = np.diag(vector.prior_sd**-2.0)
-    inverse = np.linalg.inv(fit.A + prior)
-    scores = np.einsum("snk,sn->sk", J, r)
-    covariance = inverse @ (scores.T @ scores + prior) @ inverse
+    covariance = block_covariance(J, r, range(len(J)), np.diag(vector.prior_sd**-2.0))
     errors = shooting.errors(r) * shooting.sd
     percent = _percent(shooting.y, errors)
     white = whiteness(errors, shooting.Q[:, : errors[0].size])
@@ -501,7 +498,7 @@ def fit_motion(
 
 def _minimize(
     shooting: _Shooting, vector: ParameterVector, tell: Callable[[str], None] | None
-) -> Fit:
+) -> Minimum:
     """The fit; the deviations of the outputs follow from the residuals of the last one."""
     x = vector.start
     fit = None
@@ -515,21 +512,14 @@ def _minimize(
             r, _ = shooting.settle(x)
             each = (shooting.errors(r) ** 2).mean(axis=(0, 1))
             shooting.sd = shooting.sd * np.sqrt(np.maximum(each, 1e-300))
-        fit = minimize(
-            shooting.sums,
-            shooting.cost,
-            x,
-            vector.start,
-            vector.prior_sd,
-            vector.bounds,
-            distance=DISTANCE,
-        )
+        problem = vector.problem(shooting.sums, shooting.cost)
+        fit = minimize(problem, x, Search(DISTANCE))
         x = fit.x
     assert fit is not None
     return fit
 
 
-def _status(fit: Fit, percent: tuple[float, ...], white: tuple[float, ...]) -> FitStatus:
+def _status(fit: Minimum, percent: tuple[float, ...], white: tuple[float, ...]) -> FitStatus:
     """By convergence, by the size of the residuals, and by whether they are white, as noise is."""
     if not fit.converged:
         return FitStatus.NOT_CONVERGED
@@ -549,15 +539,16 @@ def _fails(percent: tuple[float, ...], held_out: tuple[float, ...], ratio: np.nd
     more noise.
     """
     left, left_there = (1 - np.array(x) / 100 for x in (percent, held_out))
-    worse = (ratio > WORSE) & (left_there > WORSE * left) & (left_there > SMALL_ERROR)
+    fitted = Errors(np.ones(len(left)), left)
+    worse = fails_elsewhere(fitted, Errors(ratio, left_there), SMALL_ERROR)
     return bool(worse.any() or min(held_out) < POORLY_EXPLAINED)
 
 
 def _validate(
     vector: ParameterVector, x: np.ndarray, path: str | Path, segment_s: float, sd: np.ndarray
 ) -> tuple[tuple[float, ...], np.ndarray]:
-    """Fit in percent and rms of the errors of recordings that were not fitted; their start states
-    are free.
+    """Minimum in percent and rms of the errors of recordings that were not fitted; their start
+    states are free.
     """
     other = _Shooting(vector, read_description(path), segment_s)
     other.sd = sd  # of the fit: with larger deviations the prior would hold start states

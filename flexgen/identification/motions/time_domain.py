@@ -29,10 +29,11 @@ from flexgen.base.calls.deadline import check_time, is_over, keep_best, limit_fi
 from flexgen.base.calls.progress import Choice, reported
 from flexgen.base.checks.type_checks import checked_types
 from flexgen.base.errors import ArgumentError
-from flexgen.base.numerics.trust_region import Fit, Sums, minimize
 from flexgen.codegen.build.model_library import library_with
 from flexgen.dynamics.mechanics.parameters import select
 from flexgen.feedback.loop.closed_loop import ClosedLoop, Snapshot, integration_steps
+from flexgen.identification.estimator.minimize import Minimum, Search, minimize
+from flexgen.identification.estimator.problem import Sums
 from flexgen.identification.experiments.excitation import Plan
 from flexgen.identification.experiments.experiment import FINER, Experiment, fade_in, largest_rate
 from flexgen.identification.responses.graybox import COST_MOST, SMALL_ERROR, weak_directions
@@ -316,18 +317,16 @@ def refine(
         model, unknown, start=begin | dict(start or {}), controller=plan.controller
     )
     simulated = Simulated(vector, experiment, _choose(plan, 0, runs), tell)
-    settings = (vector.start, vector.prior_sd, vector.bounds)
+    problem = vector.problem(simulated.sums, simulated.cost)
     with limit_fit("refine", time_limit, tell):
-        rough = minimize(
-            simulated.sums, simulated.cost, vector.start, *settings, distance=ROUGH_DISTANCE
-        )
+        rough = minimize(problem, vector.start, Search(ROUGH_DISTANCE))
         fit = rough
         if not is_over():
             with keep_best():
                 simulated.use_noise(rough.x)
         if not is_over():
             simulated.use_whole()
-            fit = minimize(simulated.sums, simulated.cost, rough.x, *settings, distance=DISTANCE)
+            fit = minimize(problem, rough.x, Search(DISTANCE))
         reason = reason_of_end()
     degrees = max(simulated.count - len(vector) / 2, 1.0)
     cost = fit.cost / degrees
@@ -500,7 +499,9 @@ def _frictions(found: IdentificationResult) -> list[str]:
     ]
 
 
-def _status(fit: Fit, cost: float, simulated: Simulated, found: IdentificationResult) -> FitStatus:
+def _status(
+    fit: Minimum, cost: float, simulated: Simulated, found: IdentificationResult
+) -> FitStatus:
     if not fit.converged or fit.at_bound.any():
         return FitStatus.AT_BOUND if fit.converged else FitStatus.NOT_CONVERGED
     relative = np.linalg.norm(simulated.residual(fit.x) * simulated.sd) / np.linalg.norm(

@@ -1,13 +1,12 @@
 """Standard deviations of a calibration: from the scatter of the poses, and from the curvature of
 the positions.
 
-    C = H^-1 (sum g g' + P) H^-1
     x_true - x = v + w(v),      v ~ N(0, C),      w = -1/2 H^-1 J' W y''[v, v],
     covariance = C + E[w w']
 
-``g``: the slope of a pose, with its errors in a fit without it, since the fit makes them small
-where one pose determines a number. The errors of one pose may depend on each other: its trackers
-share what deflects below them.
+C: the covariance from blocks, see `flexgen.identification.estimator.covariance`. A block is a
+pose: the errors of one may depend on each other, since its trackers share what deflects below
+them.
 
 Joint zeros and placements that the poses do not separate keep the width of their priors, and move
 together along an arc: a length across it changes with the square of their angle, by far more than
@@ -24,9 +23,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexgen.base.errors import SolverError
-from flexgen.identification.poses.fit import Minimum, Problem, Slopes
+from flexgen.identification.estimator.covariance import block_covariance
+from flexgen.identification.estimator.minimize import bend_of
+from flexgen.identification.estimator.problem import Linearization
+from flexgen.identification.poses.fit import Minimum, Poses
 
 DRAWS = 20  # of v: the width of w to some ten percent
+FLAT = 1e-12  # part of the curvature along a number that directions without any information get
 ROUNDING = 1e-4  # of the variances of normalized numbers, far above that of the inverse
 
 
@@ -42,26 +45,31 @@ class Accuracy:
     pull: np.ndarray
 
 
-def accuracy_of(problem: Problem, found: Minimum) -> Accuracy:
+def accuracy_of(problem: Poses, found: Minimum) -> Accuracy:
     """The covariance to second order at a minimum."""
-    slopes = problem.slopes(found.x, found.rest, found.gap, found.scale)
-    matrix = problem.curvature(slopes)
-    free = (found.x > problem.lower) | (slopes.whole < 0)
+    problem.near = found.rest.near
+    here = problem.linearize(found.x)
+    slope = here.slope + problem.prior.slope(found.x)
+    matrix = here.matrix + problem.prior.information
+    # also along numbers without any information
+    matrix = matrix + FLAT * np.diag(np.diag(matrix))
+    free = (found.x > problem.lower) | (slope < 0)
     inner = np.ix_(free, free)
     inverse = np.linalg.inv(matrix[inner])
-    g = slopes.leave_out_each(free, inverse)
-    first = inverse @ (g.T @ g + np.diag(problem.precision[free])) @ inverse
+    poses = len(problem.measured)
+    rows = here.rows[:, free].reshape(poses, -1, int(free.sum()))
+    gaps = here.gaps.reshape(poses, -1)
+    first = block_covariance(rows, gaps, range(poses), problem.prior.information[inner])
     covariance = np.zeros(matrix.shape)
-    covariance[inner] = first + _of_bends(problem, found, slopes, free, inverse, first)
+    covariance[inner] = first + _of_bends(problem, here, free, inverse, first)
     everything = np.linalg.inv(matrix)
     sd = np.sqrt(np.maximum(np.diag(everything), 1e-300))
-    return Accuracy(covariance, np.where(free, 0.0, -everything @ slopes.whole / sd))
+    return Accuracy(covariance, np.where(free, 0.0, -everything @ slope / sd))
 
 
 def _of_bends(
-    problem: Problem,
-    found: Minimum,
-    slopes: Slopes,
+    problem: Poses,
+    here: Linearization,
     free: np.ndarray,
     inverse: np.ndarray,
     covariance: np.ndarray,
@@ -79,7 +87,7 @@ def _of_bends(
         step = np.zeros(len(free))
         step[free] = root @ unit
         try:
-            bends.append(problem.bend(found.x, slopes, step)[free])
+            bends.append(bend_of(problem, here, step)[free])
         except SolverError:
             continue  # so far that the springs do not carry the arm
     if not bends:

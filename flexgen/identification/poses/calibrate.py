@@ -21,6 +21,7 @@ from flexgen.base.calls.deadline import is_over, keep_best, limit_fit, reason_of
 from flexgen.base.calls.progress import Choice, reported
 from flexgen.base.checks.type_checks import checked_types
 from flexgen.base.errors import ArgumentError
+from flexgen.identification.estimator.validation import validate
 from flexgen.identification.poses.accuracy import Accuracy, accuracy_of
 from flexgen.identification.poses.components import (
     Tilt,
@@ -29,7 +30,7 @@ from flexgen.identification.poses.components import (
     tilt_slopes,
     whitening_of,
 )
-from flexgen.identification.poses.fit import Minimum, Problem, fit
+from flexgen.identification.poses.fit import Minimum, Poses, fit
 from flexgen.identification.poses.mistakes import (
     DOUBTFUL,
     find_start,
@@ -217,10 +218,10 @@ class _Study:
         self.robust = robust
         self.valid = np.isfinite(measured).all(axis=2)
 
-    def problem(self, unknowns: Sequence[Unknown], whitening: np.ndarray | None = None) -> Problem:
+    def problem(self, unknowns: Sequence[Unknown], whitening: np.ndarray | None = None) -> Poses:
         """That of all poses."""
         given = (self.statics, self.measured, unknowns, self.robust)
-        return Problem(*given, whitening, self.weights)
+        return Poses(*given, whitening, self.weights)
 
     def fit(
         self, start: np.ndarray, tell: Callable[[str], None] | None
@@ -260,38 +261,44 @@ class _Study:
     ) -> tuple[np.ndarray | None, np.ndarray | None]:
         """Errors on poses left out, alone and with the other trackers of the pose; None: ended."""
         order = np.random.default_rng(0).permutation(len(self.measured))
-        errors = np.full(self.measured.shape[:2], np.nan)
-        seen = None if tilt is None else errors.copy()
+        parts = [np.sort(order[k::folds]) for k in range(folds)]
         whitening = (
             None if tilt is None else self._whitening(self.statics, whole, tilt, self.valid)
         )
-        for k in range(folds):
-            if tell:
-                tell(f"cross-validation {k + 1} of {folds}")
-            left_out = np.sort(order[k::folds])
-            kept = np.setdiff1d(np.arange(len(order)), left_out)
+
+        def fit_without(others: list[np.ndarray]) -> tuple[Numbers, np.ndarray]:
+            kept = np.sort(np.concatenate(others))
             inner = None if whitening is None else whitening[kept]
             weights = None if self.weights is None else self.weights[kept]
             part = (self.statics.among(kept), self.measured[kept], self.unknowns, self.robust)
-            problem = Problem(*part, inner, weights)
-            if is_over():
-                return None, None
-            one = fit(problem, whole.x, whole.rest.near.among(kept), whole.damping)
-            numbers = problem.numbers(one.x)
-            others = self.statics.among(left_out)
-            rest = others.rest(numbers, whole.rest.near.among(left_out))
-            errors[left_out] = np.linalg.norm(rest.measured - self.measured[left_out], axis=2)
-            if self.statics.groups is not None:
+            problem = Poses(*part, inner, weights)
+            found = fit(problem, whole.x, whole.rest.near.among(kept))
+            return problem.numbers(found.x), kept
+
+        def errors_of(found: tuple[Numbers, np.ndarray], one: np.ndarray) -> np.ndarray:
+            numbers, kept = found
+            others = self.statics.among(one)
+            rest = others.rest(numbers, whole.rest.near.among(one))
+            alone = np.linalg.norm(rest.measured - self.measured[one], axis=2)
+            groups = self.statics.groups
+            touches = self.statics.touches
+            if groups is not None:
                 # the place of a point that no other pose touches is not known
-                groups = self.statics.groups
                 known = (groups < 0) | np.isin(groups, groups[kept])
-                errors[left_out] = np.where(known[left_out], errors[left_out], np.nan)
-            if self.statics.touches is not None:
-                known = self.statics.touches.find_known(kept)
-                errors[left_out] = np.where(known[left_out], errors[left_out], np.nan)
-            if seen is not None and tilt is not None:
-                seen[left_out] = seen_others(others, numbers, rest, self.measured[left_out], tilt)
-        return errors, seen
+                alone = np.where(known[one], alone, np.nan)
+            if touches is not None:
+                alone = np.where(touches.find_known(kept)[one], alone, np.nan)
+            if tilt is None:
+                return alone[None]
+            return np.array([alone, seen_others(others, numbers, rest, self.measured[one], tilt)])
+
+        errors = validate(parts, fit_without, errors_of, tell)
+        if errors is None:
+            return None, None
+        found = np.full((len(errors[0]), *self.measured.shape[:2]), np.nan)
+        for one, error in zip(parts, errors, strict=True):
+            found[:, one] = error
+        return found[0], None if tilt is None else found[1]
 
 
 def _check(robot: RobotModel, data: StaticPoses, count: int, folds: int) -> None:

@@ -23,14 +23,14 @@ from flexgen.base.checks.counts import STARTS, count_of, show_value
 from flexgen.base.checks.type_checks import checked_types
 from flexgen.base.errors import ArgumentError, FlexgenError, SolverError
 from flexgen.base.numerics.records import TRANSIENT
-from flexgen.base.numerics.trust_region import Fit, minimize
 from flexgen.base.spec.arguments import is_number
 from flexgen.dynamics.mechanics.parameters import with_values
 from flexgen.feedback.loop.gains import lowest_locked_hz
 from flexgen.identification.causes.explain import Cause, explain, hidden_causes
 from flexgen.identification.causes.levels import compare_levels
 from flexgen.identification.estimator.fit_grade import Grade, grade
-from flexgen.identification.estimator.fit_status import status_of_end
+from flexgen.identification.estimator.minimize import Minimum, minimize
+from flexgen.identification.estimator.status import status_of_end
 from flexgen.identification.experiments.plan import default_free
 from flexgen.identification.motions.motion_correction import (
     correct_responses,
@@ -90,7 +90,7 @@ def identify(
     time_limit: float | None = None,
     progress: Choice = None,
 ) -> IdentificationResult:
-    """Fit parameters of a model to frequency responses.
+    """Minimum parameters of a model to frequency responses.
 
     Parameters
     ----------
@@ -213,7 +213,7 @@ def _fit(
             residuals.average_springs(best.x)
             if is_over():
                 break
-            best = _search(vector, residuals, best.x)
+            best = _search(residuals, best.x)
     measured = data
     unsure = 0.0
     if not obstacle(data) and not is_over():
@@ -221,7 +221,7 @@ def _fit(
             tell("correction for large motions")
         data, unsure = correct_responses(residuals, best.x)
         residuals = residuals.on(data, floor or 0.0)
-        best = _search(vector, residuals, best.x)
+        best = _search(residuals, best.x)
     error = floor or 0.0
     if floor is None and best.cost > COST_MOST * degrees and not is_over():
         left = residuals.find_unexplained(best.x)
@@ -313,8 +313,8 @@ def _check(
 
 
 def _with_structure(
-    vector: ParameterVector, data: Frf, residuals: Residuals, best: Fit, degrees: float
-) -> tuple[Residuals, Fit, float]:
+    vector: ParameterVector, data: Frf, residuals: Residuals, best: Minimum, degrees: float
+) -> tuple[Residuals, Minimum, float]:
     """The fit with weights from the structure of the noise, or the given one where the data have
     no such structure.
 
@@ -327,7 +327,7 @@ def _with_structure(
         if is_over():
             return residuals, best, residuals.find_unexplained(best.x)
         polish.use_structure(fit.x)
-        fit = _search(vector, polish, fit.x)
+        fit = _search(polish, fit.x)
     misfit = polish.misfit(fit.x) * residuals.count / polish.count
     left = polish.find_unexplained(fit.x)
     return (
@@ -337,10 +337,8 @@ def _with_structure(
     )
 
 
-def _search(vector: ParameterVector, residuals: Residuals, start: np.ndarray) -> Fit:
-    return minimize(
-        residuals.sums, residuals.cost, start, vector.start, vector.prior_sd, vector.bounds
-    )
+def _search(residuals: Residuals, start: np.ndarray) -> Minimum:
+    return minimize(residuals.problem, start)
 
 
 def _searches(
@@ -350,12 +348,12 @@ def _searches(
     spread: float,
     seed: int,
     tell: Callable[[str], None] | None,
-) -> list[Fit]:
+) -> list[Minimum]:
     """The search from the start values, and others from random ones; those without an equilibrium
     are left out.
     """
     rng = np.random.default_rng(seed)
-    fits: list[Fit] = []
+    fits: list[Minimum] = []
     reason: SolverError | None = None
     for k in range(starts):
         away = rng.uniform(-1, 1, len(vector)) * np.log(spread) if k else np.zeros(len(vector))
@@ -365,7 +363,8 @@ def _searches(
         if fits and is_over():
             break
         try:
-            fits.append(_search(vector, residuals, vector.start + np.where(log, away, 0.0)))
+            start = vector.start + np.where(log, away, 0.0)
+            fits.append(_search(residuals, start))
         except SolverError as error:
             reason = error
     if not fits:
@@ -377,10 +376,10 @@ def _with_model_error(
     vector: ParameterVector,
     data: Frf,
     plain: Residuals,
-    best: Fit,
+    best: Minimum,
     degrees: float,
     tell: Callable[[str], None] | None,
-) -> tuple[float, Residuals, Fit]:
+) -> tuple[float, Residuals, Minimum]:
     """The size of the model error, the residuals with it in their weights, and their fit.
 
     First one part of ``|G|`` for all elements, for which the cost is 1 for each degree of freedom.
@@ -400,7 +399,7 @@ def _with_model_error(
             else (low, middle)
         )
     residuals = plain.on(data, high)
-    best = _search(vector, residuals, best.x)
+    best = _search(residuals, best.x)
     error = high
     for k in range(REWEIGHTINGS):
         if is_over():
@@ -413,11 +412,11 @@ def _with_model_error(
                 f"model error {100 * error:.2g} % of the responses, fit {k + 1} of {REWEIGHTINGS}"
             )
         residuals = residuals.on(data, extra=extra)
-        best = _search(vector, residuals, best.x)
+        best = _search(residuals, best.x)
     return error, residuals, best
 
 
-def _status(fit: Fit, cost: float, error: float, data: Frf, stated: bool) -> FitStatus:
+def _status(fit: Minimum, cost: float, error: float, data: Frf, stated: bool) -> FitStatus:
     """The status of a fit; ``stated``: the user has stated the model error."""
     if not fit.converged:
         return FitStatus.NOT_CONVERGED

@@ -13,7 +13,7 @@ sensors), and the gains of `flexgen.feedback.loop.controllers.Cascade`: ``<motor
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -22,6 +22,7 @@ import numpy as np
 from flexgen.base.errors import ArgumentError
 from flexgen.dynamics.mechanics.parameters import Parameter, select
 from flexgen.feedback.loop.controllers import Cascade
+from flexgen.identification.estimator.problem import Prior, Problem, Sums
 from flexgen.identification.responses.response_inputs import Drive, with_drive
 from flexgen.model.elements import RobotModel
 
@@ -176,6 +177,12 @@ class ParameterVector:
     def prior_sd(self) -> np.ndarray:
         """Standard deviations of the priors of x, (n,)."""
         return np.array([u.prior_sd for u in self.unknowns])
+
+    def problem(
+        self, sums: Callable[[np.ndarray], Sums], cost: Callable[[np.ndarray], float]
+    ) -> Problem:
+        """The problem of estimation with these sums of squares, see `Problem.of_sums`."""
+        return Problem.of_sums(sums, cost, Prior.of_sd(self.start, self.prior_sd), self.bounds)
 
     def x(self, values: np.ndarray) -> np.ndarray:
         """The vector x of values of the parameters."""

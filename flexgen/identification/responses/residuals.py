@@ -32,7 +32,7 @@ import numpy as np
 from scipy.linalg import eigh
 
 from flexgen.base.errors import ArgumentError
-from flexgen.base.numerics.trust_region import Sums, normal
+from flexgen.identification.estimator.problem import Problem, Sums, normal
 from flexgen.identification.experiments.operating_points import along_x
 from flexgen.identification.responses.frequency_response import Frf
 from flexgen.identification.responses.local_model import LocalModel, Response, Rest
@@ -259,6 +259,11 @@ class Residuals:
         """Sum of the squares, compensated."""
         found = self.response(x)
         return float((np.abs(self._weigh(found)[0]) ** 2).sum()) + self._compensation(found.G)[0]
+
+    @property
+    def problem(self) -> Problem:
+        """The problem of estimation, in x."""
+        return self.vector.problem(self.sums, self.cost)
 
     def sums(self, x: np.ndarray) -> Sums:
         """Compensated sum of the squares, half its derivative, and ``Re J^H J``."""

@@ -28,7 +28,7 @@ from flexgen.feedback.loop.robustness import ControlName
 from flexgen.identification.causes.explain import Cause
 from flexgen.identification.causes.levels import AmplitudeTest
 from flexgen.identification.estimator.fit_grade import Grade
-from flexgen.identification.estimator.fit_status import FitStatus as FitStatus
+from flexgen.identification.estimator.status import FitStatus as FitStatus
 from flexgen.identification.responses.frequency_response import Frf
 from flexgen.identification.responses.parameters import (
     SENSOR_DELAY,

@@ -28,12 +28,15 @@ import numpy as np
 
 from flexgen.base.calls.deadline import best_known, is_over, reason_of_end
 from flexgen.base.errors import ArgumentError
-from flexgen.base.numerics.trust_region import Sums, minimize
-from flexgen.identification.estimator.residual_statistics import covariance, parts_of, rms
+from flexgen.identification.estimator.covariance import Blocks, covariance_of
+from flexgen.identification.estimator.minimize import minimize
+from flexgen.identification.estimator.problem import Prior, Problem, Sums
+from flexgen.identification.estimator.residuals import rms
+from flexgen.identification.estimator.status import FitStatus
+from flexgen.identification.estimator.validation import Piece, parts_of, validate
 from flexgen.identification.rigid import rigid_accuracy
 from flexgen.identification.rigid.feasible_bodies import Feasible, scales, units
 from flexgen.identification.rigid.feasible_motors import is_possible
-from flexgen.identification.rigid.rigid_accuracy import RigidStatus
 from flexgen.identification.rigid.rigid_columns import BLOCK, Columns, band_of
 from flexgen.identification.rigid.rigid_mistakes import Mistake, find_causes
 from flexgen.identification.rigid.rigid_model import rigid_model
@@ -107,12 +110,17 @@ class RigidFit:
     counterbalance: dict[str, int]
     covariance: np.ndarray
     left_out: np.ndarray | None
-    status: RigidStatus
+    status: FitStatus
     lags: np.ndarray
     fades: np.ndarray
     speed: np.ndarray
     limit_hz: float
     mistake: Mistake | None = None
+
+    @property
+    def texts(self) -> tuple[str, str]:
+        """Sentence and advice of the status."""
+        return self.status.texts(rigid_accuracy.TEXTS)
 
     @property
     def numbers_sd(self) -> np.ndarray | None:
@@ -134,7 +142,7 @@ class RigidFit:
         fitted, others : sequences of Motion
             Those of the fit, and others.
         """
-        if self.status is RigidStatus.MODEL_ERROR:
+        if self.status is FitStatus.MODEL_ERROR:
             return self
         (error, scale), (there, there_scale) = (
             self._errors(motions) for motions in (fitted, others)
@@ -241,9 +249,9 @@ def identify_rigid(
         weight = 1.0 / (sd * np.sqrt(columns.correlated))
         n = len(file)
         m = len(file) + at.friction.size
-        found = covariance(
-            terms, error, weight, information, max(1, round(BLOCK * flat.period / columns.step))
-        )
+        block = max(1, round(BLOCK * flat.period / columns.step))
+        blocks = Blocks.of_outputs(terms, error, weight, block)
+        found = covariance_of(blocks, np.diag(information))
         if not (error_rms > rigid_accuracy.NOTICED * scale).any():
             break
         if is_over():
@@ -260,9 +268,9 @@ def identify_rigid(
     )
     settled = change < max(SETTLED * flat.period, SETTLED_SD * np.sqrt(found[-1, -1]))
     if mistake is not None or not settled or not possible:
-        status = RigidStatus.MODEL_ERROR
+        status = FitStatus.MODEL_ERROR
     if reason := reason_of_end():
-        status = RigidStatus.of_value(reason)
+        status = FitStatus.of_value(reason)
     return RigidFit(
         model=rigid_model(
             robot, regressor.bodies(at.pi), extra, at.friction, flat.fades, flat.speed
@@ -371,19 +379,24 @@ def _check(
 
 def _leave_out(
     columns: Columns, prior: _Prior, at: _Numbers, sd: np.ndarray, parts: int
-) -> np.ndarray:
-    """Rms errors (n_m,) on each part of the recordings of the fit to all others."""
-    pieces = parts_of([len(m) for m in columns.measured], parts)
-    error = []
-    moving = []
-    for one in pieces:
-        others = columns.part([piece for piece in pieces if piece is not one])
-        found = _fit_bodies(others, prior, at, sd)
+) -> np.ndarray | None:
+    """Rms errors (n_m,) on each part of the recordings of the fit to all others; None: the time
+    was over.
+    """
+
+    def fit(others: list[Piece]) -> _Numbers:
+        return _fit_bodies(columns.part(others), prior, at, sd)
+
+    def errors(found: _Numbers, one: Piece) -> np.ndarray:
         here = columns.part([one])
         late = here.Z[0] @ (found.lags - at.lags)
-        error.append(here.measured[0] - here.torques(found.pi, found.friction)[0] - late)
-        moving.append(here.moving[0])
-    return rms(np.vstack(error), np.vstack(moving))
+        return here.measured[0] - here.torques(found.pi, found.friction)[0] - late
+
+    pieces = parts_of([len(m) for m in columns.measured], parts)
+    error = validate(pieces, fit, errors)
+    if error is None:
+        return None
+    return rms(np.vstack(error), np.vstack([columns.part([one]).moving[0] for one in pieces]))
 
 
 def _fit_bodies(columns: Columns, prior: _Prior, start: _Numbers, sd: np.ndarray) -> _Numbers:
@@ -433,7 +446,8 @@ def _fit_bodies(columns: Columns, prior: _Prior, start: _Numbers, sd: np.ndarray
 
     x = maps.x(start.pi)
     free = np.full(len(x), np.inf)
-    pi = maps.pi(minimize(sums, cost, x, x, np.full(len(x), 1e3), (-free, free)).x)
+    near = Prior.of_sd(x, np.full(len(x), 1e3))
+    pi = maps.pi(minimize(Problem.of_sums(sums, cost, near, (-free, free)), x).x)
     change = lagged[:, n] - lagged[:, :n] @ pi
     rest = target - Y @ pi - Z @ change
     return _Numbers(

@@ -31,7 +31,7 @@ from scipy.interpolate import make_interp_spline
 from flexgen.base.numerics.low_pass import LENGTH, LowPass, bandwidth
 from flexgen.base.numerics.polynomial_filter import WINDOW, smooth_forces
 from flexgen.dynamics.mechanics.statics import gear_damping, gear_deflection
-from flexgen.identification.estimator.residual_statistics import rms
+from flexgen.identification.estimator.residuals import rms
 from flexgen.identification.rigid.counterbalances import held_balances
 from flexgen.identification.rigid.rests_of_motors import MOVING, Rests, largest_of_unit
 from flexgen.identification.rigid.rigid_regressor import Motion, Regressor

@@ -18,11 +18,11 @@ from flexgen.base.display import plain
 from flexgen.base.errors import ArgumentError
 from flexgen.base.results import Result
 from flexgen.dynamics.mechanics.parameters import select
+from flexgen.identification.estimator.status import FitStatus
 from flexgen.identification.records.description import Description, read_description
 from flexgen.identification.records.gear_deflection import GearDeflection, gear_deflection
 from flexgen.identification.responses.result import FileWords, write_model
 from flexgen.identification.rigid.feasible_bodies import body_of, scales
-from flexgen.identification.rigid.rigid_accuracy import RigidStatus
 from flexgen.identification.rigid.rigid_body import RigidFit, identify_rigid
 from flexgen.identification.rigid.rigid_regressor import BODY, Motion
 from flexgen.model.elements import RobotModel
@@ -142,7 +142,7 @@ def identify_bodies(
     errors = {"fitted": [fit.relative_errors(motion).tolist() for motion in fitted]}
     if others is not None:
         errors["validated"] = [fit.relative_errors(motion).tolist() for motion in others]
-        ended = fit.status in (RigidStatus.TIME_LIMIT, RigidStatus.INTERRUPTED)
+        ended = fit.status in (FitStatus.TIME_LIMIT, FitStatus.INTERRUPTED)
         fit = fit if ended else fit.validated(fitted, others)
     elif fit.left_out is not None:
         errors["left out"] = [fit.left_out.tolist()]

@@ -1,4 +1,4 @@
-"""Gains of a position servo from a record of commands and angles: Gauss-Newton on the simulated
+"""Gains of a position servo from a record of commands and angles: least squares on the simulated
 closed loop.
 
     min sum |q(t_k; p) - q_k|^2,
@@ -19,14 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from flexgen.base.calls.deadline import (
-    best_known,
-    check_time,
-    is_over,
-    keep_best,
-    limit_fit,
-    reason_of_end,
-)
+from flexgen.base.calls.deadline import is_over, keep_best, limit_fit, reason_of_end
 from flexgen.base.calls.progress import Choice, reported
 from flexgen.base.checks.type_checks import checked_types
 from flexgen.base.errors import ArgumentError, SolverError
@@ -42,6 +35,10 @@ from flexgen.feedback.loop.hysteresis import hysteretic_robots, largest_rate, sp
 from flexgen.feedback.loop.plants import NOMINAL, LocalDynamics, plants_of
 from flexgen.feedback.positions.samples import Interpolation, basis
 from flexgen.feedback.positions.servo import Servo, filter_reference, servo_of
+from flexgen.identification.estimator.covariance import block_covariance
+from flexgen.identification.estimator.layout import Layout
+from flexgen.identification.estimator.minimize import Search, minimize
+from flexgen.identification.estimator.problem import Linearization, Prior, Problem, Squares
 from flexgen.identification.servo.fit_result import ServoFit
 from flexgen.identification.servo.record import ServoRecord
 from flexgen.model.elements import RobotModel
@@ -52,14 +49,14 @@ from flexgen.simulation.environment.robot_function import RobotFunction
 STILL_S = 0.05
 STILL = 1e-3
 STILL_PERIODS = 12.5  # of a quicker interface, instead
-# of Levenberg and Marquardt; the last one, relative; first weight
+# Steps of a search, at most, and the part of the sum of squares that the last one gains.
 STEPS = 40
-CLOSE = 1e-5
-WEIGHT = 1e-4
+CLOSE = 1e-6
+# Change of a delay, in sample times of the servo, that counts as much as a factor e of a gain.
+DELAY_UNIT = 10.0
 LOWER = 1.5, 2.5  # factors of the gains where searches begin again
 SMALL = 1e-4  # of the lag: less is not seen as noise
 FARTHEST = 5.0  # largest motion of a joint, in motions of its command
-LONGEST_STEP = 0.7  # of the logarithm of a gain
 COMMON = ("speed_feedforward", "reference_filter_s", "latency_s")
 # differences for derivatives
 MOVED = {"speed_feedforward": 1e-3, "reference_filter_s": 1e-5, "latency_s": 1e-5}
@@ -137,76 +134,42 @@ def identify_servo(
     _check_record(record, robot)
     with limit_fit("identify_servo", time_limit, tell):
         fit = _Fit.begin(robot, record, servo_of(servo, robot), interpolation, tell)
-        best = _search(fit, *fit.start(), tell)
+        best = _search(fit, fit.start(), tell)
         for lower in LOWER:
             if is_over() or best.is_explained:
                 break
             with suppress(SolverError), keep_best():  # unstable there
-                found = _search(fit, *fit.start(lower), tell)
+                found = _search(fit, fit.start(lower), tell)
                 best = min(best, found, key=lambda one: one.left)
         reason = reason_of_end()
         return replace(best, ended=reason) if reason else best
 
 
-def _search(
-    fit: _Fit, p: np.ndarray, e: np.ndarray, J: np.ndarray, tell: Callable[[str], None]
-) -> ServoFit:
-    """Levenberg and Marquardt from parameters p with residuals e and their Jacobian."""
-    weight = WEIGHT
-    ended = False
-    best_known()
-    with keep_best():
-        for step in range(STEPS):
-            if is_over():
-                break
-            check_time("identify_servo")
-            tell(
-                f"step {step + 1}: {1e6 * np.sqrt((e**2).mean()):.3g} urad of the motors' angles "
-                "unexplained"
-            )
-            tried = fit.within(p + _change(fit, p, e, J, weight))
-            found = fit.run(tried)
-            if found is not None and (found[0] ** 2).sum() < (e**2).sum():
-                gain = 1.0 - (found[0] ** 2).sum() / (e**2).sum()
-                # at once: a search that ends in between keeps the step before
-                p = tried
-                e, J = found
-                weight = max(weight / 8, 1e-10)
-                ended = gain < CLOSE
-            else:
-                ended = weight > 1e3
-                weight = 10 * weight
-            if ended:
-                break
-    return fit.result(p, e, J, ended)
+def _search(fit: _Fit, start: np.ndarray, tell: Callable[[str], None]) -> ServoFit:
+    """The servo of least squares, from parameters p (n,)."""
+    runs = _Runs(fit)
+    units = fit.units
 
+    def tell_step(step: int, here: Linearization) -> None:
+        rms = np.sqrt((runs.residual(here.x) ** 2).mean())
+        tell(f"step {step}: {1e6 * rms:.3g} urad of the motors' angles unexplained")
 
-def _change(fit: _Fit, p: np.ndarray, e: np.ndarray, J: np.ndarray, weight: float) -> np.ndarray:
-    """The step of Levenberg and Marquardt; a number that would leave its bounds goes to the bound,
-    the others know.
-    """
-    scale = np.sqrt((J**2).sum(axis=0)) + 1e-300
-    change = np.zeros(len(p))
-    A = (J / scale).T @ (J / scale)
-    g = (J / scale).T @ e
-    free = np.ones(len(p), bool)
-    for _ in range(len(COMMON) + 1):
-        part = np.flatnonzero(free)
-        rest = np.flatnonzero(~free)
-        known = g[part] + A[np.ix_(part, rest)] @ (scale * change)[rest]
-        change[part] = (
-            -np.linalg.solve(A[np.ix_(part, part)] + weight * np.eye(len(part)), known)
-            / scale[part]
-        )
-        inside = fit.within(p + change) - p
-        leaving = free & (np.abs(inside - change) > 1e-12)
-        if not leaving.any():
-            break
-        change[leaving] = inside[leaving]
-        free &= ~leaving
-    return np.asarray(
-        change * min(1.0, LONGEST_STEP / max(np.abs(change[: fit.gains]).max(), 1e-300))
+    lower, upper = fit.bounds
+    problem = Problem(
+        runs.residual,
+        runs.jacobian,
+        Prior.nothing(fit.layout.size),
+        (lower / units, upper / units),
+        Squares(_rms),
     )
+    search = Search(gain=CLOSE, steps=STEPS, stage="identify_servo", tell=tell_step)
+    found = minimize(problem, start / units, search)
+    e, J = runs.at(found.x)
+    return fit.result(found.x * units, e, J, found.converged)
+
+
+def _rms(e: np.ndarray) -> float:
+    return max(float(np.sqrt((e**2).mean())), np.finfo(float).tiny)
 
 
 def _check_record(record: ServoRecord, robot: RobotModel) -> None:
@@ -272,10 +235,52 @@ def filter_of_delay(delay: float, h: float) -> float:
 
 
 @dataclass(frozen=True)
-class _Fit:
-    """A record, and the loop that is compared with it; parameters p: logarithms of gains, then
-    `COMMON`.
+class Numbers(Layout):
+    """Parameters p: logarithms of gains, then the numbers `COMMON`, the filter by its delay."""
+
+    gains: slice
+    speed_feedforward: slice
+    reference_filter_s: slice
+    latency_s: slice
+
+
+class _Runs:
+    """Residuals and Jacobian in units of the parameters; both come from one run, and that of the
+    last x is kept.
     """
+
+    def __init__(self, fit: _Fit) -> None:
+        self.fit = fit
+        self._x = np.zeros(0)
+        self._found: tuple[np.ndarray, np.ndarray] | None = None
+
+    def at(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Residuals (n,) and Jacobian (n, parameters) in the parameters p.
+
+        Raises
+        ------
+        SolverError
+            The loop is unstable.
+        """
+        if not np.array_equal(self._x, x):
+            self._x = x.copy()
+            self._found = self.fit.run(x * self.fit.units)
+        if self._found is None:
+            raise SolverError("identify_servo: the loop is unstable")
+        return self._found
+
+    def residual(self, x: np.ndarray) -> np.ndarray:
+        """Residuals (n,)."""
+        return self.at(x)[0]
+
+    def jacobian(self, x: np.ndarray) -> np.ndarray:
+        """Their derivatives in x (n, parameters)."""
+        return self.at(x)[1] * self.fit.units
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """A record, and the loop that is compared with it; for parameters p, see `Numbers`."""
 
     robot: RobotModel
     record: ServoRecord
@@ -329,7 +334,7 @@ class _Fit:
             speeds = {"v_a": np.zeros((len(v_m), n_a)), "v_m": v_m}
             speeds["v_a"][:, list(robot.i_g)] = v_m @ np.linalg.inv(robot.eta).T
             rate = largest_rate(local, motion, speeds, np.zeros(0), laws[0])
-            lanes = 1 + 3 * robot.n_m + len(COMMON)
+            lanes = 1 + _numbers(robot).size
             gears = hysteretic_robots(local.equations, np.zeros((lanes, 0)), laws * lanes, tell)
         return cls(
             robot,
@@ -346,9 +351,24 @@ class _Fit:
         )
 
     @property
-    def gains(self) -> int:
-        """Number of gains; one that is zero where the search begins stays zero."""
-        return 3 * self.robot.n_m
+    def layout(self) -> Numbers:
+        """Entries of p; a gain that is zero where the search begins stays zero."""
+        return _numbers(self.robot)
+
+    @property
+    def units(self) -> np.ndarray:
+        """Sizes of changes of p that are alike (n,)."""
+        delay = DELAY_UNIT * self.servo.sample_time
+        return self.layout.join(
+            gains=1.0, speed_feedforward=1.0, reference_filter_s=delay, latency_s=delay
+        )
+
+    @property
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Least and largest p (n,)."""
+        lower = self.layout.join(gains=-np.inf)
+        upper = self.layout.join(gains=np.inf, **LARGEST)
+        return lower, upper
 
     @property
     def first_gains(self) -> np.ndarray:
@@ -360,41 +380,47 @@ class _Fit:
         """Gains (..., 3, n_m) of parameters (..., gains and others)."""
         first = self.first_gains
         return np.where(
-            first > 0.0, np.exp(p[..., : self.gains]).reshape(*p.shape[:-1], *first.shape), 0.0
+            first > 0.0,
+            np.exp(p[..., self.layout.gains]).reshape(*p.shape[:-1], *first.shape),
+            0.0,
         )
 
-    def start(self, lower: float = 1.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Parameters, residuals and Jacobian where the search begins, its gains ``lower`` by a
-        factor.
+    def start(self, lower: float = 1.0) -> np.ndarray:
+        """Parameters where the search begins, its gains ``lower`` by a factor; still lower where
+        the loop is unstable.
 
-        Still lower ones where the loop is unstable.
+        Raises
+        ------
+        SolverError
+            It is unstable with these, too.
         """
         h = self.servo.sample_time
-        filtered = delay_of_filter(max(self.servo.reference_filter_s, FIRST_FILTER * h), h)
-        common = [self.servo.speed_feedforward, filtered, h]
         first = self.first_gains.ravel() / lower
-        p = np.concatenate([np.log(np.where(first > 0.0, first, 1.0)), common])
+        p = self.layout.join(
+            gains=np.log(np.where(first > 0.0, first, 1.0)),
+            speed_feedforward=self.servo.speed_feedforward,
+            reference_filter_s=delay_of_filter(
+                max(self.servo.reference_filter_s, FIRST_FILTER * h), h
+            ),
+            latency_s=h,
+        )
+        p = np.clip(p, *self.bounds)
         for _ in range(6):
-            found = self.run(self.within(p))
-            if found is not None:
-                return (self.within(p), *found)
-            p[: self.gains] -= np.log(1.5)
+            if self.run(p) is not None:
+                return p
+            p[self.layout.gains] -= np.log(1.5)
         raise SolverError(
             "identify_servo: the loop is unstable with the gains of the servo and with lower ones"
         )
 
-    def within(self, p: np.ndarray) -> np.ndarray:
-        """Parameters within their bounds."""
-        p = p.copy()
-        for k, name in enumerate(COMMON, self.gains):
-            p[k] = np.clip(p[k], 0.0, LARGEST[name])
-        return p
-
     def servo_of(self, p: np.ndarray) -> Servo:
         """The servo with these parameters."""
-        filtered = filter_of_delay(float(p[self.gains + 1]), self.servo.sample_time)
+        at = self.layout
+        delay = p[at.reference_filter_s].item()
         return replace(
-            self.servo, speed_feedforward=float(p[self.gains]), reference_filter_s=filtered
+            self.servo,
+            speed_feedforward=p[at.speed_feedforward].item(),
+            reference_filter_s=filter_of_delay(delay, self.servo.sample_time),
         )
 
     def run(self, p: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
@@ -402,17 +428,18 @@ class _Fit:
         None: unstable.
         """
         n_m = self.robot.n_m
-        moved = np.concatenate([np.full(self.gains, LOG_MOVED), [MOVED[name] for name in COMMON]])
+        moved = self.layout.join(gains=LOG_MOVED, **MOVED)
         sets = np.vstack([p, p + np.diag(moved)])
         lanes = len(sets)
         gains = self.gains_of(sets).transpose(1, 0, 2)
         rows = np.empty((len(self.time), lanes, 2 * n_m))
         rows[:, :, n_m:] = self.rest[1]
         known = self.record.command @ self.robot.eta.T
-        plain = {late: self._late(late) @ known for late in set(sets[:, -1])}
+        late_s = sets[:, self.layout.latency_s].ravel().tolist()
+        plain = {late: self._late(late) @ known for late in set(late_s)}
         for lane, own in enumerate(sets):
             rows[:, lane, :n_m] = filter_reference(
-                self.servo_of(own), plain[own[-1]], gains[0, lane]
+                self.servo_of(own), plain[late_s[lane]], gains[0, lane]
             )
         hardware = DriveHardware(self.servo.sample_time, self._rest_of_delay, 0.0, 0.0, 0.0, ())
         drives = self.robot, self.library, hardware, self._with_gains(gains)
@@ -471,21 +498,17 @@ class _Fit:
         return rest if rest > 1e-9 * h else 0.0
 
     def _deviations(self, p: np.ndarray, e: np.ndarray, J: np.ndarray) -> np.ndarray:
-        """Standard deviations of the parameters: what leaving out a block of the record changes
-        (jackknife).
+        """Standard deviations of the parameters, from blocks of the record; zero of a gain that
+        stayed zero.
         """
-        n_m = self.robot.n_m
         n = len(self.record.time)
         length = BLOCK / max(self.gains_of(p)[0].min(), 1e-9) / self.record.period
-        blocks = np.arange(0, n, max(round(min(length, n / BLOCKS)), 1))
-        scale = np.sqrt((J**2).sum(axis=0)) + 1e-300
-        Js = (J / scale).reshape(n, n_m, -1)
-        own = np.add.reduceat(np.einsum("nmp,nmq->npq", Js, Js), blocks)
-        scores = np.add.reduceat(np.einsum("nmp,nm->np", Js, e.reshape(n, n_m)), blocks)
-        without = np.linalg.pinv(own.sum(axis=0) - own, rcond=1e-14, hermitian=True)
-        changes = np.einsum("bpq,bq->bp", without, scores)
-        sd = np.sqrt((changes**2).sum(axis=0) * (1.0 - 1.0 / len(blocks))) / scale
-        return np.asarray(np.where(J.any(axis=0), sd, 0.0))
+        starts = range(0, n, max(round(min(length, n / BLOCKS)), 1))
+        shape = (n, self.robot.n_m)
+        rows = (J / _rms(e)).reshape(*shape, -1)
+        errors = (e / _rms(e)).reshape(shape)
+        found = block_covariance(rows, errors, starts, np.zeros((J.shape[1], J.shape[1])))
+        return np.sqrt(np.diag(found))
 
     def result(self, p: np.ndarray, e: np.ndarray, J: np.ndarray, converged: bool) -> ServoFit:
         """The servo with standard deviations, whose residuals may depend on each other within a
@@ -501,16 +524,17 @@ class _Fit:
         # of white noise: all of it
         quick = np.sqrt((np.diff(e.reshape(n, n_m), 3, axis=0) ** 2).mean(axis=0) / 20)
         of_all = max(float(1.0 - (e**2).sum() / max(((lag - lag[0]) ** 2).sum(), 1e-300)), 0.0)
-        own = sd[self.gains :]
-        delayed = p[self.gains + 1]
+        at = self.layout
         h = self.servo.sample_time
-        near = [filter_of_delay(max(delayed + x, 0.0), h) for x in (-own[1], 0.0, own[1])]
-        own[1] = np.abs(np.diff(near)).max()
-        common = dict(zip(COMMON, map(float, own), strict=True))
+        common = {name: sd[at.parts[name]].item() for name in COMMON}
+        delayed = p[at.reference_filter_s].item()
+        off = common["reference_filter_s"]
+        near = [filter_of_delay(max(delayed + x, 0.0), h) for x in (-off, 0.0, off)]
+        common["reference_filter_s"] = float(np.abs(np.diff(near)).max())
         return ServoFit(
             servo=found,
-            latency_s=float(p[-1]),
-            gain_sd=sd[: self.gains].reshape(3, n_m),
+            latency_s=p[at.latency_s].item(),
+            gain_sd=sd[at.gains].reshape(3, n_m),
             common_sd=common,
             unexplained=unexplained,
             noise=np.maximum(quick, SMALL * np.sqrt(((lag - lag[0]) ** 2).mean(axis=0))),
@@ -521,3 +545,7 @@ class _Fit:
             interpolation=self.interpolation,
             model=self.robot.title,
         )
+
+
+def _numbers(robot: RobotModel) -> Numbers:
+    return Numbers.of(gains=3 * robot.n_m, speed_feedforward=1, reference_filter_s=1, latency_s=1)

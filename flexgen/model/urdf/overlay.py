@@ -23,7 +23,7 @@ from flexgen.base.spec.toml_lines import Entry, wrap
 from flexgen.model.elements import Body, UrdfJoint
 from flexgen.model.format.format import JOINT, LINK, URDF
 from flexgen.model.format.format_robot import BODY, DOF
-from flexgen.model.joint_defaults import EVERY, merge
+from flexgen.model.urdf.joint_defaults import EVERY, merge
 from flexgen.model.urdf.urdf import Inertial, Limit, Link, Pose, Urdf, among, key, zero_tiny
 from flexgen.model.urdf.urdf_chain import MOVING, Chain, Segment, find_chain
 from flexgen.model.urdf.urdf_mimic import Motions

@@ -268,7 +268,7 @@ def text_of_rigid(found: RigidIdentification) -> str:
             f"{fit.model.name}: {fit.status}, {fit.base_parameters} base parameters of "
             f"{len(fit.pi)} numbers\n"
         )
-        + paragraph(f"{fit.status.sentence} {fit.status.advice}"),
+        + paragraph(" ".join(fit.texts)),
         paragraph(f"One mistake can be the reason: {fit.mistake.sentence}") if fit.mistake else "",
         f"errors: rms over the standard deviation of the torque, {below}, of samples that move; "
         "left out: on quarters of the recordings, of the fit to the others",

@@ -1,12 +1,18 @@
-"""What an identification has come to."""
+"""Status of an estimation: how far its numbers can be used."""
 
 from __future__ import annotations
+
+from collections.abc import Mapping
 
 from flexgen.base.spec.explained_status import OUT_OF_TIME, STOPPED, ExplainedStatus
 
 
 class FitStatus(ExplainedStatus):
-    """Status of an identification."""
+    """Status of an estimation.
+
+    ``sentence`` and ``advice`` are those of a fit of measured responses; other fits have a table
+    of their own where another cause is likely, see `texts`.
+    """
 
     FITTED = (
         "fitted",
@@ -29,6 +35,11 @@ class FitStatus(ExplainedStatus):
             "Use the new model file. Standard deviations are not given: noise causes only a "
             "part of the errors."
         ),
+    )
+    NOT_CHECKED = (
+        "not checked",
+        "The fit was not compared with motions that were left out.",
+        "Validate it with other recordings before it is used.",
     )
     NOISE_TOO_LARGE = (
         "noise too large",
@@ -61,7 +72,6 @@ class FitStatus(ExplainedStatus):
             "take more starts."
         ),
     )
-
     TIME_LIMIT = OUT_OF_TIME
     INTERRUPTED = STOPPED
 
@@ -82,7 +92,11 @@ class FitStatus(ExplainedStatus):
         They are not where the model is wrong, as the fitted or other recordings show, where a
         bound holds a parameter, and where the search did not end.
         """
-        return self in (FitStatus.FITTED, FitStatus.NOISE_TOO_LARGE)
+        return self in (FitStatus.FITTED, FitStatus.NOT_CHECKED, FitStatus.NOISE_TOO_LARGE)
+
+    def texts(self, own: Mapping[FitStatus, tuple[str, str]]) -> tuple[str, str]:
+        """Sentence and advice, from a table of one kind of fit where that has them."""
+        return own.get(self, (self.sentence, self.advice))
 
 
 def status_of_end(status: FitStatus, reason: str) -> FitStatus:

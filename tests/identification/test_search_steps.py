@@ -13,14 +13,15 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.optimize import lsq_linear
 
 from flexgen.base.errors import SolverError
-from flexgen.base.numerics import trust_region
-from flexgen.base.numerics.trust_region import Fit, minimize
+from flexgen.identification.estimator import minimize as search
+from flexgen.identification.estimator.minimize import Minimum, Search, minimize
+from flexgen.identification.estimator.problem import Prior, Problem, normal
 
 Residual = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 FREE = 1e6
 
 
-def fit(residual: Residual, x: list[float], **more: object) -> tuple[Fit, list[np.ndarray]]:
+def fit(residual: Residual, x: list[float], **more: object) -> tuple[Minimum, list[np.ndarray]]:
     """A fit without prior, and the points whose sums it asked for."""
     visited: list[np.ndarray] = []
 
@@ -36,15 +37,9 @@ def fit(residual: Residual, x: list[float], **more: object) -> tuple[Fit, list[n
     n = len(x)
     bounds = (np.full(n, -99.0), np.full(n, 99.0))
     given = {"center": np.zeros(n), "sd": np.full(n, FREE), "bounds": bounds, **more}
-    found = minimize(
-        sums,
-        given.pop("cost", cost),
-        np.array(x),
-        given.pop("center"),
-        given.pop("sd"),
-        given.pop("bounds"),
-        **given,
-    )
+    prior = Prior.of_sd(given.pop("center"), given.pop("sd"))
+    problem = Problem.of_sums(sums, given.pop("cost", cost), prior, given.pop("bounds"))
+    found = minimize(problem, np.array(x), Search(**given))
     return found, visited
 
 
@@ -134,8 +129,8 @@ def test_directions_without_curvature_do_not_make_a_step_infinite() -> None:
 def test_the_radius_doubles_on_a_long_way_and_stays_below_its_limit() -> None:
     found, visited = fit(linear(np.eye(2), np.array([30.0, 40.0])), [0.0, 0.0])
     lengths = [float(np.linalg.norm(b - a)) for a, b in pairwise(visited)]
-    limit = trust_region.LARGEST_RADIUS
-    expected = [min(trust_region.RADIUS * 2.0**k, limit) for k in range(len(lengths))]
+    limit = search.LARGEST_RADIUS
+    expected = [min(search.RADIUS * 2.0**k, limit) for k in range(len(lengths))]
     # A step ends within 5 % of its sphere.
     assert_allclose(lengths[:-1], expected[:-1], rtol=0.051)
     assert_allclose(found.x, [30.0, 40.0], atol=1e-6)
@@ -215,7 +210,7 @@ def test_sums_of_complex_residuals_are_those_of_their_parts() -> None:
     chance = np.random.default_rng(5)
     r = chance.normal(size=(2, 4)) + 1j * chance.normal(size=(2, 4))
     J = chance.normal(size=(2, 4, 3)) + 1j * chance.normal(size=(2, 4, 3))
-    value, g, A = trust_region.normal(r, J)
+    value, g, A = normal(r, J)
     assert_allclose(value, np.sum(np.abs(r) ** 2))
     assert_allclose(g, np.einsum("abn,ab->n", J.conj(), r).real)
     assert_allclose(A, np.einsum("abm,abn->mn", J.conj(), J).real)
