@@ -89,12 +89,16 @@ OWN_KEYS = (
 )
 
 
+# The third parameter of a cascade, in gains as in frequencies.
+_CORNER = "corner of the integral part"
+
+
 def gain_keys(kind: Type) -> tuple[Key, ...]:
     """The gains of each motor, which are read as this type."""
     rows = (
         ("gain of the position control", "1/s"),
         ("gain of the speed control", "N m s/rad"),
-        ("corner of the integral part", "1/s"),
+        (_CORNER, "1/s"),
     )
     return tuple(Key(name, kind, doc, unit) for name, (doc, unit) in zip(GAINS, rows, strict=True))
 
@@ -127,7 +131,7 @@ _HZ = tuple(
         (
             "bandwidth of the position control",
             "bandwidth of the speed control",
-            "corner of the integral part",
+            _CORNER,
         ),
         strict=True,
     )
