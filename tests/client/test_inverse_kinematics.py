@@ -32,7 +32,7 @@ CLIENT = r"""
 #include <stdio.h>
 #include <stdlib.h>
 
-#define ASK(q_min, starts, most, size) \\
+#define ASK(q_min, starts, most, size) \
     manutec_r3_inverse_kinematics(p, R, q, q_min, starts, most, found, &count, work, size)
 #define ALL(most) ASK(NULL, MANUTEC_R3_STARTS, most, size)
 
