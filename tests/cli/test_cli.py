@@ -413,7 +413,7 @@ def test_active_limits_are_not_a_missed_tolerance():
         "distance of the tool from the reference at the same time (limits active), largest 12.5 mm"
         in text
     )
-    assert "simulated error from the modified path, largest < 0.1 um" in text
+    assert "simulated error from the modified path, largest < 0.0001 mm" in text
     strays = SimpleNamespace(
         status=Status.TOLERANCE_NOT_MET,
         stopped="",

@@ -40,6 +40,8 @@ class Scored:
         self.rule = ""
         self.refused = refused
         self.accepted = not refused
+        self.ended = ""
+        self.wall_s = 0.5
         self.table: list[Any] = []
 
     def to_dict(self) -> dict[str, Any]:
@@ -69,7 +71,7 @@ def test_scores_of_several_controllers(asked: list[Any], monkeypatch: pytest.Mon
         lambda name, version: {"a": Path("a"), "b": Path("b")},
     )
     said: list[str] = []
-    given = {"scenario": "four_mass", "controller": ["all", "no"], "seed": 5}
+    given = {"scenario": "four_mass", "controller": ["all", "no"], "seed": 5, "time_limit": None}
     answer = verbs.score(arguments("score", **given), said.append)
     assert asked == [("four_mass", name, 5) for name in ("reference", "a", "b", "no")]
     assert said == [f"score: {name}" for name in ("reference", "a", "b", "no")]
@@ -95,7 +97,12 @@ def test_scores_of_several_controllers(asked: list[Any], monkeypatch: pytest.Mon
 
 
 def test_refused_controllers_are_a_failure_where_no_other_is_left(asked: list[Any]) -> None:
-    given: dict[str, Any] = {"scenario": "four_mass", "controller": ["no", "nor"], "seed": 0}
+    given: dict[str, Any] = {
+        "scenario": "four_mass",
+        "controller": ["no", "nor"],
+        "seed": 0,
+        "time_limit": None,
+    }
     assert verbs.score(arguments("score", **given), print).problem == "refused: no, nor"
     del asked[:]
     given["controller"] = None

@@ -150,13 +150,17 @@ def test_segments_of_a_path_and_files_of_a_library(monkeypatch: pytest.MonkeyPat
         equations=Made(model=Made(name="r")),
         move=Made(name="line"),
         duration=2.0,
+        notes=("the start is moved", "the samples are noisy"),
+        warnings=("the samples are noisy",),
         to_dict=lambda: {"segments": [segment, segment | {"start_s": 1.25, "duration_s": 0.75}]},
     )
     lines = texts.text_of_path(path).splitlines()
-    assert lines[0] == "r, line: 2 s" and [line.split() for line in lines[-2:]] == [
+    assert lines[0] == "r, line: 2 s" and [line.split() for line in lines[-4:-2]] == [
         ["1", "tool", "0", "1.25", "5"],
         ["2", "tool", "1.25", "0.75", "5"],
     ]
+    # A note that is also a warning is printed as a warning only.
+    assert lines[-2:] == ["", "note: the start is moved"]
     reasons: list[str | None] = [None, "it has a beam"]
     monkeypatch.setattr(
         "flexgen.codegen.emission.c_functions.inversion_reason",
