@@ -24,8 +24,8 @@ SPREAD = 1e7
 DIGITS = 1e-9
 # Part of a typical rate below which a pole is one at the origin that rounding has moved: as it is.
 ORIGIN = 1e-7
-# Damping ratio below which a mode has none: that of zero damping is computed as up to 1e-9 beside
-# stiff gears.
+# Damping ratio below which a mode has none: in a model with stiff gears, zero damping is computed
+# as up to 1e-9.
 UNDAMPED = 1e-7
 # Newton's steps for one root: each doubles the right digits, and the first guess has four or more.
 NEWTON_STEPS = 4

@@ -113,13 +113,13 @@ def test_the_durations_are_those_of_existing_tests():
 
 
 def test_file_and_duration_decide():
-    """A folder of slow tests, a recorded case, a test that nobody recorded."""
+    """A folder of slow tests, a recorded case, a test without a record."""
     file, functions = next(iter(RECORDED.slow.items()))
     name, cases = next(iter(functions.items()))
     words = next(iter(cases))
     assert slow("order/test_bdf.py", "test_new", "")
     assert slow(f"anywhere/{file}", name, words)
-    assert not slow(f"anywhere/{file}", name, "a case that nobody recorded")
+    assert not slow(f"anywhere/{file}", name, "a case without a record")
     assert not slow(f"anywhere/{file}", "test_new", words)
     assert not slow("unit/test_new.py", name, words)
     assert not full("unit/test_new.py", name, words)

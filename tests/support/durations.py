@@ -4,7 +4,7 @@
 
 Only the tests of the run change. Those that take more than `SLOW_S` are written and are slow from
 then on; a slow one becomes quick again below `QUICK_S`. A law keeps its shortest case quick,
-up to `LAW_S`. ``null`` stands for a slow test whose duration nobody recorded yet.
+up to `LAW_S`. ``null`` marks a slow test whose duration is not recorded yet.
 
 The keys are names of files without their folder, so a file may move.
 """

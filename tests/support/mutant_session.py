@@ -1,4 +1,4 @@
-"""Plugin of pytest that runs the tests of mutants; each mutant in a process of its own.
+"""Plugin of pytest that runs the tests of mutants; each mutant in a separate process.
 
 The environment variable ``MUTANTS`` names the file that `mutants` wrote. After the collection,
 one process runs all tests and records which of them reach the statement of each mutant. Then,
@@ -26,7 +26,7 @@ from typing import Any
 import pytest
 from mutants import QUICK, Mutant
 
-# A mutant may make tests slower: so many times their time, and at least so many seconds.
+# A mutant may make tests slower: by this factor and, in addition, by this time in seconds.
 SLOWER = 10.0
 LEAST_S = 30.0
 # Most tests of one mutant; the shortest ones.

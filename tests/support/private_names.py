@@ -3,7 +3,7 @@
     python tests/support/private_names.py
 
 writes the counts of today to `tests/private_names.json`, and refuses where one grew: a test uses
-public names, and what it cannot reach through them deserves a module, or nobody needs it.
+public names, and what it cannot reach through them deserves a module, or is not needed.
 """
 
 from __future__ import annotations

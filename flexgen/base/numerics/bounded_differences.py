@@ -162,8 +162,8 @@ def _indefinite(p: _Program, bands: np.ndarray, kept: np.ndarray, W: np.ndarray)
     order = np.cumsum(there) - 1
     x = order[p.place[:k]]
     y = order[p.place[k + kept]]
-    # a row stands between its samples, which are no farther apart than those that H + D'W D
-    # couples
+    # a row stands between its samples, whose distance is at most that of the samples that
+    # H + D'W D couples
     span = min(p.width, k - 1)
     width = int((x[span:] - x[: k - span]).max())
     matrix = np.zeros((k + len(kept), 3 * width + 1))

@@ -272,8 +272,8 @@ frf | identify:frf | frf
 describes recordings
     estimate
         average NAME in=AVERAGES: {AVERAGES}
-        transients: the robot need not have come to rest; an error where no spectra beside the \
-lines are recorded
+        transients: the robot need not have come to rest; an error where no spectra \
+beside the lines are recorded
     time
         @parts_time
     files

@@ -425,8 +425,8 @@ def _status(fit: Minimum, cost: float, error: float, data: Frf, stated: bool) ->
     if error > SMALL_ERROR or any(TRANSIENT in line for line in data.warnings):
         return FitStatus.MODEL_ERROR
     if cost > COST_MOST:
-        # A misfit that is known to be small, as that of responses without noise, is no model
-        # error.
+        # A misfit that is known to be small, as that of responses without noise, is not an error
+        # of the model.
         return FitStatus.SMALL_ERROR if error > 0.0 and not stated else FitStatus.MODEL_ERROR
     # Responses without noise fit better than any noise allows, and rightly.
     if cost < COST_LEAST and data.relative_sd() > 1e-7:
