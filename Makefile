@@ -106,7 +106,7 @@ fuzz: $(VENV)/.test                ## 10,000 mutated files for each reader of fi
 	@echo "flexgen: mutated files, about 5 minutes on two cores"
 	@$(RUN_TESTS) -m fuzz tests/fuzz $(PYTEST)
 
-C_FILES := $(wildcard flexgen/codegen/clib/*.[ch] flexgen/feedback/loop/*.[ch] flexgen/simulation/*/*.c flexgen/feedback/laws/*.c flexgen/feedback/observers/*.c flexgen/backends/autodiff/*.c flexgen/exports/c_code/*/*.[ch] flexgen/exports/fmu/c/*.[ch] examples/*.[ch] examples/motion_control/*.h examples/motion_control/*/*.h benchmarks/*.[ch] tests/support/*/*.[ch])
+C_FILES := $(wildcard flexgen/codegen/clib/*.[ch] flexgen/feedback/loop/*.[ch] flexgen/simulation/*/*.c flexgen/feedback/laws/*.c flexgen/feedback/observers/*.c flexgen/backends/autodiff/*.c flexgen/exports/c_code/*/*.[ch] flexgen/exports/fmu/c/*.[ch] examples/*.[ch] examples/motion_control/*.h examples/motion_control/*/*.h benchmarks/*.[ch] tests/support/*.[ch] tests/support/*/*.[ch])
 
 lint: $(VENV)/.lint                ## check format and style
 	$(BIN)/ruff format --check .

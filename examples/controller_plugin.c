@@ -2,8 +2,8 @@
  * A controller as a plug-in for flexgen control and flexgen score: proportional control of the motor angles with
  * damping, around the feedforward torque.
  *
- *     cc -O2 -ffp-contract=off -shared -fPIC -I "$(python -c 'import flexgen.feedback.loop as l; print(l.__path__[0])')" \
- *         examples/controller_plugin.c -o controller.so
+ *     headers=$(python -c 'import flexgen.feedback.loop as loop; print(loop.__path__[0])')
+ *     cc -O2 -ffp-contract=off -shared -fPIC -I "$headers" examples/controller_plugin.c -o controller.so
  *     flexgen control planar5_nmp --controller controller.so
  */
 #include "flexgen_controller.h"
