@@ -7,16 +7,18 @@ file without an overlay gets an overlay.
 
 from __future__ import annotations
 
+import json
 import os
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from flexgen.base.errors import ArgumentError, ModelError
 from flexgen.base.files.atomic_files import check_writable, temporary_folder, write_text
+from flexgen.base.spec.tables import part_of
+from flexgen.base.spec.toml_lines import Entry, Scanner, wrap
 from flexgen.base.spec.toml_lines import Path as KeyPath
-from flexgen.base.spec.toml_lines import Scanner
 from flexgen.base.spec.toml_text import toml
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
@@ -66,8 +68,43 @@ def with_overrides(model: RobotModel, changes: Mapping[str, Any]) -> dict[str, A
     changes : mapping
         Dotted keys of the model file and their values.
     """
-    before = {key: value for key, value in model.overrides.items() if key not in changes}
-    return before | dict(changes)
+    new = _with_new_tables(model, changes)
+    before = {key: value for key, value in model.overrides.items() if key not in new}
+    return before | new
+
+
+def _with_new_tables(model: RobotModel, changes: Mapping[str, Any]) -> dict[str, Any]:
+    """The changes, those within a table that the model does not have as this table.
+
+    A dotted key leads to tables that are there only: friction of a motor without any is
+    ``motor.m1.friction = {viscous = 0.1}``.
+    """
+    if not model.text:
+        return dict(changes)
+    root = wrap(json.loads(model.text))
+    found: dict[str, Any] = {}
+    for dotted, value in changes.items():
+        words = dotted.split(".")
+        there = _depth(root, words)
+        if there >= len(words) - 1:
+            found[dotted] = value
+            continue
+        table = found.setdefault(".".join(words[: there + 1]), {})
+        for word in words[there + 1 : -1]:
+            table = table.setdefault(word, {})
+        table[words[-1]] = value
+    return found
+
+
+def _depth(root: Entry, words: Sequence[str]) -> int:
+    """How many words of a dotted key lead to a part of the file, from the first one on."""
+    here = root
+    for depth, word in enumerate(words):
+        key, _ = part_of(here, word)
+        if key is None:
+            return depth
+        here = here.value[key]
+    return len(words)
 
 
 def relocate(text: str, old: Path, new: Path) -> str:
