@@ -152,16 +152,19 @@ def test_poses_of_recordings_have_the_unit_of_their_key(
         return [factor * 30.0, 0.5]
 
     root = Made(number=lambda *_, **__: 0.2)
+    recording = Made(file="run.csv", periods_before=None)
     record = Made(angles=angles)
     monkeypatch.setattr(
         experiment_file,
         "read_description",
-        lambda path: Made(root=Keys(root), model=model, recordings=[(record, 1)]),
+        lambda path: Made(root=Keys(root), model=model, recordings=[(record, recording)]),
     )
     monkeypatch.setattr(experiment_file, "_parts", lambda *given: given)
     monkeypatch.setattr(experiment_file, "_experiment", lambda found, poses: poses)
     poses: Any = experiment_file.read_experiment(key)
-    assert seen["turns"] == [True, False] and poses == {(factor * 30.0, 0.5): [(1, 0.2, 0, True)]}
+    assert seen["turns"] == [True, False] and poses == {
+        (factor * 30.0, 0.5): [(recording, 0.2, 0, True)]
+    }
 
 
 class Keys:

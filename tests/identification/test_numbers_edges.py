@@ -633,13 +633,13 @@ def test_an_error_in_the_loop_is_what_twenty_robots_of_twenty_one_keep(
 ) -> None:
     names = {f"r{k}": {} for k in range(21)}
     robots = {
-        name: Made(failure="x" * (k < failures), size=0.1 * (k + 1))
+        name: Made(name=name, failure="x" * (k < failures), size=0.1 * (k + 1))
         for k, name in enumerate(reversed(names))
     }
     figures = lambda robot: {"error_max_m": robot.size, "error_max_rad": None}  # noqa: E731
-    found = Made(runs=[Made(size=0.0)], figures=figures)
+    found = Made(runs=[Made(name="model", size=0.0), *robots.values()], figures=figures, ended="")
     monkeypatch.setattr(in_loop, "draw_plants", lambda model: names)
-    monkeypatch.setattr(in_loop, "control", lambda model, **given: Run(robots, found))
+    monkeypatch.setattr(in_loop, "control", lambda model, **given: found)
     run: Any = Made(model=Made(uncertainty=Made(delay=1e-3)), solution="solution")
     result = in_loop.error_in_loop(run)
     assert (result["robots"], result["failed"], result["without_delay"]) == (21, failures, True)
@@ -647,18 +647,6 @@ def test_an_error_in_the_loop_is_what_twenty_robots_of_twenty_one_keep(
         result["error_m"] == (None if error is None else pytest.approx(error))
         and result["error_rad"] is None
     )
-
-
-class Run:
-    """Robots by name, and their figures."""
-
-    def __init__(self, robots: dict[str, Any], found: Any) -> None:
-        self.robots = robots
-        self.runs = found.runs
-        self.figures = found.figures
-
-    def __getitem__(self, name: str) -> Any:
-        return self.robots[name]
 
 
 def test_operations_at_random_states_are_those_of_c() -> None:

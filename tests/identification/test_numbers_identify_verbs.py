@@ -115,7 +115,7 @@ def test_a_simulated_experiment_says_where_torques_were_at_their_limits(
     monkeypatch.setattr(LATER + "experiments.experiment.measure", simulate)
     writer = Made(finish=lambda: Path("raw/recordings.toml"), files=[(0, "a"), (1, "b")])
     monkeypatch.setattr(
-        LATER + "recordings.recording_writer.RecordingWriter", lambda path, plan, robot: writer
+        LATER + "records.recording_writer.RecordingWriter", lambda path, plan, robot: writer
     )
     lines: list[str] = []
     answer = verbs.measure(
@@ -151,9 +151,11 @@ def test_responses_are_counted_and_saved(monkeypatch: pytest.MonkeyPatch) -> Non
     made = Made(
         **data, relative_sd=lambda: 0.02, to_text=lambda: "responses", save=Path, report=Path
     )
-    monkeypatch.setattr(LATER + "frequency_response.frf", lambda experiment, **more: made)
     monkeypatch.setattr(
-        LATER + "recordings.experiment_file.load_experiment",
+        LATER + "responses.frequency_response.frf", lambda experiment, **more: made
+    )
+    monkeypatch.setattr(
+        LATER + "records.experiment_file.load_experiment",
         lambda path, log: Made(plan=Made(poses=[1, 2])),
     )
     unlimited = {"time_limit": None}
@@ -175,7 +177,7 @@ def test_a_fit_writes_what_can_be_used(monkeypatch: pytest.MonkeyPatch) -> None:
         asked.update(model=model.name, data=data, **more)
         return result["made"]
 
-    monkeypatch.setattr(LATER + "graybox.identify", fit)
+    monkeypatch.setattr(LATER + "responses.graybox.identify", fit)
     monkeypatch.setattr(flexgen.Frf, "load", lambda path: f"responses of {path}")
     texts = "flexgen.views.reports.identification_texts."
     monkeypatch.setattr(
@@ -186,7 +188,7 @@ def test_a_fit_writes_what_can_be_used(monkeypatch: pytest.MonkeyPatch) -> None:
         lambda checked, motors: f"validated with {motors}: {checked.cost}",
     )
     monkeypatch.setattr(
-        LATER + "recordings.experiment_file.load_experiment",
+        LATER + "records.experiment_file.load_experiment",
         lambda path: Made(plan=Made(motors="m1")),
     )
     answer = identify(
@@ -225,7 +227,8 @@ def test_a_fit_writes_what_can_be_used(monkeypatch: pytest.MonkeyPatch) -> None:
     lines: list[str] = []
     checked = Validation((99.0,), 1.5, (1.0,))
     monkeypatch.setattr(
-        LATER + "time_domain.refine_and_validate", lambda found, given, **more: (found, checked)
+        LATER + "motions.time_domain.refine_and_validate",
+        lambda found, given, **more: (found, checked),
     )
     answer = identify(lines.append, refine="d.npz")
     assert answer.text == "fit | validated with m1: 1.5" and answer.data["validation"] == vars(
@@ -235,7 +238,8 @@ def test_a_fit_writes_what_can_be_used(monkeypatch: pytest.MonkeyPatch) -> None:
         "refining by simulation: up to two minutes for six axes, seconds for planar arms"
     ]
     monkeypatch.setattr(
-        LATER + "time_domain.refine_and_validate", lambda found, given, **more: (found, None)
+        LATER + "motions.time_domain.refine_and_validate",
+        lambda found, given, **more: (found, None),
     )
     assert (
         identify(refine="d.npz").text == "fit"
@@ -308,7 +312,7 @@ def test_motions_are_fitted_rigid_or_in_segments(monkeypatch: pytest.MonkeyPatch
         texts = (status.sentence, status.advice)
         return found(status, fit=Made(status=status, texts=texts))
 
-    monkeypatch.setattr(LATER + "recordings.rigid_file.identify_bodies", bodies)
+    monkeypatch.setattr(LATER + "rigid.rigid_file.identify_bodies", bodies)
     for status in (FitStatus.FITTED, FitStatus.NOT_CONVERGED):
         asked["status"] = status
         answer = identify(rigid=True, counterbalance=[("q1", "2")], out="new.toml")
@@ -326,7 +330,7 @@ def test_motions_are_fitted_rigid_or_in_segments(monkeypatch: pytest.MonkeyPatch
         asked.update(segment_s=segment_s, **more)
         return found(asked["status"])
 
-    monkeypatch.setattr(LATER + "motion_fit.fit_motion", motion)
+    monkeypatch.setattr(LATER + "motions.motion_fit.fit_motion", motion)
     texts = "flexgen.views.reports.identification_texts."
     monkeypatch.setattr(
         texts + "text_of_motion_fit", lambda found, segment: f"motion in {segment} s"
@@ -365,7 +369,7 @@ def test_a_structure_is_a_table_of_springs(monkeypatch: pytest.MonkeyPatch) -> N
         return Made(identified=found(), added=("a",), removed=(), changes=[Made(cost=2.0)])
 
     monkeypatch.setattr(flexgen.Frf, "load", lambda path: path)
-    monkeypatch.setattr(LATER + "structure.structure", structure)
+    monkeypatch.setattr(LATER + "responses.structure.structure", structure)
     monkeypatch.setattr(
         "flexgen.views.reports.identification_texts.structure_text", lambda found: "springs"
     )
@@ -395,7 +399,7 @@ def test_a_run_has_its_margins_and_the_robots_of_its_tolerances(
     margins = {"begin": Made(to_dict=lambda: {"phase": 40.0})}
     made = Made(
         margins=lambda: margins, to_dict=lambda: {"status": status}, status=status, ended="",
-        wall_s=0.1,
+        wall_s=0.1, runs=[], model=Made(output=None),
     )  # fmt: skip
 
     def simulate(model: Any, **more: Any) -> Any:
@@ -410,17 +414,19 @@ def test_a_run_has_its_margins_and_the_robots_of_its_tolerances(
     monkeypatch.setattr("flexgen.feedback.loop.control.control", simulate)
     monkeypatch.setattr(
         "flexgen.views.reports.control_texts.text_of_control",
-        lambda run, margins: f"loop, {len(margins)}",
+        lambda run, margins, scales: f"loop, {len(margins)}",
     )
     monkeypatch.setattr("flexgen.feedback.laws.passivity.check_passivity", lambda run: passive)
     monkeypatch.setattr(
         controls, "read_model", lambda args: Made(uncertainty=1.0 if uncertain else None)
     )
     drawn = "flexgen.studies.tolerances.in_loop."
+    nothing = {"error_m": None, "error_rad": None}
     monkeypatch.setattr(
-        drawn + "error_in_loop", lambda run, **more: sorted(k for k in more if k != "progress")
+        drawn + "error_in_loop",
+        lambda run, **more: nothing | {"options": sorted(k for k in more if k != "progress")},
     )
-    monkeypatch.setattr(drawn + "error_text", lambda found: f"drawn {found}")
+    monkeypatch.setattr(drawn + "error_text", lambda found, scales: f"drawn {found['options']}")
     args = arguments(
         "control",
         move="line",
@@ -446,7 +452,7 @@ def test_a_run_has_its_margins_and_the_robots_of_its_tolerances(
     }
     if uncertain and status == "done":  # other options than the move, plants and disturbances
         text = f"{text}\n\ndrawn ['delay', 'wall']"
-        data["drawn"] = ["delay", "wall"]
+        data["drawn"] = nothing | {"options": ["delay", "wall"]}
     assert (answer.text, answer.data, answer.problem) == (
         text,
         data,

@@ -91,9 +91,9 @@ def test_poses_of_a_plan_are_chosen_among_many(monkeypatch: pytest.MonkeyPatch) 
         return np.arange(2.0 * 6).reshape(6, 2)
 
     def information(
-        vector: Any, given: Any, offered: np.ndarray, every: int, progress: Any
+        vector: Any, given: Any, offered: np.ndarray, every: int, fewest: int, progress: Any
     ) -> Any:
-        asked.append((len(offered), every))
+        asked.append((len(offered), every, fewest))
         return "F", np.array([0, 2, 3])
 
     monkeypatch.setattr(operating_points, "candidates", candidates)
@@ -105,7 +105,7 @@ def test_poses_of_a_plan_are_chosen_among_many(monkeypatch: pytest.MonkeyPatch) 
     )
     monkeypatch.setattr(plan, "_check_speeds", lambda given, model: None)
     monkeypatch.setattr(plan, "_check_reach", lambda given, model: None)
-    monkeypatch.setattr(plan, "replace", lambda given, poses: Made(poses=poses, lines=given.lines))
+    monkeypatch.setattr(plan, "replace", lambda given, **more: Made(**(vars(given) | more)))
     given: Any = Made(lines=np.arange(90))
 
     def poses(count: Any, criterion: str) -> np.ndarray:
@@ -115,7 +115,7 @@ def test_poses_of_a_plan_are_chosen_among_many(monkeypatch: pytest.MonkeyPatch) 
     assert_allclose(poses(3, "random"), left)
     best = next(name for name in operating_points.CRITERIA if name != "random")
     assert_allclose(poses(2, best), left[[0, 3]])
-    assert asked == [(3, 7), (300, 7), (5, 4)]
+    assert asked == [(3, 7), (300, 7), (5, 4, 2)]
     assert_allclose(poses([[0.1, 0.2]], best), np.array([[0.1, 0.2]]) @ model.eta.T)
     for count, criterion in ((0, best), (2, "worst")):
         with pytest.raises(

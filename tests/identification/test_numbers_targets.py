@@ -138,6 +138,8 @@ def test_targets_of_a_plan_follow_the_phases() -> None:
         ({"error": 1.01e-3}, "model_error"),
         ({"error": 0.99e-3, "cost": 1.99}, "fitted"),
         ({"cost": 2.01}, "model_error"),
+        ({"cost": 2.01, "error": 0.99e-3}, "small_error"),
+        ({"cost": 2.01, "error": 0.99e-3, "stated": True}, "model_error"),
         ({"warnings": (f"a {TRANSIENT} of 3 %",)}, "model_error"),
         ({"cost": 0.49}, "noise_too_large"),
         ({"cost": 0.49, "sd": 0.9e-7}, "fitted"),
@@ -152,10 +154,12 @@ def test_the_status_of_a_fit_of_responses(changes: dict[str, Any], status: str) 
         "error": 0.0,
         "warnings": (),
         "sd": 1e-3,
+        "stated": False,
     } | changes
     fit: Any = Made(converged=given["converged"], at_bound=np.array([False, given["bound"]]))
     data: Any = Made(warnings=given["warnings"], relative_sd=lambda: given["sd"])
-    assert graybox._status(fit, given["cost"], given["error"], data) is FitStatus[status.upper()]
+    found = graybox._status(fit, given["cost"], given["error"], data, given["stated"])
+    assert found is FitStatus[status.upper()]
 
 
 # --- messages ------------------------------------------------------------------------------------

@@ -67,7 +67,9 @@ class Found:
 def test_the_verb_calibrate(monkeypatch: pytest.MonkeyPatch) -> None:
     found = Found()
     given = {}
-    monkeypatch.setattr(StaticPoses, "read", lambda path, model: (path, model.name))
+    monkeypatch.setattr(
+        StaticPoses, "read", lambda path, model, columns: (path, model.name, columns)
+    )
 
     def calibrate(model: Any, poses: Any, **more: Any) -> Found:
         given.update(model=model.name, poses=poses, **more)
@@ -83,7 +85,7 @@ def test_the_verb_calibrate(monkeypatch: pytest.MonkeyPatch) -> None:
     )
     assert answer.warnings == ["beware"]
     assert (
-        given["poses"] == ("poses.csv", "elbow")
+        given["poses"] == ("poses.csv", "elbow", None)
         and given["free"] == ["zeros"]
         and given["model"] == "elbow"
     )
@@ -210,7 +212,11 @@ def test_the_verbs_derive_and_measure_say_how_long_they_took(
         ["forward_dynamics", "345"],
     ]
 
+    planned = SimpleNamespace(duration_s=12.25, poses=[1, 2])
+
     class Run:
+        plan = planned
+        ended = ""
         speed_sd = np.array([0.25, 0.5])
         saturated = np.array([0, 3])
 
@@ -221,7 +227,7 @@ def test_the_verbs_derive_and_measure_say_how_long_they_took(
             return "measured"
 
     lines: list[str] = []
-    monkeypatch.setattr(excitation.Plan, "load", lambda path: SimpleNamespace(duration_s=12.25))
+    monkeypatch.setattr(excitation.Plan, "load", lambda path: planned)
     monkeypatch.setattr(identify, "read_model", lambda args: made)
     monkeypatch.setattr(identify, "time", clock(7.0, 7.75, 8.0, 12.0))
     monkeypatch.setattr(experiment, "measure", lambda plan, robot, **given: Run())
@@ -230,7 +236,13 @@ def test_the_verbs_derive_and_measure_say_how_long_they_took(
     )
     assert lines == ["simulating 12 s of arm"]
     assert answer.data == {
-        **{"model": "arm", "experiment": "run.npz", "duration_s": 12.25, "wall_s": 0.75},
+        **{
+            "model": "arm",
+            "status": "done",
+            "experiment": "run.npz",
+            "duration_s": 12.25,
+            "wall_s": 0.75,
+        },
         **{"speed_rms_rad_s": [0.25, 0.5], "samples_at_torque_limit": [0, 3]},
     }
     assert answer.text == "arm: 12.25 s of robot in 0.75 s\n\nmeasured\n\nwrote run.npz"

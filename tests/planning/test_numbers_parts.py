@@ -317,7 +317,10 @@ def test_recordings_are_cut_into_whole_periods(
 ) -> None:
     x = np.arange(float(count))[:, None]
     names = ("tau_m", "q_m", "signals", "references")
-    recording: Any = Made(file="run.npz", t=x[:, 0], sample_s=sample_s, **dict.fromkeys(names, x))
+    same = dict.fromkeys(names, x)
+    recording: Any = Made(
+        file="run.npz", t=x[:, 0], sample_s=sample_s, periods_before=None, **same
+    )
     if text:
         with pytest.raises(ArgumentError) as caught:
             experiment_file._parts(recording, 0.2, transients, True)

@@ -204,7 +204,7 @@ def test_a_worker_solves_a_case_with_the_options_of_the_sweep(
     monkeypatch.setattr(worker, "_equations", lambda key, robot: (key, robot))
 
     def one(move: str, robot: Any = 1.5, **options: Any) -> Any:
-        job: Any = Made(key="a", method="lq", move_of=lambda robot: move)
+        job: Any = Made(number=1, key="a", method="lq", move_of=lambda robot: move)
         row, took = worker._one(job, Made(robots={"a": robot}, options=options))
         assert set(took) == {"wall", "cpu"} and all(0.0 <= value < 5.0 for value in took.values())
         return row

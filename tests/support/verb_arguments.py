@@ -16,6 +16,7 @@ def arguments(function: str, **given: Any) -> Namespace:
         "add_poses": None,
         "report": None,
         "world": None,
+        "columns": None,
     }
     row = SimpleNamespace(function=function, sections={})
     return Namespace(row=row, given=list(given), **(names | given))
