@@ -44,6 +44,8 @@ SMALL_GAIN = 1e-9
 # differences are not more exact.
 STUCK = 0.3
 REFUSALS = 3
+# Steps in a row that gain less than `Search.gain` before a search ends.
+IDLE = 2
 # Part of the planned gain from which on a step is taken; from and up to which the sphere grows and
 # shrinks.
 TAKEN = 1e-4
@@ -74,7 +76,8 @@ class Search:
         It ends where the minimum of the quadratic model is nearer than this, in standard
         deviations.
     gain : float
-        It ends where the quadratic model promises less than this part of the objective.
+        It ends where the quadratic model promises less than this part of the objective, or two
+        steps in a row gain less.
     steps : int, optional
         At most; default: 100.
     count : int, optional
@@ -186,8 +189,9 @@ class _State:
         self.held = np.zeros(len(start), bool)
         self.size = np.zeros(len(start)) if search.curvature else np.ones(len(start))
         self.iterations = 0
-        # steps in a row
+        # steps in a row that were refused, and that gained little
         self.refused = 0
+        self.idle = 0
         self.converged = False
         self.wrong = False
         # whether all steps gained what was planned; after one that did not, the way may bend
@@ -249,6 +253,8 @@ class _State:
         ratio = (before - new - prior.value(there)) / gain if gain > 0 else -1.0
         if not np.isfinite(ratio) or ratio < TAKEN:
             return self._refuse(length)
+        little = before - new - prior.value(there) < self.search.gain * before
+        self.idle = self.idle + 1 if little else 0
         return self._move(there, ratio, length)
 
     def _refuse(self, length: float) -> bool:
@@ -268,6 +274,9 @@ class _State:
         self.straight = self.straight and ratio > GOOD
         if self._is_wrong():
             self.wrong = True
+            return True
+        if self.idle >= IDLE:
+            self.converged = True
             return True
         if ratio > GOOD and length > 0.8 * self.radius:
             self.radius = min(2 * self.radius, self.largest)
