@@ -231,7 +231,8 @@ def test_motions_that_cannot_be_used_are_refused(change, words):
 def test_arguments_that_do_not_fit_are_refused():
     model = flexgen.read("kr300")
     motion = recorded(model)
-    with pytest.raises(ArgumentError, match="coordinates without motor, expected a rigid arm"):
+    words = r"given coordinates without motor \(t1x, .*\), expected a motor for each"
+    with pytest.raises(ArgumentError, match=words):
         Regressor(flexgen.read("kr300_efjm"))
     with pytest.raises(ArgumentError, match="counterbalance: given 'q9'"):
         identify_rigid(model, [motion], counterbalance={"q9": 1})

@@ -11,7 +11,7 @@ import flexgen
 from flexgen.base.errors import ArgumentError, ModelError
 from flexgen.dynamics.mechanics.parameters import select
 from flexgen.identification.responses.result import IDENTIFIED, FileWords, write_model
-from flexgen.model.new_file import relocate, text_of_model, write_model_text
+from flexgen.model.new_file import relocate, text_of_model, with_overrides, write_model_text
 
 TEXT = """\
 # a comment with file = "x.csv"
@@ -140,3 +140,26 @@ def test_numbers_of_a_plain_urdf_file_make_an_overlay(
 def test_models_without_a_file_are_refused() -> None:
     with pytest.raises(ArgumentError, match=r"model file: given a model of ''"):
         text_of_model("")
+
+
+def test_numbers_of_a_table_that_is_not_there_are_this_table() -> None:
+    """A motor without friction gets one; numbers of tables that are there stay single keys."""
+    robot = flexgen.read("elbow", overrides={"motor.m2.friction": {"viscous": 0.3}})
+    numbers = {
+        "motor.m1.friction.viscous": 0.1,
+        "motor.m1.friction.offset": 0.2,
+        "motor.m2.friction.offset": 0.4,
+        "motor.m1.inertia": 0.004,
+    }
+    with pytest.raises(ModelError, match="a path that does not exist"):
+        flexgen.read("elbow", overrides=numbers)
+    changes = with_overrides(robot, numbers)
+    assert changes == {
+        "motor.m2.friction": {"viscous": 0.3},
+        "motor.m1.friction": {"viscous": 0.1, "offset": 0.2},
+        "motor.m2.friction.offset": 0.4,
+        "motor.m1.inertia": 0.004,
+    }
+    one, two = flexgen.read("elbow", overrides=changes).motors
+    assert (one.friction.viscous, one.friction.offset, one.inertia) == (0.1, 0.2, 0.004)
+    assert (two.friction.viscous, two.friction.offset) == (0.3, 0.4)
