@@ -134,7 +134,7 @@ def solved() -> Iterator[tuple[str, Callable[[], Any]]]:
             f"{name} comparison",
             lambda one=one, limited=limited: html._comparison(
                 (one(), limited()),
-                html.scales_of_page((), *html._errors_of_robots((one(), limited()), [])),
+                html.scales_of_page((), *html.errors_of_robots((one(), limited()), [])),
             ),
         )
     bounds = Limits(torque=(5.0, 1234.5), speed=(2.0, 1e6))
@@ -159,7 +159,7 @@ def solved() -> Iterator[tuple[str, Callable[[], Any]]]:
     ]
     yield (
         "robustness",
-        lambda: html._robustness(rows, html.scales_of_page((), *html._errors_of_robots((), rows))),
+        lambda: html._robustness(rows, html.scales_of_page((), *html.errors_of_robots((), rows))),
     )
     generated = Made(
         functions=("a", "b<c"), files=("src/model.c", "model.h"), digest="0123456789abcdef0123"
@@ -246,13 +246,9 @@ def rounded(value: Any) -> Any:
         return {key: rounded(x) for key, x in value.items()}
     if isinstance(value, list | tuple):
         return [rounded(x) for x in value]
-    return (
-        float(f"{value:.3g}") + 0.0
-        if isinstance(value, float) and abs(value) > 1e-9
-        else 0.0
-        if isinstance(value, float)
-        else value
-    )
+    if not isinstance(value, float):
+        return value
+    return float(f"{value:.3g}") + 0.0 if abs(value) > 1e-9 else 0.0
 
 
 def printed_analysis(name: str) -> str:

@@ -62,7 +62,6 @@ CONDITIONAL = {
     "flexgen/cli/verb_tables/verb_parameters.py": 1,
     "tests/client/test_path_sampler.py": 1,
     "tests/cross/test_hysteresis_in_c.py": 1,
-    "tests/golden/page_texts.py": 1,
     "tests/support/hostile.py": 1,
     "tests/support/model_files.py": 1,
     "tests/support/public_stub.py": 1,

@@ -339,7 +339,7 @@ def _robustness(rows: list[dict[str, Any]], scales: Scales) -> str:
     return "".join(out)
 
 
-def _errors_of_robots(
+def errors_of_robots(
     compared: tuple[Solution, ...], robustness: list[dict[str, Any]]
 ) -> list[tuple[float | None, str]]:
     """Tool errors of the tables by method and of robustness, with their units."""
@@ -420,7 +420,7 @@ def write_report(
     scales = scales_of_page(
         solution.figures(),
         *(accuracy.lengths() if accuracy is not None else []),
-        *_errors_of_robots(verified, robustness or []),
+        *errors_of_robots(verified, robustness or []),
     )
     title = f"{model.title}, move {solution.move.name}"
     parts = [
