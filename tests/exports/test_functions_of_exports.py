@@ -10,7 +10,7 @@ import pytest
 from flexgen.exports.c_code.mex.export import export_mex
 from flexgen.exports.c_code.simulink.export import export_simulink
 
-# Files of the package of MATLAB that are no function of one point: a path, a stream, options.
+# Files of the package of MATLAB of other functions: a path, a stream, options.
 OF_PATHS = {"invert", "Stream", "options_"}
 
 
