@@ -130,6 +130,21 @@ class Feature:
         )
 
 
+def _has_free_joints(robot: RobotModel) -> bool:
+    """Whether a tool leaves joints free, of an arm with a motor for each joint."""
+    return robot.output.size < robot.n_g == robot.n_m
+
+
+def _find_unmatched_outputs(robot: RobotModel) -> str:
+    """Why the inverse dynamics cannot be stated, where no joints can be added."""
+    return "" if _has_free_joints(robot) else robot.inversion_obstacle(any_coupling=True) or ""
+
+
+def _find_free_joints(robot: RobotModel) -> str:
+    """Numbers of outputs and motors of an arm whose tool leaves joints free."""
+    return robot.inversion_obstacle(any_coupling=True) or "" if _has_free_joints(robot) else ""
+
+
 def _name_first(found: Sequence[str], text: str) -> str:
     """A text with the first of some names; empty without names."""
     return text.format(found[0]) if found else ""
@@ -546,8 +561,8 @@ FEATURES: tuple[Feature, ...] = (
     ),
     Feature(
         "other outputs than motors",
-        "The output has another number of rows than the robot has motors.",
-        lambda robot: robot.inversion_obstacle(any_coupling=True) or "",
+        "The output has more rows than the robot has motors, or fewer, with joints without motor.",
+        _find_unmatched_outputs,
         remedy="choose an output with as many rows as motors",
         refused={
             "solve": "inverse dynamics needs as many outputs as motors",
@@ -561,6 +576,21 @@ FEATURES: tuple[Feature, ...] = (
             "CollisionDetector": "its library is that of the inverse dynamics",
         },
         own=("control", "predict", "command_positions", "plan_problem", "feedback_study"),
+        parts={"reduced problem": "", "full problem": "", "computed torque": ""},
+    ),
+    Feature(
+        "fewer outputs than motors",
+        "A motor for each joint, and an output with fewer rows: the tool leaves joints free.",
+        _find_free_joints,
+        remedy="choose an output with as many rows as motors, or the joints as output",
+        refused={
+            "learn": "it does not choose the joints that the tool leaves free",
+            "fastest": "it does not choose the joints that the tool leaves free",
+            "plan_problem": "the ends of the path must determine the pose of all joints",
+            "feedback_study": "it does not choose the joints that the tool leaves free",
+            "CollisionDetector": "its library is that of the inverse dynamics",
+        },
+        own=("plan_problem", "feedback_study"),
         parts={"reduced problem": "", "full problem": "", "computed torque": ""},
     ),
     Feature(

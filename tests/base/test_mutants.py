@@ -74,7 +74,7 @@ def test_a_mutant_knows_its_statement_and_whether_it_is_in_a_function() -> None:
 
 
 def test_the_seed_decides_what_is_drawn_and_all_of_it_compiles() -> None:
-    files = files_of("numerics")
+    files = files_of("base/numerics")
     one = drawn(files, 40, 1)
     assert one == drawn(files, 40, 1) != drawn(files, 40, 2)
     assert len({(mutant.file, mutant.line) for mutant in one}) == len(one) == 40

@@ -366,7 +366,7 @@ def test_computed_torque_refuses_friction_of_the_load():
     model = flexgen.read("elbow", overrides={"motor.m1.friction": law})
     with pytest.raises(
         ArgumentError,
-        match="controller ComputedTorque: given elbow, whose motor m1 has a friction",
+        match="controller ComputedTorque: motor m1 has a friction that depends on the torque",
     ):
         flexgen.control(model, controller=flexgen.ComputedTorque(), progress=False)
 

@@ -24,6 +24,7 @@ from flexgen.dynamics.mechanics.beam import modal_beam
 from flexgen.dynamics.mechanics.equations import derive
 from flexgen.identification.causes import explain, hypotheses
 from flexgen.identification.causes.explain import Cause
+from flexgen.identification.estimator.problem import Prior, Problem
 from flexgen.identification.records import experiment_file
 from flexgen.identification.responses.frequency_response import Frf
 from flexgen.identification.responses.gear_changes import Linearization, fit_changes
@@ -324,9 +325,8 @@ def test_a_factor_of_the_responses_is_fitted_with_the_numbers_and_its_prior() ->
             )
 
         vector = Made(start=start, prior_sd=sd, bounds=(np.array([-9.0]), np.array([9.0])))
-        return Made(
-            data=data, vector=vector, count=1e-12, weight=weight, cost=cost, sums=sums, on=on
-        )
+        problem = Problem.of_sums(sums, cost, Prior.of_sd(start, sd), vector.bounds)
+        return Made(data=data, vector=vector, count=1e-12, weight=weight, on=on, problem=problem)
 
     told: list[float] = []
     change: Any = hypotheses.Changed(

@@ -154,7 +154,6 @@ NOTICED: dict[str, dict[str, dict[str, Any]]] = {
         "flexgen.paths.geometry.smoothness": {"JUMP": 0.0001, "DRIFT_MIN": 1e-07},
         "flexgen.paths.geometry.spline": {"MANY": 20, "FAST": 0.3},
         "flexgen.planning.learning.learn": {"GROWS": 1.05},
-        "flexgen.identification.load.payload": {"NOT_CLOSE": 0.0001},
         "flexgen.planning.optimal.problem": {"OPTIMALITY": 1e-07},
         "flexgen.studies.check.numbers": {"STEEL": 7850.0},
         "flexgen.views.reports.identification_page": {"CORRELATED": 0.5, "MOST_POSES": 12},

@@ -100,7 +100,8 @@ CHANGES: dict[str, dict[str, Any] | str] = {
     },
     "rigid gear": {GEAR_1: {"type": "rigid"}},
     "coupled motors": {"motor.m2.drives": ["q1", "q2"], "motor.m2.ratio": [10.0, 252.3]},
-    "other outputs than motors": {
+    "other outputs than motors": {"output": {"type": "tool_pose"}, "move": [JOINTS]},
+    "fewer outputs than motors": {
         "output": {"type": "joint", "joints": ["q1"]},
         "move": [JOINTS],
     },

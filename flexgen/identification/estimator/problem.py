@@ -86,7 +86,8 @@ class Huber:
     scale : callable
         s from the residuals.
     points : int
-        Lengths that a group stands for: its loss is ``points * rho(|r|/(s sqrt(points)))``.
+        Number of points in each group of equal lengths: its loss is
+        ``points * rho(|r|/(s sqrt(points)))``.
     """
 
     tuning: float
