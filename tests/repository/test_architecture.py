@@ -407,9 +407,16 @@ def computing(imports: Iterable[Import]) -> list[str]:
 
 
 # --- the rules -----------------------------------------------------------------------------------
+def is_kept(path: Path) -> bool:
+    """Whether a file or folder is more than what an interpreter or an editor leaves."""
+    if path.name[0] == "." or path.name == "__pycache__":
+        return False
+    return not path.is_dir() or any(map(is_kept, path.iterdir()))
+
+
 def first_level(root: Path) -> tuple[set[str], set[str]]:
-    """Folders and files of a folder; not those that an interpreter or an editor leaves."""
-    kept = [path for path in root.iterdir() if path.name[0] != "." and path.name != "__pycache__"]
+    """Folders and files of a folder."""
+    kept = list(filter(is_kept, root.iterdir()))
     folders = {path.name for path in kept if path.is_dir()}
     return folders, {path.name for path in kept} - folders
 
