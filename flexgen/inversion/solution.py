@@ -27,6 +27,11 @@ if TYPE_CHECKING:
     from flexgen.paths.accuracy.figures import PathAccuracy
 
 STATE_CHANNELS = ("q_a", "v_a", "a_a", "q_m", "v_m", "a_m", "tau_m")
+# Part of the largest torque of a kind, arm or motors, by which residuals of rows with smaller
+# torques are divided at least: a row without torque would make any rounding error large.
+SMALL_TORQUE = 1e-3
+# Largest torque [N m or N] of a kind that has none: nothing is divided by zero.
+NO_TORQUE = 1e-9
 INTERRUPTED = "interrupted by Ctrl-C"  # why a solution is the best so far
 
 
@@ -390,20 +395,26 @@ def motion_residual(equations: Equations, result: MethodResult) -> np.ndarray:
 
 
 def relative_residual(equations: Equations, trajectory: Trajectory, rows: np.ndarray) -> float:
-    """Largest of the `residual_rows` of a trajectory, each relative to the largest torque in its
-    row.
+    """Largest relative residual of the equations of motion along a trajectory, without a unit.
+
+    Each residual is divided by the largest torque (or force) of its row in the trajectory: gear
+    torque of an actuated coordinate, spring torque of an elastic one, motor torque of a motor. A
+    row with less than `SMALL_TORQUE` of the largest torque of its kind, arm or motors, is divided
+    by this part of the largest one.
+
+    ``rows`` (dof,) [N m or N]: from `residual_rows`, arm coordinates first, then the motors behind
+    elastic gears (``i_m``).
     """
     robot = equations.model
-    scale = np.zeros(robot.n_a)
-    scale[list(robot.i_g)] = np.abs(trajectory["tau_g"]).max(axis=0)
+    arm = np.zeros(robot.n_a)
+    arm[list(robot.i_g)] = np.abs(trajectory["tau_g"]).max(axis=0)
     if robot.n_e:
         elastic = evaluate(
             equations.function("elastic_torque"), trajectory["q_a"], trajectory["v_a"]
         )[0]
-        scale[list(robot.i_e)] = np.abs(elastic.reshape(-1, robot.n_e)).max(axis=0)
+        arm[list(robot.i_e)] = np.abs(elastic.reshape(-1, robot.n_e)).max(axis=0)
     motors = np.abs(trajectory["tau_m"]).max(axis=0)[list(robot.i_m)]
-    # a row with next to no torque is relative to the largest of its kind
-    scales = [np.maximum(x, 1e-3 * x.max(initial=1e-9)) for x in (scale, motors)]
+    scales = [np.maximum(x, SMALL_TORQUE * x.max(initial=NO_TORQUE)) for x in (arm, motors)]
     return float((rows / np.concatenate(scales)).max())
 
 

@@ -69,12 +69,13 @@ class _Buffers:
 
 
 class _Closed:
-    """The pool of a closed library: it has nothing to give."""
+    """The pool of a closed library: taking buffers from it raises an ArgumentError."""
 
     def __init__(self, library: str) -> None:
         self.library = library
 
     def pop(self) -> _Buffers:
+        """Raise the ArgumentError of a call after `close`."""
         raise closed_error(self.library)
 
     def append(self, buffers: _Buffers) -> None:
@@ -223,7 +224,12 @@ class Function:
         self._pool = _Closed(library)
 
     def _buffers(self) -> _Buffers:
-        """A set of buffers; ArgumentError where the library is closed."""
+        """A set of buffers for one call: a free one of the pool, or a new one.
+
+        The caller puts it back into the pool, so that calls of several threads each have their own
+        and memory is used again. ArgumentError where the library is closed: then the pool is a
+        `_Closed`, whose `pop` raises it.
+        """
         try:
             return self._pool.pop()
         except IndexError:

@@ -486,22 +486,35 @@ def one_or_more(form: Form | Callable[[], Form], most: int) -> Type:
 
 
 def listed(form: Form, least: int = 1, most: int = 0, plural: bool = True) -> Type:
-    """A list of tables; ``plural``: the key is a singular, the attribute of the objects its
-    plural.
+    """Type of a key that holds a list of tables of one form, such as ``[[motor]]``.
+
+    It reads them as a tuple of objects, in the order of the file.
+
+    Parameters
+    ----------
+    form : Form
+        Keys of each table.
+    least : int
+        1: an empty or missing list is an error; 0: it is read as an empty tuple. The reader
+        checks no larger number.
+    most : int
+        Largest number of tables; 0: no limit.
+    plural : bool
+        Whether the attribute of the Python object is the plural of the key: the key ``motor``
+        becomes the attribute ``motors``.
     """
 
     def read_list(table: Table, key: Key, here: Context) -> tuple[Any, ...]:
         tables = table.tables(key.name, required=least > 0)
         if most and len(tables) > most:
             raise table.fail(key.name, f"at most {most} {key.what}", f"{len(tables)}")
-        out: list[Any] = []
+        objects: list[Any] = []
         for k, inner in enumerate(tables):
-            out.append(
-                read(
-                    inner, form, replace(here, before=out, last=k + 1 == len(tables), outer=table)
-                )
-            )
-        return tuple(out)
+            # rules of an entry may depend on the earlier ones, and on whether it is the last one
+            is_last = k + 1 == len(tables)
+            context = replace(here, before=objects, last=is_last, outer=table)
+            objects.append(read(inner, form, context))
+        return tuple(objects)
 
     limits = {"minItems": least} | ({"maxItems": most} if most else {})
     return Type(read_list, {"type": "array", **limits}, form=form, many=True, plural=plural)

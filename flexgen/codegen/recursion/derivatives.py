@@ -57,16 +57,29 @@ AXIS: Vector3 = [0.0, 0.0, 1.0]
 
 @dataclass(frozen=True)
 class _Change:
-    """The vectors l, m and da of a change of acceleration, see the module; or covectors of
-    these.
+    """Change of acceleration ``2 l x u + m x r + da`` of the points behind a joint.
+
+    It follows from a unit change of one coordinate or velocity; the module derives it. The
+    components are expressions of the tape, in the frame of a joint:
+
+    - ``sweep``: l (3,), multiplies the velocity u of a point relative to the joint's origin,
+    - ``turn``: m (3,), multiplies the position r of a point relative to it,
+    - ``shift``: da (3,), acceleration that all points share.
+
+    The class also holds the dual quantities, the covectors of l, m and da: derivatives of the
+    generalized force of one joint in the components of the three vectors. See `_feeling`.
     """
 
     sweep: Vector3
     turn: Vector3
     shift: Vector3
 
-    def of(self, change: _Change) -> Scalar:
-        """Value of these covectors for a change."""
+    def pair_with(self, change: _Change) -> Scalar:
+        """Change of a joint's generalized force by a ``change`` of acceleration.
+
+        ``self`` holds the covectors of this force, so the result is the sum of the three dot
+        products: one entry of the derivatives of inverse dynamics.
+        """
         return (
             dot(self.sweep, change.sweep)
             + dot(self.turn, change.turn)
@@ -92,7 +105,10 @@ class _Beyond:
         )
 
     def wrench(self, change: _Change) -> tuple[Vector3, Vector3]:
-        """Force and moment of a change of accelerations."""
+        """Force (3,) and moment (3,) about the joint's origin that a change of acceleration needs.
+
+        The module has the equations, with the integrals over the bodies behind the joint.
+        """
         twice = [2.0 * x for x in change.sweep]
         s = self.body.first
         S = self.body.second
@@ -183,7 +199,7 @@ def derivatives(
             by_q[i][j] = of_q[felt][Z]
             by_v[i][j] = of_v[felt][Z]
             by_dv[i][j] = by_dv[j][i] = turn_felt[Z] if felt else shift[Z]
-            by_q[j][i], by_v[j][i] = (feels.of(change) for change in changes[i])
+            by_q[j][i], by_v[j][i] = (feels.pair_with(change) for change in changes[i])
             k = i
         if joint.before >= 0:
             behind[joint.before] = (
@@ -193,7 +209,10 @@ def derivatives(
 
 
 def _changes(motion: Motion, revolute: bool) -> tuple[_Change, _Change]:
-    """Effects of a change of the coordinate and of the speed, in the frame of the joint."""
+    """Changes of acceleration by the joint's coordinate q and by its velocity v, in its frame.
+
+    ``motion``: of the joint's frame; the module lists l, m and da for both kinds of joints.
+    """
     still: Vector3 = [0.0] * 3
     sweep = cross(motion.w, AXIS)
     column = motion.along(AXIS)
@@ -204,7 +223,11 @@ def _changes(motion: Motion, revolute: bool) -> tuple[_Change, _Change]:
 
 
 def _feeling(beyond: _Beyond, revolute: bool) -> _Change:
-    """Covectors: effect of l, m and da on the joint's own force, in its frame."""
+    """Covectors of l, m and da: their effect on the joint's own generalized force.
+
+    The force is the z component of the moment (``revolute``) or of the force that the bodies
+    ``beyond`` the joint need for the change of acceleration; all vectors are in its frame.
+    """
     body = beyond.body
     P = beyond.moment
     s = body.first

@@ -321,8 +321,13 @@ def _hardware(model: RobotModel) -> list[tuple[str, float]]:
 
 
 def _limits(model: RobotModel) -> dict[str, np.ndarray]:
-    """Limits of the stream by their member in C, those of the model file; 0: none, no points: no
-    curves.
+    """Limits in the model file, as values of the parameters of the generated controller.
+
+    The controller passes them to the streaming inversion, which computes motor torques from
+    samples of the output. The keys are the members of its struct of limits in C. The arrays have
+    one number for each motor (n_m,), elastic coordinate (n_e,) or actuated coordinate (n_g,), in
+    the units of the model file, or a single one for the tool; 0: no limit. ``torque_speed``: the
+    points of the torque-speed curves of all motors, flat; empty: no motor has a curve.
     """
     sizes = {"n_m": model.n_m, "n_e": model.n_e, "n_g": model.n_g}
     out = {member: np.zeros(sizes[size]) for member, size in SIZES.items()}
@@ -331,6 +336,7 @@ def _limits(model: RobotModel) -> dict[str, np.ndarray]:
     curves = limit_members(
         "limits", {"torque_speed": given.pop("torque_speed", None)}, sizes, np.dtype(float)
     )
+    # an infinite limit in the model is 0 in the parameters
     for member, x in given.items():
         out[member] = np.where(np.isfinite(x), x, 0.0).reshape(-1)
     return out | {"torque_speed": curves.get("torque_speed", np.zeros(0)).reshape(-1)}

@@ -182,8 +182,11 @@ def check_passivity(run: ControlRun, *, low_hz: float = 0.1) -> Passivity:
 
 
 def _with_viscous_friction(model: RobotModel) -> RobotModel:
-    """The model without the other parts of its frictions, whose damping is large only where
-    motions are small.
+    """Model whose joints and motors have viscous friction only, at the model's temperature.
+
+    Coulomb, Stribeck and load-dependent friction are removed: linearized at rest they damp
+    strongly, but this damping decreases with the amplitude of the motion. Passivity must not
+    depend on it. Viscous friction damps motions of any amplitude alike.
     """
 
     def viscous(friction: Friction) -> Friction:

@@ -136,7 +136,7 @@ def covariance_of(blocks: Blocks, prior: np.ndarray, by_axis: bool = True) -> np
     unit = np.eye(len(scale))
     scores = (blocks.scores[:, known] / scale)[..., None]
     left = (1 + LEAST) * unit - A @ H
-    alone = _alone(left, A, total)
+    alone = _determine_alone(left, A, total)
     scores = np.linalg.solve(left[~alone], scores[~alone])[..., 0]
     axes = np.linalg.eigh(total)[1]
     shares = ((A @ axes) * axes).sum(axis=1) if by_axis else np.ones((len(A), len(scale)))
@@ -147,17 +147,34 @@ def covariance_of(blocks: Blocks, prior: np.ndarray, by_axis: bool = True) -> np
     return out
 
 
-def _alone(left: np.ndarray, A: np.ndarray, total: np.ndarray) -> np.ndarray:
-    """Which blocks determine a direction alone (B,); ``left`` (B, n, n): 1 - A H."""
-    # the product of all shares that are left is a quick bound of the least one
+def _determine_alone(left: np.ndarray, A: np.ndarray, total: np.ndarray) -> np.ndarray:
+    """Mask (B,) of the blocks that alone determine some direction of the n parameters.
+
+    Without such a block the fit is singular in this direction, so the block cannot be left out
+    for the jackknife. A block b is one if an eigenvalue of ``A_b`` relative to ``total``, the
+    share of the block in the information on a direction, exceeds 1 - `ALONE`. Directions on which
+    nothing has information (`ROUNDING`) do not count.
+
+    Parameters
+    ----------
+    left : array (B, n, n)
+        ``1 - A_b H`` with ``H = total^-1``: its eigenvalues are the shares of all other blocks
+        and of the prior.
+    A : array (B, n, n)
+        Information ``J_b' J_b`` of each block.
+    total : array (n, n)
+        Information of all blocks and of the prior.
+    """
+    # The eigenvalues of `left` are at most 1, so their product, the determinant, is a lower bound
+    # of the least one. Few blocks, if any, need the eigenvalues below.
     out = np.linalg.slogdet(left)[1] < np.log(ALONE)
     if not out.any():
         return out
     values, axes = np.linalg.eigh(total)
     known = values > ROUNDING * values[-1]
-    root = axes[:, known] / np.sqrt(values[known])
-    largest = np.linalg.eigvalsh(root.T @ A[out] @ root)[:, -1]
-    out[out] = largest > 1.0 - ALONE
+    root = axes[:, known] / np.sqrt(values[known])  # root' total root = 1
+    largest_shares = np.linalg.eigvalsh(root.T @ A[out] @ root)[:, -1]
+    out[out] = largest_shares > 1.0 - ALONE
     return out
 
 

@@ -273,21 +273,38 @@ class DrivenArm:
 
 
 def _with_errors(
-    equations: Equations, errors: Sequence[int], harmonics: Sequence[int], coefficients: ca.SX
+    equations: Equations, gears: Sequence[int], harmonics: Sequence[int], coefficients: ca.SX
 ) -> Equations:
-    """The equations with transmission errors whose coefficients are these symbols."""
+    """Equations in which gears have transmission errors with symbolic coefficients.
+
+    The error of a gear is a Fourier sum of its motor angle. Code that is generated from these
+    equations takes the coefficients as arguments, so that they can be identified.
+
+    Parameters
+    ----------
+    equations : Equations
+        Without transmission errors of these gears; unchanged where there are no coefficients.
+    gears : sequence of int
+        Numbers of the gears, among the actuated coordinates.
+    harmonics : sequence of int
+        H whole numbers >= 1: periods of each term in a turn of the motor.
+    coefficients : SX (2 H len(gears),) [rad or m at the joint]
+        For one gear after the other, H coefficients of cosines, then H of sines.
+    """
     if not coefficients.numel():
         return equations
-    robot = equations.with_symbols
-    sums = ca.vertsplit(coefficients, len(harmonics))
-    added = {
-        robot.coordinates[robot.i_g[k]].name: sums[2 * n : 2 * n + 2] for n, k in enumerate(errors)
+    robot = equations.with_symbols  # the model, with symbols in place of its parameters
+    columns = ca.vertsplit(coefficients, len(harmonics))  # cosines, sines, cosines, sines, ...
+    of_joint = {
+        robot.coordinates[robot.i_g[k]].name: columns[2 * n : 2 * n + 2]
+        for n, k in enumerate(gears)
     }
 
     def change(dof: Dof) -> Dof:
-        if dof.name not in added or dof.gear is None:
+        if dof.name not in of_joint or dof.gear is None:
             return dof
-        error = FourierSum(tuple(harmonics), *(tuple(ca.vertsplit(x)) for x in added[dof.name]))
+        cosines, sines = (tuple(ca.vertsplit(x)) for x in of_joint[dof.name])
+        error = FourierSum(tuple(harmonics), cosines, sines)
         return replace(dof, gear=replace(dof.gear, transmission_error=error))
 
     elements = [

@@ -66,14 +66,38 @@ FRICTION = ("viscous", "coulomb", "load_coulomb", "beta")  # of each motor and j
 
 
 class Simulated:
-    """Spectra of the motor angles of an experiment as functions of the parameters x.
+    """Simulation of an experiment in closed loop, and its residuals, as functions of parameters.
+
+    The motor angles that are simulated with the parameters x are compared with the measured ones
+    as spectra at the excited frequencies; see the module. All runs are simulated together, each in
+    one lane of the batch.
 
     Parameters
     ----------
     vector : ParameterVector
+        The parameters x: names, model and start values.
     experiment : Experiment
+        Plan, references of the drives and measured motor angles.
     runs : sequence of (int, int, int)
-        Pose, realization and experiment of each robot that is simulated.
+        Numbers of pose, realization and experiment of each run.
+    progress : callable, optional
+        Is called with a sentence before each simulation.
+
+    Attributes
+    ----------
+    reference, fading : array (samples, runs, 2 n_m)
+        One period of the references of the drives: motor angles [rad], then feedforward torques
+        [N m], which `spectra` sets to those that hold the pose. ``fading`` begins at rest.
+    measured : array (runs, lines, n_m) [rad/s^2]
+        ``w^2 Q``: spectra of the angles, mean over the measured periods, as accelerations.
+    sd : array (1, lines, n_m) [rad/s^2]
+        Standard deviations of ``measured``.
+    shift : array (runs, lines, n_m) [rad/s^2]
+        Mean change of the spectra by noise; zero before `use_noise`.
+    last : int
+        Samples before the measured period at which simulations for derivatives begin.
+    steps : int
+        Integration steps in a sample.
     """
 
     def __init__(
@@ -93,16 +117,20 @@ class Simulated:
             vector.model, ("forward_dynamics",), parameters=names, progress=progress
         )
         self.local = LocalModel(vector.model, self.library.parameter_names)
-        poses = plan.poses[[k for k, _, _ in self.runs]]
+        self.poses = plan.poses[[pose for pose, _, _ in self.runs]]  # (runs, n_m) [rad]
         self.reference = np.zeros((plan.samples, len(self.runs), 2 * len(plan.motors)))
-        for lane, (k, r, e) in enumerate(self.runs):
-            self.reference[:, lane, : len(plan.motors)] = experiment.reference(k, r, e)
-        self.poses = poses
+        for lane, run in enumerate(self.runs):
+            self.reference[:, lane, : len(plan.motors)] = experiment.reference(*run)
         self.fading = fade_in(self.reference)
-        slowest = float(plan.controller.position_gain.min())
-        enough = SETTLED / slowest / plan.hardware.sample_s if slowest > 0 else plan.samples
-        # samples that derivatives settle
-        self.last = min(plan.samples, max(plan.samples // 4, math.ceil(enough)))
+        # A change of a parameter excites a transient, which decays with the time constant 1/gain
+        # of the position control. Derivatives are taken after `SETTLED` time constants, and after
+        # a quarter of a period at least, a period at most. Without position control nothing but
+        # the period bounds this time.
+        lowest_gain = float(plan.controller.position_gain.min())
+        sample_s = plan.hardware.sample_s
+        settled = SETTLED / lowest_gain / sample_s if lowest_gain > 0 else plan.samples
+        self.last = min(plan.samples, max(plan.samples // 4, math.ceil(settled)))
+        # w^2: a spectrum of angles becomes one of accelerations
         w2 = (2 * np.pi * plan.frequencies[:, None]) ** 2
         # (runs, periods, lines, n_m)
         measured = np.array([experiment.q_m[run] for run in self.runs])
@@ -111,17 +139,20 @@ class Simulated:
         self.quiet = replace(
             plan.hardware, encoder_noise_rad=0.0, encoder_resolution_rad=0.0, torque_noise_Nm=0.0
         )
-        # As in the experiment; the method is stable for friction up to 2.7 times as steep as at
+        # As many as in the simulated experiment. The integration stays stable while the search
+        # raises the largest eigenvalue, that of friction near rest, up to 2.7 times its value at
         # the start.
         self.steps = integration_steps(plan.hardware, FINER * largest_rate(self.local, plan.poses))
-        self.shift = np.zeros_like(self.measured)  # by noise
-        self.count = self.measured.size
-        self.simulations = 0
-        # the last derivatives, at which x and cost
+        self.shift = np.zeros_like(self.measured)
+        self.count = self.measured.size  # of complex residuals
+        self.simulations = 0  # that have been run, for the progress
+        # x, Jacobian and cost where derivatives were computed last; `sums` uses them again nearby
         self._known: tuple[np.ndarray, np.ndarray, float] | None = None
-        # whether simulations for derivatives begin a period before the measured one
+        # Whether simulations for derivatives begin a whole period before the measured one, which
+        # is more accurate, or only `last` samples before it.
         self.whole = False
-        # Of the last simulation at x: a period, and `last` samples, before the measured period.
+        # States of the last simulation at x from which those for derivatives begin: a period, and
+        # `last` samples, before the measured period.
         self._before: tuple[Snapshot, Snapshot] | None = None
 
     def spectra(

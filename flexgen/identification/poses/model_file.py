@@ -110,7 +110,7 @@ def _placements(
     shifts = numbers.shifts
     moved = shifts[[tree.index[f"{element.name}.{s}"] for s in SHIFTS]]
     if moved.any():
-        origin = _join(origin, _placement(moved[:3], frame_rotation(moved)))
+        origin = _compose(origin, _placement(moved[:3], frame_rotation(moved)))
     turned = np.eye(3)
     axes = {}
     for k, dof in enumerate(element.dofs):
@@ -126,7 +126,7 @@ def _placements(
         turn = rotations(axis, np.array([zero]))[0]
         if k == 0:
             along = dof.type == "translation"
-            origin = _join(
+            origin = _compose(
                 origin,
                 _placement(zero * axis, np.eye(3)) if along else _placement(np.zeros(3), turn),
             )
@@ -140,12 +140,13 @@ def _placements(
     link = (
         element.link
         if (turned == np.eye(3)).all()
-        else _join(_placement(np.zeros(3), turned), element.link)
+        else _compose(_placement(np.zeros(3), turned), element.link)
     )
     return origin, link, axes
 
 
 def _placement(position: np.ndarray, rotation: np.ndarray) -> Placement:
+    """Placement from the arrays ``position`` (3,) [m] and ``rotation`` (3, 3)."""
     return Placement(tuple(position), tuple(map(tuple, rotation)))
 
 
@@ -177,12 +178,16 @@ def _pose(placement: Placement) -> dict[str, Any]:
     return {"position": _numbers(placement.position), "rotation": _numbers(rotation)}
 
 
-def _join(first: Placement, second: Placement) -> Placement:
-    """The placement of the second in the first."""
+def _compose(first: Placement, second: Placement) -> Placement:
+    """Composition ``T_1 T_2`` of two placements: position ``p_1 + R_1 p_2`` [m], rotation
+    ``R_1 R_2``.
+
+    ``first`` is the pose of a frame B in a frame A, ``second`` that of a frame C in B; the result
+    is the pose of C in A.
+    """
     R = np.array(first.rotation)
-    return _placement(
-        np.array(first.position) + R @ second.position, R @ np.array(second.rotation)
-    )
+    position = np.array(first.position) + R @ second.position
+    return _placement(position, R @ np.array(second.rotation))
 
 
 def _number(x: float) -> float:

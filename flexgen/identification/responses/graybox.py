@@ -313,28 +313,47 @@ def _check(
 
 
 def _with_structure(
-    vector: ParameterVector, data: Frf, residuals: Residuals, best: Minimum, degrees: float
+    vector: ParameterVector, data: Frf, residuals: Residuals, best: Minimum, freedom: float
 ) -> tuple[Residuals, Minimum, float]:
-    """The fit with weights from the structure of the noise, or the given one where the data have
-    no such structure.
+    """Fit again with weights from the structure of the noise, which are more accurate.
 
-    A transient or a wrong model breaks the structure: then the weights of single elements are the
-    better ones. The last number is the part of the responses that the structure does not explain.
+    The structure is noise of the motor torques and of the measured angles. It has few unknowns, so
+    its covariances are more certain than those of single elements of the responses. A transient or
+    a wrong model breaks the structure: then the misfit becomes implausible, more than `COST_MOST`
+    for each degree of freedom, and the given fit stays.
+
+    Parameters
+    ----------
+    vector, data
+        Parameters and measured frequency responses.
+    residuals, best
+        The given fit, with weights of single elements: its residuals and its minimum.
+    freedom : float
+        Degrees of freedom of the fit: complex residuals minus half the number of parameters.
+
+    Returns
+    -------
+    tuple of Residuals, Minimum and float
+        The accepted fit, and the largest relative error of an element of the responses that noise
+        does not explain. This number is that of the fit with the structure, also where that fit is
+        rejected: it then tells how wrong the model is. Where the time limit is over it is that of
+        the given fit.
     """
-    polish = Residuals(vector, data, deflection_sd=residuals.deflection_sd)
+    structured = Residuals(vector, data, deflection_sd=residuals.deflection_sd)
     fit = best
-    for _ in range(POLISHES):  # the levels of the noise depend on the responses
+    # repeated, since the levels of torque and angle noise depend on the fitted responses
+    for _ in range(POLISHES):
         if is_over():
             return residuals, best, residuals.find_unexplained(best.x)
-        polish.use_structure(fit.x)
-        fit = _search(polish, fit.x)
-    misfit = polish.misfit(fit.x) * residuals.count / polish.count
-    left = polish.find_unexplained(fit.x)
-    return (
-        (residuals, best, left)
-        if misfit > COST_MOST * degrees
-        else (polish, replace(fit, cost=misfit), left)
-    )
+        structured.use_structure(fit.x)
+        fit = _search(structured, fit.x)
+    # Scaled to the number of residuals of the given fit: noisy directions of the excitation count
+    # less in the fit with the structure.
+    misfit = structured.misfit(fit.x) * residuals.count / structured.count
+    unexplained = structured.find_unexplained(fit.x)
+    if misfit > COST_MOST * freedom:
+        return residuals, best, unexplained
+    return structured, replace(fit, cost=misfit), unexplained
 
 
 def _search(residuals: Residuals, start: np.ndarray) -> Minimum:

@@ -53,11 +53,23 @@ class Mistake:
 
 @dataclass(frozen=True, eq=False)
 class _Scores:
-    """Of columns (n_m n, candidates), by motors: what the fit leaves of them, their numbers, and
-    what they explain.
+    """Score test of candidate mistakes, each a column z of torque changes; see the module.
+
+    Rows are weighted such that the errors have the unit variance: n samples of the first motor,
+    then of the second one, and so on.
+
+    - ``projected`` (n_m n, candidates): z_p, the part of z that the terms of the fit cannot
+      represent,
+    - ``size`` (candidates,): ``z_p' z_p``, the information on x,
+    - ``value`` (candidates,): the estimate ``x = z_p' e / size``, in the unit of the candidate;
+      zero where ``size`` is next to none,
+    - ``gain`` (candidates,): decrease ``x z_p' e`` of the sum of squared residuals,
+    - ``shares`` (n_m, candidates): part of the squared residuals of each motor that x explains,
+    - ``error`` (n_m n,): the residuals e of the fit,
+    - ``block``: samples in a block; errors of different blocks are taken as independent.
     """
 
-    left: np.ndarray
+    projected: np.ndarray
     size: np.ndarray
     value: np.ndarray
     gain: np.ndarray
@@ -66,11 +78,19 @@ class _Scores:
     block: int
 
     def is_sure(self, k: int) -> bool:
-        """Whether a number is far from zero, by the blocks of the errors."""
-        rows = self.left[:, k] * (self.error - self.value[k] * self.left[:, k])
-        rest = rows.reshape(len(self.shares), -1).sum(axis=0)
-        sums = np.array([rest[i : i + self.block].sum() for i in range(0, len(rest), self.block)])
-        return bool(abs(self.value[k]) * self.size[k] > SURE * np.sqrt(sums @ sums))
+        """Whether the estimate of candidate k exceeds `SURE` of its standard deviations.
+
+        Neighboring samples have correlated errors, so the deviation is that of sums over blocks b
+        (a sandwich estimate), where the last block may be shorter than the others:
+
+            sd(x) = sqrt(sum_b s_b^2) / size,    s_b = sum_{i in b} z_pi (e_i - x z_pi)
+        """
+        z_p = self.projected[:, k]
+        products = z_p * (self.error - self.value[k] * z_p)
+        by_sample = products.reshape(len(self.shares), -1).sum(axis=0)  # over the motors
+        starts = range(0, len(by_sample), self.block)
+        by_block = np.array([by_sample[i : i + self.block].sum() for i in starts])
+        return bool(abs(self.value[k]) * self.size[k] > SURE * np.sqrt(by_block @ by_block))
 
 
 def find_causes(
@@ -141,7 +161,12 @@ def _scores(
     prior: np.ndarray,
     block: int,
 ) -> _Scores:
-    """What columns (n, n_m, candidates) explain of the errors besides the terms of the fit."""
+    """Score test of candidate ``columns`` (n, n_m, candidates) [N m over the candidate's unit].
+
+    ``terms``, ``error``, ``weight`` and ``prior`` of the fit as in `find_causes`; ``block``:
+    samples in a block of independent errors. A candidate of which the terms of the fit leave less
+    than `NOTHING` cannot be told from them: its value is zero.
+    """
     X = np.vstack([x * w for x, w in zip(terms, weight, strict=True)])
     scale = np.sqrt((X**2).sum(axis=0) + prior)
     scale = np.where(scale > 0, scale, 1.0)
@@ -149,18 +174,18 @@ def _scores(
     e = (error * weight).T.ravel()
     Z = (columns * weight[:, None]).transpose(1, 0, 2).reshape(len(e), -1)
     A = X.T @ X + np.diag(prior / scale**2)
-    left = Z - X @ np.linalg.lstsq(A, X.T @ Z, rcond=1e-14)[0]
-    size = (left**2).sum(axis=0)
-    score = left.T @ e
+    projected = Z - X @ np.linalg.lstsq(A, X.T @ Z, rcond=1e-14)[0]
+    size = (projected**2).sum(axis=0)
+    score = projected.T @ e
     known = size > NOTHING * (Z**2).sum(axis=0)
     value = np.where(known, score / np.where(known, size, 1.0), 0.0)
-    better = (e**2)[:, None] - (e[:, None] - left * value) ** 2
+    better = (e**2)[:, None] - (e[:, None] - projected * value) ** 2
     by_motor = (e**2).reshape(len(weight), -1).sum(axis=1)
     shares = (
         better.reshape(len(weight), -1, Z.shape[1]).sum(axis=1)
         / np.maximum(by_motor, 1e-300)[:, None]
     )
-    return _Scores(left, size, value, value * score, shares, e, max(1, block))
+    return _Scores(projected, size, value, value * score, shares, e, max(1, block))
 
 
 def _fade_columns(whole: Columns, limit: float) -> tuple[np.ndarray, np.ndarray]:

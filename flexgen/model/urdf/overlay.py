@@ -221,19 +221,26 @@ class _Overlay:
             raise self.table.fail("unfinished", expected, given)
 
     def _inertial(self, link: Link) -> Inertial | None:
-        """The body of a link: that of the overlay if it has one, else the inertial of the URDF
-        file.
+        """Inertial data of a link: from the overlay where it states a body, else from the URDF.
+
+        Mass [kg], center of mass [m] and inertia tensor [kg m^2] in the link frame. None: the link
+        has no mass.
+
+        A tensor is *reduced* where dynamic parameters of links were regrouped: then its largest
+        principal moment may exceed the sum of the other two, which no rigid body has. The flag
+        ``inertia_reduced`` permits this. The table of a link has it for the tensor of the URDF
+        file, and the table ``body`` for its own tensor; a body accepts either.
         """
-        table = self.links.get(link.name)
-        reduced = table is not None and LINK["inertia_reduced"].read(table, Context())
-        if table is None or "body" not in table:
+        link_table = self.links.get(link.name)
+        reduced = link_table is not None and LINK["inertia_reduced"].read(link_table, Context())
+        if link_table is None or "body" not in link_table:
             return self.urdf.inertial(link, reduced)
-        inner = table.table("body")
-        assert inner is not None
-        body: Body = LINK["body"].read(table, Context())
+        body_table = link_table.table("body")
+        assert body_table is not None
+        body: Body = LINK["body"].read(link_table, Context())
         if body.mass == 0.0:
             return None
-        reduced = reduced or BODY["inertia_reduced"].read(inner, Context())
+        reduced = reduced or BODY["inertia_reduced"].read(body_table, Context())
         return Inertial(body.mass, np.array(body.com), np.array(body.inertia), reduced)
 
     # --- the tables of a model file --------------------------------------------------------------
@@ -269,7 +276,7 @@ class _Overlay:
         if origin is not None:
             value["origin"] = origin
         table = self.joints.get(segment.joint.name)
-        before, after = (_list(table, name) for name in ("before", "after"))
+        before, after = (_additional_dofs(table, side) for side in ("before", "after"))
         if before and segment.motion.follows and segment.motion.offset != 0.0:
             assert table is not None
             given = "degrees of freedom before a joint that follows others with the offset "
@@ -570,12 +577,18 @@ class _Overlay:
         return entry
 
 
-def _list(table: Table | None, name: str) -> list[Entry]:
-    """Tables of the additional degrees of freedom before or after a joint."""
-    if table is None or name not in table:
+def _additional_dofs(table: Table | None, side: str) -> list[Entry]:
+    """Additional degrees of freedom that an overlay puts ``before`` or ``after`` a joint.
+
+    Such as the elastic coordinates of its bearing: they move about the same point. ``table``: of
+    the joint in the overlay. Empty: the overlay has no table for the joint, or none on this side.
+    """
+    if table is None or side not in table:
         return []
-    table.tables(name)
-    entries: list[Entry] = table.entries[name].value
+    # Only checks the value: an error where it is not a list of tables. The entries themselves are
+    # copied into the model, since they carry the lines of the file for later errors.
+    table.tables(side)
+    entries: list[Entry] = table.entries[side].value
     return entries
 
 

@@ -102,6 +102,7 @@ class SplineCurve:
         self.lengths = lengths_of(samples)
         both = values if q is None else np.hstack([values, q])
         knots = samples.knots if samples.knots is not None else distances(samples, radius)
+        # mean interval between samples, the unit of the spline's own parameter u
         self.scale = float(knots[-1] - knots[0]) / (len(knots) - 1)
         knots = (knots - knots[0]) / self.scale
         spline = self._spline(knots, both, smooth)
@@ -195,7 +196,10 @@ class SplineCurve:
         return tuple(notes)
 
     def _at(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
-        """Jets of position and quaternion in the parameter of the spline."""
+        """Jets in u of position (n, d, `JET`) and unit quaternion (n, 4, `JET`), at ``u`` (n,).
+
+        None instead of a quaternion: the samples have no orientation.
+        """
         both = np.stack([spline(u) for spline in self._splines], axis=-1)
         if both.shape[1] == self.width:
             return both, None
@@ -224,24 +228,41 @@ class SplineCurve:
         return product(w, w).sum(axis=1)
 
     def __call__(self, s: np.ndarray) -> tuple[np.ndarray, Attitude | None]:
-        """Jet (n, d, k), and the orientation, from the jet (n, k) of the parameter."""
+        """Position and orientation along the path, with their derivatives in time.
+
+        Internally the spline has a parameter u of its own: samples are on average 1 apart in u.
+
+        Parameters
+        ----------
+        s : array (n, k)
+            Jet of the path parameter at n instants: its value and its first k - 1 derivatives in
+            time. The parameter is the time since the first sample [s] where the samples have
+            times, else the arc length; an arc length beyond an end is moved to this end.
+
+        Returns
+        -------
+        tuple of array (n, d, k) and Attitude or None
+            Jet of the d columns of the samples, in their units; rotation matrix with angular
+            velocity and its derivatives, constant where the orientation is fixed; None: the path
+            has no orientation.
+        """
         if self.timed:
             u = s / self.scale
         else:
-            own = self.table.parameter(np.clip(s[:, 0], 0.0, self.length))
-            u = compose(
-                inverse_function(own, square_root(self._speed_squared(own)))[:, None, :], s
-            )[:, 0]
-        x, q = self._at(u[:, 0])
+            u_of_points = self.table.parameter(np.clip(s[:, 0], 0.0, self.length))
+            ds_du = square_root(self._speed_squared(u_of_points))
+            u_of_s = inverse_function(u_of_points, ds_du)
+            u = compose(u_of_s[:, None, :], s)[:, 0]
+        # derivatives in u, which the chain rule turns into derivatives in time
+        x, quaternion = self._at(u[:, 0])
         x = compose(x, u)
-        if q is not None:
-            return x, attitude(compose(q, u))
+        if quaternion is not None:
+            return x, attitude(compose(quaternion, u))
         if self.fixed is None:
             return x, None
-        return x, (
-            np.broadcast_to(self.fixed, (len(s), 3, 3)),
-            np.zeros((len(s), 3, s.shape[1] - 1)),
-        )
+        constant = np.broadcast_to(self.fixed, (len(s), 3, 3))
+        no_rotation = np.zeros((len(s), 3, s.shape[1] - 1))
+        return x, (constant, no_rotation)
 
 
 def _in_motion(knots: np.ndarray, values: np.ndarray) -> tuple[str, ...]:

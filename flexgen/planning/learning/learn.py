@@ -416,8 +416,14 @@ def _plain(run: ControlRun) -> ControlRun:
 
 
 class _Smoothed:
-    """Estimate from accelerometers and motor angles: the arm's motion by the smoother, and its
-    error.
+    """Measurement of the error by the sensors of the robot instead of a tracker of the tool.
+
+    Learning corrects the error that it measures after each run. A simulation knows the true motion
+    of the arm, a real robot does not: it has motor encoders and accelerometers. This class hides
+    the true motion behind the estimate of a `PathSmoother` from these signals.
+
+    ``case``: the motion and its hardware; ``channels``: the measured signals; ``name``: the robot
+    of a run whose motion is estimated.
     """
 
     def __init__(self, case: Case, channels: Channels, name: str) -> None:
@@ -427,18 +433,28 @@ class _Smoothed:
         self._smoother = PathSmoother(channels, case.reference, case.hardware.sample_s)
 
     def __call__(self, run: ControlRun) -> ControlRun:
+        """The run with estimates in place of the robot's arm motion and output error.
+
+        Replaced are the arm coordinates ``q_a`` (n, n_a) [rad or m], the error of the output
+        ``error`` (n, n_y) [m or rad], and ``turn`` (n,) [rad], the angle between the orientations
+        of tool and reference, None where the output has no orientation. All else, and the run of
+        a robot that failed, is unchanged.
+        """
         robot = run[self._name]
         reference = run.reference
         hardware = run.hardware
         if robot.failure:
             return run
+        # measured signals minus those planned: motor angles (n, n_m), then all sensors (n, n_s)
         dy = np.hstack([robot.measured - reference.motion["q_m"], robot.sensors - reference.y_s])
-        late = run.delay_samples, hardware.delay_s / hardware.sample_s
-        du = acting(robot.tau_m - reference.held, *late)
+        # Torques minus the feedforward (n, n_m) [N m], when they reach the motors: the delay is a
+        # number of whole samples, and a part of one in the hardware.
+        delay_part = hardware.delay_s / hardware.sample_s
+        du = acting(robot.tau_m - reference.held, run.delay_samples, delay_part)
         q_a = reference.motion["q_a"] + self._smoother.deviation(dy[:, self._channels.index], du)
         error, turn = output_errors(self._case.equations, reference, np.ascontiguousarray(q_a))
-        shown = replace(robot, q_a=q_a, error=error, turn=turn)
-        return replace(run, runs=tuple(shown if r is robot else r for r in run.runs))
+        estimated = replace(robot, q_a=q_a, error=error, turn=turn)
+        return replace(run, runs=tuple(estimated if r is robot else r for r in run.runs))
 
 
 def _largest(run: ControlRun, plant: str) -> float:

@@ -65,19 +65,24 @@ def residual_at(equations: Equations, motion: Motion) -> np.ndarray:
 
 
 def _hysteresis(equations: Equations, motion: Motion) -> np.ndarray:
-    """Torques of the gears' hysteresis (n, n_g): those of the motion, or what its deflections make
-    of it.
+    """Hysteresis torques of the gears along a motion (n, n_g) [N m or N].
+
+    Those of the motion where it has them, else those that the hysteresis law gives along the gear
+    deflections [rad or m].
     """
     from flexgen.dynamics.hysteresis.hysteresis import gear_layers, torque_along
 
+    if motion.tau_h is not None:
+        return motion.tau_h
     model = equations.model
     deflection = gear_angles_along(model, motion.q_m) - motion.q_a[:, list(model.i_g)]
-    return torque_along(gear_layers(model), deflection) if motion.tau_h is None else motion.tau_h
+    return torque_along(gear_layers(model), deflection)
 
 
 def _bristles(equations: Equations, motion: Motion) -> np.ndarray:
-    """Torques of the bristles of the motors (n, n_m): those of the motion, or what its speeds make
-    of it.
+    """LuGre friction torques of the motors along a motion (n, n_m) [N m].
+
+    Those of the motion where it has them, else those that the law gives along the motor speeds.
     """
     from flexgen.dynamics.hysteresis.lugre import bristle_torques, motor_bristles
 

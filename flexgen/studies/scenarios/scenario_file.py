@@ -373,8 +373,13 @@ LIMITS = required(
 FORMAT = Key("format", keys.among(1, 2), "2: what is drawn, and the version of the measures")
 
 
-def _file(version: int, own: tuple[Key, ...], measures: Format) -> Format:
-    """The rows of a version of the files, with those that the other does not have."""
+def _scenario_format(number: int, own: tuple[Key, ...], measures: Format) -> Format:
+    """Description of the scenario files of format ``number``: all keys, for reading and checks.
+
+    Formats 1 and 2 share most keys. ``own``: the keys that only this format has, disturbances
+    that are given (1) or drawn (2). ``measures``: the keys of the table ``measures`` in this
+    format. The key ``version`` of a file is another number: the version of its scenario.
+    """
     rows = (
         FORMAT,
         NAME,
@@ -406,7 +411,7 @@ def _file(version: int, own: tuple[Key, ...], measures: Format) -> Format:
         Key("accept", sub(LIMITS), LIMITS.doc),
         Key("reference", _REFERENCE, "controller whose measures are the units of the score"),
     )
-    return Format(f"scenario of a benchmark, format {version}", rows, make=_scenario)
+    return Format(f"scenario of a benchmark, format {number}", rows, make=_scenario)
 
 
 DRAWN = (
@@ -420,6 +425,6 @@ DRAWN = (
     ),
 )
 FORMATS = {
-    1: _file(1, (replace(GIVEN, check=_check_overlap),), MEASURES.without("version")),
-    2: _file(2, DRAWN, MEASURES),
+    1: _scenario_format(1, (replace(GIVEN, check=_check_overlap),), MEASURES.without("version")),
+    2: _scenario_format(2, DRAWN, MEASURES),
 }

@@ -181,16 +181,23 @@ def _check_array(name: str, shape: tuple[int, ...], dtype: np.dtype[Any]) -> Non
 
 
 def are_rows(rows: Any, columns: Sequence[Column], cases: Sequence[int]) -> bool:
-    """Whether a value of a file is a list of rows with these columns, one for each case."""
-    if not isinstance(rows, list) or [
-        row.get("case") if isinstance(row, dict) else None for row in rows
-    ] != [*cases]:
+    """Whether a value read from a JSON file is a valid list of rows, one for each case.
+
+    Each row is a dict with the number of its case, in the order of ``cases``, and its entries have
+    the kinds of their columns. A row may lack columns, which `table_of` fills with the value for
+    missing ones, and may have entries of other names, which it ignores.
+    """
+    if not isinstance(rows, list):
+        return False
+    found = [row.get("case") if isinstance(row, dict) else None for row in rows]
+    if found != [*cases]:
         return False
     kinds = {column.name: column.kind for column in columns}
     return all(_is_entry(kinds.get(name), value) for row in rows for name, value in row.items())
 
 
 def _is_entry(kind: str | None, value: Any) -> bool:
+    """Whether a column of this kind can hold a value; ``kind`` None: no column, any value."""
     if value is None or kind is None or kind == "text":
         return True
     if isinstance(value, int):

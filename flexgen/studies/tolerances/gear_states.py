@@ -68,7 +68,10 @@ class Gears:
         return np.asarray(z + h / 6 * (k1 + 2 * k2 + 2 * k3 + self.slope(z + h * k3, s)))
 
     def rise(self, z: np.ndarray, after: np.ndarray, dp: np.ndarray) -> np.ndarray:
-        """Derivative of `step` in ``dp``."""
+        """Derivative of `step` in ``dp``: the slope of the law at the torques ``after`` the step.
+
+        ``z``, the torques before, is part of the common interface `Law` and not needed here.
+        """
         return self.slope(after, np.where(dp < 0.0, -1.0, 1.0))
 
 

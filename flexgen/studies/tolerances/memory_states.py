@@ -41,7 +41,7 @@ class Law(Protocol):
         """Torques after p has changed by ``dp`` (..., rows)."""
 
     def rise(self, y: np.ndarray, after: np.ndarray, dp: np.ndarray) -> np.ndarray:
-        """d y_+ / d dp."""
+        """Derivative of `step` in ``dp``; ``after``: the torques y_+ after the step."""
 
 
 @dataclass(frozen=True)
