@@ -139,9 +139,9 @@ class Simulated:
         self.quiet = replace(
             plan.hardware, encoder_noise_rad=0.0, encoder_resolution_rad=0.0, torque_noise_Nm=0.0
         )
-        # As many as in the simulated experiment. The integration stays stable while the search
-        # raises the largest eigenvalue, that of friction near rest, up to 2.7 times its value at
-        # the start.
+        # As many as in the simulated experiment. Step times rate is at most 1/FINER at the start,
+        # and the integration is stable below 2.78: so the search may make friction, whose slope at
+        # rest sets the largest rate, far steeper.
         self.steps = integration_steps(plan.hardware, FINER * largest_rate(self.local, plan.poses))
         self.shift = np.zeros_like(self.measured)
         self.count = self.measured.size  # of complex residuals
