@@ -193,7 +193,7 @@ def solve(
             solution = within_limits(solution, problem.limits, ignore_limits or fastest)
         except (Exception, KeyboardInterrupt) as error:
             stage = stage_of(error, deadline.is_interrupted)
-            solution = reached.finish(stage, deadline.seconds)
+            solution = reached.finish(stage, deadline.limit)
     solution = replace(
         solution, warnings=(*solution.warnings, *without_effect(solution.method, preview, mesh))
     )

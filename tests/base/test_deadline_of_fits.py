@@ -19,6 +19,7 @@ from flexgen.base.calls.deadline import (
     limit_call,
     limit_fit,
     reason_of_end,
+    running,
 )
 from flexgen.base.errors import ArgumentError
 from flexgen.identification.estimator.minimize import Minimum, minimize
@@ -111,3 +112,15 @@ def test_an_estimate_is_told_after_the_first_step() -> None:
         best_known(2.0)
         best_known(2.0)
     assert lines == ["a step takes 2 s, a search of 5 to 20 steps about 10 to 40 s; limit 100 s"]
+
+
+def test_a_limit_within_another_one_states_the_limit_that_was_given() -> None:
+    """Never what was left of it, which may be negative; the shorter of two limits is stated."""
+    with running(1e-9):
+        time.sleep(1e-3)
+        with running(60.0) as inner:
+            assert inner.left < 0.0 and inner.limit == 1e-9
+    with running(60.0), running(5.0) as inner:
+        assert inner.limit == 5.0
+    with running(60.0), running(None) as inner:
+        assert inner.limit == 60.0 and inner.left < 60.0

@@ -51,10 +51,14 @@ class Deadline:
     ----------
     seconds : float
         From now; infinity: unlimited.
+    limit : float, optional
+        The time limit as it was given, of this call or of the one around it that ends first.
+        Default: ``seconds``.
     """
 
-    def __init__(self, seconds: float) -> None:
+    def __init__(self, seconds: float, limit: float | None = None) -> None:
         self.seconds = seconds
+        self.limit = seconds if limit is None else limit
         self.interrupted = False
         # Of a fit: whether it has a step that can be its result, how many searches are under way,
         # and why they ended.
@@ -100,9 +104,9 @@ def running(seconds: float | None) -> Iterator[Deadline]:
     one at the latest.
     """
     outer = _current.get()
-    deadline = Deadline(
-        min(math.inf if seconds is None else seconds, math.inf if outer is None else outer.left)
-    )
+    deadline = Deadline(math.inf if seconds is None else seconds)
+    if outer is not None and outer.left < deadline.left:
+        deadline = Deadline(outer.left, outer.limit)
     if outer is not None and outer.is_of_fit and outer.searches:
         # Ctrl-C, which the fit records, also ends what runs within its search.
         deadline.outer = outer
