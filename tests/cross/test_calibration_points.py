@@ -173,7 +173,7 @@ def test_poses_at_fixed_points_that_tell_nothing_are_refused() -> None:
     cases = [
         (
             lambda: flexgen.calibrate(arm(), poses_of(np.rad2deg(q), points)),
-            "as of shuffled commands",
+            "probably joints in degrees",
         ),
         (
             lambda: poses_of(q, np.where(np.arange(12)[:, None] == 3, "one", points)),

@@ -427,8 +427,58 @@ def test_touches_that_tell_nothing_are_refused(tmp_path: Path) -> None:
             flexgen.StaticPoses(q, none, touches=touches, **more)
     with pytest.raises(ArgumentError, match="position or a fixed point, of one tracker in row 1"):
         flexgen.StaticPoses(q, np.ones((len(q), 1, 3)), touches=touches, readings=readings)
-    with pytest.raises(ArgumentError, match="as of shuffled commands"):
+    with pytest.raises(ArgumentError, match="probably joints in degrees"):
         flexgen.calibrate(robot, poses_of(np.rad2deg(q), touches, readings))
+
+
+def far_gauges() -> tuple:
+    """Poses over the whole workspace, which gauges along the axes of the world read."""
+    arm = nominal(0)
+    q = np.random.default_rng(0).uniform(-1.2, 1.2, (90, 6))
+    features = [gauge("a", "x", 0.2), gauge("b", "y", 0.2), gauge("c", "z", 0.2)]
+    of = np.array([feature.distance(*arm.rest(q)) for feature in features])
+    which = np.arange(90) % 3
+    names = np.array([feature.text for feature in features])[which][:, None]
+    return text_of(arm), (q, names, of[which, np.arange(90)][:, None])
+
+
+MISTAKES = {
+    "joints in degrees": lambda q, readings: (np.rad2deg(q), readings),
+    "q1 in degrees": lambda q, readings: (q * [180 / np.pi, 1, 1, 1, 1, 1], readings),
+    "q3 in radians": lambda q, readings: (q * [1, 1, np.pi / 180, 1, 1, 1], readings),
+    "the sign of q3": lambda q, readings: (q * [1, 1, -1, 1, 1, 1], readings),
+    "exchanged columns of q2 and q3": lambda q, readings: (q[:, [0, 2, 1, 3, 4, 5]], readings),
+    "readings 1000 times too large": lambda q, readings: (q, 1e3 * readings),
+    "readings 1000 times too small": lambda q, readings: (q, 1e-3 * readings),
+}
+
+
+@pytest.mark.parametrize("words", MISTAKES)
+def test_a_single_mistake_in_touches_is_named(words: str, tmp_path: Path) -> None:
+    """Units and signs of joints, exchanged columns, units of readings of gauges."""
+    text, (q, touches, readings) = far_gauges()
+    wrong, read = MISTAKES[words](q, readings)
+    with pytest.raises(ArgumentError, match=f"probably {words}"):
+        flexgen.calibrate(robot_of(text, tmp_path), poses_of(wrong, touches, read))
+
+
+def test_touches_that_the_model_does_not_explain_are_warned(tmp_path: Path) -> None:
+    """Two joints with gears of another ratio: no single mistake, and much is left; not so without.
+
+    The zeros of gauges stand in the table of surfaces alone, not also in that of the joints.
+    """
+    text, (q, touches, readings) = far_gauges()
+    robot = robot_of(text, tmp_path)
+    wrong = q * [1.0, 0.8, 0.9, 1.0, 1.0, 1.0]
+    kept = {"free": ["compliances"], "folds": 0}
+    found = flexgen.calibrate(robot, poses_of(wrong, touches, readings), **kept)
+    assert any("of the motion of the trackers unexplained" in text for text in found.warnings)
+    found = flexgen.calibrate(robot, poses_of(q, touches, readings), **kept)
+    assert not any("unexplained" in text for text in found.warnings)
+    lines = [line.split()[0] for line in found.to_text().splitlines() if ".zero " in line]
+    assert lines and len(lines) == len(set(lines))
+    hidden = [u for u in found.unknowns if u.kind not in ("surface", "compliance")]
+    assert f"; {len(hidden)} of places, frames and trackers are in --json" in found.to_text()
 
 
 def test_touches_that_alone_determine_a_number_have_finite_deviations(tmp_path: Path) -> None:

@@ -36,6 +36,7 @@ from flexgen.identification.poses.mistakes import (
     find_start,
     place_points,
     place_surfaces,
+    scatter_of_shuffled,
     start_at_points,
 )
 from flexgen.identification.poses.parameters import (
@@ -194,7 +195,7 @@ def calibrate(
         tilt,
         result.converged and not reason,
         _warn_scale(held)
-        + _warn_unexplained(result, data.positions)
+        + _warn_unexplained(result, study.statics, data)
         + _warnings(unknowns, result, accuracy.pull, held_out),
         reason,
     )
@@ -391,15 +392,20 @@ def _start(unknowns: Sequence[Unknown], found: Numbers) -> np.ndarray:
     return np.array([arrays[u.kind][u.at if len(u.at) > 1 else u.at[0]] for u in unknowns])
 
 
-def _warn_unexplained(found: Minimum, measured: np.ndarray) -> tuple[str, ...]:
+def _warn_unexplained(found: Minimum, statics: Statics, data: StaticPoses) -> tuple[str, ...]:
     """The part of the motion that the calibrated model does not explain, where that is more than a
-    tenth.
+    tenth. Trackers at fixed points do not move: there, of what shuffled commands would move.
     """
+    measured = data.positions
     seen = np.isfinite(measured).all(axis=2)
-    if not seen.any():
-        return ()
-    distance = np.linalg.norm(measured - np.nanmean(measured, axis=0), axis=2)
-    part = float(np.median(found.errors[seen]) / max(np.nanmedian(distance), 1e-9))
+    if seen.any():
+        motion = float(
+            np.nanmedian(np.linalg.norm(measured - np.nanmean(measured, axis=0), axis=2))
+        )
+    else:
+        seen = np.isfinite(data.targets).all(axis=2)
+        motion = scatter_of_shuffled(statics, Numbers.of(statics.tree), data)
+    part = float(np.median(found.errors[seen])) / max(motion, 1e-9)
     if part <= DOUBTFUL:
         return ()
     return (

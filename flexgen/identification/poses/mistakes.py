@@ -88,10 +88,34 @@ def start_at_points(statics: Statics, data: StaticPoses) -> Numbers:
     Raises
     ------
     ArgumentError
-        The trackers are not nearer to what they touch than those of shuffled commands.
+        The trackers are not nearer to what they touch than those of shuffled commands; or a
+        single mistake explains where they are, which the text names.
     """
     numbers = Numbers.of(statics.tree)
     error = _scatter_at_points(statics, numbers, data)
+    expected = scatter_of_shuffled(statics, numbers, data)
+    if error <= max(DOUBTFUL * expected, STILL):
+        return numbers
+    left = []
+    for words, wrong in _mistakes_at_points(statics.model, data):
+        part = statics.with_commands(wrong.commands)
+        found = _scatter_at_points(part, numbers, wrong)
+        if found < NAMED * error:
+            left.append((found / max(scatter_of_shuffled(part, numbers, wrong), STILL), words))
+    least, words = min(left, default=(np.inf, ""))
+    named = least < DOUBTFUL
+    if not named and error <= UNEXPLAINED * expected:
+        return numbers
+    advice = f"probably {words}" if named else "check units, signs and the order of the columns"
+    raise ArgumentError(
+        f"{data.source or 'poses'}: given poses at fixed points or surfaces where the trackers "
+        f"of the model scatter by {error:.3g} m, and with shuffled commands by {expected:.3g} m; "
+        f"expected poses of {statics.model.name}: {advice}"
+    )
+
+
+def scatter_of_shuffled(statics: Statics, numbers: Numbers, data: StaticPoses) -> float:
+    """Median distance [m] of the trackers from what they touch, of commands in any order."""
     rng = np.random.default_rng(0)
     shuffled = [
         _scatter_at_points(
@@ -99,15 +123,7 @@ def start_at_points(statics: Statics, data: StaticPoses) -> Numbers:
         )
         for _ in range(SHUFFLES)
     ]
-    expected = float(np.median(shuffled))
-    if error > max(UNEXPLAINED * expected, STILL):
-        raise ArgumentError(
-            f"{data.source or 'poses'}: given poses at fixed points or surfaces where the "
-            f"trackers of the model scatter by {error:.3g} m, as of shuffled commands, "
-            f"{expected:.3g} m; expected poses of {statics.model.name}: check units, signs and "
-            "the order of the columns"
-        )
-    return numbers
+    return float(np.median(shuffled))
 
 
 def place_points(statics: Statics, numbers: Numbers, groups: np.ndarray, count: int) -> np.ndarray:
@@ -169,30 +185,11 @@ def _mistakes(model: RobotModel, data: StaticPoses) -> Iterator[tuple[str, Stati
     """Single mistakes in words, and some of the poses without them."""
     step = max(1, len(data) // ENOUGH)
     some = StaticPoses(data.commands[::step], data.positions[::step])
-    joints = [c for c in model.coordinates if c.actuated]
     trackers = [sensor.name for sensor in trackers_of(model)]
-    turns = np.array([c.unit == "rad" for c in joints])
-    for words, factor in (
-        ("degrees, read as radians", np.pi / 180),
-        ("radians, read as degrees", 180 / np.pi),
-    ):
-        yield (
-            f"joints in {words}",
-            replace(some, commands=some.commands * np.where(turns, factor, 1.0)),
-        )
+    for words, commands in _mistakes_of_commands(model, some.commands):
+        yield words, replace(some, commands=commands)
     for words, factor in (("mm, read as m", 1e-3), ("m, read as mm", 1e3)):
         yield f"positions in {words}", replace(some, positions=some.positions * factor)
-        if not turns.all():
-            yield (
-                f"slides in {words}",
-                replace(some, commands=some.commands * np.where(turns, 1.0, factor)),
-            )
-    for k in np.flatnonzero(turns).tolist():
-        one = np.where(np.arange(len(joints)) == k, np.pi / 180, 1.0)
-        yield (
-            f"{joints[k].name} in degrees, read as radians",
-            replace(some, commands=some.commands * one),
-        )
     for k, c in product(range(len(trackers)), range(3)):
         one = np.ones((len(trackers), 3))
         one[k, c] = 1e-3
@@ -204,22 +201,54 @@ def _mistakes(model: RobotModel, data: StaticPoses) -> Iterator[tuple[str, Stati
         "positions in a left-handed frame",
         replace(some, positions=some.positions * [-1.0, 1.0, 1.0]),
     )
-    for k, joint in enumerate(joints):
-        signs = np.where(np.arange(len(joints)) == k, -1.0, 1.0)
-        yield f"the sign of {joint.name}", replace(some, commands=some.commands * signs)
-    for i, j in combinations(range(len(joints)), 2):
-        if joints[i].unit == joints[j].unit:
-            order = _exchange(len(joints), i, j)
-            yield (
-                f"exchanged columns of {joints[i].name} and {joints[j].name}",
-                replace(some, commands=some.commands[:, order]),
-            )
     for i, j in combinations(range(len(trackers)), 2):
         order = _exchange(len(trackers), i, j)
         yield (
             f"exchanged trackers {trackers[i]} and {trackers[j]}",
             replace(some, positions=some.positions[:, order]),
         )
+
+
+def _mistakes_at_points(model: RobotModel, data: StaticPoses) -> Iterator[tuple[str, StaticPoses]]:
+    """Those of poses at fixed points and surfaces: all poses, some points have few."""
+    for words, commands in _mistakes_of_commands(model, data.commands):
+        yield words, replace(data, commands=commands)
+    if data.readings is None:
+        return
+    for words, factor in (
+        ("1000 times too large, as of mm read as m", 1e-3),
+        ("1000 times too small, as of m read as mm", 1e3),
+    ):
+        yield f"readings {words}", replace(data, readings=data.readings * factor)
+
+
+def _mistakes_of_commands(
+    model: RobotModel, commands: np.ndarray
+) -> Iterator[tuple[str, np.ndarray]]:
+    """Single mistakes of the commanded joints in words, and the commands without them."""
+    joints = [c for c in model.coordinates if c.actuated]
+    turns = np.array([c.unit == "rad" for c in joints])
+    for words, factor in (
+        ("degrees, read as radians", np.pi / 180),
+        ("radians, read as degrees", 180 / np.pi),
+    ):
+        yield f"joints in {words}", commands * np.where(turns, factor, 1.0)
+        for k in np.flatnonzero(turns).tolist():
+            one = np.where(np.arange(len(joints)) == k, factor, 1.0)
+            yield f"{joints[k].name} in {words}", commands * one
+    if not turns.all():
+        for words, factor in (("mm, read as m", 1e-3), ("m, read as mm", 1e3)):
+            yield f"slides in {words}", commands * np.where(turns, 1.0, factor)
+    for k, joint in enumerate(joints):
+        signs = np.where(np.arange(len(joints)) == k, -1.0, 1.0)
+        yield f"the sign of {joint.name}", commands * signs
+    for i, j in combinations(range(len(joints)), 2):
+        if joints[i].unit == joints[j].unit:
+            order = _exchange(len(joints), i, j)
+            yield (
+                f"exchanged columns of {joints[i].name} and {joints[j].name}",
+                commands[:, order],
+            )
 
 
 def _exchange(count: int, i: int, j: int) -> list[int]:

@@ -51,14 +51,15 @@ def text_of_calibration(found: Calibration) -> str:
     values = found.values
     sd = found.sd
     determined = found.determined
-    listed = [u for u in found.unknowns if any(word in u.name for word in SHOWN.values())]
+    touched = [u for u in found.unknowns if u.kind == "surface"]
+    shown = [u for u in found.unknowns if any(word in u.name for word in SHOWN.values())]
+    listed = [u for u in shown if u not in touched]
     lines = [
         [u.name, u.start, values[u.name], sd[u.name] or None, u.unit, _mark(u, sd, determined)]
         for u in listed
     ]
     if lines:
         parts.append(table(lines, ("number", "before", "calibrated", "sd", "unit", "")))
-    touched = [u for u in found.unknowns if u.kind == "surface"]
     if touched:
         parts.append(_surfaces(found, touched))
     rest = len(found.unknowns) - len(listed) - len(touched)
