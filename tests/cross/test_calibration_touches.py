@@ -399,6 +399,22 @@ def test_a_file_of_touches_is_read_as_arrays(tmp_path: Path) -> None:
         flexgen.calibrate(robot, poses, columns=names)
 
 
+@pytest.mark.parametrize("title", ["tip_readng_mm", "tip_read_mm", "tip_std_mm", "tip_toutch"])
+def test_misspelt_columns_of_a_tracker_are_refused(title: str, tmp_path: Path) -> None:
+    """Touches of planes without readings are read as 0; columns of other things are ignored."""
+    text, _, _ = drawn("touches", False, 0, 40)
+    robot = robot_of(text, tmp_path)
+    rows = [f"{k},{2 * k},{3 * k},{k},{k},{k},plane table,5" for k in range(6)]
+    head = "q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,tip_touch"
+    file = tmp_path / "touches.csv"
+    file.write_text("\n".join([f"{head},{title}", *rows]))
+    with pytest.raises(ArgumentError, match=f"given the column '{title}', expected tip_"):
+        flexgen.StaticPoses.read(file, robot)
+    for other in ("tip_note", "tip_temperature", "speed"):
+        file.write_text("\n".join([f"{head},{other}", *rows]))
+        assert len(flexgen.StaticPoses.read(file, robot)) == 6
+
+
 def test_touches_that_tell_nothing_are_refused(tmp_path: Path) -> None:
     """Few of one surface, no reading, unknown forms, both a position and a touch."""
     text, (q, touches, readings), _ = drawn("touches", False, 0, 40)
@@ -420,7 +436,8 @@ def test_touches_that_tell_nothing_are_refused(tmp_path: Path) -> None:
         ({"readings": np.where(touches == "sphere ball", np.nan, readings)}, "no reading of the"),
         ({"readings": np.full_like(readings, np.inf)}, "an infinite reading"),
         ({"readings": readings[:3]}, "given readings of shape"),
-        ({"readings": readings, "sd": 0.0 * readings}, "expected standard deviations > 0"),
+        ({"readings": readings, "sd": 0.0 * readings}, "sd of 0 m in row 1, expected finite"),
+        ({"readings": readings, "sd": readings + np.inf}, "sd of inf m in row 1"),
     ):
         none = np.full((len(q), 1, 3), np.nan)
         with pytest.raises(ArgumentError, match=said):

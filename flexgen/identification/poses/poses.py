@@ -24,7 +24,9 @@ the world.
 
 from __future__ import annotations
 
+import difflib
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -44,6 +46,8 @@ from flexgen.model.elements import RobotModel
 LARGEST = 100_000  # poses
 FAR = 1e6  # rad or m: no number of a robot
 FEWEST_TOUCHES = 2  # poses at a fixed point: its place takes three numbers of the first
+ENDINGS = ("point", "touch", "reading", "sd")  # of the names of columns of a tracker
+SIMILAR = 0.7  # part of the letters that agree, from which on a name is taken as misspelt
 TEXTS = ("_point", "_touch")  # endings of the names of columns that have texts
 
 
@@ -168,7 +172,11 @@ class StaticPoses:
                     f"poses: given {given} one tracker in row {row}, expected {expected}"
                 )
         if sd is not None and not (np.isnan(sd) | ((sd > 0.0) & np.isfinite(sd))).all():
-            raise ArgumentError("poses: given sd of 0 or less, expected standard deviations > 0")
+            row, k = np.argwhere(~(np.isnan(sd) | ((sd > 0.0) & np.isfinite(sd))))[0].tolist()
+            raise ArgumentError(
+                f"poses: given sd of {sd[row, k]:g} m in row {row + 1}, expected finite standard "
+                "deviations > 0; nan where none is known"
+            )
         object.__setattr__(self, "touches", touches)
         filled = np.where(touched & empty, 0.0, readings)
         object.__setattr__(self, "readings", filled if touched.any() else None)
@@ -310,8 +318,22 @@ class _Table:
             )
         return value
 
+    def _refuse_similar(self, name: str) -> None:
+        """Refuse misspelt columns of a tracker: others are ignored, and readings would be 0."""
+        for title in self.header:
+            word = re.split(r"[_ ]", title.removeprefix(f"{name}_"))[0]
+            if not title.startswith(f"{name}_") or word in ENDINGS:
+                continue
+            near = difflib.get_close_matches(word, ENDINGS, 1, SIMILAR)
+            if near:
+                raise ArgumentError(
+                    f"{self.source}:1: given the column {title[:40]!r}, expected "
+                    f"{name}_{near[0]}, or another name for a column of something else"
+                )
+
     def of_tracker(self, name: str) -> tuple[np.ndarray, ...]:
         """Positions (N, 3), names of points and surfaces, readings, deviations (N,)."""
+        self._refuse_similar(name)
         points = self.texts(f"{name}_point")
         touches = self.texts(f"{name}_touch")
         touching = f"{name}_point" in self.header or f"{name}_touch" in self.header
