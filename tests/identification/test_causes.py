@@ -180,3 +180,13 @@ def test_a_model_that_fits_has_no_cause():
     found = explained(measured())
     assert found.status == FitStatus.FITTED and found.causes == ()
     assert "possible cause" not in found.to_text() and found.to_dict()["causes"] == []
+
+
+def test_rounding_of_data_without_noise_has_no_cause():
+    """A delay of 7e-12 s explained it, so that a fit to ten digits was called a model error."""
+    plan = flexgen.excite("planar5_nmp", poses=3, period_s=2.0, lines=30, speed_rms=0.02)
+    changed = {"element.arm1.dof.q1.gear.spring.stiffness": 2e5}
+    robot = flexgen.read("planar5_nmp", overrides=changed)
+    found = flexgen.identify("planar5_nmp", flexgen.frf(flexgen.measure(plan, robot)))
+    assert found.values["q1.stiffness"] == pytest.approx(2e5, rel=1e-7)
+    assert found.status == FitStatus.FITTED and not found.causes

@@ -62,6 +62,7 @@ AVERAGINGS = 3  # fits with springs averaged over the deflections that follow fr
 REWEIGHTINGS = 4  # fits with a model error
 NEIGHBORS = 15  # and lines over which it is averaged
 SMALL_ERROR = 1e-3  # a model error that is too small to mention
+WITHOUT_NOISE = 1e-7  # relative deviation of responses that differ by rounding alone
 SAME = 1e-3  # relative difference of costs at the same minimum
 SPREAD = 1.5  # further starts are off by up to this factor
 
@@ -239,6 +240,8 @@ def _fit(
     status = status_of_end(_status(best, cost, error, data, floor is not None), reason_of_end())
     causes: tuple[Cause, ...] = ()
     explicable = floor is None and residual == "nls" and status is not FitStatus.NOISE_TOO_LARGE
+    # A cause of less would explain rounding, such as a delay of 1e-11 s.
+    explicable &= max(error, data.relative_sd()) > WITHOUT_NOISE
     if explicable and not is_over():
         fitted = status is FitStatus.FITTED
         with keep_best():
@@ -448,7 +451,7 @@ def _status(fit: Minimum, cost: float, error: float, data: Frf, stated: bool) ->
         # of the model.
         return FitStatus.SMALL_ERROR if error > 0.0 and not stated else FitStatus.MODEL_ERROR
     # Responses without noise fit better than any noise allows, and rightly.
-    if cost < COST_LEAST and data.relative_sd() > 1e-7:
+    if cost < COST_LEAST and data.relative_sd() > WITHOUT_NOISE:
         return FitStatus.NOISE_TOO_LARGE
     return FitStatus.FITTED
 
