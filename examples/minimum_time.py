@@ -25,18 +25,12 @@ fastest = flexgen.fastest(
 )
 
 print("motion                      duration   from the path")
-print(
-    f"as given                  {given.move.duration:.4f} s   "
-    f"{1e6 * given.tool_error_max_m:.4f} um"
-)
-print(
-    f"fastest, spline time law  {fastest.duration_s:.4f} s   "
-    f"{1e6 * fastest.solution.tool_error_max_m:.4f} um"
-)
-print(
-    f"planned, free time law    {solution.move.duration:.4f} s   "
-    f"{1e6 * solution.path_distance_max_m:.4f} um"
-)
+for name, duration, error in (
+    ("as given                ", given.move.duration, given.tool_error_max_m),
+    ("fastest, spline time law", fastest.duration_s, fastest.solution.tool_error_max_m),
+    ("planned, free time law  ", solution.move.duration, solution.path_distance_max_m),
+):
+    print(f"{name}  {duration:.4f} s   {1e6 * error:.4f} um")
 print(f"rigid robot, at least     {fastest.rigid_s:.4f} s")
 print(solution.status)
 solution.plot().savefig("minimum_time.png")

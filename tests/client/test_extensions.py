@@ -28,7 +28,7 @@ py-modules = ["stranger"]
 "flexgen.methods".softened = "stranger:METHOD"
 "flexgen.exports".inertias = "stranger:write_inertias"
 "flexgen.frictions".quadratic = "stranger:Quadratic"
-"flexgen.feedback.laws".quiet = "stranger:Quiet"
+"flexgen.laws".quiet = "stranger:Quiet"
 "flexgen.hysteresis".logistic = "stranger:Logistic"
 """
 MODULE = """

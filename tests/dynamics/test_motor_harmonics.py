@@ -334,7 +334,7 @@ def test_what_does_not_know_the_sums_refuses_them() -> None:
         lambda: Regressor(model),
         lambda: flexgen.control(model, controller=flexgen.ComputedTorque(10.0)),
     ):
-        with pytest.raises(ArgumentError, match="transmission_error, cogging and torque_ripple"):
+        with pytest.raises(ArgumentError, match=r"transmission_error|torque_ripple|cogging"):
             call()
     assert "motor_harmonics" in offered_functions(model)
     assert "motor_harmonics" not in offered_functions(flexgen.read("elbow"))

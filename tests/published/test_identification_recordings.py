@@ -97,8 +97,10 @@ def test_the_motor_bench_in_the_time_domain(bench):
 
 @pytest.mark.slow
 def test_four_routes_to_the_damping_of_the_bench_state_no_interval(bench):
-    """They differ by a factor of five, and the formal intervals exclude each other: a model error,
-    with its reason.
+    """They differ by a factor of five: a model error, with its reason, so that none is stated.
+
+    The deviation of the fit to motions has Student's quantiles of few blocks and is wide; those of
+    the responses are formal, and exclude it.
     """
     experiment = read_experiment(bench / "recordings.toml")
     damping = []
@@ -123,7 +125,8 @@ def test_four_routes_to_the_damping_of_the_bench_state_no_interval(bench):
         deviation = 1.96 * np.sqrt(found.formal_covariance[k, k])
         logs.append(np.log(damping[-1]) + deviation * np.array([-1, 1]))
         assert found.status == FitStatus.MODEL_ERROR and set(found.sd.values()) == {None}
-    assert max(damping) > 4 * min(damping) and logs[3][1] < min(low for low, _ in logs[:3])
+    assert max(damping) > 4 * min(damping)
+    assert np.log(damping[3]) < min(low for low, _ in logs[:3])
 
 
 @pytest.mark.slow

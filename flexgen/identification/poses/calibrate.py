@@ -48,7 +48,7 @@ from flexgen.identification.poses.parameters import (
     trackers_of,
     unknowns_of,
 )
-from flexgen.identification.poses.poses import StaticPoses
+from flexgen.identification.poses.poses import StaticPoses, surfaces_of
 from flexgen.identification.poses.result import Calibration
 from flexgen.identification.poses.statics import Numbers, Statics
 from flexgen.identification.poses.tree import Tree
@@ -150,7 +150,7 @@ def calibrate(
     data = poses if isinstance(poses, StaticPoses) else StaticPoses.read(poses, robot, columns)
     _check(robot, data, len(trackers), folds)
     _check_points(robot, data, place)
-    touches = data.surfaces
+    touches = surfaces_of(data)
     unknowns, held = _unknowns(tree, free, place, priors or Priors(), data)
     with limit_fit("calibrate", time_limit, tell):
         statics = Statics(tree, data.commands, data.groups)
@@ -361,7 +361,7 @@ def _unknowns(
     found = unknowns_of(tree, free, place, priors)
     held = ""
     if not data.is_measured:
-        touches = data.surfaces
+        touches = surfaces_of(data)
         lengths = touches is not None and touches.has_scale
         held = length_of_scale(tree) if "placements" in free and not lengths else ""
         found = [u for u in found if u.kind != "frame" and u.name != held]

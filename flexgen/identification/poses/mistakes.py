@@ -18,7 +18,7 @@ import numpy as np
 from flexgen.base.errors import ArgumentError
 from flexgen.identification.poses.frames import ENOUGH, rigid_errors, start_frames
 from flexgen.identification.poses.parameters import trackers_of
-from flexgen.identification.poses.poses import StaticPoses
+from flexgen.identification.poses.poses import StaticPoses, surfaces_of
 from flexgen.identification.poses.statics import Numbers, Statics
 from flexgen.identification.poses.touches import Touches
 from flexgen.model.elements import RobotModel
@@ -144,7 +144,7 @@ def place_surfaces(
 def _scatter_at_points(statics: Statics, numbers: Numbers, data: StaticPoses) -> float:
     """Median distance [m] of the trackers from the mean at their point, or from their surface."""
     groups = data.groups
-    touches = data.surfaces
+    touches = surfaces_of(data)
     touching = Statics(statics.tree, statics.commands, None, touches)
     there = touching.rest(numbers, rigid=True)
     away = [

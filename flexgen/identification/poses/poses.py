@@ -181,20 +181,13 @@ class StaticPoses:
         filled = np.where(touched & empty, 0.0, readings)
         object.__setattr__(self, "readings", filled if touched.any() else None)
         object.__setattr__(self, "sd", sd)
-        found = self.surfaces
+        found = surfaces_of(self)
         if found is not None:
             found.refuse_few()
 
     @property
-    def surfaces(self) -> Touches | None:
-        """What is touched other than fixed points; None: nothing."""
-        if self.readings is None:
-            return None
-        return Touches.of(np.asarray(self.touches), self.readings)
-
-    @property
     def weights(self) -> np.ndarray | None:
-        """Factors (N, k) of errors: the median deviation over each; None: none is stated."""
+        """Factors (N, k) of readings: the median deviation over each; None: none is stated."""
         if self.sd is None or np.isnan(self.sd).all():
             return None
         return np.where(np.isnan(self.sd), 1.0, np.nanmedian(self.sd) / self.sd)
@@ -341,3 +334,10 @@ class _Table:
         readings = self.numbers(f"{name}_reading", "m", True, True)
         deviations = self.numbers(f"{name}_sd", "m", True, True)
         return np.column_stack(axes), points, touches, readings, deviations
+
+
+def surfaces_of(poses: StaticPoses) -> Touches | None:
+    """Surfaces and gauges that the trackers touch, other than fixed points; None: nothing."""
+    if poses.readings is None:
+        return None
+    return Touches.of(np.asarray(poses.touches), poses.readings)

@@ -6,6 +6,7 @@ import numpy as np
 
 from flexgen.base.display import choose_scale
 from flexgen.identification.poses.parameters import FRAME, Unknown
+from flexgen.identification.poses.poses import surfaces_of
 from flexgen.identification.poses.result import Calibration
 from flexgen.views.reports.text_tables import number, table
 
@@ -92,7 +93,7 @@ def _surfaces(found: Calibration, touched: list[Unknown]) -> str:
 def _kinds(found: Calibration) -> str:
     """Kinds of what is touched."""
     points = ["fixed points"] * bool(found.poses.point_names)
-    surfaces = ["touches and gauges"] * (found.poses.surfaces is not None)
+    surfaces = ["touches and gauges"] * (surfaces_of(found.poses) is not None)
     return " and ".join([*points, *surfaces])
 
 
