@@ -115,7 +115,7 @@ def test_an_estimate_is_told_after_the_first_step() -> None:
 
 
 def test_a_limit_within_another_one_states_the_limit_that_was_given() -> None:
-    """Never what was left of it, which may be negative; the shorter of two limits is stated."""
+    """The remaining time may be negative: of two limits the shorter one is stated."""
     with running(1e-9):
         time.sleep(1e-3)
         with running(60.0) as inner:
