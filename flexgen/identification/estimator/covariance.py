@@ -119,10 +119,13 @@ def block_covariance(
     return covariance_of(Blocks.of(J, r, starts), prior, by_axis)
 
 
-def covariance_of(blocks: Blocks, prior: np.ndarray, by_axis: bool = True) -> np.ndarray:
+def covariance_of(
+    blocks: Blocks, prior: np.ndarray, by_axis: bool = True, corrected: bool = False
+) -> np.ndarray:
     """Covariance (n, n) of an estimate with these normal equations; see `block_covariance`.
 
-    Numbers without any information have none: zero.
+    Numbers without any information have none: zero. ``corrected``: the matrices are not those of
+    residuals with unit variance, and no block counts as one that determines a number alone.
     """
     whole = blocks.matrices.sum(axis=0) + prior
     known = np.diag(whole) > 0
@@ -136,7 +139,7 @@ def covariance_of(blocks: Blocks, prior: np.ndarray, by_axis: bool = True) -> np
     unit = np.eye(len(scale))
     scores = (blocks.scores[:, known] / scale)[..., None]
     left = (1 + LEAST) * unit - A @ H
-    alone = _determine_alone(left, A, total)
+    alone = np.zeros(len(A), bool) if corrected else _determine_alone(left, A, total)
     scores = np.linalg.solve(left[~alone], scores[~alone])[..., 0]
     axes = np.linalg.eigh(total)[1]
     shares = ((A @ axes) * axes).sum(axis=1) if by_axis else np.ones((len(A), len(scale)))

@@ -659,7 +659,8 @@ def _solve(
     values = values[known]
     inverse = (found / values) @ found.T
     along = Blocks(found.T @ A @ found, blocks @ found)
-    of_blocks = found @ covariance_of(along, np.zeros((len(values), len(values)))) @ found.T
+    nothing = np.zeros((len(values), len(values)))
+    of_blocks = found @ covariance_of(along, nothing, corrected=True) @ found.T
     lost = np.eye(n)[:, [k for k in range(n) if k not in part]]
     # as large as the number that it moves most
     hidden = hidden / np.abs(hidden[:numbers]).max(axis=0, initial=1e-300)
