@@ -143,9 +143,7 @@ def test_recordings_with_a_gap_in_each_pair_of_periods_are_refused(tmp_path: Pat
     (tmp_path / "pl.toml").write_text(MODEL)
     file = described(tmp_path, quirky("gap", Arm(), 8.0), False, "period_s = 3.0\n")
     out = str(tmp_path / "frf.npz")
-    with pytest.raises(
-        flexgen.FlexgenError, match=r"gap of 0\.968 s"
-    ):
+    with pytest.raises(flexgen.FlexgenError, match=r"gap of 0\.968 s"):
         read_experiment(file)
     assert main(["frf", str(file), "--out", out, "--quiet"]) == 1
 
