@@ -61,8 +61,8 @@ def arguments_of(name: str, **changes: Any) -> dict[str, Any]:
     [
         ("planar5_nmp", None, PLANAR),  # 0.4 um measured
         pytest.param("elbow", None, ALLOWED, marks=pytest.mark.slow),  # 6.5 um
-        pytest.param(UR5, "line", ALLOWED, marks=pytest.mark.slow),  # 1.5 um
-        pytest.param(UR5, "joints", ALLOWED, marks=pytest.mark.full),  # 4 um
+        pytest.param(UR5, "line", ALLOWED, marks=pytest.mark.full, id="ur5-line"),  # 1.5 um
+        pytest.param(UR5, "joints", ALLOWED, marks=pytest.mark.full, id="ur5-joints"),  # 4 um
     ],
 )
 def test_the_tool_follows_a_stream_in_single_precision(name, move, allowed, folder):

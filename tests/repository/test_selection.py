@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import ast
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from functools import cache
 from pathlib import Path
 
@@ -110,6 +110,18 @@ def test_the_durations_are_those_of_existing_tests():
         for file, functions in table.items():
             text = files[file].read_text(encoding="utf-8")
             assert [name for name in functions if f"def {name}(" not in text] == [], file
+
+
+def paths_in(table: Mapping[str, Mapping[str, Iterable[str]]]) -> list[str]:
+    """Ids of cases with the path of a clone: no test has them in another folder."""
+    ids = [words for tests in table.values() for cases in tests.values() for words in cases]
+    return [words for words in ids if words.startswith("/")]
+
+
+def test_no_record_has_the_path_of_a_clone():
+    assert paths_in(RECORDED.full) + paths_in(RECORDED.slow) == []
+    planted = f"{TESTS}/support/robots/ur5_elastic.toml-line"
+    assert paths_in({"test_a.py": {"test_b": ["elbow", planted]}}) == [planted]
 
 
 def test_file_and_duration_decide():
