@@ -90,7 +90,7 @@ class There:
     def simulation(
         self, t: np.ndarray, tau_m: np.ndarray, q_m: np.ndarray, q_a: np.ndarray
     ) -> Simulation:
-        """What the full model does under a torque, from rest."""
+        """Simulation of the full model under the given torques, from rest."""
         model = self.equations.model
         sample = self.path.sample(self._folded(t)[0])
         arm = tuple(c.name for c in model.coordinates)

@@ -66,7 +66,7 @@ def call_one_by_one(p: Problems) -> np.ndarray:
 
 
 def call_many(p: Problems, workers: int | None = None) -> np.ndarray:
-    """The same by one call."""
+    """The largest motor torques of all problems by one call of `invert_many`."""
     options = flexgen.InversionOptions(
         n_pre=BEFORE,
         n_post=AFTER,

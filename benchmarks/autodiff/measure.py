@@ -32,7 +32,7 @@ NAMES = ["inverse_dynamics", "mass_matrix"]
 
 
 def calls_of(robot: flexgen.Library) -> dict[str, tuple[Callable[[], object], int]]:
-    """What is timed, with how many calls of the function it has inside."""
+    """Timed functions by name, each with the number of evaluations in one call."""
     made = flexgen.jax.functions(robot)
     torched = flexgen.torch.functions(robot)
     rng = np.random.default_rng(0)

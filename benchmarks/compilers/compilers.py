@@ -87,7 +87,7 @@ def builds(model: str, folder: Path) -> list[Build]:
 def calls(
     model: str, robot: flexgen.Library
 ) -> dict[str, tuple[Callable[[], object], float, str]]:
-    """What is timed: the call, the divisor of its time in s, and the unit."""
+    """Timed calls by name: the call, the divisor of its time in s, and the unit."""
     rng = np.random.default_rng(0)
     data = flexgen.read(model)
     arrays = [rng.uniform(-1.0, 1.0, (POINTS, data.n_a)) for _ in range(3)]

@@ -1,5 +1,5 @@
-"""The same problem twice for `benchmarks/planning.py`: with flexgen, and by hand with CasADi's
-Opti.
+"""One planning problem solved twice for `benchmarks/planning.py`: with flexgen, and by hand with
+CasADi's Opti.
 
 Least integral of squared motor torques or accelerations between two poses at rest, Gauss
 collocation with three points on the full elastic robot. Each function is what a user writes; its
@@ -23,7 +23,7 @@ def with_flexgen(model, move, mesh, cost):
 
 
 def by_hand(model, move, mesh, cost):
-    """The same with Opti: the user writes equilibria, collocation, guess and scales."""
+    """A plan with Opti: the user writes equilibria, collocation, guess and scales."""
     equations = flexgen.derive(model)
     robot = equations.model
     n_a = robot.n_a

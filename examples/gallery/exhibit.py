@@ -1,5 +1,5 @@
-"""What all scripts of the gallery share: they print question, table, literature and run time, and
-save one picture.
+"""Shared page of the gallery's scripts: question, table, literature and run time are printed, and
+one picture is saved.
 """
 
 from __future__ import annotations

@@ -73,7 +73,7 @@ def steps_of(symbols: Symbols) -> list[Any]:
 
 
 class Frames:
-    """The same steps in numbers: masses, rotors, height and drag at some coordinates."""
+    """Numerical evaluation of the steps: masses, rotors, height and drag at some coordinates."""
 
     def __init__(self, steps: list[Any], values: dict[Any, float], q: np.ndarray) -> None:
         # spin: angular velocities of the coordinates, world

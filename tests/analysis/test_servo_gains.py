@@ -72,7 +72,9 @@ def test_frequencies_that_are_not_given_are_parts_of_the_lowest_one() -> None:
 
 
 def test_a_library_has_the_gains_of_frequencies(tmp_path: Path) -> None:
-    """The same files as with these gains in the model file, but for digests of the model."""
+    """A servo given by frequencies yields the C files of one given by their gains, except for
+    digests of the model.
+    """
     model = replace(
         flexgen.read("elbow"), servo=ServoTable("ppi", speed_hz=20.0, speed_feedforward=0.7)
     )

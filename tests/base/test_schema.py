@@ -91,8 +91,8 @@ def compare(
 
 @pytest.fixture
 def recorded(monkeypatch):
-    """What `Table.only` is called with by the identity of the table; the trees of the files that
-    were read.
+    """Keys allowed by the calls of `Table.only`, by the identity of the table, and the trees of
+    the files that were read.
     """
     known: dict[int, tuple] = {}
     trees: list[Entry] = []

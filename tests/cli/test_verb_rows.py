@@ -224,7 +224,7 @@ main(["export", "planted", "--help"])
 
 
 def plant(folder: Path, room: str, module: str, rows: dict[str, str], used: str) -> str:
-    """What a script prints with a copy of the package with one more module and changes in
+    """Output of a script run with a copy of the package that has one more module and changes in
     ``__init__.py``.
     """
     package = Path(flexgen.__file__).parent

@@ -1,5 +1,5 @@
-"""The same bits from every compiler, level and processor; how far the native build strays; what
-small machines get.
+"""Bits of the emitted C with every compiler, level and processor are equal; rounding differences
+of the native build; code and stack for small machines.
 """
 
 from __future__ import annotations
@@ -219,8 +219,8 @@ def test_single_precision_code_has_no_double_operations(name, tmp_path):
     [("planar5_nmp", "double"), ("four_mass", "single"), ("manutec_r3", "single")],
 )
 def test_the_stack_of_the_header_is_sufficient(name, precision, target, tmp_path):
-    """What the compiler says each function of a point needs, its callees included, is at most what
-    the header says.
+    """Stack of each function of a point as computed by the compiler, its callees included: at most
+    the figure in the header.
     """
     compiler, flags = TARGETS[target]
     tools(compiler)

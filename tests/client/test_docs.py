@@ -104,7 +104,7 @@ def prose(text: str) -> str:
 
 
 def private_words(text: str) -> list[str]:
-    """What the prose of a text contains of the private words."""
+    """Private words in the prose of a text."""
     plain = prose(text)
     return [
         f"{found[0]!r}: write {instead}"
@@ -302,8 +302,8 @@ def test_contributing_names_every_room_and_only_files_that_exist():
 
 
 def readme_problems(room: Path) -> list[str]:
-    """What the README of a room lacks: its files, each named once a file exists, in at most 75
-    lines.
+    """Faults of the README of a room: each of its files has to be named, each named file has to
+    exist, in at most 75 lines.
     """
     text = (room / "README.md").read_text(encoding="utf-8")
     named = set(re.findall(r"`([\w.]+\.(?:py|c)|\w+/)`", text))

@@ -131,8 +131,8 @@ def all_places(call: Call, x: np.ndarray) -> np.ndarray:
 
 
 def check_results(target: Target, call: Call, answer: MethodResult) -> None:
-    """What was found is true, by CasADi and by differences; it is exact, or the report says that
-    it is not.
+    """Results on the path satisfy the equations, by CasADi and by differences; they are exact, or
+    the report says that they are not.
     """
     r = answer.results
     model = target.equations.model
@@ -383,9 +383,7 @@ def test_a_failed_stream_can_be_started_again(made):
 
 
 def moving_path(one: Target, first: int = 0) -> dict[str, Any]:
-    """What `stream_start_moving` needs, from the path of a target, whose last sample is
-    repeated.
-    """
+    """Arguments of `stream_start_moving`: the path of a target, its last sample repeated."""
     k = [min(first + i, len(one.path["y"]) - 1) for i in range(INTERVALS + START_SAMPLES)]
     samples = {key: np.array(one.path[key])[k] for key in ("y", "dy", "ddy")}
     return {"n": len(k), "period": one.period, **samples}

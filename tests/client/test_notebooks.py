@@ -42,7 +42,7 @@ def number(pattern: str, text: str) -> float:
 
 
 def claims(name: str, text: str) -> None:
-    """What the text of a notebook states, in the numbers that it printed."""
+    """Assertions on the numbers that a notebook printed, for the statements of its text."""
     if name == "first_robot":
         assert "minimum phase - index 4" in text
         assert number(r"instead of ([\d.]+) nm", text) < 100

@@ -140,7 +140,7 @@ def right(path: Path, t: np.ndarray) -> list[np.ndarray]:
 
 
 def sampled(path: Path, t: np.ndarray, sampler: PathSampler | None = None) -> list[np.ndarray]:
-    """The same of C."""
+    """y, dy and ddy of C."""
     sampler = sampler or library(path.equations.model.name).path_sampler(path.table())
     return [np.array(x) for x in zip(*(sampler(at) for at in t), strict=True)]
 

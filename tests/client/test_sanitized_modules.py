@@ -84,7 +84,9 @@ def writable(symbols: str) -> list[str]:
 
 
 def test_modules_have_no_variables_that_threads_could_share(tmp_path):
-    """What two threads share is then only what the caller gives to both."""
+    """Object files without writable static data: two threads share only the arguments that the
+    caller gives to both.
+    """
     found = sorted(
         str(path.relative_to(SOURCE)) for path in SOURCE.rglob("*.c") if "clib" not in path.parts
     )

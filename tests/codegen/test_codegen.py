@@ -95,7 +95,7 @@ def test_c_agrees_with_lagranges_equations(name):
 
 
 def _expected(equations, name, inputs):
-    """What the virtual machine makes of the definition."""
+    """Results of CasADi's virtual machine for the definition of a function."""
     if name != "arm_forward_derivatives":
         return machine(equations.function(name), inputs)
     q, v, _ = inputs
@@ -121,7 +121,7 @@ def test_one_point_and_many_have_the_same_bits(name):
 
 # --- the text ------------------------------------------------------------------------------------
 def static_library(folder: Path) -> Path:
-    """What was compiled when the sources were written."""
+    """The static library that was compiled when the sources were written."""
     (library,) = folder.glob("lib*.a")
     return library
 

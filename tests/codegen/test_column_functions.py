@@ -56,7 +56,7 @@ ROBOTS = {
 
 
 def program_of(equations: Equations, name: str) -> Routine:
-    """What the library's function of that name is made of."""
+    """Program of the library's function of that name."""
     return library_spec(equations, [name]).functions[0].program
 
 

@@ -304,7 +304,7 @@ def objects(tmp_path, monkeypatch):
 
 
 def compiled(folder: Path, **options) -> str:
-    """What generate says of compiling."""
+    """The progress line of `generate` about compiling."""
     lines: list[str] = []
     generate("elbow", folder, functions=["gravity"], progress=lines.append, **options)
     return next(line for line in lines if line.startswith("compiling"))

@@ -205,7 +205,7 @@ def test_the_library_of_a_method_has_the_solver_that_it_calls_and_no_other(metho
 
 @needs_compiler
 def test_the_objects_of_one_choice_of_solvers_are_those_of_another() -> None:
-    """What a solver includes does not depend on the others, so that its object is in the cache."""
+    """Sources of a solver do not depend on other solvers: its object is in the cache."""
     equations = derive("planar5_nmp")
     choices = (["invert"], ["invert", "invert_limited"])
     folders = [inversion_library(equations, "lq", solvers).directory for solvers in choices]

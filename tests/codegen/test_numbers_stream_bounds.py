@@ -41,7 +41,7 @@ CALLED: list[tuple[dict[str, int], tuple[int, int, int]]] = [
 
 
 def more(found: Linear, less: tuple[int, int, int]) -> tuple[int, int, int]:
-    """What is more than in the plain stream."""
+    """Excess of a linear bound over that of the plain stream."""
     return found.constant - less[0], found.per_interval - less[1], found.per_sample - less[2]
 
 

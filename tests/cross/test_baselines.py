@@ -1,4 +1,4 @@
-"""What is done without the elastic model: rigid, flexible-joint and quasi-static feedforward."""
+"""Feedforward without the elastic model: rigid, flexible-joint and quasi-static baselines."""
 
 from __future__ import annotations
 

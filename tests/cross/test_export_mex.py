@@ -43,7 +43,7 @@ def built(tmp_path_factory):
 
 
 def octave(folder: Path, script: str, where: Path | None = None) -> str:
-    """What a script prints, with the folder on the path."""
+    """Output of a script in Octave, with the folder on the path."""
     place = where or folder
     (place / "script_of_test.m").write_text(f"addpath ('{folder}');\n{script}\n", encoding="ascii")
     run = subprocess.run(

@@ -121,7 +121,7 @@ def driver(package):
 
 
 def drive(program: Path, mode: str, numbers: np.ndarray, expected: int = 0) -> np.ndarray:
-    """What the program writes."""
+    """Numbers that the program writes to its standard output."""
     run = subprocess.run(
         [program, mode],
         input=np.asarray(numbers, float).tobytes(),
@@ -174,7 +174,7 @@ def gains(torque_max: float = 0.0) -> Cascade:
 
 
 def reference_run(cascade, samples, positions, missing=()):
-    """The same in Python: the efforts at every update."""
+    """Reference in Python for the controller: the efforts at every update."""
     library = loaded(NAME)
     q_a = np.append(flexgen.read(NAME).home, 0.0)
     zero = np.zeros(2)

@@ -151,7 +151,9 @@ def test_planted_errors_are_seen(blocks, tmp_path, old, new):
 @needs_compiler
 @pytest.mark.slow
 def test_gears_and_motors_with_memory_have_the_torques_of_solve(tmp_path):
-    """What the stream forgets from update to update is seen."""
+    """Torques of the stream's block are those of `solve`; a state lost from update to update is
+    seen.
+    """
     flexgen.export_simulink(remembering(), tmp_path)
     y, q = start()
     parameters = stream_parameters(intervals=10, samples=5, hold=0, start_output=y, q_start=q)

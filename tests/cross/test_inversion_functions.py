@@ -258,7 +258,7 @@ def test_a_planted_error_in_the_springs_is_seen(monkeypatch):
 
 # --- where they exist-----------------------------------------------------------------------------
 def complete(model: RobotModel) -> RobotModel:
-    """The same with rotors that turn with their carriers, but for their axes and carriers."""
+    """The model with complete coupling of its rotors, which turn with their carriers."""
     return dataclasses.replace(model, motor_coupling="complete")
 
 

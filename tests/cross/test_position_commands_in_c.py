@@ -516,8 +516,8 @@ def test_mujoco_with_a_table_of_c_follows_the_path(robot: Any) -> None:
 def error_of_windows(
     model: flexgen.RobotModel, library: Library, sides: int, gains: Any = GAINS, off: int = 0
 ) -> float:
-    """The same of a stream: each position is in the middle of a window of ``sides`` positions on
-    either side.
+    """Largest distance [m] of the tool in MuJoCo with the positions of a stream: each is in the
+    middle of a window of ``sides`` positions on either side.
     """
     found = streamed(model, library)
     each = round(4e-3 / H)

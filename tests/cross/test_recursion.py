@@ -69,7 +69,7 @@ def test_recursion_exists_without_beams_and_complete_coupling(name):
 
 @pytest.mark.parametrize("name", [*ALL_MODELS, *ROBOTS, *MADE], ids=lambda name: Path(name).stem)
 def test_every_robot_passes_the_test_before_use(name):
-    """What `recursive_function` has is handed out, unless it is known to be wrong."""
+    """Functions of `recursive_function` are used only if they agree with the definition."""
     equations = equations_of(name)
     if recursive_function(equations, "gravity") is not None:
         assert agrees(equations)

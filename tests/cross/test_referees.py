@@ -136,8 +136,8 @@ def test_the_sample_covers_every_kind_of_element():
 
 @pytest.mark.slow
 def test_a_random_robot_is_read_from_its_file(tmp_path):
-    """What the reader makes of a model file is the robot that was written: Pinocchio's and
-    MuJoCo's is the original.
+    """A model file is read as the robot that was written: Pinocchio's and MuJoCo's is the
+    original.
     """
 
     def check(case: Case) -> None:

@@ -52,8 +52,8 @@ SOLVERS = ("invert", "invert_limited")  # one library for all tests
 
 
 def test_the_c_has_the_times_of_solve() -> None:
-    """How long the last torque is held, the shortest motion after the path [s], and that of the
-    gears.
+    """Constants in C are those of `solve`: hold time of the last torque, shortest motion after the
+    path [s], and lags of the gears.
     """
     files = clib_files.read_clib()
     assert (
@@ -127,7 +127,7 @@ def arguments(equations: Equations) -> dict[str, Any]:
 
 
 def left_over(equations: Equations, found: Inversion) -> np.ndarray:
-    """How far the motion at the samples after the path moves the output [m or rad]."""
+    """Change of the output [m or rad] by the residual motion at the samples after the path."""
     model = equations.model
     q = found.q_a[-1]
     i_g = list(model.i_g)

@@ -47,7 +47,7 @@ def bristles(factor: float, q_m: np.ndarray) -> Law:
 
 
 def gears(factor: float, q_a: np.ndarray, q_m: np.ndarray) -> Law:
-    """The same of gears whose lost motion is a factor of 1 arcmin."""
+    """``law`` and ``kept`` of `Plant` for gears whose lost motion is a factor of 1 arcmin."""
     return with_lost_motion(
         "elbow", factor * ARCMIN, np.linalg.inv(flexgen.read("elbow").eta) @ q_m - q_a
     )

@@ -272,7 +272,9 @@ def check_linearize(a: Answers, model: RobotModel, some: list[State]) -> None:
 
 
 def check_energy(a: Answers, model: RobotModel, start: State, time: float = 0.15) -> None:
-    """What the motors put in and what friction and dampers take out is what the machine gains."""
+    """Energy balance: work of the motors minus dissipation of friction and dampers is the change
+    of the energy of the machine.
+    """
     n = model.dof
     i_m = list(model.i_m)
 

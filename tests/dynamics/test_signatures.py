@@ -24,7 +24,7 @@ ROWS = {row.name: row for row in (*TABLE, *PYTHON_TABLE) if row.name not in IN_C
 
 
 def differences(equations: Equations, row: Row) -> list[str]:
-    """What a row states differently from the function: names and shapes."""
+    """Differences between a row of the table and the function: names and shapes."""
     model = equations.model
     function = equations.function(row.name)
     n_x = 2 * model.dof

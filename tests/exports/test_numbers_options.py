@@ -34,7 +34,7 @@ class Fields(ctypes.Structure):
 
 
 class Robot(ctypes.Structure):
-    """What a robot takes."""
+    """Options of a robot in C: samples of a position, and interpolation."""
 
     _fields_ = (("samples_per_position", ctypes.c_int), ("interpolation", ctypes.c_int))
 

@@ -105,7 +105,7 @@ def test_the_integrator_is_of_order_four():
 
 
 def test_robots_in_a_batch_do_not_disturb_each_other():
-    """The same bits alone and among others, in whatever lane."""
+    """A robot simulated alone and in a batch, in any lane: equal bits."""
     model = flexgen.read("planar5_nmp")
     hardware = DriveHardware(T, encoder_resolution_rad=1e-5)
     loop, at_rest, _, _ = loop_of(model, hardware, lanes=5)

@@ -266,8 +266,8 @@ def sensed(**more: Any) -> Any:
 
 @pytest.mark.parametrize("k_t", [pytest.param(0.0, marks=pytest.mark.slow), 0.2])
 def test_the_tool_gives_way_as_a_spring_of_the_stated_stiffness(k_t: float) -> None:
-    """What the motors move the tool by under a force is force over stiffness, with and without
-    torque feedback.
+    """Displacement of the tool by the motors under a force is force over stiffness, with and
+    without torque feedback.
     """
     model = sensed()
     K = (3e4, 6e4, 1e4)

@@ -141,7 +141,7 @@ def test_objects_without_the_interface_are_refused():
 
 
 class AsPlugIn:
-    """What the plug-in of the examples does."""
+    """Python version of the plug-in controller of the examples."""
 
     def reset(self) -> None:
         self.q = None

@@ -214,7 +214,7 @@ def test_linear_controllers_ignore_the_exact_state(controller):
 
 @pytest.mark.slow
 def test_sensors_of_the_model_are_not_fed_back():
-    """The same torques with and without an accelerometer."""
+    """A model with and without an accelerometer: equal torques."""
     sensor = {
         "name": "acc",
         "type": "accelerometer",

@@ -98,7 +98,7 @@ def test_seven_and_fifteen_segments_last_as_the_textbooks_say() -> None:
 
 
 def law_errors(law: SpeedLaw, bounds: tuple[float, ...], stretches: list[Stretch]) -> list[str]:
-    """What is wrong with a law."""
+    """Names of the properties that a speed law violates."""
     wrong = []
     t = np.sort(np.concatenate([np.linspace(0, law.duration, 20001), law.breaks * (1 - OFFSET)]))
     values = law(t, 6)

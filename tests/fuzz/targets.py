@@ -1,4 +1,4 @@
-"""What is fuzzed: the readers of files, and the valid files that the mutations begin with."""
+"""Targets of the fuzzer: readers of files, and valid files that the mutations begin with."""
 
 from __future__ import annotations
 
@@ -172,7 +172,7 @@ def _load(path: Path) -> None:
 
 
 def _known(path: Path) -> None:
-    """What `generate` makes of a manifest before it writes."""
+    """Checks by `generate` of an existing manifest before it writes."""
     shutil.copy(path, path.with_name("manifest.json"))
     found = read_manifest(path.parent, "elbow")
     if found is not None:
@@ -286,7 +286,7 @@ def _recording_seeds(folder: Path) -> None:
 
 
 def _recordings(path: Path) -> None:
-    """What is read is used."""
+    """Recordings that are read have to yield frequency responses."""
     experiment = read_experiment(path)
     if experiment.tau_m.size <= 100_000:
         flexgen.frf(experiment)

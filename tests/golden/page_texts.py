@@ -215,7 +215,7 @@ def captions(equations: Any, solution: Any, analysis: Any) -> list[str]:
 
 
 def printed() -> Iterator[tuple[str, Callable[[], Any]]]:
-    """What the command line prints of models and analyses, on wide and on narrow terminals."""
+    """Texts of models and analyses on the command line, on wide and on narrow terminals."""
     for name in ("planar5_nmp", "kr300_efjm", "urdf_arm", "beam_arm", "four_mass"):
         data = {**flexgen.describe(name), "file": "FILE"}
         yield f"{name} described", lambda data=data: texts.description_text(data)
@@ -354,7 +354,7 @@ def pages() -> Iterator[tuple[str, Callable[[], Any]]]:
 
 
 def loop_figures() -> dict[str, Any]:
-    """What the page of a closed loop reads beyond its picture."""
+    """Figures of a closed loop that its page reads in addition to its picture."""
     margins = {
         "start": Margins(True, 0.98765, 2.5, 1.5e-3, 40.0, 55.0, 12.0),
         "end": Margins(False, 1.01, np.inf, np.inf),

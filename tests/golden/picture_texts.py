@@ -1,5 +1,5 @@
-"""What the pictures of made-up results contain is what it was: data, limits, units, labels,
-colors, sizes.
+"""Pictures of made-up results have their recorded content: data, limits, units, labels, colors,
+sizes.
 
 A net, not a proof: ``make golden`` writes `pictures.txt` again; read the difference before you
 commit it.
@@ -104,7 +104,7 @@ def solutions() -> Iterator[tuple[str, Callable[[], Any]]]:
 
 
 def resting(trajectory: Trajectory) -> Trajectory:
-    """The same with one motor at rest."""
+    """The trajectory with its first motor at rest."""
     still = trajectory["v_m"].copy()
     still[:, 0] = 0.0
     return Trajectory(

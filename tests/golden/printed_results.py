@@ -1,4 +1,4 @@
-"""What made-up results print is what it was: sentences, figures with their units and digits,
+"""Made-up results print their recorded texts: sentences, figures with their units and digits,
 figures as JSON.
 
 A net, not a proof: ``make golden`` writes `results.txt` again; read the difference before you

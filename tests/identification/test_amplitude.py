@@ -173,7 +173,9 @@ def test_a_wrong_sign_of_the_speed_dependence_is_seen(monkeypatch):
 
 @pytest.mark.slow
 def test_a_friction_that_the_model_has_is_not_named_again():
-    """What remains is distortion."""
+    """Responses that differ with amplitude, from a model that has the friction: distortion is the
+    remaining difference, and no cause is named.
+    """
     robot, _, friction = ROBOTS["planar5_nmp"]
     own = [
         replace(m.friction, coulomb=c * friction, beta=20.0)

@@ -204,7 +204,7 @@ def test_progress_is_on_standard_error(folder, capsys, tmp_path):
 
 
 def test_raw_samples_are_recordings_that_can_be_read(folder, capsys, tmp_path):
-    """The same responses from the samples in files as from the spectra."""
+    """Responses from the samples in files equal those from the spectra."""
     words = [
         "measure",
         "planar5_nmp",

@@ -509,7 +509,9 @@ def test_sizes_of_residuals_are_those_of_samples_that_move() -> None:
 
 
 def test_white_noise_is_white_and_other_noise_is_not() -> None:
-    """What was fitted in each segment makes the residuals of white noise orthogonal to it."""
+    """Residuals of white noise are white although they are orthogonal to the columns fitted in
+    each segment; those of correlated noise are not.
+    """
     rng = np.random.default_rng(0)
     Q = np.linalg.qr(rng.normal(size=(40, 50, 4)))[0]
     noise = rng.normal(size=(40, 50))

@@ -65,7 +65,7 @@ def away(residuals: Residuals, G: np.ndarray) -> np.ndarray:
 
 
 def left(speed: float) -> np.ndarray:
-    """What a correction leaves of that."""
+    """Median relative difference of each output after the correction for amplitude."""
     residuals = measured(speed)
     return away(residuals, correct_responses(residuals, residuals.vector.start)[0].G)
 

@@ -89,8 +89,8 @@ def test_a_pose_that_does_not_move_with_the_springs_is_noticed(monkeypatch):
 
 @pytest.mark.parametrize("name", ["planar5_nmp", "elbow", "manutec_r3"])
 def test_the_linear_model_is_that_of_the_analysis(name):
-    """The same matrices as by `flexgen.analysis.linear`, whose pose of rest is found by other
-    equations.
+    """Matrices of the local model are those of `flexgen.analysis.linear`, whose pose of rest is
+    found by other equations.
     """
     equations = flexgen.derive(name)
     model = equations.model

@@ -1,4 +1,4 @@
-"""What is made of a solution afterwards: positions to send, torques of bristles, what encoders
+"""Results derived from a solution: positions to send, torques of bristles, angles that encoders
 show, and statuses.
 """
 

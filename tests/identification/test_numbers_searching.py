@@ -270,7 +270,7 @@ def test_distances_of_responses_count_large_differences_alike() -> None:
 # --- limits --------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class Result:
-    """What an inversion with limits returns, of which only this is asked."""
+    """Result of an inversion with limits, with the attributes that the search reads."""
 
     t: Any
     details: dict[str, Any]

@@ -146,7 +146,7 @@ def test_a_wrong_pose_of_the_tool_is_refused() -> None:
 def test_a_smoothed_run_has_the_errors_of_the_estimated_motion(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """What is given to the smoother: measurements minus the reference, torques as they acted; a
+    """Inputs of the smoother are measurements minus the reference and the torques as they acted; a
     lost robot stays.
     """
     given: dict[str, Any] = {}
@@ -326,7 +326,7 @@ def test_rows_of_a_plan_hold_where_the_arm_rests() -> None:
 
 @dataclass(frozen=True)
 class Planned:
-    """What a check of a plan changes."""
+    """Fields that a check of a plan changes."""
 
     status: Any = None
     warnings: tuple[str, ...] = ()

@@ -30,7 +30,7 @@ from flexgen.planning.optimal import result
 
 
 class Wrong(Exception):
-    """What a target is refused with."""
+    """Error that refuses a target."""
 
 
 def wrong(key: str, given: Any, expected: str) -> Wrong:

@@ -64,7 +64,9 @@ def changed(path: Path, name: str, *pairs: tuple[str, str]) -> Path:
 
 @pytest.mark.slow
 def test_recordings_with_their_drives_are_simulated_as_the_experiment(recorded, tmp_path):
-    """The same residuals of a model with other springs; also after a way through a file."""
+    """Residuals of a model with other springs are those of the experiment; also after saving to a
+    file and loading.
+    """
     experiment, path = recorded
     found = read_experiment(path)
     found.save(tmp_path / "data.npz")

@@ -1,5 +1,5 @@
-"""What the intervals of rigid fits stand on: one filter for forces and accelerations, and blocks
-that are left out.
+"""Basis of the intervals of rigid fits: one filter for forces and accelerations, and blocks that
+are left out.
 """
 
 from __future__ import annotations

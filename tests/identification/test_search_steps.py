@@ -155,7 +155,9 @@ def test_a_curved_valley_is_followed_and_bad_steps_are_refused() -> None:
 
 
 def test_a_search_with_a_wrong_model_stops_where_it_gains_little() -> None:
-    """What no parameter explains is far above the noise, or as large as it."""
+    """A residual that no parameter explains, far above the noise: the search ends early; one as
+    large as the noise: it converges.
+    """
     wrong, _ = fit(rosenbrock(100.0), [-1.2, 1.0], count=3)
     right, _ = fit(rosenbrock(1.0), [-1.2, 1.0], count=3)
     assert wrong.wrong and not wrong.converged and wrong.iterations < right.iterations

@@ -49,8 +49,8 @@ def with_damping(model: RobotModel, factor: float) -> RobotModel:
 
 
 def error_at_the_end(solution: flexgen.Solution) -> float:
-    """How far the carriage of the gantry is from its goal in the half second after the last sample
-    [m].
+    """Largest distance of the carriage of the gantry from its goal in the half second after the
+    last sample [m].
     """
     t = solution.trajectory.time
     torque = solution.trajectory["tau_m"][:, 0]

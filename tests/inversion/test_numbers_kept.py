@@ -1,4 +1,4 @@
-"""What caches keep: compiled modules up to their limits, kernels by the text of all that they
+"""Contents of caches: compiled modules up to their limits, kernels by the text of all that they
 depend on.
 """
 

@@ -134,7 +134,7 @@ def test_the_order_of_bdf_falls_at_a_lightly_damped_zero() -> None:
 def timed(
     duration: float, settling: float, preview: float | None, **more: object
 ) -> SimpleNamespace:
-    """What a method reads of a problem."""
+    """Fields of a problem that a method reads for its times."""
     return SimpleNamespace(
         path=SimpleNamespace(duration=duration), windows=(9.0, settling), preview=preview, **more
     )
@@ -456,8 +456,8 @@ def test_a_discretized_motion_satisfies_the_equations_with_central_differences(o
 
 
 def test_a_step_of_the_discretized_problem_is_the_minimum_of_its_quadratic_model() -> None:
-    """The same system with dense matrices, the cost and the output's softness as stated at the top
-    of the module.
+    """A step equals the solution of the system with dense matrices, the cost and the output's
+    softness as stated at the top of the module.
     """
     case = arm()
     system = discretized._System(case.problem, 0.25, 2, 0.0, 0.3)

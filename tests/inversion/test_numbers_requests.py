@@ -1,5 +1,5 @@
-"""What is asked for and how it is answered: samples of an inversion, versions, folders, noise,
-digests, log files.
+"""Requests and their answers: samples of an inversion, versions, folders, noise, digests, log
+files.
 """
 
 from __future__ import annotations

@@ -311,7 +311,7 @@ def test_the_referee_moves_the_tool_along_the_path() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("factor", [0.1, 0.01])
 def test_fast_moves_of_light_machines(factor: float) -> None:
-    """The same arm with time running faster: stiffness and gravity by factor^-2, damping by
+    """An arm with time scaled by a factor: stiffness and gravity by factor^-2, damping by
     factor^-1.
     """
     changes: dict[str, object] = {

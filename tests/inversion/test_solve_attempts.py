@@ -1,5 +1,5 @@
-"""What the default method does after an error of the solver: finer meshes, further methods, and a
-report of them.
+"""Attempts of the default method after an error of the solver: finer meshes, further methods, and
+a report of them.
 """
 
 from __future__ import annotations

@@ -47,7 +47,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
 
 
 def reads(clock: Clock, method: str) -> int:
-    """How often a solve of the move reads the clock."""
+    """Number of times that a solve of the move reads the clock."""
     before = clock.now
     solution = flexgen.solve(model_of(method), method=method, time_limit=1e9, progress=False)
     assert not solution.stopped

@@ -53,7 +53,7 @@ class Scored:
 
 @pytest.fixture
 def asked(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
-    """What a score is asked for; controllers whose names begin with ``no`` are refused."""
+    """Calls of a replaced `score`; controllers whose names begin with ``no`` are refused."""
     calls: list[Any] = []
 
     def score(chosen: Any, name: str, *, seed: int, progress: Any) -> Scored:

@@ -92,9 +92,7 @@ def test_a_torque_that_may_jump_exceeds_its_rate(equations, free, monkeypatch):
 
 @pytest.mark.slow
 def test_torques_of_rigid_gears():
-    """What goes through a rigid gear: the torque of the motor less those of its rotor and
-    friction.
-    """
+    """Torque of a rigid gear: the torque of the motor less those of its rotor and friction."""
     gears = {
         f"element.{e.name}.dof.{d.name}.gear": {"type": "rigid"}
         for e in flexgen.read(MODEL).elements

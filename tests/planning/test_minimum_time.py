@@ -179,7 +179,7 @@ def test_a_spline_law_is_at_rest_at_both_ends():
 
 
 def test_a_move_with_a_timing_is_a_move_like_others(planar):
-    """The same torques again, and no table for the sampler in C."""
+    """A solve of the fastest move yields its torques again; it has no table for the sampler."""
     mesh = time_search.MESH_S / time_search.FINER
     again = flexgen.solve(
         "planar5_nmp", planar.move, mesh=mesh, ignore_limits=True, progress=False

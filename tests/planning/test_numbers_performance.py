@@ -436,7 +436,7 @@ def extreme(
     h: float,
     after: float,
 ):
-    """The same linear program by SciPy: maximize x over (u, x)."""
+    """Largest x of the linear program over (u, x) by SciPy."""
     rows = np.vstack([np.c_[a, b], -np.c_[a, b], [[2 * h, 1.0], [-2 * h, -1.0]]])
     right = np.r_[torque - g, torque + g, after, 0.0]
     found = linprog([0.0, -1.0], rows, right, bounds=[(None, None), (0, min(top, 1e12))])

@@ -1,4 +1,4 @@
-"""What a plan is told and what is read from its unknowns: rows, bounds, nodes, samples, scaled
+"""Inputs of a plan and results read from its unknowns: rows, bounds, nodes, samples, scaled
 programs, texts.
 """
 

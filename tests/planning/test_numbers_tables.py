@@ -1,4 +1,4 @@
-"""What tables of names hold: signals of a plan, joints of a URDF file, rows of sweeps, printed
+"""Contents of tables of names: signals of a plan, joints of a URDF file, rows of sweeps, printed
 sines.
 """
 

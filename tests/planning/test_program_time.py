@@ -44,8 +44,8 @@ THREE = program(
 
 
 def measures(solution: flexgen.Solution) -> dict[str, np.ndarray]:
-    """What the limits bound, from the motion of the simulated robot and differences, without the
-    code of the search.
+    """Quantities that the limits bound, from the motion of the simulated robot and differences,
+    without the code of the search.
     """
     t = solution.trajectory
     run = solution.simulation.trajectory
@@ -106,7 +106,7 @@ def test_a_program_is_faster_and_keeps_every_limit(
 
 @pytest.mark.slow
 def test_the_program_with_its_laws_is_a_program_like_others(found: flexgen.FastestMove) -> None:
-    """The same path with the same speeds of the steps and the same pause."""
+    """A plan of the program found has its path, the speeds of its steps and its pause."""
     move = found.move
     assert isinstance(move, flexgen.Program) and len(move.laws) == 3 and move.steps == THREE.steps
     path = flexgen.plan("planar5_nmp", move)

@@ -69,7 +69,9 @@ def test_the_first_period_of_the_bench_is_a_transient(bench, tmp_path):
 
 
 def test_a_wrong_hold_is_a_wrong_delay(bench, tmp_path):
-    """What the hold does not explain goes into the delay: half a sample of 0.4 ms."""
+    """A hold that the recording does not have changes the identified delay: half a sample of 0.4
+    ms.
+    """
     for file in bench.glob("*.*"):
         shutil.copy(file, tmp_path)
     text = (tmp_path / "recordings.toml").read_text().replace('hold = "none"', 'hold = "zoh"')

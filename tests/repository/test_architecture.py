@@ -165,7 +165,7 @@ class Import:
 
 @dataclass(frozen=True)
 class Source:
-    """What the rules need to know of a source.
+    """Facts of a source that the rules use.
 
     Parameters
     ----------

@@ -25,7 +25,7 @@ def robot():
 
 @pytest.fixture(scope="module")
 def given(robot):
-    """What the methods belong to."""
+    """Objects whose methods are called."""
     solution = flexgen.solve(robot, verify=False)
     return {
         "robot": robot,

@@ -1,5 +1,5 @@
-"""What a user of Python prints, draws, saves and converts: short texts, figures, reports, tables,
-interpolation.
+"""Public objects in Python are printed, drawn, saved and converted: short texts, figures, reports,
+tables, interpolation.
 """
 
 from __future__ import annotations

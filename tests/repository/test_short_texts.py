@@ -1,5 +1,5 @@
-"""What the terminal and a notebook show of public objects: short texts without addresses, escaped
-tables.
+"""Texts of public objects on the terminal and in a notebook: short, without addresses; tables are
+escaped.
 """
 
 from __future__ import annotations

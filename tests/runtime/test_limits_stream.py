@@ -194,7 +194,7 @@ def a_tenth_less(free: list[Interval]) -> tuple[float, ...]:
 
 
 def strays(model: str | flexgen.RobotModel, intervals: list[Interval]) -> float:
-    """How far the tool of the simulated machine is from the one that is planned [m]."""
+    """Largest distance between the tool of the simulated machine and the planned one [m]."""
     equations = flexgen.derive(model)
     robot = equations.model
     channels = {

@@ -1,5 +1,5 @@
-"""What the loader refuses, each with its own words, none with a crash; handles that are pickled,
-copied and closed.
+"""Invalid libraries are refused by the loader, each with its own message, none with a crash;
+handles are pickled, copied and closed.
 """
 
 from __future__ import annotations

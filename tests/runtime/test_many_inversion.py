@@ -242,7 +242,7 @@ def test_a_planted_workspace_that_threads_share_changes_bits(
 def test_planted_c_that_stops_at_the_first_failure_is_seen(
     flexible: Any, monkeypatch: Any
 ) -> None:
-    """What C leaves unsolved raises an error: it is not reported as solved."""
+    """Problems that C leaves unsolved raise an error: they are not reported as solved."""
     many = flexible.invert_many
     values = drawn(flexible, 4)
     entry = many._inverter.entry_many

@@ -39,7 +39,7 @@ def hand(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def single(tmp_path_factory):
-    """The same in single precision."""
+    """A library by hand in single precision."""
     return load(
         install(tmp_path_factory.mktemp("single"), compiled(real="float"), precision="single")
     )
@@ -126,7 +126,7 @@ def test_matrices_are_rows_by_columns(planar, hand):
 
 
 class Subclass(np.ndarray):
-    """What other packages make of arrays."""
+    """Subclass of an array, as in other packages."""
 
 
 # --- memory --------------------------------------------------------------------------------------

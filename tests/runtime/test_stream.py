@@ -132,9 +132,7 @@ def test_a_short_horizon_is_reported_with_its_error(share: float) -> None:
 
 @pytest.mark.slow
 def test_steps_of_a_sufficient_horizon_do_not_estimate_the_error() -> None:
-    """What the documentation says: errors of mesh and samples are not in the steps of the
-    output.
-    """
+    """Errors of mesh and samples are not in the steps of the output, as the documentation says."""
     soft, preview = soft_machine()
     ahead = int(np.ceil(1.3 * preview / UPDATE))
     steps = sum(interval.output_step_m for interval in soft.updates(ahead))

@@ -50,7 +50,7 @@ def plain(library) -> Inversion:
 def expected(
     t: np.ndarray, tau: np.ndarray, hold: str, delay: float, limited: bool = False
 ) -> np.ndarray:
-    """What Python sends at the samples."""
+    """Torques that Python sends at the samples."""
     time, values = hold_torque(t, tau, hold, PERIOD, delay * PERIOD, limited=limited)
     first = int(np.argmin(np.abs(time - t[0])))
     found = values[first : first + len(t)]
@@ -58,7 +58,7 @@ def expected(
 
 
 def locally(tau: np.ndarray, hold: str, delay: float) -> np.ndarray:
-    """The same from polynomials through six samples, integrated by Gauss points."""
+    """Torques sent, from polynomials through six samples, integrated by Gauss points."""
     n = len(tau)
     far = 12
     more = int(delay)

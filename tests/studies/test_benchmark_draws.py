@@ -214,7 +214,7 @@ def nominal_scores(s: Scenario, controller, seed: int) -> np.ndarray:
 
 
 def gain(s: Scenario, known: Scenario, seed: int, other: int) -> float:
-    """What a cheat with the table of the first draw of ``known`` gains in the draws of another
+    """Gain of a cheat that uses the table of the first draw of ``known``, in the draws of another
     seed.
     """
     draw = draws_of(known, seed)[0]

@@ -332,7 +332,9 @@ def test_starts_in_parallel_come_in_their_order_and_tell_the_best(told):
 
 @pytest.mark.slow
 def test_starts_are_tuned_by_any_executor():
-    """The same result as one after the other, from threads; the second start is another one."""
+    """Starts tuned in threads have the result of starts tuned in sequence; the second start is
+    another one.
+    """
     alone = flexgen.tune("four_mass", version=1, evaluations=6, starts=2, progress=False)
     with ThreadPoolExecutor(2) as executor:
         shared = flexgen.tune(

@@ -35,7 +35,7 @@ KINDS = ("peak", "rms", "settling", "torque_peak", "torque_max", "torque_rms")
 
 
 def small(version: int = 1, **more: object) -> SimpleNamespace:
-    """What measures read of a scenario: two outputs, samples of 10 ms."""
+    """Fields of a scenario that measures read: two outputs, samples of 10 ms."""
     outputs = (Output("tool", "mm", {}, "x", 1e3), Output("q", "rad", {"q1": 1.0}, "", 1.0))
     windows = (Window("first", 0.05, 0.3, {kind: 1.0 + k for k, kind in enumerate(KINDS)}),)
     fields = {

@@ -65,7 +65,7 @@ def begin(**changes: Any) -> bytes:
 def answers(
     given: bytes, monkeypatch: pytest.MonkeyPatch, loads: Any
 ) -> tuple[io.BytesIO, list[Any]]:
-    """What the process writes, and what it does with its files."""
+    """Bytes that the process writes, and its calls on files."""
     taken = io.BytesIO(given)
     written = io.BytesIO()
     done = []

@@ -97,7 +97,7 @@ def test_an_interruption_that_a_solver_swallows_is_not_lost() -> None:
 
 
 class Future:
-    """What an executor of another kind may return."""
+    """Future of an executor of another kind."""
 
     def __init__(self, call) -> None:
         self.call = call

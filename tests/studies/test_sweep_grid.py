@@ -1,5 +1,5 @@
-"""What a sweep consists of: the order of its cases, the digest of its content, random moves, and
-grid files.
+"""Content of a sweep: the order of its cases, the digest of its content, random moves, and grid
+files.
 """
 
 from __future__ import annotations

@@ -1,6 +1,4 @@
-"""What comes out of a sweep: tables that keep every bit, as files, and what the command line
-says.
-"""
+"""Results of a sweep: tables that keep every bit, as files, and texts of the command line."""
 
 from __future__ import annotations
 

@@ -41,8 +41,8 @@ def claimed_error(solution: Solution) -> float:
 
 
 def simulated_error(solution: Solution, trajectory: Trajectory | None = None) -> float:
-    """The same error [m, rad] of the whole move, without or with motor feedback, as in the
-    solution.
+    """The error [m, rad] of the whole move in simulation, without or with motor feedback, as in
+    the solution.
     """
     run = solution.simulation
     t = solution.trajectory if trajectory is None else trajectory

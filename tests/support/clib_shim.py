@@ -1,4 +1,4 @@
-"""What the headers of small programs in the hand-written C need to compile by themselves."""
+"""Definitions with which headers of the hand-written C compile by themselves in small programs."""
 
 from __future__ import annotations
 

@@ -90,7 +90,7 @@ def given_ports(f: dict[str, Any]) -> list[dict[str, Any]]:
 
 
 def results_of(manifest: dict[str, Any], data: bytes) -> dict[str, np.ndarray]:
-    """What the program wrote: per ``function.port`` an array (POINTS, size)."""
+    """Results that the program wrote: per ``function.port`` an array (POINTS, size)."""
     kind = np.float64 if manifest["precision"] == "double" else np.float32
     all_of_it = np.frombuffer(data, dtype=kind)
     out = {}
@@ -330,7 +330,7 @@ numbers */
 
 
 def answer(command: list[str], given: bytes, folder: Path) -> bytes:
-    """What the program writes, given its inputs."""
+    """Standard output of the program, given its inputs."""
     done = subprocess.run(command, input=given, cwd=folder, capture_output=True, check=False)
     assert done.returncode == 0, (
         command,

@@ -192,7 +192,7 @@ class Lagrange:
         return np.array(out)
 
     def output(self, x):
-        """What the plant shows: motors, tool, deflections."""
+        """Outputs of the plant: motors, tool, deflections."""
         m = self.model
         q_a, v_a, q_m, v_m = self.split(x)
         p, R = (np.array(y) for y in self.equations.function("forward_kinematics")(q_a))

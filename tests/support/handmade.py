@@ -135,7 +135,7 @@ def interface() -> str:
 
 
 def twist(q_a, K, parameters=VALUES) -> tuple[np.ndarray, np.ndarray]:
-    """What the function ``twist`` computes, at one point or at many."""
+    """Reference of the function ``twist``, at one point or at many."""
     q_a = np.asarray(q_a, float)
     K = np.asarray(K, float)
     s = parameters[0] * q_a + parameters[1] * (K @ q_a[..., None])[..., 0]

@@ -64,7 +64,7 @@ class Target:
     structs: dict[str, type[ctypes.Structure]]
 
     def with_library(self, file: FilePath) -> Target:
-        """The same, with another shared library."""
+        """The target with another shared library."""
         return replace(self, entry=ctypes.CDLL(str(file)))
 
     def function(self, name: str, returned: Any = ctypes.c_int) -> Callable[..., int]:
@@ -126,7 +126,7 @@ class Call:
 
 @dataclass
 class MethodResult:
-    """What came back; ``spilled``: whether anything was written beyond an array."""
+    """Result of a call; ``spilled``: whether anything was written beyond an array."""
 
     status: int
     report: np.ndarray
@@ -314,7 +314,7 @@ class Streamed:
 
     @property
     def report(self) -> Any:
-        """What the last update reported."""
+        """Report of the last update."""
         return self.target.structs["stream_info"].from_buffer(self.info[0])
 
     @property
@@ -479,7 +479,7 @@ def extreme(target: Target, rng: np.random.Generator) -> tuple[Call, set[str]]:
 
 
 def strange_time(target: Target, rng: np.random.Generator) -> tuple[Call, set[str]]:
-    """The same path in no time, or in a day, and with derivatives that fit, or do not."""
+    """A path with a period of 1e-12 to 1e5 s, and with derivatives that fit, or do not."""
     period = float(rng.choice([1e-12, 1e-9, 1e-6, 1e-4, 1.0, 1e3, 1e5]))
     call = call_of(target, period=period)
     if rng.random() < 0.7:

@@ -274,7 +274,7 @@ def text(name: str) -> str:
 
 
 def whole_path(call: Call, kind: int = 1) -> list[float]:
-    """What the program reads for a call of invert (1) or bvp (2)."""
+    """Input of the program for a call of invert (1) or bvp (2)."""
     n = len(call.y)
     null = NULLS.index(call.null) if call.null else -1
     counts = [n if call.n is None else call.n, call.n_pre, call.n_post, call.samples_per_interval]
@@ -290,7 +290,7 @@ def begin(
     short: int = 0,
     hold: tuple[int, float] = (0, 0.0),
 ) -> list[float]:
-    """What it reads for the start of a stream; ``hold`` with its delay."""
+    """Input of the program for the start of a stream; ``hold`` with its delay."""
     head = [3, intervals, samples_per_interval, short, period, 1e-6, *hold]
     return [*head, *one.path["y"][0], *one.path["q_start"]]
 
@@ -300,12 +300,12 @@ def update(given: list[np.ndarray]) -> list[float]:
 
 
 def bound(torque: float, speed: float, deviation: float, one: Target) -> list[float]:
-    """The same bounds for all motors."""
+    """Input of the program for equal bounds of all motors."""
     return [5, *([torque] * one.sizes["n_m"]), *([speed] * one.sizes["n_m"]), deviation]
 
 
 def all_bound(value: float, deviation: float, points: int) -> list[float]:
-    """The same value for limits of all kinds, and curves of so many points."""
+    """Input of the program for limits of all kinds with one value; curves have ``points``."""
     return [6, value, deviation, points]
 
 

@@ -76,7 +76,7 @@ class Logistic(HysteresisLaw):
 
 
 class LogisticElement(Element):
-    """The same in numbers."""
+    """The logistic law in numbers."""
 
     def slope(self, z: float, s: float, K: float) -> float:
         x = s * z / (0.5 * self.lost * ARCMIN * K)

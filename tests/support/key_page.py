@@ -190,7 +190,7 @@ def rows(keys: Sequence[Key]) -> list[str]:
 
 
 def value_text(schema: Schema) -> str:
-    """What a value is, in a few words."""
+    """Short description of a value."""
     if "$ref" in schema or "allOf" in schema:
         return f"table `{(schema.get('allOf') or [schema])[0]['$ref'].rpartition('/')[2]}`"
     if "title" in schema:

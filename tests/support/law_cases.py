@@ -80,8 +80,8 @@ def arm(
 
 
 def coupled() -> RobotModel:
-    """The same arm without damping, springs on the arm side, its third motor driving the second
-    joint too.
+    """The three-axis arm without damping, springs on the arm side, its third motor driving the
+    second joint too.
     """
     model = arm(damped=False)
     elements = []

@@ -125,7 +125,7 @@ quat="{quaternion(np.array(model.base.rotation))}">
         )
 
     def _children(self, name: str, position: np.ndarray, rotation: np.ndarray) -> str:
-        """What an element carries; its tip stands at this place in its MuJoCo body."""
+        """Bodies that an element carries; its tip is at this place in its MuJoCo body."""
         model = self.model
         out = ""
         if name == model.tip:
@@ -168,11 +168,11 @@ quat="{quaternion(np.array(model.base.rotation))}">
         )
 
     def _rub(self, moved: Dof | Motor) -> str:
-        """What acts on a joint of MuJoCo alone, as attributes."""
+        """Friction and damping of a single joint of MuJoCo, as attributes."""
         return ""
 
     def _tendons(self) -> str:
-        """What acts between joints."""
+        """Coupling between joints, as tendons."""
         return ""
 
     # the answers ---------------------------------------------------------------------------------

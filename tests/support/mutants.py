@@ -113,7 +113,7 @@ def _is_text(node: ast.expr) -> bool:
 
 
 def _factor(node: ast.expr) -> str | None:
-    """What replaces a factor between two units; None for other operands."""
+    """Replacement of a factor between two units; None for other operands."""
     if isinstance(node, ast.Constant) and type(node.value) in (int, float):
         return "1.0" if float(node.value) in FACTORS else None
     if isinstance(node, ast.Attribute) and node.attr == "pi":

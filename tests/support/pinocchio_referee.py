@@ -191,7 +191,7 @@ class Tree:
         return kinetic, pin.computePotentialEnergy(self.model, self.data, q) + standing
 
     def drag(self, q, v):
-        """What the bodies' drags ask of the joints."""
+        """Generalised forces of the bodies' drags."""
         out = np.zeros(len(self.at))
         for frame, drag in self._drags:
             turning = self._columns(
@@ -259,11 +259,11 @@ class PinocchioReferee:
         return self.arm.inverse_dynamics(q_a, v_a, a_a)
 
     def bias(self, q_a, v_a):
-        """The same at rest accelerations."""
+        """Generalised forces at zero accelerations."""
         return self.arm.inverse_dynamics(q_a, v_a, 0 * v_a)
 
     def gravity(self, q_a):
-        """The same at rest."""
+        """Generalised forces at rest."""
         return self.arm.inverse_dynamics(q_a, 0 * q_a, 0 * q_a)
 
     def inverse_derivatives(self, q_a, v_a, a_a):

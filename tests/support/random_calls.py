@@ -159,7 +159,7 @@ def known_objects() -> dict[type, Any]:
 
 
 def more_objects(folder: Path) -> dict[type, Any]:
-    """The same of results that take seconds, and of a library in C."""
+    """Further objects for calls: results that take seconds, and a library in C."""
     quiet: dict[str, Any] = {"progress": False}
     known = known_objects()
     robot = flexgen.read("elbow")
@@ -348,7 +348,7 @@ def call_at_random(
 
 
 def raised(call: Callable[..., Any], args: Any, kwargs: dict[str, Any]) -> BaseException | None:
-    """What leaves a call, or that it hangs."""
+    """Exception of a call, also if it hangs."""
     before = signal.signal(signal.SIGPROF, _stop)
     signal.setitimer(signal.ITIMER_PROF, LONGEST)
     try:

@@ -461,9 +461,7 @@ class Referee:
         return self.model.coordinates[i].name
 
     def _imbalance(self, q_a, v_a, q_m, v_m, tau_m, a_a, a_m):
-        """What is missing in the balance of (arm rows, rows of the motors behind elastic gears),
-        linear in a.
-        """
+        """Residual of (arm rows, rows of the motors behind elastic gears), linear in a."""
         model = self.model
         coordinates = self.model.coordinates
         eta = model.eta
@@ -585,7 +583,7 @@ class Answers:
         return self._made[name]
 
     def but(self, **replaced) -> Answers:
-        """The same answers with some of them replaced."""
+        """Answers with some of them replaced."""
         return Answers(self._equations, **replaced)
 
 

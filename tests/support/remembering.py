@@ -64,7 +64,7 @@ def start() -> tuple[np.ndarray, np.ndarray]:
 
 @cache
 def samples() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """What a stream gets in its updates: the output of the move and its derivatives (n, 2), then
+    """Samples for the updates of a stream: the output of the move and its derivatives (n, 2), then
     as many at rest.
     """
     path = flexgen.plan(remembering())

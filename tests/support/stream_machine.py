@@ -59,7 +59,7 @@ class Machine:
     def simulation(
         self, t: np.ndarray, results: dict[str, np.ndarray], hold: str = "", delay: float = 0.0
     ) -> Simulation:
-        """What the full model does under the torques, from rest; ``delay`` in samples."""
+        """Simulation of the full model under the torques, from rest; ``delay`` in samples."""
         model = self.equations.model
         sample = self.path.sample(t)
         arm = tuple(c.name for c in model.coordinates)

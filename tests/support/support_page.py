@@ -43,7 +43,9 @@ def matrix(features: tuple[Feature, ...]) -> Iterator[str]:
 
 
 def notes(feature: Feature) -> Iterator[str]:
-    """What a feature is, why functions refuse it, and what else a robot with it lacks."""
+    """Section of a feature: its meaning, why functions refuse it, and what else a robot with it
+    lacks.
+    """
     yield from (f"## {feature.name[0].upper()}{feature.name[1:]}", "", feature.meaning, "")
     reasons: dict[str, list[str]] = {}
     for function, reason in feature.refused.items():

@@ -1,5 +1,5 @@
-"""What figures take from a motion: windows of time, limits of axes, prefixes, planes of a robot,
-and early torques.
+"""Quantities that figures take from a motion: windows of time, limits of axes, prefixes, planes of
+a robot, and early torques.
 """
 
 from __future__ import annotations

@@ -308,7 +308,7 @@ Page = tuple[Path, str, list[str]]
 
 
 def pages_of(module: Any, monkeypatch: pytest.MonkeyPatch) -> list[Page]:
-    """What a module gives to `write_page`: folder, text, and names of the pictures."""
+    """Arguments of `write_page` from a module: folder, text, and names of the pictures."""
     out: list[Page] = []
 
     def write(directory: Path, parts: list[str], drawn: list[Any]) -> Path:

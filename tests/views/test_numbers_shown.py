@@ -1,4 +1,4 @@
-"""What figures of runs show, line by line, and poses at which a loop is said to be unstable."""
+"""Lines of figures of runs, and poses at which a loop is said to be unstable."""
 
 from __future__ import annotations
 

@@ -17,8 +17,8 @@ from flexgen.views.reports.text_tables import figures, fit_tables, number, parag
 
 
 def drawn(seed: int) -> tuple[Tape, list[Any], list[Any], ca.SX, list[ca.SX]]:
-    """The same random expressions on a tape and in CasADi: the tape, its symbols and results,
-    those of CasADi.
+    """Random expressions on a tape and in CasADi: the tape, its symbols and results, those of
+    CasADi.
     """
     rng = np.random.default_rng(seed)
     tape = Tape()

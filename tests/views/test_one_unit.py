@@ -80,7 +80,7 @@ def a_loop(largest: float) -> Any:
 
 
 def compared(run: Any, factor: float) -> Any:
-    """The same errors with no feedforward, larger by a factor."""
+    """A comparison whose errors without feedforward are larger by a factor."""
     rows = [
         {"robot": r.name, "what": "error", "unit": "m", "none": factor * x, "elastic": x}
         for r in run.runs
