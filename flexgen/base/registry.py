@@ -1,5 +1,5 @@
-"""What upper rooms and other packages add to the rooms below them, by group and name; imported
-when it is first used.
+"""Registry of additions by upper rooms and other packages to the rooms below them, by group and
+name; an entry is imported when it is first used.
 
 Groups, what their names refer to, and what uses them:
 

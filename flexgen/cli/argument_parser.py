@@ -135,7 +135,7 @@ class Parser(argparse.ArgumentParser):
             yield self
 
     def hint(self, words: Sequence[str], unknown: Sequence[str], root: Parser) -> str:
-        """What was probably meant by arguments that the parser does not know."""
+        """Suggestion for arguments that the parser does not know, to be appended to a message."""
         options = [word.partition("=")[0] for word in unknown if word.startswith("--")]
         if options:
             others = [verb.prog for verb in root.verbs() if options[0] in verb.options()]

@@ -201,7 +201,7 @@ def plant(text: str) -> tuple[str, dict[str, float]]:
 
 
 def changes(text: str) -> dict[str, float]:
-    """What `plant` changes, without its name."""
+    """Changes of a plant as in `plant`, without its name."""
     return plant(text)[1]
 
 

@@ -175,7 +175,7 @@ def _action(verb: Verb) -> Any:
 
 
 def _summary(verb: Verb) -> str:
-    """What a verb does: of its row, or the first paragraph of the docstring of its function."""
+    """Summary of a verb: of its row, or the first paragraph of the docstring of its function."""
     if not (verb.summary or verb.action):
         return command_of(verb.function).summary
     paragraph = (_action(verb).__doc__ or "").strip().partition("\n\n")[0]

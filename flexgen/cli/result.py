@@ -1,4 +1,4 @@
-"""What a verb of the command line returns, and what all of them check before a long computation.
+"""Results of the verbs of the command line, and common checks before a long computation.
 
 Nothing heavy is imported before a verb runs, so that help and usage errors appear at once.
 """

@@ -1,4 +1,4 @@
-"""What an export wrote: one class for all kinds."""
+"""Result of an export: one class for all kinds."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from flexgen.model.elements import RobotModel
 @checked_result
 @dataclass(frozen=True)
 class Exported(Result):
-    """What an export wrote; accepted wherever a path is, as its `path`.
+    """Result of an export; accepted wherever a path is, as its `path`.
 
     Parameters
     ----------

@@ -151,7 +151,9 @@ def _name_first(found: Sequence[str], text: str) -> str:
 
 
 def _list_names(robot: RobotModel, found: Sequence[str], what: str) -> str:
-    """What a robot is given with, and the names of the parts that have it."""
+    """Message with a property of a robot and the names of the parts that have it; empty without
+    names.
+    """
     return f"model {robot.name}: given {what} ({', '.join(found)})" if found else ""
 
 

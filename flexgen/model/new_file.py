@@ -97,7 +97,7 @@ def _with_new_tables(model: RobotModel, changes: Mapping[str, Any]) -> dict[str,
 
 
 def _depth(root: Entry, words: Sequence[str]) -> int:
-    """How many words of a dotted key lead to a part of the file, from the first one on."""
+    """Number of words of a dotted key that lead to a part of the file, from the first one on."""
     here = root
     for depth, word in enumerate(words):
         key, _ = part_of(here, word)

@@ -1,5 +1,5 @@
-"""What callers give: put in order, made into arrays, laid out for C, and refused where it does not
-fit.
+"""Arguments of callers: put in order, made into arrays, laid out for C, and refused where they do
+not fit.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ def count_of_points(
     most: int,
     shared: str = PARAMETERS,
 ) -> int | None:
-    """How many points the arrays hold; None where all of them hold one; ArgumentError where shapes
+    """Number of points in the arrays; None where all of them hold one; ArgumentError where shapes
     do not fit.
 
     ``shared``: name of the port with one vector for all points.

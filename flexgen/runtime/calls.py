@@ -39,8 +39,8 @@ _ARRAY = np.ndarray
 
 @dataclass(frozen=True)
 class Entries:
-    """What C offers for one function: one point, many points, and the sizes of their workspaces in
-    reals.
+    """Entry points of one function in C: one point, many points, and the sizes of their workspaces
+    in reals.
     """
 
     single: Callable[..., int]
@@ -180,7 +180,9 @@ class Function:
         return ctypes.cast(where, ctypes.c_void_p).value or 0, work
 
     def single_address(self) -> tuple[int, np.ndarray]:
-        """The same for one point; the workspace is empty where the function takes none."""
+        """Address of the function for one point in C, and a workspace; empty where the function
+        takes none.
+        """
         where: Any = self._entries.single
         return ctypes.cast(where, ctypes.c_void_p).value or 0, np.zeros(
             self._entries.work, self._real

@@ -141,7 +141,7 @@ class Library:
 
     @property
     def invert_many(self) -> ManyInverter:
-        """The same for many problems on all cores; ArgumentError where the library has none."""
+        """Inverter of many problems on all cores; ArgumentError where the library has none."""
         return ManyInverter(self.invert)
 
     @property
@@ -487,8 +487,8 @@ def _exception(name: str) -> type[FlexgenError]:
 
 
 def offered_again(directory: str, sha256: str, what: str) -> Any:
-    """What the library of a pickled object offers; BuildError where another one is in its
-    directory now.
+    """Attribute ``what`` of the library of a pickled object; BuildError where another library is
+    in its directory now.
     """
     offered = getattr(library_again(directory, sha256), what)
     if offered is None:

@@ -39,7 +39,7 @@ def failure_of(failures: Failures, status: int) -> tuple[type[FlexgenError], str
 
 @dataclass(frozen=True)
 class Interface:
-    """What the manifest says of the C interface.
+    """Description of the C interface, from the manifest.
 
     Parameters
     ----------

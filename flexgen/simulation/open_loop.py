@@ -1,5 +1,5 @@
-"""What a simulation in open loop can determine: growth of perturbations, defect, and errors that
-rounding decides.
+"""Accuracy of a simulation in open loop: growth of perturbations, defect, and errors that rounding
+decides.
 """
 
 from __future__ import annotations

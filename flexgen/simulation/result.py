@@ -210,7 +210,7 @@ def growth_text(growth: float, whole: float | None) -> str:
 
 
 def error_text(simulation: Simulation, what: str = "tool") -> str:
-    """The same in one line."""
+    """Errors of a simulation in one line."""
     return "; ".join(error_lines(simulation, what))
 
 

@@ -1,4 +1,5 @@
-"""Rules of the text of the code: width, one assignment a line, nesting, conditional expressions.
+"""Rules of the text of the code: width, one assignment a line, nesting, conditional expressions,
+first words of docstrings.
 
 Read from the syntax tree of all tracked Python files. A planted violation of each rule shows that
 the test sees it. The lists of old violations may only shrink.
@@ -7,6 +8,7 @@ the test sees it. The lists of old violations may only shrink.
 from __future__ import annotations
 
 import ast
+import re
 import subprocess
 from functools import cache
 from pathlib import Path
@@ -18,6 +20,9 @@ ROOT = Path(__file__).resolve().parents[2]
 WIDTH = 99
 # Blocks within one another in a function: beyond these a reader loses the conditions.
 DEEPEST = 4
+# First words that stand in a docstring instead of the noun of the field.
+VAGUE = re.compile(r"(What|How|The same)\b")
+DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
 BLOCKS = (ast.If, ast.For, ast.AsyncFor, ast.While, ast.With, ast.AsyncWith, ast.Try)
 # Violations of before, by file; mend one and lower its number here.
 NESTED = {
@@ -152,6 +157,13 @@ def nested_conditions(text: str) -> int:
     )
 
 
+def vague_docstrings(text: str) -> list[str]:
+    """First lines of the docstrings that begin with words of `VAGUE`."""
+    documented = (node for node in ast.walk(tree(text)) if isinstance(node, DOCUMENTED))
+    docstrings = (ast.get_docstring(node) or "" for node in documented)
+    return [docstring.split("\n")[0] for docstring in docstrings if VAGUE.match(docstring)]
+
+
 def counts(rule) -> dict[str, int]:
     found = {name: rule(text) for name, text in texts().items()}
     return {name: count for name, count in found.items() if count}
@@ -164,6 +176,16 @@ def test_no_line_is_too_wide() -> None:
 def test_one_assignment_a_line() -> None:
     found = {name: joined_assignments(text) for name, text in texts().items()}
     assert {name: rows for name, rows in found.items() if rows} == {}
+
+
+def test_docstrings_begin_with_their_nouns() -> None:
+    found = {
+        name: vague_docstrings(text)
+        for name, text in texts().items()
+        if name.startswith("flexgen/")
+    }
+    assert found, "no file was read"
+    assert {name: lines for name, lines in found.items() if lines} == {}
 
 
 @pytest.mark.parametrize(
@@ -190,6 +212,21 @@ def test_a_planted_joined_assignment_is_seen() -> None:
 )
 def test_what_needs_one_statement_is_allowed(line: str) -> None:
     assert joined_assignments(line) == []
+
+
+@pytest.mark.parametrize("begin", ["What a spring does.", "How it\nmoves.", "The same, later."])
+def test_planted_vague_docstrings_are_seen(begin: str) -> None:
+    first = begin.split("\n")[0]
+    method = f'class A:\n    def f(self):\n        """{begin}"""\n'
+    for text in (f'"""{begin}"""\n', f'class A:\n    """{begin}"""\n', method):
+        assert vague_docstrings(text) == [first]
+
+
+@pytest.mark.parametrize(
+    "begin", ["Whatever is given.", "The samples.", "Residual: what is left."]
+)
+def test_docstrings_with_nouns_are_allowed(begin: str) -> None:
+    assert vague_docstrings(f'"""{begin}"""\n') == []
 
 
 def test_planted_blocks_are_seen() -> None:

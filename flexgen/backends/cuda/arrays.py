@@ -103,9 +103,7 @@ class DeviceArray:
 
     @property
     def T(self) -> DeviceArray:  # the name of NumPy
-        """The same numbers with the axes in reverse: (N, n) in the order of Fortran is (n, N) in
-        that of C.
-        """
+        """Transposed view of the same memory: (N, n) in Fortran order is (n, N) in C order."""
         return DeviceArray(
             self._card,
             self._address,

@@ -55,7 +55,7 @@ _rename = _python("PyCapsule_SetName", ctypes.c_int, ctypes.py_object, ctypes.c_
 
 
 class Imported(NamedTuple):
-    """What a capsule holds; strides in bytes; `release` gives the memory back to its owner."""
+    """Contents of a capsule; strides in bytes; `release` gives the memory back to its owner."""
 
     address: int
     shape: tuple[int, ...]

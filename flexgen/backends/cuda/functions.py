@@ -145,7 +145,7 @@ class CudaFunction:
         return arrays
 
     def _count(self, given: Sequence[Given]) -> int:
-        """How many points the inputs have; ArgumentError where they differ, or an array does not
+        """Number of points of the inputs; ArgumentError where they differ, or an array does not
         fit.
         """
         points: int | None = None

@@ -62,7 +62,7 @@ class CudaManyInverter:
         )
 
     def on(self, stream: Any) -> CudaManyInverter:
-        """The same on a stream of the caller; default: the default stream."""
+        """Copy on a stream of the caller; default: the default stream."""
         stream_handle("invert_many", stream)
         made = copy(self)
         made._stream = stream

@@ -95,9 +95,7 @@ class CudaLibrary(Library):
         return made
 
     def transpose(self, x: Any, stream: Any = None) -> DeviceArray:
-        """The same memory of a device array with the axes in reverse: (n, N) in the order of C
-        becomes (N, n).
-        """
+        """Transposed view of a device array: (n, N) in the order of C becomes (N, n)."""
         if isinstance(x, DeviceArray):
             return x.T
         given = Given(self.card, "transpose", "x", x, stream_handle("transpose", stream))

@@ -114,7 +114,7 @@ def checked_methods(cls: C) -> C:
 
 
 def checks_of(function: Callable[..., Any]) -> dict[str, Check]:
-    """What the annotations of a function, method or class demand of its parameters, by name,
+    """Checks of the parameters of a function, method or class by name, from its annotations,
     decorated or not.
     """
     constructor: Any = function
@@ -255,9 +255,7 @@ def _wrap(
 
 
 def _parameters(function: Any) -> int:
-    """How many parameters a function has, ``self`` included; several where their number is
-    free.
-    """
+    """Number of parameters of a function, ``self`` included; several where it is free."""
     code = function.__code__
     free = code.co_flags & (inspect.CO_VARARGS | inspect.CO_VARKEYWORDS)
     return int(code.co_argcount + code.co_kwonlyargcount + free)

@@ -149,7 +149,7 @@ def check_writable(path: Path | None, *, folder: bool = False) -> None:
 
 
 def follow_links(path: str | Path) -> Path:
-    """What a path to be written leads to, without symbolic links.
+    """Target of a path to be written, with all symbolic links resolved.
 
     A link in a folder that every user may write (such as /tmp) is followed only where it belongs
     to the user or to root: another user could have it lead to any file of this user.

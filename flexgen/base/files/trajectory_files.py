@@ -40,7 +40,7 @@ _WRITE = "write one with 'flexgen solve MODEL --out FILE'"
 
 @dataclass(frozen=True)
 class Content:
-    """What the file of a trajectory holds; the fields are those of
+    """Contents of the file of a trajectory; the fields are those of
     `flexgen.base.motion.trajectory.Trajectory`.
     """
 

@@ -46,7 +46,7 @@ def spline(t: np.ndarray, torque: np.ndarray) -> PPoly:
 
 
 def constant(torque: np.ndarray, begin: float, end: float) -> PPoly:
-    """The same torque (n_m,) at all instants."""
+    """Constant torque (n_m,) from ``begin`` to ``end`` [s]."""
     return PPoly(np.asarray(torque, float)[None, None, :], [begin, end])
 
 

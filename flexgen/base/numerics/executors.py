@@ -23,7 +23,7 @@ CHECK = 0.2
 
 
 class Numbered(Protocol):
-    """What is submitted: it has a number."""
+    """Protocol of submitted jobs: each has a number."""
 
     @property
     def number(self) -> int:

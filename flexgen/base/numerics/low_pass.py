@@ -64,7 +64,7 @@ class LowPass:
         return np.asarray(rows)
 
     def kept(self, x: np.ndarray) -> np.ndarray:
-        """The same samples without the filter."""
+        """Unfiltered samples (n, ...) at the instants of the filtered ones."""
         return x[self.first * self.every - self.half : len(x) - self.half : self.every]
 
     def whole(self, x: np.ndarray) -> np.ndarray:

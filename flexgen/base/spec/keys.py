@@ -27,7 +27,7 @@ REQUIRED: Any = type("Required", (), {"__repr__": lambda self: "REQUIRED"})()
 
 @dataclass
 class Context:
-    """What a key can depend on, besides its table."""
+    """Context of a key: values that it can depend on, besides its table."""
 
     # values of the whole file so far; None: the next table is the whole file
     file: dict[str, Any] | None = None
@@ -48,9 +48,7 @@ Check = Callable[[Table, Context], None]
 
 @dataclass(frozen=True)
 class Type:
-    """What a key holds: how it is read, its JSON schema without description, and how it is
-    written.
-    """
+    """Type of a key: its reader, its JSON schema without description, and its writer."""
 
     read: Callable[[Table, Key, Context], Any]
     schema: Schema
@@ -89,7 +87,7 @@ class Key:
 
     @property
     def what(self) -> str:
-        """What a message says about the value."""
+        """Description of the value in messages: the note of the key, else its unit."""
         return self.note or self.unit
 
     def read(self, table: Table, here: Context) -> Any:

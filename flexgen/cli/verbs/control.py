@@ -130,7 +130,9 @@ Further = Callable[[], Part]
 def _further(
     args: Namespace, model: RobotModel, run: Any, acting: dict[str, Any], log: Progress
 ) -> list[tuple[str, Further]]:
-    """What `control` computes after the run, by the names of the data; each can be left out."""
+    """Further results of `control`, computed after the run, by the names of the data; each can be
+    left out.
+    """
     is_done = run.status == "done" or bool(run.ended)
 
     def feedforward() -> Part:

@@ -48,7 +48,7 @@ def casadi_module(function: ca.Function, before: Callable[[str], None] | None = 
 
 
 def in_c(function: ca.Function) -> ca.Function:
-    """The same function, evaluated by compiled C."""
+    """Copy of a function that is evaluated by compiled C."""
     return external(function.name(), casadi_module(function))
 
 

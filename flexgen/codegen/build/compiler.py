@@ -140,7 +140,7 @@ class Compiler:
 
     @property
     def suffix(self) -> str:
-        """How the names of its shared libraries end."""
+        """Suffix of the names of its shared libraries."""
         return library_suffix() if self.target is None else self.target.suffix
 
     def link_command(self, *words: str, install_name: str = "") -> list[str]:

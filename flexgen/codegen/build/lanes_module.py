@@ -80,7 +80,7 @@ def _write(prefix: str, function: ca.Function) -> FunctionText:
 
 
 def _macros(key: str, function: ca.Function, text: FunctionText) -> str:
-    """How the text calls a function."""
+    """Macros with which the text calls a function."""
     ports = ", ".join(f"a{k}" for k in range(function.n_in() + function.n_out()))
     work = ", w" if text.work else ""
     call = f"{key.lower()}_evaluate_v({ports}{work}, LANES)"

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Status:
-    """What an emitted function returns: its name and value in C, its meaning, and the exception
-    that Python raises.
+    """Status of an emitted function: its name and value in C, its meaning, and the exception that
+    Python raises.
     """
 
     name: str

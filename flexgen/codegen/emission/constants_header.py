@@ -263,7 +263,7 @@ def _ports_of_call(spec: LibrarySpec, f: FunctionSpec) -> tuple[str, str]:
 
 
 def _for_growth(spec: LibrarySpec, written: Mapping[str, FunctionText], arm_side: str) -> str:
-    """What the function growth needs: scales of positions, and the linearization with a workspace
+    """Macros of the function growth: scales of positions, and the linearization with a workspace
     of its own.
     """
     prefix = spec.name.upper()
@@ -323,7 +323,9 @@ def _damping(
 
 
 def _parameter_macros(spec: LibrarySpec) -> str:
-    """How many run-time parameters there are, and how they become an argument of the functions."""
+    """Macros of the run-time parameters, which become an argument of the functions where there are
+    any.
+    """
     count = len(spec.parameters)
     argument = f" const real parameters[{size_macro(spec, 'n_p')}]," if count else ""
     given = "parameters" if count else "no_parameters"

@@ -284,7 +284,7 @@ def stack_bytes(written: FunctionText, precision: str) -> int:
 
 
 def _list_calls(spec: LibrarySpec, written: Iterable[FunctionText]) -> str:
-    """What the library calls of others."""
+    """Clause on the functions of other libraries that the library calls."""
     used = sorted(
         _LIBM & {name for one in written for name in re.findall(r"F\((\w+)\)", one.text)}
     )

@@ -1,4 +1,4 @@
-"""What the emitted library offers: its functions, their ports and equations, sizes, names and
+"""Specification of the emitted library: its functions, their ports and equations, sizes, names and
 status codes.
 
 One table, rendered as the C header, the manifest and, through the manifest, the Python wrapper.
@@ -336,7 +336,7 @@ def library_spec(
     per_point: bool = False,
     parts: Sequence[str] = (),
 ) -> LibrarySpec:
-    """What the library of a model offers.
+    """Specification of the library of a model.
 
     Parameters
     ----------

@@ -73,7 +73,7 @@ class Linear:
 
 @dataclass(frozen=True)
 class Contents:
-    """What a stream has: elements of hysteresis in a gear, some by other laws than Dahl's;
+    """Contents of a stream: elements of hysteresis in a gear, some by other laws than Dahl's;
     positions to send, frictions with a state, all limits, Fourier sums of motor angles; of filters
     of a servo samples before the present one, after it, and notches.
     """

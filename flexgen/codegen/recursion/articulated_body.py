@@ -74,8 +74,8 @@ class Articulated:
         )
 
     def turned(self, turn: Turn) -> Articulated:
-        """The same in the frame before a joint, where the linear axes did not turn with the
-        joint.
+        """Articulated inertia in the frame before a joint, where the linear axes did not turn with
+        the joint.
         """
         J = rotate_back(turn, self.J)
         return Articulated(
@@ -83,11 +83,11 @@ class Articulated:
         )
 
     def linear_turned(self, turn: Turn) -> Articulated:
-        """The same with the axes of accelerations and forces turned back as well."""
+        """Articulated inertia with the axes of accelerations and forces turned back as well."""
         return Articulated(self.J, [turn.back(row) for row in self.H], rotate_back(turn, self.M))
 
     def shifted(self, p: Sequence[Scalar]) -> Articulated:
-        """The same, seen from where its origin is at p."""
+        """Articulated inertia about a point relative to which its origin is at p."""
         if not any(isinstance(x, Value) or x for x in p):
             return self
         pM = _across(p, self.M)

@@ -50,7 +50,7 @@ class Composite:
         )
 
     def shifted(self, p: Sequence[Scalar]) -> Composite:
-        """The same body about a point relative to which its origin is at p."""
+        """Composite body about a point relative to which its origin is at p."""
         m = self.mass
         h = self.first
         S = self.second

@@ -262,7 +262,7 @@ def _transfer_back(
     v: Sequence[Scalar],
     j: int,
 ) -> _Beyond:
-    """The same bodies in the frame before joint j."""
+    """Body, momentum and moment of the later bodies, in the frame before joint j."""
     joint = chain.joints[j]
     body = beyond.body
     momentum = beyond.momentum

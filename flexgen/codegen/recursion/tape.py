@@ -359,8 +359,8 @@ class Tape:
         return (int(a), int(b)) if kind in "+-*" else (int(a),)
 
     def absorb_signs(self, results: Sequence[Scalar]) -> list[Scalar]:
-        """The same results with fewer negatives at the end: ``-(a - b)`` becomes ``b - a``,
-        ``-(c a)`` ``(-c) a``.
+        """Results with fewer negatives at the end: ``-(a - b)`` becomes ``b - a``, ``-(c a)``
+        ``(-c) a``.
         """
         out: list[Scalar] = []
         for x in results:

@@ -141,7 +141,7 @@ class Solve:
 
     @property
     def matrix_stride(self) -> int:
-        """The same between the rows of A."""
+        """Entries between the rows of A in the workspace."""
         return _stride(self.n + 1 if self.factored else self.n)
 
     @property
@@ -169,8 +169,8 @@ class Solve:
 
 @dataclass(frozen=True)
 class Columns:
-    """The same expressions for each of n columns of intermediate arrays: for one point, lanes hold
-    columns.
+    """Expressions evaluated for each of n columns of intermediate arrays: for one point, lanes
+    hold columns.
 
     Parameters
     ----------

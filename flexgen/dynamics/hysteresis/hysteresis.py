@@ -73,7 +73,7 @@ class Layer(GearHysteresis):
 
     @property
     def sharpness(self) -> np.ndarray:
-        """How sharply they begin to slip, 1 for Dahl's law, (n_g,)."""
+        """Sharpness of the onset of slip, 1 for Dahl's law, (n_g,)."""
         return np.array([sharpness_of(law) for law in self.laws])
 
     def rates(self, rate: ca.SX, z: ca.SX, slip: ca.SX | np.ndarray) -> ca.SX:

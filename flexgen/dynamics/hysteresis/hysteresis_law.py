@@ -81,7 +81,7 @@ def bend_of(law: HysteresisLaw) -> float:
 
 
 def sharpness_of(law: HysteresisLaw) -> float:
-    """How sharply an element begins to slip, n of `Hysteresis`: 1 for Dahl's law."""
+    """Sharpness of the onset of slip of an element, n of `Hysteresis`: 1 for Dahl's law."""
     return law.exponent if isinstance(law, Hysteresis) else max(1.0, bend_of(law))
 
 

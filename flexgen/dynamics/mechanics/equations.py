@@ -116,19 +116,19 @@ their place.
 
     @cached_property
     def pushed(self) -> Equations:
-        """The same with symbols for a force on the tool, the argument ``f_tool`` (6,) of all
-        functions it changes.
+        """Copy with symbols for a force on the tool, the argument ``f_tool`` (6,) of all functions
+        it changes.
         """
         return self._with_force(ca.SX.sym("f_tool", 6))
 
     def touching(self, contact: ca.Function) -> Equations:
-        """The same as `pushed`, with the force of a wall from ``q_a``, ``v_a`` in a simulation."""
+        """Copy as by `pushed`, with the force of a wall from ``q_a``, ``v_a`` in a simulation."""
         made = self._with_force(ca.SX.sym("f_tool", 6))
         made.contact = contact
         return made
 
     def pushed_by(self, force: np.ndarray | None) -> Equations:
-        """The same with a constant force and torque (6,) on the tool; the same object for None."""
+        """Copy with a constant force and torque (6,) on the tool; the same object for None."""
         if force is not None and (np.shape(force) != (6,) or not np.isfinite(force).all()):
             raise ArgumentError(
                 f"force: given {show_value(force)}, expected 6 finite numbers, force [N], "
@@ -186,7 +186,7 @@ their place.
 
 
 def with_forces(equations: Equations, more: ca.SX, memory: ca.SX) -> Equations:
-    """The same equations with more forces (n,) on y, expressions in the symbols of their
+    """Copy of the equations with additional forces (n,) on y, expressions in the symbols of their
     Lagrangian and in ``memory``.
 
     ``memory`` is an argument of all functions it changes.

@@ -1,4 +1,4 @@
-"""How much of its limits a motion uses.
+"""Utilization of the limits by a motion.
 
 torque          |tau_m| <= (1 - r) tau_max,       with the reserve r
 torque_speed    |tau_m|/(1 - r) + k |v_m| <= c,

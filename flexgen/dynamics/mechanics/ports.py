@@ -29,7 +29,7 @@ def _unit(template: str, units: Sequence[str]) -> tuple[str, str]:
 
 
 def _output_unit(template: str, model: RobotModel) -> tuple[str, str]:
-    """The same for an array of numbers of the output."""
+    """Unit of an array of numbers of the output, and a note where its parts differ in unit."""
     output = model.output
     if output.has_angle:
         angle = template.format(y="rad")

@@ -1,4 +1,4 @@
-"""What the sensors of a model measure, as CasADi graphs.
+"""Measurement equations of the sensors of a model, as CasADi graphs.
 
 accelerometer    a . R' (p'' - g)
 specific force along its axes a, R and p of its frame in the world

@@ -168,7 +168,7 @@ class System:
         return self.acceleration_under(ca.SX.zeros(self.model.dof))
 
     def acceleration_under(self, more: ca.SX) -> ca.SX:
-        """The same with more forces (n,) on y."""
+        """Accelerations of y (n,) with additional forces (n,) on y."""
         more = _column("more", more, self.model.dof)
         bias = ca.substitute(self.left, self.y[2], ca.SX.zeros(self.y[2].shape))
         return solve_symmetric(self.mass, self.lagrangian.forces + more - bias)

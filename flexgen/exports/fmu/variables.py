@@ -74,7 +74,7 @@ class Variable:
         return 1000 * self.kind + self.index
 
     def to_dict(self) -> dict[str, Any]:
-        """What `flexgen export fmu --json` prints of it."""
+        """Data of the variable, as printed by `flexgen export fmu --json`."""
         names = ("name", "reference", "causality", "unit", "start", "text")
         return {name: getattr(self, name) for name in names}
 

@@ -1,4 +1,6 @@
-"""What MuJoCo cannot express exactly, and what a motor and its gear are in an MJCF file."""
+"""Features of a model that MuJoCo cannot express exactly, and drives: a motor and its gear in an
+MJCF file.
+"""
 
 from __future__ import annotations
 

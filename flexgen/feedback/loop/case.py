@@ -117,8 +117,8 @@ def control_case(
     force: Any = None,
     progress: Callable[[str], None] | None = None,
 ) -> Case:
-    """The same without a controller: solve the move, make the robots, find their rest positions;
-    see `control`.
+    """Case of `control` without a controller: solve the move, make the robots, find their rest
+    positions; see `control`.
     """
     tell = progress or (lambda line: None)
     robot = robot_of(model)

@@ -22,7 +22,7 @@ RUN = 0.25
 @checked_result
 @dataclass(frozen=True, repr=False)
 class Comparison(Result):
-    """What `flexgen.compare` returns; `report` writes the report of the solution with its tables.
+    """Result of `flexgen.compare`; `report` writes the report of the solution with its tables.
 
     Attributes
     ----------

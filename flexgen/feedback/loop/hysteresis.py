@@ -36,7 +36,7 @@ from flexgen.simulation.integration.hysteretic_rate import (
 
 @dataclass(frozen=True)
 class States:
-    """What a robot has of elements with a state."""
+    """Elements of a robot with a state: hysteresis of its gears, bristles of its motors."""
 
     gears: tuple[Layer, ...]
     motors: MotorBristles

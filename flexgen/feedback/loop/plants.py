@@ -168,7 +168,9 @@ class LocalDynamics:
         self._C = second_order.motor_rows(self.model)
 
     def under(self, force: ProcessForce | None, t: float) -> LocalDynamics:
-        """The same under the force on the tool at the instant ``t`` [s], where there is one."""
+        """Dynamics under the force on the tool at the instant ``t`` [s]; the same object without a
+        force.
+        """
         return (
             self
             if force is None
@@ -219,8 +221,8 @@ class LocalDynamics:
     def rests(
         self, motion: Mapping[str, np.ndarray], values: np.ndarray
     ) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
-        """The same for robots with the numbers ``values`` (lanes, n_p) at the start of a motion
-        ``q_a``, ``q_m``.
+        """Arm angles (n_a,) and holding torques (n_m,) of robots with the numbers ``values``
+        (lanes, n_p) at the start of a motion ``q_a``, ``q_m``.
         """
         return tuple(self.rest(motion["q_m"][0], own, motion["q_a"][0]) for own in values)
 

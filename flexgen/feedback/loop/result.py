@@ -343,7 +343,7 @@ class ControlRun(Result):
         return found
 
     def force_lines(self) -> tuple[str, ...]:
-        """The same in words, a line for forces and one for moments."""
+        """Force figures in words, a line for forces and one for moments."""
         found = self.force_figures()
         lines = []
         for word, unit in (("force", "N"), ("moment", "N m")):

@@ -1,4 +1,4 @@
-"""What `flexgen.feedback.loop.closed_loop` gives to its C: the structure of the robots, and the
+"""Data for the C code of `flexgen.feedback.loop.closed_loop`: the structure of the robots, and the
 start of their noise.
 """
 

@@ -303,7 +303,7 @@ class ExtendedKalmanFilter:
 
     @checked_types(own=("y", "u"))
     def run(self, y: np.ndarray, u: np.ndarray) -> Estimate:
-        """The same for a record: ``y`` (n, n_y), ``u`` (n, n_m); ``u[k]`` acted from sample k - 1
+        """Estimates for a record: ``y`` (n, n_y), ``u`` (n, n_m); ``u[k]`` acted from sample k - 1
         to sample k.
 
         Commanded torques are late by one sample and the delay: ``u[k] = commanded[k - 1]`` without
@@ -372,7 +372,9 @@ class ExtendedKalmanFilter:
         return q_a[None], arm, arm, q_m[None], motors, motors, tau[None]
 
     def _at(self, z: np.ndarray) -> tuple[np.ndarray, ...]:
-        """The same at a state, at rest."""
+        """Motion ``q_a v_a a_a q_m v_m a_m tau_m`` (1, ...) with the positions of a state, at
+        rest.
+        """
         q_m = self._local._C @ z[: self.model.dof]
         arm = np.zeros((1, self.model.n_a))
         motors = np.zeros((1, self.model.n_m))

@@ -93,7 +93,7 @@ def holding_offset(gains: Cascade, torque: np.ndarray) -> np.ndarray:
 
 
 def _invert_filters(filters: Sequence[Filter], h: float, u: np.ndarray) -> np.ndarray:
-    """What goes into filters whose output is ``u`` (n, n_m), zero before it."""
+    """Input of filters whose output is ``u`` (n, n_m), zero before it."""
     for each in reversed(filters):
         b0, b1, b2, a1, a2 = each.section(h)
         b = np.array([b0, b1, b2])

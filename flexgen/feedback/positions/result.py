@@ -1,5 +1,5 @@
-"""What `flexgen.command_positions` returns: the samples to send, and the errors of the robot that
-is sent them.
+"""Result of `flexgen.command_positions`: the samples to send, and the errors of the robot that is
+sent them.
 """
 
 from __future__ import annotations
@@ -136,7 +136,7 @@ class PositionCommands(Result):
 
     @property
     def tool_error_max_rad(self) -> float | None:
-        """The same of its angles [rad]; None without angles."""
+        """Largest angle error of the tool with these positions [rad]; None without angles."""
         return self.run.tool_error_max_rad
 
     @property
@@ -146,7 +146,7 @@ class PositionCommands(Result):
 
     @property
     def today_error_max_rad(self) -> float | None:
-        """The same of its angles [rad]."""
+        """Largest angle error of the tool with the planned motor angles as commands [rad]."""
         return self.today.tool_error_max_rad
 
     @property

@@ -103,8 +103,8 @@ class Servo:
 
 
 def filter_reference(servo: Servo, r: np.ndarray, gain: np.ndarray) -> np.ndarray:
-    """What a cascade with full speed feedforward needs as reference, to do what this servo does
-    with r (n, n_m).
+    """Reference with which a cascade with full speed feedforward reproduces this servo with r (n,
+    n_m).
 
     ``gain`` (n_m,) [1/s]: k_p. At rest before the first sample.
     """

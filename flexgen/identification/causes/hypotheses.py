@@ -1,5 +1,5 @@
-"""What can be wrong with a model or a record, each with one size: numbers of the model, changes of
-the responses.
+"""Hypotheses on errors of a model or a record, each with one size: numbers of the model, changes
+of the responses.
 
 G -> L G R,   var -> |L|^2 var |R|^2,   C -> L C L^T,   U U^H -> R^-1 U U^H R^-T
 angles and torques

@@ -329,12 +329,12 @@ class _Quadratic:
         self.shift = 0.0
 
     def gain(self, step: np.ndarray) -> float:
-        """What a step gains."""
+        """Decrease of the quadratic model by a step."""
         return -float(2 * self.slope @ step + step @ self.matrix @ step)
 
     def left(self, free: np.ndarray) -> float:
-        """What the minimum over the free numbers gains: the square of its distance in standard
-        deviations.
+        """Decrease of the quadratic model at its minimum over the free numbers: the square of the
+        distance in standard deviations.
         """
         inner = self.matrix[np.ix_(free, free)]
         size = self.size[free]

@@ -57,7 +57,7 @@ class Element:
 
 @dataclass(frozen=True)
 class Sought:
-    """What is fitted besides the parameters of the equations.
+    """Unknowns of the fit besides the parameters of the equations.
 
     ``elements``: of hysteresis; ``exponents``: whether theirs are fitted; ``errors``: gears with a
     transmission error, of these ``harmonics``; ``cogging``: harmonics of all motors.
@@ -99,7 +99,9 @@ class MotorMotion:
 
     @cached_property
     def inputs(self) -> np.ndarray:
-        """The same at start, middle and end of all steps: (steps (n - 1), 3, 3 n_m)."""
+        """Angles, speeds and accelerations at start, middle and end of all steps: (steps (n - 1),
+        3, 3 n_m).
+        """
         count = 2 * self.steps * (len(self.time) - 1)
         rows = self._at(np.linspace(self.time[0], self.time[-1], count + 1))
         return np.stack([rows[:-1:2], rows[1::2], rows[2::2]], axis=1)

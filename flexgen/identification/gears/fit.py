@@ -245,7 +245,9 @@ class GearModel:
     def arm_torques(
         self, numbers: Sequence[np.ndarray], motion: MotorMotion, start: np.ndarray | None = None
     ) -> list[np.ndarray]:
-        """The same of the arm alone, for its numbers."""
+        """Torques (k, n_m) of the arm alone in the band, for each of its ``numbers``; ``start``: a
+        state (n_x,).
+        """
         check_time("identify_gears")
         q_m = motion.samples[0, : self.n_m]
         starts = np.array([self.arm.rest(q_m, p) if start is None else start for p in numbers])
@@ -345,7 +347,7 @@ class GearModel:
         return MotorMotion.through(signals.time, q_m, self.segments.steps)
 
     def change_by_noise(self, theta: np.ndarray) -> np.ndarray:
-        """What more noise of the angles changes in the torques (k, n_m)."""
+        """Change of the torques (k, n_m) by additional noise of the angles."""
         return self.torques([theta], self.more_noise(0))[0] - self.torques([theta], self.motion)[0]
 
     def noise(self, theta: np.ndarray, error: np.ndarray) -> np.ndarray:

@@ -87,8 +87,8 @@ def _free(model: GearModel, theta: np.ndarray) -> np.ndarray:
 
 
 def _step(A: np.ndarray, raw: np.ndarray, gradient: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """What is subtracted from numbers, and its covariance; directions that are noise stay as they
-    are.
+    """Step to be subtracted from numbers, and its covariance; directions that are noise stay as
+    they are.
     """
     scale = np.sqrt(np.diag(raw))
     both = np.outer(scale, scale)

@@ -1,4 +1,4 @@
-"""What `flexgen.identify_gears` returns: numbers of gears with standard deviations, and the model
+"""Result of `flexgen.identify_gears`: numbers of gears with standard deviations, and the model
 that has them.
 """
 

@@ -37,8 +37,8 @@ class Whitening:
 
     @classmethod
     def of_bands(cls, lines: np.ndarray, power: np.ndarray, model: Torques) -> Whitening:
-        """The same for the ``power`` (bands, n_m) of a noise in bands of so many ``lines`` (bands,
-        1).
+        """Whitening for the ``power`` (bands, n_m) of a noise in bands of so many ``lines``
+        (bands, 1).
         """
         n = len(model.measured)
         middle = np.cumsum(lines) - lines[:, 0] / 2

@@ -1,4 +1,4 @@
-"""What is known about the springs of a robot before its load is identified."""
+"""Prior standard deviations of the springs of a robot before its load is identified."""
 
 from __future__ import annotations
 

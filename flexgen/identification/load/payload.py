@@ -415,9 +415,7 @@ class _Estimate:
         self.effective = self.moving * min(1.0, NOISE_BAND * low_pass_hz * h)  # independent ones
 
     def _standstill(self, v_m: np.ndarray, low_pass_hz: float) -> tuple[list[Rests], float]:
-        """What friction at standstill does behind the filter, for each motor, and the share of
-        samples without it.
-        """
+        """Filtered stiction regressors of each motor, and the share of samples in motion."""
         ratio = np.abs(self.robot.eta).max(axis=1)
         most = ratio * largest_of_unit(self.robot, v_m / ratio)
         slow, fast = (
@@ -505,9 +503,7 @@ class _Estimate:
         )
 
     def _inertia(self, values: np.ndarray) -> np.ndarray:
-        """What the inertia of the payload of the file and the load, a point mass, is more than
-        that of the payload.
-        """
+        """Increase of the payload's inertia by the load, an additional point mass."""
         mass = self.of_file[-4]
         com = self.of_file[-3:]
         load = values[0] - mass

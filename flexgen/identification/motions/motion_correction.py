@@ -64,7 +64,7 @@ def correct_responses(residuals: Residuals, x: np.ndarray) -> tuple[Frf, float]:
 
 
 def find_shift(residuals: Residuals, x: np.ndarray, A: np.ndarray, G: np.ndarray) -> np.ndarray:
-    """How far the minimum x is from that of other responses G, (n,); ``A = Re J^H J`` at x."""
+    """Difference (n,) of the minimum x and that of other responses G; ``A = Re J^H J`` at x."""
     r, J = residuals.weight(x, True)
     away = r - residuals.against(G).weight(x, False)[0]
     return np.linalg.solve(A + np.diag(residuals.vector.prior_sd**-2.0), normal(away, J)[1])

@@ -418,7 +418,7 @@ def _warn_unexplained(found: Minimum, statics: Statics, data: StaticPoses) -> tu
 def _warnings(
     unknowns: Sequence[Unknown], found: Minimum, pulls: np.ndarray, held_out: np.ndarray | None
 ) -> tuple[str, ...]:
-    """What a user has to know before he trusts the numbers."""
+    """Warnings about the fitted numbers and the measured poses."""
     out = []
     wrong = [
         u.name.removesuffix(".compliance")

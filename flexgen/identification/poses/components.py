@@ -1,5 +1,5 @@
-"""What a calibration leaves unexplained: noise of each point, and a tilt of one element that
-changes from pose to pose.
+"""Variance components of the residuals of a calibration: noise of each point, and a tilt of one
+element that changes from pose to pose.
 
     r = noise + B tilt,      noise ~ N(0, s^2 I),   tilt ~ N(0, diag(d)),
     Sigma = s^2 I + B diag(d) B'

@@ -1,4 +1,4 @@
-"""What a calibration found: numbers with their accuracy, errors before, after and on poses that
+"""Result of a calibration: numbers with their accuracy, errors before, after and on poses that
 were not fitted.
 """
 

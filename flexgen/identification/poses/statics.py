@@ -108,7 +108,7 @@ class Near:
     inverse: np.ndarray | None = None
 
     def among(self, rows: np.ndarray) -> Near:
-        """The same for some of the poses."""
+        """Copy for some of the poses."""
         return Near(self.deflection[rows], None if self.inverse is None else self.inverse[rows])
 
 
@@ -188,13 +188,13 @@ class Statics:
         self.places = [tree.tip(sensor.place) for sensor in trackers_of(tree.model)]
 
     def among(self, rows: np.ndarray) -> Statics:
-        """The same for some of the poses."""
+        """Copy for some of the poses."""
         groups = None if self.groups is None else self.groups[rows]
         touches = None if self.touches is None else self.touches.among(rows)
         return Statics(self.tree, self.commands[rows], groups, touches)
 
     def with_commands(self, commands: np.ndarray) -> Statics:
-        """The same for other poses, that touch nothing."""
+        """Statics of other poses, without touches."""
         return Statics(self.tree, commands)
 
     def rest(self, numbers: Numbers, near: Near | None = None, *, rigid: bool = False) -> Rest:

@@ -82,7 +82,7 @@ class Surface:
 
 @dataclass(frozen=True)
 class Touches:
-    """What the trackers touch at N poses.
+    """Contacts of the trackers at N poses.
 
     ``surfaces``; ``which`` (N, k): index of the surface, -1: none; ``along`` (N, k), ``signs``
     (N, k): index and sign of the axis of a gauge; ``readings`` (N, k) [m]; ``tips``: pairs of a
@@ -120,7 +120,7 @@ class Touches:
         return cls(tuple(surfaces), which, along, signs, given, tuple(sorted(tips)))
 
     def among(self, rows: np.ndarray) -> Touches:
-        """The same for some of the poses."""
+        """Copy for some of the poses."""
         return replace(
             self,
             which=self.which[rows],

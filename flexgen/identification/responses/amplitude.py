@@ -62,7 +62,7 @@ class Level:
 
 @dataclass(frozen=True)
 class Motion:
-    """What a law depends on at the poses of a level, in units of the first level.
+    """Motion at the poses of a level, on which a law depends, in units of the first level.
 
     ``deflection`` (k, g) and ``speed`` (k, n_m): standard deviations; ``torque`` (k, g): mean
     torque of the gears over stiffness and deflection.
@@ -75,7 +75,7 @@ class Motion:
 
 @dataclass(frozen=True)
 class Effect:
-    """What a law does at the poses of one level.
+    """Effect of a law at the poses of one level.
 
     ``stiffness``, ``loss`` (k, g), ``friction`` (k, n_m): in the units of `Linearization`;
     ``distortion`` (k, g): of the torque over its linear part, None where it is not known.

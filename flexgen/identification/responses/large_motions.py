@@ -1,5 +1,5 @@
-"""What the size of a periodic motion about rest adds to the responses of the linear robot: terms
-of third order.
+"""Third-order correction of the responses of the linear robot for the finite amplitude of a
+periodic motion about rest.
 
     Z(w) Y(w) = B U(w) - N(w),    N: spectrum of  l(y, y', y'') less its linear part,
     Z = -w^2 M + j w D + K

@@ -123,7 +123,7 @@ class Residuals:
         return self._rest
 
     def against(self, G: np.ndarray) -> Residuals:
-        """The same residuals, with the same weights, against other responses."""
+        """Copy of the residuals with the same weights, against other responses."""
         out = copy.copy(self)
         out.data = replace(self.data, G=G)
         return out
@@ -274,7 +274,7 @@ class Residuals:
         return total + value, normal(r + change, J)[1], A
 
     def _compensation(self, G: np.ndarray) -> tuple[float, np.ndarray | float]:
-        """What compensates the cost for noise of the torques, and ``Z``: half its derivative is
+        """Compensation of the cost for noise of the torques, and ``Z``: half its derivative is
         ``Re J^H Z``.
         """
         if self._noisy is None or self._white is None:

@@ -33,8 +33,8 @@ def spectrum(x: np.ndarray, lines: np.ndarray) -> np.ndarray:
 
 
 def windowed_spectrum(x: np.ndarray, lines: np.ndarray) -> np.ndarray:
-    """The same of a segment without period, with a Hann window of mean square 1 and without its
-    mean.
+    """Amplitudes (lines, n) of a segment without period, with a Hann window of mean square 1 and
+    without its mean.
     """
     window = np.hanning(len(x) + 1)[:-1]
     window = window / np.sqrt((window**2).mean())

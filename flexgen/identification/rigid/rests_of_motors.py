@@ -51,7 +51,7 @@ def largest_of_unit(model: RobotModel, speed: np.ndarray) -> np.ndarray:
 
 
 class Rests:
-    """What the friction of one motor may do while it stands still, and how late it turns where the
+    """Filtered stiction regressors of one motor, and a regressor of the delayed friction where the
     motor reverses.
 
     Parameters

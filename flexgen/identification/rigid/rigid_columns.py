@@ -293,8 +293,8 @@ class Columns:
         return np.stack(rests, axis=1)
 
     def _rests_of(self, limit: float, low: LowPass | None) -> list[list[Rests]]:
-        """What standstill of each motor does in each motion, behind the filter; the same for all
-        numbers of a fit.
+        """Filtered stiction regressors of each motor in each motion; the same for all numbers of a
+        fit.
         """
         if limit not in self._rests:
 

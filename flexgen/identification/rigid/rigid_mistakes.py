@@ -1,5 +1,5 @@
-"""What a recording of a rigid arm may have wrong: the torques of one motor, a gear ratio, the zero
-of an angle.
+"""Single-fault hypotheses for a recording of a rigid arm: the torques of one motor, a gear ratio,
+the zero of an angle.
 
 Friction that falls with speed is found in the same way.
 

@@ -1,4 +1,4 @@
-"""What `flexgen.identify_servo` returns: the servo with standard deviations."""
+"""Result of `flexgen.identify_servo`: the servo with standard deviations."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ class ServoFit(Result):
 
     @property
     def left(self) -> float:
-        """What is unexplained over the noise, of the motor with the most."""
+        """Ratio of the unexplained residual to the noise, of the motor with the largest ratio."""
         return float((self.unexplained / np.maximum(self.noise, 1e-300)).max())
 
     @property

@@ -35,7 +35,7 @@ EVEN = 0.02  # largest difference of a step in time from the others, relative
 @checked_class
 @dataclass(frozen=True)
 class ServoRecord:
-    """What a robot was commanded, and where its motors were, in the joints that rigid gears would
+    """Record of commanded positions and of motor positions, in the joints that rigid gears would
     turn.
 
     Parameters

@@ -240,7 +240,9 @@ class InversionProblem:
 
     @property
     def sampling(self) -> float:
-        """The same with the force, under which motors reverse and their friction jumps [s]."""
+        """Sampling interval [s] that also resolves the force, under which motors reverse and their
+        friction jumps.
+        """
         return (
             self.step if self.force is None else min(self.step, self.force.resolving / REVERSALS)
         )

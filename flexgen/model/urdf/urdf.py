@@ -72,7 +72,7 @@ class Inertial:
     reduced: bool = False  # the principal moments need not satisfy the triangle inequality
 
     def express_in_parent(self, pose: Pose) -> Inertial:
-        """The same body, expressed in the parent of the frame with this pose."""
+        """Inertia of the body, expressed in the parent of the frame with this pose."""
         R = pose.rotation
         return Inertial(
             self.mass, pose.position + R @ self.com, R @ self.inertia @ R.T, self.reduced

@@ -68,7 +68,7 @@ def of_motion(force: ProcessForce | None, motion: int) -> ProcessForce | None:
 
 
 def in_time(force: ProcessForce, path: Path) -> ProcessForce:
-    """The same with time derivatives."""
+    """Force along a path as a function of time, with its time derivatives."""
     return make_force(force_along(force, path), path.equations.model, path.duration)
 
 

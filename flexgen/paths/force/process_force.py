@@ -150,8 +150,8 @@ def make_force(
 def scale_force(
     given: Any, model: RobotModel, factor: float
 ) -> Callable[[np.ndarray], np.ndarray]:
-    """What a user gives times a factor, as a function of instants (n,) [s] from the start to the
-    end of the path.
+    """Scaled force, a user's times a factor, as a function of instants (n,) [s] from the start to
+    the end of the path.
     """
     return lambda t: factor * make_force(given, model, float(t[-1])).at(t)
 

@@ -234,8 +234,8 @@ class ProgramSearch:
         return state.x
 
     def _slow_enough(self, x: list[np.ndarray]) -> _State:
-        """The same laws, all as much slower as the effective torques need; SolverError where that
-        does not help.
+        """State of the laws, all slowed down by the factor that the effective torques need;
+        SolverError where that does not help.
         """
         low = 1.0
         high = 1.0

@@ -21,8 +21,8 @@ CLOSE = 1e-9  # m, or entries of a rotation matrix: largest error of the polynom
 
 
 def path_by_parameter(path: Path) -> tuple[Path, float]:
-    """The same path with the arc length as its time, and its total length; ArgumentError for
-    several segments.
+    """Path with the arc length as its time, and its total length; ArgumentError for several
+    segments.
     """
     if len(path.segments) != 1:
         raise ArgumentError(

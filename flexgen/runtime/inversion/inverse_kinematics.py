@@ -179,7 +179,7 @@ def inverse_kinematics_of(
     failures: Failures,
     again: tuple[Callable[..., Any], tuple[Any, ...]],
 ) -> InverseKinematics | None:
-    """What a library offers; None where the manifest lists no inverse kinematics."""
+    """Inverse kinematics of a library; None where the manifest lists none."""
     name = manifest["name"]
     sizes = manifest["sizes"]
     if not {FUNCTION, f"{FUNCTION}_work"} <= {

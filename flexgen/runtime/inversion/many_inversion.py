@@ -117,12 +117,12 @@ class Inversions:
         return self.status == 0
 
     def sentence(self, problem: int) -> str:
-        """What the status of a problem means."""
+        """Meaning of the status of a problem."""
         status = int(self.status[problem])
         return self.sentences.get(status, f"unknown status {status}")
 
     def counts(self) -> dict[str, int]:
-        """How many problems have which status, by its sentence."""
+        """Number of problems with each status, by its sentence."""
         found = Counter(self.status.tolist())
         return {
             self.sentences.get(status, f"unknown status {status}"): number
@@ -175,7 +175,7 @@ class InversionOptions:
 
 @dataclass(frozen=True)
 class _Job:
-    """What C needs for all problems, as checked arrays."""
+    """Inputs of C for all problems, as checked arrays."""
 
     problems: int
     samples: Mapping[str, np.ndarray]

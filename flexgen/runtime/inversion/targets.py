@@ -53,7 +53,7 @@ class Target:
 
     @property
     def suffix(self) -> str:
-        """How the names of its shared libraries end: so, dll or dylib."""
+        """Suffix of the names of its shared libraries: so, dll or dylib."""
         return _SUFFIXES[self.system]
 
     def fmi_name(self, version: str) -> str:
@@ -73,7 +73,7 @@ def this_target() -> Target | None:
 
 
 def library_suffix() -> str:
-    """How the names of the shared libraries of this computer end."""
+    """Suffix of the names of shared libraries on this computer."""
     return _SUFFIXES[_SYSTEMS.get(sys.platform, "linux")]
 
 

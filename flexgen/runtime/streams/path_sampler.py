@@ -144,7 +144,7 @@ def samplers_of(
     again: tuple[Callable[..., Any], tuple[Any, ...]],
     parameters: np.ndarray,
 ) -> SamplerEntries | None:
-    """What a library offers for samples of paths; None where the manifest lists none."""
+    """Entry points of a library for samples of paths; None where the manifest lists none."""
     names = ("path_start", "path_sample", "path_work")
     if not set(names) <= {row["name"] for row in manifest.get("c_functions", ())}:
         return None

@@ -66,9 +66,7 @@ def streams_of(
     again: tuple[Callable[..., Any], tuple[Any, ...]],
     parameters: np.ndarray,
 ) -> StreamEntries | None:
-    """What a library offers for streams, whose entry points are found by name; None where the
-    manifest lists none.
-    """
+    """Entry points of a library for streams, found by name; None where the manifest lists none."""
     names = (
         "stream_work",
         "stream_start",

@@ -1,1 +1,1 @@
-"""What sensors of a robot read, and walls that its tool touches."""
+"""Signals of the sensors of a robot, and walls that its tool touches."""

@@ -41,7 +41,7 @@ class RobotFunction:
         self._kept: list[dict[str, np.ndarray]] = []
 
     def of_robots(self, group: slice) -> RobotFunction:
-        """The same function with the numbers of some robots."""
+        """Copy with the numbers of some robots."""
         some = copy(self)
         some.numbers = np.ascontiguousarray(self.numbers[group])
         some._kept = []

@@ -1,4 +1,4 @@
-"""What all sensors of a robot read along a motion, without noise, delay and resolution."""
+"""Ideal signals of all sensors of a robot along a motion, without noise, delay and resolution."""
 
 from __future__ import annotations
 
@@ -25,13 +25,15 @@ TOOL = 6
 
 
 def encoder_error(given: FourierSum, q_m: np.ndarray) -> np.ndarray:
-    """What an encoder shows less the motor angle ``q_m`` (n,) [rad]."""
+    """Error of an encoder [rad], its reading less the motor angle ``q_m`` (n,) [rad]."""
     k = np.outer(q_m, given.harmonics)
     return np.asarray(np.cos(k) @ given.cos + np.sin(k) @ given.sin)
 
 
 def shown_angles(model: RobotModel, q_m: np.ndarray) -> np.ndarray:
-    """What the encoders of a model show at the motor angles ``q_m`` (n, n_m) [rad]."""
+    """Readings (n, n_m) [rad] of the encoders of a model at the motor angles ``q_m`` (n, n_m)
+    [rad].
+    """
     out = np.array(q_m, dtype=float)
     for j, motor in enumerate(model.motors):
         if motor.encoder_error is not None:

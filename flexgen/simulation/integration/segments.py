@@ -67,7 +67,7 @@ class Segments:
         self._at_once = int(library.segments_lanes())
 
     def with_steps(self, steps: int) -> Segments:
-        """The same simulation in so many steps from one sample to the next."""
+        """Copy of the simulation with so many steps from one sample to the next."""
         made = copy(self)
         made.steps = steps
         made.step = self.step * self.steps / steps

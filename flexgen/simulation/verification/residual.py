@@ -92,7 +92,7 @@ def _bristles(equations: Equations, motion: Motion) -> np.ndarray:
 
 
 def _acting_hysteresis(equations: Equations, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
-    """What torques of hysteresis add to the residuals of actuated coordinates and of motors."""
+    """Contribution of hysteresis torques to the residuals of actuated coordinates and motors."""
     z = motion.tau_h
     model = equations.model
     if z is None:
@@ -109,7 +109,7 @@ def _acting_hysteresis(equations: Equations, motion: Motion) -> tuple[np.ndarray
 
 
 def _acting_bristles(equations: Equations, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
-    """What torques of bristles add to the residuals of actuated coordinates and of motors."""
+    """Contribution of bristle torques to the residuals of actuated coordinates and motors."""
     braking = motion.tau_b
     model = equations.model
     if braking is None:

@@ -151,7 +151,7 @@ def linearize(equations: Equations, trajectory: Trajectory, sources: Sources) ->
     delay = sources.kinds.index(DELAY) if DELAY in sources.kinds else None
 
     def late(errors: np.ndarray) -> np.ndarray:
-        """What torques that are late change in the residual, (k, robots, n)."""
+        """Residual caused by a torque delay, (k, robots, n)."""
         if delay is None:
             return np.zeros((len(t), 1, 1))
         then = trajectory.at(np.clip(t - errors[:, delay, None], first, last).ravel())["tau_m"]

@@ -1,4 +1,4 @@
-"""What `flexgen.predict` returns: errors, bands, shares, and their text."""
+"""Result of `flexgen.predict`: errors, bands, shares, and their text."""
 
 from __future__ import annotations
 

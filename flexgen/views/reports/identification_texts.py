@@ -126,8 +126,8 @@ def grade_table(found: IdentificationResult) -> str:
 
 
 def amplitude_sentence(found: IdentificationResult) -> str:
-    """What the levels of the excitation show, or what further levels would show of a misfit
-    without a known cause.
+    """Result of the amplitude test in words, or advice to give a second level for a misfit without
+    a known cause.
     """
     from flexgen.identification.responses.result import FitStatus
 
@@ -142,7 +142,7 @@ def amplitude_sentence(found: IdentificationResult) -> str:
 
 
 def validation_text(checked: Validation, motors: Sequence[str]) -> str:
-    """What experiments that were not used say of a fit."""
+    """Validation of a fit by experiments that were not used, as text."""
     columns = zip(motors, checked.fit_percent, checked.white, strict=True)
     rows = [[name, fit, 100 * white] for name, fit, white in columns]
     title = (

@@ -89,8 +89,8 @@ def output_at(equations: Equations, q_a: np.ndarray) -> np.ndarray:
 def compute_expected(
     equations: Equations, functions: Sequence[Mapping[str, Any]], given: Mapping[str, np.ndarray]
 ) -> dict[str, np.ndarray]:
-    """What the definition gives: per ``function.port`` an array (POINTS, size), matrices by
-    columns.
+    """Expected outputs by the definition: per ``function.port`` an array (POINTS, size), matrices
+    by columns.
     """
     out = {}
     for function in functions:
