@@ -152,10 +152,9 @@ REFINE_REFUSED = {
     "currents": "constant: given nothing",
     "labels": "m9",
     "no header": "given numbers in the first line, expected the names of the columns",
-    "gap": "given a gap of",
 }
 REFINE = (
-    "as it is", "jitter", "degrees", "other units", "currents with constants", "order",
+    "as it is", "jitter", "degrees", "other units", "currents with constants", "order", "gap",
     "names by option", *REFINE_REFUSED,
 )  # fmt: skip
 STIFFNESS = 6e6  # N m/rad, of the first gear of the robot that was measured; file: 7.5e6
