@@ -1,1 +1,1 @@
-"""Performance of a robot: minimum time, iterative learning, identification of the load."""
+"""Minimum time along a path, with limits of motors, gears and vibration."""

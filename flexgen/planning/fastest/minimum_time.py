@@ -1,4 +1,4 @@
-"""The fastest motion along a path: a time law whose exact torques keep all limits.
+"""Minimum-time motion along a path: a time law whose exact torques keep all limits.
 
     minimize T  subject to  |tau_m| <= tau_max,  |v_m| <= v_max,  |dtau_m/dt| <= rate_max,
                             |deflection| <= limit
@@ -10,8 +10,8 @@ trust region: slopes by differences of inversions, violations by an exact penalt
 
     min dT + w sigma,   |g + G dx| <= 1 + sigma,   c does not decrease,   |dx| <= trust
 
-Lower bound: the same robot with rigid gears and links and torques that may jump, by the method of
-reachable speeds.
+Lower bound: the minimum time of the rigid robot with discontinuous torques, by reachability
+analysis of squared speeds.
 
 Source: H. Pham, Q.-C. Pham, IEEE Trans. Robotics 34(3), 2018 (reachable squared speeds along a
 path).
@@ -95,7 +95,7 @@ class FastestMove(Result):
     history : tuple of float
         Duration after each step [s].
     margin : tuple of float [N m]
-        Torque of each motor that is left for the feedback of 95 % of the robots; empty without
+        Torque of each motor reserved for the feedback of 95 % of the robots; empty without
         ``against``.
     force : callable or None
         The force of the process along the new motion, as `flexgen.solve` and `flexgen.control`
@@ -148,8 +148,8 @@ class FastestMove(Result):
 
     @property
     def assumed(self) -> dict[str, float]:
-        """Torque limits [N m] that are the largest torques of the move as it is given, as of
-        motors that had none.
+        """Torque limits [N m] taken from the largest torques of the given move, for motors without
+        a limit in the model file.
         """
         largest = np.abs(self.default.trajectory["tau_m"]).max(axis=0)
         names = [motor.name for motor in self.solution.model.motors]
@@ -259,10 +259,10 @@ def fastest(
     against : str, optional
         ``"95 %"``: of the robots drawn from the table ``[uncertainty]`` of the model, 95 % keep
         the torque limits at each instant with the motor feedback of `flexgen.predict`; the search
-        is repeated with what it leaves of them. Not with torque-speed curves.
+        is repeated with the torque that this feedback leaves. Not with torque-speed curves.
     force : array (n, 3), callable or file, optional [N]
-        Of a process on the tool over the place on the path: `flexgen.paths.force.place_force`. The
-        limits are kept with it.
+        Process force on the tool as a function of the path parameter:
+        `flexgen.paths.force.place_force`. The limits hold under this force.
     time_limit : float or None [s]
         Of the whole search; None or 0: unlimited.
     progress : callable or bool, optional
@@ -345,7 +345,7 @@ def _with_margin(find: Callable[..., FastestMove], progress: Choice) -> FastestM
     """The fastest move whose torques, with those of the feedback of 95 % of the robots, keep the
     limits.
 
-    SolverError where what they leave of the limits does not settle.
+    SolverError where the repeated search does not converge.
     """
     found = find()
     limits = np.array(found.limits.torque)
@@ -373,8 +373,8 @@ def _find_fastest(
     progress: Choice,
     margin: np.ndarray | None = None,
 ) -> FastestMove:
-    """The fastest time law; arguments of `fastest`, checked; ``margin`` (n_m,): what torques leave
-    of the limits.
+    """The fastest time law; arguments of `fastest`, checked; ``margin`` (n_m,): torques [N m]
+    subtracted from the limits.
     """
     tell = progress if callable(progress) else (lambda line: None)
     tell("solving the move as it is given")
@@ -460,8 +460,8 @@ def _find_fastest(
 def _excesses(found: Solution, limits: Limits, windows: list[tuple[float, float]]) -> np.ndarray:
     """Largest excess of a limit along a solution in each of some windows of time [s], relative.
 
-    Between its samples too; that of a torque at its speed relative to the torque that its curve
-    allows there.
+    Instants between the samples are included. The excess of a torque-speed curve is relative to
+    the torque that the curve allows at the speed of the motor.
     """
     path = found.trajectory
     end = float(found.move.duration)
@@ -487,8 +487,8 @@ def _excesses(found: Solution, limits: Limits, windows: list[tuple[float, float]
 def _solve_as_given(
     robot: RobotModel, path: Path, several: bool, force: Any, shown: Choice
 ) -> Solution:
-    """The solution of the move as it is given; of a program verified only where its residual alone
-    does not do.
+    """The solution of the given move. A program is simulated only where its residual alone does
+    not verify it.
     """
     if several:
         try:
@@ -501,7 +501,7 @@ def _solve_as_given(
 def _limits_of(
     robot: RobotModel, given: Limits | None, torque_rate: float | None, default: Solution
 ) -> Limits:
-    """Those given, else those of the model file; every motor has one of its torque.
+    """The given limits, else those of the model file; every motor gets a torque limit.
 
     ``torque_rate``: a bound of the rates as a multiple of those of the ``default`` move.
     """

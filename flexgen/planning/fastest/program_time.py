@@ -1,14 +1,14 @@
 """The fastest time laws of a program: one for each motion from rest to rest, and limits that
 connect them.
 
-Each motion is searched alone, see `time_search.py`. Effective torques are means over the whole
-program: where one is exceeded, linear programs over all laws follow,
+Each motion is optimized alone, see `time_search.py`. Effective (RMS) torques are means over the
+whole program: where a limit of one is exceeded, linear programs over all laws follow,
 
     min sum dT_k + w sum sigma,   |g_k + G_k dx_k| <= 1 + sigma_k,
     c + sum_k C_k dx_k <= 1 + sigma_0
 
-with the effective torques c over their limits. At last the whole program is inverted, and motions
-whose torques, with those of their neighbors, exceed a limit there are slowed down.
+with the ratios c of effective torques to their limits. Finally the whole program is inverted.
+Neighboring motions overlap there; motions whose torques then exceed a limit are slowed down.
 """
 
 from __future__ import annotations
@@ -160,8 +160,8 @@ class ProgramSearch:
         return found, [*history, self.duration(found)]
 
     def _again(self, found: list[np.ndarray] | None) -> list[np.ndarray] | None:
-        """The shortest of time laws and those of the search from the laws as given, with heavy
-        penalties.
+        """The shorter of two results: the given time laws, and those of a second search from the
+        initial laws with larger penalties.
         """
         given = self._find_slower([leg.start() for leg in self.legs])[0]
         state = None if given is None else self._state(given)
@@ -234,8 +234,8 @@ class ProgramSearch:
         return state.x
 
     def _slow_enough(self, x: list[np.ndarray]) -> _State:
-        """State of the laws, all slowed down by the factor that the effective torques need;
-        SolverError where that does not help.
+        """State of the laws, all slowed down by the factor that the effective torques require;
+        SolverError where their limits do not hold then.
         """
         low = 1.0
         high = 1.0

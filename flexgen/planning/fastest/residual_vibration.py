@@ -1,6 +1,4 @@
-"""Vibration of the tool after a move, of robots whose stiffness differs from the model, under a
-P-PI cascade.
-"""
+"""Residual vibration of the tool after a move: robots of other stiffness under a P-PI cascade."""
 
 from __future__ import annotations
 
@@ -41,7 +39,9 @@ PLANTS = {"soft": {"stiffness": 0.9}, "stiff": {"stiffness": 1.1}}
 
 
 def has_springs(model: RobotModel) -> bool:
-    """Whether a robot has stiffnesses that may differ: nothing vibrates without them."""
+    """Whether a robot has springs whose stiffness may differ; a robot without springs does not
+    vibrate.
+    """
     return has_group(model, "stiffness")
 
 

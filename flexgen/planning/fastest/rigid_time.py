@@ -1,5 +1,5 @@
-"""The shortest time of a rigid robot along a path, with torques that may jump: a lower bound and a
-check.
+"""Minimum time of a rigid robot along a path with discontinuous torques: a lower bound of the
+duration.
 
 With s the path parameter, x its squared speed and u its acceleration, the motor torques are linear
 in both,

@@ -1,6 +1,4 @@
-"""Time laws slowed down until the limits are kept, also where much more time takes away only a
-small excess.
-"""
+"""Time scaling until all limits hold; bisection where the excess decreases slowly."""
 
 from __future__ import annotations
 
@@ -29,8 +27,8 @@ def slow_down(
     slower: Callable[[list[np.ndarray], np.ndarray], list[np.ndarray]],
     kept: float,
 ) -> tuple[list[np.ndarray] | None, list[tuple[float, float]]]:
-    """Slow time laws down: by steps as small as the excess; where several do not suffice, growing
-    ones and bisection.
+    """Slow time laws down by steps as small as the excess; after several steps that do not
+    suffice, by growing steps and bisection.
 
     Parameters
     ----------
@@ -45,7 +43,7 @@ def slow_down(
     Returns
     -------
     found : list of arrays or None
-        None: the limits are not kept at `SLOWEST` times the duration, or the motion has no
+        None: a limit is exceeded at `SLOWEST` times the duration, or the motion has no
         inversion.
     over : list of tuple
         Durations [s] and largest excesses that were tried by steps.
@@ -80,10 +78,10 @@ def slow_down(
 
 
 def in_words(over: list[tuple[float, float]], means: bool) -> str:
-    """At which speeds limits are exceeded, from durations and excesses; ``means``: limits depend
-    on the time law.
+    """Sentence on the excess of the limits at the durations that were tried; ``means``: the limits
+    are means, which depend on the whole time law.
 
-    What is left at rest is extrapolated with the inverse of the duration.
+    The excess at infinite duration (statics) is extrapolated in the inverse of the duration.
     """
     (before, more), (longest, least) = over[-2:] if len(over) > 1 else over * 2
     shown = False

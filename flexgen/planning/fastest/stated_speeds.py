@@ -1,4 +1,4 @@
-"""Speeds that steps of a path state: a time law has to keep them whatever else is faster."""
+"""Speed limits stated by the steps of a path, which every time law keeps."""
 
 from __future__ import annotations
 

@@ -139,7 +139,7 @@ class TimeSearch:
         )
 
     def start(self) -> np.ndarray:
-        """The polynomial law of smoothness 5, a little slower than given."""
+        """The polynomial law of smoothness 5, slightly slower than the given move."""
         spline = SplineLaw(1.0, tuple(np.linspace(0, 1, self.n + 2)[1:-1])).spline
         u = np.linspace(0, 1, 20 * self.n + 1)
         basis = BSpline.design_matrix(u, spline.t, spline.k).toarray()
@@ -264,7 +264,7 @@ class TimeSearch:
         return float(np.abs(self.constraints(x, FINER)).max() - 1.0)
 
     def quick_start(self) -> np.ndarray:
-        """The polynomial law of smoothness 5, as fast as the limits let it be."""
+        """The polynomial law of smoothness 5, slowed down or accelerated to the limits."""
         x = self.start()
         low = 0.0
         high = 1.0
@@ -371,12 +371,12 @@ class TimeSearch:
         return np.concatenate([[x[0] * (1 + max(0.3 * np.max(excess), 1e-4))], x[1:]])
 
     def windows(self, x: np.ndarray) -> list[tuple[float, float]]:
-        """Begin and end of what the time law can slow down [s]."""
+        """Begin and end of the window in which the time law changes the torques [s]."""
         return [(-np.inf, np.inf)]
 
     def calm(self, x: np.ndarray, history: list[float]) -> np.ndarray:
-        """From the fastest time law to longer ones with the least vibration, until it is small
-        enough.
+        """Time laws of increasing duration with minimal vibration, until the vibration is within
+        its bound.
         """
         for longer in LONGER:
             x = np.concatenate([[max(longer * history[-1], x[0])], x[1:]])
@@ -392,8 +392,8 @@ class TimeSearch:
         )
 
     def _calmest(self, x: np.ndarray) -> tuple[np.ndarray, float]:
-        """The time law of the same duration with less vibration, and how large it is over the
-        allowed one.
+        """The time law of equal duration with less vibration, and the ratio of its vibration to
+        the bound.
         """
         g = self.constraints(x)
         s = self.swing(x)

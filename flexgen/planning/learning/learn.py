@@ -344,9 +344,7 @@ def _iterate(
     low: float,
     tell: Callable[[str], None],
 ) -> tuple[tuple[ControlRun, ...], tuple[np.ndarray, ...], int, str, tuple[float, ...]]:
-    """Runs, corrections, best iteration, why they ended before the last, and errors as they were
-    measured.
-    """
+    """Runs, corrections, best iteration, reason for early termination, and measured errors."""
     runs: list[ControlRun] = []
     errors: list[float] = []
     corrections = [np.zeros((len(commanded.time), commanded.outputs))]

@@ -1,5 +1,5 @@
-"""Smoother along a planned motion: how far the arm was from it, from a whole record of motor
-angles and accelerations.
+"""Fixed-interval smoother along a planned motion: deviation of the arm, estimated from a complete
+record of motor angles and accelerations.
 
     x' = A x + B (du + d) + E f,    f' = -f/T + noise,    d' = noise,
     dy = C x + D (du + d) + D_f f + noise
@@ -7,9 +7,9 @@ angles and accelerations.
 x: state minus reference; d: torques on the motors; f: forces on the coordinates of the arm, the
 errors of the model: springs of other stiffness and other loads. A fifth of the change of the arm's
 forces along the motion is expected. The filter with stationary gains at each pose runs forwards,
-the smoother of Rauch, Tung and Striebel backwards, so that nothing is late. Means of the
-measurements at rest before the motion are taken off: accelerometers do not show where the arm
-rests, and their bias is not known.
+the smoother of Rauch, Tung and Striebel backwards, so that estimates have no delay. Means of the
+measurements at rest before the motion are subtracted: accelerometers do not measure the rest
+position of the arm, and their bias is unknown.
 
 Source: H. Rauch, F. Tung, C. Striebel, AIAA Journal 3(8), 1965.
 """
@@ -155,8 +155,8 @@ class PathSmoother:
 
 
 def acting(torque: np.ndarray, whole: int, rest: float) -> np.ndarray:
-    """Means of the torques between samples (n, n_m), from those sent: ``whole`` samples and a
-    ``rest`` of one late.
+    """Means of the acting torques between samples (n, n_m), from the commanded ones, which act
+    with a delay of ``whole`` samples and the fraction ``rest`` of one.
     """
     at = np.arange(len(torque)) - 1 - whole
     now, last = (torque[np.maximum(x, 0)] for x in (at, at - 1))

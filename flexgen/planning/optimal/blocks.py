@@ -1,4 +1,4 @@
-"""A nonlinear program from blocks: one small function, the same at many instants, with its exact
+"""A nonlinear program from blocks: small functions that repeat at many instants, with exact
 derivatives.
 
 Each block is a scalar function in few unknowns z. Its Jacobian and Hessian are formed once,

@@ -83,10 +83,11 @@ def basis_at(s: np.ndarray, count: int) -> np.ndarray:
 
 
 def make_plan_force(given: Any, equations: Equations, free: bool) -> PlanForce:
-    """The force from what a user gives; ``free``: the path parameter is an unknown of the problem.
+    """The force from the argument ``force``; ``free``: the path parameter is an unknown of the
+    problem.
 
-    ArgumentError for something else, for a force over the place where there is none, and for one
-    that changes too quickly along the path.
+    ArgumentError for another type, for a force over the path parameter where the problem has no
+    unknown one, and for a force that changes too quickly along the path.
     """
     if isinstance(given, list | tuple | np.ndarray) and np.ndim(given) == 1:
         held = make_place_force(np.tile(given, (2, 1)), equations.model, 1)
