@@ -1,5 +1,4 @@
-"""Draws of a scenario: in which order, when, with which sign and size the disturbances come, by a
-seed.
+"""Random draws of a scenario: order, times, signs and sizes of the disturbances, from a seed.
 
 Every random number is uniform, from the SHA-256 of benchmark, version, seed, draw and its purpose:
 the same on every computer. Version 1 has one draw, the times of its file.
@@ -36,7 +35,9 @@ class Draw:
     secret: str = ""
 
     def order(self, robots: int) -> list[int]:
-        """Which robot is at which place of the loop: a controller cannot know it by counting."""
+        """Random assignment of the robots to the lanes of the loop, so that a controller cannot
+        identify them by counting.
+        """
         if not self.secret:
             return list(range(robots))
         return sorted(range(robots), key=lambda k: _uniform(self.secret, f"place of robot {k}"))

@@ -1,10 +1,9 @@
-"""Controllers that are code of others, in a separate process: Python files, objects of Python,
-shared libraries.
+"""Third-party controllers in a separate process: Python files, Python objects, shared libraries.
 
 The process knows neither the scorer's memory nor the draws: it gets the measurements of all robots
-of a sample over a pipe and returns their torques. What it returns is checked here: its length, and
-that the numbers are finite. A process that does not answer in time is ended. It guards the score,
-not the computer: code of others can do what its user may.
+of a sample over a pipe and returns their torques. Its answer is checked here: length and finite
+numbers. A process that does not answer in time is terminated. This protects the score, not the
+computer: third-party code has all rights of its user.
 
 Messages, in the order of bytes of this computer: int64 k, then y (lanes, n_y) and ref (lanes,
 n_ref); the answer is int64 n, then u (lanes, n_m), then n bytes of JSON with the robots that

@@ -1,4 +1,4 @@
-"""The process in which a controller of others runs; see `foreign.py` for the messages."""
+"""The process in which a third-party controller runs; see `foreign.py` for the messages."""
 
 from __future__ import annotations
 
@@ -34,7 +34,9 @@ Steps = Callable[[int], dict[int, str]]
 
 
 def main() -> None:
-    """Answer until the pipe is closed. What the controller prints goes to the standard error."""
+    """Answer until the pipe is closed. Output that the controller prints goes to the standard
+    error.
+    """
     take = os.fdopen(os.dup(0), "rb")
     give = os.fdopen(os.dup(1), "wb", buffering=0)
     os.dup2(2, 1)

@@ -81,8 +81,8 @@ def scenario_controller(
 
 
 def is_foreign(given: Any) -> bool:
-    """Whether a controller is code of others: a file of Python, a shared library, an object with a
-    step of its own.
+    """Whether a controller is third-party code: a Python file, a shared library, or an object with
+    its own method ``step``.
     """
     if isinstance(given, (str, Path)):
         return is_python(str(given)) or str(given).endswith(LIBRARIES)

@@ -69,7 +69,7 @@ def scenario(name: str | Path, version: int | None = None) -> Scenario:
     Raises
     ------
     ArgumentError
-        There is none, the file is not what a scenario is, or it is not the published one.
+        There is none, the file is not a scenario, or it differs from the published one.
     ModelError
         Its model cannot be read.
     """

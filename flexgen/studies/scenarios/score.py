@@ -355,7 +355,7 @@ def score(
 def _find_broken_rule(
     chosen: Scenario, made: Controller, seed: int | None, steps: int | None
 ) -> str:
-    """Why a score does not follow the rule of its benchmark, or nothing."""
+    """Reason why a score does not follow the rule of its benchmark; empty if it does."""
     if isinstance(made, ForeignController):
         if chosen.plan is None:
             return (

@@ -1,3 +1,3 @@
-"""Many at once: grids of cases, solved in shards that can be resumed, in any number of processes,
-into one table.
+"""Sweeps: grids of cases, solved in shards by any number of processes into one table; interrupted
+sweeps can be resumed.
 """

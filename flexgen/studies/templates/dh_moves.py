@@ -133,7 +133,7 @@ def draw_poses(robot: RobotModel, count: int, seed: int = 1) -> np.ndarray:
 
 
 class Arm:
-    """An arm without moves, and what its poses and motions need."""
+    """An arm without moves, with the functions that evaluate its poses and motions."""
 
     def __init__(self, equations: Equations, axes: Sequence[int]) -> None:
         """``axes``: rows of the Jacobian (of 6) that the output prescribes; none: all joints."""

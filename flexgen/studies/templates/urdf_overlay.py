@@ -73,7 +73,7 @@ class Inertias:
 
     @property
     def rise(self) -> float:
-        """By how much the frequency at the smallest is above that at the largest inertia."""
+        """Relative increase of the natural frequency from the largest to the smallest inertia."""
         return math.sqrt(self.largest / max(self.smallest, NO_INERTIA))
 
 

@@ -1,3 +1,1 @@
-"""Uncertainty: how far a robot may be from its path, from what is known about the accuracy of its
-model.
-"""
+"""Uncertainty: tool error of a robot, from the tolerances of its model."""

@@ -93,7 +93,7 @@ def plan_states(
 
 
 class States(ABC):
-    """The common part of both: where the deviations were, and the torques of the plan."""
+    """Common base of both: deviations of the last step, and torques of the plan."""
 
     def __init__(self, plan: PlannedStates, shape: tuple[int, ...]) -> None:
         self.plan = plan

@@ -173,7 +173,7 @@ def linearize(equations: Equations, trajectory: Trajectory, sources: Sources) ->
 
 
 def _knots(v_a: np.ndarray) -> np.ndarray:
-    """Instants at which matrices are evaluated, as numbers of samples."""
+    """Samples at which matrices are evaluated, as indices."""
     speed = np.abs(v_a).max(axis=1)
     along = np.cumsum(1.0 + DENSER * speed / max(float(speed.max()), 1e-300))
     found = np.searchsorted(along, np.linspace(along[0], along[-1], KNOTS))

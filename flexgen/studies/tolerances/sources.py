@@ -1,5 +1,4 @@
-"""Sources of uncertainty: numbers of a model that are not known exactly, and robots drawn from
-them.
+"""Sources of uncertainty: uncertain numbers of a model, and robots drawn from them.
 
 A source is a number of the model, or some that change together: all numbers of a spring, or mass
 and inertia of a body. Source i of value p_i has the relative error
@@ -115,7 +114,7 @@ class Sources:
 def of_equations(sources: Sources, model: RobotModel) -> Sources:
     """The sources with those of their numbers that equations of motion without states have.
 
-    Where they have none, the mass of the payload, which no source changes.
+    If there is none, the mass of the payload, which no source changes.
     """
     kept = [
         k
