@@ -11,8 +11,9 @@ by the responses of the model file. The best ones are fitted, together with all 
 
     share = (cost - cost with the hypothesis) / (cost - degrees of freedom)
 
-A fit that noise explains is asked for hidden causes as well: of a small fault the gain of its own
-hypothesis is seen long before the cost, which has the noise of all data in it.
+A fit whose residuals noise explains is tested for hidden causes as well: a small fault is
+significant in the gain of its own hypothesis long before it is in the cost, which contains the
+noise of all data.
 
 Source: C. R. Rao, Proc. Cambridge Philosophical Society 44, 1948 (score test).
 """
@@ -319,8 +320,8 @@ def _slope(residuals: Residuals, change: Change, x: np.ndarray, at: float) -> np
 
 
 def _search(residuals: Residuals, start: np.ndarray) -> Minimum:
-    """The fit, ended where the cost is near its minimum in terms of itself: the share needs no
-    more.
+    """The fit, ended where the cost is within a small part of itself from its minimum: the share
+    needs no higher accuracy.
     """
     return minimize(residuals.problem, start, Search(_distance_to_end(residuals)))
 

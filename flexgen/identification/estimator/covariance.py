@@ -7,12 +7,12 @@ give, for the blocks b,
     H = (J'J + P)^-1,      c_b = (J'J + P - J_b'J_b)^-1 J_b' r_b,
     covariance = sum_b c_b c_b' + H P H
 
-c_b: what leaving out a block changes (jackknife). That is H g_b with the scores ``g_b = J_b' r``
-for the residuals r of a fit without the block, since a fit makes residuals small. Along the
-principal axes of J'J + P the changes are larger by Student's quantile over the normal one, such
-that 1.96 deviations are 95 % also where few blocks have the information on an axis. A block that
-determines a number alone has no errors in any fit: its residuals count with the unit variance of
-their weights.
+c_b: change of the estimate when block b is left out (jackknife). It is H g_b with the scores
+``g_b = J_b' r`` for the residuals r of a fit without the block, since a fit makes residuals small.
+Along the principal axes of J'J + P the changes are larger by Student's quantile over the normal
+one, such that 1.96 deviations are 95 % also where few blocks have the information on an axis. A
+block that determines a number alone has no errors in any fit: its residuals count with the unit
+variance of their weights.
 
 Source: B. Efron, The Jackknife, the Bootstrap and Other Resampling Plans, 1982, ch. 3; R. Cook and
 S. Weisberg, Residuals and Influence in Regression, 1982, ch. 3 (fits without samples); R. Bell and

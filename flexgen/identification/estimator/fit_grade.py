@@ -1,4 +1,4 @@
-"""Grade of a fit: its misfit by element and band, and what feedforward with the model makes of it.
+"""Grade of a fit: its misfit by element and band, and the error of feedforward with the model.
 
 With a reference acceleration a the robot needs the torques u = G^-1 a, and the model gives G(x)^-1
 a: the error of the feedforward, relative to the torques that the robot needs, is

@@ -1,9 +1,10 @@
 """Minimum of a problem of estimation: a trust region on the normal equations, within bounds.
 
 The step s minimizes the quadratic model ``value + 2 g's + s'A s``, prior included, within a sphere
-about x, from the eigenvalues of A; a number that would leave its bounds goes to the bound, and the
-others know. The sphere is that of the numbers themselves, which have sizes near 1, as logarithms
-do, or that of their curvature, ``|D s|`` with ``D^2 = diag A``, for numbers of different units.
+about x, from the eigenvalues of A; a number that would leave its bounds is set to the bound, and
+the step of the others accounts for it. The sphere is that of the numbers themselves, which have
+sizes near 1, as logarithms do, or that of their curvature, ``|D s|`` with ``D^2 = diag A``, for
+numbers of different units.
 
 Along a valley that bends, steps gain less than planned. From the first such step on, half the
 acceleration is added,
@@ -343,7 +344,7 @@ class _Quadratic:
         return float(slope @ np.linalg.lstsq(scaled, slope, rcond=ROUNDING)[0])
 
     def add_shift(self, free: np.ndarray) -> np.ndarray:
-        """The matrix of the free numbers with what holds the last step on the sphere."""
+        """The matrix of the free numbers plus the shift that kept the last step on the sphere."""
         inner = self.matrix[np.ix_(free, free)]
         return np.asarray(inner + np.diag(self.shift * self.size[free] ** 2))
 

@@ -1,4 +1,4 @@
-"""Numbers of gears from motor angles and torques in the band of a record: least squares on the
+"""Gear parameters from motor angles and torques in the band of a record: least squares on the
 driven arm.
 
     min over theta of sum over f, j of |tau_j(f) - tau_j(f; q_m, theta)|^2 / S_j(f)
@@ -255,7 +255,7 @@ class GearModel:
         return [self.friction.project(self.signals.torques(each)[self.first :]) for each in found]
 
     def take_out_standstill(self, found: Estimate) -> bool:
-        """From now on compare torques without what friction at standstill can do; whether any
+        """From now on compare torques after elimination of the friction at standstill; whether any
         motor has some.
 
         Motors with Coulomb friction, which the model has, or which this estimate of all torques
@@ -475,7 +475,7 @@ class GearModel:
 
 
 def estimate(model: GearModel, tell: Callable[[str], None]) -> Estimate:
-    """Minimum theta: least squares with two sets of weights, then steps with corrected normal
+    """Fit theta: least squares with two sets of weights, then steps with corrected normal
     equations.
     """
     theta = model.start

@@ -8,9 +8,9 @@ fit, with the weights of the noise in bands of frequency,
     [theta, a] -= A^-1 G,    cov = A^-1 (2 J'J - A) A^-1
 
 (see `flexgen.identification.gears.fit`), gives its size a, over the stiffness of the gear, and the
-lost motion of all elements with it. The deviation of a is that by the noise of the record, of
-which J'J is the covariance of G, and by that which is added, J'J - A: the jackknife's has the
-errors of a wrong law in it, which hide it.
+lost motion of all elements with it. The standard deviation of a follows from the noise of the
+record, with the covariance J'J of G, and from the added noise, J'J - A. A jackknife would contain
+the errors of a wrong law, and so hide it.
 
 Source: C. R. Rao, Linear Statistical Inference and Its Applications, 2nd ed. 1973, sec. 6e (score
 test).

@@ -119,7 +119,8 @@ def identify_gears(
     Raises
     ------
     ArgumentError
-        The record does not fit the model, is too short, or the gears do not forget how it began.
+        The record does not fit the model, is too short, or the initial transient of the gears does
+        not decay in it.
     SolverError
         The simulated motion is not finite.
 

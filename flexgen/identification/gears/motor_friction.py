@@ -1,5 +1,4 @@
-"""Coulomb friction of motors in the torques of a record, and what it may be while a motor stands
-still.
+"""Coulomb friction of motors in the torques of a record, and its unknown value at standstill.
 
     tau_c = F tanh(v/v_c)
 
@@ -70,7 +69,7 @@ class MotorFriction:
         )
 
     def project(self, x: np.ndarray) -> np.ndarray:
-        """Torques (k, n_m, ...) without what friction at standstill can do."""
+        """Torques (k, n_m, ...) after elimination of the friction at standstill."""
         return (
             np.stack([rest.project(x[:, j]) for j, rest in enumerate(self.rests)], axis=1)
             if self.rests

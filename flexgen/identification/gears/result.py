@@ -129,7 +129,8 @@ class GearFit(Result):
         Dotted key of a hysteresis -> exponent and gamma of its elements, where they are not Dahl's
         law.
     lacking : tuple of str
-        Joints of which the record shows an element of hysteresis more, with another lost motion.
+        Joints for which the record shows a further element of hysteresis, with another lost
+        motion.
     notes : tuple of str
         What was done to the record, as sentences.
 

@@ -6,12 +6,12 @@ a load (m, c):
     eta' (tau_m + d tau_m' - J_m a_m - f(v_m; s)) = [M(q_a; m, c) a_a + c + g]_g,
     all low-passed both ways
 
-The motion is low-passed at a higher frequency first: squares of smoothed speeds are not what is
-smoothed of squares. d: time by which torques are recorded late; minus half a sample where a torque
-is held from its sample on. s: the friction of each motor changes with temperature, f = (1 + s_1)
-f(v) + s_2 v f'(v), s = 0 +- `FRICTION_SD`. Where a motor with Coulomb friction stands still, its
-friction is any torque, and is taken out (`flexgen.identification.rigid.rests_of_motors`). Gears
-and links deflect, each spring by 1 + e_i times as much as in the model:
+Filtering and squaring do not commute, so the motion is first low-passed at a higher frequency. d:
+time by which torques are recorded late; minus half a sample where a torque is held from its sample
+on. s: the friction of each motor changes with temperature, f = (1 + s_1) f(v) + s_2 v f'(v), s = 0
++- `FRICTION_SD`. Where a motor with Coulomb friction stands still, its friction is any torque, and
+is taken out (`flexgen.identification.rigid.rests_of_motors`). Gears and links deflect, each spring
+by 1 + e_i times as much as in the model:
 
     q_g = eta^-1 q_m - (1 + e_i) tau_g/k,    q_e = -(1 + e_i) f_e(q, v, a; m, c)/k
 
@@ -438,8 +438,8 @@ class _Estimate:
         return rests, float(np.mean(np.abs(v_m[self.kept]) > least))
 
     def see(self, tau: np.ndarray) -> np.ndarray:
-        """Gear torques (n, n_g) over their scale, without what friction at standstill can do, of
-        the samples kept.
+        """Gear torques (n, n_g) over their scale, after elimination of the friction at standstill,
+        of the samples kept.
         """
         motors = tau[self.kept] @ self.to_arm.T
         known = np.stack(

@@ -54,7 +54,9 @@ def _compile(function: ca.Function) -> ca.Function:
 
 
 def correct_responses(residuals: Residuals, x: np.ndarray) -> tuple[Frf, float]:
-    """The responses of a fit as of small motions, and how unsure their change is: a part of it."""
+    """The responses of a fit corrected to small motions, and the relative uncertainty of the
+    correction.
+    """
     data = residuals.data
     known = data.gains is not None and bool(data.gains[1].any())
     gains = data.gains if known else gains_of(default_cascade(residuals.vector.model))

@@ -402,7 +402,7 @@ def fit_motion(
     time_limit: float | None = None,
     progress: Choice = None,
 ) -> MotionFit:
-    """Minimum parameters of a model to recorded torques and motions.
+    """Fit parameters of a model to recorded torques and motions.
 
     Parameters
     ----------
@@ -547,8 +547,8 @@ def _fails(percent: tuple[float, ...], held_out: tuple[float, ...], ratio: np.nd
 def _validate(
     vector: ParameterVector, x: np.ndarray, path: str | Path, segment_s: float, sd: np.ndarray
 ) -> tuple[tuple[float, ...], np.ndarray]:
-    """Minimum in percent and rms of the errors of recordings that were not fitted; their start
-    states are free.
+    """Fit in percent and rms of the errors of recordings that were not fitted; their start states
+    are free.
     """
     other = _Shooting(vector, read_description(path), segment_s)
     other.sd = sd  # of the fit: with larger deviations the prior would hold start states

@@ -6,8 +6,8 @@ is the same in each period this is the joint input-output method, G_yr G_ur^-1, 
 noise in closed loop. For a motion without period there is H1 = S_yu S_uu^-1 over windowed segments
 (Welch's method), with bias.
 
-Several realizations of the random phases show what noise does not: nonlinear distortion and
-friction change G from realization to realization (total covariance).
+Nonlinear distortion and friction change G from one realization of the random phases to the next;
+their scatter is the total covariance.
 
 Source: R. Pintelon and J. Schoukens, System Identification, 2nd ed. 2012, ch. 2, 4; E. Wernholt
 and S. Gunnarsson, IFAC 2008 (multivariable frequency responses of robots in closed loop).

@@ -91,7 +91,7 @@ def identify(
     time_limit: float | None = None,
     progress: Choice = None,
 ) -> IdentificationResult:
-    """Minimum parameters of a model to frequency responses.
+    """Fit parameters of a model to frequency responses.
 
     Parameters
     ----------

@@ -1,5 +1,5 @@
-"""Which elasticities does a robot need? Springs without motor are added to a model and removed
-from it, one at a time.
+"""Selection of elasticities: springs without motor are added to a model and removed from it, one
+at a time.
 
     criterion = 2 cost + n_p log(N)
     (Bayesian information criterion; N: real residuals, n_p: parameters)

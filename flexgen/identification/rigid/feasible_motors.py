@@ -1,4 +1,4 @@
-"""Motors that no model file has: a friction or a rotor below zero, by more than its doubt and a
+"""Infeasible motors: a friction or rotor inertia below zero by more than its uncertainty and a
 part of the torque.
 """
 

@@ -1,5 +1,5 @@
-"""Standstill of motors: friction is any torque there, up to that at which they move, and is taken
-out of equations.
+"""Stiction of motors: the friction torque is unknown at standstill and is eliminated by
+projection.
 
 Where a motor stands still, the torque s of its friction is not known. Unknown are the values of
 piecewise linear functions of time over each standstill; B is what they are in the samples y = X
@@ -7,9 +7,9 @@ theta + B s + e behind the filter. With
 
     R = 1 - B (B' B + r)^-1 B',      R y = R X theta + R e
 
-the numbers theta are found without s: the ridge r is small, and R is the same for all terms. To
-leave out the samples at standstill would not do: the filter carries the jump of the friction into
-samples that move.
+the numbers theta are found without s: the ridge r is small, and R is the same for all terms.
+Leaving out the samples at standstill is not sufficient: the filter spreads the jump of the
+friction over samples that move.
 
 Where a motor reverses, its friction turns from -F to F within a distance d (pre-sliding): after a
 travel x,
@@ -127,7 +127,7 @@ class Rests:
             self._solve = splu(square + ridge * sparse.identity(count, format="csc")).solve
 
     def project(self, x: np.ndarray) -> np.ndarray:
-        """Samples (n, ...) behind the filter without what standstill can do."""
+        """Samples (n, ...) behind the filter after elimination of the friction at standstill."""
         if self._rests is None:
             return x
         out = x.reshape(len(x), -1)

@@ -269,8 +269,8 @@ class Columns:
         return out
 
     def below(self, limit: float) -> Columns:
-        """The samples through a filter with this limit [Hz], without what friction at standstill
-        can do.
+        """The samples through a filter with this limit [Hz], after elimination of the friction at
+        standstill.
         """
         out = copy(self)
         for name in TERMS:
@@ -284,8 +284,8 @@ class Columns:
         return out
 
     def slow(self, k: int, x: np.ndarray, limit: float) -> np.ndarray:
-        """Torques (n, n_m, ...) in motion k below the limit [Hz], without what friction at
-        standstill can do.
+        """Torques (n, n_m, ...) in motion k below the limit [Hz], after elimination of the
+        friction at standstill.
         """
         low = None if np.isinf(limit) else LowPass(self.step, limit)
         out = x if low is None else low(x)

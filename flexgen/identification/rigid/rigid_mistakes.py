@@ -9,8 +9,8 @@ the fit, its terms X, the weights W and the information P of its priors,
     z_p = z - X (X' W X + P)^-1 X' W z,      x = z_p' W e / z_p' W z_p,
     share_j = 1 - |e_j - x z_pj|^2 / |e_j|^2
 
-and a mistake is named where it explains half of the residuals of a motor j, by far more than their
-blocks let doubt.
+and a mistake is named where it explains half of the residuals of a motor j and is significant by
+the block covariance of x.
 
 Source: C. R. Rao, Proceedings of the Cambridge Philosophical Society 44, 1948 (score test).
 """
