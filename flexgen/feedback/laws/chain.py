@@ -1,4 +1,4 @@
-"""Gains and stability of a sampled chain of integrators: what feedback linearization makes of
+"""Gains and stability of a sampled chain of integrators, to which feedback linearization reduces
 every joint.
 
     d^n q/dt^n = s,    s = -(g_0 q + g_1 q' + ...),    s held from t_k + delay to t_(k+1) + delay

@@ -90,7 +90,7 @@ class LoopShaping(LinearDesign):
     def design(
         self, model: RobotModel, sample_s: float, delay_s: float, motion: Sequence[np.ndarray]
     ) -> tuple[Linear, float]:
-        """The controller, and the margin 1/gamma: the size of the perturbation that it bears, at
+        """The controller, and the margin 1/gamma: the largest perturbation that it tolerates, at
         most 1.
 
         ``motion``: ``q_a v_a a_a q_m v_m a_m tau_m`` (1, ...) of the pose. SolverError where there

@@ -1,5 +1,5 @@
-"""Whether a robot in its sampled loop is passive at the tool: whether it can give energy to what
-it touches.
+"""Passivity of a robot in its sampled loop at the tool: whether it can supply energy to its
+environment.
 
     mu(w) = min Re(f^* v) / |v|^2 over all forces f at the frequencies w + k w_s, k whole,
     w_s: of the samples
@@ -123,8 +123,8 @@ class Passivity(Result):
 
 @checked_types
 def check_passivity(run: ControlRun, *, low_hz: float = 0.1) -> Passivity:
-    """Find the frequencies at which the loop could give energy to what the tool touches; see the
-    module.
+    """Find the frequencies at which the loop could supply energy to the environment of the tool;
+    see the module.
 
     ``run``'s loop is linearized at the start, middle and end of its motion: a robot with the
     delay, the hold and the sampled controller, between force on the tool and speed of the tool, in

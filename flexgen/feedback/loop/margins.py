@@ -2,7 +2,7 @@
 
 largest gain      of the whole feedback, from 1 on, before an eigenvalue of the loop leaves the
                   unit circle
-largest delay     beside the one that is there [s]
+largest delay     in addition to the existing one [s]
 largest lag       of all motors at all frequencies: the gain exp(-i phi)
 L(z)              loop gain from torques to torques; Nyquist: det(1 + L) circles the origin as
                   often as L has unstable poles

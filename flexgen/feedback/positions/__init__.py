@@ -1,3 +1,3 @@
-"""Robots that take positions: commands that make their servos send the torques of inverse
+"""Position-controlled robots: commands with which their servos send the torques of inverse
 dynamics.
 """

@@ -1,5 +1,5 @@
-"""Result of `flexgen.command_positions`: the samples to send, and the errors of the robot that is
-sent them.
+"""Result of `flexgen.command_positions`: the samples to send, and the errors of the robot under
+these commands.
 """
 
 from __future__ import annotations

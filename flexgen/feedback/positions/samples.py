@@ -1,4 +1,4 @@
-"""Samples of an interface of positions, and what a robot makes of them between two of them.
+"""Samples of a position interface, and the interpolation of a robot between them.
 
     hold:    r(t) = c_j
     linear:  r(t) = (1 - x) c_j + x c_(j+1),    x = (t - t_j)/T

@@ -35,7 +35,7 @@ from flexgen.model.position_servo.keys import (
 @checked_class
 @dataclass(frozen=True)
 class Servo:
-    """A position servo: what it makes of its reference r at each sample, motor side.
+    """Position servo: the torque from its reference r at each sample, motor side.
 
         r_f <- r_f + (1 - exp(-h/T)) (r - r_f)                      filter of the reference
         w = f D r_f + k_p (r_f - q) - D q,    D x = (x_k - x_(k-1))/h
