@@ -27,7 +27,7 @@ from flexgen.model.reader import read
 CLIB = ROOT / "flexgen" / "codegen" / "clib"
 FILES = sorted(path.name for path in CLIB.iterdir() if path.suffix in (".c", ".h"))
 # parts of other files
-MACROS = {"kernel_functions.h", "precision_double.h", "precision_single.h", "function.h"}
+MACROS = {"kernel_functions.h", "precision_double.h", "precision_single.h"}
 OF_SERVOS = ("servo.h", "position_samples.c")
 PRIVATE_WORDS = re.compile(
     r"\b(twists?|twisted|fades?|fading|bends?|bent|told|tells?|uneven(ness)?|slopes?|felt|dear|"

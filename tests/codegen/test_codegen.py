@@ -17,7 +17,6 @@ from flexgen.base.errors import BuildError
 from flexgen.base.spec.ports import Port
 from flexgen.codegen.build.generate import generate
 from flexgen.codegen.emission.emit import emit, symbols
-from flexgen.codegen.emission.function_files import MATHEMATICS
 from flexgen.codegen.emission.routines import check_ports
 from flexgen.codegen.emission.spec import library_spec
 from flexgen.codegen.statements.graph import read_graph
@@ -159,9 +158,36 @@ def test_sources_are_strict_c99_and_pure(name, level, tmp_path):
 
 
 def test_the_sources_are_few():
-    """A limit of their size is withdrawn: it asked for short comments, which readers of C need."""
-    files = [path for path in (made("planar5_nmp").directory / "src").iterdir() if path.is_file()]
-    assert len(files) <= 40
+    """One to compile and one header for each function, and some for the library; a build lists the
+    former. A limit of their size is withdrawn: it asked for short comments, which readers of C
+    need.
+    """
+    library = made("planar5_nmp")
+    files = {path.name for path in (library.directory / "src").iterdir() if path.is_file()}
+    headers = {name for name in files if name.endswith("_math.h")}
+    assert headers == {f"planar5_nmp_{name}_math.h" for name in library.functions}
+    assert len([name for name in files if name.endswith(".c")]) <= len(library.functions) + 5
+    assert len(files - headers) <= 40
+
+
+def test_emitted_sources_leave_no_macro_of_the_mathematics_behind():
+    """A source includes each header once, its mathematics twice, and no source; what it defines
+    for the mathematics is undefined after it.
+    """
+    folder = made("planar5_nmp").directory / "src"
+    undefined = re.findall(r"#undef (\w+)", (folder / "planar5_nmp_undefine.h").read_text())
+    for name in ("point", "lanes"):
+        text = (folder / f"planar5_nmp_{name}.h").read_text()
+        assert sorted(re.findall(r"#define (\w+)", text)) == sorted(undefined)
+    for path in folder.glob("*.c"):
+        included = re.findall(r'#include "(.*)"', path.read_text())
+        assert not [name for name in included if name.endswith(".c")], path.name
+        twice = {name for name in included if included.count(name) > 1}
+        found = {f"{path.stem}_math.h"} if f"{path.stem}_math.h" in included else set()
+        if path.name != "planar5_nmp_inversion.c":
+            assert twice == found, path.name
+    for name in made("planar5_nmp").functions:
+        assert "#define" not in (folder / f"planar5_nmp_{name}.c").read_text()
 
 
 SERVO = """
@@ -252,8 +278,8 @@ def test_prototypes_break_between_arguments_only():
 def test_constants_are_written_as_people_write_them():
     text = (made("planar5_nmp").directory / "example.c").read_text()
     assert "{0.3, -1.1, 0.0}" in text.replace("(", "").replace(")", "")
-    for path in (made("planar5_nmp").directory / "src").glob("planar5_nmp_*.c"):
-        text = path.read_text().partition(MATHEMATICS)[2]
+    for path in (made("planar5_nmp").directory / "src").glob("planar5_nmp_*_math.h"):
+        text = path.read_text()
         for number in re.findall(r"(?<![\w.])\d+\.\d+(?:e[-+]?\d+)?", text):
             assert repr(float(number)) == number, (path.name, number)
 

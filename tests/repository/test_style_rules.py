@@ -41,7 +41,6 @@ CONDITIONAL = {
     "flexgen/analysis/zero_dynamics/zeros_along_path.py": 1,
     "flexgen/cli/parser.py": 1,
     "flexgen/cli/verbs/robot.py": 1,
-    "flexgen/codegen/emission/function_files.py": 1,
     "flexgen/backends/cuda/driver.py": 1,
     "flexgen/dynamics/dae/strangeness_index.py": 2,
     "flexgen/analysis/printing/printing.py": 1,

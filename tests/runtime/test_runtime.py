@@ -85,7 +85,7 @@ def test_results_that_do_not_fit_the_cache_are_the_same(planar, n):
     at odd addresses.
     """
     function = planar.functions["mass_matrix"]
-    cache = int(read_clib()["function.h"].partition("#define CACHE ")[2].split()[0])
+    cache = int(read_clib()["function.h"].partition(" CACHE = ")[2].partition(",")[0])
     assert 2 * cache > n * 8 * sum(port.size for port in function.outputs) > cache
     q_a = np.random.default_rng(3).normal(size=(n, 3))
     parts = [function(q_a[k : k + 50_000]) for k in range(0, n, 50_000)]

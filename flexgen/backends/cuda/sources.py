@@ -107,7 +107,9 @@ extern "C" __global__ void k_{function}(
         return;
     }}
     if (!({function}_evaluate_v({", ".join([*at, *["work"] * bool(work)])}, n) == 0)) {{
-        const int status = {function}_failed({", ".join(at)}, 1, n);
+        const {name}_real *const in[] = {{{", ".join(at[: len(inputs)])}}};
+        {name}_real *const out[] = {{{", ".join(at[len(inputs) :])}}};
+        const int status = first_failed(&{function}_shape, in, out, 1, n);
         if (status != 0) {{
             atomicMin(failed, (unsigned long long)k << {STATUS_BITS} | (unsigned long \
 long)-status);
@@ -165,11 +167,7 @@ def _file_of(files: Mapping[str, str], *names: str) -> str:
 
 def _workspace(text: str, function: str) -> int:
     """Reals of workspace of a function for a point, as its source says."""
-    found = re.search(
-        rf"#define NAME\(suffix\) {re.escape(function)}_##suffix\n.*?#define WORK (\d+)\n",
-        text,
-        re.DOTALL,
-    )
+    found = re.search(rf"{re.escape(function)}_shape =[^{{]*{{(?:-?\d+,\s*){{3}}(\d+)", text)
     if found is None:
-        raise BuildError(f"{function}: given a source without WORK; {AGAIN}")
+        raise BuildError(f"{function}: given a source without the shape of the function; {AGAIN}")
     return int(found[1])

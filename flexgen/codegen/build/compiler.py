@@ -433,7 +433,7 @@ def build_libraries(
         log(f"for {compiler.target.name}: the C compiler is that of the package ziglang")
     elif compiler.archiver:
         log("no cc, gcc or clang on the PATH: the C compiler is that of the package ziglang")
-    functions = {file for file in sources if _includes_itself(folder / file)}
+    functions = {file for file in sources if _mathematics_of(folder / file).exists()}
 
     def flags_of(file: str) -> list[str]:
         if Path(file).name in [f"{name}_{solver}" for solver in SOLVERS]:
@@ -524,11 +524,11 @@ def _compile(
             raise
 
 
-def _includes_itself(source: Path) -> bool:
-    """Whether a source has the mathematics of a function, see
-    `flexgen.codegen.emission.function_files`.
+def _mathematics_of(source: Path) -> Path:
+    """The header with the mathematics of a function, which only the sources of functions have; see
+    `flexgen.codegen.emission.entry_points`.
     """
-    return f'#include "{source.name}"' in source.read_text(encoding="ascii")
+    return source.with_name(f"{source.stem}_math.h")
 
 
 def _object(source: str) -> str:
@@ -545,5 +545,7 @@ def _expected_time(folder: Path, sources: Sequence[str], workers: int) -> str:
 
 
 def _effort(folder: Path, source: str) -> int:
-    """Bytes of a source, which count twice where it includes itself."""
-    return (folder / source).stat().st_size * (1 + _includes_itself(folder / source))
+    """Bytes of a source, and of its mathematics, which it includes twice."""
+    found = _mathematics_of(folder / source)
+    size = (folder / source).stat().st_size
+    return size + 2 * found.stat().st_size if found.exists() else size

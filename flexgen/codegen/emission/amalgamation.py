@@ -7,8 +7,6 @@ from pathlib import PurePosixPath
 
 _INCLUDE = '#include "'
 
-MATHEMATICS = "#else /* the mathematics */"  # the line of a source after which it is
-
 
 def merge_files(name: str, files: Mapping[str, str]) -> dict[str, str]:
     """The files of a library, with its headers and sources put together.
@@ -96,11 +94,6 @@ class _Merged:
         text = self._texts[file]
         if file in self._seen:
             return ""
-        if f'#include "{file}"' in text:  # the file of a function, which includes its second part
-            head, mathematics = text.split(f"{MATHEMATICS}\n")
-            first, _, rest = head.partition("\n#ifndef T")
-            self._texts[file] = mathematics.removesuffix("#endif\n")
-            text = f"{first}\n{rest.partition(chr(10))[2]}"
         if any(
             line.startswith("#ifndef ") and line.rstrip().endswith("_H")
             for line in text.splitlines()

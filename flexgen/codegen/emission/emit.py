@@ -12,8 +12,9 @@ from collections.abc import Callable, Mapping
 from flexgen.base.errors import BuildError
 from flexgen.base.spec.ports import c_name_problem, identifier_problem
 from flexgen.codegen.emission.clib_files import inversion_files, inversion_header, kernel_files
+from flexgen.codegen.emission.entry_points import mathematics, source
 from flexgen.codegen.emission.example import example
-from flexgen.codegen.emission.function_files import facade, source
+from flexgen.codegen.emission.facade import facade
 from flexgen.codegen.emission.header import batch_header, header
 from flexgen.codegen.emission.kinematics_header import kinematics_files, kinematics_header
 from flexgen.codegen.emission.spec import FunctionSpec, LibrarySpec
@@ -79,6 +80,7 @@ def emit(spec: LibrarySpec, written: Mapping[str, FunctionText] | None = None) -
     private = {f"{spec.name}.c": facade(spec)} | kernel_files(spec.name, spec.precision)
     for f in spec.functions:
         private[f"{spec.name}_{f.name}.c"] = source(spec, f, written[f.name])
+        private[f"{spec.name}_{f.name}_math.h"] = mathematics(spec, f, written[f.name])
     private |= inversion_files(spec, written) | kinematics_files(spec, written)
     for public in list(files):  # so that no compiler needs to be told where they are
         private = {

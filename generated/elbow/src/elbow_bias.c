@@ -1,52 +1,56 @@
 /* elbow: bias. Written by flexgen; see elbow.h. */
-#ifndef T /* the file includes itself: the mathematics with T a number, then lanes of numbers */
-#include "elbow_private.h"
+#include "elbow_function.h"
 
 #include "elbow_point.h"
-#include "elbow_bias.c"
+#include "elbow_bias_math.h"
 
 #include "elbow_lanes.h"
-#include "elbow_bias.c"
+#include "elbow_bias_math.h"
 
-#define NAME(suffix) bias_##suffix
-#define ARRAYS(INPUT, SHARED, OUTPUT, LAST) \
-    INPUT(q_a, 2) INPUT(v_a, 2) LAST(h, 2)
-#define WORK 0
-#define SINGLE elbow_bias
-#define TILE 64
-#define RESULTS 2
-#include "elbow_function.h"
 #include "elbow_undefine.h"
-#else /* the mathematics */
-static T F(bias_evaluate)(const real *RESTRICT q_a, const real *RESTRICT v_a, real *RESTRICT h STRIDE(ptrdiff_t n))
+
+static const function_shape bias_shape = {2, 1, -1, 0, 64, {2, 2, 2}};
+
+static lanes bias_lanes(const real *const *in, real *const *out, lanes *work, int count, ptrdiff_t n)
 {
-    T t1 = IN(q_a, 0);
-    T t5 = IN(q_a, 1);
-    SINES_COSINES(1, 2, t1, t5)
-    T t2 = sine1[0];
-    T t8 = cosine1[0];
-    T t6 = cosine1[1];
-    T t16 = sine1[1];
-    T t11 = IN(v_a, 0);
-    T t12 = 1.15 * t11;
-    T t9 = 9.81 * t8;
-    T t21 = IN(v_a, 1);
-    T t22 = t11 + t21;
-    T t17 = 9.81 * t16;
-    T t3 = 3613.4097102000005 * t2;
-    T t13 = t11 * t12;
-    T t24 = 101.7361875 * t22;
-    T t18 = t2 * t17;
-    T t14 = t9 - t13;
-    T t25 = t22 * t24;
-    T t15 = t6 * t14;
-    T t26 = t6 * t25;
-    T t19 = t15 - t18;
-    T t27 = t3 + t26;
-    T t20 = 88.46625 * t19;
-    OUT(h, 1, -t20);
-    T t28 = t20 + t27;
-    OUT(h, 0, -t28);
-    return 0.0 * t20 + 0.0 * t28;
+    lanes zero = splat_v(0);
+    (void)work;
+    for (int k = 0; k < count; k += LANES) {
+        zero += bias_evaluate_v(in[0] + k, in[1] + k, out[0] + k, n);
+    }
+    return zero;
 }
-#endif
+
+elbow_status elbow_bias(const elbow_real q_a[ELBOW_NA], const elbow_real v_a[ELBOW_NA], elbow_real h[ELBOW_NA])
+{
+    if (q_a == NULL || v_a == NULL || h == NULL) {
+        return ELBOW_NULL_ARGUMENT;
+    }
+    if (bias_evaluate_1(q_a, v_a, h) == 0) {
+        return ELBOW_OK;
+    }
+    {
+        const real *const in[] = {q_a, v_a};
+        real *const out[] = {h};
+        return first_failed(&bias_shape, in, out, 1, 1);
+    }
+}
+
+static int bias_one(const real *const *in, real *const *out, real *work)
+{
+    (void)work;
+    return elbow_bias(in[0], in[1], out[0]) != ELBOW_OK;
+}
+
+elbow_status elbow_bias_batch_strided(int n, int stride, const elbow_real *q_a, const elbow_real *v_a,
+    elbow_real *h, elbow_real *work)
+{
+    const real *const in[] = {q_a, v_a};
+    real *const out[] = {h};
+    return evaluate_points(&bias_shape, bias_one, bias_lanes, in, out, n, stride, work);
+}
+
+elbow_status elbow_bias_batch(int n, const elbow_real *q_a, const elbow_real *v_a, elbow_real *h, elbow_real *work)
+{
+    return elbow_bias_batch_strided(n, n, q_a, v_a, h, work);
+}

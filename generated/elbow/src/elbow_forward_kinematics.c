@@ -1,51 +1,58 @@
 /* elbow: forward_kinematics. Written by flexgen; see elbow.h. */
-#ifndef T /* the file includes itself: the mathematics with T a number, then lanes of numbers */
-#include "elbow_private.h"
+#include "elbow_function.h"
 
 #include "elbow_point.h"
-#include "elbow_forward_kinematics.c"
+#include "elbow_forward_kinematics_math.h"
 
 #include "elbow_lanes.h"
-#include "elbow_forward_kinematics.c"
+#include "elbow_forward_kinematics_math.h"
 
-#define NAME(suffix) forward_kinematics_##suffix
-#define ARRAYS(INPUT, SHARED, OUTPUT, LAST) \
-    INPUT(q_a, 2) OUTPUT(p, 3) LAST(R, 3 * 3)
-#define WORK 0
-#define SINGLE elbow_forward_kinematics
-#define TILE 64
-#define RESULTS 12
-#include "elbow_function.h"
 #include "elbow_undefine.h"
-#else /* the mathematics */
-static T F(forward_kinematics_evaluate)(const real *RESTRICT q_a, real *RESTRICT p, real *RESTRICT R STRIDE(ptrdiff_t n))
+
+static const function_shape forward_kinematics_shape = {1, 2, -1, 0, 64, {2, 3, 3 * 3}};
+
+static lanes forward_kinematics_lanes(const real *const *in, real *const *out, lanes *work, int count, ptrdiff_t n)
 {
-    T t1 = IN(q_a, 0);
-    T t5 = IN(q_a, 1);
-    T t6 = t1 + t5;
-    SINES_COSINES(1, 2, t1, t6)
-    T t2 = sine1[0];
-    T t11 = cosine1[0];
-    T t7 = cosine1[1];
-    T t13 = sine1[1];
-    OUT(R, 0, t7);
-    OUT(R, 8, t7);
-    OUT(R, 2, -t13);
-    OUT(R, 6, t13);
-    T t3 = 1.15 * t2;
-    T t8 = 1.241 * t7;
-    T t12 = 1.15 * t11;
-    T t14 = 1.241 * t13;
-    T t9 = t3 + t8;
-    OUT(p, 0, t9);
-    T t15 = t12 - t14;
-    OUT(p, 2, t15);
-    OUT(p, 1, F(splat)(0.0));
-    OUT(R, 1, F(splat)(0.0));
-    OUT(R, 3, F(splat)(0.0));
-    OUT(R, 5, F(splat)(0.0));
-    OUT(R, 7, F(splat)(0.0));
-    OUT(R, 4, F(splat)(1.0));
-    return 0.0 * t15 + (0.0 * t7 + 0.0 * t13 + 0.0 * t9);
+    lanes zero = splat_v(0);
+    (void)work;
+    for (int k = 0; k < count; k += LANES) {
+        zero += forward_kinematics_evaluate_v(in[0] + k, out[0] + k, out[1] + k, n);
+    }
+    return zero;
 }
-#endif
+
+elbow_status elbow_forward_kinematics(const elbow_real q_a[ELBOW_NA], elbow_real p[3], elbow_real R[3 * 3])
+{
+    if (q_a == NULL || p == NULL || R == NULL) {
+        return ELBOW_NULL_ARGUMENT;
+    }
+    if (forward_kinematics_evaluate_1(q_a, p, R) == 0) {
+        return ELBOW_OK;
+    }
+    {
+        const real *const in[] = {q_a};
+        real *const out[] = {p, R};
+        return first_failed(&forward_kinematics_shape, in, out, 1, 1);
+    }
+}
+
+static int forward_kinematics_one(const real *const *in, real *const *out, real *work)
+{
+    (void)work;
+    return elbow_forward_kinematics(in[0], out[0], out[1]) != ELBOW_OK;
+}
+
+elbow_status elbow_forward_kinematics_batch_strided(int n, int stride, const elbow_real *q_a, elbow_real *p,
+    elbow_real *R, elbow_real *work)
+{
+    const real *const in[] = {q_a};
+    real *const out[] = {p, R};
+    return evaluate_points(&forward_kinematics_shape, forward_kinematics_one, forward_kinematics_lanes, in, out, n,
+    stride, work);
+}
+
+elbow_status elbow_forward_kinematics_batch(int n, const elbow_real *q_a, elbow_real *p, elbow_real *R,
+    elbow_real *work)
+{
+    return elbow_forward_kinematics_batch_strided(n, n, q_a, p, R, work);
+}

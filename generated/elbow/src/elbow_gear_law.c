@@ -1,33 +1,58 @@
 /* elbow: gear_law. Written by flexgen; see elbow.h. */
-#ifndef T /* the file includes itself: the mathematics with T a number, then lanes of numbers */
-#include "elbow_private.h"
+#include "elbow_function.h"
 
 #include "elbow_point.h"
-#include "elbow_gear_law.c"
+#include "elbow_gear_law_math.h"
 
 #include "elbow_lanes.h"
-#include "elbow_gear_law.c"
+#include "elbow_gear_law_math.h"
 
-#define NAME(suffix) gear_law_##suffix
-#define ARRAYS(INPUT, SHARED, OUTPUT, LAST) \
-    INPUT(deflection, 2) OUTPUT(tau_p, 2) LAST(dtau_p, 2)
-#define WORK 0
-#define SINGLE elbow_gear_law
-#define TILE 64
-#define RESULTS 4
-#include "elbow_function.h"
 #include "elbow_undefine.h"
-#else /* the mathematics */
-static T F(gear_law_evaluate)(const real *RESTRICT deflection, real *RESTRICT tau_p, real *RESTRICT dtau_p STRIDE(ptrdiff_t n))
+
+static const function_shape gear_law_shape = {1, 2, -1, 0, 64, {2, 2, 2}};
+
+static lanes gear_law_lanes(const real *const *in, real *const *out, lanes *work, int count, ptrdiff_t n)
 {
-    T t1 = IN(deflection, 0);
-    T t2 = 7518900.0 * t1;
-    OUT(tau_p, 0, t2);
-    T t4 = IN(deflection, 1);
-    T t5 = 4099900.0 * t4;
-    OUT(tau_p, 1, t5);
-    OUT(dtau_p, 0, F(splat)(7518900.0));
-    OUT(dtau_p, 1, F(splat)(4099900.0));
-    return 0.0 * t2 + 0.0 * t5;
+    lanes zero = splat_v(0);
+    (void)work;
+    for (int k = 0; k < count; k += LANES) {
+        zero += gear_law_evaluate_v(in[0] + k, out[0] + k, out[1] + k, n);
+    }
+    return zero;
 }
-#endif
+
+elbow_status elbow_gear_law(const elbow_real deflection[ELBOW_NG], elbow_real tau_p[ELBOW_NG],
+    elbow_real dtau_p[ELBOW_NG])
+{
+    if (deflection == NULL || tau_p == NULL || dtau_p == NULL) {
+        return ELBOW_NULL_ARGUMENT;
+    }
+    if (gear_law_evaluate_1(deflection, tau_p, dtau_p) == 0) {
+        return ELBOW_OK;
+    }
+    {
+        const real *const in[] = {deflection};
+        real *const out[] = {tau_p, dtau_p};
+        return first_failed(&gear_law_shape, in, out, 1, 1);
+    }
+}
+
+static int gear_law_one(const real *const *in, real *const *out, real *work)
+{
+    (void)work;
+    return elbow_gear_law(in[0], out[0], out[1]) != ELBOW_OK;
+}
+
+elbow_status elbow_gear_law_batch_strided(int n, int stride, const elbow_real *deflection, elbow_real *tau_p,
+    elbow_real *dtau_p, elbow_real *work)
+{
+    const real *const in[] = {deflection};
+    real *const out[] = {tau_p, dtau_p};
+    return evaluate_points(&gear_law_shape, gear_law_one, gear_law_lanes, in, out, n, stride, work);
+}
+
+elbow_status elbow_gear_law_batch(int n, const elbow_real *deflection, elbow_real *tau_p, elbow_real *dtau_p,
+    elbow_real *work)
+{
+    return elbow_gear_law_batch_strided(n, n, deflection, tau_p, dtau_p, work);
+}

@@ -1,36 +1,55 @@
 /* elbow: gravity. Written by flexgen; see elbow.h. */
-#ifndef T /* the file includes itself: the mathematics with T a number, then lanes of numbers */
-#include "elbow_private.h"
+#include "elbow_function.h"
 
 #include "elbow_point.h"
-#include "elbow_gravity.c"
+#include "elbow_gravity_math.h"
 
 #include "elbow_lanes.h"
-#include "elbow_gravity.c"
+#include "elbow_gravity_math.h"
 
-#define NAME(suffix) gravity_##suffix
-#define ARRAYS(INPUT, SHARED, OUTPUT, LAST) \
-    INPUT(q_a, 2) LAST(g, 2)
-#define WORK 0
-#define SINGLE elbow_gravity
-#define TILE 64
-#define RESULTS 2
-#include "elbow_function.h"
 #include "elbow_undefine.h"
-#else /* the mathematics */
-static T F(gravity_evaluate)(const real *RESTRICT q_a, real *RESTRICT g STRIDE(ptrdiff_t n))
+
+static const function_shape gravity_shape = {1, 1, -1, 0, 64, {2, 2}};
+
+static lanes gravity_lanes(const real *const *in, real *const *out, lanes *work, int count, ptrdiff_t n)
 {
-    T t1 = IN(q_a, 0);
-    T t5 = IN(q_a, 1);
-    T t6 = t1 + t5;
-    SINES_COSINES(1, 2, t1, t6)
-    T t2 = sine1[0];
-    T t7 = cosine1[1];
-    T t3 = 3613.4097102000005 * t2;
-    T t8 = 867.8539125000001 * t7;
-    OUT(g, 1, -t8);
-    T t9 = t3 + t8;
-    OUT(g, 0, -t9);
-    return 0.0 * t8 + 0.0 * t9;
+    lanes zero = splat_v(0);
+    (void)work;
+    for (int k = 0; k < count; k += LANES) {
+        zero += gravity_evaluate_v(in[0] + k, out[0] + k, n);
+    }
+    return zero;
 }
-#endif
+
+elbow_status elbow_gravity(const elbow_real q_a[ELBOW_NA], elbow_real g[ELBOW_NA])
+{
+    if (q_a == NULL || g == NULL) {
+        return ELBOW_NULL_ARGUMENT;
+    }
+    if (gravity_evaluate_1(q_a, g) == 0) {
+        return ELBOW_OK;
+    }
+    {
+        const real *const in[] = {q_a};
+        real *const out[] = {g};
+        return first_failed(&gravity_shape, in, out, 1, 1);
+    }
+}
+
+static int gravity_one(const real *const *in, real *const *out, real *work)
+{
+    (void)work;
+    return elbow_gravity(in[0], out[0]) != ELBOW_OK;
+}
+
+elbow_status elbow_gravity_batch_strided(int n, int stride, const elbow_real *q_a, elbow_real *g, elbow_real *work)
+{
+    const real *const in[] = {q_a};
+    real *const out[] = {g};
+    return evaluate_points(&gravity_shape, gravity_one, gravity_lanes, in, out, n, stride, work);
+}
+
+elbow_status elbow_gravity_batch(int n, const elbow_real *q_a, elbow_real *g, elbow_real *work)
+{
+    return elbow_gravity_batch_strided(n, n, q_a, g, work);
+}

@@ -1,69 +1,59 @@
 /* elbow: inverse_dynamics. Written by flexgen; see elbow.h. */
-#ifndef T /* the file includes itself: the mathematics with T a number, then lanes of numbers */
-#include "elbow_private.h"
+#include "elbow_function.h"
 
 #include "elbow_point.h"
-#include "elbow_inverse_dynamics.c"
+#include "elbow_inverse_dynamics_math.h"
 
 #include "elbow_lanes.h"
-#include "elbow_inverse_dynamics.c"
+#include "elbow_inverse_dynamics_math.h"
 
-#define NAME(suffix) inverse_dynamics_##suffix
-#define ARRAYS(INPUT, SHARED, OUTPUT, LAST) \
-    INPUT(q_a, 2) INPUT(v_a, 2) INPUT(a_a, 2) LAST(tau_a, 2)
-#define WORK 0
-#define SINGLE elbow_inverse_dynamics
-#define TILE 64
-#define RESULTS 2
-#include "elbow_function.h"
 #include "elbow_undefine.h"
-#else /* the mathematics */
-static T F(inverse_dynamics_evaluate)(const real *RESTRICT q_a, const real *RESTRICT v_a, const real *RESTRICT a_a, real *RESTRICT tau_a STRIDE(ptrdiff_t n))
+
+static const function_shape inverse_dynamics_shape = {3, 1, -1, 0, 64, {2, 2, 2, 2}};
+
+static lanes inverse_dynamics_lanes(const real *const *in, real *const *out, lanes *work, int count, ptrdiff_t n)
 {
-    T t4 = IN(q_a, 0);
-    T t14 = IN(q_a, 1);
-    SINES_COSINES(4, 2, t4, t14)
-    T t5 = sine4[0];
-    T t17 = cosine4[0];
-    T t15 = cosine4[1];
-    T t25 = sine4[1];
-    T t20 = IN(v_a, 0);
-    T t21 = 1.15 * t20;
-    T t38 = IN(v_a, 1);
-    T t39 = t20 + t38;
-    T t1 = IN(a_a, 0);
-    T t9 = IN(a_a, 1);
-    T t10 = t1 + t9;
-    T t18 = 9.81 * t17;
-    T t26 = 1.15 * t1;
-    T t27 = 9.81 * t5;
-    T t2 = 402.47802171999996 * t1;
-    T t8 = 3.75 * t1;
-    T t6 = 3613.4097102000005 * t5;
-    T t22 = t20 * t21;
-    T t40 = 88.46625 * t39;
-    T t36 = 88.46625 * t10;
-    T t12 = 2.0 * t10;
-    T t33 = 87.77680625 * t10;
-    T t28 = t26 - t27;
-    T t45 = t2 + t8;
-    T t23 = t18 - t22;
-    T t41 = t39 * t40;
-    T t37 = t25 * t36;
-    T t34 = t12 + t33;
-    T t29 = t25 * t28;
-    T t46 = t6 - t45;
-    T t24 = t15 * t23;
-    T t42 = t15 * t41;
-    T t30 = t24 + t29;
-    T t43 = t37 + t42;
-    T t31 = 88.46625 * t30;
-    T t44 = 1.15 * t43;
-    T t35 = t31 - t34;
-    OUT(tau_a, 1, -t35);
-    T t47 = t44 + t46;
-    T t48 = t35 + t47;
-    OUT(tau_a, 0, -t48);
-    return 0.0 * t35 + 0.0 * t48;
+    lanes zero = splat_v(0);
+    (void)work;
+    for (int k = 0; k < count; k += LANES) {
+        zero += inverse_dynamics_evaluate_v(in[0] + k, in[1] + k, in[2] + k, out[0] + k, n);
+    }
+    return zero;
 }
-#endif
+
+elbow_status elbow_inverse_dynamics(const elbow_real q_a[ELBOW_NA], const elbow_real v_a[ELBOW_NA],
+    const elbow_real a_a[ELBOW_NA], elbow_real tau_a[ELBOW_NA])
+{
+    if (q_a == NULL || v_a == NULL || a_a == NULL || tau_a == NULL) {
+        return ELBOW_NULL_ARGUMENT;
+    }
+    if (inverse_dynamics_evaluate_1(q_a, v_a, a_a, tau_a) == 0) {
+        return ELBOW_OK;
+    }
+    {
+        const real *const in[] = {q_a, v_a, a_a};
+        real *const out[] = {tau_a};
+        return first_failed(&inverse_dynamics_shape, in, out, 1, 1);
+    }
+}
+
+static int inverse_dynamics_one(const real *const *in, real *const *out, real *work)
+{
+    (void)work;
+    return elbow_inverse_dynamics(in[0], in[1], in[2], out[0]) != ELBOW_OK;
+}
+
+elbow_status elbow_inverse_dynamics_batch_strided(int n, int stride, const elbow_real *q_a, const elbow_real *v_a,
+    const elbow_real *a_a, elbow_real *tau_a, elbow_real *work)
+{
+    const real *const in[] = {q_a, v_a, a_a};
+    real *const out[] = {tau_a};
+    return evaluate_points(&inverse_dynamics_shape, inverse_dynamics_one, inverse_dynamics_lanes, in, out, n,
+    stride, work);
+}
+
+elbow_status elbow_inverse_dynamics_batch(int n, const elbow_real *q_a, const elbow_real *v_a,
+    const elbow_real *a_a, elbow_real *tau_a, elbow_real *work)
+{
+    return elbow_inverse_dynamics_batch_strided(n, n, q_a, v_a, a_a, tau_a, work);
+}

@@ -1,85 +1,63 @@
 /* elbow: inverse_dynamics_derivatives. Written by flexgen; see elbow.h. */
-#ifndef T /* the file includes itself: the mathematics with T a number, then lanes of numbers */
-#include "elbow_private.h"
+#include "elbow_function.h"
 
 #include "elbow_point.h"
-#include "elbow_inverse_dynamics_derivatives.c"
+#include "elbow_inverse_dynamics_derivatives_math.h"
 
 #include "elbow_lanes.h"
-#include "elbow_inverse_dynamics_derivatives.c"
+#include "elbow_inverse_dynamics_derivatives_math.h"
 
-#define NAME(suffix) inverse_dynamics_derivatives_##suffix
-#define ARRAYS(INPUT, SHARED, OUTPUT, LAST) \
-    INPUT(q_a, 2) INPUT(v_a, 2) INPUT(a_a, 2) OUTPUT(dtau_dq, 2 * 2) OUTPUT(dtau_dv, 2 * 2) LAST(dtau_da, 2 * 2)
-#define WORK 0
-#define SINGLE elbow_inverse_dynamics_derivatives
-#define TILE 64
-#define RESULTS 12
-#include "elbow_function.h"
 #include "elbow_undefine.h"
-#else /* the mathematics */
-static T F(inverse_dynamics_derivatives_evaluate)(const real *RESTRICT q_a, const real *RESTRICT v_a, const real *RESTRICT a_a, real *RESTRICT dtau_dq, real *RESTRICT dtau_dv, real *RESTRICT dtau_da STRIDE(ptrdiff_t n))
+
+static const function_shape inverse_dynamics_derivatives_shape = {3, 3, -1, 0, 64, {2, 2, 2, 2 * 2, 2 * 2, 2 * 2}};
+
+static lanes inverse_dynamics_derivatives_lanes(const real *const *in, real *const *out, lanes *work, int count,
+    ptrdiff_t n)
 {
-    T t1 = IN(q_a, 1);
-    T t4 = IN(q_a, 0);
-    SINES_COSINES(1, 2, t1, t4)
-    T t2 = cosine1[0];
-    T t8 = sine1[0];
-    T t5 = sine1[1];
-    T t9 = cosine1[1];
-    T t18 = IN(v_a, 0);
-    T t19 = IN(v_a, 1);
-    T t20 = t18 + t19;
-    T t34 = 1.15 * t18;
-    T t6 = 9.81 * t5;
-    T t10 = 9.81 * t9;
-    T t24 = IN(a_a, 0);
-    T t25 = IN(a_a, 1);
-    T t26 = t24 + t25;
-    T t31 = 1.15 * t24;
-    T t43 = 203.472375 * t18;
-    T t15 = 3613.4097102000005 * t9;
-    T t54 = 203.472375 * t8;
-    T t63 = 101.7361875 * t8;
-    T t21 = 88.46625 * t20;
-    T t35 = t18 * t34;
-    T t7 = t2 * t6;
-    T t11 = t8 * t10;
-    T t27 = 88.46625 * t26;
-    T t32 = t6 - t31;
-    T t46 = 203.472375 * t20;
-    T t44 = t2 * t43;
-    OUT(dtau_dv, 1, t44);
-    T t61 = t54 - 496.00482796999995;
-    OUT(dtau_da, 0, -t61);
-    T t65 = t63 - 89.77680625;
-    OUT(dtau_da, 1, -t65);
-    OUT(dtau_da, 2, -t65);
-    T t22 = t20 * t21;
-    T t36 = t10 - t35;
-    T t12 = t7 + t11;
-    T t28 = t2 * t27;
-    T t33 = t2 * t32;
-    T t47 = t2 * t46;
-    OUT(dtau_dv, 2, -t47);
-    T t23 = t8 * t22;
-    T t37 = t8 * t36;
-    T t13 = 88.46625 * t12;
-    OUT(dtau_dq, 1, t13);
-    T t48 = t44 - t47;
-    OUT(dtau_dv, 0, t48);
-    T t29 = t23 - t28;
-    T t38 = t33 + t37;
-    T t16 = t13 - t15;
-    OUT(dtau_dq, 0, t16);
-    T t30 = 1.15 * t29;
-    T t39 = 88.46625 * t38;
-    OUT(dtau_dq, 3, t39);
-    T t40 = t30 + t39;
-    OUT(dtau_dq, 2, t40);
-    OUT(dtau_dv, 3, F(splat)(0.0));
-    OUT(dtau_da, 3, F(splat)(89.77680625));
-    T z73 = 0.0 * t16 + 0.0 * t39 + (0.0 * t13 + (0.0 * t48 + 0.0 * t61 + (0.0 * t65 + (0.0 * t44 + 0.0 * t47))) + 0.0 * t40);
-    return z73;
+    lanes zero = splat_v(0);
+    (void)work;
+    for (int k = 0; k < count; k += LANES) {
+        zero += inverse_dynamics_derivatives_evaluate_v(in[0] + k, in[1] + k, in[2] + k, out[0] + k, out[1] + k,
+    out[2] + k, n);
+    }
+    return zero;
 }
-#endif
+
+elbow_status elbow_inverse_dynamics_derivatives(const elbow_real q_a[ELBOW_NA], const elbow_real v_a[ELBOW_NA],
+    const elbow_real a_a[ELBOW_NA], elbow_real dtau_dq[ELBOW_NA * ELBOW_NA],
+    elbow_real dtau_dv[ELBOW_NA * ELBOW_NA], elbow_real dtau_da[ELBOW_NA * ELBOW_NA])
+{
+    if (q_a == NULL || v_a == NULL || a_a == NULL || dtau_dq == NULL || dtau_dv == NULL || dtau_da == NULL) {
+        return ELBOW_NULL_ARGUMENT;
+    }
+    if (inverse_dynamics_derivatives_evaluate_1(q_a, v_a, a_a, dtau_dq, dtau_dv, dtau_da) == 0) {
+        return ELBOW_OK;
+    }
+    {
+        const real *const in[] = {q_a, v_a, a_a};
+        real *const out[] = {dtau_dq, dtau_dv, dtau_da};
+        return first_failed(&inverse_dynamics_derivatives_shape, in, out, 1, 1);
+    }
+}
+
+static int inverse_dynamics_derivatives_one(const real *const *in, real *const *out, real *work)
+{
+    (void)work;
+    return elbow_inverse_dynamics_derivatives(in[0], in[1], in[2], out[0], out[1], out[2]) != ELBOW_OK;
+}
+
+elbow_status elbow_inverse_dynamics_derivatives_batch_strided(int n, int stride, const elbow_real *q_a,
+    const elbow_real *v_a, const elbow_real *a_a, elbow_real *dtau_dq, elbow_real *dtau_dv, elbow_real *dtau_da,
+    elbow_real *work)
+{
+    const real *const in[] = {q_a, v_a, a_a};
+    real *const out[] = {dtau_dq, dtau_dv, dtau_da};
+    return evaluate_points(&inverse_dynamics_derivatives_shape, inverse_dynamics_derivatives_one,
+    inverse_dynamics_derivatives_lanes, in, out, n, stride, work);
+}
+
+elbow_status elbow_inverse_dynamics_derivatives_batch(int n, const elbow_real *q_a, const elbow_real *v_a,
+    const elbow_real *a_a, elbow_real *dtau_dq, elbow_real *dtau_dv, elbow_real *dtau_da, elbow_real *work)
+{
+    return elbow_inverse_dynamics_derivatives_batch_strided(n, n, q_a, v_a, a_a, dtau_dq, dtau_dv, dtau_da, work);
+}

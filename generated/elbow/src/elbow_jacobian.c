@@ -1,52 +1,55 @@
 /* elbow: jacobian. Written by flexgen; see elbow.h. */
-#ifndef T /* the file includes itself: the mathematics with T a number, then lanes of numbers */
-#include "elbow_private.h"
+#include "elbow_function.h"
 
 #include "elbow_point.h"
-#include "elbow_jacobian.c"
+#include "elbow_jacobian_math.h"
 
 #include "elbow_lanes.h"
-#include "elbow_jacobian.c"
+#include "elbow_jacobian_math.h"
 
-#define NAME(suffix) jacobian_##suffix
-#define ARRAYS(INPUT, SHARED, OUTPUT, LAST) \
-    INPUT(q_a, 2) LAST(J, 6 * 2)
-#define WORK 0
-#define SINGLE elbow_jacobian
-#define TILE 64
-#define RESULTS 12
-#include "elbow_function.h"
 #include "elbow_undefine.h"
-#else /* the mathematics */
-static T F(jacobian_evaluate)(const real *RESTRICT q_a, real *RESTRICT J STRIDE(ptrdiff_t n))
+
+static const function_shape jacobian_shape = {1, 1, -1, 0, 64, {2, 6 * 2}};
+
+static lanes jacobian_lanes(const real *const *in, real *const *out, lanes *work, int count, ptrdiff_t n)
 {
-    T t1 = IN(q_a, 0);
-    T t5 = IN(q_a, 1);
-    T t6 = t1 + t5;
-    SINES_COSINES(1, 2, t1, t6)
-    T t2 = cosine1[0];
-    T t11 = sine1[0];
-    T t7 = sine1[1];
-    T t13 = cosine1[1];
-    T t3 = 1.15 * t2;
-    T t8 = 1.241 * t7;
-    T t12 = 1.15 * t11;
-    T t14 = 1.241 * t13;
-    OUT(J, 8, -t14);
-    T t9 = t3 - t8;
-    OUT(J, 0, t9);
-    T t15 = t12 + t14;
-    OUT(J, 2, -t15);
-    T t17 = t3 - t9;
-    OUT(J, 6, -t17);
-    OUT(J, 1, F(splat)(0.0));
-    OUT(J, 3, F(splat)(0.0));
-    OUT(J, 5, F(splat)(0.0));
-    OUT(J, 7, F(splat)(0.0));
-    OUT(J, 9, F(splat)(0.0));
-    OUT(J, 11, F(splat)(0.0));
-    OUT(J, 4, F(splat)(1.0));
-    OUT(J, 10, F(splat)(1.0));
-    return 0.0 * t14 + 0.0 * t9 + (0.0 * t15 + 0.0 * t17);
+    lanes zero = splat_v(0);
+    (void)work;
+    for (int k = 0; k < count; k += LANES) {
+        zero += jacobian_evaluate_v(in[0] + k, out[0] + k, n);
+    }
+    return zero;
 }
-#endif
+
+elbow_status elbow_jacobian(const elbow_real q_a[ELBOW_NA], elbow_real J[6 * ELBOW_NA])
+{
+    if (q_a == NULL || J == NULL) {
+        return ELBOW_NULL_ARGUMENT;
+    }
+    if (jacobian_evaluate_1(q_a, J) == 0) {
+        return ELBOW_OK;
+    }
+    {
+        const real *const in[] = {q_a};
+        real *const out[] = {J};
+        return first_failed(&jacobian_shape, in, out, 1, 1);
+    }
+}
+
+static int jacobian_one(const real *const *in, real *const *out, real *work)
+{
+    (void)work;
+    return elbow_jacobian(in[0], out[0]) != ELBOW_OK;
+}
+
+elbow_status elbow_jacobian_batch_strided(int n, int stride, const elbow_real *q_a, elbow_real *J, elbow_real *work)
+{
+    const real *const in[] = {q_a};
+    real *const out[] = {J};
+    return evaluate_points(&jacobian_shape, jacobian_one, jacobian_lanes, in, out, n, stride, work);
+}
+
+elbow_status elbow_jacobian_batch(int n, const elbow_real *q_a, elbow_real *J, elbow_real *work)
+{
+    return elbow_jacobian_batch_strided(n, n, q_a, J, work);
+}

@@ -1,36 +1,56 @@
 /* elbow: mass_matrix. Written by flexgen; see elbow.h. */
-#ifndef T /* the file includes itself: the mathematics with T a number, then lanes of numbers */
-#include "elbow_private.h"
+#include "elbow_function.h"
 
 #include "elbow_point.h"
-#include "elbow_mass_matrix.c"
+#include "elbow_mass_matrix_math.h"
 
 #include "elbow_lanes.h"
-#include "elbow_mass_matrix.c"
+#include "elbow_mass_matrix_math.h"
 
-#define NAME(suffix) mass_matrix_##suffix
-#define ARRAYS(INPUT, SHARED, OUTPUT, LAST) \
-    INPUT(q_a, 2) LAST(M, 2 * 2)
-#define WORK 0
-#define SINGLE elbow_mass_matrix
-#define TILE 64
-#define RESULTS 4
-#include "elbow_function.h"
 #include "elbow_undefine.h"
-#else /* the mathematics */
-static T F(mass_matrix_evaluate)(const real *RESTRICT q_a, real *RESTRICT M STRIDE(ptrdiff_t n))
+
+static const function_shape mass_matrix_shape = {1, 1, -1, 0, 64, {2, 2 * 2}};
+
+static lanes mass_matrix_lanes(const real *const *in, real *const *out, lanes *work, int count, ptrdiff_t n)
 {
-    T t0 = IN(q_a, 1);
-    SINES_COSINES(0, 1, t0)
-    T t1 = sine0[0];
-    T t7 = 203.472375 * t1;
-    T t17 = 101.7361875 * t1;
-    T t14 = t7 - 496.00482796999995;
-    OUT(M, 0, -t14);
-    T t19 = t17 - 89.77680625;
-    OUT(M, 1, -t19);
-    OUT(M, 2, -t19);
-    OUT(M, 3, F(splat)(89.77680625));
-    return 0.0 * t19 + (0.0 * IN(q_a, 0) + 0.0 * t14);
+    lanes zero = splat_v(0);
+    (void)work;
+    for (int k = 0; k < count; k += LANES) {
+        zero += mass_matrix_evaluate_v(in[0] + k, out[0] + k, n);
+    }
+    return zero;
 }
-#endif
+
+elbow_status elbow_mass_matrix(const elbow_real q_a[ELBOW_NA], elbow_real M[ELBOW_NA * ELBOW_NA])
+{
+    if (q_a == NULL || M == NULL) {
+        return ELBOW_NULL_ARGUMENT;
+    }
+    if (mass_matrix_evaluate_1(q_a, M) == 0) {
+        return ELBOW_OK;
+    }
+    {
+        const real *const in[] = {q_a};
+        real *const out[] = {M};
+        return first_failed(&mass_matrix_shape, in, out, 1, 1);
+    }
+}
+
+static int mass_matrix_one(const real *const *in, real *const *out, real *work)
+{
+    (void)work;
+    return elbow_mass_matrix(in[0], out[0]) != ELBOW_OK;
+}
+
+elbow_status elbow_mass_matrix_batch_strided(int n, int stride, const elbow_real *q_a, elbow_real *M,
+    elbow_real *work)
+{
+    const real *const in[] = {q_a};
+    real *const out[] = {M};
+    return evaluate_points(&mass_matrix_shape, mass_matrix_one, mass_matrix_lanes, in, out, n, stride, work);
+}
+
+elbow_status elbow_mass_matrix_batch(int n, const elbow_real *q_a, elbow_real *M, elbow_real *work)
+{
+    return elbow_mass_matrix_batch_strided(n, n, q_a, M, work);
+}

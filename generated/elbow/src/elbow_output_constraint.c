@@ -1,64 +1,60 @@
 /* elbow: output_constraint. Written by flexgen; see elbow.h. */
-#ifndef T /* the file includes itself: the mathematics with T a number, then lanes of numbers */
-#include "elbow_private.h"
+#include "elbow_function.h"
 
 #include "elbow_point.h"
-#include "elbow_output_constraint.c"
+#include "elbow_output_constraint_math.h"
 
 #include "elbow_lanes.h"
-#include "elbow_output_constraint.c"
+#include "elbow_output_constraint_math.h"
 
-#define NAME(suffix) output_constraint_##suffix
-#define ARRAYS(INPUT, SHARED, OUTPUT, LAST) \
-    INPUT(q_a, 2) INPUT(v_a, 2) INPUT(target, 2) OUTPUT(y_err, 2) OUTPUT(W, 2 * 2) LAST(Wdot_v, 2)
-#define WORK 0
-#define SINGLE elbow_output_constraint
-#define TILE 64
-#define RESULTS 8
-#include "elbow_function.h"
 #include "elbow_undefine.h"
-#else /* the mathematics */
-static T F(output_constraint_evaluate)(const real *RESTRICT q_a, const real *RESTRICT v_a, const real *RESTRICT target, real *RESTRICT y_err, real *RESTRICT W, real *RESTRICT Wdot_v STRIDE(ptrdiff_t n))
+
+static const function_shape output_constraint_shape = {3, 3, -1, 0, 64, {2, 2, 2, 2, 2 * 2, 2}};
+
+static lanes output_constraint_lanes(const real *const *in, real *const *out, lanes *work, int count, ptrdiff_t n)
 {
-    T t1 = IN(q_a, 0);
-    T t5 = IN(q_a, 1);
-    T t6 = t1 + t5;
-    SINES_COSINES(1, 2, t1, t6)
-    T t2 = sine1[0];
-    T t12 = cosine1[0];
-    T t7 = cosine1[1];
-    T t14 = sine1[1];
-    T t20 = IN(v_a, 0);
-    T t23 = IN(v_a, 1);
-    T t24 = t20 + t23;
-    T t3 = 1.15 * t2;
-    T t8 = 1.241 * t7;
-    OUT(W, 3, -t8);
-    T t13 = 1.15 * t12;
-    T t15 = 1.241 * t14;
-    T t21 = t20 * t20;
-    T t25 = t24 * t24;
-    T t9 = t3 + t8;
-    OUT(W, 1, -t9);
-    T t16 = t13 - t15;
-    OUT(W, 0, t16);
-    T t22 = t3 * t21;
-    T t29 = t13 * t21;
-    T t26 = t8 * t25;
-    T t28 = t15 * t25;
-    T t10 = IN(target, 0);
-    T t11 = t9 - t10;
-    OUT(y_err, 0, t11);
-    T t17 = IN(target, 1);
-    T t18 = t16 - t17;
-    OUT(y_err, 1, t18);
-    T t19 = t13 - t16;
-    OUT(W, 2, -t19);
-    T t27 = t22 + t26;
-    OUT(Wdot_v, 0, -t27);
-    T t30 = t28 - t29;
-    OUT(Wdot_v, 1, t30);
-    T z37 = 0.0 * t8 + 0.0 * t9 + (0.0 * t16 + 0.0 * t11) + (0.0 * t18 + 0.0 * t19 + (0.0 * t27 + 0.0 * t30));
-    return z37;
+    lanes zero = splat_v(0);
+    (void)work;
+    for (int k = 0; k < count; k += LANES) {
+        zero += output_constraint_evaluate_v(in[0] + k, in[1] + k, in[2] + k, out[0] + k, out[1] + k, out[2] + k, n);
+    }
+    return zero;
 }
-#endif
+
+elbow_status elbow_output_constraint(const elbow_real q_a[ELBOW_NA], const elbow_real v_a[ELBOW_NA],
+    const elbow_real target[ELBOW_NT], elbow_real y_err[ELBOW_NY], elbow_real W[ELBOW_NY * ELBOW_NA],
+    elbow_real Wdot_v[ELBOW_NY])
+{
+    if (q_a == NULL || v_a == NULL || target == NULL || y_err == NULL || W == NULL || Wdot_v == NULL) {
+        return ELBOW_NULL_ARGUMENT;
+    }
+    if (output_constraint_evaluate_1(q_a, v_a, target, y_err, W, Wdot_v) == 0) {
+        return ELBOW_OK;
+    }
+    {
+        const real *const in[] = {q_a, v_a, target};
+        real *const out[] = {y_err, W, Wdot_v};
+        return first_failed(&output_constraint_shape, in, out, 1, 1);
+    }
+}
+
+static int output_constraint_one(const real *const *in, real *const *out, real *work)
+{
+    (void)work;
+    return elbow_output_constraint(in[0], in[1], in[2], out[0], out[1], out[2]) != ELBOW_OK;
+}
+
+elbow_status elbow_output_constraint_batch_strided(int n, int stride, const elbow_real *q_a, const elbow_real *v_a,
+    const elbow_real *target, elbow_real *y_err, elbow_real *W, elbow_real *Wdot_v, elbow_real *work)
+{
+    const real *const in[] = {q_a, v_a, target};
+    real *const out[] = {y_err, W, Wdot_v};
+    return evaluate_points(&output_constraint_shape, output_constraint_one, output_constraint_lanes, in, out, n,
+    stride, work);
+}
+
+elbow_status elbow_output_constraint_batch(int n, const elbow_real *q_a, const elbow_real *v_a,
+    const elbow_real *target, elbow_real *y_err, elbow_real *W, elbow_real *Wdot_v, elbow_real *work)
+{
+    return elbow_output_constraint_batch_strided(n, n, q_a, v_a, target, y_err, W, Wdot_v, work);
+}

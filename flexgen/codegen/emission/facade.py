@@ -1,17 +1,11 @@
-"""The C files of the library: the functions, and the facade."""
+"""The facade of the library: its identity, its sizes and the defaults of its options."""
 
 from __future__ import annotations
 
-import textwrap
-
-from flexgen.base.spec.ports import Port
-from flexgen.codegen.emission.amalgamation import MATHEMATICS
 from flexgen.codegen.emission.c_text import macro, quote, size_macro
 from flexgen.codegen.emission.clib_types import CFunction
-from flexgen.codegen.emission.header import tile
 from flexgen.codegen.emission.interface import ABI_VERSION, POSITION, STATUSES, default_of
-from flexgen.codegen.emission.spec import FunctionSpec, LibrarySpec
-from flexgen.codegen.statements.function_text import FunctionText
+from flexgen.codegen.emission.spec import LibrarySpec
 from flexgen.codegen.statements.literals import literal
 from flexgen.model.position_servo.keys import GAINS
 
@@ -129,55 +123,3 @@ def _servo_defaults(spec: LibrarySpec) -> str:
     return (
         f"{spec.name}_servo {spec.name}_servo_defaults(void)\n{{\n{lines}    return servo;\n}}\n\n"
     )
-
-
-def source(spec: LibrarySpec, f: FunctionSpec, written: FunctionText) -> str:
-    """Text of ``<name>_<function>.c``: entry points for one point and for many, and the
-    mathematics.
-
-    The mathematics is compiled twice, for one point and for lanes of points: the file includes
-    itself.
-    """
-    file = f"{spec.name}_{f.name}.c"
-    *ports, last = [
-        f"{'SHARED' if _shared(spec, p) else 'INPUT' if p in f.inputs else 'OUTPUT'}({p.name}, "
-        f"{' * '.join(str(spec.sizes.get(extent, extent)) for extent in f.extents[p.name])})"
-        for p in (*f.inputs, *f.outputs)
-    ]
-    arrays = " ".join([*ports, last.replace("OUTPUT", "LAST", 1)])
-    return f"""\
-/* {spec.name}: {f.name}. Written by flexgen; see {spec.name}.h. */
-#ifndef T /* the file includes itself: the mathematics with T a number, then lanes of numbers */
-#include "{spec.name}_private.h"
-
-#include "{spec.name}_point.h"
-#include "{file}"
-
-#include "{spec.name}_lanes.h"
-#include "{file}"
-
-#define NAME(suffix) {f.name}_##suffix
-#define ARRAYS(INPUT, SHARED, OUTPUT, LAST) \\
-{_break_lines(arrays)}
-#define WORK {written.work}
-#define SINGLE {spec.name}_{f.name}
-#define TILE {tile(f, spec.precision)}
-#define RESULTS {sum(port.size for port in f.outputs)}
-#include "{spec.name}_function.h"
-#include "{spec.name}_undefine.h"
-{MATHEMATICS}
-{written.text}#endif
-"""
-
-
-def _break_lines(text: str) -> str:
-    """A long line of a macro, in several lines."""
-    lines = textwrap.wrap(
-        text.replace(", ", ",\0"), 112, break_long_words=False, break_on_hyphens=False
-    )
-    return " \\\n".join(f"    {line}" for line in lines).replace("\0", " ")
-
-
-def _shared(spec: LibrarySpec, port: Port) -> bool:
-    """True of the parameters where one array is for all points."""
-    return bool(spec.parameters) and not spec.per_point and port.name == "parameters"
