@@ -14,8 +14,8 @@ import numpy as np
 
 from flexgen.base.checks.type_checks import checked_result
 from flexgen.base.display import Figure, figure_rows, plain
-from flexgen.base.results import Result
 from flexgen.base.spec.variants import with_variant
+from flexgen.identification.estimator.fit_result import FitResult, FittedNumber
 from flexgen.identification.estimator.status import FitStatus
 from flexgen.model.elements import RobotModel
 from flexgen.model.new_file import text_of_model, with_overrides, write_model_text
@@ -98,7 +98,7 @@ def check_file(path: str | Path, robot: RobotModel) -> None:
 
 @checked_result
 @dataclass(frozen=True, eq=False, repr=False)
-class GearFit(Result):
+class GearFit(FitResult):
     """Hysteresis and transmission errors of gears, identified from motor angles and torques.
 
     Attributes
@@ -150,7 +150,7 @@ class GearFit(Result):
 
     robot: RobotModel
     numbers: tuple[Number, ...]
-    status: FitStatus
+    status: FitStatus = field()
     unexplained: np.ndarray
     noise: np.ndarray
     band_hz: float
@@ -181,16 +181,28 @@ class GearFit(Result):
             return ""
         return f"{self.status}: {' '.join(self.status.texts(TEXTS))}"
 
-    @property
-    def values(self) -> dict[str, float]:
-        """Name -> value of all numbers."""
-        return {number.name: number.value for number in self.numbers}
-
-    @property
-    def sd(self) -> dict[str, float | None]:
-        """Name -> standard deviation; None unless the status is "fitted"."""
+    @cached_property
+    def fitted(self) -> tuple[FittedNumber, ...]:
+        """All numbers, with standard deviations where the status is "fitted"."""
         stated = self.status is FitStatus.FITTED
-        return {number.name: number.sd if stated else None for number in self.numbers}
+        return tuple(
+            FittedNumber(
+                number.name,
+                number.value,
+                number.unit,
+                number.sd if stated else None,
+                is_determined=number.determined,
+            )
+            for number in self.numbers
+        )
+
+    @cached_property
+    def causes(self) -> tuple[str, ...]:
+        """Sentences on joints of which the record shows an element of hysteresis more."""
+        return tuple(
+            f"hysteresis of {joint} has an element more, with another lost motion"
+            for joint in self.lacking
+        )
 
     def sentence(self) -> str:
         """The result in words."""
@@ -238,9 +250,8 @@ class GearFit(Result):
         changes = with_overrides(self.robot, self.changes)
         return read(self.robot.file, self.robot.variant or None, overrides=changes)
 
-    def save(self, path: str | Path) -> Path:
-        """Write ``.toml``: the model file with the changes as a further variant ``identified``;
-        ``.json``: the numbers.
+    def write(self, path: str | Path) -> Path:
+        """Write the model file with the changes as a further variant ``identified``.
 
         Returns
         -------
@@ -252,8 +263,6 @@ class GearFit(Result):
         ArgumentError
             The model has no ``.toml`` file, or one with this variant.
         """
-        if Path(path).suffix != ".toml":
-            return super().save(path)
         description = f"gears identified from motor angles and torques: {self.status}"
         return write_gears(path, self.robot, self.changes, description)
 

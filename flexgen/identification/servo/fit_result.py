@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -12,21 +13,24 @@ import numpy as np
 from flexgen.base.checks.type_checks import checked_result
 from flexgen.base.display import Figure, figure_rows, plain
 from flexgen.base.files.atomic_files import write_text
-from flexgen.base.results import Result
 from flexgen.base.spec.toml_text import toml
 from flexgen.feedback.positions.servo import Servo
+from flexgen.identification.estimator.fit_result import FitResult, FittedNumber
+from flexgen.identification.estimator.status import FitStatus
 from flexgen.identification.servo.record import ServoRecord
 
 ENOUGH = 0.9  # explained, of the lag of the robot
 LEFT = 1.5  # unexplained, over the noise
 # of the samples where a command moves: from here on steps of the angles are not like noise
 REPEATED = 0.4
-GAINS = ("position_gain", "speed_gain", "integral_gain")
+# Gains of each motor, with their units.
+UNITS = {"position_gain": "1/s", "speed_gain": "N m s/rad", "integral_gain": "1/s"}
+GAINS = tuple(UNITS)
 
 
 @checked_result
 @dataclass(frozen=True, repr=False)
-class ServoFit(Result):
+class ServoFit(FitResult):
     """A position servo that was identified.
 
     Attributes
@@ -112,6 +116,46 @@ class ServoFit(Result):
         """Whether noise explains the difference of measured and simulated angles."""
         return self.converged and self.left < LEFT
 
+    @cached_property
+    def status(self) -> FitStatus:
+        """Of the search and of its result: "fitted" where noise explains the rest."""
+        if self.ended:
+            return FitStatus.of_value(self.ended)
+        if not self.converged:
+            return FitStatus.NOT_CONVERGED
+        right = self.is_explained and self.explained >= ENOUGH
+        return FitStatus.FITTED if right else FitStatus.MODEL_ERROR
+
+    @cached_property
+    def fitted(self) -> tuple[FittedNumber, ...]:
+        """Gains, ``MOTOR.position_gain``, with relative deviations, and the numbers that all
+        motors share.
+        """
+        stated = self.is_explained
+        gains = []
+        for (word, unit), deviations in zip(UNITS.items(), self.gain_sd, strict=True):
+            each = np.asarray(getattr(self.servo.feedback, word), dtype=float).tolist()
+            for motor, value, own in zip(self.motors, each, deviations.tolist(), strict=True):
+                name = f"{motor}.{word}"
+                gains.append(FittedNumber(name, value, unit, own if stated else None, True))
+        servo = self.servo
+        shared = (servo.speed_feedforward, servo.reference_filter_s, self.latency_s)
+        common = [
+            FittedNumber(name, value, "s" if name.endswith("_s") else "", sd if stated else None)
+            for (name, sd), value in zip(self.common_sd.items(), shared, strict=True)
+        ]
+        return (*gains, *common)
+
+    @cached_property
+    def causes(self) -> tuple[str, ...]:
+        """Likely reasons of what is unexplained."""
+        found = []
+        if self.converged and not self.is_explained:
+            found.append("other torque filters, structure, delay or model")
+        if self.repeated > REPEATED:
+            found.append("angles that repeat from sample to sample")
+        return tuple(found)
+
     @property
     def repeated(self) -> float:
         """Part of the samples with a command that moves in which the measured angle repeats, of
@@ -155,30 +199,7 @@ class ServoFit(Result):
 
     def figures(self) -> tuple[Figure, ...]:
         """The figures in SI units, for tables."""
-        rows = []
-        servo = self.servo
-
-        def with_sd(value: str, sd: str) -> str:
-            return f"{value} +- {sd}" if self.is_explained else value
-
-        for word, unit, sd in zip(GAINS, ("1/s", "N m s/rad", "1/s"), self.gain_sd, strict=True):
-            for name, value, own in zip(
-                self.motors, np.asarray(getattr(servo.feedback, word)), sd, strict=True
-            ):
-                label = f"{word.replace('_', ' ')} of {name}"
-                rows.append(
-                    Figure(
-                        label,
-                        with_sd(f"{value:.5g}", f"{100 * own:.2g} %"),
-                        unit,
-                        f"{word}_{name}",
-                    )
-                )
-        common = (servo.speed_feedforward, servo.reference_filter_s, self.latency_s)
-        for (name, sd), value in zip(self.common_sd.items(), common, strict=True):
-            unit = "s" if name.endswith("_s") else ""
-            text = with_sd(f"{value:.4g}", f"{sd:.2g}")
-            rows.append(Figure(name.removesuffix("_s").replace("_", " "), text, unit, name))
+        rows = [_figure(number) for number in self.fitted]
         worst = float(self.unexplained.max())
         return (
             *rows,
@@ -210,12 +231,8 @@ class ServoFit(Result):
         )
         return own | gains | {name: plain(getattr(self, name)) for name in kept}
 
-    def save(self, path: str | Path) -> Path:
-        """Write the servo to a file ``.toml`` that `Servo.read` and the command line take;
-        ``.json``: all figures.
-        """
-        if Path(path).suffix != ".toml":
-            return super().save(path)
+    def write(self, path: str | Path) -> Path:
+        """Write the servo to a file ``.toml`` that `Servo.read` and the command line take."""
         servo = self.servo
         values = {name: np.asarray(getattr(servo.feedback, name)).tolist() for name in GAINS}
         values |= {
@@ -236,3 +253,17 @@ class ServoFit(Result):
                 *(f"{name} = {toml(value)}" for name, value in vars(each).items()),
             ]
         return write_text(Path(path), "\n".join(lines) + "\n")
+
+
+def _figure(number: FittedNumber) -> Figure:
+    """The row of a number: gains by their motor, with relative deviations."""
+    motor, _, gain = number.name.rpartition(".")
+    label = number.name.removesuffix("_s").replace("_", " ")
+    text = f"{number.value:.4g}"
+    sd = "" if number.sd is None else f" +- {number.sd:.2g}"
+    if motor:
+        label = f"{gain.replace('_', ' ')} of {motor}"
+        text = f"{number.value:.5g}"
+        sd = "" if number.sd is None else f" +- {100 * number.sd:.2g} %"
+    key = f"{gain}_{motor}" if motor else number.name
+    return Figure(label, text + sd, number.unit, key)
