@@ -191,7 +191,7 @@ class GearFit(FitResult):
                 number.value,
                 number.unit,
                 number.sd if stated else None,
-                is_determined=number.determined,
+                is_determined=bool(number.determined),
             )
             for number in self.numbers
         )

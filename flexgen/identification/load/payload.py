@@ -31,6 +31,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path as FilePath
 from typing import Any
 
@@ -46,16 +47,17 @@ from flexgen.base.errors import ArgumentError, SolverError
 from flexgen.base.motion.trajectory import Trajectory
 from flexgen.base.numerics.evaluate import evaluate
 from flexgen.base.numerics.low_pass import bandwidth
-from flexgen.base.results import Result
 from flexgen.base.spec.arguments import is_number
 from flexgen.dynamics.hysteresis.hysteresis import without_hysteresis
 from flexgen.dynamics.mechanics.equations import Equations, derive, robot_of
 from flexgen.dynamics.mechanics.statics import gear_deflection, reach
 from flexgen.feedback.loop.gains import lowest_locked_hz
 from flexgen.identification.estimator.covariance import block_covariance
+from flexgen.identification.estimator.fit_result import FitResult, FittedNumber
 from flexgen.identification.estimator.layout import Layout
 from flexgen.identification.estimator.minimize import Minimum, Search, minimize
 from flexgen.identification.estimator.problem import Linearization, Prior, Problem, Squares
+from flexgen.identification.estimator.status import FitStatus
 from flexgen.identification.load.compliances import stiffness_deviations
 from flexgen.identification.records.motor_record import read_motor_record
 from flexgen.identification.rigid.rests_of_motors import MOVING, Rests, largest_of_unit
@@ -121,7 +123,7 @@ FITTED = 5  # numbers of a load without a prior of their own: mass, center of ma
 
 @checked_result
 @dataclass(frozen=True)
-class Load(Result):
+class Load(FitResult):
     """A load: ``mass`` [kg] and ``com`` (3,) [m] in the frame that the tool is attached to, with
     standard deviations.
 
@@ -171,6 +173,24 @@ class Load(Result):
     total_inertia: np.ndarray = field(default_factory=lambda: np.zeros((3, 3)))
 
     __repr__ = short_repr
+
+    @cached_property
+    def fitted(self) -> tuple[FittedNumber, ...]:
+        """Mass and center of mass; a direction that the motion does not show is not
+        determined.
+        """
+        is_found = bool(2 * self.mass_sd < abs(self.mass))
+        mass = FittedNumber("mass", self.mass, "kg", self.mass_sd, is_determined=is_found)
+        center = zip("xyz", self.com.tolist(), self.com_sd.tolist(), strict=True)
+        return mass, *(
+            FittedNumber(f"com_{axis}", x, "m", sd, is_determined=is_found and sd < self.unknown_m)
+            for axis, x, sd in center
+        )
+
+    @cached_property
+    def status(self) -> FitStatus:
+        """Not checked by other motions; of a search that was ended from outside, the reason."""
+        return FitStatus.of_value(self.ended) if self.ended else FitStatus.NOT_CHECKED
 
     @property
     def problem(self) -> str:

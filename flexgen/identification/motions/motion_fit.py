@@ -23,7 +23,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -105,7 +105,7 @@ class MotionFit(Estimated):
     fit_percent: tuple[float, ...]
     held_out_percent: tuple[float, ...]
     white: tuple[float, ...]
-    weak: tuple[str, ...]
+    weak: tuple[str, ...] = field()
     segments: int
     iterations: int
     wall_s: float

@@ -5,6 +5,7 @@ were not fitted.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +15,11 @@ from flexgen.base.checks.counts import count_of
 from flexgen.base.checks.type_checks import checked_result
 from flexgen.base.display import plain
 from flexgen.base.errors import ArgumentError
-from flexgen.base.results import Result
 from flexgen.base.spec.arguments import seed_of
 from flexgen.base.spec.variants import with_variant
+from flexgen.identification.estimator.fit_result import FitResult, FittedNumber
+from flexgen.identification.estimator.status import FitStatus
+from flexgen.identification.estimator.validation import WORSE
 from flexgen.identification.poses.components import Tilt
 from flexgen.identification.poses.model_file import VARIANT, changes_of
 from flexgen.identification.poses.parameters import FRAME, Unknown
@@ -57,7 +60,7 @@ def check_file(path: str | Path, model: RobotModel) -> None:
 
 @checked_result
 @dataclass(frozen=True, eq=False, repr=False)
-class Calibration(Result):
+class Calibration(FitResult):
     """A calibrated model.
 
     Parameters
@@ -148,25 +151,41 @@ class Calibration(Result):
             else "calibration: the search did not end at a minimum; free fewer groups"
         )
 
-    @property
-    def values(self) -> dict[str, float]:
-        """The calibrated numbers by name; units: those of ``unknowns``."""
-        return {u.name: float(x) for u, x in zip(self.unknowns, self.x, strict=True)}
+    @cached_property
+    def fitted(self) -> tuple[FittedNumber, ...]:
+        """The numbers with their standard deviations, which are 0 where a bound holds a
+        compliance.
+        """
+        deviations = np.sqrt(np.diag(self.covariance)).tolist()
+        return tuple(
+            FittedNumber(u.name, float(x), u.unit, sd, is_determined=0.0 < sd < DETERMINED * u.sd)
+            for u, x, sd in zip(self.unknowns, self.x, deviations, strict=True)
+        )
+
+    @cached_property
+    def status(self) -> FitStatus:
+        """Of the search, and of the errors on poses that were not fitted, where there are some."""
+        if self.ended:
+            return FitStatus.of_value(self.ended)
+        if not self.converged:
+            return FitStatus.NOT_CONVERGED
+        if self.errors_held_out is None:
+            return FitStatus.NOT_CHECKED
+        there = float(np.nanmean(self.errors_held_out))
+        is_worse = there > WORSE * float(np.nanmean(self.errors))
+        return FitStatus.POORLY_VALIDATED if is_worse else FitStatus.FITTED
 
     @property
     def sd(self) -> dict[str, float]:
         """Standard deviations by name; 0 where a bound holds a compliance."""
-        return {
-            u.name: float(s)
-            for u, s in zip(self.unknowns, np.sqrt(np.diag(self.covariance)), strict=True)
-        }
+        return {number.name: number.sd or 0.0 for number in self.fitted}
 
     @property
     def determined(self) -> dict[str, bool]:
         """Whether the measurements determine a number: its standard deviation is below 0.3 of that
         of the prior.
         """
-        return {u.name: 0.0 < self.sd[u.name] < DETERMINED * u.sd for u in self.unknowns}
+        return {number.name: number.is_determined for number in self.fitted}
 
     @property
     def changes(self) -> dict[str, Any]:

@@ -8,6 +8,7 @@ import re
 import tomllib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, fields
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,6 @@ from flexgen.base.checks.type_checks import checked_result
 from flexgen.base.display import plain
 from flexgen.base.errors import ArgumentError, ModelError
 from flexgen.base.registry import find_function
-from flexgen.base.results import Result
 from flexgen.base.spec.number_edit import with_numbers
 from flexgen.base.spec.variants import with_variant
 from flexgen.dynamics.mechanics.parameters import Parameter, names_of_numbers, select, with_values
@@ -28,6 +28,7 @@ from flexgen.feedback.loop.robustness import ControlName
 from flexgen.identification.causes.explain import Cause
 from flexgen.identification.causes.levels import AmplitudeTest
 from flexgen.identification.estimator.fit_grade import Grade
+from flexgen.identification.estimator.fit_result import FitResult, FittedNumber
 from flexgen.identification.estimator.status import FitStatus as FitStatus
 from flexgen.identification.responses.frequency_response import Frf
 from flexgen.identification.responses.parameters import (
@@ -62,7 +63,7 @@ def with_coulomb(model: RobotModel) -> tuple[str, ...]:
 
 @checked_result
 @dataclass(frozen=True, eq=False, repr=False)
-class Estimated(Result):
+class Estimated(FitResult):
     """Estimated parameters of a model.
 
     Parameters
@@ -79,7 +80,7 @@ class Estimated(Result):
     vector: ParameterVector
     x: np.ndarray
     formal_covariance: np.ndarray
-    status: FitStatus
+    status: FitStatus = field()
     source: str = field(default="", kw_only=True)  # of the data, for the new model file
     # of sensors, by an earlier fit
     found_delays: Mapping[str, float] = field(default_factory=dict, kw_only=True)
@@ -100,10 +101,28 @@ class Estimated(Result):
             **{name: plain(getattr(self, name)) for name in more},
         }
 
-    @property
-    def values(self) -> dict[str, float]:
-        """Name -> value; SI units, on the side where the model file states the number."""
-        return dict(zip(self.vector.names, self.vector.values(self.x).tolist(), strict=True))
+    @cached_property
+    def fitted(self) -> tuple[FittedNumber, ...]:
+        """The parameters, SI units, on the side where the model file states the number.
+
+        Standard deviations are relative for parameters with the scale "log"; None where
+        `covariance` is: under a model error the true errors are many times as large.
+        """
+        values = self.vector.values(self.x).tolist()
+        deviations: list[float | None] = [None] * len(values)
+        if self.status.has_deviations:
+            deviations = np.sqrt(np.diag(self.formal_covariance)).tolist()
+        return tuple(
+            FittedNumber(
+                u.name,
+                value,
+                u.parameter.unit,
+                sd,
+                is_relative=u.scale == "log",
+                is_determined=not self.is_weak(u.name),
+            )
+            for u, value, sd in zip(self.vector.unknowns, values, deviations, strict=True)
+        )
 
     @property
     def covariance(self) -> np.ndarray | None:
@@ -111,19 +130,6 @@ class Estimated(Result):
         accuracy.
         """
         return self.formal_covariance if self.status.has_deviations else None
-
-    @property
-    def sd(self) -> dict[str, float | None]:
-        """Name -> standard deviation: relative for parameters with the scale "log", else in the
-        parameter's unit.
-
-        None where `covariance` is: under a model error the true errors are many times as large.
-        """
-        if not self.status.has_deviations:
-            return dict.fromkeys(self.vector.names)
-        return dict(
-            zip(self.vector.names, np.sqrt(np.diag(self.formal_covariance)).tolist(), strict=True)
-        )
 
     @property
     def correlation(self) -> np.ndarray:
@@ -279,7 +285,7 @@ class IdentificationResult(Estimated):
     agreed: int
     iterations: int
     at_bound: tuple[str, ...]
-    weak: tuple[str, ...]
+    weak: tuple[str, ...] = field()
     data: Frf
     variance: np.ndarray
     deflection_sd: np.ndarray

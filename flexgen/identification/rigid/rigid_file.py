@@ -16,14 +16,15 @@ from flexgen.base.calls.deadline import limit_fit
 from flexgen.base.calls.progress import Choice, reported
 from flexgen.base.display import plain
 from flexgen.base.errors import ArgumentError
-from flexgen.base.results import Result
 from flexgen.dynamics.mechanics.parameters import select
+from flexgen.identification.estimator.fit_result import FitResult, FittedNumber
 from flexgen.identification.estimator.status import FitStatus
 from flexgen.identification.records.description import Description, read_description
 from flexgen.identification.records.gear_deflection import GearDeflection, gear_deflection
 from flexgen.identification.responses.result import FileWords, write_model
 from flexgen.identification.rigid.feasible_bodies import body_of, scales
 from flexgen.identification.rigid.rigid_body import RigidFit, identify_rigid
+from flexgen.identification.rigid.rigid_mistakes import Mistake
 from flexgen.identification.rigid.rigid_regressor import BODY, Motion
 from flexgen.model.elements import RobotModel
 
@@ -35,7 +36,7 @@ FALLING = ("stribeck", "alpha")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class RigidIdentification(Result):
+class RigidIdentification(FitResult):
     """Result of `identify_bodies`: bodies, rotors and frictions of a rigid arm, and stiffnesses of
     its gears.
 
@@ -50,6 +51,31 @@ class RigidIdentification(Result):
     gears: dict[str, GearDeflection]
     source: str
     notes: tuple[str, ...] = ()
+
+    @cached_property
+    def fitted(self) -> tuple[FittedNumber, ...]:
+        """The `numbers` with their `deviations`, in the units of the model file."""
+        units = {p.name: p.unit for p in select(self.fit.model, list(self.numbers))}
+        return tuple(
+            FittedNumber(name, value, units[name], self.deviations.get(name))
+            for name, value in self.numbers.items()
+        )
+
+    @cached_property
+    def status(self) -> FitStatus:
+        """Of the fit."""
+        return self.fit.status
+
+    @cached_property
+    def weak(self) -> tuple[str, ...]:
+        """The number of combinations of bodies that the motions determine."""
+        fit = self.fit
+        return (f"{fit.base_parameters} base parameters of {len(fit.pi)} numbers are determined",)
+
+    @cached_property
+    def causes(self) -> tuple[Mistake, ...]:
+        """The mistake that explains a large part of the errors, where there is one."""
+        return () if self.fit.mistake is None else (self.fit.mistake,)
 
     @cached_property
     def numbers(self) -> dict[str, float]:

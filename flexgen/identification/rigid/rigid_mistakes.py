@@ -50,6 +50,9 @@ class Mistake:
             "errors of a motor."
         )
 
+    def __str__(self) -> str:
+        return self.sentence
+
 
 @dataclass(frozen=True, eq=False)
 class _Scores:
