@@ -303,3 +303,58 @@ def test_spectra_of_unequal_steps_late_stamps_and_two_rates(tmp_path: Path) -> N
         truth = -0.5 * np.array([0.01 / -0.5j, -0.001j / 0.25])
         assert found.plan.lines.tolist() == [2, 6], case
         assert np.allclose(G / truth, 1.0, atol=2e-3), case
+
+
+SIZES = {1: 1.0, 3: 0.021, 4: 0.5, 5: 0.019, 9: 0.03}  # amplitudes of multiples of 5 Hz
+
+
+@pytest.mark.parametrize(
+    ("keys", "lines"),
+    [
+        ("", [1, 3, 4, 9]),  # above a fiftieth of the largest
+        ('lines = "all"', list(range(1, 91))),  # to 0.45 of the sample rate
+        ('lines = "odd"', list(range(1, 91, 2))),
+        ('lines = "all"\nf_min = 10.0\nf_max = 15.0', [2, 3]),
+        ('lines = "all"\nf_min = 10.1\nf_max = 19.9', [3]),
+        ('lines = "all"\nf_min = 490.0\nf_max = 900.0', [98, 99]),
+        ("line_numbers = [7, 1, 99, 7]", [1, 7, 99]),
+        ("line_numbers = [100]", "line_numbers: .*whole numbers from 1 to 99"),
+        ("line_numbers = []", "line_numbers: .*whole numbers from 1 to 99"),
+        ("line_numbers = [1.0]", "line_numbers: .*whole numbers from 1 to 99"),
+        ("line_numbers = [1]\nf_max = 9.0", "no lines, f_min or f_max in addition to it"),
+        ('lines = "all"\nf_min = 6.0\nf_max = 9.0', "lines between f_min and f_max"),
+    ],
+)
+def test_lines_of_recordings_are_excited_odd_all_or_numbered(keys, lines, tmp_path):
+    """The mean of a torque does not count, nor what differs from period to period."""
+    tau = sum(a * np.sin(2 * np.pi * 5 * k * TIME) for k, a in SIZES.items()) + 5.0
+    tau = tau + 0.3 * np.array([1, -1, 1, -1, 0])[(TIME / 0.2 + 1e-9).astype(int)]
+    text = TEXT.replace("period_s = 0.2", f"period_s = 0.2\n{keys}")
+    file = written(tmp_path, text, current=tau)
+    if isinstance(lines, list):
+        assert read_experiment(file).plan.lines.tolist() == lines
+        return
+    with pytest.raises(ModelError, match=lines):
+        read_experiment(file)
+
+
+def test_torques_near_the_limit_of_the_motor_are_refused(tmp_path):
+    """From 99.9 % on; two equal samples at the largest torque are none of a limit."""
+    top = 0.5 * np.abs(TORQUE).max()
+    file = written(tmp_path)
+    bench = BENCH.read_text()
+    for limit, refused in ((top / 0.998, False), (top / 0.9995, True)):
+        (tmp_path / "bench.toml").write_text(
+            bench.replace("ratio = 1", f"torque_max = {limit}\nratio = 1")
+        )
+        if refused:
+            with pytest.raises(ArgumentError, match="at its limit"):
+                read_experiment(file)
+        else:
+            read_experiment(file)
+    twice = TORQUE.copy()
+    twice[50:52] = 2.0
+    read_experiment(written(tmp_path, current=twice))
+    twice[52] = 2.0
+    with pytest.raises(ArgumentError, match=r"at its limit of 1 N m at t = 0\.05 s: excite less"):
+        read_experiment(written(tmp_path, current=twice))

@@ -87,3 +87,17 @@ def small_plan(model: RobotModel, poses: np.ndarray, **changes: object) -> Plan:
         "speed_rms": 0.02,
     }
     return flexgen.excite(model, **{**arguments, "progress": False, **changes})
+
+
+def noisy_responses() -> Frf:
+    """Responses of two poses and four lines with covariances that are all different."""
+    model = without_coulomb("planar5_nmp")
+    w = 2 * np.pi * np.array([3.0, 8.0, 21.0, 55.0])
+    made = exact_responses(model, poses_of(model, 2), w, Drive(1e-3, 1e-3), 1e-2)
+    rng = np.random.default_rng(2)
+    root, other = (rng.normal(size=(2, 4, 2, n, 2)) @ [1, 1j] for n in (2, 3))
+    C = root @ root.conj().swapaxes(-1, -2) * np.abs(made.G).mean() ** 2 * 1e-4
+    UU = other @ other.conj().swapaxes(-1, -2)
+    by_input = np.einsum("klbb->klb", np.linalg.inv(UU).real / 5)
+    variance = np.einsum("klaa->kla", C).real[..., :, None] * by_input[..., None, :]
+    return replace(made, C=C, UU=UU, variance=variance, periods=5, experiments=3)

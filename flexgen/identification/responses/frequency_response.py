@@ -337,7 +337,7 @@ def _responses(experiment: Experiment, average: AverageName, transients: bool) -
     spread = 1.0
     noise_periods = 1
     if experiment.periodic:
-        warnings = () if transients else _check_repeats(Y[..., :n, :], experiment.source)
+        warnings = () if transients else check_repeats(Y[..., :n, :], experiment.source)
         warnings += left_out + _check_transients(experiment)
     else:
         average = "h1"
@@ -545,7 +545,7 @@ def _torque_lines(lines: np.ndarray) -> str:
     )
 
 
-def _check_repeats(Y: np.ndarray, source: str) -> tuple[str, ...]:
+def check_repeats(Y: np.ndarray, source: str) -> tuple[str, ...]:
     """Warnings on periods that are unlike the others: a transient, a drift, or lost samples; an
     error for large ones.
 

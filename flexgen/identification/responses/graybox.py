@@ -237,7 +237,7 @@ def _fit(
             left if floor is None and data.noise_UU is not None and left > SMALL_ERROR else error
         )
     cost = best.cost / degrees
-    status = status_of_end(_status(best, cost, error, data, floor is not None), reason_of_end())
+    status = status_of_end(fit_status(best, cost, error, data, floor is not None), reason_of_end())
     causes: tuple[Cause, ...] = ()
     explicable = floor is None and residual == "nls" and status is not FitStatus.NOISE_TOO_LARGE
     # A cause of less would explain rounding, such as a delay of 1e-11 s.
@@ -267,7 +267,7 @@ def _fit(
         at_bound=tuple(
             name for name, held in zip(vector.names, best.at_bound, strict=True) if held
         ),
-        weak=(*weak_directions(vector, best.A), *_report_hidden(vector, data, best.A, covariance)),
+        weak=(*weak_directions(vector, best.A), *hidden_numbers(vector, data, best.A, covariance)),
         data=measured,
         variance=residuals.variance,
         deflection_sd=residuals.deflection_sd,
@@ -438,7 +438,7 @@ def _with_model_error(
     return error, residuals, best
 
 
-def _status(fit: Minimum, cost: float, error: float, data: Frf, stated: bool) -> FitStatus:
+def fit_status(fit: Minimum, cost: float, error: float, data: Frf, stated: bool) -> FitStatus:
     """The status of a fit; ``stated``: the user has stated the model error."""
     if not fit.converged:
         return FitStatus.NOT_CONVERGED
@@ -456,7 +456,7 @@ def _status(fit: Minimum, cost: float, error: float, data: Frf, stated: bool) ->
     return FitStatus.FITTED
 
 
-def _report_hidden(
+def hidden_numbers(
     vector: ParameterVector, data: Frf, A: np.ndarray, covariance: np.ndarray
 ) -> tuple[str, ...]:
     """Sentences on a transient, on what noise of torques hides, and on viscous frictions with

@@ -1,23 +1,23 @@
-"""Experiments in files: all that is kept is read again, and arrays that do not fit are refused by
-name.
+"""Experiments in files: all that is kept is read again, arrays that do not fit are refused by
+name; spectra between the excited lines.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
-from numpy.testing import assert_array_equal
+from numpy.testing import assert_allclose, assert_array_equal
 
 import flexgen
 from flexgen.base.errors import ArgumentError
 from flexgen.feedback.loop.hardware import DriveHardware
+from flexgen.identification.experiments import experiment as experiments
 from flexgen.identification.experiments.experiment import LARGEST, Experiment
-from flexgen.identification.experiments.sensor_simulation import SensorSignals
+from flexgen.identification.responses.spectra import MOST_OFFSETS, all_spectra_beside, line_offsets
 from flexgen.model.position_servo.filters import LowPass, Notch
 
 SHAPE = (2, 1, 2, 3, 5, 2)  # poses, realizations, experiments, periods, lines, motors
@@ -162,31 +162,62 @@ def test_numbers_beyond_reason_are_refused(experiment: Experiment, name: str) ->
         Experiment.from_data(arrays, meta)
 
 
-def test_sensors_sample_at_multiples_of_the_drives() -> None:
-    """Which divide the period, and show the highest frequency; a difference of a millionth is
-    none.
+def test_spectra_next_to_lines_are_those_of_the_whole_record() -> None:
+    """Amplitudes of unexcited frequencies around each line; none where there are too few
+    periods.
     """
-    hardware = SimpleNamespace(sample_s=1e-3)
-    frequencies = np.array([2.0, 20.0])
-    plan: Any = SimpleNamespace(
-        hardware=hardware, samples=500, lines=[1, 10], period_s=0.5, frequencies=frequencies
-    )
-    step = SensorSignals._step
-    assert [step("acc.x", x, plan) for x in (None, 1e-3, 4e-3, 4e-3 + 9e-10, 2e-2)] == [
-        1,
-        1,
-        4,
-        4,
-        20,
-    ]
-    words = (
-        r"^sensor channel acc\.x: given sample_s = .* s, expected a multiple of 0\.001 s, the "
-        r"sample time of the dri"
-    )
-    for wrong in (4e-3 + 2e-9, 3e-3, 4e-4, 1.5e-3):
-        with pytest.raises(ArgumentError, match=words):
-            step("acc.x", wrong, plan)
+    rng = np.random.default_rng(1)
+    lines = np.array([2, 5])
+    periods = 4
+    samples = 16
+    x = rng.normal(size=(1, 2, periods, samples, 3))
+    kept = all_spectra_beside(x, lines)
+    offsets = kept["offsets"]
+    found = kept["beside"]
+    assert 0 not in offsets % periods and found.shape == (1, 1, 2, len(offsets), 2, 3)
+    whole = x.reshape(1, 2, periods * samples, 3)
+    t = np.arange(periods * samples) / (periods * samples)
+    for k, d in enumerate(offsets):
+        for j, line in enumerate(lines):
+            wave = np.exp(-2j * np.pi * (periods * line + d) * t)
+            expected = 2 * np.einsum("t,petc->pec", wave, whole) / len(t)
+            assert_allclose(found[:, 0, :, k, j], expected, atol=1e-12)
+    # three periods have no record without the first
+    later = all_spectra_beside(x[:, :, 1:], lines)
+    assert set(later) == {"offsets", "beside"} and all_spectra_beside(x[:, :, :1], lines) == {}
+    assert_allclose(kept["offsets_later"], later["offsets"])
+    assert_allclose(kept["beside_later"], later["beside"], atol=1e-14)
+
+
+def test_unexcited_frequencies_lie_between_the_lines() -> None:
+    """Not at multiples of the period, not at excited ones, not below zero; the nearest first."""
+    found = line_offsets(np.array([3, 7]), 4)
+    assert 0 < len(found) <= 2 * MOST_OFFSETS
+    assert_allclose(np.sort(found), np.sort(-found))
+    free = [d for d in range(1, 12) if d % 4][:MOST_OFFSETS]
+    assert sorted(set(np.abs(found))) == free
     with pytest.raises(
-        ArgumentError, match=r"expected less than half a period of the highest frequency, 20 Hz$"
+        ArgumentError,
+        match="given 1 periods and lines from 3 on, expected two unexcited frequencies",
     ):
-        step("acc.x", 2.5e-2, plan)
+        line_offsets(np.array([3, 7]), 1)
+    assert sorted(set(np.abs(line_offsets(np.array([1, 7]), 4)))) == [1, 2, 3]
+    with pytest.raises(ArgumentError, match="transients: given 2 periods and lines from 1 on"):
+        line_offsets(np.array([1, 7]), 2)
+
+
+def test_groups_of_runs_have_noise_of_their_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The seed of a group is a multiple of the seed, and the number of its first run."""
+    seeds: list[int] = []
+    loop = experiments.ClosedLoop
+
+    def made(*given: Any, seed: int, **more: Any) -> Any:
+        seeds.append(seed)
+        return loop(*given, seed=seed, **more)
+
+    monkeypatch.setattr(experiments, "LANES", 2)
+    monkeypatch.setattr(experiments, "ClosedLoop", made)
+    poses = [[0.5, -0.3], [0.1, 0.4]]
+    plan = flexgen.excite("elbow", poses=poses, period_s=0.2, f_min=5.0, lines=2, periods=2)
+    flexgen.measure(plan, seed=5)
+    assert seeds == [5 * 1_000_003 + first for first in (0, 2)]

@@ -1,5 +1,5 @@
 """Plans of experiments by other routes: spectra of the loop, information by differences, choices
-by trying all.
+by trying all, and the limits that a plan keeps.
 """
 
 from __future__ import annotations
@@ -7,13 +7,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import combinations, product
-from types import SimpleNamespace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from identification_cases import NOISY, poses_of, small_plan
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 from scipy.linalg import eigh
 
 import flexgen
@@ -23,8 +23,12 @@ from flexgen.dynamics.mechanics.statics import hold_joints
 from flexgen.feedback.loop.controllers import Cascade
 from flexgen.identification.experiments import operating_points as op
 from flexgen.identification.experiments import plan as plans
-from flexgen.identification.experiments.excitation import Plan
-from flexgen.identification.experiments.experiment import Experiment
+from flexgen.identification.experiments.excitation import (
+    Plan,
+    motor_speeds,
+    odd_lines,
+    speed_amplitudes,
+)
 from flexgen.identification.experiments.optimal_spectrum import (
     optimal_power,
     with_optimal_spectrum,
@@ -37,143 +41,80 @@ from flexgen.model.elements import RobotModel
 SENSORS = [
     {"name": "acc", "type": "accelerometer", "element": "tool", "unit": "m/s^2", "noise": 0.02},
     {
-        "name": "rate",
-        "type": "gyro",
-        "element": "tool",
-        "unit": "rad/s",
-        "noise": 1e-3,
+        **{"name": "rate", "type": "gyro", "element": "tool", "unit": "rad/s", "noise": 1e-3},
         "sample_s": 1e-3,
     },
     {"name": "seen", "type": "tracker", "unit": "m", "noise": 1e-4},
     {"name": "link", "type": "link_encoder", "coordinate": "q1", "unit": "rad", "noise": 1e-5},
 ]
+SHORT = {"hardware": NOISY, "period_s": 0.25, "f_max": 90.0, "periods": 3, "realizations": 2}
 
 
-def sensed(name: str = "planar5_nmp") -> RobotModel:
-    return flexgen.read(name, overrides={"sensor": SENSORS})
+@pytest.fixture(scope="module")
+def plan() -> Plan:
+    model = flexgen.read("planar5_nmp", overrides={"sensor": SENSORS})
+    return with_gains(small_plan(model, poses_of(model, 1), lines=6, **SHORT))
 
 
-def coupled(plan: Plan) -> Plan:
+def with_gains(plan: Plan) -> Plan:
     """The plan with all gains of the drives, each another number."""
     gains = np.array([[7.0, 9.0], [30.0, 4.0], [2.0, 3.0]])
     return replace(plan, controller=Cascade(*gains))
 
 
-@pytest.fixture(scope="module")
-def planned() -> tuple[RobotModel, Plan]:
-    model = sensed()
-    pose = poses_of(model, 1)
-    more = {
-        "hardware": NOISY,
-        "period_s": 0.25,
-        "f_max": 90.0,
-        "lines": 6,
-        "periods": 3,
-        "realizations": 2,
-    }
-    return model, coupled(small_plan(model, pose, **more))
-
-
-def gains_of(plan: Plan, w: float) -> np.ndarray:
-    """``kv (d + kp) (1 + ki / d)`` at one frequency, d: backward difference."""
-    c = plan.controller
-    d = (1 - np.exp(-1j * w * plan.hardware.sample_s)) / plan.hardware.sample_s
-    return np.diag(c.speed_gain * (d + c.position_gain) * (1 + c.integral_gain / d))
-
-
-def test_torques_of_the_loop_and_their_noise_are_those_of_each_line(
-    planned: tuple[RobotModel, Plan],
-) -> None:
+def test_torques_of_the_loop_and_their_noise_are_those_of_each_line(plan: Plan) -> None:
     """Line by line, for experiments whose references are orthogonal; white noise of N samples has
     4 / N of its power.
-
-    Shown to see: each sign and factor of both functions.
     """
-    _, plan = planned
     w = 2 * np.pi * plan.frequencies
     rng = np.random.default_rng(0)
     G = 0.3 * (rng.normal(size=(6, 9, 2)) + 1j * rng.normal(size=(6, 9, 2)))
     found = op.torque_spectra(G[:, :2] * w[:, None, None], w, plan)
     fourier = np.array([[1, 1], [1, -1]])
     for k, at in enumerate(w):
-        K = gains_of(plan, at)
+        c = plan.controller
+        d = (1 - np.exp(-1j * at * plan.hardware.sample_s)) / plan.hardware.sample_s
+        # kv (d + kp) (1 + ki / d)
+        K = np.diag(c.speed_gain * (d + c.position_gain) * (1 + c.integral_gain / d))
         r = np.diag(plan.amplitudes[k] / (1j * at)) @ fourier
         U = np.linalg.solve(np.eye(2) - K @ (G[k, :2] * at) / at**2, K @ r)
         assert_allclose(found[k], U @ U.conj().T, rtol=1e-9)
 
 
-def test_files_of_plans_are_checked(planned: tuple[RobotModel, Plan]) -> None:
+def test_files_of_plans_are_checked(plan: Plan) -> None:
     """Each array that does not fit, and numbers next to their bounds on both sides."""
-    plan = planned[1]
     arrays, meta = plan.data()
     sample_s = meta["hardware"]["sample_s"]
     period = meta["period_s"]
     n = len(meta["motors"])
+    lines = arrays["lines"]
     bad: list[tuple[dict[str, Any], dict[str, Any], str]] = [
         ({"poses": arrays["poses"][:, :1]}, {}, "poses: given the shape"),
         ({"poses": arrays["poses"][:0]}, {}, "poses: given the shape"),
         ({"amplitudes": arrays["amplitudes"][1:]}, {}, "amplitudes: given the shape"),
         ({"phases": arrays["phases"][:, 1:]}, {}, "phases: given the shape"),
         ({"position_gain": np.ones(n + 1)}, {}, "gain 0: given the shape"),
-        ({"speed_gain": np.ones((1, n))}, {}, "gain 1: given the shape"),
         ({"integral_gain": np.ones(n - 1)}, {}, "gain 2: given the shape"),
-        (
-            {},
-            {"period_s": 1.9 * sample_s},
-            "lines and period: expected lines below half of 2 to 10000000 samples",
-        ),
+        ({}, {"period_s": 1.9 * sample_s}, "lines below half of 2 to 10000000 samples"),
         ({}, {"period_s": (10_000_000 + 1) * sample_s}, "lines and period"),
-        ({"lines": arrays["lines"] - arrays["lines"][0]}, {}, "lines and period"),
-        (
-            {"lines": arrays["lines"] + round(period / sample_s / 2) - arrays["lines"][0]},
-            {},
-            "lines and period",
-        ),
+        ({"lines": lines - lines[0]}, {}, "lines and period"),
+        ({"lines": lines + round(period / sample_s / 2) - lines[0]}, {}, "lines and period"),
         ({}, {"periods": 0}, "periods, transients: expected at most 100000"),
-        ({}, {"periods": 100_001}, "periods, transients"),
         ({}, {"transients": -1}, "periods, transients"),
         ({}, {"transients": 100_001}, "periods, transients"),
     ]
     for changed, other, text in bad:
         with pytest.raises(ValueError, match=text):
             Plan.from_data({**arrays, **changed}, {**meta, **other})
-    for periods, transients in ((1, 0), (100_000, 100_000)):
-        found = Plan.from_data(arrays, meta | {"periods": periods, "transients": transients})
-        assert (found.periods, found.transients) == (periods, transients)
-    assert (
-        Plan.from_data(arrays, meta | {"period_s": 10_000_000 * sample_s}).period_s
-        == 10_000_000 * sample_s
-    )
+    for more in ({"periods": 1, "transients": 100_000}, {"period_s": 10_000_000 * sample_s}):
+        found = Plan.from_data(arrays, meta | more)
+        assert {name: getattr(found, name) for name in more} == more
     again, more = Plan.from_data(arrays, meta).data()
     assert more == meta and all(np.array_equal(again[name], arrays[name]) for name in arrays)
 
 
-def test_a_reference_is_asked_for_by_pose_realization_and_experiment(
-    planned: tuple[RobotModel, Plan],
-) -> None:
-    plan = planned[1]
-    some: Any = SimpleNamespace(plan=plan, references=None)
-    last = (len(plan.poses) - 1, plan.realizations - 1, plan.experiments - 1)
-    assert_allclose(Experiment.reference(some, *last), plan.poses[-1] + plan.reference(*last[1:]))
-    measured = np.random.default_rng(0).normal(
-        size=(*(k + 1 for k in last), 4, plan.poses.shape[1])
-    )
-    some.references = measured
-    assert_array_equal(Experiment.reference(some, *last), measured[last])
-    for k, name in enumerate(("pose", "realization", "experiment")):
-        for wrong in (-1, last[k] + 1):
-            at = [wrong if j == k else 0 for j in range(3)]
-            with pytest.raises(
-                ArgumentError, match=f"{name}: given {wrong}, expected .*0 to {last[k]}"
-            ):
-                Experiment.reference(some, *at)
-
-
-def test_references_are_sums_of_sines_that_turn_from_experiment_to_experiment(
-    planned: tuple[RobotModel, Plan],
-) -> None:
+def test_references_are_sums_of_sines_that_turn_from_experiment_to_experiment(plan: Plan) -> None:
     """The phase of motor j grows by 2 pi j e / E; the speed has the stated deviation."""
-    plan = planned[1]
     for r, e in {(0, 0), (plan.realizations - 1, plan.experiments - 1)}:
         t = plan.hardware.sample_s * np.arange(plan.samples)
         found = plan.reference(r, e)
@@ -191,7 +132,7 @@ def test_noise_of_outputs_has_the_power_of_its_kind() -> None:
     """Angles twice, rates once, accelerations not differentiated; a sensor that samples half as
     often has twice.
     """
-    model = sensed()
+    model = flexgen.read("planar5_nmp", overrides={"sensor": SENSORS})
     plan = small_plan(
         model, poses_of(model, 1), hardware=replace(NOISY, encoder_resolution_rad=3e-5), lines=4
     )
@@ -235,15 +176,7 @@ def test_information_is_that_of_differences_of_the_responses() -> None:
     and ties included.
     """
     model = flexgen.read("planar5_nmp", overrides={"sensor": SENSORS[1:2]})
-    more = {
-        "hardware": NOISY,
-        "period_s": 0.25,
-        "f_max": 90.0,
-        "lines": 5,
-        "periods": 3,
-        "realizations": 2,
-    }
-    plan = coupled(small_plan(model, poses_of(model, 1), **more))
+    plan = with_gains(small_plan(model, poses_of(model, 1), lines=5, **SHORT))
     free = [
         "q1.stiffness",
         "q2.damping",
@@ -415,102 +348,6 @@ def test_the_drive_of_a_plan_follows_from_the_inertias() -> None:
     assert_allclose(fast.speed_gain, 0.3 * inertia / 0.05, rtol=1e-6)
 
 
-def test_a_band_reaches_from_an_eighth_of_the_lowest_frequency() -> None:
-    model = flexgen.read("elbow")
-    linear = linearize(
-        flexgen.derive(model), hold_joints(flexgen.derive(model), np.array(model.home))
-    )
-    squares = np.sort(eigh(linear.K, linear.M, eigvals_only=True))
-    w = np.sqrt(squares[model.n_m :]) / (2 * np.pi)  # Hz; the motors are free
-    hardware = replace(NOISY, sample_s=1e-4)
-    low, high = plans._band(model, None, None, hardware)
-    assert low == pytest.approx(w[0] / 8, rel=1e-6) and high == pytest.approx(
-        1.5 * w[-1], rel=1e-6
-    )
-    assert plans._band(model, 1.0, None, replace(NOISY, sample_s=0.01)) == (
-        1.0,
-        pytest.approx(20.0),
-    )
-    assert plans._band(model, None, 44.0, replace(NOISY, sample_s=0.01)) == (
-        pytest.approx(low),
-        44.0,
-    )
-    with pytest.raises(
-        ArgumentError,
-        match=r"f_max: given 46.0 Hz, expected at most 45 Hz for a sample time of 0.01 s",
-    ):
-        plans._band(model, 1.0, 46.0, replace(NOISY, sample_s=0.01))
-    with pytest.raises(
-        ArgumentError, match=r"the model elbow has no elastic natural frequency; name a band in Hz"
-    ):
-        plans._band(flexgen.read("elbow@rigid"), None, 10.0, NOISY)
-
-
-def test_a_plan_that_leaves_limits_is_refused() -> None:
-    """Reach: angle and swing of a joint; speed: differences of the references, of motors and of
-    joints.
-    """
-    model = flexgen.read("elbow")
-    plan = small_plan(model, np.array([[0.1, 0.2]]), period_s=0.5, lines=4)
-    swing = np.max(
-        [np.abs(plan.reference(r, e)).max(axis=0) for r in range(1) for e in range(2)], axis=0
-    )
-    assert_allclose(plans._swing(plan), swing)
-
-    def limited(**limits: float) -> RobotModel:
-        e0 = model.elements[0]
-        dofs = tuple(replace(d, **limits) if d.name == "q1" else d for d in e0.dofs)
-        return replace(model, elements=(replace(e0, dofs=dofs), *model.elements[1:]))
-
-    room = float((np.abs(np.linalg.inv(model.eta)) @ swing)[0])
-    for name, sign in (("upper", 1.0), ("lower", -1.0)):
-        edge = 0.1 + sign * room
-        assert plans._within(limited(**{name: edge + sign * 1e-9}), plan.poses[0], swing) is None
-        text = plans._within(limited(**{name: edge - sign * 1e-9}), plan.poses[0], swing)
-        assert text == f"the motion of q1 reaches {edge:.4g}, expected within {edge:.4g}"
-        with pytest.raises(
-            ArgumentError,
-            match=r"pose 1: the motion of q1 reaches .*; take less speed_rms, a higher f_",
-        ):
-            plans._check_reach(plan, limited(**{name: edge - sign * 1e-3}))
-    closed = [np.vstack([plan.reference(0, e), plan.reference(0, e)[:1]]) for e in range(2)]
-    fastest = (
-        max(np.abs(np.diff(x, axis=0) @ np.linalg.inv(model.eta).T).max(axis=0)[0] for x in closed)
-        / 5e-4
-    )
-    plans._check_speeds(plan, limited(speed_max=fastest * 1.0001))
-    with pytest.raises(
-        ArgumentError,
-        match=rf"speed_rms: joint q1 would reach {fastest:.4g}, expected at most .*speed_",
-    ):
-        plans._check_speeds(plan, limited(speed_max=fastest * 0.9999))
-    motor = max(np.abs(np.diff(x, axis=0)).max(axis=0)[1] for x in closed) / 5e-4
-    for factor, fails in ((1.0001, False), (0.9999, True)):
-        motors = (model.motors[0], replace(model.motors[1], speed_max=motor * factor))
-        if not fails:
-            plans._check_speeds(plan, replace(model, motors=motors))
-            continue
-        with pytest.raises(
-            ArgumentError, match=rf"speed_rms: motor m2 would reach {motor:.4g}, expected at most"
-        ):
-            plans._check_speeds(plan, replace(model, motors=motors))
-    with pytest.raises(
-        ArgumentError,
-        match=r"poses: given an array of shape \(1, 3\), expected \(poses, 2\) in rad or m",
-    ):
-        flexgen.excite(model, poses=np.zeros((1, 3)))
-    with pytest.raises(
-        ArgumentError,
-        match=r"poses, criterion: given 0, 'A', expected >= 1 and one of A, D, random",
-    ):
-        flexgen.excite(model, poses=0)
-    with pytest.raises(
-        ArgumentError,
-        match=r"spectrum: given 'best', expected a power of the frequency, or 'optimal'",
-    ):
-        flexgen.excite(model, poses=[[0.1, 0.2]], spectrum="best")
-
-
 def test_poses_at_random_are_the_candidates_and_chosen_ones_are_the_best(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -530,3 +367,151 @@ def test_poses_at_random_are_the_candidates_and_chosen_ones_are_the_best(
     )
     assert_allclose(list(plan.predicted.values()), np.sqrt(np.diag(total)), rtol=1e-6)
     assert list(plan.predicted) == list(vector.names)
+
+
+def test_odd_lines_are_spaced_evenly_in_the_logarithm() -> None:
+    assert odd_lines(0.5, 10.0, 12, 2.0).tolist() == list(range(1, 20, 2))
+    assert odd_lines(0.6, 9.4, 12, 2.0).tolist() == list(range(3, 18, 2))
+    assert odd_lines(1.0, 500.0, 3, 1.0).tolist() == [1, 23, 499]
+    some = odd_lines(0.5, 10.0, 6, 2.0)
+    assert len(some) <= 6 and some[0] == 1 and some[-1] == 19 and np.all(some % 2 == 1)
+    for given, text in (
+        ((0.0, 1.0, 3, 1.0), r"f_min, f_max: given 0\.0, 1\.0, expected 0 < f_min < f_max in Hz"),
+        ((2.0, 2.0, 3, 1.0), "f_min, f_max: given"),
+        (
+            (2.1, 2.9, 3, 1.0),
+            r"period_s: given 1\.0 s, which has no odd multiple of 1 Hz between 2\.1 and 2\.9 Hz",
+        ),
+    ):
+        with pytest.raises(ArgumentError, match=text):
+            odd_lines(*given)
+
+
+def test_speeds_of_motors_add_up_over_the_joints_that_they_drive() -> None:
+    model = flexgen.read("planar5_nmp")
+    expected = np.sqrt((np.array(model.eta) ** 2) @ [0.04, 0.09])
+    assert_allclose(motor_speeds(model, np.array([0.2, 0.3])), expected)
+    assert_allclose(motor_speeds(model, 0.2), np.sqrt((np.array(model.eta) ** 2) @ [0.04, 0.04]))
+    for bad in (0.0, np.inf, np.array([0.1, -0.1])):
+        with pytest.raises(
+            ArgumentError, match=r"speed_rms: given .*, expected a speed > 0 in rad/s or m/s"
+        ):
+            motor_speeds(model, bad)
+    amplitudes = speed_amplitudes(np.array([1.0, 4.0]), np.array([3.0, 5.0]), 0.5)
+    assert_allclose(amplitudes[1], 2 * amplitudes[0])
+    assert_allclose(amplitudes[:, 1], 5 / 3 * amplitudes[:, 0])
+
+
+def test_references_for_a_drive_are_periods_about_the_pose(tmp_path: Path) -> None:
+    """The folder may be new; the mean of a period is the pose, and speeds are the slopes of the
+    angles.
+    """
+    pose = [0.5, -0.3]
+    plan = flexgen.excite("elbow", poses=[pose], period_s=1.0, lines=10)
+    files = plan.write_references(tmp_path / "new" / "folder")
+    assert [file.name for file in files] == [
+        f"pose1_realization1_experiment{k}.csv" for k in (1, 2)
+    ]
+    for file in files:
+        head, *rows = file.read_text().splitlines()
+        assert head == "t,m1_q_ref_rad,m2_q_ref_rad,m1_v_ref_rad_s,m2_v_ref_rad_s"
+        t, q, v = np.split(
+            np.array([[float(x) for x in row.split(",")] for row in rows]), [1, 3], axis=1
+        )
+        step = plan.hardware.sample_s
+        assert_allclose(t[:, 0], step * np.arange(len(t)), atol=1e-12)
+        assert len(t) * step == pytest.approx(1.0)
+        assert_allclose(q.mean(axis=0), flexgen.read("elbow").eta @ pose, atol=1e-9)
+        slope = (np.roll(q, -1, axis=0) - np.roll(q, 1, axis=0)) / (2 * step)
+        assert_allclose(v, slope, atol=0.05 * np.abs(v).max())  # of the fastest line, 67 Hz
+        assert_allclose(v.std(axis=0), plan.speed_sd, rtol=1e-6)
+
+
+def test_a_band_reaches_from_an_eighth_of_the_lowest_frequency() -> None:
+    """To one and a half of the highest, a fifth of the sample rate at most, unless it is given."""
+    model = flexgen.read("elbow")
+    equations = flexgen.derive(model)
+    linear = linearize(equations, hold_joints(equations, np.array(model.home)))
+    squares = np.sort(eigh(linear.K, linear.M, eigvals_only=True))
+    hz = np.sqrt(squares[model.n_m :]) / (2 * np.pi)  # the motors are free
+
+    def ends(sample_s: float, name: str = "elbow", **given: float) -> np.ndarray:
+        hardware = replace(NOISY, sample_s=sample_s)
+        found = flexgen.excite(
+            name, poses=[[0.1, 0.2]], period_s=10.0, lines=3, hardware=hardware, **given
+        )
+        return found.frequencies[[0, -1]]
+
+    # odd multiples of a tenth
+    assert_allclose(ends(1e-3), [hz[0] / 8 + 0.1, 1.5 * hz[-1] - 0.1], atol=0.1)
+    assert_allclose(ends(0.01), [hz[0] / 8 + 0.1, 19.9], atol=0.1)
+    assert_allclose(ends(0.01, f_min=1.0, f_max=44.0), [1.1, 43.9], atol=1e-9)
+    with pytest.raises(
+        ArgumentError,
+        match=r"f_max: given 46.0 Hz, expected at most 45 Hz for a sample time of 0.01 s",
+    ):
+        ends(0.01, f_max=46.0)
+    with pytest.raises(
+        ArgumentError, match=r"the model elbow has no elastic natural frequency; name a band in Hz"
+    ):
+        ends(0.01, "elbow@rigid", f_max=10.0)
+
+
+def test_a_plan_that_leaves_limits_is_refused() -> None:
+    """Reach: angle and swing of a joint; speed: differences of the references, of motors and of
+    joints.
+    """
+    model = flexgen.read("elbow")
+    pose = np.array([[0.1, 0.2]])
+
+    def made(robot: RobotModel, **given: Any) -> Plan:
+        free = {"free": ["stiffness"], "period_s": 0.5, "lines": 4, "speed_rms": 0.02}
+        return flexgen.excite(robot, **{"poses": pose, **free, **given})
+
+    def limited(**limits: float) -> RobotModel:
+        e0 = model.elements[0]
+        dofs = tuple(replace(d, **limits) if d.name == "q1" else d for d in e0.dofs)
+        return replace(model, elements=(replace(e0, dofs=dofs), *model.elements[1:]))
+
+    plan = made(model)
+    turns = [plan.reference(0, e) for e in range(2)]
+    inverse = np.linalg.inv(model.eta)
+    room = float((np.abs(inverse) @ np.max([np.abs(x).max(axis=0) for x in turns], axis=0))[0])
+    for name, sign in (("upper", 1.0), ("lower", -1.0)):
+        edge = 0.1 + sign * room
+        made(limited(**{name: edge + sign * 1e-9}))
+        reaches = f"pose 1: the motion of q1 reaches {edge:.4g}, expected within .*; take less"
+        with pytest.raises(ArgumentError, match=reaches):
+            made(limited(**{name: edge - sign * 1e-9}))
+        with pytest.raises(ArgumentError, match="leaves the limits of the joints at every pose"):
+            made(limited(lower=0.1 - 0.5 * room, upper=0.1 + 0.5 * room), poses=2)
+    rates = [np.diff(np.vstack([x, x[:1]]), axis=0) / 5e-4 for x in turns]
+    joint = max(np.abs(x @ inverse.T).max(axis=0)[0] for x in rates)
+    motor = max(np.abs(x).max(axis=0)[1] for x in rates)
+    fast = replace(model.motors[1], speed_max=motor * 1.0001)
+    made(replace(limited(speed_max=joint * 1.0001), motors=(model.motors[0], fast)))
+    slow = replace(model, motors=(model.motors[0], replace(fast, speed_max=motor * 0.9999)))
+    for robot, text in (
+        (limited(speed_max=joint * 0.9999), f"speed_rms: joint q1 would reach {joint:.4g}, exp"),
+        (slow, f"speed_rms: motor m2 would reach {motor:.4g}, expected at most"),
+    ):
+        with pytest.raises(ArgumentError, match=text):
+            made(robot)
+
+
+@pytest.mark.parametrize(
+    ("given", "text"),
+    [
+        (
+            {"poses": np.zeros((1, 3))},
+            "poses: given an array of shape (1, 3), expected (poses, 2)",
+        ),
+        ({"poses": 0}, "poses, criterion: given 0, 'A', expected >= 1 and one of A, D, random"),
+        ({"poses": 2, "criterion": "worst"}, "criterion: given 'worst', expected "),
+        ({"spectrum": "best"}, "spectrum: given 'best', expected a power of the frequency, or "),
+    ],
+)
+def test_arguments_of_a_plan_that_are_refused(given: dict[str, Any], text: str) -> None:
+    with pytest.raises(ArgumentError) as caught:
+        flexgen.excite("elbow", **{"poses": [[0.1, 0.2]], **given})
+    assert text in str(caught.value)
