@@ -4,6 +4,7 @@ against closed forms.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,9 @@ import flexgen
 from flexgen.base.errors import ArgumentError
 from flexgen.base.numerics.evaluate import evaluate
 from flexgen.feedback.laws import passivity
-from flexgen.feedback.loop.margins import LoopAtPose, loops_at
+from flexgen.feedback.loop.controllers import Linear
+from flexgen.feedback.loop.margins import LoopAtPose, as_linear, loops_at
+from flexgen.feedback.loop.named_controllers import FeedforwardOnly
 from flexgen.feedback.loop.plants import LocalDynamics
 
 pytestmark = needs_compiler
@@ -389,27 +392,67 @@ def test_what_does_not_fit_is_refused(name: str, law: dict[str, Any], text: str)
         flexgen.control(name, controller=flexgen.Impedance(**law))
 
 
-@pytest.mark.slow
-def test_loops_that_cannot_be_checked_are_refused() -> None:
-    run = flexgen.control("elbow", controller=flexgen.TomeiPD(frequency_hz=5.0))
-    with pytest.raises(ArgumentError, match="expected a linear one"):
-        flexgen.check_passivity(run)
-    with pytest.raises(ArgumentError, match="low_hz: given 0"):
-        flexgen.check_passivity(flexgen.control("elbow"), low_hz=0.0)
-    tool = {
-        "name": "acc",
-        "type": "accelerometer",
-        "element": "tool",
-        "unit": "m/s^2",
-        "noise": 0.01,
+@pytest.fixture(scope="module")
+def felt() -> Any:
+    """A run of the elbow with torques behind springs and an accelerometer on the tool."""
+    acc = {"name": "acc", "type": "accelerometer", "element": "tool", "unit": "m/s^2"}
+    late = {"name": "late", "type": "joint_torque", "coordinate": "q1", "unit": "N m"}
+    own = {"name": "torque", "type": "joint_torque", "coordinate": "q2", "unit": "N m"}
+    sensors = [own, acc | {"axes": ["x", "z"]}, late | {"delay_s": 1e-3}]
+    undamped = {
+        "element.upper.dof.q1.gear.damping": 0.0,
+        "element.fore.dof.q2.gear.damping": 0.0,
     }
-    model = flexgen.read("planar5_nmp", overrides={"sensor": [tool]})
-    with pytest.raises(
-        ArgumentError, match=r"uses acc\.[xy], which a force on the tool changes at once"
-    ):
-        flexgen.check_passivity(
-            flexgen.control(model, controller=flexgen.LQG(rho=100.0), sample_time=1e-3)
-        )
+    model = flexgen.read("elbow", overrides=undamped | {"sensor": sensors})
+    return flexgen.control(model, controller="ppi", sample_time=T, progress=False)
+
+
+def using(run: Any, signal: int, memory: bool = False, factor: float = 1.0) -> Linear:
+    """The law of a run with a weak feedback of one signal; ``memory``: through its state."""
+    law = as_linear(run.law, T, 6)
+    assert law is not None
+    A, B, C, D = (x.copy() for x in (law.A, factor * law.B, law.C, factor * law.D))
+    (B if memory else D)[0, signal] += 1e-6
+    return Linear(A, B, C, D)
+
+
+@pytest.mark.parametrize("memory", [False, True])
+@pytest.mark.parametrize(
+    ("signal", "text"),
+    [
+        (3, r"uses acc\.x, which a force on the tool changes at once"),
+        (4, r"uses acc\.z, which a force on the tool changes at once"),
+        (5, "uses late, which has a delay of 0.001 s"),
+    ],
+)
+def test_signals_that_a_force_changes_at_once_have_no_passivity(
+    felt: Any, signal: int, text: str, memory: bool
+) -> None:
+    with pytest.raises(ArgumentError, match=text):
+        flexgen.check_passivity(replace(felt, law=using(felt, signal, memory)))
+
+
+def test_torques_behind_springs_do_not_jump_with_a_force(felt: Any) -> None:
+    """Signals that the law does not use may."""
+    found = flexgen.check_passivity(replace(felt, law=using(felt, 2)), low_hz=100.0)
+    assert found.poses == ("begin", "middle", "end") and found.hz[0] == pytest.approx(100.0)
+
+
+@pytest.mark.parametrize(
+    ("factor", "more", "text"),
+    [
+        (None, {}, "run: given the controller ppi .*, expected a linear one"),
+        (1.0, {"low_hz": 0.9e-6}, "low_hz: given 9e-07, expected 1e-6 to "),
+        (1.0, {"low_hz": 0.401 / T}, "low_hz: given .*, expected 1e-6 to "),
+        (9.0, {}, "unstable at the pose begin .largest eigenvalue"),
+    ],
+)
+def test_loops_that_cannot_be_checked_are_refused(
+    felt: Any, factor: float | None, more: dict[str, float], text: str
+) -> None:
+    law = FeedforwardOnly() if factor is None else using(felt, 0, False, factor)
+    with pytest.raises(ArgumentError, match=text):
+        flexgen.check_passivity(replace(felt, law=law), **more)
 
 
 def stepped(loop: LoopAtPose, push: np.ndarray, out: np.ndarray, hz: float, steps: int) -> float:
@@ -457,7 +500,7 @@ def test_margins_of_arms_are_those_of_a_count_of_energy(name: str) -> None:
     """
     run = flexgen.control(name, controller="ppi", sample_time=T, progress=False)
     found = flexgen.check_passivity(run)
-    model = passivity._with_viscous_friction(run.model)
+    model = passivity.with_viscous_friction(run.model)
     equations = flexgen.derive(run.model)
     at = np.array(list(run.pose_samples.values()))
     loop = loops_at(model, run.law, T, run.delay_s, run.reference.points(at), at)[0]

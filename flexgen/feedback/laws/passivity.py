@@ -158,7 +158,7 @@ def check_passivity(run: ControlRun, *, low_hz: float = 0.1) -> Passivity:
     """
     h = run.hardware.sample_s
     poses = run.pose_samples
-    model = _with_viscous_friction(run.model)
+    model = with_viscous_friction(run.model)
     at = np.array(list(poses.values()))
     loops = loops_at(model, run.law, h, run.delay_s, run.reference.points(at), at)
     if not loops:
@@ -181,7 +181,7 @@ def check_passivity(run: ControlRun, *, low_hz: float = 0.1) -> Passivity:
     return Passivity(run.model.name, run.controller, tuple(poses), hz, np.array(margins))
 
 
-def _with_viscous_friction(model: RobotModel) -> RobotModel:
+def with_viscous_friction(model: RobotModel) -> RobotModel:
     """Model whose joints and motors have viscous friction only, at the model's temperature.
 
     Coulomb, Stribeck and load-dependent friction are removed: linearized at rest they damp
@@ -289,7 +289,10 @@ def _check_signals(
         axis=0
     )
     m = loop.model
+    # Changes by the speed after a force, and by the angles a sample later: a signal of angles
+    # alone has speed terms of rounding size.
     rates = np.abs(m.C) @ np.abs(m.push)
+    rates += loop.sample_s * np.abs(m.C[:, :n]) @ np.abs(m.push[n:])
     for k, (sensor, name) in enumerate(channels, n_m):
         if used[k] == 0.0:
             continue
