@@ -5,7 +5,7 @@ files, errors.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
 
@@ -338,3 +338,38 @@ def test_lost_motions_of_elements_are_numbers_of_the_model() -> None:
 def test_the_description_has_the_lost_motion_of_all_elements() -> None:
     for model in (elbow(SLIPS), hysteretic("elbow")):
         assert f"lost motion {ARCMIN:.3g} rad" in description_text(flexgen.describe(model))
+
+
+@dataclass(frozen=True)
+class Quadratic:
+    """A law of another package."""
+
+    def slope(self, y: Any) -> Any:
+        return 1.0 - 0.5 * y - 0.5 * y**2
+
+
+def test_the_rate_of_another_law_is_that_of_its_slope_in_either_direction() -> None:
+    other: Any = Quadratic()
+    for rate, expected in (
+        (2.0, 2 * (1 - 0.25 - 0.125)),
+        (-3.0, -3 * (1 + 0.25 - 0.125)),
+        (0.0, 0.0),
+    ):
+        assert_allclose(law.law_rate(other, rate, 2.0, 4.0), expected, rtol=1e-15)
+
+
+def test_before_a_reversal_an_element_is_its_tangent() -> None:
+    """Where a search tries a deflection before it: value and slope continue."""
+    both = (Hysteresis(1.0, 1.0), Hysteresis(1.0, 1.0))
+    one = layers_of.Layer(np.array([30.0, 0.0]), np.array([4.0, 0.0]), both)
+    s = np.array([1.0, 1.0])
+    z_r = np.array([-1.5, 0.0])
+    none = np.zeros(2)
+    (z, rise), (ahead, rise_ahead), (back, _) = (
+        one.along(np.full(2, way), z_r, s, none) for way in (0.0, 1e-6, -1e-3)
+    )
+    slope = 30.0 * (1 + 1.5 / 4.0)
+    assert z[0] == -1.5 and rise.tolist() == [pytest.approx(slope), 0.0]
+    assert (ahead[0] - z[0]) / (1e-6 * 4.0 / 30.0) == pytest.approx(slope, rel=1e-5)
+    assert back[0] == pytest.approx(-1.5 - slope * 1e-3 * 4.0 / 30.0, rel=1e-9)
+    assert rise_ahead[0] == pytest.approx(slope * np.exp(-1e-6))

@@ -14,7 +14,7 @@ import flexgen
 from flexgen.base.errors import ArgumentError, ModelError
 from flexgen.base.numerics.evaluate import evaluate
 from flexgen.codegen.emission.digest import model_digest
-from flexgen.dynamics.mechanics.limit_use import limit_rows, tool_motion, uses_of_limits
+from flexgen.dynamics.mechanics.limit_use import LimitUse, limit_rows, tool_motion, uses_of_limits
 from flexgen.dynamics.mechanics.limits import EACH, Limits
 from flexgen.inversion.judge.status import Status
 from flexgen.inversion.solution import exceeded_limits, within_limits
@@ -296,3 +296,11 @@ def test_bounds_that_are_not_positive_are_refused_where_they_are_given(
         flexgen.Limits(**given)
     with pytest.raises(ArgumentError, match="deflection"):
         flexgen.Limits.from_model("elbow", deflection=bound)  # which has no such coordinate
+
+
+def test_the_use_of_a_limit_in_words() -> None:
+    use = LimitUse("torque", "m1", "N m", 1.0504, 21.00823, 20.0, 0.12345)
+    assert str(use) == "torque of m1: 21.01 N m at 0.123 s, 105.0 % of its limit 20 N m"
+    assert use.warning() == "m1: torque 21.01 N m exceeds its limit 20 N m"
+    mean = LimitUse("effective torque", "m1", "N m", 0.5, 10.0, 20.0, None)
+    assert str(mean) == "effective torque of m1: 10 N m, 50.0 % of its limit 20 N m"

@@ -19,13 +19,13 @@ from flexgen.dynamics.mechanics.equations import derive
 from flexgen.feedback.loop.case import control_case
 from flexgen.feedback.loop.closed_loop import ClosedLoop
 from flexgen.feedback.loop.control import case_controller, run_case
-from flexgen.feedback.loop.controllers import Cascade, Linear
+from flexgen.feedback.loop.controllers import Cascade
 from flexgen.feedback.loop.gains import lowest_locked_hz
 from flexgen.feedback.loop.hardware import DriveHardware
 from flexgen.feedback.loop.interface import PythonController
 from flexgen.feedback.loop.margins import LoopAtPose, as_linear
 from flexgen.feedback.loop.named_controllers import controller_of
-from flexgen.feedback.loop.sampled_model import PoseModel, PoseModels
+from flexgen.feedback.loop.sampled_model import PoseModels
 
 pytestmark = needs_compiler
 
@@ -246,22 +246,6 @@ def test_a_linear_controller_ignores_the_exact_state_that_is_measured_too(case):
     assert case_controller(replace(case, exact_state=True), cascade)[0] is cascade
 
 
-def test_margins_of_an_integrator_are_those_of_its_closed_form():
-    """x <- x - h k x: unstable from h k = 2 on; one sample late from h k = 1 on, by Jury's
-    criterion.
-    """
-    h = 1e-3
-    k = 200.0
-    A, one, none = (np.array([[x]]) for x in (0.0, 1.0, 0.0))
-    plant = PoseModel(A, one, none, none, one, none, none, one)
-    law = Linear(*(np.zeros(shape) for shape in ((0, 0), (0, 1), (1, 0))), np.array([[k]]))
-    margins = LoopAtPose(plant, law, h, 0.0).margins()
-    assert margins.stable and margins.largest_eigenvalue == pytest.approx(1 - h * k)
-    assert margins.gain == pytest.approx(2 / (h * k), rel=1e-3)
-    assert LoopAtPose(plant, law, h, h).margins().gain == pytest.approx(1 / (h * k), rel=1e-3)
-    assert not LoopAtPose(plant, replace(law, D=np.array([[2.1 / h]])), h, 0.0).margins().stable
-
-
 def test_the_lowest_locked_frequency_of_two_masses():
     model = flexgen.read("elbow")
     q = np.zeros((1, 2))
@@ -299,43 +283,6 @@ def test_the_lowest_locked_frequency_of_two_masses():
 def test_wrong_arguments_are_refused(case, arguments, words):
     with pytest.raises(ArgumentError, match=words):
         flexgen.control(MODEL, solution=case.solution, progress=False, **arguments)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (("jolt", "m1", 1.0), "given kind 'jolt'"),
-        (("pulse", "m1", 1.0), "length_s: given none"),
-        (("step", "m1", float("nan")), "size: given nan"),
-        (("chirp", "m1", 1.0, 0.0, 1.0), "frequency_hz: given None"),
-        (("chirp", "m1", 1.0, 0.0, 1.0, (3.0, 2.0)), "two increasing frequencies"),
-        (("step", "m1", 1.0, 0.0, 1.0, (3.0, 4.0)), "expected none for this kind"),
-    ],
-)
-def test_wrong_disturbances_are_refused(arguments, words):
-    with pytest.raises(ArgumentError, match=words):
-        flexgen.Disturbance(*arguments)
-
-
-def test_disturbances_have_their_shapes():
-    t = np.linspace(0, 4, 4001)
-    D = flexgen.Disturbance
-    assert np.array_equal(D("step", "m1", 2.0, 1.0).values(t), np.where(t >= 1, 2.0, 0.0))
-    assert np.trapezoid(D("pulse", "m1", 2.0, 1.0, 0.5).values(t), t) == pytest.approx(
-        1.0, rel=1e-2
-    )
-    assert D("ramp", "m1", 2.0, 1.0, 1.0).values(np.array([0.5, 1.5, 3.0])).tolist() == [
-        0.0,
-        1.0,
-        2.0,
-    ]
-    chirp = D("chirp", "m1", 1.0, 0.0, 4.0, (1.0, 16.0)).values(t)
-    crossings = t[1:][np.diff(np.sign(chirp)) != 0]
-    assert 0.5 / np.diff(crossings)[0] == pytest.approx(1.2, abs=0.4)
-    assert 0.5 / np.diff(crossings)[-3] == pytest.approx(15, abs=1.5)
-    noise = D("noise", "m1", 3.0, 0.0, 4.0, (5.0, 50.0)).values(t, 1)
-    assert noise.std() == pytest.approx(3.0, rel=0.15)
-    assert np.array_equal(noise, D("noise", "m1", 3.0, 0.0, 4.0, (5.0, 50.0)).values(t, 1))
 
 
 def test_an_unstable_loop_is_reported_without_an_exception(case):

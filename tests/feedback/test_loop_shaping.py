@@ -4,14 +4,16 @@ simulation.
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from law_cases import at_rest
 from toolchain import needs_compiler
 
 import flexgen
-from flexgen.base.errors import ArgumentError
+from flexgen.base.errors import ArgumentError, SolverError
 from flexgen.dynamics.mechanics.equations import derive
 from flexgen.feedback.laws.loop_shaping import (
     LoopShaping,
@@ -23,7 +25,10 @@ from flexgen.feedback.laws.loop_shaping import (
 from flexgen.feedback.loop.case import control_case
 from flexgen.feedback.loop.control import case_controller, run_case
 from flexgen.feedback.loop.controller_files import file_controller
+from flexgen.feedback.loop.gains import motor_inertias
+from flexgen.feedback.loop.margins import LoopAtPose
 from flexgen.feedback.loop.plants import LocalDynamics
+from flexgen.feedback.loop.sampled_model import PoseModels
 
 
 def system(*matrices):
@@ -162,6 +167,61 @@ def test_a_robot_follows_its_path(tmp_path):
 def test_wrong_numbers_are_refused(given, words):
     with pytest.raises(ArgumentError, match=words):
         flexgen.LoopShaping(**given)
+
+
+def test_a_shaped_loop_is_the_continuous_one_by_the_bilinear_rule() -> None:
+    """Frequency responses at ``s = 2/T (z - 1)/(z + 1)``, T/2 of the hold in the delay; the gains
+    are those of the first pose, or of a slower model.
+    """
+    model = flexgen.read("elbow")
+    motion = at_rest(model)
+    law = LoopShaping(2.0, integral_hz=0.2)
+    h = 1e-3
+    made, margin = law.design(model, h, 2e-3, motion)
+    A, B, C, D = (x[0] for x in made.matrices)
+    shape = law._shape(motor_inertias(model, motion)[0])
+    delay = pade(2e-3 + h / 2, model.n_m)
+    central, gamma = coprime_controller(
+        series(series(shape, delay), linear_plant(model, motion)), law.factor
+    )
+    assert margin == pytest.approx(1 / gamma) and 0.2 < margin < 1.0
+    whole = series(central, shape)
+    for hz in (0.3, 2.0, 20.0):
+        z = np.exp(2j * np.pi * hz * h)
+        sampled = C @ np.linalg.solve(z * np.eye(len(A)) - A, B) + D
+        exact = response(whole, (2 / h * (z - 1) / (z + 1)).imag)
+        assert np.allclose(sampled, exact, rtol=1e-6, atol=1e-9 * np.abs(exact).max())
+    path = [np.vstack([x, x + 1.0]) for x in motion]
+    for own in (law, replace(law, model=model)):
+        for one, other in zip(
+            own.linear(model, h, 2e-3, path).matrices, made.matrices, strict=True
+        ):
+            assert np.allclose(one, other)
+    loop = LoopAtPose(PoseModels(model).at(motion), made, h, 2e-3)
+    assert loop.largest_eigenvalue() < 1.0
+
+
+def test_the_error_of_an_unstable_loop_names_a_stable_frequency() -> None:
+    model = flexgen.read("elbow")
+    motion = at_rest(model)
+    text = (
+        "crossover_hz: given 12 Hz, with which the sampled loop is unstable at 5 ms and a delay "
+        r"of 20 ms .*a lower one, such as (.*) Hz, or a shorter sample time"
+    )
+    with pytest.raises(ArgumentError, match=text) as caught:
+        LoopShaping(12.0).linear(model, 5e-3, 2e-2, motion)
+    found = re.search(text, str(caught.value))
+    assert found is not None
+    LoopShaping(float(found[1])).linear(model, 5e-3, 2e-2, motion)
+    assert float(found[1]) < 12.0
+    with pytest.raises(ArgumentError, match="a shorter sample time or delay, or another low_pass"):
+        LoopShaping(400.0).linear(model, 0.1, 1.0, motion)
+
+
+def test_a_plant_that_no_controller_stabilizes_is_an_error() -> None:
+    plant = system([[1.0]], [[0.0]], [[0.0]], [[0.0]])
+    with pytest.raises(SolverError, match="the Riccati equations have no solution at the pose"):
+        coprime_controller(plant, 1.1)
 
 
 @needs_compiler

@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
+from scipy.interpolate import make_interp_spline
+from scipy.spatial.transform import Rotation
 
 import flexgen
-from flexgen.base.errors import ArgumentError
+from flexgen.base.errors import ArgumentError, SolverError
 from flexgen.base.numerics.evaluate import evaluate
+from flexgen.dynamics.mechanics.equations import Equations
 from flexgen.dynamics.mechanics.statics import hold_joints, hold_motors
 from flexgen.feedback.loop import robustness
 from flexgen.feedback.loop.robustness import PLANTS, Bandwidth, Plant, compare_plants, perturb
 from flexgen.model.reader import read
+from flexgen.paths.path import Path
 
 SAME = 1e-9
 NOMINAL = PLANTS[0]
@@ -102,22 +107,17 @@ def test_held_motors_are_the_inverse_of_held_joints() -> None:
 
 
 @pytest.mark.slow
-def test_a_feedback_of_the_wrong_sign_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_feedback_of_the_wrong_sign_is_seen() -> None:
     """Planted bug: position feedback of the wrong sign; the motors drift off, and the row shows
     it.
     """
     equations = flexgen.derive("planar5_mp")
-    solutions = {"rigid": flexgen.solve(equations, method="rigid", verify=False)}
-    right = robustness._gains
-
-    def wrong(*arguments):  # type: ignore[no-untyped-def]
-        k_v, k_p, k_i = right(*arguments)
-        return k_v, -k_p, k_i
-
-    (good,) = compare_plants(equations, solutions, (NOMINAL,), ("feedback",))
-    monkeypatch.setattr(robustness, "_gains", wrong)
-    (bad,) = compare_plants(equations, solutions, (NOMINAL,), ("feedback",))
-    assert bad["error_max_m"] > 10 * good["error_max_m"]
+    solution = flexgen.solve(equations, method="rigid", verify=False)
+    errors = [
+        robustness.tool_errors(equations, equations, solution, bandwidth=bandwidth)["error_max_m"]
+        for bandwidth in (Bandwidth(), Bandwidth(position=-Bandwidth().position))
+    ]
+    assert errors[1] > 10 * errors[0]
 
 
 def test_wrong_arguments_are_refused() -> None:
@@ -130,11 +130,85 @@ def test_wrong_arguments_are_refused() -> None:
             equations,
             {"a": solution, "b": flexgen.solve(equations, "joints", method="rigid", verify=False)},
         )
-    with pytest.raises(ArgumentError, match="given stiffness 0, expected a positive factor"):
-        perturb(equations.model, Plant("none", stiffness=0))
-    assert Bandwidth().position == 20.0
+    with pytest.raises(ArgumentError, match="control: given 'magic', expected feedforward or"):
+        robustness.tool_errors(equations, equations, solution, "magic")
+    for wrong in ({"stiffness": 0.0}, {"mass": -1.0}, {"stiffness": np.inf}):
+        with pytest.raises(ArgumentError, match=f"given {next(iter(wrong))} .*a positive factor"):
+            perturb(equations.model, Plant("none", **wrong))
 
 
 def test_a_plant_without_numbers_is_the_robot_itself() -> None:
     model = read("planar5_nmp")
     assert perturb(model, Plant("same")) == model
+
+
+def test_the_simulation_of_another_robot_is_that_of_scipy() -> None:
+    """The torques of a trajectory, held after it, on softer springs: largest, first, last and
+    moved distances of the tool from the path; feedback keeps a heavy robot near it.
+    """
+    nominal = flexgen.derive("elbow")
+    solution = flexgen.solve(nominal, method="rigid", verify=False)
+    robot = Equations(perturb(nominal.model, Plant("soft", stiffness=0.8)))
+    found = robustness.tool_errors(robot, nominal, solution, "feedforward")
+    trajectory = solution.trajectory
+    torque = make_interp_spline(trajectory.time, trajectory["tau_m"], k=5)
+    rest = hold_motors(robot, trajectory["q_m"][0], trajectory["q_a"][0])
+    forward = robot.function("forward_dynamics")
+
+    def rate(t: float, x: np.ndarray) -> np.ndarray:
+        a, a_m = forward(x[:2], x[4:6], x[2:4], x[6:8], torque(t))
+        return np.r_[x[4:8], np.array(a).ravel(), np.array(a_m).ravel()]
+
+    start, end = trajectory.time[[0, -1]]
+    t = np.linspace(start, end, int(np.ceil((end - start) / robustness.SAMPLE)) + 1)
+    x = np.r_[rest.q_a, rest.q_m, np.zeros(4)]
+    moved = solve_ivp(rate, (start, end), x, "DOP853", t, rtol=1e-9, atol=1e-11).y[:2].T
+    path = Path(nominal, solution.move)
+    output = nominal.function("output").map(len(t))
+    error = np.array(output(moved.T)).T - path.sample(t).y[:, :, 0]
+    size = np.linalg.norm(error, axis=1)
+    expected = {
+        "error_max_m": size.max(),
+        "error_start_m": size[0],
+        "error_moved_m": np.linalg.norm(error - error[0], axis=1).max(),
+        "error_end_m": size[np.searchsorted(t, path.duration - 1e-12)],
+    }
+    assert {key: found[key] for key in expected} == pytest.approx(expected, rel=1e-4)
+    along = np.abs(torque(np.linspace(start, end, 2000))).max()
+    assert found["torque_max_Nm"] == pytest.approx(along, rel=1e-2)
+    assert found["error_max_rad"] is None
+    heavy = Equations(perturb(nominal.model, Plant("heavy", mass=1.2)))
+    free, held = (
+        robustness.tool_errors(heavy, nominal, solution, control)["error_end_m"]
+        for control in robustness.CONTROLS
+    )
+    assert free > 100 * held
+
+
+def test_a_simulation_that_fails_has_infinite_errors(monkeypatch: pytest.MonkeyPatch) -> None:
+    equations = flexgen.derive("elbow")
+    solution = flexgen.solve(equations, method="rigid", verify=False)
+
+    def fail(*given: object) -> None:
+        raise SolverError("no equilibrium")
+
+    monkeypatch.setattr(robustness, "hold_motors", fail)
+    found = robustness.tool_errors(equations, equations, solution)
+    assert len(found) == 9 and set(found.values()) == {np.inf}
+
+
+def test_the_error_of_an_orientation_is_its_sine_about_the_axis() -> None:
+    """Of arms near the path of a tool pose, by SciPy's rotation vectors."""
+    equations = flexgen.derive("kr300")
+    path = Path(equations, equations.model.moves[0])
+    t = np.array([0.0, 0.3])
+    rng = np.random.default_rng(2)
+    q_a = path.q_start + 0.05 * rng.standard_normal((2, equations.model.n_a))
+    found = robustness.output_errors(equations, path, t, q_a)
+    sample = path.sample(t)
+    for k in range(2):
+        p, R = (np.array(x) for x in equations.function("forward_kinematics")(q_a[k]))
+        turn = Rotation.from_matrix(R @ sample.R[k].T).as_rotvec()
+        angle = np.linalg.norm(turn)
+        assert found["rad"][k] == pytest.approx(np.sin(angle) / angle * turn, abs=1e-12)
+        assert found["m"][k] == pytest.approx(p.ravel() - sample.y[k, :, 0], abs=1e-12)

@@ -6,7 +6,11 @@ from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
+import numpy as np
+
 import flexgen
+from flexgen.dynamics.mechanics.equations import derive
+from flexgen.dynamics.mechanics.statics import hold_joints
 from flexgen.feedback.laws.study import ARM
 from flexgen.feedback.loop.case import Case, control_case
 from flexgen.model.elements import CubicSpring, Friction, RobotModel
@@ -118,3 +122,13 @@ def one_joint(folder: Path) -> RobotModel:
     path = folder / "soft_joint.toml"
     path.write_text(ONE_JOINT)
     return flexgen.read(path)
+
+
+def at_rest(model: RobotModel, *poses: list[float]) -> list[np.ndarray]:
+    """Points ``q_a v_a a_a q_m v_m a_m tau_m`` of a motion: rest at poses, by default at home."""
+    equations = derive(model)
+    held = [hold_joints(equations, np.array(pose)) for pose in poses or (model.home,)]
+    q_a, q_m, tau = (
+        np.array([getattr(h, name) for h in held]) for name in ("q_a", "q_m", "tau_m")
+    )
+    return [q_a, 0 * q_a, 0 * q_a, q_m, 0 * q_m, 0 * q_m, tau]
