@@ -175,6 +175,58 @@ def test_arrays_of_others_are_taken_by_their_interface() -> None:
             Given(card, "f", "q", x, 0)
 
 
+UNFIT: dict[str, tuple[dict[str, Any], tuple[int | None, ...], str, str]] = {
+    "shape": ({"shape": (4, 2)}, (None, 3), "F", r"f, q: given shape \(4, 2\), expected \(N, 3\)"),
+    "dimensions": ({"shape": (4,)}, (4, 1), "F", r"given shape \(4,\), expected \(4, 1\)"),
+    "precision": (
+        {"typestr": "<f4"},
+        (None, 3),
+        "F",
+        "given numbers of type <f4, expected float64; a library has the precision",
+    ),
+    "rows": (
+        {},
+        (None, 3),
+        "F",
+        r"given strides \(24, 8\) of bytes, expected \(8, 32\): the order of Fortran, with",
+    ),
+    "columns": (
+        {"strides": (8, 32)},
+        (None, 3),
+        "C",
+        r"given strides \(8, 32\) of bytes, expected \(24, 8\): rows without gaps",
+    ),
+}
+FIT: dict[str, tuple[dict[str, Any], str]] = {
+    "rows": ({}, "C"),
+    "columns": ({"strides": (8, 32)}, "F"),
+    "one row, in both orders": ({"shape": (1, 3)}, "F"),
+    "none": ({"shape": (0, 3)}, "F"),
+}
+
+
+def array_of_others(**changes: Any) -> Given:
+    """An array (4, 3) of float64 in the order of C on a card."""
+    card: Any = Card()
+    at = card.allocate(96, 0)
+    told = {"data": (at, False), "shape": (4, 3), "typestr": "<f8", "strides": None} | changes
+    return Given(card, "f", "q", Made(__cuda_array_interface__=told), 0)
+
+
+@pytest.mark.parametrize("name", UNFIT)
+def test_arrays_that_do_not_fit_are_refused(name: str) -> None:
+    changes, shape, order, text = UNFIT[name]
+    with pytest.raises(ArgumentError, match=text):
+        array_of_others(**changes).demand(shape, np.dtype("<f8"), order)
+
+
+@pytest.mark.parametrize("name", FIT)
+def test_arrays_that_fit(name: str) -> None:
+    """Axes of one entry, and arrays without any, may have any stride."""
+    changes, order = FIT[name]
+    array_of_others(**changes).demand((None, 3), np.dtype("<f8"), order)
+
+
 # --- batches -------------------------------------------------------------------------------------
 def test_axes_of_a_batch_are_before_those_of_a_point() -> None:
     ports = [Port("q", (2,), "rad", "angles"), Port("R", (3, 3), "1", "rotation")]

@@ -18,6 +18,7 @@ from pathlib import Path
 
 import pytest
 
+from flexgen.base.errors import SolverError
 from flexgen.cli.main import main
 from flexgen.cli.parser import build_parser, parse
 from flexgen.cli.verb_tables.verb_texts import LISTS
@@ -149,6 +150,37 @@ def test_a_wrong_second_move_is_refused_before_the_first_is_solved(run, monkeypa
     monkeypatch.setattr("flexgen.inversion.solve.solve", None)
     status, _, err = run("solve", "planar5_nmp", "--move", "line", "--move", "lines")
     assert status == 1 and "given 'lines', expected one of model planar5_nmp: line" in err
+
+
+SENT = {
+    "--hold zoh": True,
+    "--sample-time 1e-3": True,
+    "--delay 1e-9": True,
+    "--hold spline": False,
+}
+
+
+@pytest.mark.parametrize("words", SENT)
+def test_a_file_of_sent_torques_is_checked_before_the_move_is_solved(
+    run, monkeypatch, tmp_path, words
+):
+    """Where the controller does not send the samples of the trajectory, they have a file."""
+    (tmp_path / "x_command.csv").mkdir()
+
+    def fail(*arguments, **options):
+        raise SolverError("solved")
+
+    monkeypatch.setattr("flexgen.inversion.solve.solve", fail)
+    _, _, err = run("solve", "elbow", *words.split(), "--out", tmp_path / "x.csv")
+    assert ("x_command.csv" in err) == SENT[words] != ("solved" in err)
+
+
+@pytest.mark.parametrize(("model", "told"), [("manutec_r3_18", True), ("carried_arm", False)])
+def test_minutes_of_the_full_model_are_announced(run, monkeypatch, model, told):
+    monkeypatch.setattr("flexgen.inversion.solve.solve", None)
+    _, _, err = run("solve", model, "--method", "full", "-v")
+    text = "method full with 12 coordinates takes many minutes; --method lq takes seconds"
+    assert (text in err) == told
 
 
 @pytest.mark.parametrize("verb", ["analyze", "run"])

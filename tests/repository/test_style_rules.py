@@ -69,7 +69,6 @@ CONDITIONAL = {
     "tests/support/hostile.py": 1,
     "tests/support/model_files.py": 1,
     "tests/support/public_stub.py": 1,
-    "tests/studies/test_numbers_benchmarks.py": 1,
     "tests/identification/test_numbers_edges.py": 1,
     "tests/backends/test_numbers_memory_layout.py": 1,
     "tests/identification/test_numbers_structure.py": 1,

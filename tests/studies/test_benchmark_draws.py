@@ -29,11 +29,11 @@ from flexgen.feedback.loop.interface import PythonController
 from flexgen.model.reader import packaged_models
 from flexgen.simulation.environment.disturbances import disturbance_table
 from flexgen.studies.scenarios import foreign, scenario_file
-from flexgen.studies.scenarios.bench import Bench, _outputs
+from flexgen.studies.scenarios.bench import Bench
 from flexgen.studies.scenarios.draws import draws_of, secret_seed
 from flexgen.studies.scenarios.foreign import ForeignController
 from flexgen.studies.scenarios.measures import compute_measures, measures_of
-from flexgen.studies.scenarios.scenario import Output, Scenario, Window
+from flexgen.studies.scenarios.scenario import Scenario, Window
 from flexgen.studies.scenarios.scenario_file import FOLDER, scenario
 from flexgen.studies.scenarios.score import reference_measures
 
@@ -578,54 +578,3 @@ def test_a_position_of_the_tool_in_a_unit_of_another_scale_is_refused(
     (tmp_path / "mine.toml").write_text(text.replace(before, after, 1))
     with pytest.raises(ArgumentError, match=words):
         scenario(tmp_path / "mine.toml")
-
-
-def test_outputs_of_two_units_are_shown_each_in_its_own(monkeypatch):
-    """The tool in mm, the angle of the first joint in mrad; a controller whose angle swings in the
-    end.
-    """
-    given = scenario("two_link")
-    angle = Output("q1", "mrad", {"q1": 1000.0}, "", 1.0)
-    mixed = dataclasses.replace(given, outputs=(given.outputs[0], angle))
-    units = {measure.name: measure.unit for measure in measures_of(mixed)}
-    assert (
-        units["tool step, peak to peak of x"] == "mm"
-        and units["tool step, peak to peak of q1"] == "mrad"
-    )
-    n = round(mixed.duration_s / mixed.sample_s)
-    robots = len(mixed.plants.names) + 2
-    z = np.zeros((n, robots, 2))
-    z[:, :, 0] = 0.25 * np.sin(0.1 * np.arange(n))[:, None]  # 0.5 mm peak to peak: at rest
-    z[:, 1, 1] = 2.0 * np.sin(0.1 * np.arange(n))
-    monkeypatch.setattr(
-        Bench, "simulate", lambda *args: (z, np.zeros((n, robots, 2)), ("",) * robots)
-    )
-    refused = Bench(mixed).run(None).refused
-    assert refused[0].endswith(
-        "q1 not at rest in the end: 4 mrad peak to peak, expected 1 mrad"
-    ), refused
-    assert all(mixed.plants.names[1] in reason for reason in refused)
-
-
-@pytest.mark.parametrize("name", ["four_mass", "two_link"])
-def test_outputs_without_an_axis_are_weighted_sums_of_the_coordinates(name):
-    given = scenario(name)
-    names = [c.name for c in given.model.coordinates]
-    outputs = tuple(Output(f"y{k}", "rad", {names[k]: 2.0 + k}, "", 1.0) for k in range(2))
-    q = np.random.default_rng(1).normal(size=(4, len(names), 3))
-    found = _outputs(dataclasses.replace(given, outputs=outputs), None)(q)
-    assert np.array_equal(found, np.stack([2.0 * q[:, 0], 3.0 * q[:, 1]], axis=2))
-
-
-def test_versions_are_named():
-    assert scenario("four_mass").version == 2 and scenario("four_mass@1").version == 1
-    for name, version in (
-        ("four_mass", 3),
-        ("four_mass@3", None),
-        ("four_mass@x", None),
-        ("four_mass@1", 2),
-    ):
-        with pytest.raises(
-            ArgumentError, match=r"version of four_mass.*: given .*, expected one of 1, 2"
-        ):
-            scenario(name, version)

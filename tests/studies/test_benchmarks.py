@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,13 +14,13 @@ import flexgen
 from flexgen.base.errors import ArgumentError
 from flexgen.dynamics.mechanics.equations import derive
 from flexgen.feedback.loop.controllers import Cascade
-from flexgen.model.position_servo.filters import LowPass, Notch
+from flexgen.model.position_servo.filters import LowPass
 from flexgen.studies.scenarios import scenario_file as scenarios
 from flexgen.studies.scenarios.leaderboard import find_shipped_controllers
 from flexgen.studies.scenarios.measures import compute_measures, measures_of
 from flexgen.studies.scenarios.scenario import FROZEN, NAMES
 from flexgen.studies.scenarios.scenario_file import FOLDER, scenario
-from flexgen.studies.scenarios.tune import _in_parallel, cascade_table, numbers_of, with_numbers
+from flexgen.studies.scenarios.tune import numbers_of
 
 pytestmark = needs_compiler
 
@@ -151,19 +149,6 @@ def test_measures_of_a_known_signal():
     assert sum(m.weight for m in measures_of(s)) == pytest.approx(1.0)
 
 
-def test_sets_are_the_rows_of_a_hadamard_matrix():
-    s = scenario("four_mass")
-    assert len(s.plants.names) == 17 and [len(x) for x in s.sets.values()] == [8, 8]
-    nominal = s.plants.values[0]
-    assert np.array_equal(nominal, [p.value for p in s.plants.parameters])
-    ratios = s.plants.values[list(s.sets["set 1"])] / nominal
-    column = [p.name for p in s.plants.parameters].index("e2.stiffness")
-    assert sorted(np.round(ratios[:, column], 12)) == [0.9] * 4 + [1.1] * 4
-    signs = np.sign(ratios - 1)
-    # columns are equal or orthogonal
-    assert np.allclose(signs.T @ signs / 8, np.round(signs.T @ signs / 8))
-
-
 def test_a_changed_file_is_refused(tmp_path, monkeypatch):
     text = (FOLDER / "four_mass-2.toml").read_text().replace("size = 4.0", "size = 3.0")
     (tmp_path / "four_mass-2.toml").write_text(text)
@@ -264,25 +249,6 @@ def test_wrong_controller_files_are_refused(tmp_path, text, words):
         flexgen.score("four_mass", str(path), version=1, progress=False)
 
 
-def test_numbers_of_a_cascade_survive_writing_and_reading(tmp_path):
-    law = Cascade(
-        np.array([3.0, 0.0]),
-        np.array([2.0, 1.0]),
-        np.zeros(2),
-        (LowPass(50.0, 0.7), Notch(20.0, 0.1, 0.5)),
-    )
-    other = with_numbers(law, numbers_of(law))
-    assert np.allclose(other.position_gain, law.position_gain) and other.filters[
-        1
-    ].frequency_hz == pytest.approx(20.0)
-    path = Path(tmp_path / "law.toml")
-    path.write_text(cascade_table(law, 'a "name"'))
-    from flexgen.feedback.loop.controller_files import file_controller
-
-    back = file_controller(str(path))
-    assert np.array_equal(back.speed_gain, law.speed_gain) and back.filters == law.filters
-
-
 @pytest.mark.slow
 def test_tuning_improves_and_writes_what_it_found(tmp_path):
     found = flexgen.tune("four_mass", version=1, evaluations=12, progress=False)
@@ -313,21 +279,6 @@ def test_a_page_of_a_score(tmp_path):
         and "over 8 draws" in page
         and (tmp_path / "page" / "score.png").exists()
     )
-
-
-@pytest.mark.parametrize("told", [None, []])
-def test_starts_in_parallel_come_in_their_order_and_tell_the_best(told):
-    values = [3.0, 1.5, 2.0]
-    jobs = [
-        SimpleNamespace(
-            number=k, time_limit=None, search=lambda tell, k=k: (f"found {k}", values[k])
-        )
-        for k in range(3)
-    ]
-    with ThreadPoolExecutor(1) as executor:
-        found = _in_parallel(jobs, 1, executor, None if told is None else told.append)
-    assert found == [(f"found {k}", value) for k, value in enumerate(values)]
-    assert told is None or (len(told) == 3 and told[-1] == "3 of 3 starts, best 1.5000")
 
 
 @pytest.mark.slow

@@ -5,6 +5,7 @@ changes a bit.
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -21,8 +22,10 @@ from flexgen.model.elements import NO_FRICTION, Friction, Move, RobotModel
 from flexgen.model.reader import read
 from flexgen.paths.timing.time_laws import TimeLaw
 from flexgen.studies.sweeps import batches, closed_form_batch
-from flexgen.studies.sweeps.cases import Grid, random_moves
+from flexgen.studies.sweeps.batches import Batches
+from flexgen.studies.sweeps.cases import Grid, RandomMove, random_moves
 from flexgen.studies.sweeps.closed_form_batch import JointMoves, friction_derivatives, unfit
+from flexgen.studies.sweeps.jobs import Job, Shard
 from flexgen.studies.sweeps.sweep import sweep
 
 # relative to the largest torque of the motor: what is promised; rounding and differences leave
@@ -149,8 +152,15 @@ def test_other_cases_of_the_batch_do_not_change_a_bit() -> None:
     )
 
 
-def test_friction_and_its_derivatives_against_casadi() -> None:
-    law = Friction(viscous=0.7, coulomb=3.0, stribeck=2.0, alpha=5.0, beta=9.0, offset=0.4)
+FRICTIONS = [
+    Friction(viscous=0.7, coulomb=3.0, stribeck=2.0, alpha=5.0, beta=9.0, offset=0.4),
+    Friction(coulomb=0.7, beta=9.0),
+    Friction(viscous=0.5),
+]
+
+
+@pytest.mark.parametrize("law", FRICTIONS)
+def test_friction_and_its_derivatives_against_casadi(law: Friction) -> None:
     w = ca.SX.sym("w")
     torque = friction_torque(law, w)
     slope = ca.gradient(torque, w)
@@ -160,36 +170,249 @@ def test_friction_and_its_derivatives_against_casadi() -> None:
     for found, right in zip(friction_derivatives(law, speeds), expected, strict=True):
         assert found == pytest.approx(right, rel=1e-11, abs=1e-11)
     assert closed_form_batch.friction(law, speeds) == pytest.approx(expected[0], rel=1e-13)
+    assert np.isfinite(closed_form_batch.friction(law, np.array([1e4, -1e4]))).all()
 
 
-def test_models_without_the_closed_form_are_refused() -> None:
-    law = TimeLaw(1.0, 5)
-    for name, why in (("planar5_mp", "without motor"), ("four_mass", "without motor")):
-        assert why in unfit(read(name))
-        with pytest.raises(ArgumentError, match=r"use flexgen\.solve for each of them"):
-            JointMoves(derive(name), law)
-    q1 = "element.upper.dof.q1.gear"
-    lossy = {f"{q1}.hysteresis": {"lost_motion": 3e-4, "stiffness": 1e5}}
-    for more, why in (
-        (lossy, "the gear of q1 has hysteresis"),
-        ({f"{q1}.torque_max": 1.0}, "limits other than of motor"),
-    ):
-        model = read("elbow", overrides=more)
-        assert why in unfit(model)
-        with pytest.raises(ArgumentError, match=r"use flexgen\.solve for each of them"):
-            JointMoves(derive(model), law)
-    stiff = with_gears(ELBOW, damping=1e-6)
-    with pytest.raises(ArgumentError, match="time constant of"):
-        JointMoves(derive(stiff), law)
-    mover = JointMoves(derive(ELBOW), law, step=0.01)
-    with pytest.raises(ArgumentError, match=r"expected \(N, 2\)"):
-        mover.peaks(np.zeros((2, 3)), np.zeros((2, 3)))
-    with pytest.raises(ArgumentError, match="not finite"):
-        mover.peaks(np.full((1, 2), np.nan), np.zeros((1, 2)))
-    with pytest.raises(SolverError, match="not finite"):
-        JointMoves(derive(ELBOW), law, lambda q, v, a, out: out.fill(np.nan), step=0.01).peaks(
-            np.zeros((1, 2)), np.ones((1, 2))
-        )
+Q1 = "element.upper.dof.q1"
+OBSTACLES: dict[str, tuple[dict[str, object], str]] = {
+    "a cubic spring": (
+        {f"{Q1}.gear.spring": {"type": "cubic", "stiffness": 7e6, "cubic": 1e9}},
+        "model elbow: given springs that are not linear (q1), expected linear ones",
+    ),
+    "another friction": (
+        {
+            "motor.m2.friction": {
+                "type": "gear",
+                "viscous": 0.1,
+                "viscous_share": 0.5,
+                "viscous_decay": 20.0,
+            }
+        },
+        "model elbow has a friction law GearFriction",
+    ),
+    "hysteresis": (
+        {f"{Q1}.gear.hysteresis": {"lost_motion": 3e-4, "stiffness": 1e5}},
+        "the gear of q1 has hysteresis, whose torque depends on the motion before",
+    ),
+    "bristles": (
+        {"motor.m2.lugre": {"stiffness": 1e3, "damping": 1.0, "coulomb": 2.0}},
+        "motor m2 has lugre, a friction that depends on the motion before",
+    ),
+    "cogging": (
+        {"motor.m2.cogging": {"harmonics": [6], "sin": [0.03]}},
+        "motor m2 has cogging, expected none",
+    ),
+    "a limit of the tool": (
+        {"tool.speed_max": 1.0},
+        "model elbow has limits other than of motor torque and speed",
+    ),
+    "a limit of a gear": (
+        {f"{Q1}.gear.torque_max": 1.0},
+        "model elbow has limits other than of motor torque and speed",
+    ),
+    "a counterbalance": (
+        {f"{Q1}.counterbalance": {"sin": [5.0]}},
+        "model elbow: given a counterbalance (q1), expected none",
+    ),
+    "drag of a body": (
+        {"element.fore.body.rotational_drag": 2.0},
+        "model elbow: given bodies with rotational_drag (fore), expected none",
+    ),
+}
+FREE: list[dict[str, object]] = [
+    {},
+    {"motor.m1.torque_max": 5.0, "motor.m2.speed_max": 100.0},
+    {f"{Q1}.friction": {"viscous": 3.0, "coulomb": 2.0, "beta": 9.0}},
+    {f"{Q1}.gear": {"type": "rigid"}},
+]
+
+
+@pytest.mark.parametrize("name", OBSTACLES)
+def test_a_model_that_has_no_batches_says_why(name: str) -> None:
+    changes, why = OBSTACLES[name]
+    model = read("elbow", overrides=changes)
+    assert unfit(model) == why
+    with pytest.raises(ArgumentError, match=r"batch of joint moves: .*; use flexgen\.solve"):
+        JointMoves(derive(model), TimeLaw(1.0, 5))
+
+
+def test_complete_coupling_has_no_batches() -> None:
+    complete = dataclasses.replace(ELBOW, motor_coupling="complete")
+    told = "model elbow has motor_coupling 'complete', expected 'simplified'"
+    assert unfit(complete) == told
+
+
+@pytest.mark.parametrize("changes", FREE)
+def test_a_model_that_has_batches(changes: dict[str, object]) -> None:
+    assert unfit(read("elbow", overrides=changes)) == ""
+
+
+@pytest.mark.parametrize("name", ["planar5_mp", "four_mass"])
+def test_coordinates_without_motor_are_refused(name: str) -> None:
+    assert "without motor" in unfit(read(name))
+    with pytest.raises(ArgumentError, match=r"use flexgen\.solve for each of them"):
+        JointMoves(derive(name), TimeLaw(1.0, 5))
+
+
+def test_a_gear_much_faster_than_the_samples_is_refused() -> None:
+    with pytest.raises(ArgumentError, match=r"a time constant of 0\.00015 s, much less than a"):
+        JointMoves(derive(ELBOW), TimeLaw(1.0, 5), step=0.05)
+
+
+NOTHING = np.zeros((1, 2))
+WRONG: dict[str, tuple[np.ndarray, np.ndarray, type[Exception], str]] = {
+    "one joint": (
+        np.zeros((3, 1)),
+        np.zeros((3, 2)),
+        ArgumentError,
+        r"given starts \(3, 1\) and ends \(3, 2\), expected \(N, 2\) for both",
+    ),
+    "no number": (np.nan * NOTHING, NOTHING, ArgumentError, "not finite, expected finite numbers"),
+    "no torque": (NOTHING, NOTHING, SolverError, "joint moves 0 to 0: the torques are not finite"),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_wrong_moves_are_refused(name: str) -> None:
+    starts, ends, kind, text = WRONG[name]
+    broken = (lambda q, v, a, out: out.fill(np.nan)) if name == "no torque" else None
+    with pytest.raises(kind, match=text):
+        JointMoves(derive(ELBOW), TimeLaw(1.0, 5), broken, step=0.01).peaks(starts, ends)
+
+
+# --- limits
+
+SWING = Move("swing", "joint", (0.1, 0.2), 0.5, 5, end=(0.8, -0.5))
+
+
+def limited(key: str, value: float) -> RobotModel:
+    """The elbow with one limit of its first motor or joint."""
+    if key.startswith("motor."):
+        first = dataclasses.replace(ELBOW.motors[0], **{key.removeprefix("motor."): value})
+        return dataclasses.replace(ELBOW, motors=(first, ELBOW.motors[1]))
+    dof = dataclasses.replace(ELBOW.elements[0].dofs[0], **{key: value})
+    first = dataclasses.replace(ELBOW.elements[0], dofs=(dof,))
+    return dataclasses.replace(ELBOW, elements=(first, *ELBOW.elements[1:]))
+
+
+def reached() -> dict[str, float]:
+    """What the move reaches, by `flexgen.solve`."""
+    found = flexgen.solve(ELBOW, SWING, "closed-form", verify=False, progress=False).trajectory
+    largest = {name: float(np.abs(found[name][:, 0]).max()) for name in found.channels}
+    return {
+        "motor.torque_max": largest["tau_m"],
+        "motor.speed_max": largest["v_m"],
+        "speed_max": largest["v_a"],
+        "acceleration_max": largest["a_a"],
+        "upper": SWING.end[0],
+        "lower": SWING.start[0],
+    }
+
+
+LIMITS = ("motor.torque_max", "motor.speed_max", "speed_max", "acceleration_max", "upper", "lower")
+
+
+@pytest.mark.parametrize("beyond", [False, True])
+@pytest.mark.parametrize("key", LIMITS)
+def test_warnings_of_limits_are_those_of_solve(key: str, beyond: bool) -> None:
+    """A limit 2 % inside of what is reached is told, in the words of solve; 2 % outside not."""
+    value = reached()[key]
+    inside = beyond != (key == "lower")
+    robot = limited(key, value * (0.98 if inside else 1.02))
+    mover = JointMoves(derive(robot), TimeLaw(0.5, 5))
+    starts = np.array([SWING.start] * 2)
+    ends = np.array([SWING.end, SWING.start])
+    row, still = batches.figures(robot, mover, starts, ends)
+    alone = flexgen.solve(robot, SWING, "closed-form", verify=False, progress=False)
+    assert row["warnings"] == "\n".join(alone.warnings)
+    assert row["status"] == ("limits exceeded" if beyond else "solved") == alone.status.value
+    assert bool(row["warnings"]) == beyond
+    assert still["status"] == ("limits exceeded" if beyond and key == "lower" else "solved")
+
+
+# --- which cases of a shard
+
+
+def rows_of(
+    moves: list[Move | str | RandomMove],
+    model: str = "elbow",
+    method: str = "closed-form",
+    **options: object,
+) -> dict[int, dict]:
+    """Rows of the cases that are computed in batches."""
+    robots: dict[str, RobotModel | str] = {"a": read(model), "bad": "no model"}
+    jobs = tuple(Job(k, "a", model, "", move, method) for k, move in enumerate(moves))
+    jobs += (Job(len(jobs), "bad", "bad", "", SWING, "auto"),)
+    shard = Shard(0, jobs, robots, BATCH | options, "")
+    return {
+        k: row for k, (row, _) in Batches(shard, lambda key, robot: derive(robot)).rows().items()
+    }
+
+
+LEFT: dict[str, dict[str, object]] = {
+    "a line": {"type": "output_line"},
+    "one joint": {"start": (0.1,)},
+    "three joints": {"end": (0.1, 0.2, 0.3)},
+    "no duration": {"duration": 0.0},
+    "a profile": {"profile": (1.0, 2.0)},
+    "a torque that jumps": {"smoothness": 3},
+}
+
+
+@needs_compiler
+@pytest.mark.parametrize("name", LEFT)
+def test_moves_that_a_batch_leaves_to_solve(name: str) -> None:
+    """Next to one that it takes."""
+    found = rows_of([dataclasses.replace(SWING, **LEFT[name]), SWING, "no such move", "line"])
+    assert list(found) == [1] and found[1]["move"] == "swing"
+
+
+@needs_compiler
+def test_moves_of_several_time_laws_have_their_own_batches() -> None:
+    slow = dataclasses.replace(SWING, name="slow", duration=2.0)
+    back = dataclasses.replace(SWING, name="back", start=SWING.end, end=SWING.start)
+    chance = random_moves(1)[0]
+    together = rows_of([SWING, slow, back, chance], method="auto")
+    assert [together[k]["move"] for k in range(4)] == ["swing", "slow", "back", "random0"]
+    for k, move in enumerate((SWING, slow, back, chance)):
+        assert rows_of([move])[0] == together[k]
+
+
+ALONE: dict[str, dict[str, Any]] = {
+    "verified": {"verify": True},
+    "an option of a solver": {"mesh": 1e-3},
+    "another method": {"method": "lq"},
+    "no batches of this robot": {"model": "planar5_nmp"},
+}
+
+
+@needs_compiler
+@pytest.mark.parametrize("name", ALONE)
+def test_cases_that_are_solved_one_by_one(name: str) -> None:
+    assert rows_of([SWING], **ALONE[name]) == {}
+
+
+@needs_compiler
+def test_options_that_leave_batches() -> None:
+    assert list(rows_of([SWING], mesh=None, time_limit=9.0)) == [0]
+
+
+@needs_compiler
+def test_a_worker_keeps_the_buffers_of_few_time_laws(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The oldest ones are left; one that is asked for again is not made again."""
+    monkeypatch.setattr(batches, "MOVERS", {})
+    made = []
+    built = batches.JointMoves
+
+    def counted(equations: Equations, law: TimeLaw, library: object) -> JointMoves:
+        made.append(law.duration)
+        return built(equations, law, library)
+
+    monkeypatch.setattr(batches, "JointMoves", counted)
+    times = [0.2, 0.3, 0.4, 0.2, 0.5, 0.6, 0.2]
+    for duration in times:
+        rows_of([dataclasses.replace(SWING, duration=duration)])
+    assert made == [0.2, 0.3, 0.4, 0.5, 0.6, 0.2] and len(batches.MOVERS) == batches.KEPT == 4
 
 
 # --- the same through a sweep --------------------------------------------------------------------
@@ -265,8 +488,8 @@ def test_limits_have_the_same_messages_as_in_solve() -> None:
 def test_without_a_compiler_casadi_does_it(monkeypatch) -> None:
     grid = Grid(["elbow"], random_moves(2), options=BATCH)
     compiled = sweep(grid, workers=0).results
-    monkeypatch.setattr(batches, "_MOVERS", {})
-    monkeypatch.setattr(batches, "_LIBRARIES", {})
+    monkeypatch.setattr(batches, "MOVERS", {})
+    monkeypatch.setattr(batches, "LIBRARIES", {})
 
     def refused(*args: object, **named: object) -> None:
         raise flexgen.BuildError("no compiler")

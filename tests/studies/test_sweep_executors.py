@@ -155,7 +155,7 @@ def test_executors_of_any_kind() -> None:
 def test_equations_are_built_by_one_thread_at_a_time() -> None:
     """Two threads of one worker do their shards one after the other."""
     grid = batch_grid(2)
-    shards = list(sweeps._shards(grid, [0, 1], 1, code_version()))
+    shards = list(sweeps.shards_of(grid, [0, 1], 1, code_version()))
     found: list[Rows] = []
     threads = [
         threading.Thread(target=lambda s=shard: found.append(run_shard(s))) for shard in shards

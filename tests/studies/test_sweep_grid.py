@@ -4,6 +4,7 @@ files.
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,10 +13,13 @@ import pytest
 from sweep_grids import ONE, ROBOTS, real_grid
 
 from flexgen.base.errors import ArgumentError
+from flexgen.model.moves import Move
 from flexgen.model.reader import read
 from flexgen.paths.timing.time_laws import TimeLaw
-from flexgen.studies.sweeps.cases import Grid, RandomMove, combinations, random_moves
+from flexgen.studies.sweeps.cases import Case, Grid, RandomMove, combinations, random_moves
+from flexgen.studies.sweeps.folder import default_size
 from flexgen.studies.sweeps.grid_file import read_grid
+from flexgen.studies.sweeps.jobs import Job
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "sweep.toml"
 
@@ -34,8 +38,9 @@ def test_cases_have_one_order() -> None:
         ("b", 1, "x", "m"),
     ]
     assert [case.number for case in grid] == list(range(16))
-    with pytest.raises(IndexError):
-        grid[16]
+    for number in (-1, 16):
+        with pytest.raises(IndexError, match=f"case {number} of 16"):
+            grid[number]
     assert combinations({"p": [1, 2], "q": [3, 4]}) == (
         {"p": 1, "q": 3},
         {"p": 1, "q": 4},
@@ -117,6 +122,90 @@ def test_random_moves_keep_the_limits() -> None:
     )
     ends = np.array([move.of(narrow).end[0] for move in random_moves(50)])
     assert (ends >= 0).all() and (ends <= 1).all() and np.ptp(ends) > 0.5
+
+
+@pytest.mark.parametrize("name", ["elbow", "manutec_r3", "urdf_arm"])
+def test_random_moves_are_those_of_their_numbers(name: str) -> None:
+    """Draws of NumPy's generator by seed and number, the same on every computer: start in the
+    range, way by the limits of position, speed and acceleration, of rotations and translations.
+    """
+    robot = read(name)
+    made = RandomMove(3, 5, 0.5, 4)
+    move = made.of(robot)
+    draw = np.random.default_rng([5, 3]).random((2, robot.n_g))
+    s = np.abs(TimeLaw(0.5, 4)(np.linspace(0, 0.5, 2001), 2)).max(axis=0)
+    for k, i in enumerate(robot.i_g):
+        dof = robot.coordinates[i].dof
+        largest = {"rad": np.pi, "m": 0.5}[robot.coordinates[i].unit]
+        low = -largest if dof.lower is None else dof.lower
+        high = largest if dof.upper is None else dof.upper
+        ways = [high - low, 0.999 * (dof.speed_max or np.inf) / s[1]]
+        way = min(*ways, 0.999 * (dof.acceleration_max or np.inf) / s[2])
+        start = low + (high - low) * draw[0, k]
+        first = max(low, start - way)
+        last = min(high, start + way)
+        assert move.start[k] == pytest.approx(start)
+        assert move.end[k] == pytest.approx(first + (last - first) * draw[1, k])
+    assert (move.name, move.duration, move.smoothness, move.type) == ("random3", 0.5, 4, "joint")
+    assert [m.number for m in random_moves(3, 1, 2.0, 6)] == [0, 1, 2] and random_moves(0) == ()
+
+
+def test_cases_are_named_in_the_table() -> None:
+    named = Move("m", "joint", (0.0,), 1.0, 5, end=(1.0,))
+    cases = [
+        Case(4, "elbow", {"b": 1, "a": 2}, RandomMove(9), "auto"),
+        Case(0, read("elbow"), {}, named, "lq"),
+        Case(1, "x", {}, None, "lq"),
+        Case(2, "x", {}, "line", "lq"),
+    ]
+    rows = [list(Job.of(case, "key").heading.values()) for case in cases]
+    assert rows == [
+        [4, "elbow", '{"a": 2, "b": 1}', "random9", "auto"],
+        [0, "elbow", "", "m", "lq"],
+        [1, "x", "", "", "lq"],
+        [2, "x", "", "line", "lq"],
+    ]
+    with pytest.raises(ArgumentError, match="given parameters for the RobotModel elbow"):
+        Case(0, read("elbow"), {"a": 1}, None, "auto").robot()
+
+
+def test_a_grid_is_described_with_its_models_and_the_samples_of_its_moves(tmp_path: Path) -> None:
+    """A sweep continues only where all of it is the same: a changed file of samples is another
+    grid.
+    """
+    file = tmp_path / "path.csv"
+    move = Move("along", "sampled", (0.1, 0.2), 1.0, 5, file=str(file))
+    robot = replace(read("elbow"), moves=(move,))
+    values = [{"payload.mass": np.float64(2.0)}, {"motor.m1.ratio": np.array([3, 4])}]
+    grid = Grid(["elbow", "none"], [None, "line", move], ["lq"], values, {"mesh": None})
+    digests = []
+    for text in ("t s,x m\n0,0\n", "t s,x m\n0,1\n"):
+        file.write_text(text)
+        grid = replace(grid)
+        told = grid.describe()
+        samples = hashlib.sha256(file.read_bytes()).hexdigest()
+        own = Grid([robot]).describe()["models"][0]
+        assert told["moves"][2]["Move"]["samples"] == samples == own["digest"].split()[1]
+        assert told["moves"][2]["Move"]["start"] == [0.1, 0.2] and own["model"] == "elbow"
+        digests.append((grid.digest, samples, own["digest"].split()[0]))
+    assert digests[0][0] != digests[1][0] and digests[0][2] == digests[1][2]
+    assert told["parameters"] == [{"payload.mass": 2.0}, {"motor.m1.ratio": [3, 4]}]
+    assert (told["options"], told["moves"][:2]) == ({"mesh": None}, [None, "line"])
+    missing = told["models"][1]
+    assert missing["model"] == "none" and missing["digest"].startswith("unreadable: model: given ")
+    file.unlink()
+    gone = Grid([robot]).describe()["models"][0]["digest"]
+    assert gone.endswith(" unreadable: No such file or directory")
+
+
+SIZES = {1: 1, 639: 9, 640: 10, 6400: 16}
+
+
+@pytest.mark.parametrize("cases", SIZES)
+def test_shards_have_a_sixty_fourth_of_the_cases_and_not_too_many(cases: int) -> None:
+    assert default_size(Grid(["x"] * cases)) == SIZES[cases]
+    batch = Grid(["x"] * 64_000, options={"batch": True})
+    assert default_size(batch) == 512
 
 
 @pytest.mark.parametrize(

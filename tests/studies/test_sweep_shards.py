@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import hashlib
+import itertools
 import json
 import os
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -21,7 +24,7 @@ from flexgen.studies.sweeps.cases import Grid
 from flexgen.studies.sweeps.jobs import Rows, Shard
 from flexgen.studies.sweeps.sweep import sweep
 from flexgen.studies.sweeps.table import Table
-from flexgen.studies.sweeps.version import _find_version, code_version, wants_native
+from flexgen.studies.sweeps.version import code_version, find_version, wants_native
 from flexgen.studies.sweeps.worker import WrongCode, run_shard
 
 
@@ -47,7 +50,7 @@ def test_planted_bugs_change_the_bits(monkeypatch) -> None:
     """A wrong order of the cases, and a worker whose answer depends on the shard."""
     grid = batch_grid(6)
     right = sweep(grid, workers=0, shard_size=2).results.digest
-    shards = sweeps._shards
+    shards = sweeps.shards_of
 
     def reversed_shards(*args):
         for shard in shards(*args):
@@ -60,7 +63,7 @@ def test_planted_bugs_change_the_bits(monkeypatch) -> None:
             )
 
     with monkeypatch.context() as patch:
-        patch.setattr(sweeps, "_shards", reversed_shards)
+        patch.setattr(sweeps, "shards_of", reversed_shards)
         assert sweep(grid, workers=0, shard_size=2).results.digest != right
 
     def careless(shard: Shard) -> Rows:
@@ -116,6 +119,25 @@ def test_an_interruption_loses_what_was_running_and_nothing_else(tmp_path, worke
     assert (
         again.results.digest == swept.results.digest and again.times.digest == swept.times.digest
     )
+
+
+def test_progress_tells_the_rate_and_the_time_that_remains(tmp_path, monkeypatch) -> None:
+    """A clock that goes on by 50 s with each shard of two cases; the first shard is there."""
+    grid = batch_grid(7)
+    out = tmp_path / "out"
+    sweep(grid, out, workers=0, shard_size=2)
+    for number in (1, 2, 3):
+        (out / "shards" / f"{number:06d}.json").unlink()
+    seconds = itertools.count(0.0, 50.0)
+    monkeypatch.setattr(sweeps, "time", SimpleNamespace(perf_counter=lambda: next(seconds)))
+    lines: list[str] = []
+    sweep(grid, out, workers=0, resume=True, progress=lines.append)
+    assert lines == [
+        "2 of 7 cases are finished already",
+        "4 of 7 cases, 0 failed, 0.04 cases/s, 75 s remaining",
+        "6 of 7 cases, 0 failed, 0.04 cases/s, 25 s remaining",
+        "7 of 7 cases, 0 failed, 0.0333 cases/s, 0 s remaining",
+    ]
 
 
 def test_damaged_shards_are_computed_again(tmp_path) -> None:
@@ -225,7 +247,7 @@ def test_a_shard_with_a_right_checksum_and_wrong_content_is_computed_again(
     if isinstance(content, dict):
         content = {k: v for k, v in about.items() if k not in ("results", "times")} | content
     body = json.dumps(content)
-    file.write_text(f"{folders._sum(body)}\n{body}")
+    file.write_text(f"{hashlib.sha256(body.encode()).hexdigest()}\n{body}")
     told: list[str] = []
     again = sweep(grid, out, workers=0, resume=True, progress=told.append)
     assert again.results.digest == right and any(
@@ -268,8 +290,8 @@ def test_the_code_is_sources_packages_and_compiler(tmp_path, monkeypatch) -> Non
     with monkeypatch.context() as patch:
         patch.setattr(
             versions,
-            "_find_version",
-            lambda package: "0" if package == "scipy" else _find_version(package),
+            "find_version",
+            lambda package: "0" if package == "scipy" else find_version(package),
         )
         found.append(code_version.__wrapped__())
 
@@ -291,7 +313,7 @@ def test_the_code_is_sources_packages_and_compiler(tmp_path, monkeypatch) -> Non
 
 def test_a_worker_without_a_compiler_is_refused(monkeypatch) -> None:
     """`auto` would take another method there."""
-    shard = next(sweeps._shards(batch_grid(1), [0], 1, code_version.__wrapped__()))
+    shard = next(sweeps.shards_of(batch_grid(1), [0], 1, code_version.__wrapped__()))
     assert run_shard(shard).results[0]["status"] == "solved"
     monkeypatch.setattr(versions, "find_compiler", lambda **_: None)
     code_version.cache_clear()

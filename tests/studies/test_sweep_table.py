@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import hashlib
 import importlib.util
 import io
 import json
+import struct
 import tracemalloc
 import zipfile
 from pathlib import Path
@@ -17,7 +19,9 @@ from flexgen.base.errors import ArgumentError
 from flexgen.cli.argument_parser import UsageError
 from flexgen.cli.parser import parse
 from flexgen.cli.verbs.sweep import sweep as run
-from flexgen.studies.sweeps.table import RESULTS, Column, Table, table_of
+from flexgen.studies.sweeps.summary import group_reasons, summarize
+from flexgen.studies.sweeps.sweep import span_text
+from flexgen.studies.sweeps.table import RESULTS, TIMES, Column, Table, are_rows, table_of
 
 ROWS = [
     {"case": 0, "status": "solved", "torque_max": 0.1, "iterations": 3},
@@ -60,6 +64,80 @@ def test_tables_keep_every_bit(tmp_path) -> None:
     with pytest.raises(ArgumentError, match=r"no \.npz file"):
         Table.load(tmp_path / "c.npz")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.npz", "b.npz", "c.npz"]
+
+
+def test_the_digest_is_of_texts_as_json_and_of_the_bits_of_numbers() -> None:
+    """SHA-256 of the lines that `Table.digest` states, computed here."""
+    columns = Column("model", "text", "", ""), Column("tool_error_max", "float", "m", "")
+    values = {"model": np.array(["elbow", "ä"]), "tool_error_max": np.array([1e-9, -0.0])}
+    content = b"model text  2\n" + json.dumps(["elbow", "ä"]).encode()
+    content += b"tool_error_max float m 2\n" + struct.pack("=2d", 1e-9, -0.0)
+    assert Table(columns, values).digest == hashlib.sha256(content).hexdigest()
+
+
+KINDS = (
+    Column("case", "int", "1", ""),
+    Column("x", "float", "1", ""),
+    Column("t", "text", "", ""),
+)
+ROW_LISTS = {
+    "rows": ([{"case": 0, "x": 1.5, "t": "a"}, {"case": 1, "x": None, "more": []}], True),
+    "whole numbers": ([{"case": 0, "x": -(2**63)}, {"case": 1, "x": 2**63 - 1}], True),
+    "a text for a number": ([{"case": 0}, {"case": 1, "x": "a"}], False),
+    "a large number": ([{"case": 0, "x": 2**63}, {"case": 1}], False),
+    "a small number": ([{"case": 0, "x": -(2**63) - 1}, {"case": 1}], False),
+    "half a case": ([{"case": 0}, {"case": 1.0, "x": 0.0}], False),
+    "another case": ([{"case": 0}, {"case": 2}], False),
+    "a row too few": ([{"case": 0}], False),
+    "no row": ([{"case": 0}, 7], False),
+    "no list": ("x", False),
+}
+
+
+@pytest.mark.parametrize("name", ROW_LISTS)
+def test_rows_of_a_file_are_checked(name: str) -> None:
+    rows, good = ROW_LISTS[name]
+    assert are_rows(rows, KINDS, range(2)) == good
+
+
+def test_a_summary_has_the_largest_figures_of_each_group() -> None:
+    """By loops over random rows of two models, methods and statuses."""
+    rng = np.random.default_rng(1)
+    rows = [
+        {
+            "case": k,
+            "model": "ab"[rng.integers(2)],
+            "method": "lq",
+            "status": ("solved", "failed")[rng.integers(2)],
+            "torque_max": rng.choice([rng.random(), None]),
+            "tool_error_max": rng.random(),
+        }
+        for k in range(20)
+    ]
+    times = [{"case": k, "cpu": rng.choice([1.0 + k, None])} for k in range(20)]
+    found = summarize(table_of(RESULTS, rows), table_of(TIMES, times))
+    groups = {(r["model"], r["method"], r["status"]) for r in rows}
+    assert [(r["model"], r["method"], r["status"]) for r in found] == sorted(groups)
+    for group in found:
+        own = [r for r in rows if all(r[k] == group[k] for k in ("model", "method", "status"))]
+        assert group["cases"] == len(own)
+        for name in ("torque_max", "tool_error_max", "turn_error_max"):
+            values = [r[name] for r in own if r.get(name) is not None]
+            assert group[name] == (max(values) if values else None)
+        assert group["cpu"] == sum(times[r["case"]]["cpu"] or 0.0 for r in own)
+
+
+def test_reasons_that_differ_in_numbers_only_are_one() -> None:
+    groups = group_reasons([4, 5, 6, 7], ["x 1", "at 3.1 s", "at 1e-5 s", "at 2 s"])
+    assert groups == [{"reason": "at 3.1 s", "cases": [5, 6, 7]}, {"reason": "x 1", "cases": [4]}]
+
+
+SPANS = {99.4: "99 s", 100.0: "2 min", 5999.0: "100 min", 6000.0: "1.7 h"}
+
+
+@pytest.mark.parametrize("seconds", SPANS)
+def test_the_time_that_remains_has_a_readable_unit(seconds: float) -> None:
+    assert span_text(seconds) == SPANS[seconds]
 
 
 HEAD = [["case", "int", "1", ""], ["x", "float", "m", ""]]

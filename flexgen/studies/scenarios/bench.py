@@ -191,7 +191,7 @@ class Bench:
         for first in range(0, n, CHUNK):
             check_time("score")
             count = min(CHUNK, n - first)
-            table = _disturbances(s, draw, self.steps, first, count)
+            table = disturbances_of(s, draw, self.steps, first, count)
             found = loop.run(reference, count, motion=True, disturbances=table, check=False)
             assert found.motion is not None
             z[first : first + count] = p.outputs(found.motion[:, : s.model.n_a])
@@ -208,7 +208,7 @@ def _add_prefix(tell: Callable[[str], None], label: str) -> Callable[[str], None
 
 
 @lru_cache(maxsize=256)
-def _disturbances(
+def disturbances_of(
     s: Scenario, draw: Draw, steps: int, first: int, count: int
 ) -> np.ndarray | None:
     """Disturbances of samples, in each step of the integrator; noise is slow to compute, so that
@@ -254,10 +254,10 @@ def _prepare(s: Scenario) -> _Prepared:
         )
         for a, t, values in zip(q_a, tau, s.plants.values, strict=True)
     )
-    return _Prepared(library, q_a, q_m, tau, rate, _outputs(s, library))
+    return _Prepared(library, q_a, q_m, tau, rate, outputs_of(s, library))
 
 
-def _outputs(s: Scenario, library: Any) -> Callable[[np.ndarray], np.ndarray]:
+def outputs_of(s: Scenario, library: Any) -> Callable[[np.ndarray], np.ndarray]:
     """From arm coordinates (n, n_a, lanes) to outputs (n, lanes, outputs)."""
     coordinates = [c.name for c in s.model.coordinates]
     weights = np.array([[o.weights.get(name, 0.0) for name in coordinates] for o in s.outputs])

@@ -42,6 +42,11 @@ def main() -> None:
     os.dup2(2, 1)
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
     sys.argv = sys.argv[:1]
+    answer_messages(take, give)
+
+
+def answer_messages(take: BinaryIO, give: BinaryIO) -> None:
+    """Answer the messages of `take` to `give` until there are no more; see `foreign.py`."""
     loaded: PlugIn | PythonController | None = None
     robots: _Robots | None = None
     while len(head := take.read(8)) == 8:

@@ -322,7 +322,7 @@ def score(
         )
     chosen = name if isinstance(name, Scenario) else scenario(name, version)
     made, title = scenario_controller(controller, chosen, Bench(chosen).motion)
-    rule = _find_broken_rule(chosen, made, seed, steps)
+    rule = find_broken_rule(chosen, made, seed, steps)
     if seed is None:
         drawn = isinstance(made, ForeignController) and chosen.plan is not None
         seed = secret_seed() if drawn else chosen.seed
@@ -352,7 +352,7 @@ def score(
     )
 
 
-def _find_broken_rule(
+def find_broken_rule(
     chosen: Scenario, made: Controller, seed: int | None, steps: int | None
 ) -> str:
     """Reason why a score does not follow the rule of its benchmark; empty if it does."""

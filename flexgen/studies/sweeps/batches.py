@@ -25,8 +25,8 @@ from flexgen.studies.sweeps.jobs import Job, Row, Shard, failed_row
 
 Derived = Callable[[str, RobotModel], Equations]
 
-_LIBRARIES: dict[str, InverseDynamics | None] = {}
-_MOVERS: dict[tuple[str, float, int], JointMoves] = {}
+LIBRARIES: dict[str, InverseDynamics | None] = {}
+MOVERS: dict[tuple[str, float, int], JointMoves] = {}
 KEPT = 4  # models, and time laws, whose buffers a worker keeps
 
 
@@ -107,15 +107,15 @@ class Batches:
         `flexgen.solve`.
         """
         at = (key, law.duration, law.smoothness)
-        if at not in _MOVERS:
+        if at not in MOVERS:
             equations = self.derived(key, robot)
             index = structural_index(equations).index
             if index is not None and law.smoothness < index:
                 return None
-            while len(_MOVERS) >= KEPT:
-                _MOVERS.pop(next(iter(_MOVERS)))
-            _MOVERS[at] = JointMoves(equations, law, _library(key, equations))
-        return _MOVERS[at]
+            while len(MOVERS) >= KEPT:
+                MOVERS.pop(next(iter(MOVERS)))
+            MOVERS[at] = JointMoves(equations, law, _library(key, equations))
+        return MOVERS[at]
 
 
 def _plain_move(job: Job, robot: RobotModel) -> Move | None:
@@ -140,16 +140,16 @@ def _library(key: str, equations: Equations) -> InverseDynamics | None:
     """The emitted inverse dynamics of a model; None without a compiler, where CasADi computes
     it.
     """
-    if key not in _LIBRARIES:
-        while len(_LIBRARIES) >= KEPT:
-            _LIBRARIES.pop(next(iter(_LIBRARIES)))
+    if key not in LIBRARIES:
+        while len(LIBRARIES) >= KEPT:
+            LIBRARIES.pop(next(iter(LIBRARIES)))
         try:
             with temporary_folder() as folder:
                 made = generate(equations, f"{folder}/library", functions=["inverse_dynamics"])
-                _LIBRARIES[key] = load(made.directory).inverse_dynamics
+                LIBRARIES[key] = load(made.directory).inverse_dynamics
         except BuildError:
-            _LIBRARIES[key] = None
-    return _LIBRARIES[key]
+            LIBRARIES[key] = None
+    return LIBRARIES[key]
 
 
 def figures_or_reasons(

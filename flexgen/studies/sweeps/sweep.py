@@ -176,7 +176,7 @@ def sweep(
         missing = list(range(count))
     else:
         missing = [number for number in range(count) if folder.rows(number) is None]
-    shards = _shards(grid, missing, size, code)
+    shards = shards_of(grid, missing, size, code)
     report = _Progress(
         len(grid), sum(len(_numbers(grid, number, size)) for number in missing), log
     )
@@ -291,7 +291,7 @@ def _rows(folder: Folder | None, memory: dict[int, Rows], number: int) -> Rows:
     return rows
 
 
-def _shards(grid: Grid, numbers: list[int], size: int, code: str) -> Iterator[Shard]:
+def shards_of(grid: Grid, numbers: list[int], size: int, code: str) -> Iterator[Shard]:
     """Shards with everything that a worker needs, one after the other."""
     read: dict[tuple[int, int], tuple[str, RobotModel | str]] = {}
     for number in numbers:
@@ -342,11 +342,12 @@ class _Progress:
         left = (self._missing - self._done) / rate
         self._log(
             f"{self._cases - self._missing + self._done} of {self._cases} cases, {self._failed} "
-            f"failed, {rate:.3g} cases/s, {_span(left)} remaining"
+            f"failed, {rate:.3g} cases/s, {span_text(left)} remaining"
         )
 
 
-def _span(seconds: float) -> str:
+def span_text(seconds: float) -> str:
+    """A time in the unit in which it has two or three digits."""
     if seconds < 100:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 6000 else f"{seconds / 3600:.1f} h"

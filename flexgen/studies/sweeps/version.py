@@ -35,7 +35,7 @@ def code_version(native: bool = False) -> str:
             path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes() + b"\0"
         )
     for package in NUMERICAL:
-        digest.update(f"{package} {_find_version(package)}\n".encode())
+        digest.update(f"{package} {find_version(package)}\n".encode())
     digest.update(f"compiler {_compiler(native)}\n".encode())
     return f"{flexgen.base.version.__version__}+{digest.hexdigest()[:16]}"
 
@@ -46,7 +46,8 @@ def wants_native(options: Mapping[str, Any]) -> bool:
     return isinstance(of_method, Mapping) and bool(of_method.get("native", False))
 
 
-def _find_version(package: str) -> str:
+def find_version(package: str) -> str:
+    """Version of an installed package; "unknown" where it is not installed as one."""
     try:
         return version(package)
     except PackageNotFoundError:
