@@ -17,8 +17,9 @@ from emitted import made
 from fake_gpu import FakeDriver, Foreign, Status, compile_on_cpu
 
 import flexgen
-from flexgen.backends.cuda import compiler, dlpack, driver
+from flexgen.backends.cuda import compiler, dlpack, driver, sources
 from flexgen.base.errors import ArgumentError, BuildError, SolverError
+from flexgen.runtime import identity
 
 N = 150  # points: more than a block of threads
 
@@ -132,7 +133,7 @@ def test_memory_is_given_back(gpu):
     del q
     gpu.cuStreamSynchronize(0)
     assert gpu.free[0] == before + 16 * N
-    assert not dlpack._exported
+    assert not dlpack.exported
 
 
 def test_a_point_that_fails_is_named_and_nan(gpu):
@@ -219,6 +220,15 @@ def test_a_card_that_cannot_is_refused(gpu, monkeypatch):
     ):
         robot("tpu")
 
+    gpu.cards = 1
+    with pytest.raises(BuildError, match="given 'cuda:1' on a computer with GPU 0 only"):
+        robot("cuda:1")
+    with monkeypatch.context() as without:
+        without.setattr(gpu, "cuGetErrorString", lambda status: (0, b""))
+        without.setattr(gpu, "cuInit", lambda flags: (100,))  # CUDA_ERROR_NO_DEVICE
+        with pytest.raises(BuildError, match="given 'cuda' on a computer without a GPU"):
+            robot()
+
     def missing(flags: int):
         raise RuntimeError("libcuda.so.1 is not there")
 
@@ -255,6 +265,51 @@ def test_a_library_on_a_card_is_closed_and_pickled(gpu):
         again.gravity(on_card.array(np.zeros((1, 2))))
 
 
+def test_arrays_of_a_library_have_its_precision_and_an_order(gpu):
+    on_card = robot()
+    x = np.arange(6).reshape(2, 3)
+    for order, strides in (("F", (8, 16)), ("C", (24, 8))):
+        made = on_card.array(x, order=order)
+        assert (made.strides, made.dtype) == (strides, np.dtype(float))
+        np.testing.assert_array_equal(made.numpy(), x)
+        np.testing.assert_array_equal(on_card.transpose(made).numpy(), x.T)
+        np.testing.assert_array_equal(on_card.transpose(Foreign(made)).numpy(), x.T)
+    in_c = Foreign(made, dlpack=False, strides=None)
+    np.testing.assert_array_equal(on_card.transpose(in_c).numpy(), x.T)
+    single = Foreign(made, dlpack=False, typestr="<f4")
+    for call, text in (
+        (lambda: on_card.array(x, order="A"), "array, order: given 'A', expected 'F' or 'C'"),
+        (lambda: on_card.array("x"), "array: given .*, expected real numbers on the CPU"),
+        (lambda: on_card.transpose(single), "transpose, x: given numbers of type <f4, expected "),
+    ):
+        with pytest.raises(ArgumentError, match=text):
+            call()
+    several = on_card.invert_many
+    assert on_card.invert_many is several and repr(several).startswith("invert_many(y, dy, ddy")
+
+
+@pytest.mark.parametrize(
+    ("file", "text"),
+    [
+        ("elbow_gravity.c", "elbow_gravity.c: given no readable file"),
+        ("", "elbow_gravity.c: given a library without this file"),
+        ("#define WORK", "gravity: given a source without WORK"),
+    ],
+)
+def test_a_library_without_a_part_is_refused(file, text, tmp_path):
+    written = flexgen.generate("elbow", functions=["gravity"], directory=tmp_path / "elbow")
+    folder, manifest = identity.read_manifest(written.directory)
+    files = sources.read_files(folder, manifest)
+    if file == "elbow_gravity.c":
+        (folder / "src" / file).unlink()
+        with pytest.raises(BuildError, match=text):
+            sources.read_files(folder, manifest)
+        return
+    left = {name: x.replace("#define WORK", "") for name, x in files.items() if file or not x}
+    with pytest.raises(BuildError, match=text):
+        sources.kernel_text(manifest, left, "gravity")
+
+
 def test_a_changed_source_is_refused(gpu, tmp_path):
     written = flexgen.generate("elbow", functions=["gravity"], directory=tmp_path / "elbow")
     source = written.directory / "src" / "elbow_gravity.c"
@@ -287,7 +342,7 @@ def test_capsules_are_those_of_numpy(monkeypatch):
     monkeypatch.setattr(dlpack, "CUDA", 1)  # kDLCPU
     np.testing.assert_array_equal(y := np.from_dlpack(OnCpu()), x)
     assert y.ctypes.data == x.ctypes.data
-    assert len(dlpack._exported) == 1
+    assert len(dlpack.exported) == 1
     del y
     OnCpu().__dlpack__()  # it is not taken
-    assert not dlpack._exported
+    assert not dlpack.exported

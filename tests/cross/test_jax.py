@@ -17,7 +17,7 @@ from flexgen.codegen.emission.spec import choose_functions
 jax = pytest.importorskip("jax", reason="the package jax is not installed")
 jnp = jax.numpy
 CASES = [
-    pytest.param(("elbow", ("gravity", "mass_matrix"), (), "double"), id="elbow"),
+    pytest.param(("elbow", ("gravity", "mass_matrix", "bias"), (), "double"), id="elbow"),
     pytest.param(("planar5_nmp", None, (), "double"), id="planar5_nmp", marks=pytest.mark.slow),
     pytest.param(
         ("elbow", None, ("stiffness", "payload"), "double"),
@@ -86,6 +86,29 @@ def test_axes_of_a_batch_in_any_place_and_of_some_arrays() -> None:
             assert np.array_equal(found[i, k], robot.inverse_dynamics(q[k], v[i], a[k]))
 
 
+def test_a_batch_inside_of_another_and_derivatives_in_one_argument() -> None:
+    """Positions have one axis, speeds two; the product with a direction is linear in it."""
+    robot, made = pair(CASES[0].values[0])
+    q, v = (x[:6] for x in drawn(robot, "bias", 6))
+    speeds = np.stack([v, 2 * v, -v], axis=2)
+    found = jax.vmap(lambda v: made.bias(q, v), 2)(speeds)
+    expected = [robot.bias(q, speeds[:, :, k]) for k in range(3)]
+    assert np.array_equal(found, expected)
+    weights = jnp.array([0.3, -0.7])
+
+    def loss(v):
+        return weights @ made.bias(q[0], v)
+
+    back = robot.bias_vjp(q[0], v[0], np.asarray(weights))
+    assert np.array_equal(jax.grad(loss)(v[0]), back.v_a_cotangent)
+
+    def along(d):
+        return jax.jvp(lambda v: made.bias(q[0], v), (v[0],), (d,))[1]
+
+    assert np.allclose(jax.jacfwd(along)(v[1]), jax.jacfwd(lambda v: made.bias(q[0], v))(v[0]))
+    assert np.allclose(along(v[1]), jax.jacrev(along)(v[0]) @ v[1])
+
+
 @pytest.mark.parametrize("case", CASES)
 def test_gradients_equal_differences_of_the_library(case) -> None:
     checked_gradients(case, jacobians)
@@ -113,15 +136,15 @@ def flat_results(result):
 
 @pytest.mark.slow
 def test_a_planted_sign_of_the_transpose_is_caught(monkeypatch) -> None:
-    from flexgen.backends.autodiff import jax_functions
-
-    rule = jax_functions._transpose
+    rules = jax.interpreters.ad.primitive_transposes
+    (linear,) = (primitive for primitive in rules if primitive.name == "flexgen_linear")
+    rule = rules[linear]
 
     def planted(cotangents, *operands, **given):
         return [None if g is None else -g for g in rule(cotangents, *operands, **given)]
 
     jax.clear_caches()
-    monkeypatch.setitem(jax_functions.ad.primitive_transposes, jax_functions._linear, planted)
+    monkeypatch.setitem(rules, linear, planted)
     with pytest.raises(AssertionError):
         checked_gradients(CASES[1].values[0], jacobians, names=["bias"])
     jax.clear_caches()
@@ -241,9 +264,10 @@ def test_wrong_calls_are_refused_with_the_reason() -> None:
         with pytest.raises(ArgumentError, match=reason):
             call()
     with pytest.raises(
-        AttributeError, match="given 'bias', expected one of the library's functions: mass_matrix"
+        AttributeError,
+        match="given 'linearize', expected one of the library's functions: mass_matrix",
     ):
-        made.bias  # noqa: B018
+        made.linearize  # noqa: B018
 
 
 def test_a_library_without_derivatives_says_what_to_generate() -> None:

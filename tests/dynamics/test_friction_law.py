@@ -4,6 +4,7 @@ dynamics/mechanics/force_laws.py.
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 
 import casadi as ca
@@ -11,10 +12,11 @@ import numpy as np
 import pytest
 
 import flexgen
-from flexgen.base.errors import ModelError
+from flexgen.base.errors import ArgumentError, ModelError
 from flexgen.dynamics.mechanics import force_laws
 from flexgen.model import elements
 from flexgen.model.elements import Friction, friction_key
+from flexgen.model.friction import GearFriction
 
 
 @dataclass(frozen=True)
@@ -25,7 +27,7 @@ class Quadratic(Friction):
 
 
 def quadratic_torque(friction: Quadratic, w: ca.SX) -> ca.SX:
-    return force_laws._smooth_friction(friction, w) + friction.quadratic * w * ca.fabs(w)
+    return force_laws.smooth_friction(friction, w) + friction.quadratic * w * ca.fabs(w)
 
 
 @pytest.fixture
@@ -70,3 +72,24 @@ def test_wrong_numbers_of_a_law_are_refused(law, keys, text):
 
 def test_the_type_of_the_default_law_may_be_written():
     assert read(type="smooth", viscous=0.5).motors[0].friction == Friction(viscous=0.5)
+
+
+@pytest.mark.parametrize(
+    ("load", "temperature", "missing"),
+    [
+        (1.0, None, "the temperature"),
+        (None, 20.0, "the torque of the gear"),
+        (None, None, "the temperature"),
+    ],
+)
+def test_frictions_say_what_they_lack(load, temperature, missing):
+    """A friction of gears depends on load and temperature; one that does not needs neither."""
+    w = ca.SX.sym("w")
+    law = GearFriction(coulomb=0.1, beta=2.0, load_coulomb=0.5, load_smoothing=0.3)
+    carried = None if load is None else ca.SX(load)
+    expected = f'friction: given type = "gear" without {missing}, on which it depends'
+    with pytest.raises(ArgumentError, match=f"^{re.escape(expected)}$"):
+        force_laws.friction_torque(law, w, carried, temperature)
+    force_laws.friction_torque(GearFriction(coulomb=0.1, beta=2.0), w, None, 20.0)
+    with pytest.raises(ArgumentError, match="friction: given a float, expected a law with a meth"):
+        force_laws.friction_torque(3.0, w, None, 20.0)

@@ -30,7 +30,12 @@ from flexgen.base.errors import ArgumentError, ModelError
 from flexgen.base.spec.memory import Hysteresis
 from flexgen.dynamics.hysteresis import hysteresis as layers_of
 from flexgen.dynamics.hysteresis import hysteresis_law as law
-from flexgen.dynamics.hysteresis.hysteresis import gear_layers, torque_along
+from flexgen.dynamics.hysteresis.hysteresis import (
+    elements_of,
+    gear_hysteresis,
+    gear_layers,
+    torque_along,
+)
 from flexgen.dynamics.hysteresis.hysteretic_gears import hysteretic_deflections
 from flexgen.views.reports.texts import description_text
 
@@ -373,3 +378,32 @@ def test_before_a_reversal_an_element_is_its_tangent() -> None:
     assert (ahead[0] - z[0]) / (1e-6 * 4.0 / 30.0) == pytest.approx(slope, rel=1e-5)
     assert back[0] == pytest.approx(-1.5 - slope * 1e-3 * 4.0 / 30.0, rel=1e-9)
     assert rise_ahead[0] == pytest.approx(slope * np.exp(-1e-6))
+
+
+def test_layers_are_the_elements_of_all_gears_one_after_the_other() -> None:
+    """Slip is half the lost motion times the stiffness of the spring; a gear without an element
+    has zeros.
+    """
+    one = {"stiffness": 2e5, "lost_motion": 1e-4}
+    two = {"stiffness": 1e5, "lost_motion": 4e-4, "exponent": 3.0}
+    plain = flexgen.read("elbow")
+    second = plain.elements[1].name
+    changes: dict[str, Any] = {
+        "element.upper.dof.q1.gear.hysteresis": [one, two],
+        f"element.{second}.dof.q2.gear.hysteresis": one,
+    }
+    model = flexgen.read("elbow", overrides=changes)
+    gears: list[Any] = [element.dofs[0].gear for element in plain.elements]
+    k = np.array([gear.spring.stiffness for gear in gears])
+    expected = [([2e5, 2e5], 1e-4 * k / 2), ([1e5, 0.0], [4e-4 * k[0] / 2, 0.0])]
+    for layer, (stiffness, slip) in zip(gear_layers(model), expected, strict=True):
+        np.testing.assert_allclose(layer.stiffness, stiffness)
+        np.testing.assert_allclose(layer.slip, slip, rtol=1e-14)
+    whole = gear_hysteresis(model)
+    np.testing.assert_allclose(whole.stiffness, [3e5, 2e5])
+    np.testing.assert_allclose(whole.slip, [5e-4 * k[0] / 2, 1e-4 * k[1] / 2], rtol=1e-14)
+    (none,) = gear_layers(plain)
+    assert not none.stiffness.any() and not none.slip.any()
+    own: Any = model.elements[0].dofs[0].gear
+    assert elements_of(None) == () and len(elements_of(own.hysteresis)) == 2
+    assert elements_of(elements_of(own.hysteresis)[0]) == own.hysteresis[:1]

@@ -63,7 +63,7 @@ def _tensor(name: str, port: Port, x: Any, real: torch.dtype) -> torch.Tensor:
     return x.to(real)
 
 
-def _evaluate(
+def evaluate(
     points: Points, name: str, arrays: Sequence[torch.Tensor]
 ) -> tuple[torch.Tensor, ...]:
     """The results by C, which reads and writes the tensors where they are."""
@@ -89,7 +89,7 @@ class _Call(torch.autograd.Function):
 
     @staticmethod
     def forward(points: Points, name: str, *arrays: torch.Tensor) -> tuple[torch.Tensor, ...]:
-        return _evaluate(points, name, arrays)
+        return evaluate(points, name, arrays)
 
     @staticmethod
     def setup_context(ctx: Any, inputs: tuple[Any, ...], output: Any) -> None:

@@ -84,18 +84,18 @@ def take(capsule: Any) -> Imported:
 
 
 # what keeps the memory of a capsule, until its user deletes it
-_exported: dict[int, tuple[Any, ...]] = {}
+exported: dict[int, tuple[Any, ...]] = {}
 
 
 @_Deleter
 def _delete(managed: Any) -> None:
-    _exported.pop(ctypes.addressof(managed.contents), None)
+    exported.pop(ctypes.addressof(managed.contents), None)
 
 
 @_Destructor
 def _destroy(capsule: int) -> None:
     if _raw_is(capsule, _NAME):  # it was not taken
-        _exported.pop(_raw_pointer(capsule, _NAME), None)
+        exported.pop(_raw_pointer(capsule, _NAME), None)
 
 
 def give(
@@ -125,5 +125,5 @@ def give(
     )
     managed.deleter = _delete
     where = ctypes.addressof(managed)
-    _exported[where] = (managed, extents, steps, owner)
+    exported[where] = (managed, extents, steps, owner)
     return _new(where, _NAME, ctypes.cast(_destroy, ctypes.c_void_p))

@@ -178,7 +178,7 @@ class CudaManyInverter:
         card = self._card
         stream = self._stream
         handle = stream_handle("invert_many", stream)
-        structs = inverter._structs
+        structs = inverter.structs
         n = given["y"].shape[-2]
         checked = inverter._options(**{key: getattr(chosen, key) for key in _SOLVER}, growth=False)
         options = struct_of(structs["inversion_options"], **checked)

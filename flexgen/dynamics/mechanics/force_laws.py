@@ -115,7 +115,8 @@ def friction_torque(
     return friction.torque(w)
 
 
-def _smooth_friction(friction: Friction, w: ca.SX) -> ca.SX:
+def smooth_friction(friction: Friction, w: ca.SX) -> ca.SX:
+    """Viscous friction, and a level that rises smoothly with the speed ``w`` [rad/s]."""
     torque = friction.viscous * w
     if _there(friction.coulomb) or _there(friction.stribeck):
         level = friction.coulomb
@@ -169,7 +170,7 @@ def _fade(x: ca.SX) -> ca.SX:
 
 
 # Class of a friction law in `flexgen.model.elements` -> its torque.
-FRICTION_TORQUES: dict[type[Friction], Callable[..., ca.SX]] = {Friction: _smooth_friction}
+FRICTION_TORQUES: dict[type[Friction], Callable[..., ca.SX]] = {Friction: smooth_friction}
 
 
 def _there(x: float | ca.SX) -> bool:

@@ -192,7 +192,7 @@ class LimitedInverter(Inverter):
         deviation = np.zeros_like(given["dy"])
         knot_samples = whole_of(function, "knot_samples", knot_samples)
         bounds = struct_of(
-            self._structs["inversion_limits"],
+            self.structs["inversion_limits"],
             knot_samples=knot_samples,
             deviation=deviation,
             **limits,

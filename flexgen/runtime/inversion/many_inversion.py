@@ -366,7 +366,7 @@ class _Collected:
         self._entry = inverter.entry_many
         self._job = job
         self._reduce = reduce
-        structs = self._inverter._structs
+        structs = self._inverter.structs
         n = job.samples["y"].shape[-2]
         self._options = struct_of(structs["inversion_options"], **job.options)
         counts = {key: job.options[key] for key in ("n_pre", "n_post", "samples_per_interval")}
@@ -397,7 +397,7 @@ class _Collected:
         """Solve these problems."""
         inverter = self._inverter
         job = self._job
-        structs = self._inverter._structs
+        structs = self._inverter.structs
         count = end - begin
         names = {
             *(job.outputs if self._reduce else ()),

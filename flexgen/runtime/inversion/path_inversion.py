@@ -161,7 +161,7 @@ class Inverter:
         self._name = manifest["name"]
         self._sizes = manifest["sizes"]
         self._interface = interface_of(manifest)
-        self._structs = self._interface.structs
+        self.structs = self._interface.structs
         self._parameters = parameters
         self._real = parameters.dtype
         self._rows = manifest.get("parameters", ())
@@ -170,7 +170,7 @@ class Inverter:
         self._failures = failures
         self._function = function
         self._can_settle = function != "bvp"
-        self._takes_force = any(name == "force" for name, *_ in self._structs["samples"]._fields_)
+        self._takes_force = any(name == "force" for name, *_ in self.structs["samples"]._fields_)
         self._grows = False  # with the function growth in the library
         self.servo: ServoEntry | None = None  # of a library with positions to send
         self.entry_many: Callable[..., int] | None = None  # of many problems
@@ -403,7 +403,7 @@ class Inverter:
         *limits: ctypes.Structure,
     ) -> Inversion:
         """Call C with checked arguments; ``limits``: a further structure behind the options."""
-        structs = self._structs
+        structs = self.structs
         n = len(given["y"])
         counts = {name: options[name] for name in ("n_pre", "n_post", "samples_per_interval")}
         filled_options = struct_of(structs["inversion_options"], **options)
