@@ -11,6 +11,7 @@ Of `flexgen.base.display`, `flexgen.base.checks.counts`, `flexgen.base.calls.dea
 from __future__ import annotations
 
 import errno
+import json
 import math
 import os
 import time
@@ -76,6 +77,11 @@ def test_short_texts_show_four_entries_and_a_hundred_characters() -> None:
     )
 
 
+def test_times_are_whole_seconds_below_a_hundred_then_minutes() -> None:
+    times = {0.2: "1 s", 1.4: "1 s", 99.4: "99 s", 100.0: "2 min", 150.1: "3 min"}
+    assert {seconds: display.duration(seconds) for seconds in times} == times
+
+
 def test_sizes_have_a_prefix_of_their_unit() -> None:
     shown = {
         x: display.format_size(x, "m")
@@ -107,8 +113,10 @@ def test_plain_values_are_json_types() -> None:
         "a": np.arange(3),
         "t": (True, None),
         "r": Made(title="T"),
+        "d": Made(to_dict=lambda: {"x": np.inf}),
+        "o": {3},
     }
-    assert display.plain(given) == {
+    expected = {
         "1": None,
         "z": [1.0, -2.0],
         "p": "a",
@@ -116,7 +124,10 @@ def test_plain_values_are_json_types() -> None:
         "t": [True, None],
         "r": "T",
         "n": {"size": 1.0, "names": [], "table": None, "hidden": 3},
+        "d": {"x": None},
+        "o": "{3}",
     }
+    assert display.plain(given) == expected == json.loads(display.as_json(given))
     assert display.table_html("<t>", [("a&", "<b>")]) == (
         "<table><caption>&lt;t&gt;</caption><tr><td>a&amp;</td><td>&lt;b&gt;</td></tr></table>"
     )

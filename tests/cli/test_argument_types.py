@@ -146,16 +146,23 @@ BAD: list[tuple[Callable[[str], Any], str, str]] = [
 ]
 
 
-def test_texts_of_the_command_line_become_values() -> None:
-    for parse, given, value in GOOD:
-        assert parse(given) == value, given
+@pytest.mark.parametrize(("parse", "given", "value"), GOOD)
+def test_texts_of_the_command_line_become_values(
+    parse: Callable[[str], Any], given: str, value: Any
+) -> None:
+    assert parse(given) == value
 
 
-def test_texts_of_the_command_line_that_are_refused() -> None:
-    for parse, given, expected in BAD:
-        with pytest.raises(argparse.ArgumentTypeError) as refused:
-            parse(given)
-        assert str(refused.value) == f"given {given!r}, {expected}"
-    for short in (types.integers, types.integer, types.whole(0)):
-        with pytest.raises(argparse.ArgumentTypeError, match=f"^given '{'x' * 40}', expected"):
-            short("x" * 50)
+@pytest.mark.parametrize(("parse", "given", "expected"), BAD)
+def test_texts_of_the_command_line_that_are_refused(
+    parse: Callable[[str], Any], given: str, expected: str
+) -> None:
+    with pytest.raises(argparse.ArgumentTypeError) as refused:
+        parse(given)
+    assert str(refused.value) == f"given {given!r}, {expected}"
+
+
+@pytest.mark.parametrize("parse", [types.integers, types.integer, types.whole(0)])
+def test_long_texts_are_shown_with_their_first_40_characters(parse: Callable[[str], Any]) -> None:
+    with pytest.raises(argparse.ArgumentTypeError, match=f"^given '{'x' * 40}', expected"):
+        parse("x" * 50)
