@@ -25,7 +25,7 @@ from flexgen.dynamics.mechanics.equations import derive
 from flexgen.inversion.methods import collocation
 from flexgen.inversion.problem.model_library import inversion_library
 from flexgen.inversion.problem.problem import InversionProblem
-from flexgen.inversion.solve import make_solution
+from flexgen.inversion.unverified_solution import make_solution
 from flexgen.paths.path import Path
 from flexgen.simulation.simulate import simulate
 

@@ -28,7 +28,7 @@ from flexgen.dynamics.mechanics.statics import equilibrium_at
 from flexgen.inversion.judge.status import Status
 from flexgen.inversion.methods import bvp, collocation, lq
 from flexgen.inversion.problem.problem import InversionProblem
-from flexgen.inversion.solve import make_solution
+from flexgen.inversion.unverified_solution import make_solution
 from flexgen.model.elements import Placement, RobotModel
 from flexgen.model.reader import read
 from flexgen.runtime import load

@@ -27,7 +27,7 @@ from flexgen.dynamics.mechanics.statics import hold_motors
 from flexgen.exports.mujoco.mujoco_checks import with_friction
 from flexgen.inversion.methods import lq
 from flexgen.inversion.problem.problem import InversionProblem
-from flexgen.inversion.solve import make_solution
+from flexgen.inversion.unverified_solution import make_solution
 from flexgen.paths.force.process_force import make_force, scale_force
 
 pytest.importorskip("mujoco")

@@ -4,7 +4,6 @@ called solved.
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -14,13 +13,12 @@ from claimed_error import claimed_error, simulated_error
 from toolchain import needs_compiler
 
 import flexgen
+from flexgen.inversion import refinement
 from flexgen.inversion.choice import SEARCHES
 from flexgen.inversion.judge.verification import Verification
 from flexgen.inversion.methods.method_result import MethodResult
 from flexgen.inversion.methods.method_table import Method
 from flexgen.inversion.problem.problem import InversionProblem
-
-solving = importlib.import_module("flexgen.inversion.solve")
 
 
 class Runs:
@@ -28,24 +26,24 @@ class Runs:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, factor: float = 1.0) -> None:
         self.names: list[str] = []
-        run: Callable[..., MethodResult] = solving.run_method
+        run: Callable[..., MethodResult] = refinement.run_method
 
         def started(method: Method, problem: InversionProblem, h: float) -> MethodResult:
             self.names.append(method.name)
             found = run(method, problem, h)
             return replace(found, motors=replace(found.motors, tau_m=factor * found.motors.tau_m))
 
-        monkeypatch.setattr(solving, "run_method", started)
+        monkeypatch.setattr(refinement, "run_method", started)
 
 
 def plant_error(monkeypatch: pytest.MonkeyPatch, error: float) -> None:
     """Verifications that find this error [rad, and m for each meter of reach], in open loop."""
-    verify = solving.verify_by_simulation
+    verify = refinement.verify_by_simulation
 
     def planted(*given: Any) -> Verification:
         return replace(verify(*given), worst=error, alone=error)
 
-    monkeypatch.setattr(solving, "verify_by_simulation", planted)
+    monkeypatch.setattr(refinement, "verify_by_simulation", planted)
 
 
 def test_an_error_within_the_accuracy_ends_the_search(monkeypatch: pytest.MonkeyPatch) -> None:

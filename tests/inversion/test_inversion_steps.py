@@ -18,12 +18,13 @@ from flexgen.base.motion.trajectory import Trajectory
 from flexgen.base.spec.ports import Port
 from flexgen.dynamics.mechanics.equations import derive
 from flexgen.dynamics.mechanics.limits import Limits
-from flexgen.inversion import choice, solve
+from flexgen.inversion import choice, refinement, solve, unverified_solution
 from flexgen.inversion.comparison import comparison
-from flexgen.inversion.judge import verification
+from flexgen.inversion.judge import attempt, verification
 from flexgen.inversion.judge.reached import BestSolution
 from flexgen.inversion.judge.status import Status
 from flexgen.inversion.methods.method_table import find_method
+from flexgen.inversion.problem.problem import SolveOptions
 from flexgen.inversion.problem.problem_text import problem_of
 from flexgen.inversion.problem.solve_arguments import check_arguments, without_effect
 from flexgen.inversion.solution import Solution, limit_warnings, relative_residual, residual_rows
@@ -129,15 +130,15 @@ def test_the_mesh_is_halved_until_the_verification_is_passed(
         run = simulated(model, warnings=("rough",), energy_error=1e-9)
         return verification.Verification(run, (2e-6, None), 5e-7, next(worst))
 
-    monkeypatch.setattr(solve, "run_method", method)
+    monkeypatch.setattr(refinement, "run_method", method)
     monkeypatch.setattr(
-        solve, "make_solution", lambda problem, name, h: made(model, warnings=(f"{h:g}",))
+        refinement, "make_solution", lambda problem, name, h: made(model, warnings=(f"{h:g}",))
     )
-    monkeypatch.setattr(solve, "verify_by_simulation", verified)
+    monkeypatch.setattr(refinement, "verify_by_simulation", verified)
     problem = Problem()
     reached = BestSolution()
-    found = solve._refine(problem, find_method("lq"), reached)  # type: ignore[arg-type]
-    h = max(min(0.02, solve.LONGEST), 2.0 / 5000)
+    found = refinement.refine(problem, find_method("lq"), reached)  # type: ignore[arg-type]
+    h = max(min(0.02, refinement.LONGEST), 2.0 / 5000)
     assert steps == [h, h / 2, h / 4]
     assert (found.plan_error_max_m, found.plan_error_max_rad, found.path_distance_max_m) == (
         2e-6,
@@ -160,7 +161,7 @@ def test_the_mesh_is_halved_until_the_verification_is_passed(
     ):
         steps.clear()
         worst = iter(errors)
-        found = solve._refine(problem, find_method(name), reached)  # type: ignore[arg-type]
+        found = refinement.refine(problem, find_method(name), reached)  # type: ignore[arg-type]
         assert found.status == Status.TOLERANCE_NOT_MET and found.warnings[0] == f"{h / 2:g}"
         missed = (
             f"verified error {errors[1]:.2e} is above 1e-05 [rad, and m for each meter of reach]"
@@ -169,11 +170,13 @@ def test_the_mesh_is_halved_until_the_verification_is_passed(
         assert len(steps) == len(errors)  # one more mesh where lq has nearly converged
     steps.clear()
     worst = iter([4e-5])
-    solve._refine(Problem(mesh=0.125), find_method("lq"), reached)  # type: ignore[arg-type]
+    refinement.refine(Problem(mesh=0.125), find_method("lq"), reached)  # type: ignore[arg-type]
     assert steps == [0.125]
-    monkeypatch.setattr(solve, "make_solution", lambda *_: made(model, status=Status.BASELINE))
+    monkeypatch.setattr(
+        refinement, "make_solution", lambda *_: made(model, status=Status.BASELINE)
+    )
     worst = iter([1.0])
-    assert solve._refine(Problem(), find_method("fjm"), reached).status == Status.BASELINE
+    assert refinement.refine(Problem(), find_method("fjm"), reached).status == Status.BASELINE
 
 
 @pytest.mark.parametrize(
@@ -194,7 +197,7 @@ def test_a_mesh_that_does_not_resolve_the_torques_is_halved(
     once.
     """
     model = flexgen.read("planar5_nmp")
-    finest = solve.INTERVALS
+    finest = refinement.INTERVALS
     rest = iter(estimates)
     worst = iter(errors)
 
@@ -206,14 +209,15 @@ def test_a_mesh_that_does_not_resolve_the_torques_is_halved(
             model, intervals=intervals, details={"converged": error == 0.0, "torque_error": error}
         )
 
-    monkeypatch.setattr(solve, "run_method", lambda *_: None)
-    monkeypatch.setattr(solve, "make_solution", made_next)
+    monkeypatch.setattr(refinement, "run_method", lambda *_: None)
+    monkeypatch.setattr(refinement, "make_solution", made_next)
     monkeypatch.setattr(
-        solve,
+        refinement,
         "verify_by_simulation",
         lambda *_: verification.Verification(simulated(model), None, None, next(worst)),
     )
-    found = solve._refine(Problem(), find_method("lq"), BestSolution())  # type: ignore[arg-type]
+    reached = BestSolution()
+    found = refinement.refine(Problem(), find_method("lq"), reached)  # type: ignore[arg-type]
     assert (
         found is not None
         and found.status == Status.SOLVED
@@ -224,8 +228,10 @@ def test_a_mesh_that_does_not_resolve_the_torques_is_halved(
         rest = iter(planted)
         worst = iter([1e-6])
         reached = BestSolution()
-        monkeypatch.setattr(solve, "make_solution", lambda *x, n=first: made_next(*x, intervals=n))
-        found = solve._refine(Problem(), find_method("lq"), reached)  # type: ignore[arg-type]
+        monkeypatch.setattr(
+            refinement, "make_solution", lambda *x, n=first: made_next(*x, intervals=n)
+        )
+        found = refinement.refine(Problem(), find_method("lq"), reached)  # type: ignore[arg-type]
         assert found is not None and found.details["torque_error"] == planted[0]
 
 
@@ -244,47 +250,57 @@ def test_a_time_limit_that_ends_after_the_verification_accepts_nothing(
     """The torques of a controller may be checked after it."""
     model = flexgen.read("planar5_nmp")
     reached = BestSolution(accepted=made(model))
-    monkeypatch.setattr(solve, "_refine", lambda *_: made(model))
+    monkeypatch.setattr(solve, "refine", lambda *_: made(model))
     solve._find_solution(Problem(), "lq", reached)  # type: ignore[arg-type]
     assert reached.finish("simulation", 1.0).status == Status.TOLERANCE_NOT_MET
 
 
 def test_without_verification_the_residual_decides(monkeypatch: pytest.MonkeyPatch) -> None:
     model = flexgen.read("planar5_nmp")
-    residuals = iter([1e-2, solve.RESIDUAL])
-    monkeypatch.setattr(solve, "run_method", lambda *_: None)
+    residuals = iter([1e-2, unverified_solution.RESIDUAL])
+    monkeypatch.setattr(refinement, "run_method", lambda *_: None)
     monkeypatch.setattr(
-        solve, "make_solution", lambda *_: made(model, residual_relative=next(residuals))
+        refinement, "make_solution", lambda *_: made(model, residual_relative=next(residuals))
     )
     problem = Problem(verify=False)
     reached = BestSolution()
-    found = solve._refine(problem, find_method("lq"), reached)  # type: ignore[arg-type]
-    assert found.residual_relative == solve.RESIDUAL and problem.texts == [
+    found = refinement.refine(problem, find_method("lq"), reached)  # type: ignore[arg-type]
+    assert found.residual_relative == unverified_solution.RESIDUAL and problem.texts == [
         "relative residual 1.0e-02: halving the mesh"
     ]
-    residuals = iter([1e-2] * solve.ATTEMPTS)
+    residuals = iter([1e-2] * attempt.ATTEMPTS)
     with pytest.raises(
         SolverError, match=r"method lq: .* residual 0\.125 N m, relative residual 1\.0e-02; switch"
     ):
-        solve._refine(problem, find_method("lq"), reached)  # type: ignore[arg-type]
+        refinement.refine(problem, find_method("lq"), reached)  # type: ignore[arg-type]
 
 
 def test_the_residual_that_is_small_depends_on_the_method() -> None:
     model = flexgen.read("planar5_nmp")
-    for method, bound in (("lq", solve.RESIDUAL), ("full", solve.RIPPLE)):
-        assert solve.residual_is_small(made(model, method=method, residual_relative=bound))
-        assert not solve.residual_is_small(
+    for method, bound in (
+        ("lq", unverified_solution.RESIDUAL),
+        ("full", unverified_solution.RIPPLE),
+    ):
+        assert unverified_solution.residual_is_small(
+            made(model, method=method, residual_relative=bound)
+        )
+        assert not unverified_solution.residual_is_small(
             made(model, method=method, residual_relative=bound * 1.0001)
         )
-    assert solve.residual_is_small(made(model, status=Status.BASELINE, residual_relative=1.0))
-    assert solve.RIPPLE != solve.RESIDUAL
-    assert solve._with_ripple(made(model, residual_relative=solve.RIPPLE)).warnings == ()
-    warnings = solve._with_ripple(
-        made(model, residual_relative=2 * solve.RIPPLE, warnings=("a",))
+    assert unverified_solution.residual_is_small(
+        made(model, status=Status.BASELINE, residual_relative=1.0)
+    )
+    assert unverified_solution.RIPPLE != unverified_solution.RESIDUAL
+    assert (
+        refinement.with_ripple(made(model, residual_relative=unverified_solution.RIPPLE)).warnings
+        == ()
+    )
+    warnings = refinement.with_ripple(
+        made(model, residual_relative=2 * unverified_solution.RIPPLE, warnings=("a",))
     ).warnings
     assert (
         warnings[0] == "a"
-        and f"relative residual {2 * solve.RIPPLE:.1e} between them" in warnings[1]
+        and f"relative residual {2 * unverified_solution.RIPPLE:.1e} between them" in warnings[1]
     )
 
 
@@ -293,7 +309,7 @@ def test_the_residual_that_is_small_depends_on_the_method() -> None:
     [
         (1.0, 1.01e-5, True, Status.TOLERANCE_NOT_MET),
         (1.0, 1e-5, True, Status.SOLVED),
-        (solve.RESIDUAL, 1.0, True, Status.SOLVED),
+        (unverified_solution.RESIDUAL, 1.0, True, Status.SOLVED),
         (1.0, 1.0, False, Status.SOLVED),
     ],
 )
@@ -306,26 +322,13 @@ def test_under_a_feedback_the_residual_or_the_defect_is_small(
         feedback=MotorFeedback(*4 * (np.ones(2),), dict.fromkeys(HERTZ, 1.0)) if guided else None,
     )
     checked = verification.Verification(run, None, None, 1e-6, defect)
-    monkeypatch.setattr(solve, "run_method", lambda *_: None)
-    monkeypatch.setattr(solve, "make_solution", lambda *_: made(model, residual_relative=residual))
-    monkeypatch.setattr(solve, "verify_by_simulation", lambda *_: checked)
-    reached = BestSolution()
-    assert solve._refine(Problem(), find_method("lq"), reached).status == status
-
-
-def test_a_refusal_names_what_is_off() -> None:
-    problem = Problem()
-    assert solve._refusal(problem, 1e-5, solve.ENERGY).startswith(
-        "the equations of motion do not hold between"
-    )  # type: ignore[arg-type]
-    energy = solve._refusal(problem, 1e-5, 2 * solve.ENERGY)  # type: ignore[arg-type]
-    assert energy == (
-        f"the energy balance of the simulation is off by {2 * solve.ENERGY:.1e}, allowed "
-        f"are {solve.ENERGY:.0e}"
+    monkeypatch.setattr(refinement, "run_method", lambda *_: None)
+    monkeypatch.setattr(
+        refinement, "make_solution", lambda *_: made(model, residual_relative=residual)
     )
-    assert solve._refusal(problem, 1.01e-5, 0.0).startswith(
-        "verified error 1.01e-05 is above 1e-05"
-    )  # type: ignore[arg-type]
+    monkeypatch.setattr(refinement, "verify_by_simulation", lambda *_: checked)
+    reached = BestSolution()
+    assert refinement.refine(Problem(), find_method("lq"), reached).status == status
 
 
 def test_methods_that_follow_the_default_one(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -366,29 +369,29 @@ def test_methods_that_follow_the_default_one(monkeypatch: pytest.MonkeyPatch) ->
 
 
 def test_arguments_of_solve_at_their_bounds() -> None:
-    check_arguments("lq", 0, 0.1, 1e-5, 0, None)
-    check_arguments("auto", None, None, 1e-5, None, Limits(torque=(1.0,)))
-    for place, value in (
-        (0, False),
-        (0, -1.0),
-        (0, np.nan),
-        (1, 0),
-        (1, True),
-        (2, 0.0),
-        (2, np.inf),
-        (3, -1),
-        (3, "1"),
+    check_arguments("lq", 0, SolveOptions(preview=0, mesh=0.1))
+    check_arguments("auto", None, SolveOptions(limits=Limits(torque=(1.0,))))
+    for name, value in (
+        ("preview", False),
+        ("preview", -1.0),
+        ("preview", np.nan),
+        ("mesh", 0),
+        ("mesh", True),
+        ("accuracy", 0.0),
+        ("accuracy", np.inf),
+        ("time_limit", -1),
+        ("time_limit", "1"),
     ):
-        given: list[Any] = [0.1, 0.1, 1e-5, 1.0]
-        given[place] = value
-        name = ("preview", "mesh", "accuracy", "time_limit")[place]
+        given: dict[str, Any] = {"preview": 0.1, "mesh": 0.1, "time_limit": 1.0, name: value}
         with pytest.raises(ArgumentError, match=f"^{name}: given {value!r}, expected "):
-            check_arguments("lq", *given, None)
+            check_arguments("lq", given.pop("time_limit"), SolveOptions(**given))
     with pytest.raises(ArgumentError, match=r"limits: given 3, expected flexgen\.Limits"):
-        check_arguments("lq", None, None, 1e-5, None, 3)  # type: ignore[arg-type]
-    assert without_effect("lq", 0.1, 0.2) == ()
-    assert [w[:22] for w in without_effect("closed-form", 0.1, None)] == ["preview: given 0.1 s, "]
-    assert len(without_effect("rigid", 0.1, 0.25)) == 2 * find_method("rigid").algebraic
+        check_arguments("lq", None, SolveOptions(limits=3))  # type: ignore[arg-type]
+    assert without_effect("lq", SolveOptions(preview=0.1, mesh=0.2)) == ()
+    unused = without_effect("closed-form", SolveOptions(preview=0.1))
+    assert [w[:22] for w in unused] == ["preview: given 0.1 s, "]
+    both = without_effect("rigid", SolveOptions(preview=0.1, mesh=0.25))
+    assert len(both) == 2 * find_method("rigid").algebraic
 
 
 def test_limits_of_a_model_and_of_arguments() -> None:
@@ -582,7 +585,9 @@ def test_a_solution_has_the_times_of_all_steps_and_all_warnings(
     monkeypatch.setattr(solve, "with_hold", lambda problem, solution, controller: solution)
     monkeypatch.setattr(solve, "within_limits", lambda solution, limits, ignored: solution)
     monkeypatch.setattr(
-        solve, "without_effect", lambda method, preview, mesh: (f"{method}: {preview}, {mesh}",)
+        solve,
+        "without_effect",
+        lambda method, asked: (f"{method}: {asked.preview}, {asked.mesh}",),
     )
     monkeypatch.setattr(BestSolution, "finish", lambda self, stage, time_limit: Timed("full", ()))
     found = inspect.unwrap(solve.solve)("elbow", "line", mesh=0.01)
@@ -597,12 +602,13 @@ def test_a_ripple_that_is_a_large_part_of_the_torque_is_not_solved() -> None:
     for error, converged, status in (
         (0.71, False, Status.TOLERANCE_NOT_MET),
         (0.71, True, Status.SOLVED),
-        (solve.RIPPLE_MOST, False, Status.SOLVED),
+        (refinement.RIPPLE_MOST, False, Status.SOLVED),
     ):
         details = {"converged": converged, "torque_error": error}
-        found = solve._with_ripple(made(model, details=details))
+        found = refinement.with_ripple(made(model, details=details))
         assert found.status == status
     text = problem_of(
-        solve._with_ripple(made(model, details={"converged": False, "torque_error": 0.71})), 1e-5
+        refinement.with_ripple(made(model, details={"converged": False, "torque_error": 0.71})),
+        1e-5,
     )
     assert text.startswith("tolerance not met: the motor torques ripple: about 71%")

@@ -18,7 +18,7 @@ from selection import ROOT
 import flexgen
 from flexgen.codegen.emission import routines
 from flexgen.dynamics.mechanics.signatures import INVERSION
-from flexgen.inversion import solve
+from flexgen.inversion import refinement
 from flexgen.inversion.methods import lq
 from flexgen.inversion.problem.reduced_problem import Reduction
 from flexgen.inversion.problem.sampling import samples
@@ -132,7 +132,7 @@ def test_the_mesh_resolves_the_torques_of_a_path_from_a_file(robot, monkeypatch)
     error, solution = error_of(robot)
     assert error < ALLOWED and solution.details["converged"] and not solution.warnings
     monkeypatch.setattr(lq, "PARTS", ())
-    monkeypatch.setattr(solve, "_estimate_ripple", lambda _: 0.0)
+    monkeypatch.setattr(refinement, "estimate_ripple", lambda _: 0.0)
     error, solution = error_of(robot, status="tolerance not met")
     assert error > 10 * ALLOWED and not solution.details["converged"]
     assert 0.5 < solution.details["torque_error"] / error < 2.6

@@ -14,7 +14,7 @@ import flexgen
 from flexgen.base.errors import ArgumentError, SolverError
 from flexgen.dynamics.mechanics.equations import Equations, derive
 from flexgen.dynamics.mechanics.parameters import select
-from flexgen.inversion import solve as solve_module
+from flexgen.inversion import refinement
 from flexgen.inversion.choice import is_worth_a_search
 from flexgen.inversion.judge.reversals import unresolved_friction
 from flexgen.inversion.methods.method_table import methods
@@ -141,8 +141,8 @@ def test_the_reason_names_the_friction_that_no_mesh_resolves(
     """Planted: no samples are added, and a result is accepted by its residual only."""
     monkeypatch.setattr("flexgen.inversion.judge.reversals.with_reversals", lambda *_: None)
     problem = InversionProblem(steep, MovePath(steep, PASSING))
-    found = solve_module.make_solution(
-        problem, "closed-form", solve_module.run_method(methods()["closed-form"], problem, 0.0)
+    found = refinement.make_solution(
+        problem, "closed-form", refinement.run_method(methods()["closed-form"], problem, 0.0)
     )
     reason = unresolved_friction(steep, found.trajectory)
     assert "the friction of motor m" in reason and "(beta = 50)" in reason

@@ -15,6 +15,7 @@ import flexgen
 from flexgen.base.errors import SolverError
 from flexgen.codegen.emission.interface import STATUSES
 from flexgen.dynamics.mechanics.equations import Equations, derive
+from flexgen.inversion import refinement
 from flexgen.inversion import solve as solve_module
 from flexgen.inversion.judge.status import Status
 from flexgen.inversion.judge.verification import verify_by_simulation
@@ -39,7 +40,7 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[str, int], boo
 
     def install(fails: Callable[[str, int], bool], message: str = "planted") -> list[str]:
         names: list[str] = []
-        run = solve_module.run_method
+        run = refinement.run_method
 
         def planted(method: Method, problem: InversionProblem, h: float) -> MethodResult:
             names.append(method.name)
@@ -47,7 +48,7 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[str, int], boo
                 raise SolverError(f"{method.name} {message}")
             return run(method, problem, h)
 
-        monkeypatch.setattr(solve_module, "run_method", planted)
+        monkeypatch.setattr(refinement, "run_method", planted)
         return names
 
     return install
@@ -67,11 +68,11 @@ def test_each_attempt_halves_the_intervals(
     steps = list[float]()
     named = list[str]()
     calls(lambda name, count: count < 3)
-    planted = solve_module.run_method
+    planted = refinement.run_method
     monkeypatch.setattr(
-        solve_module, "run_method", lambda m, p, h: (steps.append(h), planted(m, p, h))[1]
+        refinement, "run_method", lambda m, p, h: (steps.append(h), planted(m, p, h))[1]
     )
-    monkeypatch.setattr(solve_module, "check_time", named.append)
+    monkeypatch.setattr(refinement, "check_time", named.append)
     flexgen.solve(equations, verify=False)
     assert len(steps) == 3 and steps == [steps[0] / 2**k for k in range(len(steps))]
     named = [text for text in named if text.startswith("method lq, intervals")]
@@ -123,16 +124,14 @@ def test_the_verification_of_every_method_covers_half_a_second_after_its_end(met
     is held.
     """
     problem = question("elbow")
-    result = solve_module.run_method(methods()["closed-form"], problem, 0.0)
+    result = refinement.run_method(methods()["closed-form"], problem, 0.0)
     tau_m = result.motors.tau_m.copy()
     tau_m[-1] += 5.0
     errors = []
     for torque in (result.motors.tau_m, tau_m):
         planted = replace(result, motors=replace(result.motors, tau_m=torque))
         errors.append(
-            verify_by_simulation(
-                problem, solve_module.make_solution(problem, method, planted)
-            ).worst
+            verify_by_simulation(problem, refinement.make_solution(problem, method, planted)).worst
         )
     assert errors[0] < 1e-8 and errors[1] > 0.01
 
@@ -207,7 +206,7 @@ def test_a_torque_that_ripples_between_the_samples_is_a_warning(
 ) -> None:
     solved = flexgen.solve("elbow", progress=False)
     assert solved.warnings == ()
-    monkeypatch.setattr(solve_module, "RIPPLE", solved.residual_relative / 2)
+    monkeypatch.setattr(refinement, "RIPPLE", solved.residual_relative / 2)
     again = flexgen.solve("elbow", progress=False)
     assert (
         again.status == Status.SOLVED

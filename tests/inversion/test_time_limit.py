@@ -4,7 +4,6 @@ model.
 
 from __future__ import annotations
 
-import importlib
 import json
 import signal
 import time
@@ -21,9 +20,9 @@ from flexgen.base.calls import deadline
 from flexgen.base.calls.deadline import OutOfTime, check_time, pause, running, time_left
 from flexgen.base.errors import ArgumentError, SolverError
 from flexgen.cli.main import main
+from flexgen.inversion import refinement
 from flexgen.inversion.solution import INTERRUPTED
 
-solving = importlib.import_module("flexgen.inversion.solve")
 LIGHT = {"motor.m1.torque_max": 5.0}  # N m; the move of planar5_nmp needs 24
 
 
@@ -140,7 +139,7 @@ def interrupt(*args: object, **options: object) -> None:
 def test_ctrl_c_keeps_the_best_solution(monkeypatch: pytest.MonkeyPatch) -> None:
     handler = signal.getsignal(signal.SIGINT)
     with monkeypatch.context() as patched:
-        patched.setattr(solving, "verify_by_simulation", interrupt)
+        patched.setattr(refinement, "verify_by_simulation", interrupt)
         solution = flexgen.solve("planar5_nmp", progress=False)
     assert solution.interrupted and solution.stopped == INTERRUPTED
     assert (
@@ -150,7 +149,7 @@ def test_ctrl_c_keeps_the_best_solution(monkeypatch: pytest.MonkeyPatch) -> None
     exact = flexgen.solve("planar5_nmp", verify=False, progress=False)
     assert np.array_equal(solution.trajectory["tau_m"], exact.trajectory["tau_m"])
     assert signal.getsignal(signal.SIGINT) is handler
-    monkeypatch.setattr(solving, "run_method", interrupt)
+    monkeypatch.setattr(refinement, "run_method", interrupt)
     with pytest.raises(KeyboardInterrupt):
         flexgen.solve("planar5_nmp", progress=False)
 
@@ -158,7 +157,7 @@ def test_ctrl_c_keeps_the_best_solution(monkeypatch: pytest.MonkeyPatch) -> None
 @needs_compiler
 def test_the_command_line_writes_what_was_reached(tmp_path, capfd, monkeypatch) -> None:
     out = tmp_path / "line.npz"
-    monkeypatch.setattr(solving, "verify_by_simulation", interrupt)
+    monkeypatch.setattr(refinement, "verify_by_simulation", interrupt)
     assert main(["solve", "planar5_nmp", "--out", str(out), "--json"]) == 130
     data = json.loads(capfd.readouterr().out)
     assert (
@@ -167,7 +166,7 @@ def test_the_command_line_writes_what_was_reached(tmp_path, capfd, monkeypatch) 
     )
     assert flexgen.Trajectory.load(out)["tau_m"].shape[1] == 2
     out.unlink()
-    monkeypatch.setattr(solving, "run_method", interrupt)
+    monkeypatch.setattr(refinement, "run_method", interrupt)
     assert main(["solve", "planar5_nmp", "--out", str(out)]) == 130 and not out.exists()
 
 

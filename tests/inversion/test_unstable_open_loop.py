@@ -14,7 +14,7 @@ import flexgen
 from flexgen.base.errors import SolverError
 from flexgen.base.motion.trajectory import Trajectory
 from flexgen.dynamics.mechanics.equations import Equations, derive
-from flexgen.inversion import solve as solve_module
+from flexgen.inversion import refinement
 from flexgen.inversion.judge.status import Status
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
@@ -134,14 +134,14 @@ def test_a_wrong_torque_is_refused_under_feedback(
     upright: tuple[Equations, flexgen.Solution], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     equations, _ = upright
-    run = solve_module.run_method
+    run = refinement.run_method
 
     def planted(*arguments):  # type: ignore[no-untyped-def]
         found = run(*arguments)
         motors = dataclasses.replace(found.motors, tau_m=1.002 * found.motors.tau_m)
         return dataclasses.replace(found, motors=motors)
 
-    monkeypatch.setattr(solve_module, "run_method", planted)
+    monkeypatch.setattr(refinement, "run_method", planted)
     solution = flexgen.solve(equations, method="lq", mesh=1e-2)
     assert solution.simulation is not None and solution.simulation.feedback is not None
     assert solution.status == Status.TOLERANCE_NOT_MET

@@ -11,7 +11,7 @@ import pytest
 
 import flexgen
 from flexgen.base.display import format_size
-from flexgen.inversion import solve as solve_module
+from flexgen.inversion import refinement
 from flexgen.inversion.problem.problem_text import problem_of
 from flexgen.simulation.simulate import simulate
 from flexgen.studies.sweeps.table import RESULTS
@@ -99,7 +99,7 @@ def test_an_error_of_the_angle_alone_is_shown_in_radians(
     ]
     assert units == ["um", "urad"] or units == ["um", "mrad"]
 
-    method = solve_module.run_method
+    method = refinement.run_method
 
     def planted(*arguments):  # type: ignore[no-untyped-def]
         found = method(*arguments)
@@ -107,7 +107,7 @@ def test_an_error_of_the_angle_alone_is_shown_in_radians(
         tau_m[:, 1] *= 1.001
         return dataclasses.replace(found, motors=dataclasses.replace(found.motors, tau_m=tau_m))
 
-    monkeypatch.setattr(solve_module, "run_method", planted)
+    monkeypatch.setattr(refinement, "run_method", planted)
     assert flexgen.solve(table, method="closed-form").status == flexgen.Status.TOLERANCE_NOT_MET
 
 

@@ -5,7 +5,7 @@ meshes and zeros.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -40,7 +40,8 @@ SETTLING = 15.0
 LAGS = 20.0
 LONGEST_SETTLING = 5.0  # s; where a motion needs more, `settling` extends it
 LONGEST_PREVIEW = 60.0  # s before the path
-ACCURACY = 1e-5  # rad, and m for each meter of reach: largest verified error of a solved move
+# rad, and m for each meter of reach: largest verified error of a solved move
+ACCURACY = 1e-5
 HELD = 0.5  # s: how long the last torque is held in the verification
 ROUGH = 3  # jumps of a rough path that are reported one by one
 SPEEDS = 100  # intervals of a path, from which the speeds of the motors are estimated
@@ -54,6 +55,39 @@ POSES = 5  # along the path, where its zeros are computed
 ACCELERATION = 100.0  # rad/s^2 or m/s^2: scale of accelerations
 
 
+@dataclass(frozen=True, kw_only=True)
+class SolveOptions:
+    """Options of an inverse dynamics problem; see `flexgen.inversion.solve.solve` for the units.
+
+    Attributes
+    ----------
+    preview, mesh : float or None [s]
+        Time before the path, and length of the intervals; None: chosen from the model.
+    limits : Limits or None
+        That the motion keeps.
+    verify : bool
+        Whether a simulation of the full model decides; else the residuals do.
+    accuracy : float [rad, and m for each meter of reach]
+        Largest error of an accepted solution.
+    progress : callable or None
+        Gets lines of text.
+    options : mapping
+        Of single methods, by name; a method refuses names that it does not have.
+    """
+
+    preview: float | None = None
+    mesh: float | None = None
+    limits: Limits | None = None
+    verify: bool = True
+    accuracy: float = ACCURACY
+    progress: Callable[[str], None] | None = None
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+    def fields(self) -> dict[str, Any]:
+        """The options by name, for a record that has them too."""
+        return {option.name: getattr(self, option.name) for option in fields(SolveOptions)}
+
+
 @dataclass(frozen=True)
 class UnstableZero:
     """The zero [1/s] with the largest real part that was found along a path, and when [s]."""
@@ -63,23 +97,20 @@ class UnstableZero:
 
 
 @dataclass(frozen=True)
-class InversionProblem:
-    """An inverse dynamics problem with checked arguments; see `flexgen.inversion.solve.solve` for
-    the fields.
+class InversionProblem(SolveOptions):
+    """A path of a robot with checked options.
 
-    ``options``: options of single methods by name; a method refuses names that it does not have.
+    Attributes
+    ----------
+    equations : Equations
+    path : Path
+    force : ProcessForce or None
+        On the tool along the path.
     """
 
     equations: Equations
     path: Path
-    preview: float | None = None
-    mesh: float | None = None
-    limits: Limits | None = None
-    verify: bool = True
-    accuracy: float = ACCURACY
-    progress: Callable[[str], None] | None = None
-    options: Mapping[str, Any] = field(default_factory=dict)
-    force: ProcessForce | None = None
+    force: ProcessForce | None = field(default=None, kw_only=True)
 
     def at_rest(self, t: float) -> Equations:
         """The equations with the constant force that the process exerts at the instant ``t``

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from flexgen.base.display import both_measured
+from flexgen.inversion.judge.attempt import ENERGY
 from flexgen.inversion.judge.status import Status
 from flexgen.inversion.judge.undamped import UNDAMPED
 from flexgen.inversion.solution import Solution, limit_warnings
-from flexgen.inversion.solve import ENERGY, residual_is_small
+from flexgen.inversion.unverified_solution import residual_is_small
 
 
 def problem_of(solution: Solution, accuracy: float) -> str:
