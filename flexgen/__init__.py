@@ -307,6 +307,8 @@ _FORMER = {  # names of version 0.2
 # are called.
 _RESULTS = {
     "Result.picture": "flexgen.views.plots.canvas:save",
+    "Result.content_as_text": "flexgen.views.reports.row_views:text_of_result",
+    "Result.content_as_html": "flexgen.views.reports.row_views:html_of_result",
     "Result.report": "flexgen.views.reports.result_page:write_result",
     "Calibration.check_file": "flexgen.identification.poses.result:check_file",
     "Calibration.plot": "flexgen.views.plots.calibration:plot_calibration",
@@ -348,8 +350,6 @@ _RESULTS = {
     "MotionFit.to_text": "flexgen.views.reports.identification_texts:text_of_motion_fit",
     "Path.to_text": "flexgen.views.reports.texts:text_of_path",
     "RigidIdentification.to_text": "flexgen.views.reports.identification_texts:text_of_rigid",
-    "Simulation.to_text": "flexgen.views.reports.texts:text_of_simulation",
-    "Solution.to_text": "flexgen.views.reports.texts:text_of_solution",
     "SweepResult.to_text": "flexgen.views.reports.texts:text_of_sweep",
     "Analysis.to_control": "flexgen.analysis.control_system:control_system",
     "Comparison.plot": "flexgen.views.plots.along_path:plot_comparison",

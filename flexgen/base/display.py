@@ -11,6 +11,8 @@ from html import escape
 from reprlib import Repr
 from typing import Any, NamedTuple
 
+from flexgen.base.rows import Part, Prose, Row
+
 SHOWN = 12  # entries of an array that is written out
 
 
@@ -52,17 +54,6 @@ NOISE = 1e-7
 # First part of the keys of speeds [m/s, rad/s] and of their relative errors. They have the same
 # bound: in motions of about a second such speeds are errors of the computation, too.
 SPEED = "speed_"
-
-
-class Figure(NamedTuple):
-    """A figure of a result: its name, its value (None where there is none), its unit, and its key
-    in JSON.
-    """
-
-    label: str
-    value: str | float | None
-    unit: str
-    key: str
 
 
 class UnitScale(NamedTuple):
@@ -111,7 +102,7 @@ def choose_scale(values: Iterable[float | None], unit: str) -> UnitScale:
 Scales = Mapping[str, UnitScale]  # by the SI units m and rad
 
 
-def choose_scales(figures: Iterable[Figure], *more: tuple[float | None, str]) -> Scales:
+def choose_scales(figures: Iterable[Row], *more: tuple[float | None, str]) -> Scales:
     """The units for all lengths and angles of figures, and of more values with their SI units."""
     each = [(f.value, f.unit) for f in figures if isinstance(f.value, float)]
     each += [(value, unit) for value, unit in more if value is not None]
@@ -121,7 +112,7 @@ def choose_scales(figures: Iterable[Figure], *more: tuple[float | None, str]) ->
     }
 
 
-def figure_rows(figures: Iterable[Figure], scales: Scales | None = None) -> list[tuple[str, str]]:
+def figure_rows(figures: Iterable[Row], scales: Scales | None = None) -> list[tuple[str, str]]:
     """Labels and texts of the figures that have a value; lengths and angles have one unit each.
 
     ``scales``: units of a report with more lengths than these.
@@ -129,18 +120,44 @@ def figure_rows(figures: Iterable[Figure], scales: Scales | None = None) -> list
     shown = tuple(figures)
     scales = choose_scales(shown) if scales is None else scales
     return [
-        (f.label, _figure_text(f.value, f.unit, f.key, scales).strip())
+        (f.label, " ".join(filter(None, cell_and_unit(f, scales))))
         for f in shown
         if f.value not in (None, "")
     ]
 
 
-def _figure_text(value: str | float | None, unit: str, key: str, scales: Scales) -> str:
-    if isinstance(value, float) and key.startswith(SPEED) and 0.0 < abs(value) < NOISE:
-        return f"< {NOISE:.0e} {unit}"
-    if isinstance(value, float) and unit in scales:
-        return scales[unit].text(value)
-    return f"{value:.4g} {unit}" if isinstance(value, float) else f"{value} {unit}"
+def lines_of(content: Iterable[Part]) -> str:
+    """Title and figures of a result as lines, for ``print``."""
+    parts = tuple(content)
+    titles = [part.text for part in parts if isinstance(part, Prose) and part.is_title]
+    rows = figure_rows(part for part in parts if isinstance(part, Row))
+    notes = [f"  {part.text}" for part in parts if isinstance(part, Prose) and not part.is_title]
+    return "\n".join([*titles, *(f"  {label}: {text}" for label, text in rows), *notes])
+
+
+def cell_and_unit(row: Row, scales: Scales) -> tuple[str, str]:
+    """The number of a row as text, and its unit with what is to be known with it."""
+    value = row.value
+    unit = row.unit
+    cell = str(value)
+    if row.text:
+        cell = row.text
+    elif isinstance(value, float) and row.key.startswith(SPEED) and 0.0 < abs(value) < NOISE:
+        cell = f"< {NOISE:.0e}"
+    elif isinstance(value, float) and unit in scales:
+        cell, unit = _scale_number(value, row.sd, scales[unit])
+    elif isinstance(value, float):
+        cell = f"{value:.4g}" + ("" if row.sd is None else f" +- {row.sd:.2g}")
+    return cell, unit + (f" ({row.note})" if unit else f"({row.note})") * bool(row.note)
+
+
+def _scale_number(value: float, sd: float | None, scale: UnitScale) -> tuple[str, str]:
+    """A length or angle with its deviation, and their unit; a dash has none."""
+    text = scale.text(value)
+    if text == "-":
+        return text, ""
+    deviation = "" if sd is None else f" +- {scale.factor * sd:.2g}"
+    return text.removesuffix(f" {scale.unit}") + deviation, scale.unit
 
 
 def format_size(value: float | None, unit: str, scales: Scales | None = None) -> str:

@@ -1,5 +1,5 @@
-"""The protocol of public results: `to_dict`, `to_text`, `save`, `plot`, `report`, and a table in
-notebooks.
+"""The protocol of public results: `content`, and from it `to_dict`, `to_text`, `report` and a
+table in notebooks; `save`, `plot`.
 
 What an upper room draws or writes for a class in its own way is a viewer: the function
 ``CLASS.plot``, ``CLASS.report``, ``CLASS.to_text`` or ``CLASS._repr_html_`` of the group
@@ -9,14 +9,14 @@ What an upper room draws or writes for a class in its own way is a viewer: the f
 from __future__ import annotations
 
 from dataclasses import fields, is_dataclass
-from html import escape
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
 from flexgen.base import registry
 from flexgen.base.checks.type_checks import checked_methods
-from flexgen.base.display import as_json, plain, short_text, table_html
+from flexgen.base.display import as_json, plain, short_text
 from flexgen.base.errors import ArgumentError
+from flexgen.base.rows import Data, Part, Prose, Row, data_of
 
 
 @checked_methods
@@ -30,7 +30,9 @@ class Result:
 
     def to_dict(self) -> dict[str, Any]:
         """The result as JSON types, SI units; a number that is not finite is None."""
-        return {name: plain(value) for name, value in self._entries().items()}
+        if not self.has_content():
+            return {name: plain(value) for name, value in self._entries().items()}
+        return {name: plain(value) for name, value in data_of(self.content()).items()}
 
     def save(self, path: str | Path) -> Path:
         """Write the result to a file, completely or not at all.
@@ -100,9 +102,21 @@ class Result:
             registry.find_function("Result.picture")(figure, path)
         return figure
 
+    def content(self) -> tuple[Part, ...]:
+        """The content of the result, stated once: text, table of notebooks, page and JSON are
+        made from it.
+
+        Here: a row for each field. A class with a content of its own is printed with tables.
+        """
+        kept = self._entries().items()
+        rows = [Row(name.replace("_", " "), short_text(value), "", name) for name, value in kept]
+        return Prose(self.short_title(), is_title=True), *rows
+
     def to_text(self) -> str:
         """The result as text with tables, as the command line prints it."""
         own = _viewer(type(self), "to_text")
+        if own is None and self.has_content():
+            own = registry.find_function("Result.content_as_text")
         return str(self) if own is None else str(own(self))
 
     def report(self, folder: str | Path) -> Path:
@@ -125,19 +139,20 @@ class Result:
         own = _viewer(type(self), "_repr_html_")
         if own is not None:
             return str(own(self))
-        warnings = "".join(
-            f"<p>warning: {escape(str(text))}</p>" for text in getattr(self, "warnings", ())
-        )
-        return table_html(self._title(), self._rows()) + warnings
+        return str(registry.find_function("Result.content_as_html")(self))
 
-    def _rows(self) -> list[tuple[str, str]]:
-        """Labels and texts of the table in notebooks."""
-        rows = (
-            (name.replace("_", " "), short_text(value)) for name, value in self._entries().items()
-        )
-        return [(label, text) for label, text in rows if text]
+    @classmethod
+    def has_content(cls) -> bool:
+        """Whether the class states its content, not only its fields."""
+        return cls.content is not Result.content
 
-    def _title(self) -> str:
+    def _data(self, *without: str) -> tuple[Data, ...]:
+        """The fields but these, as entries of JSON."""
+        return tuple(
+            Data(name, value) for name, value in self._entries().items() if name not in without
+        )
+
+    def short_title(self) -> str:
         """The beginning of the short text without the name of the class."""
         kind = type(self).__name__
         text = repr(self)

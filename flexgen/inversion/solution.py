@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from flexgen.base.checks.type_checks import checked_result
-from flexgen.base.display import Figure, both_measured, choose_scales, figure_rows, format_size
+from flexgen.base.display import both_measured, choose_scales, format_size
 from flexgen.base.errors import ArgumentError
 from flexgen.base.motion.trajectory import Trajectory
 from flexgen.base.numerics.evaluate import evaluate
 from flexgen.base.results import Result
+from flexgen.base.rows import Data, Part, Prose, Row
 from flexgen.dynamics.mechanics.equations import Equations, derive
 from flexgen.dynamics.mechanics.limits import KEPT, KEPT_TO, Limits, limits_of_model
 from flexgen.dynamics.mechanics.output_columns import columns_in, unit_of
@@ -271,10 +272,30 @@ class Solution(Result):
     def _unverified(self) -> bool:
         return self.simulation is None or "error" not in self.simulation.trajectory
 
-    def _rows(self) -> list[tuple[str, str]]:
-        return figure_rows(self.figures())
+    def content(self) -> tuple[Part, ...]:
+        """The figures, notes on the path, and the methods that were tried before."""
+        command = self.torque_command
+        notes = [Prose(f"note: {line}", "notes") for line in self.details.get("notes", ())]
+        tried = [Prose(f"tried before: {x}", "tried") for x in self.details.get("attempts", ())]
+        return (
+            Data("model", self.model.name),
+            Data("move", self.move.name),
+            Prose(f"{self.model.title}, move {self.move.name}", is_title=True),
+            *self.figures(),
+            *notes,
+            *tried,
+            Data("stopped", self.stopped),
+            Data("accuracy", None if self._unverified else self.accuracy().to_dict()),
+            Data("details", dict(self.details)),
+            Data("warnings", list(self.warnings)),
+            Data("hold", None if command is None else command.hold),
+            Data("sample_time_s", None if command is None else command.sample_time),
+            Data("delay_s", None if command is None else command.delay),
+            Data("trajectory", None),
+            Data("torque_command", None),
+        )
 
-    def figures(self) -> tuple[Figure, ...]:
+    def figures(self) -> tuple[Row, ...]:
         """The figures of the solution, in SI units: what tables, JSON and reports show."""
         combined = self.model.output.type == "combination"
         what = "output" if combined else "tool"
@@ -293,36 +314,36 @@ class Solution(Result):
         tau = self.trajectory["tau_m"]
         speed = self.trajectory["v_m"]
         return (
-            Figure("status", self.status.value, "", "status"),
-            Figure("method", self.method, "", "method"),
-            Figure("message of the solver", self.verdict, "", "verdict"),
-            Figure("iterations", self.iterations, "", "iterations"),
-            Figure("mesh intervals", self.intervals or None, "", "intervals"),
-            Figure("mean length of the mesh intervals", self.mesh_s, "s", "mesh_s"),
-            Figure("wall time to solve and verify", self.wall_s, "s", "wall_s"),
-            Figure("processor time to solve and verify", self.cpu_s, "s", "cpu_s"),
-            Figure("pre-actuation", self.preactuation_s, "s", "preactuation_s"),
-            Figure("motor torque, largest", float(np.abs(tau).max()), "N m", "torque_max_Nm"),
-            Figure("motor speed, largest", float(np.abs(speed).max()), "rad/s", "speed_max_rad_s"),
+            Row("status", self.status.value, "", "status"),
+            Row("method", self.method, "", "method"),
+            Row("message of the solver", self.verdict, "", "verdict"),
+            Row("iterations", self.iterations, "", "iterations"),
+            Row("mesh intervals", self.intervals or None, "", "intervals"),
+            Row("mean length of the mesh intervals", self.mesh_s, "s", "mesh_s"),
+            Row("wall time to solve and verify", self.wall_s, "s", "wall_s"),
+            Row("processor time to solve and verify", self.cpu_s, "s", "cpu_s"),
+            Row("pre-actuation", self.preactuation_s, "s", "preactuation_s"),
+            Row("motor torque, largest", float(np.abs(tau).max()), "N m", "torque_max_Nm"),
+            Row("motor speed, largest", float(np.abs(speed).max()), "rad/s", "speed_max_rad_s"),
             *self._force_figures(),
-            Figure(
+            Row(
                 "residual of the equations of motion, largest",
                 self.residual_max_Nm,
                 "N m",
                 "residual_max_Nm",
             ),
-            Figure("relative residual", self.residual_relative, "relative", "residual_relative"),
+            Row("relative residual", self.residual_relative, "relative", "residual_relative"),
             *error_figures(simulation, what, label),
-            Figure(
+            Row(
                 f"distance of the {what} from the path (limits active), largest",
                 self.path_distance_max_m,
                 "m",
                 "path_distance_max_m",
             ),
-            Figure(held, held_errors[0], "m", "held_error_max_m"),
-            Figure(held, held_errors[1], "rad", "held_error_max_rad"),
+            Row(held, held_errors[0], "m", "held_error_max_m"),
+            Row(held, held_errors[1], "rad", "held_error_max_rad"),
             *(
-                Figure(
+                Row(
                     "simulated error from the modified path, largest",
                     value,
                     unit,
@@ -330,7 +351,7 @@ class Solution(Result):
                 )
                 for value, unit in ((self.plan_error_max_m, "m"), (self.plan_error_max_rad, "rad"))
             ),
-            Figure(
+            Row(
                 "energy error of the simulation",
                 None if simulation is None else simulation.energy_error,
                 "relative",
@@ -338,30 +359,12 @@ class Solution(Result):
             ),
         )
 
-    def _force_figures(self) -> tuple[Figure, ...]:
+    def _force_figures(self) -> tuple[Row, ...]:
         """The largest force of a process on the tool, where one was given."""
         if "force" not in self.trajectory:
             return ()
         largest = float(np.linalg.norm(self.trajectory["force"][:, :3], axis=1).max())
-        return (Figure("force of the process on the tool, largest", largest, "N", "force_max_N"),)
-
-    def to_dict(self) -> dict[str, Any]:
-        """The figures as JSON types, SI units."""
-        command = self.torque_command
-        return {
-            "model": self.model.name,
-            "move": self.move.name,
-            **{figure.key: figure.value for figure in self.figures()},
-            "stopped": self.stopped,
-            "accuracy": None if self._unverified else self.accuracy().to_dict(),
-            "details": dict(self.details),
-            "warnings": list(self.warnings),
-            "hold": None if command is None else command.hold,
-            "sample_time_s": None if command is None else command.sample_time,
-            "delay_s": None if command is None else command.delay,
-            "trajectory": None,
-            "torque_command": None,
-        }
+        return (Row("force of the process on the tool, largest", largest, "N", "force_max_N"),)
 
 
 def residual_rows(equations: Equations, trajectory: Trajectory) -> np.ndarray:

@@ -5,16 +5,16 @@ reports and prints.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from flexgen.base.checks.type_checks import checked_result
-from flexgen.base.display import Figure, both_measured, choose_scales, figure_rows, plain
+from flexgen.base.display import both_measured, choose_scales
 from flexgen.base.files.trajectory_files import common_unit
 from flexgen.base.motion.trajectory import Trajectory
 from flexgen.base.numerics.evaluate import evaluate
 from flexgen.base.results import Result
+from flexgen.base.rows import Data, Part, Row
 from flexgen.base.spec.ports import Port
 from flexgen.dynamics.mechanics.equations import Equations
 from flexgen.dynamics.mechanics.output_columns import output_labels, output_units, turn_angle
@@ -99,33 +99,28 @@ class Simulation(Result):
     def __repr__(self) -> str:
         return f"<Simulation {self.trajectory.meta.get('model', '')}: {error_lines(self)[0]}>"
 
-    def _rows(self) -> list[tuple[str, str]]:
-        return figure_rows(self.figures())
+    def content(self) -> tuple[Part, ...]:
+        """The figures."""
+        return *self.figures(), Data("warnings", list(self.warnings))
 
-    def to_dict(self) -> dict[str, Any]:
-        """The figures as JSON types, SI units."""
-        return {figure.key: plain(figure.value) for figure in self.figures()} | {
-            "warnings": list(self.warnings)
-        }
-
-    def figures(self) -> tuple[Figure, ...]:
+    def figures(self) -> tuple[Row, ...]:
         """The figures of the simulation, in SI units: what tables and JSON show."""
         contact = self.trajectory.channels.get("contact")
         force = [] if contact is None else [float((contact**2).sum(axis=1).max() ** 0.5)]
         return (
             *error_figures(self),
-            *(Figure("force of the wall, largest", x, "N", "contact_max_N") for x in force),
-            Figure("energy error", self.energy_error, "relative", "energy_error"),
-            Figure("motor torque, largest", self.torque_max_Nm, "N m", "torque_max_Nm"),
-            Figure("motor speed, largest", self.speed_max_rad_s, "rad/s", "speed_max_rad_s"),
-            Figure("evaluations of the equations of motion", self.evaluations, "", "evaluations"),
-            Figure("wall time", self.wall_s, "s", "wall_s"),
+            *(Row("force of the wall, largest", x, "N", "contact_max_N") for x in force),
+            Row("energy error", self.energy_error, "relative", "energy_error"),
+            Row("motor torque, largest", self.torque_max_Nm, "N m", "torque_max_Nm"),
+            Row("motor speed, largest", self.speed_max_rad_s, "rad/s", "speed_max_rad_s"),
+            Row("evaluations of the equations of motion", self.evaluations, "", "evaluations"),
+            Row("wall time", self.wall_s, "s", "wall_s"),
         )
 
 
 def error_figures(
     simulation: Simulation | None, what: str = "tool", label: str | None = None
-) -> tuple[Figure, ...]:
+) -> tuple[Row, ...]:
     """Errors of the output, each with its name and the conditions under which it holds.
 
     ``what``: the name of the output; ``label``: of the largest error, where it means something
@@ -170,7 +165,7 @@ def error_figures(
         (defect, None if run is None else run.defect_max_m, "m", "defect_max_m"),
         (defect, None if run is None else run.defect_max_rad, "rad", "defect_max_rad"),
     ]
-    return tuple(Figure(*row) for row in rows)
+    return tuple(Row(*row) for row in rows)
 
 
 def error_lines(simulation: Simulation, what: str = "tool") -> list[str]:

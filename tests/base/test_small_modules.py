@@ -38,6 +38,7 @@ from flexgen.base.files import array_files, atomic_files
 from flexgen.base.motion import torque_curve
 from flexgen.base.motion.interpolation import interpolate
 from flexgen.base.numerics import executors
+from flexgen.base.rows import Row
 
 
 @dataclass
@@ -95,10 +96,10 @@ def test_sizes_have_a_prefix_of_their_unit() -> None:
     )
     rows = display.figure_rows(
         [
-            display.Figure("a", 0.5, "m", "a"),
-            display.Figure("b", "", "", "b"),
-            display.Figure("c", 3, "", "c"),
-            display.Figure("d", 123456.0, "N m", "d"),
+            Row("a", 0.5, "m", "a"),
+            Row("b", "", "", "b"),
+            Row("c", 3, "", "c"),
+            Row("d", 123456.0, "N m", "d"),
         ]
     )
     assert rows == [("a", "500 mm"), ("c", "3"), ("d", "1.235e+05 N m")]

@@ -105,7 +105,7 @@ def test_every_class_that_a_public_function_returns_is_public() -> None:
     internal = {
         "BoundLaw",
         "Compiled",
-        "Figure",
+        "Row",
         "ImplicitDae",
         "Table",
         "LoopResponse",

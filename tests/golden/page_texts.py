@@ -42,6 +42,7 @@ from flexgen.views.reports import (
     analysis_page,
     control_page,
     html,
+    html_tables,
     identification_page,
     motion,
     pictures,
@@ -168,7 +169,10 @@ def solved() -> Iterator[tuple[str, Callable[[], Any]]]:
     yield (
         "numbers",
         lambda: (
-            [html.number(x) for x in (None, np.inf, 0.0, -1.5e-7, 123456.0, 0.1234567, 2.0, -3.25)]
+            [
+                html_tables.number(x)
+                for x in (None, np.inf, 0.0, -1.5e-7, 123456.0, 0.1234567, 2.0, -3.25)
+            ]
             + [html._complex(z) for z in (1 + 2j, 3 - 4j, -5 + 1e-9j, 2j, 0j)]
             + [
                 text_tables.number(x, 3)

@@ -21,6 +21,8 @@ from typing import Any
 import numpy as np
 
 import flexgen
+from flexgen.base.display import figure_rows
+from flexgen.base.rows import Row
 from flexgen.feedback.laws.passivity import Passivity
 from flexgen.feedback.positions.result import PositionCommands
 from flexgen.identification.estimator.status import FitStatus
@@ -269,7 +271,9 @@ def lines(name: str) -> list[str]:
     ]
     if isinstance(found, Calibration):
         out += text_of_calibration(found).splitlines()
-    out += [f"{name}: {text}" for name, text in (found._rows() if hasattr(found, "_rows") else ())]
+    if not isinstance(found, Calibration):
+        rows = [part for part in found.content() if isinstance(part, Row)]
+        out += [f"{name}: {text}" for name, text in figure_rows(rows)]
     figures = [
         f"{key}: {json.dumps(value, sort_keys=True, default=str)}"
         for key, value in found.to_dict().items()

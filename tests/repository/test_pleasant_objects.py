@@ -114,6 +114,8 @@ INNER = (
     *(
         "Move.fastest",
         "Result.picture",
+        "Result.content_as_text",
+        "Result.content_as_html",
         "Estimated.uncertainty",
         "FastestMove.torques",
         "Solution.positions",

@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 import flexgen
-from flexgen.base.display import Figure, choose_scale, figure_rows
+from flexgen.base.display import choose_scale, figure_rows
+from flexgen.base.rows import Row
 from flexgen.studies.templates.new_model import new_model
 from flexgen.views.reports.control_texts import text_of_control
 
@@ -26,10 +27,10 @@ def test_small_lengths_of_tables_are_bounds(value: float, shown: float | str) ->
 def test_small_speeds_are_bounds_and_other_relative_numbers_are_not() -> None:
     rows = figure_rows(
         (
-            Figure("speed accuracy AV", 3.9e-11, "relative", "speed_accuracy"),
-            Figure("speed fluctuation FV", 7.5e-12, "m/s", "speed_fluctuation_m_s"),
-            Figure("speed fluctuation FV", 0.0125, "m/s", "speed_fluctuation_m_s"),
-            Figure("energy error", 3.9e-11, "relative", "energy_error"),
+            Row("speed accuracy AV", 3.9e-11, "relative", "speed_accuracy"),
+            Row("speed fluctuation FV", 7.5e-12, "m/s", "speed_fluctuation_m_s"),
+            Row("speed fluctuation FV", 0.0125, "m/s", "speed_fluctuation_m_s"),
+            Row("energy error", 3.9e-11, "relative", "energy_error"),
         )
     )
     texts = [text for _, text in rows]

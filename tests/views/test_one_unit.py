@@ -15,7 +15,8 @@ import pytest
 from made_results import Indexed, Made, derived, made_run, made_simulation, made_trajectory
 
 import flexgen.base.display
-from flexgen.base.display import Figure, choose_scale, choose_scales, figure_rows
+from flexgen.base.display import choose_scale, choose_scales, figure_rows
+from flexgen.base.rows import Row
 from flexgen.inversion.judge.status import Status
 from flexgen.inversion.solution import Solution
 from flexgen.paths.accuracy.figures import PathAccuracy
@@ -27,7 +28,6 @@ from flexgen.views.reports.control_texts import (
     text_of_control,
 )
 from flexgen.views.reports.html import accuracy_tables, scales_of_page
-from flexgen.views.reports.texts import text_of_solution
 
 # A length or an angle: a number with its unit, or the unit in the heading of a column.
 LENGTH = re.compile(r"(?:\d|, |<td>|in )\s*([umµ]?)(m|rad)(?![\w/^])")
@@ -151,7 +151,7 @@ def test_tables_of_a_page_have_one_unit(largest: float) -> None:
 
 def test_a_solution_has_one_unit_for_lengths_and_one_for_angles() -> None:
     found = a_solution()
-    for text in (text_of_solution(found), str(found)):
+    for text in (found.to_text(), str(found)):
         assert units_in(text) == {"mm", "urad"}, text
         assert "< 0.0001" in text
 
@@ -163,7 +163,7 @@ def test_the_law_finds_a_unit_for_each_number(monkeypatch: pytest.MonkeyPatch) -
         assert value is not None
         return choose_scale([value], scale.unit[-1]).unit
 
-    figures = [Figure("a", 2e-3, "m", "a"), Figure("b", 3e-6, "m", "b")]
+    figures = [Row("a", 2e-3, "m", "a"), Row("b", 3e-6, "m", "b")]
     assert units_in(str(figure_rows(figures))) == {"mm"}
     monkeypatch.setattr(
         flexgen.base.display.UnitScale, "text", lambda scale, x: f"{x} {own(scale, x)}"

@@ -7,15 +7,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
 from flexgen.base.checks.type_checks import checked_result
-from flexgen.base.display import Figure, choose_scales, figure_rows, plain
+from flexgen.base.display import choose_scales, lines_of
 from flexgen.base.files.atomic_files import write_text
 from flexgen.base.motion.trajectory import Trajectory
 from flexgen.base.results import Result
+from flexgen.base.rows import Data, Part, Prose, Row
 from flexgen.feedback.loop.result import ControlRun
 from flexgen.feedback.positions.columns import command_columns
 from flexgen.feedback.positions.servo import Servo
@@ -88,8 +89,7 @@ class PositionCommands(Result):
 
     def __str__(self) -> str:
         """The figures as lines."""
-        head = f"{self.run.model.title}, move {self.run.solution.move.name}: {self.status}"
-        return "\n".join([head, *(f"  {name}: {text}" for name, text in self._rows())])
+        return lines_of(self.content())
 
     @property
     def status(self) -> str:
@@ -159,22 +159,22 @@ class PositionCommands(Result):
         """Second differences of the joints (k - 2, n_g) [rad/s^2 or m/s^2]."""
         return np.diff(self.joint, n=2, axis=0) / self.period**2
 
-    def figures(self) -> tuple[Figure, ...]:
+    def figures(self) -> tuple[Row, ...]:
         """The figures in SI units, for tables."""
         now = (self.tool_error_max_m, self.tool_error_max_rad)
         before = (self.today_error_max_m, self.today_error_max_rad)
         rows = []
         for unit, x, y in zip(("m", "rad"), now, before, strict=True):
             rows += [
-                Figure("tool error with these positions", x, unit, f"tool_error_max_{unit}"),
-                Figure(
+                Row("tool error with these positions", x, unit, f"tool_error_max_{unit}"),
+                Row(
                     "tool error with the planned motor angles", y, unit, f"today_error_max_{unit}"
                 ),
             ]
             for other in self.run.runs[1:]:
                 error = self.run.figures(other)[f"error_max_{unit}"]
                 rows += [
-                    Figure(
+                    Row(
                         f"tool error of {other.name}",
                         error,
                         unit,
@@ -183,41 +183,44 @@ class PositionCommands(Result):
                 ]
         return (
             *rows,
-            Figure("positions", len(self.time), "", "samples"),
-            Figure("period", self.period, "s", "period"),
-            Figure("interpolation", self.interpolation, "", "interpolation"),
-            Figure(
-                "first position before the path", max(-float(self.time[0]), 0.0), "s", "before"
-            ),
-            Figure("limits that are reached", ", ".join(self.active), "", "active"),
+            Row("positions", len(self.time), "", "samples"),
+            Row("period", self.period, "s", "period"),
+            Row("interpolation", self.interpolation, "", "interpolation"),
+            Row("first position before the path", max(-float(self.time[0]), 0.0), "s", "before"),
+            Row("limits that are reached", ", ".join(self.active), "", "active"),
         )
 
-    def _rows(self) -> list[tuple[str, str]]:
+    def content(self) -> tuple[Part, ...]:
+        """The figures, the largest speed and acceleration of each joint, and the positions as
+        data.
+        """
+        head = f"{self.run.model.title}, move {self.run.solution.move.name}: {self.status}"
+        arrays = ("time", "motor", "joint", "joints", "units")
+        return (
+            Prose(head, is_title=True),
+            Data("model", self.run.model.title),
+            Data("move", self.run.solution.move.name),
+            Data("status", self.status),
+            *self.figures(),
+            *self._speeds(),
+            *(Data(name, getattr(self, name)) for name in arrays),
+        )
+
+    def _speeds(self) -> tuple[Part, ...]:
+        """Largest speed and acceleration of each joint."""
         speed = np.abs(self.speed).max(axis=0)
         acceleration = np.abs(self.acceleration).max(axis=0)
         speeds = choose_scales((), *zip(speed.tolist(), self.units, strict=True))
         accelerations = choose_scales((), *zip(acceleration.tolist(), self.units, strict=True))
-        shown = [
-            (
+        rows = (
+            Row(
                 f"{name}, commanded up to",
                 f"{speeds[u].text(v)}/s, {accelerations[u].text(a)}/s^2",
             )
             for name, u, v, a in zip(self.joints, self.units, speed, acceleration, strict=True)
-        ]
-        return [*figure_rows(self.figures()), *shown]
-
-    def to_dict(self) -> dict[str, Any]:
-        """Positions and figures as JSON types, SI units."""
-        arrays = {
-            name: plain(getattr(self, name))
-            for name in ("time", "motor", "joint", "joints", "units")
-        }
-        named = {
-            "model": self.run.model.title,
-            "move": self.run.solution.move.name,
-            "status": self.status,
-        }
-        return named | {figure.key: plain(figure.value) for figure in self.figures()} | arrays
+        )
+        largest = Data("speed_max", speed), Data("acceleration_max", acceleration)
+        return (*rows, *largest)
 
     def trajectory(self) -> Trajectory:
         """The positions as a trajectory with the channels ``command_m`` (motor side) and

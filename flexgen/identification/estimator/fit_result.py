@@ -12,6 +12,7 @@ from typing import Any
 
 from flexgen.base.checks.type_checks import checked_methods
 from flexgen.base.results import Result
+from flexgen.base.rows import Row
 from flexgen.identification.estimator.status import FitStatus
 
 
@@ -44,6 +45,16 @@ class FittedNumber:
             return self.sd
         return abs(self.value) * self.sd
 
+    def row(self, label: str = "", digits: int = 4) -> Row:
+        """The row of the number, in the unit of the model file; the label: its name."""
+        if not self.is_determined:
+            return Row(label or self.name, self.value, text="not determined")
+        sd = "" if self.sd is None else f" +- {self.sd:.2g}"
+        if self.sd is not None and self.is_relative:
+            sd = f" +- {100 * self.sd:.2g} %"
+        text = f"{self.value:.{digits}g}{sd}"
+        return Row(label or self.name, self.value, self.unit, sd=self.deviation, text=text)
+
 
 @checked_methods
 class FitResult(Result):
@@ -60,7 +71,7 @@ class FitResult(Result):
 
     @cached_property
     def status(self) -> FitStatus:
-        """How far the numbers can be used."""
+        """Status of the fit: how far its numbers can be used."""
         return FitStatus.NOT_CHECKED
 
     @cached_property
@@ -74,7 +85,7 @@ class FitResult(Result):
 
     @cached_property
     def causes(self) -> tuple[Any, ...]:
-        """What may be wrong in the model or the record, the most likely first; each is a sentence
+        """Faults of the model or the record that are likely, the first most; each is a sentence
         as a text. Empty where nothing is named.
         """
         return ()

@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 
 from flexgen.base.checks.type_checks import checked_result
-from flexgen.base.display import Figure, figure_rows, plain
+from flexgen.base.display import lines_of
+from flexgen.base.rows import Data, Part, Prose, Row
 from flexgen.base.spec.variants import with_variant
 from flexgen.identification.estimator.fit_result import FitResult, FittedNumber
 from flexgen.identification.estimator.status import FitStatus
@@ -168,9 +169,7 @@ class GearFit(FitResult):
 
     def __str__(self) -> str:
         """The figures as lines."""
-        rows = [f"  {name}: {text}" for name, text in self._rows()]
-        rows += [f"  record: {note}" for note in self.notes]
-        return "\n".join([f"{self.robot.title}: {self.sentence()}", *rows])
+        return lines_of(self.content())
 
     @property
     def problem(self) -> str:
@@ -266,42 +265,25 @@ class GearFit(FitResult):
         description = f"gears identified from motor angles and torques: {self.status}"
         return write_gears(path, self.robot, self.changes, description)
 
-    def figures(self) -> tuple[Figure, ...]:
+    def figures(self) -> tuple[Row, ...]:
         """The figures in SI units, for tables."""
-        rows = []
-        for number in self.numbers:
-            text = f"{number.value:.4g}" if number.determined else "not determined"
-            if number.determined and self.status is FitStatus.FITTED:
-                text += f" +- {number.sd:.2g}"
-            rows.append(
-                Figure(number.name, text, number.unit if number.determined else "", number.name)
-            )
         worst = int(np.argmax(self.unexplained / self.noise))
+        left = float(self.unexplained[worst])
         return (
-            *rows,
-            Figure(
-                "unexplained torque, root mean square",
-                float(self.unexplained[worst]),
-                "N m",
-                "unexplained_Nm",
-            ),
-            Figure("noise in it", float(self.noise[worst]), "N m", "noise_Nm"),
-            Figure("compared up to", self.band_hz, "Hz", "band_hz"),
-            Figure("torques recorded late by", self.delay_s, "s", "delay_s"),
+            *(number.row() for number in self.fitted),
+            Row("unexplained torque, root mean square", left, "N m"),
+            Row("noise in it", float(self.noise[worst]), "N m"),
+            Row("compared up to", self.band_hz, "Hz", "band_hz"),
+            Row("torques recorded late by", self.delay_s, "s", "delay_s"),
         )
 
-    def _rows(self) -> list[tuple[str, str]]:
-        return figure_rows(self.figures())
-
-    def to_dict(self) -> dict[str, Any]:
-        """Numbers, standard deviations where they are stated, and changes of the model, as JSON
-        types, SI units.
-        """
-        found: Mapping[str, Any] = {
-            name: plain(getattr(self, name)) for name in ("values", "sd", "changes", "status")
-        }
-        others = {
-            name: plain(getattr(self, name))
-            for name in ("unexplained", "noise", "band_hz", "delay_s")
-        }
-        return {"model": self.robot.title, **found, **others}
+    def content(self) -> tuple[Part, ...]:
+        """The numbers, what is unexplained, and the changes of the model as data."""
+        data = ("values", "sd", "changes", "status", "unexplained", "noise")
+        return (
+            Prose(f"{self.robot.title}: {self.sentence()}", is_title=True),
+            Data("model", self.robot.title),
+            *self.figures(),
+            *(Prose(f"record: {note}") for note in self.notes),
+            *(Data(name, getattr(self, name)) for name in data),
+        )

@@ -6,13 +6,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from flexgen.base.checks.type_checks import checked_result
-from flexgen.base.display import Figure, figure_rows, plain
+from flexgen.base.display import lines_of
 from flexgen.base.files.atomic_files import write_text
+from flexgen.base.rows import Data, Part, Prose, Row
 from flexgen.base.spec.toml_text import toml
 from flexgen.feedback.positions.servo import Servo
 from flexgen.identification.estimator.fit_result import FitResult, FittedNumber
@@ -98,13 +98,7 @@ class ServoFit(FitResult):
 
     def __str__(self) -> str:
         """The figures as lines."""
-        return "\n".join(
-            [
-                f"{self.model}: {self.sentence()}",
-                *(f"  {name}: {text}" for name, text in self._rows()),
-                *(f"  record: {note}" for note in self.record.notes),
-            ]
-        )
+        return lines_of(self.content())
 
     @property
     def left(self) -> float:
@@ -197,39 +191,27 @@ class ServoFit(FitResult):
             self.repeated > REPEATED
         )
 
-    def figures(self) -> tuple[Figure, ...]:
+    def figures(self) -> tuple[Row, ...]:
         """The figures in SI units, for tables."""
         rows = [_figure(number) for number in self.fitted]
         worst = float(self.unexplained.max())
         return (
             *rows,
-            Figure("unexplained, root mean square, motor side", worst, "rad", "unexplained"),
+            Row("unexplained, root mean square, motor side", worst, "rad"),
         )
 
-    def _rows(self) -> list[tuple[str, str]]:
-        return figure_rows(self.figures())
-
-    def to_dict(self) -> dict[str, Any]:
-        """Gains, standard deviations and figures as JSON types, SI units."""
-        own = {
-            name: getattr(self.servo, name)
-            for name in ("speed_feedforward", "reference_filter_s", "sample_time", "delay")
-        }
-        gains = {name: plain(np.asarray(getattr(self.servo.feedback, name))) for name in GAINS}
-        kept = (
-            "latency_s",
-            "gain_sd",
-            "common_sd",
-            "unexplained",
-            "noise",
-            "explained",
-            "converged",
-            "motors",
-            "interpolation",
-            "model",
-            "ended",
+    def content(self) -> tuple[Part, ...]:
+        """Gains and what is unexplained, and figures of the fit as data."""
+        servo = self.servo
+        own = ("speed_feedforward", "reference_filter_s", "sample_time", "delay")
+        return (
+            Prose(f"{self.model}: {self.sentence()}", is_title=True),
+            *self.figures(),
+            *(Prose(f"record: {note}") for note in self.record.notes),
+            *(Data(name, getattr(servo, name)) for name in own),
+            *(Data(name, np.asarray(getattr(servo.feedback, name))) for name in GAINS),
+            *self._data("servo", "record"),
         )
-        return own | gains | {name: plain(getattr(self, name)) for name in kept}
 
     def write(self, path: str | Path) -> Path:
         """Write the servo to a file ``.toml`` that `Servo.read` and the command line take."""
@@ -255,15 +237,9 @@ class ServoFit(FitResult):
         return write_text(Path(path), "\n".join(lines) + "\n")
 
 
-def _figure(number: FittedNumber) -> Figure:
-    """The row of a number: gains by their motor, with relative deviations."""
+def _figure(number: FittedNumber) -> Row:
+    """The row of a number: gains by their motor."""
     motor, _, gain = number.name.rpartition(".")
-    label = number.name.removesuffix("_s").replace("_", " ")
-    text = f"{number.value:.4g}"
-    sd = "" if number.sd is None else f" +- {number.sd:.2g}"
     if motor:
-        label = f"{gain.replace('_', ' ')} of {motor}"
-        text = f"{number.value:.5g}"
-        sd = "" if number.sd is None else f" +- {100 * number.sd:.2g} %"
-    key = f"{gain}_{motor}" if motor else number.name
-    return Figure(label, text + sd, number.unit, key)
+        return number.row(f"{gain.replace('_', ' ')} of {motor}", digits=5)
+    return number.row(number.name.removesuffix("_s").replace("_", " "))

@@ -33,9 +33,10 @@ from scipy.spatial.transform import Rotation
 
 from flexgen.base.checks.counts import show_value
 from flexgen.base.checks.type_checks import checked_result
-from flexgen.base.display import Figure, Scales, choose_scales, figure_rows
+from flexgen.base.display import Scales, choose_scales, figure_rows
 from flexgen.base.errors import ArgumentError
 from flexgen.base.results import Result
+from flexgen.base.rows import Column, Data, Part, Prose, Row, Table
 from flexgen.base.spec.arguments import is_number
 
 BAND = 1e-4  # m or rad
@@ -134,63 +135,78 @@ class PathAccuracy(Result):
         shown = "; ".join(f"{label} {text}" for label, text in self.rows()[:2])
         return f"<PathAccuracy of {len(self.robots)} robots: {shown or 'one robot at rest'}>"
 
-    def _rows(self) -> list[tuple[str, str]]:
-        return [*self.rows(), *((name, ", ".join(row)) for name, *row in self.robot_rows())]
+    def content(self) -> tuple[Part, ...]:
+        """The figures of all robots together, and a table of those of each."""
+        u = self.unit
+        columns = (
+            Column("robot", "", "robot"),
+            Column("from the path", u, f"path_error_{u}"),
+            Column(f"settled into {1e3 * self.band:g} m{u} after", "s", "settling_s"),
+            Column("overshoot", u, f"overshoot_{u}"),
+            Column("stabilization", "s", "stabilization_s"),
+            Column("drift", u, f"drift_{u}"),
+        )
+        return (
+            Data(f"band_{u}", self.band),
+            Prose(f"accuracy of {len(self.robots)} robots", is_title=True),
+            *self.figures(),
+            *(
+                Data(f"{key}_rad", angles and list(angles))
+                for _, key, angles in self._orientation()
+            ),
+            Table(columns, tuple(self._each()), "Robots", "robots"),
+        )
 
-    def figures(self) -> tuple[Figure, ...]:
+    def figures(self) -> tuple[Row, ...]:
         """The figures of all robots together; those of each robot, and angles: the largest."""
         u = self.unit
         return (
-            Figure("path accuracy AT", self.path_accuracy, u, f"path_accuracy_{u}"),
-            Figure("path repeatability RT", self.path_repeatability, u, f"path_repeatability_{u}"),
-            Figure("pose accuracy AP at the end", self.pose_accuracy, u, f"pose_accuracy_{u}"),
-            Figure(
+            Row("path accuracy AT", self.path_accuracy, u, f"path_accuracy_{u}"),
+            Row("path repeatability RT", self.path_repeatability, u, f"path_repeatability_{u}"),
+            Row("pose accuracy AP at the end", self.pose_accuracy, u, f"pose_accuracy_{u}"),
+            Row(
                 "pose repeatability RP at the end",
                 self.pose_repeatability,
                 u,
                 f"pose_repeatability_{u}",
             ),
-            Figure("speed accuracy AV", self.speed_accuracy, "relative", "speed_accuracy"),
-            Figure(
+            Row("speed accuracy AV", self.speed_accuracy, "relative", "speed_accuracy"),
+            Row(
                 "speed repeatability RV",
                 self.speed_repeatability,
                 "relative",
                 "speed_repeatability",
             ),
-            Figure(
+            Row(
                 "speed fluctuation FV",
                 self.speed_fluctuation,
                 f"{u}/s",
                 f"speed_fluctuation_{u}_s",
             ),
-            Figure(
+            Row(
                 f"settling time into {1e3 * self.band:g} m{u}, longest",
                 _largest(self.settling_s),
                 "s",
                 "settling_s",
             ),
-            Figure("overshoot after the path, largest", max(self.overshoots), u, f"overshoot_{u}"),
-            Figure(
+            Row("overshoot after the path, largest", max(self.overshoots), u, f"overshoot_{u}"),
+            Row(
                 "stabilization time, longest",
                 _largest(self.stabilizations_s),
                 "s",
                 "stabilization_s",
             ),
-            Figure("drift at rest, largest", _largest(self.drifts), u, f"drift_{u}"),
-            Figure(
-                "corner round-off CR, largest", self.corner_round_off, "m", "corner_round_off_m"
-            ),
-            Figure(
+            Row("drift at rest, largest", _largest(self.drifts), u, f"drift_{u}"),
+            Row("corner round-off CR, largest", self.corner_round_off, "m", "corner_round_off_m"),
+            Row(
                 "corner round-off of the command, largest",
                 self.corner_round_off_commanded,
                 "m",
                 "corner_round_off_commanded_m",
             ),
-            Figure(
-                "corner overshoot CO, largest", self.corner_overshoot, "m", "corner_overshoot_m"
-            ),
+            Row("corner overshoot CO, largest", self.corner_overshoot, "m", "corner_overshoot_m"),
             *(
-                Figure(
+                Row(
                     f"{label}, largest",
                     _largest(angles and tuple(map(abs, angles))),
                     "rad",
@@ -274,26 +290,6 @@ class PathAccuracy(Result):
             self.drifts,
         )
         return list(zip(self.robots, *rows, strict=True))
-
-    def to_dict(self) -> dict[str, Any]:
-        """The figures as JSON types, SI units, the angles about x, y, z, and the figures of each
-        robot.
-        """
-        u = self.unit
-        keys = (
-            "robot",
-            f"path_error_{u}",
-            "settling_s",
-            f"overshoot_{u}",
-            "stabilization_s",
-            f"drift_{u}",
-        )
-        return {
-            f"band_{u}": self.band,
-            **{figure.key: figure.value for figure in self.figures()},
-            **{f"{key}_rad": angles and list(angles) for _, key, angles in self._orientation()},
-            "robots": [dict(zip(keys, row, strict=True)) for row in self._each()],
-        }
 
 
 def _largest(values: tuple[float | None, ...] | None) -> float | None:

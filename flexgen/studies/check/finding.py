@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import asdict, dataclass, fields
 
 from flexgen.base.checks.type_checks import checked_result
 from flexgen.base.registry import find_function
 from flexgen.base.results import Result
+from flexgen.base.rows import Column, Data, Part, Prose, Row, Table
 
 OK = "ok"
 UNUSUAL = "unusual"
@@ -155,18 +155,15 @@ class Check(Result):
             [f"<Check {self.summary()}>", *(f"  {f.mark}: {f}" for f in worst[:10]), *more]
         )
 
-    def _rows(self) -> list[tuple[str, str]]:
-        return [
-            (f"{f.key}: {f.quantity}", f"{f.value}, usual {f.usual}: {f.mark}")
-            for f in self.findings
-        ]
-
-    def to_dict(self) -> dict[str, Any]:
-        """As JSON types."""
-        rows = [asdict(finding) for finding in self.findings]
-        return {
-            "model": self.model,
-            "errors": len(self.errors),
-            "unusual": len(self.warnings),
-            "findings": rows,
-        }
+    def content(self) -> tuple[Part, ...]:
+        """The counts, and a table of all findings."""
+        names = [field.name for field in fields(Finding)]
+        columns = tuple(Column(name, "", name) for name in names)
+        cells = tuple(tuple(asdict(finding).values()) for finding in self.findings)
+        return (
+            Data("model", self.model),
+            Prose(self.summary(), is_title=True),
+            Row("errors", len(self.errors), "", "errors"),
+            Row("unusual", len(self.warnings), "", "unusual"),
+            Table(columns, cells, "Numbers", "findings"),
+        )

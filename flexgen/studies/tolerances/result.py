@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from flexgen.base.checks.type_checks import checked_result
-from flexgen.base.display import Figure, figure_rows, format_size, plain
+from flexgen.base.display import format_size
 from flexgen.base.results import Result
+from flexgen.base.rows import Data, Part, Prose, Row
 from flexgen.inversion.solution import Solution
 from flexgen.simulation.motor_feedback import MotorFeedback
 
@@ -149,46 +149,40 @@ class Prediction(Result):
             f"to halve the error, measure {', '.join(few)}{more}",
         ]
 
-    def figures(self) -> tuple[Figure, ...]:
+    def figures(self) -> tuple[Row, ...]:
         """The figures in SI units, for tables."""
         what = "output" if self.solution.model.output.type == "combination" else "tool"
         return (
-            Figure(
+            Row(
                 f"{what} error with motor feedback that 95 % of the robots keep",
                 self.error_m,
                 "m",
                 "error_m",
             ),
-            Figure(
+            Row(
                 f"{what} error with motor feedback that 95 % of the robots keep",
                 self.error_rad,
                 "rad",
                 "error_rad",
             ),
-            Figure("motor feedback", self.feedback.title, "", "motor_feedback"),
-            Figure("uncertain numbers", len(self.sources), "", "sources"),
-            Figure("robots simulated", self.robots, "", "robots"),
+            Row("motor feedback", self.feedback.title, "", "motor_feedback"),
+            Row("uncertain numbers", len(self.sources)),
+            Row("robots simulated", self.robots, "", "robots"),
             *(
-                Figure(f"share of {s.name}", f"{100 * s.share:.1f}", "%", s.name)
+                Row(f"share of {s.name}", f"{100 * s.share:.1f}", "%")
                 for s in self.shares
                 if s.share >= 0.005
             ),
-            Figure("to halve the error, measure", ", ".join(self.to_halve), "", "to_halve"),
+            Row("to halve the error, measure", ", ".join(self.to_halve)),
         )
 
-    def _rows(self) -> list[tuple[str, str]]:
-        return figure_rows(self.figures())
-
-    def to_dict(self) -> dict[str, Any]:
-        """The figures as JSON types, SI units."""
-        own = {
-            name: value
-            for name, value in self._entries().items()
-            if name not in ("solution", "feedback")
-        }
-        named = {"model": self.solution.model.title, "move": self.solution.move.name}
+    def content(self) -> tuple[Part, ...]:
+        """The figures, and the bands and errors of all robots as data."""
+        known = {figure.key for figure in self.figures()}
         return (
-            named
-            | {"motor_feedback": self.feedback.title}
-            | {name: plain(value) for name, value in own.items()}
+            Prose(f"{self.solution.model.title}, move {self.solution.move.name}", is_title=True),
+            Data("model", self.solution.model.title),
+            Data("move", self.solution.move.name),
+            *self.figures(),
+            *self._data("solution", "feedback", *known),
         )

@@ -10,7 +10,8 @@ import numpy as np
 from flexgen.analysis.analyze import Analysis
 from flexgen.views.plots import along_path
 from flexgen.views.plots.compliance import compliance_plot
-from flexgen.views.reports.html import dynamics_tables, head, html_table, number
+from flexgen.views.reports.html import dynamics_tables, head
+from flexgen.views.reports.html_tables import html_table, number
 from flexgen.views.reports.pictures import Picture, linear_pictures
 from flexgen.views.reports.result_page import write_page
 

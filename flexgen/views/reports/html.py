@@ -16,16 +16,18 @@ from flexgen.analysis.zero_dynamics.zeros import ON_AXIS
 from flexgen.base.display import NOISE, SPEED, Scales, UnitScale, choose_scales
 from flexgen.base.errors import SolverError
 from flexgen.base.files.atomic_files import write_text
+from flexgen.base.rows import Row
 from flexgen.dynamics.mechanics.equations import Equations, derive
 from flexgen.dynamics.mechanics.limits import Limits
 from flexgen.feedback.loop.comparison import Comparison
 from flexgen.inversion.comparison.comparison import error_rows
 from flexgen.inversion.judge.status import Status
-from flexgen.inversion.solution import Figure, Solution
+from flexgen.inversion.solution import Solution
 from flexgen.model.elements import Friction, Motor, RobotModel
 from flexgen.paths.accuracy.figures import PathAccuracy
 from flexgen.views.plots import solution as plots
 from flexgen.views.reports.folder import PAGE, check_folder, foot
+from flexgen.views.reports.html_tables import html_table, number
 from flexgen.views.reports.motion import write_motion
 from flexgen.views.reports.pictures import Picture, pictures
 from flexgen.views.reports.sentence import in_words
@@ -59,19 +61,8 @@ sup { line-height: 0; }
 """
 
 
-def number(x: float | None, digits: int = 4) -> str:
-    """A number as HTML, ``5.065·10<sup>-4</sup>``; a dash for None."""
-    if x is None or not np.isfinite(x):
-        return "\N{EN DASH}"
-    text = f"{x:.{digits}g}"
-    if "e" in text:
-        mantissa, exponent = text.split("e")
-        text = f"{mantissa}·10<sup>{int(exponent)}</sup>"
-    return text.replace("-", "\N{MINUS SIGN}")
-
-
 def scales_of_page(
-    figures: Iterable[Figure], *more: tuple[float | None, str]
+    figures: Iterable[Row], *more: tuple[float | None, str]
 ) -> dict[str, UnitScale]:
     """`choose_scales` with the names of units that a page has: the micro sign for u."""
     scales = choose_scales(figures, *more)
@@ -95,27 +86,6 @@ def _complex(z: complex) -> str:
         return number(re_)
     sign = "+" if im > 0 else "\N{MINUS SIGN}"
     return f"{number(re_) if re_ else '0'} {sign} {number(abs(im))} i"
-
-
-def html_table(
-    head: Iterable[str], rows: Iterable[Iterable[str]], numeric: Iterable[int] = ()
-) -> str:
-    """A table of HTML cells; the columns ``numeric`` are right-aligned."""
-    right = set(numeric)
-
-    def row(cells: Iterable[str], tag: str) -> str:
-        out = (
-            f"<{tag}{' class=n' if k in right else ''}>{cell}</{tag}>"
-            for k, cell in enumerate(cells)
-        )
-        return f"<tr>{''.join(out)}</tr>".replace("class=n", 'class="n"')
-
-    body = "\n".join(row(cells, "td") for cells in rows)
-    return (
-        f'<div class="wide"><table><thead>{row(head, "th")}</thead><tbody>\n'
-        f"{body}\n"
-        "</tbody></table></div>\n"
-    )
 
 
 def _summary(solution: Solution, scales: Scales) -> str:
@@ -154,7 +124,7 @@ def accuracy_tables(found: PathAccuracy, scales: Scales) -> str:
     )
 
 
-def _summary_row(figure: Figure, scales: Scales) -> tuple[str, str, str]:
+def _summary_row(figure: Row, scales: Scales) -> tuple[str, str, str]:
     """A row of the summary; status as a colored label, lengths and angles in their units."""
     label, value, unit, key = figure
     if key == "status":

@@ -14,7 +14,8 @@ from flexgen.identification.responses.frequency_response import Frf
 from flexgen.identification.responses.result import IdentificationResult, deviation_text
 from flexgen.model.elements import RobotModel
 from flexgen.views.plots import identification as plots
-from flexgen.views.reports.html import head, html_table, number
+from flexgen.views.reports.html import head
+from flexgen.views.reports.html_tables import html_table, number
 from flexgen.views.reports.identification_texts import amplitude_sentence, percent
 from flexgen.views.reports.pictures import Picture
 from flexgen.views.reports.result_page import write_page

@@ -14,6 +14,7 @@ from flexgen.views.plots import canvas
 from flexgen.views.reports.folder import PAGE, check_folder, foot
 from flexgen.views.reports.html import figure_element, head
 from flexgen.views.reports.pictures import Picture
+from flexgen.views.reports.row_views import html_of_rows
 from flexgen.views.reports.text_tables import fit_tables
 
 
@@ -29,18 +30,19 @@ def write_result(result: Result, directory: str | Path) -> Path:
 
 
 def _tables(result: Result) -> str:
-    """The text with tables, of any width; of a result whose text is one line, the table of
-    notebooks.
+    """The content of the result; of one that has none of its own, its text with tables, of any
+    width, or, where that is one line, the table of notebooks.
     """
+    warnings = [html.escape(str(each)) for each in getattr(result, "warnings", ())]
+    items = "".join(f"<li>{each}</li>" for each in warnings)
+    warned = f'<div class="warn"><ul>{items}</ul></div>' if items else ""
+    if result.has_content():
+        return html_of_rows(result.content(), not result.problem, is_page=True) + warned
     with fit_tables(None):
         text = result.to_text()
     if text == str(result):
         return result._repr_html_()
-    warnings = [html.escape(str(each)) for each in getattr(result, "warnings", ())]
-    items = "".join(f"<li>{each}</li>" for each in warnings)
-    return f'<pre class="wide">{html.escape(text)}</pre>' + (
-        f'<div class="warn"><ul>{items}</ul></div>' if items else ""
-    )
+    return f'<pre class="wide">{html.escape(text)}</pre>{warned}'
 
 
 def write_page(directory: Path, parts: list[str], drawn: list[Picture]) -> Path:

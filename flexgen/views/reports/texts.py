@@ -7,9 +7,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from flexgen.base.display import choose_scales, plain
+from flexgen.base.display import plain
+from flexgen.views.reports.row_views import row_cells, scales_of
 from flexgen.views.reports.text_tables import figures, number, one_line, paragraph, roots, table
 
 if TYPE_CHECKING:
@@ -295,17 +297,8 @@ def _millionths(values: Sequence[float]) -> str:
 
 def figure_rows(result: Solution | Simulation) -> list[Row]:
     """Label, value and unit of the figures of a result; lengths have one unit, angles too."""
-    found = [figure._replace(value=plain(figure.value)) for figure in result.figures()]
-    scales = choose_scales(found)
-    rows: list[Row] = []
-    for label, value, unit, _ in found:
-        if value is None or value == "":
-            rows.append((label, None, ""))
-        elif unit in scales:
-            rows.append((label, scales[unit].cell(float(value)), scales[unit].unit))
-        else:
-            rows.append((label, value, unit))
-    return rows
+    found = [replace(figure, value=plain(figure.value)) for figure in result.figures()]
+    return row_cells(found, scales_of(found))
 
 
 def summary_of_solution(solution: Solution) -> str:
@@ -321,12 +314,6 @@ def _further(solution: Solution) -> list[str]:
     notes = [paragraph(f"note: {line}") for line in solution.details.get("notes", ())]
     lines = [f"tried before: {line}" for line in solution.details.get("attempts", ())]
     return ["\n".join(each) for each in (notes, lines) if each]
-
-
-def text_of_solution(solution: Solution) -> str:
-    """The figures of a solution, and the methods that were tried before."""
-    text = f"{solution.model.title}, move {solution.move.name}\n\n{figures(figure_rows(solution))}"
-    return "\n\n".join([text, *_further(solution)])
 
 
 def solution_details(solution: Solution) -> str:
@@ -378,11 +365,6 @@ def steps_text(
         ("total time, wall", seconds, "s"),
     ]
     return figures(rows)
-
-
-def text_of_simulation(simulation: Simulation) -> str:
-    """The figures of a simulation."""
-    return figures(figure_rows(simulation))
 
 
 def text_of_check(check: Check) -> str:

@@ -1,0 +1,240 @@
+"""Text, table of notebooks, page and JSON of a result have the same numbers with the same units.
+
+The views are read as a user reads them: lines of the text, rows of HTML tables, numbers of JSON;
+what `content` returns is not looked at.
+"""
+
+from __future__ import annotations
+
+import html
+import re
+from collections.abc import Callable, Iterator
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import pytest
+from small_fits import small_fit
+
+import flexgen
+from flexgen.base.results import Result
+
+NUMBER = re.compile(r"(?<![\w.])[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?(?![\w.]*\w)")
+# Units that are printed with a prefix, or as a part, and their factors to those of JSON.
+FACTORS = {"mm": 1e3, "um": 1e6, "mrad": 1e3, "urad": 1e6, "%": 100.0, "ms": 1e3}
+# Results without a content of their own: this set may only shrink.
+WITHOUT = {
+    "Analysis",
+    "Calibration",
+    "CascadeTuning",
+    "Comparison",
+    "Configuration",
+    "ControlRun",
+    "Detection",
+    "Equilibrium",
+    "Estimate",
+    "Experiment",
+    "Exported",
+    "FastestMove",
+    "FeedbackStudy",
+    "FeedforwardComparison",
+    "Frf",
+    "GeneratedLibrary",
+    "IdentificationResult",
+    "LearningResult",
+    "Load",
+    "Margins",
+    "MotionFit",
+    "Passivity",
+    "Path",
+    "PathSample",
+    "Plan",
+    "PlantRun",
+    "Score",
+    "SweepResult",
+    "Trajectory",
+    "TuningResult",
+}
+
+
+def public_results() -> dict[str, type[Result]]:
+    found = {name: getattr(flexgen, name) for name in flexgen.__all__}
+    return {
+        name: one
+        for name, one in found.items()
+        if isinstance(one, type) and issubclass(one, Result)
+    }
+
+
+def numbers_in(text: str) -> list[tuple[float, float]]:
+    """Printed numbers, each with half a unit of its last digit."""
+    found = []
+    for each in NUMBER.findall(text):
+        mantissa, _, exponent = each.partition("e")
+        digits = len(mantissa.partition(".")[2])
+        found.append((float(each), 0.51 * 10.0 ** (int(exponent or 0) - digits)))
+    return found
+
+
+def cells_of(page: str) -> Iterator[list[str]]:
+    """The cells of each row of the tables of a page, as plain text."""
+    for row in re.findall(r"<tr>(.*?)</tr>", page, flags=re.DOTALL):
+        cells = re.findall(r"<t[dh][^>]*>(.*?)</t[dh]>", row, flags=re.DOTALL)
+        plain = [re.sub(r"·10<sup>(-?\d+)</sup>", r"e\1", cell) for cell in cells]
+        plain = [re.sub(r"<[^>]+>", "", cell) for cell in plain]
+        yield [html.unescape(cell).replace("\N{MINUS SIGN}", "-") for cell in plain]
+
+
+def rows_of_text(text: str) -> list[list[str]]:
+    """The cells of each line of the tables of a text, without the rules below heads."""
+    lines = [re.split(r" {2,}", line.strip()) for line in text.splitlines()]
+    return [
+        line for line in lines if len(line) > 1 and not all(set(cell) <= {"-"} for cell in line)
+    ]
+
+
+def is_in(number: tuple[float, float], others: list[tuple[float, float]]) -> bool:
+    """Whether a printed number is among others, but for rounding."""
+    value, half = number
+    return any(abs(value - x) <= max(half, other) for x, other in others)
+
+
+def numbers_of_json(data: Any) -> list[float]:
+    """All numbers, those in texts too, and the lengths of lists, which are printed as counts."""
+    if isinstance(data, dict):
+        return [x for each in data.values() for x in numbers_of_json(each)]
+    if isinstance(data, list):
+        return [float(len(data)), *(x for each in data for x in numbers_of_json(each))]
+    if isinstance(data, str):
+        return [x for x, _ in numbers_in(data)]
+    return [float(data)] if isinstance(data, int | float) and not isinstance(data, bool) else []
+
+
+def label_and_rest(cells: list[str]) -> tuple[str, str]:
+    return cells[0], " ".join(cells[1:])
+
+
+def differences(result: Result) -> list[str]:
+    """Where the views of a result differ."""
+    text = result.to_text()
+    notebook = result._repr_html_()
+    data = numbers_of_json(result.to_dict())
+    in_text = [label_and_rest(cells) for cells in rows_of_text(text)]
+    in_page = [label_and_rest(cells) for cells in cells_of(notebook) if cells]
+    found = []
+    for label, rest in in_page:
+        if not NUMBER.search(rest):
+            continue
+        lines = [other for name, other in in_text if name == label]
+        if not any(_same(rest, line) for line in lines):
+            found.append(f"not in the text: {label}: {rest}")
+    for label, rest in in_text:
+        if not NUMBER.search(rest):
+            continue
+        rows = [other for name, other in in_page if name == label]
+        if not any(_same(rest, row) for row in rows):
+            found.append(f"not in the notebook: {label}: {rest}")
+        units = [FACTORS[unit] for unit in FACTORS if unit in rest.split()] or [1.0]
+        units += list(FACTORS.values()) * (not set(rest.split()) & set(FACTORS))
+        for number in numbers_in(re.sub(r"< [-\d.e]+", "", rest)):  # without bounds of noise
+            if not any(is_in(number, [(f * x, 0.0) for x in data]) for f in (*units, 1.0)):
+                found.append(f"not in JSON: {label}: {number[0]:g}")
+    return found
+
+
+def _same(one: str, other: str) -> bool:
+    """Whether two rows have the same numbers and the same words, but those of long columns."""
+    a = numbers_in(one)
+    b = numbers_in(other)
+    units = [{word for word in x.split() if word in UNITS} for x in (one, other)]
+    return all(is_in(x, b) for x in a) and all(is_in(x, a) for x in b) and units[0] == units[1]
+
+
+UNITS = {*FACTORS, "m", "rad", "s", "Hz", "N", "kg", "N m", "1/s", "rad/s", "N m s/rad"}
+
+
+@cache
+def solution() -> flexgen.Solution:
+    return flexgen.solve("elbow")
+
+
+MADE: dict[str, Callable[[], Result]] = {
+    "Solution": solution,
+    "Simulation": lambda: solution().simulation,
+    "PathAccuracy": lambda: flexgen.control(
+        "elbow", plants={"soft": {"stiffness": 0.8}}
+    ).accuracy(),
+    "PositionCommands": lambda: flexgen.command_positions("elbow"),
+    "ServoFit": lambda: small_fit("servo"),
+    "GearFit": lambda: small_fit("gears"),
+    "Prediction": lambda: flexgen.predict(
+        flexgen.read("elbow", overrides={"uncertainty": {"stiffness": 0.1}})
+    ),
+}
+# Its text has only the numbers that are unusual; the others are the details of its command.
+SHORTER_TEXT = {"Check"}
+
+
+def test_every_public_result_has_a_content_or_is_listed():
+    results = public_results()
+    assert {name for name, one in results.items() if not one.has_content()} == WITHOUT
+    converted = {name for name, one in results.items() if one.has_content()}
+    assert converted == set(MADE) | SHORTER_TEXT
+
+
+@pytest.mark.parametrize("name", MADE)
+def test_views_of_a_result_have_the_same_numbers(name):
+    result = MADE[name]()
+    assert type(result).__name__ == name
+    assert differences(result) == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", MADE)
+def test_the_page_of_a_result_has_the_rows_of_its_notebook(name, tmp_path):
+    result = MADE[name]()
+    page = Path(result.report(tmp_path)).read_text(encoding="utf-8")
+    rows = [label_and_rest(cells) for cells in cells_of(page) if cells]
+    for label, rest in (label_and_rest(cells) for cells in cells_of(result._repr_html_())):
+        assert any(name == label and _same(rest, other) for name, other in rows), label
+
+
+def planted(without: str) -> Result:
+    """A result of which one view lacks a row, or has another unit."""
+    of = solution().simulation
+
+    class Planted(type(of)):
+        def to_text(self) -> str:
+            text = of.to_text()
+            if without == "unit":
+                return text.replace("N m", "mm")
+            lines = text.splitlines()
+            return "\n".join(x for x in lines if without != "text" or "torque" not in x)
+
+        def _repr_html_(self) -> str:
+            page = of._repr_html_()
+            row = re.search(r"<tr><td>motor torque.*?</tr>", page)[0]
+            return page.replace(row, "") if without == "notebook" else page
+
+        def to_dict(self) -> dict[str, Any]:
+            data = of.to_dict()
+            if without == "JSON":
+                del data["torque_max_Nm"]
+            return data
+
+    return object.__new__(Planted)
+
+
+@pytest.mark.parametrize(
+    ("without", "start"),
+    [
+        ("text", "not in the text: motor torque, largest"),
+        ("notebook", "not in the notebook: motor torque, largest"),
+        ("JSON", "not in JSON: motor torque, largest"),
+        ("unit", "not in the text: motor torque, largest"),
+    ],
+)
+def test_a_row_that_a_view_lacks_is_found(without, start):
+    found = differences(planted(without))
+    assert found and found[0].startswith(start)
+    assert differences(solution().simulation) == []
