@@ -65,125 +65,238 @@ registry.EXPORTS |= {
         "flexgen.exports.fmu.export",
         "[FMU](fmu.md)",
         "Write a Functional Mock-up Unit (FMI 2.0 or 3.0) for simulation programs.",
-        """
-    content
-        block NAME in=plant/feedforward/controller: plant (default): the elastic robot; \
-feedforward: inverse dynamics on
-            a moving horizon; controller: a P-PI cascade
-        version VERSION in=2.0/3.0 --fmi: version of FMI: 2.0 (default) or 3.0
-    options of a block
-        method NAME in=rk4/sdirk4: plant in Co-Simulation: rk4 (default), explicit, or sdirk4, \
-implicit and L-stable,
-            for stiff springs
-        step S positive: its largest step [s]; default: from the fastest pole at home
-        controller FILE text: of type ppi or cascade (.toml); default: PPI for the model
-        sample_time S positive: sample time of the controller [s]; default: 0.001
-        look_ahead S positive: horizon of the feedforward [s]; default: from the unstable zeros
-    files
-        out FILE: write to this file (.fmu); default: generated/MODEL.fmu
-        platforms NAME,NAME,... names: compile binaries for these platforms with the package \
-ziglang: all, or names of
-            FMI such as win64, linux64, darwin64, aarch64-linux; default: this platform
-        no_binary old=--sources-only: without a binary
-""",
+        {
+            "content": (
+                registry.Option(
+                    "block",
+                    "plant (default): the elastic robot; feedforward: inverse dynamics "
+                    "on a moving horizon; controller: a P-PI cascade",
+                    "NAME",
+                    choices=("plant", "feedforward", "controller"),
+                ),
+                registry.Option(
+                    "version",
+                    "version of FMI: 2.0 (default) or 3.0",
+                    "VERSION",
+                    choices=("2.0", "3.0"),
+                    word="--fmi",
+                ),
+            ),
+            "options of a block": (
+                registry.Option(
+                    "method",
+                    "plant in Co-Simulation: rk4 (default), explicit, or sdirk4, "
+                    "implicit and L-stable, for stiff springs",
+                    "NAME",
+                    choices=("rk4", "sdirk4"),
+                ),
+                registry.Option(
+                    "step",
+                    "its largest step [s]; default: from the fastest pole at home",
+                    "S",
+                    "positive",
+                ),
+                registry.Option(
+                    "controller",
+                    "of type ppi or cascade (.toml); default: PPI for the model",
+                    "FILE",
+                    "text",
+                ),
+                registry.Option(
+                    "sample_time",
+                    "sample time of the controller [s]; default: 0.001",
+                    "S",
+                    "positive",
+                ),
+                registry.Option(
+                    "look_ahead",
+                    "horizon of the feedforward [s]; default: from the unstable zeros",
+                    "S",
+                    "positive",
+                ),
+            ),
+            "files": (
+                registry.Option(
+                    "out", "write to this file (.fmu); default: generated/MODEL.fmu", "FILE"
+                ),
+                registry.Option(
+                    "platforms",
+                    "compile binaries for these platforms with the package ziglang: "
+                    "all, or names of FMI such as win64, linux64, darwin64, "
+                    "aarch64-linux; default: this platform",
+                    "NAME,NAME,...",
+                    "names",
+                ),
+                registry.Option("no_binary", "without a binary", old=("--sources-only",)),
+            ),
+        },
     ),
     "mujoco": registry.Export(
         "flexgen.exports.mujoco.mujoco",
         "[exchange](exchange.md)",
         "Write the elastic robot as an MJCF file for MuJoCo, with the same accelerations.",
-        """
-    content
-        friction NAME in=exact/viscous/dry: exact (the default): a model with Coulomb or Stribeck \
-friction is refused;
-            viscous: these are left out; dry: Coulomb friction as MuJoCo has it, with other \
-accelerations
-    files
-        out FILE required: write the MJCF file, FILE.xml
-""",
+        {
+            "content": (
+                registry.Option(
+                    "friction",
+                    "exact (the default): a model with Coulomb or Stribeck friction is "
+                    "refused; viscous: these are left out; dry: Coulomb friction as "
+                    "MuJoCo has it, with other accelerations",
+                    "NAME",
+                    choices=("exact", "viscous", "dry"),
+                ),
+            ),
+            "files": (
+                registry.Option("out", "write the MJCF file, FILE.xml", "FILE", required=True),
+            ),
+        },
     ),
     "urdf": registry.Export(
         "flexgen.exports.urdf.urdf",
         "[exchange](exchange.md)",
         "Write the rigid robot as a URDF file, and an overlay of flexgen with all that URDF "
         "cannot contain.",
-        """
-    files
-        out FILE required: write the URDF file, FILE.urdf, and next to it the overlay, FILE.toml
-""",
+        {
+            "files": (
+                registry.Option(
+                    "out",
+                    "write the URDF file, FILE.urdf, and next to it the overlay, FILE.toml",
+                    "FILE",
+                    required=True,
+                ),
+            ),
+        },
     ),
     "selftest": registry.Export(
         "flexgen.exports.c_code.selftest.export",
         "[PLC](plc.md)",
         "Write a C program that tests the library on its target, with results of Lagrange's "
         "equations: PASS or FAIL.",
-        """
-    content
-        precision NAME in=double/single old=--single=single: of the library; default: {default}
-        move NAME: the move that the stream follows; default: the first
-        no_motion: without a stream along a move
-    files
-        out DIR once old=--directory: where to write; default: exports/<model>_selftest
-        @replace
-""",
+        {
+            "content": (
+                registry.Option(
+                    "precision",
+                    "of the library; default: {default}",
+                    "NAME",
+                    choices=("double", "single"),
+                    old=("--single=single",),
+                ),
+                registry.Option(
+                    "move", "the move that the stream follows; default: the first", "NAME"
+                ),
+                registry.Option("no_motion", "without a stream along a move"),
+            ),
+            "files": (
+                registry.Option(
+                    "out",
+                    "where to write; default: exports/<model>_selftest",
+                    "DIR",
+                    once=True,
+                    old=("--directory",),
+                ),
+                registry.Option("force", "also replace files that were changed since the export"),
+            ),
+        },
     ),
     "ros2": registry.Export(
         "flexgen.exports.ros2.export",
         "[ROS 2](ros2.md)",
         "Write a ROS 2 package: a plugin of inverse dynamics, and a controller with a stream "
         "and P-PI control.",
-        """
-    content
-        package NAME: of the package; default: flexgen_<model>
-        no_controller: the plugin of inverse dynamics only
-        no_gains: leave the gains of the controller open
-        parts NAME,NAME,... names: force: the controller takes a known force on the tool, with \
-the samples and from a
-            topic; limits: its stream keeps limits; position: it sends positions to servos, table \
-[servo]
-    package.xml
-        maintainer TEXT: name for package.xml; default: {default}
-        email TEXT: address for package.xml; default: {default}
-        license_name TEXT old=--license: license for package.xml; default: {default}
-    files
-        out DIR once old=--directory: where to write; default: exports/<package>
-        @replace
-""",
+        {
+            "content": (
+                registry.Option("package", "of the package; default: flexgen_<model>", "NAME"),
+                registry.Option("no_controller", "the plugin of inverse dynamics only"),
+                registry.Option("no_gains", "leave the gains of the controller open"),
+                registry.Option(
+                    "parts",
+                    "force: the controller takes a known force on the tool, with the "
+                    "samples and from a topic; limits: its stream keeps limits; "
+                    "position: it sends positions to servos, table [servo]",
+                    "NAME,NAME,...",
+                    "names",
+                ),
+            ),
+            "package.xml": (
+                registry.Option("maintainer", "name for package.xml; default: {default}", "TEXT"),
+                registry.Option("email", "address for package.xml; default: {default}", "TEXT"),
+                registry.Option(
+                    "license_name",
+                    "license for package.xml; default: {default}",
+                    "TEXT",
+                    old=("--license",),
+                ),
+            ),
+            "files": (
+                registry.Option(
+                    "out",
+                    "where to write; default: exports/<package>",
+                    "DIR",
+                    once=True,
+                    old=("--directory",),
+                ),
+                registry.Option("force", "also replace files that were changed since the export"),
+            ),
+        },
     ),
     "mex": registry.Export(
         "flexgen.exports.c_code.mex.export",
         "[MATLAB](matlab.md)",
         "Write functions for MATLAB and GNU Octave: functions of a point, inversion of a path, "
         "and a stream.",
-        """
-    files
-        out DIR once old=--directory: where to write; default: exports/<model>_mex
-        @replace
-""",
+        {
+            "files": (
+                registry.Option(
+                    "out",
+                    "where to write; default: exports/<model>_mex",
+                    "DIR",
+                    once=True,
+                    old=("--directory",),
+                ),
+                registry.Option("force", "also replace files that were changed since the export"),
+            ),
+        },
     ),
     "simulink": registry.Export(
         "flexgen.exports.c_code.simulink.export",
         "[MATLAB](matlab.md)",
         "Write blocks for Simulink: functions for C Caller, and S-functions of a stream and of "
         "inverse dynamics.",
-        """
-    content
-        @no_stream
-    files
-        out DIR once old=--directory: where to write; default: exports/<model>_simulink
-        @replace
-""",
+        {
+            "content": (
+                registry.Option("no_stream", "without a stream, for models that have none"),
+            ),
+            "files": (
+                registry.Option(
+                    "out",
+                    "where to write; default: exports/<model>_simulink",
+                    "DIR",
+                    once=True,
+                    old=("--directory",),
+                ),
+                registry.Option("force", "also replace files that were changed since the export"),
+            ),
+        },
     ),
     "plcopen": registry.Export(
         "flexgen.exports.c_code.plcopen.export",
         "[PLC](plc.md)",
         "Write function blocks of IEC 61131-3 (ST and PLCopen XML) with their bodies in C.",
-        """
-    content
-        @no_stream
-    files
-        out DIR once old=--directory: where to write; default: exports/<model>_plcopen
-        @replace
-""",
+        {
+            "content": (
+                registry.Option("no_stream", "without a stream, for models that have none"),
+            ),
+            "files": (
+                registry.Option(
+                    "out",
+                    "where to write; default: exports/<model>_plcopen",
+                    "DIR",
+                    once=True,
+                    old=("--directory",),
+                ),
+                registry.Option("force", "also replace files that were changed since the export"),
+            ),
+        },
     ),
 }
 _NOUNS = {

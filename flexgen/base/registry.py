@@ -25,7 +25,7 @@ above. Another package declares an entry point of such a group:
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cache
 from importlib import import_module
 from typing import Any, NamedTuple
@@ -33,17 +33,86 @@ from typing import Any, NamedTuple
 from flexgen.base.errors import ArgumentError
 
 
+class Option(NamedTuple):
+    """An option of a command.
+
+    One that is a parameter of the public function of its command states its name, and no type, no
+    allowed values and no help: these, and the default, are those of the parameter. What the
+    command line alone has is stated.
+
+    Attributes
+    ----------
+    name : str
+        Of the parameter; ``no_X`` switches X off.
+    help : str
+        Of an option that is no parameter.
+    metavar : str, optional
+        Placeholder of the value; default: of the type of the parameter. None without a parameter:
+        a switch.
+    kind : str
+        Function of `flexgen.cli.argument_types` that reads the value, such as ``positive``.
+    choices : tuple of str
+        The words that the value may be.
+    several, once, required : bool
+        May be given several times; an error where it is given twice; must be given.
+    place : bool
+        A positional argument.
+    group : str
+        Options of a group exclude each other.
+    word : str
+        Name on the command line, where it is another one.
+    old : tuple of str
+        Former names, which work with a warning, such as ``--single=single``: with a value.
+    more : str
+        What the help of the command line has more than that of the parameter.
+    of : str
+        ``FUNCTION.PARAMETER``, where it is a parameter of another public function.
+    """
+
+    name: str
+    help: str = ""
+    metavar: str | None = None
+    kind: str = ""
+    choices: tuple[str, ...] = ()
+    several: bool = False
+    once: bool = False
+    required: bool = False
+    place: bool = False
+    group: str = ""
+    word: str = ""
+    old: tuple[str, ...] = ()
+    more: str = ""
+    of: str = ""
+
+    @property
+    def takes_value(self) -> bool:
+        """Whether it takes a value; False for a switch."""
+        return bool(self.metavar or self.choices)
+
+    @property
+    def parameter(self) -> str:
+        """The parameter of the public function."""
+        return self.name if self.takes_value else self.name.removeprefix("no_")
+
+    @property
+    def option(self) -> str:
+        """As it is written on the command line."""
+        return self.word or f"--{self.name.replace('_', '-')}"
+
+
+# Options by the titles of the sections of a help; a text is the name of a parameter.
+Sections = Mapping[str, Sequence[str | Option]]
+
+
 class Export(NamedTuple):
     """An export of flexgen: the module of its function, its page in docs/, what its command does,
     and its options.
-
-    The options are rows of `flexgen.cli.verb_tables.verb_rows`.
     """
 
     module: str
     page: str
     summary: str
-    options: str
+    options: Sections
 
 
 EXPORTS: dict[str, Export] = {}  # by name of the command, filled by `flexgen`

@@ -14,12 +14,12 @@ from collections.abc import Sequence
 from importlib import import_module
 from typing import Any
 
-from flexgen.base.registry import added_names
+from flexgen.base.registry import Option, added_names
 from flexgen.base.version import __version__
 from flexgen.cli import argument_types
 from flexgen.cli.argument_parser import MESSAGES, OldName, Once, Parser, UsageError
-from flexgen.cli.verb_tables.verb_parameters import command_of, defaults_of
-from flexgen.cli.verb_tables.verb_rows import PATHS, Option, Verb
+from flexgen.cli.verb_tables.signature_source import defaults_of, signature_of
+from flexgen.cli.verb_tables.verb_rows import PATHS, Verb
 from flexgen.cli.verb_tables.verb_texts import choices_of, help_of
 from flexgen.cli.verb_tables.verbs import VERBS, export_row
 
@@ -177,7 +177,7 @@ def _action(verb: Verb) -> Any:
 def _summary(verb: Verb) -> str:
     """Summary of a verb: of its row, or the first paragraph of the docstring of its function."""
     if not (verb.summary or verb.action):
-        return command_of(verb.function).summary
+        return signature_of(verb.function).summary
     paragraph = (_action(verb).__doc__ or "").strip().partition("\n\n")[0]
     return verb.summary or " ".join(paragraph.split())
 
@@ -188,9 +188,9 @@ def _add_verb(group: Any, name: str, verb: Verb, root: Parser) -> None:
     summary = _summary(verb)
     parser: Parser = group.add_parser(name, help=summary, description=summary)
     parser.set_defaults(action=action, parser=parser, row=verb, root=root)
-    if verb.model != "none":
+    if verb.takes_model != "none":
         optional: dict[str, Any] = (
-            {"nargs": "?", "default": RUN_MODEL} if verb.model == "optional" else {}
+            {"nargs": "?", "default": RUN_MODEL} if verb.takes_model == "optional" else {}
         )
         default = f"; default: {RUN_MODEL}" if optional else ""
         parser.add_argument("model", metavar="MODEL", help=MODEL + default, **optional)

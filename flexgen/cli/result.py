@@ -17,7 +17,7 @@ from flexgen.base.calls.deadline import INTERRUPTED
 from flexgen.base.errors import ArgumentError, FlexgenError
 from flexgen.base.files.atomic_files import check_writable
 from flexgen.base.registry import find_function
-from flexgen.cli.verb_tables.verb_parameters import defaults_of
+from flexgen.cli.verb_tables.signature_source import defaults_of
 
 if TYPE_CHECKING:
     from flexgen.base.results import Result

@@ -159,7 +159,7 @@ def verbs_that_fit() -> set[str]:
     return {
         name
         for name, verb in VERBS.items()
-        if verb.model != "none"
+        if verb.takes_model != "none"
         and any(option.place and option.name in MEASUREMENTS for option in verb.options())
     }
 

@@ -14,9 +14,10 @@ import export_tables
 import pytest
 
 import flexgen
+from flexgen.base.registry import Option
 from flexgen.cli.parser import parse
-from flexgen.cli.verb_tables.verb_parameters import defaults_of
-from flexgen.cli.verb_tables.verb_rows import Verb, verbs_of
+from flexgen.cli.verb_tables.signature_source import defaults_of
+from flexgen.cli.verb_tables.verb_rows import Verb
 from flexgen.cli.verb_tables.verb_texts import choices_of
 from flexgen.cli.verb_tables.verbs import VERBS
 
@@ -200,15 +201,23 @@ def test_the_page_of_the_command_line_names_each_verb_once():
     assert sorted(named) == sorted({name.partition(" ")[0] for name in VERBS})
 
 
-PLANTED_MODULE = """
+PLANTED_MODULE = '''
 def export_planted(model, path, *, digits: int = 7):
+    """Write a name.
+
+    Parameters
+    ----------
+    model : str
+    path : str
+    digits : int
+        Of the name.
+    """
     return f"{model} {path} {digits}"
-"""
+'''
 PLANTED_ROW = """registry.EXPORTS |= {
     "planted": registry.Export(
         "flexgen.exports.planted", "[planted](planted.md)", "Write a name.",
-        "\\n    files\\n        digits N whole_1: of the name; default: {default}"
-        "\\n        out FILE required: write this file"
+        {"files": ("digits", registry.Option("out", "write this file", "FILE", required=True))},
     ),
 """
 USED = """
@@ -311,7 +320,7 @@ def test_a_new_verb_and_its_command_need_a_module_and_rows_of_one_file(tmp_path)
         "Weigh a robot.",
         "of the tool [kg]",
         "of the load; default: 2",
-        "--unit NAME",
+        "--unit {kg,g}",
         "--no-round",
         "--report DIR",
         '"kg": 12.0,\n  "text": "elbow g False a+b",\n  "out": "w.json"\n}\n0\n',
@@ -347,17 +356,9 @@ def test_choices_contain_the_default():
 
 
 def test_a_planted_option_without_parameter_is_seen():
-    planted = verbs_of(
-        "check MODEL | check:check | check\n    files\n        colour NAME: of the table", ""
-    )
-    assert without_parameter(planted["check"]) == ["colour"]
-
-
-def test_a_word_without_meaning_is_refused():
-    with pytest.raises(ValueError, match="given the word 'once!'"):
-        verbs_of(
-            "check MODEL | check:check\n    files\n        colour NAME once!: of the table", ""
-        )
+    colour = Option("colour", "of the table", "NAME")
+    planted = Verb("check", function="check", rows={"files": (colour,)})
+    assert without_parameter(planted) == ["colour"]
 
 
 def restated_defaults(help_text: str, default: object) -> bool:

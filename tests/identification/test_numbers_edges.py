@@ -12,7 +12,6 @@ Of `flexgen.base.files.atomic_files`, `flexgen.base.files.npz_files`,
 
 from __future__ import annotations
 
-import ast
 import math
 import os
 import threading
@@ -37,7 +36,6 @@ from flexgen.base.numerics.tableaus import gauss
 from flexgen.base.spec import toml_lines
 from flexgen.base.spec.tables import Table
 from flexgen.base.spec.toml_lines import TextError
-from flexgen.cli.verb_tables import verb_parameters
 from flexgen.codegen.build import compiler, object_cache
 from flexgen.codegen.emission import digest
 from flexgen.codegen.statements import pivot_guards
@@ -502,33 +500,6 @@ def test_a_stream_takes_one_call_at_a_time(call: str, monkeypatch: pytest.Monkey
                 refused.result(timeout=2.0)
         finally:
             lock.release()
-
-
-def test_defaults_of_parameters_are_literals_or_constants_of_modules(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """Of `flexgen.cli.verb_tables.verb_parameters`: through imports with and without another
-    name.
-    """
-    texts = {
-        "a": "from b import C as D, E\nF = 2.5\nG, H = 1, 2\n",
-        "b": "C = 3\nE = [1, 'x']\nI = f(2)\n",
-    }
-    monkeypatch.setattr(verb_parameters, "_tree", lambda module: ast.parse(texts[module]))
-
-    def value(word: str, module: str = "a") -> Any:
-        return verb_parameters._value(module, ast.parse(word, mode="eval").body)
-
-    assert [value(x) for x in ("D", "E", "F", "-4.5", "'text'", "C", "f(1)")] == [
-        3,
-        [1, "x"],
-        2.5,
-        -4.5,
-        "text",
-        None,
-        None,
-    ]
-    assert value("I", "b") is None and value("None") is None
 
 
 @pytest.mark.parametrize("code", taylor_series.RULES)

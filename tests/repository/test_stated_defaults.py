@@ -15,6 +15,7 @@ from flexgen.base.spec.keys import REQUIRED, Kinds
 from flexgen.cli.verb_tables.verbs import VERBS
 from flexgen.codegen.emission.interface import STRUCTS
 from flexgen.feedback.loop.hardware import DriveHardware
+from flexgen.identification.load.payload import LOW_PASS_HZ
 from flexgen.inversion.comparison import bdf, reduced
 from flexgen.simulation.integration.hold import SAMPLE_TIME
 
@@ -78,6 +79,7 @@ HELPS = {
     ("excite", "encoder_noise"): DRIVE.encoder_noise_rad,
     ("excite", "encoder_resolution"): DRIVE.encoder_resolution_rad,
     ("excite", "torque_noise"): DRIVE.torque_noise_Nm,
+    ("identify-load", "low_pass_hz"): LOW_PASS_HZ,
     ("kinematics", "rotation"): 0.0,
     **{
         ("tune", name): of_call(flexgen.tune_cascade, name)

@@ -32,7 +32,6 @@ NESTED = {
     "flexgen/base/numerics/executors.py": 1,
     "flexgen/views/reports/video.py": 1,
     "flexgen/studies/sweeps/executors.py": 1,
-    "flexgen/cli/verb_tables/verb_parameters.py": 1,
 }
 CONDITIONAL = {
     "benchmarks/inversion_table.py": 1,
@@ -63,7 +62,6 @@ CONDITIONAL = {
     "flexgen/studies/templates/dh_model.py": 1,
     "flexgen/base/checks/type_checks.py": 1,
     "flexgen/base/spec/units.py": 1,
-    "flexgen/cli/verb_tables/verb_parameters.py": 1,
     "tests/client/test_path_sampler.py": 1,
     "tests/cross/test_hysteresis_in_c.py": 1,
     "tests/support/hostile.py": 1,

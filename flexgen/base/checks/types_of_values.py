@@ -9,8 +9,9 @@ import types
 import typing
 from collections.abc import Callable, Iterable, KeysView, Mapping, Sequence, Set
 from numbers import Real
-from typing import Any, Union
+from typing import Annotated, Any, Union
 
+from flexgen.base.checks.bounds import Bound
 from flexgen.base.spec.arguments import is_number, is_whole
 
 LARGEST = 2**63 - 1  # largest whole number accepted as a count or seed
@@ -82,6 +83,9 @@ def check_of(  # noqa: C901
         return _scalar(annotation, infinite, result)
     origin = typing.get_origin(annotation)
     parts = typing.get_args(annotation)
+    if origin is Annotated:
+        bounds = [part for part in parts[1:] if isinstance(part, Bound)]
+        return _within(part_of(parts[0], False), bounds)
     if origin in (Union, types.UnionType):
         return _union([part_of(part, False) for part in parts])
     if origin is typing.Literal:
@@ -121,6 +125,17 @@ def _scalar(kind: type, infinite: bool, result: bool) -> Check:
     if kind is bool:
         return Check(lambda value: type(value).__name__ in ("bool", "bool_"), "True or False")
     return Check(is_text, "a text")
+
+
+def _within(check: Check | None, bounds: Sequence[Bound]) -> Check | None:
+    """The check of a number, and then its bounds."""
+    if check is None or not bounds:
+        return check
+    passes = check.passes
+    return Check(
+        lambda value: passes(value) and all(bound.passes(value) for bound in bounds),
+        bounds[-1].words,
+    )
 
 
 def _is_real(value: Any) -> bool:
@@ -175,6 +190,8 @@ def _union(parts: Sequence[Check | None]) -> Check | None:
     if len(checks) < len(parts):
         return None
     words = list(dict.fromkeys(check.words for check in checks))
+    if any("; None " in text for text in words):  # a bound that says what None means
+        words.remove("None")
     passes = [check.passes for check in checks]
     return Check(lambda value: any(found(value) for found in passes), " or ".join(words))
 

@@ -1,162 +1,328 @@
-"""Parameters of public functions, read from the text of their modules: help appears without
-importing them.
+"""Options of the command line from the parameters of public functions: type, default and allowed
+values from the annotation, the help from the first sentence of the docstring.
 """
 
 from __future__ import annotations
 
 import ast
 import re
-from functools import cache
-from pathlib import Path
-from typing import Any
+from collections.abc import Iterator, Mapping
+from typing import Any, NamedTuple
 
-import flexgen
-from flexgen.cli.verb_tables.verb_rows import Option, Verb
+from flexgen.base.registry import Option, Sections
+from flexgen.cli.verb_tables.signature_source import (
+    Parameter,
+    constant,
+    defaults_of,
+    definition,
+    public_names,
+    signature_of,
+)
 
-# Placeholder and type of the value of an option, by the annotation of its parameter.
-KINDS = {
-    "bool": ("", ""),
-    "int": ("N", "integer"),
-    "float": ("X", "number"),
-    "str": ("TEXT", "text"),
-    "str | Path": ("FILE", ""),
-    "Sequence[float]": ("X ...", "numbers"),
-    "Sequence[int]": ("N ...", "integers"),
-    "Sequence[str]": ("NAME,NAME,...", "names"),
-    "Trajectory | str | Path": ("TRAJECTORY", ""),
-    "ServoRecord | str | Path": ("DATA", ""),
-}
 LEFT_OUT = ("model", "progress")  # read and given by the command line
-FILES = [
+FILES = (
     Option("out", "write the result to this file", "FILE"),
     Option("report", "write a self-contained HTML page to DIR", "DIR"),
-]
+)
 
 
-@cache
-def defaults_of(function: str) -> dict[str, Any]:
-    """Parameters of a public function that have a default which is a number, a text or None, with
-    that default.
+class Form(NamedTuple):
+    """The text of a value of a type on the command line.
+
+    ``kind``: the function of `flexgen.cli.argument_types` that reads it; ``text``: what the help
+    says of it, after the help of the parameter; ``choices``: the list of its words in
+    `flexgen.cli.verb_tables.verb_texts`, where these are not in the annotation.
     """
-    module = _public()[function]
+
+    metavar: str
+    kind: str = ""
+    text: str = ""
+    several: bool = False
+    choices: tuple[str, ...] = ()
+
+
+_FORCE = "np.ndarray | Callable[[np.ndarray], np.ndarray] | "
+_CHANGES = ": {FACTORS}; such as "
+# By the annotation of a parameter without None, or by the name of a type in it.
+FORMS = {
+    "bool": Form(""),
+    "int": Form("N", "integer"),
+    "float": Form("X", "number"),
+    "str": Form("TEXT", "text"),
+    "str | Path": Form("FILE"),
+    "str | Move": Form("NAME", "text"),
+    "np.ndarray": Form("X ...", "numbers"),
+    "Sequence[float]": Form("X ...", "numbers"),
+    "Sequence[int]": Form("N ...", "integers"),
+    "Sequence[str]": Form("NAME,NAME,...", "names"),
+    "str | Sequence[str]": Form("NAME,NAME,...", "names"),
+    "TimeLimit": Form("SECONDS", "not_negative"),
+    "MethodName": Form("NAME", text=": {METHODS}", choices=("METHODS",)),
+    "IsaName": Form("ISA", "isa"),
+    "TargetName": Form("NAME", text=": {choices}"),
+    "Trajectory | str | Path": Form("TRAJECTORY"),
+    "ServoRecord | str | Path": Form("DATA"),
+    "StaticPoses | str | Path": Form("DATA"),
+}
+# Of objects that an action makes of the text: they need a row.
+OBJECTS = {
+    # objects of flexgen, from files
+    "Trajectory": Form("TRAJECTORY", text="file written by 'flexgen solve --out'"),
+    "Plan": Form("PLAN", text="file written by 'flexgen excite'"),
+    "Experiment": Form(
+        "EXPERIMENT",
+        text="file written by 'flexgen measure', or a .toml file that describes recordings",
+    ),
+    "Frf": Form("DATA", text="file written by 'flexgen frf'"),
+    "Sequence[Frf]": Form("FRF", text=" (files of 'flexgen frf'); may be repeated", several=True),
+    "Grid": Form("GRID", text="TOML file with models, moves, methods and parameters"),
+    # what a text describes
+    "Any": Form("NAME", "text"),  # a controller or a servo
+    f"{_FORCE}Trajectory | str | Path": Form("FILE"),
+    f"{_FORCE}str | Path": Form("FILE"),
+    f"float | {_FORCE}Trajectory | str | Path": Form("FACTOR", "factor_or_file"),
+    "float | str": Form("POWER", "spectrum"),
+    "Wall": Form(
+        "PLACE",
+        "wall",
+        ", X,Y,Z:NX,NY,NZ:K[:C[:GAP]]: point [m], normal towards the tool, stiffness [N/m], "
+        "damping [N s/m], gap [m]; such as 1.2,0,0:-1,0,0:1e5:500",
+    ),
+    "Mapping[str, Mapping[str, float]]": Form(
+        "NAME:KEY=X,...",
+        "plant",
+        f"{_CHANGES}soft:stiffness=0.8,payload=5; may be repeated",
+        several=True,
+    ),
+    "PlantChanges": Form("KEY=X,...", "changes", f"{_CHANGES}stiffness=0.8,payload=5"),
+    "Iterable[Disturbance] | Mapping[str, Iterable[Disturbance]]": Form(
+        "KIND:WHERE=SIZE@START+LENGTH",
+        "disturbance",
+        ": step, pulse, ramp, chirp or noise on a motor [N m] or on the tool (tool.x [N], "
+        "tool.rz [N m], world axes), times in s; chirp and noise: ,LOW-HIGH in Hz; such as "
+        "pulse:tool.x=300@0.4+0.02; may be repeated",
+        several=True,
+    ),
+    "dict[str, float]": Form("NAME=X", "joint_value", "; may be repeated", several=True),
+    "Mapping[str, float]": Form("NAME=VALUE", "setting", "; may be repeated", several=True),
+}
+ALL_FORMS = FORMS | OBJECTS
+# Placeholders of one number with a unit.
+UNITS = {"[s]": "S", "[Hz]": "HZ", "[rad]": "RAD", "[m]": "M", "[dB]": "DB", "[deg]": "DEG"}
+
+
+def options_of(function: str, rows: Sections | None) -> dict[str, list[Option]]:
+    """The options of a verb by the titles of their sections.
+
+    Parameters
+    ----------
+    function : str
+        The public function of the verb; empty: none.
+    rows : mapping of str to sequences of str or Option, optional
+        A text is the name of a parameter. Default: all parameters that a text can be the value
+        of, and the files of the result.
+    """
+    if rows is None:
+        return _all_options(function)
     return {
-        arg.arg: _value(module, value)
-        for arg, value in _parameters(_node(function))
-        if value is not None
+        title: [
+            _complete(function, Option(row) if isinstance(row, str) else row, title)
+            for row in section
+        ]
+        for title, section in rows.items()
     }
 
 
-def command_of(function: str) -> Verb:
-    """The verb of a public function, from its parameters, their annotations and its docstring.
-
-    A parameter with a default is an option, one without an argument; a first parameter ``model``
-    is MODEL. A class of results as the return type gives ``--out`` and ``--report``.
+def _all_options(function: str) -> dict[str, list[Option]]:
+    """Options of all parameters: without a default they are positional arguments.
 
     Raises
     ------
     ValueError
-        A parameter without default has an annotation that is not in `KINDS`.
+        A parameter without default has an annotation that is not in `FORMS`.
     """
-    node = _node(function)
-    docstring = ast.get_docstring(node) or ""
-    defaults = defaults_of(function)
-    names = [arg.arg for arg, _ in _parameters(node)]
-    model = "none" if names[:1] != ["model"] else "optional" if "model" in defaults else "required"
-    verb = Verb(
-        function.replace("_", "-"),
-        "",
-        function,
-        model,
-        summary=" ".join(docstring.partition("\n\n")[0].split()),
-    )
-    for arg, value in _parameters(node):
-        option = _option(arg, defaults.get(arg.arg), docstring, required=value is None)
-        if arg.arg not in LEFT_OUT and option is not None:
-            verb.sections.setdefault("arguments" if option.place else "settings", []).append(
-                option
-            )
-        elif arg.arg not in LEFT_OUT and value is None:
+    signature = signature_of(function)
+    sections: dict[str, list[Option]] = {}
+    for name, parameter in signature.parameters.items():
+        is_needed = parameter.default is None
+        title = "arguments" if is_needed else "settings"
+        form = form_of(signature.module, parameter.annotation, FORMS)
+        if form is None and is_needed and name not in LEFT_OUT:
             raise ValueError(
-                f"{function}: parameter {arg.arg} cannot be given as a text, expected a row in "
+                f"{function}: parameter {name} cannot be given as a text, expected a row in "
                 "verbs.py"
             )
-    if ast.unparse(node.returns or ast.Constant(None)) in _public() and "out" not in names:
-        verb.sections["files"] = FILES
-    return verb
+        if form is None or name in LEFT_OUT:
+            continue
+        off = "no_" if defaults_of(function).get(name) is True else ""
+        sections.setdefault(title, []).append(_complete(function, Option(off + name), title))
+    if signature.returns in public_names() and "out" not in signature.parameters:
+        sections["files"] = list(FILES)
+    return sections
 
 
-def _option(arg: ast.arg, default: Any, docstring: str, required: bool) -> Option | None:
-    """The option of a parameter; None where a text cannot be its value."""
-    parts = (
-        ast.unparse(arg.annotation or ast.Constant(None)).replace("FilePath", "Path").split(" | ")
-    )
-    kind = " | ".join(part for part in parts if part != "None")
-    found = re.search(
-        rf"^{arg.arg} : (?P<type>.*)\n(?P<text>(?:    .*\n?)*)", docstring, re.MULTILINE
-    )
-    text = "" if found is None else " ".join(found["text"].replace("`", "").split()).rstrip(".")
-    unit = re.search(r"\[.*\]", found["type"]) if found is not None else None
-    text = f"{text[:1].lower()}{text[1:]}{f' {unit.group()}' if unit else ''}"
-    text += (
-        "; default: {default}" if isinstance(default, int | float | str) and kind != "bool" else ""
-    )
-    if kind.startswith("Literal["):
-        return Option(
-            arg.arg, text, "NAME", choices="/".join(ast.literal_eval(kind.removeprefix("Literal")))
+def _complete(function: str, row: Option, title: str) -> Option:
+    """An option with what the parameter says; as it is, where it is none."""
+    owner, _, name = row.of.rpartition(".")
+    owner = owner or function
+    name = name or row.name
+    if row.help or not owner:
+        return row
+    signature = signature_of(owner)
+    parameters = signature.parameters
+    off = name not in parameters and name.startswith("no_")
+    parameter = parameters[name.removeprefix("no_") if off else name]
+    form = form_of(signature.module, parameter.annotation)
+    if form is None:
+        raise ValueError(
+            f"{owner}: parameter {name} cannot be given as a text, expected a row with its help"
         )
-    if kind not in KINDS:
-        return None
-    off = "no_" * (default is True)
-    return Option(off + arg.arg, f"{'not: ' * bool(off)}{text}", *KINDS[kind], place=required)
-
-
-def _public() -> dict[str, str]:
-    return dict(vars(flexgen)["_PUBLIC"])
-
-
-def _node(function: str) -> ast.FunctionDef:
-    """The definition of a public function."""
-    body = _tree(_public()[function]).body
-    return next(n for n in body if isinstance(n, ast.FunctionDef) and n.name == function)
-
-
-def _parameters(node: ast.FunctionDef) -> list[tuple[ast.arg, ast.expr | None]]:
-    """Parameters and their defaults."""
-    places = [*node.args.posonlyargs, *node.args.args]
-    values = [None] * (len(places) - len(node.args.defaults)) + node.args.defaults
-    return [
-        *zip(places, values, strict=True),
-        *zip(node.args.kwonlyargs, node.args.kw_defaults, strict=True),
-    ]
-
-
-@cache
-def _tree(module: str) -> ast.Module:
-    base = Path(flexgen.__file__).parent.joinpath(*module.split(".")[1:])
-    file = base.with_suffix(".py")
-    return ast.parse(
-        (file if file.is_file() else base / "__init__.py").read_text(encoding="utf-8")
+    metavar = form.metavar
+    if metavar == "X":
+        metavar = UNITS.get(parameter.unit, metavar)
+    described = _refer(name, parameter)
+    default = defaults_of(owner).get(name)
+    text = help_text(described, form, row.more, default, off=off)
+    if form.choices and not all(re.search(rf"\b{x}\b", text) for x in form.choices):
+        metavar = ""  # the usage lists them
+    if "METHODS" in form.choices:
+        metavar = form.metavar
+    return row._replace(
+        help=text,
+        metavar=metavar if row.metavar is None else row.metavar,
+        kind=form.kind,
+        choices=form.choices,
+        several=row.several or form.several,
+        place=row.place or (title == "arguments" and parameter.default is None),
     )
 
 
-def _value(module: str, node: ast.expr) -> Any:  # noqa: C901
-    """The value of a literal, or of a constant of a module; None where it is neither."""
-    if not isinstance(node, ast.Name):
-        try:
-            return ast.literal_eval(node)
-        except ValueError:
-            return None
-    for statement in _tree(module).body:
-        if isinstance(statement, ast.ImportFrom):
-            for alias in statement.names:
-                if (alias.asname or alias.name) == node.id:
-                    return _value(str(statement.module), ast.Name(alias.name))
-        elif isinstance(statement, ast.Assign):
-            for target in statement.targets:
-                if isinstance(target, ast.Name) and target.id == node.id:
-                    return _value(module, statement.value)
-                if isinstance(target, ast.Tuple) and isinstance(statement.value, ast.Tuple):
-                    for name, value in zip(target.elts, statement.value.elts, strict=True):
-                        if isinstance(name, ast.Name) and name.id == node.id:
-                            return _value(module, value)
+def _refer(name: str, parameter: Parameter) -> Parameter:
+    """A parameter, or that of another public function which its description refers to."""
+    found = re.match(r"As (?:for|of) `(?:flexgen\.)?(\w+)`", parameter.text)
+    return parameter if found is None else signature_of(found[1]).parameters[name]
+
+
+# --- help ----------------------------------------------------------------------------------------
+def help_text(
+    parameter: Parameter, form: Form, more: str, default: Any, *, off: bool = False
+) -> str:
+    """The help of an option: the first sentence about a parameter, with unit and default.
+
+    Parameters
+    ----------
+    parameter : Parameter
+    form : Form
+        Of its value.
+    more : str
+        What the command line says more.
+    default : object
+        Of the function; a number or a text is stated, unless the sentence does it.
+    off : bool
+        The option switches the parameter off: what follows ``False:`` in the description.
+    """
+    if off:
+        found = re.search(r"\bFalse: (.*)", parameter.text)
+        return _sentence(found[1]) if found is not None else f"not: {_sentence(parameter.text)}"
+    head, *tail = re.split(r"; (?=default|\d)", _sentence(parameter.text), maxsplit=1)
+    head = _with_unit(head, parameter.unit) if head else ""
+    ends = "; may be repeated"
+    shown = form.text.removesuffix(ends).replace("{choices}", ", ".join(form.choices))
+    head += shown + ("" if more.startswith(";") else more)
+    is_stated = "default" in " ".join([head, *(tail if tail[:1] != ["0"] else [])])
+    if isinstance(default, int | float | str) and not isinstance(default, bool) and not is_stated:
+        tail.insert(0, "default: {default}")
+    text = "; ".join([head, *tail])
+    text += more if more.startswith(";") else ""
+    return text + (ends if form.text.endswith(ends) else "")
+
+
+def _sentence(text: str) -> str:
+    """The first sentence of a description as a help: without markup, small first letter, without
+    the period.
+    """
+    text = re.split(r"(?<=[^.]\.)\s+(?=[A-Z`\"(\[])", text, maxsplit=1)[0]
+    text = re.sub(r'``"([^"`]*)"``', r"\1", text).replace("`", "")
+    if not text.endswith("..."):
+        text = text.removesuffix(".")
+    is_word = re.match(r"[A-Z]([a-z]|-[a-z]| )", text) is not None
+    return text[:1].lower() + text[1:] if is_word else text
+
+
+def _with_unit(text: str, unit: str) -> str:
+    """A sentence with its unit, behind its first clause; as it is where it has one."""
+    if not unit or "[" in text:
+        return text
+    end = re.search(r"[;:]|, such as|$", text)
+    at = len(text) if end is None else end.start()
+    return f"{text[:at]} {unit}{text[at:]}"
+
+
+# --- forms of annotations ------------------------------------------------------------------------
+def form_of(
+    module: str, annotation: ast.expr | None, forms: Mapping[str, Form] = ALL_FORMS
+) -> Form | None:
+    """The form of values of an annotation; None where a text cannot be one."""
+    if annotation is None:
+        return None
+    parts = [*_parts(module, annotation)]
+    whole = " | ".join(_words(part) for _, part in parts)
+    if whole in forms:
+        return forms[whole]
+    for place, part in parts:
+        found = _form_of_part(place, part, forms)
+        if found is not None:
+            return found
     return None
+
+
+def _form_of_part(module: str, part: ast.expr, forms: Mapping[str, Form]) -> Form | None:
+    """The form of values of one type of a union."""
+    words = _words(part)
+    form = forms.get(words)
+    resolved = definition(module, part)
+    if isinstance(part, ast.Subscript) and _words(part.value) == "Literal":
+        choices = ast.literal_eval(part.slice)
+        choices = choices if isinstance(choices, tuple) else (choices,)
+        is_text = all(isinstance(choice, str) for choice in choices)
+        return Form("NAME", choices=choices) if is_text else None
+    if isinstance(part, ast.Subscript) and _words(part.value) == "Annotated":
+        return _form_of_number(module, part.slice)
+    if form is not None and (form.kind or form.choices or resolved is None):
+        return form
+    if resolved is None:
+        return form
+    inner = form_of(*resolved, forms)
+    if form is None or inner is None:
+        return form or inner
+    return form._replace(choices=inner.choices)
+
+
+def _form_of_number(module: str, inner: ast.expr) -> Form | None:
+    """The form of numbers with a `flexgen.base.checks.bounds.Bound`."""
+    if not isinstance(inner, ast.Tuple):
+        return None
+    kind, bound = inner.elts[:2]
+    if not isinstance(bound, ast.Call):
+        return form_of(module, kind)
+    least = constant(module, bound.args[0])
+    if _words(kind) == "int":
+        return Form("N", f"whole {least}")
+    is_excluded = any(
+        word.arg == "excluded" and ast.literal_eval(word.value) for word in bound.keywords
+    )
+    return Form("X", "positive" if is_excluded else "not_negative")
+
+
+def _parts(module: str, annotation: ast.expr) -> Iterator[tuple[str, ast.expr]]:
+    """The types of a union but None, with the module in which each is written."""
+    if isinstance(annotation, ast.BinOp):
+        yield from _parts(module, annotation.left)
+        yield from _parts(module, annotation.right)
+    elif ast.unparse(annotation) != "None":
+        yield module, annotation
+
+
+def _words(annotation: ast.expr) -> str:
+    """An annotation as text; paths have one name."""
+    return ast.unparse(annotation).replace("FilePath", "Path")

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, get_args
 
-from flexgen.base.registry import names
-from flexgen.cli.verb_tables.verb_rows import Option
+from flexgen.base.registry import Option, names
 from flexgen.identification.responses.average_names import AverageName
 from flexgen.inversion.methods.method_table import method_names
 from flexgen.runtime.inversion.targets import TARGET_NAMES
@@ -33,8 +32,9 @@ PHRASES = {
 
 def choices_of(option: Option) -> tuple[str, ...]:
     """The words that the value of an option may be; empty: any."""
-    named = LISTS.get(option.choices)
-    return named() if named else tuple(filter(None, option.choices.split("/")))
+    if len(option.choices) == 1 and option.choices[0] in LISTS:
+        return LISTS[option.choices[0]]()
+    return option.choices
 
 
 def help_of(option: Option, default: Any) -> str:

@@ -22,7 +22,7 @@ def plain(args: Namespace, log: Progress) -> VerbResult:
     """Call the public function of the row; print its result, and write it where ``--out`` and
     ``--report`` ask.
     """
-    given = () if args.row.model == "none" else (read_model(args),)
+    given = () if args.row.takes_model == "none" else (read_model(args),)
     check_model_file(args, *given)
     result = call(args, log, *given)
     if not hasattr(result, "to_text"):

@@ -17,6 +17,7 @@ import numpy as np
 from scipy.sparse import csc_matrix
 
 from flexgen.base.calls.progress import Choice, reported
+from flexgen.base.checks.bounds import Positive
 from flexgen.base.checks.counts import show_value
 from flexgen.base.checks.type_checks import checked_types
 from flexgen.base.errors import ArgumentError
@@ -51,7 +52,7 @@ def command_positions(
     move: str | Move | None = None,
     *,
     servo: Any = None,
-    period: float = PERIOD_S,
+    period: Positive = PERIOD_S,
     interpolation: Interpolation = "linear",
     speed: np.ndarray | None = None,
     acceleration: np.ndarray | None = None,
@@ -68,18 +69,22 @@ def command_positions(
     ----------
     model : name, path, RobotModel or Equations
     move : str or Move, optional
-        A move of the model file; default: its first.
+        A move or program of the model file; default: the first.
     servo : Servo, Cascade, PPI, or str, optional
-        Of the robot: ``"ppi"`` (proposed gains) or a TOML file, see `flexgen.Servo`; default: that
-        of the model file, and ``"ppi"`` where it has none.
+        Of the robot: ``"ppi"`` (proposed gains) or a ``.toml`` file, such as that of 'flexgen
+        identify-servo --out'; default: that of the model file, and ppi where it has none. See
+        `flexgen.Servo`.
     period : float [s]
-        Of the interface: 0.004, 0.008, 0.012, ...
+        Between two positions, such as 0.004, 0.008 or 0.012.
     interpolation : str
-        Between two positions: ``"linear"``, ``"cubic"`` or ``"hold"``.
-    speed, acceleration : array (n_g,), optional [rad/s, rad/s^2; m/s, m/s^2]
-        Largest of the commands, joint side.
+        Of the robot between two positions.
+    speed : array (n_g,), optional [rad/s or m/s]
+        Largest commanded speed of each joint.
+    acceleration : array (n_g,), optional [rad/s^2 or m/s^2]
+        Largest commanded acceleration of each joint.
     plants : mapping of str to changes, optional
-        Other robots that are simulated too, as in `flexgen.control`.
+        Another robot. Several have names, as in `flexgen.control`; the model itself is simulated
+        too.
     solution : Solution, optional
         The move solved before; default: `flexgen.solve` with its default method.
     progress : callable or bool, optional

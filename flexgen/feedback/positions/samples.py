@@ -21,7 +21,7 @@ from scipy.sparse.linalg import splu
 from flexgen.base.errors import SolverError
 from flexgen.base.numerics.bounded_differences import solve_bounded_differences
 
-Interpolation = Literal["hold", "linear", "cubic"]
+Interpolation = Literal["linear", "cubic", "hold"]
 SLACK = 1e-9  # relative: a bound that is reached is kept
 
 

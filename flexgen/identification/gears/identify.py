@@ -13,6 +13,7 @@ import numpy as np
 
 from flexgen.base.calls.deadline import is_over, limit_fit, reason_of_end
 from flexgen.base.calls.progress import Choice, reported
+from flexgen.base.checks.bounds import TimeLimit
 from flexgen.base.checks.counts import show_value
 from flexgen.base.checks.type_checks import checked_types
 from flexgen.base.errors import ArgumentError
@@ -64,7 +65,7 @@ def identify_gears(
     free: Sequence[str] | None = None,
     band_hz: float | None = None,
     columns: Sequence[str] | None = None,
-    time_limit: float | None = None,
+    time_limit: TimeLimit | None = None,
     progress: Choice = None,
 ) -> GearFit:
     """Identify hysteresis, transmission errors and cogging from a record of motor angles and
@@ -81,7 +82,7 @@ def identify_gears(
     record : Trajectory, or the name of its file
         Channels ``q_m`` [rad] and ``tau_m`` [N m], motor side, of a minute of motion; a CSV or MAT
         file of a logger, or a ``.toml`` file that describes one, see
-        `flexgen.identification.records.motor_record`. Gears with hysteresis reverse in it under
+        `flexgen.identification.records.motor_record`; gears with hysteresis reverse in it under
         torques that are several times those of their hysteresis.
     joints : sequence of str, optional
         Those whose gears are identified; default: all with an elastic gear.
@@ -98,8 +99,8 @@ def identify_gears(
         Harmonics of the cogging of all motors; default: none.
     free : sequence of str, optional
         Other numbers of the model that are fitted too, see
-        `flexgen.dynamics.mechanics.parameters`; default: stiffness and damping of these gears.
-        Frictions and constant torques of the motors, and a delay of the torques, always are.
+        `flexgen.dynamics.mechanics.parameters`; default: stiffness and damping of these gears;
+        frictions and constant torques of the motors, and a delay of the torques, always are.
     band_hz : float, optional [Hz]
         Frequencies that are compared; default: as far as the motion is above the noise of the
         angles. Where the model agrees only below 0.6 or 0.36 of that, or but for the standard
@@ -108,8 +109,8 @@ def identify_gears(
         Names of the columns of a CSV file without a header, such as ``t,q1,q2,m1,m2`` (SI units,
         or with a unit).
     time_limit : float, optional [s]
-        Then, or after Ctrl-C, the result is the best step so far, with the status "time limit" or
-        "interrupted"; 0: no limit.
+        Time limit: then, or after Ctrl-C, the result is the best step so far, with the status
+        "time limit" or "interrupted"; 0: no limit.
     progress : callable or bool, optional
 
     Returns

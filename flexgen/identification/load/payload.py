@@ -41,6 +41,7 @@ from scipy.signal import butter, filtfilt
 
 from flexgen.base.calls.deadline import is_over, limit_fit, reason_of_end
 from flexgen.base.calls.progress import Choice, Progress, reported, silent
+from flexgen.base.checks.bounds import TimeLimit
 from flexgen.base.checks.type_checks import checked_result, checked_types
 from flexgen.base.display import short_repr
 from flexgen.base.errors import ArgumentError, SolverError
@@ -272,7 +273,7 @@ def identify_load(
     low_pass_hz: float | None = None,
     rigid: bool = False,
     columns: Sequence[str] | None = None,
-    time_limit: float | None = None,
+    time_limit: TimeLimit | None = None,
     progress: Choice = None,
 ) -> Load:
     """Identify the load at the tool, mass and center of mass, from a record of motor angles and
@@ -291,7 +292,7 @@ def identify_load(
         CSV or MAT file of a logger, or a ``.toml`` file that describes one, see
         `flexgen.identification.records.motor_record`.
     low_pass_hz : float, optional [Hz]
-        Of the torques; that of the motion is three times as high. Default: 8, or five times the
+        Of the torques; that of the motion is three times as high; default: 8, or five times the
         band of a quick motion, but at most 1.5 times the lowest natural frequency with the motors
         at rest.
     rigid : bool
@@ -300,7 +301,7 @@ def identify_load(
         Names of the columns of a CSV file without a header, such as ``t,q1,q2,m1,m2`` (SI units,
         or with a unit).
     time_limit : float, optional [s]
-        Then, or after Ctrl-C, the result is the best step so far; 0: no limit.
+        Time limit: then, or after Ctrl-C, the result is the best step so far; 0: no limit.
     progress : callable or bool, optional
 
     Returns

@@ -21,6 +21,7 @@ import numpy as np
 
 from flexgen.base.calls.deadline import is_over, keep_best, limit_fit, reason_of_end
 from flexgen.base.calls.progress import Choice, reported
+from flexgen.base.checks.bounds import TimeLimit
 from flexgen.base.checks.type_checks import checked_types
 from flexgen.base.errors import ArgumentError, SolverError
 from flexgen.codegen.build.model_library import library_with
@@ -78,7 +79,7 @@ def identify_servo(
     servo: Any = None,
     interpolation: Interpolation = "linear",
     columns: Sequence[str] | None = None,
-    time_limit: float | None = None,
+    time_limit: TimeLimit | None = None,
     progress: Choice = None,
 ) -> ServoFit:
     """Identify the position servo of a robot from some seconds of commands and measured angles.
@@ -88,19 +89,21 @@ def identify_servo(
     model : name, path or RobotModel
         Inertias, frictions and springs as they are: `flexgen.identify` finds them.
     record : ServoRecord or str
-        A move of the robot that begins at rest: a record, or its CSV file, see
+        CSV file of commands and angles: ``time_s``, then ``JOINT_command_deg`` and ``JOINT_deg``
+        of each joint. Or a record; in each a move of the robot that begins at rest, see
         `flexgen.identification.servo.record`.
     servo : Servo, Cascade, PPI, or str, optional
-        Where the search begins; its sample time, delay and torque filters stay, and gains that are
-        zero. Default: the servo of the model file, and ``"ppi"`` where it has none.
+        Where the search begins: ``"ppi"`` (proposed gains) or a ``.toml`` file; default: that of
+        the model file. ``"ppi"`` where it has none. Its sample time, delay and torque filters
+        stay, and gains that are zero.
     interpolation : str
-        Of the robot between two commands: ``"linear"``, ``"cubic"`` or ``"hold"``.
+        Of the robot between two positions.
     columns : sequence of str, optional
-        Names of the columns of a file without a header, such as ``t ms,q1_command,q1``; without
+        Names of the columns of a file without a header. Such as ``t ms,q1_command,q1``; without
         unit in SI units.
     time_limit : float, optional [s]
-        Then, or after Ctrl-C, the result is the best step so far; its ``ended`` says so. None or
-        0: unlimited.
+        Time limit; default: no limit. Then, or after Ctrl-C, the result is the best step so far;
+        its ``ended`` says so. None or 0: unlimited.
     progress : callable or bool, optional
 
     Returns

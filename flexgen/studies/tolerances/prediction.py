@@ -26,6 +26,7 @@ from flexgen.base.calls.deadline import (
     reason_of_end,
 )
 from flexgen.base.calls.progress import Choice, reported
+from flexgen.base.checks.bounds import Count, Seed, TimeLimit
 from flexgen.base.checks.counts import ROBOTS, count_of
 from flexgen.base.checks.type_checks import checked_types
 from flexgen.base.errors import ArgumentError
@@ -61,9 +62,9 @@ def predict(
     move: str | Move | None = None,
     *,
     solution: Solution | None = None,
-    robots: int = 48,
-    seed: int = 0,
-    time_limit: float | None = None,
+    robots: Count = 48,
+    seed: Seed = 0,
+    time_limit: TimeLimit | None = None,
     progress: Choice = None,
 ) -> Prediction:
     """Predict the tool error, motor torques and deflections of robots that are known up to the
@@ -74,7 +75,7 @@ def predict(
     model : name, path, RobotModel or Equations
         With a table ``[uncertainty]``.
     move : str or Move, optional
-        A move of the model file; default: its first.
+        A move or program of the model file; default: the first.
     solution : Solution, optional
         The move solved before; default: `flexgen.solve` with its default method.
     robots : int
@@ -82,8 +83,8 @@ def predict(
     seed : int
         Of the draws.
     time_limit : float, optional [s]
-        Then, or after Ctrl-C, the figures are those of the robots that were simulated, 16 or more,
-        and ``ended`` says so. None or 0: unlimited.
+        Time limit; default: no limit. Then, or after Ctrl-C, the figures are those of the robots
+        that were simulated, 16 or more, and ``ended`` says so. None or 0: unlimited.
     progress : callable or bool, optional
 
     Returns
