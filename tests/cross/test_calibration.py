@@ -433,7 +433,7 @@ def test_the_frame_of_few_poses_is_found() -> None:
         seen = statics.rest(first, rigid=True).points @ turn.T + [1.0, 2.0, -0.5]
         found = frames.start_frames(statics, seen, ())
         assert frames.rigid_errors(statics, seen, found).max() < 1e-9
-        elsewhere += frames._search(statics, seen, (), first)[0] > 0.2
+        elsewhere += frames.search_start(statics, seen, (), first)[0] > 0.2
     assert elsewhere == 4
 
 
@@ -446,7 +446,7 @@ def test_a_tilt_is_found_though_the_search_meets_a_singular_covariance() -> None
     B = np.moveaxis([np.cross(axis, points) for axis in np.eye(3)], 0, -1).reshape(24, 6, 3)
     tilts = 1e-3 * rng.normal(size=(24, 3, 1)) * [[1.0], [0.0], [0.0]]
     r = (B @ tilts)[..., 0] + 1e-7 * rng.normal(size=(24, 6))
-    _, x = components._likelihood(r, B)
+    _, x = components.likelihood(r, B)
     sd = np.exp(x / 2)
     assert sd[1] == pytest.approx(np.sqrt((tilts[:, 0] ** 2).mean()), rel=0.05)
     assert max(sd[2:]) < 0.01 * sd[1]
@@ -586,11 +586,11 @@ def test_agreement_is_the_median_error_and_scatter_of_the_worst_tracker(
     errors = rng.uniform(0.1, 0.2, (9, 3))
     errors[4, 0] = np.nan
     monkeypatch.setattr(mistakes, "rigid_errors", lambda *_: errors)
-    monkeypatch.setattr(mistakes, "_moves", lambda *_: np.array([True, True, False]))
+    monkeypatch.setattr(mistakes, "trackers_that_move", lambda *_: np.array([True, True, False]))
     seen = measured[:, 1]
     scatter = np.median(np.linalg.norm(seen - seen.mean(axis=0), axis=1))
     unused: Any = None
-    assert mistakes._agreement(unused, measured, unused) == pytest.approx(
+    assert mistakes.agreement(unused, measured, unused) == pytest.approx(
         (np.median(errors[:, 1]), scatter)
     )
 
@@ -616,8 +616,8 @@ def test_a_tenth_is_doubted_a_half_refused_and_a_third_named(
     data = flexgen.StaticPoses(commands(4), np.zeros((4, 2, 3)))
     statics: Any = SimpleNamespace(model=arm(), with_commands=lambda q: None)
     monkeypatch.setattr(mistakes, "start_frames", lambda *_: "numbers")
-    monkeypatch.setattr(mistakes, "_agreement", lambda *_: parts.pop(0))
-    monkeypatch.setattr(mistakes, "_mistakes", lambda *_: [("one", data), ("another", data)])
+    monkeypatch.setattr(mistakes, "agreement", lambda *_: parts.pop(0))
+    monkeypatch.setattr(mistakes, "possible_mistakes", lambda *_: [("one", data), ("another", data)])
     if not words or (words == "doubt" and not named):
         assert mistakes.find_start(statics, data, ()) == "numbers"
         assert len(parts) == (2 if not words else 0)

@@ -103,9 +103,9 @@ def test_a_search_that_does_not_end_begins_again_and_says_so(
 ) -> None:
     """With lower gains: near the limit of stability it crawls."""
     begun: list[float] = []
-    own = identify._Fit.start
+    own = identify.RecordedLoop.start
     monkeypatch.setattr(
-        identify._Fit, "start", lambda fit, lower=1.0: begun.append(lower) or own(fit, lower)
+        identify.RecordedLoop, "start", lambda fit, lower=1.0: begun.append(lower) or own(fit, lower)
     )
     monkeypatch.setattr(identify, "STEPS", 1)
     true = {**TRUE, "feedforward": 0.8, "filter_s": 3e-3}

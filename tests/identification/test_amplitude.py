@@ -223,7 +223,7 @@ def test_a_model_with_backlash_is_refused():
         ArgumentError,
         match="levels: given a model with backlash in the gear of q1, expected other",
     ):
-        at_levels._gears(robot)
+        at_levels.elastic_gears(robot)
 
 
 def test_changes_are_those_of_a_model_with_other_numbers():
@@ -237,8 +237,8 @@ def test_changes_are_those_of_a_model_with_other_numbers():
     poses = poses_of(robot, 1)
     before, after = (exact_responses(each, poses, w, Drive(5e-4)) for each in (robot, truth))
     vector = ParameterVector(robot, ["stiffness"])
-    K = at_levels._gears(robot)[1]
-    level = at_levels._level(Residuals(vector, before), before, vector.start, K)
+    K = at_levels.elastic_gears(robot)[1]
+    level = at_levels.level_of(Residuals(vector, before), before, vector.start, K)
     found = fit_changes(level.model, 0, after.G[0], after.variance[0], np.zeros(8))
     k, h, d, v = (
         unit * x for unit, x in zip(level.model.units, found.x.reshape(4, 2), strict=True)

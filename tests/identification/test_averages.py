@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from flexgen.identification.responses.response_estimates import _average
+from flexgen.identification.responses.response_estimates import average_of
 
 
 @pytest.mark.parametrize(
@@ -16,7 +16,7 @@ from flexgen.identification.responses.response_estimates import _average
 )
 def test_average_of_one_and_four(average, expected):
     each = np.array([1.0, 4.0]).reshape(1, 2, 1, 1, 1) * np.exp(0.3j)
-    assert _average(each, average) == pytest.approx(
+    assert average_of(each, average) == pytest.approx(
         np.full((1, 1, 1, 1), expected * np.exp(0.3j)), rel=1e-15
     )
 
@@ -24,4 +24,4 @@ def test_average_of_one_and_four(average, expected):
 def test_harmonic_mean_of_matrices_is_that_of_their_inverses():
     each = np.random.default_rng(1).normal(size=(1, 3, 2, 2, 2)) + 3 * np.eye(2)
     inverse = np.mean([np.linalg.inv(each[0, k, 1]) for k in range(3)], axis=0)
-    assert _average(each, "harmonic")[0, 1] == pytest.approx(np.linalg.inv(inverse), rel=1e-12)
+    assert average_of(each, "harmonic")[0, 1] == pytest.approx(np.linalg.inv(inverse), rel=1e-12)

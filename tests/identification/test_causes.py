@@ -155,7 +155,7 @@ def test_a_spring_across_a_plane_changes_no_residual_of_a_planar_arm():
     residuals = Residuals(ParameterVector(ROBOT, ["stiffness"]), measured())
     x = residuals.vector.start
     residuals.use_structure(x)
-    columns = causes._columns_of_springs(residuals, x, causes.stack(residuals.weight(x, False)[0]))
+    columns = causes.columns_of_springs(residuals, x, causes.stack(residuals.weight(x, False)[0]))
     across = [column for spring, column in columns if spring.name in ("q1_u", "q2_u")]
     assert len(across) == 8 and np.abs(across).max() < 1e-6
 
@@ -171,9 +171,9 @@ def test_the_rest_of_a_soft_arm_does_not_depend_on_the_searches_before():
             residuals.rest(x)
     with pytest.raises(SolverError, match="equilibrium at pose 3"):
         residuals.rest(x)
-    assert list(causes._columns_of_numbers(residuals, residuals.vector.start))
+    assert list(causes.columns_of_numbers(residuals, residuals.vector.start))
     # no cause is named there, and the fit is returned
-    assert not list(causes._columns_of_numbers(residuals, x))
+    assert not list(causes.columns_of_numbers(residuals, x))
 
 
 def test_a_model_that_fits_has_no_cause():

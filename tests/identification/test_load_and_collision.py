@@ -68,9 +68,9 @@ def test_intervals_of_a_load_hold_with_wrong_springs(seed, monkeypatch):
 
     assert away().max() < 1.96
     if seed:
-        motion = payload._Estimate.motion
+        motion = payload.LoadEstimate.motion
         monkeypatch.setattr(
-            payload._Estimate,
+            payload.LoadEstimate,
             "motion",
             lambda self, load, softer: motion(self, load, 0.0 * softer),
         )
@@ -191,18 +191,6 @@ def steiner(mass, r):
 
 
 BESIDE = np.array([0.05, -0.03, 0.08])  # of a load of 5 kg, from the payload of 15 kg
-
-
-def test_two_masses_turn_about_their_center_together():
-    """Otherwise a load next to the payload is found elsewhere."""
-    estimate = object.__new__(payload._Estimate)
-    estimate.farthest = payload.FARTHEST
-    estimate.of_file = np.array([*np.zeros(6), 15.0, 0.1, 0.0, 0.2])
-    center = estimate.of_file[-3:] + 0.25 * BESIDE
-    both = steiner(15.0, 0.25 * BESIDE) + steiner(5.0, 0.75 * BESIDE)
-    expected = [both[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))]
-    np.testing.assert_allclose(estimate._inertia(np.array([20.0, *center])), expected)
-    assert not estimate._inertia(np.array([15.0, *center])).any()  # no load
 
 
 @pytest.mark.slow

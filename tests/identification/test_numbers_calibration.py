@@ -236,7 +236,7 @@ def test_poses_that_do_not_fit_the_model_are_refused() -> None:
         positions = np.full((count, trackers, 3), np.nan if lost else 1.0)
         commands = np.tile(np.arange(count)[:, None] % different, (1, joints))
         poses = flexgen.StaticPoses(commands, positions)
-        calibrate._check(arm, poses, 1, folds)
+        calibrate.check_poses(arm, poses, 1, folds)
 
     fewest = calibrate.FEWEST
     check()
@@ -288,19 +288,19 @@ def test_warnings_of_a_calibration() -> None:
         return made
 
     none = np.zeros(3)
-    assert calibrate._warnings(unknowns, found(), none, None) == ()
+    assert calibrate.warnings_of(unknowns, found(), none, None) == ()
     assert (
-        calibrate._warnings(unknowns, found(), none, np.full((30, 2), 0.99e-3 * calibrate.MANY))
+        calibrate.warnings_of(unknowns, found(), none, np.full((30, 2), 0.99e-3 * calibrate.MANY))
         == ()
     )
     pull = np.array([1.01 * calibrate.PULL, 0.99 * calibrate.PULL, 0.0])
-    (text,) = calibrate._warnings(unknowns, found(), pull, None)
+    (text,) = calibrate.warnings_of(unknowns, found(), pull, None)
     assert text.startswith(
         "the measurements ask for a negative compliance of q1: a mechanism, a spring below it or "
     )
     held = np.full((30, 2), 2e-3 * calibrate.MANY)
     held[3] = np.nan
-    (text,) = calibrate._warnings(unknowns, found(), none, held)
+    (text,) = calibrate.warnings_of(unknowns, found(), none, held)
     assert text.startswith(
         f"the mean error on poses that were not fitted is {2 * calibrate.MANY:.2g} times that "
         "of the"
@@ -311,17 +311,17 @@ def test_warnings_of_a_calibration() -> None:
     gross[9, 0] = np.nan
     size = f"{calibrate.GROSS:.3g}"
     expected = (f"1 poses have an error above {size} mm: rows 5 of the poses",)
-    assert calibrate._warnings(unknowns, found(errors=gross), none, None) == expected
+    assert calibrate.warnings_of(unknowns, found(errors=gross), none, None) == expected
     gross[:11] = 1.0
-    (text,) = calibrate._warnings(unknowns, found(errors=gross), none, None)
+    (text,) = calibrate.warnings_of(unknowns, found(errors=gross), none, None)
     assert text.endswith(
         "rows 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, ... of the poses"
     ) and text.startswith("11 poses")
     gross[10] = 0.0
-    assert calibrate._warnings(unknowns, found(errors=gross), none, None)[0].endswith(
+    assert calibrate.warnings_of(unknowns, found(errors=gross), none, None)[0].endswith(
         "9, 10 of the poses"
     )
-    assert calibrate._warnings(unknowns, found(converged=False), none, None) == (
+    assert calibrate.warnings_of(unknowns, found(converged=False), none, None) == (
         "the search did not end at a minimum",
     )
 
@@ -350,9 +350,9 @@ def test_a_mistake_in_the_poses_is_the_one_that_explains_most(
             return commands
 
     monkeypatch.setattr(mistakes, "start_frames", lambda statics, measured, placed: "start")
-    monkeypatch.setattr(mistakes, "_agreement", lambda statics, measured, start: sizes[measured])
+    monkeypatch.setattr(mistakes, "agreement", lambda statics, measured, start: sizes[measured])
     wrong = [(name, SimpleNamespace(commands=name, positions=name)) for name in errors]
-    monkeypatch.setattr(mistakes, "_mistakes", lambda model, data: wrong)
+    monkeypatch.setattr(mistakes, "possible_mistakes", lambda model, data: wrong)
     data: Any = SimpleNamespace(commands="given", positions="given", source="run.csv")
     told: list[str] = []
     statics: Any = Part()

@@ -70,7 +70,7 @@ def test_a_turned_element_is_found_with_the_trackers_and_the_frame(
 
     monkeypatch.setattr(frames, "best_pose", counted)
     begin = Numbers.of(statics.tree)
-    error, found = frames._search(
+    error, found = frames.search_start(
         statics, measured, ("body2",), replace(begin, compliances=true.compliances)
     )
     errors = frames.rigid_errors(statics, measured, found)
@@ -87,7 +87,7 @@ def test_a_turned_element_is_found_with_the_trackers_and_the_frame(
         return R, t
 
     monkeypatch.setattr(frames, "best_pose", noted)
-    error, _ = frames._search(statics, measured, (), begin)
+    error, _ = frames.search_start(statics, measured, (), begin)
     part = -np.diff(past) / past[1:]
     assert error == pytest.approx(past[-1]) and (part[:-1] >= 1e-3).all() and part[-1] < 1e-3
     assert 10 < len(past) < 60 and error > 0.5
@@ -104,7 +104,7 @@ def test_one_step_places_an_element_and_the_trackers_where_they_are() -> None:
     y = np.where(valid[..., None], shown, 1e3)
     wrong = replace(true, shifts=0.6 * true.shifts)
     rest = statics.rest(wrong, rigid=True)
-    found = frames._place_element(statics, rest, wrong, "body2", y, valid)
+    found = frames.place_element(statics, rest, wrong, "body2", y, valid)
     expected = Rotation.from_euler("XYZ", TURNED[3:]).as_matrix()
     assert_allclose(
         Rotation.from_euler("XYZ", found.shifts[at[3:]]).as_matrix(), expected, atol=1e-12
@@ -115,10 +115,10 @@ def test_one_step_places_an_element_and_the_trackers_where_they_are() -> None:
     alone = Statics(Tree(with_nothing), statics.commands)
     one = replace(wrong, trackers=wrong.trackers[1:])
     rest_alone = alone.rest(one, rigid=True)
-    assert frames._place_element(alone, rest_alone, one, "body2", y[:, 1:], valid[:, 1:]) is one
+    assert frames.place_element(alone, rest_alone, one, "body2", y[:, 1:], valid[:, 1:]) is one
 
     lost = replace(true, trackers=np.zeros((2, 3)))
-    moved, points = frames._place_trackers(statics, statics.rest(lost, rigid=True), lost, y, valid)
+    moved, points = frames.place_trackers(statics, statics.rest(lost, rigid=True), lost, y, valid)
     assert_allclose(moved.trackers, true.trackers, atol=1e-12)
     assert_allclose(
         FRAME[:3] + points @ Rotation.from_euler("XYZ", FRAME[3:]).as_matrix().T, shown, atol=1e-12
@@ -143,7 +143,7 @@ def test_the_search_begins_from_eight_attitudes_on_some_of_the_poses(
         calls.append((len(part.commands), len(y), numbers.shifts[at], rounds))
         return abs(len(calls) - 6.0), replace(numbers, frame=np.full(6, float(len(calls))))
 
-    monkeypatch.setattr(frames, "_search", search)
+    monkeypatch.setattr(frames, "search_start", search)
     found = frames.start_frames(statics, measured, ("body2",))
     assert [call[:2] for call in calls] == [(taken, taken)] * 8 + [(130, 130)]
     assert [call[3] for call in calls] == [10] * 8 + [60] and found.frame[0] == 9.0
@@ -176,7 +176,7 @@ def test_a_search_from_the_frame_of_the_file_follows_where_the_first_error_is_la
             numbers, frame=np.full(6, float(len(begun)))
         )
 
-    monkeypatch.setattr(frames, "_search", search)
+    monkeypatch.setattr(frames, "search_start", search)
     assert frames.start_frames(statics, measured, ()).frame[0] == 1.0 and len(begun) == 1
     for errors, best in (([0.1001, 0.11], 1.0), ([0.1001, 0.01], 2.0)):
         begun.clear()

@@ -145,7 +145,7 @@ def test_numbers_of_a_fit_are_its_entries_times_their_units() -> None:
     root[1, 2] = 0.02
     covariance = root @ root.T
     stiff: Any = Made(name="q1.stiffness", unit="N m/rad", key="k")
-    numbers = identify._Numbers(
+    numbers = identify.GearNumbers(
         robot, [stiff], made, fit.Estimate(theta, covariance, np.zeros((1, 2)), True)
     )
     found = {number.name: number for number in numbers.all()}
@@ -223,7 +223,7 @@ def test_numbers_are_determined_by_half_of_their_size(part: float, known: bool) 
     sd[12] = 5 * part
     stiff: Any = Made(name="q1.stiffness", unit="N m/rad", key="k")
     found = fit.Estimate(theta, np.diag(sd**2), np.zeros((1, 2)), True)
-    numbers = identify._Numbers(flexgen.read("elbow"), [stiff], made, found)
+    numbers = identify.GearNumbers(flexgen.read("elbow"), [stiff], made, found)
     told = {number.name: number.determined for number in numbers.all()}
     assert (
         told["q1.stiffness"]
@@ -278,22 +278,22 @@ def test_the_status_of_gears_follows_from_residuals(
         signals=Made(band_hz=30.0),
         sought=Made(gears=(1,), harmonics=(1,), cogging=(2,)),
     )
-    monkeypatch.setattr(identify, "_Numbers", lambda *_: Made(all=lambda: (), laws=dict))
+    monkeypatch.setattr(identify, "GearNumbers", lambda *_: Made(all=lambda: (), laws=dict))
     monkeypatch.setattr(identify, "GearFit", lambda **given: Made(**given))
     asked: list[int] = []
     monkeypatch.setattr(identify, "gears_that_lack_elements", lambda fit, found: tuple(asked))
     found = fit.Estimate(np.array([1.0, 5e-4]), np.eye(2), wave * error, converged)
-    result: Any = identify._result(robot, (), made, found)
+    result: Any = identify.result_of(robot, (), made, found)
     assert (
         result.status is FitStatus[status] and result.joints == ("q2",) and result.delay_s == 1e-3
     )
     assert_allclose(result.unexplained, error)
     asked.append(1)
-    lacking: Any = identify._result(robot, (), made, found)
+    lacking: Any = identify.result_of(robot, (), made, found)
     assert lacking.status is (FitStatus.MODEL_ERROR if status == "FITTED" else FitStatus[status])
     assert (result.lacking, lacking.lacking) == ((), ("q2",) if status == "FITTED" else ())
     wide = fit.Estimate(found.theta, np.diag([1.0, np.inf]), wave * 1.0, True)
-    assert identify._result(robot, (), made, wide).status is not FitStatus.FITTED
+    assert identify.result_of(robot, (), made, wide).status is not FitStatus.FITTED
 
 
 @pytest.mark.parametrize(
@@ -345,7 +345,7 @@ def test_narrower_bands_show_what_noise_hides(
     monkeypatch.setattr(
         fit.Sought, "take_out_standstill", lambda sought, found: False, raising=False
     )
-    monkeypatch.setattr(identify, "_result", result)
+    monkeypatch.setattr(identify, "result_of", result)
     monkeypatch.setattr(
         identify, "replace", lambda found, status: Made(status=status, band_hz=found.band_hz)
     )

@@ -125,7 +125,7 @@ def test_the_model_of_a_record_is_what_it_was() -> None:
         units=model.units,
         numbers=model.numbers(theta),
         first=model.first,
-        bounds=np.clip(fit._bounds(model), -1e3, 1e3),
+        bounds=np.clip(fit.bounds_of(model), -1e3, 1e3),
         step=model.segments.step,
         e=error,
         J=J,
@@ -180,13 +180,13 @@ def test_a_step_with_corrected_normal_equations_is_what_it_was() -> None:
     theta = moved()
     e = model.torques([theta], model.motion)[0] - model.measured
     white = fit.Whitening(e, model, fit.FLOOR[1])
-    lower, upper = bounds = fit._bounds(model)
+    lower, upper = bounds = fit.bounds_of(model)
     weak = theta.copy()
     weak[model.layout.lost.start + 1] = 0.01
-    dropped = fit._drop(model, weak, lower, upper)
+    dropped = fit.drop_elements(model, weak, lower, upper)
     _, change, covariance = fit._correct(model, theta, white, lower < upper, 2)
     sd = np.sqrt(np.diag(covariance))
-    assert dropped and not fit._drop(model, weak, lower, upper)
+    assert dropped and not fit.drop_elements(model, weak, lower, upper)
     check_numbers(
         "gear_step",
         1e-4,
@@ -207,7 +207,7 @@ def test_the_result_of_a_fit_has_the_numbers_of_the_model(converged: bool) -> No
     spread = 1e-2 * np.diag(np.arange(1.0, n + 1)) + 1e-4
     error = model.torques([theta], model.motion)[0] - model.measured
     found = fit.Estimate(theta, spread, error * converged, converged)
-    result = identify._result(robot(), select(robot(), FREE), model, found)
+    result = identify.result_of(robot(), select(robot(), FREE), model, found)
     assert str(result.status) == ("model error" if converged else "not converged"), result.status
     names = [number.name for number in result.numbers]
     assert names[:8] == [
@@ -300,7 +300,7 @@ def test_a_further_element_is_one_of_a_model_that_has_it() -> None:
     """Its torques are those of a fit whose second gear has one element more, as weak."""
     model = made()
     theta = moved()
-    further = further_elements._FurtherElements(model, theta)
+    further = further_elements.FurtherElements(model, theta)
     assert further.gears == [0, 0, 0, 1, 1]
     K = further.K[3]
     lost = further.lost[3]

@@ -77,7 +77,7 @@ def test_the_likelihood_of_tilts_is_that_of_normal_errors() -> None:
             total -= multivariate_normal(np.zeros(6), sigma).logpdf(one) + 3 * np.log(2 * np.pi)
         return total
 
-    least, x = components._likelihood(r, B)
+    least, x = components.likelihood(r, B)
     assert least == pytest.approx(value(x), rel=1e-9)
     for k in range(4):
         for change in (-0.02, 0.02):
@@ -114,7 +114,7 @@ def test_a_search_that_runs_away_is_held_within_narrow_bounds(
         return OptimizeResult(fun=7.0, x=[1.0, 2.0, 3.0, 4.0])
 
     monkeypatch.setattr(components, "minimize", minimize)
-    least, x = components._likelihood(r, B)
+    least, x = components.likelihood(r, B)
     assert least == 7.0 and x.tolist() == [1.0, 2.0, 3.0, 4.0]
     assert_allclose(asked, [[[-25.0, 10.0]] * 4, [[-12.0, 4.0]] * 4])
 

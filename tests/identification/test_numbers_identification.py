@@ -212,7 +212,7 @@ def test_frictions_of_a_model_are_those_of_its_motors_and_joints() -> None:
     found: Any = SimpleNamespace(
         vector=SimpleNamespace(model=SimpleNamespace(motors=[motor], coordinates=joints))
     )
-    assert sorted(time_domain._frictions(found)) == [
+    assert sorted(time_domain.frictions_of(found)) == [
         "m1.beta",
         "m1.coulomb",
         "m1.viscous",
@@ -269,7 +269,7 @@ def test_the_status_of_a_fit_in_time_follows_from_search_cost_and_size(
     do not describe.
     """
     monkeypatch.setattr(
-        time_domain, "_frictions", lambda found: ["m1.load_coulomb"] if bent else ["m1.viscous"]
+        time_domain, "frictions_of", lambda found: ["m1.load_coulomb"] if bent else ["m1.viscous"]
     )
     fit: Any = SimpleNamespace(converged=converged, at_bound=np.array([False, at_bound]), x=2.0)
     measured = np.array([3.0, 4.0])
@@ -280,7 +280,7 @@ def test_the_status_of_a_fit_in_time_follows_from_search_cost_and_size(
         local=SimpleNamespace(springs=()),
     )
     found: Any = SimpleNamespace(status=FitStatus[before])
-    assert time_domain._status(fit, cost, simulated, found) == FitStatus[status]
+    assert time_domain.refined_status(fit, cost, simulated, found) == FitStatus[status]
     assert FitStatus[status].agrees == (status in ("FITTED", "SMALL_ERROR"))
 
 

@@ -45,7 +45,7 @@ def test_bounds_of_the_numbers_of_gears() -> None:
     """Springs and elements within a factor, exponents from 1 on, lost motions in parts of their
     units, others free.
     """
-    lower, upper = fit._bounds(MODEL)
+    lower, upper = fit.bounds_of(MODEL)
     assert_allclose(
         lower,
         [1 / fit.REACH] * 2
@@ -74,10 +74,10 @@ def test_an_element_without_a_loop_is_fixed_at_none(
     stiffness: float, lost: float, dropped: bool
 ) -> None:
     """The second one: it becomes a part of its spring, once."""
-    lower, upper = fit._bounds(MODEL)
+    lower, upper = fit.bounds_of(MODEL)
     theta = np.array([1.1, 1.2, 1.3, stiffness, 0.9, 0.8, 1.0, lost, 5.0])
     before = theta.copy()
-    assert fit._drop(MODEL, theta, lower, upper) is dropped
+    assert fit.drop_elements(MODEL, theta, lower, upper) is dropped
     assert_allclose(theta[[0, 1, 2, 4, 6, 8]], before[[0, 1, 2, 4, 6, 8]])
     if not dropped:
         assert (theta == before).all() and (lower < upper).all()
@@ -86,7 +86,7 @@ def test_an_element_without_a_loop_is_fixed_at_none(
     assert [k for k in range(9) if lower[k] == upper[k]] == list(fixed)
     for k, value in fixed.items():
         assert theta[k] == lower[k] == value
-    assert not fit._drop(MODEL, theta, lower, upper)
+    assert not fit.drop_elements(MODEL, theta, lower, upper)
 
 
 # --- laws and filters ----------------------------------------------------------------------------

@@ -13,7 +13,7 @@ from numpy.testing import assert_allclose
 import flexgen
 from flexgen.base.errors import ArgumentError
 from flexgen.identification.experiments import experiment, operating_points, plan
-from flexgen.identification.motions.motion_fit import _Shooting
+from flexgen.identification.motions.motion_fit import Shooting
 from flexgen.inversion.methods import collocation
 
 
@@ -139,7 +139,7 @@ def test_segments_start_with_the_angles_and_speeds_of_the_motors() -> None:
     later ones moved.
     """
     model = flexgen.read("elbow")
-    made: Any = object.__new__(_Shooting)
+    made: Any = object.__new__(Shooting)
     t = np.arange(3) * 0.1
     motors = np.stack([1 + 2 * t + 3 * t**2, -1 + 4 * t - t**2], axis=1)
     made.model = model

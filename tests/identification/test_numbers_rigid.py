@@ -165,7 +165,7 @@ def test_a_fit_without_noise_returns_bodies_rotors_and_frictions(
             1 / (COULOMB_SPEED * found.speed[j] * abs(eta[j]))
         )
         assert motor.inertia == pytest.approx(model.motors[j].inertia + rotor / abs(eta[j]))
-    negative = rigid_model._motors(
+    negative = rigid_model.motors_of(
         model, np.array([[-1.0, -1.0, 0.5, -1e9]] * 2), np.zeros(2), np.ones(2)
     )
     for motor, old in zip(negative, model.motors, strict=True):
@@ -304,15 +304,15 @@ def test_deviations_of_numbers_of_the_file_follow_by_their_derivatives() -> None
             )
     assert rigid_file.rigid_deviations(replace(fit, status=FitStatus.MODEL_ERROR)) == {}
     numbers = rigid_file.rigid_numbers(
-        replace(fit, model=rigid_file._with_places(fit), counterbalance={})
+        replace(fit, model=rigid_file.with_places(fit), counterbalance={})
     )
     assert (
         numbers["m1.inertia"] == model.motors[0].inertia
         and numbers["upper.mass"] == model.elements[0].body.mass
     )
-    longer = rigid_file._with_places(replace(fit, model=balanced()))
+    longer = rigid_file.with_places(replace(fit, model=balanced()))
     assert [d.counterbalance for e in longer.elements for d in e.dofs] == [((0.0, 0.0),) * 2, ()]
-    same = rigid_file._with_places(replace(fit, model=balanced(), file=balanced()))
+    same = rigid_file.with_places(replace(fit, model=balanced(), file=balanced()))
     assert next(d.counterbalance for e in same.elements for d in e.dofs) == (
         (40.0, -15.0),
         (9.0, 4.0),
@@ -439,7 +439,7 @@ def test_a_deflection_is_that_of_least_squares() -> None:
 
 def test_a_motion_fit_is_judged_by_percent_whiteness_and_other_recordings() -> None:
     fit: Any = SimpleNamespace(converged=True, at_bound=np.zeros(2, bool))
-    status = fits._status
+    status = fits.motion_status
     assert status(fit, (99.0, 98.0), (1.0, 1.0)) == FitStatus.FITTED
     assert (
         status(SimpleNamespace(converged=False, at_bound=fit.at_bound), (99.0,), (1.0,))
@@ -456,14 +456,14 @@ def test_a_motion_fit_is_judged_by_percent_whiteness_and_other_recordings() -> N
     worse = np.array([validation.WORSE + 0.1, 1.0])
     best = (99.0, 99.0)
     there = 100 - 1.1 * validation.WORSE
-    assert fits._fails(best, (there, 99.0), worse) and not fits._fails(
+    assert fits.fails_on_others(best, (there, 99.0), worse) and not fits.fails_on_others(
         best, (there, 99.0), worse / 2
     )
-    assert not fits._fails(best, (99.0, there), worse) and not fits._fails(
+    assert not fits.fails_on_others(best, (99.0, there), worse) and not fits.fails_on_others(
         best, (100 - 0.9 * validation.WORSE, 99.0), worse
     )
-    assert not fits._fails((99.999, 99.0), (99.95, 99.0), worse)
-    assert fits._fails(best, (99.0, fits.POORLY_EXPLAINED - 0.1), np.ones(2))
+    assert not fits.fails_on_others((99.999, 99.0), (99.95, 99.0), worse)
+    assert fits.fails_on_others(best, (99.0, fits.POORLY_EXPLAINED - 0.1), np.ones(2))
     rng = np.random.default_rng(0)
     y = rng.normal(size=(3, 30, 2)).cumsum(axis=1)
     e = rng.normal(size=(3, 30, 2))
@@ -473,10 +473,10 @@ def test_a_motion_fit_is_judged_by_percent_whiteness_and_other_recordings() -> N
         [[np.polyval(np.polyfit(n, y[s, :, j], 1), n) for j in range(2)] for s in range(3)]
     ).swapaxes(1, 2)
     away = [np.sqrt((e[..., j] ** 2).sum() / ((y - line)[..., j] ** 2).sum()) for j in range(2)]
-    assert_allclose(fits._percent(y, e), [100 * (1 - x) for x in away])
+    assert_allclose(fits.fit_percent_of(y, e), [100 * (1 - x) for x in away])
     Jz = rng.normal(size=(3, 60, 4))
     Jz[:, :, 3] = 2 * Jz[:, :, 0]
-    Q = fits._basis(Jz)
+    Q = fits.span_of(Jz)
     for q, J in zip(Q, Jz, strict=True):
         assert_allclose(q @ q.T @ J, J, atol=1e-9)
         assert_allclose(np.trace(q @ q.T), 3.0)
@@ -499,8 +499,8 @@ def test_a_motion_fit_is_judged_by_percent_whiteness_and_other_recordings() -> N
         assert white[j] == pytest.approx(np.mean(inside))
     t = H * np.arange(40)
     signals = np.stack([np.sin(5 * t), np.cos(7 * t)], axis=1)
-    assert fits._remove_delays(t, signals, np.zeros(2)) is signals
-    late = fits._remove_delays(t, signals, np.array([0.0, 6e-3]))
+    assert fits.remove_delays(t, signals, np.zeros(2)) is signals
+    late = fits.remove_delays(t, signals, np.array([0.0, 6e-3]))
     assert_allclose(late[:, 0], signals[:, 0], atol=1e-12)
     at = np.minimum(t + 6e-3, t[-1])
     assert_allclose(late[:, 1], CubicSpline(t, signals[:, 1], bc_type="not-a-knot")(at), atol=1e-6)

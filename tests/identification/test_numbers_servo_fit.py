@@ -34,7 +34,7 @@ def made(**more: Any) -> Any:
     """A fit of two motors without a simulation; parameters: logarithms of six gains, then three
     others.
     """
-    out = object.__new__(identify._Fit)
+    out = object.__new__(identify.RecordedLoop)
     servo = Servo(
         cascade(), speed_feedforward=0.5, reference_filter_s=0.0, sample_time=H, delay=2.3e-3
     )
@@ -96,7 +96,7 @@ def test_a_search_begins_with_lower_gains_where_the_loop_is_unstable(
         tried.append(p)
         return (p, p) if len(tried) > limits[0] else None
 
-    monkeypatch.setattr(identify._Fit, "run", run)
+    monkeypatch.setattr(identify.RecordedLoop, "run", run)
     fit = made()
     p = fit.start()
     first = np.log([20.0, 30.0, 5.0, 4.0, 2.0, 1.0])
@@ -132,8 +132,8 @@ def test_a_search_of_a_linear_problem_ends_at_its_minimum(monkeypatch: pytest.Mo
     def run(self: Any, p: np.ndarray) -> Any:
         return None if np.abs(p).max() > limit[0] else (J @ (p - best) + noise, J)
 
-    monkeypatch.setattr(identify._Fit, "run", run)
-    monkeypatch.setattr(identify._Fit, "result", lambda self, *given: given)
+    monkeypatch.setattr(identify.RecordedLoop, "run", run)
+    monkeypatch.setattr(identify.RecordedLoop, "result", lambda self, *given: given)
     search: Any = identify._search
     p, e, _, ended = search(made(), np.zeros(9), lines.append)
     expected = best - np.linalg.lstsq(J, noise, rcond=None)[0]
@@ -163,8 +163,8 @@ def test_a_search_begins_again_with_lower_gains_until_noise_is_left(
                 raise SolverError("unstable")
             return lower
 
-    monkeypatch.setattr(identify, "_Fit", Fit)
-    monkeypatch.setattr(identify, "_check_record", lambda record, robot: None)
+    monkeypatch.setattr(identify, "RecordedLoop", Fit)
+    monkeypatch.setattr(identify, "check_record", lambda record, robot: None)
     monkeypatch.setattr(
         identify,
         "_search",
@@ -278,11 +278,11 @@ def test_records_that_do_not_fit_a_robot_are_refused() -> None:
     still = move * [1.0, 0.0]
     beyond = 100.0 + move * [50.0, 0.5]
     early = np.clip((t - 0.04) / 0.5, 0.0, 1.0)[:, None] * [1.0, 0.5]
-    identify._check_record(record(move, 4.99 * move), robot)
-    identify._check_record(
+    identify.check_record(record(move, 4.99 * move), robot)
+    identify.check_record(
         record(np.clip((t - 0.0555) / 0.5, 0.0, 1.0)[:, None] * [1.0, 0.5]), robot
     )
-    identify._check_record(record(1.55 + move), robot)  # within at its begin
+    identify.check_record(record(1.55 + move), robot)  # within at its begin
     rest = "expected that it begins at rest"
     for given, text in (
         (
@@ -307,7 +307,7 @@ def test_records_that_do_not_fit_a_robot_are_refused() -> None:
         (record(early), f"run.csv: given a command that moves within the first 50 ms, {rest}"),
     ):
         with pytest.raises(ArgumentError) as caught:
-            identify._check_record(given, robot)
+            identify.check_record(given, robot)
         assert str(caught.value) == text
 
 
@@ -441,7 +441,7 @@ def test_a_fit_begins_at_rest_where_the_record_begins(monkeypatch: pytest.Monkey
     command = np.outer(np.linspace(0.0, 1.0, 251) ** 2, [0.4, -0.6]) + np.array([0.2, 0.3])
     record = ServoRecord(t, command, command + 0.01 * t[:, None])
     servo = Servo(PPI(), sample_time=3e-3, delay=1e-3)
-    fit = identify._Fit.begin(robot, record, servo, "cubic", lambda line: None)
+    fit = identify.RecordedLoop.begin(robot, record, servo, "cubic", lambda line: None)
     eta = np.diag([motor.ratio[0] for motor in robot.motors])
     assert_allclose(fit.time, 1.0 + 3e-3 * np.arange(334))
     assert_allclose(fit.measured, (command + 0.01 * (t - 1.0)[:, None]) @ eta)
@@ -458,7 +458,7 @@ def test_a_fit_begins_at_rest_where_the_record_begins(monkeypatch: pytest.Monkey
     assert_allclose(fit.cascade.position_gain, expected.position_gain, rtol=1e-2)
     own = Servo(cascade(), sample_time=H)
     assert (
-        identify._Fit.begin(robot, record, own, "linear", lambda line: None).cascade
+        identify.RecordedLoop.begin(robot, record, own, "linear", lambda line: None).cascade
         is own.feedback
     )
 

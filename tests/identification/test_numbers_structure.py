@@ -315,7 +315,7 @@ def test_frictions_of_a_refinement_are_those_of_the_file() -> None:
         ),
     )
     other = replace(model, motors=motors)
-    names = time_domain._frictions(fitted(other))
+    names = time_domain.frictions_of(fitted(other))
     joints = [name for name in names if name[0] == "q"]
     assert [name for name in names if name not in joints] == [
         "m1.viscous",

@@ -158,7 +158,7 @@ def test_the_status_of_a_fit_of_responses(changes: dict[str, Any], status: str) 
     } | changes
     fit: Any = Made(converged=given["converged"], at_bound=np.array([False, given["bound"]]))
     data: Any = Made(warnings=given["warnings"], relative_sd=lambda: given["sd"])
-    found = graybox._status(fit, given["cost"], given["error"], data, given["stated"])
+    found = graybox.fit_status(fit, given["cost"], given["error"], data, given["stated"])
     assert found is FitStatus[status.upper()]
 
 

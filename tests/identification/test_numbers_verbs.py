@@ -328,7 +328,7 @@ def test_a_recording_of_periods_is_their_mean_twice() -> None:
         t=0.1 * x[:, 0], sample_s=0.1, tau_m=x, q_m=2 * x, signals=3 * x, file="run.csv"
     )
     data: Any = SimpleNamespace(root=Root(values))
-    found = motion_fit._Run(data, recording)
+    found = motion_fit.MotionRecord(data, recording)
     one = np.array([x[4 + k : 20 + k : 4].mean() for k in range(4)])
     assert_allclose(found.tau_m[:, 0], [*one, *one])
     assert_allclose(found.q_m, 2 * found.tau_m)
@@ -336,23 +336,23 @@ def test_a_recording_of_periods_is_their_mean_twice() -> None:
     assert_allclose(found.t, 0.1 * np.arange(8))
     assert found.own == 4
     whole: Any = SimpleNamespace(root=Root())
-    plain = motion_fit._Run(whole, recording)
+    plain = motion_fit.MotionRecord(whole, recording)
     assert plain.own == 23 and plain.tau_m is x
     data.root = Root({"period_s": 0.4})
-    assert motion_fit._Run(data, recording).tau_m[0, 0] == pytest.approx(x[0:20:4].mean())
+    assert motion_fit.MotionRecord(data, recording).tau_m[0, 0] == pytest.approx(x[0:20:4].mean())
     for wrong in ({"period_s": 3.0}, {"period_s": 0.1}, {"period_s": 0.4, "transients": 5}):
         data.root = Root(wrong)
         with pytest.raises(
             ArgumentError, match=r"^run\.csv: given 23 samples, expected a whole period$"
         ):
-            motion_fit._Run(data, recording)
+            motion_fit.MotionRecord(data, recording)
 
 
 def test_torques_of_segments_are_those_of_the_recording() -> None:
     """Held from sample to sample, or along a curve; later by the delay, and none after the end of
     the recording.
     """
-    made: Any = object.__new__(motion_fit._Shooting)
+    made: Any = object.__new__(motion_fit.Shooting)
     held = np.arange(10.0)[:, None] * [1.0, -2.0]
     curve = lambda t: np.stack([np.asarray(t) ** 2, 1.0 + np.asarray(t)], axis=-1)  # noqa: E731
     vars(made).update(
@@ -382,7 +382,7 @@ def test_differences_of_a_motion_fit_are_of_the_size_of_its_motion() -> None:
     """Angles by the scatter of the steps of the record, speeds by those of a sample, torques by
     their scatter.
     """
-    made: Any = object.__new__(motion_fit._Shooting)
+    made: Any = object.__new__(motion_fit.Shooting)
     held = np.r_[5.0, np.zeros(5)][:, None] * [1.0, 0.0]
     vars(made).update(
         sample_s=0.5, steps=1, samples=3, starts=[(0, 0)], y=np.array([[[0.0], [1.0], [4.0]]])

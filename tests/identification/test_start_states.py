@@ -31,7 +31,7 @@ damping = 300.0
 
 
 @pytest.fixture(scope="module")
-def shooting(tmp_path_factory: pytest.TempPathFactory) -> fits._Shooting:
+def shooting(tmp_path_factory: pytest.TempPathFactory) -> fits.Shooting:
     """The elbow on a mast that moves across its plane, but for a hundred-thousandth."""
     folder = tmp_path_factory.mktemp("mast")
     text = (MODELS / "elbow.toml").read_text(encoding="utf-8")
@@ -43,13 +43,13 @@ def shooting(tmp_path_factory: pytest.TempPathFactory) -> fits._Shooting:
     plan = flexgen.excite(model, poses=[[0.5, -0.3]], period_s=1.0, lines=6)
     writer = RecordingWriter(folder, plan, model)
     flexgen.measure(plan, model, raw=writer)
-    return fits._Shooting(
+    return fits.Shooting(
         ParameterVector(model, ["q1.stiffness"]), read_description(writer.finish()), 0.05
     )
 
 
 def test_states_that_no_output_shows_stay(
-    shooting: fits._Shooting, monkeypatch: pytest.MonkeyPatch
+    shooting: fits.Shooting, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Of noisy angles. Without the prior the mast moves a thousand times as far, and takes part in
     the noise.

@@ -177,8 +177,8 @@ def _find_small(
     r, J = as_real(*residuals.weight(x, True))
     basis = np.linalg.qr(J)[0]
     columns: list[tuple[Hypothesis, np.ndarray]] = [
-        *_columns_of_numbers(residuals, x),
-        *_columns_of_springs(residuals, x, r),
+        *columns_of_numbers(residuals, x),
+        *columns_of_springs(residuals, x, r),
         *((h, stack(_slope(residuals, h.change, x, 0.0))) for h in changes if not h.gross),
     ]
     rated: dict[object, tuple[float, Hypothesis]] = {}
@@ -267,7 +267,7 @@ def _refit_change(residuals: Residuals, hypothesis: Changed, x: np.ndarray) -> t
     return fit.cost, float(np.exp(fit.x[-1]))
 
 
-def _columns_of_numbers(
+def columns_of_numbers(
     residuals: Residuals, x: np.ndarray
 ) -> Iterator[tuple[Hypothesis, np.ndarray]]:
     """Derivatives of the residuals in the numbers that are not free; those without ties by one
@@ -293,7 +293,7 @@ def _at(vector: ParameterVector, old: ParameterVector, x: np.ndarray) -> np.ndar
     )
 
 
-def _columns_of_springs(
+def columns_of_springs(
     residuals: Residuals, x: np.ndarray, r: np.ndarray
 ) -> Iterator[tuple[Hypothesis, np.ndarray]]:
     """Differences of the residuals by springs that the model does not have, of several

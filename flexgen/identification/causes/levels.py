@@ -113,15 +113,18 @@ def compare_levels(residuals: Residuals, x: np.ndarray, others: Sequence[Frf]) -
     ArgumentError
         The responses are not at the same poses and frequencies, or the levels are alike.
     """
-    _check(residuals.data, others)
+    check_levels(residuals.data, others)
     robot = with_values(residuals.vector.model, _numbers(residuals, x))
-    names, stiffness = _gears(robot)
-    found = compare([_level(residuals, data, x, stiffness) for data in (residuals.data, *others)])
-    causes = tuple(_say(cause, found, robot, names) for cause in found.causes)
+    names, stiffness = elastic_gears(robot)
+    found = compare(
+        [level_of(residuals, data, x, stiffness) for data in (residuals.data, *others)]
+    )
+    causes = tuple(cause_in_words(cause, found, robot, names) for cause in found.causes)
     return AmplitudeTest(found.ratio, found.size, found.differs, found.changed, causes)
 
 
-def _check(data: Frf, others: Sequence[Frf]) -> None:
+def check_levels(data: Frf, others: Sequence[Frf]) -> None:
+    """ArgumentError where levels are of other poses or frequencies, or alike."""
     for k, other in enumerate(others, 1):
         same = (
             (data.motors, data.w.shape, data.poses.shape)
@@ -148,7 +151,7 @@ def _numbers(residuals: Residuals, x: np.ndarray) -> dict[str, float]:
     return {name: named[name] for name in residuals.local.names}
 
 
-def _gears(robot: RobotModel) -> tuple[list[int], np.ndarray]:
+def elastic_gears(robot: RobotModel) -> tuple[list[int], np.ndarray]:
     """Coordinates with elastic gears, and the stiffness of those at zero, arm side."""
     for i, (gear, _) in zip(robot.i_g, gears(robot), strict=True):
         if isinstance(gear.spring, BacklashSpring):
@@ -161,7 +164,7 @@ def _gears(robot: RobotModel) -> tuple[list[int], np.ndarray]:
     return [robot.i_g[k] for k in elastic], gear_stiffness(robot)[elastic]
 
 
-def _level(residuals: Residuals, data: Frf, x: np.ndarray, stiffness: np.ndarray) -> Level:
+def level_of(residuals: Residuals, data: Frf, x: np.ndarray, stiffness: np.ndarray) -> Level:
     """The responses, the linear model and the motions at one level."""
     at = residuals.on(data)
     at.average_springs(x)
@@ -208,7 +211,7 @@ def _variance(residuals: Residuals) -> np.ndarray:
     return np.asarray(outputs[..., None] * inputs[..., None, :])
 
 
-def _say(
+def cause_in_words(
     cause: Nonlinearity, found: Comparison, robot: RobotModel, coordinates: Sequence[int]
 ) -> NonlinearCause:
     """The words for a cause, with its numbers in physical units."""

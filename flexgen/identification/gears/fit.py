@@ -480,7 +480,7 @@ def estimate(model: GearModel, tell: Callable[[str], None]) -> Estimate:
     """
     theta = model.start
     free = np.full(len(model.start), FREE)
-    (lower, upper) = _bounds(model)
+    (lower, upper) = bounds_of(model)
     white = Whitening(model.change_by_noise(theta), model, FLOOR[0])
     steps = 0
 
@@ -506,7 +506,7 @@ def estimate(model: GearModel, tell: Callable[[str], None]) -> Estimate:
         white = Whitening(
             model.torques([theta], model.motion)[0] - model.measured, model, FLOOR[1]
         )
-        dropped = _drop(model, theta, lower, upper)
+        dropped = drop_elements(model, theta, lower, upper)
         if fit.wrong or (not dropped and close != CLOSE[0]):
             break
     found: Estimate | None = None
@@ -542,7 +542,7 @@ def _best_step(model: GearModel, fit: Minimum, white: Whitening) -> Estimate:
     return Estimate(fit.x, covariance, error, False)
 
 
-def _bounds(model: GearModel) -> tuple[np.ndarray, np.ndarray]:
+def bounds_of(model: GearModel) -> tuple[np.ndarray, np.ndarray]:
     """Least and largest theta."""
     at = model.layout
     lower = np.full(at.size, -np.inf)
@@ -568,7 +568,9 @@ def element_entries(model: GearModel, k: int) -> tuple[int, int, slice]:
     return at.stiffness.start + k, at.lost.start + k, shape
 
 
-def _drop(model: GearModel, theta: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> bool:
+def drop_elements(
+    model: GearModel, theta: np.ndarray, lower: np.ndarray, upper: np.ndarray
+) -> bool:
     """Fix elements at none whose loop is narrow, or whose K_h is at a bound, as part of a spring;
     whether any.
     """

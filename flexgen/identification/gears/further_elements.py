@@ -52,7 +52,7 @@ def gears_that_lack_elements(model: GearModel, found: Estimate) -> tuple[int, ..
     """Gears of which the record shows one element more, with a lost motion that differs by `MOVES`
     deviations.
     """
-    further = _FurtherElements(model, found.theta)
+    further = FurtherElements(model, found.theta)
     if not further.gears:
         return ()
     white = Whitening.of_bands(*model.noise_power(found.theta, found.error), model)
@@ -99,7 +99,7 @@ def _step(A: np.ndarray, raw: np.ndarray, gradient: np.ndarray) -> tuple[np.ndar
     return inverse @ (found.T @ gradient), (inverse * (2 - values[known])) @ inverse.T
 
 
-class _FurtherElements:
+class FurtherElements:
     """Further elements of the gears of a fit, in its driven arm.
 
     ``gears``, ``lost``: gear of each, and its lost motion where it is as stiff as its gear.

@@ -159,7 +159,7 @@ def identify_gears(
 
     def fit(signals: Signals) -> GearFit:
         model = GearModel(equations, sought, signals)
-        return _result(robot, fitted, model, _estimate(model, tell))
+        return result_of(robot, fitted, model, _estimate(model, tell))
 
     with limit_fit("identify_gears", time_limit, tell):
         result = fit(signals_of(data, robot.n_m, band_hz))
@@ -299,7 +299,7 @@ def _choose(robot: RobotModel, joints: Sequence[str] | None) -> tuple[int, ...]:
     return tuple(k for name, k in elastic.items() if joints is None or name in joints)
 
 
-def _result(
+def result_of(
     robot: RobotModel, fitted: Sequence[Parameter], fit: GearModel, found: Estimate
 ) -> GearFit:
     """The numbers of the model that a fit found, with its status."""
@@ -320,7 +320,7 @@ def _result(
         status = FitStatus.NOISE_TOO_LARGE
     status = FitStatus.of_value(reason) if reason else status
     lacking = gears_that_lack_elements(fit, found) if status is FitStatus.FITTED else ()
-    numbers = _Numbers(robot, fitted, fit, found)
+    numbers = GearNumbers(robot, fitted, fit, found)
     return GearFit(
         robot=robot,
         numbers=numbers.all(),
@@ -339,7 +339,7 @@ def _result(
 
 
 @dataclass(frozen=True)
-class _Numbers:
+class GearNumbers:
     """The entries of theta as numbers of the model."""
 
     robot: RobotModel

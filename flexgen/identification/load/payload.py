@@ -328,7 +328,7 @@ def identify_load(
     found = read_motor_record(robot, record, columns)
     tell: Progress = progress if callable(progress) else silent
     with limit_fit("identify_load", time_limit, tell):
-        load = _Estimate(robot, found.trajectory, low_pass_hz, rigid).solve(tell)
+        load = LoadEstimate(robot, found.trajectory, low_pass_hz, rigid).solve(tell)
     return replace(load, notes=found.notes) if found.notes else load
 
 
@@ -349,7 +349,7 @@ class Numbers(Layout):
         return slice(self.body.start, self.delay.stop)
 
 
-class _Estimate:
+class LoadEstimate:
     """Filtered torques and motion, and the residuals of a load."""
 
     def __init__(
@@ -664,7 +664,7 @@ class _Estimate:
 class _Residuals:
     """Residuals of the torques over their scale, as functions of the `Numbers` x."""
 
-    def __init__(self, of: _Estimate) -> None:
+    def __init__(self, of: LoadEstimate) -> None:
         self.of = of
         self.soft = np.flatnonzero(of.stiffness_sd)
         self.layout = Numbers.of(

@@ -119,7 +119,7 @@ class MotionFit(Estimated):
         )
 
 
-class _Run:
+class MotionRecord:
     """A recording, or the mean of its periods followed by one more of them; names as in
     `Recording`.
     """
@@ -152,14 +152,14 @@ class _Run:
         self.own = samples
 
 
-class _Shooting:
+class Shooting:
     """Residuals of all segments, and their sums with start states and constants eliminated."""
 
     def __init__(self, vector: ParameterVector, data: Description, segment_s: float) -> None:
         self.vector = vector
         self.model = vector.model
         self.local = LocalModel(vector.model, vector.of_model)
-        recordings = [_Run(data, recording) for _, recording in data.recordings]
+        recordings = [MotionRecord(data, recording) for _, recording in data.recordings]
         self.sample_s = data.recordings[0][1].sample_s
         self.samples = round(segment_s / self.sample_s)
         if self.samples < 4:
@@ -194,7 +194,7 @@ class _Shooting:
         self.Q = np.zeros((len(self.starts), self.y[0].size, 0))
 
     def _outputs(
-        self, data: Description, recordings: Sequence[_Run]
+        self, data: Description, recordings: Sequence[MotionRecord]
     ) -> tuple[np.ndarray, list[np.ndarray]]:
         """Rows of the outputs in y, and their records: motors, then link encoders."""
         names = [c.name for c in self.model.coordinates]
@@ -214,14 +214,14 @@ class _Shooting:
         # samples that the last segment leaves
         self.late = math.ceil(delays.max(initial=0.0) / self.sample_s - 1e-9)
         return rows, [
-            np.hstack([run.q_m, _remove_delays(run.t, run.signals[:, used], delays)])
+            np.hstack([run.q_m, remove_delays(run.t, run.signals[:, used], delays)])
             for run in recordings
         ]
 
-    def _begins(self, run: _Run) -> range:
+    def _begins(self, run: MotionRecord) -> range:
         return range(0, min(run.own, len(run.t) - self.samples - self.late), self.samples)
 
-    def _curve(self, run: _Run) -> object:
+    def _curve(self, run: MotionRecord) -> object:
         """The torques between the samples: held, or a quintic spline."""
         return run.tau_m if self.zoh else make_interp_spline(run.t, run.tau_m, k=5)
 
@@ -344,7 +344,7 @@ class _Shooting:
         J = np.moveaxis(base[1:] - base[0], 0, -1) / (
             STEP * np.array([self._unit(k) for k in range(len(x))])
         )
-        self.Q = _basis(Jz)
+        self.Q = span_of(Jz)
         J = np.concatenate([J, np.zeros((len(J), Jz.shape[2], J.shape[2]))], axis=1)
         return r, J - self.Q @ (self.Q.swapaxes(-1, -2) @ J)
 
@@ -365,7 +365,7 @@ class _Shooting:
         return float((r**2).sum()), np.einsum("snk,sn->k", J, r), np.einsum("snk,snl->kl", J, J)
 
 
-def _remove_delays(t: np.ndarray, signals: np.ndarray, delays: np.ndarray) -> np.ndarray:
+def remove_delays(t: np.ndarray, signals: np.ndarray, delays: np.ndarray) -> np.ndarray:
     """The signals (samples, channels) at the times of the motion: each is read its delay later."""
     if not delays.any():
         return signals
@@ -376,7 +376,7 @@ def _remove_delays(t: np.ndarray, signals: np.ndarray, delays: np.ndarray) -> np
     )
 
 
-def _basis(Jz: np.ndarray) -> np.ndarray:
+def span_of(Jz: np.ndarray) -> np.ndarray:
     """Orthonormal columns (segments, residuals, n_z) that span those of Jz; zero where Jz has less
     rank.
     """
@@ -463,20 +463,20 @@ def fit_motion(
         )
     tell = progress if callable(progress) else None
     with limit_fit("fit_motion", time_limit, tell):
-        shooting = _Shooting(vector, data, segment_s)
+        shooting = Shooting(vector, data, segment_s)
         fit = _minimize(shooting, vector, tell)
         reason = reason_of_end()
     r, J = shooting.parts(fit.x)
     covariance = block_covariance(J, r, range(len(J)), np.diag(vector.prior_sd**-2.0))
     errors = shooting.errors(r) * shooting.sd
-    percent = _percent(shooting.y, errors)
+    percent = fit_percent_of(shooting.y, errors)
     white = whiteness(errors, shooting.Q[:, : errors[0].size])
     rms = np.sqrt((errors**2).mean(axis=(0, 1)))
     held_out: tuple[float, ...] = ()
-    status = status_of_end(_status(fit, percent, white), reason)
+    status = status_of_end(motion_status(fit, percent, white), reason)
     if validate is not None and not reason:
         held_out, held_out_rms = _validate(vector, fit.x, validate, segment_s, shooting.sd)
-        if status.agrees and _fails(percent, held_out, held_out_rms / rms):
+        if status.agrees and fails_on_others(percent, held_out, held_out_rms / rms):
             status = FitStatus.POORLY_VALIDATED
     return MotionFit(
         vector=vector,
@@ -497,7 +497,7 @@ def fit_motion(
 
 
 def _minimize(
-    shooting: _Shooting, vector: ParameterVector, tell: Callable[[str], None] | None
+    shooting: Shooting, vector: ParameterVector, tell: Callable[[str], None] | None
 ) -> Minimum:
     """The fit; the deviations of the outputs follow from the residuals of the last one."""
     x = vector.start
@@ -519,7 +519,7 @@ def _minimize(
     return fit
 
 
-def _status(fit: Minimum, percent: tuple[float, ...], white: tuple[float, ...]) -> FitStatus:
+def motion_status(fit: Minimum, percent: tuple[float, ...], white: tuple[float, ...]) -> FitStatus:
     """By convergence, by the size of the residuals, and by whether they are white, as noise is."""
     if not fit.converged:
         return FitStatus.NOT_CONVERGED
@@ -531,7 +531,9 @@ def _status(fit: Minimum, percent: tuple[float, ...], white: tuple[float, ...]) 
     return FitStatus.SMALL_ERROR if left else FitStatus.FITTED
 
 
-def _fails(percent: tuple[float, ...], held_out: tuple[float, ...], ratio: np.ndarray) -> bool:
+def fails_on_others(
+    percent: tuple[float, ...], held_out: tuple[float, ...], ratio: np.ndarray
+) -> bool:
     """Whether recordings that were not fitted are explained badly, or much worse than those that
     were.
 
@@ -550,15 +552,15 @@ def _validate(
     """Fit in percent and rms of the errors of recordings that were not fitted; their start states
     are free.
     """
-    other = _Shooting(vector, read_description(path), segment_s)
+    other = Shooting(vector, read_description(path), segment_s)
     other.sd = sd  # of the fit: with larger deviations the prior would hold start states
     other.settle(x)
     r, _ = other.settle(x)
     errors = other.errors(r) * other.sd
-    return _percent(other.y, errors), np.sqrt((errors**2).mean(axis=(0, 1)))
+    return fit_percent_of(other.y, errors), np.sqrt((errors**2).mean(axis=(0, 1)))
 
 
-def _percent(y: np.ndarray, errors: np.ndarray) -> tuple[float, ...]:
+def fit_percent_of(y: np.ndarray, errors: np.ndarray) -> tuple[float, ...]:
     """``100 (1 - |e| / |y - straight line|)`` of each output: slow motion does not count for the
     model.
     """

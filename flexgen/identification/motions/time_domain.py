@@ -321,7 +321,7 @@ def refine(
     plan = experiment.plan
     model = found.vector.model
     _check(found, experiment, runs)
-    names = list(found.vector.names) + _frictions(found) if free is None else list(free)
+    names = list(found.vector.names) + frictions_of(found) if free is None else list(free)
     if any(is_of_sensor(name) for name in free or ()):
         raise ArgumentError(
             "free: given the delay of a sensor, which the motors do not show: 'identify' can "
@@ -371,7 +371,9 @@ def refine(
         x=fit.x,
         found_delays=found.sensor_delays,
         formal_covariance=covariance,
-        status=FitStatus.of_value(reason) if reason else _status(fit, cost, simulated, found),
+        status=FitStatus.of_value(reason)
+        if reason
+        else refined_status(fit, cost, simulated, found),
         cost=cost,
         model_error=0.0,
         starts=1,
@@ -512,7 +514,7 @@ def refine_and_validate(
     return validate_on_others(fine, checked), checked
 
 
-def _frictions(found: IdentificationResult) -> list[str]:
+def frictions_of(found: IdentificationResult) -> list[str]:
     """Friction numbers of motors and joints that the model file has."""
     model = found.vector.model
     parts = [(motor.name, motor.friction) for motor in model.motors]
@@ -530,15 +532,16 @@ def _frictions(found: IdentificationResult) -> list[str]:
     ]
 
 
-def _status(
+def refined_status(
     fit: Minimum, cost: float, simulated: Simulated, found: IdentificationResult
 ) -> FitStatus:
+    """Status of a refinement, by its search, its cost and what is left of the motion."""
     if not fit.converged or fit.at_bound.any():
         return FitStatus.AT_BOUND if fit.converged else FitStatus.NOT_CONVERGED
     relative = np.linalg.norm(simulated.residual(fit.x) * simulated.sd) / np.linalg.norm(
         simulated.measured
     )
-    bent = simulated.local.springs or any(name.endswith("coulomb") for name in _frictions(found))
+    bent = simulated.local.springs or any(name.endswith("coulomb") for name in frictions_of(found))
     # the angles of one experiment show less than all responses
     if found.status == FitStatus.MODEL_ERROR and not bent:
         return FitStatus.MODEL_ERROR

@@ -148,7 +148,7 @@ def calibrate(
     if columns is not None and isinstance(poses, StaticPoses):
         raise ArgumentError("columns: given with poses in memory, expected a .csv file")
     data = poses if isinstance(poses, StaticPoses) else StaticPoses.read(poses, robot, columns)
-    _check(robot, data, len(trackers), folds)
+    check_poses(robot, data, len(trackers), folds)
     _check_points(robot, data, place)
     touches = surfaces_of(data)
     unknowns, held = _unknowns(tree, free, place, priors or Priors(), data)
@@ -196,7 +196,7 @@ def calibrate(
         result.converged and not reason,
         _warn_scale(held)
         + _warn_unexplained(result, study.statics, data)
-        + _warnings(unknowns, result, accuracy.pull, held_out),
+        + warnings_of(unknowns, result, accuracy.pull, held_out),
         reason,
     )
 
@@ -302,7 +302,8 @@ class _Study:
         return found[0], None if tilt is None else found[1]
 
 
-def _check(robot: RobotModel, data: StaticPoses, count: int, folds: int) -> None:
+def check_poses(robot: RobotModel, data: StaticPoses, count: int, folds: int) -> None:
+    """ArgumentError where poses do not fit the model, or are too few."""
     expected = (robot.n_g, count)
     given = (data.commands.shape[1], data.positions.shape[1])
     if given != expected:
@@ -415,7 +416,7 @@ def _warn_unexplained(found: Minimum, statics: Statics, data: StaticPoses) -> tu
     )
 
 
-def _warnings(
+def warnings_of(
     unknowns: Sequence[Unknown], found: Minimum, pulls: np.ndarray, held_out: np.ndarray | None
 ) -> tuple[str, ...]:
     """Warnings about the fitted numbers and the measured poses."""

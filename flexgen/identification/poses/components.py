@@ -109,7 +109,7 @@ def find_tilt(
     if np.abs(r).max() < QUIET:
         return None
     slopes = tilt_slopes(statics, numbers, rest, shared)
-    found = [(_likelihood(r, B[complete]), name) for B, name in zip(slopes, shared, strict=True)]
+    found = [(likelihood(r, B[complete]), name) for B, name in zip(slopes, shared, strict=True)]
     (least, x), name = min(found, key=lambda one: one[0][0])
     alone = 0.5 * r.size * (np.log((r**2).mean()) + 1.0)
     if alone - least < gammainccinv(1.5, CHANCE / len(shared)):  # half of the chi-squared number
@@ -137,7 +137,7 @@ def predict_others(tilt: Tilt, B: np.ndarray, gap: np.ndarray) -> np.ndarray:
     return out
 
 
-def _likelihood(r: np.ndarray, B: np.ndarray) -> tuple[float, np.ndarray]:
+def likelihood(r: np.ndarray, B: np.ndarray) -> tuple[float, np.ndarray]:
     """Least negative logarithm of the likelihood, and the logarithms of the variances
     ``s^2, d``.
     """

@@ -57,7 +57,7 @@ def start_frames(statics: Statics, measured: np.ndarray, placed: Sequence[str]) 
     tree = statics.tree
     first = replace(Numbers.of(tree), compliances=np.zeros(len(tree.elastic)))
     if not placed:
-        error, numbers = _search(statics, measured, placed, first)
+        error, numbers = search_start(statics, measured, placed, first)
         valid = np.isfinite(measured).all(axis=2)
         if (
             error
@@ -66,7 +66,7 @@ def start_frames(statics: Statics, measured: np.ndarray, placed: Sequence[str]) 
         ):
             return numbers
         R, t = best_pose(statics.rest(first, rigid=True).points[valid], measured[valid])
-        other = _search(
+        other = search_start(
             statics, measured, placed, replace(first, frame=np.concatenate([t, angles_of(R)]))
         )
         return min((error, numbers), other, key=lambda one: one[0])[1]
@@ -81,12 +81,12 @@ def start_frames(statics: Statics, measured: np.ndarray, placed: Sequence[str]) 
             at = [tree.index[f"{name}.{s}"] for s in SHIFTS[3:]]
             shifts[at] = random.uniform(-np.pi, np.pi, 3)
         found.append(
-            _search(
+            search_start(
                 part, measured[rows], placed, replace(first, shifts=shifts), rounds=ROUNDS // 6
             )
         )
     best = min(found, key=lambda one: one[0])
-    return _search(statics, measured, placed, best[1])[1]
+    return search_start(statics, measured, placed, best[1])[1]
 
 
 def rigid_errors(statics: Statics, measured: np.ndarray, numbers: Numbers) -> np.ndarray:
@@ -98,7 +98,7 @@ def rigid_errors(statics: Statics, measured: np.ndarray, numbers: Numbers) -> np
     )
 
 
-def _search(
+def search_start(
     statics: Statics,
     measured: np.ndarray,
     placed: Sequence[str],
@@ -112,9 +112,9 @@ def _search(
     rest = statics.rest(numbers, rigid=True)
     for _ in range(rounds):
         for name in placed:
-            numbers = _place_element(statics, rest, numbers, name, y, valid)
+            numbers = place_element(statics, rest, numbers, name, y, valid)
         rest = statics.rest(numbers, rigid=True) if placed else rest
-        numbers, points = _place_trackers(statics, rest, numbers, y, valid)
+        numbers, points = place_trackers(statics, rest, numbers, y, valid)
         R, t = best_pose(points[valid], y[valid])
         numbers = replace(numbers, frame=np.concatenate([t, angles_of(R)]))
         rest = replace(rest, points=points)
@@ -125,7 +125,7 @@ def _search(
     return error, numbers
 
 
-def _place_element(
+def place_element(
     statics: Statics, rest: Rest, numbers: Numbers, name: str, y: np.ndarray, valid: np.ndarray
 ) -> Numbers:
     """The pose of an element at its parent, from the trackers that it carries."""
@@ -153,7 +153,7 @@ def _place_element(
     return replace(numbers, shifts=shifts)
 
 
-def _place_trackers(
+def place_trackers(
     statics: Statics, rest: Rest, numbers: Numbers, y: np.ndarray, valid: np.ndarray
 ) -> tuple[Numbers, np.ndarray]:
     """The position of each tracker on its body: the mean of what is seen; and the points (N, k, 3)

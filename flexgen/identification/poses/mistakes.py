@@ -51,7 +51,7 @@ def find_start(
     if progress is not None:
         progress("frame of the measurement, trackers and unknown places")
     start = start_frames(statics, data.positions, place)
-    error, scatter = _agreement(statics, data.positions, start)
+    error, scatter = agreement(statics, data.positions, start)
     # errors of trackers that do not move, such as those of one pose given many times, are rounding
     if error <= max(DOUBTFUL * scatter, STILL):
         return start
@@ -66,9 +66,9 @@ def find_start(
             "mistake in the poses"
         )
     left = []
-    for words, wrong in _mistakes(statics.model, data):
+    for words, wrong in possible_mistakes(statics.model, data):
         part = statics.with_commands(wrong.commands)
-        found = _agreement(part, wrong.positions, start_frames(part, wrong.positions, place))
+        found = agreement(part, wrong.positions, start_frames(part, wrong.positions, place))
         left.append((found[0] / max(found[1], 1e-300), words))
     least, words = min(left)
     named = least < min(NAMED * error / scatter, DOUBTFUL)
@@ -157,7 +157,7 @@ def _scatter_at_points(statics: Statics, numbers: Numbers, data: StaticPoses) ->
     return float(np.median(np.concatenate(away)))
 
 
-def _agreement(statics: Statics, measured: np.ndarray, numbers: Numbers) -> tuple[float, float]:
+def agreement(statics: Statics, measured: np.ndarray, numbers: Numbers) -> tuple[float, float]:
     """Medians [m] of the errors of a rigid robot, and of the distances from their mean, of the
     worst tracker.
 
@@ -165,7 +165,7 @@ def _agreement(statics: Statics, measured: np.ndarray, numbers: Numbers) -> tupl
     their motion.
     """
     error = np.where(
-        _moves(statics, numbers),
+        trackers_that_move(statics, numbers),
         np.nanmedian(rigid_errors(statics, measured, numbers), axis=0),
         0.0,
     )
@@ -176,12 +176,12 @@ def _agreement(statics: Statics, measured: np.ndarray, numbers: Numbers) -> tupl
     return float(error[worst]), float(distance[worst])
 
 
-def _moves(statics: Statics, numbers: Numbers) -> np.ndarray:
+def trackers_that_move(statics: Statics, numbers: Numbers) -> np.ndarray:
     """Whether the joints move each tracker (k,)."""
     return np.asarray(np.ptp(statics.rest(numbers, rigid=True).points, axis=0).max(axis=1) > STILL)
 
 
-def _mistakes(model: RobotModel, data: StaticPoses) -> Iterator[tuple[str, StaticPoses]]:
+def possible_mistakes(model: RobotModel, data: StaticPoses) -> Iterator[tuple[str, StaticPoses]]:
     """Single mistakes in words, and some of the poses without them."""
     step = max(1, len(data) // ENOUGH)
     some = StaticPoses(data.commands[::step], data.positions[::step])

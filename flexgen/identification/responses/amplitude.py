@@ -193,7 +193,7 @@ def compare(levels: Sequence[Level]) -> Comparison:
         return replace(none, changes=changes)
     motions, deflection, speed = _motions(levels, fits)
     causes = sorted((_rate(law, moved, motions) for law in LAWS), key=lambda cause: cause.cost)
-    doubted = _contradicted(
+    doubted = contradicted(
         causes[0].law, moved.distortion, np.array([m.deflection.mean() for m in motions])
     )
     near = [c for c in causes if c.cost < causes[0].cost + ALIKE or (doubted and c.law in SPRINGS)]
@@ -201,7 +201,7 @@ def compare(levels: Sequence[Level]) -> Comparison:
     return Comparison(ratio, size, changes, likely, deflection, first.model.units[3] * speed)
 
 
-def _contradicted(law: str, distortion: np.ndarray, size: np.ndarray) -> bool:
+def contradicted(law: str, distortion: np.ndarray, size: np.ndarray) -> bool:
     """Whether the distortion of the levels changes with their ``size`` as that of the other of
     `SPRINGS` does.
 

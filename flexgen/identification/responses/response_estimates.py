@@ -89,7 +89,7 @@ def estimate(
         * np.real(np.einsum("klbb->klb", S))[..., None, :]
     )
     total = np.var(each, axis=1, ddof=1) / R if R > 1 else None
-    return Estimate(_average(each, average), UU, C, variance, total, noise_UU, noise_YU)
+    return Estimate(average_of(each, average), UU, C, variance, total, noise_UU, noise_YU)
 
 
 def _side_by_side(x: np.ndarray) -> np.ndarray:
@@ -104,7 +104,7 @@ def _H(x: np.ndarray) -> np.ndarray:
     return x.conj().swapaxes(-1, -2)
 
 
-def _average(each: np.ndarray, average: str) -> np.ndarray:
+def average_of(each: np.ndarray, average: str) -> np.ndarray:
     """Mean over the realizations, axis 1."""
     if average in ("arithmetic", "h1") or each.shape[1] == 1:
         return each.mean(axis=1)

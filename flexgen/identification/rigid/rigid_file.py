@@ -303,10 +303,10 @@ def write_rigid(fit: RigidFit, path: str | Path, source: str) -> Path:
     note = "" if fit.status.has_deviations else f"{fit.status}, no standard deviations"
     sd = {name: f"{value:.2g}" for name, value in rigid_deviations(fit).items()}
     words = FileWords(source, head, note)
-    return write_model(path, _with_places(fit), rigid_numbers(fit), sd, words)
+    return write_model(path, with_places(fit), rigid_numbers(fit), sd, words)
 
 
-def _with_places(fit: RigidFit) -> RobotModel:
+def with_places(fit: RigidFit) -> RobotModel:
     """The model before the fit, with zero counterbalances where the fit has some: so that their
     numbers have names.
     """

@@ -41,11 +41,11 @@ def rigid_model(
         for e, body in zip(robot.elements, bodies, strict=True)
     )
     return replace(
-        robot, elements=elements, payload=Body(), motors=_motors(robot, friction, fades, speed)
+        robot, elements=elements, payload=Body(), motors=motors_of(robot, friction, fades, speed)
     )
 
 
-def _motors(
+def motors_of(
     model: RobotModel, friction: np.ndarray, fades: np.ndarray, speed: np.ndarray
 ) -> tuple[Motor, ...]:
     """The motors with the friction and the inertia that were found; a number below zero is not a

@@ -134,9 +134,9 @@ def identify_servo(
     robot = robot_of(model)
     if not isinstance(record, ServoRecord):
         record = ServoRecord.read(record, robot, columns)
-    _check_record(record, robot)
+    check_record(record, robot)
     with limit_fit("identify_servo", time_limit, tell):
-        fit = _Fit.begin(robot, record, servo_of(servo, robot), interpolation, tell)
+        fit = RecordedLoop.begin(robot, record, servo_of(servo, robot), interpolation, tell)
         best = _search(fit, fit.start(), tell)
         for lower in LOWER:
             if is_over() or best.is_explained:
@@ -148,7 +148,7 @@ def identify_servo(
         return replace(best, ended=reason) if reason else best
 
 
-def _search(fit: _Fit, start: np.ndarray, tell: Callable[[str], None]) -> ServoFit:
+def _search(fit: RecordedLoop, start: np.ndarray, tell: Callable[[str], None]) -> ServoFit:
     """The servo of least squares, from parameters p (n,)."""
     runs = _Runs(fit)
     units = fit.units
@@ -175,7 +175,8 @@ def _rms(e: np.ndarray) -> float:
     return max(float(np.sqrt((e**2).mean())), np.finfo(float).tiny)
 
 
-def _check_record(record: ServoRecord, robot: RobotModel) -> None:
+def check_record(record: ServoRecord, robot: RobotModel) -> None:
+    """ArgumentError where a record does not fit the robot, or does not begin at rest."""
     where = record.source or "record"
     if record.command.shape[1] != robot.n_g:
         raise ArgumentError(
@@ -252,7 +253,7 @@ class _Runs:
     last x is kept.
     """
 
-    def __init__(self, fit: _Fit) -> None:
+    def __init__(self, fit: RecordedLoop) -> None:
         self.fit = fit
         self._x = np.zeros(0)
         self._found: tuple[np.ndarray, np.ndarray] | None = None
@@ -282,7 +283,7 @@ class _Runs:
 
 
 @dataclass(frozen=True)
-class _Fit:
+class RecordedLoop:
     """A record, and the loop that is compared with it; for parameters p, see `Numbers`."""
 
     robot: RobotModel
@@ -305,7 +306,7 @@ class _Fit:
         servo: Servo,
         interpolation: str,
         tell: Callable[[str], None],
-    ) -> _Fit:
+    ) -> RecordedLoop:
         """The loop at rest where the record begins; elements with a state, of gears and frictions,
         begin at zero.
         """

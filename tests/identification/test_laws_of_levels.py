@@ -1,5 +1,5 @@
 """The amplitude test on responses that are made up: laws by closed forms, planted laws are found
-with their numbers.
+with their numbers; changes of gears by least squares.
 """
 
 from __future__ import annotations
@@ -10,7 +10,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from identification_cases import noisy_responses
 from numpy.testing import assert_allclose
+from scipy.optimize import least_squares
 from scipy.special import erfc
 
 import flexgen
@@ -240,27 +242,28 @@ def test_a_fit_of_changes_finds_those_of_the_responses() -> None:
     assert known.distortion < 0.02  # it is noise
 
 
-def cause(law: str, numbers: dict[int, tuple[float, ...]]) -> str:
+@pytest.mark.parametrize(
+    ("law", "numbers", "words"),
+    [
+        ("Coulomb", {0: (0.1,), 1: (0.2,)}, "Coulomb friction of m1 (0.2 N m), m2 (0.8 N m)"),
+        ("backlash", {1: (0.3,)}, "backlash of q2 (+-0.15 mrad)"),
+        (
+            "cubic",
+            {0: (0.12,)},
+            "a stiffness that rises with the deflection of q1 (12 % more at 0.2 mrad rms)",
+        ),
+        (
+            "hysteresis",
+            {1: (0.1, 2.0)},
+            "hysteresis of q2 (10 % of the stiffness slips at 1 mrad)",
+        ),
+    ],
+)
+def test_the_words_of_causes(law: str, numbers: dict[int, tuple[float, ...]], words: str) -> None:
     robot = flexgen.read("elbow")
-    found: Any = SimpleNamespace(deflection=np.array([2e-4, 5e-4]), friction=np.array([2.0, 4.0]))
-    return at_levels._say(
-        Nonlinearity(law, 0.5, numbers, 0.0), found, robot, list(robot.i_g)
-    ).words
-
-
-def test_the_words_of_causes() -> None:
-    assert (
-        cause("Coulomb", {0: (0.1,), 1: (0.2,)})
-        == "Coulomb friction of m1 (0.2 N m), m2 (0.8 N m)"
-    )
-    assert cause("backlash", {1: (0.3,)}) == "backlash of q2 (+-0.15 mrad)"
-    words = "a stiffness that rises with the deflection of q1 (12 % more at 0.2 mrad)"
-    assert cause("cubic", {0: (0.12,)}) == words.replace("mrad)", "mrad rms)")
-    words = (
-        "hysteresis of q1 (30 % of the stiffness slips at 0.1 mrad), q2 (10 % of the stiffness "
-        "slips at 1 mrad)"
-    )
-    assert cause("hysteresis", {0: (0.3, 0.5), 1: (0.1, 2.0)}) == words
+    found = Comparison(2.0, 0.1, 3.0, (), np.array([2e-4, 5e-4]), np.array([2.0, 4.0]))
+    cause = Nonlinearity(law, 0.5, numbers, 0.0)
+    assert at_levels.cause_in_words(cause, found, robot, list(robot.i_g)).words == words
 
 
 def test_the_sentence_of_the_amplitude_test() -> None:
@@ -296,33 +299,6 @@ def test_the_sentence_of_the_amplitude_test() -> None:
     }
 
 
-def test_levels_of_other_experiments_and_of_the_same_speed_are_refused() -> None:
-    data: Any = SimpleNamespace(
-        motors=("m1",), w=np.array([1.0, 2.0]), poses=np.zeros((2, 1)), speed_sd=np.ones((2, 1))
-    )
-
-    def other(**changed: Any) -> Any:
-        return SimpleNamespace(**({**vars(data), "speed_sd": 0.5 * np.ones((2, 1))} | changed))
-
-    at_levels._check(
-        data, [other(), other(speed_sd=1.31 * data.speed_sd), other(poses=data.poses + 5e-4)]
-    )
-    wrong = {"motors": ("m2",), "w": 1.1 * data.w, "poses": data.poses + 2e-3}
-    for name, value in (*wrong.items(), ("w", np.ones(3)), ("poses", np.zeros((3, 1)))):
-        with pytest.raises(
-            ArgumentError,
-            match=r"^levels, 2: given responses of other motors, poses or frequencies, exp",
-        ):
-            at_levels._check(data, [other(), other(**{name: value})])
-    for factor in (1.29, 1.0, 1 / 1.29):
-        with pytest.raises(
-            ArgumentError,
-            match=f"^levels, 1: given {factor:.3g} times the speeds of data, expected",
-        ):
-            at_levels._check(data, [other(speed_sd=factor * data.speed_sd)])
-    assert amplitude.SAME == 2.0
-
-
 def test_a_spring_whose_distortion_is_that_of_the_other_does_not_exclude_it() -> None:
     """A dead band distorts more at a smaller amplitude, a cubic spring less; the order of the
     levels does not count.
@@ -336,5 +312,74 @@ def test_a_spring_whose_distortion_is_that_of_the_other_does_not_exclude_it() ->
         ("backlash", falls[::-1], True),
         ("hysteresis", falls, False),
     ):
-        assert amplitude._contradicted(law, distortion, sizes) is doubted
-        assert amplitude._contradicted(law, distortion[::-1], sizes[::-1]) is doubted
+        assert amplitude.contradicted(law, distortion, sizes) is doubted
+        assert amplitude.contradicted(law, distortion[::-1], sizes[::-1]) is doubted
+
+
+def test_changes_of_gears_are_a_compromise_of_responses_and_prior() -> None:
+    """With much noise they are zero with the covariance of the prior; else the least squares of an
+    own program.
+    """
+    rng = np.random.default_rng(4)
+
+    def of(*shape: int) -> np.ndarray:
+        return 0.1 * (rng.normal(size=shape) + 1j * rng.normal(size=shape))
+
+    model = Linearization(
+        w=np.geomspace(2.0, 50.0, 12),
+        G=of(2, 12, 1, 1),
+        L=of(2, 12, 1, 2),
+        S=of(2, 12, 2, 2),
+        P=of(2, 12, 2, 1),
+        stiffness=np.array([3.0]),
+        inertia=np.array([0.2]),
+    )
+    x = np.array([0.3, -0.1, 0.2, 0.5])
+    h = 1e-6
+    assert model.frequency == pytest.approx(10.0)
+    assert_allclose(model.prior, [2.0, 0.5, 0.5, 5.0])
+    assert_allclose(model.units, [[3.0], [3.0], [0.3], [2.0]])
+    for k in range(4):
+        high, low = (model.response(1, x + s * h * np.eye(4)[k]) for s in (1, -1))
+        assert_allclose(
+            model.derivative(1, x)[..., k], (high - low) / (2 * h), rtol=1e-5, atol=1e-8
+        )
+    G = model.response(1, x)
+    loud = fit_changes(model, 1, G, np.full(G.shape, 1e12), x)
+    assert_allclose(loud.x, 0.0, atol=1e-6)
+    assert_allclose(loud.covariance, np.diag(model.prior**2) / 2, rtol=1e-6, atol=1e-9)
+    variance = np.full(G.shape, 1e-2)
+    found = fit_changes(model, 1, G, variance, np.zeros(4))
+
+    def residual(x: np.ndarray) -> np.ndarray:
+        away = (model.response(1, x) - G) / np.sqrt(variance + 1e-6 * np.abs(G) ** 2)
+        return np.concatenate([away.real.ravel(), away.imag.ravel(), x / [2.0, 0.5, 0.5, 5.0]])
+
+    assert_allclose(
+        found.x, least_squares(residual, np.zeros(4), xtol=1e-12).x, rtol=1e-3, atol=1e-4
+    )
+    assert found.distortion == 0.0
+
+
+def test_levels_of_other_experiments_and_of_the_same_speed_are_refused() -> None:
+    data = replace(noisy_responses(), speed_sd=np.ones((2, 2)))
+    half = replace(data, speed_sd=0.5 * np.ones((2, 2)))
+    near = replace(half, poses=data.poses + 5e-4)
+    at_levels.check_levels(data, [half, replace(data, speed_sd=1.31 * data.speed_sd), near])
+    wrong: list[dict[str, Any]] = [
+        {"motors": ("m2", "m1")},
+        {"w": 1.1 * data.w},
+        {"w": data.w[:3]},
+        {"poses": data.poses + 2e-3},
+    ]
+    for changes in wrong:
+        with pytest.raises(
+            ArgumentError, match=r"^levels, 2: given responses of other motors, po"
+        ):
+            at_levels.check_levels(data, [half, replace(half, **changes)])
+    for factor in (1.29, 1.0, 1 / 1.29):
+        same = replace(data, speed_sd=factor * data.speed_sd)
+        with pytest.raises(
+            ArgumentError, match=f"^levels, 1: given {factor:.3g} times the speeds"
+        ):
+            at_levels.check_levels(data, [same])
