@@ -69,7 +69,6 @@ CONDITIONAL = {
     "tests/support/public_stub.py": 1,
     "tests/identification/test_numbers_edges.py": 1,
     "tests/backends/test_numbers_memory_layout.py": 1,
-    "tests/identification/test_numbers_structure.py": 1,
     "tests/analysis/test_solvability.py": 1,
 }
 

@@ -153,7 +153,7 @@ def identify_gears(
     of_motors = _orders("cogging", cogging)
     if orders:
         _refuse_coupled(robot, names)
-    first = _first_elements(robot, gears, elements, exponents, data)
+    first = first_elements(robot, gears, elements, exponents, data)
     sought = Sought(first, exponents, chosen if orders else (), orders, of_motors)
     equations = derive(plain, [parameter.name for parameter in fitted])
 
@@ -165,7 +165,7 @@ def identify_gears(
         result = fit(signals_of(data, robot.n_m, band_hz))
         final = band_hz is not None or result.lacking or result.status in ENDS or is_over()
         if not final:
-            result = _in_narrower_bands(
+            result = in_narrower_bands(
                 result, lambda hz: fit(signals_of(data, robot.n_m, hz)), tell
             )
     return replace(result, notes=read.notes) if read.notes else result
@@ -210,7 +210,7 @@ def _refuse_ignored(robot: RobotModel, gears: Sequence[int]) -> None:
         )
 
 
-def _in_narrower_bands(
+def in_narrower_bands(
     result: GearFit, fit: Callable[[float], GearFit], tell: Callable[[str], None]
 ) -> GearFit:
     """The result, as one that noise spoils where the model agrees in a narrower band."""
@@ -228,7 +228,7 @@ def _in_narrower_bands(
     return result
 
 
-def _first_elements(
+def first_elements(
     robot: RobotModel, gears: Sequence[int], count: int | None, exponents: bool, record: Trajectory
 ) -> tuple[Element, ...]:
     """Elements of the gears where the search begins: those of the model where it has so many.
