@@ -612,3 +612,46 @@ def test_the_drives_are_stable_where_little_inertia_follows_fast():
     )
     with pytest.raises(SolverError, match="lower the gains"):
         flexgen.measure(wild, progress=False)
+
+
+def test_the_damping_of_a_robot_with_one_joint_is_found(tmp_path: Path) -> None:
+    """Within four standard deviations, which are relative, of a simulated experiment."""
+    (tmp_path / "arm.toml").write_text(
+        'name = "arm"\n'
+        'description = "one link"\n'
+        "gravity = [0.0, 0.0, -9.81]\n"
+        "home_rad = [0.5]\n"
+        "[[element]]\n"
+        'name = "link"\n'
+        "body = { mass = 10.0, com = [0, 0, 0.4], inertia = [0.5, 0.5, 0.1] }\n"
+        "[[element.dof]]\n"
+        'name = "q1"\n'
+        'type = "rotation"\n'
+        "axis = [0, 1, 0]\n"
+        'gear = { type = "rigid" }\n'
+        'friction = { type = "smooth", viscous = 60.0 }\n'
+        "[[motor]]\n"
+        'name = "m1"\n'
+        'drives = "q1"\n'
+        "ratio = 100.0\n"
+        "inertia = 1e-4\n"
+        "[output]\n"
+        'type = "joint"\n'
+        'joints = ["q1"]\n'
+    )
+    model = flexgen.read(tmp_path / "arm.toml")
+    drive = flexgen.DriveHardware(1e-3, encoder_noise_rad=1e-5, torque_noise_Nm=1e-3)
+    plan = flexgen.excite(
+        model,
+        poses=[[0.5], [1.0]],
+        period_s=1.0,
+        lines=10,
+        f_min=1.0,
+        f_max=50.0,
+        free=["q1.viscous"],
+        hardware=drive,
+    )
+    responses = flexgen.frf(flexgen.measure(plan, model, progress=False))
+    found = flexgen.identify(model, responses, starts=1, free=["q1.viscous"], progress=False)
+    assert found.status == FitStatus.FITTED and found.sd["q1.viscous"] < 0.01
+    assert abs(np.log(found.values["q1.viscous"] / 60.0)) < 4 * found.sd["q1.viscous"]

@@ -8,10 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from identification_cases import another, poses_of
 from numpy.testing import assert_allclose
 from scipy.interpolate import CubicSpline
 
+import flexgen
 from flexgen.base.errors import ArgumentError, ModelError
+from flexgen.dynamics.mechanics.parameters import select
 from flexgen.identification.estimator import residuals as of_residuals
 from flexgen.identification.estimator import validation
 from flexgen.identification.estimator.minimize import Minimum
@@ -20,6 +23,7 @@ from flexgen.identification.motions import motion_fit as fits
 from flexgen.identification.motions.motion_fit import MotionRecord, Shooting
 from flexgen.identification.records.description import read_description
 from flexgen.identification.records.experiment_file import read_experiment
+from flexgen.identification.records.recording_writer import RecordingWriter
 from flexgen.identification.responses.parameters import ParameterVector
 
 BENCH = Path(__file__).resolve().parents[2] / "examples" / "motor_bench" / "bench.toml"
@@ -190,3 +194,54 @@ def test_a_segment_is_that_of_the_torques_a_delay_before(hold: str, tmp_path: Pa
     (r, _), (s, _) = shooting.settle(np.array([late])), other.settle(np.array([0.0]))
     middle = slice(4, 12)  # away from the ends
     assert np.abs(r[middle] - s[middle]).max() < 0.02 * np.abs(r).max()
+
+
+def test_segments_start_with_the_angles_and_speeds_of_the_motor(tmp_path: Path) -> None:
+    """Differences of second order; changes for derivatives have the size of the motion."""
+    data = read_description(described(tmp_path, (0.0, 850)))
+    shooting = Shooting(ParameterVector(data.model, ["q1.stiffness"]), data, 0.05)
+    q = 1e-2 * np.cos(2 * np.pi * 10 * 1e-3 * np.arange(850)) + 1e-5 * np.arange(850)
+    begin = 50 * np.arange(len(shooting.starts))
+    v = (-3 * q[begin] + 4 * q[begin + 1] - q[begin + 2]) / 2e-3
+    eta = data.model.eta[0, 0]
+    expected = np.stack([q[begin] / eta, q[begin], v / eta, v, 0 * v], axis=1)
+    assert_allclose(shooting.z, expected, atol=1e-9)
+    angle = np.std([np.diff(q[k : k + 51]) for k in begin])
+    torque = data.recordings[0][1].tau_m
+    drive = np.std(np.concatenate([torque[k : k + 50] for k in begin]))
+    sizes = [angle, angle, angle / 1e-3, angle / 1e-3, drive]
+    assert_allclose(shooting.scale, sizes, rtol=1e-6)
+
+
+def test_a_tenth_of_a_second_of_motion_gives_a_spring(tmp_path: Path) -> None:
+    """Of a simulated robot, validated by its own recording; and priors that are far narrower than
+    what the data show.
+    """
+    model = flexgen.read("planar5_nmp")
+    truth = another(model, seed=5)
+    plan = flexgen.excite(
+        model, poses=poses_of(model, 1), speed_rms=0.1, f_max=80.0, period_s=0.05, periods=2,
+        hardware=flexgen.DriveHardware(1e-3), lines=4,
+    )  # fmt: skip
+    writer = RecordingWriter(tmp_path, plan, model)
+    flexgen.measure(plan, truth, raw=writer)
+    path = writer.finish()
+    rows = path.read_text().splitlines()
+    kept = [x for x in rows if not x.startswith(("period_s", "line_numbers"))]
+    path.write_text("\n".join(kept))
+    springs = {p.name: p.value for p in select(truth, ["q1.stiffness", "q2.stiffness"])}
+    start = {"q1.stiffness": 1.2 * springs["q1.stiffness"]}
+    found = fits.fit_motion(
+        truth, path, free=list(start), segment_s=0.02, start=start, validate=path
+    )
+    assert found.values["q1.stiffness"] == pytest.approx(springs["q1.stiffness"], rel=1e-3)
+    # what was not fitted is explained as well as what was
+    assert_allclose(found.held_out_percent, found.fit_percent, atol=1e-3)
+    assert "fit 100.0 %, 100.0 %" in repr(found) and found.status.agrees
+    priors = {"q1.stiffness": 1e-11, "q2.stiffness": 2e-11}
+    known = fits.fit_motion(truth, path, free=list(priors), segment_s=0.02, priors=priors)
+    assert_allclose(known.formal_covariance, np.diag([1e-22, 4e-22]), rtol=1e-3, atol=1e-26)
+    assert known.values == pytest.approx(springs, rel=1e-9)
+    assert known.held_out_percent == () and known.segments == found.segments
+    with pytest.raises(ArgumentError, match="expected at least 4 samples"):
+        fits.fit_motion(truth, path, free=list(start), segment_s=1e-3)

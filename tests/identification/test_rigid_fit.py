@@ -5,6 +5,8 @@ recordings out, and deflections of gears by least squares.
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -355,3 +357,11 @@ def test_a_deflection_is_that_of_least_squares() -> None:
     assert gear_deflection(t[:1250], q[:1250], link[:1250], tau[:1250]).stiffness is not None
     with pytest.raises(ArgumentError, match=r"deflection: given 5 s, expected 5\.0 s at least"):
         gear_deflection(t[:1249], q[:1249], link[:1249], tau[:1249])
+
+
+def test_motions_of_recordings_are_those_of_the_joints() -> None:
+    model = flexgen.read("elbow@rigid")
+    tau = np.zeros((60, 2))
+    run = SimpleNamespace(t=np.arange(60) * H, q_m=np.ones((60, 2)) @ model.eta.T, tau_m=tau)
+    data: Any = SimpleNamespace(model=model, recordings=[("a", run)])
+    assert_allclose(rigid_file.motions_of(data)[0].q, 1.0)

@@ -16,7 +16,6 @@ import flexgen
 from flexgen.base.errors import ArgumentError, SolverError
 from flexgen.dynamics.mechanics.parameters import select
 from flexgen.identification.responses import local_model, verdict
-from flexgen.identification.responses import structure as searched
 from flexgen.identification.responses.parameters import ParameterVector
 from flexgen.identification.responses.response_inputs import Drive
 from flexgen.identification.responses.result import FitStatus, IdentificationResult
