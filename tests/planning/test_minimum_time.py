@@ -19,7 +19,7 @@ from flexgen.dynamics.mechanics.limits import Limits
 from flexgen.paths import path as paths
 from flexgen.paths.timing.time_laws import SplineLaw
 from flexgen.planning.fastest import time_search
-from flexgen.planning.fastest.rigid_time import _extreme, rigid_time
+from flexgen.planning.fastest.rigid_time import largest_squared_speed, rigid_time
 
 pytestmark = needs_compiler
 
@@ -222,7 +222,7 @@ def test_the_largest_speed_at_a_point_is_that_of_a_linear_program():
         rows = np.array([*np.stack([a, b], 1), *np.stack([-a, -b], 1), [0.2, 1.0], [-0.2, -1.0]])
         right = np.concatenate([torque - g, torque + g, [after, 0.0]])
         best = linprog([0.0, -1.0], A_ub=rows, b_ub=right, bounds=[(None, None), (0.0, 100.0)])
-        own = _extreme(a, b, g, torque, 100.0, 0.1, after)
+        own = largest_squared_speed(a, b, g, torque, 100.0, 0.1, after)
         assert (own is None) == (best.x is None)
         if own is not None:
             assert own == pytest.approx(best.x[1], rel=1e-6, abs=1e-9)

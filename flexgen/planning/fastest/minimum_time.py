@@ -322,7 +322,7 @@ def fastest(
         with running(time_limit or None):
             asked = _Asked(limits, torque_rate, vibration, coefficients, force)
             find = partial(_find_fastest, robot, move, asked, progress)
-            return find() if against is None else _with_margin(find, progress)
+            return find() if against is None else with_margin(find, progress)
     except OutOfTime as error:
         raise SolverError(
             f"fastest: the time limit of {time_limit:g} s is over ({error}); allow more with "
@@ -341,7 +341,7 @@ class _Asked:
     force: Any
 
 
-def _with_margin(find: Callable[..., FastestMove], progress: Choice) -> FastestMove:
+def with_margin(find: Callable[..., FastestMove], progress: Choice) -> FastestMove:
     """The fastest move whose torques, with those of the feedback of 95 % of the robots, keep the
     limits.
 
@@ -388,7 +388,7 @@ def _find_fastest(
         robot, path, several, None if force is None else force_along(force, path), shown
     )
     check_range(path)
-    kept = _limits_of(robot, asked.limits, asked.torque_rate, default)
+    kept = limits_of(robot, asked.limits, asked.torque_rate, default)
     own = kept
     if margin is not None:
         own = replace(kept, torque=tuple((np.array(kept.torque) - margin).tolist()))
@@ -498,7 +498,7 @@ def _solve_as_given(
     return solve(robot, path.move, force=force, progress=shown)
 
 
-def _limits_of(
+def limits_of(
     robot: RobotModel, given: Limits | None, torque_rate: float | None, default: Solution
 ) -> Limits:
     """The given limits, else those of the model file; every motor gets a torque limit.

@@ -73,7 +73,7 @@ def rigid_time(
         top = np.min(
             np.where(np.isfinite(speed), (speed / np.abs(dq @ model.eta.T)) ** 2, np.inf), axis=1
         )
-    return _time(s, a, b, g, torque, top)
+    return shortest_time(s, a, b, g, torque, top)
 
 
 def joint_motion(path: Path, s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -103,7 +103,7 @@ def joint_motion(path: Path, s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.
     return q, dq, np.linalg.solve(W, (sample.derivative(2) - bias)[:, :, None])[:, :, 0]
 
 
-def _time(
+def shortest_time(
     s: np.ndarray, a: np.ndarray, b: np.ndarray, g: np.ndarray, torque: np.ndarray, top: np.ndarray
 ) -> float:
     """The shortest time from rest to rest on the grid s."""
@@ -112,13 +112,13 @@ def _time(
     ceiling = np.empty(n)
     ceiling[-1] = 0.0
     for k in range(n - 2, -1, -1):  # the largest speed from which the next set can be reached
-        found = _extreme(a[k], b[k], g[k], torque, top[k], h[k], ceiling[k + 1])
+        found = largest_squared_speed(a[k], b[k], g[k], torque, top[k], h[k], ceiling[k + 1])
         if found is None:
             return float("nan")
         ceiling[k] = found
     x = np.zeros(n)
     for k in range(n - 1):
-        x[k + 1] = min(_accelerate(a[k], b[k], g[k], torque, x[k], h[k]), ceiling[k + 1])
+        x[k + 1] = min(next_squared_speed(a[k], b[k], g[k], torque, x[k], h[k]), ceiling[k + 1])
     speeds = np.sqrt(np.maximum(x, 0.0))
     total = speeds[:-1] + speeds[1:]
     if np.any(total <= 0):
@@ -128,7 +128,7 @@ def _time(
     return float((2 * h / total).sum())
 
 
-def _extreme(
+def largest_squared_speed(
     a: np.ndarray,
     b: np.ndarray,
     g: np.ndarray,
@@ -165,7 +165,7 @@ def _extreme(
     return best
 
 
-def _accelerate(
+def next_squared_speed(
     a: np.ndarray, b: np.ndarray, g: np.ndarray, torque: np.ndarray, x: float, h: float
 ) -> float:
     """Largest squared speed at the next point from the squared speed x."""

@@ -117,7 +117,7 @@ class CommandedPath:
             return tuple(np.ascontiguousarray(x) for x in moved)  # type: ignore[return-value]
         turn = Rotation.from_rotvec(d[:, 3:])
         R = turn.as_matrix() @ self._R
-        w = _left_jacobian(d[:, 3:], dd[:, 3:]) + turn.apply(dy[:, 3:])
+        w = angular_velocity(d[:, 3:], dd[:, 3:]) + turn.apply(dy[:, 3:])
         y = np.hstack([self._y[:, :3] + d[:, :3], R.transpose(0, 2, 1).reshape(len(R), 9)])
         dw = time_derivative(w, self.period)
         return (
@@ -155,7 +155,7 @@ class CommandedPath:
         return np.asarray(weight[:, None] * smooth + (1 - weight[:, None]) * ends)
 
 
-def _left_jacobian(r: np.ndarray, dr: np.ndarray) -> np.ndarray:
+def angular_velocity(r: np.ndarray, dr: np.ndarray) -> np.ndarray:
     """Angular velocity (n, 3) in the fixed frame of the rotation with rotation vector r and its
     rate dr (n, 3).
     """
