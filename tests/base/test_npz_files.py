@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import os
 import struct
+import zipfile
 from pathlib import Path
 
 import numpy as np
 import pytest
 from npz_lies import packed
 
+from flexgen.base.files import npz_files
 from flexgen.base.files.npz_files import NpzError, read_npz
 
 LARGEST = 10_000_000  # bytes
@@ -66,3 +68,28 @@ def test_an_error_of_the_caller_stays_what_it_is(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="no a here"):
         read_npz(tmp_path / "good.npz", LARGEST, refuse)
     assert list(read_npz(tmp_path / "good.npz", LARGEST)) == ["a"]
+
+
+def test_a_file_of_arrays_has_at_most_a_thousand_of_them(tmp_path: Path) -> None:
+    """And as many bytes as are allowed, packed and unpacked."""
+    for count in (1000, 1001):
+        file = tmp_path / f"{count}.npz"
+        np.savez(file, **{f"a{k}": np.zeros(1, np.int8) for k in range(count)})
+    assert len(read_npz(tmp_path / "1000.npz", 10**9)) == 1000
+    with pytest.raises(NpzError, match=r"^given 1001 arrays, expected at most 1000$"):
+        read_npz(tmp_path / "1001.npz", 10**9)
+    file = tmp_path / "zeros.npz"
+    np.savez_compressed(file, a=np.zeros(10_000, np.int8))
+    with zipfile.ZipFile(file) as archive:
+        size = archive.infolist()[0].file_size
+    assert read_npz(file, size)["a"].shape == (10_000,)
+    with pytest.raises(
+        NpzError, match=rf"^given arrays of {size} bytes, expected at most {size - 1}$"
+    ):
+        read_npz(file, size - 1)
+    packed = file.stat().st_size
+    with pytest.raises(
+        NpzError, match=rf"^given a file of {packed} bytes, expected at most {packed - 1}$"
+    ):
+        read_npz(file, packed - 1)
+    assert (npz_files.MEMBERS, npz_files.DIRECTORY, npz_files.HEADER) == (1000, 10**6, 10**4)

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from flexgen.base.numerics.records import first_period_excess, lost_samples, slow_transients
 
@@ -99,3 +100,25 @@ def test_counts_of_an_encoder_at_rest_are_not_lost_samples() -> None:
         for k in moving[:: len(moving) // 20]:  # the motion continues, the samples do not
             resampled[k : k + 6] = resampled[k]
         assert len(lost_samples(resampled)) >= 10
+
+
+@pytest.mark.parametrize(("factor", "seen"), [(0.98, False), (1.02, True)])
+def test_a_transient_is_one_beyond_six_deviations_of_the_ratio(factor: float, seen: bool) -> None:
+    """All lines of the same power: the ratio of two means of ``count`` real numbers scatters by
+    sqrt(4 / count).
+    """
+    lines = 50
+    records = 3
+    count = 2 * records * lines
+    ratio = 1.0 + factor * 6.0 * np.sqrt(4 / count)
+    X = (
+        np.cumsum(
+            np.stack([np.zeros((records, lines, 1)), *[np.ones((records, lines, 1))] * 3], axis=1),
+            axis=1,
+        )
+        + 0j
+    )
+    X[:, 0] = X[:, 1] - np.sqrt(ratio)
+    expected = ratio if seen else 1.0
+    assert_allclose(first_period_excess(X), [expected])
+    assert_allclose(first_period_excess(X[:, :2]), [1.0])

@@ -304,3 +304,32 @@ def test_the_use_of_a_limit_in_words() -> None:
     assert use.warning() == "m1: torque 21.01 N m exceeds its limit 20 N m"
     mean = LimitUse("effective torque", "m1", "N m", 0.5, 10.0, 20.0, None)
     assert str(mean) == "effective torque of m1: 10 N m, 50.0 % of its limit 20 N m"
+
+
+def test_bounds_of_limits_are_one_for_each_part() -> None:
+    limits = flexgen.Limits(torque=(4.0, 6.0), reserve=0.25, deflection=(0.1,), tool_speed=2.0)
+    assert_allclose(limits.bounds("torque", 2), [4.0, 6.0])
+    assert_allclose(limits.bounds("gear_torque", 3), np.full(3, np.inf))
+    assert_allclose(limits.deflections(1), [0.1])
+    less = limits.without("torque", "tool_speed")
+    assert less == flexgen.Limits(reserve=0.25, deflection=(0.1,))
+    with pytest.raises(ArgumentError) as caught:
+        limits.bounds("tool_speed", 1)
+    assert str(caught.value).startswith(
+        "limits: given kind 'tool_speed', expected one of torque, speed, "
+    )
+    with pytest.raises(
+        ArgumentError, match=r"^limits: given kinds .*tau.*, expected fields of flexgen\.Limits$"
+    ):
+        limits.without("torque", "tau")
+    for size in (-1, 10**9):
+        with pytest.raises(
+            ArgumentError, match=r"^limits, number of torque bounds: given .*, expected 0 to \d+$"
+        ):
+            limits.bounds("torque", size)
+    for size in (1, 3):
+        with pytest.raises(
+            ArgumentError,
+            match=rf"^limits: given torque \(4\.0, 6\.0\), expected {size} positive numb",
+        ):
+            limits.bounds("torque", size)

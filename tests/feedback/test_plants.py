@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace as Made
 from typing import Any
 
 import casadi as ca
@@ -12,7 +13,7 @@ from numpy.testing import assert_allclose
 
 import flexgen
 from flexgen.base.errors import ArgumentError
-from flexgen.dynamics.hysteresis.lugre import without_states
+from flexgen.dynamics.hysteresis.lugre import MotorBristles, without_states
 from flexgen.dynamics.mechanics.equations import derive
 from flexgen.feedback.loop import hysteresis
 from flexgen.feedback.loop.plants import LocalDynamics, check_motion, plants_of
@@ -171,3 +172,17 @@ def test_rates_of_a_loop_are_those_of_the_simulation(bristled: bool) -> None:
     scale = np.concatenate([np.where(slip > 0, slip, 1.0), most])
     assert_allclose(rate[8:], dz / scale, rtol=1e-9, atol=1e-12)
     assert np.abs(rate[8:]).max() > 1.0 and len(rate) == len(x)
+
+
+def test_states_of_motors_do_not_divide_by_zero_where_there_are_none() -> None:
+    motors = MotorBristles(
+        *(np.array(x) for x in ([0.0, 2.0, 3.0], [0.0, 2.5, 1.0], [0.0, 0.1, 0.2])),
+        *np.zeros((2, 3)),
+    )
+    layer: Any = Made(
+        stiffness=np.array([6.0, 5.0]), slip=np.array([3.0, 0.0]), present=np.array([True, False])
+    )
+    found = hysteresis.States((layer,), motors)
+    levels = [0.0, 2.5, 3.0, 1.0, 2.0, 3.0, 1.0, 2.5, 1.0]  # the larger one, Coulomb, static
+    assert_allclose(found.of_motors()[:12], [*levels, 0.0, 0.1, 0.2])
+    assert_allclose(found.numbers(), [3.0, 0.0, 2.0, 0.0])

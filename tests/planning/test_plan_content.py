@@ -12,13 +12,9 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 from numpy.testing import assert_allclose
-from scipy.spatial.transform import Rotation
 
 import flexgen
 from flexgen.base.errors import ArgumentError, SolverError
-from flexgen.dynamics.mechanics.equations import derive
-from flexgen.model.moves import Move
-from flexgen.paths.path import Path
 from flexgen.planning.optimal import result
 from flexgen.planning.optimal.blocks import Block, check_finite, program
 from flexgen.planning.optimal.nodal import general_part
@@ -48,43 +44,6 @@ def of(c: np.ndarray, t: np.ndarray, order: int = 0) -> np.ndarray:
     return np.stack([(p.deriv(order) if order else p)(t) for p in out], axis=-1)
 
 
-def test_the_reference_of_a_plan_along_a_pose_is_that_of_the_move() -> None:
-    """A line whose rotation is in proportion to its length, at parameters that another motion of
-    the joints has.
-    """
-    equations = derive("manutec_r3")
-    away = np.array([0.2, 0.2, -0.1])
-    turn = np.array([0.3, -0.2, 0.5])
-    start = tuple(np.radians([0.0, 20.0, 70.0, 0.0, 60.0, 0.0]).tolist())
-    move = Move(
-        "line",
-        "tool_line",
-        start,
-        0.65,
-        5,
-        displacement=tuple(away.tolist()),
-        rotation=tuple(turn.tolist()),
-    )
-    model = equations.model
-    s = np.array([0.0, 0.15, 0.6, 1.0])
-    states = np.hstack(
-        [0.1 * np.random.default_rng(1).standard_normal((4, model.dof)), s[:, None]]
-    )
-    problem: Any = SimpleNamespace(
-        equations=equations, path=Path(equations, move), tracks=True, timing="free", push=None
-    )
-    layout: Any = SimpleNamespace(phases=[SimpleNamespace(mesh=SimpleNamespace(s=3))])
-    motion = result.Samples(
-        np.linspace(0.0, 0.9, 4), states, 0 * states, 0 * states, np.zeros((4, model.n_m)), s[:0]
-    )
-    found, tracked = result._trajectory(problem, layout, motion)
-    begin, R = (np.array(x) for x in equations.function("forward_kinematics")(np.array(start)))
-    assert tracked
-    assert_allclose(found["y_ref"], begin.T + s[:, None] * away, atol=1e-9)
-    turned = Rotation.from_rotvec(s[:, None] * turn).as_matrix() @ R
-    assert_allclose(found["R_ref"], turned.reshape(4, 9), atol=1e-9)
-
-
 def test_samples_of_a_plan_are_its_polynomials() -> None:
     problem = planar()
     T = 1.7
@@ -97,18 +56,6 @@ def test_samples_of_a_plan_are_its_polynomials() -> None:
         assert_allclose(getattr(found, name), of(c, t, order), rtol=1e-9, atol=1e-9)
     assert_allclose(found.tau, of(u, t), rtol=1e-9, atol=1e-9)
     assert found.theta.tolist() == [T]
-    joined = result._join([found, found])
-    assert len(joined.t) == 18 and joined.y.shape == (18, problem.mesh.n)
-    model = problem.equations.model
-    q_m = result._all_motors(problem.equations, found.y)
-    assert_allclose(q_m[:, list(model.i_m)], found.y[:, model.n_a :])
-    count = len(result._between(problem, np.array([T])))
-    assert (
-        count == int(np.ceil(T * 0.5 / result.CLOSE))
-        and len(result._between(problem, np.array([1e-6]))) > 1
-    )
-    assert len(result._between(problem, np.array([1e6]))) == result.MOST
-    assert_allclose(np.diff(result._between(problem, np.array([T]))), 1 / count)
 
 
 def test_signals_at_the_nodes_are_those_of_the_motion() -> None:

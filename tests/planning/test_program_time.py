@@ -4,19 +4,22 @@ none is for free.
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from scipy.interpolate import make_interp_spline
+from scipy.optimize import minimize
 from toolchain import needs_compiler
 
 import flexgen
 from flexgen.base.errors import ArgumentError, SolverError
 from flexgen.base.numerics.evaluate import evaluate
-from flexgen.dynamics.mechanics.limit_use import LimitRow, limit_rows
+from flexgen.dynamics.mechanics.limit_use import LimitRow, limit_rows, uses_of_limits
 from flexgen.dynamics.mechanics.limits import Limits
 from flexgen.paths.path import Path
 from flexgen.planning.fastest import minimum_time, program_time, time_search
@@ -25,6 +28,7 @@ from flexgen.planning.fastest.stated_speeds import StatedSpeeds, stated_speeds
 
 pytestmark = needs_compiler
 KEPT = 5e-4
+MODEL = "planar5_nmp"
 
 
 def program(*steps: object, **more: object) -> flexgen.Program:
@@ -146,11 +150,190 @@ def test_effective_torques_connect_the_motions(
     assert slower.duration_s < search.duration(simple.x)
 
 
-def test_a_program_takes_its_motions_and_its_pauses() -> None:
-    search = object.__new__(ProgramSearch)
-    search.pauses = [0.25, 0.0, 1.5]
-    laws = [np.array([duration, 7.0, 8.0]) for duration in (0.5, 1.0, 0.75, 2.0)]
-    assert search.duration(laws) == 6.0
+# --- the search ----------------------------------------------------------------------------------
+@dataclass
+class Leg:
+    """A motion whose two limits are reached by a short duration T and by a coefficient c off its
+    best one.
+    """
+
+    work: float
+    best: float
+    lost: float = 0.0
+    found: Any = None
+    programs: int = 3
+    inversions: int = 2
+
+    def try_constraints(self, x: np.ndarray) -> np.ndarray | None:
+        if x[0] <= self.lost:
+            return None
+        self.found = SimpleNamespace(x=x.copy())
+        return np.array([self.work * (1 + 2 * (x[1] - self.best) ** 2) / x[0] ** 2, -0.5 / x[0]])
+
+    def differences(self, x: np.ndarray) -> Iterator[tuple[np.ndarray, float, np.ndarray | None]]:
+        for k in range(2):
+            other = x + 1e-6 * (np.arange(2) == k)
+            yield other, 1e-6, self.try_constraints(other)
+
+    def quick_start(self) -> np.ndarray:
+        return np.array([np.sqrt(self.work), self.best])
+
+    def start(self) -> np.ndarray:
+        return np.array([5.0, self.best])
+
+    def run(self, x: np.ndarray) -> tuple[np.ndarray, list[float]]:
+        return x, []
+
+    def slower(self, x: np.ndarray, excess: float) -> np.ndarray:
+        return x * [1 + max(0.3 * excess, 1e-4), 1.0]
+
+
+@pytest.fixture(scope="module")
+def real() -> ProgramSearch:
+    default = flexgen.solve(MODEL, THREE, verify=False, progress=False)
+    limits = Limits(torque=(25.0, 10.0), torque_rms=(9.0, 4.0))
+    path = Path(flexgen.derive(MODEL), default.move)
+    return ProgramSearch(path, default, limits, 8, lambda line: None)
+
+
+def toy(real: ProgramSearch, heat: float, lost: float = 0.0) -> Any:
+    """Two motions whose effective torques are ``sqrt(mean of work / T^2)`` over ``heat``."""
+    made = copy.copy(real)
+    lines: list[str] = []
+    legs = [Leg(1.0, 0.4, lost), Leg(0.5, 0.7, lost)]
+    vars(made).update(legs=legs, pauses=[0.25], programs=0, tell=lines.append, lines=lines)
+
+    def effective(x: list[np.ndarray], found: list[Any]) -> np.ndarray:
+        assert all(np.array_equal(one.x, part) for one, part in zip(found, x, strict=True))
+        whole = sum(
+            leg.work * (1 + (part[1] - leg.best) ** 2) / part[0]
+            for leg, part in zip(legs, x, strict=True)
+        )
+        return np.array([whole / made.duration(x) / heat, 0.2])
+
+    made._effective = effective
+    made._excesses = lambda x: [-0.1, -0.1, -0.1]
+    return made
+
+
+FIRST = [np.array([1.0, 0.4]), np.array([np.sqrt(0.5), 0.7])]
+
+
+def test_effective_torques_connect_the_motions_of_a_program(real: ProgramSearch) -> None:
+    """The durations are those of a nonlinear program by another solver; without the limit each
+    motion is alone.
+    """
+    made = toy(real, 0.55)
+    x, history = made.run()
+    assert history[0] == pytest.approx(1.25 + np.sqrt(0.5)) and made.inversions == 4
+    state = made._state(x)
+    assert state.excess() < 2e-3 and state.duration == pytest.approx(history[-1] - 0.25)
+
+    def all_of(z: np.ndarray) -> np.ndarray:
+        own = made._state([z[:2], z[2:]])
+        return np.concatenate([1 - own.c, *[1 - np.abs(g) for g in own.g]])
+
+    best = minimize(
+        lambda z: z[0] + z[2],
+        np.array([1.5, 0.4, 1.2, 0.7]),
+        constraints={"type": "ineq", "fun": all_of},
+        tol=1e-9,
+    )
+    assert best.success and state.duration == pytest.approx(best.fun, rel=5e-3)
+    assert np.allclose([x[0][0], x[1][0]], best.x[[0, 2]], rtol=0.05)
+    assert made.lines[-1].startswith(f"{history[-1]:.4f} s, limits exceeded by ")
+    assert made.programs > 6 + len(made.lines) - 1
+    easy = toy(real, 100.0)
+    assert [part[0] for part in easy.run()[0]] == [part[0] for part in FIRST]
+    assert easy.lines == [] and easy.programs == 6
+
+
+def test_a_program_is_slowed_down_as_much_as_its_torques_need(real: ProgramSearch) -> None:
+    """By bisection: the factor of all durations at which the effective torques are those that are
+    allowed; motions that cannot be inverted are slower still.
+    """
+    made = toy(real, 0.4)
+    state = made._slow_enough(FIRST)
+    factor = state.x[0][0] / FIRST[0][0]
+    assert factor > 1.0 and state.x[1][1] == 0.7
+    assert state.x[1][0] / FIRST[1][0] == pytest.approx(factor)
+
+    def torque(factor: float) -> float:
+        return float(made._state([part * [factor, 1.0] for part in FIRST]).c.max())
+
+    assert state.c.max() <= 1.0 < torque(factor * (1 - 0.3 * factor / 2**program_time.BISECTIONS))
+    late = toy(real, 0.4, 1.2)._slow_enough(FIRST)
+    assert late.x[1][0] > 1.2 and late.c.max() <= 1.0
+    text = "the effective torques cannot be kept in this program at the speeds that were tried"
+    with pytest.raises(SolverError, match=text):
+        toy(real, 1e-3)._slow_enough(FIRST)
+    with pytest.raises(SolverError, match=r"times slower it needs inf of one$"):
+        toy(real, 1e-3, 1e9)._slow_enough(FIRST)
+
+
+def test_slopes_of_a_program_are_derivatives(real: ProgramSearch) -> None:
+    made = toy(real, 0.5)
+    state = made._state([np.array([1.3, 0.5]), np.array([0.9, 0.6])])
+    own, connecting = made._slopes(state)
+    T, c = state.x[0]
+    row = [-2 * (1 + 2 * (c - 0.4) ** 2) / T**3, 4 * (c - 0.4) / T**2]
+    assert np.allclose(own[0], [row, [0.5 / T**2, 0.0]], rtol=1e-4, atol=1e-6)
+    whole = 1.01 / 1.3 + 0.5 * 1.01 / 0.9
+    total = 1.3 + 0.9 + 0.25
+    slopes = [(-1.01 / 1.3**2 / total - whole / total**2) / 0.5, 0.2 / 1.3 / total / 0.5]
+    assert np.allclose(connecting[0], [slopes, [0.0, 0.0]], rtol=1e-4, atol=1e-6)
+
+
+def test_a_program_is_slowed_down_until_all_of_it_keeps_its_limits(real: ProgramSearch) -> None:
+    """Each motion by its own excess, and all by that of the whole."""
+    made = toy(real, 100.0)
+    lines: list[str] = []
+    made.tell = lines.append
+
+    def excesses(x: list[np.ndarray]) -> list[float]:
+        return [1.8 / made.duration(x) - 1.0, 1.5 / x[0][0] - 1.0, 0.2 / x[1][0] - 1.0]
+
+    made._excesses = excesses
+    x = made._slow_down([np.array([0.9, 0.0]), np.array([0.3, 0.0])])
+    assert max(excesses(x)) <= -1e-4 and x[0][0] / 0.9 > x[1][0] / 0.3
+    assert lines[0] == "1.4500 s, limits of the whole program exceeded by 6.7e-01"
+    made._excesses = lambda x: [0.3, 0.5, 0.1]
+    made.connecting = Limits()
+    with pytest.raises(
+        SolverError, match=r"in this program at any speed; .* needs 1\.5 of a limit"
+    ):
+        made._slow_down(FIRST)
+    made.connecting = Limits(torque_rms=(1.0, 1.0))  # of other time laws the mean may be smaller
+    with pytest.raises(
+        SolverError, match=r"at the speeds that were tried, up to .* needs 1\.5 of"
+    ):
+        made._slow_down(FIRST)
+
+
+def test_effective_torques_are_those_of_the_whole_program(real: ProgramSearch) -> None:
+    """By integrals of the torques of its solution, pauses included."""
+    x = [leg.start() for leg in real.legs]
+    state = real._state(x)
+    program = real.move(x)
+    assert program.duration == pytest.approx(real.duration(x)) and len(real.pauses) == 2
+    assert real.duration(x) == pytest.approx(sum(p[0] for p in x) + sum(real.pauses))
+    found = flexgen.solve(MODEL, program, verify=False, ignore_limits=True, progress=False)
+    t = found.trajectory.time
+    on_path = (t >= 0.0) & (t <= real.duration(x))
+    square = np.trapezoid(found.trajectory["tau_m"][on_path] ** 2, t[on_path], axis=0)
+    rms = np.sqrt(square / real.duration(x)) / [9.0, 4.0]
+    assert np.allclose(state.c, rms, rtol=0.01)
+    ends = real.windows(x)
+    middle = x[0][0] + real.pauses[0] / 2
+    assert ends[0] == (-np.inf, pytest.approx(middle + 0.02))
+    assert ends[1][0] == pytest.approx(middle - 0.02) and ends[-1][1] == np.inf
+    uses = uses_of_limits(found.model, real.single, found.trajectory.__getitem__, t)
+    stated = [
+        leg.speeds.parts(segment.law).max(initial=0.0)
+        for leg, segment in zip(real.legs, real.retime(x).segments, strict=True)
+    ]
+    most = max(max(use.part for use in uses), rms.max(), *stated)
+    assert real.excess(x) == pytest.approx(most - 1.0, abs=0.02)
 
 
 @pytest.mark.parametrize("planted", ["reserve", "gears"])
