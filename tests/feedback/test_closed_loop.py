@@ -188,21 +188,6 @@ def test_an_unstable_loop_is_an_error_and_not_a_result():
             loop.run(moving(at_rest, 2, 1000, 0.3), 1000)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        ({"sample_s": 0.0}, "sample_s: given 0.0"),
-        ({"sample_s": float("nan")}, "sample_s: given nan"),
-        ({"delay_s": 1e-3}, "delay_s: given 0.001, expected >= 0, below sample_s"),
-        ({"torque_noise_Nm": -1.0}, "torque_noise_Nm: given -1.0"),
-        ({"encoder_noise_rad": float("inf")}, "encoder_noise_rad: given inf"),
-    ],
-)
-def test_wrong_hardware_is_refused(arguments, words):
-    with pytest.raises(ArgumentError, match=words):
-        DriveHardware(**arguments)
-
-
 def test_wrong_arrays_are_refused():
     model = flexgen.read("planar5_nmp")
     loop, _at_rest, _, _ = loop_of(model, DriveHardware(T))

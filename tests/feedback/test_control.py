@@ -15,12 +15,10 @@ from toolchain import needs_compiler
 import flexgen
 from flexgen.base.errors import ArgumentError
 from flexgen.codegen.build.model_library import library_with
-from flexgen.dynamics.mechanics.equations import derive
 from flexgen.feedback.loop.case import control_case
 from flexgen.feedback.loop.closed_loop import ClosedLoop
 from flexgen.feedback.loop.control import case_controller, run_case
 from flexgen.feedback.loop.controllers import Cascade
-from flexgen.feedback.loop.gains import lowest_locked_hz
 from flexgen.feedback.loop.hardware import DriveHardware
 from flexgen.feedback.loop.interface import PythonController
 from flexgen.feedback.loop.margins import LoopAtPose, as_linear
@@ -212,19 +210,6 @@ def test_margins_are_where_the_simulated_loop_becomes_unstable(case):
     assert swing(1.0, below) < 1 < swing(1.0, above + 5e-4)
 
 
-def test_lqg_is_the_regulator_and_the_filter_of_the_sampled_model(case):
-    """Poles of the loop with the model: those of the regulator and those of the filter."""
-    law = flexgen.LQG(10.0).linear(
-        case.model, 5e-4, 5e-4, case.reference.points(np.array([0, 800])), 800
-    )
-    pose = PoseModels(case.model).at(case.reference.points(np.array([0])))
-    A, B, C, D = (x[0] for x in law.matrices)
-    loop = LoopAtPose(pose, type(law)(A, B, C, D), 5e-4, 5e-4)
-    assert loop.largest_eigenvalue() < 1
-    found = run_case(case, law, "lqg")
-    assert found.status == "done"
-
-
 def test_a_linear_controller_ignores_the_exact_state_that_is_measured_too(case):
     """As it is without the exact state; with it the channels of the state, the last ones, have the
     weight zero.
@@ -244,17 +229,6 @@ def test_a_linear_controller_ignores_the_exact_state_that_is_measured_too(case):
         assert found.matrices[1].shape[2] == n_y + (states if exact else 0)
     cascade = law_of(case)
     assert case_controller(replace(case, exact_state=True), cascade)[0] is cascade
-
-
-def test_the_lowest_locked_frequency_of_two_masses():
-    model = flexgen.read("elbow")
-    q = np.zeros((1, 2))
-    motion = (q, q, q, q @ model.eta.T, q, q, q)
-    found = lowest_locked_hz(model, motion)
-    M = derive(model).function("mass_matrix")(np.zeros(2)).full()
-    K = np.diag([7.5189e6, 4.0999e6])
-    expected = np.sqrt(np.linalg.eigvals(np.linalg.solve(M, K)).real.min()) / (2 * np.pi)
-    assert found == pytest.approx(expected, rel=1e-2)  # gravity adds a little
 
 
 @pytest.mark.parametrize(

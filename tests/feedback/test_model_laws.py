@@ -5,7 +5,6 @@ bits, refusals.
 from __future__ import annotations
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,15 +15,12 @@ from toolchain import needs_compiler
 
 import flexgen
 from flexgen.base.errors import ArgumentError
-from flexgen.base.numerics.evaluate import evaluate
 from flexgen.feedback.laws.bound import BoundLaw
 from flexgen.feedback.laws.chain import chain_gains, largest_eigenvalue, largest_frequency
-from flexgen.feedback.laws.state_lq import LQ
 from flexgen.feedback.laws.study import ARM
 from flexgen.feedback.loop.case import control_case
 from flexgen.feedback.loop.control import case_controller, run_case
 from flexgen.feedback.loop.interface import PythonController
-from flexgen.feedback.loop.margins import loops_at
 from flexgen.feedback.loop.timing import Timing
 from flexgen.model.elements import Gear
 
@@ -263,40 +259,6 @@ def test_motors_that_drive_several_joints():
             assert runs[0].tool_error_max_m < 1e-4
 
 
-@pytest.mark.slow
-def test_stiff_springs_make_feedback_linearisation_the_computed_torque():
-    """At states whose spring torque is that of the rigid robot both laws give one torque; the rest
-    falls with K.
-    """
-    w = 2 * np.pi * 4.0
-    differences = []
-    soft = case_of(arm(), H).law_motion()
-    for stiffness in (1.0, 1e4):
-        model = arm(stiffness=stiffness)
-        motion = replace(soft, model=model)
-        linearising = FL(4.0).bound(motion)
-        rigid = flexgen.ComputedTorque(4.0, allow_unstable=True).bound(motion)
-        k = int(np.searchsorted(soft.reference.time, 0.2))
-        q_d, v_d, a_d = motion.arm(0.0)[k][:3]
-        q = q_d + 1e-3
-        v = v_d + 1e-2
-        a = a_d - 2 * w * 1e-2 - w * w * 1e-3
-        equations = flexgen.derive(model)
-        T = equations.function("inverse_dynamics")(q, v, a).full().ravel()
-        K = evaluate(equations.function("gear_law"), np.zeros((1, 3)))[1].ravel()
-        x = np.array([q, v, model.eta @ (q + T / K), model.eta @ v])
-        differences.append(
-            np.abs(
-                linearising._linearize(x, linearising.table[k])
-                - rigid._computed_torque(
-                    np.array([q, v, model.eta @ q, model.eta @ v]), rigid.table[k]
-                )
-            ).max()
-        )
-    assert differences[0] > 1e-3
-    assert differences[1] < 2e-4 * differences[0]
-
-
 # --- the motors' laws ----------------------------------------------------------------------------
 
 
@@ -308,38 +270,6 @@ def test_tomei_rests_at_the_path_and_tracks_with_feedforward():
     assert rests.tool_error_max_m > 1e-3 and rests.figures(rests.nominal)["error_end_m"] < 1e-6
     # that of the sample time
     assert run(case, flexgen.TomeiPD(6.0, feedforward=True)).tool_error_max_m < 2e-6
-
-
-def test_joint_torque_feedback_places_the_poles_of_a_joint(tmp_path):
-    """J M/K p^4 + ... of the closed loop of one joint by its state matrix, against (p + w)^4."""
-    model = one_joint(tmp_path)
-    case = control_case(model, sample_time=H, exact_state=True, solution=solution_of(model))
-    law = flexgen.JointTorqueFeedback(2.0).bound(case.law_motion())
-    k_p, k_d, k_t, k_s = law.gains[:, 0]
-    K = 0.5
-    w = 4 * np.pi
-    spring = np.array([-K, 0.0, K, 0.0])  # torque of (q, v, q_m, v_m); both inertias are 1
-    rate = np.array([0.0, -K, 0.0, K])
-    torque = -(np.array([0, 0, k_p, k_d]) + k_t * spring + k_s * rate)
-    A = np.array([[0, 1, 0, 0], spring, [0, 0, 0, 1], torque - spring])
-    assert np.allclose(np.poly(A), np.poly([-w] * 4), rtol=1e-9)
-
-
-@pytest.mark.slow
-def test_lq_is_the_regulator_of_the_sampled_model():
-    """The loop with the exact state has the eigenvalues of the regulator, with and without delay;
-    all are stable.
-    """
-    for exact in (True, False):
-        for delay in (0.0, H, 1.3e-3):
-            case = case_of(arm(), H, delay, exact_state=exact)
-            law, _ = case_controller(case, flexgen.LQ(1.0))
-            at = np.array([0, 2200, len(case.reference.time) - 1])
-            points = case.reference.points(at)
-            for loop in loops_at(case.model, law, H, delay, points, at):
-                assert loop.largest_eigenvalue() < 1
-    found = run(case_of(arm(), H), flexgen.LQ(1.0))
-    assert found.tool_error_max_m < 2e-6
 
 
 # --- what is refused -----------------------------------------------------------------------------
@@ -475,33 +405,6 @@ def test_computed_torque_with_rigid_gears_is_refused_where_it_is_unstable(axes):
         bound, rel=5e-3
     )
     assert run(case, flexgen.ComputedTorque(4.0)).status == "done"
-
-
-def test_the_state_gain_is_that_of_the_exact_state_or_of_differences_of_angles():
-    """A gain of random numbers, without torques under way: u = K (x_ref - x), each channel for
-    itself.
-    """
-    model = arm()
-    rng = np.random.default_rng(3)
-    n_a = model.n_a
-    n_m = model.n_m
-    K = rng.normal(size=(n_m, 2 * (n_a + n_m)))
-    motion = SimpleNamespace(model=model, sample_s=H, exact_state=True, state_channel=5)
-    _, _, C, D = LQ()._part(K, motion, None, 5 + 2 * (n_a + n_m))
-    q_a, v_a, q_m, v_m = (rng.normal(size=n) for n in (n_a, n_a, n_m, n_m))
-    measured = np.concatenate([rng.normal(size=5), q_a, v_a, q_m, v_m])
-    assert C.shape[1] == 0 and np.allclose(
-        D @ measured, K @ np.concatenate([q_a, q_m, v_a, v_m]), rtol=1e-12
-    )
-    motion.exact_state = False
-    A, B, C, D = LQ()._part(K, motion, np.arange(n_m, n_m + n_a), n_m + n_a)
-    # the state: angles at the last sample
-    last = np.concatenate([q_a, q_m]) - H * np.concatenate([v_a, v_m])
-    expected = K @ np.concatenate([q_a, q_m, v_a, v_m])
-    assert np.allclose(C @ last + D @ np.concatenate([q_m, q_a]), expected, rtol=1e-9)
-    assert not A.any() and np.array_equal(
-        B @ np.concatenate([q_m, q_a]), np.concatenate([q_a, q_m])
-    )
 
 
 def test_late_link_encoders_are_refused():

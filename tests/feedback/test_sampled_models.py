@@ -10,7 +10,6 @@ from scipy.linalg import expm
 
 from flexgen.base.errors import SolverError
 from flexgen.base.numerics.riccati import riccati
-from flexgen.feedback.laws.lq import LQG
 from flexgen.feedback.loop.controllers import Cascade, Linear
 from flexgen.feedback.loop.interface import Measurement, Reference
 from flexgen.feedback.loop.margins import LoopAtPose, as_linear
@@ -52,33 +51,6 @@ def test_delays_are_states(delay):
             fine = phi @ fine + gamma @ (u[sent] if sent >= 0 else np.zeros(2))
 
 
-def test_the_regulator_is_the_limit_of_a_sweep():
-    """Riccati's recursion backwards over a constant model against the algebraic solution."""
-    A, B = oscillator()
-    F, G = sample_model(A, B, H, H)
-    Q = np.eye(len(F))
-    R = 0.1 * np.eye(2)
-    P = np.zeros_like(Q)
-    for _ in range(20000):
-        K = np.linalg.solve(R + G.T @ P @ G, G.T @ P @ F)
-        P = Q + F.T @ P @ (F - G @ K)
-    assert np.allclose(P, riccati(F, G, Q, R), rtol=1e-8)
-
-
-def test_the_constant_gain_is_the_limit_of_the_filter():
-    """The covariance of a time-varying Kalman filter goes to that of the stationary one."""
-    A, B = oscillator()
-    F, G = sample_model(A, B, H, 0.0)
-    C = np.eye(4)[:2]
-    W = G @ G.T + 1e-12 * np.eye(4)
-    V = 1e-6 * np.eye(2)
-    P = np.eye(4)
-    for _ in range(20000):
-        M = P @ C.T @ np.linalg.inv(C @ P @ C.T + V)
-        P = F @ (P - M @ C @ P) @ F.T + W
-    assert np.allclose(P, riccati(F.T, C.T, W, V), rtol=1e-6, atol=1e-12)
-
-
 def test_no_solution_is_an_error():
     with pytest.raises(SolverError, match="Riccati equation has no solution"):
         riccati(np.diag([2.0, 0.5]), np.array([[0.0], [1.0]]), np.eye(2), np.eye(1))
@@ -104,14 +76,6 @@ def test_a_cascade_is_its_linear_form():
         y = Measurement(q, none)
         ref = Reference(still, none, still, still, none, none)
         assert np.allclose(law.step(k, y, ref), linear.step(k, y, ref), rtol=1e-9, atol=1e-9)
-
-
-@pytest.mark.parametrize(
-    "arguments", [{"rho": 0.0}, {"encoder_noise": -1.0}, {"torque_noise": float("nan")}]
-)
-def test_wrong_weights_are_refused(arguments):
-    with pytest.raises(ValueError, match=f"{next(iter(arguments))}: given"):
-        LQG(**arguments)
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.4, 1.0, 1.7, 2.0])

@@ -131,22 +131,6 @@ def test_a_solution_that_leaves_the_path_is_not_learned(solution):
         flexgen.learn("planar5_nmp", solution=limited, progress=False)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("frequency", "gain"), [(40.0, 2.0), (25.0, 1.9)])
-def test_learning_that_diverges_ends_with_its_best(solution, frequency, gain):
-    found = flexgen.learn(
-        "planar5_nmp",
-        plant={"stiffness": 0.6, "payload": 3.0},
-        solution=solution,
-        iterations=12,
-        gain=gain,
-        frequency_hz=frequency,
-        progress=False,
-    )
-    assert found.stopped and found.errors_m[found.best] == min(found.errors_m)
-    assert len(found.runs) < 13
-
-
 def test_angular_velocity_of_a_rotation_vector():
     rng = np.random.default_rng(0)
     for size in (1e-6, 0.3, 2.0):
@@ -162,9 +146,8 @@ def test_angular_velocity_of_a_rotation_vector():
 @pytest.fixture(scope="module", params=["elbow", "kr300"])
 def learned(request) -> flexgen.LearningResult:
     """A position of a planar arm, and a pose of six axes."""
-    return flexgen.learn(
-        request.param, plant={"stiffness": 0.8}, iterations=2, gain=0.6, sample_time=2e-3
-    )
+    given = {"gain": 0.6, "sample_time": 2e-3, "iterations": 2 if request.param == "elbow" else 1}
+    return flexgen.learn(request.param, plant={"stiffness": 0.8}, **given)
 
 
 def errors_of(found: flexgen.LearningResult, k: int) -> np.ndarray:
@@ -201,7 +184,7 @@ def filtered(found: flexgen.LearningResult, error: np.ndarray) -> np.ndarray:
 def test_corrections_are_the_filtered_errors(learned) -> None:
     """Of each iteration, times the gain; the filter is below the lowest frequency of the arm."""
     assert not learned.corrections[0].any() and learned.best == int(np.argmin(learned.errors_m))
-    for k in range(2):
+    for k in range(len(learned.runs) - 1):
         change = learned.corrections[k + 1] - learned.corrections[k]
         expected = -0.6 * filtered(learned, errors_of(learned, k))
         assert np.allclose(change, expected, rtol=0, atol=1e-6 * np.abs(expected).max())
@@ -286,14 +269,14 @@ def test_learning_is_told_by_iterations(learned) -> None:
     name = found.runs[0].model.name
     assert lines[0] == f"{name}, move line: largest error of each iteration, Q 12.5 Hz, gain 0.6"
     assert (
-        lines[1].startswith("  0: ") and lines[1].endswith(" um") and lines[3].endswith("(best)")
+        lines[1].startswith("  0: ") and lines[1].endswith(" um") and lines[-2].endswith("(best)")
     )
-    assert lines[4:] == ["  the error grows"]
+    assert lines[-1] == "  the error grows"
     assert repr(found).startswith(f"<LearningResult {name}: {lines[1][5:]} -> ")
     figures = found.to_dict()
     assert (figures["model"], figures["move"], figures["plant"]) == (name, "line", "robot")
     assert figures["errors_max_m"] == list(found.errors_m)
-    assert np.array_equal(found.trajectory["q_a"], found.runs[2]["robot"].q_a)
+    assert np.array_equal(found.trajectory["q_a"], found.runs[found.best]["robot"].q_a)
 
 
 @pytest.mark.parametrize(
