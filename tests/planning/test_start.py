@@ -4,7 +4,6 @@ refused there.
 
 from __future__ import annotations
 
-from types import SimpleNamespace as Made
 from typing import Any
 
 import casadi as ca
@@ -12,148 +11,124 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+import flexgen
 from flexgen.base.errors import ArgumentError, SolverError
-from flexgen.planning.optimal import start
+from flexgen.base.motion.trajectory import Trajectory
+from flexgen.base.spec.ports import Port
 from flexgen.planning.optimal.start import check_rest, start_of
+from flexgen.planning.optimal.transcribe import Layout
+
+RATES = np.array([0.3, -0.2, 40.0, -60.0])  # of both arm joints and both motors
 
 
-class Motion:
-    """A guess of 2 s: y = t^2 and 3 t, torques t."""
-
-    duration = 2.0
-
-    def at(self, t: np.ndarray) -> tuple[np.ndarray, ...]:
-        y = np.stack([t**2, 3 * t], axis=1)
-        return (
-            y,
-            np.stack([2 * t, 3 + 0 * t], axis=1),
-            np.stack([2 + 0 * t, 0 * t], axis=1),
-            t[:, None],
-        )
+def guess() -> Trajectory:
+    """Angles that are t^2 and t^3 in 2 s, torques in proportion to t."""
+    t = np.linspace(0.0, 2.0, 201)[:, None]
+    rows = {"q": t**2 + t**3, "v": 2 * t + 3 * t**2, "a": 2 + 6 * t}
+    channels = {f"{x}_a": y * RATES[:2] for x, y in rows.items()}
+    channels |= {f"{x}_m": y * RATES[2:] for x, y in rows.items()}
+    channels["tau_m"] = t * [1.0, -2.0]
+    ports = {name: Port(name, (2,), "", "") for name in channels}
+    labels = {name: ("q1", "q2") if name.endswith("a") else ("m1", "m2") for name in channels}
+    labels["tau_m"] = ("m1", "m2")
+    return Trajectory(t[:, 0], channels, ports, labels, {"model": "elbow"})
 
 
-def layout_of(*durations: float) -> Any:
-    mesh = Made(
-        nodes=np.array([0.0, 0.5, 1.0]), times=np.array([0.25, 0.75]), pack=lambda *parts: parts
-    )
-    return Made(phases=[Made(mesh=mesh, given_duration=T) for T in durations])
+def start(problem: Any, given: Any) -> tuple[Layout, np.ndarray]:
+    layout = Layout(tuple(problem.phases), tuple(p.symbol for p in problem.parameters))
+    free = problem.timing == "free"
+    ends = (problem.y_start, problem.y_end)
+    return layout, start_of(layout, problem.path, ends, given, problem.parameters, free=free)
 
 
-@pytest.fixture
-def asked(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """Which guess is made."""
-    calls: list[str] = []
-    for name in ("from_solution", "from_inversion", "between"):
-
-        def made(*given: Any, name: str = name) -> Motion:
-            calls.append(name)
-            return Motion()
-
-        monkeypatch.setattr(start.guesses, name, made)
-    return calls
-
-
-@pytest.mark.parametrize("free", [False, True])
-def test_a_guess_is_spread_over_the_phases(free: bool, asked: list[str]) -> None:
-    """Phases of 1 and 3 s take the first and the other part of it; derivatives are those in
-    relative time.
-
-    With a free path parameter, the time law of the path (s^2 over a length of 5, in 4 s) is one
-    more coordinate.
+@pytest.mark.parametrize("timing", ["given", "free"])
+def test_a_guess_is_spread_over_the_phases(timing: Any) -> None:
+    """Two phases take their parts of it, stretched to their durations; derivatives are those in
+    relative time. A free path parameter is one more coordinate, with the law of the path.
     """
-    packed: list[Any] = []
-
-    def pack(*parts: np.ndarray) -> np.ndarray:
-        packed.append(parts)
-        return np.full(2, float(len(packed)))
-
-    def law(t: np.ndarray, order: int) -> np.ndarray:
-        return (
-            5
-            * np.stack([np.minimum(t, 4.0) ** 2 / 16, t / 8, 1 / 8 + 0 * t], axis=1)[
-                :, : order + 1
-            ]
-        )
-
-    path: Any = Made(equations=None, duration=4.0, segments=[Made(law=law)])
-    ends = (np.zeros(2), np.zeros(2))
-    layout = layout_of(1.0, 3.0)
-    for phase in layout.phases:
-        phase.mesh.pack = pack
-    found = start_of(layout, path, ends, None, [Made(guess=7.0)], free=free)
-    assert found.tolist() == [1.0, 1.0, 2.0, 2.0, 1.0, 3.0, 7.0]
-    assert asked == (["from_inversion"] if free else ["between"])
-    first, second = packed
-    for (nodes, acceleration, torque), begun, T in ((first, 0.0, 1.0), (second, 1.0, 3.0)):
-        t = (begun + T * np.array([0.0, 0.5, 1.0])) / 2  # of the guess, which takes half as long
-        y = [t**2, 3 * t]
-        dy = [2 * t, 3 + 0 * t]
-        if free:
-            y.append((2 * t) ** 2 / 16)
-            dy.append(2 * (2 * t) / 8)
-        assert_allclose(nodes, np.stack([*y, *(T / 2 * x for x in dy)], axis=1), rtol=1e-14)
-        inner = (begun + T * np.array([0.25, 0.75])) / 2
-        ddy = [2 + 0 * inner, 0 * inner] + ([4 / 8 + 0 * inner] if free else [])
-        assert_allclose(acceleration, (T / 2) ** 2 * np.stack(ddy, axis=1), rtol=1e-14)
-        assert_allclose(torque, inner[:, None], rtol=1e-14)
+    problem = flexgen.plan_problem("elbow", "line", mesh=3, timing=timing, limits=False)
+    later = problem.then(0.5, mesh=[0.0, 0.4, 1.0])
+    problem.parameter("mass", 1.0, 3.0, 2.5)
+    layout, x = start(problem, guess())
+    first = problem.given_duration
+    assert_allclose(x[layout.theta], [first, 0.5, 2.5])
+    scale = 2.0 / (first + 0.5)  # of time: the guess takes 2 s
+    path = problem.path
+    length = path.segments[0].law(np.array([1e9]), 0)[0, 0]
+    for phase, begin, T in ((problem, 0.0, first), (later, first, 0.5)):
+        mesh = phase.mesh
+        at = layout.first[phase.number]
+        found = mesh.unpack(x[at : at + mesh.size])
+        for sigma, parts in ((mesh.nodes, found[:2]), (mesh.times, found[2:])):
+            t = (begin + T * sigma)[:, None] * scale
+            rows = [t**2 + t**3, (2 * t + 3 * t**2) * scale * T, (2 + 6 * t) * (scale * T) ** 2]
+            wanted = [row * RATES for row in rows]
+            if timing == "free":
+                u = path.duration / 2.0
+                s = path.segments[0].law(np.clip(t[:, 0] * u, 0.0, path.duration), 2) / length
+                wanted = [
+                    np.c_[row, s[:, k] * (u * scale * T) ** k] for k, row in enumerate(wanted)
+                ]
+            if sigma is mesh.nodes:
+                assert_allclose(parts[0], wanted[0], atol=1e-6)
+                assert_allclose(parts[1], wanted[1], atol=1e-5)
+                continue
+            assert_allclose(parts[0].reshape(wanted[2].shape), wanted[2], atol=1e-3)
+            assert_allclose(parts[1].reshape(-1, 2), t * [1.0, -2.0], atol=1e-8)
 
 
-def test_guesses_by_name(asked: list[str]) -> None:
-    path: Any = Made(equations=None, duration=2.0, segments=[])
-    ends = (np.zeros(2), np.zeros(2))
-    layout = layout_of(2.0)
-    layout.phases[0].mesh.pack = lambda *parts: np.zeros(3)
-    for guess, name in (("lq", "from_inversion"), ("rest", "between"), (None, "between")):
-        assert start_of(layout, path, ends, guess, [], free=False).tolist() == [0.0, 0.0, 0.0, 2.0]
-        assert asked.pop() == name
-    wrong: Any
-    for wrong in ("best", 3.0, True):
-        with pytest.raises(ArgumentError) as refused:
-            start_of(layout, path, ends, wrong, [], free=False)
-        assert (
-            str(refused.value)
-            == f"guess: given {wrong!r}, expected 'rest', 'lq', a Solution or a Trajectory"
-        )
-    layout.phases[0].mesh.pack = lambda *parts: np.array([np.nan])
-    with pytest.raises(
-        ArgumentError, match="given a motion that is not finite, expected finite numbers"
-    ):
-        start_of(layout, path, ends, "rest", [], free=False)
-
-
-def test_constraints_hold_at_rest() -> None:
-    """By a millionth of their size; those of other signals than coordinates and speeds are not
-    known there.
-    """
-    y = ca.SX.sym("y", 2)
-    dy = ca.SX.sym("dy", 2)
-    tau = ca.SX.sym("tau")
-
-    def check(
-        value: ca.SX, low: float, high: float, band: bool = False, where: str = "end"
-    ) -> None:
-        row = Made(name="mine", value=value, lower=np.array([low]), upper=np.array([high]))
-        rows: dict[str, list[Any]] = {"path": [], "start": [], "end": []}
-        if not band:
-            rows["end"].append(row)
-        content = Made(rows=rows, bands={"mine": row} if band else {})
-        phase: Any = Made(signals=Made(y=y, dy=dy), content=content)
-        check_rest(phase, np.array([2.0, 100.0]), where)
-
-    check(y[0] + dy[0], 2.0, 2.0)
-    check(tau + y[0], 5.0, 6.0)
-    check(y[1], 0.0, 100.0 - 0.99e-4)
-    check(y[0], 9.0, 10.0, where="start")  # a row of the end alone
-    words = "at the end, where the arm is at rest; change the constraint or the move"
-    with pytest.raises(SolverError) as refused:
-        check(y[1], 0.0, 100.0 - 1.01e-4)
-    assert str(refused.value) == f"plan: 'mine' is violated by 0.000101 {words}"
-    with pytest.raises(SolverError) as refused:
-        check(y[0], 2.5, 3.0, band=True)
-    assert str(refused.value) == f"plan: 'bound of mine' is violated by 0.5 {words}"
-    with pytest.raises(ArgumentError) as unknown:
-        check(1 / dy[0], 0.0, 1.0)
-    assert (
-        str(unknown.value)
-        == "plan: 'mine' is NaN or infinite at the end, expected a finite number"
+def test_guesses_by_name() -> None:
+    """At rest to rest, or by an inversion of the path, which is the default of a free path."""
+    given, free = (
+        flexgen.plan_problem("elbow", "line", mesh=3, timing=timing)
+        for timing in ("given", "free")
     )
+    for problem, default, other in ((given, "rest", "lq"), (free, "lq", "rest")):
+        _, x = start(problem, None)
+        assert np.array_equal(x, start(problem, default)[1])
+        assert not np.array_equal(x, start(problem, other)[1])
+
+
+@pytest.mark.parametrize("wrong", ["best", 3.0, True])
+def test_other_guesses_are_refused(wrong: Any) -> None:
+    problem = flexgen.plan_problem("elbow", "line", mesh=3)
+    text = f"guess: given {wrong!r}, expected 'rest', 'lq', a Solution or a Trajectory"
+    with pytest.raises(ArgumentError, match=text):
+        start(problem, wrong)
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "band", "error"),
+    [
+        (0.0, 100.0 - 0.99e-4, False, None),
+        (0.0, 100.0 - 1.01e-4, False, "plan: 'mine' is violated by 0.000101 at the end, where"),
+        (100.5, 200.0, True, "plan: 'bound of q_m' is violated by 0.5 at the end, where the arm"),
+    ],
+)
+def test_constraints_hold_at_rest(low: float, high: float, band: bool, error: str | None) -> None:
+    """By a millionth of their size; here of motors at 100 rad."""
+    problem = flexgen.plan_problem("elbow", "line", mesh=3, limits=False)
+    q_m = problem["q_m"][0]
+    y = np.array([2.0, 1.0, 100.0, 200.0])
+    if band:
+        problem.bound("q_m", low, 1e3)
+    else:
+        problem.subject_to(q_m, low, high, name="mine")
+    if error is None:
+        check_rest(problem, y, "end")
+        return
+    with pytest.raises(SolverError, match=error):
+        check_rest(problem, y, "end")
+
+
+def test_what_is_not_known_at_rest_is_not_checked() -> None:
+    """Torques, and rows of the other end; what is not finite is an error."""
+    problem = flexgen.plan_problem("elbow", "line", mesh=3, limits=False)
+    y = np.array([2.0, 1.0, 100.0, 200.0])
+    problem.subject_to(problem["tau_m"][0] + problem["q_a"][0], 500.0, 600.0)
+    problem.subject_to(problem["q_a"][0] <= 1.0, at="end")
+    problem.subject_to(ca.sumsqr(problem["v_a"]), 0.0, 0.0)
+    check_rest(problem, y, "start")
+    problem.subject_to(1 / problem["v_a"][0], 0.0, 1.0, name="mine")
+    with pytest.raises(ArgumentError, match="plan: 'mine' is NaN or infinite at the start"):
+        check_rest(problem, y, "start")
