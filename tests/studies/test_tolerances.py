@@ -5,10 +5,13 @@ its distribution.
 from __future__ import annotations
 
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from bristled import bristled, tables
+from hysteretic import BENT, with_elements
 
 import flexgen
 from flexgen.dynamics.mechanics.parameters import select
@@ -16,7 +19,7 @@ from flexgen.identification.responses.parameters import ParameterVector
 from flexgen.identification.responses.result import Estimated, FitStatus
 from flexgen.studies.tolerances.in_loop import draw_plants
 from flexgen.studies.tolerances.model_file import with_uncertainty
-from flexgen.studies.tolerances.sources import sources_of
+from flexgen.studies.tolerances.sources import of_equations, sources_of
 
 PAIR = {"parameters": ["q1.stiffness", "q2.stiffness"], "sd": [0.1, 0.2]}
 
@@ -110,6 +113,123 @@ def test_draws_have_the_moments_of_the_table():
     load = x[:, k["payload.mass"]]
     assert load.min() == -model.payload.mass  # none left; half of the robots would have less
     assert abs(np.quantile(load, 0.975) - 1.96 * 2.0) < 0.1
+
+
+EVERY = {
+    "stiffness": 0.1,
+    "masses": 0.05,
+    "friction": 0.3,
+    "motor_inertia": 0.02,
+    "payload": 1.0,
+    "delay": 1e-3,
+    "common": ["masses", "friction"],
+    "parameters": ["q2.stiffness", "m1.viscous", "q1.damping"],
+    "sd": [0.4, 0.0, 0.2],
+    "correlation": [1.0, 0.2, -0.5, 0.2, 1.0, 0.1, -0.5, 0.1, 1.0],
+}
+
+
+def test_sources_have_the_deviations_and_correlations_of_the_table():
+    """Common errors are one column; numbers that are named belong to no group; roots give the
+    correlation back.
+    """
+    model = elbow(**EVERY)
+    found = sources_of(model, model.uncertainty)
+    assert dict(zip(found.names, found.sd.tolist(), strict=True)) == {
+        "q1.stiffness": 0.1,
+        "upper.mass": 0.05,
+        "fore.mass": 0.05,
+        "m1.inertia": 0.02,
+        "m2.inertia": 0.02,
+        "payload.mass": 1.0,
+        "delay": 1e-3,
+        "q2.stiffness": 0.4,
+        "q1.damping": 0.2,
+    }
+    order = ["stiffness", "masses", "motor_inertia", "payload", "delay", "parameters"]
+    assert list(dict.fromkeys(found.kinds)) == order
+    C = np.eye(9)
+    for a, b, value in (("upper.mass", "fore.mass", 1.0), ("q2.stiffness", "q1.damping", -0.5)):
+        pair = [found.names.index(a), found.names.index(b)]
+        C[np.ix_(pair, pair)] = [[1.0, value], [value, 1.0]]
+    assert found.root @ found.root.T == pytest.approx(C, abs=1e-12)
+    owners = {p.name: found.names[i] for p, i in zip(found.parameters, found.owner, strict=True)}
+    assert owners["upper.inertia_yy"] == "upper.mass" and owners["payload.mass"] == "payload.mass"
+    assert "upper.com_x" not in owners and "delay" not in owners
+
+
+def test_numbers_of_robots_follow_from_the_errors_of_their_sources():
+    """A relative error multiplies, a mass is added, a delay changes no number; directions are
+    differences.
+    """
+    model = elbow(**EVERY)
+    found = sources_of(model, model.uncertainty)
+    errors = 0.1 * np.random.default_rng(1).standard_normal((2, len(found.names)))
+    values = found.values(errors)
+    for k, (parameter, i) in enumerate(zip(found.parameters, found.owner, strict=True)):
+        expected = parameter.value * (1 + errors[:, i])
+        if parameter.name == "payload.mass":
+            expected = parameter.value + errors[:, i]
+        assert values[:, k] == pytest.approx(expected, rel=1e-12)
+    step = 1e-3 * np.eye(len(found.names))
+    differences = (found.values(step) - found.values(-step)).T / 2e-3
+    assert found.directions == pytest.approx(differences, rel=1e-9, abs=1e-12)
+    assert dict(zip(found.names, found.added, strict=True))["delay"]
+    springs = {n for n, spring in zip(found.names, found.springs, strict=True) if spring}
+    assert springs == {"q1.stiffness", "q2.stiffness"}
+
+
+def test_no_robot_has_less_than_no_stiffness_or_no_load():
+    model = elbow(stiffness=0.1, payload=1.5, delay=1e-3)
+    found = sources_of(model, model.uncertainty)
+    lowest = found.errors(np.full((1, found.root.shape[1]), -30.0))[0]
+    given = dict(zip(found.names, lowest, strict=True))
+    assert given["q1.stiffness"] == -1.0 and given["payload.mass"] == -model.payload.mass
+    assert given["delay"] == pytest.approx(-0.03)
+
+
+def test_states_are_sources_that_equations_without_states_lack():
+    """Lost motion and levels of bristles; where nothing is left, no source changes a number."""
+    lossy = with_elements("elbow", BENT, uncertainty={"lost_motion": 0.3})
+    found = sources_of(lossy, lossy.uncertainty)
+    assert found.names == ("q1.lost_motion", "q2.lost_motion")
+    of_q1 = [p for p, i in zip(found.parameters, found.owner, strict=True) if i == 0]
+    assert len(of_q1) == len(BENT) and all("lost_motion" in p.name for p in of_q1)
+    none = of_equations(found, lossy)
+    assert [p.name for p in none.parameters] == ["payload.mass"]
+    assert none.values(np.ones((1, 2))).tolist() == [[lossy.payload.mass]]
+    both = with_elements("elbow", BENT, uncertainty={"lost_motion": 0.3, "stiffness": 0.1})
+    found = sources_of(both, both.uncertainty)
+    kept = of_equations(found, both)
+    assert {p.name for p in kept.parameters} == {"q1.stiffness", "q2.stiffness"}
+    assert [found.names[i] for i in kept.owner] == [p.name for p in kept.parameters]
+    model = bristled("elbow", tables("elbow"), uncertainty={"friction": 0.2})
+    found = sources_of(model, model.uncertainty)
+    levels = [p.name for p, i in zip(found.parameters, found.owner, strict=True) if i == 0]
+    assert found.names[0].endswith(".lugre") and found.kinds[0] == "friction"
+    assert {name.partition("_")[2] for name in levels} == {"coulomb", "static"}
+
+
+def test_bodies_without_mass_have_no_source():
+    model = elbow(masses=0.05)
+    hollow = replace(model.elements[0], body=replace(model.elements[0].body, mass=0.0))
+    assert sources_of(model, model.uncertainty).names == ("upper.mass", "fore.mass")
+    model = replace(model, elements=(hollow, *model.elements[1:]))
+    assert sources_of(model, model.uncertainty).names == ("fore.mass",)
+
+
+@pytest.mark.parametrize(("excess", "refused"), [(1e-10, False), (1e-8, True), (0.25, True)])
+def test_a_correlation_that_no_numbers_have_is_refused(excess, refused):
+    """Given in Python; rounding is forgiven."""
+    model = elbow(**PAIR, correlation=[1.0, 0.0, 0.0, 1.0])
+    x = 1.0 + excess
+    given = replace(model.uncertainty, correlation=(1.0, x, x, 1.0))
+    if refused:
+        with pytest.raises(flexgen.ArgumentError, match=f"the eigenvalue -{excess:.3g}, expected"):
+            sources_of(model, given)
+        return
+    found = sources_of(model, given)
+    assert found.root @ found.root.T == pytest.approx(np.ones((2, 2)), rel=1e-8)
 
 
 def test_plants_for_the_loop_are_the_same_robots():

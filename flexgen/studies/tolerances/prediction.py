@@ -198,7 +198,7 @@ def _prediction(
             sizes[unit] = first.error[at][:, :, columns]
             exact = np.linalg.norm(found.error[:, :, columns], axis=2).max(axis=0)
             simulated[unit] = exact
-            stated[unit] = _quantile(exact, _largest(sizes[unit], effective), seed)
+            stated[unit] = quantile_of_robots(exact, _largest(sizes[unit], effective), seed)
     main = next(iter(sizes))
     shares = _shares(sources, sizes[main])
     bands = _bands(along, first, effective[:IN_BANDS], at)
@@ -229,7 +229,7 @@ def _largest(rows: np.ndarray, errors: np.ndarray) -> np.ndarray:
     return np.asarray(np.linalg.norm(found.reshape(len(errors), k, parts), axis=2).max(axis=1))
 
 
-def _quantile(exact: np.ndarray, first: np.ndarray, seed: int) -> float | None:
+def quantile_of_robots(exact: np.ndarray, first: np.ndarray, seed: int) -> float | None:
     """The error of `LEVEL` of the robots; ``first``: to first order, those of the simulated ones
     at the beginning.
 

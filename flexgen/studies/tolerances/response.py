@@ -136,7 +136,7 @@ def linearize(equations: Equations, trajectory: Trajectory, sources: Sources) ->
     sources = of_equations(sources, model)
     changed = derive(without_states(model), [p.name for p in sources.parameters])
     force = _forces(changed, tuple(motion[name] for name in MOTION), sources)
-    knots = _knots(motion["v_a"])
+    knots = knots_of(motion["v_a"])
     local = LocalDynamics(changed)
     points = tuple(motion[name][knots] for name in MOTION)
     M, D, K, B = local.matrices(points, sources.nominal)
@@ -172,7 +172,7 @@ def linearize(equations: Equations, trajectory: Trajectory, sources: Sources) ->
     )
 
 
-def _knots(v_a: np.ndarray) -> np.ndarray:
+def knots_of(v_a: np.ndarray) -> np.ndarray:
     """Samples at which matrices are evaluated, as indices."""
     speed = np.abs(v_a).max(axis=1)
     along = np.cumsum(1.0 + DENSER * speed / max(float(speed.max()), 1e-300))

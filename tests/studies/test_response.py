@@ -4,14 +4,21 @@ steps half as long.
 
 from __future__ import annotations
 
-from types import SimpleNamespace as Made
 from typing import Any
 
 import numpy as np
+import pytest
 from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 
-from flexgen.studies.tolerances import response as responses
+from flexgen.simulation.motor_feedback import MotorFeedback
+from flexgen.studies.tolerances.response import (
+    Along,
+    Response,
+    knots_of,
+    linear_response,
+    response,
+)
 
 END = 0.4
 C = np.array([[0.0, 0.0, 3.0, 0.0], [0.0, 0.0, 0.0, 2.0]])  # motors behind springs of two masses
@@ -50,28 +57,32 @@ CONSTANT = tuple(0.1 * s * np.array([np.eye(4), np.zeros((4, 4))]) for s in (1.0
 VARYING = (0.05, 2.0, 60.0)  # of the second source, times t and a matrix
 
 
-def along(steps: int) -> Any:
+def along(steps: int, stiffer: float = 0.0, states: tuple[Any, ...] = ()) -> Along:
+    """The equations in equal steps; ``stiffer``: a spring [N m/rad] more on the first mass."""
     t = np.linspace(0.0, END, steps + 1)
     M, D, K = (np.array(x) for x in zip(*(of_time(x) for x in t), strict=True))
-    feedback = Made(rows=C, speed_gain=K_S, position_gain=K_P, integral_gain=K_I)
-    varying = {1: tuple(s * t[:, None, None] * np.diag([1.0, 2.0, 1.0, 0.5]) for s in VARYING)}
-    made = Made(
+    K[:, 0, 0] += stiffer
+    grown = t[:, None, None] * np.diag([1.0, 2.0, 1.0, 0.5])
+    return Along(
         t=t,
         M=M,
         D=D,
         K=K,
         B=np.tile(B, (len(t), 1, 1)),
-        feedback=feedback,
-        states=(),
+        force=np.array([forces(x) for x in t]).transpose(1, 0, 2),
         constant=CONSTANT,
+        varying={1: (VARYING[0] * grown, VARYING[1] * grown, VARYING[2] * grown)},
+        feedback=MotorFeedback(C, K_P, K_S, K_I, {}),
+        W=np.tile(W, (len(t), 1, 1)),
+        units=("m", "m", "m"),
+        twist=TWIST,
+        springs=("q1",),
+        motors=("m1", "m2"),
+        motion={},
+        states=states,
+        linear=np.array([True, True]),
+        late=lambda errors: np.array([late(x, errors) for x in t]),
     )
-    made.force = np.array([forces(x) for x in t]).transpose(1, 0, 2)
-    made.W = np.tile(W, (len(t), 1, 1))
-    made.twist = TWIST
-    made.varying = varying
-    made.linear = np.array([True, True])
-    made.late = lambda errors: np.array([late(x, errors) for x in t])
-    return made
 
 
 def exact(errors: np.ndarray, first_order: bool) -> Any:
@@ -124,61 +135,73 @@ def exact(errors: np.ndarray, first_order: bool) -> Any:
     return x[:, :4] @ W.T, np.array([torque(row) for row in x]), x[:, :4] @ TWIST.T
 
 
+def assert_second_order(found: list[Response], robot: int, expected: Any) -> None:
+    """Of 100 and 200 steps: near, and with a quarter of the error where the step is half as
+    long.
+    """
+    for name, right in zip(("error", "tau_m", "deflection"), expected, strict=True):
+        coarse, fine = (getattr(x, name)[:: len(x.error) // 20, robot] for x in found)
+        size = np.abs(right).max()
+        assert np.abs(coarse - right).max() <= 8e-3 * size
+        assert np.abs(fine - right).max() <= 0.3 * np.abs(coarse - right).max() + 1e-9
+
+
 def test_responses_of_robots_are_those_of_their_own_equations() -> None:
-    """The error of the method falls with the square of the step."""
     errors = np.array([[0.3, -0.5], [-0.2, 0.4]])
-    found = [responses.response(along(steps), errors) for steps in (100, 200)]
+    found = [response(along(steps), errors) for steps in (100, 200)]
     for robot, error in enumerate(errors):
-        for name, expected in zip(
-            ("error", "tau_m", "deflection"), exact(error, False), strict=True
-        ):
-            coarse, fine = (
-                getattr(x, name)[:: n // 20, robot] for x, n in zip(found, (100, 200), strict=True)
-            )
-            size = np.abs(expected).max()
-            assert np.abs(coarse - expected).max() <= 8e-3 * size
-            assert np.abs(fine - expected).max() <= 0.3 * np.abs(coarse - expected).max() + 1e-9
+        assert_second_order(found, robot, exact(error, False))
 
 
 def test_responses_to_first_order_are_those_of_the_model() -> None:
-    found = [responses.linear_response(along(steps)) for steps in (100, 200)]
+    found = [linear_response(along(steps)) for steps in (100, 200)]
     for source in range(2):
-        for name, expected in zip(
-            ("error", "tau_m", "deflection"), exact(np.eye(2)[source], True), strict=True
-        ):
-            coarse, fine = (
-                getattr(x, name)[:: n // 20, source]
-                for x, n in zip(found, (100, 200), strict=True)
-            )
-            assert np.abs(coarse - expected).max() <= 8e-3 * np.abs(expected).max()
-            assert np.abs(fine - expected).max() <= 0.3 * np.abs(coarse - expected).max() + 1e-9
+        assert_second_order(found, source, exact(np.eye(2)[source], True))
+
+
+class Spring:
+    """A spring on the first mass as an element with a state."""
+
+    def __init__(self) -> None:
+        self.kept: list[np.ndarray] = []
+
+    def linear(self) -> Spring:
+        return self
+
+    def start(self, d: np.ndarray) -> None:
+        self.kept.append(d)
+
+    def at(self, k: int, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        K = 90.0 * np.diag([1.0, 0.0, 0.0, 0.0])
+        return d @ K, np.tile(K, (len(d), 1, 1))
+
+    def keep(self, k: int, d: np.ndarray) -> None:
+        assert k == len(self.kept)
+        self.kept.append(d)
 
 
 def test_an_element_with_a_state_acts_with_its_torque_and_its_slope() -> None:
-    """A spring on the first mass as such an element: the same as in the matrices."""
-
-    class Spring:
-        def __init__(self) -> None:
-            self.kept: list[np.ndarray] = []
-
-        def start(self, d: np.ndarray) -> None:
-            self.kept.append(d)
-
-        def at(self, k: int, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            K = 90.0 * np.diag([1.0, 0.0, 0.0, 0.0])
-            return d @ K, np.tile(K, (len(d), 1, 1))
-
-        def keep(self, k: int, d: np.ndarray) -> None:
-            assert k == len(self.kept)
-            self.kept.append(d)
-
-    made = along(100)
-    stiffer = along(100)
+    """The same as in the matrices; at rest the spring is not bent."""
     spring = Spring()
-    made.force[:, 0, :] = stiffer.force[:, 0, :] = 0.0  # at rest the spring is not bent
-    made.states = (Made(linear=lambda: spring),)
-    stiffer.K = stiffer.K + 90.0 * np.diag([1.0, 0.0, 0.0, 0.0])
-    found, expected = (responses.linear_response(x) for x in (made, stiffer))
+    with_state = along(100, states=(spring,))
+    stiffer = along(100, stiffer=90.0)
+    for made in (with_state, stiffer):
+        made.force[:, 0, :] = 0.0
+    found, expected = (linear_response(x) for x in (with_state, stiffer))
     assert_allclose(found.error, expected.error, rtol=1e-9, atol=1e-12)
     assert_allclose(found.tau_m, expected.tau_m, rtol=1e-9, atol=1e-12)
     assert len(spring.kept) == 101 and not spring.kept[0].any()
+
+
+def test_instants_of_matrices_are_denser_where_the_arm_moves() -> None:
+    """One of four parts of the weight is for the time, three for the speed; the ends are among
+    them.
+    """
+    speed = np.zeros((1001, 2))
+    speed[500:, 1] = -2.0
+    found = knots_of(speed)
+    assert found[0] == 0 and found[-1] == 1000 and len(found) == 60
+    still = np.diff(found[found < 500])
+    moving = np.diff(found[found >= 500])
+    assert np.median(still) == pytest.approx(4 * np.median(moving), rel=0.15)
+    assert knots_of(np.zeros((5, 1))).tolist() == [0, 1, 2, 3, 4]
