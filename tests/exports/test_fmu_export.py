@@ -22,8 +22,8 @@ from flexgen.base.errors import ArgumentError, BuildError, ModelError
 from flexgen.cli.main import main
 from flexgen.exports.fmu import binaries, feedforward
 from flexgen.exports.fmu import export as export_module
-from flexgen.exports.fmu.controller import _variables
-from flexgen.exports.fmu.description import _variable_3, element
+from flexgen.exports.fmu.controller import controller
+from flexgen.exports.fmu.description import element, variable_3
 from flexgen.exports.fmu.variables import STATUS
 
 
@@ -77,7 +77,7 @@ def test_the_path_of_a_feedforward_begins_at_home_with_the_units_of_the_output(o
             rates = ["m"] * 3 + ["rad"] * 3
             start = [*p.ravel(), *R[:, 0], *R[:, 1], *R[:, 2]]
     held = Held(q_a=q_a)
-    found = feedforward._inputs(model, flexgen.derive(model), held, Held(look_ahead=0.25))
+    found = feedforward.path_inputs(model, flexgen.derive(model), held, Held(look_ahead=0.25))
     np.testing.assert_allclose(
         [x.start for x in found], [*start, *np.zeros(2 * len(rates))], atol=1e-12
     )
@@ -277,14 +277,14 @@ def test_missing_declarations_stop_the_compiler(monkeypatch, tmp_path):
     """A function that is nowhere declared gives no FMU, also with a compiler that only warns of
     it.
     """
-    texts = export_module._texts
+    texts = export_module.texts_of
     wrong = "void f(void);\nvoid f(void)\n{\n    nowhere_declared();\n}\n"
 
     def planted(block, version):
         found, token = texts(block, version)
         return {**found, "sources/all.c": wrong}, token
 
-    monkeypatch.setattr(export_module, "_texts", planted)
+    monkeypatch.setattr(export_module, "texts_of", planted)
     with pytest.raises(BuildError, match="nowhere_declared"):
         flexgen.export_fmu("four_mass", tmp_path / "robot.fmu")
     assert list(tmp_path.iterdir()) == []
@@ -375,7 +375,7 @@ def test_the_command(tmp_path, capsys):
 
 def test_the_angles_and_torques_of_a_controller_are_discrete():
     model = flexgen.read("planar5_nmp")
-    found = _variables(model, np.zeros(2), np.zeros(2), np.zeros((4, 2)))
+    found = controller(model, None, 1e-3).variables
     kinds = {
         v.name.rpartition(".")[2]: v.variability for v in found if v.name.startswith("motor.")
     }
@@ -384,7 +384,7 @@ def test_the_angles_and_torques_of_a_controller_are_discrete():
     assert not any(kind == "discrete" for name, kind in kinds.items() if name not in sampled)
     for v in found:
         assert f'<Float64 name="{v.name}"' in " ".join(
-            _variable_3(v)
-        ) and f'unit="{v.unit}"' in " ".join(_variable_3(v))
-    (status,) = _variable_3(replace(found[-1], kind=STATUS))
+            variable_3(v)
+        ) and f'unit="{v.unit}"' in " ".join(variable_3(v))
+    (status,) = variable_3(replace(found[-1], kind=STATUS))
     assert status.startswith("<Int32") and "unit=" not in status

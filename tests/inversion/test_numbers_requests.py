@@ -248,9 +248,7 @@ def test_progress_is_told_with_its_time_or_not_at_all(
 
 def test_versions_of_benchmarks_by_name_and_number(monkeypatch: pytest.MonkeyPatch) -> None:
     """The newest by default; a version that the name states, too, is the same."""
-    monkeypatch.setattr(
-        scenario_file, "_parse_table", lambda path, data, known: (path.name, known)
-    )
+    monkeypatch.setattr(scenario_file, "parse_table", lambda path, data, known: (path.name, known))
     found: Any = scenario_file.scenario
     for name, version, number in (
         ("four_mass", None, 2),

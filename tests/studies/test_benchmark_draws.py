@@ -61,7 +61,7 @@ def test_a_model_of_the_same_name_in_the_current_folder_does_not_enter(
         re.sub(r"(?m)^inertia = 5e-3", "inertia = 0.05", text)
     )
     monkeypatch.chdir(tmp_path)
-    scenario_file._parse_table.cache_clear()
+    scenario_file.parse_table.cache_clear()
     again = scenario("four_mass", version)
     assert again.digest == own.digest and again.model.motors == own.model.motors
     # a file of one's own takes the model of the folder, and has another hash
@@ -333,7 +333,6 @@ def test_a_controller_that_patches_the_scorer_changes_nothing(tmp_path, monkeypa
         ("return [float('nan')]", r"step 0 returned \[nan\], expected finite torques"),
         ("import os; os._exit(3)", "the controller's process ended"),
         ("import os; os.write(9, b'x'); print('noise'); return ref.tau_m + 1e400", "step 0 r"),
-        ("import time; time.sleep(30)", "did not answer within 1 s; its process was ended"),
     ],
 )
 def test_a_controller_that_does_not_answer_as_it_should_is_refused(tmp_path, body, words):
@@ -358,13 +357,6 @@ def test_a_failed_robot_does_not_stop_the_others(tmp_path):
         )
         assert count == step + 1 > 1
     assert all(np.abs(tau[-1, k]).max() > 0 for k in range(3) if k not in stopped)
-
-
-def test_all_samples_together_have_a_time_limit(tmp_path):
-    _, _, failures = few(
-        controller_file(tmp_path, "import time; time.sleep(0.01); return ref.tau_m"), total_s=0.1
-    )
-    assert all("took more than 0.1 s for all samples" in failure for failure in failures)
 
 
 def test_objects_and_libraries_run_in_a_process_too(tmp_path, monkeypatch):
@@ -409,14 +401,14 @@ def test_an_object_of_a_notebook_needs_cloudpickle(installed, monkeypatch):
         foreign.importlib.util, "find_spec", lambda name: dumps if installed else None
     )
     monkeypatch.setitem(sys.modules, "cloudpickle", dumps)
-    monkeypatch.setattr(foreign, "_main_file", lambda given: "")
+    monkeypatch.setattr(foreign, "program_file", lambda given: "")
     if installed:
-        assert foreign._pickle(made) == base64.b64encode(b"by value").decode()
+        assert foreign.pickled(made) == base64.b64encode(b"by value").decode()
         return
     with pytest.raises(
         ArgumentError, match=r"an object of Mine, which no file has.* give 'file\.py:Mine'"
     ):
-        foreign._pickle(made)
+        foreign.pickled(made)
 
 
 def test_a_class_that_no_file_has_is_refused_with_what_to_do():

@@ -160,7 +160,7 @@ def description_3(block: Block, token: str) -> str:
         *_units(block),
         *_log(),
         *_experiment(block),
-        *element("ModelVariables", {}, [line for v in block.variables for line in _variable_3(v)]),
+        *element("ModelVariables", {}, [line for v in block.variables for line in variable_3(v)]),
         *_structure_3(block),
     ]
     root = {
@@ -180,7 +180,8 @@ def description_3(block: Block, token: str) -> str:
     )
 
 
-def _variable_3(v: Variable) -> list[str]:
+def variable_3(v: Variable) -> list[str]:
+    """The element of a variable in a model description of FMI 3, as lines."""
     attributes: dict[str, object] = {
         "name": v.name,
         "valueReference": v.reference,

@@ -191,7 +191,7 @@ def _content(
     block: Block, version: str, binaries: Sequence[Binary], log: Callable[[str], None]
 ) -> tuple[bytes, str]:
     """The file and its token."""
-    texts, token = _texts(block, version)
+    texts, token = texts_of(block, version)
     files = {name: text.encode() for name, text in texts.items()}
     for binary in binaries:
         log(f"compiling {block.name} for {binary.platform}")
@@ -247,7 +247,7 @@ def _block(model: RobotModel, block: str, given: Mapping[str, Any]) -> Block:
     )
 
 
-def _texts(block: Block, version: str) -> tuple[dict[str, str], str]:
+def texts_of(block: Block, version: str) -> tuple[dict[str, str], str]:
     """All text files of the FMU by name, and the token."""
     interface = _interface(version)
     headers = sorted(path.name for path in (_FOLDER / "standard").glob(f"fmi{version[0]}*.h"))

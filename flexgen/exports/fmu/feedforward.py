@@ -179,7 +179,7 @@ def _variables(
     """All variables."""
     return [
         time_variable(),
-        *_inputs(model, equations, held, options),
+        *path_inputs(model, equations, held, options),
         *_outputs(model, held, servo),
         Variable("quality.status", STATUS, 0, "", "of the last update: " + "; ".join(
             f"{status.code} {status.text}" for status in STATUSES if status.code >= 0), 0),
@@ -187,9 +187,10 @@ def _variables(
     ]  # fmt: skip
 
 
-def _inputs(
+def path_inputs(
     model: RobotModel, equations: Equations, held: Equilibrium, options: StreamDefaults
 ) -> list[Variable]:
+    """Inputs of a sample of the path, which begins at the output of the robot held at home."""
     n_y = model.output.size
     n_t = model.output.target_size
     ahead = f"of the path, {options.look_ahead:g} s ahead"

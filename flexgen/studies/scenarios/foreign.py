@@ -68,7 +68,7 @@ class ForeignController:
         self.name = type(given).__name__ if self.is_object else Path(str(given)).name
         if self.is_object:
             PythonController(given)  # has it the methods?
-            self._load: dict[str, Any] = {"object": _pickle(given), "main": _main_file(given)}
+            self._load: dict[str, Any] = {"object": pickled(given), "main": program_file(given)}
         else:
             self._load = {"file": str(given)}
         self.used_s = 0.0
@@ -238,13 +238,13 @@ def _watch(controller: ForeignController, process: subprocess.Popen[bytes]) -> N
         time.sleep(0.1)
 
 
-def _pickle(given: Any) -> str:
+def pickled(given: Any) -> str:
     """An object as text, its class by name; by cloudpickle, where that is installed, without a
     file that has it.
     """
     kind = type(given)
     dumps: Callable[[Any], bytes] = pickle.dumps
-    if kind.__module__ == "__main__" and not _main_file(given):
+    if kind.__module__ == "__main__" and not program_file(given):
         if importlib.util.find_spec("cloudpickle") is None:
             raise ArgumentError(
                 f"controller: given an object of {kind.__name__}, which no file has, expected a "
@@ -262,7 +262,7 @@ def _pickle(given: Any) -> str:
         ) from error
 
 
-def _main_file(given: Any) -> str:
+def program_file(given: Any) -> str:
     """The program's file where it has the class of the object, or nothing."""
     file = getattr(sys.modules.get("__main__"), "__file__", None)
     return (

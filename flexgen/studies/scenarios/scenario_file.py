@@ -87,7 +87,7 @@ def scenario(name: str | Path, version: int | None = None) -> Scenario:
                 f"version: given {version!r} with the file {text}, expected none: the file "
                 "states it"
             )
-        return _parse_table(Path(text), file_bytes(Path(text), "scenario"), None)
+        return parse_table(Path(text), file_bytes(Path(text), "scenario"), None)
     known = [number for key, number in FROZEN if key == text]
     if after and version is None:
         version = int(after) if after.isdecimal() and len(after) < 4 else -1
@@ -97,11 +97,12 @@ def scenario(name: str | Path, version: int | None = None) -> Scenario:
             f"version of {name}: given {version!r}, expected one of {', '.join(map(str, known))}"
         )
     path = FOLDER / f"{text}-{chosen}.toml"
-    return _parse_table(path, file_bytes(path, "scenario"), (text, int(chosen)))
+    return parse_table(path, file_bytes(path, "scenario"), (text, int(chosen)))
 
 
 @lru_cache(maxsize=16)
-def _parse_table(path: Path, data: bytes, known: tuple[str, int] | None) -> Scenario:
+def parse_table(path: Path, data: bytes, known: tuple[str, int] | None) -> Scenario:
+    """The scenario of a file; ArgumentError where a published one was changed."""
     table = file_table(data, path)
     found: Scenario = keys.read(table, FORMATS[FORMAT.read(table, Context())], Context())
     if known is not None and found.content != FROZEN[known][0]:
