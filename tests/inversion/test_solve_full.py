@@ -25,6 +25,15 @@ COMPLETE = {
 MICRON = 1e-6  # what a user is promised
 
 
+def test_torque_limits_are_kept_at_their_lower_end_too() -> None:
+    """With gravity upwards the largest torque of the first motor is a negative one."""
+    robot = read("planar5_nmp", overrides={"gravity": [0.0, 9.81, 0.0]})
+    limits = Limits(torque=(20.0, 30.0))
+    found = flexgen.solve(robot, method="full", limits=limits, verify=False)
+    lowest = found.trajectory["tau_m"][:, 0].min()
+    assert found.status == Status.LIMITS_ACTIVE and lowest == pytest.approx(-20.0, rel=1e-6)
+
+
 @pytest.mark.slow
 def test_full_and_reduced_agree() -> None:
     equations = flexgen.derive("planar5_nmp")
