@@ -12,7 +12,7 @@ from toolchain import needs_compiler
 import flexgen
 from flexgen.base.errors import ArgumentError
 from flexgen.cli.main import main
-from flexgen.paths.inverse_kinematics.search import _solver
+from flexgen.paths.inverse_kinematics.search import arm_parts, configuration_search
 
 pytestmark = needs_compiler
 
@@ -34,7 +34,7 @@ def check(model, count: int, counts: set[int] | None, seed: int = 0) -> None:
         q = rng.uniform(-np.pi, np.pi, len(names))
         fixed = {name: 0.3 for name in spare}
         q[[names.index(name) for name in spare]] = 0.3
-        solver = _solver(model, tuple(sorted(fixed.items())))
+        solver = configuration_search(model, tuple(sorted(fixed.items())))
         full = np.zeros(model.n_a)
         full[list(model.i_g)] = q
         p, R = solver.library.forward_kinematics(full)
@@ -110,7 +110,7 @@ def test_all_configurations_of_general_arms_are_found(tmp_path, seed):
 def test_configurations_state_limits_branch_and_singularity():
     model = flexgen.read("manutec_r3")
     q = np.array([0.3, -1.1, 1.0, 0.4, 0.8, -0.2])
-    library = _solver(model, ()).library
+    library = configuration_search(model, ()).library
     p, R = library.forward_kinematics(q)
     found = flexgen.kinematics(model, p, R)
     assert len(found) == 8 and sorted(c.branch for c in found) == [-1] * 4 + [1] * 4
@@ -131,7 +131,7 @@ def test_eight_configurations_have_eight_flags(name):
     """
     model = flexgen.read(name)
     rng = np.random.default_rng(2)
-    solver = _solver(model, ())
+    solver = configuration_search(model, ())
     eights = 0
     ratios = []
     for _ in range(15):
@@ -149,6 +149,69 @@ def test_eight_configurations_have_eight_flags(name):
     assert eights > 4 and np.ptp(ratios) < 1e-6 * np.abs(ratios).max()
 
 
+POSE = (np.array([0.5, 0.6, 1.2]), np.eye(3))
+
+
+@pytest.mark.parametrize(
+    ("degrees", "turn"), [((172.0, 515.0), 2 * np.pi), ((-515.0, -230.0), -2 * np.pi), (None, 0)]
+)
+def test_configurations_are_turned_into_the_limits(degrees, turn):
+    """By a whole turn, where that is within them; others stay, and are outside."""
+    low, high = degrees or (-30.0, 90.0)
+    key = "element.body6.dof.q6"
+    limits = {f"{key}.lower_deg": low, f"{key}.upper_deg": high}
+    home = [0, 0, 0, 0, 0, (low + high) / 2]
+    given = {**limits, "home_deg": home, "move": []}
+    found = flexgen.kinematics(flexgen.read("manutec_r3", overrides=given), *POSE)
+    free = flexgen.kinematics("manutec_r3", *POSE)
+    assert len(found) == len(free) == 4
+    for one in free:
+        ends = np.radians([low, high])
+        inside = [x for x in (0.0, turn) if ends[0] <= one.q[5] + x <= ends[1]]
+        (same,) = (c for c in found if np.abs((c.q - one.q)[:5]).max() < 1e-9)
+        assert same.within_limits == bool(inside)
+        assert same.q[5] == pytest.approx(one.q[5] + (inside or [0.0])[0])
+        assert same.branch == one.branch and same.distance == pytest.approx(one.distance)
+    assert {c.within_limits for c in found} == {True, False}
+
+
+def test_arms_on_soft_gears_reach_the_pose_at_rest():
+    """The tool is there with the motors at the found joints, by another solver of the balance."""
+    found = flexgen.kinematics("manutec_r3", *POSE, sag=True)
+    stiff = flexgen.kinematics("manutec_r3", *POSE)
+    assert len(found) == len(stiff)
+    for one in found:
+        at = flexgen.tracker_positions("manutec_r3", one.q[None])[0, 0]
+        assert np.abs(at - POSE[0]).max() < 1e-11 and one.error < 1e-11
+    moved = [min(np.abs(c.q - x.q).max() for x in stiff) for c in found]
+    assert min(moved) > 1e-6
+
+
+def test_parts_of_an_arm_are_distances_sines_and_volumes():
+    """Axes of an elbow arm in the plane of x and z, turned by a, a + b and a + b + c about y."""
+    a, b, c = 0.3, 1.1, -0.6
+
+    def along(angle):
+        return np.array([np.sin(angle), 0.0, np.cos(angle)])
+
+    y = np.array([0.0, 1.0, 0.0])
+    elbow = along(a)
+    wrist = elbow + along(a + b)
+    points = np.array([np.zeros(3), np.zeros(3), elbow, wrist, wrist, wrist])
+    axes = np.array([[0.0, 0.0, 1.0], y, y, along(a + b), y, along(a + b + c)])
+    tool = wrist + 0.2 * axes[5]
+
+    def parts(z):
+        return arm_parts(np.vstack([np.cross(z, tool - points).T, z.T]))
+
+    found = parts(axes)
+    assert found["elbow"] == pytest.approx(np.sin(b))
+    assert abs(found["wrist"]) == pytest.approx(abs(np.sin(c)))
+    assert abs(found["shoulder"]) == pytest.approx(abs(wrist[0]))
+    turned = parts(axes * np.array([[1], [1], [1], [1], [1], [-1]]))
+    assert np.sign(turned["wrist"]) == -np.sign(found["wrist"])
+
+
 @pytest.mark.slow
 def test_the_elastic_robot_reaches_the_pose_at_rest():
     """Motors at the found joints: the robot at rest, from its equations of motion, has its tool at
@@ -161,7 +224,7 @@ def test_the_elastic_robot_reaches_the_pose_at_rest():
     q = np.array([0.3, -1.1, 1.0, 0.4, 0.8, -0.2])
     full = np.zeros(model.n_a)
     full[list(model.i_g)] = q
-    library = _solver(model, ()).library
+    library = configuration_search(model, ()).library
     p, R = library.forward_kinematics(full)
     plain = flexgen.kinematics(model, p, R)[0]
     sagging = min(

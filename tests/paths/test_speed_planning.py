@@ -73,3 +73,10 @@ def test_bounds_of_a_law_of_speeds_are_checked() -> None:
         speed_law(good, (1.0, 2.0), 9).smoothness == 9
         and speed_law(good, (1.0, 2.0, 3.0)).smoothness == 2
     )
+
+
+def test_distances_without_derivatives_are_those_with_them() -> None:
+    law = speed_law([Stretch(2.0, 1.0), Stretch(2.0, 2.0)], (9.0, 2.0))
+    t = np.linspace(-0.1, law.duration + 0.1, 99)
+    for order in range(5):
+        assert_allclose(law(t, order), law(t)[:, : order + 1], rtol=0, atol=0)

@@ -183,7 +183,7 @@ def kinematics(
             raise ArgumentError(
                 f"fixed: given joint {name!r}, expected some of {', '.join(names)}"
             )
-    solver = _solver(robot, tuple(sorted((fixed or {}).items())))
+    solver = configuration_search(robot, tuple(sorted((fixed or {}).items())))
     goal = np.concatenate([p, R.ravel()])
     home = np.array(robot.home)
     found = solver.all_at(goal, home)
@@ -215,7 +215,7 @@ def configuration_at(model: RobotModel, q_g: np.ndarray) -> Configuration:
     """Known values of the joints (n_g,) [rad or m] of an arm with six actuated coordinates,
     without deflections.
     """
-    solver = _solver(model, ())
+    solver = configuration_search(model, ())
     full = np.zeros(model.n_a)
     full[list(model.i_g)] = q_g
     p, R = solver.library.forward_kinematics(full)
@@ -264,11 +264,14 @@ def _rotation_about(vector: np.ndarray) -> np.ndarray:
 
 
 @lru_cache(maxsize=16)
-def _solver(model: RobotModel, fixed: tuple[tuple[str, float], ...]) -> _Solver:
-    return _Solver(model, dict(fixed))
+def configuration_search(
+    model: RobotModel, fixed: tuple[tuple[str, float], ...]
+) -> ConfigurationSearch:
+    """The search for a robot with these joints fixed [rad or m]; one for each of them."""
+    return ConfigurationSearch(model, dict(fixed))
 
 
-class _Solver:
+class ConfigurationSearch:
     """The search for one robot, with its memory."""
 
     def __init__(self, model: RobotModel, fixed: dict[str, float]) -> None:

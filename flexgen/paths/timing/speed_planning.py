@@ -96,7 +96,7 @@ class SpeedLaw:
             tau = x[here] - starts[k]
             part = np.zeros((len(tau), order + 1))
             part[:, 0] = distances[k] + phase.first * tau
-            part[:, 1] = phase.first
+            part[:, 1:2] = phase.first
             if phase.step is not None:
                 part += (phase.last - phase.first) * phase.step.with_integral(tau, order)
             out[here] = part

@@ -118,7 +118,7 @@ class TrapezoidStep:
         mirror = (-1.0) ** np.arange(order + 1)  # of the derivatives of h(end - t) = 1 - h(t)
         mirrored = out * mirror
         mirrored[:, 0] += t - end / 2
-        mirrored[:, 1] += 1.0
+        mirrored[:, 1:2] += 1.0
         return np.where(late[:, None], mirrored, out)
 
 
