@@ -13,6 +13,7 @@ from toolchain import needs_compiler
 import flexgen
 from flexgen.base.display import duration
 from flexgen.cli.main import main
+from flexgen.studies.scenarios.leaderboard import find_shipped_controllers
 from flexgen.studies.scenarios.scenario_file import scenario
 from flexgen.views.reports.text_tables import number
 
@@ -218,29 +219,76 @@ def test_tune_writes_a_controller(tmp_path, capsys):
     )
 
 
-@pytest.mark.parametrize(("report", "pages"), [(None, 0), ("page", 1)])
-def test_a_score_writes_a_page_where_one_is_asked(tmp_path, capsys, monkeypatch, report, pages):
-    written = []
-    parts = dict.fromkeys(["nominal", *scenario("four_mass").sets], 1.0)
-    found = SimpleNamespace(
-        controller="reference",
-        total=1.5,
-        worst=1.5,
-        spread=0.0,
-        parts=parts,
-        accepted=True,
-        refused=(),
-        rule="",
-        table=[defaultdict(str)],
-        ended="",
-        wall_s=0.1,
-    )
-    found.to_dict = dict
-    found.report = lambda folder: written.append(folder) or folder
-    monkeypatch.setattr("flexgen.studies.scenarios.score.score", lambda *_, **__: found)
-    words = ["score", "four_mass", "-q", *(["--report", str(tmp_path / report)] if report else [])]
-    assert main(words) == 0 and len(written) == pages
-    assert ("wrote" in capsys.readouterr().out) == bool(pages)
+@pytest.fixture
+def scored(monkeypatch):
+    """Scores that fall from controller to controller, without a simulation; those whose names
+    begin with ``no`` are refused.
+    """
+    calls = []
+    names = ["nominal", *scenario("four_mass").sets]
+
+    def score(chosen, name, *, seed, progress):
+        calls.append((chosen.name, name, seed))
+        total = 3.0 - len(calls)
+        refused = ("too slow",) if name.startswith("no") else ()
+        found = SimpleNamespace(
+            controller=name,
+            total=total,
+            worst=total + 2.0,
+            spread=0.25,
+            parts=dict.fromkeys(names, 7.0),
+            accepted=not refused,
+            refused=refused,
+            rule="",
+            table=[defaultdict(str)],
+            ended="",
+            wall_s=0.1,
+        )
+        found.to_dict = lambda: {"V": total}
+        found.report = lambda folder: folder
+        return found
+
+    monkeypatch.setattr("flexgen.studies.scenarios.score.score", score)
+    return calls
+
+
+def test_scores_are_in_their_order_and_refused_ones_last(capsys, scored):
+    words = ["score", "four_mass", "-q", "--seed", "5"]
+    given = [x for name in ("all", "no") for x in ("--controller", name)]
+    assert main([*words, *given, "--json"]) == 0
+    data = json.loads(capsys.readouterr().out)
+    names = [name for _, name, _ in scored]
+    shipped = sorted(find_shipped_controllers("four_mass"))
+    assert names[0] == "reference" and sorted(names[1:-1]) == shipped and names[-1] == "no"
+    assert {(chosen, seed) for chosen, _, seed in scored} == {("four_mass", 5)}
+    assert [s["V"] for s in data["scores"]] == [2.0 - k for k in range(len(names))]
+    scored.clear()
+    assert main([*words, *given]) == 0
+    rows = [line.split() for line in capsys.readouterr().out.splitlines()]
+    order = [row[0] for row in rows if row and row[0] in names and len(row) > 3]
+    assert order == [*reversed(names[:-1]), "no"]
+    (row,) = (row for row in rows if row[:1] == ["reference"])
+    assert row[1:5] == ["2", "4", "0.25", "7"]
+    assert rows[-1] == ["no", "is", "refused:", "too", "slow"]
+
+
+@pytest.mark.parametrize(
+    ("words", "status", "text"),
+    [
+        (["no", "nor"], 1, "refused: no, nor"),
+        ([], 0, ""),
+        (["--report", "page"], 0, "wrote page"),
+        (["a", "b", "--report", "page"], 1, "--report: given 2 controllers, expected one"),
+    ],
+)
+def test_pages_and_failures_of_scores(words, status, text, capsys, scored):
+    """A page is written where one is asked for; all controllers refused are a failure."""
+    names = [x for x in words if x not in ("--report", "page")]
+    options = [x for name in names for x in ("--controller", name)]
+    report = words[words.index("--report") :] if "--report" in words else []
+    assert main(["score", "four_mass", "-q", *options, *report]) == status
+    shown = capsys.readouterr()
+    assert text in shown.err + shown.out and ("wrote" in shown.out) == (report != [] and status == 0)
 
 
 @pytest.mark.parametrize(
