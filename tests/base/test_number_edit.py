@@ -79,8 +79,33 @@ def test_tables_of_the_root_are_added_at_the_end():
 
 
 @pytest.mark.parametrize(
+    ("numbers", "row"),
+    [
+        ({"a.1": 5.0}, "a = [1.0, 5.0]"),
+        ({"a.2": 5.0}, "a = [1.0, 2.0, 5.0]"),
+        ({"a.4": 5.0, "a.2": 3.0}, "a = [1.0, 2.0, 3.0, 0.0, 5.0]"),
+        ({"b.x.y": 5.0}, "x = { y = 5.0 }"),
+        ({"b.x.y": 5.0, "b.x.z.4": 2.0}, "x = { y = 5.0, z = [0.0, 0.0, 0.0, 0.0, 2.0] }"),
+        ({"b.x.1": 2.0}, "x = [0.0, 2.0, 0.0]"),
+        ({"d.0.e": 5.0}, "e = 5.0"),
+    ],
+)
+def test_entries_of_lists_and_tables_are_replaced_or_added(numbers, row):
+    """A new list of numbers has three at least; those between are zero."""
+    new = with_numbers("a = [1.0, 2.0]\n[b]\nc = 3.0\n[[d]]\ne = 4.0\n", numbers)
+    assert row in new.splitlines()
+    assert len(new.splitlines()) == 5 + ("x" in row)
+
+
+@pytest.mark.parametrize(
     ("path", "value", "words"),
     [
+        (
+            "a.6",
+            1.0,
+            r"robot\.toml:1:a\.6: given nothing of this name, expected a part of the mod",
+        ),
+        ("motor.m1.inertia.kg.g", 1.0, r"robot\.toml:5:motor\.m1\.inertia\.kg: given nothing"),
         ("motor.m3.inertia", 1.0, "nothing of this name, expected a part of the model"),
         ("motor.m1.friction", 1.0, "a table or list, expected a number"),
         ("motor.m1.inertia", float("nan"), "nan, expected a finite number"),
@@ -89,7 +114,7 @@ def test_tables_of_the_root_are_added_at_the_end():
 )
 def test_wrong_paths_are_refused(path, value, words):
     with pytest.raises(ModelError, match=words):
-        with_numbers(TEXT, {path: value}, "robot.toml")
+        with_numbers("a = [1.0, 2.0]\n" + TEXT, {path: value}, "robot.toml")
 
 
 def test_line_ends_of_windows_are_read():

@@ -288,7 +288,9 @@ def test_pages_and_failures_of_scores(words, status, text, capsys, scored):
     report = words[words.index("--report") :] if "--report" in words else []
     assert main(["score", "four_mass", "-q", *options, *report]) == status
     shown = capsys.readouterr()
-    assert text in shown.err + shown.out and ("wrote" in shown.out) == (report != [] and status == 0)
+    assert text in shown.err + shown.out and ("wrote" in shown.out) == (
+        report != [] and status == 0
+    )
 
 
 @pytest.mark.parametrize(

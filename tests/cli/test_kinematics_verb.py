@@ -1,4 +1,4 @@
-"""The verb kinematics: numbers and texts of `flexgen.kinematics` and `flexgen.tracker_positions`."""
+"""The verb kinematics: numbers of `flexgen.kinematics` and `flexgen.tracker_positions`, as texts."""
 
 from __future__ import annotations
 

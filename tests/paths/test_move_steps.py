@@ -98,7 +98,7 @@ def test_zones_of_two_corners_may_fill_a_step(arm: Any) -> None:
     sections: Any = segment.curve
     assert [s.corner for s in sections.sections] == [False, True, True, False]
     assert_allclose(sections.end[0], np.asarray(Reference(arm).tool_pose(START)[0]) + [0.1] * 3)
-    planned = Path(arm, program(MoveL(X, speed=0.4), MoveJ(START[:5] + (0.3,))))
+    planned = Path(arm, program(MoveL(X, speed=0.4), MoveJ((*START[:5], 0.3))))
     t = np.linspace(0.0, planned.segments[0].law.duration, 2001)
     speed = np.linalg.norm(planned.sample(t).y[:, :, 1], axis=1)
     assert speed.max() == pytest.approx(0.4, rel=1e-6)

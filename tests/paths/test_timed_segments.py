@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -202,7 +203,7 @@ def test_a_segment_breaks_where_its_law_and_its_curve_do() -> None:
     assert segment.breaks[0] == 10.0 and segment.breaks[-1] == pytest.approx(10.0 + law.duration)
     assert segment.smoothness == min(law.smoothness, curve.smoothness) == 4
     every = segment.instants(5)
-    for low, high in zip(ends[:-1], ends[1:], strict=True):
+    for low, high in pairwise(ends):
         inside = law(every - 10.0, 0)[:, 0]
         assert ((inside > low) & (inside < high)).sum() >= 15
     single = TimedSegment("tool", arc(*ARC), TimeLaw(2.0, 5, 0.6), 1.0)
