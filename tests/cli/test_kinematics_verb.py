@@ -1,4 +1,4 @@
-"""The verb kinematics: numbers of `flexgen.kinematics` and `flexgen.tracker_positions`, as texts."""
+"""The verb kinematics: numbers of two public functions, as JSON and as a table."""
 
 from __future__ import annotations
 

@@ -407,3 +407,42 @@ def test_layers_are_the_elements_of_all_gears_one_after_the_other() -> None:
     own: Any = model.elements[0].dofs[0].gear
     assert elements_of(None) == () and len(elements_of(own.hysteresis)) == 2
     assert elements_of(elements_of(own.hysteresis)[0]) == own.hysteresis[:1]
+
+
+def stepped(given: Hysteresis, K: float, W: float, p: np.ndarray, parts: int = 40) -> np.ndarray:
+    """Torques at samples by the written law of Bouc and Wen, with steps of Runge and Kutta."""
+
+    def rate(z: float, s: float) -> float:
+        power = abs(z / W) ** given.exponent
+        return K * (s * (1 - given.gamma * power) - (1 - given.gamma) * power * np.sign(z / W))
+
+    z = 0.0
+    out = [0.0]
+    for change in np.diff(p):
+        h = abs(change) / parts
+        s = float(np.sign(change))
+        for _ in range(parts):
+            a = rate(z, s)
+            b = rate(z + h * a / 2, s)
+            c = rate(z + h * b / 2, s)
+            z += h * (a + 2 * b + 2 * c + rate(z + h * c, s)) / 6
+        out.append(z)
+    return np.array(out)
+
+
+def test_torques_of_two_layers_along_reversing_deflections() -> None:
+    """Dahl's law and one with a sharp knee, of two gears, one of which rests for a sample."""
+    first = [0.0, 1.0, 1.8, 0.9, -0.4, 0.2, 2.0, 1.5]
+    second = [0.0, -0.5, -0.9, -0.9, 0.3, 1.5, 0.2, -2.0]
+    p = np.array([first, second]).T
+    dahl = Hysteresis(1.0, 1.0)
+    sharp = Hysteresis(1.0, 1.0, 2.0, 0.5)
+    layers = [
+        (np.array([4.0, 2.0]), np.array([3.0, 1.0]), (dahl, sharp)),
+        (np.array([1.0, 5.0]), np.array([0.5, 4.0]), (dahl, dahl)),
+    ]
+    made = [layers_of.Layer(K, W, tuple(map(law.shape_of, laws))) for K, W, laws in layers]
+    found = torque_along(made, p)
+    for gear in range(2):
+        each = [stepped(laws[gear], K[gear], W[gear], p[:, gear]) for K, W, laws in layers]
+        np.testing.assert_allclose(found[:, gear], sum(each), rtol=1e-4, atol=1e-5)

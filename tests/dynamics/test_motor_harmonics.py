@@ -339,3 +339,26 @@ def test_what_does_not_know_the_sums_refuses_them() -> None:
     assert "motor_harmonics" in offered_functions(model)
     assert "motor_harmonics" not in offered_functions(flexgen.read("elbow"))
     assert "flexible_joint_torque" not in offered_functions(model)
+
+
+def test_gears_with_a_transmission_error_along_a_motion() -> None:
+    """``q_g = q_m/n - e(q_m)``, and motors carry ``(1/n - e') tau_g``."""
+    error = {"harmonics": [1, 2], "cos": [1e-4, 0.0], "sin": [0.0, 2e-4]}
+    key = "element.upper.dof.q1.gear.transmission_error"
+    model = flexgen.read("elbow", overrides={key: error})
+    n = np.diag(model.eta)
+    q = np.array([[0.3, 5.0], [40.0, -7.0], [2.0, 0.1]])
+    tau = np.array([[2.0, 3.0], [-100.0, 5.0], [7.0, 0.0]])
+    e = 1e-4 * np.cos(q[:, 0]) + 2e-4 * np.sin(2 * q[:, 0])
+    rate = -1e-4 * np.sin(q[:, 0]) + 4e-4 * np.cos(2 * q[:, 0])
+    none = 0 * e
+    turned = law_of.gear_angles_along(model, q)
+    assert_allclose(turned, q / n - np.stack([e, none], axis=1), rtol=1e-12)
+    carried = (1 / n - np.stack([rate, none], axis=1)) * tau
+    assert_allclose(law_of.carried_along(model, q, tau), carried, rtol=1e-12)
+    assert law_of.highest_harmonics(model).tolist() == [2.0, 0.0]
+    assert law_of.transmission_errors(model).keys() == {0}
+    plain = flexgen.read("elbow")
+    assert_allclose(law_of.gear_angles_along(plain, q), q / n, rtol=1e-14)
+    assert_allclose(law_of.carried_along(plain, q, tau), tau / n, rtol=1e-14)
+    assert law_of.transmission_errors(plain) == {}

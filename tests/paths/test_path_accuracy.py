@@ -96,6 +96,14 @@ def test_settling_and_overshoot_are_those_of_an_oscillator(
     assert found.overshoots[0] == pytest.approx(half, rel=0.05)
 
 
+@pytest.mark.parametrize("band", [0.0, -1.0, np.inf, np.nan])
+def test_the_band_is_a_length(band: float) -> None:
+    t = np.linspace(0.0, 2.0, 21)
+    way = np.outer(np.clip(t, 0.0, 1.0), [1.0, 0.0, 0.0])
+    with pytest.raises(ArgumentError, match=r"^band: given .*, expected a number > 0 \[m\]$"):
+        path_accuracy(t, way, way[None], 1.0, robots=("a",), band=band)
+
+
 def test_a_robot_that_does_not_stay_in_the_band_has_no_settling_time() -> None:
     wave = np.where(TIME >= END, 1e-3 * np.cos(40.0 * (TIME - END)), 0.0)
     found = judged(circle(TIME) + wave[:, None] * [1.0, 0.0])

@@ -4,7 +4,6 @@ differences.
 
 from __future__ import annotations
 
-from types import SimpleNamespace as Made
 from typing import Any
 
 import numpy as np
@@ -24,20 +23,8 @@ from flexgen.analysis.printing.elements import (
     Tip,
     Turn,
 )
-from flexgen.codegen.emission import constants_header
 
-VALUES = {
-    "l": 0.7,
-    "m": 3.0,
-    "i": 0.4,
-    "p": 0.2,
-    "j": 0.05,
-    "b": 0.6,
-    "f": 0.9,
-    "w": 0.3,
-    "x": 0.6,
-    "y": 0.8,
-}
+VALUES = dict(zip("lmipjbfwxy", (0.7, 3.0, 0.4, 0.2, 0.05, 0.6, 0.9, 0.3, 0.6, 0.8), strict=True))
 
 
 def steps_of(symbols: Symbols) -> list[Any]:
@@ -124,7 +111,7 @@ class Frames:
                     self.rotors.append((step.index, number(step.inertia), axis @ spin))
 
 
-def test_inertia_potential_drag_and_speeds_of_a_symbolic_chain() -> None:
+def test_inertia_potential_drag_and_speeds_are_those_of_frames() -> None:
     """Bodies, a rotor that is carried along, and a branch; Christoffel terms by differences of the
     inertia.
     """
@@ -180,56 +167,3 @@ def test_inertia_potential_drag_and_speeds_of_a_symbolic_chain() -> None:
     terms = slopes + slopes.transpose(0, 2, 1) - slopes.transpose(2, 1, 0)
     found = [value(x) for x in chain.velocity_terms(v)]
     assert_allclose(found, 0.5 * np.einsum("ijk,j,k->i", terms, speeds, speeds), atol=1e-5)
-
-
-def test_what_a_library_has_is_told_by_its_functions_and_numbers() -> None:
-    """Laws of hysteresis and frictions, streams with limits, growth, and the filters of a
-    servo.
-    """
-
-    def spec(*names: str, constants: Any = None, c_functions: Any = ()) -> Any:
-        return Made(
-            functions=[Made(name=name) for name in names],
-            motor_constants=constants,
-            c_functions=c_functions,
-        )
-
-    header = constants_header
-    assert header.is_harmonic(spec("a", "motor_harmonics")) and not header.is_harmonic(spec("a"))
-    assert header.is_loaded(spec("loaded_friction")) and not header.is_loaded(
-        spec("motor_harmonics")
-    )
-    for name, file in (
-        ("has_bounds", Made(name="stream_all_limits", file="")),
-        ("has_growth", Made(name="", file="growth.c")),
-    ):
-        assert getattr(header, name)(spec(c_functions=[file]))
-        assert not getattr(header, name)(spec(c_functions=[Made(name="x", file="x")]))
-    numbers = Made(
-        curves=(), hysteresis_slip=((0.0, 1.0), (2.0, 0.0), (0.0, 0.0)), lugre={}, servo=None
-    )
-    for name in ("is_curved", "is_bristled", "has_positions"):
-        assert not getattr(header, name)(spec()) and not getattr(header, name)(
-            spec(constants=numbers)
-        )
-    assert (
-        header.count_elements(spec()) == 0 and header.count_elements(spec(constants=numbers)) == 2
-    )
-    assert header.filter_sizes(spec()) == header.filter_sizes(spec(constants=numbers)) == (0, 0, 0)
-    full = Made(
-        curves=(1,),
-        lugre={"coulomb": (0.0, 3.0)},
-        servo=Made(low_pass=(), sample_time=1e-3, notch=(1, 2)),
-    )
-    for name in ("is_curved", "is_bristled", "has_positions"):
-        assert getattr(header, name)(spec(constants=full))
-    assert not header.is_bristled(spec(constants=Made(lugre={"coulomb": (0.0, 0.0)})))
-
-
-def test_filters_of_a_servo_have_samples_before_and_after(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(
-        constants_header, "inverse_taps", lambda low_pass, sample_time: ((1.0,) * 7, 4)
-    )
-    servo = Made(low_pass=("a",), sample_time=1e-3, notch=(1, 2))
-    spec: Any = Made(motor_constants=Made(servo=servo))
-    assert constants_header.filter_sizes(spec) == (4, 2, 2)
