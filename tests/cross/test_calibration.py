@@ -617,7 +617,9 @@ def test_a_tenth_is_doubted_a_half_refused_and_a_third_named(
     statics: Any = SimpleNamespace(model=arm(), with_commands=lambda q: None)
     monkeypatch.setattr(mistakes, "start_frames", lambda *_: "numbers")
     monkeypatch.setattr(mistakes, "agreement", lambda *_: parts.pop(0))
-    monkeypatch.setattr(mistakes, "possible_mistakes", lambda *_: [("one", data), ("another", data)])
+    monkeypatch.setattr(
+        mistakes, "possible_mistakes", lambda *_: [("one", data), ("another", data)]
+    )
     if not words or (words == "doubt" and not named):
         assert mistakes.find_start(statics, data, ()) == "numbers"
         assert len(parts) == (2 if not words else 0)

@@ -105,7 +105,9 @@ def test_a_search_that_does_not_end_begins_again_and_says_so(
     begun: list[float] = []
     own = identify.RecordedLoop.start
     monkeypatch.setattr(
-        identify.RecordedLoop, "start", lambda fit, lower=1.0: begun.append(lower) or own(fit, lower)
+        identify.RecordedLoop,
+        "start",
+        lambda fit, lower=1.0: begun.append(lower) or own(fit, lower),
     )
     monkeypatch.setattr(identify, "STEPS", 1)
     true = {**TRUE, "feedforward": 0.8, "filter_s": 3e-3}
