@@ -15,7 +15,7 @@ import numpy as np
 from flexgen.base.errors import BuildError
 from flexgen.runtime.files import AGAIN, read_verified, verify_folder
 
-ABI_VERSION = 5  # of the interface between Python and C
+ABI_VERSION = 6  # of the interface between Python and C
 FORMAT = 3  # of the manifest
 # of whole paths and streams: residual of a deflection of 1e-8 rad or m
 TOLERANCES = {"double": 1e-6, "single": 1e-3}

@@ -45,7 +45,7 @@ typedef enum {
 
 /* Memory of a stream in reals, as a constant expression: at least stream_work. */
 #define ELBOW_STREAM_SIZE(intervals, samples_per_interval) \
-    (INT64_C(2558) + INT64_C(236) * (intervals) + INT64_C(26) * (samples_per_interval))
+    (INT64_C(2448) + INT64_C(230) * (intervals) + INT64_C(26) * (samples_per_interval))
 /*
  * Operations of one stream_update, at most: additions, multiplications, divisions and comparisons of reals, with every
  * iteration at its limit. A usual update needs a small part of them.

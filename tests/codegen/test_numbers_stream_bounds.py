@@ -9,7 +9,9 @@ from typing import Any
 
 import pytest
 
-from flexgen.codegen.emission.stream_bounds import Contents, Linear, stream_operations, stream_size
+from flexgen.codegen.emission.size_terms import Linear
+from flexgen.codegen.emission.stream_bounds import stream_operations
+from flexgen.codegen.emission.stream_layout import Contents
 
 SIZES = {"n_a": 7, "n_g": 5, "n_e": 2, "n_m": 4, "n_y": 3, "n_t": 6}
 OPERATIONS = {
@@ -20,18 +22,17 @@ OPERATIONS = {
 }
 PLAIN = Contents(0, False, False, False, False, False, (0, 0, 0))
 # of the plain stream
-SIZE = (6672, 683, 65)
 COUNT = (20656842, 973445, 246511)
 # and what is more with a content
-WITH: list[tuple[dict[str, Any], tuple[int, int, int], tuple[int, int, int]]] = [
-    ({"elements": 3}, (25, 0, 0), (90671174, 0, 4121417)),
-    ({"elements": 3, "curved": True}, (25, 0, 0), (127499174, 0, 5795417)),
-    ({"position": True}, (57, 0, 9), (80, 0, 292)),
-    ({"position": True, "filters": (2, 5, 3)}, (310, 0, 13), (1225740, 0, 520)),
-    ({"position": True, "filters": (0, 5, 0)}, (254, 0, 13), (1225740, 0, 352)),
-    ({"bristles": True}, (288, 0, 12), (5764596, 0, 419120)),
-    ({"bounds": True}, (938, 727, 0), (305580, 305580, 0)),
-    ({"harmonics": True}, (27, 0, 0), (0, 0, 0)),
+WITH: list[tuple[dict[str, Any], tuple[int, int, int]]] = [
+    ({"elements": 3}, (90671174, 0, 4121417)),
+    ({"elements": 3, "curved": True}, (127499174, 0, 5795417)),
+    ({"position": True}, (80, 0, 292)),
+    ({"position": True, "filters": (2, 5, 3)}, (1225740, 0, 520)),
+    ({"position": True, "filters": (0, 5, 0)}, (1225740, 0, 352)),
+    ({"bristles": True}, (5764596, 0, 419120)),
+    ({"bounds": True}, (305580, 305580, 0)),
+    ({"harmonics": True}, (0, 0, 0)),
 ]
 CALLED: list[tuple[dict[str, int], tuple[int, int, int]]] = [
     ({"motor_harmonics": 211}, (6216, 259, 777)),
@@ -45,14 +46,11 @@ def more(found: Linear, less: tuple[int, int, int]) -> tuple[int, int, int]:
     return found.constant - less[0], found.per_interval - less[1], found.per_sample - less[2]
 
 
-@pytest.mark.parametrize(
-    ("content", "size", "count"), WITH, ids=[str(list(row[0])) for row in WITH]
-)
-def test_contents_of_a_stream_take_memory_and_time(
-    content: dict[str, Any], size: tuple[int, int, int], count: tuple[int, int, int]
+@pytest.mark.parametrize(("content", "count"), WITH, ids=[str(list(row[0])) for row in WITH])
+def test_contents_of_a_stream_take_time(
+    content: dict[str, Any], count: tuple[int, int, int]
 ) -> None:
     has = replace(PLAIN, **content)
-    assert more(stream_size(SIZES, 1000, 8, has), SIZE) == size
     assert more(stream_operations(SIZES, OPERATIONS, 8, has), COUNT) == count
 
 
@@ -64,14 +62,9 @@ def test_functions_that_a_stream_calls_take_time(
 
 
 def test_bounds_of_a_plain_stream() -> None:
-    assert more(stream_size(SIZES, 1000, 8, PLAIN), SIZE) == (0, 0, 0)
     assert more(stream_operations(SIZES, OPERATIONS, 8, PLAIN), COUNT) == (0, 0, 0)
     # of numbers in single precision
-    assert stream_size(SIZES, 1000, 16, PLAIN) == Linear(9096, 683, 65)
     assert stream_operations(SIZES, OPERATIONS, 16, PLAIN) == Linear(31721290, 1209227, 246511)
     rigid = SIZES | {"n_e": 0}
-    assert stream_size(rigid, 1000, 8, PLAIN) == Linear(4466, 501, 65)
     assert stream_operations(rigid, OPERATIONS, 8, PLAIN) == Linear(10262526, 251296, 246391)
-    assert (Linear(1, 2, 3) + Linear(10, 20, 30)).times(2) == Linear(22, 44, 66) and Linear(
-        1, 2, 3
-    ).at(10, 100) == 321
+    assert (Linear(1, 2, 3) + Linear(10, 20, 30)).times(2) == Linear(22, 44, 66)

@@ -63,13 +63,13 @@ def python(program: str, *args: object) -> subprocess.CompletedProcess[str]:
         (
             {"abi": 1},
             {},
-            r"hand_abi_version: given 1, expected 5 \(another version of the interface",
+            r"hand_abi_version: given 1, expected 6 \(another version of the interface",
         ),
         (
             {},
             {"abi_version": 1},
             (
-                "given ABI version 1, expected 5: the library was written by another version of "
+                "given ABI version 1, expected 6: the library was written by another version of "
                 "flexgen"
             ),
         ),

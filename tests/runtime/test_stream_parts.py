@@ -15,6 +15,7 @@ from emitted import library_of, made
 from stream_machine import PARTS, UPDATE, Machine
 from toolchain import needs_compiler
 
+from flexgen.codegen.emission import stream_layout
 from flexgen.runtime import load
 from flexgen.runtime.inversion.path_inversion import pointer
 from flexgen.runtime.streams.stream import Stream
@@ -28,6 +29,7 @@ BAD_ARGUMENT = -5
 UNREACHABLE = -7
 NOT_STARTED = -9
 AHEAD = 40  # long enough for limits
+NOTHING = stream_layout.Contents(0, False, False, False, False, False, (0, 0, 0))
 
 
 @cache
@@ -119,8 +121,8 @@ def test_calls_out_of_order_are_refused_and_change_nothing() -> None:
     assert begin(memory, y, dy, ddy) == INPUT_NOT_FINITE
     stream._inputs[0][0] = 50.0
     assert begin(memory, y, dy, ddy) == UNREACHABLE
-    arm = stream._memory != before
-    assert not arm[:20].any()  # the head: nothing has begun
+    head = stream_layout.StreamLayout({"n_e": 1}, "double", NOTHING, 0).head_size
+    assert stream._memory[:head].tobytes() == before[:head].tobytes()  # nothing has begun
     stream._inputs[0][...] = sample[0][0]
     assert begin(memory, y, dy, ddy) == OK
     begun = stream._memory.copy()
@@ -129,7 +131,7 @@ def test_calls_out_of_order_are_refused_and_change_nothing() -> None:
     assert update(memory, y, dy, ddy, motion, info) == BAD_ARGUMENT
     assert limits(memory, bounds, bounds, ctypes.c_double(0.1)) == BAD_ARGUMENT
     assert finish(memory, None, info) == NULL_ARGUMENT
-    assert np.array_equal(stream._memory, begun)
+    assert stream._memory.tobytes() == begun.tobytes()
     assert finish(memory, motion, info) == OK
     assert update(memory, y, dy, ddy, motion, info) >= OK
 
@@ -137,15 +139,16 @@ def test_calls_out_of_order_are_refused_and_change_nothing() -> None:
 def test_a_skipped_part_of_an_update_changes_the_result() -> None:
     """Planted: the update skips a part, here the residual of the first points."""
     whole, planted = (machine(PLANAR).begun(AHEAD) for _ in range(2))
-    part = 11  # position of the next part in the head of the memory
+    part = stream_layout.StreamLayout({"n_e": 1}, "double", NOTHING, 0).head["part"]
+    integers = planted._memory.view(np.int32)
     for k, sample in enumerate(sampled(PLANAR, 20)):
         whole.update(*sample)
         memory, y, dy, ddy, motion, info = planted._arguments
         for own, x in zip(planted._inputs, sample, strict=True):
             own[...] = x
         assert entry(PLANAR, "begin")(memory, y, dy, ddy) == OK
-        assert planted._memory[part] == 1.0
+        assert integers[part // 4] == 1
         if k == 15:
-            planted._memory[part] = 6.0  # the step, without residuals and factors of this update
+            integers[part // 4] = 6  # the step, without residuals and factors of this update
         assert entry(PLANAR, "finish")(memory, motion, info) >= OK
     assert not np.array_equal(results(whole)[5], results(planted)[5])

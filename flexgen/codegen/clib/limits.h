@@ -20,6 +20,7 @@
 #include "model_motors.h"
 #include "model_path.h"
 #include "model_reduced_problem.h"
+#include "model_stream_layout.h"
 
 /*
  * --- A small quadratic program with soft limits, by a fixed number of splitting steps.
@@ -230,27 +231,7 @@ static inline int are_in_range(const model_inversion_limits *l)
 }
 
 #endif /* MODEL_LIMITED */
-enum {
-    BLOCKS = 8, /* blocks of constant input over the horizon, at most */
-    INPUTS = BLOCKS * NY,
-#if MODEL_BOUNDS
-    /* limited quantities at a node: torques and speeds of motors, */
-    RATE_ROWS = 2 * NM,              /* rates of these torques, from node to node, */
-    GEAR_ROWS = RATE_ROWS + NM,      /* torques of gears, */
-    ELASTIC_ROWS = GEAR_ROWS + NG,   /* deflections, */
-    JOINT_ROWS = ELASTIC_ROWS + NE,  /* speeds and accelerations of joints, */
-    TOOL_ROWS = JOINT_ROWS + 2 * NG, /* speed and acceleration of the tool */
-    MOTORS = TOOL_ROWS + 2,
-    EDGES = 20,            /* of the torque-speed curve of a motor, at most */
-#else                      /* MODEL_BOUNDS */
-    MOTORS = 2 * NM, /* torques and speeds at a node */
-#endif                     /* MODEL_BOUNDS */
-    BOUNDED = MOTORS + NY, /* and deviations */
-#if MODEL_HARMONICS
-    SWINGS = 5, /* numbers of a motor, see find_swings */
-#endif          /* MODEL_HARMONICS */
-    QP_STEPS = 80
-};
+enum { QP_STEPS = 80 };
 
 static const real limit_margin = 1e-3;   /* margin of a limit for errors of the Jacobians, relative */
 static const real considered_from = 0.5; /* nodes below this part of a limit are not in the quadratic program */
@@ -265,67 +246,6 @@ static const real deviation_removed = 1e-20;                /* m, rad: a smaller
 static const real smoothness_weight = 1e-1;
 static const real change_weight = 1e0; /* weight of a change of the input, against jumps from update to update */
 static const real limit_weight = 1e2;  /* weight of an exceeded limit, relative to a deviation of one */
-
-/* Positions of the arrays for the limits, in the memory of the stream. */
-typedef struct {
-    ptrdiff_t on, fixed, bound, plan, deviation, value, q, v, a, tau, deflection, lagged;
-    ptrdiff_t response, H, g, A, x, y, z, K, w, vv, b, row, dual, end;
-#if MODEL_HARMONICS
-    ptrdiff_t swing; /* largest numbers of the Fourier sums */
-#endif               /* MODEL_HARMONICS */
-#if MODEL_BOUNDS
-    ptrdiff_t curve;           /* edges of the torque-speed curves: torque at rest, and what a speed takes from it */
-    ptrdiff_t torque, elastic; /* motor torques without friction, and deflections at the nodes */
-    ptrdiff_t edge;            /* derivatives of the used part of the torque of a motor: by torque, by speed */
-#endif                         /* MODEL_BOUNDS */
-} limits_layout;
-
-static inline limits_layout limits_laid_out(ptrdiff_t N)
-{
-    limits_layout l;
-    ptrdiff_t at = 0;
-    const ptrdiff_t nodes = N + 1, rows = nodes * BOUNDED;
-#define PLACE(name, size) \
-    l.name = at; \
-    at += (ptrdiff_t)padded(size)
-    PLACE(on, 1);
-    PLACE(fixed, 1); /* the last node whose deviation must not change: the preview of the unstable zeros */
-    PLACE(bound, BOUNDED);
-    PLACE(plan, nodes * REFERENCE);
-    PLACE(deviation, nodes * DEVIATION);
-    PLACE(value, rows);
-    PLACE(q, nodes * NG);
-    PLACE(v, nodes * NG);
-    PLACE(a, nodes * NG);
-    PLACE(tau, nodes * NG);
-    PLACE(deflection, nodes * NG);
-    PLACE(lagged, nodes * NG);
-    PLACE(response, nodes * CHAIN * BLOCKS);
-    PLACE(H, INPUTS * INPUTS);
-    PLACE(g, INPUTS);
-    PLACE(A, rows * INPUTS);
-    PLACE(x, rows);
-    PLACE(y, rows);
-    PLACE(z, INPUTS);
-    PLACE(K, INPUTS * INPUTS);
-    PLACE(w, rows);
-    PLACE(vv, rows);
-    PLACE(b, INPUTS);
-    PLACE(row, rows);
-    PLACE(dual, rows);
-#if MODEL_HARMONICS
-    PLACE(swing, NM * SWINGS);
-#endif /* MODEL_HARMONICS */
-#if MODEL_BOUNDS
-    PLACE(curve, 2 * NM * EDGES);
-    PLACE(torque, nodes * NM);
-    PLACE(elastic, nodes * NE);
-    PLACE(edge, nodes * 2 * NM);
-#endif /* MODEL_BOUNDS */
-#undef PLACE
-    l.end = at;
-    return l;
-}
 
 #if MODEL_BOUNDS
 /* Derivative of an order of output j at node k, with its deviation; T: time constant of the decay. */
@@ -730,9 +650,10 @@ static inline void fill_row(
 
 #endif /* MODEL_BOUNDS */
 /* Change the deviations ahead; 0 where a number is not finite, and nothing has changed. */
-static inline int change_deviation(real *s, const limits_layout *l, ptrdiff_t N, real T, const jacobian_ahead *f)
+static inline int change_deviation(
+    real *s, const limits_layout *l, ptrdiff_t N, ptrdiff_t fixed, real T, const jacobian_ahead *f)
 {
-    const ptrdiff_t fixed = (ptrdiff_t)s[l->fixed], left = N - fixed;
+    const ptrdiff_t left = N - fixed;
     const int blocks = left < BLOCKS ? (int)left : (int)BLOCKS, n = blocks * NY;
     const real tau = (real)DECAYS / (real)N;
     real *deviation = s + l->deviation, *response = s + l->response, *H = s + l->H, *g = s + l->g;
@@ -781,7 +702,6 @@ static inline int change_deviation(real *s, const limits_layout *l, ptrdiff_t N,
             A = p.A + p.rows * n;
             s[l->x + p.rows] = s[l->value + row] * (1.0 + limit_margin);
             s[l->y + p.rows] = s[l->dual + row];
-            s[l->row + p.rows] = (real)row;
 #if MODEL_BOUNDS
             for (int b = 0; b < blocks; ++b) {
                 for (int j = 0; j < NY; ++j) {
@@ -803,9 +723,11 @@ static inline int change_deviation(real *s, const limits_layout *l, ptrdiff_t N,
     for (int i = 0; i < n; ++i) {
         p.z[i] *= step_share;
     }
-    for (int i = 0; i < p.rows; ++i) {
-        const ptrdiff_t row = (ptrdiff_t)s[l->row + i];
-        s[l->dual + row] = p.y[i];
+    p.rows = 0;
+    for (ptrdiff_t row = (fixed + 1) * BOUNDED; row < (N + 1) * BOUNDED; ++row) { /* as they were taken above */
+        if (fabs_1(s[l->value + row]) > considered_from) {
+            s[l->dual + row] = p.y[p.rows++];
+        }
     }
     for (ptrdiff_t k = fixed + 1; k <= N; ++k) { /* a soft limit may be exceeded, but a deviation not by much */
         for (int j = 0; j < NY; ++j) {

@@ -54,11 +54,11 @@ static inline int has_gains(const model_servo *o)
  * Whether the inverse of the servo is stable, and the samples are its own: one sample time apart, with a torque that is
  * held and acts after its delay.
  */
-static inline int servo_fits(const model_servo *o, real period, real hold, real delay)
+static inline int servo_fits(const model_servo *o, real period, int hold, real delay)
 {
     const real h = o->sample_time;
     if (!is_within(h, 0.0, 1.0, 0) || !is_within(o->speed_feedforward, 0.0, 2.0, 1) ||
-        !is_within(o->reference_filter, 0.0, 1.0, 1) || hold != (real)MODEL_HOLD_ZOH ||
+        !is_within(o->reference_filter, 0.0, 1.0, 1) || hold != MODEL_HOLD_ZOH ||
         !(fabs_1(period - h) <= servo_same * h) || !(fabs_1(delay * h - o->delay) <= servo_same * h)) {
         return 0;
     }

@@ -35,14 +35,14 @@ static inline void sample_of(const model_samples *p, ptrdiff_t k, real *out)
 /* The path of the horizon and before it: node 0 of the horizon is sample `now`. */
 static inline void set_path(real *s, const layout *l, const model_samples *p, ptrdiff_t now)
 {
-    const ptrdiff_t N = (ptrdiff_t)s[INTERVALS];
+    const ptrdiff_t N = head_in(s)->intervals;
     real *nodes = s + l->nodes;
     for (ptrdiff_t j = 0; j <= l->past + N; ++j) {
         sample_of(p, now - l->past + j, nodes + j * REFERENCE);
     }
     for (ptrdiff_t k = 0; k < N * STAGES; ++k) {
         const real *left = nodes + (l->past + k / STAGES) * REFERENCE;
-        between_samples(left, s[PERIOD], gauss_c[k % STAGES], s + l->reference + k * REFERENCE);
+        between_samples(left, head_in(s)->period, gauss_c[k % STAGES], s + l->reference + k * REFERENCE);
     }
     copy(nodes + (l->past + N) * REFERENCE, REFERENCE, s + l->last);
 }
@@ -50,7 +50,7 @@ static inline void set_path(real *s, const layout *l, const model_samples *p, pt
 /* Joints that follow the path of the horizon from those at its start, with the deflections of the equilibrium q. */
 static inline int set_joints(real *s, const layout *l, const real *q)
 {
-    const ptrdiff_t N = (ptrdiff_t)s[INTERVALS];
+    const ptrdiff_t N = head_in(s)->intervals;
     real *q_g = s + l->q_g, last[NG];
     problem_points *arm = arm_of(l, s);
 #if MODEL_NE > 0
@@ -77,10 +77,10 @@ static inline int set_joints(real *s, const layout *l, const real *q)
         if (status != MODEL_OK) {
             return status;
         }
-        if (!(arm->side[0] * (k > 0 ? s[SIDE] : arm->side[0]) > 0.0)) {
+        if (!(arm->side[0] * (k > 0 ? (real)head_in(s)->side : arm->side[0]) > 0.0)) {
             return MODEL_UNREACHABLE; /* it passed a singular pose */
         }
-        s[SIDE] = arm->side[0];
+        head_of(s)->side = arm->side[0] > 0.0 ? 1 : -1;
         for (int i = 0; i < NG; ++i) {
             q_g[k * NG + i] = last[i] = arm->q[i_g[i]][0];
         }
@@ -97,7 +97,7 @@ static const real first_state_weight = PRECISE(1e-6, 1e-3);
 /* The quasi-static motion at all nodes as target states, and a motion close to it in the mesh. */
 static inline int set_quasistatic(real *s, const layout *l)
 {
-    const ptrdiff_t N = (ptrdiff_t)s[INTERVALS], guess_at = (N * STAGES - 1) * NG;
+    const ptrdiff_t N = head_in(s)->intervals, guess_at = (N * STAGES - 1) * NG;
     mesh m = mesh_of(l, s);
     real last[NG], *y = s + l->y, *a = s + l->a, *newest = m.target_state + N * STATES;
     copy(s + l->q_g + guess_at, NG, last);
@@ -170,7 +170,7 @@ static inline int solve_horizon(real *s, const layout *l)
         }
     }
     copy(w->P, STATES * STATES, s + l->cost);
-    s[STALE] = 1.0; /* only the factors are known */
+    head_of(s)->stale = 1; /* only the factors are known */
     return status;
 }
 
@@ -240,7 +240,8 @@ typedef struct {
 
 static inline update_part next_part_of(const real *s)
 {
-    const update_part p = {(int)s[PART], (int)s[AT], (int)s[WITHIN]};
+    const stream_head *h = head_in(s);
+    const update_part p = {h->part, h->at, h->within};
     return p;
 }
 
@@ -248,7 +249,7 @@ static inline update_part next_part_of(const real *s)
 /* Intervals of the group from `next` on; `*next` becomes that after it. */
 static inline int group_from(const real *s, int *next, int *list)
 {
-    return refreshed((int)s[INTERVALS], s[STALE] > 0.0, next, list);
+    return refreshed(head_in(s)->intervals, head_in(s)->stale, next, list);
 }
 #endif
 
@@ -256,7 +257,7 @@ static inline int group_from(const real *s, int *next, int *list)
  * Approximate cost of a part: microseconds with 6 motors and 12 coordinates without motor on a processor with vectors
  * of 8 numbers. Only the distribution of the work depends on it.
  */
-static inline int cost_of_part(const real *s, const layout *l, update_part p)
+static inline int cost_of_part(const real *s, update_part p)
 {
     static const int cost[PARTS_END] = {0,
 #if MODEL_NE > 0
@@ -269,14 +270,14 @@ static inline int cost_of_part(const real *s, const layout *l, update_part p)
         return cost[p.part] * group_from(s, &next, list);
     }
 #endif
-    return p.part == PART_LIMITS && !(s[l->limits] > 0.0) ? 0 : cost[p.part];
+    return p.part == PART_LIMITS && !head_in(s)->has_limits ? 0 : cost[p.part];
 }
 
 /* The part after p. */
 static inline update_part part_after(const real *s, update_part p)
 {
 #if MODEL_NE > 0
-    if (p.part == PART_RESIDUAL && p.at + POINTS < (int)s[INTERVALS] * STAGES) {
+    if (p.part == PART_RESIDUAL && p.at + POINTS < head_in(s)->intervals * STAGES) {
         p.at += POINTS;
         return p;
     }
@@ -287,7 +288,7 @@ static inline update_part part_after(const real *s, update_part p)
             p.within += 1;
             return p;
         }
-        if (count == GROUP && next < (int)s[INTERVALS]) {
+        if (count == GROUP && next < head_in(s)->intervals) {
             p.part = PART_POINTS;
             p.at = next;
             p.within = 0;
@@ -309,11 +310,11 @@ static inline update_part part_after(const real *s, update_part p)
 }
 
 /* Cost of all parts from p to the end of the update. */
-static inline int cost_from(const real *s, const layout *l, update_part p)
+static inline int cost_from(const real *s, update_part p)
 {
     int cost = 0;
     for (; p.part != PARTS_END; p = part_after(s, p)) {
-        cost += cost_of_part(s, l, p);
+        cost += cost_of_part(s, p);
     }
     return cost;
 }
@@ -321,7 +322,7 @@ static inline int cost_from(const real *s, const layout *l, update_part p)
 /* Arrays of the results in the memory of the stream. */
 static inline interval_results results_in(real *s, const layout *l)
 {
-    const ptrdiff_t n = (ptrdiff_t)s[SAMPLES_PER_INTERVAL];
+    const ptrdiff_t n = head_in(s)->samples_per_interval;
     interval_results out;
     out.q_a = s + l->output;
     out.v_a = out.q_a + n * NA;
@@ -341,11 +342,11 @@ static inline int limits_part(real *s, const layout *l, const interval_results *
 {
     real off[2] = {0.0, 0.0};
     int ends;
-    if (!(s[l->limits] > 0.0)) {
+    if (!head_in(s)->has_limits) {
         return MODEL_OK;
     }
-    s[LIMITED] = (real)is_limited(s, l, out->v_m, out->tau_m, off, &ends);
-    copy(off, 2, s + OFF);
+    head_of(s)->limited = is_limited(s, l, out->v_m, out->tau_m, off, &ends);
+    copy(off, 2, head_of(s)->off);
     return ends ? MODEL_LIMITS_INFEASIBLE : apply_limits(s, l);
 }
 
@@ -355,9 +356,9 @@ static inline int motors_part(real *s, const layout *l, const interval_results *
     real step = 0.0, output_step[2] = {0.0, 0.0};
     const int status = motors_in_interval(s, l, out, &step, output_step);
     if (status == MODEL_OK) {
-        s[TORQUE_STEP] = step;
-        copy(output_step, 2, s + OUTPUT_STEP);
-        s[MISMATCH] = kinematic_mismatch_now(s, l);
+        head_of(s)->torque_step = step;
+        copy(output_step, 2, head_of(s)->output_step);
+        head_of(s)->mismatch = kinematic_mismatch_now(s, l);
     }
     return status;
 }
@@ -391,7 +392,7 @@ static inline int do_part(real *s, const layout *l, update_part p)
         return MODEL_OK;
 #endif
     case PART_ARM:
-        return arm_in_window(s, l, &out, s + RESIDUAL);
+        return arm_in_window(s, l, &out, &head_of(s)->residual);
     case PART_MOTORS:
         return motors_part(s, l, &out);
     default:
@@ -403,16 +404,16 @@ static inline int do_part(real *s, const layout *l, update_part p)
 static inline int do_parts(real *s, const layout *l, int parts)
 {
     update_part p = next_part_of(s);
-    const int share = parts > 1 ? cost_from(s, l, p) / parts : 0;
+    const int share = parts > 1 ? cost_from(s, p) / parts : 0;
     int done = 0, status = MODEL_OK;
     while (status == MODEL_OK && p.part != PARTS_END &&
-           (parts == 1 || done == 0 || 2 * done + cost_of_part(s, l, p) <= 2 * share)) {
+           (parts == 1 || done == 0 || 2 * done + cost_of_part(s, p) <= 2 * share)) {
         status = do_part(s, l, p);
-        done += cost_of_part(s, l, p);
+        done += cost_of_part(s, p);
         p = part_after(s, p);
-        s[PART] = (real)p.part;
-        s[AT] = (real)p.at;
-        s[WITHIN] = (real)p.within;
+        head_of(s)->part = p.part;
+        head_of(s)->at = p.at;
+        head_of(s)->within = p.within;
     }
     return status;
 }
@@ -446,7 +447,7 @@ static const real initial_weight = 1e-4; /* before the first of them */
 int64_t model_stream_work(const model_stream_options *options)
 {
     return options != NULL && stream_sizes_fit(options) ?
-               (int64_t)laid_out(options->intervals, options->samples_per_interval, (real)options->hold, options->delay)
+               (int64_t)laid_out(options->intervals, options->samples_per_interval, (int)options->hold, options->delay)
                    .end :
                -1;
 }
@@ -490,15 +491,19 @@ static int deflection_at_equilibrium(const real *q, real *deflection, real *spac
 /* The whole horizon and the past are at the equilibrium with the output at its target; q: a guess, and it. */
 static int set_equilibrium(real *s, const layout *l, const real *target, real *q)
 {
-    const ptrdiff_t N = (ptrdiff_t)s[INTERVALS];
+    const ptrdiff_t N = head_in(s)->intervals;
     real *equilibrium = s + l->last;
+#if MODEL_NE > 0
     int status = equilibrium_at(target, q, s + l->scale, s + l->space);
+#else
+    int status = equilibrium_at(target, q, NULL, s + l->space);
+#endif
     if (status != MODEL_OK) {
         return status;
     }
-    s[BASE] = 0.0;
-    s[STALE] = 1.0;
-    s[l->expected] = 0.0;
+    head_of(s)->base = 0;
+    head_of(s)->stale = 1;
+    head_of(s)->is_predicted = 0;
     copy(target, NT, equilibrium);
     for (int i = NT; i < REFERENCE; ++i) {
         equilibrium[i] = 0.0;
@@ -552,7 +557,7 @@ static int set_equilibrium(real *s, const layout *l, const real *target, real *q
 #if MODEL_HYSTERESIS
     if (status == MODEL_OK) {
         branches b;
-        status = begin_branches(&b, s[PERIOD], s + l->now, s + l->space) ? MODEL_OK : MODEL_RESULT_NOT_FINITE;
+        status = begin_branches(&b, head_in(s)->period, s + l->now, s + l->space) ? MODEL_OK : MODEL_RESULT_NOT_FINITE;
         keep_branches(&b, s + l->now);
     }
 #endif /* MODEL_HYSTERESIS */
@@ -566,6 +571,7 @@ COLD model_status model_stream_start(const model_stream *given, const model_stre
     const real *parameters_given = GIVEN_PARAMETERS;
     layout l;
     real q[NA], *space;
+    stream_head *head;
     int status;
     if (stream == NULL || options == NULL || y == NULL || parameters_given == NULL || q_start == NULL) {
         return MODEL_NULL_ARGUMENT;
@@ -579,15 +585,16 @@ COLD model_status model_stream_start(const model_stream *given, const model_stre
         return MODEL_NULL_ARGUMENT;
     }
     if (options->servo != NULL && !servo_fits(options->servo, options->period / (real)options->samples_per_interval,
-                                      (real)options->hold, options->delay)) {
+                                      (int)options->hold, options->delay)) {
         return MODEL_BAD_ARGUMENT;
     }
 #endif /* MODEL_POSITION */
-    l = laid_out(options->intervals, options->samples_per_interval, (real)options->hold, options->delay);
+    l = laid_out(options->intervals, options->samples_per_interval, (int)options->hold, options->delay);
     if (given->size < l.end) {
         return MODEL_WORK_TOO_SMALL;
     }
-    stream[STATE] = IS_EMPTY;
+    head = head_of(stream);
+    head->state = IS_EMPTY;
     if (!is_finite(y, NT) || !is_finite(parameters_given, PARAMETERS) || !is_finite(q_start, NA)) {
         return MODEL_INPUT_NOT_FINITE;
     }
@@ -610,18 +617,18 @@ COLD model_status model_stream_start(const model_stream *given, const model_stre
     }
 #endif /* MODEL_FORCE */
     copy(q_start, NA, q);
-    stream[KEY] = (real)STREAM_KEY;
-    stream[INTERVALS] = (real)options->intervals;
-    stream[SAMPLES_PER_INTERVAL] = (real)options->samples_per_interval;
-    stream[PERIOD] = options->period;
-    stream[TOLERANCE] = options->tolerance;
-    stream[HOLD] = (real)options->hold;
-    stream[DELAY] = options->delay;
-    stream[PART] = (real)NO_UPDATE;
-    stream[SIDE] = 0.0; /* side of singular poses: not known before the first sample */
-    stream[l.limits] = 0.0;
+    head->key = STREAM_KEY;
+    head->intervals = options->intervals;
+    head->samples_per_interval = options->samples_per_interval;
+    head->period = options->period;
+    head->tolerance = options->tolerance;
+    head->hold = (int32_t)options->hold;
+    head->delay = options->delay;
+    head->part = NO_UPDATE;
+    head->side = 0;
+    head->has_limits = 0;
 #if MODEL_POSITION
-    stream[l.servo + SERVO_SAMPLE] = 0.0;
+    head->has_servo = options->servo != NULL;
     if (options->servo != NULL) {
         keep_servo(options->servo, stream + l.servo);
     }
@@ -636,7 +643,7 @@ COLD model_status model_stream_start(const model_stream *given, const model_stre
     }
 #endif /* MODEL_LUGRE */
     if (status == MODEL_OK) {
-        stream[STATE] = IS_RUNNING;
+        head->state = IS_RUNNING;
     }
     return (model_status)status;
 }
@@ -644,27 +651,27 @@ COLD model_status model_stream_start(const model_stream *given, const model_stre
 /* Whether an update has begun and not ended. */
 static int has_begun(const real *stream)
 {
-    return stream[PART] > (real)NO_UPDATE;
+    return head_in(stream)->part > NO_UPDATE;
 }
 
 #if MODEL_PARAMETERS > 0
 /* Whether path, force and arm rest in the past and in the whole horizon. */
 static int rests(const real *s, const layout *l)
 {
-    const ptrdiff_t last = l->past + (ptrdiff_t)s[INTERVALS];
+    const ptrdiff_t last = l->past + (ptrdiff_t)head_in(s)->intervals;
     for (ptrdiff_t k = 0; k <= last; ++k) {
         const real *node = s + l->nodes + k * REFERENCE, *end = s + l->nodes + last * REFERENCE;
         for (int i = 0; i < REFERENCE; ++i) {
             const int rate = (i >= NT && i < NT + 2 * NY) || i >= NT + 3 * NY;
             if (!(fabs_1(node[i] - (rate ? 0.0 : end[i])) <=
-                    (rate ? negligible_motion / s[PERIOD] : negligible_motion))) {
+                    (rate ? negligible_motion / head_in(s)->period : negligible_motion))) {
                 return 0;
             }
         }
 #if MODEL_NE > 0
         for (int i = 0; i < NE; ++i) {
             const real *y = s + l->y + k * STATES, *still = s + l->y + last * STATES;
-            if (!(fabs_1(y[i] - still[i]) <= negligible_motion && fabs_1(y[NE + i]) * s[PERIOD] <= negligible_motion)) {
+            if (!(fabs_1(y[i] - still[i]) <= negligible_motion && fabs_1(y[NE + i]) * head_in(s)->period <= negligible_motion)) {
                 return 0;
             }
         }
@@ -710,18 +717,18 @@ COLD model_status model_stream_parameters(const model_stream *given, const real 
     if (!is_finite(parameters, PARAMETERS)) {
         return MODEL_INPUT_NOT_FINITE;
     }
-    stream[STALE] = 1.0;
+    head_of(stream)->stale = 1;
     keep_parameters(parameters, stream + l.space);
     if (rests(stream, &l)) {
         status = (model_status)rest_again(stream, &l);
         if (status != MODEL_OK) {
-            stream[STATE] = HAS_FAILED;
+            head_of(stream)->state = HAS_FAILED;
             return status == MODEL_UNREACHABLE ? MODEL_NOT_CONVERGED : status;
         }
     }
 #if MODEL_HARMONICS
-    if (stream[l.limits] > 0.0) {
-        const limits_layout w = limits_laid_out((ptrdiff_t)stream[INTERVALS]);
+    if (head_in(stream)->has_limits) {
+        const limits_layout w = limits_laid_out(head_in(stream)->intervals);
         return find_swings(stream + l.limits + w.swing, stream + l.space) ? MODEL_OK : MODEL_RESULT_NOT_FINITE;
     }
 #endif /* MODEL_HARMONICS */
@@ -773,8 +780,8 @@ COLD model_status model_stream_limits(
             return MODEL_BAD_ARGUMENT;
         }
     }
-    w = limits_laid_out((ptrdiff_t)stream[INTERVALS]);
-    if (!(stream[l.limits + w.on] > 0.0) && !start_limits(stream, &l)) {
+    w = limits_laid_out(head_in(stream)->intervals);
+    if (!head_in(stream)->has_limits && !start_limits(stream, &l)) {
         return MODEL_HORIZON_TOO_SHORT;
     }
 #if MODEL_HARMONICS
@@ -831,7 +838,7 @@ COLD model_status model_stream_all_limits(
     if (status != MODEL_OK) {
         return status;
     }
-    w = limits_laid_out((ptrdiff_t)given->memory[INTERVALS]);
+    w = limits_laid_out(head_in(given->memory)->intervals);
     {
         const layout l = layout_of(given->memory);
         b = given->memory + l.limits;
@@ -856,8 +863,19 @@ COLD model_status model_stream_all_limits(
 /* Status of an update that fails after its sample was taken; UNREACHABLE would mean that the sample was refused. */
 static model_status failed(real *stream, int status)
 {
-    stream[STATE] = HAS_FAILED;
+    head_of(stream)->state = HAS_FAILED;
     return status == MODEL_UNREACHABLE ? MODEL_NOT_CONVERGED : (model_status)status;
+}
+
+/* The first part of an update comes next; it has no results. */
+static void begin_results(stream_head *head)
+{
+    head->residual = head->mismatch = head->torque_step = 0.0;
+    set_zero(head->output_step, 2);
+    set_zero(head->off, 2);
+    head->limited = 0;
+    head->part = NO_UPDATE + 1;
+    head->at = head->within = 0;
 }
 
 model_status model_stream_begin(
@@ -894,7 +912,7 @@ model_status model_stream_begin(
     copy(FORCE_OF(stream + l.space), FORCES, own + NT + 2 * NY);
 #endif /* MODEL_FORCE */
     copy(own, REFERENCE, next);
-    has_limits = stream[l.limits] > 0.0;
+    has_limits = head_in(stream)->has_limits;
     if (has_limits) {
         next_deviation(stream, &l, own, deviation, next);
     }
@@ -906,10 +924,7 @@ model_status model_stream_begin(
     if (has_limits) {
         shift_limits(stream, &l, own, deviation);
     }
-    for (int i = PART; i < HEAD; ++i) {
-        stream[i] = 0.0;
-    }
-    stream[PART] = (real)(NO_UPDATE + 1);
+    begin_results(head_of(stream));
     return MODEL_OK;
 }
 
@@ -948,6 +963,7 @@ model_status model_stream_finish(const model_stream *given, model_motion *motion
     real *stream = memory_of(given);
     layout l;
     interval_results out;
+    stream_head *head;
     ptrdiff_t n;
     model_status status;
     if (stream == NULL || motion == NULL || info == NULL) {
@@ -964,7 +980,7 @@ model_status model_stream_finish(const model_stream *given, model_motion *motion
     if (status != MODEL_OK) {
         return failed(stream, status);
     }
-    n = (ptrdiff_t)stream[SAMPLES_PER_INTERVAL];
+    n = head_in(stream)->samples_per_interval;
     out = results_in(stream, &l);
     give(out.q_a, n * NA, motion->q_a);
     give(out.v_a, n * NA, motion->v_a);
@@ -976,20 +992,21 @@ model_status model_stream_finish(const model_stream *given, model_motion *motion
     give(out.command_m, n * NM, motion->command_m);
     give(out.command_g, n * NG, motion->command_g);
 #endif /* MODEL_POSITION */
-    stream[PART] = (real)NO_UPDATE;
-    info->residual = stream[RESIDUAL];
-    info->kinematic_mismatch = stream[MISMATCH];
-    info->torque_step = stream[TORQUE_STEP];
-    info->output_step_m = stream[OUTPUT_STEP];
-    info->output_step_rad = stream[OUTPUT_STEP + 1];
-    info->deviation_m = stream[OFF];
-    info->deviation_rad = stream[OFF + 1];
-    info->limits_active = stream[LIMITED] > 0.0;
+    head = head_of(stream);
+    head->part = NO_UPDATE;
+    info->residual = head->residual;
+    info->kinematic_mismatch = head->mismatch;
+    info->torque_step = head->torque_step;
+    info->output_step_m = head->output_step[0];
+    info->output_step_rad = head->output_step[1];
+    info->deviation_m = head->off[0];
+    info->deviation_rad = head->off[1];
+    info->limits_active = head->limited;
     /* one cause: a short horizon makes the residual large too */
     info->cause = MODEL_CAUSE_NONE;
     if (!(info->torque_step <= torque_step_max)) {
         info->cause = MODEL_CAUSE_TORQUE_STEP;
-    } else if (!(info->residual <= stream[TOLERANCE])) {
+    } else if (!(info->residual <= head->tolerance)) {
         info->cause = MODEL_CAUSE_RESIDUAL;
     } else if (!(info->kinematic_mismatch <= mismatch_max)) {
         info->cause = MODEL_CAUSE_MISMATCH;
@@ -997,7 +1014,8 @@ model_status model_stream_finish(const model_stream *given, model_motion *motion
     if (info->cause != MODEL_CAUSE_NONE) {
         return MODEL_TOLERANCE_NOT_MET;
     }
-    if (!is_finite(stream + RESIDUAL, LIMITED - RESIDUAL)) {
+    if (!is_finite(&head->residual, 1) || !is_finite(&head->mismatch, 1) || !is_finite(&head->torque_step, 1) ||
+        !is_finite(head->output_step, 2) || !is_finite(head->off, 2)) {
         return failed(stream, MODEL_RESULT_NOT_FINITE);
     }
     return info->limits_active ? MODEL_LIMITS_ACTIVE : MODEL_OK;
@@ -1093,7 +1111,7 @@ COLD model_status model_stream_start_moving(const model_stream *given, const mod
         status = model_stream_update(given, path->y + k * NT, path->dy + k * NY, path->ddy + k * NY, &none, &info);
     }
     if (status < MODEL_OK) {
-        stream[STATE] = IS_EMPTY;
+        head_of(stream)->state = IS_EMPTY;
         return status;
     }
     for (int i = 0; i < MEASURES + NM; ++i) { /* largest values of the first updates are not those of the motion */

@@ -598,7 +598,7 @@ static inline model_status check_arguments(const model_samples *p, const real *p
         return MODEL_NULL_ARGUMENT;
     }
     if (wanted < 0 || !(p->period > 0.0 && p->period < 1e6) || !(o->tolerance > 0.0 && o->tolerance < 1.0) ||
-        !hold_fits((real)o->hold, o->delay) || !(o->settled >= 0.0 && o->settled < 1.0)) {
+        !hold_fits((int)o->hold, o->delay) || !(o->settled >= 0.0 && o->settled < 1.0)) {
         return MODEL_BAD_ARGUMENT;
     }
 #if MODEL_POSITION
@@ -606,7 +606,7 @@ static inline model_status check_arguments(const model_samples *p, const real *p
         if (motion->q_m == NULL || motion->tau_m == NULL || !has_gains(o->servo)) {
             return MODEL_NULL_ARGUMENT;
         }
-        if (!servo_fits(o->servo, p->period, (real)o->hold, o->delay)) {
+        if (!servo_fits(o->servo, p->period, (int)o->hold, o->delay)) {
             return MODEL_BAD_ARGUMENT;
         }
     }
@@ -1196,7 +1196,7 @@ static inline model_status finish(const model_samples *p, const model_inversion_
         real servo[SERVO_NUMBERS];
         keep_servo(o->servo, servo);
         begin_servo(r.tau_m, r.q_m, servo); /* before the torques are held: the first one holds the robot at rest */
-        hold_torques(r.tau_m, (ptrdiff_t)l->samples, (real)o->hold, o->delay);
+        hold_torques(r.tau_m, (ptrdiff_t)l->samples, (int)o->hold, o->delay);
 #if MODEL_FILTERS
         give_commands(r.tau_m, 0, (ptrdiff_t)l->samples - 1, r.q_m, (ptrdiff_t)l->samples, servo, motion->command_m,
             motion->command_g);
@@ -1206,12 +1206,12 @@ static inline model_status finish(const model_samples *p, const model_inversion_
     } else {
         no_commands((ptrdiff_t)l->samples, motion->command_m, motion->command_g);
         if (r.tau_m != NULL) {
-            hold_torques(r.tau_m, (ptrdiff_t)l->samples, (real)o->hold, o->delay);
+            hold_torques(r.tau_m, (ptrdiff_t)l->samples, (int)o->hold, o->delay);
         }
     }
 #else  /* MODEL_POSITION */
     if (r.tau_m != NULL) {
-        hold_torques(r.tau_m, (ptrdiff_t)l->samples, (real)o->hold, o->delay);
+        hold_torques(r.tau_m, (ptrdiff_t)l->samples, (int)o->hold, o->delay);
     }
 #endif /* MODEL_POSITION */
     return report->residual_at_samples <= sampled_tolerances * o->tolerance &&

@@ -31,15 +31,11 @@ from flexgen.codegen.emission.constants_header import (
     space_of,
 )
 from flexgen.codegen.emission.interface import LIMITS
+from flexgen.codegen.emission.size_terms import Linear
 from flexgen.codegen.emission.spec import LibrarySpec
-from flexgen.codegen.emission.stream_bounds import (
-    BLOCK,
-    CALL,
-    Contents,
-    Linear,
-    stream_operations,
-    stream_size,
-)
+from flexgen.codegen.emission.stream_bounds import CALL, stream_operations
+from flexgen.codegen.emission.stream_header import stream_header
+from flexgen.codegen.emission.stream_layout import BLOCK, Contents, StreamLayout
 from flexgen.codegen.statements.function_text import FunctionText
 from flexgen.codegen.statements.literals import literal
 from flexgen.dynamics.mechanics.signatures import INVERTING
@@ -213,6 +209,8 @@ def inversion_files(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> d
     solvers = {name: texts.pop(name) for name in SOLVERS if name in texts}
     texts |= {"inversion.c": _together(spec, solvers)} if solvers else {}
     texts["motor_constants.h"] = constants_header(spec, spec.motor_constants, written)
+    if "limits.h" in texts:
+        texts["stream_layout.h"] = stream_header(spec, stream_layout(spec, written))
     return {f"{spec.name}_{name}": text for name, text in sorted(texts.items())}
 
 
@@ -286,24 +284,30 @@ extern "C" {{
 """
 
 
+def stream_layout(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> StreamLayout:
+    """The memory of the library's streams."""
+    forces = 3 * spec.sizes["n_y"] * spec.force  # with two derivatives
+    own = has_positions(spec), is_bristled(spec), has_bounds(spec), is_harmonic(spec)
+    has = Contents(count_elements(spec), is_curved(spec), *own, filter_sizes(spec), forces)
+    space = space_of(spec, written) + BLOCK[spec.precision] + len(spec.parameters) + forces
+    return StreamLayout(spec.sizes, spec.precision, has, space)
+
+
 def _stream_macros(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> str:
     """Macros of the public header: recommended options of a stream, its memory, the operations of
     an update.
     """
     used = [f for f in spec.functions if f.name in INVERTING]
-    block = BLOCK[spec.precision]
-    n_y, n_a, n_t = (spec.sizes[key] for key in ("n_y", "n_a", "n_t"))
-    more = 3 * n_y * spec.force  # numbers of a sample: the force and its derivatives
-    sizes = {**spec.sizes, "n_t": n_t + more}
-    own = has_positions(spec), is_bristled(spec), has_bounds(spec), is_harmonic(spec)
-    has = Contents(count_elements(spec), is_curved(spec), *own, filter_sizes(spec))
-    size = stream_size(sizes, space_of(spec, written) + len(spec.parameters) + more, block, has)
+    layout = stream_layout(spec, written)
+    more = layout.has.forces
+    n_a = spec.sizes["n_a"]
+    sizes = {**spec.sizes, "n_t": spec.sizes["n_t"] + more}
     arithmetic = {}
     for f in used:
         text = written[f.name]
         entries = sum(port.size for port in (*f.inputs, *f.outputs))
         arithmetic[f.name] = text.operations + (CALL - 1) * text.calls + 2 * entries + more * n_a
-    most = stream_operations(sizes, arithmetic, block, has)
+    most = stream_operations(sizes, arithmetic, layout.block, layout.has)
 
     def linear(name: str, bound: Linear) -> str:
         arguments = "intervals, samples_per_interval"
@@ -318,7 +322,7 @@ def _stream_macros(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> st
             "Memory of a stream in reals, as a constant expression: at least stream_work.", "/* "
         ).rstrip()
         + " */\n",
-        linear("STREAM_SIZE", size),
+        linear("STREAM_SIZE", layout.bound()),
         "/*\n",
         comment(
             "Operations of one stream_update, at most: additions, multiplications, divisions "

@@ -11,6 +11,7 @@ from flexgen.codegen.emission.c_text import size_macro
 from flexgen.codegen.emission.header import works
 from flexgen.codegen.emission.motor_constants import MotorConstants
 from flexgen.codegen.emission.spec import FunctionSpec, LibrarySpec
+from flexgen.codegen.emission.stream_layout import layout_text
 from flexgen.codegen.statements.function_text import FunctionText
 from flexgen.codegen.statements.literals import literal
 from flexgen.dynamics.mechanics.signatures import INVERTING
@@ -95,12 +96,12 @@ def space_of(
 
 
 def stream_key(spec: LibrarySpec) -> int:
-    """The number by which a library knows the memory of its own streams: of model, interface and
-    precision.
+    """The number by which a library knows the memory of its own streams: of model, interface,
+    precision and layout.
 
     It has 24 bits, so that it is exact in single precision.
     """
-    text = f"{spec.digest} {spec.interface} {spec.precision}"
+    text = f"{spec.digest} {spec.interface} {spec.precision} {layout_text()}"
     return int(hashlib.sha256(text.encode()).hexdigest()[:6], 16)
 
 

@@ -1,34 +1,35 @@
-"""Bounds of a stream for the public header: length of its memory, and operations of an update.
+"""Bound of the operations of an update of a stream, for the public header.
 
-Both are linear in the number of intervals and of samples per interval. They follow the C in
-``flexgen/codegen/clib/`` array by array and loop by loop, every loop with its largest number of
-passes; tests compare them with the C.
+It is linear in the number of intervals and of samples per interval, and follows the C in
+``flexgen/codegen/clib/`` loop by loop, every loop with its largest number of passes; tests compare
+it with the C. The bound of the memory is `StreamLayout.bound`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
-# reals to which arrays are padded, and points that are evaluated together
-BLOCK = {"double": 8, "single": 16}
-STAGES = 3
-GROUP = 8
+from flexgen.codegen.emission.size_terms import Linear
+from flexgen.codegen.emission.stream_layout import (
+    BLOCKS,
+    CHAIN,
+    EDGES,
+    GROUP,
+    HOLD_AFTER,
+    HOLD_BEFORE,
+    HOLD_DELAY_MAX,
+    LAST,
+    LEVELS,
+    MARGIN,
+    STAGES,
+    Contents,
+)
+
 PANEL = 8
-MARGIN = 3
-LEVELS = 3
-LAST = 5
-BACK = 2 * MARGIN  # PAST: with one sample per interval
-PAST = 7  # fewer with more samples
-BLOCKS = 8
-CHAIN = 5
+BACK = 2 * MARGIN
 QP_STEPS = 80
-EDGES = 20
-SWINGS = 5
-HEAD = 22  # numbers before the arrays
-AHEAD = 4 + 4  # of a hold: samples ahead at most
-BEFORE = 4  # samples before
-TAPS = 10  # weights
+AHEAD = HOLD_AFTER - 1 + HOLD_DELAY_MAX  # of a hold: samples ahead at most
+TAPS = HOLD_BEFORE + 1 + HOLD_AFTER  # weights
 CALL = 60  # operations of one call of sine and cosine, exp or tanh, at most
 # evaluations of the output constraint while the kinematics are solved, at most
 KINEMATIC_PASSES = 28
@@ -36,55 +37,11 @@ INVERSE_STEPS = 3  # refinements of an inverse before it is computed again
 # evaluations of the gear law for one sample, at most
 SPRING_PASSES = 8 + 1 + 200 + 60 + 1
 RADAU_PASSES = 61
-SERVO = 10  # numbers of a motor of the servo
-# of gears with hysteresis: numbers kept; of one sample, at most
-BRANCH = 3
+# of gears with hysteresis, of one sample, at most
 BRANCH_PASSES = 500
 LOCATIONS = 9 * 60
 PIECES = 4  # of a friction with a state: steps in one sample
 PARTS = 64  # at most
-
-
-@dataclass(frozen=True)
-class Linear:
-    """``constant + per_interval * intervals + per_sample * samples_per_interval``."""
-
-    constant: int
-    per_interval: int
-    per_sample: int
-
-    def __add__(self, other: Linear) -> Linear:
-        return Linear(
-            self.constant + other.constant,
-            self.per_interval + other.per_interval,
-            self.per_sample + other.per_sample,
-        )
-
-    def times(self, factor: int) -> Linear:
-        """All three numbers times a factor."""
-        return Linear(factor * self.constant, factor * self.per_interval, factor * self.per_sample)
-
-    def at(self, intervals: int, samples_per_interval: int) -> int:
-        """The value."""
-        return (
-            self.constant + self.per_interval * intervals + self.per_sample * samples_per_interval
-        )
-
-
-@dataclass(frozen=True)
-class Contents:
-    """Contents of a stream: elements of hysteresis in a gear, some by other laws than Dahl's;
-    positions to send, frictions with a state, all limits, Fourier sums of motor angles; of filters
-    of a servo samples before the present one, after it, and notches.
-    """
-
-    elements: int
-    curved: bool
-    position: bool
-    bristles: bool
-    bounds: bool
-    harmonics: bool
-    filters: tuple[int, int, int]
 
 
 def _sizes(sizes: Mapping[str, int]) -> tuple[int, int, int, int, int, int]:
@@ -92,75 +49,6 @@ def _sizes(sizes: Mapping[str, int]) -> tuple[int, int, int, int, int, int]:
         sizes[key] for key in ("n_a", "n_g", "n_e", "n_m", "n_y", "n_t")
     )
     return n_a, n_g, n_e, n_m, n_y, n_t
-
-
-def stream_size(sizes: Mapping[str, int], function_work: int, block: int, has: Contents) -> Linear:
-    """Reals of the memory of a stream, at most; ``function_work``: workspace of the functions that
-    it calls.
-    """
-    rounding = block - 1  # reals by which an array may be rounded up
-    n_a, n_g, n_e, n_m, n_y, n_t = _sizes(sizes)
-    reference = n_t + 2 * n_y
-    states = 2 * n_e
-    controls = STAGES * n_e
-    columns = controls + states + 1
-    width = (columns + block - 1) // block * block
-    bounded = _count_bounded(sizes, has.bounds)
-    inputs = BLOCKS * n_y
-
-    points = 3 * n_a + n_t + 2 * n_y + n_y + n_a * n_y + n_y + n_y * n_g + 2 + n_g
-    if n_e:
-        points += n_e + 3 * n_a * n_e + 3 * n_a * n_y + 4 * n_e * n_g + n_e * n_y + 3 * n_e * n_e
-    problem = block * points
-    point = n_e * (3 * n_e + 1)
-    lq = (
-        max(GROUP * STAGES * point, STAGES * point + columns * width)
-        + controls * width
-        + block
-        + (columns + 1) * width
-        + states * (states + 1)
-    )
-
-    node = reference + CHAIN * n_y + 6 * n_g + CHAIN * BLOCKS + bounded * (7 + inputs)
-    node += has.bounds * (3 * n_m + n_e)
-    limits = Linear(
-        2 + bounded + 2 * inputs * inputs + 3 * inputs + node + (24 + 4 * has.bounds) * rounding,
-        node,
-        0,
-    )
-    limits += Linear(
-        has.bounds * 2 * n_m * EDGES + has.harmonics * (SWINGS * n_m + rounding), 0, 0
-    )
-    window = 6 * n_g  # torque, deflection, lagged deflection; position, speed and acceleration
-    total = limits + Linear(
-        HEAD + 7 * rounding + reference + 2 * n_g + 5 + 2 * n_m, 0, 2 * n_a + n_g + 3 * n_m
-    )
-    total += Linear((2 * BACK + 1 + AHEAD) * window + 4 * rounding, 0, window)
-    branches = (has.elements > 0) * (BRANCH - 1) + has.elements
-    total += Linear((BEFORE + AHEAD + 1) * n_m + rounding + branches * n_g, 0, n_m)
-    if has.bristles:  # impulses, speeds and accelerations, of more samples ahead
-        impulses = Linear((2 + AHEAD + 3 * MARGIN) * n_m, 0, n_m) + Linear(
-            2 * (AHEAD + MARGIN + 1) * n_m, 0, 2 * n_m
-        )
-        total += impulses + Linear(MARGIN * (window + n_m) + 2 * rounding, 0, 0)
-    if has.position:
-        before, more, notches = has.filters
-        total += Linear(3 + (SERVO + 4 * notches) * n_m + 2 * rounding, 0, n_m + n_g)
-        total += Linear((before + more) * n_m + rounding, 0, n_m).times(any(has.filters))
-        total += Linear(more * (window + n_m), 0, 0)
-    total += Linear(
-        n_g + (PAST + 1) * reference + 3 * rounding, STAGES * (n_g + reference) + reference, 0
-    )
-    total += Linear(problem + lq * (n_e > 0) + function_work + block + 2 * rounding, 0, 0)
-    if n_e:
-        total += Linear((PAST + 1) * (states + n_e) + PAST * controls, states + controls + n_e, 0)
-        total += Linear(
-            n_e + LEVELS * LAST * n_e + states * states + states, controls * width + states, 0
-        )
-        # data of the factors
-        total += Linear(block, STAGES * point + states * states + 2 * controls, 0)
-        total += Linear(12 * rounding, 0, 0)
-    return total
 
 
 def stream_operations(

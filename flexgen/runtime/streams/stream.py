@@ -25,6 +25,7 @@ from flexgen.runtime.inversion.inversion_arguments import (
     tolerance_of,
 )
 from flexgen.runtime.inversion.limited_inversion import limit_members
+from flexgen.runtime.streams.head import head_offsets
 from flexgen.runtime.streams.servo import servo_options
 from flexgen.runtime.streams.stream_entries import StreamEntries
 from flexgen.runtime.structs import REAL, failure_of, struct_of
@@ -36,9 +37,6 @@ _CAUSES = {
     "mismatch": "kinematic mismatch",
     "torque_step": "horizon",
 }
-# Where the memory of a stream has its intervals and samples per interval: the head in
-# flexgen/codegen/clib/stream_update.h.
-_INTERVALS_AT = 2
 _RESULTS = ("q_a", "v_a", "tau_g", "q_m", "v_m", "tau_m")
 
 
@@ -545,7 +543,9 @@ def stream_again(
     memory: np.ndarray,
 ) -> Stream:
     """The stream that was pickled; ArgumentError where the memory has other sizes."""
-    held = memory[_INTERVALS_AT : _INTERVALS_AT + 2].tolist()
+    integers = memory.view(np.int32)
+    offsets = head_offsets(memory.itemsize)[0]
+    held = [integers[offsets[name] // 4] for name in ("intervals", "samples_per_interval")]
     if held != [intervals, samples_per_interval]:
         raise ArgumentError(
             f"stream: given {intervals} intervals and {samples_per_interval} samples per interval "

@@ -86,7 +86,7 @@ elbow_stream_options elbow_stream_defaults(void)
 
 int elbow_abi_version(void)
 {
-    return 5;
+    return 6;
 }
 
 int elbow_sizeof_real(void)

@@ -440,14 +440,14 @@ static inline void sample_of(const elbow_samples *p, ptrdiff_t k, real *out)
 /* The path of the horizon and before it: node 0 of the horizon is sample `now`. */
 static inline void set_path(real *s, const layout *l, const elbow_samples *p, ptrdiff_t now)
 {
-    const ptrdiff_t N = (ptrdiff_t)s[INTERVALS];
+    const ptrdiff_t N = head_in(s)->intervals;
     real *nodes = s + l->nodes;
     for (ptrdiff_t j = 0; j <= l->past + N; ++j) {
         sample_of(p, now - l->past + j, nodes + j * REFERENCE);
     }
     for (ptrdiff_t k = 0; k < N * STAGES; ++k) {
         const real *left = nodes + (l->past + k / STAGES) * REFERENCE;
-        between_samples(left, s[PERIOD], gauss_c[k % STAGES], s + l->reference + k * REFERENCE);
+        between_samples(left, head_in(s)->period, gauss_c[k % STAGES], s + l->reference + k * REFERENCE);
     }
     copy(nodes + (l->past + N) * REFERENCE, REFERENCE, s + l->last);
 }
@@ -455,7 +455,7 @@ static inline void set_path(real *s, const layout *l, const elbow_samples *p, pt
 /* Joints that follow the path of the horizon from those at its start, with the deflections of the equilibrium q. */
 static inline int set_joints(real *s, const layout *l, const real *q)
 {
-    const ptrdiff_t N = (ptrdiff_t)s[INTERVALS];
+    const ptrdiff_t N = head_in(s)->intervals;
     real *q_g = s + l->q_g, last[NG];
     problem_points *arm = arm_of(l, s);
     for (int i = 0; i < NG; ++i) {
@@ -472,10 +472,10 @@ static inline int set_joints(real *s, const layout *l, const real *q)
         if (status != ELBOW_OK) {
             return status;
         }
-        if (!(arm->side[0] * (k > 0 ? s[SIDE] : arm->side[0]) > 0.0)) {
+        if (!(arm->side[0] * (k > 0 ? (real)head_in(s)->side : arm->side[0]) > 0.0)) {
             return ELBOW_UNREACHABLE; /* it passed a singular pose */
         }
-        s[SIDE] = arm->side[0];
+        head_of(s)->side = arm->side[0] > 0.0 ? 1 : -1;
         for (int i = 0; i < NG; ++i) {
             q_g[k * NG + i] = last[i] = arm->q[i_g[i]][0];
         }
@@ -526,7 +526,8 @@ typedef struct {
 
 static inline update_part next_part_of(const real *s)
 {
-    const update_part p = {(int)s[PART], (int)s[AT], (int)s[WITHIN]};
+    const stream_head *h = head_in(s);
+    const update_part p = {h->part, h->at, h->within};
     return p;
 }
 
@@ -534,11 +535,11 @@ static inline update_part next_part_of(const real *s)
  * Approximate cost of a part: microseconds with 6 motors and 12 coordinates without motor on a processor with vectors
  * of 8 numbers. Only the distribution of the work depends on it.
  */
-static inline int cost_of_part(const real *s, const layout *l, update_part p)
+static inline int cost_of_part(const real *s, update_part p)
 {
     static const int cost[PARTS_END] = {0,
         20, 5, 60};
-    return p.part == PART_LIMITS && !(s[l->limits] > 0.0) ? 0 : cost[p.part];
+    return p.part == PART_LIMITS && !head_in(s)->has_limits ? 0 : cost[p.part];
 }
 
 /* The part after p. */
@@ -554,11 +555,11 @@ static inline update_part part_after(const real *s, update_part p)
 }
 
 /* Cost of all parts from p to the end of the update. */
-static inline int cost_from(const real *s, const layout *l, update_part p)
+static inline int cost_from(const real *s, update_part p)
 {
     int cost = 0;
     for (; p.part != PARTS_END; p = part_after(s, p)) {
-        cost += cost_of_part(s, l, p);
+        cost += cost_of_part(s, p);
     }
     return cost;
 }
@@ -566,7 +567,7 @@ static inline int cost_from(const real *s, const layout *l, update_part p)
 /* Arrays of the results in the memory of the stream. */
 static inline interval_results results_in(real *s, const layout *l)
 {
-    const ptrdiff_t n = (ptrdiff_t)s[SAMPLES_PER_INTERVAL];
+    const ptrdiff_t n = head_in(s)->samples_per_interval;
     interval_results out;
     out.q_a = s + l->output;
     out.v_a = out.q_a + n * NA;
@@ -582,11 +583,11 @@ static inline int limits_part(real *s, const layout *l, const interval_results *
 {
     real off[2] = {0.0, 0.0};
     int ends;
-    if (!(s[l->limits] > 0.0)) {
+    if (!head_in(s)->has_limits) {
         return ELBOW_OK;
     }
-    s[LIMITED] = (real)is_limited(s, l, out->v_m, out->tau_m, off, &ends);
-    copy(off, 2, s + OFF);
+    head_of(s)->limited = is_limited(s, l, out->v_m, out->tau_m, off, &ends);
+    copy(off, 2, head_of(s)->off);
     return ends ? ELBOW_LIMITS_INFEASIBLE : apply_limits(s, l);
 }
 
@@ -596,9 +597,9 @@ static inline int motors_part(real *s, const layout *l, const interval_results *
     real step = 0.0, output_step[2] = {0.0, 0.0};
     const int status = motors_in_interval(s, l, out, &step, output_step);
     if (status == ELBOW_OK) {
-        s[TORQUE_STEP] = step;
-        copy(output_step, 2, s + OUTPUT_STEP);
-        s[MISMATCH] = kinematic_mismatch_now(s, l);
+        head_of(s)->torque_step = step;
+        copy(output_step, 2, head_of(s)->output_step);
+        head_of(s)->mismatch = kinematic_mismatch_now(s, l);
     }
     return status;
 }
@@ -609,7 +610,7 @@ static inline int do_part(real *s, const layout *l, update_part p)
     const interval_results out = results_in(s, l);
     switch (p.part) {
     case PART_ARM:
-        return arm_in_window(s, l, &out, s + RESIDUAL);
+        return arm_in_window(s, l, &out, &head_of(s)->residual);
     case PART_MOTORS:
         return motors_part(s, l, &out);
     default:
@@ -621,16 +622,16 @@ static inline int do_part(real *s, const layout *l, update_part p)
 static inline int do_parts(real *s, const layout *l, int parts)
 {
     update_part p = next_part_of(s);
-    const int share = parts > 1 ? cost_from(s, l, p) / parts : 0;
+    const int share = parts > 1 ? cost_from(s, p) / parts : 0;
     int done = 0, status = ELBOW_OK;
     while (status == ELBOW_OK && p.part != PARTS_END &&
-           (parts == 1 || done == 0 || 2 * done + cost_of_part(s, l, p) <= 2 * share)) {
+           (parts == 1 || done == 0 || 2 * done + cost_of_part(s, p) <= 2 * share)) {
         status = do_part(s, l, p);
-        done += cost_of_part(s, l, p);
+        done += cost_of_part(s, p);
         p = part_after(s, p);
-        s[PART] = (real)p.part;
-        s[AT] = (real)p.at;
-        s[WITHIN] = (real)p.within;
+        head_of(s)->part = p.part;
+        head_of(s)->at = p.at;
+        head_of(s)->within = p.within;
     }
     return status;
 }
@@ -661,7 +662,7 @@ enum { SETTLING_SWEEPS = 10 }; /* sweeps after which the cost of an endless equi
 int64_t elbow_stream_work(const elbow_stream_options *options)
 {
     return options != NULL && stream_sizes_fit(options) ?
-               (int64_t)laid_out(options->intervals, options->samples_per_interval, (real)options->hold, options->delay)
+               (int64_t)laid_out(options->intervals, options->samples_per_interval, (int)options->hold, options->delay)
                    .end :
                -1;
 }
@@ -682,15 +683,15 @@ static int deflection_at_equilibrium(const real *q, real *deflection, real *spac
 /* The whole horizon and the past are at the equilibrium with the output at its target; q: a guess, and it. */
 static int set_equilibrium(real *s, const layout *l, const real *target, real *q)
 {
-    const ptrdiff_t N = (ptrdiff_t)s[INTERVALS];
+    const ptrdiff_t N = head_in(s)->intervals;
     real *equilibrium = s + l->last;
-    int status = equilibrium_at(target, q, s + l->scale, s + l->space);
+    int status = equilibrium_at(target, q, NULL, s + l->space);
     if (status != ELBOW_OK) {
         return status;
     }
-    s[BASE] = 0.0;
-    s[STALE] = 1.0;
-    s[l->expected] = 0.0;
+    head_of(s)->base = 0;
+    head_of(s)->stale = 1;
+    head_of(s)->is_predicted = 0;
     copy(target, NT, equilibrium);
     for (int i = NT; i < REFERENCE; ++i) {
         equilibrium[i] = 0.0;
@@ -720,6 +721,7 @@ COLD elbow_status elbow_stream_start(const elbow_stream *given, const elbow_stre
     const real *parameters_given = GIVEN_PARAMETERS;
     layout l;
     real q[NA], *space;
+    stream_head *head;
     int status;
     if (stream == NULL || options == NULL || y == NULL || parameters_given == NULL || q_start == NULL) {
         return ELBOW_NULL_ARGUMENT;
@@ -728,33 +730,34 @@ COLD elbow_status elbow_stream_start(const elbow_stream *given, const elbow_stre
         !(options->tolerance > 0.0 && options->tolerance < 1.0)) {
         return ELBOW_BAD_ARGUMENT;
     }
-    l = laid_out(options->intervals, options->samples_per_interval, (real)options->hold, options->delay);
+    l = laid_out(options->intervals, options->samples_per_interval, (int)options->hold, options->delay);
     if (given->size < l.end) {
         return ELBOW_WORK_TOO_SMALL;
     }
-    stream[STATE] = IS_EMPTY;
+    head = head_of(stream);
+    head->state = IS_EMPTY;
     if (!is_finite(y, NT) || !is_finite(parameters_given, PARAMETERS) || !is_finite(q_start, NA)) {
         return ELBOW_INPUT_NOT_FINITE;
     }
     space = stream + l.space;
     keep_parameters(parameters_given, space);
     copy(q_start, NA, q);
-    stream[KEY] = (real)STREAM_KEY;
-    stream[INTERVALS] = (real)options->intervals;
-    stream[SAMPLES_PER_INTERVAL] = (real)options->samples_per_interval;
-    stream[PERIOD] = options->period;
-    stream[TOLERANCE] = options->tolerance;
-    stream[HOLD] = (real)options->hold;
-    stream[DELAY] = options->delay;
-    stream[PART] = (real)NO_UPDATE;
-    stream[SIDE] = 0.0; /* side of singular poses: not known before the first sample */
-    stream[l.limits] = 0.0;
+    head->key = STREAM_KEY;
+    head->intervals = options->intervals;
+    head->samples_per_interval = options->samples_per_interval;
+    head->period = options->period;
+    head->tolerance = options->tolerance;
+    head->hold = (int32_t)options->hold;
+    head->delay = options->delay;
+    head->part = NO_UPDATE;
+    head->side = 0;
+    head->has_limits = 0;
     for (int i = 0; i < MEASURES + NM; ++i) {
         stream[l.most + i] = 0.0;
     }
     status = set_equilibrium(stream, &l, y, q);
     if (status == ELBOW_OK) {
-        stream[STATE] = IS_RUNNING;
+        head->state = IS_RUNNING;
     }
     return (elbow_status)status;
 }
@@ -762,7 +765,7 @@ COLD elbow_status elbow_stream_start(const elbow_stream *given, const elbow_stre
 /* Whether an update has begun and not ended. */
 static int has_begun(const real *stream)
 {
-    return stream[PART] > (real)NO_UPDATE;
+    return head_in(stream)->part > NO_UPDATE;
 }
 
 COLD elbow_status elbow_stream_limits(
@@ -788,8 +791,8 @@ COLD elbow_status elbow_stream_limits(
             return ELBOW_BAD_ARGUMENT;
         }
     }
-    w = limits_laid_out((ptrdiff_t)stream[INTERVALS]);
-    if (!(stream[l.limits + w.on] > 0.0) && !start_limits(stream, &l)) {
+    w = limits_laid_out(head_in(stream)->intervals);
+    if (!head_in(stream)->has_limits && !start_limits(stream, &l)) {
         return ELBOW_HORIZON_TOO_SHORT;
     }
     bound = stream + l.limits + w.bound;
@@ -804,8 +807,19 @@ COLD elbow_status elbow_stream_limits(
 /* Status of an update that fails after its sample was taken; UNREACHABLE would mean that the sample was refused. */
 static elbow_status failed(real *stream, int status)
 {
-    stream[STATE] = HAS_FAILED;
+    head_of(stream)->state = HAS_FAILED;
     return status == ELBOW_UNREACHABLE ? ELBOW_NOT_CONVERGED : (elbow_status)status;
+}
+
+/* The first part of an update comes next; it has no results. */
+static void begin_results(stream_head *head)
+{
+    head->residual = head->mismatch = head->torque_step = 0.0;
+    set_zero(head->output_step, 2);
+    set_zero(head->off, 2);
+    head->limited = 0;
+    head->part = NO_UPDATE + 1;
+    head->at = head->within = 0;
 }
 
 elbow_status elbow_stream_begin(
@@ -834,7 +848,7 @@ elbow_status elbow_stream_begin(
     copy(dy, NY, own + NT);
     copy(ddy, NY, own + NT + NY);
     copy(own, REFERENCE, next);
-    has_limits = stream[l.limits] > 0.0;
+    has_limits = head_in(stream)->has_limits;
     if (has_limits) {
         next_deviation(stream, &l, own, deviation, next);
     }
@@ -846,10 +860,7 @@ elbow_status elbow_stream_begin(
     if (has_limits) {
         shift_limits(stream, &l, own, deviation);
     }
-    for (int i = PART; i < HEAD; ++i) {
-        stream[i] = 0.0;
-    }
-    stream[PART] = (real)(NO_UPDATE + 1);
+    begin_results(head_of(stream));
     return ELBOW_OK;
 }
 
@@ -888,6 +899,7 @@ elbow_status elbow_stream_finish(const elbow_stream *given, elbow_motion *motion
     real *stream = memory_of(given);
     layout l;
     interval_results out;
+    stream_head *head;
     ptrdiff_t n;
     elbow_status status;
     if (stream == NULL || motion == NULL || info == NULL) {
@@ -904,7 +916,7 @@ elbow_status elbow_stream_finish(const elbow_stream *given, elbow_motion *motion
     if (status != ELBOW_OK) {
         return failed(stream, status);
     }
-    n = (ptrdiff_t)stream[SAMPLES_PER_INTERVAL];
+    n = head_in(stream)->samples_per_interval;
     out = results_in(stream, &l);
     give(out.q_a, n * NA, motion->q_a);
     give(out.v_a, n * NA, motion->v_a);
@@ -912,20 +924,21 @@ elbow_status elbow_stream_finish(const elbow_stream *given, elbow_motion *motion
     give(out.q_m, n * NM, motion->q_m);
     give(out.v_m, n * NM, motion->v_m);
     give(out.tau_m, n * NM, motion->tau_m);
-    stream[PART] = (real)NO_UPDATE;
-    info->residual = stream[RESIDUAL];
-    info->kinematic_mismatch = stream[MISMATCH];
-    info->torque_step = stream[TORQUE_STEP];
-    info->output_step_m = stream[OUTPUT_STEP];
-    info->output_step_rad = stream[OUTPUT_STEP + 1];
-    info->deviation_m = stream[OFF];
-    info->deviation_rad = stream[OFF + 1];
-    info->limits_active = stream[LIMITED] > 0.0;
+    head = head_of(stream);
+    head->part = NO_UPDATE;
+    info->residual = head->residual;
+    info->kinematic_mismatch = head->mismatch;
+    info->torque_step = head->torque_step;
+    info->output_step_m = head->output_step[0];
+    info->output_step_rad = head->output_step[1];
+    info->deviation_m = head->off[0];
+    info->deviation_rad = head->off[1];
+    info->limits_active = head->limited;
     /* one cause: a short horizon makes the residual large too */
     info->cause = ELBOW_CAUSE_NONE;
     if (!(info->torque_step <= torque_step_max)) {
         info->cause = ELBOW_CAUSE_TORQUE_STEP;
-    } else if (!(info->residual <= stream[TOLERANCE])) {
+    } else if (!(info->residual <= head->tolerance)) {
         info->cause = ELBOW_CAUSE_RESIDUAL;
     } else if (!(info->kinematic_mismatch <= mismatch_max)) {
         info->cause = ELBOW_CAUSE_MISMATCH;
@@ -933,7 +946,8 @@ elbow_status elbow_stream_finish(const elbow_stream *given, elbow_motion *motion
     if (info->cause != ELBOW_CAUSE_NONE) {
         return ELBOW_TOLERANCE_NOT_MET;
     }
-    if (!is_finite(stream + RESIDUAL, LIMITED - RESIDUAL)) {
+    if (!is_finite(&head->residual, 1) || !is_finite(&head->mismatch, 1) || !is_finite(&head->torque_step, 1) ||
+        !is_finite(head->output_step, 2) || !is_finite(head->off, 2)) {
         return failed(stream, ELBOW_RESULT_NOT_FINITE);
     }
     return info->limits_active ? ELBOW_LIMITS_ACTIVE : ELBOW_OK;
@@ -994,7 +1008,7 @@ COLD elbow_status elbow_stream_start_moving(const elbow_stream *given, const elb
         status = elbow_stream_update(given, path->y + k * NT, path->dy + k * NY, path->ddy + k * NY, &none, &info);
     }
     if (status < ELBOW_OK) {
-        stream[STATE] = IS_EMPTY;
+        head_of(stream)->state = IS_EMPTY;
         return status;
     }
     for (int i = 0; i < MEASURES + NM; ++i) { /* largest values of the first updates are not those of the motion */

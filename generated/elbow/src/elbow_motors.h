@@ -424,20 +424,20 @@ static const real lagrange_120[HOLD_NODES][HOLD_NODES] = {{0.0, 6.0, -5.0, -5.0,
     {0.0, -60.0, 80.0, -5.0, -20.0, 5.0}, {120.0, -40.0, -150.0, 50.0, 30.0, -10.0},
     {0.0, 120.0, 80.0, -70.0, -20.0, 10.0}, {0.0, -30.0, -5.0, 35.0, 5.0, -5.0}, {0.0, 4.0, 0.0, -5.0, 0.0, 1.0}};
 
-static inline int hold_fits(real hold, real delay)
+static inline int hold_fits(int hold, real delay)
 {
-    return (hold == (real)ELBOW_HOLD_SPLINE || hold == (real)ELBOW_HOLD_LINEAR || hold == (real)ELBOW_HOLD_ZOH) &&
+    return (hold == ELBOW_HOLD_SPLINE || hold == ELBOW_HOLD_LINEAR || hold == ELBOW_HOLD_ZOH) &&
            delay >= 0.0 && delay <= ELBOW_HOLD_DELAY_MAX;
 }
 
 /* Whether the torques to send differ from the samples. */
-static inline int is_held(real hold, real delay)
+static inline int is_held(int hold, real delay)
 {
-    return hold != (real)ELBOW_HOLD_SPLINE || delay > 0.0;
+    return hold != ELBOW_HOLD_SPLINE || delay > 0.0;
 }
 
 /* Weights of the samples k + (whole delay) - HOLD_BEFORE and following ones in the torque of sample k. */
-static inline void hold_weights(real hold, real delay, int limited, real weight[HOLD_TAPS])
+static inline void hold_weights(int hold, real delay, int limited, real weight[HOLD_TAPS])
 {
     const real x = delay - (real)(int)delay;
     real v[HOLD_TAPS + 4] = {0.0}; /* two more on either side */
@@ -449,7 +449,7 @@ static inline void hold_weights(real hold, real delay, int limited, real weight[
             part = (part + c / (real)(p + 1)) * x;
             whole += c / (real)(p + 1);
         }
-        if (hold == (real)ELBOW_HOLD_ZOH) {
+        if (hold == ELBOW_HOLD_ZOH) {
             v[i + 4] += whole - part;
             v[i + 5] += part;
         } else {
@@ -458,17 +458,17 @@ static inline void hold_weights(real hold, real delay, int limited, real weight[
     }
     for (int i = 0; i < HOLD_TAPS; ++i) {
         weight[i] = v[i + 2];
-        if (hold != (real)ELBOW_HOLD_SPLINE && !limited) {
+        if (hold != ELBOW_HOLD_SPLINE && !limited) {
             weight[i] -= (v[i + 1] - 2.0 * v[i + 2] + v[i + 3]) / 12.0;
         }
-        if (hold == (real)ELBOW_HOLD_LINEAR && !limited) {
+        if (hold == ELBOW_HOLD_LINEAR && !limited) {
             weight[i] += (v[i] - 4.0 * v[i + 1] + 6.0 * v[i + 2] - 4.0 * v[i + 3] + v[i + 4]) * 7.0 / 720.0;
         }
     }
 }
 
 /* The torques to send instead of n samples of the motor torques, in place; constant torque before and after them. */
-static inline void hold_torques(real *tau, ptrdiff_t n, real hold, real delay)
+static inline void hold_torques(real *tau, ptrdiff_t n, int hold, real delay)
 {
     real weight[HOLD_TAPS], before[HOLD_BEFORE][NM];
     if (!is_held(hold, delay)) {

@@ -14,10 +14,12 @@
 #define RESTRICT __restrict
 #define SEPARATE __attribute__((noinline))
 #define COLD __attribute__((cold)) /* not part of an update: short code, no unrolled loops */
+#define MAY_ALIAS __attribute__((may_alias)) /* in memory that the caller declared as numbers */
 #else
 #define RESTRICT
 #define SEPARATE
 #define COLD
+#define MAY_ALIAS
 #endif
 
 /* Sines and cosines of n angles: arrays whose names end with k. */

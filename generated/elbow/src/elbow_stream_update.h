@@ -1,5 +1,5 @@
 /*
- * elbow: memory of a stream, and the parts of an update; private.
+ * elbow: the parts of an update of a stream; private.
  */
 #ifndef ELBOW_STREAM_UPDATE_H
 #define ELBOW_STREAM_UPDATE_H
@@ -11,125 +11,43 @@
 #include "elbow_mesh.h"
 #include "elbow_motors.h"
 #include "elbow_path.h"
+#include "elbow_stream_layout.h"
 
 /*
  * --- The memory of a stream.
  *
- * An array of numbers of the caller: a head, then arrays. Between two updates it holds the planned motion over the
- * horizon. An update shifts it by one interval, takes the next sample of the path at its end and makes one Gauss-Newton
- * step.
+ * An array of numbers of the caller: a head, then arrays, see elbow_stream_layout.h. Between two updates it holds the
+ * planned motion over the horizon. An update shifts it by one interval, takes the next sample of the path at its end
+ * and makes one Gauss-Newton step.
  */
 
-enum {
-    BACK = 2 * MARGIN,             /* samples before and after those of an update that its derivatives need */
-    LEVELS = 3,                    /* levels of the quasi-static motion */
-    LAST = 5,                      /* last nodes of the path, for differences */
-    JOINT = 3 * NG,                /* position, speed and acceleration of the joints with motor */
-    OUTPUT = 2 * NA + NG + 3 * NM, /* numbers of the results at a sample */
-    /* scales of the kinematic mismatch: accelerations of joints and motors, speeds, torques of the rotors */
-    MEASURES = 4
-};
-
-/* Values of STATE. */
+/* States of the head. */
 enum {
     IS_EMPTY = 0,
     IS_RUNNING = 20231, /* a number that memory hardly holds by chance */
     HAS_FAILED = 2
 };
 
-/* The head. */
-/* BASE: see mesh; STALE: 1 where the model or the motion has changed, so that no factor holds any more */
-/* PART, AT, WITHIN: what an update that has begun does next, see stream.c; the rest: its results so far */
-/* KEY: that of the library which started the stream, so that no other one takes its memory for its own */
-enum {
-    STATE,
-    KEY,
-    INTERVALS,
-    SAMPLES_PER_INTERVAL,
-    PERIOD,
-    TOLERANCE,
-    SIDE,
-    HOLD,
-    DELAY,
-    BASE,
-    STALE,
-    PART,
-    AT,
-    WITHIN,
-    RESIDUAL,
-    MISMATCH,
-    TORQUE_STEP,
-    OUTPUT_STEP,           /* [m], then [rad] */
-    OFF = OUTPUT_STEP + 2, /* deviation from the given path [m], then [rad] */
-    LIMITED = OFF + 2,
-    HEAD
-};
-
-/* Positions of the arrays. */
-typedef struct {
-    ptrdiff_t window; /* samples: before, of this update and its end, ahead */
-    ptrdiff_t ahead;  /* samples after those of this update that held torques depend on */
-    ptrdiff_t past;   /* past intervals that are kept */
-    ptrdiff_t limits; /* limits of the motors, and the deviation */
-    ptrdiff_t output; /* results of an update that the caller does not want */
-    ptrdiff_t last, tau, deflection, lagged, now, joint, most, expected, q_g, reference, nodes, lq, space, end;
-    ptrdiff_t torque; /* motor torques that held ones depend on: HOLD_BEFORE samples, those of this update, ahead */
-    ptrdiff_t y, a, a_node, factor, point, costs, row, linear, scale, target_state, cost, levels;
-} layout;
-
-static inline layout laid_out(int intervals, int samples_per_interval, real hold, real delay)
-{
-    layout l;
-    ptrdiff_t at = (ptrdiff_t)padded(HEAD);
-    l.ahead = is_held(hold, delay) ? HOLD_AFTER - 1 + (int)delay : 0;
-    l.window = BACK + (ptrdiff_t)samples_per_interval + 1 + BACK + l.ahead;
-    l.past = (BACK + samples_per_interval - 1) / samples_per_interval + 1;
-    l.past = l.past < LAST - 1 ? LAST - 1 : l.past;
-#define PLACE(name, size) \
-    l.name = at; \
-    at += (ptrdiff_t)padded(size)
-    PLACE(limits, limits_laid_out(intervals).end);
-    PLACE(output, (ptrdiff_t)samples_per_interval * OUTPUT);
-    PLACE(last, REFERENCE);
-    PLACE(tau, l.window * NG);
-    PLACE(deflection, l.window * NG);
-    PLACE(lagged, l.window * NG);
-    PLACE(now, NG);
-    PLACE(joint, l.window * JOINT);
-    PLACE(most, MEASURES + NM);
-    /* 1 where there is a prediction; predicted motor torques and gear deflections at the end of the interval before */
-    PLACE(expected, 1 + NM + NG);
-    PLACE(q_g, ((ptrdiff_t)intervals * STAGES + 1) * NG); /* the last ones: joints at the start of the horizon */
-    PLACE(reference, (ptrdiff_t)intervals * STAGES * REFERENCE);
-    PLACE(nodes, (l.past + intervals + 1) * REFERENCE);
-    l.point = l.costs = l.row = l.linear = 0;
-    l.y = l.a = l.a_node = l.factor = l.scale = l.target_state = l.cost = l.levels = 0;
-    PLACE(lq, (ptrdiff_t)(sizeof(problem_points) / sizeof(real)));
-    PLACE(space, function_work());
-    PLACE(torque, l.ahead > 0 ? (HOLD_BEFORE + samples_per_interval + l.ahead + 1) * NM : 0);
-#undef PLACE
-    l.end = at;
-    return l;
-}
-
 static inline int stream_sizes_fit(const elbow_stream_options *o)
 {
     return o->intervals >= 1 && o->intervals <= ELBOW_STREAM_INTERVALS_MAX && o->samples_per_interval >= 1 &&
-           o->samples_per_interval <= ELBOW_STREAM_SAMPLES_MAX && hold_fits((real)o->hold, o->delay);
+           o->samples_per_interval <= ELBOW_STREAM_SAMPLES_MAX && hold_fits((int)o->hold, o->delay);
 }
 
 /* Whether memory holds a stream that this library started and that has not failed; it may hold anything. */
 static inline int is_running(const real *stream)
 {
-    return stream[STATE] == IS_RUNNING && stream[KEY] == STREAM_KEY && stream[INTERVALS] >= 1.0 &&
-           stream[INTERVALS] <= ELBOW_STREAM_INTERVALS_MAX && stream[SAMPLES_PER_INTERVAL] >= 1.0 &&
-           stream[SAMPLES_PER_INTERVAL] <= ELBOW_STREAM_SAMPLES_MAX && hold_fits(stream[HOLD], stream[DELAY]);
+    const stream_head *h = head_in(stream);
+    return h->state == IS_RUNNING && h->key == STREAM_KEY && h->intervals >= 1 &&
+           h->intervals <= ELBOW_STREAM_INTERVALS_MAX && h->samples_per_interval >= 1 &&
+           h->samples_per_interval <= ELBOW_STREAM_SAMPLES_MAX && hold_fits(h->hold, h->delay);
 }
 
 /* The layout of a running stream. */
 static inline layout layout_of(const real *stream)
 {
-    return laid_out((int)stream[INTERVALS], (int)stream[SAMPLES_PER_INTERVAL], stream[HOLD], stream[DELAY]);
+    const stream_head *h = head_in(stream);
+    return laid_out(h->intervals, h->samples_per_interval, h->hold, h->delay);
 }
 
 /* POINTS instants of the arm, which only serve within a call. */
@@ -149,7 +67,7 @@ static const real infeasible_factor = 2.5; /* times a limit: a stream that excee
 /* Time constant with which a deviation decays [s]. */
 static inline real decay_time(const real *s)
 {
-    return s[PERIOD] * s[INTERVALS] / DECAYS;
+    return head_in(s)->period * (real)head_in(s)->intervals / DECAYS;
 }
 
 /*
@@ -158,14 +76,14 @@ static inline real decay_time(const real *s)
  */
 static inline int start_limits(real *s, const layout *l)
 {
-    const ptrdiff_t N = (ptrdiff_t)s[INTERVALS];
+    const ptrdiff_t N = head_in(s)->intervals;
     const limits_layout w = limits_laid_out(N);
     real *b = s + l->limits;
     ptrdiff_t fixed = 1;
     if (N < LEAST_INTERVALS || 2 * N < 3 * fixed) {
         return 0;
     }
-    b[w.fixed] = (real)fixed;
+    head_of(s)->fixed = (int32_t)fixed;
     copy(s + l->nodes + l->past * REFERENCE, (N + 1) * REFERENCE, b + w.plan);
     for (ptrdiff_t i = 0; i < (N + 1) * DEVIATION; ++i) {
         b[w.deviation + i] = 0.0;
@@ -173,14 +91,14 @@ static inline int start_limits(real *s, const layout *l)
     for (ptrdiff_t i = 0; i < (N + 1) * BOUNDED; ++i) {
         b[w.dual + i] = 0.0;
     }
-    b[w.on] = 1.0;
+    head_of(s)->has_limits = 1;
     return 1;
 }
 
 /* The deviation at a new sample: the decay of the deviation at the end of the horizon. */
 static inline void next_deviation(const real *s, const layout *l, const real *own, real *deviation, real *next)
 {
-    const ptrdiff_t N = (ptrdiff_t)s[INTERVALS];
+    const ptrdiff_t N = head_in(s)->intervals;
     decay_step(s + l->limits + limits_laid_out(N).deviation + N * DEVIATION, (real)DECAYS / (real)N, deviation);
     add_deviation(own, deviation, decay_time(s), next);
 }
@@ -188,7 +106,7 @@ static inline void next_deviation(const real *s, const layout *l, const real *ow
 /* Shift by one interval, with the given sample of the path and its deviation. */
 static inline void shift_limits(real *s, const layout *l, const real *own, const real *deviation)
 {
-    const ptrdiff_t N = (ptrdiff_t)s[INTERVALS];
+    const ptrdiff_t N = head_in(s)->intervals;
     const limits_layout w = limits_laid_out(N);
     real *b = s + l->limits;
     copy(b + w.plan + REFERENCE, N * REFERENCE, b + w.plan);
@@ -205,7 +123,7 @@ static inline void shift_limits(real *s, const layout *l, const real *own, const
  */
 static inline int is_limited(const real *s, const layout *l, const real *v_m, const real *tau_m, real off[2], int *ends)
 {
-    const limits_layout w = limits_laid_out((ptrdiff_t)s[INTERVALS]);
+    const limits_layout w = limits_laid_out(head_in(s)->intervals);
     const real *b = s + l->limits;
     int limited, deviated;
     *ends = 0;
@@ -216,7 +134,7 @@ static inline int is_limited(const real *s, const layout *l, const real *v_m, co
         off[1] = fmax_1(off[1], size[1]);
     }
     limited = deviated = off[0] > deviation_zero || off[1] > deviation_zero;
-    for (ptrdiff_t i = 0; i < (ptrdiff_t)s[SAMPLES_PER_INTERVAL] * NM; ++i) {
+    for (ptrdiff_t i = 0; i < (ptrdiff_t)head_in(s)->samples_per_interval * NM; ++i) {
         const real torque = b[w.bound + i % NM], speed = b[w.bound + NM + i % NM];
         if (fabs_1(tau_m[i]) > torque || fabs_1(v_m[i]) > speed) { /* an exceeded limit is reported */
             limited = 1;
@@ -239,7 +157,7 @@ static inline void load_node(real *s, const layout *l, ptrdiff_t k, const real *
 /* Planned motion and torques of the arm at the nodes, and the torques and speeds of the motors there. */
 static inline int predict_motors(real *s, const layout *l, const limits_layout *w)
 {
-    const ptrdiff_t N = (ptrdiff_t)s[INTERVALS];
+    const ptrdiff_t N = head_in(s)->intervals;
     real *b = s + l->limits, joints[NG];
     problem_points *arm = arm_of(l, s);
     copy(s + l->q_g + N * STAGES * NG, NG, joints);
@@ -263,13 +181,13 @@ static inline int predict_motors(real *s, const layout *l, const limits_layout *
             }
         }
     }
-    return motors_at_nodes(b, w, N, s[PERIOD], s + l->space) ? ELBOW_OK : ELBOW_RESULT_NOT_FINITE;
+    return motors_at_nodes(b, w, N, head_in(s)->period, s + l->space) ? ELBOW_OK : ELBOW_RESULT_NOT_FINITE;
 }
 
 /* The path of the horizon becomes the given one with its deviation. */
 static inline void modify_path(real *s, const layout *l, const limits_layout *w)
 {
-    const ptrdiff_t N = (ptrdiff_t)s[INTERVALS];
+    const ptrdiff_t N = head_in(s)->intervals;
     const real *b = s + l->limits;
     real *nodes = s + l->nodes + l->past * REFERENCE;
     for (ptrdiff_t k = 1; k <= N; ++k) {
@@ -279,7 +197,7 @@ static inline void modify_path(real *s, const layout *l, const limits_layout *w)
     for (ptrdiff_t k = 1; k < N; ++k) {
         for (int g = 0; g < STAGES; ++g) {
             real *to = s + l->reference + (k * STAGES + g) * REFERENCE;
-            between_samples(nodes + k * REFERENCE, s[PERIOD], gauss_c[g], to);
+            between_samples(nodes + k * REFERENCE, head_in(s)->period, gauss_c[g], to);
         }
     }
     copy(nodes + N * REFERENCE, REFERENCE, s + l->last);
@@ -288,10 +206,10 @@ static inline void modify_path(real *s, const layout *l, const limits_layout *w)
 /* Check whether the motors will exceed their limits, and modify the path beyond the fixed nodes. */
 static inline int apply_limits(real *s, const layout *l)
 {
-    const ptrdiff_t N = (ptrdiff_t)s[INTERVALS];
+    const ptrdiff_t N = head_in(s)->intervals;
     const limits_layout w = limits_laid_out(N);
     real *b = s + l->limits, *space = s + l->space, worst = 0.0, deviated;
-    const ptrdiff_t fixed = (ptrdiff_t)b[w.fixed];
+    const ptrdiff_t fixed = head_in(s)->fixed;
     ptrdiff_t where = fixed + 1;
     int status = predict_motors(s, l, &w);
     if (status != ELBOW_OK) {
@@ -322,7 +240,7 @@ static inline int apply_limits(real *s, const layout *l)
         if (!jacobian_at(arm, b + w.tau + where * NG, b + w.bound, &jacobian, space)) {
             return ELBOW_RESULT_NOT_FINITE;
         }
-        if (!change_deviation(b, &w, N, decay_time(s), &jacobian)) {
+        if (!change_deviation(b, &w, N, fixed, decay_time(s), &jacobian)) {
             return ELBOW_OK; /* the present deviations are kept */
         }
     }
@@ -342,7 +260,7 @@ typedef struct {
 /* Whether the arm can reach the next sample; if not, nothing has changed. */
 static inline int reach_next_sample(real *s, const layout *l, const real *next, next_interval *to)
 {
-    const real *joint = s + l->q_g + ((ptrdiff_t)s[INTERVALS] * STAGES - 1) * NG;
+    const real *joint = s + l->q_g + ((ptrdiff_t)head_in(s)->intervals * STAGES - 1) * NG;
     real both[2][REFERENCE];
     problem_points *arm = arm_of(l, s);
     int status;
@@ -353,7 +271,7 @@ static inline int reach_next_sample(real *s, const layout *l, const real *next, 
         const real onward = (1.0 + gauss_c[stage] - gauss_c[2]) / (gauss_c[2] - gauss_c[1]);
         real guess[NG];
         if (point < STAGES) {
-            between_samples(both[0], s[PERIOD], gauss_c[stage], to->reference[stage]);
+            between_samples(both[0], head_in(s)->period, gauss_c[stage], to->reference[stage]);
         }
         for (int i = 0; i < NG; ++i) { /* extrapolated: through a singular pose rather than back from it */
             guess[i] = joint[i] + onward * (joint[i] - joint[i - NG]);
@@ -368,7 +286,7 @@ static inline int reach_next_sample(real *s, const layout *l, const real *next, 
     }
     to->side = arm->side[0];
     for (int stage = 0; stage < STAGES; ++stage) {
-        if (!(arm->side[stage] * (fabs_1(s[SIDE]) > 0.0 ? s[SIDE] : to->side) > 0.0)) {
+        if (!(arm->side[stage] * (head_in(s)->side != 0 ? (real)head_in(s)->side : to->side) > 0.0)) {
             return ELBOW_UNREACHABLE; /* on the other side of a singular pose */
         }
         for (int i = 0; i < NG; ++i) {
@@ -384,9 +302,9 @@ static inline int reach_next_sample(real *s, const layout *l, const real *next, 
  */
 static inline void shift_path(real *s, const layout *l, const real *next, const next_interval *arrived)
 {
-    const ptrdiff_t N = (ptrdiff_t)s[INTERVALS], stages = (N - 1) * STAGES;
+    const ptrdiff_t N = head_in(s)->intervals, stages = (N - 1) * STAGES;
     real *q_g = s + l->q_g, *reference = s + l->reference, *nodes = s + l->nodes;
-    s[SIDE] = arrived->side;
+    head_of(s)->side = arrived->side > 0.0 ? 1 : -1;
     copy(q_g + STAGES * NG, stages * NG, q_g);
     copy(arrived->joints[0], STAGES * NG, q_g + stages * NG);
     copy(reference + STAGES * REFERENCE, stages * REFERENCE, reference);
@@ -422,10 +340,10 @@ typedef struct {
 /* Motion and gear torques of the arm in the window around the interval; worst: the largest residual in the interval. */
 static inline int arm_in_window(real *s, const layout *l, const interval_results *out, real *worst)
 {
-    const int samples_per_interval = (int)s[SAMPLES_PER_INTERVAL], intervals = (int)s[INTERVALS],
+    const int samples_per_interval = head_in(s)->samples_per_interval, intervals = head_in(s)->intervals,
               end = (int)l->past + intervals;
     real *joints_now = s + l->q_g + (ptrdiff_t)intervals * STAGES * NG;
-    const real fine = s[PERIOD] / (real)samples_per_interval;
+    const real fine = head_in(s)->period / (real)samples_per_interval;
     joint_motion last;
     real time[POINTS];
     problem_points *arm = arm_of(l, s);
@@ -443,7 +361,7 @@ static inline int arm_in_window(real *s, const layout *l, const interval_results
                                (real)(k - node * samples_per_interval) / (real)samples_per_interval :
                                1.0;
             real reference[REFERENCE];
-            between_samples(s + l->nodes + node * (ptrdiff_t)REFERENCE, s[PERIOD], x, reference);
+            between_samples(s + l->nodes + node * (ptrdiff_t)REFERENCE, head_in(s)->period, x, reference);
             load_reference(arm, point, reference);
             time[point] = (real)(at + (point < used ? point : used - 1)) * fine;
         }
@@ -456,7 +374,7 @@ static inline int arm_in_window(real *s, const layout *l, const interval_results
             const int k = at + point - BACK;
             real *tau = s + l->tau + (at + point) * (ptrdiff_t)NG;
             real *joint = s + l->joint + (at + point) * (ptrdiff_t)JOINT;
-            if (!(arm->side[point] * s[SIDE] > 0.0)) {
+            if (!(arm->side[point] * (real)head_in(s)->side > 0.0)) {
                 return ELBOW_UNREACHABLE; /* deflections brought it to the other side of a singular pose */
             }
             for (int i = 0; i < NG; ++i) {
@@ -491,9 +409,9 @@ static inline int arm_in_window(real *s, const layout *l, const interval_results
 static inline void output_step_of(real *s, const layout *l, const real *deflection, real size[2])
 {
     const problem_points *arm = arm_of(l, s);
-    const real *expected = s + l->expected + 1 + NM;
+    const real *expected = s + l->expected + NM;
     real step[NY] = {0.0};
-    for (int i = 0; i < NG && s[l->expected] > 0.0; ++i) {
+    for (int i = 0; i < NG && head_in(s)->is_predicted; ++i) {
         for (int k = 0; k < NY; ++k) {
             step[k] += arm->W[i_g[i]][k][0] * (deflection[i] - expected[i]);
         }
@@ -508,14 +426,14 @@ static inline void output_step_of(real *s, const layout *l, const real *deflecti
  */
 static inline real torque_step_of(real *s, const layout *l, const real *tau_m)
 {
-    const real N = s[INTERVALS], kept = N / (N + MEMORY_DECAYS);
-    const real *expected = s + l->expected + 1;
+    const real N = (real)head_in(s)->intervals, kept = N / (N + MEMORY_DECAYS);
+    const real *expected = s + l->expected;
     real *most = s + l->most + MEASURES, all = 1e-12, worst = 0.0;
     for (int i = 0; i < NM; ++i) {
         most[i] = fmax_1(fabs_1(tau_m[i]), kept * most[i]);
         all = fmax_1(all, most[i]);
     }
-    for (int i = 0; i < NM && s[l->expected] > 0.0; ++i) {
+    for (int i = 0; i < NM && head_in(s)->is_predicted; ++i) {
         worst = fmax_1(worst, fabs_1(tau_m[i] - expected[i]) / fmax_1(most[i], 0.01 * all));
     }
     return worst;
@@ -524,10 +442,10 @@ static inline real torque_step_of(real *s, const layout *l, const real *tau_m)
 /* The torques to send in the interval from those of the motors, of which the last are kept for the next update. */
 static inline void hold_interval(real *s, const layout *l, real *tau_m)
 {
-    const ptrdiff_t samples_per_interval = (ptrdiff_t)s[SAMPLES_PER_INTERVAL];
-    const real *sample = s + l->torque + (int)s[DELAY] * NM;
+    const ptrdiff_t samples_per_interval = head_in(s)->samples_per_interval;
+    const real *sample = s + l->torque + (int)head_in(s)->delay * NM;
     real weight[HOLD_TAPS];
-    hold_weights(s[HOLD], s[DELAY], s[l->limits] > 0.0, weight);
+    hold_weights(head_in(s)->hold, head_in(s)->delay, head_in(s)->has_limits, weight);
     for (ptrdiff_t k = 0; k < samples_per_interval; ++k) {
         for (int j = 0; j < NM; ++j) {
             real sum = 0.0;
@@ -547,11 +465,11 @@ static inline void hold_interval(real *s, const layout *l, real *tau_m)
 static inline int motors_in_interval(
     real *s, const layout *l, const interval_results *out, real *step, real output_step[2])
 {
-    const ptrdiff_t samples_per_interval = (ptrdiff_t)s[SAMPLES_PER_INTERVAL];
-    const int is_first = !(s[l->expected] > 0.0);
+    const ptrdiff_t samples_per_interval = head_in(s)->samples_per_interval;
+    const int is_first = !head_in(s)->is_predicted;
     real *space = s + l->space, *torque = s + l->torque, last_stiffness[NG];
     gears g;
-    if (!begin_gears(&g, s[PERIOD] / (real)samples_per_interval, s + l->now, space) ||
+    if (!begin_gears(&g, head_in(s)->period / (real)samples_per_interval, s + l->now, space) ||
         !static_deflections(s + l->tau, l->window, s + l->now, s + l->deflection, last_stiffness, space)) {
         return ELBOW_RESULT_NOT_FINITE;
     }
@@ -589,9 +507,9 @@ static inline int motors_in_interval(
             copy(v_m, NM, out->v_m + k * NM);
             copy(tau_m, NM, out->tau_m + k * NM);
         } else if (k == samples_per_interval) {
-            s[l->expected] = 1.0;
-            copy(tau_m, NM, s + l->expected + 1);
-            copy(s + l->deflection + (k + BACK) * NG, NG, s + l->expected + 1 + NM);
+            head_of(s)->is_predicted = 1;
+            copy(tau_m, NM, s + l->expected);
+            copy(s + l->deflection + (k + BACK) * NG, NG, s + l->expected + NM);
         }
         if (l->ahead > 0) {
             copy(tau_m, NM, torque + (HOLD_BEFORE + k) * NM);
@@ -614,8 +532,8 @@ static inline int motors_in_interval(
  */
 static inline real kinematic_mismatch_now(real *s, const layout *l)
 {
-    const ptrdiff_t samples_per_interval = (ptrdiff_t)s[SAMPLES_PER_INTERVAL], N = (ptrdiff_t)s[INTERVALS];
-    const real h = s[PERIOD], fine = h / (real)samples_per_interval, sixty = 60.0 * fine;
+    const ptrdiff_t samples_per_interval = head_in(s)->samples_per_interval, N = head_in(s)->intervals;
+    const real h = head_in(s)->period, fine = h / (real)samples_per_interval, sixty = 60.0 * fine;
     const real slow = negligible_motion / (mismatch_max * h), acceleration = slow / h;
     /* smallest scales: at rest there is only rounding */
     real most[MEASURES] = {fmax_1(1e-4, acceleration), 1e-2, fmax_1(1e-7, slow), 1e-4};

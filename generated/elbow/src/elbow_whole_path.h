@@ -369,7 +369,7 @@ static inline elbow_status check_arguments(const elbow_samples *p, const real *p
         return ELBOW_NULL_ARGUMENT;
     }
     if (wanted < 0 || !(p->period > 0.0 && p->period < 1e6) || !(o->tolerance > 0.0 && o->tolerance < 1.0) ||
-        !hold_fits((real)o->hold, o->delay) || !(o->settled >= 0.0 && o->settled < 1.0)) {
+        !hold_fits((int)o->hold, o->delay) || !(o->settled >= 0.0 && o->settled < 1.0)) {
         return ELBOW_BAD_ARGUMENT;
     }
     if (work_size < wanted) {
@@ -697,7 +697,7 @@ static inline elbow_status finish(const elbow_samples *p, const elbow_inversion_
         report->n_post = (int)r.samples - o->n_pre - p->n;
     }
     if (r.tau_m != NULL) {
-        hold_torques(r.tau_m, (ptrdiff_t)l->samples, (real)o->hold, o->delay);
+        hold_torques(r.tau_m, (ptrdiff_t)l->samples, (int)o->hold, o->delay);
     }
     return report->residual_at_samples <= sampled_tolerances * o->tolerance &&
                    report->kinematic_mismatch <= mismatch_max &&
