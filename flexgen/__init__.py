@@ -425,7 +425,6 @@ _RESULTS = {
     "Result.report": "flexgen.views.reports.result_page:write_result",
     "Calibration.check_file": "flexgen.identification.poses.result:check_file",
     "Calibration.plot": "flexgen.views.plots.calibration:plot_calibration",
-    "Calibration.to_text": "flexgen.views.reports.calibration_texts:text_of_calibration",
     "Detection.plot": "flexgen.views.plots.signals:plot_arrays",
     "Estimate.plot": "flexgen.views.plots.signals:plot_arrays",
     "Estimated.check_file": "flexgen.identification.responses.result:check_file",
@@ -457,12 +456,7 @@ _RESULTS = {
     "ControlRun.to_text": "flexgen.views.reports.control_texts:text_of_control",
     "Experiment.to_text": "flexgen.views.reports.identification_texts:text_of_experiment",
     "Frf.to_text": "flexgen.views.reports.identification_texts:text_of_responses",
-    "IdentificationResult.to_text": (
-        "flexgen.views.reports.identification_texts:text_of_identification"
-    ),
-    "MotionFit.to_text": "flexgen.views.reports.identification_texts:text_of_motion_fit",
     "Path.to_text": "flexgen.views.reports.texts:text_of_path",
-    "RigidIdentification.to_text": "flexgen.views.reports.identification_texts:text_of_rigid",
     "SweepResult.to_text": "flexgen.views.reports.texts:text_of_sweep",
     "Analysis.to_control": "flexgen.analysis.control_system:control_system",
     "Comparison.plot": "flexgen.views.plots.along_path:plot_comparison",

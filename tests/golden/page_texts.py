@@ -32,6 +32,8 @@ import flexgen
 from flexgen.base import display
 from flexgen.dynamics.mechanics.limits import Limits
 from flexgen.feedback.loop.margins import Margins
+from flexgen.identification.estimator.fit_result import FittedNumber
+from flexgen.identification.responses.content import content_of_responses
 from flexgen.identification.responses.result import FitStatus
 from flexgen.inversion.judge.status import Status
 from flexgen.inversion.solution import Solution
@@ -308,31 +310,22 @@ def pages() -> Iterator[tuple[str, Callable[[], Any]]]:
     )
     robot = flexgen.read("planar5_nmp")
     names = ("mass", "stiffness", "damping")
-    row = {
-        "unit": "kg",
-        "sd_is_relative": True,
-        "at_bound": False,
-        "weak": False,
-        "description": "a < b",
-    }
-    parameters = [
-        {**row, "name": "mass", "value": 1.1, "start": 1.0, "sd": 0.01},
-        {**row, "name": "stiffness", "value": 0.5, "start": 0.0, "sd": None, "at_bound": True},
-        {
-            **row,
-            "name": "damping",
-            "value": 2.0,
-            "start": 4.0,
-            "sd": 0.5,
-            "sd_is_relative": False,
-            "weak": True,
-        },
+    numbers = (
+        FittedNumber("mass", 1.1, "kg", 0.01, is_relative=True),
+        FittedNumber("stiffness", 0.5, "kg", None, is_relative=True),
+        FittedNumber("damping", 2.0, "kg", 0.5, is_determined=False),
+    )
+    unknowns = [
+        Made(start=start, parameter=Made(value=3.0, doc="a < b")) for start in (1.0, 0.0, 4.0)
     ]
     for status in FitStatus:
         if status is FitStatus.NOT_CHECKED:
             continue  # of rigid arms only
         found = Made(
-            vector=Made(model=robot, names=names),
+            vector=Made(model=robot, names=names, unknowns=unknowns),
+            fitted=numbers,
+            at_bound=("stiffness",),
+            iterations=9,
             data=data,
             status=status,
             cost=1.25,
@@ -347,8 +340,8 @@ def pages() -> Iterator[tuple[str, Callable[[], Any]]]:
             weak=("mass and damping",),
             model=robot.with_values({}) if 0 else robot,
             correlation=np.array([[1, 0.4, -0.95], [0.4, 1, 0.51], [-0.95, 0.51, 1]]),
-            to_dict=lambda: {"parameters": parameters},
         )
+        found.content = functools.partial(content_of_responses, found)
         yield (
             f"page of an identification, {status}",
             lambda found=found: page(

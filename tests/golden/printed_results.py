@@ -7,7 +7,7 @@ commit it.
 Of `flexgen.studies.tolerances.result`, `flexgen.feedback.laws.passivity`,
 `flexgen.identification.servo.fit_result`, `flexgen.feedback.positions.result`,
 `flexgen.identification.gears.result`, `flexgen.identification.poses.result`,
-`flexgen.views.reports.calibration_texts`.
+`flexgen.identification.poses.content`.
 """
 
 from __future__ import annotations
@@ -31,7 +31,6 @@ from flexgen.identification.poses.components import Tilt
 from flexgen.identification.poses.result import Calibration
 from flexgen.identification.servo.fit_result import ServoFit
 from flexgen.studies.tolerances.result import Band, Prediction, Share
-from flexgen.views.reports.calibration_texts import text_of_calibration
 
 FRAME = ("x", "y", "z", "rx", "ry", "rz")  # of the measurement
 
@@ -270,7 +269,7 @@ def lines(name: str) -> list[str]:
         f"problem: {getattr(found, 'problem', '')}",
     ]
     if isinstance(found, Calibration):
-        out += text_of_calibration(found).splitlines()
+        out += found.to_text().splitlines()
     if not isinstance(found, Calibration):
         rows = [part for part in found.content() if isinstance(part, Row)]
         out += [f"{name}: {text}" for name, text in figure_rows(rows)]

@@ -43,6 +43,7 @@ def found(status: FitStatus = FitStatus.FITTED, **more: Any) -> Any:
         "to_dict": lambda: {"status": str(status)},
         "to_text": lambda: "text",
         "status": status,
+        "problem": "" if status.agrees else f"{status}: {status.sentence}",
         "covariance": None,
     }
     return Made(**(words | {"write": Path, "report": Path} | more))

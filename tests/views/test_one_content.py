@@ -25,7 +25,6 @@ FACTORS = {"mm": 1e3, "um": 1e6, "mrad": 1e3, "urad": 1e6, "%": 100.0, "ms": 1e3
 # Results without a content of their own: this set may only shrink.
 WITHOUT = {
     "Analysis",
-    "Calibration",
     "CascadeTuning",
     "Comparison",
     "Configuration",
@@ -40,11 +39,8 @@ WITHOUT = {
     "FeedforwardComparison",
     "Frf",
     "GeneratedLibrary",
-    "IdentificationResult",
     "LearningResult",
-    "Load",
     "Margins",
-    "MotionFit",
     "Passivity",
     "Path",
     "PathSample",
@@ -80,9 +76,9 @@ def cells_of(page: str) -> Iterator[list[str]]:
     """The cells of each row of the tables of a page, as plain text."""
     for row in re.findall(r"<tr>(.*?)</tr>", page, flags=re.DOTALL):
         cells = re.findall(r"<t[dh][^>]*>(.*?)</t[dh]>", row, flags=re.DOTALL)
-        plain = [re.sub(r"·10<sup>(-?\d+)</sup>", r"e\1", cell) for cell in cells]
-        plain = [re.sub(r"<[^>]+>", "", cell) for cell in plain]
-        yield [html.unescape(cell).replace("\N{MINUS SIGN}", "-") for cell in plain]
+        plain = [cell.replace("\N{MINUS SIGN}", "-") for cell in cells]
+        plain = [re.sub(r"·10<sup>(-?\d+)</sup>", r"e\1", cell) for cell in plain]
+        yield [html.unescape(re.sub(r"<[^>]+>", "", cell)) for cell in plain]
 
 
 def rows_of_text(text: str) -> list[list[str]]:
@@ -139,7 +135,9 @@ def differences(result: Result) -> list[str]:
         for number in numbers_in(re.sub(r"< [-\d.e]+", "", rest)):  # without bounds of noise
             if not any(is_in(number, [(f * x, 0.0) for x in data]) for f in (*units, 1.0)):
                 found.append(f"not in JSON: {label}: {number[0]:g}")
-    return found
+    words = html.unescape(re.sub(r"<[^>]+>", " ", notebook))
+    lines = [line for line in text.splitlines() if len(re.split(r" {2,}", line.strip())) == 1]
+    return found + [f"not in the notebook: {line}" for line in lines if line not in words]
 
 
 def _same(one: str, other: str) -> bool:
@@ -167,6 +165,10 @@ MADE: dict[str, Callable[[], Result]] = {
     "PositionCommands": lambda: flexgen.command_positions("elbow"),
     "ServoFit": lambda: small_fit("servo"),
     "GearFit": lambda: small_fit("gears"),
+    "Load": lambda: small_fit("load"),
+    "Calibration": lambda: small_fit("poses"),
+    "IdentificationResult": lambda: small_fit("responses"),
+    "MotionFit": lambda: small_fit("motions"),
     "Prediction": lambda: flexgen.predict(
         flexgen.read("elbow", overrides={"uncertainty": {"stiffness": 0.1}})
     ),

@@ -207,7 +207,7 @@ def identify(args: Namespace, log: Progress) -> VerbResult:
         text,
         found.to_dict() | checked,
         _files(found, args),
-        _problem(found.status),
+        found.problem,
         interrupted=is_interrupted(found),
     )
 
@@ -258,7 +258,7 @@ def _structure(model: Any, data: Any, args: Namespace, log: Progress) -> VerbRes
         structure_text(found),
         result,
         files,
-        _problem(found.identified.status),
+        found.identified.problem,
         interrupted=is_interrupted(found.identified),
     )
 
@@ -321,7 +321,7 @@ def _segments(args: Namespace, log: Progress) -> VerbResult:
         text_of_motion_fit(found, args.segments),
         found.to_dict(),
         _files(found, args),
-        _problem(found.status),
+        found.problem,
         interrupted=is_interrupted(found),
     )
 
@@ -353,11 +353,6 @@ def _files(found: Any, args: Namespace) -> dict[str, Writer]:
     if args.report is not None:
         files["report"] = partial(found.report, args.report)
     return files
-
-
-def _problem(status: Any) -> str:
-    """Why a fit is a failure; empty where the model agrees with the measurement."""
-    return "" if status.agrees else f"{status}: {status.sentence}"
 
 
 def _floats(settings: Any) -> dict[str, float]:

@@ -48,6 +48,7 @@ from flexgen.base.errors import ArgumentError, SolverError
 from flexgen.base.motion.trajectory import Trajectory
 from flexgen.base.numerics.evaluate import evaluate
 from flexgen.base.numerics.low_pass import bandwidth
+from flexgen.base.rows import Part, Prose
 from flexgen.base.spec.arguments import is_number
 from flexgen.dynamics.hysteresis.hysteresis import without_hysteresis
 from flexgen.dynamics.mechanics.equations import Equations, derive, robot_of
@@ -211,6 +212,10 @@ class Load(FitResult):
         of = "total at the tool" if self.is_total else "difference from the payload of the file"
         inertia = "not identified: point mass, and the inertia of the payload of the file"
         return {"mass_and_com_are": of, "inertia_is": inertia, **super()._entries()}
+
+    def content(self) -> tuple[Part, ...]:
+        """The sentences of the text, and all fields as data."""
+        return *(Prose(line) for line in str(self).splitlines()), *self._data()
 
     def __str__(self) -> str:
         """Mass, center of mass, of which payload, inertia that was assumed, and frictions."""

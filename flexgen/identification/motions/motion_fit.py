@@ -33,6 +33,7 @@ from flexgen.base.calls.deadline import is_over, limit_fit, reason_of_end
 from flexgen.base.calls.progress import Choice, reported
 from flexgen.base.checks.type_checks import checked_result, checked_types
 from flexgen.base.errors import ArgumentError
+from flexgen.base.rows import Column, Data, Part, Prose, Row, Table
 from flexgen.identification.estimator.covariance import block_covariance
 from flexgen.identification.estimator.minimize import Minimum, Search, minimize
 from flexgen.identification.estimator.problem import Sums
@@ -41,6 +42,7 @@ from flexgen.identification.estimator.status import status_of_end
 from flexgen.identification.estimator.validation import Errors, fails_elsewhere
 from flexgen.identification.experiments.experiment import largest_rate
 from flexgen.identification.records.description import Description, Recording, read_description
+from flexgen.identification.responses.content import parameter_table
 from flexgen.identification.responses.graybox import SMALL_ERROR, weak_directions
 from flexgen.identification.responses.local_model import LocalModel
 from flexgen.identification.responses.parameters import DELAY, ParameterVector, is_of_sensor
@@ -110,6 +112,38 @@ class MotionFit(Estimated):
     iterations: int
     wall_s: float
     notes: tuple[str, ...] = ()
+
+    def content(self) -> tuple[Part, ...]:
+        """Status and figures of the fit, the parameters, and how the outputs are explained."""
+        status = self.status
+        own = ("rms", "fit_percent", "held_out_percent", "white", "weak", "notes")
+        return (
+            Prose(f"{self.vector.model.name}: {status}", is_title=True),
+            Data("model", self.vector.model.name),
+            Row("status", str(status), "", "status"),
+            Row("segments", self.segments, "", "segments"),
+            Row("iterations", self.iterations, "", "iterations"),
+            Row("time of the fit", self.wall_s, "s", "wall_s"),
+            Prose(f"{status.sentence} {status.advice}", "status"),
+            parameter_table(self),
+            self._outputs(),
+            *(Prose(f"{line}.", "weak") for line in self.weak),
+            *(Prose(f"{line}.", "notes") for line in self.notes),
+            *(Data(name, getattr(self, name)) for name in own),
+        )
+
+    def _outputs(self) -> Table:
+        """Residuals of motor angles and link encoders, and the part of them that is explained."""
+        columns = [Column("output", key="output"), Column("residual rms"), Column("fit, %")]
+        columns += [Column("white lags, %")]
+        motors = [motor.name for motor in self.vector.model.motors]
+        links = [f"link encoder {k}" for k in range(1, len(self.rms) - len(motors) + 1)]
+        white = [100 * part for part in self.white]
+        cells = [[*motors, *links], self.rms, self.fit_percent, white]
+        if self.held_out_percent:
+            columns += [Column("held out, %")]
+            cells += [self.held_out_percent]
+        return Table(tuple(columns), tuple(zip(*cells, strict=True)), "Outputs")
 
     def __repr__(self) -> str:
         fit = ", ".join(f"{value:.1f} %" for value in self.fit_percent)

@@ -13,14 +13,15 @@ import numpy as np
 
 from flexgen.base.checks.counts import count_of
 from flexgen.base.checks.type_checks import checked_result
-from flexgen.base.display import plain
 from flexgen.base.errors import ArgumentError
+from flexgen.base.rows import Part
 from flexgen.base.spec.arguments import seed_of
 from flexgen.base.spec.variants import with_variant
 from flexgen.identification.estimator.fit_result import FitResult, FittedNumber
 from flexgen.identification.estimator.status import FitStatus
 from flexgen.identification.estimator.validation import WORSE
 from flexgen.identification.poses.components import Tilt
+from flexgen.identification.poses.content import content_of_calibration
 from flexgen.identification.poses.model_file import VARIANT, changes_of
 from flexgen.identification.poses.parameters import FRAME, Unknown
 from flexgen.identification.poses.poses import LARGEST, StaticPoses
@@ -324,31 +325,9 @@ class Calibration(FitResult):
         source = f"{self.poses.source}: {self.sentence}"
         return write_calibrated(path, self.nominal, changes, source)
 
-    def to_dict(self) -> dict[str, Any]:
-        """Figures and numbers as JSON types."""
-        held = self.errors_held_out
-        return plain(
-            {
-                "model": self.nominal.title,
-                "poses": len(self.poses),
-                "source": self.poses.source,
-                "mean_error_before_m": float(np.nanmean(self.errors_before)),
-                "mean_error_m": float(np.nanmean(self.errors)),
-                "largest_error_m": float(np.nanmax(self.errors)),
-                "mean_error_held_out_m": None if held is None else float(np.nanmean(held)),
-                "mean_error_seen_m": None
-                if self.errors_seen is None
-                else float(np.nanmean(self.errors_seen)),
-                "mean_sag_m": float(np.nanmean(self.sag)),
-                "tilt": None if self.tilt is None else self.tilt.to_dict(),
-                "values": self.values,
-                "sd": self.sd,
-                "units": {u.name: u.unit for u in self.unknowns},
-                "determined": self.determined,
-                "warnings": list(self.warnings),
-                "ended": self.ended,
-            }
-        )
+    def content(self) -> tuple[Part, ...]:
+        """See `flexgen.identification.poses.content`."""
+        return content_of_calibration(self)
 
     def _entries(self) -> dict[str, Any]:
         return self.to_dict()

@@ -7,7 +7,7 @@ from __future__ import annotations
 import re
 import tomllib
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -18,9 +18,9 @@ from flexgen.base.calls.deprecation import warn_of_old
 from flexgen.base.calls.progress import Choice
 from flexgen.base.checks.counts import show_value
 from flexgen.base.checks.type_checks import checked_result
-from flexgen.base.display import plain
 from flexgen.base.errors import ArgumentError, ModelError
 from flexgen.base.registry import find_function
+from flexgen.base.rows import Part
 from flexgen.base.spec.number_edit import with_numbers
 from flexgen.base.spec.variants import with_variant
 from flexgen.dynamics.mechanics.parameters import Parameter, names_of_numbers, select, with_values
@@ -30,6 +30,10 @@ from flexgen.identification.causes.levels import AmplitudeTest
 from flexgen.identification.estimator.fit_grade import Grade
 from flexgen.identification.estimator.fit_result import FitResult, FittedNumber
 from flexgen.identification.estimator.status import FitStatus as FitStatus
+from flexgen.identification.responses.content import (
+    content_of_responses,
+    deviation_text,
+)
 from flexgen.identification.responses.frequency_response import Frf
 from flexgen.identification.responses.parameters import (
     SENSOR_DELAY,
@@ -85,21 +89,10 @@ class Estimated(FitResult):
     # of sensors, by an earlier fit
     found_delays: Mapping[str, float] = field(default_factory=dict, kw_only=True)
 
-    def to_dict(self) -> dict[str, Any]:
-        """Model, status, parameters with standard deviations, and the figures of the fit, as JSON
-        types.
-        """
-        sd = self.sd
-        more = [f.name for f in fields(self) if f.name not in Estimated.__dataclass_fields__]
-        return {
-            "model": self.vector.model.name,
-            "status": str(self.status),
-            "parameters": [
-                {"name": name, "value": value, "sd": sd[name]}
-                for name, value in self.values.items()
-            ],
-            **{name: plain(getattr(self, name)) for name in more},
-        }
+    @property
+    def problem(self) -> str:
+        """Why the numbers cannot be used; empty where the model agrees with the measurement."""
+        return "" if self.status.agrees else f"{self.status}: {self.status.sentence}"
 
     @cached_property
     def fitted(self) -> tuple[FittedNumber, ...]:
@@ -316,48 +309,9 @@ class IdentificationResult(Estimated):
         warn_of_old("IdentificationResult: given figures(), expected its new name, to_dict()")
         return self.to_dict()
 
-    def to_dict(self) -> dict[str, Any]:
-        """Status, cost, and a row for each parameter, as JSON types."""
-        sd = self.sd
-        rows = [
-            {
-                "name": u.name,
-                "value": self.values[u.name],
-                "unit": u.parameter.unit,
-                "sd": sd[u.name],
-                "sd_is_relative": u.scale == "log",
-                "start": u.start,
-                "in_file": u.parameter.value,
-                "at_bound": u.name in self.at_bound,
-                "weak": self.is_weak(u.name),
-                "description": u.parameter.doc,
-            }
-            for u in self.vector.unknowns
-        ]
-        tested = {} if self.amplitude is None else {"amplitude": self.amplitude.to_dict()}
-        graded = {} if self.grade is None else {"grade": self.grade.to_dict()}
-        return (
-            tested
-            | graded
-            | {
-                "model": self.vector.model.name,
-                "status": str(self.status),
-                "sentence": self.status.sentence,
-                "advice": self.status.advice,
-                "cost_per_degree_of_freedom": self.cost,
-                "model_error": self.model_error,
-                "starts": self.starts,
-                "starts_at_best_cost": self.agreed,
-                "iterations": self.iterations,
-                "weights": self.weights,
-                "weak_directions": list(self.weak),
-                "causes": [
-                    {"words": c.words, "share": c.share, "size": c.size} for c in self.causes
-                ],
-                "wall_s": self.wall_s,
-                "parameters": rows,
-            }
-        )
+    def content(self) -> tuple[Part, ...]:
+        """Status and misfit, the parameters, and the bands of the misfit."""
+        return content_of_responses(self)
 
     def verdict(
         self,
@@ -553,11 +507,6 @@ def _without_notes(text: str, names: set[str]) -> str:
     return re.sub(
         r"  # ((?:[^\s:;#]+: sd [^\s;#]+(?: %)?(?:; |$))+)$", keep, text, flags=re.MULTILINE
     )
-
-
-def deviation_text(sd: float | None, relative: bool) -> str:
-    """A standard deviation for a table; a dash where there is none."""
-    return "-" if sd is None else f"{100 * sd:.2g} %" if relative else f"{sd:.2g}"
 
 
 def _percent(sd: float | str, name: str) -> str:

@@ -8,20 +8,20 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from flexgen.base.calls.deadline import limit_fit
 from flexgen.base.calls.progress import Choice, reported
-from flexgen.base.display import plain
 from flexgen.base.errors import ArgumentError
+from flexgen.base.rows import Part
 from flexgen.dynamics.mechanics.parameters import select
 from flexgen.identification.estimator.fit_result import FitResult, FittedNumber
 from flexgen.identification.estimator.status import FitStatus
 from flexgen.identification.records.description import Description, read_description
 from flexgen.identification.records.gear_deflection import GearDeflection, gear_deflection
 from flexgen.identification.responses.result import FileWords, write_model
+from flexgen.identification.rigid.content import content_of_rigid
 from flexgen.identification.rigid.feasible_bodies import body_of, scales
 from flexgen.identification.rigid.rigid_body import RigidFit, identify_rigid
 from flexgen.identification.rigid.rigid_mistakes import Mistake
@@ -99,33 +99,9 @@ class RigidIdentification(FitResult):
         sd = [None] * len(fit.lags) if fit.lags_sd is None else fit.lags_sd.tolist()
         return list(zip([*names, "delay"], [*units, "s"], fit.lags.tolist(), sd, strict=True))
 
-    def to_dict(self) -> dict[str, Any]:
-        """As JSON types, SI units; stiffnesses on the arm side with their 90 % interval."""
-        fit = self.fit
-        names = ("stiffness", "interval", "skew_s")
-        gears = {
-            joint: {name: getattr(gear, name) for name in names}
-            for joint, gear in self.gears.items()
-        }
-        data = {
-            "model": fit.model.name,
-            "status": fit.status,
-            "parameters": [
-                {"name": k, "value": x, "sd": self.deviations.get(k)}
-                for k, x in self.numbers.items()
-            ],
-            "base_parameters": fit.base_parameters,
-            "mistake": None if fit.mistake is None else vars(fit.mistake),
-            "motors": [motor.name for motor in fit.model.motors],
-            "relative_errors": self.errors,
-            "notes": list(self.notes),
-            "limit_hz": fit.limit_hz if np.isfinite(fit.limit_hz) else None,
-            "lags": [
-                {"name": k, "unit": unit, "value": x, "sd": sd} for k, unit, x, sd in self.lags
-            ],
-            "bodies": {element.name: vars(element.body) for element in fit.model.elements},
-        }
-        return dict(plain(data | ({"gear_stiffness": gears} if gears else {})))
+    def content(self) -> tuple[Part, ...]:
+        """See `content_of_rigid`."""
+        return content_of_rigid(self)
 
     def write(self, path: str | Path) -> Path:
         """Write the new model file, see `write_rigid`."""

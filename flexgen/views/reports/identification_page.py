@@ -11,14 +11,14 @@ from flexgen.analysis.linear import linearize, modes, poles
 from flexgen.dynamics.mechanics.equations import derive
 from flexgen.dynamics.mechanics.statics import hold_joints
 from flexgen.identification.responses.frequency_response import Frf
-from flexgen.identification.responses.result import IdentificationResult, deviation_text
+from flexgen.identification.responses.result import IdentificationResult
 from flexgen.model.elements import RobotModel
 from flexgen.views.plots import identification as plots
 from flexgen.views.reports.html import head
 from flexgen.views.reports.html_tables import html_table, number
-from flexgen.views.reports.identification_texts import amplitude_sentence, percent
 from flexgen.views.reports.pictures import Picture
 from flexgen.views.reports.result_page import write_page
+from flexgen.views.reports.row_views import html_of_rows
 
 CORRELATED = 0.5  # correlations from here on are listed
 MOST_POSES = 12  # response grids in a page
@@ -71,10 +71,8 @@ def write_identification(identified: IdentificationResult, directory: str | Path
         head(title),
         f'<h1>{html.escape(title)}</h1>\n<p class="sub">{html.escape(model.description)}.</p>\n',
         "<h2>Fit</h2>\n",
-        _summary(identified),
-        "<h2>Parameters</h2>\n",
-        _parameters(identified),
-        _weak(identified),
+        html_of_rows(identified.content(), identified.status.agrees, is_page=True),
+        _correlations(identified),
         "<h2>Natural frequencies at home</h2>\n",
         _modes(model, identified.model),
     ]
@@ -115,60 +113,9 @@ def write_responses(data: Frf, directory: str | Path) -> Path:
     return write_page(Path(directory), parts, drawn)
 
 
-def _summary(identified: IdentificationResult) -> str:
-    status = identified.status
-    bad = "" if status.agrees else " bad"
-    error = identified.model_error
-    misfit = html.escape(percent(error)) if error > 0 else "none"
-    rows = [
-        ("status", f'<span class="status{bad}">{html.escape(str(status))}</span>', ""),
-        ("mean square of the weighted residuals", number(identified.cost), "1 expected"),
-        ("weights", identified.weights, ""),
-        ("misfit beyond the noise", misfit, "% of the response" if error > 0 else ""),
-        *([("grade", identified.grade.sentence, "")] if identified.grade is not None else []),
-        ("starts at the best cost", f"{identified.agreed} of {identified.starts}", ""),
-        ("poses", f"{len(identified.data.poses)}", ""),
-        ("frequencies", f"{len(identified.data.w)}", ""),
-        ("time of the fit", number(identified.wall_s), "s"),
-    ]
-    words = f"<p>{html.escape(status.sentence)} {html.escape(status.advice)}</p>\n"
-    words += "".join(
-        f"<p>Possible cause: {html.escape(str(cause))}.</p>\n" for cause in identified.causes
-    )
-    if sentence := amplitude_sentence(identified):
-        words += f"<p>Amplitude test: {html.escape(sentence)}.</p>\n"
-    return html_table(("quantity", "value", "unit"), rows, (1,)) + words
-
-
-def _parameters(identified: IdentificationResult) -> str:
-    rows = []
-    for row in identified.to_dict()["parameters"]:
-        sd = deviation_text(row["sd"], row["sd_is_relative"])
-        change = f"{100 * (row['value'] / row['start'] - 1):+.3g} %" if row["start"] else ""
-        flag = (
-            "at its bound"
-            if row["at_bound"]
-            else "not determined: file's value kept"
-            if row["weak"]
-            else ""
-        )
-        cells = (
-            row["name"],
-            number(row["value"], 6),
-            row["unit"],
-            sd,
-            number(row["start"], 6),
-            change,
-            flag,
-        )
-        rows.append(tuple(html.escape(str(cell)) for cell in (*cells, row["description"])))
-    names = ("parameter", "value", "unit", "sd", "start", "change", "flag", "description")
-    return html_table(names, rows, (1, 3, 4, 5))
-
-
-def _weak(identified: IdentificationResult) -> str:
-    """Weak directions and large correlations in words."""
-    lines = [html.escape(f"{line}.") for line in identified.weak]
+def _correlations(identified: IdentificationResult) -> str:
+    """Large correlations, and what is hidden in the parameters, in words."""
+    lines = []
     names = identified.vector.names
     correlation = identified.correlation
     pairs = [(abs(correlation[i, k]), i, k) for i in range(len(names)) for k in range(i)]

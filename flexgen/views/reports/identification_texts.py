@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
 from flexgen.base.display import choose_scales
-from flexgen.views.reports.text_tables import number, paragraph, table
+from flexgen.base.rows import Row
+from flexgen.views.reports.row_views import text_of_rows
+from flexgen.views.reports.text_tables import number, table
 
 if TYPE_CHECKING:
     from flexgen.identification.experiments.excitation import Plan
@@ -19,10 +20,7 @@ if TYPE_CHECKING:
     from flexgen.identification.responses.result import IdentificationResult
     from flexgen.identification.responses.structure import Structure
     from flexgen.identification.responses.verdict import Verdict
-    from flexgen.identification.rigid.rigid_file import RigidIdentification
     from flexgen.model.elements import RobotModel
-
-PARAMETERS = ("parameter", "value", "unit", "sd", "start", "")
 
 
 def plan_text(plan: Plan, robot: RobotModel) -> str:
@@ -64,81 +62,8 @@ def text_of_responses(data: Frf) -> str:
 
 
 def text_of_identification(found: IdentificationResult, *more: str) -> str:
-    """The parameters of a fit with their accuracy, further texts, and the directions that the data
-    do not determine.
-    """
-    from flexgen.identification.responses.result import deviation_text
-
-    data = found.to_dict()
-    rows = [
-        [
-            row["name"],
-            row["value"],
-            row["unit"],
-            deviation_text(row["sd"], row["sd_is_relative"]),
-            row["start"],
-            "at its bound" if row["at_bound"] else "not determined" if row["weak"] else "",
-        ]
-        for row in data["parameters"]
-    ]
-    lines = [
-        f"{data['model']}: {found.status}, cost {number(found.cost)} (1 expected), reached by "
-        f"{found.agreed} of {found.starts} starts, {number(found.wall_s)} s",
-        *(
-            [f"misfit beyond the noise: {percent(found.model_error)} % of the responses"]
-            if found.model_error > 0
-            else []
-        ),
-        *([found.grade.sentence] if found.grade is not None else []),
-        paragraph(f"{found.status.sentence} {found.status.advice}"),
-        *(f"possible cause: {cause}" for cause in found.causes),
-        *([f"amplitude test: {amplitude_sentence(found)}"] if amplitude_sentence(found) else []),
-    ]
-    graded = grade_table(found) if found.model_error > 0 else ""
-    return _join("\n".join(lines), table(rows, PARAMETERS), graded, *more, _sentences(found.weak))
-
-
-def percent(value: float) -> str:
-    """A misfit in percent; a bound below 0.1 %, which no feedforward shows."""
-    from flexgen.identification.estimator.fit_grade import SHOWN
-
-    return number(100 * value) if value >= SHOWN else f"< {100 * SHOWN:g}"
-
-
-def grade_table(found: IdentificationResult) -> str:
-    """Errors of the torques of the model and misfits of the elements in bands of frequency.
-
-    Empty without a grade.
-    """
-    if found.grade is None:
-        return ""
-    rows = []
-    for band in found.grade.bands:
-        i, j = np.unravel_index(int(np.argmax(band.misfit)), band.misfit.shape)
-        element = f"{found.grade.motors[j]} -> {found.grade.outputs[i]}"
-        span = f"{number(band.low)} to {number(band.high)}"
-        typical = float(np.median(band.misfit))
-        largest = float(band.misfit[i, j])
-        rows.append(
-            [span, percent(band.torque_error), percent(typical), element, percent(largest)]
-        )
-    return table(rows, ("Hz", "torque error, %", "misfit, median, %", "largest, element", "%"))
-
-
-def amplitude_sentence(found: IdentificationResult) -> str:
-    """Result of the amplitude test in words, or advice to give a second level for a misfit without
-    a known cause.
-    """
-    from flexgen.identification.responses.result import FitStatus
-
-    if found.amplitude is not None:
-        return found.amplitude.sentence
-    if found.causes or found.status != FitStatus.MODEL_ERROR:
-        return ""
-    return (
-        "give responses at a second level (levels=, --levels), which tell whether the robot is "
-        "nonlinear"
-    )
+    """A fit, and further texts."""
+    return _join(text_of_rows(found.content()), *more)
 
 
 def validation_text(checked: Validation, motors: Sequence[str]) -> str:
@@ -223,128 +148,13 @@ def structure_text(found: Structure) -> str:
     return "\n".join(lines)
 
 
-def text_of_rigid(found: RigidIdentification) -> str:
-    """Frictions and rotors of a rigid arm with their standard deviations and errors; gears and
-    counterbalances.
-    """
-    fit = found.fit
-    numbers = found.numbers
-    sd = found.deviations
-
-    def both(name: str) -> str:
-        return (
-            f"{number(numbers[name])} +- {sd[name]:.2g}"
-            if name in sd
-            else number(numbers.get(name, 0.0))
-        )
-
-    kinds = {"inertia": "kg m^2", "viscous": "N m s/rad", "coulomb": "N m", "offset": "N m"}
-    if fit.fades.any():
-        kinds |= {"stribeck": "N m", "alpha": "s/rad"}
-    rows: list[list[Any]] = []
-    for j, motor in enumerate(fit.model.motors):
-        cells: list[Any] = [motor.name, *(both(f"{motor.name}.{kind}") for kind in kinds)]
-        rows.append(cells + [100 * run[j] for runs in found.errors.values() for run in runs])
-    head = ["motor", *(f"{kind}, {unit}" for kind, unit in kinds.items())]
-    head += [
-        f"{name} {k}, error %"
-        for name, runs in found.errors.items()
-        for k in range(1, len(runs) + 1)
-    ]
-    balance = [[name, both(name)] for name in numbers if ".counterbalance_" in name]
-    lags = [
-        [name, unit, value, "" if sd_ is None else sd_] for name, unit, value, sd_ in found.lags
-    ]
-    below = (
-        f"below {number(fit.limit_hz)} Hz"
-        if fit.limit_hz < float("inf")
-        else "through the filter of the motion"
+def text_of_motion_fit(found: MotionFit, segment_s: float) -> str:
+    """A fit in segments of this length."""
+    length = f"of {number(segment_s)} s"
+    return text_of_rows(
+        replace(part, note=length) if isinstance(part, Row) and part.key == "segments" else part
+        for part in found.content()
     )
-    gears = "\n".join(
-        f"  {name}: {deflection.sentence}" for name, deflection in found.gears.items()
-    )
-    return _join(
-        (
-            f"{fit.model.name}: {fit.status}, {fit.base_parameters} base parameters of "
-            f"{len(fit.pi)} numbers\n"
-        )
-        + paragraph(" ".join(fit.texts)),
-        paragraph(f"One mistake can be the reason: {fit.mistake.sentence}") if fit.mistake else "",
-        f"errors: rms over the standard deviation of the torque, {below}, of samples that move; "
-        "left out: on quarters of the recordings, of the fit to the others",
-        table(rows, tuple(head)),
-        paragraph(
-            "Compliances of gears that the model file does not have, and the delay of torques "
-            "after angles:"
-        ),
-        table(lags, ("lag", "unit", "value", "+-")),
-        _springs(found),
-        table(balance, ("counterbalance", "N m, arm side")) if balance else "",
-        "stiffness of the gears from the link encoders, arm side, 90 % interval:" if gears else "",
-        gears,
-        _sentences(found.notes),
-    )
-
-
-def _springs(found: RigidIdentification) -> str:
-    """A sentence on gears that deflect otherwise than in the model file; empty: the recordings
-    show none.
-    """
-    other = [
-        name.partition(".")[0]
-        for name, _, value, sd in found.lags[:-1]
-        if sd is not None and abs(value) > 3 * sd
-    ]
-    if not other:
-        return ""
-    return paragraph(
-        f"Gears of {', '.join(other)} deflect otherwise than in the model file. The numbers "
-        "above take that into account, the springs of the new file do not: identify them from "
-        "frequency responses."
-    )
-
-
-def text_of_motion_fit(found: MotionFit, segment_s: float | None = None) -> str:
-    """The parameters of a fit in segments (of this length, where it is known), and how it explains
-    the outputs.
-    """
-    from flexgen.identification.responses.result import deviation_text
-
-    values = found.values
-    sd = found.sd
-    length = "" if segment_s is None else f" of {number(segment_s)} s"
-    rows = [
-        [
-            u.name,
-            values[u.name],
-            u.parameter.unit,
-            deviation_text(sd[u.name], u.scale == "log"),
-            u.start,
-            "not determined" if found.is_weak(u.name) else "",
-        ]
-        for u in found.vector.unknowns
-    ]
-    model = found.vector.model
-    outputs = [motor.name for motor in model.motors]
-    outputs += [f"link encoder {k}" for k in range(1, len(found.rms) - len(outputs) + 1)]
-    columns = [outputs, found.rms, found.fit_percent, [100 * white for white in found.white]]
-    columns += [found.held_out_percent] if found.held_out_percent else []
-    head = ["output", "residual rms", "fit, %", "white lags, %"] + ["held out, %"] * bool(
-        found.held_out_percent
-    )
-    return _join(
-        f"{model.name}: {found.status}, {found.segments} segments{length}, "
-        f"{number(found.wall_s)} s\n"
-        + paragraph(f"{found.status.sentence} {found.status.advice}"),
-        table(rows, PARAMETERS),
-        table([[*row] for row in zip(*columns, strict=True)], tuple(head)),
-        _sentences(found.weak),
-        _sentences(found.notes),
-    )
-
-
-def _sentences(lines: Sequence[str]) -> str:
-    return "\n".join(f"{line}." for line in lines)
 
 
 def _join(*parts: str) -> str:

@@ -12,6 +12,7 @@ from flexgen.base.rows import Column, Data, Part, Prose, Row, Shown, Table
 from flexgen.views.reports.html_tables import html_table
 from flexgen.views.reports.html_tables import number as html_number
 from flexgen.views.reports.text_tables import figures, paragraph, table
+from flexgen.views.reports.text_tables import number as text_number
 
 if TYPE_CHECKING:
     from flexgen.base.results import Result
@@ -69,12 +70,13 @@ def html_of_rows(rows: Iterable[Part], good: bool = True, is_page: bool = False)
             for each in group:
                 heading = f"<h2>{html.escape(each.heading)}</h2>\n" if each.heading else ""
                 texts.append(heading * is_page + _html_table(each, scales))
-        elif group[0].is_title:
-            caption = "" if is_page else group[0].text
         else:
             texts.append(_heading(caption))
-            caption = ""
-            texts += [f"<p>{html.escape(each.text)}</p>\n" for each in group]
+            caption = "".join(each.text for each in group if each.is_title and not is_page)
+            words = [each.text for each in group if not each.is_title]
+            texts += [_heading(caption)] if words else []
+            caption = "" if words else caption
+            texts += [f"<p>{html.escape(line)}</p>\n" for line in words]
     return "".join([*texts, _heading(caption)])
 
 
@@ -100,8 +102,8 @@ def row_cells(rows: Iterable[Row], scales: Scales) -> list[tuple[str, Any, str]]
             found.append((row.label, None, ""))
         elif row.text or row.sd is not None or row.note:
             found.append((row.label, *cell_and_unit(row, scales)))
-        elif row.unit in scales:
-            found.append((row.label, scales[row.unit].cell(row.value), scales[row.unit].unit))  # type: ignore[arg-type]
+        elif row.unit in scales and isinstance(row.value, float):
+            found.append((row.label, scales[row.unit].cell(row.value), scales[row.unit].unit))
         else:
             found.append((row.label, row.value, row.unit))
     return found
@@ -111,9 +113,8 @@ def _groups(parts: Sequence[Part]) -> list[tuple[type, list[Any]]]:
     """Parts that are printed, in groups of one kind; sentences in groups of their own."""
     printed = [part for part in parts if not isinstance(part, Data)]
 
-    def kind(part: Part) -> tuple[type, str, bool]:
-        words = isinstance(part, Prose)
-        return type(part), part.group if words else "", words and part.is_title  # type: ignore[union-attr]
+    def kind(part: Part) -> tuple[type, str]:
+        return type(part), part.group if isinstance(part, Prose) else ""
 
     return [(key[0], list(group)) for key, group in groupby(printed, kind)]
 
@@ -164,7 +165,7 @@ def _html_cell(cell: Any) -> str:
     """A number, or a text, as HTML."""
     if cell is None or (isinstance(cell, float) and not isinstance(cell, bool)):
         return html_number(cell)
-    return html.escape("yes" if cell is True else "no" if cell is False else str(cell))
+    return html.escape(text_number(cell))
 
 
 def _html_figures(caption: str, rows: Iterable[Row], scales: Scales, badge: str) -> str:
