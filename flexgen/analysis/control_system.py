@@ -8,9 +8,11 @@ import numpy as np
 
 from flexgen.analysis.analyze import Analysis
 from flexgen.base.errors import ArgumentError
+from flexgen.base.registry import provides
 from flexgen.dynamics.mechanics.output_columns import output_labels, output_units
 
 
+@provides("Analysis.to_control")
 def control_system(analysis: Analysis, units: bool = False) -> Any:
     """The linearization of an analysis as a ``control.StateSpace``; see
     `flexgen.analysis.analyze.Analysis.to_control`.

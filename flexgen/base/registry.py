@@ -3,8 +3,8 @@ name; an entry is imported when it is first used.
 
 Groups, what their names refer to, and what uses them:
 
-- ``results``: a function (pictures, reports, searches); methods of results, such as
-  ``Solution.plot``.
+- ``results``: a function with the decorator `provides` (pictures, reports, searches); methods of
+  results, such as ``Solution.plot``.
 - ``methods``: a `Method` of `flexgen.inversion.methods.method_table`; `flexgen.solve`.
 - ``laws``: a class of feedback laws, see `flexgen.feedback.loop.model_law`; `flexgen.control` and
   controller files.
@@ -25,12 +25,14 @@ above. Another package declares an entry point of such a group:
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from importlib import import_module
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 from flexgen.base.errors import ArgumentError
+
+T = TypeVar("T", bound=Callable[..., Any])
 
 
 class Option(NamedTuple):
@@ -122,6 +124,35 @@ _TARGETS: dict[str, dict[str, str]] = {}
 def register(group: str, targets: Mapping[str, str]) -> None:
     """Add to a group: ``module:object`` by name; a later entry replaces an earlier one."""
     _TARGETS.setdefault(group, {}).update(targets)
+
+
+def provides(*names: str) -> Callable[[T], T]:
+    """Decorate a function of an upper room with the names under which lower rooms find it.
+
+    The front room has the table of all names, so that nothing is imported before it is used:
+    ``tests/golden/update.py front`` renders it from the decorators.
+
+    Parameters
+    ----------
+    names : str
+        ``CLASS.method`` of a result, such as ``Solution.plot``, or of what else calls
+        `find_function`.
+
+    Examples
+    --------
+    >>> from flexgen.base.registry import provides
+    >>> @provides("Solution.plot")
+    ... def plot_solution(solution):
+    ...     return solution
+    >>> plot_solution.provides
+    ('Solution.plot',)
+    """
+
+    def mark(function: T) -> T:
+        function.provides = names  # type: ignore[attr-defined]
+        return function
+
+    return mark
 
 
 def import_object(target: str) -> Any:

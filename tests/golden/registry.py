@@ -9,6 +9,7 @@ from pathlib import Path
 import emitted_hashes
 import export_hashes
 import export_tables
+import front_table
 import key_page
 import model_file_texts
 import page_texts
@@ -81,6 +82,7 @@ GOLDEN: dict[str, Golden] = {
     "emitted": Rows(
         HERE / "emitted.txt", lambda: emitted_hashes.CHOICES, emitted_hashes.rows, casadi=True
     ),
+    "front": Files(front_table.SOURCE, lambda: [front_table.FRONT.name], front_table.front),
     "stub": Files(
         public_stub.STUB.parent, lambda: [public_stub.STUB.name], lambda _: public_stub.stub()
     ),

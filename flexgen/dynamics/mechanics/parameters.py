@@ -40,6 +40,7 @@ from typing import TYPE_CHECKING, Any
 import casadi as ca
 
 from flexgen.base.errors import ArgumentError
+from flexgen.base.registry import provides
 from flexgen.base.spec.fourier import FourierSum
 from flexgen.base.spec.parts import GearFriction
 from flexgen.model.abilities import obstacle
@@ -185,6 +186,7 @@ def has_group(model: RobotModel, name: str) -> bool:
     return any(name in groups for _, groups in _with_groups(model))
 
 
+@provides("RobotModel.numbers")
 def names_of_numbers(model: RobotModel) -> list[str]:
     """The names of all numbers of a model that may be parameters, in its order."""
     found: dict[str, float] = {}

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from flexgen.base.errors import ArgumentError
+from flexgen.base.registry import provides
 from flexgen.feedback.loop.controllers import Cascade
 from flexgen.feedback.loop.gains import PPI
 from flexgen.feedback.loop.reference import hold_torques, time_grid
@@ -19,6 +20,7 @@ from flexgen.inversion.solution import Solution
 MOTION = ("q_a", "v_a", "a_a", "q_m", "v_m", "a_m", "tau_m")
 
 
+@provides("Solution.positions")
 def with_positions(solution: Solution) -> Solution:
     """The solution with the channels ``command_m`` (motor side) and ``command_g`` (joints), at its
     samples.

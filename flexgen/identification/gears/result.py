@@ -14,6 +14,7 @@ import numpy as np
 
 from flexgen.base.checks.type_checks import checked_result
 from flexgen.base.display import lines_of
+from flexgen.base.registry import provides
 from flexgen.base.rows import Data, Part, Prose, Row
 from flexgen.base.spec.variants import with_variant
 from flexgen.identification.estimator.fit_result import FitResult, FittedNumber
@@ -92,6 +93,7 @@ def write_gears(
     return write_model_text(path, new, folder, VARIANT, dry=dry)
 
 
+@provides("GearFit.check_file")
 def check_file(path: str | Path, robot: RobotModel) -> None:
     """Check before a fit that `GearFit.save` can write the new model file; errors as there."""
     write_gears(path, robot, {}, "check", dry=True)

@@ -14,6 +14,7 @@ import numpy as np
 from flexgen.base.checks.counts import count_of
 from flexgen.base.checks.type_checks import checked_result
 from flexgen.base.errors import ArgumentError
+from flexgen.base.registry import provides
 from flexgen.base.rows import Part
 from flexgen.base.spec.arguments import seed_of
 from flexgen.base.spec.variants import with_variant
@@ -52,6 +53,7 @@ def write_calibrated(
     return write_model_text(path, new, folder, VARIANT, dry=dry)
 
 
+@provides("Calibration.check_file")
 def check_file(path: str | Path, model: RobotModel) -> None:
     """Check before a fit that `Calibration.write` can write the new model file; errors as
     there.

@@ -19,7 +19,7 @@ from flexgen.base.calls.progress import Choice
 from flexgen.base.checks.counts import show_value
 from flexgen.base.checks.type_checks import checked_result
 from flexgen.base.errors import ArgumentError, ModelError
-from flexgen.base.registry import find_function
+from flexgen.base.registry import find_function, provides
 from flexgen.base.rows import Part
 from flexgen.base.spec.number_edit import with_numbers
 from flexgen.base.spec.variants import with_variant
@@ -443,6 +443,7 @@ def _whole_lists(model: RobotModel, numbers: Mapping[str, float]) -> dict[str, A
     return single | lists
 
 
+@provides("Estimated.check_file")
 def check_file(path: str | Path, model: RobotModel, names: Iterable[str] = ()) -> None:
     """Check before a fit that `Estimated.write` can write numbers into a new model file.
 

@@ -17,6 +17,7 @@ import numpy as np
 from flexgen.base.calls.progress import Choice, reported, silent
 from flexgen.base.checks.counts import ROBOTS, count_of
 from flexgen.base.errors import ArgumentError, SolverError
+from flexgen.base.registry import provides
 from flexgen.dynamics.mechanics.equations import Equations
 from flexgen.dynamics.mechanics.parameters import with_values
 from flexgen.feedback.loop.robustness import ControlName, tool_errors
@@ -74,6 +75,7 @@ class Verdict:
         return next(row for row in self.rows if row.model == model)
 
 
+@provides("IdentificationResult.verdict")
 @reported("verdict")
 def verdict(
     identified: IdentificationResult,

@@ -33,7 +33,7 @@ from flexgen.base.calls.progress import Choice, reported
 from flexgen.base.checks.type_checks import checked_result, checked_types
 from flexgen.base.display import choose_scale
 from flexgen.base.errors import ArgumentError, SolverError
-from flexgen.base.registry import find_function
+from flexgen.base.registry import find_function, provides
 from flexgen.base.results import Result
 from flexgen.base.spec.arguments import check_not_negative, check_positive, is_whole
 from flexgen.dynamics.mechanics.equations import Equations, derive, robot_of
@@ -520,6 +520,7 @@ def limits_of(
     return kept
 
 
+@provides("Move.fastest")
 def fastest_move(
     model: str | FilePath | RobotModel | Equations,
     move: str | Move | None,

@@ -10,6 +10,7 @@ from flexgen.analysis.linear import linearize, poles
 from flexgen.base.checks.type_checks import checked_types
 from flexgen.base.errors import FlexgenError
 from flexgen.base.numerics.evaluate import evaluate
+from flexgen.base.registry import provides
 from flexgen.dynamics.mechanics.equations import Equations, derive
 from flexgen.dynamics.mechanics.statics import Equilibrium, hold_joints
 from flexgen.model.elements import RobotModel
@@ -49,6 +50,7 @@ def check(model: str | Path | RobotModel | Equations, *, motions: bool = True) -
     return _compare(model if isinstance(model, Equations) else derive(model), motions)
 
 
+@provides("Check.implausible")
 def implausible_number(model: str | Path | RobotModel | Equations) -> str:
     """The worst error of a model, as the end of the message of a computation that failed; empty
     where there is none.

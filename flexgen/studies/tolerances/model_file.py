@@ -9,10 +9,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from flexgen.base.registry import provides
+
 LARGEST = 5.0  # relative standard deviation that a model file may have; beyond it nothing is known
 DIGITS = 12
 
 
+@provides("Estimated.uncertainty")
 def with_uncertainty(text: str, names: Sequence[str], covariance: np.ndarray) -> str:
     """The text of a model file with standard deviations and correlations of numbers.
 

@@ -30,6 +30,7 @@ from flexgen.base.checks.bounds import Count, Seed, TimeLimit
 from flexgen.base.checks.counts import ROBOTS, count_of
 from flexgen.base.checks.type_checks import checked_types
 from flexgen.base.errors import ArgumentError
+from flexgen.base.registry import provides
 from flexgen.base.spec.arguments import seed_of
 from flexgen.dynamics.mechanics.equations import Equations, derive
 from flexgen.inversion.judge.status import Status
@@ -165,6 +166,7 @@ def _simulate(along: Along, errors: np.ndarray) -> Response:
     return Response(*(np.concatenate([getattr(x, n) for x in parts], axis=1) for n in names))
 
 
+@provides("FastestMove.torques")
 def torque_band(solution: Solution, progress: Choice = None) -> tuple[np.ndarray, np.ndarray]:
     """Limits (k, n_m) [N m] between which the motor torques of 95 % of the robots are;
     `flexgen.fastest` calls it.

@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 from flexgen.analysis.zero_dynamics.zeros import ON_AXIS
 from flexgen.analysis.zero_dynamics.zeros_along_path import ZeroPath
 from flexgen.base.errors import ArgumentError
+from flexgen.base.registry import provides
 from flexgen.feedback.loop.comparison import Comparison
 from flexgen.inversion.comparison.comparison import error_sizes
 from flexgen.inversion.solution import Solution
@@ -117,6 +118,7 @@ def errors_of_methods(model: RobotModel, solutions: tuple[Solution, ...]) -> Fig
     return figure
 
 
+@provides("Comparison.plot")
 def plot_comparison(comparison: Comparison) -> Figure:
     """Tool errors over time, see `flexgen.compare`."""
     return errors_of_methods(comparison.solution.model, comparison.solutions)

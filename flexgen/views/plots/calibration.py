@@ -7,6 +7,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
+from flexgen.base.registry import provides
 from flexgen.identification.poses.result import Calibration
 from flexgen.views.plots import canvas as cv
 
@@ -15,6 +16,7 @@ QUANTILE = 1.96
 ROOM = 50.0  # factor by which the axis of distances is extended to the left, for the legend
 
 
+@provides("Calibration.plot")
 @cv.apply_style
 def plot_calibration(found: Calibration) -> Figure:
     """Left: part of the positions within a distance. Right: compliances with 95 % bars, the

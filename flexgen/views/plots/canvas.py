@@ -25,6 +25,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormat
 from flexgen.base.errors import ArgumentError
 from flexgen.base.files.atomic_files import atomic_file, write_text
 from flexgen.base.motion.trajectory import Trajectory
+from flexgen.base.registry import provides
 from flexgen.dynamics.mechanics.equations import Equations
 
 BLUE: str = "#0072B2"
@@ -119,6 +120,7 @@ def svg(figure: Figure, prefix: str = "") -> str:
     return re.sub(r'(\bid="|href="#|url\(#)', rf"\g<1>{prefix}", text)
 
 
+@provides("Result.picture")
 @apply_style
 def save(figure: Figure, path: str | Path, dpi: float = 150.0) -> Path:
     """Write a figure to a ``.svg`` or ``.png`` file; equal figures give equal bytes.

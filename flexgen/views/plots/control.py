@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from flexgen.base.registry import provides
 from flexgen.dynamics.mechanics.output_columns import output_units
 from flexgen.feedback.loop.result import ControlRun
 from flexgen.paths.force.tool_force import LABELS
@@ -21,6 +22,7 @@ from flexgen.views.plots import canvas as cv
 COLORS = (cv.BLUE, cv.RED, cv.GREEN, cv.ORANGE, cv.PURPLE, cv.SKY, cv.GREY)
 
 
+@provides("ControlRun.plot")
 @cv.apply_style
 def plot_control(run: ControlRun) -> Figure:
     """Distance of the output from its reference in time, all robots; below it the motor torques of
@@ -126,6 +128,7 @@ def plot_loops(run: ControlRun) -> Figure | None:
     return figure
 
 
+@provides("Score.plot")
 @cv.apply_style
 def plot_score(score: Score) -> Figure:
     """The nominal run, measures over those of the reference controller, and the scores of all
@@ -175,6 +178,7 @@ def plot_score(score: Score) -> Figure:
     return figure
 
 
+@provides("TuningResult.plot")
 def plot_tuning(tuned: TuningResult) -> Figure:
     """The score of the tuned controller."""
     return plot_score(tuned.score)
@@ -195,6 +199,7 @@ def _bars(ax: Any, score: Score) -> None:
     ax.legend(loc="lower right")
 
 
+@provides("LearningResult.plot")
 @cv.apply_style
 def plot_learned(learned: LearningResult) -> Figure:
     """Largest error of every iteration, errors in time without correction and in the best one, and

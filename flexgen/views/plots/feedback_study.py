@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
+from flexgen.base.registry import provides
 from flexgen.feedback.laws.study import FAMILIES, FeedbackStudy
 from flexgen.views.plots import canvas as cv
 
@@ -14,6 +15,7 @@ LOUDEST_NM = 1e3
 COLORS = dict(zip(FAMILIES, (cv.GREY, cv.ORANGE, cv.RED, cv.PURPLE, cv.BLUE), strict=True))
 
 
+@provides("FeedbackStudy.plot")
 @cv.apply_style
 def plot_feedback_study(study: FeedbackStudy) -> Figure:
     """Worst error of the six robots over torque noise of all tunings, a panel for each setting

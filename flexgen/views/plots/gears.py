@@ -5,12 +5,14 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
+from flexgen.base.registry import provides
 from flexgen.identification.gears.result import GearFit
 from flexgen.views.plots import canvas as cv
 
 MOST = 6000  # points of a loop, at most
 
 
+@provides("GearFit.plot")
 @cv.apply_style
 def plot_loops(found: GearFit) -> Figure:
     """Torque of the hysteresis of each gear over its deflection: of the model, and of the

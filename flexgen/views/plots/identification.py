@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from flexgen.base.registry import provides
 from flexgen.identification.experiments.operating_points import FRICTIONS
 from flexgen.identification.responses.frequency_response import Frf
 from flexgen.identification.responses.residuals import Residuals
@@ -21,6 +22,7 @@ MEDIAN = np.sqrt(np.log(2.0))
 HIGH = np.sqrt(-np.log(0.05))
 
 
+@provides("Frf.plot")
 @cv.apply_style
 def response_grid(
     data: Frf, identified: IdentificationResult | None = None, pose: int = 0
@@ -129,6 +131,7 @@ def residual_plot(identified: IdentificationResult) -> Figure:
     return figure
 
 
+@provides("Estimated.plot")
 @cv.apply_style
 def parameter_plot(identified: IdentificationResult) -> Figure:
     """Identified values over those of the model file, with two standard deviations where the

@@ -10,6 +10,7 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullForma
 
 from flexgen.analysis.analyze import Analysis
 from flexgen.analysis.zero_dynamics.zeros import ON_AXIS
+from flexgen.base.registry import provides
 from flexgen.views.plots import canvas as cv
 
 FAR = 1e6  # 1/s; larger roots are counted, not drawn
@@ -194,6 +195,7 @@ def frequency_response(analysis: Analysis) -> Figure:
     return figure
 
 
+@provides("Analysis.plot")
 @cv.apply_style
 def plot_analysis(analysis: Analysis) -> Figure:
     """`pole_zero_map` above `frequency_response` in one figure, see `Analysis.plot`."""

@@ -6,12 +6,14 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 
+from flexgen.base.registry import provides
 from flexgen.feedback.laws.passivity import Passivity
 from flexgen.views.plots import canvas as cv
 
 COLORS = (cv.BLUE, cv.ORANGE, cv.GREEN)
 
 
+@provides("Passivity.plot")
 @cv.apply_style
 def plot_passivity(found: Passivity) -> Figure:
     """Smallest damping at the tool over the frequency, a line for each pose; below zero the loop

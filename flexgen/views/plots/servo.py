@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from flexgen.base.registry import provides
 from flexgen.feedback.loop.result import ControlRun
 from flexgen.feedback.positions.result import PositionCommands
 from flexgen.identification.servo.fit_result import ServoFit
@@ -15,6 +16,7 @@ from flexgen.views.plots import canvas as cv
 SMALLEST = 1e-12  # m or rad: smaller errors are drawn as this
 
 
+@provides("PositionCommands.plot")
 @cv.apply_style
 def plot_commands(found: PositionCommands) -> Figure:
     """Commanded joints, what they add to the joints of the arm, and the errors with and without
@@ -63,6 +65,7 @@ def _plot_error(ax: Any, run: ControlRun, color: str, label: str) -> None:
     )
 
 
+@provides("ServoFit.plot")
 @cv.apply_style
 def plot_fit(found: ServoFit) -> Figure:
     """Lag of the joints behind their commands, and the gains with their standard deviations."""

@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from flexgen.base.motion.trajectory import Trajectory
+from flexgen.base.registry import provides
 from flexgen.dynamics.mechanics.output_columns import output_labels, output_units
 from flexgen.paths.path import Path
 from flexgen.planning.fastest.minimum_time import FastestMove
@@ -21,6 +22,7 @@ from flexgen.views.plots.solution import plot_solution
 INSTANTS = 401
 
 
+@provides("Trajectory.plot")
 def plot_trajectory(trajectory: Trajectory) -> Figure:
     """All channels over time."""
     rows = [
@@ -32,16 +34,19 @@ def plot_trajectory(trajectory: Trajectory) -> Figure:
     )
 
 
+@provides("Simulation.plot")
 def plot_simulation(simulation: Simulation) -> Figure:
     """All channels of the simulated motion over time."""
     return plot_trajectory(simulation.trajectory)
 
 
+@provides("FastestMove.plot")
 def plot_fastest(fastest: FastestMove) -> Figure:
     """The solution of the fastest move."""
     return plot_solution(fastest.solution)
 
 
+@provides("Path.plot")
 def plot_path(path: Path) -> Figure:
     """The output y along a path and its first two derivatives dy, ddy in time; of a pose, its
     position.
@@ -62,6 +67,7 @@ def plot_path(path: Path) -> Figure:
     return _stacked(f"{model.title}, move {path.move.name}", "time, s", t, rows)
 
 
+@provides("Detection.plot", "Estimate.plot", "PathSample.plot", "PlantRun.plot")
 def plot_arrays(result: Any) -> Figure:
     """The numbers of each array of a result over its rows; of derivatives the first."""
     arrays = [(field.name, getattr(result, field.name)) for field in fields(result)]

@@ -14,6 +14,7 @@ from flexgen.analysis.analyze import Analysis
 from flexgen.base.errors import ArgumentError
 from flexgen.base.motion.trajectory import Trajectory
 from flexgen.base.numerics.evaluate import evaluate
+from flexgen.base.registry import provides
 from flexgen.dynamics.mechanics.equations import Equations, derive
 from flexgen.dynamics.mechanics.motor_harmonics import gear_angles_along
 from flexgen.inversion.solution import Solution
@@ -524,6 +525,7 @@ def robot(
     return figure
 
 
+@provides("Solution.plot")
 def plot_solution(solution: Solution) -> Figure:
     """The `overview` of a solution, see `flexgen.Solution.plot`."""
     return overview(

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from flexgen.base.registry import provides
 from flexgen.studies.tolerances.result import Band, Prediction
 from flexgen.views.plots import canvas as cv
 
@@ -14,6 +15,7 @@ BARS = 10  # largest shares
 LINES = 3  # motors, and springs, with the widest bands
 
 
+@provides("Prediction.plot")
 @cv.apply_style
 def plot_prediction(found: Prediction) -> Figure:
     """Errors of the simulated robots, shares of their sources, and bands over time."""

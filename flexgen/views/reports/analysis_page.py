@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from flexgen.analysis.analyze import Analysis
+from flexgen.base.registry import provides
 from flexgen.views.plots import along_path
 from flexgen.views.plots.compliance import compliance_plot
 from flexgen.views.reports.html import dynamics_tables, head
@@ -23,6 +24,7 @@ COMPLIANCE = (
 )
 
 
+@provides("Analysis.report")
 def write_analysis(analysis: Analysis, directory: str | Path) -> Path:
     """Write ``index.html`` with poles, zeros and frequency response; each plot also as svg and png
     file.
@@ -69,6 +71,7 @@ def write_analysis(analysis: Analysis, directory: str | Path) -> Path:
     return write_page(Path(directory), parts, drawn)
 
 
+@provides("Analysis._repr_html_")
 def tables(analysis: Analysis) -> str:
     """The title, and tables of the equilibrium, the modes and the zeros."""
     title = html.escape(f"{analysis.model.title}: analysis of an equilibrium")

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from flexgen.base.display import Scales
+from flexgen.base.registry import provides
 from flexgen.dynamics.mechanics.output_columns import columns_in
 from flexgen.feedback.loop.plants import NOMINAL
 from flexgen.feedback.loop.result import UNITS, ControlRun
@@ -29,6 +30,7 @@ from flexgen.views.reports.result_page import write_page
 KEYS = ("error_max", "dynamic_error_max", "static_error_start", "error_end")
 
 
+@provides("ControlRun.report")
 def write_control(run: ControlRun, directory: str | Path) -> Path:
     """Write ``index.html`` with errors, torques and margins of a closed loop; each plot also as
     svg and png file.
@@ -167,6 +169,7 @@ def _margins(run: ControlRun) -> str:
     return "<h2>Margins of the linear loop</h2>\n" + html_table(columns, rows, range(2, 9))
 
 
+@provides("Score.report")
 def write_score(score: Score, directory: str | Path) -> Path:
     """Write ``index.html`` with the score of a controller in a benchmark; each plot also as svg
     and png file.
@@ -230,6 +233,7 @@ def write_score(score: Score, directory: str | Path) -> Path:
     return write_page(Path(directory), parts, drawn)
 
 
+@provides("LearningResult.report")
 def write_learned(learned: LearningResult, directory: str | Path) -> Path:
     """Write ``index.html`` with the iterations of a learned path; each plot also as svg and png
     file.

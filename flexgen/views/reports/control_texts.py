@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from flexgen.base.display import Scales, choose_scale, choose_scales, figure_rows
+from flexgen.base.registry import provides
 from flexgen.views.reports.text_tables import number, paragraph, table
 
 if TYPE_CHECKING:
@@ -47,6 +48,7 @@ def has_accuracy(run: ControlRun) -> bool:
     return any(not r.failure for r in run.runs) and not run.unstable
 
 
+@provides("ControlRun.to_text")
 def text_of_control(
     run: ControlRun,
     margins: Mapping[str, Margins] | None = None,

@@ -16,6 +16,7 @@ from flexgen.analysis.zero_dynamics.zeros import ON_AXIS
 from flexgen.base.display import NOISE, SPEED, Scales, UnitScale, choose_scales
 from flexgen.base.errors import SolverError
 from flexgen.base.files.atomic_files import write_text
+from flexgen.base.registry import provides
 from flexgen.base.rows import Row
 from flexgen.dynamics.mechanics.equations import Equations, derive
 from flexgen.dynamics.mechanics.limits import Limits
@@ -475,11 +476,13 @@ def figure_element(picture: Picture, directory: Path) -> str:
     )
 
 
+@provides("Solution.report")
 def report_solution(solution: Solution, folder: str | Path) -> Path:
     """Write the report of a solution, see `flexgen.Solution.report`."""
     return write_report(derive(solution.model), solution, folder)
 
 
+@provides("Comparison.report")
 def report_comparison(comparison: Comparison, folder: str | Path) -> Path:
     """Write the report of a solution with the tables of a comparison, see `flexgen.compare`."""
     solution = comparison.solution

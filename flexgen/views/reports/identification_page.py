@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from flexgen.analysis.linear import linearize, modes, poles
+from flexgen.base.registry import provides
 from flexgen.dynamics.mechanics.equations import derive
 from flexgen.dynamics.mechanics.statics import hold_joints
 from flexgen.identification.responses.frequency_response import Frf
@@ -24,6 +25,7 @@ CORRELATED = 0.5  # correlations from here on are listed
 MOST_POSES = 12  # response grids in a page
 
 
+@provides("IdentificationResult.report")
 def write_identification(identified: IdentificationResult, directory: str | Path) -> Path:
     """Write ``index.html`` with the fit, its parameters and pictures; each plot also as svg and
     png file.
@@ -79,6 +81,7 @@ def write_identification(identified: IdentificationResult, directory: str | Path
     return write_page(Path(directory), parts, drawn)
 
 
+@provides("Frf.report")
 def write_responses(data: Frf, directory: str | Path) -> Path:
     """Write ``index.html`` with measured frequency responses; each plot also as svg and png
     file.

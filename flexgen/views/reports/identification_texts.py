@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from flexgen.base.display import choose_scales
+from flexgen.base.registry import provides
 from flexgen.base.rows import Row
 from flexgen.views.reports.row_views import text_of_rows
 from flexgen.views.reports.text_tables import number, table
@@ -46,12 +47,14 @@ def plan_text(plan: Plan, robot: RobotModel) -> str:
     )
 
 
+@provides("Experiment.to_text")
 def text_of_experiment(experiment: Experiment) -> str:
     """Speeds of the motors at the poses of an experiment."""
     rows = [[k, *speed] for k, speed in enumerate(experiment.speed_sd.tolist(), 1)]
     return table(rows, ("pose", *(f"{name}, rad/s rms" for name in experiment.plan.motors)))
 
 
+@provides("Frf.to_text")
 def text_of_responses(data: Frf) -> str:
     """Size and accuracy of frequency responses."""
     return (

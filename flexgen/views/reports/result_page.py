@@ -9,6 +9,7 @@ from pathlib import Path
 
 from flexgen.base.errors import ArgumentError
 from flexgen.base.files.atomic_files import write_text
+from flexgen.base.registry import provides
 from flexgen.base.results import Result
 from flexgen.views.plots import canvas
 from flexgen.views.reports.folder import PAGE, check_folder, foot
@@ -18,6 +19,7 @@ from flexgen.views.reports.row_views import html_of_rows
 from flexgen.views.reports.text_tables import fit_tables
 
 
+@provides("Result.report")
 def write_result(result: Result, directory: str | Path) -> Path:
     """The page of a result: its text with tables, and its picture where it has one."""
     title = type(result).__name__

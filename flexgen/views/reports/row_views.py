@@ -8,6 +8,7 @@ from itertools import groupby
 from typing import TYPE_CHECKING, Any
 
 from flexgen.base.display import Scales, cell_and_unit, choose_scales, figure_rows
+from flexgen.base.registry import provides
 from flexgen.base.rows import Column, Data, Part, Prose, Row, Shown, Table
 from flexgen.views.reports.html_tables import html_table
 from flexgen.views.reports.html_tables import number as html_number
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from flexgen.base.results import Result
 
 
+@provides("Result.content_as_text")
 def text_of_result(result: Result) -> str:
     """The rows of a result as the command line prints them."""
     return text_of_rows(result.content())
@@ -38,6 +40,7 @@ def text_of_rows(rows: Iterable[Part]) -> str:
     return "\n\n".join(text for text in texts if text)
 
 
+@provides("Result.content_as_html")
 def html_of_result(result: Result) -> str:
     """The rows of a result as HTML, for notebooks: a table of quantities, tables, sentences."""
     parts = result.content()

@@ -11,6 +11,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from flexgen.base.display import plain
+from flexgen.base.registry import provides
 from flexgen.views.reports.row_views import row_cells, scales_of
 from flexgen.views.reports.text_tables import figures, number, one_line, paragraph, roots, table
 
@@ -157,6 +158,7 @@ def _stiffness(coordinate: dict[str, Any]) -> tuple[str | None, str | None]:
     return f"{number(stiffness)} {force}/{unit}", f"{number(damping)} {force} s/{unit}"
 
 
+@provides("Analysis.to_text")
 def text_of_analysis(analysis: Analysis) -> str:
     """The equilibrium, modes and zeros of an analysis, and its verdicts."""
     coordinates = [(c.name, c.unit) for c in analysis.model.coordinates]
@@ -367,6 +369,7 @@ def steps_text(
     return figures(rows)
 
 
+@provides("Check.to_text")
 def text_of_check(check: Check) -> str:
     """One line, and the numbers that are unusual or wrong, with what to look at, once each."""
     found = (*check.errors, *check.warnings)
@@ -383,6 +386,7 @@ def text_of_check(check: Check) -> str:
     return "\n\n".join([check.summary(), *each])
 
 
+@provides("Check.all_findings")
 def findings_of_check(check: Check) -> str:
     """A table of all numbers that were checked."""
     return _findings_table(check.findings)
@@ -431,6 +435,7 @@ def library_text(robot: RobotModel, library: GeneratedLibrary) -> str:
     return "\n".join(lines)
 
 
+@provides("Path.to_text")
 def text_of_path(path: Path) -> str:
     """The segments of a planned path."""
     segments = enumerate(path.to_dict()["segments"], 1)
@@ -453,6 +458,7 @@ def configurations_text(robot: RobotModel, found: Sequence[Configuration]) -> st
     return table(rows, (*joints, "in limits", "shoulder elbow wrist", "singularity distance"))
 
 
+@provides("SweepResult.to_text")
 def text_of_sweep(swept: SweepResult) -> str:
     """The cases of a sweep by model, method and status."""
     head = (
