@@ -158,28 +158,28 @@ def test_columns_of_start_states_span_those_of_their_derivatives() -> None:
     rng = np.random.default_rng(3)
     J = rng.standard_normal((2, 12, 3)) * [1.0, 1e6, 1e-7]
     J[1, :, 2] = 1e-9 * (J[1, :, 0] + 1e-6 * J[1, :, 1])
-    Q = motion_fit._basis(J)
+    Q = motion_fit.span_of(J)
     assert Q.shape == (2, 12, 3)
     for k, rank in ((0, 3), (1, 2)):
         P = Q[k] @ Q[k].T
         assert_allclose(P @ J[k], J[k], rtol=1e-7, atol=1e-9 * np.abs(J[k]).max())
         assert np.trace(P) == pytest.approx(rank) and np.abs(P @ P - P).max() < 1e-12
-    assert not motion_fit._basis(np.zeros((1, 4, 2))).any()
+    assert not motion_fit.span_of(np.zeros((1, 4, 2))).any()
 
 
 def test_signals_are_read_their_delay_later() -> None:
     t = np.linspace(0.0, 1.0, 51)
     signals = np.stack([t**3, 1.0 - t**2], axis=1)
-    same = motion_fit._remove_delays(t, signals, np.zeros(2))
+    same = motion_fit.remove_delays(t, signals, np.zeros(2))
     assert same is signals
-    found = motion_fit._remove_delays(t, signals, np.array([0.0, 0.05]))
+    found = motion_fit.remove_delays(t, signals, np.array([0.0, 0.05]))
     assert_allclose(found[:, 0], t**3, atol=1e-12)
     assert_allclose(found[:, 1], 1.0 - np.minimum(t + 0.05, 1.0) ** 2, atol=1e-12)
 
 
 def test_units_of_unknowns() -> None:
     """Logarithms by one, the delay by a sample, others by their size, a thousandth at least."""
-    made: Any = object.__new__(motion_fit._Shooting)
+    made: Any = object.__new__(motion_fit.Shooting)
     rows = (
         ("log", "a", 5.0),
         ("linear", motion_fit.DELAY, 1e-3),

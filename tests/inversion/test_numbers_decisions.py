@@ -228,7 +228,7 @@ def test_stiffness_at_rest_is_that_of_small_deflections() -> None:
         [q, p],
         [ca.vertcat(-(30 * q[1] + 9 * q[1] ** 3), -(7 * q[2] + q[2] ** 3))],
     )
-    made: Any = object.__new__(payload._Estimate)
+    made: Any = object.__new__(payload.LoadEstimate)
     made.robot = Made(n_a=3, i_e=(1, 2))
     made.nominal = Made(function=lambda name: {"elastic_torque": torque}[name])
     assert_allclose(made._stiffness(), [30.0, 7.0], rtol=1e-9)

@@ -64,8 +64,6 @@ CONDITIONAL = {
     "tests/support/hostile.py": 1,
     "tests/support/model_files.py": 1,
     "tests/support/public_stub.py": 1,
-    "tests/identification/test_numbers_edges.py": 1,
-    "tests/backends/test_numbers_memory_layout.py": 1,
     "tests/analysis/test_solvability.py": 1,
 }
 
