@@ -4,7 +4,6 @@ programs.
 
 from __future__ import annotations
 
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -20,7 +19,6 @@ from flexgen.dynamics.mechanics.equations import derive
 from flexgen.exports.fmu import plant
 from flexgen.exports.mujoco import mujoco, mujoco_inertia
 from flexgen.exports.urdf import urdf
-from flexgen.identification.motions import motion_fit
 
 
 @pytest.mark.parametrize(
@@ -150,48 +148,6 @@ def test_states_of_a_plant_are_numbered_one_after_the_other(elements: Any) -> No
     ]
     assert [v.name for v in rates] == [f"der({v.name})" for v in states]
     assert [v.unit for v in rates[3:5]] == ["rad/s", "rad/s2"] and rates[8].unit == "N.m/s"
-
-
-# --- fits of motions -----------------------------------------------------------------------------
-def test_columns_of_start_states_span_those_of_their_derivatives() -> None:
-    """Scaled before: a column of another unit counts as any; what is dependent has no column."""
-    rng = np.random.default_rng(3)
-    J = rng.standard_normal((2, 12, 3)) * [1.0, 1e6, 1e-7]
-    J[1, :, 2] = 1e-9 * (J[1, :, 0] + 1e-6 * J[1, :, 1])
-    Q = motion_fit.span_of(J)
-    assert Q.shape == (2, 12, 3)
-    for k, rank in ((0, 3), (1, 2)):
-        P = Q[k] @ Q[k].T
-        assert_allclose(P @ J[k], J[k], rtol=1e-7, atol=1e-9 * np.abs(J[k]).max())
-        assert np.trace(P) == pytest.approx(rank) and np.abs(P @ P - P).max() < 1e-12
-    assert not motion_fit.span_of(np.zeros((1, 4, 2))).any()
-
-
-def test_signals_are_read_their_delay_later() -> None:
-    t = np.linspace(0.0, 1.0, 51)
-    signals = np.stack([t**3, 1.0 - t**2], axis=1)
-    same = motion_fit.remove_delays(t, signals, np.zeros(2))
-    assert same is signals
-    found = motion_fit.remove_delays(t, signals, np.array([0.0, 0.05]))
-    assert_allclose(found[:, 0], t**3, atol=1e-12)
-    assert_allclose(found[:, 1], 1.0 - np.minimum(t + 0.05, 1.0) ** 2, atol=1e-12)
-
-
-def test_units_of_unknowns() -> None:
-    """Logarithms by one, the delay by a sample, others by their size, a thousandth at least."""
-    made: Any = object.__new__(motion_fit.Shooting)
-    rows = (
-        ("log", "a", 5.0),
-        ("linear", motion_fit.DELAY, 1e-3),
-        ("linear", "b", -4.0),
-        ("linear", "c", 1e-9),
-    )
-    unknowns = [
-        SimpleNamespace(scale=scale, name=name, start=start) for scale, name, start in rows
-    ]
-    made.vector = SimpleNamespace(unknowns=unknowns)
-    made.sample_s = 0.02
-    assert [made._unit(k) for k in range(4)] == [1.0, 0.02, 4.0, 1e-3]
 
 
 # --- legs of programs ----------------------------------------------------------------------------

@@ -8,7 +8,6 @@ import re
 from types import SimpleNamespace as Made
 from typing import Any, ClassVar
 
-import casadi as ca
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -17,7 +16,6 @@ import flexgen
 from flexgen.base.errors import SolverError
 from flexgen.codegen.build import compiler
 from flexgen.codegen.recursion import column_functions
-from flexgen.identification.load import payload
 from flexgen.identification.poses.tree import Mount, Tree, rotations
 from flexgen.inversion.comparison import discretized
 from flexgen.inversion.comparison.strangeness_free import StrangenessFree
@@ -217,21 +215,6 @@ def test_points_of_the_base_and_of_the_first_node() -> None:
     slopes = tree.point_slopes(at, Mount(0, shift, turned), carried)
     assert_allclose(slopes[:, :, 0], [[1.0, 0.0, 0.0]] * 2, atol=1e-15)
     assert not slopes[:, :, 1:].any()
-
-
-def test_stiffness_at_rest_is_that_of_small_deflections() -> None:
-    """Of springs without motor whose stiffness rises, by their numbers in the torques."""
-    q = ca.SX.sym("q", 3)
-    p = ca.SX.sym("v", 3)
-    torque = ca.Function(
-        "elastic_torque",
-        [q, p],
-        [ca.vertcat(-(30 * q[1] + 9 * q[1] ** 3), -(7 * q[2] + q[2] ** 3))],
-    )
-    made: Any = object.__new__(payload.LoadEstimate)
-    made.robot = Made(n_a=3, i_e=(1, 2))
-    made.nominal = Made(function=lambda name: {"elastic_torque": torque}[name])
-    assert_allclose(made._stiffness(), [30.0, 7.0], rtol=1e-9)
 
 
 def test_a_baseline_has_the_torques_of_its_gears() -> None:

@@ -373,7 +373,7 @@ class LoadEstimate:
                     f"{robot.n_m}"
                 )
         if low_pass_hz is None:
-            low_pass_hz = _default_low_pass(robot, record["q_m"], h, rigid)
+            low_pass_hz = default_low_pass(robot, record["q_m"], h, rigid)
         if not (is_number(low_pass_hz) and 0 < low_pass_hz < 0.2 / h):
             raise ArgumentError(
                 f"low_pass_hz: given {low_pass_hz!r}, expected more than 0, below {0.2 / h:.4g} Hz"
@@ -791,7 +791,7 @@ def _is_determined(J: np.ndarray, prior: np.ndarray) -> bool:
     return bool(np.linalg.norm(left) > 1e-6 * np.linalg.norm(own))
 
 
-def _default_low_pass(robot: RobotModel, q_m: np.ndarray, h: float, rigid: bool) -> float:
+def default_low_pass(robot: RobotModel, q_m: np.ndarray, h: float, rigid: bool) -> float:
     """Low pass of the torques [Hz] for motor angles (n, n_m) every h [s]."""
     most = min(max(LOW_PASS_HZ, OF_BAND * bandwidth([np.diff(q_m, axis=0)], h)), HALF / h)
     q_m = q_m[:1]
