@@ -203,19 +203,6 @@ def test_the_result_is_printed_and_saved():
     assert "amplitude" not in alone.to_dict()
 
 
-@pytest.mark.slow
-def test_levels_that_cannot_be_compared_are_refused():
-    robot = ROBOTS["planar5_nmp"][0]
-    (data, other) = responses("planar5_nmp", "nothing")
-    for wrong, words in (
-        (data, "expected another level"),
-        (replace(other, poses=other.poses + 1.0), "other motors, poses or frequencies"),
-        (replace(other, w=1.1 * other.w), "other motors, poses or frequencies"),
-    ):
-        with pytest.raises(ArgumentError, match=f"levels, 1: given .*{words}"):
-            flexgen.identify(robot, data, starts=1, levels=[wrong], progress=False)
-
-
 def test_a_model_with_backlash_is_refused():
     dead_band = {"type": "backlash", "stiffness": 4e5, "gap": 1e-4, "smoothing": 1e-5}
     robot = flexgen.read("planar5_nmp", overrides={"element.arm1.dof.q1.gear.spring": dead_band})

@@ -65,29 +65,6 @@ def test_a_load_has_the_deviations_of_its_draws() -> None:
     assert_allclose(left, white * np.sqrt(band), rtol=0.3)
 
 
-def test_a_load_is_what_is_added_to_the_payload_of_the_file() -> None:
-    """Two point masses: the first is that of the file; mass, center and inertia of both."""
-    own = {"mass": 12.0, "com": [1.0, 0.0, 0.3]}
-    first, second = np.array(own["com"]), np.array([1.4, 0.0, -0.4])
-    apart = first - second
-    both = 12.0 * 18.0 / 30.0 * (apart @ apart * np.eye(3) - np.outer(apart, apart))
-    center = (12.0 * first + 18.0 * second) / 30.0
-    six = both[[0, 1, 2, 0, 1, 0], [0, 1, 2, 1, 2, 2]]
-    total = {"mass": 30.0, "com": center.tolist(), "inertia": six.tolist()}
-    model = flexgen.read("elbow@rigid", overrides={"payload": own})
-    found = identify_load(model, record(0.001, **total))
-    assert abs(found.mass - 18.0) < 3 * found.mass_sd < 1.5
-    assert found.total_mass == pytest.approx(found.mass + 12.0)
-    assert (np.abs(found.com - second) < 3 * found.com_sd + 1e-6).all()
-    moments = found.total_mass * found.total_com - 12.0 * first
-    assert_allclose(found.com, moments / found.mass, atol=1e-6)
-    assert (found.com_sd[[0, 2]] > found.total_com_sd[[0, 2]]).all()
-    assert_allclose(found.total_inertia, both, atol=0.05 * both.max())
-    assert found.file_mass == 12.0 and not found.is_total
-    none = identify_load(model, record(0.0, **own))
-    assert abs(none.mass) < 2 * none.mass_sd and "center of mass not determined" in str(none)
-
-
 def test_a_direction_that_no_motion_shows_is_known_by_the_file() -> None:
     """Within a meter of the center of mass of its payload."""
     load = identify_load("elbow@rigid", record(0.01))

@@ -7,7 +7,6 @@ import pytest
 from identification_cases import NOISY, poses_of, without_coulomb
 
 import flexgen
-from flexgen.base.errors import ArgumentError
 from flexgen.identification.experiments.operating_points import (
     covariance,
     information,
@@ -61,5 +60,3 @@ def test_the_plan_keeps_its_speeds_and_predicts_less(tmp_path) -> None:
     counted = [name for name in plans[0].predicted if not name.endswith("viscous")]
     rms = [np.sqrt(np.mean([plan.predicted[name] ** 2 for name in counted])) for plan in plans]
     assert rms[2] < 0.95 * rms[1] < rms[0]
-    with pytest.raises(ArgumentError, match="spectrum: given 'best'"):
-        flexgen.excite(model, poses=poses_of(model, 1), spectrum="best")

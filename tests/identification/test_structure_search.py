@@ -4,21 +4,17 @@ added.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from identification_cases import NOISY, another, poses_of, small_plan, without_coulomb
 from toolchain import needs_compiler
 
 import flexgen
-from flexgen.base.errors import ArgumentError
 from flexgen.cli.main import main
 from flexgen.identification.responses.structure import structure
 from flexgen.identification.rigid.missing_springs import (
     additions,
     perpendicular,
-    with_spring,
     without,
 )
 from flexgen.model.elements import RobotModel
@@ -43,18 +39,6 @@ def test_no_spring_is_added_to_a_complete_model_and_none_is_removed():
     assert found.added == () and found.removed == ()
     assert {change.kind for change in found.changes} == {"add", "remove"}
     assert all(change.gain < 0 for change in found.changes)
-
-
-@pytest.mark.slow
-def test_a_spring_that_is_not_in_the_robot_is_removed():
-    """The robot is stiff where the model has a spring of its third coordinate."""
-    model = without_coulomb("planar5_nmp")
-    truth = without(model, "q3")
-    data = measured(truth, model)
-    found = structure(with_spring(model, "q3", 1e9, 1e3), data, progress=False)
-    assert found.removed == ("q3",) and found.model.n_e == 0
-    kept = structure(with_spring(model, "q3", 1e9, 1e3), data, fixed=["q3"], progress=False)
-    assert kept.removed == ()
 
 
 @pytest.mark.full
@@ -91,14 +75,6 @@ def test_candidates_are_perpendicular_and_new():
     for axis in (np.array([0, 0, 1.0]), np.array([0.6, 0.8, 0.0])):
         u, v = perpendicular(axis)
         assert np.allclose([u @ axis, v @ axis, u @ v, u @ u, v @ v], [0, 0, 0, 1, 1])
-
-
-def test_one_pose_is_not_enough():
-    model = without_coulomb("planar5_nmp")
-    data = measured(model, model)
-    one = replace(data, poses=data.poses[:1])
-    with pytest.raises(ArgumentError, match="given data at one pose, expected two or more"):
-        structure(model, one, progress=False)
 
 
 @pytest.mark.slow

@@ -16,6 +16,7 @@ import flexgen
 from flexgen.base.errors import ArgumentError, SolverError
 from flexgen.dynamics.mechanics.parameters import select
 from flexgen.identification.responses import local_model, verdict
+from flexgen.identification.responses import structure as searched
 from flexgen.identification.responses.parameters import ParameterVector
 from flexgen.identification.responses.response_inputs import Drive
 from flexgen.identification.responses.result import FitStatus, IdentificationResult
@@ -88,6 +89,18 @@ def test_a_missing_spring_is_added_where_it_is_better_at_other_poses(
     gains = [change.gain for change in others]
     assert gains == sorted(gains, reverse=True) and not any(change.kept for change in others)
     assert found.identified.vector.model.n_e == 1
+
+
+def test_springs_that_are_fixed_stay_and_one_pose_is_not_enough(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(searched, "additions", lambda model: [])
+    model = without_coulomb("planar5_nmp")
+    data = responses(missing_springs.without(model, "q3"), 10)
+    stiff = missing_springs.with_spring(model, "q3", 1e9, 1e3)
+    assert structure(stiff, data, fixed=["q3"]).changes == ()
+    with pytest.raises(ArgumentError, match="given data at one pose, expected two or more"):
+        structure(model, responses(model, 2, 1))
 
 
 def test_the_criterion_counts_residuals_and_parameters() -> None:

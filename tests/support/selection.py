@@ -113,7 +113,7 @@ OPTIMIZED = (
     "identification/test_identify_with_torques.py",
     "identification/test_structure_search.py",
     "identification/test_transients_and_averages.py",
-    "identification/test_cli_identify.py",
+    "cli/test_cli_identify.py",
 )
 OPTIMIZED_CASES = {
     "client/test_docs.py": {"docs/control.md", "flexgen/studies/scenarios/README.md"},
