@@ -113,6 +113,7 @@ OPTIMIZED = (
     "identification/test_identify_with_torques.py",
     "identification/test_structure_search.py",
     "identification/test_transients_and_averages.py",
+    "identification/test_time_domain.py",
     "cli/test_cli_identify.py",
 )
 OPTIMIZED_CASES = {
