@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -25,11 +24,10 @@ import flexgen
 from flexgen.base.errors import ArgumentError, ModelError, SolverError
 from flexgen.dynamics.mechanics.parameters import select, with_values
 from flexgen.identification.motions.time_domain import Simulated, validate
-from flexgen.identification.responses.graybox import weak_directions
 from flexgen.identification.responses.parameters import ParameterVector
 from flexgen.identification.responses.response_inputs import Drive
 from flexgen.identification.responses.result import FitStatus
-from flexgen.views.reports.identification_page import _parameters
+from flexgen.views.reports.identification_page import write_identification
 
 W = 2 * np.pi * np.geomspace(1.0, 120.0, 40)
 DRIVE = Drive(5e-4)
@@ -131,10 +129,12 @@ def test_under_a_model_error_no_standard_deviations_are_stated(fault, tmp_path):
     assert (away / np.sqrt(np.diag(found.formal_covariance))).max() > 10
     assert found.covariance is None and set(found.sd.values()) == {None}
     assert {row["sd"] for row in found.to_dict()["parameters"]} == {None}
-    cells = re.findall(
-        r"stiffness</td><td[^>]*>[^<]*</td><td>[^<]*</td><td[^>]*>([^<]*)", _parameters(found)
-    )
-    assert cells == ["-"] * 3  # of the report
+    if "sample" in fault:  # pictures take seconds, and that case is slow
+        page = write_identification(found, tmp_path / "page").read_text()
+        cells = re.findall(
+            r"stiffness</td><td[^>]*>[^<]*</td><td>[^<]*</td><td[^>]*>([^<]*)", page
+        )
+        assert cells == ["-"] * 3
     old = tmp_path / "old.toml"  # whose comments are those of an earlier identification
     exact = flexgen.identify(
         truth,
@@ -179,21 +179,6 @@ def test_parameters_that_the_data_do_not_show_are_reported_and_kept(tmp_path):
     )
     assert "m1.viscous" not in found.used()
     assert found.model.motors[0].friction.viscous == 1e-9
-
-
-@pytest.mark.parametrize(("scales", "weak"), [(("log", "linear"), 1), (("linear", "log"), 0)])
-def test_a_parameter_without_logarithm_is_weak_in_units_of_its_prior(scales, weak):
-    """Information 1 of both: a standard deviation of 1, a factor e, or a quarter of the prior
-    of 4.
-    """
-    vector = SimpleNamespace(
-        unknowns=[SimpleNamespace(scale=scale) for scale in scales],
-        prior_sd=np.array([4.0, 1e-3]),
-        names=("a", "b"),
-    )
-    lines = weak_directions(vector, np.diag([0.5, 0.5e8]))
-    assert [line.startswith("a is not determined") for line in lines] == [True] * weak
-    assert weak == 0 or lines[0].endswith("(sd 100 %)")
 
 
 def test_tied_parameters_keep_their_ratio():
