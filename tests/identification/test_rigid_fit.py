@@ -5,8 +5,7 @@ recordings out, and deflections of gears by least squares.
 from __future__ import annotations
 
 from dataclasses import replace
-from types import SimpleNamespace
-from typing import Any
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -359,9 +358,34 @@ def test_a_deflection_is_that_of_least_squares() -> None:
         gear_deflection(t[:1249], q[:1249], link[:1249], tau[:1249])
 
 
-def test_motions_of_recordings_are_those_of_the_joints() -> None:
+def described(folder: Path, name: str, motion: Motion, model: RobotModel) -> Path:
+    """A description of the recorded angles and torques of both motors."""
+    q_m = motion.q @ model.eta.T
+    columns = {"t": motion.t, "u1": motion.tau_m[:, 0], "u2": motion.tau_m[:, 1]}
+    np.savez(folder / f"{name}.npz", **columns, q1=q_m[:, 0], q2=q_m[:, 1])
+    text = 'model = "elbow@rigid"\nhold = "zoh"\n[time]\nname = "t"\nunit = "s"\n'
+    for k in (1, 2):
+        for kind, column, unit in (("torque", f"u{k}", "N m"), ("angle", f"q{k}", "rad")):
+            text += f'[[{kind}]]\nmotor = "m{k}"\nname = "{column}"\nunit = "{unit}"\n'
+            text += 'side = "motor"\n'
+    (folder / f"{name}.toml").write_text(f'{text}[[recording]]\nfile = "{name}.npz"\n')
+    return folder / f"{name}.toml"
+
+
+def test_bodies_are_identified_from_described_recordings(tmp_path: Path) -> None:
+    """Judged by parts that are left out, or by other recordings, and written to a file."""
     model = flexgen.read("elbow@rigid")
-    tau = np.zeros((60, 2))
-    run = SimpleNamespace(t=np.arange(60) * H, q_m=np.ones((60, 2)) @ model.eta.T, tau_m=tau)
-    data: Any = SimpleNamespace(model=model, recordings=[("a", run)])
-    assert_allclose(rigid_file.motions_of(data)[0].q, 1.0)
+    first = described(tmp_path, "first", swung(model), model)
+    other = described(tmp_path, "other", swung(model, 900), model)
+    told: list[str] = []
+    found = rigid_file.identify_bodies(model, first, progress=told.append)
+    assert told[0] == "fitting the bodies of elbow to 1 recordings"
+    assert list(found.errors) == ["fitted", "left out"] and found.fit.status.agrees
+    checked = rigid_file.identify_bodies(model, first, validate=other)
+    assert list(checked.errors) == ["fitted", "validated"] and checked.fit.left_out is None
+    assert np.max(checked.errors["validated"]) < 0.02 and checked.fit.status == FitStatus.FITTED
+    units = [(name, unit) for name, unit, _, _ in found.lags]
+    rigid = "rad/(N m)"
+    assert units == [("q1.compliance", rigid), ("q2.compliance", rigid), ("delay", "s")]
+    assert [row["name"] for row in found.to_dict()["lags"]] == [name for name, _ in units]
+    assert flexgen.read(found.write(tmp_path / "new.toml")).motors == found.fit.model.motors
