@@ -5,7 +5,6 @@ claims.
 from __future__ import annotations
 
 import copy
-import math
 
 import numpy as np
 import pytest
@@ -20,6 +19,7 @@ from flexgen.base.errors import ArgumentError, SolverError
 from flexgen.feedback.loop.case import control_case
 from flexgen.feedback.loop.channels import channels_of
 from flexgen.feedback.loop.sampled_model import PoseModels
+from flexgen.feedback.observers.constant_gain import stationary
 from flexgen.feedback.observers.design import process_noise
 from flexgen.planning.learning.smoother import PathSmoother, acting
 
@@ -127,53 +127,6 @@ def test_deviations_of_the_first_samples_are_those_of_the_exact_exponential(samp
         P = kept @ P @ kept.T + K @ R @ K.T
         worst = max(worst, np.abs(np.sqrt(np.diag(ekf.covariance) / np.diag(P)) - 1).max())
     assert worst < 1e-3
-
-
-def test_on_a_linear_model_it_is_the_kalman_filter():
-    """Textbook recursion with constant matrices; the state by the polynomial that Runge-Kutta is
-    for a linear model.
-    """
-    h = 1e-3
-    ekf = flexgen.ExtendedKalmanFilter(
-        "four_mass@high", ("motors", "link_encoders"), sample_time=h
-    )
-    n_x = 2 * ekf.model.dof
-    n_m = ekf.model.n_m
-    at = ekf._poses.at(ekf._at_rest(np.zeros(n_m)))
-    s = h / ekf._head.steps
-    whole = np.zeros((n_x + n_m, n_x + n_m))
-    whole[:n_x, :n_x] = at.A
-    whole[:n_x, n_x:] = at.B
-    powers = [np.linalg.matrix_power(s * whole, k) for k in range(5)]
-    moved = np.linalg.matrix_power(
-        sum(x / f for x, f in zip(powers, (1, 1, 2, 6, 24), strict=True)), ekf._head.steps
-    )
-    small = h / 2**ekf._head.doublings * whole
-    F = sum(np.linalg.matrix_power(small, k) / math.factorial(k) for k in range(5))
-    F = np.linalg.matrix_power(F, 2**ekf._head.doublings)
-    Q = process_noise(at, F[:n_x, n_x:], ekf.noises, h)
-    C = np.hstack([at.C, at.D])[ekf.channels.index]
-    R = np.diag(ekf.channels.noise**2)
-    rng = np.random.default_rng(1)
-    y = rng.normal(size=(300, 2)) * 1e-2
-    u = rng.normal(size=(300, n_m))
-    found = ekf.run(y, u)
-    fresh = flexgen.ExtendedKalmanFilter(
-        "four_mass@high", ("motors", "link_encoders"), sample_time=h
-    )
-    z = fresh.state
-    P = fresh.covariance
-    for k in range(300):
-        if k:
-            z = moved @ np.concatenate([z[:n_x], z[n_x:] + u[k]])
-            z[n_x:] -= u[k]
-            P = F @ P @ F.T + Q
-        K = P @ C.T @ np.linalg.inv(C @ P @ C.T + R)
-        z = z + K @ (y[k] - C @ z)
-        P = P - K @ C @ P
-        assert np.abs(found.q_a[k] - z[: ekf.model.n_a]).max() < 1e-10
-    assert np.abs(ekf.state - z).max() < 1e-10 * max(1.0, np.abs(z).max())
-    assert np.abs(ekf.covariance - P).max() < 1e-10 * np.abs(P).max()
 
 
 def simulated(ekf, samples, rng, factor=1.0):
@@ -312,32 +265,19 @@ def solution():
     return flexgen.solve("planar5_nmp", progress=False)
 
 
-@pytest.mark.parametrize("outputs", ["motors", ("tool_accelerometer", "m2", "tool_gyro", "m1")])
-def test_constant_gains_are_the_limit_of_the_filter(solution, outputs):
-    """The recursion of the covariance itself, 4000 samples: the remaining effect of its start is
-    below rounding.
-    """
-    observer = flexgen.ConstantGainObserver(solution, outputs, parts=3)
+def test_constant_gains_are_those_of_the_middle_of_each_part(solution):
+    """The stationary gains of `test_observer_design`, of the channels in their order."""
+    observer = flexgen.ConstantGainObserver(solution, ("tool_gyro", "m2", "m1"), parts=3)
     case = control_case(solution.model, solution=solution, sample_time=1e-3)
-    motion = case.reference.parts(observer.samples)
-    at = PoseModels(observer.model).at([x[1:2] for x in motion])
-    F, G, C, D, M = (x[1] for x in observer.matrices)
-    n_x, n_m = G.shape
-    whole = np.eye(n_x + n_m)
-    rows = np.hstack([C, D])
-    whole[:n_x, :n_x] = F
-    whole[:n_x, n_x:] = G
-    Q = process_noise(at, G, observer.noises, 1e-3)
-    R = np.diag(observer.channels.noise**2)
-    P = np.eye(n_x + n_m)
-    for _ in range(4000):
-        K = np.linalg.solve(rows @ P @ rows.T + R, rows @ P).T
-        kept = np.eye(n_x + n_m) - K @ rows
-        P = whole @ (kept @ P @ kept.T + K @ R @ K.T) @ whole.T + Q
-    K = np.linalg.solve(rows @ P @ rows.T + R, rows @ P).T
-    # In deviations of states and innovations; scipy solves the equation to 1e-11 of them.
-    scale = np.sqrt(np.diag(P))[:, None] / np.sqrt(np.diag(rows @ P @ rows.T + R))
-    assert np.abs((M - K) / scale).max() < 1e-9
+    count = len(case.reference.time)
+    assert observer.samples == -(-count // 3)
+    for part in range(3):
+        middle = min(part * observer.samples + observer.samples // 2, count - 1)
+        at = PoseModels(observer.model).at(case.reference.points(np.array([middle])))
+        channels = observer.channels
+        expected = stationary(at, channels.index, channels.noise, observer.noises, 1e-3)
+        for one, other in zip(observer.matrices, expected, strict=True):
+            assert np.allclose(one[part], other, rtol=1e-9)
 
 
 @pytest.mark.parametrize("outputs", ["motors", ("tool_accelerometer", "m2", "tool_gyro", "m1")])
@@ -367,28 +307,6 @@ def test_constant_gains_in_c_are_the_equations(solution, outputs, native):
         x = before + M[:n_x] @ e
         d = d + M[n_x:] @ e
         assert np.allclose(found[k], np.concatenate([x_ref[k] + x, d]), rtol=1e-9, atol=1e-9)
-
-
-@pytest.mark.slow
-def test_the_filter_comes_to_the_constant_gains():
-    """At rest, where the constant gains have the exponential as transition: measured 1.7e-4 of a
-    deviation.
-    """
-    model = "four_mass@high"
-    found = []
-    solution = flexgen.solve(model, progress=False)
-    for h in (5e-4, 2.5e-4):
-        ekf = flexgen.ExtendedKalmanFilter(model, sample_time=h)
-        observer = flexgen.ConstantGainObserver(solution, sample_time=h, parts=1)
-        count = round(10 / h)
-        n_m = ekf.model.n_m
-        i = ekf.model.n_a
-        ekf.run(np.zeros((count, n_m)), np.zeros((count, n_m)))
-        P = ekf.covariance  # after the correction: M = P C' R^-1
-        M = P[:, i : i + n_m] / ekf.channels.noise**2
-        deviations = np.sqrt(np.diag(P))[:, None] / ekf.channels.noise
-        found.append(np.abs((M - observer.gains[0]) / deviations).max())
-    assert max(found) < 5e-4
 
 
 def test_observers_agree_along_a_motion(solution):
