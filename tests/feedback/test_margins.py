@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from law_cases import at_rest
@@ -87,7 +89,9 @@ def test_a_loop_that_is_always_stable_has_no_margin() -> None:
         (lambda loop: loop.response(5.0), r"low_hz: given 5.0, expected 1e-06 to 4\.99 Hz"),
     ],
 )
-def test_arguments_out_of_range_are_refused(call, text: str) -> None:  # type: ignore[no-untyped-def]
+def test_arguments_out_of_range_are_refused(
+    call: Callable[[LoopAtPose], object], text: str
+) -> None:
     with pytest.raises(ArgumentError, match=text):
         call(integrator(1.0))
 

@@ -446,6 +446,19 @@ def test_the_rest_between_two_phases_holds(tmp_path, where):
         problem.solve()
 
 
+def test_the_reference_continues_in_the_next_phase(tmp_path):
+    """Two phases of 1 s along a path of 2 s: its samples at the time since the beginning."""
+    problem = flexgen.plan_problem(flexgen.read(str(double_integrator(tmp_path))), mesh=4)
+    problem.free_time(1.0, 1.0)
+    for phase in (problem, problem.then(1.0, mesh=4)):
+        phase.add_squares(phase["output"] - phase.reference)
+    found = problem.solve(verify=False).trajectory
+    inside = (found.time >= 0.0) & (found.time <= 2.0)
+    wanted = problem.path.sample(found.time[inside]).y[:, :, 0]
+    assert np.allclose(found["y_ref"][inside], wanted, rtol=0, atol=1e-6)
+    assert np.ptp(wanted) > 1.0
+
+
 def test_obstacles_and_paths_hold_in_phases_that_are_added_afterwards(planar):
     stated = []
     for late in (True, False):

@@ -78,7 +78,9 @@ def test_deviations_are_those_of_a_filter_and_a_smoother(name: str) -> None:
     y = dy - dy[:begin].mean(axis=0)
     u = du - du[:begin].mean(axis=0)
     z = 0.0
-    before, after, back = [], [], []
+    before = []
+    after = []
+    back = []
     for k in range(COUNT):
         F, G, C, D, Q, R = pieces(channels, reference, min(2 * (k // 2) + 1, COUNT - 1))
         P = solve_discrete_are(F.T, C.T, Q, R)
