@@ -197,84 +197,45 @@ def small(**more: Any) -> Any:
     )
 
 
-def test_a_program_is_its_blocks_in_scaled_unknowns() -> None:
-    made, scale, guess = small()
-    x = np.array([1.5, 0.3, -2.0, 0.7, 0.2])
-    true = scale * x
-    f = ca.Function("f", [made.x], [made.cost, made.gradient, made.g, made.jacobian])
-    cost, gradient, g, jacobian = (np.array(v) for v in f(x))
-    rows = np.array([2 * true[0] ** 2 + true[1], 3 * true[2] ** 2 + true[3]])
-    # a change of the unknowns by their scales changes a row by one at most, at the point of the
-    # guess
+@pytest.mark.parametrize("outside", [False, True])
+def test_a_program_is_its_blocks_in_scaled_unknowns(outside: bool) -> None:
+    """With derivatives by CasADi of its formulas; a change of the unknowns by their scales changes
+    a row, and the cost, by one at most at the point of the guess. Rows outside of the blocks come
+    last, unscaled.
+    """
+    more: dict[str, Any] = {}
+    if outside:
+        more["general"] = lambda true: (5 * true[4] ** 2, true[0] * true[4])
+        more["general_bounds"] = (np.array([-3.0]), np.array([7.0]), ["more"])
+    made, scale, guess = small(**more)
+    x = ca.MX.sym("x", 5)
+    z = x * ca.DM(scale)
+    cost = 2 * (z[0] - 1) ** 2 + 3 * (z[2] - 1) ** 2 + 5 * z[4] ** 2 * outside
+    slope = np.array(ca.Function("s", [x], [ca.gradient(cost, x)])(guess / scale))
+    steep = np.abs(slope).max()
     factor = 1 / max(4 * guess[0] * scale[0], 6 * abs(guess[2]) * scale[2], scale[1], scale[3])
-    assert_allclose(
-        g[:, 0], [*(factor * rows), 0.1 * (true[1] - true[3] + 2 * true[4])], rtol=1e-12
-    )
-    assert_allclose(made.lower, [-factor, -2 * factor, 0.0])
-    assert_allclose(made.upper, [4 * factor, np.inf, 0.0])
-    assert made.names == ["row", "row", "linear"] and np.isnan(made.times[2]).all()
+    rows = [factor * (2 * z[0] ** 2 + z[1]), factor * (3 * z[2] ** 2 + z[3])]
+    rows += [0.1 * (z[1] - z[3] + 2 * z[4]), *([z[0] * z[4]] if outside else [])]
+    g = ca.vertcat(*rows)
+    weights = np.arange(1.0, len(rows) + 1) * [(-1.0) ** k for k in range(len(rows))]
+    lagrangian = 0.7 * cost / steep + ca.dot(ca.DM(weights), g)
+    expected = [cost / steep, ca.gradient(cost, x) / steep, g, ca.jacobian(g, x)]
+    expected.append(ca.triu(ca.hessian(lagrangian, x)[0]))  # the upper half
+    hessian = made.hessian(ca.MX(0.7), ca.MX(ca.DM(weights)))
+    found = [made.cost, made.gradient, made.g, made.jacobian, hessian]
+    at = np.array([1.5, 0.3, -2.0, 0.7, 0.2])
+    one = ca.Function("found", [made.x], [ca.densify(y) for y in found])(at)
+    other = ca.Function("expected", [x], [ca.densify(y) for y in expected])(at)
+    for own, wanted in zip(one, other, strict=True):
+        assert_allclose(np.array(own), np.array(wanted), rtol=1e-9, atol=1e-12)
+    assert made.cost_scale == pytest.approx(1 / steep)
+    last = [1.0] * outside
+    assert_allclose(made.scale, [factor, factor, 0.1, *last])
+    assert_allclose(made.lower, [-factor, -2 * factor, 0.0, *(-3.0 * x for x in last)])
+    assert_allclose(made.upper, [4 * factor, np.inf, 0.0, *(7.0 * x for x in last)])
+    assert made.names == ["row", "row", "linear", *["more"] * outside]
     assert_allclose(made.times[:2], [[0.0, 0.25], [0.0, 0.75]])
-    assert_allclose(made.scale, [factor, factor, 0.1])
-    steep = max(abs(4 * (guess[0] - 1)), abs(6 * (guess[2] - 1) * scale[2]))
-    assert made.cost_scale == pytest.approx(1 / steep)
-    assert float(cost[0, 0]) == pytest.approx(
-        (2 * (true[0] - 1) ** 2 + 3 * (true[2] - 1) ** 2) / steep
-    )
-    slopes = [4 * (true[0] - 1), 0.0, 6 * (true[2] - 1) * 0.5, 0.0, 0.0]
-    assert_allclose(gradient[:, 0], np.array(slopes) / steep, atol=1e-12)
-    J = np.zeros((3, 5))
-    J[0, :2] = [4 * true[0], 1.0]
-    J[1, 2:4] = [6 * true[2], 1.0]
-    J[2, [1, 3, 4]] = [1.0, -1.0, 2.0]
-    assert_allclose(jacobian, np.array([factor, factor, 0.1])[:, None] * J * scale, atol=1e-12)
-    lam_f = ca.MX.sym("lam_f")
-    lam_g = ca.MX.sym("lam_g", 3)
-    curves = np.array(
-        ca.Function("h", [made.x, lam_f, lam_g], [made.hessian(lam_f, lam_g)])(
-            x, 0.7, [1.0, -2.0, 5.0]
-        )
-    )
-    expected = np.diag(
-        [0.7 * 4 / steep + factor * 4, 0.0, (0.7 * 6 / steep - 2 * factor * 6) * 0.25, 0.0, 0.0]
-    )
-    assert_allclose(curves, expected, atol=1e-12)
-
-
-def test_costs_and_rows_outside_of_blocks() -> None:
-    """In the true unknowns; their names come last, unscaled."""
-
-    def general(true: ca.MX) -> tuple[ca.MX, ca.MX]:
-        return 5 * true[4] ** 2, true[0] * true[4]
-
-    plain, scale, guess = small()
-    made, *_ = small(general=general, general_bounds=(np.array([-3.0]), np.array([7.0]), ["more"]))
-    x = np.array([1.5, 0.3, -2.0, 0.7, 0.2])
-    true = scale * x
-    f = ca.Function("f", [made.x], [made.cost, made.gradient, made.g, made.jacobian])
-    cost, gradient, g, jacobian = (np.array(v) for v in f(x))
-    assert (
-        made.names[-1] == "more"
-        and made.lower[-1] == -3.0
-        and made.upper[-1] == 7.0
-        and made.scale[-1] == 1.0
-    )
-    assert g[-1, 0] == pytest.approx(true[0] * true[4])
-    assert_allclose(jacobian[-1], [true[4] * scale[0], 0.0, 0.0, 0.0, true[0] * scale[4]])
-    steep = 10 * guess[4] * scale[4]
-    assert made.cost_scale == pytest.approx(1 / steep)
-    inner = float(ca.Function("f", [plain.x], [plain.cost])(x)) / plain.cost_scale
-    assert float(cost[0, 0]) == pytest.approx((inner + 5 * true[4] ** 2) / steep)
-    assert gradient[4, 0] == pytest.approx(10 * true[4] * scale[4] / steep)
-    lam_f = ca.MX.sym("lam_f")
-    lam_g = ca.MX.sym("lam_g", 4)
-    curves = np.array(
-        ca.Function("h", [made.x, lam_f, lam_g], [made.hessian(lam_f, lam_g)])(
-            x, 1.0, [0, 0, 0, 2.0]
-        )
-    )
-    assert curves[4, 4] == pytest.approx(10 * scale[4] ** 2 / steep) and curves[
-        0, 4
-    ] == pytest.approx(2 * scale[0] * scale[4])
+    assert np.isnan(made.times[2:]).all()
 
 
 def test_costs_and_rows_of_the_nodes_are_functions_of_the_unknowns() -> None:
