@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from flexgen.exports.c_code.mex.export import export_mex
+from flexgen.exports.c_code.selftest.export import export_selftest
 from flexgen.exports.c_code.simulink.export import export_simulink
 
 # Files of the package of MATLAB of other functions: a path, a stream, options.
@@ -37,3 +38,28 @@ def test_matlab_and_simulink_have_the_functions_of_the_header(exported: Path) ->
     assert functions == declared((exported / "simulink" / "elbow.h").read_text(encoding="ascii"))
     assert names - OF_PATHS == functions
     assert blocks == functions
+
+
+ARRAY = r"(given|expected)_\w+(?:\[[^]]*\])+ = \{(.*?)\};"
+
+
+@pytest.mark.parametrize("precision", ["double", "single"])
+def test_states_of_a_selftest_have_literals_of_its_precision(
+    precision: str, tmp_path: Path
+) -> None:
+    """Expected results are of double precision in both."""
+    made = export_selftest("elbow", tmp_path / "test", precision=precision, motion=False)
+    folder = made.directory
+    texts = [path.read_text(encoding="ascii") for path in folder.rglob("*.h")]
+    arrays = [
+        found
+        for text in texts
+        for found in re.findall(
+            r"(given|expected)_\w+(?:\[[^]]*\])+ = \{(.*?)\};", text, re.DOTALL
+        )
+    ]
+    assert {kind for kind, _ in arrays} == {"given", "expected"}
+    for kind, values in arrays:
+        numbers = re.findall(r"-?\d[\d.]*(?:e[-+]?\d+)?f?", values)
+        floats = [number.endswith("f") for number in numbers]
+        assert numbers and set(floats) == {kind == "given" and precision == "single"}
