@@ -14,6 +14,7 @@ from flexgen.base.errors import ArgumentError, FileError, FlexgenError
 from flexgen.cli.main import main
 from flexgen.model.format.format_tasks import TOOL
 from flexgen.studies.templates.dh_model import model_from_dh
+from flexgen.studies.templates.dh_moves import STEP, draw_poses
 from flexgen.studies.templates.dh_table import likely_convention, read_dh
 
 PUMA = """
@@ -359,3 +360,18 @@ def test_an_arm_without_moves_is_not_to_be_solved_next(tmp_path, capsys, monkeyp
         out = capsys.readouterr().out
         assert ("moves: none" in out) == (name == "weak")
         assert ("next: flexgen solve" in out) == (name == "strong")
+
+
+@pytest.mark.parametrize(("span", "rounded"), [(1.0, True), (1e-3, False)])
+def test_poses_are_round_numbers_within_the_ranges(span, rounded):
+    """A range that has no round number keeps what was drawn."""
+    first = "element.upper.dof.q1"
+    limits = {f"{first}.lower_rad": 0.012, f"{first}.upper_rad": 0.012 + span, "move": []}
+    home = {"home_deg": np.degrees([0.012 + span / 2, 0.0]).tolist()}
+    robot = flexgen.read("elbow", overrides=limits | home)
+    poses = draw_poses(robot, 40)
+    assert (poses[:, 0] > 0.012).all() and (poses[:, 0] < 0.012 + span).all()
+    assert (np.abs(poses[:, 1]) < np.pi).all() and len(np.unique(poses[:, 1])) > 10
+    step = STEP["rad"]
+    assert np.allclose(poses[:, 0] / step, np.round(poses[:, 0] / step), atol=1e-9) == rounded
+    assert np.allclose(poses[:, 1] / step, np.round(poses[:, 1] / step), atol=1e-9)

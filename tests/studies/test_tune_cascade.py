@@ -16,8 +16,19 @@ EVALUATIONS = 16
 
 
 @pytest.fixture(scope="module")
-def tuned():
-    return flexgen.tune_cascade(MODEL, evaluations=EVALUATIONS, progress=False)
+def told():
+    """Lines that the tuning tells."""
+    return []
+
+
+@pytest.fixture(scope="module")
+def tuned(told):
+    return flexgen.tune_cascade(MODEL, evaluations=EVALUATIONS, progress=told.append)
+
+
+def test_the_best_value_is_told(tuned, told):
+    best = [line.rpartition(" ")[2] for line in told if "controllers, best " in line]
+    assert best == [f"{value:.3f}" for value in tuned.history]
 
 
 def test_errors_fall_and_the_run_is_that_of_the_tuned_controller(tuned):
@@ -61,10 +72,12 @@ def test_a_start_without_the_margins_is_led_to_them():
 
 
 def test_margins_that_no_cascade_has_are_reported():
+    told: list[str] = []
     found = flexgen.tune_cascade(
-        MODEL, phase_margin_deg=170.0, gain_margin_db=40.0, evaluations=4, progress=False
+        MODEL, phase_margin_deg=170.0, gain_margin_db=40.0, evaluations=4, progress=told.append
     )
     assert not found.robust and found.history[-1] >= 100.0
+    assert "4 of 4 controllers, best none with the margins yet" in told
 
 
 def test_a_time_limit_ends_with_the_best_so_far():
