@@ -198,7 +198,12 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
     from flexgen.simulation.integration import compiled_rate
     from flexgen.studies.sweeps.version import code_version
 
-    for kept in (model_library._holder, c_module.c_module, compiled_rate._advance, code_version):
+    for kept in (
+        model_library.library_holder,
+        c_module.c_module,
+        compiled_rate.compiled_advance,
+        code_version,
+    ):
         kept.cache_clear()
 
 

@@ -41,7 +41,7 @@ _POSIX = os.name == "posix"
 _ELF_SYSTEM = _POSIX and sys.platform != "darwin"
 _ELF = b"\x7fELF"
 # by the digest of the content; a library stays in memory until the process ends
-_LOADED: dict[str, ctypes.CDLL] = {}
+LOADED: dict[str, ctypes.CDLL] = {}
 _LOCK = threading.Lock()
 _COUNTER = itertools.count()
 _PT_LOAD = 1
@@ -134,9 +134,9 @@ def load_verified(path: Path, sha256: str | None = None, advice: str = AGAIN) ->
     content = read_library(path, sha256, advice)
     digest = hashlib.sha256(content).hexdigest()
     with _LOCK:
-        if digest not in _LOADED:
-            _LOADED[digest] = _load_copy(path.name, content)
-        return _LOADED[digest]
+        if digest not in LOADED:
+            LOADED[digest] = load_copy(path.name, content)
+        return LOADED[digest]
 
 
 @contextmanager
@@ -165,7 +165,7 @@ def private_copy(name: str, content: bytes) -> Iterator[str]:
         os.close(descriptor)
 
 
-def _load_copy(name: str, content: bytes) -> ctypes.CDLL:
+def load_copy(name: str, content: bytes) -> ctypes.CDLL:
     """Load a private copy of a shared library; OSError where it cannot be loaded."""
     with private_copy(name, content) as path:
         return ctypes.CDLL(path)

@@ -180,13 +180,13 @@ def _rates(
     """The rate of a robot as a CasADi function, and in C."""
     check_time("equations of the simulation")
     if equations not in _known:
-        function = _rate(equations)
+        function = rate_function(equations)
         in_c = compiled_rate(function, progress)
         _known[equations] = function if in_c is None else in_c.function, in_c
     return _known[equations]
 
 
-def _rate(equations: Equations) -> ca.Function:
+def rate_function(equations: Equations) -> ca.Function:
     """The derivative of (q_a, q_me, v_a, v_me, work, loss) as a function of this state and the
     torque.
 
@@ -230,9 +230,9 @@ _jacobians: WeakKeyDictionary[Equations, ca.Function] = WeakKeyDictionary()
 
 
 def _jacobian(equations: Equations) -> ca.Function:
-    """The derivative of `_rate` in the state."""
+    """The derivative of `rate_function` in the state."""
     if equations not in _jacobians:
-        rate = _rate(equations)
+        rate = rate_function(equations)
         x = ca.SX.sym("x", rate.size1_in(0))
         u = ca.SX.sym("u", rate.size1_in(1))
         _jacobians[equations] = ca.Function(

@@ -220,8 +220,8 @@ def test_long_calls_compute_on_one_thread_of_blas() -> None:
             if library["user_api"] == "blas"
         }
 
-    first = progress._one_blas_thread()
-    second = progress._one_blas_thread()
+    first = progress.one_blas_thread()
+    second = progress.one_blas_thread()
     with threadpool_limits(limits=2, user_api="blas"):
         with progress.reporting(False, "solve"), progress.reporting(False, "simulate"):
             assert threads() == {1}
@@ -231,7 +231,7 @@ def test_long_calls_compute_on_one_thread_of_blas() -> None:
         first.__exit__(None, None, None)
         assert threads() == {1}
         second.__exit__(None, None, None)
-        with pytest.raises(ValueError, match="failed"), progress._one_blas_thread():
+        with pytest.raises(ValueError, match="failed"), progress.one_blas_thread():
             raise ValueError("failed")
         assert threads() == {2}
 
@@ -409,7 +409,7 @@ def test_abandoned_files_are_removed_after_their_time(
     atomic_files.remove_leftovers(tmp_path)
     assert [name for name, path in files.items() if path.exists()] == [".flexgen-a", "other"]
     monkeypatch.setattr(atomic_files, "fcntl", None)
-    assert not atomic_files._lock(0)
+    assert not atomic_files.lock_file(0)
     files = {
         name: made(name, age)
         for name, age in {".flexgen-d": 86390.0, ".flexgen-e": 86410.0}.items()

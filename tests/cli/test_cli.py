@@ -346,7 +346,7 @@ def test_generate_with_options(ask, tmp_path):
 
 
 def test_generate_without_a_compiler(ask, run, tmp_path, monkeypatch):
-    monkeypatch.setattr("flexgen.codegen.build.compiler._packaged_compiler", lambda: None)
+    monkeypatch.setattr("flexgen.codegen.build.compiler.packaged_compiler", lambda: None)
     monkeypatch.setenv("PATH", str(tmp_path))
     monkeypatch.delenv("CC", raising=False)
     status, data, _ = ask("generate", "elbow", "--out", tmp_path / "c")
@@ -855,7 +855,7 @@ def test_of_several_moves_those_before_an_interruption_are_given(last, monkeypat
                 signal.raise_signal(signal.SIGINT)
         return result.VerbResult({"move": move.name}, move.name, interrupted=len(told) == last)
 
-    monkeypatch.setattr("flexgen.cli.verbs.solve._solve_one", one)
+    monkeypatch.setattr("flexgen.cli.verbs.solve.solve_one", one)
     assert main(["solve", "elbow", "--move", "line", "--move", "joints", "--json", "-q"]) == 130
     assert (
         [row["move"] for row in json.loads(capsys.readouterr().out)["solutions"]]

@@ -278,9 +278,9 @@ def test_a_long_compilation_is_announced(tmp_path):
     for name, size in (("a.c", 2_000_000), ("b.c", 100_000_000)):
         with (tmp_path / name).open("wb") as file:
             file.truncate(size)
-    assert compiler._expected_time(tmp_path, ["a.c"], 1) == ""
-    assert compiler._expected_time(tmp_path, ["a.c"] * 4, 1) == ", about 56 s"
-    assert compiler._expected_time(tmp_path, ["b.c"], 8) == ", about 12 min"
+    assert compiler.expected_time(tmp_path, ["a.c"], 1) == ""
+    assert compiler.expected_time(tmp_path, ["a.c"] * 4, 1) == ", about 56 s"
+    assert compiler.expected_time(tmp_path, ["b.c"], 8) == ", about 12 min"
 
 
 def test_a_method_that_takes_minutes_is_announced(run, monkeypatch):

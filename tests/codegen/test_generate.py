@@ -174,7 +174,7 @@ def test_a_failed_compilation_leaves_everything_as_it_was(copy, monkeypatch, tmp
 
 
 def test_compilers_are_found_and_checked(monkeypatch, tmp_path):
-    monkeypatch.setattr("flexgen.codegen.build.compiler._packaged_compiler", lambda: None)
+    monkeypatch.setattr("flexgen.codegen.build.compiler.packaged_compiler", lambda: None)
     monkeypatch.setenv("PATH", str(tmp_path))
     monkeypatch.delenv("CC", raising=False)
     with pytest.raises(

@@ -127,9 +127,9 @@ def test_another_process_that_prunes_does_no_harm(tmp_path, monkeypatch) -> None
 @pytest.fixture
 def forgotten():
     """No library is loaded before, nor later from this folder."""
-    inverters._holder.cache_clear()
+    inverters.library_holder.cache_clear()
     yield
-    inverters._holder.cache_clear()
+    inverters.library_holder.cache_clear()
 
 
 @pytest.mark.slow
@@ -157,7 +157,7 @@ def test_a_library_is_pruned_rebuilt_and_usable_all_the_while(
     assert not first.directory.exists()
     assert (first.motor_friction(np.array([0.1, 0.2])) == before).all()  # what is loaded stays
 
-    inverters._holder.cache_clear()
+    inverters.library_holder.cache_clear()
     again = inversion_library(equations, "lq")
     assert (
         again.directory == first.directory
@@ -173,7 +173,7 @@ def test_a_library_that_vanishes_while_it_is_loaded_is_rebuilt(
     monkeypatch.setenv("FLEXGEN_CACHE", str(tmp_path / "cache"))
     equations = derive("elbow")
     first = inversion_library(equations, "lq")
-    inverters._holder.cache_clear()
+    inverters.library_holder.cache_clear()
     load = inverters.load
     calls = []
 

@@ -351,13 +351,13 @@ def test_an_equilibrium_of_small_torques_is_as_accurate() -> None:
     rows = ca.vertcat(1e-9 * (q[0] ** 2 - 2 * q[1]), 1e3 * (q[1] - 1))
     function = ca.Function("rows", [q], [rows, ca.jacobian(rows, q)])
     assert_allclose(
-        statics._newton(function, np.array([1.2, 0.9]), [0, 1], "pose"),
+        statics.solve_newton(function, np.array([1.2, 0.9]), [0, 1], "pose"),
         [np.sqrt(2), 1.0],
         rtol=1e-12,
     )
     none = ca.vertcat(1e-12 * (q[0] ** 2 + 1), q[1] - 1)
     with pytest.raises(SolverError, match=r"pose: not found, residual .* expected below 1e-9"):
-        statics._newton(
+        statics.solve_newton(
             ca.Function("none", [q], [none, ca.jacobian(none, q)]),
             np.array([1.2, 0.9]),
             [0, 1],
@@ -365,7 +365,7 @@ def test_an_equilibrium_of_small_torques_is_as_accurate() -> None:
         )
     nothing = ca.Function("rows", [q], [rows + 1e3, ca.jacobian(rows, q) * 0])
     with pytest.raises(SolverError, match="pose: the equations are singular"):
-        statics._newton(nothing, np.array([1.0, 1.0]), [0, 1], "pose")
+        statics.solve_newton(nothing, np.array([1.0, 1.0]), [0, 1], "pose")
 
 
 def test_rounding_of_ones_and_zeros_is_removed() -> None:

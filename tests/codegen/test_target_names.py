@@ -76,7 +76,7 @@ def test_what_a_target_excludes(options, message, tmp_path):
 
 
 def test_a_target_without_the_package(monkeypatch, tmp_path, capsys):
-    monkeypatch.setattr(compilers, "_packaged_compiler", lambda: None)
+    monkeypatch.setattr(compilers, "packaged_compiler", lambda: None)
     compilers._find_compiler.cache_clear()
     sentence = (
         "target: given 'x86_64-windows', for which the package ziglang compiles, and it is not "

@@ -136,7 +136,7 @@ def test_rotors_that_turn_with_their_carriers(method: str) -> None:
 @pytest.mark.slow
 def test_a_wrong_sign_of_the_deflection_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     """Planted bug: elements bent the other way."""
-    right = baselines._solve_deflections
+    right = baselines.solve_deflections
 
     def mirrored(reduction, sample, q, v_e, a_e):  # type: ignore[no-untyped-def]
         found = right(reduction, sample, q, v_e, a_e)
@@ -144,7 +144,7 @@ def test_a_wrong_sign_of_the_deflection_is_seen(monkeypatch: pytest.MonkeyPatch)
         return reduction.close(found, reduction.targets(sample))
 
     good = _error(flexgen.solve("planar5_nmp", method="quasistatic"))
-    monkeypatch.setattr(baselines, "_solve_deflections", mirrored)
+    monkeypatch.setattr(baselines, "solve_deflections", mirrored)
     assert _error(flexgen.solve("planar5_nmp", method="quasistatic")) > 30 * good
 
 

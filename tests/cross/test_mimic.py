@@ -20,7 +20,7 @@ import flexgen
 from flexgen.base.errors import ModelError
 from flexgen.codegen.recursion.arm import Arm
 from flexgen.codegen.recursion.functions import (
-    _BUILDERS,
+    RECURSIVE_BUILDERS,
     agrees,
     fast_function,
     operations_of,
@@ -232,7 +232,10 @@ def compare_recursion(moved: RobotModel) -> None:
     equations = derive(moved)
     rng = np.random.default_rng(0)
     checked = 0
-    for name in (*_BUILDERS, *(f"{one}_{kind}" for one in PRODUCTS for kind in ("jvp", "vjp"))):
+    for name in (
+        *RECURSIVE_BUILDERS,
+        *(f"{one}_{kind}" for one in PRODUCTS for kind in ("jvp", "vjp")),
+    ):
         fast = recursive_function(equations, name)
         if fast is None:
             continue

@@ -122,7 +122,7 @@ def test_products_take_at_most_2_5_times_the_operations_of_their_function(name) 
 
 
 def test_a_planted_sign_in_the_derivative_of_rotations_is_caught(monkeypatch) -> None:
-    rotations = Tape._rotations
+    rotations = Tape.find_rotations
 
     def planted(self, results):
         return {
@@ -130,7 +130,7 @@ def test_a_planted_sign_in_the_derivative_of_rotations_is_caught(monkeypatch) ->
             for node, (angle, slope, terms) in rotations(self, results).items()
         }
 
-    monkeypatch.setattr(Tape, "_rotations", planted)
+    monkeypatch.setattr(Tape, "find_rotations", planted)
     with pytest.raises(AssertionError):
         check_inverse_dynamics(derive("planar5_nmp"), 0)
 

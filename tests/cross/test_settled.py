@@ -26,7 +26,7 @@ from flexgen.codegen.emission import clib_files
 from flexgen.dynamics.mechanics.equations import Equations, derive
 from flexgen.dynamics.mechanics.statics import Equilibrium, equilibrium_at
 from flexgen.inversion.judge import settling
-from flexgen.inversion.judge.settling import SHORTEST, _fade_to_equilibrium
+from flexgen.inversion.judge.settling import SHORTEST, fade_to_equilibrium
 from flexgen.inversion.problem.model_library import inversion_library
 from flexgen.inversion.problem.problem import HELD, LAGS
 from flexgen.inversion.problem.reduced_problem import Reduction
@@ -86,7 +86,7 @@ def test_a_motion_that_fades_obeys_its_derivatives() -> None:
         *curves, gears, *curves[:2], tau, 0, 2 * n, period, 0, 0, 0, 0, 0, 0, 0, True
     )
     end = Equilibrium(last, last, held, held)
-    after = _fade_to_equilibrium(SimpleNamespace(equations=derive(model)), before, end)
+    after = fade_to_equilibrium(SimpleNamespace(equations=derive(model)), before, end)
     faded = [w * (p - x) + x for p, x in zip(motion, last, strict=True)]
     q, v, a = (np.hstack([p.deriv(k)(u) if k else p(u) for p in faded])[-n:] for k in range(3))
     share = w(u)[-n:]

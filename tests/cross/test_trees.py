@@ -19,7 +19,7 @@ from scipy.interpolate import make_interp_spline
 import flexgen
 from flexgen.base.errors import ModelError
 from flexgen.codegen.recursion import dh_chain
-from flexgen.codegen.recursion.functions import _BUILDERS, arm_of, recursive_function
+from flexgen.codegen.recursion.functions import RECURSIVE_BUILDERS, arm_of, recursive_function
 from flexgen.dynamics.mechanics.equations import derive
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
@@ -58,7 +58,7 @@ def check_tree(case: Case) -> None:
 def check_recursion(equations, case: Case) -> None:
     """Every function with a recursion, against that of Lagrange's equations."""
     checked = 0
-    for name in _BUILDERS:
+    for name in RECURSIVE_BUILDERS:
         fast = recursive_function(equations, name)
         if fast is None:
             continue
@@ -120,7 +120,7 @@ def on_the_last_joint(lay):
 @pytest.mark.slow
 @pytest.mark.parametrize("bug", [without_leads, on_the_last_joint])
 def test_planted_bugs_of_the_frames_are_found(monkeypatch, bug):
-    monkeypatch.setattr(dh_chain, "_lay", bug(dh_chain._lay))
+    monkeypatch.setattr(dh_chain, "lay_frames", bug(dh_chain.lay_frames))
 
     def check(case: Case) -> None:
         arm_of.cache_clear()

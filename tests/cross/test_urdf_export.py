@@ -24,7 +24,7 @@ from flexgen.base.numerics.evaluate import evaluate
 from flexgen.cli.main import main
 from flexgen.exports.poses import roll_pitch_yaw
 from flexgen.exports.urdf import urdf as urdf_module
-from flexgen.exports.urdf.urdf import _groups, export_urdf
+from flexgen.exports.urdf.urdf import export_urdf, joint_groups
 from flexgen.model.elements import (
     BacklashSpring,
     Body,
@@ -486,7 +486,7 @@ def test_the_degrees_of_freedom_of_an_element_have_one_motor_in_a_group(motors):
         Dof(f"q{k}", "rotation", (0, 0, 1), Gear(rigid=True) if motor == "1" else None)
         for k, motor in enumerate(motors)
     )
-    groups = _groups(Element("arm", dofs=dofs))
+    groups = joint_groups(Element("arm", dofs=dofs))
     assert (
         tuple(
             dof

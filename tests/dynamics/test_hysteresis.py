@@ -193,17 +193,17 @@ def test_planted_errors_of_the_law_are_found(
     right = solved()
     assert right.status == "solved" and right.tool_error_max_m < 2e-8
     if planted == "sign":
-        own = stage._Branch.torque
+        own = stage.Branch.torque
 
         def turned(self: Any, p: np.ndarray) -> tuple[np.ndarray, ...]:
             value, slope, z = own(self, p)
             return value - 2 * z, slope, z
 
-        monkeypatch.setattr(stage._Branch, "torque", turned)
+        monkeypatch.setattr(stage.Branch, "torque", turned)
     elif planted == "forgotten":
         monkeypatch.setattr(stage, "gear_layers", lambda m: gear_layers(without_hysteresis(m)))
     else:
-        monkeypatch.setattr(stage._Branch, "turn", lambda *_: None)
+        monkeypatch.setattr(stage.Branch, "turn", lambda *_: None)
     try:
         wrong = flexgen.solve(model, verify=False, progress=False)
     except SolverError as error:  # refused: the torques are wrong, or the deflections do not exist

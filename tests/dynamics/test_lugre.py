@@ -88,7 +88,7 @@ def test_torques_are_those_of_an_own_integrator(peak: float) -> None:
 
     options = {"rtol": 1e-9, "atol": [1e-14, 1e-12], "max_step": 5e-4, "jac": jacobian}
     found = solve_ivp(rate, (0.0, 0.7), [0.0, 0.0], "Radau", t, **options)
-    z, integral = stage._along(law(), 0, t[1], v, a)
+    z, integral = stage.bristles_along(law(), 0, t[1], v, a)
     impulse = NUMBERS["stiffness"] * integral + NUMBERS["damping"] * z
     assert_allclose(z, found.y[0], rtol=0, atol=1e-6 * np.abs(found.y[0]).max())
     assert_allclose(impulse, found.y[1], rtol=0, atol=1e-7 * np.abs(found.y[1]).max())
@@ -107,7 +107,7 @@ def test_stiff_bristles_are_coulomb_friction() -> None:
     v = 60.0 * np.sin(w * t)
     a = 60.0 * w * np.cos(w * t)
     given = law(static=0.5, stiffness=8e7, damping=0.0)
-    z, integral = stage._along(given, 0, t[1], v, a)
+    z, integral = stage.bristles_along(given, 0, t[1], v, a)
     assert_allclose(8e7 * z[1:], 0.5 * np.sign(v[1:]), rtol=0, atol=1.0)
     expected = 0.5 * np.interp(t, [0.0, 0.2, 0.4, 0.6, 0.7], [0.0, 0.2, 0.0, 0.2, 0.1])
     assert_allclose(8e7 * integral, expected, rtol=0, atol=1e-4 * 0.1)
@@ -122,11 +122,11 @@ def test_reversals_at_samples_and_between_them_are_seen(shift: float) -> None:
     w = 2 * np.pi / 0.4
     v = 300.0 * np.sin(w * t)
     a = 300.0 * w * np.cos(w * t)
-    z, _ = stage._along(law(), 0, t[1] - t[0], v, a)
+    z, _ = stage.bristles_along(law(), 0, t[1] - t[0], v, a)
     fine = np.linspace(t[0], t[-1], 16001)
     v = 300.0 * np.sin(w * fine)
     a = 300.0 * w * np.cos(w * fine)
-    expected, _ = stage._along(law(), 0, fine[1] - fine[0], v, a)
+    expected, _ = stage.bristles_along(law(), 0, fine[1] - fine[0], v, a)
     assert_allclose(z, expected[::40], rtol=0, atol=2e-4 * np.abs(expected).max())
 
 
@@ -170,7 +170,7 @@ def test_half_the_sampling_interval_leaves_a_small_part_of_the_error() -> None:
         t = np.linspace(0.0, 0.35, count + 1)
         v = 20.0 * np.sin(w * t) ** 3
         a = 60.0 * w * np.sin(w * t) ** 2 * np.cos(w * t)
-        errors.append(stage._along(law(), 0, t[1], v, a)[1][-1])
+        errors.append(stage.bristles_along(law(), 0, t[1], v, a)[1][-1])
     coarse, fine = (abs(x - errors[-1]) for x in errors[:2])
     assert fine < coarse / 8
 
@@ -231,8 +231,8 @@ def test_planted_errors_of_the_stage_are_found(
     elif planted == "forgotten":
         monkeypatch.setattr(memory, "motor_bristles", lambda m: motor_bristles(without_lugre(m)))
     elif planted == "no reversal":
-        value = stage._value
-        monkeypatch.setattr(stage, "_value", lambda cubic, at: np.abs(value(cubic, at)))
+        value = stage.cubic_at
+        monkeypatch.setattr(stage, "cubic_at", lambda cubic, at: np.abs(value(cubic, at)))
     else:
         monkeypatch.setattr(memory, "motor_bristles", changed)
     try:

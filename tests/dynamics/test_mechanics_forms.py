@@ -246,12 +246,12 @@ def test_newtons_method_halves_its_step_and_says_where_it_fails() -> None:
         "root", [x], [ca.atan(x[0]) - 0.1 + 0 * x[1], ca.jacobian(ca.atan(x[0]), x[0])]
     )
     # the full steps diverge from here
-    found = statics._newton(root, np.array([3.0, 7.0]), [0], "what")
+    found = statics.solve_newton(root, np.array([3.0, 7.0]), [0], "what")
     assert found[0] == pytest.approx(np.tan(0.1), rel=1e-12) and found[1] == 7.0
     # the full step, to 4.83, has a larger sine, and leads on to 4 pi; half of it to pi
     for size in (1e-3, 1.0, 1e3):
         wave = ca.Function("wave", [x], [size * ca.sin(x[0]), ca.densify(size * ca.cos(x[0]))])
-        assert statics._newton(wave, np.array([1.9, 0.0]), [0], "what")[0] == pytest.approx(
+        assert statics.solve_newton(wave, np.array([1.9, 0.0]), [0], "what")[0] == pytest.approx(
             np.pi, rel=1e-12
         )
     none = ca.Function("none", [x], [x[0] ** 2 + 1, ca.densify(2 * x[0])])
@@ -259,12 +259,12 @@ def test_newtons_method_halves_its_step_and_says_where_it_fails() -> None:
         SolverError,
         match=r"what: not found, residual \S+ \(coordinates, scaled\), expected below 1e-9",
     ):
-        statics._newton(none, np.array([0.7, 0.0]), [0], "what")
+        statics.solve_newton(none, np.array([0.7, 0.0]), [0], "what")
     flat = ca.Function("flat", [x], [ca.SX(1.0) + 0 * x[0], ca.densify(0 * x[0])])
     with pytest.raises(
         SolverError, match=r"what: the equations are singular at q_a = \[0\.7, 0\.0\]"
     ):
-        statics._newton(flat, np.array([0.7, 0.0]), [0], "what")
+        statics.solve_newton(flat, np.array([0.7, 0.0]), [0], "what")
 
 
 def test_poses_along_a_path_do_not_depend_on_the_instants_between() -> None:

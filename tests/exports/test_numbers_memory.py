@@ -33,7 +33,7 @@ def test_bristles_of_constant_level_follow_the_path_of_the_motor(path: float) ->
     v = c * t * (1 - t)
     a = c * (1 - 2 * t)
     law = MotorBristles(*(np.array([x]) for x in (2.0, 2.0, 1.0, 2.0 / limit, 0.0)))
-    z, w = lugre._along(law, 0, h, v, a)
+    z, w = lugre.bristles_along(law, 0, h, v, a)
     fine = np.linspace(0.0, 1.5, 30 * 2000 + 1)
     x = c * (fine**2 / 2 - fine**3 / 3)
     top = limit * (1 - np.exp(-x.max() / limit))

@@ -118,7 +118,7 @@ def test_motions_that_fade_out_have_speeds_and_accelerations_of_their_positions(
     inertia = np.array([0.2, 0.5])
     found = Found(q, v, a, np.cos(t * w), q, v, np.exp(t * w), n_post, 1e-3)
     problem: Any = Made(equations=Made(model=Made(motors=[Made(inertia=x) for x in inertia])))
-    faded: Any = settling._fade_to_equilibrium(problem, found, END)  # type: ignore[arg-type]
+    faded: Any = settling.fade_to_equilibrium(problem, found, END)  # type: ignore[arg-type]
     half = n - n_post // 2
     assert_array_equal(faded.q_a[:half], q[:half])
     h = 1e-3

@@ -143,8 +143,8 @@ def test_a_torque_one_step_late_is_seen() -> None:
 
 def test_a_wrong_difference_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     """Planted bug: the second difference one per mille off."""
-    first, second = discretized._DIFFERENCES[4]
-    monkeypatch.setitem(discretized._DIFFERENCES, 4, (first, tuple(1.001 * x for x in second)))
+    first, second = discretized.DIFFERENCES[4]
+    monkeypatch.setitem(discretized.DIFFERENCES, 4, (first, tuple(1.001 * x for x in second)))
     wrong = flexgen.solve("planar5_nmp", method="discretized", mesh=2e-3)
     assert wrong.status == Status.TOLERANCE_NOT_MET and (wrong.tool_error_max_m or 0) > 10 * MICRON
 

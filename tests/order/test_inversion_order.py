@@ -99,10 +99,10 @@ def test_points_of_a_lower_order_are_seen(monkeypatch: pytest.MonkeyPatch) -> No
         clib_files, "read_clib", lambda: {**texts, "inversion_common.h": equidistant(right)}
     )
     monkeypatch.setenv("FLEXGEN_CACHE", "")
-    model_library._holder.cache_clear()
+    model_library.library_holder.cache_clear()
     try:
         stiffness, damping, least, _ = MODELS["slow"]
         found = order(last_joint(read("planar5_nmp"), stiffness, damping), "lq")
     finally:
-        model_library._holder.cache_clear()
+        model_library.library_holder.cache_clear()
     assert 4 - 1 / 3 < found < 5 < least

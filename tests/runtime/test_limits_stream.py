@@ -255,12 +255,12 @@ def test_bends_that_come_too_soon_are_seen(monkeypatch: pytest.MonkeyPatch) -> N
     assert wrong != texts["stream_update.h"]
     monkeypatch.setattr(clib_files, "read_clib", lambda: {**texts, "stream_update.h": wrong})
     monkeypatch.setenv("FLEXGEN_CACHE", "")
-    built._holder.cache_clear()
+    built.library_holder.cache_clear()
     try:
         free = streamed("manutec_r3_18")
         kept = streamed("manutec_r3_18", torque=a_tenth_less(free))
     finally:
-        built._holder.cache_clear()
+        built.library_holder.cache_clear()
     assert all(x.converged for x in free) and not all(x.converged for x in kept)
     assert strays("manutec_r3_18", kept) > 100 * FOLLOWED
 

@@ -165,13 +165,13 @@ def test_a_module_that_is_exchanged_after_the_check_does_not_run(tmp_path, monke
     """
     monkeypatch.setenv("FLEXGEN_CACHE", str(tmp_path))
     ours, strangers = (compile_module("answer", ANSWER % k) for k in (1, 2))
-    real = flexgen.runtime.files._load_copy
+    real = flexgen.runtime.files.load_copy
 
     def exchanged(name: str, content: bytes):
         os.replace(strangers, ours)
         return real(name, content)
 
-    monkeypatch.setattr(flexgen.runtime.files, "_load_copy", exchanged)
+    monkeypatch.setattr(flexgen.runtime.files, "load_copy", exchanged)
     assert load_module(ours).answer() == 1
 
 

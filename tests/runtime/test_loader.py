@@ -298,10 +298,10 @@ def test_a_file_that_is_swapped_after_the_check_is_not_loaded(folder, monkeypatc
     """Another user swaps the file, or the whole folder, between the check and the load: what was
     checked is loaded.
     """
-    monkeypatch.setattr(flexgen.runtime.files, "_LOADED", {})
+    monkeypatch.setattr(flexgen.runtime.files, "LOADED", {})
     stranger = tmp_path / "stranger"
     install(stranger, compiled(digest="e" * 64), model_digest="e" * 64)
-    real = flexgen.runtime.files._load_copy
+    real = flexgen.runtime.files.load_copy
 
     def swapped(name: str, content: bytes):
         folder.rename(tmp_path / "away")
@@ -309,7 +309,7 @@ def test_a_file_that_is_swapped_after_the_check_is_not_loaded(folder, monkeypatc
         shutil.copy(library_file(stranger), folder / name)
         return real(name, content)
 
-    monkeypatch.setattr(flexgen.runtime.files, "_load_copy", swapped)
+    monkeypatch.setattr(flexgen.runtime.files, "load_copy", swapped)
     # the digest that the code itself returns is compared with that of the first manifest
     library = load(folder)
     assert library.digest == DIGEST
@@ -320,11 +320,11 @@ def test_many_libraries_are_distinguished(folder, monkeypatch, in_memory):
     """Descriptors are used again, and the system's loader knows libraries by name."""
     if not in_memory:
         monkeypatch.delattr(os, "memfd_create", raising=False)
-    monkeypatch.setattr(flexgen.runtime.files, "_LOADED", {})
+    monkeypatch.setattr(flexgen.runtime.files, "LOADED", {})
     for letter in "abcdef":
         install(folder, compiled(digest=letter * 64), model_digest=letter * 64)
         assert load(folder).digest == letter * 64
-    assert len(flexgen.runtime.files._LOADED) == 6
+    assert len(flexgen.runtime.files.LOADED) == 6
 
 
 @posix

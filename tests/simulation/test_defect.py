@@ -20,7 +20,7 @@ from flexgen.base.motion.trajectory import Trajectory
 from flexgen.dynamics.mechanics.equations import derive
 from flexgen.simulation.simulate import simulate
 from flexgen.simulation.verification import defect as of_defect
-from flexgen.simulation.verification.defect import _growing_part
+from flexgen.simulation.verification.defect import growing_part
 
 pytestmark = needs_compiler
 UPRIGHT = Path(__file__).parents[1] / "support" / "robots" / "upright.toml"
@@ -72,9 +72,9 @@ def test_the_growing_part_of_a_saddle_is_that_along_its_unstable_direction() -> 
     than 4.
     """
     saddle = np.array([[0.0, 1.0], [9.0, 0.0]])
-    assert _growing_part(saddle, 1.0) @ [1.0, 3.0] == pytest.approx([1.0, 3.0])
-    assert _growing_part(saddle, 1.0) @ [1.0, -3.0] == pytest.approx([0.0, 0.0], abs=1e-12)
-    assert not _growing_part(saddle, 4.0).any()
+    assert growing_part(saddle, 1.0) @ [1.0, 3.0] == pytest.approx([1.0, 3.0])
+    assert growing_part(saddle, 1.0) @ [1.0, -3.0] == pytest.approx([0.0, 0.0], abs=1e-12)
+    assert not growing_part(saddle, 4.0).any()
 
 
 def test_a_defect_that_overflows_does_not_warn(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -88,10 +88,8 @@ def test_a_defect_that_overflows_does_not_warn(monkeypatch: pytest.MonkeyPatch) 
         lengths=np.full(k, 10.0),
         force=np.tile([[1.0]], (k, 1, 1)),
     )
-    monkeypatch.setattr(
-        of_defect, "_output_rows", lambda equations, q_a: np.ones((len(q_a), 1, 1))
-    )
-    monkeypatch.setattr(of_defect, "_units", lambda equations: ["m"])
+    monkeypatch.setattr(of_defect, "output_rows", lambda equations, q_a: np.ones((len(q_a), 1, 1)))
+    monkeypatch.setattr(of_defect, "units_of_output", lambda equations: ["m"])
     equations = SimpleNamespace(model=SimpleNamespace(n_a=1))
     motion = SimpleNamespace(q_a=np.zeros((k + 1, 1)))
     with warnings.catch_warnings():

@@ -27,7 +27,7 @@ def test_rates_with_and_without_feedback_have_the_derivatives_they_state() -> No
         motors.title
         == "P-PI motor feedback, continuous, position 0.5 Hz, speed 3 Hz, integral 0.1 Hz"
     )
-    function = runs._rate(equations)
+    function = runs.rate_function(equations)
     u = rng.normal(size=n_m)
     for feedback in (None, motors):
         size = 2 * n + 2 + (n_m if feedback else 0)

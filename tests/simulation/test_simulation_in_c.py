@@ -18,7 +18,7 @@ from flexgen.base.errors import SolverError
 from flexgen.simulation import run
 from flexgen.simulation.integration import compiled_rate, integrators
 from flexgen.simulation.integration.compiled_rate import CompiledDop853
-from flexgen.simulation.integration.integrators import Rates, _Scipy, integrate
+from flexgen.simulation.integration.integrators import Rates, ScipySteps, integrate
 from flexgen.simulation.result import Simulation
 
 RTOL = 1e-11
@@ -188,6 +188,6 @@ def test_a_failed_step_of_scipy_has_a_reason(message, y, failure):
     )
     solver.step = lambda: setattr(solver, "nfev", solver.nfev + 1) or message
     solver.dense_output = lambda: np.sin
-    steps = _Scipy(solver, np.array([1.0]))
+    steps = ScipySteps(solver, np.array([1.0]))
     assert steps.advance(np.zeros((1, 1)), 0, 3) == 0 and steps.failure == failure
     assert solver.nfev == (1 if failure else 3)

@@ -26,7 +26,7 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 _inside: ContextVar[bool] = ContextVar("inside", default=False)  # a call that reports is under way
-# of `_one_blas_thread`
+# of `one_blas_thread`
 _lock = Lock()
 _limits = ExitStack()
 _blocks = 0
@@ -111,7 +111,7 @@ def reporting(progress: Any, name: str) -> Iterator[Progress | None]:
     line = None if callable(progress) or not shown else _Line(name)
     token = _inside.set(True)
     try:
-        with _one_blas_thread():
+        with one_blas_thread():
             yield progress if callable(progress) else None if line is None else line.show
     finally:
         _inside.reset(token)
@@ -120,7 +120,7 @@ def reporting(progress: Any, name: str) -> Iterator[Progress | None]:
 
 
 @contextmanager
-def _one_blas_thread() -> Iterator[None]:
+def one_blas_thread() -> Iterator[None]:
     """Numpy and scipy multiply and factorize on one thread until the last of such blocks, in any
     thread, ends.
 

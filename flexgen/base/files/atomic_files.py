@@ -92,7 +92,7 @@ def atomic_file(path: str | Path) -> Iterator[BinaryIO]:
             place = target.parent if folder is None else Path()
             try:
                 with open(place / part, "xb", opener=_opener_in(folder)) as stream:
-                    _lock(stream.fileno())
+                    lock_file(stream.fileno())
                     yield stream
                     stream.flush()
                     if (old := _found(place / target.name, folder)) is not None and _is_own(old):
@@ -226,7 +226,7 @@ def staging_folder(parent: Path) -> Iterator[Path]:
     try:
         with suppress(OSError):
             descriptor = os.open(folder, os.O_RDONLY)
-            _lock(descriptor)
+            lock_file(descriptor)
         yield folder
     finally:
         shutil.rmtree(folder, ignore_errors=True)
@@ -273,7 +273,7 @@ def _remove_abandoned(path: Path) -> None:
         return
     descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW)
     try:
-        if _lock(descriptor) or age > OLD:
+        if lock_file(descriptor) or age > OLD:
             remove(path)
     except BlockingIOError:  # a process works with it
         pass
@@ -323,7 +323,7 @@ def _found(path: Path, folder: int | None) -> os.stat_result | None:
     return found if stat.S_ISREG(found.st_mode) else None
 
 
-def _lock(descriptor: int) -> bool:
+def lock_file(descriptor: int) -> bool:
     """Lock an open file or folder; False where the file system has no locks, BlockingIOError where
     another has it.
     """

@@ -352,10 +352,10 @@ def _column(
     ratio = round(h / clock.step)
     fine = t[0] + h / ratio * np.arange(ratio * (len(t) - 1) + 1)
     samples = _spline(own_t, own_x)(np.clip(fine, own_t[0], own_t[-1]))
-    return _low_pass(samples, ratio)[::ratio]
+    return low_pass(samples, ratio)[::ratio]
 
 
-def _low_pass(x: np.ndarray, ratio: int) -> np.ndarray:
+def low_pass(x: np.ndarray, ratio: int) -> np.ndarray:
     """Samples without what the new rate would alias; mirrored at the ends."""
     width = (STOP - PASS) / ratio
     half = int(np.ceil((DECIBELS - 7.95) / (14.36 * width) / 2))

@@ -58,7 +58,7 @@ def solve(args: Namespace, log: Progress) -> VerbResult:
     for k, (move, paths) in enumerate(zip(moves, outputs, strict=True), 1):
         if len(moves) > 1:
             log(f"move {move.name} ({k} of {len(moves)})")
-        found.append(_solve_one(args, equations, move, paths, log))
+        found.append(solve_one(args, equations, move, paths, log))
         if found[-1].interrupted:
             break
     if len(moves) == 1:
@@ -106,7 +106,7 @@ def _announce(args: Namespace, robot: RobotModel, log: Progress) -> None:
         )
 
 
-def _solve_one(
+def solve_one(
     args: Namespace,
     equations: Equations,
     move: Any,

@@ -215,7 +215,7 @@ def _find_compiler(
     # the last has priority
     flags = [*(NATIVE if native else REPRODUCIBLE), *SHARED, *[OPENMP] * openmp, *own]
     flags += [] if other is None else ["-target", TARGETS[other].triple]
-    packaged = chosen == _packaged_compiler()
+    packaged = chosen == packaged_compiler()
     # in Zig "-" takes a feature away
     march = f"-march={isa.replace('-', '_') if packaged else isa}"
     decided = (
@@ -282,7 +282,7 @@ def _cross_command(target: str) -> list[str]:
     """The words that run the C compiler for another kind of computer; BuildError where it is not
     installed.
     """
-    found = _packaged_compiler()
+    found = packaged_compiler()
     if found is None:
         raise BuildError(
             f"target: given {target!r}, for which the package ziglang compiles, and it is not "
@@ -324,7 +324,7 @@ def _choose_command() -> list[str] | None:
         ) from None
     if not chosen:
         found = next((name for name in _COMPILERS if shutil.which(name)), None)
-        return _packaged_compiler() if found is None else [found]
+        return packaged_compiler() if found is None else [found]
     for word in chosen:
         if word.startswith("-") and not _ALLOWED_FLAG.match(word):
             raise BuildError(
@@ -339,7 +339,7 @@ def _choose_command() -> list[str] | None:
     return chosen
 
 
-def _packaged_compiler() -> list[str] | None:
+def packaged_compiler() -> list[str] | None:
     """The words that run the C compiler of the package ziglang; None where it is not installed."""
     found = importlib.util.find_spec("ziglang")
     folders = [] if found is None else list(found.submodule_search_locations or ())
@@ -494,7 +494,7 @@ def _compile(
     workers = max(2, os.cpu_count() or 1)
     tell = throttle(log)
     known = f", {len(sources) - len(missing)} known" * (len(missing) < len(sources))
-    log(f"compiling {len(missing)} files{known}{_expected_time(folder, missing, workers)}")
+    log(f"compiling {len(missing)} files{known}{expected_time(folder, missing, workers)}")
     programs = Programs()
     with ThreadPoolExecutor(max_workers=workers) as pool:
         jobs = {}
@@ -535,7 +535,7 @@ def _object(source: str) -> str:
     return str(Path(source).with_suffix(".o"))
 
 
-def _expected_time(folder: Path, sources: Sequence[str], workers: int) -> str:
+def expected_time(folder: Path, sources: Sequence[str], workers: int) -> str:
     """``, about 2 min`` where compiling takes long; else an empty text."""
     efforts = [_effort(folder, source) for source in sources]
     seconds = SECONDS_PER_BYTE * max(max(efforts, default=0), sum(efforts) / workers)

@@ -100,14 +100,14 @@ class _What:
 
 
 @lru_cache(maxsize=KEPT)
-def _holder(digest: str, what: _What) -> list[Library]:
+def library_holder(digest: str, what: _What) -> list[Library]:
     """Holder of the library of the model with this digest, kept by this process."""
     return []
 
 
 def _load(model: RobotModel, what: _What, progress: Callable[[str], None]) -> Library:
     digest = model_digest(model)
-    holder = _holder(digest, what)
+    holder = library_holder(digest, what)
     if holder:
         mark_used(holder[0].directory)
         return holder[0]

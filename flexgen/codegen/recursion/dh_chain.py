@@ -337,7 +337,9 @@ def _share(pose: Pose, before_turns: bool) -> tuple[Pose, np.ndarray, tuple[floa
     )
 
 
-def _lay(raws: list[_Raw], gravity: np.ndarray, tool: Pose, carrier: int, to_mass: bool) -> Chain:
+def lay_frames(
+    raws: list[_Raw], gravity: np.ndarray, tool: Pose, carrier: int, to_mass: bool
+) -> Chain:
     """Place the frames of all joints, from the last to the first: `Chain` without regrouping.
 
     Each pose is split in a part that can be moved into the frame of the joint before, if no other
@@ -472,4 +474,4 @@ def make_chain(model: RobotModel, to_mass: bool = True) -> Chain:
     to the angle and saves more wherever forces are computed.
     """
     raws, tool, carrier = _flatten(model)
-    return _lay(raws, np.array(model.gravity, dtype=float), tool, carrier, to_mass)
+    return lay_frames(raws, np.array(model.gravity, dtype=float), tool, carrier, to_mass)

@@ -86,12 +86,17 @@ def recursive_function(equations: Equations, name: str) -> ca.Function | None:
         name in inversion_functions.BUILDERS and obstacle(model, "reduced problem") is not None
     )
     inertias = any(parameter.inertia for parameter in equations.parameters)
-    if base not in _BUILDERS or carried or inertias or obstacle(model, "recursion") is not None:
+    if (
+        base not in RECURSIVE_BUILDERS
+        or carried
+        or inertias
+        or obstacle(model, "recursion") is not None
+    ):
         return None
     arm = arm_of(equations)
     if name not in arm.functions:
         try:
-            built = _product(arm, base, product) if product else _BUILDERS[name](arm)
+            built = _product(arm, base, product) if product else RECURSIVE_BUILDERS[name](arm)
             arm.functions[name] = None if built is None else equations.build(name, *built)
         except ZeroDivisionError:
             arm.functions[name] = None
@@ -357,7 +362,7 @@ def _tool_motion(arm: Arm) -> Built:
     return inputs, names, [ca.vertcat(*flat[:6]), ca.vertcat(*flat[6:])], ["v_tool", "a_tool"]
 
 
-_BUILDERS: dict[str, Callable[[Arm], Built]] = {
+RECURSIVE_BUILDERS: dict[str, Callable[[Arm], Built]] = {
     "mass_matrix": _mass_matrix,
     "bias": _bias,
     "gravity": _gravity,

@@ -177,7 +177,7 @@ class Tape:
         """Rates of results where symbols ``x`` have the rates of the pairs ``(x, dx)``; rotations
         as a whole.
         """
-        return self._forward(results, tangents, self._rotations(results))
+        return self._forward(results, tangents, self.find_rotations(results))
 
     def vjp(
         self, cotangents: Sequence[tuple[Scalar, Scalar]], symbols: Sequence[Scalar]
@@ -186,7 +186,7 @@ class Tape:
         as a whole.
         """
         return self._backward(
-            cotangents, symbols, self._rotations([result for result, _ in cotangents])
+            cotangents, symbols, self.find_rotations([result for result, _ in cotangents])
         )
 
     def _forward(
@@ -295,7 +295,7 @@ class Tape:
                 return c * (Value(self, int(a), x.negative) + Value(self, int(b), y.negative))
         return x + y
 
-    def _rotations(self, results: Sequence[Scalar]) -> dict[int, _Rotation]:
+    def find_rotations(self, results: Sequence[Scalar]) -> dict[int, _Rotation]:
         """The operations ``cos(angle) x +- sin(angle) y`` that results need, each with its
         derivatives.
 

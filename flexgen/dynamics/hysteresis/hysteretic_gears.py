@@ -38,7 +38,7 @@ TABLE = radau(3)
 
 
 @dataclass
-class _Branch:
+class Branch:
     """The branch of each gear: where it reversed last, ``p_r`` (n_g,), ``z_r`` of each layer, its
     direction ``s``.
     """
@@ -105,7 +105,7 @@ def hysteretic_deflections(
     start = gear_deflection(equations, tau_g[:1, :, 0])[0]
     springs = Evaluator(spring.map(len(TABLE.c)))
     direction = np.where(tau_g[0, :, 1] < 0.0, -1.0, 1.0)
-    branch = _Branch(start, np.zeros((len(layers), model.n_g)), direction, layers, springs)
+    branch = Branch(start, np.zeros((len(layers), model.n_g)), direction, layers, springs)
     stage = _Stage(D, elastic, branch)
     p = np.empty(tau_g.shape[:2])
     z = np.zeros(tau_g.shape[:2])
@@ -123,7 +123,7 @@ class _Stage:
 
     D: np.ndarray
     elastic: np.ndarray
-    branch: _Branch
+    branch: Branch
 
     def advance(
         self, p: np.ndarray, h: float, left: np.ndarray, right: np.ndarray

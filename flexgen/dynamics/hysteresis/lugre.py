@@ -143,7 +143,7 @@ def bristle_torques(law: MotorBristles, t: np.ndarray, v: np.ndarray, a: np.ndar
     out = np.zeros_like(v)
     h = float(t[1] - t[0])
     for j in np.flatnonzero(law.present):
-        z, w = _along(law, int(j), h, v[:, j], a[:, j])
+        z, w = bristles_along(law, int(j), h, v[:, j], a[:, j])
         out[:, j] = _derivative(
             law.stiffness[j] * w + law.damping[j] * z, law.stiffness[j] * z[-1] * h, h
         )
@@ -173,7 +173,7 @@ def _derivative(impulse: np.ndarray, step: float, h: float) -> np.ndarray:
     return np.asarray((45 * one - 9 * two + three) / (60 * h))
 
 
-def _along(
+def bristles_along(
     law: MotorBristles, j: int, h: float, v: np.ndarray, a: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Deflections z of the bristles of a motor at the samples (n,) [rad], and their integrals [rad
@@ -236,7 +236,7 @@ def _step(
     """``z = E z_0 + F`` at the end of parts of intervals, ``int z dt = G z_0 + H``, (m,) each."""
     A = TABLE.A
     c = TABLE.c
-    v = _value(cubic[:, :, None], begin[:, None] + width[:, None] * c)
+    v = cubic_at(cubic[:, :, None], begin[:, None] + width[:, None] * c)
     decay = law.stiffness[j] * np.abs(v) / law.level(v, j)
     size = h * width[:, None]
     matrix = np.eye(3) + (size[:, :, None] * A) * decay[:, None, :]
@@ -246,7 +246,8 @@ def _step(
     return stages[:, -1, 0], stages[:, -1, 1], whole[:, 0], whole[:, 1]
 
 
-def _value(cubic: np.ndarray, at: np.ndarray) -> np.ndarray:
+def cubic_at(cubic: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Values of cubic polynomials with coefficients ``cubic`` (4, ...), the constant first."""
     return np.asarray(cubic[0] + at * (cubic[1] + at * (cubic[2] + at * cubic[3])))
 
 

@@ -179,9 +179,9 @@ def make_holder(
         if q_e is not None:
             q[i_e] = q_e
         if newton is not None:
-            q[i_e] = _newton(newton, q, i_e, "static equilibrium of the non-actuated elements")[
-                i_e
-            ]
+            q[i_e] = solve_newton(
+                newton, q, i_e, "static equilibrium of the non-actuated elements"
+            )[i_e]
         return equilibrium_at(equations, q)
 
     return hold
@@ -199,7 +199,7 @@ def hold_output(equations: Equations, residual: ca.SX, q_start: np.ndarray) -> E
     newton = ca.Function("equilibrium", [symbol], [rows, ca.densify(ca.jacobian(rows, symbol))])
     return equilibrium_at(
         equations,
-        _newton(
+        solve_newton(
             newton,
             q_start,
             list(range(len(q_start))),
@@ -251,7 +251,9 @@ def hold_motors(
     )
 
 
-def _newton(function: ca.Function, start: np.ndarray, free: list[int], what: str) -> np.ndarray:
+def solve_newton(
+    function: ca.Function, start: np.ndarray, free: list[int], what: str
+) -> np.ndarray:
     """Solve ``rows(q) = 0`` for the entries ``free`` of q, halving steps that do not help; rows
     are scaled.
     """

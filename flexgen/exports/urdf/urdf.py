@@ -215,7 +215,7 @@ def _steps(model: RobotModel) -> list[Step]:
         turn = np.array(element.link.rotation)
         position = shift + np.array(element.origin.position)
         rotation = np.array(element.origin.rotation) @ turn
-        groups = _groups(element)
+        groups = joint_groups(element)
         for k, (before, dof, after) in enumerate(groups):
             last = k + 1 == len(groups)
             link = (
@@ -266,7 +266,7 @@ def _steps(model: RobotModel) -> list[Step]:
     return out
 
 
-def _groups(element: Element) -> list[tuple[tuple[Dof, ...], Dof | None, tuple[Dof, ...]]]:
+def joint_groups(element: Element) -> list[tuple[tuple[Dof, ...], Dof | None, tuple[Dof, ...]]]:
     """Degrees of freedom in groups with one joint of the URDF file each: (before, joint,
     after).
     """

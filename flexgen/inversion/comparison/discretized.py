@@ -61,7 +61,7 @@ SHRINK = 0.7  # largest ratio of two steps that is a decrease
 WORSE = 1e-4  # scaled residual that a step may have without being halved
 
 # central differences: weights of y_(k-m) ... y_(k+m) for h D and h^2 D^2
-_DIFFERENCES = {
+DIFFERENCES = {
     2: ((-1 / 2, 0, 1 / 2), (1, -2, 1)),
     4: ((1 / 12, -2 / 3, 0, 2 / 3, -1 / 12), (-1 / 12, 4 / 3, -5 / 2, 4 / 3, -1 / 12)),
     6: (
@@ -94,7 +94,7 @@ def solve(problem: InversionProblem, h: float) -> MethodResult:
     """
     problem.check_options("discretized", "order")
     order = problem.options.get("order", ORDER)
-    if isinstance(order, bool) or order not in _DIFFERENCES:
+    if isinstance(order, bool) or order not in DIFFERENCES:
         raise ArgumentError(
             f"options: method discretized was given order {order!r}, expected 2, 4 or 6"
         )
@@ -187,7 +187,7 @@ class _System:
             )
         self.t = self.h * np.arange(-before - m, count + after + m + 1)
         self.inside = slice(m, m + self.N)
-        first, second = _DIFFERENCES[order]
+        first, second = DIFFERENCES[order]
         self.D = [np.eye(2 * m + 1)[m], np.array(first) / self.h, np.array(second) / self.h**2]
         model = self.equations.model
         self.n = model.dof

@@ -95,7 +95,7 @@ def invert_until_settled(
         if problem.windows[1] < LONGEST_SETTLING or size[-1] <= NOTED * problem.accuracy:
             # the motion of all stable zeros has decayed by exp(-SETTLING), or nearly: what is left
             # is rounding, or the ripple of a mesh that does not resolve the fastest of them
-            return _fade_to_equilibrium(problem, found, end), slow_gears(problem)
+            return fade_to_equilibrium(problem, found, end), slow_gears(problem)
         decay = _slowest_decay(problem)
         after = n_post * found.period
         longest = min(LONGEST_DECAY, (SAMPLES - len(found.q_a) + n_post) * found.period)
@@ -166,7 +166,7 @@ def _measure_remaining(
     return np.maximum.accumulate(size[::-1])[::-1]
 
 
-def _fade_to_equilibrium(
+def fade_to_equilibrium(
     problem: InversionProblem, found: Inversion, end: Equilibrium
 ) -> Inversion:
     """The inversion with deviations from the equilibrium that fade out in the second half of the

@@ -138,7 +138,7 @@ def quasistatic_motion(reduction: Reduction, path: Path, t: np.ndarray, rounds: 
     rate = np.zeros((len(wide), len(reduction.i_e)))
     second = rate
     for _ in range(rounds + 1):
-        q = _solve_deflections(reduction, sample, q, rate, second)
+        q = solve_deflections(reduction, sample, q, rate, second)
         smooth = make_interp_spline(wide, q[:, reduction.i_e], k=min(7, len(wide) - 1))
         rate = smooth(wide, 1)
         second = smooth(wide, 2)
@@ -146,7 +146,7 @@ def quasistatic_motion(reduction: Reduction, path: Path, t: np.ndarray, rounds: 
     return Motion(*(getattr(motion, name)[inside] for name in ("q", "v", "a", "j", "s", "tau_g")))
 
 
-def _solve_deflections(
+def solve_deflections(
     reduction: Reduction, sample: PathSample, q: np.ndarray, v_e: np.ndarray, a_e: np.ndarray
 ) -> np.ndarray:
     """Arm coordinates (n, n_a) on the path whose non-actuated rows hold with the given ``v_e``,

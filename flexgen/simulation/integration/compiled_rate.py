@@ -174,7 +174,7 @@ class CompiledDop853:
             **{name: x.ctypes.data for name, x in self._arrays.items()},
         )
         self._position = _Position(t=t[0], memory=self._memory.ctypes.data)
-        self._advance = _advance()
+        self._advance = compiled_advance()
 
     @property
     def t(self) -> float:
@@ -208,7 +208,8 @@ class CompiledDop853:
 
 
 @lru_cache(maxsize=1)
-def _advance() -> Any:
+def compiled_advance() -> Any:
+    """The function in C that advances an integration by some steps, compiled once."""
     from flexgen.codegen.build.c_module import c_module
 
     function = c_module(SOURCE).simulation_advance

@@ -110,7 +110,7 @@ class Integration:
     method: str
 
 
-class _Scipy:
+class ScipySteps:
     """A method of scipy; attributes and ``advance`` as those of `CompiledDop853`."""
 
     def __init__(self, solver: OdeSolver, t: np.ndarray) -> None:
@@ -120,17 +120,21 @@ class _Scipy:
 
     @property
     def t(self) -> float:
+        """Instant that is reached [s]."""
         return float(self.solver.t)
 
     @property
     def y(self) -> np.ndarray:
+        """State at this instant."""
         return np.asarray(self.solver.y)
 
     @property
     def nfev(self) -> int:
+        """Number of evaluations of the rates."""
         return int(self.solver.nfev)
 
     def advance(self, out: np.ndarray, k: int, most: int) -> int:
+        """Step for ``most`` evaluations; states at instants from k on go to ``out``; the next k."""
         solver = self.solver
         t = self.instants
         until = self.nfev + most
@@ -173,7 +177,7 @@ class _Later:
         return self._solver.advance(out[self._first :], k - self._first, most) + self._first
 
 
-_Solver = CompiledDop853 | _Scipy | _Later
+_Solver = CompiledDop853 | ScipySteps | _Later
 
 
 def integrate(
@@ -264,19 +268,19 @@ def _explicit(
     rtol, atol = tolerances
     if loop.compiled is None:
         given = np.r_[np.full(k, t[0]), t[1:]]
-        return _Scipy(DOP853(loop.rate, t[0], start, t[-1], rtol=rtol, atol=atol), given)
+        return ScipySteps(DOP853(loop.rate, t[0], start, t[-1], rtol=rtol, atol=atol), given)
     made = CompiledDop853(loop.compiled, loop.given, t, start, rtol, atol, loop.feedback)
     return made if k == 1 else _Later(made, k - 1)
 
 
 def _implicit(
     loop: Rates, solver: _Solver, t: np.ndarray, tolerances: tuple[float, np.ndarray]
-) -> _Scipy:
+) -> ScipySteps:
     """The implicit method from the state that another one has reached."""
     rtol, atol = tolerances
     start = solver.y.copy()
     made = LSODA(loop.rate, solver.t, start, t[-1], jac=loop.jacobian, rtol=rtol, atol=atol)
-    return _Scipy(made, t)
+    return ScipySteps(made, t)
 
 
 def _oscillation(loop: Rates, solver: _Solver, fast: float) -> float:

@@ -47,7 +47,7 @@ def propagate_residual(
     count = np.diff(at)
     h = along.lengths / count
     half = expm(along.means * (h / 2)[:, None, None])
-    W = _output_rows(equations, motion.q_a[at])
+    W = output_rows(equations, motion.q_a[at])
     error = np.zeros(2 * n)
     out = []
     every = max(1, -(-len(h) // PROJECTIONS))
@@ -59,9 +59,9 @@ def propagate_residual(
             error = step @ error + push
             out.append(W[k] @ error[: model.n_a])
         if unstable and k % every == 0:
-            error = error - _growing_part(along.A[k], slowest) @ error
+            error = error - growing_part(along.A[k], slowest) @ error
     found = np.array(out)
-    units = np.array(_units(equations))
+    units = np.array(units_of_output(equations))
     in_m, in_rad = (
         float(np.linalg.norm(found[:, units == u], axis=1).max()) if (units == u).any() else None
         for u in ("m", "rad")
@@ -69,19 +69,19 @@ def propagate_residual(
     return in_m, in_rad
 
 
-def _output_rows(equations: Equations, q_a: np.ndarray) -> np.ndarray:
+def output_rows(equations: Equations, q_a: np.ndarray) -> np.ndarray:
     """``W`` at several poses, (k, n_y, n_a)."""
     rate = ca.Function("W", [equations.lagrangian.chain.q_a], [output_map(equations).rate])
     return evaluate(rate, q_a)[0].reshape(len(q_a), -1, equations.model.n_a)
 
 
-def _units(equations: Equations) -> list[str]:
+def units_of_output(equations: Equations) -> list[str]:
     """Units of the rows of ``W``."""
     turn = ["rad"] * 3 if equations.model.output.type == "tool_pose" else []
     return [*output_units(equations.model), *turn]
 
 
-def _growing_part(A: np.ndarray, slowest: float) -> np.ndarray:
+def growing_part(A: np.ndarray, slowest: float) -> np.ndarray:
     """Projector to the directions of ``A`` that grow faster than ``slowest`` [1/s], along all
     others.
     """
