@@ -37,7 +37,9 @@ def test_two_masses_and_a_spring() -> None:
     """
     equations = derive(flexgen.read(TWO_MASS))
     model = equations.model
-    load, motor, k = 0.042, 5e-3, 50.0
+    load = 0.042  # kg m^2
+    motor = 5e-3
+    k = 50.0  # N m/rad
     M, D, K, B = matrices(equations, [0.3])
     assert_allclose(M, np.diag([load, motor]), atol=1e-15)
     assert_allclose(K, k * np.array([[1.0, -1.0], [-1.0, 1.0]]))

@@ -189,7 +189,9 @@ def test_arms_on_soft_gears_reach_the_pose_at_rest():
 
 def test_parts_of_an_arm_are_distances_sines_and_volumes():
     """Axes of an elbow arm in the plane of x and z, turned by a, a + b and a + b + c about y."""
-    a, b, c = 0.3, 1.1, -0.6
+    a = 0.3
+    b = 1.1
+    c = -0.6
 
     def along(angle):
         return np.array([np.sin(angle), 0.0, np.cos(angle)])

@@ -134,7 +134,7 @@ class ScipySteps:
         return int(self.solver.nfev)
 
     def advance(self, out: np.ndarray, k: int, most: int) -> int:
-        """Step for ``most`` evaluations; states at instants from k on go to ``out``; the next k."""
+        """Step for ``most`` evaluations; states at instants from k on go to ``out``; new k."""
         solver = self.solver
         t = self.instants
         until = self.nfev + most
