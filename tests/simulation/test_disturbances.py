@@ -116,6 +116,6 @@ def test_the_table_has_motors_then_the_tool() -> None:
     assert_allclose(table[:, 0, 0], noise[0].values(T, 8) + noise[1].values(T, 9))
     assert not table[:, :, 1].any() and not table[:, 0, 2].any()
     assert_allclose(table[:, 4, 2], push.values(T))
-    same = disturbance_table(dict.fromkeys(range(3), [push]), motors, T, 3)
+    same = disturbance_table({lane: [push] for lane in range(3)}, motors, T, 3)
     assert same is not None and same.shape == (len(T), 8, 1)
     assert disturbance_table({0: [], 1: []}, motors, T, 2) is None

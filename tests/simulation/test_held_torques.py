@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -205,6 +206,11 @@ def test_the_tool_follows_under_the_torques_of_c(library, plain, hold, largest):
         errors.append(simulate(MODEL, trajectory, command=command).tool_error_max_m)
     assert errors[0] < largest and errors[1] > 100 * errors[0]
     assert hold == "linear" or errors[1] == pytest.approx(785e-6, rel=0.01)
+    later = plain.t + 1e6  # a robot does not know the time
+    command = TorqueCommand(later, plain.tau_m, names, hold, PERIOD, 0.0, {})
+    found = simulate(MODEL, replace(trajectory, time=later), command=command)
+    assert found.tool_error_max_m == pytest.approx(errors[1], rel=1e-3)
+    assert found.trajectory.time[0] == pytest.approx(later[0])
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from made_results import made_trajectory
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
@@ -68,3 +69,19 @@ def test_the_error_of_a_pose_is_a_distance_and_an_angle() -> None:
     del given["y_ref"]
     in_m, in_rad, found = result.record_motion(equations, data, given, (q_a, *more))
     assert in_m is None and in_rad is None and "error" not in found
+
+
+@pytest.mark.parametrize(
+    ("errors", "text"),
+    [
+        ((3e-3, 0.02), "3 mm and 20 mrad"),
+        ((3e-3, None), "3 mm"),
+        ((None, 0.02), "20 mrad"),
+        ((None, None), "tool error not measured (the trajectory has no reference)"),
+    ],
+)
+def test_errors_are_told_with_their_units(errors: tuple[Any, Any], text: str) -> None:
+    trajectory = made_trajectory(derive("elbow"))
+    run = result.Simulation(trajectory, *errors, 1e-9, 5.0, 9.0, 100, 0.1, held_s=0.5)
+    line, *_ = result.error_lines(run)
+    assert text in line and ("until 0.5 s after the end" in line) == any(errors)
