@@ -12,6 +12,7 @@ from scipy.linalg import eigh
 
 import flexgen
 from flexgen.analysis import second_order
+from flexgen.analysis.arm_linearization import arm_linearization
 from flexgen.base.errors import ModelError
 from flexgen.base.numerics.evaluate import evaluate
 from flexgen.dynamics.mechanics.equations import Equations, derive
@@ -119,3 +120,29 @@ def test_two_coordinates_about_one_line_are_refused(gap: float, good: bool) -> N
         return
     with pytest.raises(ModelError, match="singular"):
         check_inertia(flexgen.read("elbow"), M)
+
+
+def test_responses_are_those_of_the_state() -> None:
+    """``C (j w - A)^-1 B`` of the state of positions and speeds."""
+    linear = flexgen.analyze("elbow").linear
+    A, B = linear.state_space()
+    C = np.hstack([linear.C_m, 0.0 * linear.C_m])
+    w = np.array([0.3, 20.0, 70.0, 400.0])
+    expected = [C @ np.linalg.solve(1j * x * np.eye(len(A)) - A, B) for x in w]
+    found = linear.response(w, linear.C_m)
+    for one, other in zip(found, expected, strict=True):
+        assert_allclose(one, other, rtol=1e-8, atol=1e-12 * np.abs(other).max())
+
+
+def test_inertia_with_the_output_held_is_over_the_own_one() -> None:
+    """``L R L' = A`` with ``L L'`` the inertia of the coordinates without motors; A is not
+    symmetric where the output is not collocated.
+    """
+    equations = derive(flexgen.read("beam_arm"))
+    q = np.random.default_rng(0).uniform(-0.5, 0.5, (1, equations.model.n_a))
+    arm = arm_linearization(equations, q)
+    i_e = list(equations.model.i_e)
+    A = arm.inner()[0][0]
+    L = np.linalg.cholesky(arm.M[0][np.ix_(i_e, i_e)])
+    assert_allclose(L @ arm.relative_inertia()[0] @ L.T, A, atol=1e-12 * np.abs(A).max())
+    assert np.abs(A - A.T).max() > 1e-3 * np.abs(A).max()
