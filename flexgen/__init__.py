@@ -67,67 +67,22 @@ registry.EXPORTS |= {
         "Write a Functional Mock-up Unit (FMI 2.0 or 3.0) for simulation programs.",
         {
             "content": (
-                registry.Option(
-                    "block",
-                    "plant (default): the elastic robot; feedforward: inverse dynamics "
-                    "on a moving horizon; controller: a P-PI cascade",
-                    "NAME",
-                    choices=("plant", "feedforward", "controller"),
-                ),
-                registry.Option(
-                    "version",
-                    "version of FMI: 2.0 (default) or 3.0",
-                    "VERSION",
-                    choices=("2.0", "3.0"),
-                    word="--fmi",
-                ),
+                "block",
+                registry.Option("version", word="--fmi", metavar="VERSION"),
             ),
             "options of a block": (
-                registry.Option(
-                    "method",
-                    "plant in Co-Simulation: rk4 (default), explicit, or sdirk4, "
-                    "implicit and L-stable, for stiff springs",
-                    "NAME",
-                    choices=("rk4", "sdirk4"),
-                ),
-                registry.Option(
-                    "step",
-                    "its largest step [s]; default: from the fastest pole at home",
-                    "S",
-                    "positive",
-                ),
-                registry.Option(
-                    "controller",
-                    "of type ppi or cascade (.toml); default: PPI for the model",
-                    "FILE",
-                    "text",
-                ),
-                registry.Option(
-                    "sample_time",
-                    "sample time of the controller [s]; default: 0.001",
-                    "S",
-                    "positive",
-                ),
-                registry.Option(
-                    "look_ahead",
-                    "horizon of the feedforward [s]; default: from the unstable zeros",
-                    "S",
-                    "positive",
-                ),
+                "method",
+                "step",
+                registry.Option("controller", metavar="FILE"),
+                "sample_time",
+                "look_ahead",
             ),
             "files": (
                 registry.Option(
                     "out", "write to this file (.fmu); default: generated/MODEL.fmu", "FILE"
                 ),
-                registry.Option(
-                    "platforms",
-                    "compile binaries for these platforms with the package ziglang: "
-                    "all, or names of FMI such as win64, linux64, darwin64, "
-                    "aarch64-linux; default: this platform",
-                    "NAME,NAME,...",
-                    "names",
-                ),
-                registry.Option("no_binary", "without a binary", old=("--sources-only",)),
+                "platforms",
+                registry.Option("no_binary", old=("--sources-only",)),
             ),
         },
     ),
@@ -136,16 +91,7 @@ registry.EXPORTS |= {
         "[exchange](exchange.md)",
         "Write the elastic robot as an MJCF file for MuJoCo, with the same accelerations.",
         {
-            "content": (
-                registry.Option(
-                    "friction",
-                    "exact (the default): a model with Coulomb or Stribeck friction is "
-                    "refused; viscous: these are left out; dry: Coulomb friction as "
-                    "MuJoCo has it, with other accelerations",
-                    "NAME",
-                    choices=("exact", "viscous", "dry"),
-                ),
-            ),
+            "content": ("friction",),
             "files": (
                 registry.Option("out", "write the MJCF file, FILE.xml", "FILE", required=True),
             ),
@@ -174,17 +120,9 @@ registry.EXPORTS |= {
         "equations: PASS or FAIL.",
         {
             "content": (
-                registry.Option(
-                    "precision",
-                    "of the library; default: {default}",
-                    "NAME",
-                    choices=("double", "single"),
-                    old=("--single=single",),
-                ),
-                registry.Option(
-                    "move", "the move that the stream follows; default: the first", "NAME"
-                ),
-                registry.Option("no_motion", "without a stream along a move"),
+                registry.Option("precision", old=("--single=single",), metavar="NAME"),
+                "move",
+                "no_motion",
             ),
             "files": (
                 registry.Option(
@@ -194,7 +132,7 @@ registry.EXPORTS |= {
                     once=True,
                     old=("--directory",),
                 ),
-                registry.Option("force", "also replace files that were changed since the export"),
+                "force",
             ),
         },
     ),
@@ -205,27 +143,15 @@ registry.EXPORTS |= {
         "and P-PI control.",
         {
             "content": (
-                registry.Option("package", "of the package; default: flexgen_<model>", "NAME"),
-                registry.Option("no_controller", "the plugin of inverse dynamics only"),
+                registry.Option("package", metavar="NAME"),
+                "no_controller",
                 registry.Option("no_gains", "leave the gains of the controller open"),
-                registry.Option(
-                    "parts",
-                    "force: the controller takes a known force on the tool, with the "
-                    "samples and from a topic; limits: its stream keeps limits; "
-                    "position: it sends positions to servos, table [servo]",
-                    "NAME,NAME,...",
-                    "names",
-                ),
+                "parts",
             ),
             "package.xml": (
-                registry.Option("maintainer", "name for package.xml; default: {default}", "TEXT"),
-                registry.Option("email", "address for package.xml; default: {default}", "TEXT"),
-                registry.Option(
-                    "license_name",
-                    "license for package.xml; default: {default}",
-                    "TEXT",
-                    old=("--license",),
-                ),
+                "maintainer",
+                "email",
+                registry.Option("license_name", old=("--license",)),
             ),
             "files": (
                 registry.Option(
@@ -235,7 +161,7 @@ registry.EXPORTS |= {
                     once=True,
                     old=("--directory",),
                 ),
-                registry.Option("force", "also replace files that were changed since the export"),
+                "force",
             ),
         },
     ),
@@ -253,7 +179,7 @@ registry.EXPORTS |= {
                     once=True,
                     old=("--directory",),
                 ),
-                registry.Option("force", "also replace files that were changed since the export"),
+                "force",
             ),
         },
     ),
@@ -263,9 +189,7 @@ registry.EXPORTS |= {
         "Write blocks for Simulink: functions for C Caller, and S-functions of a stream and of "
         "inverse dynamics.",
         {
-            "content": (
-                registry.Option("no_stream", "without a stream, for models that have none"),
-            ),
+            "content": ("no_stream",),
             "files": (
                 registry.Option(
                     "out",
@@ -274,7 +198,7 @@ registry.EXPORTS |= {
                     once=True,
                     old=("--directory",),
                 ),
-                registry.Option("force", "also replace files that were changed since the export"),
+                "force",
             ),
         },
     ),
@@ -283,9 +207,7 @@ registry.EXPORTS |= {
         "[PLC](plc.md)",
         "Write function blocks of IEC 61131-3 (ST and PLCopen XML) with their bodies in C.",
         {
-            "content": (
-                registry.Option("no_stream", "without a stream, for models that have none"),
-            ),
+            "content": ("no_stream",),
             "files": (
                 registry.Option(
                     "out",
@@ -294,7 +216,7 @@ registry.EXPORTS |= {
                     once=True,
                     old=("--directory",),
                 ),
-                registry.Option("force", "also replace files that were changed since the export"),
+                "force",
             ),
         },
     ),

@@ -148,8 +148,8 @@ def analyze(
     ----------
     model : name, path, RobotModel or Equations
     pose : sequence of n_a or n_g numbers [rad or m], optional
-        Arm coordinates, or only the actuated ones; default: the model's home pose. The actuated
-        coordinates are held there, the others follow from the equilibrium.
+        Arm coordinates, such as 0.3 -1.1 0; default: home. Or only the actuated ones. These are
+        held, the others follow from the equilibrium.
     path : OutputPath, optional
         Such as `flexgen.paths.path.Path`: zeros and solvability are computed along it, too.
     poses : int

@@ -14,6 +14,7 @@ import numpy as np
 
 from flexgen.base.calls.deadline import check_time, running
 from flexgen.base.calls.progress import Choice, reported
+from flexgen.base.checks.bounds import NotNegative, Positive, TimeLimit
 from flexgen.base.checks.type_checks import checked_types
 from flexgen.base.errors import ArgumentError, SolverError
 from flexgen.base.motion.trajectory import Trajectory
@@ -30,7 +31,7 @@ from flexgen.inversion.hold import CommandName, Hold, with_hold
 from flexgen.inversion.judge.attempt import ATTEMPTS
 from flexgen.inversion.judge.reached import BestSolution, stage_of
 from flexgen.inversion.judge.status import Status
-from flexgen.inversion.methods.method_table import AUTO, Method, find_method
+from flexgen.inversion.methods.method_table import AUTO, Method, MethodName, find_method
 from flexgen.inversion.problem.problem import ACCURACY, InversionProblem, SolveOptions
 from flexgen.inversion.problem.solve_arguments import check_arguments, without_effect
 from flexgen.inversion.refinement import refine
@@ -65,18 +66,18 @@ FURTHER = 60.0
 def solve(
     model: str | FilePath | RobotModel | Equations,
     move: str | Move | None = None,
-    method: str = AUTO,
+    method: MethodName = AUTO,
     *,
-    preview: float | None = None,
-    mesh: float | None = None,
+    preview: NotNegative | None = None,
+    mesh: Positive | None = None,
     limits: Limits | None = None,
     verify: bool = True,
-    accuracy: float = ACCURACY,
+    accuracy: Positive = ACCURACY,
     hold: HoldName = "spline",
-    sample_time: float | None = None,
-    delay: float = 0.0,
+    sample_time: Positive | None = None,
+    delay: NotNegative = 0.0,
     command: CommandName = "torque",
-    time_limit: float | None = TIME_LIMIT,
+    time_limit: TimeLimit | None = TIME_LIMIT,
     ignore_limits: bool = False,
     fixed_joint: str | None = None,
     fastest: bool = False,
@@ -95,42 +96,53 @@ def solve(
     ----------
     model : name, path, RobotModel or Equations
     move : str or Move, optional
-        A move of the model file; default: its first.
+        A move or program of the model file; default: the first.
     method : str
-        A name of `flexgen.inversion.methods.method_table.method_names`, or ``"auto"``: "full" for
-        complete motor coupling and springs with a kink; "lq" with limits or non-actuated
-        coordinates, else "closed-form" (without a C compiler "full", "collocation"). If it fails,
-        finer meshes and other methods are tried: ``details["attempts"]``.
-    preview, mesh : float, optional [s]
-        How long before the path the motion may begin; default, at most 60 s:
-        `flexgen.analysis.zero_dynamics.zeros.preview`. Length of the intervals or steps; default,
-        or less: a hundredth of the move, at most 5 ms ("lq" and "bvp" 10 ms).
+        Method of inverse dynamics. A name of
+        `flexgen.inversion.methods.method_table.method_names`, or ``"auto"``: "full" for complete
+        motor coupling and springs with a kink; "lq" with limits or non-actuated coordinates, else
+        "closed-form" (without a C compiler "full", "collocation"). If it fails, finer meshes and
+        other methods are tried: ``details["attempts"]``.
+    preview : float, optional [s]
+        Longest time that the motion may start before the path. Default, at most 60 s:
+        `flexgen.analysis.zero_dynamics.zeros.preview`.
+    mesh : float, optional [s]
+        Length of the mesh intervals. Or of the steps; default, or less: a hundredth of the move,
+        at most 5 ms ("lq" and "bvp" 10 ms).
     limits : Limits, optional
         "lq" modifies the path and keeps all but effective torques; "full", "collocation" torque,
         speed, deflection.
-    verify, accuracy : bool, float [rad, and m for each meter of reach, at most m]
+    verify : bool
         Simulate the full model and measure the error; meshes are refined until it is at most
-        ``accuracy``.
-    hold, sample_time, delay, command : str, float [s], str
-        Output of the controller between its samples: ``"spline"``, ``"linear"``, ``"zoh"``; see
-        ``torque_command``; its sample time (default: 1 ms); from its tick to the instant at which
-        the motor has the torque. Command ``"position"``: also channels ``command_m`` and
-        ``command_g``, positions to send to the servo of the model.
+        ``accuracy``. False: skip the verification by forward simulation.
+    accuracy : float
+        Largest accepted output error [m and rad]. In m for each meter of reach, at most m.
+    hold : str
+        What the controller does between its ticks: ``"spline"`` (default), ``"linear"``, or
+        ``"zoh"`` (zero-order hold). See ``torque_command``.
+    sample_time : float, optional [s]
+        Sample time of the controller; default: 0.001.
+    delay : float [s]
+        Time from a tick of the controller until the motor has the torque.
+    command : str
+        ``position``: also write ``command_m`` and ``command_g``, to send to the servo of the
+        model. Channels with positions.
     time_limit : float or None [s]
-        After it, or Ctrl-C, the best solution so far is returned, with the reason in ``stopped``;
-        None or 0: no limit.
+        Time limit of each solve; 0: no limit. After it, or Ctrl-C, the best solution so far is
+        returned, with the reason in ``stopped``; None: no limit too.
     ignore_limits : bool
-        Exceeded limits of the model file are warnings only, not a status of their own ("limits
-        exceeded").
+        Report a solution beyond the limits of the model file as solved (for studies). Exceeded
+        limits are warnings only then, not a status of their own ("limits exceeded").
     fixed_joint : str, optional
-        Keeps its value in a move of the tool, of an arm with more motors than outputs: see
-        `flexgen.paths.geometry.redundancy`.
+        Of an arm with more motors than outputs: the joint that keeps its value in a move of the
+        tool. See `flexgen.paths.geometry.redundancy`.
     fastest : bool
         Old (a DeprecationWarning): the fastest time law within ``limits``; now
         ``solve(model, fastest(model).move)``.
     force : array (n, 3), callable, Trajectory or file, optional [N]
-        What a process exerts on the tool at times [s], world axes; also (n, 6) with moments [N m],
-        (n, 2) in a plane.
+        Force of a process on the tool along the move: a trajectory with the channel ``force``
+        (.csv, .npz). Or an array or a function of times [s], world axes; also (n, 6) with moments
+        [N m], (n, 2) in a plane.
     progress : callable or bool, optional
     options : mapping, optional
         Options of single methods, see their modules.

@@ -240,9 +240,9 @@ def plan(
     ----------
     model : name, path, RobotModel or Equations
     move : str or Move, optional
-        A move or program of the model file; default: its first.
+        A move or program of the model file; default: the first.
     ignore_limits : bool
-        Also plan a path that leaves the range of a joint.
+        Also plan a path beyond the range of a joint.
 
     Returns
     -------

@@ -33,6 +33,7 @@ import numpy as np
 
 from flexgen.base.calls.deadline import check_time, limit_call
 from flexgen.base.calls.progress import Choice, reported
+from flexgen.base.checks.bounds import TimeLimit
 from flexgen.base.checks.type_checks import checked_types
 from flexgen.base.errors import ArgumentError, SolverError
 from flexgen.base.motion.torque_curve import (
@@ -142,7 +143,7 @@ def simulate(
     moving: bool = False,
     feedback: str = AUTO,
     wall: Wall | None = None,
-    time_limit: float | None = None,
+    time_limit: TimeLimit | None = None,
     progress: Choice = None,
 ) -> Simulation:
     """Simulate the full model from equilibrium under the torque of a trajectory.
@@ -153,9 +154,10 @@ def simulate(
     ----------
     model : name, path, RobotModel or Equations
     trajectory : Trajectory or path
-        Channels ``tau_m`` (n, n_m) [N m, motor side; held where the meta data state it], and
-        ``q_a``, ``q_m``, whose first samples are the equilibrium at the start; with ``y_ref`` (and
-        ``R_ref``) the output's error is computed.
+        File written by 'flexgen solve --out'. Or a trajectory with the channels ``tau_m`` (n, n_m)
+        [N m, motor side; held where the meta data state it], and ``q_a``, ``q_m``, whose first
+        samples are the equilibrium at the start; with ``y_ref`` (and ``R_ref``) the output's error
+        is computed.
     start : Equilibrium, optional
         Equilibrium at the start; default: the first sample of the trajectory.
     rtol : float
@@ -174,10 +176,11 @@ def simulate(
         more without it as far as rounding errors do not grow to its size; ``"ppi"``: with it;
         ``"none"``: open loop. See `flexgen.simulation.motor_feedback`.
     wall : Wall, optional
-        That the tool touches; its force on the tool is the channel ``contact`` of the result.
-    time_limit : float, optional [s]
-        After which the call ends without a result, which is that of the whole motion. None or 0:
-        unlimited.
+        A wall that pushes the tool. Its force on the tool is the channel ``contact`` of the
+        result.
+    time_limit : float, optional
+        Time limit [s], after which it ends without a result; default: no limit. The result is that
+        of the whole motion. None or 0: unlimited.
     progress : callable or bool, optional
         Called with a line of text; True, False: show messages or not; default: on a terminal and
         in a notebook.

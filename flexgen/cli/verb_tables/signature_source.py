@@ -141,7 +141,7 @@ def _find_import(module: str, name: str) -> tuple[str, str] | None:
 
 
 def _find_assignment(module: str, name: str) -> tuple[str, ast.expr] | None:
-    """What a module assigns to a name."""
+    """The value that a module assigns to a name, and the module."""
     for statement in _statements(module):
         for target, value in _assignments(statement):
             if isinstance(target, ast.Name) and target.id == name:
@@ -193,7 +193,7 @@ def _tree(module: str) -> ast.Module:
 
 
 _ENTRY = re.compile(
-    r"^(?P<names>\w+(?:, \w+)*) : (?P<type>.*)\n(?P<text>(?:(?:    .*)?\n?)*?)(?=^\S|\Z)",
+    r"^(?P<names>\w+(?:, \w+)*)(?: : (?P<type>.*))?\n(?P<text>(?:(?:    .*)?\n?)*?)(?=^\S|\Z)",
     re.MULTILINE,
 )
 
@@ -204,7 +204,7 @@ def _read_descriptions(docstring: str) -> dict[str, tuple[str, str]]:
     section = re.split(r"^[A-Z]\w+\n-{3,}\n", section, maxsplit=1, flags=re.MULTILINE)[0]
     found = {}
     for entry in _ENTRY.finditer(section):
-        unit = re.search(r"\[.*\]", entry["type"])
+        unit = re.search(r"\[.*\]", entry["type"] or "")
         text = " ".join(entry["text"].split())
         for name in entry["names"].split(", "):
             found[name] = ("" if unit is None else unit.group(), text)

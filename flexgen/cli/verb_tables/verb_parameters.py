@@ -30,8 +30,9 @@ class Form(NamedTuple):
     """The text of a value of a type on the command line.
 
     ``kind``: the function of `flexgen.cli.argument_types` that reads it; ``text``: what the help
-    says of it, after the help of the parameter; ``choices``: the list of its words in
-    `flexgen.cli.verb_tables.verb_texts`, where these are not in the annotation.
+    says of it, after the help of the parameter; ``file``: the whole help, of a file that an action
+    reads; ``choices``: the list of its words in `flexgen.cli.verb_tables.verb_texts`, where these
+    are not in the annotation.
     """
 
     metavar: str
@@ -39,6 +40,7 @@ class Form(NamedTuple):
     text: str = ""
     several: bool = False
     choices: tuple[str, ...] = ()
+    file: str = ""
 
 
 _FORCE = "np.ndarray | Callable[[np.ndarray], np.ndarray] | "
@@ -67,15 +69,15 @@ FORMS = {
 # Of objects that an action makes of the text: they need a row.
 OBJECTS = {
     # objects of flexgen, from files
-    "Trajectory": Form("TRAJECTORY", text="file written by 'flexgen solve --out'"),
-    "Plan": Form("PLAN", text="file written by 'flexgen excite'"),
+    "Trajectory": Form("TRAJECTORY", file="file written by 'flexgen solve --out'"),
+    "Plan": Form("PLAN", file="file written by 'flexgen excite'"),
     "Experiment": Form(
         "EXPERIMENT",
-        text="file written by 'flexgen measure', or a .toml file that describes recordings",
+        file="file written by 'flexgen measure', or a .toml file that describes recordings",
     ),
-    "Frf": Form("DATA", text="file written by 'flexgen frf'"),
+    "Frf": Form("DATA", file="file written by 'flexgen frf'"),
     "Sequence[Frf]": Form("FRF", text=" (files of 'flexgen frf'); may be repeated", several=True),
-    "Grid": Form("GRID", text="TOML file with models, moves, methods and parameters"),
+    "Grid": Form("GRID", file="TOML file with models, moves, methods and parameters"),
     # what a text describes
     "Any": Form("NAME", "text"),  # a controller or a servo
     f"{_FORCE}Trajectory | str | Path": Form("FILE"),
@@ -162,27 +164,39 @@ def _all_options(function: str) -> dict[str, list[Option]]:
 
 
 def _complete(function: str, row: Option, title: str) -> Option:
-    """An option with what the parameter says; as it is, where it is none."""
+    """An option with what the parameter says; as it is, where it has a help of its own.
+
+    Raises
+    ------
+    ValueError
+        There is no such parameter, or a text cannot be its value.
+    """
     owner, _, name = row.of.rpartition(".")
     owner = owner or function
     name = name or row.name
-    if row.help or not owner:
+    if not owner or (row.help and not row.of):
         return row
     signature = signature_of(owner)
     parameters = signature.parameters
     off = name not in parameters and name.startswith("no_")
-    parameter = parameters[name.removeprefix("no_") if off else name]
+    parameter = parameters.get(name.removeprefix("no_") if off else name)
+    if parameter is None:
+        raise ValueError(
+            f"row of an option: given {name!r}, no parameter of {owner}, expected one, or a help"
+        )
     form = form_of(signature.module, parameter.annotation)
     if form is None:
         raise ValueError(
             f"{owner}: parameter {name} cannot be given as a text, expected a row with its help"
         )
+    described = _refer(name, parameter)
     metavar = form.metavar
     if metavar == "X":
-        metavar = UNITS.get(parameter.unit, metavar)
-    described = _refer(name, parameter)
+        metavar = UNITS.get(described.unit, metavar)
     default = defaults_of(owner).get(name)
-    text = help_text(described, form, row.more, default, off=off)
+    text = row.help or help_text(described, form, row.more, default, off=off)
+    if row.of and owner != function and default is not None:
+        text = text.replace("{default}", show_default(default))
     if form.choices and not all(re.search(rf"\b{x}\b", text) for x in form.choices):
         metavar = ""  # the usage lists them
     if "METHODS" in form.choices:
@@ -203,6 +217,11 @@ def _refer(name: str, parameter: Parameter) -> Parameter:
     return parameter if found is None else signature_of(found[1]).parameters[name]
 
 
+def show_default(value: Any) -> str:
+    """A default as the help shows it."""
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
 # --- help ----------------------------------------------------------------------------------------
 def help_text(
     parameter: Parameter, form: Form, more: str, default: Any, *, off: bool = False
@@ -221,6 +240,8 @@ def help_text(
     off : bool
         The option switches the parameter off: what follows ``False:`` in the description.
     """
+    if form.file:
+        return form.file + more
     if off:
         found = re.search(r"\bFalse: (.*)", parameter.text)
         return _sentence(found[1]) if found is not None else f"not: {_sentence(parameter.text)}"
@@ -241,7 +262,7 @@ def _sentence(text: str) -> str:
     """The first sentence of a description as a help: without markup, small first letter, without
     the period.
     """
-    text = re.split(r"(?<=[^.]\.)\s+(?=[A-Z`\"(\[])", text, maxsplit=1)[0]
+    text = re.split(r"(?<=\.)\s+(?=[A-Z0-9`\"(\[])", text, maxsplit=1)[0]
     text = re.sub(r'``"([^"`]*)"``', r"\1", text).replace("`", "")
     if not text.endswith("..."):
         text = text.removesuffix(".")
@@ -267,7 +288,7 @@ def form_of(
         return None
     parts = [*_parts(module, annotation)]
     whole = " | ".join(_words(part) for _, part in parts)
-    if whole in forms:
+    if len(parts) > 1 and whole in forms:
         return forms[whole]
     for place, part in parts:
         found = _form_of_part(place, part, forms)
@@ -311,7 +332,7 @@ def _form_of_number(module: str, inner: ast.expr) -> Form | None:
     is_excluded = any(
         word.arg == "excluded" and ast.literal_eval(word.value) for word in bound.keywords
     )
-    return Form("X", "positive" if is_excluded else "not_negative")
+    return Form("X", "positive" if is_excluded or least > 0 else "not_negative")
 
 
 def _parts(module: str, annotation: ast.expr) -> Iterator[tuple[str, ast.expr]]:

@@ -3,21 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, get_args
+from typing import Any
 
 from flexgen.base.registry import Option, names
-from flexgen.identification.responses.average_names import AverageName
+from flexgen.cli.verb_tables.verb_parameters import show_default
 from flexgen.inversion.methods.method_table import method_names
-from flexgen.runtime.inversion.targets import TARGET_NAMES
-from flexgen.simulation.integration.hold_names import HOLDS
 from flexgen.studies.templates.template_names import TEMPLATES
 
 LISTS: dict[str, Callable[[], tuple[str, ...]]] = {  # called when a help or an error needs them
     "METHODS": method_names,
-    "HOLDS": lambda: tuple(HOLDS),
     "LAWS": lambda: names("laws"),
-    "AVERAGES": lambda: get_args(AverageName),
-    "TARGETS": lambda: TARGET_NAMES,
     "SHELLS": lambda: ("bash", "zsh", "fish"),
     "TEMPLATES": lambda: TEMPLATES,
 }
@@ -41,9 +36,7 @@ def help_of(option: Option, default: Any) -> str:
     """The help of an option with the default of the public function, the lists and the phrases in
     it.
     """
-    text = option.help.replace(
-        "{default}", f"{default:g}" if isinstance(default, float) else str(default)
-    )
+    text = option.help.replace("{default}", show_default(default))
     for name, phrase in PHRASES.items():
         text = text.replace(f"{{{name}}}", phrase)
     for name, words in LISTS.items():

@@ -142,42 +142,43 @@ def generate(
         Where to write; ``generated/<name>`` (``<name>_<variant>``) below the current directory
         where not given.
     build : bool
-        False: write the sources, compile nothing.
+        Compile the library; False: write the sources, do not compile.
     functions : sequence of str, optional
-        Only these; default: all that the model has. Inverse dynamics along paths and streams come
-        with all of them.
+        Only these functions of the list below, without inversion of whole paths; default: all.
+        Inverse dynamics along paths and streams come with all of them.
     precision : str
-        ``"double"`` or ``"single"``: the type of every number in the library.
+        Of the numbers in C.
     parameters : sequence of str
-        Numbers of the model that shall be arguments of the functions: ``payload``, ``stiffness``,
-        ``q2.damping`` and others, see `flexgen.dynamics.mechanics.parameters`. Equations that are
-        given bring their own.
+        Model parameters that become arguments of the functions: ``payload``, ``stiffness``,
+        ``damping``, ``friction``, ``q2.stiffness``, ... See
+        `flexgen.dynamics.mechanics.parameters`. Equations that are given bring their own.
     native : bool
-        True: contract products and sums; a little faster, and results differ by rounding from the
-        default ones.
+        Contract products and sums: a little faster, results differ by rounding.
     openmp : bool
-        True: batches use all cores.
+        Batch functions use all cores.
     isa : str
-        Instruction set of the compiled libraries, with the same bits for each: ``"native"``, that
-        of this processor, or ``"x86-64"``, ``"x86-64-v2"``, ``"x86-64-v3"`` (AVX2),
-        ``"x86-64-v4"`` (AVX-512), for other computers.
+        Instruction set of the compiled libraries, same results for each: ``native`` (this
+        processor, the default), ``x86-64``, v2, v3 (AVX2) or v4 (AVX-512) for other computers. In
+        Python ``"x86-64-v2"`` to ``"x86-64-v4"``.
     target : str, optional
-        Compile with the package ziglang for another kind of computer, with the same bits:
-        ``"x86_64-linux"`` or ``"aarch64-linux"`` (both glibc 2.17 or newer), ``"x86_64-windows"``,
-        ``"x86_64-macos"``, ``"aarch64-macos"``.
+        Compile with the package ziglang for another kind of computer, with the same results. Both
+        of Linux with glibc 2.17 or newer.
     amalgamate : bool
-        True: one header ``<name>.h`` and one source ``<name>.c`` instead of many files; the
+        Write one header and one C file. ``<name>.h`` and ``<name>.c`` instead of many files; the
         results have the same bits.
     per_point : bool
         True: batches take parameters for each point, not one vector for all; no inversion along
         paths, no streams.
     parts : sequence of str
-        ``"bvp"``; ``"derivatives"``: ``NAME_jvp``, ``_vjp``; ``"force"``; ``"limits"``: in
-        streams; ``"position"``.
+        Optional parts: ``bvp``, another method for whole paths, to check invert; ``derivatives``:
+        products with derivatives of the functions, for JAX and PyTorch; ``force``: a force on the
+        tool along paths; ``limits``: limits of gears, springs, joints and tool in streams;
+        ``position``: positions to send to the servo of the model file. Derivatives are
+        ``NAME_jvp``, ``_vjp``.
     progress : callable or bool, optional
         As for `flexgen.solve`.
     force : bool
-        True: derive, write and compile even where nothing has changed.
+        Build even if nothing has changed.
 
     Returns
     -------

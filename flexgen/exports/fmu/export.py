@@ -12,9 +12,10 @@ import zipfile
 from collections.abc import Callable, Mapping, Sequence
 from io import BytesIO
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Annotated, Any, Literal, get_args
 
 from flexgen.base.calls.progress import Choice, reported
+from flexgen.base.checks.bounds import Bound
 from flexgen.base.checks.type_checks import checked_types
 from flexgen.base.errors import ArgumentError, BuildError
 from flexgen.base.files.atomic_files import atomic_file
@@ -32,6 +33,7 @@ FmiVersion = Literal["2.0", "3.0"]
 VERSIONS: tuple[FmiVersion, ...] = get_args(FmiVersion)
 BlockName = Literal["plant", "feedforward", "controller"]
 BLOCKS: tuple[BlockName, ...] = get_args(BlockName)
+Step = Annotated[float, Bound(1e-9, 1e3, words="a time between 1e-9 and 1000 s")]
 _FOLDER = Path(__file__).parent
 # of all files that are the same for every model, and of the configuration
 _PREFIX = "flexgen_fmu_"
@@ -66,10 +68,10 @@ def export_fmu(
     binary: bool = True,
     platforms: str | Sequence[str] | None = None,
     method: Literal["rk4", "sdirk4"] | None = None,
-    step: float | None = None,
+    step: Step | None = None,
     controller: Any = None,
-    sample_time: float | None = None,
-    look_ahead: float | None = None,
+    sample_time: Step | None = None,
+    look_ahead: Step | None = None,
     progress: Choice = None,
 ) -> Exported:
     """Write a Functional Mock-up Unit (FMU): a robot, its feedforward or a controller, for other
@@ -87,34 +89,34 @@ def export_fmu(
         Where to write; default: ``generated/<name>.fmu``, with ``_feedforward`` or ``_controller``
         behind the name.
     version : str
-        Of FMI: ``"2.0"`` or ``"3.0"``.
+        Version of FMI: ``"2.0"`` (default) or ``"3.0"``.
     block : str
-        ``"plant"``: the elastic robot, motor torques and tool forces in, motor angles, tool pose
-        and deflections out. ``"feedforward"``: inverse dynamics on a moving horizon, path samples
-        in, torques and references out. ``"controller"``: a P-PI cascade, measured angles and
-        references in, motor torques out.
+        ``"plant"`` (default): the elastic robot; ``"feedforward"``: inverse dynamics on a moving
+        horizon; ``"controller"``: a P-PI cascade. Plant: motor torques and tool forces in, motor
+        angles, tool pose and deflections out. Feedforward: path samples in, torques and references
+        out. Controller: measured angles and references in, motor torques out.
     binary : bool
-        False: sources only, which need no compiler here.
+        With a binary. False: without a binary. Sources need no compiler here.
     platforms : str or sequence of str, optional
-        Binaries for these platforms, compiled by the package ziglang: ``"all"``, or names of FMI,
-        such as ``"win64"``, ``"linux64"``, ``"darwin64"``, ``"aarch64-linux"``,
-        ``"aarch64-darwin"`` (or ``"x86_64-windows"``, ... of FMI 3.0); default: a binary for this
-        platform, by the compiler that is here.
+        Compile binaries for these platforms with the package ziglang: all, or names of FMI such as
+        win64, linux64, darwin64, aarch64-linux; default: this platform. Also ``"aarch64-darwin"``
+        (or ``"x86_64-windows"``, ... of FMI 3.0); that of this platform by the compiler that is
+        here.
     method : str, optional
-        Of the plant in Co-Simulation: ``"rk4"`` (default), the explicit Runge-Kutta method of
-        order 4, or ``"sdirk4"``, an implicit L-stable method of order 4 for stiff springs.
-        ``integration.method`` changes it before a simulation.
-    step : float, optional
-        Its largest step [s]; default: from the fastest pole of the robot at home. A communication
-        step is divided into equal steps that are not longer.
+        Plant in Co-Simulation: ``"rk4"`` (default), explicit, or ``"sdirk4"``, implicit and
+        L-stable, for stiff springs. Both of order 4; ``integration.method`` changes it before a
+        simulation.
+    step : float, optional [s]
+        Its largest step; default: from the fastest pole at home. A communication step is divided
+        into equal steps that are not longer.
     controller : Cascade, PPI, str or Path, optional
-        For the block ``"controller"``, or a file ``.toml`` with one; default: a `PPI`. It gets its
-        gains at the home pose, with one sample time of delay.
-    sample_time : float, optional
-        Of a controller [s]; default: 0.001.
-    look_ahead : float, optional
-        Of the feedforward [s]: from a path sample to the output that reaches it; default: as the
-        generated library.
+        Of type ppi or cascade (.toml); default: PPI for the model. For the block ``"controller"``.
+        It gets its gains at the home pose, with one sample time of delay.
+    sample_time : float, optional [s]
+        Sample time of the controller; default: 0.001.
+    look_ahead : float, optional [s]
+        Horizon of the feedforward; default: from the unstable zeros. From a path sample to the
+        output that reaches it, as in the generated library.
     progress : bool or callable, optional
         As for `flexgen.solve`.
 
@@ -213,12 +215,6 @@ def _check(version: str, block: str, path: Any, given: Mapping[str, Any]) -> Non
         if given[name] is not None and block != of:
             raise ArgumentError(
                 f"{name}: given one for the block {block!r}, expected it with block={of!r} only"
-            )
-    for name in ("step", "sample_time", "look_ahead"):
-        value = given[name]
-        if value is not None and not (isinstance(value, int | float) and 1e-9 <= value <= 1e3):
-            raise ArgumentError(
-                f"{name}: given {value!r}, expected a time between 1e-9 and 1000 s"
             )
     if path is not None and not (
         isinstance(path, str | os.PathLike) and Path(path).suffix == ".fmu"

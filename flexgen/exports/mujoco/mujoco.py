@@ -98,10 +98,10 @@ def export_mujoco(
     path : str or Path
         A name that ends in ``.xml``.
     friction : str
-        ``"exact"``: Coulomb and Stribeck friction and offsets are refused, because MuJoCo has no
-        smooth law of them. ``"viscous"``: they are left out. ``"dry"``: Coulomb friction becomes
-        MuJoCo's ``frictionloss``, a constraint with stick, and the others are left out;
-        accelerations then differ.
+        ``"exact"`` (the default): a model with Coulomb or Stribeck friction is refused;
+        ``"viscous"``: these are left out; ``"dry"``: Coulomb friction as MuJoCo has it, with other
+        accelerations. MuJoCo has no smooth law of friction and offsets: ``"dry"`` makes them its
+        ``frictionloss``, a constraint with stick, and leaves out the others.
 
     Returns
     -------

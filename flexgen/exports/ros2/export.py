@@ -82,23 +82,28 @@ def export_ros2(
     directory : str or Path, optional
         Where to write; default: ``exports/<package>``.
     package : str, optional
-        Name of the package: small letters, digits and single underscores, no word of C++; default:
-        ``flexgen_<name>``.
+        Of the package; default: ``flexgen_<model>``. Small letters, digits and single underscores,
+        no word of C++.
     controller : bool
-        False: the plugin only, for models without streams.
+        With the controller. False: the plugin of inverse dynamics only. For models without
+        streams.
     gains : Cascade, "proposed", False or None
         Gains for ``config/controller.yaml``, motor side, as of ``flexgen.PPI().cascade(...)``;
         "proposed": those at home; False or None: open, and the controller refuses to start until
         they are set.
     parts : sequence of str
-        ``"force"``: the controller takes a known force on the tool, with the samples and from a
-        topic. ``"limits"``: its stream keeps limits, by parameters; those of the model but root
-        mean squares. ``"position"``: it sends positions for the servos of the model, table
-        ``[servo]``, in place of torques; without gains.
-    maintainer, email, license_name : str
-        For ``package.xml``.
+        ``force``: the controller takes a known force on the tool, with the samples and from a
+        topic; ``limits``: its stream keeps limits; ``position``: it sends positions to servos,
+        table ``[servo]``. Limits by parameters, those of the model but root mean squares;
+        positions in place of torques, without gains.
+    maintainer : str
+        Name for package.xml.
+    email : str
+        Address for package.xml.
+    license_name : str
+        License for package.xml.
     force : bool
-        True: also replace files that were changed since the last export.
+        Also replace files that were changed since the export.
 
     Returns
     -------

@@ -26,6 +26,7 @@ from flexgen.base.calls.deadline import (
     reason_of_end,
 )
 from flexgen.base.calls.progress import Choice, Progress, reported
+from flexgen.base.checks.bounds import NotNegative, Positive, Seed, TimeLimit
 from flexgen.base.checks.type_checks import checked_types
 from flexgen.base.errors import ArgumentError
 from flexgen.base.motion.trajectory import Trajectory
@@ -39,7 +40,7 @@ from flexgen.feedback.loop.interface import Controller
 from flexgen.feedback.loop.model_law import ModelLaw
 from flexgen.feedback.loop.named_controllers import controller_of
 from flexgen.feedback.loop.result import ControlRun, PlantRun, output_errors
-from flexgen.inversion.methods.method_table import AUTO
+from flexgen.inversion.methods.method_table import AUTO, MethodName
 from flexgen.inversion.solution import Solution
 from flexgen.inversion.solve import solve
 from flexgen.model.elements import Move, RobotModel
@@ -63,17 +64,17 @@ def control(
     model: str | FilePath | RobotModel | Equations,
     move: str | Move | None = None,
     *,
-    method: str = AUTO,
+    method: MethodName = AUTO,
     controller: Any = "ppi",
-    sample_time: float = SAMPLE_S,
-    delay: float = 0.0,
+    sample_time: Positive = SAMPLE_S,
+    delay: NotNegative = 0.0,
     plants: Mapping[str, Mapping[str, float]] | None = None,
     disturbances: Iterable[Disturbance] | Mapping[str, Iterable[Disturbance]] = (),
-    encoder_noise: float = 0.0,
-    encoder_resolution: float = 0.0,
+    encoder_noise: NotNegative = 0.0,
+    encoder_resolution: NotNegative = 0.0,
     torque_limits: bool = True,
     exact_state: bool = False,
-    seed: int = 0,
+    seed: Seed = 0,
     solution: Solution | None = None,
     wall: Wall | None = None,
     force: np.ndarray
@@ -89,7 +90,7 @@ def control(
     | str
     | FilePath
     | None = None,
-    time_limit: float | None = None,
+    time_limit: TimeLimit | None = None,
     progress: Choice = None,
 ) -> ControlRun:
     """Simulate a move under a sampled controller with feedforward torques, for the model and for
@@ -99,44 +100,52 @@ def control(
     ----------
     model : name, path, RobotModel or Equations
     move : str or Move, optional
-        A move of the model file; default: its first.
+        A move or program of the model file; default: the first.
     method : str
-        Of the feedforward, as of `flexgen.solve`; ``"rigid"``: that of a rigid robot.
+        Method of inverse dynamics. Of the feedforward, as of `flexgen.solve`; ``"rigid"``: that of
+        a rigid robot.
     controller : str or object
-        ``"ppi"`` (P-PI cascade, the default), ``"ppi_notch"``, ``"none"`` (feedforward only), the
-        name of a law such as ``"lqg"``, a path of a ``.toml`` or ``.py`` file (``file.py:Class``)
-        or of a shared library, a `PPI`, `PID`, `Cascade`, `Linear` or law such as `flexgen.LQG`,
-        an object with ``reset()`` and ``step(k, y, ref) -> u``, or a system of python-control.
+        ``"ppi"`` (P-PI cascade, the default), ``"ppi_notch"``, ``"none"`` (feedforward only). Also
+        the name of a law such as ``"lqg"``, a path of a ``.toml`` or ``.py`` file
+        (``file.py:Class``) or of a shared library, a `PPI`, `PID`, `Cascade`, `Linear` or law such
+        as `flexgen.LQG`, an object with ``reset()`` and ``step(k, y, ref) -> u``, or a system of
+        python-control.
     sample_time : float [s]
+        Of the controller.
     delay : float [s]
-        From the measurement to the torque.
+        From a measurement to its torque.
     plants : mapping of str to changes, optional
-        Other robots by name, such as ``{"soft": {"stiffness": 0.8}, "loaded": {"payload": 5.0}}``:
-        see `flexgen.feedback.loop.plants`. The model itself is simulated too.
+        Another robot. Several have names, such as ``{"soft": {"stiffness": 0.8}, "loaded":
+        {"payload": 5.0}}``: see `flexgen.feedback.loop.plants`. The model itself is simulated too.
     disturbances : sequence of Disturbance, or mapping from plants' names to them
-        On all robots, or on those named.
-    encoder_noise, encoder_resolution : float [rad]
-        Standard deviation of white noise, and smallest difference, of the motor angles.
+        Forces and torques on all robots. Or on those named, see `Disturbance`.
+    encoder_noise : float [rad]
+        Of the motor angles. Standard deviation of white noise.
+    encoder_resolution : float [rad]
+        Of the motor angles. Smallest difference.
     torque_limits : bool
-        The torques are limited to those of the model file.
+        The torques are limited. False: do not limit the torques to those of the model file.
     exact_state : bool
-        The controller measures the state ``q_a, v_a, q_m, v_m`` without noise too, after the
-        sensors: for studies.
+        The controller measures angles and speeds of arm and motors exactly. The state ``q_a, v_a,
+        q_m, v_m`` without noise too, after the sensors: for studies.
     seed : int
         Of the noise.
     solution : Solution, optional
         The move solved before; default: `flexgen.solve` with its default method.
     wall : Wall, optional
-        That the tools touch; its force on the tool of a robot is ``contact`` of its `PlantRun`.
+        A wall that pushes the tool. Those of all robots; its force on the tool of a robot is
+        ``contact`` of its `PlantRun`.
     force : array (n, 3), callable, Trajectory or file, optional [N]
-        Of a process, on all tools along the path, as `flexgen.solve` takes it; default: that of
+        Force of a process on the tool along the move: a trajectory with the channel ``force``
+        (.csv, .npz). On all tools along the path, as `flexgen.solve` takes it; default: that of
         ``solution``.
     assumed_force : float, or as ``force``, optional
-        What the feedforward assumes: a factor on ``force`` (0: none), or another force; default:
-        ``force``.
+        What the feedforward assumes of it: a factor, such as 0.8 (0: none), or a file with another
+        force; default: the same. Also what ``force`` may be.
     time_limit : float, optional [s]
-        Then, or after Ctrl-C, the run has the robots that are done, the model first, and its
-        ``status`` says so. None or 0: unlimited; then all robots are simulated together.
+        Time limit; default: no limit. Then, or after Ctrl-C, the run has the robots that are done,
+        the model first, and its ``status`` says so. None or 0: unlimited; then all robots are
+        simulated together.
     progress : callable or bool, optional
 
     Returns

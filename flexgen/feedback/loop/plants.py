@@ -35,6 +35,9 @@ from flexgen.dynamics.mechanics.parameters import Parameter, select
 from flexgen.model.elements import RobotModel
 from flexgen.paths.force.process_force import ProcessForce
 
+PlantChanges = Mapping[str, float]
+"""Changes of a robot by name, see above."""
+
 NOMINAL = "nominal"
 KINDS = ("stiffness", "damping", "friction", "lost_motion", "payload")
 # kg

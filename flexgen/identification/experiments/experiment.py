@@ -26,6 +26,7 @@ from flexgen.base.calls.deadline import (
     reason_of_end,
 )
 from flexgen.base.calls.progress import Choice, reported
+from flexgen.base.checks.bounds import Seed, TimeLimit
 from flexgen.base.checks.counts import count_of
 from flexgen.base.checks.type_checks import checked_result, checked_types
 from flexgen.base.errors import ArgumentError
@@ -236,11 +237,11 @@ def measure(
     plan: Plan,
     truth: RobotModel | str | Path | None = None,
     *,
-    seed: int = 0,
+    seed: Seed = 0,
     steps: int | None = None,
     beside: bool = False,
     raw: Callable[[int, int, int, np.ndarray, np.ndarray, np.ndarray], None] | None = None,
-    time_limit: float | None = None,
+    time_limit: TimeLimit | None = None,
     progress: Choice = None,
 ) -> Experiment:
     """Simulate the experiment of a plan.
@@ -255,15 +256,15 @@ def measure(
     steps : int, optional
         Integration steps in a sample; default: at most 1/16 over the fastest eigenvalue.
     beside : bool
-        An error where there are too few periods for the spectra beside the lines, by which `frf`
-        removes transients.
+        An error where there are too few periods for the spectra beside the lines, which remove
+        transients. See `frf`.
     raw : callable, optional
         Called with pose, realization, experiment, angles and torques (samples, n_m) and sensor
         signals (samples, channels) of the measured periods.
     time_limit : float, optional [s]
-        Then, or after Ctrl-C, the experiment is that of the poses which are done, and ``ended``
-        says so. With a limit one pose is simulated after the other; then the noise of sensors is
-        another one. None or 0: unlimited.
+        Time limit; default: no limit. Then, or after Ctrl-C, the experiment is that of the poses
+        which are done, and ``ended`` says so. With a limit one pose is simulated after the other;
+        then the noise of sensors is another one. None or 0: unlimited.
     progress : callable or bool, optional
 
     Returns

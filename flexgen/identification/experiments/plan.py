@@ -14,6 +14,7 @@ from flexgen.analysis.linear import linearize
 from flexgen.analysis.second_order import motor_inertias
 from flexgen.base.calls.deadline import keep_best, limit_fit, part_known, reason_of_end
 from flexgen.base.calls.progress import Choice, reported
+from flexgen.base.checks.bounds import Count, CountOrZero, Positive, Seed, TimeLimit
 from flexgen.base.checks.counts import PERIODS, SAMPLES, count_of, seconds_of
 from flexgen.base.checks.type_checks import checked_types
 from flexgen.base.errors import ArgumentError
@@ -50,22 +51,22 @@ OPTIMAL = "optimal"
 def excite(
     model: RobotModel | str | Path,
     *,
-    poses: int | np.ndarray = 8,
+    poses: Count | np.ndarray = 8,
     criterion: operating_points.CriterionName = "A",
     free: Sequence[str] | None = None,
-    speed_rms: float | Sequence[float] = 0.05,
-    f_min: float | None = None,
-    f_max: float | None = None,
-    lines: int = 63,
+    speed_rms: Positive | Sequence[float] = 0.05,
+    f_min: Positive | None = None,
+    f_max: Positive | None = None,
+    lines: Count = 63,
     spectrum: float | str = 0.5,
-    period_s: float = 4.0,
-    periods: int = 4,
-    transients: int = 1,
-    realizations: int = 1,
+    period_s: Positive = 4.0,
+    periods: Count = 4,
+    transients: CountOrZero = 1,
+    realizations: Count = 1,
     hardware: DriveHardware | None = None,
     sensors: Sequence[str] | None = None,
-    seed: int = 0,
-    time_limit: float | None = None,
+    seed: Seed = 0,
+    time_limit: TimeLimit | None = None,
     progress: Choice = None,
 ) -> Plan:
     """Plan an experiment for the identification of a model's elastic parameters.
@@ -74,31 +75,42 @@ def excite(
     ----------
     model : RobotModel, str or Path
     poses : int or array (k, n_g)
-        Number of poses to choose, or joint positions [rad or m].
+        Number of poses to choose. Or joint positions [rad or m].
     criterion : str
-        ``"A"``: least sum of variances of the parameters; ``"D"``: least determinant;
-        ``"random"``.
+        Of the best poses: ``"A"`` (least sum of variances, the default), ``"D"`` (least
+        determinant) or ``"random"``.
     free : sequence of str, optional
-        Parameters whose accuracy counts; default: as of `identify`.
+        As of `flexgen.identify`: the parameters whose accuracy counts.
     speed_rms : float or sequence (n_g,) [rad/s or m/s]
-        Of the excitation, joint side.
-    f_min, f_max, lines : optional [Hz]
-        Band and largest number of frequencies; default: from an eighth of the lowest to 1.5 times
-        the highest natural frequency of the elastic modes at home, and at most a fifth of the
-        sampling frequency.
+        Of each joint. Joint side.
+    f_min : float, optional [Hz]
+        Lowest frequency; default: from the modes. An eighth of the lowest natural frequency of the
+        elastic modes at home.
+    f_max : float, optional [Hz]
+        Highest frequency; default: from the modes. The highest natural frequency of the elastic
+        modes at home times 1.5, and at most a fifth of the sampling frequency.
+    lines : int
+        Number of frequencies. At most; the band may have fewer.
     spectrum : float or "optimal"
-        Amplitudes of the speed rise with this power of the frequency; see `optimal_spectrum`.
+        Speeds rise with this power of the frequency, or 'optimal': half of the power where it
+        tells most. See `optimal_spectrum`.
     period_s : float [s]
-    periods, transients, realizations : int
-        Periods measured, periods before them that are not, and realizations of the random phases.
+        Of the excitation.
+    periods : int
+        That are measured.
+    transients : int
+        Periods before them that are not.
+    realizations : int
+        Of the random phases; 6 with friction.
     hardware : DriveHardware, optional
         Sample time, delay, noise and limits of the drives.
     sensors : sequence of str, optional
-        Channels of sensors of the model file that are recorded too; default: all.
+        Channels of ``[[sensor]]`` tables; default: all. They are recorded too.
     seed : int
+        Of phases and candidate poses.
     time_limit : float, optional [s]
-        Then, or after Ctrl-C, the poses are the best of the candidates that were computed, and
-        ``ended`` says so. None or 0: unlimited.
+        Time limit; default: no limit. Then, or after Ctrl-C, the poses are the best of the
+        candidates that were computed, and ``ended`` says so. None or 0: unlimited.
     progress : callable or bool, optional
 
     Returns

@@ -19,6 +19,7 @@ import numpy as np
 
 from flexgen.base.calls.deadline import is_over, keep_best, limit_fit, reason_of_end
 from flexgen.base.calls.progress import Choice, reported
+from flexgen.base.checks.bounds import CountOrZero, TimeLimit
 from flexgen.base.checks.type_checks import checked_types
 from flexgen.base.errors import ArgumentError
 from flexgen.identification.estimator.validation import validate
@@ -72,10 +73,10 @@ def calibrate(
     free: Sequence[str] = GROUPS,
     place: Sequence[str] = (),
     priors: Priors | None = None,
-    folds: int = 5,
+    folds: CountOrZero = 5,
     robust: bool = True,
     columns: Sequence[str] | None = None,
-    time_limit: float | None = None,
+    time_limit: TimeLimit | None = None,
     progress: Choice = None,
 ) -> Calibration:
     """Calibrate a model with static poses: where trackers were measured at commanded joints.
@@ -89,29 +90,32 @@ def calibrate(
     model : RobotModel, str or Path
         With linear springs, and a ``[[sensor]]`` of type ``tracker`` for each measured point.
     poses : StaticPoses, str or Path
-        Or the CSV file with one line for each pose; see `StaticPoses.read`. Trackers that touch
-        fixed points, without measured positions, determine neither the place of the base nor the
-        zero of a joint about which all points turn, and no length scale: with ``placements`` one
-        length is held.
+        CSV file of static poses: commanded joints (``q1_rad`` or ``q1_deg``), positions of the
+        trackers (``NAME_x_m`` or ``NAME_x_mm``, ...), or what they touch (``NAME_point``,
+        ``NAME_touch``, ``NAME_reading_mm``); one line for each pose. See `StaticPoses.read`.
+        Trackers that touch fixed points, without measured positions, determine neither the place
+        of the base nor the zero of a joint about which all points turn, and no length scale: with
+        ``placements`` one length is held.
     free : sequence of str
-        Groups of numbers: ``zeros`` of the joints, ``placements`` of the elements,
-        ``compliances``, ``mechanisms`` (factors of ``mimic``), ``masses`` (with centers of mass).
-        Default: all.
+        Groups of numbers: ``zeros``, ``placements``, ``compliances``, ``mechanisms``, ``masses``;
+        default: all. Zeros of the joints, placements of the elements, factors of ``mimic``
+        (mechanisms), masses with centers of mass.
     place : sequence of str
-        Elements whose place at their parent is not known at all; found in closed form first.
+        Elements whose place at their parent is not known. It is found in closed form first.
     priors : Priors, optional
         Standard deviations about the numbers of the model.
     folds : int
-        Parts of the poses that are left out in turn to measure the error on poses that were not
-        fitted; 0: none.
+        Parts of the poses that are left out in turn, for the error on poses that were not fitted;
+        0: none.
     robust : bool
-        Huber's loss, which limits the weight of gross errors; False: plain least squares.
+        Huber's loss, which limits the weight of gross errors. False: plain least squares: gross
+        errors keep their weight.
     columns : sequence of str, optional
-        Names of the columns of a file without a header, such as ``q1 deg,q2 deg,-,p_x,p_y,p_z``;
+        Names of the columns of a file without a header. Such as ``q1 deg,q2 deg,-,p_x,p_y,p_z``;
         without unit in SI units.
     time_limit : float, optional [s]
-        Then, or after Ctrl-C, the result is the best step so far; its ``ended`` says so. None or
-        0: unlimited.
+        Time limit; default: no limit. Then, or after Ctrl-C, the result is the best step so far;
+        its ``ended`` says so. None or 0: unlimited.
     progress : callable or bool, optional
 
     Returns

@@ -32,6 +32,7 @@ from flexgen.base.calls.deadline import (
     part_known,
     reason_of_end,
 )
+from flexgen.base.checks.bounds import TimeLimit
 from flexgen.base.checks.type_checks import checked_result, checked_types
 from flexgen.base.errors import ArgumentError, SolverError
 from flexgen.base.numerics.records import (
@@ -282,7 +283,7 @@ def frf(
     *,
     average: AverageName = "arithmetic",
     transients: bool = False,
-    time_limit: float | None = None,
+    time_limit: TimeLimit | None = None,
 ) -> Frf:
     """Estimate the frequency responses of an experiment.
 
@@ -294,12 +295,12 @@ def frf(
         ``"logarithmic"`` (of amplitude and phase of each element), or ``"h1"`` (least squares over
         all periods; noise of the torques makes it too small).
     transients : bool
-        The robot need not have come to rest: periods may differ. The experiment needs its spectra
-        ``beside`` the lines. Wherever it has them, local polynomials through them remove
-        transients, since noise leaves some too.
+        The robot need not have come to rest; an error where no spectra beside the lines are
+        recorded. Periods may differ then. Wherever the experiment has these spectra, local
+        polynomials through them remove transients, since noise leaves some too.
     time_limit : float, optional [s]
-        Then, or after Ctrl-C, the responses are those of the poses that are done, and ``ended``
-        says so. None or 0: unlimited.
+        Time limit; default: no limit. Then, or after Ctrl-C, the responses are those of the poses
+        that are done, and ``ended`` says so. None or 0: unlimited.
 
     Returns
     -------

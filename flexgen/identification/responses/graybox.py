@@ -19,6 +19,7 @@ import numpy as np
 
 from flexgen.base.calls.deadline import is_over, keep_best, limit_fit, reason_of_end
 from flexgen.base.calls.progress import Choice, reported
+from flexgen.base.checks.bounds import Count, NotNegative, TimeLimit
 from flexgen.base.checks.counts import STARTS, count_of, show_value
 from flexgen.base.checks.type_checks import checked_types
 from flexgen.base.errors import ArgumentError, FlexgenError, SolverError
@@ -82,13 +83,13 @@ def identify(
     ties: Mapping[str, str] | None = None,
     residual: ResidualName = "nls",
     structured: bool = True,
-    floor: float | None = None,
-    starts: int = 3,
+    floor: NotNegative | None = None,
+    starts: Count = 3,
     spread: float = SPREAD,
     seed: int = 0,
     source: str = "",
     levels: Sequence[Frf] = (),
-    time_limit: float | None = None,
+    time_limit: TimeLimit | None = None,
     progress: Choice = None,
 ) -> IdentificationResult:
     """Fit parameters of a model to frequency responses.
@@ -98,34 +99,39 @@ def identify(
     model : RobotModel, str or Path
     data : Frf
     free : sequence of str, optional
-        Names of the parameters; see `flexgen.dynamics.mechanics.parameters`, and ``delay``,
-        ``torque_constant``, ``sensor_delay`` (of one sensor: ``acc.delay``). Default:
-        stiffness, damping, and the viscous frictions that the model has.
-    fixed, start, bounds, priors, ties
+        Parameters: ``stiffness``, ``damping``, ``q1.stiffness``, ``m1.viscous``, ``delay``,
+        ``sensor_delay``, ``torque_constant``, ...; default: stiffness, damping and the viscous
+        frictions of the model. See `flexgen.dynamics.mechanics.parameters`; of one sensor:
+        ``acc.delay``.
+    fixed : sequence of str
+        Parameters that stay.
+    start : mapping, optional
+        Where the search begins. Values by name.
+    bounds, priors, ties
         See `flexgen.identification.responses.parameters.ParameterVector`.
     residual : str
-        ``"nls"``: differences; ``"lls"``: differences of complex logarithms, less sensitive to bad
-        start values.
+        ``"nls"``: differences (default); ``"lls"``: of complex logarithms. The latter are less
+        sensitive to bad start values.
     structured : bool
         End with weights from the structure of the noise, where the noise explains the residuals.
     floor : float, optional
-        Model error as a part of ``|G|``, added to the standard deviations of the data; default: as
-        much as the residuals need.
+        Model error as a part of the responses, such as 0.02; default: as much as the residuals
+        need. It is added to the standard deviations of the data.
     starts : int
-        Number of searches: one from the start values, the others from random ones.
+        Number of searches. One from the start values, the others from random ones.
     spread : float
         The random start values are off by up to this factor.
     seed : int
     source : str
         Of the data, for the new model file.
     levels : sequence of Frf
-        Responses of the same experiment with other amplitudes, such as a third: the result's
-        ``amplitude`` tells whether the robot is nonlinear, and whether hysteresis, backlash, a
-        stiffness that rises with the deflection or Coulomb friction, which the model lacks,
-        explains it.
+        Responses of the same experiment with other amplitudes: also tell whether the robot is
+        nonlinear, and why. Amplitudes such as a third: ``amplitude`` of the result tells whether
+        hysteresis, backlash, a stiffness that rises with the deflection or Coulomb friction, which
+        the model lacks, explains it.
     time_limit : float, optional [s]
-        Then, or after Ctrl-C, the result is the best step so far, with the status ``time limit``
-        or ``interrupted``. None or 0: unlimited.
+        Time limit; default: no limit. Then, or after Ctrl-C, the result is the best step so far,
+        with the status ``time limit`` or ``interrupted``. None or 0: unlimited.
     progress : callable or bool, optional
 
     Returns

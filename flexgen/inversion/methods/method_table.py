@@ -9,6 +9,7 @@ from flexgen.base.errors import ArgumentError
 from flexgen.base.registry import extension, names, own_names
 
 AUTO = "auto"  # the method that `flexgen.solve` chooses by itself
+MethodName = str  # one of `method_names`
 
 
 @dataclass(frozen=True)

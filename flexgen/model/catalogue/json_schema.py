@@ -28,8 +28,8 @@ def schema(kind: Kind = "model") -> dict[str, Any]:
     Parameters
     ----------
     kind : str
-        ``"model"``: model files and overlays of URDF files. ``"program"``: files of moves and
-        programs, as `flexgen.read_moves` reads them.
+        ``"model"`` (the default), or ``"program"``: files of moves and programs. Model files and
+        overlays of URDF files, or those that `flexgen.read_moves` reads.
 
     Returns
     -------

@@ -138,10 +138,10 @@ def kinematics(
     rotation : array (3, 3)
         Its axes as columns.
     fixed : mapping, optional
-        Joints of a redundant arm that keep a value [rad or m].
+        A joint of a redundant arm that keeps a value [rad or m]. Values by joint.
     sag : bool
-        The elastic robot at rest reaches the pose, its springs deflected by gravity; ``q`` are the
-        joints as the motors see them, ``eta^-1 q_m``.
+        The elastic robot at rest under gravity reaches the pose. Its springs are deflected; ``q``
+        are the joints as the motors see them, ``eta^-1 q_m``.
 
     Returns
     -------

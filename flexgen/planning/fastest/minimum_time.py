@@ -24,18 +24,19 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path as FilePath
 from time import perf_counter, process_time
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from flexgen.base.calls.deadline import OutOfTime, running
 from flexgen.base.calls.progress import Choice, reported
+from flexgen.base.checks.bounds import Bound, Positive, TimeLimit
 from flexgen.base.checks.type_checks import checked_result, checked_types
 from flexgen.base.display import choose_scale
 from flexgen.base.errors import ArgumentError, SolverError
 from flexgen.base.registry import find_function, provides
 from flexgen.base.results import Result
-from flexgen.base.spec.arguments import check_not_negative, check_positive, is_whole
+from flexgen.base.spec.arguments import check_not_negative
 from flexgen.dynamics.mechanics.equations import Equations, derive, robot_of
 from flexgen.dynamics.mechanics.limit_use import limit_rows
 from flexgen.dynamics.mechanics.limits import Limits
@@ -54,6 +55,11 @@ from flexgen.planning.fastest.stated_speeds import stated_speeds
 from flexgen.planning.fastest.time_search import FEWEST, FINER, MESH_S, TimeSearch
 
 COEFFICIENTS = 16
+Coefficients = Annotated[int, Bound(4, 60, words="4 to 60")]
+Vibration = Annotated[
+    float,
+    Bound(0.0, excluded=True, words="a size > 0 in m, or rad where the output has no lengths"),
+]
 TIME_LIMIT = 600.0  # s, of a search
 CHECKS = 20  # of the solution
 DENSE = 8  # instants in each interval of its samples
@@ -229,12 +235,12 @@ def fastest(
     move: str | Move | None = None,
     *,
     limits: Limits | None = None,
-    torque_rate: float | None = None,
-    vibration: float | None = None,
-    coefficients: int = COEFFICIENTS,
+    torque_rate: Positive | None = None,
+    vibration: Vibration | None = None,
+    coefficients: Coefficients = COEFFICIENTS,
     against: str | None = None,
     force: np.ndarray | Callable[[np.ndarray], np.ndarray] | str | FilePath | None = None,
-    time_limit: float | None = TIME_LIMIT,
+    time_limit: TimeLimit | None = TIME_LIMIT,
     progress: Choice = None,
 ) -> FastestMove:
     """Find the fastest time law of a move that keeps the limits exactly.
@@ -243,28 +249,29 @@ def fastest(
     ----------
     model : name, path, RobotModel or Equations
     move : str or Move, optional
-        A move or program of the model file; default: its first.
+        A move or program of the model file; default: the first.
     limits : Limits, optional
         Default: those of the model file, without those of its joints; a motor without torque limit
         there gets the largest torque of the move as it is given.
     torque_rate : float, optional
-        Bound of the torques' rates, as a multiple of the largest rate of the move as it is given.
-        It lowers the vibration of robots that differ from the model, and costs time.
+        Bound of the rates of the torques, as a multiple of the largest one of the move as it is
+        given. It lowers the vibration of robots that differ from the model, and costs time.
     vibration : float, optional [m, or rad where the output has no lengths]
-        Bound of the tool's vibration after the path, of robots with 10 % less and more stiffness
-        under a P-PI cascade: see `flexgen.planning.fastest.residual_vibration`. The robots are
-        simulated in every step.
+        Bound of the vibration after the path [m], of robots with 10 % less and more stiffness
+        under control. Of the tool, under a P-PI cascade: see
+        `flexgen.planning.fastest.residual_vibration`. The robots are simulated in every step.
     coefficients : int
-        Inner coefficients of the time law, 4 to 60: more are faster and take longer.
+        Of each time law, 4 to 60. The inner ones: more are faster and take longer.
     against : str, optional
-        ``"95 %"``: of the robots drawn from the table ``[uncertainty]`` of the model, 95 % keep
-        the torque limits at each instant with the motor feedback of `flexgen.predict`; the search
-        is repeated with the torque that this feedback leaves. Not with torque-speed curves.
+        '95 %': of the robots drawn from ``[uncertainty]`` 95 % keep the torque limits with motor
+        feedback. At each instant, with the motor feedback of `flexgen.predict`; the search is
+        repeated with the torque that this feedback leaves. Not with torque-speed curves.
     force : array (n, 3), callable or file, optional [N]
-        Process force on the tool as a function of the path parameter:
-        `flexgen.paths.force.place_force`. The limits hold under this force.
+        Force of a process on the tool [N] that the limits are kept with, over the place on the
+        path: CSV with the columns place, fx, fy, fz; the place is 0 at the start and 1 at the end
+        of a move. See `flexgen.paths.force.place_force`.
     time_limit : float or None [s]
-        Of the whole search; None or 0: unlimited.
+        Time limit of the search; 0: no limit. None: unlimited too.
     progress : callable or bool, optional
 
     Returns
@@ -286,14 +293,6 @@ def fastest(
     >>> f"{quick.duration_s:.2f} s instead of {quick.default_s:.2f} s"
     '0.87 s instead of 1.00 s'
     """
-    if not is_whole(coefficients, 4, 60):
-        raise ArgumentError(f"coefficients: given {coefficients!r}, expected 4 to 60")
-    if torque_rate is not None:
-        check_positive("torque_rate", torque_rate)
-    if vibration is not None:
-        check_positive(
-            "vibration", vibration, "a size > 0 in m, or rad where the output has no lengths"
-        )
     if limits is not None and not isinstance(limits, Limits):
         raise ArgumentError(f"limits: given {limits!r}, expected an object of flexgen.Limits")
     if against not in (None, AGAINST):

@@ -22,10 +22,10 @@ Flexible Manipulators, 2010.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path as FilePath
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 
@@ -38,12 +38,13 @@ from flexgen.base.calls.deadline import (
     reason_of_end,
 )
 from flexgen.base.calls.progress import Choice, reported
+from flexgen.base.checks.bounds import Bound, NotNegative, Positive, Seed, TimeLimit
 from flexgen.base.checks.type_checks import checked_result, checked_types
 from flexgen.base.display import choose_scale, format_size
 from flexgen.base.errors import ArgumentError, FlexgenError
 from flexgen.base.motion.trajectory import Trajectory
 from flexgen.base.results import Result
-from flexgen.base.spec.arguments import is_number, is_whole, mapping_of, seed_of
+from flexgen.base.spec.arguments import is_number, mapping_of, seed_of
 from flexgen.dynamics.mechanics.equations import Equations, robot_of
 from flexgen.feedback.loop.case import SAMPLE_S, Case, control_case
 from flexgen.feedback.loop.channels import ACCELEROMETER as TOOL_ACCELEROMETER
@@ -51,6 +52,7 @@ from flexgen.feedback.loop.channels import MOTORS, Channels, channels_of
 from flexgen.feedback.loop.control import run_case
 from flexgen.feedback.loop.gains import lowest_locked_hz
 from flexgen.feedback.loop.named_controllers import controller_of
+from flexgen.feedback.loop.plants import PlantChanges
 from flexgen.feedback.loop.result import ControlRun, output_errors
 from flexgen.inversion.solution import Solution
 from flexgen.model.abilities import needs
@@ -59,11 +61,13 @@ from flexgen.planning.learning.commanded import CommandedPath
 from flexgen.planning.learning.smoother import PathSmoother, acting
 
 ITERATIONS = 6
+Iterations = Annotated[int, Bound(1, 1000, words="1 to 1000")]
+Gain = Annotated[float, Bound(0.0, 2.0, excluded=True, words="more than 0, at most 2")]
 SHARE = 0.7  # of the lowest locked frequency
 GROWS = 1.05  # an error that is that much larger than the best ends learning
 TRACKER = "tracker"
 ACCELEROMETER = "accelerometer"
-MEASURED_BY = (TRACKER, ACCELEROMETER)
+MeasuredBy = Literal["tracker", "accelerometer"]
 SETTLED = 2e-2  # of the error before learning: changes below it are noise
 
 
@@ -199,25 +203,25 @@ class LearningResult(Result):
         }
 
 
-@checked_types
+@checked_types(own=("frequency_hz",))
 @reported("learn")
 @needs("learn")
 def learn(
     model: str | FilePath | RobotModel | Equations,
     move: str | Move | None = None,
     *,
-    plant: Mapping[str, float] | None = None,
-    iterations: int = ITERATIONS,
-    gain: float = 1.0,
-    frequency_hz: float | None = None,
-    measured_by: str = TRACKER,
+    plant: PlantChanges | None = None,
+    iterations: Iterations = ITERATIONS,
+    gain: Gain = 1.0,
+    frequency_hz: Positive | None = None,
+    measured_by: MeasuredBy = "tracker",
     controller: Any = "ppi",
-    sample_time: float = SAMPLE_S,
-    delay: float = 0.0,
-    encoder_noise: float = 0.0,
-    seed: int = 0,
+    sample_time: Positive = SAMPLE_S,
+    delay: NotNegative = 0.0,
+    encoder_noise: NotNegative = 0.0,
+    seed: Seed = 0,
     solution: Solution | None = None,
-    time_limit: float | None = None,
+    time_limit: TimeLimit | None = None,
     progress: Choice = None,
 ) -> LearningResult:
     """Learn the path of a robot that differs from its model, in simulation, from its measured tool
@@ -227,26 +231,28 @@ def learn(
     ----------
     model : name, path, RobotModel or Equations
     move : str or Move, optional
-        A move of the model file; default: its first.
+        A move or program of the model file; default: the first.
     plant : mapping, optional
-        Changes of the robot, such as ``{"stiffness": 0.8}``, see `flexgen.feedback.loop.plants`;
-        default: none.
+        The robot; default: as the model. Changes such as ``{"stiffness": 0.8}``, see
+        `flexgen.feedback.loop.plants`.
     iterations : int
         At most.
     gain : float
-        Of the correction; 0.5 learns more slowly and bears larger differences.
+        Of the correction. 0.5 learns more slowly and bears larger differences.
     frequency_hz : float, optional [Hz]
-        Of Q; default: 0.7 of the lowest natural frequency of the model with locked motors.
+        Of the low pass; default: 0.7 of the lowest natural frequency with locked motors. That of
+        the model.
     measured_by : str
-        ``"tracker"``: of the tool, without error; ``"accelerometer"``: those of the model file, or
-        one at the tool with noise of 0.05 m/s^2, and motor angles. The errors at rest are not
-        learned then.
+        The tool error: by a ``"tracker"``, or estimated from accelerometers and motor angles,
+        which do not show errors at rest. A tracker is without error; ``"accelerometer"``: those of
+        the model file, or one at the tool with noise of 0.05 m/s^2, and motor angles. The errors
+        at rest are not learned then.
     controller, sample_time, delay, encoder_noise, seed, solution
         As for `flexgen.control`; every iteration has other noise. Corrected paths are inverted
         with the model and the force of the solution.
     time_limit : float, optional [s]
-        Then, or after Ctrl-C, the result has the iterations so far; its ``stopped`` says so. None
-        or 0: unlimited.
+        Time limit; default: no limit. Then, or after Ctrl-C, the result has the iterations so far;
+        its ``stopped`` says so. None or 0: unlimited.
     progress : callable or bool, optional
 
     Returns
@@ -268,14 +274,6 @@ def learn(
     """
     tell = progress if callable(progress) else (lambda line: None)
     seed = seed_of(seed)
-    if not is_whole(iterations, 1, 1000):
-        raise ArgumentError(f"iterations: given {iterations!r}, expected 1 to 1000")
-    if not (is_number(gain) and 0 < gain <= 2):
-        raise ArgumentError(f"gain: given {gain!r}, expected more than 0, at most 2")
-    if measured_by not in MEASURED_BY:
-        raise ArgumentError(
-            f"measured_by: given {measured_by!r}, expected one of {', '.join(MEASURED_BY)}"
-        )
     name = "robot"
     channels = (
         _accelerometers(robot_of(model), encoder_noise) if measured_by == ACCELEROMETER else None

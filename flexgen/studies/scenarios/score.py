@@ -25,6 +25,7 @@ import numpy as np
 
 from flexgen.base.calls.deadline import limit_fit, reason_of_end
 from flexgen.base.calls.progress import Choice, reported
+from flexgen.base.checks.bounds import Seed, TimeLimit
 from flexgen.base.checks.type_checks import checked_result, checked_types
 from flexgen.base.errors import ArgumentError
 from flexgen.base.results import Result
@@ -265,9 +266,9 @@ def score(
     controller: Any = "reference",
     *,
     version: int | None = None,
-    seed: int | None = None,
+    seed: Seed | None = None,
     steps: int | None = None,
-    time_limit: float | None = None,
+    time_limit: TimeLimit | None = None,
     progress: Choice = None,
 ) -> Score:
     """Score a controller in a benchmark.
@@ -275,19 +276,23 @@ def score(
     Parameters
     ----------
     name : str, Path or Scenario
-        ``"four_mass"`` (benchmark F), ``"two_link"`` (benchmark G) or the path of a scenario.
+        ``four_mass``, ``two_link`` (``four_mass@1``: version 1), or the path of a .toml file like
+        theirs. Benchmarks F and G.
     controller : str or object
-        ``"reference"``, the name of a controller of the benchmark (see `leaderboard`), a path of a
-        ``.toml`` or ``.py`` file (``file.py:Class``) or of a shared library, or an object as
-        `flexgen.control` takes. Python and shared libraries run in a separate process.
+        ``"reference"`` (the default), the name of a controller of the benchmark. See
+        `leaderboard`; or a path of a ``.toml`` or ``.py`` file (``file.py:Class``) or of a shared
+        library, or an object as `flexgen.control` takes. Python and shared libraries run in a
+        separate process.
     version : int, optional
         Of the benchmark; default: the newest. ``"four_mass@1"`` is version 1 too.
-    seed, steps : int, optional
-        Other draws and noise, other integration steps in a sample. Default of the seed: that of
-        the scenario; for Python and shared libraries a new one.
+    seed : int, optional
+        Of draws and noise; default: that of the benchmark, a new one for code. Code: Python and
+        shared libraries.
+    steps : int, optional
+        Other integration steps in a sample.
     time_limit : float, optional [s]
-        Then, or after Ctrl-C, the score is that of the draws that were simulated, and ``ended``
-        says so. None or 0: unlimited.
+        Time limit; default: no limit. Then, or after Ctrl-C, the score is that of the draws that
+        were simulated, and ``ended`` says so. None or 0: unlimited.
     progress : callable or bool, optional
 
     Returns

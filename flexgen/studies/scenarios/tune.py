@@ -16,7 +16,7 @@ from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from scipy.optimize import minimize
@@ -31,6 +31,7 @@ from flexgen.base.calls.deadline import (
     reason_of_end,
 )
 from flexgen.base.calls.progress import Choice, reported
+from flexgen.base.checks.bounds import Bound, Seed, TimeLimit
 from flexgen.base.checks.type_checks import checked_result, checked_types
 from flexgen.base.errors import ArgumentError, FlexgenError
 from flexgen.base.files.atomic_files import write_text
@@ -56,7 +57,9 @@ from flexgen.studies.scenarios.score import (
 REFUSED = 10.0  # value of a refused controller, and more for every reason
 SPREAD = 0.6  # of the logarithms: distance of other starts
 FIRST = 0.25  # size of the first simplex
-MOST = 20_000  # evaluations
+Evaluations = Annotated[int, Bound(1, 20_000, words="1 to 20000")]
+Starts = Annotated[int, Bound(1, 1000, words="1 to 1000")]
+Workers = Annotated[int, Bound(1, 512, words="1 to 512")]
 
 
 @checked_result
@@ -109,12 +112,12 @@ def tune(
     controller: Any = "reference",
     *,
     version: int | None = None,
-    evaluations: int = 200,
-    starts: int = 1,
-    workers: int = 1,
+    evaluations: Evaluations = 200,
+    starts: Starts = 1,
+    workers: Workers = 1,
     executor: Any = None,
-    seed: int = 0,
-    time_limit: float | None = None,
+    seed: Seed = 0,
+    time_limit: TimeLimit | None = None,
     progress: Choice = None,
 ) -> TuningResult:
     """Improve the numbers of a cascade on the score of a benchmark.
@@ -129,17 +132,18 @@ def tune(
     evaluations : int
         Of the score, from each start.
     starts : int
-        Simplices: the first begins at the controller, the others at random points near it.
+        Number of starts. Simplices: the first begins at the controller, the others at random
+        points near it.
     workers : int
-        Processes.
+        Number of processes.
     executor : optional
         Computes the starts in place of own processes, as in `flexgen.sweep`: one of
         concurrent.futures, or a Client of dask.distributed.
     seed : int
         Of the other starts.
     time_limit : float, optional [s]
-        Of the search: then, or after Ctrl-C, the result is the best so far; its ``ended`` says so.
-        0: no limit.
+        Time limit; default: no limit. Then, or after Ctrl-C, the result is the best so far; its
+        ``ended`` says so. 0: no limit.
     progress : callable or bool, optional
 
     Returns
@@ -159,13 +163,6 @@ def tune(
     True
     """
     tell = progress if callable(progress) else None
-    for key, value, most in (
-        ("evaluations", evaluations, MOST),
-        ("starts", starts, 1000),
-        ("workers", workers, 512),
-    ):
-        if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= most:
-            raise ArgumentError(f"{key}: given {value!r}, expected 1 to {most}")
     if (
         executor is not None
         and not hasattr(executor, "submit")

@@ -12,18 +12,19 @@ import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from scipy.optimize import minimize
 
 from flexgen.base.calls.deadline import OutOfTime, check_time, running
 from flexgen.base.calls.progress import Choice, Progress, reported
+from flexgen.base.checks.bounds import Bound, NotNegative, Positive, Seed, TimeLimit
 from flexgen.base.checks.type_checks import checked_result, checked_types
 from flexgen.base.errors import ArgumentError, FlexgenError
 from flexgen.base.files.atomic_files import write_text
 from flexgen.base.results import Result
-from flexgen.base.spec.arguments import check_not_negative, is_number
+from flexgen.base.spec.arguments import check_not_negative
 from flexgen.dynamics.mechanics.equations import Equations
 from flexgen.feedback.loop.case import SAMPLE_S, Case, control_case
 from flexgen.feedback.loop.control import case_controller, run_case
@@ -33,7 +34,10 @@ from flexgen.feedback.loop.margins import LoopAtPose, Margins, as_linear
 from flexgen.feedback.loop.result import ControlRun
 from flexgen.model.elements import Move, RobotModel
 from flexgen.simulation.environment.disturbances import Disturbance
-from flexgen.studies.scenarios.tune import cascade_table, numbers_of, with_numbers
+from flexgen.studies.scenarios.tune import Evaluations, cascade_table, numbers_of, with_numbers
+
+GainMargin = Annotated[float, Bound(0.0, 40.0, words="0 to 40")]
+PhaseMargin = Annotated[float, Bound(0.0, 170.0, words="0 to 170")]
 
 PLANTS = {"soft": {"stiffness": 0.8}, "stiff": {"stiffness": 1.2}}
 """The robots next to the model where none are given: stiffness known within 20 %."""
@@ -53,7 +57,6 @@ FIRST = 0.3
 COMMON = 0.4
 """Part of the evaluations for the three common factors."""
 
-MOST = 20_000
 TUNED = "tuned"
 OVER = "time limit"
 INTERRUPTED = "interrupted"
@@ -162,14 +165,14 @@ def tune_cascade(
     controller: Any = "ppi",
     plants: Mapping[str, Mapping[str, float]] | None = None,
     disturbances: Iterable[Disturbance] | Mapping[str, Iterable[Disturbance]] = (),
-    sample_time: float = SAMPLE_S,
-    delay: float = 0.0,
-    encoder_noise: float = 0.0,
-    gain_margin_db: float = GAIN_MARGIN_DB,
-    phase_margin_deg: float = PHASE_MARGIN_DEG,
-    evaluations: int = 120,
-    time_limit: float | None = None,
-    seed: int = 0,
+    sample_time: Positive = SAMPLE_S,
+    delay: NotNegative = 0.0,
+    encoder_noise: NotNegative = 0.0,
+    gain_margin_db: GainMargin = GAIN_MARGIN_DB,
+    phase_margin_deg: PhaseMargin = PHASE_MARGIN_DEG,
+    evaluations: Evaluations = 120,
+    time_limit: TimeLimit | None = None,
+    seed: Seed = 0,
     progress: Choice = None,
 ) -> CascadeTuning:
     """Tune the P-PI cascade of a robot for a move, on the model and robots that differ from it.
@@ -181,15 +184,23 @@ def tune_cascade(
     ----------
     model : name, path, RobotModel or Equations
     move : str or Move, optional
-        A move of the model file; default: its first.
+        A move or program of the model file; default: the first.
     controller : str or object
         The start: a cascade as for `flexgen.control`.
     plants : mapping, optional
-        Other robots, as for `flexgen.control`; default: stiffness 20 % lower and higher.
+        Another robot, as for 'flexgen control'; default: those of [uncertainty], or stiffness=0.8
+        and 1.2. Here without ``[uncertainty]``.
     disturbances : sequence of Disturbance, or mapping from plants' names to them
-    sample_time, delay : float [s]
+        As for 'flexgen control'.
+    sample_time : float [s]
+        Of the controller.
+    delay : float [s]
+        From a measurement to its torque.
     encoder_noise : float [rad]
-    gain_margin_db, phase_margin_deg : float [dB], [deg]
+        Of the motor angles.
+    gain_margin_db : float [dB]
+        Required of all robots.
+    phase_margin_deg : float [deg]
         Required of all robots.
     evaluations : int
         Largest number of controllers that are tried.
@@ -218,9 +229,7 @@ def tune_cascade(
     'done'
     """
     tell = progress if callable(progress) else None
-    required = _check_required(gain_margin_db, phase_margin_deg)
-    if isinstance(evaluations, bool) or not 1 <= evaluations <= MOST:
-        raise ArgumentError(f"evaluations: given {evaluations!r}, expected 1 to {MOST}")
+    required = {"gain_db": float(gain_margin_db), "phase_deg": float(phase_margin_deg)}
     if time_limit is not None:
         check_not_negative("time_limit", time_limit)
     case = control_case(
@@ -242,16 +251,6 @@ def tune_cascade(
     search = _Search(case, start, required, evaluations, tell)
     status = search.run(time_limit or None)
     return search.result(status)
-
-
-def _check_required(gain_db: float, phase_deg: float) -> dict[str, float]:
-    for name, value, most in (
-        ("gain_margin_db", gain_db, 40.0),
-        ("phase_margin_deg", phase_deg, 170.0),
-    ):
-        if not (is_number(value) and 0 <= value <= most):
-            raise ArgumentError(f"{name}: given {value!r}, expected 0 to {most:g}")
-    return {"gain_db": float(gain_db), "phase_deg": float(phase_deg)}
 
 
 def _has_margins(margins: Margins, required: Mapping[str, float]) -> bool:

@@ -16,6 +16,7 @@ import numpy as np
 
 from flexgen.base.calls.deadline import keep_best, limit_fit, part_known, reason_of_end
 from flexgen.base.calls.progress import Choice, reported
+from flexgen.base.checks.bounds import Count, CountOrZero, TimeLimit
 from flexgen.base.checks.counts import CASES, count_of
 from flexgen.base.checks.type_checks import checked_result, checked_types
 from flexgen.base.errors import ArgumentError, FlexgenError
@@ -105,12 +106,12 @@ def sweep(
     grid: Grid,
     out: str | Path | None = None,
     *,
-    workers: int | None = None,
+    workers: CountOrZero | None = None,
     executor: Any = None,
-    shard_size: int | None = None,
+    shard_size: Count | None = None,
     resume: bool = False,
     in_flight: int | None = None,
-    time_limit: float | None = None,
+    time_limit: TimeLimit | None = None,
     progress: Choice = None,
 ) -> SweepResult:
     """Solve all cases of a grid.
@@ -119,24 +120,24 @@ def sweep(
     ----------
     grid : Grid
     out : str or Path, optional
-        Folder for finished shards, and for the tables ``results.npz`` and ``times.npz`` at the
-        end. Without a folder nothing is written.
+        Directory for shards and tables. Finished shards, and at the end ``results.npz`` and
+        ``times.npz``. Without a folder nothing is written.
     workers : int, optional
-        Processes on this computer; 0 or 1: this process only; default: one for each core. They
-        import the calling script, whose calls must be below ``if __name__ == "__main__":``.
+        Worker processes; 0 or 1: run in this process; default: one per core. They import the
+        calling script, whose calls must be below ``if __name__ == "__main__":``.
     executor : optional
         Solves the shards instead: an object with ``submit(function, argument)`` that returns
         futures, such as the executors of concurrent.futures, or a Client of dask.distributed.
     shard_size : int, optional
-        Cases of a shard, the unit of work that an interruption may lose; default: at most 16, or
-        512 where they are computed in batches.
+        Cases per shard, the unit of work and of saved results; default: 1 to 16. At most 512 where
+        they are computed in batches; an interruption may lose one.
     resume : bool
-        Continue the sweep in ``out``.
+        Continue the sweep in its folder. That is ``out``.
     in_flight : int, optional
         Shards that are submitted to an executor at once.
     time_limit : float, optional [s]
-        Then, or after Ctrl-C, the sweep ends with the rows of the finished shards, and ``ended``
-        says so; ``resume`` continues it. None or 0: unlimited.
+        Time limit; default: no limit. Then, or after Ctrl-C, the sweep ends with the rows of the
+        finished shards, and ``ended`` says so; ``resume`` continues it. None or 0: unlimited.
     progress : callable or bool, optional
         Called with one line of text after every shard; default: messages on a terminal and in a
         notebook; False: none.

@@ -47,11 +47,12 @@ def view(
     path : str or Path, optional
         The page, a name that ends in ``.html``. Required without a video.
     model : str, Path, RobotModel or Equations, optional
-        The robot of a trajectory; default: the name in the trajectory.
+        The model of a trajectory, where MODEL is a file .npz or .csv; default: the name in the
+        trajectory.
     move : str or Move, optional
-        The move of a robot; default: the first.
+        A move or program of the model file; default: the first.
     video : str or Path, optional
-        Also write a video, a name that ends in ``.gif`` or ``.mp4`` (needs the program ffmpeg).
+        Write a video to this file, ``FILE.gif`` or ``FILE.mp4`` (needs the program ffmpeg).
     progress : bool or callable, optional
         As for `flexgen.solve`.
 

@@ -49,7 +49,7 @@ def export_mex(
     directory : str or Path, optional
         Where to write; default: ``exports/<name>_mex``.
     force : bool
-        True: also replace files that were changed since the last export.
+        Also replace files that were changed since the export.
 
     Returns
     -------

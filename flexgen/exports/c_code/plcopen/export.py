@@ -37,9 +37,9 @@ def export_plcopen(
     directory : str or Path, optional
         Where to write; default: ``exports/<name>_plcopen``.
     stream : bool
-        False: without the stream, for models that have none.
+        With a stream. False: without a stream, for models that have none.
     force : bool
-        True: also replace files that were changed since the last export.
+        Also replace files that were changed since the export.
 
     Returns
     -------

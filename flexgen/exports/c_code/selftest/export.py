@@ -47,13 +47,14 @@ def export_selftest(
     directory : str or Path, optional
         Where to write; default: ``exports/<name>_selftest``.
     precision : str
-        ``"double"`` or ``"single"``.
+        Of the library.
     move : str or Move, optional
-        The move that the stream follows; default: the first of the model file.
+        The move that the stream follows; default: the first.
     motion : bool
-        False: without the move, which takes the time of a verified solution.
+        With a stream along a move. False: without a stream along a move. That takes the time of a
+        verified solution.
     force : bool
-        True: also replace files that were changed since the last export.
+        Also replace files that were changed since the export.
 
     Returns
     -------

@@ -36,9 +36,9 @@ def export_simulink(
     directory : str or Path, optional
         Where to write; default: ``exports/<name>_simulink``.
     stream : bool
-        False: without the stream, for models that have none.
+        With a stream. False: without a stream, for models that have none.
     force : bool
-        True: also replace files that were changed since the last export.
+        Also replace files that were changed since the export.
 
     Returns
     -------
