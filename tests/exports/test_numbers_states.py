@@ -46,7 +46,11 @@ def test_states_of_a_plant_with_memory_and_their_fastest_rate(
         ca.SX.sym(name, n) for name, n in (("q", 2), ("v", 2), ("m", 2), ("w", 2), ("z", 4))
     )
     lag = Made(chain=Made(q_a=q_a, v_a=v_a), q_m=q_m)
-    equations: Any = Made(model="model", lagrangian=Made(**vars(lag), v_m=v_m))
+    equations: Any = Made(
+        model="model",
+        lagrangian=Made(**vars(lag), v_m=v_m),
+        with_memory=lambda forces, z: (forces, z),
+    )
     memory = Made(
         z=whole, forces=ca.vertcat(2 * whole[0] - whole[3], 5 * whole[3]), rates=v_a[0] * whole
     )
@@ -60,7 +64,6 @@ def test_states_of_a_plant_with_memory_and_their_fastest_rate(
         ("motor_bristles", BRISTLES),
     ):
         monkeypatch.setattr(plant_memory, name, lambda given, value=value: value)
-    monkeypatch.setattr(plant_memory, "with_forces", lambda equations, forces, z: (forces, z))
     made = plant_memory.plant_memory(equations)
     assert made is not None and made.size == 2 and made.function.size1_in(4) == 2
     for speeds, motors in (

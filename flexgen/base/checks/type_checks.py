@@ -221,6 +221,9 @@ def _wrap(
     check = entrance.check
     check_all = replace(entrance, own=()).check
     stored = entrance.collect_stored
+    # a class with an __init__ of its own may keep something else under the name of an argument
+    made = getattr(cls, "__dataclass_params__", None)
+    stores = made is not None and made.init
 
     @functools.wraps(function)
     def call(*args: Any, **kwargs: Any) -> Any:
@@ -247,7 +250,7 @@ def _wrap(
         except Exception:
             check(args, kwargs)
             raise
-        check(*stored(args, kwargs) if is_dataclass(cls) else (args, kwargs))
+        check(*stored(args, kwargs) if stores else (args, kwargs))
 
     door: Any = construct if cls is not None else call_with_own if own else call
     door.__checks__ = entrance

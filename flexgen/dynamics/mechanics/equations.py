@@ -4,11 +4,12 @@
 
 from __future__ import annotations
 
+import hashlib
 import pickle
 import textwrap
 import threading
 from collections.abc import Callable, Sequence
-from dataclasses import fields, is_dataclass, replace
+from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cached_property
 from io import BytesIO
 from pathlib import Path
@@ -32,7 +33,7 @@ from flexgen.dynamics.mechanics.signatures import (
     split_product,
 )
 from flexgen.dynamics.mechanics.system import Builder, Built, ImplicitDae, System
-from flexgen.model.elements import RobotModel
+from flexgen.model.elements import Element, RobotModel
 from flexgen.model.reader import read
 
 
@@ -59,17 +60,9 @@ BUILDERS: dict[str, Builder] = (
 # Rows of the functions in the docstring of the equations.
 _DESCRIBED = [row for row in (*TABLE, *PYTHON_TABLE) if row.name in BUILDERS]
 
-# Rows of the functions in the docstring of the equations.
-_DESCRIBED = [row for row in (*TABLE, *PYTHON_TABLE) if row.name in BUILDERS]
-
-# Rows of the functions in the docstring of the equations.
-_DESCRIBED = [row for row in (*TABLE, *PYTHON_TABLE) if row.name in BUILDERS]
-
-# Rows of the functions in the docstring of the equations.
-_DESCRIBED = [row for row in (*TABLE, *PYTHON_TABLE) if row.name in BUILDERS]
-
 
 @checked_class
+@dataclass(frozen=True, init=False, eq=False, repr=False)
 class Equations(System):  # noqa: D101, its docstring is made from the table
     __doc__ = f"""Equations of motion of one model; each function is built when it is first used.
 
@@ -100,10 +93,6 @@ their place.
     (2, 2)
     """
 
-    def __init__(self, model: RobotModel, parameters: Sequence[str] = ()) -> None:
-        super().__init__(model, parameters)
-        self._functions: dict[str, ca.Function] = {}
-
     def __repr__(self) -> str:
         symbols = f", {len(self.parameters)} parameters as symbols" if self.parameters else ""
         return f"<Equations {self.model.title}: {self.model.dof} degrees of freedom{symbols}>"
@@ -115,17 +104,20 @@ their place.
         return Equations, (self.model, tuple(parameter.name for parameter in self.parameters))
 
     @cached_property
+    def _functions(self) -> dict[str, ca.Function]:
+        """Functions by name that were built so far."""
+        return {}
+
+    @cached_property
     def pushed(self) -> Equations:
         """Copy with symbols for a force on the tool, the argument ``f_tool`` (6,) of all functions
         it changes.
         """
-        return self._with_force(ca.SX.sym("f_tool", 6))
+        return self.with_force(ca.SX.sym("f_tool", 6))
 
     def touching(self, contact: ca.Function) -> Equations:
         """Copy as by `pushed`, with the force of a wall from ``q_a``, ``v_a`` in a simulation."""
-        made = self._with_force(ca.SX.sym("f_tool", 6))
-        made.contact = contact
-        return made
+        return self.with_force(ca.SX.sym("f_tool", 6), contact)
 
     def pushed_by(self, force: np.ndarray | None) -> Equations:
         """Copy with a constant force and torque (6,) on the tool; the same object for None."""
@@ -134,12 +126,37 @@ their place.
                 f"force: given {show_value(force)}, expected 6 finite numbers, force [N], "
                 "torque [N m]"
             )
-        return self if force is None else self._with_force(ca.SX(ca.DM(force)))
+        return self if force is None else self.with_force(ca.SX(ca.DM(force)))
 
-    def _with_force(self, force: ca.SX) -> Equations:
+    def with_force(self, force: ca.SX, contact: ca.Function | None = None) -> Equations:
+        """Copy with a force on the tool, and that of a wall, with symbols of its own.
+
+        Parameters
+        ----------
+        force : casadi.SX (6,)
+            Symbols or numbers: force [N], torque [N m], at the origin of the tool, world axes.
+        contact : casadi.Function, optional
+            Adds a force (6,) from ``q_a`` and ``v_a`` in a simulation.
+        """
         made = Equations(self.model, [parameter.name for parameter in self.parameters])
-        made.force = force
-        return made
+        return made._with_parts(force=force, contact=contact)
+
+    def with_memory(self, more: ca.SX, memory: ca.SX) -> Equations:
+        """Copy with further forces (n,) on y, expressions in the symbols of the Lagrangian and in
+        ``memory``.
+
+        ``memory`` is an argument of all functions it changes.
+        """
+        lagrangian = self.lagrangian
+        # the forces stand in none of them
+        unchanged = ("y", "left", "mass", "arm_left")
+        built = {name: part for name, part in vars(self).items() if name in unchanged}
+        built["lagrangian"] = replace(lagrangian, forces=lagrangian.forces + more)
+        return self._with_parts(memory=memory, **built)
+
+    def with_elements(self, elements: Sequence[Element]) -> Equations:
+        """Copy whose model with symbols has other elements, in the same symbols."""
+        return self._with_parts(with_symbols=replace(self.with_symbols, elements=tuple(elements)))
 
     def function(self, name: str) -> ca.Function:
         """The CasADi function of that name (see the class); ArgumentError for an unknown one."""
@@ -185,26 +202,6 @@ their place.
         return implicit_dae(self)
 
 
-def with_forces(equations: Equations, more: ca.SX, memory: ca.SX) -> Equations:
-    """Copy of the equations with additional forces (n,) on y, expressions in the symbols of their
-    Lagrangian and in ``memory``.
-
-    ``memory`` is an argument of all functions it changes.
-    """
-    lagrangian = equations.lagrangian
-    made = Equations.__new__(Equations)
-    changing = {"residual", "acceleration", "_functions"}
-    made.__dict__ = {
-        key: value for key, value in equations.__dict__.items() if key not in changing
-    }
-    made.__dict__ |= {
-        "_functions": {},
-        "lagrangian": replace(lagrangian, forces=lagrangian.forces + more),
-    }
-    made.memory = memory
-    return made
-
-
 def robot_of(model: str | Path | RobotModel | Equations) -> RobotModel:
     """The robot of a model that is given by its name, its file, as it was read, or by its
     equations.
@@ -243,8 +240,10 @@ def derive(model: str | Path | RobotModel, parameters: Sequence[str] = ()) -> Eq
     return Equations(model if isinstance(model, RobotModel) else read(model), parameters)
 
 
+# Equations of the last models, by the digests of the models.
 _KEPT: dict[bytes, Equations] = {}
-KEPT = 4  # models, some megabytes each
+# Models that are kept; each takes some megabytes.
+KEPT = 4
 
 
 class _OwnParts(pickle.Pickler):
@@ -262,13 +261,10 @@ class _OwnParts(pickle.Pickler):
         return NotImplemented
 
 
-def kept_equations(robot: RobotModel) -> Equations:
-    """As `derive`, but the same object again for one of the last models: for callers that return
-    none of it.
+def model_digest(robot: RobotModel) -> bytes | None:
+    """Digest of the fields of a model; None where it has laws of other packages.
 
-    Models are the same where their pickles are, in which -0.0 is not 0.0. Only the main thread
-    keeps equations: CasADi releases the lock of the interpreter, and two threads must not build
-    functions from one graph.
+    Models have one digest where their pickles are equal, in which -0.0 is not 0.0.
     """
     text = BytesIO()
     pickler = _OwnParts(text)
@@ -277,11 +273,23 @@ def kept_equations(robot: RobotModel) -> Equations:
     try:
         pickler.dump(robot)
     except (pickle.PicklingError, AttributeError, TypeError):
+        return None
+    return hashlib.sha256(text.getbuffer()).digest()
+
+
+def kept_equations(robot: RobotModel) -> Equations:
+    """As `derive`, but the same object again for one of the last models: for callers that return
+    none of it.
+
+    Only the main thread keeps equations: CasADi releases the lock of the interpreter, and two
+    threads must not build functions from one graph.
+    """
+    digest = model_digest(robot)
+    if digest is None or threading.current_thread() is not threading.main_thread():
         return Equations(robot)
-    if threading.current_thread() is not threading.main_thread():
-        return Equations(robot)
-    made = _KEPT.pop(text.getvalue(), None) or Equations(robot)
-    _KEPT[text.getvalue()] = made  # as the last one
+    # the last one used is the last one in the table
+    made = _KEPT.pop(digest, None) or Equations(robot)
+    _KEPT[digest] = made
     while len(_KEPT) > KEPT:
         del _KEPT[next(iter(_KEPT))]
     return made

@@ -13,9 +13,9 @@ returns the inputs, their names, the outputs and their names (`Built`). Builders
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import Any
+from typing import Any, Self
 
 import casadi as ca
 
@@ -23,7 +23,7 @@ from flexgen.base.checks.counts import show_value
 from flexgen.base.checks.type_checks import checked_class, checked_result
 from flexgen.base.errors import ArgumentError
 from flexgen.dynamics.mechanics.lagrangian import Lagrangian, equations_of, lagrangian
-from flexgen.dynamics.mechanics.parameters import put_symbols
+from flexgen.dynamics.mechanics.parameters import Parameter, put_symbols
 from flexgen.model.elements import RobotModel
 
 Built = tuple[list[ca.SX], list[str], list[ca.SX], list[str]]
@@ -55,9 +55,12 @@ class ImplicitDae:
 
 
 @checked_class
+@dataclass(frozen=True, init=False, eq=False, repr=False)
 class System:
     """A model with symbols for its coordinates, torques and run-time parameters, and its
     Lagrangian.
+
+    It is frozen: what follows from its parts is built once, on the first use.
 
     Parameters
     ----------
@@ -85,16 +88,32 @@ class System:
         nothing.
     """
 
+    model: RobotModel
+    with_symbols: RobotModel
+    parameters: tuple[Parameter, ...]
+    symbols: ca.SX
     force: ca.SX | None = None
     memory: ca.SX | None = None
     contact: ca.Function | None = None
 
     def __init__(self, model: RobotModel, parameters: Sequence[str] = ()) -> None:
         made = put_symbols(model, parameters)
-        self.model = made.given
-        self.parameters = made.parameters
-        self.symbols = made.symbols
-        self.with_symbols = made.model
+        # a frozen object is filled through its dictionary, as its cached properties are
+        vars(self).update(
+            model=made.given,
+            with_symbols=made.model,
+            parameters=made.parameters,
+            symbols=made.symbols,
+        )
+
+    def _with_parts(self, **parts: Any) -> Self:
+        """Copy with other parts; what follows from the parts is built again, unless it is among
+        them.
+        """
+        made = object.__new__(type(self))
+        own = {field.name: getattr(self, field.name) for field in fields(System)}
+        vars(made).update(own | parts)
+        return made
 
     def build(
         self,

@@ -13,7 +13,7 @@ import numpy as np
 
 from flexgen.dynamics.hysteresis.hysteresis import gear_layers
 from flexgen.dynamics.hysteresis.lugre import motor_bristles
-from flexgen.dynamics.mechanics.equations import Equations, with_forces
+from flexgen.dynamics.mechanics.equations import Equations
 from flexgen.exports.fmu.variables import STATE, Variable
 from flexgen.model.elements import RobotModel
 from flexgen.model.friction import memory_laws
@@ -64,7 +64,7 @@ def plant_memory(equations: Equations) -> PlantMemory | None:
     fastest = ca.mmax(ca.vertcat(*fading))
     results = [ca.densify(x) for x in (rates[kept.tolist()], fastest, ca.jacobian(forces, z))]
     return PlantMemory(
-        with_forces(equations, forces, z), ca.Function("memory", given, results), len(kept)
+        equations.with_memory(forces, z), ca.Function("memory", given, results), len(kept)
     )
 
 

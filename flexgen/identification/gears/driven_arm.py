@@ -312,7 +312,4 @@ def _with_errors(
     elements = [
         replace(element, dofs=tuple(map(change, element.dofs))) for element in robot.elements
     ]
-    made = Equations(equations.model, [parameter.name for parameter in equations.parameters])
-    made.symbols = equations.symbols
-    made.with_symbols = replace(robot, elements=tuple(elements))
-    return made
+    return equations.with_elements(elements)
