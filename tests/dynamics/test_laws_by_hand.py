@@ -60,13 +60,9 @@ def test_rules_of_series_are_repeated_derivatives(code: int) -> None:
             ca.OP_NOT,
             ca.OP_ASSIGN,
         )
-        value = (
-            x
-            if code == ca.OP_ASSIGN
-            else ca.SX.unary(code, x)
-            if unary
-            else ca.SX.binary(code, x, y)
-        )
+        value = x
+        if code != ca.OP_ASSIGN:
+            value = ca.SX.unary(code, x) if unary else ca.SX.binary(code, x, y)
         for order in range(7):
             expected = float(ca.Function("f", [t], [value])(0.0)) / math.factorial(order)
             assert found[k, order, 0] == pytest.approx(expected, rel=1e-9, abs=1e-10), (
