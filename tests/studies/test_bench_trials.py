@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from types import SimpleNamespace as Made
 from typing import Any
 
@@ -9,8 +10,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from flexgen.studies.scenarios import bench
+from flexgen.studies.scenarios import bench, draws
 from flexgen.studies.scenarios.bench import Bench
+from flexgen.studies.scenarios.tune import TuningResult
 
 
 def trial(draws: int, monkeypatch: pytest.MonkeyPatch, **more: Any) -> Any:
@@ -88,3 +90,24 @@ def test_robots_of_a_benchmark_have_margins_of_gain_and_delay(
         1, monkeypatch, last={1: np.nan}, failures=["", "soft fell", "", ""], noise=0.75
     )
     assert made.run("controller").refused == ("soft: soft fell", reasons[-1])
+
+
+def test_a_tuned_controller_tells_where_it_began() -> None:
+    class Scored(SimpleNamespace):
+        def __str__(self) -> str:
+            return "score of it"
+
+    score = Scored(total=1.25, accepted=True, scenario=SimpleNamespace(name="two_link-1"))
+    made = object.__new__(TuningResult)
+    for name, value in {
+        "score": score,
+        "start": Scored(total=2.5, accepted=True),
+        "evaluations": 40,
+    }.items():
+        object.__setattr__(made, name, value)
+    assert repr(made) == "<TuningResult two_link-1: 40 evaluations, score 1.2500>"
+    assert str(made) == "score of it\n  from 2.5000 in 40 evaluations"
+    made.start.accepted = False
+    assert str(made) == "score of it\n  from refused in 40 evaluations"
+    seeds = {draws.secret_seed() for _ in range(40)}
+    assert len(seeds) == 40 and all(0 <= x < 2**62 for x in seeds) and max(seeds) > 2**57
