@@ -13,17 +13,19 @@ import numpy as np
 import pytest
 from law_cases import solution_of
 from numpy.testing import assert_allclose
-from scipy.interpolate import CubicHermiteSpline, interp1d
+from scipy.interpolate import CubicHermiteSpline, CubicSpline, interp1d
 from scipy.optimize import minimize, nnls
 from toolchain import needs_compiler
 
 import flexgen
 from flexgen.base.errors import ArgumentError, SolverError
 from flexgen.feedback.loop.controllers import Cascade
+from flexgen.feedback.loop.reference import hold_torques
 from flexgen.feedback.positions.inverse import holding_offset, invert_servo
+from flexgen.feedback.positions.reference import with_positions
 from flexgen.feedback.positions.result import PositionCommands
 from flexgen.feedback.positions.samples import basis, fit_samples, fit_within
-from flexgen.feedback.positions.servo import Servo, filter_reference
+from flexgen.feedback.positions.servo import Servo, filter_reference, servo_of
 from flexgen.model.position_servo.filters import LowPass, Notch
 
 pytestmark = needs_compiler
@@ -238,6 +240,48 @@ def test_samples_that_cannot_keep_their_limits_are_refused() -> None:
     )
     with pytest.raises(SolverError, match=text):
         fit_within(B, r, 0.2, (np.array([2.0, np.nan]), np.array([100.0, 50.0])))
+
+
+def test_what_a_user_gives_is_a_servo(tmp_path: Path) -> None:
+    """A servo, its feedback, the name ppi, a file, or that of the model."""
+    law = gains(8.0)
+    servo = Servo(law, 0.5, sample_time=H)
+    assert servo_of(servo, ELBOW) is servo and servo_of(law, ELBOW) == Servo(law)
+    ppi = flexgen.PPI(2.0, 5.0, 0.5)
+    assert servo_of(ppi, ELBOW).feedback is ppi
+    assert servo_of("ppi", ELBOW) == servo_of(None, ELBOW) == Servo(flexgen.PPI())
+    file = tmp_path / "servo.toml"
+    file.write_text('type = "ppi"\nposition_hz = 2.0\nspeed_feedforward = 0.25\n')
+    assert servo_of(str(file), ELBOW) == Servo(flexgen.PPI(position_hz=2.0), 0.25)
+    for wrong in ("pi", 3, Path("servo.csv")):
+        with pytest.raises(
+            ArgumentError, match=r"servo: given .*, expected a flexgen.Servo, Casc"
+        ):
+            servo_of(wrong, ELBOW)
+
+
+def test_positions_of_a_solution_make_the_servo_send_its_torques() -> None:
+    """From the reference of the samples of the servo: the torques of the solution, held, in
+    addition to the holding offset of a motor without integral part.
+    """
+    table = {"type": "cascade", "position_gain": [20.0, 31.0], "speed_gain": [5.0, 0.7]}
+    table |= {"integral_gain": [0.0, 4.0], "sample_time": H, "speed_feedforward": 0.5}
+    model = flexgen.read("elbow", overrides={"servo": table})
+    solution = solution_of(model)
+    found = with_positions(solution).trajectory
+    servo = servo_of(None, model)
+    law = servo.feedback
+    assert isinstance(law, Cascade)
+    t = found.time
+    time = t[0] + H * np.arange(int((t[-1] - t[0]) / H))
+    r = CubicSpline(t, found["command_m"])(time) - holding_offset(law, found["tau_m"][0])
+    q = found.at(time)["q_m"]
+    sent = servo_torque(servo, law, r, q)
+    held = hold_torques(found, time, H, 0.0) - found["tau_m"][0]
+    assert_allclose(sent[5:-5], held[5:-5], atol=2e-2 * np.abs(held).max())
+    assert_allclose(found["command_g"] @ model.eta.T, found["command_m"])
+    with pytest.raises(ArgumentError, match=r"elbow without a servo, expected a table .servo. in"):
+        with_positions(solution_of(ELBOW))
 
 
 # --- the positions -------------------------------------------------------------------------------
