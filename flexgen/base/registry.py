@@ -47,7 +47,7 @@ class Option(NamedTuple):
     name : str
         Of the parameter; ``no_X`` switches X off.
     help : str
-        Of an option that is no parameter, or of two functions.
+        Of an option that belongs to no parameter, or to two functions.
     metavar : str, optional
         Placeholder of the value; default: of the type of the parameter. None without a parameter:
         a switch.

@@ -188,7 +188,7 @@ def test_the_stated_memory_is_that_of_the_longest_hold(case: str) -> None:
         assert most <= bound.at(intervals, samples) <= most + arrays * layout.block + 2 * kept
 
 
-def test_flags_are_no_reals() -> None:
+def test_flags_are_integers() -> None:
     """All numbers of the head that are not measured are integers."""
     measured = {"period", "tolerance", "delay", "residual", "mismatch", "torque_step"}
     measured |= {"output_step", "off"}

@@ -194,7 +194,7 @@ CROSS = np.eye(12) + 1.1 * np.eye(12)[::-1]
         (D @ CROSS @ D, "given a matrix with a variance <= 0"),
     ],
 )
-def test_covariances_that_are_none_are_refused(wrong: np.ndarray, text: str) -> None:
+def test_invalid_covariances_are_refused(wrong: np.ndarray, text: str) -> None:
     with pytest.raises(ArgumentError, match=text):
         flexgen.ExtendedKalmanFilter(PLANAR).reset(covariance=wrong)
 

@@ -21,7 +21,7 @@ def body() -> Body:
     return Body(MASS, tuple(COM.tolist()), tuple(map(tuple, own.tolist())))
 
 
-def test_numbers_are_moments_about_the_frame_and_lead_back(body: Body) -> None:
+def test_numbers_are_moments_about_the_frame_and_have_an_inverse(body: Body) -> None:
     """Steiner's theorem; the pseudo-inertia is the integral of (r, 1)(r, 1)'."""
     numbers = feasible_bodies.numbers_of(body)
     inertia = np.trace(SECOND) * np.eye(3) - SECOND
@@ -40,7 +40,7 @@ def test_numbers_are_moments_about_the_frame_and_lead_back(body: Body) -> None:
     assert_allclose(feasible_bodies.scales(numbers), sizes)
 
 
-def test_parameters_of_feasible_bodies_lead_back_and_have_a_jacobian(body: Body) -> None:
+def test_parameters_of_feasible_bodies_have_an_inverse_and_a_jacobian(body: Body) -> None:
     """Differences of second order; numbers of no body become those of one."""
     numbers = feasible_bodies.numbers_of(body)
     made = feasible_bodies.Feasible(2)

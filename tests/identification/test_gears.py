@@ -162,7 +162,7 @@ def test_a_further_element_is_one_of_a_model_that_has_it() -> None:
     with_it.largest = model.largest
     with_it.segments = with_it.arm.segments(sample_s, steps)
     expected = np.subtract(*with_it.torques([weak, none], model.motion)) / size
-    # their squares without the part of noise, beside those of the numbers of the fit
+    # their squares without the part of noise, next to those of the numbers of the fit
     white = fit.Whitening(model.measured, model, fit.FLOOR[1])
     _, raw, _ = further.equations(white)
     J = white(model.derivatives(theta, model.motion)[1]).reshape(expected.size, -1)

@@ -213,7 +213,7 @@ def test_problems_of_a_prediction(case: Case, problem: str) -> None:
     assert changed(case, **PROBLEMS[problem]).problem == problem
 
 
-def test_an_output_of_coordinates_is_no_tool(case: Case) -> None:
+def test_an_output_of_coordinates_has_no_tool(case: Case) -> None:
     output = replace(ROBOT.output, type="combination")
     solution = replace(case.found.solution, model=replace(ROBOT, output=output))
     assert changed(case, solution=solution).sentence().startswith("output error 95 % <= 150 um")

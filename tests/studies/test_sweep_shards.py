@@ -122,7 +122,7 @@ def test_an_interruption_loses_what_was_running_and_nothing_else(tmp_path, worke
 
 
 def test_progress_tells_the_rate_and_the_time_that_remains(tmp_path, monkeypatch) -> None:
-    """A clock that goes on by 50 s with each shard of two cases; the first shard is there."""
+    """A clock that advances by 50 s with each shard of two cases; the first shard is there."""
     grid = batch_grid(7)
     out = tmp_path / "out"
     sweep(grid, out, workers=0, shard_size=2)

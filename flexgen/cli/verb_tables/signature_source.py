@@ -115,7 +115,7 @@ def constant(module: str, node: ast.expr) -> Any:
 
 
 def definition(module: str, node: ast.expr) -> tuple[str, ast.expr] | None:
-    """The expression that a name of a module stands for, and the module that defines it; None
+    """The expression of a name of a module, and the module that defines it; None
     where flexgen does not define it by an assignment.
     """
     if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):

@@ -78,7 +78,7 @@ class Name(Term):
         return self.name
 
     def value(self, names: Mapping[str, int | Linear]) -> int | Linear:
-        """What the name stands for."""
+        """Value of the name."""
         return names[self.name]
 
 

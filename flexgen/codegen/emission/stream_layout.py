@@ -409,7 +409,7 @@ class StreamLayout:
 
 
 def _integer(size: Term | int, names: Mapping[str, int]) -> int:
-    """The value of a size whose names all stand for integers."""
+    """The value of a size whose names are all integers."""
     found = size if isinstance(size, int) else size.value(names)
     assert isinstance(found, int)
     return found

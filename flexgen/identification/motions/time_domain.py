@@ -535,7 +535,7 @@ def frictions_of(found: IdentificationResult) -> list[str]:
 def refined_status(
     fit: Minimum, cost: float, simulated: Simulated, found: IdentificationResult
 ) -> FitStatus:
-    """Status of a refinement, by its search, its cost and what is left of the motion."""
+    """Status of a refinement, by its search, its cost and the residual of the motion."""
     if not fit.converged or fit.at_bound.any():
         return FitStatus.AT_BOUND if fit.converged else FitStatus.NOT_CONVERGED
     relative = np.linalg.norm(simulated.residual(fit.x) * simulated.sd) / np.linalg.norm(
