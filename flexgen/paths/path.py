@@ -15,6 +15,7 @@ from flexgen.base.checks.counts import show_value
 from flexgen.base.checks.type_checks import checked_class, checked_types
 from flexgen.base.errors import ArgumentError, SolverError
 from flexgen.base.results import Result
+from flexgen.base.rows import Column, Data, Part, Prose, Table
 from flexgen.base.spec.arguments import is_whole
 from flexgen.dynamics.mechanics.equations import Equations, derive
 from flexgen.model.elements import RobotModel
@@ -41,6 +42,16 @@ def _check_duration(name: str, duration: float) -> None:
         raise ArgumentError(
             f"move {name}: given a duration of {duration:.6g} s, expected at most {LONGEST:g} s"
         )
+
+
+# Columns of the segments of a path.
+SEGMENTS = (
+    Column("segment"),
+    Column("space", key="space"),
+    Column("start", "s", "start_s"),
+    Column("duration", "s", "duration_s"),
+    Column("continuous derivatives", key="smoothness"),
+)
 
 
 @checked_class
@@ -120,19 +131,25 @@ class Path(Result):
         lines = (line for one in segments for line in getattr(one.curve, "warnings", ()))
         return tuple(dict.fromkeys(lines))
 
-    def to_dict(self) -> dict[str, Any]:
-        """Duration, start and segments as JSON types, SI units."""
-        rows = [(s.space, s.start, s.law.duration, s.smoothness) for s in self.segments]
-        names = ("space", "start_s", "duration_s", "smoothness")
-        return {
-            "model": self.equations.model.name,
-            "move": self.move.name,
-            "duration_s": self.duration,
-            "smoothness": self.smoothness,
-            "q_start": self.q_start.tolist(),
-            "segments": [dict(zip(names, row, strict=True)) for row in rows],
-            **({"notes": list(self.notes)} if self.notes else {}),
-        }
+    def content(self) -> tuple[Part, ...]:
+        """Duration, segments and notes."""
+        model = self.equations.model.name
+        cells = tuple(
+            (k, s.space, s.start, s.law.duration, s.smoothness)
+            for k, s in enumerate(self.segments, 1)
+        )
+        notes = self.notes
+        return (
+            Prose(f"{model}, {self.move.name}: {self.duration:.4g} s", is_title=True),
+            Data("model", model),
+            Data("move", self.move.name),
+            Data("duration_s", self.duration),
+            Data("smoothness", self.smoothness),
+            Data("q_start", self.q_start.tolist()),
+            Table(SEGMENTS, cells, "Segments", "segments"),
+            *(Prose(f"note: {line}", "notes") for line in notes if line not in self.warnings),
+            *([Data("notes", list(notes))] if notes else []),
+        )
 
     def table(self) -> np.ndarray:
         """The path as the sampler of the emitted C reads it, see `flexgen.paths.path_table`.

@@ -303,7 +303,11 @@ def pages() -> Iterator[tuple[str, Callable[[], Any]]]:
         periods=4,
         experiments=2,
         relative_sd=lambda: 0.01234,
+        motors=("m1", "m2"),
+        outputs=("m1", "m2", "p"),
+        _data=lambda: (),
     )
+    data.content = functools.partial(flexgen.Frf.content, data)
     yield (
         "page of responses",
         lambda: page(identification_page, identification_page.write_responses, data),

@@ -11,7 +11,7 @@ from pathlib import Path
 
 SOURCE = Path(__file__).resolve().parents[2] / "flexgen"
 ORDER = {
-    "base": "errors results files spec checks calls motion numerics display registry version",
+    "base": "errors results rows files spec checks calls motion numerics display registry version",
     "model": "elements moves friction abilities reader format urdf catalogue new_file inertia "
     "position_servo",
     "runtime": "library calls inversion streams structs arguments identity files processor",
@@ -24,7 +24,8 @@ ORDER = {
     "backends": "autodiff cuda",
     "simulation": "simulate start run integration open_loop motor_feedback after_end verification "
     "result environment",
-    "inversion": "solve problem choice methods judge solution hold comparison",
+    "inversion": "solve problem choice methods judge refinement solution "
+    "unverified_solution hold comparison",
     "feedback": "loop laws observers positions sampled_plant",
     "planning": "optimal fastest learning",
     "studies": "tolerances sweeps scenarios check templates",

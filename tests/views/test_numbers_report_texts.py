@@ -25,6 +25,7 @@ from flexgen.views.reports import (
     text_tables,
     texts,
 )
+from flexgen.views.reports.row_views import text_of_rows
 
 
 @pytest.mark.parametrize(
@@ -145,16 +146,21 @@ def test_details_of_a_solution(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_segments_of_a_path_and_files_of_a_library(monkeypatch: pytest.MonkeyPatch) -> None:
-    segment = {"space": "tool", "start_s": 0.0, "duration_s": 1.25, "smoothness": 5}
+    segments = [
+        Made(space="tool", start=start, law=Made(duration=duration), smoothness=5)
+        for start, duration in ((0.0, 1.25), (1.25, 0.75))
+    ]
     path: Any = Made(
         equations=Made(model=Made(name="r")),
         move=Made(name="line"),
         duration=2.0,
         notes=("the start is moved", "the samples are noisy"),
         warnings=("the samples are noisy",),
-        to_dict=lambda: {"segments": [segment, segment | {"start_s": 1.25, "duration_s": 0.75}]},
+        segments=segments,
+        smoothness=5,
+        q_start=np.zeros(2),
     )
-    lines = texts.text_of_path(path).splitlines()
+    lines = text_of_rows(flexgen.Path.content(path)).splitlines()
     assert lines[0] == "r, line: 2 s" and [line.split() for line in lines[-4:-2]] == [
         ["1", "tool", "0", "1.25", "5"],
         ["2", "tool", "1.25", "0.75", "5"],

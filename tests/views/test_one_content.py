@@ -25,29 +25,24 @@ FACTORS = {"mm": 1e3, "um": 1e6, "mrad": 1e3, "urad": 1e6, "%": 100.0, "ms": 1e3
 # Results without a content of their own: this set may only shrink.
 WITHOUT = {
     "Analysis",
-    "CascadeTuning",
     "Comparison",
     "Configuration",
     "ControlRun",
     "Detection",
     "Equilibrium",
     "Estimate",
-    "Experiment",
     "Exported",
     "FastestMove",
     "FeedbackStudy",
     "FeedforwardComparison",
-    "Frf",
     "GeneratedLibrary",
     "LearningResult",
     "Margins",
     "Passivity",
-    "Path",
     "PathSample",
     "Plan",
     "PlantRun",
     "Score",
-    "SweepResult",
     "Trajectory",
     "TuningResult",
 }
@@ -156,6 +151,11 @@ def solution() -> flexgen.Solution:
     return flexgen.solve("elbow")
 
 
+@cache
+def plan() -> flexgen.Plan:
+    return flexgen.excite("elbow", poses=[[0.5, -0.3]], period_s=1.0, lines=10)
+
+
 MADE: dict[str, Callable[[], Result]] = {
     "Solution": solution,
     "Simulation": lambda: solution().simulation,
@@ -165,6 +165,13 @@ MADE: dict[str, Callable[[], Result]] = {
     "PositionCommands": lambda: flexgen.command_positions("elbow"),
     "ServoFit": lambda: small_fit("servo"),
     "GearFit": lambda: small_fit("gears"),
+    "Path": lambda: flexgen.plan("elbow"),
+    "SweepResult": lambda: flexgen.sweep(
+        flexgen.Grid(["elbow"], moves=flexgen.random_moves(2, seed=1)), workers=1
+    ),
+    "CascadeTuning": lambda: flexgen.tune_cascade("elbow", evaluations=6),
+    "Experiment": lambda: flexgen.measure(plan()),
+    "Frf": lambda: flexgen.frf(flexgen.measure(plan())),
     "Load": lambda: small_fit("load"),
     "Calibration": lambda: small_fit("poses"),
     "IdentificationResult": lambda: small_fit("responses"),

@@ -247,7 +247,6 @@ def _tune_model(args: Namespace, log: Progress) -> VerbResult:
     from flexgen.model.reader import read
     from flexgen.simulation.environment.disturbances import Disturbance
     from flexgen.studies.scenarios.tune_cascade import TUNED, tune_cascade
-    from flexgen.views.reports.control_texts import tuning_text
 
     alone(args, "a model", "starts", "workers")
     model = read(args.scenario)
@@ -264,8 +263,8 @@ def _tune_model(args: Namespace, log: Progress) -> VerbResult:
     tuned = tune_cascade(model, **given, progress=throttle(log))
     data = tuned.to_dict() | {"controller": str(args.out)}
     if not tuned.robust:
-        return VerbResult(data, tuning_text(tuned), "no controller with the margins was found")
-    text = f"{tuning_text(tuned)}\n\nwrote {tuned.save(args.out)}"
+        return VerbResult(data, tuned.to_text(), "no controller with the margins was found")
+    text = f"{tuned.to_text()}\n\nwrote {tuned.save(args.out)}"
     text += f"\nnext: flexgen control {args.scenario} --controller {args.out}"
     problem = "" if tuned.status == TUNED else f"{tuned.status}: the best controller so far"
     return VerbResult(data, text, problem, interrupted=tuned.status == "interrupted")

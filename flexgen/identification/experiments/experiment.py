@@ -31,6 +31,7 @@ from flexgen.base.checks.counts import count_of
 from flexgen.base.checks.type_checks import checked_result, checked_types
 from flexgen.base.errors import ArgumentError
 from flexgen.base.results import ArrayResult
+from flexgen.base.rows import Column, Part, Table
 from flexgen.base.spec.arguments import seed_of
 from flexgen.codegen.build.model_library import library_with
 from flexgen.codegen.emission.digest import model_digest
@@ -133,6 +134,13 @@ class Experiment(ArrayResult):
     offsets_later: np.ndarray | None = None
     beside_later: np.ndarray | None = None
     ended: str = ""
+
+    def content(self) -> tuple[Part, ...]:
+        """Speeds of the motors at the poses, and all fields as data."""
+        motors = self.plan.motors
+        columns = (Column("pose"), *(Column(name, "rad/s rms") for name in motors))
+        cells = tuple((k, *speed) for k, speed in enumerate(self.speed_sd.tolist(), 1))
+        return Table(columns, cells, "Speeds"), *self._data()
 
     def reference(self, pose: int, realization: int, experiment: int) -> np.ndarray:
         """Reference of the motor angles over one period [rad], (samples, n_m)."""

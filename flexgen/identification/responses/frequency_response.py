@@ -42,6 +42,7 @@ from flexgen.base.numerics.records import (
     slow_transients,
 )
 from flexgen.base.results import ArrayResult
+from flexgen.base.rows import Data, Part, Prose, Row
 from flexgen.feedback.loop.controllers import Cascade
 from flexgen.identification.experiments.experiment import Experiment
 from flexgen.identification.responses.average_names import AverageName
@@ -157,6 +158,25 @@ class Frf(ArrayResult):
     def relative_sd(self) -> float:
         """Median of the standard deviation by noise over the size of the elements."""
         return float(np.median(np.sqrt(self.variance) / np.maximum(np.abs(self.G), 1e-300)))
+
+    def content(self) -> tuple[Part, ...]:
+        """Size and accuracy of the responses, and all fields as data."""
+        ends = self.w[[0, -1]] / (2.0 * np.pi)
+        size = f"{len(self.outputs)} x {len(self.motors)}"
+        noise = 100.0 * self.relative_sd()
+        return (
+            Prose(f"{self.model}: frequency responses", is_title=True),
+            Row("poses", len(self.poses)),
+            Row("lines", len(self.w)),
+            Row("outputs and motors", size),
+            Row("lowest and highest frequency", f"{ends[0]:.4g}, {ends[1]:.4g}", "Hz"),
+            Row("periods averaged", self.periods),
+            Row("experiments at each pose", self.experiments),
+            Row("median standard deviation by noise", noise, "%"),
+            *self._data(),
+            Data("frequencies_Hz", (self.w / (2.0 * np.pi)).tolist()),
+            Data("median_relative_sd", self.relative_sd()),
+        )
 
     def to_control(self, pose: int = 0) -> Any:
         """The responses at one pose, counted from 0, for the package python-control.

@@ -24,6 +24,7 @@ from flexgen.base.checks.type_checks import checked_result, checked_types
 from flexgen.base.errors import ArgumentError, FlexgenError
 from flexgen.base.files.atomic_files import write_text
 from flexgen.base.results import Result
+from flexgen.base.rows import Column, Data, Part, Prose, Shown, Table
 from flexgen.base.spec.arguments import check_not_negative
 from flexgen.dynamics.mechanics.equations import Equations
 from flexgen.feedback.loop.case import SAMPLE_S, Case, control_case
@@ -60,6 +61,58 @@ COMMON = 0.4
 TUNED = "tuned"
 OVER = "time limit"
 INTERRUPTED = "interrupted"
+
+
+MARGINS = (
+    Column("smallest margins of all robots and poses"),
+    Column("stable"),
+    Column("gain margin"),
+    Column("dB"),
+    Column("at Hz"),
+    Column("phase margin, deg"),
+    Column("at Hz"),
+    Column("delay margin, ms"),
+)
+
+
+def _gain_columns() -> tuple[Column, ...]:
+    """Columns of the gains of the motors, before and after."""
+    titles = {
+        "position_gain": "position gain, 1/s",
+        "speed_gain": "speed gain, N m s/rad",
+        "speed_hz": "speed, Hz",
+        "integral_gain": "integral gain, 1/s",
+    }
+    found = [Column("motor", key="motor")]
+    for key, title in titles.items():
+        found += [Column(title, key=f"{key}_before"), Column("after", key=f"{key}_after")]
+    return tuple(found)
+
+
+def _error_columns(unit: str) -> tuple[Column, ...]:
+    """Columns of the errors of the robots [unit], before and after."""
+    return (
+        Column("robot", key="robot"),
+        Column("", key="unit", is_data=True),
+        Column("dynamic error", unit, "dynamic_error_max_before"),
+        Column("after", unit, "dynamic_error_max_after"),
+        Column("error", unit, "error_max_before"),
+        Column("after", unit, "error_max_after"),
+    )
+
+
+def _table_of(
+    rows: list[dict[str, Any]], columns: tuple[Column, ...], heading: str, key: str
+) -> Table:
+    """A table of rows by key; what is not known failed."""
+    cells = tuple(
+        tuple(
+            Shown(None, "failed") if row[column.key] is None else row[column.key]
+            for column in columns
+        )
+        for row in rows
+    )
+    return Table(columns, cells, heading, key)
 
 
 @checked_result
@@ -132,21 +185,45 @@ class CascadeTuning(Result):
             rows.append(row)
         return rows
 
-    def to_dict(self) -> dict[str, Any]:
-        """Gains, errors and margins as JSON types, SI units."""
-        return {
-            "model": self.run.model.name,
-            "move": self.run.solution.move.name,
-            "status": self.status,
-            "evaluations": self.evaluations,
-            "gains": self.gains(),
-            "errors": self.errors(),
-            "margins_before": self.start_margins.to_dict(),
-            "margins_after": self.margins.to_dict(),
-            "required": self.required,
-            "robust": self.robust,
-            "history": list(self.history),
-        }
+    def content(self) -> tuple[Part, ...]:
+        """Gains, errors and margins, before and after."""
+        saved = 100.0 * (1.0 - self.history[-1]) if self.history else 0.0
+        move = self.run.solution.move.name
+        required = self.required
+        return (
+            Prose(
+                f"{self.run.model.name}, move {move}: {self.status}, {self.evaluations} "
+                f"controllers, root mean square of the dynamic errors {saved:.4g} % smaller",
+                is_title=True,
+            ),
+            Data("model", self.run.model.name),
+            Data("move", move),
+            Data("status", self.status),
+            Data("evaluations", self.evaluations),
+            _table_of(self.gains(), _gain_columns(), "Gains", "gains"),
+            _table_of(self.errors(), _error_columns(self.run.unit), "Errors", "errors"),
+            self._margins(),
+            Prose(
+                f"required: {required['gain_db']:.4g} dB, {required['phase_deg']:.4g} deg",
+                "required",
+            ),
+            Data("margins_before", self.start_margins.to_dict()),
+            Data("margins_after", self.margins.to_dict()),
+            Data("required", required),
+            Data("robust", self.robust),
+            Data("history", list(self.history)),
+        )
+
+    def _margins(self) -> Table:
+        """The smallest margins before and after; a dash for one that was not found."""
+        cells = []
+        for when, found in (("before", self.start_margins), ("after", self.margins)):
+            data = found.to_dict()
+            delay = data["delay_s"]
+            row = ("gain", "gain_db", "gain_hz", "phase_deg", "phase_hz")
+            late = None if delay is None else 1e3 * delay
+            cells.append((when, found.stable, *(data[key] for key in row), late))
+        return Table(MARGINS, tuple(cells), "Margins")
 
     def save(self, path: str | Path) -> Path:
         """Write the controller as a table in TOML, which `flexgen.control` takes."""

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from flexgen.base import rows
 from flexgen.base.calls.deadline import keep_best, limit_fit, part_known, reason_of_end
 from flexgen.base.calls.progress import Choice, reported
 from flexgen.base.checks.bounds import Count, CountOrZero, TimeLimit
@@ -22,6 +23,7 @@ from flexgen.base.checks.type_checks import checked_result, checked_types
 from flexgen.base.errors import ArgumentError, FlexgenError
 from flexgen.base.numerics.executors import with_executor
 from flexgen.base.results import Result
+from flexgen.base.rows import Column, Data, Part, Prose
 from flexgen.codegen.emission.digest import model_digest
 from flexgen.model.elements import RobotModel
 from flexgen.studies.sweeps.cases import Case, Grid
@@ -32,6 +34,18 @@ from flexgen.studies.sweeps.summary import group_reasons, summarize
 from flexgen.studies.sweeps.table import RESULTS, TIMES, Table, table_of
 from flexgen.studies.sweeps.version import code_version, wants_native
 from flexgen.studies.sweeps.worker import run_shard
+
+# Columns of the groups of cases by model, method and status.
+GROUPS = (
+    Column("model", key="model"),
+    Column("method", key="method"),
+    Column("status", key="status"),
+    Column("cases", key="cases"),
+    Column("tool error m", key="tool_error_max"),
+    Column("tool error rad", key="turn_error_max"),
+    Column("torque N m", key="torque_max"),
+    Column("processor s", key="cpu"),
+)
 
 
 @checked_result
@@ -82,17 +96,21 @@ class SweepResult(Result):
         named = zip(self.results["case"][rows], self.results["error"][rows], strict=True)
         return {int(case): str(error) for case, error in named}
 
-    def to_dict(self) -> dict[str, Any]:
-        """Figures by model, method and status, and the reasons of failed cases, as JSON types."""
+    def content(self) -> tuple[Part, ...]:
+        """The cases by model, method and status, and the reasons of failed ones as data."""
         failed = self.failures.tolist()
-        return {
-            "status": self.status,
-            "cases": len(self.results),
-            "failed": len(failed),
-            "digest": self.results.digest,
-            "groups": summarize(self.results, self.times),
-            "failures": group_reasons(failed, list(self.errors.values())),
-        }
+        early = f"; {self.status}" if self.ended else ""
+        groups = summarize(self.results, self.times)
+        cells = tuple(tuple(group[column.key] for column in GROUPS) for group in groups)
+        return (
+            Prose(f"{len(self.results)} cases, {len(failed)} failed{early}", is_title=True),
+            Data("status", self.status),
+            Data("cases", len(self.results)),
+            Data("failed", len(failed)),
+            Data("digest", self.results.digest),
+            rows.Table(GROUPS, cells, "Cases", "groups"),
+            Data("failures", group_reasons(failed, list(self.errors.values()))),
+        )
 
     @property
     def failures(self) -> np.ndarray:

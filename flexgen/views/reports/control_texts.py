@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from flexgen.base.display import Scales, choose_scale, choose_scales, figure_rows
+from flexgen.base.display import Scales, choose_scales, figure_rows
 from flexgen.base.registry import provides
 from flexgen.views.reports.text_tables import number, paragraph, table
 
@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from flexgen.paths.accuracy.figures import PathAccuracy
     from flexgen.studies.scenarios.scenario import Scenario
     from flexgen.studies.scenarios.score import Score
-    from flexgen.studies.scenarios.tune_cascade import CascadeTuning
 
 ERRORS = ("error_max", "dynamic_error_max", "error_end")  # keys of `ControlRun.figures`
 
@@ -166,58 +165,6 @@ def feedforward_text(compared: FeedforwardComparison, scales: Scales | None = No
     ]
     missing = [f"{name}: not compared: {reason}" for name, reason in compared.missing.items()]
     return "\n".join([*lines, *unstable, *missing])
-
-
-def tuning_text(tuned: CascadeTuning) -> str:
-    """Gains, errors and margins of a tuned cascade, before and after."""
-    gains = [
-        [
-            row["motor"],
-            *(
-                row[f"{name}_{when}"]
-                for name in ("position_gain", "speed_gain", "speed_hz", "integral_gain")
-                for when in ("before", "after")
-            ),
-        ]
-        for row in tuned.gains()
-    ]
-    units = ("position gain, 1/s", "speed gain, N m s/rad", "speed, Hz", "integral gain, 1/s")
-    head = ["motor", *(name for unit in units for name in (unit, "after"))]
-    keys = [
-        f"{name}_{when}"
-        for name in ("dynamic_error_max", "error_max")
-        for when in ("before", "after")
-    ]
-    found = tuned.errors()
-    scale = choose_scale([row[key] for row in found for key in keys], tuned.run.unit)
-    errors = [
-        [
-            row["robot"],
-            *("failed" if row[key] is None else scale.cell(row[key]) for key in keys),
-        ]
-        for row in found
-    ]
-    unit = scale.unit
-    margins = {"before": tuned.start_margins, "after": tuned.margins}
-    required = tuned.required
-    saved = 100.0 * (1.0 - tuned.history[-1]) if tuned.history else 0.0
-    return "\n".join(
-        [
-            f"{tuned.run.model.name}, move {tuned.run.solution.move.name}: {tuned.status}, "
-            f"{tuned.evaluations} controllers, root mean square of the dynamic errors "
-            f"{number(saved)} % smaller",
-            "",
-            table(gains, head),
-            "",
-            table(
-                errors,
-                ("robot", f"dynamic error, {unit}", "after", f"error, {unit}", "after"),
-            ),
-            "",
-            margins_text(margins, "smallest margins of all robots and poses"),
-            f"required: {number(required['gain_db'])} dB, {number(required['phase_deg'])} deg",
-        ]
-    )
 
 
 def accuracy_text(found: PathAccuracy, scales: Scales) -> str:

@@ -96,22 +96,10 @@ def write_responses(data: Frf, directory: str | Path) -> Path:
         for k in range(min(len(data.poses), MOST_POSES))
     ]
     title = f"{data.model}: frequency responses"
-    rows = [
-        ("poses", f"{len(data.poses)}", ""),
-        ("lines", f"{len(data.w)}", ""),
-        (
-            "lowest and highest frequency",
-            f"{number(data.w[0] / 2 / np.pi)}, {number(data.w[-1] / 2 / np.pi)}",
-            "Hz",
-        ),
-        ("periods averaged", f"{data.periods}", ""),
-        ("experiments at each pose", f"{data.experiments}", ""),
-        ("median standard deviation by noise", f"{100 * data.relative_sd():.2g}", "%"),
-    ]
     parts = [
         head(title),
         f"<h1>{html.escape(title)}</h1>\n",
-        html_table(("quantity", "value", "unit"), rows, (1,)),
+        html_of_rows(data.content(), is_page=True),
     ]
     return write_page(Path(directory), parts, drawn)
 

@@ -7,17 +7,14 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from flexgen.base.display import choose_scales
-from flexgen.base.registry import provides
 from flexgen.base.rows import Row
 from flexgen.views.reports.row_views import text_of_rows
 from flexgen.views.reports.text_tables import number, table
 
 if TYPE_CHECKING:
     from flexgen.identification.experiments.excitation import Plan
-    from flexgen.identification.experiments.experiment import Experiment
     from flexgen.identification.motions.motion_fit import MotionFit
     from flexgen.identification.motions.time_domain import Validation
-    from flexgen.identification.responses.frequency_response import Frf
     from flexgen.identification.responses.result import IdentificationResult
     from flexgen.identification.responses.structure import Structure
     from flexgen.identification.responses.verdict import Verdict
@@ -44,23 +41,6 @@ def plan_text(plan: Plan, robot: RobotModel) -> str:
                 ("parameter", "expected standard deviation, %"),
             ),
         ]
-    )
-
-
-@provides("Experiment.to_text")
-def text_of_experiment(experiment: Experiment) -> str:
-    """Speeds of the motors at the poses of an experiment."""
-    rows = [[k, *speed] for k, speed in enumerate(experiment.speed_sd.tolist(), 1)]
-    return table(rows, ("pose", *(f"{name}, rad/s rms" for name in experiment.plan.motors)))
-
-
-@provides("Frf.to_text")
-def text_of_responses(data: Frf) -> str:
-    """Size and accuracy of frequency responses."""
-    return (
-        f"{data.model}: {len(data.poses)} poses, {len(data.w)} lines, {len(data.outputs)} x "
-        f"{len(data.motors)}\n"
-        f"median standard deviation by noise: {number(100 * data.relative_sd())} %"
     )
 
 

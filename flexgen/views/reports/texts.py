@@ -21,10 +21,8 @@ if TYPE_CHECKING:
     from flexgen.inversion.solution import Solution
     from flexgen.model.elements import RobotModel
     from flexgen.paths.inverse_kinematics.search import Configuration
-    from flexgen.paths.path import Path
     from flexgen.simulation.result import Simulation
     from flexgen.studies.check.finding import Check, Finding
-    from flexgen.studies.sweeps.sweep import SweepResult
 
 SHOWN = 5  # reasons of failures of a sweep that are named, and cases that are named for each
 
@@ -435,18 +433,6 @@ def library_text(robot: RobotModel, library: GeneratedLibrary) -> str:
     return "\n".join(lines)
 
 
-@provides("Path.to_text")
-def text_of_path(path: Path) -> str:
-    """The segments of a planned path."""
-    segments = enumerate(path.to_dict()["segments"], 1)
-    rows = [[k, s["space"], s["start_s"], s["duration_s"], s["smoothness"]] for k, s in segments]
-    head = ("segment", "space", "start, s", "duration, s", "continuous derivatives")
-    title = f"{path.equations.model.name}, {path.move.name}: {number(path.duration)} s"
-    remarks = [line for line in path.notes if line not in path.warnings]
-    notes = "\n".join(paragraph(f"note: {line}") for line in remarks)
-    return "\n\n".join([title, table(rows, head), *([notes] if notes else [])])
-
-
 def configurations_text(robot: RobotModel, found: Sequence[Configuration]) -> str:
     """The configurations of `flexgen.kinematics` as a table."""
     rows = []
@@ -456,35 +442,6 @@ def configurations_text(robot: RobotModel, found: Sequence[Configuration]) -> st
         rows.append([*map(float, c.q), "yes" if c.within_limits else "no", flags, near])
     joints = (f"{c.name}, {c.unit}" for c in (robot.coordinates[i] for i in robot.i_g))
     return table(rows, (*joints, "in limits", "shoulder elbow wrist", "singularity distance"))
-
-
-@provides("SweepResult.to_text")
-def text_of_sweep(swept: SweepResult) -> str:
-    """The cases of a sweep by model, method and status."""
-    head = (
-        "model",
-        "method",
-        "status",
-        "cases",
-        "tool error m",
-        "tool error rad",
-        "torque N m",
-        "processor s",
-    )
-    keys = (
-        "model",
-        "method",
-        "status",
-        "cases",
-        "tool_error_max",
-        "turn_error_max",
-        "torque_max",
-        "cpu",
-    )
-    data = swept.to_dict()
-    rows = [[group[key] for key in keys] for group in data["groups"]]
-    early = f"; {swept.status}" if swept.ended else ""
-    return f"{data['cases']} cases, {data['failed']} failed{early}\n\n{table(rows, head)}"
 
 
 def failure_lines(groups: Sequence[Mapping[str, Any]], where: str) -> list[str]:
