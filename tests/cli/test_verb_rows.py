@@ -4,6 +4,7 @@ exceptions have a reason each.
 
 from __future__ import annotations
 
+import argparse
 import inspect
 import re
 import subprocess
@@ -14,7 +15,10 @@ import export_tables
 import pytest
 
 import flexgen
+from flexgen.base.checks.type_checks import checks_of
+from flexgen.base.checks.types_of_values import Check
 from flexgen.base.registry import Option
+from flexgen.cli import argument_types
 from flexgen.cli.parser import parse
 from flexgen.cli.verb_tables.signature_source import defaults_of
 from flexgen.cli.verb_tables.verb_rows import Verb
@@ -86,13 +90,24 @@ WORDS = {
     ("tune", "gain_margin_db"): "the unit stands in the help",
     ("tune", "phase_margin_deg"): "the unit stands in the help",
 }
-# Options whose value is another one than that of the parameter, with the reason.
+# Options with the name of a parameter whose value is another one, with the reason.
 VALUES = {
     ("solve", "limits"): "a switch: those of the model",
-    ("solve", "move"): "several moves, solved one by one",
     ("solve", "fastest"): "calls flexgen.fastest; the parameter is old",
+    ("measure", "raw"): "a folder; Python takes a function",
+    ("kinematics", "rotation"): "a rotation vector; Python takes the axes",
     ("export ros2", "no_gains"): "a switch: no gains; the default is a text",
 }
+# Options with a help of their own, because the verb calls two functions; the rest is derived.
+TWO_FUNCTIONS = {
+    ("tune", "controller"): "flexgen.tune and flexgen.tune_cascade",
+    ("tune", "evaluations"): "flexgen.tune and flexgen.tune_cascade",
+    ("tune", "seed"): "flexgen.tune and flexgen.tune_cascade",
+}
+# Numbers or arrays, and each number is an array: the function checks the number itself.
+ARRAYS = {("excite", "poses")}
+# A default, or the words that a value may be, in what a row says more.
+STATES_VALUE = re.compile(r"default|expected|one of")
 
 
 def called() -> list[str]:
@@ -107,6 +122,95 @@ def without_parameter(verb: Verb) -> list[str]:
         for option in verb.options()
         if option.parameter not in parameters and option.parameter not in WRITTEN
     ]
+
+
+def stated(verb: Verb) -> list[tuple[str, str]]:
+    """Options of a row and what they state although a parameter has it: its type, its allowed
+    values, its default, its help.
+    """
+    found = []
+    for row in (row for rows in (verb.rows or {}).values() for row in rows):
+        option = Option(row) if isinstance(row, str) else row
+        owner, _, name = option.of.rpartition(".")
+        owner = owner or verb.function
+        names = {name or option.name, option.name.removeprefix("no_")}
+        if not owner or not names & set(inspect.signature(getattr(flexgen, owner)).parameters):
+            continue
+        for what in ("help", "kind", "choices"):
+            if getattr(option, what):
+                found.append((option.name, what))
+        if STATES_VALUE.search(option.more):
+            found.append((option.name, "default"))
+    return found
+
+
+@pytest.mark.parametrize("name", VERBS)
+def test_no_row_states_what_a_parameter_has(name):
+    found = [
+        (option, what)
+        for option, what in stated(VERBS[name])
+        if (name, option) not in VALUES
+        and not ((name, option) in TWO_FUNCTIONS and what == "help")
+    ]
+    assert found == []
+
+
+def refused_differently(option: Option, check: Check) -> list[str]:
+    """Numbers that the command line refuses and the function takes."""
+    kind, _, least = option.kind.partition(" ")
+    read = argument_types.whole(int(least)) if least else getattr(argument_types, kind)
+    found = []
+    for text in ("-1", "0", "0.37", "1", "2", "5", "30"):
+        number = float(text) if "." in text else int(text)
+        try:
+            read(text)
+        except argparse.ArgumentTypeError:
+            found += [text] if check.passes(number) else []
+    return found
+
+
+@pytest.mark.parametrize("name", called())
+def test_a_number_that_the_command_line_refuses_is_refused_by_the_function(name):
+    checks = checks_of(getattr(flexgen, VERBS[name].function))
+    for option in VERBS[name].options():
+        is_number = option.kind in ("positive", "not_negative") or option.kind.startswith("whole")
+        if (name, option.name) in (*VALUES, *ARRAYS) or option.parameter not in checks:
+            continue
+        if is_number:
+            assert refused_differently(option, checks[option.parameter]) == [], option.name
+
+
+def test_another_bound_on_the_command_line_is_seen():
+    robots = checks_of(flexgen.predict)["robots"]
+    assert refused_differently(Option("robots", kind="whole 1"), robots) == []
+    assert refused_differently(Option("robots", kind="whole 5"), robots) == ["1", "2"]
+
+
+@pytest.mark.parametrize(
+    ("option", "seen"),
+    [
+        (Option("robots", "that are simulated", "N", "whole 1"), ["help", "kind"]),
+        (Option("robots", kind="whole 16"), ["kind"]),
+        (Option("method", choices=("lq", "full")), ["choices"]),
+        (Option("robots", more="; default: 48"), ["default"]),
+        (Option("x", kind="positive", of="control.delay"), ["kind"]),
+        (Option("no_verify", "without the verification"), ["help"]),
+        (Option("robots", metavar="N", once=True, old=("--draws",), word="--number"), []),
+        (Option("colour", "of the table", "NAME", choices=("red", "blue")), []),
+    ],
+)
+def test_a_planted_second_statement_is_seen(option, seen):
+    function = "predict" if option.name in ("robots", "x") else "solve"
+    planted = Verb("planted", function=function, rows={"planted": ("time_limit", option)})
+    assert stated(planted) == [(option.name, what) for what in seen]
+
+
+def test_a_row_with_a_name_that_is_no_parameter_is_refused():
+    planted = Verb("planted", function="predict", rows={"draws": ("robot",)})
+    with pytest.raises(ValueError, match="given 'robot', no parameter of predict"):
+        list(planted.options())
+    with pytest.raises(ValueError, match="solution cannot be given as a text"):
+        list(Verb("planted", function="predict", rows={"draws": ("solution",)}).options())
 
 
 @pytest.mark.parametrize("name", called())
