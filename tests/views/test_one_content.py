@@ -72,6 +72,7 @@ def cells_of(page: str) -> Iterator[list[str]]:
     for row in re.findall(r"<tr>(.*?)</tr>", page, flags=re.DOTALL):
         cells = re.findall(r"<t[dh][^>]*>(.*?)</t[dh]>", row, flags=re.DOTALL)
         plain = [cell.replace("\N{MINUS SIGN}", "-") for cell in cells]
+        plain = [cell.replace("\N{MICRO SIGN}", "u") for cell in plain]
         plain = [re.sub(r"·10<sup>(-?\d+)</sup>", r"e\1", cell) for cell in plain]
         yield [html.unescape(re.sub(r"<[^>]+>", "", cell)) for cell in plain]
 
@@ -206,6 +207,13 @@ def test_the_page_of_a_result_has_the_rows_of_its_notebook(name, tmp_path):
     rows = [label_and_rest(cells) for cells in cells_of(page) if cells]
     for label, rest in (label_and_rest(cells) for cells in cells_of(result._repr_html_())):
         assert any(name == label and _same(rest, other) for name, other in rows), label
+
+
+def test_gears_without_loops_have_a_page_and_no_picture(tmp_path):
+    found = small_fit("gears")
+    with pytest.raises(flexgen.ArgumentError, match="given gears without hysteresis, expected"):
+        found.plot()
+    assert "m1.cogging.sin_6" in found.report(tmp_path).read_text(encoding="utf-8")
 
 
 def planted(without: str) -> Result:

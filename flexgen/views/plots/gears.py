@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
+from flexgen.base.errors import ArgumentError
 from flexgen.base.registry import provides
 from flexgen.identification.gears.result import GearFit
 from flexgen.views.plots import canvas as cv
@@ -19,6 +20,11 @@ def plot_loops(found: GearFit) -> Figure:
     record.
     """
     count = len(found.joints)
+    if not count:
+        raise ArgumentError(
+            "plot: given gears without hysteresis, expected a fit of at least one loop; identify "
+            "them with hysteresis=True"
+        )
     columns = min(count, 3)
     rows = -(-count // columns)
     figure = cv.new_figure(cv.WIDTH, 1.0 + 2.6 * rows, f"{found.robot.title}: {found.sentence()}")
