@@ -127,6 +127,7 @@ def test_the_mass_of_a_load_is_part_of_the_deviation_of_its_place() -> None:
     assert 0.4 < np.sqrt((z**2).mean()) < 1.6 and np.median(sd[:, 0]) > 0.02
 
 
+@pytest.mark.slow
 def test_noise_of_the_angles_does_not_enter_by_the_friction() -> None:
     """Coulomb friction of speeds that are noise has a mean; with it masses scattered by 9.5 g."""
     given = record("manutec_r3", np.array([3.0, 0.1, 0.05, -0.08]))
