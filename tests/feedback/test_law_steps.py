@@ -263,6 +263,24 @@ def test_a_loop_without_the_channels_of_a_law_is_refused(
         made.compiled(Setup(np.zeros((1, 3)), H, 3, n_y, 9))
 
 
+def test_gains_below_the_change_of_gravity_are_refused() -> None:
+    """The message states the largest norm of its slope, here by differences, at 40 poses."""
+    motion = motion_of(arm(damped=False))
+    n = motion.model.n_a
+    count = len(motion.reference.time)
+    largest = 0.0
+    for k in np.unique(np.linspace(0, count - 1, 40).astype(int)):
+        q = motion.reference.motion["q_a"][k]
+        columns = [
+            (of(motion, "gravity", q + e)[0] - of(motion, "gravity", q - e)[0]) / 2e-5
+            for e in 1e-5 * np.eye(n)
+        ]
+        largest = max(largest, np.linalg.norm(np.array(columns), 2))
+    text = f"smallest eigenvalue of springs and gains is .* gravity changes by {largest:.3g}"
+    with pytest.raises(ArgumentError, match=text):
+        TomeiPD(k_p=(1e-3,) * 3, k_d=(1e-3,) * 3).bound(motion)
+
+
 def test_titles_of_laws() -> None:
     gains = dict.fromkeys(("k_p", "k_d"), (1.0,))
     titles = {

@@ -357,6 +357,16 @@ def test_positions_are_saved_in_the_units_of_a_robot(
     assert data["soft.tool_error_max_m"] == soft > 10 * data["tool_error_max_m"]
 
 
+def test_positions_in_words(free: PositionCommands) -> None:
+    lines = str(free).splitlines()
+    assert lines[0] == "elbow, move line: solved" and f"  positions: {len(free.time)}" in lines
+    for joint, own in zip(lines[-2:], (0, 1), strict=True):
+        speed = np.abs(free.speed[:, own]).max()
+        acceleration = np.abs(free.acceleration[:, own]).max()
+        words = f"{speed:.3g} rad/s, {acceleration:.3g} rad/s^2"
+        assert joint == f"  q{own + 1}, commanded up to: {words}"
+
+
 def changed(made: PositionCommands, **changes: Any) -> PositionCommands:
     nominal = replace(made.run.nominal, **changes)
     return replace(made, run=replace(made.run, runs=(nominal, *made.run.runs[1:])))

@@ -155,6 +155,13 @@ def test_unstable_loops_are_named(made: ControlRun) -> None:
     text = f"the linear loop at begin, middle, end of the motion has an eigenvalue of {worst:.5f}"
     assert wild.unstable["soft"] == text
     assert wild.status.startswith("unstable: nominal: the linear loop at begin")
+    # motors that nothing holds, before the motion
+    free = replace(made.model, gravity=(0.0, 0.0, 0.0))
+    still = replace(made.reference, begin=-1.5, path_end=-1.0, end=-1.0)
+    zero = Linear(np.zeros((0, 0)), none, none.T, 0 * gain)
+    loose = replace(made, model=free, law=zero, reference=still)
+    sizes = [loop.largest_eigenvalue() for loop in loose.loops("nominal").values()]
+    assert not loose.unstable and max(sizes) == pytest.approx(1.0, abs=1e-6)
     own = replace(made, law=PythonController(Silent()))
     wanted = made.reference.motion["q_m"]
     time = made.reference.time - made.reference.end
