@@ -13,8 +13,9 @@ import flexgen
 from flexgen.base.errors import ArgumentError, FileError, FlexgenError
 from flexgen.cli.main import main
 from flexgen.model.format.format_tasks import TOOL
+from flexgen.studies.templates.dh_arm import MASS_TO_PAYLOAD, USUAL_PAYLOAD
 from flexgen.studies.templates.dh_model import model_from_dh
-from flexgen.studies.templates.dh_moves import STEP, draw_poses
+from flexgen.studies.templates.dh_moves import ROUND, STEP, draw_poses
 from flexgen.studies.templates.dh_table import likely_convention, read_dh
 
 PUMA = """
@@ -375,3 +376,22 @@ def test_poses_are_round_numbers_within_the_ranges(span, rounded):
     step = STEP["rad"]
     assert np.allclose(poses[:, 0] / step, np.round(poses[:, 0] / step), atol=1e-9) == rounded
     assert np.allclose(poses[:, 1] / step, np.round(poses[:, 1] / step), atol=1e-9)
+
+
+def test_masses_that_are_not_given_sum_to_a_multiple_of_the_load(made):
+    """Links of one length: their shares fall linearly towards the tool."""
+    rows = "".join(f"A{k},400,0,0\n" for k in (1, 2, 3, 4))
+    model, path = made(f"joint,a [mm],alpha [deg],d [mm]\n{rows}", "standard")
+    masses = [element.body.mass for element in flexgen.read(path).elements]
+    expected = MASS_TO_PAYLOAD * USUAL_PAYLOAD * np.array([0.4, 0.3, 0.2, 0.1])
+    assert masses == pytest.approx(expected.tolist(), rel=5e-3)
+    assert [name for name, _ in model.moves]
+
+
+def test_the_circle_has_a_part_of_the_length_of_the_line(made):
+    _, path = made(PUMA)
+    robot = flexgen.read(path)
+    line = np.linalg.norm(robot.move("line").displacement)
+    radius = np.linalg.norm(robot.move("circle").center)
+    parts = [radius / (ROUND * line * part) for part in (1.0, 0.5, 0.25)]
+    assert any(part == pytest.approx(1.0, rel=0.06) for part in parts)  # two digits

@@ -8,17 +8,22 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hysteretic import BENT, with_elements
 from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 
+import flexgen
+from flexgen.dynamics.mechanics.equations import derive
 from flexgen.simulation.motor_feedback import MotorFeedback
 from flexgen.studies.tolerances.response import (
     Along,
     Response,
     knots_of,
     linear_response,
+    linearize,
     response,
 )
+from flexgen.studies.tolerances.sources import sources_of
 
 END = 0.4
 C = np.array([[0.0, 0.0, 3.0, 0.0], [0.0, 0.0, 0.0, 2.0]])  # motors behind springs of two masses
@@ -205,3 +210,18 @@ def test_instants_of_matrices_are_denser_where_the_arm_moves() -> None:
     moving = np.diff(found[found >= 500])
     assert np.median(still) == pytest.approx(4 * np.median(moving), rel=0.15)
     assert knots_of(np.zeros((5, 1))).tolist() == [0, 1, 2, 3, 4]
+
+
+def test_gears_with_hysteresis_follow_the_deflections_of_the_motion() -> None:
+    """The motor less the joint on the arm side, in the steps of the response."""
+    robot = with_elements("elbow", BENT, uncertainty={"stiffness": 0.1, "lost_motion": 0.3})
+    equations = derive(robot)
+    motion = flexgen.solve("elbow", "joints", verify=False, progress=False).trajectory
+    found = linearize(equations, motion, sources_of(robot, robot.uncertainty))
+    (gears,) = found.states
+    given = motion.at(found.t)
+    ratio = np.array([motor.ratio[0] for motor in robot.motors])
+    twist = given["q_m"] / ratio - given["q_a"]
+    assert_allclose(gears.p, twist, rtol=1e-9, atol=1e-12)
+    assert_allclose(gears.rows, np.hstack([-np.eye(2), np.diag(1 / ratio)]))
+    assert_allclose(found.motion["deflection"], twist, rtol=1e-9, atol=1e-12)
