@@ -99,6 +99,7 @@ def test_version_1_has_its_published_score_and_hash():
         and found.scenario.frozen
         and np.isnan(found.spread)
     )
+    assert 0 < found.wall_s < 600
     check_numbers("score", found=found.to_dict())
     finer = flexgen.score("four_mass@1", steps=2, progress=False)
     assert abs(

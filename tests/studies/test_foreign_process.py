@@ -187,6 +187,27 @@ def test_words_of_a_begin_have_less_than_a_mebibyte(
         assert len(str(caught.value)) == 2000 + len("controller mine.py: ")
 
 
+class Own:
+    """A controller of a class that a file has."""
+
+    def reset(self) -> None: ...
+
+    def step(self, k: int, y: object, ref: object) -> list[float]:
+        return [0.0]
+
+
+def test_a_class_of_a_file_is_found_without_the_program(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Only a class of the program itself needs the file of the program."""
+    body = "text = b'main is ' + told['main'].encode() + b'.'\ntell(number(len(text)), text)"
+    peer(body, tmp_path, monkeypatch)
+    made = ForeignController(Own())
+    with pytest.raises(ArgumentError, match=r"^controller Own: main is \.$"):
+        made.compiled(SETUP)
+    made.close()
+
+
 REPORTS: dict[str, tuple[str, bool]] = {
     "none": ("u = number(0) + bytes(48)", True),
     "a robot": ('u = number(13) + bytes(48) + b\'{"1": "lost"}\'', True),

@@ -28,7 +28,11 @@ from flexgen.studies.scenarios.bench import Bench, Trial, disturbances_of, outpu
 from flexgen.studies.scenarios.content import content_hash
 from flexgen.studies.scenarios.draws import FIRST_K, Draw, draws_of
 from flexgen.studies.scenarios.foreign import ForeignController
-from flexgen.studies.scenarios.leaderboard import find_shipped_controllers, is_foreign
+from flexgen.studies.scenarios.leaderboard import (
+    find_shipped_controllers,
+    is_foreign,
+    scenario_controller,
+)
 from flexgen.studies.scenarios.measures import at_rest, compute_measures, measures_of
 from flexgen.studies.scenarios.scenario import Output, Plan, Scenario, Segment, Window
 from flexgen.studies.scenarios.scenario_file import FOLDER, scenario
@@ -436,6 +440,19 @@ def test_outputs_are_combinations_of_coordinates_or_axes_of_the_tool() -> None:
     assert_allclose(found[:, :, 0], 2 * q[:, 0] - q[:, 1])
     height = 1.150 * np.cos(q[:, 0]) - 1.241 * np.sin(q[:, 0] + q[:, 1])
     assert_allclose(found[:, :, 1], 1e3 * height, rtol=1e-9)
+
+
+@needs_compiler
+def test_outputs_and_torques_are_those_in_addition_to_rest() -> None:
+    """Of an arm that gravity loads: before a disturbance there is noise of the encoders only."""
+    s = replace(scenario("two_link", 1), duration_s=0.05)
+    bench = Bench(s)
+    one = np.ones(1)
+    law, _ = scenario_controller("reference", s, bench.motion)
+    z, u, failures = bench.simulate(law, [0], one, s.delay_s * one, bench.draws[0])
+    held = bench.motion[-1]
+    assert failures == ("",) and np.abs(held).max() > 2.0
+    assert np.abs(u).max() < 0.5 * np.abs(held).min() and np.abs(z).max() < 0.1
 
 
 def test_disturbances_act_in_the_middle_of_the_steps_of_the_integrator() -> None:

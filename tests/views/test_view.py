@@ -19,9 +19,12 @@ from PIL import Image
 
 import flexgen
 from flexgen.base.errors import ArgumentError
+from flexgen.base.motion.trajectory import Trajectory
+from flexgen.base.spec.ports import Port
 from flexgen.cli.main import main
 from flexgen.views.reports import video
 from flexgen.views.reports.motion import FRAMES
+from flexgen.views.reports.view import end_of_reference
 
 FFMPEG = shutil.which("ffmpeg")
 
@@ -52,6 +55,24 @@ def test_a_robot_a_solution_and_a_trajectory_show_the_same_motion(tmp_path):
         planned = data_in(flexgen.view(what, tmp_path / "c.html"))
         assert not planned["simulated"] and abs(planned["end"] - shown["end"]) < 2e-3
         assert np.abs(np.array(planned["poses"][0]) - np.array(shown["poses"][0])).max() < 1e-3
+
+
+ENDS = {
+    "in the path": ([[0, 0], [0, 0], [1, 0], [1, 2], [1, 2]], 1.0),
+    "with the last sample": ([[0, 0], [0, 0], [1, 0], [1, 2], [1, 3]], 2.0),
+    "at the start": ([[0, 1], [0, 0], [0, 0], [0, 0], [0, 0]], 0.0),
+    "without motion": (5 * [[1, 1]], 0.0),
+}
+
+
+@pytest.mark.parametrize("name", ENDS)
+def test_the_end_of_a_path_is_where_its_reference_stays(name):
+    rows, end = ENDS[name]
+    time = np.array([-1.0, 0.0, 0.5, 1.0, 2.0])
+    ports = {"y_ref": Port("y_ref", (2,), "m", "reference")}
+    given = Trajectory(time, {"y_ref": np.array(rows, float)}, ports, {"y_ref": ("x", "z")})
+    assert end_of_reference(given) == end
+    assert end_of_reference(Trajectory(time, {}, {}, {})) == 2.0
 
 
 def test_a_trajectory_of_a_robot_that_is_not_in_the_models(tmp_path):

@@ -50,7 +50,7 @@ STEP_MAX = 1e-3  # s
 
 
 @dataclass(frozen=True)
-class _Graphs:
+class Graphs:
     """The functions of the block as CasADi functions; ``jacobians`` has the outputs ``M_y`` and
     ``R_y``.
 
@@ -78,7 +78,7 @@ def plant(model: RobotModel, method: str, step: float | None) -> Block:
     """
     equations = derive(model, ("payload",))
     held = hold_joints(derive(model), np.array(model.home))
-    graphs = _graphs(equations)
+    graphs = graphs_of(equations)
     start = _start(model, held, graphs.rate.size1_in(0))
     step = _default_step(graphs, equations, start, held) if step is None else step
     texts, calls, work = _emit(equations, graphs)
@@ -111,7 +111,7 @@ def plant(model: RobotModel, method: str, step: float | None) -> Block:
 # --- mathematics ---------------------------------------------------------------------------------
 
 
-def _graphs(equations: Equations) -> _Graphs:
+def graphs_of(equations: Equations) -> Graphs:
     """The functions in the state x and the input u."""
     model = equations.model
     memory = plant_memory(equations)
@@ -189,7 +189,7 @@ def _graphs(equations: Equations) -> _Graphs:
     C = ca.Function(
         "plant_output_jacobian", [x], [ca.densify(ca.jacobian(y, x))], ["state"], ["C"]
     )
-    return _Graphs(rate, accelerations, jacobians, output, C, fastest)
+    return Graphs(rate, accelerations, jacobians, output, C, fastest)
 
 
 def _output(
@@ -208,7 +208,7 @@ def _output(
     return ca.densify(ca.vertcat(q_m, v_m, p, ca.vec(R.T), v_tool, deflection))
 
 
-def _emit(equations: Equations, graphs: _Graphs) -> tuple[dict[str, str], dict[str, str], str]:
+def _emit(equations: Equations, graphs: Graphs) -> tuple[dict[str, str], dict[str, str], str]:
     """The model part: its files, how flexgen_fmu_config.h calls its functions, and the size of the
     workspace.
     """
@@ -332,9 +332,7 @@ def _start(model: RobotModel, held: Equilibrium, size: int) -> np.ndarray:
     return np.concatenate([held.q_a, held.q_m[list(model.i_m)], np.zeros(size - model.dof)])
 
 
-def _default_step(
-    graphs: _Graphs, equations: Equations, x: np.ndarray, held: Equilibrium
-) -> float:
+def _default_step(graphs: Graphs, equations: Equations, x: np.ndarray, held: Equilibrium) -> float:
     """1, 2 or 5 times a power of ten [s]: a twentieth of the time constant of the fastest pole at
     home, at most.
     """
@@ -354,7 +352,7 @@ def _default_step(
 
 def _variables(
     equations: Equations,
-    graphs: _Graphs,
+    graphs: Graphs,
     x: np.ndarray,
     held: Equilibrium,
     method: str,
@@ -416,7 +414,7 @@ def _inputs(model: RobotModel, held: Equilibrium) -> list[Variable]:
     return [*torques, *force, *torque]
 
 
-def _outputs(model: RobotModel, graphs: _Graphs) -> list[Variable]:
+def _outputs(model: RobotModel, graphs: Graphs) -> list[Variable]:
     rows = _pattern(graphs.output, 0)
     names: list[tuple[str, str, str]] = []
     names += [(f"motor.{m.name}.angle", "rad", "motor angle, motor side") for m in model.motors]
@@ -468,7 +466,7 @@ def _pattern(function: ca.Function, argument: int) -> np.ndarray:
     return found
 
 
-def _states(model: RobotModel, graphs: _Graphs, x: np.ndarray) -> list[Variable]:
+def _states(model: RobotModel, graphs: Graphs, x: np.ndarray) -> list[Variable]:
     """States and their derivatives."""
     half = [
         (f"arm.{c.name}", "position", c.unit, f"of the arm coordinate {c.name}", 1.0)

@@ -361,10 +361,14 @@ def _set_positive(joint: Element, **values: float) -> None:
 
 
 def _step(equations: Equations, rest: Equilibrium | None) -> float:
-    """A time step for RK4 [s], 1, 2 or 5 times a power of ten."""
+    """A time step for RK4 [s]; without an equilibrium at home its poles are not known."""
     if rest is None:
         return STEP_MAX / 10
-    fastest = float(np.abs(poles(linearize(equations, rest))).max())
+    return time_step(float(np.abs(poles(linearize(equations, rest))).max()))
+
+
+def time_step(fastest: float) -> float:
+    """A time step [s] for the fastest pole [1/s], 1, 2 or 5 times a power of ten."""
     longest = min(STEP / fastest, STEP_MAX) if fastest > 0.0 else STEP_MAX
     power = 10.0 ** np.floor(np.log10(longest))
     return float(f"{max(m for m in (1, 2, 5) if m * power <= longest * (1 + 1e-12)) * power:.6g}")

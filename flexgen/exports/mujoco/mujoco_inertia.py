@@ -74,7 +74,7 @@ def regroup(
             continue
         axes = [np.array(dof.axis) for dof in model.elements[k].dofs if dof.type == "rotation"]
         free = free_directions(axes)
-        amount = None if free is None else _find_least(out[k], free)
+        amount = None if free is None else find_least(out[k], free)
         if free is None or amount is None:
             moments = ", ".join(f"{x:.6g}" for x in np.linalg.eigvalsh(out[k]))
             raise ModelError(
@@ -92,7 +92,7 @@ def regroup(
     return out
 
 
-def _find_least(inertia: np.ndarray, free: np.ndarray) -> float | None:
+def find_least(inertia: np.ndarray, free: np.ndarray) -> float | None:
     """The least c with a valid tensor ``inertia + c free``, a little enlarged; None if there is
     none.
     """

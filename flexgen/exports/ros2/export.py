@@ -241,7 +241,7 @@ def _words(
         "MOTORS": ", ".join(quote(motor.name) for motor in model.motors),
         "HOME_TORQUES": numbers(torques),
         "REFUSED_FRICTION": _refused_friction(model),
-        "WRENCH_ROWS": _wrench_rows(model) if "force" in parts else "",
+        "WRENCH_ROWS": wrench_rows(model) if "force" in parts else "",
         "STREAM": "",
         "DEPENDS": "",
         "CONTROLLER": "",
@@ -278,7 +278,7 @@ inline constexpr std::array<double, {n}> TORQUE_MAX = {{{numbers(largest)}}}; //
             f"{{{numbers(x)}}};\n"
         )
     if "position" in parts:
-        samples = _servo_samples(model, options.period)
+        samples = servo_samples(model, options.period)
         stream += f"inline constexpr int SAMPLES_PER_INTERVAL = {samples}; // as of the servo\n"
     return words | {
         "STREAM": stream,
@@ -347,7 +347,7 @@ def _limits(model: RobotModel) -> dict[str, np.ndarray]:
     return out | {"torque_speed": curves.get("torque_speed", np.zeros(0)).reshape(-1)}
 
 
-def _servo_samples(model: RobotModel, period: float) -> int:
+def servo_samples(model: RobotModel, period: float) -> int:
     """Samples of the servo of a model in an interval of the stream."""
     assert model.servo is not None
     samples = round(period / model.servo.sample_time)
@@ -359,7 +359,7 @@ def _servo_samples(model: RobotModel, period: float) -> int:
     return samples
 
 
-def _wrench_rows(model: RobotModel) -> str:
+def wrench_rows(model: RobotModel) -> str:
     """Components of the output among those of a force and a torque on the tool."""
     if model.output.type == "combination":
         raise ArgumentError(

@@ -131,7 +131,7 @@ def _motion(
             f"columns, as 'flexgen solve' writes for model {equations.model.name}"
         )
     what = convert_to_si("view", what, channel_units(equations.model))
-    return equations, what, None, _end(what)
+    return equations, what, None, end_of_reference(what)
 
 
 def _robot_of(
@@ -151,7 +151,7 @@ def _robot_of(
         ) from None
 
 
-def _end(trajectory: Trajectory) -> float:
+def end_of_reference(trajectory: Trajectory) -> float:
     """The end of the path [s]: from there on the reference stays where it is."""
     if "y_ref" not in trajectory:
         return float(trajectory.time[-1])
