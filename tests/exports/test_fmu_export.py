@@ -50,6 +50,8 @@ def test_the_same_input_gives_the_same_bytes(version, tmp_path):
     assert c.details["token"] != a.details["token"]  # another content, another token
     with zipfile.ZipFile(a.path) as archive:
         assert {info.date_time for info in archive.infolist()} == {(1980, 1, 1, 0, 0, 0)}
+        # texts are not executable
+        assert {info.external_attr >> 16 for info in archive.infolist()} == {0o644}
 
 
 @pytest.mark.parametrize("output", ["pose", "position", "combination"])

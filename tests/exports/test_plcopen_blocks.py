@@ -13,6 +13,7 @@ from toolchain import CC, needs_compiler
 from flexgen.base.errors import ArgumentError
 from flexgen.exports.c_code.emitted import Emitted, emit
 from flexgen.exports.c_code.plcopen.blocks import blocks, stream_size, struct
+from flexgen.exports.c_code.plcopen.export import export_plcopen
 
 
 @pytest.fixture(scope="module")
@@ -67,3 +68,12 @@ def test_a_library_without_a_stream_has_one_block(library: Emitted) -> None:
     bare = replace(library, header="")
     with pytest.raises(ArgumentError, match=r"^model elbow: given a home pose at which no stream"):
         blocks(bare, True)
+
+
+@needs_compiler
+def test_the_bodies_call_the_functions_that_the_library_declares(tmp_path: Path) -> None:
+    """By the compiler: as many arguments, of the same types."""
+    folder = export_plcopen("elbow", tmp_path / "plc").directory
+    words = [CC, "-std=c99", "-Wall", "-Werror", "-fsyntax-only", "elbow_fb.c"]
+    done = subprocess.run(words, cwd=folder, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr[:1000]
