@@ -9,7 +9,6 @@ from importlib import import_module
 import front_table
 import pytest
 
-import flexgen
 from flexgen.base.registry import find_function
 
 PLOT = 'from flexgen.base.registry import provides\n\n@provides("Load.plot")\ndef plot(x): ...\n'
@@ -18,8 +17,8 @@ PLOT = 'from flexgen.base.registry import provides\n\n@provides("Load.plot")\nde
 def test_the_table_has_the_functions_with_the_decorator():
     """`tests/golden/update.py front` writes it."""
     found = front_table.marked(front_table.sources())
-    assert found == flexgen._RESULTS
-    assert list(flexgen._RESULTS) == sorted(flexgen._RESULTS)
+    assert found == front_table.recorded()
+    assert list(front_table.recorded()) == sorted(found)
 
 
 def test_a_planted_function_is_seen():
@@ -34,7 +33,7 @@ def test_a_planted_function_is_seen():
 
 
 def test_each_function_knows_its_names():
-    for name, target in flexgen._RESULTS.items():
+    for name, target in front_table.recorded().items():
         module, _, function = target.partition(":")
         assert name in getattr(import_module(module), function).provides
         assert find_function(name) is getattr(import_module(module), function)
