@@ -137,6 +137,10 @@ their place.
             Symbols or numbers: force [N], torque [N m], at the origin of the tool, world axes.
         contact : casadi.Function, optional
             Adds a force (6,) from ``q_a`` and ``v_a`` in a simulation.
+
+        Returns
+        -------
+        Equations
         """
         made = Equations(self.model, [parameter.name for parameter in self.parameters])
         return made._with_parts(force=force, contact=contact)
