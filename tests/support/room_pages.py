@@ -14,7 +14,7 @@ ORDER = {
     "base": "errors results rows files spec checks calls motion numerics display registry version",
     "model": "elements moves friction abilities reader format urdf catalogue new_file inertia "
     "position_servo",
-    "runtime": "library calls inversion streams structs arguments identity files processor",
+    "runtime": "library calls inversion streams options structs arguments identity files processor",
     "dynamics": "mechanics hysteresis dae",
     "analysis": "analyze linear second_order compliance zero_dynamics arm_linearization "
     "servo_gains control_system printing",
@@ -24,8 +24,8 @@ ORDER = {
     "backends": "autodiff cuda",
     "simulation": "simulate start run integration open_loop motor_feedback after_end verification "
     "result environment",
-    "inversion": "solve problem choice methods judge refinement solution "
-    "unverified_solution hold comparison",
+    "inversion": "solve problem choice refinement methods judge unverified_solution solution hold "
+    "comparison",
     "feedback": "loop laws observers positions sampled_plant",
     "planning": "optimal fastest learning",
     "studies": "tolerances sweeps scenarios check templates",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Callable, Mapping, Sequence
 from copy import copy
+from dataclasses import replace
 from threading import Lock
 from typing import Any
 
@@ -21,7 +22,6 @@ from flexgen.runtime.structs import struct_of
 
 LARGEST = 300_000  # bytes of workspace of a problem: larger ones need several threads a problem
 _BLOCK = 32  # threads: problems are few and long, and spread over the card
-_SOLVER = ("n_pre", "n_post", "samples_per_interval", "tolerance", "hold", "delay", "settled")
 
 
 def workspace_of(reals: int) -> int:
@@ -180,7 +180,7 @@ class CudaManyInverter:
         handle = stream_handle("invert_many", stream)
         structs = inverter.structs
         n = given["y"].shape[-2]
-        checked = inverter._options(**{key: getattr(chosen, key) for key in _SOLVER}, growth=False)
+        checked = inverter._members(replace(chosen, growth=False))
         options = struct_of(structs["inversion_options"], **checked)
         counts = {key: checked[key] for key in ("n_pre", "n_post", "samples_per_interval")}
         work = workspace_of(inverter._work_size(n, (ctypes.byref(options),), counts))

@@ -16,6 +16,7 @@ from flexgen.base.spec.curve import TORQUE_SPEED, points_of
 from flexgen.runtime.arguments import number_of, whole_of
 from flexgen.runtime.inversion.inversion_arguments import array_of, parameters_of
 from flexgen.runtime.inversion.path_inversion import Inversion, Inverter
+from flexgen.runtime.options import SolverOptions
 from flexgen.runtime.streams.servo import servo_options
 from flexgen.runtime.structs import struct_of
 
@@ -185,9 +186,10 @@ class LimitedInverter(Inverter):
         named = dict(zip(SIZES, arrays, strict=True)) | {"torque_speed": torque_speed}
         named |= {"tool_speed_max": tool_speed_max, "tool_acceleration_max": tool_acceleration_max}
         limits = limit_members(function, named, sizes, self._real)
-        options = self._options(
+        asked = SolverOptions(
             n_pre, n_post, samples_per_interval, tolerance, hold, delay, settled, growth
         )
+        options = self._members(asked)
         options |= servo_options(self.servo, function, servo, period, hold, delay)
         deviation = np.zeros_like(given["dy"])
         knot_samples = whole_of(function, "knot_samples", knot_samples)

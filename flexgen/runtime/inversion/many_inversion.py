@@ -34,22 +34,13 @@ from flexgen.runtime.inversion.inversion_arguments import (
     pointers,
 )
 from flexgen.runtime.inversion.path_inversion import RESULTS, Inverter
+from flexgen.runtime.options import SolverOptions
 from flexgen.runtime.structs import failure_of, struct_of
 
 CHUNK = 0.05  # s: time of a chunk of problems; Ctrl-C waits for the end of those under way
 POLL = 0.1  # s: from one message of progress to the next
 WORKERS = 1024  # threads, at most
 _FOR_GROWTH = ("q_a", "v_a", "q_m", "v_m", "tau_m")
-_SOLVER = (
-    "n_pre",
-    "n_post",
-    "samples_per_interval",
-    "tolerance",
-    "hold",
-    "delay",
-    "settled",
-    "growth",
-)
 _NOT_SOLVED = np.iinfo(np.intc).min  # in the place of a status
 
 
@@ -132,7 +123,7 @@ class Inversions:
 
 @checked_class
 @dataclass(frozen=True)
-class InversionOptions:
+class InversionOptions(SolverOptions):
     """Options of `Library.invert_many`.
 
     Parameters
@@ -159,14 +150,6 @@ class InversionOptions:
     True
     """
 
-    n_pre: int = 0
-    n_post: int = 0
-    samples_per_interval: int = 1
-    tolerance: float | None = None
-    hold: str = "spline"
-    delay: float = 0.0
-    settled: float = 0.0
-    growth: bool = False
     force: Any = None
     workers: int | None = None
     reduce: Callable[[Inversions], Any] | None = None
@@ -332,7 +315,6 @@ class ManyInverter:
             raise ArgumentError(
                 f"{name}, tolerance: given {tolerance:g}, expected a number from 0 to 1"
             )
-        solver = {key: getattr(options, key) for key in _SOLVER}
         if isinstance(outputs, str) or not set(outputs) <= set(RESULTS):
             raise ArgumentError(
                 f"{name}, outputs: given {show_value(outputs)}, expected some of "
@@ -346,7 +328,7 @@ class ManyInverter:
             starts,
             period,
             own,
-            inverter._options(**solver),
+            inverter._members(options),
             kept,
         )
 

@@ -17,17 +17,17 @@ import numpy as np
 
 from flexgen.base.checks.type_checks import checked_types
 from flexgen.base.errors import ArgumentError
-from flexgen.runtime.arguments import number_of, whole_of
+from flexgen.runtime.arguments import number_of
 from flexgen.runtime.identity import TOLERANCES
 from flexgen.runtime.inversion.inversion_arguments import (
     array_of,
-    hold_of,
     parameters_of,
     pointer,
     pointers,
     samples_of,
     tolerance_of,
 )
+from flexgen.runtime.options import SolverOptions
 from flexgen.runtime.streams.servo import ServoEntry, servo_entry, servo_options
 from flexgen.runtime.structs import Failures, closed_error, failure_of, interface_of, struct_of
 
@@ -298,9 +298,10 @@ class Inverter:
         given = self._samples((y, dy, ddy), force)
         q = array_of(function, "q_start", q_start, (self._sizes["n_a"],), self._real)
         period = number_of(function, "period", period)
-        options = self._options(
+        asked = SolverOptions(
             n_pre, n_post, samples_per_interval, tolerance, hold, delay, settled, growth
         )
+        options = self._members(asked)
         options |= servo_options(self.servo, function, servo, period, hold, delay)
         values = parameters_of(function, parameters, self._parameters, self._rows)
         return self._invert(given, values, q, period, options)
@@ -354,44 +355,15 @@ class Inverter:
             )
         return self.servo.samples("positions", commands, round(each), interpolation)
 
-    def _options(
-        self,
-        n_pre: Any,
-        n_post: Any,
-        samples_per_interval: Any,
-        tolerance: Any,
-        hold: Any,
-        delay: Any,
-        settled: Any,
-        growth: Any,
-    ) -> dict[str, Any]:
-        """The options of a call, checked."""
-        counts = {"n_pre": n_pre, "n_post": n_post, "samples_per_interval": samples_per_interval}
-        counts = {key: whole_of(self._function, key, value) for key, value in counts.items()}
-        tolerance = tolerance_of(self._real) if tolerance is None else tolerance
-        tolerance = number_of(self._function, "tolerance", tolerance)
-        settled = number_of(self._function, "settled", settled)
-        if not (0.0 <= settled < 1.0 if self._can_settle else settled == 0.0):
-            wanted = (
-                "a number from 0 to 1 [m or rad]"
-                if self._can_settle
-                else "0: all samples are computed"
-            )
-            raise ArgumentError(f"{self._function}, settled: given {settled:g}, expected {wanted}")
-        if not isinstance(growth, bool) or (growth and not self._grows):
-            wanted = (
-                "True or False"
-                if self._grows
-                else "False: this function, or the library, computes no growth"
-            )
-            raise ArgumentError(f"{self._function}, growth: given {growth!r}, expected {wanted}")
-        return {
-            **counts,
-            **hold_of(self._interface, self._function, hold, delay),
-            "tolerance": tolerance,
-            "settled": settled,
-            "growth": int(growth),
-        }
+    def _members(self, options: SolverOptions) -> dict[str, Any]:
+        """Members of the options in C, checked."""
+        return options.members(
+            self._function,
+            self._interface,
+            self._real,
+            settles=self._can_settle,
+            grows=self._grows,
+        )
 
     def _invert(
         self,

@@ -15,16 +15,15 @@ import numpy as np
 
 from flexgen.base.checks.type_checks import checked_types
 from flexgen.base.errors import ArgumentError
-from flexgen.runtime.arguments import number_of, whole_of
+from flexgen.runtime.arguments import number_of
 from flexgen.runtime.inversion.inversion_arguments import (
     array_of,
-    hold_of,
     parameters_of,
     pointer,
     pointers,
-    tolerance_of,
 )
 from flexgen.runtime.inversion.limited_inversion import limit_members
+from flexgen.runtime.options import StreamOptions
 from flexgen.runtime.streams.head import head_offsets
 from flexgen.runtime.streams.servo import servo_options
 from flexgen.runtime.streams.stream_entries import StreamEntries
@@ -152,35 +151,26 @@ class Stream:
         servo: Any = None,
         force: Any = None,
     ) -> None:
-        self.intervals = whole_of("stream", "intervals", intervals)
-        self.samples_per_interval = whole_of(
-            "stream", "samples_per_interval", samples_per_interval
-        )
-        self.period = number_of("stream", "period", period)
+        asked = StreamOptions(intervals, samples_per_interval, period, tolerance, hold, delay)
+        asked = asked.resolve(entries.real)
+        self.intervals = asked.intervals
+        self.samples_per_interval = asked.samples_per_interval
+        self.period = asked.period
         self._sizes = dict(sizes)
         self._entries = entries
         real = entries.real
-        tolerance = tolerance_of(real) if tolerance is None else tolerance
         if servo is not None and dy is not None:
             raise ArgumentError(
                 "stream, servo: given a stream in motion, expected one at rest: the state of "
                 "the servo is not known"
             )
-        fine = self.period / max(self.samples_per_interval, 1)
-        own = hold_of(entries.interface, "stream", hold, delay)
-        own |= servo_options(entries.servo, "stream", servo, fine, hold, delay)
+        own = asked.members(entries.interface)
+        own |= servo_options(entries.servo, "stream", servo, asked.sample_time, hold, delay)
         if force is not None:
             self._refuse_force()
         if force is not None and dy is None and ddy is None:
             own["force"] = array_of("stream", "force", force, (self._sizes["n_y"],), real)
-        options = struct_of(
-            entries.structs["stream_options"],
-            intervals=self.intervals,
-            samples_per_interval=self.samples_per_interval,
-            period=self.period,
-            tolerance=number_of("stream", "tolerance", tolerance),
-            **own,
-        )
+        options = struct_of(entries.structs["stream_options"], **own)
         limits = entries.interface.limits
         size = int(entries.work(ctypes.byref(options)))
         if size < 0:
