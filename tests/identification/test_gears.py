@@ -746,3 +746,15 @@ def test_numbers_of_elements_and_harmonics_have_bounds(given: dict[str, Any], te
 def test_laws_of_other_authors_are_refused() -> None:
     with pytest.raises(ArgumentError, match="given the law Logistic, expected that of Bouc and W"):
         flexgen.identify_gears(with_law("elbow"), record_of())
+
+
+def test_errors_of_gears_need_joints_with_a_motor_of_their_own() -> None:
+    """Only where harmonics are asked for; here the record is too short for more."""
+    drives = {"motor.m1.drives": ["q1", "q2"], "motor.m1.ratio": [250.0, -90.0]}
+    coupled = flexgen.read("elbow", overrides=drives)
+    for given, text in (
+        ({"harmonics": [1]}, "harmonics: given for q1, whose motors drive other joints too"),
+        ({"band_hz": 10.0}, "record: given 0.999 s, expected at least "),
+    ):
+        with pytest.raises(ArgumentError, match=text):
+            flexgen.identify_gears(coupled, record_of(1.0), hysteresis=False, **given)

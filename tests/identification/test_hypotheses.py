@@ -133,7 +133,14 @@ def test_faults_are_told_with_their_size_and_direction() -> None:
     numbers = {n.names[0]: n for n in hypotheses.numbers_of(VECTOR)}
     loaded = flexgen.read("planar5_nmp", overrides={"payload": {"mass": 2.0}})
     carried = {n.names[0]: n for n in hypotheses.numbers_of(ParameterVector(loaded, FREE))}
+    free = flexgen.read("planar5_nmp", overrides={"motor.m1.friction.viscous": 0.0})
+    slips = {n.names[0]: n for n in hypotheses.numbers_of(ParameterVector(free, FREE))}
+    assert ("m1.viscous" in slips) and all(
+        (f"{m.name}.viscous" in numbers) == (m.friction.viscous == 0.0)
+        for m in VECTOR.model.motors
+    )
     for found, size, words in (
+        (slips["m1.viscous"], 0.5, "viscous friction of m1 of 0.5 N m s/rad"),
         (numbers["arm3.mass"], 1.2, "mass of arm3 20 % larger"),
         (carried["payload.mass"], 0.75, "payload 25 % lighter"),
         (numbers["payload.mass"], 0.75, "a missing payload of 0.75 kg"),

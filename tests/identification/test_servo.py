@@ -206,7 +206,7 @@ def rising(begin: float = 0.1) -> np.ndarray:
 @pytest.mark.parametrize(
     ("command", "angle", "text"),
     [
-        (rising(), 4.99 * rising(), ""),
+        (0.5 * rising(), 2.495 * rising(), ""),
         (rising(0.0555), None, ""),
         (1.55 + rising(), None, ""),  # within the limits at its begin
         (rising()[:, :1], None, "given 1 joints, expected 2 as of elbow"),
@@ -222,8 +222,8 @@ def rising(begin: float = 0.1) -> np.ndarray:
             "within; the unit of its columns?",
         ),
         (
-            rising(),
-            5.01 * rising(),
+            0.5 * rising(),
+            2.505 * rising(),
             "given angles of q1 that move 5.01 times as far as its commands, expected angles of "
             "the joint: those of the motor over the gear ratio, in the unit of the column",
         ),
