@@ -60,12 +60,12 @@ def motor_law(model, q_a, hz, integral):
 
 
 def laws(solution):
-    """The second tuning of each family, or the first of its second form."""
+    """One tuning of each family."""
     model = flexgen.read(ARM)
     q_a = solution.trajectory["q_a"][0]
     return {
-        PD: ("64 Hz", motor_law(model, q_a, 64.0, 0.0)),
-        PID: ("3 Hz", motor_law(model, q_a, 3.0, 1.0)),
+        PD: ("3 Hz", motor_law(model, q_a, 3.0, 0.0)),
+        PID: ("64 Hz", motor_law(model, q_a, 64.0, 1.0)),
         FL: ("discrete, 8.0 Hz", flexgen.FeedbackLinearisation(8.0, "discrete")),
         PREDICTED: ("continuous, 60.0 Hz", flexgen.FeedbackLinearisation(60.0, predict=True)),
         STATE_LQ: ("rho 4.6e-03", flexgen.LQ(10 ** (1 - 10 / 3))),

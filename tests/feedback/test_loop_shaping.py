@@ -79,6 +79,17 @@ def test_the_weight_of_the_loop_is_that_of_its_formula(hz):
     assert np.allclose(found, expected * np.diag([0.3, 0.7]), rtol=1e-9, atol=0)
 
 
+def test_systems_in_series_multiply_their_responses():
+    """Of random matrices with one, two and three channels."""
+    rng = np.random.default_rng(1)
+    first, second = (
+        tuple(rng.normal(size=shape) for shape in shapes)
+        for shapes in (((2, 2), (2, 3), (1, 2), (1, 3)), ((3, 3), (3, 1), (2, 3), (2, 1)))
+    )
+    found = response(series(first, second), 3.0)
+    assert np.allclose(found, response(second, 3.0) @ response(first, 3.0))
+
+
 @pytest.mark.parametrize("factor", [1.05, 1.3])
 def test_the_closed_loop_has_the_norm_that_is_promised(factor):
     """At most gamma, at least gamma_min; with the sign of the controller changed the loop is

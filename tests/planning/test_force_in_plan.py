@@ -125,3 +125,6 @@ def test_errors_name_what_was_given(equations):
     with pytest.raises(ArgumentError, match="end_at: given within a problem"):
         problem.end_at(problem.path.q_start)
     second.end_at(problem.path.q_start)
+    problem.start_at(problem.path.q_start)
+    with pytest.raises(ArgumentError, match="start_at: given within a problem"):
+        second.start_at(problem.path.q_start)

@@ -260,6 +260,8 @@ def test_less_vibration_takes_the_shortest_of_the_longer_durations(real: TimeSea
     x, worst = calming(real, 10.0)._calmest(np.array([1.0, 0.2]))
     assert_array_equal(x, [1.0, 0.2])  # nothing to do
     assert worst == pytest.approx((1 + 20 * 0.09) / 10)
+    x, worst = calming(real, 1e-3)._calmest(np.array([1.0, 0.2]))
+    assert x[1] == pytest.approx(0.5, abs=0.05) and worst == pytest.approx(1e3, rel=0.05)
 
 
 def test_a_law_that_is_slowed_down_keeps_the_bound_of_the_vibration(real: TimeSearch) -> None:
