@@ -14,7 +14,8 @@ ORDER = {
     "base": "errors results rows files spec checks calls motion numerics display registry version",
     "model": "elements moves friction abilities reader format urdf catalogue new_file inertia "
     "position_servo",
-    "runtime": "library calls inversion streams options structs arguments identity files processor",
+    "runtime": "library calls inversion streams options structs arguments identity files "
+    "processor",
     "dynamics": "mechanics hysteresis dae",
     "analysis": "analyze linear second_order compliance zero_dynamics arm_linearization "
     "servo_gains control_system printing",
