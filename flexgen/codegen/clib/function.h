@@ -20,10 +20,10 @@ enum {
 /* Arrays and workspace of an emitted function. */
 typedef struct {
     int inputs, outputs;
-    int shared;             /* the input that is one array for all points; -1: none */
-    int work;               /* lanes of workspace of its mathematics */
-    int tile;               /* points that are copied together */
-    int sizes[2 * ARRAYS];  /* numbers of a point in each input, then in each output */
+    int shared;            /* the input that is one array for all points; -1: none */
+    int work;              /* lanes of workspace of its mathematics */
+    int tile;              /* points that are copied together */
+    int sizes[2 * ARRAYS]; /* numbers of a point in each input, then in each output */
 } function_shape;
 
 /* A function at one point, with copies of its arrays; 0 where all results are finite. */

@@ -476,8 +476,8 @@ static const real lagrange_120[HOLD_NODES][HOLD_NODES] = {{0.0, 6.0, -5.0, -5.0,
 
 static inline int hold_fits(int hold, real delay)
 {
-    return (hold == MODEL_HOLD_SPLINE || hold == MODEL_HOLD_LINEAR || hold == MODEL_HOLD_ZOH) &&
-           delay >= 0.0 && delay <= MODEL_HOLD_DELAY_MAX;
+    return (hold == MODEL_HOLD_SPLINE || hold == MODEL_HOLD_LINEAR || hold == MODEL_HOLD_ZOH) && delay >= 0.0 &&
+           delay <= MODEL_HOLD_DELAY_MAX;
 }
 
 /* Whether the torques to send differ from the samples. */

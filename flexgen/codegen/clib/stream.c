@@ -671,7 +671,8 @@ static int rests(const real *s, const layout *l)
 #if MODEL_NE > 0
         for (int i = 0; i < NE; ++i) {
             const real *y = s + l->y + k * STATES, *still = s + l->y + last * STATES;
-            if (!(fabs_1(y[i] - still[i]) <= negligible_motion && fabs_1(y[NE + i]) * head_in(s)->period <= negligible_motion)) {
+            if (!(fabs_1(y[i] - still[i]) <= negligible_motion &&
+                    fabs_1(y[NE + i]) * head_in(s)->period <= negligible_motion)) {
                 return 0;
             }
         }

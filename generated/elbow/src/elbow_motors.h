@@ -426,8 +426,8 @@ static const real lagrange_120[HOLD_NODES][HOLD_NODES] = {{0.0, 6.0, -5.0, -5.0,
 
 static inline int hold_fits(int hold, real delay)
 {
-    return (hold == ELBOW_HOLD_SPLINE || hold == ELBOW_HOLD_LINEAR || hold == ELBOW_HOLD_ZOH) &&
-           delay >= 0.0 && delay <= ELBOW_HOLD_DELAY_MAX;
+    return (hold == ELBOW_HOLD_SPLINE || hold == ELBOW_HOLD_LINEAR || hold == ELBOW_HOLD_ZOH) && delay >= 0.0 &&
+           delay <= ELBOW_HOLD_DELAY_MAX;
 }
 
 /* Whether the torques to send differ from the samples. */

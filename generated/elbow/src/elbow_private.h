@@ -13,7 +13,7 @@
 #if defined(__GNUC__)
 #define RESTRICT __restrict
 #define SEPARATE __attribute__((noinline))
-#define COLD __attribute__((cold)) /* not part of an update: short code, no unrolled loops */
+#define COLD __attribute__((cold))           /* not part of an update: short code, no unrolled loops */
 #define MAY_ALIAS __attribute__((may_alias)) /* in memory that the caller declared as numbers */
 #else
 #define RESTRICT
