@@ -132,15 +132,15 @@ def _term(given: Term | int) -> Term:
     return given if isinstance(given, Term) else _Number(given)
 
 
-def padded(size: int, block: int) -> int:
+def pad(size: int, block: int) -> int:
     """A size rounded up to whole blocks."""
     return -(-size // block) * block
 
 
-def padded_at_most(size: int | Linear, block: int) -> Linear:
+def pad_at_most(size: int | Linear, block: int) -> Linear:
     """A bound of a padded size that is linear: with a block less one more, where it may be padded
     at all.
     """
-    size = size if isinstance(size, Linear) else Linear(padded(size, block))
+    size = size if isinstance(size, Linear) else Linear(pad(size, block))
     parts = (size.constant, size.per_interval, size.per_sample)
     return size if all(part % block == 0 for part in parts) else size + (block - 1)

@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from flexgen.codegen.emission.interface import DELAY_MAX
-from flexgen.codegen.emission.size_terms import Linear, Name, Term, padded, padded_at_most
+from flexgen.codegen.emission.size_terms import Linear, Name, Term, pad, pad_at_most
 from flexgen.runtime.streams.head import HEAD, POSITION, head_offsets
 
 # Reals in 64 bytes: arrays are padded to so many, and so many points are evaluated together.
@@ -296,7 +296,7 @@ class StreamLayout:
     def head_size(self) -> int:
         """Reals before the arrays."""
         width = BYTES[self.precision]
-        return padded(head_offsets(width, self.parts)[1] // width, self.block)
+        return pad(head_offsets(width, self.parts)[1] // width, self.block)
 
     def given(self) -> dict[str, int]:
         """Constants of hand-written C that the sizes depend on, as they have to be there."""
@@ -310,7 +310,7 @@ class StreamLayout:
         if n_e:
             columns = STAGES * n_e + 2 * n_e + 1
             names |= {"STATES": 2 * n_e, "CONTROLS": STAGES * n_e}
-            names |= {"WIDTH": padded(columns, self.block), "POINT": n_e * (3 * n_e + 1)}
+            names |= {"WIDTH": pad(columns, self.block), "POINT": n_e * (3 * n_e + 1)}
         if self.has.elements:
             names |= {"BRANCH": 3 + self.has.elements}
         if self.has.bristles:
@@ -385,7 +385,7 @@ class StreamLayout:
         found = {}
         for row in self.rows(table):
             found[row.name] = at
-            at = at + padded(_integer(row.size, names), self.block)
+            at = at + pad(_integer(row.size, names), self.block)
         return found | {"end": at}
 
     def bound(self) -> Linear:
@@ -404,7 +404,7 @@ class StreamLayout:
         total = Linear(0)
         for row in self.rows(table):
             size = row.size if isinstance(row.size, int) else row.size.value(names)
-            total += padded_at_most(size, self.block)
+            total += pad_at_most(size, self.block)
         return total
 
 
