@@ -1,10 +1,12 @@
 /*
  * The stream of a loaded library, timed: for benchmarks/inversion_stream.py.
  *
- *   inversion_stream LIBRARY NAME intervals parts period tolerance updates n_t n_y n_a n_g n_m <samples >results
+ *   inversion_stream LIBRARY NAME intervals parts period tolerance updates n_t n_y n_a n_g n_m
+ *     <samples >results
  *
- * Reads place (n_t) and q_start (n_a), then place, rate, rate2 of every update; writes for each update its processor
- * time [ns], status, residual, then motor angles and torques (parts, n_m) and coordinates (parts, n_a).
+ * Reads place (n_t) and q_start (n_a), then place, rate, rate2 of every update; writes for each
+ * update its processor time [ns], status, residual, then motor angles and torques (parts, n_m) and
+ * coordinates (parts, n_a).
  */
 #define _POSIX_C_SOURCE 200809L
 #include <dlfcn.h>
@@ -28,14 +30,16 @@ typedef struct {
     double *q_a, *v_a, *a_a, *tau_g, *q_m, *v_m, *tau_m;
 } motion;
 typedef struct {
-    double residual, kinematic_mismatch, torque_step, output_step_m, output_step_rad, deviation_m, deviation_rad;
+    double residual, kinematic_mismatch, torque_step, output_step_m, output_step_rad, deviation_m,
+        deviation_rad;
     int cause, limits_active;
 } stream_info;
 
 typedef int64_t work_size(const stream_options *);
-typedef int start_stream(const stream_memory *, const stream_options *, const double *, const double *);
-typedef int update_stream(
-    const stream_memory *, const double *, const double *, const double *, motion *, stream_info *);
+typedef int start_stream(
+    const stream_memory *, const stream_options *, const double *, const double *);
+typedef int update_stream(const stream_memory *, const double *, const double *, const double *,
+    motion *, stream_info *);
 
 static void *found(void *library, const char *name, const char *what)
 {
@@ -89,8 +93,10 @@ int main(int argc, char **argv)
     start_stream *start = (start_stream *)found(library, argv[2], "stream_start");
     update_stream *update = (update_stream *)found(library, argv[2], "stream_update");
     const stream_options options = {intervals, parts, atof(argv[5]), atof(argv[6]), 0, 0.0};
-    const int64_t size = work(&options), each = n_t + 2 * n_y, out = 3 + (int64_t)parts * (2 * n_m + n_a);
-    double *memory = room(size), *place = room(n_t), *q_start = room(n_a), *given = room(each * updates);
+    const int64_t size = work(&options), each = n_t + 2 * n_y,
+                  out = 3 + (int64_t)parts * (2 * n_m + n_a);
+    double *memory = room(size), *place = room(n_t), *q_start = room(n_a),
+           *given = room(each * updates);
     double *q_a = room(parts * n_a), *v_a = room(parts * n_a), *tau_g = room(parts * n_g);
     double *q_m = room(parts * n_m), *v_m = room(parts * n_m), *tau_m = room(parts * n_m);
     motion found_motion = {q_a, v_a, NULL, tau_g, q_m, v_m, tau_m};
@@ -125,5 +131,8 @@ int main(int argc, char **argv)
             *y++ = q_a[i];
         }
     }
-    return fwrite(results, sizeof *results, (size_t)(out * updates), stdout) == (size_t)(out * updates) ? 0 : 6;
+    return fwrite(results, sizeof *results, (size_t)(out * updates), stdout) ==
+                   (size_t)(out * updates) ?
+               0 :
+               6;
 }

@@ -1,4 +1,5 @@
-// Pinocchio's code generation: its algorithms on CasADi's symbols, saved as functions that CasADi writes as C.
+// Pinocchio's code generation: its algorithms on CasADi's symbols, saved as functions that CasADi
+// writes as C.
 
 #include <casadi/casadi.hpp>
 #include <pinocchio/autodiff/casadi.hpp>
@@ -20,7 +21,8 @@ template <class Matrix> Symbol sparse(const Matrix &matrix, bool mirrored)
 {
     Symbol out(matrix.rows(), matrix.cols());
     for (Eigen::Index i = 0; i < matrix.rows(); ++i) {
-        for (Eigen::Index j = 0; j < matrix.cols(); ++j) { // Pinocchio writes the upper half of what is symmetric
+        for (Eigen::Index j = 0; j < matrix.cols();
+            ++j) { // Pinocchio writes the upper half of what is symmetric
             out(i, j) = mirrored && j < i ? matrix(j, i) : matrix(i, j);
         }
     }
@@ -37,8 +39,8 @@ casadi::Function made(const std::string &quantity, const char *path)
     pin::casadi::copy(q, q_);
     pin::casadi::copy(v, v_);
     pin::casadi::copy(x, x_);
-    const auto convention =
-        quantity.find(":world") == std::string::npos ? pin::Convention::LOCAL : pin::Convention::WORLD;
+    const auto convention = quantity.find(":world") == std::string::npos ? pin::Convention::LOCAL :
+                                                                           pin::Convention::WORLD;
     std::vector<Symbol> given = {q, v, x}, results;
     if (quantity == "inverse_dynamics") {
         results = {sparse(pin::rnea(model, data, q_, v_, x_), false)};
@@ -50,7 +52,8 @@ casadi::Function made(const std::string &quantity, const char *path)
         results = {sparse(data.dtau_dq, false), sparse(data.dtau_dv, false), sparse(data.M, true)};
     } else if (quantity == "arm_forward_dynamics_derivatives") {
         pin::computeABADerivatives(model, data, q_, v_, x_);
-        results = {sparse(data.ddq_dq, false), sparse(data.ddq_dv, false), sparse(data.Minv, true)};
+        results = {
+            sparse(data.ddq_dq, false), sparse(data.ddq_dv, false), sparse(data.Minv, true)};
     } else {
         results = {sparse(pin::aba(model, data, q_, v_, x_, convention), false)};
     }

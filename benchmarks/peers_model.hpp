@@ -22,7 +22,8 @@ inline pin::Model read(const char *path)
     for (int j = 0; j < joints; ++j) {
         std::string kind;
         file >> kind;
-        double x[25]; // placement: position, rotation by rows; mass, centre of mass, inertia about it by rows
+        double x[25]; // placement: position, rotation by rows; mass, centre of mass, inertia about
+                      // it by rows
         for (double &number : x) {
             file >> number;
         }

@@ -1,8 +1,10 @@
 /*
- * MuJoCo's side of the comparison: one model, one quantity, a set of states to cycle through; see peers_pinocchio.cpp.
+ * MuJoCo's side of the comparison: one model, one quantity, a set of states to cycle through; see
+ * peers_pinocchio.cpp.
  *
- * The model is a binary file that peers.py writes. What a user of MuJoCo calls is timed: mj_inverse and mj_forward
- * contain kinematics, mass matrix and its factors, velocities, and the search for contacts, of which there are none.
+ * The model is a binary file that peers.py writes. What a user of MuJoCo calls is timed:
+ * mj_inverse and mj_forward contain kinematics, mass matrix and its factors, velocities, and the
+ * search for contacts, of which there are none.
  */
 #include <mujoco/mujoco.h>
 
@@ -18,7 +20,8 @@ typedef struct {
 
 enum { INVERSE_DYNAMICS, MASS_MATRIX, FORWARD_DYNAMICS, QUANTITIES };
 
-static const char *const names[QUANTITIES] = {"inverse_dynamics", "mass_matrix", "arm_forward_dynamics"};
+static const char *const names[QUANTITIES] = {
+    "inverse_dynamics", "mass_matrix", "arm_forward_dynamics"};
 
 static void evaluate(const peer *p, int state)
 {
@@ -48,7 +51,8 @@ void *peer_open(const char *quantity, const char *path, const double *states, in
     if (p == NULL) {
         return NULL;
     }
-    for (p->quantity = 0; p->quantity < QUANTITIES && strcmp(quantity, names[p->quantity]) != 0; ++p->quantity) {
+    for (p->quantity = 0; p->quantity < QUANTITIES && strcmp(quantity, names[p->quantity]) != 0;
+        ++p->quantity) {
     }
     p->m = p->quantity < QUANTITIES ? mj_loadModel(path, NULL) : NULL;
     p->d = p->m != NULL ? mj_makeData(p->m) : NULL;
@@ -58,7 +62,8 @@ void *peer_open(const char *quantity, const char *path, const double *states, in
         return NULL;
     }
     for (int k = 0; k < count; ++k) {
-        memcpy(p->states + (size_t)k * 3 * (size_t)n, states + (size_t)k * (size_t)size, (size_t)size * sizeof(double));
+        memcpy(p->states + (size_t)k * 3 * (size_t)n, states + (size_t)k * (size_t)size,
+            (size_t)size * sizeof(double));
     }
     p->count = count;
     return p;

@@ -1,8 +1,9 @@
 // Pinocchio's side of the comparison: one model, one quantity, a set of states to cycle through.
 //
-// Everything is compiled here from Pinocchio's headers: without PINOCCHIO_ENABLE_TEMPLATE_INSTANTIATION no algorithm comes
-// out of the library that its package ships. The model is read from a text file that peers_robots.py writes. Compiled
-// twice, so that two cores share the work: with -DDERIVATIVES the derivatives, without it the rest.
+// Everything is compiled here from Pinocchio's headers: without
+// PINOCCHIO_ENABLE_TEMPLATE_INSTANTIATION no algorithm comes out of the library that its package
+// ships. The model is read from a text file that peers_robots.py writes. Compiled twice, so that
+// two cores share the work: with -DDERIVATIVES the derivatives, without it the rest.
 
 #include "peers_model.hpp"
 #ifdef DERIVATIVES
@@ -36,7 +37,8 @@ struct Peer {
     virtual std::vector<Matrix> results(std::size_t state) = 0;
 };
 
-// A quantity is `evaluate`, which is timed, and `results`, which reads the results out for the comparison before.
+// A quantity is `evaluate`, which is timed, and `results`, which reads the results out for the
+// comparison before.
 template <class Quantity> struct Timed final : Peer {
     using Peer::Peer;
     void run(long calls) override
@@ -44,7 +46,10 @@ template <class Quantity> struct Timed final : Peer {
         std::size_t k = 0;
         for (long i = 0; i < calls; ++i) {
             Quantity::evaluate(model, data, states[k]);
-            asm volatile("" : : "r"(&data) : "memory"); // the results are used, as far as the compiler can know
+            asm volatile(""
+                :
+                : "r"(&data)
+                : "memory"); // the results are used, as far as the compiler can know
             k = k + 1 == states.size() ? 0 : k + 1;
         }
     }
@@ -85,23 +90,34 @@ Peer *make(const std::string &quantity, const char *path)
     if (quantity == "inverse_dynamics_derivatives") {
         return new Timed<InverseDynamicsDerivatives>(path);
     }
-    return quantity == "arm_forward_dynamics_derivatives" ? new Timed<ForwardDynamicsDerivatives>(path) : nullptr;
+    return quantity == "arm_forward_dynamics_derivatives" ?
+               new Timed<ForwardDynamicsDerivatives>(path) :
+               nullptr;
 }
 
 #else
 
 struct InverseDynamics {
-    static void evaluate(const pin::Model &m, pin::Data &d, const State &s) { pin::rnea(m, d, s.q, s.v, s.x); }
+    static void evaluate(const pin::Model &m, pin::Data &d, const State &s)
+    {
+        pin::rnea(m, d, s.q, s.v, s.x);
+    }
     static Parts results(const pin::Data &d) { return {d.tau}; }
 };
 
 template <pin::Convention C> struct MassMatrix {
-    static void evaluate(const pin::Model &m, pin::Data &d, const State &s) { pin::crba(m, d, s.q, C); }
+    static void evaluate(const pin::Model &m, pin::Data &d, const State &s)
+    {
+        pin::crba(m, d, s.q, C);
+    }
     static Parts results(const pin::Data &d) { return {full(d.M)}; }
 };
 
 template <pin::Convention C> struct ForwardDynamics {
-    static void evaluate(const pin::Model &m, pin::Data &d, const State &s) { pin::aba(m, d, s.q, s.v, s.x, C); }
+    static void evaluate(const pin::Model &m, pin::Data &d, const State &s)
+    {
+        pin::aba(m, d, s.q, s.v, s.x, C);
+    }
     static Parts results(const pin::Data &d) { return {d.ddq}; }
 };
 
@@ -120,14 +136,16 @@ Peer *make(const std::string &quantity, const char *path)
     if (quantity == "arm_forward_dynamics:local") {
         return new Timed<ForwardDynamics<local>>(path);
     }
-    return quantity == "arm_forward_dynamics:world" ? new Timed<ForwardDynamics<world>>(path) : nullptr;
+    return quantity == "arm_forward_dynamics:world" ? new Timed<ForwardDynamics<world>>(path) :
+                                                      nullptr;
 }
 
 #endif
 
 } // namespace
 
-extern "C" void *peer_open(const char *quantity, const char *path, const double *states, int count, int size)
+extern "C" void *peer_open(
+    const char *quantity, const char *path, const double *states, int count, int size)
 {
     Peer *peer = make(quantity, path);
     if (peer == nullptr) {
@@ -136,7 +154,8 @@ extern "C" void *peer_open(const char *quantity, const char *path, const double 
     const int n = peer->model.nv, parts = size / n;
     for (int k = 0; k < count; ++k) {
         const auto part = [&](int i) -> Vector {
-            return i < parts ? Vector(Eigen::Map<const Vector>(states + k * size + i * n, n)) : Vector(Vector::Zero(n));
+            return i < parts ? Vector(Eigen::Map<const Vector>(states + k * size + i * n, n)) :
+                               Vector(Vector::Zero(n));
         };
         peer->states.push_back({part(0), part(1), part(2)});
     }
@@ -150,7 +169,8 @@ extern "C" void peer_run(void *peer, long calls)
 
 extern "C" void peer_result(void *peer, int state, double *out)
 {
-    for (const Matrix &part : static_cast<Peer *>(peer)->results(static_cast<std::size_t>(state))) {
+    for (const Matrix &part :
+        static_cast<Peer *>(peer)->results(static_cast<std::size_t>(state))) {
         out = std::copy(part.data(), part.data() + part.size(), out);
     }
 }

@@ -1,5 +1,6 @@
 /*
- * Times candidates for one quantity of one robot, interleaved block by block, after checking that they agree.
+ * Times candidates for one quantity of one robot, interleaved block by block, after checking that
+ * they agree.
  *
  *   peers_timer JOB
  *
@@ -8,10 +9,12 @@
  *   inputs SIZE...       outputs SIZE...        (entries of each array; 0 ends a list)
  *   blocks COUNT         milliseconds M         tolerance E
  *   candidate LABEL KIND LIBRARY SYMBOL EXTRA
- *     KIND point: the emitted function; batch: the emitted batch function, EXTRA soa/N or aos/N for N points; casadi: a
- *     function that CasADi emitted; peer: peers_pinocchio.cpp or peers_mujoco.c, SYMBOL the quantity, EXTRA the model's
- * file Answers, a line for each candidate: LABEL, deviation from the first candidate, minimum and median of ns per
- * evaluation.
+ *     KIND point: the emitted function; batch: the emitted batch function, EXTRA soa/N or aos/N
+ *       for N points; casadi: a
+ *     function that CasADi emitted; peer: peers_pinocchio.cpp or peers_mujoco.c, SYMBOL the
+ *       quantity, EXTRA the model's
+ * file Answers, a line for each candidate: LABEL, deviation from the first candidate, minimum and
+ * median of ns per evaluation.
  */
 #define _GNU_SOURCE
 #include <dlfcn.h>
@@ -86,8 +89,9 @@ static function *symbol(void *library, const char *name, int needed)
 }
 
 /*
- * The emitted functions differ in the number of their arrays only. A loop for each number, so that little time goes to
- * anything but the calls: the arrays of all states were put into a table before.
+ * The emitted functions differ in the number of their arrays only. A loop for each number, so that
+ * little time goes to anything but the calls: the arrays of all states were put into a table
+ * before.
  */
 #define P double *
 #define CALLS(TYPE, ...) \
@@ -146,7 +150,8 @@ static void run_casadi(struct candidate *c, long first, long calls)
 {
     int (*const f)(const double **, double **, long long *, double *,
         int) = (int (*)(const double **, double **, long long *, double *, int))c->entry;
-    const double **const end = c->arg + (long)c->n_arg * c->states, **arg = c->arg + (long)c->n_arg * first;
+    const double **const end = c->arg + (long)c->n_arg * c->states,
+                         **arg = c->arg + (long)c->n_arg * first;
     for (long i = 0; i < calls; ++i, arg += c->n_arg, arg = arg == end ? c->arg : arg) {
         f(arg, c->res, c->iw, c->work, 0);
     }
@@ -181,7 +186,8 @@ static void result(struct candidate *c, int state, double *to)
         }
         for (int i = 0; i < n_out; ++i) {
             for (int e = 0; e < out_size[i]; ++e) {
-                *to++ = c->soa ? c->out[i][(long)e * c->points + state] : c->out[i][(long)state * out_size[i] + e];
+                *to++ = c->soa ? c->out[i][(long)e * c->points + state] :
+                                 c->out[i][(long)state * out_size[i] + e];
             }
         }
         return;
@@ -259,7 +265,8 @@ static void prepare(struct candidate *c, const char *library, const char *name, 
             c->in[i] = memory(sizeof(double) * (size_t)(many * in_size[i]));
             for (long k = 0; k < many; ++k) {
                 for (int e = 0; e < in_size[i]; ++e) {
-                    c->in[i][c->soa ? e * many + k : k * in_size[i] + e] = states[k % n_states * total_in + before + e];
+                    c->in[i][c->soa ? e * many + k : k * in_size[i] + e] =
+                        states[k % n_states * total_in + before + e];
                 }
             }
         }
@@ -327,7 +334,8 @@ int main(int argc, char **argv)
             ok = fscanf(job, "%lf", &tolerance) == 1;
         } else if (strcmp(word, "candidate") == 0 && count < MAX_CANDIDATES) {
             struct candidate *c = &candidates[count++];
-            ok = fscanf(job, "%63s %15s %1023s %255s %1023s", c->label, c->kind, library, name, extra) == 5;
+            ok = fscanf(job, "%63s %15s %1023s %255s %1023s", c->label, c->kind, library, name,
+                     extra) == 5;
             prepare(c, library, name, extra);
         } else {
             ok = 0;
@@ -337,7 +345,8 @@ int main(int argc, char **argv)
         }
     }
 
-    double *expected = memory(sizeof(double) * (size_t)total_out), *given = memory(sizeof(double) * (size_t)total_out);
+    double *expected = memory(sizeof(double) * (size_t)total_out),
+           *given = memory(sizeof(double) * (size_t)total_out);
     for (int j = 1; j < count; ++j) {
         for (int k = 0; k < n_states; ++k) {
             double scale = 1.0;

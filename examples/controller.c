@@ -1,14 +1,16 @@
 /*
  * A motor controller with feedforward, on the generated library of the planar arm `planar5_nmp`.
  *
- * Every millisecond the controller computes the inverse dynamics of the arm from the reference of the two actuated
- * joints, with the elastic joint straight. The results are the feedforward torques and the deflections of the gears. A
- * PD law on the motors corrects the rest. The plant is the forward dynamics of the library, integrated by the classical
- * Runge-Kutta method. The program prints the largest path error of the tool, with and without feedforward.
+ * Every millisecond the controller computes the inverse dynamics of the arm from the reference of
+ * the two actuated joints, with the elastic joint straight. The results are the feedforward
+ * torques and the deflections of the gears. A PD law on the motors corrects the rest. The plant is
+ * the forward dynamics of the library, integrated by the classical Runge-Kutta method. The program
+ * prints the largest path error of the tool, with and without feedforward.
  *
  *   flexgen generate planar5_nmp
  *   cd generated/planar5_nmp
- *   cc -std=c99 -O2 -ffp-contract=off -I. ../../examples/controller.c $(find src -name '*.c') -lm -o controller
+ *   cc -std=c99 -O2 -ffp-contract=off -I. ../../examples/controller.c $(find src -name '*.c') -lm
+ *     -o controller
  *   ./controller
  */
 #include "planar5_nmp.h"
@@ -44,7 +46,8 @@ static void reference(double t, double q[NA], double v[NA], double a[NA])
 }
 
 /* Torques of one control cycle from the measured motors; returns a status of the library. */
-static int control(double t, int feedforward, const double q_m[NM], const double v_m[NM], double tau_m[NM])
+static int control(
+    double t, int feedforward, const double q_m[NM], const double v_m[NM], double tau_m[NM])
 {
     double q[NA], v[NA], a[NA], tau_a[NA];
     int status;
@@ -57,7 +60,8 @@ static int control(double t, int feedforward, const double q_m[NM], const double
         const double ratio = planar5_nmp_gear_ratio[j][j], inertia = planar5_nmp_rotor_inertia[j];
         const double deflection = feedforward ? tau_a[j] / planar5_nmp_gear_stiffness[j] : 0.0;
         const double fed = feedforward ? tau_a[j] / ratio + inertia * ratio * a[j] : 0.0;
-        tau_m[j] = fed + KP[j] * (ratio * (q[j] + deflection) - q_m[j]) + KD[j] * (ratio * v[j] - v_m[j]);
+        tau_m[j] = fed + KP[j] * (ratio * (q[j] + deflection) - q_m[j]) +
+                   KD[j] * (ratio * v[j] - v_m[j]);
     }
     return PLANAR5_NMP_OK;
 }
@@ -78,7 +82,8 @@ static int plant(const double x[N], const double tau_m[NM], double dx[N])
 /* One Runge-Kutta step of the plant. */
 static int step(double h, const double tau_m[NM], double x[N])
 {
-    static const double WHERE[4] = {0.0, 0.5, 0.5, 1.0}, WEIGHT[4] = {1.0 / 6, 1.0 / 3, 1.0 / 3, 1.0 / 6};
+    static const double WHERE[4] = {0.0, 0.5, 0.5, 1.0},
+                        WEIGHT[4] = {1.0 / 6, 1.0 / 3, 1.0 / 3, 1.0 / 6};
     double at[N], dx[N] = {0.0}, sum[N] = {0.0};
     for (int stage = 0; stage < 4; ++stage) {
         int status;
@@ -146,8 +151,8 @@ int main(void)
             fprintf(stderr, "planar5_nmp: %s\n", planar5_nmp_status_text(status));
             return 1;
         }
-        printf(
-            "%-24s tool strays by at most %8.3f mm\n", feedforward ? "PD with feedforward" : "PD alone", 1e3 * stray);
+        printf("%-24s tool strays by at most %8.3f mm\n",
+            feedforward ? "PD with feedforward" : "PD alone", 1e3 * stray);
     }
     return 0;
 }

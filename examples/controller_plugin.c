@@ -1,9 +1,10 @@
 /*
- * A controller as a plug-in for flexgen control and flexgen score: proportional control of the motor angles with
- * damping, around the feedforward torque.
+ * A controller as a plug-in for flexgen control and flexgen score: proportional control of the
+ * motor angles with damping, around the feedforward torque.
  *
  *     headers=$(python -c 'import flexgen.feedback.loop as loop; print(loop.__path__[0])')
- *     cc -O2 -ffp-contract=off -shared -fPIC -I "$headers" examples/controller_plugin.c -o controller.so
+ *     cc -O2 -ffp-contract=off -shared -fPIC -I "$headers" examples/controller_plugin.c -o
+ *       controller.so
  *     flexgen control planar5_nmp --controller controller.so
  */
 #include "flexgen_controller.h"
@@ -43,7 +44,8 @@ FLEXGEN_CONTROLLER int flexgen_controller_reset(void *self, const flexgen_contro
     return 0;
 }
 
-FLEXGEN_CONTROLLER int flexgen_controller_step(void *self, int64_t k, const double *y, const double *ref, double *u)
+FLEXGEN_CONTROLLER int flexgen_controller_step(
+    void *self, int64_t k, const double *y, const double *ref, double *u)
 {
     controller *c = (controller *)self;
     (void)k;

@@ -1,12 +1,15 @@
 /*
- * The motion control system of a robot: a program of joint moves, lines and arcs, run at 1 kHz on the robot's own
- * equations of motion. It has all parts of a robot controller:
+ * The motion control system of a robot: a program of joint moves, lines and arcs, run at 1 kHz on
+ * the robot's own equations of motion. It has all parts of a robot controller:
  *
  *   interpolator   the path of the program from its table (flexgen plan), sampled a horizon ahead
- *   stream         inverse dynamics of the elastic robot, one update every 5 ms, done in five parts (planner.h)
+ *   stream         inverse dynamics of the elastic robot, one update every 5 ms, done in five
+ *                  parts (planner.h)
  *   feedforward    torques for a drive that holds them for 1 ms and has them 1 ms late
- *   feedback       position and speed control of every motor, limited torques, no windup (controller.h)
- *   supervision    readings, cycles, references, following errors, speeds, torques: torque off, brakes (controller.h)
+ *   feedback       position and speed control of every motor, limited torques, no windup
+ *                  (controller.h)
+ *   supervision    readings, cycles, references, following errors, speeds, torques: torque off,
+ *                  brakes (controller.h)
  *   collision      residual of the momentum, brake along the path, hold, brakes (controller.h)
  *   robot          forward dynamics of the library (plant.h), angles by encoders
  *
@@ -15,18 +18,22 @@
  *   nominal        the robot is as its model; its motion is written to motion.csv
  *   saturated      the motors have less torque than the path needs at times
  *   windup         the same, and the integral parts of the feedback continue: a planted mistake
- *   contact        a force of 100 N on the tool, against its motion; thresholds from the nominal run
+ *   contact        a force of 100 N on the tool, against its motion; thresholds from the nominal
+ *                  run
  *   ignored        the same without a reaction: a planted mistake
  *
- * The runs with a planted mistake, and the one that saturates for a long time, are without supervision of following
- * errors. The brakes act 50 ms after the flag of the controller.
+ * The runs with a planted mistake, and the one that saturates for a long time, are without
+ * supervision of following errors. The brakes act 50 ms after the flag of the controller.
  *
- * Then the nominal run again, until 100 000 cycles were timed. The robot of a build is that of the header `robot.h`:
+ * Then the nominal run again, until 100 000 cycles were timed. The robot of a build is that of the
+ * header `robot.h`:
  *
  *   flexgen generate planar5_nmp
- *   flexgen plan planar5_nmp --moves examples/program.toml --move seam --out generated/planar5_nmp/seam.h
+ *   flexgen plan planar5_nmp --moves examples/program.toml --move seam --out
+ *     generated/planar5_nmp/seam.h
  *   cd generated/planar5_nmp
- *   cc -std=c99 -O2 -ffp-contract=off -I. -I../../examples/motion_control/planar5_nmp ../../examples/motion_control.c \
+ *   cc -std=c99 -O2 -ffp-contract=off -I. -I../../examples/motion_control/planar5_nmp
+ *     ../../examples/motion_control.c \
  *      $(find src -name '*.c') -lm -o motion_control && ./motion_control motion.csv
  *   flexgen simulate planar5_nmp motion.csv
  */
@@ -41,20 +48,27 @@
 
 enum { TIMED = 100000, LONGEST = 60000 }; /* cycles: timed in all; of a run at most */
 
-static const double AFTER = 0.5, SETTLED = 0.25; /* s after the path: end of a run, begin of the figures at rest */
+/* s after the path: end of a run, begin of the figures at rest */
+static const double AFTER = 0.5, SETTLED = 0.25;
 
 typedef enum { NOMINAL, SATURATED, WINDUP, CONTACT, IGNORED, TIMING } run_kind;
 
 /* What a run is like. */
 typedef struct {
-    double error, error_at_rest;     /* m: largest distance of the tool from the path, and of that at the end */
+    /* m: largest distance of the tool from the path, and of that at the end */
+    double error, error_at_rest;
     double torque[NM], residual[NM]; /* largest ones */
     double share;                    /* of a cycle with a torque at its limit */
-    double integral;                 /* largest integral part of the feedback, relative to the torque limit */
-    double moved;                    /* m: largest distance of the tool from the position of the contact */
-    double effort;                   /* largest torque from the contact on, relative to that of the nominal run */
-    int64_t contact, found, holding; /* cycles: of the contact, of its detection, of the end of braking; or -1 */
-    int64_t standing;                /* cycle from which on no motor is faster than 5 % of its largest speed */
+    /* largest integral part of the feedback, relative to the torque limit */
+    double integral;
+    /* m: largest distance of the tool from the position of the contact */
+    double moved;
+    /* largest torque from the contact on, relative to that of the nominal run */
+    double effort;
+    /* cycles: of the contact, of its detection, of the end of braking; or -1 */
+    int64_t contact, found, holding;
+    /* cycle from which on no motor is faster than 5 % of its largest speed */
+    int64_t standing;
     int64_t cycles, warnings;
 } figures;
 
@@ -62,7 +76,10 @@ static controller control_system;
 static plant robot;
 static double path_work[WORK], cycle_us[TIMED], processor_us[TIMED], least_us[LONGEST];
 
-/* Time of a clock: CLOCK_MONOTONIC, or the processor time of this thread, which stands where others run. */
+/*
+ * Time of a clock: CLOCK_MONOTONIC, or the processor time of this thread, which stands where
+ * others run.
+ */
 static double seconds(clockid_t clock)
 {
     struct timespec t;
@@ -73,7 +90,8 @@ static double seconds(clockid_t clock)
 /* Columns of the trajectory in a csv file of flexgen. */
 static void write_head(FILE *file)
 {
-    fprintf(file, "# {\"model\": \"" MODEL "\", \"variant\": \"\", \"kind\": \"motion control\", \"hold\": \"zoh\", ");
+    fprintf(file, "# {\"model\": \"" MODEL
+                  "\", \"variant\": \"\", \"kind\": \"motion control\", \"hold\": \"zoh\", ");
     fprintf(file, "\"sample_time\": %.17g, \"delay\": 0.0}\ntime s", CYCLE);
     for (int i = 0; i < NA; ++i) {
         fprintf(file, ",q_a[%s", arm_columns[i]);
@@ -130,7 +148,8 @@ static void push(const double *before, const double *now, double f_tool[6])
 /* Start controller and robot at rest at the start of the path. */
 static int start(run_kind kind, const figures *nominal)
 {
-    const int saturates = kind == SATURATED || kind == WINDUP, touches = kind == CONTACT || kind == IGNORED;
+    const int saturates = kind == SATURATED || kind == WINDUP,
+              touches = kind == CONTACT || kind == IGNORED;
     double torque[NM], residual[NM];
     motor_limits limits = {NULL, NULL, NULL, NULL, NULL, NULL};
     const double *q_m = control_system.plan.q_m[0];
@@ -151,11 +170,15 @@ static int start(run_kind kind, const figures *nominal)
     return status;
 }
 
-/* One run of the program. file: for its motion, or null; timed: number of cycles that were timed so far, or null. */
+/*
+ * One run of the program. file: for its motion, or null; timed: number of cycles that were timed
+ * so far, or null.
+ */
 static int run(run_kind kind, const figures *nominal, FILE *file, int *timed, figures *out)
 {
     int64_t flag = -1; /* cycle in which the brakes were flagged */
-    double duration, q_start[NA], fastest[NM] = {0.0}, before[3] = {0.0}, touched[3] = {0.0}, u[NM], acting[NM];
+    double duration, q_start[NA], fastest[NM] = {0.0}, before[3] = {0.0}, touched[3] = {0.0},
+                                  u[NM], acting[NM];
     int status = CALL(path_start)(path_table, path_size, &duration, q_start);
     memset(out, 0, sizeof *out);
     out->contact = -1;
@@ -167,7 +190,8 @@ static int run(run_kind kind, const figures *nominal, FILE *file, int *timed, fi
         double p[3], R[9], y[NT], dy[NY], ddy[NY], q_m[NM], away, begin, end, used;
         int stands = 1;
         (void)CALL(forward_kinematics_batch)(1, robot.x, p, R, path_work);
-        status = CALL(path_sample)(path_table, path_size, path_time(k), y, dy, ddy, path_work, WORK);
+        status = CALL(path_sample)(
+            path_table, path_size, path_time(k), y, dy, ddy, path_work, WORK);
         away = distance(p, y, NY < 3 ? NY : 3);
         out->error = fmax(out->error, away);
         if (path_time(k) > duration + SETTLED) {
@@ -192,7 +216,8 @@ static int run(run_kind kind, const figures *nominal, FILE *file, int *timed, fi
         if (timed != NULL && *timed < TIMED && k < LONGEST) {
             processor_us[*timed] = 1e6 * used;
             cycle_us[(*timed)++] = 1e6 * (end - begin);
-            least_us[k] = least_us[k] > 0.0 ? fmin(least_us[k], 1e6 * (end - begin)) : 1e6 * (end - begin);
+            least_us[k] = least_us[k] > 0.0 ? fmin(least_us[k], 1e6 * (end - begin)) :
+                                              1e6 * (end - begin);
         }
         for (int j = 0; j < NM; ++j) {
             out->torque[j] = fmax(out->torque[j], fabs(u[j]));
@@ -221,8 +246,9 @@ static int run(run_kind kind, const figures *nominal, FILE *file, int *timed, fi
     }
     for (int j = 0; j < NM; ++j) {
         out->residual[j] = control_system.largest_r[j];
-        out->integral = fmax(out->integral,
-            control_system.k_v[j] * control_system.k_i * control_system.largest_sum[j] / control_system.torque_max[j]);
+        out->integral = fmax(out->integral, control_system.k_v[j] * control_system.k_i *
+                                                control_system.largest_sum[j] /
+                                                control_system.torque_max[j]);
     }
     out->share = out->cycles > 0 ? (double)control_system.saturated / (double)out->cycles : 0.0;
     out->found = control_system.found;
@@ -244,11 +270,14 @@ static int by_size(const void *a, const void *b)
 static void print_distribution(const char *name, double *us, int n)
 {
     qsort(us, (size_t)n, sizeof us[0], by_size);
-    printf("%s: median %.1f us, 99.99 %% below %.1f us, worst %.1f us\n", name, us[n / 2], us[n - 1 - n / 10000],
-        us[n - 1]);
+    printf("%s: median %.1f us, 99.99 %% below %.1f us, worst %.1f us\n", name, us[n / 2],
+        us[n - 1 - n / 10000], us[n - 1]);
 }
 
-/* Times of the cycles. The largest one of the least times of each cycle is free of interruptions by the system. */
+/*
+ * Times of the cycles. The largest one of the least times of each cycle is free of interruptions
+ * by the system.
+ */
 static void print_times(int timed)
 {
     double worst = 0.0;
@@ -275,10 +304,11 @@ static void print_after(const figures *f, int64_t cycle)
 static void print_figures(const char *name, run_kind kind, const figures *f)
 {
     if (kind == NOMINAL) {
-        printf("%-10s %12s %12s %12s %12s\n", "run", "error um", "at rest um", "limited %", "integral");
+        printf("%-10s %12s %12s %12s %12s\n", "run", "error um", "at rest um", "limited %",
+            "integral");
     } else if (kind == CONTACT) {
-        printf(
-            "\n%-10s %12s %12s %12s %12s %12s\n", "run", "found ms", "braked ms", "stands ms", "moved mm", "torque %");
+        printf("\n%-10s %12s %12s %12s %12s %12s\n", "run", "found ms", "braked ms", "stands ms",
+            "moved mm", "torque %");
     }
     printf("%-10s", name);
     if (kind == CONTACT || kind == IGNORED) {
@@ -287,7 +317,8 @@ static void print_figures(const char *name, run_kind kind, const figures *f)
         print_after(f, f->standing);
         printf(" %12.2f %12.1f\n", 1e3 * f->moved, 100.0 * f->effort);
     } else {
-        printf(" %12.3f %12.3f %12.2f %12.4f\n", 1e6 * f->error, 1e6 * f->error_at_rest, 100.0 * f->share, f->integral);
+        printf(" %12.3f %12.3f %12.2f %12.4f\n", 1e6 * f->error, 1e6 * f->error_at_rest,
+            100.0 * f->share, f->integral);
     }
 }
 
@@ -314,7 +345,8 @@ static int run_and_print(const char *name, run_kind kind, const char *path, figu
     }
     if (status < SIZE(OK)) {
         fprintf(stderr, "%s: %s\n", name,
-            fault_text(status) != NULL ? fault_text(status) : CALL(status_text)((CALL(status))status));
+            fault_text(status) != NULL ? fault_text(status) :
+                                         CALL(status_text)((CALL(status))status));
         return 0;
     }
     if (kind == NOMINAL) {
@@ -327,11 +359,13 @@ static int run_and_print(const char *name, run_kind kind, const char *path, figu
 int main(int argc, char **argv)
 {
     static const char *const names[] = {"nominal", "saturated", "windup", "contact", "ignored"};
-    const int asked = argc > 2 ? atoi(argv[2]) : TIMED; /* cycles to time: fewer for a quick look */
+    /* cycles to time: fewer for a quick look */
+    const int asked = argc > 2 ? atoi(argv[2]) : TIMED;
     figures nominal, f;
     int timed = 0;
     for (int kind = NOMINAL; kind < TIMING; ++kind) {
-        if (!run_and_print(names[kind], (run_kind)kind, kind == NOMINAL && argc > 1 ? argv[1] : NULL, &nominal)) {
+        if (!run_and_print(names[kind], (run_kind)kind,
+                kind == NOMINAL && argc > 1 ? argv[1] : NULL, &nominal)) {
             return 1;
         }
     }

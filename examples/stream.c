@@ -1,21 +1,25 @@
 /*
- * A controller that tracks a path of the tool by inverse dynamics on a moving horizon, on the generated library of the
- * planar arm `planar5_nmp`. Its elastic joint has no motor and makes the tool non-minimum phase.
+ * A controller that tracks a path of the tool by inverse dynamics on a moving horizon, on the
+ * generated library of the planar arm `planar5_nmp`. Its elastic joint has no motor and makes the
+ * tool non-minimum phase.
  *
- * Every 5 ms the controller gives the stream the sample of the path for 100 ms later. The stream returns torques and
- * motor angles for the next 5 ms. Every millisecond a PD law on the motors adds the torque that keeps them on these
- * angles. The plant is the forward dynamics of the library, integrated by the classical Runge-Kutta method. The program
- * prints the largest path error of the tool in four runs. (The remaining error comes from the torque that is held for a
+ * Every 5 ms the controller gives the stream the sample of the path for 100 ms later. The stream
+ * returns torques and motor angles for the next 5 ms. Every millisecond a PD law on the motors
+ * adds the torque that keeps them on these angles. The plant is the forward dynamics of the
+ * library, integrated by the classical Runge-Kutta method. The program prints the largest path
+ * error of the tool in four runs. (The remaining error comes from the torque that is held for a
  * millisecond; a quarter of this cycle leaves a sixteenth of the error.)
  *
  *   stream      correct operation
  *   late        the torque comes one update late, a planted error
  *   refused     once the path has a sample out of reach: it is refused, and replaced
- *   jump        the path jumps by a centimeter, which no torque can track: the controller stops the motors
+ *   jump        the path jumps by a centimeter, which no torque can track: the controller stops
+ *               the motors
  *
  *   flexgen generate planar5_nmp
  *   cd generated/planar5_nmp
- *   cc -std=c99 -O2 -ffp-contract=off -I. ../../examples/stream.c $(find src -name '*.c') -lm -o stream && ./stream
+ *   cc -std=c99 -O2 -ffp-contract=off -I. ../../examples/stream.c $(find src -name '*.c') -lm -o
+ *     stream && ./stream
  */
 #include "planar5_nmp_inversion.h"
 
@@ -37,15 +41,18 @@ enum {
     MEMORY = (int)PLANAR5_NMP_STREAM_SIZE(INTERVALS, PARTS) /* numbers */
 };
 
-static const double UPDATE = 5e-3, CYCLE = 1e-3;   /* s */
-static const double TOLERANCE = 1e-3;              /* relative residual; above it: TOLERANCE_NOT_MET */
-static const double STOP = 20e-3;                  /* s: time constant of a stop of the motors */
-static const double KP[NM] = {30.0, 20.0};         /* N m/rad, motor side */
-static const double KD[NM] = {0.7, 0.5};           /* N m s/rad, motor side */
-static const double GUESS[NA] = {0.3, -1.1, 0.0};  /* rad: near the pose at the start of the path */
+static const double UPDATE = 5e-3, CYCLE = 1e-3; /* s */
+/* relative residual; above it: TOLERANCE_NOT_MET */
+static const double TOLERANCE = 1e-3;
+static const double STOP = 20e-3;          /* s: time constant of a stop of the motors */
+static const double KP[NM] = {30.0, 20.0}; /* N m/rad, motor side */
+static const double KD[NM] = {0.7, 0.5};   /* N m s/rad, motor side */
+/* rad: near the pose at the start of the path */
+static const double GUESS[NA] = {0.3, -1.1, 0.0};
 static const double WAY[2] = {-0.20, 0.21};        /* m: of the tool */
 static const double DURATION = 0.5, SETTLE = 0.15; /* s */
-static const double MISHAP = 0.25;                 /* s: time of the error in the path of two runs */
+/* s: time of the error in the path of two runs */
+static const double MISHAP = 0.25;
 
 typedef enum { RUNNING, STOPPING } controller_state;
 typedef enum { NOTHING, LATE_TORQUE, UNREACHABLE_SAMPLE, JUMP } planted_mistake;
@@ -55,16 +62,21 @@ typedef struct {
     double memory[MEMORY]; /* of the stream */
     double start[NY];      /* m: where the path begins */
     controller_state state;
-    double q_a[PARTS * NA], v_a[PARTS * NA], tau_g[PARTS * NG], q_m[PARTS * NM], v_m[PARTS * NM], tau_m[PARTS * NM];
+    double q_a[PARTS * NA], v_a[PARTS * NA], tau_g[PARTS * NG], q_m[PARTS * NM], v_m[PARTS * NM],
+        tau_m[PARTS * NM];
     double before[PARTS * NM]; /* N m: torques of the update before */
     planar5_nmp_stream_info info;
 } controller;
 
-/* The path at time t: a line, by a polynomial from rest to rest with five continuous derivatives. */
+/*
+ * The path at time t: a line, by a polynomial from rest to rest with five continuous derivatives.
+ */
 static void line(double t, const double start[NY], double y[NY], double dy[NY], double ddy[NY])
 {
     const double s = t <= 0.0 ? 0.0 : t < DURATION ? t / DURATION : 1.0, r = 1.0 - s;
-    const double p = pow(s, 6) * (462.0 + s * (-1980.0 + s * (3465.0 + s * (-3080.0 + s * (1386.0 - 252.0 * s)))));
+    const double p = pow(s, 6) *
+                     (462.0 +
+                         s * (-1980.0 + s * (3465.0 + s * (-3080.0 + s * (1386.0 - 252.0 * s)))));
     const double dp = 2772.0 * pow(s * r, 5) / DURATION;
     const double ddp = 13860.0 * pow(s * r, 4) * (r - s) / (DURATION * DURATION);
     for (int i = 0; i < NY; ++i) {
@@ -165,9 +177,12 @@ static void update(controller *c, double t, planted_mistake mistake)
     memcpy(c->tau_m, tau_m, sizeof tau_m);
 }
 
-/* Every millisecond: the torque of the middle of the cycle, and a correction from the measured motors. */
-static void control(const controller *c, int cycle, planted_mistake mistake, const double q_m[NM], const double v_m[NM],
-    double tau_m[NM])
+/*
+ * Every millisecond: the torque of the middle of the cycle, and a correction from the measured
+ * motors.
+ */
+static void control(const controller *c, int cycle, planted_mistake mistake, const double q_m[NM],
+    const double v_m[NM], double tau_m[NM])
 {
     const double *fed = (mistake == LATE_TORQUE ? c->before : c->tau_m) + (2 * cycle + 1) * NM;
     const double *q_ref = c->q_m + 2 * cycle * NM, *v_ref = c->v_m + 2 * cycle * NM;
@@ -188,7 +203,8 @@ static int plant(const double x[N], const double tau_m[NM], double dx[N])
 /* One Runge-Kutta step of the plant. */
 static int step(double h, const double tau_m[NM], double x[N])
 {
-    static const double WHERE[4] = {0.0, 0.5, 0.5, 1.0}, WEIGHT[4] = {1.0 / 6, 1.0 / 3, 1.0 / 3, 1.0 / 6};
+    static const double WHERE[4] = {0.0, 0.5, 0.5, 1.0},
+                        WEIGHT[4] = {1.0 / 6, 1.0 / 3, 1.0 / 3, 1.0 / 6};
     double at[N], dx[N] = {0.0}, sum[N] = {0.0};
     for (int stage = 0; stage < 4; ++stage) {
         int status;
@@ -219,21 +235,28 @@ static int distance(const double x[N], const double from[NY], double t, double *
     return status;
 }
 
-/* Run the move: the largest distance of the tool from its path [m], and the speed of the joints at the end [rad/s]. */
+/*
+ * Run the move: the largest distance of the tool from its path [m], and the speed of the joints at
+ * the end [rad/s].
+ */
 static int run(planted_mistake mistake, double *stray, double *speed)
 {
     static controller c;
     double x[N] = {0.0}, tau_m[NM], away;
     int status = start(&c);
     *stray = 0.0;
-    /* At the first update the path starts 95 ms later. After its end the sample is repeated, and the arm stays there.
+    /*
+     * At the first update the path starts 95 ms later. After its end the sample is repeated, and
+     * the arm stays there. /
      */
-    for (int k = 0; status == PLANAR5_NMP_OK && k * UPDATE < INTERVALS * UPDATE + DURATION + SETTLE; ++k) {
+    for (int k = 0;
+        status == PLANAR5_NMP_OK && k * UPDATE < INTERVALS * UPDATE + DURATION + SETTLE; ++k) {
         const double now = (k + 1 - INTERVALS) * UPDATE;
         update(&c, now + INTERVALS * UPDATE, mistake);
         if (k == 0) {
             memcpy(c.before, c.tau_m, sizeof c.before);
-            memcpy(x, c.q_a, NA * sizeof *x); /* the plant is in equilibrium, its elastic joint deflected by gravity */
+            /* the plant is in equilibrium, its elastic joint deflected by gravity */
+            memcpy(x, c.q_a, NA * sizeof *x);
             memcpy(x + 2 * NA, c.q_m, NM * sizeof *x);
         }
         for (int cycle = 0; cycle < CYCLES && status == PLANAR5_NMP_OK; ++cycle) {
@@ -266,7 +289,8 @@ int main(void)
             fprintf(stderr, "planar5_nmp: %s\n", planar5_nmp_status_text(status));
             return 1;
         }
-        printf("  tool strays by at most %10.3f um, joints end with %.1e rad/s\n", 1e6 * stray, speed);
+        printf("  tool strays by at most %10.3f um, joints end with %.1e rad/s\n", 1e6 * stray,
+            speed);
     }
     return 0;
 }

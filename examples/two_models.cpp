@@ -1,12 +1,15 @@
-// Two generated libraries in one C++ program: the planar arm `planar5_nmp` and the two-joint arm `elbow`.
+// Two generated libraries in one C++ program: the planar arm `planar5_nmp` and the two-joint arm
+// `elbow`.
 //
-// Every symbol, type and macro of a library starts with the name of its model. The headers are C++ as well as C. For
-// each arm the program evaluates the gravity torques of many poses with one call of the batch function, whose arrays are
-// structures of arrays (entry i of pose k is [i * n + k]). It prints the largest torque of each actuated joint.
+// Every symbol, type and macro of a library starts with the name of its model. The headers are C++
+// as well as C. For each arm the program evaluates the gravity torques of many poses with one call
+// of the batch function, whose arrays are structures of arrays (entry i of pose k is [i * n + k]).
+// It prints the largest torque of each actuated joint.
 //
 //   flexgen generate planar5_nmp && flexgen generate elbow
 //   cc -std=c99 -O2 -ffp-contract=off -c generated/planar5_nmp/src/*.c generated/elbow/src/*.c
-//   c++ -Igenerated/planar5_nmp -Igenerated/elbow examples/two_models.cpp *.o -lm -o two_models && ./two_models
+//   c++ -Igenerated/planar5_nmp -Igenerated/elbow examples/two_models.cpp *.o -lm -o two_models &&
+//   ./two_models
 #include "elbow_batch.h"
 #include "planar5_nmp_batch.h"
 
@@ -26,7 +29,8 @@ std::vector<Real> grid(int coordinates, int per_axis)
     for (int k = 0; k < n; ++k) {
         const int at[2] = {k % per_axis, k / per_axis};
         for (int i = 0; i < 2; ++i) {
-            q[static_cast<std::size_t>(i * n + k)] = Real(3.14159265358979 * (2.0 * at[i] / (per_axis - 1) - 1.0));
+            q[static_cast<std::size_t>(i * n + k)] = Real(
+                3.14159265358979 * (2.0 * at[i] / (per_axis - 1) - 1.0));
         }
     }
     return q;
@@ -49,7 +53,8 @@ bool show(const char *name, int coordinates, int work, Gravity gravity, Text tex
         for (int k = 0; k < n; ++k) {
             largest = std::max(largest, std::abs(g[static_cast<std::size_t>(i * n + k)]));
         }
-        std::printf("%-12s coordinate %d holds at most %8.2f N m in %d poses\n", name, i, double(largest), n);
+        std::printf("%-12s coordinate %d holds at most %8.2f N m in %d poses\n", name, i,
+            double(largest), n);
     }
     return true;
 }
@@ -58,8 +63,8 @@ bool show(const char *name, int coordinates, int work, Gravity gravity, Text tex
 
 int main()
 {
-    const bool planar = show<planar5_nmp_real>("planar5_nmp", PLANAR5_NMP_NA, planar5_nmp_batch_work(),
-                                               planar5_nmp_gravity_batch, planar5_nmp_status_text);
+    const bool planar = show<planar5_nmp_real>("planar5_nmp", PLANAR5_NMP_NA,
+        planar5_nmp_batch_work(), planar5_nmp_gravity_batch, planar5_nmp_status_text);
     const bool elbow = show<elbow_real>("elbow", ELBOW_NA, elbow_batch_work(), elbow_gravity_batch,
                                         elbow_status_text);
     return planar && elbow ? 0 : 1;

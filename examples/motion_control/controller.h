@@ -1,22 +1,26 @@
 /*
- * The controller of motion_control.c, every millisecond: motor angles in, motor torques and a flag for the brakes out.
+ * The controller of motion_control.c, every millisecond: motor angles in, motor torques and a flag
+ * for the brakes out.
  *
  *   RUNNING   references and feedforward torques of the planner, feedback by a P-PI cascade
- *   BRAKING   after a fault of the planner, of the cycles or of an encoder, and after a collision: stop within BRAKE
+ *   BRAKING   after a fault of the planner, of the cycles or of an encoder, and after a collision:
+ *             stop within BRAKE
  *             cycles, along the path while its samples are ready
  *   HOLDING   hold the position at which the robot stopped, until the brakes act
  *   OFF       the torque is zero
  *
- * Torques are finite and within their limits in every cycle. The status tells in the cycle itself: below OK it is a
- * fault, AT_LIMIT is a warning. The first fault stays until the controller is started again. It sets `brakes` in its
- * cycle: engage the brakes of the robot, which have to act within BRAKES_ACT. Torque off without brakes lets an arm
- * fall.
+ * Torques are finite and within their limits in every cycle. The status tells in the cycle itself:
+ * below OK it is a fault, AT_LIMIT is a warning. The first fault stays until the controller is
+ * started again. It sets `brakes` in its cycle: engage the brakes of the robot, which have to act
+ * within BRAKES_ACT. Torque off without brakes lets an arm fall.
  *
- * Faults after which neither encoders nor motors can be trusted (FOLLOWING_ERROR, OVERSPEED, DRIVE_FAULT) switch the
- * torque off at once, in every state: feedback on a wrong angle, or through a motor of the wrong sign, accelerates the
- * motor. An encoder with an impossible reading is refused from then on; its motor has the feedforward torque alone.
+ * Faults after which neither encoders nor motors can be trusted (FOLLOWING_ERROR, OVERSPEED,
+ * DRIVE_FAULT) switch the torque off at once, in every state: feedback on a wrong angle, or
+ * through a motor of the wrong sign, accelerates the motor. An encoder with an impossible reading
+ * is refused from then on; its motor has the feedforward torque alone.
  *
- * Collisions are found by the residual of the generalized momentum: A. De Luca, R. Mattone, IEEE ICRA 2005.
+ * Collisions are found by the residual of the generalized momentum: A. De Luca, R. Mattone, IEEE
+ * ICRA 2005.
  */
 #ifndef CONTROLLER_H
 #define CONTROLLER_H
@@ -24,24 +28,34 @@
 #include "planner.h"
 
 static const double DETECTOR_HZ = 15.0; /* bandwidth of the residual */
-static const double SAMPLED_GAIN = 0.3; /* speed gain times sample time and delay, over the inertia, at most */
+/* speed gain times sample time and delay, over the inertia, at most */
+static const double SAMPLED_GAIN = 0.3;
 static const double PI = 3.141592653589793;
 
-/* Following errors of the angle and of the speed, by default: those for which the feedback takes this share of the
- * torque limit, e = FOLLOWING tau_max/(k_p k_v) and FOLLOWING tau_max/k_v. Errors of 5 % in the model, friction, a load
- * of 3 kg that the model does not have and a push of 100 N on the tool take up to two thirds of it. */
+/*
+ * Following errors of the angle and of the speed, by default: those for which the feedback takes
+ * this share of the torque limit, e = FOLLOWING tau_max/(k_p k_v) and FOLLOWING tau_max/k_v.
+ * Errors of 5 % in the model, friction, a load of 3 kg that the model does not have and a push of
+ * 100 N on the tool take up to two thirds of it.
+ */
 static const double FOLLOWING = 0.35;
-/* Torque on a rotor that appears within two cycles and that the model does not explain, by default: a share of the
- * torque limit, and the torque of READING_NOISE [rad], 4 J noise/T^2. Half of it is the most with that noise and
- * that push. */
+/*
+ * Torque on a rotor that appears within two cycles and that the model does not explain, by
+ * default: a share of the torque limit, and the torque of READING_NOISE [rad], 4 J noise/T^2. Half
+ * of it is the most with that noise and that push.
+ */
 static const double SUDDEN = 0.05, READING_NOISE = 5e-5;
-/* Acceleration that a motor can have, relative to its torque limit over its own inertia: its spring can act with the
- * torque, and a push can wind it up further. A reading or a reference beyond it is wrong. */
+/*
+ * Acceleration that a motor can have, relative to its torque limit over its own inertia: its
+ * spring can act with the torque, and a push can wind it up further. A reading or a reference
+ * beyond it is wrong.
+ */
 static const double ACCELERATION = 4.0;
 
 enum {
     BRAKE = 2 * (READY - PARTS - 1), /* cycles of braking */
-    BRAKES_ACT = 80,    /* cycles from the flag until the brakes hold the robot; the torque ends after them */
+    /* cycles from the flag until the brakes hold the robot; the torque ends after them */
+    BRAKES_ACT = 80,
     FADE = 20,          /* cycles in which the torque then goes to zero */
     LIMITED_CYCLES = 50 /* cycles with a torque at its limit, one after the other, at most */
 };
@@ -52,8 +66,9 @@ typedef enum { RUNNING, BRAKING, HOLDING, OFF } controller_state;
 enum {
     BAD_READING = NOT_IN_BUFFER - 1,
     MISSED_CYCLES = NOT_IN_BUFFER - 2,
-    BAD_TORQUE = NOT_IN_BUFFER - 3,      /* feedforward that is not finite */
-    FOLLOWING_ERROR = NOT_IN_BUFFER - 4, /* a motor is too far from its reference, or its speed is */
+    BAD_TORQUE = NOT_IN_BUFFER - 3, /* feedforward that is not finite */
+    /* a motor is too far from its reference, or its speed is */
+    FOLLOWING_ERROR = NOT_IN_BUFFER - 4,
     OVERSPEED = NOT_IN_BUFFER - 5,
     LIMITED = NOT_IN_BUFFER - 7, /* AT_LIMIT for LIMITED_CYCLES */
     COLLISION = NOT_IN_BUFFER - 8,
@@ -74,40 +89,50 @@ typedef struct {
 typedef struct {
     planner plan;
     controller_state state;
-    int status, fault;                            /* of the cycle; the first fault since the start, or OK */
-    int brakes;                                   /* 1: engage the brakes */
-    int faulty_motor;                             /* of the first fault, or -1 */
-    int64_t next;                                 /* cycle that is expected */
-    int has_antiwindup, reacts, monitors;         /* 0: planted mistakes */
-    double to_joint[NG][NM];                      /* q_g = to_joint q_m, tau_m = to_joint' tau_g */
-    double k_p, k_i, k_v[NM], low_pass[5];        /* gains, and a section of order two */
-    double torque_max[NM], threshold[NM];         /* N m; infinite: none */
-    double speed_max[NM], away_max[NM];           /* rad/s, rad: speed and following error */
-    double slip_max[NM], bend_max[NM];            /* rad/s, rad: error of the speed; second difference of an angle */
-    double jolt_max[NM];                          /* N m: sudden torque on a rotor */
-    int refused[NM];                              /* encoders that are not trusted any more */
-    double q[NM], v[NM], q_ref[NM], sum[NM];      /* of the cascade: last angles, speeds, reference, integral */
-    double s[NM][2];                              /* low pass */
-    double moved[NM];                             /* last step of the reference */
-    double slip[4][NM], feedback[6][NM];          /* of the last cycles: errors of the speed; torques of the feedback */
-    double largest_sum[NM];                       /* rad: of the integral */
-    int64_t saturated;                            /* cycles with a torque at its limit */
-    int limited;                                  /* of them, one after the other until now */
-    double u[NM];                                 /* torque that acts, commanded in the cycle before */
-    double M[NG][NG], p_0[NM], driven[NM], r[NM]; /* of the detector: mass matrix, momentum, integral, residual */
-    double largest_r[NM];                         /* of the residual */
-    double largest_away[NM], largest_slip[NM];    /* of the following errors */
-    double largest_jolt[NM], largest_speed[NM];   /* of sudden torques, and of the speeds */
-    int64_t begun, found, holding;                /* samples of the detector; cycles of collision and stand, or -1 */
-    double time, start[NM], stop[NM];             /* s while braking [samples]; step there; where the robot holds */
-    int on_path;                                  /* whether it brakes along the path */
-    int64_t lost;                                 /* samples that braking along the path needed and did not have */
-    int64_t braking, since;                       /* cycles since the start of braking, and since the first fault */
+    /* of the cycle; the first fault since the start, or OK */
+    int status, fault;
+    int brakes;                            /* 1: engage the brakes */
+    int faulty_motor;                      /* of the first fault, or -1 */
+    int64_t next;                          /* cycle that is expected */
+    int has_antiwindup, reacts, monitors;  /* 0: planted mistakes */
+    double to_joint[NG][NM];               /* q_g = to_joint q_m, tau_m = to_joint' tau_g */
+    double k_p, k_i, k_v[NM], low_pass[5]; /* gains, and a section of order two */
+    double torque_max[NM], threshold[NM];  /* N m; infinite: none */
+    double speed_max[NM], away_max[NM];    /* rad/s, rad: speed and following error */
+    /* rad/s, rad: error of the speed; second difference of an angle */
+    double slip_max[NM], bend_max[NM];
+    double jolt_max[NM]; /* N m: sudden torque on a rotor */
+    int refused[NM];     /* encoders that are not trusted any more */
+    /* of the cascade: last angles, speeds, reference, integral */
+    double q[NM], v[NM], q_ref[NM], sum[NM];
+    double s[NM][2];  /* low pass */
+    double moved[NM]; /* last step of the reference */
+    /* of the last cycles: errors of the speed; torques of the feedback */
+    double slip[4][NM], feedback[6][NM];
+    double largest_sum[NM]; /* rad: of the integral */
+    int64_t saturated;      /* cycles with a torque at its limit */
+    int limited;            /* of them, one after the other until now */
+    /* torque that acts, commanded in the cycle before */
+    double u[NM];
+    /* of the detector: mass matrix, momentum, integral, residual */
+    double M[NG][NG], p_0[NM], driven[NM], r[NM];
+    double largest_r[NM];                       /* of the residual */
+    double largest_away[NM], largest_slip[NM];  /* of the following errors */
+    double largest_jolt[NM], largest_speed[NM]; /* of sudden torques, and of the speeds */
+    /* samples of the detector; cycles of collision and stand, or -1 */
+    int64_t begun, found, holding;
+    /* s while braking [samples]; step there; where the robot holds */
+    double time, start[NM], stop[NM];
+    int on_path; /* whether it brakes along the path */
+    /* samples that braking along the path needed and did not have */
+    int64_t lost;
+    /* cycles since the start of braking, and since the first fault */
+    int64_t braking, since;
 } controller;
 
 /* Gear torques of the arm without deflections: M, and h + M a with the mass matrix. */
-static void rigid_arm(
-    controller *c, const double *q_m, const double *v_m, const double *a_m, double M[NG][NG], double tau[NG])
+static void rigid_arm(controller *c, const double *q_m, const double *v_m, const double *a_m,
+    double M[NG][NG], double tau[NG])
 {
     double q_a[NA] = {0.0}, v_a[NA] = {0.0}, a_a[NA] = {0.0}, full[NA * NA], tau_a[NA];
     const double *motors[3] = {q_m, v_m, a_m};
@@ -181,8 +206,9 @@ static int invert_gears(controller *c)
 }
 
 /*
- * Residual of the momentum, r = w (p - p_0 - int (tau - f + b + r) dt) with p = to_joint' M v_g + J_m v_m and
- * b = to_joint' (M' v - h). `u` acts from now on. Returns whether it is above a threshold.
+ * Residual of the momentum, r = w (p - p_0 - int (tau - f + b + r) dt) with p = to_joint' M v_g +
+ * J_m v_m and b = to_joint' (M' v - h). `u` acts from now on. Returns whether it is above a
+ * threshold.
  */
 static int detect(controller *c, const double *q_m, const double *v_m, const double *u)
 {
@@ -222,14 +248,14 @@ static int detect(controller *c, const double *q_m, const double *v_m, const dou
 }
 
 /*
- * The P-PI cascade: v is the difference of two samples of q, for the reference and for the measurement alike, so that
- * it does not show in the error. While the torque is at its limit the integral does not grow. A motor whose encoder is
- * refused has its feedforward torque alone.
+ * The P-PI cascade: v is the difference of two samples of q, for the reference and for the
+ * measurement alike, so that it does not show in the error. While the torque is at its limit the
+ * integral does not grow. A motor whose encoder is refused has its feedforward torque alone.
  *
  *   w = v_ref + k_p (q_ref - q) - v,   u = tau + F k_v (w + k_i int w dt)
  */
-static int cascade(
-    controller *c, const double *q_m, const double *v_m, const double *q_ref, const double *tau, double *u)
+static int cascade(controller *c, const double *q_m, const double *v_m, const double *q_ref,
+    const double *tau, double *u)
 {
     const double *f = c->low_pass;
     int limited = 0;
@@ -295,7 +321,10 @@ static void hold(controller *c, double *q_ref, double *tau)
     on_motors(c, tau_g, tau);
 }
 
-/* Begin to brake, along the path or, where that or the time is not known, from the motion of the motors at present. */
+/*
+ * Begin to brake, along the path or, where that or the time is not known, from the motion of the
+ * motors at present.
+ */
 static void begin_braking(controller *c, int on_path)
 {
     c->state = BRAKING;
@@ -306,10 +335,11 @@ static void begin_braking(controller *c, int on_path)
 }
 
 /*
- * Reference and feedforward torque of a stop: the time of the path slows down to a stand within BRAKE cycles,
- * s' = (1 + cos(pi x))/2; torque of the arm without deflections, and of the rotors with their friction. The sum of s'
- * is (BRAKE + 1)/2 cycles, so that the last sample is k + BRAKE/2 + 1 = k + READY - PARTS after a collision in cycle k.
- * Without the path each motor slows down from its speed in the same way.
+ * Reference and feedforward torque of a stop: the time of the path slows down to a stand within
+ * BRAKE cycles, s' = (1 + cos(pi x))/2; torque of the arm without deflections, and of the rotors
+ * with their friction. The sum of s' is (BRAKE + 1)/2 cycles, so that the last sample is k +
+ * BRAKE/2 + 1 = k + READY - PARTS after a collision in cycle k. Without the path each motor slows
+ * down from its speed in the same way.
  */
 static void brake(controller *c, int64_t k, double *q_ref, double *tau)
 {
@@ -350,14 +380,17 @@ static void brake(controller *c, int64_t k, double *q_ref, double *tau)
 }
 
 /*
- * Whether cycle k follows the last one, and the angles and speeds of the motors. A reading that cannot be, of a motor
- * with the acceleration ACCELERATION, is refused from now on: the motor is taken to move as its reference.
+ * Whether cycle k follows the last one, and the angles and speeds of the motors. A reading that
+ * cannot be, of a motor with the acceleration ACCELERATION, is refused from now on: the motor is
+ * taken to move as its reference.
  */
 static void check_cycle(controller *c, int64_t k, const double *measured, double *q_m, double *v_m)
 {
     const int follows = k == c->next && k >= 0 && k < INT64_MAX - RING;
     /* cycles since the last one; unknown after a jump of k: not more than those of braking */
-    const double cycles = follows ? 1.0 : k > c->next && k - c->next < BRAKE ? (double)(k - c->next) + 1.0 : BRAKE;
+    const double cycles = follows                            ? 1.0 :
+                          k > c->next && k - c->next < BRAKE ? (double)(k - c->next) + 1.0 :
+                                                               BRAKE;
     if (!follows) {
         set_fault(c, MISSED_CYCLES, -1);
         c->begun = 0; /* the detector begins again */
@@ -365,13 +398,16 @@ static void check_cycle(controller *c, int64_t k, const double *measured, double
     }
     for (int j = 0; j < NM; ++j) {
         const double expected = c->q[j] + (follows ? c->v[j] * CYCLE : 0.0);
-        const double margin = follows ? c->bend_max[j] : c->speed_max[j] * CYCLE * cycles + c->bend_max[j];
+        const double margin = follows ? c->bend_max[j] :
+                                        c->speed_max[j] * CYCLE * cycles + c->bend_max[j];
         if (!c->refused[j] && !(fabs(measured[j] - expected) <= margin)) { /* NaN too */
             set_fault(c, BAD_READING, j);
             c->refused[j] = 1;
         }
         q_m[j] = c->refused[j] ? c->q[j] + c->moved[j] : measured[j];
-        v_m[j] = c->refused[j] ? c->moved[j] / CYCLE : follows ? (q_m[j] - c->q[j]) / CYCLE : c->v[j];
+        v_m[j] = c->refused[j] ? c->moved[j] / CYCLE :
+                 follows       ? (q_m[j] - c->q[j]) / CYCLE :
+                                 c->v[j];
     }
     if (!follows && c->state <= BRAKING) { /* stop from where the motors are */
         memcpy(c->q_ref, q_m, sizeof c->q_ref);
@@ -382,7 +418,10 @@ static void check_cycle(controller *c, int64_t k, const double *measured, double
     }
 }
 
-/* Whether each step of new samples of the planner is one that a motor can follow; otherwise they are not used. */
+/*
+ * Whether each step of new samples of the planner is one that a motor can follow; otherwise they
+ * are not used.
+ */
 static void check_samples(controller *c, int64_t before)
 {
     for (int64_t k = before; k < c->plan.ready; ++k) {
@@ -425,9 +464,10 @@ static void reference(controller *c, int64_t k, double *q_ref, double *tau)
 }
 
 /*
- * Torque on a rotor that neither plan nor feedback explains, J dv/dt - u, of the last two cycles minus that of the two
- * before. Loads come through the spring of the gear and take longer; a drive that is off, or has the wrong sign, shows
- * at once. `slip`: error of the speed; a torque of the feedback acts a cycle after its command.
+ * Torque on a rotor that neither plan nor feedback explains, J dv/dt - u, of the last two cycles
+ * minus that of the two before. Loads come through the spring of the gear and take longer; a drive
+ * that is off, or has the wrong sign, shows at once. `slip`: error of the speed; a torque of the
+ * feedback acts a cycle after its command.
  */
 static double jolt(const controller *c, int j, double slip)
 {
@@ -439,11 +479,15 @@ static double jolt(const controller *c, int j, double slip)
     return CALL(rotor_inertia)[j] * rate - caused;
 }
 
-/* Speeds and following errors of the motors whose encoders are trusted; afterwards the torque is off. */
+/*
+ * Speeds and following errors of the motors whose encoders are trusted; afterwards the torque is
+ * off.
+ */
 static void monitor(controller *c, const double *q_m, const double *v_m, const double *q_ref)
 {
     for (int j = 0; j < NM; ++j) {
-        const double away = fabs(q_ref[j] - q_m[j]), slip = v_m[j] - (q_ref[j] - c->q_ref[j]) / CYCLE;
+        const double away = fabs(q_ref[j] - q_m[j]),
+                     slip = v_m[j] - (q_ref[j] - c->q_ref[j]) / CYCLE;
         const double sudden = c->state == RUNNING && c->next > 6 ? fabs(jolt(c, j, slip)) : 0.0;
         const int fault = fabs(v_m[j]) > c->speed_max[j]                       ? OVERSPEED :
                           away > c->away_max[j] || fabs(slip) > c->slip_max[j] ? FOLLOWING_ERROR :
@@ -509,7 +553,8 @@ static int set_limits(controller *c, const motor_limits *given)
 static void set_gains(controller *c, const motor_limits *given)
 {
     double M[NG][NG], g[NG];
-    const double sample = 1.0 / tan(PI * FILTER_HZ * CYCLE), below = sample * sample + 1.4 * sample + 1.0;
+    const double sample = 1.0 / tan(PI * FILTER_HZ * CYCLE),
+                 below = sample * sample + 1.4 * sample + 1.0;
     rigid_arm(c, c->q, NULL, NULL, M, g);
     c->k_p = 2.0 * PI * POSITION_HZ;
     c->k_i = 2.0 * PI * INTEGRAL_HZ;
@@ -522,10 +567,12 @@ static void set_gains(controller *c, const motor_limits *given)
                 inertia += c->to_joint[i][j] * M[i][k] * c->to_joint[k][j];
             }
         }
-        c->k_v[j] = fmin(2.0 * PI * SPEED_HZ * inertia, SAMPLED_GAIN * fast / (CYCLE * (1.0 + LATE)));
+        c->k_v[j] = fmin(
+            2.0 * PI * SPEED_HZ * inertia, SAMPLED_GAIN * fast / (CYCLE * (1.0 + LATE)));
         c->away_max[j] /= given->following != NULL ? 1.0 : c->k_p * c->k_v[j];
         c->slip_max[j] /= given->following_speed != NULL ? 1.0 : c->k_v[j];
-        c->jolt_max[j] += given->sudden != NULL ? 0.0 : 4.0 * fast * READING_NOISE / (CYCLE * CYCLE);
+        c->jolt_max[j] += given->sudden != NULL ? 0.0 :
+                                                  4.0 * fast * READING_NOISE / (CYCLE * CYCLE);
         c->bend_max[j] = ACCELERATION * torque_limit[j] / fast * CYCLE * CYCLE;
     }
     /* w^2 / (s^2 + 1.4 w s + w^2), by the bilinear transform: b0, b1, b2, a1, a2 */
@@ -536,12 +583,13 @@ static void set_gains(controller *c, const motor_limits *given)
 }
 
 /*
- * Start at rest at the start of the path; limits: NULL for the defaults. It ends all faults. Below OK the torques are
- * zero and the brakes are flagged, until it is called again.
+ * Start at rest at the start of the path; limits: NULL for the defaults. It ends all faults. Below
+ * OK the torques are zero and the brakes are flagged, until it is called again.
  */
 static int start_controller(controller *c, const motor_limits *limits)
 {
-    const motor_limits none = {NULL, NULL, NULL, NULL, NULL, NULL}, *given = limits != NULL ? limits : &none;
+    const motor_limits none = {NULL, NULL, NULL, NULL, NULL, NULL},
+                       *given = limits != NULL ? limits : &none;
     int status = SIZE(BAD_ARGUMENT);
     memset(c, 0, sizeof *c);
     c->faulty_motor = -1;
@@ -570,7 +618,10 @@ static int start_controller(controller *c, const motor_limits *limits)
     return SIZE(OK);
 }
 
-/* Cycle k: measured motor angles in, motor torques for the next cycle out; see also `status` and `brakes`. */
+/*
+ * Cycle k: measured motor angles in, motor torques for the next cycle out; see also `status` and
+ * `brakes`.
+ */
 static void control(controller *c, int64_t k, const double *measured, double *u)
 {
     double q_m[NM], v_m[NM], q_ref[NM], tau[NM] = {0.0};

@@ -1,11 +1,13 @@
 /*
  * The path planner of motion_control.c: interpolator and stream.
  *
- * The interpolator samples the path of the program every 5 ms, a horizon ahead. The stream turns the samples into motor
- * angles, speeds and torques at 1 kHz. One update of the stream takes longer than a cycle should: it is done in five
- * parts, one in each cycle. The results go into a ring buffer, from which the controller takes one sample per cycle;
- * `READY` samples stay in it, so that the controller can brake along the path. In the last cycle of an update it has
- * taken `PARTS - 1` of them, and if this update fails, none follow: it may use the samples up to k + READY - PARTS.
+ * The interpolator samples the path of the program every 5 ms, a horizon ahead. The stream turns
+ * the samples into motor angles, speeds and torques at 1 kHz. One update of the stream takes
+ * longer than a cycle should: it is done in five parts, one in each cycle. The results go into a
+ * ring buffer, from which the controller takes one sample per cycle; `READY` samples stay in it,
+ * so that the controller can brake along the path. In the last cycle of an update it has taken
+ * `PARTS - 1` of them, and if this update fails, none follow: it may use the samples up to k +
+ * READY - PARTS.
  */
 #ifndef PLANNER_H
 #define PLANNER_H
@@ -25,14 +27,17 @@ enum {
     READY = 6 * PARTS,        /* samples that are ready ahead of the controller */
     RING = READY + 2 * PARTS, /* samples of the buffer */
     MEMORY = (int)SIZE(STREAM_SIZE)(INTERVALS, PARTS),
-    WORK = 2 * SIZE(BATCH_WORK),      /* enough for the interpolator and for all functions of one point */
-    NOT_IN_BUFFER = -1000,            /* statuses of this program, not of the library */
-    BAD_REFERENCE = NOT_IN_BUFFER - 6 /* a path or a reference that jumps, or is too fast for a motor */
+    /* enough for the interpolator and for all functions of one point */
+    WORK = 2 * SIZE(BATCH_WORK),
+    NOT_IN_BUFFER = -1000, /* statuses of this program, not of the library */
+    /* a path or a reference that jumps, or is too fast for a motor */
+    BAD_REFERENCE = NOT_IN_BUFFER - 6
 };
 
-static const double CYCLE = 1e-3;     /* s */
-static const double LATE = 1.0;       /* cycles from a measurement to the torque */
-static const double PATH_STEP = 1e-5; /* m, rad: of the path, beyond what its derivatives say; 1e-9 is usual */
+static const double CYCLE = 1e-3; /* s */
+static const double LATE = 1.0;   /* cycles from a measurement to the torque */
+/* m, rad: of the path, beyond what its derivatives say; 1e-9 is usual */
+static const double PATH_STEP = 1e-5;
 
 typedef struct {
     CALL(stream) stream; /* in `memory` */
@@ -52,8 +57,8 @@ static double path_time(int64_t k)
 }
 
 /*
- * Whether a sample of the path follows the last one, by Euler and Maclaurin: the change of y is
- * T (dy_0 + dy_1)/2 + T^2 (ddy_0 - ddy_1)/12. Only positions where the output has a rotation matrix.
+ * Whether a sample of the path follows the last one, by Euler and Maclaurin: the change of y is T
+ * (dy_0 + dy_1)/2 + T^2 (ddy_0 - ddy_1)/12. Only positions where the output has a rotation matrix.
  */
 static int path_follows(planner *p, const double *y, const double *dy, const double *ddy)
 {
@@ -75,7 +80,8 @@ static void begin_update(planner *p)
 {
     double y[NT], dy[NY], ddy[NY];
     p->updates += 1;
-    p->status = CALL(path_sample)(path_table, path_size, CYCLE * PARTS * (double)p->updates, y, dy, ddy, p->work, WORK);
+    p->status = CALL(path_sample)(
+        path_table, path_size, CYCLE * PARTS * (double)p->updates, y, dy, ddy, p->work, WORK);
     if (p->status >= SIZE(OK) && !path_follows(p, y, dy, ddy)) {
         p->status = BAD_REFERENCE;
     }
@@ -159,8 +165,9 @@ static void advance_planner(planner *p, int64_t k)
 }
 
 /*
- * Motor angles at the time s [samples], between samples of the buffer, and their first and second derivative with
- * respect to s: a cubic through angles and speeds. NOT_IN_BUFFER, and no result, where the buffer does not have both.
+ * Motor angles at the time s [samples], between samples of the buffer, and their first and second
+ * derivative with respect to s: a cubic through angles and speeds. NOT_IN_BUFFER, and no result,
+ * where the buffer does not have both.
  */
 static int motors_between(const planner *p, double s, double *q, double *dq, double *ddq)
 {

@@ -1,6 +1,7 @@
 /*
- * The robot of motion_control.c: forward dynamics of its library, integrated by the classical Runge-Kutta method. The
- * brakes act on the motors by friction, until they stand; then they hold them.
+ * The robot of motion_control.c: forward dynamics of its library, integrated by the classical
+ * Runge-Kutta method. The brakes act on the motors by friction, until they stand; then they hold
+ * them.
  */
 #ifndef PLANT_H
 #define PLANT_H
@@ -12,9 +13,10 @@ enum {
     N = 2 * (NA + NM) /* state: q_a, v_a, q_m, v_m */
 };
 
-static const double BRAKES_DELAY = 0.05; /* s: from the flag of the controller until the brakes act */
-static const double BRAKE_TORQUE = 2.0;  /* of the brakes, relative to the torque limits */
-static const double STANDS = 0.5;        /* rad/s: speed of a motor that its brake stops at once */
+/* s: from the flag of the controller until the brakes act */
+static const double BRAKES_DELAY = 0.05;
+static const double BRAKE_TORQUE = 2.0; /* of the brakes, relative to the torque limits */
+static const double STANDS = 0.5;       /* rad/s: speed of a motor that its brake stops at once */
 
 typedef struct {
     double x[N], f_tool[6], work[WORK];
@@ -43,7 +45,8 @@ static void apply_brakes(plant *r, const double *tau_m, double *tau)
     for (int j = 0; j < NM; ++j) {
         const double v = r->x[2 * NA + NM + j];
         r->locked[j] = r->locked[j] || (r->engaged && fabs(v) < STANDS);
-        tau[j] = tau_m[j] - (r->engaged ? (v > 0.0 ? 1.0 : -1.0) * BRAKE_TORQUE * torque_limit[j] : 0.0);
+        tau[j] = tau_m[j] -
+                 (r->engaged ? (v > 0.0 ? 1.0 : -1.0) * BRAKE_TORQUE * torque_limit[j] : 0.0);
         r->x[2 * NA + NM + j] = r->locked[j] ? 0.0 : v;
     }
 }
@@ -51,7 +54,8 @@ static void apply_brakes(plant *r, const double *tau_m, double *tau)
 /* A cycle under a torque that is held. */
 static CALL(status) move_plant(plant *r, const double *tau_m)
 {
-    static const double where[4] = {0.0, 0.5, 0.5, 1.0}, weight[4] = {1.0 / 6, 1.0 / 3, 1.0 / 3, 1.0 / 6};
+    static const double where[4] = {0.0, 0.5, 0.5, 1.0},
+                        weight[4] = {1.0 / 6, 1.0 / 3, 1.0 / 3, 1.0 / 6};
     const double h = CYCLE / STEPS;
     CALL(status) status = SIZE(OK);
     for (int step = 0; step < STEPS; ++step) {

@@ -41,8 +41,8 @@ def test_the_controller_for_ros_has_the_torque_limits_without_its_file_of_parame
     )
     source = (package / "src" / "stream_controller.cpp").read_text()
     assert (
-        'auto_declare<std::vector<double>>("torque_max", std::vector<double>(TORQUE_MAX.begin()'
-        in source
+        'auto_declare<std::vector<double>>( "torque_max", std::vector<double>(TORQUE_MAX.begin()'
+        in " ".join(source.split())
     )
 
 

@@ -1,8 +1,10 @@
 /*
- * A chain of bodies, gears and rotors under given torques, alone or with P-PI feedback of its motors: a referee.
+ * A chain of bodies, gears and rotors under given torques, alone or with P-PI feedback of its
+ * motors: a referee.
  *
- * Equations of motion by composite inertias and wrenches about the origin of the world; integration by the formulas of
- * Dormand and Prince of order 8, whose coefficients are given. Nothing is taken from flexgen. See whole_move.py.
+ * Equations of motion by composite inertias and wrenches about the origin of the world;
+ * integration by the formulas of Dormand and Prince of order 8, whose coefficients are given.
+ * Nothing is taken from flexgen. See whole_move.py.
  */
 #include <math.h>
 #include <string.h>
@@ -13,7 +15,8 @@ enum { FIXED, ROTATION, TRANSLATION, MASS, ROTOR };
 typedef struct {
     int n_steps, n_a, n_m, dof, n_laws, feedback, free; /* free: P is the identity */
     const double *steps;                                /* (n_steps, ROW): kind, index, numbers */
-    const double *laws;   /* (n_laws, n_a + n_m + 11): row, kind and three numbers of a spring, damping, friction */
+    /* (n_laws, n_a + n_m + 11): row, kind and three numbers of a spring, damping, friction */
+    const double *laws;
     const double *spread; /* P (n_a + n_m, dof): all coordinates from the independent ones */
     const double *rotors; /* inertias of the rotors that no body carries, (n_m,) */
     const double *gravity, *gains; /* gains: (3, n_m) */
@@ -21,7 +24,8 @@ typedef struct {
 
 static void cross(const double *a, const double *b, double *c)
 {
-    const double x = a[1] * b[2] - a[2] * b[1], y = a[2] * b[0] - a[0] * b[2], z = a[0] * b[1] - a[1] * b[0];
+    const double x = a[1] * b[2] - a[2] * b[1], y = a[2] * b[0] - a[0] * b[2],
+                 z = a[0] * b[1] - a[1] * b[0];
     c[0] = x, c[1] = y, c[2] = z;
 }
 
@@ -40,7 +44,8 @@ static void multiply(const double *A, const double *B, double *C) /* 3 x 3 */
 {
     double out[9];
     for (int i = 0; i < 9; ++i) {
-        out[i] = A[i / 3 * 3] * B[i % 3] + A[i / 3 * 3 + 1] * B[3 + i % 3] + A[i / 3 * 3 + 2] * B[6 + i % 3];
+        out[i] = A[i / 3 * 3] * B[i % 3] + A[i / 3 * 3 + 1] * B[3 + i % 3] +
+                 A[i / 3 * 3 + 2] * B[6 + i % 3];
     }
     memcpy(C, out, sizeof out);
 }
@@ -66,7 +71,8 @@ static double spring(const double *s, double d)
     case 2:
         return s[1] * d + s[2] * d * d * d;
     case 3:
-        return sign * (s[1] * inside + (s[2] - s[1]) / (3 * s[3] * s[3]) * pow(inside, 3) + s[2] * (size - inside));
+        return sign * (s[1] * inside + (s[2] - s[1]) / (3 * s[3] * s[3]) * pow(inside, 3) +
+                          s[2] * (size - inside));
     case 4:
         return sign * (s[1] * inside + s[2] * (size - inside));
     case 5:
@@ -76,8 +82,12 @@ static double spring(const double *s, double d)
     }
 }
 
-/* Mass matrix M (N, N) and bias (N) of all coordinates, N = n_a + n_m, and the place of the tool (position, R). */
-static void sweep(const robot *r, const double *q, const double *v, double *M, double *bias, double *tool)
+/*
+ * Mass matrix M (N, N) and bias (N) of all coordinates, N = n_a + n_m, and the place of the tool
+ * (position, R).
+ */
+static void sweep(
+    const robot *r, const double *q, const double *v, double *M, double *bias, double *tool)
 {
     const int N = r->n_a + r->n_m;
     static _Thread_local double at[STEPS][12], wrench[STEPS][6];
@@ -199,7 +209,8 @@ static void sweep(const robot *r, const double *q, const double *v, double *M, d
                 I[i] += a[0] * to[i / 3] * to[i % 3];
             }
             seen[n_seen++] = k;
-            bias[row] += dot(wrench[k] + 3, to); /* J e.dw: the gyroscopic part is across the axis */
+            /* J e.dw: the gyroscopic part is across the axis */
+            bias[row] += dot(wrench[k] + 3, to);
         } else if (kind == ROTATION || kind == TRANSLATION) {
             double f[3], n[3], c[3];
             bias[index] = dot(to, T) + dot(to + 3, F);
@@ -226,7 +237,10 @@ static void sweep(const robot *r, const double *q, const double *v, double *M, d
     }
 }
 
-/* Rates of x = (y, dy, integrals of the feedback); u: torques, then reference angles and speeds of the motors. */
+/*
+ * Rates of x = (y, dy, integrals of the feedback); u: torques, then reference angles and speeds of
+ * the motors.
+ */
 void rate(const robot *r, const double *x, const double *u, double *out, double *tool)
 {
     const int n_a = r->n_a, n_m = r->n_m, N = n_a + n_m, n = r->dof, width = N + 11;
@@ -243,7 +257,8 @@ void rate(const robot *r, const double *x, const double *u, double *out, double 
         if (r->feedback) {
             const double error = u[n_m + j] - q[n_a + j];
             out[2 * n + j] = u[2 * n_m + j] + r->gains[j] * error - v[n_a + j];
-            f[n_a + j] += r->gains[n_m + j] * (out[2 * n + j] + r->gains[2 * n_m + j] * x[2 * n + j]);
+            f[n_a + j] += r->gains[n_m + j] *
+                          (out[2 * n + j] + r->gains[2 * n_m + j] * x[2 * n + j]);
         }
     }
     for (int k = 0; k < r->n_laws; ++k) {
@@ -253,7 +268,8 @@ void rate(const robot *r, const double *x, const double *u, double *out, double 
             d += row[i] * q[i];
             dd += row[i] * v[i];
         }
-        force = spring(s, d) + s[4] * dd + c[0] * dd + (c[1] + c[2] / cosh(c[3] * dd)) * tanh(c[4] * dd) + c[5];
+        force = spring(s, d) + s[4] * dd + c[0] * dd +
+                (c[1] + c[2] / cosh(c[3] * dd)) * tanh(c[4] * dd) + c[5];
         for (int i = 0; i < N; ++i) {
             f[i] -= row[i] * force;
         }
@@ -316,15 +332,18 @@ static void inputs(const double *c, int width, double s, double *u)
 }
 
 /*
- * States at the instants t (n,), out (n, nx), and places of the tool, tools (n, 12). pieces: (n - 1, POWERS, width),
- * the inputs as polynomials of the time since t[k]. tableau: c (12), A (12, 12), b (12), E3 (13), E5 (13).
- * Returns the number of instants reached; fewer than n where more than `most` evaluations are needed.
+ * States at the instants t (n,), out (n, nx), and places of the tool, tools (n, 12). pieces: (n -
+ * 1, POWERS, width), the inputs as polynomials of the time since t[k]. tableau: c (12), A (12,
+ * 12), b (12), E3 (13), E5 (13). Returns the number of instants reached; fewer than n where more
+ * than `most` evaluations are needed.
  */
-int integrate(const robot *r, int n, const double *t, int nx, const double *pieces, int width, const double *tableau,
-    double rtol, double atol, double most, double *out, double *tools)
+int integrate(const robot *r, int n, const double *t, int nx, const double *pieces, int width,
+    const double *tableau, double rtol, double atol, double most, double *out, double *tools)
 {
-    const double *c = tableau, *A = c + STAGES, *b = A + STAGES * STAGES, *E3 = b + STAGES, *E5 = E3 + STAGES + 1;
-    double K[STAGES + 1][3 * MOST], x[3 * MOST], next[3 * MOST], u[3 * MOST], unused[12], h = 1e-5, spent = 0.0;
+    const double *c = tableau, *A = c + STAGES, *b = A + STAGES * STAGES, *E3 = b + STAGES,
+                 *E5 = E3 + STAGES + 1;
+    double K[STAGES + 1][3 * MOST], x[3 * MOST], next[3 * MOST], u[3 * MOST], unused[12],
+        h = 1e-5, spent = 0.0;
     memcpy(x, out, sizeof(double) * nx);
     inputs(pieces, width, 0.0, u);
     rate(r, x, u, K[0], tools);

@@ -1,4 +1,7 @@
-/* The robot of motion_control.c: planar5_nmp, which runs the program `seam` of examples/program.toml. */
+/*
+ * The robot of motion_control.c: planar5_nmp, which runs the program `seam` of
+ * examples/program.toml.
+ */
 #ifndef ROBOT_H
 #define ROBOT_H
 
@@ -23,18 +26,26 @@ static const double TOLERANCE = 1e-6; /* of the stream: relative residual */
 static const double POSITION_HZ = 6.0, SPEED_HZ = 24.0, INTEGRAL_HZ = 1.5, FILTER_HZ = 150.0;
 static const double ENCODER = 6.283185307179586 / 1048576; /* rad: resolution */
 
-/* Torque limits of the motors [N m], which the controller keeps unless it is given others: torque_max of the model
-   file, which states none here; about 1.5 times the largest torques of the program. */
+/*
+ * Torque limits of the motors [N m], which the controller keeps unless it is given others:
+ * torque_max of the model file, which states none here; about 1.5 times the largest torques of the
+ * program.
+ */
 static const double torque_limit[] = {30.0, 6.0};
 
 /* Speed limits of the motors [rad/s]: 1.1 times the largest speeds of the program. */
 static const double speed_limit[] = {170.0, 133.0};
 
-/* Torques of the motors that the model does not explain [N m], beyond which the controller finds a collision: 1.5 times
-   the largest residuals of the program with 5 % less torque, friction, a load of 3 kg and a push of 100 N. */
+/*
+ * Torques of the motors that the model does not explain [N m], beyond which the controller finds a
+ * collision: 1.5 times the largest residuals of the program with 5 % less torque, friction, a load
+ * of 3 kg and a push of 100 N.
+ */
 static const double residual_limit[] = {5.5, 1.1};
 
-/* Torque limits of the run that saturates, as a share of the largest torques of the nominal run. */
+/*
+ * Torque limits of the run that saturates, as a share of the largest torques of the nominal run.
+ */
 static const double saturation[] = {0.85, 0.85};
 
 /* The contact: a force against the motion of the tool, from this time of the path on. */

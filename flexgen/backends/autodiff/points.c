@@ -1,9 +1,10 @@
 /*
- * Calls the functions of emitted libraries on arrays whose last axes are one point: x[point][row][column].
+ * Calls the functions of emitted libraries on arrays whose last axes are one point:
+ * x[point][row][column].
  *
- * The functions for many points take structures of arrays, x[column][row][point]. So TILE points at a time are
- * reordered into a buffer that stays in the cache, evaluated, and reordered back. With XLA_API the file also has the
- * handler of XLA's foreign function interface.
+ * The functions for many points take structures of arrays, x[column][row][point]. So TILE points
+ * at a time are reordered into a buffer that stays in the cache, evaluated, and reordered back.
+ * With XLA_API the file also has the handler of XLA's foreign function interface.
  */
 #include <stdint.h>
 #include <stdlib.h>
@@ -11,7 +12,14 @@
 
 #define EXPORT __attribute__((visibility("default")))
 
-enum { TILE = 256, MOST_PORTS = 24, MOST_FUNCTIONS = 16384, POINTER_NULL = -1, INPUT = -2, RESULT = -3 };
+enum {
+    TILE = 256,
+    MOST_PORTS = 24,
+    MOST_FUNCTIONS = 16384,
+    POINTER_NULL = -1,
+    INPUT = -2,
+    RESULT = -3
+};
 
 typedef struct {
     int32_t rank, rows, columns; /* 1, entries, 1 of a vector; 2, rows, columns of a matrix */
@@ -58,18 +66,22 @@ static int32_t size_of(const port *p)
 REORDER(double, reorder_double)
 REORDER(float, reorder_float)
 
-static void reorder(const function *f, int i, char *arrays, char *points, int n, int step, int back)
+static void reorder(
+    const function *f, int i, char *arrays, char *points, int n, int step, int back)
 {
     if (f->bytes == 8) {
-        reorder_double(&f->ports[i], (double *)(void *)arrays, (double *)(void *)points, n, step, back);
+        reorder_double(
+            &f->ports[i], (double *)(void *)arrays, (double *)(void *)points, n, step, back);
     } else {
-        reorder_float(&f->ports[i], (float *)(void *)arrays, (float *)(void *)points, n, step, back);
+        reorder_float(
+            &f->ports[i], (float *)(void *)arrays, (float *)(void *)points, n, step, back);
     }
 }
 
 /*
- * Evaluate count points; many[i] 0: input i has one point, for all. Results of points that fail are NaN.
- * Returns 0, or -1 where there is no memory, or the status of a call that the library refused.
+ * Evaluate count points; many[i] 0: input i has one point, for all. Results of points that fail
+ * are NaN. Returns 0, or -1 where there is no memory, or the status of a call that the library
+ * refused.
  */
 EXPORT int flexgen_points(const function *f, int64_t count, void **given, const int32_t *many)
 {
@@ -78,7 +90,8 @@ EXPORT int flexgen_points(const function *f, int64_t count, void **given, const 
     size_t reals = 0;
     for (int i = 0; i < ports; i++) {
         reals += (size_t)size_of(&f->ports[i]) * (size_t)tile;
-        each |= i < f->inputs && f->ports[i].shared && many[i]; /* the batch takes one, given are many */
+        /* the batch takes one, given are many */
+        each |= i < f->inputs && f->ports[i].shared && many[i];
     }
     tile = each ? 1 : tile;
     const int one = alone || each;
@@ -89,7 +102,8 @@ EXPORT int flexgen_points(const function *f, int64_t count, void **given, const 
         return POINTER_NULL;
     }
     int status = 0;
-    for (int64_t first = 0; first < count && (status == 0 || status == INPUT || status == RESULT); first += tile) {
+    for (int64_t first = 0; first < count && (status == 0 || status == INPUT || status == RESULT);
+        first += tile) {
         const int n = count - first < tile ? (int)(count - first) : tile;
         void *passed[MOST_PORTS + 1];
         char *next = memory;
@@ -109,7 +123,8 @@ EXPORT int flexgen_points(const function *f, int64_t count, void **given, const 
         status = one ? call_single(f->single, all, passed) : call_batch(f->batch, all, n, passed);
         for (int i = f->inputs; i < ports; i++) {
             const size_t size = (size_t)size_of(&f->ports[i]);
-            reorder(f, i, passed[i], (char *)given[i] + (size_t)first * size * bytes, n, (int)size, 1);
+            reorder(
+                f, i, passed[i], (char *)given[i] + (size_t)first * size * bytes, n, (int)size, 1);
         }
     }
     free(memory);
@@ -141,7 +156,8 @@ EXPORT int flexgen_register(const function *f)
         return POINTER_NULL;
     }
     if (to->key == 0) {
-        memcpy((char *)to + sizeof to->key, (const char *)f + sizeof f->key, sizeof *f - sizeof f->key);
+        memcpy((char *)to + sizeof to->key, (const char *)f + sizeof f->key,
+            sizeof *f - sizeof f->key);
         __atomic_store_n(&to->key, f->key, __ATOMIC_RELEASE);
     }
     return 0;
@@ -173,8 +189,9 @@ EXPORT XLA_FFI_Error *flexgen_points_handler(XLA_FFI_CallFrame *frame)
     }
     const function *f = key == 0 ? NULL : place_of(key);
     if (f == NULL || f->key != key) {
-        return failed(frame, "a compiled program calls a flexgen library that is not loaded, expected "
-                             "flexgen.jax.functions(flexgen.load(...)) before");
+        return failed(frame,
+            "a compiled program calls a flexgen library that is not loaded, expected "
+            "flexgen.jax.functions(flexgen.load(...)) before");
     }
     void *given[MOST_PORTS];
     int32_t many[MOST_PORTS] = {0};

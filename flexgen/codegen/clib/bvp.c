@@ -1,11 +1,12 @@
 /*
- * model: inverse dynamics along a path as a two-point boundary value problem. Written by flexgen; see
- * model_inversion.h.
+ * model: inverse dynamics along a path as a two-point boundary value problem. Written by flexgen;
+ * see model_inversion.h.
  *
- * At the start the state may differ from the equilibrium by the unstable part of the zero dynamics, at the end by the
- * stable part. Between them the equations hold at the Gauss points, and Newton's method solves all of them together.
- * There are no weights, so that bvp is an independent check of invert. The zero dynamics must have the same numbers of
- * stable and unstable motions at both ends.
+ * At the start the state may differ from the equilibrium by the unstable part of the zero
+ * dynamics, at the end by the stable part. Between them the equations hold at the Gauss points,
+ * and Newton's method solves all of them together. There are no weights, so that bvp is an
+ * independent check of invert. The zero dynamics must have the same numbers of stable and unstable
+ * motions at both ends.
  */
 #include "model_inversion.h"
 
@@ -17,21 +18,25 @@
 /*
  * --- One Newton step of the two-point problem over a mesh, by elimination with row pivoting.
  *
- * The unknowns are, in scaled steps, the accelerations a of each interval and the states y of all nodes. The equations
- * are the residuals at the Gauss points and the motion to the next node, interval after interval, and boundary rows:
+ * The unknowns are, in scaled steps, the accelerations a of each interval and the states y of all
+ * nodes. The equations are the residuals at the Gauss points and the motion to the next node,
+ * interval after interval, and boundary rows:
  *
- *     first . y_0 = ...,    J_a a_k + J_y y_k = ...,    C_a a_k + C_y y_k - y_(k+1) = ...,    last . y_N = ...
+ *     first . y_0 = ...,    J_a a_k + J_y y_k = ...,    C_a a_k + C_y y_k - y_(k+1) = ...,    last
+ *       . y_N = ...
  *
- * In an interval a is eliminated first, with pivots among all its rows, because the residuals alone may be singular in
- * a; then y_k, with pivots among the remaining rows and those of the interval before, as many as boundary rows at the
- * start. The step is stable where the rows at the start fix the stable part and those at the end the unstable part.
+ * In an interval a is eliminated first, with pivots among all its rows, because the residuals
+ * alone may be singular in a; then y_k, with pivots among the remaining rows and those of the
+ * interval before, as many as boundary rows at the start. The step is stable where the rows at the
+ * start fix the stable part and those at the end the unstable part.
  */
 
 #if MODEL_NE > 0
 
 enum {
     INTERVAL_ROWS = CONTROLS + STATES,
-    INTERVAL_WIDTH = (CONTROLS + 2 * STATES + 1 + BLOCK - 1) / BLOCK * BLOCK, /* a_k, y_k, y_(k+1), right side */
+    /* a_k, y_k, y_(k+1), right side */
+    INTERVAL_WIDTH = (CONTROLS + 2 * STATES + 1 + BLOCK - 1) / BLOCK * BLOCK,
     NODE_ROWS = 2 * STATES,
     NODE_WIDTH = (2 * STATES + 1 + BLOCK - 1) / BLOCK * BLOCK, /* y_k, y_(k+1), right side */
     INTERVAL_FACTOR = CONTROLS * INTERVAL_WIDTH + STATES * NODE_WIDTH
@@ -68,8 +73,8 @@ static inline real sum_partial(const lanes *partial)
 }
 
 /*
- * Scale each row so that the absolute values of its entries, without the right side, sum up to one; 0 where all are
- * zero.
+ * Scale each row so that the absolute values of its entries, without the right side, sum up to
+ * one; 0 where all are zero.
  */
 static inline int scale_rows(real *rows, int height, int columns, int width)
 {
@@ -102,8 +107,8 @@ static inline int scale_rows(real *rows, int height, int columns, int width)
 }
 
 /* row += the sum of factors[p] rows[p], p < count, from column `begin` on. */
-static inline void add_rows(
-    real *RESTRICT row, const real *RESTRICT rows, const real *factors, int count, int begin, int width)
+static inline void add_rows(real *RESTRICT row, const real *RESTRICT rows, const real *factors,
+    int count, int begin, int width)
 {
     real w[PANEL], any = 0.0;
     for (int p = 0; p < PANEL; ++p) {
@@ -133,8 +138,8 @@ static inline void add_rows(
 }
 
 /*
- * Eliminate the first `columns` columns of scaled rows, eight at a time; 0 where a pivot is zero to rounding. Pivots
- * are stored inverted; the entries to their left are not used any more.
+ * Eliminate the first `columns` columns of scaled rows, eight at a time; 0 where a pivot is zero
+ * to rounding. Pivots are stored inverted; the entries to their left are not used any more.
  */
 static inline int eliminate_rows(real *RESTRICT rows, int height, int columns, int width)
 {
@@ -156,24 +161,30 @@ static inline int eliminate_rows(real *RESTRICT rows, int height, int columns, i
             for (int p = 0; p < PANEL; ++p) {
                 masked[p] = begin + p > k ? top[begin + p] : 0.0;
             }
-            for (int i = k + 1; i < height; ++i) { /* in these columns; the factor stays where it was */
+            /* in these columns; the factor stays where it was */
+            for (int i = k + 1; i < height; ++i) {
                 real *row = rows + i * width;
                 const real f = -row[k] * pivot;
                 for (int p = 0; p < PANEL; p += LANES) {
-                    store_v(row + begin + p, load_v(row + begin + p) + splat_v(f) * load_v(masked + p));
+                    store_v(row + begin + p,
+                        load_v(row + begin + p) + splat_v(f) * load_v(masked + p));
                 }
                 row[k] = f;
             }
         }
         for (int i = begin + 1; i < height; ++i) { /* in all columns to the right */
             const int count = (i < end ? i : end) - begin;
-            add_rows(rows + i * width, rows + begin * width, rows + i * width + begin, count, begin + PANEL, width);
+            add_rows(rows + i * width, rows + begin * width, rows + i * width + begin, count,
+                begin + PANEL, width);
         }
     }
     return 1;
 }
 
-/* x[0 ... columns) from eliminated rows with inverted pivots, given x[columns ... all); room for `width` in x. */
+/*
+ * x[0 ... columns) from eliminated rows with inverted pivots, given x[columns ... all); room for
+ * `width` in x.
+ */
 static inline void substitute(const real *rows, int columns, int all, int width, real *x)
 {
     x[all] = 1.0; /* of the right side */
@@ -240,7 +251,8 @@ static inline void fill_interval(const mesh *m, int k, const real *point, bvp_sp
     }
     next_node(y, m->a + (ptrdiff_t)k * CONTROLS, h, next);
     for (int i = 0; i < NE; ++i) {
-        real *row_q = rows + (CONTROLS + i) * INTERVAL_WIDTH, *row_v = rows + (CONTROLS + NE + i) * INTERVAL_WIDTH;
+        real *row_q = rows + (CONTROLS + i) * INTERVAL_WIDTH,
+             *row_v = rows + (CONTROLS + NE + i) * INTERVAL_WIDTH;
         for (int s = 0; s < STAGES; ++s) {
             row_q[s * NE + i] = h * h * gauss_b[s] * (1.0 - gauss_c[s]) * scale_a / scale_q;
             row_v[s * NE + i] = h * gauss_b[s] * scale_a / scale_v;
@@ -266,7 +278,8 @@ static inline real boundary_error(const real *row, const real *y, const real *eq
 }
 
 /* Boundary rows: their values at the scaled distance from the equilibrium become zero. */
-static inline void fill_end(real (*rows)[STATES], int count, const real *y, const real *equilibrium, real *to)
+static inline void fill_end(
+    real (*rows)[STATES], int count, const real *y, const real *equilibrium, real *to)
 {
     for (int i = 0; i < count; ++i) {
         real *row = to + i * NODE_WIDTH;
@@ -292,14 +305,17 @@ static inline int bvp_residual(bvp_problem *b, bvp_space *w, real *space)
         const real *y = m->y + (k + 1) * STATES;
         next_node(m->y + k * STATES, m->a + k * CONTROLS, m->h, next);
         for (int i = 0; i < STATES; ++i) {
-            m->residual = fmax_1(m->residual, fabs_1(next[i] - y[i]) / (i < NE ? scale_q : scale_v));
+            m->residual = fmax_1(
+                m->residual, fabs_1(next[i] - y[i]) / (i < NE ? scale_q : scale_v));
         }
     }
     for (int i = 0; i < b->from_start; ++i) {
-        m->residual = fmax_1(m->residual, fabs_1(boundary_error(b->first[i], m->y, b->equilibrium_start)));
+        m->residual = fmax_1(
+            m->residual, fabs_1(boundary_error(b->first[i], m->y, b->equilibrium_start)));
     }
     for (int i = 0; i < b->from_end; ++i) {
-        m->residual = fmax_1(m->residual, fabs_1(boundary_error(b->last[i], end, b->equilibrium_end)));
+        m->residual = fmax_1(
+            m->residual, fabs_1(boundary_error(b->last[i], end, b->equilibrium_end)));
     }
     return MODEL_OK;
 }
@@ -321,7 +337,8 @@ static inline int bvp_factor(bvp_problem *b, bvp_space *w, real *space)
         }
         for (int k = first; k < first + count; ++k) {
             real *point = w->lq.point + (ptrdiff_t)(k - first) * STAGES * POINT;
-            real *factor = m->factor + (ptrdiff_t)k * INTERVAL_FACTOR, *own = node + b->from_start * NODE_WIDTH;
+            real *factor = m->factor + (ptrdiff_t)k * INTERVAL_FACTOR,
+                 *own = node + b->from_start * NODE_WIDTH;
             fill_interval(m, k, point, w);
             for (int s = 0; s < STAGES; ++s) {
                 real A[NE * NE];
@@ -342,7 +359,8 @@ static inline int bvp_factor(bvp_problem *b, bvp_space *w, real *space)
             }
             for (int i = 0; i < STATES; ++i) {
                 for (int j = 0; j <= 2 * STATES; ++j) {
-                    own[i * NODE_WIDTH + j] = w->interval[(CONTROLS + i) * INTERVAL_WIDTH + CONTROLS + j];
+                    own[i * NODE_WIDTH + j] =
+                        w->interval[(CONTROLS + i) * INTERVAL_WIDTH + CONTROLS + j];
                 }
                 for (int j = 2 * STATES + 1; j < NODE_WIDTH; ++j) {
                     own[i * NODE_WIDTH + j] = 0.0;
@@ -355,7 +373,8 @@ static inline int bvp_factor(bvp_problem *b, bvp_space *w, real *space)
             for (int i = 0; i < STATES * NODE_WIDTH; ++i) {
                 factor[CONTROLS * INTERVAL_WIDTH + i] = node[i];
             }
-            for (int i = 0; i < b->from_start; ++i) { /* the remaining rows are conditions on the next node */
+            /* the remaining rows are conditions on the next node */
+            for (int i = 0; i < b->from_start; ++i) {
                 const real *row = node + (STATES + i) * NODE_WIDTH;
                 real *to = node + i * NODE_WIDTH;
                 for (int j = 0; j < STATES; ++j) {
@@ -366,9 +385,10 @@ static inline int bvp_factor(bvp_problem *b, bvp_space *w, real *space)
             }
         }
     }
-    fill_end(
-        b->last, b->from_end, m->y + (ptrdiff_t)m->N * STATES, b->equilibrium_end, node + b->from_start * NODE_WIDTH);
-    return scale_rows(node, STATES, STATES, NODE_WIDTH) && eliminate_rows(node, STATES, STATES, NODE_WIDTH) ?
+    fill_end(b->last, b->from_end, m->y + (ptrdiff_t)m->N * STATES, b->equilibrium_end,
+        node + b->from_start * NODE_WIDTH);
+    return scale_rows(node, STATES, STATES, NODE_WIDTH) &&
+                   eliminate_rows(node, STATES, STATES, NODE_WIDTH) ?
                (int)MODEL_OK :
                (int)MODEL_NOT_CONVERGED;
 }
@@ -407,12 +427,13 @@ static inline void back_substitute(bvp_problem *b, bvp_space *w)
 #endif
 
 /*
- * --- Stable and unstable motions near an equilibrium, and the boundary rows of the two-point problem.
+ * --- Stable and unstable motions near an equilibrium, and the boundary rows of the two-point
+ * problem.
  *
- * While the output does not move, the unactuated coordinates w follow A w'' + D w' + K w = 0, and the state x = (w, w')
- * follows x' = G x. The sign S of G is the limit of Newton's method X <- (X + X^-1) / 2 from X = G. It is -1 on the
- * stable motions and +1 on the unstable ones, so that the rows of 1 + S vanish on the stable motions and those of 1 - S
- * on the unstable ones.
+ * While the output does not move, the unactuated coordinates w follow A w'' + D w' + K w = 0, and
+ * the state x = (w, w') follows x' = G x. The sign S of G is the limit of Newton's method X <- (X
+ * + X^-1) / 2 from X = G. It is -1 on the stable motions and +1 on the unstable ones, so that the
+ * rows of 1 + S vanish on the stable motions and those of 1 - S on the unstable ones.
  */
 
 #if MODEL_NE > 0
@@ -430,7 +451,10 @@ typedef struct {
 
 typedef real square[STATES][STATES];
 
-/* X becomes its inverse by Gauss and Jordan with row pivoting, n rows; 0 where a pivot is below `least`. */
+/*
+ * X becomes its inverse by Gauss and Jordan with row pivoting, n rows; 0 where a pivot is below
+ * `least`.
+ */
 static inline int invert_square(square X, int n, real least)
 {
     int from[STATES];
@@ -495,7 +519,8 @@ static inline int matrix_sign(square X)
         if (!invert_square(Y, STATES, 0.0) || !(size < 1e200) || !(squared_norm(Y) < 1e200)) {
             return 0;
         }
-        scale = square_root(square_root(squared_norm(Y) / size)); /* X and its inverse become equally large */
+        /* X and its inverse become equally large */
+        scale = square_root(square_root(squared_norm(Y) / size));
         scale = fabs_1(scale - 1.0) < 0.05 ? 1.0 : scale;
         for (int i = 0; i < STATES; ++i) {
             for (int j = 0; j < STATES; ++j) {
@@ -523,7 +548,9 @@ static inline int matrix_sign(square X)
     return 1;
 }
 
-/* The first `rank` rows of P become a basis of all of them, by elimination with complete pivoting. */
+/*
+ * The first `rank` rows of P become a basis of all of them, by elimination with complete pivoting.
+ */
 static inline void row_basis(square P, int rank)
 {
     for (int k = 0; k < rank; ++k) {
@@ -553,10 +580,11 @@ static inline void row_basis(square P, int rank)
 }
 
 /*
- * Rows of the scaled state that vanish on the unstable motions (grows = 1) or on the stable ones (0), `count` of them,
- * and the number of unstable zeros.
+ * Rows of the scaled state that vanish on the unstable motions (grows = 1) or on the stable ones
+ * (0), `count` of them, and the number of unstable zeros.
  */
-static inline int boundary_rows(const zero_dynamics *given, int grows, square rows, int *count, int *unstable)
+static inline int boundary_rows(
+    const zero_dynamics *given, int grows, square rows, int *count, int *unstable)
 {
     square inverse; /* of A in its first rows */
     real unit[NE], size_A = 0.0, size_K = 0.0, rate, trace = 0.0;
@@ -662,7 +690,8 @@ static inline int zero_dynamics_at(
 
 /* --- The function bvp. */
 
-static const real newton_target = 1e-6; /* of the tolerance: Newton's method gets there in one more step */
+/* of the tolerance: Newton's method gets there in one more step */
+static const real newton_target = 1e-6;
 
 /* Where the arrays of this solver are, after those of both. */
 typedef struct {
@@ -691,9 +720,12 @@ int64_t model_bvp_work(int n, const model_inversion_options *options)
     return is_addressable(end) ? end : -1;
 }
 
-/* The boundary rows at both ends, from the equilibrium q; the numbers of unstable zeros go to `info`. */
-static int set_boundary_rows(
-    bvp_problem *b, const model_samples *p, const real *q, bvp_space *w, model_bvp_info *info, real *space)
+/*
+ * The boundary rows at both ends, from the equilibrium q; the numbers of unstable zeros go to
+ * `info`.
+ */
+static int set_boundary_rows(bvp_problem *b, const model_samples *p, const real *q, bvp_space *w,
+    model_bvp_info *info, real *space)
 {
     const real *target = p->y + (p->n - 1) * (ptrdiff_t)NT;
     const real *q_g = b->m.q_g + ((ptrdiff_t)b->m.N * STAGES - 1) * NG;
@@ -735,7 +767,8 @@ static int set_boundary_rows(
 }
 
 /* The motion on the mesh by Newton steps. */
-static int solve_bvp(bvp_problem *b, real tolerance, whole_report *report, bvp_space *w, real *space)
+static int solve_bvp(
+    bvp_problem *b, real tolerance, whole_report *report, bvp_space *w, real *space)
 {
     newton progress = {-1.0, 0, 0};
     for (;;) {
@@ -747,7 +780,8 @@ static int solve_bvp(bvp_problem *b, real tolerance, whole_report *report, bvp_s
             report->iterations = progress.steps + 1;
         }
         if (status != MODEL_OK) {
-            return b->turns && status == MODEL_NOT_CONVERGED ? (int)MODEL_ZERO_AT_INFINITY : status;
+            return b->turns && status == MODEL_NOT_CONVERGED ? (int)MODEL_ZERO_AT_INFINITY :
+                                                               status;
         }
         state = newton_state(&progress, b->m.residual, tolerance, newton_target);
         if (state != NEWTON_CONTINUES) {
@@ -760,9 +794,10 @@ static int solve_bvp(bvp_problem *b, real tolerance, whole_report *report, bvp_s
 }
 
 /* As model_bvp, with a report; `info` takes the numbers of unstable zeros. */
-static model_status solve_path(const model_samples *p, PARAMETERS_ARGUMENT const real q_start[MODEL_NA],
-    const model_inversion_options *options, model_motion *motion, model_bvp_info *info, whole_report *report,
-    real *work, int64_t work_size)
+static model_status solve_path(const model_samples *p,
+    PARAMETERS_ARGUMENT const real q_start[MODEL_NA], const model_inversion_options *options,
+    model_motion *motion, model_bvp_info *info, whole_report *report, real *work,
+    int64_t work_size)
 {
     const int64_t wanted = p == NULL ? -1 : model_bvp_work(p->n, options);
     whole_layout l;
@@ -770,7 +805,8 @@ static model_status solve_path(const model_samples *p, PARAMETERS_ARGUMENT const
     bvp_problem *b;
     bvp_space *w;
     real q[NA];
-    int status = check_arguments(p, GIVEN_PARAMETERS, q_start, options, motion, report, work, work_size, wanted);
+    int status = check_arguments(
+        p, GIVEN_PARAMETERS, q_start, options, motion, report, work, work_size, wanted);
     if (status == MODEL_OK && options->settled > 0.0) {
         status = MODEL_BAD_ARGUMENT;
     }
@@ -791,10 +827,11 @@ static model_status solve_path(const model_samples *p, PARAMETERS_ARGUMENT const
     status = equilibrium_at(p->y, q, b->m.scale, work + l.space);
     if (status == MODEL_OK) {
 #if MODEL_FORCE
-        status = guess_mesh(
-            &b->m, p, q, options->n_pre, options->samples_per_interval, &w->lq.arm, NULL, work + l.space);
+        status = guess_mesh(&b->m, p, q, options->n_pre, options->samples_per_interval, &w->lq.arm,
+            NULL, work + l.space);
 #else  /* MODEL_FORCE */
-        status = guess_mesh(&b->m, p, q, options->n_pre, options->samples_per_interval, &w->lq.arm, work + l.space);
+        status = guess_mesh(&b->m, p, q, options->n_pre, options->samples_per_interval, &w->lq.arm,
+            work + l.space);
 #endif /* MODEL_FORCE */
     }
     if (status == MODEL_OK) {
@@ -806,18 +843,21 @@ static model_status solve_path(const model_samples *p, PARAMETERS_ARGUMENT const
     if (status != MODEL_OK) {
         return (model_status)status;
     }
-    return finish(p, options, &l, q, &b->m, q, (ptrdiff_t)l.samples, &w->lq.arm, motion, report, work);
+    return finish(
+        p, options, &l, q, &b->m, q, (ptrdiff_t)l.samples, &w->lq.arm, motion, report, work);
 }
 
-model_status model_bvp(const model_samples *samples, PARAMETERS_ARGUMENT const real q_start[MODEL_NA],
-    const model_inversion_options *options, model_motion *motion, model_bvp_info *info, real *work, int64_t work_size)
+model_status model_bvp(const model_samples *samples,
+    PARAMETERS_ARGUMENT const real q_start[MODEL_NA], const model_inversion_options *options,
+    model_motion *motion, model_bvp_info *info, real *work, int64_t work_size)
 {
     whole_report report = {0, 0.0, 0.0, 0.0, 0.0, 0, 0, 0};
     model_bvp_info zeros;
     model_status status = MODEL_NULL_ARGUMENT;
     zeros.unstable_zeros_start = zeros.unstable_zeros_end = 0;
     if (info != NULL) {
-        status = solve_path(samples, PASSED_PARAMETERS q_start, options, motion, &zeros, &report, work, work_size);
+        status = solve_path(
+            samples, PASSED_PARAMETERS q_start, options, motion, &zeros, &report, work, work_size);
     }
     if (report.is_set) {
         info->residual = report.residual;

@@ -4,20 +4,29 @@
 #include "model_inversion_common.h"
 
 /*
- * Under given motor torques a perturbation of the positions p and speeds v, of motors on the arm side, follows
+ * Under given motor torques a perturbation of the positions p and speeds v, of motors on the arm
+ * side, follows
  *
  *     dp/dt = v,    dv/dt = K p + D v,
  *
- * the linearized forward dynamics, constant between two instants of a grid. A step h of the implicit midpoint rule,
- * with the mean speed u, is
+ * the linearized forward dynamics, constant between two instants of a grid. A step h of the
+ * implicit midpoint rule, with the mean speed u, is
  *
  *     (1 - h/2 D - h^2/4 K) u = v + h/2 K p,    p += h u,    v = 2 u - v.
  *
- * It neither excites vibrations nor damps them. Columns of the matrices p and v: perturbations of one position each at
- * the start. Samples at rest at the end are left out, so that the result does not depend on their number; where there
- * are any, the last torque is held for HELD_STEPS of the grid.
+ * It neither excites vibrations nor damps them. Columns of the matrices p and v: perturbations of
+ * one position each at the start. Samples at rest at the end are left out, so that the result does
+ * not depend on their number; where there are any, the last torque is held for HELD_STEPS of the
+ * grid.
  */
-enum { DOF = MODEL_NX / 2, GROWTH_STEPS = 2, GRID_FEWEST = 50, GRID_MOST = 1000, POWER_STEPS = 12, HELD_STEPS = 50 };
+enum {
+    DOF = MODEL_NX / 2,
+    GROWTH_STEPS = 2,
+    GRID_FEWEST = 50,
+    GRID_MOST = 1000,
+    POWER_STEPS = 12,
+    HELD_STEPS = 50
+};
 
 static const real grid_step = 1e-2;                 /* s */
 static const real slow_share = 1e-4;                /* of the largest speed */
@@ -26,22 +35,26 @@ static const real growth_max = PRECISE(1e300, 1e37);
 
 typedef struct {
     real A[MODEL_NX * MODEL_NX], B[MODEL_NX * MODEL_NM]; /* by columns */
-    real before[2 * DOF * DOF], now[2 * DOF * DOF];      /* K, then D, by rows, at two instants of the grid */
-    real system[3 * DOF * DOF];                          /* S = (1 - h/2 D - h^2/4 K)^-1 and h/2 S K, behind it */
-    real p[DOF * DOF], v[DOF * DOF];                     /* by rows */
+    /* K, then D, by rows, at two instants of the grid */
+    real before[2 * DOF * DOF], now[2 * DOF * DOF];
+    /* S = (1 - h/2 D - h^2/4 K)^-1 and h/2 S K, behind it */
+    real system[3 * DOF * DOF];
+    real p[DOF * DOF], v[DOF * DOF]; /* by rows */
 #if MODEL_FORCE
-    real of_q[2][NA * NA], of_v[NA * NA], M[NA * NA]; /* derivatives of the inverse dynamics of the arm, by columns */
-    real W[NA * NY], other[NA * NY];                  /* by columns */
-    real force_q[NA * NA];                            /* d(W' f)/dq, by rows */
-    real to_solve[NA * 2 * NA];                       /* by rows */
-#endif                                                /* MODEL_FORCE */
+    /* derivatives of the inverse dynamics of the arm, by columns */
+    real of_q[2][NA * NA], of_v[NA * NA], M[NA * NA];
+    real W[NA * NY], other[NA * NY]; /* by columns */
+    real force_q[NA * NA];           /* d(W' f)/dq, by rows */
+    real to_solve[NA * 2 * NA];      /* by rows */
+#endif                               /* MODEL_FORCE */
 } growth_space;
 
 #if MODEL_FORCE
 /*
  * A force f of constant direction on the output adds d(M^-1 W' f)/dq to K.
  *
- * The force at the samples of a path: n of them, the first one at sample `before` of the motion; null: none.
+ * The force at the samples of a path: n of them, the first one at sample `before` of the motion;
+ * null: none.
  */
 typedef struct {
     const real *of_path;
@@ -55,9 +68,12 @@ static const real *force_at(const growth_force *force, ptrdiff_t k)
     return force->of_path + (at < force->n ? at : force->n - 1) * FORCES;
 }
 
-/* f' W' v with the map W to rates of the output, and its time derivative W': a quadratic form of the speeds v. */
-static int force_power_rate(
-    const real *q, const real *v, const real *f, const real *parameters, real *W, real *to, real *space)
+/*
+ * f' W' v with the map W to rates of the output, and its time derivative W': a quadratic form of
+ * the speeds v.
+ */
+static int force_power_rate(const real *q, const real *v, const real *f, const real *parameters,
+    real *W, real *to, real *space)
 {
     real target[NT], error[NY], bias[NY];
     int status;
@@ -73,11 +89,13 @@ static int force_power_rate(
 }
 
 /*
- * d(W' f)/dq, to force_q, and W. Row i, column j is f' dw_i/dq_j, w_i a column of W. With f' W' v = Q(v) its symmetric
- * part is (Q(e_i + e_j) - Q(e_i) - Q(e_j)) / 2. Columns of a gradient have no other; but angular velocities of a pose
- * are not derivatives of coordinates: dw_i/dq_j - dw_j/dq_i = w_j x w_i.
+ * d(W' f)/dq, to force_q, and W. Row i, column j is f' dw_i/dq_j, w_i a column of W. With f' W' v
+ * = Q(v) its symmetric part is (Q(e_i + e_j) - Q(e_i) - Q(e_j)) / 2. Columns of a gradient have no
+ * other; but angular velocities of a pose are not derivatives of coordinates: dw_i/dq_j -
+ * dw_j/dq_i = w_j x w_i.
  */
-static int force_derivatives(const real *q, const real *f, const real *parameters, growth_space *s, real *space)
+static int force_derivatives(
+    const real *q, const real *f, const real *parameters, growth_space *s, real *space)
 {
     real v[NA], own[NA];
     int status = MODEL_OK;
@@ -119,7 +137,8 @@ static int solve_with_inertia(growth_space *s, int columns)
     for (int k = 0; k < NG; ++k) { /* and rotors behind rigid gears */
         for (int l = 0; l < NG; ++l) {
             for (int m = 0; m < NM && gear_is_rigid[k] && gear_is_rigid[l]; ++m) {
-                s->to_solve[i_g[k] * (NA + columns) + i_g[l]] += eta[m][k] * rotor_inertia[m] * eta[m][l];
+                s->to_solve[i_g[k] * (NA + columns) + i_g[l]] += eta[m][k] * rotor_inertia[m] *
+                                                                 eta[m][l];
             }
         }
     }
@@ -127,10 +146,12 @@ static int solve_with_inertia(growth_space *s, int columns)
 }
 
 /*
- * Add d(M^-1 W' f)/dq to K. With the accelerations a = M^-1 W' f it is M^-1 (d(W' f)/dq - (dM/dq) a), and (dM/dq) a is
- * the difference of two derivatives of the inverse dynamics at rest, with the accelerations a and without.
+ * Add d(M^-1 W' f)/dq to K. With the accelerations a = M^-1 W' f it is M^-1 (d(W' f)/dq - (dM/dq)
+ * a), and (dM/dq) a is the difference of two derivatives of the inverse dynamics at rest, with the
+ * accelerations a and without.
  */
-static int add_force(const real *q, const real *f, const real *parameters, real *K, growth_space *s, real *space)
+static int add_force(
+    const real *q, const real *f, const real *parameters, real *K, growth_space *s, real *space)
 {
     real still[NA], a[NA];
     int status = force_derivatives(q, f, parameters, s, space);
@@ -138,7 +159,8 @@ static int add_force(const real *q, const real *f, const real *parameters, real 
         still[i] = 0.0;
     }
     if (status == MODEL_OK) {
-        status = evaluate_growth_inertia(q, still, still, s->of_q[0], s->of_v, s->M, parameters, space);
+        status = evaluate_growth_inertia(
+            q, still, still, s->of_q[0], s->of_v, s->M, parameters, space);
     }
     for (int i = 0; i < NA; ++i) {
         real sum = 0.0;
@@ -154,11 +176,13 @@ static int add_force(const real *q, const real *f, const real *parameters, real 
         a[i] = s->to_solve[i * (NA + 1) + NA];
     }
     if (status == MODEL_OK) {
-        status = evaluate_growth_inertia(q, still, a, s->of_q[1], s->of_v, s->M, parameters, space);
+        status = evaluate_growth_inertia(
+            q, still, a, s->of_q[1], s->of_v, s->M, parameters, space);
     }
     for (int i = 0; i < NA; ++i) {
         for (int j = 0; j < NA; ++j) {
-            s->to_solve[i * 2 * NA + NA + j] = s->force_q[i * NA + j] - s->of_q[1][j * NA + i] + s->of_q[0][j * NA + i];
+            s->to_solve[i * 2 * NA + NA + j] = s->force_q[i * NA + j] - s->of_q[1][j * NA + i] +
+                                               s->of_q[0][j * NA + i];
         }
     }
     if (status == MODEL_OK && !solve_with_inertia(s, NA)) {
@@ -175,20 +199,21 @@ static int add_force(const real *q, const real *f, const real *parameters, real 
 
 /* K and D at sample k. */
 #if MODEL_FORCE
-static int growth_matrices(const model_motion *motion, const growth_force *force, ptrdiff_t k, const real *parameters,
-    real *to, growth_space *s, real *space)
+static int growth_matrices(const model_motion *motion, const growth_force *force, ptrdiff_t k,
+    const real *parameters, real *to, growth_space *s, real *space)
 #else  /* MODEL_FORCE */
-static int growth_matrices(
-    const model_motion *motion, ptrdiff_t k, const real *parameters, real *to, growth_space *s, real *space)
+static int growth_matrices(const model_motion *motion, ptrdiff_t k, const real *parameters,
+    real *to, growth_space *s, real *space)
 #endif /* MODEL_FORCE */
 {
-    const int status = evaluate_linearize(motion->q_a + k * NA, motion->v_a + k * NA, motion->q_m + k * NM,
-        motion->v_m + k * NM, motion->tau_m + k * NM, s->A, s->B, parameters, space);
+    const int status = evaluate_linearize(motion->q_a + k * NA, motion->v_a + k * NA,
+        motion->q_m + k * NM, motion->v_m + k * NM, motion->tau_m + k * NM, s->A, s->B, parameters,
+        space);
     for (int part = 0; part < 2; ++part) {
         for (int i = 0; i < DOF; ++i) {
             for (int j = 0; j < DOF; ++j) {
-                to[(part * DOF + i) * DOF + j] = s->A[(part * DOF + j) * MODEL_NX + DOF + i] / arm_side[i] *
-                                                 arm_side[j];
+                to[(part * DOF + i) * DOF + j] = s->A[(part * DOF + j) * MODEL_NX + DOF + i] /
+                                                 arm_side[i] * arm_side[j];
             }
         }
     }
@@ -294,11 +319,11 @@ int64_t model_growth_work(void)
 }
 
 #if MODEL_FORCE
-model_status model_growth(const model_motion *motion, int n, real period, const real *force, int n_force, int n_pre,
-    PARAMETERS_ARGUMENT real *growth, real *work, int64_t work_size)
+model_status model_growth(const model_motion *motion, int n, real period, const real *force,
+    int n_force, int n_pre, PARAMETERS_ARGUMENT real *growth, real *work, int64_t work_size)
 #else  /* MODEL_FORCE */
-model_status model_growth(
-    const model_motion *motion, int n, real period, PARAMETERS_ARGUMENT real *growth, real *work, int64_t work_size)
+model_status model_growth(const model_motion *motion, int n, real period,
+    PARAMETERS_ARGUMENT real *growth, real *work, int64_t work_size)
 #endif /* MODEL_FORCE */
 {
 #if MODEL_FORCE
@@ -331,7 +356,8 @@ model_status model_growth(
 #endif /* MODEL_FORCE */
     space = work + padded((int64_t)(sizeof(growth_space) / sizeof(real)));
     last = last_moving(motion->v_a, n);
-    count = (real)last * period < grid_step * GRID_MOST ? (int)((real)last * period / grid_step) : GRID_MOST;
+    count = (real)last * period < grid_step * GRID_MOST ? (int)((real)last * period / grid_step) :
+                                                          GRID_MOST;
     count = count < GRID_FEWEST ? GRID_FEWEST : count;
     steps = count + (last < n - 1 ? HELD_STEPS : 0);
     for (int i = 0; i < DOF * DOF; ++i) {
@@ -344,7 +370,8 @@ model_status model_growth(
     status = growth_matrices(motion, 0, values, s->before, s, space);
 #endif /* MODEL_FORCE */
     for (int k = 1; k <= steps && status == MODEL_OK; ++k) {
-        const ptrdiff_t next = k > count ? last : (ptrdiff_t)(((int64_t)k * last + count - 1) / count);
+        const ptrdiff_t next = k > count ? last :
+                                           (ptrdiff_t)(((int64_t)k * last + count - 1) / count);
         const real h = (k > count ? grid_step : (real)(next - at) * period) / (real)GROWTH_STEPS;
         real most;
         if (next == at && k <= count) {
@@ -373,7 +400,8 @@ model_status model_growth(
         size = size < growth_max / most ? size * most : growth_max;
         {
             const real norm = growth_norm(s->p);
-            found = fmax_1(found, norm > 1.0 && size > growth_max / norm ? growth_max : size * norm);
+            found = fmax_1(
+                found, norm > 1.0 && size > growth_max / norm ? growth_max : size * norm);
         }
         copy(s->now, 2 * DOF * DOF, s->before);
     }

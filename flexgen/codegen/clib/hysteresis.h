@@ -7,9 +7,10 @@
  *
  *     z = s W + (z_r - s W) exp(-s K_h (p - p_r) / W),
  *
- * from the point (p_r, z_r) at which it reversed last. So between two reversals a damped gear is one scalar
- * differential equation, integrated by Radau IIA with three stages; an undamped one is an equation for p. Reversals are
- * located between the samples, where the torque is a quintic. All gears advance side by side, as lanes.
+ * from the point (p_r, z_r) at which it reversed last. So between two reversals a damped gear is
+ * one scalar differential equation, integrated by Radau IIA with three stages; an undamped one is
+ * an equation for p. Reversals are located between the samples, where the torque is a quintic. All
+ * gears advance side by side, as lanes.
  */
 #ifndef MODEL_HYSTERESIS_H
 #define MODEL_HYSTERESIS_H
@@ -25,14 +26,24 @@ enum {
 };
 
 #if MODEL_CURVED
-enum { COEFFICIENTS = 8, SEARCHES = 60 }; /* of a piece of a curve; steps to the path at a point of it, at most */
+/* of a piece of a curve; steps to the path at a point of it, at most */
+enum { COEFFICIENTS = 8, SEARCHES = 60 };
 
 #endif /* MODEL_CURVED */
-/* of the last step of Newton's method, relative to 1e-3 rad or m and the deflection: what remains is its square */
+/*
+ * of the last step of Newton's method, relative to 1e-3 rad or m and the deflection: what remains
+ * is its square
+ */
 static const real branch_rounding = PRECISE(1e-13, 3e-7);
-/* motion back from which on a gear reverses, and what remains of an instant of reversal, in samples */
+/*
+ * motion back from which on a gear reverses, and what remains of an instant of reversal, in
+ * samples
+ */
 static const real least_return = PRECISE(1e-12, 1e-6), least_part = PRECISE(1e-8, 1e-4);
-/* [samples] of Newton's step to such an instant: what remains is its square, and less than rounding */
+/*
+ * [samples] of Newton's step to such an instant: what remains is its square, and less than
+ * rounding
+ */
 static const real last_part = PRECISE(1e-5, 1e-3);
 #if MODEL_CURVED
 static const real path_rounding = PRECISE(1e-15, 1e-7); /* of the part of a piece */
@@ -42,19 +53,30 @@ static const real lane_numbers[16] = {
 
 typedef real gear_lanes[GEARS];
 
-/* The gears on their branches. A rigid gear, and a lane without gear, has no motion: kept = 1, flow = 0. */
+/*
+ * The gears on their branches. A rigid gear, and a lane without gear, has no motion: kept = 1,
+ * flow = 0.
+ */
 typedef struct {
-    gear_lanes p, p_r, z_r[ELEMENTS], s;        /* deflection; the last reversal, and the direction since then */
-    gear_lanes kept, flow;                      /* 1 and period / D of a damped gear; 0 and 0 of an undamped one */
-    gear_lanes stiffness, bend;                 /* spring at zero; how it changes, relative */
-    gear_lanes steep[ELEMENTS], slip[ELEMENTS]; /* K_h / W, W; the first element is there where any is */
-    gear_lanes x[STAGES], before;               /* deflections of the last step: its stages, and where it began */
-    real ahead[STAGES][STAGES + 1];             /* weights of before and x in the next guess */
-    int linear, passes;                         /* whether all springs are; passes left in this interval */
+    /* deflection; the last reversal, and the direction since then */
+    gear_lanes p, p_r, z_r[ELEMENTS], s;
+    /* 1 and period / D of a damped gear; 0 and 0 of an undamped one */
+    gear_lanes kept, flow;
+    gear_lanes stiffness, bend; /* spring at zero; how it changes, relative */
+    /* K_h / W, W; the first element is there where any is */
+    gear_lanes steep[ELEMENTS], slip[ELEMENTS];
+    /* deflections of the last step: its stages, and where it began */
+    gear_lanes x[STAGES], before;
+    real ahead[STAGES][STAGES + 1]; /* weights of before and x in the next guess */
+    /* whether all springs are; passes left in this interval */
+    int linear, passes;
 #if MODEL_CURVED
-    /* of elements by another law than Dahl's, which are those with curved = 1: paths on their curves at which they
-     * reversed last; the piece that is kept of each, where it begins and one over its length; how far from its middle
-     * it serves, in parts of it; whether an element of some gear is by Dahl's law */
+    /*
+     * of elements by another law than Dahl's, which are those with curved = 1: paths on their
+     * curves at which they reversed last; the piece that is kept of each, where it begins and one
+     * over its length; how far from its middle it serves, in parts of it; whether an element of
+     * some gear is by Dahl's law
+     */
     gear_lanes curved[ELEMENTS], start[ELEMENTS], from[ELEMENTS], per[ELEMENTS], reach[ELEMENTS];
     gear_lanes piece[ELEMENTS][COEFFICIENTS];
     int dahl[ELEMENTS];
@@ -78,7 +100,9 @@ static inline void set_quintic(quintics *q, int i, const real left[3], const rea
     q->c[5][i] = 6.0 * d - 3.0 * left[1] - 3.0 * right[1] - 0.5 * left[2] + 0.5 * right[2];
 }
 
-/* Weights of the cubic through the start and the stages of a step, at the stages of the next one. */
+/*
+ * Weights of the cubic through the start and the stages of a step, at the stages of the next one.
+ */
 static inline void weights_ahead(real (*ahead)[STAGES + 1])
 {
     for (int k = 0; k < STAGES; ++k) {
@@ -94,7 +118,10 @@ static inline void weights_ahead(real (*ahead)[STAGES + 1])
 }
 
 #if MODEL_CURVED
-/* The piece of curve c with the path u: pieces before the dense ones, and behind them, have one length each. */
+/*
+ * The piece of curve c with the path u: pieces before the dense ones, and behind them, have one
+ * length each.
+ */
 static inline int piece_with(int c, real u)
 {
     const int begin = curve_part[c][0], end = curve_part[c + 1][0];
@@ -124,7 +151,8 @@ MODEL_INLINE real on_piece(const real *piece, real t, real *rise)
     const real *c = piece + 2, tt = t * t, tttt = tt * tt;
     *rise = (c[1] + 2.0 * c[2] * t) + tt * (3.0 * c[3] + 4.0 * c[4] * t) +
             tttt * ((5.0 * c[5] + 6.0 * c[6] * t) + tt * (7.0 * c[7]));
-    return ((c[0] + c[1] * t) + tt * (c[2] + c[3] * t)) + tttt * ((c[4] + c[5] * t) + tt * (c[6] + c[7] * t));
+    return ((c[0] + c[1] * t) + tt * (c[2] + c[3] * t)) +
+           tttt * ((c[4] + c[5] * t) + tt * (c[6] + c[7] * t));
 }
 
 /* The part of the slip torque after the path u on curve c, and how it rises with it. */
@@ -173,7 +201,10 @@ static inline real path_at(int c, real y)
     return curve_piece[at][0] + t / curve_piece[at][1];
 }
 
-/* Keep the piece of element e of gear i with the path u: outside of it by half of its length it is as exact. */
+/*
+ * Keep the piece of element e of gear i with the path u: outside of it by half of its length it is
+ * as exact.
+ */
 static inline void keep_piece(branches *b, int e, int i, real u)
 {
     const int c = hysteresis_curve[e][i], at = piece_with(c, u);
@@ -217,7 +248,10 @@ static inline void restart_curves(branches *b, int i)
 }
 
 #endif /* MODEL_CURVED */
-/* Gears at rest with the deflections p and without torques of hysteresis; 0 where a number is not finite. */
+/*
+ * Gears at rest with the deflections p and without torques of hysteresis; 0 where a number is not
+ * finite.
+ */
 static inline int begin_branches(branches *b, real period, const real *p, real *space)
 {
     real at_zero[NG], least[NG];
@@ -241,10 +275,12 @@ static inline int begin_branches(branches *b, real period, const real *p, real *
         for (int e = 0; e < ELEMENTS; ++e) {
             b->z_r[e][i] = 0.0;
             b->slip[e][i] = elastic ? hysteresis_slip[e][k] : 0.0;
-            b->steep[e][i] = b->slip[e][i] > 0.0 ? hysteresis_stiffness[e][k] / b->slip[e][i] : 0.0;
+            b->steep[e][i] = b->slip[e][i] > 0.0 ? hysteresis_stiffness[e][k] / b->slip[e][i] :
+                                                   0.0;
 #if MODEL_CURVED
             b->curved[e][i] = b->slip[e][i] > 0.0 && hysteresis_curve[e][k] >= 0 ? 1.0 : 0.0;
-            b->dahl[e] = (i > 0 && b->dahl[e]) || (b->slip[e][i] > 0.0 && !(b->curved[e][i] > 0.0));
+            b->dahl[e] = (i > 0 && b->dahl[e]) ||
+                         (b->slip[e][i] > 0.0 && !(b->curved[e][i] > 0.0));
             b->start[e][i] = b->reach[e][i] = 0.0;
             b->from[e][i] = -1e6; /* none is kept */
             b->per[e][i] = 1.0;
@@ -280,7 +316,10 @@ MODEL_INLINE lanes element_torque(const branches *b, int e, int i, const lanes x
 }
 
 #if MODEL_CURVED
-/* The part of the slip torque at t of the pieces that are kept, lanes from i on, and how it rises with t. */
+/*
+ * The part of the slip torque at t of the pieces that are kept, lanes from i on, and how it rises
+ * with t.
+ */
 MODEL_INLINE lanes on_kept_pieces(const branches *b, int e, int i, const lanes t, lanes *rise)
 {
     const lanes tt = t * t, tttt = tt * tt;
@@ -290,15 +329,18 @@ MODEL_INLINE lanes on_kept_pieces(const branches *b, int e, int i, const lanes t
     }
     *rise = (c[1] + 2.0 * c[2] * t) + tt * (3.0 * c[3] + 4.0 * c[4] * t) +
             tttt * ((5.0 * c[5] + 6.0 * c[6] * t) + tt * (7.0 * c[7]));
-    return ((c[0] + c[1] * t) + tt * (c[2] + c[3] * t)) + tttt * ((c[4] + c[5] * t) + tt * (c[6] + c[7] * t));
+    return ((c[0] + c[1] * t) + tt * (c[2] + c[3] * t)) +
+           tttt * ((c[4] + c[5] * t) + tt * (c[6] + c[7] * t));
 }
 
 /* Torques z of element e at the deflections x, lanes from i on, and how they rise. */
 MODEL_INLINE lanes element_torque(const branches *b, int e, int i, const lanes x, lanes *rise)
 {
-    const lanes s = load_v(b->s + i), slip = load_v(b->slip[e] + i), steep = load_v(b->steep[e] + i);
+    const lanes s = load_v(b->s + i), slip = load_v(b->slip[e] + i),
+                steep = load_v(b->steep[e] + i);
     const lanes passed = s * steep * (x - load_v(b->p_r + i)), zero = splat_v(0.0);
-    const lanes u = load_v(b->start[e] + i) + fmax_v(passed, zero), curved = load_v(b->curved[e] + i);
+    const lanes u = load_v(b->start[e] + i) + fmax_v(passed, zero),
+                curved = load_v(b->curved[e] + i);
     const lanes per = load_v(b->per[e] + i), t = (u - load_v(b->from[e] + i)) * per;
     const lanes off = curved * not_v(le_v(fabs_v(t - 0.5), load_v(b->reach[e] + i)));
     lanes z, slope, y = on_kept_pieces(b, e, i, t, &slope);
@@ -311,7 +353,8 @@ MODEL_INLINE lanes element_torque(const branches *b, int e, int i, const lanes x
             if (outside[l] > 0.0) {
                 const lanes here = eq_v(load_v(lane_numbers), splat_v((real)l));
                 real rises;
-                y = select_v(here, splat_v(on_curve(hysteresis_curve[e][i + l], path[l], &rises)), y);
+                y = select_v(
+                    here, splat_v(on_curve(hysteresis_curve[e][i + l], path[l], &rises)), y);
                 slope = select_v(here, splat_v(rises), slope);
             }
         }
@@ -343,9 +386,11 @@ MODEL_INLINE lanes branch_torque(const branches *b, int i, const lanes x, lanes 
 
 /* What a part of a step gives. */
 typedef struct {
-    gear_lanes x[STAGES];   /* deflections at the stages; in: guesses */
-    gear_lanes left, slope; /* at its end: torque that spring and hysteresis do not carry, and how theirs rises */
-    gear_lanes forward;     /* of the sign of the motion at its end, in the direction of the branch */
+    gear_lanes x[STAGES]; /* deflections at the stages; in: guesses */
+    /* at its end: torque that spring and hysteresis do not carry, and how theirs rises */
+    gear_lanes left, slope;
+    /* of the sign of the motion at its end, in the direction of the branch */
+    gear_lanes forward;
 } branch_motion;
 
 /* x = a^-1 y, by the adjugate: one division. */
@@ -354,7 +399,8 @@ MODEL_INLINE void solve_stages(lanes (*a)[STAGES], const lanes y[STAGES], lanes 
     lanes c[STAGES][STAGES], inverse; /* cofactors */
     for (int i = 0; i < STAGES; ++i) {
         for (int j = 0; j < STAGES; ++j) {
-            const int i1 = (i + 1) % STAGES, i2 = (i + 2) % STAGES, j1 = (j + 1) % STAGES, j2 = (j + 2) % STAGES;
+            const int i1 = (i + 1) % STAGES, i2 = (i + 2) % STAGES, j1 = (j + 1) % STAGES,
+                      j2 = (j + 2) % STAGES;
             c[i][j] = a[i1][j1] * a[i2][j2] - a[i1][j2] * a[i2][j1];
         }
     }
@@ -364,9 +410,12 @@ MODEL_INLINE void solve_stages(lanes (*a)[STAGES], const lanes y[STAGES], lanes 
     }
 }
 
-/* Deflections from b->p at `begin` to `finish`, parts of the interval between two samples; 0 where there are none. */
-static inline int along_branches(
-    branches *b, const quintics *q, const real *begin, const real *finish, branch_motion *m, real *space)
+/*
+ * Deflections from b->p at `begin` to `finish`, parts of the interval between two samples; 0 where
+ * there are none.
+ */
+static inline int along_branches(branches *b, const quintics *q, const real *begin,
+    const real *finish, branch_motion *m, real *space)
 {
     gear_lanes torque[STAGES], value[STAGES], slope[STAGES], off;
     int missed = 1;
@@ -391,9 +440,11 @@ static inline int along_branches(
             }
         }
         for (int i = 0; i < NG; i += LANES) {
-            const lanes kept = load_v(b->kept + i), p = load_v(b->p + i), K = load_v(b->stiffness + i);
+            const lanes kept = load_v(b->kept + i), p = load_v(b->p + i),
+                        K = load_v(b->stiffness + i);
             const lanes flow = load_v(b->flow + i) * (load_v(finish + i) - load_v(begin + i));
-            lanes left[STAGES], defect[STAGES], dx[STAGES], a[STAGES][STAGES], more = splat_v(0.0), rest;
+            lanes left[STAGES], defect[STAGES], dx[STAGES], a[STAGES][STAGES], more = splat_v(0.0),
+                                                                               rest;
             for (int k = 0; k < STAGES; ++k) {
                 const lanes x = load_v(m->x[k] + i);
                 lanes rise, z = branch_torque(b, i, x, &rise);
@@ -437,13 +488,17 @@ static inline int along_branches(
         for (int power = POWERS - 1; power > 0; --power) {
             rate = (real)power * load_v(q->c[power] + i) + load_v(finish + i) * rate;
         }
-        store_v(m->forward + i, load_v(b->s + i) * (kept * load_v(m->left + i) + (1.0 - kept) * rate));
+        store_v(
+            m->forward + i, load_v(b->s + i) * (kept * load_v(m->left + i) + (1.0 - kept) * rate));
         store_v(m->slope + i, load_v(slope[STAGES - 1] + i));
     }
     return !missed;
 }
 
-/* Whether gear i moves back along its branch at the end of a step: more than by rounding within a period. */
+/*
+ * Whether gear i moves back along its branch at the end of a step: more than by rounding within a
+ * period.
+ */
 static inline int returns(const branches *b, const branch_motion *m, real share, int i)
 {
     const real flow = b->flow[i], least = share * (1e-3 + fabs_1(m->x[STAGES - 1][i]));
@@ -454,23 +509,27 @@ static inline int returns(const branches *b, const branch_motion *m, real share,
                               m->forward[i] < -least * m->slope[i];
 }
 
-/* Newton's step from the part `at` of the interval to the instant at which gear i comes to rest. */
-static inline real part_to_rest(const branches *b, const quintics *q, const branch_motion *m, real at, int i)
+/*
+ * Newton's step from the part `at` of the interval to the instant at which gear i comes to rest.
+ */
+static inline real part_to_rest(
+    const branches *b, const quintics *q, const branch_motion *m, real at, int i)
 {
     real once = 0.0, twice = 0.0; /* derivatives of the torque */
     for (int power = POWERS - 1; power > 0; --power) {
         twice = once + at * twice;
         once = (real)power * q->c[power][i] + at * once;
     }
-    return b->kept[i] > 0.0 ? -m->left[i] / (once - m->slope[i] * b->flow[i] * m->left[i]) : -once / twice;
+    return b->kept[i] > 0.0 ? -m->left[i] / (once - m->slope[i] * b->flow[i] * m->left[i]) :
+                              -once / twice;
 }
 
 /*
- * The parts `at` of the interval at which the gears of `turned` come to rest, after `begin`, and the motion until then:
- * by Newton's method inside a bracket. m: the whole step in.
+ * The parts `at` of the interval at which the gears of `turned` come to rest, after `begin`, and
+ * the motion until then: by Newton's method inside a bracket. m: the whole step in.
  */
-static inline int locate_reversals(
-    branches *b, const quintics *q, const real *begin, const real *turned, real *at, branch_motion *m, real *space)
+static inline int locate_reversals(branches *b, const quintics *q, const real *begin,
+    const real *turned, real *at, branch_motion *m, real *space)
 {
     gear_lanes low, high, moved;
     int found = 0;
@@ -498,7 +557,8 @@ static inline int locate_reversals(
             if (next < low[i] && low[i] == begin[i] && !(m->forward[i] > 0.0)) {
                 next = low[i]; /* it may move back from the beginning on */
                 moved[i] = at[i] - next;
-            } else if (next >= low[i] && next <= high[i] && fabs_1(next - at[i]) <= 0.5 * moved[i]) {
+            } else if (next >= low[i] && next <= high[i] &&
+                       fabs_1(next - at[i]) <= 0.5 * moved[i]) {
                 moved[i] = fabs_1(next - at[i]);
                 moved[i] = moved[i] > last_part ? moved[i] : 0.0;
             } else { /* it may cycle */
@@ -566,7 +626,8 @@ static inline int advance_branches(branches *b, const quintics *q, real *space)
             return 0;
         }
         for (int i = 0; i < NG; i += LANES) {
-            const lanes end = load_v(m.x[STAGES - 1] + i), is = load_v(turned + i), s = load_v(b->s + i);
+            const lanes end = load_v(m.x[STAGES - 1] + i), is = load_v(turned + i),
+                        s = load_v(b->s + i);
             for (int e = 0; e < ELEMENTS; ++e) {
                 lanes rise, z = element_torque(b, e, i, end, &rise);
                 store_v(b->z_r[e] + i, select_v(is, z, load_v(b->z_r[e] + i)));
@@ -587,7 +648,10 @@ static inline int advance_branches(branches *b, const quintics *q, real *space)
     return 0;
 }
 
-/* The torques become those of `q` at its start: undamped gears follow on their branches, damped ones stay. */
+/*
+ * The torques become those of `q` at its start: undamped gears follow on their branches, damped
+ * ones stay.
+ */
 static inline int correct_branches(branches *b, const quintics *q, real *space)
 {
     gear_lanes start, flow;
@@ -643,7 +707,8 @@ static inline void take_branches(branches *b, const real *x)
 }
 
 /*
- * Gears whose rates are differences of the deflections: their sum is the change of speed, also where a gear reverses.
+ * Gears whose rates are differences of the deflections: their sum is the change of speed, also
+ * where a gear reverses.
  */
 static inline void set_differences(gears *g, real period)
 {

@@ -1,12 +1,14 @@
 /*
- * model: all joint configurations that bring the tool to a pose. Written by flexgen; see model_inverse_kinematics.h.
+ * model: all joint configurations that bring the tool to a pose. Written by flexgen; see
+ * model_inverse_kinematics.h.
  *
  * Many starts go down to solutions by damped Gauss-Newton steps, BLOCK of them side by side:
  *
  *     e = ((p - p_d)/L, 2 sin(a/2) n),    (J'J + mu I) dq = J'e,    mu = DAMPING |e|^2
  *
- * with the angle a and the axis n of the rotation R R_d'. New starts are made from the solutions that were found (signs
- * changed, joints turned by half a turn), others are spread evenly, until FRUITLESS starts in a row find nothing new.
+ * with the angle a and the axis n of the rotation R R_d'. New starts are made from the solutions
+ * that were found (signs changed, joints turned by half a turn), others are spread evenly, until
+ * FRUITLESS starts in a row find nothing new.
  *
  * Source of the bound of 16: H.-Y. Lee, C.-G. Liang, Mechanism and Machine Theory 23(3), 1988.
  */
@@ -32,26 +34,33 @@ static const real FOUND = 1e-8;     /* |e|^2 of a start that is polished */
 static const real POLISHED = 1e-12; /* |e| of a solution, but for the rounding of the position */
 static const real SETTLED = 1e-28;  /* |e|^2 that is not polished any more */
 static const real SAME = 1e-5;      /* rad or m: solutions that are as close are one */
-static const real FARTHEST = 1e3;   /* rad or m, of q_start: rounding of the solutions is 1e-13 there */
+/* rad or m, of q_start: rounding of the solutions is 1e-13 there */
+static const real FARTHEST = 1e3;
 
 typedef real starts_each[BLOCK];
 
 /* The search: BLOCK starts at a time, and what was found. Matrices by columns. */
 typedef struct {
-    starts_each q[MODEL_NA], p[3], R[9], J[SIX * MODEL_NA], e[SIX], A[SIX * (SIX + 1) / 2], b[SIX], square;
-    real start[MODEL_NA], solution[MOST + 1][MODEL_NA], distance[MOST + 1], p_d[3], R_d[9], length, tolerance;
+    starts_each q[MODEL_NA], p[3], R[9], J[SIX * MODEL_NA], e[SIX], A[SIX * (SIX + 1) / 2], b[SIX],
+        square;
+    real start[MODEL_NA], solution[MOST + 1][MODEL_NA], distance[MOST + 1], p_d[3], R_d[9], length,
+        tolerance;
 } search;
 
 /* What the search counts. */
 typedef struct {
-    int free[SIX], found, changed, spread; /* solutions; starts made from them; starts spread evenly */
+    /* solutions; starts made from them; starts spread evenly */
+    int free[SIX], found, changed, spread;
 } search_state;
 
-/* Changes of a solution that often lead to another one, beyond each sign and each half turn: bits of joints. */
+/*
+ * Changes of a solution that often lead to another one, beyond each sign and each half turn: bits
+ * of joints.
+ */
 static const struct {
     unsigned sign, turn;
-} pairs[CHANGES - 2 * SIX] = {{1U << 4, 1U << 3 | 1U << 5}, {1U << 1 | 1U << 2, 1U << 0}, {1U << 2, 1U << 0},
-    {1U << 1, 1U << 0 | 1U << 3}, {1U << 2 | 1U << 4, 1U << 3 | 1U << 5}};
+} pairs[CHANGES - 2 * SIX] = {{1U << 4, 1U << 3 | 1U << 5}, {1U << 1 | 1U << 2, 1U << 0},
+    {1U << 2, 1U << 0}, {1U << 1, 1U << 0 | 1U << 3}, {1U << 2 | 1U << 4, 1U << 3 | 1U << 5}};
 
 #define EACH_START(l) for (int l = 0; l < BLOCK; l += LANES)
 
@@ -73,8 +82,8 @@ static real half_turn(const real x)
 }
 
 /*
- * Square roots of numbers from 0 to 1, to rounding: a first guess from the exponent and Newton steps, as the library
- * calls no other one.
+ * Square roots of numbers from 0 to 1, to rounding: a first guess from the exponent and Newton
+ * steps, as the library calls no other one.
  */
 static lanes root(const lanes x)
 {
@@ -96,7 +105,8 @@ static void pose_errors(search *s)
             store_v(s->e[i] + l, x);
             sum += x * x;
             for (int j = 0; j < 3; ++j) {
-                E[i][j] = load_v(s->R[i] + l) * splat_v(s->R_d[j]) + load_v(s->R[3 + i] + l) * splat_v(s->R_d[3 + j]) +
+                E[i][j] = load_v(s->R[i] + l) * splat_v(s->R_d[j]) +
+                          load_v(s->R[3 + i] + l) * splat_v(s->R_d[3 + j]) +
                           load_v(s->R[6 + i] + l) * splat_v(s->R_d[6 + j]);
             }
         }
@@ -185,7 +195,8 @@ static void solve_normal(search *s)
 static void descend(search *s, const int *free, int steps, real *space)
 {
     for (int step = 0;; ++step) {
-        (void)evaluate_forward_kinematics_batch(BLOCK, &s->q[0][0], &s->p[0][0], &s->R[0][0], space);
+        (void)evaluate_forward_kinematics_batch(
+            BLOCK, &s->q[0][0], &s->p[0][0], &s->R[0][0], space);
         pose_errors(s);
         if (step == steps) {
             return;
@@ -209,7 +220,10 @@ static void descend(search *s, const int *free, int steps, real *space)
     }
 }
 
-/* The length that errors of the position are divided by: half the way between poses that are spread evenly. */
+/*
+ * The length that errors of the position are divided by: half the way between poses that are
+ * spread evenly.
+ */
 static void set_length(search *s, real *space)
 {
     s->length = 1e-3;
@@ -221,11 +235,14 @@ static void set_length(search *s, real *space)
     }
 }
 
-/* The next of the starts that are spread evenly, as point l: multiples of powers of the root of x^7 = x + 1. */
+/*
+ * The next of the starts that are spread evenly, as point l: multiples of powers of the root of
+ * x^7 = x + 1.
+ */
 static void spread_start(search *s, search_state *state, int l)
 {
-    static const real share[SIX] = {0.8986537126286992, 0.8075784952213447, 0.7257334129697597, 0.6521830259439715,
-        0.5860866975779693, 0.5266889867007357};
+    static const real share[SIX] = {0.8986537126286992, 0.8075784952213447, 0.7257334129697597,
+        0.6521830259439715, 0.5860866975779693, 0.5266889867007357};
     state->spread += 1;
     for (int i = 0; i < SIX; ++i) {
         const int joint = state->free[i];
@@ -245,17 +262,23 @@ static int changed_start(search *s, search_state *state, int l)
         return 0;
     }
     sign = change < SIX ? 1U << change : change < 2 * SIX ? 0U : pairs[change - 2 * SIX].sign;
-    turn = change < SIX ? 0U : change < 2 * SIX ? 1U << (change - SIX) : pairs[change - 2 * SIX].turn;
+    turn = change < SIX     ? 0U :
+           change < 2 * SIX ? 1U << (change - SIX) :
+                              pairs[change - 2 * SIX].turn;
     state->changed += 1;
     for (int i = 0; i < SIX; ++i) {
         const int joint = state->free[i];
         const real x = s->solution[from][joint];
-        s->q[joint][l] = (sign >> i & 1U ? -x : x) + (turn >> i & 1U && is_angle[joint] ? PI : 0.0);
+        s->q[joint][l] = (sign >> i & 1U ? -x : x) +
+                         (turn >> i & 1U && is_angle[joint] ? PI : 0.0);
     }
     return 1;
 }
 
-/* Keep point l as a solution, rotations within half a turn of the start, unless it is known; whether it is new. */
+/*
+ * Keep point l as a solution, rotations within half a turn of the start, unless it is known;
+ * whether it is new.
+ */
 static int keep_solution(search *s, search_state *state, int l)
 {
     real *q = s->solution[state->found], far = 0.0;
@@ -284,7 +307,10 @@ static int keep_solution(search *s, search_state *state, int l)
     return 1;
 }
 
-/* Continue while the error decreases where a point is near a solution: near a singularity convergence is linear. */
+/*
+ * Continue while the error decreases where a point is near a solution: near a singularity
+ * convergence is linear.
+ */
 static void polish(search *s, const int *free, real *space)
 {
     int still = 1;
@@ -309,7 +335,8 @@ static void polish(search *s, const int *free, real *space)
 static void find_all(search *s, search_state *state, int starts, real *space)
 {
     int fruitless = 0;
-    for (int tried = 0; tried < starts && fruitless < FRUITLESS && state->found <= MOST; tried += BLOCK) {
+    for (int tried = 0; tried < starts && fruitless < FRUITLESS && state->found <= MOST;
+        tried += BLOCK) {
         for (int l = 0; l < BLOCK; ++l) {
             for (int i = 0; i < MODEL_NA; ++i) {
                 s->q[i][l] = s->start[i];
@@ -345,7 +372,9 @@ static int is_a_rotation(const real *R)
     return worst < 1e-6;
 }
 
-/* Take the indices of the free coordinates; 0 where they are not six different ones with a motor. */
+/*
+ * Take the indices of the free coordinates; 0 where they are not six different ones with a motor.
+ */
 static int take_free(const int *given, int *free)
 {
     for (int i = 0; i < SIX; ++i) {
@@ -379,18 +408,19 @@ static void write_nearest(search *s, int found, int most, real *q)
     }
 }
 
-model_status model_inverse_kinematics(const real *p, const real *R, const real q_start[MODEL_NA], const int *free,
-    int starts, int most, real *q, int *count, real *work, int64_t work_size)
+model_status model_inverse_kinematics(const real *p, const real *R, const real q_start[MODEL_NA],
+    const int *free, int starts, int most, real *q, int *count, real *work, int64_t work_size)
 {
     search *s;
     search_state state = {{0}, 0, 0, 0};
     real *space, far = 0.0;
-    if (p == NULL || R == NULL || q_start == NULL || (free == NULL && MODEL_NG != SIX) || q == NULL || count == NULL ||
-        work == NULL) {
+    if (p == NULL || R == NULL || q_start == NULL || (free == NULL && MODEL_NG != SIX) ||
+        q == NULL || count == NULL || work == NULL) {
         return MODEL_NULL_ARGUMENT;
     }
     *count = 0;
-    if (starts < 1 || starts > MODEL_STARTS_MAX || most < 1 || most > MOST || !take_free(free, state.free)) {
+    if (starts < 1 || starts > MODEL_STARTS_MAX || most < 1 || most > MOST ||
+        !take_free(free, state.free)) {
         return MODEL_BAD_ARGUMENT;
     }
     if (work_size < model_inverse_kinematics_work()) {

@@ -1,4 +1,7 @@
-/* model: common to all files of the inversion: sizes, Gauss points of an interval, memory; private. */
+/*
+ * model: common to all files of the inversion: sizes, Gauss points of an interval, memory;
+ * private.
+ */
 #ifndef MODEL_INVERSION_COMMON_H
 #define MODEL_INVERSION_COMMON_H
 
@@ -18,7 +21,8 @@ enum {
     POINTS = BLOCK,
     STAGES = 3,
 #if MODEL_FORCE
-    FORCES = 3 * NY,                 /* force on the output, dual to dy, and its first two time derivatives */
+    /* force on the output, dual to dy, and its first two time derivatives */
+    FORCES = 3 * NY,
     REFERENCE = NT + 2 * NY + FORCES /* numbers of a path sample: y, dy, ddy, forces */
 #else                                /* MODEL_FORCE */
     REFERENCE = NT + 2 * NY /* numbers of a path sample: y, dy, ddy */
@@ -28,15 +32,20 @@ enum {
 static const real gauss_c[STAGES] = {0.11270166537925831, 0.5, 0.8872983346207417};
 #if MODEL_NE > 0
 static const real gauss_b[STAGES] = {5.0 / 18.0, 4.0 / 9.0, 5.0 / 18.0};
-static const real gauss_A[STAGES][STAGES] = {{5.0 / 36.0, -0.035976667524938878, 0.0097894440152484326},
-    {0.30026319498086457, 2.0 / 9.0, -0.022485417203086778}, {0.26798833376246944, 0.48042111196938331, 5.0 / 36.0}};
+static const real gauss_A[STAGES][STAGES] = {
+    {5.0 / 36.0, -0.035976667524938878, 0.0097894440152484326},
+    {0.30026319498086457, 2.0 / 9.0, -0.022485417203086778},
+    {0.26798833376246944, 0.48042111196938331, 5.0 / 36.0}};
 #if MODEL_DIRECT
 /*
- * Integrals, up to the Gauss points, of the integrals of the quadratic through them. Where a motion has no inertia,
- * gauss_A gauss_A leaves an error that is a hundred times as large; but that is stable for all vibrations.
+ * Integrals, up to the Gauss points, of the integrals of the quadratic through them. Where a
+ * motion has no inertia, gauss_A gauss_A leaves an error that is a hundred times as large; but
+ * that is stable for all vibrations.
  */
-static const real gauss_AA[STAGES][STAGES] = {{1.0 / 120.0, -0.0027329632490537084, 0.00075046260534953094},
-    {0.10587476869732523, 1.0 / 48.0, -0.0017081020306585679}, {0.21591620406131715, 0.16939962991572038, 1.0 / 120.0}};
+static const real gauss_AA[STAGES][STAGES] = {
+    {1.0 / 120.0, -0.0027329632490537084, 0.00075046260534953094},
+    {0.10587476869732523, 1.0 / 48.0, -0.0017081020306585679},
+    {0.21591620406131715, 0.16939962991572038, 1.0 / 120.0}};
 #endif /* MODEL_DIRECT */
 #endif
 
@@ -109,7 +118,10 @@ static inline int is_finite(const real *x, int n)
     return all_finite(x, n, 1);
 }
 
-/* Status of a function of the library that was called with computed states: not inputs of the caller. */
+/*
+ * Status of a function of the library that was called with computed states: not inputs of the
+ * caller.
+ */
 static inline int inner_status(int status)
 {
     return status == MODEL_INPUT_NOT_FINITE ? MODEL_RESULT_NOT_FINITE : status;
@@ -139,14 +151,19 @@ static inline ptrdiff_t function_work(void)
 #endif /* MODEL_FORCE */
 }
 
-/* Store the run-time parameters where the functions that are called with this workspace find them. */
+/*
+ * Store the run-time parameters where the functions that are called with this workspace find them.
+ */
 static inline void keep_parameters(const real *parameters, real *space)
 {
     copy(parameters, PARAMETERS, PARAMETERS_OF(space));
 }
 #if MODEL_FORCE
 
-/* The force on the output that equilibria hold, of a stream that of the next sample; behind the run-time parameters. */
+/*
+ * The force on the output that equilibria hold, of a stream that of the next sample; behind the
+ * run-time parameters.
+ */
 #define FORCE_OF(space) (PARAMETERS_OF(space) + PARAMETERS)
 
 /* Keep that of sample k; zero where no forces are given. */
@@ -171,8 +188,9 @@ static inline int64_t padded(int64_t n)
  */
 
 /*
- * Gauss elimination with pivots on the diagonal, n rows: of the matrix in columns 0 ... n - 1, and of the right sides
- * in the columns after it, which become the solutions. 0 where a pivot is zero: its unknown becomes zero.
+ * Gauss elimination with pivots on the diagonal, n rows: of the matrix in columns 0 ... n - 1, and
+ * of the right sides in the columns after it, which become the solutions. 0 where a pivot is zero:
+ * its unknown becomes zero.
  */
 static inline int solve_plain(real *a, int n, int width)
 {
@@ -234,13 +252,15 @@ static const real mismatch_max = PRECISE(2e-2, 2.5e-1);
 /* First and second derivative by seven samples, `stride` apart and `period` seconds; order six. */
 static inline real sixty_differences(const real *x, ptrdiff_t stride)
 {
-    return 45.0 * (x[stride] - x[-stride]) - 9.0 * (x[2 * stride] - x[-2 * stride]) + (x[3 * stride] - x[-3 * stride]);
+    return 45.0 * (x[stride] - x[-stride]) - 9.0 * (x[2 * stride] - x[-2 * stride]) +
+           (x[3 * stride] - x[-3 * stride]);
 }
 
 /* The same of LANES samples that follow each other from `x` on. */
 static inline lanes sixty_differences_v(const real *x, ptrdiff_t stride)
 {
-    return 45.0 * (load_v(x + stride) - load_v(x - stride)) - 9.0 * (load_v(x + 2 * stride) - load_v(x - 2 * stride)) +
+    return 45.0 * (load_v(x + stride) - load_v(x - stride)) -
+           9.0 * (load_v(x + 2 * stride) - load_v(x - 2 * stride)) +
            (load_v(x + 3 * stride) - load_v(x - 3 * stride));
 }
 
@@ -286,7 +306,8 @@ static inline lanes second_derivative_v(const real *x, real period)
 /* Whether a motion has what its growth depends on. */
 static inline int has_state_and_torques(const model_motion *m)
 {
-    return m != NULL && m->q_a != NULL && m->v_a != NULL && m->q_m != NULL && m->v_m != NULL && m->tau_m != NULL;
+    return m != NULL && m->q_a != NULL && m->v_a != NULL && m->q_m != NULL && m->v_m != NULL &&
+           m->tau_m != NULL;
 }
 
 #endif

@@ -9,13 +9,14 @@
 /*
  * --- The end of a motion along a path, where the remaining motion no longer affects the output.
  *
- * After the path the motion of the unactuated coordinates decays to the equilibrium. The remaining motion moves the
- * output by about
+ * After the path the motion of the unactuated coordinates decays to the equilibrium. The remaining
+ * motion moves the output by about
  *
  *     max over X in {W_e, D} of max(|X (q_e - q_e,end)|, HELD |X v_e|),    dy/dt = W v_a,
  *
- * while the joints stand still or, D = W_g M_gg^-1 M_ge - W_e, while the torque is held and they keep their momentum.
- * It does not end before the deflections of damped gears have decayed, see `shortest_motion_after`.
+ * while the joints stand still or, D = W_g M_gg^-1 M_ge - W_e, while the torque is held and they
+ * keep their momentum. It does not end before the deflections of damped gears have decayed, see
+ * `shortest_motion_after`.
  */
 
 #if MODEL_NE > 0
@@ -109,8 +110,9 @@ static inline int moves_at(const mesh *m, const settling *s, ptrdiff_t k, real a
 }
 
 /*
- * Leave out the intervals after the motion, but for those that its last derivatives need. Half of what is allowed: the
- * next steps change the motion, and a vibration can be larger between two nodes.
+ * Leave out the intervals after the motion, but for those that its last derivatives need. Half of
+ * what is allowed: the next steps change the motion, and a vibration can be larger between two
+ * nodes.
  */
 static inline void cut_mesh(mesh *m, int samples_per_interval, settling *s)
 {
@@ -125,7 +127,10 @@ static inline void cut_mesh(mesh *m, int samples_per_interval, settling *s)
     }
 }
 
-/* Whether the motion that has been found moves after its end, which was chosen before its last steps. */
+/*
+ * Whether the motion that has been found moves after its end, which was chosen before its last
+ * steps.
+ */
 static inline int is_cut_early(const mesh *m, const settling *s)
 {
     for (int k = s->intervals; s->intervals < m->N && k <= m->N; ++k) {
@@ -141,10 +146,11 @@ static inline int is_cut_early(const mesh *m, const settling *s)
 /*
  * --- Gauss-Newton steps of the inversion along a whole path.
  *
- * A step is the solution of a linear-quadratic problem (see lq_step.h). Its factors hold for later steps too where the
- * motion has changed little: then only the linear terms are computed again. The intervals after the path are all close
- * to the same equilibrium: they share its Jacobians, and the factor of an endless one. Where the cost of that one is
- * not exact, as unstable zeros of very different size hide each other, each has a factor of its own.
+ * A step is the solution of a linear-quadratic problem (see lq_step.h). Its factors hold for later
+ * steps too where the motion has changed little: then only the linear terms are computed again.
+ * The intervals after the path are all close to the same equilibrium: they share its Jacobians,
+ * and the factor of an endless one. Where the cost of that one is not exact, as unstable zeros of
+ * very different size hide each other, each has a factor of its own.
  */
 
 #if MODEL_NE > 0
@@ -153,17 +159,24 @@ enum { MORE_STEPS = 2 };
 
 static const real unchanged = PRECISE(1e-7, 1e-4);
 
-/* The factors of all intervals that have their own, from the cost of an endless equilibrium after them. */
+/*
+ * The factors of all intervals that have their own, from the cost of an endless equilibrium after
+ * them.
+ */
 static inline int lq_path_factor(mesh *m, real *point, const lq_data *c, lq_space *w, real *space)
 {
     int status;
     copy(m->end, STATES * STATES, w->P);
     set_zero(w->p, STATES);
-    status = m->factored > m->varying ? lq_factor_alike(m, m->varying, c->steady_point, w) : MODEL_OK;
+    status = m->factored > m->varying ? lq_factor_alike(m, m->varying, c->steady_point, w) :
+                                        MODEL_OK;
     return status == MODEL_OK ? lq_factor_before(m, m->varying, point, w, space) : status;
 }
 
-/* The residuals before the first step: those of the factors; the intervals after the path are at equilibrium. */
+/*
+ * The residuals before the first step: those of the factors; the intervals after the path are at
+ * equilibrium.
+ */
 static inline void lq_path_first_rows(mesh *m, const lq_data *c)
 {
     const ptrdiff_t at = (ptrdiff_t)m->varying * STAGES, all = (ptrdiff_t)m->N * STAGES;
@@ -177,9 +190,10 @@ static inline void lq_path_first_rows(mesh *m, const lq_data *c)
 
 #if MODEL_FORCE
 /*
- * Add to the first guess of the motion its linear response to the force, all intervals with the Jacobians and the
- * factor of the equilibrium after the path: the next step, with those of this motion, is then several times smaller,
- * and the factors serve several times better. c->row: residuals by the force on the path.
+ * Add to the first guess of the motion its linear response to the force, all intervals with the
+ * Jacobians and the factor of the equilibrium after the path: the next step, with those of this
+ * motion, is then several times smaller, and the factors serve several times better. c->row:
+ * residuals by the force on the path.
  */
 static inline int add_response(const mesh *m, lq_data *c)
 {
@@ -202,26 +216,29 @@ static inline int add_response(const mesh *m, lq_data *c)
 }
 
 /*
- * Whether the step after the next one would change the motion by less than ten times the share `unchanged` of the
- * first: then the next one is the last, and what it leaves is seen at the samples. last and size: sizes of the last two
- * steps.
+ * Whether the step after the next one would change the motion by less than ten times the share
+ * `unchanged` of the first: then the next one is the last, and what it leaves is seen at the
+ * samples. last and size: sizes of the last two steps.
  */
-static inline int is_nearly_last(const mesh *m, const lq_data *c, real tolerance, real first, real last, real size)
+static inline int is_nearly_last(
+    const mesh *m, const lq_data *c, real tolerance, real first, real last, real size)
 {
     const real gain = last > 0.0 ? size / last : 1.0;
-    return c->response > 0.0 && m->residual <= tolerance && size * gain * gain <= 10.0 * unchanged * first;
+    return c->response > 0.0 && m->residual <= tolerance &&
+           size * gain * gain <= 10.0 * unchanged * first;
 }
 
 #endif /* MODEL_FORCE */
 /*
- * The motion on the mesh by Gauss-Newton steps. The factors are computed again where a step with those of an earlier
- * motion gains less than a factor of ten. Where the residual is small enough, up to MORE_STEPS follow until the next
- * one would change the motion by less than the share `unchanged` of the first: factors of another motion leave an error
- * of the motion that the residual hardly shows. cut: the motion ends where it has settled after the first step, which
- * is nearly the last one.
+ * The motion on the mesh by Gauss-Newton steps. The factors are computed again where a step with
+ * those of an earlier motion gains less than a factor of ten. Where the residual is small enough,
+ * up to MORE_STEPS follow until the next one would change the motion by less than the share
+ * `unchanged` of the first: factors of another motion leave an error of the motion that the
+ * residual hardly shows. cut: the motion ends where it has settled after the first step, which is
+ * nearly the last one.
  */
-static inline int lq_path_solve(mesh *m, real *point, lq_data *c, const model_inversion_options *o, int cut,
-    settling *end, whole_report *report, lq_space *w, real *space)
+static inline int lq_path_solve(mesh *m, real *point, lq_data *c, const model_inversion_options *o,
+    int cut, settling *end, whole_report *report, lq_space *w, real *space)
 {
     const real tolerance = o->tolerance;
     newton progress = {-1.0, 0, 0};
@@ -274,10 +291,13 @@ static inline int lq_path_solve(mesh *m, real *point, lq_data *c, const model_in
         }
         state = newton_state(&progress, m->residual, tolerance, 1e-2);
         first = fmax_1(first, size);
-        next = last > 0.0 ? (must_factor ? 0.0 : size * (size / last)) : m->varying < m->N ? size : 0.0;
+        next = last > 0.0        ? (must_factor ? 0.0 : size * (size / last)) :
+               m->varying < m->N ? size :
+                                   0.0;
         if (state == NEWTON_CONTINUES && last > 0.0 && !must_factor && m->residual <= tolerance &&
             next <= unchanged * first) {
-            state = NEWTON_CONVERGED; /* what is left is the regularization, which no step changes */
+            /* what is left is the regularization, which no step changes */
+            state = NEWTON_CONVERGED;
         }
         if (state == NEWTON_FAILED ||
             (state == NEWTON_CONVERGED && (!(next > unchanged * first) || more == MORE_STEPS))) {
@@ -298,13 +318,16 @@ static inline int lq_path_solve(mesh *m, real *point, lq_data *c, const model_in
 /* --- The function invert. */
 
 #if MODEL_NE > 0
-enum { SWEEPS = 40, SWEEP = 8 }; /* sweeps for the cost of an endless equilibrium; their intervals */
+/* sweeps for the cost of an endless equilibrium; their intervals */
+enum { SWEEPS = 40, SWEEP = 8 };
 
-static const real cost_change = 1e-2; /* from sweep to sweep, where the cost of an endless equilibrium has converged */
+/* from sweep to sweep, where the cost of an endless equilibrium has converged */
+static const real cost_change = 1e-2;
 
 /* Where the arrays of this solver are, after those of both. */
 typedef struct {
-    int64_t cost, y, a, q_g, reference, steady_factor, steady_point, point, row, linear, settling, lq, end;
+    int64_t cost, y, a, q_g, reference, steady_factor, steady_point, point, row, linear, settling,
+        lq, end;
 } lq_layout;
 
 static lq_layout lay_out_lq(const whole_layout *l)
@@ -350,11 +373,11 @@ int64_t model_invert_work(int n, const model_inversion_options *options)
 
 #if MODEL_NE > 0
 /*
- * Equilibrium at the end of the path, to which the first guess of the motion leads; the cost of a state that differs
- * from it, for the end of the mesh; and when the motion has settled there.
+ * Equilibrium at the end of the path, to which the first guess of the motion leads; the cost of a
+ * state that differs from it, for the end of the mesh; and when the motion has settled there.
  */
-static int prepare_end(
-    mesh *m, const whole_layout *l, const lq_layout *own, const real *target, const real *q_start, real *work)
+static int prepare_end(mesh *m, const whole_layout *l, const lq_layout *own, const real *target,
+    const real *q_start, real *work)
 {
     lq_space *w = (lq_space *)(void *)(work + own->lq);
     const real *joints = m->q_g + ((ptrdiff_t)m->N * STAGES - 1) * NG;
@@ -390,8 +413,8 @@ static int prepare_end(
         }
         copy(reference, REFERENCE, hold.reference + k * REFERENCE);
     }
-    status = lq_stationary_cost(&hold, SWEEP, m->N / SWEEP > SWEEPS ? m->N / SWEEP : SWEEPS, regularization,
-        cost_change, w, work + l->space, work + own->cost, &is_exact);
+    status = lq_stationary_cost(&hold, SWEEP, m->N / SWEEP > SWEEPS ? m->N / SWEEP : SWEEPS,
+        regularization, cost_change, w, work + l->space, work + own->cost, &is_exact);
     copy(w->point, STAGES * POINT, work + own->steady_point);
     m->factored = is_exact ? m->varying : m->N;
     m->end = work + own->cost;
@@ -402,21 +425,29 @@ static int prepare_end(
     for (ptrdiff_t k = (ptrdiff_t)m->varying * STAGES; k < (ptrdiff_t)m->N * STAGES; ++k) {
         copy(hold.q_g, NG, m->q_g + k * NG);
     }
-    return status == MODEL_OK && end->allowed > 0.0 ? settling_at(target, &w->arm, end, work + l->space) : status;
+    return status == MODEL_OK && end->allowed > 0.0 ?
+               settling_at(target, &w->arm, end, work + l->space) :
+               status;
 }
 
-/* The motion on the mesh; cut: it ends where it has settled after the first step, else after the last one. */
-static int motion_on_mesh(mesh *m, const whole_layout *l, const lq_layout *own, const model_samples *p, const real *q,
-    const model_inversion_options *options, int cut, whole_report *report, real *work)
+/*
+ * The motion on the mesh; cut: it ends where it has settled after the first step, else after the
+ * last one.
+ */
+static int motion_on_mesh(mesh *m, const whole_layout *l, const lq_layout *own,
+    const model_samples *p, const real *q, const model_inversion_options *options, int cut,
+    whole_report *report, real *work)
 {
     lq_space *w = (lq_space *)(void *)(work + own->lq);
     settling *end = (settling *)(void *)(work + own->settling);
     lq_data c;
 #if MODEL_FORCE
     real *row = p->force != NULL ? work + own->row : NULL; /* residuals by the force */
-    int status = guess_mesh(m, p, q, options->n_pre, options->samples_per_interval, &w->arm, row, work + l->space);
+    int status = guess_mesh(
+        m, p, q, options->n_pre, options->samples_per_interval, &w->arm, row, work + l->space);
 #else  /* MODEL_FORCE */
-    int status = guess_mesh(m, p, q, options->n_pre, options->samples_per_interval, &w->arm, work + l->space);
+    int status = guess_mesh(
+        m, p, q, options->n_pre, options->samples_per_interval, &w->arm, work + l->space);
 #endif /* MODEL_FORCE */
 #if MODEL_FORCE
     keep_force(p, p->n - 1, work + l->space);
@@ -439,7 +470,8 @@ static int motion_on_mesh(mesh *m, const whole_layout *l, const lq_layout *own, 
         return MODEL_NOT_CONVERGED;
     }
 #endif /* MODEL_FORCE */
-    status = lq_path_solve(m, work + own->point, &c, options, cut, end, report, w, work + l->space);
+    status = lq_path_solve(
+        m, work + own->point, &c, options, cut, end, report, w, work + l->space);
     report->residual = m->residual;
     report->intervals = m->N;
     if (status == MODEL_OK && !cut && end->allowed > 0.0) {
@@ -451,8 +483,9 @@ static int motion_on_mesh(mesh *m, const whole_layout *l, const lq_layout *own, 
 #endif
 
 /* As model_invert, with a report instead of its info. */
-static model_status invert_path(const model_samples *p, PARAMETERS_ARGUMENT const real q_start[MODEL_NA],
-    const model_inversion_options *options, model_motion *motion, whole_report *report, real *work, int64_t work_size)
+static model_status invert_path(const model_samples *p,
+    PARAMETERS_ARGUMENT const real q_start[MODEL_NA], const model_inversion_options *options,
+    model_motion *motion, whole_report *report, real *work, int64_t work_size)
 {
     const int64_t wanted = p == NULL ? -1 : model_invert_work(p->n, options);
     whole_layout l;
@@ -460,7 +493,8 @@ static model_status invert_path(const model_samples *p, PARAMETERS_ARGUMENT cons
 #if MODEL_NE == 0
     ptrdiff_t samples;
 #endif
-    int status = check_arguments(p, GIVEN_PARAMETERS, q_start, options, motion, report, work, work_size, wanted);
+    int status = check_arguments(
+        p, GIVEN_PARAMETERS, q_start, options, motion, report, work, work_size, wanted);
     if (status != MODEL_OK) {
         return (model_status)status;
     }
@@ -491,7 +525,8 @@ static model_status invert_path(const model_samples *p, PARAMETERS_ARGUMENT cons
         if (status != MODEL_OK) {
             return (model_status)status;
         }
-        return finish(p, options, &l, q, &m, end->q, end->intervals * (ptrdiff_t)options->samples_per_interval + 1,
+        return finish(p, options, &l, q, &m, end->q,
+            end->intervals * (ptrdiff_t)options->samples_per_interval + 1,
             &((lq_space *)(void *)(work + own.lq))->arm, motion, report, work);
     }
 #else
@@ -512,19 +547,21 @@ static model_status invert_path(const model_samples *p, PARAMETERS_ARGUMENT cons
             samples -= options->n_post - (ptrdiff_t)after - 1;
         }
     }
-    return finish(p, options, &l, q, NULL, samples, (problem_points *)(void *)(work + l.end), motion, report, work);
+    return finish(p, options, &l, q, NULL, samples, (problem_points *)(void *)(work + l.end),
+        motion, report, work);
 #endif
 }
 
-model_status model_invert(const model_samples *samples, PARAMETERS_ARGUMENT const real q_start[MODEL_NA],
-    const model_inversion_options *options, model_motion *motion, model_invert_info *info, real *work,
-    int64_t work_size)
+model_status model_invert(const model_samples *samples,
+    PARAMETERS_ARGUMENT const real q_start[MODEL_NA], const model_inversion_options *options,
+    model_motion *motion, model_invert_info *info, real *work, int64_t work_size)
 {
     whole_report report = {0, 0.0, 0.0, 0.0, 0.0, 0, 0, 0};
     model_status status = MODEL_NULL_ARGUMENT;
     const int grows = options != NULL && options->growth;
     if (info != NULL && (!grows || has_state_and_torques(motion))) {
-        status = invert_path(samples, PASSED_PARAMETERS q_start, options, motion, &report, work, work_size);
+        status = invert_path(
+            samples, PASSED_PARAMETERS q_start, options, motion, &report, work, work_size);
     }
     if (report.is_set) {
         info->residual = report.residual;
@@ -537,7 +574,8 @@ model_status model_invert(const model_samples *samples, PARAMETERS_ARGUMENT cons
         info->torque_error = report.torque_error;
     }
 #if MODEL_GROWS
-    if (grows && status >= 0) { /* the workspace is free again; where it fails, the torques are right all the same */
+    /* the workspace is free again; where it fails, the torques are right all the same */
+    if (grows && status >= 0) {
         real *growth = &info->growth;
         const int n = options->n_pre + samples->n + report.n_post;
 #if MODEL_FORCE
@@ -554,8 +592,8 @@ model_status model_invert(const model_samples *samples, PARAMETERS_ARGUMENT cons
 /*
  * --- The function invert_many.
  *
- * Problem k reads and writes nothing of another problem, and `invert_problem` keeps no data: problems may be solved in
- * any order, and at the same time where each has its own workspace.
+ * Problem k reads and writes nothing of another problem, and `invert_problem` keeps no data:
+ * problems may be solved in any order, and at the same time where each has its own workspace.
  */
 typedef struct {
     const model_problems *problems;
@@ -567,7 +605,9 @@ typedef struct {
     model_status *statuses;
 } problem_arrays;
 
-/* Numbers of an array of results from `at` on; a result that is not wanted stays a null pointer. */
+/*
+ * Numbers of an array of results from `at` on; a result that is not wanted stays a null pointer.
+ */
 static real *results_from(real *x, ptrdiff_t at)
 {
     return x == NULL ? NULL : x + at;
@@ -584,7 +624,8 @@ static void set_to_nan(real *x, ptrdiff_t count)
 static void invert_problem(const problem_arrays *a, ptrdiff_t k, real *work, int64_t work_size)
 {
     const model_problems *own = a->problems;
-    const model_invert_info unknown = {(real)NAN, (real)NAN, (real)NAN, 0, 0, a->options->n_post, (real)NAN, (real)NAN};
+    const model_invert_info unknown = {
+        (real)NAN, (real)NAN, (real)NAN, 0, 0, a->options->n_post, (real)NAN, (real)NAN};
     const ptrdiff_t n = a->samples->n, all = n + a->options->n_pre + a->options->n_post;
     const ptrdiff_t path = own->own_path ? k * n : 0;
     const real *q_start = a->q_start + (own->own_q_start ? k : 0) * NA;
@@ -610,7 +651,8 @@ static void invert_problem(const problem_arrays *a, ptrdiff_t k, real *work, int
     m.command_g = results_from(a->motion->command_g, k * all * NG);
 #endif /* MODEL_POSITION */
     a->info[k] = unknown;
-    a->statuses[k] = model_invert(&p, PASSED_PARAMETERS q_start, a->options, &m, a->info + k, work, work_size);
+    a->statuses[k] = model_invert(
+        &p, PASSED_PARAMETERS q_start, a->options, &m, a->info + k, work, work_size);
     if (a->statuses[k] < 0) {
         set_to_nan(m.q_a, all * NA);
         set_to_nan(m.v_a, all * NA);
@@ -630,15 +672,16 @@ model_status model_invert_many(const model_problems *problems, const model_sampl
 #if MODEL_PARAMETERS > 0
     const real *parameters,
 #endif
-    const real *q_start, const model_inversion_options *options, model_motion *motion, model_invert_info *info,
-    model_status *statuses, real *work, int64_t work_size)
+    const real *q_start, const model_inversion_options *options, model_motion *motion,
+    model_invert_info *info, model_status *statuses, real *work, int64_t work_size)
 {
-    const problem_arrays a = {problems, samples, GIVEN_PARAMETERS, q_start, options, motion, info, statuses};
+    const problem_arrays a = {
+        problems, samples, GIVEN_PARAMETERS, q_start, options, motion, info, statuses};
     model_status first = MODEL_OK;
     int64_t wanted;
-    if (problems == NULL || samples == NULL || a.parameters == NULL || q_start == NULL || options == NULL ||
-        motion == NULL || info == NULL || statuses == NULL || work == NULL || samples->y == NULL ||
-        samples->dy == NULL || samples->ddy == NULL) {
+    if (problems == NULL || samples == NULL || a.parameters == NULL || q_start == NULL ||
+        options == NULL || motion == NULL || info == NULL || statuses == NULL || work == NULL ||
+        samples->y == NULL || samples->dy == NULL || samples->ddy == NULL) {
         return MODEL_NULL_ARGUMENT;
     }
     wanted = model_invert_work(samples->n, options);

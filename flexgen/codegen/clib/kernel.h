@@ -1,13 +1,15 @@
 /*
- * model: numbers, vectors of numbers and their functions; private. Written by flexgen; see model.h.
+ * model: numbers, vectors of numbers and their functions; private. Written by flexgen; see
+ * model.h.
  *
- * A name that ends in _1 works on one number (real), a name that ends in _v on LANES numbers at once (lanes). Sine,
- * cosine, exp and tanh are polynomials without branches, tables or calls: the same bits for a number and a vector, on
- * every processor and at every optimization level, unless the compiler contracts products and sums
- * (-ffp-contract=off prevents this).
+ * A name that ends in _1 works on one number (real), a name that ends in _v on LANES numbers at
+ * once (lanes). Sine, cosine, exp and tanh are polynomials without branches, tables or calls: the
+ * same bits for a number and a vector, on every processor and at every optimization level, unless
+ * the compiler contracts products and sums (-ffp-contract=off prevents this).
  *
  *   sin, cos    error <= 1 unit in the last place for |x| <= ANGLE_MAX; NaN beyond
- *   exp         error <= 1 unit; infinity on overflow, zero on underflow, subnormal results are less accurate
+ *   exp         error <= 1 unit; infinity on overflow, zero on underflow, subnormal results are
+ *               less accurate
  *   tanh        error <= 3 units
  */
 #ifndef MODEL_KERNEL_H
@@ -20,11 +22,14 @@
 #include "model.h"
 #include "model_precision.h"
 
-#if defined(__FAST_MATH__) || defined(__ASSOCIATIVE_MATH__) || defined(__RECIPROCAL_MATH__) || defined(_M_FP_FAST) || \
-    (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__ > 0)
+#if defined(__FAST_MATH__) || defined(__ASSOCIATIVE_MATH__) || defined(__RECIPROCAL_MATH__) || \
+    defined(_M_FP_FAST) || (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__ > 0)
 #error "compile without -ffast-math: it removes the rounding that sine, cosine and exp need"
 #endif
-/* Clang has no macro for -funsafe-math-optimizations and its parts: switched off, up to the end of the source. */
+/*
+ * Clang has no macro for -funsafe-math-optimizations and its parts: switched off, up to the end of
+ * the source.
+ */
 #if defined(__clang__) && __clang_major__ >= 13
 #if defined(__x86_64__) || defined(__i386__) || defined(__aarch64__)
 #pragma float_control(precise, on)
@@ -32,7 +37,8 @@
 #pragma clang fp reassociate(off) contract(off)
 #endif
 #if FLT_EVAL_METHOD != 0
-#error "compile for arithmetic that rounds every operation to its type, such as -msse2 -mfpmath=sse"
+#error \
+    "compile for arithmetic that rounds every operation to its type, such as -msse2 -mfpmath=sse"
 #endif
 
 typedef model_real real;
@@ -44,8 +50,12 @@ typedef char model_real_has_the_width_of_bits[sizeof(real) == sizeof(bits) ? 1 :
 #define MODEL_INLINE static inline
 #endif
 
-/* A vector has the alignment of one number and may alias numbers: any position in an array can be read as a vector. */
-#if defined(__GNUC__) && !defined(MODEL_NO_VECTORS) && (defined(__SSE2__) || defined(__aarch64__) || defined(__VSX__))
+/*
+ * A vector has the alignment of one number and may alias numbers: any position in an array can be
+ * read as a vector.
+ */
+#if defined(__GNUC__) && !defined(MODEL_NO_VECTORS) && \
+    (defined(__SSE2__) || defined(__aarch64__) || defined(__VSX__))
 #if defined(__AVX512F__)
 #define MODEL_VECTOR 64
 #elif defined(__AVX__)
@@ -128,7 +138,8 @@ static inline bits equal_1(const real a, const real b)
 /* The other functions call <math.h>; those of one argument, and of two. */
 #define MODEL_CIRCULAR(DO) DO(tan) DO(asin) DO(acos) DO(atan)
 #define MODEL_HYPERBOLIC(DO) DO(sinh) DO(cosh) DO(asinh) DO(acosh) DO(atanh)
-#define MODEL_OF_ONE(DO) MODEL_CIRCULAR(DO) MODEL_HYPERBOLIC(DO) DO(sqrt) DO(log) DO(expm1) DO(log1p) DO(erf)
+#define MODEL_OF_ONE(DO) \
+    MODEL_CIRCULAR(DO) MODEL_HYPERBOLIC(DO) DO(sqrt) DO(log) DO(expm1) DO(log1p) DO(erf)
 #define MODEL_OF_TWO(DO) DO(atan2) DO(pow) DO(fmod) DO(remainder) DO(hypot)
 
 #define CALL_ONE(f) \
@@ -161,7 +172,9 @@ static inline void store_v(real *p, const lanes x)
     *(lanes *)p = x;
 }
 
-/* Store at an address that is a multiple of MODEL_VECTOR without reading the line into the cache. */
+/*
+ * Store at an address that is a multiple of MODEL_VECTOR without reading the line into the cache.
+ */
 #if defined(__x86_64__) && defined(__SSE2__)
 #define MODEL_STREAMS
 typedef real lanes_aligned __attribute__((vector_size(MODEL_VECTOR), may_alias));
@@ -185,7 +198,10 @@ static inline void stream_v(real *p, const lanes x)
 }
 #endif
 
-/* The same as load_v for numbers that were written one by one just before: they need not pass through memory. */
+/*
+ * The same as load_v for numbers that were written one by one just before: they need not pass
+ * through memory.
+ */
 MODEL_INLINE lanes gather_v(const real *p)
 {
 #if LANES == 2
@@ -195,8 +211,8 @@ MODEL_INLINE lanes gather_v(const real *p)
 #elif LANES == 8
     const lanes x = {p[0], p[1], p[2], p[3], p[4], p[5], p[6], p[7]};
 #else
-    const lanes x = {
-        p[0], p[1], p[2], p[3], p[4], p[5], p[6], p[7], p[8], p[9], p[10], p[11], p[12], p[13], p[14], p[15]};
+    const lanes x = {p[0], p[1], p[2], p[3], p[4], p[5], p[6], p[7], p[8], p[9], p[10], p[11],
+        p[12], p[13], p[14], p[15]};
 #endif
     return x;
 }
@@ -257,7 +273,8 @@ static inline real *aligned_1(real *p)
 static inline lanes before_v(const int count, const lanes a, const lanes b)
 {
 #define ALL ~(bits)0
-    static const bits first[32] = {ALL, ALL, ALL, ALL, ALL, ALL, ALL, ALL, ALL, ALL, ALL, ALL, ALL, ALL, ALL, ALL};
+    static const bits first[32] = {
+        ALL, ALL, ALL, ALL, ALL, ALL, ALL, ALL, ALL, ALL, ALL, ALL, ALL, ALL, ALL, ALL};
 #undef ALL
     return choose_v(*(const lanes_bits *)(first + 16 - count), a, b);
 }
@@ -300,7 +317,9 @@ MODEL_OF_TWO(EACH_TWO)
 
 #define AT_ONCE 32 /* vectors of angles, whose reductions wait for their polynomials */
 
-/* Sines and cosines of n angles; the arrays have PADDED(n) entries, the angles beyond n are zeros. */
+/*
+ * Sines and cosines of n angles; the arrays have PADDED(n) entries, the angles beyond n are zeros.
+ */
 MODEL_INLINE void sincos_1(const real *x, real *s, real *c, const int n)
 {
     const int few = n <= 8 || n <= LANES;
@@ -316,8 +335,11 @@ MODEL_INLINE void sincos_1(const real *x, real *s, real *c, const int n)
     }
 }
 
-/* Sines and cosines of n vectors of angles. All reductions come first, written out, then all polynomials: the processor
-   waits for a chain of operations less, as the chains are shorter and it sees more of them at once. */
+/*
+ * Sines and cosines of n vectors of angles. All reductions come first, written out, then all
+ * polynomials: the processor waits for a chain of operations less, as the chains are shorter and
+ * it sees more of them at once.
+ */
 MODEL_INLINE void sincos_v(const lanes *x, lanes *s, lanes *c, const int n)
 {
     for (int first = 0; first < n; first += AT_ONCE) {

@@ -1,4 +1,7 @@
-/* model: macros of a function body for lanes of points, whose entries are n apart; include before its mathematics. */
+/*
+ * model: macros of a function body for lanes of points, whose entries are n apart; include before
+ * its mathematics.
+ */
 #include "model_undefine.h"
 #define T lanes
 #define F(name) name##_v

@@ -1,14 +1,15 @@
 /*
  * model: changes of the path ahead that keep motors within their limits; private to the stream.
  *
- * The input of the chain of integrators is constant in blocks of intervals. Near the planned motion the motors respond
- * to a change of the deviation d with
+ * The input of the chain of integrators is constant in blocks of intervals. Near the planned
+ * motion the motors respond to a change of the deviation d with
  *
  *     tau_m + B2 d'' + B4 d'''',   v_m + C1 d' + C3 d''',
  *
- * by the inertia of arm and rotors and, in the higher derivatives, the deflections. A quadratic program finds the
- * change that keeps the limits over the horizon with the least deviation. The inversion tracks the modified path
- * exactly: the next update inverts it, and corrects the error of this linearization.
+ * by the inertia of arm and rotors and, in the higher derivatives, the deflections. A quadratic
+ * program finds the change that keeps the limits over the horizon with the least deviation. The
+ * inversion tracks the modified path exactly: the next update inverts it, and corrects the error
+ * of this linearization.
  */
 #ifndef MODEL_LIMITS_H
 #define MODEL_LIMITS_H
@@ -27,12 +28,12 @@
  *
  *     min  z' H z / 2 + g' z + price * sum_i dist(x_i + (A z)_i, [-1, 1])
  *
- * Where the price exceeds the multipliers, the limits are kept where that is possible, and exceeded as little as
- * possible elsewhere: there is always a solution. Alternating directions: one factorization, then two triangular solves
- * and a projection per step.
+ * Where the price exceeds the multipliers, the limits are kept where that is possible, and
+ * exceeded as little as possible elsewhere: there is always a solution. Alternating directions:
+ * one factorization, then two triangular solves and a projection per step.
  *
- * Source: B. Stellato et al., Mathematical Programming Computation 12, 2020 (OSQP); N. Parikh, S. Boyd, Proximal
- * Algorithms, 2014, sec. 6.
+ * Source: B. Stellato et al., Mathematical Programming Computation 12, 2020 (OSQP); N. Parikh, S.
+ * Boyd, Proximal Algorithms, 2014, sec. 6.
  */
 
 static const real equilibrium_of_springs = 1.6; /* over-relaxation */
@@ -54,7 +55,10 @@ typedef struct {
     real violation; /* out: largest violation of the limits */
 } qp;
 
-/* K = L L' in the lower triangle, rows `stride` apart, diagonal inverted; 0 where a pivot is not positive. */
+/*
+ * K = L L' in the lower triangle, rows `stride` apart, diagonal inverted; 0 where a pivot is not
+ * positive.
+ */
 static inline int factor_qp(real *K, int n, int stride)
 {
     for (int k = 0; k < n; ++k) {
@@ -177,11 +181,15 @@ static inline int run_qp(qp *p, real price, int steps)
 /* --- Change of the path within the horizon of a stream. */
 
 #if MODEL_LIMITED
-/* The largest torque of a motor at rest by an edge of its torque-speed curve, and what the speed takes from it; the
- * first is infinite where there is no edge. */
-static inline real edge_of_curve(const model_inversion_limits *limits, int motor, int edge, real *load)
+/*
+ * The largest torque of a motor at rest by an edge of its torque-speed curve, and what the speed
+ * takes from it; the first is infinite where there is no edge.
+ */
+static inline real edge_of_curve(
+    const model_inversion_limits *limits, int motor, int edge, real *load)
 {
-    const real *from = limits->torque_speed + ((ptrdiff_t)motor * limits->torque_speed_points + edge) * 2;
+    const real *from = limits->torque_speed +
+                       ((ptrdiff_t)motor * limits->torque_speed_points + edge) * 2;
     const real run = from[2] - from[0];
     *load = 0.0;
     if (!(run > 0.0)) {
@@ -202,7 +210,10 @@ static inline int are_limits(const real *limits, int size)
     return 1;
 }
 
-/* Whether each edge of the torque-speed curves has torque at rest, and takes from it with the speed; no NaN. */
+/*
+ * Whether each edge of the torque-speed curves has torque at rest, and takes from it with the
+ * speed; no NaN.
+ */
 static inline int are_curves(const model_inversion_limits *limits)
 {
     for (int i = 0; i < NM && limits->torque_speed != NULL; ++i) {
@@ -213,7 +224,8 @@ static inline int are_curves(const model_inversion_limits *limits)
                 return 0;
             }
         }
-        if (!(limits->torque_speed[((ptrdiff_t)i + 1) * limits->torque_speed_points * 2 - 2] > 0.0)) {
+        if (!(limits->torque_speed[((ptrdiff_t)i + 1) * limits->torque_speed_points * 2 - 2] >
+                0.0)) {
             return 0;
         }
     }
@@ -223,33 +235,44 @@ static inline int are_curves(const model_inversion_limits *limits)
 /* Whether all given limits are in their range. */
 static inline int are_in_range(const model_inversion_limits *l)
 {
-    return are_limits(l->torque_max, NM) && are_limits(l->speed_max, NM) && are_limits(l->deflection_max, NE) &&
-           are_limits(l->gear_torque_max, NG) && are_limits(l->torque_rate_max, NM) &&
-           are_limits(l->joint_speed_max, NG) && are_limits(l->joint_acceleration_max, NG) &&
-           l->tool_speed_max >= 0.0 && l->tool_acceleration_max >= 0.0 &&
+    return are_limits(l->torque_max, NM) && are_limits(l->speed_max, NM) &&
+           are_limits(l->deflection_max, NE) && are_limits(l->gear_torque_max, NG) &&
+           are_limits(l->torque_rate_max, NM) && are_limits(l->joint_speed_max, NG) &&
+           are_limits(l->joint_acceleration_max, NG) && l->tool_speed_max >= 0.0 &&
+           l->tool_acceleration_max >= 0.0 &&
            (l->torque_speed == NULL || (l->torque_speed_points >= 2 && are_curves(l)));
 }
 
 #endif /* MODEL_LIMITED */
 enum { QP_STEPS = 80 };
 
-static const real limit_margin = 1e-3;   /* margin of a limit for errors of the Jacobians, relative */
-static const real considered_from = 0.5; /* nodes below this part of a limit are not in the quadratic program */
+/* margin of a limit for errors of the Jacobians, relative */
+static const real limit_margin = 1e-3;
+/* nodes below this part of a limit are not in the quadratic program */
+static const real considered_from = 0.5;
 /* a change is refused beyond this factor times the largest deviation */
 static const real overshoot_factor = 1.5;
 /* part of a change that one update makes, so that errors of the Jacobians are corrected */
 static const real step_share = 0.2;
-static const real deviation_zero = PRECISE(1e-7, 1e-6);     /* m, rad: a smaller deviation is not reported */
-static const real deviation_decayed = PRECISE(1e-11, 1e-8); /* m, rad: a smaller deviation only decays */
-static const real deviation_removed = 1e-20;                /* m, rad: a smaller deviation becomes zero */
+/* m, rad: a smaller deviation is not reported */
+static const real deviation_zero = PRECISE(1e-7, 1e-6);
+/* m, rad: a smaller deviation only decays */
+static const real deviation_decayed = PRECISE(1e-11, 1e-8);
+/* m, rad: a smaller deviation becomes zero */
+static const real deviation_removed = 1e-20;
 /* weight of the input, and of the derivatives at the end, relative to the deviation */
 static const real smoothness_weight = 1e-1;
-static const real change_weight = 1e0; /* weight of a change of the input, against jumps from update to update */
-static const real limit_weight = 1e2;  /* weight of an exceeded limit, relative to a deviation of one */
+/* weight of a change of the input, against jumps from update to update */
+static const real change_weight = 1e0;
+/* weight of an exceeded limit, relative to a deviation of one */
+static const real limit_weight = 1e2;
 
 #if MODEL_BOUNDS
-/* Derivative of an order of output j at node k, with its deviation; T: time constant of the decay. */
-static inline real output_rate(const real *s, const limits_layout *l, ptrdiff_t k, int order, int j, real T)
+/*
+ * Derivative of an order of output j at node k, with its deviation; T: time constant of the decay.
+ */
+static inline real output_rate(
+    const real *s, const limits_layout *l, ptrdiff_t k, int order, int j, real T)
 {
     const real *plan = s + l->plan + k * REFERENCE, *x = s + l->deviation + k * DEVIATION;
     return plan[NT + (order - 1) * NY + j] + x[order * NY + j] / (order == 1 ? T : T * T);
@@ -274,20 +297,22 @@ static inline real tool_rate(const real *s, const limits_layout *l, ptrdiff_t k,
 }
 
 /*
- * All limited quantities at node k but deviations and motor speeds, relative to their limits; a: accelerations of the
- * gears, motor side. Rates are those without the friction, which changes at once where a motor reverses, whatever the
- * path, and without Fourier sums of the angle.
+ * All limited quantities at node k but deviations and motor speeds, relative to their limits; a:
+ * accelerations of the gears, motor side. Rates are those without the friction, which changes at
+ * once where a motor reverses, whatever the path, and without Fourier sums of the angle.
  */
-static inline void all_values(
-    real *s, const limits_layout *l, ptrdiff_t k, real h, real T, const real *a, const real *v_m, const real *tau_m)
+static inline void all_values(real *s, const limits_layout *l, ptrdiff_t k, real h, real T,
+    const real *a, const real *v_m, const real *tau_m)
 {
     const real *bound = s + l->bound, *tau = s + l->tau + k * NG;
-    real *value = s + l->value + k * BOUNDED, *torque = s + l->torque + k * NM, *edge = s + l->edge + k * 2 * NM;
+    real *value = s + l->value + k * BOUNDED, *torque = s + l->torque + k * NM,
+         *edge = s + l->edge + k * 2 * NM;
 #if MODEL_HARMONICS
     real by_speed;
 #endif /* MODEL_HARMONICS */
     for (int i = 0; i < NM; ++i) {
-        if (k > 0 || !is_finite(torque + i, 1)) { /* differences at node 0 are those of node 1: kept from before */
+        /* differences at node 0 are those of node 1: kept from before */
+        if (k > 0 || !is_finite(torque + i, 1)) {
             torque[i] = 0.0;
             for (int g = 0; g < NG; ++g) {
                 torque[i] += rotor_inertia[i] * eta[i][g] * a[g] + eta_inverse[g][i] * tau[g];
@@ -297,7 +322,8 @@ static inline void all_values(
         edge[2 * i + 1] = 0.0;
 #if MODEL_HARMONICS
         { /* the part of transmission errors rises with the square of the speed */
-            const real *most = s + l->swing + i * SWINGS, rise = 2.0 * rotor_inertia[i] * most[1] * most[4];
+            const real *most = s + l->swing + i * SWINGS,
+                       rise = 2.0 * rotor_inertia[i] * most[1] * most[4];
             by_speed = copysign_1(rise * v_m[i] / most[0], tau_m[i] * v_m[i]);
             edge[2 * i + 1] = by_speed / bound[i];
         }
@@ -309,13 +335,15 @@ static inline void all_values(
                 value[i] = tau_m[i] < 0.0 ? -used : used;
                 edge[2 * i] = 1.0 / curve[0];
 #if MODEL_HARMONICS
-                edge[2 * i + 1] = (by_speed + (tau_m[i] * v_m[i] < 0.0 ? -curve[1] : curve[1])) / curve[0];
+                edge[2 * i + 1] = (by_speed + (tau_m[i] * v_m[i] < 0.0 ? -curve[1] : curve[1])) /
+                                  curve[0];
 #else  /* MODEL_HARMONICS */
                 edge[2 * i + 1] = (tau_m[i] * v_m[i] < 0.0 ? -curve[1] : curve[1]) / curve[0];
 #endif /* MODEL_HARMONICS */
             }
         }
-        value[RATE_ROWS + i] = k > 0 ? (torque[i] - torque[i - NM]) / (h * bound[RATE_ROWS + i]) : 0.0;
+        value[RATE_ROWS + i] = k > 0 ? (torque[i] - torque[i - NM]) / (h * bound[RATE_ROWS + i]) :
+                                       0.0;
     }
     for (int i = 0; i < NG; ++i) {
         value[GEAR_ROWS + i] = s[l->tau + k * NG + i] / bound[GEAR_ROWS + i];
@@ -333,12 +361,14 @@ static inline void all_values(
 #endif /* MODEL_BOUNDS */
 #if MODEL_HARMONICS
 /*
- * The largest numbers of the Fourier sums of each motor over a turn: speed of the motor over that without transmission
- * error, acceleration over the square of that speed, change of the share of the load, cogging, and one over the gain.
+ * The largest numbers of the Fourier sums of each motor over a turn: speed of the motor over that
+ * without transmission error, acceleration over the square of that speed, change of the share of
+ * the load, cogging, and one over the gain.
  */
 static inline int find_swings(real *swing, real *space)
 {
-    real still[NM] = {0.0}, one[NM], w[NM], q_m[NM], v_m[NM], a_m[NM], share[NM], cogging[NM], gain[NM];
+    real still[NM] = {0.0}, one[NM], w[NM], q_m[NM], v_m[NM], a_m[NM], share[NM], cogging[NM],
+         gain[NM];
     for (int j = 0; j < NM; ++j) {
         one[j] = 1.0;
         set_zero(swing + j * SWINGS, SWINGS);
@@ -347,7 +377,8 @@ static inline int find_swings(real *swing, real *space)
         for (int j = 0; j < NM; ++j) {
             w[j] = PRECISE(6.283185307179586, 6.2831855) * (real)k / (real)HARMONIC_ANGLES;
         }
-        if (evaluate_motor_harmonics(w, one, still, q_m, v_m, a_m, share, cogging, gain, space) != MODEL_OK) {
+        if (evaluate_motor_harmonics(w, one, still, q_m, v_m, a_m, share, cogging, gain, space) !=
+            MODEL_OK) {
             return 0;
         }
         for (int j = 0; j < NM; ++j) {
@@ -361,9 +392,12 @@ static inline int find_swings(real *swing, real *space)
     return is_finite(swing, NM * SWINGS);
 }
 
-/* Speeds and torques of the motors, as `motors_of`, at the angles at which the Fourier sums make them the largest. */
-static inline int largest_motors(
-    const real *swing, const real *v, const real *a, const real *tau_g, real *v_m, real *tau_m, real *space)
+/*
+ * Speeds and torques of the motors, as `motors_of`, at the angles at which the Fourier sums make
+ * them the largest.
+ */
+static inline int largest_motors(const real *swing, const real *v, const real *a,
+    const real *tau_g, real *v_m, real *tau_m, real *space)
 {
     real friction[NM], load[NM], speed[NM], acceleration[NM];
     for (int j = 0; j < NM; ++j) {
@@ -386,7 +420,8 @@ static inline int largest_motors(
     for (int j = 0; j < NM; ++j) {
         const real *most = swing + j * SWINGS, J = rotor_inertia[j];
         const real mean = friction[j] + J * acceleration[j] + load[j];
-        const real turning = (most[0] - 1.0) * fabs_1(acceleration[j]) + most[1] * speed[j] * speed[j];
+        const real turning = (most[0] - 1.0) * fabs_1(acceleration[j]) +
+                             most[1] * speed[j] * speed[j];
         const real more = J * turning + most[2] * fabs_1(load[j]) + most[3];
         v_m[j] = most[0] * speed[j];
         tau_m[j] = copysign_1((fabs_1(mean) + more) * most[4], mean);
@@ -395,20 +430,26 @@ static inline int largest_motors(
 }
 
 #endif /* MODEL_HARMONICS */
-/* Motor torques and speeds at the nodes, relative to their limits, from motion and torques of the arm there. */
-static inline int motors_at_nodes(real *s, const limits_layout *l, ptrdiff_t N, real h, real *space)
+/*
+ * Motor torques and speeds at the nodes, relative to their limits, from motion and torques of the
+ * arm there.
+ */
+static inline int motors_at_nodes(
+    real *s, const limits_layout *l, ptrdiff_t N, real h, real *space)
 {
     const real equilibrium[NG] = {0.0};
     real stiffness[NG];
     if (!static_deflections(s + l->tau, N + 1, equilibrium, s + l->deflection, stiffness, space)) {
         return 0;
     }
-    for (ptrdiff_t k = 0; k <= N; ++k) { /* the first and the last node use the differences of their neighbors */
+    /* the first and the last node use the differences of their neighbors */
+    for (ptrdiff_t k = 0; k <= N; ++k) {
         const ptrdiff_t at = (k < 1 ? 1 : k > N - 1 ? N - 1 : k) * NG;
         const real *x = s + l->deflection + at;
         for (int i = 0; i < NG; ++i) {
             const real lag = lag_time(i, stiffness[i], space);
-            s[l->lagged + k * NG + i] = s[l->deflection + k * NG + i] - lag * (x[NG + i] - x[i - NG]) / (2.0 * h);
+            s[l->lagged + k * NG + i] = s[l->deflection + k * NG + i] -
+                                        lag * (x[NG + i] - x[i - NG]) / (2.0 * h);
         }
     }
     for (ptrdiff_t k = 0; k <= N; ++k) {
@@ -449,7 +490,10 @@ static inline int motors_at_nodes(real *s, const limits_layout *l, ptrdiff_t N, 
     return 1;
 }
 
-/* B2, B4, C1, C3 [row][output] at the instant that all points of `arm` hold, with the inverse of W there. */
+/*
+ * B2, B4, C1, C3 [row][output] at the instant that all points of `arm` hold, with the inverse of W
+ * there.
+ */
 typedef struct {
     real B2[NM][NY], B4[NM][NY], C1[NM][NY], C3[NM][NY];
 #if MODEL_BOUNDS
@@ -459,7 +503,9 @@ typedef struct {
 } jacobian_ahead;
 
 #if MODEL_NE > 0
-/* W: deflections in balance with the accelerations d'' of the output, K w + (M_eg J_g^-1) d'' = 0. */
+/*
+ * W: deflections in balance with the accelerations d'' of the output, K w + (M_eg J_g^-1) d'' = 0.
+ */
 static inline int deflections_at(problem_points *arm, real W[NE][NY], real *space)
 {
     real K[NE][NE + NY]; /* and right sides */
@@ -554,7 +600,8 @@ static inline int jacobian_at(
             real B2 = 0.0, B4 = 0.0, C1 = 0.0, C3 = 0.0;
             for (int i = 0; i < NG; ++i) {
                 const real deflected = U[i][j] + (gear_is_rigid[i] ? 0.0 : F[i][j] / stiffness[i]);
-                B2 += rotor_inertia[m] * eta[m][i] * arm->inverse[j][i][0] + eta_inverse[i][m] * F[i][j];
+                B2 += rotor_inertia[m] * eta[m][i] * arm->inverse[j][i][0] +
+                      eta_inverse[i][m] * F[i][j];
                 B4 += rotor_inertia[m] * eta[m][i] * deflected + eta_inverse[i][m] * G[i][j];
                 C1 += eta[m][i] * arm->inverse[j][i][0];
                 C3 += eta[m][i] * deflected;
@@ -585,15 +632,22 @@ static inline int jacobian_at(
 }
 
 #if MODEL_BOUNDS
-/* Effect of input b on a quantity with the part x of the derivative `order` of the output, and z of that two above. */
+/*
+ * Effect of input b on a quantity with the part x of the derivative `order` of the output, and z
+ * of that two above.
+ */
 static inline real effect_of(real x, real z, int order, const real *r, int b, real T)
 {
-    return (x * r[order * BLOCKS + b] + z * r[(order + 2) * BLOCKS + b] / (T * T)) / (order == 1 ? T : T * T);
+    return (x * r[order * BLOCKS + b] + z * r[(order + 2) * BLOCKS + b] / (T * T)) /
+           (order == 1 ? T : T * T);
 }
 
-/* Effect of input b of output j on limited quantity m of node k, where r is the response of the chain there. */
-static inline real effect_on(const real *s, const limits_layout *l, const jacobian_ahead *f, ptrdiff_t k, int m,
-    const real *r, int b, int j, real T, real h)
+/*
+ * Effect of input b of output j on limited quantity m of node k, where r is the response of the
+ * chain there.
+ */
+static inline real effect_on(const real *s, const limits_layout *l, const jacobian_ahead *f,
+    ptrdiff_t k, int m, const real *r, int b, int j, real T, real h)
 {
     const real *bound = s + l->bound, *edge = s + l->edge + k * 2 * NM;
     if (m < NM) {
@@ -623,7 +677,8 @@ static inline real effect_on(const real *s, const limits_layout *l, const jacobi
         const int order = 1 + m - TOOL_ROWS;
         const real rate = tool_rate(s, l, k, order, T);
         return j < POSITIONS && rate > 0.0 ?
-                   effect_of(output_rate(s, l, k, order, j, T) / rate, 0.0, order, r, b, T) / bound[m] :
+                   effect_of(output_rate(s, l, k, order, j, T) / rate, 0.0, order, r, b, T) /
+                       bound[m] :
                    0.0;
     }
     return m - MOTORS == j ? r[b] / bound[m] : 0.0;
@@ -631,16 +686,20 @@ static inline real effect_on(const real *s, const limits_layout *l, const jacobi
 
 #else /* MODEL_BOUNDS */
 /* Effect of the inputs on limited quantity m of a node, where r is the response of the chain. */
-static inline void fill_row(
-    const real *s, const limits_layout *l, const jacobian_ahead *f, int m, const real *r, int blocks, real T, real *A)
+static inline void fill_row(const real *s, const limits_layout *l, const jacobian_ahead *f, int m,
+    const real *r, int blocks, real T, real *A)
 {
     for (int b = 0; b < blocks; ++b) {
         for (int j = 0; j < NY; ++j) {
             real *to = A + b * NY + j;
             if (m < NM) {
-                *to = (f->B2[m][j] * r[2 * BLOCKS + b] + f->B4[m][j] * r[4 * BLOCKS + b] / (T * T)) / (T * T);
+                *to = (f->B2[m][j] * r[2 * BLOCKS + b] +
+                          f->B4[m][j] * r[4 * BLOCKS + b] / (T * T)) /
+                      (T * T);
             } else if (m < MOTORS) {
-                *to = (f->C1[m - NM][j] * r[BLOCKS + b] + f->C3[m - NM][j] * r[3 * BLOCKS + b] / (T * T)) / T;
+                *to = (f->C1[m - NM][j] * r[BLOCKS + b] +
+                          f->C3[m - NM][j] * r[3 * BLOCKS + b] / (T * T)) /
+                      T;
             } else {
                 *to = m - MOTORS == j ? r[b] / s[l->bound + m] : 0.0;
             }
@@ -657,8 +716,10 @@ static inline int change_deviation(
     const int blocks = left < BLOCKS ? (int)left : (int)BLOCKS, n = blocks * NY;
     const real tau = (real)DECAYS / (real)N;
     real *deviation = s + l->deviation, *response = s + l->response, *H = s + l->H, *g = s + l->g;
-    qp p = {n, 0, H, g, s + l->A, s + l->x, s + l->y, s + l->z, s + l->K, s + l->w, s + l->vv, s + l->b, 0.0};
-    for (int b = 0; b < blocks; ++b) { /* response of the chain at the nodes to a unit input in a block */
+    qp p = {n, 0, H, g, s + l->A, s + l->x, s + l->y, s + l->z, s + l->K, s + l->w, s + l->vv,
+        s + l->b, 0.0};
+    /* response of the chain at the nodes to a unit input in a block */
+    for (int b = 0; b < blocks; ++b) {
         for (ptrdiff_t k = 0; k <= N; ++k) {
             real *to = response + (k * CHAIN) * BLOCKS + b;
             const int in = k > fixed && (k - 1 - fixed) * blocks / left == b;
@@ -676,12 +737,15 @@ static inline int change_deviation(
     for (ptrdiff_t k = fixed + 1; k <= N; ++k) {
         const real *r = response + k * CHAIN * BLOCKS, *x = deviation + k * DEVIATION;
         for (int c = 0; c < CHAIN; ++c) {
-            const real weight = c == 0 ? 1.0 / (real)N : k == N ? 1.0 : smoothness_weight / (real)N;
+            const real weight = c == 0 ? 1.0 / (real)N :
+                                k == N ? 1.0 :
+                                         smoothness_weight / (real)N;
             for (int b = 0; b < blocks; ++b) {
                 for (int j = 0; j < NY; ++j) {
                     g[b * NY + j] += weight * r[c * BLOCKS + b] * x[c * NY + j];
                     for (int d = 0; d < blocks; ++d) {
-                        H[(b * NY + j) * n + d * NY + j] += weight * r[c * BLOCKS + b] * r[c * BLOCKS + d];
+                        H[(b * NY + j) * n + d * NY + j] += weight * r[c * BLOCKS + b] *
+                                                            r[c * BLOCKS + d];
                     }
                 }
             }
@@ -724,12 +788,14 @@ static inline int change_deviation(
         p.z[i] *= step_share;
     }
     p.rows = 0;
-    for (ptrdiff_t row = (fixed + 1) * BOUNDED; row < (N + 1) * BOUNDED; ++row) { /* as they were taken above */
+    /* as they were taken above */
+    for (ptrdiff_t row = (fixed + 1) * BOUNDED; row < (N + 1) * BOUNDED; ++row) {
         if (fabs_1(s[l->value + row]) > considered_from) {
             s[l->dual + row] = p.y[p.rows++];
         }
     }
-    for (ptrdiff_t k = fixed + 1; k <= N; ++k) { /* a soft limit may be exceeded, but a deviation not by much */
+    /* a soft limit may be exceeded, but a deviation not by much */
+    for (ptrdiff_t k = fixed + 1; k <= N; ++k) {
         for (int j = 0; j < NY; ++j) {
             real to = deviation[k * DEVIATION + j];
             for (int b = 0; b < blocks; ++b) {
@@ -745,7 +811,8 @@ static inline int change_deviation(
         for (int c = 0; c < CHAIN; ++c) {
             for (int j = 0; j < NY; ++j) {
                 for (int b = 0; b < blocks; ++b) {
-                    deviation[k * DEVIATION + c * NY + j] += response[(k * CHAIN + c) * BLOCKS + b] * p.z[b * NY + j];
+                    deviation[k * DEVIATION + c * NY + j] +=
+                        response[(k * CHAIN + c) * BLOCKS + b] * p.z[b * NY + j];
                 }
             }
         }

@@ -1,14 +1,15 @@
 /*
  * model: one Gauss-Newton step of the inversion over a mesh, a linear-quadratic problem; private.
  *
- * The unknowns are the accelerations a_e at the Gauss points of each interval, the control of the double integrator y =
- * (q_e, v_e). The step d minimizes
+ * The unknowns are the accelerations a_e at the Gauss points of each interval, the control of the
+ * double integrator y = (q_e, v_e). The step d minimizes
  *
- *     sum |(R + R_q dq + R_v dv + R_a da) / s_r|^2 + w (|y + dy - y_ref|^2 / s_y^2 + |da|^2 / s_a^2),   dy_0 = 0,
+ *     sum |(R + R_q dq + R_v dv + R_a da) / s_r|^2 + w (|y + dy - y_ref|^2 / s_y^2 + |da|^2 /
+ *       s_a^2),   dy_0 = 0,
  *
- * by a Riccati recursion with blocks of fixed size, w: the small `regularization`. y_ref is the present y or, on a
- * moving horizon, the quasi-static motion. The step is regular where R_a is singular; of all motions with R = 0 it
- * selects the bounded one.
+ * by a Riccati recursion with blocks of fixed size, w: the small `regularization`. y_ref is the
+ * present y or, on a moving horizon, the quasi-static motion. The step is regular where R_a is
+ * singular; of all motions with R = 0 it selects the bounded one.
  */
 #ifndef MODEL_LQ_STEP_H
 #define MODEL_LQ_STEP_H
@@ -27,27 +28,32 @@ enum {
 };
 
 /*
- * H[i][j] += sum_p weighed[p][i] rows[p][j], p < count, for i >= first and j >= i. Tiles of eight vectors, HIGH rows of
- * H and WIDE columns, stay in registers for all p: by name, as not all compilers unroll loops over arrays.
+ * H[i][j] += sum_p weighed[p][i] rows[p][j], p < count, for i >= first and j >= i. Tiles of eight
+ * vectors, HIGH rows of H and WIDE columns, stay in registers for all p: by name, as not all
+ * compilers unroll loops over arrays.
  */
 #if LANES == BLOCK
 #define HIGH 8
-#define TILE(DO) DO(0, 0, 0) DO(1, 1, 0) DO(2, 2, 0) DO(3, 3, 0) DO(4, 4, 0) DO(5, 5, 0) DO(6, 6, 0) DO(7, 7, 0)
+#define TILE(DO) \
+    DO(0, 0, 0) DO(1, 1, 0) DO(2, 2, 0) DO(3, 3, 0) DO(4, 4, 0) DO(5, 5, 0) DO(6, 6, 0) DO(7, 7, 0)
 #define TILE_ROWS(DO) DO(0) DO(1) DO(2) DO(3) DO(4) DO(5) DO(6) DO(7)
 #define TILE_VECTORS(DO) DO(0)
 #elif 2 * LANES == BLOCK
 #define HIGH 4
-#define TILE(DO) DO(0, 0, 0) DO(1, 0, 1) DO(2, 1, 0) DO(3, 1, 1) DO(4, 2, 0) DO(5, 2, 1) DO(6, 3, 0) DO(7, 3, 1)
+#define TILE(DO) \
+    DO(0, 0, 0) DO(1, 0, 1) DO(2, 1, 0) DO(3, 1, 1) DO(4, 2, 0) DO(5, 2, 1) DO(6, 3, 0) DO(7, 3, 1)
 #define TILE_ROWS(DO) DO(0) DO(1) DO(2) DO(3)
 #define TILE_VECTORS(DO) DO(0) DO(1)
 #elif 4 * LANES == BLOCK
 #define HIGH 2
-#define TILE(DO) DO(0, 0, 0) DO(1, 0, 1) DO(2, 0, 2) DO(3, 0, 3) DO(4, 1, 0) DO(5, 1, 1) DO(6, 1, 2) DO(7, 1, 3)
+#define TILE(DO) \
+    DO(0, 0, 0) DO(1, 0, 1) DO(2, 0, 2) DO(3, 0, 3) DO(4, 1, 0) DO(5, 1, 1) DO(6, 1, 2) DO(7, 1, 3)
 #define TILE_ROWS(DO) DO(0) DO(1)
 #define TILE_VECTORS(DO) DO(0) DO(1) DO(2) DO(3)
 #else
 #define HIGH 1
-#define TILE(DO) DO(0, 0, 0) DO(1, 0, 1) DO(2, 0, 2) DO(3, 0, 3) DO(4, 0, 4) DO(5, 0, 5) DO(6, 0, 6) DO(7, 0, 7)
+#define TILE(DO) \
+    DO(0, 0, 0) DO(1, 0, 1) DO(2, 0, 2) DO(3, 0, 3) DO(4, 0, 4) DO(5, 0, 5) DO(6, 0, 6) DO(7, 0, 7)
 #define TILE_ROWS(DO) DO(0)
 #define TILE_VECTORS(DO) DO(0) DO(1) DO(2) DO(3) DO(4) DO(5) DO(6) DO(7)
 #endif
@@ -58,8 +64,8 @@ enum {
 #define TILE_ADD(k, a, b) sum##k += w##a * x##b;
 #define TILE_STORE(k, a, b) store_v(H + (i + a) * WIDTH + j + b * LANES, sum##k);
 
-static inline void add_outer_products(
-    real *RESTRICT H, const real *RESTRICT rows, const real *RESTRICT weighed, int count, int first)
+static inline void add_outer_products(real *RESTRICT H, const real *RESTRICT rows,
+    const real *RESTRICT weighed, int count, int first)
 {
     int i = first;
     while (i < COLUMNS - 1) {
@@ -112,7 +118,8 @@ enum {
     TRIPLE = 3 * NE,           /* rows of K, D and A, one after the other */
     POINT = NE * (TRIPLE + 1), /* NE triples, then R */
     GROUP_SIZE = GROUP_POINTS * POINT,
-    REST_SIZE = STAGES * POINT + COLUMNS * WIDTH, /* of an equilibrium: points of an interval, sum over its rows */
+    /* of an equilibrium: points of an interval, sum over its rows */
+    REST_SIZE = STAGES * POINT + COLUMNS * WIDTH,
     POINTS_SIZE = GROUP_SIZE > REST_SIZE ? GROUP_SIZE : REST_SIZE
 };
 
@@ -122,8 +129,10 @@ static const real scale_a = 1e3;  /* rad/s^2 or m/s^2 */
 static const real regularization = PRECISE(1e-12, 1e-5);
 /* smallest cost to go that counts: a thousand times that of the regularization */
 static const real negligible_cost = PRECISE(1e-9, 1e-4);
-/* costs above the first are those of unstable motions; their largest relative change in a sweep where all intervals
-   after a path can have their factor */
+/*
+ * costs above the first are those of unstable motions; their largest relative change in a sweep
+ * where all intervals after a path can have their factor
+ */
 static const real counted_cost = PRECISE(1e-7, 1e-3), converged_cost = PRECISE(1e-7, 1e-3);
 
 /* Memory of a step. */
@@ -153,8 +162,8 @@ static inline void keep_point(mesh *m, const problem_points *arm, int l, ptrdiff
 }
 
 /*
- * Residuals and Jacobians at the Gauss points of `count` intervals, POINT numbers for each: of first and the following
- * ones, or of those in `list`, whose numbers go to their slots.
+ * Residuals and Jacobians at the Gauss points of `count` intervals, POINT numbers for each: of
+ * first and the following ones, or of those in `list`, whose numbers go to their slots.
  */
 static inline int evaluate_group(
     mesh *m, int first, const int *list, int count, real *points_out, lq_space *w, real *space)
@@ -175,15 +184,19 @@ static inline int evaluate_group(
             return status;
         }
         for (int l = 0; l < used; ++l) {
-            const ptrdiff_t to = list != NULL ? slot_of(m, which[l] / STAGES) * STAGES + which[l] % STAGES :
-                                                (ptrdiff_t)at + l;
+            const ptrdiff_t to = list != NULL ?
+                                     slot_of(m, which[l] / STAGES) * STAGES + which[l] % STAGES :
+                                     (ptrdiff_t)at + l;
             keep_point(m, &w->arm, l, which[l], points_out + to * POINT);
         }
     }
     return MODEL_OK;
 }
 
-/* The same for the residuals of POINTS Gauss points from `at` on, without Jacobians; see `evaluate_residual`. */
+/*
+ * The same for the residuals of POINTS Gauss points from `at` on, without Jacobians; see
+ * `evaluate_residual`.
+ */
 static inline int evaluate_residual_at(mesh *m, int at, real *rows, lq_space *w, real *space)
 {
     problem_points *arm = &w->arm;
@@ -215,8 +228,8 @@ static inline int evaluate_residual_at(mesh *m, int at, real *rows, lq_space *w,
 }
 
 /*
- * The largest residual at all Gauss points, without Jacobians; the joints are updated. rows: NE residuals of each
- * point; not written if null.
+ * The largest residual at all Gauss points, without Jacobians; the joints are updated. rows: NE
+ * residuals of each point; not written if null.
  */
 static inline int evaluate_residual(mesh *m, real *rows, lq_space *w, real *space)
 {
@@ -231,13 +244,16 @@ static inline int evaluate_residual(mesh *m, real *rows, lq_space *w, real *spac
     return MODEL_OK;
 }
 
-/* A row of J: `weights` times the rows of K, D and A; a vector may write beyond them, where the next block follows. */
+/*
+ * A row of J: `weights` times the rows of K, D and A; a vector may write beyond them, where the
+ * next block follows.
+ */
 static inline void add_up_triple(const real *triple, const real *weights, real *row)
 {
     const lanes of_K = splat_v(weights[0]), of_D = splat_v(weights[1]), of_A = splat_v(weights[2]);
     for (int j = 0; j < NE; j += LANES) {
-        store_v(
-            row + j, of_K * load_v(triple + j) + of_D * load_v(triple + NE + j) + of_A * load_v(triple + 2 * NE + j));
+        store_v(row + j, of_K * load_v(triple + j) + of_D * load_v(triple + NE + j) +
+                             of_A * load_v(triple + 2 * NE + j));
     }
 }
 
@@ -256,7 +272,9 @@ static inline void stage_weights(real h, int s, int t, real *once, real *twice)
     *twice *= h * h * scale_a;
 }
 
-/* Rows of the linearized residuals of one interval, in scaled unknowns (a, q, v) and right side. */
+/*
+ * Rows of the linearized residuals of one interval, in scaled unknowns (a, q, v) and right side.
+ */
 static inline void interval_rows(const mesh *m, const real *point, real *J)
 {
     const real h = m->h;
@@ -346,7 +364,10 @@ static inline void add_cost_to_go(const mesh *m, int k, const lq_space *w, real 
     }
 }
 
-/* Eliminate the controls: H is left with the cost to go of the node; 0 where it is not positive definite. */
+/*
+ * Eliminate the controls: H is left with the cost to go of the node; 0 where it is not positive
+ * definite.
+ */
 static inline int eliminate(real *RESTRICT H, real *RESTRICT factor)
 {
     real weighed[PANEL * WIDTH];
@@ -378,7 +399,10 @@ static inline int eliminate(real *RESTRICT H, real *RESTRICT factor)
     return 1;
 }
 
-/* The factor of interval k, whose rows are in J, and the cost to go of its first node instead of that of its last. */
+/*
+ * The factor of interval k, whose rows are in J, and the cost to go of its first node instead of
+ * that of its last.
+ */
 static inline int factor_interval(const mesh *m, int k, lq_space *w, real *factor)
 {
     add_cost_to_go(m, k, w, w->H);
@@ -397,8 +421,8 @@ static inline int factor_interval(const mesh *m, int k, lq_space *w, real *facto
 }
 
 /*
- * The factors of the intervals before `last`, backwards, from the cost to go of its first node. kept: what
- * `evaluate_group` gives for all of them; NULL: it is not kept.
+ * The factors of the intervals before `last`, backwards, from the cost to go of its first node.
+ * kept: what `evaluate_group` gives for all of them; NULL: it is not kept.
  */
 static inline int lq_factor_before(mesh *m, int last, real *kept, lq_space *w, real *space)
 {
@@ -421,7 +445,9 @@ static inline int lq_factor_before(mesh *m, int last, real *kept, lq_space *w, r
     return is_finite(w->p, STATES) ? MODEL_OK : MODEL_NOT_CONVERGED;
 }
 
-/* The factors of the intervals from `first` to the last one, which all have the same data `point`. */
+/*
+ * The factors of the intervals from `first` to the last one, which all have the same data `point`.
+ */
 static inline int lq_factor_alike(mesh *m, int first, const real *point, lq_space *w)
 {
     real *H = w->point + STAGES * POINT; /* sum over the rows of J */
@@ -450,7 +476,10 @@ static inline int lq_factor(mesh *m, lq_space *w, real *space)
     return lq_factor_before(m, m->N, NULL, w, space);
 }
 
-/* Pivots of the elimination of the cost P: a small cost that large ones hide on the diagonal of P is seen in them. */
+/*
+ * Pivots of the elimination of the cost P: a small cost that large ones hide on the diagonal of P
+ * is seen in them.
+ */
 static inline void cost_pivots(const real *P, real *pivots)
 {
     real L[STATES][STATES];
@@ -475,13 +504,15 @@ typedef struct {
 } cost_growth;
 
 /*
- * Whether the cost has converged: no diagonal entry of P changes by more than the share `change`, and no pivot by more
- * than that and by more than in the sweep before. The cost of a stable motion grows less and less; that of an unstable
- * one grows exponentially until it is large, for long where the intervals are short. exact_too: no pivot that counts
- * changes by more than `converged_cost`, or by rounding, of a cost that larger ones hide: more intervals cannot cost
+ * Whether the cost has converged: no diagonal entry of P changes by more than the share `change`,
+ * and no pivot by more than that and by more than in the sweep before. The cost of a stable motion
+ * grows less and less; that of an unstable one grows exponentially until it is large, for long
+ * where the intervals are short. exact_too: no pivot that counts changes by more than
+ * `converged_cost`, or by rounding, of a cost that larger ones hide: more intervals cannot cost
  * less, so that a pivot shrinks by rounding only.
  */
-static inline int is_stationary(const real *P, const real *before, real change, cost_growth *g, int *exact_too)
+static inline int is_stationary(
+    const real *P, const real *before, real change, cost_growth *g, int *exact_too)
 {
     int settled = 1;
     real pivots[STATES];
@@ -489,11 +520,12 @@ static inline int is_stationary(const real *P, const real *before, real change, 
     *exact_too = 1;
     for (int i = 0; i < STATES; ++i) {
         const real added = pivots[i] - g->pivots[i];
-        settled = settled && fabs_1(P[i * (STATES + 1)] - before[i * (STATES + 1)]) <= change * P[i * (STATES + 1)];
+        settled = settled && fabs_1(P[i * (STATES + 1)] - before[i * (STATES + 1)]) <=
+                                 change * P[i * (STATES + 1)];
         settled = settled && !(added > change * pivots[i] && added > g->added[i]);
-        *exact_too = *exact_too &&
-                     (pivots[i] <= counted_cost ||
-                         (added <= converged_cost * pivots[i] && added >= -fmax_1(change, converged_cost) * pivots[i]));
+        *exact_too = *exact_too && (pivots[i] <= counted_cost ||
+                                       (added <= converged_cost * pivots[i] &&
+                                           added >= -fmax_1(change, converged_cost) * pivots[i]));
         g->pivots[i] = pivots[i];
         g->added[i] = added;
     }
@@ -501,18 +533,21 @@ static inline int is_stationary(const real *P, const real *before, real change, 
 }
 
 /*
- * The cost to go of an endless equilibrium: close to zero for stable motions, large for unstable ones; by sweeps over
- * `intervals` intervals like the first one of the mesh `hold`, from a multiple `initial` of the unit matrix. It is the
- * only condition at the end of a horizon. The sweeps end where it has converged to the share `change` and, where they
- * get there in MORE_SWEEPS, exactly, or after `sweeps`. Left are the data of the interval in w->point and its factor in
- * hold->factor. is_exact: whether all intervals of an endless equilibrium can have this factor.
+ * The cost to go of an endless equilibrium: close to zero for stable motions, large for unstable
+ * ones; by sweeps over `intervals` intervals like the first one of the mesh `hold`, from a
+ * multiple `initial` of the unit matrix. It is the only condition at the end of a horizon. The
+ * sweeps end where it has converged to the share `change` and, where they get there in
+ * MORE_SWEEPS, exactly, or after `sweeps`. Left are the data of the interval in w->point and its
+ * factor in hold->factor. is_exact: whether all intervals of an endless equilibrium can have this
+ * factor.
  */
-static inline int lq_stationary_cost(mesh *hold, int intervals, int sweeps, real initial, real change, lq_space *w,
-    real *space, real *cost, int *is_exact)
+static inline int lq_stationary_cost(mesh *hold, int intervals, int sweeps, real initial,
+    real change, lq_space *w, real *space, real *cost, int *is_exact)
 {
     cost_growth growth = {{0.0}, {0.0}};
     int settled_since = 0;
-    real *H = w->point + STAGES * POINT; /* sum over the rows of J; the space of other points is free */
+    /* sum over the rows of J; the space of other points is free */
+    real *H = w->point + STAGES * POINT;
     int status;
     begin_points(&w->arm);
     status = evaluate_group(hold, 0, NULL, 1, w->point, w, space);
@@ -546,7 +581,10 @@ static inline int lq_stationary_cost(mesh *hold, int intervals, int sweeps, real
     return MODEL_OK;
 }
 
-/* The sum of n products, in BLOCK parts that do not depend on the width of a vector; n: a multiple of BLOCK. */
+/*
+ * The sum of n products, in BLOCK parts that do not depend on the width of a vector; n: a multiple
+ * of BLOCK.
+ */
 static inline real inner_product(const real *a, const real *b, int n)
 {
     real sums[BLOCK];
@@ -571,22 +609,25 @@ static inline real inner_product(const real *a, const real *b, int n)
 }
 
 /*
- * The controls of an interval at a state, both scaled: x holds 0 (CONTROLS), the state (STATES), 1, and zeros up to
- * WIDTH; without the 1 it is the response to the state alone. The controls take the place of the first zeros. Right
- * sides: the last column of the factor or, where given, `linear`.
+ * The controls of an interval at a state, both scaled: x holds 0 (CONTROLS), the state (STATES),
+ * 1, and zeros up to WIDTH; without the 1 it is the response to the state alone. The controls take
+ * the place of the first zeros. Right sides: the last column of the factor or, where given,
+ * `linear`.
  */
 static inline void lq_controls(const real *factor, const real *linear, real *x)
 {
     for (int end = (CONTROLS + BLOCK - 1) / BLOCK * BLOCK; end > 0; end -= BLOCK) {
         const int last = end < CONTROLS ? end : CONTROLS;
-        real sums[BLOCK]; /* of what is known, for a block of rows that do not wait for each other */
+        /* of what is known, for a block of rows that do not wait for each other */
+        real sums[BLOCK];
         for (int i = end - BLOCK; i < last; ++i) {
             sums[i - end + BLOCK] = inner_product(factor + i * WIDTH + end, x + end, WIDTH - end);
         }
         for (int i = last - 1; i >= end - BLOCK; --i) {
             const real *row = factor + i * WIDTH;
             real sum = sums[i - end + BLOCK] + (linear != NULL ? linear[i] : 0.0);
-            for (int j = end - 1; j > i; --j) { /* what has just been found comes last: less waits for it */
+            /* what has just been found comes last: less waits for it */
+            for (int j = end - 1; j > i; --j) {
                 sum += row[j] * x[j];
             }
             x[i] = sum * row[i];
@@ -594,17 +635,23 @@ static inline void lq_controls(const real *factor, const real *linear, real *x)
     }
 }
 
-/* Data of the linear terms of a step, in addition to the factors; `slot_of` gives the number of an interval. */
+/*
+ * Data of the linear terms of a step, in addition to the factors; `slot_of` gives the number of an
+ * interval.
+ */
 typedef struct {
-    const real *point;         /* varying x STAGES x POINT: K, D, A of the factors, and BLOCK more */
-    const real *steady_point;  /* STAGES x POINT, and BLOCK more: of the intervals that do not vary, if any */
+    /* varying x STAGES x POINT: K, D, A of the factors, and BLOCK more */
+    const real *point;
+    /* STAGES x POINT, and BLOCK more: of the intervals that do not vary, if any */
+    const real *steady_point;
     const real *steady_factor; /* CONTROLS x WIDTH: of the intervals without one of their own */
     real *row;                 /* N x STAGES x NE: residuals */
     real *linear;              /* N x CONTROLS: right sides of the factors */
 #if MODEL_FORCE
-    int own;       /* so many of the first factors have right sides of their own */
-    real response; /* size of the response to a force that the first guess of the motion has; 0: there is none */
-#endif             /* MODEL_FORCE */
+    int own; /* so many of the first factors have right sides of their own */
+    /* size of the response to a force that the first guess of the motion has; 0: there is none */
+    real response;
+#endif /* MODEL_FORCE */
 } lq_data;
 
 /* The factor of interval k. */
@@ -619,7 +666,8 @@ typedef struct {
 } pair_weights;
 
 /* J' R of an interval in its scaled unknowns. */
-static inline void lq_gradient(const pair_weights *weights, const real *point, const real *row, real h, real *g)
+static inline void lq_gradient(
+    const pair_weights *weights, const real *point, const real *row, real h, real *g)
 {
     set_zero(g, WIDTH);
     for (int s = 0; s < STAGES; ++s) {
@@ -644,7 +692,10 @@ static inline void lq_gradient(const pair_weights *weights, const real *point, c
     }
 }
 
-/* What `eliminate` does with the last column, to g; by blocks of rows, as each waits for those before it. */
+/*
+ * What `eliminate` does with the last column, to g; by blocks of rows, as each waits for those
+ * before it.
+ */
 static inline void eliminate_column(const real *factor, real *g)
 {
     for (int begin = 0; begin < CONTROLS; begin += BLOCK) {
@@ -684,12 +735,14 @@ static inline int lq_linear(const mesh *m, const lq_data *c)
     for (int i = 0; i < STATES; ++i) {
         p[i] = 0.0;
         for (int j = 0; j < STATES; ++j) {
-            const real off = m->target_state != NULL ? target_distance(m, m->N, j) :
-                                                       (end[j] - m->equilibrium[j]) / (j < NE ? scale_q : scale_v);
+            const real off = m->target_state != NULL ?
+                                 target_distance(m, m->N, j) :
+                                 (end[j] - m->equilibrium[j]) / (j < NE ? scale_q : scale_v);
             p[i] += m->end[i * STATES + j] * off;
         }
     }
-    still = m->target_state == NULL && largest(p, STATES) == 0.0; /* there is nothing to correct so far */
+    /* there is nothing to correct so far */
+    still = m->target_state == NULL && largest(p, STATES) == 0.0;
     for (ptrdiff_t k = m->N - 1; k >= 0; --k) {
         const real *factor = factor_of(m, c, k);
         real g[WIDTH];
@@ -700,7 +753,8 @@ static inline int lq_linear(const mesh *m, const lq_data *c)
             }
             continue;
         }
-        lq_gradient(&weights, k < m->varying ? c->point + slot_of(m, k) * STAGES * POINT : c->steady_point,
+        lq_gradient(&weights,
+            k < m->varying ? c->point + slot_of(m, k) * STAGES * POINT : c->steady_point,
             c->row + k * STAGES * NE, h, g);
         for (int i = 0; i < NE; ++i) {
             for (int s = 0; s < STAGES; ++s) {
@@ -728,9 +782,10 @@ static inline void lq_state(const real *d, real forced, real *x)
 }
 
 /*
- * Preview: number of intervals after which a change of the path changes the present motion by less than `share` of
- * itself. The cost to go P of a state d measures its unstable part: sqrt(d' P d) after k intervals, relative to its
- * initial value. N + 1 where the mesh is too short. most: memory of N + 1 numbers.
+ * Preview: number of intervals after which a change of the path changes the present motion by less
+ * than `share` of itself. The cost to go P of a state d measures its unstable part: sqrt(d' P d)
+ * after k intervals, relative to its initial value. N + 1 where the mesh is too short. most:
+ * memory of N + 1 numbers.
  */
 static inline int lq_preview(const mesh *m, const real *P, real felt, real *most)
 {
@@ -772,10 +827,11 @@ static inline int lq_preview(const mesh *m, const real *P, real felt, real *most
 }
 
 /*
- * The step in interval k, from the change d of its first node, scaled; d becomes that of its last node. Returned: its
- * largest scaled control.
+ * The step in interval k, from the change d of its first node, scaled; d becomes that of its last
+ * node. Returned: its largest scaled control.
  */
-static inline real step_interval(mesh *m, ptrdiff_t k, const real *factor, const real *linear, real d[STATES])
+static inline real step_interval(
+    mesh *m, ptrdiff_t k, const real *factor, const real *linear, real d[STATES])
 {
     real *a = m->a + k * CONTROLS, *y = m->y + k * STATES;
     real x[WIDTH], dy[STATES], da[CONTROLS], next[STATES];
@@ -821,7 +877,10 @@ static inline void lq_step(mesh *m, real d[STATES])
     step_last_node(m, d);
 }
 
-/* The step itself, forwards, by factors and right sides; its largest scaled control. d: as in `lq_step`. */
+/*
+ * The step itself, forwards, by factors and right sides; its largest scaled control. d: as in
+ * `lq_step`.
+ */
 static inline real lq_data_step(mesh *m, const lq_data *c, real d[STATES])
 {
     real most = 0.0;

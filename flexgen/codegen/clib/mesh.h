@@ -17,21 +17,28 @@ enum {
 
 /* Mesh and unknowns; all arrays belong to the caller. */
 typedef struct {
-    int N;                   /* intervals */
-    int varying;             /* the intervals after so many are all at the end of the path, at rest */
-    int factored;            /* so many have a factor of their own; the others share that of an endless equilibrium */
-    real h;                  /* their length */
-    real *y;                 /* (N + 1) x STATES: at the nodes */
-    real *a;                 /* N x STAGES x NE */
-    real *q_g;               /* N x STAGES x NG: at the Gauss points */
-    real *reference;         /* N x STAGES x REFERENCE: the path there */
-    real *target_state;      /* (N + 1) x STATES: targets of the nodes; NULL: their present states */
-    const real *equilibrium; /* STATES: target of the last node where target_state is NULL; NULL: its present state */
-    real *factor;            /* N x CONTROLS x WIDTH: rows of the elimination, pivots inverted on the diagonal */
-    int base;                /* where the factors begin: that of interval k is number (base + k) modulo N */
-    real *scale;             /* NE: torque of a row */
-    const real *end;         /* STATES x STATES: weight of the last node; NULL: the regularization */
-    real residual;           /* out: largest |R / s_r| */
+    int N; /* intervals */
+    /* the intervals after so many are all at the end of the path, at rest */
+    int varying;
+    /* so many have a factor of their own; the others share that of an endless equilibrium */
+    int factored;
+    real h;          /* their length */
+    real *y;         /* (N + 1) x STATES: at the nodes */
+    real *a;         /* N x STAGES x NE */
+    real *q_g;       /* N x STAGES x NG: at the Gauss points */
+    real *reference; /* N x STAGES x REFERENCE: the path there */
+    /* (N + 1) x STATES: targets of the nodes; NULL: their present states */
+    real *target_state;
+    /* STATES: target of the last node where target_state is NULL; NULL: its present state */
+    const real *equilibrium;
+    /* N x CONTROLS x WIDTH: rows of the elimination, pivots inverted on the diagonal */
+    real *factor;
+    /* where the factors begin: that of interval k is number (base + k) modulo N */
+    int base;
+    real *scale; /* NE: torque of a row */
+    /* STATES x STATES: weight of the last node; NULL: the regularization */
+    const real *end;
+    real residual; /* out: largest |R / s_r| */
 } mesh;
 
 /* Number of what is stored for interval k. */
@@ -41,7 +48,10 @@ static inline ptrdiff_t slot_of(const mesh *m, ptrdiff_t k)
     return at < m->N ? at : at - m->N;
 }
 
-/* Coordinates and speeds at a Gauss point from the node before and the accelerations of the interval. */
+/*
+ * Coordinates and speeds at a Gauss point from the node before and the accelerations of the
+ * interval.
+ */
 static inline void stage_state(const real *y, const real *a, real h, int s, real *q, real *v)
 {
     for (int i = 0; i < NE; ++i) {
@@ -78,8 +88,8 @@ static inline void next_node(const real *y, const real *a, real h, real *next)
 }
 
 /*
- * The motion from rest at the first node to rest at q_end (NE) at the last varying one, by a polynomial of degree five
- * of the time; at rest from there on.
+ * The motion from rest at the first node to rest at q_end (NE) at the last varying one, by a
+ * polynomial of degree five of the time; at rest from there on.
  */
 static inline void move_smoothly(mesh *m, const real *q_end)
 {
@@ -92,7 +102,9 @@ static inline void move_smoothly(mesh *m, const real *q_end)
         real *y = m->y + k * STATES, *a = m->a + k * CONTROLS;
         for (int s = 0; s < STAGES; ++s) {
             const real x = ((real)k + gauss_c[s]) / (real)m->varying;
-            const real bend = k < m->varying ? 60.0 * x * (1.0 - x) * (1.0 - 2.0 * x) / (whole * whole) : 0.0;
+            const real bend = k < m->varying ?
+                                  60.0 * x * (1.0 - x) * (1.0 - 2.0 * x) / (whole * whole) :
+                                  0.0;
             for (int i = 0; i < NE; ++i) {
                 a[s * NE + i] = bend * (q_end[i] - q_start[i]);
             }
@@ -146,13 +158,15 @@ static inline void bump(real x, int k, real out[3])
 }
 
 /*
- * Coordinates in an interval: the polynomial with value, two derivatives at its nodes and a_e at its Gauss points. It
- * is linear in y1 - y0, v0, v1, a0, a1 and the accelerations at the Gauss points.
+ * Coordinates in an interval: the polynomial with value, two derivatives at its nodes and a_e at
+ * its Gauss points. It is linear in y1 - y0, v0, v1, a0, a1 and the accelerations at the Gauss
+ * points.
  */
 enum { TERMS = 5 + STAGES };
 
 typedef struct {
-    real bumps[STAGES][TERMS]; /* what each of them adds of each bump, for an interval of length 1 */
+    /* what each of them adds of each bump, for an interval of length 1 */
+    real bumps[STAGES][TERMS];
 } interpolant;
 
 /* The quintic of one of its terms: value and two derivatives at x. */
@@ -176,7 +190,8 @@ MODEL_INLINE void prepare(interpolant *f)
             bump(gauss_c[i], j, out);
             a[i][j] = out[2];
         }
-        for (int term = 0; term < TERMS; ++term) { /* what the quintic misses at the Gauss points */
+        /* what the quintic misses at the Gauss points */
+        for (int term = 0; term < TERMS; ++term) {
             quintic_term(term, gauss_c[i], out);
             a[i][STAGES + term] = (term == 5 + i ? 1.0 : 0.0) - out[2];
         }
@@ -187,10 +202,14 @@ MODEL_INLINE void prepare(interpolant *f)
     }
 }
 
-/* Weights of the terms in value, speed and acceleration at x, 0 <= x <= 1, of an interval of length h. */
+/*
+ * Weights of the terms in value, speed and acceleration at x, 0 <= x <= 1, of an interval of
+ * length h.
+ */
 MODEL_INLINE void weights_at(const interpolant *f, real h, real x, real weight[3 * TERMS])
 {
-    static const int power[TERMS] = {0, 1, 1, 2, 2, 2, 2, 2}; /* of h that makes a term a position */
+    /* of h that makes a term a position */
+    static const int power[TERMS] = {0, 1, 1, 2, 2, 2, 2, 2};
     real bumps[STAGES][3];
     for (int i = 0; i < STAGES; ++i) {
         bump(x, i, bumps[i]);
@@ -213,7 +232,10 @@ MODEL_INLINE void weights_at(const interpolant *f, real h, real x, real weight[3
     }
 }
 
-/* Accelerations at the nodes: the polynomial through the Gauss points on both sides; zero at the first node. */
+/*
+ * Accelerations at the nodes: the polynomial through the Gauss points on both sides; zero at the
+ * first node.
+ */
 static inline void nodal_accelerations(const mesh *m, real *a_node)
 {
     real weight[2 * STAGES], end[STAGES];
@@ -244,7 +266,8 @@ static inline void nodal_accelerations(const mesh *m, real *a_node)
                 if (k == m->N) {
                     sum += end[s] * left[s * NE + i];
                 } else {
-                    sum += (k > 0 ? weight[s] * left[s * NE + i] : 0.0) + weight[STAGES + s] * right[s * NE + i];
+                    sum += (k > 0 ? weight[s] * left[s * NE + i] : 0.0) +
+                           weight[STAGES + s] * right[s * NE + i];
                 }
             }
             a_node[(ptrdiff_t)k * NE + i] = k == 0 ? 0.0 : sum;
@@ -253,8 +276,9 @@ static inline void nodal_accelerations(const mesh *m, real *a_node)
 }
 
 /*
- * Joints between the Gauss points of two intervals: the polynomial through all of them. Its weights in value, velocity
- * and acceleration at x, -1 <= x <= 1, intervals of length h before and after 0.
+ * Joints between the Gauss points of two intervals: the polynomial through all of them. Its
+ * weights in value, velocity and acceleration at x, -1 <= x <= 1, intervals of length h before and
+ * after 0.
  */
 enum { JOINTS = 2 * STAGES };
 
@@ -280,8 +304,12 @@ static inline void joint_weights_at(real h, real x, real weight[3 * JOINTS])
     }
 }
 
-/* A guess of the joints into point l, from those at the Gauss points of two intervals by these weights. */
-static inline void load_joints_between(const real *q_g, const real *weight, problem_points *arm, int l)
+/*
+ * A guess of the joints into point l, from those at the Gauss points of two intervals by these
+ * weights.
+ */
+static inline void load_joints_between(
+    const real *q_g, const real *weight, problem_points *arm, int l)
 {
     for (int begin = 0; begin < NG; begin += LANES) { /* a vector may read beyond them */
         real out[3][LANES];
@@ -300,9 +328,12 @@ static inline void load_joints_between(const real *q_g, const real *weight, prob
     }
 }
 
-/* Unactuated coordinates, velocities and accelerations where an interval has these weights, into point l. */
-static inline void load_between(
-    const mesh *m, const real *a_node, const real *weight, ptrdiff_t interval, problem_points *arm, int l)
+/*
+ * Unactuated coordinates, velocities and accelerations where an interval has these weights, into
+ * point l.
+ */
+static inline void load_between(const mesh *m, const real *a_node, const real *weight,
+    ptrdiff_t interval, problem_points *arm, int l)
 {
     const real *y0 = m->y + interval * STATES, *y1 = y0 + STATES;
     const real *a0 = a_node + interval * NE, *a1 = a0 + NE, *a = m->a + interval * CONTROLS;

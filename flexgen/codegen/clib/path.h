@@ -1,5 +1,6 @@
 /*
- * model: the path that the output follows: samples, interpolation between them, and small rotations; private.
+ * model: the path that the output follows: samples, interpolation between them, and small
+ * rotations; private.
  */
 #ifndef MODEL_PATH_H
 #define MODEL_PATH_H
@@ -26,8 +27,9 @@ static inline void quintic(real x, const real left[3], const real right[3], real
 }
 
 /*
- * A coordinate between two samples of value, rate times T and second derivative times T^2; both change. For a short
- * period T the rates give the difference of values, which have too few digits for accelerations.
+ * A coordinate between two samples of value, rate times T and second derivative times T^2; both
+ * change. For a short period T the rates give the difference of values, which have too few digits
+ * for accelerations.
  */
 static inline void between_positions(real x, real T, real left[3], real right[3], real out[3])
 {
@@ -37,9 +39,14 @@ static inline void between_positions(real x, real T, real left[3], real right[3]
     right[0] = T < 4e-4 ? 0.5 * (left[1] + right[1]) + (left[2] - right[2]) / 12.0 : d;
     quintic(x, left, right, out);
     out[0] = first + (out[0] + x * (d - right[0]));
-#else /* the quartic with these rates: even their difference has too few digits for the coefficients of a quintic */
+#else
+    /*
+     * the quartic with these rates: even their difference has too few digits for the coefficients
+     * of a quintic
+     */
     const real d = right[1] - left[1];
-    const real a3 = d - (2.0 * left[2] + right[2]) / 3.0, a4 = 0.25 * (left[2] + right[2]) - 0.5 * d;
+    const real a3 = d - (2.0 * left[2] + right[2]) / 3.0,
+               a4 = 0.25 * (left[2] + right[2]) - 0.5 * d;
     const real missing = (right[0] - left[0]) - (left[1] + 0.5 * left[2] + a3 + a4);
     (void)T;
     out[0] = left[0] + x * (left[1] + missing + x * (0.5 * left[2] + x * (a3 + x * a4)));
@@ -49,7 +56,10 @@ static inline void between_positions(real x, real T, real left[3], real right[3]
 }
 
 #if MODEL_POSE
-/* a - (f x a) / 2 + (f x (f x a)) / 12: the inverse of the left Jacobian of a small rotation vector f, to f^4 / 720. */
+/*
+ * a - (f x a) / 2 + (f x (f x a)) / 12: the inverse of the left Jacobian of a small rotation
+ * vector f, to f^4 / 720.
+ */
 static inline void inverse_left_jacobian(const real *f, const real *a, real *out)
 {
     real once[3], twice[3], thrice[3], fourth[3];
@@ -89,7 +99,8 @@ static inline void left_jacobian_rate(const real *f, const real *d, real *out)
     cross(f, dffd, fdffd);
     cross(f, fdfd, ffdfd);
     for (int i = 0; i < 3; ++i) {
-        out[i] = dfd[i] / 6.0 + (dffd[i] + fdfd[i]) / 24.0 + (dfffd[i] + fdffd[i] + ffdfd[i]) / 120.0;
+        out[i] = dfd[i] / 6.0 + (dffd[i] + fdfd[i]) / 24.0 +
+                 (dfffd[i] + fdffd[i] + ffdfd[i]) / 120.0;
     }
 }
 
@@ -106,7 +117,9 @@ static inline void rotation_vector(const real *R0, const real *R1, real *f)
     }
     /* the sine of the angle times the axis; angle / sine as a series in sine^2 */
     c = s[0] * s[0] + s[1] * s[1] + s[2] * s[2];
-    c = trace < 1.0 ? (real)NAN : 1.0 + c * (1.0 / 6.0 + c * (3.0 / 40.0 + c * (15.0 / 336.0 + c * 105.0 / 3456.0)));
+    c = trace < 1.0 ?
+            (real)NAN :
+            1.0 + c * (1.0 / 6.0 + c * (3.0 / 40.0 + c * (15.0 / 336.0 + c * 105.0 / 3456.0)));
     for (int i = 0; i < 3; ++i) {
         f[i] = c * s[i];
     }
@@ -143,7 +156,8 @@ static inline void reference_sample(const model_samples *p, ptrdiff_t k, real *o
         copy(p->ddy + at * NY, NY, out + NT + NY);
     }
 #if MODEL_FORCE
-    for (int i = 0; i < FORCES; ++i) { /* it stays as it is before the first and after the last sample */
+    /* it stays as it is before the first and after the last sample */
+    for (int i = 0; i < FORCES; ++i) {
         const int held = p->force == NULL || (i >= NY && at != k);
         out[NT + 2 * NY + i] = held ? 0.0 : p->force[at * FORCES + i];
     }
@@ -271,7 +285,8 @@ static inline int are_near(const real *R0, const real *R1)
 /*
  * --- A deviation from the path, and its decay.
  *
- * The deviation d of each output is the end of a chain of five integrators, so that four derivatives are continuous.
+ * The deviation d of each output is the end of a chain of five integrators, so that four
+ * derivatives are continuous.
  */
 
 enum {
@@ -281,7 +296,8 @@ enum {
 };
 
 /* One step of the chain, for one output: value and derivatives times T^i, a step of h = tau T. */
-static inline void chain_step(const real *x, ptrdiff_t stride, real u, real tau, real *out, ptrdiff_t to)
+static inline void chain_step(
+    const real *x, ptrdiff_t stride, real u, real tau, real *out, ptrdiff_t to)
 {
     for (int i = 0; i < CHAIN; ++i) {
         real term = 1.0, sum = 0.0;

@@ -10,11 +10,12 @@
  *     linear:  r = (1 - x) c_j + x c_(j+1)
  *     cubic:   Hermite's polynomials with the derivatives (c_(j+1) - c_(j-1)) / 2
  *
- * with x = 0, 1/E, ..., 1 - 1/E; beyond the ends the positions stay. Those whose interpolation is closest to the
- * reference in the sense of least squares follow from equations with three diagonals on either side, by Cholesky's
- * method.
+ * with x = 0, 1/E, ..., 1 - 1/E; beyond the ends the positions stay. Those whose interpolation is
+ * closest to the reference in the sense of least squares follow from equations with three
+ * diagonals on either side, by Cholesky's method.
  */
-enum { SPREAD = 4, EACH_MAX = 100000, REFERENCES_MAX = 1000000000 }; /* positions in a sample; limits of arguments */
+/* positions in a sample; limits of arguments */
+enum { SPREAD = 4, EACH_MAX = 100000, REFERENCES_MAX = 1000000000 };
 
 int64_t model_position_samples_work(int n, const model_robot_interface *robot)
 {
@@ -42,9 +43,12 @@ static void interface_weights(int interpolation, real x, real weight[SPREAD])
     }
 }
 
-/* Add the equations of the samples: the band A (entry d of row i: column i - d) and the right sides, which are zero. */
-static void add_samples(
-    const real *reference, ptrdiff_t n, const model_robot_interface *o, ptrdiff_t m, real *A, real *right)
+/*
+ * Add the equations of the samples: the band A (entry d of row i: column i - d) and the right
+ * sides, which are zero.
+ */
+static void add_samples(const real *reference, ptrdiff_t n, const model_robot_interface *o,
+    ptrdiff_t m, real *A, real *right)
 {
     const ptrdiff_t each = o->samples_per_position;
     for (ptrdiff_t k = 0; k < n; ++k) {
@@ -109,17 +113,17 @@ static void solve_band(const real *L, ptrdiff_t m, real *right)
     }
 }
 
-model_status model_position_samples(
-    const real *command_g, int n, const model_robot_interface *robot, real *positions, real *work, int64_t work_size)
+model_status model_position_samples(const real *command_g, int n,
+    const model_robot_interface *robot, real *positions, real *work, int64_t work_size)
 {
     const int64_t wanted = model_position_samples_work(n, robot);
     ptrdiff_t m;
     if (command_g == NULL || robot == NULL || positions == NULL || work == NULL) {
         return MODEL_NULL_ARGUMENT;
     }
-    if (wanted < 0 ||
-        (robot->interpolation != MODEL_INTERPOLATION_HOLD && robot->interpolation != MODEL_INTERPOLATION_LINEAR &&
-            robot->interpolation != MODEL_INTERPOLATION_CUBIC)) {
+    if (wanted < 0 || (robot->interpolation != MODEL_INTERPOLATION_HOLD &&
+                          robot->interpolation != MODEL_INTERPOLATION_LINEAR &&
+                          robot->interpolation != MODEL_INTERPOLATION_CUBIC)) {
         return MODEL_BAD_ARGUMENT;
     }
     if (work_size < wanted) {

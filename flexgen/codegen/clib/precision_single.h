@@ -9,7 +9,8 @@
 typedef uint32_t bits; /* the unsigned integer of the width of a real */
 
 #define BYTES 4
-#define BLOCK 16 /* reals in 64 bytes: arrays are padded to it, and so many instants are evaluated together */
+/* reals in 64 bytes: arrays are padded to it, and so many instants are evaluated together */
+#define BLOCK 16
 #define PRECISE(fine, coarse) coarse /* a threshold that depends on the precision */
 #define SIGN_BIT UINT32_C(0x80000000)
 #define DIGITS 23 /* bits of the mantissa that are stored */
@@ -20,7 +21,10 @@ typedef uint32_t bits; /* the unsigned integer of the width of a real */
 #define TWO 2.0f
 #define WHOLE_FROM 8388608.0f /* every number from here on is whole */
 
-/* Sine and cosine: the parts of pi/2 have so few bits that their product with a number of quarter turns is exact. */
+/*
+ * Sine and cosine: the parts of pi/2 have so few bits that their product with a number of quarter
+ * turns is exact.
+ */
 #define ANGLE_MAX 10000.0f /* rad; the sine and cosine of a larger angle are NaN */
 #define SHIFT 12582912.0f  /* adding it rounds to a whole number */
 #define PER_QUARTER 0.636619772f
@@ -41,9 +45,11 @@ typedef uint32_t bits; /* the unsigned integer of the width of a real */
 #define BIASED UINT32_C(0x4b3fff81)
 #define INFINITE UINT32_C(0x7f800000)
 
-/* Polynomials found by Remez' exchange, in pairs of terms, so that few operations depend on each other. In
-   z = r^2, |r| <= pi/4: (sin(r)/r - 1)/z and (cos(r) - 1 + z/2)/z^2. In r,
-   |r| <= log(2)/2: (exp(r) - 1 - r)/r^2. */
+/*
+ * Polynomials found by Remez' exchange, in pairs of terms, so that few operations depend on each
+ * other. In z = r^2, |r| <= pi/4: (sin(r)/r - 1)/z and (cos(r) - 1 + z/2)/z^2. In r, |r| <=
+ * log(2)/2: (exp(r) - 1 - r)/r^2.
+ */
 #define SINE(z, z2) ((-0.166666552f + 0.00833217334f * z) + z2 * -0.000195166707f)
 #define COSINE(z, z2) ((0.0416666456f + -0.00138873619f * z) + z2 * 2.44377461e-05f)
 #define EXPONENTIAL(r, r2, r4) \

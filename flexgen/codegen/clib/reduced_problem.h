@@ -1,12 +1,13 @@
 /*
  * model: the arm with its output on the path: kinematics, and the reduced problem; private.
  *
- * The output is prescribed, y(q_a) = Z(t), so that the actuated coordinates q_g follow from the others and only n_e
- * equations remain,
+ * The output is prescribed, y(q_a) = Z(t), so that the actuated coordinates q_g follow from the
+ * others and only n_e equations remain,
  *
  *     R(q_e, v_e, a_e, t) = [M a + c + g]_e - tau_e = 0.
  *
- * POINTS instants are evaluated together; entry i of point l of an array is [i][l], matrices are stored by columns.
+ * POINTS instants are evaluated together; entry i of point l of an array is [i][l], matrices are
+ * stored by columns.
  */
 #ifndef MODEL_REDUCED_PROBLEM_H
 #define MODEL_REDUCED_PROBLEM_H
@@ -17,8 +18,10 @@ enum { KINEMATIC_STEPS = 25, INVERSE_STEPS = 3 };
 
 /* relative error of an inverse before a step that squares it */
 static const real accurate_inverse = PRECISE(1e-6, 1e-3);
-/* steps of the joints [rad or m]: after one below the first the inverse of the output Jacobian is nearly right, after
-   one below the second the position is known to rounding */
+/*
+ * steps of the joints [rad or m]: after one below the first the inverse of the output Jacobian is
+ * nearly right, after one below the second the position is known to rounding
+ */
 static const real step_near = PRECISE(1e-5, 1e-3), step_exact = PRECISE(1e-6, 1e-5);
 /* [rad or m] a guess further from the position before is none */
 static const real guess_max = 0.2;
@@ -36,7 +39,8 @@ typedef struct {
     points target[NT], dy[NY], ddy[NY];
     points error[NY], W[NA][NY], bias[NY];
     points inverse[NY][NG]; /* of the columns of W that belong to q_g */
-    points side;            /* sign of their determinant: on either side of singular poses, 1 or -1 */
+    /* sign of their determinant: on either side of singular poses, 1 or -1 */
+    points side;
     points tau_g[NG];
 #if MODEL_FORCE
     points force[NY]; /* on the output, dual to dy */
@@ -71,7 +75,10 @@ static inline void begin_points(problem_points *p)
     p->known[0] = 0.0;
 }
 
-/* A quintic through the motion of the joints at two instants, from which later positions are guessed. */
+/*
+ * A quintic through the motion of the joints at two instants, from which later positions are
+ * guessed.
+ */
 typedef struct {
     real c[6][NG];  /* coefficients of the powers of x = (time - at) / apart */
     real at, apart; /* [s] the later instant, and the time between both */
@@ -90,16 +97,22 @@ static inline void joints_at_rest(const real *q, joint_motion *joints)
     }
 }
 
-/* Through the motion of points 0 and `last`, which are `apart` seconds apart; at: the time of the second. */
-static inline void keep_joints(const problem_points *arm, int last, real at, real apart, joint_motion *joints)
+/*
+ * Through the motion of points 0 and `last`, which are `apart` seconds apart; at: the time of the
+ * second.
+ */
+static inline void keep_joints(
+    const problem_points *arm, int last, real at, real apart, joint_motion *joints)
 {
     joints->at = at;
     joints->apart = apart;
     for (int i = 0; i < NG; ++i) {
         const real *q = arm->q[i_g[i]], *v = arm->v[i_g[i]], *a = arm->a[i_g[i]];
         const real once = apart * v[last], twice = 0.5 * apart * apart * a[last];
-        const real miss_q = q[last] - q[0] - once + twice; /* of the lower terms at the first point */
-        const real miss_v = once - apart * v[0] - 2.0 * twice, miss_a = twice - 0.5 * apart * apart * a[0];
+        /* of the lower terms at the first point */
+        const real miss_q = q[last] - q[0] - once + twice;
+        const real miss_v = once - apart * v[0] - 2.0 * twice,
+                   miss_a = twice - 0.5 * apart * apart * a[0];
         joints->c[0][i] = q[last];
         joints->c[1][i] = once;
         joints->c[2][i] = twice;
@@ -120,7 +133,8 @@ static inline void load_joints(problem_points *arm, int l, const real *joints)
 }
 
 /* The same into all points from the quintic through earlier ones; not far beyond it. */
-static inline void load_later_joints(problem_points *arm, const joint_motion *joints, const real *time)
+static inline void load_later_joints(
+    problem_points *arm, const joint_motion *joints, const real *time)
 {
     EACH (l) {
         const lanes x = fmin_v((load_v(time + l) - joints->at) / joints->apart, splat_v(2.0));
@@ -129,7 +143,8 @@ static inline void load_later_joints(problem_points *arm, const joint_motion *jo
             for (int k = 4; k >= 0; --k) {
                 q = q * x + joints->c[k][i];
             }
-            q = select_v(lt_v(fabs_v(q - joints->c[0][i]), splat_v(guess_max)), q, splat_v(joints->c[0][i]));
+            q = select_v(lt_v(fabs_v(q - joints->c[0][i]), splat_v(guess_max)), q,
+                splat_v(joints->c[0][i]));
             store_v(&arm->q[i_g[i]][l], q);
             store_v(&arm->v[i_g[i]][l], splat_v(0.0));
             store_v(&arm->a[i_g[i]][l], splat_v(0.0));
@@ -139,7 +154,8 @@ static inline void load_later_joints(problem_points *arm, const joint_motion *jo
 
 #if MODEL_NE > 0
 /* Unactuated coordinates, velocities and accelerations into point l. */
-static inline void load_elastic(problem_points *arm, int l, const real *q, const real *v, const real *a)
+static inline void load_elastic(
+    problem_points *arm, int l, const real *q, const real *v, const real *a)
 {
     for (int i = 0; i < NE; ++i) {
         arm->q[i_e[i]][l] = q[i];
@@ -150,8 +166,8 @@ static inline void load_elastic(problem_points *arm, int l, const real *q, const
 #endif
 
 /*
- * Inverse of the actuated columns of W by Gauss and Jordan, with row pivoting in each point; 0 where a pivot is zero to
- * rounding.
+ * Inverse of the actuated columns of W by Gauss and Jordan, with row pivoting in each point; 0
+ * where a pivot is zero to rounding.
  */
 static inline int invert_points(problem_points *p)
 {
@@ -175,8 +191,10 @@ static inline int invert_points(problem_points *p)
                     a[i][j] = select_v(larger, x, y);
                 }
             }
-            /* m and rad: a pose where a radian moves the output by less than a nanometer (in single precision a
-               micrometer) is singular; so is NaN */
+            /*
+             * m and rad: a pose where a radian moves the output by less than a nanometer (in
+             * single precision a micrometer) is singular; so is NaN
+             */
             bad += not_v(lt_v(splat_v(PRECISE(1e-9, 1e-6)), fabs_v(a[k][k])));
             side *= splat_v(1.0) - 2.0 * lt_v(a[k][k], splat_v(0.0));
             pivot = splat_v(1.0) / a[k][k];
@@ -206,8 +224,8 @@ static inline int invert_points(problem_points *p)
 /* Error of the output, with W and the part of its acceleration that depends on velocities. */
 static inline void evaluate_constraint(problem_points *p, real *space)
 {
-    (void)evaluate_output_constraint_batch(
-        POINTS, &p->q[0][0], &p->v[0][0], &p->target[0][0], &p->error[0][0], &p->W[0][0][0], &p->bias[0][0], space);
+    (void)evaluate_output_constraint_batch(POINTS, &p->q[0][0], &p->v[0][0], &p->target[0][0],
+        &p->error[0][0], &p->W[0][0][0], &p->bias[0][0], space);
 }
 
 /* One Newton step of the actuated coordinates towards the target; the largest change. */
@@ -236,9 +254,10 @@ static inline int is_on_target(const problem_points *p)
 }
 
 /*
- * One step of Newton and Schulz, X (2 - W X), for the inverse X of the actuated columns of W: where X belongs to a
- * position near the present one, its relative error 1 - W X is squared. Returned: the norm of this error before the
- * step. Where it is below 1, the determinants have the same sign at both positions.
+ * One step of Newton and Schulz, X (2 - W X), for the inverse X of the actuated columns of W:
+ * where X belongs to a position near the present one, its relative error 1 - W X is squared.
+ * Returned: the norm of this error before the step. Where it is below 1, the determinants have the
+ * same sign at both positions.
  */
 static inline real refine_inverse(problem_points *p)
 {
@@ -276,7 +295,10 @@ static inline real refine_inverse(problem_points *p)
     return largest_lane(most);
 }
 
-/* The inverse of the actuated columns of W, from that of the positions before where these are near; 0 as above. */
+/*
+ * The inverse of the actuated columns of W, from that of the positions before where these are
+ * near; 0 as above.
+ */
 static inline int update_inverse(problem_points *p)
 {
     if (p->known[0] > 0.0) {
@@ -295,8 +317,8 @@ static inline int update_inverse(problem_points *p)
 }
 
 /*
- * Add what velocities (or, with the bias, accelerations) of all coordinates lack to those of the path, times the
- * inverse; the largest change.
+ * Add what velocities (or, with the bias, accelerations) of all coordinates lack to those of the
+ * path, times the inverse; the largest change.
  */
 static inline real correct_motion(problem_points *p, points *wanted, points *bias, points *motion)
 {
@@ -379,8 +401,9 @@ static inline int solve_motion(problem_points *p, real most, real *space)
 }
 
 /*
- * The actuated coordinates that bring the output to its target, with their derivatives, for given unactuated ones.
- * Newton's method; close to the target the inverse of W is refined instead of computed again.
+ * The actuated coordinates that bring the output to its target, with their derivatives, for given
+ * unactuated ones. Newton's method; close to the target the inverse of W is refined instead of
+ * computed again.
  */
 static inline int solve_kinematics(problem_points *p, real *space)
 {
@@ -404,7 +427,8 @@ static inline int solve_kinematics(problem_points *p, real *space)
         }
     } while (!near);
     if (most > step_exact ||
-        most * speed > exact) { /* the inverse is off by about `most`, the position by its square */
+        most * speed >
+            exact) { /* the inverse is off by about `most`, the position by its square */
         if (!update_inverse(p)) {
             return MODEL_UNREACHABLE;
         }
@@ -417,9 +441,9 @@ static inline int solve_kinematics(problem_points *p, real *space)
 }
 
 /*
- * The same from a guess of the joints with velocities and accelerations. Where it is so close that the errors of the
- * output which are left are rounding, one evaluation is enough: they are products of the changes with each other or
- * with the error of the inverse.
+ * The same from a guess of the joints with velocities and accelerations. Where it is so close that
+ * the errors of the output which are left are rounding, one evaluation is enough: they are
+ * products of the changes with each other or with the error of the inverse.
  */
 MODEL_INLINE int improve_kinematics(problem_points *p, real *space)
 {
@@ -444,7 +468,8 @@ MODEL_INLINE int improve_kinematics(problem_points *p, real *space)
     faster = correct_motion(p, p->dy, NULL, p->v);
     harder = correct_motion(p, p->ddy, p->bias, p->a);
     largest_motion(p, &speed, &acceleration);
-    if (most * speed <= exact && miss * faster <= exact && faster * (faster + speed) <= exact_acceleration &&
+    if (most * speed <= exact && miss * faster <= exact &&
+        faster * (faster + speed) <= exact_acceleration &&
         most * acceleration <= exact_acceleration && miss * harder <= exact_acceleration) {
         return MODEL_OK;
     }
@@ -452,10 +477,11 @@ MODEL_INLINE int improve_kinematics(problem_points *p, real *space)
 }
 
 /*
- * The same from a guess of the joints by their earlier motion; where Newton's method fails from it, from the positions
- * before.
+ * The same from a guess of the joints by their earlier motion; where Newton's method fails from
+ * it, from the positions before.
  */
-static inline int follow_kinematics(problem_points *p, const joint_motion *joints, const real *time, real *space)
+static inline int follow_kinematics(
+    problem_points *p, const joint_motion *joints, const real *time, real *space)
 {
     int status;
     load_later_joints(p, joints, time);
@@ -473,9 +499,10 @@ static inline int follow_kinematics(problem_points *p, const joint_motion *joint
 #if MODEL_FORCE
 #if MODEL_NE > 0
 /*
- * Take d(W' F)/dq off the derivatives of the rows without motor. Of a pose, with the columns (v, w) of W in the order
- * of a chain, dv_i/dq_j = w_a x v_b, a = min(i, j), b = max(i, j), and dw_i/dq_j = w_j x w_i for j < i, else 0. Of
- * other outputs it is left out: Newton's method needs no exact derivatives, and a force is small against the stiffness.
+ * Take d(W' F)/dq off the derivatives of the rows without motor. Of a pose, with the columns (v,
+ * w) of W in the order of a chain, dv_i/dq_j = w_a x v_b, a = min(i, j), b = max(i, j), and
+ * dw_i/dq_j = w_j x w_i for j < i, else 0. Of other outputs it is left out: Newton's method needs
+ * no exact derivatives, and a force is small against the stiffness.
  */
 static inline void take_force_stiffness(problem_points *p)
 {
@@ -543,8 +570,8 @@ static inline int evaluate_rows(problem_points *arm, real *space)
 {
 #if MODEL_FORCE
 #if MODEL_NE > 0
-    const int status = evaluate_inversion_rows_batch(
-        POINTS, &arm->q[0][0], &arm->v[0][0], &arm->a[0][0], &arm->tau_g[0][0], &arm->row[0][0], space);
+    const int status = evaluate_inversion_rows_batch(POINTS, &arm->q[0][0], &arm->v[0][0],
+        &arm->a[0][0], &arm->tau_g[0][0], &arm->row[0][0], space);
     take_force(arm, arm->row, i_e, NE);
 #else
     const int status = evaluate_inversion_rows_batch(
@@ -554,11 +581,11 @@ static inline int evaluate_rows(problem_points *arm, real *space)
     return inner_status(status);
 #else /* MODEL_FORCE */
 #if MODEL_NE > 0
-    return inner_status(evaluate_inversion_rows_batch(
-        POINTS, &arm->q[0][0], &arm->v[0][0], &arm->a[0][0], &arm->tau_g[0][0], &arm->row[0][0], space));
+    return inner_status(evaluate_inversion_rows_batch(POINTS, &arm->q[0][0], &arm->v[0][0],
+        &arm->a[0][0], &arm->tau_g[0][0], &arm->row[0][0], space));
 #else
-    return inner_status(
-        evaluate_inversion_rows_batch(POINTS, &arm->q[0][0], &arm->v[0][0], &arm->a[0][0], &arm->tau_g[0][0], space));
+    return inner_status(evaluate_inversion_rows_batch(
+        POINTS, &arm->q[0][0], &arm->v[0][0], &arm->a[0][0], &arm->tau_g[0][0], space));
 #endif
 #endif /* MODEL_FORCE */
 }
@@ -628,12 +655,15 @@ static inline void elastic_columns(points (*X)[NY], points (*T)[NY])
     }
 }
 
-/* Residual of the unactuated rows and their Jacobians K, D, A with respect to q_e, v_e, a_e on the path. */
+/*
+ * Residual of the unactuated rows and their Jacobians K, D, A with respect to q_e, v_e, a_e on the
+ * path.
+ */
 static inline int reduced_jacobians(problem_points *p, real *space)
 {
-    const int status = evaluate_inversion_jacobians_batch(POINTS, &p->q[0][0], &p->v[0][0], &p->a[0][0],
-        &p->y1_q[0][0][0], &p->y2_q[0][0][0], &p->y2_v[0][0][0], &p->row[0][0], &p->row_q[0][0][0], &p->row_v[0][0][0],
-        &p->row_a[0][0][0], space);
+    const int status = evaluate_inversion_jacobians_batch(POINTS, &p->q[0][0], &p->v[0][0],
+        &p->a[0][0], &p->y1_q[0][0][0], &p->y2_q[0][0][0], &p->y2_v[0][0][0], &p->row[0][0],
+        &p->row_q[0][0][0], &p->row_v[0][0][0], &p->row_a[0][0][0], space);
     if (status != MODEL_OK) {
         return inner_status(status);
     }
@@ -668,7 +698,8 @@ static inline int reduced_jacobians(problem_points *p, real *space)
                 lanes A = load_v(&p->row_a[i_e[j]][i][l]);
                 for (int k = 0; k < NG; ++k) {
                     const lanes S = load_v(&p->S[j][k][l]);
-                    K += q[i][k] * S + v[i][k] * load_v(&p->Vq[j][k][l]) + a[i][k] * load_v(&p->Aq[j][k][l]);
+                    K += q[i][k] * S + v[i][k] * load_v(&p->Vq[j][k][l]) +
+                         a[i][k] * load_v(&p->Aq[j][k][l]);
                     D += v[i][k] * S + a[i][k] * load_v(&p->Av[j][k][l]);
                     A += a[i][k] * S;
                 }
@@ -687,7 +718,10 @@ static inline int reduced_jacobians(problem_points *p, real *space)
 
 enum { EQUILIBRIUM_STEPS = 60 };
 
-/* x = M^-1 b by elimination with row pivoting, rows of M scaled to one; 0 where a pivot is rounding. */
+/*
+ * x = M^-1 b by elimination with row pivoting, rows of M scaled to one; 0 where a pivot is
+ * rounding.
+ */
 static inline int solve_square(real (*M)[NA], real *b, real *x)
 {
     for (int i = 0; i < NA; ++i) {
@@ -724,7 +758,10 @@ static inline int solve_square(real (*M)[NA], real *b, real *x)
     return is_finite(x, NA);
 }
 
-/* Whether the actuated columns of W can be inverted: if so it is the springs that do not carry the arm. */
+/*
+ * Whether the actuated columns of W can be inverted: if so it is the springs that do not carry the
+ * arm.
+ */
 static inline int can_move(const real *W, real (*M)[NA], real *b, real *x)
 {
     for (int i = 0; i < NA; ++i) {
@@ -737,15 +774,17 @@ static inline int can_move(const real *W, real (*M)[NA], real *b, real *x)
 }
 
 /*
- * Newton's method for the equilibrium at a target, from a guess q. scale: the torque of each unactuated row for a
- * deflection of 0.01 rad or 0.01 m.
+ * Newton's method for the equilibrium at a target, from a guess q. scale: the torque of each
+ * unactuated row for a deflection of 0.01 rad or 0.01 m.
  */
 static inline int equilibrium_at(const real *target, real *q, real *scale, real *space)
 {
     static const real zero[NA] = {0.0};
-    real error[NY], W[NA * NY], bias[NY], M[NA][NA], b[NA], x[NA]; /* matrices of the library by columns */
+    /* matrices of the library by columns */
+    real error[NY], W[NA * NY], bias[NY], M[NA][NA], b[NA], x[NA];
 #if MODEL_NE > 0
-    real y1_q[NA * NY], y2_q[NA * NY], y2_v[NA * NY], row[NE], row_q[NA * NE], row_v[NA * NE], row_a[NA * NE];
+    real y1_q[NA * NY], y2_q[NA * NY], y2_v[NA * NY], row[NE], row_q[NA * NE], row_v[NA * NE],
+        row_a[NA * NE];
 #endif
     real before = -1.0;
     for (int step = 0; step < EQUILIBRIUM_STEPS; ++step) {
@@ -761,7 +800,8 @@ static inline int equilibrium_at(const real *target, real *q, real *scale, real 
             b[i] = error[i];
         }
 #if MODEL_NE > 0
-        status = evaluate_inversion_jacobians(q, zero, zero, y1_q, y2_q, y2_v, row, row_q, row_v, row_a, space);
+        status = evaluate_inversion_jacobians(
+            q, zero, zero, y1_q, y2_q, y2_v, row, row_q, row_v, row_a, space);
         if (status != MODEL_OK) {
             return inner_status(status);
         }

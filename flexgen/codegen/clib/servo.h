@@ -1,31 +1,37 @@
 /*
- * model: the reference with which the position servo of the motors sends given torques along given angles; private.
+ * model: the reference with which the position servo of the motors sends given torques along given
+ * angles; private.
  *
  *     c <- (c + w - w_before) / (1 + k_i h),                     w = (u - u_start) / k_v
  *     r_f <- (c + k_p q + D q + f r_f / h) / (k_p + f / h),      D q = (q - q_before) / h
  *     r = (r_f - (1 - a) r_f,before) / a,                        a = 1 - exp(-h / T)
  *
- * with angles and references from those at the start, where the motors rest and the integral part holds the torque
- * u_start: the inverse of
+ * with angles and references from those at the start, where the motors rest and the integral part
+ * holds the torque u_start: the inverse of
  *
- *     r_f <- r_f + a (r - r_f),    s = f D r_f + k_p (r_f - q) - D q,    u = u_start + k_v (s + k_i h sum s)
+ *     r_f <- r_f + a (r - r_f),    s = f D r_f + k_p (r_f - q) - D q,    u = u_start + k_v (s +
+ *       k_i h sum s)
  *
- * With filters of the torque u is what goes into them, from what comes out: notch filters are inverted by recursion,
- * low-pass filters, whose zeros are at z = -1, with samples after the present one, 1 / (1 + D2 / 4) by a series in the
- * second difference D2.
+ * With filters of the torque u is what goes into them, from what comes out: notch filters are
+ * inverted by recursion, low-pass filters, whose zeros are at z = -1, with samples after the
+ * present one, 1 / (1 + D2 / 4) by a series in the second difference D2.
  */
 #ifndef MODEL_SERVO_H
 #define MODEL_SERVO_H
 
 #include "model_inversion_common.h"
 
-/* The numbers of a servo in an array of the caller: its sample time, 0 where there is none; gains; state. */
+/*
+ * The numbers of a servo in an array of the caller: its sample time, 0 where there is none; gains;
+ * state.
+ */
 enum {
     SERVO_SAMPLE,
-    SERVO_FEEDFORWARD,                  /* f / h */
-    SERVO_PART,                         /* a */
-    SERVO_GAINS,                        /* k_p, k_v, k_i */
-    SERVO_START = SERVO_GAINS + 3 * NM, /* torque and angle at the start, and the offset that holds the torque */
+    SERVO_FEEDFORWARD, /* f / h */
+    SERVO_PART,        /* a */
+    SERVO_GAINS,       /* k_p, k_v, k_i */
+    /* torque and angle at the start, and the offset that holds the torque */
+    SERVO_START = SERVO_GAINS + 3 * NM,
     SERVO_STATE = SERVO_START + 3 * NM, /* w, c, q and r_f of the sample before */
 #if MODEL_FILTERS
     SERVO_FILTERS = SERVO_STATE +
@@ -38,7 +44,10 @@ enum {
 
 static const real servo_same = 1e-6; /* relative difference of sample times that are equal */
 
-/* Whether a number is above the least (or equal to it, where that is 0 and `zero`) and not above the largest one. */
+/*
+ * Whether a number is above the least (or equal to it, where that is 0 and `zero`) and not above
+ * the largest one.
+ */
 static inline int is_within(real x, real least, real most, int zero)
 {
     return (x > least || (zero && x == least)) && x <= most;
@@ -51,24 +60,27 @@ static inline int has_gains(const model_servo *o)
 }
 
 /*
- * Whether the inverse of the servo is stable, and the samples are its own: one sample time apart, with a torque that is
- * held and acts after its delay.
+ * Whether the inverse of the servo is stable, and the samples are its own: one sample time apart,
+ * with a torque that is held and acts after its delay.
  */
 static inline int servo_fits(const model_servo *o, real period, int hold, real delay)
 {
     const real h = o->sample_time;
     if (!is_within(h, 0.0, 1.0, 0) || !is_within(o->speed_feedforward, 0.0, 2.0, 1) ||
         !is_within(o->reference_filter, 0.0, 1.0, 1) || hold != MODEL_HOLD_ZOH ||
-        !(fabs_1(period - h) <= servo_same * h) || !(fabs_1(delay * h - o->delay) <= servo_same * h)) {
+        !(fabs_1(period - h) <= servo_same * h) ||
+        !(fabs_1(delay * h - o->delay) <= servo_same * h)) {
         return 0;
     }
 #if MODEL_FILTERS
-    if (!(fabs_1(h - filter_sample) <= servo_same * h)) { /* the filters are those of this sample time */
+    /* the filters are those of this sample time */
+    if (!(fabs_1(h - filter_sample) <= servo_same * h)) {
         return 0;
     }
 #endif /* MODEL_FILTERS */
     for (int j = 0; j < NM; ++j) {
-        if (!is_within(o->position_gain[j], 0.0, 1e12, 0) || !is_within(o->speed_gain[j], 0.0, 1e12, 0) ||
+        if (!is_within(o->position_gain[j], 0.0, 1e12, 0) ||
+            !is_within(o->speed_gain[j], 0.0, 1e12, 0) ||
             !is_within(o->integral_gain[j], 0.0, 1e12, 1)) {
             return 0;
         }
@@ -108,7 +120,8 @@ static inline void next_reference(const real *tau_m, const real *q_m, real *c, r
     const real h = c[SERVO_SAMPLE], f = c[SERVO_FEEDFORWARD], a = c[SERVO_PART];
     const real *k_p = c + SERVO_GAINS, *k_v = k_p + NM, *k_i = k_v + NM;
     const real *u_start = c + SERVO_START, *q_start = u_start + NM, *offset = q_start + NM;
-    real *w_before = c + SERVO_STATE, *sum = w_before + NM, *q_before = sum + NM, *filtered = q_before + NM;
+    real *w_before = c + SERVO_STATE, *sum = w_before + NM, *q_before = sum + NM,
+         *filtered = q_before + NM;
     for (int j = 0; j < NM; ++j) {
         const real w = (tau_m[j] - u_start[j]) / k_v[j], q = q_m[j] - q_start[j];
         const real speed = (q - q_before[j]) / h, before = filtered[j];
@@ -121,8 +134,12 @@ static inline void next_reference(const real *tau_m, const real *q_m, real *c, r
 }
 
 #if MODEL_FILTERS
-/* What goes into the filters at sample k, from what comes out of them at the samples from `first` to `last`. */
-static inline void unfilter(const real *tau_m, ptrdiff_t first, ptrdiff_t last, ptrdiff_t k, real *c, real *out)
+/*
+ * What goes into the filters at sample k, from what comes out of them at the samples from `first`
+ * to `last`.
+ */
+static inline void unfilter(
+    const real *tau_m, ptrdiff_t first, ptrdiff_t last, ptrdiff_t k, real *c, real *out)
 {
     const real *u_start = c + SERVO_START;
     for (int j = 0; j < NM; ++j) {
@@ -146,9 +163,12 @@ static inline void unfilter(const real *tau_m, ptrdiff_t first, ptrdiff_t last, 
     }
 }
 
-/* The commands of n samples, where they are wanted; torques are known from sample `first` to `last`. */
-static inline void give_commands(const real *tau_m, ptrdiff_t first, ptrdiff_t last, const real *q_m, ptrdiff_t n,
-    real *c, real *command_m, real *command_g)
+/*
+ * The commands of n samples, where they are wanted; torques are known from sample `first` to
+ * `last`.
+ */
+static inline void give_commands(const real *tau_m, ptrdiff_t first, ptrdiff_t last,
+    const real *q_m, ptrdiff_t n, real *c, real *command_m, real *command_g)
 #else  /* MODEL_FILTERS */
 /* The commands of n samples, where they are wanted. */
 static inline void give_commands(

@@ -7,16 +7,19 @@
 /*
  * --- The start of a stream in motion, from samples of the path before now and ahead.
  *
- * The first state of the horizon is not known. In stable directions it is the quasi-static motion of the past: what the
- * zero dynamics remembers of older motion has decayed. In unstable directions it follows from the path ahead, where the
- * cost to go P, p of the first node is least,
+ * The first state of the horizon is not known. In stable directions it is the quasi-static motion
+ * of the past: what the zero dynamics remembers of older motion has decayed. In unstable
+ * directions it follows from the path ahead, where the cost to go P, p of the first node is least,
  *
  *     min over d   d' P d / 2 + p' d + w |y_0 + d - y_quasi-static|^2 / 2
  *
  * with a weight w far above the cost of stable directions and far below that of unstable ones.
  */
 
-/* Path nodes before now, as far back as the differences of any stream; updates whose results are not given. */
+/*
+ * Path nodes before now, as far back as the differences of any stream; updates whose results are
+ * not given.
+ */
 enum { PAST_NODES = 7, SILENT_UPDATES = MODEL_STREAM_START_SAMPLES(0) - 1 - PAST_NODES };
 
 /* Copy sample k of a path. */
@@ -42,12 +45,16 @@ static inline void set_path(real *s, const layout *l, const model_samples *p, pt
     }
     for (ptrdiff_t k = 0; k < N * STAGES; ++k) {
         const real *left = nodes + (l->past + k / STAGES) * REFERENCE;
-        between_samples(left, head_in(s)->period, gauss_c[k % STAGES], s + l->reference + k * REFERENCE);
+        between_samples(
+            left, head_in(s)->period, gauss_c[k % STAGES], s + l->reference + k * REFERENCE);
     }
     copy(nodes + (l->past + N) * REFERENCE, REFERENCE, s + l->last);
 }
 
-/* Joints that follow the path of the horizon from those at its start, with the deflections of the equilibrium q. */
+/*
+ * Joints that follow the path of the horizon from those at its start, with the deflections of the
+ * equilibrium q.
+ */
 static inline int set_joints(real *s, const layout *l, const real *q)
 {
     const ptrdiff_t N = head_in(s)->intervals;
@@ -64,7 +71,8 @@ static inline int set_joints(real *s, const layout *l, const real *q)
         q_g[N * STAGES * NG + i] = last[i] = q[i_g[i]];
     }
     begin_points(arm);
-    for (ptrdiff_t k = 0; k < N * STAGES; ++k) { /* one after the other: each is the guess of the next */
+    /* one after the other: each is the guess of the next */
+    for (ptrdiff_t k = 0; k < N * STAGES; ++k) {
         int status;
         for (int point = 0; point < POINTS; ++point) {
             load_reference(arm, point, s + l->reference + k * REFERENCE);
@@ -90,7 +98,8 @@ static inline int set_joints(real *s, const layout *l, const real *q)
 
 #if MODEL_NE > 0
 
-enum { MOVING_STEPS = 6 }; /* Gauss-Newton steps; the problem is almost linear in the deflections */
+/* Gauss-Newton steps; the problem is almost linear in the deflections */
+enum { MOVING_STEPS = 6 };
 
 static const real first_state_weight = PRECISE(1e-6, 1e-3);
 
@@ -101,13 +110,14 @@ static inline int set_quasistatic(real *s, const layout *l)
     mesh m = mesh_of(l, s);
     real last[NG], *y = s + l->y, *a = s + l->a, *newest = m.target_state + N * STATES;
     copy(s + l->q_g + guess_at, NG, last);
-    for (ptrdiff_t j = LAST - 1; j <= l->past + N; ++j) { /* the first one twice: Newton's method converges */
+    /* the first one twice: Newton's method converges */
+    for (ptrdiff_t j = LAST - 1; j <= l->past + N; ++j) {
         for (int again = j == LAST - 1 ? 2 : 1; again > 0; --again) {
             const ptrdiff_t k = j < l->past ? 0 : j - l->past < N ? j - l->past : N - 1;
             int status;
             copy(s + l->q_g + k * STAGES * NG, NG, s + l->q_g + guess_at);
-            status = quasistatic_motion(
-                &m, (lq_space *)(void *)(s + l->lq), s + l->levels, s + l->nodes + j * REFERENCE, s + l->space);
+            status = quasistatic_motion(&m, (lq_space *)(void *)(s + l->lq), s + l->levels,
+                s + l->nodes + j * REFERENCE, s + l->space);
             if (status != MODEL_OK) {
                 return status;
             }
@@ -190,7 +200,8 @@ static inline void joints_at_start(const real *s, const layout *l, real q[NA])
 }
 
 /* The stream, at equilibrium now, is on the path instead. */
-static inline int set_moving(real *s, const layout *l, const model_samples *p, ptrdiff_t now, const real *q)
+static inline int set_moving(
+    real *s, const layout *l, const model_samples *p, ptrdiff_t now, const real *q)
 {
     int status;
     set_path(s, l, p, now);
@@ -209,13 +220,13 @@ static inline int set_moving(real *s, const layout *l, const model_samples *p, p
 /*
  * --- The parts of an update, one after the other.
  *
- * An update that has begun may be interrupted after each part: all that the next part needs is in the memory of the
- * stream. The results do not depend on where it was interrupted.
+ * An update that has begun may be interrupted after each part: all that the next part needs is in
+ * the memory of the stream. The results do not depend on where it was interrupted.
  */
 
 /*
- * Kinds of parts, in their order. PART_RESIDUAL: for each POINTS Gauss points; PART_POINTS: for each GROUP intervals
- * whose factors are computed again, then PART_FACTOR for each of them.
+ * Kinds of parts, in their order. PART_RESIDUAL: for each POINTS Gauss points; PART_POINTS: for
+ * each GROUP intervals whose factors are computed again, then PART_FACTOR for each of them.
  */
 enum {
     NO_UPDATE,
@@ -233,7 +244,10 @@ enum {
     PARTS_END
 };
 
-/* The part that is next. at: Gauss point, or intervals before those of the group; within: interval in the group. */
+/*
+ * The part that is next. at: Gauss point, or intervals before those of the group; within: interval
+ * in the group.
+ */
 typedef struct {
     int part, at, within;
 } update_part;
@@ -254,8 +268,8 @@ static inline int group_from(const real *s, int *next, int *list)
 #endif
 
 /*
- * Approximate cost of a part: microseconds with 6 motors and 12 coordinates without motor on a processor with vectors
- * of 8 numbers. Only the distribution of the work depends on it.
+ * Approximate cost of a part: microseconds with 6 motors and 12 coordinates without motor on a
+ * processor with vectors of 8 numbers. Only the distribution of the work depends on it.
  */
 static inline int cost_of_part(const real *s, update_part p)
 {
@@ -426,7 +440,10 @@ static real *memory_of(const model_stream *stream)
     return stream == NULL ? NULL : stream->memory;
 }
 
-/* Layout of a stream that was started and has not failed; a status where its memory holds none, or not all of it. */
+/*
+ * Layout of a stream that was started and has not failed; a status where its memory holds none, or
+ * not all of it.
+ */
 static model_status find_layout(const model_stream *given, layout *l)
 {
     if (given->size < HEAD) {
@@ -439,7 +456,8 @@ static model_status find_layout(const model_stream *given, layout *l)
     return given->size < l->end ? MODEL_WORK_TOO_SMALL : MODEL_OK;
 }
 
-enum { SETTLING_SWEEPS = 10 }; /* sweeps after which the cost of an endless equilibrium has converged */
+/* sweeps after which the cost of an endless equilibrium has converged */
+enum { SETTLING_SWEEPS = 10 };
 #if MODEL_NE > 0
 static const real initial_weight = 1e-4; /* before the first of them */
 #endif
@@ -447,14 +465,16 @@ static const real initial_weight = 1e-4; /* before the first of them */
 int64_t model_stream_work(const model_stream_options *options)
 {
     return options != NULL && stream_sizes_fit(options) ?
-               (int64_t)laid_out(options->intervals, options->samples_per_interval, (int)options->hold, options->delay)
+               (int64_t)laid_out(options->intervals, options->samples_per_interval,
+                   (int)options->hold, options->delay)
                    .end :
                -1;
 }
 
 /* Deflections of the gears at the equilibrium q. */
 #if MODEL_FORCE
-static int deflection_at_equilibrium(const real *target, const real *q, real *deflection, real *space)
+static int deflection_at_equilibrium(
+    const real *target, const real *q, real *deflection, real *space)
 #else  /* MODEL_FORCE */
 static int deflection_at_equilibrium(const real *q, real *deflection, real *space)
 #endif /* MODEL_FORCE */
@@ -485,10 +505,15 @@ static int deflection_at_equilibrium(const real *q, real *deflection, real *spac
         }
     }
 #endif /* MODEL_FORCE */
-    return static_deflections(tau, 1, zero, deflection, stiffness, space) ? MODEL_OK : MODEL_RESULT_NOT_FINITE;
+    return static_deflections(tau, 1, zero, deflection, stiffness, space) ?
+               MODEL_OK :
+               MODEL_RESULT_NOT_FINITE;
 }
 
-/* The whole horizon and the past are at the equilibrium with the output at its target; q: a guess, and it. */
+/*
+ * The whole horizon and the past are at the equilibrium with the output at its target; q: a guess,
+ * and it.
+ */
 static int set_equilibrium(real *s, const layout *l, const real *target, real *q)
 {
     const ptrdiff_t N = head_in(s)->intervals;
@@ -557,15 +582,18 @@ static int set_equilibrium(real *s, const layout *l, const real *target, real *q
 #if MODEL_HYSTERESIS
     if (status == MODEL_OK) {
         branches b;
-        status = begin_branches(&b, head_in(s)->period, s + l->now, s + l->space) ? MODEL_OK : MODEL_RESULT_NOT_FINITE;
+        status = begin_branches(&b, head_in(s)->period, s + l->now, s + l->space) ?
+                     MODEL_OK :
+                     MODEL_RESULT_NOT_FINITE;
         keep_branches(&b, s + l->now);
     }
 #endif /* MODEL_HYSTERESIS */
     return status;
 }
 
-COLD model_status model_stream_start(const model_stream *given, const model_stream_options *options,
-    const real y[MODEL_NT], PARAMETERS_ARGUMENT const real q_start[MODEL_NA])
+COLD model_status model_stream_start(const model_stream *given,
+    const model_stream_options *options, const real y[MODEL_NT],
+    PARAMETERS_ARGUMENT const real q_start[MODEL_NA])
 {
     real *stream = given == NULL ? NULL : given->memory;
     const real *parameters_given = GIVEN_PARAMETERS;
@@ -573,7 +601,8 @@ COLD model_status model_stream_start(const model_stream *given, const model_stre
     real q[NA], *space;
     stream_head *head;
     int status;
-    if (stream == NULL || options == NULL || y == NULL || parameters_given == NULL || q_start == NULL) {
+    if (stream == NULL || options == NULL || y == NULL || parameters_given == NULL ||
+        q_start == NULL) {
         return MODEL_NULL_ARGUMENT;
     }
     if (!stream_sizes_fit(options) || !(options->period > 0.0 && options->period < 1e6) ||
@@ -584,12 +613,14 @@ COLD model_status model_stream_start(const model_stream *given, const model_stre
     if (options->servo != NULL && !has_gains(options->servo)) {
         return MODEL_NULL_ARGUMENT;
     }
-    if (options->servo != NULL && !servo_fits(options->servo, options->period / (real)options->samples_per_interval,
-                                      (int)options->hold, options->delay)) {
+    if (options->servo != NULL &&
+        !servo_fits(options->servo, options->period / (real)options->samples_per_interval,
+            (int)options->hold, options->delay)) {
         return MODEL_BAD_ARGUMENT;
     }
 #endif /* MODEL_POSITION */
-    l = laid_out(options->intervals, options->samples_per_interval, (int)options->hold, options->delay);
+    l = laid_out(
+        options->intervals, options->samples_per_interval, (int)options->hold, options->delay);
     if (given->size < l.end) {
         return MODEL_WORK_TOO_SMALL;
     }
@@ -700,7 +731,8 @@ static int rest_again(real *s, const layout *l)
     return status;
 }
 
-COLD model_status model_stream_parameters(const model_stream *given, const real parameters[MODEL_PARAMETERS])
+COLD model_status model_stream_parameters(
+    const model_stream *given, const real parameters[MODEL_PARAMETERS])
 {
     real *stream = memory_of(given);
     layout l;
@@ -730,7 +762,9 @@ COLD model_status model_stream_parameters(const model_stream *given, const real 
 #if MODEL_HARMONICS
     if (head_in(stream)->has_limits) {
         const limits_layout w = limits_laid_out(head_in(stream)->intervals);
-        return find_swings(stream + l.limits + w.swing, stream + l.space) ? MODEL_OK : MODEL_RESULT_NOT_FINITE;
+        return find_swings(stream + l.limits + w.swing, stream + l.space) ?
+                   MODEL_OK :
+                   MODEL_RESULT_NOT_FINITE;
     }
 #endif /* MODEL_HARMONICS */
     return MODEL_OK;
@@ -758,8 +792,8 @@ model_status model_stream_force(const model_stream *given, const real *force)
 }
 
 #endif /* MODEL_FORCE */
-COLD model_status model_stream_limits(
-    const model_stream *given, const real torque_max[MODEL_NM], const real speed_max[MODEL_NM], real deviation_max)
+COLD model_status model_stream_limits(const model_stream *given, const real torque_max[MODEL_NM],
+    const real speed_max[MODEL_NM], real deviation_max)
 {
     real *stream = memory_of(given);
     layout l;
@@ -826,14 +860,16 @@ COLD model_status model_stream_all_limits(
     if (given == NULL || limits == NULL) {
         return MODEL_NULL_ARGUMENT;
     }
-    if ((limits->torque_speed != NULL && limits->torque_speed_points - 1 > EDGES) || !are_in_range(limits)) {
+    if ((limits->torque_speed != NULL && limits->torque_speed_points - 1 > EDGES) ||
+        !are_in_range(limits)) {
         return MODEL_BAD_ARGUMENT;
     }
     set_bounds(limits->torque_max, NM, torque);
     set_bounds(limits->speed_max, NM, speed);
     for (int i = 0; i < NM && limits->torque_speed != NULL; ++i) {
         const ptrdiff_t count = limits->torque_speed_points;
-        speed[i] = fmin_1(speed[i], limits->torque_speed[((i + 1) * count - 1) * 2]); /* the end of the curve */
+        /* the end of the curve */
+        speed[i] = fmin_1(speed[i], limits->torque_speed[((i + 1) * count - 1) * 2]);
     }
     status = model_stream_limits(given, torque, speed, deviation_max);
     if (status != MODEL_OK) {
@@ -849,8 +885,11 @@ COLD model_status model_stream_all_limits(
     set_bounds(limits->deflection_max, NE, b + w.bound + ELASTIC_ROWS);
     set_bounds(limits->joint_speed_max, NG, b + w.bound + JOINT_ROWS);
     set_bounds(limits->joint_acceleration_max, NG, b + w.bound + JOINT_ROWS + NG);
-    b[w.bound + TOOL_ROWS] = limits->tool_speed_max > 0.0 ? limits->tool_speed_max : (real)INFINITY;
-    b[w.bound + TOOL_ROWS + 1] = limits->tool_acceleration_max > 0.0 ? limits->tool_acceleration_max : (real)INFINITY;
+    b[w.bound + TOOL_ROWS] = limits->tool_speed_max > 0.0 ? limits->tool_speed_max :
+                                                            (real)INFINITY;
+    b[w.bound + TOOL_ROWS + 1] = limits->tool_acceleration_max > 0.0 ?
+                                     limits->tool_acceleration_max :
+                                     (real)INFINITY;
     for (int i = 0; i < NM && limits->torque_speed != NULL; ++i) {
         for (int e = 0; e < limits->torque_speed_points - 1; ++e) {
             real *curve = b + w.curve + 2 * (i * EDGES + e);
@@ -861,7 +900,10 @@ COLD model_status model_stream_all_limits(
 }
 #endif /* MODEL_BOUNDS */
 
-/* Status of an update that fails after its sample was taken; UNREACHABLE would mean that the sample was refused. */
+/*
+ * Status of an update that fails after its sample was taken; UNREACHABLE would mean that the
+ * sample was refused.
+ */
 static model_status failed(real *stream, int status)
 {
     head_of(stream)->state = HAS_FAILED;
@@ -879,8 +921,8 @@ static void begin_results(stream_head *head)
     head->at = head->within = 0;
 }
 
-model_status model_stream_begin(
-    const model_stream *given, const real y[MODEL_NT], const real dy[MODEL_NY], const real ddy[MODEL_NY])
+model_status model_stream_begin(const model_stream *given, const real y[MODEL_NT],
+    const real dy[MODEL_NY], const real ddy[MODEL_NY])
 {
     real *stream = memory_of(given);
     layout l;
@@ -959,7 +1001,8 @@ static void give(const real *from, ptrdiff_t size, real *to)
     }
 }
 
-model_status model_stream_finish(const model_stream *given, model_motion *motion, model_stream_info *info)
+model_status model_stream_finish(
+    const model_stream *given, model_motion *motion, model_stream_info *info)
 {
     real *stream = memory_of(given);
     layout l;
@@ -1015,15 +1058,17 @@ model_status model_stream_finish(const model_stream *given, model_motion *motion
     if (info->cause != MODEL_CAUSE_NONE) {
         return MODEL_TOLERANCE_NOT_MET;
     }
-    if (!is_finite(&head->residual, 1) || !is_finite(&head->mismatch, 1) || !is_finite(&head->torque_step, 1) ||
-        !is_finite(head->output_step, 2) || !is_finite(head->off, 2)) {
+    if (!is_finite(&head->residual, 1) || !is_finite(&head->mismatch, 1) ||
+        !is_finite(&head->torque_step, 1) || !is_finite(head->output_step, 2) ||
+        !is_finite(head->off, 2)) {
         return failed(stream, MODEL_RESULT_NOT_FINITE);
     }
     return info->limits_active ? MODEL_LIMITS_ACTIVE : MODEL_OK;
 }
 
-model_status model_stream_update(const model_stream *stream, const real y[MODEL_NT], const real dy[MODEL_NY],
-    const real ddy[MODEL_NY], model_motion *motion, model_stream_info *info)
+model_status model_stream_update(const model_stream *stream, const real y[MODEL_NT],
+    const real dy[MODEL_NY], const real ddy[MODEL_NY], model_motion *motion,
+    model_stream_info *info)
 {
     model_status status;
     if (motion == NULL || info == NULL) {
@@ -1037,7 +1082,8 @@ model_status model_stream_update(const model_stream *stream, const real y[MODEL_
 static model_status check_samples(const model_samples *p)
 {
     for (ptrdiff_t k = 0; k < p->n; ++k) {
-        if (!is_finite(p->y + k * NT, NT) || !is_finite(p->dy + k * NY, NY) || !is_finite(p->ddy + k * NY, NY)) {
+        if (!is_finite(p->y + k * NT, NT) || !is_finite(p->dy + k * NY, NY) ||
+            !is_finite(p->ddy + k * NY, NY)) {
             return MODEL_INPUT_NOT_FINITE;
         }
 #if MODEL_FORCE
@@ -1057,8 +1103,9 @@ static model_status check_samples(const model_samples *p)
     return MODEL_OK;
 }
 
-COLD model_status model_stream_start_moving(const model_stream *given, const model_stream_options *options,
-    const model_samples *path, PARAMETERS_ARGUMENT const real q_start[MODEL_NA])
+COLD model_status model_stream_start_moving(const model_stream *given,
+    const model_stream_options *options, const model_samples *path,
+    PARAMETERS_ARGUMENT const real q_start[MODEL_NA])
 {
 #if MODEL_POSITION
     model_motion none = {NULL, NULL, NULL, NULL, NULL, NULL, NULL, NULL, NULL};
@@ -1073,8 +1120,8 @@ COLD model_status model_stream_start_moving(const model_stream *given, const mod
     ptrdiff_t now;
     layout l;
     real q[NA], *stream = given == NULL ? NULL : given->memory;
-    if (stream == NULL || options == NULL || path == NULL || path->y == NULL || path->dy == NULL || path->ddy == NULL ||
-        q_start == NULL) {
+    if (stream == NULL || options == NULL || path == NULL || path->y == NULL || path->dy == NULL ||
+        path->ddy == NULL || q_start == NULL) {
         return MODEL_NULL_ARGUMENT;
     }
     if (!stream_sizes_fit(options) || path->n != MODEL_STREAM_START_SAMPLES(options->intervals) ||
@@ -1109,13 +1156,15 @@ COLD model_status model_stream_start_moving(const model_stream *given, const mod
             copy(path->force + k * FORCES, FORCES, FORCE_OF(stream + l.space));
         }
 #endif /* MODEL_FORCE */
-        status = model_stream_update(given, path->y + k * NT, path->dy + k * NY, path->ddy + k * NY, &none, &info);
+        status = model_stream_update(
+            given, path->y + k * NT, path->dy + k * NY, path->ddy + k * NY, &none, &info);
     }
     if (status < MODEL_OK) {
         head_of(stream)->state = IS_EMPTY;
         return status;
     }
-    for (int i = 0; i < MEASURES + NM; ++i) { /* largest values of the first updates are not those of the motion */
+    /* largest values of the first updates are not those of the motion */
+    for (int i = 0; i < MEASURES + NM; ++i) {
         stream[l.most + i] = 0.0;
     }
     return MODEL_OK;

@@ -25,9 +25,9 @@
 /*
  * --- The memory of a stream.
  *
- * An array of numbers of the caller: a head, then arrays, see model_stream_layout.h. Between two updates it holds the
- * planned motion over the horizon. An update shifts it by one interval, takes the next sample of the path at its end
- * and makes one Gauss-Newton step.
+ * An array of numbers of the caller: a head, then arrays, see model_stream_layout.h. Between two
+ * updates it holds the planned motion over the horizon. An update shifts it by one interval, takes
+ * the next sample of the path at its end and makes one Gauss-Newton step.
  */
 
 /* States of the head. */
@@ -39,11 +39,15 @@ enum {
 
 static inline int stream_sizes_fit(const model_stream_options *o)
 {
-    return o->intervals >= 1 && o->intervals <= MODEL_STREAM_INTERVALS_MAX && o->samples_per_interval >= 1 &&
-           o->samples_per_interval <= MODEL_STREAM_SAMPLES_MAX && hold_fits((int)o->hold, o->delay);
+    return o->intervals >= 1 && o->intervals <= MODEL_STREAM_INTERVALS_MAX &&
+           o->samples_per_interval >= 1 && o->samples_per_interval <= MODEL_STREAM_SAMPLES_MAX &&
+           hold_fits((int)o->hold, o->delay);
 }
 
-/* Whether memory holds a stream that this library started and that has not failed; it may hold anything. */
+/*
+ * Whether memory holds a stream that this library started and that has not failed; it may hold
+ * anything.
+ */
 static inline int is_running(const real *stream)
 {
     const stream_head *h = head_in(stream);
@@ -77,8 +81,9 @@ static inline mesh mesh_of(const layout *l, real *s)
     m.base = head_in(s)->base;
     m.scale = s + l->scale;
     /*
-     * The first node of the horizon cannot be changed. Its error grows like the unstable zeros and must have a cost at
-     * the end: the cost to go of the horizon before, which is close to zero for stable errors.
+     * The first node of the horizon cannot be changed. Its error grows like the unstable zeros and
+     * must have a cost at the end: the cost to go of the horizon before, which is close to zero
+     * for stable errors.
      */
     m.end = s + l->cost;
     m.residual = 0.0;
@@ -103,7 +108,8 @@ static inline problem_points *arm_of(const layout *l, real *s)
 enum { LEAST_INTERVALS = 4 }; /* least intervals of a horizon with limits */
 
 #if MODEL_NE > 0
-static const real preview_share = 1e-3; /* part of a change of the path that the present motion may still respond to */
+/* part of a change of the path that the present motion may still respond to */
+static const real preview_share = 1e-3;
 #endif
 static const real infeasible_factor = 2.5; /* times a limit: a stream that exceeds it more fails */
 
@@ -114,8 +120,9 @@ static inline real decay_time(const real *s)
 }
 
 /*
- * Start to keep limits, without a deviation. 0 where the horizon is too short: the path may only be modified beyond the
- * preview of the unstable zeros, so that the present motion need not change.
+ * Start to keep limits, without a deviation. 0 where the horizon is too short: the path may only
+ * be modified beyond the preview of the unstable zeros, so that the present motion need not
+ * change.
  */
 static inline int start_limits(real *s, const layout *l)
 {
@@ -149,10 +156,12 @@ static inline int start_limits(real *s, const layout *l)
 }
 
 /* The deviation at a new sample: the decay of the deviation at the end of the horizon. */
-static inline void next_deviation(const real *s, const layout *l, const real *own, real *deviation, real *next)
+static inline void next_deviation(
+    const real *s, const layout *l, const real *own, real *deviation, real *next)
 {
     const ptrdiff_t N = head_in(s)->intervals;
-    decay_step(s + l->limits + limits_laid_out(N).deviation + N * DEVIATION, (real)DECAYS / (real)N, deviation);
+    decay_step(s + l->limits + limits_laid_out(N).deviation + N * DEVIATION,
+        (real)DECAYS / (real)N, deviation);
     add_deviation(own, deviation, decay_time(s), next);
 }
 
@@ -173,11 +182,12 @@ static inline void shift_limits(real *s, const layout *l, const real *own, const
 }
 
 /*
- * Whether limits are active in the interval that begins now: its path is modified, or a limit is exceeded. off:
- * distance and angle from the given path, if larger than before; ends: 1 where a limit is exceeded so far that the
- * stream fails.
+ * Whether limits are active in the interval that begins now: its path is modified, or a limit is
+ * exceeded. off: distance and angle from the given path, if larger than before; ends: 1 where a
+ * limit is exceeded so far that the stream fails.
  */
-static inline int is_limited(const real *s, const layout *l, const real *v_m, const real *tau_m, real off[2], int *ends)
+static inline int is_limited(
+    const real *s, const layout *l, const real *v_m, const real *tau_m, real off[2], int *ends)
 {
     const limits_layout w = limits_laid_out(head_in(s)->intervals);
     const real *b = s + l->limits;
@@ -192,10 +202,12 @@ static inline int is_limited(const real *s, const layout *l, const real *v_m, co
     limited = deviated = off[0] > deviation_zero || off[1] > deviation_zero;
     for (ptrdiff_t i = 0; i < (ptrdiff_t)head_in(s)->samples_per_interval * NM; ++i) {
         const real torque = b[w.bound + i % NM], speed = b[w.bound + NM + i % NM];
-        if (fabs_1(tau_m[i]) > torque || fabs_1(v_m[i]) > speed) { /* an exceeded limit is reported */
+        /* an exceeded limit is reported */
+        if (fabs_1(tau_m[i]) > torque || fabs_1(v_m[i]) > speed) {
             limited = 1;
         }
-        if (fabs_1(tau_m[i]) > infeasible_factor * torque || fabs_1(v_m[i]) > infeasible_factor * speed) {
+        if (fabs_1(tau_m[i]) > infeasible_factor * torque ||
+            fabs_1(v_m[i]) > infeasible_factor * speed) {
             *ends = deviated; /* modifications that cause one another */
         }
     }
@@ -203,7 +215,8 @@ static inline int is_limited(const real *s, const layout *l, const real *v_m, co
 }
 
 /* Node k of the horizon, 0 ... N, into a point of `arm`, with guesses of the joints. */
-static inline void load_node(real *s, const layout *l, ptrdiff_t k, const real *joints, problem_points *arm, int lane)
+static inline void load_node(
+    real *s, const layout *l, ptrdiff_t k, const real *joints, problem_points *arm, int lane)
 {
     const ptrdiff_t node = l->past + k;
     load_reference(arm, lane, s + l->nodes + node * REFERENCE);
@@ -216,7 +229,10 @@ static inline void load_node(real *s, const layout *l, ptrdiff_t k, const real *
 #endif
 }
 
-/* Planned motion and torques of the arm at the nodes, and the torques and speeds of the motors there. */
+/*
+ * Planned motion and torques of the arm at the nodes, and the torques and speeds of the motors
+ * there.
+ */
 static inline int predict_motors(real *s, const layout *l, const limits_layout *w)
 {
     const ptrdiff_t N = head_in(s)->intervals;
@@ -248,7 +264,8 @@ static inline int predict_motors(real *s, const layout *l, const limits_layout *
 #endif /* MODEL_BOUNDS */
         }
     }
-    return motors_at_nodes(b, w, N, head_in(s)->period, s + l->space) ? MODEL_OK : MODEL_RESULT_NOT_FINITE;
+    return motors_at_nodes(b, w, N, head_in(s)->period, s + l->space) ? MODEL_OK :
+                                                                        MODEL_RESULT_NOT_FINITE;
 }
 
 /* The path of the horizon becomes the given one with its deviation. */
@@ -258,8 +275,8 @@ static inline void modify_path(real *s, const layout *l, const limits_layout *w)
     const real *b = s + l->limits;
     real *nodes = s + l->nodes + l->past * REFERENCE;
     for (ptrdiff_t k = 1; k <= N; ++k) {
-        add_deviation(
-            b + w->plan + k * REFERENCE, b + w->deviation + k * DEVIATION, decay_time(s), nodes + k * REFERENCE);
+        add_deviation(b + w->plan + k * REFERENCE, b + w->deviation + k * DEVIATION, decay_time(s),
+            nodes + k * REFERENCE);
     }
     for (ptrdiff_t k = 1; k < N; ++k) {
         for (int g = 0; g < STAGES; ++g) {
@@ -270,7 +287,9 @@ static inline void modify_path(real *s, const layout *l, const limits_layout *w)
     copy(nodes + N * REFERENCE, REFERENCE, s + l->last);
 }
 
-/* Check whether the motors will exceed their limits, and modify the path beyond the fixed nodes. */
+/*
+ * Check whether the motors will exceed their limits, and modify the path beyond the fixed nodes.
+ */
 static inline int apply_limits(real *s, const layout *l)
 {
     const ptrdiff_t N = head_in(s)->intervals;
@@ -285,7 +304,8 @@ static inline int apply_limits(real *s, const layout *l)
 #if MODEL_BOUNDS
     for (int k = 0; k < 2; ++k) { /* an exceeded limit of this interval is reported */
         const real most = largest(b + w.value + k * BOUNDED, MOTORS);
-        if (most > infeasible_factor && (head_in(s)->off[0] > deviation_zero || head_in(s)->off[1] > deviation_zero)) {
+        if (most > infeasible_factor &&
+            (head_in(s)->off[0] > deviation_zero || head_in(s)->off[1] > deviation_zero)) {
             return MODEL_LIMITS_INFEASIBLE; /* modifications that cause one another */
         }
         if (most > 1.0) {
@@ -330,9 +350,11 @@ static inline int apply_limits(real *s, const layout *l)
 
 #if MODEL_NE > 0
 
-/* One Newton step of R(q, v, a) = 0 in q at the last nodes of the path, newest first; changes q. */
-static inline int balance(
-    const mesh *m, lq_space *w, const real *newest, real v[LAST][NE], real a[LAST][NE], real *q, real *space)
+/*
+ * One Newton step of R(q, v, a) = 0 in q at the last nodes of the path, newest first; changes q.
+ */
+static inline int balance(const mesh *m, lq_space *w, const real *newest, real v[LAST][NE],
+    real a[LAST][NE], real *q, real *space)
 {
     int status;
     for (int l = 0; l < POINTS; ++l) {
@@ -357,7 +379,8 @@ static inline int balance(
             }
             K[i][NE] = w->arm.row[i][node];
         }
-        (void)solve_plain(&K[0][0], NE, NE + 1); /* no pivoting: stiffness dominates; where it is zero nothing moves */
+        /* no pivoting: stiffness dominates; where it is zero nothing moves */
+        (void)solve_plain(&K[0][0], NE, NE + 1);
         for (int i = 0; i < NE; ++i) {
             q[node * NE + i] -= fabs_1(K[i][NE]) < 1.0 ? K[i][NE] : 0.0;
         }
@@ -366,17 +389,21 @@ static inline int balance(
 }
 
 /*
- * The target of the end of the horizon: the quasi-static motion, deflections in balance with gravity and the path.
- * First without motion of the deflections; then with the velocities and accelerations of this motion, by differences of
- * its last values; and so on. Each level reduces the error by the ratio of the time constants of zeros and path. All
- * nodes are balanced again with the present path: where limits modify it, differences to older values would be wrong.
+ * The target of the end of the horizon: the quasi-static motion, deflections in balance with
+ * gravity and the path. First without motion of the deflections; then with the velocities and
+ * accelerations of this motion, by differences of its last values; and so on. Each level reduces
+ * the error by the ratio of the time constants of zeros and path. All nodes are balanced again
+ * with the present path: where limits modify it, differences to older values would be wrong.
  */
-static inline int quasistatic_motion(mesh *m, lq_space *w, real *levels, const real *newest, real *space)
+static inline int quasistatic_motion(
+    mesh *m, lq_space *w, real *levels, const real *newest, real *space)
 {
-    static const real once[LAST][LAST] = {{25.0, -48.0, 36.0, -16.0, 3.0}, {3.0, 10.0, -18.0, 6.0, -1.0},
-        {-1.0, 8.0, 0.0, -8.0, 1.0}, {1.0, -6.0, 18.0, -10.0, -3.0}, {-3.0, 16.0, -36.0, 48.0, -25.0}};
-    static const real twice[LAST][LAST] = {{35.0, -104.0, 114.0, -56.0, 11.0}, {11.0, -20.0, 6.0, 4.0, -1.0},
-        {-1.0, 16.0, -30.0, 16.0, -1.0}, {-1.0, 4.0, 6.0, -20.0, 11.0}, {11.0, -56.0, 114.0, -104.0, 35.0}};
+    static const real once[LAST][LAST] = {{25.0, -48.0, 36.0, -16.0, 3.0},
+        {3.0, 10.0, -18.0, 6.0, -1.0}, {-1.0, 8.0, 0.0, -8.0, 1.0}, {1.0, -6.0, 18.0, -10.0, -3.0},
+        {-3.0, 16.0, -36.0, 48.0, -25.0}};
+    static const real twice[LAST][LAST] = {{35.0, -104.0, 114.0, -56.0, 11.0},
+        {11.0, -20.0, 6.0, 4.0, -1.0}, {-1.0, 16.0, -30.0, 16.0, -1.0},
+        {-1.0, 4.0, 6.0, -20.0, 11.0}, {11.0, -56.0, 114.0, -104.0, 35.0}};
     real v[LAST][NE] = {{0.0}}, a[LAST][NE] = {{0.0}};
     real *x = levels;
     for (int scale_rows = 0; scale_rows < LEVELS; ++scale_rows) {
@@ -432,7 +459,8 @@ static inline int reach_next_sample(real *s, const layout *l, const real *next, 
         if (point < STAGES) {
             between_samples(both[0], head_in(s)->period, gauss_c[stage], to->reference[stage]);
         }
-        for (int i = 0; i < NG; ++i) { /* extrapolated: through a singular pose rather than back from it */
+        /* extrapolated: through a singular pose rather than back from it */
+        for (int i = 0; i < NG; ++i) {
             guess[i] = joint[i] + onward * (joint[i] - joint[i - NG]);
         }
         load_reference(arm, point, to->reference[stage]);
@@ -456,7 +484,8 @@ static inline int reach_next_sample(real *s, const layout *l, const real *next, 
     }
     to->side = arm->side[0];
     for (int stage = 0; stage < STAGES; ++stage) {
-        if (!(arm->side[stage] * (head_in(s)->side != 0 ? (real)head_in(s)->side : to->side) > 0.0)) {
+        if (!(arm->side[stage] * (head_in(s)->side != 0 ? (real)head_in(s)->side : to->side) >
+                0.0)) {
             return MODEL_UNREACHABLE; /* on the other side of a singular pose */
         }
         for (int i = 0; i < NG; ++i) {
@@ -467,10 +496,11 @@ static inline int reach_next_sample(real *s, const layout *l, const real *next, 
 }
 
 /*
- * Shift the path and the joints by one interval; the joints at the start of the horizon are stored after those of the
- * Gauss points.
+ * Shift the path and the joints by one interval; the joints at the start of the horizon are stored
+ * after those of the Gauss points.
  */
-static inline void shift_path(real *s, const layout *l, const real *next, const next_interval *arrived)
+static inline void shift_path(
+    real *s, const layout *l, const real *next, const next_interval *arrived)
 {
     const ptrdiff_t N = head_in(s)->intervals, stages = (N - 1) * STAGES;
     real *q_g = s + l->q_g, *reference = s + l->reference, *nodes = s + l->nodes;
@@ -487,16 +517,19 @@ static inline void shift_path(real *s, const layout *l, const real *next, const 
 /*
  * --- One Gauss-Newton step of the motion over the horizon, in parts.
  *
- * Between two updates most intervals of the horizon only become one interval older: their Jacobians, factors and costs
- * to go are kept, and only those of some intervals are computed again, of more at the end of the horizon, where the
- * motion still changes. The residuals are computed everywhere.
+ * Between two updates most intervals of the horizon only become one interval older: their
+ * Jacobians, factors and costs to go are kept, and only those of some intervals are computed
+ * again, of more at the end of the horizon, where the motion still changes. The residuals are
+ * computed everywhere.
  */
 
 #if MODEL_NE > 0
 
-enum { END = 6 }; /* intervals at the end of the horizon that are computed again in any case, at least */
+/* intervals at the end of the horizon that are computed again in any case, at least */
+enum { END = 6 };
 
-static const real stale_share = 0.1; /* of the tolerance: a larger residual in the near half asks for all factors */
+/* of the tolerance: a larger residual in the near half asks for all factors */
+static const real stale_share = 0.1;
 
 /* The largest residual of the intervals before `end`. */
 static inline real residual_before(const real *row, ptrdiff_t end)
@@ -509,9 +542,10 @@ static inline real residual_before(const real *row, ptrdiff_t end)
 }
 
 /*
- * The intervals whose factors are computed again, the last one first: those at the end of the horizon, whose costs to
- * go follow from each other without a gap, then at distances from the end that grow by a factor of three. All where
- * `all`. They are returned in groups of GROUP from `*next` on; the number of them.
+ * The intervals whose factors are computed again, the last one first: those at the end of the
+ * horizon, whose costs to go follow from each other without a gap, then at distances from the end
+ * that grow by a factor of three. All where `all`. They are returned in groups of GROUP from
+ * `*next` on; the number of them.
  */
 static inline int refreshed(int N, int all, int *next, int *list)
 {
@@ -527,7 +561,8 @@ static inline int refreshed(int N, int all, int *next, int *list)
 static inline int refresh_points(real *s, const layout *l, const int *list, int count)
 {
     mesh m = mesh_of(l, s);
-    return evaluate_group(&m, 0, list, count, s + l->point, (lq_space *)(void *)(s + l->lq), s + l->space);
+    return evaluate_group(
+        &m, 0, list, count, s + l->point, (lq_space *)(void *)(s + l->lq), s + l->space);
 }
 
 /* The factor and the cost to go of interval k whose Jacobians are known. */
@@ -536,10 +571,12 @@ static inline int refresh_factor(real *s, const layout *l, int k)
     lq_space *w = (lq_space *)(void *)(s + l->lq);
     const mesh m = mesh_of(l, s);
     const ptrdiff_t slot = slot_of(&m, k);
-    copy(k == m.N - 1 ? m.end : s + l->costs + slot_of(&m, k + 1) * STATES * STATES, STATES * STATES, w->P);
+    copy(k == m.N - 1 ? m.end : s + l->costs + slot_of(&m, k + 1) * STATES * STATES,
+        STATES * STATES, w->P);
     set_zero(w->p, STATES);
     sum_of_rows(&m, s + l->point + slot * STAGES * POINT, w->J, w->H);
-    if (!factor_interval(&m, k, w, m.factor + slot * CONTROLS * WIDTH) || !is_finite(w->p, STATES)) {
+    if (!factor_interval(&m, k, w, m.factor + slot * CONTROLS * WIDTH) ||
+        !is_finite(w->p, STATES)) {
         return MODEL_NOT_CONVERGED;
     }
     copy(w->P, STATES * STATES, s + l->costs + slot * STATES * STATES);
@@ -561,10 +598,14 @@ static inline int shift_motion(real *s, const layout *l)
         m.a[(N - 1) * CONTROLS + i] = 0.0;
     }
     next_node(m.y + (N - 1) * STATES, m.a + (N - 1) * CONTROLS, m.h, m.y + N * STATES);
-    return quasistatic_motion(&m, w, s + l->levels, s + l->nodes + (l->past + N) * REFERENCE, s + l->space);
+    return quasistatic_motion(
+        &m, w, s + l->levels, s + l->nodes + (l->past + N) * REFERENCE, s + l->space);
 }
 
-/* Residuals of POINTS Gauss points of the horizon; after the last ones, whether all factors are computed again. */
+/*
+ * Residuals of POINTS Gauss points of the horizon; after the last ones, whether all factors are
+ * computed again.
+ */
 static inline int residual_part(real *s, const layout *l, int at)
 {
     lq_space *w = (lq_space *)(void *)(s + l->lq);
@@ -581,7 +622,10 @@ static inline int residual_part(real *s, const layout *l, int at)
     return status;
 }
 
-/* The data of the linear terms: every interval of the horizon has a factor and a right side of its own. */
+/*
+ * The data of the linear terms: every interval of the horizon has a factor and a right side of its
+ * own.
+ */
 static inline lq_data linear_data(real *s, const layout *l)
 {
     lq_data data;
@@ -625,7 +669,10 @@ enum { MEMORY_DECAYS = 4 }; /* time constants of the memory of the largest value
 /* of a motor torque from one interval to the next, relative to its largest value */
 static const real torque_step_max = PRECISE(2e-4, 5e-3);
 
-/* m or rad: joints that move less within an interval are at rest; a smaller step of the output is none */
+/*
+ * m or rad: joints that move less within an interval are at rest; a smaller step of the output is
+ * none
+ */
 static const real negligible_motion = PRECISE(3e-8, 1e-5), negligible_step = PRECISE(1e-8, 1e-6);
 
 /* Results of an update, sample after sample. */
@@ -636,11 +683,14 @@ typedef struct {
 #endif /* MODEL_POSITION */
 } interval_results;
 
-/* Motion and gear torques of the arm in the window around the interval; worst: the largest residual in the interval. */
+/*
+ * Motion and gear torques of the arm in the window around the interval; worst: the largest
+ * residual in the interval.
+ */
 static inline int arm_in_window(real *s, const layout *l, const interval_results *out, real *worst)
 {
-    const int samples_per_interval = head_in(s)->samples_per_interval, intervals = head_in(s)->intervals,
-              end = (int)l->past + intervals;
+    const int samples_per_interval = head_in(s)->samples_per_interval,
+              intervals = head_in(s)->intervals, end = (int)l->past + intervals;
     real *joints_now = s + l->q_g + (ptrdiff_t)intervals * STAGES * NG;
     const real fine = head_in(s)->period / (real)samples_per_interval;
     joint_motion last;
@@ -656,20 +706,26 @@ static inline int arm_in_window(real *s, const layout *l, const interval_results
     nodal_accelerations(&m, s + l->a_node);
 #endif
     *worst = 0.0;
-    /* All samples from the present plan, the past too: derivatives must not contain steps between plans. */
+    /*
+     * All samples from the present plan, the past too: derivatives must not contain steps between
+     * plans.
+     */
     joints_at_rest(joints_now, &last);
     begin_points(arm);
     for (int at = 0; at < l->window; at += POINTS) {
         const int used = (int)(l->window - at < POINTS ? l->window - at : (ptrdiff_t)POINTS);
         int status;
         for (int point = 0; point < POINTS; ++point) {
-            const int k = at + (point < used ? point : used - 1) - BACK + (int)l->past * samples_per_interval;
+            const int k = at + (point < used ? point : used - 1) - BACK +
+                          (int)l->past * samples_per_interval;
             const int node = k / samples_per_interval < end ? k / samples_per_interval : end - 1;
             const real x = k / samples_per_interval < end ?
-                               (real)(k - node * samples_per_interval) / (real)samples_per_interval :
+                               (real)(k - node * samples_per_interval) /
+                                   (real)samples_per_interval :
                                1.0;
             real reference[REFERENCE];
-            between_samples(s + l->nodes + node * (ptrdiff_t)REFERENCE, head_in(s)->period, x, reference);
+            between_samples(
+                s + l->nodes + node * (ptrdiff_t)REFERENCE, head_in(s)->period, x, reference);
             load_reference(arm, point, reference);
             time[point] = (real)(at + (point < used ? point : used - 1)) * fine;
 #if MODEL_NE > 0
@@ -690,7 +746,8 @@ static inline int arm_in_window(real *s, const layout *l, const interval_results
             real *tau = s + l->tau + (at + point) * (ptrdiff_t)NG;
             real *joint = s + l->joint + (at + point) * (ptrdiff_t)JOINT;
             if (!(arm->side[point] * (real)head_in(s)->side > 0.0)) {
-                return MODEL_UNREACHABLE; /* deflections brought it to the other side of a singular pose */
+                /* deflections brought it to the other side of a singular pose */
+                return MODEL_UNREACHABLE;
             }
             for (int i = 0; i < NG; ++i) {
                 tau[i] = arm->tau_g[i][point];
@@ -716,15 +773,16 @@ static inline int arm_in_window(real *s, const layout *l, const interval_results
 #endif
         }
         if (used > 1) {
-            keep_joints(arm, used - 1, (real)(at + used - 1) * fine, (real)(used - 1) * fine, &last);
+            keep_joints(
+                arm, used - 1, (real)(at + used - 1) * fine, (real)(used - 1) * fine, &last);
         }
     }
     return MODEL_OK;
 }
 
 /*
- * Step of the output [m], [rad]: the static deflections of the gears step from those that the plan before predicted,
- * and the joints follow, since the motors cannot step.
+ * Step of the output [m], [rad]: the static deflections of the gears step from those that the plan
+ * before predicted, and the joints follow, since the motors cannot step.
  */
 static inline void output_step_of(real *s, const layout *l, const real *deflection, real size[2])
 {
@@ -740,9 +798,9 @@ static inline void output_step_of(real *s, const layout *l, const real *deflecti
 }
 
 /*
- * The largest step of a motor torque from the value that the plan before predicted, relative to the largest of that
- * motor within about a horizon, or to a hundredth of that of all motors. A step is not a motion, although each plan is
- * smooth.
+ * The largest step of a motor torque from the value that the plan before predicted, relative to
+ * the largest of that motor within about a horizon, or to a hundredth of that of all motors. A
+ * step is not a motion, although each plan is smooth.
  */
 static inline real torque_step_of(real *s, const layout *l, const real *tau_m)
 {
@@ -760,7 +818,10 @@ static inline real torque_step_of(real *s, const layout *l, const real *tau_m)
 }
 
 #if MODEL_FILTERS
-/* The torques to send in the interval and after it, behind those before it, for the filters of the servo. */
+/*
+ * The torques to send in the interval and after it, behind those before it, for the filters of the
+ * servo.
+ */
 static inline void sent_torques(real *s, const layout *l, const real *tau_at_start)
 {
     const ptrdiff_t each = head_in(s)->samples_per_interval;
@@ -780,7 +841,10 @@ static inline void sent_torques(real *s, const layout *l, const real *tau_at_sta
 }
 
 #endif /* MODEL_FILTERS */
-/* The torques to send in the interval from those of the motors, of which the last are kept for the next update. */
+/*
+ * The torques to send in the interval from those of the motors, of which the last are kept for the
+ * next update.
+ */
 static inline void hold_interval(real *s, const layout *l, real *tau_m)
 {
     const ptrdiff_t samples_per_interval = head_in(s)->samples_per_interval;
@@ -801,12 +865,14 @@ static inline void hold_interval(real *s, const layout *l, real *tau_m)
 #if MODEL_HYSTERESIS
 
 /*
- * Deflections of the gears from MARGIN samples before the interval on, for differences in it. The branches are carried
- * on from update to update; the present plan changes the past a little: undamped gears follow it.
+ * Deflections of the gears from MARGIN samples before the interval on, for differences in it. The
+ * branches are carried on from update to update; the present plan changes the past a little:
+ * undamped gears follow it.
  */
 static inline int hysteretic_window(real *s, const layout *l)
 {
-    const ptrdiff_t each = head_in(s)->samples_per_interval, last = BACK + each + l->ahead + MARGIN;
+    const ptrdiff_t each = head_in(s)->samples_per_interval,
+                    last = BACK + each + l->ahead + MARGIN;
     const real fine = head_in(s)->period / (real)each;
     branches b;
     quintics q = {{{0.0}}};
@@ -818,12 +884,13 @@ static inline int hysteretic_window(real *s, const layout *l)
     for (ptrdiff_t k = MARGIN; k <= last; ++k) {
         for (int i = 0; i < NG; ++i) {
             const real *tau = s + l->tau + k * NG + i;
-            const real now[3] = {
-                *tau, fine * derivative_of(tau, NG, fine), fine * fine * second_derivative_of(tau, NG, fine)};
+            const real now[3] = {*tau, fine * derivative_of(tau, NG, fine),
+                fine * fine * second_derivative_of(tau, NG, fine)};
             set_quintic(&q, i, k > MARGIN ? right[i] : now, now);
             copy(now, 3, right[i]);
         }
-        if (!(k > MARGIN ? advance_branches(&b, &q, s + l->space) : correct_branches(&b, &q, s + l->space))) {
+        if (!(k > MARGIN ? advance_branches(&b, &q, s + l->space) :
+                           correct_branches(&b, &q, s + l->space))) {
             return 0;
         }
         copy(b.p, NG, s + l->lagged + k * NG);
@@ -838,14 +905,15 @@ static inline int hysteretic_window(real *s, const layout *l)
 #if MODEL_LUGRE
 
 /*
- * Add the torques of the bristles to those of the motors in the interval and ahead. The bristles at its end, and the
- * impulses before that, are carried on.
+ * Add the torques of the bristles to those of the motors in the interval and ahead. The bristles
+ * at its end, and the impulses before that, are carried on.
  */
 static inline int bristles_in_interval(real *s, const layout *l, int is_first, real *tau_m)
 {
     const ptrdiff_t each = head_in(s)->samples_per_interval, known = each + l->ahead;
     const real fine = head_in(s)->period / (real)each;
-    real *kept = s + l->bristles, *impulse = kept + BRISTLES + PAST_IMPULSES, *torque = s + l->torque, finite = 0.0;
+    real *kept = s + l->bristles, *impulse = kept + BRISTLES + PAST_IMPULSES,
+         *torque = s + l->torque, finite = 0.0;
     real past[MARGIN][NM];
     for (int j = 0; j < NM; ++j) {
         real z = kept[j], since = kept[NM + j];
@@ -876,8 +944,8 @@ static inline int bristles_in_interval(real *s, const layout *l, int is_first, r
 }
 #endif /* MODEL_LUGRE */
 /*
- * Motors in the interval; the deflections of the gears are carried on from update to update. step, output_step: of the
- * motor torques and of the output at its start; steps at rest are not counted.
+ * Motors in the interval; the deflections of the gears are carried on from update to update. step,
+ * output_step: of the motor torques and of the output at its start; steps at rest are not counted.
  */
 static inline int motors_in_interval(
     real *s, const layout *l, const interval_results *out, real *step, real output_step[2])
@@ -888,7 +956,8 @@ static inline int motors_in_interval(
     gears g;
 #if MODEL_HYSTERESIS
     set_differences(&g, head_in(s)->period / (real)samples_per_interval);
-    if (!static_deflections(s + l->tau, l->window, s + l->now, s + l->deflection, last_stiffness, space)) {
+    if (!static_deflections(
+            s + l->tau, l->window, s + l->now, s + l->deflection, last_stiffness, space)) {
         return MODEL_RESULT_NOT_FINITE;
     }
     if (!hysteretic_window(s, l)) {
@@ -896,7 +965,8 @@ static inline int motors_in_interval(
     }
 #else /* MODEL_HYSTERESIS */
     if (!begin_gears(&g, head_in(s)->period / (real)samples_per_interval, s + l->now, space) ||
-        !static_deflections(s + l->tau, l->window, s + l->now, s + l->deflection, last_stiffness, space)) {
+        !static_deflections(
+            s + l->tau, l->window, s + l->now, s + l->deflection, last_stiffness, space)) {
         return MODEL_RESULT_NOT_FINITE;
     }
     for (ptrdiff_t k = MARGIN; k + MARGIN < l->window; ++k) {
@@ -911,11 +981,13 @@ static inline int motors_in_interval(
         if (evaluate_gear_law(s + l->deflection + k * NG, value, stiffness, space) != MODEL_OK) {
             return MODEL_RESULT_NOT_FINITE;
         }
-        lagged_deflections(&g, s + l->deflection + k * NG, stiffness, s + l->lagged + k * NG, space);
+        lagged_deflections(
+            &g, s + l->deflection + k * NG, stiffness, s + l->lagged + k * NG, space);
     }
 #if MODEL_PARAMETERS > 0
     for (int i = 0; i < NG;
-        ++i) { /* after a change of its damping the deflection of a gear may have to be integrated */
+        /* after a change of its damping the deflection of a gear may have to be integrated */
+        ++i) {
         if (g.quick[i]) {
             s[l->now + i] = s[l->lagged + (BACK + samples_per_interval) * NG + i];
         }
@@ -923,7 +995,8 @@ static inline int motors_in_interval(
 #endif
 #endif /* MODEL_HYSTERESIS */
     for (ptrdiff_t k = 0; k <= samples_per_interval + l->ahead; ++k) {
-        const real *tau = s + l->tau + (k + BACK) * NG, *deflection = s + l->lagged + (k + BACK) * NG;
+        const real *tau = s + l->tau + (k + BACK) * NG,
+                   *deflection = s + l->lagged + (k + BACK) * NG;
         const real *joint = s + l->joint + (k + BACK) * JOINT;
         real q[NG], v[NG], a[NG], q_m[NM], v_m[NM], tau_m[NM];
         copy(joint, NG, q);
@@ -970,7 +1043,8 @@ static inline int motors_in_interval(
 #endif /* MODEL_LUGRE */
 #if MODEL_POSITION
     if (is_first && head_in(s)->has_servo) {
-        begin_servo(out->tau_m, out->q_m, s + l->servo); /* before the torques are held, as for a whole path */
+        /* before the torques are held, as for a whole path */
+        begin_servo(out->tau_m, out->q_m, s + l->servo);
     }
 #endif /* MODEL_POSITION */
 #if MODEL_FILTERS
@@ -985,10 +1059,11 @@ static inline int motors_in_interval(
     if (head_in(s)->has_servo) {
 #if MODEL_FILTERS
         give_commands(s + l->sent + FILTER_BEFORE * NM, -(ptrdiff_t)FILTER_BEFORE,
-            samples_per_interval + FILTER_AHEAD - 1, out->q_m, samples_per_interval, s + l->servo, out->command_m,
-            out->command_g);
+            samples_per_interval + FILTER_AHEAD - 1, out->q_m, samples_per_interval, s + l->servo,
+            out->command_m, out->command_g);
 #else  /* MODEL_FILTERS */
-        give_commands(out->tau_m, out->q_m, samples_per_interval, s + l->servo, out->command_m, out->command_g);
+        give_commands(out->tau_m, out->q_m, samples_per_interval, s + l->servo, out->command_m,
+            out->command_g);
 #endif /* MODEL_FILTERS */
     } else {
         no_commands(samples_per_interval, out->command_m, out->command_g);
@@ -998,14 +1073,16 @@ static inline int motors_in_interval(
 }
 
 /*
- * Kinematic mismatch of joints and motors in this interval, and at the samples after it that held torques depend on, by
- * finite differences, as for a whole path. It is relative to the largest values within about a horizon: past values,
- * which are forgotten gradually, present ones, and the planned ones of the joints. Deflections without damping: damping
- * makes them smoother. Differences and torques that need more than the horizon are wrong, and appear here.
+ * Kinematic mismatch of joints and motors in this interval, and at the samples after it that held
+ * torques depend on, by finite differences, as for a whole path. It is relative to the largest
+ * values within about a horizon: past values, which are forgotten gradually, present ones, and the
+ * planned ones of the joints. Deflections without damping: damping makes them smoother.
+ * Differences and torques that need more than the horizon are wrong, and appear here.
  */
 static inline real kinematic_mismatch_now(real *s, const layout *l)
 {
-    const ptrdiff_t samples_per_interval = head_in(s)->samples_per_interval, N = head_in(s)->intervals;
+    const ptrdiff_t samples_per_interval = head_in(s)->samples_per_interval,
+                    N = head_in(s)->intervals;
     const real h = head_in(s)->period, fine = h / (real)samples_per_interval, sixty = 60.0 * fine;
     const real slow = negligible_motion / (mismatch_max * h), acceleration = slow / h;
     /* smallest scales: at rest there is only rounding */

@@ -1,5 +1,6 @@
 /*
- * model: the parts that invert and bvp share: arguments, workspace, first guess, Newton's stop, results; private.
+ * model: the parts that invert and bvp share: arguments, workspace, first guess, Newton's stop,
+ * results; private.
  */
 #ifndef MODEL_WHOLE_PATH_H
 #define MODEL_WHOLE_PATH_H
@@ -22,13 +23,13 @@
 /*
  * --- Gears and motors at all samples of a path, POINTS samples at a time.
  *
- * Torques and deflections of a gear are a row: entry k belongs to sample k, entries before the first sample and after
- * the last one repeat these.
+ * Torques and deflections of a gear are a row: entry k belongs to sample k, entries before the
+ * first sample and after the last one repeat these.
  */
 
 /*
- * Samples after the last one that are computed too, for the derivatives there: of the torques for the lag of the gears,
- * and of the deflections for the motors.
+ * Samples after the last one that are computed too, for the derivatives there: of the torques for
+ * the lag of the gears, and of the deflections for the motors.
  */
 enum { BEYOND = 2 * MARGIN, BEFORE = BLOCK, TAPS = 2 * MARGIN + 2 };
 
@@ -44,7 +45,10 @@ static inline int64_t row_length(int64_t samples)
     return BEFORE + padded(samples + BEYOND + POINTS);
 }
 
-/* Repeat the first of `count` entries before it, and the last as far as is read; the motion begins at equilibrium. */
+/*
+ * Repeat the first of `count` entries before it, and the last as far as is read; the motion begins
+ * at equilibrium.
+ */
 static inline void hold_ends(const gear_rows *g, real *x, ptrdiff_t count)
 {
     const ptrdiff_t row_end = g->apart - BEFORE, read = count + BEYOND + POINTS;
@@ -66,7 +70,8 @@ static inline int static_deflections_at(const gear_rows *g, ptrdiff_t at, real *
     for (int i = 0; i < NG; ++i) {
         const real *tau = g->tau + i * g->apart + at;
         const ptrdiff_t before = i * g->apart + at - 1;
-        const real from = at > 0 ? g->tau[before] : 0.0, slope = at > 0 ? g->stiffness[before] : 1.0;
+        const real from = at > 0 ? g->tau[before] : 0.0,
+                   slope = at > 0 ? g->stiffness[before] : 1.0;
         EACH (l) {
             const lanes now = load_v(tau + l);
             lanes guess = splat_v(0.0);
@@ -79,13 +84,15 @@ static inline int static_deflections_at(const gear_rows *g, ptrdiff_t at, real *
     }
     for (int step = 0; step < QUICK_STEPS; ++step) {
         lanes missed = splat_v(0.0);
-        if (evaluate_gear_law_batch(POINTS, &x[0][0], &value[0][0], &stiffness[0][0], space) != MODEL_OK) {
+        if (evaluate_gear_law_batch(POINTS, &x[0][0], &value[0][0], &stiffness[0][0], space) !=
+            MODEL_OK) {
             break;
         }
         for (int i = 0; i < NG; ++i) {
             EACH (l) {
                 if (!gear_is_rigid[i]) {
-                    const lanes change = (load_v(&value[i][l]) - load_v(&torque[i][l])) / load_v(&stiffness[i][l]);
+                    const lanes change = (load_v(&value[i][l]) - load_v(&torque[i][l])) /
+                                         load_v(&stiffness[i][l]);
                     const lanes next = load_v(&x[i][l]) - change;
                     store_v(&x[i][l], next);
                     missed += 0.0 * next; /* NaN where it is not finite */
@@ -103,7 +110,8 @@ static inline int static_deflections_at(const gear_rows *g, ptrdiff_t at, real *
             return 1;
         }
     }
-    for (ptrdiff_t k = at; k < at + POINTS; ++k) { /* one by one, within a bracket where that is needed */
+    /* one by one, within a bracket where that is needed */
+    for (ptrdiff_t k = at; k < at + POINTS; ++k) {
         real wanted[NG], found[NG], slope[NG];
         for (int i = 0; i < NG; ++i) {
             wanted[i] = g->tau[i * g->apart + k];
@@ -121,10 +129,12 @@ static inline int static_deflections_at(const gear_rows *g, ptrdiff_t at, real *
 }
 
 /*
- * Deflections of a gear with a linear spring whose lag is integrated. The step of `linear_steps`, its torque a quintic
- * through derivatives by differences, is p(k + 1) = p(k) + sum_j taps[j] tau(k - MARGIN + j) - gain p(k).
+ * Deflections of a gear with a linear spring whose lag is integrated. The step of `linear_steps`,
+ * its torque a quintic through derivatives by differences, is p(k + 1) = p(k) + sum_j taps[j]
+ * tau(k - MARGIN + j) - gain p(k).
  */
-static inline void integrate_linear(const gear_rows *g, int gear, const real *step, ptrdiff_t count)
+static inline void integrate_linear(
+    const gear_rows *g, int gear, const real *step, ptrdiff_t count)
 {
     const ptrdiff_t row = gear * g->apart;
     const real gain = (step[1] + step[2] + step[3]) * g->stiffness[row];
@@ -176,7 +186,8 @@ static inline int lagged_rows(const gear_rows *g, gears *state, ptrdiff_t count,
                 const real *x = g->deflection + row + at;
                 lanes now = load_v(x);
                 if (!gear_is_rigid[i]) {
-                    now -= damping_of(i, space) / load_v(g->stiffness + row + at) * derivative_v(x, state->period);
+                    now -= damping_of(i, space) / load_v(g->stiffness + row + at) *
+                           derivative_v(x, state->period);
                 }
                 store_v(g->lagged + row + at, now);
             }
@@ -195,16 +206,22 @@ static inline int lagged_rows(const gear_rows *g, gears *state, ptrdiff_t count,
     return 1;
 }
 
-/* Motors at POINTS samples: motion of the joints in; that of the motors and their torques out, and whether all is
-   finite. */
+/*
+ * Motors at POINTS samples: motion of the joints in; that of the motors and their torques out, and
+ * whether all is finite.
+ */
 typedef struct {
     points q[NG], v[NG], a[NG];
     points q_m[NM], v_m[NM], a_m[NM], tau_m[NM];
 } motor_points;
 
 #if MODEL_HYSTERESIS
-/* Deflections of the first `count` samples, of gears at rest with the deflections `first`; 0 where there are none. */
-static inline int hysteretic_rows(const gear_rows *g, real period, const real *first, ptrdiff_t count, real *space)
+/*
+ * Deflections of the first `count` samples, of gears at rest with the deflections `first`; 0 where
+ * there are none.
+ */
+static inline int hysteretic_rows(
+    const gear_rows *g, real period, const real *first, ptrdiff_t count, real *space)
 {
     branches b;
     quintics q = {{{0.0}}};
@@ -239,7 +256,8 @@ static inline int hysteretic_rows(const gear_rows *g, real period, const real *f
 }
 #endif /* MODEL_HYSTERESIS */
 /* Add the motion of the deflections of samples `at` and following ones to that of the joints. */
-static inline int add_deflections(const gear_rows *g, const gears *state, ptrdiff_t at, motor_points *p, real *space)
+static inline int add_deflections(
+    const gear_rows *g, const gears *state, ptrdiff_t at, motor_points *p, real *space)
 {
 #if MODEL_HYSTERESIS
     points value[NG] = {{0.0}}, stiffness[NG] = {{0.0}}; /* not used: all rates are differences */
@@ -248,22 +266,26 @@ static inline int add_deflections(const gear_rows *g, const gears *state, ptrdif
     for (int i = 0; i < NG && state->slow; ++i) {
         copy(g->lagged + i * g->apart + at, POINTS, x[i]);
     }
-    if (state->slow && evaluate_gear_law_batch(POINTS, &x[0][0], &value[0][0], &stiffness[0][0], space) != MODEL_OK) {
+    if (state->slow && evaluate_gear_law_batch(
+                           POINTS, &x[0][0], &value[0][0], &stiffness[0][0], space) != MODEL_OK) {
         return 0;
     }
 #endif                                                   /* MODEL_HYSTERESIS */
     for (int i = 0; i < NG; ++i) {
         EACH (l) {
-            const real *deflection = g->lagged + i * g->apart + at + l, *tau = g->tau + i * g->apart + at + l;
+            const real *deflection = g->lagged + i * g->apart + at + l,
+                       *tau = g->tau + i * g->apart + at + l;
             lanes once, twice;
             if (state->quick[i]) {
                 once = derivative_v(deflection, state->period);
                 twice = second_derivative_v(deflection, state->period);
             } else {
                 const lanes now = load_v(tau), left = now - load_v(&value[i][l]);
-                const lanes moves = lt_v(PRECISE(0.0, 2e-7) * fabs_v(now), fabs_v(left)); /* not rounding */
+                /* not rounding */
+                const lanes moves = lt_v(PRECISE(0.0, 2e-7) * fabs_v(now), fabs_v(left));
                 once = select_v(moves, left, splat_v(0.0)) / damping_of(i, space);
-                twice = (derivative_v(tau, state->period) - load_v(&stiffness[i][l]) * once) / damping_of(i, space);
+                twice = (derivative_v(tau, state->period) - load_v(&stiffness[i][l]) * once) /
+                        damping_of(i, space);
             }
             store_v(&p->q[i][l], load_v(&p->q[i][l]) + load_v(deflection));
             store_v(&p->v[i][l], load_v(&p->v[i][l]) + once);
@@ -299,8 +321,9 @@ static inline int motors_of_points(const gear_rows *g, ptrdiff_t at, motor_point
     copy(&p->q_m[0][0], (ptrdiff_t)NM * POINTS, &w[0][0][0]);
     copy(&p->v_m[0][0], (ptrdiff_t)NM * POINTS, &w[1][0][0]);
     copy(&p->a_m[0][0], (ptrdiff_t)NM * POINTS, &w[2][0][0]);
-    if (evaluate_motor_harmonics_batch(POINTS, &w[0][0][0], &w[1][0][0], &w[2][0][0], &p->q_m[0][0], &p->v_m[0][0],
-            &p->a_m[0][0], &share[0][0], &cogging[0][0], &gain[0][0], space) != MODEL_OK) {
+    if (evaluate_motor_harmonics_batch(POINTS, &w[0][0][0], &w[1][0][0], &w[2][0][0],
+            &p->q_m[0][0], &p->v_m[0][0], &p->a_m[0][0], &share[0][0], &cogging[0][0], &gain[0][0],
+            space) != MODEL_OK) {
         return 0;
     }
 #endif /* MODEL_HARMONICS */
@@ -318,7 +341,8 @@ static inline int motors_of_points(const gear_rows *g, ptrdiff_t at, motor_point
             store_v(&load[j][l], carried);
         }
     }
-    if (evaluate_loaded_friction_batch(POINTS, &p->v_m[0][0], &load[0][0], &friction[0][0], space) != MODEL_OK) {
+    if (evaluate_loaded_friction_batch(
+            POINTS, &p->v_m[0][0], &load[0][0], &friction[0][0], space) != MODEL_OK) {
         return 0;
     }
 #else  /* MODEL_LOAD */
@@ -332,7 +356,8 @@ static inline int motors_of_points(const gear_rows *g, ptrdiff_t at, motor_point
 #if MODEL_HARMONICS
             torque -= load_v(&cogging[j][l]);
             for (int i = 0; i < NG; ++i) {
-                torque += load_v(&share[j][l]) * eta_inverse[i][j] * load_v(g->tau + i * g->apart + at + l);
+                torque += load_v(&share[j][l]) * eta_inverse[i][j] *
+                          load_v(g->tau + i * g->apart + at + l);
             }
             torque /= load_v(&gain[j][l]);
 #else  /* MODEL_HARMONICS */
@@ -353,9 +378,9 @@ enum { MAX_SAMPLES = 1000000 };
 
 static inline int path_sizes_fit(int n, const model_inversion_options *o)
 {
-    return n >= 2 && o->n_pre >= 0 && o->n_post >= 0 && o->samples_per_interval >= 1 && n <= MAX_SAMPLES &&
-           o->n_pre <= MAX_SAMPLES && o->n_post <= MAX_SAMPLES && o->samples_per_interval <= MAX_SAMPLES &&
-           o->growth >= 0 && o->growth <= MODEL_GROWS;
+    return n >= 2 && o->n_pre >= 0 && o->n_post >= 0 && o->samples_per_interval >= 1 &&
+           n <= MAX_SAMPLES && o->n_pre <= MAX_SAMPLES && o->n_post <= MAX_SAMPLES &&
+           o->samples_per_interval <= MAX_SAMPLES && o->growth >= 0 && o->growth <= MODEL_GROWS;
 }
 
 /* Whether so many numbers can be addressed: on small processors not all sizes can. */
@@ -368,13 +393,15 @@ static inline int is_addressable(int64_t numbers)
 static const real rest_rate_max = 1e-6;
 
 /*
- * Whether a path, the run-time parameters and the guess of the start are finite, all rotations are rotations and close
- * to each other, and the output is at rest at both ends.
+ * Whether a path, the run-time parameters and the guess of the start are finite, all rotations are
+ * rotations and close to each other, and the output is at rest at both ends.
  */
-static inline model_status check_path(const model_samples *p, const real *parameters, const real *q_start)
+static inline model_status check_path(
+    const model_samples *p, const real *parameters, const real *q_start)
 {
     for (int k = 0; k < p->n; ++k) {
-        if (!is_finite(p->y + k * (ptrdiff_t)NT, NT) || !is_finite(p->dy + k * (ptrdiff_t)NY, NY) ||
+        if (!is_finite(p->y + k * (ptrdiff_t)NT, NT) ||
+            !is_finite(p->dy + k * (ptrdiff_t)NY, NY) ||
             !is_finite(p->ddy + k * (ptrdiff_t)NY, NY)) {
             return MODEL_INPUT_NOT_FINITE;
         }
@@ -420,8 +447,9 @@ static inline real time_of_point(const mesh *m, int k)
 
 #if MODEL_FORCE
 /*
- * Residuals of the `used` Gauss points from number `at` on by the force: by what is not held in equilibrium at the ends
- * of the path, between which the first guess of the motion moves as in `move_smoothly`.
+ * Residuals of the `used` Gauss points from number `at` on by the force: by what is not held in
+ * equilibrium at the ends of the path, between which the first guess of the motion moves as in
+ * `move_smoothly`.
  */
 static inline void residuals_of_force(
     const mesh *m, const model_samples *p, int at, int used, const problem_points *arm, real *row)
@@ -453,11 +481,15 @@ static inline void residuals_of_force(
 }
 
 #endif /* MODEL_FORCE */
-/* The path at the Gauss points, and joints that follow it with the deflections of the equilibrium q. */
+/*
+ * The path at the Gauss points, and joints that follow it with the deflections of the equilibrium
+ * q.
+ */
 #if MODEL_FORCE
 /* row: residuals of the points by the force; not written if null. */
 #endif /* MODEL_FORCE */
-static inline int guess_mesh(mesh *m, const model_samples *p, const real *q, int n_pre, int samples_per_interval,
+static inline int guess_mesh(mesh *m, const model_samples *p, const real *q, int n_pre,
+    int samples_per_interval,
 #if MODEL_FORCE
     problem_points *arm, real *row, real *space)
 #else  /* MODEL_FORCE */
@@ -484,7 +516,9 @@ static inline int guess_mesh(mesh *m, const model_samples *p, const real *q, int
         const int used = solved - at < POINTS ? solved - at : (int)POINTS;
         int status;
         for (int k = at; k < at + used; ++k) {
-            const real x = ((real)(k / STAGES) + gauss_c[k % STAGES]) * (real)samples_per_interval - (real)n_pre;
+            const real x = ((real)(k / STAGES) + gauss_c[k % STAGES]) *
+                               (real)samples_per_interval -
+                           (real)n_pre;
             const int whole = (int)(x < 0.0 ? x - 1.0 : x);
             reference_at(p, whole, x - (real)whole, m->reference + (ptrdiff_t)k * REFERENCE);
             for (int i = 0; i < NG; ++i) {
@@ -527,8 +561,8 @@ static inline int guess_mesh(mesh *m, const model_samples *p, const real *q, int
 /* Where the arrays of both solvers are in the workspace, in reals from its start. */
 typedef struct {
     int64_t samples, intervals, varying; /* varying: as in mesh */
-    int64_t tau, deflection, stiffness, lagged, q_a, v_a, a_a, v_m, y, a, a_node, q_g, reference, factor, scale,
-        weights, joint_weights, space;
+    int64_t tau, deflection, stiffness, lagged, q_a, v_a, a_a, v_m, y, a, a_node, q_g, reference,
+        factor, scale, weights, joint_weights, space;
     int64_t end; /* where the arrays of one solver begin */
 } whole_layout;
 
@@ -545,13 +579,15 @@ static inline real shortest_motion_after(real *space)
     (at) += padded(size)
 
 /* interval_factor: numbers of a factor; steady: the intervals after the path may share one. */
-static inline whole_layout lay_out(int n, const model_inversion_options *o, int64_t interval_factor, int steady)
+static inline whole_layout lay_out(
+    int n, const model_inversion_options *o, int64_t interval_factor, int steady)
 {
     whole_layout l;
     int64_t at = 0;
     l.samples = (int64_t)o->n_pre + n + o->n_post;
     l.intervals = (l.samples - 1 + BEYOND + o->samples_per_interval - 1) / o->samples_per_interval;
-    l.varying = steady ? ((int64_t)o->n_pre + n - 1 + o->samples_per_interval - 1) / o->samples_per_interval :
+    l.varying = steady ? ((int64_t)o->n_pre + n - 1 + o->samples_per_interval - 1) /
+                             o->samples_per_interval :
                          l.intervals;
     l.varying = l.varying < l.intervals ? l.varying : l.intervals;
     TAKE(at, l.tau, row_length(l.samples) * NG);
@@ -571,10 +607,12 @@ static inline whole_layout lay_out(int n, const model_inversion_options *o, int6
     TAKE(at, l.factor, l.intervals * interval_factor);
     TAKE(at, l.scale, NE);
     TAKE(at, l.weights, ((int64_t)o->samples_per_interval + 1) * 3 * TERMS);
-    TAKE(at, l.joint_weights, l.intervals > 1 ? (2 * (int64_t)o->samples_per_interval + 1) * 3 * JOINTS : 0);
+    TAKE(at, l.joint_weights,
+        l.intervals > 1 ? (2 * (int64_t)o->samples_per_interval + 1) * 3 * JOINTS : 0);
 #else
     (void)interval_factor;
-    l.y = l.a = l.a_node = l.q_g = l.reference = l.factor = l.scale = l.weights = l.joint_weights = 0;
+    l.y = l.a = l.a_node = l.q_g = l.reference = l.factor = l.scale = l.weights = l.joint_weights =
+        0;
 #endif
     TAKE(at, l.space, function_work());
     l.end = at;
@@ -588,17 +626,21 @@ typedef struct {
     int iterations, intervals, n_post;
 } whole_report;
 
-/* Check the arguments of a solver that needs `wanted` reals of workspace, and set the report to NaN. */
-static inline model_status check_arguments(const model_samples *p, const real *parameters, const real *q_start,
-    const model_inversion_options *o, const model_motion *motion, whole_report *report, const real *work,
-    int64_t work_size, int64_t wanted)
+/*
+ * Check the arguments of a solver that needs `wanted` reals of workspace, and set the report to
+ * NaN.
+ */
+static inline model_status check_arguments(const model_samples *p, const real *parameters,
+    const real *q_start, const model_inversion_options *o, const model_motion *motion,
+    whole_report *report, const real *work, int64_t work_size, int64_t wanted)
 {
-    if (p == NULL || parameters == NULL || q_start == NULL || o == NULL || motion == NULL || work == NULL ||
-        p->y == NULL || p->dy == NULL || p->ddy == NULL) {
+    if (p == NULL || parameters == NULL || q_start == NULL || o == NULL || motion == NULL ||
+        work == NULL || p->y == NULL || p->dy == NULL || p->ddy == NULL) {
         return MODEL_NULL_ARGUMENT;
     }
-    if (wanted < 0 || !(p->period > 0.0 && p->period < 1e6) || !(o->tolerance > 0.0 && o->tolerance < 1.0) ||
-        !hold_fits((int)o->hold, o->delay) || !(o->settled >= 0.0 && o->settled < 1.0)) {
+    if (wanted < 0 || !(p->period > 0.0 && p->period < 1e6) ||
+        !(o->tolerance > 0.0 && o->tolerance < 1.0) || !hold_fits((int)o->hold, o->delay) ||
+        !(o->settled >= 0.0 && o->settled < 1.0)) {
         return MODEL_BAD_ARGUMENT;
     }
 #if MODEL_POSITION
@@ -615,7 +657,8 @@ static inline model_status check_arguments(const model_samples *p, const real *p
         return MODEL_WORK_TOO_SMALL;
     }
     report->is_set = 1;
-    report->residual = report->residual_at_samples = report->kinematic_mismatch = report->torque_error = (real)NAN;
+    report->residual = report->residual_at_samples = report->kinematic_mismatch =
+        report->torque_error = (real)NAN;
     report->iterations = report->intervals = 0;
     report->n_post = o->n_post;
     return check_path(p, parameters, q_start);
@@ -624,7 +667,8 @@ static inline model_status check_arguments(const model_samples *p, const real *p
 #if MODEL_NE > 0
 
 /* The mesh in the workspace. */
-static inline mesh mesh_in(const whole_layout *l, const model_samples *p, const model_inversion_options *o, real *work)
+static inline mesh mesh_in(
+    const whole_layout *l, const model_samples *p, const model_inversion_options *o, real *work)
 {
     mesh m;
     m.N = (int)l->intervals;
@@ -653,14 +697,15 @@ typedef struct {
 } newton;
 
 /*
- * Whether to stop after an iteration that leaves `residual`: converged below the share `target` of the tolerance, or
- * below it where an iteration gains less than a factor of ten; failed after NEWTON_STEPS, or four iterations in a row
- * that gain less than a factor of two.
+ * Whether to stop after an iteration that leaves `residual`: converged below the share `target` of
+ * the tolerance, or below it where an iteration gains less than a factor of ten; failed after
+ * NEWTON_STEPS, or four iterations in a row that gain less than a factor of two.
  */
 static inline int newton_state(newton *s, real residual, real tolerance, real target)
 {
     ++s->steps;
-    if (residual <= target * tolerance || (residual <= tolerance && s->before >= 0.0 && residual > 0.1 * s->before)) {
+    if (residual <= target * tolerance ||
+        (residual <= tolerance && s->before >= 0.0 && residual > 0.1 * s->before)) {
         return NEWTON_CONVERGED;
     }
     s->worse = s->before >= 0.0 && residual > 0.5 * s->before ? s->worse + 1 : 0;
@@ -673,7 +718,10 @@ static inline int newton_state(newton *s, real residual, real tolerance, real ta
 
 #endif
 
-/* largest residual at the samples of a status OK, in tolerances; the same where the error of a torque is larger */
+/*
+ * largest residual at the samples of a status OK, in tolerances; the same where the error of a
+ * torque is larger
+ */
 static const real sampled_tolerances = PRECISE(1e2, 1.0), torque_error_max = 5e-3;
 #if MODEL_HARMONICS
 /* they accelerate rotors within an interval, which the estimate takes for a ripple */
@@ -713,11 +761,15 @@ static inline void tabulate_weights(const results *r)
         weights_at(&f, r->m->h, (real)k / (real)each, r->weights + k * 3 * TERMS);
     }
     for (ptrdiff_t k = -each; k <= each && r->m->N > 1; ++k) {
-        joint_weights_at(r->m->h, (real)k / (real)each, r->joint_weights + (k + each) * 3 * JOINTS);
+        joint_weights_at(
+            r->m->h, (real)k / (real)each, r->joint_weights + (k + each) * 3 * JOINTS);
     }
 }
 
-/* Motion of the mesh at sample k into point l: known for the unactuated coordinates, a guess for the joints. */
+/*
+ * Motion of the mesh at sample k into point l: known for the unactuated coordinates, a guess for
+ * the joints.
+ */
 static inline void load_sample(const results *r, ptrdiff_t k, problem_points *arm, int l)
 {
     const ptrdiff_t each = r->o->samples_per_interval, last = r->m->N - 1;
@@ -726,8 +778,8 @@ static inline void load_sample(const results *r, ptrdiff_t k, problem_points *ar
     if (r->m->N > 1) { /* the neighbor that is nearer */
         ptrdiff_t first = 2 * inside < each ? interval - 1 : interval;
         first = first < 0 ? 0 : first < last ? first : last - 1;
-        load_joints_between(
-            r->m->q_g + first * STAGES * NG, r->joint_weights + (k - first * each) * 3 * JOINTS, arm, l);
+        load_joints_between(r->m->q_g + first * STAGES * NG,
+            r->joint_weights + (k - first * each) * 3 * JOINTS, arm, l);
     }
 }
 #endif
@@ -743,11 +795,11 @@ MODEL_INLINE void store_samples(points *x, const int n, ptrdiff_t count, real *t
 }
 
 /*
- * Motion and gear torques of the arm, from the equilibrium q, the torques also beyond the last sample; worst: the
- * largest residual at the samples, relative to `scale`.
+ * Motion and gear torques of the arm, from the equilibrium q, the torques also beyond the last
+ * sample; worst: the largest residual at the samples, relative to `scale`.
  */
-static inline int arm_at_samples(
-    const results *r, const real *q, const real *scale, problem_points *arm, real *space, real *worst)
+static inline int arm_at_samples(const results *r, const real *q, const real *scale,
+    problem_points *arm, real *space, real *worst)
 {
     const ptrdiff_t all = r->samples + BEYOND;
     joint_motion last;
@@ -794,7 +846,8 @@ static inline int arm_at_samples(
             side = arm->side[k];
         }
         {
-            const ptrdiff_t left = r->samples > at ? r->samples - at : 0, inside = left < used ? left : used;
+            const ptrdiff_t left = r->samples > at ? r->samples - at : 0,
+                            inside = left < used ? left : used;
             if (inside == 0) {
                 continue;
             }
@@ -820,22 +873,27 @@ static inline int arm_at_samples(
         }
 #endif
         if (used > 1) {
-            keep_joints(arm, used - 1, (real)(at + used - 1) * r->p->period, (real)(used - 1) * r->p->period, &last);
+            keep_joints(arm, used - 1, (real)(at + used - 1) * r->p->period,
+                (real)(used - 1) * r->p->period, &last);
         }
     }
     return MODEL_OK;
 }
 
-/* Of each column of samples: its largest size and its largest difference to finite differences of another array. */
+/*
+ * Of each column of samples: its largest size and its largest difference to finite differences of
+ * another array.
+ */
 typedef struct {
     real most[NA], off[NA]; /* off: times 60 periods */
 } column_maxima;
 
 /* The same of the columns of x, whose integrals are those of y; `columns`: a constant. */
-MODEL_INLINE void add_column_maxima(
-    const real *y, const real *x, const int columns, ptrdiff_t samples, real sixty, column_maxima *out)
+MODEL_INLINE void add_column_maxima(const real *y, const real *x, const int columns,
+    ptrdiff_t samples, real sixty, column_maxima *out)
 {
-    const ptrdiff_t first = MARGIN * (ptrdiff_t)columns, last = (samples - MARGIN) * columns, all = samples * columns;
+    const ptrdiff_t first = MARGIN * (ptrdiff_t)columns, last = (samples - MARGIN) * columns,
+                    all = samples * columns;
     lanes most[NA], off[NA]; /* lane l of vector i: column (i LANES + l) modulo `columns` */
     ptrdiff_t at = first;
     for (int i = 0; i < columns; ++i) {
@@ -856,7 +914,8 @@ MODEL_INLINE void add_column_maxima(
     for (; at < last; ++at) {
         const int i = (int)(at % columns);
         out->most[i] = fmax_1(out->most[i], fabs_1(x[at]));
-        out->off[i] = fmax_1(out->off[i], fabs_1(sixty_differences(y + at, columns) - sixty * x[at]));
+        out->off[i] = fmax_1(
+            out->off[i], fabs_1(sixty_differences(y + at, columns) - sixty * x[at]));
     }
     for (at = 0; at < all; ++at) { /* the samples at the ends */
         at = at == first && last > first ? last : at;
@@ -868,10 +927,11 @@ MODEL_INLINE void add_column_maxima(
 
 #if MODEL_NE > 0
 /*
- * Estimate of the largest error of a motor torque, relative to its largest one. Between Gauss points a residual ripples
- * with the intervals; a rotor behind a gear follows it, with a torque J (2 pi / h)^2 / K times as large. A sixth
- * difference over quarters of an interval is 8 to 64 times such a ripple. At a node the torque may have a spike: the
- * accelerations differ by `off` from differences of the speeds.
+ * Estimate of the largest error of a motor torque, relative to its largest one. Between Gauss
+ * points a residual ripples with the intervals; a rotor behind a gear follows it, with a torque J
+ * (2 pi / h)^2 / K times as large. A sixth difference over quarters of an interval is 8 to 64
+ * times such a ripple. At a node the torque may have a spike: the accelerations differ by `off`
+ * from differences of the speeds.
  */
 static inline real torque_error(const results *r, const real *off)
 {
@@ -894,15 +954,17 @@ static inline real torque_error(const results *r, const real *off)
 
 #endif
 /*
- * Kinematic mismatch: the largest difference between finite differences of positions and velocities and the velocities
- * and accelerations, relative to the largest of these. It is large where they are too far apart or too close, where the
- * path jumps, and where a singular pose throws the arm back. A model without unactuated coordinates is at rest before
- * and after the samples and is checked at all of them.
+ * Kinematic mismatch: the largest difference between finite differences of positions and
+ * velocities and the velocities and accelerations, relative to the largest of these. It is large
+ * where they are too far apart or too close, where the path jumps, and where a singular pose
+ * throws the arm back. A model without unactuated coordinates is at rest before and after the
+ * samples and is checked at all of them.
  */
 static inline real kinematic_mismatch(const results *r, real *of_torques)
 {
     const real sixty = 60.0 * r->p->period;
-    real most[4] = {1e-6, 1e-6, 1e-9, 1e-6}, off[4] = {0.0, 0.0, 0.0, 0.0}, worst = 0.0; /* least that is measured */
+    /* least that is measured */
+    real most[4] = {1e-6, 1e-6, 1e-9, 1e-6}, off[4] = {0.0, 0.0, 0.0, 0.0}, worst = 0.0;
     column_maxima of_v = {{0.0}, {0.0}}, of_q = {{0.0}, {0.0}}, of_motors = {{0.0}, {0.0}};
     add_column_maxima(r->v_a, r->a_a, NA, r->samples, sixty, &of_v);
     add_column_maxima(r->q_a, r->v_a, NA, r->samples, sixty, &of_q);
@@ -935,19 +997,24 @@ static inline real kinematic_mismatch(const results *r, real *of_torques)
                 q[j] = r->q_a[held * NA + i];
                 v[j] = held == at ? r->v_a[at * NA + i] : 0.0;
             }
-            off[0] = fmax_1(off[0], fabs_1(sixty_differences(v + MARGIN, 1) - sixty * r->a_a[k * NA + i]));
+            off[0] = fmax_1(
+                off[0], fabs_1(sixty_differences(v + MARGIN, 1) - sixty * r->a_a[k * NA + i]));
             off[2] = fmax_1(off[2], fabs_1(sixty_differences(q + MARGIN, 1) - sixty * v[MARGIN]));
         }
     }
 #endif
-    for (int i = 0; i < 4; ++i) { /* accelerations of arm and motors, speeds of the arm, torques of the rotors */
+    /* accelerations of arm and motors, speeds of the arm, torques of the rotors */
+    for (int i = 0; i < 4; ++i) {
         worst = fmax_1(worst, off[i] / (sixty * most[i]));
     }
     return worst;
 }
 
 #if MODEL_LUGRE
-/* Add the torques of the bristles to those of the motors; their impulses are where the stiffness of the gears was. */
+/*
+ * Add the torques of the bristles to those of the motors; their impulses are where the stiffness
+ * of the gears was.
+ */
 static inline int add_bristles(const results *r)
 {
     const real period = r->p->period;
@@ -959,14 +1026,17 @@ static inline int add_bristles(const results *r)
         }
         for (ptrdiff_t k = 0; k + 1 < r->samples && lugre_coulomb[j] > 0.0; k += LANES) {
             real v[LANES + 1], a[LANES + 1];
-            const ptrdiff_t left = r->samples - 1 - k, used = left < LANES ? left : (ptrdiff_t)LANES;
+            const ptrdiff_t left = r->samples - 1 - k,
+                            used = left < LANES ? left : (ptrdiff_t)LANES;
             for (ptrdiff_t l = 0; l <= used; ++l) {
                 v[l] = r->v_m[(k + l) * NM + j];
                 a[l] = r->a_m[(k + l) * NM + j];
             }
-            if (used < LANES || !bristle_impulses(j, period, v, a, impulse + k, &b.z[j], &b.since[j])) {
+            if (used < LANES ||
+                !bristle_impulses(j, period, v, a, impulse + k, &b.z[j], &b.since[j])) {
                 for (ptrdiff_t l = 0; l < used; ++l) {
-                    impulse[k + l] = bristle_impulse(j, period, v + l, a + l, &b.z[j], &b.since[j]);
+                    impulse[k + l] = bristle_impulse(
+                        j, period, v + l, a + l, &b.z[j], &b.since[j]);
                 }
             }
             for (ptrdiff_t l = 0; l < used; ++l) {
@@ -1026,7 +1096,8 @@ static inline int motors_at_samples(const results *r, real *space)
     for (int i = 0; i < NG; ++i) {
         first[i] = g->deflection[i * g->apart];
     }
-    if (!begin_gears(&state, r->p->period, first, space) || !lagged_rows(g, &state, lagged, space)) {
+    if (!begin_gears(&state, r->p->period, first, space) ||
+        !lagged_rows(g, &state, lagged, space)) {
         return MODEL_RESULT_NOT_FINITE;
     }
 #endif /* MODEL_HYSTERESIS */
@@ -1065,10 +1136,11 @@ static inline int motors_at_samples(const results *r, real *space)
 }
 
 /* The equilibrium q at the samples from `first` on. */
-static inline int rest_at_samples(
-    const results *r, ptrdiff_t first, ptrdiff_t all, const real *q, problem_points *arm, real *space)
+static inline int rest_at_samples(const results *r, ptrdiff_t first, ptrdiff_t all, const real *q,
+    problem_points *arm, real *space)
 {
-    real joints[NG], tau_g[NG], deflection[NG] = {0.0}, stiffness[NG], still[NG] = {0.0}, q_m[NM], v_m[NM], tau_m[NM];
+    real joints[NG], tau_g[NG], deflection[NG] = {0.0}, stiffness[NG], still[NG] = {0.0}, q_m[NM],
+                                v_m[NM], tau_m[NM];
     int status;
     for (int i = 0; i < NA; ++i) {
         for (int l = 0; l < POINTS; ++l) {
@@ -1093,7 +1165,8 @@ static inline int rest_at_samples(
     }
 #if MODEL_HYSTERESIS
     (void)stiffness;
-    for (int i = 0; i < NG; ++i) { /* of the gears as they are: their torque depends on the motion */
+    /* of the gears as they are: their torque depends on the motion */
+    for (int i = 0; i < NG; ++i) {
         deflection[i] = r->gear.lagged[i * r->gear.apart + first];
     }
 #else  /* MODEL_HYSTERESIS */
@@ -1132,16 +1205,17 @@ static inline int rest_at_samples(
 }
 
 /*
- * Motion at the samples from that of the mesh (or from the path alone), checked: the last part of both solvers. The
- * motion is at the first `samples`; from the last of them on it rests at q_end (null: where the path ends), where there
- * are more.
+ * Motion at the samples from that of the mesh (or from the path alone), checked: the last part of
+ * both solvers. The motion is at the first `samples`; from the last of them on it rests at q_end
+ * (null: where the path ends), where there are more.
  */
-static inline model_status finish(const model_samples *p, const model_inversion_options *o, const whole_layout *l,
-    const real *q,
+static inline model_status finish(const model_samples *p, const model_inversion_options *o,
+    const whole_layout *l, const real *q,
 #if MODEL_NE > 0
     const mesh *m,
 #endif
-    const real *q_end, ptrdiff_t samples, problem_points *arm, model_motion *motion, whole_report *report, real *work)
+    const real *q_end, ptrdiff_t samples, problem_points *arm, model_motion *motion,
+    whole_report *report, real *work)
 {
     results r;
     real most[NM] = {0.0};
@@ -1174,7 +1248,8 @@ static inline model_status finish(const model_samples *p, const model_inversion_
     r.joint_weights = work + l->joint_weights;
     nodal_accelerations(m, work + l->a_node);
 #endif
-    status = arm_at_samples(&r, q, work + l->scale, arm, work + l->space, &report->residual_at_samples);
+    status = arm_at_samples(
+        &r, q, work + l->scale, arm, work + l->space, &report->residual_at_samples);
     if (status == MODEL_OK) {
         status = motors_at_samples(&r, work + l->space);
     }
@@ -1185,7 +1260,8 @@ static inline model_status finish(const model_samples *p, const model_inversion_
     if (r.samples < (ptrdiff_t)l->samples) {
         real end[NA];
         copy(q_end != NULL ? q_end : r.q_a + (r.samples - 1) * NA, NA, end);
-        status = rest_at_samples(&r, r.samples - 1, (ptrdiff_t)l->samples, end, arm, work + l->space);
+        status = rest_at_samples(
+            &r, r.samples - 1, (ptrdiff_t)l->samples, end, arm, work + l->space);
         if (status != MODEL_OK) {
             return (model_status)status;
         }
@@ -1195,13 +1271,15 @@ static inline model_status finish(const model_samples *p, const model_inversion_
     if (o->servo != NULL && (motion->command_m != NULL || motion->command_g != NULL)) {
         real servo[SERVO_NUMBERS];
         keep_servo(o->servo, servo);
-        begin_servo(r.tau_m, r.q_m, servo); /* before the torques are held: the first one holds the robot at rest */
+        /* before the torques are held: the first one holds the robot at rest */
+        begin_servo(r.tau_m, r.q_m, servo);
         hold_torques(r.tau_m, (ptrdiff_t)l->samples, (int)o->hold, o->delay);
 #if MODEL_FILTERS
-        give_commands(r.tau_m, 0, (ptrdiff_t)l->samples - 1, r.q_m, (ptrdiff_t)l->samples, servo, motion->command_m,
-            motion->command_g);
+        give_commands(r.tau_m, 0, (ptrdiff_t)l->samples - 1, r.q_m, (ptrdiff_t)l->samples, servo,
+            motion->command_m, motion->command_g);
 #else  /* MODEL_FILTERS */
-        give_commands(r.tau_m, r.q_m, (ptrdiff_t)l->samples, servo, motion->command_m, motion->command_g);
+        give_commands(
+            r.tau_m, r.q_m, (ptrdiff_t)l->samples, servo, motion->command_m, motion->command_g);
 #endif /* MODEL_FILTERS */
     } else {
         no_commands((ptrdiff_t)l->samples, motion->command_m, motion->command_g);

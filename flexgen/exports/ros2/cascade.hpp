@@ -1,9 +1,10 @@
 // Position and speed control of every motor with feedforward torque. Written by flexgen.
 //
-//   w = v_ref + position_gain (q_ref - q) - v,    u = tau_ff + speed_gain (w + integral_gain int w dt)
+//   w = v_ref + position_gain (q_ref - q) - v,    u = tau_ff + speed_gain (w + integral_gain int w
+//   dt)
 //
-// The speed is the difference of two samples of the measured angle, and of the reference the same. Above the largest
-// torque the integral does not grow.
+// The speed is the difference of two samples of the measured angle, and of the reference the same.
+// Above the largest torque the integral does not grow.
 #ifndef FLEXGEN_MODEL__CASCADE_HPP_
 #define FLEXGEN_MODEL__CASCADE_HPP_
 
@@ -24,7 +25,8 @@ template <std::size_t N> struct Cascade {
     Vector torque_max{};    // [N m]; 0: no limit
     double sample_time = 0.0;
 
-    // Begin at rest at measured angles. They may differ from the reference: the difference is no speed.
+    // Begin at rest at measured angles. They may differ from the reference: the difference is no
+    // speed.
     void reset(const Vector &q, const Vector &q_ref)
     {
         q_before_ = q;
@@ -42,7 +44,8 @@ template <std::size_t N> struct Cascade {
             const double w = v_ref + position_gain[j] * (q_ref[j] - q[j]) - v;
             const double sum = sum_[j] + w * sample_time;
             const double u = tau_ff[j] + speed_gain[j] * (w + integral_gain[j] * sum);
-            const bool full = torque_max[j] > 0.0 && std::abs(u) > torque_max[j] && (u > 0.0) == (w > 0.0);
+            const bool full = torque_max[j] > 0.0 && std::abs(u) > torque_max[j] &&
+                              (u > 0.0) == (w > 0.0);
             sum_[j] = full ? sum - w * sample_time : sum;
             tau[j] = torque_max[j] > 0.0 ? std::clamp(u, -torque_max[j], torque_max[j]) : u;
             q_before_[j] = q[j];

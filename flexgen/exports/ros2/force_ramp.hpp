@@ -11,7 +11,8 @@ namespace flexgen_space
 {
 
 // From one value to the next one within a time, with two continuous derivatives:
-// f = f_0 + (f_1 - f_0) s(u), s = u^3 (10 - 15 u + 6 u^2). A new value waits until the last change is over.
+// f = f_0 + (f_1 - f_0) s(u), s = u^3 (10 - 15 u + 6 u^2). A new value waits until the last change
+// is over.
 template <std::size_t N> class ForceRamp
 {
   public:
@@ -47,7 +48,8 @@ template <std::size_t N> class ForceRamp
         at_ += 1.0;
         const double u = at_ / steps_, v = 1.0 - u;
         const double s = u * u * u * (10.0 - 15.0 * u + 6.0 * u * u);
-        const double ds = 30.0 * u * u * v * v / change_, dds = 60.0 * u * v * (v - u) / (change_ * change_);
+        const double ds = 30.0 * u * u * v * v / change_,
+                     dds = 60.0 * u * v * (v - u) / (change_ * change_);
         std::array<double, 3 * N> out{};
         for (std::size_t i = 0; i < N; ++i) {
             const double size = to_[i] - from_[i];

@@ -37,15 +37,16 @@ void check(bool initialized, const char *what, const Eigen::VectorXd &x)
         throw inverse_dynamics_interface::UninitializedException();
     }
     if (x.size() != MODEL_NA) {
-        throw std::invalid_argument(std::string(what) + ": given " + std::to_string(x.size()) + " numbers, expected " +
-                                    std::to_string(MODEL_NA) + ", one for each arm coordinate");
+        throw std::invalid_argument(std::string(what) + ": given " + std::to_string(x.size()) +
+                                    " numbers, expected " + std::to_string(MODEL_NA) +
+                                    ", one for each arm coordinate");
     }
 }
 
 } // namespace
 
-void InverseDynamics::initialize(
-    rclcpp::node_interfaces::NodeParametersInterface::ConstSharedPtr, const std::string &, const std::string &)
+void InverseDynamics::initialize(rclcpp::node_interfaces::NodeParametersInterface::ConstSharedPtr,
+    const std::string &, const std::string &)
 {
     initialized_ = true;
 }
@@ -100,8 +101,8 @@ Eigen::VectorXd InverseDynamics::getFrictionVector(const Eigen::VectorXd &joint_
 #endif /* MODEL_LOAD */
 }
 
-Eigen::VectorXd InverseDynamics::getExternalTorques(
-    const Eigen::VectorXd &joint_positions, const Eigen::Matrix<double, 6, 1> &external_wrench) const
+Eigen::VectorXd InverseDynamics::getExternalTorques(const Eigen::VectorXd &joint_positions,
+    const Eigen::Matrix<double, 6, 1> &external_wrench) const
 {
     check(initialized_, "joint_positions", joint_positions);
     Eigen::Matrix<double, 6, Eigen::Dynamic> J(6, MODEL_NA);
@@ -117,8 +118,8 @@ Eigen::VectorXd InverseDynamics::getTorques(const Eigen::VectorXd &joint_positio
     check(initialized_, "joint_velocities", joint_velocities);
     check(initialized_, "joint_accelerations", joint_accelerations);
     Eigen::VectorXd tau(MODEL_NA);
-    call(model_inverse_dynamics, joint_positions.data(), joint_velocities.data(), joint_accelerations.data(),
-        tau.data());
+    call(model_inverse_dynamics, joint_positions.data(), joint_velocities.data(),
+        joint_accelerations.data(), tau.data());
     if (!external_wrench.isZero(0.0)) {
         tau += getExternalTorques(joint_positions, external_wrench);
     }
@@ -127,4 +128,5 @@ Eigen::VectorXd InverseDynamics::getTorques(const Eigen::VectorXd &joint_positio
 
 } // namespace flexgen_space
 
-PLUGINLIB_EXPORT_CLASS(flexgen_space::InverseDynamics, inverse_dynamics_interface::InverseDynamicsInterface)
+PLUGINLIB_EXPORT_CLASS(
+    flexgen_space::InverseDynamics, inverse_dynamics_interface::InverseDynamicsInterface)

@@ -1,7 +1,9 @@
-// Positions for a robot that interpolates between them, from the reference of its servo. Written by flexgen.
+// Positions for a robot that interpolates between them, from the reference of its servo.
+// Written by flexgen.
 //
-// The robot takes a position every so many samples of its servo. That in the middle of a window of the reference is sent:
-// it depends on the samples before and after it, less with each position in between.
+// The robot takes a position every so many samples of its servo. That in the middle of a window of
+// the reference is sent: it depends on the samples before and after it, less with each position in
+// between.
 #ifndef FLEXGEN_MODEL__POSITION_WINDOW_HPP_
 #define FLEXGEN_MODEL__POSITION_WINDOW_HPP_
 
@@ -22,8 +24,8 @@ class PositionWindow
   public:
     using Vector = std::array<double, MODEL_NG>;
 
-    // A window with `sides` positions before and after the one that is sent; 0 where each sample is a position. False for
-    // numbers that do not fit.
+    // A window with `sides` positions before and after the one that is sent; 0 where each sample
+    // is a position. False for numbers that do not fit.
     bool resize(const model_robot_interface &robot, int sides)
     {
         const int each = robot.samples_per_position;
@@ -51,22 +53,26 @@ class PositionWindow
         }
     }
 
-    // Take the samples of the reference until the next position, and give the position to send; false: there is none.
+    // Take the samples of the reference until the next position, and give the position to send;
+    // false: there is none.
     bool step(const double *references, Vector &position)
     {
         const std::size_t count = static_cast<std::size_t>(robot_.samples_per_position) * MODEL_NG;
         if (sides_ == 0) {
             std::copy_n(references, MODEL_NG, position.begin());
         } else {
-            std::copy(kept_.begin() + static_cast<std::ptrdiff_t>(count), kept_.end(), kept_.begin());
+            std::copy(
+                kept_.begin() + static_cast<std::ptrdiff_t>(count), kept_.end(), kept_.begin());
             std::copy_n(references, count, kept_.end() - static_cast<std::ptrdiff_t>(count));
-            if (model_position_samples(kept_.data(), rows(), &robot_, positions_.data(), work_.data(),
-                    static_cast<std::int64_t>(work_.size())) < 0) {
+            if (model_position_samples(kept_.data(), rows(), &robot_, positions_.data(),
+                    work_.data(), static_cast<std::int64_t>(work_.size())) < 0) {
                 return false;
             }
-            std::copy_n(positions_.begin() + static_cast<std::ptrdiff_t>(sides_) * MODEL_NG, MODEL_NG, position.begin());
+            std::copy_n(positions_.begin() + static_cast<std::ptrdiff_t>(sides_) * MODEL_NG,
+                MODEL_NG, position.begin());
         }
-        return std::all_of(position.begin(), position.end(), [](double entry) { return std::isfinite(entry); });
+        return std::all_of(
+            position.begin(), position.end(), [](double entry) { return std::isfinite(entry); });
     }
 
   private:
@@ -77,7 +83,8 @@ class PositionWindow
 
     model_robot_interface robot_{};
     int sides_ = 0;
-    std::vector<double> kept_, positions_, work_; // samples of the reference, one after the other; results
+    std::vector<double> kept_, positions_,
+        work_; // samples of the reference, one after the other; results
 };
 
 } // namespace flexgen_space

@@ -23,7 +23,8 @@ constexpr std::size_t WRENCHES = 64; // messages between two intervals
 #endif /* MODEL_FORCE */
 
 #if MODEL_LIMITED
-// A limit of the stream: a parameter of so many numbers, one for each motor, gear or coordinate; of a curve any points.
+// A limit of the stream: a parameter of so many numbers, one for each motor, gear or coordinate;
+// of a curve any points.
 struct Limit {
     const char *name;
     std::size_t size;
@@ -34,10 +35,14 @@ struct Limit {
 constexpr std::array<Limit, 8> LIMITS = {{
     {"limits.torque_max", MODEL_NM, LIMIT_TORQUE_MAX.data(), &model_inversion_limits::torque_max},
     {"limits.speed_max", MODEL_NM, LIMIT_SPEED_MAX.data(), &model_inversion_limits::speed_max},
-    {"limits.torque_rate_max", MODEL_NM, LIMIT_TORQUE_RATE_MAX.data(), &model_inversion_limits::torque_rate_max},
-    {"limits.deflection_max", MODEL_NE, LIMIT_DEFLECTION_MAX.data(), &model_inversion_limits::deflection_max},
-    {"limits.gear_torque_max", MODEL_NG, LIMIT_GEAR_TORQUE_MAX.data(), &model_inversion_limits::gear_torque_max},
-    {"limits.joint_speed_max", MODEL_NG, LIMIT_JOINT_SPEED_MAX.data(), &model_inversion_limits::joint_speed_max},
+    {"limits.torque_rate_max", MODEL_NM, LIMIT_TORQUE_RATE_MAX.data(),
+        &model_inversion_limits::torque_rate_max},
+    {"limits.deflection_max", MODEL_NE, LIMIT_DEFLECTION_MAX.data(),
+        &model_inversion_limits::deflection_max},
+    {"limits.gear_torque_max", MODEL_NG, LIMIT_GEAR_TORQUE_MAX.data(),
+        &model_inversion_limits::gear_torque_max},
+    {"limits.joint_speed_max", MODEL_NG, LIMIT_JOINT_SPEED_MAX.data(),
+        &model_inversion_limits::joint_speed_max},
     {"limits.joint_acceleration_max", MODEL_NG, LIMIT_JOINT_ACCELERATION_MAX.data(),
         &model_inversion_limits::joint_acceleration_max},
     {"limits.torque_speed", LIMIT_TORQUE_SPEED.size(), LIMIT_TORQUE_SPEED.data(),
@@ -48,7 +53,8 @@ constexpr std::array<Limit, 8> LIMITS = {{
 // A sample that the stream refuses changes nothing in it.
 bool refused(int status)
 {
-    return status == MODEL_INPUT_NOT_FINITE || status == MODEL_BAD_ARGUMENT || status == MODEL_UNREACHABLE;
+    return status == MODEL_INPUT_NOT_FINITE || status == MODEL_BAD_ARGUMENT ||
+           status == MODEL_UNREACHABLE;
 }
 
 bool finite(const std::vector<double> &x)
@@ -61,7 +67,8 @@ bool finite(const std::vector<double> &x)
 controller_interface::CallbackReturn StreamController::on_init()
 {
     try {
-        auto_declare<std::vector<std::string>>("joints", std::vector<std::string>(MOTORS.begin(), MOTORS.end()));
+        auto_declare<std::vector<std::string>>(
+            "joints", std::vector<std::string>(MOTORS.begin(), MOTORS.end()));
 #if MODEL_POSITION
         auto_declare<int>("samples_per_position", 1);
         auto_declare<std::string>("interpolation", "linear");
@@ -70,13 +77,15 @@ controller_interface::CallbackReturn StreamController::on_init()
         for (const char *name : {"position_gain", "speed_gain", "integral_gain"}) {
             auto_declare<std::vector<double>>(name, std::vector<double>());
         }
-        auto_declare<std::vector<double>>("torque_max", std::vector<double>(TORQUE_MAX.begin(), TORQUE_MAX.end()));
+        auto_declare<std::vector<double>>(
+            "torque_max", std::vector<double>(TORQUE_MAX.begin(), TORQUE_MAX.end()));
 #endif /* MODEL_POSITION */
         auto_declare<std::vector<double>>("gear_ratio", std::vector<double>(MODEL_NM, 1.0));
         auto_declare<std::vector<double>>("offset", std::vector<double>(MODEL_NM, 0.0));
         auto_declare<std::vector<double>>(
             "start_output", std::vector<double>(START_OUTPUT.begin(), START_OUTPUT.end()));
-        auto_declare<std::vector<double>>("q_start", std::vector<double>(model_home_q_a, model_home_q_a + MODEL_NA));
+        auto_declare<std::vector<double>>(
+            "q_start", std::vector<double>(model_home_q_a, model_home_q_a + MODEL_NA));
         auto_declare<double>("start_tolerance", START_TOLERANCE);
         auto_declare<double>("period", MODEL_STREAM_PERIOD);
         auto_declare<int>("intervals", MODEL_STREAM_INTERVALS);
@@ -93,7 +102,8 @@ controller_interface::CallbackReturn StreamController::on_init()
         auto_declare<int>("queue", 1000);
 #if MODEL_LIMITED
         for (const auto &limit : LIMITS) {
-            auto_declare<std::vector<double>>(limit.name, std::vector<double>(limit.given, limit.given + limit.size));
+            auto_declare<std::vector<double>>(
+                limit.name, std::vector<double>(limit.given, limit.given + limit.size));
         }
         auto_declare<double>("limits.tool_speed_max", LIMIT_TOOL_SPEED_MAX[0]);
         auto_declare<double>("limits.tool_acceleration_max", LIMIT_TOOL_ACCELERATION_MAX[0]);
@@ -116,18 +126,19 @@ bool StreamController::read_parameters()
     const auto list = [&](const char *name, std::size_t size, bool not_negative) {
         auto x = node->get_parameter(name).as_double_array();
         const bool good = x.size() == size && finite(x) &&
-                          (!not_negative || std::all_of(x.begin(), x.end(), [](double entry) { return entry >= 0.0; }));
+                          (!not_negative || std::all_of(x.begin(), x.end(),
+                                                [](double entry) { return entry >= 0.0; }));
         if (!good) {
-            RCLCPP_ERROR(logger, "parameter %s: expected %zu finite numbers%s, given %zu numbers", name, size,
-                not_negative ? " >= 0" : "", x.size());
+            RCLCPP_ERROR(logger, "parameter %s: expected %zu finite numbers%s, given %zu numbers",
+                name, size, not_negative ? " >= 0" : "", x.size());
             x.clear();
         }
         return x;
     };
     joints_ = node->get_parameter("joints").as_string_array();
     if (joints_.size() != MODEL_NM) {
-        RCLCPP_ERROR(
-            logger, "parameter joints: expected %d names, one for each motor, given %zu", MODEL_NM, joints_.size());
+        RCLCPP_ERROR(logger, "parameter joints: expected %d names, one for each motor, given %zu",
+            MODEL_NM, joints_.size());
         return false;
     }
     const auto copy = [&](const char *name, bool not_negative, Motors &to) {
@@ -141,13 +152,16 @@ bool StreamController::read_parameters()
 #if MODEL_POSITION
     if (!copy("gear_ratio", false, gear_ratio_) || !copy("offset", false, offset_)) {
 #else /* MODEL_POSITION */
-    if (!copy("position_gain", true, cascade_.position_gain) || !copy("speed_gain", true, cascade_.speed_gain) ||
-        !copy("integral_gain", true, cascade_.integral_gain) || !copy("torque_max", true, cascade_.torque_max) ||
+    if (!copy("position_gain", true, cascade_.position_gain) ||
+        !copy("speed_gain", true, cascade_.speed_gain) ||
+        !copy("integral_gain", true, cascade_.integral_gain) ||
+        !copy("torque_max", true, cascade_.torque_max) ||
         !copy("gear_ratio", false, gear_ratio_) || !copy("offset", false, offset_)) {
 #endif /* MODEL_POSITION */
         return false;
     }
-    if (std::any_of(gear_ratio_.begin(), gear_ratio_.end(), [](double ratio) { return ratio == 0.0; })) {
+    if (std::any_of(
+            gear_ratio_.begin(), gear_ratio_.end(), [](double ratio) { return ratio == 0.0; })) {
         RCLCPP_ERROR(logger, "parameter gear_ratio: expected numbers other than 0");
         return false;
     }
@@ -156,7 +170,8 @@ bool StreamController::read_parameters()
     start_tolerance_ = node->get_parameter("start_tolerance").as_double();
     options_.period = node->get_parameter("period").as_double();
     options_.intervals = static_cast<int>(node->get_parameter("intervals").as_int());
-    options_.samples_per_interval = static_cast<int>(node->get_parameter("samples_per_interval").as_int());
+    options_.samples_per_interval = static_cast<int>(
+        node->get_parameter("samples_per_interval").as_int());
     options_.tolerance = node->get_parameter("tolerance").as_double();
     options_.hold = MODEL_HOLD_ZOH;
 #if MODEL_LIMITED
@@ -188,9 +203,12 @@ bool StreamController::read_limits()
         x = node->get_parameter(limit.name).as_double_array();
         const bool curve = limit.member == &model_inversion_limits::torque_speed;
         const bool fits = curve ? x.size() % (2 * MODEL_NM) == 0 : x.size() == limit.size;
-        if (!fits || !finite(x) || std::any_of(x.begin(), x.end(), [](double entry) { return entry < 0.0; })) {
-            RCLCPP_ERROR(logger, "parameter %s: expected %s%zu finite numbers >= 0, given %zu numbers", limit.name,
-                curve ? "a multiple of " : "", curve ? std::size_t{2 * MODEL_NM} : limit.size, x.size());
+        if (!fits || !finite(x) ||
+            std::any_of(x.begin(), x.end(), [](double entry) { return entry < 0.0; })) {
+            RCLCPP_ERROR(logger,
+                "parameter %s: expected %s%zu finite numbers >= 0, given %zu numbers", limit.name,
+                curve ? "a multiple of " : "", curve ? std::size_t{2 * MODEL_NM} : limit.size,
+                x.size());
             return false;
         }
         if (curve) {
@@ -201,7 +219,8 @@ bool StreamController::read_limits()
         limits_.*limit.member = x.empty() ? nullptr : x.data();
     }
     limits_.tool_speed_max = node->get_parameter("limits.tool_speed_max").as_double();
-    limits_.tool_acceleration_max = node->get_parameter("limits.tool_acceleration_max").as_double();
+    limits_.tool_acceleration_max =
+        node->get_parameter("limits.tool_acceleration_max").as_double();
     deviation_max_ = node->get_parameter("limits.deviation_max").as_double();
     return true;
 }
@@ -215,7 +234,8 @@ bool StreamController::read_interface()
     const auto logger = node->get_logger();
     const std::string name = node->get_parameter("interpolation").as_string();
     if (name != "hold" && name != "linear" && name != "cubic") {
-        RCLCPP_ERROR(logger, "parameter interpolation: given %s, expected hold, linear or cubic", name.c_str());
+        RCLCPP_ERROR(logger, "parameter interpolation: given %s, expected hold, linear or cubic",
+            name.c_str());
         return false;
     }
     robot_.interpolation = name == "hold"     ? MODEL_INTERPOLATION_HOLD
@@ -225,19 +245,23 @@ bool StreamController::read_interface()
     const int64_t ahead = node->get_parameter("positions_ahead").as_int();
     robot_.samples_per_position = static_cast<int>(std::clamp<int64_t>(each, 0, 100000));
     if (each < 1 || options_.samples_per_interval % robot_.samples_per_position != 0) {
-        RCLCPP_ERROR(logger, "parameter samples_per_position: given %lld, expected a divisor of samples_per_interval, %d",
+        RCLCPP_ERROR(logger,
+            "parameter samples_per_position: given %lld, expected a divisor of "
+            "samples_per_interval, %d",
             static_cast<long long>(each), options_.samples_per_interval);
         return false;
     }
     if (!window_.resize(robot_, static_cast<int>(std::clamp<int64_t>(ahead, -1, 1000)))) {
-        RCLCPP_ERROR(logger, "parameter positions_ahead: given %lld, expected 1 to 100", static_cast<long long>(ahead));
+        RCLCPP_ERROR(logger, "parameter positions_ahead: given %lld, expected 1 to 100",
+            static_cast<long long>(ahead));
         return false;
     }
     return true;
 }
 #endif /* MODEL_POSITION */
 
-controller_interface::CallbackReturn StreamController::on_configure(const rclcpp_lifecycle::State &)
+controller_interface::CallbackReturn StreamController::on_configure(
+    const rclcpp_lifecycle::State &)
 {
     const auto logger = get_node()->get_logger();
     if (!read_parameters()) {
@@ -246,29 +270,36 @@ controller_interface::CallbackReturn StreamController::on_configure(const rclcpp
     const int64_t size = model_stream_work(&options_);
     if (size < 0) {
 #if MODEL_POSITION
-        RCLCPP_ERROR(logger, "parameters period, intervals, samples_per_interval: expected samples %g s apart, as of the "
-                             "servo, and a horizon that the stream can have", servo_.sample_time);
+        RCLCPP_ERROR(logger,
+            "parameters period, intervals, samples_per_interval: expected samples %g s apart, as "
+            "of the "
+            "servo, and a horizon that the stream can have",
+            servo_.sample_time);
 #else /* MODEL_POSITION */
-        RCLCPP_ERROR(
-            logger, "parameters intervals, samples_per_interval, delay: %s", model_status_text(MODEL_BAD_ARGUMENT));
+        RCLCPP_ERROR(logger, "parameters intervals, samples_per_interval, delay: %s",
+            model_status_text(MODEL_BAD_ARGUMENT));
 #endif /* MODEL_POSITION */
         return controller_interface::CallbackReturn::FAILURE;
     }
     const double rate = get_update_rate();
 #if MODEL_POSITION
-    const double cycle = robot_.samples_per_position * options_.period / options_.samples_per_interval;
+    const double cycle = robot_.samples_per_position * options_.period /
+                         options_.samples_per_interval;
     if (!(std::abs(rate * cycle - 1.0) < 1e-6)) {
         RCLCPP_ERROR(logger,
-            "parameters period, samples_per_interval, samples_per_position: given %g s, %d and %d, which need an update "
+            "parameters period, samples_per_interval, samples_per_position: given %g s, %d and "
+            "%d, which need an update "
             "rate of %g Hz; that of the controller is %g Hz",
-            options_.period, options_.samples_per_interval, robot_.samples_per_position, 1.0 / cycle, rate);
+            options_.period, options_.samples_per_interval, robot_.samples_per_position,
+            1.0 / cycle, rate);
         return controller_interface::CallbackReturn::FAILURE;
     }
 #else /* MODEL_POSITION */
     cascade_.sample_time = options_.period / options_.samples_per_interval;
     if (!(std::abs(rate * cascade_.sample_time - 1.0) < 1e-6)) {
         RCLCPP_ERROR(logger,
-            "parameters period, samples_per_interval: given %g s and %d, which need an update rate of %g Hz; that of "
+            "parameters period, samples_per_interval: given %g s and %d, which need an update "
+            "rate of %g Hz; that of "
             "the controller is %g Hz",
             options_.period, options_.samples_per_interval, 1.0 / cascade_.sample_time, rate);
         return controller_interface::CallbackReturn::FAILURE;
@@ -282,7 +313,8 @@ controller_interface::CallbackReturn StreamController::on_configure(const rclcpp
 #if MODEL_FORCE
     const double wrench_time = get_node()->get_parameter("wrench_time").as_double();
     if (!(wrench_time >= options_.period && std::isfinite(wrench_time))) {
-        RCLCPP_ERROR(logger, "parameter wrench_time: given %g s, expected %g s or more, an interval of the stream",
+        RCLCPP_ERROR(logger,
+            "parameter wrench_time: given %g s, expected %g s or more, an interval of the stream",
             wrench_time, options_.period);
         return controller_interface::CallbackReturn::FAILURE;
     }
@@ -298,10 +330,12 @@ controller_interface::CallbackReturn StreamController::on_configure(const rclcpp
 #endif /* MODEL_POSITION */
     queue_.resize(static_cast<std::size_t>(queue));
     subscription_ = get_node()->create_subscription<std_msgs::msg::Float64MultiArray>(
-        "~/reference", rclcpp::SystemDefaultsQoS(), [this](const std_msgs::msg::Float64MultiArray::SharedPtr message) {
+        "~/reference", rclcpp::SystemDefaultsQoS(),
+        [this](const std_msgs::msg::Float64MultiArray::SharedPtr message) {
             if (!enqueue(message->data)) {
                 RCLCPP_WARN(get_node()->get_logger(),
-                    "reference: given %zu numbers, expected a multiple of %d, and room in the queue for %zu samples: "
+                    "reference: given %zu numbers, expected a multiple of %d, and room in the "
+                    "queue for %zu samples: "
                     "the message is ignored",
                     message->data.size(), SAMPLE, queue_.room());
             }
@@ -309,11 +343,13 @@ controller_interface::CallbackReturn StreamController::on_configure(const rclcpp
 #if MODEL_FORCE
     wrenches_.resize(WRENCHES);
     wrench_subscription_ = get_node()->create_subscription<geometry_msgs::msg::WrenchStamped>(
-        "~/wrench", rclcpp::SystemDefaultsQoS(), [this](const geometry_msgs::msg::WrenchStamped::SharedPtr message) {
+        "~/wrench", rclcpp::SystemDefaultsQoS(),
+        [this](const geometry_msgs::msg::WrenchStamped::SharedPtr message) {
             const auto &f = message->wrench.force, &m = message->wrench.torque;
             if (!push_wrench({f.x, f.y, f.z, m.x, m.y, m.z})) {
                 RCLCPP_WARN(get_node()->get_logger(),
-                    "wrench: expected finite numbers, and zero for what the output does not have: the message is "
+                    "wrench: expected finite numbers, and zero for what the output does not have: "
+                    "the message is "
                     "ignored");
             }
         });
@@ -358,7 +394,8 @@ void StreamController::give_force(const double *sample)
 }
 
 #endif /* MODEL_FORCE */
-controller_interface::InterfaceConfiguration StreamController::command_interface_configuration() const
+controller_interface::InterfaceConfiguration
+StreamController::command_interface_configuration() const
 {
     controller_interface::InterfaceConfiguration out{
         controller_interface::interface_configuration_type::INDIVIDUAL, {}};
@@ -372,7 +409,8 @@ controller_interface::InterfaceConfiguration StreamController::command_interface
     return out;
 }
 
-controller_interface::InterfaceConfiguration StreamController::state_interface_configuration() const
+controller_interface::InterfaceConfiguration
+StreamController::state_interface_configuration() const
 {
     controller_interface::InterfaceConfiguration out{
         controller_interface::interface_configuration_type::INDIVIDUAL, {}};
@@ -382,7 +420,8 @@ controller_interface::InterfaceConfiguration StreamController::state_interface_c
     return out;
 }
 
-std::vector<hardware_interface::CommandInterface> StreamController::on_export_reference_interfaces()
+std::vector<hardware_interface::CommandInterface>
+StreamController::on_export_reference_interfaces()
 {
     reference_interfaces_.assign(SAMPLE, NOT_A_NUMBER);
     std::vector<hardware_interface::CommandInterface> out;
@@ -397,7 +436,8 @@ std::vector<hardware_interface::CommandInterface> StreamController::on_export_re
         const int entry = order == 0 ? i : order == 1 ? i - MODEL_NT : i - MODEL_NT - MODEL_NY;
         const char *const names[] = {"y_", "dy_", "ddy_"};
 #endif /* MODEL_FORCE */
-        out.emplace_back(std::string(get_node()->get_name()) + "/output", names[order] + std::to_string(entry),
+        out.emplace_back(std::string(get_node()->get_name()) + "/output",
+            names[order] + std::to_string(entry),
             &reference_interfaces_[static_cast<std::size_t>(i)]);
     }
     return out;
@@ -436,11 +476,14 @@ bool StreamController::release_motors()
 controller_interface::CallbackReturn StreamController::on_activate(const rclcpp_lifecycle::State &)
 {
     const auto logger = get_node()->get_logger();
-    if (state_interfaces_.size() != MODEL_NM || command_interfaces_.size() != MODEL_NM || !measure()) {
+    if (state_interfaces_.size() != MODEL_NM || command_interfaces_.size() != MODEL_NM ||
+        !measure()) {
 #if MODEL_POSITION
-        RCLCPP_ERROR(logger, "interfaces: expected %d finite positions and %d to command", MODEL_NM, MODEL_NM);
+        RCLCPP_ERROR(logger, "interfaces: expected %d finite positions and %d to command",
+            MODEL_NM, MODEL_NM);
 #else /* MODEL_POSITION */
-        RCLCPP_ERROR(logger, "interfaces: expected %d finite positions and %d efforts", MODEL_NM, MODEL_NM);
+        RCLCPP_ERROR(
+            logger, "interfaces: expected %d finite positions and %d efforts", MODEL_NM, MODEL_NM);
 #endif /* MODEL_POSITION */
         return controller_interface::CallbackReturn::FAILURE;
     }
@@ -456,7 +499,8 @@ controller_interface::CallbackReturn StreamController::on_activate(const rclcpp_
     if (status == MODEL_OK) {
         status = model_stream_all_limits(&stream_, &limits_, deviation_max_);
         if (status < 0) {
-            RCLCPP_ERROR(logger, "parameters limits: %s", model_status_text(static_cast<model_status>(status)));
+            RCLCPP_ERROR(logger, "parameters limits: %s",
+                model_status_text(static_cast<model_status>(status)));
             return controller_interface::CallbackReturn::FAILURE;
         }
     }
@@ -466,7 +510,8 @@ controller_interface::CallbackReturn StreamController::on_activate(const rclcpp_
     }
     warnings_ = missing_ = 0;
     if (status < 0) {
-        RCLCPP_ERROR(logger, "start of the stream: %s", model_status_text(static_cast<model_status>(status)));
+        RCLCPP_ERROR(logger, "start of the stream: %s",
+            model_status_text(static_cast<model_status>(status)));
         return controller_interface::CallbackReturn::FAILURE;
     }
     Motors q_m{};
@@ -474,7 +519,8 @@ controller_interface::CallbackReturn StreamController::on_activate(const rclcpp_
         q_m[j] = q_m_[j];
         if (!(std::abs(measured_[j] - q_m[j]) <= start_tolerance_)) {
             RCLCPP_ERROR(logger,
-                "%s: motor angle %g rad, at the start of the stream %g rad: move the robot there first",
+                "%s: motor angle %g rad, at the start of the stream %g rad: move the robot there "
+                "first",
                 joints_[j].c_str(), measured_[j], q_m[j]);
             return controller_interface::CallbackReturn::FAILURE;
         }
@@ -488,7 +534,8 @@ controller_interface::CallbackReturn StreamController::on_activate(const rclcpp_
     return controller_interface::CallbackReturn::SUCCESS;
 }
 
-controller_interface::CallbackReturn StreamController::on_deactivate(const rclcpp_lifecycle::State &)
+controller_interface::CallbackReturn StreamController::on_deactivate(
+    const rclcpp_lifecycle::State &)
 {
 #if MODEL_POSITION
 #else /* MODEL_POSITION */
@@ -497,7 +544,8 @@ controller_interface::CallbackReturn StreamController::on_deactivate(const rclcp
     }
 #endif /* MODEL_POSITION */
     if (warnings_ + missing_ > 0) {
-        RCLCPP_WARN(get_node()->get_logger(), "%llu intervals with a warning of the stream, %llu without a new sample",
+        RCLCPP_WARN(get_node()->get_logger(),
+            "%llu intervals with a warning of the stream, %llu without a new sample",
             static_cast<unsigned long long>(warnings_), static_cast<unsigned long long>(missing_));
     }
     return controller_interface::CallbackReturn::SUCCESS;
@@ -534,12 +582,13 @@ int StreamController::begin_interval()
 #if MODEL_FORCE
         give_force(sample);
 #endif /* MODEL_FORCE */
-        status =
-            model_stream_update(&stream_, sample, sample + MODEL_NT, sample + MODEL_NT + MODEL_NY, &motion, &info_);
+        status = model_stream_update(
+            &stream_, sample, sample + MODEL_NT, sample + MODEL_NT + MODEL_NY, &motion, &info_);
         if (!refused(status)) {
             std::copy(sample, sample + MODEL_NT, held_.begin());
 #if MODEL_FORCE
-            std::copy_n(sample + MODEL_NT + 2 * MODEL_NY, MODEL_NY, held_.begin() + MODEL_NT + 2 * MODEL_NY);
+            std::copy_n(sample + MODEL_NT + 2 * MODEL_NY, MODEL_NY,
+                held_.begin() + MODEL_NT + 2 * MODEL_NY);
 #endif /* MODEL_FORCE */
         }
     }
@@ -548,8 +597,8 @@ int StreamController::begin_interval()
 #if MODEL_FORCE
         give_force(held_.data());
 #endif /* MODEL_FORCE */
-        status = model_stream_update(
-            &stream_, held_.data(), held_.data() + MODEL_NT, held_.data() + MODEL_NT + MODEL_NY, &motion, &info_);
+        status = model_stream_update(&stream_, held_.data(), held_.data() + MODEL_NT,
+            held_.data() + MODEL_NT + MODEL_NY, &motion, &info_);
     }
     std::fill(reference_interfaces_.begin(), reference_interfaces_.end(), NOT_A_NUMBER);
     warnings_ += status > 0;
@@ -562,15 +611,18 @@ controller_interface::return_type StreamController::update_and_write_commands(
 #if MODEL_POSITION
     Motors position{};
     if ((part_ == 0 && begin_interval() < 0) ||
-        !window_.step(command_m_.data() + static_cast<std::ptrdiff_t>(part_) * MODEL_NM, position)) {
+        !window_.step(
+            command_m_.data() + static_cast<std::ptrdiff_t>(part_) * MODEL_NM, position)) {
         return controller_interface::return_type::ERROR;
     }
     bool written = true;
     for (std::size_t j = 0; j < MODEL_NM; ++j) {
-        written = command_interfaces_[j].set_value((position[j] - offset_[j]) / gear_ratio_[j]) && written;
+        written = command_interfaces_[j].set_value((position[j] - offset_[j]) / gear_ratio_[j]) &&
+                  written;
     }
     part_ = (part_ + robot_.samples_per_position) % options_.samples_per_interval;
-    return written ? controller_interface::return_type::OK : controller_interface::return_type::ERROR;
+    return written ? controller_interface::return_type::OK :
+                     controller_interface::return_type::ERROR;
 #else /* MODEL_POSITION */
     if (!measure() || (part_ == 0 && begin_interval() < 0)) {
         release_motors();
@@ -596,4 +648,5 @@ controller_interface::return_type StreamController::update_and_write_commands(
 
 } // namespace flexgen_space
 
-PLUGINLIB_EXPORT_CLASS(flexgen_space::StreamController, controller_interface::ChainableControllerInterface)
+PLUGINLIB_EXPORT_CLASS(
+    flexgen_space::StreamController, controller_interface::ChainableControllerInterface)

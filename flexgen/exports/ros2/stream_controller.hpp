@@ -1,7 +1,9 @@
 #if MODEL_POSITION
-// Positions for the servos of a robot from a stream of inverse dynamics, as a chainable controller. Written by flexgen.
+// Positions for the servos of a robot from a stream of inverse dynamics, as a chainable
+// controller. Written by flexgen.
 #else /* MODEL_POSITION */
-// Inverse dynamics of a stream with P-PI control of the motors, as a chainable controller. Written by flexgen.
+// Inverse dynamics of a stream with P-PI control of the motors, as a chainable controller.
+// Written by flexgen.
 #endif /* MODEL_POSITION */
 #ifndef FLEXGEN_MODEL__STREAM_CONTROLLER_HPP_
 #define FLEXGEN_MODEL__STREAM_CONTROLLER_HPP_
@@ -34,30 +36,35 @@
 namespace flexgen_space
 {
 
-// A sample of the path has the output, its first and its second time derivative: y, dy, ddy. The output reaches it
-// `intervals` intervals later. An interval of the stream has `samples_per_interval` updates of the controller, and
-// takes one sample at its first update: in chained mode from the reference interfaces, else from the topic ~/reference,
-// whose messages have one or more samples. Where there is none, or not all of its numbers are finite, the output stays
+// A sample of the path has the output, its first and its second time derivative: y, dy, ddy. The
+// output reaches it `intervals` intervals later. An interval of the stream has
+// `samples_per_interval` updates of the controller, and takes one sample at its first update: in
+// chained mode from the reference interfaces, else from the topic ~/reference, whose messages have
+// one or more samples. Where there is none, or not all of its numbers are finite, the output stays
 // where it is: end a path at rest.
 #if MODEL_FORCE
 //
-// A sample also has the force on the output, dual to its rates, and its first and second time derivative: f, df, ddf. The
-// topic ~/wrench adds a force and a torque on the tool in world axes, which change within the time wrench_time to those of
-// the last message. The force of a sample and that of the topic act where the output reaches the sample. When the
-// controller is activated they are zero.
+// A sample also has the force on the output, dual to its rates, and its first and second time
+// derivative: f, df, ddf. The topic ~/wrench adds a force and a torque on the tool in world axes,
+// which change within the time wrench_time to those of the last message. The force of a sample and
+// that of the topic act where the output reaches the sample. When the controller is activated they
+// are zero.
 #endif /* MODEL_FORCE */
 #if MODEL_LIMITED
 //
-// The stream modifies the path to keep the parameters limits.NAME, see stream_all_limits of the library.
+// The stream modifies the path to keep the parameters limits.NAME, see stream_all_limits of the
+// library.
 #endif /* MODEL_LIMITED */
 //
 #if MODEL_POSITION
-// An update has `samples_per_position` samples of the servo of the robot, whose gains are those of the model file, and the
-// robot interpolates from the position of an update to that of the next.
+// An update has `samples_per_position` samples of the servo of the robot, whose gains are those of
+// the model file, and the robot interpolates from the position of an update to that of the next.
 //
-// Where update returns an error, and where the controller is deactivated, the robot keeps its last position.
+// Where update returns an error, and where the controller is deactivated, the robot keeps its last
+// position.
 #else /* MODEL_POSITION */
-// Where update returns an error, and where the controller is deactivated, the efforts are set to 0.
+// Where update returns an error, and where the controller is deactivated, the efforts are set to
+// 0.
 #endif /* MODEL_POSITION */
 //
 // update neither allocates nor waits, and has a bounded number of operations.
@@ -73,18 +80,22 @@ class StreamController : public controller_interface::ChainableControllerInterfa
     controller_interface::InterfaceConfiguration command_interface_configuration() const override;
     controller_interface::InterfaceConfiguration state_interface_configuration() const override;
     controller_interface::CallbackReturn on_init() override;
-    controller_interface::CallbackReturn on_configure(const rclcpp_lifecycle::State &previous_state) override;
-    controller_interface::CallbackReturn on_activate(const rclcpp_lifecycle::State &previous_state) override;
-    controller_interface::CallbackReturn on_deactivate(const rclcpp_lifecycle::State &previous_state) override;
+    controller_interface::CallbackReturn on_configure(
+        const rclcpp_lifecycle::State &previous_state) override;
+    controller_interface::CallbackReturn on_activate(
+        const rclcpp_lifecycle::State &previous_state) override;
+    controller_interface::CallbackReturn on_deactivate(
+        const rclcpp_lifecycle::State &previous_state) override;
     controller_interface::return_type update_and_write_commands(
         const rclcpp::Time &time, const rclcpp::Duration &period) override;
 
-    // Put the samples of a message in the queue: false, and none of them, where the size is wrong or there is no room.
+    // Put the samples of a message in the queue: false, and none of them, where the size is wrong
+    // or there is no room.
     bool enqueue(const std::vector<double> &samples);
 
 #if MODEL_FORCE
-    // Take a force and a torque on the tool: false where one is not finite, where the output has no such component, or
-    // where there is no room.
+    // Take a force and a torque on the tool: false where one is not finite, where the output has
+    // no such component, or where there is no room.
     bool push_wrench(const std::array<double, 6> &wrench);
 
 #endif /* MODEL_FORCE */

@@ -1,4 +1,5 @@
-// The plugin is found, and its torques at home are those of Lagrange's equations. Written by flexgen.
+// The plugin is found, and its torques at home are those of Lagrange's equations.
+// Written by flexgen.
 #include <cmath>
 #include <memory>
 #include <string>
@@ -20,7 +21,8 @@ TEST(Plugin, IsFoundAndHoldsTheArmAtHome)
     const Eigen::VectorXd zero = Eigen::VectorXd::Zero(MODEL_NA);
     const Eigen::VectorXd tau = plugin->getTorques(q, zero, zero);
     for (int i = 0; i < MODEL_NA; ++i) {
-        const double expected = flexgen_space::HOME_TORQUES[static_cast<std::size_t>(i)]; // from Lagrange's equations
+        const double expected =
+            flexgen_space::HOME_TORQUES[static_cast<std::size_t>(i)]; // from Lagrange's equations
         EXPECT_NEAR(tau[i], expected, 1e-9 * (1.0 + std::abs(expected))) << i;
     }
 }

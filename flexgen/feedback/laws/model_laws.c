@@ -1,9 +1,10 @@
 /*
- * Feedback laws that evaluate a robot's model at every sample: steps of flexgen's sampled closed loop.
+ * Feedback laws that evaluate a robot's model at every sample: steps of flexgen's sampled closed
+ * loop.
  *
- * What all robots share is in law_shared; the memory of one robot is law_own with its arrays. Functions of the model
- * are the batch functions of its emitted library, called for one point. The same operations are done in the same order
- * by model_laws.py.
+ * What all robots share is in law_shared; the memory of one robot is law_own with its arrays.
+ * Functions of the model are the batch functions of its emitted library, called for one point. The
+ * same operations are done in the same order by model_laws.py.
  */
 #include <stddef.h>
 #include <stdint.h>
@@ -16,30 +17,40 @@
 #endif
 
 /* Functions of the model's library for n points. */
-typedef int (*law_dynamics)(int n, const double *q_a, const double *v_a, const double *q_m, const double *v_m,
-    const double *tau_m, double *a_a, double *a_m, double *work);
-typedef int (*law_motion)(int n, const double *q_a, const double *v_a, const double *q_m, const double *v_m,
-    double *a_a, double *j_a, double *work);
-typedef int (*law_torque)(int n, const double *q_a, const double *v_a, const double *a_a, const double *j_a,
-    const double *s_a, const double *q_m, const double *v_m, double *tau_m, double *work);
-typedef int (*law_rows)(int n, const double *q_a, const double *v_a, const double *a_a, double *tau_g, double *work);
+typedef int (*law_dynamics)(int n, const double *q_a, const double *v_a, const double *q_m,
+    const double *v_m, const double *tau_m, double *a_a, double *a_m, double *work);
+typedef int (*law_motion)(int n, const double *q_a, const double *v_a, const double *q_m,
+    const double *v_m, double *a_a, double *j_a, double *work);
+typedef int (*law_torque)(int n, const double *q_a, const double *v_a, const double *a_a,
+    const double *j_a, const double *s_a, const double *q_m, const double *v_m, double *tau_m,
+    double *work);
+typedef int (*law_rows)(
+    int n, const double *q_a, const double *v_a, const double *a_a, double *tau_g, double *work);
 typedef int (*law_friction)(int n, const double *v_m, double *f_m, double *work);
-typedef int (*law_gear)(int n, const double *deflection, double *tau_p, double *dtau_p, double *work);
+typedef int (*law_gear)(
+    int n, const double *deflection, double *tau_p, double *dtau_p, double *work);
 
 typedef struct {
-    int64_t n, n_y;           /* joints, which are as many as motors; measured channels, motor angles first */
-    int64_t state;            /* first channel of the exact state q_a, v_a, q_m, v_m; -1: speeds are differences */
+    /* joints, which are as many as motors; measured channels, motor angles first */
+    int64_t n, n_y;
+    /* first channel of the exact state q_a, v_a, q_m, v_m; -1: speeds are differences */
+    int64_t state;
     int64_t samples, columns; /* of the table */
     int64_t delayed;          /* torques of the past that the prediction needs */
-    int64_t segments;         /* of the prediction over the delay, each with its torque, duration and steps */
-    int64_t half_steps;       /* of the prediction over half a sample; 0: the state is not predicted */
+    /* of the prediction over the delay, each with its torque, duration and steps */
+    int64_t segments;
+    /* of the prediction over half a sample; 0: the state is not predicted */
+    int64_t half_steps;
     double sample_s;
     const int64_t *channels; /* (n): of the arm angles, where the state is not measured */
-    const double *table;     /* (samples, columns): reference of each sample, the last one to the end */
-    const double *gains;     /* (4, n) */
-    const double *eta, *inverse, *back, *inertia; /* gear ratios, eta^-1 and eta^-T by columns (n, n); rotors (n) */
-    const int64_t *past, *steps;                  /* (segments): how many samples old its torque is; steps */
-    const double *durations;                      /* (segments) [s] */
+    /* (samples, columns): reference of each sample, the last one to the end */
+    const double *table;
+    const double *gains; /* (4, n) */
+    /* gear ratios, eta^-1 and eta^-T by columns (n, n); rotors (n) */
+    const double *eta, *inverse, *back, *inertia;
+    /* (segments): how many samples old its torque is; steps */
+    const int64_t *past, *steps;
+    const double *durations; /* (segments) [s] */
     void (*motion)(void);
     void (*torque)(void);
     void (*dynamics)(void);
@@ -52,7 +63,10 @@ typedef struct {
 
 typedef struct {
     const law_shared *shared;
-    /* then the last q_a and q_m (n each), torques of the last samples, the newest first (delayed, n) */
+    /*
+     * then the last q_a and q_m (n each), torques of the last samples, the newest first (delayed,
+     * n)
+     */
 } law_own;
 
 /* out = A x, summed from the first column to the last. */
@@ -100,7 +114,8 @@ static int state_rate(const law_shared *s, const double *x, const double *tau, d
     size_t n = (size_t)s->n;
     memcpy(dx, x + n, n * sizeof *dx);
     memcpy(dx + 2 * n, x + 3 * n, n * sizeof *dx);
-    return ((law_dynamics)s->dynamics)(1, x, x + n, x + 2 * n, x + 3 * n, tau, dx + n, dx + 3 * n, s->work);
+    return ((law_dynamics)s->dynamics)(
+        1, x, x + n, x + 2 * n, x + 3 * n, tau, dx + n, dx + 3 * n, s->work);
 }
 
 /* Integrate the state x over h * steps under the torques tau: Runge-Kutta method of order four. */
@@ -167,8 +182,9 @@ static int linearised(const law_shared *s, const double *x, const double *d, dou
         return 1;
     }
     for (size_t i = 0; i < n; ++i) {
-        fourth[i] = d[4 * n + i] + g[3 * n + i] * (d[3 * n + i] - j[i]) + g[2 * n + i] * (d[2 * n + i] - a[i]) +
-                    g[n + i] * (d[n + i] - x[n + i]) + g[i] * (d[i] - x[i]);
+        fourth[i] = d[4 * n + i] + g[3 * n + i] * (d[3 * n + i] - j[i]) +
+                    g[2 * n + i] * (d[2 * n + i] - a[i]) + g[n + i] * (d[n + i] - x[n + i]) +
+                    g[i] * (d[i] - x[i]);
     }
     return ((law_torque)s->torque)(1, x, x + n, a, j, fourth, x + 2 * n, x + 3 * n, u, s->work);
 }
@@ -176,13 +192,16 @@ static int linearised(const law_shared *s, const double *x, const double *d, dou
 /*
  * Feedback linearization of an arm with elastic joints:
  *
- *     s = s_d + g_3 (j_d - j) + g_2 (a_d - a) + g_1 (v_d - v) + g_0 (q_d - q),    u = torque(q, v, a, j, s, q_m, v_m)
+ *     s = s_d + g_3 (j_d - j) + g_2 (a_d - a) + g_1 (v_d - v) + g_0 (q_d - q),    u = torque(q, v,
+ *       a, j, s, q_m, v_m)
  *
- * a, j from the state. Predicted: the state continues over the delay with the torques under way, and from there over
- * half a sample with the torque of the law there. Columns of the table: q_d, v_d, a_d, j_d, s_d where the law is
- * evaluated; predicted: before them the same where the torque begins to act.
+ * a, j from the state. Predicted: the state continues over the delay with the torques under way,
+ * and from there over half a sample with the torque of the law there. Columns of the table: q_d,
+ * v_d, a_d, j_d, s_d where the law is evaluated; predicted: before them the same where the torque
+ * begins to act.
  */
-LAW_API int flexgen_law_linearisation(void *self, int64_t k, const double *y, const double *ref, double *u)
+LAW_API int flexgen_law_linearisation(
+    void *self, int64_t k, const double *y, const double *ref, double *u)
 {
     law_own *own = (law_own *)self;
     const law_shared *s = own->shared;
@@ -210,16 +229,19 @@ LAW_API int flexgen_law_linearisation(void *self, int64_t k, const double *y, co
 /*
  * Computed torque of the rigid robot, from the motor angles alone: q = eta^-1 q_m,
  *
- *     a = a_d + g_1 (v_d - v) + g_0 (q_d - q),    u = J_m eta a + f(v_m) + eta^-T (M a + c + g - f_a)
+ *     a = a_d + g_1 (v_d - v) + g_0 (q_d - q),    u = J_m eta a + f(v_m) + eta^-T (M a + c + g -
+ *       f_a)
  *
  * Columns of the table: q_d, v_d, a_d.
  */
-LAW_API int flexgen_law_computed_torque(void *self, int64_t k, const double *y, const double *ref, double *u)
+LAW_API int flexgen_law_computed_torque(
+    void *self, int64_t k, const double *y, const double *ref, double *u)
 {
     law_own *own = (law_own *)self;
     const law_shared *s = own->shared;
     size_t n = (size_t)s->n;
-    double *x = s->scratch, *q = x + 4 * n, *v = q + n, *a = v + n, *turning = a + n, *T = turning + n, *f = T + n;
+    double *x = s->scratch, *q = x + 4 * n, *v = q + n, *a = v + n, *turning = a + n,
+           *T = turning + n, *f = T + n;
     double *carried = f + n;
     const double *d = reference_of(s, k), *g = s->gains;
     (void)ref;
@@ -242,18 +264,22 @@ LAW_API int flexgen_law_computed_torque(void *self, int64_t k, const double *y, 
 }
 
 /*
- * Feedback of motor angle, motor speed, joint torque and its rate, motor side; T = eta^-T spring(eta^-1 q_m - q):
+ * Feedback of motor angle, motor speed, joint torque and its rate, motor side; T = eta^-T
+ * spring(eta^-1 q_m - q):
  *
  *     u = u_d + g_0 (q_m,d - q_m) + g_1 (v_m,d - v_m) + g_2 (T_d - T) + g_3 (T_d' - T')
  *
- * Columns of the table: u_d, q_m,d, v_m,d, T_d, T_d'. Without the function of the gears the terms of T are left out.
+ * Columns of the table: u_d, q_m,d, v_m,d, T_d, T_d'. Without the function of the gears the terms
+ * of T are left out.
  */
-LAW_API int flexgen_law_joint_torque(void *self, int64_t k, const double *y, const double *ref, double *u)
+LAW_API int flexgen_law_joint_torque(
+    void *self, int64_t k, const double *y, const double *ref, double *u)
 {
     law_own *own = (law_own *)self;
     const law_shared *s = own->shared;
     size_t n = (size_t)s->n;
-    double *x = s->scratch, *d = x + 4 * n, *rate = d + n, *p = rate + n, *dp = p + n, *T = dp + n, *dT = T + n;
+    double *x = s->scratch, *d = x + 4 * n, *rate = d + n, *p = rate + n, *dp = p + n, *T = dp + n,
+           *dT = T + n;
     const double *r = reference_of(s, k), *g = s->gains;
     (void)ref;
     measured_state(own, k, y, x);

@@ -1,8 +1,9 @@
 /*
  * A controller as a shared library, for flexgen's sampled closed loop.
  *
- * Export the four functions below (C linkage). Memory of `flexgen_controller_size` bytes, set to zero, belongs to one
- * robot; there may be several. No call may keep pointers that it is given, but for those into its own memory.
+ * Export the four functions below (C linkage). Memory of `flexgen_controller_size` bytes, set to
+ * zero, belongs to one robot; there may be several. No call may keep pointers that it is given,
+ * but for those into its own memory.
  *
  *     cc -O2 -ffp-contract=off -shared -fPIC mine.c -o mine.so
  */
@@ -43,10 +44,11 @@ FLEXGEN_CONTROLLER int flexgen_controller_reset(void *self, const flexgen_contro
 /*
  * Torques u (n_m) [N m] from the measurements y (n_y) of sample k; anything but 0 stops the run.
  *
- * ref: y_ref (n_y), what the channels show on the reference; tau (n_m), mean of the feedforward torque over the
- * interval in which u will act; v_m (n_m), q_a (n_a), v_a (n_a) at the sample.
+ * ref: y_ref (n_y), what the channels show on the reference; tau (n_m), mean of the feedforward
+ * torque over the interval in which u will act; v_m (n_m), q_a (n_a), v_a (n_a) at the sample.
  */
-FLEXGEN_CONTROLLER int flexgen_controller_step(void *self, int64_t k, const double *y, const double *ref, double *u);
+FLEXGEN_CONTROLLER int flexgen_controller_step(
+    void *self, int64_t k, const double *y, const double *ref, double *u);
 
 #ifdef __cplusplus
 }

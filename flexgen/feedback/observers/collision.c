@@ -1,9 +1,12 @@
 /*
- * Residual of the generalized momentum of a robot's motors, one update for each sample of the controller:
+ * Residual of the generalized momentum of a robot's motors, one update for each sample of the
+ * controller:
  *
- *     r <- w (p - p_0 - s),    s <- s + T (tau - f + b + r),    p = (M v)_g + J_m v_m on the motor side
+ *     r <- w (p - p_0 - s),    s <- s + T (tau - f + b + r),    p = (M v)_g + J_m v_m on the motor
+ *       side
  *
- * b = M' v - h, all on the motor side: M' v by the change of M over the last sample. No memory is allocated.
+ * b = M' v - h, all on the motor side: M' v by the change of M over the last sample. No memory is
+ * allocated.
  */
 #include <math.h>
 #include <stdint.h>
@@ -20,7 +23,9 @@ typedef struct {
     /* then p_0, s and r: n_m each */
 } collision_state;
 
-/* p, driven (tau - f + b) of this sample, and thresholds (n_m; 0: none); returns the first motor above it, 1 .., or 0.
+/*
+ * p, driven (tau - f + b) of this sample, and thresholds (n_m; 0: none); returns the first motor
+ * above it, 1 .., or 0. /
  */
 COLLISION_API int flexgen_collision_update(
     void *self, const double *p, const double *driven, const double *threshold, double *residual)
@@ -46,14 +51,15 @@ COLLISION_API int flexgen_collision_update(
 }
 
 /* The same over n samples (n, n_m); hit: the first sample above a threshold, or -1. */
-COLLISION_API int64_t flexgen_collision_run(
-    void *self, int64_t n, const double *p, const double *driven, const double *threshold, double *residual)
+COLLISION_API int64_t flexgen_collision_run(void *self, int64_t n, const double *p,
+    const double *driven, const double *threshold, double *residual)
 {
     int32_t n_m = ((collision_state *)self)->n_m;
     int64_t hit = -1;
     for (int64_t k = 0; k < n; ++k) {
         int64_t at = k * n_m;
-        if (flexgen_collision_update(self, p + at, driven + at, threshold, residual + at) != 0 && hit < 0) {
+        if (flexgen_collision_update(self, p + at, driven + at, threshold, residual + at) != 0 &&
+            hit < 0) {
             hit = k;
         }
     }

@@ -1,15 +1,18 @@
 /*
  * Extended Kalman filter of a robot, one update for each sample of the controller:
  *
- *     state         z = (x, d),    x = (q_a, q_m, v_a, v_m), of the motors those behind elastic gears
+ *     state         z = (x, d),    x = (q_a, q_m, v_a, v_m), of the motors those behind elastic
+ *                   gears
  *     model         x' = f(x, u + d),    d: torque on each motor, a random walk
  *     prediction    x by the classical Runge-Kutta method, P <- F P F' + Q
- *                   F = (1 + s A + s^2/2 A^2 + s^3/6 A^3 + s^4/24 A^4)^(2^doublings),  s = h / 2^doublings,
+ *                   F = (1 + s A + s^2/2 A^2 + s^3/6 A^3 + s^4/24 A^4)^(2^doublings),  s = h /
+ *                     2^doublings,
  *                   (A, B): linearization at the predicted state of the last sample
  *     correction    one scalar measurement after the other, y = g(x, u + d) + noise
  *
- * The model is that of the emitted library: functions for one point. No memory is allocated, and the memory of a filter
- * holds no address into itself. Matrices have rows of `stride` numbers; entries beyond their columns are zero.
+ * The model is that of the emitted library: functions for one point. No memory is allocated, and
+ * the memory of a filter holds no address into itself. Matrices have rows of `stride` numbers;
+ * entries beyond their columns are zero.
  */
 #include <math.h>
 #include <stddef.h>
@@ -22,18 +25,26 @@
 #define OBSERVER_API
 #endif
 
-enum { OBSERVER_DONE = 0, OBSERVER_NOT_FINITE = 1, OBSERVER_NOT_POSITIVE = 2, OBSERVER_MODEL_FAILED = 3 };
-enum { ROWS = 4, COLUMNS = 8, LINE = 8 }; /* of a tile of a product; numbers of a cache line, where parts begin */
+enum {
+    OBSERVER_DONE = 0,
+    OBSERVER_NOT_FINITE = 1,
+    OBSERVER_NOT_POSITIVE = 2,
+    OBSERVER_MODEL_FAILED = 3
+};
+/* of a tile of a product; numbers of a cache line, where parts begin */
+enum { ROWS = 4, COLUMNS = 8, LINE = 8 };
 
 /* Functions of the library with five and with three arguments, and with or without a workspace. */
-typedef int (*model_two)(
-    const double *, const double *, const double *, const double *, const double *, double *, double *, double *work);
-typedef int (*model_two_plain)(
-    const double *, const double *, const double *, const double *, const double *, double *, double *);
+typedef int (*model_two)(const double *, const double *, const double *, const double *,
+    const double *, double *, double *, double *work);
+typedef int (*model_two_plain)(const double *, const double *, const double *, const double *,
+    const double *, double *, double *);
 typedef int (*model_one)(const double *, const double *, const double *, double *, double *work);
 typedef int (*model_one_plain)(const double *, const double *, const double *, double *);
-typedef int (*model_three)(const double *, const double *, const double *, double *, double *, double *, double *work);
-typedef int (*model_three_plain)(const double *, const double *, const double *, double *, double *, double *);
+typedef int (*model_three)(
+    const double *, const double *, const double *, double *, double *, double *, double *work);
+typedef int (*model_three_plain)(
+    const double *, const double *, const double *, double *, double *, double *);
 
 typedef struct {
     void (*call)(void);
@@ -41,8 +52,9 @@ typedef struct {
 } model_function;
 
 typedef struct {
-    int32_t n_a, n_m, n_e;    /* arm coordinates, motors, motors behind elastic gears */
-    int32_t n_d, n_y, n_s;    /* disturbances (0 or n_m), measured channels, signals of the sensors */
+    int32_t n_a, n_m, n_e; /* arm coordinates, motors, motors behind elastic gears */
+    /* disturbances (0 or n_m), measured channels, signals of the sensors */
+    int32_t n_d, n_y, n_s;
     int32_t steps, doublings; /* of the integrator a sample, and of F */
     int32_t accelerating;     /* whether a channel depends on accelerations */
     int32_t status, begun, unused;
@@ -50,24 +62,28 @@ typedef struct {
     double sample_s;
     model_function dynamics, linearize, sensors, derivatives;
     const int32_t *elastic; /* (n_e): their motors */
-    const int32_t *channel; /* (n_y): of a state below 0: -1 - its number; else of a signal, or n_s + a row of gears */
-    const double *gears;    /* (n_m, n_a): motor angles behind rigid gears from the arm's coordinates */
-    const double *noise;    /* (n_y): variances of the measurements */
-    const double *torque;   /* (n_m): variances of the torques of a sample */
-    const double *walk;     /* (n_d): growth of the variances of the disturbances in a sample */
-    const double *process;  /* (n_x, stride): more noise of the states in a sample */
-    double normalized;      /* innovations over their deviations, squares added */
+    /* (n_y): of a state below 0: -1 - its number; else of a signal, or n_s + a row of gears */
+    const int32_t *channel;
+    /* (n_m, n_a): motor angles behind rigid gears from the arm's coordinates */
+    const double *gears;
+    const double *noise;   /* (n_y): variances of the measurements */
+    const double *torque;  /* (n_m): variances of the torques of a sample */
+    const double *walk;    /* (n_d): growth of the variances of the disturbances in a sample */
+    const double *process; /* (n_x, stride): more noise of the states in a sample */
+    double normalized;     /* innovations over their deviations, squares added */
 } kalman;
 
 /* Parts of the memory behind the struct. */
 typedef struct {
-    double *z, *P;                                /* what the filter knows */
-    double *A, *B;                                /* linearization, by columns, one behind the other */
+    double *z, *P; /* what the filter knows */
+    /* linearization, by columns, one behind the other */
+    double *A, *B;
     double *Ft, *Zt;                              /* F', P F' */
     double *cross;                                /* rows of P for the disturbances */
     double *q_m, *v_m, *tau, *rate, *at;          /* points of the integrator: rate four times */
     double *a_a, *a_m, *y_s, *by_q, *by_v, *by_a; /* signals and their derivatives */
-    double *Ht, *row;                             /* derivatives of all signals in the state, of one */
+    /* derivatives of all signals in the state, of one */
+    double *Ht, *row;
     double *gain, *innovation, *predicted, *work;
 } kalman_parts;
 
@@ -85,7 +101,8 @@ static size_t kalman_states(const kalman *e)
 /* The parts, in this order; the sum of their sizes is the result. */
 static size_t kalman_layout(const kalman *e, double *memory, kalman_parts *p)
 {
-    size_t n_x = kalman_states(e), n_a = (size_t)e->n_a, n_m = (size_t)e->n_m, n_s = (size_t)e->n_s;
+    size_t n_x = kalman_states(e), n_a = (size_t)e->n_a, n_m = (size_t)e->n_m,
+           n_s = (size_t)e->n_s;
     size_t stride = (size_t)e->stride, all = n_x + n_m, used = 0, work = 1;
     const model_function *f[] = {&e->dynamics, &e->linearize, &e->sensors, &e->derivatives};
     for (size_t i = 0; i < 4; ++i) {
@@ -95,11 +112,12 @@ static size_t kalman_layout(const kalman *e, double *memory, kalman_parts *p)
         double **part;
         size_t size;
     } const list[] = {{&p->z, all}, {&p->P, stride * stride}, {&p->innovation, (size_t)e->n_y},
-        {&p->A, n_x * (all + ROWS)}, {&p->Ft, stride * stride}, {&p->Zt, stride * stride}, {&p->cross, n_m * stride},
-        {&p->q_m, n_m}, {&p->v_m, n_m}, {&p->tau, n_m}, {&p->rate, 4 * n_x}, {&p->at, n_x}, {&p->a_a, n_a},
-        {&p->a_m, n_m}, {&p->y_s, n_s}, {&p->by_q, n_s * n_a}, {&p->by_v, n_s * n_a}, {&p->by_a, n_s * n_a + COLUMNS},
-        {&p->Ht, n_s > 0 ? stride * tiles(n_s, COLUMNS) : 0}, {&p->row, stride}, {&p->gain, stride},
-        {&p->predicted, all}, {&p->work, work}};
+        {&p->A, n_x * (all + ROWS)}, {&p->Ft, stride * stride}, {&p->Zt, stride * stride},
+        {&p->cross, n_m * stride}, {&p->q_m, n_m}, {&p->v_m, n_m}, {&p->tau, n_m},
+        {&p->rate, 4 * n_x}, {&p->at, n_x}, {&p->a_a, n_a}, {&p->a_m, n_m}, {&p->y_s, n_s},
+        {&p->by_q, n_s * n_a}, {&p->by_v, n_s * n_a}, {&p->by_a, n_s * n_a + COLUMNS},
+        {&p->Ht, n_s > 0 ? stride * tiles(n_s, COLUMNS) : 0}, {&p->row, stride},
+        {&p->gain, stride}, {&p->predicted, all}, {&p->work, work}};
     for (size_t i = 0; i < sizeof list / sizeof *list; ++i) {
         if (memory) {
             *list[i].part = memory + used;
@@ -125,12 +143,15 @@ typedef struct {
     size_t inner, outer;
 } factor;
 
-/* Four rows and eight columns of A' B; each row has its own sums and loop, and b a copy: compilers turn that into
- * vectors. */
-static void tile(const double *restrict a, size_t inner_a, size_t outer_a, const double *restrict b, size_t stride_b,
-    size_t inner, double *restrict out)
+/*
+ * Four rows and eight columns of A' B; each row has its own sums and loop, and b a copy: compilers
+ * turn that into vectors.
+ */
+static void tile(const double *restrict a, size_t inner_a, size_t outer_a,
+    const double *restrict b, size_t stride_b, size_t inner, double *restrict out)
 {
-    double sum0[COLUMNS] = {0.0}, sum1[COLUMNS] = {0.0}, sum2[COLUMNS] = {0.0}, sum3[COLUMNS] = {0.0};
+    double sum0[COLUMNS] = {0.0}, sum1[COLUMNS] = {0.0}, sum2[COLUMNS] = {0.0},
+           sum3[COLUMNS] = {0.0};
     double row[COLUMNS];
     for (size_t k = 0; k < inner; ++k, a += inner_a, b += stride_b) {
         const double a0 = a[0], a1 = a[outer_a], a2 = a[2 * outer_a], a3 = a[3 * outer_a];
@@ -155,12 +176,12 @@ static void tile(const double *restrict a, size_t inner_a, size_t outer_a, const
 }
 
 /*
- * C = A' B, of A (inner, rows) and B (inner, columns), the rows of B and C at the given distances. Rows and columns
- * are rounded up to tiles, where all matrices must have memory. symmetric: only tiles that reach the diagonal of C or
- * lie above it.
+ * C = A' B, of A (inner, rows) and B (inner, columns), the rows of B and C at the given distances.
+ * Rows and columns are rounded up to tiles, where all matrices must have memory. symmetric: only
+ * tiles that reach the diagonal of C or lie above it.
  */
-static void product(factor A, const double *B, size_t stride_b, size_t inner, size_t rows, size_t columns,
-    int symmetric, double *C, size_t stride)
+static void product(factor A, const double *B, size_t stride_b, size_t inner, size_t rows,
+    size_t columns, int symmetric, double *C, size_t stride)
 {
     for (size_t r = 0; r < rows; r += ROWS) {
         for (size_t c = symmetric ? r / COLUMNS * COLUMNS : 0; c < columns; c += COLUMNS) {
@@ -173,7 +194,10 @@ static void product(factor A, const double *B, size_t stride_b, size_t inner, si
     }
 }
 
-/* Motor angles and speeds of a state, with those behind elastic gears; the others are not read by the model. */
+/*
+ * Motor angles and speeds of a state, with those behind elastic gears; the others are not read by
+ * the model.
+ */
 static void motors_of(const kalman *e, const kalman_parts *p, const double *x)
 {
     size_t n = kalman_states(e) / 2;
@@ -189,7 +213,8 @@ static int accelerations(const kalman *e, const kalman_parts *p, const double *x
     const double *v_a = x + kalman_states(e) / 2;
     motors_of(e, p, x);
     if (e->dynamics.work) {
-        return ((model_two)e->dynamics.call)(x, v_a, p->q_m, p->v_m, p->tau, p->a_a, p->a_m, p->work);
+        return ((model_two)e->dynamics.call)(
+            x, v_a, p->q_m, p->v_m, p->tau, p->a_a, p->a_m, p->work);
     }
     return ((model_two_plain)e->dynamics.call)(x, v_a, p->q_m, p->v_m, p->tau, p->a_a, p->a_m);
 }
@@ -210,7 +235,8 @@ static int rate_of(const kalman *e, const kalman_parts *p, const double *x, doub
 static int integrate(const kalman *e, const kalman_parts *p, double *x)
 {
     size_t n = kalman_states(e);
-    double h = e->sample_s / e->steps, *k1 = p->rate, *k2 = k1 + n, *k3 = k2 + n, *k4 = k3 + n, *at = p->at;
+    double h = e->sample_s / e->steps, *k1 = p->rate, *k2 = k1 + n, *k3 = k2 + n, *k4 = k3 + n,
+           *at = p->at;
     int failed = 0;
     for (int32_t step = 0; step < e->steps; ++step) {
         failed |= rate_of(e, p, x, k1);
@@ -233,14 +259,19 @@ static int integrate(const kalman *e, const kalman_parts *p, double *x)
     return failed;
 }
 
-/* M' (n_x + n_m, n_x) of M = 1 + h (A, B) + half (A, B)^2: rows of the state, then what constant torques do. */
+/*
+ * M' (n_x + n_m, n_x) of M = 1 + h (A, B) + half (A, B)^2: rows of the state, then what constant
+ * torques do.
+ */
 static void second_order(const kalman *e, const kalman_parts *p, double h, double half)
 {
-    size_t n_x = kalman_states(e), n = n_x / 2, stride = (size_t)e->stride, all = n_x + (size_t)e->n_m;
+    size_t n_x = kalman_states(e), n = n_x / 2, stride = (size_t)e->stride,
+           all = n_x + (size_t)e->n_m;
     double *Ft = p->Ft;
     const factor lower = {p->A + n, 1, n_x};
     /* lower rows of A (A, B), L_2 (L_1 L_2 B_2), transposed; L_1 is added to L_2 L_2 */
-    product(lower, p->A + n * n_x + n, n_x, n, tiles(all, ROWS), tiles(n, COLUMNS), 0, Ft + n, stride);
+    product(
+        lower, p->A + n * n_x + n, n_x, n, tiles(all, ROWS), tiles(n, COLUMNS), 0, Ft + n, stride);
     for (size_t j = 0; j < all; ++j) {
         const double *column = p->A + j * n_x + n;
         const double *of_speed = j >= n && j < n_x ? p->A + (j - n) * n_x + n : NULL;
@@ -267,12 +298,14 @@ static void second_order(const kalman *e, const kalman_parts *p, double h, doubl
 /* M <- 1 + factor_h (A, B) M. */
 static void next_order(const kalman *e, const kalman_parts *p, double factor_h)
 {
-    size_t n_x = kalman_states(e), n = n_x / 2, stride = (size_t)e->stride, all = n_x + (size_t)e->n_m;
+    size_t n_x = kalman_states(e), n = n_x / 2, stride = (size_t)e->stride,
+           all = n_x + (size_t)e->n_m;
     const factor M = {p->Ft, 1, stride};
     /* lower rows of A M, transposed */
     product(M, p->A + n, n_x, n_x, tiles(all, ROWS), tiles(n, COLUMNS), 0, p->Zt + n, stride);
     for (size_t j = 0; j < all; ++j) {
-        const double *column = j < n_x ? NULL : p->A + j * n_x + n, *lower = p->Zt + j * stride + n;
+        const double *column = j < n_x ? NULL : p->A + j * n_x + n,
+                     *lower = p->Zt + j * stride + n;
         double *restrict row = p->Ft + j * stride;
         for (size_t i = 0; i < n; ++i) {
             row[i] = factor_h * row[n + i];
@@ -312,15 +345,18 @@ static void doubled(const kalman *e, const kalman_parts *p)
 /* P <- F P F' + Q. */
 static void predict_covariance(const kalman *e, const kalman_parts *p)
 {
-    size_t n_x = kalman_states(e), n_d = (size_t)e->n_d, n_m = (size_t)e->n_m, stride = (size_t)e->stride;
+    size_t n_x = kalman_states(e), n_d = (size_t)e->n_d, n_m = (size_t)e->n_m,
+           stride = (size_t)e->stride;
     size_t wide = tiles(n_x, COLUMNS);
     const factor P = {p->P, stride, 1}, Z = {p->Zt, stride, 1};
     transition(e, p);
     for (int32_t i = 0; i < e->doublings; ++i) {
         doubled(e, p);
     }
-    product(P, p->Ft, stride, n_x + n_d, tiles(n_x + n_d, ROWS), wide, 0, p->Zt, stride); /* P F' */
-    for (size_t j = 0; j < n_m; ++j) { /* what P will have for the disturbances; noise of the torques */
+    /* P F' */
+    product(P, p->Ft, stride, n_x + n_d, tiles(n_x + n_d, ROWS), wide, 0, p->Zt, stride);
+    /* what P will have for the disturbances; noise of the torques */
+    for (size_t j = 0; j < n_m; ++j) {
         double *restrict of = p->Zt + (n_x + j) * stride;
         const double *restrict g = p->Ft + (n_x + j) * stride;
         if (n_d) {
@@ -360,7 +396,8 @@ static int linearized(const kalman *e, const kalman_parts *p)
     int failed = 0;
     motors_of(e, p, x);
     if (e->linearize.work) {
-        failed |= ((model_two)e->linearize.call)(x, v_a, p->q_m, p->v_m, p->tau, p->A, p->B, p->work);
+        failed |= ((model_two)e->linearize.call)(
+            x, v_a, p->q_m, p->v_m, p->tau, p->A, p->B, p->work);
     } else {
         failed |= ((model_two_plain)e->linearize.call)(x, v_a, p->q_m, p->v_m, p->tau, p->A, p->B);
     }
@@ -376,14 +413,19 @@ static int linearized(const kalman *e, const kalman_parts *p)
         failed |= ((model_one_plain)e->sensors.call)(x, v_a, p->a_a, p->y_s);
     }
     if (e->derivatives.work) {
-        failed |= ((model_three)e->derivatives.call)(x, v_a, p->a_a, p->by_q, p->by_v, p->by_a, p->work);
+        failed |= ((model_three)e->derivatives.call)(
+            x, v_a, p->a_a, p->by_q, p->by_v, p->by_a, p->work);
     } else {
-        failed |= ((model_three_plain)e->derivatives.call)(x, v_a, p->a_a, p->by_q, p->by_v, p->by_a);
+        failed |= ((model_three_plain)e->derivatives.call)(
+            x, v_a, p->a_a, p->by_q, p->by_v, p->by_a);
     }
     return failed;
 }
 
-/* Derivatives of the sensors' signals in (x, d), transposed: (n_x + n_d, n_s), rows at distance `wide`. */
+/*
+ * Derivatives of the sensors' signals in (x, d), transposed: (n_x + n_d, n_s), rows at distance
+ * `wide`.
+ */
 static void measurement_rows(const kalman *e, const kalman_parts *p)
 {
     size_t n_x = kalman_states(e), n = n_x / 2, n_s = (size_t)e->n_s, n_a = (size_t)e->n_a;
@@ -498,8 +540,8 @@ static int checked(const kalman *e, const kalman_parts *p)
 OBSERVER_API int64_t flexgen_kalman_size(const void *self)
 {
     kalman_parts p;
-    return (int64_t)(sizeof(double) *
-                     (tiles(sizeof(kalman) / sizeof(double), LINE) + kalman_layout((const kalman *)self, NULL, &p)));
+    return (int64_t)(sizeof(double) * (tiles(sizeof(kalman) / sizeof(double), LINE) +
+                                          kalman_layout((const kalman *)self, NULL, &p)));
 }
 
 /* Where z, P and the innovations (n_y) lie in the memory of a filter [bytes]. */
@@ -512,8 +554,9 @@ OBSERVER_API void flexgen_kalman_offsets(void *self, int64_t *offsets)
 }
 
 /*
- * One sample: u (n_m) [N m] acted since the last one, and just before this one; y (n_y) is measured now. The first
- * sample after a reset corrects only. After an error every call returns it again.
+ * One sample: u (n_m) [N m] acted since the last one, and just before this one; y (n_y) is
+ * measured now. The first sample after a reset corrects only. After an error every call returns it
+ * again.
  */
 OBSERVER_API int flexgen_kalman_step(void *self, const double *y, const double *u)
 {
@@ -544,11 +587,11 @@ OBSERVER_API int flexgen_kalman_step(void *self, const double *y, const double *
 }
 
 /*
- * Samples one after the other: y (n, n_y), u (n, n_m); z (n, n_x + n_d) and deviation (n, n_x + n_d) of each estimate,
- * innovation (n, n_y), normalized (n). Returns how many were done.
+ * Samples one after the other: y (n, n_y), u (n, n_m); z (n, n_x + n_d) and deviation (n, n_x +
+ * n_d) of each estimate, innovation (n, n_y), normalized (n). Returns how many were done.
  */
-OBSERVER_API int64_t flexgen_kalman_run(void *self, int64_t n, const double *y, const double *u, double *z,
-    double *deviation, double *innovation, double *normalized)
+OBSERVER_API int64_t flexgen_kalman_run(void *self, int64_t n, const double *y, const double *u,
+    double *z, double *deviation, double *innovation, double *normalized)
 {
     kalman *e = (kalman *)self;
     kalman_parts p = parts_of(e);

@@ -1,12 +1,11 @@
-/* Explicit Runge-Kutta method of order 8 by Dormand and Prince with dense output of order 7, for x' = f(x, u(t)) with
-   a piecewise polynomial input u. The steps are those of scipy's DOP853.
-
-   With motor feedback (n_m > 0) the input is (torques, reference angles, reference speeds), and the state ends with the
-   integrals of w:
-
-       w = v_ref + position_gain (q_ref - q) - v,    u = tau_m + speed_gain (w + integral_gain int w dt)
-
-   Source: E. Hairer, S. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 1993, sec. II.5 and II.10. */
+/*
+ * Explicit Runge-Kutta method of order 8 by Dormand and Prince with dense output of order 7, for
+ * x' = f(x, u(t)) with a piecewise polynomial input u. The steps are those of scipy's DOP853.
+ * With motor feedback (n_m > 0) the input is (torques, reference angles, reference speeds), and
+ * the state ends with the integrals of w:  w = v_ref + position_gain (q_ref - q) - v,    u = tau_m
+ * + speed_gain (w + integral_gain int w dt)  Source: E. Hairer, S. Norsett, G. Wanner, Solving
+ * Ordinary Differential Equations I, 1993, sec. II.5 and II.10.
+ */
 
 #include <math.h>
 #include <stdint.h>
@@ -22,23 +21,31 @@ enum { STAGES = 12, ALL = 16, DENSE = 7 };
 enum { DONE, MORE, STEP_TOO_SMALL, NOT_FINITE };
 
 /* A function in C by CasADi: no workspace of its own where `w` is NULL. */
-typedef int (*function)(const double **arguments, double **results, long long *iw, double *w, int memory);
+typedef int (*function)(
+    const double **arguments, double **results, long long *iw, double *w, int memory);
 
 typedef struct {
-    function rate;                       /* (x, u) -> x', without the integrals of the feedback */
-    long long *iw;                       /* workspace of the function */
-    double *w;                           /* the same, reals */
-    int64_t n, n_u;                      /* entries of the state and of the input */
-    int64_t pieces, k;                   /* of the input: polynomials, and coefficients of each */
-    const double *breaks, *coefficients; /* (pieces + 1), (pieces, k, n_u): highest power first, about the left break */
+    function rate;     /* (x, u) -> x', without the integrals of the feedback */
+    long long *iw;     /* workspace of the function */
+    double *w;         /* the same, reals */
+    int64_t n, n_u;    /* entries of the state and of the input */
+    int64_t pieces, k; /* of the input: polynomials, and coefficients of each */
+    /* (pieces + 1), (pieces, k, n_u): highest power first, about the left break */
+    const double *breaks, *coefficients;
     double rtol;
-    const double *atol;                        /* (n) */
-    const double *A, *B, *C, *E3, *E5, *dense; /* the tableau: A and C with the three stages for dense output */
-    int64_t n_m, dof;                          /* of the feedback: motors, and coordinates; n_m = 0: none */
-    const double *rows, *gains;                /* motor angles from coordinates (n_m, dof); gains (3, n_m) */
+    const double *atol; /* (n) */
+    /* the tableau: A and C with the three stages for dense output */
+    const double *A, *B, *C, *E3, *E5, *dense;
+    /* of the feedback: motors, and coordinates; n_m = 0: none */
+    int64_t n_m, dof;
+    /* motor angles from coordinates (n_m, dof); gains (3, n_m) */
+    const double *rows, *gains;
 } problem;
 
-/* Where the integration is; memory: (ALL + 4 + DENSE) * n + n_u, kept between calls. The first n are the state. */
+/*
+ * Where the integration is; memory: (ALL + 4 + DENSE) * n + n_u, kept between calls. The first n
+ * are the state.
+ */
 typedef struct {
     double t, step;
     int64_t evaluations, piece, begun;
@@ -63,11 +70,15 @@ static void input(const problem *p, position *s, double t, double *u)
     }
 }
 
-/* Add the torques of the feedback to the first n_m inputs, and write w behind the rates of the robot. */
+/*
+ * Add the torques of the feedback to the first n_m inputs, and write w behind the rates of the
+ * robot.
+ */
 static void add_feedback(const problem *p, const double *x, double *u, double *out)
 {
     const int64_t n_m = p->n_m;
-    const double *integrals = x + p->n - n_m, *position = p->gains, *speed = position + n_m, *integral = speed + n_m;
+    const double *integrals = x + p->n - n_m, *position = p->gains, *speed = position + n_m,
+                 *integral = speed + n_m;
     for (int64_t j = 0; j < n_m; j++) {
         double q = 0.0, v = 0.0;
         for (int64_t i = 0; i < p->dof; i++) {
@@ -80,7 +91,8 @@ static void add_feedback(const problem *p, const double *x, double *u, double *o
     }
 }
 
-static void evaluate(const problem *p, position *s, double t, const double *x, double *u, double *out)
+static void evaluate(
+    const problem *p, position *s, double t, const double *x, double *u, double *out)
 {
     const double *arguments[2] = {x, u};
     double *results[1] = {out};
@@ -92,7 +104,8 @@ static void evaluate(const problem *p, position *s, double t, const double *x, d
 }
 
 /* x + h sum_j a_j K_j, j < count */
-static void combined(int64_t n, const double *x, double h, const double *a, int count, const double *K, double *out)
+static void combined(
+    int64_t n, const double *x, double h, const double *a, int count, const double *K, double *out)
 {
     for (int64_t i = 0; i < n; i++)
         out[i] = K[i] * a[0];
@@ -115,8 +128,8 @@ static double rms(int64_t n, const double *x, const double *scale)
     return sqrt(sum / (double)n);
 }
 
-static double first_step(
-    const problem *p, position *s, double end, double *x, double *f, double *a, double *b, double *u)
+static double first_step(const problem *p, position *s, double end, double *x, double *f,
+    double *a, double *b, double *u)
 {
     const int64_t n = p->n;
     double *scale = b;
@@ -133,7 +146,8 @@ static double first_step(
     for (int64_t i = 0; i < n; i++)
         rate[i] -= f[i];
     const double d2 = rms(n, rate, scale) / h0, larger = d1 > d2 ? d1 : d2;
-    const double h1 = larger <= 1e-15 ? (h0 * 1e-3 > 1e-6 ? h0 * 1e-3 : 1e-6) : pow(0.01 / larger, 1.0 / 8.0);
+    const double h1 = larger <= 1e-15 ? (h0 * 1e-3 > 1e-6 ? h0 * 1e-3 : 1e-6) :
+                                        pow(0.01 / larger, 1.0 / 8.0);
     double h = 100 * h0 < h1 ? 100 * h0 : h1;
     return h < span ? h : span;
 }
@@ -156,8 +170,8 @@ static double error_norm(const problem *p, const double *K, double h, const doub
 }
 
 /* The polynomials of the dense output over a step from (t, x) to `next`: (DENSE, n). */
-static void prepare_dense(const problem *p, position *s, double h, const double *x, const double *next, double *K,
-    double *stage, double *u, double *F)
+static void prepare_dense(const problem *p, position *s, double h, const double *x,
+    const double *next, double *K, double *stage, double *u, double *F)
 {
     const int64_t n = p->n;
     for (int j = STAGES + 1; j < ALL; j++) {
@@ -207,15 +221,17 @@ static int all_finite(int64_t n, const double *x)
     return sum == 0.0;
 }
 
-/* Integrate to the last of `count` instants and write the states there; `done`: how many of them are written already.
-   Returns MORE after about `most` evaluations: call again to continue. */
-EXPORT int simulation_advance(
-    const problem *p, position *s, int64_t count, const double *instants, double *out, int64_t *done, int64_t most)
+/*
+ * Integrate to the last of `count` instants and write the states there; `done`: how many of them
+ * are written already. Returns MORE after about `most` evaluations: call again to continue.
+ */
+EXPORT int simulation_advance(const problem *p, position *s, int64_t count, const double *instants,
+    double *out, int64_t *done, int64_t most)
 {
     const int64_t n = p->n, until = s->evaluations + most;
     const double end = instants[count - 1];
-    double *x = s->memory, *next = x + n, *stage = next + n, *scale = stage + n, *F = scale + n, *K = F + DENSE * n,
-           *u = K + ALL * n;
+    double *x = s->memory, *next = x + n, *stage = next + n, *scale = stage + n, *F = scale + n,
+           *K = F + DENSE * n, *u = K + ALL * n;
     if (!s->begun) {
         evaluate(p, s, s->t, x, u, K);
         if (!all_finite(n, K))
@@ -238,7 +254,8 @@ EXPORT int simulation_advance(
             combined(n, x, h, p->B, STAGES, K, next);
             evaluate(p, s, to, next, u, K + STAGES * n);
             for (int64_t i = 0; i < n; i++)
-                scale[i] = p->atol[i] + (fabs(x[i]) > fabs(next[i]) ? fabs(x[i]) : fabs(next[i])) * p->rtol;
+                scale[i] = p->atol[i] +
+                           (fabs(x[i]) > fabs(next[i]) ? fabs(x[i]) : fabs(next[i])) * p->rtol;
             error = error_norm(p, K, h, scale);
             if (error < 1.0) {
                 double factor = error == 0.0 ? 10.0 : 0.9 * pow(error, -1.0 / 8.0);

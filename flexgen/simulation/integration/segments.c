@@ -1,6 +1,9 @@
-/* Many robots with states, inputs and parameters of their own, integrated over short segments by the classical
-   Runge-Kutta method of order four, LANES of them at once. RATE(x, u, p, x', w) and OUTPUT(x, u, p, y, w), and what is
-   before them, are written by `flexgen.codegen.build.lanes_module`. */
+/*
+ * Many robots with states, inputs and parameters of their own, integrated over short segments by
+ * the classical Runge-Kutta method of order four, LANES of them at once. RATE(x, u, p, x', w) and
+ * OUTPUT(x, u, p, y, w), and what is before them, are written by
+ * `flexgen.codegen.build.lanes_module`.
+ */
 
 #if defined(__GNUC__)
 #define EXPORT __attribute__((visibility("default")))
@@ -17,7 +20,8 @@ typedef struct {
     double step;              /* s */
     int64_t states;           /* outputs are the states, n_y = n of them */
     const double *start;      /* (robots, n) */
-    const double *input;      /* (sets, samples * steps, 3, n_u): at the start, middle and end of each step */
+    /* (sets, samples * steps, 3, n_u): at the start, middle and end of each step */
+    const double *input;
     const int64_t *set;       /* (robots): which input */
     const double *offset;     /* (robots, n_u): added to the input */
     const double *parameters; /* (robots, n_p) */
@@ -49,8 +53,8 @@ static void load_rows(const double *from, int64_t first, int64_t last, int64_t c
 }
 
 /* The inputs of all lanes at an instant. */
-static void load_inputs(
-    const double *const *from, ptrdiff_t at, int alike, int64_t n_u, const double *offset, double *u)
+static void load_inputs(const double *const *from, ptrdiff_t at, int alike, int64_t n_u,
+    const double *offset, double *u)
 {
     for (int64_t i = 0; i < n_u; ++i) {
         lanes now = splat_v(from[0][at + i]);
@@ -61,13 +65,16 @@ static void load_inputs(
     }
 }
 
-/* The segments of the robots `first` to `last` - 1, at most LANES; returns how many states are not finite at the end.
+/*
+ * The segments of the robots `first` to `last` - 1, at most LANES; returns how many states are not
+ * finite at the end. /
  */
 static int64_t run_lanes(const segments *s, int64_t first, int64_t last)
 {
     const int64_t n = s->n, n_u = s->n_u, all = s->samples * s->steps;
     const double halves[4] = {0.0, s->step / 2, s->step / 2, s->step};
-    double *x = (double *)aligned_1(s->memory), *k = x + n * LANES, *at = k + 4 * n * LANES, *u = at + n * LANES;
+    double *x = (double *)aligned_1(s->memory), *k = x + n * LANES, *at = k + 4 * n * LANES,
+           *u = at + n * LANES;
     double *offset = u + n_u * LANES, *p = offset + n_u * LANES, *y = p + s->n_p * LANES;
     lanes *w = (lanes *)(y + s->n_y * LANES);
     const double *from[LANES];
@@ -81,7 +88,8 @@ static int64_t run_lanes(const segments *s, int64_t first, int64_t last)
         alike = alike && from[l] == from[0];
     }
     for (int64_t step = 0;; ++step) {
-        load_inputs(from, step < all ? step * 3 * n_u : (all * 3 - 1) * n_u, alike, n_u, offset, u);
+        load_inputs(
+            from, step < all ? step * 3 * n_u : (all * 3 - 1) * n_u, alike, n_u, offset, u);
         if (step == sample * s->steps) {
             const double *shown = x;
             if (!s->states) {
@@ -130,7 +138,10 @@ static int64_t run_lanes(const segments *s, int64_t first, int64_t last)
     return failed;
 }
 
-/* The segments of the robots `first` to `last` - 1; returns how many states are not finite at the end. */
+/*
+ * The segments of the robots `first` to `last` - 1; returns how many states are not finite at the
+ * end.
+ */
 EXPORT int64_t segments_run(const segments *s, int64_t first, int64_t last)
 {
     int64_t failed = 0;

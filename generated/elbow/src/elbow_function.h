@@ -1,6 +1,6 @@
 /*
- * elbow: shared by the entry points of the emitted functions: checks, and loops over many points; private. Written by
- * flexgen; see elbow.h.
+ * elbow: shared by the entry points of the emitted functions: checks, and loops over many points;
+ * private. Written by flexgen; see elbow.h.
  */
 #ifndef ELBOW_FUNCTION_H
 #define ELBOW_FUNCTION_H
@@ -13,8 +13,12 @@
 
 enum {
     CACHE = 8388608, /* bytes of results that are written past the cache */
-    WAYS = 24,       /* lines that a set of the first cache may hold, about: more results at once push each other out */
-    ARRAYS = 16      /* inputs of a function, and outputs, at most */
+    /*
+     * lines that a set of the first cache may hold, about: more results at once push each other
+     * out
+     */
+    WAYS = 24,
+    ARRAYS = 16 /* inputs of a function, and outputs, at most */
 };
 
 /* Arrays and workspace of an emitted function. */
@@ -29,8 +33,12 @@ typedef struct {
 /* A function at one point, with copies of its arrays; 0 where all results are finite. */
 typedef int (*function_one)(const real *const *in, real *const *out, real *work);
 
-/* A function at `count` points of arrays whose entries are n apart; zeros where all results are finite, else NaN. */
-typedef lanes (*function_lanes)(const real *const *in, real *const *out, lanes *work, int count, ptrdiff_t n);
+/*
+ * A function at `count` points of arrays whose entries are n apart; zeros where all results are
+ * finite, else NaN.
+ */
+typedef lanes (*function_lanes)(
+    const real *const *in, real *const *out, lanes *work, int count, ptrdiff_t n);
 
 /* Status of the first of n points that failed; the results of all that did become NaN. */
 static SEPARATE elbow_status first_failed(
@@ -41,7 +49,8 @@ static SEPARATE elbow_status first_failed(
     for (int k = 0; k < n; ++k) {
         int known = 1, finite = 1;
         for (int i = 0; i < f->inputs && known; ++i) {
-            known = i == f->shared ? all_finite(in[i], f->sizes[i], 1) : all_finite(in[i] + k, f->sizes[i], stride);
+            known = i == f->shared ? all_finite(in[i], f->sizes[i], 1) :
+                                     all_finite(in[i] + k, f->sizes[i], stride);
         }
         for (int i = 0; i < f->outputs && finite; ++i) {
             finite = all_finite(out[i] + k, of_outputs[i], stride);
@@ -60,8 +69,8 @@ static SEPARATE elbow_status first_failed(
 }
 
 /* Point k by the function for one point; 0 where all results are finite. */
-static SEPARATE int evaluate_point(const function_shape *f, function_one one, const real *const *in, real *const *out,
-    int k, ptrdiff_t stride, real *work)
+static SEPARATE int evaluate_point(const function_shape *f, function_one one,
+    const real *const *in, real *const *out, int k, ptrdiff_t stride, real *work)
 {
     const int *of_outputs = f->sizes + f->inputs;
     const real *from[ARRAYS];
@@ -87,11 +96,12 @@ static SEPARATE int evaluate_point(const function_shape *f, function_one one, co
 }
 
 /*
- * `count` points from `first` on, in lanes; zeros where all results are finite. copied: by copies of the arrays in the
- * workspace; past: results are written past the cache.
+ * `count` points from `first` on, in lanes; zeros where all results are finite. copied: by copies
+ * of the arrays in the workspace; past: results are written past the cache.
  */
-static inline lanes evaluate_tile(const function_shape *f, function_lanes evaluate, const real *const *in,
-    real *const *out, int first, int count, ptrdiff_t stride, int copied, int past, real *work)
+static inline lanes evaluate_tile(const function_shape *f, function_lanes evaluate,
+    const real *const *in, real *const *out, int first, int count, ptrdiff_t stride, int copied,
+    int past, real *work)
 {
     const int *of_outputs = f->sizes + f->inputs;
     const real *from[ARRAYS];
@@ -117,8 +127,9 @@ static inline lanes evaluate_tile(const function_shape *f, function_lanes evalua
 }
 
 /* n points of arrays whose entries are `stride` apart. */
-static SEPARATE elbow_status evaluate_points(const function_shape *f, function_one one, function_lanes evaluate,
-    const real *const *in, real *const *out, int n, int stride, real *work)
+static SEPARATE elbow_status evaluate_points(const function_shape *f, function_one one,
+    function_lanes evaluate, const real *const *in, real *const *out, int n, int stride,
+    real *work)
 {
     int results = 0, missing = work == NULL, bad = 0;
     for (int i = 0; i < f->inputs; ++i) {
@@ -135,12 +146,15 @@ static SEPARATE elbow_status evaluate_points(const function_shape *f, function_o
         return ELBOW_NULL_ARGUMENT;
     }
     {
-        /* Arrays are copied where columns of results share the same cache lines or do not fit the cache, and for the
-           last points. */
+        /*
+         * Arrays are copied where columns of results share the same cache lines or do not fit the
+         * cache, and for the last points.
+         */
         const int past = (size_t)n * sizeof(real) > (size_t)(CACHE / results);
         const int aligned = (size_t)stride * sizeof(real) % 1024 == 0;
         const int collide = past || (results > WAYS && n > f->tile && aligned);
-        const int few = f->work > 0 ? LANES * 3 / 4 : LANES / 2; /* points that are faster one by one than in lanes */
+        /* points that are faster one by one than in lanes */
+        const int few = f->work > 0 ? LANES * 3 / 4 : LANES / 2;
         const int rest = n % LANES <= few ? n % LANES : 0;
         const int end = n - rest;
         const int groups = end / f->tile + (end % f->tile != 0);
@@ -162,7 +176,8 @@ static SEPARATE elbow_status evaluate_points(const function_shape *f, function_o
                 const int first = group * f->tile;
                 const int count = end - first < f->tile ? end - first : f->tile;
                 const int copied = collide || count % LANES != 0;
-                zero += evaluate_tile(f, evaluate, in, out, first, count, stride, copied, past, space);
+                zero += evaluate_tile(
+                    f, evaluate, in, out, first, count, stride, copied, past, space);
             }
             end_scatter(past);
             bad += sum_v(zero) == 0 ? 0 : 1;

@@ -11,20 +11,29 @@
 #include "elbow_inversion_common.h"
 
 /*
- * Under given motor torques a perturbation of the positions p and speeds v, of motors on the arm side, follows
+ * Under given motor torques a perturbation of the positions p and speeds v, of motors on the arm
+ * side, follows
  *
  *     dp/dt = v,    dv/dt = K p + D v,
  *
- * the linearized forward dynamics, constant between two instants of a grid. A step h of the implicit midpoint rule,
- * with the mean speed u, is
+ * the linearized forward dynamics, constant between two instants of a grid. A step h of the
+ * implicit midpoint rule, with the mean speed u, is
  *
  *     (1 - h/2 D - h^2/4 K) u = v + h/2 K p,    p += h u,    v = 2 u - v.
  *
- * It neither excites vibrations nor damps them. Columns of the matrices p and v: perturbations of one position each at
- * the start. Samples at rest at the end are left out, so that the result does not depend on their number; where there
- * are any, the last torque is held for HELD_STEPS of the grid.
+ * It neither excites vibrations nor damps them. Columns of the matrices p and v: perturbations of
+ * one position each at the start. Samples at rest at the end are left out, so that the result does
+ * not depend on their number; where there are any, the last torque is held for HELD_STEPS of the
+ * grid.
  */
-enum { DOF = ELBOW_NX / 2, GROWTH_STEPS = 2, GRID_FEWEST = 50, GRID_MOST = 1000, POWER_STEPS = 12, HELD_STEPS = 50 };
+enum {
+    DOF = ELBOW_NX / 2,
+    GROWTH_STEPS = 2,
+    GRID_FEWEST = 50,
+    GRID_MOST = 1000,
+    POWER_STEPS = 12,
+    HELD_STEPS = 50
+};
 
 static const real grid_step = 1e-2;                 /* s */
 static const real slow_share = 1e-4;                /* of the largest speed */
@@ -33,22 +42,25 @@ static const real growth_max = PRECISE(1e300, 1e37);
 
 typedef struct {
     real A[ELBOW_NX * ELBOW_NX], B[ELBOW_NX * ELBOW_NM]; /* by columns */
-    real before[2 * DOF * DOF], now[2 * DOF * DOF];      /* K, then D, by rows, at two instants of the grid */
-    real system[3 * DOF * DOF];                          /* S = (1 - h/2 D - h^2/4 K)^-1 and h/2 S K, behind it */
-    real p[DOF * DOF], v[DOF * DOF];                     /* by rows */
+    /* K, then D, by rows, at two instants of the grid */
+    real before[2 * DOF * DOF], now[2 * DOF * DOF];
+    /* S = (1 - h/2 D - h^2/4 K)^-1 and h/2 S K, behind it */
+    real system[3 * DOF * DOF];
+    real p[DOF * DOF], v[DOF * DOF]; /* by rows */
 } growth_space;
 
 /* K and D at sample k. */
-static int growth_matrices(
-    const elbow_motion *motion, ptrdiff_t k, const real *parameters, real *to, growth_space *s, real *space)
+static int growth_matrices(const elbow_motion *motion, ptrdiff_t k, const real *parameters,
+    real *to, growth_space *s, real *space)
 {
-    const int status = evaluate_linearize(motion->q_a + k * NA, motion->v_a + k * NA, motion->q_m + k * NM,
-        motion->v_m + k * NM, motion->tau_m + k * NM, s->A, s->B, parameters, space);
+    const int status = evaluate_linearize(motion->q_a + k * NA, motion->v_a + k * NA,
+        motion->q_m + k * NM, motion->v_m + k * NM, motion->tau_m + k * NM, s->A, s->B, parameters,
+        space);
     for (int part = 0; part < 2; ++part) {
         for (int i = 0; i < DOF; ++i) {
             for (int j = 0; j < DOF; ++j) {
-                to[(part * DOF + i) * DOF + j] = s->A[(part * DOF + j) * ELBOW_NX + DOF + i] / arm_side[i] *
-                                                 arm_side[j];
+                to[(part * DOF + i) * DOF + j] = s->A[(part * DOF + j) * ELBOW_NX + DOF + i] /
+                                                 arm_side[i] * arm_side[j];
             }
         }
     }
@@ -148,8 +160,8 @@ int64_t elbow_growth_work(void)
     return padded((int64_t)(sizeof(growth_space) / sizeof(real))) + ELBOW_LINEARIZE_SPACE + BLOCK;
 }
 
-elbow_status elbow_growth(
-    const elbow_motion *motion, int n, real period, PARAMETERS_ARGUMENT real *growth, real *work, int64_t work_size)
+elbow_status elbow_growth(const elbow_motion *motion, int n, real period,
+    PARAMETERS_ARGUMENT real *growth, real *work, int64_t work_size)
 {
     growth_space *s = (growth_space *)(void *)work;
     const real *values = GIVEN_PARAMETERS;
@@ -168,7 +180,8 @@ elbow_status elbow_growth(
     }
     space = work + padded((int64_t)(sizeof(growth_space) / sizeof(real)));
     last = last_moving(motion->v_a, n);
-    count = (real)last * period < grid_step * GRID_MOST ? (int)((real)last * period / grid_step) : GRID_MOST;
+    count = (real)last * period < grid_step * GRID_MOST ? (int)((real)last * period / grid_step) :
+                                                          GRID_MOST;
     count = count < GRID_FEWEST ? GRID_FEWEST : count;
     steps = count + (last < n - 1 ? HELD_STEPS : 0);
     for (int i = 0; i < DOF * DOF; ++i) {
@@ -177,7 +190,8 @@ elbow_status elbow_growth(
     }
     status = growth_matrices(motion, 0, values, s->before, s, space);
     for (int k = 1; k <= steps && status == ELBOW_OK; ++k) {
-        const ptrdiff_t next = k > count ? last : (ptrdiff_t)(((int64_t)k * last + count - 1) / count);
+        const ptrdiff_t next = k > count ? last :
+                                           (ptrdiff_t)(((int64_t)k * last + count - 1) / count);
         const real h = (k > count ? grid_step : (real)(next - at) * period) / (real)GROWTH_STEPS;
         real most;
         if (next == at && k <= count) {
@@ -202,7 +216,8 @@ elbow_status elbow_growth(
         size = size < growth_max / most ? size * most : growth_max;
         {
             const real norm = growth_norm(s->p);
-            found = fmax_1(found, norm > 1.0 && size > growth_max / norm ? growth_max : size * norm);
+            found = fmax_1(
+                found, norm > 1.0 && size > growth_max / norm ? growth_max : size * norm);
         }
         copy(s->now, 2 * DOF * DOF, s->before);
     }
@@ -225,22 +240,24 @@ elbow_status elbow_growth(
 /*
  * --- The end of a motion along a path, where the remaining motion no longer affects the output.
  *
- * After the path the motion of the unactuated coordinates decays to the equilibrium. The remaining motion moves the
- * output by about
+ * After the path the motion of the unactuated coordinates decays to the equilibrium. The remaining
+ * motion moves the output by about
  *
  *     max over X in {W_e, D} of max(|X (q_e - q_e,end)|, HELD |X v_e|),    dy/dt = W v_a,
  *
- * while the joints stand still or, D = W_g M_gg^-1 M_ge - W_e, while the torque is held and they keep their momentum.
- * It does not end before the deflections of damped gears have decayed, see `shortest_motion_after`.
+ * while the joints stand still or, D = W_g M_gg^-1 M_ge - W_e, while the torque is held and they
+ * keep their momentum. It does not end before the deflections of damped gears have decayed, see
+ * `shortest_motion_after`.
  */
 
 /*
  * --- Gauss-Newton steps of the inversion along a whole path.
  *
- * A step is the solution of a linear-quadratic problem (see lq_step.h). Its factors hold for later steps too where the
- * motion has changed little: then only the linear terms are computed again. The intervals after the path are all close
- * to the same equilibrium: they share its Jacobians, and the factor of an endless one. Where the cost of that one is
- * not exact, as unstable zeros of very different size hide each other, each has a factor of its own.
+ * A step is the solution of a linear-quadratic problem (see lq_step.h). Its factors hold for later
+ * steps too where the motion has changed little: then only the linear terms are computed again.
+ * The intervals after the path are all close to the same equilibrium: they share its Jacobians,
+ * and the factor of an endless one. Where the cost of that one is not exact, as unstable zeros of
+ * very different size hide each other, each has a factor of its own.
  */
 
 /* --- The function invert. */
@@ -259,14 +276,16 @@ int64_t elbow_invert_work(int n, const elbow_inversion_options *options)
 }
 
 /* As elbow_invert, with a report instead of its info. */
-static elbow_status invert_path(const elbow_samples *p, PARAMETERS_ARGUMENT const real q_start[ELBOW_NA],
-    const elbow_inversion_options *options, elbow_motion *motion, whole_report *report, real *work, int64_t work_size)
+static elbow_status invert_path(const elbow_samples *p,
+    PARAMETERS_ARGUMENT const real q_start[ELBOW_NA], const elbow_inversion_options *options,
+    elbow_motion *motion, whole_report *report, real *work, int64_t work_size)
 {
     const int64_t wanted = p == NULL ? -1 : elbow_invert_work(p->n, options);
     whole_layout l;
     real q[NA];
     ptrdiff_t samples;
-    int status = check_arguments(p, GIVEN_PARAMETERS, q_start, options, motion, report, work, work_size, wanted);
+    int status = check_arguments(
+        p, GIVEN_PARAMETERS, q_start, options, motion, report, work, work_size, wanted);
     if (status != ELBOW_OK) {
         return (elbow_status)status;
     }
@@ -285,18 +304,20 @@ static elbow_status invert_path(const elbow_samples *p, PARAMETERS_ARGUMENT cons
             samples -= options->n_post - (ptrdiff_t)after - 1;
         }
     }
-    return finish(p, options, &l, q, NULL, samples, (problem_points *)(void *)(work + l.end), motion, report, work);
+    return finish(p, options, &l, q, NULL, samples, (problem_points *)(void *)(work + l.end),
+        motion, report, work);
 }
 
-elbow_status elbow_invert(const elbow_samples *samples, PARAMETERS_ARGUMENT const real q_start[ELBOW_NA],
-    const elbow_inversion_options *options, elbow_motion *motion, elbow_invert_info *info, real *work,
-    int64_t work_size)
+elbow_status elbow_invert(const elbow_samples *samples,
+    PARAMETERS_ARGUMENT const real q_start[ELBOW_NA], const elbow_inversion_options *options,
+    elbow_motion *motion, elbow_invert_info *info, real *work, int64_t work_size)
 {
     whole_report report = {0, 0.0, 0.0, 0.0, 0.0, 0, 0, 0};
     elbow_status status = ELBOW_NULL_ARGUMENT;
     const int grows = options != NULL && options->growth;
     if (info != NULL && (!grows || has_state_and_torques(motion))) {
-        status = invert_path(samples, PASSED_PARAMETERS q_start, options, motion, &report, work, work_size);
+        status = invert_path(
+            samples, PASSED_PARAMETERS q_start, options, motion, &report, work, work_size);
     }
     if (report.is_set) {
         info->residual = report.residual;
@@ -308,7 +329,8 @@ elbow_status elbow_invert(const elbow_samples *samples, PARAMETERS_ARGUMENT cons
         info->growth = (real)NAN;
         info->torque_error = report.torque_error;
     }
-    if (grows && status >= 0) { /* the workspace is free again; where it fails, the torques are right all the same */
+    /* the workspace is free again; where it fails, the torques are right all the same */
+    if (grows && status >= 0) {
         real *growth = &info->growth;
         const int n = options->n_pre + samples->n + report.n_post;
         (void)elbow_growth(motion, n, samples->period, PASSED_PARAMETERS growth, work, work_size);
@@ -319,8 +341,8 @@ elbow_status elbow_invert(const elbow_samples *samples, PARAMETERS_ARGUMENT cons
 /*
  * --- The function invert_many.
  *
- * Problem k reads and writes nothing of another problem, and `invert_problem` keeps no data: problems may be solved in
- * any order, and at the same time where each has its own workspace.
+ * Problem k reads and writes nothing of another problem, and `invert_problem` keeps no data:
+ * problems may be solved in any order, and at the same time where each has its own workspace.
  */
 typedef struct {
     const elbow_problems *problems;
@@ -332,7 +354,9 @@ typedef struct {
     elbow_status *statuses;
 } problem_arrays;
 
-/* Numbers of an array of results from `at` on; a result that is not wanted stays a null pointer. */
+/*
+ * Numbers of an array of results from `at` on; a result that is not wanted stays a null pointer.
+ */
 static real *results_from(real *x, ptrdiff_t at)
 {
     return x == NULL ? NULL : x + at;
@@ -349,7 +373,8 @@ static void set_to_nan(real *x, ptrdiff_t count)
 static void invert_problem(const problem_arrays *a, ptrdiff_t k, real *work, int64_t work_size)
 {
     const elbow_problems *own = a->problems;
-    const elbow_invert_info unknown = {(real)NAN, (real)NAN, (real)NAN, 0, 0, a->options->n_post, (real)NAN, (real)NAN};
+    const elbow_invert_info unknown = {
+        (real)NAN, (real)NAN, (real)NAN, 0, 0, a->options->n_post, (real)NAN, (real)NAN};
     const ptrdiff_t n = a->samples->n, all = n + a->options->n_pre + a->options->n_post;
     const ptrdiff_t path = own->own_path ? k * n : 0;
     const real *q_start = a->q_start + (own->own_q_start ? k : 0) * NA;
@@ -368,7 +393,8 @@ static void invert_problem(const problem_arrays *a, ptrdiff_t k, real *work, int
     m.v_m = results_from(a->motion->v_m, k * all * NM);
     m.tau_m = results_from(a->motion->tau_m, k * all * NM);
     a->info[k] = unknown;
-    a->statuses[k] = elbow_invert(&p, PASSED_PARAMETERS q_start, a->options, &m, a->info + k, work, work_size);
+    a->statuses[k] = elbow_invert(
+        &p, PASSED_PARAMETERS q_start, a->options, &m, a->info + k, work, work_size);
     if (a->statuses[k] < 0) {
         set_to_nan(m.q_a, all * NA);
         set_to_nan(m.v_a, all * NA);
@@ -381,15 +407,16 @@ static void invert_problem(const problem_arrays *a, ptrdiff_t k, real *work, int
 }
 
 elbow_status elbow_invert_many(const elbow_problems *problems, const elbow_samples *samples,
-    const real *q_start, const elbow_inversion_options *options, elbow_motion *motion, elbow_invert_info *info,
-    elbow_status *statuses, real *work, int64_t work_size)
+    const real *q_start, const elbow_inversion_options *options, elbow_motion *motion,
+    elbow_invert_info *info, elbow_status *statuses, real *work, int64_t work_size)
 {
-    const problem_arrays a = {problems, samples, GIVEN_PARAMETERS, q_start, options, motion, info, statuses};
+    const problem_arrays a = {
+        problems, samples, GIVEN_PARAMETERS, q_start, options, motion, info, statuses};
     elbow_status first = ELBOW_OK;
     int64_t wanted;
-    if (problems == NULL || samples == NULL || a.parameters == NULL || q_start == NULL || options == NULL ||
-        motion == NULL || info == NULL || statuses == NULL || work == NULL || samples->y == NULL ||
-        samples->dy == NULL || samples->ddy == NULL) {
+    if (problems == NULL || samples == NULL || a.parameters == NULL || q_start == NULL ||
+        options == NULL || motion == NULL || info == NULL || statuses == NULL || work == NULL ||
+        samples->y == NULL || samples->dy == NULL || samples->ddy == NULL) {
         return ELBOW_NULL_ARGUMENT;
     }
     wanted = elbow_invert_work(samples->n, options);
@@ -417,16 +444,19 @@ elbow_status elbow_invert_many(const elbow_problems *problems, const elbow_sampl
 /*
  * --- The start of a stream in motion, from samples of the path before now and ahead.
  *
- * The first state of the horizon is not known. In stable directions it is the quasi-static motion of the past: what the
- * zero dynamics remembers of older motion has decayed. In unstable directions it follows from the path ahead, where the
- * cost to go P, p of the first node is least,
+ * The first state of the horizon is not known. In stable directions it is the quasi-static motion
+ * of the past: what the zero dynamics remembers of older motion has decayed. In unstable
+ * directions it follows from the path ahead, where the cost to go P, p of the first node is least,
  *
  *     min over d   d' P d / 2 + p' d + w |y_0 + d - y_quasi-static|^2 / 2
  *
  * with a weight w far above the cost of stable directions and far below that of unstable ones.
  */
 
-/* Path nodes before now, as far back as the differences of any stream; updates whose results are not given. */
+/*
+ * Path nodes before now, as far back as the differences of any stream; updates whose results are
+ * not given.
+ */
 enum { PAST_NODES = 7, SILENT_UPDATES = ELBOW_STREAM_START_SAMPLES(0) - 1 - PAST_NODES };
 
 /* Copy sample k of a path. */
@@ -447,12 +477,16 @@ static inline void set_path(real *s, const layout *l, const elbow_samples *p, pt
     }
     for (ptrdiff_t k = 0; k < N * STAGES; ++k) {
         const real *left = nodes + (l->past + k / STAGES) * REFERENCE;
-        between_samples(left, head_in(s)->period, gauss_c[k % STAGES], s + l->reference + k * REFERENCE);
+        between_samples(
+            left, head_in(s)->period, gauss_c[k % STAGES], s + l->reference + k * REFERENCE);
     }
     copy(nodes + (l->past + N) * REFERENCE, REFERENCE, s + l->last);
 }
 
-/* Joints that follow the path of the horizon from those at its start, with the deflections of the equilibrium q. */
+/*
+ * Joints that follow the path of the horizon from those at its start, with the deflections of the
+ * equilibrium q.
+ */
 static inline int set_joints(real *s, const layout *l, const real *q)
 {
     const ptrdiff_t N = head_in(s)->intervals;
@@ -462,7 +496,8 @@ static inline int set_joints(real *s, const layout *l, const real *q)
         q_g[N * STAGES * NG + i] = last[i] = q[i_g[i]];
     }
     begin_points(arm);
-    for (ptrdiff_t k = 0; k < N * STAGES; ++k) { /* one after the other: each is the guess of the next */
+    /* one after the other: each is the guess of the next */
+    for (ptrdiff_t k = 0; k < N * STAGES; ++k) {
         int status;
         for (int point = 0; point < POINTS; ++point) {
             load_reference(arm, point, s + l->reference + k * REFERENCE);
@@ -492,7 +527,8 @@ static inline void joints_at_start(const real *s, const layout *l, real q[NA])
 }
 
 /* The stream, at equilibrium now, is on the path instead. */
-static inline int set_moving(real *s, const layout *l, const elbow_samples *p, ptrdiff_t now, const real *q)
+static inline int set_moving(
+    real *s, const layout *l, const elbow_samples *p, ptrdiff_t now, const real *q)
 {
     int status;
     set_path(s, l, p, now);
@@ -503,13 +539,13 @@ static inline int set_moving(real *s, const layout *l, const elbow_samples *p, p
 /*
  * --- The parts of an update, one after the other.
  *
- * An update that has begun may be interrupted after each part: all that the next part needs is in the memory of the
- * stream. The results do not depend on where it was interrupted.
+ * An update that has begun may be interrupted after each part: all that the next part needs is in
+ * the memory of the stream. The results do not depend on where it was interrupted.
  */
 
 /*
- * Kinds of parts, in their order. PART_RESIDUAL: for each POINTS Gauss points; PART_POINTS: for each GROUP intervals
- * whose factors are computed again, then PART_FACTOR for each of them.
+ * Kinds of parts, in their order. PART_RESIDUAL: for each POINTS Gauss points; PART_POINTS: for
+ * each GROUP intervals whose factors are computed again, then PART_FACTOR for each of them.
  */
 enum {
     NO_UPDATE,
@@ -519,7 +555,10 @@ enum {
     PARTS_END
 };
 
-/* The part that is next. at: Gauss point, or intervals before those of the group; within: interval in the group. */
+/*
+ * The part that is next. at: Gauss point, or intervals before those of the group; within: interval
+ * in the group.
+ */
 typedef struct {
     int part, at, within;
 } update_part;
@@ -532,8 +571,8 @@ static inline update_part next_part_of(const real *s)
 }
 
 /*
- * Approximate cost of a part: microseconds with 6 motors and 12 coordinates without motor on a processor with vectors
- * of 8 numbers. Only the distribution of the work depends on it.
+ * Approximate cost of a part: microseconds with 6 motors and 12 coordinates without motor on a
+ * processor with vectors of 8 numbers. Only the distribution of the work depends on it.
  */
 static inline int cost_of_part(const real *s, update_part p)
 {
@@ -644,7 +683,10 @@ static real *memory_of(const elbow_stream *stream)
     return stream == NULL ? NULL : stream->memory;
 }
 
-/* Layout of a stream that was started and has not failed; a status where its memory holds none, or not all of it. */
+/*
+ * Layout of a stream that was started and has not failed; a status where its memory holds none, or
+ * not all of it.
+ */
 static elbow_status find_layout(const elbow_stream *given, layout *l)
 {
     if (given->size < HEAD) {
@@ -657,12 +699,14 @@ static elbow_status find_layout(const elbow_stream *given, layout *l)
     return given->size < l->end ? ELBOW_WORK_TOO_SMALL : ELBOW_OK;
 }
 
-enum { SETTLING_SWEEPS = 10 }; /* sweeps after which the cost of an endless equilibrium has converged */
+/* sweeps after which the cost of an endless equilibrium has converged */
+enum { SETTLING_SWEEPS = 10 };
 
 int64_t elbow_stream_work(const elbow_stream_options *options)
 {
     return options != NULL && stream_sizes_fit(options) ?
-               (int64_t)laid_out(options->intervals, options->samples_per_interval, (int)options->hold, options->delay)
+               (int64_t)laid_out(options->intervals, options->samples_per_interval,
+                   (int)options->hold, options->delay)
                    .end :
                -1;
 }
@@ -677,10 +721,15 @@ static int deflection_at_equilibrium(const real *q, real *deflection, real *spac
     if (status != ELBOW_OK) {
         return status;
     }
-    return static_deflections(tau, 1, zero, deflection, stiffness, space) ? ELBOW_OK : ELBOW_RESULT_NOT_FINITE;
+    return static_deflections(tau, 1, zero, deflection, stiffness, space) ?
+               ELBOW_OK :
+               ELBOW_RESULT_NOT_FINITE;
 }
 
-/* The whole horizon and the past are at the equilibrium with the output at its target; q: a guess, and it. */
+/*
+ * The whole horizon and the past are at the equilibrium with the output at its target; q: a guess,
+ * and it.
+ */
 static int set_equilibrium(real *s, const layout *l, const real *target, real *q)
 {
     const ptrdiff_t N = head_in(s)->intervals;
@@ -714,8 +763,9 @@ static int set_equilibrium(real *s, const layout *l, const real *target, real *q
     return status;
 }
 
-COLD elbow_status elbow_stream_start(const elbow_stream *given, const elbow_stream_options *options,
-    const real y[ELBOW_NT], PARAMETERS_ARGUMENT const real q_start[ELBOW_NA])
+COLD elbow_status elbow_stream_start(const elbow_stream *given,
+    const elbow_stream_options *options, const real y[ELBOW_NT],
+    PARAMETERS_ARGUMENT const real q_start[ELBOW_NA])
 {
     real *stream = given == NULL ? NULL : given->memory;
     const real *parameters_given = GIVEN_PARAMETERS;
@@ -723,14 +773,16 @@ COLD elbow_status elbow_stream_start(const elbow_stream *given, const elbow_stre
     real q[NA], *space;
     stream_head *head;
     int status;
-    if (stream == NULL || options == NULL || y == NULL || parameters_given == NULL || q_start == NULL) {
+    if (stream == NULL || options == NULL || y == NULL || parameters_given == NULL ||
+        q_start == NULL) {
         return ELBOW_NULL_ARGUMENT;
     }
     if (!stream_sizes_fit(options) || !(options->period > 0.0 && options->period < 1e6) ||
         !(options->tolerance > 0.0 && options->tolerance < 1.0)) {
         return ELBOW_BAD_ARGUMENT;
     }
-    l = laid_out(options->intervals, options->samples_per_interval, (int)options->hold, options->delay);
+    l = laid_out(
+        options->intervals, options->samples_per_interval, (int)options->hold, options->delay);
     if (given->size < l.end) {
         return ELBOW_WORK_TOO_SMALL;
     }
@@ -768,8 +820,8 @@ static int has_begun(const real *stream)
     return head_in(stream)->part > NO_UPDATE;
 }
 
-COLD elbow_status elbow_stream_limits(
-    const elbow_stream *given, const real torque_max[ELBOW_NM], const real speed_max[ELBOW_NM], real deviation_max)
+COLD elbow_status elbow_stream_limits(const elbow_stream *given, const real torque_max[ELBOW_NM],
+    const real speed_max[ELBOW_NM], real deviation_max)
 {
     real *stream = memory_of(given);
     layout l;
@@ -804,7 +856,10 @@ COLD elbow_status elbow_stream_limits(
     return ELBOW_OK;
 }
 
-/* Status of an update that fails after its sample was taken; UNREACHABLE would mean that the sample was refused. */
+/*
+ * Status of an update that fails after its sample was taken; UNREACHABLE would mean that the
+ * sample was refused.
+ */
 static elbow_status failed(real *stream, int status)
 {
     head_of(stream)->state = HAS_FAILED;
@@ -822,8 +877,8 @@ static void begin_results(stream_head *head)
     head->at = head->within = 0;
 }
 
-elbow_status elbow_stream_begin(
-    const elbow_stream *given, const real y[ELBOW_NT], const real dy[ELBOW_NY], const real ddy[ELBOW_NY])
+elbow_status elbow_stream_begin(const elbow_stream *given, const real y[ELBOW_NT],
+    const real dy[ELBOW_NY], const real ddy[ELBOW_NY])
 {
     real *stream = memory_of(given);
     layout l;
@@ -894,7 +949,8 @@ static void give(const real *from, ptrdiff_t size, real *to)
     }
 }
 
-elbow_status elbow_stream_finish(const elbow_stream *given, elbow_motion *motion, elbow_stream_info *info)
+elbow_status elbow_stream_finish(
+    const elbow_stream *given, elbow_motion *motion, elbow_stream_info *info)
 {
     real *stream = memory_of(given);
     layout l;
@@ -946,15 +1002,17 @@ elbow_status elbow_stream_finish(const elbow_stream *given, elbow_motion *motion
     if (info->cause != ELBOW_CAUSE_NONE) {
         return ELBOW_TOLERANCE_NOT_MET;
     }
-    if (!is_finite(&head->residual, 1) || !is_finite(&head->mismatch, 1) || !is_finite(&head->torque_step, 1) ||
-        !is_finite(head->output_step, 2) || !is_finite(head->off, 2)) {
+    if (!is_finite(&head->residual, 1) || !is_finite(&head->mismatch, 1) ||
+        !is_finite(&head->torque_step, 1) || !is_finite(head->output_step, 2) ||
+        !is_finite(head->off, 2)) {
         return failed(stream, ELBOW_RESULT_NOT_FINITE);
     }
     return info->limits_active ? ELBOW_LIMITS_ACTIVE : ELBOW_OK;
 }
 
-elbow_status elbow_stream_update(const elbow_stream *stream, const real y[ELBOW_NT], const real dy[ELBOW_NY],
-    const real ddy[ELBOW_NY], elbow_motion *motion, elbow_stream_info *info)
+elbow_status elbow_stream_update(const elbow_stream *stream, const real y[ELBOW_NT],
+    const real dy[ELBOW_NY], const real ddy[ELBOW_NY], elbow_motion *motion,
+    elbow_stream_info *info)
 {
     elbow_status status;
     if (motion == NULL || info == NULL) {
@@ -968,15 +1026,17 @@ elbow_status elbow_stream_update(const elbow_stream *stream, const real y[ELBOW_
 static elbow_status check_samples(const elbow_samples *p)
 {
     for (ptrdiff_t k = 0; k < p->n; ++k) {
-        if (!is_finite(p->y + k * NT, NT) || !is_finite(p->dy + k * NY, NY) || !is_finite(p->ddy + k * NY, NY)) {
+        if (!is_finite(p->y + k * NT, NT) || !is_finite(p->dy + k * NY, NY) ||
+            !is_finite(p->ddy + k * NY, NY)) {
             return ELBOW_INPUT_NOT_FINITE;
         }
     }
     return ELBOW_OK;
 }
 
-COLD elbow_status elbow_stream_start_moving(const elbow_stream *given, const elbow_stream_options *options,
-    const elbow_samples *path, PARAMETERS_ARGUMENT const real q_start[ELBOW_NA])
+COLD elbow_status elbow_stream_start_moving(const elbow_stream *given,
+    const elbow_stream_options *options, const elbow_samples *path,
+    PARAMETERS_ARGUMENT const real q_start[ELBOW_NA])
 {
     elbow_motion none = {NULL, NULL, NULL, NULL, NULL, NULL, NULL};
     elbow_stream_info info;
@@ -984,8 +1044,8 @@ COLD elbow_status elbow_stream_start_moving(const elbow_stream *given, const elb
     ptrdiff_t now;
     layout l;
     real q[NA], *stream = given == NULL ? NULL : given->memory;
-    if (stream == NULL || options == NULL || path == NULL || path->y == NULL || path->dy == NULL || path->ddy == NULL ||
-        q_start == NULL) {
+    if (stream == NULL || options == NULL || path == NULL || path->y == NULL || path->dy == NULL ||
+        path->ddy == NULL || q_start == NULL) {
         return ELBOW_NULL_ARGUMENT;
     }
     if (!stream_sizes_fit(options) || path->n != ELBOW_STREAM_START_SAMPLES(options->intervals) ||
@@ -1005,13 +1065,15 @@ COLD elbow_status elbow_stream_start_moving(const elbow_stream *given, const elb
     joints_at_start(stream, &l, q);
     status = (elbow_status)set_moving(stream, &l, path, now, q);
     for (ptrdiff_t k = path->n - SILENT_UPDATES; k < path->n && status >= ELBOW_OK; ++k) {
-        status = elbow_stream_update(given, path->y + k * NT, path->dy + k * NY, path->ddy + k * NY, &none, &info);
+        status = elbow_stream_update(
+            given, path->y + k * NT, path->dy + k * NY, path->ddy + k * NY, &none, &info);
     }
     if (status < ELBOW_OK) {
         head_of(stream)->state = IS_EMPTY;
         return status;
     }
-    for (int i = 0; i < MEASURES + NM; ++i) { /* largest values of the first updates are not those of the motion */
+    /* largest values of the first updates are not those of the motion */
+    for (int i = 0; i < MEASURES + NM; ++i) {
         stream[l.most + i] = 0.0;
     }
     return ELBOW_OK;

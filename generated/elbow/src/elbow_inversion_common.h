@@ -1,4 +1,7 @@
-/* elbow: common to all files of the inversion: sizes, Gauss points of an interval, memory; private. */
+/*
+ * elbow: common to all files of the inversion: sizes, Gauss points of an interval, memory;
+ * private.
+ */
 #ifndef ELBOW_INVERSION_COMMON_H
 #define ELBOW_INVERSION_COMMON_H
 
@@ -91,7 +94,10 @@ static inline int is_finite(const real *x, int n)
     return all_finite(x, n, 1);
 }
 
-/* Status of a function of the library that was called with computed states: not inputs of the caller. */
+/*
+ * Status of a function of the library that was called with computed states: not inputs of the
+ * caller.
+ */
 static inline int inner_status(int status)
 {
     return status == ELBOW_INPUT_NOT_FINITE ? ELBOW_RESULT_NOT_FINITE : status;
@@ -117,7 +123,9 @@ static inline ptrdiff_t function_work(void)
     return ELBOW_INVERSION_SPACE + BLOCK + ELBOW_PARAMETERS;
 }
 
-/* Store the run-time parameters where the functions that are called with this workspace find them. */
+/*
+ * Store the run-time parameters where the functions that are called with this workspace find them.
+ */
 static inline void keep_parameters(const real *parameters, real *space)
 {
     copy(parameters, PARAMETERS, PARAMETERS_OF(space));
@@ -136,8 +144,9 @@ static inline int64_t padded(int64_t n)
  */
 
 /*
- * Gauss elimination with pivots on the diagonal, n rows: of the matrix in columns 0 ... n - 1, and of the right sides
- * in the columns after it, which become the solutions. 0 where a pivot is zero: its unknown becomes zero.
+ * Gauss elimination with pivots on the diagonal, n rows: of the matrix in columns 0 ... n - 1, and
+ * of the right sides in the columns after it, which become the solutions. 0 where a pivot is zero:
+ * its unknown becomes zero.
  */
 static inline int solve_plain(real *a, int n, int width)
 {
@@ -199,13 +208,15 @@ static const real mismatch_max = PRECISE(2e-2, 2.5e-1);
 /* First and second derivative by seven samples, `stride` apart and `period` seconds; order six. */
 static inline real sixty_differences(const real *x, ptrdiff_t stride)
 {
-    return 45.0 * (x[stride] - x[-stride]) - 9.0 * (x[2 * stride] - x[-2 * stride]) + (x[3 * stride] - x[-3 * stride]);
+    return 45.0 * (x[stride] - x[-stride]) - 9.0 * (x[2 * stride] - x[-2 * stride]) +
+           (x[3 * stride] - x[-3 * stride]);
 }
 
 /* The same of LANES samples that follow each other from `x` on. */
 static inline lanes sixty_differences_v(const real *x, ptrdiff_t stride)
 {
-    return 45.0 * (load_v(x + stride) - load_v(x - stride)) - 9.0 * (load_v(x + 2 * stride) - load_v(x - 2 * stride)) +
+    return 45.0 * (load_v(x + stride) - load_v(x - stride)) -
+           9.0 * (load_v(x + 2 * stride) - load_v(x - 2 * stride)) +
            (load_v(x + 3 * stride) - load_v(x - 3 * stride));
 }
 
@@ -237,7 +248,8 @@ static inline lanes second_derivative_v(const real *x, real period)
 /* Whether a motion has what its growth depends on. */
 static inline int has_state_and_torques(const elbow_motion *m)
 {
-    return m != NULL && m->q_a != NULL && m->v_a != NULL && m->q_m != NULL && m->v_m != NULL && m->tau_m != NULL;
+    return m != NULL && m->q_a != NULL && m->v_a != NULL && m->q_m != NULL && m->v_m != NULL &&
+           m->tau_m != NULL;
 }
 
 #endif

@@ -1,4 +1,7 @@
-/* elbow: inverse dynamics along a whole path within limits. Written by flexgen; see elbow_inversion.h. */
+/*
+ * elbow: inverse dynamics along a whole path within limits. Written by flexgen; see
+ * elbow_inversion.h.
+ */
 #include "../elbow_inversion.h"
 
 #include "elbow_limits.h"
@@ -8,8 +11,9 @@
 /*
  * --- Deviations from a path as splines of degree seven in time.
  *
- * d = sum c_i B_i with knots `spacing` samples apart, the first one at the first sample. Spline i is not zero in the
- * knot intervals i to i + 7, so that a deviation and six derivatives are zero at both ends of the path.
+ * d = sum c_i B_i with knots `spacing` samples apart, the first one at the first sample. Spline i
+ * is not zero in the knot intervals i to i + 7, so that a deviation and six derivatives are zero
+ * at both ends of the path.
  *
  * Source: C. de Boor, A Practical Guide to Splines, 2001, ch. IX.
  */
@@ -30,13 +34,17 @@ static inline void splines_of_degree(int degree, real u, real out[SPLINES])
     }
 }
 
-/* Derivative of an order of all splines that are not zero there, per knot interval; the last is the newest. */
+/*
+ * Derivative of an order of all splines that are not zero there, per knot interval; the last is
+ * the newest.
+ */
 static inline void spline_derivatives(int order, real u, real out[SPLINES])
 {
     splines_of_degree(DEGREE - order, u, out);
     for (int k = 0; k < order; ++k) { /* B' = B_i - B_(i+1) of the degree below */
         for (int j = DEGREE - order + k + 1; j >= 0; --j) {
-            const real left = j > 0 ? out[j - 1] : 0.0, right = j <= DEGREE - order + k ? out[j] : 0.0;
+            const real left = j > 0 ? out[j - 1] : 0.0,
+                       right = j <= DEGREE - order + k ? out[j] : 0.0;
             out[j] = left - right;
         }
     }
@@ -49,7 +57,8 @@ static inline int spline_count(int n, int spacing)
 }
 
 /* Deviation at a sample: value, first and second derivative [1/s^k], NY each. */
-static inline void deviation_at(const real *c, int count, int spacing, real period, int sample, real out[3 * NY])
+static inline void deviation_at(
+    const real *c, int count, int spacing, real period, int sample, real out[3 * NY])
 {
     const int interval = sample / spacing;
     const real u = (real)(sample - interval * spacing) / (real)spacing, h = (real)spacing * period;
@@ -72,14 +81,16 @@ static inline void deviation_at(const real *c, int count, int spacing, real peri
 }
 
 /*
- * --- A quadratic program with limits that may be exceeded at a price, by an interior point method.
+ * --- A quadratic program with limits that may be exceeded at a price, by an interior point
+ * method.
  *
  *     min  z' H z / 2 + g' z + price * s    s.t.  x_r + A_r z <= 1 + s,    s >= 0
  *
- * There is always a solution, and s is zero where all limits can be kept and the price exceeds the multipliers.
+ * There is always a solution, and s is zero where all limits can be kept and the price exceeds the
+ * multipliers.
  *
- * Source: S. Mehrotra, SIAM Journal on Optimization 2(4), 1992; J. Nocedal, S. Wright, Numerical Optimization, 2006,
- * ch. 16.6.
+ * Source: S. Mehrotra, SIAM Journal on Optimization 2(4), 1992; J. Nocedal, S. Wright, Numerical
+ * Optimization, 2006, ch. 16.6.
  */
 
 enum { IP_STEPS = 80 };
@@ -90,9 +101,9 @@ static const real ip_gap_enough = 1e-9; /* the same, where the steps have no eff
 static const real ip_boundary = 0.9995; /* part of the step to the boundary */
 
 /*
- * The program and its memory; all arrays belong to the caller. `stride`: n + 1, rounded up to whole vectors. A row has
- * the numbers of A, then -1 for s, then zeros; the last row is that of s >= 0. Only its columns from `first` are not
- * zero, of the columns before n.
+ * The program and its memory; all arrays belong to the caller. `stride`: n + 1, rounded up to
+ * whole vectors. A row has the numbers of A, then -1 for s, then zeros; the last row is that of s
+ * >= 0. Only its columns from `first` are not zero, of the columns before n.
  */
 typedef struct {
     int n, rows, stride; /* rows without that of s */
@@ -100,7 +111,8 @@ typedef struct {
     const real *g;       /* n */
     const real *A;       /* (rows + 1) x stride */
     const real *x;       /* rows */
-    const int *range;    /* 2 for each row: first column that is not zero, and the column after the last one */
+    /* 2 for each row: first column that is not zero, and the column after the last one */
+    const int *range;
     real price;
     real *z;                                                 /* stride: the solution, then s */
     real *K;                                                 /* stride x stride */
@@ -119,7 +131,10 @@ static inline real ip_row(const interior_point *p, int r, const real *z)
     return sum;
 }
 
-/* Sum of products from a column to another one; BLOCK partial sums, so that the bits are those of any vector width. */
+/*
+ * Sum of products from a column to another one; BLOCK partial sums, so that the bits are those of
+ * any vector width.
+ */
 static inline real ip_dot(const real *a, const real *b, int from, int to)
 {
     lanes sums[BLOCK / LANES];
@@ -146,8 +161,8 @@ static inline real ip_dot(const real *a, const real *b, int from, int to)
 }
 
 /*
- * K = L L' in the lower triangle, as factor_qp; entries before the first one of a row that is not zero stay zero. 0
- * where a pivot is not positive.
+ * K = L L' in the lower triangle, as factor_qp; entries before the first one of a row that is not
+ * zero stay zero. 0 where a pivot is not positive.
  */
 static inline int ip_cholesky(real *K, int n, int stride)
 {
@@ -170,7 +185,10 @@ static inline int ip_cholesky(real *K, int n, int stride)
     return 1;
 }
 
-/* K = H + G' diag(dual / slack) G, factored; 0 where a pivot is not positive. The lower triangle is filled. */
+/*
+ * K = H + G' diag(dual / slack) G, factored; 0 where a pivot is not positive. The lower triangle
+ * is filled.
+ */
 static inline int ip_factor(interior_point *p)
 {
     const int n = p->n, stride = p->stride;
@@ -187,7 +205,8 @@ static inline int ip_factor(interior_point *p)
         for (int i = from; i < to; ++i) {
             const lanes scaled = splat_v(weight * a[i]);
             real *row = p->K + (ptrdiff_t)i * stride;
-            for (int j = from; j <= i; j += LANES) { /* a spline acts on a part of the motion only */
+            /* a spline acts on a part of the motion only */
+            for (int j = from; j <= i; j += LANES) {
                 store_v(row + j, load_v(row + j) + scaled * load_v(a + j));
             }
             last[i] -= weight * a[i];
@@ -197,7 +216,10 @@ static inline int ip_factor(interior_point *p)
     return ip_cholesky(p->K, n + 1, stride);
 }
 
-/* The Newton step to complementarity `scaled`: K dz = -(H z + g + G' dual) - G' ((dual primal - scaled) / slack). */
+/*
+ * The Newton step to complementarity `scaled`: K dz = -(H z + g + G' dual) - G' ((dual primal -
+ * scaled) / slack).
+ */
 static inline void ip_step(interior_point *p)
 {
     const int n = p->n;
@@ -264,7 +286,8 @@ static inline int solve_interior_point(interior_point *p)
             off = fmax_1(off, fabs_1(p->primal[r]));
         }
         gap /= (real)rows;
-        good = gap * (real)rows <= ip_gap_enough * p->price && off <= ip_accuracy && is_finite(p->z, n + 1);
+        good = gap * (real)rows <= ip_gap_enough * p->price && off <= ip_accuracy &&
+               is_finite(p->z, n + 1);
         if (good && gap * (real)rows <= ip_gap * p->price) {
             return 1;
         }
@@ -277,7 +300,8 @@ static inline int solve_interior_point(interior_point *p)
         ip_step(p); /* the affine step shows how far the gap can be closed */
         length = ip_longest(p);
         for (int r = 0; r < rows; ++r) {
-            affine += (p->dual[r] + length * p->d_dual[r]) * (p->slack[r] + length * p->d_slack[r]);
+            affine += (p->dual[r] + length * p->d_dual[r]) *
+                      (p->slack[r] + length * p->d_slack[r]);
         }
         affine /= (real)rows;
         least = affine / gap;
@@ -302,39 +326,53 @@ static inline int solve_interior_point(interior_point *p)
 /* --- The function invert_limited. */
 
 enum {
-    /* The limited quantities: motor torques and speeds, deflections; torques of gears, rates of motor torques, speeds
-       and accelerations of joints, speed and acceleration of the tool; then both signs of each edge of the torque-speed
-       curves, of each motor in turn. */
+    /*
+     * The limited quantities: motor torques and speeds, deflections; torques of gears, rates of
+     * motor torques, speeds and accelerations of joints, speed and acceleration of the tool; then
+     * both signs of each edge of the torque-speed curves, of each motor in turn.
+     */
     OF_DEFLECTION = 2 * NM,
     OF_GEAR = OF_DEFLECTION + NE,
     OF_RATE = OF_GEAR + NG,
     OF_JOINT = OF_RATE + NM,
     OF_TOOL = OF_JOINT + 2 * NG,
     OF_CURVE = OF_TOOL + 2,
-    POINTS_MAX = 100,    /* of a torque-speed curve */
-    PATH_KNOTS = 30,     /* intervals between knots over the path, where the caller does not choose */
+    POINTS_MAX = 100, /* of a torque-speed curve */
+    /* intervals between knots over the path, where the caller does not choose */
+    PATH_KNOTS = 30,
     NODES_PER_KNOT = 8,  /* instants at which the program sees the motion */
     LIMITED_ROUNDS = 20, /* programs, each followed by an inversion */
     FRICTION_ROUNDS = 6, /* programs until the friction agrees with the speeds after the step */
-    RESPONSE_PART = 3,   /* of the samples before and after the path, in which a response matters */
-    ROW_ROUNDS = 5,      /* programs until no other row is exceeded */
-    MORE_ROWS = 6        /* rows of a program, for each unknown */
+    /* of the samples before and after the path, in which a response matters */
+    RESPONSE_PART = 3,
+    ROW_ROUNDS = 5, /* programs until no other row is exceeded */
+    MORE_ROWS = 6   /* rows of a program, for each unknown */
 };
 
 static const real limit_slack = 1e-3;  /* of a limit: largest violation of a result */
 static const real least_margin = 2e-4; /* of a limit: distance that the programs keep from it */
-static const real margin_max = 4e-3;   /* more distance after a program whose linearization was not exact, at most */
-static const real rough_tolerance = 100.0; /* tolerance of the inversions inside, relative: responses need few digits */
-static const real coefficient_unit = 1e-3; /* m, rad: of the coefficients; a deviation of it costs about one */
-static const real curvature_weight = 100.0; /* cost of the curvature of the shortest wave that the knots resolve */
-static const real program_price = 1e9;      /* of exceeding all limits by 100 % */
-static const real near_limit = 0.7;         /* of a limit: rows below it are not in the program at first */
-static const real poor_progress = 0.7;      /* of a violation: where more is left, the responses are computed again */
-static const real hopeless_progress = 0.9;  /* of a violation: where more is left with new responses, it ends */
-static const real least_change = 1e-3;      /* rad/s: of a speed, over which the friction is linearized */
-static const real least_share = 0.2;        /* of a step */
-static const real settled_share = 1e-2;     /* of the deviation: a program that changes it by less has converged */
-static const real push_size = 1.0;          /* m/s^2, rad/s^2: acceleration of a deviation whose response is computed */
+/* more distance after a program whose linearization was not exact, at most */
+static const real margin_max = 4e-3;
+/* tolerance of the inversions inside, relative: responses need few digits */
+static const real rough_tolerance = 100.0;
+/* m, rad: of the coefficients; a deviation of it costs about one */
+static const real coefficient_unit = 1e-3;
+/* cost of the curvature of the shortest wave that the knots resolve */
+static const real curvature_weight = 100.0;
+static const real program_price = 1e9; /* of exceeding all limits by 100 % */
+/* of a limit: rows below it are not in the program at first */
+static const real near_limit = 0.7;
+/* of a violation: where more is left, the responses are computed again */
+static const real poor_progress = 0.7;
+/* of a violation: where more is left with new responses, it ends */
+static const real hopeless_progress = 0.9;
+/* rad/s: of a speed, over which the friction is linearized */
+static const real least_change = 1e-3;
+static const real least_share = 0.2; /* of a step */
+/* of the deviation: a program that changes it by less has converged */
+static const real settled_share = 1e-2;
+/* m/s^2, rad/s^2: acceleration of a deviation whose response is computed */
+static const real push_size = 1.0;
 
 /* Sizes and arrays of a call; the arrays are in the workspace. */
 typedef struct {
@@ -345,13 +383,16 @@ typedef struct {
     real room;      /* of a limit: distance that the program keeps from it */
     real *kind;     /* the numbers of the limited quantities */
     real *limit;    /* of all quantities */
-    real *load;     /* NM x edges: torque that a speed takes from the edge of a curve [N m s/rad] */
-    real *values;   /* of all quantities at one sample */
+    /* NM x edges: torque that a speed takes from the edge of a curve [N m s/rad] */
+    real *load;
+    real *values; /* of all quantities at one sample */
     real *y, *dy, *ddy;
     real *q_a, *v_m, *tau_m; /* of an inversion, at all samples */
     real *v_a, *a_a, *tau_g;
-    real *at_node, *trial;         /* nodes x all: the quantities, motor torques without friction */
-    real *extreme;                 /* nodes x all: relative to the limits, the largest of the samples around a node */
+    /* nodes x all: the quantities, motor torques without friction */
+    real *at_node, *trial;
+    /* nodes x all: relative to the limits, the largest of the samples around a node */
+    real *extreme;
     real *shown;                   /* nodes x all: the same, as the linear program sees it */
     real *response;                /* nodes x kinds x unknowns */
     real *secants;                 /* nodes x NM: of the friction, in the memory of `trial` */
@@ -381,11 +422,12 @@ static inline real limit_of(const elbow_inversion_limits *limits, int kind, int 
         const real most = limits->speed_max == NULL ? none : limits->speed_max[i];
         return limits->torque_speed == NULL ?
                    most :
-                   fmin_1(
-                       most, limits->torque_speed[((ptrdiff_t)i * count + count - 1) * 2]); /* the end of the curve */
+                   fmin_1(most, limits->torque_speed[((ptrdiff_t)i * count + count - 1) *
+                                                     2]); /* the end of the curve */
     }
     if (kind < OF_GEAR) {
-        return limits->deflection_max == NULL ? none : limits->deflection_max[kind - OF_DEFLECTION];
+        return limits->deflection_max == NULL ? none :
+                                                limits->deflection_max[kind - OF_DEFLECTION];
     }
     if (kind < OF_RATE) {
         return limits->gear_torque_max == NULL ? none : limits->gear_torque_max[kind - OF_GEAR];
@@ -410,8 +452,9 @@ static inline real limit_of(const elbow_inversion_limits *limits, int kind, int 
 }
 
 /*
- * The quantities whose responses are needed: those with a limit, and the speeds of motors with a limit of the torque,
- * for the friction. Their number is m->kinds; they are not written where there is no memory yet.
+ * The quantities whose responses are needed: those with a limit, and the speeds of motors with a
+ * limit of the torque, for the friction. Their number is m->kinds; they are not written where
+ * there is no memory yet.
  */
 static void choose_kinds(const elbow_inversion_limits *limits, limited_call *m)
 {
@@ -420,7 +463,8 @@ static void choose_kinds(const elbow_inversion_limits *limits, limited_call *m)
         int is_needed = limit_of(limits, i, m->edges) < (real)INFINITY;
         m->has_motion |= is_needed && i >= OF_GEAR && i < OF_TOOL;
         for (int k = 0; i >= NM && i < OF_DEFLECTION && k < m->all; ++k) {
-            is_needed |= motor_of_torque(m, k) == i - NM && limit_of(limits, k, m->edges) < (real)INFINITY;
+            is_needed |= motor_of_torque(m, k) == i - NM &&
+                         limit_of(limits, k, m->edges) < (real)INFINITY;
         }
         if (m->kind != NULL) {
             m->limit[i] = limit_of(limits, i, m->edges);
@@ -441,9 +485,12 @@ static inline int kind_at(const limited_call *m, int k)
     return (int)m->kind[k];
 }
 
-/* The sizes of a call and the positions of its arrays in `work`, if it is not null; 0 where a size is out of range. */
-static int lay_out_limited(
-    int n, const elbow_inversion_options *o, const elbow_inversion_limits *limits, real *work, limited_call *m)
+/*
+ * The sizes of a call and the positions of its arrays in `work`, if it is not null; 0 where a size
+ * is out of range.
+ */
+static int lay_out_limited(int n, const elbow_inversion_options *o,
+    const elbow_inversion_limits *limits, real *work, limited_call *m)
 {
     const int64_t inner = elbow_invert_work(n, o);
     int64_t at = 0, unknowns;
@@ -518,10 +565,14 @@ static int lay_out_limited(
     return unknowns <= 4000 && is_addressable(m->end);
 }
 
-int64_t elbow_invert_limited_work(int n, const elbow_inversion_options *options, const elbow_inversion_limits *limits)
+int64_t elbow_invert_limited_work(
+    int n, const elbow_inversion_options *options, const elbow_inversion_limits *limits)
 {
     limited_call m;
-    return options != NULL && limits != NULL && n >= 2 && lay_out_limited(n, options, limits, NULL, &m) ? m.end : -1;
+    return options != NULL && limits != NULL && n >= 2 &&
+                   lay_out_limited(n, options, limits, NULL, &m) ?
+               m.end :
+               -1;
 }
 
 /* The path with the deviation of the coefficients. */
@@ -540,8 +591,12 @@ static void deviate(const limited_call *m, const elbow_samples *p, const real *c
     }
 }
 
-/* The quantities at one sample: motor torques with or without friction, but for their rates, which always have it. */
-static int quantities(const limited_call *m, int sample, int n_pre, int with_friction, real *out, real *space)
+/*
+ * The quantities at one sample: motor torques with or without friction, but for their rates, which
+ * always have it.
+ */
+static int quantities(
+    const limited_call *m, int sample, int n_pre, int with_friction, real *out, real *space)
 {
     const ptrdiff_t later = sample + 1 < m->samples ? sample + 1 : sample;
     const real *v = m->v_m + sample * (ptrdiff_t)NM;
@@ -589,19 +644,20 @@ typedef struct {
     elbow_invert_info *info;
 } inner_call;
 
-static elbow_status invert_deviated(
-    const limited_call *m, const inner_call *call, const elbow_inversion_options *o, elbow_motion *motion)
+static elbow_status invert_deviated(const limited_call *m, const inner_call *call,
+    const elbow_inversion_options *o, elbow_motion *motion)
 {
     const elbow_samples deviated = {m->n, call->p->period, m->y, m->dy, m->ddy};
     return elbow_invert(&deviated, call->q_start, o, motion, call->info, m->inner, m->inner_size);
 }
 
 /*
- * Invert the path with the deviation c: quantities at the nodes, their largest values around the nodes, and the largest
- * of all. A result that is only not accurate between the nodes of the mesh will do.
+ * Invert the path with the deviation c: quantities at the nodes, their largest values around the
+ * nodes, and the largest of all. A result that is only not accurate between the nodes of the mesh
+ * will do.
  */
-static elbow_status follow_deviated(
-    limited_call *m, const inner_call *call, const real *c, real *at_node, real *extreme, real *worst)
+static elbow_status follow_deviated(limited_call *m, const inner_call *call, const real *c,
+    real *at_node, real *extreme, real *worst)
 {
     elbow_motion motion = {m->q_a, NULL, NULL, NULL, NULL, m->v_m, m->tau_m};
     const int n_pre = call->options.n_pre;
@@ -621,10 +677,12 @@ static elbow_status follow_deviated(
     for (int node = 0; node < m->nodes; ++node) {
         const int first = node * m->stride - m->stride / 2;
         const int last = node == m->nodes - 1 ? m->samples - 1 : first + m->stride;
-        if (!quantities(m, node * m->stride, n_pre, 0, at_node + (ptrdiff_t)node * m->all, m->inner)) {
+        if (!quantities(
+                m, node * m->stride, n_pre, 0, at_node + (ptrdiff_t)node * m->all, m->inner)) {
             return ELBOW_RESULT_NOT_FINITE;
         }
-        for (int sample = first < 0 ? 0 : first; extreme != NULL && sample <= last && sample < m->samples; ++sample) {
+        for (int sample = first < 0 ? 0 : first;
+            extreme != NULL && sample <= last && sample < m->samples; ++sample) {
             const real *x = m->values;
             if (!quantities(m, sample, n_pre, 1, m->values, m->inner)) {
                 return ELBOW_RESULT_NOT_FINITE;
@@ -643,14 +701,17 @@ static elbow_status follow_deviated(
 }
 
 /*
- * Responses of the quantities at the nodes to every coefficient, by differences of inversions. Splines far from each
- * other share an inversion: the response to one of them is taken to last for a third of the samples before the path,
- * which the caller chose for a motion that decays by many digits, and a third of those after it.
+ * Responses of the quantities at the nodes to every coefficient, by differences of inversions.
+ * Splines far from each other share an inversion: the response to one of them is taken to last for
+ * a third of the samples before the path, which the caller chose for a motion that decays by many
+ * digits, and a third of those after it.
  */
 static elbow_status find_responses(limited_call *m, const inner_call *call, real period)
 {
-    const int ahead = call->options.n_pre / RESPONSE_PART, behind = call->options.n_post / RESPONSE_PART;
-    const int wide = SPLINES * m->spacing + ahead + behind, apart = (wide + m->spacing - 1) / m->spacing;
+    const int ahead = call->options.n_pre / RESPONSE_PART,
+              behind = call->options.n_post / RESPONSE_PART;
+    const int wide = SPLINES * m->spacing + ahead + behind,
+              apart = (wide + m->spacing - 1) / m->spacing;
     const real push = push_size * ((real)m->spacing * period) * ((real)m->spacing * period);
     for (int64_t i = 0; i < (int64_t)m->nodes * m->kinds * m->unknowns; ++i) {
         m->response[i] = 0.0;
@@ -670,10 +731,13 @@ static elbow_status find_responses(limited_call *m, const inner_call *call, real
             for (int i = color; i < m->count; i += apart) {
                 const int first = call->options.n_pre + i * m->spacing - ahead;
                 const int last = call->options.n_pre + (i + SPLINES) * m->spacing + behind;
-                for (int node = first / m->stride; node < m->nodes && node * m->stride <= last; ++node) {
+                for (int node = first / m->stride; node < m->nodes && node * m->stride <= last;
+                    ++node) {
                     for (int k = 0; k < m->kinds; ++k) {
                         const ptrdiff_t at = (ptrdiff_t)node * m->all + kind_at(m, k);
-                        real *response = m->response + ((ptrdiff_t)node * m->kinds + k) * m->unknowns + i * NY + j;
+                        real *response = m->response +
+                                         ((ptrdiff_t)node * m->kinds + k) * m->unknowns + i * NY +
+                                         j;
                         *response = (m->trial[at] - m->at_node[at]) / push;
                     }
                 }
@@ -683,8 +747,10 @@ static elbow_status find_responses(limited_call *m, const inner_call *call, real
     return ELBOW_OK;
 }
 
-/* Cost of the deviation: mean square and mean square of the fourth derivative, scaled so that `coefficient_unit` costs
- * about one. */
+/*
+ * Cost of the deviation: mean square and mean square of the fourth derivative, scaled so that
+ * `coefficient_unit` costs about one.
+ */
 static void set_cost(const limited_call *m)
 {
     const real wave = 1.0 / (9.869604401089358 * 9.869604401089358); /* 1/pi^4 */
@@ -701,8 +767,9 @@ static void set_cost(const limited_call *m)
             for (int j = 0; j < SPLINES; ++j) {
                 const int a = interval - DEGREE + i, b = interval - DEGREE + j;
                 if (a >= 0 && a < m->count && b >= 0 && b < m->count) {
-                    m->cost[(ptrdiff_t)a * m->count + b] += (value[i] * value[j] + curvature_weight * wave * wave *
-                                                                                       fourth[i] * fourth[j]) *
+                    m->cost[(ptrdiff_t)a * m->count + b] += (value[i] * value[j] +
+                                                                curvature_weight * wave * wave *
+                                                                    fourth[i] * fourth[j]) *
                                                             (real)m->count / (real)m->n;
                 }
             }
@@ -710,9 +777,12 @@ static void set_cost(const limited_call *m)
     }
 }
 
-/* Response of row (node, k) with friction: the torque's changes by the speed's times the secant of the friction.
+/*
+ * Response of row (node, k) with friction: the torque's changes by the speed's times the secant of
+ * the friction. /
  */
-static void fill_response(const limited_call *m, int node, int k, const real *secants, real factor, real *out)
+static void fill_response(
+    const limited_call *m, int node, int k, const real *secants, real factor, real *out)
 {
     const int motor = motor_of_torque(m, kind_at(m, k));
     const real *row = m->response + ((ptrdiff_t)node * m->kinds + k) * m->unknowns;
@@ -732,7 +802,8 @@ static void fill_response(const limited_call *m, int node, int k, const real *se
 }
 
 /* One row of the program: limit `side` (1 or -1) of row (node, k), at its present value. */
-static void add_row(const limited_call *m, interior_point *p, int node, int k, real side, const real *secants)
+static void add_row(
+    const limited_call *m, interior_point *p, int node, int k, real side, const real *secants)
 {
     real *a = m->A + (ptrdiff_t)p->rows * m->width;
     int *range = (int *)(void *)m->range + 2 * (ptrdiff_t)p->rows;
@@ -766,15 +837,20 @@ static void show_rows(const limited_call *m, const real *z, const real *secants)
     for (int node = 0; node < m->nodes; ++node) {
         for (int k = 0; k < m->kinds; ++k) {
             const ptrdiff_t at = (ptrdiff_t)node * m->all + kind_at(m, k);
-            const real *row = m->response + ((ptrdiff_t)node * m->kinds + k) * m->unknowns, *speed = NULL;
+            const real *row = m->response + ((ptrdiff_t)node * m->kinds + k) * m->unknowns,
+                       *speed = NULL;
             const int motor = motor_of_torque(m, kind_at(m, k));
             real sum = 0.0;
             for (int l = 0; l < m->kinds && motor >= 0; ++l) {
-                speed = kind_at(m, l) == NM + motor ? m->response + ((ptrdiff_t)node * m->kinds + l) * m->unknowns :
-                                                      speed;
+                speed = kind_at(m, l) == NM + motor ?
+                            m->response + ((ptrdiff_t)node * m->kinds + l) * m->unknowns :
+                            speed;
             }
             for (int i = 0; i < m->unknowns; ++i) {
-                sum += (row[i] + (speed != NULL ? secants[(ptrdiff_t)node * NM + motor] * speed[i] : 0.0)) * z[i];
+                sum += (row[i] + (speed != NULL ?
+                                         secants[(ptrdiff_t)node * NM + motor] * speed[i] :
+                                         0.0)) *
+                       z[i];
             }
             m->shown[at] = m->extreme[at] + sum * coefficient_unit / m->limit[kind_at(m, k)];
         }
@@ -787,7 +863,8 @@ static void set_program(const limited_call *m)
     for (int i = 0; i < m->unknowns; ++i) {
         real sum = 0.0;
         for (int j = 0; j < m->unknowns; ++j) {
-            const real h = i % NY == j % NY ? m->cost[(ptrdiff_t)(i / NY) * m->count + j / NY] : 0.0;
+            const real h = i % NY == j % NY ? m->cost[(ptrdiff_t)(i / NY) * m->count + j / NY] :
+                                              0.0;
             m->H[(ptrdiff_t)i * m->unknowns + j] = h;
             sum += h * m->c[j] / coefficient_unit;
         }
@@ -795,12 +872,16 @@ static void set_program(const limited_call *m)
     }
 }
 
-/* Whether a row is a local maximum in time; rows next to it follow it. Some rows in between count as maxima. */
+/*
+ * Whether a row is a local maximum in time; rows next to it follow it. Some rows in between count
+ * as maxima.
+ */
 static int is_peak(const limited_call *m, int node, ptrdiff_t at)
 {
     const real size = fabs_1(m->shown[at]);
-    return node % (NODES_PER_KNOT / 2) == 0 || ((node == 0 || size >= fabs_1(m->shown[at - m->all])) &&
-                                                   (node == m->nodes - 1 || size >= fabs_1(m->shown[at + m->all])));
+    return node % (NODES_PER_KNOT / 2) == 0 ||
+           ((node == 0 || size >= fabs_1(m->shown[at - m->all])) &&
+               (node == m->nodes - 1 || size >= fabs_1(m->shown[at + m->all])));
 }
 
 /* Which sides of the limits are in the program: those above `least` too. The number of all. */
@@ -811,12 +892,15 @@ static int choose_rows(const limited_call *m, real least)
     for (ptrdiff_t i = 0; i < sides; ++i) {
         count += m->used[i] > 0.0;
     }
-    for (int above = 0, most = m->rows_max - count; above < 50; ++above) { /* too many: the largest ones */
+    /* too many: the largest ones */
+    for (int above = 0, most = m->rows_max - count; above < 50; ++above) {
         int added = 0;
         for (int mark = 0; mark < 2; ++mark) {
             for (ptrdiff_t i = 0; i < sides; ++i) {
-                const ptrdiff_t at = i / 2 / m->kinds * m->all + kind_at(m, (int)(i / 2 % m->kinds));
-                const int chosen = !(m->used[i] > 0.0) && (i % 2 == 0 ? 1.0 : -1.0) * m->shown[at] > least &&
+                const ptrdiff_t at = i / 2 / m->kinds * m->all +
+                                     kind_at(m, (int)(i / 2 % m->kinds));
+                const int chosen = !(m->used[i] > 0.0) &&
+                                   (i % 2 == 0 ? 1.0 : -1.0) * m->shown[at] > least &&
                                    is_peak(m, (int)(i / 2 / m->kinds), at);
                 added += mark == 0 && chosen;
                 if (mark == 1 && chosen) {
@@ -835,14 +919,16 @@ static int choose_rows(const limited_call *m, real least)
     return 0;
 }
 
-/* The program with these secants of the friction: the step z [coefficient_unit]; 0 where it fails. */
+/*
+ * The program with these secants of the friction: the step z [coefficient_unit]; 0 where it fails.
+ */
 static int solve_program(const limited_call *m, const real *secants, real *z)
 {
     const ptrdiff_t sides = (ptrdiff_t)m->nodes * m->kinds * 2, step = (ptrdiff_t)m->rows_max + 1;
     real *r = m->of_rows;
-    interior_point p = {m->unknowns, 0, m->width, m->H, m->g, m->A, m->x, (const int *)(const void *)m->range,
-        program_price, m->z, m->K, m->z + m->width, r, r + step, r + 2 * step, r + 3 * step, r + 4 * step,
-        r + 5 * step};
+    interior_point p = {m->unknowns, 0, m->width, m->H, m->g, m->A, m->x,
+        (const int *)(const void *)m->range, program_price, m->z, m->K, m->z + m->width, r,
+        r + step, r + 2 * step, r + 3 * step, r + 4 * step, r + 5 * step};
     set_zero(z, m->unknowns);
     for (int round = 0; round < ROW_ROUNDS; ++round) {
         show_rows(m, z, secants);
@@ -852,7 +938,8 @@ static int solve_program(const limited_call *m, const real *secants, real *z)
         p.rows = 0;
         for (ptrdiff_t i = 0; i < sides; ++i) {
             if (m->used[i] > 0.0) {
-                add_row(m, &p, (int)(i / 2 / m->kinds), (int)(i / 2 % m->kinds), i % 2 == 0 ? 1.0 : -1.0, secants);
+                add_row(m, &p, (int)(i / 2 / m->kinds), (int)(i / 2 % m->kinds),
+                    i % 2 == 0 ? 1.0 : -1.0, secants);
             }
         }
         close_rows(m, &p);
@@ -865,8 +952,8 @@ static int solve_program(const limited_call *m, const real *secants, real *z)
 }
 
 /*
- * Secants of the friction at the nodes, between the speeds now and those after a step (null: none); 0 where a number is
- * not finite.
+ * Secants of the friction at the nodes, between the speeds now and those after a step (null:
+ * none); 0 where a number is not finite.
  */
 static int find_secants(const limited_call *m, const real *step, real *secants, real *space)
 {
@@ -902,12 +989,13 @@ static int find_secants(const limited_call *m, const real *step, real *secants, 
 }
 
 /*
- * The step that keeps the limits of the linearized motion, with the friction at the speeds after the step; 0 where a
- * program fails.
+ * The step that keeps the limits of the linearized motion, with the friction at the speeds after
+ * the step; 0 where a program fails.
  */
 static int find_step(const limited_call *m, real *space)
 {
-    real *secants = m->secants, least = (real)INFINITY; /* the responses are known: its memory is free */
+    /* the responses are known: its memory is free */
+    real *secants = m->secants, least = (real)INFINITY;
     set_zero(secants, (ptrdiff_t)m->nodes * NM);
     set_zero(m->best, m->unknowns);
     set_zero(m->used, (ptrdiff_t)m->nodes * m->kinds * 2);
@@ -924,7 +1012,8 @@ static int find_step(const limited_call *m, real *space)
             show_rows(m, m->tried, secants);
             for (int node = 0; node < m->nodes; ++node) {
                 for (int k = 0; k < m->kinds; ++k) {
-                    over = fmax_1(over, fabs_1(m->shown[(ptrdiff_t)node * m->all + kind_at(m, k)]) - 1.0);
+                    over = fmax_1(
+                        over, fabs_1(m->shown[(ptrdiff_t)node * m->all + kind_at(m, k)]) - 1.0);
                 }
             }
             if (over < least) {
@@ -946,8 +1035,12 @@ static int find_step(const limited_call *m, real *space)
     return 1;
 }
 
-/* The smallest deviation that keeps the limits, in c, with the number of programs; its motion is the last followed. */
-static elbow_status modify_path_within(limited_call *m, const inner_call *call, real *worst, int *programs)
+/*
+ * The smallest deviation that keeps the limits, in c, with the number of programs; its motion is
+ * the last followed.
+ */
+static elbow_status modify_path_within(
+    limited_call *m, const inner_call *call, real *worst, int *programs)
 {
     elbow_status status = find_responses(m, call, call->p->period);
     int fresh = 1;
@@ -962,7 +1055,8 @@ static elbow_status modify_path_within(limited_call *m, const inner_call *call, 
                 m->tried[i] = m->c[i] + share * m->step[i];
             }
             status = follow_deviated(m, call, m->tried, m->trial, m->shown, &over);
-            if ((status == ELBOW_OK && over <= fmax_1(*worst, limit_slack)) || share < least_share) {
+            if ((status == ELBOW_OK && over <= fmax_1(*worst, limit_slack)) ||
+                share < least_share) {
                 break;
             }
             share *= 0.5;
@@ -977,7 +1071,8 @@ static elbow_status modify_path_within(limited_call *m, const inner_call *call, 
             most = fmax_1(most, fabs_1(m->c[i]));
             change = fmax_1(change, fabs_1(m->step[i]));
         }
-        if (over <= limit_slack && (change <= settled_share * most + 1e-6 || *worst <= limit_slack)) {
+        if (over <= limit_slack &&
+            (change <= settled_share * most + 1e-6 || *worst <= limit_slack)) {
             *worst = over;
             return ELBOW_LIMITS_ACTIVE;
         }
@@ -995,12 +1090,14 @@ static elbow_status modify_path_within(limited_call *m, const inner_call *call, 
         m->room = least_margin + 0.5 * fmin_1(fmax_1(over, 0.0), margin_max);
     }
     --*programs;
-    return status != ELBOW_OK ? status : *worst <= limit_slack ? ELBOW_LIMITS_ACTIVE : ELBOW_LIMITS_INFEASIBLE;
+    return status != ELBOW_OK    ? status :
+           *worst <= limit_slack ? ELBOW_LIMITS_ACTIVE :
+                                   ELBOW_LIMITS_INFEASIBLE;
 }
 
 /* Largest distance and angle of the deviation, and the deviation for the caller. */
-static void report_deviation(
-    const limited_call *m, const elbow_inversion_limits *limits, real period, elbow_invert_limited_info *info)
+static void report_deviation(const limited_call *m, const elbow_inversion_limits *limits,
+    real period, elbow_invert_limited_info *info)
 {
     info->deviation_m = info->deviation_rad = 0.0;
     for (int k = 0; k < m->n; ++k) {
@@ -1015,10 +1112,14 @@ static void report_deviation(
     }
 }
 
-/* As elbow_invert_limited; `inner` takes what the last inversion reports, `report` whether the sizes are right. */
-static elbow_status invert_within(const elbow_samples *path, PARAMETERS_ARGUMENT const real q_start[ELBOW_NA],
-    const elbow_inversion_options *options, const elbow_inversion_limits *limits, elbow_motion *motion,
-    elbow_invert_limited_info *info, elbow_invert_info *inner, whole_report *report, real *work, int64_t work_size)
+/*
+ * As elbow_invert_limited; `inner` takes what the last inversion reports, `report` whether the
+ * sizes are right.
+ */
+static elbow_status invert_within(const elbow_samples *path,
+    PARAMETERS_ARGUMENT const real q_start[ELBOW_NA], const elbow_inversion_options *options,
+    const elbow_inversion_limits *limits, elbow_motion *motion, elbow_invert_limited_info *info,
+    elbow_invert_info *inner, whole_report *report, real *work, int64_t work_size)
 {
     const real *values = GIVEN_PARAMETERS;
     limited_call m;
@@ -1026,10 +1127,12 @@ static elbow_status invert_within(const elbow_samples *path, PARAMETERS_ARGUMENT
     elbow_status status, found;
     real worst;
     int programs = 0;
-    if (path == NULL || options == NULL || limits == NULL || motion == NULL || work == NULL || values == NULL) {
+    if (path == NULL || options == NULL || limits == NULL || motion == NULL || work == NULL ||
+        values == NULL) {
         return ELBOW_NULL_ARGUMENT;
     }
-    if (path->n < 2 || !are_in_range(limits) || !lay_out_limited(path->n, options, limits, NULL, &m)) {
+    if (path->n < 2 || !are_in_range(limits) ||
+        !lay_out_limited(path->n, options, limits, NULL, &m)) {
         return ELBOW_BAD_ARGUMENT;
     }
     if (work_size < m.end) {
@@ -1049,7 +1152,8 @@ static elbow_status invert_within(const elbow_samples *path, PARAMETERS_ARGUMENT
     call.info = inner;
     {
         elbow_motion first = {NULL, NULL, NULL, NULL, NULL, NULL, NULL};
-        status = check_arguments(path, values, q_start, options, &first, report, work, m.inner_size, m.inner_size);
+        status = check_arguments(
+            path, values, q_start, options, &first, report, work, m.inner_size, m.inner_size);
         if (status != ELBOW_OK) {
             return status;
         }
@@ -1064,8 +1168,9 @@ static elbow_status invert_within(const elbow_samples *path, PARAMETERS_ARGUMENT
         real at_rest = 0.0;
         for (int k = 0; k < m.all; ++k) {
             at_rest = fmax_1(at_rest, m.limit[k] < (real)INFINITY ? fabs_1(m.extreme[k]) : 0.0);
-            at_rest = fmax_1(
-                at_rest, m.limit[k] < (real)INFINITY ? fabs_1(m.extreme[(ptrdiff_t)(m.nodes - 1) * m.all + k]) : 0.0);
+            at_rest = fmax_1(at_rest, m.limit[k] < (real)INFINITY ?
+                                          fabs_1(m.extreme[(ptrdiff_t)(m.nodes - 1) * m.all + k]) :
+                                          0.0);
         }
         info->limit_excess = at_rest - 1.0;
         if (at_rest > 1.0 + limit_slack) {
@@ -1082,8 +1187,10 @@ static elbow_status invert_within(const elbow_samples *path, PARAMETERS_ARGUMENT
     deviate(&m, path, m.c);
     status = invert_deviated(&m, &call, options, motion);
     if (status == ELBOW_TOLERANCE_NOT_MET && found == ELBOW_LIMITS_ACTIVE &&
-        inner->residual_at_samples <= call.options.tolerance && inner->kinematic_mismatch <= mismatch_max) {
-        status = ELBOW_OK; /* a deviation is rougher than its path: the tolerance of the programs */
+        inner->residual_at_samples <= call.options.tolerance &&
+        inner->kinematic_mismatch <= mismatch_max) {
+        /* a deviation is rougher than its path: the tolerance of the programs */
+        status = ELBOW_OK;
     }
     report_deviation(&m, limits, path->period, info);
     info->limit_excess = worst > 0.0 ? worst : 0.0;
@@ -1091,21 +1198,23 @@ static elbow_status invert_within(const elbow_samples *path, PARAMETERS_ARGUMENT
     return status == ELBOW_OK ? found : status;
 }
 
-elbow_status elbow_invert_limited(const elbow_samples *samples, PARAMETERS_ARGUMENT const real q_start[ELBOW_NA],
-    const elbow_inversion_options *options, const elbow_inversion_limits *limits, elbow_motion *motion,
-    elbow_invert_limited_info *info, real *work, int64_t work_size)
+elbow_status elbow_invert_limited(const elbow_samples *samples,
+    PARAMETERS_ARGUMENT const real q_start[ELBOW_NA], const elbow_inversion_options *options,
+    const elbow_inversion_limits *limits, elbow_motion *motion, elbow_invert_limited_info *info,
+    real *work, int64_t work_size)
 {
     whole_report report = {0, 0.0, 0.0, 0.0, 0.0, 0, 0, 0};
     elbow_invert_limited_info found;
     elbow_invert_info inner;
     elbow_status status = ELBOW_NULL_ARGUMENT;
-    inner.residual = inner.residual_at_samples = inner.kinematic_mismatch = inner.growth = (real)NAN;
+    inner.residual = inner.residual_at_samples = inner.kinematic_mismatch = inner.growth = (real)
+        NAN;
     inner.iterations = inner.intervals = inner.n_post = 0;
     found.deviation_m = found.deviation_rad = found.limit_excess = 0.0;
     found.programs = 0;
     if (info != NULL) {
-        status = invert_within(
-            samples, PASSED_PARAMETERS q_start, options, limits, motion, &found, &inner, &report, work, work_size);
+        status = invert_within(samples, PASSED_PARAMETERS q_start, options, limits, motion, &found,
+            &inner, &report, work, work_size);
     }
     if (report.is_set) {
         *info = found;

@@ -1,8 +1,10 @@
 /*
- * elbow: elementary functions, for T a real and for T lanes of reals; private. Written by flexgen; see elbow.h.
+ * elbow: elementary functions, for T a real and for T lanes of reals; private. Written by flexgen;
+ * see elbow.h.
  *
- * Included twice by elbow_kernel.h: T is the type, B the unsigned integers of its width, F(name) the name of a
- * function. Both hold the same operations in the same order, each rounded once, so that they give the same bits.
+ * Included twice by elbow_kernel.h: T is the type, B the unsigned integers of its width, F(name)
+ * the name of a function. Both hold the same operations in the same order, each rounded once, so
+ * that they give the same bits.
  */
 
 static inline T F(choose)(const B mask, const T a, const T b)
@@ -75,7 +77,8 @@ static inline T F(guarded)(const T x, const T d, const T least)
 /* -1, 0 or 1; a zero and NaN stay as they are. */
 static inline T F(sign)(const T x)
 {
-    return F(choose)(F(less)(x, F(splat)(ZERO)) | F(less)(F(splat)(ZERO), x), F(copysign)(F(splat)(ONE), x), x);
+    return F(choose)(
+        F(less)(x, F(splat)(ZERO)) | F(less)(F(splat)(ZERO), x), F(copysign)(F(splat)(ONE), x), x);
 }
 
 /* Where one is NaN, the other; where both are equal, the first. */
@@ -108,8 +111,11 @@ static inline T F(ceil)(const T x)
     return F(copysign)(n + F(lt)(n, x), x);
 }
 
-/* x = k pi/2 + r - tail with a whole number k and |r| <= pi/4: the products with the first three parts of pi/2 and the
-   differences up to r are exact. The lowest bits of *turns hold k; beyond the range *tail is NaN. */
+/*
+ * x = k pi/2 + r - tail with a whole number k and |r| <= pi/4: the products with the first three
+ * parts of pi/2 and the differences up to r are exact. The lowest bits of *turns hold k; beyond
+ * the range *tail is NaN.
+ */
 static inline void F(reduce)(const T x, T *turns, T *remainder, T *tail)
 {
     const T t = x * PER_QUARTER + SHIFT; /* rounds to k */
@@ -123,7 +129,10 @@ static inline void F(reduce)(const T x, T *turns, T *remainder, T *tail)
     *tail = F(from_bits)(F(bits)(rest) | F(less)(F(splat)(ANGLE_MAX), F(fabs)(x)));
 }
 
-/* Sine and cosine from the results of reduce: one polynomial for each, exchanged for odd k. The sine of -0 is -0. */
+/*
+ * Sine and cosine from the results of reduce: one polynomial for each, exchanged for odd k. The
+ * sine of -0 is -0.
+ */
 static inline void F(sine_cosine_part)(const T turns, const T r, const T tail, T *sine, T *cosine)
 {
     const T z = r * r;
@@ -179,7 +188,10 @@ static inline T F(exp_part)(const T x, T *t)
     return r + (tail + r2 * p);
 }
 
-/* exp(x): 2^k in two factors, so that large results reach infinity and small ones lose their bits one by one. */
+/*
+ * exp(x): 2^k in two factors, so that large results reach infinity and small ones lose their bits
+ * one by one.
+ */
 static inline T F(exp)(const T x)
 {
     const B above = F(less)(F(splat)(HIGHEST), x);
@@ -188,11 +200,14 @@ static inline T F(exp)(const T x)
     const T part = F(exp_part)(x, &t);
     const B k = F(bits)(t) - TWICE_BIASED;
     const B first = k >> 1;
-    const T y = ((ONE + part) * F(from_bits)(first << DIGITS)) * F(from_bits)((k - first) << DIGITS);
+    const T y = ((ONE + part) * F(from_bits)(first << DIGITS)) *
+                F(from_bits)((k - first) << DIGITS);
     return F(from_bits)((F(bits)(y) & ~(above | below)) | (above & INFINITE));
 }
 
-/* tanh(x) = e / (e + 2) with e = exp(2 |x|) - 1 = 2^k (exp(r) - 1) + (2^k - 1), and the sign of x. */
+/*
+ * tanh(x) = e / (e + 2) with e = exp(2 |x|) - 1 = 2^k (exp(r) - 1) + (2^k - 1), and the sign of x.
+ */
 static inline T F(tanh)(const T x)
 {
     const T a = F(fabs)(x);

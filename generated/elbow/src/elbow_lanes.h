@@ -1,4 +1,7 @@
-/* elbow: macros of a function body for lanes of points, whose entries are n apart; include before its mathematics. */
+/*
+ * elbow: macros of a function body for lanes of points, whose entries are n apart; include before
+ * its mathematics.
+ */
 #include "elbow_undefine.h"
 #define T lanes
 #define F(name) name##_v

@@ -14,14 +14,16 @@
 /*
  * --- Deflections of the gears under their torques.
  *
- * A gear with the deflection p carries D p' + spring(p) = tau_g. Where the damping is small the deflection lags little
- * behind its static value, and the lag is a series; elsewhere the equation is integrated from sample to sample.
+ * A gear with the deflection p carries D p' + spring(p) = tau_g. Where the damping is small the
+ * deflection lags little behind its static value, and the lag is a series; elsewhere the equation
+ * is integrated from sample to sample.
  */
 
 enum { SPRING_STEPS = 60, QUICK_STEPS = 8 };
 
 /* `static_deflection` by Newton's method inside a bracket, from any guess. */
-static inline int bracketed_deflection(const real *torque, real *deflection, real *stiffness, real *space)
+static inline int bracketed_deflection(
+    const real *torque, real *deflection, real *stiffness, real *space)
 {
     real low[NG], high[NG], value[NG], at[NG];
     int short_of = 1;
@@ -90,7 +92,8 @@ static inline int bracketed_deflection(const real *torque, real *deflection, rea
 }
 
 /* Static deflections of all gears under the torques, from a guess; 0 where there are none. */
-static inline int static_deflection(const real *torque, real *deflection, real *stiffness, real *space)
+static inline int static_deflection(
+    const real *torque, real *deflection, real *stiffness, real *space)
 {
     real value[NG], at[NG];
     for (int i = 0; i < NG; ++i) {
@@ -108,7 +111,8 @@ static inline int static_deflection(const real *torque, real *deflection, real *
             }
             change = (value[i] - torque[i]) / stiffness[i];
             at[i] -= change;
-            done = done && (gear_is_linear[i] || fabs_1(change) <= PRECISE(1e-15, 3e-7) * fabs_1(at[i]));
+            done = done &&
+                   (gear_is_linear[i] || fabs_1(change) <= PRECISE(1e-15, 3e-7) * fabs_1(at[i]));
         }
         if (!is_finite(at, NG)) {
             break;
@@ -122,10 +126,11 @@ static inline int static_deflection(const real *torque, real *deflection, real *
 }
 
 /*
- * Static deflections at n samples, each from the sample before, the first from a guess; the stiffness at the last one.
+ * Static deflections at n samples, each from the sample before, the first from a guess; the
+ * stiffness at the last one.
  */
-static inline int static_deflections(
-    const real *tau, ptrdiff_t n, const real *guess, real *deflection, real *stiffness, real *space)
+static inline int static_deflections(const real *tau, ptrdiff_t n, const real *guess,
+    real *deflection, real *stiffness, real *space)
 {
     real last[NG];
     copy(guess, NG, last);
@@ -139,11 +144,15 @@ static inline int static_deflections(
 }
 
 static const real radau_c[3] = {0.15505102572168219, 0.64494897427831781, 1.0};
-static const real radau_A[3][3] = {{0.19681547722366044, -0.06553542585019839, 0.02377097434822015},
+static const real radau_A[3][3] = {
+    {0.19681547722366044, -0.06553542585019839, 0.02377097434822015},
     {0.39442431473908727, 0.29207341166522846, -0.04154875212599793},
     {0.37640306270046725, 0.51248582618842161, 1.0 / 9.0}};
 
-/* The step of `deflection_step` for gears with a linear spring, p1 = f[0] p0 + sum_s f[1 + s] tau(c_s). */
+/*
+ * The step of `deflection_step` for gears with a linear spring, p1 = f[0] p0 + sum_s f[1 + s]
+ * tau(c_s).
+ */
 static inline void linear_steps(real h, const real *stiffness, real (*f)[4], const real *space)
 {
     for (int i = 0; i < NG; ++i) {
@@ -158,7 +167,8 @@ static inline void linear_steps(real h, const real *stiffness, real (*f)[4], con
         for (int s = 0; s < 3; ++s) {
             a[s][3] = 1.0;
             for (int t = 0; t < 3; ++t) {
-                a[s][t] = h * radau_A[s][t] * stiffness[i] / damping_of(i, space) + (s == t ? 1.0 : 0.0);
+                a[s][t] = h * radau_A[s][t] * stiffness[i] / damping_of(i, space) +
+                          (s == t ? 1.0 : 0.0);
                 a[s][4 + t] = h * radau_A[s][t] / damping_of(i, space);
             }
         }
@@ -169,8 +179,12 @@ static inline void linear_steps(real h, const real *stiffness, real (*f)[4], con
     }
 }
 
-/* One step of D p' + spring(p) = tau by Radau IIA with three stages; the torque is a quintic between the samples. */
-static inline int deflection_step(real h, real (*linear)[4], real left[NG][3], real right[NG][3], real *p, real *space)
+/*
+ * One step of D p' + spring(p) = tau by Radau IIA with three stages; the torque is a quintic
+ * between the samples.
+ */
+static inline int deflection_step(
+    real h, real (*linear)[4], real left[NG][3], real right[NG][3], real *p, real *space)
 {
     real torque[3][NG], x[3][NG], value[3][NG], stiffness[3][NG];
     int nonlinear = 0;
@@ -226,7 +240,8 @@ static inline int deflection_step(real h, real (*linear)[4], real left[NG][3], r
         }
     }
     for (int i = 0; i < NG; ++i) {
-        if (gear_is_linear[i] && damping_of(i, space) > 0.0) { /* the same formula, solved before */
+        /* the same formula, solved before */
+        if (gear_is_linear[i] && damping_of(i, space) > 0.0) {
             p[i] = linear[i][0] * p[i];
             for (int s = 0; s < 3; ++s) {
                 p[i] += linear[i][1 + s] * torque[s][i];
@@ -244,11 +259,15 @@ typedef struct {
     int quick[NG]; /* 1: the lag is small, a series is accurate */
     int slow;      /* whether any does not */
     real linear[NG][4];
-    real left[NG][3], right[NG][3]; /* torque at the sample before and at this one, with derivatives times the period */
-    real now[NG];                   /* integrated deflections at this sample */
+    /* torque at the sample before and at this one, with derivatives times the period */
+    real left[NG][3], right[NG][3];
+    real now[NG]; /* integrated deflections at this sample */
 } gears;
 
-/* Stiffness of the springs at zero, and the least one, at zero or at a large deflection; 0 where one is not finite. */
+/*
+ * Stiffness of the springs at zero, and the least one, at zero or at a large deflection; 0 where
+ * one is not finite.
+ */
 static inline int least_stiffness(real *at_zero, real *least, real *space)
 {
     real at[NG], value[NG];
@@ -269,8 +288,9 @@ static inline int least_stiffness(real *at_zero, real *least, real *space)
 }
 
 /*
- * Prepare the first sample, with the deflections there; 0 where a number is not finite. Whether the lag of a gear is
- * small is decided once, from the least stiffness of its spring: an integrated deflection must be known from the start.
+ * Prepare the first sample, with the deflections there; 0 where a number is not finite. Whether
+ * the lag of a gear is small is decided once, from the least stiffness of its spring: an
+ * integrated deflection must be known from the start.
  */
 static inline int begin_gears(gears *g, real period, const real *deflection, real *space)
 {
@@ -293,10 +313,11 @@ static inline int begin_gears(gears *g, real period, const real *deflection, rea
 }
 
 /*
- * Advance to the next sample, or to the first one. tau: its torque; those of the gears are `across` numbers apart,
- * those of the samples before and after it `along`.
+ * Advance to the next sample, or to the first one. tau: its torque; those of the gears are
+ * `across` numbers apart, those of the samples before and after it `along`.
  */
-static inline int advance_gears(gears *g, int first, const real *tau, ptrdiff_t across, ptrdiff_t along, real *space)
+static inline int advance_gears(
+    gears *g, int first, const real *tau, ptrdiff_t across, ptrdiff_t along, real *space)
 {
     const real period = g->period;
     for (int i = 0; i < NG && g->slow; ++i) {
@@ -306,7 +327,8 @@ static inline int advance_gears(gears *g, int first, const real *tau, ptrdiff_t 
         g->right[i][1] = period * derivative_of(at, along, period);
         g->right[i][2] = period * period * second_derivative_of(at, along, period);
     }
-    return first || !g->slow || deflection_step(period, g->linear, g->left, g->right, g->now, space);
+    return first || !g->slow ||
+           deflection_step(period, g->linear, g->left, g->right, g->now, space);
 }
 
 /* Time by which a deflection lags behind its static value [s]. */
@@ -315,9 +337,13 @@ static inline real lag_time(int gear, real stiffness, const real *space)
     return gear_is_rigid[gear] ? 0.0 : damping_of(gear, space) / stiffness;
 }
 
-static const real lags = 20.0; /* LAGS: of the slowest gear, after which its deflection has decayed */
+/* LAGS: of the slowest gear, after which its deflection has decayed */
+static const real lags = 20.0;
 
-/* Time in which the deflections of all gears decay at rest [s]; 0 where the stiffness is not finite. */
+/*
+ * Time in which the deflections of all gears decay at rest [s]; 0 where the stiffness is not
+ * finite.
+ */
 static inline real gear_settling(real *space)
 {
     real at_zero[NG], least[NG], time = 0.0;
@@ -336,15 +362,17 @@ static inline void lagged_deflections(
 {
     for (int i = 0; i < NG; ++i) {
         const real lag = lag_time(i, stiffness[i], space);
-        lagged[i] = g->quick[i] ? deflection[i] - lag * derivative_of(deflection + i, NG, g->period) : g->now[i];
+        lagged[i] = g->quick[i] ?
+                        deflection[i] - lag * derivative_of(deflection + i, NG, g->period) :
+                        g->now[i];
     }
 }
 
 /* --- Motor angle, speed and torque from the joints and their deflections. */
 
 /* Motor angle, speed and torque at one instant from the joints and their deflections. */
-static inline int motors_of(
-    const real *q, const real *v, const real *a, const real *tau_g, real *q_m, real *v_m, real *tau_m, real *space)
+static inline int motors_of(const real *q, const real *v, const real *a, const real *tau_g,
+    real *q_m, real *v_m, real *tau_m, real *space)
 {
     real friction[NM];
     for (int j = 0; j < NM; ++j) {
@@ -369,11 +397,11 @@ static inline int motors_of(
 }
 
 /*
- * The same from the motion of the joints, to which that of the deflections is added. `tau`, `deflection`: gear torques
- * and deflections at this sample, between their neighbors.
+ * The same from the motion of the joints, to which that of the deflections is added. `tau`,
+ * `deflection`: gear torques and deflections at this sample, between their neighbors.
  */
-static inline int motors_at_sample(const gears *g, const real *tau, const real *deflection, real *q, real *v, real *a,
-    real *q_m, real *v_m, real *tau_m, real *space)
+static inline int motors_at_sample(const gears *g, const real *tau, const real *deflection,
+    real *q, real *v, real *a, real *q_m, real *v_m, real *tau_m, real *space)
 {
     const real period = g->period;
     real value[NG], stiffness[NG];
@@ -387,9 +415,11 @@ static inline int motors_at_sample(const gears *g, const real *tau, const real *
             twice = second_derivative_of(deflection + i, NG, period);
         } else {
             real left = tau[i] - value[i];
-            left = fabs_1(left) <= PRECISE(0.0, 2e-7) * fabs_1(tau[i]) ? 0.0 : left; /* not rounding */
+            /* not rounding */
+            left = fabs_1(left) <= PRECISE(0.0, 2e-7) * fabs_1(tau[i]) ? 0.0 : left;
             once = left / damping_of(i, space);
-            twice = (derivative_of(tau + i, NG, period) - stiffness[i] * once) / damping_of(i, space);
+            twice = (derivative_of(tau + i, NG, period) - stiffness[i] * once) /
+                    damping_of(i, space);
         }
         q[i] += deflection[i];
         v[i] += once;
@@ -401,19 +431,26 @@ static inline int motors_at_sample(const gears *g, const real *tau, const real *
 /*
  * --- Torques for a drive that holds each of them, or follows a straight line to the next one.
  *
- * The motor has the torque of sample k from k + delay on, in samples. v: the mean of the torque from there to the next
- * one (HOLD_ZOH), or its value there, from the quintic polynomial through six samples. The torque to send is
+ * The motor has the torque of sample k from k + delay on, in samples. v: the mean of the torque
+ * from there to the next one (HOLD_ZOH), or its value there, from the quintic polynomial through
+ * six samples. The torque to send is
  *
- *     HOLD_ZOH      u = v - D2 v / 12                    D2: second difference v_(k-1) - 2 v_k + v_(k+1)
+ *     HOLD_ZOH      u = v - D2 v / 12                    D2: second difference v_(k-1) - 2 v_k +
+ *                   v_(k+1)
  *     HOLD_LINEAR   u = v - D2 v / 12 + 7/720 D2 D2 v
  *
- * because the hold smooths v. Up to the order 6 in the period the values of HOLD_LINEAR are those of the straight lines
- * with the least squared distance from the torque. With limits and for HOLD_SPLINE u = v.
+ * because the hold smooths v. Up to the order 6 in the period the values of HOLD_LINEAR are those
+ * of the straight lines with the least squared distance from the torque. With limits and for
+ * HOLD_SPLINE u = v.
  */
 
 enum {
     HOLD_BEFORE =
-        4, /* samples before that of a held torque and after it, which it depends on; the delay comes on top */
+        /*
+         * samples before that of a held torque and after it, which it depends on; the delay comes
+         * on top
+         */
+    4,
     HOLD_AFTER = 5,
     HOLD_TAPS = HOLD_BEFORE + 1 + HOLD_AFTER,
     HOLD_NODES = 6
@@ -422,12 +459,13 @@ enum {
 /* Lagrange polynomials of the nodes -2 to 3, times 120: coefficients of 1, x, ..., x^5. */
 static const real lagrange_120[HOLD_NODES][HOLD_NODES] = {{0.0, 6.0, -5.0, -5.0, 5.0, -1.0},
     {0.0, -60.0, 80.0, -5.0, -20.0, 5.0}, {120.0, -40.0, -150.0, 50.0, 30.0, -10.0},
-    {0.0, 120.0, 80.0, -70.0, -20.0, 10.0}, {0.0, -30.0, -5.0, 35.0, 5.0, -5.0}, {0.0, 4.0, 0.0, -5.0, 0.0, 1.0}};
+    {0.0, 120.0, 80.0, -70.0, -20.0, 10.0}, {0.0, -30.0, -5.0, 35.0, 5.0, -5.0},
+    {0.0, 4.0, 0.0, -5.0, 0.0, 1.0}};
 
 static inline int hold_fits(int hold, real delay)
 {
-    return (hold == ELBOW_HOLD_SPLINE || hold == ELBOW_HOLD_LINEAR || hold == ELBOW_HOLD_ZOH) && delay >= 0.0 &&
-           delay <= ELBOW_HOLD_DELAY_MAX;
+    return (hold == ELBOW_HOLD_SPLINE || hold == ELBOW_HOLD_LINEAR || hold == ELBOW_HOLD_ZOH) &&
+           delay >= 0.0 && delay <= ELBOW_HOLD_DELAY_MAX;
 }
 
 /* Whether the torques to send differ from the samples. */
@@ -436,7 +474,10 @@ static inline int is_held(int hold, real delay)
     return hold != ELBOW_HOLD_SPLINE || delay > 0.0;
 }
 
-/* Weights of the samples k + (whole delay) - HOLD_BEFORE and following ones in the torque of sample k. */
+/*
+ * Weights of the samples k + (whole delay) - HOLD_BEFORE and following ones in the torque of
+ * sample k.
+ */
 static inline void hold_weights(int hold, real delay, int limited, real weight[HOLD_TAPS])
 {
     const real x = delay - (real)(int)delay;
@@ -462,12 +503,16 @@ static inline void hold_weights(int hold, real delay, int limited, real weight[H
             weight[i] -= (v[i + 1] - 2.0 * v[i + 2] + v[i + 3]) / 12.0;
         }
         if (hold == ELBOW_HOLD_LINEAR && !limited) {
-            weight[i] += (v[i] - 4.0 * v[i + 1] + 6.0 * v[i + 2] - 4.0 * v[i + 3] + v[i + 4]) * 7.0 / 720.0;
+            weight[i] += (v[i] - 4.0 * v[i + 1] + 6.0 * v[i + 2] - 4.0 * v[i + 3] + v[i + 4]) *
+                         7.0 / 720.0;
         }
     }
 }
 
-/* The torques to send instead of n samples of the motor torques, in place; constant torque before and after them. */
+/*
+ * The torques to send instead of n samples of the motor torques, in place; constant torque before
+ * and after them.
+ */
 static inline void hold_torques(real *tau, ptrdiff_t n, int hold, real delay)
 {
     real weight[HOLD_TAPS], before[HOLD_BEFORE][NM];
@@ -482,7 +527,8 @@ static inline void hold_torques(real *tau, ptrdiff_t n, int hold, real delay)
         real held[NM] = {0.0}, *now = tau + k * NM;
         for (int i = 0; i < HOLD_TAPS; ++i) {
             const ptrdiff_t at = k + (int)delay + i - HOLD_BEFORE;
-            const real *sample = at < k ? before[at - k + HOLD_BEFORE] : tau + (at < n ? at : n - 1) * NM;
+            const real *sample = at < k ? before[at - k + HOLD_BEFORE] :
+                                          tau + (at < n ? at : n - 1) * NM;
             for (int j = 0; j < NM; ++j) {
                 held[j] += weight[i] * sample[j];
             }

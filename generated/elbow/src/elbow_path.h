@@ -1,5 +1,6 @@
 /*
- * elbow: the path that the output follows: samples, interpolation between them, and small rotations; private.
+ * elbow: the path that the output follows: samples, interpolation between them, and small
+ * rotations; private.
  */
 #ifndef ELBOW_PATH_H
 #define ELBOW_PATH_H
@@ -26,8 +27,9 @@ static inline void quintic(real x, const real left[3], const real right[3], real
 }
 
 /*
- * A coordinate between two samples of value, rate times T and second derivative times T^2; both change. For a short
- * period T the rates give the difference of values, which have too few digits for accelerations.
+ * A coordinate between two samples of value, rate times T and second derivative times T^2; both
+ * change. For a short period T the rates give the difference of values, which have too few digits
+ * for accelerations.
  */
 static inline void between_positions(real x, real T, real left[3], real right[3], real out[3])
 {
@@ -93,7 +95,8 @@ static inline void between_samples(const real *samples, real period, real x, rea
 /*
  * --- A deviation from the path, and its decay.
  *
- * The deviation d of each output is the end of a chain of five integrators, so that four derivatives are continuous.
+ * The deviation d of each output is the end of a chain of five integrators, so that four
+ * derivatives are continuous.
  */
 
 enum {
@@ -103,7 +106,8 @@ enum {
 };
 
 /* One step of the chain, for one output: value and derivatives times T^i, a step of h = tau T. */
-static inline void chain_step(const real *x, ptrdiff_t stride, real u, real tau, real *out, ptrdiff_t to)
+static inline void chain_step(
+    const real *x, ptrdiff_t stride, real u, real tau, real *out, ptrdiff_t to)
 {
     for (int i = 0; i < CHAIN; ++i) {
         real term = 1.0, sum = 0.0;

@@ -7,8 +7,8 @@
 /*
  * --- The table of a planned path, and its laws: distance along a curve over time.
  *
- * The layout of the table is in flexgen/paths/path_table.py. Every operation is that of flexgen/paths/, in the same
- * order, so that samples have the bits of Python's.
+ * The layout of the table is in flexgen/paths/path_table.py. Every operation is that of
+ * flexgen/paths/, in the same order, so that samples have the bits of Python's.
  */
 
 enum { JET = 3 }; /* a value and two derivatives */
@@ -100,7 +100,10 @@ static inline real horner(const polynomial *p, int row, real x)
     return sum;
 }
 
-/* Value and two derivatives; at rest before 0 and after the duration. The second half mirrors the first. */
+/*
+ * Value and two derivatives; at rest before 0 and after the duration. The second half mirrors the
+ * first.
+ */
 static inline void polynomial_at(const polynomial *p, real t, real out[JET])
 {
     const real u = clipped(t / p->duration, 0.0, 1.0), x = u > 0.5 ? 1.0 - u : u;
@@ -232,8 +235,8 @@ static inline int law_at(reader *r, real t, real s[JET])
 }
 
 /*
- * --- The curves of a planned path: lines, arcs and blended corners, with the rotation of the tool along them;
- * private to the path sampler. See above for the order of operations.
+ * --- The curves of a planned path: lines, arcs and blended corners, with the rotation of the tool
+ * along them; private to the path sampler. See above for the order of operations.
  *
  * A jet is a value and two derivatives.
  */
@@ -247,14 +250,19 @@ enum {
     SECTIONS_MAX = 100000
 };
 
-static const real legendre_x[NODES] = {-0.9815606342467192, -0.9041172563704748, -0.7699026741943047,
-    -0.5873179542866175, -0.3678314989981802, -0.1252334085114689, 0.1252334085114689, 0.3678314989981802,
-    0.5873179542866175, 0.7699026741943047, 0.9041172563704748, 0.9815606342467192};
-static const real legendre_w[NODES] = {0.04717533638651141, 0.10693932599531907, 0.16007832854334642,
-    0.20316742672306573, 0.2334925365383546, 0.2491470458134027, 0.2491470458134027, 0.2334925365383546,
-    0.20316742672306573, 0.16007832854334642, 0.10693932599531907, 0.04717533638651141};
+static const real legendre_x[NODES] = {-0.9815606342467192, -0.9041172563704748,
+    -0.7699026741943047, -0.5873179542866175, -0.3678314989981802, -0.1252334085114689,
+    0.1252334085114689, 0.3678314989981802, 0.5873179542866175, 0.7699026741943047,
+    0.9041172563704748, 0.9815606342467192};
+static const real legendre_w[NODES] = {0.04717533638651141, 0.10693932599531907,
+    0.16007832854334642, 0.20316742672306573, 0.2334925365383546, 0.2491470458134027,
+    0.2491470458134027, 0.2334925365383546, 0.20316742672306573, 0.16007832854334642,
+    0.10693932599531907, 0.04717533638651141};
 
-/* A point of a curve; for a pose the orientation by rows, and the angular velocity with its derivative. */
+/*
+ * A point of a curve; for a pose the orientation by rows, and the angular velocity with its
+ * derivative.
+ */
 typedef struct {
     real x[DIMENSIONS][JET];
     real R[9], w[3][JET - 1];
@@ -273,8 +281,10 @@ static inline void composed(const real f[JET], const real s[JET], real out[JET])
 /* A line or an arc, with the rotation of the tool. */
 typedef struct {
     int is_arc;
-    const real *length, *rate, *rotation, *axis, *hat2; /* hat2: square of the cross-product matrix of the axis */
-    const real *shape;                                  /* displacement, or both radius vectors and the rate */
+    /* hat2: square of the cross-product matrix of the axis */
+    const real *length, *rate, *rotation, *axis, *hat2;
+    /* displacement, or both radius vectors and the rate */
+    const real *shape;
 } geometry;
 
 static inline int take_geometry(reader *r, int dimensions, geometry *g)
@@ -290,11 +300,13 @@ static inline int take_geometry(reader *r, int dimensions, geometry *g)
     g->axis = take(&block, 3);
     g->hat2 = take(&block, 9);
     g->shape = take(&block, g->is_arc == 1 ? 7 : dimensions);
-    return g->is_arc >= 0 && (!g->is_arc || dimensions == 3) && g->shape != NULL && g->hat2 != NULL;
+    return g->is_arc >= 0 && (!g->is_arc || dimensions == 3) && g->shape != NULL &&
+           g->hat2 != NULL;
 }
 
 /* Jet of the displacement from the start, from the jet of the parameter. */
-static inline void displacement(const geometry *g, int dimensions, const real s[JET], real out[][JET])
+static inline void displacement(
+    const geometry *g, int dimensions, const real s[JET], real out[][JET])
 {
     if (!g->is_arc) {
         for (int i = 0; i < dimensions; ++i) {
@@ -313,12 +325,15 @@ static inline void displacement(const geometry *g, int dimensions, const real s[
         for (int i = 0; i < 3; ++i) {
             const real f[JET] = {0.0, cosine * b[i] - sine * a[i], -cosine * a[i] - sine * b[i]};
             composed(f, phi, out[i]);
-            out[i][0] = sine * b[i] - 2.0 * (half * half) * a[i]; /* 1 - cos without cancellation */
+            /* 1 - cos without cancellation */
+            out[i][0] = sine * b[i] - 2.0 * (half * half) * a[i];
         }
     }
 }
 
-/* Jet of the product of two scalars, of the first `size` derivatives, added to `out` times `sign`. */
+/*
+ * Jet of the product of two scalars, of the first `size` derivatives, added to `out` times `sign`.
+ */
 static inline void add_product(const real *a, const real *b, int size, real sign, real *out)
 {
     for (int k = 0; k < size; ++k) {
@@ -334,8 +349,8 @@ static inline void add_product(const real *a, const real *b, int size, real sign
 static inline void quaternion_product(real a[4][JET], real b[4][JET], int size, real out[4][JET])
 {
     static const int other[4][4] = {{0, 1, 2, 3}, {1, 0, 3, 2}, {2, 3, 0, 1}, {3, 2, 1, 0}};
-    static const real sign[4][4] = {
-        {1.0, -1.0, -1.0, -1.0}, {1.0, 1.0, 1.0, -1.0}, {1.0, -1.0, 1.0, 1.0}, {1.0, 1.0, -1.0, 1.0}};
+    static const real sign[4][4] = {{1.0, -1.0, -1.0, -1.0}, {1.0, 1.0, 1.0, -1.0},
+        {1.0, -1.0, 1.0, 1.0}, {1.0, 1.0, -1.0, 1.0}};
     for (int i = 0; i < 4; ++i) {
         for (int k = 0; k < size; ++k) {
             out[i][k] = 0.0;
@@ -422,7 +437,8 @@ static inline int straight_at(reader *r, int dimensions, const real s[JET], curv
         }
         for (int i = 0; i < 3; ++i) {
             for (int j = 0; j < 3; ++j) {
-                p->R[3 * i + j] = (E[3 * i] * R[j] + E[3 * i + 1] * R[3 + j]) + E[3 * i + 2] * R[6 + j];
+                p->R[3 * i + j] = (E[3 * i] * R[j] + E[3 * i + 1] * R[3 + j]) +
+                                  E[3 * i + 2] * R[6 + j];
             }
             p->w[i][0] = g.rotation[i] * (inner[1] / *g.length);
             p->w[i][1] = g.rotation[i] * (inner[2] / *g.length);
@@ -464,7 +480,8 @@ static inline int take_corner(reader *r, int dimensions, corner *c)
 }
 
 /* Jets of the lengths covered of both, from the jet of the parameter. */
-static inline void both_lengths(const corner *c, const real u[JET], real first[JET], real second[JET])
+static inline void both_lengths(
+    const corner *c, const real u[JET], real first[JET], real second[JET])
 {
     real rise[JET], fall[JET], remaining[JET];
     polynomial_integral(&c->step, u[0] - *c->first, rise);
@@ -479,7 +496,8 @@ static inline void both_lengths(const corner *c, const real u[JET], real first[J
 }
 
 /* Position in the corner, from the jet of the parameter. */
-static inline void corner_position(const corner *c, int dimensions, const real u[JET], real x[][JET])
+static inline void corner_position(
+    const corner *c, int dimensions, const real u[JET], real x[][JET])
 {
     real first[JET], second[JET], more[DIMENSIONS][JET];
     both_lengths(c, u, first, second);
@@ -517,14 +535,16 @@ static inline real corner_length(const corner *c, int dimensions, real a, real b
 }
 
 /* Jet of the parameter from the jet of the arc length since the start of the corner. */
-static inline void corner_parameter(const corner *c, int dimensions, const real s[JET], real u[JET])
+static inline void corner_parameter(
+    const corner *c, int dimensions, const real s[JET], real u[JET])
 {
     const int panel = last_below(c->lengths, c->count - 1, s[0]);
     const real low = c->knots[panel], high = c->knots[panel + 1], rest = s[0] - c->lengths[panel];
     real at = low + rest / (c->lengths[panel + 1] - c->lengths[panel]) * (high - low);
     real x[DIMENSIONS][JET], squared = 0.0, changing = 0.0, f[JET], slope, slope_rate;
     for (int k = 0; k < ARC_STEPS; ++k) {
-        const real step = (corner_length(c, dimensions, low, at) - rest) / corner_speed(c, dimensions, at);
+        const real step = (corner_length(c, dimensions, low, at) - rest) /
+                          corner_speed(c, dimensions, at);
         at = clipped(at - step, low, high);
         if (!(fabs_1(step) > *c->resolution)) {
             break;
@@ -580,7 +600,10 @@ static inline int corner_at(reader *r, int dimensions, const real s[JET], curve_
     return 1;
 }
 
-/* The point of a curve with the jet s of the arc length; its dimension, or 0 where the table is damaged. */
+/*
+ * The point of a curve with the jet s of the arc length; its dimension, or 0 where the table is
+ * damaged.
+ */
 static inline int curve_at(reader *r, const real s[JET], curve_point *p)
 {
     const int dimensions = take_count(r, DIMENSIONS);
@@ -635,8 +658,9 @@ int64_t elbow_path_work(void)
 static int take_head(const real *table, int64_t size, table_head *head)
 {
     reader all = {table, table + size}, r;
-    if (!take_block(&all, &r) || all.at != all.end || take_count(&r, TABLE_LAYOUT) != TABLE_LAYOUT ||
-        take_count(&r, NT) != NT || take_count(&r, NY) != NY || take_count(&r, NA) != NA) {
+    if (!take_block(&all, &r) || all.at != all.end ||
+        take_count(&r, TABLE_LAYOUT) != TABLE_LAYOUT || take_count(&r, NT) != NT ||
+        take_count(&r, NY) != NY || take_count(&r, NA) != NA) {
         return 0;
     }
     head->segments = take_count(&r, SEGMENTS_MAX);
@@ -654,7 +678,8 @@ static int is_table(const real *table, int64_t size)
            is_finite(table, size < (int64_t)INT32_MAX ? (int)size : INT32_MAX);
 }
 
-elbow_status elbow_path_start(const real *table, int64_t table_size, real *duration, real q_start[ELBOW_NA])
+elbow_status elbow_path_start(
+    const real *table, int64_t table_size, real *duration, real q_start[ELBOW_NA])
 {
     table_head head;
     if (table == NULL || duration == NULL || q_start == NULL) {
@@ -668,7 +693,10 @@ elbow_status elbow_path_start(const real *table, int64_t table_size, real *durat
     return ELBOW_OK;
 }
 
-/* The segment that t belongs to: the last one that has started, or the first one; 0 where the table is damaged. */
+/*
+ * The segment that t belongs to: the last one that has started, or the first one; 0 where the
+ * table is damaged.
+ */
 static int find_segment(table_head *head, real t, reader *segment)
 {
     for (int k = 0; k < head->segments; ++k) {
@@ -701,8 +729,8 @@ static void outputs_of_joints(curve_point *p, real *y, real *dy, real *ddy, real
             arm->target[i][l] = 0.0;
         }
     }
-    (void)evaluate_output_constraint_batch(POINTS, &arm->q[0][0], &arm->v[0][0], &arm->target[0][0], &arm->error[0][0],
-        &arm->W[0][0][0], &arm->bias[0][0], space);
+    (void)evaluate_output_constraint_batch(POINTS, &arm->q[0][0], &arm->v[0][0],
+        &arm->target[0][0], &arm->error[0][0], &arm->W[0][0][0], &arm->bias[0][0], space);
     for (int i = 0; i < NY; ++i) {
         y[i] = arm->error[i][0];
     }
@@ -718,12 +746,14 @@ static void outputs_of_joints(curve_point *p, real *y, real *dy, real *ddy, real
 }
 
 /* The point of a curve in the space of the outputs; 0 where it does not fit them. */
-static int outputs_of_curve(
-    const curve_point *p, int dimensions, int space, const real *axes, real *y, real *dy, real *ddy)
+static int outputs_of_curve(const curve_point *p, int dimensions, int space, const real *axes,
+    real *y, real *dy, real *ddy)
 {
     (void)axes;
     for (int i = 0; i < NY; ++i) {
-        const int from = space != SPACE_TOOL ? i : axes[i] >= 0.0 && axes[i] < (real)dimensions ? (int)axes[i] : -1;
+        const int from = space != SPACE_TOOL                          ? i :
+                         axes[i] >= 0.0 && axes[i] < (real)dimensions ? (int)axes[i] :
+                                                                        -1;
         if (from < 0 || from >= dimensions) {
             return 0;
         }
@@ -734,8 +764,8 @@ static int outputs_of_curve(
     return 1;
 }
 
-elbow_status elbow_path_sample(const real *table, int64_t table_size, PARAMETERS_ARGUMENT real t, real y[ELBOW_NT],
-    real dy[ELBOW_NY], real ddy[ELBOW_NY], real *work, int64_t work_size)
+elbow_status elbow_path_sample(const real *table, int64_t table_size, PARAMETERS_ARGUMENT real t,
+    real y[ELBOW_NT], real dy[ELBOW_NY], real ddy[ELBOW_NY], real *work, int64_t work_size)
 {
     const real *values = GIVEN_PARAMETERS;
     reader segment = {NULL, NULL}, law, curve;
@@ -744,7 +774,8 @@ elbow_status elbow_path_sample(const real *table, int64_t table_size, PARAMETERS
     curve_point p;
     table_head head;
     int space, dimensions;
-    if (table == NULL || values == NULL || y == NULL || dy == NULL || ddy == NULL || work == NULL) {
+    if (table == NULL || values == NULL || y == NULL || dy == NULL || ddy == NULL ||
+        work == NULL) {
         return ELBOW_NULL_ARGUMENT;
     }
     if (work_size < elbow_path_work()) {
@@ -753,12 +784,14 @@ elbow_status elbow_path_sample(const real *table, int64_t table_size, PARAMETERS
     if (!is_finite(&t, 1) || !is_finite(values, PARAMETERS)) {
         return ELBOW_INPUT_NOT_FINITE;
     }
-    if (table_size < 1 || !take_head(table, table_size, &head) || !find_segment(&head, t, &segment)) {
+    if (table_size < 1 || !take_head(table, table_size, &head) ||
+        !find_segment(&head, t, &segment)) {
         return ELBOW_BAD_ARGUMENT;
     }
     start = take(&segment, 2);
     space = take_count(&segment, SPACE_JOINT);
-    if (start == NULL || space < 0 || !take_block(&segment, &law) || !take_block(&segment, &curve) ||
+    if (start == NULL || space < 0 || !take_block(&segment, &law) ||
+        !take_block(&segment, &curve) ||
         !law_at(&law, t >= start[0] + start[1] ? (t - start[0]) + start[1] : t - start[0], s)) {
         return ELBOW_BAD_ARGUMENT;
     }
@@ -772,5 +805,6 @@ elbow_status elbow_path_sample(const real *table, int64_t table_size, PARAMETERS
     } else if (!outputs_of_curve(&p, dimensions, space, head.axes, y, dy, ddy)) {
         return ELBOW_BAD_ARGUMENT;
     }
-    return is_finite(y, NT) && is_finite(dy, NY) && is_finite(ddy, NY) ? ELBOW_OK : ELBOW_RESULT_NOT_FINITE;
+    return is_finite(y, NT) && is_finite(dy, NY) && is_finite(ddy, NY) ? ELBOW_OK :
+                                                                         ELBOW_RESULT_NOT_FINITE;
 }

@@ -13,7 +13,8 @@
 #if defined(__GNUC__)
 #define RESTRICT __restrict
 #define SEPARATE __attribute__((noinline))
-#define COLD __attribute__((cold))           /* not part of an update: short code, no unrolled loops */
+/* not part of an update: short code, no unrolled loops */
+#define COLD __attribute__((cold))
 #define MAY_ALIAS __attribute__((may_alias)) /* in memory that the caller declared as numbers */
 #else
 #define RESTRICT
@@ -28,7 +29,10 @@
     T sine##k[ANGLES(n)], cosine##k[ANGLES(n)]; \
     F(sincos)(angle##k, sine##k, cosine##k, n);
 
-/* Statements for each of four or eight vectors of a row x, from which multiples of other rows are subtracted. */
+/*
+ * Statements for each of four or eight vectors of a row x, from which multiples of other rows are
+ * subtracted.
+ */
 #define FOUR(DO) DO(0) DO(1) DO(2) DO(3)
 #define EIGHT(DO) FOUR(DO) DO(4) DO(5) DO(6) DO(7)
 #define LOAD_ROW(i) ROW rest##i = x[i];
@@ -63,7 +67,8 @@ static inline void set_nan(real *x, int size, ptrdiff_t stride)
 }
 
 /* Copy the entries of some points; the lanes after the last point repeat the first. */
-static inline void gather_points(const real *x, int size, int count, ptrdiff_t stride, real *to, ptrdiff_t to_stride)
+static inline void gather_points(
+    const real *x, int size, int count, ptrdiff_t stride, real *to, ptrdiff_t to_stride)
 {
     for (int i = 0; i < size; ++i) {
         int k = 0;
@@ -77,8 +82,8 @@ static inline void gather_points(const real *x, int size, int count, ptrdiff_t s
 }
 
 /*
- * Copy the results of some points to their places. past: bypassing the cache, since the results are not read again;
- * `end_scatter` makes them visible.
+ * Copy the results of some points to their places. past: bypassing the cache, since the results
+ * are not read again; `end_scatter` makes them visible.
  */
 static inline void scatter_points(
     const real *x, int size, int count, ptrdiff_t stride, real *to, ptrdiff_t to_stride, int past)

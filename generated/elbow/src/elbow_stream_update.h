@@ -16,9 +16,9 @@
 /*
  * --- The memory of a stream.
  *
- * An array of numbers of the caller: a head, then arrays, see elbow_stream_layout.h. Between two updates it holds the
- * planned motion over the horizon. An update shifts it by one interval, takes the next sample of the path at its end
- * and makes one Gauss-Newton step.
+ * An array of numbers of the caller: a head, then arrays, see elbow_stream_layout.h. Between two
+ * updates it holds the planned motion over the horizon. An update shifts it by one interval, takes
+ * the next sample of the path at its end and makes one Gauss-Newton step.
  */
 
 /* States of the head. */
@@ -30,11 +30,15 @@ enum {
 
 static inline int stream_sizes_fit(const elbow_stream_options *o)
 {
-    return o->intervals >= 1 && o->intervals <= ELBOW_STREAM_INTERVALS_MAX && o->samples_per_interval >= 1 &&
-           o->samples_per_interval <= ELBOW_STREAM_SAMPLES_MAX && hold_fits((int)o->hold, o->delay);
+    return o->intervals >= 1 && o->intervals <= ELBOW_STREAM_INTERVALS_MAX &&
+           o->samples_per_interval >= 1 && o->samples_per_interval <= ELBOW_STREAM_SAMPLES_MAX &&
+           hold_fits((int)o->hold, o->delay);
 }
 
-/* Whether memory holds a stream that this library started and that has not failed; it may hold anything. */
+/*
+ * Whether memory holds a stream that this library started and that has not failed; it may hold
+ * anything.
+ */
 static inline int is_running(const real *stream)
 {
     const stream_head *h = head_in(stream);
@@ -71,8 +75,9 @@ static inline real decay_time(const real *s)
 }
 
 /*
- * Start to keep limits, without a deviation. 0 where the horizon is too short: the path may only be modified beyond the
- * preview of the unstable zeros, so that the present motion need not change.
+ * Start to keep limits, without a deviation. 0 where the horizon is too short: the path may only
+ * be modified beyond the preview of the unstable zeros, so that the present motion need not
+ * change.
  */
 static inline int start_limits(real *s, const layout *l)
 {
@@ -96,10 +101,12 @@ static inline int start_limits(real *s, const layout *l)
 }
 
 /* The deviation at a new sample: the decay of the deviation at the end of the horizon. */
-static inline void next_deviation(const real *s, const layout *l, const real *own, real *deviation, real *next)
+static inline void next_deviation(
+    const real *s, const layout *l, const real *own, real *deviation, real *next)
 {
     const ptrdiff_t N = head_in(s)->intervals;
-    decay_step(s + l->limits + limits_laid_out(N).deviation + N * DEVIATION, (real)DECAYS / (real)N, deviation);
+    decay_step(s + l->limits + limits_laid_out(N).deviation + N * DEVIATION,
+        (real)DECAYS / (real)N, deviation);
     add_deviation(own, deviation, decay_time(s), next);
 }
 
@@ -117,11 +124,12 @@ static inline void shift_limits(real *s, const layout *l, const real *own, const
 }
 
 /*
- * Whether limits are active in the interval that begins now: its path is modified, or a limit is exceeded. off:
- * distance and angle from the given path, if larger than before; ends: 1 where a limit is exceeded so far that the
- * stream fails.
+ * Whether limits are active in the interval that begins now: its path is modified, or a limit is
+ * exceeded. off: distance and angle from the given path, if larger than before; ends: 1 where a
+ * limit is exceeded so far that the stream fails.
  */
-static inline int is_limited(const real *s, const layout *l, const real *v_m, const real *tau_m, real off[2], int *ends)
+static inline int is_limited(
+    const real *s, const layout *l, const real *v_m, const real *tau_m, real off[2], int *ends)
 {
     const limits_layout w = limits_laid_out(head_in(s)->intervals);
     const real *b = s + l->limits;
@@ -136,10 +144,12 @@ static inline int is_limited(const real *s, const layout *l, const real *v_m, co
     limited = deviated = off[0] > deviation_zero || off[1] > deviation_zero;
     for (ptrdiff_t i = 0; i < (ptrdiff_t)head_in(s)->samples_per_interval * NM; ++i) {
         const real torque = b[w.bound + i % NM], speed = b[w.bound + NM + i % NM];
-        if (fabs_1(tau_m[i]) > torque || fabs_1(v_m[i]) > speed) { /* an exceeded limit is reported */
+        /* an exceeded limit is reported */
+        if (fabs_1(tau_m[i]) > torque || fabs_1(v_m[i]) > speed) {
             limited = 1;
         }
-        if (fabs_1(tau_m[i]) > infeasible_factor * torque || fabs_1(v_m[i]) > infeasible_factor * speed) {
+        if (fabs_1(tau_m[i]) > infeasible_factor * torque ||
+            fabs_1(v_m[i]) > infeasible_factor * speed) {
             *ends = deviated; /* modifications that cause one another */
         }
     }
@@ -147,14 +157,18 @@ static inline int is_limited(const real *s, const layout *l, const real *v_m, co
 }
 
 /* Node k of the horizon, 0 ... N, into a point of `arm`, with guesses of the joints. */
-static inline void load_node(real *s, const layout *l, ptrdiff_t k, const real *joints, problem_points *arm, int lane)
+static inline void load_node(
+    real *s, const layout *l, ptrdiff_t k, const real *joints, problem_points *arm, int lane)
 {
     const ptrdiff_t node = l->past + k;
     load_reference(arm, lane, s + l->nodes + node * REFERENCE);
     load_joints(arm, lane, joints);
 }
 
-/* Planned motion and torques of the arm at the nodes, and the torques and speeds of the motors there. */
+/*
+ * Planned motion and torques of the arm at the nodes, and the torques and speeds of the motors
+ * there.
+ */
 static inline int predict_motors(real *s, const layout *l, const limits_layout *w)
 {
     const ptrdiff_t N = head_in(s)->intervals;
@@ -181,7 +195,8 @@ static inline int predict_motors(real *s, const layout *l, const limits_layout *
             }
         }
     }
-    return motors_at_nodes(b, w, N, head_in(s)->period, s + l->space) ? ELBOW_OK : ELBOW_RESULT_NOT_FINITE;
+    return motors_at_nodes(b, w, N, head_in(s)->period, s + l->space) ? ELBOW_OK :
+                                                                        ELBOW_RESULT_NOT_FINITE;
 }
 
 /* The path of the horizon becomes the given one with its deviation. */
@@ -191,8 +206,8 @@ static inline void modify_path(real *s, const layout *l, const limits_layout *w)
     const real *b = s + l->limits;
     real *nodes = s + l->nodes + l->past * REFERENCE;
     for (ptrdiff_t k = 1; k <= N; ++k) {
-        add_deviation(
-            b + w->plan + k * REFERENCE, b + w->deviation + k * DEVIATION, decay_time(s), nodes + k * REFERENCE);
+        add_deviation(b + w->plan + k * REFERENCE, b + w->deviation + k * DEVIATION, decay_time(s),
+            nodes + k * REFERENCE);
     }
     for (ptrdiff_t k = 1; k < N; ++k) {
         for (int g = 0; g < STAGES; ++g) {
@@ -203,7 +218,9 @@ static inline void modify_path(real *s, const layout *l, const limits_layout *w)
     copy(nodes + N * REFERENCE, REFERENCE, s + l->last);
 }
 
-/* Check whether the motors will exceed their limits, and modify the path beyond the fixed nodes. */
+/*
+ * Check whether the motors will exceed their limits, and modify the path beyond the fixed nodes.
+ */
 static inline int apply_limits(real *s, const layout *l)
 {
     const ptrdiff_t N = head_in(s)->intervals;
@@ -273,7 +290,8 @@ static inline int reach_next_sample(real *s, const layout *l, const real *next, 
         if (point < STAGES) {
             between_samples(both[0], head_in(s)->period, gauss_c[stage], to->reference[stage]);
         }
-        for (int i = 0; i < NG; ++i) { /* extrapolated: through a singular pose rather than back from it */
+        /* extrapolated: through a singular pose rather than back from it */
+        for (int i = 0; i < NG; ++i) {
             guess[i] = joint[i] + onward * (joint[i] - joint[i - NG]);
         }
         load_reference(arm, point, to->reference[stage]);
@@ -286,7 +304,8 @@ static inline int reach_next_sample(real *s, const layout *l, const real *next, 
     }
     to->side = arm->side[0];
     for (int stage = 0; stage < STAGES; ++stage) {
-        if (!(arm->side[stage] * (head_in(s)->side != 0 ? (real)head_in(s)->side : to->side) > 0.0)) {
+        if (!(arm->side[stage] * (head_in(s)->side != 0 ? (real)head_in(s)->side : to->side) >
+                0.0)) {
             return ELBOW_UNREACHABLE; /* on the other side of a singular pose */
         }
         for (int i = 0; i < NG; ++i) {
@@ -297,10 +316,11 @@ static inline int reach_next_sample(real *s, const layout *l, const real *next, 
 }
 
 /*
- * Shift the path and the joints by one interval; the joints at the start of the horizon are stored after those of the
- * Gauss points.
+ * Shift the path and the joints by one interval; the joints at the start of the horizon are stored
+ * after those of the Gauss points.
  */
-static inline void shift_path(real *s, const layout *l, const real *next, const next_interval *arrived)
+static inline void shift_path(
+    real *s, const layout *l, const real *next, const next_interval *arrived)
 {
     const ptrdiff_t N = head_in(s)->intervals, stages = (N - 1) * STAGES;
     real *q_g = s + l->q_g, *reference = s + l->reference, *nodes = s + l->nodes;
@@ -317,9 +337,10 @@ static inline void shift_path(real *s, const layout *l, const real *next, const 
 /*
  * --- One Gauss-Newton step of the motion over the horizon, in parts.
  *
- * Between two updates most intervals of the horizon only become one interval older: their Jacobians, factors and costs
- * to go are kept, and only those of some intervals are computed again, of more at the end of the horizon, where the
- * motion still changes. The residuals are computed everywhere.
+ * Between two updates most intervals of the horizon only become one interval older: their
+ * Jacobians, factors and costs to go are kept, and only those of some intervals are computed
+ * again, of more at the end of the horizon, where the motion still changes. The residuals are
+ * computed everywhere.
  */
 
 /* --- Motion and torques of the interval that begins now, and their kinematic mismatch. */
@@ -329,7 +350,10 @@ enum { MEMORY_DECAYS = 4 }; /* time constants of the memory of the largest value
 /* of a motor torque from one interval to the next, relative to its largest value */
 static const real torque_step_max = PRECISE(2e-4, 5e-3);
 
-/* m or rad: joints that move less within an interval are at rest; a smaller step of the output is none */
+/*
+ * m or rad: joints that move less within an interval are at rest; a smaller step of the output is
+ * none
+ */
 static const real negligible_motion = PRECISE(3e-8, 1e-5), negligible_step = PRECISE(1e-8, 1e-6);
 
 /* Results of an update, sample after sample. */
@@ -337,31 +361,40 @@ typedef struct {
     real *q_a, *v_a, *tau_g, *q_m, *v_m, *tau_m;
 } interval_results;
 
-/* Motion and gear torques of the arm in the window around the interval; worst: the largest residual in the interval. */
+/*
+ * Motion and gear torques of the arm in the window around the interval; worst: the largest
+ * residual in the interval.
+ */
 static inline int arm_in_window(real *s, const layout *l, const interval_results *out, real *worst)
 {
-    const int samples_per_interval = head_in(s)->samples_per_interval, intervals = head_in(s)->intervals,
-              end = (int)l->past + intervals;
+    const int samples_per_interval = head_in(s)->samples_per_interval,
+              intervals = head_in(s)->intervals, end = (int)l->past + intervals;
     real *joints_now = s + l->q_g + (ptrdiff_t)intervals * STAGES * NG;
     const real fine = head_in(s)->period / (real)samples_per_interval;
     joint_motion last;
     real time[POINTS];
     problem_points *arm = arm_of(l, s);
     *worst = 0.0;
-    /* All samples from the present plan, the past too: derivatives must not contain steps between plans. */
+    /*
+     * All samples from the present plan, the past too: derivatives must not contain steps between
+     * plans.
+     */
     joints_at_rest(joints_now, &last);
     begin_points(arm);
     for (int at = 0; at < l->window; at += POINTS) {
         const int used = (int)(l->window - at < POINTS ? l->window - at : (ptrdiff_t)POINTS);
         int status;
         for (int point = 0; point < POINTS; ++point) {
-            const int k = at + (point < used ? point : used - 1) - BACK + (int)l->past * samples_per_interval;
+            const int k = at + (point < used ? point : used - 1) - BACK +
+                          (int)l->past * samples_per_interval;
             const int node = k / samples_per_interval < end ? k / samples_per_interval : end - 1;
             const real x = k / samples_per_interval < end ?
-                               (real)(k - node * samples_per_interval) / (real)samples_per_interval :
+                               (real)(k - node * samples_per_interval) /
+                                   (real)samples_per_interval :
                                1.0;
             real reference[REFERENCE];
-            between_samples(s + l->nodes + node * (ptrdiff_t)REFERENCE, head_in(s)->period, x, reference);
+            between_samples(
+                s + l->nodes + node * (ptrdiff_t)REFERENCE, head_in(s)->period, x, reference);
             load_reference(arm, point, reference);
             time[point] = (real)(at + (point < used ? point : used - 1)) * fine;
         }
@@ -375,7 +408,8 @@ static inline int arm_in_window(real *s, const layout *l, const interval_results
             real *tau = s + l->tau + (at + point) * (ptrdiff_t)NG;
             real *joint = s + l->joint + (at + point) * (ptrdiff_t)JOINT;
             if (!(arm->side[point] * (real)head_in(s)->side > 0.0)) {
-                return ELBOW_UNREACHABLE; /* deflections brought it to the other side of a singular pose */
+                /* deflections brought it to the other side of a singular pose */
+                return ELBOW_UNREACHABLE;
             }
             for (int i = 0; i < NG; ++i) {
                 tau[i] = arm->tau_g[i][point];
@@ -396,15 +430,16 @@ static inline int arm_in_window(real *s, const layout *l, const interval_results
             }
         }
         if (used > 1) {
-            keep_joints(arm, used - 1, (real)(at + used - 1) * fine, (real)(used - 1) * fine, &last);
+            keep_joints(
+                arm, used - 1, (real)(at + used - 1) * fine, (real)(used - 1) * fine, &last);
         }
     }
     return ELBOW_OK;
 }
 
 /*
- * Step of the output [m], [rad]: the static deflections of the gears step from those that the plan before predicted,
- * and the joints follow, since the motors cannot step.
+ * Step of the output [m], [rad]: the static deflections of the gears step from those that the plan
+ * before predicted, and the joints follow, since the motors cannot step.
  */
 static inline void output_step_of(real *s, const layout *l, const real *deflection, real size[2])
 {
@@ -420,9 +455,9 @@ static inline void output_step_of(real *s, const layout *l, const real *deflecti
 }
 
 /*
- * The largest step of a motor torque from the value that the plan before predicted, relative to the largest of that
- * motor within about a horizon, or to a hundredth of that of all motors. A step is not a motion, although each plan is
- * smooth.
+ * The largest step of a motor torque from the value that the plan before predicted, relative to
+ * the largest of that motor within about a horizon, or to a hundredth of that of all motors. A
+ * step is not a motion, although each plan is smooth.
  */
 static inline real torque_step_of(real *s, const layout *l, const real *tau_m)
 {
@@ -439,7 +474,10 @@ static inline real torque_step_of(real *s, const layout *l, const real *tau_m)
     return worst;
 }
 
-/* The torques to send in the interval from those of the motors, of which the last are kept for the next update. */
+/*
+ * The torques to send in the interval from those of the motors, of which the last are kept for the
+ * next update.
+ */
 static inline void hold_interval(real *s, const layout *l, real *tau_m)
 {
     const ptrdiff_t samples_per_interval = head_in(s)->samples_per_interval;
@@ -459,8 +497,8 @@ static inline void hold_interval(real *s, const layout *l, real *tau_m)
 }
 
 /*
- * Motors in the interval; the deflections of the gears are carried on from update to update. step, output_step: of the
- * motor torques and of the output at its start; steps at rest are not counted.
+ * Motors in the interval; the deflections of the gears are carried on from update to update. step,
+ * output_step: of the motor torques and of the output at its start; steps at rest are not counted.
  */
 static inline int motors_in_interval(
     real *s, const layout *l, const interval_results *out, real *step, real output_step[2])
@@ -470,7 +508,8 @@ static inline int motors_in_interval(
     real *space = s + l->space, *torque = s + l->torque, last_stiffness[NG];
     gears g;
     if (!begin_gears(&g, head_in(s)->period / (real)samples_per_interval, s + l->now, space) ||
-        !static_deflections(s + l->tau, l->window, s + l->now, s + l->deflection, last_stiffness, space)) {
+        !static_deflections(
+            s + l->tau, l->window, s + l->now, s + l->deflection, last_stiffness, space)) {
         return ELBOW_RESULT_NOT_FINITE;
     }
     for (ptrdiff_t k = MARGIN; k + MARGIN < l->window; ++k) {
@@ -485,10 +524,12 @@ static inline int motors_in_interval(
         if (evaluate_gear_law(s + l->deflection + k * NG, value, stiffness, space) != ELBOW_OK) {
             return ELBOW_RESULT_NOT_FINITE;
         }
-        lagged_deflections(&g, s + l->deflection + k * NG, stiffness, s + l->lagged + k * NG, space);
+        lagged_deflections(
+            &g, s + l->deflection + k * NG, stiffness, s + l->lagged + k * NG, space);
     }
     for (ptrdiff_t k = 0; k <= samples_per_interval + l->ahead; ++k) {
-        const real *tau = s + l->tau + (k + BACK) * NG, *deflection = s + l->lagged + (k + BACK) * NG;
+        const real *tau = s + l->tau + (k + BACK) * NG,
+                   *deflection = s + l->lagged + (k + BACK) * NG;
         const real *joint = s + l->joint + (k + BACK) * JOINT;
         real q[NG], v[NG], a[NG], q_m[NM], v_m[NM], tau_m[NM];
         copy(joint, NG, q);
@@ -525,14 +566,16 @@ static inline int motors_in_interval(
 }
 
 /*
- * Kinematic mismatch of joints and motors in this interval, and at the samples after it that held torques depend on, by
- * finite differences, as for a whole path. It is relative to the largest values within about a horizon: past values,
- * which are forgotten gradually, present ones, and the planned ones of the joints. Deflections without damping: damping
- * makes them smoother. Differences and torques that need more than the horizon are wrong, and appear here.
+ * Kinematic mismatch of joints and motors in this interval, and at the samples after it that held
+ * torques depend on, by finite differences, as for a whole path. It is relative to the largest
+ * values within about a horizon: past values, which are forgotten gradually, present ones, and the
+ * planned ones of the joints. Deflections without damping: damping makes them smoother.
+ * Differences and torques that need more than the horizon are wrong, and appear here.
  */
 static inline real kinematic_mismatch_now(real *s, const layout *l)
 {
-    const ptrdiff_t samples_per_interval = head_in(s)->samples_per_interval, N = head_in(s)->intervals;
+    const ptrdiff_t samples_per_interval = head_in(s)->samples_per_interval,
+                    N = head_in(s)->intervals;
     const real h = head_in(s)->period, fine = h / (real)samples_per_interval, sixty = 60.0 * fine;
     const real slow = negligible_motion / (mismatch_max * h), acceleration = slow / h;
     /* smallest scales: at rest there is only rounding */

@@ -1,5 +1,6 @@
 /*
- * elbow: the parts that invert and bvp share: arguments, workspace, first guess, Newton's stop, results; private.
+ * elbow: the parts that invert and bvp share: arguments, workspace, first guess, Newton's stop,
+ * results; private.
  */
 #ifndef ELBOW_WHOLE_PATH_H
 #define ELBOW_WHOLE_PATH_H
@@ -13,13 +14,13 @@
 /*
  * --- Gears and motors at all samples of a path, POINTS samples at a time.
  *
- * Torques and deflections of a gear are a row: entry k belongs to sample k, entries before the first sample and after
- * the last one repeat these.
+ * Torques and deflections of a gear are a row: entry k belongs to sample k, entries before the
+ * first sample and after the last one repeat these.
  */
 
 /*
- * Samples after the last one that are computed too, for the derivatives there: of the torques for the lag of the gears,
- * and of the deflections for the motors.
+ * Samples after the last one that are computed too, for the derivatives there: of the torques for
+ * the lag of the gears, and of the deflections for the motors.
  */
 enum { BEYOND = 2 * MARGIN, BEFORE = BLOCK, TAPS = 2 * MARGIN + 2 };
 
@@ -35,7 +36,10 @@ static inline int64_t row_length(int64_t samples)
     return BEFORE + padded(samples + BEYOND + POINTS);
 }
 
-/* Repeat the first of `count` entries before it, and the last as far as is read; the motion begins at equilibrium. */
+/*
+ * Repeat the first of `count` entries before it, and the last as far as is read; the motion begins
+ * at equilibrium.
+ */
 static inline void hold_ends(const gear_rows *g, real *x, ptrdiff_t count)
 {
     const ptrdiff_t row_end = g->apart - BEFORE, read = count + BEYOND + POINTS;
@@ -57,7 +61,8 @@ static inline int static_deflections_at(const gear_rows *g, ptrdiff_t at, real *
     for (int i = 0; i < NG; ++i) {
         const real *tau = g->tau + i * g->apart + at;
         const ptrdiff_t before = i * g->apart + at - 1;
-        const real from = at > 0 ? g->tau[before] : 0.0, slope = at > 0 ? g->stiffness[before] : 1.0;
+        const real from = at > 0 ? g->tau[before] : 0.0,
+                   slope = at > 0 ? g->stiffness[before] : 1.0;
         EACH (l) {
             const lanes now = load_v(tau + l);
             lanes guess = splat_v(0.0);
@@ -70,13 +75,15 @@ static inline int static_deflections_at(const gear_rows *g, ptrdiff_t at, real *
     }
     for (int step = 0; step < QUICK_STEPS; ++step) {
         lanes missed = splat_v(0.0);
-        if (evaluate_gear_law_batch(POINTS, &x[0][0], &value[0][0], &stiffness[0][0], space) != ELBOW_OK) {
+        if (evaluate_gear_law_batch(POINTS, &x[0][0], &value[0][0], &stiffness[0][0], space) !=
+            ELBOW_OK) {
             break;
         }
         for (int i = 0; i < NG; ++i) {
             EACH (l) {
                 if (!gear_is_rigid[i]) {
-                    const lanes change = (load_v(&value[i][l]) - load_v(&torque[i][l])) / load_v(&stiffness[i][l]);
+                    const lanes change = (load_v(&value[i][l]) - load_v(&torque[i][l])) /
+                                         load_v(&stiffness[i][l]);
                     const lanes next = load_v(&x[i][l]) - change;
                     store_v(&x[i][l], next);
                     missed += 0.0 * next; /* NaN where it is not finite */
@@ -94,7 +101,8 @@ static inline int static_deflections_at(const gear_rows *g, ptrdiff_t at, real *
             return 1;
         }
     }
-    for (ptrdiff_t k = at; k < at + POINTS; ++k) { /* one by one, within a bracket where that is needed */
+    /* one by one, within a bracket where that is needed */
+    for (ptrdiff_t k = at; k < at + POINTS; ++k) {
         real wanted[NG], found[NG], slope[NG];
         for (int i = 0; i < NG; ++i) {
             wanted[i] = g->tau[i * g->apart + k];
@@ -112,10 +120,12 @@ static inline int static_deflections_at(const gear_rows *g, ptrdiff_t at, real *
 }
 
 /*
- * Deflections of a gear with a linear spring whose lag is integrated. The step of `linear_steps`, its torque a quintic
- * through derivatives by differences, is p(k + 1) = p(k) + sum_j taps[j] tau(k - MARGIN + j) - gain p(k).
+ * Deflections of a gear with a linear spring whose lag is integrated. The step of `linear_steps`,
+ * its torque a quintic through derivatives by differences, is p(k + 1) = p(k) + sum_j taps[j]
+ * tau(k - MARGIN + j) - gain p(k).
  */
-static inline void integrate_linear(const gear_rows *g, int gear, const real *step, ptrdiff_t count)
+static inline void integrate_linear(
+    const gear_rows *g, int gear, const real *step, ptrdiff_t count)
 {
     const ptrdiff_t row = gear * g->apart;
     const real gain = (step[1] + step[2] + step[3]) * g->stiffness[row];
@@ -167,7 +177,8 @@ static inline int lagged_rows(const gear_rows *g, gears *state, ptrdiff_t count,
                 const real *x = g->deflection + row + at;
                 lanes now = load_v(x);
                 if (!gear_is_rigid[i]) {
-                    now -= damping_of(i, space) / load_v(g->stiffness + row + at) * derivative_v(x, state->period);
+                    now -= damping_of(i, space) / load_v(g->stiffness + row + at) *
+                           derivative_v(x, state->period);
                 }
                 store_v(g->lagged + row + at, now);
             }
@@ -186,35 +197,42 @@ static inline int lagged_rows(const gear_rows *g, gears *state, ptrdiff_t count,
     return 1;
 }
 
-/* Motors at POINTS samples: motion of the joints in; that of the motors and their torques out, and whether all is
-   finite. */
+/*
+ * Motors at POINTS samples: motion of the joints in; that of the motors and their torques out, and
+ * whether all is finite.
+ */
 typedef struct {
     points q[NG], v[NG], a[NG];
     points q_m[NM], v_m[NM], a_m[NM], tau_m[NM];
 } motor_points;
 
 /* Add the motion of the deflections of samples `at` and following ones to that of the joints. */
-static inline int add_deflections(const gear_rows *g, const gears *state, ptrdiff_t at, motor_points *p, real *space)
+static inline int add_deflections(
+    const gear_rows *g, const gears *state, ptrdiff_t at, motor_points *p, real *space)
 {
     points x[NG], value[NG], stiffness[NG];
     for (int i = 0; i < NG && state->slow; ++i) {
         copy(g->lagged + i * g->apart + at, POINTS, x[i]);
     }
-    if (state->slow && evaluate_gear_law_batch(POINTS, &x[0][0], &value[0][0], &stiffness[0][0], space) != ELBOW_OK) {
+    if (state->slow && evaluate_gear_law_batch(
+                           POINTS, &x[0][0], &value[0][0], &stiffness[0][0], space) != ELBOW_OK) {
         return 0;
     }
     for (int i = 0; i < NG; ++i) {
         EACH (l) {
-            const real *deflection = g->lagged + i * g->apart + at + l, *tau = g->tau + i * g->apart + at + l;
+            const real *deflection = g->lagged + i * g->apart + at + l,
+                       *tau = g->tau + i * g->apart + at + l;
             lanes once, twice;
             if (state->quick[i]) {
                 once = derivative_v(deflection, state->period);
                 twice = second_derivative_v(deflection, state->period);
             } else {
                 const lanes now = load_v(tau), left = now - load_v(&value[i][l]);
-                const lanes moves = lt_v(PRECISE(0.0, 2e-7) * fabs_v(now), fabs_v(left)); /* not rounding */
+                /* not rounding */
+                const lanes moves = lt_v(PRECISE(0.0, 2e-7) * fabs_v(now), fabs_v(left));
                 once = select_v(moves, left, splat_v(0.0)) / damping_of(i, space);
-                twice = (derivative_v(tau, state->period) - load_v(&stiffness[i][l]) * once) / damping_of(i, space);
+                twice = (derivative_v(tau, state->period) - load_v(&stiffness[i][l]) * once) /
+                        damping_of(i, space);
             }
             store_v(&p->q[i][l], load_v(&p->q[i][l]) + load_v(deflection));
             store_v(&p->v[i][l], load_v(&p->v[i][l]) + once);
@@ -265,9 +283,9 @@ enum { MAX_SAMPLES = 1000000 };
 
 static inline int path_sizes_fit(int n, const elbow_inversion_options *o)
 {
-    return n >= 2 && o->n_pre >= 0 && o->n_post >= 0 && o->samples_per_interval >= 1 && n <= MAX_SAMPLES &&
-           o->n_pre <= MAX_SAMPLES && o->n_post <= MAX_SAMPLES && o->samples_per_interval <= MAX_SAMPLES &&
-           o->growth >= 0 && o->growth <= ELBOW_GROWS;
+    return n >= 2 && o->n_pre >= 0 && o->n_post >= 0 && o->samples_per_interval >= 1 &&
+           n <= MAX_SAMPLES && o->n_pre <= MAX_SAMPLES && o->n_post <= MAX_SAMPLES &&
+           o->samples_per_interval <= MAX_SAMPLES && o->growth >= 0 && o->growth <= ELBOW_GROWS;
 }
 
 /* Whether so many numbers can be addressed: on small processors not all sizes can. */
@@ -280,13 +298,15 @@ static inline int is_addressable(int64_t numbers)
 static const real rest_rate_max = 1e-6;
 
 /*
- * Whether a path, the run-time parameters and the guess of the start are finite, all rotations are rotations and close
- * to each other, and the output is at rest at both ends.
+ * Whether a path, the run-time parameters and the guess of the start are finite, all rotations are
+ * rotations and close to each other, and the output is at rest at both ends.
  */
-static inline elbow_status check_path(const elbow_samples *p, const real *parameters, const real *q_start)
+static inline elbow_status check_path(
+    const elbow_samples *p, const real *parameters, const real *q_start)
 {
     for (int k = 0; k < p->n; ++k) {
-        if (!is_finite(p->y + k * (ptrdiff_t)NT, NT) || !is_finite(p->dy + k * (ptrdiff_t)NY, NY) ||
+        if (!is_finite(p->y + k * (ptrdiff_t)NT, NT) ||
+            !is_finite(p->dy + k * (ptrdiff_t)NY, NY) ||
             !is_finite(p->ddy + k * (ptrdiff_t)NY, NY)) {
             return ELBOW_INPUT_NOT_FINITE;
         }
@@ -310,8 +330,8 @@ static inline elbow_status check_path(const elbow_samples *p, const real *parame
 /* Where the arrays of both solvers are in the workspace, in reals from its start. */
 typedef struct {
     int64_t samples, intervals, varying; /* varying: as in mesh */
-    int64_t tau, deflection, stiffness, lagged, q_a, v_a, a_a, v_m, y, a, a_node, q_g, reference, factor, scale,
-        weights, joint_weights, space;
+    int64_t tau, deflection, stiffness, lagged, q_a, v_a, a_a, v_m, y, a, a_node, q_g, reference,
+        factor, scale, weights, joint_weights, space;
     int64_t end; /* where the arrays of one solver begin */
 } whole_layout;
 
@@ -328,13 +348,15 @@ static inline real shortest_motion_after(real *space)
     (at) += padded(size)
 
 /* interval_factor: numbers of a factor; steady: the intervals after the path may share one. */
-static inline whole_layout lay_out(int n, const elbow_inversion_options *o, int64_t interval_factor, int steady)
+static inline whole_layout lay_out(
+    int n, const elbow_inversion_options *o, int64_t interval_factor, int steady)
 {
     whole_layout l;
     int64_t at = 0;
     l.samples = (int64_t)o->n_pre + n + o->n_post;
     l.intervals = (l.samples - 1 + BEYOND + o->samples_per_interval - 1) / o->samples_per_interval;
-    l.varying = steady ? ((int64_t)o->n_pre + n - 1 + o->samples_per_interval - 1) / o->samples_per_interval :
+    l.varying = steady ? ((int64_t)o->n_pre + n - 1 + o->samples_per_interval - 1) /
+                             o->samples_per_interval :
                          l.intervals;
     l.varying = l.varying < l.intervals ? l.varying : l.intervals;
     TAKE(at, l.tau, row_length(l.samples) * NG);
@@ -346,7 +368,8 @@ static inline whole_layout lay_out(int n, const elbow_inversion_options *o, int6
     TAKE(at, l.a_a, l.samples * NA);
     TAKE(at, l.v_m, l.samples * NM);
     (void)interval_factor;
-    l.y = l.a = l.a_node = l.q_g = l.reference = l.factor = l.scale = l.weights = l.joint_weights = 0;
+    l.y = l.a = l.a_node = l.q_g = l.reference = l.factor = l.scale = l.weights = l.joint_weights =
+        0;
     TAKE(at, l.space, function_work());
     l.end = at;
     return l;
@@ -359,30 +382,38 @@ typedef struct {
     int iterations, intervals, n_post;
 } whole_report;
 
-/* Check the arguments of a solver that needs `wanted` reals of workspace, and set the report to NaN. */
-static inline elbow_status check_arguments(const elbow_samples *p, const real *parameters, const real *q_start,
-    const elbow_inversion_options *o, const elbow_motion *motion, whole_report *report, const real *work,
-    int64_t work_size, int64_t wanted)
+/*
+ * Check the arguments of a solver that needs `wanted` reals of workspace, and set the report to
+ * NaN.
+ */
+static inline elbow_status check_arguments(const elbow_samples *p, const real *parameters,
+    const real *q_start, const elbow_inversion_options *o, const elbow_motion *motion,
+    whole_report *report, const real *work, int64_t work_size, int64_t wanted)
 {
-    if (p == NULL || parameters == NULL || q_start == NULL || o == NULL || motion == NULL || work == NULL ||
-        p->y == NULL || p->dy == NULL || p->ddy == NULL) {
+    if (p == NULL || parameters == NULL || q_start == NULL || o == NULL || motion == NULL ||
+        work == NULL || p->y == NULL || p->dy == NULL || p->ddy == NULL) {
         return ELBOW_NULL_ARGUMENT;
     }
-    if (wanted < 0 || !(p->period > 0.0 && p->period < 1e6) || !(o->tolerance > 0.0 && o->tolerance < 1.0) ||
-        !hold_fits((int)o->hold, o->delay) || !(o->settled >= 0.0 && o->settled < 1.0)) {
+    if (wanted < 0 || !(p->period > 0.0 && p->period < 1e6) ||
+        !(o->tolerance > 0.0 && o->tolerance < 1.0) || !hold_fits((int)o->hold, o->delay) ||
+        !(o->settled >= 0.0 && o->settled < 1.0)) {
         return ELBOW_BAD_ARGUMENT;
     }
     if (work_size < wanted) {
         return ELBOW_WORK_TOO_SMALL;
     }
     report->is_set = 1;
-    report->residual = report->residual_at_samples = report->kinematic_mismatch = report->torque_error = (real)NAN;
+    report->residual = report->residual_at_samples = report->kinematic_mismatch =
+        report->torque_error = (real)NAN;
     report->iterations = report->intervals = 0;
     report->n_post = o->n_post;
     return check_path(p, parameters, q_start);
 }
 
-/* largest residual at the samples of a status OK, in tolerances; the same where the error of a torque is larger */
+/*
+ * largest residual at the samples of a status OK, in tolerances; the same where the error of a
+ * torque is larger
+ */
 static const real sampled_tolerances = PRECISE(1e2, 1.0), torque_error_max = 5e-3;
 static const real exact_tolerances = PRECISE(0.0, 1.0);
 
@@ -408,11 +439,11 @@ ELBOW_INLINE void store_samples(points *x, const int n, ptrdiff_t count, real *t
 }
 
 /*
- * Motion and gear torques of the arm, from the equilibrium q, the torques also beyond the last sample; worst: the
- * largest residual at the samples, relative to `scale`.
+ * Motion and gear torques of the arm, from the equilibrium q, the torques also beyond the last
+ * sample; worst: the largest residual at the samples, relative to `scale`.
  */
-static inline int arm_at_samples(
-    const results *r, const real *q, const real *scale, problem_points *arm, real *space, real *worst)
+static inline int arm_at_samples(const results *r, const real *q, const real *scale,
+    problem_points *arm, real *space, real *worst)
 {
     const ptrdiff_t all = r->samples + BEYOND;
     joint_motion last;
@@ -449,7 +480,8 @@ static inline int arm_at_samples(
             side = arm->side[k];
         }
         {
-            const ptrdiff_t left = r->samples > at ? r->samples - at : 0, inside = left < used ? left : used;
+            const ptrdiff_t left = r->samples > at ? r->samples - at : 0,
+                            inside = left < used ? left : used;
             if (inside == 0) {
                 continue;
             }
@@ -461,22 +493,27 @@ static inline int arm_at_samples(
             }
         }
         if (used > 1) {
-            keep_joints(arm, used - 1, (real)(at + used - 1) * r->p->period, (real)(used - 1) * r->p->period, &last);
+            keep_joints(arm, used - 1, (real)(at + used - 1) * r->p->period,
+                (real)(used - 1) * r->p->period, &last);
         }
     }
     return ELBOW_OK;
 }
 
-/* Of each column of samples: its largest size and its largest difference to finite differences of another array. */
+/*
+ * Of each column of samples: its largest size and its largest difference to finite differences of
+ * another array.
+ */
 typedef struct {
     real most[NA], off[NA]; /* off: times 60 periods */
 } column_maxima;
 
 /* The same of the columns of x, whose integrals are those of y; `columns`: a constant. */
-ELBOW_INLINE void add_column_maxima(
-    const real *y, const real *x, const int columns, ptrdiff_t samples, real sixty, column_maxima *out)
+ELBOW_INLINE void add_column_maxima(const real *y, const real *x, const int columns,
+    ptrdiff_t samples, real sixty, column_maxima *out)
 {
-    const ptrdiff_t first = MARGIN * (ptrdiff_t)columns, last = (samples - MARGIN) * columns, all = samples * columns;
+    const ptrdiff_t first = MARGIN * (ptrdiff_t)columns, last = (samples - MARGIN) * columns,
+                    all = samples * columns;
     lanes most[NA], off[NA]; /* lane l of vector i: column (i LANES + l) modulo `columns` */
     ptrdiff_t at = first;
     for (int i = 0; i < columns; ++i) {
@@ -497,7 +534,8 @@ ELBOW_INLINE void add_column_maxima(
     for (; at < last; ++at) {
         const int i = (int)(at % columns);
         out->most[i] = fmax_1(out->most[i], fabs_1(x[at]));
-        out->off[i] = fmax_1(out->off[i], fabs_1(sixty_differences(y + at, columns) - sixty * x[at]));
+        out->off[i] = fmax_1(
+            out->off[i], fabs_1(sixty_differences(y + at, columns) - sixty * x[at]));
     }
     for (at = 0; at < all; ++at) { /* the samples at the ends */
         at = at == first && last > first ? last : at;
@@ -508,15 +546,17 @@ ELBOW_INLINE void add_column_maxima(
 }
 
 /*
- * Kinematic mismatch: the largest difference between finite differences of positions and velocities and the velocities
- * and accelerations, relative to the largest of these. It is large where they are too far apart or too close, where the
- * path jumps, and where a singular pose throws the arm back. A model without unactuated coordinates is at rest before
- * and after the samples and is checked at all of them.
+ * Kinematic mismatch: the largest difference between finite differences of positions and
+ * velocities and the velocities and accelerations, relative to the largest of these. It is large
+ * where they are too far apart or too close, where the path jumps, and where a singular pose
+ * throws the arm back. A model without unactuated coordinates is at rest before and after the
+ * samples and is checked at all of them.
  */
 static inline real kinematic_mismatch(const results *r, real *of_torques)
 {
     const real sixty = 60.0 * r->p->period;
-    real most[4] = {1e-6, 1e-6, 1e-9, 1e-6}, off[4] = {0.0, 0.0, 0.0, 0.0}, worst = 0.0; /* least that is measured */
+    /* least that is measured */
+    real most[4] = {1e-6, 1e-6, 1e-9, 1e-6}, off[4] = {0.0, 0.0, 0.0, 0.0}, worst = 0.0;
     column_maxima of_v = {{0.0}, {0.0}}, of_q = {{0.0}, {0.0}}, of_motors = {{0.0}, {0.0}};
     add_column_maxima(r->v_a, r->a_a, NA, r->samples, sixty, &of_v);
     add_column_maxima(r->q_a, r->v_a, NA, r->samples, sixty, &of_q);
@@ -542,11 +582,13 @@ static inline real kinematic_mismatch(const results *r, real *of_torques)
                 q[j] = r->q_a[held * NA + i];
                 v[j] = held == at ? r->v_a[at * NA + i] : 0.0;
             }
-            off[0] = fmax_1(off[0], fabs_1(sixty_differences(v + MARGIN, 1) - sixty * r->a_a[k * NA + i]));
+            off[0] = fmax_1(
+                off[0], fabs_1(sixty_differences(v + MARGIN, 1) - sixty * r->a_a[k * NA + i]));
             off[2] = fmax_1(off[2], fabs_1(sixty_differences(q + MARGIN, 1) - sixty * v[MARGIN]));
         }
     }
-    for (int i = 0; i < 4; ++i) { /* accelerations of arm and motors, speeds of the arm, torques of the rotors */
+    /* accelerations of arm and motors, speeds of the arm, torques of the rotors */
+    for (int i = 0; i < 4; ++i) {
         worst = fmax_1(worst, off[i] / (sixty * most[i]));
     }
     return worst;
@@ -571,7 +613,8 @@ static inline int motors_at_samples(const results *r, real *space)
     for (int i = 0; i < NG; ++i) {
         first[i] = g->deflection[i * g->apart];
     }
-    if (!begin_gears(&state, r->p->period, first, space) || !lagged_rows(g, &state, lagged, space)) {
+    if (!begin_gears(&state, r->p->period, first, space) ||
+        !lagged_rows(g, &state, lagged, space)) {
         return ELBOW_RESULT_NOT_FINITE;
     }
     hold_ends(g, g->lagged, lagged);
@@ -604,10 +647,11 @@ static inline int motors_at_samples(const results *r, real *space)
 }
 
 /* The equilibrium q at the samples from `first` on. */
-static inline int rest_at_samples(
-    const results *r, ptrdiff_t first, ptrdiff_t all, const real *q, problem_points *arm, real *space)
+static inline int rest_at_samples(const results *r, ptrdiff_t first, ptrdiff_t all, const real *q,
+    problem_points *arm, real *space)
 {
-    real joints[NG], tau_g[NG], deflection[NG] = {0.0}, stiffness[NG], still[NG] = {0.0}, q_m[NM], v_m[NM], tau_m[NM];
+    real joints[NG], tau_g[NG], deflection[NG] = {0.0}, stiffness[NG], still[NG] = {0.0}, q_m[NM],
+                                v_m[NM], tau_m[NM];
     int status;
     for (int i = 0; i < NA; ++i) {
         for (int l = 0; l < POINTS; ++l) {
@@ -651,13 +695,14 @@ static inline int rest_at_samples(
 }
 
 /*
- * Motion at the samples from that of the mesh (or from the path alone), checked: the last part of both solvers. The
- * motion is at the first `samples`; from the last of them on it rests at q_end (null: where the path ends), where there
- * are more.
+ * Motion at the samples from that of the mesh (or from the path alone), checked: the last part of
+ * both solvers. The motion is at the first `samples`; from the last of them on it rests at q_end
+ * (null: where the path ends), where there are more.
  */
-static inline elbow_status finish(const elbow_samples *p, const elbow_inversion_options *o, const whole_layout *l,
-    const real *q,
-    const real *q_end, ptrdiff_t samples, problem_points *arm, elbow_motion *motion, whole_report *report, real *work)
+static inline elbow_status finish(const elbow_samples *p, const elbow_inversion_options *o,
+    const whole_layout *l, const real *q,
+    const real *q_end, ptrdiff_t samples, problem_points *arm, elbow_motion *motion,
+    whole_report *report, real *work)
 {
     results r;
     real most[NM] = {0.0};
@@ -679,7 +724,8 @@ static inline elbow_status finish(const elbow_samples *p, const elbow_inversion_
     r.gear.lagged = work + l->lagged + BEFORE;
     r.a_m = work + l->deflection;
     r.most = most;
-    status = arm_at_samples(&r, q, work + l->scale, arm, work + l->space, &report->residual_at_samples);
+    status = arm_at_samples(
+        &r, q, work + l->scale, arm, work + l->space, &report->residual_at_samples);
     if (status == ELBOW_OK) {
         status = motors_at_samples(&r, work + l->space);
     }
@@ -690,7 +736,8 @@ static inline elbow_status finish(const elbow_samples *p, const elbow_inversion_
     if (r.samples < (ptrdiff_t)l->samples) {
         real end[NA];
         copy(q_end != NULL ? q_end : r.q_a + (r.samples - 1) * NA, NA, end);
-        status = rest_at_samples(&r, r.samples - 1, (ptrdiff_t)l->samples, end, arm, work + l->space);
+        status = rest_at_samples(
+            &r, r.samples - 1, (ptrdiff_t)l->samples, end, arm, work + l->space);
         if (status != ELBOW_OK) {
             return (elbow_status)status;
         }

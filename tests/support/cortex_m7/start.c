@@ -1,4 +1,7 @@
-/* An emulated Cortex-M7 (the board mps2-an500): switch the floating-point unit on, then newlib's own start. */
+/*
+ * An emulated Cortex-M7 (the board mps2-an500): switch the floating-point unit on, then newlib's
+ * own start.
+ */
 extern void _start(void);
 void reset(void);
 void reset(void)
@@ -8,4 +11,5 @@ void reset(void)
     _start();
 }
 extern char __stack[];
-__attribute__((section(".vectors"), used)) const void *const vectors[2] = {__stack, (const void *)reset};
+__attribute__((section(".vectors"), used))
+const void *const vectors[2] = {__stack, (const void *)reset};

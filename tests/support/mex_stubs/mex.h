@@ -51,7 +51,8 @@ static inline mxArray *mxCreateDoubleMatrix(mwSize rows, mwSize columns, mxCompl
     return made;
 }
 
-static inline mxArray *mxCreateNumericArray(mwSize n, const mwSize *size, mxClassID type, mxComplexity kind)
+static inline mxArray *mxCreateNumericArray(
+    mwSize n, const mwSize *size, mxClassID type, mxComplexity kind)
 {
     (void)type;
     return mxCreateDoubleMatrix(size[0], n > 2 ? size[1] * size[2] : size[1], kind);
@@ -76,7 +77,8 @@ static inline mxArray *mxCreateLogicalScalar(bool x)
     return mxCreateDoubleScalar(x ? 1.0 : 0.0);
 }
 
-static inline mxArray *mxCreateStructMatrix(mwSize rows, mwSize columns, int n, const char **fields)
+static inline mxArray *mxCreateStructMatrix(
+    mwSize rows, mwSize columns, int n, const char **fields)
 {
     (void)fields;
     return mxCreateDoubleMatrix(rows * columns, (mwSize)n, mxREAL);

@@ -1,18 +1,24 @@
 /*
- * The controller of examples/motion_control under faults, in the loop with its plant, whose brakes act 50 ms after the
- * flag of the controller.
+ * The controller of examples/motion_control under faults, in the loop with its plant, whose brakes
+ * act 50 ms after the flag of the controller.
  *
- *   faults                  each fault at PHASES phases of the path, a row for each: name, phase, status, cycles from
- *                           the first one that shows the fault to the status (-1000: no status), 1 if all torques were
- *                           finite, largest torque over its limit, largest speed of a motor over the largest one of
- *                           this motor in the run without a fault, largest torque and speed at the end, brakes
+ *   faults                  each fault at PHASES phases of the path, a row for each: name, phase,
+ *                           status, cycles from
+ *                           the first one that shows the fault to the status (-1000: no status), 1
+ *                             if all torques were
+ *                           finite, largest torque over its limit, largest speed of a motor over
+ *                             the largest one of
+ *                           this motor in the run without a fault, largest torque and speed at the
+ *                             end, brakes
  *   faults NAME [PHASE]     only this one
- *   faults "no fault"       robots that are not as the model: name, status, and relative to their limits the largest
+ *   faults "no fault"       robots that are not as the model: name, status, and relative to their
+ *     limits the largest
  *                           following errors of angle and speed, sudden torque, residual and speed
  *
- * A fault of an encoder, a drive or the arm shows where a measured angle differs from that of the run without a fault
- * by more than the following error, its speed by more than that of the speed, or where the angle moves faster or with
- * more acceleration than a motor can; all others show at once.
+ * A fault of an encoder, a drive or the arm shows where a measured angle differs from that of the
+ * run without a fault by more than the following error, its speed by more than that of the speed,
+ * or where the angle moves faster or with more acceleration than a motor can; all others show at
+ * once.
  */
 #include "motion_control/controller.h"
 #include "motion_control/plant.h"
@@ -80,7 +86,8 @@ static int start(const motor_limits *limits)
 /* The whole path without a fault; saves the loop at the phases. */
 static int run_path(const variation *v, int saves)
 {
-    double duration, q_start[NA], last[3] = {0.0}, R[9], speed[3] = {0.0}, load[3] = {0.0}, work[WORK];
+    double duration, q_start[NA], last[3] = {0.0}, R[9], speed[3] = {0.0}, load[3] = {0.0},
+                                  work[WORK];
     int64_t begin = (INTERVALS - 1) * PARTS;
     (void)CALL(path_start)(path_table, path_size, &duration, q_start);
     cycles = begin + (int64_t)(duration / CYCLE) + AFTER;
@@ -98,9 +105,11 @@ static int run_path(const variation *v, int saves)
         }
         measure(&robot, q_m);
         (void)CALL(forward_kinematics_batch)(1, robot.x, p, R, work);
-        for (int i = 0; i < 3; ++i) { /* a load at the tool: its weight and its inertia, of the last cycles */
+        /* a load at the tool: its weight and its inertia, of the last cycles */
+        for (int i = 0; i < 3; ++i) {
             const double next = k > 0 ? (p[i] - last[i]) / CYCLE : 0.0;
-            const double gravity = i == 1 ? 9.81 : 0.0, acceleration = k > 1 ? (next - speed[i]) / CYCLE : 0.0;
+            const double gravity = i == 1 ? 9.81 : 0.0,
+                         acceleration = k > 1 ? (next - speed[i]) / CYCLE : 0.0;
             load[i] += 0.1 * (-v->mass * (acceleration + gravity) - load[i]);
             robot.f_tool[i] = load[i] + (i == 0 && k >= cycles / 2 ? v->push : 0.0);
             last[i] = p[i];
@@ -199,7 +208,8 @@ static void spoil_torque(const char *f, double *u)
 static void spoil_cycle(const char *f, int phase)
 {
     const int missed = is(f, "missed 1") ? 1 : is(f, "missed 5") ? 5 : is(f, "missed 50") ? 50 : 0;
-    for (int i = 0; i < missed + is(f, "late cycle"); ++i) { /* the plant continues, the controller does not */
+    /* the plant continues, the controller does not */
+    for (int i = 0; i < missed + is(f, "late cycle"); ++i) {
         move(&no_variation, now.acting);
         now.k += i < missed;
     }
@@ -238,7 +248,8 @@ static int shows(double last[3][NM], int64_t cycle)
     for (int j = 0; j < NM; ++j) {
         const double *a = nominal[cycle], *b = nominal[cycle - 1];
         const double away = last[0][j] - a[j], before = last[1][j] - b[j];
-        shown = shown || !(fabs(away) <= c.away_max[j]) || !(fabs(away - before) <= c.slip_max[j] * CYCLE) ||
+        shown = shown || !(fabs(away) <= c.away_max[j]) ||
+                !(fabs(away - before) <= c.slip_max[j] * CYCLE) ||
                 !(fabs(last[0][j] - 2.0 * last[1][j] + last[2][j]) <= c.bend_max[j]) ||
                 !(fabs(last[0][j] - last[1][j]) <= c.speed_max[j] * CYCLE);
     }
@@ -252,7 +263,9 @@ static void run_refused(const char *f)
     const motor_limits limits = {torque, NULL, NULL, NULL, NULL, NULL};
     int status, finite = 1;
     for (int j = 0; j < NM; ++j) {
-        torque[j] = is(f, "limits nan") ? (double)NAN : is(f, "limits negative") ? -largest[j] : 0.0;
+        torque[j] = is(f, "limits nan")      ? (double)NAN :
+                    is(f, "limits negative") ? -largest[j] :
+                                               0.0;
     }
     status = start(&limits);
     memset(q_m, 0, sizeof q_m);
@@ -293,8 +306,9 @@ static int64_t wrong_number(const char *f, int64_t k)
 static void run_fault(const char *f, int phase)
 {
     const int limited = is(f, "limits 0.6");
-    const int at_once = is(f, "twice") || strncmp(f, "k ", 2) == 0 || strncmp(f, "missed", 6) == 0 ||
-                        strncmp(f, "planner", 7) == 0 || strncmp(f, "clock", 5) == 0;
+    const int at_once = is(f, "twice") || strncmp(f, "k ", 2) == 0 ||
+                        strncmp(f, "missed", 6) == 0 || strncmp(f, "planner", 7) == 0 ||
+                        strncmp(f, "clock", 5) == 0;
     double share = 0.0, speed = 0.0, end_u = 0.0, end_v = 0.0, last[3][NM];
     int64_t first = at_once ? 0 : -1, seen = -1, at;
     int finite = 1, status = 0;
@@ -342,30 +356,35 @@ static void run_fault(const char *f, int phase)
         }
     }
     printf("%s,%d,%d,%ld,%d,%.4f,%.4f,%.4g,%.4g,%d\n", f, phase, status,
-        seen < 0 ? -1000L : (long)(first < 0 ? 0 : seen - first), finite, share, speed, end_u, end_v, c.brakes);
+        seen < 0 ? -1000L : (long)(first < 0 ? 0 : seen - first), finite, share, speed, end_u,
+        end_v, c.brakes);
 }
 
 int main(int argc, char **argv)
 {
-    static const char *const names[] = {"nan", "nan ever", "all nan", "stuck", "all stuck", "turn", "turn ever",
-        "4 rad", "4 rad ever", "drift", "1 mrad", "0.01 rad", "sign flip", "sign from start", "double", "bits",
-        "swapped", "missed 1", "missed 5", "missed 50", "late cycle", "twice", "k +1000", "k -1000", "k max", "k -1",
-        "late 2", "late 5", "late 20", "drive off", "wires swapped", "blocked", "push", "limits 0.6", "limits 0",
-        "limits nan", "limits negative", "planner refuses", "clock +0.5", "clock -0.5", "polarity", "drives off", "inf",
-        "huge", "planner feedforward", "planner not ready", "planner reference", "k min"};
+    static const char *const names[] = {"nan", "nan ever", "all nan", "stuck", "all stuck", "turn",
+        "turn ever", "4 rad", "4 rad ever", "drift", "1 mrad", "0.01 rad", "sign flip",
+        "sign from start", "double", "bits", "swapped", "missed 1", "missed 5", "missed 50",
+        "late cycle", "twice", "k +1000", "k -1000", "k max", "k -1", "late 2", "late 5",
+        "late 20", "drive off", "wires swapped", "blocked", "push", "limits 0.6", "limits 0",
+        "limits nan", "limits negative", "planner refuses", "clock +0.5", "clock -0.5", "polarity",
+        "drives off", "inf", "huge", "planner feedforward", "planner not ready",
+        "planner reference", "k min"};
     static const variation variations[] = {{"as the model", 1.0, 0.0, 0.0, 0.0, 0.0},
         {"torque 0.95", 0.95, 0.0, 0.0, 0.0, 0.0}, {"torque 1.05", 1.05, 0.0, 0.0, 0.0, 0.0},
-        {"friction", 1.0, 0.03, 0.0, 0.0, 0.0}, {"noise", 1.0, 0.0, 5e-5, 0.0, 0.0}, {"3 kg", 1.0, 0.0, 0.0, 3.0, 0.0},
-        {"push 100 N", 1.0, 0.0, 0.0, 0.0, 100.0}, {"all", 0.95, 0.03, 5e-5, 3.0, 100.0}};
+        {"friction", 1.0, 0.03, 0.0, 0.0, 0.0}, {"noise", 1.0, 0.0, 5e-5, 0.0, 0.0},
+        {"3 kg", 1.0, 0.0, 0.0, 3.0, 0.0}, {"push 100 N", 1.0, 0.0, 0.0, 0.0, 100.0},
+        {"all", 0.95, 0.03, 5e-5, 3.0, 100.0}};
     if (start(NULL) < SIZE(OK) || run_path(&no_variation, 1) < SIZE(OK)) {
-        fprintf(stderr, "the run without a fault has the status %d at motor %d, cycle %ld\n", c.status,
-            c.faulty_motor + 1, (long)now.k);
+        fprintf(stderr, "the run without a fault has the status %d at motor %d, cycle %ld\n",
+            c.status, c.faulty_motor + 1, (long)now.k);
         return 1;
     }
     if (argc > 1 && is(argv[1], "no fault")) {
         for (size_t i = 0; i < sizeof variations / sizeof variations[0]; ++i) {
             double away = 0.0, slip = 0.0, jolted = 0.0, residual = 0.0, speed = 0.0;
-            const int started = start(NULL), status = started < SIZE(OK) ? started : run_path(&variations[i], 0);
+            const int started = start(NULL),
+                      status = started < SIZE(OK) ? started : run_path(&variations[i], 0);
             for (int j = 0; j < NM; ++j) {
                 away = fmax(away, c.largest_away[j] / c.away_max[j]);
                 slip = fmax(slip, c.largest_slip[j] / c.slip_max[j]);
@@ -373,7 +392,8 @@ int main(int argc, char **argv)
                 residual = fmax(residual, c.largest_r[j] / c.threshold[j]);
                 speed = fmax(speed, c.largest_speed[j] / c.speed_max[j]);
             }
-            printf("%s,%d,%.4f,%.4f,%.4f,%.4f,%.4f\n", variations[i].name, status, away, slip, jolted, residual, speed);
+            printf("%s,%d,%.4f,%.4f,%.4f,%.4f,%.4f\n", variations[i].name, status, away, slip,
+                jolted, residual, speed);
         }
         return 0;
     }

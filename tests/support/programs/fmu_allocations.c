@@ -1,5 +1,8 @@
-/* Counts of calls of malloc, calloc and realloc: in the instantiation; in 300 steps; in a saved state. Linked with
- * --wrap. With FMI3 defined for FMI 3.0, with EXCHANGE defined for Model Exchange. */
+/*
+ * Counts of calls of malloc, calloc and realloc: in the instantiation; in 300 steps; in a saved
+ * state. Linked with --wrap. With FMI3 defined for FMI 3.0, with EXCHANGE defined for Model
+ * Exchange.
+ */
 #ifdef FMI3
 #include "fmi3Functions.h"
 #else
@@ -39,7 +42,8 @@ typedef fmi3Instance instance;
 typedef fmi3FMUState saved_state;
 #define OK fmi3OK
 
-static void logger(fmi3InstanceEnvironment environment, fmi3Status status, fmi3String category, fmi3String message)
+static void logger(fmi3InstanceEnvironment environment, fmi3Status status, fmi3String category,
+    fmi3String message)
 {
     (void)environment;
     (void)status;
@@ -50,10 +54,11 @@ static void logger(fmi3InstanceEnvironment environment, fmi3Status status, fmi3S
 static instance created(void)
 {
 #ifdef EXCHANGE
-    instance c = fmi3InstantiateModelExchange("counted", GUID, "", fmi3False, fmi3False, NULL, logger);
+    instance c = fmi3InstantiateModelExchange(
+        "counted", GUID, "", fmi3False, fmi3False, NULL, logger);
 #else
-    instance c = fmi3InstantiateCoSimulation(
-        "counted", GUID, "", fmi3False, fmi3False, fmi3False, fmi3False, NULL, 0, NULL, logger, NULL);
+    instance c = fmi3InstantiateCoSimulation("counted", GUID, "", fmi3False, fmi3False, fmi3False,
+        fmi3False, NULL, 0, NULL, logger, NULL);
 #endif
     return c;
 }
@@ -69,10 +74,13 @@ static int stepped_once(instance c, int k)
     const fmi3ValueReference input = 3000, output = 4000;
     double value, x[64], dx[64];
     size_t n = 0;
-    int good = fmi3GetFloat64(c, &input, 1, &value, 1) == OK && fmi3SetFloat64(c, &input, 1, &value, 1) == OK;
+    int good = fmi3GetFloat64(c, &input, 1, &value, 1) == OK &&
+               fmi3SetFloat64(c, &input, 1, &value, 1) == OK;
 #ifdef EXCHANGE
-    good = good && fmi3GetNumberOfContinuousStates(c, &n) == OK && n <= 64 && fmi3SetTime(c, 1e-3 * k) == OK;
-    good = good && fmi3GetContinuousStates(c, x, n) == OK && fmi3SetContinuousStates(c, x, n) == OK;
+    good = good && fmi3GetNumberOfContinuousStates(c, &n) == OK && n <= 64 &&
+           fmi3SetTime(c, 1e-3 * k) == OK;
+    good = good && fmi3GetContinuousStates(c, x, n) == OK &&
+           fmi3SetContinuousStates(c, x, n) == OK;
     good = good && fmi3GetContinuousStateDerivatives(c, dx, n) == OK;
 #else
     fmi3Boolean event, terminate, early;
@@ -80,7 +88,8 @@ static int stepped_once(instance c, int k)
     (void)n;
     (void)x;
     (void)dx;
-    good = good && fmi3DoStep(c, 1e-3 * k, 1e-3, fmi3True, &event, &terminate, &early, &last) <= fmi3Warning;
+    good = good && fmi3DoStep(c, 1e-3 * k, 1e-3, fmi3True, &event, &terminate, &early, &last) <=
+                       fmi3Warning;
 #endif
     return good && fmi3GetFloat64(c, &output, 1, &value, 1) == OK;
 }
@@ -94,8 +103,8 @@ typedef fmi2Component instance;
 typedef fmi2FMUstate saved_state;
 #define OK fmi2OK
 
-static void logger(fmi2ComponentEnvironment environment, fmi2String name, fmi2Status status, fmi2String category,
-    fmi2String message, ...)
+static void logger(fmi2ComponentEnvironment environment, fmi2String name, fmi2Status status,
+    fmi2String category, fmi2String message, ...)
 {
     (void)environment;
     (void)name;
@@ -118,8 +127,8 @@ static instance created(void)
 
 static int initialized(instance c)
 {
-    return fmi2SetupExperiment(c, fmi2False, 0.0, 0.0, fmi2False, 0.0) == OK && fmi2EnterInitializationMode(c) == OK &&
-           fmi2ExitInitializationMode(c) == OK;
+    return fmi2SetupExperiment(c, fmi2False, 0.0, 0.0, fmi2False, 0.0) == OK &&
+           fmi2EnterInitializationMode(c) == OK && fmi2ExitInitializationMode(c) == OK;
 }
 
 static int stepped_once(instance c, int k)
@@ -129,7 +138,8 @@ static int stepped_once(instance c, int k)
     int good = fmi2GetReal(c, &input, 1, &value) == OK && fmi2SetReal(c, &input, 1, &value) == OK;
 #ifdef EXCHANGE
     double x[CONTINUOUS_STATES], dx[CONTINUOUS_STATES];
-    good = good && fmi2SetTime(c, 1e-3 * k) == OK && fmi2GetContinuousStates(c, x, CONTINUOUS_STATES) == OK;
+    good = good && fmi2SetTime(c, 1e-3 * k) == OK &&
+           fmi2GetContinuousStates(c, x, CONTINUOUS_STATES) == OK;
     good = good && fmi2SetContinuousStates(c, x, CONTINUOUS_STATES) == OK &&
            fmi2GetDerivatives(c, dx, CONTINUOUS_STATES) == OK;
 #else

@@ -1,6 +1,7 @@
 /*
- * Loads an FMU's library, makes an instance, runs three steps, frees it, unloads the library: as often as the second
- * argument says. Prints by how many pages the resident memory has grown after the first tenth. -DFMI3: version 3.0.
+ * Loads an FMU's library, makes an instance, runs three steps, frees it, unloads the library: as
+ * often as the second argument says. Prints by how many pages the resident memory has grown after
+ * the first tenth. -DFMI3: version 3.0.
  */
 #define _POSIX_C_SOURCE 200809L
 #ifdef FMI3
@@ -54,7 +55,8 @@ static int run(void *library)
     fmi3Float64 last;
     fmi3Instance c = fmi3InstantiateCoSimulation(
         "cycle", GUID, "", fmi3False, fmi3False, fmi3False, fmi3False, NULL, 0, NULL, NULL, NULL);
-    int bad = c == NULL || fmi3EnterInitializationMode(c, fmi3False, 0.0, 0.0, fmi3False, 0.0) != fmi3OK ||
+    int bad = c == NULL ||
+              fmi3EnterInitializationMode(c, fmi3False, 0.0, 0.0, fmi3False, 0.0) != fmi3OK ||
               fmi3ExitInitializationMode(c) != fmi3OK;
     for (int k = 0; k < 3 && !bad; ++k) {
         bad = fmi3DoStep(c, 1e-3 * k, 1e-3, fmi3True, &event, &terminate, &early, &last) != fmi3OK;
@@ -72,7 +74,8 @@ static int run(void *library)
     FIND(fmi2DoStepTYPE, fmi2DoStep);
     FIND(fmi2FreeInstanceTYPE, fmi2FreeInstance);
     const fmi2CallbackFunctions callbacks = {NULL, calloc, free, NULL, NULL};
-    fmi2Component c = fmi2Instantiate("cycle", fmi2CoSimulation, GUID, "", &callbacks, fmi2False, fmi2False);
+    fmi2Component c = fmi2Instantiate(
+        "cycle", fmi2CoSimulation, GUID, "", &callbacks, fmi2False, fmi2False);
     int bad = c == NULL || fmi2SetupExperiment(c, fmi2False, 0.0, 0.0, fmi2False, 0.0) != fmi2OK ||
               fmi2EnterInitializationMode(c) != fmi2OK || fmi2ExitInitializationMode(c) != fmi2OK;
     for (int k = 0; k < 3 && !bad; ++k) {

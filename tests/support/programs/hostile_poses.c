@@ -1,4 +1,7 @@
-/* Inverse kinematics of panda with random, damaged and impossible arguments; prints how often each status came. */
+/*
+ * Inverse kinematics of panda with random, damaged and impossible arguments; prints how often each
+ * status came.
+ */
 #include "panda_inverse_kinematics.h"
 
 #include <math.h>
@@ -27,7 +30,8 @@ static double odd(double x)
 
 static double *numbers(int count)
 {
-    double *x = malloc((size_t)count * sizeof(double)); /* as small as it may be, for the sanitizer */
+    /* as small as it may be, for the sanitizer */
+    double *x = malloc((size_t)count * sizeof(double));
     if (x == NULL) {
         exit(9);
     }
@@ -55,7 +59,8 @@ static int one_call(long *seen)
 {
     const int64_t size = panda_inverse_kinematics_work();
     const int most = 1 + (int)(16.0 * uniform()), kind = (int)(6.0 * uniform());
-    double *work = numbers((int)size), *p = numbers(3), *R = numbers(9), *q = numbers(NA), *start = numbers(NA);
+    double *work = numbers((int)size), *p = numbers(3), *R = numbers(9), *q = numbers(NA),
+           *start = numbers(NA);
     double *found = numbers(most * NA);
     int joints[6] = {0, 1, 3, 4, 5, 6}, count = -1, status, good;
     for (int i = 0; i < NA; ++i) {
@@ -69,7 +74,8 @@ static int one_call(long *seen)
         R[i] = kind == 1 ? odd(R[i]) : R[i];
     }
     joints[5] = kind == 2 ? (int)(400.0 * uniform()) - 200 : joints[5];
-    status = panda_inverse_kinematics(p, R, start, joints, kind == 4 ? 1 : 200, most, found, &count, work, size);
+    status = panda_inverse_kinematics(
+        p, R, start, joints, kind == 4 ? 1 : 200, most, found, &count, work, size);
     seen[status + 20] += 1;
     good = good && (status == PANDA_OK ? count >= 1 && count <= 16 : count == 0);
     good = good && (status != PANDA_OK || right(found, count < most ? count : most, p, R));

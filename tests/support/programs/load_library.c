@@ -1,4 +1,7 @@
-/* Load the DLL of argument 1 and look up the symbols of the other arguments: prints "loaded" if all are there. */
+/*
+ * Load the DLL of argument 1 and look up the symbols of the other arguments: prints "loaded" if
+ * all are there.
+ */
 #include <stdio.h>
 #include <windows.h>
 

@@ -1,4 +1,7 @@
-/* Samples each table of a file, which holds its length and its numbers, from a heap block of the exact size. */
+/*
+ * Samples each table of a file, which holds its length and its numbers, from a heap block of the
+ * exact size.
+ */
 #include "@_inversion.h"
 
 #include <stdio.h>
@@ -26,7 +29,8 @@ int main(int count, char **words)
     while (fread(&length, sizeof length, 1, file) == 1) {
         const size_t size = (size_t)length;
         double *table = block(size), *work = block((size_t)@_path_work());
-        double *y = block(@_NT), *dy = block(@_NY), *ddy = block(@_NY), *q_start = block(@_NA), *duration = block(1);
+        double *y = block(@_NT), *dy = block(@_NY), *ddy = block(@_NY), *q_start = block(@_NA),
+               *duration = block(1);
         if (fread(table, sizeof *table, size, file) != size) {
             return 9;
         }

@@ -1,10 +1,12 @@
-// Drive the exported plugin and controller as ROS 2 does, and write down what they give, bit for bit. For the tests.
+// Drive the exported plugin and controller as ROS 2 does, and write down what they give, bit for
+// bit. For the tests.
 //
-//   drive plugin       reads q, v, a, wrench (3 n_a + 6 numbers) per point; writes tau, c, g, f, external, M
-//   drive controller   reads chained, queue, n, gains and torque_max (4 n_m), start tolerance, then per update the
-//                      positions (n_m), whether there is a sample, and the sample (with the part force whether there
-//                      is a wrench, and the wrench); writes the efforts, then the number
-//                      of allocations in all updates
+//   drive plugin       reads q, v, a, wrench (3 n_a + 6 numbers) per point; writes tau, c, g, f,
+//   external, M drive controller   reads chained, queue, n, gains and torque_max (4 n_m), start
+//   tolerance, then per update the
+//                      positions (n_m), whether there is a sample, and the sample (with the part
+//                      force whether there is a wrench, and the wrench); writes the efforts, then
+//                      the number of allocations in all updates
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -64,7 +66,8 @@ static int plugin()
 {
     pluginlib::ClassLoader<inverse_dynamics_interface::InverseDynamicsInterface> loader("", "");
     const auto arm = loader.createUniqueInstance("flexgen_model/InverseDynamics");
-    const Eigen::VectorXd zero = Eigen::VectorXd::Zero(MODEL_NA), short_one = Eigen::VectorXd::Zero(MODEL_NA + 1);
+    const Eigen::VectorXd zero = Eigen::VectorXd::Zero(MODEL_NA),
+                          short_one = Eigen::VectorXd::Zero(MODEL_NA + 1);
     bool refused = false;
     try {
         arm->getTorques(zero, zero, zero);
@@ -90,8 +93,10 @@ static int plugin()
     for (std::size_t k = 0; k + row <= x.size(); k += row) {
         const Eigen::VectorXd q = Eigen::Map<const Eigen::VectorXd>(&x[k], MODEL_NA);
         const Eigen::VectorXd v = Eigen::Map<const Eigen::VectorXd>(&x[k + MODEL_NA], MODEL_NA);
-        const Eigen::VectorXd a = Eigen::Map<const Eigen::VectorXd>(&x[k + 2 * MODEL_NA], MODEL_NA);
-        const Eigen::Matrix<double, 6, 1> wrench = Eigen::Map<const Eigen::Matrix<double, 6, 1>>(&x[k + row - 6]);
+        const Eigen::VectorXd a = Eigen::Map<const Eigen::VectorXd>(
+            &x[k + 2 * MODEL_NA], MODEL_NA);
+        const Eigen::Matrix<double, 6, 1> wrench = Eigen::Map<const Eigen::Matrix<double, 6, 1>>(
+            &x[k + row - 6]);
         write(arm->getTorques(q, v, a));
         write(arm->getTorques(q, v, a, wrench));
         const auto [M, c, g] = arm->getDynamicParameters(q, v);
@@ -168,16 +173,19 @@ static int controller()
     made->stub_set(static_cast<unsigned int>(
         0.5 + MODEL_STREAM_SAMPLES_PER_INTERVAL / MODEL_STREAM_PERIOD));
 #endif /* MODEL_POSITION */
-    if (stream->on_configure({}) != Result::SUCCESS || stream->get_node()->topics.at(0) != "~/reference") {
+    if (stream->on_configure({}) != Result::SUCCESS ||
+        stream->get_node()->topics.at(0) != "~/reference") {
         return 4;
     }
     auto references = made->export_reference_interfaces();
     if (references.size() != flexgen_model::StreamController::SAMPLE ||
         references.at(0).get_name() != "stream_controller/output/y_0" ||
 #if MODEL_FORCE
-        references.back().get_name() != "stream_controller/output/ddf_" + std::to_string(MODEL_NY - 1)) {
+        references.back().get_name() !=
+            "stream_controller/output/ddf_" + std::to_string(MODEL_NY - 1)) {
 #else /* MODEL_FORCE */
-        references.back().get_name() != "stream_controller/output/ddy_" + std::to_string(MODEL_NY - 1)) {
+        references.back().get_name() !=
+            "stream_controller/output/ddy_" + std::to_string(MODEL_NY - 1)) {
 #endif /* MODEL_FORCE */
         return 5;
     }
@@ -205,10 +213,12 @@ static int controller()
         return 10;
     }
     const auto at_zero = [&]() {
-        return std::all_of(efforts.begin(), efforts.end(), [](double effort) { return effort == 0.0; });
+        return std::all_of(
+            efforts.begin(), efforts.end(), [](double effort) { return effort == 0.0; });
     };
 #if MODEL_FORCE
-    if (stream->push_wrench({0.0, 0.0, 0.0, 1.0, 0.0, 0.0}) || stream->push_wrench({std::nan(""), 0, 0, 0, 0, 0}) ||
+    if (stream->push_wrench({0.0, 0.0, 0.0, 1.0, 0.0, 0.0}) ||
+        stream->push_wrench({std::nan(""), 0, 0, 0, 0, 0}) ||
         stream->get_node()->topics.at(1) != "~/wrench") {
         return 8;
     }

@@ -1,8 +1,10 @@
 /*
- * An S-function, called as Simulink calls it: sizes, memory, start, then outputs (twice) and update in every step.
+ * An S-function, called as Simulink calls it: sizes, memory, start, then outputs (twice) and
+ * update in every step.
  *
- * Compiled with -DSFUNCTION="..." to include. Reads the number of parameters, each with its length, and the number of
- * steps; then the inputs of every step. Writes the sample time, and the outputs of every step. Exit status 3: an error.
+ * Compiled with -DSFUNCTION="..." to include. Reads the number of parameters, each with its
+ * length, and the number of steps; then the inputs of every step. Writes the sample time, and the
+ * outputs of every step. Exit status 3: an error.
  */
 #include <stdio.h>
 #include SFUNCTION

@@ -1,4 +1,7 @@
-/* What an S-function calls: a SimStruct with fixed sizes, and functions instead of Simulink's macros. */
+/*
+ * What an S-function calls: a SimStruct with fixed sizes, and functions instead of Simulink's
+ * macros.
+ */
 #ifndef STUB_SIMSTRUC_H
 #define STUB_SIMSTRUC_H
 

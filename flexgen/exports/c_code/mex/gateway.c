@@ -1,7 +1,8 @@
 /*
  * The library as a function of MATLAB and GNU Octave: model_mex(what, ...). Written by flexgen.
  *
- * The functions of the package call it; their help says what they do. It checks all that it is given.
+ * The functions of the package call it; their help says what they do. It checks all that it is
+ * given.
  */
 #include "model.h"
 
@@ -53,11 +54,16 @@ static void check_status(const char *what, int status)
     }
 }
 
-/* The numbers of an array of doubles with so many rows; columns < 0: any number of them, else exactly so many. */
-static const double *numbers(const char *what, const char *name, const mxArray *x, int rows, int columns, int *found)
+/*
+ * The numbers of an array of doubles with so many rows; columns < 0: any number of them, else
+ * exactly so many.
+ */
+static const double *numbers(
+    const char *what, const char *name, const mxArray *x, int rows, int columns, int *found)
 {
     if (!mxIsDouble(x) || mxIsComplex(x) || mxIsSparse(x) || mxGetNumberOfDimensions(x) != 2) {
-        mexErrMsgIdAndTxt("flexgen:argument", "%s, %s: given %s, expected a real matrix of doubles", what, name,
+        mexErrMsgIdAndTxt("flexgen:argument",
+            "%s, %s: given %s, expected a real matrix of doubles", what, name,
             mxIsDouble(x) ? "a complex, sparse or higher-dimensional array" : mxGetClassName(x));
     }
     size_t m = mxGetM(x), n = mxGetN(x);
@@ -68,11 +74,11 @@ static const double *numbers(const char *what, const char *name, const mxArray *
     if (m != (size_t)rows || (columns >= 0 && n != (size_t)columns) ||
         n > 2147483647u / (size_t)(rows > 0 ? rows : 1)) {
         if (columns < 0) {
-            mexErrMsgIdAndTxt("flexgen:argument", "%s, %s: given %d x %d, expected %d rows", what, name, (int)mxGetM(x),
-                (int)mxGetN(x), rows);
+            mexErrMsgIdAndTxt("flexgen:argument", "%s, %s: given %d x %d, expected %d rows", what,
+                name, (int)mxGetM(x), (int)mxGetN(x), rows);
         }
-        mexErrMsgIdAndTxt("flexgen:argument", "%s, %s: given %d x %d, expected %d x %d", what, name, (int)mxGetM(x),
-            (int)mxGetN(x), rows, columns);
+        mexErrMsgIdAndTxt("flexgen:argument", "%s, %s: given %d x %d, expected %d x %d", what,
+            name, (int)mxGetM(x), (int)mxGetN(x), rows, columns);
     }
     if (found) {
         *found = (int)n;
@@ -83,7 +89,8 @@ static const double *numbers(const char *what, const char *name, const mxArray *
 static void count_arguments(const char *what, int given, int expected)
 {
     if (given != expected) {
-        mexErrMsgIdAndTxt("flexgen:argument", "%s: given %d arguments, expected %d", what, given, expected);
+        mexErrMsgIdAndTxt(
+            "flexgen:argument", "%s: given %d arguments, expected %d", what, given, expected);
     }
 }
 
@@ -97,8 +104,9 @@ static void point(const point_function *f, int n_out, mxArray **out, int n_in, c
     for (int i = 0; i < f->n_in; ++i) {
         x[i] = numbers(f->name, f->in[i], in[i], f->in_size[i], -1, &n_k);
         if (i > 0 && n_k != n) {
-            mexErrMsgIdAndTxt("flexgen:argument", "%s, %s: given %d columns, expected %d as before: one for each point",
-                f->name, f->in[i], n_k, n);
+            mexErrMsgIdAndTxt("flexgen:argument",
+                "%s, %s: given %d columns, expected %d as before: one for each point", f->name,
+                f->in[i], n_k, n);
         }
         n = n_k;
     }
@@ -118,7 +126,8 @@ static void point(const point_function *f, int n_out, mxArray **out, int n_in, c
             at[i] = x[i] + (size_t)k * (size_t)f->in_size[i];
         }
         for (int i = 0; i < f->n_out; ++i) {
-            to[i] = y[i] + (size_t)k * (size_t)f->rows[i] * (size_t)(f->columns[i] == 0 ? 1 : f->columns[i]);
+            to[i] = y[i] + (size_t)k * (size_t)f->rows[i] *
+                               (size_t)(f->columns[i] == 0 ? 1 : f->columns[i]);
         }
         check_status(f->name, f->call(at, to, work));
     }
@@ -129,7 +138,8 @@ static void point(const point_function *f, int n_out, mxArray **out, int n_in, c
 static int whole(const char *what, const char *name, double x)
 {
     if (!(x >= -2147483647.0 && x <= 2147483647.0) || x != (double)(int)x) {
-        mexErrMsgIdAndTxt("flexgen:argument", "%s, %s: given %g, expected a whole number", what, name, x);
+        mexErrMsgIdAndTxt(
+            "flexgen:argument", "%s, %s: given %g, expected a whole number", what, name, x);
     }
     return (int)x;
 }
@@ -141,7 +151,8 @@ static void set(mxArray *info, const char *name, double value)
 
 #ifdef MODEL_STREAM_INTERVALS_MAX
 
-static const int MOTION[7] = {MODEL_NA, MODEL_NA, MODEL_NA, MODEL_NG, MODEL_NM, MODEL_NM, MODEL_NM};
+static const int MOTION[7] = {
+    MODEL_NA, MODEL_NA, MODEL_NA, MODEL_NG, MODEL_NM, MODEL_NM, MODEL_NM};
 
 /* The arrays of a motion, one column a sample. */
 static model_motion motion_of(mxArray **made, int n)
@@ -151,13 +162,20 @@ static model_motion motion_of(mxArray **made, int n)
         made[i] = mxCreateDoubleMatrix((mwSize)MOTION[i], (mwSize)n, mxREAL);
         x[i] = mxGetPr(made[i]);
     }
-    const model_motion motion = {
-        .q_a = x[0], .v_a = x[1], .a_a = x[2], .tau_g = x[3], .q_m = x[4], .v_m = x[5], .tau_m = x[6]};
+    const model_motion motion = {.q_a = x[0],
+        .v_a = x[1],
+        .a_a = x[2],
+        .tau_g = x[3],
+        .q_m = x[4],
+        .v_m = x[5],
+        .tau_m = x[6]};
     return motion;
 }
 
-/* ('invert', y, dy, ddy, period, q_start, [n_pre n_post samples_per_interval tolerance hold delay])
- * -> q_a v_a a_a tau_g q_m v_m tau_m info */
+/*
+ * ('invert', y, dy, ddy, period, q_start, [n_pre n_post samples_per_interval tolerance hold
+ * delay]) -> q_a v_a a_a tau_g q_m v_m tau_m info
+ */
 static void invert(int n_out, mxArray **out, int n_in, const mxArray **in)
 {
     int n, n_k;
@@ -186,11 +204,12 @@ static void invert(int n_out, mxArray **out, int n_in, const mxArray **in)
     model_motion motion = motion_of(out, options.n_pre + n + options.n_post);
     double *const work = (double *)mxMalloc((size_t)size * sizeof(double));
     model_invert_info found;
-    const model_status status = model_invert(&path, q_start, &options, &motion, &found, work, size);
+    const model_status status = model_invert(
+        &path, q_start, &options, &motion, &found, work, size);
     mxFree(work);
     check_status("invert", status);
-    static const char *fields[] = {"status", "converged", "residual", "residual_at_samples", "kinematic_mismatch",
-        "torque_error", "iterations", "intervals"};
+    static const char *fields[] = {"status", "converged", "residual", "residual_at_samples",
+        "kinematic_mismatch", "torque_error", "iterations", "intervals"};
     out[7] = mxCreateStructMatrix(1, 1, 8, fields);
     mxSetField(out[7], 0, "status", mxCreateString(name_of(status)));
     mxSetField(out[7], 0, "converged", mxCreateLogicalScalar(status == MODEL_OK));
@@ -224,14 +243,16 @@ static model_stream_options options_of(const mxArray *x)
 /* The stream in the memory of an array. */
 static model_stream stream_in(const mxArray *memory)
 {
-    const model_stream stream = {.memory = mxGetPr(memory), .size = (int64_t)mxGetNumberOfElements(memory)};
+    const model_stream stream = {
+        .memory = mxGetPr(memory), .size = (int64_t)mxGetNumberOfElements(memory)};
     return stream;
 }
 
 /* A copy of the memory of a stream. */
 static mxArray *memory_of(const mxArray *x, int64_t size)
 {
-    if (!mxIsDouble(x) || mxIsComplex(x) || mxIsSparse(x) || (int64_t)mxGetNumberOfElements(x) != size) {
+    if (!mxIsDouble(x) || mxIsComplex(x) || mxIsSparse(x) ||
+        (int64_t)mxGetNumberOfElements(x) != size) {
         refuse("stream", "another memory", "that of a stream with these options");
     }
     return mxDuplicateArray(x);
@@ -250,7 +271,10 @@ static void stream_start(int n_in, const mxArray **in, mxArray **out)
     check_status("Stream", model_stream_start(&stream, &options, y, q_start));
 }
 
-/* ('stream_update', options, memory, y, dy, ddy) -> memory q_a v_a a_a tau_g q_m v_m tau_m info; a_a is zero */
+/*
+ * ('stream_update', options, memory, y, dy, ddy) -> memory q_a v_a a_a tau_g q_m v_m tau_m info;
+ * a_a is zero
+ */
 static void stream_update(int n_out, mxArray **out, int n_in, const mxArray **in)
 {
     count_arguments("update", n_in, 5);
@@ -266,8 +290,9 @@ static void stream_update(int n_out, mxArray **out, int n_in, const mxArray **in
     const model_stream stream = stream_in(out[0]);
     const model_status status = model_stream_update(&stream, y, dy, ddy, &motion, &found);
     check_status("update", status);
-    static const char *fields[] = {"status", "converged", "residual", "kinematic_mismatch", "torque_step",
-        "output_step_m", "output_step_rad", "deviation_m", "deviation_rad", "limits_active"};
+    static const char *fields[] = {"status", "converged", "residual", "kinematic_mismatch",
+        "torque_step", "output_step_m", "output_step_rad", "deviation_m", "deviation_rad",
+        "limits_active"};
     out[8] = mxCreateStructMatrix(1, 1, 10, fields);
     mxSetField(out[8], 0, "status", mxCreateString(name_of(status)));
     mxSetField(out[8], 0, "converged", mxCreateLogicalScalar(status != MODEL_TOLERANCE_NOT_MET));
@@ -303,14 +328,17 @@ static const double *limit(const char *name, const mxArray *x, int rows)
     const double *const found = numbers("all_limits", name, x, rows, 1, NULL);
     for (int i = 0; i < rows; ++i) {
         if (!(found[i] > 0.0)) {
-            mexErrMsgIdAndTxt(
-                "flexgen:argument", "all_limits, %s: given %g, expected positive numbers", name, found[i]);
+            mexErrMsgIdAndTxt("flexgen:argument",
+                "all_limits, %s: given %g, expected positive numbers", name, found[i]);
         }
     }
     return found;
 }
 
-/* ('stream_all_limits', options, memory, members of the limits, [] for none, deviation_max) -> memory */
+/*
+ * ('stream_all_limits', options, memory, members of the limits, [] for none, deviation_max) ->
+ * memory
+ */
 static void stream_all_limits(int n_in, const mxArray **in, mxArray **out)
 {
     count_arguments("all_limits", n_in, 13);
@@ -329,7 +357,9 @@ static void stream_all_limits(int n_in, const mxArray **in, mxArray **out)
         .joint_acceleration_max = limit("joint_acceleration_max", in[8], MODEL_NG),
         .tool_speed_max = speed ? *speed : 0.0,
         .tool_acceleration_max = acceleration ? *acceleration : 0.0,
-        .torque_speed = points > 0 ? numbers("all_limits", "torque_speed", in[11], 2 * points, MODEL_NM, NULL) : NULL,
+        .torque_speed = points > 0 ? numbers("all_limits", "torque_speed", in[11], 2 * points,
+                                         MODEL_NM, NULL) :
+                                     NULL,
         .torque_speed_points = points,
     };
     const double deviation = *numbers("all_limits", "deviation_max", in[12], 1, 1, NULL);

@@ -1,5 +1,6 @@
 /*
- * The function block of a stream. Written by flexgen; the variables are those of the struct in the header.
+ * The function block of a stream. Written by flexgen; the variables are those of the struct in the
+ * header.
  */
 #include "model_fb.h"
 
@@ -19,7 +20,8 @@ enum { STOPPED = 0, ACTIVE = 1, FAILED = -1 };
 
 static int refused(int status)
 {
-    return status == MODEL_INPUT_NOT_FINITE || status == MODEL_BAD_ARGUMENT || status == MODEL_UNREACHABLE;
+    return status == MODEL_INPUT_NOT_FINITE || status == MODEL_BAD_ARGUMENT ||
+           status == MODEL_UNREACHABLE;
 }
 
 static void finish(fb_MODELNAME_stream *fb, int status)
@@ -31,7 +33,8 @@ static void finish(fb_MODELNAME_stream *fb, int status)
 
 void fb_MODELNAME_stream_call(fb_MODELNAME_stream *fb)
 {
-    const model_stream stream = {.memory = fb->memory, .size = (int64_t)(sizeof fb->memory / sizeof fb->memory[0])};
+    const model_stream stream = {
+        .memory = fb->memory, .size = (int64_t)(sizeof fb->memory / sizeof fb->memory[0])};
     if (!fb->enable) {
         fb->started = STOPPED;
         fb->valid = 0;

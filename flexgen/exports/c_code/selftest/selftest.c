@@ -1,14 +1,15 @@
 /*
  * Self-test of the library on the computer that it runs on. Written by flexgen.
  *
- *   cc -std=c99 -O2 -ffp-contract=off model_selftest.c model.c@LIBM@ -o model_selftest && ./model_selftest
+ *   cc -std=c99 -O2 -ffp-contract=off model_selftest.c model.c@LIBM@ -o model_selftest &&
+ *     ./model_selftest
  *
  * It calls every function of one point and, where the library has it, a stream along a path, and
- * compares the results with numbers that Lagrange's equations gave on another computer. It prints PASS or FAIL and the
- * largest error, and returns 0 or 1. It opens no file and allocates nothing.
+ * compares the results with numbers that Lagrange's equations gave on another computer. It prints
+ * PASS or FAIL and the largest error, and returns 0 or 1. It opens no file and allocates nothing.
  *
- * With MODEL_SELFTEST_NO_MAIN defined, model_selftest() is a function for a program of your own; with
- * MODEL_SELFTEST_NO_PRINT it prints nothing, and needs no stdio.h.
+ * With MODEL_SELFTEST_NO_MAIN defined, model_selftest() is a function for a program of your own;
+ * with MODEL_SELFTEST_NO_PRINT it prints nothing, and needs no stdio.h.
  */
 #include "model.h"
 
@@ -51,8 +52,8 @@ static void account(selftest_result *result, const char *where, double error, do
 }
 
 /* The error of an entry is relative to it plus a part of the largest entry of its array. */
-static void compare(selftest_result *result, const char *where, const model_real *x, const double *expected, int n,
-    double tolerance, double part)
+static void compare(selftest_result *result, const char *where, const model_real *x,
+    const double *expected, int n, double tolerance, double part)
 {
     double most = 0, error = 0;
     for (int i = 0; i < n; ++i) {
@@ -70,8 +71,8 @@ static void compare(selftest_result *result, const char *where, const model_real
 }
 
 /* The same for rows of n entries, each relative to the largest entry of its column. */
-static void compare_rows(selftest_result *result, const char *where, const model_real *x, const double *expected,
-    int rows, int n, double tolerance)
+static void compare_rows(selftest_result *result, const char *where, const model_real *x,
+    const double *expected, int rows, int n, double tolerance)
 {
     double error = 0;
     for (int j = 0; j < n; ++j) {
@@ -103,8 +104,10 @@ static void check_status(selftest_result *result, const char *where, int status)
 
 #include "model_selftest_cases.h" /* the states, the expected results and the calls */
 
-/* The number of arrays and calls that are wrong; 0: the library works here. largest: of all errors, as a part of the
- * tolerance. */
+/*
+ * The number of arrays and calls that are wrong; 0: the library works here. largest: of all
+ * errors, as a part of the tolerance.
+ */
 int model_selftest(double *largest);
 
 int model_selftest(double *largest)
@@ -117,8 +120,9 @@ int model_selftest(double *largest)
         *largest = result.largest;
     }
 #ifndef MODEL_SELFTEST_NO_PRINT
-    printf("%s: %d arrays, %d wrong; largest error %.3g with tolerance %.3g (%s)\n", result.wrong ? "FAIL" : "PASS",
-        result.arrays, result.wrong, result.error, result.tolerance, result.where);
+    printf("%s: %d arrays, %d wrong; largest error %.3g with tolerance %.3g (%s)\n",
+        result.wrong ? "FAIL" : "PASS", result.arrays, result.wrong, result.error,
+        result.tolerance, result.where);
 #endif
     return result.wrong;
 }

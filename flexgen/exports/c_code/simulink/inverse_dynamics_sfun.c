@@ -1,7 +1,9 @@
 /*
- * Inverse dynamics of the arm as a block of Simulink: a level-2 S-function in C. Written by flexgen.
+ * Inverse dynamics of the arm as a block of Simulink: a level-2 S-function in C.
+ * Written by flexgen.
  *
- * Inputs: q_a, v_a, a_a (MODEL_NA each), output: tau_a (MODEL_NA); continuous or at the sample time of the inputs.
+ * Inputs: q_a, v_a, a_a (MODEL_NA each), output: tau_a (MODEL_NA); continuous or at the sample
+ * time of the inputs.
  */
 #define S_FUNCTION_NAME model_inverse_dynamics_sfun
 #define S_FUNCTION_LEVEL 2
@@ -39,8 +41,9 @@ static void mdlInitializeSampleTimes(SimStruct *S)
 static void mdlOutputs(SimStruct *S, int_T tid)
 {
     (void)tid;
-    const int status = model_ccaller_inverse_dynamics(ssGetInputPortRealSignal(S, 0), ssGetInputPortRealSignal(S, 1),
-        ssGetInputPortRealSignal(S, 2), ssGetOutputPortRealSignal(S, 0));
+    const int status = model_ccaller_inverse_dynamics(ssGetInputPortRealSignal(S, 0),
+        ssGetInputPortRealSignal(S, 1), ssGetInputPortRealSignal(S, 2),
+        ssGetOutputPortRealSignal(S, 0));
     if (status < 0) {
         ssSetErrorStatus(S, model_status_text(status));
     }

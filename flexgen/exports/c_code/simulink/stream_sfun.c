@@ -1,14 +1,16 @@
 /*
  * A stream as a block of Simulink: a level-2 S-function in C. Written by flexgen.
  *
- * Inputs, one sample a period: y (MODEL_NT), dy (MODEL_NY), ddy (MODEL_NY): the output and its derivatives at the end
- * of the horizon. Outputs: tau_m, q_m, v_m (MODEL_NM times samples_per_interval each, sample after sample) of the
- * interval that begins now, and the status (0, or positive with a warning). A negative status stops the simulation.
+ * Inputs, one sample a period: y (MODEL_NT), dy (MODEL_NY), ddy (MODEL_NY): the output and its
+ * derivatives at the end of the horizon. Outputs: tau_m, q_m, v_m (MODEL_NM times
+ * samples_per_interval each, sample after sample) of the interval that begins now, and the status
+ * (0, or positive with a warning). A negative status stops the simulation.
  *
- * Parameters: period [s], intervals, samples_per_interval, tolerance, hold (0 spline, 1 linear, 2 held), delay
- * [samples], start_output (MODEL_NT), q_start (MODEL_NA).
+ * Parameters: period [s], intervals, samples_per_interval, tolerance, hold (0 spline, 1 linear, 2
+ * held), delay [samples], start_output (MODEL_NT), q_start (MODEL_NA).
  *
- * mdlOutputs works on a copy of the memory, which mdlUpdate keeps: it may be called several times in a step.
+ * mdlOutputs works on a copy of the memory, which mdlUpdate keeps: it may be called several times
+ * in a step.
  */
 #define S_FUNCTION_NAME model_stream_sfun
 #define S_FUNCTION_LEVEL 2
@@ -47,7 +49,8 @@ static model_stream_options options_of(SimStruct *S)
 static model_stream stream_in(SimStruct *S, int memory)
 {
     const model_stream_options options = options_of(S);
-    const model_stream stream = {.memory = (double *)ssGetDWork(S, memory), .size = model_stream_work(&options)};
+    const model_stream stream = {
+        .memory = (double *)ssGetDWork(S, memory), .size = model_stream_work(&options)};
     return stream;
 }
 
@@ -57,7 +60,8 @@ static const char *problem(SimStruct *S)
     for (int k = 0; k < PARAMETERS; ++k) {
         const mxArray *const x = ssGetSFcnParam(S, k);
         if (!mxIsDouble(x) || mxIsComplex(x) || mxGetNumberOfElements(x) != (size_t)LENGTHS[k]) {
-            return "parameters: expected period, intervals, samples_per_interval, tolerance, hold, delay, "
+            return "parameters: expected period, intervals, samples_per_interval, tolerance, "
+                   "hold, delay, "
                    "start_output and q_start, real numbers of the right count";
         }
     }
@@ -69,7 +73,8 @@ static const char *problem(SimStruct *S)
     }
     const model_stream_options options = options_of(S);
     if (!(options.period > 0.0) || model_stream_work(&options) < 0) {
-        return "parameters: expected 1 to 10000 intervals, 1 to 1000 samples_per_interval, hold 0 to 2, a delay of 0 "
+        return "parameters: expected 1 to 10000 intervals, 1 to 1000 samples_per_interval, hold 0 "
+               "to 2, a delay of 0 "
                "to 4 and a period above 0";
     }
     return NULL;
@@ -130,8 +135,8 @@ static void mdlStart(SimStruct *S)
 {
     const model_stream_options options = options_of(S);
     const model_stream stream = stream_in(S, KEPT);
-    const model_status status = model_stream_start(
-        &stream, &options, mxGetPr(ssGetSFcnParam(S, START_OUTPUT)), mxGetPr(ssGetSFcnParam(S, Q_START)));
+    const model_status status = model_stream_start(&stream, &options,
+        mxGetPr(ssGetSFcnParam(S, START_OUTPUT)), mxGetPr(ssGetSFcnParam(S, Q_START)));
     if (status < 0) {
         ssSetErrorStatus(S, model_status_text(status));
     }
@@ -160,7 +165,8 @@ static void mdlUpdate(SimStruct *S, int_T tid)
 {
     (void)tid;
     const model_stream_options options = options_of(S);
-    memcpy(ssGetDWork(S, KEPT), ssGetDWork(S, SCRATCH), (size_t)model_stream_work(&options) * sizeof(double));
+    memcpy(ssGetDWork(S, KEPT), ssGetDWork(S, SCRATCH),
+        (size_t)model_stream_work(&options) * sizeof(double));
 }
 
 static void mdlTerminate(SimStruct *S)

@@ -1,7 +1,8 @@
 /*
- * A drive with position and speed control (P-PI cascade) as a sampled block: u = (measured angles, reference angles,
- * feedforward torques), y = torques. The mathematics is flexgen_loop_cascade; this file only lays out its memory:
- * three whole numbers, the sample time, k_p, k_v, k_i, u_max, filters, then the state.
+ * A drive with position and speed control (P-PI cascade) as a sampled block: u = (measured angles,
+ * reference angles, feedforward torques), y = torques. The mathematics is flexgen_loop_cascade;
+ * this file only lays out its memory: three whole numbers, the sample time, k_p, k_v, k_i, u_max,
+ * filters, then the state.
  */
 #ifndef FLEXGEN_FMU_CONTROLLER_H
 #define FLEXGEN_FMU_CONTROLLER_H

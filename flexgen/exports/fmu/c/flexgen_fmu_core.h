@@ -1,10 +1,12 @@
 /*
- * One instance of the FMU without the names of an FMI version: its state, its variables by value reference, the step of
- * Co-Simulation, the events of Model Exchange. flexgen_fmu_fmi2.c and flexgen_fmu_fmi3.c are the interfaces around it.
- * The names of the fixed files begin with flexgen_fmu_, which no model's name does.
+ * One instance of the FMU without the names of an FMI version: its state, its variables by value
+ * reference, the step of Co-Simulation, the events of Model Exchange. flexgen_fmu_fmi2.c and
+ * flexgen_fmu_fmi3.c are the interfaces around it. The names of the fixed files begin with
+ * flexgen_fmu_, which no model's name does.
  *
- * flexgen_fmu_config.h has the sizes, the start values and the functions of the model; exactly one of
- * flexgen_fmu_plant.h, flexgen_fmu_feedforward.h and flexgen_fmu_controller.h has the mathematics:
+ * flexgen_fmu_config.h has the sizes, the start values and the functions of the model; exactly one
+ * of flexgen_fmu_plant.h, flexgen_fmu_feedforward.h and flexgen_fmu_controller.h has the
+ * mathematics:
  *
  *   block_start      at the end of the initialization
  *   block_parameters after a change of the parameters
@@ -14,7 +16,8 @@
  *   block_tick       a sample of a sampled block: inputs to outputs
  *   block_advance    the continuous states, over a communication step
  *
- * Each returns a null pointer, or what went wrong. Nothing is allocated here; two instances share nothing.
+ * Each returns a null pointer, or what went wrong. Nothing is allocated here; two instances share
+ * nothing.
  */
 #ifndef FLEXGEN_FMU_CORE_H
 #define FLEXGEN_FMU_CORE_H
@@ -31,18 +34,36 @@
 enum { MOST_SAMPLES = 100000 }; /* of a sampled block in one call */
 
 /* Value references are 1000 times the kind, plus the index. */
-enum { KIND_TIME = 0, KIND_STATE, KIND_RATE, KIND_INPUT, KIND_OUTPUT, KIND_PARAMETER, KIND_SETTING, KIND_STATUS };
+enum {
+    KIND_TIME = 0,
+    KIND_STATE,
+    KIND_RATE,
+    KIND_INPUT,
+    KIND_OUTPUT,
+    KIND_PARAMETER,
+    KIND_SETTING,
+    KIND_STATUS
+};
 
 typedef enum { SUCCESS, WARNING, DISCARD, FAILURE } core_status;
-typedef enum { INSTANTIATED, INITIALIZATION, EVENT, CONTINUOUS, STEPPING, TERMINATED, BROKEN } core_phase;
+typedef enum {
+    INSTANTIATED,
+    INITIALIZATION,
+    EVENT,
+    CONTINUOUS,
+    STEPPING,
+    TERMINATED,
+    BROKEN
+} core_phase;
 
 /* All that a saved state has to hold; numbers of eight bytes only, so that it has no gaps. */
 typedef struct {
     double time, start; /* [s] now, and of the first sample */
     double x[ROOM(N_X)], u[ROOM(N_U)], y[ROOM(N_Y)], p[ROOM(N_P)];
-    int64_t setting[ROOM(N_SETTINGS)], status; /* whole-number parameters; status of the last sample */
-    int64_t tick;                              /* the next sample */
-    int64_t parameters_changed;                /* since they were last used */
+    /* whole-number parameters; status of the last sample */
+    int64_t setting[ROOM(N_SETTINGS)], status;
+    int64_t tick;               /* the next sample */
+    int64_t parameters_changed; /* since they were last used */
     int64_t phase;
     double memory[ROOM(N_MEMORY)]; /* of the block */
 } core_state;
@@ -103,7 +124,10 @@ static void core_reset(core *c)
     forget(c);
 }
 
-/* The number of a value reference; a null pointer where there is none. Rates and outputs: see refresh. */
+/*
+ * The number of a value reference; a null pointer where there is none. Rates and outputs: see
+ * refresh.
+ */
 static double *place(core *c, unsigned reference)
 {
     const int kind = (int)(reference / 1000u), i = (int)(reference % 1000u);
@@ -199,7 +223,8 @@ static core_status core_set_integer(core *c, unsigned reference, int32_t value)
         return fail(c, FAILURE, "the value reference is unknown, or cannot be set");
     }
     if (c->s.phase != INSTANTIATED && c->s.phase != INITIALIZATION) {
-        return fail(c, FAILURE, "this parameter is fixed: set it before the end of the initialization");
+        return fail(
+            c, FAILURE, "this parameter is fixed: set it before the end of the initialization");
     }
     if (value < SETTING_LEAST[i] || value > SETTING_MOST[i]) {
         return fail(c, FAILURE, "the parameter is out of its range");
@@ -209,8 +234,8 @@ static core_status core_set_integer(core *c, unsigned reference, int32_t value)
 }
 
 /* Derivatives of unknowns (rates, outputs) in the direction of knowns (states, inputs). */
-static core_status core_derivative(core *c, const unsigned *unknown, size_t n_unknown, const unsigned *known,
-    size_t n_known, const double *seed, double *out)
+static core_status core_derivative(core *c, const unsigned *unknown, size_t n_unknown,
+    const unsigned *known, size_t n_known, const double *seed, double *out)
 {
     const char *problem = c->jacobian_known ? NULL : block_jacobian(c);
     if (problem != NULL) {
@@ -221,13 +246,15 @@ static core_status core_derivative(core *c, const unsigned *unknown, size_t n_un
         const int kind = (int)(unknown[i] / 1000u), row = (int)(unknown[i] % 1000u);
         double sum = 0.0;
         if ((kind != KIND_RATE || row >= N_X) && (kind != KIND_OUTPUT || row >= N_Y)) {
-            return fail(
-                c, FAILURE, "directional derivatives: an unknown is neither an output nor a derivative of a state");
+            return fail(c, FAILURE,
+                "directional derivatives: an unknown is neither an output nor a derivative of a "
+                "state");
         }
         for (size_t j = 0; j < n_known; ++j) {
             const int from = (int)(known[j] / 1000u), column = (int)(known[j] % 1000u);
             if ((from != KIND_STATE || column >= N_X) && (from != KIND_INPUT || column >= N_U)) {
-                return fail(c, FAILURE, "directional derivatives: a known is neither an input nor a state");
+                return fail(c, FAILURE,
+                    "directional derivatives: a known is neither an input nor a state");
             }
             if (kind == KIND_RATE) {
                 sum += (from == KIND_STATE ? c->A : c->B)[column * N_X + row] * seed[j];
@@ -267,7 +294,8 @@ static core_status core_samples(core *c, double before)
 {
     core_status worst;
     if (SAMPLE_TIME > 0.0 && before - core_next(c) > MOST_SAMPLES * SAMPLE_TIME) {
-        return fail(c, DISCARD, "more than 100,000 samples of the block until this time: take a shorter step");
+        return fail(c, DISCARD,
+            "more than 100,000 samples of the block until this time: take a shorter step");
     }
     worst = changed_parameters(c);
     while (worst < DISCARD && core_next(c) < before) {
@@ -282,7 +310,10 @@ static core_status core_samples(core *c, double before)
     return worst;
 }
 
-/* Events at the present time: the sample that is due. A hundredth of a sample is the tolerance of its time. */
+/*
+ * Events at the present time: the sample that is due. A hundredth of a sample is the tolerance of
+ * its time.
+ */
 static core_status core_event(core *c)
 {
     const core_status status = core_samples(c, c->s.time + 0.01 * SAMPLE_TIME);
@@ -341,7 +372,8 @@ static const char *core_damage(const core_saved *from)
     if (memcmp(from->token, TOKEN, sizeof TOKEN) != 0) {
         return "the saved state belongs to another FMU";
     }
-    return from->sum == core_sum(&from->s) ? NULL : "the saved state is damaged: its checksum differs";
+    return from->sum == core_sum(&from->s) ? NULL :
+                                             "the saved state is damaged: its checksum differs";
 }
 
 static void core_save(const core *c, core_saved *to)
@@ -369,12 +401,14 @@ static core_status core_restore(core *c, const core_saved *from)
     case EVENT:
     case CONTINUOUS:
         if (c->co_simulation) {
-            return fail(c, FAILURE, "the saved state is of Model Exchange, expected one of Co-Simulation");
+            return fail(
+                c, FAILURE, "the saved state is of Model Exchange, expected one of Co-Simulation");
         }
         break;
     case STEPPING:
         if (!c->co_simulation) {
-            return fail(c, FAILURE, "the saved state is of Co-Simulation, expected one of Model Exchange");
+            return fail(
+                c, FAILURE, "the saved state is of Co-Simulation, expected one of Model Exchange");
         }
         break;
     default:

@@ -1,7 +1,8 @@
 /*
- * Inverse dynamics on a moving horizon as a sampled block. Every period the stream takes the path sample in u
- * (position, velocity, acceleration of the output), which the robot reaches a look-ahead later, and gives the motion
- * and the torques of the period that begins now: in y, one sample of them after the other.
+ * Inverse dynamics on a moving horizon as a sampled block. Every period the stream takes the path
+ * sample in u (position, velocity, acceleration of the output), which the robot reaches a
+ * look-ahead later, and gives the motion and the torques of the period that begins now: in y, one
+ * sample of them after the other.
  *
  * The memory has the stream, then its results of one period.
  */
@@ -26,7 +27,9 @@ enum {
 static const char *block_check(unsigned index, double value, int before)
 {
     (void)before;
-    return index == P_MASS && value < 0.0 ? "payload.mass: expected a number that is not negative" : NULL;
+    return index == P_MASS && value < 0.0 ?
+               "payload.mass: expected a number that is not negative" :
+               NULL;
 }
 
 static const char *block_rate(core *c, const double *x, double *rate)
@@ -69,8 +72,10 @@ static const char *block_start(core *c)
         .delay = servo.delay / servo.sample_time,
         .servo = &servo};
 #else  /* MODEL_POSITION */
-    const MODEL(stream_options)
-        options = {.intervals = INTERVALS, .samples_per_interval = SAMPLES, .period = PERIOD, .tolerance = TOLERANCE};
+    const MODEL(stream_options) options = {.intervals = INTERVALS,
+        .samples_per_interval = SAMPLES,
+        .period = PERIOD,
+        .tolerance = TOLERANCE};
 #endif /* MODEL_POSITION */
     const MODEL(status) status = MODEL(stream_start)(&stream, &options, c->s.u, c->s.p, Q_START);
     c->s.status = status;
@@ -84,10 +89,14 @@ static const char *block_parameters(core *c)
     return status < 0 ? MODEL(status_text)(status) : NULL;
 }
 
-/* Statuses with which the stream refuses a sample and continues; after other errors it has to be started again. */
+/*
+ * Statuses with which the stream refuses a sample and continues; after other errors it has to be
+ * started again.
+ */
 static int is_refused(MODEL(status) status)
 {
-    return status == REFUSED_NOT_FINITE || status == REFUSED_ARGUMENT || status == REFUSED_UNREACHABLE;
+    return status == REFUSED_NOT_FINITE || status == REFUSED_ARGUMENT ||
+           status == REFUSED_UNREACHABLE;
 }
 
 static core_status block_tick(core *c)
@@ -109,7 +118,8 @@ static core_status block_tick(core *c)
         };
         MODEL(stream_info) info;
         const double *u = c->s.u;
-        const MODEL(status) status = MODEL(stream_update)(&stream, u, u + N_T, u + N_T + N_OUT, &motion, &info);
+        const MODEL(status)
+            status = MODEL(stream_update)(&stream, u, u + N_T, u + N_T + N_OUT, &motion, &info);
         if (status < 0) {
             return fail(c, is_refused(status) ? DISCARD : FAILURE, MODEL(status_text)(status));
         }
@@ -127,7 +137,9 @@ static core_status block_tick(core *c)
 #if MODEL_POSITION
     memcpy(y + 3 * N_M + 2 * N_A + 3, memory + COMMAND + sample * N_C, N_C * sizeof *y);
 #endif /* MODEL_POSITION */
-    return c->s.status > 0 && sample == 0 ? fail(c, WARNING, MODEL(status_text)((MODEL(status))c->s.status)) : SUCCESS;
+    return c->s.status > 0 && sample == 0 ?
+               fail(c, WARNING, MODEL(status_text)((MODEL(status))c->s.status)) :
+               SUCCESS;
 }
 
 #endif

@@ -1,6 +1,6 @@
 /*
- * The interface of FMI 2.0, Model Exchange and Co-Simulation. Memory is taken in fmi2Instantiate and for saved states
- * only; instances share nothing, so that each may run in a separate thread.
+ * The interface of FMI 2.0, Model Exchange and Co-Simulation. Memory is taken in fmi2Instantiate
+ * and for saved states only; instances share nothing, so that each may run in a separate thread.
  */
 #include "flexgen_fmu_config.h"
 #include "fmi2Functions.h"
@@ -18,14 +18,15 @@ typedef struct {
     char name[256];
 } component;
 
-typedef char value_references_are_unsigned[sizeof(fmi2ValueReference) == sizeof(unsigned) ? 1 : -1];
+typedef char
+    value_references_are_unsigned[sizeof(fmi2ValueReference) == sizeof(unsigned) ? 1 : -1];
 
 static fmi2Status told(component *m, core_status status)
 {
     static const fmi2Status as[] = {fmi2OK, fmi2Warning, fmi2Discard, fmi2Error};
     if (status != SUCCESS && m->logger != NULL && (m->logging || status == FAILURE)) {
-        m->logger(m->environment, m->name, as[status], status == WARNING ? "logStatusWarning" : "logStatusError", "%s",
-            m->c.message);
+        m->logger(m->environment, m->name, as[status],
+            status == WARNING ? "logStatusWarning" : "logStatusError", "%s", m->c.message);
     }
     return as[status];
 }
@@ -61,7 +62,8 @@ const char *fmi2GetVersion(void)
     return fmi2Version;
 }
 
-fmi2Status fmi2SetDebugLogging(fmi2Component instance, fmi2Boolean on, size_t n, const fmi2String categories[])
+fmi2Status fmi2SetDebugLogging(
+    fmi2Component instance, fmi2Boolean on, size_t n, const fmi2String categories[])
 {
     component *m = (component *)instance;
     (void)n;
@@ -73,8 +75,9 @@ fmi2Status fmi2SetDebugLogging(fmi2Component instance, fmi2Boolean on, size_t n,
     return fmi2OK;
 }
 
-fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, fmi2String resources,
-    const fmi2CallbackFunctions *functions, fmi2Boolean visible, fmi2Boolean logging)
+fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid,
+    fmi2String resources, const fmi2CallbackFunctions *functions, fmi2Boolean visible,
+    fmi2Boolean logging)
 {
     component *m;
     int own;
@@ -82,8 +85,8 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, f
     (void)visible;
     if (functions == NULL || guid == NULL || strcmp(guid, TOKEN) != 0) {
         if (functions != NULL && functions->logger != NULL) {
-            functions->logger(functions->componentEnvironment, name == NULL ? "" : name, fmi2Error, "logStatusError",
-                "%s", "the GUID is not that of modelDescription.xml");
+            functions->logger(functions->componentEnvironment, name == NULL ? "" : name, fmi2Error,
+                "logStatusError", "%s", "the GUID is not that of modelDescription.xml");
         }
         return NULL;
     }
@@ -113,8 +116,8 @@ void fmi2FreeInstance(fmi2Component instance)
     }
 }
 
-fmi2Status fmi2SetupExperiment(fmi2Component instance, fmi2Boolean tolerance_defined, fmi2Real tolerance,
-    fmi2Real start, fmi2Boolean stop_defined, fmi2Real stop)
+fmi2Status fmi2SetupExperiment(fmi2Component instance, fmi2Boolean tolerance_defined,
+    fmi2Real tolerance, fmi2Real start, fmi2Boolean stop_defined, fmi2Real stop)
 {
     NEED(PHASE(INSTANTIATED))(void) tolerance_defined;
     (void)tolerance;
@@ -159,7 +162,8 @@ fmi2Status fmi2Reset(fmi2Component instance)
     return fmi2OK;
 }
 
-fmi2Status fmi2GetReal(fmi2Component instance, const fmi2ValueReference vr[], size_t n, fmi2Real value[])
+fmi2Status fmi2GetReal(
+    fmi2Component instance, const fmi2ValueReference vr[], size_t n, fmi2Real value[])
 {
     NEED(~PHASE(BROKEN))
     for (size_t i = 0; i < n; ++i) {
@@ -170,7 +174,8 @@ fmi2Status fmi2GetReal(fmi2Component instance, const fmi2ValueReference vr[], si
     return fmi2OK;
 }
 
-fmi2Status fmi2SetReal(fmi2Component instance, const fmi2ValueReference vr[], size_t n, const fmi2Real value[])
+fmi2Status fmi2SetReal(
+    fmi2Component instance, const fmi2ValueReference vr[], size_t n, const fmi2Real value[])
 {
     NEED(PHASE(INSTANTIATED) | PHASE(INITIALIZATION) | RUNNING)
     for (size_t i = 0; i < n; ++i) {
@@ -181,7 +186,8 @@ fmi2Status fmi2SetReal(fmi2Component instance, const fmi2ValueReference vr[], si
     return fmi2OK;
 }
 
-fmi2Status fmi2GetInteger(fmi2Component instance, const fmi2ValueReference vr[], size_t n, fmi2Integer value[])
+fmi2Status fmi2GetInteger(
+    fmi2Component instance, const fmi2ValueReference vr[], size_t n, fmi2Integer value[])
 {
     NEED(~PHASE(BROKEN))
     for (size_t i = 0; i < n; ++i) {
@@ -194,7 +200,8 @@ fmi2Status fmi2GetInteger(fmi2Component instance, const fmi2ValueReference vr[],
     return fmi2OK;
 }
 
-fmi2Status fmi2SetInteger(fmi2Component instance, const fmi2ValueReference vr[], size_t n, const fmi2Integer value[])
+fmi2Status fmi2SetInteger(
+    fmi2Component instance, const fmi2ValueReference vr[], size_t n, const fmi2Integer value[])
 {
     NEED(PHASE(INSTANTIATED) | PHASE(INITIALIZATION) | RUNNING)
     for (size_t i = 0; i < n; ++i) {
@@ -222,7 +229,7 @@ NO_SUCH_TYPE(fmi2SetBoolean, const fmi2Boolean)
 NO_SUCH_TYPE(fmi2GetString, fmi2String)
 NO_SUCH_TYPE(fmi2SetString, const fmi2String)
 
-/* --- saved states ------------------------------------------------------------------------------------------------- */
+/* --- saved states ---------------------------------------------------------------------------- */
 
 fmi2Status fmi2GetFMUstate(fmi2Component instance, fmi2FMUstate *state)
 {
@@ -268,7 +275,8 @@ fmi2Status fmi2SerializedFMUstateSize(fmi2Component instance, fmi2FMUstate state
     return fmi2OK;
 }
 
-fmi2Status fmi2SerializeFMUstate(fmi2Component instance, fmi2FMUstate state, fmi2Byte bytes[], size_t size)
+fmi2Status fmi2SerializeFMUstate(
+    fmi2Component instance, fmi2FMUstate state, fmi2Byte bytes[], size_t size)
 {
     component *m = (component *)instance;
     if (m == NULL || state == NULL || bytes == NULL) {
@@ -281,7 +289,8 @@ fmi2Status fmi2SerializeFMUstate(fmi2Component instance, fmi2FMUstate state, fmi
     return fmi2OK;
 }
 
-fmi2Status fmi2DeSerializeFMUstate(fmi2Component instance, const fmi2Byte bytes[], size_t size, fmi2FMUstate *state)
+fmi2Status fmi2DeSerializeFMUstate(
+    fmi2Component instance, const fmi2Byte bytes[], size_t size, fmi2FMUstate *state)
 {
     component *m = (component *)instance;
     core_saved *taken;
@@ -311,14 +320,15 @@ fmi2Status fmi2DeSerializeFMUstate(fmi2Component instance, const fmi2Byte bytes[
     return fmi2OK;
 }
 
-fmi2Status fmi2GetDirectionalDerivative(fmi2Component instance, const fmi2ValueReference unknown[], size_t n_unknown,
-    const fmi2ValueReference known[], size_t n_known, const fmi2Real seed[], fmi2Real out[])
+fmi2Status fmi2GetDirectionalDerivative(fmi2Component instance, const fmi2ValueReference unknown[],
+    size_t n_unknown, const fmi2ValueReference known[], size_t n_known, const fmi2Real seed[],
+    fmi2Real out[])
 {
     NEED(PHASE(INITIALIZATION) | RUNNING)
     return told(m, core_derivative(&m->c, unknown, n_unknown, known, n_known, seed, out));
 }
 
-/* --- Model Exchange ----------------------------------------------------------------------------------------------- */
+/* --- Model Exchange -------------------------------------------------------------------------- */
 
 fmi2Status fmi2EnterEventMode(fmi2Component instance)
 {
@@ -414,7 +424,7 @@ fmi2Status fmi2GetNominalsOfContinuousStates(fmi2Component instance, fmi2Real no
     return fmi2OK;
 }
 
-/* --- Co-Simulation ------------------------------------------------------------------------------------------------ */
+/* --- Co-Simulation --------------------------------------------------------------------------- */
 
 fmi2Status fmi2DoStep(fmi2Component instance, fmi2Real time, fmi2Real length, fmi2Boolean keep)
 {
@@ -422,17 +432,18 @@ fmi2Status fmi2DoStep(fmi2Component instance, fmi2Real time, fmi2Real length, fm
     return told(m, core_step(&m->c, time, length));
 }
 
-fmi2Status fmi2SetRealInputDerivatives(
-    fmi2Component instance, const fmi2ValueReference vr[], size_t n, const fmi2Integer order[], const fmi2Real value[])
+fmi2Status fmi2SetRealInputDerivatives(fmi2Component instance, const fmi2ValueReference vr[],
+    size_t n, const fmi2Integer order[], const fmi2Real value[])
 {
     NEED(~PHASE(BROKEN))(void) vr;
     (void)order;
     (void)value;
-    return n == 0 ? fmi2OK : refused(m, "inputs are held in a step: canInterpolateInputs is false");
+    return n == 0 ? fmi2OK :
+                    refused(m, "inputs are held in a step: canInterpolateInputs is false");
 }
 
-fmi2Status fmi2GetRealOutputDerivatives(
-    fmi2Component instance, const fmi2ValueReference vr[], size_t n, const fmi2Integer order[], fmi2Real value[])
+fmi2Status fmi2GetRealOutputDerivatives(fmi2Component instance, const fmi2ValueReference vr[],
+    size_t n, const fmi2Integer order[], fmi2Real value[])
 {
     NEED(~PHASE(BROKEN))(void) vr;
     (void)order;
@@ -464,7 +475,8 @@ fmi2Status fmi2GetRealStatus(fmi2Component instance, const fmi2StatusKind kind, 
     return fmi2OK;
 }
 
-fmi2Status fmi2GetIntegerStatus(fmi2Component instance, const fmi2StatusKind kind, fmi2Integer *value)
+fmi2Status fmi2GetIntegerStatus(
+    fmi2Component instance, const fmi2StatusKind kind, fmi2Integer *value)
 {
     (void)instance;
     (void)kind;
@@ -472,7 +484,8 @@ fmi2Status fmi2GetIntegerStatus(fmi2Component instance, const fmi2StatusKind kin
     return fmi2Discard;
 }
 
-fmi2Status fmi2GetBooleanStatus(fmi2Component instance, const fmi2StatusKind kind, fmi2Boolean *value)
+fmi2Status fmi2GetBooleanStatus(
+    fmi2Component instance, const fmi2StatusKind kind, fmi2Boolean *value)
 {
     (void)instance;
     if (kind != fmi2Terminated) {
@@ -482,7 +495,8 @@ fmi2Status fmi2GetBooleanStatus(fmi2Component instance, const fmi2StatusKind kin
     return fmi2OK;
 }
 
-fmi2Status fmi2GetStringStatus(fmi2Component instance, const fmi2StatusKind kind, fmi2String *value)
+fmi2Status fmi2GetStringStatus(
+    fmi2Component instance, const fmi2StatusKind kind, fmi2String *value)
 {
     (void)instance;
     (void)kind;

@@ -1,6 +1,7 @@
 /*
- * The interface of FMI 3.0, Model Exchange and Co-Simulation. Memory is taken where an instance is made and for saved
- * states only; instances share nothing, so that each may run in a separate thread.
+ * The interface of FMI 3.0, Model Exchange and Co-Simulation. Memory is taken where an instance is
+ * made and for saved states only; instances share nothing, so that each may run in a separate
+ * thread.
  */
 #include "flexgen_fmu_config.h"
 #include "fmi3Functions.h"
@@ -16,13 +17,15 @@ typedef struct {
     int logging;
 } component;
 
-typedef char value_references_are_unsigned[sizeof(fmi3ValueReference) == sizeof(unsigned) ? 1 : -1];
+typedef char
+    value_references_are_unsigned[sizeof(fmi3ValueReference) == sizeof(unsigned) ? 1 : -1];
 
 static fmi3Status told(component *m, core_status status)
 {
     static const fmi3Status as[] = {fmi3OK, fmi3Warning, fmi3Discard, fmi3Error};
     if (status != SUCCESS && m->logger != NULL && (m->logging || status == FAILURE)) {
-        m->logger(m->environment, as[status], status == WARNING ? "logStatusWarning" : "logStatusError", m->c.message);
+        m->logger(m->environment, as[status],
+            status == WARNING ? "logStatusWarning" : "logStatusError", m->c.message);
     }
     return as[status];
 }
@@ -53,7 +56,8 @@ const char *fmi3GetVersion(void)
     return fmi3Version;
 }
 
-fmi3Status fmi3SetDebugLogging(fmi3Instance instance, fmi3Boolean on, size_t n, const fmi3String categories[])
+fmi3Status fmi3SetDebugLogging(
+    fmi3Instance instance, fmi3Boolean on, size_t n, const fmi3String categories[])
 {
     component *m = (component *)instance;
     (void)n;
@@ -65,10 +69,10 @@ fmi3Status fmi3SetDebugLogging(fmi3Instance instance, fmi3Boolean on, size_t n, 
     return fmi3OK;
 }
 
-/* --- instances ---------------------------------------------------------------------------------------------------- */
+/* --- instances ------------------------------------------------------------------------------- */
 
-static fmi3Instance made(fmi3String token, fmi3Boolean logging, fmi3InstanceEnvironment environment,
-    fmi3LogMessageCallback logger, int co_simulation)
+static fmi3Instance made(fmi3String token, fmi3Boolean logging,
+    fmi3InstanceEnvironment environment, fmi3LogMessageCallback logger, int co_simulation)
 {
     component *m;
     if (token == NULL || strcmp(token, TOKEN) != 0) {
@@ -90,8 +94,9 @@ static fmi3Instance made(fmi3String token, fmi3Boolean logging, fmi3InstanceEnvi
     return m;
 }
 
-fmi3Instance fmi3InstantiateModelExchange(fmi3String name, fmi3String token, fmi3String resources, fmi3Boolean visible,
-    fmi3Boolean logging, fmi3InstanceEnvironment environment, fmi3LogMessageCallback logger)
+fmi3Instance fmi3InstantiateModelExchange(fmi3String name, fmi3String token, fmi3String resources,
+    fmi3Boolean visible, fmi3Boolean logging, fmi3InstanceEnvironment environment,
+    fmi3LogMessageCallback logger)
 {
     (void)name;
     (void)resources;
@@ -99,9 +104,10 @@ fmi3Instance fmi3InstantiateModelExchange(fmi3String name, fmi3String token, fmi
     return made(token, logging, environment, logger, 0);
 }
 
-fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String token, fmi3String resources, fmi3Boolean visible,
-    fmi3Boolean logging, fmi3Boolean event_mode, fmi3Boolean early_return, const fmi3ValueReference intermediate[],
-    size_t n_intermediate, fmi3InstanceEnvironment environment, fmi3LogMessageCallback logger,
+fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String token, fmi3String resources,
+    fmi3Boolean visible, fmi3Boolean logging, fmi3Boolean event_mode, fmi3Boolean early_return,
+    const fmi3ValueReference intermediate[], size_t n_intermediate,
+    fmi3InstanceEnvironment environment, fmi3LogMessageCallback logger,
     fmi3IntermediateUpdateCallback update)
 {
     (void)name;
@@ -120,9 +126,11 @@ fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String token, fmi3
     return made(token, logging, environment, logger, 1);
 }
 
-fmi3Instance fmi3InstantiateScheduledExecution(fmi3String name, fmi3String token, fmi3String resources,
-    fmi3Boolean visible, fmi3Boolean logging, fmi3InstanceEnvironment environment, fmi3LogMessageCallback logger,
-    fmi3ClockUpdateCallback clock, fmi3LockPreemptionCallback lock, fmi3UnlockPreemptionCallback unlock)
+fmi3Instance fmi3InstantiateScheduledExecution(fmi3String name, fmi3String token,
+    fmi3String resources, fmi3Boolean visible, fmi3Boolean logging,
+    fmi3InstanceEnvironment environment, fmi3LogMessageCallback logger,
+    fmi3ClockUpdateCallback clock, fmi3LockPreemptionCallback lock,
+    fmi3UnlockPreemptionCallback unlock)
 {
     (void)name;
     (void)token;
@@ -143,8 +151,8 @@ void fmi3FreeInstance(fmi3Instance instance)
     free(instance);
 }
 
-fmi3Status fmi3EnterInitializationMode(fmi3Instance instance, fmi3Boolean tolerance_defined, fmi3Float64 tolerance,
-    fmi3Float64 start, fmi3Boolean stop_defined, fmi3Float64 stop)
+fmi3Status fmi3EnterInitializationMode(fmi3Instance instance, fmi3Boolean tolerance_defined,
+    fmi3Float64 tolerance, fmi3Float64 start, fmi3Boolean stop_defined, fmi3Float64 stop)
 {
     NEED(PHASE(INSTANTIATED))(void) tolerance_defined;
     (void)tolerance;
@@ -190,10 +198,10 @@ fmi3Status fmi3Reset(fmi3Instance instance)
     return fmi3OK;
 }
 
-/* --- variables ---------------------------------------------------------------------------------------------------- */
+/* --- variables ------------------------------------------------------------------------------- */
 
-fmi3Status fmi3GetFloat64(
-    fmi3Instance instance, const fmi3ValueReference vr[], size_t n, fmi3Float64 value[], size_t n_value)
+fmi3Status fmi3GetFloat64(fmi3Instance instance, const fmi3ValueReference vr[], size_t n,
+    fmi3Float64 value[], size_t n_value)
 {
     NEED(~PHASE(BROKEN))
     if (n_value != n) {
@@ -207,8 +215,8 @@ fmi3Status fmi3GetFloat64(
     return fmi3OK;
 }
 
-fmi3Status fmi3SetFloat64(
-    fmi3Instance instance, const fmi3ValueReference vr[], size_t n, const fmi3Float64 value[], size_t n_value)
+fmi3Status fmi3SetFloat64(fmi3Instance instance, const fmi3ValueReference vr[], size_t n,
+    const fmi3Float64 value[], size_t n_value)
 {
     NEED(PHASE(INSTANTIATED) | PHASE(INITIALIZATION) | RUNNING)
     if (n_value != n) {
@@ -222,8 +230,8 @@ fmi3Status fmi3SetFloat64(
     return fmi3OK;
 }
 
-fmi3Status fmi3GetInt32(
-    fmi3Instance instance, const fmi3ValueReference vr[], size_t n, fmi3Int32 value[], size_t n_value)
+fmi3Status fmi3GetInt32(fmi3Instance instance, const fmi3ValueReference vr[], size_t n,
+    fmi3Int32 value[], size_t n_value)
 {
     NEED(~PHASE(BROKEN))
     if (n_value != n) {
@@ -237,8 +245,8 @@ fmi3Status fmi3GetInt32(
     return fmi3OK;
 }
 
-fmi3Status fmi3SetInt32(
-    fmi3Instance instance, const fmi3ValueReference vr[], size_t n, const fmi3Int32 value[], size_t n_value)
+fmi3Status fmi3SetInt32(fmi3Instance instance, const fmi3ValueReference vr[], size_t n,
+    const fmi3Int32 value[], size_t n_value)
 {
     NEED(PHASE(INSTANTIATED) | PHASE(INITIALIZATION) | RUNNING)
     if (n_value != n) {
@@ -253,12 +261,15 @@ fmi3Status fmi3SetInt32(
 }
 
 #define NO_SUCH_TYPE(name, pointer) \
-    fmi3Status name(fmi3Instance instance, const fmi3ValueReference vr[], size_t n, pointer v[], size_t n_value) \
+    fmi3Status name(fmi3Instance instance, const fmi3ValueReference vr[], size_t n, pointer v[], \
+        size_t n_value) \
     { \
         (void)vr; \
         (void)v; \
         (void)n_value; \
-        return n == 0 && instance != NULL ? fmi3OK : refused((component *)instance, "no variables of this type"); \
+        return n == 0 && instance != NULL ? \
+                   fmi3OK : \
+                   refused((component *)instance, "no variables of this type"); \
     }
 
 NO_SUCH_TYPE(fmi3GetFloat32, fmi3Float32)
@@ -282,41 +293,49 @@ NO_SUCH_TYPE(fmi3SetBoolean, const fmi3Boolean)
 NO_SUCH_TYPE(fmi3GetString, fmi3String)
 NO_SUCH_TYPE(fmi3SetString, const fmi3String)
 
-fmi3Status fmi3GetBinary(fmi3Instance instance, const fmi3ValueReference vr[], size_t n, size_t sizes[],
-    fmi3Binary values[], size_t n_values)
+fmi3Status fmi3GetBinary(fmi3Instance instance, const fmi3ValueReference vr[], size_t n,
+    size_t sizes[], fmi3Binary values[], size_t n_values)
 {
     (void)vr;
     (void)sizes;
     (void)values;
     (void)n_values;
-    return n == 0 && instance != NULL ? fmi3OK : refused((component *)instance, "no variables of this type");
+    return n == 0 && instance != NULL ?
+               fmi3OK :
+               refused((component *)instance, "no variables of this type");
 }
 
-fmi3Status fmi3SetBinary(fmi3Instance instance, const fmi3ValueReference vr[], size_t n, const size_t sizes[],
-    const fmi3Binary values[], size_t n_values)
+fmi3Status fmi3SetBinary(fmi3Instance instance, const fmi3ValueReference vr[], size_t n,
+    const size_t sizes[], const fmi3Binary values[], size_t n_values)
 {
     (void)vr;
     (void)sizes;
     (void)values;
     (void)n_values;
-    return n == 0 && instance != NULL ? fmi3OK : refused((component *)instance, "no variables of this type");
+    return n == 0 && instance != NULL ?
+               fmi3OK :
+               refused((component *)instance, "no variables of this type");
 }
 
-fmi3Status fmi3GetClock(fmi3Instance instance, const fmi3ValueReference vr[], size_t n, fmi3Clock values[])
+fmi3Status fmi3GetClock(
+    fmi3Instance instance, const fmi3ValueReference vr[], size_t n, fmi3Clock values[])
 {
     (void)vr;
     (void)values;
-    return n == 0 && instance != NULL ? fmi3OK : refused((component *)instance, "this FMU has no clocks");
+    return n == 0 && instance != NULL ? fmi3OK :
+                                        refused((component *)instance, "this FMU has no clocks");
 }
 
-fmi3Status fmi3SetClock(fmi3Instance instance, const fmi3ValueReference vr[], size_t n, const fmi3Clock values[])
+fmi3Status fmi3SetClock(
+    fmi3Instance instance, const fmi3ValueReference vr[], size_t n, const fmi3Clock values[])
 {
     (void)vr;
     (void)values;
-    return n == 0 && instance != NULL ? fmi3OK : refused((component *)instance, "this FMU has no clocks");
+    return n == 0 && instance != NULL ? fmi3OK :
+                                        refused((component *)instance, "this FMU has no clocks");
 }
 
-/* --- saved states ------------------------------------------------------------------------------------------------- */
+/* --- saved states ---------------------------------------------------------------------------- */
 
 fmi3Status fmi3GetFMUState(fmi3Instance instance, fmi3FMUState *state)
 {
@@ -362,7 +381,8 @@ fmi3Status fmi3SerializedFMUStateSize(fmi3Instance instance, fmi3FMUState state,
     return fmi3OK;
 }
 
-fmi3Status fmi3SerializeFMUState(fmi3Instance instance, fmi3FMUState state, fmi3Byte bytes[], size_t size)
+fmi3Status fmi3SerializeFMUState(
+    fmi3Instance instance, fmi3FMUState state, fmi3Byte bytes[], size_t size)
 {
     component *m = (component *)instance;
     if (m == NULL || state == NULL || bytes == NULL) {
@@ -375,7 +395,8 @@ fmi3Status fmi3SerializeFMUState(fmi3Instance instance, fmi3FMUState state, fmi3
     return fmi3OK;
 }
 
-fmi3Status fmi3DeserializeFMUState(fmi3Instance instance, const fmi3Byte bytes[], size_t size, fmi3FMUState *state)
+fmi3Status fmi3DeserializeFMUState(
+    fmi3Instance instance, const fmi3Byte bytes[], size_t size, fmi3FMUState *state)
 {
     component *m = (component *)instance;
     core_saved *taken;
@@ -405,11 +426,11 @@ fmi3Status fmi3DeserializeFMUState(fmi3Instance instance, const fmi3Byte bytes[]
     return fmi3OK;
 }
 
-/* --- derivatives, dependencies ------------------------------------------------------------------------------------ */
+/* --- derivatives, dependencies --------------------------------------------------------------- */
 
-fmi3Status fmi3GetDirectionalDerivative(fmi3Instance instance, const fmi3ValueReference unknown[], size_t n_unknown,
-    const fmi3ValueReference known[], size_t n_known, const fmi3Float64 seed[], size_t n_seed, fmi3Float64 out[],
-    size_t n_out)
+fmi3Status fmi3GetDirectionalDerivative(fmi3Instance instance, const fmi3ValueReference unknown[],
+    size_t n_unknown, const fmi3ValueReference known[], size_t n_known, const fmi3Float64 seed[],
+    size_t n_seed, fmi3Float64 out[], size_t n_out)
 {
     NEED(PHASE(INITIALIZATION) | RUNNING)
     if (n_seed != n_known || n_out != n_unknown) {
@@ -418,9 +439,9 @@ fmi3Status fmi3GetDirectionalDerivative(fmi3Instance instance, const fmi3ValueRe
     return told(m, core_derivative(&m->c, unknown, n_unknown, known, n_known, seed, out));
 }
 
-fmi3Status fmi3GetAdjointDerivative(fmi3Instance instance, const fmi3ValueReference unknown[], size_t n_unknown,
-    const fmi3ValueReference known[], size_t n_known, const fmi3Float64 seed[], size_t n_seed, fmi3Float64 out[],
-    size_t n_out)
+fmi3Status fmi3GetAdjointDerivative(fmi3Instance instance, const fmi3ValueReference unknown[],
+    size_t n_unknown, const fmi3ValueReference known[], size_t n_known, const fmi3Float64 seed[],
+    size_t n_seed, fmi3Float64 out[], size_t n_out)
 {
     (void)unknown;
     (void)n_unknown;
@@ -433,15 +454,17 @@ fmi3Status fmi3GetAdjointDerivative(fmi3Instance instance, const fmi3ValueRefere
     return refused((component *)instance, "providesAdjointDerivatives is false");
 }
 
-fmi3Status fmi3GetNumberOfVariableDependencies(fmi3Instance instance, fmi3ValueReference reference, size_t *n)
+fmi3Status fmi3GetNumberOfVariableDependencies(
+    fmi3Instance instance, fmi3ValueReference reference, size_t *n)
 {
     (void)reference;
     (void)n;
     return refused((component *)instance, "providesPerElementDependencies is false");
 }
 
-fmi3Status fmi3GetVariableDependencies(fmi3Instance instance, fmi3ValueReference dependent, size_t of_dependent[],
-    fmi3ValueReference independents[], size_t of_independents[], fmi3DependencyKind kinds[], size_t n)
+fmi3Status fmi3GetVariableDependencies(fmi3Instance instance, fmi3ValueReference dependent,
+    size_t of_dependent[], fmi3ValueReference independents[], size_t of_independents[],
+    fmi3DependencyKind kinds[], size_t n)
 {
     (void)dependent;
     (void)of_dependent;
@@ -452,7 +475,7 @@ fmi3Status fmi3GetVariableDependencies(fmi3Instance instance, fmi3ValueReference
     return refused((component *)instance, "providesPerElementDependencies is false");
 }
 
-/* --- configuration and clocks, which this FMU does not have ------------------------------------------------------- */
+/* --- configuration and clocks, which this FMU does not have ---------------------------------- */
 
 fmi3Status fmi3EnterConfigurationMode(fmi3Instance instance)
 {
@@ -485,7 +508,8 @@ fmi3Status fmi3GetIntervalFraction(fmi3Instance instance, const fmi3ValueReferen
     return refused((component *)instance, "this FMU has no clocks");
 }
 
-fmi3Status fmi3GetShiftDecimal(fmi3Instance instance, const fmi3ValueReference vr[], size_t n, fmi3Float64 shifts[])
+fmi3Status fmi3GetShiftDecimal(
+    fmi3Instance instance, const fmi3ValueReference vr[], size_t n, fmi3Float64 shifts[])
 {
     (void)vr;
     (void)n;
@@ -493,8 +517,8 @@ fmi3Status fmi3GetShiftDecimal(fmi3Instance instance, const fmi3ValueReference v
     return refused((component *)instance, "this FMU has no clocks");
 }
 
-fmi3Status fmi3GetShiftFraction(
-    fmi3Instance instance, const fmi3ValueReference vr[], size_t n, fmi3UInt64 counters[], fmi3UInt64 resolutions[])
+fmi3Status fmi3GetShiftFraction(fmi3Instance instance, const fmi3ValueReference vr[], size_t n,
+    fmi3UInt64 counters[], fmi3UInt64 resolutions[])
 {
     (void)vr;
     (void)n;
@@ -541,14 +565,15 @@ fmi3Status fmi3SetShiftFraction(fmi3Instance instance, const fmi3ValueReference 
     return refused((component *)instance, "this FMU has no clocks");
 }
 
-fmi3Status fmi3ActivateModelPartition(fmi3Instance instance, fmi3ValueReference clock, fmi3Float64 time)
+fmi3Status fmi3ActivateModelPartition(
+    fmi3Instance instance, fmi3ValueReference clock, fmi3Float64 time)
 {
     (void)clock;
     (void)time;
     return refused((component *)instance, "this FMU has no Scheduled Execution");
 }
 
-/* --- Model Exchange ----------------------------------------------------------------------------------------------- */
+/* --- Model Exchange -------------------------------------------------------------------------- */
 
 fmi3Status fmi3EvaluateDiscreteStates(fmi3Instance instance)
 {
@@ -556,8 +581,9 @@ fmi3Status fmi3EvaluateDiscreteStates(fmi3Instance instance)
     return fmi3OK;
 }
 
-fmi3Status fmi3UpdateDiscreteStates(fmi3Instance instance, fmi3Boolean *again, fmi3Boolean *terminate,
-    fmi3Boolean *nominals_changed, fmi3Boolean *values_changed, fmi3Boolean *next_defined, fmi3Float64 *next)
+fmi3Status fmi3UpdateDiscreteStates(fmi3Instance instance, fmi3Boolean *again,
+    fmi3Boolean *terminate, fmi3Boolean *nominals_changed, fmi3Boolean *values_changed,
+    fmi3Boolean *next_defined, fmi3Float64 *next)
 {
     NEED(PHASE(EVENT))
     core_status status = core_event(&m->c);
@@ -634,7 +660,8 @@ fmi3Status fmi3GetEventIndicators(fmi3Instance instance, fmi3Float64 indicators[
     return n == 0 ? fmi3OK : refused(m, "this FMU has no event indicators");
 }
 
-fmi3Status fmi3GetNominalsOfContinuousStates(fmi3Instance instance, fmi3Float64 nominal[], size_t n)
+fmi3Status fmi3GetNominalsOfContinuousStates(
+    fmi3Instance instance, fmi3Float64 nominal[], size_t n)
 {
     NEED(~PHASE(BROKEN))
     if (n != N_X) {
@@ -658,7 +685,7 @@ fmi3Status fmi3GetNumberOfContinuousStates(fmi3Instance instance, size_t *n)
     return fmi3OK;
 }
 
-/* --- Co-Simulation ------------------------------------------------------------------------------------------------ */
+/* --- Co-Simulation --------------------------------------------------------------------------- */
 
 fmi3Status fmi3EnterStepMode(fmi3Instance instance)
 {
@@ -672,11 +699,14 @@ fmi3Status fmi3GetOutputDerivatives(fmi3Instance instance, const fmi3ValueRefere
     (void)orders;
     (void)values;
     (void)n_values;
-    return n == 0 && instance != NULL ? fmi3OK : refused((component *)instance, "maxOutputDerivativeOrder is 0");
+    return n == 0 && instance != NULL ?
+               fmi3OK :
+               refused((component *)instance, "maxOutputDerivativeOrder is 0");
 }
 
-fmi3Status fmi3DoStep(fmi3Instance instance, fmi3Float64 time, fmi3Float64 length, fmi3Boolean keep, fmi3Boolean *event,
-    fmi3Boolean *terminate, fmi3Boolean *early, fmi3Float64 *last)
+fmi3Status fmi3DoStep(fmi3Instance instance, fmi3Float64 time, fmi3Float64 length,
+    fmi3Boolean keep, fmi3Boolean *event, fmi3Boolean *terminate, fmi3Boolean *early,
+    fmi3Float64 *last)
 {
     NEED(PHASE(STEPPING))
     core_status status = core_step(&m->c, time, length);

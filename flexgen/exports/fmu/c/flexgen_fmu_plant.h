@@ -1,8 +1,10 @@
 /*
- * The elastic robot as a block: x = (q_a, q_m, v_a, v_m) with the motors behind elastic gears, u = (tau_m, f_tool).
+ * The elastic robot as a block: x = (q_a, q_m, v_a, v_m) with the motors behind elastic gears, u =
+ * (tau_m, f_tool).
  *
- * Steps: the classical Runge-Kutta method of order four, or the implicit method SDIRK of order four with five stages
- * (gamma = 1/4, L-stable, the last stage is the result), with the emitted Jacobian. The inputs are held in a step.
+ * Steps: the classical Runge-Kutta method of order four, or the implicit method SDIRK of order
+ * four with five stages (gamma = 1/4, L-stable, the last stage is the result), with the emitted
+ * Jacobian. The inputs are held in a step.
  *
  * Source: E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, 1996, table IV.6.5.
  */
@@ -15,7 +17,8 @@ enum { MOST_PARTS = 1000 };             /* of a step */
 static const double MOST_FADING = 0.25; /* time constants of hysteresis and bristles in a part */
 #endif                                  /* MODEL_MEMORY */
 enum { STAGES = 5, ITERATIONS = 12, REFRESHES = 4, MOST_STEPS = 10000000 };
-static const double NEWTON_TOLERANCE = 1e-11; /* of a correction, relative to the size of each state */
+/* of a correction, relative to the size of each state */
+static const double NEWTON_TOLERANCE = 1e-11;
 
 static const char *block_check(unsigned index, double value, int before)
 {
@@ -35,17 +38,22 @@ static const char *block_rate(core *c, const double *x, double *rate)
 {
     return MODEL_RATE(x, c->s.u, c->s.p, rate, c->work) == 0 ?
                NULL :
-               "the accelerations are not finite: a state or an input is too large, or the mass matrix is singular";
+               "the accelerations are not finite: a state or an input is too large, or the mass "
+               "matrix is singular";
 }
 
 static const char *block_output(core *c)
 {
-    return MODEL_OUTPUT(c->s.x, c->s.u, c->s.p, c->s.y, c->work) == 0 ? NULL : "the outputs are not finite";
+    return MODEL_OUTPUT(c->s.x, c->s.u, c->s.p, c->s.y, c->work) == 0 ?
+               NULL :
+               "the outputs are not finite";
 }
 
 static const char *linearized(core *c, const double *x)
 {
-    return MODEL_LINEARIZATION(x, c->s.u, c->s.p, c->A, c->B, c->work) == 0 ? NULL : "the Jacobian is not finite";
+    return MODEL_LINEARIZATION(x, c->s.u, c->s.p, c->A, c->B, c->work) == 0 ?
+               NULL :
+               "the Jacobian is not finite";
 }
 
 static const char *block_jacobian(core *c)
@@ -136,7 +144,8 @@ static const char *factorized(core *c, const double *x, double hg)
 
 static void substituted(const core *c, double *b)
 {
-    for (int k = 0; k < N_X; ++k) { /* whole rows were exchanged, so that all exchanges come first */
+    /* whole rows were exchanged, so that all exchanges come first */
+    for (int k = 0; k < N_X; ++k) {
         const double other = b[k];
         b[k] = b[c->pivot[k]];
         b[c->pivot[k]] = other;
@@ -155,9 +164,10 @@ static void substituted(const core *c, double *b)
 }
 
 /*
- * Solve Y = known + hg rate(Y) from a guess in Y by Newton's method with the matrix that is there; renew it if needed.
- * With the last correction d of the remainder r, (I - hg A) d = r, the rate at Y is that before it plus A d = (d - r) /
- * hg: small numbers only. (Y - known) / hg would divide the rounding of Y by the step.
+ * Solve Y = known + hg rate(Y) from a guess in Y by Newton's method with the matrix that is there;
+ * renew it if needed. With the last correction d of the remainder r, (I - hg A) d = r, the rate at
+ * Y is that before it plus A d = (d - r) / hg: small numbers only. (Y - known) / hg would divide
+ * the rounding of Y by the step.
  */
 static const char *stage_solved(core *c, const double *known, double hg, double *Y, double *rate)
 {
@@ -178,7 +188,8 @@ static const char *stage_solved(core *c, const double *known, double hg, double 
                 Y[i] += correction[i];
                 rate[i] = c->rate[i] + (correction[i] - remainder[i]) / hg;
             }
-            if (problem == NULL && size <= NEWTON_TOLERANCE && (last <= NEWTON_TOLERANCE || size == 0.0)) {
+            if (problem == NULL && size <= NEWTON_TOLERANCE &&
+                (last <= NEWTON_TOLERANCE || size == 0.0)) {
                 return NULL; /* the second small correction: what is left is rounding */
             }
             if (!(size < 2.0 * last)) { /* it diverges: a new matrix */
@@ -228,8 +239,9 @@ static const char *sdirk4_step(core *c, double h)
 #if MODEL_MEMORY
 
 /*
- * Steps over `length`, each divided such that torques of hysteresis and bristles fade by MOST_FADING in a part, at
- * most: Runge-Kutta is stable until 2.8, and the error of both methods is that of a smooth function.
+ * Steps over `length`, each divided such that torques of hysteresis and bristles fade by
+ * MOST_FADING in a part, at most: Runge-Kutta is stable until 2.8, and the error of both methods
+ * is that of a smooth function.
  */
 static const char *divided_step(core *c, double length)
 {
@@ -241,7 +253,8 @@ static const char *divided_step(core *c, double length)
             return "the rates of hysteresis and bristles are not finite";
         }
         if (part >= MOST_PARTS) {
-            return "the torques of hysteresis or bristles change too fast: decrease integration.step";
+            return "the torques of hysteresis or bristles change too fast: decrease "
+                   "integration.step";
         }
         if (h * fastest > MOST_FADING) {
             h = h / ceil(h * fastest / MOST_FADING);
@@ -272,7 +285,8 @@ static const char *block_advance(core *c, double length)
     }
     for (int i = 0; problem == NULL && i < N_X; ++i) {
         if (!isfinite(c->s.x[i])) {
-            problem = "the state is not finite: decrease integration.step, or use the implicit method";
+            problem =
+                "the state is not finite: decrease integration.step, or use the implicit method";
         }
     }
     return problem;

@@ -1,6 +1,7 @@
 /*
- * At the top of the source, which is many files in one. Small functions of the kernel and constants that this robot
- * does not use, and arrays that are declared as pointers elsewhere, are not mistakes there.
+ * At the top of the source, which is many files in one. Small functions of the kernel and
+ * constants that this robot does not use, and arrays that are declared as pointers elsewhere, are
+ * not mistakes there.
  */
 #ifndef FLEXGEN_FMU_WARNINGS_H
 #define FLEXGEN_FMU_WARNINGS_H

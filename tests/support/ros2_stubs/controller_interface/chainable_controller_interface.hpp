@@ -92,8 +92,10 @@ protected:
     {
         return true;
     }
-    virtual return_type update_reference_from_subscribers(const rclcpp::Time &, const rclcpp::Duration &) = 0;
-    virtual return_type update_and_write_commands(const rclcpp::Time &, const rclcpp::Duration &) = 0;
+    virtual return_type update_reference_from_subscribers(
+        const rclcpp::Time &, const rclcpp::Duration &) = 0;
+    virtual return_type update_and_write_commands(
+        const rclcpp::Time &, const rclcpp::Duration &) = 0;
 
     std::vector<double> reference_interfaces_;
     std::vector<hardware_interface::LoanedCommandInterface> command_interfaces_;

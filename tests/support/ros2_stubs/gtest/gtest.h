@@ -30,12 +30,12 @@ inline Said near(double a, double b, double most)
 } // namespace stub
 
 #define EXPECT_NEAR(a, b, most) stub::near(a, b, most)
-#define TEST(suite, name)                                                                                              \
-    static void suite##_##name();                                                                                      \
-    int main()                                                                                                         \
-    {                                                                                                                  \
-        suite##_##name();                                                                                              \
-        return stub::failures();                                                                                       \
-    }                                                                                                                  \
+#define TEST(suite, name) \
+    static void suite##_##name(); \
+    int main() \
+    { \
+        suite##_##name(); \
+        return stub::failures(); \
+    } \
     static void suite##_##name()
 #endif

@@ -52,7 +52,8 @@ public:
     }
     LoanedStateInterface(const LoanedStateInterface &) = delete;
     LoanedStateInterface(LoanedStateInterface &&) = default;
-    template <typename T = double> [[nodiscard]] std::optional<T> get_optional(unsigned int = 10) const
+    template <typename T = double>
+    [[nodiscard]] std::optional<T> get_optional(unsigned int = 10) const
     {
         return *value_;
     }

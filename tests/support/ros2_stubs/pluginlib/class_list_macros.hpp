@@ -14,10 +14,10 @@ inline std::map<std::string, std::function<void *()>> &classes()
 }
 } // namespace stub
 
-#define PLUGINLIB_EXPORT_CLASS(Derived, Base)                                                                          \
-    static_assert(std::is_base_of_v<Base, Derived> && std::is_default_constructible_v<Derived>);                       \
-    [[maybe_unused]] static const bool stub_registered = stub::classes()                                                                \
-                                            .emplace(#Derived, []() -> void * {                                        \
-                                                return static_cast<Base *>(new Derived());                             \
-                                            }).second;
+#define PLUGINLIB_EXPORT_CLASS(Derived, Base) \
+    static_assert(std::is_base_of_v<Base, Derived> && std::is_default_constructible_v<Derived>); \
+    [[maybe_unused]] static const bool stub_registered = \
+        stub::classes() \
+            .emplace(#Derived, []() -> void * { return static_cast<Base *>(new Derived()); }) \
+            .second;
 #endif

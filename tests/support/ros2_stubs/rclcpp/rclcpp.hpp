@@ -29,7 +29,8 @@ template <typename Message> struct Subscription {
     using SharedPtr = std::shared_ptr<Subscription>;
     std::function<void(std::shared_ptr<Message>)> callback;
 };
-using Value = std::variant<bool, std::int64_t, double, std::string, std::vector<double>, std::vector<std::string>>;
+using Value = std::variant<bool, std::int64_t, double, std::string, std::vector<double>,
+    std::vector<std::string>>;
 class Parameter
 {
 public:
