@@ -1,35 +1,39 @@
 /*
  * elbow: equations of motion of an elastic robot, written by flexgen. Do not edit.
  *
- * SI units. Matrices are stored by columns. Arm quantities (q_a, v_a, a_a, tau_a) are on the arm side of the gears and
- * in chain order, motor quantities (q_m, v_m, a_m, tau_m) on the motor side. Indices from 0:
+ * SI units. Matrices are stored by columns. Arm quantities (q_a, v_a, a_a, tau_a) are on the arm
+ * side of the gears and in chain order, motor quantities (q_m, v_m, a_m, tau_m) on the motor side.
+ * Indices from 0:
  *   q_a: 0 q1 [rad], 1 q2 [rad]
  *   q_m: 0 m1 [rad], 1 m2 [rad]
- *   x: 0 q1 [rad], 1 q2 [rad], 2 m1 [rad], 3 m2 [rad], 4 d(q1)/dt [rad/s], 5 d(q2)/dt [rad/s], 6 d(m1)/dt [rad/s], 7
- *     d(m2)/dt [rad/s]
+ *   x: 0 q1 [rad], 1 q2 [rad], 2 m1 [rad], 3 m2 [rad], 4 d(q1)/dt [rad/s], 5 d(q2)/dt [rad/s], 6
+ *     d(m1)/dt [rad/s], 7 d(m2)/dt [rad/s]
  *
- * Gravity is (0.0, 0.0, -9.81) m/s^2 in world axes. Gear ratios eta and rotor inertias J_m, motor side:
+ * Gravity is (0.0, 0.0, -9.81) m/s^2 in world axes. Gear ratios eta and rotor inertias J_m, motor
+ * side:
  *   m1: eta 267.42857142857144 (q1); J_m 0.0118 kg m^2
  *   m2: eta 252.33333333333334 (q2); J_m 0.0118 kg m^2
  *
- * Every function takes its inputs, its outputs and, where it needs one, a workspace of ELBOW_WORK reals, whose
- * contents have no meaning before and after. No pointer may be null, and arrays must not overlap. It returns a status:
- * 0, or a negative number. Where an input or a result is not finite, or a system of equations is singular to rounding,
- * all outputs are NaN. Where a pointer is null, nothing is written. Angles, and sums of angles of parallel joints,
- * must stay within the range of the sine: 1e6 rad.
+ * Every function takes its inputs, its outputs and, where it needs one, a workspace of ELBOW_WORK
+ * reals, whose contents have no meaning before and after. No pointer may be null, and arrays must
+ * not overlap. It returns a status: 0, or a negative number. Where an input or a result is not
+ * finite, or a system of equations is singular to rounding, all outputs are NaN. Where a pointer
+ * is null, nothing is written. Angles, and sums of angles of parallel joints, must stay within the
+ * range of the sine: 1e6 rad.
  *
- * elbow_batch.h has the same functions for many points, elbow_inversion.h inverse dynamics along whole paths and
- * streams.
+ * elbow_batch.h has the same functions for many points, elbow_inversion.h inverse dynamics along
+ * whole paths and streams.
  *
- * No function allocates, prints or keeps data: all may be called from several threads, each with its own arrays.
- * Compile with any C99 compiler:
+ * No function allocates, prints or keeps data: all may be called from several threads, each with
+ * its own arrays. Compile with any C99 compiler:
  *   cc -std=c99 -O2 -ffp-contract=off -c $(find src -name '*.c')
- * (-ffp-contract=off: the same bits with every compiler and processor. Where GCC compiles for a fused multiply-add,
- * add -fno-tree-vectorize, because it fuses in vectors nevertheless. -O3 -march=native -ffp-contract=fast is faster
- * and differs by rounding. -funroll-loops makes streams and whole paths a tenth faster, and their code twice as long.
- * Never use -ffast-math: it hides results that are not finite.) Sine, cosine, exp and tanh are part of the library; no
- * other library is called; compilers may replace loops by calls of memset, memcpy and memmove. With OpenMP (-fopenmp)
- * the batches use all cores.
+ * (-ffp-contract=off: the same bits with every compiler and processor. Where GCC compiles for a
+ * fused multiply-add, add -fno-tree-vectorize, because it fuses in vectors nevertheless. -O3
+ * -march=native -ffp-contract=fast is faster and differs by rounding. -funroll-loops makes streams
+ * and whole paths a tenth faster, and their code twice as long. Never use -ffast-math: it hides
+ * results that are not finite.) Sine, cosine, exp and tanh are part of the library; no other
+ * library is called; compilers may replace loops by calls of memset, memcpy and memmove. With
+ * OpenMP (-fopenmp) the batches use all cores.
  */
 #ifndef ELBOW_H
 #define ELBOW_H
@@ -68,14 +72,16 @@ typedef enum {
     /* a size, a time or a rotation matrix is out of range, or the path does not begin and end at zero velocity */
     ELBOW_BAD_ARGUMENT = -5,
     ELBOW_WORK_TOO_SMALL = -6 /* the workspace is too small */,
-    ELBOW_UNREACHABLE = -7 /* the path leaves the workspace of the robot or passes a singular pose */,
+    /* the path leaves the workspace of the robot or passes a singular pose */
+    ELBOW_UNREACHABLE = -7,
     ELBOW_NOT_CONVERGED = -8 /* the iteration did not converge */,
     ELBOW_NOT_STARTED = -9 /* the stream was not started by this library, or has failed */,
     /* a zero of the zero dynamics goes through infinity on the path; use invert (method lq) */
     ELBOW_ZERO_AT_INFINITY = -10,
     /* the number of unstable zeros differs between start and end; use invert (method lq) */
     ELBOW_ZEROS_CHANGE = -11,
-    ELBOW_ZERO_ON_AXIS = -12 /* a zero is on the imaginary axis at an end of the path; use invert (method lq) */,
+    /* a zero is on the imaginary axis at an end of the path; use invert (method lq) */
+    ELBOW_ZERO_ON_AXIS = -12,
     /* the horizon is too short to keep limits: use at least 4 intervals, and 1.5 times the preview of the zeros */
     ELBOW_HORIZON_TOO_SHORT = -13,
     /* the limits cannot be kept; increase them, slow down the path or give the motion more time */
@@ -113,7 +119,8 @@ static const elbow_real elbow_home_q_m[ELBOW_NM] = {140.0252725600022, (-88.0809
  * 11 operations, critical path about 72 cycles; stack of one point at most 1536 bytes
  */
 ELBOW_API
-elbow_status elbow_forward_kinematics(const elbow_real q_a[ELBOW_NA], elbow_real p[3], elbow_real R[3 * 3]);
+elbow_status elbow_forward_kinematics(const elbow_real q_a[ELBOW_NA], elbow_real p[3],
+    elbow_real R[3 * 3]);
 
 /*
  * Jacobian of the tool: its linear, then its angular velocity, in world axes.
@@ -150,7 +157,8 @@ elbow_status elbow_mass_matrix(const elbow_real q_a[ELBOW_NA], elbow_real M[ELBO
  * 20 operations, critical path about 84 cycles; stack of one point at most 1792 bytes
  */
 ELBOW_API
-elbow_status elbow_bias(const elbow_real q_a[ELBOW_NA], const elbow_real v_a[ELBOW_NA], elbow_real h[ELBOW_NA]);
+elbow_status elbow_bias(const elbow_real q_a[ELBOW_NA], const elbow_real v_a[ELBOW_NA],
+    elbow_real h[ELBOW_NA]);
 
 /*
  * Gravity forces of the arm.
@@ -176,8 +184,8 @@ elbow_status elbow_gravity(const elbow_real q_a[ELBOW_NA], elbow_real g[ELBOW_NA
  * 35 operations, critical path about 88 cycles; stack of one point at most 1792 bytes
  */
 ELBOW_API
-elbow_status elbow_inverse_dynamics(const elbow_real q_a[ELBOW_NA], const elbow_real v_a[ELBOW_NA],
-    const elbow_real a_a[ELBOW_NA], elbow_real tau_a[ELBOW_NA]);
+elbow_status elbow_inverse_dynamics(const elbow_real q_a[ELBOW_NA],
+    const elbow_real v_a[ELBOW_NA], const elbow_real a_a[ELBOW_NA], elbow_real tau_a[ELBOW_NA]);
 
 /*
  * First derivatives of the inverse dynamics.
@@ -193,13 +201,14 @@ elbow_status elbow_inverse_dynamics(const elbow_real q_a[ELBOW_NA], const elbow_
  * 40 operations, critical path about 84 cycles; stack of one point at most 1792 bytes
  */
 ELBOW_API
-elbow_status elbow_inverse_dynamics_derivatives(const elbow_real q_a[ELBOW_NA], const elbow_real v_a[ELBOW_NA],
-    const elbow_real a_a[ELBOW_NA], elbow_real dtau_dq[ELBOW_NA * ELBOW_NA],
-    elbow_real dtau_dv[ELBOW_NA * ELBOW_NA], elbow_real dtau_da[ELBOW_NA * ELBOW_NA]);
+elbow_status elbow_inverse_dynamics_derivatives(const elbow_real q_a[ELBOW_NA],
+    const elbow_real v_a[ELBOW_NA], const elbow_real a_a[ELBOW_NA],
+    elbow_real dtau_dq[ELBOW_NA * ELBOW_NA], elbow_real dtau_dv[ELBOW_NA * ELBOW_NA],
+    elbow_real dtau_da[ELBOW_NA * ELBOW_NA]);
 
 /*
- * Accelerations of the arm under given forces on its coordinates, without rotors, friction and springs: the inverse of
- * inverse_dynamics.
+ * Accelerations of the arm under given forces on its coordinates, without rotors, friction and
+ * springs: the inverse of inverse_dynamics.
  *
  *   a_a = M(q_a)^-1 (tau_a - c(q_a, v_a) - g(q_a))
  *
@@ -210,8 +219,8 @@ elbow_status elbow_inverse_dynamics_derivatives(const elbow_real q_a[ELBOW_NA], 
  * 37 operations, critical path about 132 cycles; stack of one point at most 1792 bytes
  */
 ELBOW_API
-elbow_status elbow_arm_forward_dynamics(const elbow_real q_a[ELBOW_NA], const elbow_real v_a[ELBOW_NA],
-    const elbow_real tau_a[ELBOW_NA], elbow_real a_a[ELBOW_NA]);
+elbow_status elbow_arm_forward_dynamics(const elbow_real q_a[ELBOW_NA],
+    const elbow_real v_a[ELBOW_NA], const elbow_real tau_a[ELBOW_NA], elbow_real a_a[ELBOW_NA]);
 
 /*
  * First derivatives of the arm's forward dynamics.
@@ -221,19 +230,21 @@ elbow_status elbow_arm_forward_dynamics(const elbow_real q_a[ELBOW_NA], const el
  *   in  q_a     n_a       [rad]   arm coordinates in chain order
  *   in  v_a     n_a       [rad/s] arm velocities
  *   in  tau_a   n_a       [N m]   forces on the arm coordinates, arm side
- *   out da_dq   n_a x n_a [mixed] unit of the row's acceleration per unit of the column's coordinate
+ *   out da_dq   n_a x n_a [mixed] unit of the row's acceleration per unit of the column's
+ *   coordinate
  *   out da_dv   n_a x n_a [mixed] unit of the row's acceleration per unit of the column's velocity
  *   out da_dtau n_a x n_a [mixed] inverse of the mass matrix, symmetric
  * 117 operations, critical path about 296 cycles; stack of one point at most 1792 bytes
  */
 ELBOW_API
-elbow_status elbow_arm_forward_derivatives(const elbow_real q_a[ELBOW_NA], const elbow_real v_a[ELBOW_NA],
-    const elbow_real tau_a[ELBOW_NA], elbow_real da_dq[ELBOW_NA * ELBOW_NA], elbow_real da_dv[ELBOW_NA * ELBOW_NA],
+elbow_status elbow_arm_forward_derivatives(const elbow_real q_a[ELBOW_NA],
+    const elbow_real v_a[ELBOW_NA], const elbow_real tau_a[ELBOW_NA],
+    elbow_real da_dq[ELBOW_NA * ELBOW_NA], elbow_real da_dv[ELBOW_NA * ELBOW_NA],
     elbow_real da_dtau[ELBOW_NA * ELBOW_NA], elbow_real *work);
 
 /*
- * Accelerations of arm and motors under the motors' torques, with springs, dampers and friction. Entries of q_m and
- * v_m behind rigid gears are ignored; those of a_m are filled in.
+ * Accelerations of arm and motors under the motors' torques, with springs, dampers and friction.
+ * Entries of q_m and v_m behind rigid gears are ignored; those of a_m are filled in.
  *
  *   M a_a + c + g = tau_a,  J_m a_m + f(v_m) + eta^-T tau_g = tau_m
  *
@@ -247,12 +258,14 @@ elbow_status elbow_arm_forward_derivatives(const elbow_real q_a[ELBOW_NA], const
  * 57 operations, critical path about 132 cycles; stack of one point at most 2048 bytes
  */
 ELBOW_API
-elbow_status elbow_forward_dynamics(const elbow_real q_a[ELBOW_NA], const elbow_real v_a[ELBOW_NA],
-    const elbow_real q_m[ELBOW_NM], const elbow_real v_m[ELBOW_NM], const elbow_real tau_m[ELBOW_NM],
-    elbow_real a_a[ELBOW_NA], elbow_real a_m[ELBOW_NM]);
+elbow_status elbow_forward_dynamics(const elbow_real q_a[ELBOW_NA],
+    const elbow_real v_a[ELBOW_NA], const elbow_real q_m[ELBOW_NM],
+    const elbow_real v_m[ELBOW_NM], const elbow_real tau_m[ELBOW_NM], elbow_real a_a[ELBOW_NA],
+    elbow_real a_m[ELBOW_NM]);
 
 /*
- * The same with a force and a torque on the tool, and the torques of the elastic gears; zero for rigid gears.
+ * The same with a force and a torque on the tool, and the torques of the elastic gears; zero for
+ * rigid gears.
  *
  *   M a_a + c + g = tau_a + J' f_tool,  J_m a_m + f(v_m) + eta^-T tau_g = tau_m
  *
@@ -268,9 +281,10 @@ elbow_status elbow_forward_dynamics(const elbow_real q_a[ELBOW_NA], const elbow_
  * 80 operations, critical path about 140 cycles; stack of one point at most 2304 bytes
  */
 ELBOW_API
-elbow_status elbow_forward_dynamics_tool_force(const elbow_real q_a[ELBOW_NA], const elbow_real v_a[ELBOW_NA],
-    const elbow_real q_m[ELBOW_NM], const elbow_real v_m[ELBOW_NM], const elbow_real tau_m[ELBOW_NM],
-    const elbow_real f_tool[6], elbow_real a_a[ELBOW_NA], elbow_real a_m[ELBOW_NM], elbow_real tau_g[ELBOW_NG]);
+elbow_status elbow_forward_dynamics_tool_force(const elbow_real q_a[ELBOW_NA],
+    const elbow_real v_a[ELBOW_NA], const elbow_real q_m[ELBOW_NM],
+    const elbow_real v_m[ELBOW_NM], const elbow_real tau_m[ELBOW_NM], const elbow_real f_tool[6],
+    elbow_real a_a[ELBOW_NA], elbow_real a_m[ELBOW_NM], elbow_real tau_g[ELBOW_NG]);
 
 /*
  * Velocity and acceleration of the tool, linear and angular, in world axes.
@@ -281,7 +295,8 @@ elbow_status elbow_forward_dynamics_tool_force(const elbow_real q_a[ELBOW_NA], c
  *   in  v_a    n_a [rad/s]   arm velocities
  *   in  a_a    n_a [rad/s^2] arm accelerations
  *   out v_tool 6   [mixed]   of the tool's origin [m/s], then angular velocity [rad/s], world axes
- *   out a_tool 6   [mixed]   of the tool's origin [m/s^2], then angular acceleration [rad/s^2], world axes
+ *   out a_tool 6   [mixed]   of the tool's origin [m/s^2], then angular acceleration [rad/s^2],
+ *   world axes
  * 35 operations, critical path about 80 cycles; stack of one point at most 1792 bytes
  */
 ELBOW_API
@@ -289,8 +304,8 @@ elbow_status elbow_tool_motion(const elbow_real q_a[ELBOW_NA], const elbow_real 
     const elbow_real a_a[ELBOW_NA], elbow_real v_tool[6], elbow_real a_tool[6]);
 
 /*
- * Linearization of the forward dynamics in the state x = (q_a, q_m, v_a, v_m), of the motors only those behind elastic
- * gears.
+ * Linearization of the forward dynamics in the state x = (q_a, q_m, v_a, v_m), of the motors only
+ * those behind elastic gears.
  *
  *   d(dx/dt) = A dx + B d(tau_m)
  *
@@ -305,11 +320,13 @@ elbow_status elbow_tool_motion(const elbow_real q_a[ELBOW_NA], const elbow_real 
  */
 ELBOW_API
 elbow_status elbow_linearize(const elbow_real q_a[ELBOW_NA], const elbow_real v_a[ELBOW_NA],
-    const elbow_real q_m[ELBOW_NM], const elbow_real v_m[ELBOW_NM], const elbow_real tau_m[ELBOW_NM],
-    elbow_real A[ELBOW_NX * ELBOW_NX], elbow_real B[ELBOW_NX * ELBOW_NM], elbow_real *work);
+    const elbow_real q_m[ELBOW_NM], const elbow_real v_m[ELBOW_NM],
+    const elbow_real tau_m[ELBOW_NM], elbow_real A[ELBOW_NX * ELBOW_NX],
+    elbow_real B[ELBOW_NX * ELBOW_NM], elbow_real *work);
 
 /*
- * Acceleration and jerk of an arm with elastic joints from its state, without damping of the gears.
+ * Acceleration and jerk of an arm with elastic joints from its state, without damping of the
+ * gears.
  *
  *   M a_a + c + g - f = T,  T = spring(eta^-1 q_m - q_a);  j_a = d a_a/dt
  *
@@ -322,13 +339,13 @@ elbow_status elbow_linearize(const elbow_real q_a[ELBOW_NA], const elbow_real v_
  * 161 operations, critical path about 200 cycles; stack of one point at most 2816 bytes
  */
 ELBOW_API
-elbow_status elbow_flexible_joint_motion(const elbow_real q_a[ELBOW_NA], const elbow_real v_a[ELBOW_NA],
-    const elbow_real q_m[ELBOW_NM], const elbow_real v_m[ELBOW_NM], elbow_real a_a[ELBOW_NA],
-    elbow_real j_a[ELBOW_NA]);
+elbow_status elbow_flexible_joint_motion(const elbow_real q_a[ELBOW_NA],
+    const elbow_real v_a[ELBOW_NA], const elbow_real q_m[ELBOW_NM],
+    const elbow_real v_m[ELBOW_NM], elbow_real a_a[ELBOW_NA], elbow_real j_a[ELBOW_NA]);
 
 /*
- * Torques of the motors that give an arm with elastic joints a fourth derivative of its coordinates, without damping
- * of the gears.
+ * Torques of the motors that give an arm with elastic joints a fourth derivative of its
+ * coordinates, without damping of the gears.
  *
  *   tau_m = J_m eta (a_a + d'') + f(v_m) + eta^-T T,  spring(d)'' = (M a_a + c + g - f)''
  *
@@ -343,8 +360,9 @@ elbow_status elbow_flexible_joint_motion(const elbow_real q_a[ELBOW_NA], const e
  * 208 operations, critical path about 132 cycles; stack of one point at most 3328 bytes
  */
 ELBOW_API
-elbow_status elbow_flexible_joint_torque(const elbow_real q_a[ELBOW_NA], const elbow_real v_a[ELBOW_NA],
-    const elbow_real a_a[ELBOW_NA], const elbow_real j_a[ELBOW_NA], const elbow_real s_a[ELBOW_NA],
+elbow_status elbow_flexible_joint_torque(const elbow_real q_a[ELBOW_NA],
+    const elbow_real v_a[ELBOW_NA], const elbow_real a_a[ELBOW_NA],
+    const elbow_real j_a[ELBOW_NA], const elbow_real s_a[ELBOW_NA],
     const elbow_real q_m[ELBOW_NM], const elbow_real v_m[ELBOW_NM], elbow_real tau_m[ELBOW_NM]);
 
 /*
@@ -361,12 +379,13 @@ elbow_status elbow_flexible_joint_torque(const elbow_real q_a[ELBOW_NA], const e
  * 23 operations, critical path about 76 cycles; stack of one point at most 1792 bytes
  */
 ELBOW_API
-elbow_status elbow_output_constraint(const elbow_real q_a[ELBOW_NA], const elbow_real v_a[ELBOW_NA],
-    const elbow_real target[ELBOW_NT], elbow_real y_err[ELBOW_NY], elbow_real W[ELBOW_NY * ELBOW_NA],
-    elbow_real Wdot_v[ELBOW_NY]);
+elbow_status elbow_output_constraint(const elbow_real q_a[ELBOW_NA],
+    const elbow_real v_a[ELBOW_NA], const elbow_real target[ELBOW_NT],
+    elbow_real y_err[ELBOW_NY], elbow_real W[ELBOW_NY * ELBOW_NA], elbow_real Wdot_v[ELBOW_NY]);
 
 /*
- * Torques of the gears for a given motion, and the remainder of the equations of the coordinates without motor.
+ * Torques of the gears for a given motion, and the remainder of the equations of the coordinates
+ * without motor.
  *
  *   tau_g = [M a_a + c + g - f]_g,  row = [M a_a + c + g - f]_e - tau_e, f: the arm's frictions
  *

@@ -1,8 +1,8 @@
 """Rules of the text of the code: width, one assignment a line, nesting, conditional expressions,
 first words of docstrings.
 
-Read from the syntax tree of all tracked Python files. A planted violation of each rule shows that
-the test sees it. The lists of old violations may only shrink.
+Read from the syntax tree of all tracked Python files; the width also of C and C++. A planted
+violation of each rule shows that the test sees it. The lists of old violations may only shrink.
 """
 
 from __future__ import annotations
@@ -75,6 +75,21 @@ def texts() -> dict[str, str]:
         ["git", "ls-files", "*.py", "*.pyi"], cwd=ROOT, capture_output=True, text=True, check=True
     ).stdout.split()
     found = {name: ROOT / name for name in names}
+    return {name: path.read_text("utf-8") for name, path in found.items() if path.exists()}
+
+
+# Kept as their authors wrote them: C that flexgen emits, whose names may be long, and FMI.
+OTHERS = ("generated/", "flexgen/exports/fmu/standard/")
+
+
+@cache
+def texts_in_c() -> dict[str, str]:
+    """All tracked files of C and C++ that are written by hand, by path."""
+    kinds = ["*.c", "*.h", "*.cpp", "*.hpp"]
+    names = subprocess.run(
+        ["git", "ls-files", *kinds], cwd=ROOT, capture_output=True, text=True, check=True
+    ).stdout.split()
+    found = {name: ROOT / name for name in names if not name.startswith(OTHERS)}
     return {name: path.read_text("utf-8") for name, path in found.items() if path.exists()}
 
 
@@ -161,6 +176,20 @@ def counts(rule) -> dict[str, int]:
 
 def test_no_line_is_too_wide() -> None:
     assert {name: rows for name, text in texts().items() if (rows := wide_lines(text))} == {}
+
+
+def test_no_line_of_c_is_too_wide() -> None:
+    """At the width of clang-format, which does not break comments that it cannot."""
+    found = texts_in_c()
+    assert len(found) > 50, "no file was read"
+    assert {name: rows for name, text in found.items() if (rows := wide_lines(text))} == {}
+    assert f"ColumnLimit: {WIDTH}\n" in (ROOT / ".clang-format").read_text("utf-8")
+
+
+def test_a_planted_wide_line_of_c_is_seen() -> None:
+    name, text = next(iter(texts_in_c().items()))
+    assert wide_lines(text) == [], name
+    assert wide_lines(f"{text}/* {'x' * WIDTH} */\n") == [text.count("\n") + 1]
 
 
 def test_one_assignment_a_line() -> None:

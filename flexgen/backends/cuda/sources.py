@@ -167,7 +167,7 @@ def _file_of(files: Mapping[str, str], *names: str) -> str:
 
 def _workspace(text: str, function: str) -> int:
     """Reals of workspace of a function for a point, as its source says."""
-    found = re.search(rf"{re.escape(function)}_shape =[^{{]*{{(?:-?\d+,\s*){{3}}(\d+)", text)
+    found = re.search(rf"\b{re.escape(function)}_shape = {{\s*(?:-?\d+,\s*){{3}}(\d+)", text)
     if found is None:
         raise BuildError(f"{function}: given a source without the shape of the function; {AGAIN}")
     return int(found[1])

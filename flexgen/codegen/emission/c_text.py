@@ -10,6 +10,8 @@ from collections.abc import Iterable
 from flexgen.base.spec.ports import Port
 from flexgen.codegen.emission.spec import FunctionSpec, LibrarySpec
 
+WIDTH = 99  # characters of a line of C, at most, where it can be broken; as in .clang-format
+
 
 def comment(text: str, indent: str = " * ") -> str:
     """Lines of a block comment; whatever could end or nest one is taken apart."""
@@ -18,7 +20,7 @@ def comment(text: str, indent: str = " * ") -> str:
     hanging = " " * (2 * (len(clean) - len(clean.lstrip())))
     return "".join(
         f"{indent}{line}".rstrip() + "\n"
-        for line in textwrap.wrap(clean, 119 - len(indent), subsequent_indent=hanging) or [""]
+        for line in textwrap.wrap(clean, WIDTH - len(indent), subsequent_indent=hanging) or [""]
     )
 
 
@@ -49,10 +51,15 @@ def count_of(spec: LibrarySpec, f: FunctionSpec, port: Port) -> str:
 
 
 def declaration(text: str) -> str:
-    """A prototype, broken into lines between its arguments where it is long."""
+    """A prototype or a call, broken into lines between its arguments where it is long."""
+    indent = " " * (len(text) - len(text.lstrip()) + 4)
     glued = text.replace(" ", "\0").replace(",\0", ", ")
     lines = textwrap.wrap(
-        glued, 116, subsequent_indent="    ", break_long_words=False, break_on_hyphens=False
+        glued,
+        WIDTH - len(" {"),
+        subsequent_indent=indent,
+        break_long_words=False,
+        break_on_hyphens=False,
     )
     return "\n".join(lines).replace("\0", " ")
 

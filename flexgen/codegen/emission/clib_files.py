@@ -15,7 +15,7 @@ from operator import eq, gt, ne
 from types import MappingProxyType
 
 from flexgen.base.errors import BuildError
-from flexgen.codegen.emission.c_text import comment, declaration, macro, size_macro
+from flexgen.codegen.emission.c_text import WIDTH, comment, declaration, macro, size_macro
 from flexgen.codegen.emission.clib_types import CFunction, Enum, Field, Struct
 from flexgen.codegen.emission.constants_header import (
     constants_header,
@@ -389,7 +389,7 @@ def _struct(spec: LibrarySpec, struct: Struct) -> str:
         unit = f"[{field.unit}] " if field.unit not in ("", "1") else ""
         text = f"{shape}{unit}{field.doc}".strip()
         member = f"    {_declare_field(spec, field)};"
-        if len(member) + len(text) < 110:
+        if len(f"{member} /* {text} */") <= WIDTH:
             lines.append(f"{member} /* {text} */\n")
         else:
             wrapped = comment(text, "     * ")

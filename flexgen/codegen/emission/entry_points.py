@@ -4,9 +4,17 @@ mathematics.
 
 from __future__ import annotations
 
+import textwrap
+
 from flexgen.base.errors import BuildError
 from flexgen.base.spec.ports import Port
-from flexgen.codegen.emission.c_text import batch_prototype, declaration, macro, prototype
+from flexgen.codegen.emission.c_text import (
+    WIDTH,
+    batch_prototype,
+    declaration,
+    macro,
+    prototype,
+)
 from flexgen.codegen.emission.header import tile
 from flexgen.codegen.emission.spec import FunctionSpec, LibrarySpec
 from flexgen.codegen.statements.function_text import FunctionText
@@ -63,7 +71,8 @@ def _shape(spec: LibrarySpec, f: FunctionSpec, written: FunctionText) -> str:
     )
     numbers = (len(f.inputs), len(f.outputs), shared, written.work, tile(f, spec.precision))
     start = f"static const function_shape {f.name}_shape = "
-    return declaration(f"{start}{{{', '.join(map(str, numbers))}, {{{sizes}}}}}") + ";\n"
+    values = declaration(f"    {', '.join(map(str, numbers))}, {{{sizes}}}")
+    return f"{start}{{\n{values}}};\n"
 
 
 def _of_lanes(spec: LibrarySpec, f: FunctionSpec, written: FunctionText) -> str:
@@ -93,7 +102,11 @@ def _of_one(spec: LibrarySpec, f: FunctionSpec, written: FunctionText) -> str:
     """The public function for one point, and its form for `evaluate_points`."""
     ports = (*f.inputs, *f.outputs)
     work = ["work"] * (written.work > 0)
-    missing = " || ".join(f"{given} == NULL" for given in [*(p.name for p in ports), *work])
+    missing = textwrap.fill(
+        " || ".join(f"{given}\0==\0NULL" for given in [*(p.name for p in ports), *work]),
+        WIDTH - len("    if () {"),
+        subsequent_indent=" " * 8,
+    ).replace("\0", " ")
     given = ", ".join([*(port.name for port in ports), *work])
     kept = ", ".join([*(array for array, _ in _places(f)), *work])
     ok = macro(spec, "OK")
@@ -103,7 +116,7 @@ def _of_one(spec: LibrarySpec, f: FunctionSpec, written: FunctionText) -> str:
     return f"""\
 {prototype(spec, f, written.work)}
 {{
-{declaration(f"    if ({missing}) {{")}
+    if ({missing}) {{
         return {macro(spec, "NULL_ARGUMENT")};
     }}
 {declaration(f"    if ({f.name}_evaluate_1({given}) == 0) {{")}

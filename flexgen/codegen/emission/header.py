@@ -10,6 +10,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from flexgen.codegen.emission.c_text import (
+    WIDTH,
     batch_prototype,
     comment,
     macro,
@@ -244,11 +245,11 @@ def _initializer(values: Sequence[Any], precision: str) -> str:
 
 def _break_lines(start: str, values: str) -> list[str]:
     """Lines of a declaration; where they are long they break after a comma."""
-    if len(start) + len(values) < 116:
+    if len(f"{start}{values};") <= WIDTH:
         return [f"{start}{values};"]
     return [
         start.rstrip(),
-        *textwrap.wrap(f"{values};", 112, initial_indent="    ", subsequent_indent="    "),
+        *textwrap.wrap(f"{values};", WIDTH, initial_indent="    ", subsequent_indent="    "),
     ]
 
 
@@ -256,7 +257,8 @@ def _status(spec: LibrarySpec, status: Status) -> str:
     """A line of the enum, its text behind it or, where that is long, above it."""
     value = f"    {macro(spec, status.name)} = {status.code}"
     text = f"/* {status.text} */"
-    return f"{value} {text}" if len(value) + len(text) < 115 else f"    {text}\n{value}"
+    line = f"{value} {text}"
+    return line if len(line) < WIDTH else f"    {text}\n{value}"
 
 
 def _function(spec: LibrarySpec, f: FunctionSpec, written: FunctionText) -> str:

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import textwrap
 
-from flexgen.codegen.emission.c_text import macro
+from flexgen.codegen.emission.c_text import WIDTH, macro
 from flexgen.codegen.emission.size_terms import Term
 from flexgen.codegen.emission.spec import LibrarySpec
 from flexgen.codegen.emission.stream_layout import (
@@ -27,8 +27,6 @@ _INCLUDED = {
     "path": "",
     "servo": "POSITION",
 }
-# Text of a member with its comment behind it, at most; where it is longer, the comment is above.
-_WIDTH = 99
 
 
 def stream_header(spec: LibrarySpec, layout: StreamLayout) -> str:
@@ -53,7 +51,7 @@ def stream_header(spec: LibrarySpec, layout: StreamLayout) -> str:
     )
     equal = textwrap.fill(
         " && ".join(f"(int){constant}=={value}" for constant, value in layout.given().items()),
-        _WIDTH - 6,
+        WIDTH - 6,
         subsequent_indent="    ",
         break_on_hyphens=False,
     ).replace("==", " == ")
@@ -191,4 +189,4 @@ def _line(start: str, doc: str, end: str) -> str:
     if not doc:
         return f"{start}{end}\n"
     line = f"{start}{end} /* {doc} */"
-    return f"{line}\n" if len(line) <= _WIDTH else f"    /* {doc} */\n{start}{end}\n"
+    return f"{line}\n" if len(line) <= WIDTH else f"    /* {doc} */\n{start}{end}\n"

@@ -9,10 +9,11 @@
 
 #include "elbow_undefine.h"
 
-static const function_shape arm_forward_dynamics_shape = {3, 1, -1, 0, 64, {2, 2, 2, 2}};
+static const function_shape arm_forward_dynamics_shape = {
+    3, 1, -1, 0, 64, {2, 2, 2, 2}};
 
-static lanes arm_forward_dynamics_lanes(const real *const *in, real *const *out, lanes *work, int count,
-    ptrdiff_t n)
+static lanes arm_forward_dynamics_lanes(const real *const *in, real *const *out, lanes *work,
+    int count, ptrdiff_t n)
 {
     lanes zero = splat_v(0);
     (void)work;
@@ -22,8 +23,8 @@ static lanes arm_forward_dynamics_lanes(const real *const *in, real *const *out,
     return zero;
 }
 
-elbow_status elbow_arm_forward_dynamics(const elbow_real q_a[ELBOW_NA], const elbow_real v_a[ELBOW_NA],
-    const elbow_real tau_a[ELBOW_NA], elbow_real a_a[ELBOW_NA])
+elbow_status elbow_arm_forward_dynamics(const elbow_real q_a[ELBOW_NA],
+    const elbow_real v_a[ELBOW_NA], const elbow_real tau_a[ELBOW_NA], elbow_real a_a[ELBOW_NA])
 {
     if (q_a == NULL || v_a == NULL || tau_a == NULL || a_a == NULL) {
         return ELBOW_NULL_ARGUMENT;
@@ -49,12 +50,12 @@ elbow_status elbow_arm_forward_dynamics_batch_strided(int n, int stride, const e
 {
     const real *const in[] = {q_a, v_a, tau_a};
     real *const out[] = {a_a};
-    return evaluate_points(&arm_forward_dynamics_shape, arm_forward_dynamics_one, arm_forward_dynamics_lanes, in,
-    out, n, stride, work);
+    return evaluate_points(&arm_forward_dynamics_shape, arm_forward_dynamics_one,
+        arm_forward_dynamics_lanes, in, out, n, stride, work);
 }
 
-elbow_status elbow_arm_forward_dynamics_batch(int n, const elbow_real *q_a, const elbow_real *v_a,
-    const elbow_real *tau_a, elbow_real *a_a, elbow_real *work)
+elbow_status elbow_arm_forward_dynamics_batch(int n, const elbow_real *q_a,
+    const elbow_real *v_a, const elbow_real *tau_a, elbow_real *a_a, elbow_real *work)
 {
     return elbow_arm_forward_dynamics_batch_strided(n, n, q_a, v_a, tau_a, a_a, work);
 }

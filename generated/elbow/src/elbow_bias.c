@@ -9,9 +9,11 @@
 
 #include "elbow_undefine.h"
 
-static const function_shape bias_shape = {2, 1, -1, 0, 64, {2, 2, 2}};
+static const function_shape bias_shape = {
+    2, 1, -1, 0, 64, {2, 2, 2}};
 
-static lanes bias_lanes(const real *const *in, real *const *out, lanes *work, int count, ptrdiff_t n)
+static lanes bias_lanes(const real *const *in, real *const *out, lanes *work, int count,
+    ptrdiff_t n)
 {
     lanes zero = splat_v(0);
     (void)work;
@@ -21,7 +23,8 @@ static lanes bias_lanes(const real *const *in, real *const *out, lanes *work, in
     return zero;
 }
 
-elbow_status elbow_bias(const elbow_real q_a[ELBOW_NA], const elbow_real v_a[ELBOW_NA], elbow_real h[ELBOW_NA])
+elbow_status elbow_bias(const elbow_real q_a[ELBOW_NA], const elbow_real v_a[ELBOW_NA],
+    elbow_real h[ELBOW_NA])
 {
     if (q_a == NULL || v_a == NULL || h == NULL) {
         return ELBOW_NULL_ARGUMENT;
@@ -42,15 +45,16 @@ static int bias_one(const real *const *in, real *const *out, real *work)
     return elbow_bias(in[0], in[1], out[0]) != ELBOW_OK;
 }
 
-elbow_status elbow_bias_batch_strided(int n, int stride, const elbow_real *q_a, const elbow_real *v_a,
-    elbow_real *h, elbow_real *work)
+elbow_status elbow_bias_batch_strided(int n, int stride, const elbow_real *q_a,
+    const elbow_real *v_a, elbow_real *h, elbow_real *work)
 {
     const real *const in[] = {q_a, v_a};
     real *const out[] = {h};
     return evaluate_points(&bias_shape, bias_one, bias_lanes, in, out, n, stride, work);
 }
 
-elbow_status elbow_bias_batch(int n, const elbow_real *q_a, const elbow_real *v_a, elbow_real *h, elbow_real *work)
+elbow_status elbow_bias_batch(int n, const elbow_real *q_a, const elbow_real *v_a, elbow_real *h,
+    elbow_real *work)
 {
     return elbow_bias_batch_strided(n, n, q_a, v_a, h, work);
 }

@@ -9,23 +9,24 @@
 
 #include "elbow_undefine.h"
 
-static const function_shape flexible_joint_motion_shape = {4, 2, -1, 0, 64, {2, 2, 2, 2, 2, 2}};
+static const function_shape flexible_joint_motion_shape = {
+    4, 2, -1, 0, 64, {2, 2, 2, 2, 2, 2}};
 
-static lanes flexible_joint_motion_lanes(const real *const *in, real *const *out, lanes *work, int count,
-    ptrdiff_t n)
+static lanes flexible_joint_motion_lanes(const real *const *in, real *const *out, lanes *work,
+    int count, ptrdiff_t n)
 {
     lanes zero = splat_v(0);
     (void)work;
     for (int k = 0; k < count; k += LANES) {
-        zero += flexible_joint_motion_evaluate_v(in[0] + k, in[1] + k, in[2] + k, in[3] + k, out[0] + k, out[1] + k,
-    n);
+        zero += flexible_joint_motion_evaluate_v(in[0] + k, in[1] + k, in[2] + k, in[3] + k,
+            out[0] + k, out[1] + k, n);
     }
     return zero;
 }
 
-elbow_status elbow_flexible_joint_motion(const elbow_real q_a[ELBOW_NA], const elbow_real v_a[ELBOW_NA],
-    const elbow_real q_m[ELBOW_NM], const elbow_real v_m[ELBOW_NM], elbow_real a_a[ELBOW_NA],
-    elbow_real j_a[ELBOW_NA])
+elbow_status elbow_flexible_joint_motion(const elbow_real q_a[ELBOW_NA],
+    const elbow_real v_a[ELBOW_NA], const elbow_real q_m[ELBOW_NM],
+    const elbow_real v_m[ELBOW_NM], elbow_real a_a[ELBOW_NA], elbow_real j_a[ELBOW_NA])
 {
     if (q_a == NULL || v_a == NULL || q_m == NULL || v_m == NULL || a_a == NULL || j_a == NULL) {
         return ELBOW_NULL_ARGUMENT;
@@ -47,17 +48,18 @@ static int flexible_joint_motion_one(const real *const *in, real *const *out, re
 }
 
 elbow_status elbow_flexible_joint_motion_batch_strided(int n, int stride, const elbow_real *q_a,
-    const elbow_real *v_a, const elbow_real *q_m, const elbow_real *v_m, elbow_real *a_a, elbow_real *j_a,
-    elbow_real *work)
+    const elbow_real *v_a, const elbow_real *q_m, const elbow_real *v_m, elbow_real *a_a,
+    elbow_real *j_a, elbow_real *work)
 {
     const real *const in[] = {q_a, v_a, q_m, v_m};
     real *const out[] = {a_a, j_a};
-    return evaluate_points(&flexible_joint_motion_shape, flexible_joint_motion_one, flexible_joint_motion_lanes, in,
-    out, n, stride, work);
+    return evaluate_points(&flexible_joint_motion_shape, flexible_joint_motion_one,
+        flexible_joint_motion_lanes, in, out, n, stride, work);
 }
 
-elbow_status elbow_flexible_joint_motion_batch(int n, const elbow_real *q_a, const elbow_real *v_a,
-    const elbow_real *q_m, const elbow_real *v_m, elbow_real *a_a, elbow_real *j_a, elbow_real *work)
+elbow_status elbow_flexible_joint_motion_batch(int n, const elbow_real *q_a,
+    const elbow_real *v_a, const elbow_real *q_m, const elbow_real *v_m, elbow_real *a_a,
+    elbow_real *j_a, elbow_real *work)
 {
     return elbow_flexible_joint_motion_batch_strided(n, n, q_a, v_a, q_m, v_m, a_a, j_a, work);
 }

@@ -9,9 +9,11 @@
 
 #include "elbow_undefine.h"
 
-static const function_shape forward_kinematics_shape = {1, 2, -1, 0, 64, {2, 3, 3 * 3}};
+static const function_shape forward_kinematics_shape = {
+    1, 2, -1, 0, 64, {2, 3, 3 * 3}};
 
-static lanes forward_kinematics_lanes(const real *const *in, real *const *out, lanes *work, int count, ptrdiff_t n)
+static lanes forward_kinematics_lanes(const real *const *in, real *const *out, lanes *work,
+    int count, ptrdiff_t n)
 {
     lanes zero = splat_v(0);
     (void)work;
@@ -21,7 +23,8 @@ static lanes forward_kinematics_lanes(const real *const *in, real *const *out, l
     return zero;
 }
 
-elbow_status elbow_forward_kinematics(const elbow_real q_a[ELBOW_NA], elbow_real p[3], elbow_real R[3 * 3])
+elbow_status elbow_forward_kinematics(const elbow_real q_a[ELBOW_NA], elbow_real p[3],
+    elbow_real R[3 * 3])
 {
     if (q_a == NULL || p == NULL || R == NULL) {
         return ELBOW_NULL_ARGUMENT;
@@ -42,17 +45,17 @@ static int forward_kinematics_one(const real *const *in, real *const *out, real 
     return elbow_forward_kinematics(in[0], out[0], out[1]) != ELBOW_OK;
 }
 
-elbow_status elbow_forward_kinematics_batch_strided(int n, int stride, const elbow_real *q_a, elbow_real *p,
-    elbow_real *R, elbow_real *work)
+elbow_status elbow_forward_kinematics_batch_strided(int n, int stride, const elbow_real *q_a,
+    elbow_real *p, elbow_real *R, elbow_real *work)
 {
     const real *const in[] = {q_a};
     real *const out[] = {p, R};
-    return evaluate_points(&forward_kinematics_shape, forward_kinematics_one, forward_kinematics_lanes, in, out, n,
-    stride, work);
+    return evaluate_points(&forward_kinematics_shape, forward_kinematics_one,
+        forward_kinematics_lanes, in, out, n, stride, work);
 }
 
-elbow_status elbow_forward_kinematics_batch(int n, const elbow_real *q_a, elbow_real *p, elbow_real *R,
-    elbow_real *work)
+elbow_status elbow_forward_kinematics_batch(int n, const elbow_real *q_a, elbow_real *p,
+    elbow_real *R, elbow_real *work)
 {
     return elbow_forward_kinematics_batch_strided(n, n, q_a, p, R, work);
 }

@@ -9,9 +9,11 @@
 
 #include "elbow_undefine.h"
 
-static const function_shape gear_law_shape = {1, 2, -1, 0, 64, {2, 2, 2}};
+static const function_shape gear_law_shape = {
+    1, 2, -1, 0, 64, {2, 2, 2}};
 
-static lanes gear_law_lanes(const real *const *in, real *const *out, lanes *work, int count, ptrdiff_t n)
+static lanes gear_law_lanes(const real *const *in, real *const *out, lanes *work, int count,
+    ptrdiff_t n)
 {
     lanes zero = splat_v(0);
     (void)work;
@@ -43,16 +45,17 @@ static int gear_law_one(const real *const *in, real *const *out, real *work)
     return elbow_gear_law(in[0], out[0], out[1]) != ELBOW_OK;
 }
 
-elbow_status elbow_gear_law_batch_strided(int n, int stride, const elbow_real *deflection, elbow_real *tau_p,
-    elbow_real *dtau_p, elbow_real *work)
+elbow_status elbow_gear_law_batch_strided(int n, int stride, const elbow_real *deflection,
+    elbow_real *tau_p, elbow_real *dtau_p, elbow_real *work)
 {
     const real *const in[] = {deflection};
     real *const out[] = {tau_p, dtau_p};
-    return evaluate_points(&gear_law_shape, gear_law_one, gear_law_lanes, in, out, n, stride, work);
+    return evaluate_points(&gear_law_shape, gear_law_one, gear_law_lanes, in, out, n, stride,
+        work);
 }
 
-elbow_status elbow_gear_law_batch(int n, const elbow_real *deflection, elbow_real *tau_p, elbow_real *dtau_p,
-    elbow_real *work)
+elbow_status elbow_gear_law_batch(int n, const elbow_real *deflection, elbow_real *tau_p,
+    elbow_real *dtau_p, elbow_real *work)
 {
     return elbow_gear_law_batch_strided(n, n, deflection, tau_p, dtau_p, work);
 }

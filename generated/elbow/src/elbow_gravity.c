@@ -9,9 +9,11 @@
 
 #include "elbow_undefine.h"
 
-static const function_shape gravity_shape = {1, 1, -1, 0, 64, {2, 2}};
+static const function_shape gravity_shape = {
+    1, 1, -1, 0, 64, {2, 2}};
 
-static lanes gravity_lanes(const real *const *in, real *const *out, lanes *work, int count, ptrdiff_t n)
+static lanes gravity_lanes(const real *const *in, real *const *out, lanes *work, int count,
+    ptrdiff_t n)
 {
     lanes zero = splat_v(0);
     (void)work;
@@ -42,7 +44,8 @@ static int gravity_one(const real *const *in, real *const *out, real *work)
     return elbow_gravity(in[0], out[0]) != ELBOW_OK;
 }
 
-elbow_status elbow_gravity_batch_strided(int n, int stride, const elbow_real *q_a, elbow_real *g, elbow_real *work)
+elbow_status elbow_gravity_batch_strided(int n, int stride, const elbow_real *q_a, elbow_real *g,
+    elbow_real *work)
 {
     const real *const in[] = {q_a};
     real *const out[] = {g};

@@ -9,9 +9,11 @@
 
 #include "elbow_undefine.h"
 
-static const function_shape inverse_dynamics_shape = {3, 1, -1, 0, 64, {2, 2, 2, 2}};
+static const function_shape inverse_dynamics_shape = {
+    3, 1, -1, 0, 64, {2, 2, 2, 2}};
 
-static lanes inverse_dynamics_lanes(const real *const *in, real *const *out, lanes *work, int count, ptrdiff_t n)
+static lanes inverse_dynamics_lanes(const real *const *in, real *const *out, lanes *work,
+    int count, ptrdiff_t n)
 {
     lanes zero = splat_v(0);
     (void)work;
@@ -21,8 +23,8 @@ static lanes inverse_dynamics_lanes(const real *const *in, real *const *out, lan
     return zero;
 }
 
-elbow_status elbow_inverse_dynamics(const elbow_real q_a[ELBOW_NA], const elbow_real v_a[ELBOW_NA],
-    const elbow_real a_a[ELBOW_NA], elbow_real tau_a[ELBOW_NA])
+elbow_status elbow_inverse_dynamics(const elbow_real q_a[ELBOW_NA],
+    const elbow_real v_a[ELBOW_NA], const elbow_real a_a[ELBOW_NA], elbow_real tau_a[ELBOW_NA])
 {
     if (q_a == NULL || v_a == NULL || a_a == NULL || tau_a == NULL) {
         return ELBOW_NULL_ARGUMENT;
@@ -43,13 +45,13 @@ static int inverse_dynamics_one(const real *const *in, real *const *out, real *w
     return elbow_inverse_dynamics(in[0], in[1], in[2], out[0]) != ELBOW_OK;
 }
 
-elbow_status elbow_inverse_dynamics_batch_strided(int n, int stride, const elbow_real *q_a, const elbow_real *v_a,
-    const elbow_real *a_a, elbow_real *tau_a, elbow_real *work)
+elbow_status elbow_inverse_dynamics_batch_strided(int n, int stride, const elbow_real *q_a,
+    const elbow_real *v_a, const elbow_real *a_a, elbow_real *tau_a, elbow_real *work)
 {
     const real *const in[] = {q_a, v_a, a_a};
     real *const out[] = {tau_a};
-    return evaluate_points(&inverse_dynamics_shape, inverse_dynamics_one, inverse_dynamics_lanes, in, out, n,
-    stride, work);
+    return evaluate_points(&inverse_dynamics_shape, inverse_dynamics_one, inverse_dynamics_lanes,
+        in, out, n, stride, work);
 }
 
 elbow_status elbow_inverse_dynamics_batch(int n, const elbow_real *q_a, const elbow_real *v_a,

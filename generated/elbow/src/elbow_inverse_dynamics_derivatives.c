@@ -9,25 +9,28 @@
 
 #include "elbow_undefine.h"
 
-static const function_shape inverse_dynamics_derivatives_shape = {3, 3, -1, 0, 64, {2, 2, 2, 2 * 2, 2 * 2, 2 * 2}};
+static const function_shape inverse_dynamics_derivatives_shape = {
+    3, 3, -1, 0, 64, {2, 2, 2, 2 * 2, 2 * 2, 2 * 2}};
 
-static lanes inverse_dynamics_derivatives_lanes(const real *const *in, real *const *out, lanes *work, int count,
-    ptrdiff_t n)
+static lanes inverse_dynamics_derivatives_lanes(const real *const *in, real *const *out,
+    lanes *work, int count, ptrdiff_t n)
 {
     lanes zero = splat_v(0);
     (void)work;
     for (int k = 0; k < count; k += LANES) {
-        zero += inverse_dynamics_derivatives_evaluate_v(in[0] + k, in[1] + k, in[2] + k, out[0] + k, out[1] + k,
-    out[2] + k, n);
+        zero += inverse_dynamics_derivatives_evaluate_v(in[0] + k, in[1] + k, in[2] + k,
+            out[0] + k, out[1] + k, out[2] + k, n);
     }
     return zero;
 }
 
-elbow_status elbow_inverse_dynamics_derivatives(const elbow_real q_a[ELBOW_NA], const elbow_real v_a[ELBOW_NA],
-    const elbow_real a_a[ELBOW_NA], elbow_real dtau_dq[ELBOW_NA * ELBOW_NA],
-    elbow_real dtau_dv[ELBOW_NA * ELBOW_NA], elbow_real dtau_da[ELBOW_NA * ELBOW_NA])
+elbow_status elbow_inverse_dynamics_derivatives(const elbow_real q_a[ELBOW_NA],
+    const elbow_real v_a[ELBOW_NA], const elbow_real a_a[ELBOW_NA],
+    elbow_real dtau_dq[ELBOW_NA * ELBOW_NA], elbow_real dtau_dv[ELBOW_NA * ELBOW_NA],
+    elbow_real dtau_da[ELBOW_NA * ELBOW_NA])
 {
-    if (q_a == NULL || v_a == NULL || a_a == NULL || dtau_dq == NULL || dtau_dv == NULL || dtau_da == NULL) {
+    if (q_a == NULL || v_a == NULL || a_a == NULL || dtau_dq == NULL || dtau_dv == NULL ||
+        dtau_da == NULL) {
         return ELBOW_NULL_ARGUMENT;
     }
     if (inverse_dynamics_derivatives_evaluate_1(q_a, v_a, a_a, dtau_dq, dtau_dv, dtau_da) == 0) {
@@ -43,21 +46,24 @@ elbow_status elbow_inverse_dynamics_derivatives(const elbow_real q_a[ELBOW_NA], 
 static int inverse_dynamics_derivatives_one(const real *const *in, real *const *out, real *work)
 {
     (void)work;
-    return elbow_inverse_dynamics_derivatives(in[0], in[1], in[2], out[0], out[1], out[2]) != ELBOW_OK;
+    return elbow_inverse_dynamics_derivatives(in[0], in[1], in[2], out[0], out[1],
+        out[2]) != ELBOW_OK;
 }
 
-elbow_status elbow_inverse_dynamics_derivatives_batch_strided(int n, int stride, const elbow_real *q_a,
-    const elbow_real *v_a, const elbow_real *a_a, elbow_real *dtau_dq, elbow_real *dtau_dv, elbow_real *dtau_da,
-    elbow_real *work)
+elbow_status elbow_inverse_dynamics_derivatives_batch_strided(int n, int stride,
+    const elbow_real *q_a, const elbow_real *v_a, const elbow_real *a_a, elbow_real *dtau_dq,
+    elbow_real *dtau_dv, elbow_real *dtau_da, elbow_real *work)
 {
     const real *const in[] = {q_a, v_a, a_a};
     real *const out[] = {dtau_dq, dtau_dv, dtau_da};
     return evaluate_points(&inverse_dynamics_derivatives_shape, inverse_dynamics_derivatives_one,
-    inverse_dynamics_derivatives_lanes, in, out, n, stride, work);
+        inverse_dynamics_derivatives_lanes, in, out, n, stride, work);
 }
 
-elbow_status elbow_inverse_dynamics_derivatives_batch(int n, const elbow_real *q_a, const elbow_real *v_a,
-    const elbow_real *a_a, elbow_real *dtau_dq, elbow_real *dtau_dv, elbow_real *dtau_da, elbow_real *work)
+elbow_status elbow_inverse_dynamics_derivatives_batch(int n, const elbow_real *q_a,
+    const elbow_real *v_a, const elbow_real *a_a, elbow_real *dtau_dq, elbow_real *dtau_dv,
+    elbow_real *dtau_da, elbow_real *work)
 {
-    return elbow_inverse_dynamics_derivatives_batch_strided(n, n, q_a, v_a, a_a, dtau_dq, dtau_dv, dtau_da, work);
+    return elbow_inverse_dynamics_derivatives_batch_strided(n, n, q_a, v_a, a_a, dtau_dq,
+        dtau_dv, dtau_da, work);
 }

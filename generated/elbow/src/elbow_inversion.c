@@ -1,7 +1,7 @@
 /*
- * elbow: the solvers of inverse dynamics along paths, in one source, so that they share their functions. With
- * -DELBOW_WITHOUT_GROWTH or -DELBOW_WITHOUT_INVERT or -DELBOW_WITHOUT_STREAM it is compiled without this part. Written
- * by flexgen; see elbow_inversion.h.
+ * elbow: the solvers of inverse dynamics along paths, in one source, so that they share their
+ * functions. With -DELBOW_WITHOUT_GROWTH or -DELBOW_WITHOUT_INVERT or -DELBOW_WITHOUT_STREAM it is
+ * compiled without this part. Written by flexgen; see elbow_inversion.h.
  */
 
 #ifndef ELBOW_WITHOUT_GROWTH

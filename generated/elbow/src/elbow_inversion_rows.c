@@ -9,9 +9,11 @@
 
 #include "elbow_undefine.h"
 
-static const function_shape inversion_rows_shape = {3, 1, -1, 0, 64, {2, 2, 2, 2}};
+static const function_shape inversion_rows_shape = {
+    3, 1, -1, 0, 64, {2, 2, 2, 2}};
 
-static lanes inversion_rows_lanes(const real *const *in, real *const *out, lanes *work, int count, ptrdiff_t n)
+static lanes inversion_rows_lanes(const real *const *in, real *const *out, lanes *work,
+    int count, ptrdiff_t n)
 {
     lanes zero = splat_v(0);
     (void)work;
@@ -43,17 +45,17 @@ static int inversion_rows_one(const real *const *in, real *const *out, real *wor
     return elbow_inversion_rows(in[0], in[1], in[2], out[0]) != ELBOW_OK;
 }
 
-elbow_status elbow_inversion_rows_batch_strided(int n, int stride, const elbow_real *q_a, const elbow_real *v_a,
-    const elbow_real *a_a, elbow_real *tau_g, elbow_real *work)
+elbow_status elbow_inversion_rows_batch_strided(int n, int stride, const elbow_real *q_a,
+    const elbow_real *v_a, const elbow_real *a_a, elbow_real *tau_g, elbow_real *work)
 {
     const real *const in[] = {q_a, v_a, a_a};
     real *const out[] = {tau_g};
-    return evaluate_points(&inversion_rows_shape, inversion_rows_one, inversion_rows_lanes, in, out, n, stride,
-    work);
+    return evaluate_points(&inversion_rows_shape, inversion_rows_one, inversion_rows_lanes, in,
+        out, n, stride, work);
 }
 
-elbow_status elbow_inversion_rows_batch(int n, const elbow_real *q_a, const elbow_real *v_a, const elbow_real *a_a,
-    elbow_real *tau_g, elbow_real *work)
+elbow_status elbow_inversion_rows_batch(int n, const elbow_real *q_a, const elbow_real *v_a,
+    const elbow_real *a_a, elbow_real *tau_g, elbow_real *work)
 {
     return elbow_inversion_rows_batch_strided(n, n, q_a, v_a, a_a, tau_g, work);
 }

@@ -9,9 +9,11 @@
 
 #include "elbow_undefine.h"
 
-static const function_shape jacobian_shape = {1, 1, -1, 0, 64, {2, 6 * 2}};
+static const function_shape jacobian_shape = {
+    1, 1, -1, 0, 64, {2, 6 * 2}};
 
-static lanes jacobian_lanes(const real *const *in, real *const *out, lanes *work, int count, ptrdiff_t n)
+static lanes jacobian_lanes(const real *const *in, real *const *out, lanes *work, int count,
+    ptrdiff_t n)
 {
     lanes zero = splat_v(0);
     (void)work;
@@ -42,11 +44,13 @@ static int jacobian_one(const real *const *in, real *const *out, real *work)
     return elbow_jacobian(in[0], out[0]) != ELBOW_OK;
 }
 
-elbow_status elbow_jacobian_batch_strided(int n, int stride, const elbow_real *q_a, elbow_real *J, elbow_real *work)
+elbow_status elbow_jacobian_batch_strided(int n, int stride, const elbow_real *q_a,
+    elbow_real *J, elbow_real *work)
 {
     const real *const in[] = {q_a};
     real *const out[] = {J};
-    return evaluate_points(&jacobian_shape, jacobian_one, jacobian_lanes, in, out, n, stride, work);
+    return evaluate_points(&jacobian_shape, jacobian_one, jacobian_lanes, in, out, n, stride,
+        work);
 }
 
 elbow_status elbow_jacobian_batch(int n, const elbow_real *q_a, elbow_real *J, elbow_real *work)

@@ -9,9 +9,11 @@
 
 #include "elbow_undefine.h"
 
-static const function_shape mass_matrix_shape = {1, 1, -1, 0, 64, {2, 2 * 2}};
+static const function_shape mass_matrix_shape = {
+    1, 1, -1, 0, 64, {2, 2 * 2}};
 
-static lanes mass_matrix_lanes(const real *const *in, real *const *out, lanes *work, int count, ptrdiff_t n)
+static lanes mass_matrix_lanes(const real *const *in, real *const *out, lanes *work, int count,
+    ptrdiff_t n)
 {
     lanes zero = splat_v(0);
     (void)work;
@@ -42,15 +44,17 @@ static int mass_matrix_one(const real *const *in, real *const *out, real *work)
     return elbow_mass_matrix(in[0], out[0]) != ELBOW_OK;
 }
 
-elbow_status elbow_mass_matrix_batch_strided(int n, int stride, const elbow_real *q_a, elbow_real *M,
-    elbow_real *work)
+elbow_status elbow_mass_matrix_batch_strided(int n, int stride, const elbow_real *q_a,
+    elbow_real *M, elbow_real *work)
 {
     const real *const in[] = {q_a};
     real *const out[] = {M};
-    return evaluate_points(&mass_matrix_shape, mass_matrix_one, mass_matrix_lanes, in, out, n, stride, work);
+    return evaluate_points(&mass_matrix_shape, mass_matrix_one, mass_matrix_lanes, in, out, n,
+        stride, work);
 }
 
-elbow_status elbow_mass_matrix_batch(int n, const elbow_real *q_a, elbow_real *M, elbow_real *work)
+elbow_status elbow_mass_matrix_batch(int n, const elbow_real *q_a, elbow_real *M,
+    elbow_real *work)
 {
     return elbow_mass_matrix_batch_strided(n, n, q_a, M, work);
 }

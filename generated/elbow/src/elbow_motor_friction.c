@@ -9,9 +9,11 @@
 
 #include "elbow_undefine.h"
 
-static const function_shape motor_friction_shape = {1, 1, -1, 0, 64, {2, 2}};
+static const function_shape motor_friction_shape = {
+    1, 1, -1, 0, 64, {2, 2}};
 
-static lanes motor_friction_lanes(const real *const *in, real *const *out, lanes *work, int count, ptrdiff_t n)
+static lanes motor_friction_lanes(const real *const *in, real *const *out, lanes *work,
+    int count, ptrdiff_t n)
 {
     lanes zero = splat_v(0);
     (void)work;
@@ -42,16 +44,17 @@ static int motor_friction_one(const real *const *in, real *const *out, real *wor
     return elbow_motor_friction(in[0], out[0]) != ELBOW_OK;
 }
 
-elbow_status elbow_motor_friction_batch_strided(int n, int stride, const elbow_real *v_m, elbow_real *f_m,
-    elbow_real *work)
+elbow_status elbow_motor_friction_batch_strided(int n, int stride, const elbow_real *v_m,
+    elbow_real *f_m, elbow_real *work)
 {
     const real *const in[] = {v_m};
     real *const out[] = {f_m};
-    return evaluate_points(&motor_friction_shape, motor_friction_one, motor_friction_lanes, in, out, n, stride,
-    work);
+    return evaluate_points(&motor_friction_shape, motor_friction_one, motor_friction_lanes, in,
+        out, n, stride, work);
 }
 
-elbow_status elbow_motor_friction_batch(int n, const elbow_real *v_m, elbow_real *f_m, elbow_real *work)
+elbow_status elbow_motor_friction_batch(int n, const elbow_real *v_m, elbow_real *f_m,
+    elbow_real *work)
 {
     return elbow_motor_friction_batch_strided(n, n, v_m, f_m, work);
 }
