@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import casadi as ca
@@ -18,7 +19,7 @@ from flexgen.dynamics.mechanics.equations import derive
 from flexgen.dynamics.mechanics.statics import hold_joints
 from flexgen.exports.fmu.block import Block
 from flexgen.exports.fmu.controller import controller
-from flexgen.exports.fmu.feedforward import feedforward
+from flexgen.exports.fmu.feedforward import feedforward, home_output
 from flexgen.exports.fmu.plant import graphs_of, plant
 from flexgen.exports.fmu.plant_memory import memory_variables, plant_memory
 from flexgen.exports.fmu.variables import RATE, STATE
@@ -118,6 +119,17 @@ def test_a_servo_without_integral_part_is_commanded_ahead(integral: list[float])
     assert not any(row.name.endswith(".command") for row in plain.variables)
 
 
+def test_an_output_with_an_angle_begins_with_the_angle_at_home() -> None:
+    """Of the elbow in its plane: the sum of its joints."""
+    output = {"type": "tool_position_angle", "axes": "xz", "rotation_axis": [0.0, 1.0, 0.0]}
+    robot = flexgen.read("elbow", overrides={"output": output, "move": []})
+    q = np.array([0.3, -0.4])
+    x, z, angle = home_output(robot, derive(robot), q)
+    assert x == pytest.approx(1.150 * np.sin(0.3) + 1.241 * np.cos(-0.1))
+    assert z == pytest.approx(1.150 * np.cos(0.3) - 1.241 * np.sin(-0.1))
+    assert abs(angle) == pytest.approx(abs(q.sum()))
+
+
 # --- the plant
 
 
@@ -213,3 +225,12 @@ def test_the_bound_of_rates_is_the_fastest_fading_of_small_changes(name: str) ->
 def test_a_robot_without_memory_has_no_such_states() -> None:
     assert plant_memory(derive(ELBOW)) is None and memory_variables(ELBOW, 40) == []
     assert [v.index for v in memory_variables(MEMORIES["bristles"][0], 40)] == [40, 41]
+
+
+@pytest.mark.parametrize(("block", "told"), [("plant", True), ("controller", False)])
+def test_a_plant_says_what_it_leaves_out(block: str, told: bool, tmp_path: Path) -> None:
+    """A controller needs no sensors of the robot."""
+    tracker = {"name": "p", "type": "tracker", "unit": "m"}
+    robot = flexgen.read("elbow", overrides={"sensor": [tracker]})
+    found = flexgen.export_fmu(robot, tmp_path / "a.fmu", block=block, binary=False)
+    assert found.notes == (("not in the file: sensor",) if told else ())

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from flexgen.exports.c_code.emitted import emit
 from flexgen.exports.c_code.mex.export import export_mex
 from flexgen.exports.c_code.selftest.export import export_selftest
 from flexgen.exports.c_code.simulink.export import export_simulink
@@ -38,6 +39,20 @@ def test_matlab_and_simulink_have_the_functions_of_the_header(exported: Path) ->
     assert functions == declared((exported / "simulink" / "elbow.h").read_text(encoding="ascii"))
     assert names - OF_PATHS == functions
     assert blocks == functions
+
+
+def test_functions_of_matlab_have_their_equations_as_help(exported: Path) -> None:
+    manifest = {row["name"]: row for row in emit("elbow").functions}
+    for path in (exported / "mex" / "+elbow").glob("*.m"):
+        equation = manifest.get(path.stem, {}).get("equation")
+        if equation:
+            words = path.read_text(encoding="utf-8").replace("%", " ").split()
+            assert " ".join(equation.split()) in " ".join(words), path
+
+
+def test_matlab_has_paths_and_streams(exported: Path) -> None:
+    files = {path.stem for path in (exported / "mex" / "+elbow").glob("*.m")}
+    assert files >= OF_PATHS
 
 
 ARRAY = r"(given|expected)_\w+(?:\[[^]]*\])+ = \{(.*?)\};"
