@@ -4,9 +4,11 @@ feedback.
 Each solution is simulated on plants whose springs or masses differ from the model's, in two ways:
 
 feedforward    the torque alone, open loop; the arm drifts where the torque does not carry it.
-feedback       the torque and a cascade controller of the motor angles, with the reference of the
-               same solution,
-               tau = tau_ff + k_v (e_v + k_i int e_v dt),  e_v = v_ref + k_p (q_ref - q_m) - v_m
+feedback       the torque and the P-PI cascade of `flexgen.simulation.motor_feedback` around the
+               motor angles, with the reference of the same solution. Its gains are those that
+               `flexgen.simulate` and `flexgen.predict` take: by the default frequencies of
+               `flexgen.analysis.servo_gains`, for the nominal model at rest at the start of the
+               path.
 
 The robot starts in equilibrium with the motors at the first reference; with feedback the
 integrator starts with the torque that the feedforward lacks. So rigid and fjm start with the
@@ -29,7 +31,7 @@ from flexgen.base.motion.trajectory import Trajectory
 from flexgen.base.numerics.evaluate import Evaluator, evaluate
 from flexgen.dynamics.mechanics.equations import Equations
 from flexgen.dynamics.mechanics.output_columns import output_units
-from flexgen.dynamics.mechanics.statics import hold_motors
+from flexgen.dynamics.mechanics.statics import hold_joints, hold_motors
 from flexgen.inversion.solution import Solution
 from flexgen.model.elements import (
     BacklashSpring,
@@ -41,10 +43,16 @@ from flexgen.model.elements import (
     Spring,
 )
 from flexgen.paths.path import Path
+from flexgen.simulation.motor_feedback import MotorFeedback, default_feedback
 
-RTOL = 1e-8  # a tenth of a micrometer
-ATOL = 1e-10  # the measured errors are millimeters
-SAMPLE = 2e-3  # s: longest sampling interval of the error
+# Relative and absolute tolerance of the integration [rad or m, and per s]: a tenth of a micrometer
+# of the tool, whose errors are millimeters.
+RTOL = 1e-8
+ATOL = 1e-10
+# The same of the torque of the integral part [N m].
+ATOL_TORQUE = 1e-6
+# Longest sampling interval of the error [s].
+SAMPLE = 2e-3
 ControlName = Literal["feedforward", "feedback"]
 CONTROLS: tuple[ControlName, ...] = get_args(ControlName)
 
@@ -69,21 +77,6 @@ PLANTS = (
     Plant("mass +5 %", mass=1.05),
     Plant("mass -5 %", mass=0.95),
 )
-
-
-@dataclass(frozen=True)
-class Bandwidth:
-    """Bandwidth of the motor controllers: ``speed`` k_v / J [rad/s], ``position`` k_p and
-    ``integral`` k_i [1/s].
-
-    J: inertia that a motor sees with stiff gears at the start of the move, by the nominal model.
-    Common values for industrial robots with elastic gears: a few ten Hz for the speed loop, 10 to
-    30 1/s for the position loop.
-    """
-
-    speed: float = 2 * np.pi * 20
-    position: float = 20.0
-    integral: float = 10.0
 
 
 def perturb(model: RobotModel, plant: Plant) -> RobotModel:
@@ -142,7 +135,6 @@ def compare_plants(
     solutions: Mapping[str, Solution],
     plants: Sequence[Plant] = PLANTS,
     controls: Sequence[str] = CONTROLS,
-    bandwidth: Bandwidth | None = None,
     *,
     progress: Callable[[str], None] | None = None,
 ) -> list[dict[str, Any]]:
@@ -154,7 +146,7 @@ def compare_plants(
         Of the nominal model.
     solutions : mapping
         Solutions of one and the same move by name, say ``{"rigid": solve(..., "rigid"), ...}``.
-    plants, controls, bandwidth
+    plants, controls
         What to simulate; controls: of ``CONTROLS``.
     progress : callable, optional
         Called with one line of text for each simulation.
@@ -179,7 +171,7 @@ def compare_plants(
         )
     path = Path(equations, next(iter(solutions.values())).move)
     until = max(solution.trajectory.time[-1] for solution in solutions.values())
-    gains = _gains(equations, path, bandwidth or Bandwidth())
+    feedback = feedback_at_start(equations, path)
     out = []
     for plant in plants:
         same = plant.stiffness == 1.0 and plant.mass == 1.0
@@ -193,7 +185,7 @@ def compare_plants(
                     path,
                     solution.trajectory,
                     until,
-                    gains if control == "feedback" else None,
+                    feedback if control == "feedback" else None,
                 )
                 row = {"plant": plant.name, "stiffness": plant.stiffness, "mass": plant.mass}
                 out.append({**row, "control": control, "method": method, **run.figures()})
@@ -205,7 +197,6 @@ def tool_errors(
     nominal: Equations,
     solution: Solution,
     control: str = "feedback",
-    bandwidth: Bandwidth | None = None,
 ) -> dict[str, Any]:
     """Errors of the tool of one robot under the torques of a solution, as in a row of
     `compare_plants`.
@@ -219,29 +210,21 @@ def tool_errors(
     solution : Solution
     control : str
         ``"feedforward"`` or ``"feedback"``.
-    bandwidth : Bandwidth, optional
     """
     if control not in CONTROLS:
         raise ArgumentError(f"control: given {control!r}, expected {' or '.join(CONTROLS)}")
     path = Path(nominal, solution.move)
-    gains = _gains(nominal, path, bandwidth or Bandwidth()) if control == "feedback" else None
-    return _Run(
-        robot, path, solution.trajectory, float(solution.trajectory.time[-1]), gains
-    ).figures()
+    feedback = feedback_at_start(nominal, path) if control == "feedback" else None
+    until = float(solution.trajectory.time[-1])
+    return _Run(robot, path, solution.trajectory, until, feedback).figures()
 
 
-def _gains(
-    equations: Equations, path: Path, bandwidth: Bandwidth
-) -> tuple[np.ndarray, float, float]:
-    """k_v (n_m) [N m s/rad], k_p and k_i [1/s]."""
+def feedback_at_start(equations: Equations, path: Path) -> MotorFeedback:
+    """The default feedback of a model, by its inertias at rest at the start of a path."""
     model = equations.model
-    M = evaluate(equations.function("mass_matrix"), path.q_start)[0].reshape(model.n_a, model.n_a)
-    inverse = np.linalg.inv(model.eta)
-    i_g = list(model.i_g)
-    inertia = np.diag(inverse.T @ M[np.ix_(i_g, i_g)] @ inverse) + np.array(
-        [motor.inertia for motor in model.motors]
-    )
-    return bandwidth.speed * inertia, bandwidth.position, bandwidth.integral
+    q = path.q_start
+    rest = hold_joints(equations, q[list(model.i_g)], q[list(model.i_e)])
+    return default_feedback(equations, rest.q_a, rest.q_m, rest.tau_m)
 
 
 class _Run:
@@ -253,11 +236,11 @@ class _Run:
         path: Path,
         trajectory: Trajectory,
         until: float,
-        gains: tuple[np.ndarray, float, float] | None,
+        feedback: MotorFeedback | None,
     ) -> None:
         self.equations = equations
         self.path = path
-        self.gains = gains
+        self.feedback = feedback
         t = trajectory.time
         k = min(5, len(trajectory.time) - 1)
         self.first = float(t[0])
@@ -297,47 +280,42 @@ class _Run:
         n = model.dof
         n_a = model.n_a
         n_m = model.n_m
-        i_m = list(model.i_m)
-        i_g = list(model.i_g)
+        feedback = self.feedback
         equilibrium = hold_motors(self.equations, self.q_m_start, self.q_start)
         state_rate = Evaluator(self.equations.function("state_rate"))
-        largest = 0.0
-
-        def motors(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            q_m = model.eta @ x[i_g]
-            v_m = model.eta @ x[n : n + n_a][i_g]
-            q_m[i_m] = x[n_a:n]
-            v_m[i_m] = x[n + n_a : 2 * n]
-            return q_m, v_m
 
         def torque(t: float, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             """Torque and the derivative of the integrator."""
             inside = min(max(t, self.first), self.last)
             tau = self.torque(inside)
-            if self.gains is None:
+            if feedback is None:
                 return tau, np.zeros(n_m)
-            k_v, k_p, k_i = self.gains
-            q_m, v_m = motors(x)
-            v_ref = self.speed(inside) if t == inside else 0.0
-            lag = v_ref + k_p * (self.angle(inside) - q_m) - v_m
-            return tau + k_v * lag + x[2 * n :], k_v * k_i * lag
+            v_ref = self.speed(inside) if t == inside else np.zeros(n_m)
+            reference = np.concatenate([self.angle(inside), v_ref])
+            more, rate_of_total = feedback.torque(x[: 2 * n], x[2 * n :], reference)
+            return tau + more, rate_of_total
 
         def rate(t: float, x: np.ndarray) -> np.ndarray:
-            nonlocal largest
             tau, integrator = torque(t, x)
-            largest = max(largest, float(np.abs(tau).max()))
             return np.concatenate([state_rate(x[: 2 * n], tau)[0].ravel(), integrator])
 
-        held = np.zeros(n_m) if self.gains is None else equilibrium.tau_m - self.torque(self.first)
-        start = np.concatenate([equilibrium.q_a, equilibrium.q_m[i_m], np.zeros(n), held])
+        total = np.zeros(n_m)
+        resolved = np.ones(n_m)
+        if feedback is not None:
+            # torque [N m] for each rad of the integral
+            stiffness = feedback.speed_gain * feedback.integral_gain
+            total = (equilibrium.tau_m - self.torque(self.first)) / stiffness
+            resolved = ATOL_TORQUE / stiffness
+        motors = equilibrium.q_m[list(model.i_m)]
+        start = np.concatenate([equilibrium.q_a, motors, np.zeros(n), total])
         t = np.linspace(
             self.first, self.until, int(np.ceil((self.until - self.first) / SAMPLE)) + 1
         )
-        atol = np.concatenate([np.full(2 * n, ATOL), np.full(n_m, 1e-6)])
+        atol = np.concatenate([np.full(2 * n, ATOL), resolved])
         solver = DOP853(rate, t[0], start, t[-1], rtol=RTOL, atol=atol)
-        out = np.empty((len(t), n_a))
+        out = np.empty((len(t), len(start)))
         k = 1
-        out[0] = start[:n_a]
+        out[0] = start
         while k < len(t):
             solver.step()
             if (
@@ -348,9 +326,11 @@ class _Run:
                 raise SolverError(f"simulation: failed at t = {solver.t:.6g} s")
             dense = solver.dense_output()
             while k < len(t) and t[k] <= solver.t:
-                out[k] = dense(t[k])[:n_a]
+                out[k] = dense(t[k])
                 k += 1
-        return t, out, largest
+        # at the samples: trial steps of the integrator have other states, and larger torques
+        largest = max(float(np.abs(torque(*row)[0]).max()) for row in zip(t, out, strict=True))
+        return t, out[:, :n_a], largest
 
 
 def output_errors(
