@@ -288,7 +288,7 @@ def test_learning_is_told_by_iterations(learned) -> None:
         ({"gain": 2.01}, "gain: given 2.01"),
         ({"measured_by": "eye"}, "measured_by: given 'eye', expected one of tracker, accelerom"),
         ({"frequency_hz": -1.0}, "frequency_hz: given -1.0, expected more than 0, below"),
-        ({"frequency_hz": 1e4}, "frequency_hz: given 10000.0"),
+        ({"frequency_hz": 1e4}, r"given 10000.0, expected more than 0, below \d{2,3}"),
         ({"plant": {"stifness": 0.5}}, "given 'stifness'"),
     ],
 )
