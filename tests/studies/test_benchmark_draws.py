@@ -403,12 +403,12 @@ def test_an_object_of_a_notebook_needs_cloudpickle(installed, monkeypatch):
     monkeypatch.setitem(sys.modules, "cloudpickle", dumps)
     monkeypatch.setattr(foreign, "program_file", lambda given: "")
     if installed:
-        assert foreign.pickled(made) == base64.b64encode(b"by value").decode()
+        assert foreign.pickle_object(made) == base64.b64encode(b"by value").decode()
         return
     with pytest.raises(
         ArgumentError, match=r"an object of Mine, which no file has.* give 'file\.py:Mine'"
     ):
-        foreign.pickled(made)
+        foreign.pickle_object(made)
 
 
 def test_a_class_that_no_file_has_is_refused_with_what_to_do():

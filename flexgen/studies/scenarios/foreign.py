@@ -68,7 +68,10 @@ class ForeignController:
         self.name = type(given).__name__ if self.is_object else Path(str(given)).name
         if self.is_object:
             PythonController(given)  # has it the methods?
-            self._load: dict[str, Any] = {"object": pickled(given), "main": program_file(given)}
+            self._load: dict[str, Any] = {
+                "object": pickle_object(given),
+                "main": program_file(given),
+            }
         else:
             self._load = {"file": str(given)}
         self.used_s = 0.0
@@ -238,7 +241,7 @@ def _watch(controller: ForeignController, process: subprocess.Popen[bytes]) -> N
         time.sleep(0.1)
 
 
-def pickled(given: Any) -> str:
+def pickle_object(given: Any) -> str:
     """An object as text, its class by name; by cloudpickle, where that is installed, without a
     file that has it.
     """
