@@ -378,6 +378,13 @@ def test_poses_are_round_numbers_within_the_ranges(span, rounded):
     assert np.allclose(poses[:, 1] / step, np.round(poses[:, 1] / step), atol=1e-9)
 
 
+def test_the_pose_at_home_says_where_it_is_from(made):
+    chosen, _ = made(PUMA)
+    given = PUMA.strip("\n").splitlines()
+    assert "deg; chosen: far from singular poses and limits" in chosen.text
+    assert "home" not in given[0] and "deg; of the table" not in chosen.text
+
+
 def test_masses_that_are_not_given_sum_to_a_multiple_of_the_load(made):
     """Links of one length: their shares fall linearly towards the tool."""
     rows = "".join(f"A{k},400,0,0\n" for k in (1, 2, 3, 4))
