@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from flexgen.base.checks.type_checks import checked_types
 from flexgen.base.errors import ArgumentError
 from flexgen.runtime.arguments import number_of, whole_of
 from flexgen.runtime.inversion.inversion_arguments import hold_of, tolerance_of
@@ -42,6 +43,7 @@ class SolverOptions:
     settled: float = 0.0
     growth: bool = False
 
+    @checked_types
     def members(
         self,
         function: str,

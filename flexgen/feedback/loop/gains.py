@@ -81,8 +81,9 @@ class PPI:
         ``speed_gain / (2 pi J)`` with the inertia J that a motor moves while all springs are
         stiff; parameters as of `cascade`.
         """
-        stiff, _ = motor_inertias(model, motion)
+        # `cascade` checks the motion, on which the inertias depend.
         gain = self.cascade(model, late_s, motion).speed_gain
+        stiff, _ = motor_inertias(model, motion)
         return np.asarray(gain / (2.0 * np.pi * stiff))
 
     def cascade(self, model: RobotModel, late_s: float, motion: Sequence[np.ndarray]) -> Cascade:
