@@ -241,7 +241,7 @@ def test_what_noise_of_torques_and_friction_hide_is_told() -> None:
     [
         ({"spread": 0.999}, "spread: given 0.999, expected a number >= 1"),
         ({"floor": 1.0}, "floor: given 1.0, expected a part of |G| between 0 and 1"),
-        ({"floor": -1e-9}, "floor: given -1e-09, expected a part of |G| between 0 and 1"),
+        ({"floor": -1e-9}, "floor: given -1e-09, expected a finite number >= 0 or None"),
         ({"free": ["acc.delay"]}, "free: given 'acc.delay', expected a sensor of the data: none"),
     ],
 )
