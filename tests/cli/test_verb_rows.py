@@ -205,7 +205,7 @@ def test_a_planted_second_statement_is_seen(option, seen):
     assert stated(planted) == [(option.name, what) for what in seen]
 
 
-def test_a_row_with_a_name_that_is_no_parameter_is_refused():
+def test_a_row_with_the_name_of_no_parameter_is_refused():
     planted = Verb("planted", function="predict", rows={"draws": ("robot",)})
     with pytest.raises(ValueError, match="given 'robot', no parameter of predict"):
         list(planted.options())

@@ -46,7 +46,7 @@ def test_an_identified_servo_is_read_as_it_was_written(tmp_path: Path) -> None:
     servo = flexgen.Servo(
         cascade, sample_time=5e-4, delay=2.5e-4, speed_feedforward=0.75, reference_filter_s=3e-3
     )
-    save: Any = ServoFit.save
+    save: Any = ServoFit.write
     fit = Made(servo=servo, model="elbow@soft", record=Made(source="/a/b/day.csv"), ended="")
     read = flexgen.Servo.read(save(fit, tmp_path / "servo.toml"))
     for name in ("sample_time", "delay", "speed_feedforward", "reference_filter_s"):
