@@ -133,7 +133,7 @@ PARAMETERS = {
 }
 
 # Modules, without packages, loaded by `flexgen.solve`, before a call, and by `flexgen --version`.
-MODULES_OF_SOLVE = 87
+MODULES_OF_SOLVE = 89
 MODULES_OF_VERSION = 6
 
 # Functions named by a participle, such as `turned`: public methods, decorators and changed copies;
