@@ -99,6 +99,7 @@ def check_applies(
             raise ArgumentError(
                 f"force: given with method {method.name!r}, expected one of the methods {able}"
             )
+        # Such methods leave out some features of robots too: others without limits than within.
         if (reason := obstacle(robot, FORCELESS[limits is not None])) is not None:
             given = f"given {robot.title}, whose {reason.removeprefix('the ')}"
             raise ArgumentError(

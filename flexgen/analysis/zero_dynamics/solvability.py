@@ -264,7 +264,11 @@ def _tool(equations: Equations, arm: ArmLinearization) -> np.ndarray:
 
 
 def _tool_warnings(equations: Equations, arm: ArmLinearization) -> list[str]:
-    """Warnings from the singular values of W_g at the first pose."""
+    """Warning where the actuated joints hardly move some output at the first pose.
+
+    By the singular values of W_g, the Jacobian of the output in the actuated joints. An output
+    with more rows than there are joints is reported elsewhere.
+    """
     left, values, _ = np.linalg.svd(_tool(equations, arm)[0])
     if len(values) < arm.model.output.size or values[-1] > TOOL * values[0]:
         return []

@@ -267,6 +267,12 @@ def _parameters(function: Any) -> int:
 def _plan(
     function: Callable[..., Any], cls: type | None, result: bool, own: tuple[str, ...]
 ) -> _Plan:
+    """The checks of the arguments of a function, by their annotations.
+
+    ``cls``: class of a method, for names in annotations; ``result``: flexgen computes the
+    arguments, so that numbers may be infinite or nan; ``own``: names of the arguments that the
+    function checks itself. Others without a check: those without annotation, and further keywords.
+    """
     inner = inspect.unwrap(function)
     positional: list[Check | None] = []
     by_name: dict[str, Check] = {}

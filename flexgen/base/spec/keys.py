@@ -452,7 +452,11 @@ def name(kind: str = "", problem_of: Callable[[str], str | None] = identifier_pr
 
 
 def sub(form: Form | Callable[[], Form]) -> Type:
-    """A table."""
+    """The type of a key whose value is a table, which is read by a form.
+
+    A function in place of the form: for a form that is defined later, or contains itself. A
+    missing table is an error.
+    """
 
     def read_sub(table: Table, key: Key, here: Context) -> Any:
         inner = table.table(key.name)

@@ -283,7 +283,11 @@ def _with_unit(text: str, unit: str) -> str:
 def form_of(
     module: str, annotation: ast.expr | None, forms: Mapping[str, Form] = ALL_FORMS
 ) -> Form | None:
-    """The form of values of an annotation; None where a text cannot be one."""
+    """How a text of the command line becomes a value of an annotation.
+
+    The form of the whole union, if ``forms`` has it, else that of its first part that has one.
+    None: no text can be such a value. ``module``: where the names of the annotation are defined.
+    """
     if annotation is None:
         return None
     parts = [*_parts(module, annotation)]

@@ -330,6 +330,7 @@ def motions(
 ) -> list[Motion]:
     """Motion of the frames of all joints; arguments as in `inverse_dynamics`."""
     out: list[Motion] = []
+    # The base rests; its acceleration against gravity adds the weight of all bodies.
     ground = Motion([0.0] * 3, (-chain.gravity).tolist(), (0.0, 0.0, 0.0))
     for joint, turn, x, speed, acceleration, by_column in zip(
         chain.joints, turns, q, v, dv, columns, strict=True

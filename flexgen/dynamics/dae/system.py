@@ -180,8 +180,9 @@ class InverseDae:
         """Sizes of y (n) and of the motor torques (n_m), and a typical rate [1/s], near the
         equilibrium x.
 
-        Motors count by their gear ratio; torques by the load of gravity and by the inertia of the
-        arm.
+        They scale the unknowns of a solver. An arm coordinate has the size 1 rad or m, a motor its
+        gear ratio. Torques [N m]: those at x, and at least those that accelerate the arm by 1 in
+        its units. The rate is the root of stiffness over inertia, at least 1.
         """
         model = self.model
         size = np.r_[np.ones(model.n_a), np.abs(model.eta).max(axis=1)[list(model.i_m)]]

@@ -117,7 +117,12 @@ def _spring(
 
 
 def _rigid_drive(tendons: Element, drive: Drive) -> None:
-    """A motor behind rigid gears that drives several joints, or turns with its carrier."""
+    """Write the friction and the rotor of a motor behind rigid gears as tendons.
+
+    Friction acts on the speed relative to the carrier of the motor, ``ratios`` times the joint
+    speeds; the inertia on the absolute one, to which the carrier adds ``turning``. A motor of one
+    joint, whose carrier does not turn the rotor, has no tendon: that joint has both.
+    """
     motor = drive.motor
     ratios = drive.ratios
     turning = drive.turning or {}

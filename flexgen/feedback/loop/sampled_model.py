@@ -52,6 +52,8 @@ class PoseModels:
     ) -> None:
         self.model = model
         equations = derive(model)
+        # The numbers that differ change the dynamics alone: output, tool and sensors are those of
+        # the model.
         self._local = LocalDynamics(derive(model, tuple(names)) if names else equations)
         self._values = np.zeros(0) if values is None else values
         self._output = output_jacobian(equations)

@@ -73,7 +73,12 @@ def find_shift(residuals: Residuals, x: np.ndarray, A: np.ndarray, G: np.ndarray
 
 
 def _change(residuals: Residuals, x: np.ndarray, gains: np.ndarray) -> np.ndarray:
-    """``G_n - G_l`` (k, lines, outputs, n_m); ``gains`` (3, n_m): as in `Frf`."""
+    """Change of the responses by the size of the motions, ``G_n - G_l`` (k, lines, outputs, n_m).
+
+    G_n: the periodic motion of the nonlinear robot under the measured torques U, times the
+    pseudoinverse of U, mean over the runs; G_l: the linear robot, both without images of sampling.
+    At other lines than those of U the drives with ``gains`` (3, n_m), as in `Frf`, close the loop.
+    """
     data = residuals.data
     local = residuals.local
     model = residuals.vector.model
@@ -81,6 +86,7 @@ def _change(residuals: Residuals, x: np.ndarray, gains: np.ndarray) -> np.ndarra
     values, rest = residuals.rest(x)
     M, D, K, B = local.matrices(values, data.poses, data.speed_sd, residuals.deflection_sd)
     drive = residuals.vector.drive_at(x, residuals.drive)
+    # Multiples of the lowest frequency; motions of second order reach twice the largest one.
     lines = data.numbers
     speed = data.w[0] / data.numbers[0]
     w = speed * np.arange(2 * lines[-1] + 1)

@@ -269,8 +269,10 @@ class Columns:
         return out
 
     def below(self, limit: float) -> Columns:
-        """The samples through a filter with this limit [Hz], after elimination of the friction at
-        standstill.
+        """A copy with all terms low-passed to a limit [Hz], at fewer samples; infinite: no filter.
+
+        `slow` filters, and eliminates the unknown friction of motors at standstill. ``moving``:
+        kept samples in motion; ``correlated``: kept samples for one that is independent.
         """
         out = copy(self)
         for name in TERMS:

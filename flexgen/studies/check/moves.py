@@ -159,7 +159,11 @@ def _changes(path: Path, speeds: list[np.ndarray]) -> np.ndarray:
 
 
 def _reversals(robot: RobotModel, changes: np.ndarray) -> Iterator[Finding]:
-    """Whether the friction of each motor changes its sign within a sample, at all reversals."""
+    """Whether the friction of each motor changes its sign within a sample of 1 ms at a reversal.
+
+    ``changes`` (n_m,) [rad/s]: see `_changes`; 0: the motor does not reverse. Laws of friction
+    without ``beta`` have no finding.
+    """
     for motor, change in zip(robot.motors, changes, strict=True):
         beta = steepness(motor.friction)
         if not beta or not change:
