@@ -68,7 +68,7 @@ class PPI:
     def frequencies(self, model: RobotModel, motion: Sequence[np.ndarray]) -> dict[str, float]:
         """Frequencies of position, speed and integral part [Hz] for a model at a pose.
 
-        Those that are None follow from the lowest natural frequency with locked motors at the
+        Frequencies of None follow from the lowest natural frequency with locked motors at the
         pose ``motion``, see `cascade`; it is not used where all three are given.
         """
         given = {name: getattr(self, name) for name in FREQUENCIES}
