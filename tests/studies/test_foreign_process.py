@@ -11,7 +11,7 @@ import sys
 import textwrap
 from dataclasses import replace
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -277,7 +277,9 @@ def test_an_interrupt_ends_the_samples(tmp_path: Path, monkeypatch: pytest.Monke
     def interrupted(*given: Any) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(foreign.struct, "pack", interrupted)
+    # The module alone is patched: threads of the test runner pack, too.
+    patched = SimpleNamespace(pack=interrupted, unpack=struct.unpack, calcsize=struct.calcsize)
+    monkeypatch.setattr(foreign, "struct", patched)
     u = np.zeros((3, 2))
     y, ref = of_sample(0)
     compiled.keep(0, *(x.ctypes.data for x in (y, ref, u)))
