@@ -185,7 +185,7 @@ def test_a_model_error_has_exit_status_one_and_no_standard_deviations(folder, ca
         in printed.out
     )
     row = next(line for line in printed.out.splitlines() if line.startswith("q2.stiffness"))
-    assert row.split()[-2] == "-"  # before the start value
+    assert row.split()[-4] == "-"  # before the start value and the change in percent
 
 
 @pytest.mark.slow

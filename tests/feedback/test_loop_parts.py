@@ -237,7 +237,7 @@ def test_steps_of_a_controller_of_a_user_are_checked(returned: Any, expected: An
 
 def test_a_step_that_is_slow_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     clock = iter([0.0, 1.0, 0.0, 1.005])
-    monkeypatch.setattr(interface.time, "perf_counter", lambda: next(clock))
+    monkeypatch.setattr(interface, "time", SimpleNamespace(perf_counter=lambda: next(clock)))
     own = SimpleNamespace(step=lambda k, y, ref: [0.0])
     none: Any = None
     assert not isinstance(interface.check_step(own, 0, none, none, 1), str)

@@ -18,6 +18,7 @@ from small_fits import small_fit
 
 import flexgen
 from flexgen.base.results import Result
+from flexgen.base.rows import Row
 
 NUMBER = re.compile(r"(?<![\w.])[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?(?![\w.]*\w)")
 # Units that are printed with a prefix, or as a part, and their factors to those of JSON.
@@ -157,6 +158,8 @@ def plan() -> flexgen.Plan:
     return flexgen.excite("elbow", poses=[[0.5, -0.3]], period_s=1.0, lines=10)
 
 
+# Characters of the value and unit of a row.
+WIDEST = 84
 MADE: dict[str, Callable[[], Result]] = {
     "Solution": solution,
     "Simulation": lambda: solution().simulation,
@@ -197,6 +200,13 @@ def test_views_of_a_result_have_the_same_numbers(name):
     result = MADE[name]()
     assert type(result).__name__ == name
     assert differences(result) == []
+
+
+@pytest.mark.parametrize("name", MADE)
+def test_the_value_of_a_row_is_shorter_than_a_line(name):
+    """Sentences are prose: in a row they make the table as wide as themselves."""
+    rows = [part for part in MADE[name]().content() if isinstance(part, Row)]
+    assert [x.label for x in rows if len(f"{x.text or x.value} {x.unit}") > WIDEST] == []
 
 
 @pytest.mark.slow

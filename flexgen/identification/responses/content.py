@@ -69,6 +69,8 @@ def content_of_responses(found: Any) -> tuple[Part, ...]:
     """Status and misfit of a fit of responses, its parameters, and the bands of its misfit."""
     status = found.status
     words = [f"{status.sentence} {status.advice}"]
+    grade = "" if found.grade is None else f"{found.grade.sentence}."
+    words += [grade[0].upper() + grade[1:]] if grade else []
     words += [f"possible cause: {cause}" for cause in found.causes]
     amplitude = amplitude_sentence(found)
     words += [f"amplitude test: {amplitude}"] if amplitude else []
@@ -97,12 +99,10 @@ def _figures(found: Any) -> list[Part]:
     if error > 0:
         unit = "% of the responses"
         misfit = Row("misfit beyond the noise", error, unit, "model_error", text=percent(error))
-    grade = [] if found.grade is None else [Row("grade", found.grade.sentence)]
     return [
         Row("status", str(found.status), "", "status"),
         Row("cost", found.cost, "", "cost_per_degree_of_freedom", note="1 expected"),
         misfit,
-        *grade,
         Row("weights", found.weights, "", "weights"),
         Row("starts at the best cost", found.agreed, f"of {found.starts}", "starts_at_best_cost"),
         Data("starts", found.starts),
