@@ -70,7 +70,7 @@ enum {{
 
 {_head(layout)}
 /* Place an array of so many reals behind those before it. */
-static inline ptrdiff_t place(ptrdiff_t *at, ptrdiff_t size)
+static inline ptrdiff_t next_place(ptrdiff_t *at, ptrdiff_t size)
 {{
     const ptrdiff_t here = *at;
     *at += (ptrdiff_t)padded(size);
@@ -177,7 +177,7 @@ def _members(rows: list[Row]) -> str:
 
 
 def _places(rows: list[Row]) -> str:
-    return "".join(f"    l.{row.name} = place(&at, {_text(row)});\n" for row in rows)
+    return "".join(f"    l.{row.name} = next_place(&at, {_text(row)});\n" for row in rows)
 
 
 def _text(row: Row) -> str:

@@ -66,7 +66,7 @@ static inline const stream_head *head_in(const real *memory)
 }
 
 /* Place an array of so many reals behind those before it. */
-static inline ptrdiff_t place(ptrdiff_t *at, ptrdiff_t size)
+static inline ptrdiff_t next_place(ptrdiff_t *at, ptrdiff_t size)
 {
     const ptrdiff_t here = *at;
     *at += (ptrdiff_t)padded(size);
@@ -104,28 +104,28 @@ static inline limits_layout limits_laid_out(ptrdiff_t intervals)
 {
     limits_layout l;
     ptrdiff_t at = 0;
-    l.bound = place(&at, BOUNDED);
-    l.plan = place(&at, (intervals + 1) * REFERENCE);
-    l.deviation = place(&at, (intervals + 1) * DEVIATION);
-    l.value = place(&at, (intervals + 1) * BOUNDED);
-    l.q = place(&at, (intervals + 1) * NG);
-    l.v = place(&at, (intervals + 1) * NG);
-    l.a = place(&at, (intervals + 1) * NG);
-    l.tau = place(&at, (intervals + 1) * NG);
-    l.deflection = place(&at, (intervals + 1) * NG);
-    l.lagged = place(&at, (intervals + 1) * NG);
-    l.response = place(&at, (intervals + 1) * CHAIN * BLOCKS);
-    l.H = place(&at, INPUTS * INPUTS);
-    l.g = place(&at, INPUTS);
-    l.A = place(&at, (intervals + 1) * BOUNDED * INPUTS);
-    l.x = place(&at, (intervals + 1) * BOUNDED);
-    l.y = place(&at, (intervals + 1) * BOUNDED);
-    l.z = place(&at, INPUTS);
-    l.K = place(&at, INPUTS * INPUTS);
-    l.w = place(&at, (intervals + 1) * BOUNDED);
-    l.vv = place(&at, (intervals + 1) * BOUNDED);
-    l.b = place(&at, INPUTS);
-    l.dual = place(&at, (intervals + 1) * BOUNDED);
+    l.bound = next_place(&at, BOUNDED);
+    l.plan = next_place(&at, (intervals + 1) * REFERENCE);
+    l.deviation = next_place(&at, (intervals + 1) * DEVIATION);
+    l.value = next_place(&at, (intervals + 1) * BOUNDED);
+    l.q = next_place(&at, (intervals + 1) * NG);
+    l.v = next_place(&at, (intervals + 1) * NG);
+    l.a = next_place(&at, (intervals + 1) * NG);
+    l.tau = next_place(&at, (intervals + 1) * NG);
+    l.deflection = next_place(&at, (intervals + 1) * NG);
+    l.lagged = next_place(&at, (intervals + 1) * NG);
+    l.response = next_place(&at, (intervals + 1) * CHAIN * BLOCKS);
+    l.H = next_place(&at, INPUTS * INPUTS);
+    l.g = next_place(&at, INPUTS);
+    l.A = next_place(&at, (intervals + 1) * BOUNDED * INPUTS);
+    l.x = next_place(&at, (intervals + 1) * BOUNDED);
+    l.y = next_place(&at, (intervals + 1) * BOUNDED);
+    l.z = next_place(&at, INPUTS);
+    l.K = next_place(&at, INPUTS * INPUTS);
+    l.w = next_place(&at, (intervals + 1) * BOUNDED);
+    l.vv = next_place(&at, (intervals + 1) * BOUNDED);
+    l.b = next_place(&at, INPUTS);
+    l.dual = next_place(&at, (intervals + 1) * BOUNDED);
     l.end = at;
     return l;
 }
@@ -168,22 +168,22 @@ static inline layout laid_out(
     l.ahead = ahead;
     l.window = window;
     l.past = past;
-    l.limits = place(&at, limits_laid_out(intervals).end);
-    l.output = place(&at, samples_per_interval * OUTPUT);
-    l.last = place(&at, REFERENCE);
-    l.tau = place(&at, window * NG);
-    l.deflection = place(&at, window * NG);
-    l.lagged = place(&at, window * NG);
-    l.now = place(&at, NG);
-    l.joint = place(&at, window * JOINT);
-    l.most = place(&at, MEASURES + NM);
-    l.expected = place(&at, NM + NG);
-    l.q_g = place(&at, (intervals * STAGES + 1) * NG);
-    l.reference = place(&at, intervals * STAGES * REFERENCE);
-    l.nodes = place(&at, (past + intervals + 1) * REFERENCE);
-    l.lq = place(&at, STEP_SPACE);
-    l.space = place(&at, FUNCTION_SPACE);
-    l.torque = place(&at, held * (HOLD_BEFORE + samples_per_interval + ahead + 1) * NM);
+    l.limits = next_place(&at, limits_laid_out(intervals).end);
+    l.output = next_place(&at, samples_per_interval * OUTPUT);
+    l.last = next_place(&at, REFERENCE);
+    l.tau = next_place(&at, window * NG);
+    l.deflection = next_place(&at, window * NG);
+    l.lagged = next_place(&at, window * NG);
+    l.now = next_place(&at, NG);
+    l.joint = next_place(&at, window * JOINT);
+    l.most = next_place(&at, MEASURES + NM);
+    l.expected = next_place(&at, NM + NG);
+    l.q_g = next_place(&at, (intervals * STAGES + 1) * NG);
+    l.reference = next_place(&at, intervals * STAGES * REFERENCE);
+    l.nodes = next_place(&at, (past + intervals + 1) * REFERENCE);
+    l.lq = next_place(&at, STEP_SPACE);
+    l.space = next_place(&at, FUNCTION_SPACE);
+    l.torque = next_place(&at, held * (HOLD_BEFORE + samples_per_interval + ahead + 1) * NM);
     l.end = at;
     return l;
 }
