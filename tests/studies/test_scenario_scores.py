@@ -16,6 +16,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from toolchain import needs_compiler
 
 import flexgen
+from flexgen.base.calls.deadline import OutOfTime
 from flexgen.base.errors import ArgumentError
 from flexgen.codegen.build.model_library import library_with
 from flexgen.feedback.laws.lq import LQG
@@ -646,3 +647,29 @@ def test_wrong_arguments_of_tuning(name: str) -> None:
 def test_measures_of_the_reference_are_units_that_cannot_be_changed() -> None:
     units = reference_measures(scenario("four_mass", 1), 1)
     assert units.shape[0] == 1 and (units > 0).all() and not units.flags.writeable
+
+
+@needs_compiler
+@pytest.mark.slow
+def test_an_evaluation_that_the_time_ends_is_not_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The time is over in the second draw of the third evaluation; planted: its first draw alone
+    would be a better value than all others.
+    """
+    chosen = scenario("four_mass", 2)
+    draws = len(Bench(chosen).draws)
+    simulate = Bench.simulate
+    searched: list[int] = []
+
+    def counted(self: Bench, controller: Any, lanes: Any, *rest: Any) -> Any:
+        if len(lanes) > 1 and len(searched) <= 2 * draws + 1:
+            searched.append(1)
+            if len(searched) == 2 * draws + 2:
+                raise OutOfTime("tune: the time is over")
+        return simulate(self, controller, lanes, *rest)
+
+    monkeypatch.setattr(Bench, "simulate", counted)
+    found = flexgen.tune(chosen, time_limit=600.0, progress=False)
+    assert found.evaluations == 2 and len(found.history) == 2
+    assert len(found.score.values) == len(found.start.values) == draws
+    assert found.history[0] == pytest.approx(found.start.total, rel=1e-9)
+    assert found.score.total == pytest.approx(min(found.history), rel=1e-9)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import lru_cache
 from time import perf_counter
@@ -64,8 +65,12 @@ class Bench:
         motors = np.zeros((1, model.n_m))
         return p.q_a[:1], arm, arm, p.q_m[None], motors, motors, p.tau[:1]
 
-    def run(self, controller: Controller, tell: Tell = None) -> Trial:
-        """All robots in all draws."""
+    def run(self, controller: Controller, tell: Tell = None, *, parts: bool = True) -> Trial:
+        """All robots in all draws.
+
+        ``parts``: the draws that are done are the result where the time is over; False: the end of
+        the time is an error, as for one of many trials.
+        """
         s = self.scenario
         accept = self.scenario.accept
         robots = len(s.plants.names)
@@ -81,7 +86,7 @@ class Bench:
         for number, draw in enumerate(self.draws):
             began = perf_counter()
             label = f"draw {number + 1} of {len(self.draws)}, " if len(self.draws) > 1 else ""
-            with keep_best():
+            with keep_best() if parts else nullcontext():
                 z, u, failures = self.simulate(
                     controller,
                     [*range(robots), 0, 0],
@@ -100,9 +105,10 @@ class Bench:
                 refused[reason if len(self.draws) == 1 else f"{label}{reason}"] = None
             if number == 0:
                 traces = {"z": z[:, 0], "u": u[:, 0]}
-            part_known("draws", perf_counter() - began, len(self.draws) - number - 1)
-            if is_over():
-                break
+            if parts:
+                part_known("draws", perf_counter() - began, len(self.draws) - number - 1)
+                if is_over():
+                    break
         return Trial(np.array(values), tuple(refused), traces)
 
     def _reasons(

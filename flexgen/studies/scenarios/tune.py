@@ -23,6 +23,7 @@ from scipy.optimize import minimize
 
 from flexgen.base.calls.deadline import (
     MOST_STEPS,
+    OutOfTime,
     best_known,
     check_time,
     is_over,
@@ -143,7 +144,7 @@ def tune(
         Of the other starts.
     time_limit : float, optional [s]
         Time limit; default: no limit. Then, or after Ctrl-C, the result is the best so far; its
-        ``ended`` says so. 0: no limit.
+        ``ended`` says so. Both scores of the result are computed after that. 0: no limit.
     progress : callable or bool, optional
 
     Returns
@@ -196,11 +197,12 @@ def tune(
             found += [job.search(tell) for job in jobs[1:] if not is_over()]
         else:
             found = _in_parallel(jobs, min(workers, starts), executor, tell)
-        best = min(found, key=lambda f: f[1])
-        controller = with_numbers(made, best[0])
-        done = replace(score(chosen, controller, progress=False), controller="tuned")
-        begun = score(chosen, made, progress=False)
         ended = reason_of_end()
+    # Outside of the time limit: the result of a search that was ended has whole scores, too.
+    best = min(found, key=lambda f: f[1])
+    controller = with_numbers(made, best[0])
+    done = replace(score(chosen, controller, progress=False), controller="tuned")
+    begun = score(chosen, made, progress=False)
     return TuningResult(controller, done, begun, tuple(best[2]), sum(f[3] for f in found), ended)
 
 
@@ -271,7 +273,9 @@ def _search(
         check_time("tune")
         began = time.perf_counter()
         try:
-            trial = bench.run(with_numbers(made, x))
+            trial = bench.run(with_numbers(made, x), parts=False)
+        except OutOfTime:
+            raise
         except FlexgenError:  # a filter beyond half the sample rate
             result = 10 * REFUSED
         else:
