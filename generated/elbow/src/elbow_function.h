@@ -131,13 +131,13 @@ static SEPARATE elbow_status evaluate_points(const function_shape *f, function_o
     function_lanes evaluate, const real *const *in, real *const *out, int n, int stride,
     real *work)
 {
-    int results = 0, missing = work == NULL, bad = 0;
+    int written = 0, missing = work == NULL, bad = 0;
     for (int i = 0; i < f->inputs; ++i) {
         missing |= in[i] == NULL;
     }
     for (int i = 0; i < f->outputs; ++i) {
         missing |= out[i] == NULL;
-        results += f->sizes[f->inputs + i];
+        written += f->sizes[f->inputs + i];
     }
     if (n < 0 || stride < n) {
         return ELBOW_BAD_COUNT;
@@ -150,9 +150,9 @@ static SEPARATE elbow_status evaluate_points(const function_shape *f, function_o
          * Arrays are copied where columns of results share the same cache lines or do not fit the
          * cache, and for the last points.
          */
-        const int past = (size_t)n * sizeof(real) > (size_t)(CACHE / results);
+        const int past = (size_t)n * sizeof(real) > (size_t)(CACHE / written);
         const int aligned = (size_t)stride * sizeof(real) % 1024 == 0;
-        const int collide = past || (results > WAYS && n > f->tile && aligned);
+        const int collide = past || (written > WAYS && n > f->tile && aligned);
         /* points that are faster one by one than in lanes */
         const int few = f->work > 0 ? LANES * 3 / 4 : LANES / 2;
         const int rest = n % LANES <= few ? n % LANES : 0;
