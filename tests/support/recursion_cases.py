@@ -129,7 +129,16 @@ def six_axes() -> RobotModel:
     return robot(elements, motors, tool=Placement((0.0, 0.0823, 0.0)))
 
 
+def fork() -> RobotModel:
+    """A first joint that carries two branches, the second one turned and shifted."""
+    rng = np.random.default_rng(10)
+    elements = list(dense_chain(3, 10).elements)
+    elements[2] = replace(elements[2], parent=elements[0].name, origin=random_placement(rng))
+    return robot(elements, dense_chain(3, 10).motors)
+
+
 MADE = {
+    "fork": fork,
     "dense7": lambda: dense_chain(7, 1),
     "dense12": lambda: dense_chain(12, 2),
     "sliding5": lambda: dense_chain(5, 3, sliding=True),
