@@ -77,7 +77,7 @@ test-slow: $(VENV)/.test           ## the other tests (about half an hour on two
 # OpenBLAS has kernels for each kind of processor, and their last bits differ: with vectors of 128, 256 and 512 bits. The
 # last ones need such a processor.
 KERNELS := Nehalem Haswell $(if $(shell grep -s -m 1 -o avx512f /proc/cpuinfo),SkylakeX)
-OF_NUMBERS := tests/base/test_blas_kernels.py tests/analysis/test_solvability.py tests/codegen/test_numbers_middle.py \
+OF_NUMBERS := tests/base/test_blas_kernels.py tests/analysis/test_solvability.py tests/analysis/test_zeros.py \
     tests/dynamics/test_structure.py tests/analysis/test_zero_path.py tests/inversion/test_unstable_open_loop.py \
     tests/planning/test_planning.py tests/planning/test_minimum_time.py tests/feedback/test_observers.py tests/identification/test_identify.py \
     tests/identification/test_frequency_responses.py tests/inversion/test_hold.py tests/cross/test_calibration.py tests/cross/test_growth.py \

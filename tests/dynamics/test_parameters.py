@@ -14,7 +14,7 @@ from toolchain import needs_compiler
 from flexgen.base.errors import ArgumentError, BuildError
 from flexgen.codegen.build.generate import generate
 from flexgen.dynamics.mechanics.equations import derive
-from flexgen.dynamics.mechanics.parameters import put_symbols
+from flexgen.dynamics.mechanics.parameters import put_symbols, select
 from flexgen.model.elements import Dof, Element, Gear, LinearSpring
 from flexgen.model.reader import read
 from flexgen.runtime import load
@@ -249,3 +249,19 @@ def changed_model(model, numbers):
 def test_an_unknown_name_is_refused_with_the_existing_ones(names):
     with pytest.raises(ArgumentError, match=r"parameters: given .*, expected"):
         derive("planar5_nmp", names)
+
+
+def test_the_existing_names_are_those_of_groups_in_order():
+    """Numbers in no group are too many to list, but may be named; those of bodies are inertias,
+    that of the payload is not.
+    """
+    robot = read("elbow")
+    with pytest.raises(ArgumentError) as told:
+        select(robot, ["stifness"])
+    start, _, names = str(told.value).partition(", expected some of ")
+    listed = names.split(", ")
+    assert start == "parameters: given 'stifness'" and listed == sorted(listed)
+    assert {"stiffness", "payload", "payload.mass"} <= {*listed}
+    assert "upper.mass" not in listed
+    found = {p.name: (p.unit, p.inertia) for p in select(robot, ["upper.mass", "payload.mass"])}
+    assert found == {"upper.mass": ("kg", True), "payload.mass": ("kg", False)}

@@ -25,7 +25,7 @@ import flexgen
 from flexgen.base.errors import ArgumentError
 from flexgen.model.moves import Move, MoveC, MoveL
 from flexgen.paths.geometry import blended_curve
-from flexgen.paths.geometry.segments import circle_through
+from flexgen.paths.geometry.segments import Line, circle_through
 from flexgen.paths.path import Path
 
 # Sums of up to some ten terms of the size of the largest, each rounded; the fifth derivative loses
@@ -279,8 +279,33 @@ def test_circle_through_three_points(robot) -> None:
         ([1, 0, 0], [1, 0, 0]),
         ([0, 0, 0], [1, 0, 0]),
         ([1, 0, 0], [0, 0, 0]),
+        ([1, 0, 0], [1, 1e-10, 0]),
+        ([1e-10, 1e-10, 0], [1, 0, 0]),
     ):
         assert circle_through(np.array(via), np.array(end)) is None
+    # almost a full line, but a circle
+    assert circle_through(np.array([1, 0, 0]), np.array([-1, 1e-6, 0])) is not None
+
+
+@pytest.mark.parametrize(
+    ("total", "turn", "radius", "largest", "length", "by_arc_length"),
+    [
+        (0.5, 2.5, 0.0, False, 0.5, True),
+        (0.5, 2.5, 0.1, False, 0.5, True),
+        (0.5, 2.5, 0.3, False, 0.75, False),
+        (0.5, 0.0, 0.0, True, 0.4, False),
+        (0.0, 2.5, 0.0, False, 1.0, False),
+        (0.0, 2.5, 0.3, False, 0.75, False),
+        (0.0, 0.0, 0.0, False, 1.0, False),
+    ],
+)
+def test_a_line_is_as_long_as_its_path_or_as_its_rotation_on_the_radius(
+    total: float, turn: float, radius: float, largest: bool, length: float, by_arc_length: bool
+) -> None:
+    along = total * np.array([0.6, 0.0, -0.8])
+    found = Line(along, turn * np.array([0.0, 0.6, 0.8]), radius, largest)
+    assert found.length == pytest.approx(length)
+    assert found.by_arc_length == by_arc_length
 
 
 def test_arcs_in_a_polyline_end_at_their_stated_points(robot, start) -> None:

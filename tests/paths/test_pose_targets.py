@@ -20,7 +20,7 @@ from flexgen.model.elements import RobotModel
 from flexgen.model.moves import Move, MoveJ, MoveL, PoseTarget, Program
 from flexgen.paths.inverse_kinematics import targets
 from flexgen.paths.inverse_kinematics.search import configuration_at, kinematics
-from flexgen.paths.inverse_kinematics.targets import joints_of_target
+from flexgen.paths.inverse_kinematics.targets import SLACK, choose_turns, joints_of_target
 from flexgen.paths.move_files import read_moves
 from flexgen.paths.path import plan
 
@@ -125,6 +125,56 @@ def test_turns_are_those_that_are_named_or_the_closest_within_the_limits() -> No
     assert np.abs(joints_of_target(limited, target, START + turn, refused) - q).max() < 1e-9
     with pytest.raises(ArgumentError, match=r"turns: given .*within their limits"):
         joints_of_target(limited, named, START, refused)
+
+
+@pytest.mark.parametrize(
+    ("limits", "before", "turns", "chosen"),
+    [
+        ((None, None), 0.0, (), 0),
+        ((None, None), 4.0, (), 1),
+        ((None, None), -6.0, (), -1),
+        ((None, None), 0.0, (-2,), -2),
+        ((None, None), 9.0, (0,), 0),
+        ((1.0, None), 0.0, (), 1),
+        ((None, 0.0), 0.0, (), -1),
+        ((8.0, None), 0.0, (), 2),
+        ((20.0, None), 0.0, (), None),
+        ((1.0, 6.0), 0.0, (), None),
+        ((None, 3.0), 0.0, (1,), None),
+        ((0.5 + 0.5 * SLACK, None), 0.0, (), 0),
+        ((0.5 + 2 * SLACK, 1.0), 0.0, (), None),
+    ],
+)
+@pytest.mark.parametrize("given", [-1, 0, 3])
+def test_turns_are_the_closest_to_the_start_within_the_limits(
+    limits: tuple[float | None, ...],
+    before: float,
+    turns: tuple[int, ...],
+    chosen: int | None,
+    given: int,
+) -> None:
+    """Of an angle of half a radian that is stated with any number of turns."""
+    q = np.array([0.5 + given * 2 * np.pi])
+    found = choose_turns(one_joint("rotation", limits), q, np.array([before]), turns)
+    expected = None if chosen is None else pytest.approx([0.5 + chosen * 2 * np.pi])
+    assert (None if found is None else found.tolist()) == expected
+
+
+@pytest.mark.parametrize(("upper", "chosen"), [(None, [0.5]), (0.4, None)])
+def test_a_slide_has_no_turns(upper: float | None, chosen: list[float] | None) -> None:
+    slide = one_joint("translation", (None, upper))
+    found = choose_turns(slide, np.array([0.5]), np.array([9.0]), ())
+    assert (None if found is None else found.tolist()) == chosen
+
+
+def one_joint(kind: str, limits: tuple[float | None, ...]) -> RobotModel:
+    """The first joint of the elbow with these limits."""
+    elbow = flexgen.read("elbow")
+    first = elbow.elements[0]
+    dof = replace(first.dofs[0], type=kind, lower=limits[0], upper=limits[1])
+    return replace(
+        elbow, elements=(replace(first, dofs=(dof,)),), motors=elbow.motors[:1], home=(0.0,)
+    )
 
 
 def test_a_sign_that_is_ignored_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:

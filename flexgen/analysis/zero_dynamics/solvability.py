@@ -272,7 +272,7 @@ def _tool_warnings(equations: Equations, arm: ArmLinearization) -> list[str]:
     left, values, _ = np.linalg.svd(_tool(equations, arm)[0])
     if len(values) < arm.model.output.size or values[-1] > TOOL * values[0]:
         return []
-    names = _name_largest(left[:, -1], output_names(arm.model))
+    names = name_largest(left[:, -1], output_names(arm.model))
     kind = (
         "in a singular pose" if values[-1] < SINGULAR * values[0] else "close to a singular pose"
     )
@@ -296,7 +296,7 @@ def _inertia_warnings(arm: ArmLinearization, smallest: float) -> list[str]:
     motion = np.linalg.solve(
         np.linalg.cholesky(own).T, np.linalg.svd(arm.relative_inertia()[0])[2][-1]
     )
-    names = _name_largest(motion * np.sqrt(np.diag(own)), [model.coordinates[i].name for i in i_e])
+    names = name_largest(motion * np.sqrt(np.diag(own)), [model.coordinates[i].name for i in i_e])
     how = f"({smallest:.1e} of the coordinates' own)"
     if smallest < SINGULAR:
         text = (
@@ -322,7 +322,7 @@ def _distal(model: RobotModel) -> tuple[str, ...]:
     return tuple(model.coordinates[i].name for i in model.i_e if i > max(model.i_g))
 
 
-def _name_largest(vector: np.ndarray, names: tuple[str, ...] | list[str]) -> str:
+def name_largest(vector: np.ndarray, names: tuple[str, ...] | list[str]) -> str:
     """The names of the largest entries of a vector."""
     share = np.abs(vector) / np.abs(vector).max()
     order = [k for k in np.argsort(-share) if share[k] > ALONE]

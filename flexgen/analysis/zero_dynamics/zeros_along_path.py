@@ -177,7 +177,7 @@ def zero_path(
                     f"zeros: the output leaves a motion undetermined at t = {t[k]:.4g} s"
                 )
             roots.append(found)
-    return _result(model.n_e, t, q, roots, sigma, sign)
+    return summarize_zeros(model.n_e, t, q, roots, sigma, sign)
 
 
 def zeros_at(
@@ -234,7 +234,7 @@ def is_stable(zeros: np.ndarray) -> np.ndarray:
     )
 
 
-def _result(
+def summarize_zeros(
     n_e: int,
     t: np.ndarray,
     q: np.ndarray,
@@ -242,6 +242,10 @@ def _result(
     sigma: np.ndarray,
     sign: np.ndarray,
 ) -> ZeroPath:
+    """Phase, changes, rates and methods from the zeros at n poses; see `zeros_at`.
+
+    ``n_e``: number of coordinates without motor; ``t`` (n,) [s]; ``q`` (n, n_a).
+    """
     widest = max(len(row) for row in roots)
     zeros = np.full((len(t), widest), complex(np.inf, 0.0))
     for k, row in enumerate(roots):

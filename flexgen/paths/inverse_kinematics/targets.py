@@ -68,7 +68,7 @@ def joints_of_target(
         raise wrong(
             "position", target.position, f"a pose that is farther from the singularity{part}"
         )
-    placed = [(c, _choose_turns(model, c.q, before, target.turns)) for c in asked]
+    placed = [(c, choose_turns(model, c.q, before, target.turns)) for c in asked]
     inside = [(c, q) for c, q in placed if q is not None]
     if not inside:
         key = "turns" if target.turns else "configuration" if target.configuration else "position"
@@ -147,7 +147,7 @@ def _check(model: RobotModel, target: PoseTarget, wrong: Failure) -> None:
         raise wrong("turns", list(target.turns), f"{len(model.i_g)} whole numbers")
 
 
-def _choose_turns(
+def choose_turns(
     model: RobotModel, q: np.ndarray, before: np.ndarray, turns: Sequence[int]
 ) -> np.ndarray | None:
     """The angles with their turns; None where one is beyond its limits."""
