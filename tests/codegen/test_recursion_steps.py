@@ -26,7 +26,7 @@ from referee import matrix, random_axis, random_body, random_placement
 from scipy.spatial.transform import Rotation
 
 from flexgen.codegen.recursion.composite_body import mass_matrix
-from flexgen.codegen.recursion.dh_chain import KeptInertia, make_chain, regroup
+from flexgen.codegen.recursion.dh_chain import KeptInertia, make_chain, regroup, snap
 from flexgen.codegen.recursion.functions import fast_function, operations_of
 from flexgen.codegen.recursion.kinematics import tool_pose
 from flexgen.codegen.recursion.newton_euler import inverse_dynamics
@@ -169,6 +169,12 @@ def test_entries_below_rounding_are_set_to_zero():
             given = arguments(s, rng)
             for name in ("inverse_dynamics", "mass_matrix"):
                 check(equations, name, given)
+
+
+@pytest.mark.parametrize("scale", [1.0, 4.0])
+def test_rounding_of_ones_and_zeros_is_removed(scale):
+    entries = scale * np.array([1 - 1e-16, -1 + 2e-16, 3e-17, 0.5, 2.0])
+    assert (snap(entries, scale) / scale).tolist() == [1.0, -1.0, 0.0, 0.5, 2.0]
 
 
 @pytest.mark.parametrize("distance", [1e-3, 1e-6, 1e-9, 1e-13])

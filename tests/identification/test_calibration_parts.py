@@ -689,6 +689,14 @@ def test_proposed_poses_are_those_of_the_largest_determinants(calibrated: Calibr
     assert len(found.propose_poses(15, candidates)) == 15
 
 
+def test_a_calibrated_model_is_of_the_variant_that_was_calibrated(calibrated: Calibration) -> None:
+    rigid = replace(calibrated.nominal, variant="rigid")
+    assert replace(calibrated, nominal=rigid).model.variant == "rigid"
+    without = replace(calibrated, nominal=replace(calibrated.nominal, file=""))
+    with pytest.raises(ArgumentError, match="given a model without a file"):
+        _ = without.model
+
+
 def test_numbers_and_words_of_a_calibration(calibrated: Calibration, tmp_path: Path) -> None:
     found = calibrated
     frame = [found.values[f"{FRAME}.{name}"] for name in ("x", "y", "z", "rx", "ry", "rz")]

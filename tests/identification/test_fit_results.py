@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from small_fits import FITS, small_fit
 import flexgen
 from flexgen.identification.estimator.fit_result import FitResult, FittedNumber
 from flexgen.identification.estimator.status import FitStatus
+from flexgen.identification.responses.result import write_parameters
 from flexgen.identification.rigid.rigid_file import RigidIdentification
 
 CLASSES = {
@@ -112,6 +114,22 @@ def test_a_relative_deviation_is_that_of_the_number():
     assert FittedNumber("a", -20.0, "N", 0.1, is_relative=True).deviation == 2.0
     assert FittedNumber("a", -20.0, "N", 0.1).deviation == 0.1
     assert FittedNumber("a", -20.0, "N", None, is_relative=True).deviation is None
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "sd", "text"),
+    [
+        ("q1.stiffness", 5e4, 0.0123, "1.2 %"),
+        ("arm1.com_x", 0.1, 0.0123, "0.012"),
+        ("m1.offset", 0.2, 0.0123, "0.012"),
+        ("m1.offset", 0.2, "fixed", "fixed"),
+    ],
+)
+def test_deviations_of_numbers_with_a_sign_are_not_relative(name, value, sd, text):
+    robot = flexgen.read("planar5_nmp")
+    model = Path(robot.file).read_text(encoding="utf-8")
+    found = write_parameters(model, robot, {name: value}, {name: sd}, "test", "planar5.toml")
+    assert f"{name}: sd {text}\n" in found
 
 
 @pytest.mark.parametrize("reason", ["time limit", "interrupted"])

@@ -105,7 +105,7 @@ def stream_key(spec: LibrarySpec) -> int:
     return int(hashlib.sha256(text.encode()).hexdigest()[:6], 16)
 
 
-def _curves(constants: MotorConstants, ng: str, join: Callable[[Sequence[float]], str]) -> str:
+def curves_text(constants: MotorConstants, ng: str, join: Callable[[Sequence[float]], str]) -> str:
     """The curves of elements by another law than Dahl's, see
     `flexgen.dynamics.hysteresis.hysteresis_law.Curve.table`.
     """
@@ -173,7 +173,7 @@ def constants_header(
             text += (
                 f"static const real hysteresis_{name}[ELEMENTS][{ng}] = {{{body}}}; /* {note} */\n"
             )
-        text += _curves(constants, ng, join) if is_curved(spec) else ""
+        text += curves_text(constants, ng, join) if is_curved(spec) else ""
     if is_bristled(spec):
         for name, values in constants.lugre.items():
             note = " /* 0: none */" * (name == "coulomb")
