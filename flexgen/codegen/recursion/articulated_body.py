@@ -200,7 +200,7 @@ def forward_dynamics(
     list of Scalar
         [rad/s^2, m/s^2].
     """
-    joined = _find_joints_on_one_point(chain, armature)
+    joined = find_joints_on_one_point(chain, armature)
     yields = _to_the_base(tape, chain, q, loads, turns, tau, armature, joined)
     return _to_the_tool(chain, q, turns, yields, joined)
 
@@ -294,7 +294,7 @@ def _to_the_tool(
     return dv
 
 
-def _find_joints_on_one_point(chain: Chain, armature: Sequence[float]) -> list[bool]:
+def find_joints_on_one_point(chain: Chain, armature: Sequence[float]) -> list[bool]:
     """For each joint whether it belongs to the one before: three on one point, the first two
     without a body.
     """

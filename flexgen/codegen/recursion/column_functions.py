@@ -79,7 +79,7 @@ def _chain_of(equations: Equations) -> Chain | None:
         equations
     ):
         return None
-    return chain if _agrees(equations, chain) else None
+    return chain if loops_agree(equations, chain) else None
 
 
 def _derivatives_cost(chain: Chain) -> float:
@@ -125,7 +125,7 @@ def shorter_mass_matrix(equations: Equations, target: str) -> list[Step] | None:
     return steps if cost(steps) < SHORTER * operations_of(direct) else None
 
 
-def _agrees(equations: Equations, chain: Chain) -> bool:
+def loops_agree(equations: Equations, chain: Chain) -> bool:
     """Whether the steps give the derivatives of inverse dynamics, along random directions at
     random states.
     """
