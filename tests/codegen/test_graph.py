@@ -63,38 +63,30 @@ def test_calls_have_the_values_of_casadi(kind: str) -> None:
 
 
 def identities(graph: Graph) -> dict[str, tuple[int, int]]:
-    """References that are the same, or one and the negative of the other (``r ^ 1``)."""
+    """References that are the same, or one and the negative of the other (``r ^ 1``); sums and
+    products in other orders are in tests/codegen/test_emission.py.
+    """
     a = graph.input(0, 0)
     b = graph.input(0, 1)
     two = graph.constant(2.0)
-    half = graph.constant(0.5)
     zero = graph.constant(0.0)
     call = graph.call
     return {
-        "a + b": (graph.add(a, b), graph.add(b, a)),
-        "a - b": (graph.add(a, b ^ 1), graph.add(b, a ^ 1) ^ 1),
         "a - a": (graph.add(a, a ^ 1), zero),
         "a + 0": (graph.add(a, zero), a),
         "0 + b": (graph.add(zero, b), b),
-        "2 + 1/2": (graph.add(two, half), graph.constant(2.5)),
-        "a b": (graph.multiply(a, b), graph.multiply(b, a)),
-        "-a b": (graph.multiply(a ^ 1, b) ^ 1, graph.multiply(a, b)),
-        "2 (a/2)": (graph.multiply(two, graph.multiply(a, half)), a),
+        "2 + 1/2": (graph.add(two, graph.constant(0.5)), graph.constant(2.5)),
         "-3 (2 a)": (
             graph.multiply(graph.constant(-3.0), graph.multiply(a, two)),
             graph.multiply(graph.constant(-6.0), a),
         ),
         "-1 a": (graph.multiply(a, graph.constant(-1.0)), a ^ 1),
         "0 a": (graph.multiply(a, zero), zero),
-        "a/2": (graph.divide(a, two), graph.multiply(half, a)),
-        "2/(1/2)": (graph.divide(two, half), graph.constant(4.0)),
+        "2/(1/2)": (graph.divide(two, graph.constant(0.5)), graph.constant(4.0)),
         "0/a": (graph.divide(zero, a), zero),
         "-a/b": (graph.divide(a ^ 1, b), graph.divide(a, b) ^ 1),
-        "cos": (call("cos", [a ^ 1]), call("cos", [a])),
-        "sin": (call("sin", [a ^ 1]), call("sin", [a]) ^ 1),
         "fmax": (call("fmax", [b, a]), call("fmax", [a, b])),
         "if": (call("if_else_zero", [a, b ^ 1]), call("if_else_zero", [a, b]) ^ 1),
-        "a^2": (call("pow", [a, two]), graph.multiply(a, a)),
         "sin 2": (call("sin", [two]), graph.constant(np.sin(2.0))),
         "sin -2": (call("sin", [two ^ 1]), graph.constant(-np.sin(2.0))),
         "cos -2": (call("cos", [two ^ 1]), graph.constant(np.cos(2.0))),

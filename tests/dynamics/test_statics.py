@@ -1,4 +1,4 @@
-"""Equilibria and balances of a robot with everything that stores or takes energy."""
+"""Equilibria of a robot with everything that stores or takes energy, and errors of poses."""
 
 from __future__ import annotations
 
@@ -16,7 +16,6 @@ from flexgen.dynamics.mechanics import outputs, statics
 from flexgen.dynamics.mechanics.equations import Equations
 from flexgen.model.elements import Body, Friction, RobotModel
 
-BALANCE = ("kinetic", "potential", "power_motor", "power_dissipated")
 PAYLOAD = Body(0.7, (0.05, 0.02, 0.1), ((0.02, 0.0, 0.0), (0.0, 0.03, 0.0), (0.0, 0.0, 0.01)), 0.2)
 
 
@@ -40,54 +39,6 @@ def loaded() -> RobotModel:
         payload=PAYLOAD,
         gravity=(0.0, -3.0, -9.0),
     )
-
-
-def joined(model: RobotModel) -> RobotModel:
-    """The payload as a part of the last body, by Steiner's theorem."""
-    last = model.elements[-1]
-    bodies = (last.body, model.payload)
-    mass = sum(body.mass for body in bodies)
-    com = sum(body.mass * np.array(body.com) for body in bodies) / mass
-    tensor = np.zeros((3, 3))
-    for body in bodies:
-        r = np.array(body.com) - com
-        tensor += np.array(body.inertia) + body.mass * (r @ r * np.eye(3) - np.outer(r, r))
-    drag = sum(body.rotational_drag for body in bodies)
-    one = Body(mass, tuple(com.tolist()), tuple(map(tuple, tensor.tolist())), drag)
-    return replace(model, elements=(*model.elements[:-1], replace(last, body=one)), payload=Body())
-
-
-def balance(model: RobotModel) -> ca.Function:
-    """Energies, power of the motors and losses of a state and of motor torques."""
-    lag = Equations(model).lagrangian
-    state = [lag.chain.q_a, lag.chain.v_a, lag.q_m, lag.v_m, lag.tau_m]
-    return ca.Function("balance", state, [ca.vertcat(*(getattr(lag, name) for name in BALANCE))])
-
-
-def test_energies_change_by_the_power_of_motors_and_losses() -> None:
-    """By differences along the motion; a payload is a part of the last body."""
-    model = loaded()
-    rng = np.random.default_rng(3)
-    q_a, v_a, q_m, v_m = (
-        0.3 * rng.standard_normal(n) for n in (model.n_a, model.n_a, model.n_m, model.n_m)
-    )
-    q_m = model.eta @ (q_a[list(model.i_g)] + 1e-3)
-    tau = rng.standard_normal(model.n_m)
-    forward = Equations(model).function("forward_dynamics")
-    a_a, a_m = (np.array(a).ravel() for a in forward(q_a, v_a, q_m, v_m, tau))
-    parts = balance(model)
-
-    def energy(t: float) -> float:
-        q = q_a + t * v_a + t**2 / 2 * a_a, v_a + t * a_a
-        m = q_m + t * v_m + t**2 / 2 * a_m, v_m + t * a_m
-        return float(ca.sum1(parts(*q, *m, tau)[:2]))
-
-    h = 1e-5
-    rate = (8 * (energy(h) - energy(-h)) - (energy(2 * h) - energy(-2 * h))) / (12 * h)
-    found = np.array(parts(q_a, v_a, q_m, v_m, tau)).ravel()
-    assert rate == pytest.approx(found[2] - found[3], rel=1e-7)
-    again = np.array(balance(joined(model))(q_a, v_a, q_m, v_m, tau)).ravel()
-    assert_allclose(again, found, rtol=1e-12)
 
 
 @pytest.mark.parametrize("start", [None, 0.3])
