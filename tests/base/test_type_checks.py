@@ -181,6 +181,11 @@ def test_results_may_hold_nan_and_subclasses_may_have_other_arguments() -> None:
             super().__init__(float(len(name)), np.zeros(1))
 
     assert np.isnan(Result(np.nan, np.array([1j, np.nan])).error) and Named("abc").scaled(2) == 6.0
+    for array in ([1], (), np.float64(1.0), {}.values()):
+        assert Result(0.0, array).path is array  # type: ignore[arg-type]
+    for other in (1.0, None, "text", {}, iter(())):
+        with pytest.raises(ArgumentError, match=r"path.*expected an array"):
+            Result(0.0, other)  # type: ignore[arg-type]
     for wrong in (
         lambda: Result("x", np.zeros(1)),  # type: ignore[arg-type]
         lambda: Named("abc").scaled(np.nan),

@@ -225,6 +225,24 @@ def test_a_log_that_cannot_be_written_is_refused(run, tmp_path):
     )
 
 
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
+def test_a_log_on_a_full_disk_ends_and_the_computation_continues():
+    words = [sys.executable, "-m", "flexgen", "models", "--log", "/dev/full"]
+    done = subprocess.run(words, capture_output=True, text=True, check=True)
+    told = "flexgen: warning: cannot write to /dev/full (No space left on device); the log ends"
+    assert "elbow" in done.stdout and done.stderr.count(told) == 1
+
+
+def test_messages_have_the_time_since_the_start_where_it_is_asked_for(run, tmp_path):
+    log = tmp_path / "f.log"
+    err = run("solve", "elbow", "--no-verify", "--log", log)[2]
+    assert err and not re.search(r"^\[ *\d+\.\d\d s\] ", err, re.MULTILINE)
+    timed = run("solve", "elbow", "--no-verify", "--verbose")[2].splitlines()
+    assert timed and all(re.match(r"\[ *\d+\.\d\d s\] ", line) for line in timed)
+    texts = {line.partition(" ")[2] for line in log.read_text(encoding="utf-8").splitlines()}
+    assert set(err.splitlines()) <= texts
+
+
 # --- completion ----------------------------------------------------------------------------------
 
 

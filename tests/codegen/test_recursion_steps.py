@@ -25,6 +25,8 @@ from recursion_cases import (
 from referee import matrix, random_axis, random_body, random_placement
 from scipy.spatial.transform import Rotation
 
+import flexgen
+from flexgen.codegen.recursion import dh_chain
 from flexgen.codegen.recursion.composite_body import mass_matrix
 from flexgen.codegen.recursion.dh_chain import KeptInertia, make_chain, regroup, snap
 from flexgen.codegen.recursion.functions import fast_function, operations_of
@@ -254,3 +256,29 @@ def test_massless_bodies_add_no_operations():
         Element("e", (dofs[2],), Placement(), places[3]),
     ]
     assert counts(robot(long, motors, payload=last)) == counts(robot(short, motors))
+
+
+def rounding_errors(name: str) -> int:
+    """Moments of the bodies of a chain that are only rounding: almost zero, or almost alike."""
+    found = 0
+    for joint in make_chain(flexgen.read(name)).joints:
+        mass = joint.inertia.mass
+        first = np.abs(joint.inertia.first)
+        second = np.abs(joint.inertia.second)
+        apart = np.abs(np.subtract.outer(np.diag(second), np.diag(second)))
+        for values, size in (
+            (first, max(first.max(), np.sqrt(mass * second.max()))),
+            (second, second.max()),
+            (apart, second.max()),
+        ):
+            found += int(np.sum((values > 0) & (values <= 1e-14 * size)))
+    return found
+
+
+def test_moments_of_mass_that_rounding_left_are_zero_or_alike(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Planted: no tolerance."""
+    assert rounding_errors("manutec_r3") == rounding_errors("manutec_r3_24") == 0
+    monkeypatch.setattr(dh_chain, "ROUNDING", 0.0)
+    assert rounding_errors("manutec_r3") > 0

@@ -19,6 +19,7 @@ import flexgen
 from flexgen.dynamics.mechanics.equations import Equations, derive
 from flexgen.dynamics.mechanics.statics import equilibrium_at
 from flexgen.inversion.judge.status import Status
+from flexgen.inversion.judge.verification import path_distance
 from flexgen.inversion.problem.problem import HELD
 from flexgen.model.elements import Output
 from flexgen.model.moves import Move
@@ -175,3 +176,14 @@ def test_joints_as_outputs_end_at_rest_too() -> None:
     # it was cut after 0.05 s
     assert solution.status == Status.SOLVED and solution.trajectory.time[-1] > 1.0
     assert speed[-2].max() < 1e-6 < 1.0 < speed.max()
+
+
+def test_a_combination_of_coordinates_has_no_distance_from_its_path() -> None:
+    elbow = read("elbow")
+    rows = tuple(tuple(row) for row in np.eye(elbow.n_a))
+    joints = replace(elbow, output=Output("combination", "", rows, "rad"))
+    for model, has_one in ((elbow, True), (joints, False)):
+        equations = derive(model)
+        found = flexgen.solve(equations, "joints")
+        assert found.simulation is not None
+        assert (path_distance(equations, found, found.simulation) is not None) == has_one

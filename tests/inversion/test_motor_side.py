@@ -203,6 +203,9 @@ def made_problem(**values: Any) -> Any:
     return Made(**{**fixed, **values})
 
 
+FORCED = {"force": Made(resolving=2e-3), "sampling": 1e-3}
+
+
 @pytest.mark.parametrize(
     ("values", "h", "expected"),
     [
@@ -218,6 +221,10 @@ def made_problem(**values: Any) -> Any:
         ({"preview": 0.0333}, 0.01, (1001, 1e-3, 10, 34, 250)),
         ({"path": Made(duration=0.0105, segments=(1,))}, 0.01, (12, 0.0105 / 11, 10, 105, 262)),
         ({"step": 1.0, "mesh": 0.3}, 0.3, (5, 0.25, 1, 1, 1)),
+        # under a force: its own length, on a coarse mesh half of it; a mesh that is given is kept
+        (FORCED, 0.02, (4001, 2.5e-4, 8, 400, 1000)),
+        (FORCED, 0.005, (8001, 1.25e-4, 8, 800, 2000)),
+        ({**FORCED, "mesh": 0.02}, 0.02, (1001, 1e-3, 20, 100, 250)),
         ({"step": 1e-6}, 0.01, (int(9e5 / 1.35) + 1, 1 / int(9e5 / 1.35), 6667, 66667, 166667)),
     ],
 )

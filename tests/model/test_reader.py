@@ -332,9 +332,12 @@ def test_text_depends_on_the_data_only(good, tmp_path):
         + GOOD.replace("for tests", "other words").replace("duration = 1\n", "duration = 1.0\n")
     )
     assert read(same).text == plain.text
+    same.write_text("source = 'a page'\n" + GOOD)
+    assert read(same).text == plain.text
     assert read(good, "stiff").text != plain.text
     assert read(good, overrides={"payload.mass": 2}).text != plain.text
     data = json.loads(plain.text)
+    assert json.dumps(data, sort_keys=True) == plain.text and type(data["gravity"][0]) is float
     assert data["motor"][0]["ratio"] == -100.0 and not {"description", "variant"} & set(data)
 
 

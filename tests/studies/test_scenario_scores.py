@@ -474,6 +474,9 @@ UNKNOWN = {
     ("four_mass@1", 2): "given 2, expected one of 1, 2$",
     ("four_mass@x", None): "expected one of 1, 2$",
     ("four_mass@0001", None): "expected one of 1, 2$",
+    ("four_mass@01", None): "expected one of 1, 2$",
+    ("four_mass@99", None): "given 99, expected one of 1, 2$",
+    ("four_mass", True): "given True, expected one of 1, 2$",
     ("nothing", None): "scenario: given 'nothing', expected four_mass, two_link or the path",
     ("x.toml", 1): "version: given 1 with the file x.toml, expected none",
 }
@@ -486,8 +489,9 @@ def test_unknown_versions(given: tuple[str, int | None]) -> None:
 
 
 def test_versions_are_named_or_the_newest() -> None:
-    versions = [scenario("four_mass"), scenario("four_mass@1"), scenario("four_mass", 1)]
-    assert [s.version for s in versions] == [2, 1, 1]
+    given = [("four_mass",), ("four_mass@1",), ("four_mass", 1), ("four_mass@1", 1)]
+    versions = [scenario(*name) for name in given]
+    assert [s.version for s in versions] == [2, 1, 1, 1]
     assert versions[1].frozen and not replace(versions[1], tolerance=9.0).frozen
 
 

@@ -165,6 +165,12 @@ def test_damaged_shards_are_computed_again(tmp_path) -> None:
     assert [len(file.read_bytes()) for file in shards[::2]] == [len(text) for text in whole[::2]]
 
 
+def test_a_folder_with_hidden_files_is_empty(tmp_path) -> None:
+    (tmp_path / ".kept").write_text("")
+    sweep(batch_grid(2), tmp_path, workers=0)
+    assert (tmp_path / "sweep.json").exists()
+
+
 def test_what_belongs_to_another_sweep_is_refused(tmp_path, monkeypatch) -> None:
     grid = batch_grid(4)
     out = tmp_path / "out"
