@@ -15,7 +15,7 @@ import pytest
 from toolchain import needs_compiler
 
 from flexgen.base.errors import ArgumentError
-from flexgen.codegen.build import library_cache
+from flexgen.codegen.build import c_module, library_cache
 from flexgen.codegen.build import model_library as inverters
 from flexgen.codegen.build.library_cache import IN_USE, mark_used, prune
 from flexgen.dynamics.mechanics.equations import derive
@@ -232,3 +232,28 @@ def test_a_library_is_in_use_for_an_hour_after_its_last_use_and_where_it_cannot_
         os.utime(tmp_path, (time.time() - age,) * 2)
         assert library_cache._in_use(tmp_path) == used
     assert library_cache._in_use(tmp_path / "nothing")
+
+
+@needs_compiler
+@pytest.mark.parametrize(
+    ("most", "limit", "left"), [(3, 1e9, "234"), (9, 1e9, "01234"), (9, 2.5, "34"), (9, 0.5, "4")]
+)
+def test_modules_that_were_used_least_lately_go(
+    most: int, limit: float, left: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Beyond a number or a size of all, in modules; never the newest, nor another file."""
+    monkeypatch.setenv("FLEXGEN_CACHE", str(tmp_path))
+
+    def compiled(k: int) -> Path:
+        return c_module.compile_module(f"m{k}", f"int f(void) {{ return {k}; }}")
+
+    made = [compiled(k) for k in range(4)]
+    note = made[0].with_name("note.txt")
+    note.write_text("x" * 10**6)
+    for k, path in enumerate(made):
+        os.utime(path, (1000 + k, 1000 + k))
+    monkeypatch.setattr(c_module, "MOST", most)
+    monkeypatch.setattr(c_module, "LIMIT", limit * made[0].stat().st_size)
+    made.append(compiled(4))
+    assert "".join(str(k) for k, path in enumerate(made) if path.exists()) == left
+    assert note.exists()

@@ -266,12 +266,12 @@ def rounding_errors(name: str) -> int:
         first = np.abs(joint.inertia.first)
         second = np.abs(joint.inertia.second)
         apart = np.abs(np.subtract.outer(np.diag(second), np.diag(second)))
-        for values, size in (
+        for entries, size in (
             (first, max(first.max(), np.sqrt(mass * second.max()))),
             (second, second.max()),
             (apart, second.max()),
         ):
-            found += int(np.sum((values > 0) & (values <= 1e-14 * size)))
+            found += int(np.sum((entries > 0) & (entries <= 1e-14 * size)))
     return found
 
 

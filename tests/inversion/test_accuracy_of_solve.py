@@ -13,6 +13,7 @@ from claimed_error import claimed_error, simulated_error
 from toolchain import needs_compiler
 
 import flexgen
+from flexgen.base.errors import ArgumentError
 from flexgen.inversion import refinement
 from flexgen.inversion.choice import SEARCHES
 from flexgen.inversion.judge.verification import Verification
@@ -127,3 +128,19 @@ def test_what_only_the_feedback_reaches_is_not_solved(monkeypatch: pytest.Monkey
     assert wide.status is flexgen.Status.SOLVED and wide.simulation is not None
     assert wide.simulation.defect_max_m == pytest.approx(run.defect_max_m)
     assert simulated_error(wide) < 1.2 * claimed_error(wide) + 1e-9
+
+
+def test_a_solution_that_was_not_compared_has_no_accuracy() -> None:
+    """Neither without a simulation, nor with one that has no errors."""
+    found = flexgen.solve("elbow", verify=False)
+    verified = flexgen.solve("elbow")
+    assert verified.simulation is not None and verified.accuracy().to_dict()
+    run = verified.simulation
+    kept = {
+        part: {name: x for name, x in getattr(run.trajectory, part).items() if name != "error"}
+        for part in ("channels", "ports", "labels")
+    }
+    plain = replace(run, trajectory=replace(run.trajectory, **kept))
+    for solution in (found, replace(found, simulation=plain)):
+        with pytest.raises(ArgumentError, match="expected one with verify=True"):
+            solution.accuracy()
