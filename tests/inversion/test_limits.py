@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -14,10 +15,14 @@ from toolchain import needs_compiler
 import flexgen
 from flexgen.base.errors import SolverError
 from flexgen.base.numerics.evaluate import evaluate
+from flexgen.dynamics.mechanics.equations import derive
 from flexgen.dynamics.mechanics.limits import Limits
 from flexgen.inversion.judge.status import Status
 from flexgen.inversion.problem import limits
+from flexgen.inversion.problem.limits import check_limits_at_rest
+from flexgen.inversion.problem.problem import InversionProblem
 from flexgen.inversion.solution import Solution
+from flexgen.paths.path import Path
 from flexgen.runtime.inversion.limited_inversion import LimitsInfeasibleError
 
 KEPT = 1e-3  # of a bound: what its corrections may leave
@@ -232,3 +237,32 @@ def test_infeasible_limits_name_the_end_of_the_motion_and_the_excess(
     with pytest.raises(SolverError):
         limits._modify_path(problem, bounds, unlimited, 40, 1e-6)  # type: ignore[arg-type]
     assert asked["knot_samples"] == 80  # two intervals of the mesh
+
+
+@needs_compiler
+@pytest.mark.parametrize("late", [False, True])
+@pytest.mark.parametrize("part", [1 + 1e-6, 1 - 1e-6])
+def test_limits_have_to_hold_the_arm_at_both_ends(late: bool, part: float) -> None:
+    """The torques and deflections at rest are those of a solution; each bound is tried alone."""
+    model = flexgen.read("planar5_nmp")
+    there = model.move("line")
+    if late:
+        there = replace(there, displacement=tuple(-0.3 * x for x in there.displacement))
+    free = flexgen.solve(model, there, method="lq", verify=False).trajectory
+    problem = InversionProblem(derive(model), Path(derive(model), there))
+    (elastic,) = model.i_e
+    ends = np.abs(np.column_stack([free["tau_m"], free["q_a"][:, elastic]])[[0, -1]])
+    rest = ends.max(axis=0)
+    assert ((ends[1] > ends[0]) == late).all()
+    names = [f"motor {motor.name} needs" for motor in model.motors]
+    names.append(f"coordinate {model.coordinates[elastic].name} is deflected by")
+    for k, name in enumerate(names):
+        bounds = np.where(np.arange(3) == k, part * rest, 10.0 * rest)
+        limits = Limits(tuple(bounds[:2]), None, tuple(bounds[2:]))
+        tried = replace(problem, limits=limits)
+        if part > 1:
+            check_limits_at_rest(tried)
+            continue
+        with pytest.raises(SolverError, match=f"^limits: {name} {rest[k]:.4g} .*at the ends of"):
+            check_limits_at_rest(tried)
+    check_limits_at_rest(problem)
