@@ -17,7 +17,11 @@ from flexgen.codegen.recursion import column_functions, columns, derivatives, ne
 from flexgen.codegen.recursion.arm import arm_of
 from flexgen.codegen.recursion.column_functions import SHORTER, cost, long_chain, loops_agree
 from flexgen.codegen.recursion.dh_chain import Chain, KeptInertia, make_chain, regroup
-from flexgen.codegen.recursion.functions import operations_of, recursive_function
+from flexgen.codegen.recursion.functions import (
+    fast_function,
+    operations_of,
+    recursive_function,
+)
 from flexgen.codegen.recursion.regrouping import KEPT_ALL
 from flexgen.codegen.recursion.tape import Tape
 from flexgen.codegen.statements.evaluation import evaluate_routine
@@ -365,3 +369,23 @@ BELOW = (Rows("c", 0, 3), Rows("d", 0, 3))
 def test_costs_count_lanes_rows_and_both_triangles(steps: list[Step], operations: float):
     assert operations_of(THREE) == 3
     assert cost(steps) == operations
+
+
+@pytest.mark.slow
+def test_loops_are_used_where_they_are_shorter(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Than a fraction of the operations of one expression for each entry; never for a short
+    arm.
+    """
+    equations = derive(ROBOTS["hollow"]())
+    chain = long_chain(equations)
+    direct = fast_function(equations, "mass_matrix")
+    assert chain is not None and direct is not None
+    steps = columns.mass_matrix(chain, "M")
+    fraction = column_functions.cost(steps) / operations_of(direct)
+    for part, used in ((1 + 1e-9, True), (1 - 1e-9, False)):
+        monkeypatch.setattr(column_functions, "SHORTER", part * fraction)
+        found = column_functions.shorter_mass_matrix(equations, "M")
+        assert (found is not None and len(found) == len(steps)) == used
+    monkeypatch.setattr(column_functions, "SHORTER", np.inf)
+    short = derive(dense_chain(column_functions.LONG_CHAIN - 1, 2))
+    assert column_functions.shorter_mass_matrix(short, "M") is None

@@ -159,6 +159,19 @@ def test_an_omitted_rotor_is_seen() -> None:
     ) > 1e-4
 
 
+@pytest.mark.parametrize("method", BASELINES)
+def test_gear_torques_balance_the_motors(method: str) -> None:
+    """Of each gear: what a motor gives beyond its own inertia and friction."""
+    equations = flexgen.derive("planar5_mp")
+    model = equations.model
+    found = flexgen.solve(equations, method=method, verify=False).trajectory
+    friction = evaluate(equations.function("motor_friction"), found["v_m"])[0]
+    inertia = np.array([motor.inertia for motor in model.motors])
+    carried = found["tau_m"] - inertia * found["a_m"] - friction.reshape(-1, model.n_m)
+    expected = carried @ model.eta
+    assert np.abs(found["tau_g"] - expected).max() < RIGHT * np.abs(expected).max()
+
+
 def test_joint_moves_need_no_inverse_kinematics() -> None:
     """Also through a pose where the tool cannot be placed freely: the stretched arm."""
     equations = flexgen.derive("planar5_nmp")

@@ -131,9 +131,7 @@ def test_under_a_model_error_no_standard_deviations_are_stated(fault, tmp_path):
     assert {row["sd"] for row in found.to_dict()["parameters"]} == {None}
     if "sample" in fault:  # pictures take seconds, and that case is slow
         page = write_identification(found, tmp_path / "page").read_text()
-        cells = re.findall(
-            r"stiffness</td><td[^>]*>.*?</td><td>[^<]*</td><td[^>]*>([^<]*)", page
-        )
+        cells = re.findall(r"stiffness</td><td[^>]*>.*?</td><td>[^<]*</td><td[^>]*>([^<]*)", page)
         assert cells == ["-"] * 3
     old = tmp_path / "old.toml"  # whose comments are those of an earlier identification
     exact = flexgen.identify(

@@ -28,7 +28,7 @@ def test_the_kinematics_are_closed_by_the_coordinates_that_have_motors() -> None
     y = np.array([np.array(equations.function("output")(x)).ravel() for x in q])
     assert_allclose(y, path.sample(t).y[:, :, 0], atol=1e-10)
     assert_array_equal(q[:, list(model.i_e)], start[:, list(model.i_e)])
-    with pytest.raises(SolverError, match="no solution at sample 2 of 5, error .* the workspace"):
+    with pytest.raises(SolverError, match=r"no solution at sample 2 of 5, error .* the workspace"):
         reduction.close(start, targets + 9.0 * (np.arange(5) == 2)[:, None])
 
 
