@@ -21,6 +21,7 @@ from flexgen.dynamics.mechanics.equations import Equations, derive
 from flexgen.dynamics.mechanics.statics import Equilibrium, equilibrium_at, gear_lag_times
 from flexgen.inversion.judge import settling
 from flexgen.inversion.judge.settling import invert_until_settled, slow_gears
+from flexgen.inversion.judge.undamped import UndampedMotion
 from flexgen.inversion.problem.problem import HELD, LAGS, InversionProblem
 from flexgen.paths.path import Path
 from flexgen.runtime.inversion.path_inversion import Inversion
@@ -236,3 +237,16 @@ def test_deflections_of_slow_gears_are_told(lags: float) -> None:
     cut, warnings = invert_until_settled(problem, lambda n_post: run, 5)
     assert cut.n_post == 5 and warnings == found
     assert_array_equal(cut.tau_m[-1], end.tau_m)
+
+
+@pytest.mark.parametrize(
+    ("hertz", "n_post", "asked"), [(0.5, 20, [20, 200]), (10.0, 20, [20, 50]), (0.5, 200, [200])]
+)
+def test_a_swing_that_nothing_damps_is_shown_for_a_period(
+    hertz: float, n_post: int, asked: list[int]
+) -> None:
+    """Or for the time that the last torque is held, and is told."""
+    swing = UndampedMotion((hertz,), False, ("q3",))
+    found, warnings, tried, _ = settled(500.0, n_post, undamped=swing)
+    assert tried == asked and found.n_post == asked[-1]
+    assert len(warnings) == 1 and "q3" in warnings[0] and found.v_a[-1].any()

@@ -7,6 +7,7 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import cache
 from pathlib import Path as FilePath
+from typing import Any
 
 import numpy as np
 
@@ -45,7 +46,7 @@ def given(**changes) -> dict:
     }
 
 
-def question(model: str | FilePath | RobotModel, **options: float) -> InversionProblem:
+def question(model: str | FilePath | RobotModel, **options: Any) -> InversionProblem:
     """The model's first move."""
     equations = derive(model)
     return InversionProblem(equations, Path(equations, equations.model.move()), **options)
