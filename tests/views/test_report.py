@@ -17,6 +17,7 @@ from types import SimpleNamespace
 import matplotlib
 import numpy as np
 import pytest
+from made_results import made_trajectory
 from unchecked import unchecked
 
 import flexgen
@@ -290,42 +291,17 @@ def test_the_robot_is_drawn_to_scale_until_the_end_of_its_path():
         assert axes.get_aspect() == 1.0 and figure.get_suptitle().endswith(f"0 to {shown:g} s")
 
 
-class Motion(dict):
-    """A trajectory without reference."""
-
-    channels = ()
-
-
 @pytest.mark.parametrize(("simulated", "label"), [(False, "output"), (True, "output, simulated")])
 def test_a_row_of_masses_shows_the_output_of_the_motion_that_is_given(simulated, label):
     equations = flexgen.derive("four_mass@high")
-    time = np.linspace(0.0, 0.2, 21)
-    planned, other = (Motion(q_a=k * np.outer(time, np.ones(equations.model.n_a))) for k in (1, 2))
-    planned.time = time
-    planned["tau_m"] = np.zeros((21, 1))
-    figure = canvas.new_figure(5.0, 3.0, "")
+    planned = made_trajectory(equations)
+    other = dataclasses.replace(planned, channels=planned.channels | {"q_a": 2 * planned["q_a"]})
     simulation = SimpleNamespace(trajectory=other) if simulated else None
-    figures_of._outputs(figure, equations, planned, simulation, 0.2)
-    (axes,) = figure.get_axes()
-    assert [line.get_text() for line in axes.get_legend().get_texts()] == [label]
-    weights = equations.model.output.weights[0]
-    assert axes.get_lines()[0].get_ydata() == pytest.approx((1 + simulated) * time * sum(weights))
-
-
-def test_the_torque_before_the_path_has_a_panel_where_it_acts_early(monkeypatch):
-    equations, solution = solved("planar5_nmp", "line")
-    monkeypatch.setattr(
-        figures_of, "_acts_early", lambda trajectory, analysis: analysis is not None
-    )
-    analysis = SimpleNamespace(zeros=SimpleNamespace(unstable_time_constant_s=5e-3))
-    titles = [
-        [
-            axes.get_title(loc="left")
-            for axes in figures_of.torques(equations, solution.trajectory, analysis=x).get_axes()
-        ]
-        for x in (analysis, None)
-    ]
-    assert ["torque before the path starts at t = 0" in found for found in titles] == [True, False]
+    (axes,) = figures_of.robot(equations, planned, simulation).get_axes()
+    names = [line.get_text() for line in axes.get_legend().get_texts()]
+    assert names == [label, "reference"]
+    y = planned["q_a"] @ equations.model.output.weights[0]
+    assert axes.get_lines()[0].get_ydata() == pytest.approx((1 + simulated) * y)
 
 
 @pytest.mark.slow
