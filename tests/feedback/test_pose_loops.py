@@ -81,6 +81,43 @@ def test_a_loop_is_checked_at_seven_poses(worst: int) -> None:
     stability.check_pose_loop(motion, lambda q_a: (5.0 * gain, 0.1 * gain), "x")
 
 
+@pytest.mark.parametrize(
+    ("sizes", "worst"),
+    [
+        ([0.5, 1 - 1e-6, 0.2, 0.3, 0.4, 0.5, 0.6], None),
+        ([0.5, 0.9, 1 + 1e-7, 0.3, 0.4, 0.5, 0.6], 2),
+        ([2.0, 0.9, 0.3, 0.3, 0.4, 0.5, 1.5], 0),
+        ([0.5, 0.9, 0.3, 0.3, 0.4, np.nan, 1.5], 5),
+    ],
+)
+def test_the_largest_eigenvalue_decides_or_one_that_is_not_a_number(
+    sizes: list[float], worst: int | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Speeds are differences of samples unless the exact state is known."""
+    motion = case_of(arm(damped=False), H).law_motion()
+    left = list(sizes)
+    asked: list[tuple[float, float, bool]] = []
+
+    def eigenvalue(pose: object, a: np.ndarray, v: np.ndarray, *given: float | bool) -> float:
+        asked.append(given)
+        return left.pop(0)
+
+    monkeypatch.setattr(stability, "pose_eigenvalue", eigenvalue)
+    gain = np.ones((3, 6))
+
+    def check() -> None:
+        stability.check_pose_loop(motion, lambda q_a: (gain, gain), "x: given 1")
+
+    if worst is None:
+        check()
+    else:
+        instant = np.linspace(motion.reference.begin, motion.reference.end, 7)[worst]
+        elapsed = instant - motion.reference.begin
+        with pytest.raises(ArgumentError, match=rf"at the pose {elapsed:.4g} s after the begin"):
+            check()
+    assert asked == [(H, motion.delay_s, not motion.exact_state)] * 7
+
+
 def test_an_impedance_is_refused_where_its_loop_grows() -> None:
     """Just below the largest frequency it is stable, just above it the error names the
     eigenvalue of the loop of its springs and dampers.
