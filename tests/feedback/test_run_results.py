@@ -16,7 +16,8 @@ from flexgen.base.errors import ArgumentError
 from flexgen.feedback.loop.controllers import Linear
 from flexgen.feedback.loop.interface import PythonController
 from flexgen.feedback.loop.plants import Plants
-from flexgen.feedback.loop.result import ControlRun
+from flexgen.feedback.loop.reference import MotionReference
+from flexgen.feedback.loop.result import ControlRun, output_errors
 from flexgen.paths.accuracy.corners import corner_figures, find_corners
 from flexgen.paths.accuracy.figures import path_accuracy
 
@@ -271,3 +272,36 @@ def test_robots_without_accuracy_are_refused(
         made = with_robot(made, k, failure="fell")
     with pytest.raises(ArgumentError, match=given):
         made.accuracy(which)
+
+
+@pytest.mark.parametrize("turned", [True, False])
+def test_errors_of_a_pose_are_lengths_and_an_angle(turned: bool) -> None:
+    """Tools that are turned by 0.1 and 0.2 rad, about axes that are drawn, from references that
+    are displaced by drawn lengths.
+    """
+    equations = flexgen.derive("kr300_efjm")
+    rng = np.random.default_rng(5)
+    q_a = 0.3 * rng.normal(size=(2, equations.model.n_a))
+    y = np.array([np.array(equations.function("output")(q)).ravel() for q in q_a])
+    apart = 1e-3 * rng.normal(size=y.shape)
+    axes = rng.normal(size=(2, 3))
+    axes *= np.array([[0.1], [0.2]]) / np.linalg.norm(axes, axis=1, keepdims=True)
+    R = [np.array(equations.function("forward_kinematics")(q)[1]) for q in q_a]
+    turns = Rotation.from_rotvec(axes).as_matrix()
+    none = np.zeros((2, 2))
+    reference = MotionReference(
+        time=np.array([0.0, 1.0]),
+        motion={},
+        held=none,
+        y_s=none,
+        y_ref=y - apart,
+        R_ref=(R @ turns).reshape(2, 9) if turned else None,
+        begin=0.0,
+        end=1.0,
+        path_end=1.0,
+    )
+    far, angle = output_errors(equations, reference, q_a)
+    assert_allclose(far, apart, atol=1e-14)
+    assert (angle is not None) == turned
+    if angle is not None:
+        assert_allclose(angle, [0.1, 0.2], rtol=1e-7)
