@@ -7,10 +7,14 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace as Made
+from typing import Any
 
+import casadi as ca
 import numpy as np
 import pytest
 from identification_cases import poses_of, small_plan
+from numpy.testing import assert_allclose
 from scipy.special import jv
 from toolchain import needs_compiler
 
@@ -200,3 +204,62 @@ def test_a_file_keeps_what_the_correction_needs(data: flexgen.Frf, tmp_path: Pat
     ):
         with pytest.raises(ArgumentError, match="torques"):
             flexgen.Frf.load(replace(data, **wrong).save(tmp_path / "wrong.npz"))
+
+
+@pytest.mark.parametrize("channels", [[], [0]])
+def test_large_motions_of_oscillators_follow_from_sums(
+    channels: list[int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two masses, a spring of `sin`, two steps by sums over 15 samples; a sensor of a product of
+    three rates.
+    """
+    m = 0.5
+    k = 8.0
+    speed = 2.0
+    lines = np.array([1, 3])
+    rest = np.array([0.3, 0.1])
+    q, v, a = (ca.SX.sym(name, 2) for name in ("q", "v", "a"))
+    symbol = ca.SX.sym("m")
+    force = k * ca.sin(q[0] - q[1])
+    left = ca.vertcat(symbol * a[0] + force, a[1] + 3 * q[1] - force)
+    equations: Any = Made(y=(q, v, a), left=left, symbols=symbol, model=Made(dof=2))
+    monkeypatch.setattr(large_motions, "motor_rows", lambda model: np.array([[2.0, 1.0]]))
+    monkeypatch.setattr(
+        large_motions, "sensor_signals", lambda equations: ca.vertcat(v[0] ** 2 * a[1], q)
+    )
+    made = large_motions.LargeMotions(
+        equations, np.array([m]), channels, lambda function: function
+    )
+    s = 1j * speed * np.arange(7)[:, None, None]
+    K = k * np.cos(0.2) * np.array([[1, -1], [-1, 1]]) + np.diag([0, 3])
+    Z = s**2 * np.diag([m, 1.0]) + 0.4 * s * np.eye(2) + K
+    held = 0.1 * s * np.ones((2, 2))
+    linear = np.array([[0.2 + 0.1j, 0.1], [-0.1j, 0.05j]])  # lines, coordinates
+    found = made.outputs(rest, lines, speed, Z, held, linear[:, :, None])
+    # samples, multiples
+    turns = np.exp(1j * np.outer(np.arange(15) * 2 * np.pi / 15, np.arange(7)))
+
+    def motion(Y: np.ndarray) -> list[np.ndarray]:
+        return [np.real(turns @ x) for x in (Y, s[:, 0] * Y, s[:, 0] ** 2 * Y)]
+
+    def spectrum(x: np.ndarray) -> np.ndarray:
+        return np.asarray(turns.conj().T @ x) * 2 / 15
+
+    def nonlinear(Y: np.ndarray) -> np.ndarray:
+        x = motion(Y)[0] @ np.array([1, -1])
+        return spectrum(np.outer(k * (np.sin(0.2 + x) - np.sin(0.2) - np.cos(0.2) * x), [1, -1]))
+
+    Y = np.zeros((7, 2), complex)
+    Y[lines] = linear
+    N = nonlinear(Y)[:, :, None]
+    Y = -np.linalg.solve(Z + held, N)[:, :, 0]
+    Y[0] /= 2  # the mean has no second half
+    Y[lines] = linear - np.linalg.solve(Z, N)[lines, :, 0]
+    Y[lines] = linear - np.linalg.solve(Z, nonlinear(Y)[:, :, None])[lines, :, 0]
+    expected = [Y[lines] @ [2.0, 1.0]]
+    # not those of linear oscillators
+    assert np.abs(linear @ [2.0, 1.0] - expected[0]).min() > 2e-4
+    if channels:
+        _, rates, accelerations = motion(Y)
+        expected.append(spectrum(rates[:, 0] ** 2 * accelerations[:, 1])[lines])
+    assert_allclose(found[:, :, 0], np.array(expected).T, atol=1e-12)
