@@ -46,8 +46,12 @@ def without_example(named: dict[str, object]) -> set[str]:
 
 
 def classes() -> dict[str, object]:
+    """The public classes but the errors."""
+    named = {name: getattr(flexgen, name) for name in flexgen.__all__}
     return {
-        name: what for name in flexgen._NOUNS if inspect.isclass(what := getattr(flexgen, name))
+        name: what
+        for name, what in named.items()
+        if inspect.isclass(what) and not issubclass(what, Exception)
     }
 
 

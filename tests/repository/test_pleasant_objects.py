@@ -4,7 +4,6 @@ tables, interpolation.
 
 from __future__ import annotations
 
-import importlib
 import subprocess
 import sys
 from dataclasses import replace
@@ -15,6 +14,7 @@ from matplotlib.figure import Figure
 from toolchain import needs_compiler
 
 import flexgen
+from flexgen.base import registry
 from flexgen.base.errors import ArgumentError
 from flexgen.base.motion.trajectory import Trajectory
 from flexgen.base.numerics.evaluate import evaluate
@@ -126,9 +126,8 @@ INNER = (
 
 
 def test_every_method_of_an_upper_package_is_there():
-    for method, target in flexgen._RESULTS.items():
-        module, name = target.split(":")
-        assert callable(getattr(importlib.import_module(module), name)), method
+    for method in registry.own_names("results"):
+        assert callable(registry.find_function(method)), method
         if method in INNER:
             continue
         cls = getattr(flexgen, method.partition(".")[0], Result)  # Result and Estimated are bases
