@@ -9,8 +9,6 @@ import itertools
 import json
 import shutil
 import subprocess
-import sys
-import weakref
 from dataclasses import replace
 
 import numpy as np
@@ -131,27 +129,6 @@ def test_frames_have_the_speed_of_the_title(length):
         and 0.0 < steps[-1] <= speed / 15
     )
     assert (len(times) - 1) / video.RATE >= video.LENGTH or speed == video.SLOW[-1]
-
-
-def test_the_pictures_are_drawn_one_after_the_other(tmp_path):
-    """Nothing waits in memory; a program that ends early is reported with its message."""
-    alive = []
-    most = []
-
-    def pictures(n):
-        for _ in range(n):
-            picture = np.zeros((540, 720, 3), np.uint8)
-            alive.append(weakref.ref(picture))
-            most.append(sum(one() is not None for one in alive))
-            yield picture
-
-    assert video._feed(
-        [sys.executable, "-c", "import sys; sys.stdin.buffer.read()"], pictures(12)
-    ) == (0, "")
-    assert len(most) == 12 and max(most) <= 2
-    assert video._feed(
-        [sys.executable, "-c", "import sys; sys.exit('no space')"], pictures(12)
-    ) == (1, "no space")
 
 
 @pytest.mark.slow
