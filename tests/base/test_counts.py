@@ -7,6 +7,7 @@ from __future__ import annotations
 from time import perf_counter
 
 import pytest
+from small_fits import small_fit
 from toolchain import needs_compiler
 
 import flexgen
@@ -22,7 +23,6 @@ from flexgen.base.checks.counts import (
 from flexgen.base.errors import ArgumentError, SolverError
 from flexgen.identification.experiments.experiment import measure
 from flexgen.identification.experiments.plan import excite
-from flexgen.identification.responses import graybox
 from flexgen.identification.responses.verdict import verdict
 from flexgen.planning.fastest import minimum_time
 from flexgen.studies.sweeps.cases import Grid, random_moves
@@ -93,17 +93,14 @@ def test_steps_of_a_measurement_out_of_range_are_refused(steps, plan):
         measure(plan, steps=steps, progress=False)
 
 
+@needs_compiler
 def test_starts_of_a_fit_out_of_range_are_refused():
-    robot = flexgen.read("elbow")
-
-    class Data:
-        motors = tuple(motor.name for motor in robot.motors)
-
+    fit = small_fit("responses")
     with pytest.raises(
         ArgumentError,
         match=f"starts: given 1000000000, expected a whole number from 1 to {STARTS}",
     ):
-        graybox._check(robot, Data(), "nls", None, 10**9, 2.0)  # type: ignore[arg-type]
+        flexgen.identify(fit.vector.model, fit.data, starts=10**9, progress=False)
 
 
 @pytest.mark.slow
