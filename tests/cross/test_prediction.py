@@ -203,17 +203,17 @@ def test_the_fewest_sources_that_halve_the_error_are_found_one_by_one(count):
             sd=np.ones(count),
             root=np.eye(count),
         )
-        shares = prediction._shares(known, rows)
+        shares = prediction.variance_shares(known, rows)
         total = np.array([(rows[:, k] ** 2).sum(axis=1) for k in range(count)])
         worst = total.sum(axis=0).argmax()
         assert [share.share for share in shares] == pytest.approx(
             sorted(total[:, worst] / total[:, worst].sum())[::-1]
         )
         largest = [np.linalg.norm(np.einsum("r,krp->kp", e, rows), axis=1).max() for e in errors]
-        assert prediction._largest(rows, errors) == pytest.approx(largest)
+        assert prediction.largest_errors(rows, errors) == pytest.approx(largest)
         half = np.quantile(largest, 0.95) / 2
-        found = prediction._to_halve(known, shares, rows, errors)
+        found = prediction.find_sources_to_halve(known, shares, rows, errors)
         assert found == tuple(share.name for share in shares[: len(found)])
         left = [errors * ~np.isin(known.names, found[:k]) for k in (len(found) - 1, len(found))]
-        assert np.quantile(prediction._largest(rows, left[0]), 0.95) > half
-        assert np.quantile(prediction._largest(rows, left[1]), 0.95) <= half
+        assert np.quantile(prediction.largest_errors(rows, left[0]), 0.95) > half
+        assert np.quantile(prediction.largest_errors(rows, left[1]), 0.95) <= half

@@ -200,9 +200,9 @@ def _prediction(
             sizes[unit] = first.error[at][:, :, columns]
             exact = np.linalg.norm(found.error[:, :, columns], axis=2).max(axis=0)
             simulated[unit] = exact
-            stated[unit] = quantile_of_robots(exact, _largest(sizes[unit], effective), seed)
+            stated[unit] = quantile_of_robots(exact, largest_errors(sizes[unit], effective), seed)
     main = next(iter(sizes))
-    shares = _shares(sources, sizes[main])
+    shares = variance_shares(sources, sizes[main])
     bands = _bands(along, first, effective[:IN_BANDS], at)
     return Prediction(
         solution,
@@ -218,11 +218,11 @@ def _prediction(
         along.t[at],
         *bands,
         shares,
-        _to_halve(sources, shares, sizes[main], effective[:1000]),
+        find_sources_to_halve(sources, shares, sizes[main], effective[:1000]),
     )
 
 
-def _largest(rows: np.ndarray, errors: np.ndarray) -> np.ndarray:
+def largest_errors(rows: np.ndarray, errors: np.ndarray) -> np.ndarray:
     """Largest errors of the output (robots,) over time, from those of each source ``rows`` (k,
     sources, parts).
     """
@@ -261,7 +261,7 @@ def _bands(along: Along, first: Response, errors: np.ndarray, at: np.ndarray) ->
     return out[0], out[1]
 
 
-def _shares(sources: Sources, rows: np.ndarray) -> tuple[Share, ...]:
+def variance_shares(sources: Sources, rows: np.ndarray) -> tuple[Share, ...]:
     """Parts of the variance of the error where it is largest, to first order; the largest first.
 
     Of sources that are correlated each has half of what both have in common.
@@ -275,13 +275,13 @@ def _shares(sources: Sources, rows: np.ndarray) -> tuple[Share, ...]:
     return tuple(Share(sources.names[i], sources.kinds[i], float(parts[i])) for i in order)
 
 
-def _to_halve(
+def find_sources_to_halve(
     sources: Sources, shares: tuple[Share, ...], rows: np.ndarray, errors: np.ndarray
 ) -> tuple[str, ...]:
     """The fewest of the largest sources without which the error is half of what it is, to first
     order.
     """
-    half = np.quantile(_largest(rows, errors), LEVEL) / 2
+    half = np.quantile(largest_errors(rows, errors), LEVEL) / 2
     order = [sources.names.index(share.name) for share in shares]
     fewest = 1
     most = len(order)
@@ -289,7 +289,7 @@ def _to_halve(
         count = (fewest + most) // 2
         left = errors.copy()
         left[:, order[:count]] = 0.0
-        if np.quantile(_largest(rows, left), LEVEL) <= half:
+        if np.quantile(largest_errors(rows, left), LEVEL) <= half:
             most = count
         else:
             fewest = count + 1
