@@ -92,7 +92,7 @@ def test_a_zero_changes_its_half_plane(
 
 
 def alternating(changes: int) -> list[list[float]]:
-    """A zero that crosses the imaginary axis so many times."""
+    """A zero that crosses the imaginary axis ``changes`` times."""
     return [[-2.0 if k % 2 else 2.0] for k in range(changes + 1)]
 
 
