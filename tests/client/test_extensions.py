@@ -192,7 +192,7 @@ def test_library_is_written_again_after_the_code_of_a_friction_law_has_changed(
         texts.append(
             "".join(
                 path.read_text(encoding="utf-8")
-                for path in sorted((tmp_path / "lib").rglob("*.c"))
+                for path in sorted((tmp_path / "lib").rglob("*.[ch]"))
             )
         )
     assert texts[0] != texts[1]

@@ -570,7 +570,7 @@ def bowl(monkeypatch: pytest.MonkeyPatch, refused: tuple[str, ...] = ()) -> Scen
     s = scenario("four_mass", 1)
     units = np.arange(1.0, 1.0 + len(measures_of(s)))[None]
 
-    def run(bench: Bench, law: Cascade, *more: Any) -> Trial:
+    def run(bench: Bench, law: Cascade, *more: Any, parts: bool = True) -> Trial:
         x = np.log([law.position_gain[0], law.speed_gain[0]])
         values = (1 + ((x - 1) ** 2).sum()) * np.tile(units[:, None], (1, 17, 1))
         return Trial(values, refused if x[0] < -0.2 else (), {})

@@ -295,8 +295,7 @@ def test_the_header_states_the_deviations(tmp_path):
     assert "Standard deviations" not in (tmp_path / "elbow.h").read_text()
     table = {"parameters": ["q2.stiffness"], "sd": [0.004]}
     flexgen.generate(elbow(damping=0.3, payload=0.5, **table), tmp_path, functions=["gravity"])
-    assert (
-        "damping 30 %, payload 0.5 kg, q2.stiffness 0.4 %." in (tmp_path / "elbow.h").read_text()
-    )
+    comment = " ".join((tmp_path / "elbow.h").read_text().replace("\n *", "").split())
+    assert "damping 30 %, payload 0.5 kg, q2.stiffness 0.4 %." in comment
     with pytest.raises(flexgen.FlexgenError, match=r'given "q2 \*/"'):
         flexgen.generate(elbow(parameters=["q2 */"], sd=[0.1]), tmp_path, functions=["gravity"])

@@ -283,7 +283,7 @@ def _with_unit(text: str, unit: str) -> str:
 def form_of(
     module: str, annotation: ast.expr | None, forms: Mapping[str, Form] = ALL_FORMS
 ) -> Form | None:
-    """How a text of the command line becomes a value of an annotation.
+    """Form by which a text of the command line becomes a value of an annotation.
 
     The form of the whole union, if ``forms`` has it, else that of its first part that has one.
     None: no text can be such a value. ``module``: where the names of the annotation are defined.
