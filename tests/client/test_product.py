@@ -57,7 +57,7 @@ int main(void)
 CONSUMER_CMAKE = """\
 cmake_minimum_required(VERSION 3.14)
 project(consumer LANGUAGES C)
-find_package(elbow 5.0 CONFIG REQUIRED)
+find_package(elbow 6.0 CONFIG REQUIRED)
 add_executable(consumer consumer.c)
 target_link_libraries(consumer PRIVATE flexgen::elbow)
 """

@@ -124,8 +124,8 @@ enum {{
     sizeof({space}) == STEP_SPACE * sizeof(real) &&
     sizeof(stream_head) <= HEAD * sizeof(real)
 }};
-typedef char memory_is_that_of_flexgen[
-    constants_are_those_of_flexgen && spaces_are_those_of_flexgen ? 1 : -1];
+typedef char memory_is_that_of_flexgen[constants_are_those_of_flexgen ? 1 : -1];
+typedef char spaces_hold_what_they_must[spaces_are_those_of_flexgen ? 1 : -1];
 
 #endif
 """
