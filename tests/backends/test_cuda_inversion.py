@@ -87,7 +87,7 @@ def problems(library: Any, own: str, count: int = 3) -> dict[str, np.ndarray]:
 def test_inversions_on_a_card_are_those_of_the_library(
     own: str, library: Any, gpu: FakeDriver
 ) -> None:
-    """What is not different for each problem is given once."""
+    """Arrays that all problems share are given once."""
     on_card = OnCard(library, gpu)
     given = problems(library, own)
     common = {"period": PERIOD, "outputs": OUTPUTS, "options": OPTIONS}

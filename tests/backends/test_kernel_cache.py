@@ -17,7 +17,7 @@ GIVEN: tuple[str, str, dict[str, str], str] = ("arm", "text", {"a.h": "A", "b.h"
 
 @pytest.fixture
 def compiled(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list[Any]:
-    """What was compiled, with a compiler whose answer is its number; the version is replaced."""
+    """Sources given to a compiler whose answer is its number; the version is replaced."""
     monkeypatch.setenv("FLEXGEN_CACHE", str(tmp_path))
     use_version(monkeypatch, 0, 13, 1)
     asked: list[Any] = []

@@ -76,7 +76,7 @@ def specified(case: str, precision: str) -> tuple[LibrarySpec, dict[str, Functio
 
 
 def reported(spec: LibrarySpec, files: dict[str, str], layout: StreamLayout, folder: Path):
-    """What compiled C says: positions in the head in bytes; of each of `OPTIONS` those of the
+    """Layout by compiled C: positions in the head in bytes; of each of `OPTIONS` those of the
     limits and of the stream, in reals.
     """
     for file, text in files.items():
@@ -113,7 +113,7 @@ def reported(spec: LibrarySpec, files: dict[str, str], layout: StreamLayout, fol
 
 
 def computed(layout: StreamLayout) -> dict[str, dict[str, int]]:
-    """The same from the table, in Python."""
+    """Layout from the table, in Python."""
     found = {"head": layout.head | {"end": layout.head_size}}
     for k, (intervals, samples, hold, delay) in enumerate(OPTIONS):
         found[f"limits{k}"] = layout.limit_offsets(intervals)

@@ -1,4 +1,4 @@
-"""What an export returns: a path of its main file, lines that are printed, entries for JSON."""
+"""Result of an export: a path of its main file, lines that are printed, entries for JSON."""
 
 from __future__ import annotations
 

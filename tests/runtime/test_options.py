@@ -50,7 +50,7 @@ def sizes_in_c(folder: Path, names: Mapping[str, list[str]], out: Path) -> list[
 
 
 def sizes_in_python(structs: Mapping[str, Any], names: Mapping[str, list[str]]) -> list[list[int]]:
-    """The same of the structures that a loaded library has."""
+    """Sizes and offsets of the structures that a loaded library has."""
     found = []
     for struct, members in names.items():
         kind = structs[struct]

@@ -1,4 +1,4 @@
-"""What sensors read at rest: torques of joints carry gravity, encoders show their error."""
+"""Sensors at rest: torques of joints carry gravity, encoders show their error."""
 
 from __future__ import annotations
 

@@ -221,7 +221,7 @@ REPORTS: dict[str, tuple[str, bool]] = {
 
 @pytest.mark.parametrize("name", REPORTS)
 def test_reports_on_robots(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """What cannot be read is the end of the controller: no torque, a reason for every robot."""
+    """An unreadable answer is the end of the controller: no torque, a reason for every robot."""
     line, read = REPORTS[name]
     body = f"{line}\ntell(number(0))\ntake.read(8 + 8 * 48)\ntell(u)\n"
     found, errors = torques_of(peer(body, tmp_path, monkeypatch))

@@ -186,7 +186,7 @@ class Spring:
 
 
 def test_an_element_with_a_state_acts_with_its_torque_and_its_slope() -> None:
-    """The same as in the matrices; at rest the spring is not bent."""
+    """Stiffness as in the matrices; at rest the spring is not bent."""
     spring = Spring()
     with_state = along(100, states=(spring,))
     stiffer = along(100, stiffer=90.0)

@@ -296,7 +296,7 @@ def limited(key: str, value: float) -> RobotModel:
 
 
 def reached() -> dict[str, float]:
-    """What the move reaches, by `flexgen.solve`."""
+    """Largest values that the move reaches, by `flexgen.solve`."""
     found = flexgen.solve(ELBOW, SWING, "closed-form", verify=False, progress=False).trajectory
     largest = {name: float(np.abs(found[name][:, 0]).max()) for name in found.channels}
     return {
