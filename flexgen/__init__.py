@@ -342,11 +342,9 @@ _FORMER = {  # names of version 0.2
 # when they are called. Rendered from the decorators `flexgen.base.registry.provides`, with
 # "python tests/golden/update.py front".
 _RESULTS = {
-    "Analysis._repr_html_": "flexgen.views.reports.analysis_page:tables",
     "Analysis.plot": "flexgen.views.plots.linear:plot_analysis",
     "Analysis.report": "flexgen.views.reports.analysis_page:write_analysis",
     "Analysis.to_control": "flexgen.analysis.control_system:control_system",
-    "Analysis.to_text": "flexgen.views.reports.texts:text_of_analysis",
     "Calibration.check_file": "flexgen.identification.poses.result:check_file",
     "Calibration.plot": "flexgen.views.plots.calibration:plot_calibration",
     "Check.all_findings": "flexgen.views.reports.texts:findings_of_check",
@@ -356,7 +354,6 @@ _RESULTS = {
     "Comparison.report": "flexgen.views.reports.html:report_comparison",
     "ControlRun.plot": "flexgen.views.plots.control:plot_control",
     "ControlRun.report": "flexgen.views.reports.control_page:write_control",
-    "ControlRun.to_text": "flexgen.views.reports.control_texts:text_of_control",
     "Detection.plot": "flexgen.views.plots.signals:plot_arrays",
     "Estimate.plot": "flexgen.views.plots.signals:plot_arrays",
     "Estimated.check_file": "flexgen.identification.responses.result:check_file",

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from flexgen.analysis.compliance import ToolCompliance, tool_compliance
+from flexgen.analysis.content import content_of_analysis
 from flexgen.analysis.linear import LinearModel, linearize, modes, poles
 from flexgen.analysis.zero_dynamics.solvability import (
     Solvability,
@@ -25,8 +26,9 @@ from flexgen.base.checks.type_checks import checked_result, checked_types
 from flexgen.base.errors import ArgumentError
 from flexgen.base.registry import find_function
 from flexgen.base.results import Result
+from flexgen.base.rows import Part
 from flexgen.dynamics.dae.strangeness_index import KunkelMehrmann, kunkel_mehrmann_at_rest
-from flexgen.dynamics.dae.structure import Structure, StructureCheck, check_at_rest, to_dict
+from flexgen.dynamics.dae.structure import Structure, StructureCheck, check_at_rest
 from flexgen.dynamics.mechanics.equations import Equations, derive
 from flexgen.dynamics.mechanics.quasistatic import OutputPath
 from flexgen.dynamics.mechanics.statics import Equilibrium, hold_joints
@@ -100,39 +102,9 @@ class Analysis(Result):
         """
         return find_function("Analysis.to_control")(self, units)
 
-    def to_dict(self) -> dict[str, Any]:
-        """As JSON types, SI units; complex numbers as ``[re, im]``."""
-
-        def pairs(values: np.ndarray | None) -> list[list[float]] | None:
-            return None if values is None else [[float(z.real), float(z.imag)] for z in values]
-
-        model = self.model
-        return {
-            "model": model.name,
-            "n_m": model.n_m,
-            "n_g": model.n_g,
-            "n_e": model.n_e,
-            "dof": model.dof,
-            "pose": self.equilibrium.q_a.tolist(),
-            "motor_torque_Nm": self.equilibrium.tau_m.tolist(),
-            "modes_hz": [f for f, _ in self.modes],
-            "modes_damping": [d for _, d in self.modes],
-            "poles": pairs(self.poles),
-            "zeros": pairs(self.zeros.zeros),
-            "zeros_motor": pairs(self.zeros_motor),
-            "phase": self.zeros.phase,
-            "structural_index": self.structural_index,
-            "unstable_time_constant_s": self.zeros.unstable_time_constant_s,
-            "preview_s": self.zeros.preview_s,
-            "structure": to_dict(self.structure, self.structure_check),
-            "kunkel_mehrmann": self.kunkel_mehrmann.to_dict(),
-            "solvability": self.solvability.to_dict(),
-            "compliance": None if self.compliance is None else self.compliance.to_dict(),
-            "zeros_along_path": None if self.zero_path is None else self.zero_path.to_dict(),
-            "solvability_along_path": None
-            if self.solvability_path is None
-            else self.solvability_path.to_dict(),
-        }
+    def content(self) -> tuple[Part, ...]:
+        """Equilibrium, modes and zeros, verdicts on the inverse dynamics, compliance."""
+        return content_of_analysis(self)
 
 
 @checked_types(own=("pose",))

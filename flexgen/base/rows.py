@@ -99,15 +99,54 @@ class Data(NamedTuple):
     value: Any
 
 
-Part = Row | Table | Prose | Data
+class Heading(NamedTuple):
+    """The title of a part of a page."""
+
+    text: str
+
+
+class Inner(NamedTuple):
+    """The content of a result that is a part of another: printed in its place, in JSON an object
+    of its own with this key.
+
+    Examples
+    --------
+    >>> from flexgen.base.rows import Inner, Row, data_of
+    >>> data_of([Row("cost", 1.25, "", "cost"), Inner("arm", (Row("mass", 5.0, "kg", "mass"),))])
+    {'cost': 1.25, 'arm': {'mass': 5.0}}
+    """
+
+    key: str
+    parts: tuple[Any, ...]
+
+
+Part = Row | Table | Prose | Data | Heading | Inner
+
+
+def flat(parts: Iterable[Part]) -> tuple[Part, ...]:
+    """The parts, those of inner results in their places, with their titles as headings."""
+    found: list[Part] = []
+    for part in parts:
+        if isinstance(part, Inner):
+            found += [
+                Heading(each.text) if isinstance(each, Prose) and each.is_title else each
+                for each in flat(part.parts)
+            ]
+        else:
+            found.append(part)
+    return tuple(found)
 
 
 def data_of(rows: Iterable[Part]) -> dict[str, Any]:
-    """The entries of JSON: of rows, tables and data with a key, in their order."""
+    """The entries of JSON: of rows, tables and data with a key, and of inner results, in their
+    order.
+    """
     found: dict[str, Any] = {}
     for part in rows:
         if isinstance(part, Table) and part.key:
             found[part.key] = [_entry(part.columns, cells) for cells in part.cells]
+        elif isinstance(part, Inner):
+            found[part.key] = data_of(part.parts)
         elif isinstance(part, Row | Data) and part.key:
             found[part.key] = part.value
     return found

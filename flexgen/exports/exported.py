@@ -11,6 +11,7 @@ from flexgen.base.calls.deprecation import warn_of_old
 from flexgen.base.checks.type_checks import checked_result
 from flexgen.base.display import short_repr
 from flexgen.base.results import Result
+from flexgen.base.rows import Column, Data, Part, Prose, Table
 from flexgen.model.elements import RobotModel
 
 
@@ -70,10 +71,18 @@ class Exported(Result):
         """The folder of the files."""
         return self.path if self.path.is_dir() else self.path.parent
 
-    def to_dict(self) -> dict[str, Any]:
-        """As JSON types; the details are entries of their own."""
-        details = (data := super().to_dict()).pop("details")
-        return data | {"directory": str(self.directory)} | details
+    def content(self) -> tuple[Part, ...]:
+        """The files and what is in them, then the notes."""
+        contents = self.contents or ("",) * len(self.files)
+        cells = tuple(zip(map(str, self.files), contents, strict=True))
+        return (
+            Prose(f"{self.model}, {self.kind}", is_title=True),
+            Table((Column("file"), Column("content")), cells, "Files"),
+            *(Prose(f"note: {note}", "notes") for note in self.notes),
+            *self._data("details"),
+            Data("directory", str(self.directory)),
+            *(Data(name, value) for name, value in self.details.items()),
+        )
 
     def summary(self) -> str:
         """The files and what is in them, then the notes, a line each."""

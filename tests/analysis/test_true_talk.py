@@ -11,7 +11,6 @@ import pytest
 import flexgen
 from flexgen.analysis.compliance import ToolCompliance
 from flexgen.cli.main import main
-from flexgen.views.reports.control_texts import has_accuracy, text_of_control
 
 CRANE = """
 name = "crane"
@@ -99,10 +98,10 @@ def test_an_unstable_loop_has_no_figures_of_accuracy() -> None:
     """Planted: the same run, said to be unstable; its figures have no meaning then."""
     run = flexgen.control("elbow")
     assert not run.unstable
-    assert has_accuracy(run) and "ISO 9283" in text_of_control(run)
+    assert "ISO 9283" in run.to_text()
     vars(run)["unstable"] = {"nominal": "an eigenvalue of 1.2"}
-    text = text_of_control(run)
-    assert not has_accuracy(run) and "ISO 9283" not in text and "unstable" in text
+    text = run.to_text()
+    assert "ISO 9283" not in text and "unstable" in text
 
 
 def test_the_deviation_of_a_smooth_path_is_a_note_with_its_unit(

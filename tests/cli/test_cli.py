@@ -18,7 +18,7 @@ import pytest
 from toolchain import needs_compiler
 
 import flexgen
-from flexgen.base.display import as_json, plain
+from flexgen.base.display import as_json, number, plain, roots
 from flexgen.base.motion.trajectory import Trajectory
 from flexgen.cli import result
 from flexgen.cli.main import main
@@ -26,8 +26,8 @@ from flexgen.cli.verbs import robot
 from flexgen.dynamics.mechanics.signatures import TABLE, split_product
 from flexgen.inversion.judge.status import Status
 from flexgen.inversion.problem.problem_text import problem_of
-from flexgen.views.reports.text_tables import figures, number, roots, table
-from flexgen.views.reports.texts import analysis_text, figure_rows
+from flexgen.views.reports.text_tables import figures, table
+from flexgen.views.reports.texts import figure_rows
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -786,28 +786,6 @@ def test_numbers_as_text():
         "-1 +/- 2i",
         "-3 (2 times)",
     ]
-
-
-def test_analysis_without_figures():
-    data = dict.fromkeys(
-        (
-            "pose motor_torque_Nm modes_hz modes_damping zeros zeros_motor phase structural_index"
-        ).split()
-    )
-    data |= {
-        "pose": [None],
-        "motor_torque_Nm": [None],
-        "unstable_time_constant_s": None,
-        "preview_s": None,
-    }
-    assert "q1" in analysis_text(data, [("q1", "rad")], ["m1"])
-    data |= {
-        "zeros": [[None, None]],
-        "zeros_motor": [[None, 1.0], [0.0, None]],
-        "modes_hz": [None],
-        "modes_damping": [None],
-    }
-    assert "zeros of the output" in analysis_text(data, [("q1", "rad")], ["m1"])
 
 
 def test_json_types():

@@ -14,6 +14,7 @@ from verb_arguments import arguments
 
 import flexgen
 from flexgen.base.errors import ArgumentError
+from flexgen.base.rows import Data, Prose
 from flexgen.cli.verbs import control as controls
 from flexgen.cli.verbs import identify as verbs
 from flexgen.identification.motions.time_domain import Validation
@@ -397,37 +398,25 @@ def test_a_run_has_its_margins_and_the_robots_of_its_tolerances(
     status: str, uncertain: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     asked: dict[str, Any] = {}
-    margins = {"begin": Made(to_dict=lambda: {"phase": 40.0})}
-    made = Made(
-        margins=lambda: margins, to_dict=lambda: {"status": status}, status=status, ended="",
-        wall_s=0.1, runs=[], model=Made(output=None),
-    )  # fmt: skip
+    loop = (Prose("loop"), Data("status", status))
+    made = Made(content=lambda: loop, status=status, ended="", wall_s=0.1)
 
     def simulate(model: Any, **more: Any) -> Any:
         asked.update(more)
         return made
 
-    passive = type(
-        "Passive",
-        (),
-        {"to_dict": lambda self: {"passive": True}, "__str__": lambda self: "passive"},
-    )()
+    passive = Made(content=lambda: (Prose("passive"), Data("passive", True)))
     monkeypatch.setattr("flexgen.feedback.loop.control.control", simulate)
-    monkeypatch.setattr(
-        "flexgen.views.reports.control_texts.text_of_control",
-        lambda run, margins, scales: f"loop, {len(margins)}",
-    )
     monkeypatch.setattr("flexgen.feedback.laws.passivity.check_passivity", lambda run: passive)
     monkeypatch.setattr(
         controls, "read_model", lambda args: Made(uncertainty=1.0 if uncertain else None)
     )
     drawn = "flexgen.studies.tolerances.in_loop."
-    nothing = {"error_m": None, "error_rad": None}
+    nothing = {"robots": 20, "failed": 0, "error_m": None, "error_rad": None}
     monkeypatch.setattr(
         drawn + "error_in_loop",
         lambda run, **more: nothing | {"options": sorted(k for k in more if k != "progress")},
     )
-    monkeypatch.setattr(drawn + "error_text", lambda found, scales: f"drawn {found['options']}")
     args = arguments(
         "control",
         move="line",
@@ -445,14 +434,11 @@ def test_a_run_has_its_margins_and_the_robots_of_its_tolerances(
         and asked["delay"] == 1e-3
         and asked["move"] == "line"
     )
-    text = "loop, 1\n\npassive"
-    data = {
-        "status": status,
-        "margins": {"begin": {"phase": 40.0}},
-        "passivity": {"passive": True},
-    }
+    text = "loop\npassive"
+    data = {"status": status, "passivity": {"passive": True}}
     if uncertain and status == "done":  # other options than the move, plants and disturbances
-        text = f"{text}\n\ndrawn ['delay', 'wall']"
+        text += "\n\nrobots drawn from [uncertainty], without disturbances\n\n"
+        text += "their error is not known"
         data["drawn"] = nothing | {"options": ["delay", "wall"]}
     assert (answer.text, answer.data, answer.problem) == (
         text,

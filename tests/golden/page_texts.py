@@ -19,6 +19,7 @@ from __future__ import annotations
 import functools
 import json
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from types import SimpleNamespace as Made
 from typing import Any
 
@@ -30,7 +31,10 @@ from matplotlib.figure import Figure
 
 import flexgen
 from flexgen.base import display
+from flexgen.base.rows import Part, Row, Table
 from flexgen.dynamics.mechanics.limits import Limits
+from flexgen.feedback.loop.comparison import Comparison
+from flexgen.feedback.loop.content import SHOWN_ERRORS, content_of_run
 from flexgen.feedback.loop.margins import Margins
 from flexgen.identification.estimator.fit_result import FittedNumber
 from flexgen.identification.responses.content import content_of_responses
@@ -41,7 +45,6 @@ from flexgen.paths.accuracy.figures import PathAccuracy
 from flexgen.simulation.result import Simulation
 from flexgen.views.plots.canvas import apply_style
 from flexgen.views.reports import (
-    analysis_page,
     control_page,
     html,
     html_tables,
@@ -53,6 +56,7 @@ from flexgen.views.reports import (
     texts,
     video,
 )
+from flexgen.views.reports.row_views import html_of_rows, text_of_rows
 
 analyzed = functools.cache(flexgen.analyze)
 
@@ -135,9 +139,8 @@ def solved() -> Iterator[tuple[str, Callable[[], Any]]]:
         )
         yield (
             f"{name} comparison",
-            lambda one=one, limited=limited: html._comparison(
-                (one(), limited()),
-                html.scales_of_page((), *html.errors_of_robots((one(), limited()), [])),
+            lambda one=one, limited=limited: html_of_rows(
+                Comparison(one(), (one(), limited())).content(), is_page=True
             ),
         )
     bounds = Limits(torque=(5.0, 1234.5), speed=(2.0, 1e6))
@@ -162,7 +165,9 @@ def solved() -> Iterator[tuple[str, Callable[[], Any]]]:
     ]
     yield (
         "robustness",
-        lambda: html._robustness(rows, html.scales_of_page((), *html.errors_of_robots((), rows))),
+        lambda: html_of_rows(
+            Comparison(verified("planar5_nmp", "lq"), (), rows).content(), is_page=True
+        ),
     )
     generated = Made(
         functions=("a", "b<c"), files=("src/model.c", "model.h"), digest="0123456789abcdef0123"
@@ -175,7 +180,6 @@ def solved() -> Iterator[tuple[str, Callable[[], Any]]]:
                 html_tables.number(x)
                 for x in (None, np.inf, 0.0, -1.5e-7, 123456.0, 0.1234567, 2.0, -3.25)
             ]
-            + [html._complex(z) for z in (1 + 2j, 3 - 4j, -5 + 1e-9j, 2j, 0j)]
             + [
                 text_tables.number(x, 3)
                 for x in (
@@ -194,7 +198,7 @@ def solved() -> Iterator[tuple[str, Callable[[], Any]]]:
                 )
             ]
             + [display.duration(x) for x in (0.2, 99.4, 100.0, 150.1)]
-            + text_tables.roots(
+            + display.roots(
                 [(1.0, 2.0), (1.0, -2.0), (1.0, 2.0), (3.0, 0.0), (None, 1.0), (4.0, None)]
             )
         ),
@@ -232,7 +236,6 @@ def printed() -> Iterator[tuple[str, Callable[[], Any]]]:
     )
     for name in ("planar5_nmp", "elbow", "four_mass"):
         yield f"{name} analyzed", lambda name=name: printed_analysis(name)
-        yield f"{name} analyzed, tables", lambda name=name: analysis_page.tables(analyzed(name))
     for name in ("planar5_nmp@soft", "kr300_efjm", "urdf_arm", "beam_arm"):
         yield (
             f"{name} checked",
@@ -259,12 +262,15 @@ def rounded(value: Any) -> Any:
 
 def printed_analysis(name: str) -> str:
     """An analysis as text, its numbers rounded: those near zero are rounding errors."""
-    model = derived(name).model
-    data = rounded(analyzed(name).to_dict())
-    for part, key in (("kunkel_mehrmann", "gap"), ("solvability", "controllability")):
-        data[part][key] = 0.5  # computed by singular values
-    coordinates = [(c.name, c.unit) for c in model.coordinates]
-    return texts.analysis_text(data, coordinates, [m.name for m in model.motors])
+
+    def shown(part: Part) -> Part:
+        if isinstance(part, Row) and isinstance(part.value, float):
+            return replace(part, value=0.5 if part.unit == "relative" else rounded(part.value))
+        if isinstance(part, Table):
+            return replace(part, cells=tuple(map(tuple, rounded(part.cells))))
+        return part
+
+    return text_of_rows(map(shown, analyzed(name).content()))
 
 
 def pages() -> Iterator[tuple[str, Callable[[], Any]]]:
@@ -274,13 +280,17 @@ def pages() -> Iterator[tuple[str, Callable[[], Any]]]:
         for name in ("pd", "learned")
         for extra in (loop_figures,)
     ]
+    for run in learned:
+        run.content = functools.partial(content_of_run, run)
     yield "page of a loop", lambda: page(control_page, control_page.write_control, learned[0])
+    nonlinear = Indexed(**{**vars(learned[0]), "margins": dict, "loops": dict})
+    nonlinear.content = functools.partial(content_of_run, nonlinear)
     yield (
         "page of a nonlinear loop",
         lambda: page(
             control_page,
             control_page.write_control,
-            Indexed(**{**vars(learned[0]), "margins": dict, "loops": dict}),
+            nonlinear,
         ),
     )
     result = Made(
@@ -367,10 +377,11 @@ def loop_figures() -> dict[str, Any]:
             size=2e-4 * (k + 1),
             saturated=3 * k,
             load="2 kg" if k == 2 else "",
+            contact=None,
         )
         for k in range(3)
     ]
-    keys = (*control_page.KEYS, "static_error_end")
+    keys = (*SHOWN_ERRORS, "static_error_end")
     figures = (2e-4, 3e-4, 1.5e-4, None, 0.01, 0.002, 0.03)
     each = (1e-4, None), (0.25, None), (0.0, 4e-4), (0.125, None), (1e-6, 2e-6)
     angles = (1e-4, 2e-4, 3e-4), (1e-5, 2e-5, 3e-5), (-3e-4, 1e-4, 0.0), None
@@ -389,7 +400,13 @@ def loop_figures() -> dict[str, Any]:
         "margins": lambda: margins,
         "figures": lambda r: (
             {f"{k}_{u}": r.size * (n + 1) for n, k in enumerate(keys) for u in ("m", "rad")}
-            | {"torque_max_Nm": 9.5}
+            | {
+                "torque_max_Nm": 9.5,
+                "plant": r.name,
+                "saturated_samples": r.saturated,
+                "failure": r.failure,
+                "load": r.load,
+            }
         ),
     }
 

@@ -55,7 +55,6 @@ CONDITIONAL = {
     "flexgen/views/plots/control.py": 1,
     "flexgen/views/plots/stick_figure.py": 1,
     "flexgen/base/calls/progress.py": 1,
-    "flexgen/views/reports/html.py": 1,
     "flexgen/studies/templates/dh_model.py": 1,
     "flexgen/base/checks/type_checks.py": 1,
     "flexgen/base/spec/units.py": 1,

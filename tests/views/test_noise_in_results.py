@@ -11,7 +11,6 @@ import flexgen
 from flexgen.base.display import choose_scale, figure_rows
 from flexgen.base.rows import Row
 from flexgen.studies.templates.new_model import new_model
-from flexgen.views.reports.control_texts import text_of_control
 
 # Digits of a number below 1e-7 in SI units, in mm or mrad below 1e-4.
 DIGITS = re.compile(r"(?<!< )\b\d(\.\d+)?e-(0[5-9]|1\d)\b")
@@ -43,7 +42,7 @@ def test_the_closed_loop_of_an_exact_model_prints_no_noise(
     file = tmp_path / "arm.toml"
     file.write_text(new_model("arm", "planar"))
     run = flexgen.control(flexgen.read(file))
-    text = text_of_control(run)
+    text = run.to_text()
     assert "< 0.1" in text
     assert not DIGITS.search(text), text
     assert DIGITS.search(text.replace("< 0.1", "2.924e-09"))

@@ -15,19 +15,15 @@ import pytest
 from made_results import Indexed, Made, derived, made_run, made_simulation, made_trajectory
 
 import flexgen.base.display
-from flexgen.base.display import choose_scale, choose_scales, figure_rows
-from flexgen.base.rows import Row
+from flexgen.base.display import choose_scale, figure_rows
+from flexgen.base.rows import Inner, Row
+from flexgen.feedback.loop.content import content_of_feedforwards, content_of_run
 from flexgen.inversion.judge.status import Status
 from flexgen.inversion.solution import Solution
 from flexgen.paths.accuracy.figures import PathAccuracy
 from flexgen.simulation.result import Simulation
-from flexgen.views.reports.control_texts import (
-    feedforward_text,
-    lengths_of_comparison,
-    lengths_of_run,
-    text_of_control,
-)
 from flexgen.views.reports.html import accuracy_tables, scales_of_page
+from flexgen.views.reports.row_views import text_of_rows
 
 # A length or an angle: a number with its unit, or the unit in the heading of a column.
 LENGTH = re.compile(r"(?:\d|, |<td>|in )\s*([umµ]?)(m|rad)(?![\w/^])")
@@ -63,7 +59,9 @@ def a_loop(largest: float) -> Any:
     own = {
         "unstable": {},
         "status": "done",
-        "hardware": Made(sample_s=1e-3),
+        "hardware": Made(sample_s=1e-3, encoder_noise_rad=0.0),
+        "steps": 4,
+        "wall_s": 0.75,
         "delay_s": 0.0,
         "accuracy": lambda: accuracy,
         "margins": dict,
@@ -73,7 +71,7 @@ def a_loop(largest: float) -> Any:
                 for k, key in enumerate(ERRORS)
                 for u in ("m", "rad")
             }
-            | {"torque_max_Nm": 9.5}
+            | {"torque_max_Nm": 9.5, "plant": r.name, "saturated_samples": 0}
         ),
     }
     return Indexed(**{**vars(run), **own})
@@ -134,17 +132,17 @@ def a_solution() -> Solution:
 def test_a_closed_loop_with_its_comparison_has_one_unit(largest: float) -> None:
     run = a_loop(largest)
     other = compared(run, 30.0)
-    scales = choose_scales((), *lengths_of_run(run), *lengths_of_comparison(other))
-    text = "\n".join([text_of_control(run, {}, scales), feedforward_text(other, scales)])
+    inner = Inner("feedforward", content_of_feedforwards(other))
+    text = text_of_rows((*content_of_run(run), inner))
     expected = choose_scale([30.0 * largest], "m").unit
     assert units_in(text) == {expected}, text
-    assert units_in(text_of_control(run, {})) == {choose_scale([largest], "m").unit}
+    assert units_in(text_of_rows(content_of_run(run))) == {choose_scale([largest], "m").unit}
 
 
 @pytest.mark.parametrize("largest", [3e-7, 4e-4, 7e-2])
 def test_tables_of_a_page_have_one_unit(largest: float) -> None:
     run = a_loop(largest)
-    scales = scales_of_page((), *lengths_of_run(run))
+    scales = scales_of_page((), (largest, "m"))
     page = accuracy_tables(run.accuracy(), scales)
     assert units_in(page) == {choose_scale([largest], "m").unit}, page
 

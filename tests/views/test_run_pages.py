@@ -109,7 +109,7 @@ def test_the_page_of_a_run_has_the_forces_of_its_process(moments: bool, tmp_path
             ("that the feedforward assumes", 0.5),
             ("of the feedforward less that of the process", 0.5),
         ):
-            row = f"<td>{part} {words}, largest</td><td>{share * largest:.4g}</td><td>{unit}</td>"
+            row = f"<td>{part} {words}, largest</td><td>{share * largest:.4g} {unit}</td>"
             assert row in page
     assert ("moment of" in page) == moments
 

@@ -7,12 +7,11 @@ from typing import Any
 
 import pytest
 
+from flexgen.base.display import number, roots
 from flexgen.views.reports.text_tables import (
     figures,
     fit_tables,
-    number,
     paragraph,
-    roots,
     table,
     terminal_width,
 )

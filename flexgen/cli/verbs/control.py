@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 import time
 from argparse import Namespace
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Any
@@ -22,6 +22,7 @@ from flexgen.base.calls.deadline import (
 )
 from flexgen.base.calls.progress import throttle
 from flexgen.base.errors import ArgumentError
+from flexgen.base.rows import Inner, Part, data_of
 from flexgen.cli.result import (
     Progress,
     VerbResult,
@@ -37,7 +38,6 @@ from flexgen.cli.result import (
 from flexgen.views.reports.text_tables import number, table
 
 if TYPE_CHECKING:
-    from flexgen.base.display import Scales
     from flexgen.model.elements import RobotModel
 
 ROBOTS = 8
@@ -60,10 +60,9 @@ def control(args: Namespace, log: Progress) -> VerbResult:
     """Simulate a move in the closed loop with feedforward, for the model and robots that differ
     from it.
     """
-    from flexgen.base.display import choose_scales
     from flexgen.feedback.loop.control import control as simulate
     from flexgen.simulation.environment.disturbances import Disturbance
-    from flexgen.views.reports.control_texts import lengths_of_run, text_of_control
+    from flexgen.views.reports.row_views import text_of_rows
 
     model = read_model(args)
     acting = {
@@ -75,7 +74,7 @@ def control(args: Namespace, log: Progress) -> VerbResult:
     with limit_fit("control", args.time_limit, tell, first="robot"):
         run = simulate(model, **acting, progress=tell)
         part_known("simulations", run.wall_s, 2)
-        parts: dict[str, Part] = {}
+        parts: dict[str, tuple[Part, ...]] = {}
         left = []
         for name, further in _further(args, model, run, acting, log):
             with keep_best():
@@ -83,16 +82,12 @@ def control(args: Namespace, log: Progress) -> VerbResult:
                     parts[name] = further()
             if name not in parts:
                 left.append(name)
-        fewer = "drawn" in parts and "ended" in parts["drawn"].data
+        fewer = "ended" in data_of(parts.get("drawn", ()))
         ended = reason_of_end() if run.ended or left or fewer else ""
-    margins = run.margins()
-    data = run.to_dict() | {"margins": {k: m.to_dict() for k, m in margins.items()}}
-    data |= {name: part.data for name, part in parts.items()}
-    # One unit for all lengths of the text, of the run and of what was computed after it.
-    lengths = [length for part in parts.values() for length in part.lengths]
-    scales = choose_scales((), *lengths_of_run(run), *lengths)
-    words = [part.text(scales) for part in parts.values()]
-    text = "\n\n".join([text_of_control(run, margins, scales), *words])
+    inner = (Inner(name, content) for name, content in parts.items())
+    content = (*run.content(), *inner)
+    data = data_of(content)
+    text = text_of_rows(content)
     problem = "" if run.status == "done" else run.status
     if left:
         missing = f"{ended}: not computed: {', '.join(left)}"
@@ -105,61 +100,38 @@ def control(args: Namespace, log: Progress) -> VerbResult:
     return with_files(text, data, written(args, run), problem, interrupted=interrupted)
 
 
-@dataclass(frozen=True)
-class Part:
-    """Something that `control` computes after the run.
-
-    Parameters
-    ----------
-    data : object
-        For JSON.
-    text : callable
-        The text with the units of all lengths.
-    lengths : sequence of tuple
-        Lengths and angles with their SI units, which choose these units.
-    """
-
-    data: Any
-    text: Callable[[Scales], str]
-    lengths: Sequence[tuple[float | None, str]] = ()
-
-
-Further = Callable[[], Part]
+Further = Callable[[], tuple[Part, ...]]
 
 
 def _further(
     args: Namespace, model: RobotModel, run: Any, acting: dict[str, Any], log: Progress
 ) -> list[tuple[str, Further]]:
-    """Further results of `control`, computed after the run, by the names of the data; each can be
-    left out.
+    """Further results of `control`, computed after the run: their contents by the keys of JSON;
+    each can be left out.
     """
     is_done = run.status == "done" or bool(run.ended)
 
-    def feedforward() -> Part:
+    def feedforward() -> tuple[Part, ...]:
         from flexgen.feedback.loop.feedforward import compare_feedforward
-        from flexgen.views.reports.control_texts import feedforward_text, lengths_of_comparison
 
         log("control: the same without feedforward, and with that of the rigid robot")
         options = {key: value for key, value in acting.items() if key != "time_limit"}
         compared = compare_feedforward(run, options, progress=throttle(log))
         if is_over():
             raise OutOfTime("feedforward")
-        words = partial(feedforward_text, compared)
-        return Part(compared.to_dict(), words, lengths_of_comparison(compared))
+        return compared.content()
 
-    def passivity() -> Part:
+    def passivity() -> tuple[Part, ...]:
         from flexgen.feedback.laws.passivity import check_passivity
 
-        found = check_passivity(run)
-        return Part(found.to_dict(), lambda scales: str(found))
+        return check_passivity(run).content()
 
-    def draw_robots() -> Part:
-        from flexgen.studies.tolerances.in_loop import error_in_loop, error_text
+    def draw_robots() -> tuple[Part, ...]:
+        from flexgen.studies.tolerances.in_loop import content_of_drawn, error_in_loop
 
         options = keywords(args, "move", "plants", "disturbances", "wall", "assumed_force")
         found = error_in_loop(run, progress=throttle(log), wall=wall_of(args), **options)
-        lengths = [(found[f"error_{unit}"], unit) for unit in ("m", "rad")]
-        return Part(found, partial(error_text, found), lengths)
+        return content_of_drawn(found)
 
     asked = {
         "feedforward": (feedforward, args.compare is not False and is_done),
@@ -174,7 +146,7 @@ def score(args: Namespace, log: Progress) -> VerbResult:
     from flexgen.studies.scenarios.leaderboard import controller_names
     from flexgen.studies.scenarios.scenario_file import scenario
     from flexgen.studies.scenarios.score import score as compute
-    from flexgen.views.reports.control_texts import scores_text
+    from flexgen.views.reports.score_text import scores_text
 
     chosen = scenario(args.scenario)
     given = controller_names(chosen, args.controller or ["reference"])

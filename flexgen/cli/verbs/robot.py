@@ -7,11 +7,11 @@ from argparse import Namespace
 from typing import Any
 
 from flexgen.base.calls.progress import throttle
-from flexgen.base.display import plain
+from flexgen.base.display import plain, roots
 from flexgen.base.errors import ArgumentError
 from flexgen.base.files.atomic_files import write_text
 from flexgen.cli.result import Progress, VerbResult, derive_model, with_files
-from flexgen.views.reports.text_tables import paragraph, roots, table
+from flexgen.views.reports.text_tables import paragraph, table
 
 
 def models(args: Namespace, log: Progress) -> VerbResult:

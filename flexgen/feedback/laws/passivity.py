@@ -24,15 +24,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from flexgen.base.checks.type_checks import checked_result, checked_types
+from flexgen.base.display import lines_of
 from flexgen.base.errors import ArgumentError
 from flexgen.base.numerics.evaluate import evaluate
 from flexgen.base.results import Result
+from flexgen.base.rows import Column, Data, Part, Prose, Row, Table
 from flexgen.base.spec.arguments import is_number
 from flexgen.dynamics.mechanics.equations import Equations, derive
 from flexgen.dynamics.mechanics.sensors import sensor_signals
@@ -98,27 +99,31 @@ class Passivity(Result):
         wrong = np.flatnonzero((self.margins < 0.0).any(axis=0))
         return float(self.hz[wrong[0]]) if len(wrong) else None
 
-    def __str__(self) -> str:
-        """One line for each pose."""
-        lines = [
-            f"{self.model}, controller {self.controller}: "
-            + ("passive" if self.passive else "not passive")
-        ]
-        for name, margins in zip(self.poses, self.margins, strict=True):
-            k = int(margins.argmin())
-            lines.append(
-                f"  {name}: damping at the tool at least {margins[k]:.4g} N s/m, at "
-                f"{self.hz[k]:.4g} Hz"
-            )
-        return "\n".join(lines)
+    def content(self) -> tuple[Part, ...]:
+        """The verdict, and the smallest damping at each pose."""
+        found = "passive" if self.passive else "not passive"
+        columns = (
+            Column("pose"),
+            Column("damping at the tool, at least", "N s/m"),
+            Column("at", "Hz"),
+        )
+        lowest = self.margins.argmin(axis=1)
+        cells = tuple(
+            (name, float(margins[k]), float(self.hz[k]))
+            for name, margins, k in zip(self.poses, self.margins, lowest, strict=True)
+        )
+        return (
+            Prose(f"{self.model}, controller {self.controller}: {found}", is_title=True),
+            *self._data(),
+            Data("passive", self.passive),
+            Data("margin", self.margin),
+            Row("not passive from", self.fails_hz, "Hz", "fails_hz"),
+            Table(columns, cells, "Damping at the tool"),
+        )
 
-    def to_dict(self) -> dict[str, Any]:
-        """The result as JSON types, SI units."""
-        return super().to_dict() | {
-            "passive": self.passive,
-            "margin": self.margin,
-            "fails_hz": self.fails_hz,
-        }
+    def __str__(self) -> str:
+        """The verdict, and where the loop begins to be not passive."""
+        return lines_of(self.content())
 
 
 @checked_types

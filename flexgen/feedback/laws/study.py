@@ -23,9 +23,10 @@ import numpy as np
 from flexgen.base.calls.deadline import check_time
 from flexgen.base.calls.progress import Choice, reported
 from flexgen.base.checks.type_checks import checked_class, checked_result, checked_types
-from flexgen.base.display import short_repr
+from flexgen.base.display import plain, short_repr
 from flexgen.base.errors import ArgumentError, SolverError
 from flexgen.base.results import Result
+from flexgen.base.rows import Column, Data, Part, Prose, Row, Shown, Table
 from flexgen.dynamics.mechanics.equations import Equations, robot_of
 from flexgen.dynamics.mechanics.output_columns import unit_of
 from flexgen.feedback.laws.chain import FORMS
@@ -218,43 +219,64 @@ class FeedbackStudy(Result):
         noise = "" if setting.exact else f" at {trial.torque_noise_Nm:.1f} N m"
         return f"{1e3 * trial.worst_m:.2f}{noise} ({trial.tuning})"
 
-    def to_dict(self) -> dict[str, Any]:
-        """All tunings, ready for JSON; failed robots have None."""
+    def content(self) -> tuple[Part, ...]:
+        """Worst error of each family at its best tuning, a table for each kind of setting; all
+        tunings in JSON.
+        """
+        tables = []
+        for exact, title in ((True, "state exact"), (False, "measured angles")):
+            cells = tuple(
+                (str(setting), *(self._shown(setting, family) for family in FAMILIES))
+                for setting in self.settings
+                if setting.exact == exact
+            )
+            columns = (Column(title), *(Column(family, "mm") for family in FAMILIES))
+            tables += [Table(columns, cells, title)] if cells else []
+        return (
+            Prose(f"{self.model.title}: feedback laws, worst error of the robots", is_title=True),
+            Data("model", self.model.name),
+            Data("move", self.solution.move.name),
+            Data("plants", list(self.plants)),
+            Row(
+                "limit of the torque noise",
+                self.torque_noise_Nm,
+                "N m",
+                "torque_noise_limit_Nm",
+            ),
+            *tables,
+            Data("settings", [self._data_of(setting) for setting in self.settings]),
+        )
 
-        def plain(x: float) -> float | None:
-            return x if np.isfinite(x) else None
+    def _shown(self, setting: Setting, family: str) -> Shown | None:
+        """The cell of a family at its best tuning; None: all failed."""
+        best = self.best(setting, family)
+        return None if best is None else Shown(best.worst_m, self._cell(setting, family))
 
-        def row(t: Trial) -> dict[str, Any]:
+    def _data_of(self, setting: Setting) -> dict[str, Any]:
+        """All tunings under a setting for JSON; failed robots have None."""
+
+        def row(trial: Trial) -> dict[str, Any]:
             return {
-                "tuning": t.tuning,
-                "worst_m": plain(t.worst_m),
-                "error_m": [plain(x) for x in t.error_m],
-                "dynamic_error_m": [plain(x) for x in t.dynamic_error_m],
-                "torque_noise_Nm": plain(t.torque_noise_Nm),
-                "refused": t.refused,
+                "tuning": trial.tuning,
+                "worst_m": plain(trial.worst_m),
+                "error_m": plain(trial.error_m),
+                "dynamic_error_m": plain(trial.dynamic_error_m),
+                "torque_noise_Nm": plain(trial.torque_noise_Nm),
+                "refused": trial.refused,
             }
 
-        settings = []
-        for s in self.settings:
-            families = {}
-            for family in FAMILIES:
-                best = self.best(s, family)
-                rows = [row(t) for t in self.of(s, family)]
-                families[family] = {"best": None if best is None else best.tuning, "tunings": rows}
-            settings.append(
-                {
-                    "sample_time_s": s.sample_s,
-                    "delay_s": s.delay_s,
-                    "exact_state": s.exact,
-                    "families": families,
-                }
-            )
+        families = {}
+        for family in FAMILIES:
+            best = self.best(setting, family)
+            families[family] = {
+                "best": None if best is None else best.tuning,
+                "tunings": [row(trial) for trial in self.of(setting, family)],
+            }
         return {
-            "model": self.model.name,
-            "move": self.solution.move.name,
-            "plants": list(self.plants),
-            "torque_noise_limit_Nm": self.torque_noise_Nm,
-            "settings": settings,
+            "sample_time_s": setting.sample_s,
+            "delay_s": setting.delay_s,
+            "exact_state": setting.exact,
+            "families": families,
         }
 
 

@@ -12,6 +12,8 @@ from flexgen.base.calls.progress import Choice, reported
 from flexgen.base.checks.type_checks import checked_result, checked_types
 from flexgen.base.errors import ArgumentError, SolverError
 from flexgen.base.results import Result
+from flexgen.base.rows import Part
+from flexgen.feedback.loop.content import content_of_feedforwards
 from flexgen.feedback.loop.control import control
 from flexgen.feedback.loop.controllers import Cascade
 from flexgen.feedback.loop.result import UNITS, ControlRun
@@ -54,7 +56,8 @@ class FeedforwardComparison(Result):
     def rows(self) -> list[dict[str, Any]]:
         """Largest errors: ``robot``, ``what``, ``unit``, and each feedforward; None: failed."""
         out = []
-        for k, robot in enumerate(self.elastic.runs):
+        computed = min(len(run.runs) for run in self.runs.values())
+        for k, robot in enumerate(self.elastic.runs[:computed]):
             figures = {name: run.figures(run.runs[k]) for name, run in self.runs.items()}
             for what, key in KINDS:
                 for unit in UNITS:
@@ -65,13 +68,9 @@ class FeedforwardComparison(Result):
                     out.append({"robot": robot.name, "what": what, "unit": unit, **numbers})
         return out
 
-    def to_dict(self) -> dict[str, Any]:
-        """The rows, the status of each run, and what is missing."""
-        return {
-            "rows": self.rows(),
-            "status": {name: run.status for name, run in self.runs.items()},
-            "missing": self.missing,
-        }
+    def content(self) -> tuple[Part, ...]:
+        """A table of the errors, and what is missing."""
+        return content_of_feedforwards(self)
 
 
 @checked_types
@@ -99,7 +98,7 @@ def compare_feedforward(
     Raises
     ------
     ArgumentError
-        An option does not fit.
+        An option does not fit, or has other robots than the run.
 
     Examples
     --------
@@ -130,7 +129,20 @@ def compare_feedforward(
             runs[name] = control(run.model, move, solution=solution, **given)
         except (ArgumentError, SolverError) as error:
             missing[name] = str(error)
+            continue
+        _check_robots(runs[name], run)
     return FeedforwardComparison({**runs, "elastic": run}, missing)
+
+
+def _check_robots(made: ControlRun, run: ControlRun) -> None:
+    """Refuse options with other robots than those of the run that is compared."""
+    names = [robot.name for robot in made.runs]
+    expected = [robot.name for robot in run.runs]
+    if names != expected[: len(names)] or (len(names) < len(expected) and not made.ended):
+        raise ArgumentError(
+            f"options: given robots {', '.join(names)}, expected those of the run, "
+            f"{', '.join(expected)}; pass the plants that flexgen.control was called with"
+        )
 
 
 def _without_torque(solution: Solution) -> Solution:

@@ -15,6 +15,7 @@ from flexgen.base.errors import ArgumentError
 from flexgen.base.motion.trajectory import Trajectory
 from flexgen.base.numerics.evaluate import evaluate
 from flexgen.base.results import Result
+from flexgen.base.rows import Part
 from flexgen.base.spec.ports import Port
 from flexgen.dynamics.hysteresis.lugre import without_states
 from flexgen.dynamics.mechanics.equations import Equations, derive
@@ -26,6 +27,7 @@ from flexgen.dynamics.mechanics.output_columns import (
     unit_of,
 )
 from flexgen.feedback.loop.closed_loop import NOT_FINITE, TOO_LONG
+from flexgen.feedback.loop.content import content_of_run
 from flexgen.feedback.loop.controllers import Cascade, Linear
 from flexgen.feedback.loop.hardware import DriveHardware
 from flexgen.feedback.loop.interface import Controller
@@ -558,32 +560,9 @@ class ControlRun(Result):
         """Stability margins of a robot at these poses, of its linear loop."""
         return {name: loop.margins() for name, loop in self.loops(robot).items()}
 
-    def to_dict(self) -> dict[str, Any]:
-        """The figures as JSON types, SI units."""
-        return {
-            "model": self.model.name,
-            "variant": self.model.variant,
-            "move": self.solution.move.name,
-            "controller": self.controller,
-            "sample_time_s": self.hardware.sample_s,
-            "delay_s": self.delay_s,
-            "integration_steps": self.steps,
-            "simulated_s": float(self.reference.time[-1] - self.reference.time[0]),
-            "wall_s": self.wall_s,
-            "status": self.status,
-            **self.force_figures(),
-            "plants": [
-                {k: _replace_nan(v) for k, v in self.figures(run).items()} for run in self.runs
-            ],
-            "accuracy": None
-            if all(run.failure for run in self.runs)
-            else self.accuracy().to_dict(),
-        }
-
-
-def _replace_nan(value: Any) -> Any:
-    """None for NaN, which JSON does not have."""
-    return None if isinstance(value, float) and not np.isfinite(value) else value
+    def content(self) -> tuple[Part, ...]:
+        """The loop, errors of its robots, figures of ISO 9283, and stability margins."""
+        return content_of_run(self)
 
 
 def output_errors(

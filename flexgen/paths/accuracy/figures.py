@@ -141,14 +141,13 @@ class PathAccuracy(Result):
         columns = (
             Column("robot", "", "robot"),
             Column("from the path", u, f"path_error_{u}"),
-            Column(f"settled into {1e3 * self.band:g} m{u} after", "s", "settling_s"),
+            Column("settled into the band after", "s", "settling_s"),
             Column("overshoot", u, f"overshoot_{u}"),
             Column("stabilization", "s", "stabilization_s"),
             Column("drift", u, f"drift_{u}"),
         )
         return (
-            Data(f"band_{u}", self.band),
-            Prose(f"accuracy of {len(self.robots)} robots", is_title=True),
+            Prose(self._title(), is_title=True),
             *self.figures(),
             *(
                 Data(f"{key}_rad", angles and list(angles))
@@ -156,6 +155,10 @@ class PathAccuracy(Result):
             ),
             Table(columns, tuple(self._each()), "Robots", "robots"),
         )
+
+    def _title(self) -> str:
+        count = len(self.robots)
+        return f"ISO 9283, over {count} robots" if count > 1 else "ISO 9283, one robot"
 
     def figures(self) -> tuple[Row, ...]:
         """The figures of all robots together; those of each robot, and angles: the largest."""
@@ -183,8 +186,9 @@ class PathAccuracy(Result):
                 f"{u}/s",
                 f"speed_fluctuation_{u}_s",
             ),
+            Row("half width of the band of settling", self.band, u, f"band_{u}"),
             Row(
-                f"settling time into {1e3 * self.band:g} m{u}, longest",
+                "settling time into this band, longest",
                 _largest(self.settling_s),
                 "s",
                 "settling_s",

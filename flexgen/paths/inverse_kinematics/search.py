@@ -11,15 +11,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from flexgen.base.checks.type_checks import checked_result, checked_types
-from flexgen.base.display import plain, short_repr
+from flexgen.base.display import short_repr
 from flexgen.base.errors import ArgumentError, SolverError
 from flexgen.base.numerics.evaluate import evaluate
 from flexgen.base.results import Result
+from flexgen.base.rows import Data, Part, Prose, Row
 from flexgen.codegen.build.model_library import library_with
 from flexgen.dynamics.mechanics.equations import Equations, derive, robot_of
 from flexgen.dynamics.mechanics.motor_harmonics import gear_angles_along, transmission_errors
@@ -92,12 +92,22 @@ class Configuration(Result):
 
     __repr__ = short_repr
 
-    def to_dict(self) -> dict[str, Any]:
-        """The configuration as JSON types."""
-        names = ("q", "error", "within_limits", "branch", "flags", "parts", "singular")
-        return {name: plain(getattr(self, name)) for name in names} | {
-            "singularity_distance": self.distance
-        }
+    def content(self) -> tuple[Part, ...]:
+        """Joints, and how far the configuration is from limits and singularities."""
+        return (
+            Prose("joint configuration", is_title=True),
+            Row("actuated coordinates, rad or m", ", ".join(f"{x:.4g}" for x in self.q)),
+            Row("error of the pose", self.error, "", "error"),
+            Row("within the limits", "yes" if self.within_limits else "no"),
+            Row("sign of the determinant of the Jacobian", self.branch, "", "branch"),
+            Row("distance from singularity", self.distance, "", "singularity_distance"),
+            *(Row(name, size) for name, size in self.parts.items()),
+            Data("q", self.q),
+            Data("within_limits", self.within_limits),
+            Data("flags", self.flags),
+            Data("parts", self.parts),
+            Data("singular", self.singular),
+        )
 
     @property
     def flags(self) -> tuple[int, ...]:

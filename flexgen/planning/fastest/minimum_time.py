@@ -32,10 +32,11 @@ from flexgen.base.calls.deadline import OutOfTime, running
 from flexgen.base.calls.progress import Choice, reported
 from flexgen.base.checks.bounds import Bound, Positive, TimeLimit
 from flexgen.base.checks.type_checks import checked_result, checked_types
-from flexgen.base.display import choose_scale
+from flexgen.base.display import lines_of
 from flexgen.base.errors import ArgumentError, SolverError
 from flexgen.base.registry import find_function, provides
 from flexgen.base.results import Result
+from flexgen.base.rows import Column, Data, Part, Prose, Row, Table
 from flexgen.base.spec.arguments import check_not_negative
 from flexgen.dynamics.mechanics.equations import Equations, derive, robot_of
 from flexgen.dynamics.mechanics.limit_use import limit_rows
@@ -173,58 +174,65 @@ class FastestMove(Result):
 
     def __str__(self) -> str:
         """Durations, limits and effort."""
-        margin = ", ".join(f"{x:.3g}" for x in self.margin)
-        assumed = filter(None, [", ".join(f"{name} {x:.3g}" for name, x in self.assumed.items())])
-        change = 100 * (self.duration_s / self.default_s - 1)
-        compared = f"{abs(change):.0f} % {'more' if change > 0 else 'less'}"
-        both = [*self.vibration.values(), *self.default_vibration.values()]
-        scale = choose_scale(both, self.unit)
-        swings = ", ".join(
-            f"{name}: {scale.text(x)} ({scale.text(self.default_vibration[name])} as given)"
-            for name, x in self.vibration.items()
-        )
-        return "\n".join(
-            [
-                f"{self.solution.model.name}, move {self.move.name}: {self.duration_s:.4f} s "
-                f"instead of {self.default_s:.4f} s ({compared})",
-                *(
-                    f"  torque limits as of the largest torques of the move as given: {x} N m"
-                    for x in assumed
-                ),
-                f"  a rigid robot whose torques may jump needs {self.rigid_s:.4f} s",
-                f"  limits kept to {max(self.excess, 0):.1e}, {self.programs} programs, "
-                f"{self.inversions} inversions, {self.cpu_s:.2g} s of processor time",
-                *(f"  vibration after the path, {x}" for x in filter(None, [swings])),
-                f"  {str(self.solution).splitlines()[1].strip()}",
-                *(
-                    f"  torque left for the feedback of {AGAINST} of the robots: {margin} N m"
-                    for _ in self.margin[:1]
-                ),
-            ]
+        return lines_of(self.content())
+
+    def content(self) -> tuple[Part, ...]:
+        """Durations, limits and effort, and the solution of the new motion."""
+        change = self.duration_s / self.default_s - 1
+        shorter = f"{100 * change:+.0f} %"
+        solution = self.solution.to_dict()
+        tool = [row for row in self.solution.figures() if row.key.startswith("tool_error_max")]
+        return (
+            Prose(f"{self.solution.model.name}, move {self.move.name}", is_title=True),
+            Data("model", self.solution.model.name),
+            Data("move", self.move.name),
+            Row("duration of the path", self.duration_s, "s", "duration_s", note=shorter),
+            Data("change", change),
+            Row("duration as given", self.default_s, "s", "default_s"),
+            Row("duration of a rigid robot whose torques may jump", self.rigid_s, "s", "rigid_s"),
+            Row("largest excess of a limit, relative", max(self.excess, 0.0), "", "excess"),
+            *(
+                Row(f"torque limit of {name}, as of the move as given", torque, "N m")
+                for name, torque in self.assumed.items()
+            ),
+            *self._margins(),
+            *self._vibrations(),
+            *(replace(row, key="") for row in tool),
+            Row("coefficients of the time law", self.coefficients, "", "coefficients"),
+            Row("linear programs", self.programs, "", "programs"),
+            Row("inversions", self.inversions, "", "inversions"),
+            Row("processor time of the search", self.cpu_s, "s", "cpu_s"),
+            Data("assumed_torque_max_Nm", self.assumed),
+            Data("timing", list(self.move.timing)),
+            Data("laws", [list(law) for law in getattr(self.move, "laws", ())]),
+            Data("history_s", list(self.history)),
+            Data("margin_Nm", list(self.margin)),
+            Data("solution", solution),
+            Prose(f"the solution of the new motion: {self.solution.status}"),
         )
 
-    def to_dict(self) -> dict[str, Any]:
-        """The figures as JSON types, SI units."""
-        return {
-            "model": self.solution.model.name,
-            "move": self.move.name,
-            "duration_s": self.duration_s,
-            "default_s": self.default_s,
-            "rigid_s": self.rigid_s,
-            f"vibration_{self.unit}": self.vibration,
-            f"default_vibration_{self.unit}": self.default_vibration,
-            "excess": self.excess,
-            "assumed_torque_max_Nm": self.assumed,
-            "coefficients": self.coefficients,
-            "timing": list(self.move.timing),
-            "laws": [list(law) for law in getattr(self.move, "laws", ())],
-            "programs": self.programs,
-            "inversions": self.inversions,
-            "cpu_s": self.cpu_s,
-            "history_s": list(self.history),
-            "margin_Nm": list(self.margin),
-            "solution": self.solution.to_dict(),
-        }
+    def _margins(self) -> tuple[Row, ...]:
+        """Torques that are left for the feedback, a row for each motor."""
+        motors = [motor.name for motor in self.solution.model.motors]
+        named = zip(motors, self.margin, strict=False)
+        label = f"torque left for the feedback of {AGAINST} of the robots"
+        return tuple(Row(f"{label}, {motor}", torque, "N m") for motor, torque in named)
+
+    def _vibrations(self) -> tuple[Part, ...]:
+        """A table of the vibrations after the path, of the new motion and of the move as given."""
+        columns = (
+            Column("vibration after the path"),
+            Column("new", self.unit),
+            Column("as given", self.unit),
+        )
+        cells = tuple(
+            (name, size, self.default_vibration[name]) for name, size in self.vibration.items()
+        )
+        return (
+            *([Table(columns, cells, "Vibration after the path")] if cells else []),
+            Data(f"vibration_{self.unit}", self.vibration),
+            Data(f"default_vibration_{self.unit}", self.default_vibration),
+        )
 
 
 @checked_types(own=("time_limit", "force"))

@@ -29,6 +29,7 @@ from flexgen.base.checks.bounds import Seed, TimeLimit
 from flexgen.base.checks.type_checks import checked_result, checked_types
 from flexgen.base.errors import ArgumentError
 from flexgen.base.results import Result
+from flexgen.base.rows import Column, Data, Part, Prose, Row, Table
 from flexgen.base.spec.arguments import is_whole, seed_of
 from flexgen.feedback.loop.interface import Controller
 from flexgen.feedback.loop.plants import NOMINAL
@@ -223,39 +224,60 @@ class Score(Result):
             rows.append(row)
         return rows
 
-    def to_dict(self) -> dict[str, Any]:
-        """The score as JSON types; without numbers of the score where the controller is
-        refused.
+    def content(self) -> tuple[Part, ...]:
+        """The score and its parts, and a table of the measures; of a controller that is refused
+        the reasons only.
         """
         s = self.scenario
-        head = {
-            "scenario": s.name,
-            "version": s.version,
-            "hash": s.digest,
-            "published_version": s.frozen,
-            "controller": self.controller,
-            "seed": self.seed,
-            "rule": self.rule,
-            "status": self.status,
-            "draws_done": len(self.values),
-            "accepted": self.accepted,
-            "refused": list(self.refused),
-            "wall_s": self.wall_s,
-        }
-        if not self.accepted:
-            return head
-        robots = dict(zip(s.plants.names, map(float, self.each), strict=True))
-        several = len(self.totals) > 1
-        spread = (
-            {"worst": self.worst, "spread": self.spread, "draws": self.totals.tolist()}
-            if several
-            else {}
+        head = (
+            Prose(s.title_line, is_title=True),
+            Data("scenario", s.name),
+            Data("version", s.version),
+            Data("hash", s.digest),
+            Data("published_version", s.frozen),
+            Row("controller", self.controller, "", "controller"),
+            Row("seed of the draws", self.seed, "", "seed"),
+            Data("rule", self.rule),
+            Data("status", self.status),
+            Data("draws_done", len(self.values)),
+            Data("accepted", self.accepted),
+            Data("refused", list(self.refused)),
+            Data("wall_s", self.wall_s),
         )
+        notes = [Prose(line, "notes") for line in (self.rule, self.ended and self.status) if line]
+        if self.accepted:
+            return (*head, *self._numbers(), *notes)
+        reasons = [Prose(reason, "refused") for reason in self.refused]
+        return (*head, Prose("refused, no score", "refused"), *reasons, *notes)
+
+    def _numbers(self) -> tuple[Part, ...]:
+        """Score, parts and measures of a controller that is accepted."""
+        robots = dict(zip(self.scenario.plants.names, map(float, self.each), strict=True))
+        spread: tuple[Part, ...] = ()
+        if len(self.totals) > 1:
+            spread = (
+                Row("worst draw", self.worst, "", "worst"),
+                Row("standard deviation of the draws", self.spread, "", "spread"),
+                Data("draws", self.totals.tolist()),
+            )
+        names = (NOMINAL, *self.scenario.sets)
+        titles = (NOMINAL, *(f"worst of {name}" for name in self.scenario.sets))
+        columns = (
+            Column("measure", "", "measure"),
+            Column("unit", "", "unit"),
+            Column("weight", "", "weight"),
+            Column("reference", "", "reference"),
+            *(Column(title, "", name) for title, name in zip(titles, names, strict=True)),
+        )
+        cells = tuple(tuple(row[column.key] for column in columns) for row in self.table)
         return (
-            head
-            | {"score": self.total}
-            | spread
-            | {"parts": self.parts, "robots": robots, "measures": self.table}
+            Row("score V", self.total, "", "score", note="about 1 expected, smaller is better"),
+            *spread,
+            *(Row(f"V of {name}", value) for name, value in self.parts.items()),
+            Data("parts", self.parts),
+            Data("sets", [*self.scenario.sets]),
+            Data("robots", robots),
+            Table(columns, cells, "Measures", "measures"),
         )
 
 

@@ -38,6 +38,7 @@ from flexgen.base.errors import ArgumentError, FlexgenError
 from flexgen.base.files.atomic_files import write_text
 from flexgen.base.numerics.executors import with_executor
 from flexgen.base.results import Result
+from flexgen.base.rows import Data, Part, Prose, Row, Table
 from flexgen.base.spec.arguments import seed_of
 from flexgen.base.spec.toml_text import toml
 from flexgen.feedback.loop.controllers import Cascade, Linear
@@ -96,6 +97,19 @@ class TuningResult(Result):
         before = "refused" if not self.start.accepted else f"{self.start.total:.4f}"
         early = f"; {self.ended}: the best so far" if self.ended else ""
         return f"{self.score}\n  from {before} in {self.evaluations} evaluations{early}"
+
+    def content(self) -> tuple[Part, ...]:
+        """The score after the tuning, that before, and the effort."""
+        shown = [part for part in self.score.content() if not isinstance(part, Data)]
+        before = self.start.total if self.start.accepted else "refused"
+        ended = f"{self.ended}: the controller is the best so far"
+        return (
+            *(replace(part, key="") if isinstance(part, Row | Table) else part for part in shown),
+            Row("score V before", before),
+            Row("evaluations", self.evaluations, "", "evaluations"),
+            *([Prose(ended)] if self.ended else []),
+            *self._data("evaluations"),
+        )
 
     def save(self, path: str | Path) -> Path:
         """Write the controller as a table in TOML, which `flexgen.score` takes."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from flexgen.base.calls.deadline import OutOfTime
 from flexgen.base.calls.progress import Choice
-from flexgen.base.display import Scales, format_size
+from flexgen.base.rows import Data, Part, Prose, Row
 from flexgen.feedback.loop.control import control
 from flexgen.feedback.loop.result import UNITS, ControlRun
 from flexgen.model.elements import RobotModel
@@ -86,18 +86,22 @@ def error_in_loop(run: ControlRun, progress: Choice = None, **options: Any) -> d
     return out
 
 
-def error_text(found: dict[str, Any], scales: Scales | None = None) -> str:
-    """The result of `error_in_loop` in words."""
-    sizes = [
-        f"<= {format_size(found[f'error_{u}'], u, scales)}"
-        for u in UNITS
-        if found[f"error_{u}"] is not None
-    ]
-    failed = f", {found['failed']} of them stopped early" if found["failed"] else ""
+def content_of_drawn(found: dict[str, Any]) -> tuple[Part, ...]:
+    """The content of a result of `error_in_loop`."""
     inside = int(np.ceil(LEVEL * found["robots"]))
-    without = (
-        "without disturbances and delays" if found.get("without_delay") else "without disturbances"
+    without = "disturbances and delays" if found.get("without_delay") else "disturbances"
+    failed = f"; {found['failed']} of them stopped early" if found["failed"] else ""
+    ended = f"; then {found['ended']}" if "ended" in found else ""
+    errors = [
+        Row(f"error of {inside} of {found['robots']} of them, at most", found[key], unit, key)
+        for unit in UNITS
+        for key in (f"error_{unit}",)
+    ]
+    kept = [Data(key, value) for key, value in found.items() if not key.startswith("error_")]
+    known = any(row.value is not None for row in errors)
+    return (
+        Prose(f"robots drawn from [uncertainty], without {without}{failed}{ended}", is_title=True),
+        *kept,
+        *errors,
+        *([] if known else [Prose("their error is not known")]),
     )
-    failed += f", then {found['ended']}" if "ended" in found else ""
-    drawn = f"{inside} of {found['robots']} robots drawn from [uncertainty], {without}{failed}"
-    return f"error {' and '.join(sizes) or 'not known'} of {drawn}"

@@ -50,5 +50,6 @@ def plot_feedback_study(study: FeedbackStudy) -> Figure:
         ax.set_xlabel("torque noise at rest, peak to peak, N m")
         ax.set_title(str(setting))
     panels[0].set_ylabel("worst error, mm")
-    panels[-1].legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
+    if panels[-1].get_legend_handles_labels()[0]:
+        panels[-1].legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
     return figure

@@ -11,10 +11,10 @@ from flexgen.analysis.analyze import Analysis
 from flexgen.base.registry import provides
 from flexgen.views.plots import along_path
 from flexgen.views.plots.compliance import compliance_plot
-from flexgen.views.reports.html import dynamics_tables, head
-from flexgen.views.reports.html_tables import html_table, number
+from flexgen.views.reports.html import head
 from flexgen.views.reports.pictures import Picture, linear_pictures
 from flexgen.views.reports.result_page import write_page
+from flexgen.views.reports.row_views import html_of_rows
 
 COMPLIANCE = (
     "What a force at the tool displaces while the motors stand still. Upper panels: "
@@ -58,38 +58,9 @@ def write_analysis(analysis: Analysis, directory: str | Path) -> Path:
         )
         drawn.append(Picture("zeros_along", along_path.zeros_along(model, path), caption))
     title = f"{model.title}: analysis of an equilibrium"
-    notes = "".join(f"<li>{html.escape(line)}</li>" for line in analysis.solvability.warnings)
     parts = [
         head(title),
         f'<h1>{html.escape(title)}</h1>\n<p class="sub">{html.escape(model.description)}.</p>\n',
-        f'<div class="warn"><ul>{notes}</ul></div>\n' if notes else "",
-        "<h2>Equilibrium</h2>\n",
-        _equilibrium(analysis),
-        "<h2>Dynamics</h2>\n",
-        dynamics_tables(analysis),
+        html_of_rows(analysis.content(), is_page=True),
     ]
     return write_page(Path(directory), parts, drawn)
-
-
-@provides("Analysis._repr_html_")
-def tables(analysis: Analysis) -> str:
-    """The title, and tables of the equilibrium, the modes and the zeros."""
-    title = html.escape(f"{analysis.model.title}: analysis of an equilibrium")
-    return f"<h3>{title}</h3>\n{_equilibrium(analysis)}{dynamics_tables(analysis)}"
-
-
-def _equilibrium(analysis: Analysis) -> str:
-    """Tables of the coordinates and of the motor torques."""
-    model = analysis.model
-    rest = analysis.equilibrium
-    coordinates = [
-        (html.escape(c.name), number(q), c.unit)
-        for c, q in zip(model.coordinates, rest.q_a, strict=True)
-    ]
-    torques = [
-        (html.escape(m.name), number(tau), "N m")
-        for m, tau in zip(model.motors, rest.tau_m, strict=True)
-    ]
-    return html_table(("coordinate", "value", "unit"), coordinates, (1,)) + html_table(
-        ("motor", "torque", "unit"), torques, (1,)
-    )

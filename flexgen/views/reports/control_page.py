@@ -7,17 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
-from flexgen.base.display import Scales
 from flexgen.base.registry import provides
 from flexgen.dynamics.mechanics.output_columns import columns_in
-from flexgen.feedback.loop.plants import NOMINAL
-from flexgen.feedback.loop.result import UNITS, ControlRun
+from flexgen.feedback.loop.result import ControlRun
 from flexgen.planning.learning.learn import LearningResult
 from flexgen.studies.scenarios.score import Score
 from flexgen.views.plots import control as plots
-from flexgen.views.reports.control_texts import has_accuracy
 from flexgen.views.reports.html import (
-    accuracy_tables,
     head,
     html_table,
     length,
@@ -26,8 +22,7 @@ from flexgen.views.reports.html import (
 )
 from flexgen.views.reports.pictures import Picture
 from flexgen.views.reports.result_page import write_page
-
-KEYS = ("error_max", "dynamic_error_max", "static_error_start", "error_end")
+from flexgen.views.reports.row_views import html_of_rows
 
 
 @provides("ControlRun.report")
@@ -61,112 +56,15 @@ def write_control(run: ControlRun, directory: str | Path) -> Path:
             )
         )
     title = f"{run.model.title}: closed loop"
-    bad = "" if run.status == "done" else " bad"
-    facts = [
-        ("status", f'<span class="status{bad}">{html.escape(run.status)}</span>', ""),
-        ("controller", html.escape(run.controller), ""),
-        ("move", html.escape(run.solution.move.name), ""),
-        ("sample time", number(1e3 * run.hardware.sample_s), "ms"),
-        ("delay from the measurement to the torque", number(1e3 * run.delay_s), "ms"),
-        ("noise of the motor angles", number(run.hardware.encoder_noise_rad), "rad"),
-        *((word, number(x), unit.replace("Nm", "N m")) for word, x, unit in _forces(run)),
-        ("integration steps in a sample", f"{run.steps}", ""),
-        ("simulated time", number(len(run.runs) * float(np.ptp(run.reference.time))), "s"),
-        ("time of the simulation", number(run.wall_s), "s"),
-    ]
-    lengths = [
-        (run.figures(r)[f"{key}_{u}"], u)
-        for r in run.runs
-        if not r.failure
-        for u in UNITS
-        for key in KEYS
-    ]
-    accuracy = run.accuracy() if has_accuracy(run) else None
-    lengths += accuracy.lengths() if accuracy is not None else []
-    scales = scales_of_page((), *lengths)
     parts = [
         head(title),
         (
             f"<h1>{html.escape(title)}</h1>\n"
             f'<p class="sub">{html.escape(run.model.description)}.</p>\n'
         ),
-        "<h2>Loop</h2>\n",
-        html_table(("quantity", "value", "unit"), facts, (1,)),
-        "<h2>Errors</h2>\n",
-        _errors(run, scales),
-        accuracy_tables(accuracy, scales) if accuracy is not None else "",
-        _margins(run),
+        html_of_rows(run.content(), run.status == "done", is_page=True),
     ]
     return write_page(Path(directory), parts, drawn)
-
-
-def _forces(run: ControlRun) -> list[tuple[str, float, str]]:
-    """Rows of the table of facts for the force of a process: words, value, unit."""
-    words = {
-        "force": "of the process on the tool",
-        "assumed_force": "that the feedforward assumes",
-        "force_error": "of the feedforward less that of the process",
-    }
-    rows = []
-    for key, x in run.force_figures().items():
-        name, unit = key.split("_max_")
-        rows.append((f"{'moment' if unit == 'Nm' else 'force'} {words[name]}, largest", x, unit))
-    return rows
-
-
-def _errors(run: ControlRun, scales: Scales) -> str:
-    rows = []
-    units = [u for u in UNITS if columns_in(run.model, u)]
-    for r in run.runs:
-        f = run.figures(r)
-        values = [
-            "-" if r.failure else length(scales[u], f[f"{key}_{u}"], 4)
-            for u in units
-            for key in KEYS
-        ]
-        torque = "-" if r.failure else number(f["torque_max_Nm"])
-        rows.append(
-            (html.escape(r.name), *values, torque, str(r.saturated), html.escape(r.failure))
-        )
-    names = ("largest", "largest dynamic", "at rest before", "at rest after")
-    errors = [f"{name}, {scales[u].unit}" for u in units for name in names]
-    columns = ("robot", *errors, "torque, N m", "samples at the limit", "failure")
-    words = (
-        "<p>Static errors are those at rest before and after the motion, of a robot with other "
-        "springs or load; the dynamic error is what remains when they are taken off along the "
-        "path.</p>\n"
-    )
-    loads = "".join(
-        f"<p>{html.escape(r.name)}: load {html.escape(r.load)}.</p>\n" for r in run.runs if r.load
-    )
-    return html_table(columns, rows, range(1, len(columns) - 1)) + words + loads
-
-
-def _margins(run: ControlRun) -> str:
-    found = run.margins()
-    if not found:
-        return "<p>The controller is not linear: no margins.</p>\n"
-
-    def show(x: float) -> str:
-        return number(x) if np.isfinite(x) else "none found"
-
-    rows = []
-    for name, m in found.items():
-        margins = (m.gain, m.gain_db, m.gain_hz, m.phase_deg, m.phase_hz, 1e3 * m.delay_s)
-        stable = "yes" if m.stable else "no"
-        rows.append((name, stable, number(m.largest_eigenvalue, 5), *map(show, margins)))
-    columns = (
-        "pose",
-        "stable",
-        "largest eigenvalue",
-        "gain margin, factor",
-        "dB",
-        "at Hz",
-        "phase margin, deg",
-        "at Hz",
-        "delay margin, ms",
-    )
-    return "<h2>Margins of the linear loop</h2>\n" + html_table(columns, rows, range(2, 9))
 
 
 @provides("Score.report")
@@ -181,16 +79,6 @@ def write_score(score: Score, directory: str | Path) -> Path:
     """
     s = score.scenario
     title = f"{s.title}: {score.controller}"
-    told = (
-        f"<p><b>V = {score.total:.4f}</b> ("
-        + ", ".join(f"{html.escape(name)} {value:.4f}" for name, value in score.parts.items())
-        + (f"; {score.spread_words}" if score.spread_words else "")
-        + "); the reference controller has about 1, smaller is better.</p>\n"
-        if score.accepted
-        else '<p><span class="status bad">refused, no score</span></p>\n<ul>'
-        + "".join(f"<li>{html.escape(reason)}</li>" for reason in score.refused)
-        + "</ul>\n"
-    )
     parts = [
         head(title),
         f'<h1>{html.escape(title)}</h1>\n<p class="sub">{html.escape(s.title_line)}</p>\n',
@@ -199,29 +87,8 @@ def write_score(score: Score, directory: str | Path) -> Path:
             f"<p>Of this project: {html.escape(s.ours)}</p>\n"
         ),
         f"<p>Rule: {html.escape(s.rule)}</p>\n" if s.rule else "",
-        told,
-        f"<p><b>{html.escape(score.rule)}</b></p>\n" if score.rule else "",
+        html_of_rows(score.content(), score.accepted, is_page=True),
     ]
-    if score.accepted:
-        sets = list(s.sets)
-        rows = [
-            (
-                html.escape(row["measure"]),
-                row["unit"],
-                f"{row['weight']:.3f}",
-                *(number(row[key]) for key in ("reference", NOMINAL, *sets)),
-            )
-            for row in score.table
-        ]
-        columns = (
-            "measure",
-            "unit",
-            "weight",
-            "reference",
-            NOMINAL,
-            *(f"worst of {name}" for name in sets),
-        )
-        parts += ["<h2>Measures</h2>\n", html_table(columns, rows, range(2, len(columns)))]
     drawn = [
         Picture(
             "score",

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.integrate import trapezoid
 
 from flexgen.analysis.analyze import Analysis, analyze
-from flexgen.analysis.zero_dynamics.zeros import ON_AXIS
+from flexgen.analysis.content import dynamics_parts
 from flexgen.base.display import NOISE, SPEED, Scales, UnitScale, choose_scales
 from flexgen.base.errors import SolverError
 from flexgen.base.files.atomic_files import write_text
@@ -21,7 +21,6 @@ from flexgen.base.rows import Row
 from flexgen.dynamics.mechanics.equations import Equations, derive
 from flexgen.dynamics.mechanics.limits import Limits
 from flexgen.feedback.loop.comparison import Comparison
-from flexgen.inversion.comparison.comparison import error_rows
 from flexgen.inversion.judge.status import Status
 from flexgen.inversion.solution import Solution
 from flexgen.model.elements import Friction, Motor, RobotModel
@@ -31,8 +30,8 @@ from flexgen.views.reports.folder import PAGE, check_folder, foot
 from flexgen.views.reports.html_tables import html_table, number
 from flexgen.views.reports.motion import write_motion
 from flexgen.views.reports.pictures import Picture, pictures
+from flexgen.views.reports.row_views import html_of_rows, lengths_of
 from flexgen.views.reports.sentence import in_words
-from flexgen.views.reports.texts import damping_text
 
 _CSS = """
 body { font: 16px/1.5 "Helvetica Neue", Arial, "DejaVu Sans", sans-serif; color: #222; \
@@ -77,16 +76,6 @@ def length(scale: UnitScale, value: float | None, digits: int = 3) -> str:
     if isinstance(cell, str):
         return number(None) if cell == "-" else html.escape(cell)
     return number(cell, digits)
-
-
-def _complex(z: complex) -> str:
-    """A root as text, without parts that are only rounding."""
-    size = abs(z)
-    re_, im = (0.0 if abs(x) < 1e-7 * size else x for x in (z.real, z.imag))
-    if im == 0:
-        return number(re_)
-    sign = "+" if im > 0 else "\N{MINUS SIGN}"
-    return f"{number(re_) if re_ else '0'} {sign} {number(abs(im))} i"
 
 
 def _summary(solution: Solution, scales: Scales) -> str:
@@ -195,132 +184,6 @@ def _motors(model: RobotModel, solution: Solution, limits: Limits) -> str:
     return html_table(head, (row(j, motor) for j, motor in enumerate(model.motors)), (2, 4, 5, 6))
 
 
-def dynamics_tables(analysis: Analysis) -> str:
-    """Tables of modes and zeros of an analysis."""
-    top = max((f for f, _ in analysis.modes), default=0.0)
-    modes = [(f, d) for f, d in analysis.modes if f > 1e-6 * top]
-    out = ["<h3>Modes</h3>\n"]
-    if modes:
-        rows = ((str(k + 1), number(f), _damping(d)) for k, (f, d) in enumerate(modes))
-        out.append(html_table(("mode", "frequency, Hz", "damping ratio, %"), rows, (0, 1, 2)))
-    else:
-        out.append("<p>No oscillatory mode.</p>\n")
-    out.append("<h3>Zeros of the output</h3>\n")
-    zeros = [z for z in analysis.zeros.zeros if z.imag >= -1e-9 * abs(z)]
-    if zeros:
-        written = (
-            (f"{_complex(z)} and its conjugate" if z.imag > 1e-7 * abs(z) else _complex(z), z)
-            for z in zeros
-        )
-        sides = ((text, _side(z)) for text, z in written)
-        out.append(html_table(("zero, 1/s", "stability"), sides))
-    out.append(f"<p>{html.escape(plots.phase_summary(analysis).capitalize())}.")
-    if analysis.zeros.preview_s > 0:
-        preview = number(1e3 * analysis.zeros.preview_s, 3)
-        out.append(f" Preview required for exact tracking (14 time constants): {preview} ms.")
-    return "".join([*out, "</p>\n"])
-
-
-def _damping(ratio: float) -> str:
-    """A damping ratio in percent."""
-    found = damping_text(ratio, 100.0)
-    return html.escape(found) if isinstance(found, str) else number(found, 3)
-
-
-def _side(z: complex) -> str:
-    """Stability of a zero as text."""
-    return (
-        "unstable"
-        if z.real > ON_AXIS * abs(z)
-        else "stable"
-        if z.real < -ON_AXIS * abs(z)
-        else "on the imaginary axis"
-    )
-
-
-def _comparison(compared: tuple[Solution, ...], scales: Scales) -> str:
-    """Table of the tool errors of several methods."""
-    rows = error_rows(compared)
-    units = [unit for unit in ("m", "rad") if any(f"largest_{unit}" in row for row in rows)]
-    columns = ["method"] + [
-        f"largest {'distance' if unit == 'm' else 'angle'}, {scales[unit].unit}" for unit in units
-    ]
-    cells = [
-        [html.escape(row["method"])]
-        + [length(scales[unit], row[f"largest_{unit}"]) for unit in units]
-        for row in rows
-    ]
-    note = (
-        "<p>Largest distance (or angle) between the path and the tool of the full model, "
-        "simulated open loop with the torques of simpler models: rigid (all springs rigid), fjm "
-        "(only elastic gears), quasistatic (deflections without dynamics). Every simulation "
-        "starts in the equilibrium of the full model with the tool at the start of the path; "
-        "the static sag that a simpler model neglects is not part of this error.</p>\n"
-    )
-    return (
-        "<h2>Tool error by method, start on the path</h2>\n"
-        + note
-        + html_table(columns, cells, range(1, len(columns)))
-    )
-
-
-def _robustness(rows: list[dict[str, Any]], scales: Scales) -> str:
-    """Tables of the largest tool errors on robots that differ from the model: rows are robots,
-    columns are methods.
-    """
-    methods, plants = (
-        list(dict.fromkeys(row[key] for row in rows)) for key in ("method", "plant")
-    )
-    meaning = {
-        "feedback": "torque feedforward with cascaded motor position and speed control",
-        "feedforward": "torque only, open loop",
-    }
-    out = [
-        "<h2>Robustness: tool error including static sag</h2>\n"
-        "<p>Largest distance (or angle) between the path and the tool on robots whose "
-        "parameters differ from the model. Every simulation starts in equilibrium with the "
-        "motors at the first angles of the method. The static sag that rigid and fjm neglect is "
-        "part of this error, so the values for the nominal robot are larger than those of the "
-        "table by method.</p>\n"
-    ]
-    for control in sorted({row["control"] for row in rows}):
-        for unit in ("m", "rad"):
-            errors = {
-                (row["plant"], row["method"]): row[f"error_max_{unit}"]
-                for row in rows
-                if row["control"] == control
-            }
-            if any(error is None for error in errors.values()):
-                continue
-            cells = [
-                [
-                    html.escape(plant),
-                    *(length(scales[unit], errors[plant, method]) for method in methods),
-                ]
-                for plant in plants
-            ]
-            what = "distance" if unit == "m" else "angle"
-            of = f"{control.capitalize()}, {what} in {scales[unit].unit}"
-            out.append(f"<h3>{of}: {meaning[control]}</h3>\n")
-            out.append(
-                html_table(
-                    ["robot", *map(html.escape, methods)], cells, range(1, len(methods) + 1)
-                )
-            )
-    return "".join(out)
-
-
-def errors_of_robots(
-    compared: tuple[Solution, ...], robustness: list[dict[str, Any]]
-) -> list[tuple[float | None, str]]:
-    """Tool errors of the tables by method and of robustness, with their units."""
-    by_method = error_rows(compared) if len(compared) > 1 else []
-    found = [(row.get(f"largest_{unit}"), unit) for row in by_method for unit in ("m", "rad")]
-    return found + [
-        (row[f"error_max_{unit}"], unit) for row in robustness for unit in ("m", "rad")
-    ]
-
-
 def _library_table(generated: Any) -> str:
     """Table of the C library; empty if there is none."""
     if generated is None:
@@ -388,10 +251,12 @@ def write_report(
         equations, solution.trajectory, solution.simulation, directory, solution.move.duration
     )
     accuracy = solution.accuracy() if solution.simulation is not None else None
+    table = Comparison(solution, verified if len(verified) > 1 else (), robustness)
+    compared_parts = table.content() if table.solutions or robustness else ()
     scales = scales_of_page(
         solution.figures(),
         *(accuracy.lengths() if accuracy is not None else []),
-        *errors_of_robots(verified, robustness or []),
+        *lengths_of(compared_parts),
     )
     title = f"{model.title}, move {solution.move.name}"
     parts = [
@@ -405,11 +270,11 @@ def write_report(
         if motion is None
         else f'<p><a href="{motion.name}">The moving robot</a> (an animation)</p>\n',
         *(figure_element(picture, directory) for picture in drawn),
-        _comparison(verified, scales) if len(verified) > 1 else "",
-        _robustness(robustness, scales) if robustness else "",
+        html_of_rows(compared_parts, is_page=True, scales=scales),
         "<h2>Motors</h2>\n",
         _motors(model, solution, limits or Limits()),
-        "<h2>Dynamics at the start of the move</h2>\n" + dynamics_tables(analysis)
+        "<h2>Dynamics at the start of the move</h2>\n"
+        + html_of_rows(dynamics_parts(analysis), is_page=True)
         if analysis is not None
         else "",
         _library_table(generated),

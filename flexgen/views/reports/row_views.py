@@ -7,9 +7,9 @@ from collections.abc import Iterable, Sequence
 from itertools import groupby
 from typing import TYPE_CHECKING, Any
 
-from flexgen.base.display import Scales, cell_and_unit, choose_scales, figure_rows
+from flexgen.base.display import SPEED, Scales, cell_and_unit, choose_scales, figure_rows
 from flexgen.base.registry import provides
-from flexgen.base.rows import Column, Data, Part, Prose, Row, Shown, Table
+from flexgen.base.rows import Column, Data, Heading, Part, Prose, Row, Shown, Table, flat
 from flexgen.views.reports.html_tables import html_table
 from flexgen.views.reports.html_tables import number as html_number
 from flexgen.views.reports.text_tables import figures, paragraph, table
@@ -27,12 +27,13 @@ def text_of_result(result: Result) -> str:
 
 def text_of_rows(rows: Iterable[Part]) -> str:
     """Rows, tables and sentences as text, with an empty line between groups of them."""
-    parts = tuple(rows)
+    parts = flat(rows)
     scales = scales_of(parts)
     texts = []
     for kind, group in _groups(parts):
         if kind is Row:
-            texts.append(figures(row_cells(group, scales)))
+            cells = [cell for cell in row_cells(group, scales) if cell[1] is not None]
+            texts.append(figures(cells) if cells else "")
         elif kind is Table:
             texts += [_text_table(each, scales) for each in group]
         else:
@@ -52,14 +53,17 @@ def html_of_result(result: Result) -> str:
     )
 
 
-def html_of_rows(rows: Iterable[Part], good: bool = True, is_page: bool = False) -> str:
+def html_of_rows(
+    rows: Iterable[Part], good: bool = True, is_page: bool = False, scales: Scales | None = None
+) -> str:
     """Rows, tables and sentences as HTML.
 
     ``is_page``: without the title, which the page has, with the headings of tables and the status
-    in color, of a result that can be used where it is ``good``.
+    in color, of a result that can be used where it is ``good``. ``scales``: units of lengths and
+    angles of a page with more of them.
     """
-    parts = tuple(rows)
-    scales = scales_of(parts)
+    parts = flat(rows)
+    scales = scales_of(parts) if scales is None else scales
     caption = ""
     texts = []
     for kind, group in _groups(parts):
@@ -73,6 +77,11 @@ def html_of_rows(rows: Iterable[Part], good: bool = True, is_page: bool = False)
             for each in group:
                 heading = f"<h2>{html.escape(each.heading)}</h2>\n" if each.heading else ""
                 texts.append(heading * is_page + _html_table(each, scales))
+        elif kind is Heading:
+            texts.append(_heading(caption))
+            caption = ""
+            size = "h2" if is_page else "h4"
+            texts += [f"<{size}>{html.escape(each.text)}</{size}>\n" for each in group]
         else:
             texts.append(_heading(caption))
             caption = "".join(each.text for each in group if each.is_title and not is_page)
@@ -85,8 +94,12 @@ def html_of_rows(rows: Iterable[Part], good: bool = True, is_page: bool = False)
 
 def scales_of(parts: Sequence[Part]) -> Scales:
     """The units of all lengths and angles of rows and tables together."""
-    rows = [part for part in parts if isinstance(part, Row)]
-    cells = [
+    return choose_scales([part for part in parts if isinstance(part, Row)], *lengths_of(parts))
+
+
+def lengths_of(parts: Sequence[Part]) -> list[tuple[float | None, str]]:
+    """The numbers in columns of tables, with their SI units."""
+    return [
         (float(cell), column.unit)
         for part in parts
         if isinstance(part, Table)
@@ -94,7 +107,6 @@ def scales_of(parts: Sequence[Part]) -> Scales:
         for column, cell in zip(part.columns, line, strict=True)
         if isinstance(cell, float) and not column.is_data
     ]
-    return choose_scales(rows, *cells)
 
 
 def row_cells(rows: Iterable[Row], scales: Scales) -> list[tuple[str, Any, str]]:
@@ -103,7 +115,7 @@ def row_cells(rows: Iterable[Row], scales: Scales) -> list[tuple[str, Any, str]]
     for row in rows:
         if row.value in (None, ""):
             found.append((row.label, None, ""))
-        elif row.text or row.sd is not None or row.note:
+        elif row.text or row.sd is not None or row.note or row.key.startswith(SPEED):
             found.append((row.label, *cell_and_unit(row, scales)))
         elif row.unit in scales and isinstance(row.value, float):
             found.append((row.label, scales[row.unit].cell(row.value), scales[row.unit].unit))

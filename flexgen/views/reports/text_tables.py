@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import shutil
 import sys
 import textwrap
@@ -11,45 +10,17 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import Any
 
+from flexgen.base.display import number
+
 GAP = "  "  # between columns
 NARROW = 16  # characters; columns of text are not wrapped to less
 
 _width: ContextVar[int | None] = ContextVar("width", default=None)
 
 
-def number(value: Any, digits: int = 4) -> str:
-    """A value as text; a dash for None and for numbers that are not finite."""
-    if value is None:
-        return "-"
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    if isinstance(value, float):
-        if not math.isfinite(value):
-            return "-"
-        return f"{value:.0f}" if 1e3 <= abs(value) < 1e7 else f"{value:.{digits}g}"
-    return str(value)
-
-
 def one_line(text: str) -> str:
     """The text with each run of white space replaced by one space."""
     return " ".join(text.split())
-
-
-def complex_number(pair: Sequence[float | None]) -> str:
-    """A root ``[re, im]`` as text; a complex root includes its conjugate."""
-    re, im = pair
-    if re is None or im is None:
-        return "-"
-    return number(float(re)) if im == 0 else f"{number(float(re))} +/- {number(abs(float(im)))}i"
-
-
-def roots(pairs: Iterable[Sequence[float | None]]) -> list[str]:
-    """Roots as texts: one text per conjugate pair, equal roots counted."""
-    texts = [complex_number(pair) for pair in pairs if pair[1] is None or pair[1] >= 0]
-    counted: dict[str, int] = {}
-    for text in texts:
-        counted[text] = counted.get(text, 0) + 1
-    return [text if n == 1 else f"{text} ({n} times)" for text, n in counted.items()]
 
 
 @contextmanager

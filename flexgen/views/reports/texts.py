@@ -5,15 +5,14 @@ A number that is not finite is a dash, as None in JSON.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from flexgen.base.display import plain
+from flexgen.base.display import number, plain
 from flexgen.base.registry import provides
 from flexgen.views.reports.row_views import row_cells, scales_of
-from flexgen.views.reports.text_tables import figures, number, one_line, paragraph, roots, table
+from flexgen.views.reports.text_tables import figures, one_line, paragraph, table
 
 if TYPE_CHECKING:
     from flexgen.analysis.analyze import Analysis
@@ -154,145 +153,6 @@ def _stiffness(coordinate: dict[str, Any]) -> tuple[str | None, str | None]:
         else ("N", "m")
     )
     return f"{number(stiffness)} {force}/{unit}", f"{number(damping)} {force} s/{unit}"
-
-
-@provides("Analysis.to_text")
-def text_of_analysis(analysis: Analysis) -> str:
-    """The equilibrium, modes and zeros of an analysis, and its verdicts."""
-    coordinates = [(c.name, c.unit) for c in analysis.model.coordinates]
-    text = analysis_text(
-        plain(analysis.to_dict()), coordinates, [motor.name for motor in analysis.model.motors]
-    )
-    return f"{analysis.model.title} in equilibrium\n\n{text}"
-
-
-def analysis_text(
-    data: dict[str, Any], coordinates: Sequence[tuple[str, str]], motors: Sequence[str]
-) -> str:
-    """The data of an analysis as text; needs the names and units of coordinates and the names of
-    motors.
-    """
-    equilibrium = table(
-        [[name, q, unit] for (name, unit), q in zip(coordinates, data["pose"], strict=True)],
-        ("coordinate", "equilibrium", "unit"),
-    )
-    torques = table(
-        [[name, tau, "N m"] for name, tau in zip(motors, data["motor_torque_Nm"], strict=True)],
-        ("motor", "torque", "unit"),
-    )
-    rows = zip(data["modes_hz"] or [], data.get("modes_damping") or [], strict=True)
-    modes = table(
-        [[k, f, damping_text(d)] for k, (f, d) in enumerate(rows, 1)],
-        ("mode", "frequency Hz", "damping ratio"),
-    )
-    zeros = roots(data["zeros"] or [])
-    inner = data["zeros_motor"] or []
-    notches = sorted(
-        math.hypot(*root) / (2 * math.pi) for root in inner if None not in root and root[1] > 0
-    )
-    verdict = figures(
-        [
-            ("phase of the output", data["phase"], ""),
-            ("zeros of the output", ", ".join(zeros) if zeros else "none", "1/s" if zeros else ""),
-            ("zeros, motor torque to motor angle", ", ".join(map(number, notches)) or None, "Hz"),
-            (
-                "time constant of the slowest unstable zero",
-                data["unstable_time_constant_s"] or None,
-                "s",
-            ),
-            ("structural index", data["structural_index"], ""),
-            ("preview required for exact tracking", data["preview_s"], "s"),
-            *_dae_rows(data),
-            *_compliance_rows(data.get("compliance")),
-        ]
-    )
-    warnings = "\n".join(
-        paragraph(f"note: {line}") for line in (data.get("solvability") or {}).get("warnings", ())
-    )
-    along = data.get("zeros_along_path")
-    along_text = paragraph(f"along the path, {along['verdict']}") if along else ""
-    return "\n\n".join(
-        part for part in (equilibrium, torques, modes, verdict, warnings, along_text) if part
-    )
-
-
-def damping_text(ratio: float | None, factor: float = 1.0) -> float | str | None:
-    """A damping ratio times a factor; a bound where it is that of rounding errors."""
-    from flexgen.analysis.linear import UNDAMPED
-
-    if ratio is None:
-        return None
-    return factor * ratio if abs(ratio) >= UNDAMPED else f"< {factor * UNDAMPED:g}"
-
-
-def _dae_rows(data: dict[str, Any]) -> list[Row]:
-    """Rows of the DAE of inverse dynamics, if it was analyzed."""
-    structure, ranks, solvable = (
-        data.get(key) or {} for key in ("structure", "kunkel_mehrmann", "solvability")
-    )
-    rows: list[Row] = []
-    if structure.get("blocks"):
-        sizes = ", ".join(str(len(block["equations"])) for block in structure["blocks"])
-        rows.append(("equations per block of the DAE", sizes, ""))
-        rows.append(("structural analysis at this pose", structure["verdict"], ""))
-    if ranks.get("verdict") == "regular":
-        rows.append(
-            (
-                "strangeness index; a, d, v",
-                f"{ranks['mu']}; {ranks['a']}, {ranks['d']}, {ranks['v']}",
-                "",
-            )
-        )
-        rows.append(("singular value gap of the rank decisions", ranks["gap"], "relative"))
-    elif ranks:
-        rows.append(("strangeness index", ranks.get("verdict"), ""))
-    if solvable.get("singular_values"):
-        rows.append(
-            ("solvability, smallest singular value", min(solvable["singular_values"]), "relative")
-        )
-    if solvable.get("controllability") is not None:
-        rows.append(
-            ("controllability, smallest singular value", solvable["controllability"], "relative")
-        )
-    return rows
-
-
-def _compliance_rows(data: dict[str, Any] | None) -> list[Row]:
-    """Rows of the compliance of the tool."""
-    if data is None or not any(data["principal_m_per_N"]):
-        return []
-    along = ", ".join(f"{round(x, 2) + 0.0:.2f}" for x in data["directions"][0])
-    rows: list[Row] = [
-        (
-            "compliance of the tool with held motors",
-            _millionths(data["principal_m_per_N"]),
-            "um/N",
-        ),
-        ("direction of the largest, in the world", along, ""),
-        (
-            "rotation of the tool with held motors",
-            _millionths(data["principal_rad_per_Nm"]),
-            "urad/(N m)",
-        ),
-    ]
-    if data["resonance_hz"] is not None:
-        peak = data["resonance_m_per_N"]
-        largest = "not bounded: a mode without damping" if peak is None else 1e6 * peak
-        rows.append(
-            (
-                f"compliance at {number(data['resonance_hz'])} Hz, largest of all frequencies",
-                largest,
-                "" if peak is None else "um/N",
-            )
-        )
-    return rows
-
-
-def _millionths(values: Sequence[float]) -> str:
-    """Values in millionths; those that are zero but for rounding as 0."""
-    return ", ".join(
-        number(1e6 * x) if abs(x) > 1e-9 * max(map(abs, values)) else "0" for x in values
-    )
 
 
 def figure_rows(result: Solution | Simulation) -> list[Row]:
