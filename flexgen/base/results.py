@@ -14,7 +14,7 @@ from typing import Any, ClassVar, Self
 
 from flexgen.base import registry
 from flexgen.base.checks.type_checks import checked_methods
-from flexgen.base.display import as_json, plain, short_text
+from flexgen.base.display import as_json, plain, short_repr, short_text
 from flexgen.base.errors import ArgumentError
 from flexgen.base.rows import Data, Part, Prose, Row, data_of
 
@@ -22,6 +22,8 @@ from flexgen.base.rows import Data, Part, Prose, Row, data_of
 @checked_methods
 class Result:
     """Base of the public results."""
+
+    __repr__ = short_repr
 
     @property
     def problem(self) -> str:

@@ -115,7 +115,7 @@ def build_parser(only: str | None = None) -> Parser:
         if all_of_them or name == only:
             _add_verb(kinds if kind else group, kind or name, verb, parser)
         elif not kind:
-            helped: dict[str, Any] = {"help": _summary(verb)} if only == "" else {}
+            helped: dict[str, Any] = {"help": summary_of(verb)} if only == "" else {}
             group.add_parser(name, **helped)
     return parser
 
@@ -174,7 +174,7 @@ def _action(verb: Verb) -> Any:
     return getattr(import_module(f"flexgen.cli.verbs.{module}"), function)
 
 
-def _summary(verb: Verb) -> str:
+def summary_of(verb: Verb) -> str:
     """Summary of a verb: of its row, or the first paragraph of the docstring of its function."""
     if not (verb.summary or verb.action):
         return signature_of(verb.function).summary
@@ -185,7 +185,7 @@ def _summary(verb: Verb) -> str:
 def _add_verb(group: Any, name: str, verb: Verb, root: Parser) -> None:
     """Add a verb; the first paragraph of the docstring of its function is its help."""
     action = _action(verb)
-    summary = _summary(verb)
+    summary = summary_of(verb)
     parser: Parser = group.add_parser(name, help=summary, description=summary)
     parser.set_defaults(action=action, parser=parser, row=verb, root=root)
     if verb.takes_model != "none":

@@ -1,4 +1,6 @@
-"""The tables of exports in two pages, from the rows in `flexgen/__init__.py`."""
+"""The tables of exports in two pages, from the rows in `flexgen/__init__.py`, and a row for each
+verb that the page of the command line does not have.
+"""
 
 from __future__ import annotations
 
@@ -9,6 +11,8 @@ from pathlib import Path
 
 import flexgen  # fills registry.EXPORTS
 from flexgen.base.registry import EXPORTS, Export
+from flexgen.cli.parser import summary_of
+from flexgen.cli.verb_tables.verbs import VERBS
 
 ROOT = Path(flexgen.__file__).resolve().parents[1]
 README = ROOT / "flexgen" / "exports" / "README.md"
@@ -41,6 +45,25 @@ def command_row(exports: Mapping[str, Export]) -> str:
     )
 
 
+def verbs_of_table(page: str) -> list[str]:
+    """The verbs in the table of the page of the command line, in its order."""
+    table = page.partition("| verb |")[2].partition("\n\n")[0]
+    return [
+        name
+        for line in table.splitlines()[2:]
+        for name in re.findall(r"`([-\w]+)[^`]*`", line.split("|")[1])
+    ]
+
+
+def rows_of_new_verbs(page: str) -> str:
+    """A row with its help for each verb that the table does not have."""
+    missing = {name.partition(" ")[0] for name in VERBS} - set(verbs_of_table(page))
+    texts = {name: summary_of(VERBS[name]).rstrip(".") for name in sorted(missing)}
+    return "".join(
+        f"| `{name}` | {text[:1].lower()}{text[1:]} |\n" for name, text in texts.items()
+    )
+
+
 def pages(exports: Mapping[str, Export] = EXPORTS) -> dict[Path, str]:
     """The texts of both pages, with their tables written anew."""
     readme, commands = (page.read_text(encoding="utf-8") for page in (README, COMMANDS))
@@ -48,5 +71,5 @@ def pages(exports: Mapping[str, Export] = EXPORTS) -> dict[Path, str]:
     row = re.compile(re.escape(START) + r".*\n")
     return {
         README: table.sub(lambda _: readme_table(exports), readme),
-        COMMANDS: row.sub(lambda _: command_row(exports), commands),
+        COMMANDS: row.sub(lambda _: rows_of_new_verbs(commands) + command_row(exports), commands),
     }

@@ -1,7 +1,8 @@
 """The README of each room, rendered from the docstrings of its modules.
 
-`ORDER` states in which order a reader opens the entries of a room; the rest is the first sentence
-of their docstrings. Rooms with a page of their own, such as `exports`, are not rendered.
+`ORDER` states in which order a reader opens the entries of a room; entries that it does not name
+follow by name. The rest is the first sentence of their docstrings. Rooms with a page of their own,
+such as `exports`, are not rendered.
 """
 
 from __future__ import annotations
@@ -51,7 +52,7 @@ def page(room: Path, order: list[str]) -> str:
     """The README of a room."""
     found = entries(room)
     rows = []
-    for name in order:
+    for name in [*order, *sorted(found.keys() - set(order))]:
         path = found[name]
         label = f"{name}/" if path.stem == "__init__" else path.name
         rows.append(f"- `{label}`: {sentence(path)}")

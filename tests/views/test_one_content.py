@@ -6,6 +6,7 @@ what `content` returns is not looked at.
 
 from __future__ import annotations
 
+import doctest
 import html
 import re
 import tempfile
@@ -202,11 +203,33 @@ MADE: dict[str, Callable[[], Result]] = {
 SHORTER_TEXT = {"Check"}
 
 
+def made_by_example(name: str) -> Callable[[], Result]:
+    """A result of a class as the example of its docstring makes it: the first of its objects."""
+
+    def make() -> Result:
+        names: dict[str, object] = {"flexgen": flexgen}
+        what = getattr(flexgen, name)
+        (test,) = doctest.DocTestFinder(recurse=False).find(what, name, globs=names)
+        doctest.DocTestRunner(verbose=False).run(test, clear_globs=False)
+        made = [one for one in test.globs.values() if isinstance(one, what)]
+        assert made, f"the example of {name} keeps none: begin with `>>> found = ...`, or see MADE"
+        return made[0]
+
+    return make
+
+
+for _name, _class in public_results().items():
+    if _class.has_content() and _name not in {*MADE, *SHORTER_TEXT}:
+        MADE[_name] = made_by_example(_name)
+
+
 def test_every_public_result_has_a_content_or_is_listed():
-    results = public_results()
-    assert {name for name, one in results.items() if not one.has_content()} == WITHOUT
-    converted = {name for name, one in results.items() if one.has_content()}
-    assert converted == set(MADE) | SHORTER_TEXT
+    without = {name for name, one in public_results().items() if not one.has_content()}
+    assert without == WITHOUT, "add the method content to the class"
+
+
+def test_a_result_without_an_entry_is_that_of_its_example():
+    assert isinstance(made_by_example("Frf")(), flexgen.Frf)
 
 
 @pytest.mark.parametrize("name", MADE)
