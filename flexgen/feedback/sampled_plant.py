@@ -17,8 +17,8 @@ from scipy.linalg import expm
 def hold_effects(
     A: np.ndarray, B: np.ndarray, sample_s: float, rest_s: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Effect on the next sample of an input that acts until ``rest_s``, and of one that acts from
-    there on.
+    """Effect (n, m) on the next sample of an input that acts until ``rest_s`` [s] after a sample,
+    and of one that acts from there on: ``int exp(A t) B dt`` over each part.
     """
     n, m = B.shape
 
@@ -33,7 +33,9 @@ def hold_effects(
 def sample_model(
     A: np.ndarray, B: np.ndarray, sample_s: float, delay_s: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """``F`` and ``G`` of the model with torques under way; see the text of this module."""
+    """``F`` and ``G`` of the sampled model ``x' = A x + B u`` whose torques act ``delay_s`` [s]
+    later; the torques on their way are states, the oldest first, see the text of this module.
+    """
     n, n_m = B.shape
     whole = int(delay_s / sample_s + 1e-9)
     rest = delay_s - whole * sample_s
@@ -71,7 +73,9 @@ def sampled_plant(
     late: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """``F, G, Y``: x_(k+1) = F x_k + G u_k, y_k = Y x_k, where output i is shown ``late[i]``
-    samples later.
+    samples later; A, B, C, D: of the continuous model.
+
+    With a direct term D the torque that acts when the sample is taken is a state too.
     """
     F, G = sample_model(A, B, sample_s, delay_s)
     (n, n_m) = B.shape

@@ -120,7 +120,12 @@ class BoundLaw:
         return Compiled(address, memory.view(np.uint8), 8, {}, (module, shared, keep))
 
     def _make_shared(self, setup: Setup) -> tuple[_Shared, tuple[Any, ...]]:
-        """Data that all robots share, and objects that must exist as long."""
+        """The C structure with tables, gains and addresses of library functions, and the Python
+        objects that must live as long as it.
+
+        Matrices are stored by columns, as C reads them; ``past``, ``durations`` [s] and ``steps``
+        are the segments over which a delay is predicted.
+        """
         n = self.model.n_m
         (parts, half_steps) = self._segments()
         addresses: dict[str, int] = {}
@@ -167,7 +172,11 @@ class BoundLaw:
         self._now["torques"] = [self.start.copy() for _ in range(self._delayed)]
 
     def step(self, k: int, y: Measurement, ref: Reference) -> np.ndarray:
-        """Torques (n_m,) [N m]; `reset` first."""
+        """Torques (n_m,) [N m] of sample ``k`` from the measurement; `reset` first.
+
+        The reference is row k of the law's table, not ``ref``; after its last row the last one is
+        held.
+        """
         x = self._read_state(k, np.concatenate([y.q_m, y.sensors]))
         d = self.table[min(k, len(self.table) - 1)]
         steps: dict[str, Callable[[np.ndarray, np.ndarray], np.ndarray]] = {
@@ -181,7 +190,12 @@ class BoundLaw:
         return u
 
     def _read_state(self, k: int, y: np.ndarray) -> np.ndarray:
-        """The measured state ``q_a, v_a, q_m, v_m`` (4, n)."""
+        """The state ``q_a, v_a, q_m, v_m`` (4, n) [rad or m, and per s] of sample ``k``.
+
+        It is measured where ``state`` is the first of its channels in ``y``. Otherwise speeds are
+        differences of two samples, zero at the first one, and a law without link encoders gets
+        ``q_a = 0``.
+        """
         n = self.model.n_m
         if self.state >= 0:
             return y[self.state : self.state + 4 * n].reshape(4, n).copy()
@@ -209,6 +223,10 @@ class BoundLaw:
         return np.array([x[1], a_a, x[3], a_m])
 
     def _integrate(self, x: np.ndarray, tau: np.ndarray, h: float, steps: int) -> np.ndarray:
+        """The state x (4, n) after ``steps`` steps of length h [s] with constant motor torques tau
+        [N m], by the classical method of Runge and Kutta. The order of the sums is that of the C
+        code, to the bit.
+        """
         for _ in range(steps):
             k1 = self._rate(x, tau)
             k2 = self._rate(x + 0.5 * h * k1, tau)
@@ -218,6 +236,13 @@ class BoundLaw:
         return x
 
     def _linearisation(self, x: np.ndarray, d: np.ndarray) -> np.ndarray:
+        """Torques (n_m,) [N m] of feedback linearization at the predicted state.
+
+        The state x (4, n) is integrated over the delay under the torques already sent. With
+        ``half_steps`` it is integrated by another half sample, under the torque of the state so
+        far, because the torque is held for a whole one; the reference ``d`` then has a second
+        block of 5 n numbers for that instant.
+        """
         parts, half_steps = self._segments()
         for age, duration, steps in parts:
             x = self._integrate(x, self._now["torques"][age - 1], duration / steps, steps)
@@ -228,6 +253,14 @@ class BoundLaw:
         return self._linearize(x, d)
 
     def _linearize(self, x: np.ndarray, d: np.ndarray) -> np.ndarray:
+        """Torques (n_m,) [N m] with which the fourth derivative of each joint is that of a stable
+        chain:
+
+            s = s_d + g3 (j_d - j) + g2 (a_d - a) + g1 (v_d - v) + g0 (q_d - q)
+
+        ``x``: state (4, n); ``d``: the reference ``q v a j s`` as one row, whose first 5 n numbers
+        are used. Acceleration a and jerk j follow from the state by the model.
+        """
         n = self.model.n_m
         g = self.gains
         q_d, v_d, a_d, j_d, s_d = d[: 5 * n].reshape(5, n)
@@ -236,6 +269,14 @@ class BoundLaw:
         return self._call("torque", x[0], x[1], a, j, s, x[2], x[3])[0]
 
     def _computed_torque(self, x: np.ndarray, d: np.ndarray) -> np.ndarray:
+        """Torques (n_m,) [N m] of computed torque at the motors, ``a = a_d + g1 (v_d - v) + g0
+        (q_d - q)``:
+
+            u = J_m eta a + f_m(v_m) + eta^-T T(q, v, a)
+
+        q, v: motor angles and speeds at the joints; T: torques of the rigid arm. ``x``: state (4,
+        n); ``d``: ``q v a`` (3 n,) of the reference.
+        """
         n = self.model.n_m
         g = self.gains
         eta = np.array(self.model.eta)
@@ -251,6 +292,14 @@ class BoundLaw:
         return u
 
     def _joint_torque(self, x: np.ndarray, d: np.ndarray) -> np.ndarray:
+        """Torques (n_m,) [N m] of feedback of motor angles and gear torques:
+
+            u = u_d + g0 (q_d - q_m) + g1 (v_d - v_m) + g2 (T_d - T) + g3 (T'_d - T')
+
+        T, T': torque of the gears and its rate on the motor side, from deflections by the law of
+        the springs. ``x``: state (4, n); ``d``: ``u q v T T'`` (5 n,) of the reference. Without a
+        gear function only the motors are fed back.
+        """
         n = self.model.n_m
         g = self.gains
         inverse = np.linalg.inv(self.model.eta)

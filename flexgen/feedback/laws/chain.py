@@ -26,8 +26,11 @@ FORMS: tuple[FormName, ...] = get_args(FormName)
 
 
 def chain_gains(frequency_hz: float, n: int, form: str, sample_s: float) -> np.ndarray:
-    """Gains ``g_0 ... g_(n-1)`` (n,) [1/s^n, ..., 1/s] of a chain of n integrators with all poles
-    at -2 pi f.
+    """Gains ``g_0 ... g_(n-1)`` (n,) [1/s^n, ..., 1/s] that place all poles of a chain of ``n``
+    integrators at -2 pi f.
+
+    ``form``: "continuous", by the binomial formula; otherwise the poles of the sampled chain are
+    placed at ``exp(-2 pi f h)``, h = ``sample_s``, by Ackermann's formula.
     """
     w = 2 * math.pi * frequency_hz
     if form == "continuous":
@@ -43,7 +46,9 @@ def chain_gains(frequency_hz: float, n: int, form: str, sample_s: float) -> np.n
 
 
 def _integrators(n: int, h: float) -> tuple[np.ndarray, np.ndarray]:
-    """The chain over a time h with its input held: ``x(h) = A x + B s``."""
+    """Transition of a chain of n integrators over a time h [s] with its input s held, ``x(h) = A x
+    + B s``: A (n, n), B (n,), terms of the Taylor series.
+    """
     A = np.array(
         [
             [h ** (j - i) / math.factorial(j - i) if j >= i else 0.0 for j in range(n)]
@@ -54,8 +59,11 @@ def _integrators(n: int, h: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def chain_loop(gains: np.ndarray, timing: Timing) -> np.ndarray:
-    """Matrix of the sampled loop: chain, its last measurement, and the inputs under way, the
-    newest first.
+    """Matrix of the sampled loop of a chain of integrators with these gains (n,).
+
+    The state is the chain (n), its last measurement (n), and the inputs on their way (newest
+    first), ``2 n + timing.whole + 2`` numbers. As in the law, odd derivatives may be differences
+    of two samples, and the delay is predicted.
     """
     n = len(gains)
     h = timing.sample_s
@@ -123,7 +131,14 @@ def largest_frequency(n: int, form: str, timing: Timing) -> float:
 def stable_gains(
     frequency_hz: float, n: int, form: str, timing: Timing, allow_unstable: bool = False
 ) -> np.ndarray:
-    """`chain_gains`; ArgumentError where the sampled loop with them is not stable."""
+    """`chain_gains` of a chain whose sampled loop is stable.
+
+    Raises
+    ------
+    ArgumentError
+        The loop is unstable and not ``allow_unstable``; the message has the largest frequency [Hz]
+        with which it is stable.
+    """
     gains = chain_gains(frequency_hz, n, form, timing.sample_s)
     size = largest_eigenvalue(gains, timing)
     if not (np.isfinite(gains).all() and size < STABLE) and not allow_unstable:

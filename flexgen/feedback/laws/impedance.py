@@ -185,8 +185,18 @@ class Impedance(LinearDesign):
     def _of_motors(
         self, model: RobotModel, motion: Sequence[np.ndarray]
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Stiffness and damping (parts, n_m, n_m) between the motors and their references [N
-        m/rad, N m s/rad].
+        """Stiffness and damping (parts, n_m, n_m) [N m/rad, N m s/rad] between motors and their
+        references at the poses of a motion.
+
+        ``A^T K A`` with the given stiffness K at the tool or at the joints; A: velocities there
+        over those of the motors with rigid springs. Without a given damping each mode has
+        ``damping_ratio`` with the inertia of the rigid robot, of which torque feedback hides a
+        part of the rotors.
+
+        Raises
+        ------
+        ArgumentError
+            The numbers do not fit the joints, or leave a motion of the motors without stiffness.
         """
         inverse = np.linalg.inv(model.eta)
         parts = len(motion[0])

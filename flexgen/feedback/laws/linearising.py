@@ -97,7 +97,13 @@ class FeedbackLinearisation(ModelLaw):
         return f"feedback linearization, {self.form}{extra}, {self.frequency_hz:.3g} Hz"
 
     def bound(self, motion: LawMotion) -> BoundLaw:
-        """The law for a planned motion."""
+        """The law for a planned motion: gains of a chain of four integrators, and a table with the
+        reference ``q v a j s``, with prediction at two instants (after the delay, and half a
+        sample later).
+
+        ArgumentError where the robot is not one of elastic joints, a link encoder is missing, or
+        the loop is unstable.
+        """
         model = motion.model
         reason = obstacle(model, "elastic joints")
         if reason is not None:
@@ -163,7 +169,11 @@ class ComputedTorque(ModelLaw):
         return f"computed torque, {self.frequency_hz:.3g} Hz"
 
     def bound(self, motion: LawMotion) -> BoundLaw:
-        """The law for a planned motion."""
+        """The law for a planned motion: gains ``w^2, 2 w`` of a double pole at w = 2 pi f, and a
+        table with the reference ``q v a``.
+
+        ArgumentError where the law does not take the robot, or the loop is unstable.
+        """
         model = motion.model
         timing = motion.timing()
         reason = obstacle(model, "computed torque")
@@ -190,7 +200,11 @@ class ComputedTorque(ModelLaw):
         )
 
     def _check(self, motion: LawMotion, gains: np.ndarray) -> None:
-        """ArgumentError where the sampled loop is unstable."""
+        """Refuse gains (4,) with which the sampled loop of the linearized robot is unstable.
+
+        Rigid gears: the law makes chains of two integrators, which are tested as such. Elastic
+        gears: the eigenvalues at poses of the motion are computed.
+        """
         model = motion.model
         inverse = np.linalg.inv(motion.model.eta)
         # behind rigid gears the law makes chains of two integrators
@@ -200,6 +214,9 @@ class ComputedTorque(ModelLaw):
             return
 
         def feedback(q_a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            """Gains (n_m, n_m + n_a columns of the coordinates) on angles and speeds at a pose
+            ``q_a`` (n_a,): those of the motors times the inertia that the law assumes.
+            """
             M = evaluate(motion.equations.function("mass_matrix"), q_a[None])[0].reshape(
                 model.n_a, model.n_a
             )

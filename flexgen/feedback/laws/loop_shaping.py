@@ -160,7 +160,13 @@ class LoopShaping(LinearDesign):
         return "a shorter sample time or delay, or another low_pass_hz"
 
     def _shape(self, inertias: np.ndarray) -> System:
-        """W for all motors."""
+        """The weight W of all motors, ``A, B, C, D``, from angle errors to torques:
+
+            W = w_c^2 J (1 + w_i/s) w_l^2/(s^2 + sqrt(2) w_l s + w_l^2)
+
+        ``inertias`` J (n_m,) [kg m^2]: seen by the motors, with which the loop gain is about 1 at
+        w_c.
+        """
         w_c, w_i, w_l = (
             2 * np.pi * x for x in (self.crossover_hz, self.integral_hz, self.low_pass_hz)
         )
@@ -180,7 +186,10 @@ class LoopShaping(LinearDesign):
 
 
 def linear_plant(model: RobotModel, motion: Sequence[np.ndarray]) -> System:
-    """From motor torques to motor angles at a pose."""
+    """State space ``A, B, C, D`` from motor torques [N m] to motor angles [rad] of the robot
+    linearized at the first point of ``motion``,
+    `flexgen.feedback.loop.plants.LocalDynamics.matrices`.
+    """
     M, D, K, B = (x[0] for x in LocalDynamics(derive(model)).matrices(motion, np.zeros(0)))
     n = len(M)
     inverse = np.linalg.inv(M)
@@ -191,7 +200,13 @@ def linear_plant(model: RobotModel, motion: Sequence[np.ndarray]) -> System:
 
 
 def pade(delay_s: float, inputs: int) -> System:
-    """``exp(-s T)`` as ``(12 - 6 s T + (s T)^2)/(12 + 6 s T + (s T)^2)`` for each input."""
+    """State space of a delay T = ``delay_s`` in each of ``inputs`` signals, by Padé's formula of
+    second order:
+
+        exp(-s T) = (12 - 6 s T + (s T)^2)/(12 + 6 s T + (s T)^2)
+
+    Without a delay it has no states.
+    """
     if delay_s <= 0:
         return np.zeros((0, 0)), np.zeros((0, inputs)), np.zeros((inputs, 0)), np.eye(inputs)
     a = 12.0 / delay_s**2
@@ -210,8 +225,16 @@ def series(first: System, second: System) -> System:
 
 
 def coprime_controller(plant: System, factor: float) -> tuple[System, float]:
-    """Controller of ``y_ref - y`` for a strictly proper plant, and gamma; SolverError where there
-    is none.
+    """Controller of ``y_ref - y`` for a strictly proper plant that is robust against perturbations
+    of its normalized coprime factors, as ``A, B, C, D``, and gamma.
+
+    ``factor``: gamma over its smallest possible value; 1/gamma is the perturbation that is
+    tolerated.
+
+    Raises
+    ------
+    SolverError
+        One of the two Riccati equations has no stabilizing solution.
     """
     A, B, C, _ = plant
     n = len(A)

@@ -133,7 +133,13 @@ class _Design:
         self.noise = np.array([options.encoder_noise] * model.n_m + used) ** 2
 
     def part(self, motion: Sequence[np.ndarray]) -> tuple[np.ndarray, ...]:
-        """``A, B, C, D`` of the controller at one point of a motion."""
+        """``A, B, C, D`` of the sampled controller at one point of a motion, from ``y_ref - y`` to
+        torques.
+
+        A Kalman filter of the state, the torques on their way and a disturbance torque of each
+        motor; its estimate is fed back by the gain of the regulator, and the disturbance is
+        compensated.
+        """
         check_time("gains of the controller")
         at = self.poses.at(motion)
         h = self.sample_s
@@ -181,8 +187,19 @@ def _expected_force(model: RobotModel) -> float:
 def regulator(
     at: PoseModel, F: np.ndarray, G: np.ndarray, rho: float, u_max: np.ndarray
 ) -> np.ndarray:
-    """Gain (n_m, size) of the regulator on the state with the torques under way; see the text of
-    this module.
+    """Gain (n_m, size) of the regulator on the state with the torques on their way, see the text
+    of this module.
+
+    Parameters
+    ----------
+    at : PoseModel
+        Its W gives the weighted outputs.
+    F, G : array
+        Sampled model, from `sample_model`.
+    rho : float
+        Weight of the torques.
+    u_max : array (n_m,) [N m]
+        Scale of the torques.
     """
     n = len(at.A)
     size = len(F)

@@ -33,6 +33,9 @@ POSES = 40  # of the motion where Tomei's condition is tested
 def _vector(
     given: Sequence[float] | np.ndarray, name: str, n: int, signed: bool = False
 ) -> np.ndarray:
+    """The parameter ``name`` of a law as ``n`` numbers, one for each motor; ``signed``: they may
+    be negative. ArgumentError for another length or another kind.
+    """
     _check_vector(given, name, signed)
     if len(given) != n:
         what = "finite numbers" if signed else "numbers > 0"
@@ -116,6 +119,10 @@ class TomeiPD(ModelLaw):
         return f"Tomei PD, {self.frequency_hz:.3g} Hz" if self.k_p is None else "Tomei PD"
 
     def _gains(self, motion: LawMotion) -> tuple[np.ndarray, np.ndarray]:
+        """``k_p`` [N m/rad] and ``k_d`` [N m s/rad], (n_m,) each: the given ones, or those of
+        ``frequency_hz`` and ``damping`` with the inertia J that the motors see at the start, ``k_p
+        = w^2 J``, ``k_d = 2 damping w J``.
+        """
         n = motion.model.n_m
         if self.k_p is not None and self.k_d is not None:
             return _vector(self.k_p, "k_p", n), _vector(self.k_d, "k_d", n)
@@ -124,7 +131,12 @@ class TomeiPD(ModelLaw):
         return w * w * J, 2 * self.damping * w * J
 
     def bound(self, motion: LawMotion) -> BoundLaw:
-        """The law for a planned motion."""
+        """The law for a planned motion: a PD controller around the feedforward torque, or around
+        the torque that carries gravity where ``feedforward`` is False.
+
+        ArgumentError where the robot is not one of elastic joints, Tomei's condition does not
+        hold, or the sampled loop is unstable.
+        """
         model = motion.model
         n = motion.model.n_m
         _refuse(obstacle(model, "elastic joints"), "TomeiPD")
@@ -155,7 +167,10 @@ class TomeiPD(ModelLaw):
 
 
 def _check_gravity(motion: LawMotion, k_p: np.ndarray) -> None:
-    """Tomei's condition at poses of the motion; ArgumentError where it is violated."""
+    """Refuse gains ``k_p`` (n_m,) [N m/rad] that violate Tomei's condition at poses of the motion:
+    the smallest eigenvalue of the stiffness of springs and gains exceeds alpha, the largest norm
+    of ``dg/dq_a`` [N m/rad].
+    """
     model = motion.model
     reference = motion.reference
     q = ca.SX.sym("q_a", model.n_a)
@@ -234,7 +249,12 @@ class JointTorqueFeedback(ModelLaw):
         )
 
     def _gains(self, motion: LawMotion, K: np.ndarray) -> np.ndarray:
-        """``k_p, k_d, k_t, k_s`` (4, n_m)."""
+        """``k_p, k_d, k_t, k_s`` (4, n_m): the given ones, or those that place the four poles of
+        each joint at -2 pi f.
+
+        ``K``: stiffness (n_a,) [N m/rad] of the gears at zero; the inertia of a link is its
+        diagonal element of the mass matrix at the start.
+        """
         model = motion.model
         n = motion.model.n_m
         if self.k_p is not None:
@@ -263,7 +283,12 @@ class JointTorqueFeedback(ModelLaw):
         return np.array([k_p / ratio**2, k_d / ratio**2, k_t, k_s])
 
     def bound(self, motion: LawMotion) -> BoundLaw:
-        """The law for a planned motion."""
+        """The law for a planned motion: gains, and a table with torque, motor angle and speed,
+        gear torque and its rate along the motion.
+
+        ArgumentError where the robot is not one of elastic joints, a link encoder is missing, or
+        the sampled loop is unstable.
+        """
         model = motion.model
         n = motion.model.n_m
         _refuse(obstacle(model, "elastic joints"), "JointTorqueFeedback")

@@ -211,7 +211,17 @@ def with_viscous_friction(model: RobotModel) -> RobotModel:
 def _margins(
     loop: LoopAtPose, equations: Equations, point: Mapping[str, np.ndarray], hz: np.ndarray
 ) -> np.ndarray:
-    """``mu`` at the frequencies ``hz``, at one pose."""
+    """``mu`` (len(hz),) [N s/m] of the loop at a pose, at frequencies ``hz`` [Hz].
+
+    A sampled controller couples a frequency with its aliases, so the mobility from force to speed
+    is a matrix over aliases and directions. mu is computed with `ALIASES` and with half of them,
+    and extrapolated. ``point``: ``q_a``, ``v_a``, ``a_a`` there.
+
+    Raises
+    ------
+    ArgumentError
+        No joint moves the tool, or the controller uses a sensor for which mu does not exist.
+    """
     m = loop.model
     T = loop.sample_s
     n_a = equations.model.n_a
@@ -265,8 +275,11 @@ def _least(Q: np.ndarray) -> float:
 def _check_signals(
     loop: LoopAtPose, equations: Equations, point: Mapping[str, np.ndarray]
 ) -> None:
-    """ArgumentError where the controller uses a sensor that a force on the tool changes at
-    once.
+    """Refuse a controller that uses a sensor which a force on the tool changes at once: the
+    sampled loop has no passivity there, and its model with held signals does not apply.
+
+    ``point``: ``q_a``, ``v_a``, ``a_a`` of the pose. Also refused: signals that follow such a
+    force as fast as a speed, and late ones.
     """
     model = equations.model
     pushed = equations.pushed

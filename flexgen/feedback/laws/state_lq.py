@@ -62,7 +62,12 @@ class LQ(ModelLaw):
         return f"LQ, rho {self.rho:.3g}"
 
     def bound(self, motion: LawMotion) -> Linear:
-        """The controller for a planned motion; SolverError where a pose has no gain."""
+        """The controller for a planned motion: gains of the regulator at up to `PARTS` parts of
+        it.
+
+        ArgumentError where the robot has rigid gears, or a coordinate has no link encoder;
+        SolverError where a pose has no gain.
+        """
         model = motion.model
         n_a = motion.model.n_a
         n_m = motion.model.n_m
@@ -93,8 +98,10 @@ class LQ(ModelLaw):
     def _part(
         self, K: np.ndarray, motion: LawMotion, links: np.ndarray | None, n_y: int
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """``A, B, C, D`` from ``y_ref - y`` for the gain of one pose; states: last angles, torques
-        under way.
+        """``A, B, C, D`` from ``y_ref - y`` to torques for the gain ``K`` (n_m, size) of one pose.
+
+        States: last angles (without an exact state, for speeds by differences), and torques on
+        their way. ``links``: channels of the link encoders; ``n_y``: number of channels.
         """
         n_a = motion.model.n_a
         n_m = motion.model.n_m

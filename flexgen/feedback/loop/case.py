@@ -117,8 +117,12 @@ def control_case(
     force: Any = None,
     progress: Callable[[str], None] | None = None,
 ) -> Case:
-    """Case of `control` without a controller: solve the move, make the robots, find their rest
-    positions; see `control`.
+    """Prepare a case of `control` without a controller: solve the move, make the robots, find
+    their rest positions and the reference; see `control` for the parameters.
+
+    A delay is split into whole samples, which the loop counts, and a rest of a sample, which the
+    drives have. The longest integration step follows from the fastest eigenvalue of all robots
+    along the motion.
     """
     tell = progress or (lambda line: None)
     robot = robot_of(model)
@@ -207,8 +211,11 @@ def control_case(
 def resting(
     reference: MotionReference, local: LocalDynamics, nominal: np.ndarray
 ) -> MotionReference:
-    """The reference with the torque of the equilibrium before the motion: under a force a solution
-    begins otherwise.
+    """The reference with the torque of the equilibrium before the motion, since under a force a
+    solution begins with another one.
+
+    ``local``: the dynamics under that force; ``nominal`` (1, n_p): run-time parameters of the
+    model. Only the samples in which the held torque has not yet changed are replaced.
     """
     (_, tau) = local.rests(reference.motion, nominal)[0]
     before = reference.time < reference.begin
@@ -259,7 +266,9 @@ def with_wall(case: Case, wall: Wall, progress: Callable[[str], None] | None) ->
 def _of_lanes(
     given: Iterable[Disturbance] | Mapping[str, Iterable[Disturbance]], names: Sequence[str]
 ) -> dict[int, tuple[Disturbance, ...]]:
-    """Disturbances of each robot by its number."""
+    """Disturbances of each robot by its number: the given ones for all, or by name of the robots
+    ``names``, of which the others have none.
+    """
     if isinstance(given, Mapping):
         unknown = [name for name in given if name not in names]
         if unknown:

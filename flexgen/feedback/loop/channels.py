@@ -125,6 +125,7 @@ def _list_names(model: RobotModel) -> list[str]:
 
 
 def _motors(name: str, motors: list[str], model: RobotModel) -> list[str]:
+    """The motors that an entry of ``outputs`` names: all of ``motors``, or one."""
     if name == MOTORS:
         return motors
     if name in motors:
@@ -170,7 +171,11 @@ def _channels(sensor: Sensor, name: str) -> tuple[str, ...]:
 
 
 def _noises(names: Sequence[str], model: RobotModel, given: Mapping[str, float]) -> np.ndarray:
-    """Standard deviation of each channel; ArgumentError where one is not above zero."""
+    """Standard deviation (n_y,) [rad, or of the sensor] of each of the channels ``names``.
+
+    ``given``: by channel, sensor or group; the most specific entry counts, and the noise of the
+    model file where there is none. ArgumentError where one is not above zero.
+    """
     motors = [motor.name for motor in model.motors]
     groups: dict[str, tuple[str, ...]] = {name: (MOTORS,) for name in motors}
     values = dict.fromkeys(motors, ENCODER_NOISE)

@@ -202,6 +202,9 @@ class ClosedLoop:
         self._robots = self._structure(library, delay)
 
     def _check_steps(self, rate: float) -> None:
+        """Refuse integration steps that are too long for the fastest eigenvalue, ``rate`` [1/s],
+        and more of them than a sample may have.
+        """
         hardware = self.hardware
         if (
             self.steps > MOST_STEPS
@@ -215,7 +218,9 @@ class ClosedLoop:
             )
 
     def _parameters(self, library: Library, given: np.ndarray | None) -> np.ndarray:
-        """The run-time parameters as the library reads them."""
+        """The run-time parameters as the library reads them: (n_p,) for all robots, or (n_p,
+        lanes) of a library that takes them at each point. None: those of the library.
+        """
         n_p = len(library.parameter_names)
         used = np.array(library.parameters if given is None else given, dtype=float)
         each = library.per_point
@@ -229,6 +234,19 @@ class ClosedLoop:
     def _memory(
         self, q_a: np.ndarray, parameters: np.ndarray, seed: int, late: np.ndarray
     ) -> dict[str, np.ndarray]:
+        """Arrays that the loop in C reads and writes, by the names of its structure.
+
+        Parameters
+        ----------
+        q_a : array (lanes, n_a) [rad or m]
+            Arm coordinates at the start, at rest.
+        parameters : array
+            From `_parameters`.
+        seed : int
+            Of the noise.
+        late : array (lanes,)
+            Delay of the torques in whole samples.
+        """
         model = self.model
         hardware = self.hardware
         lanes = self.lanes
@@ -285,6 +303,9 @@ class ClosedLoop:
         }
 
     def _structure(self, library: Library, delay: int) -> Robots:
+        """The structure of the loop in C: sizes, addresses of arrays, of functions of the library
+        and of the controller. ``delay``: of the torques within a sample, in integration steps.
+        """
         names = ["forward_dynamics", "forward_dynamics_tool_force", "sensors"]
         entries: list[int | None] = []
         work = np.zeros(1)
@@ -510,7 +531,21 @@ class ClosedLoop:
         return result[0]
 
     def _disturb(self, given: np.ndarray | None, samples: int) -> tuple[np.ndarray, ...]:
-        """Give the disturbances to C; arrays that must live as long as the run."""
+        """Give the disturbances of the next ``samples`` samples to C: (samples * steps, n_m + 6, 1
+        or lanes), torques of the motors [N m] and the wrench on the tool [N, N m] in each
+        integration step, for all robots or each.
+
+        Returns
+        -------
+        tuple of arrays
+            They must live as long as the run.
+
+        Raises
+        ------
+        ArgumentError
+            Another shape, numbers that are not finite, or a library without the function for
+            forces.
+        """
         self._robots.disturbed = 0
         if given is None:
             return ()
@@ -550,7 +585,9 @@ class ClosedLoop:
     def run_in_parts(
         self, reference: np.ndarray, samples: int, *, motion: bool = False
     ) -> Samples:
-        """Run some more samples as `run` does; the time limit and Ctrl-C end it between parts."""
+        """Run ``samples`` more samples as `run` does, in parts between which the time limit and
+        Ctrl-C end it. ``reference``: as of `run`; ``motion``: also keep the states.
+        """
         parts = []
         for first in range(0, samples, PART):
             check_time("closed loop")
@@ -575,8 +612,11 @@ def _encoder_terms(model: RobotModel) -> np.ndarray:
 
 
 def integration_steps(hardware: DriveHardware, rate: float) -> int:
-    """Integration steps in a sample: short enough for the fastest eigenvalue, and the delay a
-    whole number of them.
+    """Integration steps in a sample: short enough for the fastest eigenvalue, ``rate`` [1/s], and
+    so many that the delay of the drives is a whole number of them.
+
+    An exact number among the few smallest is preferred, then the smallest with an error below
+    `DELAY_ERROR`, then the best of the few.
     """
     least = max(1, math.ceil(rate * hardware.sample_s / STEP_TIMES_RATE))
     part = hardware.delay_s / hardware.sample_s

@@ -188,9 +188,11 @@ def control(
 def _run_groups(
     case: Case, controller: Controller, name: str, limited: bool, progress: Progress | None
 ) -> ControlRun:
-    """All robots of a case; where the time is limited one group after the other, the model first.
+    """Simulate all robots of a case together, or with ``limited`` time one group after the other,
+    the model first, so that the time can end between groups.
 
-    With the robots that are done at the end of the time.
+    ``name``: of the controller. Robots whose integration steps turn out too long are repeated in
+    finer ones. At the end of the time the result has the robots that are done.
     """
     robots = len(case.plants.names)
     groups = [slice(0, robots)]
@@ -223,7 +225,12 @@ def _solve_assuming(
     solution: Solution | None,
     progress: Progress | None,
 ) -> Solution | None:
-    """The solution of a move by a method and with an assumed force; None: by default."""
+    """The solution whose torques are the feedforward; None: `control` solves the move itself.
+
+    It is needed where a method is chosen, or where a ``force`` acts on the tool. ``assumed``: the
+    force that the feedforward knows, a force or a factor of the one that acts; default: the same.
+    ArgumentError for arguments that exclude each other.
+    """
     if solution is not None and method != AUTO:
         raise ArgumentError(
             f"method: given {method!r} with a solution, which has its own, expected one of both"
@@ -303,7 +310,9 @@ def _run_finer(
     progress: Progress | None,
     group: slice = slice(None),
 ) -> ControlRun:
-    """A run in more steps, time after time, as long as the steps of a robot are too long."""
+    """Repeat a run with more integration steps, by the factors `FINER`, while those of a robot are
+    too long.
+    """
     for finer in FINER:
         if any(robot.failure == TOO_LONG for robot in run.runs):
             steps = min(finer * run.steps, MOST_STEPS)
@@ -319,7 +328,12 @@ def _run(
     progress: Progress | None,
     group: slice = slice(None),
 ) -> ControlRun:
-    """Simulate the robots of a group, with the noise that they have among all."""
+    """Simulate the robots of a group; each has the noise that it has in a run of all.
+
+    ``name``: of the controller; ``steps``: integration steps in a sample, None: by the fastest
+    eigenvalue. Disturbances are computed for parts of `CHUNK` samples, so that a long run fits in
+    memory.
+    """
     reference = case.reference
     robot = case.model
     everyone = len(case.plants.names)
@@ -424,7 +438,14 @@ def _run(
 def _channels(
     robot: RobotModel, sample_s: float, signals: RobotFunction | None = None
 ) -> SensorChannels:
-    """The sensors of the model file; ArgumentError where one is slower than the drives."""
+    """Noise and delays of the sensors of the model file at a sample time ``sample_s`` [s];
+    ``signals``: their values, where these depend on a force on the tool.
+
+    Raises
+    ------
+    ArgumentError
+        A sensor has another sample time, or a delay that is not a multiple of it.
+    """
     noise: list[float] = []
     late: list[int] = []
     for sensor in robot.sensors:

@@ -120,7 +120,14 @@ class Cascade:
             self._state.pop(name, None)
 
     def step(self, k: int, y: Measurement, ref: Reference) -> np.ndarray:
-        """Torques (n_m,) [N m]; `begin` first."""
+        """Torques (n_m,) [N m] of sample ``k``; `begin` first.
+
+        With the speed error ``w = v_ref - v + k_p (q_ref - q)``, v by differences:
+
+            u = tau_ff + filters(k_v (w + k_i sum w h))
+
+        At the limit of the torque the sum stops while it would grow further.
+        """
         s = self._state
         n = len(self.speed_gain)
         if "q" not in s:
@@ -234,7 +241,10 @@ class Linear:
         self._state["z"] = np.zeros(self.order)
 
     def step(self, k: int, y: Measurement, ref: Reference) -> np.ndarray:
-        """Torques (n_m,) [N m]."""
+        """Torques (n_m,) [N m] of sample ``k``: ``u = tau_ff + C z + D e``, then ``z = A z + B
+        e``, with the error e of motor angles and sensors; the matrices are those of the part of
+        the motion.
+        """
         A, B, C, D = (x[min(k // self.samples, len(x) - 1)] for x in self.matrices)
         e = np.concatenate([ref.q_m - y.q_m, ref.sensors - y.sensors])
         z = self._state["z"]
@@ -257,6 +267,10 @@ def loop_module() -> ctypes.CDLL:
 
 
 def _in_c(name: str, memory: np.ndarray, fixed: int, keep: object = None) -> Compiled:
+    """A function ``name`` of the C of the loop as a compiled controller. ``memory`` (robots, m):
+    start of each robot's memory; ``fixed``: its first bytes that a reset keeps; ``keep``: what
+    must live as long.
+    """
     module = loop_module()
     address = ctypes.cast(module[name], ctypes.c_void_p).value
     assert address is not None

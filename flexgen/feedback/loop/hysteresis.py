@@ -107,8 +107,12 @@ def hysteretic_robots(
 
 
 def _rate(equations: Equations, layers: Sequence[Layer], bristled: bool) -> ca.Function:
-    """The rate of one robot's state; inputs as in closed_loop.c. ``layers``: exponents and gammas,
-    of all robots.
+    """The rate of one robot's state as a CasADi function, with inputs as in closed_loop.c: state,
+    motor torques, numbers, and the force on the tool where there is one.
+
+    The state is ``q_a v_a q_m v_m``, then the torque of each gear layer over its slip torque, and
+    with ``bristled`` the deflection of the bristles of each motor, from -1 to 1. ``layers``: their
+    exponents and gammas, which all robots have in common; other numbers are inputs.
     """
     model = equations.model
     lag = equations.lagrangian
@@ -160,10 +164,22 @@ def largest_rate(
     values: np.ndarray,
     law: States,
 ) -> float:
-    """Largest size of an eigenvalue right after a reversal at points of a motion, and of the laws'
-    own [1/s].
+    """Largest rate [1/s] that the integration of a robot with hysteresis must resolve.
 
-    ``motion``: all samples of ``v_a``, ``v_m``.
+    It is the largest of: eigenvalues of the robot with all layers stuck, at ``points`` of the
+    motion; the rate at which a layer comes to its slip torque, and bristles to theirs, at the
+    speeds of the motion.
+
+    Parameters
+    ----------
+    local : LocalDynamics
+    points : sequence of arrays
+        Points of the motion, as of `LocalDynamics.matrices`.
+    motion : dict
+        All samples of ``v_a``, ``v_m`` [rad/s or m/s].
+    values : array (n_p,)
+        Run-time parameters of the robot.
+    law : States
     """
     model = local.model
     motors = law.motors

@@ -213,6 +213,10 @@ class PythonController:
         reference = reference_of(ref, setup)
 
         def step(memory: int, k: int, at_y: int, at_ref: int, at_u: int) -> int:
+            """Step of a robot as C calls it with the addresses of its memory, measurement,
+            reference and torque; the memory has its number. Returns 1 after an error, whose text
+            is kept in ``errors``.
+            """
             lane = ctypes.c_int64.from_address(memory).value
             ctypes.memmove(y.ctypes.data, at_y, y.nbytes)
             ctypes.memmove(ref.ctypes.data, at_ref, ref.nbytes)
@@ -240,7 +244,10 @@ class PythonController:
 
 
 def check_step(own: Any, k: int, y: Measurement, ref: Reference, n_m: int) -> np.ndarray | str:
-    """The torques (n_m,) of a controller that is an object of Python, or the error of its step."""
+    """The torques (n_m,) [N m] of sample ``k`` of a Python controller ``own``, or the error of its
+    step as a text: an exception, another shape, numbers that are not finite, or more than
+    `SLOWEST` seconds.
+    """
     begin = time.perf_counter()
     try:
         u = np.asarray(own.step(k, y, ref), dtype=float)
@@ -281,6 +288,14 @@ class PlugIn:
     """
 
     def __init__(self, path: str | Path) -> None:
+        """Load a shared library with the functions of the controller interface.
+
+        Raises
+        ------
+        BuildError
+            It is not a shared library of this computer, lacks a function, or has another version
+            of the interface.
+        """
         self.path = Path(path)
         try:
             self._library = load_verified(verify_file(self.path), advice=_ADVICE)
@@ -307,7 +322,9 @@ class PlugIn:
         self._step = found["step"]
 
     def compiled(self, setup: Setup) -> Compiled:
-        """The functions of the library, each robot with its own memory."""
+        """The functions of the library, each robot with its own memory, which its reset has
+        initialized. ArgumentError where it asks for too much memory or refuses the robot.
+        """
 
         def of(lane: int) -> _CSetup:
             return _CSetup(

@@ -71,10 +71,14 @@ class LawMotion:
         return sum(len(sensor.channels) for sensor in self.model.sensors)
 
     def link_channels(self, law: str) -> np.ndarray | None:
-        """Channels (n_a,) of the link encoders; None where the exact state is measured.
+        """Channels (n_a,) of the link encoders of the arm coordinates; None where the exact state
+        is measured. ``law``: its name, for the error.
 
-        ArgumentError where a coordinate has none, or a late one only: the laws take all angles at
-        one instant.
+        Raises
+        ------
+        ArgumentError
+            A coordinate has no encoder, or one with a delay only: the laws take all angles at one
+            instant.
         """
         if self.exact_state:
             return None

@@ -97,8 +97,10 @@ class LoopResponse:
 
 
 def as_linear(controller: Any, sample_s: float, n_y: int) -> Linear | None:
-    """A cascade or linear controller (of its first part) as ``A, B, C, D`` from ``y_ref - y``;
-    None for others.
+    """A cascade, or a linear controller of its first part, as ``A, B, C, D`` from ``y_ref - y`` to
+    torques, with ``n_y`` channels at a sample time ``sample_s`` [s]; None for others.
+
+    The speed feedforward of a cascade and its torque limits are left out.
     """
     if isinstance(controller, Linear):
         A, B, C, D = (x[0] for x in controller.matrices)
@@ -177,7 +179,9 @@ class LoopAtPose:
         )
 
     def largest_eigenvalue(self, gain: float = 1.0, more_delay_s: float = 0.0) -> float:
-        """Of the closed loop, absolute."""
+        """Largest absolute eigenvalue of the closed loop with the controller times ``gain`` and
+        ``more_delay_s`` [s] of additional delay; below 1: stable.
+        """
         if not (is_number(more_delay_s) and 0 <= more_delay_s <= MOST_LATE * self.sample_s):
             raise ArgumentError(
                 f"more_delay_s: given {show_value(more_delay_s)}, expected 0 to "
@@ -211,6 +215,9 @@ class LoopAtPose:
         return float(abs(np.angle(worst)) / (2.0 * np.pi * self.sample_s))
 
     def _plant(self, more_delay_s: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The sampled plant ``F, G, Y`` with ``more_delay_s`` [s] of additional delay; the last
+        one is kept, since a search for a gain asks for it again and again.
+        """
         if more_delay_s not in self._plants:
             m = self.model
             delay_s = self.delay_s + more_delay_s
@@ -234,7 +241,9 @@ class LoopAtPose:
         return Margins(True, largest, gain, delay, hz[0], phase, hz[1])
 
     def response(self, low_hz: float) -> LoopResponse:
-        """Loop gain from ``low_hz`` to half the sample rate."""
+        """Singular values and ``det(I + L)`` of the loop gain L = controller times plant, at
+        frequencies from ``low_hz`` to half the sample rate [Hz].
+        """
         h = self.sample_s
         if not (is_number(low_hz) and LEAST_HZ <= low_hz < 0.499 / h):
             raise ArgumentError(
@@ -260,7 +269,9 @@ class LoopAtPose:
 def _find_largest(
     stable: Callable[[float], bool], start: float, values: Sequence[float] | np.ndarray
 ) -> float:
-    """Largest value up to which the loop is stable; infinite where it is at all of them."""
+    """Largest value up to which the loop is stable, from ``start``, where it is, along rising
+    ``values``, then by bisection; infinite where it is stable at all of them.
+    """
     low = start
     for value in values:
         if not stable(float(value)):
@@ -290,9 +301,18 @@ def loops_at(
     samples: np.ndarray,
     poses: PoseModels | None = None,
 ) -> list[LoopAtPose]:
-    """The linear loops at points of a motion (k, ...), its samples (k,); empty: not linear.
+    """The linear loops at points of a motion; empty where the controller is not linear.
 
-    ``poses``: of a robot that differs from the model.
+    Parameters
+    ----------
+    controller : Linear, Cascade or another
+    sample_s, delay_s : float [s]
+    motion : arrays (k, ...)
+        Points, as of `PoseModels.at`.
+    samples : array (k,)
+        Their samples, by which the part of a controller is chosen.
+    poses : PoseModels, optional
+        Of a robot that differs from the model.
     """
     poses = poses or PoseModels(model)
     out = []

@@ -85,7 +85,9 @@ def controller_of(
 
 
 def _ppi_name(ppi: PPI, model: RobotModel, late_s: float, motion: Sequence[np.ndarray]) -> str:
-    """The name with the frequencies in use, and that of the speed control before it was cut."""
+    """The name with the frequencies in use [Hz], and with the speed bandwidth asked for where it
+    was cut because of ``late_s``, sample time and delay [s].
+    """
     asked = ppi.frequencies(model, motion)
     used = ppi.speeds_in_use(model, late_s, motion)
     shown = {key: f"{value:.3g}" for key, value in asked.items()}
@@ -105,6 +107,12 @@ def _ppi_name(ppi: PPI, model: RobotModel, late_s: float, motion: Sequence[np.nd
 def _find_controller(
     text: str, model: RobotModel, motion: Sequence[np.ndarray]
 ) -> tuple[Any, str]:
+    """The controller that a text names, and its name in tables: a built-in one, a law of the
+    registry with default numbers, or a file.
+
+    The frequency of a notch is the lowest one of the arm with held motors at the first point of
+    ``motion``.
+    """
     if text == "none":
         return FeedforwardOnly(), "feedforward only"
     if text == "ppi":

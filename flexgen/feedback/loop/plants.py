@@ -109,7 +109,14 @@ def _load(model: RobotModel, mass: float) -> str:
 
 
 def _numbers(model: RobotModel, plant: str, changes: Mapping[str, Any]) -> dict[str, float]:
-    """Values of the numbers that a plant changes."""
+    """Values by name of the numbers that a plant changes. ``changes``: factors of kinds or of
+    names of numbers, and ``payload``, a mass to add [kg].
+
+    Raises
+    ------
+    ArgumentError
+        A value is not a number or out of range, or the model has no number other than 0 of a kind.
+    """
     out: dict[str, float] = {}
     for key, given in changes.items():
         what = f"plant {plant}, {key}"
@@ -187,11 +194,24 @@ class LocalDynamics:
         start: np.ndarray,
         more: np.ndarray | float = 0.0,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Arm angles (n_a,) and holding torques (n_m,) with the motors at ``q_m``, from a start
-        ``q_a`` by Newton.
+        """Arm coordinates (n_a,) [rad or m] and holding torques (n_m,) [N m] at rest with held
+        motors, by Newton's method.
 
-        ``more`` (n,): forces on ``y`` in addition. SolverError where there is no equilibrium near
-        the start.
+        Parameters
+        ----------
+        q_m : array (n_m,) [rad]
+            Motor angles.
+        values : array (n_p,)
+            Run-time parameters of the robot.
+        start : array (n_a,)
+            Start of the iteration.
+        more : array (n,) or float
+            Additional forces on the coordinates y, such as a force on the tool.
+
+        Raises
+        ------
+        SolverError
+            There is no equilibrium near the start.
         """
         model = self.model
         n_m = self.model.n_m
@@ -243,6 +263,10 @@ class LocalDynamics:
         return second_order.largest_rate(*self.matrices(motion, values)[:3])
 
     def _motion(self, y: np.ndarray, q_m: np.ndarray, tau: np.ndarray) -> tuple[np.ndarray, ...]:
+        """The arguments of the residual for rest at coordinates y (k, n), under torques tau
+        (n_m,): ``q_a v_a a_a q_m v_m a_m tau_m``. Angles of motors behind rigid gears are those of
+        ``q_m``, of the others those in y.
+        """
         k = len(y)
         n_a = self.model.n_a
         n_m = self.model.n_m

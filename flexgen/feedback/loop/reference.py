@@ -73,8 +73,9 @@ class MotionReference:
 def time_grid(
     first: float, last: float, sample_s: float, before_s: float, after_s: float
 ) -> np.ndarray:
-    """Samples of a controller (n,) [s] around a motion from ``first`` to ``last``, at rest before
-    and after it.
+    """Instants of the samples of a controller (n,) [s] around a motion from ``first`` to ``last``
+    [s], with at least ``before_s`` of rest before it and ``after_s`` after it; one of them is
+    ``first``.
     """
     before = int(np.ceil(before_s / sample_s))
     after = int(np.ceil(after_s / sample_s))
@@ -138,8 +139,11 @@ def motion_reference(
 def hold_torques(
     trajectory: Trajectory, time: np.ndarray, sample_s: float, delay_s: float
 ) -> np.ndarray:
-    """Torques to send at the samples (n, n_m), wherever between two of them the trajectory
-    begins.
+    """Torques (n, n_m) [N m] to send at the samples ``time`` (n,) [s], each held for a sample, so
+    that they follow the trajectory after a delay of ``delay_s`` [s].
+
+    The trajectory may begin anywhere between two samples; before its begin its first torque is
+    sent.
     """
     tau = trajectory["tau_m"]
     first = float(trajectory.time[0])

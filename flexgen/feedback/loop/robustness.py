@@ -96,6 +96,9 @@ def perturb(model: RobotModel, plant: Plant) -> RobotModel:
 
 
 def _element(element: Element, plant: Plant) -> Element:
+    """An element of a robot whose springs are stiffer and bodies heavier by the factors of
+    ``plant``.
+    """
     dofs = []
     for dof in element.dofs:
         gear = dof.gear
@@ -275,7 +278,15 @@ class _Run:
         return {**out, "torque_max_Nm": torque_max}
 
     def _integrate(self) -> tuple[np.ndarray, np.ndarray, float]:
-        """Instants, arm coordinates and the largest motor torque."""
+        """Simulate the robot under the torques of the trajectory and the feedback, from rest.
+
+        Returns
+        -------
+        t : array (n,) [s]
+        q_a : array (n, n_a) [rad or m]
+        largest : float [N m]
+            The largest motor torque at these instants.
+        """
         model = self.equations.model
         n = model.dof
         n_a = model.n_a
@@ -285,7 +296,9 @@ class _Run:
         state_rate = Evaluator(self.equations.function("state_rate"))
 
         def torque(t: float, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            """Torque and the derivative of the integrator."""
+            """Torque (n_m,) [N m] at the state x and the derivative of the integral of the
+            feedback; outside of the trajectory its first or last torque and angle are held.
+            """
             inside = min(max(t, self.first), self.last)
             tau = self.torque(inside)
             if feedback is None:
@@ -336,8 +349,8 @@ class _Run:
 def output_errors(
     equations: Equations, path: Path, t: np.ndarray, q_a: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """Errors of the output against the path at the instants ``t`` (n,): by unit, "m" and "rad",
-    arrays (n, parts).
+    """Errors of the output against the path at the instants ``t`` (n,) [s] with arm coordinates
+    ``q_a`` (n, n_a): by unit, "m" and "rad", arrays (n, parts).
 
     Of an orientation: sine of the angle times the axis, in world axes.
     """

@@ -61,7 +61,12 @@ class PoseModels:
         self._sensors = equations.function("sensor_derivatives") if model.sensors else None
 
     def at(self, motion: Sequence[np.ndarray]) -> PoseModel:
-        """The model at one point ``q_a v_a a_a q_m v_m a_m tau_m`` (1, ...) of a motion."""
+        """The robot linearized at one point of a motion, ``q_a v_a a_a q_m v_m a_m tau_m``, (1,
+        ...) each.
+
+        The states are the coordinates and their speeds (2 n); see `PoseModel` for inputs and
+        outputs.
+        """
         model = self.model
         n = self.model.dof
         n_a = self.model.n_a

@@ -156,7 +156,13 @@ class CollisionDetector:
         return self.thresholds.copy()
 
     def _terms(self, q_m: np.ndarray, tau_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Momentum and driving torques of the motors at the samples (n, n_m)."""
+        """Momentum and its rate without a collision, of the motors at the samples (n, n_m) [N m s,
+        N m]:
+
+            p = eta^-T M v + J_m v_m,    p' = tau_m - f_m + eta^-T (M' v - h)
+
+        Speeds and M' are differences of samples; the gears are taken as rigid.
+        """
         model = self.model
         h = self.sample_s
         i_g = list(self.model.i_g)

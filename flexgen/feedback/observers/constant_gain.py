@@ -144,6 +144,12 @@ class ConstantGainObserver:
         )
 
     def _make(self, motion: dict[str, np.ndarray], torque: np.ndarray, native: bool) -> None:
+        """Lay out the matrices and the reference for C. ``motion``: samples of the reference;
+        ``torque`` (n, n_m) [N m]: held ones; ``native``: compiled for this processor.
+
+        Outputs that are single coordinates come first, their rows need no multiplication; rows and
+        columns are padded to the width of the vector instructions.
+        """
         model = self.model
         order = self._order
         index = self.channels.index[self._order]
@@ -273,7 +279,8 @@ def stationary(
     disturbances.
 
     The gain corrects the prediction at the sample itself: ``M = P C' (C P C' + R)^-1``, P the
-    covariance before it.
+    covariance before it. ``index`` (n_y,): the channels used; ``noise`` (n_y,): their standard
+    deviations.
     """
     n_x, n_m = at.B.shape
     F = expm(at.A * sample_s)

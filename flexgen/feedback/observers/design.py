@@ -40,7 +40,10 @@ def tool_force_noise(at: PoseModel, sample_s: float, force: float) -> np.ndarray
 
 
 def process_noise(at: PoseModel, G: np.ndarray, noises: Noises, sample_s: float) -> np.ndarray:
-    """Covariance (n_x + n_m, n_x + n_m) that a sample adds to the state and the disturbances."""
+    """Covariance (n_x + n_m, n_x + n_m) that a sample adds to the state and the disturbances: by
+    noise of the torques, whose effect on the state is G, by the force on the tool, and by the
+    random walk of the disturbances.
+    """
     n_x, n_m = G.shape
     torque = G * (noises.torque * noises.largest)
     Q = np.zeros((n_x + n_m, n_x + n_m))

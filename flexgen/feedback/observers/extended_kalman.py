@@ -267,6 +267,9 @@ class ExtendedKalmanFilter:
         self._P[:n_z, :n_z] = (P + P.T) / 2
 
     def _start(self) -> np.ndarray:
+        """Standard deviations (n_x + n_d,) of the estimate at the start: of positions, speeds and
+        disturbances.
+        """
         n = self.model.dof
         parts = [
             np.full(n, START["position"]),
@@ -330,6 +333,10 @@ class ExtendedKalmanFilter:
     def _estimate(
         self, z: np.ndarray, deviation: np.ndarray, nu: np.ndarray, squares: np.ndarray
     ) -> Estimate:
+        """The result from estimates ``z`` (k, n_x + n_d) and their standard deviations,
+        innovations ``nu`` (k, n_y) and their normalized squares (k,). Motor angles follow from the
+        coordinates.
+        """
         n = self.model.dof
         n_a = self.model.n_a
         C = self._local._C
@@ -382,6 +389,12 @@ class ExtendedKalmanFilter:
 
     # --- memory of C -----------------------------------------------------------------------------
     def _make(self, rest: tuple[np.ndarray, ...]) -> None:
+        """Lay out tables and sizes for C, with steps of the integration that suit the fastest
+        eigenvalue at ``rest``, a point of `PoseModels.at`.
+
+        The rows of ``channel``: -1 - i for coordinate i itself, else the row of the sensors or,
+        after these, of the motors.
+        """
         model = self.model
         n = self.model.dof
         channels = self.channels
