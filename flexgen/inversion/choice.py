@@ -90,8 +90,8 @@ def is_worth_a_search(problem: InversionProblem, method: Method, error: float) -
 def check_applies(
     method: Method, robot: RobotModel, limits: Limits | None, pushed: bool = False
 ) -> None:
-    """ArgumentError where a method cannot keep the limits, take the force or solve the model's
-    motor coupling.
+    """Refuse a method that cannot keep ``limits``, take a force on the tool (``pushed``), or solve
+    the motor coupling of the model: ArgumentError with the methods that can.
     """
     if not method.takes_force:
         able = ", ".join(m.name for m in methods().values() if m.takes_force)

@@ -157,7 +157,9 @@ def _note_failure(
     attempt: Attempt,
     failures: list[tuple[str, SolverError]] | None,
 ) -> None:
-    """Add a failed mesh to a list; without a list its error is raised."""
+    """Add the failure of an attempt to the list, with method and interval; without a list its
+    error is raised. A path that no method can follow ends the search with an error of its own.
+    """
     error = attempt.failure
     assert isinstance(error, SolverError)
     if failures is None:

@@ -485,9 +485,8 @@ def exceeded_limits(
 
 def within_limits(solution: Solution, given: Limits | None, ignore: bool) -> Solution:
     """The solution, "limits exceeded" where it is solved beyond limits of the model file that are
-    not ignored.
-
-    Or beyond those of the ``given`` limits that its method does not keep.
+    not ignored (``ignore``), or beyond those of the ``given`` limits that its method does not
+    keep.
     """
     more = (
         ()

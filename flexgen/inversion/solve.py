@@ -204,7 +204,9 @@ def _problem(
     fixed_joint: str | None,
     fastest: bool,
 ) -> InversionProblem:
-    """The problem of a move, or of its fastest time law, which keeps the limits."""
+    """The problem of a move, or with ``fastest`` of its fastest time law, which keeps the limits;
+    ``force``: on the tool; ``fixed_joint``: the joint of a redundant arm that is held.
+    """
     from flexgen.base.calls.deprecation import warn_of_old
     from flexgen.paths.geometry.redundancy import problem_of_move
 
@@ -242,7 +244,9 @@ def _derive(
 
 
 def _find_solution(problem: InversionProblem, method: str, reached: BestSolution) -> Solution:
-    """The solution by a method, or by the default method and what it falls back to."""
+    """The solution by a method, or by the default method and those to which it falls back.
+    ``reached`` keeps the best solution so far for the end of a time limit.
+    """
     robot = problem.equations.model
     chosen = find_method(default_method(robot, problem.limits) if method == AUTO else method)
     check_applies(chosen, robot, problem.limits, problem.force is not None)
@@ -268,11 +272,12 @@ def _find_solution(problem: InversionProblem, method: str, reached: BestSolution
 def _automatic_solution(
     problem: InversionProblem, method: Method, reached: BestSolution
 ) -> Solution:
-    """The first verified solution: of the default method, or of a further one that applies to the
-    model.
+    """The first verified solution: of the default ``method``, or of a further one that applies to
+    the model and is worth its time.
 
     ``details["attempts"]`` of the solution lists what failed before; so does the message of the
-    error.
+    error. Where no method meets the tolerance the first solution found is returned, with that
+    status.
     """
     began = time.perf_counter()
     best: Solution | None = None

@@ -37,6 +37,10 @@ def residual_is_small(solution: Solution) -> bool:
 
 
 def _trajectory(problem: InversionProblem, method: str, result: MethodResult) -> Trajectory:
+    """The result of a method as a trajectory with units and labels: motion of arm and motors,
+    torques, reference output, and where they exist the force on the tool and torques of hysteresis
+    and bristles.
+    """
     path = problem.path
     robot = problem.equations.model
     t = result.t
@@ -128,6 +132,9 @@ def make_solution(problem: InversionProblem, method: str, result: MethodResult) 
 
 
 def _make_solution(problem: InversionProblem, method: str, result: MethodResult) -> Solution:
+    """The solution of a method's result, with residuals and warnings, before its simulation;
+    SolverError where it is not finite.
+    """
     equations = problem.equations
     path = problem.path
     trajectory = _trajectory(problem, method, result)

@@ -89,8 +89,8 @@ class Discretized:
 
 
 def solve(problem: InversionProblem, h: float) -> MethodResult:
-    """Solve on a uniform grid, by default with ``REFINEMENT`` nodes for each ``h`` [s]. Option
-    ``order``: 2, 4 or 6.
+    """Solve on a uniform grid of ``h`` [s], or of `REFINEMENT` nodes for each ``h`` where no mesh
+    is given. Option ``order``: 2, 4 or 6, of the differences.
     """
     problem.check_options("discretized", "order")
     order = problem.options.get("order", ORDER)
@@ -122,8 +122,14 @@ def solve(problem: InversionProblem, h: float) -> MethodResult:
 def discretize(
     problem: InversionProblem, h: float, order: int, preactuation: float, settling: float
 ) -> Discretized:
-    """Solve on a uniform grid of about ``h`` [s], ``preactuation`` [s] before the path to
-    ``settling`` [s] after it.
+    """Solve on a uniform grid of about ``h`` [s] with differences of an ``order``, from
+    ``preactuation`` [s] before the path to ``settling`` [s] after it, by Newton steps of a problem
+    with constraints.
+
+    Raises
+    ------
+    SolverError
+        It does not converge; the message has the size of the last step.
     """
     system = _System(problem, h, order, preactuation, settling)
     y, tau = system.start()
@@ -283,8 +289,8 @@ class _System:
 
     @cached_property
     def pattern(self) -> tuple[np.ndarray, np.ndarray]:
-        """Rows and columns of the entries of `jacobian`, in its order; unknowns: y node by node,
-        then torques.
+        """Rows and columns of the entries of `jacobian`, in its order. Unknowns: y of all nodes,
+        one node after the other, then the torques; rows: equations of motion, then the output.
         """
         m = self.m
         n = self.n
@@ -305,8 +311,11 @@ class _System:
         )
 
     def jacobian(self, y: np.ndarray, tau: np.ndarray, output: np.ndarray) -> sp.csc_matrix:
-        """Jacobian of the scaled constraints in the scaled unknowns: equations of motion, then the
-        output.
+        """Sparse Jacobian of the scaled constraints in the scaled unknowns: equations of motion,
+        then the output.
+
+        ``y`` (nodes, n), ``tau`` (N, n_m); ``output`` (nodes, n_y, n_a): derivative of the output
+        in the arm coordinates.
         """
         N = self.N
         n = self.n
@@ -340,7 +349,12 @@ class _System:
         ).tocsc()
 
     def step(self, y: np.ndarray, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Step of the coordinates and the torques."""
+        """Newton step of the coordinates (nodes, n) and the torques (N, n_m).
+
+        The linear system of a problem with constraints is ill-conditioned, since cost and softness
+        of the output have a small weight; its solution is refined with residuals in extended
+        precision.
+        """
         error, output = self.errors(y)
         A = self.jacobian(y, tau, output)
         c = np.concatenate([(self.residual(y, tau) * self.row_scale).ravel(), error.ravel()])

@@ -81,7 +81,18 @@ class DummyDerivatives:
         self.system, self.jacobian = self._differentiate()
 
     def _differentiate(self) -> tuple[ca.Function, ca.Function]:
-        """(Y, U) -> G, dG/dY and the system Jacobian (rows, unknowns)."""
+        """The differentiated system as CasADi functions of the unknowns Y and the path U.
+
+        Row i is differentiated ``c[i]`` times; its last derivative contains the highest
+        derivatives of the unknowns.
+
+        Returns
+        -------
+        system : ca.Function
+            (Y, U) -> G, dG/dY: all rows with all their derivatives.
+        highest : ca.Function
+            (Y, U) -> the Jacobian of the last derivatives in the highest ones, (rows, unknowns).
+        """
         dae = self.dae
         n = self.dae.n
         c = self.c
@@ -161,8 +172,15 @@ class DummyDerivatives:
     # --- choice ----------------------------------------------------------------------------------
 
     def choose(self, Y: np.ndarray, U: np.ndarray) -> Choice:
-        """The choice of states with the best pivots at a point; SolverError where none is possible
-        there.
+        """The choice of states with the best pivots at a point Y, U.
+
+        Level by level, the columns with the largest pivots of a QR decomposition of the system
+        Jacobian become algebraic; the others remain states.
+
+        Raises
+        ------
+        SolverError
+            The Jacobian is singular there, or no choice is possible.
         """
         J = self._scale_jacobian(Y, U)
         columns = np.flatnonzero(np.array(self.d) > 0)
@@ -197,7 +215,7 @@ class DummyDerivatives:
         return Choice(tuple(int(k) for k in depth), tuple(states), tuple(algebraic), tuple(rates))
 
     def quality(self, choice: Choice, Y: np.ndarray, U: np.ndarray) -> float:
-        """Conditioning of a choice at a point: 1 for the best choice, 0 for a singular one.
+        """Conditioning of a choice at a point Y, U: 1 for the best choice, 0 for a singular one.
 
         The smallest over all levels of the smallest singular value of the chosen block, relative
         to that of all columns.
@@ -235,10 +253,11 @@ class DummyDerivatives:
     def consistent(
         self, choice: Choice, Y: np.ndarray, U: np.ndarray, scale: np.ndarray
     ) -> tuple[np.ndarray, int]:
-        """Consistent values Y (size,) with the states as given, from a guess, and the iterations
-        of Newton's method.
+        """Consistent values Y (size,) by Newton's method, and its iterations; the states of the
+        ``choice`` keep their values, the other unknowns start at those given.
 
-        ``scale``: see `scales`. SolverError where it does not converge.
+        ``U``: path and derivatives at the instant; ``scale`` (size,): see `scales`. SolverError
+        where it does not converge.
         """
         Y = np.array(Y, dtype=float)
         free = list(choice.algebraic)

@@ -102,9 +102,23 @@ def result_of_states(
     details: Mapping[str, Any],
     intervals: int | None = None,
 ) -> MethodResult:
-    """The method result of states.
+    """The method result of states of a DAE.
 
-    ``intervals``: of the mesh of the solver, where it is not that of the instants.
+    Parameters
+    ----------
+    states : States
+        Instants, states x and their rates.
+    iterations : int
+    verdict : str
+        Name of the integrator, for reports and errors.
+    details : mapping
+    intervals : int, optional
+        Of the mesh of the solver, where it is not that of the instants.
+
+    Raises
+    ------
+    SolverError
+        The motion is not finite.
     """
     t = states.t
     x = states.x

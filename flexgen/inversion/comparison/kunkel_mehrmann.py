@@ -142,8 +142,26 @@ def _newton(
     U: np.ndarray,
     rates: np.ndarray,
 ) -> int:
-    """Newton's iteration on the stages, in place; number of iterations. ``rates``: inverse of the
-    tableau [1/s].
+    """Simplified Newton iteration on the stages of a step, in place; returns the number of
+    iterations.
+
+    Parameters
+    ----------
+    split : Split
+        The regularized system at the begin of the step; its matrices are kept.
+    stages : list of arrays (n_x, mu + 2)
+        Unknowns and their derivatives at each stage.
+    x : array (n_x,)
+        Unknowns at the begin of the step.
+    U : array
+        Path and derivatives at each stage.
+    rates : array (s, s) [1/s]
+        Inverse of the tableau over the length of the step.
+
+    Raises
+    ------
+    SolverError
+        It does not converge.
     """
     n = system.n
     s = len(stages)

@@ -98,6 +98,9 @@ class _PathSignals(ca.Callback):
         return ca.Function(name, [t, U], [zero], names_in, names_out, options)
 
     def eval(self, arguments: list[ca.DM]) -> list[ca.DM]:
+        """The path and its derivatives at an instant, for IDAS. At the end of the time limit NaN,
+        with which IDAS fails; the caller checks the time again.
+        """
         t = float(arguments[0])
         try:
             check_time(IDAS)
@@ -194,10 +197,33 @@ def _states(
     t: np.ndarray,
     rtol: float,
 ) -> tuple[np.ndarray, np.ndarray, float, tuple[int, int]]:
-    """States and other unknowns at instants after t[0], where Y holds, the tolerance of IDAS, and
-    its counts.
+    """Integrate with IDAS from t[0], where Y holds.
 
-    All instants, or the first of them where IDAS does not converge further.
+    Parameters
+    ----------
+    choice : Choice
+        Which unknowns are states.
+    signals : ca.Callback
+        Path and derivatives at an instant.
+    scale : array (size,)
+        Sizes of the unknowns.
+    t : array (k,) [s]
+    rtol : float
+        Relative tolerance; it is raised where IDAS does not converge.
+
+    Returns
+    -------
+    states, others : array
+        At the instants after t[0], or at the first of them where IDAS does not converge further.
+    rtol : float
+        As used.
+    counts : (int, int)
+        Steps, and Newton iterations.
+
+    Raises
+    ------
+    SolverError
+        IDAS fails with each tolerance.
     """
     # all unknowns follow from the path and its derivatives: there is nothing to integrate
     if not choice.states:

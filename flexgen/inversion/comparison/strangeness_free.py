@@ -112,6 +112,9 @@ class StrangenessFree:
         return self.dae.rows(x, dx, u)[0].full()[:, 0] / self.row[: self.n]
 
     def _jacobians(self, X: np.ndarray, U: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives N and M of the derivative array in x and in its derivatives, with scaled
+        rows and columns, at a point X (n_x, mu + 2) of the path U.
+        """
         _, N, M = (z.full() for z in self._array.function(X, U))
         return N * self.unit / self.row[:, None], M * self.units[:, 1:].T.ravel() / self.row[
             :, None
@@ -134,7 +137,14 @@ class StrangenessFree:
 
     @cached_property
     def _ranks(self) -> tuple[int, int, float]:
-        """a, d and the gap of the rank of M, at rest."""
+        """Numbers of algebraic and differential equations a and d, and the gap: the ratio of the
+        last pivot that counts for the rank of M to the next one, at rest.
+
+        Raises
+        ------
+        SolverError
+            The array does not make the DAE regular.
+        """
         N, M = self._jacobians(*self._at_rest)
         Q, R, _ = qr(M, pivoting=True)
         pivots = np.abs(np.diag(R))
@@ -159,7 +169,10 @@ class StrangenessFree:
         return a, d, gap
 
     def split(self, X: np.ndarray, U: np.ndarray) -> Split:
-        """The regularized system at a point; SolverError where the rank has changed."""
+        """The regularized system at a point X (n_x, mu + 2) of the path U, by projections of the
+        derivative array on its constraints and its dynamics; SolverError where the rank has
+        changed.
+        """
         N, M = self._jacobians(X, U)
         Q, R, order = qr(M, pivoting=True)
         rank = len(M) - self.a

@@ -131,7 +131,11 @@ def _row(model: RobotModel, at: int, friction: Friction) -> np.ndarray:
 
 
 def _refine_instants(result: MethodResult, slopes: np.ndarray) -> np.ndarray | None:
-    """All instants with those around the reversals; None where there are none to add."""
+    """All instants (n,) [s] with those around the reversals; None where there are none to add.
+
+    ``slopes``: rows that give the argument of each steep friction, beta times a speed, from motor
+    and arm speeds. Intervals in which one changes too much near zero are halved.
+    """
     if not len(slopes):
         return None
     t = result.t
@@ -184,8 +188,8 @@ def _grade(t: np.ndarray) -> np.ndarray:
 def _sample_at(
     equations: Equations, result: MethodResult, t: np.ndarray, force: ProcessForce | None
 ) -> MethodResult:
-    """The result at more instants, the torques such that the equations of the motors hold
-    there.
+    """The result at the instants ``t`` [s], which contain its own, with torques such that the
+    equations of the motors hold there. ``force``: on the tool.
     """
     old = result.t
     motors = result.motors

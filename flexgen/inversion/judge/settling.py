@@ -144,7 +144,12 @@ def slow_gears(problem: InversionProblem) -> tuple[str, ...]:
 def _measure_remaining(
     problem: InversionProblem, found: Inversion, end: Equilibrium
 ) -> np.ndarray:
-    """``size`` at the samples after the path, (n_post,)."""
+    """Bound (n_post,) of what the motion after the path still does to the output, from each sample
+    to the end [m or rad].
+
+    It is the largest of the deflections from the equilibrium ``end`` and of their speeds times
+    `HELD` [s], as seen by the output with held and with free joints.
+    """
     equations = problem.equations
     model = problem.equations.model
     i_g = list(model.i_g)

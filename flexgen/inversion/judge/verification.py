@@ -51,8 +51,9 @@ class Verification:
 def verify_by_simulation(
     problem: InversionProblem, solution: Solution, command: TorqueCommand | None = None
 ) -> Verification:
-    """Simulate a solution under its continuous torque, or under the torques that a controller
-    sends.
+    """Simulate a solution under its continuous torque, or under the ``command`` that a controller
+    sends, and measure its errors; with active limits also those from the planned motion and from
+    the path.
     """
     simulation = simulate(
         problem.equations,
@@ -130,8 +131,8 @@ def plan_error(
 def path_distance(
     equations: Equations, solution: Solution, simulation: Simulation
 ) -> float | None:
-    """Largest distance [m] of the simulated tool from the path, whatever the time; None for other
-    outputs.
+    """Largest distance [m] of the simulated tool from the path of the solution, at any time of it;
+    None for other outputs.
     """
     from flexgen.paths.geometry.path_distance import distance_from_path
 

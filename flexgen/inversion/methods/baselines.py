@@ -72,7 +72,8 @@ def fjm(problem: InversionProblem, h: float) -> MethodResult:
 def quasistatic(problem: InversionProblem, h: float) -> MethodResult:
     """Flexible-joint feedforward with the quasi-static deflections of the other elasticities.
 
-    Option ``rounds``: 0 (default) or 1, see the module.
+    Option ``rounds``: 0 (default) or 1: how often rates of the deflections are inserted into the
+    equations, see the module. ``h`` is not used: the sampling is that of the problem.
     """
     problem.check_options("quasistatic", "rounds")
     rounds = problem.options.get("rounds", 0)
@@ -115,6 +116,10 @@ def stiff_motors(equations: Equations, motion: Motion) -> MotorMotion:
 def quasistatic_motion(reduction: Reduction, path: Path, t: np.ndarray, rounds: int = 0) -> Motion:
     """The arm along the path with quasi-static deflections.
 
+    In each round the deflections are solved with the rates of those of the round before, at first
+    zero. Rates are those of a spline, which extends `MARGIN` samples beyond both ends, where it
+    would be inexact.
+
     Parameters
     ----------
     reduction : Reduction
@@ -123,6 +128,11 @@ def quasistatic_motion(reduction: Reduction, path: Path, t: np.ndarray, rounds: 
         Evenly spaced.
     rounds : int
         How often the derivatives of the deflections are inserted into the equations.
+
+    Returns
+    -------
+    Motion
+        At the instants t.
 
     Raises
     ------
@@ -152,7 +162,9 @@ def solve_deflections(
     """Arm coordinates (n, n_a) on the path whose non-actuated rows hold with the given ``v_e``,
     ``a_e`` (n, n_e).
 
-    Newton's method at all instants at once, for q, v_g and a_g; ``q``: where it starts.
+    Newton's method at all instants at once, in q, v_g and a_g; ``q`` (n, n_a): its start;
+    ``sample``: the path there. SolverError at a singular pose, and where the springs do not carry
+    the loads.
     """
     n, n_a = q.shape
     i_g = reduction.i_g
@@ -207,6 +219,9 @@ def _instants(problem: InversionProblem) -> np.ndarray:
 
 
 def _result(t: np.ndarray, motion: Motion, motors: MotorMotion) -> MethodResult:
+    """The result of a baseline, which is not verified; SolverError where its torques are not
+    finite.
+    """
     if not np.isfinite(motors.tau_m).all():
         raise SolverError(
             "the torque is not finite: a gear spring has no stiffness, or the path is not "

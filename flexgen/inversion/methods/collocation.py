@@ -130,8 +130,11 @@ def _smooth_by_spline(
     nodes: np.ndarray,
     q_e: np.ndarray,
 ) -> Motion:
-    """The motion whose non-actuated coordinates and derivatives are those of a spline through the
-    solution.
+    """The motion whose non-actuated coordinates and derivatives are those of a spline of degree 7
+    through the solution.
+
+    ``t`` (n,) [s], ``q`` (n, n_a): instants and a guess of the coordinates there; ``nodes``,
+    ``q_e``: the mesh and the non-actuated coordinates at its nodes.
     """
     # at rest before: without samples from then the derivatives of a spline are poor at its start
     before = nodes[0] - (nodes[1] - nodes[0]) * np.arange(BEFORE, 0, -1)
@@ -233,7 +236,9 @@ def collocate(
 def _guess(
     reduction: Reduction, path: Path, mesh: Transcription
 ) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:
-    """Quasi-static motion as a first guess, and the equilibria before and after the path."""
+    """The quasi-static motion as unknowns of the mesh, a first guess, and the states (2 n_e,) at
+    rest before and after the path.
+    """
     i_e = reduction.i_e
     i_g = reduction.i_g
     nodes = mesh.nodes

@@ -209,6 +209,10 @@ class _Scales:
 
     @staticmethod
     def of(equations: Equations, mesh: Transcription, slow: _SlowMotion) -> _Scales:
+        """Scales of states, torques and unknowns of the mesh: 1 rad or m at the arm, the gear
+        ratio at motors, and torques by the inertia at a typical acceleration or by the
+        equilibrium. ``slow``: the quasi-static motion.
+        """
         model = equations.model
         n_a = model.n_a
         i_m = list(model.i_m)
@@ -229,7 +233,9 @@ class _Scales:
 
 
 def _check_equilibrium(model: RobotModel, slow: _SlowMotion, bounds: _Bounds) -> None:
-    """SolverError where the arm cannot be held at an end of the path within the limits."""
+    """Refuse limits in which the arm cannot be held at an end of the path: SolverError with the
+    motor or the coordinate, its need and its limit.
+    """
     for j, motor in enumerate(model.motors):
         needed = float(np.abs(slow.torques[:, j]).max())
         if needed > bounds.torque[j]:
@@ -251,7 +257,9 @@ def _check_equilibrium(model: RobotModel, slow: _SlowMotion, bounds: _Bounds) ->
 def _guess(
     model: RobotModel, mesh: Transcription, slow: _SlowMotion, bounds: _Bounds
 ) -> np.ndarray:
-    """The quasi-static motion as unknowns of the mesh."""
+    """The quasi-static motion ``slow`` as unknowns of the mesh, with torques between those at its
+    ends, within the bounds.
+    """
     n_m = model.n_m
     n_y = model.output.size
     torque = np.linspace(slow.torques[0], slow.torques[1], mesh.N + 1).clip(
@@ -269,8 +277,18 @@ def _guess(
 def _instant(
     equations: Equations, mesh: Transcription, bounds: _Bounds
 ) -> tuple[ca.SX, list[ca.SX], ca.SX, ca.SX, np.ndarray]:
-    """Rows of one instant, the symbols they depend on (unknowns, target, Bernstein weights), and
-    their bounds.
+    """Rows of one instant for the mesh.
+
+    Returns
+    -------
+    rows : ca.SX
+        Equations of motion, output error less its slack, and limited quantities.
+    symbols : list of ca.SX
+        Unknowns they depend on.
+    target, bernstein : ca.SX
+        Target of the output, and weights of Bernstein coefficients of the interval.
+    upper : array
+        Largest size of each row: 0 for equations.
     """
     model = equations.model
     n = model.dof
@@ -302,7 +320,9 @@ def _instant(
 def _cost(
     model: RobotModel, mesh: Transcription, slow: _SlowMotion, duration: float, bounds: _Bounds
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Weights and targets of the unknowns: all terms of the cost are squares of unknowns."""
+    """Weights and targets of the unknowns; all terms of the cost are squares of unknowns: output
+    error, second derivative of torques over the ``duration`` [s], and rest at the end.
+    """
     n = model.dof
     n_m = model.n_m
     count = mesh.N * STAGES
@@ -366,7 +386,9 @@ def _slow_motion(equations: Equations, path: Path, mesh: Transcription) -> _Slow
 
 
 def _instant_rows(equations: Equations, y: ca.SX, dy: ca.SX, ddy: ca.SX) -> ca.SX:
-    """Equations of motion (n) at one instant, from (q_a, q_me, u) and their derivatives."""
+    """Equations of motion (n) at one instant, from the unknowns (q_a, q_me, u) and two
+    derivatives; u is the integral of the motor torques, so ``u'`` are these torques.
+    """
     model = equations.model
     n = model.dof
     n_a = model.n_a
@@ -419,8 +441,11 @@ def _samples(
     scale_x: np.ndarray,
     bounds: _Bounds,
 ) -> FullSolution:
-    """Motion and torques on a grid ``SAMPLES`` times finer than the mesh, from the collocation
-    polynomials.
+    """Motion and torques on a grid `SAMPLES` times finer than the mesh, from the collocation
+    polynomials of the ``result``.
+
+    ``scale_x``: sizes of its unknowns. Limits count as active where a bound is reached and the
+    output deviates.
     """
     model = equations.model
     n = model.dof

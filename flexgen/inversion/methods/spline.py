@@ -104,7 +104,12 @@ def _start(problem: InversionProblem, reduction: Reduction, t: np.ndarray) -> np
 def _minimize(
     problem: InversionProblem, reduction: Reduction, basis: _Basis
 ) -> tuple[np.ndarray, int]:
-    """Coefficients (size, n_e) with the least residuals, and the number of steps."""
+    """Coefficients (size, n_e) of the non-actuated coordinates with the least residuals of the
+    equations at the points of the basis, by Gauss-Newton steps with a line search, and the number
+    of steps.
+
+    The coefficients beyond the ends are those of rest and stay fixed.
+    """
     t = basis.points
     sample = problem.path.sample(t)
     rows = _residual_function(reduction, sample)
@@ -177,6 +182,13 @@ def _residual_function(
     moving = np.zeros((len(targets), 3, n_a))
 
     def rows(guess: np.ndarray, levels: list[np.ndarray]) -> tuple[np.ndarray, list[np.ndarray]]:
+        """Residuals (n, n_e) [N m or N] and their derivatives in q_e, v_e and a_e, each (n, n_e,
+        n_e).
+
+        ``levels``: q_e, v_e, a_e (n, n_e). The actuated coordinates follow from the path, by
+        Newton's method from ``guess`` (n, n_a), which is improved in place; the derivatives
+        include this dependence.
+        """
         n = len(guess)
         for level, part in enumerate(levels):
             moving[:, level, reduction.i_e] = part

@@ -175,8 +175,13 @@ def _modify_path(
     samples_per_interval: int,
     tolerance: float,
 ) -> tuple[int, Inversion]:
-    """Samples before the path, and the inversion of the modified path with time before and after
-    it.
+    """Number of samples before the path, and the inversion of the path that deviates least while
+    the limits hold, with time before and after it in which it may move.
+
+    Raises
+    ------
+    SolverError
+        No deviation keeps the limits within the motion.
     """
     path = problem.path
     period = unlimited.period

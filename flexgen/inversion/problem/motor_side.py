@@ -70,8 +70,11 @@ def motor_motion(
 def motors_behind(
     equations: Equations, theta: Sequence[np.ndarray], tau_g: np.ndarray
 ) -> MotorMotion:
-    """Motors behind gears, whose angles over the ratios and two derivatives are ``theta`` (3, n,
-    n_g).
+    """Motion and torques of motors behind gears.
+
+    ``theta`` (3, n, n_g) [rad or m]: motor angles over the ratios, and two derivatives; ``tau_g``
+    (n, n_g, 3): torques of the gears and two derivatives. The torque of a motor is that of its
+    rotor, its friction and its gear, less cogging, over its gain.
     """
     model = equations.model
     found = motor_stage(equations.function, model, theta, tau_g)
@@ -84,7 +87,13 @@ def motors_behind(
 def deflections(
     equations: Equations, t: np.ndarray, tau_g: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Gear deflections p, p', p'' on the arm side, each (n, n_g); zero for rigid gears."""
+    """Gear deflections p, p', p'' on the arm side, each (n, n_g) [rad or m]; zero for rigid gears.
+
+    Elastic gears obey ``D p' + spring(p) = tau_g``; ``tau_g`` (n, n_g, 3): torque with two
+    derivatives at the instants ``t`` (n,) [s]. Without damping p is static; a linear spring has a
+    closed form; other springs are integrated. A damping too small for the samples is expanded
+    about the static value.
+    """
     from flexgen.base.numerics.gear_lag import gear_lag
 
     spring = equations.function("gear_law")
@@ -130,7 +139,7 @@ def deflections(
 def gear_torques(
     equations: Equations, q: np.ndarray, v: np.ndarray, a: np.ndarray, motors: MotorMotion
 ) -> np.ndarray:
-    """Torques of the gears (n, n_g), arm side.
+    """Torques of the gears (n, n_g) [N m or N], arm side, along a motion ``q, v, a`` (n, n_a).
 
     Elastic gears: torque of spring and damper. Rigid gears: torque of the motor less that of its
     rotor and friction.
@@ -163,8 +172,11 @@ def _stiffness(equations: Equations, deflection: np.ndarray) -> tuple[np.ndarray
 def _integrate_deflections(
     spring: ca.Function, D: np.ndarray, t: np.ndarray, tau_g: np.ndarray, start: np.ndarray
 ) -> np.ndarray:
-    """Integrate ``D p' + spring(p) = tau_g(t)`` from ``start`` (n_g) by Radau IIA, with quintic
-    Hermite torque.
+    """Integrate ``D p' + spring(p) = tau_g(t)`` from ``start`` (n_g,) at the first instant, by
+    Radau IIA with 3 stages on each interval of ``t`` (n,) [s], with a quintic Hermite torque.
+
+    ``D`` (n_g,) [N m s/rad]: above zero; ``tau_g`` (n, n_g, 3): torque and two derivatives.
+    Returns p (n, n_g) [rad or m].
     """
     from flexgen.base.numerics.tableaus import radau
 
@@ -189,14 +201,18 @@ def _integrate_deflections(
 
 
 def _hermite(c: np.ndarray, h: float, left: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Quintic Hermite interpolation (s, m) at ``c`` (s,) in [0, 1]; value and two derivatives
-    (m, 3) at both ends.
+    """Quintic Hermite interpolation (s, m) at the parts ``c`` (s,), in [0, 1], of an interval of
+    length ``h``; ``left``, ``right`` (m, 3): value and two derivatives at its ends.
     """
     x = c[:, None]
     y = 1 - x
 
     def half(u: np.ndarray, values: np.ndarray, sign: float) -> np.ndarray:
         # share of one end: its weight functions vanish to third order at the other end
+        """Share of one end at the distance u (s, 1) from it, over the interval; its weight
+        functions vanish to third order at the other end. ``sign``: -1 at the right end, whose u
+        runs backwards.
+        """
         w = (1 - u) ** 3
         return w * (
             values[:, 0] * (1 + 3 * u + 6 * u**2)

@@ -329,9 +329,10 @@ def gear_settling(equations: Equations) -> float:
 def _mesh(
     preactuation: float, early: float, duration: float, settling: float, h: float, resolving: float
 ) -> np.ndarray:
-    """Nodes, with the ends of the path: intervals of h on it and 2 h after it.
+    """Nodes [s] from -``preactuation`` to ``duration + settling``, with the ends of the path:
+    intervals of h [s] on it and 2 h after it.
 
-    Before it intervals of min(2 h, ``early``); where these are longer than ``resolving`` they
+    Before it intervals of min(2 h, ``early``); where these are longer than ``resolving`` [s] they
     become shorter towards the path, down to that length.
     """
     spans = [
@@ -354,8 +355,8 @@ def _mesh(
 
 
 def _graded_nodes(preactuation: float, longest: float, shortest: float) -> np.ndarray | None:
-    """Nodes from -``preactuation`` to 0 whose intervals grow away from 0; None where equal ones
-    are short enough.
+    """Nodes [s] from -``preactuation`` to 0 whose intervals grow away from 0 by `GRADING`, from
+    ``shortest`` to ``longest``; None where equal ones are short enough.
     """
     if shortest >= longest or not preactuation > 0:
         return None

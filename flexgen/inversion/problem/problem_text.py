@@ -39,7 +39,9 @@ def problem_of(solution: Solution, accuracy: float) -> str:
 
 
 def _inaccuracy(solution: Solution, accuracy: float) -> str:
-    """Why the solution does not meet the tolerance."""
+    """Message with the reason why a solution does not meet the ``accuracy`` [m or rad], the most
+    certain one first, and what to do.
+    """
     if solution.stopped:
         return f"{solution.status}: {solution.stopped}; the trajectory is the best so far"
     if held := [text for text in solution.warnings if "makes the output deviate" in text]:

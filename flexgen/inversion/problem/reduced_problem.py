@@ -81,6 +81,13 @@ class Reduction:
 
     @cached_property
     def _graph(self) -> dict[str, ca.SX]:
+        """Expressions of the reduced problem by name, as functions of q, v, a, j, s of the arm:
+        ``W`` (output rate over v), ``rateK`` (K-th derivative of the output), ``rowK`` and
+        ``tauK`` (K-th derivative of the non-actuated rows and of the gear torques), and ``G``
+        (matrix of the accelerations in output and rows).
+
+        A force on the tool that changes enters with its two derivatives.
+        """
         lag = self.equations.lagrangian
         q = lag.chain.q_a
         v = lag.chain.v_a
@@ -183,7 +190,8 @@ class Reduction:
 
     def close(self, q: np.ndarray, targets: np.ndarray) -> np.ndarray:
         """Inverse kinematics: change the actuated coordinates of ``q`` (n, n_a) to reach
-        ``targets``.
+        ``targets`` (n, n_target) of the output, by Newton's method; SolverError where it does not
+        converge or passes a singular pose.
         """
         q = q.copy()
         for _ in range(25):
@@ -209,8 +217,13 @@ class Reduction:
         return q
 
     def follow(self, path: Path, times: np.ndarray, start: np.ndarray) -> np.ndarray:
-        """Quasi-static motion (n, n_a): equilibrium at each instant, one after the other from
-        ``start`` (n_a).
+        """Quasi-static motion (n, n_a) along the path: equilibrium at each of the ``times`` [s],
+        one after the other from ``start`` (n_a,), by Newton's method.
+
+        Raises
+        ------
+        SolverError
+            A pose is singular, or has no equilibrium.
         """
         error, target = self.output_error
         symbol = self._graph["q"]
@@ -243,6 +256,9 @@ class Reduction:
 
     @cached_property
     def _levels(self) -> ca.Function:
+        """The expressions of `_graph` that a motion needs, as one function of q, v, a, j, s and
+        the force.
+        """
         g = self._graph
         names = [
             "rate1",
@@ -301,8 +317,9 @@ class Reduction:
     def motion_through(
         self, sample: PathSample, q: np.ndarray, deflection: list[np.ndarray]
     ) -> Motion:
-        """The motion with given derivatives 1 to 4 of the non-actuated coordinates, each (n,
-        n_e).
+        """The motion with given coordinates ``q`` (n, n_a) and derivatives 1 to 4 of the
+        non-actuated ones, each (n, n_e); those of the actuated coordinates follow from the output.
+        The equations of motion need not hold.
         """
         n = len(q)
         zero = np.zeros_like(q)
@@ -319,6 +336,9 @@ class Reduction:
         return self._motion(chain)
 
     def _at(self, chain: list[np.ndarray]) -> dict[str, np.ndarray]:
+        """Values of `_levels` by name along a chain ``q v a j s`` of arrays (n, n_a), computed in
+        blocks of samples, between which the time limit is checked.
+        """
         n = len(chain[0])
         blocks = []
         for first in range(0, n, BLOCK):
@@ -341,6 +361,9 @@ class Reduction:
         return out
 
     def _motion(self, chain: list[np.ndarray]) -> Motion:
+        """The motion of a chain ``q v a j s`` of arrays (n, n_a), with its gear torques and two
+        derivatives (n, n_g, 3).
+        """
         at = self._at(chain)
         tau_g = np.stack([at[f"tau{k}"].reshape(len(chain[0]), -1) for k in range(3)], axis=-1)
         q, v, a, j, s = chain

@@ -27,8 +27,21 @@ PER_INTERVAL = 8
 
 
 def grid(problem: InversionProblem, h: float) -> tuple[int, float, int, int, int]:
-    """Samples on the path, their period [s], samples an interval of about ``h`` [s], samples
-    before and after.
+    """Grid of an inversion in C with intervals of about ``h`` [s].
+
+    Returns
+    -------
+    samples : int
+        On the path, with both ends.
+    period : float [s]
+    samples_per_interval : int
+    before, after : int
+        Samples before and after the path.
+
+    Raises
+    ------
+    ArgumentError
+        The mesh makes more samples than the inversion takes.
     """
     duration = problem.path.duration
     before, after = problem.windows
