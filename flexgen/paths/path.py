@@ -227,6 +227,9 @@ class Path(Result):
 
 
 def _instants(t: Any) -> np.ndarray:
+    """The instants of a caller as an array (n,) [s]; ArgumentError for others, and for numbers
+    that are not finite.
+    """
     try:
         found = (
             np.zeros((0, 0)) if isinstance(t, bytes | bytearray) else np.asarray(t, dtype=float)

@@ -89,6 +89,9 @@ def _block(*parts: Any) -> np.ndarray:
 
 
 def _segment(segment: TimedSegment, name: str) -> np.ndarray:
+    """Numbers of a timed segment: start, duration, space, law, curve; ArgumentError for a spline
+    through samples, which the sampler in C does not know.
+    """
     if not isinstance(segment.curve, BlendedCurve):
         raise ArgumentError(
             f"table: given move {name}, a spline through samples, expected lines, arcs, joint "
@@ -104,6 +107,9 @@ def _segment(segment: TimedSegment, name: str) -> np.ndarray:
 
 
 def _law(law: Law) -> np.ndarray:
+    """Numbers of a time law: a polynomial (kind 0), or phases of constant and changing speed (kind
+    2); ArgumentError for a spline.
+    """
     if isinstance(law, TimeLaw):
         return _polynomial(law)
     if isinstance(law, SplineLaw):
@@ -120,6 +126,7 @@ def _law(law: Law) -> np.ndarray:
 
 
 def _step(step: SpeedStep) -> np.ndarray:
+    """Numbers of a change of speed: a polynomial (kind 0), or pieces of it (kind 1)."""
     if isinstance(step, TimeLaw):
         return _polynomial(step)
     assert isinstance(step, TrapezoidStep)
@@ -128,6 +135,9 @@ def _step(step: SpeedStep) -> np.ndarray:
 
 
 def _polynomial(law: TimeLaw) -> np.ndarray:
+    """Numbers of a polynomial law: duration, its powers, length, and the coefficients of its
+    integral, value and derivatives, of equal length.
+    """
     value = law.polynomial
     every = [value.integ(), value, *(value.deriv(k) for k in range(1, ORDER + 1))]
     n = len(every[0].coef)
@@ -137,6 +147,9 @@ def _polynomial(law: TimeLaw) -> np.ndarray:
 
 
 def _curve(curve: BlendedCurve) -> np.ndarray:
+    """Numbers of a curve of lines, arcs and corners: size, whether it has an orientation, and its
+    sections.
+    """
     lengths = [section.length for section in curve.sections]
     starts = np.concatenate([[0.0], np.cumsum(lengths)])[:-1]
     sections = [
@@ -147,6 +160,10 @@ def _curve(curve: BlendedCurve) -> np.ndarray:
 
 
 def _section(curve: BlendedCurve, section: Section, start: float) -> np.ndarray:
+    """Numbers of a section that begins at the arc length ``start``: a part of a segment (kind 0),
+    or a corner (kind 1) with its table of arc lengths, its law and the two segments that it
+    blends.
+    """
     k = section.segment
     segment = curve.segments[k]
     position, R = curve.poses[k]
@@ -170,6 +187,9 @@ def _section(curve: BlendedCurve, section: Section, start: float) -> np.ndarray:
 
 
 def _geometry(segment: Segment) -> np.ndarray:
+    """Numbers of a line (kind 0) or an arc (kind 1): length, rotation as axis, rate and the square
+    of the axis' cross-product matrix, displacement or arms, and a further angle.
+    """
     angle = float(np.linalg.norm(segment.rotation))
     x, y, z = axis = segment.rotation / angle if angle > 0 else np.array([0.0, 0.0, 1.0])
     hat = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])

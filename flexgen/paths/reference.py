@@ -131,6 +131,10 @@ class Reference:
         return PathSample(x, *attitude)
 
     def _joints(self, q_g: np.ndarray) -> PathSample:
+        """The reference of joints with derivatives ``q_g`` (n, n_g, count): the output with as
+        many derivatives; for poses also orientation and angular velocity. A function for each
+        count is kept.
+        """
         count = q_g.shape[2]
         if count not in self._references:
             self._references[count] = self._joint_reference(count)

@@ -74,8 +74,8 @@ def find_corners(model: RobotModel, move: Move) -> tuple[Corner, ...]:
 
 
 def _lines(segment: TimedSegment) -> list[tuple[np.ndarray, np.ndarray, float]]:
-    """Start, displacement, and time in the middle, of the parts of a motion of the tool; zero
-    displacement of arcs.
+    """Start (3,) [m], displacement (3,) [m], and time in the middle [s], of the lines of a motion
+    of the tool. Arcs and motions that are not of lines have a zero displacement.
     """
     curve = segment.curve
     if segment.space != "tool" or not isinstance(curve, BlendedCurve):
@@ -106,7 +106,9 @@ def corner_figures(
     robots.
 
     ``time`` (n,), ``reference`` (n, k), ``attained`` (robots, n, k) as of
-    `flexgen.paths.accuracy.figures.path_accuracy`. Empty without corners.
+    `flexgen.paths.accuracy.figures.path_accuracy`. The round-off is the distance of the corner's
+    point from the path, the overshoot the largest distance from the next line beyond the corner.
+    Empty without corners.
     """
     round_off = []
     commanded = []

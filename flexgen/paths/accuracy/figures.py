@@ -397,7 +397,8 @@ def _passing(
 
     Found by Newton's method with the commanded speed as slope, before the path has turned by
     `TURN`: a robot that stops short of a corner does not pass the planes there, and is measured
-    where it is nearest to them.
+    where it is nearest to them. ``commanded`` (n, k) [m/s]: speeds; ``moving`` (n,): which samples
+    move; ``p`` (n, k) [m]: positions of the robot.
     """
     speed = np.linalg.norm(commanded[moving], axis=1)
     tangent = commanded[moving] / speed[:, None]
@@ -423,7 +424,9 @@ def _offsets(
     p: np.ndarray,
     t: np.ndarray,
 ) -> np.ndarray:
-    """Offsets (points, k) where a robot passes these planes at the times ``t``."""
+    """Offsets (points, k) [m] of a robot from the path, normal to it, where it passes the planes
+    of `_passing` at the times ``t`` (points,) [s]; the other arguments are those of `_passing`.
+    """
     tangent = commanded[moving] / np.linalg.norm(commanded[moving], axis=1)[:, None]
     e = _between(t, time, p) - reference[moving]
     return np.asarray(e - (e * tangent).sum(axis=1)[:, None] * tangent)
@@ -441,8 +444,11 @@ def _orientation_figures(
     moving: np.ndarray,
     passing: list[np.ndarray],
 ) -> dict[str, Angles | None]:
-    """Figures of the angles about the world axes, on the planes that robots pass, and at the
+    """Figures of the angles [rad] about the world axes, on the planes that robots pass, and at the
     end.
+
+    ``R_ref`` (n, 3, 3), ``R`` (robots, n, 3, 3); ``passing``: times of each robot, from
+    `_passing`. Repeatabilities are 3 standard deviations, None for a single robot.
     """
 
     def angles(R: np.ndarray, R_ref: np.ndarray) -> np.ndarray:
@@ -484,7 +490,11 @@ def _accuracy_and_repeatability(d: np.ndarray) -> tuple[float, float | None]:
 def _speed_figures(
     time: np.ndarray, commanded: np.ndarray, attained: np.ndarray, cruise: np.ndarray
 ) -> tuple[float | None, float | None, float | None]:
-    """AV, RV and FV where the command cruises."""
+    """Relative speed accuracy AV and repeatability RV, and fluctuation FV [m/s], at the samples
+    ``cruise`` (n,) where the command has its constant speed; None where there are none.
+
+    ``commanded`` (n,) [m/s]; ``attained`` (robots, n, k) [m]: positions.
+    """
     if not cruise.any():
         return None, None, None
     v = np.linalg.norm(np.gradient(attained, time, axis=1), axis=2)[:, cruise]
@@ -501,7 +511,12 @@ def _speed_figures(
 def _settle(
     time: np.ndarray, p: np.ndarray, path_end: float, band: float
 ) -> tuple[float | None, float, float | None, float | None]:
-    """Settling time, overshoot, stabilization time and drift of a robot after the path."""
+    """Settling time [s], overshoot [m], stabilization time [s] and drift [m] of a robot after
+    ``path_end`` [s], from its distance to the last position of ``p`` (n, k).
+
+    A robot has settled when it stays within ``band`` [m]; the times are None where it leaves the
+    band in the second half of the record, and the drift is the largest distance in that half.
+    """
     after = time >= path_end - 1e-9
     t = time[after]
     away = np.linalg.norm(p[after] - p[-1], axis=1)

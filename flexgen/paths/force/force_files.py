@@ -31,8 +31,14 @@ def is_table(file: Path) -> bool:
 
 
 def read_force(file: Path, first: str, expected: str) -> Trajectory:
-    """The columns ``first``, fx, fy, fz (, mx, my, mz) of a file, the first one as time;
-    ArgumentError for others.
+    """The columns ``first``, fx, fy, fz (, mx, my, mz) of a CSV file as a trajectory, the first
+    one in place of the time. ``expected``: for the error.
+
+    Raises
+    ------
+    ArgumentError
+        The file cannot be read, or has other columns, numbers that are not finite, or a first
+        column that does not increase.
     """
     try:
         with open_file(file, encoding="utf-8-sig") as stream:

@@ -73,7 +73,9 @@ def in_time(force: ProcessForce, path: Path) -> ProcessForce:
 
 
 def _read(file: FilePath, last: float) -> Trajectory:
-    """The columns of a file, with the place in place of the time; it covers the path."""
+    """The columns of a file as a trajectory over the place; ArgumentError where it does not cover
+    the path, 0 to ``last``.
+    """
     found = read_force(file, "place", EXPECTED)
     begin = found.time[0]
     end = found.time[-1]

@@ -83,8 +83,11 @@ class ProcessForce:
         return own - (before - 2.0 * own + after) / 12.0
 
     def on_output(self, model: RobotModel, t: np.ndarray) -> np.ndarray:
-        """Force on the output, dual to its rates, and two derivatives, (n, 3 n_y); ArgumentError
-        where it has none.
+        """Force on the output at the instants t [s], dual to its rates, and two derivatives, (n, 3
+        n_y).
+
+        ArgumentError where the output is a combination of joints, or has no coordinate in a
+        direction in which the force acts.
         """
         output = model.output
         jets = self.jets(t)
@@ -127,8 +130,9 @@ class ProcessForce:
 def make_force(
     given: Any, model: RobotModel, duration: float, expected: str = EXPECTED
 ) -> ProcessForce:
-    """The force along a path of this duration [s] from what a user gives; ArgumentError unless as
-    ``expected``.
+    """The force along a path of this ``duration`` [s] from what a user gives: a file, a
+    trajectory, a function of time, or samples (n, 3 or 6) at equal intervals. ArgumentError for
+    another object, with what is ``expected``.
     """
     if isinstance(given, str | Path):
         file = Path(given)
@@ -175,7 +179,9 @@ def _numbers(given: Any, expected: str) -> np.ndarray:
 def _from_function(
     given: Callable[[np.ndarray], Any], duration: float, expected: str
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Instants on the path and the values of a function of time."""
+    """Instants (n,) [s] on the path, at most `STEP` apart, and the values (n, k) of a function of
+    time there; ArgumentError for an error in it, or another number of rows.
+    """
     t = np.linspace(0.0, duration, int(np.clip(np.ceil(duration / STEP), 400, SAMPLES - 1)) + 1)
     try:
         values = _numbers(given(t), expected)
@@ -195,7 +201,9 @@ def _from_function(
 
 
 def _from_trajectory(data: Trajectory, duration: float) -> tuple[np.ndarray, np.ndarray]:
-    """Instants and values of the channel of a trajectory; it covers the path."""
+    """Instants [s] and values of the force channel of a trajectory; ArgumentError where it has
+    other units or does not cover the path, 0 to ``duration`` [s].
+    """
     if CHANNEL not in data:
         raise ArgumentError(
             f"force: given a trajectory with {', '.join(data)}, expected the channel {CHANNEL}"

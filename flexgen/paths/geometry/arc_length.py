@@ -34,6 +34,7 @@ class ArcTable:
         return float(self.lengths[-1])
 
     def _integral(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """Arc length (m,) between the parameters a and b (m,), by Gauss quadrature of speed."""
         half = (b - a) / 2
         points = (a + half)[:, None] + half[:, None] * NODES
         speeds = self.speed(points.ravel()).reshape(points.shape)

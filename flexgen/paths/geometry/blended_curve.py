@@ -149,8 +149,12 @@ class BlendedCurve:
     def _corner(
         self, k: int, u: np.ndarray, rotate: bool = True
     ) -> tuple[np.ndarray, Attitude | None]:
-        """Jet of the position, and orientation, in the corner after segment k, from the jet of the
-        parameter.
+        """Jet of the position (n, 3, k), and orientation, in the corner after segment ``k``, from
+        the jet ``u`` (n, k) of the parameter.
+
+        The parameter of the segment before slows down to its end over the zone while that of the
+        segment after speeds up, so both displacements add up. ``rotate`` False: without
+        orientation, None.
         """
         before = self.segments[k]
         after = self.segments[k + 1]
@@ -213,7 +217,9 @@ class BlendedCurve:
         return x, None if self.R_start is None else (R, w)
 
     def _parameter(self, section: Section, s: np.ndarray) -> np.ndarray:
-        """Jet of the parameter in a corner from the jet of the arc length since its start."""
+        """Jet (n, k) of the parameter in a corner from the jet ``s`` (n, k) of the arc length
+        since its start: the inverse function of the arc length.
+        """
         table = self.tables[section.segment]
         if table is None:
             u = s.copy()
@@ -235,6 +241,7 @@ def _sum_in_order(x: np.ndarray) -> np.ndarray:
 
 
 def _identity(u: np.ndarray) -> np.ndarray:
+    """Jet (n, `JET`) of a parameter with respect to itself: value u (n,), derivative 1, then 0."""
     out = np.zeros((len(u), JET))
     out[:, 0] = u
     out[:, 1] = 1.0

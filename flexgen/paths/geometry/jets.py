@@ -107,7 +107,7 @@ def rotation_quaternion(angle: np.ndarray, axis: np.ndarray) -> np.ndarray:
 
 
 def quaternion_product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Jet (n, 4, k) of the product of two quaternions."""
+    """Jet (n, 4, k) of the product a b of two quaternions (n, 4, k), scalar part first."""
     w, x, y, z = (a[:, i] for i in range(4))
     p, q, r, s = (b[:, i] for i in range(4))
     return np.stack(

@@ -209,7 +209,17 @@ class _Follower:
     def _piece(
         self, segment: TimedSegment, low: float, high: float, q_g: np.ndarray
     ) -> Callable[..., np.ndarray]:
-        """The spline of one piece, as fine as the tool needs it."""
+        """The spline of the actuated coordinates over the arc length from ``low`` to ``high``,
+        from ``q_g`` (n_g,) at its start.
+
+        The motion of least norm is integrated and corrected at equidistant samples; their number
+        grows until the tool is on the path between them too.
+
+        Raises
+        ------
+        SolverError
+            The integration fails, or the finest spline is off the path.
+        """
         within = np.nextafter(low, high), np.nextafter(high, low)
 
         def slope(s: float, q: np.ndarray) -> np.ndarray:
@@ -252,7 +262,9 @@ class _Follower:
     def _at(
         self, q_g: np.ndarray, sample: PathSample, k: int = 0
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Error of the output from a sample, and the Jacobian."""
+        """Error (n_y,) of the output at ``q_g`` (n_g,) from row ``k`` of a sample, and its
+        Jacobian (n_y, n_g).
+        """
         target = (
             sample.y[k, :, 0]
             if sample.R is None
@@ -264,7 +276,10 @@ class _Follower:
     def _solve_least_norm(
         self, jacobian: np.ndarray, rate: np.ndarray, share: float
     ) -> np.ndarray:
-        """The smallest change of the free joints with this rate of the output."""
+        """The smallest change (n_g,) of the free joints with this ``rate`` (n_y,) of the output;
+        the other joints keep their values. SolverError at a singular pose; ``share``: part of the
+        path, for its message.
+        """
         U, sizes, V = np.linalg.svd(jacobian[:, self.free], full_matrices=False)
         if len(sizes) < len(rate) or not sizes[-1] > SINGULAR * sizes[0]:
             raise SolverError(
@@ -275,7 +290,9 @@ class _Follower:
         return change
 
     def _correct(self, q_g: np.ndarray, sample: PathSample, k: int, s: float) -> np.ndarray:
-        """The nearest joints with the output at a sample."""
+        """The joints (n_g,) nearest to ``q_g`` with the output of row ``k`` of a sample, by Newton
+        steps of least norm; ``s``: part of the path, for errors.
+        """
         for _ in range(STEPS):
             error, jacobian = self._at(q_g, sample, k)
             change = self._solve_least_norm(jacobian, -error, s)

@@ -198,8 +198,9 @@ def rotation_along(segment: Segment, x: np.ndarray) -> np.ndarray:
 
 
 def attitude_along(segment: Segment, x: np.ndarray, R: np.ndarray) -> Attitude:
-    """Orientation and angular velocity on a segment that starts at ``R`` (3, 3), from the jet of
-    the parameter.
+    """Orientation (n, 3, 3) and angular velocity with derivatives (n, 3, k - 1) on a segment that
+    starts at ``R`` (3, 3), from the jet ``x`` (n, k) of the parameter, the length covered [m or
+    rad].
     """
     angle = float(np.linalg.norm(segment.rotation))
     w = segment.rotation[None, :, None] * (x[:, None, 1:] / segment.length)

@@ -180,7 +180,12 @@ def smoothness_report(
 
 
 def _jumps(path: Path) -> list[tuple[float, int, np.ndarray]]:
-    """Instant, order and vector (n_y) of the lowest jump at each break."""
+    """Instant [s], order and vector (n_y,) of the lowest derivative that jumps at each break of a
+    path.
+
+    Both sides are expanded from samples next to the break to the break itself; a jump counts from
+    `JUMP` of the largest derivative on.
+    """
     d = NEAR * path.duration
     breaks = path.breaks
     samples = path.sample(np.linspace(0.0, path.duration, 1001))
@@ -206,8 +211,8 @@ def _jumps(path: Path) -> list[tuple[float, int, np.ndarray]]:
 
 
 def _configurations(equations: Equations, path: Path, times: list[float]) -> np.ndarray | None:
-    """Actuated coordinates (m, n_g) of the undeflected arm at instants of a path; None if there is
-    no solution.
+    """Actuated coordinates (m, n_g) [rad or m] of the undeflected arm at the ``times`` (m,) [s] of
+    a path; None where inverse kinematics has no solution.
     """
     t = np.unique(np.concatenate([np.linspace(0.0, path.duration, 101), times]))
     sample = path.sample(t)
@@ -232,8 +237,21 @@ def _with_effect(
     dt: float,
     remaining: float,
 ) -> Jump:
-    """The jump with its torque and the drift of the tool, from the linearization at a joint
-    configuration.
+    """The jump with its torque [N m] and the drift of the tool [m, rad], from the linearization at
+    a joint configuration; unchanged where that does not exist.
+
+    Parameters
+    ----------
+    entry : Jump
+    jump : array (n_y,)
+        Of the derivative.
+    q_g : array (n_g,) [rad or m]
+    required : int or None
+        Order of the derivative from which the torque jumps; a lower one needs an impulse.
+    dt : float [s]
+        Sampling interval of the torque.
+    remaining : float [s]
+        Time after the jump, in which the tool drifts.
     """
     from flexgen.analysis.linear import linearize, poles
 

@@ -56,9 +56,9 @@ def distances(samples: Samples, radius: float) -> np.ndarray:
 
 
 def turns_of(samples: Samples, radius: float) -> list[int]:
-    """Numbers of the samples at which a path without times turns back.
-
-    Its direction changes there by more than 90 deg.
+    """Numbers of the samples at which a path without times turns back: its direction, with
+    rotations times ``radius`` [m], changes there by more than 90 deg. Empty for samples with a
+    parameter.
     """
     if samples.knots is not None:
         return []
@@ -136,7 +136,12 @@ class SplineCurve:
             self.breaks = np.interp(inner, self.table.knots, self.table.lengths)
 
     def _spline(self, knots: np.ndarray, both: np.ndarray, smooth: float) -> BSpline:
-        """The spline through the samples, or near them; sets `deviation`."""
+        """The spline through the samples, or with ``smooth`` [m or rad] near them; sets
+        `deviation`, the largest distance from them.
+
+        ``knots`` (n,): parameters of the samples; ``both`` (n, width): their values, and
+        quaternions. Samples with times begin and end at rest.
+        """
         degree = self.degree
         self.deviation = 0.0
         self.inner_knots = 0

@@ -54,7 +54,9 @@ def sine_cosine(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def root(x: np.ndarray) -> np.ndarray:
-    """Square root by Newton's method, to rounding: `square_root` of the emitted C."""
+    """Square root by Newton's method, to rounding: `square_root` of the emitted C. Numbers that
+    are not between 0 and 1e300 are returned as they are.
+    """
     x = np.asarray(x, dtype=float)
     inside = (x > 0.0) & (x < 1e300)
     known = np.where(inside, x, 1.0)

@@ -87,7 +87,11 @@ class FewAxes:
         return np.append(position[list(output.tool_rows)], np.arctan2(u @ y, u @ x))
 
     def all_at(self, position: np.ndarray, R: np.ndarray) -> list[np.ndarray]:
-        """Configurations (n_g,); rotations within half a turn of the middle of their limits."""
+        """Configurations (n_g,) [rad or m] with the tool at ``position`` (3,) [m] and orientation
+        ``R`` (3, 3), by damped Newton iterations from random starts.
+
+        Rotations are within half a turn of the middle of their limits.
+        """
         target = self.target(position, R)
         rng = np.random.default_rng(0)
         q = rng.uniform(self.low, self.high, (STARTS, len(self.i_g)))

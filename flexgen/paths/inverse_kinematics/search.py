@@ -206,7 +206,9 @@ def kinematics(
 def _of_few_axes(
     robot: RobotModel, p: np.ndarray, R: np.ndarray, sag: bool
 ) -> tuple[Configuration, ...]:
-    """The configurations of an arm whose output is the position of the tool and its angle."""
+    """The configurations of an arm whose output is the position ``p`` of the tool and its angle,
+    the nearest one to home first; ``sag`` is refused.
+    """
     if sag:
         raise ArgumentError(
             f"sag: given for model {robot.name} with {robot.n_g} axes, expected an arm with six"
@@ -360,6 +362,9 @@ class ConfigurationSearch:
         ]
 
     def _jacobian(self, q: np.ndarray) -> np.ndarray:
+        """Jacobian (6, free joints) at the actuated coordinates ``q`` (n_g,), lengths over the
+        reach.
+        """
         full = self.base.copy()
         full[self.i_g] = q
         J = np.asarray(self.library.jacobian(full))[:, self.free].copy()
@@ -378,7 +383,11 @@ class ConfigurationSearch:
         return float(sizes[-1] / sizes[0])
 
     def _same(self, goal: np.ndarray, q: np.ndarray, other: np.ndarray) -> bool:
-        """Whether two configurations at a goal are one, or of one family."""
+        """Whether two configurations (n_g,) at a goal are one, but for rounding and whole turns,
+        or belong to one family of solutions at a singular pose.
+
+        ``goal`` (12,): position and rows of the orientation.
+        """
         rotary = np.array([self.model.coordinates[i].unit == "rad" for i in self.i_g])
         change = np.where(rotary, (q - other + np.pi) % (2 * np.pi) - np.pi, q - other)
         if np.abs(change).max() < SAME:
@@ -401,10 +410,10 @@ class ConfigurationSearch:
         return moved is not None and float(np.abs(moved - q).max()) < SAME
 
     def _refine(self, goal: np.ndarray, q: np.ndarray, home: np.ndarray) -> np.ndarray | None:
-        """A solution by Newton's method with the singular values of the Jacobian; None: it is not
-        found.
+        """A solution (n_g,) at the ``goal`` (12,) by Newton's method with the singular values of
+        the Jacobian, from ``q``; None where it is not found.
 
-        Of a family, the one nearest to ``home``.
+        Of a family of solutions, the one nearest to ``home``.
         """
         q = q.copy()
         at = self._at
@@ -439,7 +448,10 @@ class ConfigurationSearch:
         return [np.asarray(x) for x in q[:, self.i_g]]
 
     def configuration(self, goal: np.ndarray, q: np.ndarray, sag: bool) -> Configuration:
-        """A solution with what is known about it."""
+        """A solution ``q`` (n_g,) with its error at the goal, limits, branch and distance from
+        singular poses; rotations beyond a limit are moved by a turn where this helps. ``sag``: the
+        error of the elastic robot at rest.
+        """
         model = self.model
         full = np.zeros(model.n_a)
         full[self.i_g] = q
@@ -475,6 +487,9 @@ class ConfigurationSearch:
         return np.concatenate([(p - goal[:3]) / self.length, turn])
 
     def _miss(self, goal: np.ndarray, full: np.ndarray) -> float:
+        """Error of the tool at arm coordinates ``full`` (n_a,) from the goal: the larger one of
+        distance over the reach and angle [rad].
+        """
         p, R = self.library.forward_kinematics(full)
         distance = float(np.linalg.norm(p - goal[:3])) / self.length
         return max(
@@ -484,7 +499,9 @@ class ConfigurationSearch:
     # --- the elastic robot at rest ---
 
     def _solve_deflections(self, q: np.ndarray) -> np.ndarray:
-        """Arm coordinates (n_a,) at rest under gravity with the motors at ``eta q``."""
+        """Arm coordinates (n_a,) at rest under gravity with the motors at ``eta q``, by
+        fixed-point steps: gravity gives deflections, these change gravity.
+        """
         model = self.model
         equations = derive(self.model)
         full = np.zeros(model.n_a)
@@ -512,8 +529,8 @@ class ConfigurationSearch:
         return full
 
     def solve_sag(self, goal: np.ndarray, q: np.ndarray) -> np.ndarray | None:
-        """The joints as the motors see them, such that the elastic robot at rest is at the goal;
-        None: not found.
+        """The joints (n_g,) as the motors see them, such that the elastic robot at rest is at the
+        ``goal`` (12,), from a rigid solution ``q``; None where it is not found.
         """
         q = q.copy()
         at = self._at

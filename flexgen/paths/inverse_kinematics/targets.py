@@ -91,8 +91,9 @@ def joints_of_target(
 def check_configuration(
     model: RobotModel, q_g: np.ndarray, configuration: Sequence[int], wrong: Failure
 ) -> None:
-    """Raise the error of ``wrong`` where the joints (n_g,) are in another configuration; see
-    `Configuration.flags`.
+    """Refuse joints (n_g,) that are in another ``configuration`` than the one of three signs that
+    is asked for, see `Configuration.flags`; ``wrong`` makes the error from key, given value and
+    expected one.
     """
     if len(model.i_g) != JOINTS:
         raise wrong(
@@ -150,7 +151,9 @@ def _check(model: RobotModel, target: PoseTarget, wrong: Failure) -> None:
 def choose_turns(
     model: RobotModel, q: np.ndarray, before: np.ndarray, turns: Sequence[int]
 ) -> np.ndarray | None:
-    """The angles with their turns; None where one is beyond its limits."""
+    """The angles ``q`` (n_g,) [rad or m] with the given whole ``turns``, or with those closest to
+    ``before`` (n_g,); None where one is beyond its limits.
+    """
     out = q.copy()
     for k, i in enumerate(model.i_g):
         c = model.coordinates[i]

@@ -152,6 +152,9 @@ class _File:
         )
 
     def _text(self, file: FilePath) -> tuple[dict[str, np.ndarray], np.ndarray]:
+        """Columns by name in SI units, and the line of each row, of a CSV file whose first row has
+        names and units; errors name the line and the column.
+        """
         rows = self._rows(file)
         line, head = next(rows, (1, []))
         if not head:
@@ -205,6 +208,9 @@ class _File:
         return found["name"], factors[found["unit"]]
 
     def _number(self, line: int, name: str, cell: str) -> float:
+        """The number of a cell; the error for another text, or a larger size than `LARGEST`, has
+        line and column ``name``.
+        """
         try:
             number = number_in(cell)
         except ValueError:
@@ -216,10 +222,14 @@ class _File:
         return number
 
     def _read_packed(self, file: FilePath) -> tuple[dict[str, np.ndarray], np.ndarray]:
+        """Columns by name, and the number of each row, of the arrays of an .npz file, which are in
+        SI units.
+        """
         known = PACKED | {"q_g": self.joints, "y": self.outputs}
         out: dict[str, np.ndarray] = {}
 
         def check(name: str, shape: tuple[int, ...], dtype: np.dtype[Any]) -> None:
+            """Refuse an array by its header, before it is read: name, type of numbers, shape."""
             if name not in known:
                 self.fail(0, name[:80], "an unknown array", closest(name[:80], known))
             if dtype.kind not in "fiu":
@@ -368,6 +378,10 @@ def _angles(file: _File, model: RobotModel, oriented: bool) -> np.ndarray | None
 
 
 def _knots(file: _File, joints: tuple[str, ...]) -> tuple[np.ndarray | None, bool]:
+    """The parameter of the samples, times ``t`` [s] or ``u``, and whether it is the time; None
+    without one. The file is refused where it does not increase, or has steps much shorter than the
+    others. A joint of that name is not meant.
+    """
     given = [name for name in ("t", "u") if name in file.columns and name not in joints]
     if len(given) == 2:
         file.fail(1, "u", "both t and u", "only one of the two")
@@ -410,7 +424,10 @@ def _quaternions_of(angles: np.ndarray) -> np.ndarray:
 
 
 def _orientation(file: _File) -> np.ndarray | None:
-    """Unit quaternions with continuous sign, or None if the file has no orientation."""
+    """Unit quaternions (n, 4) with continuous sign from quaternions, rotation vectors or Euler
+    angles of the file; None if it has no orientation. A rotation of more than 90 deg from row to
+    row is refused.
+    """
     if any(name in file.columns for name in QUATERNION):
         q = file.take(QUATERNION)
         norm = np.linalg.norm(q, axis=1)

@@ -131,7 +131,17 @@ def _score(trial: tuple[float, SmoothSpline]) -> float:
 def _least_squares(
     parameter: np.ndarray, values: np.ndarray, degree: int, count: int, angles: int, rest: bool
 ) -> tuple[SmoothSpline, int]:
-    """The spline with ``count`` inner knots, and the number of the sample farthest from it."""
+    """The spline of a ``degree`` with ``count`` inner knots that is nearest to the samples, and
+    the number of the sample farthest from it.
+
+    Parameters
+    ----------
+    parameter : array (n,)
+    values : array (n, width)
+        The last ``angles`` columns are of quaternions, whose distance is an angle.
+    rest : bool
+        Derivatives are zero at both ends: their first and last coefficients are equal.
+    """
     at = np.linspace(0, len(parameter) - 1, count + 2)[1:-1]
     inner = np.interp(at, np.arange(len(parameter)), parameter)
     ends = np.full(degree + 1, parameter[0]), np.full(degree + 1, parameter[-1])

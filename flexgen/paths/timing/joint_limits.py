@@ -93,9 +93,9 @@ class InverseKinematics:
 
     def follow_many(self, sample: PathSample, q_g: np.ndarray, at: np.ndarray) -> np.ndarray:
         """As `follow`, faster: every eighth instant one after the other, then all at once from
-        what they interpolate.
+        what they interpolate. Where that does not converge nearby, all one after the other.
 
-        Where that does not converge nearby, all one after the other.
+        ``q_g`` (n_g,): joints before the first instant; ``at`` (n,): instants over the duration.
         """
         targets = _targets(sample)
         if len(targets) > MANY:
@@ -111,6 +111,15 @@ class InverseKinematics:
     def _one_by_one(
         self, targets: np.ndarray, q_g: np.ndarray, at: np.ndarray | None
     ) -> np.ndarray:
+        """Actuated coordinates (n, n_g) that reach ``targets``, by Newton's method, each from a
+        linear extrapolation of those before; the first from ``q_g``. ``at`` (n,): instants over
+        the duration, None: equidistant.
+
+        Raises
+        ------
+        SolverError
+            A pose is singular, or out of the workspace.
+        """
         i_g = list(self.model.i_g)
         q = np.zeros(self.model.n_a)
         q[i_g] = q_g
@@ -149,8 +158,9 @@ class InverseKinematics:
     def _at_once(
         self, targets: np.ndarray, guess: np.ndarray, around: np.ndarray
     ) -> np.ndarray | None:
-        """Newton's method at all instants; None where it does not converge, or far off against
-        ``around`` (n, n_g).
+        """Newton's method at all instants from ``guess`` (n, n_g); None where it does not
+        converge, passes a singular pose, or goes farther from the guess than the joints move
+        ``around`` (n, n_g) the instant.
         """
         i_g = list(self.model.i_g)
         n = len(guess)
@@ -172,8 +182,8 @@ class InverseKinematics:
         return q[:, i_g] if (reached & nearby).all() else None
 
     def velocities(self, sample: PathSample, q_g: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Velocities and accelerations (n, n_g) of the actuated coordinates along a reference,
-        from `follow`.
+        """Velocities and accelerations (n, n_g) of the actuated coordinates ``q_g`` (n, n_g) along
+        a reference: ``W v = y'``, ``W a = y'' - W' v``.
         """
         n = len(q_g)
         i_g = list(self.model.i_g)

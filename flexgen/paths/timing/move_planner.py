@@ -153,6 +153,9 @@ class _Planner:
         return np.array(values, dtype=float)
 
     def _bounds(self, profile: Sequence[float], key: str) -> None:
+        """Refuse a profile of bounds, and a smoothness, that a law cannot have; ``key``: name of
+        the profile in the model file.
+        """
         if profile and (len(profile) < 2 or not all(np.isfinite(b) and b > 0 for b in profile)):
             expected = "two or more positive bounds: speed, acceleration, jerk, ..."
             raise wrong(self.move.where, self.name, key, list(profile), expected)
@@ -163,6 +166,9 @@ class _Planner:
             )
 
     def _require_tool(self, where: Where | None, name: str, what: str) -> None:
+        """Refuse a move of the tool, ``what``, where the output of the model is not the tool;
+        ``where``, ``name``: place in the file, for the error.
+        """
         if not self.reference.tool:
             expected = (
                 "an output_line or joint move, because the output is not the position or pose "
@@ -173,6 +179,9 @@ class _Planner:
             raise ArgumentError(f"{name}: given a {what}, expected {expected}")
 
     def _law(self, space: str, curve: Curve, speeds: list[float] | None = None) -> Law:
+        """The time law of a curve: of the move's duration and smoothness, of its given timing, or
+        the fastest one within its profile; ``speeds``: bounds of the curve's segments.
+        """
         move = self.move
         if not move.profile:
             if move.timing:
@@ -383,7 +392,9 @@ class _Planner:
     def _polyline(
         self, start: np.ndarray, R: np.ndarray, steps: Sequence[MoveL], radius: float
     ) -> tuple[BlendedCurve, list[float] | None]:
-        """Consecutive lines and arcs of the tool from a pose, with rounded corners."""
+        """Consecutive lines and arcs of the tool from the pose ``start`` [m], ``R``, with rounded
+        corners, and the speeds of the segments where the move has a profile.
+        """
         segments: list[Segment] = []
         zones = []
         position = start
@@ -417,7 +428,10 @@ class _Planner:
     def _corners(
         self, segments: list[Segment], zones: list[float], steps: Sequence[Step], first: int = 0
     ) -> None:
-        """Check that zones do not overlap and that the path does not reverse in a corner."""
+        """Check that zones do not overlap and that the path does not reverse in a corner.
+        ``zones``: radii [m or rad] between the segments; ``steps``: of the file, for errors,
+        numbered from ``first`` on.
+        """
         around = [0.0, *zones, 0.0]
         for k, segment in enumerate(segments):
             if around[k] + around[k + 1] > segment.length * (1 + 1e-12):
@@ -439,7 +453,9 @@ class _Planner:
         return wrong(step.where, f"{self.name}, step {k + 1}", key, given, expected)
 
     def _speed(self, step: Step, k: int, profile: Sequence[float]) -> float:
-        """Bound on the speed of a step."""
+        """Bound on the speed of step ``k``: its own, else the first number of the profile; 1 where
+        only ratios of speeds count. A speed without a profile is refused.
+        """
         if step.speed is None:
             return profile[0] if profile else 1.0
         if not profile and not self.move.timing:
@@ -453,7 +469,9 @@ class _Planner:
     def _segment(
         self, step: MoveL, k: int, position: np.ndarray, R: np.ndarray, radius: float
     ) -> Segment:
-        """The line or arc of a step of the tool, from a pose."""
+        """The line or arc of step ``k`` of the tool, from the pose ``position`` (3,) [m], ``R``
+        (3, 3); ``radius`` [m]: with which rotations count as lengths.
+        """
 
         def vector(key: str, values: Sequence[float], size: int = 3) -> np.ndarray:
             if len(values) != size or not np.isfinite(values).all():
@@ -582,6 +600,10 @@ class _Planner:
         return np.asarray(rotation_matrices(axis, end[POSITION:] - start[POSITION:])[0] @ R)
 
     def _check_step(self, step: Step, k: int, program: Program) -> None:
+        """Refuse step ``k`` of a program that is of another type, or whose zone or pause does not
+        fit: a step with a zone has no pause, is not the last one, and is followed by one of the
+        same space.
+        """
         if not isinstance(step, (MoveJ, MoveL)):
             raise ArgumentError(
                 f"{self.name}, step {k + 1}: given {step!r}, expected a MoveJ, MoveL or MoveC"
@@ -617,8 +639,23 @@ class _Planner:
         time: float,
         timing: Vector | None,
     ) -> TimedSegment:
-        """The timed segment of steps without a stop between them, from a joint configuration and
-        tool pose.
+        """The timed segment of steps without a stop between them.
+
+        Parameters
+        ----------
+        group : tuple of steps
+            All joint moves, or all moves of the tool.
+        first : int
+            Number of the first step in the program.
+        q_g : array (n_g,) [rad or m]
+            Joints at its start.
+        position, R : array [m], (3, 3)
+            Pose of the tool there.
+        time : float [s]
+            Of the start.
+        timing : vector or None
+            Duration and coefficients of a given time law; None: the fastest one within the
+            profile.
         """
         joints = isinstance(group[0], MoveJ)
         profile = tuple(program.joint_profile if joints else program.profile)

@@ -147,7 +147,8 @@ class PlannedMove:
 def derivative_norms(
     space: str, x: np.ndarray, attitude: Attitude | None, radius: float
 ) -> np.ndarray:
-    """Norms (n, 5) of the derivatives 1 to 5 of a curve.
+    """Norms (n, 5) of the derivatives 1 to 5 of a curve, from its jet ``x`` (n, width, 6) and its
+    orientation.
 
     For the tool: the Euclidean norm of the position, or ``radius`` [m] times that of the angular
     velocity if that is larger, or times the derivative of an angle after the position; otherwise
@@ -166,8 +167,10 @@ def derivative_norms(
 def _stretches(
     space: str, curve: Curve, bounds: tuple[float, ...], radius: float, speeds: list[float] | None
 ) -> list[Stretch]:
-    """Stretches of a curve with the speed that their curvature allows; ``speeds``: bounds of the
-    curve's segments.
+    """Stretches of a curve, each with its length and the largest speed: that of its segment,
+    lowered so that curvature alone stays within the higher ``bounds`` (acceleration, jerk, ...).
+
+    ``speeds``: bounds of the curve's segments; ``radius`` [m]: with which rotations count.
     """
     from flexgen.paths.timing.speed_planning import Stretch
 
@@ -264,10 +267,10 @@ def _joint_slowdown(
     q_g: np.ndarray | None,
 ) -> float:
     """Factor by which the limits of joints and motors slow a motion down, from instants between
-    the breaks of its law.
+    the breaks of its law; at most 1: they hold.
 
     Where a joint moves far from one instant to the next, as near a singular pose, from more of
-    them.
+    them. ``q_g`` (n_g,): joints at the start.
     """
     breaks = segment.law.breaks
     end = segment.law.duration
@@ -309,8 +312,8 @@ def _joint_slowdown(
 
 
 def _peaks(segment: TimedSegment, radius: float) -> np.ndarray:
-    """Largest norms (5) of the derivatives of a segment: at equidistant instants, between breaks,
-    near local maxima.
+    """Largest norms (5,) of the derivatives of a segment, `derivative_norms` with ``radius`` [m]:
+    at equidistant instants, between breaks, and near local maxima.
     """
     end = segment.law.duration
     first = segment.law.breaks[:-1, None]
@@ -334,8 +337,8 @@ def _peaks(segment: TimedSegment, radius: float) -> np.ndarray:
 def configuration_at_end(
     reference: Reference, segment: TimedSegment, q_g: np.ndarray
 ) -> np.ndarray:
-    """Actuated coordinates (n_g) of the undeflected arm at the end of a segment, from those at its
-    start.
+    """Actuated coordinates (n_g,) of the undeflected arm at the end of a segment, from those at
+    its start, ``q_g``: inverse kinematics along it.
     """
     t = segment.instants(INSTANTS // 4 + 1)
     x, attitude = segment.at(t)

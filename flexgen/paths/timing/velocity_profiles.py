@@ -69,8 +69,11 @@ class TrapezoidStep:
 
     @cached_property
     def polynomials(self) -> tuple[np.ndarray, np.ndarray]:
-        """Knots of the first half, and the derivatives -1 (the integral) to p at each, (m, p +
-        2).
+        """Knots (m,) [s] of the first half, and the derivatives -1 (the integral) to p at each,
+        (m, p + 2).
+
+        The p-th derivative is a step function whose jumps are at the sums of subsets of ``times``;
+        from one knot to the next all derivatives follow by Taylor's formula.
         """
         p = len(self.times)
         end = self.duration
