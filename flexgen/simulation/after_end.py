@@ -42,9 +42,10 @@ def errors_after_end(found: Run, end: float, held: float) -> np.ndarray:
 
 
 def simulate_after_end(found: Run, end: float, held: float) -> np.ndarray:
-    """The remaining motion by simulation of the nonlinear equations.
+    """States (`STEPS`, n) of the motion after the simulated end, until `AFTER` [s] after it, by
+    simulation of the nonlinear equations; ``held`` [s] of this time are simulated already.
 
-    As predicted where an integrator does not follow them.
+    By the linear prediction where an integrator does not follow the equations.
     """
     if found.tolerances is None or held >= AFTER:
         return errors_after_end(found, end, held)

@@ -34,10 +34,11 @@ def analyze(
     held: float,
     own_torque: bool,
 ) -> tuple[Growth | None, dict[str, Any]]:
-    """Growth of perturbations along a trajectory, and the attributes of a `Simulation` with it and
-    the defect.
+    """Growth of perturbations along a trajectory, and attributes of a `Simulation` by name: the
+    growth, and the defect where ``own_torque`` says that the torques are those of the trajectory.
 
-    Empty without speeds or accelerations. ``own_torque``: the torques are those of the trajectory.
+    ``given``: channels in the order of the model; ``held`` [s]: time after the end. Empty without
+    speeds or accelerations.
     """
     count = len(data.time)
     motion = motion_of(equations.model, data, {name: x[:count] for name, x in given.items()})

@@ -215,7 +215,12 @@ def record_motion(
     given: dict[str, np.ndarray],
     motion: tuple[np.ndarray, ...],
 ) -> tuple[float | None, float | None, Trajectory]:
-    """Largest output error [m] and [rad], and the simulated motion as a trajectory."""
+    """Largest output error [m] and [rad], None where not measured, and the simulated motion as a
+    trajectory.
+
+    ``given``: channels of the trajectory that is simulated, with its reference; ``motion``: ``q_a,
+    v_a, q_m, v_m`` at its instants and after them.
+    """
     robot = equations.model
     q_a, v_a, q_m, v_m = motion
     channels = {"q_a": q_a, "v_a": v_a, "q_m": q_m, "v_m": v_m, "tau_m": given["tau_m"]}
@@ -253,7 +258,9 @@ def record_motion(
 def output_error(
     equations: Equations, data: dict[str, np.ndarray], q_a: np.ndarray
 ) -> tuple[np.ndarray, float | None, float | None]:
-    """Output minus reference (n, n_y), largest distance [m] and angle [rad]."""
+    """Output minus reference (n, n_y), largest distance [m] and angle [rad], None where the output
+    has no such part. ``data``: has ``y_ref``, of poses also ``R_ref``; ``q_a`` (n, n_a).
+    """
     output = equations.model.output
     y = evaluate(equations.function("output"), q_a)[0].reshape(len(q_a), -1)
     error = y - data["y_ref"]

@@ -116,11 +116,12 @@ def rates_of(
     given: PPoly,
     feedback: MotorFeedback | None,
 ) -> Rates:
-    """The right-hand side with the states (q_a, q_me, v_a, v_me, work, loss, integrals of the
-    feedback).
+    """The right-hand side with the states (q_a, q_me, v_a, v_me, work, loss, torques with states,
+    integrals of the feedback), and its Jacobian.
 
-    ``function``, ``in_c``: the rate without feedback as a CasADi function of state and torque, and
-    the same in C.
+    ``function``, ``in_c``: the rate without feedback as a CasADi function of state and input, and
+    the same in C; ``given``: inputs over time: motor torques, with feedback its references, and
+    the force on the tool.
     """
     robot = equations.model
     n_a = robot.n_a
@@ -133,6 +134,7 @@ def rates_of(
     own = function.size1_in(0)  # of the robot
 
     def rate(instant: float, x: np.ndarray) -> np.ndarray:
+        """The rate of the state x at an instant [s]."""
         u = given(instant)
         if feedback is None:
             return np.asarray(function(x, u), float).ravel()
@@ -141,6 +143,9 @@ def rates_of(
         return np.concatenate([np.asarray(function(x[:own], applied), float).ravel(), w])
 
     def jacobian(instant: float, x: np.ndarray) -> np.ndarray:
+        """The derivative of the rate in the state; work and loss, which nothing depends on, are
+        left out.
+        """
         motors[i_m] = x[n_a:n]
         speeds[i_m] = x[n + n_a : 2 * n]
         u = given(instant)

@@ -79,8 +79,9 @@ FEEDBACKS = (AUTO, NONE, PPI)
 def _read_channels(
     model: RobotModel, data: Trajectory, moving: bool = False
 ) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
-    """The channels that a simulation needs, with columns in the order of the model, and
-    warnings.
+    """The channels that a simulation needs, with columns in the order of the model, and warnings:
+    a start that is not at rest (unless ``moving``), or another model. ArgumentError for missing or
+    wrong ones.
     """
     names_m = tuple(m.name for m in model.motors)
     of_a = {c.name: c.unit for c in model.coordinates}
@@ -280,8 +281,8 @@ def _shift(run: Simulation, late: float) -> Simulation:
 def _simulate_open_loop(
     task: _Task, rtol: float, growth: Growth | None, progress: Callable[[str], None] | None
 ) -> Simulation | None:
-    """The simulation without feedback; None where rounding errors grow to the size of its
-    error.
+    """The simulation without feedback; None where rounding errors grow to the size of its error,
+    or it fails. ``rtol`` is lowered by the growth of perturbations.
     """
     from flexgen.simulation import open_loop
 
@@ -324,6 +325,9 @@ def _task(
     moving: bool,
     held: float,
 ) -> _Task:
+    """What one simulation needs: instants and channels, with the time ``held`` [s] after the end,
+    and the first state, at rest or ``moving``.
+    """
     t, longer = _with_held_end(data.time, given, held)
     return _Task(
         equations, data, t, longer, start_state(equations.model, data, given, start, moving), held
@@ -356,7 +360,9 @@ def _simulate_once(
     feedback: MotorFeedback | None,
     progress: Callable[[str], None] | None,
 ) -> Simulation:
-    """One simulation of the whole move."""
+    """One simulation of the whole move and the time after it, under torques of samples or of a
+    command, with a relative tolerance ``rtol``.
+    """
     began = time.perf_counter()
     equations = task.equations
     robot = task.equations.model
@@ -408,7 +414,7 @@ def _later_errors(
     task: _Task, found: Run, before: tuple[float | None, float | None]
 ) -> tuple[float | None, float | None]:
     """Largest errors of the output until `AFTER` after the end [m], [rad], with those until
-    ``held`` after it.
+    ``held`` after it, ``before``; None where they are not measured.
     """
     from flexgen.simulation.after_end import errors_after_end, simulate_after_end
 
@@ -447,8 +453,8 @@ def _check_choices(trajectory: Any, rtol: float, held: float | None, feedback: s
 def _command(
     robot: RobotModel, data: Trajectory, tau_m: np.ndarray, command: TorqueCommand | None
 ) -> TorqueCommand | None:
-    """Torques that a controller sends: as given, or as the trajectory states; None: the
-    samples.
+    """Torques that a controller sends: as given, or as the meta data of the trajectory state for
+    its samples ``tau_m`` (n, n_m) [N m]; None: the continuous torque of the samples.
     """
     sent = command or command_in(
         data.time, tau_m, tuple(motor.name for motor in robot.motors), data.meta
@@ -457,8 +463,9 @@ def _command(
 
 
 def _input(task: _Task, feedback: MotorFeedback | None) -> Input:
-    """The motor torques, with feedback also the motors' reference angles and speeds, at an
-    instant.
+    """The input of the rate between two instants, as a polynomial: motor torques, with feedback
+    also the motors' reference angles and speeds, and the force on the tool behind them; references
+    are constant after the end.
     """
     torque = (
         _hold_curve(task.data, task.given["tau_m"])
@@ -506,8 +513,9 @@ def _check_command(robot: RobotModel, command: TorqueCommand) -> TorqueCommand:
 def _with_edges(
     t: np.ndarray, corners: list[int], command: TorqueCommand | None
 ) -> tuple[np.ndarray, np.ndarray, list[int]]:
-    """All instants of the integration, which of them are those in ``t``, and the corners with the
-    command's edges.
+    """All instants [s] of the integration, which of them are those in ``t``, and the numbers of
+    those at which the input is not smooth: the ``corners`` and the edges of a held command. An
+    edge next to a sample is moved onto it.
     """
     if command is None:
         return t, np.arange(len(t)), corners
@@ -537,8 +545,8 @@ def _hold_curve(data: Trajectory, torque: np.ndarray) -> Input:
 def _with_held_end(
     t: np.ndarray, given: dict[str, np.ndarray], held: float
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Instants and channels with those of the time after the end, where all keep their last
-    values.
+    """Instants [s] and channels with ``held`` [s] of time after the end, in which all keep their
+    last values.
     """
     more = int(np.ceil(held / HELD_STEP))
     later = t[-1] + held * np.arange(1, more + 1) / max(more, 1)
@@ -559,7 +567,9 @@ def _growth_warning(growth: Growth, feedback: MotorFeedback) -> str:
 def _energy_error(
     equations: Equations, motion: tuple[np.ndarray, ...], work: np.ndarray, loss: np.ndarray
 ) -> float:
-    """Largest violation of the energy balance, relative to the energy exchanged."""
+    """Largest violation of the energy balance, relative to the energy exchanged: kinetic and
+    potential energy less ``work`` plus ``loss`` (n,) [J] is constant along ``q_a, v_a, q_m, v_m``.
+    """
     energies = [x.reshape(len(work)) for x in evaluate(equations.function("energy"), *motion)]
     total = energies[0] + energies[1]
     imbalance = total - total[0] - work + loss

@@ -17,13 +17,17 @@ def start_state(
     start: Equilibrium | None,
     moving: bool,
 ) -> np.ndarray:
-    """The state (q_a, q_me, v_a, v_me) with which the simulation begins."""
+    """The state (q_a, q_me, v_a, v_me) with which the simulation begins: ``start``, or the first
+    sample, at rest or with its speeds (``moving``).
+    """
     q_a, q_m = (given["q_a"][0], given["q_m"][0]) if start is None else (start.q_a, start.q_m)
     return np.concatenate([q_a, q_m[list(robot.i_m)], _first_speed(robot, data, moving)])
 
 
 def _first_speed(robot: RobotModel, data: Trajectory, moving: bool) -> np.ndarray:
-    """Speeds (dof,) at the start: zero, or of the first sample."""
+    """Speeds (dof,) [rad/s or m/s] at the start: zero, or those of the first sample if ``moving``;
+    ArgumentError where the trajectory has none, or in another unit.
+    """
     if not moving:
         return np.zeros(robot.dof)
     parts = []

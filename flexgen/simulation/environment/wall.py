@@ -124,7 +124,9 @@ def add_contact(wall: Wall, equations: Equations, motion: Trajectory) -> Traject
 
 
 def check_start(wall: Wall, equations: Equations, q_a: np.ndarray) -> None:
-    """ArgumentError where the tool begins a motion behind the wall."""
+    """Refuse a wall in which the tool is at the begin of a motion, at ``q_a`` (n_a,):
+    ArgumentError with the depth [m].
+    """
     point, n = in_world(wall, equations.model)
     p = np.array(equations.function("forward_kinematics")(q_a)[0]).ravel()
     if (depth := float(n @ (point - p))) > 0.0:

@@ -187,8 +187,8 @@ class CompiledDop853:
         return int(self._position.evaluations)
 
     def advance(self, out: np.ndarray, k: int, most: int) -> int:
-        """Fill ``out`` from row ``k`` on for about ``most`` evaluations; the first row that is not
-        filled yet.
+        """Fill ``out`` (instants, n) from row ``k`` on, for about ``most`` evaluations; returns
+        the first row that is not filled yet. A failure is kept as a text.
         """
         assert out.flags.c_contiguous and k == self._written.value + 1
         status = self._advance(

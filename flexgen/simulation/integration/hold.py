@@ -343,7 +343,10 @@ def check_hold(hold: str, sample_time: float | None, delay: float) -> None:
 def extend_constant(
     t: np.ndarray, tau: np.ndarray, limited: bool, degree: int | None = None
 ) -> Callable[[np.ndarray], np.ndarray]:
-    """The continuous torque, constant before its first and after its last sample."""
+    """The continuous torque [N m] as a function of instants, from samples ``tau`` (n, n_m) at
+    ``t`` (n,) [s]; constant before the first and after the last one. ``limited``, ``degree``: how
+    `torque_curve` interpolates.
+    """
     curve = then_constant(torque_curve(t, tau, limited=limited, degree=degree), tau[-1])
     return lambda instants: np.asarray(curve(np.maximum(instants, t[0])))
 
@@ -351,8 +354,10 @@ def extend_constant(
 def _moments(
     t: np.ndarray, curve: Callable[[np.ndarray], np.ndarray], edges: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Means of ``(1 - x) tau`` and of ``x tau`` on each interval between two edges, where x goes
-    from 0 to 1.
+    """Means of ``(1 - x) tau`` and of ``x tau`` on each interval between two ``edges`` [s], where
+    x goes from 0 to 1: (intervals, n_m) [N m] each.
+
+    Gauss quadrature on pieces that end at the samples ``t``, where the ``curve`` is less smooth.
     """
     inside = t[(t > edges[0]) & (t < edges[-1])]
     ends = np.unique(np.concatenate([edges, inside]))
@@ -376,8 +381,9 @@ def _second_difference(values: np.ndarray) -> np.ndarray:
 
 
 def _projection(ends: np.ndarray, left: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Values at the edges of the straight lines with the least squared distance, the first and
-    last as in ``ends``.
+    """Values (n, n_m) [N m] at the edges of the polygon with the least squared distance from a
+    torque with the moments ``left``, ``right`` (n - 1, n_m); the first and last value are those in
+    ``ends``.
 
     ``(u_(k-1) + 4 u_k + u_(k+1)) / 6 = right_(k-1) + left_k``.
     """

@@ -99,7 +99,13 @@ class Memory:
 
 
 def memory_of(equations: Equations) -> Memory:
-    """The torques with states of a model, their rates and the forces that they exert."""
+    """The torques with states of a model, their rates, the forces that they exert, and the power
+    that they take.
+
+    The states z are the torques of the layers of all gears, then those of the bristles of motors.
+    A gear pulls with the sum of its layers on arm and motor; friction that depends on the load
+    changes with it.
+    """
     model = equations.model
     lag = equations.lagrangian
     layers = gear_layers(model)

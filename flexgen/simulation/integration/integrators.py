@@ -81,7 +81,9 @@ class Rates:
     model: RobotModel | None = None
 
     def fastest(self, t: float, x: np.ndarray) -> Mode | None:
-        """The fastest mode at a state; None without a model, and where the state is not finite."""
+        """The fastest mode at the instant t [s] and the state x; None without a model, and where
+        the state is not finite.
+        """
         from flexgen.simulation.integration.fastest_mode import fastest_mode
 
         if self.model is None or not np.isfinite(x).all():
@@ -134,7 +136,9 @@ class ScipySteps:
         return int(self.solver.nfev)
 
     def advance(self, out: np.ndarray, k: int, most: int) -> int:
-        """Step for ``most`` evaluations; states at instants from k on go to ``out``; new k."""
+        """Step for ``most`` evaluations; states at the instants from number ``k`` on go to ``out``
+        (instants, n); returns the new k.
+        """
         solver = self.solver
         t = self.instants
         until = self.nfev + most
@@ -276,7 +280,7 @@ def _explicit(
 def _implicit(
     loop: Rates, solver: _Solver, t: np.ndarray, tolerances: tuple[float, np.ndarray]
 ) -> ScipySteps:
-    """The implicit method from the state that another one has reached."""
+    """The implicit method LSODA from the state that another one has reached, until t[-1] [s]."""
     rtol, atol = tolerances
     start = solver.y.copy()
     made = LSODA(loop.rate, solver.t, start, t[-1], jac=loop.jacobian, rtol=rtol, atol=atol)
@@ -311,8 +315,10 @@ def _failure_text(loop: Rates, solver: _Solver) -> str:
 def _check_advance(
     solver: _Solver, mark: tuple[float, int], t: np.ndarray, why: Callable[..., str] | None = None
 ) -> tuple[float, int]:
-    """SolverError where the implicit method does not advance; else instant and evaluations of the
-    last check.
+    """Refuse an implicit method that does not advance, with the cause by ``why``.
+
+    ``mark``: instant [s] and evaluations at the last check; returns those of this one, or the same
+    ones where it is too early to judge.
     """
     if solver.nfev - mark[1] < PATIENCE and solver.nfev < EVALUATIONS_STIFF:
         return mark

@@ -73,7 +73,9 @@ def motion_in(trajectory: Trajectory) -> Motion:
 
 
 def motion_of(robot: RobotModel, data: Trajectory, given: dict[str, np.ndarray]) -> Motion | None:
-    """The motion of a trajectory; None without speeds or accelerations."""
+    """The motion of a trajectory, with the channels ``given`` in the order of the model; None
+    without speeds or accelerations, and where a number is not finite.
+    """
     names = {
         "a": tuple(c.name for c in robot.coordinates),
         "m": tuple(m.name for m in robot.motors),
@@ -112,8 +114,11 @@ class Linearized:
 
 
 def linearize_along(equations: Equations, motion: Motion) -> Linearized:
-    """The linearization along a motion until it is at rest; along all of it where nothing
-    moves.
+    """The linearization ``x' = A x + force`` at instants of a motion until it is at rest, or along
+    all of it where nothing moves.
+
+    Motor coordinates are scaled to the arm side. Instants are samples, dense enough for the
+    periods of gear harmonics.
     """
     model = equations.model
     t = motion.t
@@ -214,7 +219,10 @@ def _exponentials(matrices: np.ndarray) -> np.ndarray:
 
 
 def _log_growth(steps: np.ndarray, n: int) -> np.ndarray:
-    """Logarithm of the growth from the start of the first step to the end of each, (k,)."""
+    """Natural logarithm (k,) of the growth of the coordinates from the start of the first step to
+    the end of each. ``steps`` (k, 2 n, 2 n): transition matrices; their product is scaled so that
+    it does not overflow.
+    """
     product = np.eye(2 * n)
     size = 0.0
     out = np.empty(len(steps))

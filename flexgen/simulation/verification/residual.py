@@ -92,7 +92,10 @@ def _bristles(equations: Equations, motion: Motion) -> np.ndarray:
 
 
 def _acting_hysteresis(equations: Equations, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
-    """Contribution of hysteresis torques to the residuals of actuated coordinates and motors."""
+    """Contribution of hysteresis torques to the residuals of actuated coordinates (k, n_g) and
+    motors (k, n_m) [N m]; friction that depends on the load changes with them. Zeros without
+    hysteresis.
+    """
     z = motion.tau_h
     model = equations.model
     if z is None:
@@ -121,8 +124,8 @@ def _acting_bristles(equations: Equations, motion: Motion) -> tuple[np.ndarray, 
 def _half_way(
     h: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray
 ) -> tuple[np.ndarray, ...]:
-    """Quintic Hermite interpolant of samples and its two derivatives at the midpoints, (n - 1,
-    n_q) each.
+    """Quintic Hermite interpolant of samples q, v, a (n, n_q) and its two derivatives at the
+    midpoints of intervals of length h (n - 1, 1) [s], (n - 1, n_q) each.
     """
     q0 = q[:-1]
     q1 = q[1:]
