@@ -154,6 +154,7 @@ class Solution(Result):
                     [f"  warning: {' '.join(text.split())}" for text in self.warnings]
                     or ["  warnings: none"]
                 ),
+                *([f"  note: {note}"] if (note := self.model.not_measured_sentence) else []),
                 *attempts,
             ]
         )
@@ -275,7 +276,9 @@ class Solution(Result):
     def content(self) -> tuple[Part, ...]:
         """The figures, notes on the path, and the methods that were tried before."""
         command = self.torque_command
-        notes = [Prose(f"note: {line}", "notes") for line in self.details.get("notes", ())]
+        lines = [*self.details.get("notes", ()), self.model.not_measured_sentence]
+        notes = [Prose(f"note: {line}", "notes") for line in lines if line]
+        unknown = self.model.not_measured
         tried = [Prose(f"tried before: {x}", "tried") for x in self.details.get("attempts", ())]
         return (
             Data("model", self.model.name),
@@ -284,6 +287,7 @@ class Solution(Result):
             *self.figures(),
             *notes,
             *tried,
+            *([Data("not_measured", list(unknown))] if unknown else []),
             Data("stopped", self.stopped),
             Data("accuracy", None if self._unverified else self.accuracy().to_dict()),
             Data("details", dict(self.details)),

@@ -37,6 +37,8 @@ Matrix = tuple[tuple[float, ...], ...]
 
 IDENTITY: Matrix = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 ZERO: Vector = (0.0, 0.0, 0.0)
+# Numbers that a sentence names; it counts the others.
+NAMES_SHOWN = 8
 
 
 @dataclass(frozen=True)
@@ -380,6 +382,7 @@ class RobotModel:
     text: str = ""  # canonical text of the data; caches use its hash
     sensors: tuple[Sensor, ...] = ()
     uncertainty: Tolerances | None = None
+    not_measured: tuple[str, ...] = ()  # names of numbers that a calibration left as they were
     servo: Any = None  # ServoTable of flexgen.model.position_servo.keys
     temperature: Any = 20.0  # [deg C], a number; a symbol where it is a run-time parameter
     # by the name of the degree of freedom; no part of the data of the robot
@@ -422,6 +425,20 @@ class RobotModel:
             ("variants", ", ".join(self.variants) or "none"),
         ]
         return table_html(self.title, rows)
+
+    @property
+    def not_measured_sentence(self) -> str:
+        """The numbers that no measurement determines, in one sentence; empty where there are
+        none.
+        """
+        names = self.not_measured
+        if not names:
+            return ""
+        more = f" and {len(names) - NAMES_SHOWN} more" if len(names) > NAMES_SHOWN else ""
+        verb = "is" if len(names) == 1 else "are"
+        value = "value" if len(names) == 1 else "values"
+        shown = ", ".join(names[:NAMES_SHOWN])
+        return f"{shown}{more} {verb} not measured: {value} of the model file"
 
     @cached_property
     def parents(self) -> dict[str, str]:

@@ -69,8 +69,20 @@ def with_overrides(model: RobotModel, changes: Mapping[str, Any]) -> dict[str, A
         Dotted keys of the model file and their values.
     """
     new = _with_new_tables(model, changes)
+    if model.not_measured and "not_measured" not in changes:
+        new["not_measured"] = [name for name in model.not_measured if not _is_set(name, changes)]
     before = {key: value for key, value in model.overrides.items() if key not in new}
     return before | new
+
+
+def _is_set(name: str, changes: Mapping[str, Any]) -> bool:
+    """Whether a key of the changes has the number ``name``, such as q1.stiffness: dotted keys
+    contain the owner of a number and end in its own name.
+    """
+    owner, _, number = name.partition(".")
+    last = number.partition(".")[0]
+    keys = (key.split(".") for key in changes)
+    return any(owner in words and words[-1] == last for words in keys)
 
 
 def _with_new_tables(model: RobotModel, changes: Mapping[str, Any]) -> dict[str, Any]:

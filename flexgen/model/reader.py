@@ -327,7 +327,7 @@ def _canonical(root: Table) -> str:
             return [plain(item) for item in value]
         return float(value) if isinstance(value, int) and not isinstance(value, bool) else value
 
-    unused = ("description", "source", "uncertainty")
+    unused = ("description", "source", "uncertainty", "not_measured")
     data = {
         key: toml_lines.unwrap(entry) for key, entry in root.entries.items() if key not in unused
     }

@@ -45,7 +45,8 @@ def made(kind: type, **fields: Any) -> Any:
 
 def prediction(error_m: float | None, error_rad: float | None, halves: int) -> Prediction:
     band = Band(("m1",), np.ones((2, 1)), np.full((2, 1), 0.5), 2 * np.ones((2, 1)))
-    arm = Made(title="arm", output=Made(type="combination" if error_m is None else "tool_pose"))
+    output = Made(type="combination" if error_m is None else "tool_pose")
+    arm = Made(title="arm", output=output, not_measured=(), not_measured_sentence="")
     return made(
         Prediction,
         solution=Made(model=arm, move=Made(name="line")),

@@ -24,6 +24,7 @@ EVERYTHING = """
 name = "everything"
 gravity = [0, 0, -9.81]
 temperature = 40
+not_measured = ["q0.stiffness"]
 motor_coupling = "complete"
 home_rad = [0.1, 0.2, 0.3, 0.4, 0.5, 0.0]
 [base]

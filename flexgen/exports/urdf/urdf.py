@@ -455,13 +455,16 @@ def overlay_text(model: RobotModel, steps: list[Step], file: str, folder: Path) 
         for key, form in forms.items()
         if (value := getattr(model, key)) is not None
     }
+    kept = {*(c.name for c in model.coordinates), *(sensor.name for sensor in model.sensors)}
+    kept |= {step.link for step in steps} | {"payload"}
+    data["not_measured"] = [x for x in model.not_measured if x.partition(".")[0] in kept]
     if model.payload.mass:
         data["payload"] = write(BODY, model.payload) | (
             {"inertia_reduced": True} if _reduced(model.payload) else {}
         )
     data["output"] = output_table(model)
     lines = [f"# {model.title}{_WRITTEN_BY}{__version__}: what {file} cannot contain"]
-    lines += [f"{key} = {toml(value)}" for key, value in data.items() if value not in ({}, ())]
+    lines += [f"{key} = {toml(value)}" for key, value in data.items() if value not in ({}, (), [])]
     tip = model.tip if steps[-1].link in model.parents else steps[-1].link
     branches = [
         step.link for step in steps if step.link not in {tip, *(other.parent for other in steps)}

@@ -12,7 +12,7 @@ Humanoids 2021 (lateral compliances).
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +23,12 @@ from flexgen.base.checks.bounds import CountOrZero, TimeLimit
 from flexgen.base.checks.type_checks import checked_types
 from flexgen.base.errors import ArgumentError
 from flexgen.identification.estimator.validation import validate
-from flexgen.identification.poses.accuracy import Accuracy, accuracy_of
+from flexgen.identification.poses.accuracy import (
+    Accuracy,
+    accuracy_of,
+    undetermined,
+    with_kept,
+)
 from flexgen.identification.poses.components import (
     Tilt,
     find_tilt,
@@ -51,7 +56,7 @@ from flexgen.identification.poses.parameters import (
 )
 from flexgen.identification.poses.poses import StaticPoses, surfaces_of
 from flexgen.identification.poses.result import Calibration
-from flexgen.identification.poses.statics import Numbers, Statics
+from flexgen.identification.poses.statics import Near, Numbers, Statics
 from flexgen.identification.poses.tree import Tree
 from flexgen.model.abilities import needs
 from flexgen.model.elements import RobotModel
@@ -60,6 +65,8 @@ from flexgen.model.reader import read
 FEWEST = 5  # poses
 PULL = -2.0  # standard deviations below its bound at which a compliance is a sign of a wrong model
 MANY = 1.5  # held-out error over that of the fit above which the poses are too few
+# Fits with fewer numbers each, at most: numbers that are determined only until the first are kept.
+ROUNDS = 3
 GROSS = 6.0  # scales from which an error is gross
 
 
@@ -174,9 +181,9 @@ def calibrate(
         study = _Study(statics, data.targets, unknowns, robust, data.weights)
         known = dict(zip((u.name for u in frames), _start(frames, found), strict=True))
         before = fit(study.problem(frames), np.array(list(known.values())))
-        result, accuracy, tilt = study.fit(
-            np.array([known.get(u.name, u.start) for u in unknowns]), tell
-        )
+        start = np.array([known.get(u.name, u.start) for u in unknowns])
+        found_all = _fit_determined(study, start, tell)
+        study, result, accuracy, tilt = found_all.last
         reason = reason_of_end()
         checked = folds > 0 and not reason
         held_out = None
@@ -184,13 +191,13 @@ def calibrate(
         if checked:
             with keep_best():
                 held_out, seen = study.cross_validate(result, tilt, folds, tell)
-    stiff = study.statics.rest(Numbers.of(tree, unknowns, result.x), rigid=True)
+    stiff = study.statics.rest(Numbers.of(tree, study.unknowns, result.x), rigid=True)
     return Calibration(
         robot,
         data,
         tuple(unknowns),
-        result.x,
-        accuracy.covariance,
+        found_all.x,
+        found_all.covariance,
         before.errors,
         result.errors,
         held_out,
@@ -200,8 +207,9 @@ def calibrate(
         result.converged and not reason,
         _warn_scale(held)
         + _warn_unexplained(result, study.statics, data)
-        + warnings_of(unknowns, result, accuracy.pull, held_out),
+        + warnings_of(study.unknowns, result, accuracy.pull, held_out),
         reason,
+        found_all.kept,
     )
 
 
@@ -228,14 +236,29 @@ class _Study:
         given = (self.statics, self.measured, unknowns, self.robust)
         return Poses(*given, whitening, self.weights)
 
+    def of(self, unknowns: Sequence[Unknown]) -> _Study:
+        """Study of the same poses with other numbers free."""
+        return _Study(self.statics, self.measured, unknowns, self.robust, self.weights)
+
+    def problem_with(self, tilt: Tilt | None, found: Minimum, of: _Study) -> Poses:
+        """That of all poses, with the covariance of a tilt where there is one; ``of`` has the
+        numbers that ``found`` is the minimum of.
+        """
+        if tilt is None:
+            return self.problem(self.unknowns)
+        return self.problem(self.unknowns, of._whitening(self.statics, found, tilt, self.valid))
+
     def fit(
-        self, start: np.ndarray, tell: Callable[[str], None] | None
+        self,
+        start: np.ndarray,
+        tell: Callable[[str], None] | None,
+        near: Near | None = None,
     ) -> tuple[Minimum, Accuracy, Tilt | None]:
         """Each point by itself first; then, where trackers share a tilt, with the covariance of
         each pose.
         """
         problem = self.problem(self.unknowns)
-        found = fit(problem, start, progress=tell)
+        found = fit(problem, start, near, progress=tell)
         tilt = self._tilt(found)
         if tilt is None or is_over():
             return found, accuracy_of(problem, found), None
@@ -304,6 +327,46 @@ class _Study:
         for one, error in zip(parts, errors, strict=True):
             found[:, one] = error
         return found[0], None if tilt is None else found[1]
+
+
+@dataclass(frozen=True)
+class _Determined:
+    """A fit in which the numbers that the poses do not determine keep the value of the file.
+
+    ``last``: the fit of the other numbers; ``x``, ``covariance``: of all numbers; ``kept``: names.
+    """
+
+    last: tuple[_Study, Minimum, Accuracy, Tilt | None]
+    x: np.ndarray
+    covariance: np.ndarray
+    kept: tuple[str, ...]
+
+
+def _fit_determined(
+    study: _Study, start: np.ndarray, tell: Callable[[str], None] | None
+) -> _Determined:
+    """Fit all numbers, then those alone that the poses determine, until these are all free."""
+    unknowns = study.unknowns
+    found, accuracy, tilt = study.fit(start, tell)
+    free = np.ones(len(unknowns), bool)
+    x = found.x.copy()
+    covariance = accuracy.covariance
+    inner = study
+    for _ in range(ROUNDS):
+        if is_over():
+            break
+        left_out = undetermined(inner.unknowns, x[free], accuracy.covariance)
+        if not left_out:
+            break
+        free[np.flatnonzero(free)[list(left_out)]] = False
+        x[~free] = np.array([u.start for u in unknowns])[~free]
+        inner = study.of([u for u, is_free in zip(unknowns, free, strict=True) if is_free])
+        found, accuracy, tilt = inner.fit(x[free], tell, found.rest.near)
+        x[free] = found.x
+        whole = study.problem_with(tilt, found, inner)
+        covariance = with_kept(whole, x, found.rest.near, free, accuracy.first)
+    kept = tuple(u.name for u, is_free in zip(unknowns, free, strict=True) if not is_free)
+    return _Determined((inner, found, accuracy, tilt), x, covariance, kept)
 
 
 def check_poses(robot: RobotModel, data: StaticPoses, count: int, folds: int) -> None:

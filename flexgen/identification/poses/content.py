@@ -47,8 +47,9 @@ def content_of_calibration(found: Any) -> tuple[Part, ...]:
         _numbers(found, listed),
         _surfaces(found, touched),
         Prose(
-            f"{count} of {len(found.unknowns)} numbers are determined by the measurements, the "
-            f"others keep their prior; {rest} of places, frames and trackers are in --json",
+            f"{count} of {len(found.unknowns)} numbers are determined by the measurements, "
+            f"{len(found.kept)} keep the value of the model file; {rest} of places, frames and "
+            "trackers are in --json",
             "count",
         ),
         Prose(_frame(found), "frame"),
@@ -105,7 +106,9 @@ def _numbers(found: Any, listed: list[Unknown]) -> Table:
 def _mark(found: Any, unknown: Unknown) -> str:
     if found.sd[unknown.name] == 0.0:
         return "rigid: at its lower bound"
-    return "" if found.determined[unknown.name] else "prior"
+    if unknown.name in found.kept:
+        return "not measured: value of the file"
+    return "" if found.determined[unknown.name] else "not known separately"
 
 
 def _surfaces(found: Any, touched: list[Unknown]) -> Table:
@@ -146,6 +149,7 @@ def _data(found: Any) -> tuple[Data, ...]:
         "sd": found.sd,
         "units": {u.name: u.unit for u in found.unknowns},
         "determined": found.determined,
+        "not_measured": list(found.kept),
         "warnings": list(found.warnings),
         "ended": found.ended,
     }

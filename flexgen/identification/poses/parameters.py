@@ -96,6 +96,17 @@ class Unknown:
     start: float
     sd: float
 
+    @property
+    def is_stated(self) -> bool:
+        """Whether the model file states the number: not places that the poses alone determine."""
+        own = self.kind not in ("frame", "point", "surface")
+        return own and self.sd < UNKNOWN.position
+
+    @property
+    def name_in_file(self) -> str:
+        """Its name as a number of the model file, which has stiffnesses."""
+        return self.name.replace(".compliance", ".stiffness")
+
 
 def trackers_of(model: RobotModel) -> tuple[Sensor, ...]:
     """The trackers of a model; ArgumentError where it has none."""

@@ -90,6 +90,9 @@ class Calibration(FitResult):
         What changes from pose to pose and moves several trackers together.
     converged : bool
     warnings : tuple of str
+    kept : tuple of str
+        Names of the numbers that the poses do not determine, which keep the value of the model
+        file; their standard deviations are those of the priors.
     ended : str
         ``"time limit"`` or ``"interrupted"`` where the search was ended from outside: the numbers
         are those of its best step. Else empty.
@@ -121,6 +124,7 @@ class Calibration(FitResult):
     converged: bool
     warnings: tuple[str, ...]
     ended: str = ""
+    kept: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         return f"<Calibration {self.nominal.title}: {self.sentence}>"
@@ -193,7 +197,19 @@ class Calibration(FitResult):
     @property
     def changes(self) -> dict[str, Any]:
         """Keys of the model file with their new values."""
-        return changes_of(self.nominal, self._numbers)
+        return changes_of(self.nominal, self._numbers) | self._not_measured
+
+    @property
+    def _not_measured(self) -> dict[str, Any]:
+        """The key of the model file that names the numbers that keep its value, where it
+        changes.
+        """
+        kept = {u.name_in_file for u in self.unknowns if u.name in self.kept}
+        measured = {u.name_in_file for u in self.unknowns} - kept
+        before = self.nominal.not_measured
+        names = [x for x in before if x not in measured]
+        names += [u.name_in_file for u in self.unknowns if u.name_in_file in kept - {*before}]
+        return {} if tuple(names) == before else {"not_measured": names}
 
     @property
     def _numbers(self) -> Numbers:
@@ -324,6 +340,7 @@ class Calibration(FitResult):
         changes = changes_of(
             self.nominal, self._numbers, self.frame if world == "measurement" else None
         )
+        changes |= self._not_measured
         source = f"{self.poses.source}: {self.sentence}"
         return write_calibrated(path, self.nominal, changes, source)
 

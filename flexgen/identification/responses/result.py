@@ -400,7 +400,7 @@ def write_model(
         return write_model_text(path, text, folder, chosen, check, dry)
 
     overlay = tomllib.loads(old)
-    if model.overrides:
+    if model.overrides or model.not_measured:  # the variant states which of these are measured
         numbers = {p.key: values[p.name] for p in _numbers(model, values)}
         return write(_as_variant(old, file, model, numbers, words), IDENTIFIED)
     given = (model, values, sd, words.source, file, words.note)

@@ -32,7 +32,7 @@ from flexgen.base.spec.keys import (
 from flexgen.base.spec.parts import KINDS, Tolerances
 from flexgen.base.spec.ports import c_name_problem, identifier_problem
 from flexgen.base.spec.schema import table_schema
-from flexgen.base.spec.tables import IDENTIFIER, Table
+from flexgen.base.spec.tables import IDENTIFIER, Table, show
 from flexgen.model.elements import Beam, Bending, Body, Element, Matrix, Placement, Tool, Vector
 from flexgen.model.format import format_robot as robot
 from flexgen.model.format.format_devices import MOST, MOTOR, SENSOR, check_motors
@@ -181,6 +181,21 @@ def _check_elements(table: Table, here: Context) -> None:
 # --- the file ------------------------------------------------------------------------------------
 
 
+def _check_not_measured(table: Table, here: Context) -> None:
+    """Raise an error for a name that is of no element, coordinate, sensor, or the payload."""
+    sensors = (sensor.name for sensor in here.values.get("sensor", ()))
+    owners = {*here.names["element"], *here.names["coordinate"], *sensors, "payload"}
+    for one in here.values["not_measured"]:
+        owner, dot, number_name = one.partition(".")
+        if owner not in owners or not dot or not number_name:
+            raise table.fail(
+                "not_measured",
+                "names such as q1.stiffness: that of an element, a coordinate, a sensor or "
+                "payload, a dot, and the number",
+                show(one),
+            )
+
+
 ROUNDING = 1e-9  # relative to the largest eigenvalue of a correlation matrix
 _SD = number(least=0.0, most=5.0)
 _SPREAD = "standard deviation of {}, relative"
@@ -260,6 +275,7 @@ _LOAD = (
     "tool"
 )
 _WARM = 'temperature of motors and gears, on which friction of type = "gear" depends'
+_FROM_FILE = "numbers that a calibration did not determine, such as q1.stiffness"
 _SENSORS = "sensors in addition to the motor encoders"
 MODEL = Format(
     "robot model of flexgen",  # keys in the order of reading
@@ -297,6 +313,7 @@ MODEL = Format(
         Key("sensor", listed(SENSOR, most=MOST), _SENSORS, default=(), note="sensors"),
         Key("program", listed(PROGRAM, least=0), "sequences of steps", default=()),
         Key("uncertainty", sub(UNCERTAINTY), UNCERTAINTY.doc, default=None),
+        Key("not_measured", words(0), _FROM_FILE, default=(), check=_check_not_measured),
         Key(
             "servo",
             sub(lambda: import_object("flexgen.model.position_servo.keys:SERVO_TABLE")),

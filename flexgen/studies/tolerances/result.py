@@ -110,9 +110,10 @@ class Prediction(Result):
 
     def __str__(self) -> str:
         """The figures as lines."""
-        return "\n".join(
-            [self.solution.model.title + ", move " + self.solution.move.name, *self.lines()]
-        )
+        model = self.solution.model
+        unknown = model.not_measured_sentence
+        lines = [*self.lines(), *([unknown] if unknown else [])]
+        return "\n".join([f"{model.title}, move {self.solution.move.name}", *lines])
 
     @property
     def problem(self) -> str:
@@ -179,10 +180,16 @@ class Prediction(Result):
     def content(self) -> tuple[Part, ...]:
         """The figures, and the bands and errors of all robots as data."""
         known = {figure.key for figure in self.figures()}
+        model = self.solution.model
+        unknown = model.not_measured
+        said: list[Part] = []
+        if unknown:
+            said = [Prose(model.not_measured_sentence), Data("not_measured", list(unknown))]
         return (
             Prose(f"{self.solution.model.title}, move {self.solution.move.name}", is_title=True),
             Data("model", self.solution.model.title),
             Data("move", self.solution.move.name),
             *self.figures(),
+            *said,
             *self._data("solution", "feedback", *known),
         )

@@ -171,7 +171,9 @@ def summary_of_solution(solution: Solution) -> str:
 
 def _further(solution: Solution) -> list[str]:
     """Notes on the path and the methods that were tried before, each as one text, where any."""
-    notes = [paragraph(f"note: {line}") for line in solution.details.get("notes", ())]
+    unknown = solution.model.not_measured_sentence
+    said = [*solution.details.get("notes", ()), *([unknown] if unknown else [])]
+    notes = [paragraph(f"note: {line}") for line in said]
     lines = [f"tried before: {line}" for line in solution.details.get("attempts", ())]
     return ["\n".join(each) for each in (notes, lines) if each]
 
