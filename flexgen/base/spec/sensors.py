@@ -62,6 +62,8 @@ class Sensor:
         Standard deviation of the moments of a wrench.
     gauge, offset : float or None [1/rad or 1/m, 1]
         Of a strain gauge.
+    is_tool : bool
+        Whether a tracker is the origin of the tool frame.
     """
 
     name: str
@@ -77,6 +79,7 @@ class Sensor:
     moment_noise: float | None = None
     gauge: float | None = None
     offset: float | None = None
+    is_tool: bool = False
 
     @property
     def of_force(self) -> bool:

@@ -13,7 +13,7 @@ import numpy as np
 
 from flexgen.base.errors import ArgumentError, FlexgenError
 from flexgen.base.spec.schema import write
-from flexgen.base.spec.sensors import Sensor
+from flexgen.base.spec.sensors import TOOL, Sensor
 from flexgen.identification.poses.parameters import trackers_of
 from flexgen.identification.poses.statics import Numbers, frame_rotation
 from flexgen.identification.poses.tree import SHIFTS, Tree, rotations
@@ -22,6 +22,7 @@ from flexgen.model.format.format_devices import SENSOR
 from flexgen.model.reader import read
 
 VARIANT = "calibrated"
+_WITH_POSITION = ("accelerometer", "tracker", "wrench")  # kinds of sensors at a point
 
 
 def changes_of(
@@ -67,25 +68,44 @@ def changes_of(
 
 
 def _trackers(model: RobotModel, numbers: Numbers) -> dict[str, Any]:
-    """Positions of the trackers that moved; all sensors where those of the model file are others.
+    """Positions of the trackers that moved, or of the tool where a tracker is its origin; all
+    sensors where those of the model file are others.
 
     Trackers may be given as overrides of `flexgen.read`: the file has no table whose position
-    could be set.
+    could be set. Where the tool moves, other sensors on it stay where they are, and so does the
+    payload, whose center is at the tool by default.
     """
+    positions = {s.name: np.array(s.position) for s in model.sensors if s.type in _WITH_POSITION}
+    of_tool = np.zeros(3)
+    for sensor, position in zip(trackers_of(model), numbers.trackers, strict=True):
+        if sensor.is_tool:
+            of_tool = position
+        else:
+            positions[sensor.name] = position
+    out: dict[str, Any] = {}
+    if of_tool.any():
+        tool = _compose(model.tool, _placement(of_tool, np.eye(3)))
+        out["tool.position"] = _numbers(tool.position)
+        if model.payload.mass:
+            names = [name for name, _, _ in Tree(model).bodies]
+            out["payload.com"] = _numbers(numbers.centers[names.index("payload")])
+        for sensor in model.sensors:
+            if sensor.place == TOOL and sensor.name in positions and not sensor.is_tool:
+                positions[sensor.name] = positions[sensor.name] - of_tool
     moved = {
-        sensor.name: _numbers(position)
-        for sensor, position in zip(trackers_of(model), numbers.trackers, strict=True)
-        if (position != sensor.position).any()
+        sensor.name: _numbers(positions[sensor.name])
+        for sensor in model.sensors
+        if sensor.name in positions and (positions[sensor.name] != sensor.position).any()
     }
     if _sensors_of_file(model) == model.sensors:
-        return {f"sensor.{name}.position": position for name, position in moved.items()}
+        return out | {f"sensor.{name}.position": position for name, position in moved.items()}
     tables = []
     for sensor in model.sensors:
         table = write(SENSOR, sensor)
         if sensor.name in moved:
             table["position"] = moved[sensor.name]
         tables.append(table)
-    return {"sensor": tables}
+    return out | {"sensor": tables}
 
 
 def _sensors_of_file(model: RobotModel) -> tuple[Sensor, ...]:

@@ -17,6 +17,7 @@ from flexgen.base.spec.keys import (
     Type,
     choice,
     direction,
+    flag,
     known,
     list_of,
     name,
@@ -364,6 +365,25 @@ _ELEMENT = Key(
 _POSITION = Key("position", vector(3), "in the frame of that body, or of the tool", "m", ZERO)
 
 
+def _check_is_tool(table: Table, here: Context) -> None:
+    """Raise an error for a tool point that is elsewhere than the tool frame, or a second one."""
+    if not here.values["is_tool"]:
+        return
+    if here.values["element"] != TOOL or any(here.values["position"]):
+        raise table.fail("is_tool", "true only without element and position: it is the tool")
+    if any(sensor.is_tool for sensor in here.before):
+        raise table.fail("is_tool", "true of one tracker only")
+
+
+_IS_TOOL = Key(
+    "is_tool",
+    flag(),
+    "the tracker is the origin of the tool frame: a calibration moves the tool",
+    default=False,
+    check=_check_is_tool,
+)
+
+
 def _values(sensor: Sensor) -> dict[str, Any]:
     """The values of the keys of a sensor."""
     axes = [
@@ -428,7 +448,11 @@ SENSOR = Kinds(
         "gyro": _kind("gyro", "angular velocity of a body", (_DIRECTIONS_KEY, _ELEMENT)),
         "link_encoder": _kind("link_encoder", "an arm coordinate", (_coordinate(_ANGLE),)),
         "tracker": _kind(
-            "tracker", _TRACKER, (_DIRECTIONS_KEY, replace(_ELEMENT, default=TOOL)), _POSITION
+            "tracker",
+            _TRACKER,
+            (_DIRECTIONS_KEY, replace(_ELEMENT, default=TOOL)),
+            _POSITION,
+            _IS_TOOL,
         ),
         "joint_torque": _kind(
             "joint_torque", _TORQUE, (_coordinate(_JOINT, lambda one: one.dof is not None),)
