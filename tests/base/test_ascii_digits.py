@@ -13,10 +13,10 @@ import pytest
 import flexgen
 from flexgen.base.checks.counts import is_count, number_in
 from flexgen.base.errors import FlexgenError
+from flexgen.base.files.record_tables import read_arrays
 from flexgen.base.motion.trajectory import Trajectory
 from flexgen.base.spec.units import conversion
 from flexgen.cli import argument_types
-from flexgen.identification.records.tables import read_arrays
 
 # Fullwidth and Arabic digits, a digit that is a power, a grouping of Python.
 TRACKER = {"name": "a", "type": "tracker", "unit": "m"}

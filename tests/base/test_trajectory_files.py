@@ -18,10 +18,10 @@ from npz_lies import array_bytes, claiming, packed
 
 from flexgen.base.errors import ArgumentError, ChannelError, ModelError
 from flexgen.base.files import npz_files, trajectory_files
+from flexgen.base.files.record_tables import read_arrays
 from flexgen.base.motion.trajectory import Trajectory
 from flexgen.base.spec.ports import Port
 from flexgen.identification.records import description
-from flexgen.identification.records.tables import read_arrays
 from flexgen.model.reader import read
 from flexgen.paths.samples import sample_files
 

@@ -11,11 +11,11 @@ import pytest
 
 import flexgen
 from flexgen.base.errors import FlexgenError
+from flexgen.base.files.record_tables import read_arrays
 from flexgen.base.spec.tables import open_file
 from flexgen.identification.poses.poses import StaticPoses
 from flexgen.identification.records.description import read_description
 from flexgen.identification.records.motor_record import read_motor_record
-from flexgen.identification.records.tables import read_arrays
 from flexgen.identification.servo.record import ServoRecord
 from flexgen.model.urdf.urdf import Urdf
 from flexgen.paths.force.force_files import read_force

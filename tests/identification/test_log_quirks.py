@@ -16,10 +16,10 @@ from logs import CONSTANTS, COUNT, MODEL, QUIRKS, Arm, Log, quirky, write_csv
 
 import flexgen
 from flexgen.base.errors import ArgumentError
+from flexgen.base.files import record_columns as columns
 from flexgen.base.numerics import sampling
 from flexgen.base.spec import units
 from flexgen.base.spec.ports import Port
-from flexgen.identification.records import columns
 from flexgen.identification.records.description import read_description
 from flexgen.identification.records.motor_record import read_motor_record
 

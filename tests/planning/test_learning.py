@@ -20,7 +20,7 @@ from flexgen.cli.main import main
 from flexgen.dynamics.mechanics.output_columns import columns_in
 from flexgen.feedback.loop.gains import lowest_locked_hz
 from flexgen.inversion.judge.status import Status
-from flexgen.planning.learning.commanded import angular_velocity
+from flexgen.planning.learning.corrected import angular_velocity
 from flexgen.views.plots.control import plot_learned
 from flexgen.views.reports.control_page import write_learned
 

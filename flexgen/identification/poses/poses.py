@@ -37,10 +37,10 @@ from flexgen.base.checks.counts import number_in
 from flexgen.base.checks.type_checks import checked_result
 from flexgen.base.display import short_repr
 from flexgen.base.errors import ArgumentError
+from flexgen.base.files.record_columns import find_column
+from flexgen.base.files.record_tables import read_cells
 from flexgen.identification.poses.parameters import AXES, trackers_of
 from flexgen.identification.poses.touches import Touches
-from flexgen.identification.records.columns import find_column
-from flexgen.identification.records.tables import read_cells
 from flexgen.model.elements import RobotModel
 
 LARGEST = 100_000  # poses

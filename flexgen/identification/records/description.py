@@ -87,14 +87,14 @@ from typing import Any
 import numpy as np
 
 from flexgen.base.errors import ArgumentError
+from flexgen.base.files.record_columns import column_of
+from flexgen.base.files.record_tables import SKIPPED, read_arrays
 from flexgen.base.numerics.records import lost_samples
 from flexgen.base.numerics.sampling import GAP, Gap, Piece, Sampled, drop_repeats, resample
 from flexgen.base.spec.sensors import UNITS
 from flexgen.base.spec.tables import Table, closest, parse_file
 from flexgen.base.spec.units import CURRENTS, FACTORS, factor_of, spelling
 from flexgen.identification.records import keys
-from flexgen.identification.records.columns import column_of
-from flexgen.identification.records.tables import SKIPPED, read_arrays
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
 

@@ -18,14 +18,14 @@ from typing import Any
 import numpy as np
 
 from flexgen.base.errors import ArgumentError
+from flexgen.base.files.record_columns import ALIKE, Column, column_of, find_time
+from flexgen.base.files.record_tables import read_arrays
 from flexgen.base.files.trajectory_files import LARGEST
 from flexgen.base.motion.trajectory import Trajectory, channel_values
 from flexgen.base.numerics.sampling import Gap, drop_repeats, resample
 from flexgen.base.spec.ports import Port
 from flexgen.base.spec.tables import open_file
-from flexgen.identification.records.columns import ALIKE, Column, column_of, find_time
 from flexgen.identification.records.description import read_description
-from flexgen.identification.records.tables import read_arrays
 from flexgen.model.elements import RobotModel
 
 CHANNELS = {"q_m": "rad", "tau_m": "N m"}

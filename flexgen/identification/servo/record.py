@@ -19,9 +19,9 @@ import numpy as np
 from flexgen.base.checks.type_checks import checked_class
 from flexgen.base.display import short_repr
 from flexgen.base.errors import ArgumentError
+from flexgen.base.files.record_columns import find_column, find_time
+from flexgen.base.files.record_tables import read_arrays
 from flexgen.base.numerics.sampling import drop_repeats, read_clock, resample
-from flexgen.identification.records.columns import find_column, find_time
-from flexgen.identification.records.tables import read_arrays
 from flexgen.model.elements import RobotModel
 
 SIZE_MAX = 1_000_000_000  # bytes of a file

@@ -1,0 +1,134 @@
+"""Corrected paths of a move and their inverse dynamics.
+
+    y_cmd = y + d(t)          positions;    R_cmd = exp(d_R) R          orientations
+
+The correction d is constant before and after a window that begins before the path and ends after
+it, since the motion of elastic robots does: splines of degree 7 through its samples give the rates
+that the inversion needs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from scipy.interpolate import make_interp_spline
+from scipy.spatial.transform import Rotation
+
+from flexgen.dynamics.mechanics.equations import Equations
+from flexgen.inversion.problem.model_library import inversion_library
+from flexgen.inversion.problem.problem import InversionProblem
+from flexgen.inversion.problem.reduced_problem import Reduction
+from flexgen.inversion.problem.sampling import grid, time_derivative
+from flexgen.model.elements import Move, RobotModel
+from flexgen.paths.force.process_force import ProcessForce
+from flexgen.paths.path import Path
+from flexgen.runtime.inversion.path_inversion import Inversion
+
+# Begin of the window before the path [s].
+EARLY_S = 0.15
+# End of the window after the path [s]: integral parts have settled under another load.
+LATE_S = 1.5
+DEGREE = 7  # of the spline through the corrections
+MESH_S = 1e-2  # length of the intervals of the inversion [s]
+
+
+class CorrectedPath:
+    """Corrected paths of a move, and their inverse dynamics with the emitted library.
+
+    Parameters
+    ----------
+    equations : Equations
+        Of springs and dampers, without states of hysteresis.
+    move : Move
+    model : RobotModel
+        The model that is inverted, with all that it has.
+    force : ProcessForce or None
+        Of a process on the tool.
+    tell : callable
+        Takes lines of progress.
+    """
+
+    def __init__(
+        self,
+        equations: Equations,
+        move: Move,
+        model: RobotModel,
+        force: ProcessForce | None,
+        tell: Callable[[str], None],
+    ) -> None:
+        self.equations = equations
+        self.outputs = equations.model.output.size
+        self.path = Path(equations, move)
+        problem = InversionProblem(equations, self.path, force=force)
+        _, self.period, self.samples_per_interval, self.n_pre, self.n_post = grid(problem, MESH_S)
+        solvers = () if force is None else ("invert", "force")
+        self.library = inversion_library(
+            Equations(model), "lq", solvers, memory=True, progress=tell
+        )
+        count = int(np.ceil((self.path.duration + EARLY_S + LATE_S) / self.period)) + 1
+        self.time = -EARLY_S + self.period * np.arange(count)
+        self._reduction = Reduction(equations)
+        sample = self.path.sample(self.time)
+        self._y = self._reduction.targets(sample)
+        self._rates = sample.derivative(1), sample.derivative(2)
+        self._R = sample.R
+        self._force = None if force is None else force.on_output(equations.model, self.time)
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """Begin and end of the inverted motion [s], with the motion before and after the path."""
+        first = self.time[0] - self.n_pre * self.period
+        return float(first), float(self.time[-1] + self.n_post * self.period)
+
+    def invert(self, correction: np.ndarray) -> Inversion:
+        """Motion and torques along the corrected path.
+
+        ``correction`` (n, n_y) [m, rad] at ``time``; of a pose a rotation vector after the
+        position. SolverError where the corrected path has no inverse.
+        """
+        y, dy, ddy = self._correct(correction)
+        return self.library.invert(
+            y,
+            dy,
+            ddy,
+            period=self.period,
+            q_start=self.path.q_start,
+            n_pre=self.n_pre,
+            n_post=self.n_post,
+            samples_per_interval=self.samples_per_interval,
+            force=self._force,
+        )
+
+    def _correct(self, correction: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Samples of the corrected path and of its rates."""
+        zero = [(order, np.zeros(correction.shape[1])) for order in range(1, (DEGREE + 1) // 2)]
+        spline = make_interp_spline(self.time, correction, k=DEGREE, bc_type=(zero, zero))
+        d, dd, ddd = (np.asarray(spline(self.time, order)) for order in range(3))
+        dy, ddy = self._rates
+        if self._R is None:
+            moved = self._y + d, dy + dd, ddy + ddd
+            return tuple(np.ascontiguousarray(x) for x in moved)  # type: ignore[return-value]
+        turn = Rotation.from_rotvec(d[:, 3:])
+        R = turn.as_matrix() @ self._R
+        w = angular_velocity(d[:, 3:], dd[:, 3:]) + turn.apply(dy[:, 3:])
+        y = np.hstack([self._y[:, :3] + d[:, :3], R.transpose(0, 2, 1).reshape(len(R), 9)])
+        dw = time_derivative(w, self.period)
+        return (
+            np.ascontiguousarray(y),
+            np.ascontiguousarray(np.hstack([dy[:, :3] + dd[:, :3], w])),
+            np.ascontiguousarray(np.hstack([ddy[:, :3] + ddd[:, :3], dw])),
+        )
+
+
+def angular_velocity(r: np.ndarray, dr: np.ndarray) -> np.ndarray:
+    """Angular velocity (n, 3) in the fixed frame of the rotation with rotation vector r and its
+    rate dr (n, 3).
+    """
+    angle = np.linalg.norm(r, axis=1)[:, None]
+    small = angle < 1e-4
+    safe = np.where(small, 1.0, angle)
+    a = np.where(small, 0.5 - angle**2 / 24, (1 - np.cos(safe)) / safe**2)
+    b = np.where(small, 1 / 6 - angle**2 / 120, (safe - np.sin(safe)) / safe**3)
+    once = np.cross(r, dr)
+    return dr + a * once + b * np.cross(r, once)
