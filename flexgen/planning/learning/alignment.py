@@ -1,0 +1,292 @@
+"""Clock and frame of a tracker, found from a record of a known path.
+
+    p_path(t) ~ R p(t + d) + c,         R a rotation, d the offset of the clock
+
+The first estimate of d is where the speeds of record and path correlate most: speeds do not depend
+on the frame. For each d the best R and c are those of Procrustes' problem, in closed form by a
+singular value decomposition; the d with the smallest sum of squares is found by bounded search.
+
+What is estimated from a record is taken off its error: a constant offset of the tool, a tilt of
+the whole path, a delay of the whole motion cannot be seen, and not be learned. `hidden` is the
+part of a given error that the estimate takes away.
+
+Source: S. Umeyama, IEEE Trans. Pattern Analysis and Machine Intelligence 13(4), 1991 (rigid
+transforms and scale); W. Kabsch, Acta Crystallographica A32, 1976.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+from scipy.signal import correlate
+from scipy.spatial.transform import Rotation
+
+from flexgen.base.errors import ArgumentError
+
+# Second singular value of a path over the first: a path with less is a line, about which the
+# rotation of a frame in space is not determined.
+STRAIGHT = 0.02
+# Correlation of the speeds of record and path, at least: with less the record is of another move.
+ALIKE = 0.7
+# Largest relative difference of the sizes of record and path.
+SIZE = 0.05
+# Largest distance of a record from its path, over the size of the path.
+FAR = 0.2
+# Part of the error of the fit that a reflected record has in a frame of the other hand.
+MIRRORED = 0.3
+# Width of the search for the clock around the first estimate [s].
+SEARCH_S = 0.05
+# Units that are confused, by the factor between record and path.
+FACTORS = {1e3: "mm given as m", 1e-3: "m given as mm", 10.0: "mm given as cm", 0.1: "cm as mm"}
+FACTORS |= {100.0: "cm given as m", 0.01: "m given as cm", 25.4: "inches", 1 / 25.4: "inches"}
+NEAR = 0.05  # relative difference from such a factor
+
+Curve = Callable[[np.ndarray], np.ndarray]
+
+
+@dataclass(frozen=True, eq=False)
+class Alignment:
+    """Clock and frame of a record.
+
+    ``clock_s``: reading of the record's clock where the path begins [s]; ``frame`` (6,): pose of
+    the tracker in the frame of the path, position [m] and rotation vector [rad];
+    ``clock_fitted``, ``frame_fitted``: estimated from the record.
+    """
+
+    clock_s: float
+    frame: np.ndarray
+    clock_fitted: bool
+    frame_fitted: bool
+
+    def positions(self, measured: np.ndarray) -> np.ndarray:
+        """Measured positions (n, d) in the frame of the path."""
+        R, c = _transform(self.frame, measured.shape[1])
+        return np.asarray(measured @ R.T + c)
+
+    def hidden(self, error: np.ndarray, time: np.ndarray, path: Curve) -> np.ndarray:
+        """The part (n, d) of an error (n, d) [m] that the estimates of clock and frame take away:
+        its projection on the small motions of both.
+        """
+        p = path(time)
+        n, d = p.shape
+        basis = []
+        if self.clock_fitted:
+            basis.append(np.gradient(p, time, axis=0))
+        if self.frame_fitted:
+            basis += [np.broadcast_to(e, (n, d)) for e in np.eye(d)]
+            centred = p - p.mean(axis=0)
+            pairs = [(i, j) for i in range(d) for j in range(i)]
+            for i, j in pairs:
+                turned = np.zeros((n, d))
+                turned[:, i] = -centred[:, j]
+                turned[:, j] = centred[:, i]
+                basis.append(turned)
+        if not basis:
+            return np.zeros((n, d))
+        A = np.stack([b.ravel() for b in basis], axis=1)
+        weights = np.linalg.lstsq(A, error.ravel(), rcond=None)[0]
+        return np.asarray((A @ weights).reshape(n, d))
+
+
+def align(
+    source: str,
+    time: np.ndarray,
+    measured: np.ndarray,
+    path: Curve,
+    duration: float,
+    *,
+    clock_s: float | None = None,
+    frame: np.ndarray | None = None,
+) -> Alignment:
+    """Clock and frame of a record of a path.
+
+    Parameters
+    ----------
+    source : str
+        Name of the record, for errors.
+    time : array (n,) [s]
+        At equal steps, by the clock of the record.
+    measured : array (n, d) [m]
+        Positions in the frame of the tracker; d is 2 or 3.
+    path : callable
+        Positions (k, d) [m] of the path at instants (k,) [s], zero where it begins.
+    duration : float [s]
+        Of the path.
+    clock_s : float, optional [s]
+        Reading of the clock where the path begins; default: estimated.
+    frame : array (6,), optional
+        Pose of the tracker: position [m], rotation vector [rad]; default: estimated.
+
+    Raises
+    ------
+    ArgumentError
+        The record is not one of this path, does not cover it, or has another unit or a frame of
+        the other hand; the path is a line, and a frame in space cannot be estimated from it.
+    """
+    inside = path(np.linspace(0.0, duration, 201))
+    if frame is None:
+        _check_shape(source, inside)
+    guess = _first_clock(source, time, measured, path, duration)
+    if clock_s is not None and abs(clock_s - guess) > max(SEARCH_S, 2 * (time[1] - time[0])):
+        raise ArgumentError(
+            f"{source}: given the clock {clock_s:.6g} s at the begin of the path, but the motion "
+            f"of the record begins at about {guess:.6g} s, expected the reading of its clock "
+            "there; leave the clock out, and it is estimated"
+        )
+
+    near = (time >= guess - SEARCH_S) & (time <= guess + duration + SEARCH_S)
+
+    def fit(clock: float) -> tuple[np.ndarray, np.ndarray, float]:
+        """Rotation, translation and sum of squares [m^2] with this offset of the clock."""
+        target = path(time[near] - clock)
+        if frame is not None:
+            R, c = _transform(frame, measured.shape[1])
+        else:
+            R, c = procrustes(measured[near], target)
+        left = measured[near] @ R.T + c - target
+        return R, c, float((left**2).mean())
+
+    clock = guess if clock_s is None else clock_s
+    if clock_s is None:
+        found = minimize_scalar(
+            lambda x: fit(float(x))[2],
+            bounds=(guess - SEARCH_S, guess + SEARCH_S),
+            method="bounded",
+            options={"xatol": 1e-7},
+        )
+        clock = float(found.x)
+    _check_span(source, time, clock, duration)
+    used = (time >= clock) & (time <= clock + duration)
+    _check_size(source, measured[used], path(time - clock)[used], frame is None)
+    R, c, squares = fit(clock)
+    size = float(np.ptp(inside, axis=0).max())
+    worst = np.linalg.norm(measured[used] @ R.T + c - path(time - clock)[used], axis=1).max()
+    if worst > FAR * size:
+        raise ArgumentError(
+            f"{source}: given a record that is up to {worst:.3g} m away from the path, which is "
+            f"{size:.3g} m large, expected one of this move, in the stated frame: "
+            + (
+                "another move, or another point than the tool"
+                if frame is None
+                else "check the frame of the tracker, or leave it out, and it is estimated"
+            )
+        )
+    pose = np.array(frame) if frame is not None else _pose(R, c)
+    return Alignment(clock, pose, clock_s is None, frame is None)
+
+
+def procrustes(measured: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rotation R (d, d) and translation c (d,) with the least sum of ``|R p + c - y|^2`` over the
+    points ``p`` (n, d) and ``y`` (n, d).
+    """
+    p_mean, y_mean = measured.mean(axis=0), target.mean(axis=0)
+    U, _, Vt = np.linalg.svd((target - y_mean).T @ (measured - p_mean))
+    signs = np.ones(len(U))
+    signs[-1] = np.sign(np.linalg.det(U @ Vt))
+    R = U * signs @ Vt
+    return R, y_mean - R @ p_mean
+
+
+def _transform(frame: np.ndarray, d: int) -> tuple[np.ndarray, np.ndarray]:
+    """Rotation (d, d) and translation (d,) [m] of a pose (6,), position and rotation vector."""
+    R = Rotation.from_rotvec(frame[3:]).as_matrix()
+    return R[:d, :d], np.asarray(frame[:d])
+
+
+def _pose(R: np.ndarray, c: np.ndarray) -> np.ndarray:
+    """Pose (6,) of a rotation (d, d) and a translation (d,) [m]; d is 2 or 3."""
+    d = len(c)
+    full = np.eye(3)
+    full[:d, :d] = R
+    return np.concatenate([c, np.zeros(3 - d), Rotation.from_matrix(full).as_rotvec()])
+
+
+def _check_shape(source: str, inside: np.ndarray) -> None:
+    """ArgumentError where the frame is not determined by a path (k, d) [m]."""
+    sizes = np.linalg.svd(inside - inside.mean(axis=0), compute_uv=False)
+    if inside.shape[1] == 3 and sizes[1] < STRAIGHT * sizes[0]:
+        raise ArgumentError(
+            f"{source}: the path is a line, about which the rotation of the tracker cannot be "
+            "estimated from its record: state its frame, six numbers in the base of the robot; "
+            "the record of a curved path gives it, and 0 0 0 0 0 0 is a tracker in the base's frame"
+        )
+
+
+def _first_clock(
+    source: str, time: np.ndarray, measured: np.ndarray, path: Curve, duration: float
+) -> float:
+    """Reading of the clock [s] where the speeds of record and path correlate most."""
+    step = float(time[-1] - time[0]) / (len(time) - 1)
+    count = max(int(np.ceil(duration / step)), 2)
+    near = step * np.arange(count + 1)
+    width = max(1, round(0.02 / step))
+    box = np.ones(width) / width
+
+    def speeds(p: np.ndarray) -> np.ndarray:
+        """Smoothed speeds (n - 1,) of positions (n, d)."""
+        smooth = np.stack([np.convolve(x - x[0], box, mode="same") for x in p.T], axis=1)
+        smooth = smooth + p[0]
+        edge = width // 2 + 1
+        found = np.linalg.norm(np.diff(smooth, axis=0), axis=1)
+        found[:edge] = found[-edge:] = 0.0
+        return found
+
+    v_path = np.linalg.norm(np.diff(path(near), axis=0), axis=1)
+    v = speeds(measured)
+    full = correlate(v, v_path, mode="full")
+    squares = np.concatenate([[0.0], np.cumsum(v**2)])
+    shifts = np.arange(-len(v_path) + 1, len(v))
+    begin = np.clip(shifts, 0, len(v))
+    end = np.clip(shifts + len(v_path), 0, len(v))
+    # The part of the record that overlaps the path, but for what little noise it has at rest.
+    energy = np.maximum(squares[end] - squares[begin], 0.5 * squares[-1])
+    score = full / np.sqrt(np.maximum(energy * (v_path**2).sum(), 1e-30))
+    best = int(np.argmax(score))
+    if score[best] < ALIKE:
+        raise ArgumentError(
+            f"{source}: given a record whose speed correlates by {score[best]:.2f} with that of "
+            f"the path, expected at least {ALIKE}: it is of another move, or does not cover it"
+        )
+    return float(time[0] + step * shifts[best])
+
+
+def _check_span(source: str, time: np.ndarray, clock: float, duration: float) -> None:
+    """ArgumentError where the record does not cover the path."""
+    slack = 2.0 * float(time[1] - time[0])
+    if time[0] > clock + slack or time[-1] < clock + duration - slack:
+        raise ArgumentError(
+            f"{source}: given a record from {time[0] - clock:.4g} to {time[-1] - clock:.4g} s of "
+            f"the path, which begins at {clock:.6g} s of its clock, expected one of all of it, 0 "
+            f"to {duration:.4g} s: start the record before the robot moves"
+        )
+
+
+def _check_size(source: str, p: np.ndarray, y: np.ndarray, is_fitted: bool) -> None:
+    """ArgumentError where a record ``p`` (n, d) has another size than the path ``y`` (n, d) [m],
+    or, with a frame that is fitted, another hand.
+    """
+    p, y = p - p.mean(axis=0), y - y.mean(axis=0)
+    U, s, Vt = np.linalg.svd(y.T @ p)
+    hand = np.sign(np.linalg.det(U @ Vt))
+    if not (p**2).sum() > 0.0:
+        raise ArgumentError(
+            f"{source}: given a record of a tracker at rest, expected one that moves"
+        )
+    factor = float(np.sqrt((p**2).sum() / (y**2).sum()))
+    if abs(factor - 1.0) > SIZE:
+        known = [text for x, text in FACTORS.items() if abs(factor / x - 1.0) < NEAR]
+        raise ArgumentError(
+            f"{source}: given a record {factor:.4g} times as large as the path, expected the same "
+            f"size: {known[0] if known else 'another move, or a wrong unit in the name of a column'}"
+        )
+    size = float((y**2).sum())
+    mirrored = size + float((p**2).sum()) - 2.0 * float(s.sum())
+    proper = size + float((p**2).sum()) - 2.0 * float(s[:-1].sum() + hand * s[-1])
+    if is_fitted and mirrored < MIRRORED * proper and proper > FAR**2 * size:
+        raise ArgumentError(
+            f"{source}: given positions that fit the path only after a reflection, expected axes "
+            "of a right-handed frame: two axes are swapped, or one has the other sign"
+        )
