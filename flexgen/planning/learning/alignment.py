@@ -161,7 +161,7 @@ def align(
     _check_span(source, time, clock, duration)
     used = (time >= clock) & (time <= clock + duration)
     _check_size(source, measured[used], path(time - clock)[used], frame is None)
-    R, c, squares = fit(clock)
+    R, c, _ = fit(clock)
     size = float(np.ptp(inside, axis=0).max())
     worst = np.linalg.norm(measured[used] @ R.T + c - path(time - clock)[used], axis=1).max()
     if worst > FAR * size:

@@ -6,8 +6,8 @@ e is the measured error of the tool, Q a low pass in a window (`window.py`). The
 path is inverted with the elastic model, so that torques and references of the motors change
 together: to first order by the inverse of the model linearised along the move. In the model the
 robot follows this change without feedback, and any linear feedback of the motors, whatever its
-gains, stays silent on it. The gains therefore do not enter; they decide how a robot that differs
-from its model follows the change, and with it up to which frequency learning converges.
+gains, stays silent on it: they do not enter the correction. They decide how a robot that differs
+from its model follows it, and with that up to which frequency learning converges (`band.py`).
 
 Where only motor angles are measured, their error e_m is corrected alike:
 
@@ -31,7 +31,7 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from flexgen.base.calls.progress import Choice, reported
-from flexgen.base.checks.bounds import Positive
+from flexgen.base.checks.bounds import NotNegative, Positive
 from flexgen.base.checks.type_checks import checked_result, checked_types
 from flexgen.base.display import format_size
 from flexgen.base.errors import ArgumentError
@@ -39,11 +39,12 @@ from flexgen.base.motion.trajectory import Trajectory
 from flexgen.base.numerics.evaluate import evaluate
 from flexgen.base.results import Result
 from flexgen.base.rows import Column, Data, Part, Prose, Row, Shown, Table
+from flexgen.base.spec.arguments import is_number
 from flexgen.base.spec.ports import Port
 from flexgen.codegen.build.model_library import library_with
 from flexgen.dynamics.hysteresis.lugre import without_states
 from flexgen.dynamics.mechanics.equations import Equations, derive, robot_of
-from flexgen.feedback.loop.gains import lowest_locked_hz
+from flexgen.feedback.loop.case import SAMPLE_S
 from flexgen.feedback.loop.sampled_model import output_jacobian
 from flexgen.inversion.problem.sampling import time_derivative
 from flexgen.model.abilities import needs
@@ -51,6 +52,7 @@ from flexgen.model.elements import Move, RobotModel
 from flexgen.paths.force.process_force import CHANNEL, make_force
 from flexgen.paths.path import Path, find_move
 from flexgen.planning.learning.alignment import Alignment, align
+from flexgen.planning.learning.band import learning_band
 from flexgen.planning.learning.corrected import DEGREE, CorrectedPath
 from flexgen.planning.learning.history import (
     ENDED,
@@ -64,7 +66,7 @@ from flexgen.planning.learning.history import (
     scatter_of,
     write_folder,
 )
-from flexgen.planning.learning.learn import SHARE, Gain
+from flexgen.planning.learning.learn import Gain
 from flexgen.planning.learning.measured_run import MeasuredRun, axes_in_output, read_run
 from flexgen.planning.learning.motor_reaction import LinearisedArm
 from flexgen.planning.learning.window import MOST, learned_part, low_pass
@@ -80,6 +82,7 @@ REPORTED = 5.0
 # path: a trajectory of another move or of another model is not corrected.
 SAME_PATH = 1e-2
 SOFTER = 0.1  # change of all springs of which the hidden error is stated
+BAND_AT = 0.0, 0.5, 0.8  # parts of the path at which the band of learning is computed
 HALF = 0.5  # of the frequency after which the error grew
 CHANGED = 1e-2  # of the largest torque: a difference by which the model is another one
 LARGEST_MOTOR = 0.2  # motor error over the motion of the motor: a record of another move
@@ -248,6 +251,9 @@ def next_run(
     *,
     frequency_hz: Positive | None = None,
     gain: Gain = 1.0,
+    controller: Any = "ppi",
+    sample_time: Positive = SAMPLE_S,
+    delay: NotNegative = 0.0,
     clock: float | None = None,
     frame: Sequence[float] | None = None,
     progress: Choice = None,
@@ -270,9 +276,12 @@ def next_run(
         Default: the move of the trajectory.
     frequency_hz : float, optional [Hz]
         Up to which the error is learned; default: that of the last run, half of it where the
-        error grew, at first 0.7 of the lowest natural frequency with locked motors.
+        error grew, at first the one up to which robots with springs 20 % softer and 25 % stiffer
+        converge with the feedback of the robot.
     gain : float
         Of the correction. 0.5 learns more slowly and bears larger differences from the model.
+    controller, sample_time, delay
+        Feedback of the robot, as for `flexgen.control`: for the default frequency.
     clock : float, optional [s]
         Reading of the record's clock where the path begins; default: estimated from the record.
     frame : sequence of float, optional
@@ -322,7 +331,8 @@ def next_run(
     _check_trajectory(place, corrected, given[0])
     seen = _seen(record, robot, corrected, last, clock, frame)
     rate = 1.0 / record.step
-    low = _frequency(frequency_hz, place.runs, robot, last, rate)
+    feedback = controller, sample_time, delay
+    low = _frequency(frequency_hz, place.runs, corrected, last, rate, feedback)
     run = _judged(seen, record, place, low, float(gain))
     runs = (*place.runs, run)
     same = [r for r in runs if r.measured == run.measured]
@@ -666,20 +676,24 @@ def _hidden(
 def _frequency(
     given: float | None,
     runs: Sequence[LearningRun],
-    robot: RobotModel,
+    corrected: CorrectedPath,
     last: Trajectory,
     rate: float,
+    feedback: tuple[Any, float, float],
 ) -> float:
     """Frequency of the low pass [Hz]; ArgumentError where the record has too few samples for it."""
     found = given
+    most = MOST * rate
     if found is None and runs:
         found = runs[-1].frequency_hz * (HALF if runs[-1].state == GREW else 1.0)
     if found is None:
-        motion = [last[name][:1] for name in MOTION]
-        found = SHARE * (lowest_locked_hz(without_states(robot), motion) or 10.0)
-    if not 0.0 < found <= MOST * rate:
+        parts = np.array(BAND_AT) * corrected.path.duration
+        at = np.searchsorted(last.time, parts).clip(0, len(last.time) - 1)
+        motion = [last[name][at] for name in MOTION]
+        found = min(learning_band(corrected.equations, motion, *feedback), most)
+    if not (is_number(found) and 0.0 < found <= most):
         raise ArgumentError(
-            f"frequency_hz: given {found:.4g} Hz, expected at most {MOST * rate:.4g} Hz, "
+            f"frequency_hz: given {found!r}, expected more than 0, at most {most:.4g} Hz, "
             f"{MOST:g} of the rate of the record"
         )
     return float(found)
