@@ -225,6 +225,7 @@ registry.EXPORTS |= {
 _NOUNS = {
     "Analysis": "flexgen.analysis.analyze",
     "Calibration": "flexgen.identification.poses.result",
+    "Box": "flexgen.identification.experiments.obstacles",
     "Cascade": "flexgen.feedback.loop.controllers",
     "Check": "flexgen.studies.check.finding",
     "CollisionDetector": "flexgen.feedback.observers.collision",

@@ -67,6 +67,7 @@ from flexgen.feedback.positions.servo import Servo as Servo
 from flexgen.identification.experiments.excitation import Plan as Plan
 from flexgen.identification.experiments.experiment import Experiment as Experiment
 from flexgen.identification.experiments.experiment import measure as measure
+from flexgen.identification.experiments.obstacles import Box as Box
 from flexgen.identification.experiments.plan import excite as excite
 from flexgen.identification.gears.identify import identify_gears as identify_gears
 from flexgen.identification.gears.result import GearFit as GearFit
@@ -112,8 +113,11 @@ from flexgen.paths.path import plan as plan
 from flexgen.paths.reference import PathSample as PathSample
 from flexgen.planning.fastest.minimum_time import FastestMove as FastestMove
 from flexgen.planning.fastest.minimum_time import fastest as fastest
+from flexgen.planning.learning.history import LearningRun as LearningRun
 from flexgen.planning.learning.learn import LearningResult as LearningResult
 from flexgen.planning.learning.learn import learn as learn
+from flexgen.planning.learning.next_run import NextRun as NextRun
+from flexgen.planning.learning.next_run import next_run as next_run
 from flexgen.planning.optimal.obstacles import HalfSpace as HalfSpace
 from flexgen.planning.optimal.obstacles import Sphere as Sphere
 from flexgen.planning.optimal.phase import Phase as Phase

@@ -246,6 +246,20 @@ def wall(text: str) -> dict[str, Any]:
     )
 
 
+def box(text: str) -> dict[str, tuple[float, ...]]:
+    """``X,Y,Z:X,Y,Z``: the corners of a `flexgen.Box` by name, which may be infinite."""
+    try:
+        corners = [tuple(map(float, part.split(","))) for part in text.split(":")]
+        if len(corners) != 2 or any(len(c) != 3 or any(map(math.isnan, c)) for c in corners):
+            raise ValueError
+    except ValueError:
+        raise argparse.ArgumentTypeError(
+            f"given {text!r}, expected X,Y,Z:X,Y,Z, lower and upper corner in m, such as "
+            "-inf,-inf,-inf:inf,inf,0 for a floor"
+        ) from None
+    return dict(zip(("lower", "upper"), corners, strict=True))
+
+
 def joint_value(text: str) -> tuple[str, float]:
     """``NAME=X``."""
     name, equals, value = text.partition("=")

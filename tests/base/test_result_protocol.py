@@ -38,7 +38,7 @@ INPUT = "an argument of functions"
 NO_RESULT = {
     **dict.fromkeys(
         (
-            "Cascade ComputedTorque FeedbackLinearisation JointTorqueFeedback Linear LowPass LQ "
+            "Box Cascade ComputedTorque FeedbackLinearisation JointTorqueFeedback Linear LowPass LQ "
             "Servo ServoRecord"
         ).split(),
         INPUT,

@@ -38,6 +38,7 @@ OPTIONS = {
     ("solve", "details"): "what is printed: Solution.to_text",
     ("solve", "robustness"): "a part of the report",
     ("sweep", "parquet"): "SweepResult.results.save",
+    ("excite", "pose"): "entries of poses, one at a time",
     ("excite", "sample_time"): "a field of DriveHardware",
     ("excite", "delay"): "a field of DriveHardware",
     ("excite", "encoder_noise"): "a field of DriveHardware",

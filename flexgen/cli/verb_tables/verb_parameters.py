@@ -90,6 +90,13 @@ OBJECTS = {
         ", X,Y,Z:NX,NY,NZ:K[:C[:GAP]]: point [m], normal towards the tool, stiffness [N/m], "
         "damping [N s/m], gap [m]; such as 1.2,0,0:-1,0,0:1e5:500",
     ),
+    "Sequence[Box]": Form(
+        "X,Y,Z:X,Y,Z",
+        "box",
+        ": lower and upper corner [m], such as -inf,-inf,-inf:inf,inf,0 for a floor; may be "
+        "repeated",
+        several=True,
+    ),
     "Mapping[str, Mapping[str, float]]": Form(
         "NAME:KEY=X,...",
         "plant",

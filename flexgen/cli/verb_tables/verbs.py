@@ -284,7 +284,21 @@ ROWS = (
         action="identify:excite",
         function="excite",
         rows={
-            "poses": ("poses", "criterion", "free"),
+            "poses": (
+                "poses",
+                Option(
+                    "pose",
+                    "joint positions [rad or m] of a pose, in place of chosen ones; may be "
+                    "repeated",
+                    "Q,Q,...",
+                    "numbers",
+                    several=True,
+                ),
+                "criterion",
+                "free",
+                "obstacles",
+                "clearance",
+            ),
             "excitation": (
                 Option("speed_rms", metavar="V"),
                 "f_min",

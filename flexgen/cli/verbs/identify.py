@@ -9,6 +9,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from flexgen.base.calls.deadline import OutOfTime, limit_fit
 from flexgen.base.calls.progress import throttle
 from flexgen.base.errors import ArgumentError
@@ -23,6 +25,7 @@ from flexgen.cli.result import (
     read_model,
     with_files,
 )
+from flexgen.model.elements import RobotModel
 from flexgen.views.reports.text_tables import number
 
 HARDWARE = {  # options of `excite` and the fields of DriveHardware
@@ -39,6 +42,7 @@ OF_RESPONSES = ("residual", "floor", "starts", "levels", "refine", "move", "trut
 def excite(args: Namespace, log: Progress) -> VerbResult:
     """Plan an experiment for identification: poses, multisines, expected accuracy."""
     from flexgen.feedback.loop.hardware import DriveHardware
+    from flexgen.identification.experiments.obstacles import Box
     from flexgen.identification.experiments.plan import excite as plan_experiment
     from flexgen.views.reports.identification_texts import plan_text
 
@@ -46,7 +50,13 @@ def excite(args: Namespace, log: Progress) -> VerbResult:
     hardware = DriveHardware.from_model(
         model, **{HARDWARE[x]: getattr(args, x) for x in HARDWARE if x in args.given}
     )
-    plan = plan_experiment(model, hardware=hardware, **keywords(args), progress=throttle(log))
+    given = keywords(args)
+    if args.obstacles is not None:
+        given["obstacles"] = [Box(**corners) for corners in args.obstacles]
+    if args.pose is not None:
+        alone(args, "--pose", "poses", "criterion")
+        given["poses"] = poses_of(args.pose, model)
+    plan = plan_experiment(model, hardware=hardware, **given, progress=throttle(log))
     data = {
         "model": model.name,
         "duration_s": plan.duration_s,
@@ -65,6 +75,19 @@ def excite(args: Namespace, log: Progress) -> VerbResult:
     return with_files(
         plan_text(plan, model), data, files, early, after=after, interrupted=interrupted
     )
+
+
+def poses_of(given: list[list[float]], model: RobotModel) -> np.ndarray:
+    """Poses (k, n_g) [rad or m] of the command line; ArgumentError where one has another number of
+    joints.
+    """
+    names = ", ".join(model.coordinates[i].name for i in model.i_g)
+    for pose in given:
+        if len(pose) != model.n_g:
+            raise ArgumentError(
+                f"--pose: given {len(pose)} numbers, expected {model.n_g}: {names} [rad or m]"
+            )
+    return np.array(given, dtype=float)
 
 
 def _write_references(plan: Any, folder: Path, after: dict[str, str]) -> Path:

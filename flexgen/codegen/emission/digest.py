@@ -32,6 +32,7 @@ NEWER = (
     "cogging",
     "torque_ripple",
     "encoder_error",
+    "not_measured",
     "lugre",
     "Gear.torque_max",
     "torque_rms_max",

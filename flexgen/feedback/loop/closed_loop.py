@@ -171,11 +171,12 @@ class ClosedLoop:
                 f"steps of {hardware.sample_s / self.steps:.3g} s; take a multiple of a "
                 "fraction of the sample time"
             )
-        whole, delay = divmod(delay, self.steps)  # nearly a sample may be all of its steps
+        whole, delay = divmod(delay, self.steps)
         late = np.broadcast_to(np.asarray(delay_samples, np.int32), (lanes,)) + np.int32(whole)
         if np.any(late < whole) or np.any(late > MOST_DELAY):
             raise ArgumentError(
-                f"delay_samples: given {delay_samples!r}, expected 0 to {MOST_DELAY}"
+                f"delay_s, delay_samples: given {hardware.delay_s:g} s and {delay_samples!r} "
+                f"samples, expected 0 to {MOST_DELAY} samples of {hardware.sample_s:g} s"
             )
         self.channels = SensorChannels.ideal(0) if sensors is None else sensors
         if len(self.channels.noise) != (library.sizes.get("n_s", 0) if sensors is not None else 0):

@@ -14,7 +14,7 @@ from flexgen.analysis.linear import linearize
 from flexgen.analysis.second_order import motor_inertias
 from flexgen.base.calls.deadline import keep_best, limit_fit, part_known, reason_of_end
 from flexgen.base.calls.progress import Choice, reported
-from flexgen.base.checks.bounds import Count, CountOrZero, Positive, Seed, TimeLimit
+from flexgen.base.checks.bounds import Count, CountOrZero, NotNegative, Positive, Seed, TimeLimit
 from flexgen.base.checks.counts import PERIODS, SAMPLES, count_of, seconds_of
 from flexgen.base.checks.type_checks import checked_types
 from flexgen.base.errors import ArgumentError
@@ -31,6 +31,7 @@ from flexgen.identification.experiments.excitation import (
     odd_lines,
     speed_amplitudes,
 )
+from flexgen.identification.experiments.obstacles import Box, Surroundings
 from flexgen.identification.experiments.optimal_spectrum import with_optimal_spectrum
 from flexgen.identification.responses.parameters import ParameterVector
 from flexgen.identification.responses.response_outputs import channels, check_channels
@@ -65,6 +66,8 @@ def excite(
     realizations: Count = 1,
     hardware: DriveHardware | None = None,
     sensors: Sequence[str] | None = None,
+    obstacles: Sequence[Box] = (),
+    clearance: NotNegative = 0.1,
     seed: Seed = 0,
     time_limit: TimeLimit | None = None,
     progress: Choice = None,
@@ -106,6 +109,10 @@ def excite(
         Sample time, delay, noise and limits of the drives.
     sensors : sequence of str, optional
         Channels of ``[[sensor]]`` tables; default: all. They are recorded too.
+    obstacles : sequence of Box
+        Boxes in the world, such as the floor, from which links and tool stay away.
+    clearance : float [m]
+        Least distance of obstacles from the lines between the joints.
     seed : int
         Of phases and candidate poses.
     time_limit : float, optional [s]
@@ -122,7 +129,8 @@ def excite(
     Raises
     ------
     ArgumentError
-        An argument is wrong, or the motion leaves the limits of joints or motors.
+        An argument is wrong, or the motion leaves the limits of joints or motors, or comes too
+        near to an obstacle.
     OutOfTime
         The time was over before as many candidates were computed as poses are chosen.
 
@@ -160,11 +168,12 @@ def excite(
     vector = ParameterVector(robot, free or default_free(robot))
     tell = progress if callable(progress) else None
     with limit_fit("excite", time_limit, tell, first="poses"):
-        plan = _with_poses(plan, robot, vector, poses, criterion, seed, progress)
+        room = _Room(robot, obstacles, clearance)
+        plan = _with_poses(plan, room, vector, poses, criterion, seed, progress)
         part_known("poses", 0.0, 0)
         whole = None
         with keep_best():
-            whole = _predict_accuracy(plan, vector, spectrum)
+            whole = _predict_accuracy(plan, vector, room, spectrum)
         # without it the accuracy of the parameters is not known
         return whole or replace(plan, ended=reason_of_end())
 
@@ -251,7 +260,7 @@ def _band(
 
 def _with_poses(
     plan: Plan,
-    model: RobotModel,
+    room: _Room,
     vector: ParameterVector,
     poses: int | np.ndarray,
     criterion: str,
@@ -259,6 +268,7 @@ def _with_poses(
     progress: Choice,
 ) -> Plan:
     """The plan with its poses."""
+    model = room.model
     tell = progress if callable(progress) else None
     if isinstance(poses, int | np.integer):
         if poses < 1 or criterion not in operating_points.CRITERIA:
@@ -271,11 +281,12 @@ def _with_poses(
         offered = operating_points.candidates(
             model, CANDIDATES if criterion != "random" else int(poses), seed
         )
-        offered = offered[[_within(model, pose, swing) is None for pose in offered]]
+        reasons = [room.left_at(pose, swing) for pose in offered]
+        offered = offered[[reason is None for reason in reasons]]
         if len(offered) == 0:
             raise ArgumentError(
-                "speed_rms: the motion leaves the limits of the joints at every pose; expected "
-                "less"
+                f"speed_rms, obstacles: no pose has room for the motion; for example, "
+                f"{reasons[0]}; expected less speed_rms or clearance"
             )
         if criterion == "random":
             plan = replace(plan, poses=offered)
@@ -295,28 +306,30 @@ def _with_poses(
                 "rad or m"
             )
         plan = replace(plan, poses=q_g @ model.eta.T)
-        _check_reach(plan, model)
+        _check_room(plan, room)
     _check_speeds(plan, model)
     return plan
 
 
-def _check_reach(plan: Plan, model: RobotModel) -> None:
-    """ArgumentError where the motion leaves the limits of a joint."""
+def _check_room(plan: Plan, room: _Room) -> None:
+    """ArgumentError where the motion leaves the limits of a joint, or comes near an obstacle."""
     swing = _swing(plan)
     for k, pose in enumerate(plan.poses):
-        reason = _within(model, pose, swing)
+        reason = room.left_at(pose, swing)
         if reason is not None:
             raise ArgumentError(
                 f"pose {k + 1}: {reason}; take less speed_rms, a higher f_min, or another pose"
             )
-    _check_speeds(plan, model)
+    _check_speeds(plan, room.model)
 
 
-def _predict_accuracy(plan: Plan, vector: ParameterVector, spectrum: float | str) -> Plan:
+def _predict_accuracy(
+    plan: Plan, vector: ParameterVector, room: _Room, spectrum: float | str
+) -> Plan:
     """The plan with its spectrum and the expected accuracy of the parameters."""
     if spectrum == OPTIMAL:
         plan = with_optimal_spectrum(plan, vector)
-        _check_reach(plan, vector.model)
+        _check_room(plan, room)
     F, _ = operating_points.information(vector, plan, plan.poses)
     sd = np.sqrt(np.diag(operating_points.covariance(F.sum(axis=0), vector.prior_sd)))
     return replace(plan, predicted=dict(zip(vector.names, sd.tolist(), strict=True)))
@@ -332,21 +345,30 @@ def _swing(plan: Plan) -> np.ndarray:
     return np.max(found, axis=0)
 
 
-def _within(model: RobotModel, pose: np.ndarray, swing: np.ndarray) -> str | None:
-    """Why the motion about a pose leaves the joint limits, or None."""
-    inverse = np.linalg.inv(model.eta)
-    q = inverse @ pose
-    room = np.abs(inverse) @ swing
-    for k, i in enumerate(model.i_g):
-        dof = model.coordinates[i].dof
-        assert dof is not None
-        for limit, side in ((dof.lower, -1.0), (dof.upper, 1.0)):
-            if limit is not None and side * (q[k] + side * room[k] - limit) > 0:
-                return (
-                    f"the motion of {dof.name} reaches {q[k] + side * room[k]:.4g}, expected "
-                    f"within {limit:.4g}"
-                )
-    return None
+class _Room:
+    """Where a robot may move: within the limits of its joints, away from obstacles."""
+
+    def __init__(self, model: RobotModel, obstacles: Sequence[Box], clearance: float) -> None:
+        self.model = model
+        self._around = Surroundings(model, obstacles, clearance)
+
+    def left_at(self, pose: np.ndarray, swing: np.ndarray) -> str | None:
+        """Why the motion by ``swing`` (n_m,) about a pose (n_m,) [rad, motor side] leaves the
+        room, or None.
+        """
+        inverse = np.linalg.inv(self.model.eta)
+        q = inverse @ pose
+        moved = np.abs(inverse) @ swing
+        for k, i in enumerate(self.model.i_g):
+            dof = self.model.coordinates[i].dof
+            assert dof is not None
+            for limit, side in ((dof.lower, -1.0), (dof.upper, 1.0)):
+                if limit is not None and side * (q[k] + side * moved[k] - limit) > 0:
+                    return (
+                        f"the motion of {dof.name} reaches {q[k] + side * moved[k]:.4g}, expected "
+                        f"within {limit:.4g}"
+                    )
+        return self._around.touched(q, moved)
 
 
 def _check_speeds(plan: Plan, model: RobotModel) -> None:
