@@ -31,7 +31,13 @@ class BlockForm:
 
 
 def block_form(pattern: np.ndarray) -> BlockForm:
-    """The `BlockForm` of a pattern (rows, columns) of true and false."""
+    """The `BlockForm` of a pattern (rows, columns) of true and false: Dulmage-Mendelsohn
+    decomposition.
+
+    A largest matching of rows and columns; what alternating paths reach from unmatched rows has
+    too many equations, from unmatched columns too few; the rest falls into blocks in the order in
+    which they can be solved.
+    """
     n_rows, n_columns = pattern.shape
     row_of = (
         maximum_bipartite_matching(csr_matrix(pattern), perm_type="row")
@@ -61,8 +67,10 @@ def block_form(pattern: np.ndarray) -> BlockForm:
 def _find_reached(
     pattern: np.ndarray, free: np.ndarray, partner: np.ndarray, back: np.ndarray
 ) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Rows and columns that alternating paths from unmatched rows reach; ``partner`` of rows,
-    ``back`` of columns.
+    """Rows and columns that alternating paths reach from the unmatched rows ``free``: from a row
+    to each of its columns, from a column to its partner.
+
+    ``partner`` of rows, ``back`` of columns: numbers of the matched column or row, -1 without one.
     """
     rows = set(map(int, free))
     columns = set()

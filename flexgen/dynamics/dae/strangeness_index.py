@@ -157,6 +157,9 @@ class KunkelMehrmann:
 def definitions(F_x: np.ndarray, F_dx: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Equations that only name a derivative, ``c x_j' + e x_k = 0`` with constants: their rows, j
     and k.
+
+    ``F_x``, ``F_dx`` (K + 1, m, n): series of the Jacobians; constant where only the first term is
+    not zero.
     """
     there = (F_x != 0).any(axis=0)
     slope = (F_dx != 0).any(axis=0)
@@ -191,10 +194,12 @@ def without_definitions(
 
 
 def characterize(F_x: np.ndarray, F_dx: np.ndarray, scales: Scales) -> KunkelMehrmann:
-    """The characteristic numbers from the series of the Jacobians at a point, (K + 1, m, n) each;
-    mu up to K.
+    """The characteristic numbers mu, a, d, v of a DAE from the series of its Jacobians at a point,
+    (K + 1, m, n) each; mu up to K.
 
-    Ranks do not depend on the unit of time, but their gaps do: several are looked at.
+    The first order of the derivative array is taken whose numbers of algebraic, differential and
+    redundant equations add up to m. Ranks do not depend on the unit of time, but their gaps do:
+    several are looked at.
     """
     m, n = F_x.shape[1:]
     units = [choose_scales(F_x[0], F_dx[0], scales.time * factor, scales.x) for factor in UNITS]

@@ -117,8 +117,11 @@ def structure(equations: Equations) -> Structure:
 
 
 def system_jacobian(series: TaylorArray, structure: Structure, x: np.ndarray) -> np.ndarray:
-    """The system Jacobian J at the point ``x`` (2, n_x) of the system of first order (value and
-    first rate), scaled.
+    """The system Jacobian J of the structural analysis at the point ``x`` (2, n_x), scaled:
+    derivatives of each row in the derivatives of the unknowns that lead in it, where offsets d_j -
+    c_i equal the signature.
+
+    ``x``: value and first rate of the unknowns of the system of first order.
     """
     dae = series.dae
     F_x, F_dx = (J[0, 0] for J in series.jacobians(np.stack([x[0], x[1]])[None]))
@@ -189,7 +192,8 @@ def check_at_rest(equations: Equations, rest: Equilibrium) -> tuple[Structure, S
 
 def smallest_ratio(block: np.ndarray) -> float:
     """Smallest over largest singular value of a square matrix whose rows and columns are first
-    scaled to length one.
+    scaled to length one; 0 where a row or a column is zero, the entry itself, at most 1, of a
+    single one.
     """
     A = np.where(np.abs(block) > 1e-300, block, 0.0)
     if not (A.any(axis=0).all() and A.any(axis=1).all()):
@@ -204,7 +208,7 @@ def smallest_ratio(block: np.ndarray) -> float:
 
 
 def to_dict(structure: Structure, check: StructureCheck) -> dict[str, Any]:
-    """Both as JSON types."""
+    """The structure and its check at a pose as JSON types."""
     return {
         "equations": list(structure.equations),
         "unknowns": list(structure.unknowns),

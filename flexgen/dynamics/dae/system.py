@@ -110,7 +110,9 @@ class InverseDae:
         return ca.Function("error", [q, output.target], [output.error])
 
     def motion_rows(self, y: ca.SX, v: ca.SX, a: ca.SX, tau_m: ca.SX) -> ca.SX:
-        """Equations of motion (n): arm rows, then the motors behind elastic gears."""
+        """Equations of motion (n,): arm rows, then the motors behind elastic gears, in the
+        coordinates ``y`` (n,), their rates ``v``, ``a`` and the motor torques ``tau_m`` (n_m,).
+        """
         model = self.model
         full = [ca.SX.zeros(model.n_m) for _ in range(3)]
         for whole, part in zip(full, (y, v, a), strict=True):

@@ -276,8 +276,9 @@ def consistent(
 def _quasistatic_motion(
     dae: InverseDae, reference: OutputPath, times: np.ndarray, order: int
 ) -> np.ndarray:
-    """Series (k, order + 2, n_x) of the motion through static equilibria, by differences, two
-    derivatives.
+    """Series (k, order + 2, n_x) at the ``times`` (k,) [s] of the motion through static
+    equilibria: value, speed and half the acceleration by central differences over `NEARBY` of the
+    duration.
     """
     h = NEARBY * reference.duration
     around = np.repeat(times, 3) + np.tile([-h, 0.0, h], len(times))
@@ -305,8 +306,9 @@ def _gauss_newton(
     start: np.ndarray,
     scales: Scales,
 ) -> np.ndarray | None:
-    """A consistent point (order + 2, n_x) at an instant of the path, at a fraction of its speed;
-    None otherwise.
+    """A consistent point (order + 2, n_x) at the instant ``t`` [s] of the path, run through at the
+    factor ``speed``, by Gauss-Newton steps of least norm from ``start``; None where it does not
+    converge.
     """
     order = len(start) - 2
     unit = scales.x / scales.time ** np.arange(order + 2)[:, None]
@@ -343,6 +345,9 @@ def _gauss_newton(
 def _solve_least_norm(A: np.ndarray, b: np.ndarray) -> np.ndarray:
     """The solution of ``A x = b`` of least norm; in the sense of least squares where the rows
     depend on each other.
+
+    A sparse factorization first; where its result is not finite, too large or inexact, a QR
+    decomposition with pivoting.
     """
     n = A.shape[1]
     sparse = csc_array(A)

@@ -110,6 +110,7 @@ class SeriesFunction:
 
 
 def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Series of a b; coefficients along the second axis: ``c_k = sum a_i b_(k-i)``."""
     out = a[:, :1] * b
     for i in range(1, a.shape[1]):
         out[:, i:] += a[:, i : i + 1] * b[:, :-i]
@@ -117,6 +118,7 @@ def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def _quotient(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Series of c = a/b: ``c_k = (a_k - sum_(i<k) c_i b_(k-i))/b_0``."""
     out = np.empty_like(a)
     for k in range(a.shape[1]):
         out[:, k] = (a[:, k] - (out[:, :k] * b[:, k:0:-1]).sum(axis=1)) / b[:, 0]
@@ -136,6 +138,7 @@ def _integral_coefficient(a: np.ndarray, c: np.ndarray, k: int) -> np.ndarray:
 
 
 def _exponential(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Series of c = exp(a), from ``c' = c a'``; the second argument is not used."""
     out = np.zeros_like(a)
     out[:, 0] = np.exp(a[:, 0])
     for k in range(1, a.shape[1]):
@@ -157,7 +160,9 @@ def _integral(function: Rule, a: np.ndarray, slope: np.ndarray) -> np.ndarray:
 
 
 def _pair(a: np.ndarray, even: Rule, odd: Rule, sign: float) -> tuple[np.ndarray, np.ndarray]:
-    """Cosine and sine (sign -1), or hyperbolic ones (+1)."""
+    """Series of cosine and sine of a (sign -1), or of the hyperbolic ones (+1), from ``c' = sign s
+    a'``, ``s' = c a'``; ``even``, ``odd``: these functions of numbers.
+    """
     c = np.zeros_like(a)
     s = np.zeros_like(a)
     c[:, 0] = even(a[:, 0])
@@ -168,7 +173,9 @@ def _pair(a: np.ndarray, even: Rule, odd: Rule, sign: float) -> tuple[np.ndarray
 
 
 def _tangent(a: np.ndarray, function: Rule, sign: float) -> np.ndarray:
-    """``c`` with ``c' = (1 + sign c^2) a'``."""
+    """Series of ``c`` with ``c' = (1 + sign c^2) a'``: tangent (+1) or hyperbolic tangent (-1);
+    ``function``: of numbers.
+    """
     out = np.zeros_like(a)
     slope = np.zeros_like(a)
     out[:, 0] = function(a[:, 0])
@@ -180,6 +187,7 @@ def _tangent(a: np.ndarray, function: Rule, sign: float) -> np.ndarray:
 
 
 def _root(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Series of c = sqrt(a), from ``c c = a``; the second argument is not used."""
     out = np.zeros_like(a)
     out[:, 0] = np.sqrt(a[:, 0])
     for k in range(1, a.shape[1]):

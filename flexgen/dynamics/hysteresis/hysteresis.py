@@ -153,8 +153,8 @@ def gear_hysteresis(model: RobotModel) -> GearHysteresis:
 
 
 def torque_along(layers: Sequence[Layer], p: np.ndarray) -> np.ndarray:
-    """Torques of the hysteresis (n, n_g) along deflections ``p`` (n, n_g) that reverse at samples,
-    from rest.
+    """Torques of the hysteresis (n, n_g) [N m], the sum of its layers, along deflections ``p`` (n,
+    n_g) [rad or m] that reverse at samples only, from rest without torque.
     """
     out = np.zeros_like(p)
     for layer in layers:

@@ -95,7 +95,11 @@ def _end(law: HysteresisLaw) -> float:
 
 
 def law_rate(law: HysteresisLaw, rate: Any, z: Any, slip: Any) -> Any:
-    """Rate of the torque z over K_h; CasADi expressions or arrays, see `element_rate`."""
+    """Rate of the torque z over K_h; CasADi expressions or arrays, see `element_rate`.
+
+    A law of another package has its slope g in both directions: d' g(x) for d' > 0, d' g(-x) for
+    d' < 0, written without a branch.
+    """
     if isinstance(law, Hysteresis):
         return element_rate(rate, z, slip, law.exponent, law.gamma)
     x = z / slip
@@ -187,8 +191,11 @@ class Curve:
 
 @cache
 def curve_of(law: HysteresisLaw) -> Curve:
-    """The curve of elements with this law: collocation polynomials between knots that are dense at
-    y = 0.
+    """The curve y(u) of elements with this law, ``y' = g(y)``, y(0) = 0, from y = -1 until it is
+    1.
+
+    Collocation polynomials between knots that are dense at u = 0, where powers of abs(y) are not
+    smooth; each is found by Picard iteration, forward and backward from 0.
 
     Raises
     ------

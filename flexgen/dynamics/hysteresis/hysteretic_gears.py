@@ -128,8 +128,11 @@ class _Stage:
     def advance(
         self, p: np.ndarray, h: float, left: np.ndarray, right: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Deflections and torques z after a step of ``h`` [s] from ``p`` (n_g,), torques (n_g, 3)
-        at both ends.
+        """Deflections (n_g,) [rad or m] and torques z of the hysteresis after a step of ``h`` [s]
+        from ``p`` (n_g,).
+
+        ``left``, ``right`` (n_g, 3): torques of the gears and two derivatives at both ends. Where
+        a gear reverses within the step, its branch begins anew there.
         """
         begin = np.zeros(len(p))
         branch = self.branch
@@ -225,7 +228,9 @@ class _Stage:
 
 
 def _quintic(h: float, left: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Coefficients (6, n_g) in powers of the part of the step."""
+    """Coefficients (6, n_g) of the quintic polynomial in the part, 0 to 1, of a step of ``h`` [s],
+    with value and two derivatives ``left``, ``right`` (n_g, 3) at its ends.
+    """
     f0 = left[:, 0]
     d0 = h * left[:, 1]
     s0 = h * h * left[:, 2] / 2

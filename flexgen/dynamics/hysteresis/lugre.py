@@ -98,8 +98,8 @@ def without_states(model: RobotModel) -> RobotModel:
 
 
 def bristle_rates(law: MotorBristles, v: ca.SX, y: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Rates of the torques ``y = s0 z`` (n_m,), and the torques ``y + s1 z'`` of the bristles, at
-    the speeds ``v``.
+    """Rates of the torques ``y = s0 z`` (n_m,) [N m/s], and the torques ``y + s1 z'`` of the
+    bristles [N m], at the motor speeds ``v`` (n_m,) [rad/s]; zero for motors without bristles.
     """
     rates = []
     torques = []
@@ -176,8 +176,13 @@ def _derivative(impulse: np.ndarray, step: float, h: float) -> np.ndarray:
 def bristles_along(
     law: MotorBristles, j: int, h: float, v: np.ndarray, a: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Deflections z of the bristles of a motor at the samples (n,) [rad], and their integrals [rad
-    s].
+    """Deflections z of the bristles of motor ``j`` at the samples (n,) [rad], and their integrals
+    [rad s].
+
+    In each interval of ``h`` [s] the speed is a cubic polynomial of the samples ``v`` [rad/s] and
+    ``a`` [rad/s^2], divided at its reversals. z depends linearly on its start, ``z = E z_0 + F``;
+    where the motor slides far and steadily z is at its limit. Otherwise steps of an implicit
+    method, fine enough for the level of friction and the turns.
     """
     slope = law.stiffness[j] / law.coulomb[j]
     cubic = np.stack(
@@ -233,7 +238,12 @@ def bristles_along(
 def _step(
     law: MotorBristles, j: int, h: float, cubic: np.ndarray, begin: np.ndarray, width: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """``z = E z_0 + F`` at the end of parts of intervals, ``int z dt = G z_0 + H``, (m,) each."""
+    """``z = E z_0 + F`` at the end of parts of intervals, ``int z dt = G z_0 + H``, (m,) each, by
+    one step of the implicit method `TABLE`.
+
+    ``h`` [s]: length of an interval; ``cubic`` (4, m): its speed; ``begin``, ``width`` (m,): of
+    the parts, over h.
+    """
     A = TABLE.A
     c = TABLE.c
     v = cubic_at(cubic[:, :, None], begin[:, None] + width[:, None] * c)
@@ -252,7 +262,9 @@ def cubic_at(cubic: np.ndarray, at: np.ndarray) -> np.ndarray:
 
 
 def _integral(cubic: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Integral of the speed over a part of the intervals."""
+    """Integral of the speeds ``cubic`` (4, m) from ``low`` to ``high`` (m,), parts of an interval,
+    over its length.
+    """
 
     def until(x: np.ndarray) -> np.ndarray:
         return np.asarray(

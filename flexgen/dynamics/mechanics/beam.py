@@ -69,6 +69,9 @@ def mode_shape(k: int, length: float, x: np.ndarray) -> tuple[np.ndarray, np.nda
     s = (np.cosh(z) + np.cos(z)) / (np.sinh(z) + np.sin(z))
 
     def shape(y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Mode and two derivatives in x, unscaled, at ``y = b x``: difference of hyperbolic and
+        circular functions that is clamped at 0 and free at the length.
+        """
         ch = np.cosh(y)
         sh = np.sinh(y)
         co = np.cos(y)

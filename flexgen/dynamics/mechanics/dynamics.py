@@ -232,8 +232,8 @@ def forward_dynamics(system: System) -> Built:
 
 
 def forward_dynamics_tool_force(system: System) -> Built:
-    """Accelerations under the motors' torques and a force on the tool, and the torques of the
-    elastic gears.
+    """Accelerations under the motors' torques and a force on the tool ``f_tool`` (6,) [N, N m],
+    ``M a + ... = ... + J' f_tool``, and the torques of the elastic gears.
     """
     n_a = system.model.n_a
     f_tool = ca.SX.sym("f_tool", 6)

@@ -73,7 +73,12 @@ def flexible_joint_motion(system: System) -> Built:
 
 
 def flexible_joint_torque(system: System) -> Built:
-    """Torques of the motors for a fourth derivative of the arm coordinates."""
+    """Torques of the motors for a fourth derivative s of the arm coordinates.
+
+    The arm's equations, differentiated twice, give the acceleration of the gear's deflection,
+    ``(T'' - k' d'^2)/k``, and with it that of the motor: ``tau = J_m eta (a + ...) + friction +
+    eta^-T T``.
+    """
     lag = system.lagrangian
     chain = system.lagrangian.chain
     model = system.with_symbols

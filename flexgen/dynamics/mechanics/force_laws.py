@@ -129,6 +129,13 @@ def smooth_friction(friction: Friction, w: ca.SX) -> ca.SX:
 def _gear_friction(
     law: GearFriction, w: ca.SX, load: ca.SX | None, temperature: float | ca.SX | None
 ) -> ca.SX:
+    """Torque of a `GearFriction` at the speed ``w`` [rad/s], the torque ``load`` [N m] of the gear
+    and the ``temperature`` [deg C].
+
+    Viscous friction falls, the Stribeck part changes linearly with temperature; the Coulomb part
+    grows with the size of the load, smooth at zero. ArgumentError without a quantity on which the
+    law depends.
+    """
     if temperature is None or (law.loaded and load is None):
         missing = "the temperature" if temperature is None else "the torque of the gear"
         raise ArgumentError(

@@ -138,8 +138,9 @@ def lacks_inertia(
     ----------
     model : RobotModel
     jacobians, constraint : casadi.Function
-        Its functions `inversion_jacobians` and `output_constraint`; ``values``: of further inputs,
-        by name.
+        Its functions `inversion_jacobians` and `output_constraint`.
+    values : mapping of str to numbers
+        Further inputs of these, by name.
     """
     i_g = list(model.i_g)
     i_e = list(model.i_e)

@@ -165,8 +165,8 @@ def beam_energies(
 
 
 def beam_tip(frame: Frame, element: Element, beam: ModalBeam, q: ca.SX, v: ca.SX) -> Frame:
-    """Frame at the beam's tip: deflected by the modes, turned by the slopes (first about z, then
-    about y).
+    """Frame at the beam's tip: deflected by the modes with coordinates ``q`` and rates ``v``,
+    turned by their slopes (first about z, then about y).
     """
     assert element.beam is not None
     d = ca.SX(ca.DM(beam.direction.T))
@@ -193,6 +193,9 @@ def _turn(frame: Frame, axis: np.ndarray, q: ca.SX, v: ca.SX) -> Frame:
 
 
 def _slide(frame: Frame, axis: np.ndarray, q: ca.SX, v: ca.SX) -> Frame:
+    """The frame moved along ``axis`` (3,), in its own axes, by ``q`` [m] with the speed ``v``
+    [m/s].
+    """
     a = ca.SX(ca.DM(axis))
     return Frame(
         frame.p + ca.mtimes(frame.R, a) * q,
@@ -230,7 +233,12 @@ def corners(model: RobotModel) -> list[tuple[str, int]]:
 
 
 def kinematics(model: RobotModel) -> Kinematics:
-    """Build the `Kinematics` of a model from its data."""
+    """Build the `Kinematics` of a model from its data: frames from the base to the tool, element
+    by element, each from the tip of its parent, and the energies of all bodies and beams.
+
+    A joint that follows others, ``mimic``, moves by their weighted sum and has no coordinate of
+    its own.
+    """
     from flexgen.dynamics.mechanics.beam import modal_beam
 
     q_a = ca.SX.sym("q_a", model.n_a)

@@ -96,6 +96,9 @@ class _Forces:
 def lagrangian(model: RobotModel, force: ca.SX | None = None) -> Lagrangian:
     """Build the `Lagrangian` of a model; ``force`` (6,): force and torque on the tool, see
     `System.force`.
+
+    Springs, friction, drag and motor torques are generalized forces. A motor behind a rigid gear
+    has the angle of its joints, and its torque and friction act on these.
     """
     chain = kinematics(model)
     q_a = chain.q_a
@@ -202,8 +205,11 @@ def _rotor_energies(
 
 
 def _joint_forces(model: RobotModel, chain: Kinematics, theta: ca.SX, omega: ca.SX) -> _Forces:
-    """Springs, dampers and frictions of the joints; ``theta``, ``omega`` (n_g): motors seen from
-    the arm side.
+    """Springs, dampers, frictions and counterbalances of the joints: forces, stored energy and
+    lost power.
+
+    ``theta``, ``omega`` (n_g,) [rad or m, per s]: motors seen from the arm side. A spring on the
+    motor side sees deflections times the ratio.
     """
     q_a = chain.q_a
     v_a = chain.v_a
@@ -285,8 +291,8 @@ def gear_stiffness(model: RobotModel, rigid: float = 0.0) -> np.ndarray:
 
 
 def _elastic_torques(model: RobotModel, chain: Kinematics, joints: list[ca.SX]) -> ca.SX:
-    """Torques of all non-actuated coordinates in chain order: joints from the list, beams from
-    their matrices.
+    """Torques (n_e,) of all non-actuated coordinates in chain order: those of ``joints`` from the
+    list, in its order, beams from their stiffness and damping matrices.
     """
     torques: dict[int, ca.SX] = {}
     for first, beam in chain.modal:

@@ -194,6 +194,9 @@ def _row(
     values: np.ndarray,
     bounds: np.ndarray,
 ) -> LimitRow:
+    """A row of a quantity (n, k), whose use is value over bound; ``bounds``: (n, k), or (k,) for
+    all instants.
+    """
     return LimitRow(
         quantity, units, names, values / bounds, values, np.broadcast_to(bounds, values.shape)
     )
@@ -206,8 +209,11 @@ def _each(unit: str, names: tuple[str, ...]) -> tuple[str, ...]:
 def _curve_rows(
     limits: Limits, motors: tuple[str, ...], tau: np.ndarray, speed: np.ndarray
 ) -> Iterator[LimitRow]:
-    """Of each motor with a curve its edges c (torque at rest) and k, for both signs of the torque,
-    and its end.
+    """Of each motor with a torque-speed curve its edges, ``abs(tau)/c + abs(speed) k/c <= 1`` for
+    both signs of the torque, and its largest speed.
+
+    c: torque at rest [N m]; k: loss with speed [N m s/rad]. The reserve of the limits lowers the
+    torque that is left. ``tau``, ``speed`` (n, n_m).
     """
     left = 1.0 - limits.reserve
     for j, (name, curve) in enumerate(zip(motors, limits.torque_speed or (), strict=True)):
@@ -288,6 +294,7 @@ def norms(*vectors: np.ndarray) -> ToolMotion:
 
 
 def _tool_rows(limits: Limits, motion: ToolMotion) -> Iterator[LimitRow]:
+    """Rows of the speed [m/s] and the acceleration [m/s^2] of the tool, where they are limited."""
     named = (
         ("speed", "m/s", limits.tool_speed),
         ("acceleration", "m/s^2", limits.tool_acceleration),

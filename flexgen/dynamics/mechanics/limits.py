@@ -355,6 +355,9 @@ def _check_curve(curve: Any) -> None:
 
 
 def _bounds(name: str, values: Sequence[float] | None, size: int) -> np.ndarray:
+    """The bounds ``name`` as an array (size,); infinite where there are none. ArgumentError for
+    another number of them, or one that is not positive.
+    """
     if not is_whole(size, 0, MOST):
         raise ArgumentError(
             f"limits, number of {name} bounds: given {show_value(size)}, expected 0 to {MOST}"

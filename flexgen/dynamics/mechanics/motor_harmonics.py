@@ -33,10 +33,15 @@ SOLVED = 1e-17  # rad: error of a motor angle after its last step, by its bound
 
 
 def fourier_sum(given: FourierSum, q: ca.SX, orders: int = 1) -> list[ca.SX]:
-    """The sum at the angle ``q``, and its derivatives, ``orders`` in all."""
+    """The sum ``sum_k c_k cos(k q) + s_k sin(k q)`` at the angle ``q`` [rad], and its derivatives
+    in q, ``orders`` expressions in all.
+    """
     turned = {1: (ca.cos(q), ca.sin(q))}
 
     def turn(k: int) -> tuple[ca.SX, ca.SX]:  # cosine and sine of k q, from those of half of it
+        """Cosine and sine of k q from those of two halves of k, by the addition theorem; each
+        once.
+        """
         if k not in turned:
             (a, b) = turn(k // 2)
             (c, s) = turn(k - k // 2)
@@ -113,8 +118,8 @@ def gear_angles(model: RobotModel, q_m: ca.SX) -> ca.SX:
 
 
 def given_torques(model: RobotModel, q_m: ca.SX, tau_m: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """Torques that the motors give (n_m,), cogging torques (n_m,) [N m], and the energy of the
-    cogging [J].
+    """Torques that the motors give (n_m,), with their ripple ``tau (1 + sum)``, cogging torques
+    (n_m,) [N m], and the energy of the cogging [J], at motor angles ``q_m`` (n_m,) [rad].
     """
     given = []
     cogging = []
@@ -132,10 +137,11 @@ def given_torques(model: RobotModel, q_m: ca.SX, tau_m: ca.SX) -> tuple[ca.SX, c
 
 
 def _steps(error: FourierSum, ratio: float) -> tuple[int, int]:
-    """Steps of fixed-point iteration, then of Newton's method, after which the motor angle is
-    solved.
+    """Number of steps of fixed-point iteration, then of Newton's method, after which the motor
+    angle of a gear with a transmission error is solved to rounding.
 
-    Of an error with run-time parameters for all that are less steep than `STEEPEST`.
+    By bounds of the error, its slope and its curvature times the ``ratio``; of an error with
+    run-time parameters for all that are less steep than `STEEPEST`.
     """
     if any(isinstance(x, ca.SX) for x in (*error.cos, *error.sin)):
         size = STEEPEST / min(error.harmonics)

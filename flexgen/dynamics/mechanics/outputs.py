@@ -28,7 +28,12 @@ class OutputMap:
 
 
 def output_map(system: System) -> OutputMap:
-    """The `OutputMap` of a model's declared output."""
+    """The `OutputMap` of a model's declared output: error from a target, the target's symbol, and
+    the map W from coordinate speeds to output rates.
+
+    A pose has the target of position and rotation matrix (12,), and W is the Jacobian (6, n_a);
+    other outputs have a target of their size.
+    """
     model = system.model
     q = system.lagrangian.chain.q_a
     if model.output.type != "tool_pose":

@@ -269,6 +269,9 @@ def _body(body: Body, name: str, visit: Visit) -> Body:
 
 
 def _payload(payload: Body, visit: Visit) -> Body:
+    """The payload with mass and center of mass replaced by what the visitor returns, in the group
+    ``payload``.
+    """
     mass = visit(
         Parameter(
             "payload.mass", payload.mass, "kg", "payload: mass", "payload.mass", bound=NOT_NEGATIVE
@@ -291,6 +294,9 @@ def _payload(payload: Body, visit: Visit) -> Body:
 
 
 def _dof(dof: Dof, key: str, visit: Visit) -> Dof:
+    """The degree of freedom with friction, counterbalance, gear or spring replaced by what the
+    visitor returns; ``key``: its place in the model file.
+    """
     units = _linear if dof.type == "translation" else _angular
     part = f"{dof.name}, arm side" if dof.gear is not None else dof.name
     changes: dict[str, Any] = {
@@ -321,6 +327,10 @@ def _dof(dof: Dof, key: str, visit: Visit) -> Dof:
 
 
 def _gear(gear: Gear, name: str, units: Units, key: str, visit: Visit) -> Gear:
+    """The gear of joint ``name`` with spring, damping, transmission error and hysteresis replaced
+    by what the visitor returns; rigid gears as they are. ``units``: those of the joint; a spring
+    on the motor side has those of a rotation.
+    """
     if gear.spring is None:
         return gear
     joint = units
@@ -336,7 +346,10 @@ def _gear(gear: Gear, name: str, units: Units, key: str, visit: Visit) -> Gear:
     own = f"hysteresis of {part}"
 
     def element(given: HysteresisLaw, n: str, place: str) -> HysteresisLaw:
-        """``n``, ``place``: ends of its names, and of its key where there are several."""
+        """An element of hysteresis with lost motion and stiffness replaced. ``n``, ``place``: ends
+        of its names, and of its key where there are several, which then belong to a group of their
+        gear.
+        """
         lost = Parameter(
             f"{name}.lost_motion{n}",
             given.lost_motion,
@@ -372,6 +385,7 @@ def _gear(gear: Gear, name: str, units: Units, key: str, visit: Visit) -> Gear:
 
 
 def _damping(value: float, name: str, part: str, units: Units, key: str, visit: Visit) -> Any:
+    """What the visitor returns for a damping constant of ``part``, in the group ``damping``."""
     doc = f"damping of {part}"
     unit = units("N m s/rad")
     parameter = Parameter(
@@ -381,6 +395,10 @@ def _damping(value: float, name: str, part: str, units: Units, key: str, visit: 
 
 
 def _spring(spring: Spring, name: str, part: str, units: Units, key: str, visit: Visit) -> Spring:
+    """The spring with all its numbers replaced by what the visitor returns, in the group
+    ``stiffness``.
+    """
+
     def number(kind: str) -> Parameter:
         value = getattr(spring, kind)
         unit = units(_SPRING_UNITS[kind])
@@ -394,6 +412,9 @@ def _spring(spring: Spring, name: str, part: str, units: Units, key: str, visit:
 
 
 def _motor(motor: Motor, visit: Visit) -> Motor:
+    """The motor with inertia, friction, bristles and harmonics replaced by what the visitor
+    returns.
+    """
     part = f"motor {motor.name}, motor side"
     key = f"motor.{motor.name}"
     rotor = Parameter(
@@ -428,6 +449,9 @@ def _motor(motor: Motor, visit: Visit) -> Motor:
 def _fourier_sum(
     given: FourierSum | None, name: str, unit: str, key: str, visit: Visit
 ) -> FourierSum | None:
+    """The sum ``name``, "PART.KIND", with its cosine and sine coefficients [unit] replaced by what
+    the visitor returns; None without one.
+    """
     if given is None:
         return None
     part, kind = name.split(".")
@@ -448,8 +472,10 @@ def _fourier_sum(
 def _friction(
     friction: Friction, name: str, part: str, units: Units, key: str, visit: Visit
 ) -> Friction:
-    """Terms that are zero in the file belong to no group: they cost nothing and stay zero unless
-    they are named.
+    """The friction with all its numbers replaced by what the visitor returns.
+
+    Terms that are zero in the file belong to no group: they cost nothing and stay zero unless they
+    are named.
     """
     return replace(
         friction,

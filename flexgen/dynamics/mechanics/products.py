@@ -29,7 +29,9 @@ def symbols_like(
 def jvp(
     inputs: list[ca.SX], names: list[str], outputs: list[ca.SX], names_out: list[str]
 ) -> Built:
-    """Change of the results for a small change of the inputs, per unit of that change."""
+    """Change of the results for a small change of the inputs, ``dy = (dy/dx) dx``, as a function
+    with the directions dx as further inputs, named as the inputs with the ending `TANGENT`.
+    """
     directions, named = symbols_like(inputs, names, TANGENT)
     outputs = [ca.densify(y) for y in outputs]
     flat = ca.jtimes(ca.veccat(*outputs), ca.veccat(*inputs), ca.veccat(*directions))
@@ -44,7 +46,9 @@ def jvp(
 def vjp(
     inputs: list[ca.SX], names: list[str], outputs: list[ca.SX], names_out: list[str]
 ) -> Built:
-    """Derivatives of the weighted sum of all results in the inputs."""
+    """Derivatives ``(dy/dx)' w`` of the weighted sum of all results in the inputs, as a function
+    with the weights w as further inputs, named as the results with the ending `COTANGENT`.
+    """
     outputs = [ca.densify(y) for y in outputs]
     weights, named = symbols_like(outputs, names_out, COTANGENT)
     flat = ca.jtimes(ca.veccat(*outputs), ca.veccat(*inputs), ca.veccat(*weights), True)

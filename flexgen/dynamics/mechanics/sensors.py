@@ -39,6 +39,12 @@ def sensor_signals(system: System) -> ca.SX:
 
 
 def _signal(system: System, sensor: Sensor) -> ca.SX:
+    """Signals of a sensor as expressions of motion and torques [of the sensor].
+
+    Encoder: coordinate; strain gauge: ``gauge q + offset``; joint torque: torque that the arm
+    needs there; tracker: position; gyro: angular velocity; accelerometer: acceleration of its
+    point less gravity, in its axes.
+    """
     chain = system.lagrangian.chain
     if sensor.of_force and system.model.motor_coupling == "complete":
         raise ArgumentError(
@@ -68,8 +74,11 @@ def _signal(system: System, sensor: Sensor) -> ca.SX:
 
 
 def _wrench(system: System, sensor: Sensor) -> ca.SX:
-    """Force and moment (6,) that hold what is behind the sensor, at its point, in the axes of its
-    frame.
+    """Force and moment (6,) [N, N m] that hold what is behind the sensor, at its point, in the
+    axes of its frame.
+
+    The model gets six degrees of freedom at the sensor, which are at rest: their equations of
+    motion are the wrench.
     """
     arm = system.lagrangian.chain
     model = _cut_behind(system.with_symbols, sensor)

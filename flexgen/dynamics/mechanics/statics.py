@@ -174,6 +174,9 @@ def make_holder(
         )
 
     def hold(q_g: np.ndarray, q_e: np.ndarray | None = None) -> Equilibrium:
+        """Equilibrium at the actuated coordinates ``q_g`` (n_g,); ``q_e`` (n_e,): guess of the
+        other ones, 0 without one.
+        """
         q = np.zeros(model.n_a)
         q[list(model.i_g)] = q_g
         if q_e is not None:
@@ -254,8 +257,11 @@ def hold_motors(
 def solve_newton(
     function: ca.Function, start: np.ndarray, free: list[int], what: str
 ) -> np.ndarray:
-    """Solve ``rows(q) = 0`` for the entries ``free`` of q, halving steps that do not help; rows
-    are scaled.
+    """Solve ``rows(q) = 0`` for the entries ``free`` of q by Newton's method from ``start``,
+    halving steps that do not help; rows are scaled by their derivatives.
+
+    ``function``: q -> rows, their Jacobian in the free entries; ``what``: for the error.
+    SolverError where it is singular or does not converge.
     """
     q = np.array(start, dtype=float)
     rows, jacobian = (np.array(x) for x in function(q))

@@ -211,7 +211,9 @@ class System:
 
 
 def _column(name: str, value: Any, rows: int) -> ca.SX:
-    """A column of expressions; ArgumentError for something else."""
+    """A column of ``rows`` expressions; ArgumentError for something else, with the ``name`` of the
+    argument.
+    """
     try:
         column = ca.SX(value)
     except (TypeError, NotImplementedError, RuntimeError):
