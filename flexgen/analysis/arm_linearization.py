@@ -82,8 +82,9 @@ def held_motions(model: RobotModel, W: np.ndarray) -> np.ndarray:
 
 
 def arm_linearization(equations: Equations, q: np.ndarray) -> ArmLinearization:
-    """The `ArmLinearization` at the poses ``q`` (k, n_a), whose non-actuated rows are in
-    balance.
+    """The `ArmLinearization` at the poses ``q`` (k, n_a), whose non-actuated rows are in balance:
+    inertia with the rotors of rigid gears, damping and stiffness of the rows at rest, output map,
+    and stiffness of the gears under their load.
     """
     model = equations.model
     lag = equations.lagrangian

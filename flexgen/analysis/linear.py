@@ -88,7 +88,11 @@ def linearize(equations: Equations, rest: Equilibrium) -> LinearModel:
 
 
 def poles(linear: LinearModel) -> np.ndarray:
-    """Eigenvalues [1/s] of the linearization, by size."""
+    """Eigenvalues [1/s] of the linearization, by size.
+
+    Slow poles of a robot whose fast ones are far away are computed without the inverse of M, and
+    those near the rounding error of the largest one are refined by Newton's method.
+    """
     A, _ = linear.state_space()
     # one unit of time for all: the slowest and the fastest pole lie far apart
     rate = linear.rate
@@ -167,8 +171,8 @@ def refine_roots(
 def _refine_root(
     M: np.ndarray, D: np.ndarray, K: np.ndarray, root: complex, reach: float
 ) -> complex:
-    """One root after Newton's steps; as given where they lead further away than ``reach``
-    [1/s].
+    """A root [1/s] of ``det(M s^2 + D s + K)`` after Newton's steps along its null vectors; as
+    given where they lead further away than ``reach`` [1/s].
     """
     size = np.sqrt(np.abs(np.diag(K)) + np.abs(np.diag(M)) * abs(root) ** 2)
     if not np.all(size > 0.0):

@@ -60,7 +60,9 @@ class SymbolicChain:
         self._tips = {"base": (self.R, self.p, self.Jv, self.Jw)}
 
     def element(self, step: Step) -> None:
-        """Walk one step."""
+        """Walk one step of the chain: move the current frame, add a body's or a rotor's inertia,
+        or keep and restore the frame at a branch.
+        """
         ring = self.ring
         if isinstance(step, Shift):
             self._shift([ring.element(x) for x in step.by])
@@ -89,6 +91,9 @@ class SymbolicChain:
             self._add(self.M, ring.element(step.inertia), seen, seen)
 
     def _turn(self, axis: Vector3, angle: sp.Symbol | int) -> None:
+        """Turn the current frame about ``axis``, in its own axes, by a symbol or a number of
+        quarter turns; position and velocities are expressed in the new frame.
+        """
         ring = self.ring
         if isinstance(angle, int):
             c = ring.element((1, 0, -1, 0)[angle % 4])
@@ -115,6 +120,9 @@ class SymbolicChain:
         ]
 
     def _mass(self, body: Mass) -> None:
+        """Add a body that is fixed in the current frame: inertia M, rotational drag D and
+        potential.
+        """
         ring = self.ring
         m = ring.element(body.mass)
         com = [ring.element(x) for x in body.com]
@@ -177,7 +185,11 @@ class SymbolicChain:
 def polynomial_ring(
     symbols: Symbols, steps: Sequence[Step], q_a: tuple[sp.Symbol, ...], v: Sequence[sp.Symbol]
 ) -> TrigonometricRing:
-    """The ring in which the equations of a chain are polynomials."""
+    """The ring in which the equations of a chain are polynomials.
+
+    Its constants are parameters with a value, its angles those of rotations and of placements.
+    Symbolic unit vectors give relations; joints about parallel axes let sums of angles be printed.
+    """
     values = {entry.symbol: entry.value for entry in symbols.entries if entry.value is not None}
     fixed = [
         step.angle for step in steps if isinstance(step, Turn) and not isinstance(step.angle, int)

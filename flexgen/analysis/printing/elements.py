@@ -182,6 +182,9 @@ def _axis(symbols: Symbols, head: str, owner: str, axis: Vector) -> Expr3:
 
 
 def _body(symbols: Symbols, owner: str, body: Body) -> Mass | None:
+    """Mass, center of mass, inertia and drag of a body of ``owner`` as symbols, those that are
+    zero as 0; None where all are.
+    """
     mass = symbols.parameter("m", (owner,), body.mass, "kg", f"mass of {owner}")
     com = (
         symbols.vector("xyz", owner, body.com, "m", f"center of mass of {owner}")
@@ -261,10 +264,15 @@ def chain_steps(model: RobotModel, symbols: Symbols, rotor: list[sp.Expr]) -> li
 def spring_law(
     symbols: Symbols, spring: Spring, d: sp.Expr, owner: str, units: tuple[str, str]
 ) -> sp.Expr:
-    """Torque of a spring at the deflection ``d``; ``units`` of torque and deflection."""
+    """Torque of a spring at the deflection ``d``, with symbols for its numbers; ``owner``: the
+    joint; ``units`` of torque and deflection.
+    """
     torque, deflection = units
 
     def stiffness(head: str, value: float, meaning: str, power: str = "") -> sp.Expr:
+        """A stiffness as symbol; ``head``: its letter, and words for subscripts; ``power``: of the
+        deflection in its unit.
+        """
         unit = f"{torque}/{deflection}{power}"
         return symbols.parameter(
             head[0], (*head[1:].split(), owner), value, unit, f"{meaning} of {owner}"
@@ -303,7 +311,12 @@ def spring_law(
 def friction_law(
     symbols: Symbols, friction: Friction, w: sp.Symbol, owner: str, units: tuple[str, str]
 ) -> sp.Expr:
-    """Friction torque at the speed ``w``; ``units`` of torque and coordinate."""
+    """Friction torque at the speed ``w``, with symbols for its numbers: viscous and offset, and
+    Coulomb with Stribeck part times ``tanh(beta w)``.
+
+    ``owner``: joint or motor; ``units`` of torque and coordinate. ArgumentError for another law
+    than the smooth one.
+    """
     if type(friction) is not Friction:
         raise ArgumentError(
             f"friction of {owner}: given the law {type(friction).__name__}, which has no closed "

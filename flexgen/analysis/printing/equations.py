@@ -152,6 +152,9 @@ class SymbolicEquations:
 
     @cached_property
     def _sheet(self) -> Sheet:
+        """The equations as a sheet that text and LaTeX are made from: sections with rows, those
+        that are all zero left out, and the symbols that occur in them.
+        """
         names = {entry.symbol: entry.name for entry in self.entries}
         n_a = len(self.q_a)
         n_m = len(self.q_m)

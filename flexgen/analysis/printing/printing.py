@@ -70,6 +70,7 @@ class Name:
 
 
 def _latex_subscript(part: str) -> str:
+    """A part of a subscript in LaTeX: digits as they are, words upright, others escaped."""
     if part.isdigit():
         return part
     return (
@@ -184,6 +185,7 @@ class _Text(StrPrinter):
         return one_line(expr.name)
 
     def _print_Piecewise(self, expr: sp.Piecewise) -> str:
+        """A case distinction on one line: ``{ value if condition; value otherwise }``."""
         parts = [
             f"{self._print(value)} otherwise"
             if condition == sp.true

@@ -102,7 +102,10 @@ class TrigonometricRing:
         return self.ring.gens[self.n + 2 * self.angles.index(angle) + 1]
 
     def reduce(self, p: Element) -> Element:
-        """The canonical form of ``p``; ArgumentError where it has too many terms to be of use."""
+        """The canonical form of ``p``: squares of sines, and of the last component of symbolic
+        unit vectors, are replaced by ``1 - ...`` until none is left. ArgumentError where it has
+        too many terms to be of use.
+        """
         while True:
             if len(p) > MAX_TERMS:
                 raise ArgumentError(
@@ -263,6 +266,9 @@ class TrigonometricRing:
         return dict(zip(self._trig, values, strict=True))
 
     def _without_squares(self, p: Element, i: int, square: Element) -> Element:
+        """``p`` with even powers of generator ``i`` replaced by powers of ``square``, an equal
+        polynomial.
+        """
         out = self.zero
         for monomial, coefficient in p.items():
             rest = self.ring.from_dict(

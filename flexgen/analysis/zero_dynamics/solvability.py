@@ -286,7 +286,10 @@ def _tool_warnings(equations: Equations, arm: ArmLinearization) -> list[str]:
 
 
 def _inertia_warnings(arm: ArmLinearization, smallest: float) -> list[str]:
-    """Warnings from the inertia A of the zero dynamics at the first pose."""
+    """Warnings from the inertia A of the zero dynamics at the first pose, where its ``smallest``
+    singular value, relative to the coordinates' own inertia, is near zero: a zero lies at or near
+    infinity.
+    """
     model = arm.model
     distal = _distal(arm.model)
     if smallest > (DISTAL if distal else INERTIA):

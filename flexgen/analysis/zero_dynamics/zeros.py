@@ -72,7 +72,12 @@ def transmission_zeros(
 def _invariant_zeros(
     A: np.ndarray, B: np.ndarray, C: np.ndarray, D: np.ndarray
 ) -> np.ndarray | None:
-    """Finite zeros of a scaled square system with feed-through D; None where it is degenerate."""
+    """Finite zeros of a scaled square system with feed-through D; None where it is degenerate.
+
+    As long as D is singular, outputs without feed-through are kept at zero: the states that this
+    fixes are removed, and their rates become outputs (Silverman's structure algorithm). At the end
+    ``A - B D^-1 C`` has the zeros as eigenvalues.
+    """
     while True:
         size = max(float(np.linalg.norm(X)) for X in (A, B, C, np.eye(1)))
         U, values, _ = np.linalg.svd(D)
@@ -123,8 +128,11 @@ def inner_pencil(
 
 
 def inner_zeros(equations: Equations, linear: LinearModel, rest: Equilibrium) -> np.ndarray:
-    """Zeros [1/s] by the structure; simplified motor coupling, as many outputs of the arm as
-    motors.
+    """Zeros [1/s] by the structure at the equilibrium ``rest``: -K/D of each damped gear, and
+    those of the non-actuated coordinates with the output held.
+
+    For simplified motor coupling and as many outputs of the arm as motors; SolverError where the
+    output leaves a motion undetermined.
     """
     model = equations.model
     deflection = gear_angles_along(model, rest.q_m[None])[0] - rest.q_a[list(model.i_g)]
@@ -173,7 +181,10 @@ def is_structured(equations: Equations) -> bool:
 
 
 def zero_report(equations: Equations, linear: LinearModel, rest: Equilibrium) -> ZeroReport:
-    """Zeros of the declared output in a static equilibrium, and the verdict."""
+    """Zeros [1/s] of the declared output in the static equilibrium ``rest``, and the verdict:
+    "flat", "minimum phase", "non-minimum phase" with time constant and preview [s], or "none"
+    where zeros are not defined or not determined.
+    """
     model = equations.model
     zeros: np.ndarray | None = None
     if obstacle(model, "full problem") is None:

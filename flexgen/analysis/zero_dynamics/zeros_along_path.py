@@ -242,9 +242,19 @@ def summarize_zeros(
     sigma: np.ndarray,
     sign: np.ndarray,
 ) -> ZeroPath:
-    """Phase, changes, rates and methods from the zeros at n poses; see `zeros_at`.
+    """Phase, changes, rates and methods from the zeros at n poses.
 
-    ``n_e``: number of coordinates without motor; ``t`` (n,) [s]; ``q`` (n, n_a).
+    Parameters
+    ----------
+    n_e : int
+        Number of coordinates without motor.
+    t : array (n,) [s]
+    q : array (n, n_a) [rad or m]
+    roots : list of arrays [1/s]
+        Finite zeros at each pose.
+    sigma, sign : array (n,)
+        Smallest singular value of the relative inertia, and the sign of its determinant, see
+        `zeros_at`.
     """
     widest = max(len(row) for row in roots)
     zeros = np.full((len(t), widest), complex(np.inf, 0.0))
@@ -279,10 +289,12 @@ def summarize_zeros(
 def _changes(
     t: np.ndarray, unstable: np.ndarray, sigma: np.ndarray, finite: np.ndarray
 ) -> tuple[Change, ...]:
-    """Where the number of unstable zeros changes.
+    """Where the number of unstable zeros, ``unstable`` (n,), changes along the instants ``t`` (n,)
+    [s].
 
-    ``sigma`` (n,): smallest singular value of A with the sign of its determinant; ``finite`` (n,):
-    numbers of zeros.
+    Through infinity where ``sigma`` (n,), the smallest singular value of A with the sign of its
+    determinant, changes its sign, or where the number of ``finite`` zeros (n,) changes; else
+    through the imaginary axis.
     """
     out = []
     for k in range(len(t) - 1):
@@ -301,7 +313,9 @@ def _changes(
 
 
 def _sentence(path: ZeroPath, finite: np.ndarray, sign: np.ndarray) -> str:
-    """The verdict as a sentence."""
+    """The verdict as a sentence: phase, rates, preview, changes, zeros at infinity, methods.
+    ``finite``, ``sign`` (n,): number of finite zeros and sign of det A at each pose.
+    """
     if path.phase == "flat":
         return (
             "flat: no zeros; the torque follows from the path and its derivatives alone; use "
