@@ -325,7 +325,7 @@ def _task(
     moving: bool,
     held: float,
 ) -> _Task:
-    """What one simulation needs: instants and channels, with the time ``held`` [s] after the end,
+    """Input of one simulation: instants and channels, with the time ``held`` [s] after the end,
     and the first state, at rest or ``moving``.
     """
     t, longer = _with_held_end(data.time, given, held)

@@ -385,7 +385,9 @@ def _gear(gear: Gear, name: str, units: Units, key: str, visit: Visit) -> Gear:
 
 
 def _damping(value: float, name: str, part: str, units: Units, key: str, visit: Visit) -> Any:
-    """What the visitor returns for a damping constant of ``part``, in the group ``damping``."""
+    """The damping constant of ``part``, or its replacement by the visitor, in the group
+    ``damping``.
+    """
     doc = f"damping of {part}"
     unit = units("N m s/rad")
     parameter = Parameter(

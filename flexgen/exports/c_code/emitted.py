@@ -108,8 +108,9 @@ class Emitted:
         default: str = "",
         **more: Any,
     ) -> Exported:
-        """Write the texts of an export to a folder; ``default``: below ``exports``, where none is
-        given.
+        """Write the ``texts`` of an export by name to a folder; ``default``: its name below
+        ``exports``, where none is given; ``force``: also over files that were changed; ``more``:
+        fields of the result.
         """
         folder = folder_of(directory, default or f"{self.name}_{kind}")
         files = write_folder(folder, kind, self.name, texts, force=force)

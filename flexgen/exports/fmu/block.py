@@ -80,8 +80,8 @@ def time_variable() -> Variable:
 
 
 def config(block: Block, token: str) -> str:
-    """The file flexgen_fmu_config.h: sizes, start values, functions of the model; no names of
-    variables.
+    """The file flexgen_fmu_config.h: sizes, start values, functions of the model and the ``token``
+    of the FMU; no names of variables.
     """
     lines = [
         "/* Sizes, start values and functions of the model. Written by flexgen. */",
@@ -128,7 +128,9 @@ def config(block: Block, token: str) -> str:
 
 
 def c_array(name: str, values: Sequence[float], whole: bool = False) -> str:
-    """A constant array in C; one zero where there are no values."""
+    """A constant array in C, of int32_t if ``whole``, else of double; one zero where there are no
+    values.
+    """
     written = [str(int(x)) if whole else repr(float(x)) for x in values] or ["0"]
     rows = [", ".join(written[k : k + 5]) for k in range(0, len(written), 5)]
     inner = ",\n    ".join(rows)

@@ -100,6 +100,9 @@ def controller(model: RobotModel, given: Any, sample_time: float) -> Block:
 def _variables(
     model: RobotModel, q_m: np.ndarray, tau_m: np.ndarray, gains: Any
 ) -> list[Variable]:
+    """Variables of the controller: time, measured and reference angles [rad], feedforward and
+    commanded torques [N m], gains; ``q_m``, ``tau_m`` (n_m,): their start values.
+    """
     n = model.n_m
     out = [time_variable()]
     for first, what, unit, starts, text in (

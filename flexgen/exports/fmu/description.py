@@ -109,6 +109,9 @@ def description_2(block: Block, token: str, sources: Sequence[str]) -> str:
 
 
 def _scalar_2(v: Variable, position: Mapping[int, int]) -> list[str]:
+    """The element of a variable in a model description of FMI 2, as lines; ``position``: its
+    number by value reference.
+    """
     of = position[1000 * STATE + v.index] if v.kind == RATE else None
     value: dict[str, object] = {"start": number(v.start)}
     if not v.whole:
@@ -125,6 +128,10 @@ def _scalar_2(v: Variable, position: Mapping[int, int]) -> list[str]:
 
 
 def _structure_2(block: Block, position: Mapping[int, int]) -> list[str]:
+    """The element ModelStructure of FMI 2, as lines: outputs, derivatives and initial unknowns
+    with the variables on which they depend, by number.
+    """
+
     def unknown(v: Variable) -> list[str]:
         depends = (
             None if v.depends is None else " ".join(str(position[r]) for r in sorted(v.depends))
@@ -200,6 +207,8 @@ def variable_3(v: Variable) -> list[str]:
 
 
 def _structure_3(block: Block) -> list[str]:
+    """The element ModelStructure of FMI 3, as lines: as `_structure_2`, by value reference."""
+
     def unknown(name: str, v: Variable) -> list[str]:
         depends = None if v.depends is None else " ".join(map(str, sorted(v.depends)))
         return element(name, {"valueReference": v.reference, "dependencies": depends})

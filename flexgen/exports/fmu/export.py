@@ -203,6 +203,9 @@ def _content(
 
 
 def _check(version: str, block: str, path: Any, given: Mapping[str, Any]) -> None:
+    """Refuse arguments of `export_fmu` that are not a version, block or method, options of another
+    block, and a path that does not end in .fmu.
+    """
     method = "rk4" if given["method"] is None else given["method"]
     for name, value, expected in (
         ("version", version, VERSIONS),
@@ -226,6 +229,7 @@ def _check(version: str, block: str, path: Any, given: Mapping[str, Any]) -> Non
 
 
 def _block(model: RobotModel, block: str, given: Mapping[str, Any]) -> Block:
+    """The block by its name, with the options ``given``; its module is imported here."""
     if block == "plant":
         from flexgen.exports.fmu.plant import plant
 
@@ -285,6 +289,9 @@ def texts_of(block: Block, version: str) -> tuple[dict[str, str], str]:
 def _merge(block: Block, texts: Mapping[str, str], interface: str, standard: set[str]) -> str:
     """One C file: the interface with its headers put in, then the model, which must not see macros
     of the former.
+
+    ``texts``: sources by name; ``interface``: file of the FMI functions; ``standard``: headers
+    that stay separate.
     """
     seen: set[str] = set()
 

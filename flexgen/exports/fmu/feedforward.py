@@ -224,6 +224,9 @@ def path_inputs(
 
 
 def _outputs(model: RobotModel, held: Equilibrium, servo: ServoTable | None) -> list[Variable]:
+    """Outputs of the feedforward: torques, planned motion of motors and arm, figures of the
+    stream, and positions to send to a servo, with start values at rest.
+    """
     rows: list[tuple[str, str, str, float]] = []
     for k, m in enumerate(model.motors):
         rows.append(

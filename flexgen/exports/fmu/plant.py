@@ -112,7 +112,13 @@ def plant(model: RobotModel, method: str, step: float | None) -> Block:
 
 
 def graphs_of(equations: Equations) -> Graphs:
-    """The functions in the state x and the input u."""
+    """The functions of the plant in the state x = (q_a, q_me, v_a, v_me, torques with states) and
+    the input u = (motor torques, force and torque on the tool): rate, accelerations, Jacobians,
+    outputs.
+
+    The Jacobians are those of the equations of motion, ``M_y a = -R_y (x, u)``, so that C solves
+    one linear system.
+    """
     model = equations.model
     memory = plant_memory(equations)
     n_a = model.n_a
@@ -297,6 +303,9 @@ def _emit(equations: Equations, graphs: Graphs) -> tuple[dict[str, str], dict[st
 
 
 def _write(spec: LibrarySpec) -> tuple[dict[str, str], dict[str, str], str]:
+    """The C of the functions: files by name, calls by macro of flexgen_fmu_config.h, and the macro
+    of the size of the workspace.
+    """
     written = function_texts(spec)
     calls = {}
     arguments = {
@@ -394,6 +403,9 @@ def payload_variables(equations: Equations) -> list[Variable]:
 
 
 def _inputs(model: RobotModel, held: Equilibrium) -> list[Variable]:
+    """Inputs of the plant: motor torques [N m], at the start those of equilibrium, and force and
+    torque on the tool [N, N m].
+    """
     torques = [
         Variable(
             f"motor.{m.name}.torque",
@@ -415,6 +427,7 @@ def _inputs(model: RobotModel, held: Equilibrium) -> list[Variable]:
 
 
 def _outputs(model: RobotModel, graphs: Graphs) -> list[Variable]:
+    """Outputs of the plant with the states on which they depend: motors, tool, deflections."""
     rows = _pattern(graphs.output, 0)
     names: list[tuple[str, str, str]] = []
     names += [(f"motor.{m.name}.angle", "rad", "motor angle, motor side") for m in model.motors]
@@ -467,7 +480,9 @@ def _pattern(function: ca.Function, argument: int) -> np.ndarray:
 
 
 def _states(model: RobotModel, graphs: Graphs, x: np.ndarray) -> list[Variable]:
-    """States and their derivatives."""
+    """States and their derivatives, with start values ``x``, and the states and inputs on which a
+    derivative depends.
+    """
     half = [
         (f"arm.{c.name}", "position", c.unit, f"of the arm coordinate {c.name}", 1.0)
         for c in model.coordinates

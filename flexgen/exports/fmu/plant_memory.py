@@ -41,7 +41,9 @@ class PlantMemory:
 
 
 def plant_memory(equations: Equations) -> PlantMemory | None:
-    """The states of a model; None where it has none."""
+    """The states of hysteresis and bristles of a plant, of gears and motors that have them only,
+    with the rate at which they fade; None where there are none.
+    """
     model = equations.model
     if not memory_laws(model):
         return None

@@ -317,6 +317,9 @@ class _Writer:
             return None
 
     def _home(self, root: Element, rest: Equilibrium) -> None:
+        """Add the keyframe ``home``: positions of all joints in the order of the document, and
+        motor torques, of the equilibrium ``rest``.
+        """
         values = {c.name: float(x) for c, x in zip(self.model.coordinates, rest.q_a, strict=True)}
         values |= {
             name: sum(x * values[k] for k, x in own.items())

@@ -93,6 +93,9 @@ def check_laws(model: RobotModel, dry: bool) -> None:
 
 
 def _check_friction(model: RobotModel, key: str, friction: Friction, dry: bool) -> None:
+    """Refuse a friction that MuJoCo does not have: another law, or Coulomb, Stribeck and offset
+    terms unless Coulomb friction is written as ``dry``. ``key``: its place in the model file.
+    """
     other = (
         'or friction = "viscous" (leaves the others out), or "dry" (Coulomb friction as MuJoCo '
         "has it)"
@@ -142,6 +145,11 @@ def drives(model: RobotModel) -> tuple[Drive, ...]:
 
 
 def _turning(model: RobotModel, j: int) -> dict[str, float] | None:
+    """Factors by which speeds of joints turn rotor ``j`` with its carrier; empty where they do
+    not, None behind an elastic gear, whose rotor is a body.
+
+    ModelError for a rigid gear on a carrier that turns about several directions.
+    """
     motor = model.motors[j]
     if model.motor_coupling != "complete" or motor.carrier == "base" or motor.inertia == 0.0:
         return {}

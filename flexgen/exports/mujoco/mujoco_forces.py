@@ -182,8 +182,10 @@ def _tendon(
     damping: float = 0.0,
     upper: float | None = None,
 ) -> Element:
-    """A fixed tendon with a spring; ``upper``: the spring acts on what exceeds this length
-    only.
+    """A fixed tendon, a sum of joints with the coefficients ``ends``, with a spring.
+
+    ``stiffness``: coefficients of its force in powers of the length, from 1 on; ``upper``: the
+    spring acts on what exceeds this length only.
     """
     rest = 0.0 if upper is None else [-FAR, upper]
     tendon = add(tendons, "fixed", name=name, stiffness=stiffness, springlength=rest)

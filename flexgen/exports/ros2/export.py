@@ -185,7 +185,9 @@ def _package_name(package: str | None, name: str) -> str:
 
 
 def _files(package: str, controller: bool, parts: Sequence[str]) -> dict[str, str]:
-    """Path in the package by the name of the template."""
+    """Path in the package by the name of the template; with ``controller`` also those of the
+    stream controller, ``parts``: its options.
+    """
     files = {
         "CMakeLists.txt": "CMakeLists.txt",
         "package.xml": "package.xml",
@@ -230,7 +232,9 @@ def _render(
 def _words(
     library: Emitted, package: str, controller: bool, gains: Cascade | None, parts: Sequence[str]
 ) -> dict[str, str]:
-    """The numbers and names of the templates."""
+    """The numbers and names of the templates, by their placeholders; those of the controller are
+    empty without it. ``parts``: its options.
+    """
     model = library.model
     equations = library.equations
     home, zero = np.zeros((2, model.n_a))
@@ -348,7 +352,9 @@ def _limits(model: RobotModel) -> dict[str, np.ndarray]:
 
 
 def servo_samples(model: RobotModel, period: float) -> int:
-    """Samples of the servo of a model in an interval of the stream."""
+    """Samples of the servo of a model in an interval of the stream, ``period`` [s]; ArgumentError
+    where this is not a whole number.
+    """
     assert model.servo is not None
     samples = round(period / model.servo.sample_time)
     if samples < 1 or abs(samples * model.servo.sample_time / period - 1.0) > WHOLE:
@@ -390,7 +396,9 @@ def _refused_friction(model: RobotModel) -> str:
 
 
 def _gains_text(gains: Cascade | None, n: int) -> str:
-    """The lines of the gains: comments where there are none."""
+    """The lines of the gains of ``n`` motors in the YAML file: comments where there are none;
+    ArgumentError for another controller than a cascade without filters.
+    """
     units = {"position_gain": "[1/s]", "speed_gain": "[N m s/rad]", "integral_gain": "[1/s]"}
     if gains is None:
         lines = [

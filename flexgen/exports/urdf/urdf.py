@@ -196,7 +196,12 @@ def _is_ours(overlay: Path) -> bool:
 
 
 def _steps(model: RobotModel) -> list[Step]:
-    """The links after the ground, and the tip if its frame is not that of the last link."""
+    """The links after the ground, one for each joint of the URDF file, and the tip if its frame is
+    not that of the last link.
+
+    A link has its frame at its joint, in the orientation of the element's body; a joint or link of
+    its own gets a new name. ModelError for what a URDF file cannot have.
+    """
     beam_or_drag(model)
     for kind, named in (
         ("element", model.elements),

@@ -123,7 +123,8 @@ def svg(figure: Figure, prefix: str = "") -> str:
 @provides("Result.picture")
 @apply_style
 def save(figure: Figure, path: str | Path, dpi: float = 150.0) -> Path:
-    """Write a figure to a ``.svg`` or ``.png`` file; equal figures give equal bytes.
+    """Write a figure to a ``.svg`` or ``.png`` file, the latter with ``dpi`` pixels an inch; equal
+    figures give equal bytes.
 
     Raises
     ------
@@ -149,7 +150,9 @@ def save(figure: Figure, path: str | Path, dpi: float = 150.0) -> Path:
 
 
 def power(x: float, _: Any = None) -> str:
-    """Tick label of a logarithmic axis: ``10⁻³``, 1 or 10."""
+    """Tick label of a logarithmic axis at ``x``, a power of ten: ``10⁻³``, 1 or 10. The second
+    argument, the position that matplotlib gives, is not used.
+    """
     if x == 0:
         return "0"
     size = round(np.log10(abs(x)))
@@ -256,7 +259,9 @@ def longest(end: float) -> float:
 
 
 def time_axis(ax: Any, first: float, end: float, last: float, label: bool = True) -> None:
-    """Set the limits of a time axis; mark start and end of the path, shade the time outside."""
+    """Set the limits of a time axis to ``first`` and ``last`` [s]; mark start, 0, and ``end`` of
+    the path, and shade the time outside of it. ``label``: also name the axis.
+    """
     until = max((float(np.max(line.get_xdata())) for line in ax.lines), default=last)
     ax.set_xlim(first, last)
     for a, b in ((first, 0.0), (end, last)):

@@ -170,6 +170,10 @@ def _split(names: list[str]) -> tuple[list[str], list[str]]:
 def _draw_parameters(
     ax: Any, identified: IdentificationResult, names: list[str], in_file: dict[str, float]
 ) -> None:
+    """Draw the parameters ``names`` below each other: value over that ``in_file``, with a bar of
+    two standard deviations; those that the data do not determine are grey and do not set the
+    limits.
+    """
     sd = identified.sd
     values = identified.values
     for k, name in enumerate(names):

@@ -26,7 +26,10 @@ def _bounds(values: np.ndarray) -> tuple[float, float]:
 
 
 def _root_axis(ax: Any, axis: str, values: np.ndarray) -> str:
-    """Set scale, limits and ticks of an axis; return the text about the scale for its label."""
+    """Set scale, limits and ticks of the ``axis``, "x" or "y", for roots with these parts;
+    logarithmic on both sides of zero where they differ much. Returns the text about the scale for
+    its label.
+    """
     top, low = _bounds(values)
     set_scale = getattr(ax, f"set_{axis}scale")
     set_limits = getattr(ax, f"set_{axis}lim")
@@ -48,7 +51,7 @@ def _root_axis(ax: Any, axis: str, values: np.ndarray) -> str:
 
 
 def _label_multiples(ax: Any, roots: np.ndarray, offset: tuple[float, float]) -> None:
-    """Write ``x2`` next to coincident roots."""
+    """Write the number of coincident roots, ``×2``, next to them, at an ``offset`` in points."""
     left = list(roots)
     while left:
         z = left.pop(0)

@@ -56,6 +56,7 @@ def plot_commands(found: PositionCommands) -> Figure:
 
 
 def _plot_error(ax: Any, run: ControlRun, color: str, label: str) -> None:
+    """Draw the tool error of the model over time, at least `SMALLEST`, for a logarithmic axis."""
     ax.plot(
         run.reference.time,
         np.maximum(run.distance(run.nominal), SMALLEST),

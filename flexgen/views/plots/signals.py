@@ -91,7 +91,11 @@ def plot_arrays(result: Any) -> Figure:
 def _stacked(
     title: str, below: str, x: np.ndarray, rows: list[tuple[str, np.ndarray, Any]]
 ) -> Figure:
-    """An axis for each quantity, one below the other; labels of its columns in a legend."""
+    """An axis for each quantity, one below the other; labels of its columns in a legend.
+
+    ``below``: label of the common axis, on which ``x`` (n,) is; ``rows``: name, values (n, k) and
+    labels of each quantity.
+    """
     figure = cv.new_figure(cv.WIDTH, 1.3 * len(rows) + 0.8, title)
     axes = figure.subplots(len(rows), 1, sharex=True, squeeze=False)[:, 0]
     for ax, (name, values, labels) in zip(axes, rows, strict=True):

@@ -69,11 +69,11 @@ def _window(
 
 
 def _limits(ax: Any, values: np.ndarray, bound: float | None, largest: float, unit: str) -> None:
-    """Set the limits of the axis of one motor; draw its bound as dashed lines if it is near, else
-    print it.
+    """Set the limits of the axis of one motor; draw its bound [unit] as dashed lines if it is
+    near, else print it.
 
-    ``largest``: largest value of all motors; a signal that is zero in comparison gets an axis of
-    that size.
+    ``values`` (n,): its signal; ``bound``: None or infinite where there is none; ``largest``:
+    largest value of all motors; a signal that is zero in comparison gets an axis of that size.
     """
     low = float(min(values.min(), 0.0))
     high = float(max(values.max(), 0.0))
@@ -105,7 +105,12 @@ def _per_motor(
     window: tuple[float, float, float],
     label: str,
 ) -> None:
-    """One panel per motor: one column for up to three motors, else two."""
+    """Draw the ``channel`` of a trajectory in one panel per motor: one column for up to three
+    motors, else two.
+
+    ``bounds``: limit of each motor; ``window``: begin of the axis, end of the path, end of the
+    axis [s]; ``label``: name of the quantity.
+    """
     model = equations.model
     t = trajectory.time
     values = trajectory[channel]
@@ -142,7 +147,9 @@ def _acts_early(trajectory: Trajectory, analysis: Analysis | None) -> bool:
 
 
 def _early(ax: Any, equations: Equations, trajectory: Trajectory, T: float) -> None:
-    """Change of the torque before the path on a logarithmic axis, with the line ``exp(t / T)``."""
+    """Change of the torque before the path on a logarithmic axis, with the line ``exp(t / T)`` of
+    the slowest unstable zero, whose time constant is T [s].
+    """
     away, span = cv.hold(trajectory)
     t = trajectory.time
     floor = 1e-3 * EARLY * float(span.max())
@@ -339,7 +346,9 @@ def deflections(
 def _error_axis(
     ax: Any, t: np.ndarray, values: np.ndarray, unit: str, names: list[str], label: str
 ) -> None:
-    """Absolute values on a logarithmic axis; the largest value as a title."""
+    """Absolute values (n, k) [unit] of the columns ``names`` on a logarithmic axis over t (n,)
+    [s]; the largest value as a title.
+    """
     top = float(np.abs(values).max())
     factor, shown = cv.choose_prefix(top, unit)
     size = factor * np.abs(values)

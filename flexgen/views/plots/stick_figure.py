@@ -88,6 +88,10 @@ def _instants(equations: Equations, trajectory: Trajectory, end: float) -> np.nd
 
 
 def _views(model: RobotModel, frames: np.ndarray) -> tuple[tuple[int, int], ...]:
+    """Pairs of axes (right, up) from which a robot is drawn: one for a planar motion, three for a
+    spatial one, none for a robot without extent. ``frames`` (k, 3, points) [m]: points of the
+    chain at k poses; gravity points down where it can.
+    """
     extent = np.ptp(frames.transpose(1, 0, 2).reshape(3, -1), axis=1)
     if np.linalg.norm(extent) < FLAT or np.linalg.norm(np.ptp(frames[0], axis=1)) < FLAT:
         return ()
@@ -151,8 +155,8 @@ def draw_view(
 def _chain(
     ax: Any, model: RobotModel, positions: np.ndarray, shade: str, order: int, joints: bool
 ) -> None:
-    """Draw one pose from ``positions`` (2, k): base; origin, joint, body and beam tip of each
-    element; tool.
+    """Draw one pose from ``positions`` (2, k) [m]: base; origin, joint, body and beam tip of each
+    element; tool. ``shade``: color; ``order``: of drawing; ``joints``: with their symbols.
     """
     ax.plot(*positions, color=shade, lw=3.2, solid_joinstyle="round", zorder=order)
     found, beams = chain_parts(model) if joints else ([], [])
@@ -193,7 +197,9 @@ def _kinds_of(dofs: Any) -> list[str]:
 
 
 def handles(model: RobotModel, drawn: Scene) -> list[Any]:
-    """Entries of the legend."""
+    """Entries of the legend: kinds of joints that occur, beams, path, reference, first and last
+    pose.
+    """
     kinds = {kind for element in model.elements for kind in _kinds_of(element.dofs)}
     out = [
         Line2D([], [], ls="none", label=text, **style)

@@ -57,6 +57,7 @@ def _plot_errors(ax: Any, found: Prediction) -> None:
 
 
 def _plot_shares(ax: Any, found: Prediction) -> None:
+    """Shares of the sources in the variance of the error, the largest `BARS` of them."""
     shares = found.shares[:BARS][::-1]
     ax.barh(
         [share.name for share in shares],
@@ -69,7 +70,7 @@ def _plot_shares(ax: Any, found: Prediction) -> None:
 
 
 def _plot_band(ax: Any, t: np.ndarray, band: Band, title: str, unit: str) -> None:
-    """The widest bands around what is planned."""
+    """The `LINES` widest bands of robots, less what is planned, over t (n,) [s]."""
     width = np.abs(np.stack([band.low, band.high]) - band.planned).max(axis=(0, 1))
     factor, shown = cv.choose_prefix(float(width.max()), unit)
     for color, j in zip(cv.COLORS, np.argsort(-width, kind="stable")[:LINES], strict=False):

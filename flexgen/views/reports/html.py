@@ -79,6 +79,7 @@ def length(scale: UnitScale, value: float | None, digits: int = 3) -> str:
 
 
 def _summary(solution: Solution, scales: Scales) -> str:
+    """Table of the figures of a solution as HTML, those without a value left out."""
     t = solution.trajectory.time
     rows = [
         _summary_row(figure, scales)
@@ -130,6 +131,7 @@ def _summary_row(figure: Row, scales: Scales) -> tuple[str, str, str]:
 
 
 def _friction(f: Friction) -> str:
+    """The terms of a friction in words, those that are zero left out."""
     named = [
         ("viscous", f.viscous),
         ("Coulomb", f.coulomb),
@@ -144,10 +146,14 @@ def _friction(f: Friction) -> str:
 
 
 def _motors(model: RobotModel, solution: Solution, limits: Limits) -> str:
+    """Table of the motors as HTML: data, largest torque and speed with their limits, and rms
+    torque.
+    """
     tau = solution.trajectory["tau_m"]
     v = solution.trajectory["v_m"]
 
     def row(j: int, motor: Motor) -> tuple[str, ...]:
+        """Cells of motor ``j``; limits that were given take precedence over those of the file."""
         drives = ", ".join(
             f"{html.escape(name)} ({number(ratio)})"
             for name, ratio in zip(motor.drives, motor.ratio, strict=True)

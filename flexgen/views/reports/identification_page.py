@@ -123,6 +123,9 @@ def _correlations(identified: IdentificationResult) -> str:
 
 
 def _modes(before: RobotModel, after: RobotModel) -> str:
+    """Table of frequencies and damping ratios at home of the models before and after, as HTML; a
+    sentence where their numbers differ.
+    """
     tables = []
     for model in (before, after):
         equations = derive(model)

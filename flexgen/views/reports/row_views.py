@@ -165,6 +165,9 @@ def _text_table(each: Table, scales: Scales) -> str:
 
 
 def _html_table(each: Table, scales: Scales) -> str:
+    """A table of a result as HTML, in the units of the ``scales``; empty without rows. Columns of
+    numbers are right-aligned.
+    """
     if not each.cells:
         return ""
     shown = _columns(each, is_text=False)

@@ -73,8 +73,9 @@ def table(rows: Sequence[Sequence[Any]], head: Sequence[str] = ()) -> str:
 
 
 def _narrow(widths: list[int], right: Sequence[bool], limit: int | None) -> int:
-    """Reduce the widths of texts in place, the widest first, until a line fits; the number of
-    columns that do.
+    """Reduce the ``widths`` of texts in place, the widest first, until a line fits into ``limit``
+    characters; returns the number of columns that do. ``right``: columns of numbers, which keep
+    their width. None: no limit.
     """
     if limit is None:
         return len(widths)
@@ -97,7 +98,9 @@ def _narrow(widths: list[int], right: Sequence[bool], limit: int | None) -> int:
 
 
 def _wrap_row(line: Sequence[str], widths: Sequence[int], right: Sequence[bool], kept: int) -> str:
-    """One row as text, of several lines where a cell is wrapped."""
+    """The first ``kept`` cells of a row as text, of several lines where a cell is longer than its
+    width; ``right``: which are right-aligned.
+    """
     cells = [
         textwrap.wrap(cell, w, break_on_hyphens=False) if len(cell) > w else [cell]
         for cell, w in zip(line[:kept], widths, strict=False)

@@ -109,6 +109,7 @@ def frames(first: float, last: float) -> tuple[float, np.ndarray]:
 
 
 def _write_gif(pictures: Iterator[np.ndarray], path: Path) -> None:
+    """Write the pictures as an animated GIF with a palette of 64 colors."""
     from PIL import Image
 
     images = [Image.fromarray(picture).quantize(64) for picture in pictures]
@@ -119,6 +120,7 @@ def _write_gif(pictures: Iterator[np.ndarray], path: Path) -> None:
 
 
 def _write_mp4(pictures: Iterator[np.ndarray], path: Path) -> None:
+    """Write the pictures as an MP4 by the program ffmpeg; BuildError where it fails."""
     follow_links(path.parent).mkdir(parents=True, exist_ok=True)
     with staging_folder(path.parent) as folder:
         size = f"{round(WIDTH * DPI)}x{round(HEIGHT * DPI)}"

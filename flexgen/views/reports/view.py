@@ -137,6 +137,9 @@ def _motion(
 def _robot_of(
     trajectory: Trajectory, model: str | Path | RobotModel | Equations | None
 ) -> Equations:
+    """The robot of a trajectory: ``model``, or the one that its meta data name; ArgumentError
+    where that cannot be found.
+    """
     if model is not None:
         return model if isinstance(model, Equations) else derive(model)
     name = trajectory.meta.get("model")

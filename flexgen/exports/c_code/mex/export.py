@@ -142,6 +142,9 @@ def _function(name: str, f: Mapping[str, Any]) -> str:
 
 
 def _wrap(text: str, first: str, rest: str) -> list[str]:
+    """Lines of a text of at most `WIDTH` characters; ``first``, ``rest``: indentation of the first
+    and the other lines.
+    """
     return textwrap.wrap(
         text,
         WIDTH,

@@ -79,6 +79,9 @@ def blocks(library: Emitted, stream: bool) -> tuple[Block, ...]:
 
 
 def _stream(library: Emitted, prefix: str) -> Block:
+    """The function block of the stream, with its memory as a variable; ``prefix``: of its name.
+    ArgumentError where no stream can start at the home pose.
+    """
     options = library.stream
     sizes = library.sizes
     if options is None:

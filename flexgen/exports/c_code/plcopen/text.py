@@ -19,6 +19,7 @@ def structured_text(blocks: Sequence[Block]) -> str:
 
 
 def _block(block: Block) -> str:
+    """A function block in Structured Text: variables by sections, and its body."""
     text = f"{_comment(block.doc + ' Written by flexgen.', '')}FUNCTION_BLOCK {block.name}\n"
     for keyword, variables in block.sections:
         text += f"{keyword}\n"
@@ -78,6 +79,7 @@ creationDateTime="{DATE}"/>
 
 
 def _pou(block: Block) -> str:
+    """A function block as an element of PLCopen XML."""
     sections = "".join(_section(keyword, variables) for keyword, variables in block.sections)
     body = _comment(_body(block), "").rstrip("\n")
     return f"""\
@@ -97,6 +99,7 @@ def _pou(block: Block) -> str:
 
 
 def _section(keyword: str, variables: Sequence[Variable]) -> str:
+    """The variables of a section, ``keyword`` of Structured Text, as an element of PLCopen XML."""
     kind = _XML_SECTIONS[keyword]
     text = f"          <{kind}>\n"
     for v in variables:

@@ -95,7 +95,9 @@ def _number(x: float, digits: int = DIGITS, end: str = "") -> str:
 
 
 def _table(name: str, rows: np.ndarray, kind: str, digits: int = DIGITS, end: str = "") -> str:
-    """A static array of (rows, columns) numbers."""
+    """A static array in C of the numbers ``rows`` (rows, columns), of the type ``kind``, with
+    ``digits`` each and the suffix ``end``.
+    """
     lines = []
     for row in np.atleast_2d(rows):
         words = [_number(x, digits, end) for x in row]
@@ -117,7 +119,9 @@ def _table(name: str, rows: np.ndarray, kind: str, digits: int = DIGITS, end: st
 
 
 def _call(name: str, function: Mapping[str, Any], tolerance: float, part: float) -> str:
-    """The call of a function at state k, and the comparison of its results."""
+    """The call of a function of the library ``name`` at state k, and the comparison of its
+    results: absolute ``tolerance``, and ``part`` of the expected value.
+    """
     f = function["name"]
     ports: Sequence[Mapping[str, Any]] = function["outputs"]
     sizes = {port["name"]: int(np.prod(port["shape"])) for port in ports}
@@ -153,7 +157,7 @@ def _options(name: str, options: StreamOptions, end: str) -> str:
 
 
 def _stream(name: str, options: StreamOptions, end: str) -> str:
-    """The declarations of a stream with static memory."""
+    """The declarations of a stream with static memory; ``end``: suffix of numbers."""
     NAME = name.upper()
     return f"""\
     static {name}_real memory[{NAME}_STREAM_SIZE({options.intervals}, \
@@ -169,8 +173,8 @@ memory[0])}};
 
 
 def _at_rest(name: str, options: StreamOptions, rest: Rest, tolerance: float, end: str) -> str:
-    """A stream that stays at the home pose: its motors hold the robot as the static equations
-    say.
+    """The C test of a stream that stays at the home pose: its motors hold the robot as the static
+    equations say, within ``tolerance``.
     """
     NAME = name.upper()
     tables = _table("rest_y", rest.y, f"const {name}_real", 17, end) + _table(

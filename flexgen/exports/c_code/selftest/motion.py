@@ -96,7 +96,9 @@ def motion_of(
 
 
 def _refuse_singular(equations: Equations, q_a: np.ndarray, move: str) -> None:
-    """SolverError where the motors cannot move the output in some direction, on the way."""
+    """Refuse a ``move`` on whose way ``q_a`` (n, n_a) the motors cannot move the output in some
+    direction: SolverError.
+    """
     model = equations.model
     zero = np.zeros(model.n_a)
     target = np.zeros(model.output.target_size)
