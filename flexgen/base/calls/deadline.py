@@ -338,6 +338,10 @@ def interrupts_recorded(deadline: Deadline) -> Iterator[None]:
         return
 
     def record(number: int, frame: Any) -> None:
+        """Handle Ctrl-C, signal ``number``: the first one is only recorded where a search has a
+        step that can be its result; otherwise, and at the second one, the former handler raises
+        KeyboardInterrupt.
+        """
         if deadline.best_known and not deadline.interrupted:  # the searches end at their next step
             deadline.interrupted = True
             return

@@ -32,6 +32,8 @@ def renamed(**names: str) -> Callable[[Call], Call]:
     """
 
     def decorate(function: Call) -> Call:
+        """The function with former names of its parameters, which give a warning."""
+
         @wraps(function)
         def call(*arguments: Any, **keywords: Any) -> Any:
             for old, new in names.items():

@@ -212,6 +212,11 @@ def _naming_numbers(function: Any) -> Any:
 def _wrap(
     function: Any, *, cls: type | None = None, result: bool = False, own: tuple[str, ...] = ()
 ) -> Any:
+    """The function with a check of its arguments: before each call; after an error, of arguments
+    that it checks itself (``own``); and of a constructor (``cls``) after it, with what it has
+    stored, since it may convert. ``result``: flexgen makes the objects, so that numbers need not
+    be finite.
+    """
     head = "" if cls is None else f"{cls.__name__}, "
     if inspect.isfunction(function) and inspect.unwrap(function).__code__.co_varnames[:1] == (
         "model",

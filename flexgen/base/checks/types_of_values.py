@@ -111,6 +111,9 @@ def check_of(  # noqa: C901
 
 # --- checks of one type --------------------------------------------------------------------------
 def _scalar(kind: type, infinite: bool, result: bool) -> Check:
+    """The check of a number, truth value or text. ``infinite``: the default of the argument is, so
+    that others may be; ``result``: any real number, since flexgen computes it.
+    """
     if kind is float and result:
         return Check(_is_real, "a number")
     if kind is float and infinite:
@@ -150,6 +153,7 @@ def is_text(value: Any) -> bool:
 
 
 def _literal(parts: tuple[Any, ...]) -> Check:
+    """The check of a ``Literal``: one of its ``parts``; 1 and 0 are not True and False."""
     others = [part for part in parts if not isinstance(part, bool)]
 
     def passes(value: Any) -> bool:
@@ -186,6 +190,7 @@ def _of_class(kind: Any, result: bool) -> Check | None:
 
 
 def _union(parts: Sequence[Check | None]) -> Check | None:
+    """The check of a union: one of the parts; None, no check, where a part has none."""
     checks = [part for part in parts if part is not None]
     if len(checks) < len(parts):
         return None
@@ -232,7 +237,9 @@ def items_of(value: Any) -> Sequence[Any] | None:
 
 
 def _sequence(entry: Check | None, iterators: bool = False) -> Check:
-    """Entries of an iterator are checked where they are taken."""
+    """The check of a sequence whose items pass ``entry``; None: any. With ``iterators`` also of an
+    iterator, whose items are checked where they are taken.
+    """
 
     def passes(value: Any) -> bool:
         items = items_of(value)
@@ -251,6 +258,8 @@ def _sequence(entry: Check | None, iterators: bool = False) -> Check:
 
 
 def _tuple(entries: Sequence[Check | None]) -> Check:
+    """The check of a sequence with as many items as ``entries``, each with its own check."""
+
     def passes(value: Any) -> bool:
         items = items_of(value)
         if items is None or len(items) != len(entries):
@@ -264,6 +273,8 @@ def _tuple(entries: Sequence[Check | None]) -> Check:
 
 
 def _mapping(key: Check | None, entry: Check | None) -> Check:
+    """The check of a mapping with checks of its keys and values; None: any."""
+
     def passes(value: Any) -> bool:
         return isinstance(value, Mapping) and all(
             (key is None or key.passes(name)) and (entry is None or entry.passes(item))

@@ -23,7 +23,9 @@ SIZE_MAX = 500_000_000  # bytes
 
 
 def save(path: str | Path, kind: str, arrays: dict[str, np.ndarray], meta: dict[str, Any]) -> Path:
-    """Write a file; it appears whole or not at all."""
+    """Write arrays, and ``meta`` as JSON, to an .npz file of this ``kind``, completely or not at
+    all; complex arrays as pairs of real and imaginary parts.
+    """
     pairs = [name for name, array in arrays.items() if np.iscomplexobj(array)]
     arrays = {
         name: _split_complex(array) if name in pairs else array for name, array in arrays.items()

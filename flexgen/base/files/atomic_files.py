@@ -259,6 +259,9 @@ def remove_leftovers(folder: Path) -> None:
 
 
 def _remove_abandoned(path: Path) -> None:
+    """Remove a temporary file or folder of this user that its process left: older than `GRACE` [s]
+    and not locked, or older than `OLD` [s]. Others stay.
+    """
     found = path.lstat()
     age = time.time() - found.st_mtime
     is_folder = stat.S_ISDIR(found.st_mode)

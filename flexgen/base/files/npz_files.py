@@ -234,6 +234,10 @@ def _array(
     dtype: np.dtype[Any],
     start: int,
 ) -> np.ndarray:
+    """An array of an archive, read in parts and checked against the size that its header states.
+
+    ``start``: bytes before its numbers; ``by_columns``: they are in the order of Fortran.
+    """
     count = math.prod(shape)
     numbers = np.empty(count, dtype)
     # a part at a time, into the array: a file would take its size three times

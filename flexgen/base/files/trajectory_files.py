@@ -203,9 +203,15 @@ def read(path: Path) -> Content:
 
 
 def _read_npz(path: Path) -> Content:  # noqa: C901
+    """The content of an .npz file with a trajectory, each part of its header checked;
+    ArgumentError names the part that is wrong.
+    """
     from flexgen.base.files.npz_files import read_npz
 
     def check(name: str, shape: tuple[int, ...], dtype: np.dtype[Any]) -> None:
+        """Refuse an array by its header, before it is read: type of numbers, and shape of ``head``
+        and ``time``.
+        """
         if name == "head":
             if dtype.kind != "U" or shape:
                 raise ArgumentError(f"head: given {dtype} of shape {shape}, expected a text")
@@ -258,6 +264,7 @@ def _object(name: str, value: Any) -> dict[str, Any]:
 
 
 def _line(stream: IO[str], number: int) -> str:
+    """The next line of a file, of at most `LINE` characters; ``number``: for the error."""
     line = stream.readline(LINE + 1)
     if len(line) > LINE:
         raise ArgumentError(
@@ -272,6 +279,10 @@ def _cells(line: str) -> list[str]:
 
 def _read_csv(path: Path) -> Content:
     # a table of a spreadsheet may have the mark
+    """The content of a CSV file: meta data, names with units, rows, and the number of rows, by
+    which a file that was cut is found. A table of another program may lack the first and the last
+    of these.
+    """
     with open_file(path, encoding="utf-8-sig", newline="") as stream:
         first = _line(stream, 1)
         plain = not first.startswith("#")
@@ -356,7 +367,9 @@ def _parse_row_count(line: str, number: int) -> int:
 
 
 def _content(header: list[str], table: np.ndarray, meta: dict[str, Any], number: int) -> Content:
-    """The channels of a table: neighboring columns of the same name."""
+    """The channels of a table: neighboring columns ``name[label] unit`` of the same name.
+    ``header``: of all columns, the time first; ``number``: line of the header, for errors.
+    """
     names: dict[str, list[str]] = {}
     units: dict[str, list[str]] = {}
     channels: dict[str, np.ndarray] = {}

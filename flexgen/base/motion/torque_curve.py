@@ -97,8 +97,9 @@ def read_degree(meta: Mapping[str, Any]) -> int | None:
 
 
 def _intervals(t: np.ndarray, what: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Samples (N, SAMPLES + 1) of each interval, widths (N,), and relative places of the samples;
-    ArgumentError.
+    """Samples (N, SAMPLES + 1) of each interval, widths (N,) [s], and relative places of the
+    samples; ArgumentError where the instants are not intervals of equal steps, which ``what``
+    needs.
     """
     n, left = divmod(len(t) - 1, SAMPLES)
     theta = np.linspace(0.0, 1.0, SAMPLES + 1)

@@ -122,7 +122,12 @@ class _Program:
 
 
 def _factorize(p: _Program, W: np.ndarray) -> _Solve | None:
-    """Solution of the equations of a step, or None if they are singular."""
+    """The function that solves the equations of a step with the weights W (m,) of the rows, or
+    None if they are singular.
+
+    Rows with a large weight are kept as unknowns, which keeps the matrix well-conditioned; the
+    others are eliminated.
+    """
     weight = W * p.inverse**2
     kept = np.flatnonzero(weight > p.heavy)
     weight[kept] = 0.0
@@ -132,6 +137,9 @@ def _factorize(p: _Program, W: np.ndarray) -> _Solve | None:
         return None
 
     def solve(r: np.ndarray, e: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Change of the samples (k,), of their differences (m,) and of the multipliers (m,), for
+        the residuals ``r`` (k,) of the gradient and ``e`` (m,) of the rows.
+        """
         removed = e
         if kept.size:
             removed = e.copy()
@@ -154,7 +162,11 @@ def _positive(bands: np.ndarray) -> _Inner | None:
 
 
 def _indefinite(p: _Program, bands: np.ndarray, kept: np.ndarray, W: np.ndarray) -> _Inner | None:
-    """Solution of the samples and of the rows that are kept, in the order of the samples."""
+    """The function that solves for the samples and for the rows ``kept``, by a banded LU
+    decomposition in which each row stands between its samples; None if it is singular.
+
+    ``bands``: lower bands of ``H + D'W D`` of the other rows; ``W``: weights of the kept ones.
+    """
     k = len(p.g)
     there = np.zeros(len(p.place), dtype=int)
     there[p.place[:k]] = 1
@@ -191,6 +203,9 @@ def _indefinite(p: _Program, bands: np.ndarray, kept: np.ndarray, W: np.ndarray)
         return None
 
     def solve(r: np.ndarray, e: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Samples (k,) and multipliers of the kept rows, for right-hand sides ``r`` (k,) and
+        ``e``.
+        """
         b = np.empty(len(matrix))
         b[x] = r
         b[y] = e / W

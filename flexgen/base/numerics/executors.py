@@ -34,8 +34,11 @@ class Numbered(Protocol):
 def with_executor(
     shards: Iterable[JobT], executor: Any, in_flight: int | None, work: Callable[[JobT], ResultT]
 ) -> Generator[tuple[JobT, ResultT], None, None]:
-    """With ``executor.submit(work, shard)``, which returns futures with ``done``, ``result`` and
-    ``cancel``.
+    """Pairs of shard and result of ``work``, as they are done, by an ``executor`` whose ``submit``
+    returns futures with ``done``, ``result`` and ``cancel``.
+
+    At most ``in_flight`` shards at a time, default twice its workers. A shard that is lost with
+    its worker is tried again, up to `ATTEMPTS` times; SolverError then.
     """
     if hasattr(executor, "get_executor"):  # a Client of dask.distributed
         executor = executor.get_executor()

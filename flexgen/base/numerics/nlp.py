@@ -94,6 +94,9 @@ class _Watch(ca.Callback):
         return ca.Sparsity.dense(sizes.get(ca.nlpsol_out(i), 0), 1)
 
     def eval(self, arg: list[ca.DM]) -> list[int]:
+        """Called by IPOPT after each iteration: print a line; 1, at the end of the time limit,
+        ends it.
+        """
         if is_late("iteration of IPOPT"):
             return [1]
         if self.progress is None:
@@ -114,7 +117,9 @@ def _violation(values: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> floa
 
 
 def _options(max_iterations: int, tolerance: float, optimality: float) -> dict[str, Any]:
-    """Options of IPOPT."""
+    """Options of IPOPT; ``tolerance``: of the constraints, ``optimality``: of the conditions of a
+    minimum.
+    """
     return {
         "print_time": False,
         "ipopt.print_level": 0,
@@ -142,10 +147,12 @@ def solve_nlp(
     tolerance: float = TOLERANCE,
     optimality: float | None = None,
 ) -> NlpResult:
-    """Solve a program with x in ``bounds_x``.
+    """Solve a program from a ``guess`` (n_x,), with x in ``bounds_x``, lower and upper (n_x,).
 
-    ``multipliers``: of a solution nearby, whose x is the guess. ``tolerance``: of the constraints;
-    ``optimality``: of the conditions of a minimum, default the same.
+    ``multipliers``: of bounds and constraints, of a solution nearby, whose x is the guess.
+    ``tolerance``: of the constraints; ``optimality``: of the conditions of a minimum, default the
+    same. The success that IPOPT reports is checked with the constraints.
+
     OutOfTime where a time limit ends first, see `flexgen.base.calls.deadline`.
     """
     check_time(BUILDING)

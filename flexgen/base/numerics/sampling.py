@@ -126,6 +126,10 @@ class Sampled:
 def read_clock(where: str, time: np.ndarray, probes: np.ndarray) -> Clock:
     """The instants of samples from their stamps.
 
+    Equal stamps are taken as they are, with gaps where samples are missing. Stamps that scatter
+    are replaced by equal steps, unless the signals are clearly smoother over the stamps
+    themselves; these are then the instants.
+
     Parameters
     ----------
     where : str
@@ -134,6 +138,10 @@ def read_clock(where: str, time: np.ndarray, probes: np.ndarray) -> Clock:
     probes : array (n, k)
         Smooth signals, such as angles, that tell whether the stamps are the instants of the
         samples.
+
+    Returns
+    -------
+    Clock
 
     Raises
     ------
@@ -180,7 +188,9 @@ def read_clock(where: str, time: np.ndarray, probes: np.ndarray) -> Clock:
 
 
 def _lines(time: np.ndarray, pieces: Sequence[slice]) -> np.ndarray | None:
-    """Equal steps through the stamps of each piece; None where samples are lost."""
+    """Equal steps [s] through the stamps of each piece; None where samples are lost: the running
+    median of the differences is not constant. Short pieces keep their stamps.
+    """
     out = np.array(time, dtype=float)
     for piece in pieces:
         t = time[piece]
@@ -200,7 +210,9 @@ def _lines(time: np.ndarray, pieces: Sequence[slice]) -> np.ndarray | None:
 
 
 def _roughness(time: np.ndarray, probes: np.ndarray, pieces: Sequence[slice]) -> float:
-    """Rms residual of the cubic through four neighbors, over that at equal steps."""
+    """Rms residual of the cubic through four neighbors of the ``probes`` (n, k) at the instants
+    ``time``, over that at equal steps: below 1 where these instants are nearer to the true ones.
+    """
     found = []
     plain = []
     for piece in pieces:
@@ -342,7 +354,10 @@ def _common(clocks: Sequence[Clock], least: float) -> list[tuple[float, float]]:
 def _column(
     clock: Clock, x: np.ndarray, t: np.ndarray, h: float, begin: float, instants: bool
 ) -> np.ndarray:
-    """A channel at equal steps within one piece of its clock."""
+    """A channel ``x`` of samples at the instants ``t`` (n,), equal steps of ``h`` [s] within the
+    piece of its clock that has ``begin`` [s]; without what a slower rate would alias, unless only
+    values at ``instants`` are asked for.
+    """
     k = int(np.searchsorted(clock.time, begin + 1e-9 * h, side="right")) - 1
     piece = next(p for p in clock.pieces if p.start <= max(k, 0) < p.stop)
     own_t = clock.time[piece]
@@ -356,7 +371,9 @@ def _column(
 
 
 def low_pass(x: np.ndarray, ratio: int) -> np.ndarray:
-    """Samples without what the new rate would alias; mirrored at the ends."""
+    """Samples x (n,) without what a rate lower by ``ratio`` would alias: a filter with a Kaiser
+    window and no delay; mirrored at the ends.
+    """
     width = (STOP - PASS) / ratio
     half = int(np.ceil((DECIBELS - 7.95) / (14.36 * width) / 2))
     window = ("kaiser", 0.1102 * (DECIBELS - 8.7))

@@ -57,6 +57,9 @@ class Tableau:
 
 
 def _integrals(c: np.ndarray) -> tuple[list[Polynomial], list[Polynomial]]:
+    """Integrals and double integrals from 0, as polynomials, of the Lagrange polynomials of the
+    nodes c (s,) in [0, 1].
+    """
     once = []
     twice = []
     for j in range(len(c)):
@@ -68,6 +71,9 @@ def _integrals(c: np.ndarray) -> tuple[list[Polynomial], list[Polynomial]]:
 
 
 def _tableau(name: str, c: np.ndarray, order: int) -> Tableau:
+    """The collocation tableau of the nodes c (s,) in [0, 1], for equations of first and of second
+    order.
+    """
     once, twice = _integrals(c)
     A = np.array([[p(x) for p in once] for x in c])
     AA = np.array([[p(x) for p in twice] for x in c])

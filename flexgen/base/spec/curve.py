@@ -59,8 +59,8 @@ def points_of(curve: Any) -> np.ndarray | None:
 def checked_curves(
     name: str, curves: Sequence[Any]
 ) -> tuple[tuple[tuple[float, float], ...], ...]:
-    """Curves of motors as tuples, empty where a motor has none, or none; ArgumentError where one
-    is not a curve.
+    """Curves of motors as tuples of (speed, torque), empty for a motor without one; an empty tuple
+    where no motor has one. ArgumentError where one is not a curve; ``name``: of the argument.
     """
     out = []
     for curve in curves:

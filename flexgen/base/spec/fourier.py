@@ -56,6 +56,7 @@ def _check_terms(table: Table, here: Context) -> None:
 def _made(
     harmonics: tuple[int, ...], cos: tuple[float, ...], sin: tuple[float, ...]
 ) -> FourierSum:
+    """The sum of a table, in which cosines or sines may be left out: zeros."""
     none = (0.0,) * len(harmonics)
     return FourierSum(harmonics, cos or none, sin or none)
 

@@ -212,7 +212,9 @@ def read(table: Table, form: Form, here: Context) -> Any:
 
 
 def _kind(table: Table, form: Kinds, here: Context) -> str:
-    """The kind of a table, whose shared keys are read."""
+    """The kind of a table, by its key ``type``; its shared keys are read. A key of another kind is
+    refused with the kinds that have it.
+    """
     if form.strict:
         table.only(*form.names)
     _read_keys(table, form.shared, here)
@@ -260,6 +262,9 @@ def of_class(made: Callable[..., Any], doc: str = "") -> Format:
 
 
 def _of_check(check: TypeCheck) -> Type:
+    """The type of a key whose values pass the check of an annotation; whole numbers become floats
+    where fractions are allowed.
+    """
     words = check.words.removesuffix(" or None").replace("True or False", "true or false")
 
     def read_value(table: Table, key: Key, here: Context) -> Any:
@@ -281,6 +286,9 @@ def required(doc: str, make: Callable[..., Any] = dict, **types: Type) -> Format
 def _numbers(
     above: float | None = None, least: float | None = None, most: float = math.inf
 ) -> Schema:
+    """JSON schema of numbers ``> above`` or ``>= least``, and ``<= most``, within the largest size
+    of a model file.
+    """
     low = (
         {"exclusiveMinimum": above}
         if above is not None

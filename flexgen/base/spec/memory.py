@@ -116,6 +116,9 @@ def _made(
     damping: float,
 ) -> LuGre:
     # without effect where static = coulomb
+    """The friction of a table: without ``static`` this is the Coulomb torque, and the speed of
+    Stribeck has no effect.
+    """
     speed = 1.0 if stribeck_speed is None else stribeck_speed
     return LuGre(coulomb, coulomb if static is None else static, speed, stiffness, damping)
 

@@ -104,7 +104,9 @@ def with_numbers(
 def _addition(
     text: str, places: Scanner, path: Path, tables: dict[str, Any]
 ) -> tuple[int, int, str]:
-    """The edit that adds keys to a table."""
+    """The edit, start, end and new text, that adds the keys ``tables`` to the table of a path: in
+    its braces, below its header, or as tables at the end of the file.
+    """
     if not path:  # tables of the root, at the end
         rows = [
             f"\n[{name}]\n" + "".join(f"{k} = {_plain(x)}\n" for k, x in keys.items())
@@ -131,7 +133,9 @@ def _plain(value: Any) -> str:
 
 
 def _resolve(root: Entry, dotted: str, file: str) -> tuple[Path, tuple[str, ...]]:
-    """The path of what is there, and the keys that are missing below it."""
+    """The path of the part of a dotted key that is there, and the keys that are missing below it;
+    ModelError where a list or a number has no such part.
+    """
     here = root
     path = cast(Path, ())
     words = dotted.split(".")

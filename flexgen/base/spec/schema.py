@@ -66,6 +66,9 @@ def table_schema(form: Form) -> Schema:
 def _object(
     doc: str, keys: Sequence[Key], more: Schema | None = None, needed: Sequence[str] = ()
 ) -> Schema:
+    """JSON schema of a table with these keys, ``more`` properties and further ``needed`` ones, and
+    no other.
+    """
     own = {full: schema for key in keys for full, schema in key_schemas(key).items()}
     required = [
         *needed,
@@ -81,7 +84,9 @@ def _object(
 
 
 def write(form: Form | Callable[[], Form], value: Any) -> dict[str, Any]:
-    """An object as the keys of a table; those that have their default are left out."""
+    """An object as the keys of a table of this form, the inverse of reading it; those that have
+    their default are left out.
+    """
     form = form() if callable(form) else form
     out: dict[str, Any] = {}
     if isinstance(form, Kinds):

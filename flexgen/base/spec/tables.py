@@ -225,7 +225,9 @@ class Table:
         default: Sequence[float] | None = None,
         what: str = "",
     ) -> tuple[float, ...]:
-        """A list of finite numbers whose length is one of ``lengths``."""
+        """A list of finite numbers whose length is one of ``lengths``; ``default`` where the key
+        is missing; ``what``: words for the error.
+        """
         if default is not None and key not in self.entries:
             return tuple(default)
         lengths = (lengths,) if isinstance(lengths, int) else lengths

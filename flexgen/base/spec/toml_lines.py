@@ -130,6 +130,9 @@ def copy(entry: Entry) -> Entry:
 
 
 def _attach(data: Any, path: Path, lines: dict[Path, int], line: int, file: str) -> Entry:
+    """The tree of ``data`` at a ``path``, each value with its line; values without one have that
+    of their table.
+    """
     line = lines.get(path, line)
     if isinstance(data, dict):
         value = {
@@ -236,7 +239,9 @@ class Scanner:
         self.value(path)
 
     def value(self, path: Path) -> None:
-        """Read a value."""
+        """Skip over a value, and note where it is: spans of texts and scalars, lines of entries of
+        lists, closing braces of inline tables.
+        """
         self.skip()
         first = self.text[self.pos]
         start = self.pos

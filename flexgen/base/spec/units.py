@@ -124,6 +124,9 @@ def conversion(where: str, unit: str, si: str, constant: float | None = None) ->
 
 
 def _constant(where: str, text: str) -> float:
+    """A torque constant [N m/A] of a unit such as ``A (0.12 N m/A)``; ArgumentError unless it is
+    above zero.
+    """
     try:
         constant = number_in(text)
     except ValueError:

@@ -37,6 +37,9 @@ class _Tree:
         self.parser: Any = None
 
     def start(self, tag: str, attributes: dict[str, str]) -> None:
+        """Add an element to the tree with its line; MarkupError for elements nested too deeply,
+        and for those of xacro.
+        """
         node = Node(tag, attributes, self.parser.CurrentLineNumber)
         if len(self.stack) == DEPTH:
             raise MarkupError(node.line, "elements nested too deeply", f"at most {DEPTH} levels")
