@@ -26,8 +26,9 @@ def bind(
     named: dict[str, Any],
     default: Any,
 ) -> list[Any]:
-    """Arguments in the order of the ports; parameters that are not given are those of the
-    model.
+    """Arguments in the order of the ports, from those by position and by name; parameters that are
+    not given are those of the model, ``default``. ArgumentError for missing, double and unknown
+    ones.
     """
     names = [port.name for port in ports]
     given = dict(zip(names, args, strict=False))
@@ -120,10 +121,11 @@ def store(
     port: Port, x: np.ndarray, count: int, real: np.dtype, shared: str = PARAMETERS
 ) -> np.ndarray:
     """The array as the batch reads it, a structure of arrays: entry after entry, in each the
-    points side by side.
+    ``count`` points side by side.
 
     That is the order of Fortran for the shape ``(N, n)`` or ``(N, rows, columns)``; an array that
-    has it is not copied.
+    has it, in the type ``real``, is not copied. ``shared``: the port with one vector for all
+    points.
     """
     if x.shape != port.shape:
         return (

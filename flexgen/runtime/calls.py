@@ -255,7 +255,9 @@ class Function:
         return given[0] if self._results is None else self._results._make(given)
 
     def _general(self, args: tuple[Any, ...], out: Any) -> Any:
-        """Evaluate where an argument is not an array of the library's type for one point."""
+        """Evaluate where an argument is not an array of the library's type for one point: convert
+        it, and call the batch for many points. An error names the first point that failed.
+        """
         arrays = [numbers(self.name, port, x) for port, x in zip(self.inputs, args, strict=True)]
         count = count_of_points(self.name, self.inputs, arrays, _MOST_POINTS, self._shared)
         if count is None:
@@ -314,6 +316,8 @@ def _results_again(name: str, fields: tuple[str, ...], values: tuple[Any, ...]) 
 def _docstring(
     summary: str, equation: str, inputs: tuple[Port, ...], outputs: tuple[Port, ...]
 ) -> str:
+    """Docstring of a function with its ports, their shapes and units."""
+
     def rows(ports: tuple[Port, ...]) -> str:
         return "".join(f"{p.name} : array {p.shape} [{p.unit}]\n    {p.doc}\n" for p in ports)
 

@@ -504,7 +504,9 @@ def _function(
     parameters: np.ndarray,
     again: tuple[str, str, str],
 ) -> Function:
-    """One function of the library with its C entry points."""
+    """One function of the library with its C entry points, as the manifest has ``described`` it;
+    ValueError where that is not consistent. ``again``: folder, hash and name, for pickling.
+    """
     name = described["name"]
     if c_name_problem(name) is not None:
         raise ValueError(f"given the function name {name!r}, expected {c_name_problem(name)}")

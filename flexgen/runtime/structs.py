@@ -92,6 +92,9 @@ def structs_of(manifest: Mapping[str, Any]) -> dict[str, type[ctypes.Structure]]
 def _structure(
     precision: str, name: str, fields: tuple[tuple[str, str], ...]
 ) -> type[ctypes.Structure]:
+    """The structure ``name`` of C as a class of ctypes; ``fields``: pairs of member and type, of
+    the precision of the library.
+    """
     kinds = {**_KINDS, "real": REAL[precision]}
     for _, kind in fields:
         if kind not in kinds and kind not in _POINTERS:

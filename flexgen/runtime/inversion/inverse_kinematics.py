@@ -163,6 +163,9 @@ class InverseKinematics:
         return (ctypes.c_int * 6)(*map(int, given))
 
     def _refuse(self, status: int) -> None:
+        """Raise the error of a status of C below zero, with the causes that this function
+        knows.
+        """
         exception, text = failure_of(self._failures, status)
         if status == self._statuses["BAD_ARGUMENT"]:
             text = (

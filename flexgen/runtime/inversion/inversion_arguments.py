@@ -59,8 +59,9 @@ def samples_of(
     takes_force: bool,
     problems: bool = False,
 ) -> dict[str, np.ndarray]:
-    """Checked samples (n, ...) of a path, and of the force on it where it is given; ``problems``:
-    or a path of each.
+    """Checked samples (n, ...) of a path ``y, dy, ddy``, and of the force on it where it is given,
+    with two derivatives; with ``problems`` also (problems, n, ...). ArgumentError for other
+    shapes, and for a force where the library does not take one.
     """
     y = array_of(function, "y", path[0], None, real)
     n_y = sizes["n_y"]
@@ -116,7 +117,9 @@ def array_of(
 
 
 def hold_of(interface: Interface, function: str, hold: Any, delay: Any) -> dict[str, Any]:
-    """The options of a hold, checked."""
+    """Members of the options in C for a ``hold`` by name and a ``delay`` in samples; ArgumentError
+    for others.
+    """
     holds = interface.enums["hold"]
     most = interface.limits["HOLD_DELAY_MAX"]
     if hold not in holds:

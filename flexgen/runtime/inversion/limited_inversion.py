@@ -206,6 +206,9 @@ class LimitedInverter(Inverter):
         )
 
     def _check_status(self, status: int, reported: dict[str, Any]) -> None:
+        """Raise the error of a status of C; where no path keeps the limits with the relative
+        excess.
+        """
         if status == self._interface.statuses["LIMITS_INFEASIBLE"]:
             excess = reported["limit_excess"]
             text = (

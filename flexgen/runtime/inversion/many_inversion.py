@@ -271,7 +271,9 @@ class ManyInverter:
         outputs: Any,
         options: InversionOptions,
     ) -> _Job:
-        """The arguments, checked."""
+        """The arguments of many problems, checked: path, start and parameters may each be the same
+        for all or differ, with one number of problems.
+        """
         inverter = self._inverter
         name = "invert_many"
         real = self._inverter._real
@@ -376,7 +378,9 @@ class _Collected:
             ) from error
 
     def solve(self, begin: int, end: int) -> None:
-        """Solve these problems."""
+        """Solve the problems from ``begin`` to ``end``, by one call of C; an error that concerns
+        all of them is raised, others are kept as status. Called in threads.
+        """
         inverter = self._inverter
         job = self._job
         structs = self._inverter.structs
@@ -436,7 +440,9 @@ class _Collected:
         self._reduced[begin:end] = array
 
     def _results(self, begin: int, end: int, arrays: Mapping[str, np.ndarray]) -> Inversions:
-        """The results of these problems."""
+        """The results of the problems from ``begin`` to ``end``, with these arrays of motion and
+        torques.
+        """
         info = self._info[begin:end]
         job = self._job
         return Inversions(
@@ -479,8 +485,11 @@ def _in_threads(
     workers: int,
     progress: Progress | None = None,
 ) -> None:
-    """Call ``solve(begin, end)`` in threads until all problems are solved; an exception ends all
-    of them.
+    """Call ``solve(begin, end)`` in ``workers`` threads until all problems are solved; an
+    exception ends all of them.
+
+    The size of a chunk is doubled until it takes about `CHUNK` [s], and falls at the end, so that
+    the threads end together.
     """
     lock = Lock()
     taken = 0

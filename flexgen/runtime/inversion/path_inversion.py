@@ -374,7 +374,9 @@ class Inverter:
         options: dict[str, Any],
         *limits: ctypes.Structure,
     ) -> Inversion:
-        """Call C with checked arguments; ``limits``: a further structure behind the options."""
+        """Call C with checked arguments; ``limits``: a further structure behind the options.
+        Results have the samples that C has used after the path.
+        """
         structs = self.structs
         n = len(given["y"])
         counts = {name: options[name] for name in ("n_pre", "n_post", "samples_per_interval")}
@@ -450,7 +452,9 @@ class Inverter:
         return dict(zip(RESULTS, (n_a, n_a, n_a, n_g, n_m, n_m, n_m), strict=True))
 
     def _work_size(self, n: int, options: tuple[Any, ...], counts: dict[str, int]) -> int:
-        """Size of the workspace; ArgumentError where a count is out of range."""
+        """Size of the workspace of ``n`` samples, in numbers; ArgumentError where one of the
+        ``counts`` is out of range.
+        """
         size = int(self._work(ctypes.c_int(n), *options))
         if size < 0:
             listed = ", ".join(f"{key} {value}" for key, value in counts.items())
@@ -478,8 +482,10 @@ def inverter_of(
     parameters: np.ndarray,
     form: type[Inverter],
 ) -> Inverter | None:
-    """The `Inverter` of a library whose entry points are found by name; None where the manifest
-    lists none.
+    """The `Inverter` of a library; None where the manifest lists none.
+
+    ``found``: entry point by name; ``again``: how to load the library again, for pickling;
+    ``function``: "invert", "bvp" or another one; ``form``: its class.
     """
     name = manifest["name"]
     offered = {row["name"] for row in manifest.get("c_functions", ())}

@@ -439,7 +439,9 @@ class Stream:
         )
 
     def _limit(self, entry: Callable[..., int], given: list[Any], deviation: float) -> None:
-        """Call a function of C with limits and the largest deviation."""
+        """Call the function ``entry`` of C with limits, as its arguments, and the largest
+        ``deviation`` from the path; refused while an update runs.
+        """
         if not self._lock.acquire(blocking=False):
             raise ArgumentError(
                 "stream: given limits while an update runs, expected one after the other"
