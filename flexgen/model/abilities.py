@@ -652,6 +652,7 @@ def needs(function: str, argument: str = "model") -> Callable[[F], F]:
     """
 
     def decorate(call: F) -> F:
+        """The function with a check, before each call, that it takes the robot of its argument."""
         signature = inspect.signature(call)
 
         @functools.wraps(call)

@@ -33,6 +33,9 @@ def massless_coordinates(model: RobotModel) -> tuple[str, ...]:
 
 
 def _massless(model: RobotModel, M: np.ndarray) -> tuple[str, ...]:
+    """Names of the coordinates that move in the motion without inertia of a mass matrix (n_a,
+    n_a); empty where it is regular.
+    """
     names = [coordinate.name for coordinate in model.coordinates]
     size = np.sqrt(np.abs(np.diag(M)))
     if not size.all():

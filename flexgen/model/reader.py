@@ -277,6 +277,7 @@ def _override(root: Entry, shown: str, key: Any, value: Any) -> Any:
 
 
 def _robot(root: Table, variant: str, variants: tuple[str, ...]) -> RobotModel:
+    """The model of a table; names of uncertain numbers are checked against those that it has."""
     found = read_table(root, MODEL, Context())
     robot = RobotModel(
         **found, variant=variant, variants=variants, file=root.file, text=_canonical(root)

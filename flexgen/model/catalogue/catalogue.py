@@ -227,6 +227,7 @@ def _coordinate(coordinate: Coordinate) -> dict[str, Any]:
 
 
 def _dof(dof: Dof) -> dict[str, Any]:
+    """A degree of freedom as JSON types, for the description of a model."""
     return {
         "axis": list(dof.axis),
         "gear": None if dof.gear is None else _gear(dof.gear),
@@ -244,6 +245,7 @@ def _dof(dof: Dof) -> dict[str, Any]:
 
 
 def _motor(robot: RobotModel, motor: Motor) -> dict[str, Any]:
+    """A motor as JSON types, with the units of its ratios, for the description of a model."""
     units = {coordinate.name: coordinate.unit for coordinate in robot.coordinates}
     return {
         **_fields(motor, "name", "drives", "ratio"),

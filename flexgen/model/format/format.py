@@ -206,6 +206,9 @@ def _each(power: int) -> Type:
 
 
 def _check_uncertainty(table: Table, here: Context) -> None:
+    """Refuse standard deviations and correlations that do not fit the parameters, or are not those
+    of random numbers: symmetric, ones on the diagonal, no negative eigenvalue.
+    """
     n, sd, rows = (here.values[x] for x in ("parameters", "sd", "correlation"))
     if len(sd) != len(n) or any(not 0.0 <= x <= 5.0 for x in sd):
         raise table.fail("sd", "a number from 0 to 5 for each of the parameters")

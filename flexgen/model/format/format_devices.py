@@ -319,7 +319,9 @@ def _units(kind: str) -> Callable[[Context], tuple[str, ...]]:
 
 
 def _sensor(type: str, unit: str, noise: float, axes: Any = None, **values: Any) -> Sensor:
-    """A sensor in SI units."""
+    """A sensor in SI units, from the values of its table in ``unit``; ``axes``: directions and
+    labels.
+    """
     place = values.pop("coordinate", None) or values.pop("element", TOOL)
     family = _family(type, unit in _LINEAR) if type in _JOINTS else UNITS[type]
     factor = UNITS[type][unit]

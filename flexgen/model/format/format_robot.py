@@ -518,6 +518,9 @@ _MIMIC = Type(_read_mimic, by_name(lambda here: []).schema, write=dict)
 
 
 def _dof(kind: str, ends: tuple[Key, Key], unit: str, *more: Key) -> Format:
+    """The format of a degree of freedom of a kind, "rotation" or "translation", with the keys of
+    its ends, the ``unit`` of its damping, and ``more`` keys.
+    """
     gear = "gear between the coordinate and its motor: the coordinate is actuated"
     spring = "spring instead of a gear: the coordinate has no motor"
     mimic = "moved by a mechanism, sum of factor times coordinates, no gear or spring"

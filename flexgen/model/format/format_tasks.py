@@ -340,7 +340,9 @@ def _check_profile(table: Table, here: Context) -> None:
 
 
 def _time(sampled: bool = False, check: Check | None = None) -> tuple[Key, ...]:
-    """The time law of a move; all may be missing for samples with their own time."""
+    """The keys of the time law of a move; all may be missing for samples with their own time
+    (``sampled``). ``check``: of the smoothness.
+    """
 
     def default(zero: float, table: Table, here: Context) -> Any:
         own = sampled and "duration" not in table and "smoothness" not in table

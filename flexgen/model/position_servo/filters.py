@@ -89,7 +89,10 @@ def _bilinear(
     frequency_hz: float,
     sample_s: float,
 ) -> tuple[float, ...]:
-    """A filter in ``s/w``, highest power first, sampled such that its response at w stays."""
+    """Coefficients ``b0 b1 b2 a1 a2`` of a filter in ``s/w`` with numerator b and denominator a,
+    highest power first, sampled by the bilinear rule such that its response at w = 2 pi
+    ``frequency_hz`` stays.
+    """
     check_positive("sample_s", sample_s, "a time > 0 in s")
     if not 0 < frequency_hz < 0.5 / sample_s:
         raise ArgumentError(

@@ -113,6 +113,9 @@ class _Overlay:
         self.ends = tuple(self._end(key, link) for key, link in named)
 
     def _tables(self, kind: str, known: list[str], keys: Sequence[str]) -> dict[str, Table]:
+        """The tables ``[kind.NAME]`` of the overlay by name, which has to be one of ``known``,
+        with these keys only.
+        """
         outer = self.top.table(kind)
         out: dict[str, Table] = {}
         for name in outer.entries if outer is not None else ():
@@ -268,6 +271,9 @@ class _Overlay:
         return out
 
     def _element(self, segment: Segment, names: Sequence[Entry], k: int) -> Entry:
+        """The element number ``k`` of the chain as a table of a model file: parent, pose, degrees
+        of freedom, body. ``names``: of all elements.
+        """
         line = segment.joint.node.line
         value: dict[str, Any] = {"name": names[k]}
         if segment.parent != k - 1:
@@ -288,6 +294,10 @@ class _Overlay:
         return self._here(value, line)
 
     def _dof(self, segment: Segment) -> Entry:
+        """The degree of freedom of a joint as a table of a model file: axis and limits of the URDF
+        file, and keys of the overlay, which take precedence; a joint that follows others has only
+        its factors.
+        """
         joint = segment.joint
         table = self.joints.get(segment.joint.name)
         rotary = joint.type != "prismatic"
@@ -372,6 +382,9 @@ class _Overlay:
         return out
 
     def _friction(self, segment: Segment) -> Entry | None:
+        """Viscous friction of a joint by its element ``<dynamics>``; None without it. Coulomb
+        friction is refused, since the model needs its slope near zero speed.
+        """
         if not self.dynamics:
             return None
         line, viscous, coulomb = self.urdf.dynamics(segment.joint)
@@ -489,7 +502,9 @@ class _Overlay:
         return {name: wrap(value, table.line, table.file) for name, value in out.items()}
 
     def _home(self, segment: Segment) -> float:
-        """Home of a joint: zero, or midway between its limits if zero is outside of them."""
+        """Home of a joint [rad or m]: zero, or the middle between its limits if zero is outside of
+        them; a single limit where there is only one.
+        """
         table = self.joints.get(segment.joint.name)
         limit = self._limit(segment)
         ends: dict[str, float | None] = {"lower": None, "upper": None}

@@ -218,6 +218,7 @@ class Urdf:
             self.fail(node.line, key(kind, name), given, f"each {kind} once")
 
     def _joint(self, node: Node, name: str) -> Joint:
+        """A joint with its type and the links it connects, both of which have to exist."""
         here = key("joint", name)
         self._check_spelling(node, here)
         kind = self._attribute(node, here, "type")
@@ -296,6 +297,9 @@ class Urdf:
         return found[0] if found else None
 
     def _attribute(self, node: Node, here: str, name: str) -> str:
+        """The text of an attribute that has to be there; ``here``: place in the file, for the
+        error.
+        """
         value = node.attributes.get(name, "")
         if not value.strip():
             given = "nothing" if name not in node.attributes else "an empty string"
@@ -318,7 +322,9 @@ class Urdf:
         default: Sequence[float] | None = None,
         hint: str = "",
     ) -> list[float]:
-        """The numbers of an attribute; ``hint``: what else can be done where they are wrong."""
+        """The ``count`` numbers of an attribute, tiny ones as zero; ``default`` where it is
+        missing. Errors have the place ``here`` and the ``hint``, an alternative way.
+        """
         if default is not None and name not in node.attributes:
             return list(default)
         expected = "a number" if count == 1 else f"{count} numbers"
@@ -371,6 +377,7 @@ class Urdf:
         return math.hypot(*self._axis(joint))
 
     def _axis(self, joint: Joint) -> list[float]:
+        """Direction (3,) of the axis of a joint, x where the file has none, of any length."""
         here = key("joint", joint.name)
         node = self._child(joint.node, here, "axis")
         if node is None:
@@ -439,7 +446,9 @@ class Urdf:
         return rates if joint.type == "continuous" else (*rates, "lower", "upper")
 
     def _limit(self, joint: Joint, node: Node, name: str) -> float:
-        """One number of <limit>."""
+        """The number ``name`` of the element <limit> ``node``; effort and velocity have to be
+        above zero.
+        """
         here = f"{key('joint', joint.name)}.limit"
         if name not in node.attributes:
             self.fail(node.line, f"{here}.{name}", "nothing", f"a number {_switch(joint)}")
@@ -524,6 +533,9 @@ class Urdf:
         return {child.tag: child.line for child in node.children}
 
     def _check_inertia(self, tensor: np.ndarray, line: int, link: Link, reduced: bool) -> None:
+        """Refuse a tensor [kg m^2] that is not that of a body: a negative principal moment, or,
+        unless it is ``reduced`` by the inertia of rotors, one larger than the sum of the others.
+        """
         here = f"{key('link', link.name)}.inertial.inertia"
         largest = float(np.abs(tensor).max())
         low, middle, high = np.linalg.eigvalsh(tensor / largest).tolist()

@@ -159,7 +159,9 @@ def joint_pose(urdf: Urdf, joint: Joint, value: float) -> Pose:
 
 
 def _path(urdf: Urdf, base: str, tip: str) -> list[Joint]:
-    """Joints from the base to the tip."""
+    """Joints from the link ``base`` to the link ``tip``; an error where the base is not above the
+    tip.
+    """
     out: list[Joint] = []
     link = tip
     while link != base:
@@ -192,7 +194,12 @@ def _collect_fixed(
     dropped: frozenset[str],
     inertial: InertialOf,
 ) -> list[Inertial]:
-    """Bodies of a link with this pose and of all links outside the chain that are fixed to it."""
+    """Bodies of the link ``name`` with this pose and of all links outside the chain that are fixed
+    to it, in the frame of the pose.
+
+    ``on_path``: joints of the chain; ``dropped``: joints that are left out; a joint that moves is
+    refused.
+    """
     out: list[Inertial] = []
     todo = [(name, pose)]
     while todo:

@@ -123,7 +123,7 @@ def _lock(joint: Joint) -> str:
 
 
 def check_leaders(urdf: Urdf, joint: Joint, motion: Motion, moving: Mapping[str, Joint]) -> None:
-    """Raise an error for a joint that follows one which is neither in the chain nor locked."""
+    """Refuse a joint that follows one which is neither in the chain, ``moving``, nor locked."""
     for name in motion.joints:
         if name not in moving:
             child = urdf.joints[name].child
