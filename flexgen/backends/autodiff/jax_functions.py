@@ -84,6 +84,9 @@ def _function(points: Points, name: str) -> Callable[..., Any]:
 
 
 def _array(name: str, port: Port, x: Any, real: np.dtype) -> jax.Array:
+    """The argument as an array of JAX of the library's type ``real``; ArgumentError for other
+    numbers.
+    """
     try:
         array = jnp.asarray(x)
     except (TypeError, ValueError) as error:
@@ -145,6 +148,9 @@ def _jvp(primals: Sequence[Any], tangents: Sequence[Any], *, points: Points, nam
 def _jvp_of_linear(
     primals: Sequence[Any], tangents: Sequence[Any], *, points: Points, name: str
 ) -> Any:
+    """Derivative of the function that is linear in its changes: the function itself in other
+    changes. One in the point of linearization, a second derivative, is refused.
+    """
     count = len(points.functions[name].inputs)
     if not all(isinstance(t, ad.Zero) for t in tangents[:count]):
         points.check_order(f"{name}_jvp")

@@ -117,6 +117,9 @@ class Points:
         return self.library.name
 
     def _entry(self, function: Function) -> _Function:
+        """The function as C calls it: identity, addresses, workspace and sizes of its arrays.
+        ``reduce`` of the function gives the hash of its library.
+        """
         _, (_, sha256, name) = function.__reduce__()
         digest = hashlib.sha256(f"{sha256} {name}".encode()).digest()
         shared = "" if self.library.per_point else PARAMETERS

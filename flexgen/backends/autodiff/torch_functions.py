@@ -99,6 +99,9 @@ class _Call(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx: Any, *weights: torch.Tensor) -> tuple[Any, ...]:
+        """Gradients of the inputs for weights of the results, by the function ``NAME_vjp``; those
+        of arrays that a batch shares are summed.
+        """
         points = ctx.points
         name = ctx.name
         points.check_order(name)
@@ -118,6 +121,9 @@ class _Call(torch.autograd.Function):
 
     @staticmethod
     def jvp(ctx: Any, *changes: Any) -> tuple[torch.Tensor, ...]:
+        """Change of the results for changes of the inputs, None: zero, by the function
+        ``NAME_jvp``.
+        """
         points = ctx.points
         name = ctx.name
         points.check_order(name)

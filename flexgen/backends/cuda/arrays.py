@@ -90,7 +90,9 @@ class DeviceArray:
         stream: Any,
         order: str = "F",
     ) -> DeviceArray:
-        """New memory without values."""
+        """New memory on a card without values, in the order of Fortran ("F") or of C ("C"); it is
+        freed with the array, in the order of the ``stream``.
+        """
         address = card.allocate(math.prod(shape) * dtype.itemsize, stream_handle("empty", stream))
         made = cls(card, address, shape, steps_of(shape, dtype.itemsize, order), dtype, stream)
         made._owner = _Memory(card, address, stream)
@@ -228,6 +230,9 @@ class Given:
         self.address, self.shape, self.strides, self.dtype, self.release = taken
 
     def _take_interface(self, card: Card, x: Any, stream: int) -> None:
+        """Address, shape, strides and type from the ``__cuda_array_interface__`` of an array; work
+        of its stream is waited for.
+        """
         told = x.__cuda_array_interface__
         self.address = int(told["data"][0])
         self.shape = tuple(told["shape"])
@@ -244,6 +249,7 @@ class Given:
             card.wait(stream, 0 if other == _LEGACY else int(other))
 
     def _refuse_elsewhere(self, card: Card, number: int | None) -> None:
+        """Refuse an array on another card, ``number``, or on the CPU: None."""
         if number != card.ordinal:
             place = "the memory of the CPU" if number is None else f"the memory of cuda:{number}"
             raise ArgumentError(

@@ -62,7 +62,9 @@ def compile_cached(name: str, text: str, headers: Mapping[str, str], architectur
 
 
 def compile_text(text: str, headers: Mapping[str, str], options: list[str]) -> tuple[bytes, str]:
-    """The cubin of a text and the log of NVRTC; BuildError where it refuses the text."""
+    """The cubin of a text with these headers by name, and the log of NVRTC; BuildError where it
+    refuses the text. ``options``: the architecture first.
+    """
     bindings = nvrtc()
     names = [x.encode() for x in headers]
     texts = [x.encode() for x in headers.values()]

@@ -106,7 +106,9 @@ def give(
     itemsize: int,
     device: int,
 ) -> Any:
-    """A capsule of an array of real numbers, which keeps its owner alive; strides in bytes."""
+    """A DLPack capsule of an array of real numbers of ``itemsize`` bytes on a CUDA ``device``,
+    which keeps its owner alive; strides in bytes.
+    """
     dims = ctypes.c_int64 * len(shape)
     extents = dims(*shape)
     steps = dims(*(step // itemsize for step in strides))

@@ -158,7 +158,9 @@ class CudaFunction:
         return points or 0
 
     def _refuse_overlap(self, points: int, addresses: Sequence[int]) -> None:
-        """Results must not share memory with anything."""
+        """Refuse results that share memory with an input or another result. ``addresses``: of
+        inputs, then results.
+        """
         ports = (*self.inputs, *self.outputs)
         sizes = [
             port.size * (1 if port.name == self._shared else points) * self._real.itemsize
@@ -174,7 +176,9 @@ class CudaFunction:
                 )
 
     def _launch(self, points: int, addresses: Sequence[int], stream: int, check: bool) -> None:
-        """Run the kernel; an error where a point failed."""
+        """Run the kernel for ``points`` points in a stream; with ``check`` wait for it, and raise
+        the error of the first point that failed.
+        """
         if points == 0:
             return
         kernel = self.compile()

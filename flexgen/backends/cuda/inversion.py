@@ -117,6 +117,7 @@ class CudaManyInverter:
                 array.release()
 
     def _on_card(self, x: np.ndarray, stream: int) -> DeviceArray:
+        """A copy of an array on the card, in the order of C."""
         values = np.ascontiguousarray(x)
         made = DeviceArray.empty(self._card, values.shape, values.dtype, stream, "C")
         self._card.write(made._address, values.ctypes.data, values.nbytes, stream)
