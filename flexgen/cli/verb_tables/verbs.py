@@ -573,9 +573,16 @@ ROWS = (
     ),
     Verb(
         "learn",
+        action="control:learn",
         function="learn",
         rows={
-            "robot": ("plant",),
+            "robot": (
+                Option("plant", more="; without --measured"),
+                Option("measured", of="next_run.measured", metavar="FILE"),
+                Option("folder", of="next_run.folder", metavar="DIR"),
+                Option("clock", of="next_run.clock"),
+                Option("frame", of="next_run.frame"),
+            ),
             "learning": (
                 "iterations",
                 "gain",

@@ -55,6 +55,24 @@ OF_MODELS = (
 )
 """Options of `tune` that are for models only."""
 
+OF_NEXT_RUN = ("folder", "clock", "frame")
+"""Options of `learn` with --measured."""
+
+OF_SIMULATED_LEARNING = (
+    "plant",
+    "iterations",
+    "measured_by",
+    "time_limit",
+    "encoder_noise",
+    "seed",
+    "report",
+    "out",
+)
+"""Options of `learn` without --measured."""
+
+OF_BOTH = ("move", "frequency_hz", "gain", "controller", "sample_time", "delay")
+"""Options of `learn` with and without --measured."""
+
 
 def control(args: Namespace, log: Progress) -> VerbResult:
     """Simulate a move in the closed loop with feedforward, for the model and robots that differ
@@ -240,6 +258,35 @@ def _tune_model(args: Namespace, log: Progress) -> VerbResult:
     text += f"\nnext: flexgen control {args.scenario} --controller {args.out}"
     problem = "" if tuned.status == TUNED else f"{tuned.status}: the best controller so far"
     return VerbResult(data, text, problem, interrupted=tuned.status == "interrupted")
+
+
+def learn(args: Namespace, log: Progress) -> VerbResult:
+    """Learn a path: of a simulated robot, or with --measured of the real one, whose next torques
+    and references are written.
+    """
+    from flexgen.cli.verbs.plain import plain
+    from flexgen.planning.learning.next_run import next_run
+
+    if args.measured is None:
+        alone(args, "learn without --measured", *OF_NEXT_RUN)
+        return plain(args, log)
+    alone(args, "--measured", *OF_SIMULATED_LEARNING)
+    if args.folder is None:
+        raise ArgumentError(
+            "--measured: given without --folder, expected also the folder of the move, with the "
+            "torques of its last run in trajectory.csv: --folder DIR"
+        )
+    options = {
+        name: getattr(args, name) for name in (*OF_NEXT_RUN, *OF_BOTH) if name in args.given
+    }
+    found = next_run(
+        read_model(args),
+        options.pop("folder"),
+        args.measured,
+        **options,
+        progress=throttle(log),
+    )
+    return with_files(found.to_text(), found.to_dict(), {}, found.problem)
 
 
 def fastest(args: Namespace, log: Progress) -> VerbResult:

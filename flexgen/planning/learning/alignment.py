@@ -6,9 +6,18 @@ The first estimate of d is where the speeds of record and path correlate most: s
 on the frame. For each d the best R and c are those of Procrustes' problem, in closed form by a
 singular value decomposition; the d with the smallest sum of squares is found by bounded search.
 
-What is estimated from a record is taken off its error: a constant offset of the tool, a tilt of
-the whole path, a delay of the whole motion cannot be seen, and not be learned. `hidden` is the
-part of a given error that the estimate takes away.
+The errors of a robot are no noise: softer springs, and motors that friction holds back, move the
+tool as a later clock does in part. Where the frame is known, `Alignment.refined` therefore fits the
+clock together with the errors that the model expects,
+
+    r = v d + G s + noise,      v: speed of the path, s: errors of unit size, sd 1
+
+and takes only ``v d`` off. A frame that is estimated is that of Procrustes: with nine unknowns such
+errors and a frame were not told apart on simulated robots.
+
+What is estimated cannot be seen, and not be learned: a constant offset of the tool, a tilt of the
+whole path, a delay of the whole motion. `hidden` is the part of a given error along these
+directions.
 
 Source: S. Umeyama, IEEE Trans. Pattern Analysis and Machine Intelligence 13(4), 1991 (rigid
 transforms and scale); W. Kabsch, Acta Crystallographica A32, 1976.
@@ -42,6 +51,9 @@ SEARCH_S = 0.05
 # Units that are confused, by the factor between record and path.
 FACTORS = {1e3: "mm given as m", 1e-3: "m given as mm", 10.0: "mm given as cm", 0.1: "cm as mm"}
 FACTORS |= {100.0: "cm given as m", 0.01: "m given as cm", 25.4: "inches", 1 / 25.4: "inches"}
+# Part of an error that is none of the expected ones, and the least noise of a tracker [m].
+UNEXPLAINED = 0.2
+SMALLEST_NOISE = 2e-6
 NEAR = 0.05  # relative difference from such a factor
 
 Curve = Callable[[np.ndarray], np.ndarray]
@@ -66,28 +78,54 @@ class Alignment:
         R, c = _transform(self.frame, measured.shape[1])
         return np.asarray(measured @ R.T + c)
 
+    def refined(
+        self, residual: np.ndarray, time: np.ndarray, path: Curve, expected: np.ndarray
+    ) -> Alignment:
+        """The alignment whose clock is fitted together with expected errors; itself where the
+        clock is known or the frame is not.
+
+        Parameters
+        ----------
+        residual : array (n, d) [m]
+            Positions in the frame of the path, less the path.
+        time : array (n,) [s]
+            On the path.
+        path : callable
+        expected : array (m, n, d) [m]
+            Errors that the model expects, each of the size of one standard deviation.
+        """
+        if self.frame_fitted or not self.clock_fitted:
+            return self
+        G = expected.reshape(len(expected), -1).T
+        speed = np.gradient(path(time), time, axis=0).ravel()
+        noise = max(UNEXPLAINED * float(np.sqrt((residual**2).mean())), SMALLEST_NOISE)
+        rows = np.vstack([np.column_stack([speed, G]) / noise, np.eye(1 + G.shape[1])[1:]])
+        sides = np.concatenate([residual.ravel() / noise, np.zeros(G.shape[1])])
+        late = float(np.linalg.lstsq(rows, sides, rcond=None)[0][0])
+        return Alignment(self.clock_s - late, self.frame, True, False)
+
     def hidden(self, error: np.ndarray, time: np.ndarray, path: Curve) -> np.ndarray:
-        """The part (n, d) of an error (n, d) [m] that the estimates of clock and frame take away:
-        its projection on the small motions of both.
+        """The part (n, d) of an error (n, d) [m] along what small errors of clock and frame do, as
+        far as these are estimated.
         """
         p = path(time)
         n, d = p.shape
-        basis = []
+        found = []
         if self.clock_fitted:
-            basis.append(np.gradient(p, time, axis=0))
+            found.append(np.gradient(p, time, axis=0))
         if self.frame_fitted:
-            basis += [np.broadcast_to(e, (n, d)) for e in np.eye(d)]
-            centred = p - p.mean(axis=0)
-            pairs = [(i, j) for i in range(d) for j in range(i)]
-            for i, j in pairs:
+            found += [np.broadcast_to(e, (n, d)) for e in np.eye(d)]
+            middle = p - p.mean(axis=0)
+            for i, j in ((1, 0), (2, 0), (2, 1))[: 2 * d - 3]:
                 turned = np.zeros((n, d))
-                turned[:, i] = -centred[:, j]
-                turned[:, j] = centred[:, i]
-                basis.append(turned)
-        if not basis:
+                turned[:, i] = middle[:, j]
+                turned[:, j] = -middle[:, i]
+                found.append(turned)
+        if not found:
             return np.zeros((n, d))
-        A = np.stack([b.ravel() for b in basis], axis=1)
-        weights = np.linalg.lstsq(A, error.ravel(), rcond=None)[0]
+        A = np.stack([x.ravel() for x in found], axis=1)
+        A = A / np.maximum(np.linalg.norm(A, axis=0), 1e-300)
+        weights = np.linalg.lstsq(A, error.ravel(), rcond=1e-9)[0]
         return np.asarray((A @ weights).reshape(n, d))
 
 
@@ -210,8 +248,9 @@ def _check_shape(source: str, inside: np.ndarray) -> None:
     if inside.shape[1] == 3 and sizes[1] < STRAIGHT * sizes[0]:
         raise ArgumentError(
             f"{source}: the path is a line, about which the rotation of the tracker cannot be "
-            "estimated from its record: state its frame, six numbers in the base of the robot; "
-            "the record of a curved path gives it, and 0 0 0 0 0 0 is a tracker in the base's frame"
+            "estimated from its record: state its frame, six numbers, position and rotation "
+            "vector in the base of the robot, six zeros where it measures in the base; the record "
+            "of a curved path gives it"
         )
 
 
@@ -278,9 +317,10 @@ def _check_size(source: str, p: np.ndarray, y: np.ndarray, is_fitted: bool) -> N
     factor = float(np.sqrt((p**2).sum() / (y**2).sum()))
     if abs(factor - 1.0) > SIZE:
         known = [text for x, text in FACTORS.items() if abs(factor / x - 1.0) < NEAR]
+        cause = known[0] if known else "another move, or a wrong unit in the name of a column"
         raise ArgumentError(
             f"{source}: given a record {factor:.4g} times as large as the path, expected the same "
-            f"size: {known[0] if known else 'another move, or a wrong unit in the name of a column'}"
+            f"size: {cause}"
         )
     size = float((y**2).sum())
     mirrored = size + float((p**2).sum()) - 2.0 * float(s.sum())

@@ -34,8 +34,6 @@ from flexgen.feedback.loop.sampled_model import output_jacobian
 ROBOTS = {"soft": {"stiffness": 0.8}, "stiff": {"stiffness": 1.25}}
 GROWTH = 1.05  # largest spectral radius of the error from run to run
 SHARE = 0.7  # of the lowest locked frequency, where there is no linear feedback or no L
-# Of the band that is found: masses differ, too, and the robot moves.
-CAUTION = 0.8
 # Bands that are tried and frequencies that are looked at, over the lowest locked frequency.
 LEAST, MOST = 0.3, 3.0
 BANDS = 40
@@ -92,8 +90,8 @@ def learning_band(
     for band in locked * np.geomspace(MOST, LEAST, BANDS):
         Q = 1.0 / (1.0 + (hz / band) ** 4)
         if np.abs(1.0 - Q[None, :, None] * eigenvalues).max() <= GROWTH:
-            return CAUTION * float(band)
-    return CAUTION * LEAST * locked
+            return float(band)
+    return LEAST * locked
 
 
 def _mixed(values: np.ndarray) -> np.ndarray:

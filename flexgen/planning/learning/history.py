@@ -181,8 +181,8 @@ def read_folder(path: str | Path) -> LearningFolder:
     command = own.command(iteration)
     if runs and not command.is_file():
         raise ArgumentError(
-            f"{file}: given the trajectory of iteration {iteration}, but {command.name} is missing, "
-            f"expected the files that the last run left: restore them, or begin anew in an empty "
+            f"{file}: given the trajectory of iteration {iteration}, but {command.name} is "
+            f"missing, expected the files that the last run left: restore them, or begin anew in an empty "
             "folder with flexgen solve"
         )
     if command.is_file() and command.read_bytes() != file.read_bytes():

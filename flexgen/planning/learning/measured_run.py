@@ -3,7 +3,7 @@
 Columns of the file, with their units as for all records:
 
     time_s                        the clock of the record; its zero is of no concern
-    x_mm, y_mm, z_mm              position of the tool in the frame of the tracker; tool_x_mm, ... too
+    x_mm, y_mm, z_mm              position of the tool in the frame of the tracker; or tool_x_mm, ...
     q_m[m1] rad                   angle of a motor, on its own side of the gear
     q1 deg                        the same as an angle of the joint, on the arm side of its gear
 
@@ -15,7 +15,7 @@ correction would learn them.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -234,9 +234,19 @@ def _check_jumps(file: Path, time: np.ndarray, position: np.ndarray) -> None:
         )
 
 
-def axes_in_output(axes: str, model: RobotModel) -> Mapping[str, list[int]]:
-    """Columns of the tracker and rows of the output that are the same axes: ``tracker``,
-    ``output``.
+@dataclass(frozen=True)
+class SharedAxes:
+    """Columns of the ``tracker`` and rows of the ``output`` that are the same axes of the tool;
+    ``axes``: all of the tracker.
+    """
+
+    axes: str
+    tracker: list[int]
+    output: list[int]
+
+
+def axes_in_output(axes: str, model: RobotModel) -> SharedAxes:
+    """The axes of a tracker that the output has.
 
     Raises
     ------
@@ -255,4 +265,4 @@ def axes_in_output(axes: str, model: RobotModel) -> Mapping[str, list[int]]:
             f"measured: given the axes {', '.join(axes)} of a tracker, expected also "
             f"{missing[0]}, an axis of the output of model {model.name}"
         )
-    return {"tracker": [axes.index(a) for a in rows], "output": list(range(len(rows)))}
+    return SharedAxes(axes, [axes.index(axis) for axis in rows], list(range(len(rows))))

@@ -67,7 +67,12 @@ from flexgen.planning.learning.history import (
     write_folder,
 )
 from flexgen.planning.learning.learn import Gain
-from flexgen.planning.learning.measured_run import MeasuredRun, axes_in_output, read_run
+from flexgen.planning.learning.measured_run import (
+    MeasuredRun,
+    SharedAxes,
+    axes_in_output,
+    read_run,
+)
 from flexgen.planning.learning.motor_reaction import LinearisedArm
 from flexgen.planning.learning.window import MOST, learned_part, low_pass
 from flexgen.runtime.inversion.path_inversion import Inversion
@@ -83,6 +88,11 @@ REPORTED = 5.0
 SAME_PATH = 1e-2
 SOFTER = 0.1  # change of all springs of which the hidden error is stated
 BAND_AT = 0.0, 0.5, 0.8  # parts of the path at which the band of learning is computed
+# Angle of a joint by which friction holds its motor back [rad], and the part of the largest speed
+# below which it does so less.
+HELD = 2e-4
+SLOW = 0.02
+REFINED = 3  # times that the clock is fitted with the expected errors
 HALF = 0.5  # of the frequency after which the error grew
 CHANGED = 1e-2  # of the largest torque: a difference by which the model is another one
 LARGEST_MOTOR = 0.2  # motor error over the motion of the motor: a record of another move
@@ -223,7 +233,7 @@ class NextRun(Result):
                 "soft_m",
                 note="at slow motion, from the model",
             ),
-            Row("of it hidden by the estimates of clock and frame", hidden, "m", "hidden_m"),
+            Row("of it along what the estimates of clock and frame hide", hidden, "m", "hidden_m"),
             Table(columns, cells, "Runs", "runs"),
             *(Prose(f"note: {text}", "notes") for text in self.notes),
             Data("notes", list(self.notes)),
@@ -501,14 +511,21 @@ def _seen(
         clock_s=known,
         frame=given,
     )
+    at, expected = _expected_errors(corrected, last, rows)
+    for _ in range(REFINED):
+        time = record.time - found.clock_s
+        error = found.positions(record.position) - curve(time)
+        inside = (time >= at[0]) & (time <= at[-1])
+        shapes = np.array([_resampled(x, at, time[inside]) for x in expected])
+        found = found.refined(error[inside], time[inside], curve, shapes)
     time = record.time - found.clock_s
-    error = (found.positions(record.position) - curve(time))[:, rows["tracker"]]
-    soft, hidden = _hidden(found, corrected, last, curve, rows)
+    error = (found.positions(record.position) - curve(time))[:, rows.tracker]
+    soft, hidden = _hidden(found, at, curve, expected, len(expected) - robot.n_m)
     notes = [] if not by_motors else ["the clock of the record follows from its motor angles"]
     return _Seen(
         time,
         error,
-        rows["output"],
+        rows.output,
         found.clock_s,
         tuple(map(float, found.frame)),
         hidden,
@@ -539,14 +556,14 @@ def _blind_notes(robot: RobotModel) -> tuple[str, ...]:
     )
 
 
-def _positions_of(path: Path, axes: str, rows: Any) -> Callable[[np.ndarray], np.ndarray]:
+def _positions_of(path: Path, axes: str, rows: SharedAxes) -> Callable[[np.ndarray], np.ndarray]:
     """Positions (k, len(axes)) [m] of a path at instants (k,) [s]; zero along an axis of the
     tracker that the output does not have.
     """
 
     def curve(t: np.ndarray) -> np.ndarray:
         found = np.zeros((len(t), len(axes)))
-        found[:, rows["tracker"]] = path.sample(t).y[:, rows["output"], 0]
+        found[:, rows.tracker] = path.sample(t).y[:, rows.output, 0]
         return found
 
     return curve
@@ -646,29 +663,56 @@ def align_motors(
     return clock
 
 
-def _hidden(
-    found: Alignment,
-    corrected: CorrectedPath,
-    last: Trajectory,
-    curve: Callable[[np.ndarray], np.ndarray],
-    rows: Any,
-) -> tuple[float, float]:
-    """Largest error of the tool with softer springs at slow motion [m], and how much of it the
-    estimates of clock and frame hide.
+def _expected_errors(
+    corrected: CorrectedPath, last: Trajectory, rows: SharedAxes
+) -> tuple[np.ndarray, np.ndarray]:
+    """Instants (k,) [s] along the path, and errors of the tracked point (m, k, d) [m] that the
+    model expects: of each spring that is softer, at slow motion, then of each motor that friction
+    holds back.
     """
     equations = corrected.equations
+    model = equations.model
     inside = np.flatnonzero((last.time >= 0.0) & (last.time <= corrected.path.duration))
     at = inside[np.unique(np.linspace(0, len(inside) - 1, 200).astype(int))]
     motion = [last[name][at] for name in MOTION]
-    library = library_with(equations.model, ["inverse_dynamics"])
+    library = library_with(model, ["inverse_dynamics"])
     torque = np.asarray(library.inverse_dynamics(*(np.ascontiguousarray(x) for x in motion[:3])))
     step = float(last.time[at[1]] - last.time[at[0]])
-    bent = LinearisedArm(equations, motion, step).softer(torque, SOFTER)
-    W = evaluate(output_jacobian(equations), motion[0])[0].reshape(len(at), -1, bent.shape[1])
-    moved = np.einsum("nij,nj->ni", W, bent)[:, rows["output"]]
-    error = np.zeros((len(at), curve(last.time[at]).shape[1]))
-    error[:, rows["tracker"]] = moved
-    hidden = found.hidden(error, last.time[at], curve)
+    arm = LinearisedArm(equations, motion, step)
+    moved = [
+        arm.softer(torque * (np.arange(model.n_a) == i), SOFTER) for i in arm.free if i < model.n_a
+    ]
+    twist = np.linalg.inv(model.eta)
+    for j in range(model.n_m):
+        held = np.zeros((len(at), model.n_a))
+        speed = motion[4][:, j] / max(float(np.abs(motion[4][:, j]).max()), 1e-12)
+        held[:, list(model.i_g)] = HELD * np.tanh(speed / SLOW)[:, None] * np.sign(twist[:, j])
+        held[:, list(model.i_g)] *= np.abs(twist[:, j]) > 0.0
+        moved.append(held)
+    W = evaluate(output_jacobian(equations), motion[0])[0].reshape(len(at), -1, model.n_a)
+    found = np.zeros((len(moved), len(at), len(rows.axes)))
+    for k, dq in enumerate(moved):
+        found[k][:, rows.tracker] = np.einsum("nij,nj->ni", W, dq)[:, rows.output]
+    return last.time[at], found
+
+
+def _resampled(x: np.ndarray, at: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """Samples (k, d) at other instants (n,), linear between them."""
+    return np.stack([np.interp(time, at, column) for column in x.T], axis=1)
+
+
+def _hidden(
+    found: Alignment,
+    at: np.ndarray,
+    curve: Callable[[np.ndarray], np.ndarray],
+    expected: np.ndarray,
+    springs: int,
+) -> tuple[float, float]:
+    """Largest error of the tool with softer springs at slow motion [m], and how much of it the
+    estimates of clock and frame hide; the first ``springs`` of the expected errors are theirs.
+    """
+    error = expected[:springs].sum(axis=0)
+    hidden = found.hidden(error, at, curve)
     sizes = [float(np.linalg.norm(x, axis=1).max()) for x in (error, hidden)]
     return sizes[0], sizes[1]
 
