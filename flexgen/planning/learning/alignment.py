@@ -7,13 +7,13 @@ on the frame. For each d the best R and c are those of Procrustes' problem, in c
 singular value decomposition; the d with the smallest sum of squares is found by bounded search.
 
 The errors of a robot are no noise: softer springs, and motors that friction holds back, move the
-tool as a later clock does in part. Where the frame is known, `Alignment.refined` therefore fits the
-clock together with the errors that the model expects,
+tool as a later clock does in part. Where the frame is known, `Alignment.refined` therefore fits
+the clock together with the errors that the model expects,
 
     r = v d + G s + noise,      v: speed of the path, s: errors of unit size, sd 1
 
-and takes only ``v d`` off. A frame that is estimated is that of Procrustes: with nine unknowns such
-errors and a frame were not told apart on simulated robots.
+and takes only ``v d`` off. A frame that is estimated is that of Procrustes: six more unknowns and
+such errors were not told apart on simulated robots.
 
 What is estimated cannot be seen, and not be learned: a constant offset of the tool, a tilt of the
 whole path, a delay of the whole motion. `hidden` is the part of a given error along these
@@ -46,6 +46,8 @@ SIZE = 0.05
 FAR = 0.2
 # Part of the error of the fit that a reflected record has in a frame of the other hand.
 MIRRORED = 0.3
+# Relative error of a fit from which on the hand of the frame is judged: a flat path shows none.
+FLAT = 1e-2
 # Width of the search for the clock around the first estimate [s].
 SEARCH_S = 0.05
 # Units that are confused, by the factor between record and path.
@@ -325,7 +327,7 @@ def _check_size(source: str, p: np.ndarray, y: np.ndarray, is_fitted: bool) -> N
     size = float((y**2).sum())
     mirrored = size + float((p**2).sum()) - 2.0 * float(s.sum())
     proper = size + float((p**2).sum()) - 2.0 * float(s[:-1].sum() + hand * s[-1])
-    if is_fitted and mirrored < MIRRORED * proper and proper > FAR**2 * size:
+    if is_fitted and mirrored < MIRRORED * proper and proper > FLAT**2 * size:
         raise ArgumentError(
             f"{source}: given positions that fit the path only after a reflection, expected axes "
             "of a right-handed frame: two axes are swapped, or one has the other sign"

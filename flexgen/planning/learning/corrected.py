@@ -15,6 +15,7 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 from scipy.spatial.transform import Rotation
 
+from flexgen.base.errors import SolverError
 from flexgen.dynamics.mechanics.equations import Equations
 from flexgen.inversion.problem.model_library import inversion_library
 from flexgen.inversion.problem.problem import InversionProblem
@@ -47,6 +48,8 @@ class CorrectedPath:
         Of a process on the tool.
     tell : callable
         Takes lines of progress.
+    early_s : float [s]
+        Begin of the window before the path.
     """
 
     def __init__(
@@ -56,6 +59,7 @@ class CorrectedPath:
         model: RobotModel,
         force: ProcessForce | None,
         tell: Callable[[str], None],
+        early_s: float = EARLY_S,
     ) -> None:
         self.equations = equations
         self.outputs = equations.model.output.size
@@ -66,8 +70,8 @@ class CorrectedPath:
         self.library = inversion_library(
             Equations(model), "lq", solvers, memory=True, progress=tell
         )
-        count = int(np.ceil((self.path.duration + EARLY_S + LATE_S) / self.period)) + 1
-        self.time = -EARLY_S + self.period * np.arange(count)
+        count = int(np.ceil((self.path.duration + early_s + LATE_S) / self.period)) + 1
+        self.time = -early_s + self.period * np.arange(count)
         self._reduction = Reduction(equations)
         sample = self.path.sample(self.time)
         self._y = self._reduction.targets(sample)
@@ -81,11 +85,28 @@ class CorrectedPath:
         first = self.time[0] - self.n_pre * self.period
         return float(first), float(self.time[-1] + self.n_post * self.period)
 
-    def invert(self, correction: np.ndarray) -> Inversion:
+    def invert_finely(self, correction: np.ndarray) -> Inversion:
+        """`invert` with shorter intervals until it converges.
+
+        SolverError where it does not with intervals of one sample.
+        """
+        most = self.samples_per_interval
+        parts = sorted({max(1, most // k) for k in (1, 2, 4, 8, most)}, reverse=True)
+        for samples in parts:
+            found = self.invert(correction, samples)
+            if found.converged:
+                return found
+        raise SolverError(
+            f"the inverse dynamics of the corrected path did not converge (relative residual "
+            f"{found.residual_at_samples:.2g}): learn up to a lower frequency"
+        )
+
+    def invert(self, correction: np.ndarray, samples: int | None = None) -> Inversion:
         """Motion and torques along the corrected path.
 
         ``correction`` (n, n_y) [m, rad] at ``time``; of a pose a rotation vector after the
-        position. SolverError where the corrected path has no inverse.
+        position. ``samples``: of an interval of the mesh; default: those of `MESH_S`. SolverError
+        where the corrected path has no inverse.
         """
         y, dy, ddy = self._correct(correction)
         return self.library.invert(
@@ -96,7 +117,7 @@ class CorrectedPath:
             q_start=self.path.q_start,
             n_pre=self.n_pre,
             n_post=self.n_post,
-            samples_per_interval=self.samples_per_interval,
+            samples_per_interval=samples or self.samples_per_interval,
             force=self._force,
         )
 

@@ -182,8 +182,8 @@ def read_folder(path: str | Path) -> LearningFolder:
     if runs and not command.is_file():
         raise ArgumentError(
             f"{file}: given the trajectory of iteration {iteration}, but {command.name} is "
-            f"missing, expected the files that the last run left: restore them, or begin anew in an empty "
-            "folder with flexgen solve"
+            f"missing, expected the files that the last run left: restore them, or begin anew in "
+            "an empty folder with flexgen solve"
         )
     if command.is_file() and command.read_bytes() != file.read_bytes():
         raise ArgumentError(
@@ -206,12 +206,24 @@ def _read_history(file: Path) -> tuple[LearningRun, ...]:
     for line, row in enumerate(rows[1:], start=2):
         try:
             values = dict(zip(names, row, strict=True))
-            numbers = {k: float(values[k]) for k in ("rms", "largest", "scatter", "frequency_hz")}
-            numbers["gain"] = float(values["gain"])
-            texts = {k: values[k] for k in ("measured", "state", "record", "digest")}
-            if rows[0] != names or not np.isfinite(list(numbers.values())).all():
+            rms, largest, scatter = (float(values[k]) for k in ("rms", "largest", "scatter"))
+            band, gain = (float(values[k]) for k in ("frequency_hz", "gain"))
+            if rows[0] != names or not np.isfinite([rms, largest, scatter, band, gain]).all():
                 raise ValueError("other columns")
-            runs.append(LearningRun(iteration=int(values["iteration"]), **numbers, **texts))
+            runs.append(
+                LearningRun(
+                    int(values["iteration"]),
+                    values["measured"],
+                    rms,
+                    largest,
+                    scatter,
+                    band,
+                    gain,
+                    values["state"],
+                    values["record"],
+                    values["digest"],
+                )
+            )
         except ValueError:
             raise ArgumentError(
                 f"{file}:{line}: given {','.join(row)[:80]!r}, expected a run as flexgen writes "

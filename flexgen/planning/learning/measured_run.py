@@ -3,7 +3,7 @@
 Columns of the file, with their units as for all records:
 
     time_s                        the clock of the record; its zero is of no concern
-    x_mm, y_mm, z_mm              position of the tool in the frame of the tracker; or tool_x_mm, ...
+    x_mm, y_mm, z_mm              position of the tool in the frame of the tracker; or tool_x_mm
     q_m[m1] rad                   angle of a motor, on its own side of the gear
     q1 deg                        the same as an angle of the joint, on the arm side of its gear
 

@@ -68,7 +68,7 @@ class LinearisedArm:
         """
         x, v, a = (d @ self._x_of_motors.T for d in (dq, dv, da))
         free, driven = self.free, self.driven
-        z = self._free_motion(x, v, a)
+        z = self.free_motion(x, v, a)
         motors = list(range(self.model.n_m))
         total = np.zeros((self.count, len(driven)))
         for which, rate_x, rate_z in ((0, a, z[2]), (1, v, z[1]), (2, x, z[0])):
@@ -77,7 +77,7 @@ class LinearisedArm:
         B = self._between(3, driven, motors)
         return np.asarray(np.linalg.solve(B, total[:, :, None])[:, :, 0])
 
-    def _free_motion(self, x: np.ndarray, v: np.ndarray, a: np.ndarray) -> tuple[np.ndarray, ...]:
+    def free_motion(self, x: np.ndarray, v: np.ndarray, a: np.ndarray) -> tuple[np.ndarray, ...]:
         """Deviations ``z`` (n, n_z) of the springs' side, and two rates, with the motors given."""
         free, driven = self.free, self.driven
         h = self.step

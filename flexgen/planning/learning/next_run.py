@@ -22,13 +22,12 @@ Systems Magazine 26(3), 2006.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path as FilePath
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
 
 from flexgen.base.calls.progress import Choice, reported
 from flexgen.base.checks.bounds import NotNegative, Positive
@@ -40,24 +39,19 @@ from flexgen.base.numerics.evaluate import evaluate
 from flexgen.base.results import Result
 from flexgen.base.rows import Column, Data, Part, Prose, Row, Shown, Table
 from flexgen.base.spec.arguments import is_number
-from flexgen.base.spec.ports import Port
-from flexgen.codegen.build.model_library import library_with
 from flexgen.dynamics.hysteresis.lugre import without_states
 from flexgen.dynamics.mechanics.equations import Equations, derive, robot_of
 from flexgen.feedback.loop.case import SAMPLE_S
-from flexgen.feedback.loop.sampled_model import output_jacobian
-from flexgen.inversion.problem.sampling import time_derivative
+from flexgen.inversion.solution import limit_warnings
 from flexgen.model.abilities import needs
 from flexgen.model.elements import Move, RobotModel
 from flexgen.paths.force.process_force import CHANNEL, make_force
 from flexgen.paths.path import Path, find_move
-from flexgen.planning.learning.alignment import Alignment, align
 from flexgen.planning.learning.band import learning_band
-from flexgen.planning.learning.corrected import DEGREE, CorrectedPath
+from flexgen.planning.learning.corrected import CorrectedPath
 from flexgen.planning.learning.history import (
     ENDED,
     GREW,
-    KEY,
     LearningFolder,
     LearningRun,
     best_of,
@@ -69,35 +63,25 @@ from flexgen.planning.learning.history import (
 from flexgen.planning.learning.learn import Gain
 from flexgen.planning.learning.measured_run import (
     MeasuredRun,
-    SharedAxes,
-    axes_in_output,
     read_run,
 )
-from flexgen.planning.learning.motor_reaction import LinearisedArm
-from flexgen.planning.learning.window import MOST, learned_part, low_pass
-from flexgen.runtime.inversion.path_inversion import Inversion
+from flexgen.planning.learning.next_trajectory import (
+    MOTION,
+    changed_model,
+    corrected_trajectory,
+    corrections_of,
+    start_notes,
+)
+from flexgen.planning.learning.seen_error import SOFTER, SeenError, see_error
+from flexgen.planning.learning.window import MOST, WIDE, learned_part, low_pass
 
-CORRECTION = "correction"  # channel of the corrections of the path, d
-MOTOR_CORRECTION = "motor_correction"  # channel of those of the motors, r
-MOTION = ("q_a", "v_a", "a_a", "q_m", "v_m", "a_m", "tau_m")
-# Errors are reported up to this many times the frequency of the low pass: above are vibrations
-# that no correction reaches, and the noise of the tracker.
-REPORTED = 5.0
 # Largest distance between the output of a trajectory and the corrected path, over the size of the
 # path: a trajectory of another move or of another model is not corrected.
 SAME_PATH = 1e-2
-SOFTER = 0.1  # change of all springs of which the hidden error is stated
+# Begin of the corrected motion before the path [s]: a low pass of some Hz has settled there.
+EARLY_S = 0.5
 BAND_AT = 0.0, 0.5, 0.8  # parts of the path at which the band of learning is computed
-# Angle of a joint by which friction holds its motor back [rad], and the part of the largest speed
-# below which it does so less.
-HELD = 2e-4
-SLOW = 0.02
-REFINED = 3  # times that the clock is fitted with the expected errors
 HALF = 0.5  # of the frequency after which the error grew
-CHANGED = 1e-2  # of the largest torque: a difference by which the model is another one
-LARGEST_MOTOR = 0.2  # motor error over the motion of the motor: a record of another move
-SLOPE = 0.05  # difference of a measured motion of a motor from its reference
-OLDEST_S = 0.3  # largest offset of the clock of a record of motors from the path's begin
 
 
 @checked_result
@@ -158,24 +142,31 @@ class NextRun(Result):
     @property
     def stopped(self) -> str:
         """Why learning ended, with what to do; empty while it goes on."""
-        best = next(run for run in self.runs if run.iteration == self.iteration or not self._ended)
-        error = format_size(best.rms, best.unit)
+        own = [run for run in self.runs if run.iteration == self.iteration]
+        if not own:
+            return ""
+        error = format_size(float(np.mean([run.rms for run in own])), self.last.unit)
         if self.last.state == GREW:
             return (
                 f"the error grew after iteration {self.iteration}, whose trajectory (rms error "
-                f"{error}) is that of the next run; learn from it up to a lower frequency, such as "
-                f"{HALF * self.last.frequency_hz:.3g} Hz, or with half of the gain"
+                f"{error}) is that of the next run; learn from it up to a lower frequency, such "
+                f"as {HALF * self.last.frequency_hz:.3g} Hz, or with half of the gain"
             )
         if self.last.state == ENDED:
             return (
                 f"the error no longer falls; the best trajectory is that of iteration "
-                f"{self.iteration}, rms error {error}"
+                f"{self.iteration}, rms error {error}; {self.above:.0%} of the last run's is "
+                f"above {self.last.frequency_hz:.3g} Hz"
             )
         return ""
 
     @property
-    def _ended(self) -> bool:
-        return self.last.state in (ENDED, GREW)
+    def above(self) -> float:
+        """Part of the last run's rms error, from 0 to 1, that is above the learned frequencies."""
+        last = self.last
+        shown = low_pass(self.time, self.error, WIDE * last.frequency_hz)
+        left = shown - low_pass(self.time, self.error, last.frequency_hz)
+        return float(np.sqrt((left**2).sum() / max((shown**2).sum(), 1e-300)))
 
     def __repr__(self) -> str:
         error = format_size(self.last.largest, self.last.unit)
@@ -219,6 +210,7 @@ class NextRun(Result):
             Data("measured", last.measured),
             Row("rms error", last.rms, u, f"rms_{u}"),
             Row("largest error", last.largest, u, f"largest_{u}"),
+            Row("part of it above the learned frequencies", self.above, "relative", "above"),
             Row("scatter of the rms error", last.scatter or None, u, f"scatter_{u}"),
             Row("clock of the record where the path begins", self.clock_s, "s", "clock_s"),
             Row(
@@ -314,13 +306,15 @@ def next_run(
     Examples
     --------
     >>> import pathlib, tempfile
+    >>> import numpy as np
     >>> folder = pathlib.Path(tempfile.mkdtemp())
     >>> trajectory = flexgen.solve("elbow", "line").trajectory
     >>> _ = trajectory.save(folder / "trajectory.csv")
     >>> time = np.arange(-0.2, 1.5, 0.002)
     >>> y = flexgen.plan("elbow", "line").sample(time).y[:, :, 0] + [[3e-4, -1e-4]]
     >>> table = np.column_stack([time, 1e3 * y])
-    >>> np.savetxt(folder / "run.csv", table, delimiter=",", header="time_s,x_mm,z_mm", comments="")
+    >>> names = "time_s,x_mm,z_mm"
+    >>> np.savetxt(folder / "run.csv", table, delimiter=",", header=names, comments="")
     >>> run = flexgen.next_run("elbow", folder, folder / "run.csv", clock=0.0, frame=[0.0] * 6)
     >>> f"{1e6 * run.last.rms:.0f} um", run.iteration
     ('316 um', 1)
@@ -336,10 +330,10 @@ def next_run(
     path = Path(elastic, motion)
     force = make_force(last, robot, path.duration) if CHANNEL in last else None
     tell("inverse dynamics of the path")
-    corrected = CorrectedPath(elastic, path.move, robot, force, tell)
-    given = _corrections(last, corrected)
+    corrected = CorrectedPath(elastic, path.move, robot, force, tell, EARLY_S)
+    given = corrections_of(last, corrected)
     _check_trajectory(place, corrected, given[0])
-    seen = _seen(record, robot, corrected, last, clock, frame)
+    seen = see_error(record, robot, corrected, last, clock, frame)
     rate = 1.0 / record.step
     feedback = controller, sample_time, delay
     low = _frequency(frequency_hz, place.runs, corrected, last, rate, feedback)
@@ -349,20 +343,23 @@ def next_run(
     notes = [*record.notes, *seen.notes]
     if run.state in (ENDED, GREW):
         iteration = best_of(same)
-        trajectory = Trajectory.load(place.command(iteration)) if iteration else None
-        if trajectory is None:
-            first = place.command(0)
-            trajectory = Trajectory.load(first) if first.is_file() else last
+        file_of = place.command(iteration)
+        trajectory = Trajectory.load(file_of) if file_of.is_file() else last
         file = write_folder(place, runs, None, iteration)
     else:
         iteration = place.next_iteration
         tell(f"inverse dynamics of iteration {iteration}")
-        trajectory = _corrected_trajectory(
-            seen, low, float(gain), given, corrected, last, iteration
-        )
-        notes += _changed_model(corrected, given, last)
+        of_path, of_motors = (x.copy() for x in given)
+        learned = gain * learned_part(seen.time, seen.error, corrected.time, low)
+        if seen.rows is None:
+            of_motors -= learned
+        else:
+            of_path[:, seen.rows] -= learned
+        trajectory = corrected_trajectory((of_path, of_motors), corrected, last, iteration)
+        notes += changed_model(corrected, given, last)
         file = write_folder(place, runs, trajectory, iteration)
-    notes += _start_notes(trajectory, last)
+    notes += start_notes(trajectory, last)
+    notes += limit_warnings(robot, trajectory)
     return NextRun(
         robot.name,
         motion.name,
@@ -378,24 +375,6 @@ def next_run(
         seen.soft_m,
         tuple(notes),
     )
-
-
-@dataclass(frozen=True, eq=False)
-class _Seen:
-    """The measured error of a run.
-
-    ``time`` (n,) [s], zero where the path begins; ``error`` (n, k): of the tool at the ``rows`` of
-    the output [m], or of the motors [rad] where ``rows`` is None.
-    """
-
-    time: np.ndarray
-    error: np.ndarray
-    rows: list[int] | None
-    clock_s: float
-    frame: tuple[float, ...]
-    hidden_m: float | None
-    soft_m: float | None
-    notes: tuple[str, ...]
 
 
 def _check_new(record: MeasuredRun, place: LearningFolder) -> None:
@@ -435,21 +414,6 @@ def _own_move(robot: RobotModel, place: LearningFolder, move: str | Move | None)
     return asked
 
 
-def _corrections(last: Trajectory, corrected: CorrectedPath) -> tuple[np.ndarray, np.ndarray]:
-    """Corrections of path (n, n_y) [m, rad] and motors (n, n_m) [rad] of a trajectory, at the
-    instants of the corrected path; zero where it has none.
-    """
-    found = []
-    widths = corrected.outputs, last["tau_m"].shape[1]
-    for name, width in zip((CORRECTION, MOTOR_CORRECTION), widths, strict=True):
-        if name not in last:
-            found.append(np.zeros((len(corrected.time), width)))
-            continue
-        inside = np.clip(corrected.time, last.time[0], last.time[-1])
-        found.append(np.asarray(make_interp_spline(last.time, last[name], k=5)(inside)))
-    return found[0], found[1]
-
-
 def _check_trajectory(
     place: LearningFolder, corrected: CorrectedPath, correction: np.ndarray
 ) -> None:
@@ -467,254 +431,10 @@ def _check_trajectory(
     size = float(np.ptp(wanted, axis=0).max())
     if away > SAME_PATH * size:
         raise ArgumentError(
-            f"{place.path}: given a trajectory whose tool is up to {away:.3g} m away from the path "
-            f"of move {corrected.path.move.name}, expected the inverse dynamics of this move with "
-            "this model: write it anew with flexgen solve"
+            f"{place.path}: given a trajectory whose tool is up to {away:.3g} m away from the "
+            f"path of move {corrected.path.move.name}, expected the inverse dynamics of this move "
+            "with this model: write it anew with flexgen solve"
         )
-
-
-def _seen(
-    record: MeasuredRun,
-    robot: RobotModel,
-    corrected: CorrectedPath,
-    last: Trajectory,
-    clock: float | None,
-    frame: Sequence[float] | None,
-) -> _Seen:
-    """The error of a record: of the tool where a tracker measured it, else of the motors."""
-    if not record.axes:
-        if frame is not None:
-            raise ArgumentError(
-                "frame: given with a record without a tracker, expected none: angles of motors "
-                "have no frame"
-            )
-        time, error, at = _motor_error(record, corrected, last, clock)
-        return _Seen(time, error, None, at, (), None, None, _blind_notes(robot))
-    given = None
-    if frame is not None:
-        given = np.asarray(frame, dtype=float)
-        if given.shape != (6,) or not np.isfinite(given).all():
-            raise ArgumentError(
-                f"frame: given {frame!r}, expected six numbers: position [m] and rotation vector "
-                "[rad] of the tracker in the base"
-            )
-    by_motors = clock is None and record.motors is not None
-    known = _motor_error(record, corrected, last, None)[2] if by_motors else clock
-    rows = axes_in_output(record.axes, robot)
-    curve = _positions_of(corrected.path, record.axes, rows)
-    found = align(
-        record.source,
-        record.time,
-        record.position,
-        curve,
-        corrected.path.duration,
-        clock_s=known,
-        frame=given,
-    )
-    at, expected = _expected_errors(corrected, last, rows)
-    for _ in range(REFINED):
-        time = record.time - found.clock_s
-        error = found.positions(record.position) - curve(time)
-        inside = (time >= at[0]) & (time <= at[-1])
-        shapes = np.array([_resampled(x, at, time[inside]) for x in expected])
-        found = found.refined(error[inside], time[inside], curve, shapes)
-    time = record.time - found.clock_s
-    error = (found.positions(record.position) - curve(time))[:, rows.tracker]
-    soft, hidden = _hidden(found, at, curve, expected, len(expected) - robot.n_m)
-    notes = [] if not by_motors else ["the clock of the record follows from its motor angles"]
-    return _Seen(
-        time,
-        error,
-        rows.output,
-        found.clock_s,
-        tuple(map(float, found.frame)),
-        hidden,
-        soft,
-        (*notes, *_estimate_notes(found)),
-    )
-
-
-def _estimate_notes(found: Alignment) -> list[str]:
-    """Which errors cannot be seen, since clock or frame were estimated from the record."""
-    parts = ["a constant offset of the tool and a tilt of the whole path"] * found.frame_fitted
-    parts += ["a constant delay along the path"] * found.clock_fitted
-    if not parts:
-        return []
-    stated = [name for name, fitted in (("frame", found.frame_fitted),
-                                        ("clock", found.clock_fitted)) if fitted]  # fmt: skip
-    return [
-        f"{' and '.join(stated)} are estimated from this record: {' and '.join(parts)} are not "
-        f"seen, and not learned; state {' and '.join(f'the {name}' for name in stated)} to see them"
-    ]
-
-
-def _blind_notes(robot: RobotModel) -> tuple[str, ...]:
-    """What angles of motors do not show."""
-    return (
-        f"only motors are measured: deflections of the gears and springs of {robot.name} and the "
-        "error of the tool behind them are not seen, and not learned",
-    )
-
-
-def _positions_of(path: Path, axes: str, rows: SharedAxes) -> Callable[[np.ndarray], np.ndarray]:
-    """Positions (k, len(axes)) [m] of a path at instants (k,) [s]; zero along an axis of the
-    tracker that the output does not have.
-    """
-
-    def curve(t: np.ndarray) -> np.ndarray:
-        found = np.zeros((len(t), len(axes)))
-        found[:, rows.tracker] = path.sample(t).y[:, rows.output, 0]
-        return found
-
-    return curve
-
-
-def _motor_error(
-    record: MeasuredRun, corrected: CorrectedPath, last: Trajectory, clock: float | None
-) -> tuple[np.ndarray, np.ndarray, float]:
-    """Instants (n,) [s] on the path, motor angles minus wanted ones (n, n_m) [rad], and the
-    reading of the clock where the path begins [s].
-    """
-    assert record.motors is not None
-    wanted = last["q_m"] - (last[MOTOR_CORRECTION] if MOTOR_CORRECTION in last else 0.0)
-    curve = make_interp_spline(last.time, wanted, k=5)
-
-    def reference(t: np.ndarray) -> np.ndarray:
-        return np.asarray(curve(np.clip(t, last.time[0], last.time[-1])))
-
-    near = np.linspace(0.0, corrected.path.duration, 400)
-    _check_motors(record, reference(near), last)
-    scale = np.maximum(np.ptp(reference(near), axis=0), 1e-9)
-    found = align_motors(record, lambda t: reference(t) / scale, scale, corrected, clock)
-    time = record.time - found
-    error = record.motors - reference(time)
-    inside = (time >= 0.0) & (time <= corrected.path.duration)
-    worst = np.abs(error[inside]).max(axis=0) / scale
-    # A motor that hardly moves is compared with the others on its own side.
-    moving = scale > 1e-2 * scale.max()
-    if (worst[moving] > LARGEST_MOTOR).any():
-        j = int(np.argmax(np.where(moving, worst, 0.0)))
-        raise ArgumentError(
-            f"{record.source}: given angles of motor {last.labels['q_m'][j]} up to "
-            f"{worst[j] * scale[j]:.3g} rad away from those of the trajectory, which moves by "
-            f"{scale[j]:.3g} rad, expected a record of this run: another move, another side of "
-            "the gear, or another zero of the encoder"
-        )
-    return time, error, found
-
-
-def _check_motors(record: MeasuredRun, wanted: np.ndarray, last: Trajectory) -> None:
-    """ArgumentError where the size of the motion of a motor is another one: wrong unit, side or
-    sign.
-    """
-    assert record.motors is not None
-    moved = np.ptp(record.motors, axis=0)
-    size = np.ptp(wanted, axis=0)
-    for j, name in enumerate(last.labels["q_m"]):
-        if size[j] > 1e-2 * size.max() and abs(moved[j] / size[j] - 1.0) > LARGEST_MOTOR:
-            raise ArgumentError(
-                f"{record.source}: motor {name}: given a motion of {moved[j]:.4g} rad, "
-                f"{moved[j] / size[j]:.4g} times that of the trajectory, expected the same: a "
-                "wrong unit in the name of the column, another side of the gear, or another move"
-            )
-
-
-def align_motors(
-    record: MeasuredRun,
-    reference: Callable[[np.ndarray], np.ndarray],
-    scale: np.ndarray,
-    corrected: CorrectedPath,
-    clock: float | None,
-) -> float:
-    """Reading of a record's clock [s] where the path begins, from motor angles over their motion
-    ``scale`` (n_m,) [rad].
-    """
-    assert record.motors is not None
-    from scipy.optimize import minimize_scalar
-
-    q = record.motors / scale
-    duration = corrected.path.duration
-
-    def squares(at: float) -> float:
-        return float(((q - reference(record.time - at)) ** 2).mean())
-
-    first, last = record.time[0] - OLDEST_S, record.time[-1] - duration + OLDEST_S
-    steps = np.arange(first, max(last, first + 1e-6), max(2e-3, record.step))
-    guess = float(steps[int(np.argmin([squares(float(s)) for s in steps]))])
-    width = 2.0 * max(2e-3, record.step)
-    options = {"xatol": 1e-7}
-    bounds = guess - width, guess + width
-    found = float(minimize_scalar(squares, bounds=bounds, method="bounded", options=options).x)
-    slack = 2.0 * record.step
-    if record.time[0] > found + slack or record.time[-1] < found + duration - slack:
-        raise ArgumentError(
-            f"{record.source}: given a record from {record.time[0] - found:.4g} to "
-            f"{record.time[-1] - found:.4g} s of the path, expected one of all of it, 0 to "
-            f"{duration:.4g} s: start the record before the robot moves"
-        )
-    if clock is None:
-        return found
-    if abs(clock - found) > max(0.05, slack):
-        raise ArgumentError(
-            f"clock: given {clock:.6g} s, but the motors of {record.source} fit the trajectory "
-            f"with {found:.6g} s, expected the reading of its clock where the path begins; leave "
-            "it out, and it is estimated"
-        )
-    return clock
-
-
-def _expected_errors(
-    corrected: CorrectedPath, last: Trajectory, rows: SharedAxes
-) -> tuple[np.ndarray, np.ndarray]:
-    """Instants (k,) [s] along the path, and errors of the tracked point (m, k, d) [m] that the
-    model expects: of each spring that is softer, at slow motion, then of each motor that friction
-    holds back.
-    """
-    equations = corrected.equations
-    model = equations.model
-    inside = np.flatnonzero((last.time >= 0.0) & (last.time <= corrected.path.duration))
-    at = inside[np.unique(np.linspace(0, len(inside) - 1, 200).astype(int))]
-    motion = [last[name][at] for name in MOTION]
-    library = library_with(model, ["inverse_dynamics"])
-    torque = np.asarray(library.inverse_dynamics(*(np.ascontiguousarray(x) for x in motion[:3])))
-    step = float(last.time[at[1]] - last.time[at[0]])
-    arm = LinearisedArm(equations, motion, step)
-    moved = [
-        arm.softer(torque * (np.arange(model.n_a) == i), SOFTER) for i in arm.free if i < model.n_a
-    ]
-    twist = np.linalg.inv(model.eta)
-    for j in range(model.n_m):
-        held = np.zeros((len(at), model.n_a))
-        speed = motion[4][:, j] / max(float(np.abs(motion[4][:, j]).max()), 1e-12)
-        held[:, list(model.i_g)] = HELD * np.tanh(speed / SLOW)[:, None] * np.sign(twist[:, j])
-        held[:, list(model.i_g)] *= np.abs(twist[:, j]) > 0.0
-        moved.append(held)
-    W = evaluate(output_jacobian(equations), motion[0])[0].reshape(len(at), -1, model.n_a)
-    found = np.zeros((len(moved), len(at), len(rows.axes)))
-    for k, dq in enumerate(moved):
-        found[k][:, rows.tracker] = np.einsum("nij,nj->ni", W, dq)[:, rows.output]
-    return last.time[at], found
-
-
-def _resampled(x: np.ndarray, at: np.ndarray, time: np.ndarray) -> np.ndarray:
-    """Samples (k, d) at other instants (n,), linear between them."""
-    return np.stack([np.interp(time, at, column) for column in x.T], axis=1)
-
-
-def _hidden(
-    found: Alignment,
-    at: np.ndarray,
-    curve: Callable[[np.ndarray], np.ndarray],
-    expected: np.ndarray,
-    springs: int,
-) -> tuple[float, float]:
-    """Largest error of the tool with softer springs at slow motion [m], and how much of it the
-    estimates of clock and frame hide; the first ``springs`` of the expected errors are theirs.
-    """
-    error = expected[:springs].sum(axis=0)
-    hidden = found.hidden(error, at, curve)
-    sizes = [float(np.linalg.norm(x, axis=1).max()) for x in (error, hidden)]
-    return sizes[0], sizes[1]
 
 
 def _frequency(
@@ -725,7 +445,7 @@ def _frequency(
     rate: float,
     feedback: tuple[Any, float, float],
 ) -> float:
-    """Frequency of the low pass [Hz]; ArgumentError where the record has too few samples for it."""
+    """Frequency of the low pass [Hz]; ArgumentError where the record has too few samples."""
     found = given
     most = MOST * rate
     if found is None and runs:
@@ -744,17 +464,17 @@ def _frequency(
 
 
 def _judged(
-    seen: _Seen, record: MeasuredRun, place: LearningFolder, low: float, gain: float
+    seen: SeenError, record: MeasuredRun, place: LearningFolder, low: float, gain: float
 ) -> LearningRun:
     """The run of a record, with what its error did."""
-    shown = low_pass(seen.time, seen.error, REPORTED * low)
+    shown = low_pass(seen.time, seen.error, WIDE * low)
     noise = seen.error - shown
     sizes = np.linalg.norm(shown, axis=1) if seen.rows is not None else np.abs(shown).max(axis=1)
     rms = float(np.sqrt((sizes**2).mean()))
     largest = float(sizes.max())
     measured = "motors" if seen.rows is None else "tool"
     before = [run for run in place.runs if run.measured == measured]
-    part = min(2.0 * REPORTED * low * record.step, 1.0)
+    part = min(2.0 * WIDE * low * record.step, 1.0)
     own = float(np.sqrt((noise**2).sum(axis=1).mean() * part / len(noise)))
     scatter = max(scatter_of(before, place.iteration, rms), own)
     state = judge(before, place.iteration, rms, largest, scatter)
@@ -770,115 +490,3 @@ def _judged(
         record.source,
         record.digest,
     )
-
-
-def _corrected_trajectory(
-    seen: _Seen,
-    low: float,
-    gain: float,
-    given: tuple[np.ndarray, np.ndarray],
-    corrected: CorrectedPath,
-    last: Trajectory,
-    iteration: int,
-) -> Trajectory:
-    """The trajectory of the next run."""
-    of_path, of_motors = (x.copy() for x in given)
-    learned = gain * learned_part(seen.time, seen.error, corrected.time, low)
-    if seen.rows is None:
-        of_motors -= learned
-    else:
-        of_path[:, seen.rows] -= learned
-    found = corrected.invert(of_path)
-    time = found.t + corrected.time[0]
-    channels = {name: getattr(found, name) for name in ("q_a", "v_a", "a_a", "q_m", "v_m")}
-    channels |= {"a_m": time_derivative(found.v_m, found.period), "tau_m": found.tau_m}
-    if of_motors.any():
-        moved = _spline(corrected.time, of_motors, time)
-        arm = LinearisedArm(corrected.equations, [channels[x] for x in MOTION], found.period)
-        channels["tau_m"] = channels["tau_m"] + arm.torque(*moved)
-        for name, x in zip(("q_m", "v_m", "a_m"), moved, strict=True):
-            channels[name] = channels[name] + x
-    channels["tau_g"] = found.tau_g
-    channels[CORRECTION] = _spline(corrected.time, of_path, time)[0]
-    channels[MOTOR_CORRECTION] = _spline(corrected.time, of_motors, time)[0]
-    return _with_labels(channels, time, corrected, last, iteration)
-
-
-def _spline(
-    grid: np.ndarray, values: np.ndarray, time: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Samples (n, k) of a correction at rest at both ends and of its rates, at other instants."""
-    zero = [(order, np.zeros(values.shape[1])) for order in range(1, (DEGREE + 1) // 2)]
-    spline = make_interp_spline(grid, values, k=DEGREE, bc_type=(zero, zero))
-    inside = np.clip(time, grid[0], grid[-1])
-    moving = ((time >= grid[0]) & (time <= grid[-1]))[:, None]
-    return (
-        np.asarray(spline(inside)),
-        np.where(moving, spline(inside, 1), 0.0),
-        np.where(moving, spline(inside, 2), 0.0),
-    )
-
-
-def _with_labels(
-    channels: dict[str, np.ndarray],
-    time: np.ndarray,
-    corrected: CorrectedPath,
-    last: Trajectory,
-    iteration: int,
-) -> Trajectory:
-    """Channels as a trajectory with the labels and units of the last one."""
-    sample = corrected.path.sample(time)
-    channels["y_ref"] = sample.y[:, :, 0]
-    if sample.R is not None:
-        channels["R_ref"] = sample.R.reshape(len(time), 9)
-    if CHANNEL in last:
-        channels[CHANNEL] = last.at(np.clip(time, last.time[0], last.time[-1]))[CHANNEL]
-    labels = {}
-    ports = {}
-    units = {}
-    output = "y_ref" if corrected.equations.model.output.type != "tool_pose" else None
-    for name, x in channels.items():
-        source = {CORRECTION: output, MOTOR_CORRECTION: "q_m"}.get(name, name)
-        if source is not None and source in last:
-            labels[name] = last.labels[source]
-            units[name] = last.units[source]
-            unit = last.ports[source].unit
-        else:
-            labels[name] = tuple(map(str, range(x.shape[1])))
-            units[name] = ("m",) * 3 + ("rad",) * 3
-            unit = "rad or m"
-        doc = "learned correction" if source != name else last.ports[name].doc
-        ports[name] = Port(name, (x.shape[1],), unit, doc)
-    meta = dict(last.meta) | {"kind": "learned", "torque": "smooth", KEY: iteration}
-    meta = {key: meta[key] for key in meta if key not in ("errors", "torque_degree")}
-    return Trajectory(time, channels, ports, labels, meta, units)
-
-
-def _changed_model(
-    corrected: CorrectedPath, given: tuple[np.ndarray, np.ndarray], last: Trajectory
-) -> list[str]:
-    """A note where the torques of the last run are not those of the model: it was changed."""
-    if given[1].any():
-        return []
-    found: Inversion = corrected.invert(given[0])
-    time = found.t + corrected.time[0]
-    inside = (time >= last.time[0]) & (time <= last.time[-1])
-    away = float(np.abs(found.tau_m[inside] - last.at(time[inside])["tau_m"]).max())
-    if away <= CHANGED * np.abs(last["tau_m"]).max():
-        return []
-    return [
-        f"the torques of the last run differ by up to {away:.3g} N m from those of the model along "
-        "its path: the model was changed since; the next run has those of the new model"
-    ]
-
-
-def _start_notes(new: Trajectory, last: Trajectory) -> list[str]:
-    """A note where the next run begins at other motor angles than the last one."""
-    away = np.abs(new["q_m"][0] - last["q_m"][0])
-    j = int(np.argmax(away))
-    if away[j] < 1e-6:
-        return []
-    return [
-        f"the next run begins at other motor angles, by up to {away[j]:.3g} rad "
-        f"({new.labels['q_m'][j]}): move there first"
-    ]

@@ -1,0 +1,300 @@
+"""The measured error of a run: of the tool by a tracker, or of the motors.
+
+The clock of a tracker that is in one file with motor angles follows from these: the motors follow
+their references closely. The springs that are softer, at slow motion, and motors that friction
+holds back make the errors that the model expects; see `alignment.py`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import make_interp_spline
+from scipy.optimize import minimize_scalar
+
+from flexgen.base.errors import ArgumentError
+from flexgen.base.motion.trajectory import Trajectory
+from flexgen.base.numerics.evaluate import evaluate
+from flexgen.codegen.build.model_library import library_with
+from flexgen.feedback.loop.sampled_model import output_jacobian
+from flexgen.model.elements import RobotModel
+from flexgen.paths.path import Path
+from flexgen.planning.learning.alignment import Alignment, align
+from flexgen.planning.learning.corrected import CorrectedPath
+from flexgen.planning.learning.measured_run import MeasuredRun, SharedAxes, axes_in_output
+from flexgen.planning.learning.motor_reaction import LinearisedArm
+from flexgen.planning.learning.next_trajectory import MOTION, MOTOR_CORRECTION
+
+SOFTER = 0.1  # change of all springs of which the hidden error is stated
+LARGEST_MOTOR = 0.2  # motor error over the motion of the motor: a record of another move
+MOVES = 1e-2  # motion of a motor over the largest one: motors with less are not compared
+EARLIEST_S = 0.3  # the path begins at most so long before a record of motors
+COARSE_S = 2e-3  # step of the first search for the clock of motors [s]
+# Angle of a joint by which friction holds its motor back [rad], and the part of the largest speed
+# below which it does so less.
+HELD = 2e-4
+SLOW = 0.02
+REFINED = 3  # times that the clock is fitted with the expected errors
+
+
+@dataclass(frozen=True, eq=False)
+class SeenError:
+    """The measured error of a run.
+
+    ``time`` (n,) [s], zero where the path begins; ``error`` (n, k): of the tool at the ``rows`` of
+    the output [m], or of the motors [rad] where ``rows`` is None.
+    """
+
+    time: np.ndarray
+    error: np.ndarray
+    rows: list[int] | None
+    clock_s: float
+    frame: tuple[float, ...]
+    hidden_m: float | None
+    soft_m: float | None
+    notes: tuple[str, ...]
+
+
+def see_error(
+    record: MeasuredRun,
+    robot: RobotModel,
+    corrected: CorrectedPath,
+    last: Trajectory,
+    clock: float | None,
+    frame: Sequence[float] | None,
+) -> SeenError:
+    """The error of a record: of the tool where a tracker measured it, else of the motors."""
+    if not record.axes:
+        if frame is not None:
+            raise ArgumentError(
+                "frame: given with a record without a tracker, expected none: angles of motors "
+                "have no frame"
+            )
+        time, error, at = _motor_error(record, corrected, last, clock)
+        return SeenError(time, error, None, at, (), None, None, _blind_notes(robot))
+    given = None
+    if frame is not None:
+        given = np.asarray(frame, dtype=float)
+        if given.shape != (6,) or not np.isfinite(given).all():
+            raise ArgumentError(
+                f"frame: given {frame!r}, expected six numbers: position [m] and rotation vector "
+                "[rad] of the tracker in the base"
+            )
+    by_motors = clock is None and record.motors is not None
+    known = _motor_error(record, corrected, last, None)[2] if by_motors else clock
+    rows = axes_in_output(record.axes, robot)
+    curve = _positions_of(corrected.path, record.axes, rows)
+    found = align(
+        record.source,
+        record.time,
+        record.position,
+        curve,
+        corrected.path.duration,
+        clock_s=known,
+        frame=given,
+    )
+    grid, expected = _expected_errors(corrected, last, rows)
+    for _ in range(REFINED):
+        time = record.time - found.clock_s
+        error = found.positions(record.position) - curve(time)
+        inside = (time >= grid[0]) & (time <= grid[-1])
+        shapes = np.array([_resampled(x, grid, time[inside]) for x in expected])
+        found = found.refined(error[inside], time[inside], curve, shapes)
+    time = record.time - found.clock_s
+    error = (found.positions(record.position) - curve(time))[:, rows.tracker]
+    soft, hidden = _hidden(found, grid, curve, expected, len(expected) - robot.n_m)
+    notes = [] if not by_motors else ["the clock of the record follows from its motor angles"]
+    return SeenError(
+        time,
+        error,
+        rows.output,
+        found.clock_s,
+        tuple(map(float, found.frame)),
+        hidden,
+        soft,
+        (*notes, *_estimate_notes(found)),
+    )
+
+
+def _estimate_notes(found: Alignment) -> list[str]:
+    """Which errors cannot be seen, since clock or frame were estimated from the record."""
+    parts = ["a constant offset of the tool and a tilt of the whole path"] * found.frame_fitted
+    parts += ["a constant delay along the path"] * found.clock_fitted
+    if not parts:
+        return []
+    stated = [name for name, fitted in (("frame", found.frame_fitted),
+                                        ("clock", found.clock_fitted)) if fitted]  # fmt: skip
+    return [
+        f"estimated from this record: {' and '.join(stated)} of the tracker; not seen, and not "
+        f"learned: {' and '.join(parts)}; {' and '.join(f'--{name}' for name in stated)} with the "
+        "true numbers show them"
+    ]
+
+
+def _blind_notes(robot: RobotModel) -> tuple[str, ...]:
+    """What angles of motors do not show."""
+    return (
+        f"only motors are measured: deflections of the gears and springs of {robot.name} and the "
+        "error of the tool behind them are not seen, and not learned",
+    )
+
+
+def _positions_of(path: Path, axes: str, rows: SharedAxes) -> Callable[[np.ndarray], np.ndarray]:
+    """Positions (k, len(axes)) [m] of a path at instants (k,) [s]; zero along an axis of the
+    tracker that the output does not have.
+    """
+
+    def curve(t: np.ndarray) -> np.ndarray:
+        found = np.zeros((len(t), len(axes)))
+        found[:, rows.tracker] = path.sample(t).y[:, rows.output, 0]
+        return found
+
+    return curve
+
+
+def _motor_error(
+    record: MeasuredRun, corrected: CorrectedPath, last: Trajectory, clock: float | None
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Instants (n,) [s] on the path, motor angles minus wanted ones (n, n_m) [rad], and the
+    reading of the clock where the path begins [s].
+    """
+    assert record.motors is not None
+    wanted = last["q_m"] - last.channels.get(MOTOR_CORRECTION, 0.0)
+    curve = make_interp_spline(last.time, wanted, k=5)
+
+    def reference(t: np.ndarray) -> np.ndarray:
+        return np.asarray(curve(np.clip(t, last.time[0], last.time[-1])))
+
+    near = np.linspace(0.0, corrected.path.duration, 400)
+    _check_motors(record, reference(near), last)
+    scale = np.maximum(np.ptp(reference(near), axis=0), 1e-9)
+    found = _align_motors(record, lambda t: reference(t) / scale, scale, corrected, clock)
+    time = record.time - found
+    error = record.motors - reference(time)
+    inside = (time >= 0.0) & (time <= corrected.path.duration)
+    worst = np.abs(error[inside]).max(axis=0) / scale
+    # A motor that hardly moves is compared with the others on its own side.
+    moving = scale > MOVES * scale.max()
+    if (worst[moving] > LARGEST_MOTOR).any():
+        j = int(np.argmax(np.where(moving, worst, 0.0)))
+        raise ArgumentError(
+            f"{record.source}: given angles of motor {last.labels['q_m'][j]} up to "
+            f"{worst[j] * scale[j]:.3g} rad away from those of the trajectory, which moves by "
+            f"{scale[j]:.3g} rad, expected a record of this run: another move, another side of "
+            "the gear, or another zero of the encoder"
+        )
+    return time, error, found
+
+
+def _check_motors(record: MeasuredRun, wanted: np.ndarray, last: Trajectory) -> None:
+    """ArgumentError where the size of the motion of a motor is another one: wrong unit, side or
+    sign.
+    """
+    assert record.motors is not None
+    moved = np.ptp(record.motors, axis=0)
+    size = np.ptp(wanted, axis=0)
+    for j, name in enumerate(last.labels["q_m"]):
+        if size[j] > MOVES * size.max() and abs(moved[j] / size[j] - 1.0) > LARGEST_MOTOR:
+            raise ArgumentError(
+                f"{record.source}: motor {name}: given a motion of {moved[j]:.4g} rad, "
+                f"{moved[j] / size[j]:.4g} times that of the trajectory, expected the same: a "
+                "wrong unit in the name of the column, another side of the gear, or another move"
+            )
+
+
+def _align_motors(
+    record: MeasuredRun,
+    reference: Callable[[np.ndarray], np.ndarray],
+    scale: np.ndarray,
+    corrected: CorrectedPath,
+    clock: float | None,
+) -> float:
+    """Reading of a record's clock [s] where the path begins, from motor angles over their motion
+    ``scale`` (n_m,) [rad].
+    """
+    assert record.motors is not None
+    q = record.motors / scale
+    duration = corrected.path.duration
+
+    def squares(at: float) -> float:
+        return float(((q - reference(record.time - at)) ** 2).mean())
+
+    first, last = record.time[0] - EARLIEST_S, record.time[-1] - duration + EARLIEST_S
+    steps = np.arange(first, max(last, first + 1e-6), max(COARSE_S, record.step))
+    guess = float(steps[int(np.argmin([squares(float(s)) for s in steps]))])
+    width = 2.0 * max(COARSE_S, record.step)
+    options = {"xatol": 1e-7}
+    bounds = guess - width, guess + width
+    found = float(minimize_scalar(squares, bounds=bounds, method="bounded", options=options).x)
+    slack = 2.0 * record.step
+    if record.time[0] > found + slack or record.time[-1] < found + duration - slack:
+        raise ArgumentError(
+            f"{record.source}: given a record from {record.time[0] - found:.4g} to "
+            f"{record.time[-1] - found:.4g} s of the path, expected one of all of it, 0 to "
+            f"{duration:.4g} s: start the record before the robot moves"
+        )
+    if clock is None:
+        return found
+    if abs(clock - found) > max(0.05, slack):
+        raise ArgumentError(
+            f"clock: given {clock:.6g} s, but the motors of {record.source} fit the trajectory "
+            f"with {found:.6g} s, expected the reading of its clock where the path begins; leave "
+            "it out, and it is estimated"
+        )
+    return clock
+
+
+def _expected_errors(
+    corrected: CorrectedPath, last: Trajectory, rows: SharedAxes
+) -> tuple[np.ndarray, np.ndarray]:
+    """Instants (k,) [s] along the path, and errors of the tracked point (m, k, d) [m] that the
+    model expects: of each spring that is softer, at slow motion, then of each motor that friction
+    holds back.
+    """
+    equations = corrected.equations
+    model = equations.model
+    inside = np.flatnonzero((last.time >= 0.0) & (last.time <= corrected.path.duration))
+    at = inside[np.unique(np.linspace(0, len(inside) - 1, 200).astype(int))]
+    motion = [last[name][at] for name in MOTION]
+    library = library_with(model, ["inverse_dynamics"])
+    torque = np.asarray(library.inverse_dynamics(*(np.ascontiguousarray(x) for x in motion[:3])))
+    step = float(last.time[at[1]] - last.time[at[0]])
+    arm = LinearisedArm(equations, motion, step)
+    moved = [
+        arm.softer(torque * (np.arange(model.n_a) == i), SOFTER) for i in arm.free if i < model.n_a
+    ]
+    twist = np.linalg.inv(model.eta)
+    for j in range(model.n_m):
+        held = np.zeros((len(at), model.n_a))
+        speed = motion[4][:, j] / max(float(np.abs(motion[4][:, j]).max()), 1e-12)
+        held[:, list(model.i_g)] = HELD * np.tanh(speed / SLOW)[:, None] * np.sign(twist[:, j])
+        held[:, list(model.i_g)] *= np.abs(twist[:, j]) > 0.0
+        moved.append(held)
+    W = evaluate(output_jacobian(equations), motion[0])[0].reshape(len(at), -1, model.n_a)
+    found = np.zeros((len(moved), len(at), len(rows.axes)))
+    for k, dq in enumerate(moved):
+        found[k][:, rows.tracker] = np.einsum("nij,nj->ni", W, dq)[:, rows.output]
+    return last.time[at], found
+
+
+def _resampled(x: np.ndarray, at: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """Samples (k, d) at other instants (n,), linear between them."""
+    return np.stack([np.interp(time, at, column) for column in x.T], axis=1)
+
+
+def _hidden(
+    found: Alignment,
+    at: np.ndarray,
+    curve: Callable[[np.ndarray], np.ndarray],
+    expected: np.ndarray,
+    springs: int,
+) -> tuple[float, float]:
+    """Largest error of the tool with softer springs at slow motion [m], and how much of it the
+    estimates of clock and frame hide; the first ``springs`` of the expected errors are theirs.
+    """
+    error = expected[:springs].sum(axis=0)
+    hidden = found.hidden(error, at, curve)
+    sizes = [float(np.linalg.norm(x, axis=1).max()) for x in (error, hidden)]
+    return sizes[0], sizes[1]
