@@ -111,11 +111,8 @@ def test_names_that_scripts_import_from_flexgen_are_there() -> None:
     optional = [line for line in lines if "torch" in line or "jax" in line or "cuda" in line]
     checked = [line for line in lines if line not in optional]
     assert len(checked) > 60
-    program = "\n".join([*checked, "print('all')"])
-    done = subprocess.run(
-        [sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=False
-    )
-    assert done.stdout == "all\n", done.stderr[-500:]
+    for line in checked:
+        exec(line, {})
 
 
 @pytest.mark.slow

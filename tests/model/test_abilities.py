@@ -54,6 +54,14 @@ def refusing(name: str, function: str) -> list[Feature]:
 CELLS = [(name, function) for name in CHANGES for function in FUNCTIONS]
 REFUSED = [cell for cell in CELLS if refusing(*cell)]
 TAKEN = [cell for cell in CELLS if not refusing(*cell) and cell not in ELSEWHERE]
+# Every fifth cell along both sides of the table, so that each function and each feature has some
+# with the slow tests; the other cells run with the full ones.
+FEATURES_APART = 5
+
+
+def is_full(name: str, function: str) -> bool:
+    """Whether a cell of the table runs with the full tests only."""
+    return bool((list(CHANGES).index(name) + list(FUNCTIONS).index(function)) % FEATURES_APART)
 
 
 def test_each_row_has_a_robot_and_each_function_a_call(tmp_path: Path) -> None:
@@ -80,8 +88,17 @@ def test_a_refused_robot_gets_the_reason_of_the_table(
     assert str(told.value) in texts
 
 
+def test_each_function_and_each_feature_has_a_slow_cell() -> None:
+    slow = [cell for cell in TAKEN if not is_full(*cell)]
+    assert {name for name, _ in slow} == {name for name, _ in TAKEN}
+    assert {function for _, function in slow} == {function for _, function in TAKEN}
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "function"), TAKEN)
+@pytest.mark.parametrize(
+    ("name", "function"),
+    [pytest.param(*cell, marks=pytest.mark.full if is_full(*cell) else ()) for cell in TAKEN],
+)
 def test_a_robot_that_is_not_refused_is_taken(name: str, function: str, tmp_path: Path) -> None:
     calls(tmp_path)[function](robot_with(name))
 
