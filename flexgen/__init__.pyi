@@ -75,11 +75,14 @@ from flexgen.identification.load.payload import Load as Load
 from flexgen.identification.load.payload import identify_load as identify_load
 from flexgen.identification.motions.motion_fit import MotionFit as MotionFit
 from flexgen.identification.motions.motion_fit import fit_motion as fit_motion
+from flexgen.identification.motions.record_comparison import compare_record as compare_record
+from flexgen.identification.motions.record_result import RecordComparison as RecordComparison
 from flexgen.identification.motions.time_domain import refine as refine
 from flexgen.identification.poses.calibrate import calibrate as calibrate
 from flexgen.identification.poses.parameters import Priors as Priors
 from flexgen.identification.poses.poses import StaticPoses as StaticPoses
 from flexgen.identification.poses.result import Calibration as Calibration
+from flexgen.identification.records.joint_record import JointRecord as JointRecord
 from flexgen.identification.responses.frequency_response import Frf as Frf
 from flexgen.identification.responses.frequency_response import frf as frf
 from flexgen.identification.responses.graybox import identify as identify

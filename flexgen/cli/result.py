@@ -32,6 +32,7 @@ Writer = Callable[[], Path]  # writes a file of a result and returns its path
 # numbers.
 WRITERS = {
     "identify_load": ((".json", ".npz"), ""),
+    "compare_record": ((".json", ".npz"), ""),
     "identify_servo": ((".toml", ".json"), ""),
     "identify_gears": ((".toml", ".json", ".npz"), "GearFit"),
     "identify": ((".toml",), "Estimated"),

@@ -53,6 +53,7 @@ FUNCTIONS = (
     "identify_rigid",
     "identify_load",
     "identify_gears",
+    "compare_record",
     "calibrate",
     "ExtendedKalmanFilter",
     "CollisionDetector",
@@ -424,6 +425,7 @@ FEATURES: tuple[Feature, ...] = (
             "learn": "its feedforward is the inverse dynamics reduced to the output",
             "fastest": "its search needs the inverse dynamics reduced to the output",
             "feedback_study": "feedback linearization needs rotors that only their gears turn",
+            "compare_record": "rotors that turn with the bodies add to the torques of the joints",
             "CollisionDetector": "its residual is that of the simplified equations",
         },
         parts={

@@ -681,10 +681,17 @@ BAD_OVERLAY = {
         "urdf.limits",
         ["true or false"],
     ),
-    "element in addition to urdf": (
-        [("[joint.turn]", '[[element]]\nname = "x"\n[joint.turn]')],
-        "element",
-        ["either [urdf]"],
+    "gear at a fixed joint": (
+        [
+            (
+                "[joint.turn]",
+                '[joint.end]\ngear = { type = "rigid" } #!\nafter = [{ name = "x", type = '
+                '"rotation", axis = [1, 0, 0], spring = { type = "linear", stiffness = 1.0 } }]\n'
+                "[joint.turn]",
+            )
+        ],
+        "joint.end.gear",
+        ["an unknown key", "one of after, before"],
     ),
     "unknown joint": (
         [("[joint.turn]", "[joint.trn] #!")],

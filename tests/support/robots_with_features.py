@@ -154,6 +154,15 @@ def record_of(robot: flexgen.RobotModel) -> Any:
     return flexgen.control(robot, sample_time=1e-3).trajectory()
 
 
+def joints_of(robot: flexgen.RobotModel) -> flexgen.JointRecord:
+    """A record of its joints, which move once and have no torques."""
+    time = 1e-3 * np.arange(800)
+    swing = 0.1 * np.sin(np.pi * np.clip((time - 0.2) / 0.3, 0.0, 1.0)) ** 4
+    names = tuple(robot.coordinates[i].name for i in robot.i_g)
+    angle = np.array(robot.home) + np.outer(swing, np.ones(robot.n_g))
+    return flexgen.JointRecord(time, angle, np.zeros_like(angle), names)
+
+
 @cache
 def responses_of_elbow() -> Any:
     robot = robot_with("none")
@@ -198,6 +207,7 @@ def calls(folder: Path) -> dict[str, Callable[[flexgen.RobotModel], Any]]:
         "identify_gears": lambda robot: flexgen.identify_gears(
             robot, record_of(robot), hysteresis=False, harmonics=[1]
         ),
+        "compare_record": lambda robot: flexgen.compare_record(robot, joints_of(robot)),
         "calibrate": lambda robot: flexgen.calibrate(
             measured(robot), poses_of_elbow(), free=["zeros"], folds=2
         ),

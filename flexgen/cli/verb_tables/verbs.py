@@ -64,6 +64,14 @@ ROWS = (
                     group="kind",
                 ),
                 Option(
+                    "payload",
+                    "of a URDF file: an elastic beam on the tip of a robot that takes "
+                    "positions, from its drawing (m, Pa, kg/m^3), such as beam:length=0.52,"
+                    "width=0.08,height=0.001,modulus=190e9,density=7870,angle_deg=30",
+                    "BEAM",
+                    "text",
+                ),
+                Option(
                     "dh",
                     "with elastic gears for a table of Denavit-Hartenberg parameters "
                     "(.csv), units in its header; see docs/datasheet.md",
@@ -568,6 +576,27 @@ ROWS = (
             "files": (
                 PAGE,
                 Option("out", "write the servo to this file (.toml)", "FILE", "toml_file"),
+            ),
+        },
+    ),
+    Verb(
+        "compare-record",
+        function="compare_record",
+        rows={
+            "arguments": (
+                Option("record", "joint angles and joint torques (.csv)", "FILE", place=True),
+                "columns",
+            ),
+            "comparison": (
+                "window",
+                "about",
+                Option("lag", metavar="S"),
+                "smallest",
+                "limit_hz",
+            ),
+            "files": (
+                PAGE,
+                Option("out", "write the result to this file (.json, .npz)", "FILE"),
             ),
         },
     ),

@@ -28,6 +28,8 @@ def new(args: Namespace, log: Progress) -> VerbResult:
         )
     if args.convention and args.dh is None:
         raise ArgumentError("--convention: given without --dh, expected --dh FILE.csv")
+    if args.payload and args.urdf is None:
+        raise ArgumentError("--payload: given without --urdf, expected --urdf FILE")
     found = {"name": args.name, "out": str(path)}
     if args.dh is None:
         return _from_template(args, path)
@@ -49,7 +51,8 @@ def _from_template(args: Namespace, path: Path) -> VerbResult:
     """Write a template, or the overlay of a URDF file with its repairs."""
     from flexgen.studies.templates.new_model import new_overlay
 
-    made = new_overlay(args.name, args.template or "planar", args.urdf, path.parent)
+    given = args.template or "planar", args.urdf, path.parent, args.payload
+    made = new_overlay(args.name, *given)
     write_text(path, made.text)
     lines = [f"wrote {path}", *(f"repaired: {note}" for note in made.repairs)]
     if made.unfinished:

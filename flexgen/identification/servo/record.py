@@ -3,9 +3,9 @@
 Names of the columns: the time, ``time_s`` or ``t ms``; of each joint ``JOINT_command_deg`` and
 ``JOINT_deg``, with its unit (`flexgen.base.spec.units`) behind ``_`` or a space. Other columns are
 ignored. Commands are one period of the interface apart: stamps that scatter about equal steps
-become these,
-commands that were sent at unequal steps are refused. Angles with another rate than the commands
-are taken at their instants. Before a gap in time the record ends.
+become these, commands that were sent at unequal steps are refused. Angles with another rate than
+the commands are taken at their instants. Before a gap in time the record ends. Logs of libfranka
+are read as they are.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from flexgen.base.errors import ArgumentError
 from flexgen.base.files.record_columns import find_column, find_time
 from flexgen.base.files.record_tables import read_arrays
 from flexgen.base.numerics.sampling import drop_repeats, read_clock, resample
+from flexgen.identification.records.libfranka import columns_of_log, is_log
 from flexgen.model.elements import RobotModel
 
 SIZE_MAX = 1_000_000_000  # bytes of a file
@@ -129,6 +130,8 @@ class ServoRecord:
             raise ArgumentError(f"{file}: cannot be read: expected a CSV file")
         arrays = read_arrays(file, SIZE_MAX, columns)
         where = f"{file}:1"
+        if is_log(arrays):
+            arrays = columns_of_log(where, arrays, model)
         header = list(arrays)
         at, second = find_time(where, header, plain=plain)
         found = []

@@ -450,7 +450,7 @@ def model_schema() -> Schema:
     needed = root.pop("required")
     root["oneOf"] = [
         {"required": needed, "not": {"required": ["urdf"]}},
-        {"required": ["urdf"], "not": {"required": ["element"]}},
+        {"required": ["urdf"]},
     ]
     every = (*vars(robot).values(), robot.friction(), robot.hysteresis(), robot.lugre())
     forms = [form for form in every if getattr(form, "definition", "")]

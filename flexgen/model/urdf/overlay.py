@@ -34,12 +34,13 @@ _EVERY = JOINT.without("rename", "before", "after").names  # of the table [joint
 # s/rad or s/m: of the Coulomb friction of a URDF file, which is smoothed by tanh(beta speed); at
 # 5 % of the speed of a usual joint, 1 rad/s or 0.3 m/s, it is 76 % of its value
 BETA = {"revolute": 20.0, "continuous": 20.0, "prismatic": 66.0}
-_FROM_URDF = ("element",)  # keys of a model file that the URDF file replaces
+# Keys of the table of a fixed joint: degrees of freedom between the two links.
+_AT_FIXED = ("before", "after")
 
 
 def expand(root: Entry, folder: Path, shown: str) -> dict[str, UrdfJoint]:
     """Replace the tables ``urdf``, ``joint`` and ``link`` of a model file by ``element`` and
-    ``motor`` tables.
+    ``motor`` tables; ``element`` tables of the file follow those of the chain, on its tip.
 
     Adds defaults for missing keys: the name of the robot in the URDF file, gravity along -z, all
     actuated joints as output, and a home at zero (midway between the limits if zero is outside of
@@ -65,13 +66,6 @@ def expand(root: Entry, folder: Path, shown: str) -> dict[str, UrdfJoint]:
         One of the two files has an error.
     """
     top = Table(shown, root, "")
-    for name in _FROM_URDF:
-        if name in top:
-            raise top.fail(
-                name,
-                "either [urdf] or [[element]] tables, not both",
-                f"{name} in addition to [urdf]",
-            )
     overlay = _Overlay(top, folder)
     chain = overlay.chain()
     overlay.spread(chain)
@@ -136,7 +130,12 @@ class _Overlay:
         motion_of = Motions(self.urdf, self._read_locked(), self.joints)
         dropped = self._read_dropped()
         self._check_unfinished()
-        chain = find_chain(self.urdf, base, tips, motion_of, dropped, self._inertial)
+        hinged = frozenset(
+            name
+            for name, table in self.joints.items()
+            if any(side in table for side in _AT_FIXED) and motion_of(self.urdf.joints[name]).fixed
+        )
+        chain = find_chain(self.urdf, base, tips, motion_of, dropped, self._inertial, hinged)
         moving = {segment.joint.name for segment in chain.segments}
         for name in (name for tip in tips for name in dropped & self._above(tip)):
             raise self.table.fail("drop", f"joints outside the chain ({show(name)} is part of it)")
@@ -146,6 +145,8 @@ class _Overlay:
                 raise table.fail(
                     None, f"a moving joint of the chain: {among(name, sorted(moving))}", given
                 )
+            if name in hinged:
+                table.only(*_AT_FIXED)
         named = {segment.link.name for segment in chain.segments} | {tips[0]}
         for name, table in self.links.items():
             if "rename" in table and name not in named:
@@ -161,7 +162,7 @@ class _Overlay:
         if self.every is None:
             return
         driven = self.driven
-        for name in (s.joint.name for s in chain.segments if not s.motion.follows):
+        for name in (s.joint.name for s in chain.moving if not s.motion.follows):
             own = self.joints.get(name)
             entries = {} if own is None else own.entries
             default = self.every.entries
@@ -250,7 +251,7 @@ class _Overlay:
 
     def elements(self, chain: Chain) -> list[Entry]:
         """An element for each moving joint, and one for the tip if it differs from the last moving
-        link.
+        link; then the ``element`` tables of the overlay, the first one on the tip.
         """
         names = [self._name("link", segment.link.name) for segment in chain.segments]
         out = [self._element(segment, names, k) for k, segment in enumerate(chain.segments)]
@@ -262,6 +263,9 @@ class _Overlay:
             names = [*names, self._name("link", tip.name)]
             end = len(out)
             out.append(self._here({"name": names[end], **parent, "origin": origin}, tip.node.line))
+        carried = self._carried(names[end] if end != len(out) - 1 else None)
+        if carried:
+            return [*out, *carried]
         if end != len(out) - 1:  # branches follow the element that carries the tool
             line = self.table.line
             file = self.table.file
@@ -269,6 +273,13 @@ class _Overlay:
             if isinstance(tool.value, dict):
                 tool.value.setdefault("element", wrap(names[end].value, line, file))
         return out
+
+    def _carried(self, tip: Entry | None) -> list[Entry]:
+        """The ``element`` tables of the overlay; ``tip``: where it is not the element before."""
+        tables = self.top.tables("element", required=False)
+        if tables and tip is not None:
+            tables[0].entries.setdefault("parent", tip)
+        return list(self.top.entries["element"].value) if tables else []
 
     def _element(self, segment: Segment, names: Sequence[Entry], k: int) -> Entry:
         """The element number ``k`` of the chain as a table of a model file: parent, pose, degrees
@@ -288,7 +299,8 @@ class _Overlay:
             given = "degrees of freedom before a joint that follows others with the offset "
             given += f"{segment.motion.offset:g}"
             raise table.fail("before", "no offset, or degrees of freedom after it", given)
-        value["dof"] = Entry([*before, self._dof(segment), *after], line, self.urdf.file)
+        own = [] if segment.motion.fixed else [self._dof(segment)]
+        value["dof"] = Entry([*before, *own, *after], line, self.urdf.file)
         if segment.body is not None:
             value["body"] = self._body(segment.body, segment.link.node.line)
         return self._here(value, line)
@@ -368,7 +380,7 @@ class _Overlay:
     def sources(self, chain: Chain) -> dict[str, UrdfJoint]:
         """The joints of the URDF file by the names of their degrees of freedom."""
         out = {}
-        for segment in chain.segments:
+        for segment in chain.moving:
             joint = segment.joint
             limits = self.urdf.usable_limits(segment.joint)
             out[self._find_name("joint", joint.name)] = UrdfJoint(
@@ -407,7 +419,7 @@ class _Overlay:
         driven = self.driven
         out = []
         count = 0
-        for segment in chain.segments:
+        for segment in chain.moving:
             joint = segment.joint
             table = self.joints.get(segment.joint.name)
             own = table.table("motor") if table is not None else None
@@ -491,7 +503,7 @@ class _Overlay:
             f"from {show(self.ends[0])} to {show(self.ends[1])} of {Path(file).name}"
         )
         out["gravity"] = [0.0, 0.0, -9.81]
-        free = (s for s in chain.segments if self._mimic(s) is None)
+        free = (s for s in chain.moving if self._mimic(s) is None)
         actuated = [s for s in free if "spring" not in (self.joints.get(s.joint.name) or ())]
         out["output"] = {
             "type": "joint",

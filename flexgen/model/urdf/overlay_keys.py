@@ -37,6 +37,8 @@ def overlay_key(overlay: Mapping[str, Any], model: RobotModel, key: str) -> str:
     if head != "element":
         return key
     element, kind, rest = rest.split(".", 2)
+    if any(table.get("name") == element for table in overlay.get("element", ())):
+        return key
     if kind == "body":
         return f"link.{_in_urdf(overlay, 'link', element)}.body.{rest}"
     if kind != "dof":

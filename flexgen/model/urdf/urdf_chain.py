@@ -24,6 +24,7 @@ MotionOf = Callable[[Joint], Motion]
 class Segment:
     """A moving joint and the body that it moves.
 
+    Or a fixed joint at which the overlay has degrees of freedom: ``motion.fixed``.
     ``motion``: of the joint. ``origin``: pose of the joint, at the offset of its motion, in the
     link of the segment ``parent`` (in the base link for -1). ``body``: all links fixed to the
     child link, lumped, in the frame of the child; None if their mass is 0.
@@ -48,6 +49,11 @@ class Chain:
     tip: Pose
     carrier: int
 
+    @property
+    def moving(self) -> tuple[Segment, ...]:
+        """The segments whose joints move in the URDF file, also as others do."""
+        return tuple(one for one in self.segments if not one.motion.fixed)
+
 
 def find_chain(
     urdf: Urdf,
@@ -56,6 +62,7 @@ def find_chain(
     motion_of: MotionOf,
     dropped: frozenset[str],
     inertial: InertialOf,
+    hinged: frozenset[str] = frozenset(),
 ) -> Chain:
     """Find the chain from ``base`` to the first of the ``tips``, and the branches to the others.
 
@@ -72,6 +79,8 @@ def find_chain(
         Joints outside the chain that are left out with all links behind them.
     inertial : callable
         Returns the inertial of a link, or None.
+    hinged : set
+        Fixed joints at which the overlay has degrees of freedom: they divide the body.
 
     Raises
     ------
@@ -90,11 +99,12 @@ def find_chain(
         last, here = found[step.parent]
         motion = motion_of(step)
         pose = here @ joint_pose(urdf, step, 0.0 if motion.own else motion.offset)
-        if motion.fixed:
+        if motion.fixed and step.name not in hinged:
             here = pose
         else:
-            _check_type(urdf, step)
-            check_leaders(urdf, step, motion, on_path)
+            if not motion.fixed:
+                _check_type(urdf, step)
+                check_leaders(urdf, step, motion, on_path)
             segments.append(Segment(step, motion, urdf.links[step.child], pose, last))
             bodies.append([])
             last = len(segments) - 1

@@ -7,12 +7,17 @@ from pathlib import Path
 
 from flexgen.base.errors import ArgumentError
 from flexgen.base.spec.ports import c_name_problem
+from flexgen.studies.templates.payload_beam import read_beam
 from flexgen.studies.templates.template_names import TEMPLATES
 from flexgen.studies.templates.urdf_overlay import Overlay, overlay_of_urdf
 
 
 def new_model(
-    name: str, template: str = "planar", urdf: str | None = None, folder: str | Path = "."
+    name: str,
+    template: str = "planar",
+    urdf: str | None = None,
+    folder: str | Path = ".",
+    payload: str | None = None,
 ) -> str:
     """The text of a new model file.
 
@@ -29,6 +34,10 @@ def new_model(
         with a comment.
     folder : path
         Where the file will be, for the path to the URDF file.
+    payload : str, optional
+        Of a URDF file: an elastic beam on the tip of a robot that takes positions, such as
+        ``beam:length=0.52,width=0.08,height=0.001,modulus=190e9,density=7870,angle_deg=30``
+        (`flexgen.studies.templates.payload_beam`).
 
     Returns
     -------
@@ -41,18 +50,25 @@ def new_model(
         The name is not an identifier; there is no such template; the URDF file has errors that no
         overlay repairs.
     """
-    return new_overlay(name, template, urdf, folder).text
+    return new_overlay(name, template, urdf, folder, payload).text
 
 
 def new_overlay(
-    name: str, template: str = "planar", urdf: str | None = None, folder: str | Path = "."
+    name: str,
+    template: str = "planar",
+    urdf: str | None = None,
+    folder: str | Path = ".",
+    payload: str | None = None,
 ) -> Overlay:
     """A new model file, and what was repaired for it; the arguments are those of `new_model`."""
     problem = c_name_problem(name)
     if problem is not None:
         raise ArgumentError(f"name: given {name!r}, expected {problem}")
+    if payload is not None and urdf is None:
+        raise ArgumentError("payload: given without a URDF file, expected --urdf FILE as well")
     if urdf is not None:
-        return overlay_of_urdf(name, urdf, Path(folder))
+        beam = None if payload is None else read_beam(payload)
+        return overlay_of_urdf(name, urdf, Path(folder), beam)
     if template not in TEMPLATES:
         raise ArgumentError(
             f"template: given {template!r}, expected one of {', '.join(TEMPLATES)}"

@@ -22,6 +22,7 @@ from flexgen.model.urdf.urdf import Urdf, among
 from flexgen.model.urdf.urdf_chain import MOVING
 from flexgen.model.urdf.urdf_mimic import Motions
 from flexgen.model.urdf.urdf_source import PACKAGE, locate, split_ends
+from flexgen.studies.templates.payload_beam import Beam, text_of_payload
 from flexgen.studies.templates.urdf_repairs import (
     Repairs,
     find_repairs,
@@ -56,6 +57,7 @@ POSES = 48  # drawn, at which the largest inertia of a joint is searched
 # drawn
 REACH = math.pi
 REACH_TRANSLATION = 0.5
+RIGID = 'gear = { type = "rigid" }'
 NO_INERTIA = 1e-9  # kg m^2 or kg: below, a gear would be too soft to be a number
 WIDTH = 100  # characters of a line with a list
 FILL_IN = "fill in: kg, m, kg m^2 about the center of mass: xx, yy, zz, xy, yz, xz"
@@ -86,8 +88,8 @@ class Overlay:
     unfinished: tuple[str, ...] = ()
 
 
-def overlay_of_urdf(name: str, given: str, folder: Path) -> Overlay:
-    """A model file for a URDF file, with elastic gears in all joints.
+def overlay_of_urdf(name: str, given: str, folder: Path, payload: Beam | None = None) -> Overlay:
+    """A model file for a URDF file, with elastic gears in all joints, or with an elastic payload.
 
     Parameters
     ----------
@@ -98,6 +100,8 @@ def overlay_of_urdf(name: str, given: str, folder: Path) -> Overlay:
         coordinates.
     folder : path
         Where the file will be, for the path to the URDF file.
+    payload : Beam, optional
+        On the tip. Then the robot takes positions: its gears are rigid.
 
     Raises
     ------
@@ -122,10 +126,13 @@ def overlay_of_urdf(name: str, given: str, folder: Path) -> Overlay:
     robot = _rigid_robot(urdf, path, repairs)
     loose = _find_massless(urdf, robot, repairs)
     shown = file if file.startswith(PACKAGE) else Path(os.path.relpath(path, folder)).as_posix()
-    lines = [*_head(name, path.name, shown, robot, repairs)]
-    inertia = {} if repairs.unfinished else _inertias(robot)
-    lines += _defaults(bool(repairs.unfinished))
-    lines += _joints(robot, repairs, inertia, loose)
+    elasticity = "elastic gears" if payload is None else "an elastic payload"
+    lines = [*_head(name, path.name, shown, robot, repairs, elasticity)]
+    is_rigid = bool(repairs.unfinished) or payload is not None
+    inertia = {} if is_rigid else _inertias(robot)
+    lines += _defaults(bool(repairs.unfinished)) if payload is None else _followed_positions()
+    joints = _joints(robot, repairs, inertia, loose)
+    lines += joints if payload is None else _without_gears(joints)
     for link in repairs.unfinished:
         body = {"mass": 0.0, "com": [0.0] * 3, "inertia": [0.0] * 6}
         repairs.link(link, body=body)
@@ -136,6 +143,7 @@ def overlay_of_urdf(name: str, given: str, folder: Path) -> Overlay:
             for key, value in _sort_keys(table)
         ]
         lines += [""]
+    lines += [] if payload is None else text_of_payload(payload)
     text = "\n".join([*lines, *_move(robot)])
     return Overlay(text, tuple(repairs.notes), tuple(repairs.unfinished))
 
@@ -298,13 +306,15 @@ def _ends(dof: Dof | None) -> tuple[float, float]:
 # --- the text ------------------------------------------------------------------------------------
 
 
-def _head(name: str, file: str, shown: str, robot: RobotModel, repairs: Repairs) -> Sequence[str]:
-    """The lines before the joints."""
+def _head(
+    name: str, file: str, shown: str, robot: RobotModel, repairs: Repairs, elasticity: str
+) -> Sequence[str]:
+    """The lines before the joints; ``elasticity``: words for what is elastic."""
     angles = ", ".join(_place(c, x) for c, x in zip(robot.coordinates, robot.home, strict=True))
     plain = "".join(c if c.isprintable() else "?" for c in f"{repairs.base} to {repairs.tip}")
     out = [
         f"name = {toml(name)}",
-        f"description = {toml(f'from {plain} of {_printable(file)}, with elastic gears')}",
+        f"description = {toml(f'from {plain} of {_printable(file)}, with {elasticity}')}",
         "source = "
         f"{toml(f'bodies: {_printable(file)}; ASSUMED by flexgen: gears, motors, damping')}",
         f"home_rad = [{angles}]  # rad, of translations m",
@@ -396,6 +406,23 @@ def _defaults(unfinished: bool) -> Sequence[str]:
     ]
 
 
+def _followed_positions() -> Sequence[str]:
+    """The table of all joints of a robot that follows positions."""
+    return [
+        "# The robot takes positions and follows them: its gears are rigid.",
+        '[joint."*"]',
+        'gear = { type = "rigid" }',
+        f"motor = {{ ratio = {RATIO:g} }}  # motor angle / joint angle, ASSUMED",
+        "",
+    ]
+
+
+def _without_gears(lines: Sequence[str]) -> list[str]:
+    """Tables of joints without the gears that the default has, and none without a key."""
+    text = "\n".join(line for line in lines if line != RIGID)
+    return ["\n".join([part, ""]) for part in text.split("\n\n") if "=" in part]
+
+
 def _joints(
     robot: RobotModel, repairs: Repairs, inertia: Mapping[str, Inertias], loose: set[str]
 ) -> list[str]:
@@ -435,7 +462,7 @@ def _drive(
     if effort is not None:
         motor["torque_max"] = toml(effort / ratio)
     if not known or inertia is None:
-        gear = 'gear = { type = "rigid" }'
+        gear = RIGID
     elif loose or inertia.largest < NO_INERTIA:
         gear = 'gear = { type = "rigid" }  # no inertia of its own'
         if loose:
