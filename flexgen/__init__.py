@@ -45,6 +45,7 @@ _VERBS = {
     "command_positions": "flexgen.feedback.positions.command",
     "identify_servo": "flexgen.identification.servo.identify",
     "identify_gears": "flexgen.identification.gears.identify",
+    "identify_spring": "flexgen.identification.gears.identify_spring",
     "feedback_study": "flexgen.feedback.laws.study",
     "tune": "flexgen.studies.scenarios.tune",
     "tune_cascade": "flexgen.studies.scenarios.tune_cascade",
@@ -60,7 +61,7 @@ _VERBS = {
 }
 # Functions whose command needs no row in verbs.py: their parameters and docstrings give its
 # options.
-_COMMANDS = ("identify_load", "identify_gears")
+_COMMANDS = ("identify_load", "identify_gears", "identify_spring")
 # Exports, by the name of the command; each is the function ``export_NAME`` of its module.
 registry.EXPORTS |= {
     "fmu": registry.Export(
@@ -311,6 +312,7 @@ _NOUNS = {
     "Servo": "flexgen.feedback.positions.servo",
     "ServoFit": "flexgen.identification.servo.fit_result",
     "GearFit": "flexgen.identification.gears.result",
+    "SpringFit": "flexgen.identification.gears.spring_result",
     "ServoRecord": "flexgen.identification.servo.record",
     "Setting": "flexgen.feedback.laws.study",
     "Simulation": "flexgen.simulation.result",
@@ -399,6 +401,8 @@ _RESULTS = {
     "Solution.plot": "flexgen.views.plots.solution:plot_solution",
     "Solution.positions": "flexgen.feedback.positions.reference:with_positions",
     "Solution.report": "flexgen.views.reports.html:report_solution",
+    "SpringFit.check_file": "flexgen.identification.gears.spring_result:check_file",
+    "SpringFit.plot": "flexgen.views.plots.gears:plot_spring",
     "Trajectory.plot": "flexgen.views.plots.signals:plot_trajectory",
     "TuningResult.plot": "flexgen.views.plots.control:plot_tuning",
 }

@@ -70,7 +70,9 @@ from flexgen.identification.experiments.experiment import measure as measure
 from flexgen.identification.experiments.obstacles import Box as Box
 from flexgen.identification.experiments.plan import excite as excite
 from flexgen.identification.gears.identify import identify_gears as identify_gears
+from flexgen.identification.gears.identify_spring import identify_spring as identify_spring
 from flexgen.identification.gears.result import GearFit as GearFit
+from flexgen.identification.gears.spring_result import SpringFit as SpringFit
 from flexgen.identification.load.payload import Load as Load
 from flexgen.identification.load.payload import identify_load as identify_load
 from flexgen.identification.motions.motion_fit import MotionFit as MotionFit

@@ -38,7 +38,8 @@ GROUPS = {
         "predict control tune score learn command-positions sense"
     ),
     "identification": (
-        "excite measure frf identify identify-servo identify-load identify-gears calibrate"
+        "excite measure frf identify identify-servo identify-load identify-gears identify-spring "
+        "calibrate"
     ),
     "other tools, many cases": "export sweep completion",
 }

@@ -35,6 +35,7 @@ WRITERS = {
     "compare_record": ((".json", ".npz"), ""),
     "identify_servo": ((".toml", ".json"), ""),
     "identify_gears": ((".toml", ".json", ".npz"), "GearFit"),
+    "identify_spring": ((".toml", ".json", ".npz"), "SpringFit"),
     "identify": ((".toml",), "Estimated"),
     "calibrate": ((".toml",), "Calibration"),
 }

@@ -20,6 +20,7 @@ from flexgen.identification.rigid.rigid_file import RigidIdentification
 
 CLASSES = {
     "gears": "GearFit",
+    "spring": "SpringFit",
     "servo": "ServoFit",
     "load": "Load",
     "poses": "Calibration",

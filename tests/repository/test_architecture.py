@@ -102,6 +102,8 @@ PARAMETERS = {
     "exports/ros2/export.py export_ros2": 10,  # a verb
     # a verb; numbers and exponents of elements are what gears differ in
     "identification/gears/identify.py identify_gears": 13,
+    # a verb; records, spring, elements and columns are what tests differ in
+    "identification/gears/identify_spring.py identify_spring": 13,
     "identification/experiments/plan.py excite": 18,  # a verb
     "identification/responses/graybox.py identify": 18,  # a verb
     "identification/motions/motion_fit.py fit_motion": 11,  # a verb

@@ -122,6 +122,7 @@ INNER = (
     ),
     *("RobotModel.numbers", "Check.implausible"),
     *("Calibration.check_file", "Estimated.check_file", "GearFit.check_file"),
+    "SpringFit.check_file",
 )
 
 

@@ -75,8 +75,8 @@ NONSENSE: tuple[Any, ...] = (
 # at least.
 HEAVY = set(
     "solve sweep generate excite measure frf identify refine fit_motion control feedback_study "
-    "tune fastest identify_load identify_servo identify_gears command_positions learn predict "
-    "compare export_fmu score export_mex export_plcopen export_ros2 export_selftest "
+    "tune fastest identify_load identify_servo identify_gears identify_spring command_positions "
+    "learn predict compare export_fmu score export_mex export_plcopen export_ros2 export_selftest "
     "export_simulink export_mujoco export_urdf view models kinematics simulate load check "
     "report verdict then plot to_dataframe to_xarray to_control".split()
 )

@@ -79,7 +79,15 @@ def rigid() -> FitResult:
     return identify_bodies(flexgen.read("elbow"), _recording(), progress=False)
 
 
-FITS = (gears, servo, load, poses, responses, motions, rigid)
+def spring() -> FitResult:
+    """Spring and hysteresis of a gear from a loop that is a straight line and two arcs."""
+    t = np.linspace(0.0, 1.0, 200)
+    d = 1e-3 * np.sin(4.0 * np.pi * t)
+    data = {"time": t, "deflection": d, "torque": 4e4 * d + 2.0 * np.cos(4.0 * np.pi * t)}
+    return flexgen.identify_spring("elbow", data, joint="q1")
+
+
+FITS = (gears, spring, servo, load, poses, responses, motions, rigid)
 
 
 @cache

@@ -184,6 +184,7 @@ MADE: dict[str, Callable[[], Result]] = {
     "PositionCommands": lambda: flexgen.command_positions("elbow"),
     "ServoFit": lambda: small_fit("servo"),
     "GearFit": lambda: small_fit("gears"),
+    "SpringFit": lambda: small_fit("spring"),
     "Path": lambda: flexgen.plan("elbow"),
     "SweepResult": lambda: flexgen.sweep(
         flexgen.Grid(["elbow"], moves=flexgen.random_moves(2, seed=1)), workers=1

@@ -63,6 +63,8 @@ FORMS = {
     "IsaName": Form("ISA", "isa"),
     "TargetName": Form("NAME", text=": {choices}"),
     "Trajectory | str | Path": Form("TRAJECTORY"),
+    "Mapping[str, np.ndarray] | str | Path": Form("FILE"),
+    "Sequence[Mapping[str, np.ndarray] | str | Path]": Form("FILE,FILE,...", "names"),
     "ServoRecord | str | Path": Form("DATA"),
     "StaticPoses | str | Path": Form("DATA"),
 }
