@@ -43,6 +43,9 @@ FACTORS: dict[str, dict[str, float]] = {
     "N": {"N": 1.0, "kN": 1e3, "mN": 1e-3},
 }
 CURRENTS = {"A": 1.0, "mA": 1e-3}
+VOLTAGES = {"V": 1.0, "mV": 1e-3}
+# What a torque may be recorded as, with a constant [N m/A or N m/V].
+ELECTRIC = {**CURRENTS, **VOLTAGES}
 KINDS = {
     "s": "a time",
     "rad": "an angle",
@@ -54,8 +57,11 @@ KINDS = {
     "N m": "a torque",
     "N": "a force",
 }
+ELECTRIC_WORDS = {"A": "a current", "V": "a voltage"}
 SPELLINGS = {"degree": "deg", "degrees": "deg", "turn": "rev", "sec": "s"}
-CONSTANT = re.compile(r"(?P<current>A|mA)\s*\(\s*(?P<constant>[^()]*?)\s*N[ *·]?m/A\s*\)\Z")
+CONSTANT = re.compile(
+    r"(?P<given>m?(?P<letter>[AV]))\s*\(\s*(?P<constant>[^()]*?)\s*N[ *·]?m/(?P=letter)\s*\)\Z"
+)
 
 
 def spelling(unit: str) -> str:
@@ -72,9 +78,12 @@ def factor_of(unit: str, si: str) -> float | None:
 
 
 def kind_of(unit: str) -> str | None:
-    """The SI unit of the kind of a unit, ``"A"`` for a current; None: not a known unit."""
-    if any(spelling(name) == spelling(unit) for name in CURRENTS):
-        return "A"
+    """The SI unit of the kind of a unit, ``"A"`` for a current, ``"V"`` for a voltage; None: not a
+    known unit.
+    """
+    for si, units in (("A", CURRENTS), ("V", VOLTAGES)):
+        if any(spelling(name) == spelling(unit) for name in units):
+            return si
     return next((si for si in FACTORS if factor_of(unit, si) is not None), None)
 
 
@@ -91,41 +100,42 @@ def conversion(where: str, unit: str, si: str, constant: float | None = None) ->
     where : str
         File and column, for the error.
     unit : str
-        As the file states it. Also ``A (0.12 N m/A)``, a current with its constant.
+        As the file states it. Also ``A (0.12 N m/A)`` or ``V (0.1 N m/V)``, a current or a voltage
+        with its constant.
     si : str
         A key of `FACTORS`.
-    constant : float, optional [N m/A]
-        Of a torque that is recorded as a current.
+    constant : float, optional [N m/A or N m/V]
+        Of a torque that is recorded as a current or a voltage.
 
     Raises
     ------
     ArgumentError
-        The unit is not known, or is of another kind; a current has no constant.
+        The unit is not known, or is of another kind; a current or voltage has no constant.
     """
     own = CONSTANT.match(unit.strip())
     if own is not None:
-        unit = own["current"]
-        constant = _constant(where, own["constant"])
+        unit = own["given"]
+        constant = _constant(where, own["constant"], own["letter"])
     factor = factor_of(unit, si)
     if factor is not None:
         return factor
     kind = kind_of(unit)
-    if kind == "A" and si == "N m":
+    if kind in ELECTRIC and si == "N m":
         if constant is None:
             raise ArgumentError(
-                f"{where}: given a current in {unit}, expected a torque in "
+                f"{where}: given {ELECTRIC_WORDS[kind]} in {unit}, expected a torque in "
                 f"{', '.join(FACTORS[si])}; state the constant of the axis in the unit of the "
-                f"column: '{unit} (0.12 N m/A)', or as constant = 0.12 in a description file"
+                f"column: '{unit} (0.12 N m/{kind})', or as constant = 0.12 in a description file"
             )
-        current = next(x for name, x in CURRENTS.items() if spelling(name) == spelling(unit))
-        return constant * current
-    given = "an unknown unit" if kind is None else "a current" if kind == "A" else KINDS[kind]
+        size = next(x for name, x in ELECTRIC.items() if spelling(name) == spelling(unit))
+        return constant * size
+    given = "an unknown unit" if kind is None else (KINDS | ELECTRIC_WORDS)[kind]
     raise ArgumentError(f"{where}: given {unit!r}, {given}, expected {expected_units(si)}")
 
 
-def _constant(where: str, text: str) -> float:
-    """A torque constant [N m/A] of a unit such as ``A (0.12 N m/A)``; ArgumentError unless it is
-    above zero.
+def _constant(where: str, text: str, letter: str) -> float:
+    """The constant [N m/A or N m/V] of a unit such as ``A (0.12 N m/A)``; ArgumentError unless it
+    is above zero.
     """
     try:
         constant = number_in(text)
@@ -133,7 +143,7 @@ def _constant(where: str, text: str) -> float:
         constant = math.nan
     if not (math.isfinite(constant) and constant > 0.0):
         raise ArgumentError(
-            f"{where}: given the constant {text!r}, expected a number > 0 [N m/A], "
-            "such as 'A (0.12 N m/A)'"
+            f"{where}: given the constant {text!r}, expected a number > 0 [N m/{letter}], "
+            f"such as '{letter} (0.12 N m/{letter})'"
         )
     return constant

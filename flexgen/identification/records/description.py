@@ -20,7 +20,8 @@
     [[torque]]                           one for each motor
     motor = "m1"
     name = "iq"
-    unit = "A"                           N m, N cm, kN m, ...; A, mA with constant [N m/A]
+    unit = "A"                           N m, N cm, kN m, ...; A, mA with constant [N m/A];
+                                         V, mV with constant [N m/V]
     constant = 0.1
     side = "motor"                       of the gear: motor or arm
 
@@ -93,7 +94,7 @@ from flexgen.base.numerics.records import lost_samples
 from flexgen.base.numerics.sampling import GAP, Gap, Piece, Sampled, drop_repeats, resample
 from flexgen.base.spec.sensors import UNITS
 from flexgen.base.spec.tables import Table, closest, parse_file
-from flexgen.base.spec.units import CURRENTS, FACTORS, factor_of, spelling
+from flexgen.base.spec.units import ELECTRIC, FACTORS, factor_of, spelling
 from flexgen.identification.records import keys
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
@@ -260,17 +261,17 @@ def _files(source: Path, table: Table) -> list[Path]:
 
 
 def _unit(table: Table, si: str) -> float:
-    """Factor of the key ``unit``; of a current 1 A."""
+    """Factor of the key ``unit``; of a current 1 A, of a voltage 1 V."""
     given = table.text("unit")
-    known = {**FACTORS[si], **(CURRENTS if si == "N m" else {})}
+    known = {**FACTORS[si], **(ELECTRIC if si == "N m" else {})}
     factor = next((x for name, x in known.items() if spelling(name) == spelling(given)), None)
     if factor is None:
         raise table.fail("unit", closest(given, known))
     named = column_of(table.text("name"))
     short = len(spelling(named.unit)) < 2 and "_" in named.text
     other = None if short or not named.unit else factor_of(named.unit, si)
-    current = not short and spelling(named.unit) in CURRENTS and si == "N m"
-    if current != (spelling(given) in CURRENTS) and (current or other is not None):
+    electric = not short and spelling(named.unit) in ELECTRIC and si == "N m"
+    if electric != (spelling(given) in ELECTRIC) and (electric or other is not None):
         raise table.fail("unit", f"{named.unit}, as the name {named.text!r} states")
     if other is not None and not np.isclose(other, factor, rtol=1e-9):
         raise table.fail("unit", f"{named.unit}, as the name {named.text!r} states")
@@ -309,10 +310,10 @@ def _channels(root: Table, kind: str, model: RobotModel) -> list[_Channel]:
         if side == "arm" and len(model.motors[j].drives) != 1:
             raise table.fail("side", "motor: this motor drives several joints")
         factor = _unit(table, _si_unit(kind, side, model, j))
-        if kind == "torque" and spelling(table.text("unit")) in CURRENTS:
+        if kind == "torque" and spelling(table.text("unit")) in ELECTRIC:
             factor *= table.number("constant", above=0.0)
         elif "constant" in table:
-            raise table.fail("constant", "no constant where the unit is not A")
+            raise table.fail("constant", "no constant where the unit is not A or V")
         if side == "arm":
             ratio = model.motors[j].ratio[0]
             factor = factor / ratio if kind == "torque" else factor * ratio

@@ -87,9 +87,10 @@ TORQUE = _rows(
     "The torque of a motor",
     """
 motor | name | required | of the motor
-unit | `N m`, `N cm`, `N mm`, `mN m`, `kN m`, `A`, `mA`; with `side = "arm"` of a joint that
-    slides `N`, `kN`, `mN` | required | its unit
-constant | number > 0 |  | torque constant [N m/A], required with `A` and `mA`
+unit | `N m`, `N cm`, `N mm`, `mN m`, `kN m`, `A`, `mA`, `V`, `mV`; with `side = "arm"` of a
+    joint that slides `N`, `kN`, `mN` | required | its unit
+constant | number > 0 |  | torque constant [N m/A], required with `A` and `mA`; with `V` and `mV`
+    k_t/R [N m/V]
 side | `motor`, `arm` | required | of the gear
 """
     + CHANNEL,
