@@ -16,8 +16,8 @@ import numpy as np
 
 from flexgen.base.errors import ArgumentError
 from flexgen.base.files.trajectory_files import LARGEST
-from flexgen.identification.records.columns import find_column, find_time
-from flexgen.identification.records.tables import read_arrays
+from flexgen.base.files.record_columns import find_column, find_time
+from flexgen.base.files.record_tables import read_arrays
 
 FEWEST = 20  # samples of a record
 TABLES = (".csv", ".mat", ".npz")
