@@ -16,6 +16,7 @@ import numpy as np
 
 from flexgen.base.checks.counts import number_in
 from flexgen.base.errors import ArgumentError
+from flexgen.base.files.hebi_log import read_hebi_log
 from flexgen.base.files.npz_files import NpzError, read_npz
 from flexgen.base.spec.tables import open_file
 
@@ -25,7 +26,8 @@ LINES = 50  # comments above the names, at most
 
 
 def read_arrays(file: Path, size_max: int, columns: Sequence[str] | None = None) -> dict[str, Any]:
-    """The arrays of a file of another program by their names: .npz, .mat (version 5), .csv.
+    """The arrays of a file of another program by their names: .npz, .mat (version 5), .csv,
+    .hebilog.
 
     Parameters
     ----------
@@ -67,7 +69,11 @@ def read_arrays(file: Path, size_max: int, columns: Sequence[str] | None = None)
             for name, x in found.items()
             if isinstance(x, np.ndarray) and not name.startswith("_")
         }
-    raise ArgumentError(f"{file}: given the ending {file.suffix!r}, expected .mat, .npz or .csv")
+    if file.suffix == ".hebilog":
+        return read_hebi_log(file)
+    raise ArgumentError(
+        f"{file}: given the ending {file.suffix!r}, expected .mat, .npz, .csv or .hebilog"
+    )
 
 
 def _csv(file: Path, columns: Sequence[str] | None) -> dict[str, Any]:

@@ -128,7 +128,7 @@ def identify_spring(
     model : name, path or RobotModel
         Robot with the gear; of its gear the kind of the spring and the number of elements of
         hysteresis are taken, not their numbers.
-    record : name of a .csv, .mat or .npz file, or mapping
+    record : name of a .csv, .mat, .npz or .hebilog file, or mapping
         Deflection and torque of a test that reverses, with columns such as ``time s``,
         ``deflection deg`` and ``torque N m``. A mapping has arrays ``time``, ``deflection`` and
         ``torque`` in SI units.
@@ -148,7 +148,7 @@ def identify_spring(
         Side of the gear of both columns: ``arm``, or ``motor`` with the angle of the motor while
         the joint is locked, and its torque.
     names : sequence of str
-        Names of the columns of deflection and torque.
+        Names of the columns of deflection and torque; a ``-`` before a name turns the sign.
     columns : sequence of str, optional
         Names of the columns of CSV files without a header.
     time_limit : float, optional [s]
@@ -456,7 +456,7 @@ class SpringProblem:
             name = self.records[int(np.argmin(slope))].name
             raise ArgumentError(
                 f"{name}: the torque falls with the deflection, expected one that rises: turn "
-                "the sign of one of the columns"
+                "the sign of one of the columns, as names=('-deflection', 'torque') does"
             )
         found = []
         for start in self.starts():

@@ -20,7 +20,7 @@ from flexgen.base.files.record_columns import find_column, find_time
 from flexgen.base.files.record_tables import read_arrays
 
 FEWEST = 20  # samples of a record
-TABLES = (".csv", ".mat", ".npz")
+TABLES = (".csv", ".mat", ".npz", ".hebilog")
 NAMES = ("deflection", "torque")
 
 
@@ -46,12 +46,12 @@ def read_deflection_record(
 
     Parameters
     ----------
-    record : name of a .csv, .mat or .npz file, or mapping
+    record : name of a .csv, .mat, .npz or .hebilog file, or mapping
         A mapping has arrays ``time`` and those with these names, in SI units.
     unit : str
         Of the deflection, ``rad`` or ``m``; the torque is in N m or N.
     names : tuple of str
-        Of deflection and torque.
+        Of deflection and torque; a ``-`` before a name turns the sign.
     columns : sequence of str, optional
         Names of the columns of a CSV file, in place of those that it has or lacks.
 
@@ -61,6 +61,8 @@ def read_deflection_record(
         A column is missing or has a wrong unit; a value is not finite, the time goes back, or
         there are fewer than 20 samples.
     """
+    signs = [1.0, *(-1.0 if name.startswith("-") else 1.0 for name in names)]
+    names = (names[0].removeprefix("-"), names[1].removeprefix("-"))
     if isinstance(record, Mapping):
         where = "record"
         factors = [1.0, 1.0, 1.0]
@@ -70,8 +72,8 @@ def read_deflection_record(
         where = str(record)
         raw, factors, shown = _of_table(Path(record), unit, names, columns)
     values = [
-        scale * _numbers(where, name, x)
-        for name, scale, x in zip(shown, factors, raw, strict=True)
+        sign * scale * _numbers(where, name, x)
+        for name, sign, scale, x in zip(shown, signs, factors, raw, strict=True)
     ]
     lengths = {len(x) for x in values}
     if len(lengths) > 1 or min(lengths) < FEWEST:
@@ -110,7 +112,7 @@ def _of_table(
     where = str(path)
     if path.suffix not in TABLES:
         raise ArgumentError(
-            f"{where}: given the ending {path.suffix!r}, expected .csv, .mat, .npz"
+            f"{where}: given the ending {path.suffix!r}, expected one of {', '.join(TABLES)}"
         )
     if columns is not None and path.suffix != ".csv":
         raise ArgumentError(f"columns: given with {where!r}, expected a .csv file of a logger")

@@ -119,7 +119,7 @@ RECORDING = _rows(
     "`[[recording]]`",
     "One file, or files that one clock stamps",
     """
-file | text |  | `.csv`, `.npz` or `.mat` (version 5), relative to this file
+file | text |  | `.csv`, `.npz`, `.mat` (version 5) or `.hebilog`, relative to this file
 files | list of texts |  | instead of `file`: files with different channels and rates
 pose_rad | list of numbers |  | joints, for frequency responses; or `pose_deg`
 pose_deg | list of numbers |  | the same in degrees; joints that slide in m
