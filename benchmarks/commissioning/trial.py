@@ -13,6 +13,8 @@ from __future__ import annotations
 
 import argparse
 import time
+from contextlib import redirect_stdout
+from io import StringIO
 from pathlib import Path
 
 from benchmarks.commissioning.datasheet import write_datasheet
@@ -28,7 +30,8 @@ def solved(model: Path | str, path: str, method: str, out: Path) -> Path:
     from flexgen.cli.main import main as flexgen
 
     words = ["solve", str(model), "--move", path, "--method", method, "--out", str(out)]
-    status = flexgen([*words, "--no-verify", "--ignore-limits", "--quiet"])
+    with redirect_stdout(StringIO()):
+        status = flexgen([*words, "--no-verify", "--ignore-limits", "--quiet"])
     if not out.is_file():
         raise SystemExit(f"flexgen {' '.join(words)} ended with the status {status}")
     return out
@@ -41,7 +44,8 @@ def identified_rigid(folder: Path) -> Path:
     out = folder / "rigid_identified.toml"
     if not out.is_file():
         words = ["identify", f"{folder}/arm.toml@joints", f"{folder}/rigid.toml", "--rigid"]
-        status = flexgen([*words, "--out", str(out), "--quiet"])
+        with redirect_stdout(StringIO()):
+            status = flexgen([*words, "--out", str(out), "--quiet"])
         if not out.is_file():
             raise SystemExit(f"flexgen {' '.join(words)} ended with the status {status}")
     return out

@@ -22,7 +22,12 @@ from flexgen.identification.records.description import Description, read_descrip
 from flexgen.identification.records.gear_deflection import GearDeflection, gear_deflection
 from flexgen.identification.responses.result import FileWords, write_model
 from flexgen.identification.rigid.content import content_of_rigid
-from flexgen.identification.rigid.feasible_bodies import body_of, scales
+from flexgen.identification.rigid.feasible_bodies import (
+    body_of,
+    numbers_of,
+    pseudo_inertia,
+    scales,
+)
 from flexgen.identification.rigid.rigid_body import RigidFit, identify_rigid
 from flexgen.identification.rigid.rigid_mistakes import Mistake
 from flexgen.identification.rigid.rigid_regressor import BODY, Motion
@@ -178,10 +183,10 @@ def motions_of(data: Description) -> list[Motion]:
 
 
 def rigid_numbers(fit: RigidFit) -> dict[str, float]:
-    """Name -> value of all bodies, rotors and frictions; the payload is a part of the last
-    body.
+    """Name -> value of all bodies, rotors and frictions, as the model file has them: see
+    `split_payload`.
     """
-    model = fit.model
+    model, _ = split_payload(fit)
     out = {}
     names = [f"{element.name}.{name}" for element in model.elements for name in BODY]
     names += [f"{motor.name}.{name}" for motor in model.motors for name in (*FRICTION, "inertia")]
@@ -192,6 +197,32 @@ def rigid_numbers(fit: RigidFit) -> dict[str, float]:
     for parameter in select(model, names):
         out[parameter.name] = parameter.value if abs(parameter.value) > ROUNDING else 0.0
     return out
+
+
+def split_payload(fit: RigidFit) -> tuple[RobotModel, np.ndarray]:
+    """The model of the fit with the payload of its file, and the numbers of its bodies.
+
+    These are mass, first and second moments of each (10 bodies,) [kg, kg m, kg m^2].
+
+    Motions show the last body and the payload together. The payload keeps the numbers of the
+    file, the last body has the difference. Where no body has these numbers, since its
+    pseudo-inertia is not positive definite, the last body has all, and the payload nothing.
+    """
+    payload = fit.file.payload
+    rest = fit.pi[-10:] - numbers_of(payload)
+    if not payload.mass or not is_body(rest):
+        return fit.model, fit.pi
+    *others, last = fit.model.elements
+    elements = (*others, replace(last, body=body_of(rest)))
+    return (
+        replace(fit.model, elements=elements, payload=payload),
+        np.concatenate([fit.pi[:-10], rest]),
+    )
+
+
+def is_body(row: np.ndarray) -> bool:
+    """Whether a body can have these ten numbers: its pseudo-inertia is positive definite."""
+    return bool(np.linalg.eigvalsh(pseudo_inertia(row))[0] > 0)
 
 
 def _balance_places(fit: RigidFit) -> dict[str, tuple[int, int]]:
@@ -216,12 +247,12 @@ def rigid_deviations(fit: RigidFit) -> dict[str, float]:
     """
     if not fit.status.has_deviations:
         return {}
-    model = fit.model
-    n = len(fit.pi)
+    model, pi = split_payload(fit)
+    n = len(pi)
     body = fit.covariance[:n, :n]
     out: dict[str, float] = {}
     for k, element in enumerate(model.elements):
-        row = fit.pi[10 * k : 10 * k + 10]
+        row = pi[10 * k : 10 * k + 10]
         rows = slice(10 * k, 10 * k + 10)
         J = np.empty((10, 10))
         at = _in_file(row)
@@ -263,13 +294,16 @@ def write_rigid(fit: RigidFit, path: str | Path, source: str) -> Path:
     Raises
     ------
     ArgumentError
-        The model is not from a ``.toml`` file with ``[[element]]`` tables, or has a payload with
-        an inertia.
+        The model is not from a ``.toml`` file with ``[[element]]`` tables, or its payload is more
+        than the last body and the payload together that were found.
     """
-    if fit.file.payload.mass:
+    payload = fit.file.payload
+    if payload.mass and not split_payload(fit)[0].payload.mass:
         raise ArgumentError(
-            "model file: given a payload, expected none: the fit cannot tell it from the last "
-            "body; remove [payload]"
+            f"model file: given a payload of {payload.mass:.4g} kg, expected less than the "
+            f"{fit.pi[-10]:.4g} kg of the last body and the payload together that were found, and "
+            "moments that leave some for the body; correct [payload], or remove it: the new file "
+            "then has it in the last body"
         )
     head = (
         "# Bodies: only combinations of these numbers are determined; each body by itself may "
