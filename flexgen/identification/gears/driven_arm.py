@@ -132,6 +132,12 @@ class DrivenArm:
         Which gears have a transmission error.
     harmonics : sequence of int
         Of these, of a turn of the motor.
+
+    Notes
+    -----
+    Functions of state, motor motion and numbers: ``rate`` (n_x,), ``torque`` (n_m,) [N m], motor
+    side, ``balance``: moments [N m or N] on the coordinates that no motor sets, zero at rest, and
+    ``coordinates`` (n_a,) of the arm.
     """
 
     def __init__(
@@ -207,6 +213,8 @@ class DrivenArm:
         ]
         dx = ca.vertcat(dy[free], acceleration, slower * K_h * ca.vertcat(ca.SX(0, 1), *rates))
 
+        (coordinates,) = ca.substitute([ca.densify(y[: model.n_a])], [symbols], [values])
+
         def function(name: str, output: ca.SX) -> ca.Function:
             return ca.Function(name, [x, motors, p], [ca.cse(ca.densify(output))])
 
@@ -215,6 +223,8 @@ class DrivenArm:
         self.n_x = 2 * len(free) + count
         self.rate = function("driven_rate", dx)
         self.torque = function("driven_torque", ca.solve(B, need))
+        self.balance = function("driven_balance", residual[free])
+        self.coordinates = function("driven_coordinates", coordinates)
         self._rest = function(
             "driven_rest", ca.horzcat(residual[free], ca.jacobian(residual[free], y[free]))
         )

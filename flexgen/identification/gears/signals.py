@@ -71,6 +71,10 @@ class Signals:
         """Torques (n, k) at these samples after the second filter (n - 2 margin, k)."""
         return _filter(x, self._again, 1)
 
+    def reduce(self, x: np.ndarray) -> np.ndarray:
+        """Other channels (n, k) of the record in the band of the angles, at these samples."""
+        return _filter(x, self.taps, self.every)
+
     @property
     def margin(self) -> int:
         """Samples that the second filter takes from both ends."""

@@ -32,6 +32,7 @@ DELAY = "delay"
 CONSTANT = ".torque_constant"
 SENSOR_DELAY = ".delay"  # of one sensor
 SENSOR_DELAYS = "sensor_delay"  # and of all
+PRODUCTS = (".inertia_xy", ".inertia_yz", ".inertia_xz")  # of inertia, which may be negative
 GAINS = {".position_gain": "1/s", ".speed_gain": "N m s/rad", ".integral_gain": "1/s"}
 
 
@@ -330,7 +331,7 @@ def _unknown(
     name = parameter.name
     first = float(start.get(name, parameter.value))
     late = name == DELAY or is_of_sensor(name)
-    signed = late or ".com_" in name or name.endswith(".offset")
+    signed = late or ".com_" in name or name.endswith((".offset", *PRODUCTS))
     scale = "linear" if signed else "log"
     if not math.isfinite(first) or (scale == "log" and first <= 0.0):
         raise ArgumentError(

@@ -1,0 +1,271 @@
+"""The joint fit: all blocks of records as one problem of the estimator, each channel weighted by
+its own misfit.
+
+    min  sum_c |r_c(x)|^2 / (s_c^2 k_c) + (x - x_0)' P (x - x_0)
+
+s_c: root mean square of the residuals of a channel, taken anew a few times; k_c: residuals for one
+that is independent, see `Channel.correlated`. A channel whose physics the model lacks, such as
+hysteresis, has a large s_c and says less. Bodies that are not physically consistent are refused as
+steps.
+
+Directions that the records do not determine keep the numbers of the file. In units of the
+deviations of the prior the information A of the data has eigenvalues; where the posterior deviation
+is more than half of that of the prior,
+
+    1 / (1 + eigenvalue) > 1/4,
+
+the change along the eigenvector is left out. It is one that the misfit does not feel.
+
+Source: P. Wensing, S. Kim and J.-J. Slotine, IEEE RA-L 3(1), 2018 (physical bodies);
+`flexgen.identification.estimator` (search, covariance of blocks).
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from flexgen.base.calls.deadline import best_known, is_over
+from flexgen.base.errors import SolverError
+from flexgen.dynamics.mechanics.parameters import with_values
+from flexgen.identification.commissioning.blocks import Block, Channel
+from flexgen.identification.commissioning.unknowns import Unknowns, is_physical
+from flexgen.identification.estimator.covariance import Blocks, covariance_of
+from flexgen.identification.estimator.minimize import Search, minimize
+from flexgen.identification.estimator.problem import Linearization, Prior, Problem
+
+ROUNDS = 6  # of fits with weights from the residuals of the last one
+STEPS = 5  # of the search in a round; the last one has more
+LAST_STEPS = 15
+SETTLED = 0.05  # largest relative change of a weight from which on there are no more rounds
+DISTANCE = 0.05  # standard deviations from the minimum where a search ends
+# Least size of residuals, as a part of the recorded signal: no model of a robot is more exact, and
+# records without noise then do not decide everything.
+EXACT = 1e-4
+WEAK = 0.5  # posterior over prior deviation from which on the number of the file stays
+
+Tell = Callable[[str], None]
+Keep = Callable[[str, Channel], np.ndarray]
+
+
+@dataclass(frozen=True)
+class Weight:
+    """Of one channel: ``size`` of its residuals and how many count as one."""
+
+    size: float
+    correlated: float
+
+    @property
+    def root(self) -> float:
+        """Factor of the residuals."""
+        return 1.0 / (self.size * np.sqrt(self.correlated))
+
+
+@dataclass(frozen=True, eq=False)
+class JointFit:
+    """Result of a joint fit.
+
+    Parameters
+    ----------
+    unknowns : Unknowns
+    x : array (n,)
+        At the minimum; ``written``: without changes along directions that are not determined.
+    covariance : array (n, n)
+        Of x, from the scatter of the parts of the records.
+    determined : array of bool (n,)
+    information : mapping of name of a record to array (n,)
+        Diagonal of its information, in units of the prior.
+    misfits : list of (record, kind, channel, rms, size, unit)
+    converged : bool
+    """
+
+    unknowns: Unknowns
+    x: np.ndarray
+    written: np.ndarray
+    covariance: np.ndarray
+    determined: np.ndarray
+    information: dict[str, np.ndarray]
+    misfits: list[tuple[str, str, str, float, float, str]]
+    converged: bool
+
+    @property
+    def sd(self) -> np.ndarray:
+        """Standard deviations (n,); of numbers that are not determined that of the prior."""
+        own = np.sqrt(np.diag(self.covariance))
+        return np.where(self.determined, own, self.unknowns.sd)
+
+
+def everything(name: str, channel: Channel) -> np.ndarray:
+    """Rows of a channel that take part in a fit to all records."""
+    return channel.told
+
+
+class _Stack:
+    """All blocks as residuals of one vector."""
+
+    def __init__(
+        self, unknowns: Unknowns, blocks: Sequence[Block], keep: Keep, tell: Tell, what: str
+    ) -> None:
+        self.unknowns = unknowns
+        self.blocks = blocks
+        self.keep = keep
+        self.tell = tell
+        self.what = what
+        self.weights: dict[tuple[str, str], Weight] = {}
+        self._known: tuple[np.ndarray, list[tuple[str, Channel]]] | None = None
+
+    def channels(self, x: np.ndarray, derivatives: bool) -> list[tuple[str, Channel]]:
+        """Name of the record and channel of all blocks, at physical bodies only."""
+        named = self.unknowns.vector.named(x[self.unknowns.parts.model])
+        robot = with_values(self.unknowns.robot, named)
+        for element in robot.elements:
+            if not is_physical(element.body):
+                raise SolverError(
+                    f"commission: the body of {element.name} is not physical at this step"
+                )
+        out = []
+        for block in self.blocks:
+            self.tell(f"{self.what}: {block.name}")
+            out += [(block.name, channel) for channel in block.channels(x, derivatives)]
+        return out
+
+    def reweigh(self, x: np.ndarray) -> float:
+        """Weights from the residuals at x; returns the largest relative change of a size."""
+        largest = 0.0
+        for name, channel in self.channels(x, False):
+            kept = channel.told & self.keep(name, channel)
+            r = channel.residual[kept]
+            size = max(float(np.sqrt(np.mean(r**2))) if len(r) else 0.0, EXACT * channel.size)
+            size = max(size, 1e-300)
+            new = Weight(size, channel.correlated())
+            old = self.weights.get((name, channel.title))
+            largest = max(largest, 1.0 if old is None else abs(np.log(size / old.size)))
+            self.weights[name, channel.title] = new
+        return largest
+
+    def rows(self, x: np.ndarray, derivatives: bool) -> list[tuple[str, Channel, np.ndarray]]:
+        """Record, channel and factor of each row."""
+        out = []
+        for name, channel in self.channels(x, derivatives):
+            root = self.weights[name, channel.title].root
+            out.append((name, channel, root * (channel.told & self.keep(name, channel))))
+        return out
+
+    def residual(self, x: np.ndarray) -> np.ndarray:
+        """Weighted residuals (N,)."""
+        return np.concatenate([c.residual * factor for _, c, factor in self.rows(x, False)])
+
+    def jacobian(self, x: np.ndarray) -> np.ndarray:
+        """Their derivatives (N, n)."""
+        return np.vstack([c.jacobian * factor[:, None] for _, c, factor in self.rows(x, True)])
+
+
+def fit_jointly(
+    unknowns: Unknowns,
+    blocks: Sequence[Block],
+    start: np.ndarray,
+    tell: Tell,
+    *,
+    keep: Keep = everything,
+    free: np.ndarray | None = None,
+    rounds: int = ROUNDS,
+    what: str = "fit",
+) -> JointFit:
+    """Fit all unknowns to all blocks.
+
+    Parameters
+    ----------
+    unknowns : Unknowns
+    blocks : sequence of Block
+    start : array (n,)
+    tell : callable
+        Is given a line now and then.
+    keep : callable
+        Record and channel -> rows that take part.
+    free : array of bool (n,), optional
+        Others stay at the start.
+    rounds : int
+    what : str
+        Of the lines.
+
+    Raises
+    ------
+    SolverError
+        The model has no equilibrium at the start.
+    """
+    stack = _Stack(unknowns, blocks, keep, tell, what)
+    sd = unknowns.sd if free is None else np.where(free, unknowns.sd, 1e-9 * unknowns.sd)
+    center = unknowns.start if free is None else np.where(free, unknowns.start, start)
+    prior = Prior.of_sd(center, sd)
+    x = start.copy()
+    converged = False
+    for k in range(rounds):
+        began = time.perf_counter()
+        for block in blocks:
+            block.relinearize(x)
+        change = stack.reweigh(x)
+        is_last = k + 1 == rounds or (k > 1 and change < SETTLED)
+        problem = Problem(stack.residual, stack.jacobian, prior, unknowns.bounds)
+
+        def show(step: int, here: Linearization, k: int = k) -> None:
+            tell(f"{what}: round {k + 1}, step {step}, misfit {here.value:.4g}")
+
+        steps = LAST_STEPS if is_last else STEPS
+        search = Search(
+            distance=DISTANCE, gain=1e-4, steps=steps, curvature=True, stage="commission",
+            tell=show,
+        )  # fmt: skip
+        found = minimize(problem, x, search)
+        x = found.x
+        converged = found.converged
+        best_known(time.perf_counter() - began)
+        if is_last or is_over():
+            break
+    for block in blocks:
+        block.relinearize(x)
+    stack.reweigh(x)
+    return _result(stack, x, prior, converged)
+
+
+def _result(stack: _Stack, x: np.ndarray, prior: Prior, converged: bool) -> JointFit:
+    """Accuracy of a minimum, and the numbers that are written."""
+    unknowns = stack.unknowns
+    sd = 1.0 / np.sqrt(np.diag(prior.information))
+    matrices = []
+    scores = []
+    information: dict[str, np.ndarray] = {}
+    misfits = []
+    kinds = {block.name: block.kind for block in stack.blocks}
+    pieces: dict[tuple[str, int], int] = {}
+    for name, channel, factor in stack.rows(x, True):
+        J = channel.jacobian * factor[:, None] * sd
+        r = channel.residual * factor
+        kept = factor > 0.0
+        used = np.sqrt(np.mean(channel.residual[kept] ** 2)) if kept.any() else 0.0
+        row = (name, kinds[name], channel.title, float(used), channel.size, channel.unit)
+        misfits.append(row)
+        information[name] = information.get(name, np.zeros(len(x))) + (J**2).sum(axis=0)
+        for piece in np.unique(channel.piece[kept]):
+            rows = kept & (channel.piece == piece)
+            key = name, int(piece)
+            if key not in pieces:
+                pieces[key] = len(matrices)
+                matrices.append(np.zeros((len(x), len(x))))
+                scores.append(np.zeros(len(x)))
+            matrices[pieces[key]] += J[rows].T @ J[rows]
+            scores[pieces[key]] += J[rows].T @ r[rows]
+    A = np.sum(matrices, axis=0)
+    blocks = Blocks(np.array(matrices), np.array(scores))
+    covariance = covariance_of(blocks, np.eye(len(x))) * np.outer(sd, sd)
+    values, vectors = np.linalg.eigh(A)
+    known = 1.0 / (1.0 + np.maximum(values, 0.0)) < WEAK**2
+    change = vectors[:, known].T @ ((x - prior.center) / sd)
+    written = prior.center + sd * (vectors[:, known] @ change)
+    written = np.clip(written, *unknowns.bounds)
+    determined = np.sqrt(np.diag(covariance)) < WEAK * sd
+    return JointFit(
+        unknowns, x, written, covariance, determined, information, misfits, converged
+    )

@@ -1,0 +1,323 @@
+"""A recorded motion as a block of a joint fit: torques of the motors, and positions of trackers
+where a tracker followed it.
+
+The motors move as recorded, and the elastic arm behind them is simulated: torques and positions
+follow, see `flexgen.identification.gears.driven_arm`. Friction of motors acts on torques only and
+is linear there. Where a motor stands still its friction is any torque, and its torque tells
+nothing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.ndimage import binary_erosion
+
+from flexgen.base.errors import ArgumentError
+from flexgen.base.motion.trajectory import Trajectory
+from flexgen.identification.commissioning.blocks import Channel
+from flexgen.identification.commissioning.elastic_arm import ElasticArm
+from flexgen.identification.commissioning.poses_block import frame_slopes, in_frame, turned
+from flexgen.identification.commissioning.unknowns import COULOMB_WIDTH
+from flexgen.identification.gears.driven_arm import MotorMotion
+from flexgen.identification.gears.signals import Signals, signals_of
+
+# Step of the simulation times its fastest eigenvalue, at most: a third of what is stable, for
+# numbers that change.
+STABLE = 0.9
+MOST_HZ = 20.0  # of the band that is compared
+MOVING = 0.01  # of the largest speed of a motor: slower, its friction is any torque
+# Of differences: of logarithms, of a prior's deviation, of zeros [rad], of trackers [m].
+STEP = 1e-4
+LINEAR_STEP = 1e-2
+ZERO_STEP = 1e-5
+TRACKER_STEP = 1e-3
+PIECES = 16  # parts of a record that count as independent
+LEAST_PIECE = 0.3  # s
+AT_REST = 0.02  # s at an end of a record, and the part of the largest speed below which it rests
+REST_SPEED = 0.01
+POSES = 5  # along the record, for the fastest eigenvalue
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """A record: ``trajectory`` with ``q_m`` [rad] and ``tau_m`` [N m], motor side; ``positions``
+    (n, 3 k) [m] of the trackers, nan where not seen; None: no tracker.
+    """
+
+    name: str
+    trajectory: Trajectory
+    positions: np.ndarray | None = None
+
+
+class MotionBlock:
+    """Torques, and positions, of one motion.
+
+    Parameters
+    ----------
+    arm : ElasticArm
+        With trackers where positions were measured.
+    motion : Motion
+    index : int
+        Number of the record among the motions: which delay is its own.
+    """
+
+    def __init__(self, arm: ElasticArm, motion: Motion, index: int) -> None:
+        self.arm = arm
+        self.name = motion.name
+        self.kind = "motion" if motion.positions is None else "tracked"
+        self.index = index
+        self._prepare(motion)
+        parts = arm.unknowns.parts
+        self.of_lengths = np.zeros((len(self.time), 3 * len(arm.sensors), 0))
+        self._slow: np.ndarray | None = None
+        self._slow_columns = np.zeros(0, int)
+        self.relinearize(np.asarray(arm.unknowns.start))
+        assert parts.size == len(arm.unknowns.start)
+
+    def _prepare(self, motion: Motion) -> None:
+        """The record in its band, with friction columns, masks and parts."""
+        record, before = _padded(motion)
+        robot = self.arm.robot
+        q_m = record.trajectory["q_m"]
+        moves = np.ptp(q_m, axis=0) > 0.0
+        if not moves.any():
+            raise ArgumentError(
+                f"{motion.name}: given motors at rest, expected a motion; poses at rest are a "
+                'record of the kind "poses"'
+            )
+        some = _of_motors(record.trajectory, moves)
+        signals = signals_of(some, int(moves.sum()), None)
+        if signals.band_hz > MOST_HZ:
+            signals = signals_of(some, int(moves.sum()), MOST_HZ)
+        self.signals: Signals = signals
+        self.time = signals.time - signals.time[0]
+        self.q_m = signals.reduce(q_m)
+        self.tau_m = signals.reduce(record.trajectory["tau_m"])
+        self.positions = None
+        inside = np.zeros(len(q_m))
+        inside[before : len(inside) - before] = 1.0
+        recorded = signals.reduce(inside[:, None])[:, 0] > 0.5
+        if record.positions is not None:
+            seen = np.isfinite(record.positions)
+            gaps = signals.reduce((~seen).astype(float))
+            self.positions = signals.reduce(np.where(seen, record.positions, 0.0))
+            self._seen = self._inner((np.abs(gaps) < 1e-9) & recorded[:, None])
+        speeds = MotorMotion.through(self.time, self.q_m, 1).samples[:, robot.n_m : 2 * robot.n_m]
+        top = np.abs(speeds).max(axis=0)
+        widths = self.widths(top)
+        columns = [speeds, np.tanh(speeds / widths), np.ones_like(speeds)]
+        has = np.array(self.arm.unknowns.has_friction, float)
+        columns = [columns[0] * has, columns[1] * has, columns[2]]
+        # motor by motor: viscous, Coulomb and constant friction, through the filter of torques
+        self.friction = np.stack([signals.torques(column) for column in columns], axis=2)
+        late = np.gradient(self.tau_m, signals.sample_s, axis=0)
+        self.late = signals.torques(late)
+        self.measured = signals.torques(self.tau_m)
+        moving = (np.abs(speeds) > MOVING * np.maximum(top, 1e-12)) & recorded[:, None]
+        lobe = max(1, round(0.5 / signals.band_hz / signals.sample_s))
+        eroded = binary_erosion(moving, np.ones((2 * lobe + 1, 1)))
+        self._told = self._inner(eroded)
+        inner = self._inner(self.time)
+        length = max(LEAST_PIECE, (inner[-1] - inner[0]) / PIECES)
+        self.piece = ((inner - inner[0]) / length).astype(int)
+
+    def widths(self, top: np.ndarray) -> np.ndarray:
+        """Speeds (n_m,) [rad/s] over which Coulomb friction changes its sign."""
+        betas = [getattr(motor.friction, "beta", 0.0) for motor in self.arm.robot.motors]
+        own = np.array([1.0 / beta if beta else np.inf for beta in betas])
+        return np.where(np.isfinite(own), own, np.maximum(COULOMB_WIDTH * top, 1e-9))
+
+    def _inner(self, x: np.ndarray) -> np.ndarray:
+        """Samples where the second filter is filled."""
+        return x[self.signals.margin : len(x) - self.signals.margin]
+
+    def relinearize(self, x: np.ndarray) -> None:
+        """See `Block`: steps of the simulation, and columns of bodies and dampings."""
+        p = self.arm.numbers(x)
+        poses = self.q_m[:: max(1, len(self.q_m) // POSES)]
+        rate = self.arm.fastest(poses, p)
+        steps = max(1, int(np.ceil(self.signals.sample_s * rate / STABLE)))
+        self.motion = MotorMotion.through(self.time, self.q_m, steps)
+        self.segments = self.arm.segments(self.signals.sample_s, steps)
+        self._slow = None
+
+    def simulate(self, p: np.ndarray, offset: np.ndarray) -> np.ndarray:
+        """Torques, then trackers in the world (R, n, n_m + 3 k), of R arms with numbers (R, n_p)
+        and motor angles that differ by (R, n_m) [rad].
+        """
+        n_m = self.arm.robot.n_m
+        first = self.motion.samples[0]
+        q_m = first[:n_m] + offset
+        start = self.arm.state(q_m, np.tile(first[n_m : 2 * n_m], (len(p), 1)), p)
+        away = np.hstack([offset, np.zeros((len(p), 2 * n_m))])
+        robots = np.zeros(len(p), int)
+        return self.segments(start, self.motion.inputs[None], robots, away, p)
+
+    def channels(self, x: np.ndarray, derivatives: bool) -> list[Channel]:
+        """See `Block`."""
+        unknowns = self.arm.unknowns
+        robot = self.arm.robot
+        p = self.arm.numbers(x)
+        shift = robot.eta @ unknowns.zeros(x)
+        steps: list[tuple[int, np.ndarray, np.ndarray, float]] = []
+        if derivatives:
+            steps = self._steps(x, p, shift, slow=self._slow is None)
+        found = self.simulate(
+            np.array([p, *(numbers for _, numbers, _, _ in steps)]),
+            np.array([shift, *(offset for *_, offset, _ in steps)]),
+        )
+        if not np.isfinite(found).all():
+            raise ArgumentError(f"{self.name}: the simulated motion is not finite")
+        changes = found[1:] - found[0]
+        J = np.zeros((0, 0, 0))
+        if derivatives:
+            J = self._jacobian(changes, steps)
+        out = self._torque_channels(x, found[0, :, : robot.n_m], J)
+        if self.positions is not None:
+            out.append(self._position_channel(x, found[0, :, robot.n_m :], J))
+        return out
+
+    def _steps(
+        self, x: np.ndarray, p: np.ndarray, shift: np.ndarray, slow: bool
+    ) -> list[tuple[int, np.ndarray, np.ndarray, float]]:
+        """Column, numbers, shift of the motor angles and size of each difference; ``slow``: of
+        all numbers, else of springs and zeros only.
+        """
+        unknowns = self.arm.unknowns
+        parts = unknowns.parts
+        out = []
+        for k, unknown in enumerate(unknowns.vector.unknowns):
+            kind = unknown.name.rpartition(".")[2]
+            if not slow and kind not in SPRINGS:
+                continue
+            size = STEP if unknown.scale == "log" else LINEAR_STEP * unknown.prior_sd
+            there = x.copy()
+            there[parts.model.start + k] += size
+            out.append((parts.model.start + k, self.arm.numbers(there), shift, size))
+        for k in range(self.arm.robot.n_g):
+            column = parts.zeros.start + k
+            if unknowns.sd[column] > ZERO_STEP:
+                offset = shift + ZERO_STEP * self.arm.robot.eta[:, k]
+                out.append((column, p, offset, ZERO_STEP))
+        if slow and self.positions is not None:
+            for column in range(parts.trackers.start, parts.trackers.stop):
+                there = x.copy()
+                there[column] += TRACKER_STEP
+                out.append((column, self.arm.numbers(there), shift, TRACKER_STEP))
+        return out
+
+    def _jacobian(
+        self, changes: np.ndarray, steps: list[tuple[int, np.ndarray, np.ndarray, float]]
+    ) -> np.ndarray:
+        """Derivatives (n, outputs, unknowns) of the simulated outputs."""
+        size = self.arm.unknowns.parts.size
+        if self._slow is None:
+            self._slow = np.zeros((*changes.shape[1:], size))
+        J = self._slow
+        for change, (column, _, _, step) in zip(changes, steps, strict=True):
+            J[:, :, column] = change / step
+        return J
+
+    def _torque_channels(self, x: np.ndarray, tau: np.ndarray, J: np.ndarray) -> list[Channel]:
+        """Residual torques of each motor that moves."""
+        parts = self.arm.unknowns.parts
+        n_m = tau.shape[1]
+        friction = x[parts.friction].reshape(n_m, 3)
+        delay = parts.delays.start + self.index
+        model = self.signals.torques(tau) + np.einsum("njc,jc->nj", self.friction, friction)
+        residual = model - self.measured - x[delay] * self.late
+        out = []
+        for j, motor in enumerate(self.arm.robot.motors):
+            told = self._told[:, j]
+            if not told.any():
+                continue
+            rows = np.zeros((0, parts.size))
+            if J.size:
+                rows = self.signals.torques(J[:, j])
+                at = parts.friction.start + 3 * j
+                rows[:, at : at + 3] = self.friction[:, j]
+                rows[:, delay] = -self.late[:, j]
+                rows = np.where(told[:, None], rows, 0.0)
+            r = np.where(told, residual[:, j], 0.0)
+            size = float(np.std(self.measured[told, j]))
+            out.append(
+                Channel(f"torque of {motor.name}", r, rows, self.piece, told, size, "N m")
+            )
+        return out
+
+    def _position_channel(self, x: np.ndarray, points: np.ndarray, J: np.ndarray) -> Channel:
+        """Residual positions of all trackers."""
+        assert self.positions is not None
+        parts = self.arm.unknowns.parts
+        lengths = self._inner(self.of_lengths)
+        world = self._inner(points) + lengths @ x[parts.lengths]
+        measured = self._inner(self.positions)
+        frame = x[parts.frame]
+        residual = np.where(self._seen, in_frame(frame, world) - measured, 0.0)
+        n, k = residual.shape
+        rows = np.zeros((0, parts.size))
+        if J.size:
+            whole = self._inner(J[:, self.arm.robot.n_m :]).copy()
+            whole[:, :, parts.lengths] = lengths
+            whole = turned(frame, whole)
+            whole[:, :, parts.frame] = frame_slopes(frame, world)
+            rows = (whole * self._seen[:, :, None]).reshape(n * k, -1)
+        seen = np.where(self._seen, measured, np.nan)
+        size = float(np.sqrt(np.nanmean((seen - np.nanmean(seen, axis=0)) ** 2)))
+        return Channel(
+            "positions",
+            residual.ravel(),
+            rows,
+            np.repeat(self.piece, k),
+            self._seen.ravel(),
+            size,
+            "m",
+            neighbors=k,
+        )
+
+
+SPRINGS = ("stiffness", "low", "high", "break_at", "gap")
+
+
+def _of_motors(record: Trajectory, chosen: np.ndarray) -> Trajectory:
+    """The channels of some motors."""
+    channels = {name: record[name][:, chosen] for name in ("q_m", "tau_m")}
+    labels = {
+        name: tuple(x for x, keep in zip(record.labels[name], chosen, strict=True) if keep)
+        for name in channels
+    }
+    ports = {name: replace(record.ports[name], shape=(int(chosen.sum()),)) for name in channels}
+    return Trajectory(record.time, channels, ports, labels)
+
+
+def _padded(motion: Motion) -> tuple[Motion, int]:
+    """The record with rest before and after it where it begins and ends at rest, and how many
+    samples at each end: its own motion then passes the filters whole.
+    """
+    record = motion.trajectory
+    step = float(record.time[1] - record.time[0])
+    speed = np.abs(np.gradient(record["q_m"], step, axis=0))
+    count = max(2, round(AT_REST / step))
+    rests = np.maximum(speed[:count], speed[-count:]) < REST_SPEED * speed.max(axis=0) + 1e-12
+    if not rests.all():
+        return motion, 0
+    n = round(PAD / step)
+
+    def pad(x: np.ndarray) -> np.ndarray:
+        first = np.repeat(x[:count].mean(axis=0)[None], n, axis=0)
+        last = np.repeat(x[-count:].mean(axis=0)[None], n, axis=0)
+        return np.concatenate([first, x, last])
+
+    time = record.time[0] + step * (np.arange(len(record.time) + 2 * n) - n)
+    channels = {name: pad(record[name]) for name in ("q_m", "tau_m")}
+    ports = {name: record.ports[name] for name in channels}
+    labels = {name: record.labels[name] for name in channels}
+    positions = None if motion.positions is None else pad(motion.positions)
+    return replace(
+        motion, trajectory=Trajectory(time, channels, ports, labels), positions=positions
+    ), n
+
+
+PAD = 2.0  # s of rest before and after a record that begins and ends at rest
