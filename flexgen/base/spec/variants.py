@@ -8,9 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from flexgen.base.errors import ArgumentError
-from flexgen.base.spec.toml_text import toml
+from flexgen.base.spec.toml_text import toml, toml_key
 
 LONGEST = 300  # characters of a description
+LONG_LINE = 1000  # characters of a list from which on it has several lines
+IN_LINE = 8  # entries of such a list in a line
 
 
 def add_variant(
@@ -58,8 +60,23 @@ def with_variant(
     sets = own | dict(changes)
     lines = [f"[variant.{name}]", f"description = {toml(' '.join(description.split())[:LONGEST])}"]
     lines += [f"remove = {toml(old['remove'])}"] if "remove" in old else []
-    rows = [f"{toml(key)} = {toml(value)}" for key, value in sets.items()]
+    rows = [f"{toml(key)} = {_in_lines(value)}" for key, value in sets.items()]
     return "\n".join([text.rstrip(), "", *lines, "", f"[variant.{name}.set]", *rows, ""])
+
+
+def _in_lines(value: Any) -> str:
+    """TOML of a value; of a long list in several lines, since lines of a file have a limit."""
+    text = toml(value)
+    if len(text) < LONG_LINE:
+        return text
+    if isinstance(value, Mapping):
+        # a line may end within a list in an inline table, not between its keys
+        entries = (f"{toml_key(key)} = {_in_lines(entry)}" for key, entry in value.items())
+        return "{ " + ", ".join(entries) + " }"
+    if not isinstance(value, list):
+        return text
+    lines = (", ".join(toml(x) for x in value[k : k + IN_LINE]) for k in range(0, len(value), IN_LINE))
+    return "[\n" + "".join(f"  {line},\n" for line in lines) + "]"
 
 
 def _refusal(given: str) -> ArgumentError:

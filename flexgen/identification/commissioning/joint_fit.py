@@ -32,6 +32,7 @@ from flexgen.base.calls.deadline import best_known, is_over
 from flexgen.base.errors import SolverError
 from flexgen.dynamics.mechanics.parameters import with_values
 from flexgen.identification.commissioning.blocks import Block, Channel
+from flexgen.identification.commissioning.motion_block import MotionBlock
 from flexgen.identification.commissioning.unknowns import Unknowns, is_physical
 from flexgen.identification.estimator.covariance import Blocks, covariance_of
 from flexgen.identification.estimator.minimize import Search, minimize
@@ -45,6 +46,8 @@ DISTANCE = 0.05  # standard deviations from the minimum where a search ends
 # Least size of residuals, as a part of the recorded signal: no model of a robot is more exact, and
 # records without noise then do not decide everything.
 EXACT = 1e-4
+# Increase of the objective for numbers that go back to those of the file: a standard deviation.
+SPENT = 1.0
 WEAK = 0.5  # posterior over prior deviation from which on the number of the file stays
 
 Tell = Callable[[str], None]
@@ -80,6 +83,8 @@ class JointFit:
         Diagonal of its information, in units of the prior.
     misfits : list of (record, kind, channel, rms, size, unit)
     converged : bool
+    top_speeds : array (n_m,) [rad/s]
+        Of the motors in all motions; empty: there is none.
     """
 
     unknowns: Unknowns
@@ -90,6 +95,7 @@ class JointFit:
     information: dict[str, np.ndarray]
     misfits: list[tuple[str, str, str, float, float, str]]
     converged: bool
+    top_speeds: np.ndarray
 
     @property
     def sd(self) -> np.ndarray:
@@ -260,12 +266,51 @@ def _result(stack: _Stack, x: np.ndarray, prior: Prior, converged: bool) -> Join
     A = np.sum(matrices, axis=0)
     blocks = Blocks(np.array(matrices), np.array(scores))
     covariance = covariance_of(blocks, np.eye(len(x))) * np.outer(sd, sd)
+    determined = np.sqrt(np.diag(covariance)) < WEAK * sd
+    written = prior.center + sd * _written(A, (x - prior.center) / sd, determined)
+    written = np.clip(written, *unknowns.bounds)
+    tops = [block.top for block in stack.blocks if isinstance(block, MotionBlock)]
+    top = np.max(tops, axis=0) if tops else np.zeros(0)
+    return JointFit(
+        unknowns, x, written, covariance, determined, information, misfits, converged, top
+    )
+
+
+def _written(A: np.ndarray, z: np.ndarray, determined: np.ndarray) -> np.ndarray:
+    """Changes that are written, from those of a fit, in units of the deviations of the prior.
+
+    First the changes along directions that the data do not determine are left out. Then as many
+    of the numbers that are not determined alone go back to the file as the others can make up for,
+    the cheapest first: the objective rises by `SPENT` at most.
+
+    Parameters
+    ----------
+    A : array (n, n)
+        Information of the data; with the prior it is A + 1.
+    z : array (n,)
+        Changes.
+    determined : array of bool (n,)
+    """
     values, vectors = np.linalg.eigh(A)
     known = 1.0 / (1.0 + np.maximum(values, 0.0)) < WEAK**2
-    change = vectors[:, known].T @ ((x - prior.center) / sd)
-    written = prior.center + sd * (vectors[:, known] @ change)
-    written = np.clip(written, *unknowns.bounds)
-    determined = np.sqrt(np.diag(covariance)) < WEAK * sd
-    return JointFit(
-        unknowns, x, written, covariance, determined, information, misfits, converged
-    )
+    z = vectors[:, known] @ (vectors[:, known].T @ z)
+    whole = A + np.eye(len(z))
+    H = np.linalg.inv(whole)
+    spent = 0.0
+    out = z.copy()
+    fixed: list[int] = []
+    candidates = [int(k) for k in np.flatnonzero(~determined)]
+    while candidates:
+        # H is the inverse of the matrix of the numbers that are still free
+        costs = np.array([out[k] ** 2 / H[k, k] for k in candidates])
+        best = int(np.argmin(costs))
+        if spent + costs[best] > SPENT:
+            break
+        spent += costs[best]
+        k = candidates.pop(best)
+        column = H[:, k] / H[k, k]
+        out -= column * out[k]
+        H -= np.outer(column, H[k])
+        fixed.append(k)
+        out[fixed] = 0.0
+    return out

@@ -105,7 +105,7 @@ class MotionBlock:
             self.positions = signals.reduce(np.where(seen, record.positions, 0.0))
             self._seen = self._inner((np.abs(gaps) < 1e-9) & recorded[:, None])
         speeds = MotorMotion.through(self.time, self.q_m, 1).samples[:, robot.n_m : 2 * robot.n_m]
-        top = np.abs(speeds).max(axis=0)
+        self.top = top = np.abs(speeds).max(axis=0)
         widths = self.widths(top)
         columns = [speeds, np.tanh(speeds / widths), np.ones_like(speeds)]
         has = np.array(self.arm.unknowns.has_friction, float)
@@ -242,9 +242,7 @@ class MotionBlock:
                 rows = np.where(told[:, None], rows, 0.0)
             r = np.where(told, residual[:, j], 0.0)
             size = float(np.std(self.measured[told, j]))
-            out.append(
-                Channel(f"torque of {motor.name}", r, rows, self.piece, told, size, "N m")
-            )
+            out.append(Channel(f"torque of {motor.name}", r, rows, self.piece, told, size, "N m"))
         return out
 
     def _position_channel(self, x: np.ndarray, points: np.ndarray, J: np.ndarray) -> Channel:

@@ -297,9 +297,7 @@ def _free_of_body(body: Body) -> tuple[str, ...]:
     return (*kinds, *(PRODUCTS if (diagonal > 0.0).all() else ()))
 
 
-def _sd_of(
-    robot: RobotModel, name: str, tolerances: DatasheetTolerances, spring: float
-) -> float:
+def _sd_of(robot: RobotModel, name: str, tolerances: DatasheetTolerances, spring: float) -> float:
     """Standard deviation of the prior of a number of the model."""
     part, _, kind = name.partition(".")
     bodies = {element.name: element.body for element in robot.elements}

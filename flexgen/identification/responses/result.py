@@ -423,11 +423,11 @@ def _as_variant(
 ) -> str:
     """The text of a model file with numbers, and the overrides of the model, as its variant."""
     line = f"identified parameters ({_one_line(words.source)}); {words.note}".rstrip("; ")
-    changes = with_overrides(model, _whole_lists(model, numbers))
+    changes = with_overrides(model, whole_lists(model, numbers))
     return words.head + with_variant(old, file, IDENTIFIED, changes, line, model.variant)
 
 
-def _whole_lists(model: RobotModel, numbers: Mapping[str, float]) -> dict[str, Any]:
+def whole_lists(model: RobotModel, numbers: Mapping[str, float]) -> dict[str, Any]:
     """The numbers by key; those of a list, such as a center of mass, as this list.
 
     A variant has no key for one number of a list.
