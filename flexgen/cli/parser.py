@@ -39,7 +39,7 @@ GROUPS = {
     ),
     "identification": (
         "excite measure frf identify identify-servo identify-load identify-gears identify-spring "
-        "calibrate"
+        "calibrate commission"
     ),
     "other tools, many cases": "export sweep completion",
 }

@@ -38,6 +38,7 @@ WRITERS = {
     "identify_spring": ((".toml", ".json", ".npz"), "SpringFit"),
     "identify": ((".toml",), "Estimated"),
     "calibrate": ((".toml",), "Calibration"),
+    "commission": ((".toml", ".json"), "Commissioning"),
 }
 
 

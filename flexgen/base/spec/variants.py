@@ -75,7 +75,9 @@ def _in_lines(value: Any) -> str:
         return "{ " + ", ".join(entries) + " }"
     if not isinstance(value, list):
         return text
-    lines = (", ".join(toml(x) for x in value[k : k + IN_LINE]) for k in range(0, len(value), IN_LINE))
+    lines = (
+        ", ".join(toml(x) for x in value[k : k + IN_LINE]) for k in range(0, len(value), IN_LINE)
+    )
     return "[\n" + "".join(f"  {line},\n" for line in lines) + "]"
 
 

@@ -81,6 +81,10 @@ class Block(Protocol):
         """Residuals at x, and their derivatives."""
         ...
 
+    def set_free(self, free: np.ndarray) -> None:
+        """Derivatives in other unknowns (n,) than these may be left out."""
+        ...
+
     def relinearize(self, x: np.ndarray) -> None:
         """Take anew at x what changes little from step to step: weights and derivatives."""
         ...

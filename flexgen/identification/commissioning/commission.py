@@ -66,10 +66,11 @@ POSES_OF_MOTION = 60  # samples of a tracked motion that find the frame of its t
 # refused above the other one.
 WORTH_IT = 0.97
 WORSE = 1.02
+# Rise of the logarithm of a stiffness that is one: standard deviations, and at least.
+SURE = 2.5
+LEAST_RISE = 0.05
 # Torque of a gear over its largest one, or over that of the records, at which its curve bends.
 BEND = 0.1
-# Change of a number, in tolerances of the datasheet, from which on it is named.
-FAR = 3.0
 
 
 @checked_types(own=("time_limit",))
@@ -137,7 +138,7 @@ def commission(
         data = records
     else:
         trackers = [s for s in robot.sensors if s.type == "tracker"]
-        data = read_records(robot, list_records(records), trackers, tell)
+        data = read_records(robot, list_records(records, robot), trackers, tell)
     if not any(data.kinds.values()):
         raise ArgumentError("records: given none, expected a motion, poses or responses")
     with limit_fit("commission", time_limit, tell):
@@ -151,7 +152,7 @@ def commission(
                 judged = other.judge()
                 better = _factor(judged.held_out, verdict.held_out)
                 tell(f"gears with a curve: errors on held-out parts are {better:.3g} times")
-                if curves or better < WORTH_IT:
+                if curves or (better < WORTH_IT and _has_curves(judged.fit)):
                     chosen = other
                     verdict = judged
         fit = verdict.fit if is_over() else chosen.fit_all(verdict.fit)
@@ -370,6 +371,23 @@ def _factor(new: Sequence[HeldOut], old: Sequence[HeldOut]) -> float:
         ratio = max(row.after, 1e-300) / max(before[row.record, row.channel], 1e-300)
         logs.setdefault(row.record, []).append(float(np.log(ratio)))
     return float(np.exp(np.mean([np.mean(x) for x in logs.values()]))) if logs else 1.0
+
+
+def _has_curves(fit: JointFit) -> bool:
+    """Whether the stiffness of a gear rises by more than a few percent and its accuracy."""
+    names = list(fit.unknowns.names)
+    for name in names:
+        if not name.endswith(".low"):
+            continue
+        joint = name.removesuffix(".low")
+        low = names.index(name)
+        high = names.index(f"{joint}.high")
+        rise = fit.x[high] - fit.x[low]
+        C = fit.covariance
+        sd = np.sqrt(max(C[low, low] + C[high, high] - 2 * C[low, high], 0.0))
+        if rise > max(SURE * sd, LEAST_RISE):
+            return True
+    return False
 
 
 def _with_curves(study: _Study) -> _Study | None:

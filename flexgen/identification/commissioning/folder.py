@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from flexgen.base.errors import ArgumentError, FlexgenError
 from flexgen.base.files.trajectory_files import LARGEST
@@ -29,7 +30,7 @@ from flexgen.base.spec.tables import closest, open_file
 from flexgen.identification.commissioning.motion_block import Motion
 from flexgen.identification.experiments.experiment import Experiment
 from flexgen.identification.poses.poses import StaticPoses
-from flexgen.identification.records.columns import column_of, find_column, find_time
+from flexgen.identification.records.columns import TIMES, column_of, find_column, find_time
 from flexgen.identification.records.description import read_description
 from flexgen.identification.records.experiment_file import read_experiment
 from flexgen.identification.records.motor_record import read_motor_record
@@ -41,7 +42,10 @@ DESCRIPTION = "records.toml"
 KINDS = ("motion", "tracked", "poses", "responses")
 SUFFIXES = (".csv", ".npz", ".mat", ".toml")
 FRAMES = ("period_s", "segment_s")  # keys of a description of an excitation
+OF_FRF = {"G", "UU", "w"}  # arrays of a file of `flexgen.frf`
+OF_EXPERIMENT = {"lines", "amplitudes", "phases"}
 AXES = "xyz"
+FEWEST = 10  # positions of a tracked motion
 
 
 @dataclass(frozen=True)
@@ -80,8 +84,8 @@ class Records:
         return out
 
 
-def list_records(folder: str | Path) -> list[RecordFile]:
-    """The files of a folder with their kinds.
+def list_records(folder: str | Path, robot: RobotModel) -> list[RecordFile]:
+    """The files of a folder with their kinds; without files that have no column of the robot.
 
     Raises
     ------
@@ -95,16 +99,18 @@ def list_records(folder: str | Path) -> list[RecordFile]:
         )
     described = place / DESCRIPTION
     if described.is_file():
-        return _described(described)
+        return _described(described, robot)
     files = [p for p in sorted(place.iterdir()) if p.suffix in SUFFIXES and p.is_file()]
     files = [p for p in files if p.suffix != ".toml" or _is_description(p)]
     # files that a description names are read by it
     named = {name for p in files if p.suffix == ".toml" for name in _named_files(p)}
-    found = [RecordFile(p, _kind_of(p)) for p in files if p.resolve() not in named]
+    kinds = {p: _kind_of(p, robot) for p in files if p.resolve() not in named}
+    found = [RecordFile(p, kind) for p, kind in kinds.items() if kind]
     if not found:
         raise ArgumentError(
-            f"{place}: given a folder without records, expected {', '.join(SUFFIXES)} files, or "
-            f"a {DESCRIPTION} that names them"
+            f"{place}: given a folder without records of {robot.title}, expected "
+            f"{', '.join(SUFFIXES)} files with its motors, joints or trackers, or a "
+            f"{DESCRIPTION} that names them"
         )
     return found
 
@@ -118,7 +124,7 @@ def _toml(path: Path) -> dict[str, Any]:
         raise ArgumentError(f"{path}: given a file that is not TOML: {error}") from None
 
 
-def _described(path: Path) -> list[RecordFile]:
+def _described(path: Path, robot: RobotModel) -> list[RecordFile]:
     """The records of a description of a folder."""
     found = _toml(path)
     other = [key for key in found if key != "record"]
@@ -141,7 +147,7 @@ def _described(path: Path) -> list[RecordFile]:
             raise ArgumentError(f"{where}: given file = {name!r}, expected a file of the folder")
         file = path.parent / name
         kind = row.get("kind", None)
-        kind = _kind_of(file) if kind is None else kind
+        kind = (_kind_of(file, robot) or KINDS[0]) if kind is None else kind
         if kind not in KINDS:
             raise ArgumentError(
                 f"{where}: given kind = {kind!r}, expected one of {', '.join(KINDS)}"
@@ -168,25 +174,25 @@ def _named_files(path: Path) -> list[Path]:
     return out
 
 
-def _kind_of(path: Path) -> str:
-    """Kind of a file, by its columns."""
+def _kind_of(path: Path, robot: RobotModel) -> str:
+    """Kind of a file, by its columns; empty: it has no column of the robot."""
     if path.suffix == ".toml":
         return "responses" if any(key in _toml(path) for key in FRAMES) else "motion"
-    arrays = read_arrays(path, LARGEST)
-    names = set(arrays)
-    if path.suffix == ".npz" and ({"G", "w"} <= names or "plan" in str(names)):
+    names = list(read_arrays(path, LARGEST))
+    if path.suffix == ".npz" and (OF_FRF <= set(names) or OF_EXPERIMENT <= set(names)):
         return "responses"
     columns = [column_of(name) for name in names]
-    timed = any(c.name.lower() in ("time", "t", "timestamp") for c in columns)
-    positions = {c.name for c in columns if c.name.endswith(tuple(f"_{axis}" for axis in AXES))}
+    timed = any(c.name.lower() in TIMES for c in columns)
+    own = {motor.name for motor in robot.motors}
+    own |= {robot.coordinates[i].name for i in robot.i_g}
+    of_robot = any(c.name in own or c.label in own or c.name in ("q_m", "tau_m") for c in columns)
+    trackers = {s.name for s in robot.sensors if s.type == "tracker"}
+    seen = any(f"{name}_x" in (c.name, c.text.strip()) for name in trackers for c in columns)
+    if not of_robot:
+        return ""
     if timed:
-        return "tracked" if positions else "motion"
-    if positions:
-        return "poses"
-    raise ArgumentError(
-        f"{path}: given the columns {', '.join(sorted(names)[:8])}, expected a time, or positions "
-        f"of a tracker; state the kind of the file in {DESCRIPTION}"
-    )
+        return "tracked" if seen else "motion"
+    return "poses"
 
 
 def read_records(
@@ -296,15 +302,16 @@ def _positions(
             values = np.ma.filled(np.ma.asanyarray(arrays[header[k]]).astype(float), np.nan)
             values = np.ravel(values) * unit
             seen = np.isfinite(values) & np.isfinite(clock)
-            if seen.sum() < 2:
+            if seen.sum() < FEWEST:
                 raise ArgumentError(
                     f"{where}: column {header[k].strip()!r}: given {seen.sum()} numbers, "
-                    "expected at least 2"
+                    f"expected at least {FEWEST}"
                 )
-            found = np.interp(time, clock[seen], values[seen])
+            inside = np.clip(time, clock[seen][0], clock[seen][-1])
+            found = CubicSpline(clock[seen], values[seen])(inside)
             # between two instants that were seen with a gap the tracker saw nothing
             step = np.median(np.diff(clock[seen]))
             after = np.searchsorted(clock[seen], time).clip(1, seen.sum() - 1)
             wide = clock[seen][after] - clock[seen][after - 1] > 2.5 * step
-            out.append(np.where(wide, np.nan, found))
+            out.append(np.where(wide | (inside != time), np.nan, found))
     return np.column_stack(out)

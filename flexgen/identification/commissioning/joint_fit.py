@@ -38,8 +38,8 @@ from flexgen.identification.estimator.covariance import Blocks, covariance_of
 from flexgen.identification.estimator.minimize import Search, minimize
 from flexgen.identification.estimator.problem import Linearization, Prior, Problem
 
-ROUNDS = 6  # of fits with weights from the residuals of the last one
-STEPS = 5  # of the search in a round; the last one has more
+ROUNDS = 5  # of fits with weights from the residuals of the last one
+STEPS = 3  # of the search in a round; the last one has more
 LAST_STEPS = 15
 SETTLED = 0.05  # largest relative change of a weight from which on there are no more rounds
 DISTANCE = 0.05  # standard deviations from the minimum where a search ends
@@ -203,6 +203,8 @@ def fit_jointly(
         The model has no equilibrium at the start.
     """
     stack = _Stack(unknowns, blocks, keep, tell, what)
+    for block in blocks:
+        block.set_free(np.ones(len(start), bool) if free is None else free)
     sd = unknowns.sd if free is None else np.where(free, unknowns.sd, 1e-9 * unknowns.sd)
     center = unknowns.start if free is None else np.where(free, unknowns.start, start)
     prior = Prior.of_sd(center, sd)

@@ -12,6 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.interpolate import make_interp_spline
 from scipy.ndimage import binary_erosion
 
 from flexgen.base.errors import ArgumentError
@@ -37,6 +38,8 @@ PIECES = 16  # parts of a record that count as independent
 LEAST_PIECE = 0.3  # s
 AT_REST = 0.02  # s at an end of a record, and the part of the largest speed below which it rests
 REST_SPEED = 0.01
+# Change of a number, in deviations of its prior, after which derivatives in bodies are taken anew.
+FRESH = 0.3
 POSES = 5  # along the record, for the fastest eigenvalue
 
 
@@ -72,7 +75,8 @@ class MotionBlock:
         parts = arm.unknowns.parts
         self.of_lengths = np.zeros((len(self.time), 3 * len(arm.sensors), 0))
         self._slow: np.ndarray | None = None
-        self._slow_columns = np.zeros(0, int)
+        self._slow_at = np.zeros(0)
+        self.free = np.ones(parts.size, bool)
         self.relinearize(np.asarray(arm.unknowns.start))
         assert parts.size == len(arm.unknowns.start)
 
@@ -102,7 +106,8 @@ class MotionBlock:
         if record.positions is not None:
             seen = np.isfinite(record.positions)
             gaps = signals.reduce((~seen).astype(float))
-            self.positions = signals.reduce(np.where(seen, record.positions, 0.0))
+            self.positions = signals.reduce(_filled(record.positions))
+            self.path = make_interp_spline(self.time, self.positions, k=5)
             self._seen = self._inner((np.abs(gaps) < 1e-9) & recorded[:, None])
         speeds = MotorMotion.through(self.time, self.q_m, 1).samples[:, robot.n_m : 2 * robot.n_m]
         self.top = top = np.abs(speeds).max(axis=0)
@@ -120,8 +125,16 @@ class MotionBlock:
         eroded = binary_erosion(moving, np.ones((2 * lobe + 1, 1)))
         self._told = self._inner(eroded)
         inner = self._inner(self.time)
-        length = max(LEAST_PIECE, (inner[-1] - inner[0]) / PIECES)
-        self.piece = ((inner - inner[0]) / length).astype(int)
+        own = inner[self._inner(recorded)]
+        if not len(own):
+            raise ArgumentError(
+                f"{motion.name}: given {self.time[-1]:.3g} s, expected a longer motion: the "
+                "filters of its band take all of it"
+            )
+        # without the rest that was added at both ends
+        length = max(LEAST_PIECE, (own[-1] - own[0]) / PIECES)
+        whole = int((own[-1] - own[0]) / length)
+        self.piece = np.clip((inner - own[0]) / length, 0, whole).astype(int)
 
     def widths(self, top: np.ndarray) -> np.ndarray:
         """Speeds (n_m,) [rad/s] over which Coulomb friction changes its sign."""
@@ -133,6 +146,12 @@ class MotionBlock:
         """Samples where the second filter is filled."""
         return x[self.signals.margin : len(x) - self.signals.margin]
 
+    def set_free(self, free: np.ndarray) -> None:
+        """See `Block`."""
+        if not np.array_equal(free, self.free):
+            self._slow = None
+        self.free = free
+
     def relinearize(self, x: np.ndarray) -> None:
         """See `Block`: steps of the simulation, and columns of bodies and dampings."""
         p = self.arm.numbers(x)
@@ -141,7 +160,15 @@ class MotionBlock:
         steps = max(1, int(np.ceil(self.signals.sample_s * rate / STABLE)))
         self.motion = MotorMotion.through(self.time, self.q_m, steps)
         self.segments = self.arm.segments(self.signals.sample_s, steps)
-        self._slow = None
+        moved = len(self._slow_at) == 0 or self._moved(x) > FRESH
+        if moved:
+            self._slow = None
+
+    def _moved(self, x: np.ndarray) -> float:
+        """Largest change since the columns of bodies were computed, in deviations of the prior."""
+        parts = self.arm.unknowns.parts
+        sd = self.arm.unknowns.sd
+        return float(np.abs((x - self._slow_at) / sd)[parts.model].max())
 
     def simulate(self, p: np.ndarray, offset: np.ndarray) -> np.ndarray:
         """Torques, then trackers in the world (R, n, n_m + 3 k), of R arms with numbers (R, n_p)
@@ -173,6 +200,8 @@ class MotionBlock:
         changes = found[1:] - found[0]
         J = np.zeros((0, 0, 0))
         if derivatives:
+            if self._slow is None:
+                self._slow_at = x.copy()
             J = self._jacobian(changes, steps)
         out = self._torque_channels(x, found[0, :, : robot.n_m], J)
         if self.positions is not None:
@@ -190,7 +219,7 @@ class MotionBlock:
         out = []
         for k, unknown in enumerate(unknowns.vector.unknowns):
             kind = unknown.name.rpartition(".")[2]
-            if not slow and kind not in SPRINGS:
+            if not self.free[parts.model.start + k] or (not slow and kind not in SPRINGS):
                 continue
             size = STEP if unknown.scale == "log" else LINEAR_STEP * unknown.prior_sd
             there = x.copy()
@@ -198,7 +227,7 @@ class MotionBlock:
             out.append((parts.model.start + k, self.arm.numbers(there), shift, size))
         for k in range(self.arm.robot.n_g):
             column = parts.zeros.start + k
-            if unknowns.sd[column] > ZERO_STEP:
+            if self.free[column] and unknowns.sd[column] > ZERO_STEP:
                 offset = shift + ZERO_STEP * self.arm.robot.eta[:, k]
                 out.append((column, p, offset, ZERO_STEP))
         if slow and self.positions is not None:
@@ -251,7 +280,10 @@ class MotionBlock:
         parts = self.arm.unknowns.parts
         lengths = self._inner(self.of_lengths)
         world = self._inner(points) + lengths @ x[parts.lengths]
-        measured = self._inner(self.positions)
+        clock = parts.clocks.start + 2 * self.index
+        time = self._inner(self.time)
+        late = time + x[clock] + x[clock + 1] * time
+        measured = self.path(late)
         frame = x[parts.frame]
         residual = np.where(self._seen, in_frame(frame, world) - measured, 0.0)
         n, k = residual.shape
@@ -261,6 +293,9 @@ class MotionBlock:
             whole[:, :, parts.lengths] = lengths
             whole = turned(frame, whole)
             whole[:, :, parts.frame] = frame_slopes(frame, world)
+            rates = self.path(late, 1)
+            whole[:, :, clock] = -rates
+            whole[:, :, clock + 1] = -rates * time[:, None]
             rows = (whole * self._seen[:, :, None]).reshape(n * k, -1)
         seen = np.where(self._seen, measured, np.nan)
         size = float(np.sqrt(np.nanmean((seen - np.nanmean(seen, axis=0)) ** 2)))
@@ -274,6 +309,16 @@ class MotionBlock:
             "m",
             neighbors=k,
         )
+
+
+def _filled(x: np.ndarray) -> np.ndarray:
+    """Signals (n, k) without gaps: straight lines across them, which do not count."""
+    at = np.arange(len(x))
+    out = x.copy()
+    for k in range(x.shape[1]):
+        seen = np.isfinite(x[:, k])
+        out[:, k] = np.interp(at, at[seen], x[seen, k])
+    return out
 
 
 SPRINGS = ("stiffness", "low", "high", "break_at", "gap")

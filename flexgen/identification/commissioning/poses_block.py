@@ -76,6 +76,9 @@ class PosesBlock:
         )
         return [channel]
 
+    def set_free(self, free: np.ndarray) -> None:
+        """See `Block`: derivatives in all unknowns cost little."""
+
     def relinearize(self, x: np.ndarray) -> None:
         """Weights of poses with gross errors."""
         self.weight = np.ones(len(self.measured))

@@ -87,6 +87,9 @@ class ResponsesBlock:
             )
         ]
 
+    def set_free(self, free: np.ndarray) -> None:
+        """See `Block`: derivatives in all unknowns cost little."""
+
     def relinearize(self, x: np.ndarray) -> None:
         """See `Block`: deflections over which springs that are not linear are averaged."""
         self.residuals.average_springs(self._own(x))

@@ -11,6 +11,7 @@
 | frame | pose of the world in the frame of the tracker | m, rad | wide |
 | trackers | places of the trackers on their bodies | m | 0.1 m |
 | delays | of the torques of each record | s | 3 ms |
+| clocks | of the tracker of each record: time by which it is early, and its drift | s, - | 50 ms, 1e-4 |
 | responses | viscous friction of each motor, and delay, at each level | logarithm, s | wide |
 
 The tolerance of the bodies is small on purpose. Torques determine base parameters only, and springs
@@ -45,6 +46,8 @@ PRODUCTS = ("inertia_xy", "inertia_yz", "inertia_xz")
 WIDE = 1e3
 FRAME_SD = 10.0
 RESPONSE_SD = 3.0
+# Of the clock of a tracker: its offset [s] and its drift, relative.
+CLOCK_SD = (0.05, 1e-4)
 # Numbers of each motor: viscous, Coulomb and constant friction.
 FRICTIONS = ("viscous", "coulomb", "offset")
 # Speed over the largest one at which Coulomb friction is fully there, where the file has none.
@@ -108,6 +111,7 @@ class Parts(Layout):
     frame: slice
     trackers: slice
     delays: slice
+    clocks: slice
     responses: slice
 
 
@@ -228,6 +232,7 @@ def make_unknowns(
         frame=6 if positions else 0,
         trackers=3 * len(sensors) if positions else 0,
         delays=motions,
+        clocks=2 * motions,
         responses=own * levels,
     )
     # A zero that no position shows stays: so small a deviation is none.
@@ -252,6 +257,7 @@ def make_unknowns(
         frame=FRAME_SD,
         trackers=tolerances.tracker,
         delays=tolerances.delay,
+        clocks=np.tile(CLOCK_SD, motions),
         responses=np.tile([RESPONSE_SD] * robot.n_m + [tolerances.delay], levels),
     )
     names = (
@@ -263,6 +269,7 @@ def make_unknowns(
         *(f"measurement.{k}" for k in (("x", "y", "z", "rx", "ry", "rz") if positions else ())),
         *(f"{s.name}.{axis}" for s in sensors if positions for axis in "xyz"),
         *(f"record {k + 1}.delay" for k in range(motions)),
+        *(f"record {k + 1}.{kind}" for k in range(motions) for kind in ("clock", "drift")),
         *(f"responses {k + 1}.{name}" for k in range(levels)
           for name in (*(f"{m}.viscous" for m in motors), "delay")),
     )  # fmt: skip

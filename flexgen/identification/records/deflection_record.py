@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 
 from flexgen.base.errors import ArgumentError
-from flexgen.base.files.trajectory_files import LARGEST
 from flexgen.base.files.record_columns import find_column, find_time
 from flexgen.base.files.record_tables import read_arrays
+from flexgen.base.files.trajectory_files import LARGEST
 
 FEWEST = 20  # samples of a record
 TABLES = (".csv", ".mat", ".npz", ".hebilog")

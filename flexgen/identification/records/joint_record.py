@@ -21,11 +21,11 @@ from flexgen.base.checks.type_checks import checked_class
 from flexgen.base.display import short_repr
 from flexgen.base.errors import ArgumentError
 from flexgen.base.files.atomic_files import atomic_file
+from flexgen.base.files.record_columns import find_column, find_time
+from flexgen.base.files.record_tables import read_arrays
 from flexgen.base.motion.joint_motion import JointMotion
 from flexgen.base.numerics.low_pass import LowPass
-from flexgen.base.files.record_columns import find_column, find_time
 from flexgen.identification.records.libfranka import columns_of_log, is_log
-from flexgen.base.files.record_tables import read_arrays
 from flexgen.model.elements import RobotModel
 from flexgen.model.moves import Move
 
