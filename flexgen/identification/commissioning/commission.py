@@ -31,7 +31,7 @@ from flexgen.base.calls.deadline import is_over, limit_fit, reason_of_end
 from flexgen.base.calls.progress import Choice, reported
 from flexgen.base.checks.bounds import TimeLimit
 from flexgen.base.checks.type_checks import checked_types
-from flexgen.base.errors import ArgumentError, SolverError
+from flexgen.base.errors import ArgumentError
 from flexgen.dynamics.hysteresis.hysteresis import without_hysteresis
 from flexgen.dynamics.mechanics.lagrangian import gears as gears_of
 from flexgen.identification.commissioning.blocks import Block, Channel
@@ -42,10 +42,9 @@ from flexgen.identification.commissioning.motion_block import MotionBlock
 from flexgen.identification.commissioning.poses_block import PosesBlock, in_frame
 from flexgen.identification.commissioning.record_faults import check_motion, check_responses
 from flexgen.identification.commissioning.responses_block import ResponsesBlock
-from flexgen.identification.commissioning.result import Commissioning, HeldOut, check_file
+from flexgen.identification.commissioning.result import Commissioning, HeldOut
 from flexgen.identification.commissioning.unknowns import (
     DatasheetTolerances,
-    Unknowns,
     linear_geometry,
     make_unknowns,
 )

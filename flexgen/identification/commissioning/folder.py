@@ -24,17 +24,17 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from flexgen.base.errors import ArgumentError, FlexgenError
+from flexgen.base.files.record_columns import TIMES, column_of, find_column, find_time
+from flexgen.base.files.record_tables import read_arrays
 from flexgen.base.files.trajectory_files import LARGEST
 from flexgen.base.spec.sensors import Sensor
 from flexgen.base.spec.tables import closest, open_file
 from flexgen.identification.commissioning.motion_block import Motion
 from flexgen.identification.experiments.experiment import Experiment
 from flexgen.identification.poses.poses import StaticPoses
-from flexgen.identification.records.columns import TIMES, column_of, find_column, find_time
 from flexgen.identification.records.description import read_description
 from flexgen.identification.records.experiment_file import read_experiment
 from flexgen.identification.records.motor_record import read_motor_record
-from flexgen.identification.records.tables import read_arrays
 from flexgen.identification.responses.frequency_response import Frf, frf
 from flexgen.model.elements import RobotModel
 

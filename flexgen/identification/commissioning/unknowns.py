@@ -21,7 +21,6 @@ and an inertia that is four times too large makes gears a hundred times too soft
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
