@@ -66,12 +66,12 @@ $(VENV)/.docs: $(VENV)/.installed
 	@touch $@
 
 # --- checks -----------------------------------------------------------------------------------------------------------
-test: $(VENV)/.test                ## the quick tests (about 5 minutes on two cores)
-	@echo "flexgen: quick tests, about 5 minutes on two cores"
+test: $(VENV)/.test                ## the quick tests (about 3 minutes on two cores)
+	@echo "flexgen: quick tests, about 3 minutes on two cores"
 	@$(RUN_TESTS) -m 'not slow and not full and not robots' $(PYTEST)
 
-test-slow: $(VENV)/.test           ## the other tests (about half an hour on two cores)
-	@echo "flexgen: slow tests, about half an hour on two cores"
+test-slow: $(VENV)/.test           ## the other tests (about 22 minutes on two cores)
+	@echo "flexgen: slow tests, about 22 minutes on two cores"
 	@$(RUN_TESTS) -m 'slow and not full and not robots' $(PYTEST)
 
 # OpenBLAS has kernels for each kind of processor, and their last bits differ: with vectors of 128, 256 and 512 bits. The
@@ -90,8 +90,8 @@ test-kernels: $(VENV)/.test        ## tests of linear algebra with the kernels o
 		$(RUN_TESTS) -m 'not slow and not full and not robots' $(OF_NUMBERS) $(PYTEST) || exit 1; \
 	done
 
-test-full: $(VENV)/.test           ## what takes longer still: large random samples, large robots
-	@echo "flexgen: large random samples and robots, more than half an hour on two cores"
+test-full: $(VENV)/.test           ## what takes longer still: further robots, large samples, planted errors
+	@echo "flexgen: further robots, large random samples and planted errors, more than an hour on two cores"
 	@$(RUN_TESTS) -m full $(PYTEST)
 
 test-arrays: $(VENV)/.arrays       ## also the tests of PyTorch (TORCH=..., default torch==2.13.0)

@@ -147,29 +147,29 @@ BEFORE = Recorded(
 @pytest.mark.parametrize(
     ("test", "seconds", "expected"),
     [
-        ("unit/test_a.py::test_one[x]", 2.5, {"x": 2.5, "y": 5.0, "z": 4.0}),
-        ("unit/test_a.py::test_one[x]", 1.9, {"y": 5.0, "z": 4.0}),
-        ("unit/test_a.py::test_one[w]", 2.9, {"x": None, "y": 5.0, "z": 4.0}),
+        ("unit/test_a.py::test_one[x]", 0.8, {"x": 0.8, "y": 5.0, "z": 4.0}),
+        ("unit/test_a.py::test_one[x]", 0.6, {"y": 5.0, "z": 4.0}),
+        ("unit/test_a.py::test_one[w]", 0.9, {"x": None, "y": 5.0, "z": 4.0}),
         ("unit/test_a.py::test_one[w-[1]]", 3.14, {"x": None, "y": 5.0, "z": 4.0, "w-[1]": 3.1}),
     ],
 )
 def test_a_run_changes_what_it_measured(test, seconds, expected):
-    """A slow case becomes quick below 2 s, a quick one slow above 3 s."""
+    """A slow case becomes quick below 0.7 s, a quick one slow above 1 s."""
     after = updated(BEFORE, {test: seconds}, [])
     assert after == Recorded(BEFORE.laws, BEFORE.full, {"test_a.py": {"test_one": expected}})
 
 
 def test_the_shortest_case_of_a_law_stays_quick():
     tests = {
-        "dynamics/test_laws.py::test_energy[a]": 7.0,
-        "dynamics/test_laws.py::test_energy[b]": 7.0,
+        "dynamics/test_laws.py::test_energy[a]": 1.5,
+        "dynamics/test_laws.py::test_energy[b]": 1.5,
     }
     shortest = ["dynamics/test_laws.py::test_energy[a]"]
-    assert updated(BEFORE, tests, shortest).slow["test_laws.py"] == {"test_energy": {"b": 7.0}}
-    tests[shortest[0]] = 11.0
+    assert updated(BEFORE, tests, shortest).slow["test_laws.py"] == {"test_energy": {"b": 1.5}}
+    tests[shortest[0]] = 2.5
     assert updated(BEFORE, tests, shortest).slow["test_laws.py"]["test_energy"] == {
-        "a": 11.0,
-        "b": 7.0,
+        "a": 2.5,
+        "b": 1.5,
     }
 
 

@@ -19,10 +19,10 @@ from pathlib import Path
 FILE = Path(__file__).resolve().parents[1] / "durations.json"
 # Processor and other work change durations by half: between the two limits [s] a test stays what
 # it is.
-SLOW_S = 3.0
-QUICK_S = 2.0
+SLOW_S = 1.0
+QUICK_S = 0.7
 # Longest case of a law that stays with the quick tests because the others are longer [s].
-LAW_S = 10.0
+LAW_S = 2.0
 
 Cases = dict[str, dict[str, dict[str, float | None]]]
 
@@ -37,7 +37,8 @@ class Recorded:
         Files whose tests are laws.
     full : dict
         Ids of cases by file and function that run with ``make test-full`` only: they have a
-        shorter sibling, of the same code, with the slow or the quick tests.
+        shorter sibling, of the same code, with the slow or the quick tests, or they plant an
+        error that a slow test would find.
     slow : dict
         Duration [s] of each slow case, by file, function and id; None where it is unknown.
     """
