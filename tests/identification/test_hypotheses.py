@@ -87,24 +87,31 @@ def test_all_faults_of_a_record_are_tried() -> None:
         "the sign of the angle of m1": (-1, 1, 1),
         "the sign of the angle of m2": (1, -1, 1),
     }
+    both = {
+        "the signs of angle and torque of m1": ((-1, 1, 1), (-1, 1)),
+        "the signs of angle and torque of m2": ((1, -1, 1), (1, -1)),
+    }
     right = {"the sign of the torque of m1": (-1, 1), "the sign of the torque of m2": (1, -1)}
     words = [x.say(1.5) for x in found]
-    assert words[:3] == [
+    assert words[:4] == [
         "sample time 50 % longer than stated",
+        "torques of all motors 50 % too large in the record",
         "angle of m1 50 % too large in the record",
         "angle of m2 50 % too large in the record",
     ]
     assert found[0].change(data, 1.5).sample_s == 1.5 * data.sample_s  # longer, as the words are
-    assert [x.gross for x in found] == [False] * 3 + [True] * (len(found) - 3)
-    assert_allclose(found[2].change(data, 1.5).G, data.G * np.array([1.0, 1 / 1.5, 1.0])[:, None])
+    assert [x.gross for x in found] == [False] * 4 + [True] * (len(found) - 4)
+    assert_allclose(found[1].change(data, 1.5).G, 1.5 * data.G)
+    assert_allclose(found[3].change(data, 1.5).G, data.G * np.array([1.0, 1 / 1.5, 1.0])[:, None])
     swapped = [1, 0, 2]
     expected = {name: np.diag(x) @ data.G for name, x in left.items()}
     expected |= {name: data.G @ np.diag(x) for name, x in right.items()}
+    expected |= {name: np.diag(x) @ data.G @ np.diag(y) for name, (x, y) in both.items()}
     expected["exchanged angles of m1 and m2"] = data.G[:, :, swapped]
     expected["exchanged torques of m1 and m2"] = data.G[..., ::-1]
     expected["exchanged angles and torques of m1 and m2"] = data.G[:, :, swapped][..., ::-1]
     expected["torques without hold"] = data.G
-    gross = dict(zip(words[3:], found[3:], strict=True))
+    gross = dict(zip(words[4:], found[4:], strict=True))
     names = {name.replace(",", ""): G for name, G in expected.items()}
     assert {word.replace(",", "") for word in gross} == set(names)
     for word, change in gross.items():

@@ -41,8 +41,8 @@ from flexgen.identification.responses.frequency_response import Frf
 from flexgen.identification.responses.local_model import with_sizes
 from flexgen.identification.responses.parameters import ParameterVector
 from flexgen.identification.responses.residuals import Residuals
-from flexgen.identification.rigid.missing_springs import additions
-from flexgen.model.elements import RobotModel
+from flexgen.identification.rigid.missing_springs import PEDESTAL, additions, base_springs
+from flexgen.model.elements import Dof, RobotModel
 
 REFITS = 3  # of the hypotheses with the largest score steps, and as many of gross ones
 LEAST_SHARE = 0.7  # of the misfit that a cause must explain to be named
@@ -73,11 +73,12 @@ class Cause:
 @dataclass(frozen=True)
 class Spring:
     """A missing spring without motor: the coordinate, and the model that has it with some
-    stiffness.
+    stiffness; ``inertia``: name of the inertia of a pedestal that is not known, or empty.
     """
 
     name: str
     model: RobotModel
+    inertia: str = ""
 
 
 Hypothesis = Number | Changed | Spring
@@ -195,13 +196,23 @@ def _every_spring(residuals: Residuals) -> list[Hypothesis]:
     """All missing springs, of two stiffnesses: searches from stiffer ones can end where there is
     no spring.
     """
-    added = additions(residuals.vector.model)
     pose = residuals.data.poses[:1]
     return [
-        Spring(dof.name, model)
-        for dof, made in added
+        Spring(dof.name, model, inertia)
+        for dof, made, inertia in springs_of(residuals.vector.model)
         for model in with_sizes(made, dof.name, pose)[:2]
     ]
+
+
+def springs_of(model: RobotModel) -> list[tuple[Dof, RobotModel, str]]:
+    """Springs that the model lacks, between bodies and below its base: coordinate, model, and the
+    inertia of the pedestal that is not known.
+    """
+    between = [(dof, made, "") for dof, made in additions(model)]
+    below = [
+        (dof, made, f"{PEDESTAL}.inertia_{2 * dof.name[-1]}") for dof, made in base_springs(model)
+    ]
+    return [*between, *below]
 
 
 def score(basis: np.ndarray, r: np.ndarray, column: np.ndarray) -> float:
@@ -220,7 +231,13 @@ def refit(residuals: Residuals, hypothesis: Hypothesis, x: np.ndarray) -> tuple[
         return cost, hypothesis.say(factor), factor
     if isinstance(hypothesis, Spring):
         names = (f"{hypothesis.name}.stiffness", f"{hypothesis.name}.damping")
-        cost, stiffness = _refit_names(residuals, names, x, hypothesis.model)
+        more = (hypothesis.inertia,) if hypothesis.inertia else ()
+        # below a base that gives way all parameters were misled
+        begin = residuals.vector.start if more else x
+        cost, stiffness = _refit_names(residuals, (*names, *more), begin, hypothesis.model)
+        if more:
+            words = f"a spring below the base about its axis {hypothesis.name[-1]}"
+            return cost, f"{words} of {stiffness:.2g} N m/rad", stiffness
         return cost, f"a missing spring {hypothesis.name} of {stiffness:.2g} N m/rad", stiffness
     cost, value = _refit_names(residuals, hypothesis.names, x)
     return cost, hypothesis.say(value), value
@@ -300,14 +317,14 @@ def columns_of_springs(
     stiffnesses.
     """
     old = residuals.vector
-    for dof, changed in additions(old.model):
+    for dof, changed, inertia in springs_of(old.model):
         for model in with_sizes(changed, dof.name, residuals.data.poses[:1]):
             more = residuals.of(extend(old, (), model))
             try:
                 moved = more.weight(x, False)[0]
             except SolverError:  # so soft a spring does not hold the arm
                 continue
-            yield Spring(dof.name, model), stack(moved) - r
+            yield Spring(dof.name, model, inertia), stack(moved) - r
 
 
 def _slope(residuals: Residuals, change: Change, x: np.ndarray, at: float) -> np.ndarray:

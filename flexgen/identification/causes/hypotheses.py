@@ -127,6 +127,8 @@ def changes_of(data: Frf) -> Iterator[Changed]:
     yield Changed(
         with_sample_time, _say_change("sample time", "longer than stated", "shorter than stated")
     )
+    if len(data.motors) > 1:
+        yield Changed(_scale_torques, _say_recorded("torques of all motors"))
     for i, motor in enumerate(data.motors):
         yield Changed(_scale_of_angle(i), _say_recorded(f"angle of {motor}"))
     n = len(data.motors)
@@ -144,6 +146,13 @@ def changes_of(data: Frf) -> Iterator[Changed]:
         left, right = (np.diag(np.where(np.arange(len(x)) == i, -1.0, 1.0)) for x in whole)
         yield _gross(f"the sign of the angle of {motor}", left, whole[1])
         yield _gross(f"the sign of the torque of {motor}", whole[0], right)
+    # without sensors, both signs of one of two axes change the responses as those of the other do,
+    # and both signs of all axes change nothing
+    apart = n > 2 or len(data.outputs) > n
+    for i in range(n) if apart else range(n - 1):
+        left, right = (np.diag(np.where(np.arange(len(x)) == i, -1.0, 1.0)) for x in whole)
+        named = motors[i] if apart else " or of ".join(motors)
+        yield _gross(f"the signs of angle and torque of {named}", left, right)
     for i, k in combinations(range(n), 2):
         left, right = (np.eye(len(x))[_swap(len(x), i, k)] for x in whole)
         yield _gross(f"exchanged angles of {motors[i]} and {motors[k]}", left, whole[1])
@@ -187,6 +196,11 @@ def _scale_of_angle(i: int) -> Change:
         return transform(data, np.diag(scale), np.eye(len(data.motors)))
 
     return change
+
+
+def _scale_torques(data: Frf, factor: float) -> Frf:
+    """Undoes torques that are all recorded too large by a factor."""
+    return transform(data, np.eye(len(data.outputs)), factor * np.eye(len(data.motors)))
 
 
 def _gross(words: str, left: np.ndarray, right: np.ndarray) -> Changed:

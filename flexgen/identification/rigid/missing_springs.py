@@ -6,7 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from flexgen.model.elements import Dof, LinearSpring, RobotModel
+from flexgen.model.elements import Body, Dof, Element, LinearSpring, RobotModel
+
+PEDESTAL = "pedestal"  # name of the body on which a robot stands that has none
+# Radius of gyration of the pedestal [m] where a search begins, with the mass of the robot.
+GYRATION = 0.2
 
 
 def additions(model: RobotModel) -> list[tuple[Dof, RobotModel]]:
@@ -39,6 +43,28 @@ def additions(model: RobotModel) -> list[tuple[Dof, RobotModel]]:
             changed = replace(element, dofs=(*element.dofs[:at], added, *element.dofs[at:]))
             elements = (*model.elements[:e], changed, *model.elements[e + 1 :])
             out.append((added, replace(model, elements=elements)))
+    return out
+
+
+def base_springs(model: RobotModel) -> list[tuple[Dof, RobotModel]]:
+    """Models that stand on a pedestal with a spring about an axis x, y or z of the base; none for
+    a robot whose first element has no motor, since its springs are those of a base.
+
+    The pedestal has the mass of the robot, and an inertia that is not known.
+    """
+    first = model.elements[0]
+    if first.dofs and all(dof.gear is None for dof in first.dofs):
+        return []
+    mass = sum(element.body.mass for element in model.elements)
+    inertia = mass * GYRATION**2
+    body = Body(mass, inertia=tuple(map(tuple, (inertia * np.eye(3)).tolist())))
+    moved = tuple(replace(e, parent=PEDESTAL) if e.parent == "base" else e for e in model.elements)
+    out = []
+    for name, axis in zip("xyz", np.eye(3), strict=True):
+        spring = LinearSpring(1.0)
+        dof = Dof(f"base_{name}", "rotation", tuple(axis.tolist()), spring=spring, damping=1.0)
+        pedestal = Element(PEDESTAL, (dof,), body=body)
+        out.append((dof, replace(model, elements=(pedestal, *moved))))
     return out
 
 
