@@ -64,6 +64,9 @@ from flexgen.feedback.observers.extended_kalman import ExtendedKalmanFilter as E
 from flexgen.feedback.positions.command import command_positions as command_positions
 from flexgen.feedback.positions.result import PositionCommands as PositionCommands
 from flexgen.feedback.positions.servo import Servo as Servo
+from flexgen.feedback.positions.shaper_comparison import ShaperComparison as ShaperComparison
+from flexgen.feedback.positions.shaper_comparison import compare_shapers as compare_shapers
+from flexgen.feedback.positions.shapers import Shaper as Shaper
 from flexgen.identification.experiments.excitation import Plan as Plan
 from flexgen.identification.experiments.experiment import Experiment as Experiment
 from flexgen.identification.experiments.experiment import measure as measure

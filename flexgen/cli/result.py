@@ -33,6 +33,7 @@ Writer = Callable[[], Path]  # writes a file of a result and returns its path
 WRITERS = {
     "identify_load": ((".json", ".npz"), ""),
     "compare_record": ((".json", ".npz"), ""),
+    "compare_shapers": ((".json",), ""),
     "identify_servo": ((".toml", ".json"), ""),
     "identify_gears": ((".toml", ".json", ".npz"), "GearFit"),
     "identify_spring": ((".toml", ".json", ".npz"), "SpringFit"),

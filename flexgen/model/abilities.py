@@ -46,6 +46,7 @@ FUNCTIONS = (
     "fastest",
     "plan_problem",
     "command_positions",
+    "compare_shapers",
     "feedback_study",
     "excite",
     "measure",

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from panda import FLANGE, LOWER, TABLE, UPPER, panda_urdf
 from scipy.integrate import cumulative_trapezoid
+from slide import CART, DAMPING, FREQUENCY, SLIDE, TIP
 
 import flexgen
 from flexgen.base.errors import ArgumentError
@@ -19,39 +20,6 @@ STEP = 1e-3  # s
 NOISE = 0.02  # N
 LAG = 0.008  # s
 OFFSET = 3.0  # N
-CART, TIP = 4.0, 1.5  # kg
-FREQUENCY = 3.0  # Hz
-DAMPING = 0.02
-SLIDE = f"""
-name = "slide"
-gravity = [0.0, 0.0, -9.81]
-home_rad = [0.0]
-[[element]]
-name = "cart"
-body = {{ mass = {CART} }}
-[[element.dof]]
-name = "q1"
-type = "translation"
-axis = [1, 0, 0]
-gear = {{ type = "rigid" }}
-[[element]]
-name = "tip"
-body = {{ mass = {TIP} }}
-[[element.dof]]
-name = "sway"
-type = "translation"
-axis = [1, 0, 0]
-spring = {{ type = "linear", stiffness = {TIP * (2 * np.pi * FREQUENCY) ** 2} }}
-damping = {2 * DAMPING * TIP * 2 * np.pi * FREQUENCY}
-[[motor]]
-name = "m1"
-drives = "q1"
-ratio = 1.0
-inertia = 0.0
-[output]
-type = "joint"
-joints = ["q1"]
-"""
 
 
 @pytest.fixture

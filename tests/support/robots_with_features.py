@@ -194,6 +194,7 @@ def calls(folder: Path) -> dict[str, Callable[[flexgen.RobotModel], Any]]:
         "fastest": lambda robot: flexgen.fastest(robot, coefficients=8),
         "plan_problem": lambda robot: flexgen.plan_problem(robot, mesh=4),
         "command_positions": flexgen.command_positions,
+        "compare_shapers": lambda robot: flexgen.compare_shapers(robot, detuning=[1.0]),
         "feedback_study": lambda robot: flexgen.feedback_study(
             robot, settings=brief, families=["motor PD", "FL"], tunings=2
         ),

@@ -580,6 +580,18 @@ ROWS = (
         },
     ),
     Verb(
+        "compare-shapers",
+        function="compare_shapers",
+        rows={
+            "motion": ("move", "coordinate"),
+            "shapers": ("detuning", "frequency_hz", "damping"),
+            "files": (
+                PAGE,
+                Option("out", "write the result to this file (.json)", "FILE"),
+            ),
+        },
+    ),
+    Verb(
         "compare-record",
         function="compare_record",
         rows={
@@ -662,6 +674,7 @@ ROWS = (
                 "torque_rate",
                 "against",
                 Option("vibration", metavar="M"),
+                "vibration_of",
                 "force",
             ),
             "files": (

@@ -292,7 +292,18 @@ class _Case:
         plain = self._figures(k, 0.0)
         shifted = (None, None, None) if lag is None else self._figures(k, lag)
         offset = float((self.values - self.predicted(lag or 0.0))[:, k].mean())
-        return Score(channel, signal, noise, *plain, *shifted, offset=offset)
+        return Score(
+            channel=channel,
+            signal=signal,
+            noise=noise,
+            r2=plain[0],
+            rms=plain[1],
+            largest=plain[2],
+            r2_lag=shifted[0],
+            rms_lag=shifted[1],
+            largest_lag=shifted[2],
+            offset=offset,
+        )
 
     def _figures(self, k: int, lag: float) -> tuple[float, float, float]:
         """R2, root mean square and largest size of the residual of a channel."""
@@ -302,7 +313,7 @@ class _Case:
 
 
 def _best_lag(case: _Case) -> float | None:
-    """The lag [s] with the smallest sum of squares; None: at an end of the search, or no signal."""
+    """The lag [s] with the smallest sum of squares; None: an end of the search, or no signal."""
     if not case.is_judged.any():
         return None
     trials = np.linspace(-LONGEST_LAG, LONGEST_LAG, 41)

@@ -41,7 +41,6 @@ from flexgen.base.spec.arguments import check_not_negative
 from flexgen.dynamics.mechanics.equations import Equations, derive, robot_of
 from flexgen.dynamics.mechanics.limit_use import limit_rows
 from flexgen.dynamics.mechanics.limits import Limits
-from flexgen.dynamics.mechanics.output_columns import unit_of
 from flexgen.inversion.solution import Solution
 from flexgen.inversion.solve import solve
 from flexgen.model.abilities import needs
@@ -50,6 +49,7 @@ from flexgen.model.moves import Program
 from flexgen.paths.force.place_force import force_along, make_place_force, of_motion
 from flexgen.paths.path import Path, check_range, find_move
 from flexgen.planning.fastest.program_time import ProgramSearch, legs_of
+from flexgen.planning.fastest.residual_vibration import VibrationBound
 from flexgen.planning.fastest.rigid_time import rigid_time
 from flexgen.planning.fastest.slowing import KEPT
 from flexgen.planning.fastest.stated_speeds import stated_speeds
@@ -107,6 +107,8 @@ class FastestMove(Result):
     force : callable or None
         The force of the process along the new motion, as `flexgen.solve` and `flexgen.control`
         take it.
+    vibration_of : str
+        The coordinate of the vibrations; empty: the output.
 
     Examples
     --------
@@ -132,11 +134,14 @@ class FastestMove(Result):
     history: tuple[float, ...]
     margin: tuple[float, ...] = ()
     force: Callable[[np.ndarray], np.ndarray] | None = None
+    vibration_of: str = ""
 
     @property
     def unit(self) -> str:
-        """Unit of the vibrations: ``"m"``, or ``"rad"`` where the output has no lengths."""
-        return unit_of(self.solution.model)
+        """Unit of the vibrations: that of their coordinate; of the output ``"m"``, or ``"rad"``
+        where it has no lengths.
+        """
+        return VibrationBound(None, self.vibration_of or None).unit(self.solution.model)
 
     @property
     def vibration_m(self) -> dict[str, float]:
@@ -220,8 +225,9 @@ class FastestMove(Result):
 
     def _vibrations(self) -> tuple[Part, ...]:
         """A table of the vibrations after the path, of the new motion and of the move as given."""
+        of = f" of {self.vibration_of}" if self.vibration_of else ""
         columns = (
-            Column("vibration after the path"),
+            Column(f"vibration{of} after the path"),
             Column("new", self.unit),
             Column("as given", self.unit),
         )
@@ -229,7 +235,7 @@ class FastestMove(Result):
             (name, size, self.default_vibration[name]) for name, size in self.vibration.items()
         )
         return (
-            *([Table(columns, cells, "Vibration after the path")] if cells else []),
+            *([Table(columns, cells, f"Vibration{of} after the path")] if cells else []),
             Data(f"vibration_{self.unit}", self.vibration),
             Data(f"default_vibration_{self.unit}", self.default_vibration),
         )
@@ -245,6 +251,7 @@ def fastest(
     limits: Limits | None = None,
     torque_rate: Positive | None = None,
     vibration: Vibration | None = None,
+    vibration_of: str | None = None,
     coefficients: Coefficients = COEFFICIENTS,
     against: str | None = None,
     force: np.ndarray | Callable[[np.ndarray], np.ndarray] | str | FilePath | None = None,
@@ -268,6 +275,9 @@ def fastest(
         Bound of the vibration after the path [m], of robots with 10 % less and more stiffness
         under control. Of the tool, under a P-PI cascade: see
         `flexgen.planning.fastest.residual_vibration`. The robots are simulated in every step.
+    vibration_of : str, optional
+        The vibration is that of this coordinate without motor, such as the hinge of a payload on
+        a robot whose joints follow positions, [rad or m]. Default: of the output.
     coefficients : int
         Of each time law, 4 to 60. The inner ones: more are faster and take longer.
     against : str, optional
@@ -311,6 +321,8 @@ def fastest(
             "without it"
         )
     robot = robot_of(model)
+    bound = VibrationBound(vibration, vibration_of)
+    bound.check(robot)
     if against is not None and robot.uncertainty is None:
         raise ArgumentError(
             f"against: given {robot.title} without a table [uncertainty], expected one in its file"
@@ -327,7 +339,7 @@ def fastest(
     )
     try:
         with running(time_limit or None):
-            asked = _Asked(limits, torque_rate, vibration, coefficients, force)
+            asked = _Asked(limits, torque_rate, bound, coefficients, force)
             find = partial(_find_fastest, robot, move, asked, progress)
             return find() if against is None else with_margin(find, progress)
     except OutOfTime as error:
@@ -343,7 +355,7 @@ class _Asked:
 
     limits: Limits | None
     torque_rate: float | None
-    vibration: float | None
+    vibration: VibrationBound
     coefficients: int
     force: Any
 
@@ -405,7 +417,7 @@ def _find_fastest(
         search = TimeSearch(
             path, default, own, asked.vibration, asked.coefficients, tell, speeds, force
         )
-    elif asked.vibration is not None:
+    elif asked.vibration != VibrationBound():
         raise ArgumentError(
             f"vibration: given for the program {default.move.name}, expected a single move"
         )
@@ -461,6 +473,7 @@ def _find_fastest(
         wall_s=seconds[0],
         history=tuple(history),
         force=pushing,
+        vibration_of=asked.vibration.coordinate or "",
     )
 
 

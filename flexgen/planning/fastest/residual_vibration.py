@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from flexgen.base.errors import ArgumentError
 from flexgen.base.motion.trajectory import Trajectory
 from flexgen.base.numerics.evaluate import evaluate
 from flexgen.codegen.build.model_library import library_with
@@ -38,6 +40,34 @@ POINT = ("q_a", "v_a", "a_a", "q_m", "v_m", "a_m", "tau_m")
 PLANTS = {"soft": {"stiffness": 0.9}, "stiff": {"stiffness": 1.1}}
 
 
+@dataclass(frozen=True)
+class VibrationBound:
+    """What is allowed of the vibration: ``size`` [m or rad], None: any; of a ``coordinate``
+    without motor, such as the hinge of a payload, None: of the output.
+    """
+
+    size: float | None = None
+    coordinate: str | None = None
+
+    def unit(self, model: RobotModel) -> str:
+        """Unit of the vibration, m or rad."""
+        units = {c.name: c.unit for c in model.coordinates}
+        return unit_of(model) if self.coordinate is None else units[self.coordinate]
+
+    def check(self, model: RobotModel) -> None:
+        """ArgumentError where the robot has no springs, or no such coordinate."""
+        if self.size is not None and not has_springs(model):
+            raise ArgumentError(
+                f"vibration: given for {model.title}, which has no springs, expected none"
+            )
+        free = [model.coordinates[i].name for i in model.i_e]
+        if self.coordinate is not None and self.coordinate not in free:
+            raise ArgumentError(
+                f"vibration_of: given {self.coordinate!r}, expected a coordinate of {model.title} "
+                f"without motor: {', '.join(free) or 'it has none'}"
+            )
+
+
 def has_springs(model: RobotModel) -> bool:
     """Whether a robot has springs whose stiffness may differ; a robot without springs does not
     vibrate.
@@ -46,7 +76,7 @@ def has_springs(model: RobotModel) -> bool:
 
 
 class ResidualVibration:
-    """Simulated error of the tool after a move less its static part.
+    """Simulated error of the tool, or of a coordinate, after a move less its static part.
 
     Parameters
     ----------
@@ -54,10 +84,16 @@ class ResidualVibration:
     tell : callable
     pushed : bool
         A force acts on the tool.
+    coordinate : str, optional
+        Of this coordinate without motor; default: of the output.
     """
 
     def __init__(
-        self, equations: Equations, tell: Callable[[str], None], pushed: bool = False
+        self,
+        equations: Equations,
+        tell: Callable[[str], None],
+        pushed: bool = False,
+        coordinate: str | None = None,
     ) -> None:
         self.equations = equations
         self.model = equations.model
@@ -74,7 +110,9 @@ class ResidualVibration:
         if laws:
             moved = self._local.equations.pushed if pushed else self._local.equations
             self._robots = hysteretic_robots(moved, self.plants.values, laws, tell)
-        self._rows = columns_in(self.model, unit_of(self.model))
+        places = {c.name: k for k, c in enumerate(self.model.coordinates)}
+        self._coordinate = None if coordinate is None else places[coordinate]
+        self._rows = [0] if coordinate else columns_in(self.model, unit_of(self.model))
         self._law: Cascade | None = None
         self._rate = 0.0
         self._sample = SAMPLE_S
@@ -181,4 +219,7 @@ class ResidualVibration:
         ).ravel()
 
     def _output(self, q_a: np.ndarray) -> np.ndarray:
+        """Output (n, rows), or the coordinate (n, 1), at coordinates (n, n_a)."""
+        if self._coordinate is not None:
+            return q_a[:, [self._coordinate]]
         return evaluate(self.equations.function("output"), q_a)[0].reshape(len(q_a), -1)

@@ -17,7 +17,6 @@ from flexgen.base.calls.deadline import check_time
 from flexgen.base.errors import ArgumentError, FlexgenError, SolverError
 from flexgen.dynamics.mechanics.limit_use import ToolMotion, limit_rows, norms, tool_motion
 from flexgen.dynamics.mechanics.limits import Limits
-from flexgen.dynamics.mechanics.output_columns import unit_of
 from flexgen.feedback.loop.reference import trajectory_of
 from flexgen.inversion.problem.model_library import inversion_library
 from flexgen.inversion.problem.problem import InversionProblem
@@ -29,7 +28,11 @@ from flexgen.paths.force.process_force import ProcessForce, make_force
 from flexgen.paths.path import Path
 from flexgen.paths.reference import PathSample
 from flexgen.paths.timing.time_laws import SplineLaw, TimeLaw
-from flexgen.planning.fastest.residual_vibration import ResidualVibration, has_springs
+from flexgen.planning.fastest.residual_vibration import (
+    ResidualVibration,
+    VibrationBound,
+    has_springs,
+)
 from flexgen.planning.fastest.slowing import KEPT, MEANS, in_words, slow_down
 from flexgen.planning.fastest.stated_speeds import StatedSpeeds
 from flexgen.runtime.inversion.path_inversion import Inversion
@@ -80,7 +83,7 @@ class TimeSearch:
         path: Path,
         default: Solution,
         limits: Limits,
-        vibration: float | None,
+        vibration: VibrationBound,
         coefficients: int,
         tell: Callable[[str], None],
         speeds: tuple[float | None, ...] = (),
@@ -112,11 +115,8 @@ class TimeSearch:
         self._before = before
         self._after = min(after, AFTER_S)
         self.speeds = StatedSpeeds.of(path.segments[0], speeds, default.move.radius)
-        if vibration is not None and not has_springs(model):
-            raise ArgumentError(
-                f"vibration: given for {model.title}, which has no springs, expected none"
-            )
-        self.swings = vibration
+        self._bound = vibration
+        self.swings = vibration.size
         self.programs = self.inversions = 0
         self.refused = ""  # why the last time law that was tried has no inversion
 
@@ -219,7 +219,10 @@ class TimeSearch:
 
     @cached_property
     def _vibration(self) -> ResidualVibration:
-        return ResidualVibration(self._reduction.equations, self.tell, self.force is not None)
+        pushed = self.force is not None
+        return ResidualVibration(
+            self._reduction.equations, self.tell, pushed, self._bound.coordinate
+        )
 
     def swing(self, x: np.ndarray) -> np.ndarray:
         """Vibration after the path of the last inversion over the allowed one (k,)."""
@@ -387,8 +390,8 @@ class TimeSearch:
                 if np.abs(self.swing(x)).max() <= 1.0 + KEPT:  # of the law that is slower, too
                     return x
         raise SolverError(
-            f"fastest: vibration stays above {self.swings:.3g} {unit_of(self.model)} with "
-            f"{LONGER[-1]:g} times the shortest duration; allow more vibration"
+            f"fastest: vibration stays above {self.swings:.3g} {self._bound.unit(self.model)} "
+            f"with {LONGER[-1]:g} times the shortest duration; allow more vibration"
         )
 
     def _calmest(self, x: np.ndarray) -> tuple[np.ndarray, float]:
