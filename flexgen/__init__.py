@@ -404,6 +404,7 @@ _RESULTS = {
     "Score.plot": "flexgen.views.plots.control:plot_score",
     "Score.report": "flexgen.views.reports.control_page:write_score",
     "ServoFit.plot": "flexgen.views.plots.servo:plot_fit",
+    "ShaperComparison.plot": "flexgen.views.plots.shapers:plot_shapers",
     "Simulation.plot": "flexgen.views.plots.signals:plot_simulation",
     "Solution.plot": "flexgen.views.plots.solution:plot_solution",
     "Solution.positions": "flexgen.feedback.positions.reference:with_positions",

@@ -38,8 +38,8 @@ INPUT = "an argument of functions"
 NO_RESULT = {
     **dict.fromkeys(
         (
-            "Box Cascade ComputedTorque FeedbackLinearisation JointTorqueFeedback Linear LowPass "
-            "LQ Servo ServoRecord"
+            "Box Cascade ComputedTorque FeedbackLinearisation JointRecord JointTorqueFeedback "
+            "Linear LowPass LQ Servo ServoRecord Shaper"
         ).split(),
         INPUT,
     ),

@@ -9,17 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from panda import FLANGE, LOWER, TABLE, UPPER, panda_urdf
-from scipy.integrate import cumulative_trapezoid
-from slide import CART, DAMPING, FREQUENCY, SLIDE, TIP
+from slide import OFFSET, SLIDE, STEP, TIP, shaken
 
 import flexgen
 from flexgen.base.errors import ArgumentError
 from flexgen.identification.records import libfranka
 
-STEP = 1e-3  # s
 NOISE = 0.02  # N
 LAG = 0.008  # s
-OFFSET = 3.0  # N
 
 
 @pytest.fixture
@@ -27,28 +24,6 @@ def slide(tmp_path) -> Path:
     path = tmp_path / "slide.toml"
     path.write_text(SLIDE, encoding="utf-8")
     return path
-
-
-def shaken(lag: float = 0.0, noise: float = 0.0) -> flexgen.JointRecord:
-    """A record in closed form: the cart accelerates by a, -a (bang-bang, smoothed by a raised
-    cosine of 0.1 s), and the oscillator x'' + 2 d w x' + w^2 x = -a is the convolution of its
-    impulse response with it.
-    """
-    t = np.arange(0.0, 4.0, STEP / 4)
-    ramp = np.hanning(401)
-    a = 2.0 * ((t >= 0.4) & (t < 0.7)) - 2.0 * ((t >= 0.7) & (t < 1.0))
-    a = np.convolve(a, ramp / ramp.sum(), mode="same")
-    w = 2 * np.pi * FREQUENCY
-    damped = w * np.sqrt(1 - DAMPING**2)
-    impulse = np.exp(-DAMPING * w * t) * np.sin(damped * t) / damped
-    x = -np.convolve(a, impulse)[: len(t)] * STEP / 4
-    v = cumulative_trapezoid(a, t, initial=0.0)
-    q = cumulative_trapezoid(v, t, initial=0.0)
-    acceleration = -a - 2 * DAMPING * w * np.gradient(x, t) - w**2 * x
-    force = CART * a + TIP * (a + acceleration)
-    force = np.interp(t - lag, t, force)[::4] + OFFSET
-    force += noise * np.random.default_rng(1).normal(size=len(force))
-    return flexgen.JointRecord(t[::4], q[::4, None], force[:, None], ("q1",))
 
 
 def test_oscillator_on_a_slide_is_predicted_with_lag_and_offset(slide):

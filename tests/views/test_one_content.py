@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from slide import shaken, slide_robot
 from small_fits import small_fit
 
 import flexgen
@@ -195,6 +196,8 @@ MADE: dict[str, Callable[[], Result]] = {
     "Load": lambda: small_fit("load"),
     "Calibration": lambda: small_fit("poses"),
     "IdentificationResult": lambda: small_fit("responses"),
+    "RecordComparison": lambda: flexgen.compare_record(slide_robot(), shaken(noise=0.02)),
+    "ShaperComparison": lambda: flexgen.compare_shapers(slide_robot()),
     "MotionFit": lambda: small_fit("motions"),
     "Prediction": lambda: flexgen.predict(
         flexgen.read("elbow", overrides={"uncertainty": {"stiffness": 0.1}})

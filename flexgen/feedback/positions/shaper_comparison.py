@@ -112,6 +112,7 @@ class ShaperComparison(Result):
         title = f"{self.model.title}, move {self.move.name}: vibration of {self.coordinate}"
         return (
             Prose(title, "", True),
+            Row("coordinate", self.coordinate, "", "coordinate"),
             Row("natural frequency, motors locked", self.frequency_hz, "Hz", "frequency_hz"),
             Row("damping ratio", self.damping, "", "damping"),
             Table(columns, cells, "Shapers", "runs"),
