@@ -29,6 +29,7 @@ def solved(model: Path | str, path: str, method: str, out: Path) -> Path:
     """The table that `flexgen solve` writes for a move."""
     from flexgen.cli.main import main as flexgen
 
+    out.unlink(missing_ok=True)
     words = ["solve", str(model), "--move", path, "--method", method, "--out", str(out)]
     with redirect_stdout(StringIO()):
         status = flexgen([*words, "--no-verify", "--ignore-limits", "--quiet"])
@@ -87,7 +88,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--robot", choices=NAMES, default="three_axes")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--model", type=Path)
+    parser.add_argument("--model")
     parser.add_argument("--method", default="auto")
     parser.add_argument("--quick", action="store_true")
     return parser.parse_args()
@@ -102,8 +103,12 @@ def main() -> None:
     paths = [path.name for path in test_paths(plant.chain)][: 1 if given.quick else None]
     if given.model:
         found = {
-            given.model.name: [
-                score(plant, solved(given.model, path, given.method, folder / f"{path}.csv"), path)
+            given.model: [
+                score(
+                    plant,
+                    solved(given.model, path, given.method, folder / f"solved_{path}.csv"),
+                    path,
+                )
                 for path in paths
             ]
         }

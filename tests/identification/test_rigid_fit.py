@@ -16,6 +16,7 @@ import flexgen
 from flexgen.base.errors import ArgumentError
 from flexgen.base.numerics.polynomial_filter import smooth_forces
 from flexgen.identification.estimator.status import FitStatus
+from flexgen.identification.records.description import read_description
 from flexgen.identification.records.gear_deflection import gear_deflection
 from flexgen.identification.rigid import rigid_accuracy, rigid_file, rigid_model
 from flexgen.identification.rigid.rests_of_motors import MOVING
@@ -271,9 +272,9 @@ def test_deviations_of_numbers_of_the_file_follow_by_their_derivatives() -> None
     )
     with pytest.raises(
         ArgumentError,
-        match=r"model file: given a payload, expected none: the fit cannot tell it from",
+        match=r"model file: given a payload of 1e\+04 kg, expected less than the .* kg of the last",
     ):
-        rigid_file.write_rigid(replace(fit, file=replace(model, payload=Body(1.0))), "x.toml", "")
+        rigid_file.write_rigid(replace(fit, file=replace(model, payload=Body(1e4))), "x.toml", "")
 
 
 def test_the_last_body_carries_the_payload() -> None:
@@ -389,3 +390,31 @@ def test_bodies_are_identified_from_described_recordings(tmp_path: Path) -> None
     assert units == [("q1.compliance", rigid), ("q2.compliance", rigid), ("delay", "s")]
     assert [row["name"] for row in found.to_dict()["lags"]] == [name for name, _ in units]
     assert flexgen.read(found.write(tmp_path / "new.toml")).motors == found.fit.model.motors
+
+
+def test_the_file_keeps_its_payload_and_bodies_near_cad(tmp_path: Path) -> None:
+    """Bodies 4 % off and noise: the last body has what is not payload, no body is far from CAD."""
+    text = Path(flexgen.read("elbow@rigid").file).read_text(encoding="utf-8")
+    assert "[payload]" not in text
+    load = "\n[payload]\nmass = 4.0\ncom = [0.1, 0.0, 0.05]\ninertia = [0.1, 0.1, 0.1]\n"
+    (tmp_path / "arm.toml").write_text(text + load, encoding="utf-8")
+    model = flexgen.read(f"{tmp_path / 'arm.toml'}@rigid")
+    random = np.random.default_rng(0)
+    true = tuple(
+        replace(e, body=replace(e.body, mass=e.body.mass * (1 + 0.04 * random.uniform(-1, 1))))
+        for e in model.elements
+    )
+    motion = swung(replace(model, elements=true), 1200)
+    noise = 0.05 * random.normal(size=motion.tau_m.shape)
+    first = described(tmp_path, "first", replace(motion, tau_m=motion.tau_m + noise), model)
+    found = rigid_file.identify_bodies(model, first)
+    again = flexgen.read(f"{found.write(tmp_path / 'new.toml')}@rigid")
+    assert again.payload == model.payload
+    assert_allclose(Regressor(again).of_model(), found.fit.pi, rtol=1e-9, atol=1e-9)
+    wrong = replace(again, payload=replace(again.payload, mass=4.1))  # a fault that is found
+    assert not np.allclose(Regressor(wrong).of_model(), found.fit.pi, rtol=1e-9, atol=1e-9)
+    for before, after in zip(model.elements, again.elements, strict=True):
+        assert after.body.mass == pytest.approx(before.body.mass, rel=0.2)
+    wide = identify_rigid(model, rigid_file.motions_of(read_description(first)), parts=0)
+    limit = rigid_file.AS_GOOD * np.array(wide.relative_errors(motion))
+    assert (np.array(found.fit.relative_errors(motion)) <= limit + 1e-3).all()

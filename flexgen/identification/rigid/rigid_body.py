@@ -45,9 +45,7 @@ from flexgen.model.elements import RobotModel
 from flexgen.model.format.format_robot import HARMONICS
 from flexgen.model.reader import read
 
-# Relative deviation of the bodies of the model file: CAD is right to 5 or 10 %. Torques show
-# combinations of bodies only; a wide prior splits them into bodies that are far from those of CAD.
-PRIOR = 0.1
+PRIOR = 1.0  # relative deviation of the bodies of the model file
 # rad, or lengths of bodies: deviation of a deflection that the file does not have, under the
 # torques
 LARGEST = 0.01

@@ -4,14 +4,14 @@ model file.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
-from flexgen.base.calls.deadline import limit_fit
+from flexgen.base.calls.deadline import is_over, limit_fit
 from flexgen.base.calls.progress import Choice, reported
 from flexgen.base.errors import ArgumentError
 from flexgen.base.rows import Part
@@ -36,6 +36,10 @@ from flexgen.model.elements import RobotModel
 STEP = 1e-6  # of differences
 # kg, m, kg m^2: smaller numbers are rounding errors, and a model file has none below 1e-18
 ROUNDING = 1e-15
+# Relative deviation of bodies that CAD states.
+CAD = 0.1
+# Bodies within it are taken where no motor has errors that are larger by more than this factor.
+AS_GOOD = 1.05
 FRICTION = ("viscous", "coulomb", "beta", "offset")
 FALLING = ("stribeck", "alpha")
 
@@ -146,6 +150,7 @@ def identify_bodies(
     more = {} if others is None else {"parts": 0}
     with limit_fit("identify", time_limit, tell):
         fit = identify_rigid(model, fitted, counterbalance=counterbalance, **more)
+        fit = near_file(fit, fitted)
     errors = {"fitted": [fit.relative_errors(motion).tolist() for motion in fitted]}
     if others is not None:
         errors["validated"] = [fit.relative_errors(motion).tolist() for motion in others]
@@ -155,6 +160,26 @@ def identify_bodies(
         errors["left out"] = [fit.left_out.tolist()]
     gears = gear_deflections(fit, data)
     return RigidIdentification(fit, errors, gears, str(recordings), data.notes)
+
+
+def near_file(fit: RigidFit, motions: Sequence[Motion]) -> RigidFit:
+    """The fit, with bodies close to those of the model file where they explain the motions as well.
+
+    Torques show combinations of bodies. A wide prior leaves the split of a combination to small
+    errors of the torques, and bodies can be far from those of CAD that explain the same torques.
+    The fit is therefore repeated with the prior `CAD`, and taken where the errors of each motor
+    are at most `AS_GOOD` times those before; status and errors of left out parts stay.
+    """
+    if not fit.status.has_deviations:
+        return fit
+    close = identify_rigid(
+        fit.file, motions, counterbalance=fit.counterbalance, prior=CAD, parts=0
+    )
+    errors = ([each.relative_errors(m) for m in motions] for each in (close, fit))
+    near, wide = (np.array(each) for each in errors)
+    if close.mistake is not None or (near > AS_GOOD * wide).any() or is_over():
+        return fit
+    return replace(close, status=fit.status, left_out=fit.left_out)
 
 
 def gear_deflections(fit: RigidFit, data: Description) -> dict[str, GearDeflection]:
