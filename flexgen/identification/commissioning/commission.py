@@ -61,8 +61,8 @@ from flexgen.model.reader import read
 Tell = Callable[[str], None]
 HELD_OUT = 5  # one part of so many of each record is held out
 POSES_OF_MOTION = 60  # samples of a tracked motion that find the frame of its tracker
-# Of the errors on held-out parts: a curve of the gears is taken from this factor on, and a model is
-# refused above the other one.
+# Of the errors on held-out parts: a curve of the gears is taken up to this factor, and a model is
+# refused above the other.
 WORTH_IT = 0.97
 WORSE = 1.02
 # Rise of the logarithm of a stiffness that is one: standard deviations, and at least.
@@ -342,15 +342,15 @@ class _Study:
                 q = block.commands
                 measured = block.measured
             elif isinstance(block, MotionBlock) and block.positions is not None:
-                q = block._inner(block.q_m) @ np.linalg.inv(self.plain.eta).T
-                measured = np.where(block._seen, block._inner(block.positions), np.nan)
+                q = block.inner(block.q_m) @ np.linalg.inv(self.plain.eta).T
+                measured = np.where(block.seen, block.inner(block.positions), np.nan)
             else:
                 continue
             tree = Tree(linear_geometry(self.plain))
             statics = Statics(tree, q)
             y = measured.reshape(len(q), -1, 3)
             rigid = replace(Numbers.of(tree), compliances=np.zeros(len(tree.elastic)))
-            channel = [c for c in block.channels(x, False) if c.title == "positions"][0]
+            channel = next(c for c in block.channels(x, False) if c.title == "positions")
             rows = self.held_out_rows(channel).reshape(len(q), -1)[:, 0]
             found = search_start(statics.among(np.flatnonzero(~rows)), y[~rows], (), rigid)[1]
             rest = statics.rest(found, rigid=True)

@@ -179,7 +179,7 @@ def _kind_of(path: Path, robot: RobotModel) -> str:
     if path.suffix == ".toml":
         return "responses" if any(key in _toml(path) for key in FRAMES) else "motion"
     names = list(read_arrays(path, LARGEST))
-    if path.suffix == ".npz" and (OF_FRF <= set(names) or OF_EXPERIMENT <= set(names)):
+    if path.suffix == ".npz" and (set(names) >= OF_FRF or set(names) >= OF_EXPERIMENT):
         return "responses"
     columns = [column_of(name) for name in names]
     timed = any(c.name.lower() in TIMES for c in columns)

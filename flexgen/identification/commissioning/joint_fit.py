@@ -9,8 +9,8 @@ hysteresis, has a large s_c and says less. Bodies that are not physically consis
 steps.
 
 Directions that the records do not determine keep the numbers of the file. In units of the
-deviations of the prior the information A of the data has eigenvalues; where the posterior deviation
-is more than half of that of the prior,
+deviations of the prior the information A of the data has eigenvalues; where the posterior
+deviation is more than half of that of the prior,
 
     1 / (1 + eigenvalue) > 1/4,
 
@@ -39,10 +39,12 @@ from flexgen.identification.estimator.minimize import Search, minimize
 from flexgen.identification.estimator.problem import Linearization, Prior, Problem
 
 ROUNDS = 5  # of fits with weights from the residuals of the last one
-STEPS = 3  # of the search in a round; the last one has more
+STEPS = 2  # of the search in a round; the last one has more
 LAST_STEPS = 15
 SETTLED = 0.05  # largest relative change of a weight from which on there are no more rounds
 DISTANCE = 0.05  # standard deviations from the minimum where a search ends
+# Part of the objective that a step promises below which a search ends.
+GAIN = 2e-4
 # Least size of residuals, as a part of the recorded signal: no model of a robot is more exact, and
 # records without noise then do not decide everything.
 EXACT = 1e-4
@@ -223,7 +225,7 @@ def fit_jointly(
 
         steps = LAST_STEPS if is_last else STEPS
         search = Search(
-            distance=DISTANCE, gain=1e-4, steps=steps, curvature=True, stage="commission",
+            distance=DISTANCE, gain=GAIN, steps=steps, curvature=True, stage="commission",
             tell=show,
         )  # fmt: skip
         found = minimize(problem, x, search)
@@ -242,8 +244,8 @@ def _result(stack: _Stack, x: np.ndarray, prior: Prior, converged: bool) -> Join
     """Accuracy of a minimum, and the numbers that are written."""
     unknowns = stack.unknowns
     sd = 1.0 / np.sqrt(np.diag(prior.information))
-    matrices = []
-    scores = []
+    matrices: list[np.ndarray] = []
+    scores: list[np.ndarray] = []
     information: dict[str, np.ndarray] = {}
     misfits = []
     kinds = {block.name: block.kind for block in stack.blocks}

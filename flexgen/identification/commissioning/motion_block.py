@@ -27,7 +27,7 @@ from flexgen.identification.gears.signals import Signals, signals_of
 # Step of the simulation times its fastest eigenvalue, at most: a third of what is stable, for
 # numbers that change.
 STABLE = 0.9
-MOST_HZ = 20.0  # of the band that is compared
+MOST_HZ = 10.0  # of the band that is compared
 MOVING = 0.01  # of the largest speed of a motor: slower, its friction is any torque
 # Of differences: of logarithms, of a prior's deviation, of zeros [rad], of trackers [m].
 STEP = 1e-4
@@ -108,7 +108,7 @@ class MotionBlock:
             gaps = signals.reduce((~seen).astype(float))
             self.positions = signals.reduce(_filled(record.positions))
             self.path = make_interp_spline(self.time, self.positions, k=5)
-            self._seen = self._inner((np.abs(gaps) < 1e-9) & recorded[:, None])
+            self.seen = self.inner((np.abs(gaps) < 1e-9) & recorded[:, None])
         speeds = MotorMotion.through(self.time, self.q_m, 1).samples[:, robot.n_m : 2 * robot.n_m]
         self.top = top = np.abs(speeds).max(axis=0)
         widths = self.widths(top)
@@ -123,9 +123,9 @@ class MotionBlock:
         moving = (np.abs(speeds) > MOVING * np.maximum(top, 1e-12)) & recorded[:, None]
         lobe = max(1, round(0.5 / signals.band_hz / signals.sample_s))
         eroded = binary_erosion(moving, np.ones((2 * lobe + 1, 1)))
-        self._told = self._inner(eroded)
-        inner = self._inner(self.time)
-        own = inner[self._inner(recorded)]
+        self._told = self.inner(eroded)
+        inner = self.inner(self.time)
+        own = inner[self.inner(recorded)]
         if not len(own):
             raise ArgumentError(
                 f"{motion.name}: given {self.time[-1]:.3g} s, expected a longer motion: the "
@@ -142,7 +142,7 @@ class MotionBlock:
         own = np.array([1.0 / beta if beta else np.inf for beta in betas])
         return np.where(np.isfinite(own), own, np.maximum(COULOMB_WIDTH * top, 1e-9))
 
-    def _inner(self, x: np.ndarray) -> np.ndarray:
+    def inner(self, x: np.ndarray) -> np.ndarray:
         """Samples where the second filter is filled."""
         return x[self.signals.margin : len(x) - self.signals.margin]
 
@@ -278,33 +278,33 @@ class MotionBlock:
         """Residual positions of all trackers."""
         assert self.positions is not None
         parts = self.arm.unknowns.parts
-        lengths = self._inner(self.of_lengths)
-        world = self._inner(points) + lengths @ x[parts.lengths]
+        lengths = self.inner(self.of_lengths)
+        world = self.inner(points) + lengths @ x[parts.lengths]
         clock = parts.clocks.start + 2 * self.index
-        time = self._inner(self.time)
+        time = self.inner(self.time)
         late = time + x[clock] + x[clock + 1] * time
         measured = self.path(late)
         frame = x[parts.frame]
-        residual = np.where(self._seen, in_frame(frame, world) - measured, 0.0)
+        residual = np.where(self.seen, in_frame(frame, world) - measured, 0.0)
         n, k = residual.shape
         rows = np.zeros((0, parts.size))
         if J.size:
-            whole = self._inner(J[:, self.arm.robot.n_m :]).copy()
+            whole = self.inner(J[:, self.arm.robot.n_m :]).copy()
             whole[:, :, parts.lengths] = lengths
             whole = turned(frame, whole)
             whole[:, :, parts.frame] = frame_slopes(frame, world)
             rates = self.path(late, 1)
             whole[:, :, clock] = -rates
             whole[:, :, clock + 1] = -rates * time[:, None]
-            rows = (whole * self._seen[:, :, None]).reshape(n * k, -1)
-        seen = np.where(self._seen, measured, np.nan)
+            rows = (whole * self.seen[:, :, None]).reshape(n * k, -1)
+        seen = np.where(self.seen, measured, np.nan)
         size = float(np.sqrt(np.nanmean((seen - np.nanmean(seen, axis=0)) ** 2)))
         return Channel(
             "positions",
             residual.ravel(),
             rows,
             np.repeat(self.piece, k),
-            self._seen.ravel(),
+            self.seen.ravel(),
             size,
             "m",
             neighbors=k,

@@ -13,7 +13,7 @@ from itertools import combinations
 
 import numpy as np
 
-from flexgen.base.errors import ArgumentError
+from flexgen.base.errors import ArgumentError, FlexgenError
 from flexgen.identification.commissioning.elastic_arm import ElasticArm
 from flexgen.identification.commissioning.motion_block import Motion, MotionBlock
 from flexgen.identification.responses.frequency_response import Frf
@@ -62,7 +62,7 @@ def _unexplained(arm: ElasticArm, motion: Motion, index: int) -> float:
     try:
         block = MotionBlock(arm, Motion(motion.name, motion.trajectory), index)
         channels = block.channels(arm.unknowns.start, False)
-    except (ArgumentError, ArithmeticError, np.linalg.LinAlgError):
+    except (FlexgenError, ArithmeticError, np.linalg.LinAlgError):
         return 1.0
     parts = []
     motors = [f"torque of {motor.name}" for motor in arm.robot.motors]

@@ -194,7 +194,7 @@ class Commissioning(FitResult):
         )
 
     @property
-    def weak(self) -> tuple[str, ...]:  # type: ignore[override]
+    def weak(self) -> tuple[str, ...]:
         """As `missing`: the file keeps these numbers, but for what they share with others."""
         return self.missing
 

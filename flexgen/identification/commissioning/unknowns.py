@@ -11,12 +11,12 @@
 | frame | pose of the world in the frame of the tracker | m, rad | wide |
 | trackers | places of the trackers on their bodies | m | 0.1 m |
 | delays | of the torques of each record | s | 3 ms |
-| clocks | of the tracker of each record: time by which it is early, and its drift | s, - | 50 ms, 1e-4 |
+| clocks | of the tracker of each record: offset and drift | s, - | 50 ms, 1e-4 |
 | responses | viscous friction of each motor, and delay, at each level | logarithm, s | wide |
 
-The tolerance of the bodies is small on purpose. Torques determine base parameters only, and springs
-of which the bodies are wrong hide it: with free bodies the split of a base parameter is anything,
-and an inertia that is four times too large makes gears a hundred times too soft.
+The tolerance of the bodies is small on purpose. Torques determine base parameters only: with free
+bodies the split of a base parameter is arbitrary, and springs then make up for it. An inertia that
+is four times too large came with a gear that was a hundred times too soft.
 """
 
 from __future__ import annotations
@@ -151,8 +151,12 @@ class Unknowns:
         return tuple(type(motor.friction) is Friction for motor in self.robot.motors)
 
     def values(self, x: np.ndarray) -> np.ndarray:
-        """Numbers of the model at x, in the order of ``vector``."""
-        return self.vector.values(x[self.parts.model])
+        """Numbers of the model at x, in the order of ``vector``; those that did not change are
+        exactly those of the file.
+        """
+        same = x[self.parts.model] == self.start[self.parts.model]
+        file = np.array([unknown.start for unknown in self.vector.unknowns])
+        return np.where(same, file, self.vector.values(x[self.parts.model]))
 
     def zeros(self, x: np.ndarray) -> np.ndarray:
         """Zeros of all actuated coordinates (n_g,)."""
