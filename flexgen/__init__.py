@@ -366,6 +366,7 @@ _RESULTS = {
     "Check.all_findings": "flexgen.views.reports.texts:findings_of_check",
     "Check.implausible": "flexgen.studies.check.check:implausible_number",
     "Check.to_text": "flexgen.views.reports.texts:text_of_check",
+    "Commissioning.check_file": "flexgen.identification.commissioning.result:check_file",
     "Comparison.plot": "flexgen.views.plots.along_path:plot_comparison",
     "Comparison.report": "flexgen.views.reports.html:report_comparison",
     "ControlRun.plot": "flexgen.views.plots.control:plot_control",

@@ -21,6 +21,7 @@ FILES = "files, which are listed"
 NO_PICTURE = {
     "CascadeTuning": "its runs, before and after, have pictures",
     "Check": "numbers of several units next to their usual ranges, which its table has",
+    "Commissioning": "numbers of several units, which its tables have",
     "Configuration": FEW,
     "Equilibrium": FEW,
     "FeedforwardComparison": "its runs have pictures",
@@ -54,7 +55,7 @@ NO_RESULT = {
     **dict.fromkeys(
         (
             "Impedance Wall Scenario Segment Window Setting Port InversionOptions Priors "
-            "StaticPoses"
+            "StaticPoses DatasheetTolerances"
         ).split(),
         INPUT,
     ),
