@@ -24,6 +24,7 @@ CLASSES = {
     "servo": "ServoFit",
     "load": "Load",
     "poses": "Calibration",
+    "commissioning": "Commissioning",
     "responses": "IdentificationResult",
     "motions": "MotionFit",
     "rigid": "RigidIdentification",

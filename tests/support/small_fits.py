@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 import flexgen
+from flexgen.identification.commissioning.folder import Records
 from flexgen.identification.estimator.fit_result import FitResult
 from flexgen.identification.records.recording_writer import RecordingWriter
 from flexgen.identification.rigid.rigid_file import identify_bodies
@@ -52,6 +53,17 @@ def poses() -> FitResult:
     return flexgen.calibrate(robot, flexgen.StaticPoses(q, points), free=["zeros"])
 
 
+def commissioning() -> FitResult:
+    """A gear, zeros and lengths by 20 static poses."""
+    robot = flexgen.read("elbow", overrides={"sensor": [TRACKER]})
+    soft = {"sensor": [TRACKER], "element.upper.dof.q1.gear.spring.stiffness": 6e6}
+    q = np.random.default_rng(0).uniform(-1.5, 1.5, (20, 2))
+    poses = flexgen.StaticPoses(
+        q, flexgen.tracker_positions(flexgen.read("elbow", overrides=soft), q)
+    )
+    return flexgen.commission(robot, Records(poses=(("poses.csv", poses),)), curves=False)
+
+
 def responses() -> FitResult:
     """Springs and dampers of gears by frequency responses with noise."""
     drives = flexgen.DriveHardware(encoder_noise_rad=1e-5, torque_noise_Nm=0.02)
@@ -87,7 +99,7 @@ def spring() -> FitResult:
     return flexgen.identify_spring("elbow", data, joint="q1")
 
 
-FITS = (gears, spring, servo, load, poses, responses, motions, rigid)
+FITS = (gears, spring, servo, load, poses, commissioning, responses, motions, rigid)
 
 
 @cache

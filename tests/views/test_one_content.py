@@ -195,6 +195,7 @@ MADE: dict[str, Callable[[], Result]] = {
     "Frf": lambda: flexgen.frf(flexgen.measure(plan())),
     "Load": lambda: small_fit("load"),
     "Calibration": lambda: small_fit("poses"),
+    "Commissioning": lambda: small_fit("commissioning"),
     "IdentificationResult": lambda: small_fit("responses"),
     "RecordComparison": lambda: flexgen.compare_record(slide_robot(), shaken(noise=0.02)),
     "ShaperComparison": lambda: flexgen.compare_shapers(slide_robot()),

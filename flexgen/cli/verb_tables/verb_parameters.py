@@ -67,6 +67,7 @@ FORMS = {
     "Sequence[Mapping[str, np.ndarray] | str | Path]": Form("FILE,FILE,...", "names"),
     "ServoRecord | str | Path": Form("DATA"),
     "StaticPoses | str | Path": Form("DATA"),
+    "Records | str | Path": Form("FOLDER"),
 }
 # Of objects that an action makes of the text: they need a row.
 OBJECTS = {

@@ -76,7 +76,7 @@ BEND = 0.1
 @reported("commission")
 def commission(
     model: str | Path | RobotModel,
-    records: str | Path | Records,
+    records: Records | str | Path,
     *,
     tolerances: DatasheetTolerances | None = None,
     lengths: bool = True,
@@ -91,16 +91,16 @@ def commission(
     ----------
     model : name, path or RobotModel
         With plausible springs, and a tracker for each point whose position was measured.
-    records : str, Path or Records
-        Folder with motions, tracked motions, static poses and responses; see
+    records : Records, or the name of their folder
+        Motions, tracked motions, static poses and responses; see
         `flexgen.identification.commissioning.folder`.
     tolerances : DatasheetTolerances, optional
         How well the model is known: priors of all numbers.
     lengths : bool
-        Fit the places of the elements, too, where positions were measured.
+        Fit the places of the elements, where positions were measured.
     curves : bool, optional
-        Gears whose stiffness rises with the load; default: where they predict held-out parts
-        better.
+        Give all gears a stiffness that rises with the load; default: where it predicts held-out
+        parts better.
     time_limit : float, optional [s]
         Time limit: then, or after Ctrl-C, the result is the best step so far; 0: no limit.
     progress : callable or bool, optional
