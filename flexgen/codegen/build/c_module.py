@@ -122,7 +122,12 @@ def _temporary() -> tempfile.TemporaryDirectory[str]:
 
 
 def _compile(name: str, text: str, target: Path, compiler: Compiler, level: str) -> None:
-    """Compile to a name of its own, then rename: another process never finds half a file."""
+    """Compile the C ``text`` of module ``name`` to the file ``target`` with the compiler's flags
+    and those of ``level``, as ``"-O2"``.
+
+    Written under a name of its own, then renamed: another process never finds half a file.
+    BuildError with the first words of the compiler's message.
+    """
     own = target.with_name(f".{secrets.token_hex(8)}{target.suffix}")
     flags = [*compiler.flags, *level.split(), "-shared", "-x", "c"]
     try:
@@ -136,8 +141,8 @@ def _compile(name: str, text: str, target: Path, compiler: Compiler, level: str)
 
 
 def _prune(folder: Path, newest: Path) -> None:
-    """Remove the modules that were used least lately, beyond the limits; a loaded one stays in
-    memory.
+    """Remove the modules of ``folder`` that were used least lately, beyond `MOST` files or `LIMIT`
+    bytes; ``newest`` stays, and one that a process has loaded stays in its memory.
     """
     entries = []
     for path in folder.glob(f"*.{library_suffix()}"):

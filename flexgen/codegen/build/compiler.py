@@ -204,8 +204,13 @@ def find_compiler(
 def _find_compiler(
     native: bool, openmp: bool, isa: str, other: str | None, cc: str | None, path: str | None
 ) -> Compiler | None:
-    """The compiler in this environment; ``other``: name of the target, where it is not this
-    computer.
+    """The compiler in this environment, asked for its version and its predefined macros; None
+    where there is none.
+
+    ``native``, ``openmp``, ``isa``: as in `find_compiler`; ``other``: name of the target where it
+    is not this computer; ``cc``, ``path``: variables of the environment, here only so that a cache
+    tells them apart. BuildError where the compiler cannot be run, refuses the flags or does not
+    preprocess C.
     """
     chosen = _choose_command() if other is None else _cross_command(other)
     if chosen is None:
@@ -377,8 +382,10 @@ def run_compiler(
     written: str,
     programs: Programs | None = None,
 ) -> None:
-    """Run a program that writes a file in a folder; BuildError with its first errors where it does
-    not.
+    """Run ``command`` in ``folder``, where it writes the file ``written``; ``what`` names the
+    program in errors.
+
+    BuildError with the first errors where it fails or leaves no file.
     """
     answer = _output(command, "", folder, programs)
     if answer.returncode != 0:
@@ -489,7 +496,12 @@ def _compile(
     *,
     fresh: bool,
 ) -> None:
-    """The object of each source, in the source's folder: from the cache, or compiled."""
+    """The object of each source, in the source's folder: from the cache ``stored`` unless
+    ``fresh``, else compiled in parallel, the longest first.
+
+    ``flags_of``: further flags of a source. After an error or Ctrl-C the compilers that run are
+    ended.
+    """
     missing = [file for file in sources if fresh or not stored.fetch(folder / file)]
     workers = max(2, os.cpu_count() or 1)
     tell = throttle(log)

@@ -382,7 +382,9 @@ def _write(folder: Path, texts: Mapping[str, str]) -> None:
 def _write_sources(
     request: _Request, digest: str, log: Callable[[str], None]
 ) -> tuple[dict[str, Any], dict[str, str]]:
-    """The manifest and the sources, derived where no equations are given."""
+    """The manifest and the text of each source by name; equations are derived where the request
+    has none. ``digest``: goes into the manifest.
+    """
     name = library_name(request.model)
     equations = request.equations
     if equations is None:
@@ -476,7 +478,12 @@ def _content_digest(request: _Request) -> str:
 
 
 def _manifest(spec: LibrarySpec, digest: str, needs_work: Mapping[str, bool]) -> dict[str, Any]:
-    """Description of the library for the Python loader and other tools."""
+    """Description of the library for the Python loader and other tools, before files and build are
+    known.
+
+    ``digest``: of all that the sources depend on; ``needs_work``: of each function whether it
+    takes a workspace.
+    """
     return {
         "format": FORMAT,
         "generator": f"flexgen {__version__}",
@@ -531,7 +538,9 @@ def _intact(directory: Path, manifest: dict[str, Any]) -> bool:
 def _built(
     directory: Path, manifest: dict[str, Any], options: dict[str, Any], compiler: Compiler | None
 ) -> bool:
-    """True where the libraries are there as recorded and as this compiler makes them."""
+    """True where the libraries are there with the digests that ``manifest`` records, made with
+    these ``options`` by this compiler (None: any).
+    """
     built: Any = manifest.get("build")
     try:
         made_so = {key: built[key] for key in options} == options
@@ -547,6 +556,9 @@ def _built(
 def _result(
     directory: Path, manifest: dict[str, Any], start: float, *, cached: bool, written: bool
 ) -> GeneratedLibrary:
+    """The result of `generate`, with the time since ``start`` [s]; ``cached``: nothing was
+    compiled; ``written``: files were.
+    """
     return GeneratedLibrary(
         directory=directory,
         files=tuple(

@@ -46,7 +46,9 @@ def lanes_module(name: str, functions: Mapping[str, ca.Function], body: str) -> 
 
 
 def lanes_text(functions: Mapping[str, ca.Function], body: str) -> str:
-    """The C text that `lanes_module` compiles."""
+    """The C text that `lanes_module` compiles: the functions by the key of their macros, then
+    ``body``, which calls them.
+    """
     written = {key: _write(key.lower(), function) for key, function in functions.items()}
     parts = [
         '#include "module_private.h"\n#include "module_lanes.h"\n',

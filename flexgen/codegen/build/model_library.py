@@ -106,6 +106,11 @@ def library_holder(digest: str, what: _What) -> list[Library]:
 
 
 def _load(model: RobotModel, what: _What, progress: Callable[[str], None]) -> Library:
+    """The library of a model with the choices ``what``: of this process, or of the cache.
+
+    Its folder has a hash of model, choices and processor in its name, as computers can share a
+    cache; without a cache it is in a temporary folder.
+    """
     digest = model_digest(model)
     holder = library_holder(digest, what)
     if holder:
@@ -124,7 +129,9 @@ def _load(model: RobotModel, what: _What, progress: Callable[[str], None]) -> Li
 def _load_from_cache(
     model: RobotModel, target: Path, what: _What, progress: Callable[[str], None]
 ) -> Library:
-    """The library in a folder of the cache; generated where it is missing."""
+    """The library in the folder ``target`` of the cache; generated where it is missing, and once
+    more where another process removed it meanwhile.
+    """
     for there in ((target / MANIFEST).exists(), False):
         mark_used(target)
         try:

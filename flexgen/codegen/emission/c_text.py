@@ -76,8 +76,8 @@ def prototype(spec: LibrarySpec, f: FunctionSpec, work: int) -> str:
 
 
 def batch_prototype(spec: LibrarySpec, f: FunctionSpec, strided: bool = False) -> str:
-    """The head of the function that evaluates many points; ``strided``: whose entries may be
-    further apart.
+    """The head of the C function that evaluates n points; ``strided``: arrays may hold more points
+    than are evaluated, entries are then ``stride`` apart.
     """
     name = f"{spec.name}_{f.name}_batch{'_strided' * strided}"
     real = f"{spec.name}_real"

@@ -106,8 +106,10 @@ def stream_key(spec: LibrarySpec) -> int:
 
 
 def curves_text(constants: MotorConstants, ng: str, join: Callable[[Sequence[float]], str]) -> str:
-    """The curves of elements by another law than Dahl's, see
+    """C tables of the curves of elements by another law than Dahl's, see
     `flexgen.dynamics.hysteresis.hysteresis_law.Curve.table`.
+
+    ``ng``: macro with the number of gears; ``join``: writes numbers as an initializer.
     """
     index = ", ".join("{" + ", ".join(map(str, row)) + "}" for row in constants.hysteresis_curve)
     bend = ", ".join(map(join, constants.hysteresis_bend))
@@ -233,7 +235,9 @@ workspace */
 
 
 def _call(spec: LibrarySpec, f: FunctionSpec, work: int) -> str:
-    """A macro that calls a function with a workspace, whether it needs one or not."""
+    """A macro that calls function ``f`` with a workspace, whether it needs one (``work`` > 0
+    reals) or not.
+    """
     ports, given = _ports_of_call(spec, f)
     call = f"{spec.name}_{f.name}({given}{', work' if work else ''})"
     needed = work or ports != given
@@ -264,8 +268,8 @@ def _ports_of_call(spec: LibrarySpec, f: FunctionSpec) -> tuple[str, str]:
 
 
 def _for_growth(spec: LibrarySpec, written: Mapping[str, FunctionText], arm_side: str) -> str:
-    """Macros of the function growth: scales of positions, and the linearization with a workspace
-    of its own.
+    """Macros of the function growth: scales of positions (``arm_side``, written as an
+    initializer), and the linearization with a workspace of its own.
     """
     prefix = spec.name.upper()
     grows = has_growth(spec)
@@ -296,8 +300,8 @@ def _call_with_parameters(spec: LibrarySpec, f: FunctionSpec, named: str, work: 
 def _damping(
     spec: LibrarySpec, constants: MotorConstants, listed: Callable[[Sequence[float]], str]
 ) -> str:
-    """The damping of the gears on the arm side; some values may be run-time parameters times a
-    factor.
+    """C of the damping of each gear on the arm side [N m s/rad, N s/m]; one may be a run-time
+    parameter times a factor. ``listed``: writes numbers as an initializer.
     """
     ng = f"{spec.name.upper()}_NG"
     at = {

@@ -54,8 +54,11 @@ NEWER = (
 
 
 def _canonical(value: Any, without: tuple[str, ...] = ()) -> str:
-    """Text that determines the data: names and values of fields, exact numbers. Does not depend on
+    """Text that determines the data: names and values of fields, exact numbers; independent of
     ``__repr__``.
+
+    ``without``: fields left out at this level. A field in `NEWER` is left out where it has its
+    default, so that older digests stay valid.
     """
     if is_dataclass(value):
         kind = type(value).__name__

@@ -95,6 +95,9 @@ def emit(spec: LibrarySpec, written: Mapping[str, FunctionText] | None = None) -
 
 
 def _write(spec: LibrarySpec, f: FunctionSpec) -> FunctionText:
+    """The C statements of one function, with the run-time parameters as an array where it takes
+    them.
+    """
     inputs, outputs = ({port.name: port.size for port in ports} for ports in (f.inputs, f.outputs))
     parameters = "parameters" if spec.parameters and "parameters" in inputs else None
     values = [parameter.value for parameter in spec.parameters]

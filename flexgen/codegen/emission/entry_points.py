@@ -62,7 +62,10 @@ def source(spec: LibrarySpec, f: FunctionSpec, written: FunctionText) -> str:
 
 
 def _shape(spec: LibrarySpec, f: FunctionSpec, written: FunctionText) -> str:
-    """The struct with the sizes of the arrays."""
+    """The C struct with the sizes of a function's arrays: numbers of inputs and outputs, the input
+    that all points share (-1: none), reals of workspace, points of a tile, then the length of each
+    array.
+    """
     ports = (*f.inputs, *f.outputs)
     shared = next((i for i, port in enumerate(f.inputs) if _is_shared(spec, port)), -1)
     sizes = ", ".join(

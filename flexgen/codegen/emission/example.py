@@ -57,7 +57,9 @@ static void show(const char *name, const char *unit, const {real} *x, int rows, 
 
 
 def _block(spec: LibrarySpec, f: FunctionSpec, needs_work: bool) -> str:
-    """The call of one function."""
+    """The C block that calls one function at the home pose and prints its results; ``needs_work``:
+    with a workspace.
+    """
     real = f"{spec.name}_real"
     lines = ""
     shared = False

@@ -101,7 +101,9 @@ def _defaults(spec: LibrarySpec, function: CFunction) -> str:
 
 
 def _servo_defaults(spec: LibrarySpec) -> str:
-    """The function that returns the servo of the model file."""
+    """The C function that returns the servo of the model file: gains per motor, then its times
+    [s].
+    """
     assert spec.motor_constants is not None and spec.motor_constants.servo is not None
     servo = spec.motor_constants.servo
     lines = ""

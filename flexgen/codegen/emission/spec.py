@@ -434,7 +434,9 @@ def _accuracy(model: RobotModel) -> tuple[str, ...]:
 
 
 def _sizes(model: RobotModel, functions: Sequence[str], parameters: int) -> dict[str, int]:
-    """The sizes of the library, by name; BuildError for a model without coordinates or motors."""
+    """The sizes of the library by name, as ``n_a``; ``parameters``: how many there are at run
+    time. BuildError for a model without coordinates or motors.
+    """
     sizes = {
         "n_a": model.n_a,
         "n_g": model.n_g,

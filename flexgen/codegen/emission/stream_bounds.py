@@ -139,8 +139,11 @@ def _count_reduced(sizes: Mapping[str, int], jacobians: int, block: int) -> int:
 
 
 def _lq(n_e: int, point_group: int, row_group: int, block: int) -> Linear:
-    """Operations of a Gauss-Newton step over the horizon; ``point_group``: of a block of Gauss
-    points with Jacobians, ``row_group``: of one without.
+    """Operations of a Gauss-Newton step over the horizon, with ``n_e`` coordinates without motor
+    (2 n_e states).
+
+    ``point_group``: operations of a ``block`` of Gauss points with Jacobians; ``row_group``: of
+    one without.
     """
     states = 2 * n_e
     controls = STAGES * n_e
@@ -173,7 +176,12 @@ def _count_bounded(sizes: Mapping[str, int], bounds: bool) -> int:
 def _limits(
     sizes: Mapping[str, int], group: int, path: int, motors: int, block: int, bounds: bool
 ) -> Linear:
-    """Operations that limits add; ``group``: motion and torques at a block of nodes."""
+    """Operations that limits of motors add, for each node of the horizon and once.
+
+    ``group``: operations of motion and torques at a ``block`` of nodes; ``path``, ``motors``: of
+    the path and of the motors at one instant; ``bounds``: the model has bounds of torques and
+    speeds.
+    """
     n_a, n_g, _, n_m, n_y, _ = _sizes(sizes)
     bounded = _count_bounded(sizes, bounds)
     n = BLOCKS * n_y

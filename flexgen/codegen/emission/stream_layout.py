@@ -358,7 +358,9 @@ class StreamLayout:
         return held + MARGIN * self.has.bristles
 
     def variables(self, intervals: int, samples: int, ahead: int) -> dict[str, int]:
-        """Variables that the sizes of the arrays depend on."""
+        """Variables that the sizes of the arrays depend on; ``samples``: per interval, ``ahead``:
+        behind the interval, which hold and delay need.
+        """
         back = 2 * MARGIN
         return {
             "intervals": intervals,
@@ -372,7 +374,9 @@ class StreamLayout:
     def offsets(
         self, intervals: int, samples: int, hold: bool = False, delay: float = 0.0
     ) -> dict[str, int]:
-        """Position of each array of a stream in reals, and ``end``, the length of its memory."""
+        """Position of each array of a stream in reals, and ``end``, the length of its memory;
+        ``hold``: torques are held over a sample, ``delay``: of the motors [samples].
+        """
         names = self.constants() | self.variables(intervals, samples, self.ahead(hold, delay))
         names[LIMITS_SIZE] = self.limit_offsets(intervals)["end"]
         return self._place(ARRAYS, names, self.head_size)

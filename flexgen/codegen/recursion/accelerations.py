@@ -41,12 +41,18 @@ def kind(armature: np.ndarray) -> str:
 
 
 def routes(arm: Arm, force: ca.SX, armature: np.ndarray) -> list[Solver]:
-    """The recursions for accelerations under forces, expressions in any symbols."""
+    """The recursions for the accelerations (n_a) under ``force`` (n_a), expressions in any
+    symbols.
+
+    Through the mass matrix, and, where the rotor inertias ``armature`` (n_a, n_a) are those of
+    single joints and no mechanism couples joints, through articulated bodies.
+    """
     q_a, v_a = arm.symbols("q_a", "v_a")
     still: list[Scalar] = [0.0] * arm.model.n_a
     own = np.diag(armature).tolist()
 
     def by_mass_matrix(tape: Tape, chain: Chain, columns: Columns) -> Solved:
+        """Solve ``(M + armature) a = force - h`` by L'DL."""
         q, v, f = vectors(tape, q_a, v_a, force)
         h = arm.torques(tape, chain, q, v, still, columns)
         M = arm.mass_matrix(tape, chain, q)
@@ -61,6 +67,9 @@ def routes(arm: Arm, force: ca.SX, armature: np.ndarray) -> list[Solver]:
         return Solved(solve([x - y for x, y in zip(f, h, strict=True)]), q, v, solve)
 
     def by_articulated_bodies(tape: Tape, chain: Chain, columns: Columns) -> Solved:
+        """Featherstone's recursion: velocity forces and ``force`` to the base, accelerations back
+        to the tool; later right sides find the bodies at rest.
+        """
         q, v, f = vectors(tape, q_a, v_a, force)
         turns = [
             newton_euler.turn_of(tape, joint, x) for joint, x in zip(chain.joints, q, strict=True)

@@ -108,13 +108,16 @@ class Arm:
         a: Sequence[Scalar],
         columns: Columns,
     ) -> list[Scalar]:
-        """Inverse dynamics."""
+        """Inverse dynamics ``M(q) a + h(q, v)`` (n_a) [N m, N] in coordinates, recorded on
+        ``tape``; ``columns``: per joint which form its angular acceleration has, as in
+        `newton_euler.Motion`.
+        """
         q, v, a = (self.to_joints(x) for x in (q, v, a))
         return self.to_coordinates(newton_euler.inverse_dynamics(tape, chain, q, v, a, columns))
 
     def mass_matrix(self, tape: Tape, chain: Chain, q: Sequence[Scalar]) -> composite_body.Matrix:
-        """The mass matrix, with or without axes shared by parallel joints, whichever is
-        shorter.
+        """The mass matrix (n_a, n_a) at q, recorded on ``tape`` with or without axes that parallel
+        joints share, whichever takes fewer operations.
         """
         found = [
             composite_body.mass_matrix(tape, chain, self.to_joints(q), together)
@@ -138,14 +141,16 @@ class Arm:
         a: Sequence[Scalar],
         columns: Columns,
     ) -> list[composite_body.Matrix]:
-        """Derivatives of `torques` in coordinates, speeds and accelerations."""
+        """Derivatives of `torques` in coordinates, speeds and accelerations, (n_a, n_a) each;
+        arguments as there.
+        """
         q, v, a = (self.to_joints(x) for x in (q, v, a))
         found = derivatives.derivatives(tape, chain, q, v, a, columns)
         return list(found) if self.moves is None else [self._matrix(A) for A in found]
 
     def chain(self, tape: Tape, plan: Plan) -> Chain:
-        """The chain of a plan, with the symbols of the payload where its numbers may change at run
-        time.
+        """The chain of a plan; where the payload may change at run time, its mass, center and
+        inertia are added to the carrying joint as symbols.
         """
         if not self.loaded:
             return plan.chain
@@ -180,8 +185,8 @@ class Arm:
     def shortest(
         self, routes: Sequence[Route], several: bool = True, kind: str = ""
     ) -> list[ca.SX]:
-        """The results of the route with the fewest operations (over the best plan only, or over
-        several).
+        """The results of the route with the fewest operations, over all plans or (``several``
+        false) the best one only.
 
         Results of one ``kind`` take the plan and the route of the first of them.
         """
@@ -215,6 +220,9 @@ class Arm:
         def by_differentiation(
             tape: Tape, chain: Chain, columns: Columns, forward: bool
         ) -> list[Scalar]:
+            """All three on the recorded operations; ``forward``: one tangent per coordinate and
+            speed, else one gradient per torque. M needs neither.
+            """
             q, v, a = vectors(tape, *inputs)
             tau = self.torques(tape, chain, q, v, a, columns)
             M = [x for row in self.mass_matrix(tape, chain, q) for x in row]

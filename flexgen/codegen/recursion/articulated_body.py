@@ -20,8 +20,8 @@ from flexgen.codegen.recursion.tape import Scalar, Tape, Value
 
 
 def solve_symmetric(tape: Tape, M: Matrix, right: Sequence[Scalar]) -> list[Scalar]:
-    """``x`` with ``M x = right``: L' D L from the last row on, where the entries of a chain are
-    ready first.
+    """``x`` with ``M x = right`` for a symmetric positive M (n, n): L' D L from the last row on,
+    where the entries of a chain are ready first.
     """
     n = len(M)
     A = [list(row[: i + 1]) for i, row in enumerate(M)]
@@ -215,7 +215,12 @@ def _to_the_base(
     armature: Sequence[float],
     joined: Sequence[bool],
 ) -> list[_Yield]:
-    """Articulated inertias and forces, body by body from the tool to the base."""
+    """Articulated inertias and forces, body by body from the tool to the base.
+
+    ``loads``: wrenches of velocities and weight on the frames; ``turns``: rotations of the joints;
+    ``tau``: their forces [N m, N]; ``armature``: rotor inertias [kg m^2, kg]; ``joined``: as
+    `find_joints_on_one_point`. Returned per joint for `_to_the_tool`.
+    """
     n = len(chain.joints)
     still: Vector3 = [0.0] * 3
     behind = [(Articulated(_zero(), _zero(), _zero()), still, still)] * n
@@ -270,7 +275,9 @@ def _to_the_tool(
     yields: Sequence[_Yield],
     joined: Sequence[bool],
 ) -> list[Scalar]:
-    """Accelerations of the joints, body by body from the base to the tool."""
+    """Accelerations of the joints (n) [rad/s^2, m/s^2], body by body from the base to the tool;
+    ``yields``: of `_to_the_base`, other arguments as there.
+    """
     dv: list[Scalar] = []
     still: Vector3 = [0.0] * 3
     moved: list[tuple[Vector3, Vector3]] = []

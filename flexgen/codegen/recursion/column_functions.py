@@ -126,8 +126,8 @@ def shorter_mass_matrix(equations: Equations, target: str) -> list[Step] | None:
 
 
 def loops_agree(equations: Equations, chain: Chain) -> bool:
-    """Whether the steps give the derivatives of inverse dynamics, along random directions at
-    random states.
+    """Whether the steps of `columns` give the derivatives and the bias of inverse dynamics, along
+    random directions at `TRIALS` random states, within `AGREEMENT` of the largest term.
     """
     f = fast_function(equations, "inverse_dynamics")
     n = equations.model.n_a

@@ -69,8 +69,8 @@ def derivatives(chain: Chain, by_q: Target, by_v: Target, by_a: str) -> list[Ste
 
 
 def bias(chain: Chain, M: str) -> list[Step]:
-    """Steps from ``q_a, v_a`` to the mass matrix of the bodies and to the ``bias`` (1, n), forces
-    without acceleration.
+    """Steps from ``q_a, v_a`` to the mass matrix of the bodies, in an array named ``M``, and to
+    the ``bias`` (1, n), forces without acceleration.
 
     `derivatives_after` continues with their arrays.
     """
@@ -152,7 +152,9 @@ def _about_x(twist: tuple[float, float]) -> np.ndarray:
 
 
 def _axes(chain: Chain, moving: bool) -> list[Step]:
-    """Spatial axes of the joints, and their velocities."""
+    """Steps to the spatial axes ``(z, p x z)`` of the joints (a slide: ``(0, z)``), and where the
+    arm is ``moving``, to the spatial velocity of each body.
+    """
     n = len(chain.joints)
     frame = ca.SX.sym("frame", 12) if len(bodies_of(chain)) == n else ca.SX.sym("joint", 6)
     direction = frame[-6:-3]
@@ -173,7 +175,9 @@ def _axes(chain: Chain, moving: bool) -> list[Step]:
 
 
 def _masses(chain: Chain, target: str) -> list[Step]:
-    """Moments of mass of all bodies behind each joint, and the mass matrix."""
+    """Steps to mass, first and second moments of all bodies behind each joint, and to the mass
+    matrix in the array ``target``.
+    """
     n = len(chain.joints)
     at = bodies_of(chain)
     own = [chain.joints[k].inertia for k in at]
@@ -208,7 +212,9 @@ def _masses(chain: Chain, target: str) -> list[Step]:
 
 
 def _motion(chain: Chain) -> list[Step]:
-    """Moments of momentum of all bodies behind each joint, and the rates of the axes."""
+    """Steps to the moments of momentum (k, K) of all bodies behind each joint, and to the rates of
+    the axes; the velocities are known.
+    """
     n = len(chain.joints)
     at = bodies_of(chain)
     mass, symbols, masses = _mass(chain, beyond=False)
@@ -235,8 +241,8 @@ def _motion(chain: Chain) -> list[Step]:
 
 
 def _forces(chain: Chain, at_rest: bool) -> list[Step]:
-    """Accelerations, and the wrenches of all bodies behind each joint; ``at_rest``: all
-    accelerations are zero.
+    """Steps to accelerations, gravity in them, and to the wrenches of all bodies behind each
+    joint; ``at_rest``: all joint accelerations are zero.
     """
     n = len(chain.joints)
     at = bodies_of(chain)
@@ -269,7 +275,9 @@ def _forces(chain: Chain, at_rest: bool) -> list[Step]:
 
 
 def _changes(chain: Chain, by_q: Target, by_v: Target) -> list[Step]:
-    """The derivatives in coordinates and speeds."""
+    """Steps to the derivatives in coordinates and in speeds; each target is an array and the
+    column at which its n columns begin.
+    """
     n = len(chain.joints)
     mass, symbols, masses = _mass(chain, beyond=True)
     sizes = {

@@ -68,8 +68,8 @@ EMPTY = Composite(0.0, [0.0] * 3, [[0.0] * 3 for _ in range(3)])
 
 
 def rotate_in_plane(A: Matrix, i: int, j: int, c: Scalar, s: Scalar) -> Matrix:
-    """A matrix turned in the plane of two axes by the angle with cosine c and sine s:
-    ``R A R'``.
+    """The 3 x 3 matrix A turned in the plane of axes i and j by the angle with cosine c and sine
+    s: ``R A R'``; quarter turns take no operation.
     """
     k = 3 - i - j
     out = [row[:] for row in A]
@@ -220,8 +220,8 @@ class _Step:
 
 
 def _steps(tape: Tape, chain: Chain, q: Sequence[Scalar], together: bool) -> list[_Step]:
-    """The joints of a chain in axes that neighbors with parallel axes share, or each in its own
-    axes.
+    """The joints of a chain at q: in axes that neighbors with parallel axes share (``together``),
+    or each in its own axes.
     """
     parallel = [
         joint.twist == (1.0, 0.0) and joint.before == i - 1 for i, joint in enumerate(chain.joints)

@@ -262,7 +262,9 @@ def _transfer_back(
     v: Sequence[Scalar],
     j: int,
 ) -> _Beyond:
-    """Body, momentum and moment of the later bodies, in the frame before joint j."""
+    """Body, momentum and moment of the later bodies (``beyond``, in the frame of joint j), in the
+    frame before joint j; ``turn``: its rotation, ``moving``: motions of the frames.
+    """
     joint = chain.joints[j]
     body = beyond.body
     momentum = beyond.momentum
@@ -286,7 +288,9 @@ def _transfer_back(
 def _move_moments(
     body: Composite, momentum: Vector3, moment: Matrix, p: Vector3, u: Vector3
 ) -> tuple[Composite, Vector3, Matrix]:
-    """Moments about a point relative to which the origin is at p and moves with the velocity u."""
+    """Body, momentum and moment matrix about another point, relative to which the former origin is
+    at p [m] and moves with the velocity u [m/s].
+    """
     after = body.shifted(p)
     out = [
         [moment[i][k] + u[i] * after.first[k] + momentum[i] * p[k] for k in (X, Y, Z)]

@@ -199,6 +199,9 @@ def _flatten(model: RobotModel) -> tuple[list[_Raw], Pose, int]:
     pose = pose_of(model.base)
 
     def carry(body: Body, carrier: str = "") -> None:
+        """Add a body to the last joint, and the rotors at rest on its ``carrier``; what the base
+        carries has no effect.
+        """
         if last < 0:
             return
         raws[last].inertia = raws[last].inertia + inertia_of(body).moved(pose)
@@ -360,6 +363,9 @@ def lay_frames(
     def add(
         i: int, place: np.ndarray, twist: tuple[float, float], h: float, lead: float = 0.0
     ) -> None:
+        """Joint i in its frame: position and twist (cosine, sine) from the frame before, then the
+        angle ``h`` [rad] about z at zero; ``lead``: an angle about the z axis before.
+        """
         quarters, rest = _quarter(h)
         if i in free - turned and rest != 0.0:
             gauges[i] = (_about_z(-rest), np.zeros(3))
@@ -392,8 +398,11 @@ def lay_frames(
 
 
 def _ground(pose: Pose, gravity: np.ndarray, turns: bool) -> tuple[Pose, np.ndarray, float]:
-    """The frame under the first joint, gravity in it with at most two components, and the
-    remaining angle.
+    """The frame under the first joint, gravity in it [m/s^2], and the angle left to that joint
+    [rad].
+
+    Where the joint ``turns``, the frame is turned about its axis so that gravity has two
+    components at most.
     """
     size = float(np.linalg.norm(gravity)) or 1.0
     down = snap(pose[0].T @ gravity, size)

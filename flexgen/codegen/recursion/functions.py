@@ -180,6 +180,9 @@ def operations_of(function: ca.Function) -> int:
 
 
 def _inverse_dynamics(arm: Arm) -> Built:
+    """Torques ``tau_a`` (n_a) of ``q_a, v_a, a_a``: symbols of inputs, their names, results, their
+    names, as of every builder here.
+    """
     inputs = arm.symbols("q_a", "v_a", "a_a")
 
     def route(tape: Tape, chain: Chain, columns: Columns) -> list[Scalar]:
@@ -195,6 +198,9 @@ def _inverse_dynamics(arm: Arm) -> Built:
 
 
 def _bias(arm: Arm) -> Built:
+    """Forces ``h`` (n_a) of ``q_a, v_a`` without acceleration, gravity included; returned as of
+    `_inverse_dynamics`.
+    """
     inputs = arm.symbols("q_a", "v_a")
 
     def route(tape: Tape, chain: Chain, columns: Columns) -> list[Scalar]:
@@ -206,6 +212,9 @@ def _bias(arm: Arm) -> Built:
 
 
 def _gravity(arm: Arm) -> Built:
+    """Forces ``g`` (n_a) that hold the arm at ``q_a``, by the recursion or as the gradient of
+    potential energy; returned as of `_inverse_dynamics`.
+    """
     inputs = arm.symbols("q_a")
 
     def by_recursion(tape: Tape, chain: Chain, columns: Columns) -> list[Scalar]:
@@ -235,8 +244,8 @@ def _arm_forward_dynamics(arm: Arm) -> Built:
 
 
 def _accelerations(arm: Arm, force: ca.SX, armature: np.ndarray) -> ca.SX:
-    """Accelerations of the arm under forces, expressions in any symbols, with rotors that add to
-    the mass matrix.
+    """Accelerations (n_a) of the arm under ``force`` (n_a), expressions in any symbols;
+    ``armature`` (n_a, n_a): rotors, added to the mass matrix.
     """
     shared = accelerations.kind(armature)
     # the choice depends on the arm only, not on the function that is asked for first
@@ -269,6 +278,9 @@ def _forward_dynamics(arm: Arm) -> Built:
 
 
 def _forward_dynamics_tool_force(arm: Arm) -> Built:
+    """Accelerations of arm and motors, and gear torques, with a wrench ``f_tool`` (6) [N, N m] on
+    the tool: ``J' f_tool`` joins the forces. Returned as of `_inverse_dynamics`.
+    """
     lagrangian = arm.equations.lagrangian
     f_tool = ca.SX.sym("f_tool", 6)
     pushed = ca.mtimes(_jacobian(arm)[2][0].T, f_tool)
@@ -279,8 +291,8 @@ def _forward_dynamics_tool_force(arm: Arm) -> Built:
 
 
 def _whole_accelerations(arm: Arm, on_arm: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Accelerations of arm and motors under forces on the arm's coordinates and those of the
-    equations on motors.
+    """Accelerations of the arm (n_a) under forces ``on_arm`` (n_a), and of the motors (n_m):
+    geared ones follow the arm, others follow the forces of the equations on them.
     """
     model = arm.model
     forces = arm.equations.lagrangian.forces
@@ -311,6 +323,9 @@ def beside_the_arm(arm: Arm) -> tuple[ca.SX, ca.SX]:
 
 
 def _residual_jacobians(arm: Arm) -> Built:
+    """``M_y`` (dof, dof) and ``R_y`` (dof, 2 dof + n_m) of the whole robot: rotors and forces of
+    the drives, to which the derivatives of the arm are added. Returned as of `_inverse_dynamics`.
+    """
     n = arm.model.dof
     n_a = arm.model.n_a
     by_q, by_v, M_a = arm.derivatives
@@ -326,6 +341,9 @@ def _residual_jacobians(arm: Arm) -> Built:
 
 
 def _forward_kinematics(arm: Arm) -> Built:
+    """Position ``p`` (3) [m] and rotation matrix ``R`` of the tool at ``q_a``; returned as of
+    `_inverse_dynamics`.
+    """
     inputs = arm.symbols("q_a")
     tape = Tape()
     p, R = kinematics.tool_pose(
@@ -336,6 +354,9 @@ def _forward_kinematics(arm: Arm) -> Built:
 
 
 def _jacobian(arm: Arm) -> Built:
+    """Jacobian ``J`` (6, n_a) of the tool, linear rows first; returned as of
+    `_inverse_dynamics`.
+    """
     inputs = arm.symbols("q_a")
     tape = Tape()
     J = arm.jacobian(tape, make_chain(arm.model, to_mass=False), tape.vector(inputs[0]))
@@ -348,6 +369,9 @@ def _jacobian(arm: Arm) -> Built:
 
 
 def _tool_motion(arm: Arm) -> Built:
+    """Velocity and acceleration of the tool (6), linear components first; returned as of
+    `_inverse_dynamics`.
+    """
     names = ["q_a", "v_a", "a_a"]
     tape = Tape()
     inputs = arm.symbols(*names)

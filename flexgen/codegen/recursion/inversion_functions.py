@@ -31,6 +31,12 @@ from flexgen.dynamics.mechanics.tool_angle import tool_angle
 
 
 def _output_constraint(arm: Arm) -> Built:
+    """Distance of the output from its target, ``W`` (n_y, n_a) with ``dy = W v``, and ``W' v``
+    (n_y): ports of `constraint_ports`.
+
+    ``W' v`` and W are built from the rates of the kinematics or by `arm.jacobian`, whichever takes
+    fewer operations.
+    """
     equations = arm.equations
     output = arm.model.output
     if output.type == "combination":
@@ -89,6 +95,9 @@ def _rate_rows(arm: Arm) -> list[int]:
 
 
 def _inversion_rows(arm: Arm) -> Built:
+    """Torques of the gears ``tau_g`` and rows without motor ``row`` at ``q_a, v_a, a_a``: ports of
+    `row_ports`.
+    """
     inputs = arm.symbols("q_a", "v_a", "a_a")
 
     def route(tape: Tape, chain: Chain, columns: Columns) -> list[Scalar]:

@@ -64,7 +64,9 @@ def _tilt_axes(joint: Joint, axes: Matrix) -> Matrix:
 
 
 def _groups(tape: Tape, chain: Chain, q: Sequence[Scalar]) -> list[_Group]:
-    """All groups between the base and the tool, the last with the tool as its end."""
+    """All groups of joints with parallel axes between the base and the tool at q, the last with
+    the tool as its end.
+    """
     rotation, position = chain.base
     group = _Group(position.tolist(), rotation.T.tolist())
     groups = [group]

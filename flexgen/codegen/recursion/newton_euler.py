@@ -85,7 +85,7 @@ def turn_of(tape: Tape, joint: Joint, q: Scalar) -> Turn:
 
 
 def turn_by(tape: Tape, angle: Scalar, quarters: int) -> tuple[Scalar, Scalar]:
-    """Cosine and sine of an angle and some quarter turns."""
+    """Cosine and sine of an angle [rad] plus a number of quarter turns, which cost nothing."""
     c: Scalar
     s: Scalar
     if isinstance(angle, Value):
@@ -156,7 +156,9 @@ class Motion:
         return [x, y, z]
 
     def U(self, i: int, k: int) -> Scalar:
-        """An entry of ``dw^ + w^ w^``."""
+        """Entry (i, k) of the matrix ``dw^ + w^ w^``, which gives the acceleration of a point of
+        the body relative to the origin.
+        """
         w = self.w
         if i == k:
             j = (i + 1) % 3
@@ -198,7 +200,11 @@ def move_to_next_frame(
     by_column: bool,
 ) -> Motion:
     """The motion of the next frame, whose joint has the coordinate x, the speed v and the
-    acceleration dv.
+    acceleration dv; ``turn``: the rotation of the joint.
+
+    ``by_column``: angular acceleration as the z column of U instead of a vector. The ``root`` of a
+    motion holds the vectors at the first of joints with parallel axes, from which they can be
+    turned by the sum of the angles.
     """
     carried = motion.along(joint.place.tolist())
     # U e_z of the frame before, with the axis of this joint in it
@@ -219,8 +225,11 @@ def move_to_next_frame(
         root = _Root(w, column, a, turn.angle, turn.quarters)
 
     def rotate(x: Vector3, first: Vector3) -> Vector3:
-        """A vector in the joint's frame; from the root by the sum of the angles, where this takes
-        fewer operations.
+        """The vector in the joint's frame. ``x``: the vector in the frame before; ``first``: the
+        same vector at the root.
+
+        Where components of ``first`` are zero, turning it by the sum of the angles takes fewer
+        operations; z is the same either way.
         """
         return [*total.into(first)[:2], turn.into(x)[Z]] if _sparse(first) else turn.into(x)
 
@@ -328,7 +337,10 @@ def motions(
     dv: Sequence[Scalar],
     columns: Sequence[bool],
 ) -> list[Motion]:
-    """Motion of the frames of all joints; arguments as in `inverse_dynamics`."""
+    """Motion of the frames of all joints at q, v, dv; ``turns``: rotations of the joints, other
+    arguments as in `inverse_dynamics`. The base accelerates against gravity, which adds all
+    weights.
+    """
     out: list[Motion] = []
     # The base rests; its acceleration against gravity adds the weight of all bodies.
     ground = Motion([0.0] * 3, (-chain.gravity).tolist(), (0.0, 0.0, 0.0))
@@ -352,8 +364,8 @@ def loads(chain: Chain, moving: Sequence[Motion]) -> list[Wrench]:
 def project_wrenches(
     chain: Chain, q: Sequence[Scalar], turns: Sequence[Turn], carried: Sequence[Wrench]
 ) -> tuple[list[Scalar], list[Wrench]]:
-    """Generalized forces that hold given wrenches on the frames of all joints, and the sums of
-    these in each frame.
+    """Generalized forces (n) that hold the wrenches ``carried`` on the frames of all joints, and
+    the sum of wrenches beyond each joint in its frame.
     """
     tau: list[Scalar] = []
     still: Wrench = ([0.0] * 3, [0.0] * 3)
@@ -376,7 +388,9 @@ def project_wrenches(
 def move_wrench_before(
     joint: Joint, turn: Turn, x: Scalar, force: Vector3, moment: Vector3
 ) -> Wrench:
-    """A wrench on the frame of a joint, as a wrench on the frame before."""
+    """A wrench on the frame of a joint with coordinate x, as a wrench about the origin of the
+    frame before.
+    """
     if not joint.revolute:
         moment = [moment[X] - x * force[Y], moment[Y] + x * force[X], moment[Z]]
     force = turn.back(force)

@@ -41,13 +41,16 @@ def of_function(arm: Arm, function: ca.Function, kind: str) -> Built:
 
 
 def _inverse_dynamics(arm: Arm, kind: str) -> Built:
-    """Differentiated by one sweep, forward or back."""
+    """Derivatives of `tau_a` times tangents (kind ``"jvp"``), or cotangents times derivatives
+    (``"vjp"``), by one sweep over the recorded operations, forward or back.
+    """
     inputs = arm.symbols(*Q_V_A)
     n = arm.model.n_a
     suffix, like = (TANGENT, Q_V_A) if kind == "jvp" else (COTANGENT, ["tau_a"])
     more, named = symbols_like(inputs[: len(like)], like, suffix)
 
     def route(tape: Tape, chain: Chain, columns: Columns) -> list[Scalar]:
+        """One sweep from tangents of ``q, v, a``, or back from cotangents of the torques."""
         (q, v, a) = vectors(tape, *inputs)
         given = tape.vector(ca.veccat(*more))
         tau = arm.torques(tape, chain, q, v, a, columns)
@@ -63,6 +66,9 @@ def _inverse_dynamics(arm: Arm, kind: str) -> Built:
 
 
 def _arm_forward_dynamics(arm: Arm, kind: str) -> Built:
+    """Products (``kind``: ``"jvp"`` or ``"vjp"``) of the arm's accelerations under joint torques
+    ``tau_a``, without rotors.
+    """
     tau_a = ca.SX.sym("tau_a", arm.model.n_a)
     inputs = [*arm.symbols("q_a", "v_a"), tau_a]
     names = ["q_a", "v_a", "tau_a"]
@@ -119,11 +125,16 @@ def _forward_dynamics(arm: Arm, kind: str) -> Built:
 def _changes(
     arm: Arm, force: ca.SX, armature: np.ndarray, dq: ca.SX, dv: ca.SX, df: ca.SX
 ) -> ca.SX:
-    """Change of the accelerations for changes of coordinates, speeds and forces."""
+    """Change of the accelerations (n_a) for changes dq, dv of coordinates and speeds and df of
+    ``force``: ``M da = df - (d(M a + h)/dq dq + dh/dv dv)`` at fixed a.
+    """
 
     def route(
         by: accelerations.Solver, tape: Tape, chain: Chain, columns: Columns
     ) -> list[Scalar]:
+        """By one recursion for a, which also solves the second system; a is constant in the
+        derivatives.
+        """
         at = by(tape, chain, columns)
         h = arm.torques(tape, chain, at.q, at.v, [tape.constant(x) for x in at.a], columns)
         changes = tape.jvp(h, zip([*at.q, *at.v], tape.vector(ca.vertcat(dq, dv)), strict=True))
@@ -134,12 +145,15 @@ def _changes(
 
 
 def _weights(arm: Arm, force: ca.SX, armature: np.ndarray, weights: ca.SX) -> list[ca.SX]:
-    """Derivatives of a weighted sum of the accelerations in coordinates, speeds and forces."""
+    """Derivatives of the accelerations' sum with ``weights`` (n_a) in coordinates, speeds and
+    forces, (n_a) each: with ``M mu = weights``, -mu times those of ``M a + h``, and mu.
+    """
     n = arm.model.n_a
 
     def route(
         by: accelerations.Solver, tape: Tape, chain: Chain, columns: Columns
     ) -> list[Scalar]:
+        """By one recursion for a, which also solves for mu; a is constant in the derivatives."""
         at = by(tape, chain, columns)
         h = arm.torques(tape, chain, at.q, at.v, [tape.constant(x) for x in at.a], columns)
         mu = at.solve(tape.vector(weights))

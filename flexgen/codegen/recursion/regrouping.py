@@ -89,7 +89,7 @@ def _on_a_point(chain: Chain, i: int) -> bool:
 def _others(
     kept: tuple[KeptInertia, ...], columns: tuple[bool, ...], i: int
 ) -> Iterator[tuple[tuple[KeptInertia, ...], tuple[bool, ...]]]:
-    """Choices that differ at joint i in one respect."""
+    """Choices of kept inertias and columns that differ from these at joint i in one respect."""
     here = kept[i]
     yield kept, (*columns[:i], not columns[i], *columns[i + 1 :])
     for changed in (

@@ -67,6 +67,9 @@ class Tape:
         self._known: dict[tuple[str, float, float], int] = {}
 
     def _node(self, kind: str, a: float, b: float = 0) -> int:
+        """Number of the operation ``kind`` on a and b (numbers of nodes, or b a constant); one
+        that is known already gets no second number.
+        """
         key = (kind, a, b)
         found = self._known.get(key)
         if found is None:
@@ -195,7 +198,12 @@ class Tape:
         tangents: Iterable[tuple[Scalar, Scalar]],
         rotations: dict[int, _Rotation],
     ) -> list[Scalar]:
-        """Rates of results, operation by operation from the symbols on."""
+        """Rates of results for pairs (symbol, its rate), operation by operation from the symbols
+        on.
+
+        ``rotations``: of `find_rotations`, whose derivatives are shorter than those of sine and
+        cosine.
+        """
         add: Callable[[Scalar, Scalar], Scalar] = (
             self._factored_sum if rotations else lambda x, y: x + y
         )
@@ -243,8 +251,8 @@ class Tape:
         symbols: Sequence[Scalar],
         rotations: dict[int, _Rotation],
     ) -> list[Scalar]:
-        """Derivatives of a weighted sum of results, operation by operation from the results
-        back.
+        """Derivatives in ``symbols`` of the sum over pairs (result, weight), operation by
+        operation from the results back; ``rotations`` as for `_forward`.
         """
         weight: dict[int, Scalar] = {}
 

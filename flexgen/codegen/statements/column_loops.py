@@ -28,8 +28,10 @@ Literal = Callable[[float], str]
 def columns_text(
     name: str, step: Columns, layout: Layout, literal: Literal
 ) -> tuple[str, int, int]:
-    """The C function of `Columns`; operations for a column, and the latency of their longest
-    chain.
+    """The C function ``name`` of `Columns`, a loop over vectors of columns; operations for one
+    column, and the latency of their longest chain [cycles].
+
+    ``layout``: where arrays are in the workspace; ``literal``: writes a number.
     """
     graph = simplify_graph(read_graph(step.function))
     inputs = step.function.name_in()
@@ -91,7 +93,9 @@ def _table(name: str, numbers: np.ndarray, width: int, literal: Literal) -> list
 
 
 def sums_text(name: str, step: Sums, layout: Layout, literal: Literal) -> str:
-    """The C function of `Sums`."""
+    """The C function ``name`` of `Sums`: running totals of columns, `GROUP` rows at a time in
+    registers; arguments as for `columns_text`.
+    """
     lines = ["int j, k;"]
     columns = [*step.at]
     dense = columns == [*range(step.n)]
@@ -150,7 +154,9 @@ def sums_text(name: str, step: Sums, layout: Layout, literal: Literal) -> str:
 
 
 def selected_text(name: str, step: Selected, layout: Layout) -> str:
-    """The C function of `Selected`."""
+    """The C function ``name`` of `Selected`, which copies some columns of an array; arguments as
+    for `columns_text`.
+    """
     source = layout.at(step.source, 0)
     target = layout.at(step.target, 0)
     lines = [
@@ -167,7 +173,9 @@ def selected_text(name: str, step: Selected, layout: Layout) -> str:
 
 
 def zeros_text(name: str, step: Zeros, layout: Layout) -> str:
-    """The C function of `Zeros`."""
+    """The C function ``name`` of `Zeros`, whole vectors at a time; arguments as for
+    `columns_text`.
+    """
     lines = [
         "int i, k;",
         f"for (i = 0; i < {step.rows}; ++i) {{",
@@ -221,7 +229,9 @@ def products_text(name: str, step: Products, layout: Layout, outputs: Mapping[st
     left, right = (step.above, step.below) if port else (step.below[::-1], step.above[::-1])
 
     def each(begin: str, end: str, value: str, more: Sequence[str] = ()) -> list[str]:
-        """Lines for the lines of A from one to another."""
+        """C lines that compute the lines ``begin <= i < end`` of the matrix as ``value``;
+        ``more``: statements added for each.
+        """
         return [
             f"    for (i = {begin}; i < {end}; ++i) {{",
             *([f"        real *const at = ROW_LAST(i, k, {n}) ? last : {at};"] if port else []),
@@ -300,8 +310,8 @@ def _vectors(pair: tuple[Rows, Rows], side: str, layout: Layout) -> list[str]:
 
 
 def _total(pair: tuple[Rows, Rows], side: str, layout: Layout) -> str:
-    """Numbers of the second rows times these vectors, added in pairs, so that few of them depend
-    on each other.
+    """C expression: entry i of each second row times the vector ``side`` k of the first, added in
+    pairs, so that few of the additions wait for each other.
     """
     rows = range(pair[0].count)
     terms = [f"w[{layout.at(pair[1].array, pair[1].first + k)} + i] * {side}{k}" for k in rows]

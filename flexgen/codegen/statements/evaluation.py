@@ -98,7 +98,9 @@ def _symmetric(A: np.ndarray) -> np.ndarray:
 
 
 def _evaluate_solve(step: Solve, X: np.ndarray) -> dict[str, np.ndarray]:
-    """The ports of a solution."""
+    """The ports of a solution X (n, width): its blocks of columns at their rows, and the ones of
+    ``step``; other entries are zero.
+    """
     out: dict[str, np.ndarray] = {}
     for port in step.ports:
         blocks = [block for block in step.blocks if block.port == port]

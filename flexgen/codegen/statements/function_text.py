@@ -202,7 +202,9 @@ def _function(
     outputs: Sequence[str],
     shared: str | None = None,
 ) -> str:
-    """A C function; the array ``shared`` is the same for all points, and needs no stride."""
+    """The C function of a piece: ports, workspace where it has one, stride where a port has one
+    value per point; ``shared``: the input that is the same for all points.
+    """
     parameters = [f"const real *RESTRICT {port}" for port in inputs]
     parameters += [f"real *RESTRICT {port}" for port in outputs]
     if piece.workspace:
@@ -315,7 +317,7 @@ class _Writer:
 
     def _place(self, parts: Sequence[Sequence[int | tuple[int, ...]]]) -> None:
         """Place in the workspace of every value that outlives its piece; free again after the
-        piece of its last use.
+        piece of its last use. An item of a part is a node, or the sine and cosine of one angle.
         """
         born: dict[int, int] = {}
         last: dict[int, int] = {}
@@ -339,6 +341,9 @@ class _Writer:
             free.extend(reversed(ending.get(k, [])))
 
     def _piece(self, part: Sequence[int | tuple[int, ...]], last: bool) -> _Piece:
+        """The statements of one part of the schedule; the ``last`` one also writes the results
+        that are constants.
+        """
         piece = _Piece()
         for item in part:
             if isinstance(item, tuple):
@@ -386,6 +391,9 @@ class _Writer:
         piece.lines.append(f"T t{node} = {text};")
 
     def _input(self, piece: _Piece, name: str, entry: int) -> str:
+        """C expression for entry ``entry`` (by columns) of the input ``name``, in the workspace or
+        a port.
+        """
         if name in self.layout.places:
             piece.workspace = True
             if name in self.layout.strides:  # by rows
@@ -396,6 +404,9 @@ class _Writer:
         return _access(name, entry, self.parameters)
 
     def _define(self, piece: _Piece, node: int, text: str) -> None:
+        """Declare ``t<node>`` with the C expression ``text``, and keep it in the workspace where a
+        later piece reads it.
+        """
         piece.known.add(node)
         piece.locals += 1
         piece.lines.append(f"T t{node} = {text};")
@@ -404,6 +415,7 @@ class _Writer:
             piece.lines.append(f"w[{self.start + self.slots[node]}] = t{node};")
 
     def _compute(self, piece: _Piece, node: int) -> None:
+        """Fetch the operands of a node and declare its value."""
         kind = self.graph.kind[node]
         operands = self.graph.operands[node]
         for r in operands:
@@ -462,8 +474,9 @@ class _Writer:
             piece.lines += [" = ".join([*reversed(chunk), value]) + ";" for chunk in chunks]
 
     def check(self, piece: _Piece, unread: Sequence[tuple[str, int]]) -> list[str]:
-        """Lines that return the sum of zero times every result, combined in the order in which
-        they become known.
+        """C lines that return the sum of zero times every result and of the entries ``unread``,
+        (input, entry): NaN where one is not finite. They are combined in the order in which they
+        become known.
         """
         zero = literal(0.0, self.precision)
         heap: list[tuple[int, int, str]] = [

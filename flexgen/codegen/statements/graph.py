@@ -72,6 +72,9 @@ class Graph:
 
     # --- values ----------------------------------------------------------------------------------
     def _node(self, kind: str, operands: tuple[int, ...]) -> int:
+        """Number of the operation ``kind`` on references (of an input: array and entry), with its
+        latency; one that is known already gets no second number.
+        """
         key = (kind, *operands)
         found = self._known.get(key)
         if found is None:
@@ -131,7 +134,9 @@ class Graph:
         return 2 * self._node("add", (a ^ sign, b ^ sign)) + sign
 
     def multiply(self, a: Reference, b: Reference) -> Reference:
-        """``a b``."""
+        """``a b``: constants are multiplied now, zeros and ones vanish, signs go to the reference
+        of the product.
+        """
         x = self.number(a)
         y = self.number(b)
         if x is not None and y is not None:
@@ -169,7 +174,9 @@ class Graph:
         return 2 * self._node("div", (a & ~1, b & ~1)) + ((a ^ b) & 1)
 
     def call(self, kind: str, operands: Sequence[Reference]) -> Reference:
-        """A function of one or two values."""
+        """The function ``kind`` of one or two values; signs of even and odd functions are taken
+        out, and operands that can change places are sorted.
+        """
         sign = 0
         if kind in _EVEN:
             operands = [operands[0] & ~1]

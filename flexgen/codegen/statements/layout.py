@@ -58,7 +58,9 @@ def pivots_of(matrix: str) -> str:
 
 
 def layout_of(program: Routine, outputs: Collection[str], precision: str) -> Layout:
-    """Places of what a step computes for a later one."""
+    """Places in the workspace of every array that a step computes for a later one; ``outputs``:
+    ports, which have memory of their own. Each array begins at a whole vector.
+    """
     strides: dict[str, int] = {}
     by_columns: set[str] = set()
     shapes: dict[str, tuple[int, int]] = {}
@@ -108,7 +110,9 @@ def layout_of(program: Routine, outputs: Collection[str], precision: str) -> Lay
 
 
 def loop_function(name: str, ports: Iterable[str], lines: Iterable[str], result: str = "T") -> str:
-    """A C function of a step that is a loop: it takes some outputs and the workspace."""
+    """A C function around ``lines``, of a step that is a loop: it takes the outputs ``ports`` and
+    the workspace; ``result``: its return type.
+    """
     given = [f"real *RESTRICT {port}" for port in ports]
     stride = " STRIDE(ptrdiff_t n)" if given else ""
     body = "".join(f"    {line}\n" for line in lines)

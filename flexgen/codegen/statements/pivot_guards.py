@@ -84,7 +84,9 @@ def add_pivot_guards(
 
 
 def _values(graph: Graph, names: list[str], given: Mapping[str, np.ndarray]) -> list[np.ndarray]:
-    """Every node at `STATES` random states, angles anywhere in a turn."""
+    """Every node at `STATES` random states: angles anywhere in a turn, other inputs in -1 to 1,
+    those in ``given`` as they are; ``names``: of the input arrays.
+    """
     random = np.random.default_rng(0)
     drawn: dict[tuple[int, ...], np.ndarray] = {}
     out: list[np.ndarray] = []

@@ -134,8 +134,8 @@ def _balance_sums(graph: Graph) -> Graph:  # noqa: C901
 
 
 def _terms(graph: Graph, node: int, inner: Sequence[bool]) -> list[Reference]:
-    """Terms of a sum (with their signs) or factors of a product whose inner nodes are taken
-    apart.
+    """Terms of a sum (with their signs) or factors of a product; nodes marked in ``inner`` are
+    taken apart.
     """
     out: list[Reference] = []
     stack = [2 * node]

@@ -122,10 +122,11 @@ def _padding_lines(step: Solve, layout: Layout) -> list[str]:
 
 
 def _elimination_lines(step: Solve | Factor, columns: int, rounding: str) -> list[str]:
-    """Lines that factor the matrix in place: L in its upper half, reciprocals of pivots in
+    """C lines that factor the matrix in place: L in its upper half, reciprocals of pivots in
     `inverse`.
 
-    Columns behind the matrix are right sides.
+    ``columns``: of the matrix and the right sides behind it; ``rounding``: C text of the share of
+    a diagonal entry below which a pivot is a rounding error.
     """
     n = step.n
     stride = step.matrix_stride
@@ -152,7 +153,10 @@ def _elimination_lines(step: Solve | Factor, columns: int, rounding: str) -> lis
 
 
 def _less(step: Solve, each: str, factor: str, others: str, start: str) -> list[str]:
-    """Lines that take multiples of other rows from some vectors of a row: independent sums."""
+    """C lines that take from row i ``factor`` times row j, for j in the loop ``others``: ``each``
+    is the macro that repeats a statement for vectors of the row, ``start`` the statement that
+    loads them.
+    """
     row = f"rows + {{}} * ROW_COUNT({step.stride}) + k"
     return [
         f"        ROW *const x = {row.format('i')};",
@@ -176,6 +180,9 @@ def _substitution_lines(step: Solve) -> list[str]:
     stride = step.matrix_stride
 
     def some(lanes: int, each: str) -> list[str]:
+        """Both substitutions for blocks of ``lanes`` vectors while as many are left; ``each``:
+        macro that repeats a statement as often.
+        """
         return [
             f"for (; k + {lanes} <= count; k += {lanes}) {{",
             f"    for (i = 0; i < {n}; ++i) {{",
