@@ -65,7 +65,12 @@ def implausible_number(model: str | Path | RobotModel | Equations) -> str:
 
 
 def _compare(equations: Equations, motions: bool) -> Check:
-    """The arguments and the result of `check`."""
+    """All findings on a model: numbers of the file, equilibrium and poles at home, and with
+    ``motions`` those of its moves.
+
+    Without an equilibrium the drives are judged at the undeflected home pose, and poles are left
+    out.
+    """
     robot = equations.model
     findings = [*sizes(robot), *bodies(robot)]
     home = np.asarray(robot.home, dtype=float)

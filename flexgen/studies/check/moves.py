@@ -95,14 +95,19 @@ class _Still:
     def __init__(
         self, equations: Equations, known: dict[tuple[str, str], tuple[int, float]]
     ) -> None:
+        """``known``: for each finding at home, by its key and quantity, how far it is from the
+        usual.
+        """
         self.equations = equations
         self.known = known
         self.hold = make_holder(equations)
         self.mass_matrix = equations.function("mass_matrix")
 
     def findings(self, key: str, q_g: np.ndarray) -> Iterator[Finding]:
-        """Findings with a worse mark at a pose of the move than before; else that there is
-        none.
+        """Findings with a worse mark at a pose of the move than before; else that there is none.
+
+        ``key``: ``"move.<name>"`` or ``"program.<name>"``; ``q_g`` (n, n_g): its joints [rad, m],
+        of which `POSES` are judged.
         """
         kind, _, name = key.partition(".")
         robot = self.equations.model
@@ -179,7 +184,9 @@ def _reversals(robot: RobotModel, changes: np.ndarray) -> Iterator[Finding]:
 
 
 def _range(robot: RobotModel, key: str, q_g: np.ndarray) -> Finding:
-    """Whether each joint stays between its limits."""
+    """Whether each joint stays between its limits; ``q_g`` (n, n_g): joints of the move ``key``
+    [rad, m].
+    """
     beyond = []
     for k, i in enumerate(robot.i_g):
         joint = robot.coordinates[i]
@@ -201,7 +208,9 @@ def _range(robot: RobotModel, key: str, q_g: np.ndarray) -> Finding:
 
 
 def _speeds(robot: RobotModel, key: str, v_g: np.ndarray) -> Iterator[Finding]:
-    """The fastest joint, and joints and motors beyond their own limits."""
+    """The fastest joint, and joints and motors beyond their own limits; ``v_g`` (n, n_g): joint
+    speeds of the move ``key`` [rad/s, m/s].
+    """
     fastest = np.abs(v_g).max(axis=0)
     v_m = np.abs(v_g @ robot.eta.T).max(axis=0)
     advice = "duration of the move in s, its displacement in m, angles in _deg or _rad"

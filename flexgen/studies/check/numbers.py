@@ -61,7 +61,9 @@ def dof_key(coordinate: Coordinate) -> str:
 
 
 def drives(robot: RobotModel, M: np.ndarray, rest: Equilibrium) -> Iterator[Finding]:
-    """Ratio, rotor inertia, speeds and torque of each motor."""
+    """Ratio, rotor inertia, speeds and torque of each motor; ``M`` (n_a, n_a): mass matrix of the
+    arm at the pose ``rest``.
+    """
     for j, motor in enumerate(robot.motors):
         for name, ratio in zip(motor.drives, motor.ratio, strict=True):
             i = next(i for i in robot.i_g if robot.coordinates[i].name == name)
@@ -93,7 +95,11 @@ def report_still(
 def _ratio_findings(
     motor: Motor, joint: Coordinate, ratio: float, arm: float
 ) -> Iterator[Finding]:
-    """Findings for one joint that a motor drives."""
+    """Findings for one joint that a motor drives with the ``ratio`` q_motor / q_joint; ``arm``:
+    inertia of the arm at the joint [kg m^2, kg].
+
+    Of ratio and rotor inertia the one farther from the usual is blamed for a large rotor.
+    """
     translation = joint.unit == "m"
     size = abs(ratio)
     usual = RATIO_TRANSLATION if translation else RATIO
@@ -177,6 +183,8 @@ def springs(
 ) -> Iterator[Finding]:
     """Natural frequency, damping ratio and static deflection of each spring, all other coordinates
     locked.
+
+    ``M`` (n_a, n_a): mass matrix of the arm at the pose ``rest``, which ``where`` names.
     """
     gear_of = {
         i: (g, *gear) for g, (i, gear) in enumerate(zip(robot.i_g, gears(robot), strict=True))
@@ -217,8 +225,10 @@ def _spring(
     numbers: tuple[float, float, float, float],
     where: str = HOME,
 ) -> Iterator[Finding]:
-    """Findings for one spring: stiffness, damping and inertia on the arm side, and the deflection
-    under gravity.
+    """Findings for the spring ``name`` of the model key ``key``.
+
+    ``numbers``: stiffness K, damping D and inertia on the arm side, and the deflection under
+    gravity at the pose ``where`` [rad, m].
     """
     K, D, inertia, deflection = numbers
     unit = "N m/rad" if joint.unit == "rad" else "N/m"
@@ -285,7 +295,12 @@ def bodies(robot: RobotModel) -> Iterator[Finding]:
 
 
 def _shape(key: str, body: Body, trace: float, length: float) -> Iterator[Finding]:
-    """A ball of steel is the most compact body; none is larger than the arm."""
+    """Inertia against mass: a ball of steel is the most compact body, and none is larger than the
+    arm.
+
+    ``trace``: of the inertia about the center of mass [kg m^2]; ``length``: of the arm [m], 0:
+    unknown.
+    """
     radius = (3.0 * body.mass / (4.0 * math.pi * STEEL)) ** (1.0 / 3.0)
     dense = trace / (1.2 * body.mass * radius**2)  # 3 times 2/5 m r^2
     advice = "mass in kg (1 g is 1e-3), or the inertia in kg m^2"

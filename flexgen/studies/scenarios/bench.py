@@ -50,6 +50,9 @@ class Bench:
     def __init__(
         self, chosen: Scenario, seed: int | None = None, steps: int | None = None
     ) -> None:
+        """``seed`` and ``steps`` (of the integrator in a sample) replace those of the scenario
+        where given.
+        """
         self.scenario = chosen
         self.seed = chosen.seed if seed is None else seed
         self.steps = steps or chosen.steps
@@ -119,7 +122,12 @@ class Bench:
         values: np.ndarray,
         failures: Sequence[str],
     ) -> list[str]:
-        """Why a controller is refused in a draw."""
+        """Why a controller is refused in a draw: a simulation failed, an output is not at rest in
+        the end, torques are noisy, or a measure is not a number.
+
+        ``names``: of the robots and the two tests of margins; ``z`` (n, robots, outputs): outputs;
+        ``values`` (robots, k): measures; ``failures``: texts of the simulations, empty for none.
+        """
         s = self.scenario
         accept = self.scenario.accept
         refused = []
@@ -163,8 +171,12 @@ class Bench:
         draw: Draw,
         tell: Tell = None,
     ) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
-        """Outputs (n, lanes, outputs) less those at the start, torques (n, lanes, n_m) less those
-        at rest; failures.
+        """Outputs (n, lanes, outputs) less those at the start, torques (n, lanes, n_m) [N m] less
+        those at rest; failures.
+
+        ``lanes``: numbers of the robots; ``gains``, ``delays`` (lanes,): factors of the torques,
+        and their delays [s]. Robots are simulated in an order that the draw decides, and returned
+        in that of ``lanes``.
         """
         s = self.scenario
         p = self._parts
@@ -217,8 +229,8 @@ def _add_prefix(tell: Callable[[str], None], label: str) -> Callable[[str], None
 def disturbances_of(
     s: Scenario, draw: Draw, steps: int, first: int, count: int
 ) -> np.ndarray | None:
-    """Disturbances of samples, in each step of the integrator; noise is slow to compute, so that
-    they are kept.
+    """Disturbances of ``count`` samples from number ``first`` on, in each step of the integrator;
+    None without any. Noise is slow to compute, so that they are kept.
     """
     step = s.sample_s / steps
     instants = s.sample_s * first + step * (np.arange(count * steps) + 0.5)
@@ -243,6 +255,9 @@ class _Prepared:
 
 @lru_cache(maxsize=8)
 def _prepare(s: Scenario) -> _Prepared:
+    """Library, rest of every robot at the start pose, and the largest rate of change there, by
+    which steps of the integrator are chosen.
+    """
     names = tuple(p.name for p in s.plants.parameters)
     functions = [*FUNCTIONS, *(["forward_kinematics"] if any(o.axis for o in s.outputs) else [])]
     library = library_with(s.model, functions, parameters=names, per_point=bool(names))
@@ -264,11 +279,14 @@ def _prepare(s: Scenario) -> _Prepared:
 
 
 def outputs_of(s: Scenario, library: Any) -> Callable[[np.ndarray], np.ndarray]:
-    """From arm coordinates (n, n_a, lanes) to outputs (n, lanes, outputs)."""
+    """The function from arm coordinates (n, n_a, lanes) to outputs (n, lanes, outputs): sums of
+    coordinates, or a component of the tool's position times its scale.
+    """
     coordinates = [c.name for c in s.model.coordinates]
     weights = np.array([[o.weights.get(name, 0.0) for name in coordinates] for o in s.outputs])
 
     def of(q_a: np.ndarray) -> np.ndarray:
+        """Outputs (n, lanes, outputs), each in its unit."""
         out = (weights @ q_a).transpose(0, 2, 1)
         if any(o.axis for o in s.outputs):
             n, n_a, lanes = q_a.shape

@@ -56,6 +56,10 @@ def content_hash(value: Any, what: str) -> str:
 
 
 def _to_plain(value: Any, where: str) -> Any:
+    """``value`` as texts, whole numbers, lists and dicts, equal for equal content: floats as
+    `DIGITS` digits, arrays with their shape, dataclasses with their name. ``where`` names it in
+    errors.
+    """
     if value is None or isinstance(value, (str, bool)):
         return value
     if isinstance(value, np.generic):
@@ -80,6 +84,9 @@ def _to_plain(value: Any, where: str) -> Any:
 
 
 def _of_fields(value: Any, where: str) -> dict[str, Any]:
+    """The fields of a dataclass that are compared, not at their default and (where `KEPT` has the
+    class) listed there; so that a new field leaves old content as it is.
+    """
     out = {}
     every = tuple(field.name for field in fields(value))
     kept = KEPT.get(type(value), every)

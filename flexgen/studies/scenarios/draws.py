@@ -58,6 +58,9 @@ def secret_seed() -> int:
 
 
 def _draw_runs(scenario: Scenario, secret: str) -> Draw:
+    """Order, times and sizes of the segments of a scenario with a plan, all from ``secret``; times
+    are multiples of the sample time [s].
+    """
     plan = scenario.plan
     assert plan is not None
 

@@ -58,6 +58,9 @@ class ForeignController:
     """
 
     def __init__(self, given: Any, step_s: float = STEP_S, total_s: float = TOTAL_S) -> None:
+        """``given``: a file, a `PlugIn` or an object; ``step_s``, ``total_s``: limits for one
+        sample of all robots, and for all of them [s]. The process starts later.
+        """
         self.step_s = step_s
         self.total_s = total_s
         self.is_object = not isinstance(given, (str, Path, PlugIn))
@@ -89,6 +92,9 @@ class ForeignController:
         sizes = [8 * a * b for a, b in shapes]
 
         def together(k: int, at_y: int, at_ref: int, at_u: int) -> None:
+            """Torques of sample k of all robots; y, ref and u are addresses of C arrays (lanes,
+            n). After a failure the torques are NaN.
+            """
             try:
                 sent = (
                     struct.pack("=q", k)
@@ -124,7 +130,12 @@ class ForeignController:
             process.wait()
 
     def _ask(self, sent: bytes, size: int, errors: dict[int, str]) -> bytes | None:
-        """Torques of all robots as bytes; None where the process has failed."""
+        """Torques of all robots as ``size`` bytes for the message ``sent``; None where the process
+        has failed.
+
+        ``errors``: reports by robot, which are added. The time is limited for each sample and for
+        all.
+        """
         if self._failure:
             return None
         began = time.monotonic()
@@ -145,8 +156,8 @@ class ForeignController:
         return None if answer is None else answer[8:]
 
     def _store_errors(self, found: bytes | None, errors: dict[int, str], size: int) -> bool:
-        """Store the reports of the process on robots that failed; False where they cannot be
-        read.
+        """Store the reports ``found`` (JSON: text by robot) in ``errors``, the first of each
+        robot; False where they cannot be read.
         """
         try:
             told = {int(lane): str(text)[:500] for lane, text in json.loads(found or b"").items()}

@@ -85,6 +85,9 @@ class _Robots:
     """Controllers of all robots of a run, and their memory."""
 
     def __init__(self, loaded: PlugIn | PythonController, told: dict[str, Any]) -> None:
+        """``told``: motor angles at rest ``q_m`` (lanes, n_m) [rad], sample time [s] and sizes, as
+        the program sends them.
+        """
         q_m = np.array(told["q_m"], dtype=float)
         setup = Setup(q_m, told["sample_s"], told["n_a"], told["n_y"], told["n_ref"])
         lanes = len(q_m)
@@ -97,7 +100,10 @@ class _Robots:
         self.step: Steps = of_kind(loaded, setup)  # type: ignore[arg-type]
 
     def answer(self, k: int, take: BinaryIO) -> bytes:
-        """The message with the torques of a sample."""
+        """Read measurements and reference of sample k from ``take``; the message with the torques:
+        length of the reports, torques (lanes, n_m) [N m], reports. A robot that failed once has
+        NaN from then on.
+        """
         for array in (self.y, self.ref):
             array[:] = np.frombuffer(take.read(array.nbytes)).reshape(array.shape)
         errors = self.step(k)
@@ -110,6 +116,9 @@ class _Robots:
         return struct.pack("=q", len(text)) + self.u.tobytes() + text
 
     def _of_python(self, loaded: PythonController, setup: Setup) -> Steps:
+        """The function of a sample: a copy of the Python controller for each robot; reports of
+        those that fail, by robot.
+        """
         own = loaded.copies(len(self.y))
         seen = [Measurement(*np.split(y, [setup.n_m])) for y in self.y]
         planned = [reference_of(ref, setup) for ref in self.ref]
@@ -129,6 +138,9 @@ class _Robots:
         return step
 
     def _of_library(self, loaded: PlugIn, setup: Setup) -> Steps:
+        """The function of a sample: the C function of the library with memory of each robot;
+        reports of those that fail, by robot.
+        """
         made = loaded.compiled(setup)
         entry = STEP(made.address)
         keep = made

@@ -51,6 +51,9 @@ def scenario_controller(
 ) -> tuple[Controller, str]:
     """A controller for a scenario, and its name; see `flexgen.score`. Code of others comes as a
     `ForeignController`.
+
+    ``given``: ``"reference"``, the name of one shipped with the scenario, a file, or a controller;
+    ``motion``: the scenario's planned motion, for models of controllers.
     """
     title = ""
     if isinstance(given, str) and given == "reference":

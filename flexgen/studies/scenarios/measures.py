@@ -96,6 +96,12 @@ def _samples(scenario: Scenario, begin: float, end: float) -> slice:
 
 
 def _of_output(kind: str, z: np.ndarray, scenario: Scenario) -> float:
+    """One measure of an output z (n,) in a window: ``"peak"`` to peak or ``"rms"`` about the mean,
+    in its unit; else the time [s] until it stays within the tolerance of its mean at the end.
+
+    Version 2 of the measures counts the share of the tolerance that the rest of z keeps to,
+    between a half and one and a half of it: a smooth time.
+    """
     if kind == "peak":
         return float(np.ptp(z))
     if kind == "rms":

@@ -115,6 +115,7 @@ def parse_table(path: Path, data: bytes, known: tuple[str, int] | None) -> Scena
 
 
 def _read_delay(table: Table, key: Key, here: Context) -> float:
+    """The delay [s], a whole number of sample times to 1e-6 of one."""
     value = table.number(key.name, least=0.0)
     sample = here.of_file("sample_s")
     if abs(value / sample - round(value / sample)) > 1e-6:
@@ -292,7 +293,11 @@ SET = required(
 def _plants(
     model: RobotModel, rows: Sequence[dict[str, Any]]
 ) -> tuple[Plants, dict[str, tuple[int, ...]]]:
-    """The nominal robot and those of all sets."""
+    """The nominal robot and those of all sets; for each set the numbers of its robots.
+
+    A set changes its factors by plus or minus their share, in the combinations of a Hadamard
+    matrix: few robots, in which each pair of factors has all four.
+    """
     names = [NOMINAL]
     numbers = [dict[str, float]()]
     sets: dict[str, tuple[int, ...]] = {}
@@ -330,6 +335,9 @@ def _scenario(
     draw: Any = None,
     **own: Any,
 ) -> Scenario:
+    """The scenario of a file's values; ``format``: its number, which no field keeps. With a table
+    ``draw`` disturbances come from its segments.
+    """
     plants, sets = _plants(model, set)
     if draw is not None:
         own["plan"] = Plan(draw.pop("count"), **draw, segments=segment)

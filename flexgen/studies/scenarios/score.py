@@ -382,7 +382,9 @@ def score(
 def find_broken_rule(
     chosen: Scenario, made: Controller, seed: int | None, steps: int | None
 ) -> str:
-    """Reason why a score does not follow the rule of its benchmark; empty if it does."""
+    """Reason why a score does not follow the rule of its benchmark; empty if it does. ``seed``,
+    ``steps``: as given by the user, None for those of the scenario.
+    """
     if isinstance(made, ForeignController):
         if chosen.plan is None:
             return (

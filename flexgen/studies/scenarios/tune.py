@@ -274,7 +274,9 @@ def _search(
     evaluations: int,
     tell: Callable[[str], None] | None,
 ) -> Found:
-    """The best of a simplex from a start."""
+    """The best numbers that a simplex finds from ``begin`` in a number of evaluations, their
+    value, the best value after each evaluation, and how many there were.
+    """
     bench = Bench(chosen)
     units = reference_measures(chosen, chosen.seed)
     measures = measures_of(chosen)
@@ -283,6 +285,9 @@ def _search(
     least = math.inf
 
     def value(x: np.ndarray) -> float:
+        """Mean score of the draws; a refused controller has `REFUSED` more, and the share of draws
+        that refuse it, so that the simplex leaves them.
+        """
         nonlocal best, least
         check_time("tune")
         began = time.perf_counter()
@@ -343,6 +348,7 @@ def with_numbers(cascade: Cascade, x: np.ndarray) -> Cascade:
 
 
 def _gains(cascade: Cascade) -> list[np.ndarray]:
+    """Gains of position, speed and integral, (n_m) each."""
     return [
         np.asarray(x, float)
         for x in (cascade.position_gain, cascade.speed_gain, cascade.integral_gain)

@@ -370,6 +370,7 @@ class _Search:
         return found
 
     def _loops(self, cascade: Cascade) -> list[list[LoopAtPose]]:
+        """The loops of a controller, for each robot at each pose."""
         hardware = self.case.hardware
         late = self.start_run.loops()["begin"].late
         sample_s = hardware.sample_s
@@ -414,6 +415,9 @@ class _Search:
     def _minimize(
         self, change: Callable[[np.ndarray], Cascade], begin: np.ndarray, most: int
     ) -> None:
+        """A simplex with at most ``most`` evaluations of ``change(x)``, from ``begin`` on; `best`
+        keeps what it finds.
+        """
         if most < 1:
             return
         simplex = np.vstack([begin, begin + FIRST * np.eye(len(begin))])
@@ -426,7 +430,9 @@ class _Search:
         )
 
     def _value(self, cascade: Cascade) -> float:
-        """Value of a controller, in multiples of that of the start."""
+        """Value of a controller in multiples of that of the start, `REFUSED` or more without the
+        margins; the best one and the history are kept.
+        """
         check_time("tune")
         missing = self._missing(cascade)
         value = REFUSED * (1.0 + missing)
@@ -442,7 +448,11 @@ class _Search:
         return value
 
     def _missing(self, cascade: Cascade) -> float:
-        """Excess of the largest eigenvalue of the worst loop over 1; 0: it has the margins."""
+        """Excess of the largest eigenvalue of the worst loop over 1, as it is and with the
+        required gain margin; 0: it has the margins.
+
+        Where only the required phase [deg] is missing, the excess is 1e-6.
+        """
         factor = 10.0 ** (self.required["gain_db"] / 20.0)
         lag = self.required["phase_deg"]
         worst = 0.0
@@ -455,6 +465,9 @@ class _Search:
         return max(worst, 0.0)
 
     def _simulate(self, cascade: Cascade) -> float:
+        """Value of a controller from a simulation, in multiples of the start's; `REFUSED` where it
+        fails, or a motor is at its limit longer than at the start.
+        """
         try:
             run = run_case(self.case, cascade, "trial")
         except OutOfTime:

@@ -75,8 +75,9 @@ class Batches:
     def _batch(
         self, key: str, robot: RobotModel, law: TimeLaw, batch: list[tuple[Job, Move]]
     ) -> dict[int, tuple[Row, Row]]:
-        """Rows of the moves of one model and one time law; none where they cannot be computed in
-        batches.
+        """Rows of results and times by number of the case, of the moves of one model (``key``: in
+        the shard) and one time law; none where they cannot be computed in batches. Times are
+        shared equally.
         """
         if unfit(robot):
             return {}
@@ -177,7 +178,9 @@ def figures_or_reasons(
 def figures(
     robot: RobotModel, mover: JointMoves, starts: np.ndarray, ends: np.ndarray
 ) -> list[Row]:
-    """Rows of the table of moves from ``starts`` to ``ends`` (N, n_g)."""
+    """Rows of the table of moves from ``starts`` to ``ends`` (N, n_g) [rad, m]: largest torque [N
+    m], its root mean square, largest speed [rad/s], energy [J] and warnings.
+    """
     peaks = mover.peaks(starts, ends)
     torque, rms, speed = (
         x.max(axis=1) for x in (peaks.torque_max, peaks.torque_rms, peaks.speed_max)
@@ -206,7 +209,9 @@ def figures(
 
 
 def _beyond(robot: RobotModel, peaks: Peaks, starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
-    """Whether a limit may be exceeded, (N,)."""
+    """Whether each move may exceed a limit, (N,): a quick test before warnings are written;
+    arguments as for `figures`.
+    """
     dofs = [robot.coordinates[i].dof for i in robot.i_g]
     low = np.minimum(starts, ends)
     high = np.maximum(starts, ends)
@@ -228,8 +233,8 @@ def _beyond(robot: RobotModel, peaks: Peaks, starts: np.ndarray, ends: np.ndarra
 def _warnings(
     robot: RobotModel, peaks: Peaks, starts: np.ndarray, ends: np.ndarray, k: int
 ) -> tuple[str, ...]:
-    """Exceeded limits of the model file, worded as in a solution: two samples contain all the
-    extremes.
+    """Limits of the model file that move k exceeds, worded as in a solution: two samples contain
+    all the extremes.
     """
     channels = {
         "tau_m": np.tile(peaks.torque_max[k], (2, 1)),

@@ -105,6 +105,12 @@ class JointMoves:
         inverse_dynamics: InverseDynamics | None = None,
         step: float | None = None,
     ) -> None:
+        """``law``: time law of all moves; ``inverse_dynamics``: of the arm (default: interpreted,
+        slower); ``step``: between samples [s].
+
+        The memory of a batch is made at the first one. Gears with damping need their lag, and
+        elastic ones neighbors in time for two derivatives.
+        """
         model = equations.model
         problem = unfit(model)
         if problem:
@@ -203,8 +209,10 @@ class JointMoves:
     def _arm(
         self, start: np.ndarray, way: np.ndarray, s: Sequence[np.ndarray], tau: np.ndarray
     ) -> None:
-        """Write the inverse dynamics (n_g, n, width) of the moves at (s, s', s'') to ``tau``; uses
-        three arrays.
+        """Write the inverse dynamics (n_g, n, width) [N m, N] of the moves at (s, s', s'') to
+        ``tau``; uses three arrays.
+
+        ``start``, ``way`` (n_g, width): where the moves begin, and their lengths [rad, m].
         """
         q, v, a = self._memory[:3]
         for x, factor in zip((q, v, a), s, strict=False):
@@ -216,7 +224,9 @@ class JointMoves:
         )
 
     def _motors(self, start: np.ndarray, way: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Motor torques and speeds (n_m, n, width)."""
+        """Motor torques [N m] and speeds [rad/s] (n_m, n, width): arm, joint friction, rates of
+        the deflections, gears, rotors and motor friction; arguments as for `_arm`.
+        """
         model = self.model
         elastic = self._elastic
         tau, near, first, second = self._memory[3:7]
@@ -265,8 +275,8 @@ class JointMoves:
         first: np.ndarray,
         second: np.ndarray,
     ) -> None:
-        """Write the neighbors' share of two derivatives of the inverse dynamics, times the step
-        and its square.
+        """Write the neighbors' share of two time derivatives of the inverse dynamics, times the
+        step and its square, to ``first`` and ``second``; ``near`` is overwritten.
         """
         later = self._memory[7]
         first.fill(0.0)
@@ -281,8 +291,11 @@ class JointMoves:
     def _deflection_rates(
         self, tau: np.ndarray, first: np.ndarray, second: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives one and two of the elastic gears' deflections (m, n, width), from torques
-        with derivatives.
+        """Time derivatives one and two of the elastic gears' deflections (m, n, width), from gear
+        torques ``tau`` with two derivatives.
+
+        Without damping those of ``tau / K``; with damping of ``K d + D d' = tau``, solved by the
+        lag of the gear.
         """
         K = self._stiffness[:, None, None]
         D = self._damping[:, None, None]
@@ -316,7 +329,9 @@ def friction(law: Friction, w: np.ndarray) -> np.ndarray:
 def friction_derivatives(
     law: Friction, w: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Friction torque at the speed ``w`` and its first two derivatives in w."""
+    """Friction torque at the speed ``w`` [rad/s, m/s] and its first two derivatives in w, of the
+    shape of w.
+    """
     T = np.tanh(law.beta * w)
     T1 = law.beta * (1 - T * T)
     T2 = -2 * law.beta * T * T1

@@ -78,6 +78,9 @@ class _Pool:
         )
 
     def submit(self, work: Work, shard: Shard) -> futures.Future[Rows]:
+        """The future of a shard; where the pool is broken already, one with that error, so that a
+        caller handles both alike.
+        """
         try:
             return self._pool.submit(work, shard)
         except BrokenProcessPool as error:

@@ -65,6 +65,10 @@ class Folder:
         resume: bool,
         log: Log,
     ) -> None:
+        """Begin a sweep in the folder ``path``, or continue the one in it (``resume``); ``code``:
+        version that computes it, ``shard_size``: cases of a file. ArgumentError where the folder
+        has something else.
+        """
         self.path = Path(path)
         self._log = log
         follow_links(self.path)
@@ -94,8 +98,8 @@ class Folder:
         write_text(head, json.dumps(about, indent=1) + "\n")
 
     def _continue(self, head: Path, shard_size: int | None, resume: bool) -> int:
-        """The shard size of the sweep in the folder; ArgumentError where it cannot be
-        continued.
+        """The shard size of the sweep that ``head`` (its sweep.json) describes; ArgumentError
+        where grid, code or sizes differ, or ``resume`` was not asked for.
         """
         where = f"sweep: given the folder {str(self.path)!r}"
         if not resume:

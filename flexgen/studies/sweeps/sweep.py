@@ -226,7 +226,9 @@ def sweep(
 def _collect(
     grid: Grid, folder: Folder | None, memory: dict[int, Rows], finished: list[int], ended: str
 ) -> SweepResult:
-    """The tables of the finished shards, written to the folder."""
+    """The tables of the finished shards, from the folder or ``memory``, written to the folder;
+    ``ended``: why the sweep ended early.
+    """
     found = SweepResult(
         table_of(RESULTS, (row for k in finished for row in _rows(folder, memory, k).results)),
         table_of(TIMES, (row for k in finished for row in _rows(folder, memory, k).times)),
@@ -282,6 +284,10 @@ def _execute(
     count: int,
     work: Work,
 ) -> Done:
+    """The rows of shards as they are done: by the given ``executor`` (``in_flight``: shards at
+    once), in this process, or in a pool of ``workers`` (default: processors; at most ``count``
+    shards).
+    """
     if executor is not None:
         return with_executor(shards, executor, in_flight, work)
     if workers is None:
@@ -300,6 +306,9 @@ def _numbers(grid: Grid, shard: int, size: int) -> range:
 
 
 def _rows(folder: Folder | None, memory: dict[int, Rows], number: int) -> Rows:
+    """Rows of a finished shard, from the folder or ``memory``; ArgumentError where its file has
+    gone.
+    """
     if folder is None:
         return memory[number]
     rows = folder.rows(number)
@@ -311,7 +320,9 @@ def _rows(folder: Folder | None, memory: dict[int, Rows], number: int) -> Rows:
 
 
 def shards_of(grid: Grid, numbers: list[int], size: int, code: str) -> Iterator[Shard]:
-    """Shards with everything that a worker needs, one after the other."""
+    """Shards with everything that a worker needs, one after the other; ``size``: cases of one,
+    ``code``: version that computes them. A model is read once for cases in a row.
+    """
     read: dict[tuple[int, int], tuple[str, RobotModel | str]] = {}
     for number in numbers:
         jobs = []
@@ -344,6 +355,7 @@ class _Progress:
     """Reports the progress of a sweep."""
 
     def __init__(self, cases: int, missing: int, log: Callable[[str], None]) -> None:
+        """``missing``: cases that are not finished yet, of ``cases``."""
         self._cases = cases
         self._missing = missing
         self._log = log

@@ -254,6 +254,9 @@ def _entry(kind: str, value: Any) -> Any:
 
 
 def _save_parquet(table: Table, stream: BinaryIO) -> None:
+    """Write a table as Parquet, with unit and meaning of each column; ArgumentError without
+    pyarrow.
+    """
     try:
         pa = import_module("pyarrow")
         parquet = import_module("pyarrow.parquet")

@@ -77,7 +77,9 @@ def _one(job: Job, shard: Shard) -> tuple[Row, Row]:
 
 
 def _row(solution: Solution) -> Row:
-    """The figures of a solution."""
+    """The figures of a solution: torques [N m] and speeds [rad/s] of the largest motor, energy [J]
+    of all, and its errors.
+    """
     simulation = solution.simulation
     trajectory = solution.trajectory
     t = trajectory.time

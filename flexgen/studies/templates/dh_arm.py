@@ -213,7 +213,8 @@ def _span(table: DhTable, k: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _masses(table: DhTable, sizes: Sequence[float]) -> list[Value]:
-    """The mass of each link: of the table, or by the rule that `MASS_TO_PAYLOAD` states.
+    """The mass of each link [kg]: of the table, or by the rule that `MASS_TO_PAYLOAD` states;
+    ``sizes``: their lengths [m].
 
     Shares fall linearly towards the tool, in proportion to the length of the link.
     """
@@ -229,7 +230,9 @@ def _masses(table: DhTable, sizes: Sequence[float]) -> list[Value]:
 
 
 def _body(row: Row, mass: Value, span: tuple[np.ndarray, np.ndarray]) -> Body:
-    """The body of a link; without numbers a homogeneous cylinder between its axes."""
+    """The body of a link; without numbers a homogeneous cylinder between its axes, from and to the
+    points ``span`` in its frame [m].
+    """
     start, end = span
     if CENTER[0] in row:
         center = Value(tuple(row.get(name) for name in CENTER))
@@ -241,6 +244,12 @@ def _body(row: Row, mass: Value, span: tuple[np.ndarray, np.ndarray]) -> Body:
 
 
 def _inertia(row: Row, mass: float, along: np.ndarray) -> Value:
+    """The inertia about the center of mass [kg m^2], three moments and, where one is not zero,
+    three products: of the table, else of a steel cylinder of this mass [kg] from end to end of
+    ``along`` [m].
+
+    A link so short that the cylinder would be wider than a ball of this mass is a ball.
+    """
     if MOMENTS[0] in row:
         inertia = inertia_of(row)
         moments = tuple(float(x) for x in np.diag(inertia))
@@ -278,7 +287,11 @@ def payload(table: DhTable) -> Body | None:
 
 
 def drive(row: Row, inertia: float) -> Drive:
-    """Gear and motor of a joint whose arm has at most this inertia [kg m^2 or kg]."""
+    """Gear and motor of a joint whose arm has at most this inertia [kg m^2 or kg].
+
+    Numbers that the table lacks: a rotor as heavy as the arm, the stiffness for `FREQUENCY` with
+    locked motor, `DAMPING_RATIO` of the critical damping.
+    """
     ratio = _ratio(row)
     factor = abs(ratio.number)
     rotor = Value(max(_round(inertia / factor**2), LEAST_ROTOR), AS_ARM)
@@ -306,6 +319,9 @@ def _round(value: float) -> float:
 
 
 def _ratio(row: Row) -> Value:
+    """Motor angle over joint coordinate [1, rad/m]: of the table, 2 pi over the lead of a screw,
+    or a usual one.
+    """
     if "ratio" in row:
         return Value(row.get("ratio"))
     if "lead" in row:
@@ -317,6 +333,9 @@ def _ratio(row: Row) -> Value:
 
 
 def _speed(row: Row, factor: float) -> Value | None:
+    """Largest speed of the motor [rad/s], of the table or from that of the joint times ``factor``
+    (the ratio's size); None where neither is known.
+    """
     if "speed_max" in row:
         return Value(row.get("speed_max"))
     if "joint_speed_max" in row:

@@ -159,6 +159,7 @@ class _Writer:
         return np.array(home)
 
     def _check_moves(self, kept: Sequence[Kept], tool: bool) -> None:
+        """A warning where no move is left, or no line though the output is the ``tool``."""
         names = [move.move.name for move in kept]
         if not names:
             self.warnings.append(
@@ -172,7 +173,9 @@ class _Writer:
             )
 
     def _check_gravity(self, arm: Arm, home: np.ndarray) -> None:
-        """A warning for each motor that gravity overcomes in some pose."""
+        """A warning for each motor that gravity overcomes at ``home`` (n_g) or in some random
+        pose.
+        """
         robot = arm.robot
         poses = np.vstack([home, draw_poses(robot, POSES)])
         q = np.zeros((len(poses), robot.n_a))
@@ -233,6 +236,9 @@ class _Writer:
         return "\n".join([*self._head(home), *lines])
 
     def _head(self, home: np.ndarray | None) -> list[str]:
+        """Lines before the elements; ``home`` (n_g) [rad, m]: None for the middle of the
+        ranges.
+        """
         table = self.table
         about = f"{len(table.joints)} joints, from a table of {table.convention} DH parameters"
         note = "; numbers are assumed where the file says so" if self.assumed else ""
@@ -273,6 +279,9 @@ class _Writer:
         return lines
 
     def _element(self, link: Link) -> list[str]:
+        """Lines of an element: its row of the table as a comment, poses, body, joint unless it is
+        fixed.
+        """
         row = link.row
         given = ", ".join(
             f"{name} = {cell.text} {cell.unit}"
@@ -287,6 +296,9 @@ class _Writer:
         return lines + (self._joint(row.name, link) if row.kind != "fixed" else [])
 
     def _body(self, key: str, body: Body, frame: str) -> list[str]:
+        """Lines of a body under the table ``key``, in words of its ``frame``, as ``"frame 2"``;
+        one without mass has no center and inertia.
+        """
         place = f"link {frame[6:]}" if key != "payload" else key
         lines = [f"[{key}]", self._line("mass", body.mass, "kg", place)]
         if body.mass.number == 0.0:
@@ -298,6 +310,9 @@ class _Writer:
         ]
 
     def _joint(self, name: str, link: Link) -> list[str]:
+        """Lines of the joint ``name`` of a link, with an elastic gear where its drive is known,
+        else a rigid one.
+        """
         row = link.row
         direction = int(row.get("direction", 1.0))
         lines = [
@@ -334,6 +349,9 @@ class _Writer:
         ]
 
     def _motor(self, k: int, joint: str) -> list[str]:
+        """Lines of motor k, which drives ``joint``; without a known drive one of ratio 1 and no
+        inertia.
+        """
         found = self.drives.get(joint)
         name = f"m{k + 1}"
         lines = ["[[motor]]", f'name = "{name}"', f'drives = "{joint}"']

@@ -170,7 +170,10 @@ class Arm:
         return q
 
     def accept(self, move: Move, least: float) -> Kept | None:
-        """The move with a duration for its joints and motors; None: the arm cannot do it."""
+        """The move with a duration for its joints and motors; None: the arm cannot do it.
+
+        ``least``: dexterity at the start; the move keeps the part `STEADY` of it, 0: any.
+        """
         try:
             motion = self._joints(move)
         except FlexgenError:
@@ -198,7 +201,11 @@ class Arm:
     def _choose_duration(
         self, move: Move, q: np.ndarray, v: np.ndarray, a: np.ndarray
     ) -> Kept | None:
-        """The shortest duration, in steps of 0.1 s, with a margin of speeds and torques."""
+        """The shortest duration, in steps of 0.1 s, with a margin of speeds and torques; None
+        beyond `LONGEST`.
+
+        ``q``, ``v``, ``a`` (n, n_g): joints of the move at its own duration [rad, m, s].
+        """
         speeds, why = self._speed_limits()
         accelerations = np.array([ACCELERATION[unit] for unit in self.units])
         by_speed = float((np.abs(v).max(axis=0) / speeds).max()) * move.duration
@@ -216,7 +223,7 @@ class Arm:
         return None
 
     def _speed_limits(self) -> tuple[np.ndarray, str]:
-        """Speeds (n_g) [rad/s or m/s] that moves keep."""
+        """Speeds (n_g) [rad/s or m/s] that moves keep, and why, in words for the file."""
         known = True
         speeds = []
         for k, joint in enumerate(joints_of(self.robot)):
@@ -241,7 +248,9 @@ class Arm:
         )
 
     def _torque_use(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> float:
-        """Largest torque of the rigid arm and its rotors, as a part of its limit."""
+        """Largest torque of the rigid arm, its rotors and motor friction, as a part of its limit;
+        ``q``, ``v``, ``a`` (n, n_g). 0 without limits.
+        """
         robot = self.robot
         limits = np.array([motor.torque_max or np.inf for motor in robot.motors])
         if not np.isfinite(limits).any():
@@ -279,6 +288,9 @@ class Arm:
         return next((kept for move in moves if (kept := self.accept(move, least))), None)
 
     def _lines(self, home: np.ndarray) -> Iterator[Move]:
+        """Straight lines from home to try, the longest first, in each direction; their duration of
+        1 s is chosen later.
+        """
         start = tuple(map(float, home))
         for size in SIZES:
             for direction in self._directions():
@@ -287,6 +299,9 @@ class Arm:
                 yield Move("line", "tool_line", start, 1.0, SMOOTHNESS, displacement)
 
     def _circles(self, home: np.ndarray, radius: float) -> Iterator[Move]:
+        """Circles through home to try, of ``radius`` [m] and parts of it, about each axis and on
+        both sides.
+        """
         start = tuple(map(float, home))
         size = self._round(radius)
         for part in (1.0, 0.5, 0.25):
@@ -308,6 +323,9 @@ class Arm:
                     )
 
     def _turns(self, home: np.ndarray) -> Iterator[Move]:
+        """Moves of all joints from home to try, by smaller and smaller steps, with signs that
+        change from joint to joint; a step beyond the range is turned round.
+        """
         low, high = ranges(self.robot)
         start = tuple(map(float, home))
         for part in (1.0, 0.5, 0.25, 0.1):

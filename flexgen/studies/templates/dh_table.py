@@ -139,6 +139,9 @@ def read_dh(path: str | Path, convention: str | None = None) -> DhTable:
 
 
 def _text(path: Path, shown: str) -> str:
+    """The text of a file; ArgumentError where it cannot be read, FileError where it is too large
+    or not UTF-8. ``shown``: its name in errors.
+    """
     try:
         with path.open("rb") as stream:
             raw = stream.read(LARGEST_FILE + 1)
@@ -164,6 +167,9 @@ class _Reader:
     """The lines of one table."""
 
     def __init__(self, shown: str, text: str) -> None:
+        """``shown``: name of the file in errors. The delimiter is the first of ``;``, tab and
+        comma that the header has; empty lines and comments are left out.
+        """
         self.shown = shown
         lines = [
             (number, line)
@@ -183,6 +189,7 @@ class _Reader:
         return FileError(self.shown, line, column, given, expected)
 
     def _cells(self, number: int, line: str) -> list[str]:
+        """The cells of a line; FileError at its ``number`` where it is not CSV."""
         try:
             return next(csv.reader(io.StringIO(line), delimiter=self.delimiter))
         except csv.Error as error:
@@ -194,7 +201,11 @@ class _Reader:
             ) from None
 
     def _header(self) -> Iterator[tuple[str, str]]:
-        """Name and unit of each column; a name is "" for an empty cell."""
+        """Name and unit of each column; a name is "" for an empty cell.
+
+        Sets `previous` where a title names parameters of the frame before. FileError for an
+        unknown, double or missing column.
+        """
         line, cells = self.lines[0]
         seen: dict[tuple[str, str], str] = {}
         for cell in cells:
@@ -256,6 +267,11 @@ class _Reader:
             yield row
 
     def _row(self, line: int, texts: list[str], count: int) -> Row:
+        """The row of a line from its cells ``texts``; ``count``: joints before it, for a name that
+        the table lacks.
+
+        A base, tool or payload has no joint: it may have numbers in its own columns only.
+        """
         pairs = list(zip(self.columns, texts, strict=False))
         words = {name: text for (name, _), text in pairs if name in ("name", "type") and text}
         given = words.get("name", "")
@@ -290,7 +306,10 @@ class _Reader:
         raise self.fail(line, "type", repr(text), "rotation, translation or fixed")
 
     def _cell(self, line: int, column: Column, unit: str, text: str, kind: str) -> Cell:
-        """A number of the table, checked."""
+        """A number of the table in SI units, checked; ``kind``: rotation or translation, on which
+        the units of a column depend. Where the delimiter is no comma, a comma may be the decimal
+        mark.
+        """
         if self.delimiter != "," and re.fullmatch(r"[-+\d]*,\d+([eE][-+]?\d+)?", text, re.ASCII):
             text = text.replace(",", ".")
         units = column.units_of(kind)
@@ -353,7 +372,9 @@ class _Reader:
             raise self.fail(row.line, other, row.cells[other].text, "nothing: the row is fixed")
 
     def _check_joint(self, row: Row) -> None:
-        """Pairs of numbers of one joint."""
+        """FileError where numbers of one joint contradict each other: limits, home, ratio and
+        lead, damping and friction.
+        """
         if "lower" in row and "upper" in row and not row.get("lower") < row.get("upper"):
             low = row.cells["lower"].text
             raise self.fail(

@@ -221,7 +221,9 @@ def _fix_loose_followers(
 
 
 def _free_leaders(urdf: Urdf, repairs: Repairs, fixed: list[Joint]) -> dict[str, Joint]:
-    """Make branches of the joints that joints of the chain follow."""
+    """Make branches of the joints that the ``fixed`` joints of the chain follow; the joints that
+    move then.
+    """
     moving: dict[str, Joint] = {}
     for joint in fixed:
         leader = next(iter(Motions(urdf, {})(joint).joints), "")

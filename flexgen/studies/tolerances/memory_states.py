@@ -70,6 +70,7 @@ class PlannedStates:
         return LinearStates(self, self.law_of([self.model]), parts[0], parts[1])
 
     def _law(self, errors: np.ndarray) -> Law:
+        """The law of robots with these errors (robots, sources)."""
         names = [parameter.name for parameter in self.sources.parameters]
         values = self.sources.values(errors)
         return self.law_of(
@@ -84,7 +85,9 @@ def plan_states(
     rows: np.ndarray,
     p: np.ndarray,
 ) -> PlannedStates:
-    """The states of a model along the ``p`` of its plan, from rest."""
+    """The states of a model along the ``p`` (n, count) of its plan, from rest; ``law_of``: makes
+    the law of some robots, ``rows``: from deviations of coordinates to those of p.
+    """
     law = law_of([model])
     y = np.zeros((len(p), *law.largest.shape[1:]))
     for k in range(1, len(p)):
@@ -136,6 +139,7 @@ class RobotStates(States):
     """The torques of robots, from step to step of the motion."""
 
     def __init__(self, plan: PlannedStates, law: Law) -> None:
+        """``law``: of the robots; the torque of the plan's states is subtracted later."""
         super().__init__(plan, law.largest.shape)
         self.law = law
         own = plan.law_of([plan.model])
@@ -148,6 +152,9 @@ class RobotStates(States):
         return self.law.step(self.y, change + self.plan.p[k] - self.plan.p[k - 1])
 
     def _torque(self, k: int, change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Torque of the states at instant k less that of the plan, and its derivative in p;
+        ``change`` (robots, count): deviation of p from the plan.
+        """
         A, B = self.law.weights
         after = self._after(k, change)
         dp = change + self.plan.p[k] - self.plan.p[k - 1]
@@ -163,6 +170,10 @@ class LinearStates(States):
     """
 
     def __init__(self, plan: PlannedStates, own: Law, more: Law, less: Law) -> None:
+        """Derivatives of a step along the plan in the state, in p and in each source, by central
+        differences: ``own`` is the law of the model, ``more`` and ``less`` those with one source
+        changed by `CHANGE`.
+        """
         super().__init__(plan, more.largest.shape)
         first = plan.y[:-1]
         after = plan.y[1:]
@@ -182,6 +193,9 @@ class LinearStates(States):
         return np.asarray(moved + self._by_number[k - 1])
 
     def _torque(self, k: int, change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Change of the torque at instant k to first order, and its derivative in p; ``change``
+        (sources, count): deviation of p.
+        """
         A, B = self._own.weights
         of_weights = [
             (x - y) / (2 * CHANGE)

@@ -148,7 +148,9 @@ def predict(
 
 
 def _simulate(along: Along, errors: np.ndarray) -> Response:
-    """The response of robots; with a time limit in groups, of those that are done at its end."""
+    """The response of robots with ``errors`` (robots, sources); with a time limit in groups, of
+    those that are done at its end.
+    """
     robots = len(errors)
     size = FEWEST if has_limit() else robots
     parts: list[Response] = []
@@ -184,7 +186,11 @@ def _prediction(
     errors: np.ndarray,
     seed: int,
 ) -> Prediction:
-    """The figures of simulated robots ``found``, whose errors are the first of ``errors``."""
+    """The figures of simulated robots ``found``, whose errors are the first of ``errors`` (N,
+    sources).
+
+    ``first``: response to one unit of each source, by which all N errors are known to first order.
+    """
     robots = found.error.shape[1]
     at = np.unique(np.linspace(0, len(along.t) - 1, INSTANTS).astype(int))
     # a deflection is a force over a stiffness
@@ -232,10 +238,12 @@ def largest_errors(rows: np.ndarray, errors: np.ndarray) -> np.ndarray:
 
 
 def quantile_of_robots(exact: np.ndarray, first: np.ndarray, seed: int) -> float | None:
-    """The error of `LEVEL` of the robots; ``first``: to first order, those of the simulated ones
-    at the beginning.
+    """The error that the share `LEVEL` of the robots keeps; None where a simulated robot is
+    unstable.
 
-    None where a simulated robot is unstable.
+    ``exact``: largest errors of the simulated robots; ``first`` (N): to first order, those of the
+    simulated ones at the beginning. A line between their logarithms, with its scatter drawn again,
+    takes the N errors to exact ones.
     """
     if not np.isfinite(exact).all():
         return None
@@ -249,7 +257,10 @@ def quantile_of_robots(exact: np.ndarray, first: np.ndarray, seed: int) -> float
 
 
 def _bands(along: Along, first: Response, errors: np.ndarray, at: np.ndarray) -> tuple[Band, Band]:
-    """Bands of motor torque and deflection."""
+    """Bands of motor torque and deflection that the share `LEVEL` of the robots keeps at each of
+    the instants ``at``; ``errors`` (robots, sources), ``first``: response to one unit of each
+    source.
+    """
     out = []
     for own, planned, names in (
         (first.tau_m, along.motion["tau_m"], along.motors),
@@ -264,7 +275,8 @@ def _bands(along: Along, first: Response, errors: np.ndarray, at: np.ndarray) ->
 def variance_shares(sources: Sources, rows: np.ndarray) -> tuple[Share, ...]:
     """Parts of the variance of the error where it is largest, to first order; the largest first.
 
-    Of sources that are correlated each has half of what both have in common.
+    ``rows`` (instants, sources, components): error for one unit of each source. Of sources that
+    are correlated each has half of what both have in common.
     """
     scaled = rows * sources.sd[None, :, None]
     correlation = sources.root @ sources.root.T
@@ -279,7 +291,7 @@ def find_sources_to_halve(
     sources: Sources, shares: tuple[Share, ...], rows: np.ndarray, errors: np.ndarray
 ) -> tuple[str, ...]:
     """The fewest of the largest sources without which the error is half of what it is, to first
-    order.
+    order; ``rows`` as for `variance_shares`, ``errors`` (robots, sources). A search by halves.
     """
     half = np.quantile(largest_errors(rows, errors), LEVEL) / 2
     order = [sources.names.index(share.name) for share in shares]

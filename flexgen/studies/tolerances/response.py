@@ -183,6 +183,9 @@ def knots_of(v_a: np.ndarray) -> np.ndarray:
 def _forces(changed: Equations, points: tuple[np.ndarray, ...], sources: Sources) -> np.ndarray:
     """Derivative of the residual of the equations of motion with respect to the sources, (sources,
     k, n).
+
+    ``changed``: equations with the uncertain numbers as parameters; ``points``: motion at k
+    instants.
     """
     residual = changed.function("residual")
     model = changed.model
@@ -199,7 +202,9 @@ def _changes(
 ) -> tuple[tuple[np.ndarray, ...], dict[int, Matrices]]:
     """Changes of M, D, K over those of the sources: where they are constant, and where not.
 
-    Sources whose changes are at different entries of the matrices are evaluated together.
+    ``points``: motion at some instants, ``own``: the matrices there. A source is constant where
+    its change is the same at a few of them. Sources whose changes are at different entries of the
+    matrices are evaluated together.
     """
     n = local.model.dof
     sd = sources.sd
@@ -257,8 +262,8 @@ def _output_rows(equations: Equations, q_a: np.ndarray) -> tuple[np.ndarray, tup
 def _deflections(
     model: RobotModel, motion: dict[str, np.ndarray]
 ) -> tuple[np.ndarray, tuple[str, ...], np.ndarray]:
-    """Rows from deviations to deflections of elastic gears, arm side, and springs without motor;
-    their planned ones.
+    """Rows (count, dof) from deviations to deflections of elastic gears, arm side, and springs
+    without motor; their names; their planned ones (n, count) [rad, m].
     """
     rows = []
     names = []
@@ -360,8 +365,11 @@ def _integrate(
     force: Callable[[int], np.ndarray],
     states: Sequence[States],
 ) -> Response:
-    """Integrate the deviations; ``matrices`` (n, n) or (robots, n, n) and ``force`` (robots, n) at
-    an instant.
+    """Integrate the deviations by the trapezoidal rule; ``matrices`` (n, n) or (robots, n, n) and
+    ``force`` (robots, n) at an instant.
+
+    The feedback torque ``u = k_s (w + k_i int w)`` with ``w = -C v - k_p C d`` is part of the
+    equations for the new acceleration, as it depends on it.
     """
     f = along.feedback
     h = along.t[1] - along.t[0]
@@ -424,8 +432,8 @@ def _times(A: np.ndarray, x: np.ndarray) -> np.ndarray:
 def _rest(
     along: Along, K: np.ndarray, force: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Deviations at rest with the motors at their reference, integral of w, and torques of the
-    feedback.
+    """Deviations (robots, n) at rest with the motors at their reference, integral of w, and
+    torques of the feedback (robots, n_m), from ``K d - B u = -force`` and ``C d = 0``.
     """
     f = along.feedback
     (n_m, n) = along.feedback.rows.shape

@@ -225,7 +225,12 @@ def _forces(model: RobotModel, kind: str) -> list[Parameter]:
 def _root(
     rows: Sequence[tuple[str, str, float, list[Parameter]]], given: Tolerances, order: list[int]
 ) -> np.ndarray:
-    """The rows of `Sources.root`."""
+    """The rows of `Sources.root`: one column for each independent cause, common to a kind or
+    single, and columns of the correlation given.
+
+    ``rows``: name, kind, standard deviation and numbers of each source; ``order``: index in
+    `given` of the last ones.
+    """
     n = len(rows)
     columns = []
     for k, (_, kind, _, _) in enumerate(rows):
