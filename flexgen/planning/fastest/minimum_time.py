@@ -364,7 +364,9 @@ def with_margin(find: Callable[..., FastestMove], progress: Choice) -> FastestMo
     """The fastest move whose torques, with those of the feedback of 95 % of the robots, keep the
     limits.
 
-    SolverError where the repeated search does not converge.
+    ``find``: the search, with the margin of the torque limits (n_m,) [N m] as argument; it is
+    repeated with a larger margin while torques exceed the limits. SolverError where this does not
+    converge.
     """
     found = find()
     limits = np.array(found.limits.torque)
@@ -507,8 +509,8 @@ def _excesses(found: Solution, limits: Limits, windows: list[tuple[float, float]
 def _solve_as_given(
     robot: RobotModel, path: Path, several: bool, force: Any, shown: Choice
 ) -> Solution:
-    """The solution of the given move. A program is simulated only where its residual alone does
-    not verify it.
+    """The solution of the given move. A program (``several`` segments) is simulated only where its
+    residual alone does not verify it; ``force``: on the tool in time.
     """
     if several:
         try:

@@ -95,6 +95,10 @@ class ProgramSearch:
         tell: Callable[[str], None],
         force: ProcessForce | None = None,
     ) -> None:
+        """``default``: solution of the program as given; ``coefficients``: of each time law;
+        ``force``: on the tool over the place. A search for each motion keeps its own limits,
+        effective torques connect them.
+        """
         self.path = path
         self.limits = limits
         self.tell = tell
@@ -235,8 +239,10 @@ class ProgramSearch:
         return state.x
 
     def _slow_enough(self, x: list[np.ndarray]) -> _State:
-        """State of the laws, all slowed down by the factor that the effective torques require;
-        SolverError where their limits do not hold then.
+        """State of the laws ``x`` (each ``[T, c_1, ...]``), all slowed down by the factor that the
+        effective torques require, by bisection.
+
+        SolverError where their limits do not hold even `SLOWEST` times slower.
         """
         low = 1.0
         high = 1.0
@@ -272,8 +278,8 @@ class ProgramSearch:
         return _State(x, known, found, self._effective(x, found))
 
     def _effective(self, x: list[np.ndarray], found: list[Inversion]) -> np.ndarray:
-        """Effective torques of the program over their limits, from the motions one after the
-        other.
+        """Effective torques of the program over their limits (k,), from the inversions ``found``
+        of the motions one after the other, pauses between them, on a grid of `GRID` instants.
         """
         starts = np.cumsum(
             [0.0, *(part[0] + p for part, p in zip(x, [*self.pauses, 0.0], strict=True))]
@@ -294,8 +300,8 @@ class ProgramSearch:
         return np.concatenate([row.parts.max(axis=0)[np.isfinite(row.bounds[0])] for row in rows])
 
     def _slopes(self, state: _State) -> tuple[list[np.ndarray], list[np.ndarray]]:
-        """Derivatives of the constraints of each motion, and of the effective torques, in its
-        unknowns.
+        """Derivatives in the unknowns of each motion: of its own constraints (m, unknowns), and of
+        the effective torques of all (k, unknowns), by differences.
         """
         own = []
         connecting = []
@@ -322,7 +328,11 @@ class ProgramSearch:
         trust: float,
         penalty: float = PENALTY,
     ) -> list[np.ndarray] | None:
-        """The steps of one linear program over all motions; None where it has no solution."""
+        """The steps of one linear program over all motions; None where it has no solution.
+
+        ``own``, ``connecting``: of `_slopes`; ``trust``: largest relative step; ``penalty``: cost
+        of an excess of the limits.
+        """
         total = state.duration
         count = len(self.legs)
         costs = []
@@ -375,8 +385,9 @@ class ProgramSearch:
         return timed
 
     def _excesses(self, x: list[np.ndarray]) -> list[float]:
-        """Largest excess of an effective torque, and of the other limits of each motion, along the
-        whole program.
+        """Largest excess of an effective torque, then of the other limits of each motion,
+        relative, along the whole program with the laws ``x``; on a grid `FINER` than that of the
+        search.
         """
         timed = self.retime(x)
         finest = (
@@ -428,7 +439,14 @@ class ProgramSearch:
     def _find_slower(
         self, x: list[np.ndarray]
     ) -> tuple[list[np.ndarray] | None, list[tuple[float, float]]]:
+        """The laws, slowed down until they keep the limits along the whole program (None: they
+        cannot), and pairs (duration [s], excess) that were tried.
+        """
+
         def excess(x: list[np.ndarray]) -> np.ndarray:
+            """For each motion the larger of its own excess and that of the effective torques, less
+            `WITHIN`.
+            """
             whole, *each = self._excesses(x)
             worst = max(whole, *each)
             if worst > WITHIN:

@@ -95,6 +95,9 @@ class ResidualVibration:
         pushed: bool = False,
         coordinate: str | None = None,
     ) -> None:
+        """``tell``: takes lines of progress; ``pushed``: a force acts on the tool. The robots are
+        those of `PLANTS`, and a library with their numbers as parameters is compiled.
+        """
         self.equations = equations
         self.model = equations.model
         self.plants, laws = split_plants(self.model, plants_of(self.model, PLANTS))
@@ -204,8 +207,10 @@ class ResidualVibration:
         return table
 
     def _memory(self, lane: int, share: np.ndarray, q_m: np.ndarray) -> np.ndarray | float:
-        """Forces on y (n,) of the hysteresis of the gears of a robot, whose torques are ``share``
-        z/W.
+        """Forces on y (n,) of the hysteresis of the gears of robot ``lane`` at the motor angles
+        q_m.
+
+        ``share``: state of each element over its largest torque, z/W; 0.0 where no robot has any.
         """
         if not self._laws:
             return 0.0

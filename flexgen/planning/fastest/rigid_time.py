@@ -77,8 +77,11 @@ def rigid_time(
 
 
 def joint_motion(path: Path, s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Actuated coordinates of the undeflected arm and their derivatives in the path parameter, (k,
-    n_g) each.
+    """Actuated coordinates of the undeflected arm at the path parameters ``s`` (k,) and their
+    first two derivatives in it, (k, n_g) each.
+
+    Of a joint move they are known; else by inverse kinematics and ``W dq = y'``, ``W ddq = y'' -
+    W' dq``.
     """
     sample = path.sample(s)
     if sample.q_g is not None:
@@ -106,7 +109,13 @@ def joint_motion(path: Path, s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.
 def shortest_time(
     s: np.ndarray, a: np.ndarray, b: np.ndarray, g: np.ndarray, torque: np.ndarray, top: np.ndarray
 ) -> float:
-    """The shortest time from rest to rest on the grid s."""
+    """The shortest time [s] from rest to rest on the grid ``s`` (k,); NaN where a point cannot be
+    passed.
+
+    Torques are ``a u + b x + g`` (k, n_m) with the squared speed x = ds^2 and u = dds; ``torque``
+    (n_m,): their limits, ``top`` (k,): largest x. A pass back finds the x from which the end can
+    be reached, a pass forward takes the largest.
+    """
     h = np.diff(s)
     n = len(s)
     ceiling = np.empty(n)
@@ -139,6 +148,9 @@ def largest_squared_speed(
 ) -> float | None:
     """Largest x >= 0 with some u: |a u + b x + g| <= torque, 0 <= x + 2 h u <= after; None where
     there is none.
+
+    ``top``: a bound of x; ``h``: to the next point of the grid; ``after``: largest squared speed
+    there.
     """
     # Rows p u + q x <= r; the largest x is at a corner of two of them, or bounded by `top`.
     p = np.concatenate([a, -a, [2 * h, -2 * h, 0.0]])
@@ -168,7 +180,9 @@ def largest_squared_speed(
 def next_squared_speed(
     a: np.ndarray, b: np.ndarray, g: np.ndarray, torque: np.ndarray, x: float, h: float
 ) -> float:
-    """Largest squared speed at the next point from the squared speed x."""
+    """Largest squared speed at the next point, ``h`` away, from the squared speed x within |a u +
+    b x + g| <= torque; 0 at least.
+    """
     with np.errstate(divide="ignore", invalid="ignore"):
         high = np.where(
             a > 0, (torque - g - b * x) / a, np.where(a < 0, (-torque - g - b * x) / a, np.inf)

@@ -43,7 +43,12 @@ class StatedSpeeds:
     def of(
         cls, segment: TimedSegment, speeds: tuple[float | None, ...], radius: float
     ) -> StatedSpeeds:
-        """Of a curve whose parts have these speeds; in a corner the lower one of both holds."""
+        """Of a curve whose parts have these speeds [m/s], None: any; in a corner the lower one of
+        both holds.
+
+        ``radius`` [m]: length that a rotation of the tool counts as, per rad. Points and the
+        largest rate of the curve's parameter at them.
+        """
         points = [np.zeros(0)]
         most = [np.zeros(0)]
         curve = segment.curve

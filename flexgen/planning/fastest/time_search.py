@@ -89,6 +89,10 @@ class TimeSearch:
         speeds: tuple[float | None, ...] = (),
         force: ProcessForce | None = None,
     ) -> None:
+        """``default``: solution of the move as given; ``vibration``: largest one after the move
+        [m, rad], None: any; ``coefficients``: of the time law; ``speeds``: stated in the parts of
+        the path [m/s]; ``force``: on the tool over the place.
+        """
         equations = path.equations
         model = path.equations.model
         self.path = path
@@ -129,7 +133,7 @@ class TimeSearch:
         )
 
     def move(self, x: np.ndarray) -> Move:
-        """The move with this time law."""
+        """The move with the time law ``x = [T, c_1, ...]``."""
         return replace(
             self.path.move,
             duration=float(x[0]),
@@ -225,7 +229,9 @@ class TimeSearch:
         )
 
     def swing(self, x: np.ndarray) -> np.ndarray:
-        """Vibration after the path of the last inversion over the allowed one (k,)."""
+        """Vibration after the path of the last inversion over the allowed one (k,), of the law
+        ``x``; 1000 where it cannot be computed.
+        """
         force = None if self.force is None else in_time(self.force, self.retime(x))
         values = self._vibration(
             trajectory_of(self.found, 0.0, self.model.name), float(x[0]), force
@@ -357,6 +363,10 @@ class TimeSearch:
         return found
 
     def _find_slower(self, x: np.ndarray) -> tuple[np.ndarray | None, list[tuple[float, float]]]:
+        """The time law, slowed down until it keeps the limits (None: it cannot), and pairs
+        (duration [s], excess) that were tried.
+        """
+
         def excess(x: list[np.ndarray]) -> np.ndarray:
             return np.array([self.excess(x[0])])
 
@@ -364,6 +374,9 @@ class TimeSearch:
         return None if found is None else found[0], over
 
     def _unable(self, over: list[tuple[float, float]]) -> SolverError:
+        """The error where no duration keeps the limits; ``over``: pairs (duration [s], excess)
+        that were tried.
+        """
         means = any(getattr(self.limits, name) for name in MEANS)
         return SolverError(
             f"fastest: the limits cannot be kept on this path {in_words(over, means)}"
@@ -378,8 +391,10 @@ class TimeSearch:
         return [(-np.inf, np.inf)]
 
     def calm(self, x: np.ndarray, history: list[float]) -> np.ndarray:
-        """Time laws of increasing duration with minimal vibration, until the vibration is within
-        its bound.
+        """Time laws of increasing duration with minimal vibration, from ``x`` on, until the
+        vibration is within its bound.
+
+        ``history``: durations of the search before; the last is the shortest one.
         """
         for longer in LONGER:
             x = np.concatenate([[max(longer * history[-1], x[0])], x[1:]])
@@ -443,6 +458,9 @@ class TimeSearch:
     ) -> np.ndarray:
         """The step dc of one linear program: unknown dc, the vibration v and the excess sigma of
         limits.
+
+        ``g``: constraints, ``s``: vibration over the allowed one, ``G``: derivatives of both in c;
+        ``trust``: largest step.
         """
         n = len(x) - 1
         near = np.abs(g) > CLOSE
@@ -511,7 +529,9 @@ class TimeSearch:
         scale: float,
         penalty: float = PENALTY,
     ) -> np.ndarray | None:
-        """The step of one linear program."""
+        """The step of one linear program (see `linear_program`), None where it has no solution;
+        its first entry is a duration [s].
+        """
         cost, rows, right, bounds = linear_program(x, g, G, trust, scale, penalty)
         found = linprog(cost, A_ub=rows, b_ub=right, bounds=bounds, method="highs")
         if found.x is None:
@@ -529,8 +549,11 @@ def linear_program(
     scale: float,
     penalty: float = PENALTY,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[tuple[float, float | None]]]:
-    """Cost, rows, their right sides and bounds of the program of a step: unknown dT/T, dc, sigma,
-    |dc|.
+    """Cost, rows, their right sides and bounds of the program of a step: unknown dT/scale, dc,
+    sigma, |dc|.
+
+    ``x = [T, c_1, ...]``; ``g`` (m,): quantities over their limits, ``G``: their derivatives; only
+    those beyond `CLOSE` have rows. ``trust``: largest step, ``penalty``: cost of the excess sigma.
     """
     n = len(x)
     A = G * np.concatenate([[scale], np.ones(len(x) - 1)])

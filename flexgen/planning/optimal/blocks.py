@@ -76,6 +76,12 @@ class _Local:
     """The functions of a block, evaluated at all its instants."""
 
     def __init__(self, block: Block, index: int, compile_from: float) -> None:
+        """Functions of one instant of a block: values, slopes, gradient and curvature, each with
+        its sparsity; compiled where a block has ``compile_from`` operations or more.
+
+        Of ``squares`` the curvature is that of Gauss and Newton. ``index``: number of the block,
+        in names.
+        """
         z = block.z
         p = block.p
         m = block.rows.numel()
@@ -248,8 +254,8 @@ def check_finite(made: Program, x: np.ndarray) -> None:
 
 
 def _row_scale(block: Block, local: _Local, scale_x: np.ndarray, guess: np.ndarray) -> np.ndarray:
-    """Factors of the rows: a change of the unknowns by their scales changes a row by one or
-    less.
+    """Factors (m,) of the rows, from their slopes at five instants of the ``guess``: a change of
+    the unknowns by their scales changes a row by one or less.
     """
     size = np.full(block.rows.numel(), SMALLEST)
     for k in np.unique(np.linspace(0, block.count - 1, 5).astype(int)):
@@ -270,6 +276,9 @@ def _scatter(places: np.ndarray, factors: np.ndarray, size: int, values: ca.MX) 
 def _jacobian(
     blocks: list[Block], local: list[_Local], entries: list[ca.MX], fixed: sp.coo_matrix, size: int
 ) -> ca.MX:
+    """The Jacobian (rows, size) from the nonzero ``entries`` of each block, and the ``fixed`` rows
+    behind them.
+    """
     rows = []
     cols = []
     first = 0
@@ -293,6 +302,11 @@ def _hessian(
     lam_g: ca.MX,
     extra: tuple[ca.MX, ca.MX],
 ) -> ca.MX:
+    """Upper triangle of the Hessian of the Lagrangian in the scaled unknowns.
+
+    ``parts``: of each block its functions, unknowns z and numbers p; ``lam_f``, ``lam_g``:
+    multipliers of cost and rows; ``extra``: cost and rows outside of blocks.
+    """
     size = x.numel()
     first = 0
     entries = []

@@ -64,8 +64,8 @@ class PlanForce:
         return force_along(self.given, path)
 
     def pushing(self, equations: Equations, s: float | None, what: str = "") -> Equations:
-        """The equations under the force at a path parameter; ArgumentError where it is needed and
-        not known.
+        """The equations under the force at the path parameter ``s``; ArgumentError, with ``what``
+        in it, where the force depends on s and s is None.
         """
         if s is None and not self.constant:
             raise ArgumentError(

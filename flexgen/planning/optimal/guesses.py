@@ -59,8 +59,11 @@ def from_inversion(equations: Equations, path: Path, push: PlanForce | None = No
 def between(
     equations: Equations, ends: tuple[np.ndarray, np.ndarray], duration: float, path: Path | None
 ) -> Guess:
-    """A slow motion from one equilibrium to another, along the path where that can be followed;
-    rigid torques.
+    """A slow motion of ``duration`` [s] from one equilibrium to another, along the path where that
+    can be followed; rigid torques.
+
+    ``ends``: coordinates (dof,) at start and end. Where the path leads elsewhere, the joints move
+    straight.
     """
     model = equations.model
     times = np.linspace(0.0, duration, POSES + 1)

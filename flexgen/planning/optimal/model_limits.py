@@ -56,7 +56,9 @@ def apply_limits(phase: Phase, limits: Limits | None, model_limits: bool) -> Non
 
 
 def _bound_joints(phase: Phase, kept: Limits, model_limits: bool) -> None:
-    """Range, speed and acceleration of coordinates."""
+    """Range, speed and acceleration of coordinates: of the limits ``kept`` and, with
+    ``model_limits``, of the model, the smaller one of both.
+    """
     model = phase.equations.model
     of_gear = {i: k for k, i in enumerate(model.i_g)}
     both = kept.bounds("joint_speed", model.n_g), kept.bounds("joint_acceleration", model.n_g)
@@ -78,7 +80,9 @@ def _bound_joints(phase: Phase, kept: Limits, model_limits: bool) -> None:
 
 
 def _bound_curves(phase: Phase, kept: Limits) -> None:
-    """Torques at the speeds of the motors."""
+    """Torques at the speeds of the motors: each piece of a torque-speed curve is a line, and
+    bounds torque and speed of both signs.
+    """
     left = 1.0 - kept.reserve
     for motor, curve in zip(phase.equations.model.motors, kept.torque_speed or (), strict=False):
         if not curve:
@@ -95,7 +99,11 @@ def _bound_curves(phase: Phase, kept: Limits) -> None:
 
 
 def _bound_rates(phase: Phase, rate: np.ndarray, given: bool) -> None:
-    """Rates of the torques, at both ends of each interval."""
+    """Rates of the torques, at most ``rate`` (n_m,) [N m/s], at both ends of each interval.
+
+    Torques are polynomials on an interval, and continuous then. ``given``: by the user;
+    ArgumentError where there are several phases, between which torques jump.
+    """
     if phase.number and given:
         raise ArgumentError(
             "then: given in a problem with torque_rate, expected one phase: between two the "
@@ -121,8 +129,8 @@ def _bound_rates(phase: Phase, rate: np.ndarray, given: bool) -> None:
 
 
 def _bound_gears(phase: Phase, most: np.ndarray) -> None:
-    """Torques of the gears, arm side; ArgumentError for a rigid one whose motor turns with other
-    bodies.
+    """Torques of the gears, at most ``most`` (n_g,) on the arm side [N m, N]; ArgumentError for a
+    rigid one whose motor turns with other bodies.
     """
     equations = phase.equations
     model = phase.equations.model

@@ -24,6 +24,9 @@ def general_part(
     function = ca.Function("general", symbols, out)
 
     def general(x: ca.MX) -> tuple[ca.MX, ca.MX]:
+        """Cost and rows at unknowns x, which are split as `Layout` has them: states, accelerations
+        and torques of each phase, its duration and its start.
+        """
         arguments = []
         start = ca.MX(0)
         for number, phase in enumerate(layout.phases):

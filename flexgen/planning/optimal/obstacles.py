@@ -73,9 +73,10 @@ def _check_vector(name: str, value: tuple[float, float, float]) -> None:
 
 
 def arm_points(equations: Equations, q_a: ca.SX, samples: int) -> ca.SX:
-    """Points (3, k) of the arm: the corners of the chain, and ``samples`` more on each link.
+    """Points (3, k) of the arm [m]: the corners of the chain, and ``samples`` (0 to 20) more on
+    each link.
 
-    Points that do not move with the arm are left out.
+    Points that do not move with the arm are left out; ArgumentError where none does.
     """
     if isinstance(samples, bool) or not isinstance(samples, int) or not 0 <= samples <= 20:
         raise ArgumentError(f"samples: given {samples!r}, expected 0 to 20")
@@ -105,10 +106,11 @@ def arm_points(equations: Equations, q_a: ca.SX, samples: int) -> ca.SX:
 def distance_rows(
     equations: Equations, q_a: ca.SX, obstacle: Obstacle, margin: float, samples: int
 ) -> ca.SX:
-    """Rows (k,) that are >= 0 where the points of the arm are out of the obstacle.
+    """Rows (k,) [m] that are >= 0 where the points of the arm are out of the obstacle, ``margin``
+    [m] away from it; ``samples`` as for `arm_points`.
 
     For a sphere ``(|p - c|^2 - r^2) / (2 r)``, which is smooth everywhere; near the surface it is
-    the distance [m].
+    the distance.
     """
     if not isinstance(obstacle, Sphere | HalfSpace):
         raise ArgumentError(f"obstacle: given {obstacle!r}, expected a Sphere or a HalfSpace")

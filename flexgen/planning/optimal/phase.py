@@ -113,6 +113,10 @@ class Phase:
         tracked: bool,
         with_path: bool,
     ) -> None:
+        """``duration``: as given [s], fixed until `free_time`; ``number``: of the phase, from 0;
+        ``tracked``: its signals have a reference in time; ``with_path``: the path parameter is the
+        last coordinate.
+        """
         suffix = f"_{number}" if number else ""
         self.equations = equations
         self.mesh = mesh
@@ -330,6 +334,11 @@ class Phase:
 
     # --- checks ----------------------------------------------------------------------------------
     def _rest(self, q_a: Sequence[float], what: str) -> np.ndarray:
+        """Coordinates (dof,) of the robot at rest with the arm at ``q_a`` (n_a,) under the force
+        of the problem; ``what``: the call, for errors.
+
+        Of coordinates without motor q_a is the first guess only.
+        """
         from flexgen.dynamics.mechanics.statics import hold_joints
 
         model = self.equations.model
@@ -353,6 +362,9 @@ class Phase:
             )
 
     def _check_symbols(self, value: ca.SX, what: str) -> None:
+        """ArgumentError, with ``what`` in it, where an expression has symbols of another phase or
+        problem.
+        """
         known = ca.symvar(ca.veccat(*self.signals.symbols, self.duration, *self.unknowns))
         keys = {x.element_hash() for x in known}  # symbols of another problem have the same names
         strange = [
@@ -365,6 +377,9 @@ class Phase:
             )
 
     def _check_nodal(self, value: ca.MX, what: str) -> None:
+        """ArgumentError, with ``what`` in it, where an expression of nodes has symbols of another
+        problem.
+        """
         keys = {hash(x) for phase in self.phases for x in phase.node_symbols}
         strange = [x.name() for x in ca.symvar(value) if hash(x) not in keys]
         if strange:
@@ -375,6 +390,9 @@ class Phase:
 
 
 def _expression(value: Any, what: str) -> ca.SX:
+    """``value`` as a dense expression; ArgumentError, with ``what`` in it, for another type or a
+    number that is not finite.
+    """
     try:
         made = ca.densify(ca.SX(None if isinstance(value, bool | np.bool_) else value))
     except (NotImplementedError, TypeError, RuntimeError):
@@ -396,6 +414,9 @@ def _place(at: str) -> str:
 
 
 def _bounds(lower: Any, upper: Any, count: int, what: str) -> tuple[np.ndarray, np.ndarray]:
+    """Lower and upper bounds (count,) from numbers, arrays or None for no bound; ArgumentError,
+    with ``what`` in it, where they do not fit or cross.
+    """
     out = []
     for value, none in ((lower, -np.inf), (upper, np.inf)):
         try:

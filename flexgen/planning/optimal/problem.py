@@ -117,6 +117,10 @@ class PlanProblem(Phase):
         model_limits: bool,
         push: PlanForce | None = None,
     ) -> None:
+        """``mesh``: relative nodes from 0 to 1; ``table``: collocation scheme; ``timing``:
+        ``"given"`` or ``"free"``, with which the path parameter is a coordinate; ``push``: force
+        on the tool.
+        """
         check_ability(equations.model, "plan_problem")
         self.path = path
         self.timing = timing
@@ -398,6 +402,11 @@ class PlanProblem(Phase):
         exact: bool,
         compiled: bool | None,
     ) -> Program:
+        """The nonlinear program: blocks of the phases, their connections, costs and rows at nodes.
+
+        ``scale``: sizes of the unknowns, ``start``: their first values; ``exact``: with the
+        curvature of constraints; ``compiled``: None where a block is long enough.
+        """
         blocks = [
             b
             for phase in self.phases
@@ -450,8 +459,10 @@ class PlanProblem(Phase):
     def _bounds(
         self, layout: Layout, scale: np.ndarray, rests: list[Rest]
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Lower and upper bounds of the scaled unknowns: rest at the ends, durations,
-        parameters.
+        """Lower and upper bounds of the scaled unknowns: rest at the ends, durations, parameters.
+
+        ``rests``: phase, ``"start"`` or ``"end"``, coordinates and path parameter (None: free
+        there).
         """
         lower = np.full(layout.size, -np.inf)
         upper = np.full(layout.size, np.inf)

@@ -88,7 +88,9 @@ class Samples:
 
 
 def samples(layout: Layout, phase: Phase, x: np.ndarray, places: np.ndarray) -> Samples:
-    """The motion of a phase at the relative ``places`` (p,) of each interval."""
+    """The motion of a phase at the relative ``places`` (p,) of each interval, in SI units, from
+    the unknowns x: accelerations and torques are polynomials on an interval, and integrated.
+    """
     mesh = phase.mesh
     number = phase.number
     theta = x[layout.theta]
@@ -123,6 +125,9 @@ def _join(parts: list[Samples]) -> Samples:
 
 
 def _all_motors(equations: Equations, part: np.ndarray) -> np.ndarray:
+    """Angles (k, n_m) of all motors, or their derivatives, from those of the coordinates (k, dof):
+    geared motors follow the arm.
+    """
     model = equations.model
     out = part[:, list(model.i_g)] @ model.eta.T
     out[:, list(model.i_m)] = part[:, model.n_a : model.dof]
@@ -238,6 +243,9 @@ def describe_worst(made: Program, found: NlpResult, x: np.ndarray, layout: Layou
 def _details(
     problem: Problem, layout: Layout, x: np.ndarray, found: NlpResult, made: Program
 ) -> dict[str, Any]:
+    """Numbers of a solution for `Solution.details`: durations [s], parameters, cost, sizes of the
+    program, scheme.
+    """
     theta = x[layout.theta]
     count = len(layout.phases)
     names = [symbol.name().removeprefix("p:") for symbol in layout.parameters]
@@ -334,7 +342,9 @@ def _trajectory(problem: Problem, layout: Layout, motion: Samples) -> tuple[Traj
 
 
 def _targets(problem: Problem, layout: Layout, motion: Samples) -> np.ndarray:
-    """Targets of the output by the time law of the move, stretched where a duration is free."""
+    """Targets (k, n_t) of the output at the instants of ``motion``, by the time law of the move,
+    stretched where a duration is free.
+    """
     out = []
     begin = 0.0
     theta = motion.theta

@@ -51,6 +51,9 @@ class Signals(Mapping[str, ca.SX]):
     def __init__(
         self, equations: Equations, *, with_path: bool, tracked: bool, name: str = ""
     ) -> None:
+        """``with_path``: the path parameter is the last coordinate of y; ``tracked``: there is a
+        reference of the output; ``name``: added to those of symbols, as phases differ.
+        """
         model = equations.model
         self.equations = equations
         self.with_path = with_path
@@ -109,6 +112,9 @@ class Signals(Mapping[str, ca.SX]):
         return ca.vertcat(*[part[at[j]] if j in at else geared[j] for j in range(model.n_m)])
 
     def _make(self) -> Iterable[Signal]:
+        """All signals of the robot: coordinates, torques, powers, deflections, tool, output and
+        time, each with labels and units.
+        """
         equations = self.equations
         model = self.equations.model
         n_a = self.equations.model.n_a

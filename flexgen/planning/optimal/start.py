@@ -130,7 +130,9 @@ def check_rest(phase: Phase, y: np.ndarray, where: str, s: float | None = None) 
 
 
 def scales(layout: Layout, parameters: list[Parameter], start: np.ndarray) -> np.ndarray:
-    """Sizes of the unknowns."""
+    """Sizes of the scaled unknowns: 1 of arm coordinates, the ratio of motors, `RATE` of
+    accelerations, the largest torque of the motion ``start``, durations and parameters.
+    """
     model = layout.phases[0].equations.model
     out = []
     torques = []

@@ -66,6 +66,11 @@ class _Instants:
     """Instants of one phase: unknowns z, numbers p, and the signals as expressions of them."""
 
     def __init__(self, layout: Layout, phase: Phase, *, own: bool) -> None:
+        """Motion at an instant of an interval from unknowns z (states at its begin, accelerations
+        and torques at its stages, durations) and numbers p (weights of the place, length, time).
+
+        ``own``: the torque is that of the instant's own stage, else the polynomial through all.
+        """
         mesh = phase.mesh
         signals = phase.signals
         n = mesh.n
@@ -110,8 +115,8 @@ class _Instants:
         return list(found) if isinstance(found, tuple) else [found]
 
     def places(self, interval: np.ndarray, stage: np.ndarray | None) -> np.ndarray:
-        """Places of z in x for instants in these intervals; ``stage``: whose torque counts, None:
-        all.
+        """Places of z in x (count, n_z) for instants in these intervals; ``stage``: whose torque
+        counts, None: all.
         """
         mesh = self.phase.mesh
         n_m = self.phase.equations.model.n_m
@@ -133,8 +138,10 @@ class _Instants:
     def numbers(
         self, interval: np.ndarray, theta: np.ndarray, weight: np.ndarray, reference: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Values of p (n_p, count) at the relative places ``theta`` of intervals, and the instants
-        (count, 2).
+        """Values of p (n_p, count) at the relative places ``theta`` of intervals; and (phase,
+        relative time) of the instants (count, 2), for messages.
+
+        ``weight`` (count,): of the integral, ``reference`` (count, n_t): targets.
         """
         mesh = self.phase.mesh
         known, place = np.unique(theta, return_inverse=True)
@@ -157,8 +164,10 @@ class _Instants:
 
 
 def blocks_of(layout: Layout, phase: Phase, reference: Any, curvature: bool) -> list[Block]:
-    """The blocks of a phase; ``reference``: a function of relative times that gives targets (k,
-    n_t).
+    """The blocks of a phase: motion, constraints along it and at its ends, bounds of polynomials.
+
+    ``reference``: a function of relative times that gives targets (k, n_t); ``curvature``: of the
+    constraints goes into the Hessian.
     """
     out = [_motion(layout, phase, reference, curvature)]
     for nodes in (False, True):
@@ -254,7 +263,9 @@ def _motion(layout: Layout, phase: Phase, reference: Any, curvature: bool) -> Bl
 def _path(
     layout: Layout, phase: Phase, reference: Any, curvature: bool, *, nodes: bool
 ) -> list[Block]:
-    """Constraints at the collocation points, or inequalities of the states at the other nodes."""
+    """Constraints at the collocation points, or (``nodes``) inequalities of the states at the
+    other nodes; arguments as for `blocks_of`. Points that are known from a neighbor are left out.
+    """
     values, low, high, names = _path_rows(phase, states_only=nodes)
     mesh = phase.mesh
     c = phase.mesh.table.c
@@ -306,7 +317,9 @@ def _path(
 
 
 def _end(layout: Layout, phase: Phase, where: str, reference: Any, curvature: bool) -> Block:
-    """Constraints and costs at the start or the end of a phase."""
+    """Constraints and costs at the ``"start"`` or the ``"end"`` of a phase; arguments as for
+    `blocks_of`.
+    """
     instants = _Instants(layout, phase, own=False)
     mesh = phase.mesh
     interval, theta = (

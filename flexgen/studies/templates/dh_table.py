@@ -307,8 +307,8 @@ class _Reader:
 
     def _cell(self, line: int, column: Column, unit: str, text: str, kind: str) -> Cell:
         """A number of the table in SI units, checked; ``kind``: rotation or translation, on which
-        the units of a column depend. Where the delimiter is no comma, a comma may be the decimal
-        mark.
+        the units of a column depend. With another delimiter than the comma, a comma may be the
+        decimal mark.
         """
         if self.delimiter != "," and re.fullmatch(r"[-+\d]*,\d+([eE][-+]?\d+)?", text, re.ASCII):
             text = text.replace(",", ".")
