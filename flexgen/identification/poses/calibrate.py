@@ -56,6 +56,7 @@ from flexgen.identification.poses.parameters import (
 )
 from flexgen.identification.poses.poses import StaticPoses, surfaces_of
 from flexgen.identification.poses.result import Calibration
+from flexgen.identification.poses.score_test import Suspect, find_causes
 from flexgen.identification.poses.statics import Near, Numbers, Statics
 from flexgen.identification.poses.tree import Tree
 from flexgen.model.abilities import needs
@@ -184,6 +185,7 @@ def calibrate(
         start = np.array([known.get(u.name, u.start) for u in unknowns])
         found_all = _fit_determined(study, start, tell)
         study, result, accuracy, tilt = found_all.last
+        causes = _causes(study, found_all, [u.name for u in unknowns] + [held])
         reason = reason_of_end()
         checked = folds > 0 and not reason
         held_out = None
@@ -210,6 +212,7 @@ def calibrate(
         + warnings_of(study.unknowns, result, accuracy.pull, held_out),
         reason,
         found_all.kept,
+        causes,
     )
 
 
@@ -367,6 +370,16 @@ def _fit_determined(
         covariance = with_kept(whole, x, found.rest.near, free, accuracy.first)
     kept = tuple(u.name for u, is_free in zip(unknowns, free, strict=True) if not is_free)
     return _Determined((inner, found, accuracy, tilt), x, covariance, kept)
+
+
+def _causes(study: _Study, found: _Determined, taken: Sequence[str]) -> tuple[Suspect, ...]:
+    """Numbers that are held and that the poses contradict, the one that explains most first."""
+    if is_over():
+        return ()
+    _, minimum, _, tilt = found.last
+    with keep_best():
+        return find_causes(study.problem_with(tilt, minimum, study), minimum, taken)
+    return ()
 
 
 def check_poses(robot: RobotModel, data: StaticPoses, count: int, folds: int) -> None:

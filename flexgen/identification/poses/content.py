@@ -15,6 +15,7 @@ from flexgen.identification.poses.poses import surfaces_of
 
 # Parts of the names of numbers that are printed; those of places, frames and trackers are data.
 PRINTED = (".zero", ".compliance", ".mimic.", ".mass")
+CAUSES = 3  # that are printed
 ERRORS = (
     Column("distance of the trackers from the model", key="stage"),
     Column("mean", "m", "mean_m"),
@@ -53,6 +54,7 @@ def content_of_calibration(found: Any) -> tuple[Part, ...]:
             "count",
         ),
         Prose(_frame(found), "frame"),
+        *(Prose(f"possible cause: {cause}", "causes") for cause in found.causes[:CAUSES]),
         *_data(found),
     )
 
@@ -150,6 +152,7 @@ def _data(found: Any) -> tuple[Data, ...]:
         "units": {u.name: u.unit for u in found.unknowns},
         "determined": found.determined,
         "not_measured": list(found.kept),
+        "causes": [cause.to_dict() for cause in found.causes],
         "warnings": list(found.warnings),
         "ended": found.ended,
     }

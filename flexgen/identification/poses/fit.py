@@ -144,12 +144,18 @@ class Poses(Problem):
         gap = self._gap(self._rest)
         return self._whiten(gap.reshape(len(gap), -1, 1)).ravel()
 
-    def _slopes(self, x: np.ndarray) -> np.ndarray:
-        J, self.near = self.statics.slopes(self.numbers(x), self._rest, self.unknowns)
-        J = np.where(self.valid[:, :, None, None], J, 0.0)
+    def whitened(self, columns: np.ndarray) -> np.ndarray:
+        """Derivatives (N, k, 3, m) of the measured positions as those of the residuals,
+        (3 k N, m).
+        """
+        J = np.where(self.valid[:, :, None, None], columns, 0.0)
         if self.weights is not None:
             J = J * self.weights[:, :, None, None]
-        return self._whiten(J.reshape(len(J), -1, len(x))).reshape(-1, len(x))
+        return self._whiten(J.reshape(len(J), -1, J.shape[-1])).reshape(-1, J.shape[-1])
+
+    def _slopes(self, x: np.ndarray) -> np.ndarray:
+        J, self.near = self.statics.slopes(self.numbers(x), self._rest, self.unknowns)
+        return self.whitened(J)
 
 
 def fit(

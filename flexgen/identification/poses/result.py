@@ -26,6 +26,7 @@ from flexgen.identification.poses.content import content_of_calibration
 from flexgen.identification.poses.model_file import VARIANT, changes_of
 from flexgen.identification.poses.parameters import FRAME, Unknown
 from flexgen.identification.poses.poses import LARGEST, StaticPoses
+from flexgen.identification.poses.score_test import Suspect
 from flexgen.identification.poses.statics import Numbers, Statics
 from flexgen.identification.poses.tree import Tree
 from flexgen.model.elements import RobotModel
@@ -93,6 +94,10 @@ class Calibration(FitResult):
     kept : tuple of str
         Names of the numbers that the poses do not determine, which keep the value of the model
         file; their standard deviations are those of the priors.
+    causes : tuple of Suspect
+        Numbers of the model that are not free, scales, and gravity, that the poses contradict;
+        the one that explains most of the errors first. See the module
+        `flexgen.identification.poses.score_test`.
     ended : str
         ``"time limit"`` or ``"interrupted"`` where the search was ended from outside: the numbers
         are those of its best step. Else empty.
@@ -125,6 +130,7 @@ class Calibration(FitResult):
     warnings: tuple[str, ...]
     ended: str = ""
     kept: tuple[str, ...] = ()
+    causes: tuple[Suspect, ...] = ()
 
     def __repr__(self) -> str:
         return f"<Calibration {self.nominal.title}: {self.sentence}>"
