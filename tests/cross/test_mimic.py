@@ -11,10 +11,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, Phase, given, seed, settings
 from hypothesis import strategies as st
 from mujoco_referee import MujocoReferee
 from random_trees import trees
+from seeded_draws import on_draws
 
 import flexgen
 from flexgen.base.errors import ModelError
@@ -113,15 +113,7 @@ def compare(free: RobotModel, moved: RobotModel, T: np.ndarray) -> None:
 
 def on_mechanisms(check) -> None:
     """A check of some random mechanisms, the same ones every time."""
-    quiet = {
-        "database": None,
-        "deadline": None,
-        "suppress_health_check": list(HealthCheck),
-        "print_blob": False,
-    }
-    settings(max_examples=COUNT, phases=(Phase.generate,), **quiet)(
-        seed(2)(given(mechanisms())(lambda x: check(*x)))
-    )()
+    on_draws(lambda x: check(*x), mechanisms(), COUNT, 2)
 
 
 @pytest.mark.slow

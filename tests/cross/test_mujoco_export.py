@@ -16,8 +16,8 @@ from types import SimpleNamespace
 import mujoco
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, Phase, given, seed, settings
 from random_robots import Case, cases
+from seeded_draws import on_draws
 from shipped_models import all_variants
 
 import flexgen
@@ -149,15 +149,7 @@ def test_random_robots(coupling):
         compared.append(difference(case.model, Machine(case.model, text), 2))
         assert compared[-1] < ACCELERATION
 
-    quiet = {
-        "database": None,
-        "deadline": None,
-        "suppress_health_check": list(HealthCheck),
-        "print_blob": False,
-    }
-    settings(max_examples=20, phases=(Phase.generate,), **quiet)(
-        seed(1)(given(cases(linear=True, coupling=coupling))(check))
-    )()
+    on_draws(check, cases(linear=True, coupling=coupling), 20, 1)
     assert len(compared) >= 10
 
 

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, Phase, given, seed, settings
+from hypothesis import Phase
 from random_robots import Case, cases, is_linear, state, text_of
 from referee import random_model
 from robot_checks import (
@@ -31,6 +31,7 @@ from robot_checks import (
     close,
     fast_function,
 )
+from seeded_draws import on_draws
 
 from flexgen.base.errors import FlexgenError
 from flexgen.dynamics.mechanics.equations import derive
@@ -67,15 +68,7 @@ KINDS = [
 
 def on_robots(check: Callable[[Case], None], count: int, start: int, **fixed) -> None:
     """A check of that many random robots, the same ones every time."""
-    quiet = {
-        "database": None,
-        "deadline": None,
-        "suppress_health_check": list(HealthCheck),
-        "print_blob": False,
-    }
-    settings(max_examples=count, phases=(Phase.generate, Phase.shrink), **quiet)(
-        seed(start)(given(cases(**fixed))(check))
-    )()
+    on_draws(check, cases(**fixed), count, start, (Phase.generate, Phase.shrink))
 
 
 # --- the comparisons -----------------------------------------------------------------------------

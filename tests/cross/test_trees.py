@@ -9,12 +9,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, Phase, given, seed, settings
 from random_robots import Case
 from random_trees import trees
 from robot_checks import Found, check_mujoco, close
 from scipy.integrate import solve_ivp
 from scipy.interpolate import make_interp_spline
+from seeded_draws import on_draws
 
 import flexgen
 from flexgen.base.errors import ModelError
@@ -34,15 +34,7 @@ STATE = ("q_a", "v_a", "a_a", "q_m", "v_m", "tau_m")
 
 def on_trees(check, count: int, start: int = 0) -> None:
     """A check of that many random trees, the same ones every time."""
-    quiet = {
-        "database": None,
-        "deadline": None,
-        "suppress_health_check": list(HealthCheck),
-        "print_blob": False,
-    }
-    settings(max_examples=count, phases=(Phase.generate,), **quiet)(
-        seed(start)(given(trees())(check))
-    )()
+    on_draws(check, trees(), count, start)
 
 
 def check_tree(case: Case) -> None:

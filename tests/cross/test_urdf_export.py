@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, Phase, given, seed, settings
 from random_robots import Case, cases
+from seeded_draws import on_draws
 from shipped_models import all_variants
 from unchecked import unchecked
 
@@ -195,15 +195,7 @@ def test_random_robots(coupling, tmp_path):
         assert difference(model, again, 2) < 1e-9
         assert compared[-1] < 10 * SAME and rigid_difference(model, path, 2) < 10 * RIGID
 
-    quiet = {
-        "database": None,
-        "deadline": None,
-        "suppress_health_check": list(HealthCheck),
-        "print_blob": False,
-    }
-    settings(max_examples=12, phases=(Phase.generate,), **quiet)(
-        seed(2)(given(cases(linear=True, coupling=coupling))(check))
-    )()
+    on_draws(check, cases(linear=True, coupling=coupling), 12, 2)
     assert len(compared) >= 6
 
 
