@@ -127,6 +127,8 @@ OPTIMIZED_CASES = {
     },
 }
 RECORDED: Recorded = read()
+# Slow tests of less [s] compile as quick ones do: optimization would be most of their time.
+SHORT_S = 5.0
 
 
 def full(path: str, name: str, words: str) -> bool:
@@ -136,7 +138,9 @@ def full(path: str, name: str, words: str) -> bool:
 
 def unoptimized(path: str, name: str, words: str, quick: bool) -> bool:
     """Whether a test compiles without optimization; ``name``: of its function."""
-    listed = quick or path in UNOPTIMIZED or f"{path}::{name}" in UNOPTIMIZED
+    duration = RECORDED.slow.get(Path(path).name, {}).get(name, {}).get(words)
+    short = quick or (duration is not None and duration < SHORT_S)
+    listed = short or path in UNOPTIMIZED or f"{path}::{name}" in UNOPTIMIZED
     return listed and path not in OPTIMIZED and words not in OPTIMIZED_CASES.get(path, ())
 
 
