@@ -268,18 +268,12 @@ def test_a_fit_writes_what_can_be_used(monkeypatch: pytest.MonkeyPatch) -> None:
     ("given", "text"),
     [
         (
-            {"validate": "x"},
-            (
-                "--validate, --counterbalance: given without --rigid or --segments, expected "
-                "with them"
-            ),
+            {"validate": "x", "structure": True},
+            "--validate: given with --structure, expected without it",
         ),
         (
             {"counterbalance": [("q1", 1)]},
-            (
-                "--validate, --counterbalance: given without --rigid or --segments, expected "
-                "with them"
-            ),
+            "--counterbalance: given without --rigid or --segments, expected with them",
         ),
         (
             {"truth": "x"},

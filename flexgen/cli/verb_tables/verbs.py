@@ -431,7 +431,8 @@ ROWS = (
                 ),
                 Option(
                     "validate",
-                    "with --rigid or --segments: recordings that are not fitted",
+                    "responses of 'flexgen frf' that are not fitted; with --rigid or --segments: "
+                    "recordings",
                     "DATA",
                 ),
             ),

@@ -183,10 +183,12 @@ def identify(args: Namespace, log: Progress) -> VerbResult:
     """
     if args.rigid or args.segments is not None:
         return _rigid(args, log) if args.rigid else _segments(args, log)
-    if args.validate is not None or args.counterbalance:
+    if args.counterbalance:
         raise ArgumentError(
-            "--validate, --counterbalance: given without --rigid or --segments, expected with them"
+            "--counterbalance: given without --rigid or --segments, expected with them"
         )
+    if args.validate is not None and args.structure:
+        raise ArgumentError("--validate: given with --structure, expected without it")
     if args.truth is not None and args.move is None:
         raise ArgumentError(
             "--truth: given without --move, expected also --move NAME, whose tool error is "
@@ -206,10 +208,11 @@ def identify(args: Namespace, log: Progress) -> VerbResult:
     given = {
         "start": _floats(args.start),
         "source": str(args.data),
-        **keywords(args, "data", "start", "levels"),
+        **keywords(args, "data", "start", "levels", "validate"),
     }
     experiment = None if args.refine is None else load_experiment(args.refine)
     given["levels"] = [Frf.load(path) for path in args.levels or ()]
+    given["validate"] = [] if args.validate is None else [Frf.load(args.validate)]
     found = fit(model, data, **given, progress=throttle(log))
     validation = []
     tell = throttle(log)

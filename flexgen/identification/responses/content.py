@@ -99,10 +99,16 @@ def _figures(found: Any) -> list[Part]:
     if error > 0:
         unit = "% of the responses"
         misfit = Row("misfit beyond the noise", error, unit, "model_error", text=percent(error))
+    held: list[Part] = [
+        Row(f"misfit of responses {k}, not fitted", part, "% of the responses", text=percent(part))
+        for k, part in enumerate(found.held_out, 1)
+    ]
+    held += [Data("held_out", list(found.held_out))] if found.held_out else []
     return [
         Row("status", str(found.status), "", "status"),
         Row("cost", found.cost, "", "cost_per_degree_of_freedom", note="1 expected"),
         misfit,
+        *held,
         Row("weights", found.weights, "", "weights"),
         Row("starts at the best cost", found.agreed, f"of {found.starts}", "starts_at_best_cost"),
         Data("starts", found.starts),

@@ -32,6 +32,7 @@ from flexgen.identification.causes.levels import compare_levels
 from flexgen.identification.estimator.fit_grade import Grade, grade
 from flexgen.identification.estimator.minimize import Minimum, minimize
 from flexgen.identification.estimator.status import status_of_end
+from flexgen.identification.estimator.validation import WORSE
 from flexgen.identification.experiments.plan import default_free
 from flexgen.identification.motions.motion_correction import (
     correct_responses,
@@ -65,6 +66,9 @@ NEIGHBORS = 15  # and lines over which it is averaged
 SMALL_ERROR = 1e-3  # a model error that is too small to mention
 WITHOUT_NOISE = 1e-7  # relative deviation of responses that differ by rounding alone
 SAME = 1e-3  # relative difference of costs at the same minimum
+# Part of responses that were not fitted which is not explained, over that of the fitted ones and
+# as a part, from which on both together the model is poorly validated.
+POOR = 0.05
 SPREAD = 1.5  # further starts are off by up to this factor
 
 
@@ -89,6 +93,7 @@ def identify(
     seed: int = 0,
     source: str = "",
     levels: Sequence[Frf] = (),
+    validate: Sequence[Frf] = (),
     time_limit: TimeLimit | None = None,
     progress: Choice = None,
 ) -> IdentificationResult:
@@ -129,6 +134,9 @@ def identify(
         nonlinear, and why. Amplitudes such as a third: ``amplitude`` of the result tells whether
         hysteresis, backlash, a stiffness that rises with the deflection or Coulomb friction, which
         the model lacks, explains it.
+    validate : sequence of Frf
+        Responses that are not fitted, such as those at other poses: what the model does not
+        explain of each is ``held_out`` of the result.
     time_limit : float, optional [s]
         Time limit; default: no limit. Then, or after Ctrl-C, the result is the best step so far,
         with the status ``time limit`` or ``interrupted``. None or 0: unlimited.
@@ -141,7 +149,7 @@ def identify(
     Raises
     ------
     ArgumentError
-        A name is unknown, the data belong to another robot, or the levels are of other poses or
+        A name is unknown, data belong to another robot, or the levels are of other poses or
         alike.
     SolverError
         The model has no equilibrium at the poses of the data.
@@ -160,6 +168,8 @@ def identify(
     tell = progress if callable(progress) else None
     robot = model if isinstance(model, RobotModel) else read(model)
     _check(robot, data, residual, floor, starts, spread)
+    for held in validate:
+        _check(robot, held, residual, floor, starts, spread, "validate")
     names = default_free(robot) if free is None else free
     vector = ParameterVector(
         robot, names, fixed=fixed, start=start, bounds=bounds, priors=priors, ties=ties
@@ -172,7 +182,25 @@ def identify(
                 tested = compare_levels(
                     Residuals(vector, data, deflection_sd=found.deflection_sd), found.x, levels
                 )
-    return replace(found, source=source, amplitude=tested)
+        held_out = () if is_over() else tuple(unexplained(vector, x, found.x) for x in validate)
+        within = unexplained(vector, data, found.x) if held_out else 0.0
+    poor = max(held_out, default=0.0) > max(WORSE * within, POOR)
+    known = found.status not in (FitStatus.NOT_CONVERGED, FitStatus.AT_BOUND)
+    status = found.status
+    if poor and known and not status.ended_early:
+        status = FitStatus.POORLY_VALIDATED
+    return replace(found, source=source, amplitude=tested, held_out=held_out, status=status)
+
+
+def unexplained(vector: ParameterVector, data: Frf, x: np.ndarray) -> float:
+    """Part of the responses that a model with the parameters ``x`` and the noise do not explain,
+    of the element with the largest; see `Residuals.find_unexplained`.
+    """
+    residuals = Residuals(vector, data)
+    residuals.average_springs(x)
+    if not obstacle(data):
+        residuals = residuals.on(correct_responses(residuals, x)[0])
+    return residuals.find_unexplained(x)
 
 
 def _confirm(status: FitStatus, causes: tuple[Cause, ...]) -> FitStatus:
@@ -301,13 +329,19 @@ def _grade(residuals: Residuals, x: np.ndarray, data: Frf) -> Grade | None:
 
 
 def _check(
-    robot: RobotModel, data: Frf, residual: str, floor: float | None, starts: int, spread: float
+    robot: RobotModel,
+    data: Frf,
+    residual: str,
+    floor: float | None,
+    starts: int,
+    spread: float,
+    name: str = "data",
 ) -> None:
-    """ArgumentError where data or settings cannot be used."""
+    """ArgumentError where data, those of the parameter ``name``, or settings cannot be used."""
     motors = tuple(motor.name for motor in robot.motors)
     if motors != data.motors:
         raise ArgumentError(
-            f"data: given the motors {', '.join(data.motors)}, expected {', '.join(motors)} in "
+            f"{name}: given the motors {', '.join(data.motors)}, expected {', '.join(motors)} in "
             f"this order, those of {robot.name}"
         )
     if residual not in RESIDUALS:

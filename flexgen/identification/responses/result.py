@@ -258,6 +258,8 @@ class IdentificationResult(Estimated):
     amplitude : AmplitudeTest or None
         Whether the responses depend on the level of the excitation, where they were given at
         several.
+    held_out : tuple of float
+        Part of each of the responses that were not fitted which neither model nor noise explains.
     grade : Grade or None
         Misfit by element and band, and whether the model is good enough for feedforward; None
         after `refine`.
@@ -286,6 +288,7 @@ class IdentificationResult(Estimated):
     wall_s: float
     causes: tuple[Cause, ...] = field(default=(), kw_only=True)
     amplitude: AmplitudeTest | None = field(default=None, kw_only=True)
+    held_out: tuple[float, ...] = field(default=(), kw_only=True)
     grade: Grade | None = field(default=None, kw_only=True)
 
     def __repr__(self) -> str:
