@@ -338,6 +338,41 @@ def test_lines_of_recordings_are_excited_odd_all_or_numbered(keys, lines, tmp_pa
         read_experiment(file)
 
 
+def test_a_list_of_names_is_the_sum_of_their_arrays(tmp_path):
+    """Also of rows of arrays with two dimensions, with offset and scale of the sum."""
+    (tmp_path / "bench.toml").write_text(BENCH.read_text(encoding="utf-8"))
+    table = np.array([TORQUE - 0.2, TIME])
+    more = {"load": table, "friction": np.array([0.2 + 0 * TIME, TIME])}
+    np.savez(tmp_path / "run.npz", t=TIME, angle=ANGLE, current=TORQUE, **more)
+    text = TEXT.replace('name = "current"', 'name = ["load", "friction"]\nindex = 0\nscale = 2.0')
+    (tmp_path / "sum.toml").write_text(text)
+    (tmp_path / "one.toml").write_text(TEXT)
+    one, two = (read_description(tmp_path / f"{x}.toml").recordings[0][1] for x in ("one", "sum"))
+    np.testing.assert_allclose(two.tau_m, 2.0 * one.tau_m, rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("names", "words"),
+    [
+        (
+            '["current", "t2"]',
+            r"channel 't2': given no such array, expected .* of shape \(1000,\)",
+        ),
+        ('["current", "short"]', r"channel 'short': given shape \(9,\), expected"),
+        ('["current", "current"]', "a list of different names"),
+        ("[]", "name"),
+        ('["current", "tau_Nm"]', "unit"),
+    ],
+)
+def test_sums_that_cannot_be_formed_are_refused(tmp_path, names, words):
+    (tmp_path / "bench.toml").write_text(BENCH.read_text(encoding="utf-8"))
+    arrays = {"short": TIME[:9], "tau_Nm": TORQUE}
+    np.savez(tmp_path / "run.npz", t=TIME, angle=ANGLE, current=TORQUE, **arrays)
+    (tmp_path / "a.toml").write_text(TEXT.replace('name = "current"', f"name = {names}"))
+    with pytest.raises((ArgumentError, ModelError), match=words):
+        read_description(tmp_path / "a.toml")
+
+
 def test_torques_near_the_limit_of_the_motor_are_refused(tmp_path):
     """From 99.9 % on; two equal samples at the largest torque are none of a limit."""
     top = 0.5 * np.abs(TORQUE).max()

@@ -19,7 +19,7 @@
 
     [[torque]]                           one for each motor
     motor = "m1"
-    name = "iq"
+    name = "iq"                          or a list of names, whose arrays are added
     unit = "A"                           N m, N cm, kN m, ...; A, mA with constant [N m/A];
                                          V, mV with constant [N m/V]
     constant = 0.1
@@ -120,7 +120,8 @@ SIZE_MAX = 2_000_000_000  # bytes of a file
 
 @dataclass(frozen=True)
 class _Channel:
-    """An array of the files: motor or sensor channel, name in the files.
+    """An array of the files: motor or sensor channel, name in the files, and the names of arrays
+    that are added to it.
 
     With the factors that make motor-side SI units of it.
     """
@@ -131,6 +132,12 @@ class _Channel:
     offset: float = 0.0
     index: int | None = None
     time: str | None = None
+    added: tuple[str, ...] = ()
+
+    @property
+    def shown(self) -> str:
+        """The names for a message."""
+        return " + ".join(map(repr, (self.name, *self.added)))
 
 
 @dataclass(frozen=True)
@@ -267,14 +274,14 @@ def _unit(table: Table, si: str) -> float:
     factor = next((x for name, x in known.items() if spelling(name) == spelling(given)), None)
     if factor is None:
         raise table.fail("unit", closest(given, known))
-    named = column_of(table.text("name"))
-    short = len(spelling(named.unit)) < 2 and "_" in named.text
-    other = None if short or not named.unit else factor_of(named.unit, si)
-    electric = not short and spelling(named.unit) in ELECTRIC and si == "N m"
-    if electric != (spelling(given) in ELECTRIC) and (electric or other is not None):
-        raise table.fail("unit", f"{named.unit}, as the name {named.text!r} states")
-    if other is not None and not np.isclose(other, factor, rtol=1e-9):
-        raise table.fail("unit", f"{named.unit}, as the name {named.text!r} states")
+    for named in map(column_of, table.words("name")):
+        short = len(spelling(named.unit)) < 2 and "_" in named.text
+        other = None if short or not named.unit else factor_of(named.unit, si)
+        electric = not short and spelling(named.unit) in ELECTRIC and si == "N m"
+        if electric != (spelling(given) in ELECTRIC) and (electric or other is not None):
+            raise table.fail("unit", f"{named.unit}, as the name {named.text!r} states")
+        if other is not None and not np.isclose(other, factor, rtol=1e-9):
+            raise table.fail("unit", f"{named.unit}, as the name {named.text!r} states")
     return factor
 
 
@@ -371,7 +378,8 @@ def _channel(table: Table, of: str, factor: float) -> _Channel:
         raise table.fail("scale", "a factor other than 0")
     time = table.text("time") if "time" in table else None
     offset = table.number("offset", 0.0)
-    return _Channel(of, table.text("name"), factor * scale, offset, index, time)
+    name, *added = table.words("name")
+    return _Channel(of, name, factor * scale, offset, index, time, tuple(added))
 
 
 class Recording:
@@ -540,6 +548,8 @@ class Recording:
                 f"{', '.join(sorted(arrays))}"
             )
         x: Any = np.ma.asanyarray(arrays[channel.name])
+        for name in channel.added:
+            x = x + self._addend(arrays, channel, name)
         if channel.index is not None:
             x = self._row(x, channel)
         if (
@@ -559,6 +569,22 @@ class Recording:
                 f"{self.file}: channel {channel.name!r}: sample {bad[0]} is not a finite number"
             )
         return (x + channel.offset) * channel.factor
+
+    def _addend(self, arrays: dict[str, np.ndarray], channel: _Channel, name: str) -> Any:
+        """An array that is added to the first one of a channel: of the same file and shape."""
+        first = np.ma.asanyarray(arrays[channel.name])
+        found = np.ma.asanyarray(arrays[name]) if name in arrays else None
+        if (
+            found is None
+            or found.shape != first.shape
+            or not np.issubdtype(found.dtype, np.number)
+        ):
+            given = "no such array" if found is None else f"shape {found.shape}"
+            raise ArgumentError(
+                f"{self.file}: channel {name!r}: given {given}, expected numbers of shape "
+                f"{first.shape}, as {channel.name!r} has, to which they are added"
+            )
+        return found
 
     def _row(self, x: np.ndarray, channel: _Channel) -> np.ndarray:
         """A row or a column of an array with two dimensions: the longer one is the time."""
@@ -634,7 +660,7 @@ def _check_torque(
 
 
 def _describe(kind: str, channel: _Channel) -> str:
-    return f"{kind} of {'' if kind == 'signal' else 'motor '}{channel.of} ({channel.name!r})"
+    return f"{kind} of {'' if kind == 'signal' else 'motor '}{channel.of} ({channel.shown})"
 
 
 def is_description(path: str | Path) -> bool:

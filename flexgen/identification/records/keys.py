@@ -41,7 +41,7 @@ def _rows(title: str, meaning: str, text: str) -> Rows:
 
 
 CHANNEL = """
-name | text | required | name of the array or column
+name | text or list of texts | required | name of the array or column; of several: their sum
 index | whole number |  | row or column of an array with two dimensions, from 0
 time | text |  | another clock, in the unit of `[time]`, of a channel with another rate
 offset | number | 0 | added to the recorded value, in its unit
