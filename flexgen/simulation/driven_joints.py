@@ -102,7 +102,8 @@ class DrivenRobot:
 
     def _acceleration(self) -> ca.Function:
         """Accelerations of the free coordinates: a function of (state, q, v, a of the joints)."""
-        model, function = self.model, self.equations.function
+        model = self.model
+        function = self.equations.function
         n = len(self.free)
         x = ca.SX.sym("x", 2 * n)
         given = [ca.SX.sym(name, model.n_g) for name in ("q_g", "v_g", "a_g")]
@@ -225,7 +226,7 @@ def _with_torques(
     n = len(robot.free)
     given = motion.at(time)
     size = len(time), model.n_a
-    q, v, a = np.zeros(size), np.zeros(size), np.zeros(size)
+    q, v, a = np.zeros((3, *size))
     for whole, of_joints in zip((q, v, a), given, strict=True):
         whole[:, list(model.i_g)] = of_joints
     if n:

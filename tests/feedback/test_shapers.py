@@ -60,7 +60,8 @@ def test_the_planted_shaper_without_damping_is_seen(monkeypatch):
 
 def test_shaped_steps_stop_an_oscillator():
     """An oscillator under the impulses, integrated by another program."""
-    w, d = 2 * np.pi * 3.0, 0.1
+    w = 2 * np.pi * 3.0
+    d = 0.1
     shaper = flexgen.Shaper.of_mode("zv", 3.0, d)
     end = shaper.delay_s
 

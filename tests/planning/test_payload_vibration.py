@@ -11,7 +11,7 @@ import pytest
 from slide import DAMPING, FREQUENCY, SLIDE
 
 import flexgen
-from flexgen.base.errors import ArgumentError
+from flexgen.planning.fastest.residual_vibration import vibrating_coordinates
 
 ALLOWED = 4e-3  # m
 LIMIT = 60.0  # N
@@ -41,8 +41,8 @@ def sway_after(found: flexgen.Solution, stiffness: float) -> float:
 @pytest.mark.slow
 def test_bound_of_a_payload_holds_where_the_output_does_not_move(tmp_path):
     slide = robot(tmp_path)
-    found = flexgen.fastest(slide, coefficients=8, vibration=ALLOWED, vibration_of="sway")
-    assert (found.vibration_of, found.unit) == ("sway", "m")
+    found = flexgen.fastest(slide, coefficients=8, vibration=ALLOWED)
+    assert (found.vibrating, found.unit) == (("sway",), "m")
     assert max(found.vibration.values()) <= 1.001 * ALLOWED
     assert min(found.default_vibration.values()) > 5 * ALLOWED
     quiet = max(sway_after(found.solution, x) for x in OFF)
@@ -50,7 +50,20 @@ def test_bound_of_a_payload_holds_where_the_output_does_not_move(tmp_path):
     assert "vibration of sway after the path" in str(found)
 
 
-@pytest.mark.parametrize("name", ["q1", "tip", ""])
-def test_coordinates_that_do_not_vibrate_are_refused(tmp_path, name):
-    with pytest.raises(ArgumentError, match=r"vibration_of: given .*without motor: sway"):
-        flexgen.fastest(robot(tmp_path), vibration_of=name)
+def test_the_output_vibrates_of_robots_with_elastic_gears_or_a_tool_as_output(tmp_path):
+    assert names_of(robot(tmp_path)) == ["sway"]
+    text = (tmp_path / "slide.toml").read_text(encoding="utf-8")
+    soft = '{ type = "elastic", side = "arm", spring = { type = "linear", stiffness = 1e5 } }'
+    changes = (
+        ('gear = { type = "rigid" }', f"gear = {soft}"),
+        ('type = "joint"\njoints = ["q1"]', 'type = "tool_position"\naxes = "x"'),
+    )
+    for old, new in changes:
+        assert old in text
+        changed = text.replace(old, new).replace("inertia = 0.0", "inertia = 0.1")
+        (tmp_path / "other.toml").write_text(changed, encoding="utf-8")
+        assert names_of(flexgen.read(tmp_path / "other.toml")) == []
+
+
+def names_of(model: flexgen.RobotModel) -> list[str]:
+    return [model.coordinates[i].name for i in vibrating_coordinates(model)]

@@ -24,7 +24,6 @@ from flexgen.dynamics.mechanics.limits import Limits
 from flexgen.paths.path import Path
 from flexgen.paths.timing.time_laws import TimeLaw
 from flexgen.planning.fastest import minimum_time, time_search
-from flexgen.planning.fastest.residual_vibration import VibrationBound
 from flexgen.planning.fastest.rigid_time import (
     joint_motion,
     largest_squared_speed,
@@ -45,7 +44,7 @@ def default() -> flexgen.Solution:
 @pytest.fixture(scope="module")
 def real(default: flexgen.Solution) -> TimeSearch:
     path = Path(flexgen.derive("elbow"), default.move)
-    return TimeSearch(path, default, LIMITS, VibrationBound(), 8, lambda line: None)
+    return TimeSearch(path, default, LIMITS, None, 8, lambda line: None)
 
 
 def toy(real: TimeSearch, n: int = 2, **replaced: Any) -> Any:

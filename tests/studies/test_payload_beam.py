@@ -22,7 +22,8 @@ def beam_of_elements(beam: Beam) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Mass matrix, stiffness, and stiffness by gravity along the beam (away from the flange), of
     a clamped beam of cubic elements: deflection and slope of each node but the first.
     """
-    n, h = ELEMENTS, beam.length / ELEMENTS
+    n = ELEMENTS
+    h = beam.length / n
     mu = beam.density * beam.width * beam.height
     bending = beam.modulus * beam.width * beam.height**3 / 12
     M, K, G = (np.zeros((2 * n + 2, 2 * n + 2)) for _ in range(3))

@@ -13,7 +13,8 @@ import flexgen
 
 STEP = 1e-3  # s
 OFFSET = 3.0  # N
-CART, TIP = 4.0, 1.5  # kg
+CART = 4.0  # kg
+TIP = 1.5  # kg
 FREQUENCY = 3.0  # Hz
 DAMPING = 0.02
 SLIDE = f"""

@@ -24,5 +24,6 @@ class JointMotion:
 
     def at(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Positions, speeds and accelerations (n, n_g) at instants (n,) [s]."""
-        first, second = self.spline.derivative(1), self.spline.derivative(2)
-        return self.spline(time), first(time), second(time)
+        speed = self.spline.derivative(1)
+        acceleration = self.spline.derivative(2)
+        return self.spline(time), speed(time), acceleration(time)

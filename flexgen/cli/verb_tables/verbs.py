@@ -597,7 +597,7 @@ ROWS = (
         function="compare_record",
         rows={
             "arguments": (
-                Option("record", "joint angles and joint torques (.csv)", "FILE", place=True),
+                Option("record", metavar="FILE", place=True),
                 "columns",
             ),
             "comparison": (
@@ -675,7 +675,6 @@ ROWS = (
                 "torque_rate",
                 "against",
                 Option("vibration", metavar="M"),
-                "vibration_of",
                 "force",
             ),
             "files": (

@@ -165,6 +165,12 @@ def compare_shapers(
         The robot has no elastic coordinates, or none of this name; an argument is out of range.
     SolverError
         The move has no joints without deflections.
+
+    Examples
+    --------
+    >>> found = flexgen.compare_shapers("planar5_nmp", coordinate="q2", detuning=[1.0])
+    >>> [run.shaper for run in sorted(found.runs, key=lambda run: run.vibration)]
+    ['zvd', 'zv', 'none']
     """
     factors = [float(x) for x in detuning]
     if not factors or not all(0.1 <= x <= 10.0 for x in factors):
@@ -195,7 +201,7 @@ def compare_shapers(
     found = []
     for name, factor in cases:
         shaper = Shaper.of_mode(name, mode[0] * factor, mode[1])
-        motion = _shaped(shaper, time, joints, own_hz)
+        motion = _shape_path(shaper, time, joints, own_hz)
         end = duration + shaper.delay_s
         found.append((name, factor, end, _vibration(robot, motion, end)))
     sizes = found[0][3]
@@ -227,7 +233,9 @@ def _slowest(robot: DrivenRobot, q_g: np.ndarray) -> tuple[float, float]:
     return float(np.abs(slowest)) / (2 * np.pi), float(-slowest.real / np.abs(slowest))
 
 
-def _shaped(shaper: Shaper, time: np.ndarray, joints: np.ndarray, frequency: float) -> JointMotion:
+def _shape_path(
+    shaper: Shaper, time: np.ndarray, joints: np.ndarray, frequency: float
+) -> JointMotion:
     """The shaped positions, from rest before the motion until some periods after it."""
     planned = make_interp_spline(time, joints, DEGREE)
     step = min(STEP_S, 1.0 / (SAMPLES * frequency))

@@ -85,6 +85,10 @@ class Shaper:
             Undamped natural frequency.
         damping : float
             Damping ratio.
+
+        Returns
+        -------
+        Shaper
         """
         share = math.exp(-damping * math.pi / math.sqrt(1.0 - damping**2))
         half = 1.0 / (2.0 * frequency_hz * math.sqrt(1.0 - damping**2))

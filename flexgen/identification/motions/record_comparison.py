@@ -21,13 +21,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
 from scipy.optimize import minimize_scalar
 
-from flexgen.base.checks.bounds import Bound, NotNegative, Positive
+from flexgen.base.checks.bounds import NotNegative, Positive
 from flexgen.base.checks.type_checks import checked_types
 from flexgen.base.errors import ArgumentError
 from flexgen.base.motion.joint_motion import JointMotion
@@ -43,6 +42,8 @@ from flexgen.simulation.driven_joints import DrivenMotion, drive_joints
 ABOVE_NOISE = 3.0
 # s: a lag is searched within this time on either side, and not believed at its ends.
 LONGEST_LAG = 0.05
+# s: a given lag, at most on either side.
+LARGEST_LAG = 1.0
 FEWEST = 50  # rows in the window
 WRENCH = 6  # components of force and torque
 # Smallest over largest singular value of the Jacobian, below which the wrench is not determined.
@@ -50,8 +51,6 @@ REGULAR = 1e-2
 # Order of the differences whose scatter is that of white noise, and the sum of their squares.
 ORDER = 6
 POWER_OF_DIFFERENCES = 924.0  # binomial(12, 6)
-
-Lag = Annotated[float, Bound(-1.0, 1.0, words="a time from -1 to 1 s")]
 
 
 @checked_types
@@ -63,7 +62,7 @@ def compare_record(
     window: Sequence[float] | None = None,
     about: str | None = None,
     columns: Sequence[str] | None = None,
-    lag: Lag | None = None,
+    lag: float | None = None,
     smallest: NotNegative = 0.0,
     limit_hz: Positive = LIMIT_HZ,
 ) -> RecordComparison:
@@ -111,6 +110,8 @@ def compare_record(
     >>> flexgen.compare_record("elbow", record).scores[0].is_predicted
     False
     """
+    if lag is not None and not abs(lag) <= LARGEST_LAG:
+        raise ArgumentError(f"lag: given {lag:g}, expected a time from -1 to 1 s")
     equations = model if isinstance(model, Equations) else derive(model)
     robot = equations.model
     given = _read(record, robot, columns)
@@ -143,7 +144,7 @@ def compare_record(
         limit_hz=limit_hz,
         time=case.time,
         measured=case.values,
-        predicted=case.predicted(shifted or 0.0),
+        predicted=case.curve_at(shifted or 0.0),
     )
 
 
@@ -190,7 +191,8 @@ def _rows_in(
 ) -> np.ndarray:
     """Where (n,) rows are in the window; the model is known there with every lag."""
     margin = max(motion.edge, LONGEST_LAG)
-    first, last = motion.begin + margin, motion.end - margin
+    first = motion.begin + margin
+    last = motion.end - margin
     ends = (first, last) if window is None else window
     if len(ends) != 2:
         raise ArgumentError(f"window: given {len(ends)} numbers, expected two: begin and end [s]")
@@ -264,19 +266,19 @@ class _Case:
         self.time = time
         self.values = values
         self._curve = curve
-        self._span = motion.begin, motion.end
+        self._span = (motion.begin, motion.end)
         centered = values - values.mean(axis=0)
         self.signal = np.sqrt((centered**2).mean(axis=0))
         self.noise = noise
         self.is_judged = self.signal > np.maximum(ABOVE_NOISE * noise, smallest)
 
-    def predicted(self, lag: float) -> np.ndarray:
+    def curve_at(self, lag: float) -> np.ndarray:
         """Curve of the model (n, k), as much later."""
         return np.asarray(self._curve(np.clip(self.time - lag, *self._span)))
 
     def residual(self, lag: float) -> np.ndarray:
         """Record less model (n, k), without the means."""
-        difference = self.values - self.predicted(lag)
+        difference = self.values - self.curve_at(lag)
         return np.asarray(difference - difference.mean(axis=0))
 
     def cost(self, lag: float) -> float:
@@ -286,12 +288,13 @@ class _Case:
 
     def score(self, k: int, channel: Channel, lag: float | None) -> Score:
         """The score of a channel; without figures where it is not judged, or for no lag."""
-        signal, noise = float(self.signal[k]), float(self.noise[k])
+        signal = float(self.signal[k])
+        noise = float(self.noise[k])
         if not self.is_judged[k]:
             return Score(channel, signal, noise)
         plain = self._figures(k, 0.0)
         shifted = (None, None, None) if lag is None else self._figures(k, lag)
-        offset = float((self.values - self.predicted(lag or 0.0))[:, k].mean())
+        offset = float((self.values - self.curve_at(lag or 0.0))[:, k].mean())
         return Score(
             channel=channel,
             signal=signal,

@@ -24,7 +24,7 @@ class Channel:
 
 @dataclass(frozen=True)
 class Score:
-    """How well a channel is predicted, in its unit; None: it is not judged.
+    """Score of a channel, in its unit; None: it is not judged.
 
     ``signal``: root mean square of the record in the window, without its mean; ``noise``: that of
     its noise. ``r2``, ``rms``, ``largest``: of the residual without its mean, without a lag;

@@ -263,7 +263,7 @@ class _Overlay:
             names = [*names, self._name("link", tip.name)]
             end = len(out)
             out.append(self._here({"name": names[end], **parent, "origin": origin}, tip.node.line))
-        carried = self._carried(names[end] if end != len(out) - 1 else None)
+        carried = self._elements_behind(names[end] if end != len(out) - 1 else None)
         if carried:
             return [*out, *carried]
         if end != len(out) - 1:  # branches follow the element that carries the tool
@@ -274,7 +274,7 @@ class _Overlay:
                 tool.value.setdefault("element", wrap(names[end].value, line, file))
         return out
 
-    def _carried(self, tip: Entry | None) -> list[Entry]:
+    def _elements_behind(self, tip: Entry | None) -> list[Entry]:
         """The ``element`` tables of the overlay; ``tip``: where it is not the element before."""
         tables = self.top.tables("element", required=False)
         if tables and tip is not None:

@@ -49,7 +49,10 @@ from flexgen.model.moves import Program
 from flexgen.paths.force.place_force import force_along, make_place_force, of_motion
 from flexgen.paths.path import Path, check_range, find_move
 from flexgen.planning.fastest.program_time import ProgramSearch, legs_of
-from flexgen.planning.fastest.residual_vibration import VibrationBound
+from flexgen.planning.fastest.residual_vibration import (
+    unit_of_vibration,
+    vibrating_coordinates,
+)
 from flexgen.planning.fastest.rigid_time import rigid_time
 from flexgen.planning.fastest.slowing import KEPT
 from flexgen.planning.fastest.stated_speeds import stated_speeds
@@ -107,8 +110,6 @@ class FastestMove(Result):
     force : callable or None
         The force of the process along the new motion, as `flexgen.solve` and `flexgen.control`
         take it.
-    vibration_of : str
-        The coordinate of the vibrations; empty: the output.
 
     Examples
     --------
@@ -134,14 +135,17 @@ class FastestMove(Result):
     history: tuple[float, ...]
     margin: tuple[float, ...] = ()
     force: Callable[[np.ndarray], np.ndarray] | None = None
-    vibration_of: str = ""
 
     @property
     def unit(self) -> str:
-        """Unit of the vibrations: that of their coordinate; of the output ``"m"``, or ``"rad"``
-        where it has no lengths.
-        """
-        return VibrationBound(None, self.vibration_of or None).unit(self.solution.model)
+        """Unit of the vibrations: ``"m"``, or ``"rad"`` where what vibrates has no lengths."""
+        return unit_of_vibration(self.solution.model)
+
+    @property
+    def vibrating(self) -> tuple[str, ...]:
+        """Names of the coordinates of the vibrations; empty: the output."""
+        model = self.solution.model
+        return tuple(model.coordinates[i].name for i in vibrating_coordinates(model))
 
     @property
     def vibration_m(self) -> dict[str, float]:
@@ -225,7 +229,7 @@ class FastestMove(Result):
 
     def _vibrations(self) -> tuple[Part, ...]:
         """A table of the vibrations after the path, of the new motion and of the move as given."""
-        of = f" of {self.vibration_of}" if self.vibration_of else ""
+        of = f" of {', '.join(self.vibrating)}" if self.vibrating else ""
         columns = (
             Column(f"vibration{of} after the path"),
             Column("new", self.unit),
@@ -251,7 +255,6 @@ def fastest(
     limits: Limits | None = None,
     torque_rate: Positive | None = None,
     vibration: Vibration | None = None,
-    vibration_of: str | None = None,
     coefficients: Coefficients = COEFFICIENTS,
     against: str | None = None,
     force: np.ndarray | Callable[[np.ndarray], np.ndarray] | str | FilePath | None = None,
@@ -273,11 +276,9 @@ def fastest(
         given. It lowers the vibration of robots that differ from the model, and costs time.
     vibration : float, optional [m, or rad where the output has no lengths]
         Bound of the vibration after the path [m], of robots with 10 % less and more stiffness
-        under control. Of the tool, under a P-PI cascade: see
+        under control. Of the tool, under a P-PI cascade; of a robot whose output is its joints
+        behind rigid gears, of its coordinates without motor, such as a payload: see
         `flexgen.planning.fastest.residual_vibration`. The robots are simulated in every step.
-    vibration_of : str, optional
-        The vibration is that of this coordinate without motor, such as the hinge of a payload on
-        a robot whose joints follow positions, [rad or m]. Default: of the output.
     coefficients : int
         Of each time law, 4 to 60. The inner ones: more are faster and take longer.
     against : str, optional
@@ -321,8 +322,6 @@ def fastest(
             "without it"
         )
     robot = robot_of(model)
-    bound = VibrationBound(vibration, vibration_of)
-    bound.check(robot)
     if against is not None and robot.uncertainty is None:
         raise ArgumentError(
             f"against: given {robot.title} without a table [uncertainty], expected one in its file"
@@ -339,7 +338,7 @@ def fastest(
     )
     try:
         with running(time_limit or None):
-            asked = _Asked(limits, torque_rate, bound, coefficients, force)
+            asked = _Asked(limits, torque_rate, vibration, coefficients, force)
             find = partial(_find_fastest, robot, move, asked, progress)
             return find() if against is None else with_margin(find, progress)
     except OutOfTime as error:
@@ -355,7 +354,7 @@ class _Asked:
 
     limits: Limits | None
     torque_rate: float | None
-    vibration: VibrationBound
+    vibration: float | None
     coefficients: int
     force: Any
 
@@ -419,7 +418,7 @@ def _find_fastest(
         search = TimeSearch(
             path, default, own, asked.vibration, asked.coefficients, tell, speeds, force
         )
-    elif asked.vibration != VibrationBound():
+    elif asked.vibration is not None:
         raise ArgumentError(
             f"vibration: given for the program {default.move.name}, expected a single move"
         )
@@ -475,7 +474,6 @@ def _find_fastest(
         wall_s=seconds[0],
         history=tuple(history),
         force=pushing,
-        vibration_of=asked.vibration.coordinate or "",
     )
 
 

@@ -32,7 +32,6 @@ from flexgen.paths.force.place_force import of_motion
 from flexgen.paths.force.process_force import ProcessForce
 from flexgen.paths.path import Path
 from flexgen.paths.timing.timed_segments import configuration_at_end
-from flexgen.planning.fastest.residual_vibration import VibrationBound
 from flexgen.planning.fastest.slowing import MEANS, SLOWEST, in_words, slow_down
 from flexgen.planning.fastest.stated_speeds import stated_speeds
 from flexgen.planning.fastest.time_search import (
@@ -113,7 +112,7 @@ class ProgramSearch:
                 leg,
                 default,
                 self.single,
-                VibrationBound(),
+                None,
                 coefficients,
                 partial(self._tell_of, k),
                 speeds,

@@ -1,15 +1,17 @@
-"""Residual vibration of the tool after a move: robots of other stiffness under a P-PI cascade."""
+"""Residual vibration of the tool after a move: robots of other stiffness under a P-PI cascade.
+
+The output of a robot whose joints are its output, behind rigid gears, does not vibrate: its
+vibration is that of the coordinates without motor, such as the hinge of a payload.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from flexgen.base.errors import ArgumentError
 from flexgen.base.motion.trajectory import Trajectory
 from flexgen.base.numerics.evaluate import evaluate
 from flexgen.codegen.build.model_library import library_with
@@ -40,34 +42,6 @@ POINT = ("q_a", "v_a", "a_a", "q_m", "v_m", "a_m", "tau_m")
 PLANTS = {"soft": {"stiffness": 0.9}, "stiff": {"stiffness": 1.1}}
 
 
-@dataclass(frozen=True)
-class VibrationBound:
-    """What is allowed of the vibration: ``size`` [m or rad], None: any; of a ``coordinate``
-    without motor, such as the hinge of a payload, None: of the output.
-    """
-
-    size: float | None = None
-    coordinate: str | None = None
-
-    def unit(self, model: RobotModel) -> str:
-        """Unit of the vibration, m or rad."""
-        units = {c.name: c.unit for c in model.coordinates}
-        return unit_of(model) if self.coordinate is None else units[self.coordinate]
-
-    def check(self, model: RobotModel) -> None:
-        """ArgumentError where the robot has no springs, or no such coordinate."""
-        if self.size is not None and not has_springs(model):
-            raise ArgumentError(
-                f"vibration: given for {model.title}, which has no springs, expected none"
-            )
-        free = [model.coordinates[i].name for i in model.i_e]
-        if self.coordinate is not None and self.coordinate not in free:
-            raise ArgumentError(
-                f"vibration_of: given {self.coordinate!r}, expected a coordinate of {model.title} "
-                f"without motor: {', '.join(free) or 'it has none'}"
-            )
-
-
 def has_springs(model: RobotModel) -> bool:
     """Whether a robot has springs whose stiffness may differ; a robot without springs does not
     vibrate.
@@ -75,8 +49,29 @@ def has_springs(model: RobotModel) -> bool:
     return has_group(model, "stiffness")
 
 
+def vibrating_coordinates(model: RobotModel) -> tuple[int, ...]:
+    """Indices of the coordinates without motor whose vibration counts: those with the unit of the
+    last one, where the output, joints behind rigid gears, does not vibrate; else none.
+    """
+    coordinates = model.coordinates
+    gears = [coordinates[i].dof for i in model.i_g]
+    is_rigid = all(dof is not None and dof.gear is not None and dof.gear.rigid for dof in gears)
+    weights = np.array(model.output.weights)
+    is_of_joints = model.output.type == "combination" and not weights[:, list(model.i_e)].any()
+    if not (is_rigid and is_of_joints and model.i_e):
+        return ()
+    unit = coordinates[model.i_e[-1]].unit
+    return tuple(i for i in model.i_e if coordinates[i].unit == unit)
+
+
+def unit_of_vibration(model: RobotModel) -> str:
+    """Unit of the vibration: ``"m"``, or ``"rad"`` where what vibrates has no lengths."""
+    found = vibrating_coordinates(model)
+    return model.coordinates[found[0]].unit if found else unit_of(model)
+
+
 class ResidualVibration:
-    """Simulated error of the tool, or of a coordinate, after a move less its static part.
+    """Simulated error of the tool after a move less its static part.
 
     Parameters
     ----------
@@ -84,16 +79,10 @@ class ResidualVibration:
     tell : callable
     pushed : bool
         A force acts on the tool.
-    coordinate : str, optional
-        Of this coordinate without motor; default: of the output.
     """
 
     def __init__(
-        self,
-        equations: Equations,
-        tell: Callable[[str], None],
-        pushed: bool = False,
-        coordinate: str | None = None,
+        self, equations: Equations, tell: Callable[[str], None], pushed: bool = False
     ) -> None:
         """``tell``: takes lines of progress; ``pushed``: a force acts on the tool. The robots are
         those of `PLANTS`, and a library with their numbers as parameters is compiled.
@@ -113,9 +102,10 @@ class ResidualVibration:
         if laws:
             moved = self._local.equations.pushed if pushed else self._local.equations
             self._robots = hysteretic_robots(moved, self.plants.values, laws, tell)
-        places = {c.name: k for k, c in enumerate(self.model.coordinates)}
-        self._coordinate = None if coordinate is None else places[coordinate]
-        self._rows = [0] if coordinate else columns_in(self.model, unit_of(self.model))
+        self._coordinates = list(vibrating_coordinates(self.model))
+        self._rows = columns_in(self.model, unit_of(self.model))
+        if self._coordinates:
+            self._rows = list(range(len(self._coordinates)))
         self._law: Cascade | None = None
         self._rate = 0.0
         self._sample = SAMPLE_S
@@ -224,7 +214,7 @@ class ResidualVibration:
         ).ravel()
 
     def _output(self, q_a: np.ndarray) -> np.ndarray:
-        """Output (n, rows), or the coordinate (n, 1), at coordinates (n, n_a)."""
-        if self._coordinate is not None:
-            return q_a[:, [self._coordinate]]
+        """Output, or coordinates that vibrate instead (n, rows), at coordinates (n, n_a)."""
+        if self._coordinates:
+            return q_a[:, self._coordinates]
         return evaluate(self.equations.function("output"), q_a)[0].reshape(len(q_a), -1)

@@ -30,8 +30,8 @@ from flexgen.paths.reference import PathSample
 from flexgen.paths.timing.time_laws import SplineLaw, TimeLaw
 from flexgen.planning.fastest.residual_vibration import (
     ResidualVibration,
-    VibrationBound,
     has_springs,
+    unit_of_vibration,
 )
 from flexgen.planning.fastest.slowing import KEPT, MEANS, in_words, slow_down
 from flexgen.planning.fastest.stated_speeds import StatedSpeeds
@@ -83,7 +83,7 @@ class TimeSearch:
         path: Path,
         default: Solution,
         limits: Limits,
-        vibration: VibrationBound,
+        vibration: float | None,
         coefficients: int,
         tell: Callable[[str], None],
         speeds: tuple[float | None, ...] = (),
@@ -119,8 +119,11 @@ class TimeSearch:
         self._before = before
         self._after = min(after, AFTER_S)
         self.speeds = StatedSpeeds.of(path.segments[0], speeds, default.move.radius)
-        self._bound = vibration
-        self.swings = vibration.size
+        if vibration is not None and not has_springs(model):
+            raise ArgumentError(
+                f"vibration: given for {model.title}, which has no springs, expected none"
+            )
+        self.swings = vibration
         self.programs = self.inversions = 0
         self.refused = ""  # why the last time law that was tried has no inversion
 
@@ -223,10 +226,7 @@ class TimeSearch:
 
     @cached_property
     def _vibration(self) -> ResidualVibration:
-        pushed = self.force is not None
-        return ResidualVibration(
-            self._reduction.equations, self.tell, pushed, self._bound.coordinate
-        )
+        return ResidualVibration(self._reduction.equations, self.tell, self.force is not None)
 
     def swing(self, x: np.ndarray) -> np.ndarray:
         """Vibration after the path of the last inversion over the allowed one (k,), of the law
@@ -405,8 +405,9 @@ class TimeSearch:
                 if np.abs(self.swing(x)).max() <= 1.0 + KEPT:  # of the law that is slower, too
                     return x
         raise SolverError(
-            f"fastest: vibration stays above {self.swings:.3g} {self._bound.unit(self.model)} "
-            f"with {LONGER[-1]:g} times the shortest duration; allow more vibration"
+            f"fastest: vibration stays above {self.swings:.3g} "
+            f"{unit_of_vibration(self.model)} with {LONGER[-1]:g} times the shortest duration; "
+            "allow more vibration"
         )
 
     def _calmest(self, x: np.ndarray) -> tuple[np.ndarray, float]:
