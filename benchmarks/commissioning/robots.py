@@ -108,6 +108,73 @@ def three_axes() -> Chain:
     )
 
 
+def wrist() -> tuple[Link, ...]:
+    """Forearm and hand of the arms with six axes."""
+    three = gear(120.0, 1.2e-3, 3.0e5, 40.0, (25.0, 0.3, 8.0))
+    four = gear(100.0, 4.0e-4, 8.0e4, 12.0, (25.0, 0.08, 8.0))
+    five = gear(100.0, 3.0e-4, 6.0e4, 10.0, (25.0, 0.06, 8.0))
+    six = gear(80.0, 2.0e-4, 3.0e4, 6.0, (25.0, 0.03, 8.0))
+    return (
+        Link(
+            "fore",
+            np.array([0.9, 0.0, 0.0]),
+            (
+                Axis("q3", Y, three, range=(0.3, 2.4)),
+                spring("t3x", X, 5.0e5),
+                spring("t3z", Z, 7.0e5),
+            ),
+            body(26.0, [0.12, 0.0, 0.03], [0.35, 0.6, 0.6]),
+        ),
+        Link(
+            "tube",
+            np.array([0.4, 0.0, 0.05]),
+            (Axis("q4", X, four, range=(-2.5, 2.5)),),
+            body(14.0, [0.15, 0.0, 0.0], [0.08, 0.35, 0.35]),
+        ),
+        Link(
+            "hand",
+            np.array([0.4, 0.0, 0.0]),
+            (Axis("q5", Y, five, range=(-1.8, 1.8)),),
+            body(6.0, [0.05, 0.0, 0.0], [0.02, 0.03, 0.03]),
+        ),
+        Link(
+            "flange",
+            np.array([0.1, 0.0, 0.0]),
+            (Axis("q6", X, six, range=(-2.8, 2.8)),),
+            body(2.5, [0.02, 0.0, 0.0], [0.006, 0.005, 0.005]),
+        ),
+    )
+
+
+def six_axes() -> Chain:
+    """Shoulder of the arm with three axes and a wrist; 15 kg at the flange; 190 kg in all."""
+    return Chain(
+        "six_axes",
+        (*shoulder(), *wrist()),
+        tool=np.array([0.15, 0.0, 0.06]),
+        payload=body(15.0, [0.10, 0.0, 0.04], [0.10, 0.12, 0.12]),
+        ball=np.array([0.15, 0.08, 0.12]),
+        home=(0.0, -0.8, 1.4, 0.3, -0.6, 0.0),
+    )
+
+
+def six_axes_on_column() -> Chain:
+    """The arm with six axes on a column of 1 m that bends and twists below axis 1."""
+    column = Link(
+        "column",
+        np.zeros(3),
+        (
+            spring("cx", X, 5.0e6),
+            spring("cy", Y, 5.0e6),
+            spring("cz", Z, 3.0e6),
+        ),
+        body(180.0, [0.0, 0.0, 0.5], [18.0, 18.0, 6.0]),
+    )
+    arm = six_axes()
+    first = replace(arm.links[0], origin=np.array([0.0, 0.0, 1.0]))
+    return replace(arm, name="six_axes_on_column", links=(column, first, *arm.links[1:]))
+
+
 def drawn_body(stated: Body, share: float, random: np.random.Generator) -> Body:
     """The same with errors of mass, center and inertia up to the share of their size."""
     width = np.sqrt(np.diag(stated.inertia).max() / stated.mass)  # m: radius of gyration
@@ -169,7 +236,11 @@ def halves(link: Link, stated: Link, random: np.random.Generator) -> tuple[Link,
 
 def stated(name: str) -> Chain:
     """The arm of the data sheet."""
-    makers = {"three_axes": three_axes}
+    makers = {
+        "three_axes": three_axes,
+        "six_axes": six_axes,
+        "six_axes_on_column": six_axes_on_column,
+    }
     return makers[name]()
 
 

@@ -75,7 +75,7 @@ def as_feedforward(given: Any) -> Feedforward:
 
 def cascade_alone(chain: Chain, path: ToolPath) -> Feedforward:
     """The angles of the arm without deflections, and no torques."""
-    time = np.linspace(0.0, path.duration, 401)
+    time = np.linspace(0.0, path.duration, 201)
     angles = chain.ratios * path.joints(chain, time)
     return Feedforward(time, np.zeros_like(angles), angles)
 

@@ -168,18 +168,18 @@ def near_file(fit: RigidFit, motions: Sequence[Motion]) -> RigidFit:
     Torques show combinations of bodies. A wide prior leaves the split of a combination to small
     errors of the torques, and bodies can be far from those of CAD that explain the same torques.
     The fit is therefore repeated with the prior `CAD`, and taken where the errors of each motor
-    are at most `AS_GOOD` times those before; status and errors of left out parts stay.
+    are at most `AS_GOOD` times those before; status, mistake and errors of left out parts stay.
     """
-    if not fit.status.has_deviations:
+    if is_over():
         return fit
     close = identify_rigid(
         fit.file, motions, counterbalance=fit.counterbalance, prior=CAD, parts=0
     )
     errors = ([each.relative_errors(m) for m in motions] for each in (close, fit))
     near, wide = (np.array(each) for each in errors)
-    if close.mistake is not None or (near > AS_GOOD * wide).any() or is_over():
+    if (near > AS_GOOD * wide).any() or is_over():
         return fit
-    return replace(close, status=fit.status, left_out=fit.left_out)
+    return replace(close, status=fit.status, mistake=fit.mistake, left_out=fit.left_out)
 
 
 def gear_deflections(fit: RigidFit, data: Description) -> dict[str, GearDeflection]:
