@@ -26,6 +26,7 @@ from flexgen.identification.poses.tree import Tree
 from flexgen.identification.responses.result import whole_lists
 from flexgen.model.elements import RobotModel, SmoothSpring
 from flexgen.model.new_file import text_of_model, with_overrides, write_model_text
+from flexgen.model.reader import read
 
 VARIANT = "commissioned"
 LARGEST_SD = 5.0  # relative, of the table [uncertainty]
@@ -33,6 +34,8 @@ LARGEST_SD = 5.0  # relative, of the table [uncertainty]
 FAR = 3.0
 # Change of a number, relative, below which the file has it already.
 SAME = 1e-9
+# Ends of keys of springs, which are not those of the geometry.
+SPRING_KEYS = (".spring", ".stiffness")
 # A record that would determine a number, by its kind.
 ADVICE = {
     "damping": "frequency responses at two or more poses",
@@ -237,28 +240,41 @@ class Commissioning(FitResult):
             for p in chosen
             if abs(named[p.name] - p.value) > SAME * max(abs(p.value), 1e-12)
         }
-        out = dict(whole_lists(with_values(self.form, named), numbers))
-        out |= self._curves(named)
-        out |= self._frictions
-        if unknowns.places:
-            tree = Tree(linear_geometry(self.before))
-            at = [*unknowns.parts.entries(unknowns.parts.zeros)]
-            joints = [self.before.coordinates[i].name for i in self.before.i_g]
-            of_zeros = dict(zip((f"{name}.zero" for name in joints), at, strict=True))
-            of_lengths = iter(unknowns.parts.entries(unknowns.parts.lengths))
-            values = [
-                float(self.fit.written[of_zeros.get(u.name) if u.name in of_zeros
-                                       else next(of_lengths)])
-                for u in unknowns.places
-            ]  # fmt: skip
-            moved = Numbers.of(tree, unknowns.places, values)
-            geometry = linear_geometry(self.before)
-            out |= {
-                key: value
-                for key, value in changes_of(geometry, moved).items()
-                if not key.endswith((".spring", ".stiffness"))
-            }
-        return out
+        curves = self._curves(named)
+        inside = tuple(f"{key}." for key in curves)
+        single = {key: x for key, x in numbers.items() if not key.startswith(inside or (" ",))}
+        out = dict(whole_lists(with_values(self.form, named), single))
+        return out | curves | self._frictions | self._places
+
+    @property
+    def _places(self) -> dict[str, Any]:
+        """Keys of the places of elements that zeros and lengths change."""
+        unknowns = self.fit.unknowns
+        if not unknowns.places:
+            return {}
+        written = dict(zip(unknowns.names, self.fit.written.tolist(), strict=True))
+        geometry = linear_geometry(self.before)
+        values = [written[unknown.name] for unknown in unknowns.places]
+        moved = Numbers.of(Tree(geometry), unknowns.places, values)
+        found = changes_of(geometry, moved)
+        return {key: x for key, x in found.items() if not key.endswith(SPRING_KEYS)}
+
+    @property
+    def model(self) -> RobotModel:
+        """The commissioned model, with its table ``[uncertainty]``.
+
+        Raises
+        ------
+        ArgumentError
+            The model of the datasheet is not from a file.
+        """
+        if not self.before.file:
+            raise ArgumentError(
+                "commission: given a model without a file, expected one that was read from a "
+                ".toml file"
+            )
+        changes = with_overrides(self.before, self.changes | self._uncertainty)
+        return read(self.before.file, self.before.variant or None, overrides=changes)
 
     def _curves(self, named: Mapping[str, float]) -> dict[str, Any]:
         """Springs of gears that have a curve in place of one stiffness, as whole tables."""
@@ -272,9 +288,7 @@ class Commissioning(FitResult):
                 if isinstance(spring, SmoothSpring) and was.gear.spring != spring:
                     key = f"element.{old.name}.dof.{dof.name}.gear.spring"
                     out[key] = {"type": "smooth", **vars(spring)}
-        inside = tuple(f"{key}." for key in out)
-        self_keys = [k for k in named if inside and k.startswith(inside)]
-        return {key: value for key, value in out.items() if key not in self_keys}
+        return out
 
     def write(self, path: str | Path) -> Path:
         """Write the model file with a further variant ``commissioned``: its numbers, and in
