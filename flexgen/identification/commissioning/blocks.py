@@ -19,7 +19,7 @@ class Channel:
     title : str
         Such as ``"torque of m1"``.
     residual : array (N,)
-        Model minus record, in ``unit``; zero where the record tells nothing.
+        Model minus record, in ``unit``; zero where the record has no information.
     jacobian : array (N, n), or empty where it was not asked for
     piece : array of int (N,)
         Part of the record: residuals of different parts are independent.

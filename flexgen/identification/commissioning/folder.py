@@ -7,7 +7,7 @@
     kind = "tracked"          # motion, tracked, poses or responses
     columns = ["t", "q1 deg"] # of a CSV file without a header
 
-Without it all files of the folder are read, and their columns tell the kind: a time and positions
+Without it all files of the folder are read, and their columns show the kind: a time and positions
 of a tracker are a tracked motion, a time alone is a motion, positions alone are poses; a
 description with the period of an excitation is a set of responses.
 """

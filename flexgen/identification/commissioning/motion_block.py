@@ -3,8 +3,8 @@ where a tracker followed it.
 
 The motors move as recorded, and the elastic arm behind them is simulated: torques and positions
 follow, see `flexgen.identification.gears.driven_arm`. Friction of motors acts on torques only and
-is linear there. Where a motor stands still its friction is any torque, and its torque tells
-nothing.
+is linear there. At standstill the friction of a motor is any torque, and its torque has no
+information.
 """
 
 from __future__ import annotations

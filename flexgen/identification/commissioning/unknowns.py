@@ -1,4 +1,4 @@
-"""The numbers of a robot that records can change, with what a datasheet tells about each.
+"""The numbers of a robot that records can change, with their accuracy in a datasheet.
 
 | part | numbers | scale | standard deviation of the prior |
 |---|---|---|---|
