@@ -269,6 +269,7 @@ _NOUNS = {
     "Inverter": "flexgen.runtime.inversion.path_inversion",
     "JointRecord": "flexgen.identification.records.joint_record",
     "JointTorqueFeedback": "flexgen.feedback.laws.motor_laws",
+    "LearningOptions": "flexgen.planning.learning.options",
     "LearningResult": "flexgen.planning.learning.learn",
     "LearningRun": "flexgen.planning.learning.history",
     "Library": "flexgen.runtime.library",

@@ -30,6 +30,7 @@ NO_PICTURE = {
     "GeneratedLibrary": FILES,
     "Load": FEW,
     "Margins": FEW,
+    "NextRun": "the errors of a few runs, which its table has",
     "PathAccuracy": FEW,
     "Plan": "its spectra are drawn as responses, after flexgen.measure and flexgen.frf",
     "SweepResult": "cases of different models and moves have no common axis",

@@ -17,7 +17,6 @@ import flexgen
 from flexgen.base.errors import ArgumentError
 from flexgen.cli.main import main
 from flexgen.dynamics.mechanics.equations import derive
-from flexgen.planning.learning import next_trajectory
 from flexgen.planning.learning.alignment import align, procrustes
 from flexgen.planning.learning.band import learning_band
 from flexgen.planning.learning.history import LearningRun, best_of, judge
@@ -31,6 +30,14 @@ FEEDBACK = {
     "sample_time": 1e-3,
     "delay": 1e-3,
 }
+
+
+def learn(model, folder, run, move=None, **options):
+    """`flexgen.next_run` with options."""
+    chosen = flexgen.LearningOptions(**options)
+    return flexgen.next_run(model, folder, run, move, options=chosen, progress=False)
+
+
 MOTION = "q_a v_a a_a q_m v_m a_m tau_m".split()
 
 
@@ -56,9 +63,7 @@ def learn_on_plant(folder, model, move, runs, what="tool", **options):
         away = np.linalg.norm(done.tool - path.sample(done.time).y[:, :, 0], axis=1)
         errors.append(float(away[near].max()))
         plants.write_record(folder / f"run_{k}.csv", done, what=what, frame=TRACKER, seed=k)
-        found = flexgen.next_run(
-            model, folder, folder / f"run_{k}.csv", progress=False, **FEEDBACK, **options
-        )
+        found = learn(model, folder, folder / f"run_{k}.csv", **FEEDBACK, **options)
     return errors, found
 
 
@@ -72,7 +77,14 @@ def fake_record(file, model, move, error, *, rate=500.0, clock=0.0, factor=1e3, 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("move", "limit"), [("line", 1e-4), ("circle", 1e-4), ("corner", 2e-4)])
+@pytest.mark.parametrize(
+    ("move", "limit"),
+    [
+        ("line", 1e-4),
+        pytest.param("circle", 1e-4, marks=pytest.mark.full),
+        pytest.param("corner", 2e-4, marks=pytest.mark.full),
+    ],
+)
 def test_a_robot_in_mujoco_learns_in_three_runs(tmp_path, move, limit):
     """Its user knows the frame of the tracker, not its clock, and a model 15 to 20 % off."""
     model = begin(tmp_path, move)
@@ -103,9 +115,9 @@ def test_a_band_that_is_too_high_ends_and_does_not_diverge(tmp_path):
 @pytest.mark.slow
 def test_motors_alone_are_learned_and_what_they_hide_is_said(tmp_path):
     model = begin(tmp_path, "line")
-    _, found = learn_on_plant(tmp_path, model, "line", 3, what="motors", clock=3.7)
+    _, found = learn_on_plant(tmp_path, model, "line", 2, what="motors", clock=3.7)
     errors = [run.largest for run in found.runs]
-    assert errors[2] < 0.2 * errors[0] and found.last.unit == "rad" and found.frame == ()
+    assert errors[1] < 0.4 * errors[0] and found.last.unit == "rad" and found.frame == ()
     assert "not seen" in found.to_text() and found.hidden_m is None
 
 
@@ -134,8 +146,8 @@ def test_the_next_run_commands_the_error_away(copy):
     """Its tool follows the path less the error, its torques are those of that motion."""
     folder, model = copy
     fake_record(folder / "run.csv", model, "line", bump, clock=2.0)
-    options = {"clock": 2.0, "frame": [0.0] * 6, "frequency_hz": 8.0, "progress": False}
-    found = flexgen.next_run(model, folder, folder / "run.csv", "line", **options)
+    options = {"clock": 2.0, "frame": [0.0] * 6, "frequency_hz": 8.0}
+    found = learn(model, folder, folder / "run.csv", "line", **options)
     new = flexgen.Trajectory.load(folder / "trajectory.csv")
     forward = derive(model).function("forward_kinematics")
     tool = np.array(forward.map(len(new.time))(new["q_a"].T)[0]).T[:, [0, 2]]
@@ -151,7 +163,7 @@ def test_the_next_run_commands_the_error_away(copy):
 def test_nothing_is_learned_from_a_perfect_run(copy):
     folder, model = copy
     fake_record(folder / "run.csv", model, "line", lambda t: 0.0 * bump(t), clock=-1.0)
-    found = flexgen.next_run(model, folder, folder / "run.csv", progress=False)
+    found = learn(model, folder, folder / "run.csv")
     assert np.abs(found.trajectory["correction"]).max() < 1e-6
 
 
@@ -164,13 +176,13 @@ def test_a_constant_delay_is_hidden_and_said(copy):
         return path.sample(t - 2e-3).y[:, :, 0] - path.sample(t).y[:, :, 0]
 
     fake_record(folder / "run.csv", model, "line", late)
-    first = flexgen.next_run(model, folder, folder / "run.csv", frame=[0.0] * 6, progress=False)
+    first = learn(model, folder, folder / "run.csv", frame=[0.0] * 6)
     assert "a constant delay along the path" in first.to_text()
     assert abs(first.clock_s - 2e-3) < 2e-4 and first.last.largest < 1e-4
     shutil.copy(folder / "command_0.csv", folder / "trajectory.csv")
     (folder / "history.csv").unlink()
-    options = {"frame": [0.0] * 6, "clock": 0.0, "progress": False}
-    seen = flexgen.next_run(model, folder, folder / "run.csv", **options)
+    options = {"frame": [0.0] * 6, "clock": 0.0}
+    seen = learn(model, folder, folder / "run.csv", **options)
     assert seen.last.largest > 1e-3 and seen.hidden_m == 0.0
 
 
@@ -217,7 +229,7 @@ def test_spoiled_records_are_refused_and_nothing_is_written(copy, how):
     np.savetxt(folder / "run.csv", table, delimiter=",", header=names, comments="")
     before = {file.name: file.read_bytes() for file in folder.iterdir()}
     with pytest.raises(ArgumentError, match=REFUSED[how]):
-        flexgen.next_run(model, folder, folder / "run.csv", progress=False)
+        learn(model, folder, folder / "run.csv")
     assert before == {file.name: file.read_bytes() for file in folder.iterdir()}
 
 
@@ -233,14 +245,14 @@ def test_other_arguments_are_refused(copy):
         ({"frequency_hz": 400.0}, "at most 200"),
     ):
         with pytest.raises(ArgumentError, match=words):
-            flexgen.next_run(model, folder, run, progress=False, **options)
+            learn(model, folder, run, **options)
     with pytest.raises(ArgumentError, match="given a trajectory of model elbow"):
-        flexgen.next_run("planar5_nmp", folder, run, progress=False)
+        learn("planar5_nmp", folder, run)
     with pytest.raises(ArgumentError, match=r"expected a folder with one file trajectory\.csv"):
-        flexgen.next_run(model, folder / "none", run, progress=False)
-    flexgen.next_run(model, folder, run, progress=False)
+        learn(model, folder / "none", run)
+    learn(model, folder, run)
     with pytest.raises(ArgumentError, match="which was used"):
-        flexgen.next_run(model, folder, run, progress=False)
+        learn(model, folder, run)
 
 
 def test_motor_angles_in_degrees_that_are_radians_are_named(copy):
@@ -250,7 +262,7 @@ def test_motor_angles_in_degrees_that_are_radians_are_named(copy):
     names = "time_s,q_m[m1] rad,q_m[m2] rad"
     np.savetxt(folder / "run.csv", table, delimiter=",", header=names, comments="")
     with pytest.raises(ArgumentError, match=r"motor m1.*57\.3 times.*wrong unit"):
-        flexgen.next_run(model, folder, folder / "run.csv", progress=False)
+        learn(model, folder, folder / "run.csv")
 
 
 def test_the_command_line_learns(copy, capsys):
@@ -300,15 +312,14 @@ def test_a_frame_is_found_again():
 
 
 def test_the_low_pass_keeps_slow_errors_and_ends_constant():
-    time = np.arange(0.0, 2.0, 0.002)
-    slow = np.sin(2 * np.pi * time / 2.0)[:, None]
-    fast = np.sin(2 * np.pi * 60.0 * time)[:, None]
-    grid = np.linspace(0.0, 2.0, 777)
-    kept = learned_part(time, 1.0 + slow + fast, grid, 8.0)
-    inside = (grid > 0.2) & (grid < 1.8)
-    wanted = 1.0 + np.sin(np.pi * grid[inside])
-    assert np.abs(kept[inside, 0] - wanted).max() < 0.02
-    assert np.abs(np.gradient(kept[:, 0], grid)[[0, -1]]).max() < 0.1
+    """Of an error at rest at both ends; 60 Hz are taken away."""
+    time = np.arange(0.0, 3.0, 0.002)
+    slow = np.sin(np.pi * np.clip((time - 0.8) / 1.4, 0.0, 1.0)) ** 2
+    fast = np.sin(2 * np.pi * 60.0 * time) * slow
+    grid = np.linspace(0.0, 3.0, 1501)
+    kept = learned_part(time, (1.0 + slow + fast)[:, None], grid, 8.0)[:, 0]
+    assert np.abs(kept - 1.0 - np.interp(grid, time, slow)).max() < 0.02
+    assert np.abs(kept[[0, 1, -2, -1]] - 1.0).max() < 1e-6
 
 
 @pytest.mark.parametrize("name", ["elbow", "planar5_nmp"])
@@ -351,4 +362,3 @@ def test_stiffer_feedback_narrows_the_band(elbow):
         for p, s in ((2.0, 8.0), (20.0, 90.0))
     )
     assert weak > stiff > 0.0
-    assert next_trajectory.CORRECTION == "correction"

@@ -16,16 +16,19 @@ from scipy.spatial.transform import Rotation
 RATIO = 100.0
 STIFFNESS = np.array([1.5e5, 1.5e5, 8.0e4])  # of the gears, arm side [N m/rad]
 DAMPING = np.array([150.0, 150.0, 80.0])  # [N m s/rad]
-LATERAL = 1.2e5, 60.0  # spring and damper of the upper arm [N m/rad, N m s/rad]
+LATERAL = (1.2e5, 60.0)  # spring and damper of the upper arm [N m/rad, N m s/rad]
 ROTORS = np.array([30.0, 30.0, 15.0])  # inertias, arm side [kg m^2]
 COULOMB = np.array([30.0, 30.0, 15.0])  # friction, arm side [N m]
 VISCOUS = np.array([60.0, 60.0, 30.0])  # [N m s/rad]
 SLIDING = 2e-3  # speed at which friction is 76 % of Coulomb's, arm side [rad/s]
-UPPER, FORE = 0.6, 0.5  # lengths [m]
+UPPER = 0.6  # lengths [m]
+FORE = 0.5
 STEP = 1e-4  # of the integration [s]
 SAMPLE = 1e-3  # of the controller [s]
 # Bandwidths of position and speed [rad/s], and rate of the integral part [1/s].
-POSITION, SPEED, INTEGRAL = 2 * np.pi * 5.0, 2 * np.pi * 15.0, 2 * np.pi * 0.5
+POSITION = 2 * np.pi * 5.0
+SPEED = 2 * np.pi * 15.0
+INTEGRAL = 2 * np.pi * 0.5
 
 XML = f"""
 <mujoco>
@@ -197,7 +200,8 @@ def run(trajectory, seed: int = 0, after: float = 0.4, until: float | None = Non
         np.stack([np.interp(inside, trajectory.time, x) for x in trajectory[name].T], axis=1)
         for name in ("q_m", "tau_m")
     )
-    q_ref, tau = q_ref / RATIO, tau * RATIO
+    q_ref = q_ref / RATIO
+    tau = tau * RATIO
     # Rest: the arm sags under its weight behind gears that hold their motors at the reference.
     d.qpos[GEARED] = q_ref[0]
     d.qpos[ROTOR] = q_ref[0]
@@ -224,7 +228,8 @@ def run(trajectory, seed: int = 0, after: float = 0.4, until: float | None = Non
         torque = tau[k] + SPEED * inertia * away + integral
         old = q
         for _ in range(round(SAMPLE / STEP)):
-            theta, omega = d.qpos[ROTOR], d.qvel[ROTOR]
+            theta = d.qpos[ROTOR]
+            omega = d.qvel[ROTOR]
             gear = STIFFNESS * (theta - d.qpos[GEARED])
             gear = gear + DAMPING * (omega - d.qvel[GEARED])
             friction = COULOMB * np.tanh(omega / SLIDING) + VISCOUS * omega

@@ -622,13 +622,30 @@ ROWS = (
                 Option("plant", more="; without --measured"),
                 Option("measured", of="next_run.measured", metavar="FILE"),
                 Option("folder", of="next_run.folder", metavar="DIR"),
-                Option("clock", of="next_run.clock"),
-                Option("frame", of="next_run.frame"),
+                Option(
+                    "clock",
+                    "reading of the record's clock where the path begins [s]; default: estimated "
+                    "from the record",
+                    "S",
+                    "number",
+                ),
+                Option(
+                    "frame",
+                    "pose of the tracker in the base of the robot, position [m] and rotation "
+                    "vector [rad], six numbers; default: estimated from the record",
+                    "X ...",
+                    "numbers",
+                ),
             ),
             "learning": (
                 "iterations",
                 "gain",
-                Option("frequency_hz", old=("--frequency",)),
+                Option(
+                    "frequency_hz",
+                    old=("--frequency",),
+                    more="; with --measured: up to which robots with other springs converge, then "
+                    "that of the last run",
+                ),
                 "measured_by",
                 TIME_OF_FIT,
             ),

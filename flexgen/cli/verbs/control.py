@@ -70,8 +70,8 @@ OF_SIMULATED_LEARNING = (
 )
 """Options of `learn` without --measured."""
 
-OF_BOTH = ("move", "frequency_hz", "gain", "controller", "sample_time", "delay")
-"""Options of `learn` with and without --measured."""
+OF_BOTH = ("frequency_hz", "gain", "controller", "sample_time", "delay")
+"""Options of `learn` with and without --measured, fields of LearningOptions."""
 
 
 def control(args: Namespace, log: Progress) -> VerbResult:
@@ -261,11 +261,12 @@ def _tune_model(args: Namespace, log: Progress) -> VerbResult:
 
 
 def learn(args: Namespace, log: Progress) -> VerbResult:
-    """Learn a path: of a simulated robot, or with --measured of the real one, whose next torques
-    and references are written.
+    """Learn a path of a simulated robot, or with --measured of the real one, and write the torques
+    and references of its next run.
     """
     from flexgen.cli.verbs.plain import plain
     from flexgen.planning.learning.next_run import next_run
+    from flexgen.planning.learning.options import LearningOptions
 
     if args.measured is None:
         alone(args, "learn without --measured", *OF_NEXT_RUN)
@@ -276,14 +277,14 @@ def learn(args: Namespace, log: Progress) -> VerbResult:
             "--measured: given without --folder, expected also the folder of the move, with the "
             "torques of its last run in trajectory.csv: --folder DIR"
         )
-    options = {
-        name: getattr(args, name) for name in (*OF_NEXT_RUN, *OF_BOTH) if name in args.given
-    }
+    names = ("clock", "frame", *OF_BOTH)
+    options = {name: getattr(args, name) for name in names if name in args.given}
     found = next_run(
         read_model(args),
-        options.pop("folder"),
+        args.folder,
         args.measured,
-        **options,
+        args.move,
+        options=LearningOptions(**options),
         progress=throttle(log),
     )
     return with_files(found.to_text(), found.to_dict(), {}, found.problem)

@@ -6,8 +6,8 @@ The first estimate of d is where the speeds of record and path correlate most: s
 on the frame. For each d the best R and c are those of Procrustes' problem, in closed form by a
 singular value decomposition; the d with the smallest sum of squares is found by bounded search.
 
-The errors of a robot are no noise: softer springs, and motors that friction holds back, move the
-tool as a later clock does in part. Where the frame is known, `Alignment.refined` therefore fits
+The errors of a robot are not noise: softer springs, and motors that friction holds back, move the
+tool as a later clock does in part. Where the frame is known, `Alignment.refine` therefore fits
 the clock together with the errors that the model expects,
 
     r = v d + G s + noise,      v: speed of the path, s: errors of unit size, sd 1
@@ -80,7 +80,7 @@ class Alignment:
         R, c = _transform(self.frame, measured.shape[1])
         return np.asarray(measured @ R.T + c)
 
-    def refined(
+    def refine(
         self, residual: np.ndarray, time: np.ndarray, path: Curve, expected: np.ndarray
     ) -> Alignment:
         """The alignment whose clock is fitted together with expected errors; itself where the
@@ -222,7 +222,8 @@ def procrustes(measured: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np
     """Rotation R (d, d) and translation c (d,) with the least sum of ``|R p + c - y|^2`` over the
     points ``p`` (n, d) and ``y`` (n, d).
     """
-    p_mean, y_mean = measured.mean(axis=0), target.mean(axis=0)
+    p_mean = measured.mean(axis=0)
+    y_mean = target.mean(axis=0)
     U, _, Vt = np.linalg.svd((target - y_mean).T @ (measured - p_mean))
     signs = np.ones(len(U))
     signs[-1] = np.sign(np.linalg.det(U @ Vt))
@@ -309,7 +310,8 @@ def _check_size(source: str, p: np.ndarray, y: np.ndarray, is_fitted: bool) -> N
     """ArgumentError where a record ``p`` (n, d) has another size than the path ``y`` (n, d) [m],
     or, with a frame that is fitted, another hand.
     """
-    p, y = p - p.mean(axis=0), y - y.mean(axis=0)
+    p = p - p.mean(axis=0)
+    y = y - y.mean(axis=0)
     U, s, Vt = np.linalg.svd(y.T @ p)
     hand = np.sign(np.linalg.det(U @ Vt))
     if not (p**2).sum() > 0.0:

@@ -35,7 +35,8 @@ ROBOTS = {"soft": {"stiffness": 0.8}, "stiff": {"stiffness": 1.25}}
 GROWTH = 1.05  # largest spectral radius of the error from run to run
 SHARE = 0.7  # of the lowest locked frequency, where there is no linear feedback or no L
 # Bands that are tried and frequencies that are looked at, over the lowest locked frequency.
-LEAST, MOST = 0.3, 3.0
+LEAST = 0.3
+MOST = 3.0
 BANDS = 40
 FREQUENCIES = 120
 

@@ -28,7 +28,7 @@ HISTORY = "history.csv"
 TRAJECTORY = "trajectory"
 ENDINGS = (".csv", ".npz")
 KEY = "learning"  # of the number of its iteration in the meta data of a trajectory
-# Smallest fall of the error over the best one, and largest growth: less is no progress.
+# Smallest fall of the error over the best one, and largest growth of one that stays.
 FALL = 0.05
 GROWTH = 0.10
 CERTAIN = 2.0  # scatters by which two errors differ
@@ -86,7 +86,7 @@ class LearningRun:
 def judge(
     before: Sequence[LearningRun], iteration: int, rms: float, largest: float, scatter: float
 ) -> str:
-    """What the error of a run did: ``learns``, ``no longer falls`` or ``grew``.
+    """Judgment of the error of a run: ``learns``, ``no longer falls`` or ``grew``.
 
     Parameters
     ----------

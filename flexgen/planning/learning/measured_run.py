@@ -1,8 +1,8 @@
-"""What was measured during one run of a move: motor angles, positions of the tool, or both.
+"""Measurements of one run of a move: motor angles, positions of the tool, or both.
 
 Columns of the file, with their units as for all records:
 
-    time_s                        the clock of the record; its zero is of no concern
+    time_s                        the clock of the record; its zero does not matter
     x_mm, y_mm, z_mm              position of the tool in the frame of the tracker; or tool_x_mm
     q_m[m1] rad                   angle of a motor, on its own side of the gear
     q1 deg                        the same as an angle of the joint, on the arm side of its gear
@@ -31,8 +31,8 @@ from flexgen.model.elements import RobotModel
 SIZE_MAX = 500_000_000  # bytes of a file
 FEWEST = 50  # samples of a record
 AXES = "xyz"
-# Largest change of an acceleration between two samples [m/s^2] that is none of a jump: impacts
-# are beyond what a correction of a path is for.
+# Largest change of an acceleration between two samples [m/s^2] without a jump: impacts
+# cannot be corrected by the path.
 SUDDEN = 20.0
 # Third differences this many times the ordinary ones are those of a jump, and the percentile of
 # the ordinary ones: a jump changes three of them.

@@ -67,7 +67,8 @@ class LinearisedArm:
         rates [rad/s, rad/s^2].
         """
         x, v, a = (d @ self._x_of_motors.T for d in (dq, dv, da))
-        free, driven = self.free, self.driven
+        free = self.free
+        driven = self.driven
         z = self.free_motion(x, v, a)
         motors = list(range(self.model.n_m))
         total = np.zeros((self.count, len(driven)))
@@ -79,7 +80,8 @@ class LinearisedArm:
 
     def free_motion(self, x: np.ndarray, v: np.ndarray, a: np.ndarray) -> tuple[np.ndarray, ...]:
         """Deviations ``z`` (n, n_z) of the springs' side, and two rates, with the motors given."""
-        free, driven = self.free, self.driven
+        free = self.free
+        driven = self.driven
         h = self.step
         M, D, K = (self._between(k, free, free) for k in range(3))
         force = np.zeros((self.count, len(free)))

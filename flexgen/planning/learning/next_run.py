@@ -25,12 +25,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path as FilePath
-from typing import Any
 
 import numpy as np
 
 from flexgen.base.calls.progress import Choice, reported
-from flexgen.base.checks.bounds import NotNegative, Positive
 from flexgen.base.checks.type_checks import checked_result, checked_types
 from flexgen.base.display import format_size
 from flexgen.base.errors import ArgumentError
@@ -41,7 +39,6 @@ from flexgen.base.rows import Column, Data, Part, Prose, Row, Shown, Table
 from flexgen.base.spec.arguments import is_number
 from flexgen.dynamics.hysteresis.lugre import without_states
 from flexgen.dynamics.mechanics.equations import Equations, derive, robot_of
-from flexgen.feedback.loop.case import SAMPLE_S
 from flexgen.inversion.solution import limit_warnings
 from flexgen.model.abilities import needs
 from flexgen.model.elements import Move, RobotModel
@@ -60,18 +57,18 @@ from flexgen.planning.learning.history import (
     scatter_of,
     write_folder,
 )
-from flexgen.planning.learning.learn import Gain
 from flexgen.planning.learning.measured_run import (
     MeasuredRun,
     read_run,
 )
 from flexgen.planning.learning.next_trajectory import (
     MOTION,
-    changed_model,
-    corrected_trajectory,
     corrections_of,
+    make_trajectory,
+    note_changed_model,
     start_notes,
 )
+from flexgen.planning.learning.options import LearningOptions
 from flexgen.planning.learning.seen_error import SOFTER, SeenError, see_error
 from flexgen.planning.learning.window import MOST, WIDE, learned_part, low_pass
 
@@ -242,7 +239,7 @@ class NextRun(Result):
         return "the error grew" if self.last.state == GREW else ""
 
 
-@checked_types(own=("frequency_hz", "frame"))
+@checked_types()
 @reported("learn")
 @needs("learn")
 def next_run(
@@ -251,13 +248,7 @@ def next_run(
     measured: str | FilePath,
     move: str | Move | None = None,
     *,
-    frequency_hz: Positive | None = None,
-    gain: Gain = 1.0,
-    controller: Any = "ppi",
-    sample_time: Positive = SAMPLE_S,
-    delay: NotNegative = 0.0,
-    clock: float | None = None,
-    frame: Sequence[float] | None = None,
+    options: LearningOptions | None = None,
     progress: Choice = None,
 ) -> NextRun:
     """Correct torques and references of a move by the measured error of its last run on the real
@@ -273,22 +264,11 @@ def next_run(
         runs in ``history.csv``.
     measured : str or Path
         Record of the last run: positions of the tool from a tracker, angles of all motors, or
-        both; see `flexgen.planning.learning.measured_run`.
+        both. Names of columns: `flexgen.planning.learning.measured_run`.
     move : str or Move, optional
         Default: the move of the trajectory.
-    frequency_hz : float, optional [Hz]
-        Up to which the error is learned; default: that of the last run, half of it where the
-        error grew, at first the one up to which robots with springs 20 % softer and 25 % stiffer
-        converge with the feedback of the robot.
-    gain : float
-        Of the correction. 0.5 learns more slowly and bears larger differences from the model.
-    controller, sample_time, delay
-        Feedback of the robot, as for `flexgen.control`: for the default frequency.
-    clock : float, optional [s]
-        Reading of the record's clock where the path begins; default: estimated from the record.
-    frame : sequence of float, optional
-        Pose of the tracker in the base of the robot, position [m] and rotation vector [rad], six
-        numbers; default: estimated from the record. Six zeros: it measures in the base.
+    options : LearningOptions, optional
+        Frequency and gain of learning, feedback of the robot, clock and frame of the tracker.
     progress : callable or bool, optional
 
     Returns
@@ -315,11 +295,13 @@ def next_run(
     >>> table = np.column_stack([time, 1e3 * y])
     >>> names = "time_s,x_mm,z_mm"
     >>> np.savetxt(folder / "run.csv", table, delimiter=",", header=names, comments="")
-    >>> run = flexgen.next_run("elbow", folder, folder / "run.csv", clock=0.0, frame=[0.0] * 6)
+    >>> options = flexgen.LearningOptions(clock=0.0, frame=[0.0] * 6)
+    >>> run = flexgen.next_run("elbow", folder, folder / "run.csv", options=options)
     >>> f"{1e6 * run.last.rms:.0f} um", run.iteration
     ('316 um', 1)
     """
     tell = progress if callable(progress) else (lambda line: None)
+    chosen = options or LearningOptions()
     robot = robot_of(model)
     place = read_folder(folder)
     record = read_run(measured, robot)
@@ -333,11 +315,9 @@ def next_run(
     corrected = CorrectedPath(elastic, path.move, robot, force, tell, EARLY_S)
     given = corrections_of(last, corrected)
     _check_trajectory(place, corrected, given[0])
-    seen = see_error(record, robot, corrected, last, clock, frame)
-    rate = 1.0 / record.step
-    feedback = controller, sample_time, delay
-    low = _frequency(frequency_hz, place.runs, corrected, last, rate, feedback)
-    run = _judged(seen, record, place, low, float(gain))
+    seen = see_error(record, robot, corrected, last, chosen)
+    low = _frequency(chosen, place.runs, corrected, last, 1.0 / record.step)
+    run = _judge_run(seen, record, place, low, float(chosen.gain))
     runs = (*place.runs, run)
     same = [r for r in runs if r.measured == run.measured]
     notes = [*record.notes, *seen.notes]
@@ -350,13 +330,13 @@ def next_run(
         iteration = place.next_iteration
         tell(f"inverse dynamics of iteration {iteration}")
         of_path, of_motors = (x.copy() for x in given)
-        learned = gain * learned_part(seen.time, seen.error, corrected.time, low)
+        learned = chosen.gain * learned_part(seen.time, seen.error, corrected.time, low)
         if seen.rows is None:
             of_motors -= learned
         else:
             of_path[:, seen.rows] -= learned
-        trajectory = corrected_trajectory((of_path, of_motors), corrected, last, iteration)
-        notes += changed_model(corrected, given, last)
+        trajectory = make_trajectory((of_path, of_motors), corrected, last, iteration)
+        notes += note_changed_model(corrected, given, last)
         file = write_folder(place, runs, trajectory, iteration)
     notes += start_notes(trajectory, last)
     notes += limit_warnings(robot, trajectory)
@@ -438,15 +418,14 @@ def _check_trajectory(
 
 
 def _frequency(
-    given: float | None,
+    options: LearningOptions,
     runs: Sequence[LearningRun],
     corrected: CorrectedPath,
     last: Trajectory,
     rate: float,
-    feedback: tuple[Any, float, float],
 ) -> float:
     """Frequency of the low pass [Hz]; ArgumentError where the record has too few samples."""
-    found = given
+    found = options.frequency_hz
     most = MOST * rate
     if found is None and runs:
         found = runs[-1].frequency_hz * (HALF if runs[-1].state == GREW else 1.0)
@@ -454,6 +433,7 @@ def _frequency(
         parts = np.array(BAND_AT) * corrected.path.duration
         at = np.searchsorted(last.time, parts).clip(0, len(last.time) - 1)
         motion = [last[name][at] for name in MOTION]
+        feedback = options.controller, options.sample_time, options.delay
         found = min(learning_band(corrected.equations, motion, *feedback), most)
     if not (is_number(found) and 0.0 < found <= most):
         raise ArgumentError(
@@ -463,7 +443,7 @@ def _frequency(
     return float(found)
 
 
-def _judged(
+def _judge_run(
     seen: SeenError, record: MeasuredRun, place: LearningFolder, low: float, gain: float
 ) -> LearningRun:
     """The run of a record, with what its error did."""

@@ -34,7 +34,7 @@ def corrections_of(last: Trajectory, corrected: CorrectedPath) -> tuple[np.ndarr
     return found[0], found[1]
 
 
-def corrected_trajectory(
+def make_trajectory(
     corrections: tuple[np.ndarray, np.ndarray],
     corrected: CorrectedPath,
     last: Trajectory,
@@ -112,7 +112,7 @@ def _with_labels(
     return Trajectory(time, channels, ports, labels, meta, units)
 
 
-def changed_model(
+def note_changed_model(
     corrected: CorrectedPath, given: tuple[np.ndarray, np.ndarray], last: Trajectory
 ) -> list[str]:
     """A note where the torques of the last run are not those of the model: it was changed."""

@@ -7,7 +7,7 @@ holds back make the errors that the model expects; see `alignment.py`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,6 +26,7 @@ from flexgen.planning.learning.corrected import CorrectedPath
 from flexgen.planning.learning.measured_run import MeasuredRun, SharedAxes, axes_in_output
 from flexgen.planning.learning.motor_reaction import LinearisedArm
 from flexgen.planning.learning.next_trajectory import MOTION, MOTOR_CORRECTION
+from flexgen.planning.learning.options import LearningOptions
 
 SOFTER = 0.1  # change of all springs of which the hidden error is stated
 LARGEST_MOTOR = 0.2  # motor error over the motion of the motor: a record of another move
@@ -62,28 +63,19 @@ def see_error(
     robot: RobotModel,
     corrected: CorrectedPath,
     last: Trajectory,
-    clock: float | None,
-    frame: Sequence[float] | None,
+    options: LearningOptions,
 ) -> SeenError:
     """The error of a record: of the tool where a tracker measured it, else of the motors."""
     if not record.axes:
-        if frame is not None:
+        if options.frame is not None:
             raise ArgumentError(
                 "frame: given with a record without a tracker, expected none: angles of motors "
                 "have no frame"
             )
-        time, error, at = _motor_error(record, corrected, last, clock)
+        time, error, at = _motor_error(record, corrected, last, options.clock)
         return SeenError(time, error, None, at, (), None, None, _blind_notes(robot))
-    given = None
-    if frame is not None:
-        given = np.asarray(frame, dtype=float)
-        if given.shape != (6,) or not np.isfinite(given).all():
-            raise ArgumentError(
-                f"frame: given {frame!r}, expected six numbers: position [m] and rotation vector "
-                "[rad] of the tracker in the base"
-            )
-    by_motors = clock is None and record.motors is not None
-    known = _motor_error(record, corrected, last, None)[2] if by_motors else clock
+    by_motors = options.clock is None and record.motors is not None
+    known = _motor_error(record, corrected, last, None)[2] if by_motors else options.clock
     rows = axes_in_output(record.axes, robot)
     curve = _positions_of(corrected.path, record.axes, rows)
     found = align(
@@ -93,15 +85,15 @@ def see_error(
         curve,
         corrected.path.duration,
         clock_s=known,
-        frame=given,
+        frame=options.pose,
     )
     grid, expected = _expected_errors(corrected, last, rows)
     for _ in range(REFINED):
         time = record.time - found.clock_s
         error = found.positions(record.position) - curve(time)
         inside = (time >= grid[0]) & (time <= grid[-1])
-        shapes = np.array([_resampled(x, grid, time[inside]) for x in expected])
-        found = found.refined(error[inside], time[inside], curve, shapes)
+        shapes = np.array([_resample(x, grid, time[inside]) for x in expected])
+        found = found.refine(error[inside], time[inside], curve, shapes)
     time = record.time - found.clock_s
     error = (found.positions(record.position) - curve(time))[:, rows.tracker]
     soft, hidden = _hidden(found, grid, curve, expected, len(expected) - robot.n_m)
@@ -119,7 +111,7 @@ def see_error(
 
 
 def _estimate_notes(found: Alignment) -> list[str]:
-    """Which errors cannot be seen, since clock or frame were estimated from the record."""
+    """Notes on errors that cannot be seen, since clock or frame were estimated from the record."""
     parts = ["a constant offset of the tool and a tilt of the whole path"] * found.frame_fitted
     parts += ["a constant delay along the path"] * found.clock_fitted
     if not parts:
@@ -134,7 +126,7 @@ def _estimate_notes(found: Alignment) -> list[str]:
 
 
 def _blind_notes(robot: RobotModel) -> tuple[str, ...]:
-    """What angles of motors do not show."""
+    """Errors that angles of motors do not show, as a note."""
     return (
         f"only motors are measured: deflections of the gears and springs of {robot.name} and the "
         "error of the tool behind them are not seen, and not learned",
@@ -221,7 +213,8 @@ def _align_motors(
     def squares(at: float) -> float:
         return float(((q - reference(record.time - at)) ** 2).mean())
 
-    first, last = record.time[0] - EARLIEST_S, record.time[-1] - duration + EARLIEST_S
+    first = record.time[0] - EARLIEST_S
+    last = record.time[-1] - duration + EARLIEST_S
     steps = np.arange(first, max(last, first + 1e-6), max(COARSE_S, record.step))
     guess = float(steps[int(np.argmin([squares(float(s)) for s in steps]))])
     width = 2.0 * max(COARSE_S, record.step)
@@ -279,7 +272,7 @@ def _expected_errors(
     return last.time[at], found
 
 
-def _resampled(x: np.ndarray, at: np.ndarray, time: np.ndarray) -> np.ndarray:
+def _resample(x: np.ndarray, at: np.ndarray, time: np.ndarray) -> np.ndarray:
     """Samples (k, d) at other instants (n,), linear between them."""
     return np.stack([np.interp(time, at, column) for column in x.T], axis=1)
 
