@@ -126,6 +126,7 @@ from flexgen.planning.learning.learn import LearningResult as LearningResult
 from flexgen.planning.learning.learn import learn as learn
 from flexgen.planning.learning.next_run import NextRun as NextRun
 from flexgen.planning.learning.next_run import next_run as next_run
+from flexgen.planning.learning.options import LearningOptions as LearningOptions
 from flexgen.planning.optimal.obstacles import HalfSpace as HalfSpace
 from flexgen.planning.optimal.obstacles import Sphere as Sphere
 from flexgen.planning.optimal.phase import Phase as Phase

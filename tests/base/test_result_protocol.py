@@ -62,6 +62,8 @@ NO_RESULT = {
     ),
     **dict.fromkeys(["Measurement", "Reference"], "one sample of a running controller"),
     **dict.fromkeys(["Finding", "Trial"], "a row of Check.findings, of FeedbackStudy.trials"),
+    "LearningOptions": INPUT,
+    "LearningRun": "a row of NextRun.runs",
     "Equations": "functions of a robot",
     "TorqueCommand": "a part of Solution; it has save and trajectory",
 }

@@ -65,8 +65,6 @@ OF_SIMULATED_LEARNING = (
     "time_limit",
     "encoder_noise",
     "seed",
-    "report",
-    "out",
 )
 """Options of `learn` without --measured."""
 
@@ -287,7 +285,7 @@ def learn(args: Namespace, log: Progress) -> VerbResult:
         options=LearningOptions(**options),
         progress=throttle(log),
     )
-    return with_files(found.to_text(), found.to_dict(), {}, found.problem)
+    return with_files(found.to_text(), found.to_dict(), written(args, found), found.problem)
 
 
 def fastest(args: Namespace, log: Progress) -> VerbResult:

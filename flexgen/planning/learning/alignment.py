@@ -53,7 +53,7 @@ SEARCH_S = 0.05
 # Units that are confused, by the factor between record and path.
 FACTORS = {1e3: "mm given as m", 1e-3: "m given as mm", 10.0: "mm given as cm", 0.1: "cm as mm"}
 FACTORS |= {100.0: "cm given as m", 0.01: "m given as cm", 25.4: "inches", 1 / 25.4: "inches"}
-# Part of an error that is none of the expected ones, and the least noise of a tracker [m].
+# Part of an error in addition to the expected ones, and the least noise of a tracker [m].
 UNEXPLAINED = 0.2
 SMALLEST_NOISE = 2e-6
 NEAR = 0.05  # relative difference from such a factor

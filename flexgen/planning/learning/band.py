@@ -83,7 +83,7 @@ def learning_band(
     try:
         own = _responses(LocalDynamics(equations), motion, np.zeros(0), hz, W)
         local = LocalDynamics(derive(model, names))
-        others = [_responses(local, motion, values, hz, W) for values in _mixed(plants.values)]
+        others = [_responses(local, motion, values, hz, W) for values in _mix(plants.values)]
         found = [_answers(own, other, feedback) for other in others]
     except (np.linalg.LinAlgError, SolverError):
         return SHARE * locked
@@ -95,7 +95,7 @@ def learning_band(
     return LEAST * locked
 
 
-def _mixed(values: np.ndarray) -> np.ndarray:
+def _mix(values: np.ndarray) -> np.ndarray:
     """Numbers (4, n_p) of soft and stiff robots (2, n_p), and of two with both by turns."""
     odd = np.arange(values.shape[1]) % 2 == 1
     turns = [np.where(odd, *pair) for pair in (values, values[::-1])]

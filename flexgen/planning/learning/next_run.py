@@ -138,7 +138,7 @@ class NextRun(Result):
 
     @property
     def stopped(self) -> str:
-        """Why learning ended, with what to do; empty while it goes on."""
+        """Why learning ended, with what to do; empty where it continues."""
         own = [run for run in self.runs if run.iteration == self.iteration]
         if not own:
             return ""
@@ -239,7 +239,7 @@ class NextRun(Result):
         return "the error grew" if self.last.state == GREW else ""
 
 
-@checked_types()
+@checked_types
 @reported("learn")
 @needs("learn")
 def next_run(
