@@ -75,6 +75,9 @@ class Parser(argparse.ArgumentParser):
         raise UsageError(f"{message}\n{self.format_usage().strip()}")
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
+        """argparse's own check of ``choices``, with the nearest choice in the message of its
+        ArgumentError.
+        """
         if action.choices is not None and value not in action.choices:
             names = [str(choice) for choice in action.choices]
             expected = f"expected one of {', '.join(names)}{suggestion(str(value), names)}"
@@ -84,8 +87,8 @@ class Parser(argparse.ArgumentParser):
         return super()._parse_known_args(self._join_numbers(arg_strings), *rest)
 
     def _join_numbers(self, words: Sequence[str]) -> list[str]:
-        """``--pose -0.3 1`` as ``--pose=-0.3,1``, for each option of type `numbers` or
-        `integers`.
+        """The words with ``--pose -0.3 1`` as ``--pose=-0.3,1``, for each option of type `numbers`
+        or `integers`: argparse would read -0.3 as an option.
         """
         out: list[str] = []
         words = list(words)
@@ -135,7 +138,12 @@ class Parser(argparse.ArgumentParser):
             yield self
 
     def hint(self, words: Sequence[str], unknown: Sequence[str], root: Parser) -> str:
-        """Suggestion for arguments that the parser does not know, to be appended to a message."""
+        """Suggestion for arguments that the parser does not know, to be appended to a message;
+        empty: none.
+
+        ``words``: the command line; ``unknown``: those of them that are left over; ``root``: the
+        parser of all verbs, for options of other verbs.
+        """
         options = [word.partition("=")[0] for word in unknown if word.startswith("--")]
         if options:
             others = [verb.prog for verb in root.verbs() if options[0] in verb.options()]

@@ -63,6 +63,9 @@ class _Messages:
     """
 
     def __init__(self, args: argparse.Namespace, words: list[str]) -> None:
+        """Messages of one call with the command line ``words``; ``--log`` opens its file to
+        append, OSError where it cannot be written.
+        """
         self._began = time.perf_counter()
         self._quiet = args.quiet
         self._verbose = args.verbose

@@ -71,6 +71,9 @@ class _GroupedHelp(argparse.RawDescriptionHelpFormatter):
     """The help of flexgen: its verbs in `GROUPS`."""
 
     def _format_action(self, action: argparse.Action) -> str:
+        """The list of verbs under the titles of their `GROUPS`, those of other packages last;
+        other actions as argparse shows them.
+        """
         if not isinstance(action, argparse._SubParsersAction):
             return super()._format_action(action)
         rows = {row.dest: row for row in action._choices_actions}

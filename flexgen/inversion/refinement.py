@@ -208,7 +208,10 @@ def _raise_path_error(problem: InversionProblem) -> None:
 
 
 def run_method(method: Method, problem: InversionProblem, h: float) -> MethodResult:
-    """The result of a method on intervals of ``h`` [s]."""
+    """The result of a method on intervals of ``h`` [s].
+
+    Methods solve the robot without memory; torques of hysteresis and of bristles are added here.
+    """
     solver: Callable[[InversionProblem, float], MethodResult] = import_object(
         f"{method.module}:{method.function}"
     )

@@ -62,8 +62,10 @@ def precise(rtol: float, growth: Growth | None) -> float:
 
 
 def without_lost_errors(simulation: Simulation, growth: Growth | None) -> Simulation:
-    """The simulation in open loop without the later error where rounding errors grow to its
-    size.
+    """The simulation in open loop without the later error where rounding errors grow to its size.
+
+    The floor is `ROUNDING` times the growth of perturbations; a floor below `NEGLIGIBLE`, or an
+    error of `RESOLVED` floors or more, stays.
     """
     later = max(simulation.later_error_max_m or 0.0, simulation.later_error_max_rad or 0.0)
     floor = 0.0 if growth is None else ROUNDING * growth.later

@@ -25,6 +25,10 @@ def interpolate(
     """All channels of a trajectory at other instants; see
     `flexgen.base.motion.trajectory.Trajectory.at`.
 
+    Coordinates with their speeds and accelerations are one curve, by Hermite interpolation, or,
+    where the trajectory states a degree of collocation, by integrating that polynomial; the motor
+    torque is its `torque_curve`, others are splines.
+
     Parameters
     ----------
     grid : array (n,) [s]

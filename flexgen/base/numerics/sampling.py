@@ -243,9 +243,14 @@ def _cubic_residual(t: np.ndarray, x: np.ndarray) -> np.ndarray:
 def drop_repeats(time: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The samples of an angle that is written several times until its next one: the first of each.
 
+    A recorder that is m times as fast as an encoder writes each angle m times. The largest m from
+    2 on is taken for which `REGULAR` of the changes are in the same one of every m rows; with
+    fewer than `CHANGES` changes this is not decided.
+
     Parameters
     ----------
     time, x : arrays (n,)
+        Instants [s], angles [rad].
 
     Returns
     -------

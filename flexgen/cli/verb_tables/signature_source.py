@@ -187,6 +187,7 @@ def _statements(module: str) -> Iterator[ast.stmt]:
 
 @cache
 def _tree(module: str) -> ast.Module:
+    """Syntax tree of a module of flexgen, which is not imported: the command line stays quick."""
     file = _file(module)
     assert file is not None
     return ast.parse(file.read_text(encoding="utf-8"))

@@ -334,7 +334,9 @@ def _form_of_part(module: str, part: ast.expr, forms: Mapping[str, Form]) -> For
 
 
 def _form_of_number(module: str, inner: ast.expr) -> Form | None:
-    """The form of numbers with a `flexgen.base.checks.bounds.Bound`."""
+    """The form of a number from the words ``kind, Bound(...)`` in its annotation: whole from the
+    least one, positive, or not negative.
+    """
     if not isinstance(inner, ast.Tuple):
         return None
     kind, bound = inner.elts[:2]

@@ -382,6 +382,7 @@ def _files(found: Any, args: Namespace) -> dict[str, Writer]:
 
 
 def _floats(settings: Any) -> dict[str, float]:
+    """Pairs ``NAME=NUMBER`` of --start as floats; ArgumentError for another value."""
     out = {}
     for key, value in settings or ():
         if isinstance(value, bool) or not isinstance(value, int | float):

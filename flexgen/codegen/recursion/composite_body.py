@@ -122,6 +122,10 @@ def _tilt_matrix(by: Joint | Turn, A: Matrix) -> Matrix:
 def mass_matrix(tape: Tape, chain: Chain, q: Sequence[Scalar], together: bool = True) -> Matrix:
     """Mass matrix of the bodies, [kg m^2, kg m, kg]; full and symmetric.
 
+    Joint by joint from the tool on, the bodies behind a joint are one composite body. Column j is
+    the wrench that moves this body with unit acceleration of joint j, carried to the base, with
+    its component along the axis of each joint i that it passes.
+
     Parameters
     ----------
     tape : Tape
@@ -221,7 +225,7 @@ class _Step:
 
 def _steps(tape: Tape, chain: Chain, q: Sequence[Scalar], together: bool) -> list[_Step]:
     """The joints of a chain at q: in axes that neighbors with parallel axes share (``together``),
-    or each in its own axes.
+    or each in its own axes, where `tilt` is not None.
     """
     parallel = [
         joint.twist == (1.0, 0.0) and joint.before == i - 1 for i, joint in enumerate(chain.joints)

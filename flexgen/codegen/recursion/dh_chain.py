@@ -471,7 +471,9 @@ def regroup(chain: Chain, kept: Sequence[KeptInertia]) -> Chain:
 
 
 def _balance(together: Inertia, place: np.ndarray) -> float:
-    """The mass at a place that cancels the first moment along the place's largest entry."""
+    """The mass [kg] that would cancel the first moment of ``together`` along the largest entry of
+    ``place`` [m], if it were moved there; 0 at the origin.
+    """
     k = int(np.argmax(np.abs(place)))
     return float(together.first[k] / place[k]) if place[k] else 0.0
 

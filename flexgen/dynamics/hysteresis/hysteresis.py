@@ -100,8 +100,8 @@ class Layer(GearHysteresis):
         (..., n_g).
 
         ``z_r``: torques at p_r, in the direction ``s``, where `paths` are ``start``, (n_g,) each.
-        On a negative way, where Newton's method may try a deflection before p_r, the branch is its
-        tangent.
+        By Dahl's law ``z = s W + (z_r - s W) exp(-way)``; others follow their curve. On a negative
+        way, where Newton's method may try a deflection before p_r, the branch is its tangent.
         """
         end = s * self.slip
         passed = np.maximum(way, 0.0)

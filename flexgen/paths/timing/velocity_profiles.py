@@ -165,8 +165,10 @@ def box_times(size: float, bounds: tuple[float, ...]) -> tuple[float, ...]:
 
 
 def _box(value: float, above: float, j: int) -> float:
-    """The root of ``x (above + x)^j = value``, by Newton's method from the right, where the
-    function is convex.
+    """The root x >= 0 of ``x (above + x)^j = value`` (positive): the longest box with which a
+    derivative j orders lower keeps its bound.
+
+    By Newton's method from the right, where the function is convex.
     """
     if j == 0:
         return value

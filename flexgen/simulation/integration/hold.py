@@ -277,6 +277,9 @@ def hold_torque(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Ticks of a controller and the torques that it has to send, see the text of this module.
 
+    ``"zoh"``: means of the torque between ticks less 1/12 of their second difference (not with
+    limits); ``"linear"``: the polygon with the least squared distance; ``"spline"``: samples.
+
     Parameters
     ----------
     t : array (n,) [s]

@@ -193,8 +193,11 @@ class LinearStates(States):
         return np.asarray(moved + self._by_number[k - 1])
 
     def _torque(self, k: int, change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Change of the torque at instant k to first order, and its derivative in p; ``change``
-        (sources, count): deviation of p.
+        """Change of ``A y_k - B y_(k-1)``, summed over the layers, to first order in each source,
+        and its derivative in p; ``change`` (sources, count): deviation of p at instant k.
+
+        The states y change, and so do the weights A and B, by which the planned states are
+        multiplied.
         """
         A, B = self._own.weights
         of_weights = [
