@@ -166,6 +166,7 @@ def _find_springs(robot: RobotModel) -> list[tuple[str, Spring | None]]:
 
 
 def _find_nonlinear(robot: RobotModel) -> str:
+    """Names of the springs that are not linear, in words; empty: none."""
     found = [
         name
         for name, spring in _find_springs(robot)
@@ -660,6 +661,9 @@ def needs(function: str, argument: str = "model") -> Callable[[F], F]:
 
         @functools.wraps(call)
         def refuse_or_call(*args: Any, **kwargs: Any) -> Any:
+            """Read the model where it is a name or path, refuse one without the ability, then
+            call.
+            """
             given = signature.bind_partial(*args, **kwargs)
             value = given.arguments.get(argument)
             if value is None:

@@ -71,6 +71,9 @@ def mass_matrix(model: RobotModel, q_a: np.ndarray) -> np.ndarray:
     M = np.zeros((model.n_a, model.n_a))
 
     def add_body(body: Body) -> None:
+        """Add a body at the pose p, R: ``m J_v' J_v + J_w' I J_w`` with the Jacobians of its
+        center of mass.
+        """
         if body.mass == 0.0:
             return
         com = p + R @ np.array(body.com)

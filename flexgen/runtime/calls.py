@@ -57,6 +57,9 @@ class _Buffers:
     def __init__(
         self, inputs: tuple[Port, ...], outputs: tuple[Port, ...], work: int, real: np.dtype
     ) -> None:
+        """Arrays of one point in the order of the C function, and their addresses; ``work``: reals
+        of workspace, ``real``: float or double.
+        """
         self.inputs = [np.zeros(port.shape, real, order="F") for port in inputs]
         self.outputs = [np.zeros(port.shape, real, order="F") for port in outputs]
         self.work = np.zeros(max(work, 1), real)

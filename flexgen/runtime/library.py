@@ -161,6 +161,9 @@ class Library:
         return found
 
     def _inverter(self, name: str, expected: str) -> Inverter:
+        """The function ``name``; ArgumentError where the library lacks it, with the library
+        ``expected`` in words.
+        """
         found = self._inverters.get(name)
         if found is None:
             raise ArgumentError(

@@ -120,6 +120,9 @@ class SymbolicEquations:
         values = list(self.parameters.values())
 
         def evaluate(*arguments: np.ndarray) -> list[np.ndarray]:
+            """Values of the printed expressions at arrays q_a, v_a, ...; those left out
+            are zero.
+            """
             given = [*arguments, *([None] * (6 - len(arguments)))]
             parts = [
                 np.zeros(n) if x is None else np.ravel(x).astype(float)

@@ -69,6 +69,7 @@ def _function(points: Points, name: str) -> Callable[..., Any]:
     described = points.functions[name]
 
     def call(*args: Any, **named: Any) -> Any:
+        """Check and convert the arguments, each of one point or many, and call through JAX."""
         given = points.arguments(name, args, named)
         check_type(points)
         arrays = [

@@ -29,6 +29,7 @@ def _function(points: Points, name: str) -> Callable[..., Any]:
     described = points.functions[name]
 
     def call(*args: Any, **named: Any) -> Any:
+        """Check and convert the arguments, each of one point or many, and call through PyTorch."""
         given = points.arguments(name, args, named)
         arrays = [
             _tensor(name, port, x, _real(points))

@@ -48,6 +48,9 @@ class CudaManyInverter:
     """
 
     def __init__(self, inverter: Inverter, card: Card, load: Callable[[int], Any]) -> None:
+        """``load``: compiles the kernel for a workspace of this many reals, at the first call that
+        needs it.
+        """
         self._inverter = inverter
         self._card = card
         self._load = load

@@ -36,6 +36,7 @@ def renamed(**names: str) -> Callable[[Call], Call]:
 
         @wraps(function)
         def call(*arguments: Any, **keywords: Any) -> Any:
+            """Call with keywords under their new names, and warn of old ones."""
             for old, new in names.items():
                 if old in keywords and new not in keywords:
                     warn_of_old(

@@ -237,6 +237,9 @@ def _wrap(
 
     @functools.wraps(function)
     def call_with_own(*args: Any, **kwargs: Any) -> Any:
+        """Check own types before, and after an unexpected error all: it is then an ArgumentError
+        where a type was the cause.
+        """
         check(args, kwargs)
         try:
             return function(*args, **kwargs)
@@ -248,6 +251,9 @@ def _wrap(
 
     @functools.wraps(function)
     def construct(*args: Any, **kwargs: Any) -> None:
+        """Make the object, then check what it stores; after an unexpected error the arguments are
+        checked first.
+        """
         try:
             function(*args, **kwargs)
         except FlexgenError:

@@ -242,6 +242,9 @@ def _sequence(entry: Check | None, iterators: bool = False) -> Check:
     """
 
     def passes(value: Any) -> bool:
+        """Whether a value is a sequence of entries that pass, or an iterator where these are
+        allowed (it is not read).
+        """
         items = items_of(value)
         if items is None:
             return (
@@ -261,6 +264,7 @@ def _tuple(entries: Sequence[Check | None]) -> Check:
     """The check of a sequence with as many items as ``entries``, each with its own check."""
 
     def passes(value: Any) -> bool:
+        """Whether a value has as many items as there are entries, and each passes its own."""
         items = items_of(value)
         if items is None or len(items) != len(entries):
             return False

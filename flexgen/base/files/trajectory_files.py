@@ -358,6 +358,9 @@ def _time_factor(header: list[str], number: int) -> float:
 
 
 def _parse_row_count(line: str, number: int) -> int:
+    """The number of a comment ``# rows: N``; ArgumentError with the line's ``number`` for another
+    text.
+    """
     found = _ROWS.match(line)
     if found is None:
         raise ArgumentError(

@@ -482,6 +482,9 @@ def one_or_more(form: Form | Callable[[], Form], most: int) -> Type:
     one = sub(form)
 
     def read_tables(table: Table, key: Key, here: Context) -> Any:
+        """One table as its object, or a list of them, ``most`` at most, as a tuple; a list of one
+        as the object.
+        """
         if not isinstance(
             table.plain(key.name, f"a table or a list of tables: {key.what or key.doc}"), list
         ):
@@ -515,6 +518,9 @@ def listed(form: Form, least: int = 1, most: int = 0, plural: bool = True) -> Ty
     """
 
     def read_list(table: Table, key: Key, here: Context) -> tuple[Any, ...]:
+        """The objects of a list of tables; rules of an entry see the ones before it, and whether
+        it is the last.
+        """
         tables = table.tables(key.name, required=least > 0)
         if most and len(tables) > most:
             raise table.fail(key.name, f"at most {most} {key.what}", f"{len(tables)}")

@@ -100,6 +100,9 @@ class LuGre:
 
 
 def _check_static(table: Table, here: Context) -> None:
+    """The error of a table where static friction is below coulomb, or is larger without the speed
+    at which it fades.
+    """
     static = here.values["static"]
     least = here.values["coulomb"]
     if static is not None and static < least:

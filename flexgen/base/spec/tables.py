@@ -49,6 +49,7 @@ def show(value: Any, limit: int = 80) -> str:
 
 
 def _show(value: Any) -> str:
+    """A value as TOML, for messages."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):
@@ -119,6 +120,9 @@ class Table:
     width = float(WIDTH)  # characters of a line
 
     def __init__(self, file: str, entry: Entry, key: str) -> None:
+        """``key``: dotted path of the table, for messages; ModelError where the entry is another
+        kind of value.
+        """
         self.file = entry.file or file
         self.key = key
         self.line = entry.line

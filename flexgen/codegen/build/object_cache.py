@@ -59,6 +59,9 @@ class Objects:
         headers: Mapping[str, bytes],
         flags_of: Callable[[str], Sequence[str]] = lambda name: (),
     ) -> None:
+        """``identity``: of the compiler and its flags; ``headers``: text by name; ``flags_of``:
+        further flags of a source.
+        """
         self.folder = cache_folder()
         self.identity = identity
         self.flags_of = flags_of

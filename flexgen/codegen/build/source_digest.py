@@ -102,6 +102,7 @@ class _Tree:
         self._listings: dict[str, frozenset[str]] = {}
 
     def _list(self, folder: str) -> frozenset[str]:
+        """Names in a folder of the package, read once; none where it is a file or absent."""
         if folder not in self._listings:
             try:
                 self._listings[folder] = frozenset(os.listdir(f"{self._root}/{folder}"))

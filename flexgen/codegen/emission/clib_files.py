@@ -310,6 +310,7 @@ def _stream_macros(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> st
     most = stream_operations(sizes, arithmetic, layout.block, layout.has)
 
     def linear(name: str, bound: Linear) -> str:
+        """A C macro ``name`` of intervals and samples per interval."""
         arguments = "intervals, samples_per_interval"
         constant, interval, sample = (
             f"INT64_C({x})" for x in (bound.constant, bound.per_interval, bound.per_sample)

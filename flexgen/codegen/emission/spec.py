@@ -477,6 +477,7 @@ def _inverts(c_functions: Sequence[CFunction], parameters: Sequence[Parameter]) 
 
 
 def _constants(model: RobotModel) -> Constants:
+    """Gear ratios, rotor inertias [kg m^2] and gear stiffness, arm side, of a model."""
     from flexgen.dynamics.mechanics.lagrangian import gear_stiffness  # here, as it needs CasADi
 
     return Constants(

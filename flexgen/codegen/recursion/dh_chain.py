@@ -215,6 +215,9 @@ def _flatten(model: RobotModel) -> tuple[list[_Raw], Pose, int]:
                 raws[last].inertia = raws[last].inertia + inertia_of(rotor).moved(pose)
 
     def step(dof: Dof) -> None:
+        """Append a joint after the last one, whose z axis is the axis of ``dof``; what follows is
+        relative to its frame.
+        """
         nonlocal last, pose
         axis = np.array(dof.axis, dtype=float)
         turn = (_axis_frame(axis / np.linalg.norm(axis)), np.zeros(3))

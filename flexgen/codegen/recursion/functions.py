@@ -229,6 +229,7 @@ def _gravity(arm: Arm) -> Built:
 
 
 def _mass_matrix(arm: Arm) -> Built:
+    """Mass matrix ``M`` (n_a, n_a) of the arm at ``q_a``; returned as of `_inverse_dynamics`."""
     inputs = arm.symbols("q_a")
 
     def route(tape: Tape, chain: Chain, columns: Columns) -> list[Scalar]:

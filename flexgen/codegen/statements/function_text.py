@@ -245,6 +245,10 @@ class _Writer:
         parameters: str | None,
         precision: str,
     ) -> None:
+        """``step``: whose ``graph`` is written; ``layout``: of the workspace; ``parameters``: name
+        of the input that all points share, None: none; ``precision``: of literals. ValueError
+        where it adds to an output.
+        """
         self.graph = graph
         self.layout = layout
         self.parameters = parameters

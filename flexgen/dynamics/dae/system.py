@@ -203,6 +203,9 @@ class InverseDae:
         return size, np.maximum(np.abs(x[2 * self.n :]), np.maximum(load, 1e-6)), rate
 
     def _moving(self) -> list[tuple[str, int]]:
+        """Inputs of the residual in their order, with sizes; those without name are accelerations,
+        which are rates of unknowns here.
+        """
         n_a = self.model.n_a
         n_m = self.model.n_m
         return [

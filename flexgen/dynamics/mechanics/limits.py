@@ -304,6 +304,9 @@ def limits_of_model(robot: RobotModel) -> Limits:
     """All limits of a model file but those of the joints."""
 
     def known(parts: Sequence[Any], name: str) -> Any:
+        """The number ``name`` of each motor, joint or spring, infinite where it has none; None
+        where no one has it.
+        """
         values = [getattr(part, name, None) for part in parts]
         return (
             None

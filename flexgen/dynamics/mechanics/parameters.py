@@ -459,6 +459,9 @@ def _fourier_sum(
     part, kind = name.split(".")
 
     def coefficients(of: str) -> tuple[Any, ...]:
+        """The ``"cosine"`` or ``"sine"`` coefficients after `visit`, each named with its
+        harmonic.
+        """
         return tuple(
             visit(
                 Parameter(

@@ -35,6 +35,7 @@ def number(x: float | int | None) -> str | None:
 
 
 def _units(block: Block) -> list[str]:
+    """XML of the units in use, each with its powers of SI units."""
     used = sorted({v.unit for v in block.variables if v.unit})
     inner = []
     for unit in used:
@@ -44,6 +45,7 @@ def _units(block: Block) -> list[str]:
 
 
 def _log() -> list[str]:
+    """XML of the categories of log messages."""
     return element(
         "LogCategories",
         {},
@@ -133,6 +135,9 @@ def _structure_2(block: Block, position: Mapping[int, int]) -> list[str]:
     """
 
     def unknown(v: Variable) -> list[str]:
+        """XML of an output or derivative in FMI 2: its position, and those of the variables that
+        it depends on.
+        """
         depends = (
             None if v.depends is None else " ".join(str(position[r]) for r in sorted(v.depends))
         )

@@ -296,6 +296,9 @@ def _merge(block: Block, texts: Mapping[str, str], interface: str, standard: set
     seen: set[str] = set()
 
     def put_in(name: str) -> str:
+        """The text of a file with its own includes put in, each once; standard headers stay, those
+        of other blocks become comments.
+        """
         if name in seen:
             return ""
         seen.add(name)

@@ -150,6 +150,9 @@ class _Writer:
     """Builds the document of one model."""
 
     def __init__(self, model: RobotModel, friction: str) -> None:
+        """``friction``: ``"dry"`` takes Coulomb friction as MuJoCo has it, and refuses
+        other laws.
+        """
         check_laws(model, dry=friction == "dry")
         self.model = model
         self.friction = friction

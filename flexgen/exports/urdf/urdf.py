@@ -381,6 +381,9 @@ def _joint(
     parent: str,
     efforts: Mapping[str, float],
 ) -> None:
+    """Append the XML of a joint from link ``parent``: kind, pose, axis, limits, mimic and
+    friction; ``efforts``: largest torques [N m, N] by joint.
+    """
     dof = step.dof
     mimic = step.mimic
     turns = dof is not None and dof.type == "rotation"

@@ -327,6 +327,9 @@ class PlugIn:
         """
 
         def of(lane: int) -> _CSetup:
+            """The C struct of one robot: sizes, sample time [s], and the address of its motor
+            angles at rest.
+            """
             return _CSetup(
                 setup.n_a,
                 setup.n_m,

@@ -153,6 +153,9 @@ def _numbers(model: RobotModel, plant: str, changes: Mapping[str, Any]) -> dict[
 
 
 def _select_known(model: RobotModel, key: str) -> tuple[Parameter, ...]:
+    """The parameters that ``key`` names; none where it is a kind of number that the model has none
+    of. ArgumentError for another text.
+    """
     try:
         return select(model, [key])
     except ArgumentError:

@@ -241,6 +241,9 @@ class _Run:
         until: float,
         feedback: MotorFeedback | None,
     ) -> None:
+        """``until``: instant [s] at which the simulation ends; ``feedback``: of the motors, None:
+        open loop. Torque and motor angles become quintic splines.
+        """
         self.equations = equations
         self.path = path
         self.feedback = feedback

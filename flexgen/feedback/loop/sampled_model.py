@@ -50,6 +50,9 @@ class PoseModels:
     def __init__(
         self, model: RobotModel, names: Sequence[str] = (), values: np.ndarray | None = None
     ) -> None:
+        """``names``, ``values``: numbers that differ from those of the model; they change the
+        dynamics, not output, tool and sensors.
+        """
         self.model = model
         equations = derive(model)
         # The numbers that differ change the dynamics alone: output, tool and sensors are those of

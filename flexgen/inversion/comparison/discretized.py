@@ -177,6 +177,10 @@ class _System:
     def __init__(
         self, problem: InversionProblem, h: float, order: int, preactuation: float, settling: float
     ) -> None:
+        """``h``: length of an interval [s], shortened so that a whole number of them fits in the
+        move; ``order``: of the central differences; ``preactuation``, ``settling``: rest before
+        and after the move [s].
+        """
         self.problem = problem
         self.equations = problem.equations
         self.path = problem.path

@@ -64,6 +64,9 @@ class DummyDerivatives:
     """
 
     def __init__(self, dae: InverseDae, c: Sequence[int], d: Sequence[int]) -> None:
+        """``c``: how often each row is differentiated, ``d``: highest derivative of each unknown;
+        ArgumentError where their numbers do not fit.
+        """
         if len(c) != dae.n + dae.model.output.size or len(d) != dae.n + dae.model.n_m:
             raise ArgumentError(
                 f"offsets: given {len(c)} of rows and {len(d)} of unknowns, expected "

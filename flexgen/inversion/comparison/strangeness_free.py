@@ -78,6 +78,9 @@ class StrangenessFree:
     """
 
     def __init__(self, dae: InverseDae, mu: int, x_rest: np.ndarray) -> None:
+        """``mu``: how often the whole system is differentiated; ``x_rest`` (n_x,): the robot at
+        rest, where ranks are decided, as the path plays no role there.
+        """
         if mu < 0:
             raise ArgumentError(f"mu: given {mu}, expected 0 or more")
         self.dae = dae

@@ -80,6 +80,9 @@ class _Basis:
     """B-splines on the path that are constant before it and after it."""
 
     def __init__(self, duration: float, count: int) -> None:
+        """B-splines on ``count`` equal intervals of the path's duration [s], and the points at
+        which equations are evaluated.
+        """
         step = duration / count
         self.duration = duration
         self.knots = step * np.arange(-DEGREE, count + DEGREE + 1)

@@ -70,6 +70,9 @@ def _rigid(here: Context) -> set[bool]:
 
 
 def _check_rotor(table: Table, here: Context) -> None:
+    """The error of a motor: without inertia behind an elastic gear, or without axis and carrier
+    where the coupling needs them.
+    """
     if here.values["inertia"] == 0.0 and _rigid(here) != {True}:
         raise table.fail("inertia", "a number > 0 behind an elastic gear")
     if here.of_file("motor_coupling") == "complete":
@@ -79,6 +82,7 @@ def _check_rotor(table: Table, here: Context) -> None:
 
 
 def _read_ratio(table: Table, key: Key, here: Context) -> Vector:
+    """The ratio to each driven joint, one number or a list, none of them zero."""
     count = len(here.values["drives"])
     value = table.entries["ratio"].value if "ratio" in table else None
     if isinstance(value, list):
@@ -106,6 +110,7 @@ def _check_ripple(table: Table, here: Context) -> None:
 
 
 def _check_encoder(table: Table, here: Context) -> None:
+    """The error of an encoder whose reading would fall while the angle rises."""
     error = here.values["encoder_error"]
     if error is not None and error.bound(1) >= 1.0:
         expected = (

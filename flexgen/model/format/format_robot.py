@@ -102,6 +102,9 @@ def _read_rpy(table: Table, key: Key, here: Context) -> Matrix:
 
 
 def _read_rotation(table: Table, key: Key, here: Context) -> Matrix:
+    """A rotation matrix (3, 3), given row by row; an error with rpy in addition, or where it is
+    not orthogonal.
+    """
     other = table.unit_key("rpy", required=False)
     if other is not None:
         raise table.fail("rotation", "one of the two", f"both {other} and rotation")

@@ -61,6 +61,7 @@ def _check_axes(table: Table, here: Context) -> None:
 
 
 def _read_joints(table: Table, key: Key, here: Context) -> Output:
+    """The output of named joints: a combination with weight 1 for each."""
     units = {
         coordinate.name: coordinate.unit for coordinate in coordinates_of(here.of_file("element"))
     }
@@ -74,6 +75,9 @@ def _read_joints(table: Table, key: Key, here: Context) -> Output:
 
 
 def _read_rows(table: Table, key: Key, here: Context) -> Matrix:
+    """Weights (n_y, n_a) of an output, row by row; an error where rows are zero or depend on each
+    other.
+    """
     names = [coordinate.name for coordinate in coordinates_of(here.of_file("element"))]
     rows = []
     for row in table.tables(key.name):
@@ -253,6 +257,7 @@ def _read_configuration(table: Table, key: Key, here: Context) -> tuple[int, ...
 
 
 def _read_turns(table: Table, key: Key, here: Context) -> tuple[int, ...]:
+    """Whole turns of each actuated joint, 0 for a length."""
     actuated = list_actuated(here)
     values = table.vector(
         key.name, len(actuated), what="whole turns of " + ", ".join(c.name for c in actuated)
@@ -357,6 +362,7 @@ def _time(sampled: bool = False, check: Check | None = None) -> tuple[Key, ...]:
 
 
 def _needs_tool(table: Table, here: Context) -> None:
+    """The error of a move of the tool in a model whose output is something else."""
     if here.of_file("output").type not in TOOL:
         expected = "joint or output_line, because the output is not the tool's position or pose"
         raise table.fail(

@@ -75,6 +75,7 @@ class Notch:
 
 
 def _check_filter(of: LowPass | Notch) -> None:
+    """ArgumentError where a number of a filter is not finite."""
     for part in fields(of):
         if not is_number(getattr(of, part.name)):
             raise ArgumentError(

@@ -104,6 +104,7 @@ def gain_keys(kind: Type) -> tuple[Key, ...]:
 
 
 def _check_gains(table: Table, here: Context) -> None:
+    """The error of gains with which the servo follows no reference, or has no stable inverse."""
     for name in GAINS[:2]:
         if min(here.values[name]) <= 0.0:
             raise table.fail(name, "numbers > 0: else the servo follows no reference")

@@ -88,6 +88,9 @@ class _Overlay:
     """The tables of an overlay and its URDF file."""
 
     def __init__(self, top: Table, folder: Path) -> None:
+        """``top``: the model file with a table [urdf]; ``folder``: of the file, for relative
+        paths. Tables of joints and links are checked for names that the URDF has.
+        """
         self.top = top
         table = top.table("urdf")
         assert table is not None
@@ -197,6 +200,7 @@ class _Overlay:
         return locked
 
     def _read_dropped(self) -> frozenset[str]:
+        """Joints left out with all behind them; an error for a name that the URDF lacks."""
         names = URDF["drop"].read(self.table, Context())
         for name in names:
             if name not in self.urdf.joints:

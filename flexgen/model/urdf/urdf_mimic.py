@@ -63,6 +63,9 @@ class Motions:
     def __init__(
         self, urdf: Urdf, locked: Mapping[str, float], tables: Mapping[str, Table] | None = None
     ) -> None:
+        """``locked``: joints that keep a value [rad, m]; ``tables``: those of the model file, by
+        joint.
+        """
         self.urdf = urdf
         self.locked = locked
         self.tables = tables or {}

@@ -286,6 +286,9 @@ class PathAccuracy(Result):
         return columns, rows
 
     def _each(self) -> list[tuple[Any, ...]]:
+        """For each robot its name, path errors, settling time [s], overshoots, stabilization time
+        [s] and drifts.
+        """
         rows = (
             self.path_errors,
             self.settling_s,

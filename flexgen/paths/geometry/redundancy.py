@@ -182,6 +182,9 @@ class _Follower:
     """Joints of the undeflected arm along a path of its tool."""
 
     def __init__(self, equations: Equations, free: np.ndarray) -> None:
+        """Compile output and its Jacobian in the actuated joints; ``free`` (n_g,): joints that
+        follow the output, others keep their value.
+        """
         self.model = equations.model
         self.reference = Reference(equations)
         self.free = free

@@ -90,6 +90,9 @@ def between(
     first, last = (end[n_a:] for end in ends)
 
     def at(t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Coordinates, speeds, accelerations and torques at instants t [s]; motors without joint
+        share the difference at the ends in proportion to time.
+        """
         t = np.clip(t, 0.0, duration)
         geared = (curve(t)[:, i_g] @ model.eta.T)[:, i_m]
         share = (t / duration)[:, None]

@@ -258,6 +258,9 @@ class PlanProblem(Phase):
         """
 
         def state(phase: Phase) -> None:
+            """State the rows of all obstacles in a phase; contact within a small slack counts as
+            none.
+            """
             stated = [
                 distance_rows(self.equations, phase["q_a"], x, margin, samples) for x in obstacles
             ]

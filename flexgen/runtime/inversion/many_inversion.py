@@ -497,6 +497,9 @@ def _in_threads(
     stopped = False
 
     def work() -> None:
+        """Take the next problems and solve them until none is left or a thread has stopped all;
+        the number taken at once grows until it takes `CHUNK` [s].
+        """
         nonlocal taken, solved
         size = 1
         while not stopped:

@@ -35,6 +35,9 @@ class RobotFunction:
     def __init__(
         self, function: ca.Function, numbers: np.ndarray, progress: Callable[[str], None]
     ) -> None:
+        """``numbers`` (robots, k): parameters of each robot; ``progress``: takes a line while the
+        function is compiled.
+        """
         self.function = function
         self.numbers = np.ascontiguousarray(numbers, dtype=float)
         self._library = load_module(casadi_module(function, progress))

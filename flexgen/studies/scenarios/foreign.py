@@ -194,6 +194,9 @@ class ForeignController:
             raise ArgumentError(f"controller {self.name}: {told.decode(errors='replace')[:2000]}")
 
     def _start(self) -> None:
+        """Start the process with one thread for linear algebra, and a thread that ends it when the
+        time is over.
+        """
         package = Path(__file__).resolve().parents[3]
         path = os.pathsep.join(filter(None, [str(package), os.environ.get("PYTHONPATH", "")]))
         own = os.environ | {"PYTHONPATH": path, "OPENBLAS_NUM_THREADS": "1", INSIDE: "1"}

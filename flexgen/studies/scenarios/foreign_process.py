@@ -124,6 +124,7 @@ class _Robots:
         planned = [reference_of(ref, setup) for ref in self.ref]
 
         def step(k: int) -> dict[int, str]:
+            """One sample of each robot that has not failed; reports of those that fail now."""
             errors = {}
             for lane, controller in enumerate(own):
                 if lane in self.failed:

@@ -185,6 +185,9 @@ def _check_overlap(table: Table, here: Context) -> None:
 
 
 def _check_segments(table: Table, here: Context) -> None:
+    """The error of a scenario whose segments share a name, or whose longest drawn run is longer
+    than its duration.
+    """
     segments, draw, duration = (here.values[key] for key in ("segment", "draw", "duration_s"))
     if len({segment.name for segment in segments}) != len(segments):
         raise table.fail(
@@ -230,6 +233,9 @@ WINDOW = Format(
 
 
 def _check_scale(table: Table, here: Context) -> None:
+    """The error of an output whose unit and scale do not fit; a sum of coordinates has neither
+    axis nor scale.
+    """
     unit = here.values["unit"]
     if "weights" in table:
         table.only("name", "unit", "weights")

@@ -385,6 +385,9 @@ def _integral(x: np.ndarray, t: np.ndarray) -> np.ndarray:
 
 
 def _interpret(equations: Equations) -> InverseDynamics:
+    """Inverse dynamics of a batch by CasADi's interpreter, where no compiled one is given; it
+    writes to ``out``.
+    """
     function = equations.function("inverse_dynamics")
 
     def call(q: np.ndarray, v: np.ndarray, a: np.ndarray, out: np.ndarray) -> None:

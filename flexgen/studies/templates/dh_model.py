@@ -108,6 +108,9 @@ class _Writer:
     """Text of one model."""
 
     def __init__(self, name: str, table: DhTable) -> None:
+        """Draft the model rigid first: drives that the table lacks need the largest inertia at
+        each joint.
+        """
         self.name = name
         self.table = table
         self.links = links(table)
@@ -374,6 +377,7 @@ class _Writer:
         return [*lines, ""]
 
     def _tool(self) -> list[str]:
+        """Lines of the tool's pose and the payload, each where the table has one."""
         lines: list[str] = []
         row = self.table.tool
         if row is not None:

@@ -298,6 +298,9 @@ class _Reader:
         return Row(line, place or name, kind, cells)
 
     def _kind(self, line: int, text: str) -> str:
+        """Rotation, translation or fixed, from a word of the column type; without one a
+        rotation.
+        """
         if not text:
             return "rotation"
         for kind, other in KINDS.items():

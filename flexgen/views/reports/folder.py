@@ -57,6 +57,9 @@ def check_folder(directory: str | Path | None, names: Iterable[str] = (PAGE,)) -
 
 
 def _is_marked(path: Path) -> bool:
+    """Whether a file has the mark that flexgen writes in files of this kind, at the begin or the
+    end; False where it cannot be read.
+    """
     mark, size = _MARKS[path.suffix]
     try:
         with path.open("rb") as stream:
