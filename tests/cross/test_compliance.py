@@ -31,7 +31,7 @@ def machine(found: Analysis) -> ToolCompliance:
     def force(q: np.ndarray, v: np.ndarray) -> np.ndarray:
         x = plant.P @ np.concatenate([q, rest.q_m])
         dx = plant.P @ np.concatenate([v, np.zeros(model.n_m)])
-        plant._set(x, dx)
+        plant.set_state(x, dx)
         return np.array(plant.d.qfrc_smooth[plant.at_v[:n]])
 
     def slopes(at, step: float) -> np.ndarray:

@@ -148,7 +148,7 @@ def both(name: str) -> tuple[np.ndarray, np.ndarray, int]:
     q_a, v_a, q_m, v_m, tau_m, force = state_of(model)
     machine = Sensing(model)
     body = machine.m.body("payload").id
-    machine._set(
+    machine.set_state(
         machine.P @ np.concatenate([q_a, q_m[list(model.i_m)]]), np.zeros(len(machine.at_v))
     )
     arm = machine.d.site("tool").xpos - machine.d.xipos[body]

@@ -63,7 +63,7 @@ class Touched(MujocoMachine):
         x, dx = (
             self.P @ np.concatenate([part, np.zeros(len(self.model.i_m))]) for part in (q_a, v_a)
         )
-        self._set(x, dx)
+        self.set_state(x, dx)
         J = np.zeros((3, self.m.nv))
         mujoco.mj_jacSite(self.m, self.d, J, None, self.m.site("tool").id)
         p = self.d.site("tool").xpos
@@ -78,7 +78,7 @@ class Touched(MujocoMachine):
         n_m = self.model.n_m
         q_a, v_a, q_m, v_m = np.split(x, np.cumsum([n_a, n_a, n_m]))
         force = self.push(q_a, v_a)
-        self._set(np.concatenate([q_a, q_m]), np.concatenate([v_a, v_m]))
+        self.set_state(np.concatenate([q_a, q_m]), np.concatenate([v_a, v_m]))
         arm = self.d.site("tool").xpos - self.d.xipos[self.body]
         self.d.xfrc_applied[self.body] = np.concatenate([force, np.cross(arm, force)])
         a_a, a_m = self.forward_dynamics(q_a, v_a, q_m, v_m, tau)

@@ -51,8 +51,8 @@ def test_the_integration_of_a_linear_robot_is_the_matrix_exponential() -> None:
     push = robot.rate(np.zeros(2 * n), torque)
     affine = np.block([[A, push[:, None]], [np.zeros((1, 2 * n + 1))]])
     expected = expm(affine * t[-1])[:-1, -1]
-    states, _ = robot._integrate(t, inputs, np.zeros(2 * n))
+    states, _ = robot.integrate(t, inputs, np.zeros(2 * n))
     assert states[-1] == pytest.approx(expected, rel=1e-8, abs=1e-12)
     states[1:] = 0.0
-    robot._integrate_stiff(t, inputs, states, 0)
+    robot.integrate_stiff(t, inputs, states, 0)
     assert states[-1] == pytest.approx(expected, rel=1e-5, abs=1e-8)

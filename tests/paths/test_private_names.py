@@ -21,6 +21,10 @@ def test_no_file_of_tests_has_more_private_names_than_the_list() -> None:
         ("monkeypatch.setattr(path, '_planned', None)", {"_planned"}),
         ("monkeypatch.setattr('flexgen.paths._planned', None)", {"_planned"}),
         ("from flexgen.paths import path\npath.planned(1)\npath.__name__", set()),
+        ("made = search()\nmade._slow_down(1)", {"_slow_down"}),
+        ("search(1)._slow_down(1)[0]._state", {"_slow_down", "_state"}),
+        ("result._repr_html_()\nmade._of_this_test", set()),
+        ("import ctypes as c\nc._slow_down(1)", set()),
         ("from numpy import _core\nclass A:\n    def f(self): return self._x", set()),
     ],
 )

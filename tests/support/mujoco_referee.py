@@ -177,32 +177,33 @@ quat="{quaternion(np.array(model.base.rotation))}">
 
     # the answers ---------------------------------------------------------------------------------
 
-    def _set(self, q, v) -> None:
+    def set_state(self, q, v) -> None:
+        """Take coordinates and speeds in the order of MuJoCo's joints; forces follow."""
         self.d.qpos[self.at_q] = q
         self.d.qvel[self.at_v] = v
         mujoco.mj_forward(self.m, self.d)
 
     def tool(self, q):
         """Position and rotation of the tool."""
-        self._set(q, np.zeros_like(self.at_v))
+        self.set_state(q, np.zeros_like(self.at_v))
         site = self.d.site("tool")
         return site.xpos.copy(), site.xmat.reshape(3, 3).copy()
 
     def mass_matrix(self, q):
         """Inertia matrix."""
-        self._set(q, np.zeros(len(self.at_v)))
+        self.set_state(q, np.zeros(len(self.at_v)))
         out = np.zeros((self.m.nv, self.m.nv))
         mujoco.mj_fullM(self.m, self.d, out)
         return (out - np.diag(self.m.dof_armature))[np.ix_(self.at_v, self.at_v)]
 
     def bias(self, q, v):
         """Centripetal, gyroscopic and gravity forces."""
-        self._set(q, v)
+        self.set_state(q, v)
         return self.d.qfrc_bias[self.at_v].copy()
 
     def inverse_dynamics(self, q, v, a):
         """Generalised forces for the accelerations a."""
-        self._set(q, v)
+        self.set_state(q, v)
         self.d.qacc[self.at_v] = a
         out = np.zeros(self.m.nv)
         mujoco.mj_rne(self.m, self.d, 1, out)
@@ -281,7 +282,7 @@ class MujocoMachine(MujocoReferee):
         x = self.P @ np.concatenate([q_a, q_m[i_m]])
         dx = self.P @ np.concatenate([v_a, v_m[i_m]])
         self.d.qfrc_applied[self.at_v[n_a:]] = tau_m
-        self._set(x, dx)
+        self.set_state(x, dx)
         self.d.qfrc_applied[:] = 0.0
         if len(i_m) == model.n_m:
             a = self.d.qacc[self.at_v]

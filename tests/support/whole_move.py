@@ -198,11 +198,14 @@ class WholeMove:
         start = np.concatenate(
             [t["q_a"][0], t["q_m"][0][list(model.i_m)], np.zeros(self.n_x - model.dof)]
         )
-        return times, *self._integrate(times, inputs, start)
+        return times, *self.integrate(times, inputs, start)
 
-    def _integrate(
+    def integrate(
         self, t: np.ndarray, inputs: np.ndarray, start: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
+        """States (n, n_x) and tools (n, 12) at instants t [s] under the inputs of each interval,
+        by `integrate_stiff` from where explicit steps fail.
+        """
         states = np.zeros((len(t), self.n_x))
         tools = np.zeros((len(t), 12))
         states[0] = start
@@ -227,7 +230,7 @@ class WholeMove:
             address(tools.ctypes.data),
         )
         if reached < len(t):
-            self._integrate_stiff(t, inputs, states, reached - 1)
+            self.integrate_stiff(t, inputs, states, reached - 1)
             for k in range(reached - 1, len(t)):
                 self.place(states[k], inputs[min(k, len(inputs) - 1), 0], tools[k])
         return states, tools
@@ -238,9 +241,10 @@ class WholeMove:
         addresses = [ctypes.c_void_p(a.ctypes.data) for a in (*given, np.empty(self.n_x), out)]
         _library().rate(ctypes.byref(self._robot), *addresses)
 
-    def _integrate_stiff(
+    def integrate_stiff(
         self, t: np.ndarray, inputs: np.ndarray, states: np.ndarray, first: int
     ) -> None:
+        """Replace the states behind number ``first`` by those of an implicit method."""
         powers = np.arange(POWERS)[:, None]
 
         def rate(instant: float, x: np.ndarray) -> np.ndarray:
