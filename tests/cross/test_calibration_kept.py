@@ -67,7 +67,7 @@ def test_kept_numbers_are_those_of_the_file_and_the_others_come_back(
     assert len(inside) > 30 and np.mean(inside) > 0.9
     assert {"q2.compliance"} <= {k for k, good in found.determined.items() if good}
     if seed == 0:
-        monkeypatch.setattr(verb, "undetermined", lambda *given: ())
+        monkeypatch.setattr(verb, "find_undetermined", lambda *given: ())
         wrong, _ = calibrated(seed)
         assert sum(wrong.values[name] != start[name] for name in found.kept) > 10
 

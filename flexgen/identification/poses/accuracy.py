@@ -12,8 +12,9 @@ Joint zeros and placements that the poses do not separate keep the width of thei
 together along an arc: a length across it changes with the square of their angle, by far more than
 the noise of the measurement tells.
 
-Numbers that the poses do not determine keep the value of the model file (`undetermined`), with the
-standard deviation of their prior; `with_kept` adds what an error of theirs does to the others.
+Numbers that the poses do not determine keep the value of the model file (`find_undetermined`),
+with the standard deviation of their prior; `with_kept` adds what an error of theirs does to the
+others.
 
 Source: D. M. Bates and D. G. Watts, Nonlinear Regression Analysis and Its Applications, 1988,
 ch. 7.
@@ -57,7 +58,7 @@ class Accuracy:
     pull: np.ndarray
 
 
-def undetermined(
+def find_undetermined(
     unknowns: Sequence[Unknown], x: np.ndarray, covariance: np.ndarray
 ) -> tuple[int, ...]:
     """Indices of the numbers that keep the value of the model file.

@@ -26,7 +26,7 @@ from flexgen.identification.estimator.validation import validate
 from flexgen.identification.poses.accuracy import (
     Accuracy,
     accuracy_of,
-    undetermined,
+    find_undetermined,
     with_kept,
 )
 from flexgen.identification.poses.components import (
@@ -358,7 +358,7 @@ def _fit_determined(
     for _ in range(ROUNDS):
         if is_over():
             break
-        left_out = undetermined(inner.unknowns, x[free], accuracy.covariance)
+        left_out = find_undetermined(inner.unknowns, x[free], accuracy.covariance)
         if not left_out:
             break
         free[np.flatnonzero(free)[list(left_out)]] = False

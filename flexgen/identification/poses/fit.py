@@ -144,7 +144,7 @@ class Poses(Problem):
         gap = self._gap(self._rest)
         return self._whiten(gap.reshape(len(gap), -1, 1)).ravel()
 
-    def whitened(self, columns: np.ndarray) -> np.ndarray:
+    def whiten_columns(self, columns: np.ndarray) -> np.ndarray:
         """Derivatives (N, k, 3, m) of the measured positions as those of the residuals,
         (3 k N, m).
         """
@@ -155,7 +155,7 @@ class Poses(Problem):
 
     def _slopes(self, x: np.ndarray) -> np.ndarray:
         J, self.near = self.statics.slopes(self.numbers(x), self._rest, self.unknowns)
-        return self.whitened(J)
+        return self.whiten_columns(J)
 
 
 def fit(

@@ -21,8 +21,9 @@ from flexgen.base.spec.variants import with_variant
 from flexgen.identification.estimator.fit_result import FitResult, FittedNumber
 from flexgen.identification.estimator.status import FitStatus
 from flexgen.identification.estimator.validation import WORSE
-from flexgen.identification.poses.components import Tilt
+from flexgen.identification.poses.components import Tilt, tilt_slopes
 from flexgen.identification.poses.content import content_of_calibration
+from flexgen.identification.poses.fit import MEDIAN_LENGTH
 from flexgen.identification.poses.model_file import VARIANT, changes_of
 from flexgen.identification.poses.parameters import FRAME, Unknown
 from flexgen.identification.poses.poses import LARGEST, StaticPoses
@@ -260,6 +261,52 @@ class Calibration(FitResult):
             .rest(self._numbers)
             .measured
         )
+
+    def position_sd(self, commands: np.ndarray, measured: bool = False) -> np.ndarray:
+        """Standard deviations of the axes of the positions that `predict` returns.
+
+        ``sqrt(diag(J C J'))`` with the slopes J of the positions and the covariance C of all
+        numbers, with that of the numbers that the poses do not determine. 95 % of true positions
+        are within 1.96 of these; what the model does not contain counts only as far as it
+        scatters the poses that were fitted.
+
+        Parameters
+        ----------
+        commands : array (N, n_g) [rad or m]
+        measured : bool
+            Of positions that will be measured: with what changes from pose to pose, the noise of
+            a point and the tilt.
+
+        Returns
+        -------
+        array (N, k, 3) [m]
+
+        Raises
+        ------
+        ArgumentError
+            The commands have another shape.
+        SolverError
+            A pose has no static equilibrium.
+        """
+        given = np.asarray(commands, dtype=float)
+        if given.ndim != 2 or given.shape[1] != self.nominal.n_g or not np.isfinite(given).all():
+            raise ArgumentError(
+                f"commands: given shape {given.shape}, expected finite numbers of shape "
+                f"(N, {self.nominal.n_g})"
+            )
+        statics = Statics(Tree(self.nominal), given)
+        numbers = self._numbers
+        rest = statics.rest(numbers)
+        J = statics.slopes(numbers, rest, self.unknowns)[0]
+        variance = np.einsum("...i,ij,...j->...", J, self.covariance, J, optimize=True)
+        if measured and self.tilt is not None:
+            B = tilt_slopes(statics, numbers, rest, [self.tilt.element])[0]
+            variance = variance + (B**2 @ self.tilt.tilt_rad**2).reshape(variance.shape)
+            variance = variance + self.tilt.noise_m**2
+        elif measured:
+            errors = self.errors[np.isfinite(self.errors)]
+            variance = variance + (np.median(errors) / MEDIAN_LENGTH) ** 2
+        return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
     def propose_poses(
         self, count: int, candidates: np.ndarray | None = None, seed: int = 0

@@ -38,7 +38,7 @@ FALSE_ALARMS = 0.01
 # Part of the information of a candidate that the free numbers leave, below which they do all that
 # it does.
 ABSORBED = 1e-9
-# Steps [unit] beyond which a place, a zero or a center of mass is no likely fault.
+# Steps [unit] below which a place, a zero or a center of mass is a likely fault.
 LARGEST_STEP = {"m": 0.5, "rad": 0.5}
 # Least ratio of a scale, a mass or a compliance that is a likely fault.
 LEAST_RATIO = 0.2
@@ -255,7 +255,7 @@ def scores(problem: Poses, found: Minimum, taken: Sequence[str]) -> tuple[Suspec
     numbers = problem.numbers(found.x)
     out = []
     for one in candidates_of(problem.statics, numbers, found.rest, taken):
-        A = here.roots[:, None] * problem.whitened(one.columns)
+        A = here.roots[:, None] * problem.whiten_columns(one.columns)
         away = np.vstack([A, np.zeros((len(root), A.shape[1]))])
         away = away - Q @ (Q.T @ away)
         away = away - Q @ (Q.T @ away)  # rounding of the first projection
