@@ -318,7 +318,8 @@ class _Study:
                 known = (groups < 0) | np.isin(groups, groups[kept])
                 alone = np.where(known[one], alone, np.nan)
             if touches is not None:
-                alone = np.where(touches.find_known(kept)[one], alone, np.nan)
+                known = touches.find_known(kept) & ~touches.levels
+                alone = np.where(known[one], alone, np.nan)
             if tilt is None:
                 return alone[None]
             return np.array([alone, seen_others(others, numbers, rest, self.measured[one], tilt)])
@@ -423,8 +424,13 @@ def _check_points(robot: RobotModel, data: StaticPoses, place: Sequence[str]) ->
             )
         return
     trackers = [sensor.name for sensor in trackers_of(robot)]
-    for name, count in zip(trackers, seen.sum(axis=0).tolist(), strict=True):
-        if count < FEWEST:
+    touches = surfaces_of(data)
+    only_levels = np.zeros(len(trackers), bool)
+    if touches is not None:
+        only_levels = (touches.touched == touches.levels).all(axis=0) & ~seen.any(axis=0)
+    counts = zip(trackers, seen.sum(axis=0).tolist(), only_levels.tolist(), strict=True)
+    for name, count, is_level in counts:
+        if count < FEWEST and not is_level:
             raise ArgumentError(
                 f"poses: given {count} measured positions of {name} beside touches, expected "
                 f"none of any tracker, or at least {FEWEST} of each"

@@ -188,8 +188,10 @@ def fit(
     rest = problem.rest(found.x)
     lengths = problem.lengths(rest)
     scale = problem.scale(lengths)
-    errors = np.where(problem.valid, lengths, np.nan)
-    sizes = errors / scale
+    sizes = np.where(problem.valid, lengths, np.nan) / scale
+    touches = problem.statics.touches
+    levels = False if touches is None else touches.levels  # no distances
+    errors = np.where(problem.valid & ~np.array(levels), lengths, np.nan)
     if problem.weights is not None:
         errors = errors / problem.weights
     return Minimum(found.x, rest, errors, scale, found.converged, sizes)

@@ -163,6 +163,8 @@ def place_trackers(
     found = numbers.trackers.copy()
     points = rest.points.copy()
     for k, mount in enumerate(statics.places):
+        if not valid[:, k].any():
+            continue  # a level, or touches alone
         R = rest.posture.frame(mount.node)[0] @ mount.rotation
         origin = statics.tree.point(rest.posture, mount, np.zeros(3))
         found[k] = _in_frame(R, origin, world[:, k])[valid[:, k]].mean(axis=0)

@@ -138,6 +138,7 @@ def place_surfaces(
     """The surfaces where the trackers of a rigid robot touch them, and their numbers (m, 3)."""
     touching = Statics(statics.tree, statics.commands, None, touches)
     there = touching.rest(numbers, rigid=True)
+    touches = touching.touches or touches
     return touches.place(there.points, there.tips)
 
 
@@ -151,7 +152,8 @@ def _scatter_at_points(statics: Statics, numbers: Numbers, data: StaticPoses) ->
         np.linalg.norm(there.points[groups == k] - there.points[groups == k].mean(axis=0), axis=1)
         for k in range(int(groups.max()) + 1)
     ]
-    if touches is not None:
+    if touching.touches is not None:
+        touches = touching.touches
         placed, surfaces = touches.place(there.points, there.tips)
         away.append(np.abs(placed.residuals(there.points, there.tips, surfaces))[touches.touched])
     return float(np.median(np.concatenate(away)))
@@ -164,8 +166,10 @@ def agreement(statics: Statics, measured: np.ndarray, numbers: Numbers) -> tuple
     Trackers that only springs move, as on a base, do not count: a rigid robot explains nothing of
     their motion.
     """
+    seen = np.isfinite(measured).all(axis=2).any(axis=0)
+    measured = np.where(seen[:, None], measured, 0.0)  # of a level: it does not count
     error = np.where(
-        trackers_that_move(statics, numbers),
+        trackers_that_move(statics, numbers) & seen,
         np.nanmedian(rigid_errors(statics, measured, numbers), axis=0),
         0.0,
     )

@@ -192,7 +192,7 @@ def is_plausible(name: str, unit: str, held: np.ndarray, value: np.ndarray) -> b
     """
     step = float(np.linalg.norm(value - held))
     if name == "gravity":
-        ratio = float(np.linalg.norm(value) / max(np.linalg.norm(held), 1e-300))
+        ratio = float(np.linalg.norm(value)) / max(float(np.linalg.norm(held)), 1e-300)
         return LEAST_RATIO < ratio < 1.0 / LEAST_RATIO
     if unit in LARGEST_STEP:
         return step < LARGEST_STEP[unit]

@@ -17,7 +17,7 @@ effects ``q'``, ``c'``, ``tau'``,
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -173,6 +173,10 @@ class Statics:
         self.model = tree.model
         self.commands = commands
         self.groups = groups
+        down = np.array(tree.model.gravity)
+        size = float(np.linalg.norm(down))
+        if touches is not None and size > 0.0:
+            touches = replace(touches, up=tuple((-down / size).tolist()))
         self.touches = touches
         self.actuated = [tree.index[c.name] for c in tree.model.coordinates if c.actuated]
         self.elastic = np.array([tree.index[name] for name in tree.elastic], int)

@@ -6,9 +6,10 @@ With a tracker at p in the world of the robot, and the number g that was read,
     sphere:      r = |p - c| - g
     gauge:       r = u'p - z - g,        tool axes: r = (R u)'(p - c) - g
     coordinate:  r = u'p - g
+    level:       r = (R u)'n - z - g
 
 ``c``: the axis of the world nearest to the normal of a plane, ``i``, ``j``: the two others; ``u``:
-an axis, with its sign; ``R``: axes of the tracker. The offset ``o`` and the slopes ``s`` of a
+an axis, with its sign; ``R``: axes of the tracker; ``n``: upwards, against gravity. The offset ``o`` and the slopes ``s`` of a
 plane, centers and places ``c`` and the zero ``z`` of a gauge are not known, and fitted with the
 robot.
 """
@@ -29,11 +30,21 @@ FORMS = {
     "sphere": "sphere NAME",
     "gauge": "gauge NAME AXIS",
     "coordinate": "coordinate AXIS",
+    "level": "level NAME AXIS",
 }
 WORLD_AXES = tuple(f"{sign}{axis}" for axis in AXES for sign in ("", "-"))
 TOOL_AXES = tuple(f"{sign}tool.{axis}" for axis in AXES for sign in ("", "-"))
 # Touches of a surface by kind, from which on one of them tells more than where the surface is.
-FEWEST_TOUCHES = {"plane": 4, "sphere": 4, "gauge": 2, "tool gauge": 4, "coordinate": 1}
+FEWEST_TOUCHES = {
+    "plane": 4,
+    "sphere": 4,
+    "gauge": 2,
+    "tool gauge": 4,
+    "coordinate": 1,
+    "level": 2,
+}
+# Kinds that measure along an axis of the tracker.
+TURNING = ("tool gauge", "level")
 # m: distances of a point from the center of a sphere are divided by no less.
 LEAST_DISTANCE = 1e-9
 # m: readings of a plane that differ by less do not show the side of its normal.
@@ -57,8 +68,8 @@ class Surface:
     @property
     def title(self) -> str:
         """The beginning of the names of its numbers."""
-        if self.kind == "gauge":
-            return f"gauge.{self.name}.{'-' if self.sign < 0.0 else ''}{AXES[self.axis]}"
+        if self.kind in ("gauge", "level"):
+            return f"{self.kind}.{self.name}.{'-' if self.sign < 0.0 else ''}{AXES[self.axis]}"
         return f"{self.kind.split()[-1]}.{self.name}"
 
     @property
@@ -68,6 +79,8 @@ class Surface:
             return ()
         if self.kind == "gauge":
             return ((f"{self.title}.zero", "m"),)
+        if self.kind == "level":
+            return ((f"{self.title}.zero", ""),)
         if self.kind != "plane":
             return tuple((f"{self.title}.{axis}", "m") for axis in AXES)
         slopes = [f"{self.title}.slope_{AXES[k]}" for k in self.others]
@@ -85,8 +98,9 @@ class Touches:
     """Contacts of the trackers at N poses.
 
     ``surfaces``; ``which`` (N, k): index of the surface, -1: none; ``along`` (N, k), ``signs``
-    (N, k): index and sign of the axis of a gauge; ``readings`` (N, k) [m]; ``tips``: pairs of a
-    tracker and an axis of its own that a gauge measures along.
+    (N, k): index and sign of the axis of a gauge; ``readings`` (N, k) [m], of a level [m/m];
+    ``tips``: pairs of a tracker and an axis of its own that a gauge or a level measures; ``up``
+    (3,): direction against gravity.
     """
 
     surfaces: tuple[Surface, ...]
@@ -95,6 +109,7 @@ class Touches:
     signs: np.ndarray
     readings: np.ndarray
     tips: tuple[tuple[int, int], ...]
+    up: tuple[float, ...] = (0.0, 0.0, 1.0)
 
     @classmethod
     def of(cls, texts: np.ndarray, readings: np.ndarray) -> Touches | None:
@@ -113,7 +128,7 @@ class Touches:
             which[rows] = surfaces.setdefault(surface, len(surfaces))
             along[rows] = axis
             signs[rows] = sign
-        tool = np.array([surface.kind == "tool gauge" for surface in surfaces])
+        tool = np.array([surface.kind in TURNING for surface in surfaces])
         pairs = np.argwhere((which >= 0) & tool[which])
         tips = {(int(k), int(along[row, k])) for row, k in pairs}
         given = np.where(which >= 0, np.nan_to_num(readings), 0.0)
@@ -135,10 +150,18 @@ class Touches:
         return self.which >= 0
 
     @property
+    def levels(self) -> np.ndarray:
+        """Whether a tracker reads an inclination, (N, k)."""
+        level = np.array([surface.kind == "level" for surface in self.surfaces])
+        return self.touched & level[self.which]
+
+    @property
     def has_scale(self) -> bool:
         """Whether the readings state any length."""
         for m, surface in enumerate(self.surfaces):
             of = self.readings[self.which == m]
+            if surface.kind == "level":
+                continue
             if surface.kind in ("sphere", "coordinate") and of.any():
                 return True
             if np.ptp(of) > SAME_READING:
@@ -213,7 +236,7 @@ class Touches:
 
     def _tool_rows(self, k: int, axis: int) -> np.ndarray:
         """Poses in which a gauge measures along an axis of a tracker."""
-        tool = np.array([surface.kind == "tool gauge" for surface in self.surfaces])
+        tool = np.array([surface.kind in TURNING for surface in self.surfaces])
         return np.asarray((self.which[:, k] >= 0) & tool[self.which[:, k]]) & (
             self.along[:, k] == axis
         )
@@ -244,6 +267,10 @@ class Touches:
                 arms[at] = away
                 normals[at] = self.signs[at][:, None] * axes
                 own[at] = -normals[at]
+            elif surface.kind == "level":
+                arms[at] = self.signs[at][:, None] * np.array(self.up)
+                value = (self._axes(points, tips, at) * arms[at]).sum(axis=1) - numbers[m, 0]
+                own[(*at, np.zeros(len(p), int))] = -1.0
             else:
                 normals[at] = self.signs[at][:, None] * np.eye(3)[self.along[at]]
                 value = (normals[at] * p).sum(axis=1) - numbers[m, 0]
@@ -278,6 +305,9 @@ class Touches:
                 middle = p.mean(axis=0)
                 away = (axes * (p - middle)).sum(axis=1) - g
                 numbers[m] = middle + np.linalg.lstsq(axes, away, rcond=1e-6)[0]
+            elif surface.kind == "level":
+                axes = self.signs[at][:, None] * self._axes(points, tips, at)
+                numbers[m, 0] = np.mean(axes @ np.array(self.up) - g)
             elif surface.kind == "gauge":
                 numbers[m, 0] = np.mean(self.signs[at] * p[:, surface.axis] - g)
         return replace(self, surfaces=tuple(surfaces)), numbers
@@ -300,14 +330,14 @@ def parse_touch(text: str) -> tuple[Surface, int, float]:
         return Surface(kind, words[0], axis=2), -1, 1.0  # until it is placed
     if kind == "sphere":
         return Surface(kind, words[0]), -1, 1.0
-    known = WORLD_AXES if kind == "coordinate" else WORLD_AXES + TOOL_AXES
+    known = WORLD_AXES + TOOL_AXES if kind == "gauge" else WORLD_AXES
     if words[-1] not in known:
         raise ArgumentError(f"touch: given {show(text)}, expected an axis of {', '.join(known)}")
     axis = AXES.index(words[-1][-1])
     sign = -1.0 if words[-1].startswith("-") else 1.0
     if "tool." in words[-1]:
         return Surface("tool gauge", words[0]), axis, sign
-    return Surface(kind, words[0] if kind == "gauge" else "", axis, sign), axis, sign
+    return Surface(kind, "" if kind == "coordinate" else words[0], axis, sign), axis, sign
 
 
 def _of_plane(
