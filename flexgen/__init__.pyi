@@ -67,6 +67,11 @@ from flexgen.feedback.positions.servo import Servo as Servo
 from flexgen.feedback.positions.shaper_comparison import ShaperComparison as ShaperComparison
 from flexgen.feedback.positions.shaper_comparison import compare_shapers as compare_shapers
 from flexgen.feedback.positions.shapers import Shaper as Shaper
+from flexgen.identification.commissioning.commission import commission as commission
+from flexgen.identification.commissioning.result import Commissioning as Commissioning
+from flexgen.identification.commissioning.unknowns import (
+    DatasheetTolerances as DatasheetTolerances,
+)
 from flexgen.identification.experiments.excitation import Plan as Plan
 from flexgen.identification.experiments.experiment import Experiment as Experiment
 from flexgen.identification.experiments.experiment import measure as measure
