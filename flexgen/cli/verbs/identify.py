@@ -187,7 +187,7 @@ def identify(args: Namespace, log: Progress) -> VerbResult:
         raise ArgumentError(
             "--counterbalance: given without --rigid or --segments, expected with them"
         )
-    if args.validate is not None and args.structure:
+    if args.validate and args.structure:
         raise ArgumentError("--validate: given with --structure, expected without it")
     if args.truth is not None and args.move is None:
         raise ArgumentError(
@@ -212,7 +212,7 @@ def identify(args: Namespace, log: Progress) -> VerbResult:
     }
     experiment = None if args.refine is None else load_experiment(args.refine)
     given["levels"] = [Frf.load(path) for path in args.levels or ()]
-    given["validate"] = [] if args.validate is None else [Frf.load(args.validate)]
+    given["validate"] = [Frf.load(args.validate)] if args.validate else []
     found = fit(model, data, **given, progress=throttle(log))
     validation = []
     tell = throttle(log)
@@ -304,7 +304,7 @@ def _rigid(args: Namespace, log: Progress) -> VerbResult:
     found = identify_bodies(
         model,
         args.data,
-        validate=args.validate,
+        validate=args.validate or None,
         counterbalance=balance,
         time_limit=args.time_limit,
         progress=log,
@@ -339,7 +339,7 @@ def _segments(args: Namespace, log: Progress) -> VerbResult:
         free=args.free,
         fixed=args.fixed or (),
         start=start,
-        validate=args.validate,
+        validate=args.validate or None,
         time_limit=args.time_limit,
         progress=log,
     )
