@@ -20,6 +20,23 @@ COARSE = 4
 NORMAL = 0.6745
 # standard deviations of second differences from which on a jump is none of noise or of a count
 OF_NOISE = 5.0
+# Of samples that are lost without a gap in the times: difference of the steps before and after
+# over their mean, at most; deviation of the number of lost samples from a whole one; its size over
+# its standard deviation, and that of the residuals of all axes; most samples lost at once.
+EVEN = 0.3
+WHOLE = 0.2
+CLEAR = 12.0
+CONSISTENT = 4.0
+# A step over its standard deviation from which on an axis tells, too.
+SEEN = 5.0
+LOST_AT_ONCE = 20
+# Standard deviation of a step over the largest one, at least; difference of equal steps in time.
+FINEST = 2e-3
+# Speed of an axis that moves, over its largest one.
+MOVING = 0.1
+# Standard deviation of the difference of steps, in counts of an encoder, at least.
+COUNT = 0.6
+STEADY = 0.02
 TRANSIENT = "a transient remains"  # the words of a warning that withholds intervals
 SURE = 6.0  # standard deviations of a ratio of powers
 SMALLEST = 1e-4  # transient over signal
@@ -45,6 +62,58 @@ def lost_samples(x: np.ndarray) -> np.ndarray:
     noise = float(np.median(bends[bends > 0])) / NORMAL
     above = (jump >= 5 * least) & (jump > OF_NOISE * noise)
     return np.asarray(np.flatnonzero(run & above & (jump > 1.5 * after)))
+
+
+def skipped_samples(t: np.ndarray, x: np.ndarray) -> list[tuple[int, int]]:
+    """Where all axes advance by the steps of several samples at once, though the times do not.
+
+    A sample that is lost, with times that are written as if it were not, leaves a step that is
+    longer by the m lost ones in each axis that moves,
+
+        e = step_k - (step_(k-1) + step_(k+1))/2 = m v h,    v h = (step_(k-1) + step_(k+1))/2
+
+    Least squares over the axes give m; it is a whole number that all axes agree on, two at least.
+
+    Parameters
+    ----------
+    t : array (n,) [s]
+    x : array (n, axes) [rad or m]
+
+    Returns
+    -------
+    list of (index, count)
+        The sample before the long step, and the lost ones.
+    """
+    if len(t) < 8:
+        return []
+    h = np.diff(t)
+    step = np.diff(x, axis=0)
+    way = (step[:-2] + step[2:]) / 2
+    excess = step[1:-1] - way
+    moves = np.abs(step).max(axis=0) > 0.0
+    # while the axis moves: at rest there is less noise
+    fast = np.abs(way) > MOVING * np.abs(way).max(axis=0)
+    moving = np.ma.masked_array(np.abs(excess), ~fast)
+    middle = np.ma.filled(np.ma.median(moving, axis=0), 0.0) / NORMAL
+    count = np.where(step != 0.0, np.abs(step), np.inf).min(axis=0)
+    sd = np.maximum(middle, FINEST * np.abs(step).max(axis=0))
+    # of an encoder steps differ by a count
+    sd = np.where(moves, np.maximum(sd, COUNT * count), 1.0)
+    even = np.abs(step[2:] - step[:-2]) <= EVEN * np.abs(way) + 4.0 * sd
+    weight = even * moves / sd**2
+    power = (weight * way**2).sum(axis=1)
+    m = (weight * way * excess).sum(axis=1) / np.where(power > 0.0, power, 1.0)
+    whole = np.round(m)
+    squares = weight * (excess - whole[:, None] * way) ** 2
+    left = np.sqrt(squares.max(axis=1))
+    # a jump of one axis alone may be its own
+    agree = (np.abs(way) * np.sqrt(weight) > SEEN).sum(axis=1) >= 2
+    sure = agree & (np.sqrt(power) > CLEAR)
+    steady = np.abs(h - np.median(h)) < STEADY * np.median(h)
+    steady = steady[:-2] & steady[1:-1] & steady[2:]
+    found = (whole >= 1) & (whole <= LOST_AT_ONCE) & (np.abs(m - whole) < WHOLE)
+    at = np.flatnonzero(found & sure & steady & (left < CONSISTENT))
+    return [(int(k) + 1, int(whole[k])) for k in at]
 
 
 def first_period_excess(X: np.ndarray) -> np.ndarray:

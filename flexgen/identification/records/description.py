@@ -90,7 +90,7 @@ import numpy as np
 from flexgen.base.errors import ArgumentError
 from flexgen.base.files.record_columns import column_of
 from flexgen.base.files.record_tables import SKIPPED, read_arrays
-from flexgen.base.numerics.records import lost_samples
+from flexgen.base.numerics.records import lost_samples, skipped_samples
 from flexgen.base.numerics.sampling import GAP, Gap, Piece, Sampled, drop_repeats, resample
 from flexgen.base.spec.sensors import UNITS
 from flexgen.base.spec.tables import Table, closest, parse_file
@@ -604,6 +604,7 @@ class Recording:
             t = self._times[n + j]
             x = self._values[n + j]
             _check_angle(f"{self.file}: {_describe('angle', channel)}", t, x)
+        check_skipped(str(self.file), self._times[n : 2 * n], self._values[n : 2 * n])
         for j, channel in enumerate(torques):
             t = self._times[j]
             tau = self._values[j]
@@ -628,6 +629,24 @@ def _check_angle(where: str, t: np.ndarray, x: np.ndarray) -> None:
         raise ArgumentError(
             f"{where}: stands still and jumps {len(lost)} times, first at t = {t[lost[0]]:.6g} s: "
             "samples are lost; record again, or take a part without gaps"
+        )
+
+
+def check_skipped(where: str, times: Sequence[np.ndarray], angles: Sequence[np.ndarray]) -> None:
+    """ArgumentError where the angles (n,) of all axes advance by several steps at once, though
+    their times [s], which are the same, have no gap.
+    """
+    first = times[0]
+    if any(len(t) != len(first) or not np.array_equal(t, first) for t in times):
+        return
+    found = skipped_samples(first, np.column_stack(angles))
+    if found:
+        k, count = found[0]
+        many = f"{count} samples" if count > 1 else "a sample"
+        raise ArgumentError(
+            f"{where}: at t = {first[k]:.6g} s the angles advance by {count + 1} steps at once, "
+            f"as if {many} were lost, and the times have no gap there, so that what follows is "
+            "late against other signals; record again, or take a part before or after it"
         )
 
 

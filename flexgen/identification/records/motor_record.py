@@ -25,7 +25,7 @@ from flexgen.base.motion.trajectory import Trajectory, channel_values
 from flexgen.base.numerics.sampling import Gap, drop_repeats, resample
 from flexgen.base.spec.ports import Port
 from flexgen.base.spec.tables import open_file
-from flexgen.identification.records.description import read_description
+from flexgen.identification.records.description import check_skipped, read_description
 from flexgen.model.elements import RobotModel
 
 CHANNELS = {"q_m": "rad", "tau_m": "N m"}
@@ -224,6 +224,7 @@ def _at_equal_steps(
     kept = [drop_repeats(*pair) for pair in zip(times[:n], values[:n], strict=True)]
     times = [*(t for t, _ in kept), *times[n:]]
     values = [*(x for _, x in kept), *values[n:]]
+    check_skipped(where, times[:n], values[:n])
     found = resample(where, times, values, smooth)
     piece = max(found.pieces, key=lambda one: len(one.time))
     notes = list(found.notes)
