@@ -182,8 +182,10 @@ def identify(
                 tested = compare_levels(
                     Residuals(vector, data, deflection_sd=found.deflection_sd), found.x, levels
                 )
-        held_out = () if is_over() else tuple(unexplained(vector, x, found.x) for x in validate)
-        within = unexplained(vector, data, found.x) if held_out else 0.0
+        held_out = (
+            () if is_over() else tuple(find_unexplained_part(vector, x, found.x) for x in validate)
+        )
+        within = find_unexplained_part(vector, data, found.x) if held_out else 0.0
     poor = max(held_out, default=0.0) > max(WORSE * within, POOR)
     known = found.status not in (FitStatus.NOT_CONVERGED, FitStatus.AT_BOUND)
     status = found.status
@@ -192,7 +194,7 @@ def identify(
     return replace(found, source=source, amplitude=tested, held_out=held_out, status=status)
 
 
-def unexplained(vector: ParameterVector, data: Frf, x: np.ndarray) -> float:
+def find_unexplained_part(vector: ParameterVector, data: Frf, x: np.ndarray) -> float:
     """Part of the responses that a model with the parameters ``x`` and the noise do not explain,
     of the element with the largest; see `Residuals.find_unexplained`.
     """
