@@ -35,11 +35,11 @@ GROUPS = {
     "a robot and its equations": "models new describe check derive analyze view schema",
     "inverse dynamics, and the C of it": "run solve generate plan fastest kinematics simulate",
     "robots that differ from their model": (
-        "predict control tune score learn command-positions sense"
+        "predict control tune score learn command-positions compare-shapers sense"
     ),
     "identification": (
         "excite measure frf identify identify-servo identify-load identify-gears identify-spring "
-        "calibrate commission"
+        "calibrate commission compare-record"
     ),
     "other tools, many cases": "export sweep completion",
 }

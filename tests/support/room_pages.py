@@ -24,8 +24,8 @@ ORDER = {
     "paths": "path geometry timing samples reference path_table move_files force "
     "inverse_kinematics accuracy",
     "backends": "autodiff cuda",
-    "simulation": "simulate start run integration open_loop motor_feedback after_end verification "
-    "result environment",
+    "simulation": "simulate start run integration driven_joints open_loop motor_feedback "
+    "after_end verification result environment",
     "inversion": "solve problem choice refinement methods judge unverified_solution solution hold "
     "comparison",
     "feedback": "loop laws observers positions sampled_plant",

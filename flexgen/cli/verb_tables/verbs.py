@@ -64,20 +64,20 @@ ROWS = (
                     group="kind",
                 ),
                 Option(
-                    "payload",
-                    "of a URDF file: an elastic beam on the tip of a robot that takes "
-                    "positions, from its drawing (m, Pa, kg/m^3), such as beam:length=0.52,"
-                    "width=0.08,height=0.001,modulus=190e9,density=7870,angle_deg=30",
-                    "BEAM",
-                    "text",
-                ),
-                Option(
                     "dh",
                     "with elastic gears for a table of Denavit-Hartenberg parameters "
                     "(.csv), units in its header; see docs/datasheet.md",
                     "FILE",
                     "text",
                     group="kind",
+                ),
+                Option(
+                    "payload",
+                    "of a URDF file: an elastic beam on the tip of a robot that takes "
+                    "positions, from its drawing (m, Pa, kg/m^3), such as beam:length=0.52,"
+                    "width=0.08,height=0.001,modulus=190e9,density=7870,angle_deg=30",
+                    "BEAM",
+                    "text",
                 ),
                 Option(
                     "convention",
