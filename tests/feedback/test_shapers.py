@@ -118,7 +118,7 @@ def test_arguments_that_do_not_fit_are_refused(slide, change, words):
         flexgen.compare_shapers(slide, **change)
 
 
-def test_shapers_that_are_none_are_refused(tmp_path):
+def test_invalid_shapers_are_refused(tmp_path):
     for times, amplitudes, words in (
         ([0.1, 0.2], [0.5, 0.5], "from 0 on"),
         ([0.0, 0.2], [0.5, 0.6], "of sum 1"),

@@ -65,7 +65,7 @@ def test_no_score_is_printed_below_the_noise(slide):
         assert "small motions: not predicted: torque of q1" in found.to_text()
 
 
-def test_a_lag_at_the_end_of_its_search_is_not_believed(slide):
+def test_a_lag_at_the_end_of_its_search_is_not_stated(slide):
     found = flexgen.compare_record(slide, shaken(lag=0.08), window=(1.1, 3.9))
     assert found.lag_s is None
     assert found.scores[0].r2_lag is None

@@ -180,7 +180,7 @@ def test_new_writes_a_robot_with_the_beam_on_its_flange(tmp_path, capsys):
         (text_of({**BEAM, "height": 0.1}), "one that is slender"),
     ],
 )
-def test_payloads_that_are_no_beams_are_refused(text, words):
+def test_invalid_beams_are_refused(text, words):
     with pytest.raises(ArgumentError, match=words):
         read_beam(text)
 

@@ -40,7 +40,7 @@ from flexgen.simulation.driven_joints import DrivenMotion, drive_joints
 
 # Signal over the noise of its sensor, root mean squares, from which on a channel is judged.
 ABOVE_NOISE = 3.0
-# s: a lag is searched within this time on either side, and not believed at its ends.
+# s: a lag is searched within this time on either side; at the ends of it none is stated.
 LONGEST_LAG = 0.05
 # s: a given lag, at most on either side.
 LARGEST_LAG = 1.0

@@ -91,8 +91,8 @@ def read_beam(text: str) -> Beam:
     Raises
     ------
     ArgumentError
-        Another kind of payload; a key is unknown, missing or given twice; a value is no number in
-        its range.
+        Another kind of payload; a key is unknown, missing or given twice; a value is not a number
+        in its range.
     """
     kind, _, rest = text.partition(":")
     if kind.strip() != KIND:
