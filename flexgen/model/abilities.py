@@ -280,6 +280,7 @@ def _miss_harmonics(robot: RobotModel) -> str:
 
 # Reasons that several functions share.
 OF_THE_PAST = "whose torque depends on the motion before"
+NOT_SHAPED = "motors that follow positions have springs and dampers behind them alone"
 NO_STATE = "the optimal control problem lacks its state"
 LINEAR = "responses of small motions about a pose are identified, which such a law does not have"
 NOT_FITTED = "its torques are not among those that are fitted"
@@ -301,6 +302,7 @@ FEATURES: tuple[Feature, ...] = (
         "remove the table hysteresis of the gear from the model file",
         refused={
             "plan_problem": NO_STATE,
+            "compare_shapers": NOT_SHAPED,
             "feedback_study": NOT_IN_LAWS,
             "excite": LINEAR,
             "measure": LINEAR,
@@ -332,6 +334,7 @@ FEATURES: tuple[Feature, ...] = (
         "remove the table lugre of the motor",
         refused={
             "plan_problem": NO_STATE,
+            "compare_shapers": NOT_SHAPED,
             "feedback_study": NOT_IN_LAWS,
             "excite": LINEAR,
             "measure": LINEAR,
@@ -393,6 +396,7 @@ FEATURES: tuple[Feature, ...] = (
         "remove these tables from the model file",
         refused={
             "plan_problem": "its mesh may be too coarse for them",
+            "compare_shapers": NOT_SHAPED,
             "feedback_study": NOT_IN_LAWS,
             "identify_rigid": NOT_FITTED,
             "identify_load": NOT_FITTED,
@@ -577,6 +581,7 @@ FEATURES: tuple[Feature, ...] = (
             "control": "its feedforward is the inverse dynamics, unless a `solution` is given",
             "predict": "its feedforward is the inverse dynamics, unless a `solution` is given",
             "command_positions": "they need the inverse dynamics, unless a `solution` is given",
+            "compare_shapers": "the outputs must determine the positions of all motors",
             "plan_problem": "the ends of the path must determine the pose of all joints",
             "feedback_study": "its feedforward is the inverse dynamics",
             "CollisionDetector": "its library is that of the inverse dynamics",
