@@ -77,6 +77,7 @@ HEAVY = set(
     "solve sweep generate excite measure frf identify refine fit_motion control feedback_study "
     "tune fastest identify_load identify_servo identify_gears identify_spring command_positions "
     "learn predict compare export_fmu score export_mex export_plcopen export_ros2 export_selftest "
+    "compare_record compare_shapers commission next_run "
     "export_simulink export_mujoco export_urdf view models kinematics simulate load check "
     "report verdict then plot to_dataframe to_xarray to_control".split()
 )
@@ -215,8 +216,20 @@ def more_objects(folder: Path) -> dict[type, Any]:
         ),
         flexgen.identify_gears("elbow", run.trajectory(), hysteresis=False, **quiet),
         flexgen.command_positions("elbow", solution=known[flexgen.Solution], **quiet),
+        *recorded(),
+        flexgen.compare_shapers("elbow", detuning=[1.0], **quiet),
+        flexgen.Shaper.of_mode("zv", 3.0),
     ]
     return known | {type(thing): thing for thing in objects}
+
+
+def recorded() -> tuple[flexgen.JointRecord, flexgen.RecordComparison]:
+    """A record of joints that move once, and its comparison."""
+    time = 1e-3 * np.arange(800)
+    swing = 0.1 * np.sin(np.pi * np.clip((time - 0.2) / 0.3, 0.0, 1.0)) ** 4
+    angle = np.outer(swing, [1.0, -1.0])
+    record = flexgen.JointRecord(time, angle, np.zeros((800, 2)), ("q1", "q2"))
+    return record, flexgen.compare_record("elbow", record)
 
 
 def calibrated() -> flexgen.Calibration:

@@ -139,9 +139,9 @@ class Shaper:
         """
         time = np.asarray(time, dtype=float)
         q = np.asarray(positions, dtype=float)
-        steps = np.diff(time)
-        is_even = len(steps) > 0 and bool((np.abs(steps - steps.mean()) <= SUM).all())
-        if q.ndim != 2 or len(q) != len(time) or not is_even or steps.mean() <= 0.0:
+        steps = np.diff(np.atleast_1d(time))
+        is_even = len(steps) > 0 and steps[0] > 0.0 and np.ptp(steps) <= SUM
+        if time.ndim != 1 or q.ndim != 2 or len(q) != len(time) or not is_even:
             raise ArgumentError(
                 f"shape: given times {time.shape}, positions {q.shape}, expected equal steps (n,) "
                 "and (n, joints)"
