@@ -26,7 +26,7 @@ def plot_record_comparison(found: RecordComparison) -> Figure:
             (x[:, k] - x[:, k].mean())[::every] for x in (found.measured, found.predicted)
         )
         time = found.time[::every]
-        ax.plot(time, measured, lw=0.8, color=cv.GREY, label="record")
+        ax.plot(time, measured, lw=2.0, color=cv.GREY, label="record")
         ax.plot(time, predicted, lw=0.8, color=cv.BLUE, label="model")
         best = score.r2 if score.r2_lag is None else score.r2_lag
         words = SMALL if best is None else f"R2 {best:.3g}"

@@ -23,7 +23,7 @@ def plot_shapers(found: ShaperComparison) -> Figure:
     for name in NAMES:
         runs = [run for run in found.runs if run.shaper == name]
         sizes = [1e3 * run.vibration for run in runs]
-        ax.semilogy([run.duration_s for run in runs], sizes, "o", color=COLORS[name], label=name)
+        ax.plot([run.duration_s for run in runs], sizes, "o", color=COLORS[name], label=name)
         for run, size in zip(runs, sizes, strict=True):
             if name != NAMES[0]:
                 ax.annotate(f" {run.detuning:g}", (run.duration_s, size))
