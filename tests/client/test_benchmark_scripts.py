@@ -21,6 +21,8 @@ ROOT = Path(__file__).resolve().parents[2]
 LIMIT = 1800.0  # s of wall time: a shortest form takes about a minute on an idle core
 # The file of results of some scripts is made in a folder of its own.
 RESULTS = "RESULTS.json"
+# So is the folder of records.
+FOLDER = "FOLDER"
 
 # Script -> its words in the shortest form: prints, and writes no page.
 SHORTEST = {
@@ -29,6 +31,7 @@ SHORTEST = {
     "batches/measure.py": ["elbow", "--quick"],
     "claims/claims.py": [RESULTS, "--quick"],
     "closed_form_sweep.py": ["20"],
+    "commissioning/trial.py": [FOLDER, "--quick"],
     "compilers/compilers.py": ["elbow"],
     "control.py": ["--quick"],
     "feedback_study.py": ["--quick"],
@@ -129,7 +132,9 @@ def test_the_shortest_form_runs(script: str, tmp_path: Path) -> None:
     before = {
         path: path.stat().st_mtime_ns for path in folder.rglob("*.*") if path.suffix != ".pyc"
     }
-    words = [str(tmp_path / word) if word == RESULTS else word for word in SHORTEST[script]]
+    words = [
+        str(tmp_path / word) if word in (RESULTS, FOLDER) else word for word in SHORTEST[script]
+    ]
     done = subprocess.run(
         [sys.executable, str(folder / script), *words],
         cwd=ROOT,

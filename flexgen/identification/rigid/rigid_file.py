@@ -40,6 +40,9 @@ ROUNDING = 1e-15
 CAD = 0.1
 # Bodies within it are taken where no motor has errors that are larger by more than this factor.
 AS_GOOD = 1.05
+# Or where its errors, over the standard deviation of its torque, are below this: friction differs
+# by more between two runs.
+GOOD = 0.01
 FRICTION = ("viscous", "coulomb", "beta", "offset")
 FALLING = ("stribeck", "alpha")
 
@@ -168,7 +171,7 @@ def near_file(fit: RigidFit, motions: Sequence[Motion]) -> RigidFit:
     Torques show combinations of bodies. A wide prior leaves the split of a combination to small
     errors of the torques, and bodies can be far from those of CAD that explain the same torques.
     The fit is therefore repeated with the prior `CAD`, and taken where the errors of each motor
-    are at most `AS_GOOD` times those before; status, mistake and errors of left out parts stay.
+    are at most `AS_GOOD` times those before, or `GOOD`; status, mistake and errors of left out parts stay.
     """
     if is_over():
         return fit
@@ -177,7 +180,7 @@ def near_file(fit: RigidFit, motions: Sequence[Motion]) -> RigidFit:
     )
     errors = ([each.relative_errors(m) for m in motions] for each in (close, fit))
     near, wide = (np.array(each) for each in errors)
-    if (near > AS_GOOD * wide).any() or is_over():
+    if (near > np.maximum(AS_GOOD * wide, GOOD)).any() or is_over():
         return fit
     return replace(close, status=fit.status, mistake=fit.mistake, left_out=fit.left_out)
 
