@@ -35,7 +35,7 @@ class Campaign:
 
     poses: int = 60  # static
     noise: float = 3e-5  # m: of each coordinate of the tracker
-    spots: int = 3  # poses of the multisines
+    spots: int = 3  # poses of the multisines; 0: none are recorded
     levels: tuple[float, ...] = (0.06, 0.03, 0.012)  # rad/s rms of each joint
     period_s: float = 2.0
     periods: int = 4  # the first one is a transient
@@ -304,7 +304,8 @@ def write_records(
     write_rigid(plant, place, plan, seed)
     write_poses(plant, place, plan, seed)
     write_tracked(plant, place, plan, seed)
-    write_responses(plant, place, plan, seed, count)
+    if plan.spots:
+        write_responses(plant, place, plan, seed, count)
 
 
 QUICK = replace(Campaign(), poses=20, spots=1, levels=(0.06,), periods=3, rigid_s=8.0, tracked=3)

@@ -166,12 +166,13 @@ def identify_bodies(
 
 
 def near_file(fit: RigidFit, motions: Sequence[Motion]) -> RigidFit:
-    """The fit, with bodies close to those of the model file where they explain the motions as well.
+    """The fit, with bodies near those of the model file where they explain the motions as well.
 
     Torques show combinations of bodies. A wide prior leaves the split of a combination to small
     errors of the torques, and bodies can be far from those of CAD that explain the same torques.
     The fit is therefore repeated with the prior `CAD`, and taken where the errors of each motor
-    are at most `AS_GOOD` times those before, or `GOOD`; status, mistake and errors of left out parts stay.
+    are at most `AS_GOOD` times those before, or `GOOD`. Status, mistake and errors of left out
+    parts stay.
     """
     if is_over():
         return fit
