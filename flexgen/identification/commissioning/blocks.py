@@ -47,7 +47,7 @@ class Channel:
         """Root mean square of the residuals that count."""
         return float(np.sqrt(np.mean(self.residual[self.told] ** 2))) if self.told.any() else 0.0
 
-    def correlated(self) -> float:
+    def count_correlated(self) -> float:
         """Residuals for one that is independent: 1 + 2 sum of their autocorrelations, up to the
         first one below a tenth.
 

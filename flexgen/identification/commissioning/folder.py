@@ -99,7 +99,7 @@ def list_records(folder: str | Path, robot: RobotModel) -> list[RecordFile]:
         )
     described = place / DESCRIPTION
     if described.is_file():
-        return _described(described, robot)
+        return _read_description(described, robot)
     files = [p for p in sorted(place.iterdir()) if p.suffix in SUFFIXES and p.is_file()]
     files = [p for p in files if p.suffix != ".toml" or _is_description(p)]
     # files that a description names are read by it
@@ -124,7 +124,7 @@ def _toml(path: Path) -> dict[str, Any]:
         raise ArgumentError(f"{path}: given a file that is not TOML: {error}") from None
 
 
-def _described(path: Path, robot: RobotModel) -> list[RecordFile]:
+def _read_description(path: Path, robot: RobotModel) -> list[RecordFile]:
     """The records of a description of a folder."""
     found = _toml(path)
     other = [key for key in found if key != "record"]

@@ -4,7 +4,7 @@ its own misfit.
     min  sum_c |r_c(x)|^2 / (s_c^2 k_c) + (x - x_0)' P (x - x_0)
 
 s_c: root mean square of the residuals of a channel, taken anew a few times; k_c: residuals for one
-that is independent, see `Channel.correlated`. A channel whose physics the model lacks, such as
+that is independent, see `Channel.count_correlated`. A channel whose physics the model lacks, such as
 hysteresis, has a large s_c and says less. Bodies that are not physically consistent are refused as
 steps.
 
@@ -148,7 +148,7 @@ class _Stack:
             r = channel.residual[kept]
             size = max(float(np.sqrt(np.mean(r**2))) if len(r) else 0.0, EXACT * channel.size)
             size = max(size, 1e-300)
-            new = Weight(size, channel.correlated())
+            new = Weight(size, channel.count_correlated())
             old = self.weights.get((name, channel.title))
             largest = max(largest, 1.0 if old is None else abs(np.log(size / old.size)))
             self.weights[name, channel.title] = new

@@ -19,7 +19,7 @@ from flexgen.base.errors import ArgumentError
 from flexgen.base.motion.trajectory import Trajectory
 from flexgen.identification.commissioning.blocks import Channel
 from flexgen.identification.commissioning.elastic_arm import ElasticArm
-from flexgen.identification.commissioning.poses_block import frame_slopes, in_frame, turned
+from flexgen.identification.commissioning.poses_block import frame_slopes, in_frame, turn_rows
 from flexgen.identification.commissioning.unknowns import COULOMB_WIDTH
 from flexgen.identification.gears.driven_arm import MotorMotion
 from flexgen.identification.gears.signals import Signals, signals_of
@@ -82,7 +82,7 @@ class MotionBlock:
 
     def _prepare(self, motion: Motion) -> None:
         """The record in its band, with friction columns, masks and parts."""
-        record, before = _padded(motion)
+        record, before = _pad(motion)
         robot = self.arm.robot
         q_m = record.trajectory["q_m"]
         moves = np.ptp(q_m, axis=0) > 0.0
@@ -106,7 +106,7 @@ class MotionBlock:
         if record.positions is not None:
             seen = np.isfinite(record.positions)
             gaps = signals.reduce((~seen).astype(float))
-            self.positions = signals.reduce(_filled(record.positions))
+            self.positions = signals.reduce(_fill(record.positions))
             self.path = make_interp_spline(self.time, self.positions, k=5)
             self.seen = self.inner((np.abs(gaps) < 1e-9) & recorded[:, None])
         speeds = MotorMotion.through(self.time, self.q_m, 1).samples[:, robot.n_m : 2 * robot.n_m]
@@ -160,11 +160,11 @@ class MotionBlock:
         steps = max(1, int(np.ceil(self.signals.sample_s * rate / STABLE)))
         self.motion = MotorMotion.through(self.time, self.q_m, steps)
         self.segments = self.arm.segments(self.signals.sample_s, steps)
-        moved = len(self._slow_at) == 0 or self._moved(x) > FRESH
+        moved = len(self._slow_at) == 0 or self._change_since(x) > FRESH
         if moved:
             self._slow = None
 
-    def _moved(self, x: np.ndarray) -> float:
+    def _change_since(self, x: np.ndarray) -> float:
         """Largest change since the columns of bodies were computed, in deviations of the prior."""
         parts = self.arm.unknowns.parts
         sd = self.arm.unknowns.sd
@@ -291,7 +291,7 @@ class MotionBlock:
         if J.size:
             whole = self.inner(J[:, self.arm.robot.n_m :]).copy()
             whole[:, :, parts.lengths] = lengths
-            whole = turned(frame, whole)
+            whole = turn_rows(frame, whole)
             whole[:, :, parts.frame] = frame_slopes(frame, world)
             rates = self.path(late, 1)
             whole[:, :, clock] = -rates
@@ -311,7 +311,7 @@ class MotionBlock:
         )
 
 
-def _filled(x: np.ndarray) -> np.ndarray:
+def _fill(x: np.ndarray) -> np.ndarray:
     """Signals (n, k) without gaps: straight lines across them, which do not count."""
     at = np.arange(len(x))
     out = x.copy()
@@ -335,7 +335,7 @@ def _of_motors(record: Trajectory, chosen: np.ndarray) -> Trajectory:
     return Trajectory(record.time, channels, ports, labels)
 
 
-def _padded(motion: Motion) -> tuple[Motion, int]:
+def _pad(motion: Motion) -> tuple[Motion, int]:
     """The record with rest before and after it where it begins and ends at rest, and how many
     samples at each end: its own motion then passes the filters whole.
     """

@@ -64,7 +64,7 @@ class PosesBlock:
             world[:, :, parts.trackers] = of_numbers[:, :, count:]
             world[:, :, parts.zeros] = of_motors @ robot.eta
             world[:, :, parts.lengths] = self.of_lengths
-            J = turned(x[parts.frame], world)
+            J = turn_rows(x[parts.frame], world)
             J[:, :, parts.frame] = frame_slopes(x[parts.frame], points)
             J = J * (told * self.weight[:, None])[:, :, None]
             J = J.reshape(n * rows, -1)
@@ -101,7 +101,7 @@ def in_frame(frame: np.ndarray, points: np.ndarray) -> np.ndarray:
     return (points.reshape(len(points), -1, 3) @ R.T + frame[:3]).reshape(points.shape)
 
 
-def turned(frame: np.ndarray, rows: np.ndarray) -> np.ndarray:
+def turn_rows(frame: np.ndarray, rows: np.ndarray) -> np.ndarray:
     """Derivatives (N, 3 k, n) of points in the world, in the frame of the measurement."""
     if not len(frame):
         return rows

@@ -36,11 +36,13 @@ SPREAD = 1.0
 def check_motion(arm: ElasticArm, motion: Motion, index: int, tell: Callable[[str], None]) -> None:
     """ArgumentError where one mistake explains a motion, or nothing does."""
     tell(f"comparing {motion.name} with the model of the file")
-    before = _unexplained(arm, motion, index)
+    before = _find_unexplained(arm, motion, index)
     if before <= DOUBTFUL:
         return
     tell(f"{motion.name}: {100 * before:.0f} % of the torques are not explained, why?")
-    left = [(_unexplained(arm, wrong, index), words) for words, wrong in _mistakes(arm, motion)]
+    left = [
+        (_find_unexplained(arm, wrong, index), words) for words, wrong in _mistakes(arm, motion)
+    ]
     least, words = min(left)
     if least < NAMED * before:
         raise ArgumentError(
@@ -55,7 +57,7 @@ def check_motion(arm: ElasticArm, motion: Motion, index: int, tell: Callable[[st
         )
 
 
-def _unexplained(arm: ElasticArm, motion: Motion, index: int) -> float:
+def _find_unexplained(arm: ElasticArm, motion: Motion, index: int) -> float:
     """Part of the variance of the torques that the model of the file with any friction leaves,
     the mean over the motors that move; 1 of a motion that cannot be simulated.
     """
@@ -87,7 +89,7 @@ def _mistakes(arm: ElasticArm, motion: Motion) -> Iterator[tuple[str, Motion]]:
     q_m = motion.trajectory["q_m"]
     tau = motion.trajectory["tau_m"]
 
-    def changed(q: np.ndarray, torque: np.ndarray) -> Motion:
+    def change(q: np.ndarray, torque: np.ndarray) -> Motion:
         channels = {"q_m": q, "tau_m": torque}
         record = motion.trajectory
         ports = {name: record.ports[name] for name in channels}
@@ -99,22 +101,22 @@ def _mistakes(arm: ElasticArm, motion: Motion) -> Iterator[tuple[str, Motion]]:
         order = list(range(robot.n_m))
         order[i], order[j] = j, i
         both = f"{motors[i]} and {motors[j]}"
-        yield f"the torques of {both} are exchanged", changed(q_m, tau[:, order])
-        yield f"the angles of {both} are exchanged", changed(q_m[:, order], tau)
-        yield f"{both} are exchanged", changed(q_m[:, order], tau[:, order])
+        yield f"the torques of {both} are exchanged", change(q_m, tau[:, order])
+        yield f"the angles of {both} are exchanged", change(q_m[:, order], tau)
+        yield f"{both} are exchanged", change(q_m[:, order], tau[:, order])
     for j, motor in enumerate(motors):
         turn = np.where(np.arange(robot.n_m) == j, -1.0, 1.0)
-        yield f"the sign of the torques of {motor} is wrong", changed(q_m, tau * turn)
-        yield f"the sign of the angles of {motor} is wrong", changed(q_m * turn, tau)
+        yield f"the sign of the torques of {motor} is wrong", change(q_m, tau * turn)
+        yield f"the sign of the angles of {motor} is wrong", change(q_m * turn, tau)
         ratio = float(np.abs(robot.eta[j]).max())
         side = np.where(np.arange(robot.n_m) == j, ratio, 1.0)
-        yield f"the torques of {motor} are on the arm side", changed(q_m, tau / side)
-        yield f"the angles of {motor} are on the arm side", changed(q_m * side, tau)
+        yield f"the torques of {motor} are on the arm side", change(q_m, tau / side)
+        yield f"the angles of {motor} are on the arm side", change(q_m * side, tau)
     ratios = np.abs(robot.eta).max(axis=1)
-    yield "all torques are on the arm side", changed(q_m, tau / ratios)
-    yield "all angles are on the arm side", changed(q_m * ratios, tau)
-    yield "the angles are in degrees", changed(q_m * DEGREES, tau)
-    yield "all torques have the wrong sign", changed(q_m, -tau)
+    yield "all torques are on the arm side", change(q_m, tau / ratios)
+    yield "all angles are on the arm side", change(q_m * ratios, tau)
+    yield "the angles are in degrees", change(q_m * DEGREES, tau)
+    yield "all torques have the wrong sign", change(q_m, -tau)
 
 
 def check_responses(robot: RobotModel, name: str, data: Frf) -> None:
