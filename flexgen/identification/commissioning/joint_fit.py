@@ -3,10 +3,10 @@ its own misfit.
 
     min  sum_c |r_c(x)|^2 / (s_c^2 k_c) + (x - x_0)' P (x - x_0)
 
-s_c: root mean square of the residuals of a channel, taken anew a few times; k_c: residuals for one
-that is independent, see `Channel.count_correlated`. A channel whose physics the model lacks, such as
-hysteresis, has a large s_c and says less. Bodies that are not physically consistent are refused as
-steps.
+s_c: root mean square of the residuals of a channel, computed anew a few times; k_c: residuals for
+one that is independent, see `Channel.count_correlated`. A channel with an effect that the model
+lacks, such as hysteresis, has a large s_c and less weight. Steps to bodies that are not physically
+consistent are refused.
 
 Directions that the records do not determine keep the numbers of the file. In units of the
 deviations of the prior the information A of the data has eigenvalues; where the posterior
