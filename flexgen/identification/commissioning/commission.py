@@ -143,17 +143,16 @@ def commission(
     with limit_fit("commission", time_limit, tell):
         first = _Study(robot, data, known, lengths, tell)
         first.check_records()
-        verdict = first.judge()
-        chosen = first
-        if curves is not False and not is_over():
-            other = _with_curves(first)
-            if other is not None:
-                judged = other.judge()
-                better = _factor(judged.held_out, verdict.held_out)
-                tell(f"gears with a curve: errors on held-out parts are {better:.3g} times")
-                if curves or (better < WORTH_IT and _has_curves(judged.fit)):
-                    chosen = other
-                    verdict = judged
+        other = None if curves is False else _with_curves(first)
+        chosen = other if curves and other is not None else first
+        verdict = chosen.judge()
+        if curves is None and other is not None and not is_over():
+            judged = other.judge()
+            better = _factor(judged.held_out, verdict.held_out)
+            tell(f"gears with a curve: errors on held-out parts are {better:.3g} times")
+            if better < WORTH_IT and _has_curves(judged.fit):
+                chosen = other
+                verdict = judged
         fit = verdict.fit if is_over() else chosen.fit_all(verdict.fit)
     return _result(robot, chosen, data, verdict, fit, time.perf_counter() - began)
 
@@ -308,10 +307,7 @@ class _Study:
         )  # fmt: skip
         after = self._errors(fit.written)
         rigid = self._rigid_errors(file.x)
-        rows = [
-            HeldOut(*key, before[key], after[key], rigid.get(key[:1]) if len(key) else None)
-            for key in after
-        ]
+        rows = [HeldOut(*key, before[key], after[key], rigid.get(key)) for key in after]
         return _Verdict(fit, tuple(rows))
 
     def fit_all(self, near: JointFit) -> JointFit:
@@ -332,18 +328,18 @@ class _Study:
                     out[block.name, channel.title, channel.unit] = rms
         return out
 
-    def _rigid_errors(self, x: np.ndarray) -> dict[tuple[str, ...], float]:
-        """Record -> error of the positions of a rigid robot on held-out parts [m], with the frame
+    def _rigid_errors(self, x: np.ndarray) -> dict[tuple[str, str, str], float]:
+        """Record, channel and unit -> error of the positions of a rigid robot on held-out parts [m], with the frame
         and the trackers that are best for it.
         """
-        out: dict[tuple[str, ...], float] = {}
+        out: dict[tuple[str, str, str], float] = {}
         for block in self.blocks:
             if isinstance(block, PosesBlock):
                 q = block.commands
                 measured = block.measured
             elif isinstance(block, MotionBlock) and block.positions is not None:
                 q = block.inner(block.q_m) @ np.linalg.inv(self.plain.eta).T
-                measured = np.where(block.seen, block.inner(block.positions), np.nan)
+                measured = np.where(block.seen, block.measured_positions(x), np.nan)
             else:
                 continue
             tree = Tree(linear_geometry(self.plain))
@@ -356,7 +352,7 @@ class _Study:
             rest = statics.rest(found, rigid=True)
             points = in_frame(found.frame, rest.points.reshape(len(q), -1))
             errors = (points - measured)[rows]
-            out[(block.name,)] = float(np.sqrt(np.nanmean(errors**2)))
+            out[block.name, "positions", "m"] = float(np.sqrt(np.nanmean(errors**2)))
         return out
 
 

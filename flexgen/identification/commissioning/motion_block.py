@@ -274,6 +274,12 @@ class MotionBlock:
             out.append(Channel(f"torque of {motor.name}", r, rows, self.piece, told, size, "N m"))
         return out
 
+    def measured_positions(self, x: np.ndarray, order: int = 0) -> np.ndarray:
+        """Measured positions (n, 3 k) [m] by the clock of the drives, or their derivatives."""
+        clock = self.arm.unknowns.parts.clocks.start + 2 * self.index
+        time = self.inner(self.time)
+        return np.asarray(self.path(time + x[clock] + x[clock + 1] * time, order))
+
     def _position_channel(self, x: np.ndarray, points: np.ndarray, J: np.ndarray) -> Channel:
         """Residual positions of all trackers."""
         assert self.positions is not None
@@ -282,8 +288,7 @@ class MotionBlock:
         world = self.inner(points) + lengths @ x[parts.lengths]
         clock = parts.clocks.start + 2 * self.index
         time = self.inner(self.time)
-        late = time + x[clock] + x[clock + 1] * time
-        measured = self.path(late)
+        measured = self.measured_positions(x)
         frame = x[parts.frame]
         residual = np.where(self.seen, in_frame(frame, world) - measured, 0.0)
         n, k = residual.shape
@@ -293,7 +298,7 @@ class MotionBlock:
             whole[:, :, parts.lengths] = lengths
             whole = turn_rows(frame, whole)
             whole[:, :, parts.frame] = frame_slopes(frame, world)
-            rates = self.path(late, 1)
+            rates = self.measured_positions(x, 1)
             whole[:, :, clock] = -rates
             whole[:, :, clock + 1] = -rates * time[:, None]
             rows = (whole * self.seen[:, :, None]).reshape(n * k, -1)

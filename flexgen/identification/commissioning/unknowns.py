@@ -5,11 +5,11 @@
 | model | springs and dampings | logarithm | a factor of 3 |
 | | masses, inertias, rotors | logarithm | tolerance of the CAD, 7 % |
 | | centers of mass, products of inertia | linear | the same part of the size of the body |
-| zeros | zero of each joint | rad or m | 0.02 |
+| zeros | zero of each joint | rad or m | 0.01 |
 | lengths | places of the elements | m, rad | 2 mm, 3 mrad |
 | friction | viscous, Coulomb and constant torque, added to those of the file | linear | wide |
 | frame | pose of the world in the frame of the tracker | m, rad | wide |
-| trackers | places of the trackers on their bodies | m | 0.1 m |
+| trackers | places of the trackers on their bodies | m | 5 mm |
 | delays | of the torques of each record | s | 3 ms |
 | clocks | of the tracker of each record: offset and drift | s, - | 50 ms, 1e-4 |
 | responses | viscous friction of each motor, and delay, at each level | logarithm, s | wide |
@@ -83,10 +83,10 @@ class DatasheetTolerances:
 
     bodies: float = 0.07
     spring: float = 3.0
-    zero: float = 0.02
+    zero: float = 0.01
     position: float = 0.002
     rotation: float = 0.003
-    tracker: float = 0.1
+    tracker: float = 0.005
     delay: float = 0.003
 
     def __post_init__(self) -> None:
