@@ -5,10 +5,13 @@ inverse dynamics and the statics of Lagrange's equations, and share no code with
 the arm behind its motors in the fit.
 """
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from small_fits import small_fit
+from toolchain import needs_compiler
 
 import flexgen
 from flexgen.identification.commissioning.blocks import Block
@@ -17,6 +20,8 @@ from flexgen.identification.commissioning.motion_block import Motion, MotionBloc
 from flexgen.identification.commissioning.poses_block import PosesBlock
 from flexgen.identification.commissioning.responses_block import ResponsesBlock
 from flexgen.identification.commissioning.unknowns import DatasheetTolerances, make_unknowns
+
+pytestmark = needs_compiler
 
 HAND = {"name": "hand", "type": "tracker", "unit": "m", "position": [0.0, 0.0, 0.1]}
 SPRINGS = {"upper.dof.q1": 7518900.0, "fore.dof.q2": 4099900.0}  # of elbow, N m/rad
@@ -122,18 +127,12 @@ def test_exchanged_torques_are_named_and_nothing_is_written(tmp_path: Path) -> N
     assert not list(tmp_path.glob("*.toml"))
 
 
-def test_model_worse_than_the_file_is_not_written(tmp_path: Path) -> None:
-    """Records of two robots do not fit one model: half of the motion has other springs."""
-    record(tmp_path, flexgen.read("elbow", overrides=draw(6)), 6)
-    rows = np.loadtxt(tmp_path / "poses.csv", delimiter=",", skiprows=1)
-    rows[4::5, 2:] += 0.02 * np.random.default_rng(0).normal(size=rows[4::5, 2:].shape)
-    header = "q1_rad,q2_rad,hand_x_m,hand_y_m,hand_z_m"
-    np.savetxt(tmp_path / "poses.csv", rows, header=header, **CSV)
-    found = flexgen.commission(datasheet(), tmp_path, curves=False)
-    if found.problem:
-        with pytest.raises(flexgen.ArgumentError, match="nothing is written"):
-            found.write(tmp_path / "new.toml")
-        assert not (tmp_path / "new.toml").exists()
+def test_refused_model_is_not_written(tmp_path: Path) -> None:
+    """A fit with a reason against it raises, and leaves no file."""
+    found = replace(small_fit("commissioning"), problems=("planted",))
+    with pytest.raises(flexgen.ArgumentError, match=r"planted.*nothing is written"):
+        found.write(tmp_path / "new.toml")
+    assert not (tmp_path / "new.toml").exists()
 
 
 @pytest.mark.parametrize(
