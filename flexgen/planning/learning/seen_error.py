@@ -1,8 +1,10 @@
 """The measured error of a run: of the tool by a tracker, or of the motors.
 
-The clock of a tracker that is in one file with motor angles follows from these: the motors follow
-their references closely. The springs that are softer, at slow motion, and motors that friction
-holds back make the errors that the model expects; see `alignment.py`.
+The springs that are softer, at slow motion, and motors that friction holds back make the errors
+that the model expects; see `alignment.py`. Where the record has motor angles, too, the second part
+is measured: the motors' own errors, with the clock that fits them to their references, move the
+tool. What is left to expect are springs, whose errors hardly look like a delay. The tracker may
+have another clock than the motors.
 """
 
 from __future__ import annotations
@@ -25,7 +27,7 @@ from flexgen.planning.learning.alignment import Alignment, align
 from flexgen.planning.learning.corrected import CorrectedPath
 from flexgen.planning.learning.measured_run import MeasuredRun, SharedAxes, axes_in_output
 from flexgen.planning.learning.motor_reaction import LinearisedArm
-from flexgen.planning.learning.next_trajectory import MOTION, MOTOR_CORRECTION
+from flexgen.planning.learning.next_trajectory import CORRECTION, MOTION, MOTOR_CORRECTION
 from flexgen.planning.learning.options import LearningOptions
 
 SOFTER = 0.1  # change of all springs of which the hidden error is stated
@@ -74,8 +76,6 @@ def see_error(
             )
         time, error, at = _motor_error(record, corrected, last, options.clock)
         return SeenError(time, error, None, at, (), None, None, _blind_notes(robot))
-    by_motors = options.clock is None and record.motors is not None
-    known = _motor_error(record, corrected, last, None)[2] if by_motors else options.clock
     rows = axes_in_output(record.axes, robot)
     curve = _positions_of(corrected.path, record.axes, rows)
     found = align(
@@ -84,20 +84,25 @@ def see_error(
         record.position,
         curve,
         corrected.path.duration,
-        clock_s=known,
+        clock_s=options.clock,
         frame=options.pose,
     )
     grid, expected = _expected_errors(corrected, last, rows)
+    springs = len(expected) - robot.n_m
+    known = np.zeros(expected[0].shape)
+    if record.motors is not None:
+        known = _known_errors(record, corrected, last, rows, grid)
+        expected = expected[:springs]
     for _ in range(REFINED):
         time = record.time - found.clock_s
         error = found.positions(record.position) - curve(time)
+        error = error - _resample(known, grid, time)
         inside = (time >= grid[0]) & (time <= grid[-1])
         shapes = np.array([_resample(x, grid, time[inside]) for x in expected])
         found = found.refine(error[inside], time[inside], curve, shapes)
     time = record.time - found.clock_s
     error = (found.positions(record.position) - curve(time))[:, rows.tracker]
-    soft, hidden = _hidden(found, grid, curve, expected, len(expected) - robot.n_m)
-    notes = [] if not by_motors else ["the clock of the record follows from its motor angles"]
+    soft, hidden = _hidden(found, grid, curve, expected, springs)
     return SeenError(
         time,
         error,
@@ -106,7 +111,7 @@ def see_error(
         tuple(map(float, found.frame)),
         hidden,
         soft,
-        (*notes, *_estimate_notes(found)),
+        tuple(_estimate_notes(found)),
     )
 
 
@@ -116,8 +121,8 @@ def _estimate_notes(found: Alignment) -> list[str]:
     parts += ["a constant delay along the path"] * found.clock_fitted
     if not parts:
         return []
-    stated = [name for name, fitted in (("frame", found.frame_fitted),
-                                        ("clock", found.clock_fitted)) if fitted]  # fmt: skip
+    fitted = (("frame", found.frame_fitted), ("clock", found.clock_fitted))
+    stated = [name for name, is_fitted in fitted if is_fitted]
     return [
         f"estimated from this record: {' and '.join(stated)} of the tracker; not seen, and not "
         f"learned: {' and '.join(parts)}; {' and '.join(f'--{name}' for name in stated)} with the "
@@ -270,6 +275,31 @@ def _expected_errors(
     for k, dq in enumerate(moved):
         found[k][:, rows.tracker] = np.einsum("nij,nj->ni", W, dq)[:, rows.output]
     return last.time[at], found
+
+
+def _known_errors(
+    record: MeasuredRun,
+    corrected: CorrectedPath,
+    last: Trajectory,
+    rows: SharedAxes,
+    grid: np.ndarray,
+) -> np.ndarray:
+    """Errors (k, d) [m] of the tracked point at the instants ``grid`` (k,) [s] that are known: the
+    correction that was commanded, and the motion of the tool by the measured errors of the motors.
+    """
+    model = corrected.equations.model
+    time, error, _ = _motor_error(record, corrected, last, None)
+    motors = _resample(error, time, grid)
+    moved = np.zeros((len(grid), model.n_a))
+    moved[:, list(model.i_g)] = motors @ np.linalg.inv(model.eta).T
+    q_a = _resample(last["q_a"], last.time, grid)
+    W = evaluate(output_jacobian(corrected.equations), q_a)[0]
+    tool = np.einsum("nij,nj->ni", W.reshape(len(grid), -1, model.n_a), moved)
+    if CORRECTION in last:
+        tool = tool + _resample(last[CORRECTION], last.time, grid)
+    found = np.zeros((len(grid), len(rows.axes)))
+    found[:, rows.tracker] = tool[:, rows.output]
+    return found
 
 
 def _resample(x: np.ndarray, at: np.ndarray, time: np.ndarray) -> np.ndarray:
