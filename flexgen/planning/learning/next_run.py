@@ -263,8 +263,8 @@ def next_run(
         the next run. The earlier ones stay there as ``command_0.csv``, ..., the errors of all
         runs in ``history.csv``.
     measured : str or Path
-        Record of the last run: positions of the tool from a tracker, angles of all motors, or
-        both. Names of columns: `flexgen.planning.learning.measured_run`.
+        Record of the last run: positions of the tool from a tracker, or angles of all motors.
+        Names of columns: `flexgen.planning.learning.measured_run`.
     move : str or Move, optional
         Default: the move of the trajectory.
     options : LearningOptions, optional

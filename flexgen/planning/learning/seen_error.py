@@ -1,10 +1,8 @@
 """The measured error of a run: of the tool by a tracker, or of the motors.
 
 The springs that are softer, at slow motion, and motors that friction holds back make the errors
-that the model expects; see `alignment.py`. Where the record has motor angles, too, the second part
-is measured: the motors' own errors, with the clock that fits them to their references, move the
-tool. What is left to expect are springs, whose errors hardly look like a delay. The tracker may
-have another clock than the motors.
+that the model expects; see `alignment.py`. Where the record has a tracker, its motor angles are
+not used: a lag of the motors looks like a delay of their clock, too.
 """
 
 from __future__ import annotations
@@ -16,6 +14,7 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 from scipy.optimize import minimize_scalar
 
+from flexgen.base.display import format_size
 from flexgen.base.errors import ArgumentError
 from flexgen.base.motion.trajectory import Trajectory
 from flexgen.base.numerics.evaluate import evaluate
@@ -27,7 +26,7 @@ from flexgen.planning.learning.alignment import Alignment, align
 from flexgen.planning.learning.corrected import CorrectedPath
 from flexgen.planning.learning.measured_run import MeasuredRun, SharedAxes, axes_in_output
 from flexgen.planning.learning.motor_reaction import LinearisedArm
-from flexgen.planning.learning.next_trajectory import CORRECTION, MOTION, MOTOR_CORRECTION
+from flexgen.planning.learning.next_trajectory import MOTION, MOTOR_CORRECTION
 from flexgen.planning.learning.options import LearningOptions
 
 SOFTER = 0.1  # change of all springs of which the hidden error is stated
@@ -89,14 +88,9 @@ def see_error(
     )
     grid, expected = _expected_errors(corrected, last, rows)
     springs = len(expected) - robot.n_m
-    known = np.zeros(expected[0].shape)
-    if record.motors is not None:
-        known = _known_errors(record, corrected, last, rows, grid)
-        expected = expected[:springs]
     for _ in range(REFINED):
         time = record.time - found.clock_s
         error = found.positions(record.position) - curve(time)
-        error = error - _resample(known, grid, time)
         inside = (time >= grid[0]) & (time <= grid[-1])
         shapes = np.array([_resample(x, grid, time[inside]) for x in expected])
         found = found.refine(error[inside], time[inside], curve, shapes)
@@ -111,14 +105,24 @@ def see_error(
         tuple(map(float, found.frame)),
         hidden,
         soft,
-        tuple(_estimate_notes(found)),
+        tuple(_estimate_notes(found, _speed(curve, corrected.path.duration))),
     )
 
 
-def _estimate_notes(found: Alignment) -> list[str]:
-    """Notes on errors that cannot be seen, since clock or frame were estimated from the record."""
+def _speed(curve: Callable[[np.ndarray], np.ndarray], duration: float) -> float:
+    """Largest speed along the path [m/s]."""
+    time = np.linspace(0.0, duration, 400)
+    steps = np.diff(curve(time), axis=0)
+    return float(np.linalg.norm(steps, axis=1).max() / (time[1] - time[0]))
+
+
+def _estimate_notes(found: Alignment, speed: float) -> list[str]:
+    """Notes on errors that cannot be seen, since clock or frame were estimated from the record;
+    ``speed``: largest one along the path [m/s].
+    """
     parts = ["a constant offset of the tool and a tilt of the whole path"] * found.frame_fitted
-    parts += ["a constant delay along the path"] * found.clock_fitted
+    delay = f"a constant delay along the path, {format_size(1e-4 * speed, 'm')} for each 0.1 ms"
+    parts += [delay] * found.clock_fitted
     if not parts:
         return []
     fitted = (("frame", found.frame_fitted), ("clock", found.clock_fitted))
@@ -275,31 +279,6 @@ def _expected_errors(
     for k, dq in enumerate(moved):
         found[k][:, rows.tracker] = np.einsum("nij,nj->ni", W, dq)[:, rows.output]
     return last.time[at], found
-
-
-def _known_errors(
-    record: MeasuredRun,
-    corrected: CorrectedPath,
-    last: Trajectory,
-    rows: SharedAxes,
-    grid: np.ndarray,
-) -> np.ndarray:
-    """Errors (k, d) [m] of the tracked point at the instants ``grid`` (k,) [s] that are known: the
-    correction that was commanded, and the motion of the tool by the measured errors of the motors.
-    """
-    model = corrected.equations.model
-    time, error, _ = _motor_error(record, corrected, last, None)
-    motors = _resample(error, time, grid)
-    moved = np.zeros((len(grid), model.n_a))
-    moved[:, list(model.i_g)] = motors @ np.linalg.inv(model.eta).T
-    q_a = _resample(last["q_a"], last.time, grid)
-    W = evaluate(output_jacobian(corrected.equations), q_a)[0]
-    tool = np.einsum("nij,nj->ni", W.reshape(len(grid), -1, model.n_a), moved)
-    if CORRECTION in last:
-        tool = tool + _resample(last[CORRECTION], last.time, grid)
-    found = np.zeros((len(grid), len(rows.axes)))
-    found[:, rows.tracker] = tool[:, rows.output]
-    return found
 
 
 def _resample(x: np.ndarray, at: np.ndarray, time: np.ndarray) -> np.ndarray:
